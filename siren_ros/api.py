@@ -104,9 +104,9 @@ def score_predictions(
         InputError: A name is unknown, or a predictor's answer cannot be scored.
         BagError: A bag cannot be read.
     """
-    from siren_ros.evaluation.prediction.episode_scores import score_episode
     from siren_ros.evaluation.prediction.predictors import predictors_named
     from siren_ros.evaluation.prediction.reports.score_table import score_table
+    from siren_ros.evaluation.prediction.scoring import score_episode
     from siren_ros.recording.bag_reader import bags_among
 
     loaded = predictors if isinstance(predictors, Mapping) else predictors_named(list(predictors))

@@ -13,11 +13,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK
-from siren_ros.evaluation.prediction.episode_scores import score_episode
 from siren_ros.evaluation.prediction.predictors import predictors_named
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.evaluation.prediction.samples import Population
-from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
+from siren_ros.evaluation.prediction.scoring import ScoringJob, score_bags, score_episode
 from siren_ros.record.episode_source import open_source
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.recording.episode_record import EpisodeRecord

@@ -28,8 +28,8 @@ from siren_ros.benchmarks.json_figures import add_json, write_json
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import SirenError
-from siren_ros.evaluation.prediction.episode_scores import score_episode
 from siren_ros.evaluation.prediction.predictors import predictors_named
+from siren_ros.evaluation.prediction.scoring import score_episode
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.generation.episode_setup import EpisodeSetup, plan_length, set_up_episode
@@ -131,7 +131,7 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
         residual_max_m=residual.max_m,
         standstill_s=max(longest_standstill_s(emv.speed_mps) for emv in emvs),
         emv_speed_mps=float(first.speed_mps.mean()) if len(first.speed_mps) else 0.0,
-        cv_ade_m=ade.value if ade.valid else float("nan"),
+        cv_ade_m=float("nan") if ade.value is None else ade.value,
         step_ms=step_ms,
         realisation=realisation_of(record),
         way_m=np.cumsum(moved),

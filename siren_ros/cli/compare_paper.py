@@ -13,17 +13,17 @@ from siren_ros.cli.options import add_processes, named_path, names_in, processes
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.evaluation.paper_comparison import (
     Compared,
+    at_template_level,
     comparison_tables,
     detection_rows,
     measured,
-    own_level_only,
     prediction_rows,
     risk_rows,
     stored,
 )
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, maps_next_to_the_papers
 from siren_ros.evaluation.prediction.reports.score_table import score_table
-from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
+from siren_ros.evaluation.prediction.scoring import ScoringJob, score_bags
 from siren_ros.evaluation.risk.video_set import read_set
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.scenario.templates import load_template
@@ -100,7 +100,7 @@ def _prediction(arguments: argparse.Namespace) -> list[Compared]:
         if result.error is not None:
             print(f"siren compare-paper: {result.error}", file=sys.stderr)
     scores = [result.scores for result in results if result.scores is not None]
-    counted = own_level_only(scores, lambda template: load_template(template).level.name)
+    counted = at_template_level(scores, lambda template: load_template(template).level.name)
     if not counted:
         raise InputError("bags", f"{len(scores)} episodes", "episodes of S1 to S7 at their own levels")
     if len(counted) < len(scores):

@@ -12,21 +12,22 @@ import numpy as np
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.subsets import FAMILIES
 from siren_ros.evaluation.detection.tables import MEAN, PAPER
-from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.metrics import METRIC_OF
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, PAPER_SAMPLES, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import GroupKind, ScoreTable, strata, sums_of
+from siren_ros.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
 from siren_ros.evaluation.risk.video_set import VideoSet
-from siren_ros.evaluation.statistics.block_means import (
+from siren_ros.evaluation.statistics import (
+    RANKED_MIN,
     BlockSums,
     block_sums,
     estimate_of_mean,
     interval_of_mean,
     jackknife,
+    ranking_interval,
 )
-from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN, ranking_interval
 from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.tables.interval import NOTHING, Bounds, Interval, interval_of_json, share_interval
 from siren_ros.tables.table import Row, Table
@@ -100,17 +101,16 @@ def comparison_tables(rows: Sequence[Compared]) -> tuple[Table, ...]:
         lines: list[Row] = []
         for model in dict.fromkeys(row.row for row in of_table):
             by_column = {row.column: row for row in of_table if row.row == model}
-            there = [by_column.get(column) for column in columns]
-            ours = [row.ours if row else NOTHING for row in there]
-            lines.append((f"{model}, paper", *(row.paper if row else None for row in there)))
-            lines.append((f"{model}, here", *(one.value if one.valid else None for one in ours)))
-            if any(one.valid for one in ours):
+            cells = [by_column.get(column) for column in columns]
+            ours = [row.ours if row else NOTHING for row in cells]
+            lines.append((f"{model}, paper", *(row.paper if row else None for row in cells)))
+            lines.append((f"{model}, here", *(interval.value if interval.valid else None for interval in ours)))
+            if any(interval.valid for interval in ours):
                 lines.append((f"{model}, 95 %", *map(Bounds, ours)))
-                lines.append((f"{model}, deviation", *(row.deviation_text if row else None for row in there)))
+                lines.append((f"{model}, deviation", *(row.deviation_text if row else None for row in cells)))
         lead, space, others = name.partition(" ")
         title = f"{lead.capitalize()}{space}{others}" if lead.islower() else name
-        spec = f".{of_table[0].digits}f"
-        tables.append(Table(f"paper_{number}", title, ("", *columns), tuple(lines), spec=spec))
+        tables.append(Table(f"paper_{number}", title, ("", *columns), tuple(lines), f".{of_table[0].digits}f"))
     return tuple(tables)
 
 
@@ -152,16 +152,20 @@ SAMPLES: Final = "samples of an episode"
 _ALL: Final = GroupKind.ALL.value
 
 
-def own_level_only(scores: Sequence[EpisodeScores], level_of: Callable[[str], str]) -> list[EpisodeScores]:
-    """The episodes at their templates' own levels, of which the paper has one each."""
-    return [one for one in scores if one.template in TEMPLATES and one.level.name == level_of(one.template)]
+def at_template_level(scores: Sequence[EpisodeScores], level_of: Callable[[str], str]) -> list[EpisodeScores]:
+    """The episodes at the levels of their templates; the paper has one level of each template."""
+    return [
+        episode
+        for episode in scores
+        if episode.template in TEMPLATES and episode.level.name == level_of(episode.template)
+    ]
 
 
 def prediction_rows(table: ScoreTable) -> Iterator[Compared]:
     """All rows, those without a value of ours included.
 
     Args:
-        table: Episodes at their templates' own levels, and the vehicles of the interaction region.
+        table: Episodes at the levels of their templates, and the vehicles of the interaction region.
     """
     maps = ",".join(sorted({episode.map_name for episode in table.episodes}))
     for row in (*_errors(table), *_samples(table), *_ratios(table), *_rankings(table)):
@@ -184,24 +188,21 @@ def _samples(table: ScoreTable) -> Iterator[Compared]:
     template = np.array([episode.template for episode in table.episodes])
     counts = np.array([episode.samples for episode in table.episodes], dtype=np.float64)
     for name in TEMPLATES:
-        here = counts[template == name]
-        sums = block_sums(here, np.arange(len(here)), np.zeros(len(here), dtype=np.intp))
-        found = interval_of_mean(sums)
-        yield Compared(SAMPLES, "all vehicles", name, float(PAPER_SAMPLES[name]), found, digits=0)
+        of_template = counts[template == name]
+        blocks = np.arange(len(of_template))
+        mean = interval_of_mean(block_sums(of_template, blocks, 0 * blocks))
+        yield Compared(SAMPLES, "all vehicles", name, float(PAPER_SAMPLES[name]), mean, digits=0)
 
 
 def _sums(table: ScoreTable, *models: str) -> tuple[list[str], list[BlockSums]]:
     """Sums of the ADE over the episodes in which all of some models have a sample, with the names of their strata."""
-    stratum = strata(table.episodes)
-    found = []
-    for model in models:
-        samples = table.samples[model]
-        found.append(sums_of(samples, METRIC_OF["ade_m"], np.ones(len(samples), dtype=np.bool_), stratum))
-    there = np.logical_and.reduce([one.count > 0 for one in found])
-    names = sorted({episode.template for episode in table.episodes})
-    kept, of_kept = np.unique(stratum[there], return_inverse=True)
-    sums = [BlockSums(one.total[there], one.count[there], of_kept.astype(np.intp)) for one in found]
-    return [names[number] for number in kept.tolist()], sums
+    templates = np.array([episode.template for episode in table.episodes])
+    ade, stratum = METRIC_OF["ade_m"], strata(table.episodes)
+    tables = [table.samples[model] for model in models]
+    sums = [sums_of(samples, ade, np.arange(len(samples)), stratum) for samples in tables]
+    common = np.logical_and.reduce([of_model.count > 0 for of_model in sums])
+    names, stratum = np.unique(templates[common], return_inverse=True)
+    return names.tolist(), [replace(of_model.select(common), stratum=stratum) for of_model in sums]
 
 
 def _ratios(table: ScoreTable) -> Iterator[Compared]:
@@ -228,7 +229,7 @@ def _rankings(table: ScoreTable) -> Iterator[Compared]:
         if model in table.models:
             names, (sums,) = _sums(table, model)
             if len(names) >= RANKED_MIN:
-                estimates = [estimate_of_mean(sums.of(number)) for number in range(len(names))]
+                estimates = [estimate_of_mean(sums.select(sums.stratum == number)) for number in range(len(names))]
                 ranking = ranking_interval(estimates, [row.by_template[template] for template in names])
         yield Compared(RANKING, name, "Spearman", 1.0, ranking, relative=False)
 
@@ -258,21 +259,17 @@ def detection_rows(content: Mapping[str, Any] | None) -> Iterator[Compared]:
             errors = [column["errors"][name] for column in scores["templates"].values()]
             single = interval_of_json({"value": float(np.mean(errors)) if errors else None})
             yield Compared(f"error {name}", paper.name, MEAN, value, single, digits=3)
+    # A detector of any name against the mean of the paper's four.
     for name, scores in content.items():
-        yield from _families(name, scores)
-
-
-def _families(detector: str, one: Mapping[str, Any]) -> Iterator[Compared]:
-    """A detector of any name against the mean of the paper's four."""
-    for family, templates in FAMILIES.items():
-        values = [paper.ap_and_nds[template][0] for paper in PAPER.values() for template in templates]
-        found = interval_of_json(one["families"].get(family))
-        yield Compared(FAMILY, detector, family, float(np.mean(values)), found, digits=3)
-    share = one.get("order_of_families_share")
-    if share is not None:
-        episodes = interval_of_json(one["mean"]["mAP"]).blocks
-        ours = Interval(share, share, share, episodes, scatter_known=False)
-        yield Compared(ORDER, detector, "share of the draws", 1.0, ours, relative=False)
+        for family, templates in FAMILIES.items():
+            values = [paper.ap_and_nds[template][0] for paper in PAPER.values() for template in templates]
+            ours_of_family = interval_of_json(scores["families"].get(family))
+            yield Compared(FAMILY, name, family, float(np.mean(values)), ours_of_family, digits=3)
+        share = scores.get("order_of_families_share")
+        if share is not None:
+            episodes = interval_of_json(scores["mean"]["mAP"]).blocks
+            interval = Interval(share, share, share, episodes, scatter_known=False)
+            yield Compared(ORDER, name, "share of the draws", 1.0, interval, relative=False)
 
 
 BALANCE: Final = "share of the videos"

@@ -8,18 +8,18 @@ from siren_ros.evaluation.detection.tables import tables_of as detection_tables_
 from siren_ros.evaluation.diversity.coverage import drawn_ranges
 from siren_ros.evaluation.diversity.summary import diversity, diversity_tables
 from siren_ros.evaluation.paper_comparison import (
+    at_template_level,
     comparison_tables,
     detection_rows,
     measured,
-    own_level_only,
     prediction_rows,
     risk_rows,
     stored,
 )
 from siren_ros.evaluation.prediction.charts import colour_of_model, draw_horizon
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, maps_next_to_the_papers
+from siren_ros.evaluation.prediction.reports.report import POPULATION_TEXT, prediction_tables
 from siren_ros.evaluation.prediction.reports.score_table import ScoreTable, differences, score_table
-from siren_ros.evaluation.prediction.reports.tables import POPULATION_TEXT, prediction_tables
 from siren_ros.evaluation.risk.tables import tables_of as risk_tables_of
 from siren_ros.evaluation.yielding.counterfactual import effect_tables, effects
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
@@ -164,7 +164,7 @@ def risk_section(folder: Path) -> Section | None:
 
 def paper_section(study: StudyRows, measures: StudyMeasures, options: PageOptions) -> Section | None:
     """The paper's numbers that were measured here; None without an episode at its template's own level."""
-    counted = own_level_only(measures.prediction, own_level)
+    counted = at_template_level(measures.prediction, own_level)
     if not counted:
         return None
     detection, risk = options.detection_in(study.folder), options.risk_in(study.folder)

@@ -11,8 +11,8 @@ from typing import Any, Final
 from siren_ros.errors import InputError, SirenError
 from siren_ros.evaluation.diversity.profile import InteractionProfile, profile_of
 from siren_ros.evaluation.paper_comparison import stored
-from siren_ros.evaluation.prediction.episode_scores import EpisodeScores, score_episode
 from siren_ros.evaluation.prediction.predictors import Predictor, predictors_named
+from siren_ros.evaluation.prediction.scoring import EpisodeScores, score_episode
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode, score_yielding
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.recording.bag_reader import read_episode

@@ -1,4 +1,4 @@
-"""Records made of formulas: a few vehicles on given tracks, on a given map."""
+"""Records made of formulas, and their samples: a few vehicles on given tracks, on a given map."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, ScoredSamples, samples_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -61,6 +62,11 @@ def record_with(tracks: Mapping[int, Track], network: RoadNetwork, template: str
     )
     states = tuple(_states(tracks, step) for step in range(steps))
     return EpisodeRecord(description, network, actors, states, (), {}, (), None, complete=True, topics={})
+
+
+def samples_in(tracks: Mapping[int, Track], network: RoadNetwork, window: HistoryWindow | None = None) -> ScoredSamples:
+    """All samples of the record of given tracks."""
+    return samples_of(record_with(tracks, network), window or HistoryWindow(), Population.ALL)
 
 
 def _states(tracks: Mapping[int, Track], step: int) -> ActorStates:

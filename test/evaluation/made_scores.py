@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores, ModelScores
-from siren_ros.evaluation.prediction.metrics import BINS, METRICS, Reliability, no_reliability
+from siren_ros.evaluation.prediction.metrics import BINS, METRICS
 from siren_ros.evaluation.prediction.samples import (
     HistoryWindow,
     ObservedActors,
@@ -14,6 +13,7 @@ from siren_ros.evaluation.prediction.samples import (
     SampleBatch,
     ScoredSamples,
 )
+from siren_ros.evaluation.prediction.scoring import Category, EpisodeScores, ModelScores
 from siren_ros.numerics.arrays import Floats
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.scenario.paper import EmergencyLevel
@@ -57,7 +57,7 @@ def scored(
 
 
 def model_scores(
-    values: Mapping[str, Floats] | Floats, category: int = Category.OTHER, wanted: int | None = None
+    values: Mapping[str, Floats] | Floats, category: int = Category.OTHER, population_size: int | None = None
 ) -> ModelScores:
     """Samples at steps 0, 2, 4 … of actor 1, with the same values for all metrics unless they are given by name."""
     by_metric = values if isinstance(values, Mapping) else {metric.name: values for metric in METRICS}
@@ -70,8 +70,8 @@ def model_scores(
         moved_m=np.full(count, 10.0),
         values={metric.name: np.asarray(by_metric.get(metric.name, nothing)) for metric in METRICS},
         distance_sum_m=np.full(25, float(np.nansum(by_metric.get("ade_m", np.zeros(1))))),
-        reliability=no_reliability(),
-        population_size=count if wanted is None else wanted,
+        reliability=np.zeros((3, BINS)),
+        population_size=count if population_size is None else population_size,
     )
 
 
@@ -115,7 +115,7 @@ def five_episodes() -> list[EpisodeScores]:
 
 
 def _reported(template: str, level: EmergencyLevel, seed: int, ade_m: Sequence[float]) -> EpisodeScores:
-    def scores(ade: Floats, wanted: int) -> ModelScores:
+    def scores(ade: Floats, population_size: int) -> ModelScores:
         values = {
             "ade_m": ade,
             "fde_m": 3.0 * ade,
@@ -127,11 +127,10 @@ def _reported(template: str, level: EmergencyLevel, seed: int, ade_m: Sequence[f
         places = np.arange(len(ade)) % 2
         category = np.where(places == 0, Category.EMV, Category.OTHER).astype(np.uint8)
         grown = np.arange(25.0) * len(ade)
-        return replace(model_scores(values, wanted=wanted), category=category, distance_sum_m=grown)
+        return replace(model_scores(values, population_size=population_size), category=category, distance_sum_m=grown)
 
     ade = np.array(ade_m)
-    stated = Reliability(np.zeros(BINS), np.zeros(BINS), np.zeros(BINS))
-    for place, probability in ((2, 0.25), (7, 0.75)):
-        stated.count[place], stated.probability[place], stated.best[place] = 4.0, 4.0 * probability, 2.0
+    stated = np.zeros((3, BINS))
+    stated[:, [2, 7]] = (4.0, 4.0), (4.0 * 0.25, 4.0 * 0.75), (2.0, 2.0)
     net = replace(scores(2.0 * ade[:-1], len(ade)), reliability=stated)
     return episode_scores(template, {"cv": scores(ade, len(ade)), "net:v_1": net}, seed, level, speed_mps=8.0 + seed)

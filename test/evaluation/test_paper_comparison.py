@@ -1,7 +1,6 @@
 """The paper's numbers next to ours."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,17 +17,17 @@ from siren_ros.evaluation.paper_comparison import (
     RATIO,
     SAMPLES,
     Compared,
+    at_template_level,
     comparison_tables,
     detection_rows,
     measured,
-    own_level_only,
     prediction_rows,
     risk_rows,
     stored,
 )
-from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_SAMPLES, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import score_table
+from siren_ros.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
 from siren_ros.scenario.templates import load_template
 from siren_ros.tables.interval import NOTHING, Interval
@@ -43,7 +42,7 @@ def row(paper: float, ours: Interval = AROUND, digits: int = 2, *, relative: boo
 @pytest.mark.parametrize(
     ("paper", "inside"), [(1.5, True), (4.5, True), (1.49, False), (4.51, False), (-3.0, False), (3.0, True)]
 )
-def test_the_bounds_belong_to_the_interval(paper: float, *, inside: bool) -> None:
+def test_the_bounds_belong_to_the_interval(paper, inside) -> None:
     assert row(paper).inside is inside
 
 
@@ -56,8 +55,8 @@ def test_the_deviation_is_a_share_of_the_papers() -> None:
 
 
 def test_cells_have_the_rows_digits_and_a_star_where_the_papers_value_lies_inside() -> None:
-    def cells(one: Compared) -> list[str]:
-        (table,) = comparison_tables([one])
+    def cells(compared: Compared) -> list[str]:
+        (table,) = comparison_tables([compared])
         assert (table.key, table.caption, table.head) == ("paper_0", "ADE in m", ("", "S1"))
         return [value for _, value in table.cells()]
 
@@ -99,9 +98,10 @@ def test_the_papers_rows_and_ours() -> None:
 
 
 def test_without_bounds_or_value_json_says_nothing() -> None:
-    told = row(2.0).to_json()
-    assert (told["paper"], told["ours"], told["low"], told["high"], told["episodes"]) == (2.0, 3.0, 1.5, 4.5, 6)
-    assert (told["deviation"], told["paper_inside"]) == (pytest.approx(0.5), True)
+    content = row(2.0).to_json()
+    values = {"paper": 2.0, "ours": 3.0, "low": 1.5, "high": 4.5, "episodes": 6}
+    assert {name: content[name] for name in values} == values
+    assert (content["deviation"], content["paper_inside"]) == (pytest.approx(0.5), True)
     single = row(2.0, Interval(3.0, 3.0, 3.0, 14, scatter_known=False)).to_json()
     assert (single["ours"], single["low"], single["high"], single["episodes"]) == (3.0, None, None, 14)
     nothing = row(2.0, NOTHING).to_json()
@@ -116,14 +116,14 @@ def test_rows_with_a_value_of_ours() -> None:
 ROW = paper_row("cv", "ade_m")
 
 
-def own(template: str) -> str:
+def template_level(template: str) -> str:
     return load_template(template).level.name
 
 
 def episode(template: str, value: float, seed: int, samples: int = 4) -> EpisodeScores:
     """CV with one error everywhere, IDM with twice that."""
     models = {name: model_scores(np.full(samples, factor * value)) for name, factor in (("cv", 1.0), ("idm", 2.0))}
-    return episode_scores(template, models, seed, EmergencyLevel[own(template)])
+    return episode_scores(template, models, seed, EmergencyLevel[template_level(template)])
 
 
 def rows_of(scores: list[EpisodeScores]) -> dict[tuple[str, str, str], Compared]:
@@ -185,16 +185,16 @@ def test_the_papers_numbers_of_all_tables_are_there() -> None:
 
 def test_an_episode_without_samples_does_not_count() -> None:
     scores = [episode(name, 1.0 + place, seed) for place, name in enumerate(TEMPLATES[:3]) for seed in (0, 1)]
-    found = rows_of([*scores, episode("S4", 9.0, 0, samples=0)])
-    assert found[RANKING, "IDM", "Spearman"].ours.blocks == 6
-    assert found[RATIO, "IDM", "mean"].ours.value == pytest.approx(2.0)
+    rows = rows_of([*scores, episode("S4", 9.0, 0, samples=0)])
+    assert rows[RANKING, "IDM", "Spearman"].ours.blocks == 6
+    assert rows[RATIO, "IDM", "mean"].ours.value == pytest.approx(2.0)
 
 
 def test_only_episodes_at_their_own_level_count() -> None:
     at_other = episode_scores("S2", {"cv": model_scores(np.ones(2))}, 0, EmergencyLevel.L3)
     not_in_the_paper = episode_scores("S9", {"cv": model_scores(np.ones(2))}, 0, EmergencyLevel.L2)
     kept = episode("S2", 1.0, 0)
-    assert own_level_only([at_other, kept, not_in_the_paper], own) == [kept]
+    assert at_template_level([at_other, kept, not_in_the_paper], template_level) == [kept]
 
 
 def test_a_row_says_nothing_that_it_cannot() -> None:
@@ -208,7 +208,7 @@ def test_a_row_says_nothing_that_it_cannot() -> None:
 def unequal(template: str, cv: list[float], idm: list[float], seed: int = 0) -> EpisodeScores:
     """An episode with an error for each sample of both."""
     models = {"cv": model_scores(np.array(cv)), "idm": model_scores(np.array(idm))}
-    return episode_scores(template, models, seed, EmergencyLevel[own(template)])
+    return episode_scores(template, models, seed, EmergencyLevel[template_level(template)])
 
 
 def test_the_ratio_is_that_of_means_over_templates_of_means_over_their_samples() -> None:
@@ -282,7 +282,7 @@ def test_without_scores_the_papers_numbers_remain() -> None:
     assert not any(row.ours.valid for row in rows)
 
 
-def test_the_balance_is_that_of_the_labels(tmp_path: Path) -> None:
+def test_the_balance_is_that_of_the_labels(tmp_path) -> None:
     rows = [row for row in risk_rows(small_video_set(tmp_path), None) if row.table == BALANCE]
     assert [row.paper for row in rows] == pytest.approx([74 / 105, 25 / 105, 6 / 105])
     assert [row.ours.value for row in rows] == pytest.approx([3 / 6, 2 / 6, 1 / 6])
@@ -298,7 +298,7 @@ def test_scores_of_the_papers_models_are_found_by_name() -> None:
     assert not rows["Gemma3-12B", "accuracy"].ours.valid
 
 
-def test_stored_scores_are_a_json_object(tmp_path: Path) -> None:
+def test_stored_scores_are_a_json_object(tmp_path) -> None:
     assert stored(tmp_path) is None
     file = tmp_path / "scores.json"
     file.write_text("[1]", encoding="utf-8")
@@ -323,7 +323,7 @@ def test_an_error_is_the_mean_over_the_templates() -> None:
     assert not rows["NDS", "SECOND", "S1"].ours.bounded
 
 
-def test_the_share_of_a_class_counts_its_videos(tmp_path: Path) -> None:
+def test_the_share_of_a_class_counts_its_videos(tmp_path) -> None:
     """One of six is a collision: Wilson's bounds."""
     rows = [row for row in risk_rows(small_video_set(tmp_path), None) if row.table == BALANCE]
     assert [row.ours.blocks for row in rows] == [6, 6, 6]

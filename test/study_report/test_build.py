@@ -13,9 +13,9 @@ from siren_ros.cli.evaluation import yielding
 from siren_ros.cli.evaluation.yielding import score_bag
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
+from siren_ros.evaluation.prediction.reports.report import prediction_tables, text_report
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
-from siren_ros.evaluation.prediction.reports.tables import prediction_tables, text_report
-from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
+from siren_ros.evaluation.prediction.scoring import ScoringJob, score_bags
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode, group_means
 from siren_ros.studies.episode_row import EpisodeRow, Status

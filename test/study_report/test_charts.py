@@ -8,7 +8,7 @@ from matplotlib.patches import Rectangle
 
 from siren_ros.evaluation.diversity.coverage import DrawnRange
 from siren_ros.evaluation.diversity.summary import diversity
-from siren_ros.evaluation.statistics.block_means import PairedDifference
+from siren_ros.evaluation.statistics import PairedDifference
 from siren_ros.evaluation.yielding.counterfactual import ALL, Effect
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores

@@ -9,8 +9,8 @@ import pytest
 from evaluation.diversity.made_profiles import profile
 from evaluation.made_scores import reported_scores
 
+from siren_ros.evaluation.prediction.reports.report import prediction_tables
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
-from siren_ros.evaluation.prediction.reports.tables import prediction_tables
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores
 from siren_ros.evaluation.yielding.thresholds import Measure

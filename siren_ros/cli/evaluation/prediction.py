@@ -10,15 +10,19 @@ from tqdm import tqdm
 
 from siren_ros.cli.options import add_processes, named_path, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
-from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
+from siren_ros.evaluation.prediction.charts import write_charts, write_sample_pictures
 from siren_ros.evaluation.prediction.prediction_file import read_prediction_file
 from siren_ros.evaluation.prediction.predictors import PREDICTORS
-from siren_ros.evaluation.prediction.reports.report_files import new_folder, write_report
+from siren_ros.evaluation.prediction.reports.report import (
+    NO_SAMPLES_TEXT,
+    new_folder,
+    prediction_tables,
+    text_report,
+    write_report,
+)
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
-from siren_ros.evaluation.prediction.reports.tables import no_samples_text, prediction_tables, text_report
-from siren_ros.evaluation.prediction.sample_pictures import write_charts, write_sample_pictures
 from siren_ros.evaluation.prediction.samples import Population
-from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
+from siren_ros.evaluation.prediction.scoring import EpisodeScores, ScoringJob, score_bags
 from siren_ros.evaluation.prediction.submission import submission
 from siren_ros.interfaces.topics import PREDICTIONS
 from siren_ros.recording.bag_reader import bags_among
@@ -98,7 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
         elif result.scores is not None:
             scores.append(result.scores)
             if result.scores.samples == 0:
-                print(f"siren evaluate: {result.bag}: {no_samples_text(job.population)}", file=sys.stderr)
+                print(f"siren evaluate: {result.bag}: {NO_SAMPLES_TEXT[job.population]}", file=sys.stderr)
                 worst = max(worst, EXIT_FAILED)
     if scores:
         _report(arguments, job, scores)

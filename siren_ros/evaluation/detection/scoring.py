@@ -19,7 +19,7 @@ from siren_ros.evaluation.detection.devkit_score import DISTANCES_M, DevkitScore
 from siren_ros.evaluation.detection.frames import RANGE_M, Frames
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.subsets import FAMILIES, SUBSETS, FamilyOrder, Subset, subsets_of_episodes
-from siren_ros.evaluation.statistics.block_means import Estimate, jackknife
+from siren_ros.evaluation.statistics import Estimate, jackknife
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.tables.interval import NOTHING, Interval
 from siren_ros.world.actors import ActorClass

@@ -8,33 +8,23 @@ share p of the cases. Collisions: a prediction of a scene should not drive one v
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from siren_ros.evaluation.prediction.predictors import Hypotheses
 from siren_ros.evaluation.prediction.samples import SampleBatch, ScoredSamples
-from siren_ros.evaluation.statistics.block_means import identity
+from siren_ros.evaluation.statistics import identity
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.compiled import box_gap_m, compiled
 
 
-@dataclass(frozen=True)
-class MetricValue:
-    """A metric over some samples. Without samples ``value`` is 0 and means nothing."""
+class MetricValue(NamedTuple):
+    """A metric over some samples."""
 
-    value: float
+    value: float | None
+    """None without samples."""
     samples: int
-
-    @property
-    def valid(self) -> bool:
-        """Whether there was a sample."""
-        return self.samples > 0
-
-    @property
-    def known(self) -> float | None:
-        """The value, None without samples."""
-        return self.value if self.valid else None
 
 
 @dataclass(frozen=True)
@@ -50,9 +40,8 @@ class Metric:
 
     def value(self, of_samples: Floats) -> MetricValue:
         """The metric over some samples, from their values."""
-        there = of_samples[~np.isnan(of_samples)]
-        mean = self.of_mean(np.array([there.mean()]))[0] if len(there) else 0.0
-        return MetricValue(float(mean), len(there))
+        known = of_samples[~np.isnan(of_samples)]
+        return MetricValue(float(self.of_mean(np.array([known.mean()]))[0]) if len(known) else None, len(known))
 
 
 BEST_OF: Final = 6
@@ -124,52 +113,31 @@ BINS: Final = 10
 """Of equal width over probabilities from 0 to 1."""
 
 
-@dataclass(frozen=True)
-class Reliability:
-    """Counts over bins of the probability; arrays of shape ``(BINS,)``. Counts of several episodes add up."""
+def reliability_of(hypotheses: Hypotheses, truth: Floats) -> Floats:
+    """Counts the six most probable hypotheses of each sample by their probability, shape ``(3, BINS)``.
 
-    count: Floats
-    """Hypotheses in each bin."""
-    probability: Floats
-    """Sum of their probabilities."""
-    best: Floats
-    """How many of them were the best of their sample."""
-
-    def __add__(self, other: "Reliability") -> "Reliability":
-        return Reliability(self.count + other.count, self.probability + other.probability, self.best + other.best)
-
-
-def no_reliability() -> Reliability:
-    """Without any hypothesis."""
-    return Reliability(np.zeros(BINS), np.zeros(BINS), np.zeros(BINS))
-
-
-def reliability_of(hypotheses: Hypotheses, truth: Floats) -> Reliability:
-    """Counts the six most probable hypotheses of each sample; a single hypothesis is no statement and not counted.
-
-    Nor are hypotheses of probability 0, which fill up samples with fewer ones.
+    The rows are the hypotheses in each bin, the sum of their probabilities, and how many were the best of their sample;
+    counts of several episodes add up. A single hypothesis is no statement and not counted, nor are hypotheses of
+    probability 0, which fill up samples with fewer ones.
     """
     probability = probability_of_six(hypotheses)
     if probability.shape[1] < 2:
-        return no_reliability()
-    there = probability > 0.0
-    stated, best = probability[there], best_of_six(hypotheses, truth)[there]
+        return np.zeros((3, BINS))
+    counted = probability > 0.0
+    stated, best = probability[counted], best_of_six(hypotheses, truth)[counted]
     place = np.minimum((stated * BINS).astype(np.intp), BINS - 1)
-    count, total, hits = (
-        np.bincount(place, weights=weights, minlength=BINS).astype(np.float64)
-        for weights in (np.ones(len(stated)), stated, best.astype(np.float64))
-    )
-    return Reliability(count, total, hits)
+    weights = np.ones(len(stated)), stated, best.astype(np.float64)
+    return np.array([np.bincount(place, weights=row, minlength=BINS) for row in weights], dtype=np.float64)
 
 
-def calibration_error(reliability: Reliability) -> MetricValue:
-    """Mean distance between stated probability and frequency, weighted by the bins' counts.
+def calibration_error(reliability: Floats) -> MetricValue:
+    """Mean distance between stated probability and frequency, weighted by the bins' counts; counts hypotheses.
 
     The "expected calibration error" of M. Naeini, G. Cooper, M. Hauskrecht, AAAI 2015.
     """
-    total = float(reliability.count.sum())
-    error = np.abs(reliability.probability - reliability.best).sum() / total if total else 0.0
-    return MetricValue(float(error), int(total))
+    count, probability, best = reliability
+    total = float(count.sum())
+    return MetricValue(float(np.abs(probability - best).sum() / total) if total else None, int(total))
 
 
 MISS_M: Final = 2.0

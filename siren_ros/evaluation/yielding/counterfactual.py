@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.statistics.block_means import PairedDifference, block_sums, holm, paired_difference
+from siren_ros.evaluation.statistics import PairedDifference, block_sums, holm, paired_difference
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode
 from siren_ros.evaluation.yielding.thresholds import Measure
 from siren_ros.numerics.arrays import random_stream

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from siren_ros.evaluation.statistics.block_means import block_sums, interval_of_mean
+from siren_ros.evaluation.statistics import block_sums, interval_of_mean
 from siren_ros.evaluation.yielding.encounters import EmvLine, Encounter
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, YieldScene
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds

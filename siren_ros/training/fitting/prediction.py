@@ -11,8 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, future_times_s
-from siren_ros.evaluation.prediction.siren_model.features import SHAPES, Features
-from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, SHAPES, Features
 from siren_ros.training.fitting.descent import Descent, exported
 from siren_ros.training.prediction.batches import SampleStore
 from siren_ros.training.settings import FitConfig, FittedNetwork

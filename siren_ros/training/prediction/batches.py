@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.evaluation.prediction.siren_model.features import Ablation, FeatureNames, Features, without
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import Ablation, FeatureNames, Features, without
 from siren_ros.numerics.arrays import Floats32, Rows
 from siren_ros.training.prediction.samples import read_features
 

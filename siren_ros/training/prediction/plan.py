@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from siren_ros.evaluation.prediction.siren_model.features import Ablation
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import Ablation
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
 from siren_ros.training.settings import Split

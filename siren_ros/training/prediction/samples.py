@@ -13,7 +13,7 @@ from siren_ros.evaluation.prediction.baselines import ConstantVelocity, IdmPredi
 from siren_ros.evaluation.prediction.predictors import Predictor
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, ScoredSamples, samples_of
 from siren_ros.evaluation.prediction.siren_model.columns import in_frame_of
-from siren_ros.evaluation.prediction.siren_model.features import (
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import (
     FEATURES_VERSION,
     FeatureNames,
     Features,

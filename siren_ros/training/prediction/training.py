@@ -10,8 +10,7 @@ import numpy as np
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.network_file import write_network
-from siren_ros.evaluation.prediction.siren_model.features import FEATURES_VERSION
-from siren_ros.evaluation.prediction.siren_model.siren_predictor import TrainedNetwork, load_network
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import FEATURES_VERSION, TrainedNetwork, load_network
 from siren_ros.numerics.arrays import Floats, Floats32
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.prediction.batches import EpisodeKey, SampleStore, read_store

@@ -24,8 +24,14 @@ IDM = Idm()
 LONG_S = np.arange(1, 1201) * 0.1
 
 
-def one(value: float) -> np.ndarray:
-    return np.array([value])
+def acceleration_of(*values: float) -> float:
+    """Of a single vehicle: its speed, its desired speed, its gap, and the closing speed."""
+    return float(IDM.acceleration(*(np.array([value]) for value in values))[0])
+
+
+def travelled_by(*values: float, times_s: np.ndarray) -> np.ndarray:
+    """Distances of a single vehicle, from its speed, its desired speed, its gap, and its leader's speed."""
+    return IDM.travel(*(np.array([value]) for value in values), times_s)[0]
 
 
 def test_parameters_are_the_protocols() -> None:
@@ -42,26 +48,26 @@ def test_acceleration_on_a_free_road() -> None:
 
 def test_acceleration_behind_a_leader_by_hand() -> None:
     # s* = 2 + 10 · 1.5 + 10 · 2 / (2 √3) = 22.7735 m
-    acceleration = IDM.acceleration(one(10.0), one(15.0), one(30.0), one(2.0))
+    acceleration = acceleration_of(10.0, 15.0, 30.0, 2.0)
     assert acceleration == pytest.approx(1.5 * (1 - (2 / 3) ** 4 - (22.773502691896 / 30.0) ** 2))
 
 
 def test_a_leader_that_pulls_away_does_not_repel() -> None:
     # v T + v Δv / (2 √(a b)) is negative here and counts as 0: s* = s0.
-    acceleration = IDM.acceleration(one(10.0), one(20.0), one(10.0), one(-20.0))
+    acceleration = acceleration_of(10.0, 20.0, 10.0, -20.0)
     assert acceleration == pytest.approx(1.5 * (1 - 0.5**4 - (2.0 / 10.0) ** 2))
 
 
 def test_free_road_speed_converges_to_the_desired_speed() -> None:
-    travelled = IDM.travel(one(0.0), one(13.89), one(np.inf), one(0.0), LONG_S)[0]
+    travelled = travelled_by(0.0, 13.89, np.inf, 0.0, times_s=LONG_S)
     speed = np.diff(travelled) / 0.1
     assert speed[-1] == pytest.approx(13.89, abs=1e-3)
     assert (speed <= 13.89 + 1e-6).all()
 
 
 @pytest.mark.parametrize("leader_mps", [3.0, 8.0])
-def test_gap_behind_a_moving_leader_converges_to_the_equilibrium(leader_mps: float) -> None:
-    travelled = IDM.travel(one(12.0), one(13.89), one(60.0), one(leader_mps), LONG_S)[0]
+def test_gap_behind_a_moving_leader_converges_to_the_equilibrium(leader_mps) -> None:
+    travelled = travelled_by(12.0, 13.89, 60.0, leader_mps, times_s=LONG_S)
     gap = 60.0 + leader_mps * LONG_S - travelled
     equilibrium = (2.0 + 1.5 * leader_mps) / np.sqrt(1 - (leader_mps / 13.89) ** 4)
     assert gap[-1] == pytest.approx(equilibrium, abs=0.01)
@@ -69,7 +75,7 @@ def test_gap_behind_a_moving_leader_converges_to_the_equilibrium(leader_mps: flo
 
 
 def test_it_stops_behind_a_standing_leader_with_the_standstill_gap() -> None:
-    travelled = IDM.travel(one(12.0), one(13.89), one(60.0), one(0.0), LONG_S)[0]
+    travelled = travelled_by(12.0, 13.89, 60.0, 0.0, times_s=LONG_S)
     gap = 60.0 - travelled
     assert gap[-1] == pytest.approx(2.0, abs=0.25)
     assert gap.min() > 1.5
@@ -82,11 +88,9 @@ def test_it_stops_behind_a_standing_leader_with_the_standstill_gap() -> None:
     gap=st.floats(-3.0, 300.0),
     leader=st.floats(0.0, 30.0),
 )
-def test_nobody_drives_backwards_or_through_a_leader_that_it_can_stop_behind(
-    speed: float, desired: float, gap: float, leader: float
-) -> None:
+def test_nobody_drives_backwards_or_through_a_leader_that_it_can_stop_behind(speed, desired, gap, leader) -> None:
     times = np.arange(1, 26) * 0.2
-    travelled = IDM.travel(one(speed), one(max(speed, desired)), one(gap), one(leader), times)[0]
+    travelled = travelled_by(speed, max(speed, desired), gap, leader, times_s=times)
     assert np.isfinite(travelled).all()
     assert (np.diff(travelled, prepend=0.0) >= 0.0).all()
     if gap > 2.0 + speed * IDM.time_headway_s:
@@ -94,9 +98,9 @@ def test_nobody_drives_backwards_or_through_a_leader_that_it_can_stop_behind(
 
 
 def test_the_answer_is_the_same_at_the_same_times() -> None:
-    fine = IDM.travel(one(8.0), one(13.0), one(25.0), one(5.0), np.arange(1, 51) * 0.1)
-    coarse = IDM.travel(one(8.0), one(13.0), one(25.0), one(5.0), np.arange(1, 26) * 0.2)
-    assert np.array_equal(fine[:, 1::2], coarse)
+    fine = travelled_by(8.0, 13.0, 25.0, 5.0, times_s=np.arange(1, 51) * 0.1)
+    coarse = travelled_by(8.0, 13.0, 25.0, 5.0, times_s=np.arange(1, 26) * 0.2)
+    assert np.array_equal(fine[1::2], coarse)
 
 
 def test_the_first_steps_by_hand() -> None:
@@ -104,29 +108,29 @@ def test_the_first_steps_by_hand() -> None:
     speed, travelled, expected = 8.0, 0.0, []
     for step in range(2):
         gap = 20.0 + 5.0 * 0.1 * step - travelled
-        wanted = 2.0 + speed * 1.5 + speed * (speed - 5.0) / (2.0 * np.sqrt(3.0))
-        acceleration = 1.5 * (1.0 - (speed / 13.0) ** 4 - (wanted / gap) ** 2)
+        desired_gap = 2.0 + speed * 1.5 + speed * (speed - 5.0) / (2.0 * np.sqrt(3.0))
+        acceleration = 1.5 * (1.0 - (speed / 13.0) ** 4 - (desired_gap / gap) ** 2)
         travelled += 0.1 * speed + 0.005 * acceleration
         speed += 0.1 * acceleration
         expected.append(travelled)
-    found = IDM.travel(one(8.0), one(13.0), one(20.0), one(5.0), np.array([0.1, 0.2]))
-    assert found[0] == pytest.approx(expected)
+    travelled_m = travelled_by(8.0, 13.0, 20.0, 5.0, times_s=np.array([0.1, 0.2]))
+    assert travelled_m == pytest.approx(expected)
 
 
 def test_who_stops_within_a_step_goes_no_further_than_braking_takes_it() -> None:
     """0.3 m/s and half a metre behind a standing leader: −(0.5 · v²) / a, and there it stays."""
-    acceleration = float(IDM.acceleration(one(0.3), one(13.0), one(0.5), one(0.3))[0])
+    acceleration = acceleration_of(0.3, 13.0, 0.5, 0.3)
     assert 0.3 + 0.1 * acceleration < 0.0
-    found = IDM.travel(one(0.3), one(13.0), one(0.5), one(0.0), np.array([0.1, 0.2, 1.0]))
-    assert found[0] == pytest.approx([0.5 * 0.3**2 / -acceleration] * 3)
+    travelled_m = travelled_by(0.3, 13.0, 0.5, 0.0, times_s=np.array([0.1, 0.2, 1.0]))
+    assert travelled_m == pytest.approx([0.5 * 0.3**2 / -acceleration] * 3)
     # As one who drives backwards never does, the distance is that of a mean speed between 0.3 m/s and none.
-    assert 0.0 < found[0, 0] < 0.03
+    assert 0.0 < travelled_m[0] < 0.03
 
 
 def test_bumpers_that_overlap_brake_as_hard_as_the_least_gap_does() -> None:
-    overlap, least = (IDM.acceleration(one(5.0), one(13.0), one(gap), one(0.0)) for gap in (-2.0, 0.1))
+    overlap, least = (acceleration_of(5.0, 13.0, gap, 0.0) for gap in (-2.0, 0.1))
     assert overlap == pytest.approx(least)
-    assert IDM.acceleration(one(5.0), one(13.0), one(0.2), one(0.0)) > least
+    assert acceleration_of(5.0, 13.0, 0.2, 0.0) > least
 
 
 MODEL = IdmPredictor()
@@ -154,7 +158,7 @@ def predicted(tracks: dict[int, Track], network: RoadNetwork) -> dict[int, np.nd
     return {actor: MODEL.predict(batch).xy_m[row, 0] for actor, row in sample.items()}
 
 
-def test_the_leader_is_the_nearest_in_the_own_lane(straight_road: RoadNetwork) -> None:
+def test_the_leader_is_the_nearest_in_the_own_lane(straight_road) -> None:
     tracks = {
         1: moving(10.0, -5.25, 4.0),
         2: moving(60.0, -5.0, 5.0, length_m=8.0),
@@ -169,14 +173,14 @@ def test_the_leader_is_the_nearest_in_the_own_lane(straight_road: RoadNetwork) -
     assert leaders[4] == (np.inf, 0.0)
 
 
-def test_the_leader_may_be_beyond_a_junction(crossroads: RoadNetwork) -> None:
+def test_the_leader_may_be_beyond_a_junction(crossroads) -> None:
     tracks = {1: moving(-50.0, 0.0, 0.0), 2: moving(60.0, 0.0, 0.0), 3: moving(20.0, 40.0, 0.0, yaw_rad=np.pi / 2)}
     leaders = leaders_in(tracks, crossroads)
     assert leaders[1][0] == pytest.approx(110.0 - 4.6)
     assert np.isinf(leaders[3][0])
 
 
-def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road: RoadNetwork) -> None:
+def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road) -> None:
     tracks = {
         1: moving(0.0, 50.0, 2.0),
         2: moving(40.0, 51.0, 3.0, yaw_rad=np.pi / 3),
@@ -190,24 +194,24 @@ def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road: Ro
     assert leaders[4] == pytest.approx((30.0 - 4.6, 2.0))
 
 
-def test_on_a_free_lane_the_limit_is_kept(straight_road: RoadNetwork) -> None:
+def test_on_a_free_lane_the_limit_is_kept(straight_road) -> None:
     paths = predicted({1: moving(0.0, -5.25, 13.89), 2: moving(0.0, -1.75, 20.0)}, straight_road)
     for actor, speed in ((1, 13.89), (2, 20.0)):
         assert np.allclose(np.diff(paths[actor][:, 0]), 0.2 * speed), "v0 = max(v, speed limit)"
 
 
-def test_it_starts_where_the_vehicle_is_and_keeps_the_offset(straight_road: RoadNetwork) -> None:
+def test_it_starts_where_the_vehicle_is_and_keeps_the_offset(straight_road) -> None:
     answer = predicted({1: moving(0.0, -4.5, 10.0)}, straight_road)[1]
     assert np.allclose(answer[:, 1], -4.5)
     assert answer[0, 0] == pytest.approx(30.0 + 2.0, abs=0.03)
 
 
-def test_it_stops_behind_a_standing_vehicle(straight_road: RoadNetwork) -> None:
+def test_it_stops_behind_a_standing_vehicle(straight_road) -> None:
     paths = predicted({1: moving(0.0, -5.25, 9.0), 2: moving(66.0, -5.25, 0.0)}, straight_road)
     assert 66.0 - 4.6 - 10.0 < paths[1][-1, 0] < 66.0 - 4.6
 
 
-def test_it_follows_the_bend_that_it_is_on(crossroads: RoadNetwork) -> None:
+def test_it_follows_the_bend_that_it_is_on(crossroads) -> None:
     on_path = Track(np.tile((10.0, 4.2857, 0.0, 0.0, 0.5), (201, 1)))
     answer = predicted({1: on_path}, crossroads)[1]
     along, left = crossroads.lanes[4].centre.project(answer)
@@ -216,14 +220,14 @@ def test_it_follows_the_bend_that_it_is_on(crossroads: RoadNetwork) -> None:
     assert along[-1] > 27.0
 
 
-def test_off_the_lanes_it_goes_straight_ahead(straight_road: RoadNetwork) -> None:
+def test_off_the_lanes_it_goes_straight_ahead(straight_road) -> None:
     batch, sample = first_frame({1: moving(0.0, 50.0, 13.0, yaw_rad=0.6)}, straight_road)
     way = MODEL.predict(batch).xy_m[sample[1], 0] - batch.xy_m[sample[1]]
     assert np.allclose(np.arctan2(way[:, 1], way[:, 0]), 0.6)
     assert np.linalg.norm(way[-1]) > 65.0
 
 
-def test_no_samples_no_answer(straight_road: RoadNetwork) -> None:
+def test_no_samples_no_answer(straight_road) -> None:
     batch, _ = first_frame({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
     assert MODEL.predict(batch).xy_m.shape == (0, 1, 25, 2)
 
@@ -244,13 +248,7 @@ def test_no_samples_no_answer(straight_road: RoadNetwork) -> None:
     ],
 )
 def test_off_the_lanes_gap_and_speed_are_along_the_own_heading(
-    straight_road: RoadNetwork,
-    turned_rad: float,
-    ahead_m: float,
-    aside_m: float,
-    heading_rad: float,
-    gap_m: float,
-    speed_mps: float,
+    straight_road, turned_rad, ahead_m, aside_m, heading_rad, gap_m, speed_mps
 ) -> None:
     """The strip is as wide as both vehicles; one that comes towards the own one counts as standing."""
     turn = np.array([[np.cos(turned_rad), -np.sin(turned_rad)], [np.sin(turned_rad), np.cos(turned_rad)]])
@@ -262,9 +260,7 @@ def test_off_the_lanes_gap_and_speed_are_along_the_own_heading(
 
 
 @pytest.mark.parametrize(("speed_mps", "desired_mps"), [(8.0, 50.0 / 3.6), (20.0, 20.0)])
-def test_off_the_lanes_the_limit_is_that_of_a_town(
-    straight_road: RoadNetwork, speed_mps: float, desired_mps: float
-) -> None:
+def test_off_the_lanes_the_limit_is_that_of_a_town(straight_road, speed_mps, desired_mps) -> None:
     batch, sample = first_frame({1: moving(0.0, 500.0, speed_mps, yaw_rad=-2.0)}, straight_road)
     way = MODEL.predict(batch).xy_m[sample[1], 0] - batch.xy_m[sample[1]]
     alone, there = np.full(1, np.inf), np.zeros(1)
@@ -274,24 +270,20 @@ def test_off_the_lanes_the_limit_is_that_of_a_town(
 
 
 @pytest.mark.parametrize(("away_m", "seen"), [(249.9, True), (250.1, False)])
-def test_along_the_lanes_leaders_are_seen_up_to_the_range(
-    straight_road: RoadNetwork, away_m: float, *, seen: bool
-) -> None:
+def test_along_the_lanes_leaders_are_seen_up_to_the_range(straight_road, away_m, seen) -> None:
     tracks = {1: moving(10.0, -5.25, 0.0), 2: moving(10.0 + away_m, -5.25, 0.0)}
     assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(away_m - 4.6 if seen else np.inf)
 
 
 @pytest.mark.parametrize(("ahead_m", "led"), [(0.3, True), (-0.3, False)])
 @pytest.mark.parametrize("y_m", [-5.25, 500.0])
-def test_who_is_next_to_the_own_vehicle_leads_where_its_centre_is_ahead(
-    straight_road: RoadNetwork, y_m: float, ahead_m: float, *, led: bool
-) -> None:
+def test_who_is_next_to_the_own_vehicle_leads_where_its_centre_is_ahead(straight_road, y_m, ahead_m, led) -> None:
     """In a lane and off all lanes."""
     tracks = {1: moving(40.0, y_m, 0.0), 2: moving(40.0 + ahead_m, y_m + 1.0, 0.0)}
     assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(ahead_m - 4.6 if led else np.inf)
 
 
-def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road: RoadNetwork) -> None:
+def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road) -> None:
     """It turns on the spot by 0.5 rad/s and looks north after 3 s; the others stand 12 m to the north and the east."""
     heading = np.pi / 2.0 + 0.5 * (0.05 * np.arange(201) - 3.0)
     spot = np.stack((np.zeros(201), np.full(201, 500.0), *np.zeros((2, 201)), heading), axis=1)
@@ -301,7 +293,7 @@ def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road:
     assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(12.0 - 4.6)
 
 
-def test_the_lane_is_that_of_the_present_heading(crossroads: RoadNetwork) -> None:
+def test_the_lane_is_that_of_the_present_heading(crossroads) -> None:
     """Where the ways across part, it looked straight on until just now, and now to the left."""
     heading = np.where(np.arange(201) < 60, 0.0, 0.6)
     turned = np.stack((np.full(201, 7.0), np.full(201, 3.0), *np.zeros((2, 201)), heading), axis=1)
@@ -311,7 +303,7 @@ def test_the_lane_is_that_of_the_present_heading(crossroads: RoadNetwork) -> Non
     assert way[-1, 1] > 10.0
 
 
-def test_the_straightest_movement_follows_and_junction_paths_lead_out(crossroads: RoadNetwork) -> None:
+def test_the_straightest_movement_follows_and_junction_paths_lead_out(crossroads) -> None:
     assert straight_successors(crossroads).tolist() == [5, NO_LANE, NO_LANE, NO_LANE, 1, 2, 3]
 
 
@@ -337,20 +329,18 @@ def with_lane_ends(network: RoadNetwork, angle_rad: float, lines: dict[int, list
     ],
     ids=["right nearer", "left nearer", "left turn", "right turn", "turns at its start"],
 )
-def test_the_straightest_and_then_the_nearest_follows(
-    crossroads: RoadNetwork, angle_rad: float, lines: dict[int, list[tuple[float, float]]], straightest: int
-) -> None:
+def test_the_straightest_and_then_the_nearest_follows(crossroads, angle_rad, lines, straightest) -> None:
     assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == straightest + 3
 
 
-def test_a_lane_of_the_same_kind_comes_before_a_straighter_one(crossroads: RoadNetwork) -> None:
+def test_a_lane_of_the_same_kind_comes_before_a_straighter_one(crossroads) -> None:
     lanes = list(crossroads.lanes)
     lanes[0] = replace(lanes[0], kind=LaneKind.SHOULDER)
     lanes[1] = replace(lanes[1], kind=LaneKind.SHOULDER)
     assert straight_successors(replace(crossroads, lanes=tuple(lanes)))[0] == 4
 
 
-def test_paths_know_where_their_lanes_start(crossroads: RoadNetwork) -> None:
+def test_paths_know_where_their_lanes_start(crossroads) -> None:
     paths = paths_from(crossroads, np.array([0, 4], dtype=np.int32), 200.0)
     assert paths.path_of_lane.tolist() == [0, -1, -1, -1, 1, -1, -1]
     assert paths.start_m[0, [0, 5, 2]].tolist() == [0.0, 100.0, 140.0]
@@ -358,20 +348,20 @@ def test_paths_know_where_their_lanes_start(crossroads: RoadNetwork) -> None:
     assert paths.start_m[1, 1] == pytest.approx(crossroads.lanes[4].length_m)
 
 
-def test_the_reach_ends_the_path(crossroads: RoadNetwork) -> None:
+def test_the_reach_ends_the_path(crossroads) -> None:
     paths = paths_from(crossroads, np.array([0], dtype=np.int32), 30.0)
     assert np.isfinite(paths.start_m[0, 5])
     assert np.isinf(paths.start_m[0, 2])
 
 
-def test_points_keep_their_offset_and_go_straight_on_past_the_end(crossroads: RoadNetwork) -> None:
+def test_points_keep_their_offset_and_go_straight_on_past_the_end(crossroads) -> None:
     paths = paths_from(crossroads, np.array([0, 1], dtype=np.int32), 200.0)
     points = paths.points(np.array([1, 0]), np.array([[50.0, 150.0], [10.0, 260.0]]), np.array([0.5, -1.0]))
     assert np.allclose(points, [[(19.5, 70.0), (19.5, 170.0)], [(-90.0, -1.0), (160.0, -1.0)]])
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 0.7])
-def test_lanes_are_near_by_their_ends_and_not_by_their_middle(crossroads: RoadNetwork, angle_rad: float) -> None:
+def test_lanes_are_near_by_their_ends_and_not_by_their_middle(crossroads, angle_rad) -> None:
     """Lane 0 comes from the side and bends; behind the crossing lane 3 begins nearer and then goes farther away."""
     lines = {
         0: [(-100.0, 9.0), (-50.0, 0.0), (0.0, 0.0)],
@@ -383,7 +373,7 @@ def test_lanes_are_near_by_their_ends_and_not_by_their_middle(crossroads: RoadNe
     assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == 5
 
 
-def test_no_error_at_constant_velocity_whatever_the_heading(straight_road: RoadNetwork) -> None:
+def test_no_error_at_constant_velocity_whatever_the_heading(straight_road) -> None:
     tracks = {1: moving(0.0, 0.0, 9.0, yaw_rad=0.7), 2: moving(30.0, 0.0, 0.0), 3: moving(0.0, 5.0, 14.0, yaw_rad=-2.5)}
     model = ConstantVelocity()
     scored = samples_of(record_with(tracks, straight_road), model.window, Population.ALL)
@@ -393,7 +383,7 @@ def test_no_error_at_constant_velocity_whatever_the_heading(straight_road: RoadN
 
 
 @pytest.mark.parametrize("accel_mps2", [1.2, -0.8])
-def test_error_at_constant_acceleration(accel_mps2: float, straight_road: RoadNetwork) -> None:
+def test_error_at_constant_acceleration(accel_mps2, straight_road) -> None:
     model = ConstantVelocity()
     record = record_with({1: moving(0.0, -5.25, 10.0, accel_mps2=accel_mps2)}, straight_road)
     scored = samples_of(record, model.window, Population.ALL)

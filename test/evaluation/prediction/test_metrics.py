@@ -1,4 +1,4 @@
-"""Metrics of trajectory prediction, by cases worked out by hand and by loops over everything."""
+"""Metrics of trajectory prediction, by cases worked out by hand, by loops over everything, and by Argoverse 2's own."""
 
 from collections.abc import Sequence
 
@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_scores import scored
+from reader_environments import read_with
 from shapely import Polygon
 
 from siren_ros.evaluation.prediction.metrics import (
@@ -22,7 +23,6 @@ from siren_ros.evaluation.prediction.metrics import (
     min_ade_6,
     min_fde_6,
     missed_6,
-    no_reliability,
     reliability_of,
     squared_fde,
 )
@@ -76,7 +76,7 @@ def test_each_best_of_six_chooses_for_itself() -> None:
 
 
 @given(seed=st.integers(0, 1000), k=st.integers(1, 8))
-def test_order_of_the_metrics(seed: int, k: int) -> None:
+def test_order_of_the_metrics(seed, k) -> None:
     rng = np.random.default_rng(seed)
     hypotheses, truth = sure(rng.normal(size=(5, k, 25, 2))), rng.normal(size=(5, 25, 2))
     assert (min_ade_6(hypotheses, truth) <= ade(hypotheses, truth) + 1e-12).all()
@@ -116,9 +116,7 @@ def ending(*ends_m: float, probability: tuple[float, ...]) -> Hypotheses:
     ],
     ids=["by hand", "sure and right", "six are scaled to the sum one", "a single hypothesis states nothing"],
 )
-def test_brier_scores(
-    ends_m: Sequence[float], probability: tuple[float, ...], brier_min_fde_m: float, score: float
-) -> None:
+def test_brier_scores(ends_m, probability, brier_min_fde_m, score) -> None:
     hypotheses = ending(*ends_m, probability=probability)
     assert brier_min_fde_6(hypotheses, ONE_TRUTH)[0] == pytest.approx(brier_min_fde_m)
     assert brier_score(hypotheses, ONE_TRUTH)[0] == pytest.approx(score, nan_ok=True)
@@ -138,33 +136,33 @@ def test_a_calibrated_model_has_no_error() -> None:
 
 
 def test_the_error_of_a_model_that_is_too_sure() -> None:
-    found = calibration_error(reliability_of(*two_modes(100, 60, 0.95)))
-    assert found.value == pytest.approx(0.35)
-    assert found.samples == 200, "hypotheses"
+    error, hypotheses = calibration_error(reliability_of(*two_modes(100, 60, 0.95)))
+    assert (error, hypotheses) == (pytest.approx(0.35), 200)
 
 
 def test_counts_add_up() -> None:
     parts = [reliability_of(*two_modes(10, best, 0.75)) for best in (5, 10)]
     assert calibration_error(parts[0] + parts[1]).value == pytest.approx(0.0)
-    assert calibration_error(parts[0] + no_reliability()).value == pytest.approx(0.25)
+    assert calibration_error(parts[0]).value == pytest.approx(0.25)
 
 
 def test_a_certain_hypothesis_falls_into_the_last_bin() -> None:
-    found = reliability_of(*two_modes(4, 4, 1.0))
-    assert found.count.tolist() == [0.0] * 9 + [4.0], "those of probability 0 are not counted"
-    assert calibration_error(found).value == 0.0
+    reliability = reliability_of(*two_modes(4, 4, 1.0))
+    assert reliability[0].tolist() == [0.0] * 9 + [4.0], "those of probability 0 are not counted"
+    assert calibration_error(reliability).value == 0.0
 
 
 def test_single_hypotheses_state_nothing() -> None:
-    assert not calibration_error(reliability_of(Hypotheses.certain(np.zeros((3, 25, 2))), np.zeros((3, 25, 2)))).valid
+    none = reliability_of(Hypotheses.certain(np.zeros((3, 25, 2))), np.zeros((3, 25, 2)))
+    assert calibration_error(none) == (None, 0)
 
 
 def test_probabilities_are_counted_in_tenths() -> None:
     """Four samples of two hypotheses with 0.75 and 0.25; in three of them the more probable is the best."""
-    found = reliability_of(*two_modes(4, 3, 0.75))
-    assert found.count.tolist() == [0, 0, 4, 0, 0, 0, 0, 4, 0, 0]
-    assert found.best.tolist() == [0, 0, 1, 0, 0, 0, 0, 3, 0, 0]
-    assert found.probability[[2, 7]] == pytest.approx([1.0, 3.0])
+    count, probability, best = reliability_of(*two_modes(4, 3, 0.75))
+    assert count.tolist() == [0, 0, 4, 0, 0, 0, 0, 4, 0, 0]
+    assert best.tolist() == [0, 0, 1, 0, 0, 0, 0, 3, 0, 0]
+    assert probability[[2, 7]] == pytest.approx([1.0, 3.0])
 
 
 TIME = 0.2 * np.arange(1, 26)
@@ -199,7 +197,7 @@ def test_crossing_paths_collide_only_at_the_same_time() -> None:
 
 
 @pytest.mark.parametrize(("apart_m", "expected"), [(2.1, 0.0), (1.9, 1.0)])
-def test_footprints_are_as_wide_as_vehicles(apart_m: float, expected: float) -> None:
+def test_footprints_are_as_wide_as_vehicles(apart_m, expected) -> None:
     """2 m wide, side by side."""
     assert hits([straight(0.0, 0.0, 8.0, 0.0), straight(0.0, apart_m, 8.0, 0.0)], [0.0, 0.0]) == [expected] * 2
 
@@ -212,7 +210,7 @@ def test_a_standing_vehicle_keeps_its_heading() -> None:
 
 
 @given(seed=st.integers(0, 300))
-def test_as_polygons_say(seed: int) -> None:
+def test_as_polygons_say(seed) -> None:
     rng = np.random.default_rng(seed)
     count = 5
     starts, velocity = rng.uniform(-15.0, 15.0, (count, 2)), rng.uniform(-6.0, 6.0, (count, 2))
@@ -224,14 +222,14 @@ def test_as_polygons_say(seed: int) -> None:
         for t in range(25)
     ]
     expected = [
-        float(any(at[one].intersection(at[two]).area > 1e-9 for at in boxes for two in range(count) if two != one))
-        for one in range(count)
+        float(any(at[a].intersection(at[b]).area > 1e-9 for at in boxes for b in range(count) if b != a))
+        for a in range(count)
     ]
     assert hits(list(paths), list(yaw)) == expected
 
 
 @pytest.mark.parametrize(("leg_m", "expected"), [(0.09, 1.0), (0.11, 0.0)])
-def test_a_leg_of_a_decimetre_turns_the_vehicle(leg_m: float, expected: float) -> None:
+def test_a_leg_of_a_decimetre_turns_the_vehicle(leg_m, expected) -> None:
     """It heads north and creeps east: as long as it heads north it reaches 2 m to the north, and then 1 m."""
     creeping = np.stack((leg_m * np.arange(1, 26), np.zeros(25)), axis=-1)
     assert hits([creeping, straight(0.0, 2.5, 0.0, 0.0)], [np.pi / 2.0, 0.0]) == [expected, expected]
@@ -249,9 +247,8 @@ PLAIN = Metric("x", "x", lambda *_: np.zeros(0))
 
 
 def test_samples_without_a_statement_do_not_count() -> None:
-    value = PLAIN.value(np.array([1.0, np.nan, 3.0]))
-    assert (value.value, value.samples, value.valid) == (2.0, 2, True)
-    assert not PLAIN.value(np.full(3, np.nan)).valid
+    assert PLAIN.value(np.array([1.0, np.nan, 3.0])) == (2.0, 2)
+    assert PLAIN.value(np.full(3, np.nan)) == (None, 0)
 
 
 def test_the_root_is_that_of_the_mean() -> None:
@@ -269,10 +266,8 @@ def random_hypotheses(seed: int, samples: int, modes: int) -> tuple[Hypotheses, 
 
 @pytest.mark.parametrize("metric", METRICS, ids=lambda metric: metric.name)
 def test_without_samples_there_is_no_value(metric) -> None:
-    value = metric.value(metric.of_samples(Hypotheses.certain(np.zeros((0, 25, 2))), scored(np.zeros((0, 25, 2)))))
-    assert not value.valid
-    assert value.samples == 0
-    assert np.isfinite(value.value)
+    nobody = np.zeros((0, 25, 2))
+    assert metric.value(metric.of_samples(Hypotheses.certain(nobody), scored(nobody))) == (None, 0)
 
 
 @pytest.mark.parametrize("metric", METRICS, ids=lambda metric: metric.name)
@@ -285,7 +280,7 @@ def test_a_sample_counts_alone(metric) -> None:
 
 
 @given(seed=st.integers(0, 1000), modes=st.integers(1, 9))
-def test_the_mean_of_squares_is_rooted_at_the_end(seed: int, modes: int) -> None:
+def test_the_mean_of_squares_is_rooted_at_the_end(seed, modes) -> None:
     hypotheses, truth = random_hypotheses(seed, 9, modes)
     metrics = (METRIC_OF["rmse_5s_m"], METRIC_OF["fde_m"])
     rmse, fde_m = (metric.value(metric.of_samples(hypotheses, scored(truth))).value for metric in metrics)
@@ -301,7 +296,7 @@ def test_every_sample_has_the_value_of_its_loops() -> None:
     truth = np.cumsum(rng.normal(0.5, 0.4, (SAMPLES, TIMES, 2)), axis=1) + rng.uniform(-50, 50, (SAMPLES, 1, 2))
     missing = np.cumsum(rng.normal(0.0, 0.8, (SAMPLES, MODES, TIMES, 2)), axis=2)
     hypotheses = Hypotheses.ranked(truth[:, None] + missing, rng.dirichlet(np.ones(MODES), SAMPLES))
-    found = {name: METRIC_OF[name].of_samples(hypotheses, scored(truth)) for name in METRIC_OF}
+    values = {name: METRIC_OF[name].of_samples(hypotheses, scored(truth)) for name in METRIC_OF}
     for sample in range(SAMPLES):
         apart = [
             [float(np.hypot(*(hypotheses.xy_m[sample, mode, time] - truth[sample, time]))) for time in range(TIMES)]
@@ -322,5 +317,40 @@ def test_every_sample_has_the_value_of_its_loops() -> None:
             "brier_min_fde_6_m": ends[best] + (1.0 - share[best]) ** 2,
             "brier_score": sum((share[mode] - (mode == best)) ** 2 for mode in six),
         }
-        assert {name: float(found[name][sample]) for name in expected} == pytest.approx(expected)
-    assert set(found["miss_rate_6"]) == {0.0, 1.0}, "both kinds are there"
+        assert {name: float(values[name][sample]) for name in expected} == pytest.approx(expected)
+    assert set(values["miss_rate_6"]) == {0.0, 1.0}, "both kinds are there"
+
+
+@pytest.fixture(scope="module")
+def six_paths() -> tuple[Hypotheses, np.ndarray]:
+    """Six hypotheses of unequal probability around each of 300 truths; about half of the samples are misses."""
+    rng = np.random.default_rng(11)
+    truth = np.cumsum(rng.normal(scale=1.0, size=(300, 25, 2)), axis=1) + rng.uniform(-500, 500, (300, 1, 2))
+    noise = np.cumsum(rng.normal(scale=0.6, size=(300, 6, 25, 2)), axis=2)
+    return Hypotheses.ranked(truth[:, None] + noise, rng.dirichlet(np.ones(6), 300)), truth
+
+
+@pytest.fixture(scope="module")
+def argoverse2(six_paths, tmp_path_factory) -> dict[str, np.ndarray]:
+    """The answers of Argoverse 2's own functions, by hypothesis."""
+    hypotheses, truth = six_paths
+    path = tmp_path_factory.mktemp("metrics") / "given.npz"
+    np.savez(path, paths=hypotheses.xy_m, truth=truth, probability=hypotheses.probability)
+    return {name: np.array(values) for name, values in read_with("av2", "read_argoverse2_metrics.py", path).items()}
+
+
+@pytest.mark.parametrize("name", ["ade_m", "fde_m", "min_ade_6_m", "min_fde_6_m", "miss_rate_6", "brier_min_fde_6_m"])
+def test_every_sample_has_the_value_of_argoverse_2(name, six_paths, argoverse2) -> None:
+    hypotheses, truth = six_paths
+    best = np.arange(len(truth)), argoverse2["fde"].argmin(axis=1)
+    missed = argoverse2["missed"].min(axis=1)
+    expected = {
+        "ade_m": argoverse2["ade"][:, 0],
+        "fde_m": argoverse2["fde"][:, 0],
+        "min_ade_6_m": argoverse2["ade"].min(axis=1),
+        "min_fde_6_m": argoverse2["fde"].min(axis=1),
+        "miss_rate_6": missed,
+        "brier_min_fde_6_m": argoverse2["brier_fde"][best],
+    }
+    assert np.abs(METRIC_OF[name].of_samples(hypotheses, scored(truth)) - expected[name]).max() < 1e-9
+    assert 0.2 < missed.mean() < 0.8, "both kinds are there"

@@ -26,7 +26,7 @@ def path_of(points: int, period_s: float) -> list[float]:
 def columns(points: int = 25, period_s: float = 0.2, **changed: Any) -> dict[str, Any]:
     """Two hypotheses for each of two samples."""
     x = path_of(points, period_s)
-    made = {
+    content = {
         "episode": ["S2_L2_seed0"] * ROWS,
         "actor": [7, 7, 8, 8],
         "step": [60, 60, 60, 60],
@@ -35,7 +35,7 @@ def columns(points: int = 25, period_s: float = 0.2, **changed: Any) -> dict[str
         "x": [x] * ROWS,
         "y": [[-1.0] * points] * ROWS,
     }
-    return {**made, **changed}
+    return {**content, **changed}
 
 
 def read(folder: Path, content: dict[str, Any], metadata: dict[str, str] | None = None) -> SubmittedRows:
@@ -57,7 +57,7 @@ def argoverse(scenarios: list[str], tracks: list[str], probability: list[float])
 
 
 @pytest.mark.parametrize(("points", "period_s"), [(25, 0.2), (30, 0.2), (50, 0.1), (60, 0.1), (80, 0.1)])
-def test_paths_are_taken_at_the_times_of_the_grid(points: int, period_s: float, tmp_path: Path) -> None:
+def test_paths_are_taken_at_the_times_of_the_grid(points, period_s, tmp_path) -> None:
     rows = read(tmp_path, columns(points, period_s))
     assert rows.xy_m.shape == (ROWS, 25, 2)
     assert np.allclose(rows.xy_m[0, :, 0], path_of(25, 0.2))
@@ -65,7 +65,7 @@ def test_paths_are_taken_at_the_times_of_the_grid(points: int, period_s: float, 
     assert rows.actor_id.tolist() == [7, 7, 8, 8]
 
 
-def test_the_file_may_say_which_samples_it_answers(tmp_path: Path) -> None:
+def test_the_file_may_say_which_samples_it_answers(tmp_path) -> None:
     rows = read(tmp_path, columns(), {"window": "argoverse2"})
     assert rows.window == ARGOVERSE_WINDOW
     with pytest.raises(InputError, match="window nuscenes' cannot be used; allowed: one of ngsim, argoverse2"):
@@ -73,19 +73,19 @@ def test_the_file_may_say_which_samples_it_answers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [pa.list_(pa.float32()), pa.large_list(pa.float64()), pa.list_(pa.float64(), 25)])
-def test_any_list_of_numbers_is_a_path(kind: pa.DataType, tmp_path: Path) -> None:
-    made = columns()
-    changed = {name: pa.array(made[name], kind) for name in ("x", "y")}
-    rows = read(tmp_path, {**made, **changed})
+def test_any_list_of_numbers_is_a_path(kind, tmp_path) -> None:
+    content = columns()
+    changed = {name: pa.array(content[name], kind) for name in ("x", "y")}
+    rows = read(tmp_path, {**content, **changed})
     assert np.allclose(rows.xy_m[2, :, 0], path_of(25, 0.2), atol=1e-6)
 
 
-def test_names_may_be_dictionaries(tmp_path: Path) -> None:
-    made = columns(episode=pa.array(["a"] * ROWS).dictionary_encode())
-    assert read(tmp_path, made).episode.tolist() == ["a"] * ROWS
+def test_names_may_be_dictionaries(tmp_path) -> None:
+    content = columns(episode=pa.array(["a"] * ROWS).dictionary_encode())
+    assert read(tmp_path, content).episode.tolist() == ["a"] * ROWS
 
 
-def test_argoverse_submissions_are_read(tmp_path: Path) -> None:
+def test_argoverse_submissions_are_read(tmp_path) -> None:
     """Focal tracks alone: the EMV as AV in its own scenario, vehicle 12 in its own one."""
     emv, other = "S2-L2-seed0-town-v1-f000049", "S2-L2-seed0-town-v12-f000051"
     tracks, probability = ["AV", "AV", "12", "12", "AV"], [0.25, 0.75, 1.0, 0.0, 1.0]
@@ -98,13 +98,13 @@ def test_argoverse_submissions_are_read(tmp_path: Path) -> None:
     assert np.allclose(rows.xy_m[0, :, 0], path_of(25, 0.2))
 
 
-def test_scenarios_of_another_origin_are_refused(tmp_path: Path) -> None:
+def test_scenarios_of_another_origin_are_refused(tmp_path) -> None:
     with pytest.raises(InputError, match=r"1 of 1 rows with a scenario_id of another origin; the first is 0a1e6f0a"):
         read(tmp_path, argoverse(["0a1e6f0a-1817-4a98-b02e-db8c9327d151"], ["AV"], [1.0]))
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"),
+    ("changed", "message"),
     [
         ({"x": [[0.0] * 25, [0.0] * 25, [0.0] * 12, [0.0] * 25]}, "1 of 4 paths .* actor 8, step 60, mode 0 with 12 v"),
         ({"y": [[0.0] * 25] * 3 + [[0.0] * 24]}, "1 of 4 paths of another horizon; .* 25 values in x and 24 in y"),
@@ -117,12 +117,12 @@ def test_scenarios_of_another_origin_are_refused(tmp_path: Path) -> None:
         ({"x": [1.0, 2.0, 3.0, 4.0]}, "x of type double.*lists"),
     ],
 )
-def test_what_cannot_be_scored_is_refused_with_the_first(changed: dict[str, Any], told: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=told):
+def test_what_cannot_be_scored_is_refused_with_the_first(changed, message, tmp_path) -> None:
+    with pytest.raises(InputError, match=message):
         read(tmp_path, columns(**changed))
 
 
-def test_other_files_are_refused(tmp_path: Path) -> None:
+def test_other_files_are_refused(tmp_path) -> None:
     text = tmp_path / "a.csv"
     text.write_text("episode,actor\n", encoding="utf-8")
     with pytest.raises(InputError, match="a Parquet file"):
@@ -147,9 +147,7 @@ def record(record_of: Callable[..., EpisodeRecord]) -> EpisodeRecord:
 
 
 @pytest.mark.parametrize("population", Population)
-def test_every_scenario_is_a_sample_and_every_sample_a_scenario(
-    population: Population, record: EpisodeRecord, tmp_path: Path
-) -> None:
+def test_every_scenario_is_a_sample_and_every_sample_a_scenario(population, record, tmp_path) -> None:
     """Samples of Argoverse 2's models and the scenarios of the export do not know each other.
 
     A submission as av2 writes it has every scenario: it is scored as a whole, and has the truth at every time.
@@ -160,14 +158,14 @@ def test_every_scenario_is_a_sample_and_every_sample_a_scenario(
         for first in whole_windows(track, STEPS, population.value).tolist():
             whole = track.window(first, STEPS)
             name = scenario_id("S2_L2_seed0_town", actor, first + OBSERVED - 1)
-            own = "AV" if track.actor.is_emv else str(actor)
-            rows.append((name, own, 1.0, whole.x_m[OBSERVED:], whole.y_m[OBSERVED:]))
+            track_id = "AV" if track.actor.is_emv else str(actor)
+            rows.append((name, track_id, 1.0, whole.x_m[OBSERVED:], whole.y_m[OBSERVED:]))
     scenarios, tracks, probability, x, y = map(list, zip(*rows, strict=True))
     paths = {"predicted_trajectory_x": x, "predicted_trajectory_y": y}
     samples = samples_of(record, ARGOVERSE_WINDOW, population)
     part = submission(read(tmp_path, argoverse(scenarios, tracks, probability) | paths)).of_episode(
         ["S2-L2-seed0-town"]
     )
-    found, hypotheses = part.meet(samples.batch)
-    assert len(found) == len(samples) == len(rows) > 30
+    answered, hypotheses = part.meet(samples.batch)
+    assert len(answered) == len(samples) == len(rows) > 30
     assert np.array_equal(hypotheses.xy_m[:, 0], samples.future_xy_m)

@@ -19,14 +19,14 @@ from siren_ros.evaluation.prediction.predictors import (
 )
 
 
-def made(samples: int = 21, modes: int = 3) -> Hypotheses:
+def equal_hypotheses(samples: int = 21, modes: int = 3) -> Hypotheses:
     return Hypotheses.ranked(np.zeros((samples, modes, 25, 2)), np.ones((samples, modes)))
 
 
 def with_probability(sample: int, *values: float) -> Hypotheses:
-    probability = made().probability.copy()
+    probability = equal_hypotheses().probability.copy()
     probability[sample] = values
-    return Hypotheses(made().xy_m, probability)
+    return Hypotheses(equal_hypotheses().xy_m, probability)
 
 
 def test_a_certain_path_has_probability_one() -> None:
@@ -44,25 +44,25 @@ def test_ranked_paths_go_with_their_probabilities() -> None:
 
 
 @given(seed=st.integers(0, 1000), modes=st.integers(1, 8))
-def test_whatever_is_ranked_can_be_scored(seed: int, modes: int) -> None:
+def test_whatever_is_ranked_can_be_scored(seed, modes) -> None:
     rng = np.random.default_rng(seed)
     answer = Hypotheses.ranked(rng.normal(size=(5, modes, 25, 2)), rng.uniform(1e-6, 5.0, (5, modes)))
     assert np.array_equal(checked("mine", answer, 5).xy_m, answer.xy_m)
 
 
 @pytest.mark.parametrize("shape", [(21, 25, 2), (20, 1, 25, 2), (21, 0, 25, 2), (21, 1, 30, 2), (21, 1, 25, 3)])
-def test_other_shapes_are_refused(shape: tuple[int, ...]) -> None:
+def test_other_shapes_are_refused(shape) -> None:
     with pytest.raises(InputError, match=r"model mine.*\(21, k, 25, 2\)"):
         checked("mine", Hypotheses(np.zeros(shape), np.ones(shape[:2])), 21)
 
 
 def test_probabilities_of_another_shape_are_refused() -> None:
     with pytest.raises(InputError, match=r"model mine.*\(21, 3\)"):
-        checked("mine", Hypotheses(made().xy_m, np.ones((21, 2))), 21)
+        checked("mine", Hypotheses(equal_hypotheses().xy_m, np.ones((21, 2))), 21)
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ((0.5, 0.5, 0.5), "another sum"),
         ((0.2, 0.3, 0.5), "increase"),
@@ -70,16 +70,16 @@ def test_probabilities_of_another_shape_are_refused() -> None:
         ((np.nan, 0.5, 0.5), "not finite"),
     ],
 )
-def test_wrong_probabilities_are_refused_with_their_number_and_the_first(values: tuple[float, ...], told: str) -> None:
-    with pytest.raises(InputError, match=rf"{told}.* in 1 of 21 samples, first in 7"):
+def test_wrong_probabilities_are_refused_with_their_number_and_the_first(values, message) -> None:
+    with pytest.raises(InputError, match=rf"{message}.* in 1 of 21 samples, first in 7"):
         checked("mine", with_probability(7, *values), 21)
 
 
 def test_positions_that_are_not_finite_are_refused() -> None:
-    paths = made().xy_m.copy()
+    paths = equal_hypotheses().xy_m.copy()
     paths[[3, 9], 1, 24, 0] = np.inf
     with pytest.raises(InputError, match="not finite in 2 of 21 samples, first in 3"):
-        checked("mine", Hypotheses(paths, made().probability), 21)
+        checked("mine", Hypotheses(paths, equal_hypotheses().probability), 21)
 
 
 def test_single_precision_is_precise_enough() -> None:
@@ -93,7 +93,7 @@ def test_models_come_in_the_order_asked_for() -> None:
 
 
 @pytest.mark.parametrize("names", [[], ["cv", "lstm"], ["cv", "cv"], ["CV"]])
-def test_wrong_names_are_refused_with_what_is_known(names: list[str]) -> None:
+def test_wrong_names_are_refused_with_what_is_known(names) -> None:
     with pytest.raises(InputError, match="models") as caught:
         predictors_named(names)
     assert "each model once" in str(caught.value) or all(name in str(caught.value) for name in PREDICTORS)
@@ -108,7 +108,7 @@ def make(checkpoint: Path | None) -> Predictor:
     return ConstantVelocity()
 
 
-def test_a_checkpoint_goes_to_its_model(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_checkpoint_goes_to_its_model(monkeypatch) -> None:
     kind = PredictorKind("a net", f"{__name__}:make", Checkpoint.REQUIRED)
     monkeypatch.setattr(predictors, "PREDICTORS", {**PREDICTORS, "net": kind})
     GIVEN.clear()
@@ -119,9 +119,11 @@ def test_a_checkpoint_goes_to_its_model(monkeypatch: pytest.MonkeyPatch) -> None
         predictors_named(["net"])
 
 
-@pytest.mark.parametrize(("name", "told"), [("cv", "a model that has weights"), ("idm", "a name among the models: cv")])
-def test_a_checkpoint_that_fits_no_model_is_refused(name: str, told: str) -> None:
-    with pytest.raises(InputError, match=rf"checkpoint: '{name}=x.pt' cannot be used; allowed: {told}"):
+@pytest.mark.parametrize(
+    ("name", "allowed"), [("cv", "a model that has weights"), ("idm", "a name among the models: cv")]
+)
+def test_a_checkpoint_that_fits_no_model_is_refused(name, allowed) -> None:
+    with pytest.raises(InputError, match=rf"checkpoint: '{name}=x.pt' cannot be used; allowed: {allowed}"):
         predictors_named(["cv"], {name: Path("x.pt")})
 
 

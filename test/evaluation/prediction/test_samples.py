@@ -48,20 +48,18 @@ def sumo_lane_of(actor_id: int, lane: int, step: int) -> TrafficState:
 
 
 @given(frames=st.integers(1, 110), late=st.integers(0, 7))
-def test_a_gapless_track_gives_one_sample_for_each_frame_with_a_full_window(
-    frames: int, late: int, straight_road: RoadNetwork
-) -> None:
+def test_a_gapless_track_gives_one_sample_for_each_frame_with_a_full_window(frames, late, straight_road) -> None:
     track = moving(0.0, -5.25, 5.0, steps=2 * frames - 1, first_step=2 * late)
     assert len(samples_with({1: track}, straight_road)) == max(0, frames - 80)
 
 
-def test_a_longer_history_leaves_fewer_samples(straight_road: RoadNetwork) -> None:
+def test_a_longer_history_leaves_fewer_samples(straight_road) -> None:
     window = HistoryWindow(points=50, stride_frames=1)
     track = moving(0.0, -5.25, 5.0, steps=2 * 120 - 1)
     assert len(samples_with({1: track}, straight_road, window)) == 120 - 49 - 50
 
 
-def test_every_vehicle_is_scored_the_emv_too(straight_road: RoadNetwork) -> None:
+def test_every_vehicle_is_scored_the_emv_too(straight_road) -> None:
     tracks = {
         1: moving(0.0, -5.25, 9.0, is_emv=True),
         2: moving(50.0, -1.75, 5.0),
@@ -74,7 +72,7 @@ def test_every_vehicle_is_scored_the_emv_too(straight_road: RoadNetwork) -> None
     assert batch.actors.is_emv[batch.target].sum() == 21
 
 
-def test_a_window_with_a_missing_point_is_no_sample(straight_road: RoadNetwork) -> None:
+def test_a_window_with_a_missing_point_is_no_sample(straight_road) -> None:
     whole = moving(0.0, -5.25, 5.0, steps=2 * 90 - 1)
     gap = replace(whole, without=frozenset({80}))
     assert len(samples_with({1: whole}, straight_road)) == 10
@@ -83,7 +81,7 @@ def test_a_window_with_a_missing_point_is_no_sample(straight_road: RoadNetwork) 
     assert (scored.batch.step // 2).tolist() == [31, 33, 35, 37, 39]
 
 
-def test_history_and_future_are_the_log(straight_road: RoadNetwork) -> None:
+def test_history_and_future_are_the_log(straight_road) -> None:
     scored = samples_with({1: moving(0.0, -5.25, 5.0, accel_mps2=0.4)}, straight_road)
     now = scored.batch.step * 0.05
 
@@ -98,7 +96,7 @@ def test_history_and_future_are_the_log(straight_road: RoadNetwork) -> None:
     assert (actors.accel_mps2 == 0.4).all()
 
 
-def test_actors_have_their_class_and_sumos_lanes(straight_road: RoadNetwork) -> None:
+def test_actors_have_their_class_and_sumos_lanes(straight_road) -> None:
     tracks = {1: moving(0.0, -5.25, 5.0), 4: moving(40.0, -5.25, 5.0, actor_class=ActorClass.BUS, first_step=40)}
     record = record_with(tracks, straight_road)
     said = tuple(sumo_lane_of(4, 1, step) for step in range(61))
@@ -114,7 +112,7 @@ def test_actors_have_their_class_and_sumos_lanes(straight_road: RoadNetwork) -> 
     assert actors.sumo_lane[bus[:2]].tolist() == [1, NO_LANE]
 
 
-def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_road: RoadNetwork) -> None:
+def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_road) -> None:
     tracks = {
         1: moving(0.0, -5.25, 5.0),
         2: moving(40.0, -5.25, 5.0),
@@ -122,9 +120,9 @@ def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_
     }
     batch = samples_with(tracks, straight_road).batch
     sample, other = batch.neighbours()
-    own = batch.target[sample]
-    assert (batch.actors.frame[own] == batch.actors.frame[other]).all()
-    assert (own != other).all()
+    target = batch.target[sample]
+    assert (batch.actors.frame[target] == batch.actors.frame[other]).all()
+    assert (target != other).all()
     last = batch.sample_step == 80
     ids = {
         int(batch.actors.actor_id[batch.target[row]]): batch.actors.actor_id[other[sample == row]].tolist()
@@ -136,13 +134,13 @@ def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_
     assert (batch.actors.xy_m[short][:, :13] == 0.0).all()
 
 
-def test_a_short_episode_gives_no_samples(straight_road: RoadNetwork) -> None:
+def test_a_short_episode_gives_no_samples(straight_road) -> None:
     scored = samples_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
     assert len(scored) == 0
     assert scored.future_xy_m.shape == (0, 25, 2)
 
 
-def test_states_of_an_unknown_actor_are_refused(straight_road: RoadNetwork) -> None:
+def test_states_of_an_unknown_actor_are_refused(straight_road) -> None:
     record = record_with({1: moving(0.0, -5.25, 5.0), 2: moving(0.0, -1.75, 5.0)}, straight_road)
     with pytest.raises(BagError, match=r"\[2\]"):
         samples_of(replace(record, actors={1: record.actors[1]}), WINDOW, Population.ALL)
@@ -153,11 +151,11 @@ def test_signals_are_those_of_the_frames() -> None:
     traffic = tuple(
         SimpleNamespace(step=step, signals=(SignalState("crossing", letters),)) for step, letters in shown.items()
     )
-    found = _signals(cast("EpisodeRecord", SimpleNamespace(traffic=traffic)), np.array([2, 4, 5]))
-    assert [bytes(row) for row in found["crossing"]] == [b"rG", b"yG", b"\0\0"]
+    signals = _signals(cast("EpisodeRecord", SimpleNamespace(traffic=traffic)), np.array([2, 4, 5]))
+    assert [bytes(row) for row in signals["crossing"]] == [b"rG", b"yG", b"\0\0"]
 
 
-def test_lights_are_those_of_the_present(straight_road: RoadNetwork) -> None:
+def test_lights_are_those_of_the_present(straight_road) -> None:
     record = record_with({1: moving(0.0, -5.0, 8.0)}, straight_road)
     states = tuple(
         replace(state, lights=np.full(len(state), Lights.BRAKE if state.step >= 70 else 0, dtype=np.uint8))
@@ -168,7 +166,7 @@ def test_lights_are_those_of_the_present(straight_road: RoadNetwork) -> None:
     assert (actors.actors.lights == np.where(step >= 70, Lights.BRAKE, 0)).all()
 
 
-def test_frames_behind_the_horizon_have_to_be_logged_where_the_window_says_so(straight_road: RoadNetwork) -> None:
+def test_frames_behind_the_horizon_have_to_be_logged_where_the_window_says_so(straight_road) -> None:
     """Argoverse's window: 5 s before and 6 s after the present, every tenth of a second of them."""
     for frames, count in ((110, 1), (109, 0), (113, 4)):
         track = moving(0.0, -5.25, 5.0, steps=2 * frames - 1)

@@ -28,15 +28,15 @@ from siren_ros.world.carrier import PredictedPaths
 
 
 @pytest.mark.parametrize(("points", "period_s"), [(25, 0.2), (30, 0.2), (50, 0.1), (60, 0.1), (80, 0.1)])
-def test_the_grid_holds_the_places_at_its_own_times(points: int, period_s: float) -> None:
+def test_the_grid_holds_the_places_at_its_own_times(points, period_s) -> None:
     """Two vehicles at 10 m/s eastwards and 5 m/s southwards."""
     time = period_s * np.arange(1, points + 1)
     paths = np.stack((np.stack((10.0 * time, 0.0 * time), -1), np.stack((0.0 * time, -5.0 * time), -1)))
     grid = 0.2 * np.arange(1, 26)
-    found = on_grid(paths)
-    assert found.shape == (2, 25, 2)
-    assert found[0] == pytest.approx(np.stack((10.0 * grid, 0.0 * grid), -1))
-    assert found[1] == pytest.approx(np.stack((0.0 * grid, -5.0 * grid), -1))
+    on_common_grid = on_grid(paths)
+    assert on_common_grid.shape == (2, 25, 2)
+    assert on_common_grid[0] == pytest.approx(np.stack((10.0 * grid, 0.0 * grid), -1))
+    assert on_common_grid[1] == pytest.approx(np.stack((0.0 * grid, -5.0 * grid), -1))
 
 
 def rows() -> SubmittedRows:
@@ -80,15 +80,15 @@ def batch(straight_road: RoadNetwork) -> SampleBatch:
     return samples_of(record_with(tracks, straight_road), HistoryWindow(), Population.ALL).batch
 
 
-def test_every_sample_meets_its_hypotheses(batch: SampleBatch) -> None:
+def test_every_sample_meets_its_hypotheses(batch) -> None:
     part = submission(rows_for(batch)).of_episode(["made"])
-    found, hypotheses = part.meet(batch)
-    assert found.tolist() == list(range(len(batch)))
+    rows, hypotheses = part.meet(batch)
+    assert rows.tolist() == list(range(len(batch)))
     assert np.allclose(hypotheses.xy_m[:, 0, 0], batch.xy_m + 0.2 * batch.velocity_mps + [0.0, 1.0])
     assert np.allclose(hypotheses.probability, [2.0 / 3.0, 1.0 / 3.0]), "the most probable first"
 
 
-def test_samples_may_have_fewer_hypotheses(batch: SampleBatch) -> None:
+def test_samples_may_have_fewer_hypotheses(batch) -> None:
     rows = rows_for(batch)
     first = (rows.actor_id == 12) & (rows.step == 60)
     fewer = replace(rows, probability=np.where(first, 1.0, rows.probability)).select(~(first & (rows.mode == 0)))
@@ -97,32 +97,32 @@ def test_samples_may_have_fewer_hypotheses(batch: SampleBatch) -> None:
     assert np.array_equal(hypotheses.xy_m[1, 0], hypotheses.xy_m[1, 1])
 
 
-def test_missing_samples_are_refused_or_left_out(batch: SampleBatch) -> None:
+def test_missing_samples_are_refused_or_left_out(batch) -> None:
     rows = rows_for(batch)
     part = submission(rows.select((rows.step > 62) | (rows.actor_id == 1))).of_episode(["made"])
     with pytest.raises(InputError, match="2 of 40 samples have no prediction; the first is actor 12 at step 60"):
         part.meet(batch)
-    found, hypotheses = replace(part, allow_missing=True).meet(batch)
-    assert len(found) == len(hypotheses) == 38
-    assert {1, 3}.isdisjoint(found.tolist())
+    answered, hypotheses = replace(part, allow_missing=True).meet(batch)
+    assert len(answered) == len(hypotheses) == 38
+    assert {1, 3}.isdisjoint(answered.tolist())
 
 
 @pytest.mark.parametrize("allow_missing", [False, True])
-def test_unknown_samples_are_refused(batch: SampleBatch, allow_missing: bool) -> None:
+def test_unknown_samples_are_refused(batch, allow_missing) -> None:
     rows = rows_for(batch)
     moved = replace(rows, step=np.where((rows.actor_id == 12) & (rows.step == 98), 61, rows.step))
     with pytest.raises(InputError, match=r"1 of 40 predicted samples are not in .*; the first is actor 12 at step 61"):
         submission(moved, allow_missing).of_episode(["made"]).meet(batch)
 
 
-def test_positions_in_a_vehicles_frame_are_refused(batch: SampleBatch) -> None:
+def test_positions_in_a_vehicles_frame_are_refused(batch) -> None:
     rows = replace(rows_for(batch), xy_m=rows_for(batch).xy_m + 4000.0)
     with pytest.raises(InputError, match="positions in metres in the frame map"):
         submission(rows).of_episode(["made"]).meet(batch)
 
 
 @pytest.mark.parametrize(
-    ("column", "value", "told"),
+    ("column", "value", "message"),
     [
         ("probability", np.nan, "1 of 80 probabilities are not finite; the first is episode made, actor"),
         ("probability", -0.1, "1 of 80 probabilities are negative"),
@@ -131,15 +131,15 @@ def test_positions_in_a_vehicles_frame_are_refused(batch: SampleBatch) -> None:
         ("step", -2, "1 of 80 actors or steps are negative"),
     ],
 )
-def test_wrong_values_are_refused_with_their_number(batch: SampleBatch, column: str, value: float, told: str) -> None:
+def test_wrong_values_are_refused_with_their_number(batch, column, value, message) -> None:
     rows = rows_for(batch)
     values = getattr(rows, column).copy()
     values[5] = value
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         submission(replace(rows, **{column: values}))
 
 
-def test_hypotheses_given_twice_are_refused(batch: SampleBatch) -> None:
+def test_hypotheses_given_twice_are_refused(batch) -> None:
     rows = rows_for(batch)
     with pytest.raises(InputError, match="1 of 81 hypotheses are given twice; the first is episode made, actor"):
         submission(rows.select(np.append(np.arange(len(rows)), 3)))
@@ -152,16 +152,16 @@ def both(batch: SampleBatch, allow_missing: bool = False) -> Submission:
     return submission(replace(twice, episode=names), allow_missing)
 
 
-def test_episodes_go_by_any_of_their_names(batch: SampleBatch) -> None:
-    found = both(batch)
-    assert len(found.of_episode(["folder", "two"])) == 40
-    nothing = found.of_episode(["folder"])
+def test_episodes_go_by_any_of_their_names(batch) -> None:
+    submitted = both(batch)
+    assert len(submitted.of_episode(["folder", "two"])) == 40
+    nothing = submitted.of_episode(["folder"])
     assert len(nothing) == 0
     assert len(checked("mine", nothing.hypotheses, 0)) == 0
-    found.check_episodes([("one",), ("folder", "two")])
+    submitted.check_episodes([("one",), ("folder", "two")])
 
 
-def test_episodes_that_are_not_scored_are_refused(batch: SampleBatch) -> None:
+def test_episodes_that_are_not_scored_are_refused(batch) -> None:
     with pytest.raises(InputError, match="1 of 2 episodes are not among the bags; the first is two"):
         both(batch).check_episodes([("one",)])
     both(batch, allow_missing=True).check_episodes([("one",)])
@@ -172,9 +172,7 @@ def test_episodes_that_are_not_scored_are_refused(batch: SampleBatch) -> None:
 @pytest.mark.parametrize(
     ("speed_mps", "away_m", "refused"), [(30.0, 0.0, False), (5.0, 90.0, False), (5.0, 110.0, True)]
 )
-def test_paths_begin_near_their_vehicle_and_may_end_anywhere(
-    straight_road: RoadNetwork, speed_mps: float, away_m: float, *, refused: bool
-) -> None:
+def test_paths_begin_near_their_vehicle_and_may_end_anywhere(straight_road, speed_mps, away_m, refused) -> None:
     """At 30 m/s they end 150 m away."""
     tracks = {1: moving(0.0, -5.25, speed_mps, steps=199)}
     batch = samples_of(record_with(tracks, straight_road), HistoryWindow(), Population.ALL).batch
@@ -187,7 +185,7 @@ def test_paths_begin_near_their_vehicle_and_may_end_anywhere(
         assert len(part.meet(batch)[0]) == len(batch)
 
 
-def test_actor_0_and_step_0_may_be_predicted(batch: SampleBatch) -> None:
+def test_actor_0_and_step_0_may_be_predicted(batch) -> None:
     rows = rows_for(batch, modes=1)
     zero = submission(replace(rows, actor_id=np.where(rows.actor_id == 1, 0, rows.actor_id))).of_episode(["made"])
     assert set(zero.actor_id.tolist()) == {0, 12}
@@ -209,7 +207,7 @@ def bag_of(said: list[PredictedPaths], topic: str = "/predictions") -> EpisodeSo
 def everything_said(points: int = 60) -> list[PredictedPaths]:
     """Two paths for each vehicle at each frame of the episode, those without a whole window included."""
     times = 0.1 * np.arange(1, points + 1)
-    found = []
+    messages = []
     for step in range(0, 200, 2):
         now = 0.05 * step
         start = np.array([[5.0 * now, -5.25], [30.0 + 6.0 * now, -1.75]])
@@ -218,15 +216,15 @@ def everything_said(points: int = 60) -> list[PredictedPaths]:
         xy_m = np.repeat(path, 2, axis=0)
         xy_m[1::2, :, 1] += 1.0
         ids = np.array([1, 1, 12, 12], dtype=np.uint32)
-        found.append(PredictedPaths(step, ids, np.array([0.25, 0.75, 0.5, 0.5]), xy_m))
-    return found
+        messages.append(PredictedPaths(step, ids, np.array([0.25, 0.75, 0.5, 0.5]), xy_m))
+    return messages
 
 
 def read(said: list[PredictedPaths], allow_missing: bool = False) -> Any:
     return read_recorded_predictions(bag_of(said), allow_missing)
 
 
-def test_samples_are_taken_and_others_left_out(batch: SampleBatch) -> None:
+def test_samples_are_taken_and_others_left_out(batch) -> None:
     rows, hypotheses = read(everything_said()).meet(batch)
     assert rows.tolist() == list(range(len(batch)))
     first = hypotheses.select(batch.actor_id == 1)
@@ -235,23 +233,23 @@ def test_samples_are_taken_and_others_left_out(batch: SampleBatch) -> None:
     assert np.allclose(first.xy_m[:, 0, -1, 0] - batch.xy_m[batch.actor_id == 1, 0], 25.0)
 
 
-def test_a_frame_without_predictions_is_missing(batch: SampleBatch) -> None:
+def test_a_frame_without_predictions_is_missing(batch) -> None:
     said = everything_said()
-    at = next(number for number, one in enumerate(said) if one.step == 70)
+    at = next(number for number, paths in enumerate(said) if paths.step == 70)
     said[at] = replace(said[at], actor_id=said[at].actor_id[:0], probability=np.zeros(0), xy_m=np.zeros((0, 60, 2)))
     with pytest.raises(InputError, match=r"/predictions of bags/judged: 2 of 40 samples .* is actor 1 at step 70"):
         read(said).meet(batch)
     assert len(read(said, allow_missing=True).meet(batch)[0]) == 38
 
 
-def test_a_program_that_said_nothing(batch: SampleBatch) -> None:
+def test_a_program_that_said_nothing(batch) -> None:
     with pytest.raises(InputError, match="40 of 40 samples have no prediction"):
         read([]).meet(batch)
     assert len(read([], allow_missing=True).meet(batch)[0]) == 0
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"probability": np.array([0.25, 0.25, 0.5, 0.5])}, "1 of 200 samples have probabilities of another sum"),
         ({"probability": np.array([np.nan, 0.75, 0.5, 0.5])}, "1 of 400 probabilities are not finite"),
@@ -259,10 +257,10 @@ def test_a_program_that_said_nothing(batch: SampleBatch) -> None:
         ({"xy_m": np.zeros((4, 31, 2))}, "4 of 400 paths of another horizon; .* actor 1 at step 6 with 31 points"),
     ],
 )
-def test_wrong_messages_are_refused_with_their_number(change: dict[str, Any], told: str) -> None:
+def test_wrong_messages_are_refused_with_their_number(change, message) -> None:
     said = everything_said()
     said[3] = replace(said[3], **change)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         read(said)
 
 

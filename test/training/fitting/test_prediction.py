@@ -13,8 +13,7 @@ from hand_made import made_record
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.predictors import checked
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, Population, future_times_s, samples_of
-from siren_ros.evaluation.prediction.siren_model.features import Features
-from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, make
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, Features, make
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.fitting.prediction import (

@@ -6,7 +6,7 @@ from hand_made import made_record
 
 from siren_ros.evaluation.prediction.baselines import ConstantVelocity
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
-from siren_ros.evaluation.prediction.siren_model.features import Ablation, Features
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import Ablation, Features
 from siren_ros.training.prediction.batches import read_store
 from siren_ros.training.prediction.samples import features_of_record, read_features, write_features
 from siren_ros.training.settings import Split

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from torch.nn.functional import one_hot
 
 from siren_ros.datasets.ngsim_frame import CELLS
+from siren_ros.evaluation.prediction.samples import FUTURE_POINTS
 
 
 def one_hot_modes(samples: int, lateral: int, longitudinal: int) -> Iterator[tuple[Tensor, Tensor]]:
@@ -46,7 +47,6 @@ EMBEDDED: Final = 32
 LATERAL: Final = 3
 LONGITUDINAL: Final = 3
 HISTORY_POINTS: Final = 16
-_POINTS: Final = 25
 
 
 class GatedLinear(nn.Module):
@@ -111,7 +111,7 @@ class _Decoder(nn.Module):
         self.dec_linear = nn.Linear(ENCODED + LATERAL + LONGITUDINAL, ENCODED)
 
     def forward(self, mapped: Tensor, lateral: Tensor, longitudinal: Tensor) -> Tensor:
-        manoeuvre = torch.cat((lateral, longitudinal), dim=-1).expand(_POINTS, -1, -1)
+        manoeuvre = torch.cat((lateral, longitudinal), dim=-1).expand(FUTURE_POINTS, -1, -1)
         hidden, _ = self.lstm(self.dec_linear(torch.cat((mapped, manoeuvre), dim=-1)))
         return gaussian(self.linear1(hidden))
 
@@ -130,7 +130,7 @@ class ManoeuvreGenerator(nn.Module):
         self.op_lat = nn.Linear(ENCODED, LATERAL)
         self.op_lon = nn.Linear(ENCODED, LONGITUDINAL)
         self.normalize = nn.LayerNorm(ENCODED)
-        self.mapping = nn.Parameter(torch.zeros(HISTORY_POINTS, _POINTS, LATERAL + LONGITUDINAL))
+        self.mapping = nn.Parameter(torch.zeros(HISTORY_POINTS, FUTURE_POINTS, LATERAL + LONGITUDINAL))
         self.manmapping = nn.Parameter(torch.zeros(HISTORY_POINTS, 1))
         self.activation = nn.ELU()
 

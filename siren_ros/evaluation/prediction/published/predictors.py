@@ -17,8 +17,6 @@ from torch import Tensor, nn
 from siren_ros.datasets.ngsim_frame import FOOT_M
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.predictors import Hypotheses
-from siren_ros.evaluation.prediction.published.bat import Bat, BatInput
-from siren_ros.evaluation.prediction.published.csp import Csp
 from siren_ros.evaluation.prediction.published.inputs import (
     Features,
     NgsimView,
@@ -32,7 +30,7 @@ from siren_ros.evaluation.prediction.published.inputs import (
     stdan_features,
 )
 from siren_ros.evaluation.prediction.published.layers import Neighbours, NetworkInput, mode_probabilities
-from siren_ros.evaluation.prediction.published.stdan import Stdan
+from siren_ros.evaluation.prediction.published.networks import Bat, BatInput, Csp, Stdan
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch
 from siren_ros.numerics.arrays import Floats
 

@@ -3,15 +3,14 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 
-from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.predictors import LABEL
 from siren_ros.evaluation.prediction.reports.score_table import GroupKind, ScoreTable
-from siren_ros.evaluation.statistics.rank_correlation import RankCorrelation, rank_correlation
+from siren_ros.evaluation.prediction.scoring import EpisodeScores
+from siren_ros.evaluation.statistics import RankCorrelation, rank_correlation
 from siren_ros.scenario.paper import TEMPLATES
 
 
@@ -26,23 +25,19 @@ class PaperRow:
 
 PAPER_MAP: Final = "Town10HD_Opt"
 """Of all its episodes ("Benchmark Construction")."""
-PAPER_SAMPLES: Final[Mapping[str, int]] = MappingProxyType(
-    dict(zip(TEMPLATES, (914, 1371, 825, 1247, 605, 340, 1760), strict=True))
-)
+PAPER_SAMPLES: Final[Mapping[str, int]] = dict(zip(TEMPLATES, (914, 1371, 825, 1247, 605, 340, 1760), strict=True))
 """Scored samples of each template's one base episode (experimental setup, "Trajectory prediction"): 7,062 in all."""
-PAPER_NAMES: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "cv": "CV",
-        "idm": "IDM",
-        "csp": "CSP",
-        "stdan": "STDAN",
-        "bat": "BAT",
-        "emp-m": "EMP-M",
-        "emp-d": "EMP-D",
-        "demo": "DeMo",
-        "demo+realmotion": "DeMo+RealMotion",
-    }
-)
+PAPER_NAMES: Final[Mapping[str, str]] = {
+    "cv": "CV",
+    "idm": "IDM",
+    "csp": "CSP",
+    "stdan": "STDAN",
+    "bat": "BAT",
+    "emp-m": "EMP-M",
+    "emp-d": "EMP-D",
+    "demo": "DeMo",
+    "demo+realmotion": "DeMo+RealMotion",
+}
 """Our name of each of its nine models, and the paper's, in the order of its table."""
 
 _PAIRS: Final = {
@@ -77,8 +72,6 @@ _PAIRS: Final = {
 }
 """Tables "Trajectory Prediction on SIREN-Bench", "NGSIM-style RMSE at the 5-s horizon" and "Multimodal best-of-six"
 (supplement), in metres: by metric a line for each model with S1 to S7 and the mean."""
-_MULTIMODAL: Final = frozenset({"emp-m", "emp-d", "demo", "demo+realmotion"})
-"""The minimum over hypotheses of the others equals their ADE and FDE, as the paper says."""
 
 
 def _read() -> dict[tuple[str, str], PaperRow]:
@@ -88,14 +81,15 @@ def _read() -> dict[tuple[str, str], PaperRow]:
             model, *cells = line.split()
             for position, metric in enumerate(metrics):
                 *values, mean = (float(cell.split("/")[position]) for cell in cells)
-                rows[model, metric] = PaperRow(MappingProxyType(dict(zip(TEMPLATES, values, strict=True))), mean)
+                rows[model, metric] = PaperRow(dict(zip(TEMPLATES, values, strict=True)), mean)
+    # The others have one hypothesis: their minima equal their ADE and FDE, as the paper says.
     for model in PAPER_NAMES:
-        if model not in _MULTIMODAL:
-            rows[model, "min_ade_6_m"], rows[model, "min_fde_6_m"] = rows[model, "ade_m"], rows[model, "fde_m"]
+        rows.setdefault((model, "min_ade_6_m"), rows[model, "ade_m"])
+        rows.setdefault((model, "min_fde_6_m"), rows[model, "fde_m"])
     return rows
 
 
-PAPER: Final[Mapping[tuple[str, str], PaperRow]] = MappingProxyType(_read())
+PAPER: Final[Mapping[tuple[str, str], PaperRow]] = _read()
 """By model and metric."""
 
 
@@ -144,14 +138,14 @@ def compare_with_paper(table: ScoreTable, model: str, metric: str) -> PaperCompa
         return None
     ours = {group.name: table.value(model, group.name, metric) for group in table.of_kind(GroupKind.TEMPLATE)}
     common = {name: value for name, value in ours.items() if value is not None and name in row.by_template}
-    there = [row.by_template[name] for name in common]
+    papers = [row.by_template[name] for name in common]
     mean = table.value(model, GroupKind.ALL, metric)
-    same = row.mean if len(there) == len(row.by_template) else float(np.mean(there)) if there else None
+    same = row.mean if len(papers) == len(row.by_template) else float(np.mean(papers)) if papers else None
     return PaperComparison(
         mean=mean,
         paper_mean=row.mean,
         paper_mean_same_templates=same,
         deviation=None if mean is None else mean / row.mean - 1.0,
         deviation_same_templates=None if same is None else float(np.mean(list(common.values()))) / same - 1.0,
-        ranking=rank_correlation(list(common.values()), there),
+        ranking=rank_correlation(list(common.values()), papers),
     )

@@ -4,15 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores
-from siren_ros.evaluation.prediction.metrics import METRIC_OF, METRICS, Metric, Reliability, no_reliability
+from siren_ros.evaluation.prediction.metrics import BINS, METRIC_OF, METRICS, Metric
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS
-from siren_ros.evaluation.statistics.block_means import (
+from siren_ros.evaluation.prediction.scoring import Category, EpisodeScores, ModelScores
+from siren_ros.evaluation.statistics import (
     BlockSums,
     PairedDifference,
     block_sums,
@@ -20,12 +19,12 @@ from siren_ros.evaluation.statistics.block_means import (
     interval_of_mean,
     paired_difference,
 )
-from siren_ros.numerics.arrays import Codes, Flags, Floats, Rows
+from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.tables.interval import Interval
 
 _PARTS: Final = 3
 """Ranges of a parameter with many values: low, middle, high, with equally many episodes."""
-_EACH_MAX: Final = 4
+_VALUES_MAX: Final = 4
 """A parameter with at most so many values has a row for each."""
 
 
@@ -76,15 +75,15 @@ def _by_parameter(scores: Sequence[EpisodeScores]) -> Iterator[Group]:
 
 
 def _ranges(name: str, values: Floats) -> Iterator[Group]:
-    there = values[~np.isnan(values)]
-    different = np.unique(there)
+    known = values[~np.isnan(values)]
+    different = np.unique(known)
     if len(different) < 2:
         return
-    if len(different) <= _EACH_MAX:
+    if len(different) <= _VALUES_MAX:
         for value in different.tolist():
             yield Group(GroupKind.PARAMETER, f"{name} {value:g}", values == value)
         return
-    bounds = np.quantile(there, np.linspace(0.0, 1.0, _PARTS + 1))
+    bounds = np.quantile(known, np.linspace(0.0, 1.0, _PARTS + 1))
     part = np.searchsorted(bounds[1:-1], values, side="left")
     for number in range(_PARTS):
         inside = (part == number) & ~np.isnan(values)
@@ -94,25 +93,11 @@ def _ranges(name: str, values: Floats) -> Iterator[Group]:
 
 
 @dataclass(frozen=True)
-class SampleTable:
-    """One model's samples; columns of shape ``(N,)``."""
+class SampleTable(ModelScores):
+    """One model's samples of all episodes."""
 
     episode: Rows
-    """Position of the sample's episode among all episodes."""
-    key: npt.NDArray[np.int64]
-    """Tells the samples of an episode apart, whatever the model: ``step << 32 | actor_id``."""
-    category: Codes
-    moved_m: Floats
-    values: Mapping[str, Floats]
-    """By metric."""
-    population_size: int
-    """Samples of the population; more than there are where predictions are missing."""
-    distance_sum_m: Floats
-    """Over all samples, at each time of the grid; shape ``(FUTURE_POINTS,)``."""
-    reliability: Reliability
-
-    def __len__(self) -> int:
-        return len(self.episode)
+    """Position of the sample's episode among all episodes, shape ``(N,)``."""
 
     @property
     def coverage(self) -> float:
@@ -123,23 +108,21 @@ class SampleTable:
 def sample_table(scores: Sequence[EpisodeScores], model: str) -> SampleTable:
     """The samples of one model."""
     parts = [episode.models[model] for episode in scores]
-    counts = [len(part) for part in parts]
-    reliability = no_reliability()
-    for part in parts:
-        reliability += part.reliability
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("step", "actor_id", "category", "moved_m")
+    }
     return SampleTable(
-        episode=np.repeat(np.arange(len(parts)), counts),
-        key=np.concatenate([(part.step << 32) | part.actor_id for part in parts]).astype(np.int64),
-        category=np.concatenate([part.category for part in parts]),
-        moved_m=np.concatenate([part.moved_m for part in parts]),
+        **columns,
         values={metric.name: np.concatenate([part.values[metric.name] for part in parts]) for metric in METRICS},
-        population_size=sum(part.population_size for part in parts),
         distance_sum_m=sum((part.distance_sum_m for part in parts), np.zeros(FUTURE_POINTS)),
-        reliability=reliability,
+        reliability=sum((part.reliability for part in parts), np.zeros((3, BINS))),
+        population_size=sum(part.population_size for part in parts),
+        episode=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
     )
 
 
-PARAMETER_METRICS: Final = frozenset({"ade_m", "fde_m"})
+_PARAMETER_METRICS: Final = frozenset({"ade_m", "fde_m"})
 """Of the many rows by parameter."""
 
 
@@ -191,7 +174,7 @@ def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
             if group.category is not None:
                 chosen &= table.category == group.category
             for metric in METRICS:
-                if group.kind is GroupKind.PARAMETER and metric.name not in PARAMETER_METRICS:
+                if group.kind is GroupKind.PARAMETER and metric.name not in _PARAMETER_METRICS:
                     continue
                 sums = sums_of(table, metric, chosen, stratum)
                 cells[model, group.name, metric.name] = Score(interval_of_mean(sums), int(sums.count.sum()))
@@ -256,11 +239,5 @@ def differences(table: ScoreTable, seed: int = 0) -> tuple[Difference, ...]:
 
 def common_rows(first: SampleTable, second: SampleTable) -> tuple[Rows, Rows]:
     """Rows of the samples that both models have, in the same order."""
-    keys = [np.stack((table.episode, table.key), axis=1) for table in (first, second)]
-    both, inverse = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
-    place = np.full((2, len(both)), -1, dtype=np.intp)
-    inverse = inverse.ravel()
-    place[0, inverse[: len(first)]] = np.arange(len(first))
-    place[1, inverse[len(first) :]] = np.arange(len(second))
-    there = (place >= 0).all(axis=0)
-    return place[0, there], place[1, there]
+    keys, other_keys = (np.rec.fromarrays((table.episode, table.step, table.actor_id)) for table in (first, second))
+    return np.intersect1d(keys, other_keys, assume_unique=True, return_indices=True)[1:]

@@ -30,16 +30,16 @@ def drawn(network: Any, seed: int = 7) -> Any:
 
 def recurrent(lstm: Any, sequence: Tensor) -> Tensor:
     """The hidden states of an LSTM over one sequence ``(T, F)``, gate by gate."""
-    (from_input, from_hidden), (one, two) = lstm.all_weights[0][:2], lstm.all_weights[0][2:]
+    from_input, from_hidden, input_bias, hidden_bias = lstm.all_weights[0]
     hidden = cell = sequence.new_zeros(lstm.hidden_size)
-    found = []
+    states = []
     for values in sequence:
-        gates = from_input @ values + one + from_hidden @ hidden + two
+        gates = from_input @ values + input_bias + from_hidden @ hidden + hidden_bias
         let_in, forget, new, let_out = gates.chunk(4)
         cell = torch.sigmoid(forget) * cell + torch.sigmoid(let_in) * torch.tanh(new)
         hidden = torch.sigmoid(let_out) * torch.tanh(cell)
-        found.append(hidden)
-    return torch.stack(found)
+        states.append(hidden)
+    return torch.stack(states)
 
 
 def gaussians(raw: Tensor) -> Tensor:
@@ -128,19 +128,19 @@ def plain_stdan(network: Any, past: Tensor, around: Around) -> tuple[Tensor, Ten
     def encoded(track: Tensor) -> Tensor:
         return recurrent(gd.lstm, elu(gd.linear1(track)))
 
-    own = encoded(past)
+    target = encoded(past)
     cells = torch.zeros(CELLS, POINTS, 64)
     for cell, track in around.items():
         cells[cell] = encoded(track)
     social = []
     for point in range(POINTS):
         seen = cells[:, point]
-        found = four_heads(gd.qff(own[point]), gd.kff(seen), gd.vff(seen))
-        social.append(normalised(gd.addAndNorm.normalize, own[point] + gated(gd.first_glu, found)))
+        attention = four_heads(gd.qff(target[point]), gd.kff(seen), gd.vff(seen))
+        social.append(normalised(gd.addAndNorm.normalize, target[point] + gated(gd.first_glu, attention)))
     over = torch.stack(social)
     keys, values = gd.kt(over), gd.vt(over)
     timed = torch.stack([gated(gd.second_glu, four_heads(gd.qt(point), keys, values)) for point in over])
-    return plain_generator(network.g, normalised(gd.addAndNorm.normalize, own + timed), None)
+    return plain_generator(network.g, normalised(gd.addAndNorm.normalize, target + timed), None)
 
 
 def plain_bat_encoder(network: Any, scene: list[tuple[Tensor, Around, Tensor]]) -> list[Tensor]:
@@ -168,7 +168,7 @@ def plain_bat_encoder(network: Any, scene: list[tuple[Tensor, Around, Tensor]]) 
     behaviour = [
         recurrent(
             gd.lstm_behavior,
-            torch.stack([leaky_relu(gd.linear_behavior(found[point]), 0.1).flatten() for _, _, found in scene]),
+            torch.stack([leaky_relu(gd.linear_behavior(felt[point]), 0.1).flatten() for _, _, felt in scene]),
         )
         for point in range(POINTS)
     ]

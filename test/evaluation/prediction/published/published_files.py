@@ -22,9 +22,9 @@ def golden(model: str) -> dict[str, np.ndarray[Any, Any]]:
         return dict(content)
 
 
-def golden_cells(found: dict[str, np.ndarray[Any, Any]]) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+def golden_cells(known: dict[str, np.ndarray[Any, Any]]) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     """Sample and cell of each neighbour of golden inputs."""
-    taken = found["mask"][..., 0].reshape(len(found["mask"]), -1)
+    taken = known["mask"][..., 0].reshape(len(known["mask"]), -1)
     sample, cell = np.nonzero(taken)
     return sample, cell
 

@@ -7,10 +7,8 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.published.bat import Bat
-from siren_ros.evaluation.prediction.published.csp import Csp
+from siren_ros.evaluation.prediction.published.networks import Bat, Csp, Stdan
 from siren_ros.evaluation.prediction.published.predictors import load_weights
-from siren_ros.evaluation.prediction.published.stdan import Stdan
 
 
 @pytest.fixture
@@ -20,7 +18,7 @@ def path(tmp_path: Path) -> Path:
 
 def equal(first: Any, second: Any) -> bool:
     pairs = zip(first.state_dict().values(), second.state_dict().values(), strict=True)
-    return all(torch.equal(one, other) for one, other in pairs)
+    return all(torch.equal(*pair) for pair in pairs)
 
 
 def assert_refused(path: Path, match: str = "checkpoint") -> None:
@@ -28,7 +26,7 @@ def assert_refused(path: Path, match: str = "checkpoint") -> None:
         load_weights(Csp(), "csp", path)
 
 
-def test_weights_are_loaded_by_their_names(path: Path) -> None:
+def test_weights_are_loaded_by_their_names(path) -> None:
     saved, network = Csp(), Csp()
     torch.save(saved.state_dict(), path)
     assert not equal(saved, network)
@@ -37,7 +35,7 @@ def test_weights_are_loaded_by_their_names(path: Path) -> None:
     assert not network.training
 
 
-def test_other_layouts_of_published_files(path: Path, tmp_path: Path) -> None:
+def test_other_layouts_of_published_files(path, tmp_path) -> None:
     csp, network = Csp(), Csp()
     renamed = {name.replace("conv_3x1.", "soc_conv_3x1."): value for name, value in csp.state_dict().items()}
     torch.save({"epoch": 3, "state_dict": renamed, "optim_dict": {}}, path)
@@ -55,13 +53,13 @@ def test_other_layouts_of_published_files(path: Path, tmp_path: Path) -> None:
         assert equal(stdan, pair)
 
 
-def test_one_half_of_a_pair_is_not_enough(tmp_path: Path) -> None:
+def test_one_half_of_a_pair_is_not_enough(tmp_path) -> None:
     torch.save(Stdan().gd.state_dict(), tmp_path / "epoch9_gd.tar")
     with pytest.raises(InputError, match=r"epoch9_g\.tar.*can be read"):
         load_weights(Stdan(), "stdan", tmp_path / "epoch9_gd.tar")
 
 
-def test_missing_unknown_and_reshaped_weights_are_counted(path: Path) -> None:
+def test_missing_unknown_and_reshaped_weights_are_counted(path) -> None:
     content = dict(Csp().state_dict())
     del content["op_lat.weight"], content["op_lat.bias"]
     content["op.weight"] = torch.zeros(2, 128)
@@ -72,7 +70,7 @@ def test_missing_unknown_and_reshaped_weights_are_counted(path: Path) -> None:
 
 
 @pytest.mark.parametrize(("other", "network"), [(Csp, Stdan), (Stdan, Bat), (Bat, Csp)])
-def test_the_weights_of_another_model_are_refused(other: Any, network: Any, path: Path) -> None:
+def test_the_weights_of_another_model_are_refused(other, network, path) -> None:
     torch.save(other().state_dict(), path)
     before = network()
     untouched = network()
@@ -82,7 +80,7 @@ def test_the_weights_of_another_model_are_refused(other: Any, network: Any, path
     assert equal(before, untouched)
 
 
-def test_weights_that_are_not_finite_are_refused(path: Path) -> None:
+def test_weights_that_are_not_finite_are_refused(path) -> None:
     content = Csp().state_dict()
     content["op.weight"][1, 2] = float("inf")
     content["op.bias"][2] = float("nan")
@@ -98,7 +96,7 @@ def test_weights_that_are_not_finite_are_refused(path: Path) -> None:
         (Bat, {"gd.addAndNorm.normalize.weight": (64,), "gd.kt.bias": (192,), "g.manmapping": (16, 1)}),
     ],
 )
-def test_weights_that_are_not_used_have_the_shapes_of_the_published_ones(network: Any, shapes: dict[str, Any]) -> None:
+def test_weights_that_are_not_used_have_the_shapes_of_the_published_ones(network, shapes) -> None:
     """Without them the authors' files would be refused."""
     content = network().state_dict()
     assert {name: tuple(content[name].shape) for name in shapes} == shapes
@@ -107,34 +105,34 @@ def test_weights_that_are_not_used_have_the_shapes_of_the_published_ones(network
 class _Touching:
     """Unpickling it makes a file."""
 
-    def __init__(self, made: Path) -> None:
-        self.made = made
+    def __init__(self, file: Path) -> None:
+        self.file = file
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Path.touch, (self.made,)
+        return Path.touch, (self.file,)
 
 
 @pytest.mark.parametrize("protocol", [None, 0, 2, 4])
-def test_code_in_a_checkpoint_is_refused_and_does_not_run(protocol: int | None, path: Path, tmp_path: Path) -> None:
-    made = tmp_path / "made"
-    content = {**Csp().state_dict(), "trap": _Touching(made)}
+def test_code_in_a_checkpoint_is_refused_and_does_not_run(protocol, path, tmp_path) -> None:
+    file = tmp_path / "file"
+    content = {**Csp().state_dict(), "trap": _Touching(file)}
     if protocol is None:
         torch.save(content, path)
     else:
         path.write_bytes(pickle.dumps(content, protocol))
     assert_refused(path)
-    assert not made.exists()
+    assert not file.exists()
 
 
 @pytest.mark.parametrize(
     "content", [b"", b"x", b"PK\x03\x04" + bytes(40), b"\x80\x02" + b"\xff" * 30, b"{}", b"\x00" * 512]
 )
-def test_other_files_are_refused(content: bytes, path: Path) -> None:
+def test_other_files_are_refused(content, path) -> None:
     path.write_bytes(content)
     assert_refused(path)
 
 
-def test_a_damaged_file_is_refused(path: Path) -> None:
+def test_a_damaged_file_is_refused(path) -> None:
     torch.save(Csp().state_dict(), path)
     whole = path.read_bytes()
     for end in (100, len(whole) // 2, len(whole) - 10):
@@ -143,11 +141,11 @@ def test_a_damaged_file_is_refused(path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [[1, 2], torch.zeros(3), {"op.weight": 3}, {1: torch.zeros(2)}, {"state_dict": 5}])
-def test_files_of_torch_with_something_else_are_refused(content: Any, path: Path) -> None:
+def test_files_of_torch_with_something_else_are_refused(content, path) -> None:
     torch.save(content, path)
     assert_refused(path)
 
 
-def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_is_refused(tmp_path) -> None:
     for place in (tmp_path / "nothing.pt", tmp_path):
         assert_refused(place, "a file that can be read")

@@ -13,8 +13,6 @@ from plain_networks import chosen, drawn, plain_bat_encoder, plain_csp, plain_ge
 from published_files import golden, golden_cells, weights
 from torch import Tensor
 
-from siren_ros.evaluation.prediction.published.bat import Bat, BatInput
-from siren_ros.evaluation.prediction.published.csp import Csp
 from siren_ros.evaluation.prediction.published.layers import (
     Groups,
     Neighbours,
@@ -22,8 +20,8 @@ from siren_ros.evaluation.prediction.published.layers import (
     mode_probabilities,
     one_hot_modes,
 )
+from siren_ros.evaluation.prediction.published.networks import Bat, BatInput, Csp, Stdan
 from siren_ros.evaluation.prediction.published.predictors import load_weights
-from siren_ros.evaluation.prediction.published.stdan import Stdan
 
 
 def neighbours_of(samples: int, sample: list[int], cell: list[int]) -> Neighbours:
@@ -35,15 +33,15 @@ def around(others: Tensor, given: Neighbours, number: int) -> dict[int, Tensor]:
     return {int(given.cell[row]): others[:, row] for row in torch.nonzero(given.sample == number).flatten().tolist()}
 
 
-def assert_close(found: Any, known: Any) -> None:
-    for value, expected in zip(found, known, strict=True):
+def assert_close(answers: Any, known: Any) -> None:
+    for value, expected in zip(answers, known, strict=True):
         torch.testing.assert_close(value, expected, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize(
     ("sample", "cell"), [([0, 0, 2, 2, 2], [0, 21, 12, 14, 38]), ([], [])], ids=["some neighbours", "nobody"]
 )
-def test_csp_answers_samples_together_as_each_alone(sample: list[int], cell: list[int]) -> None:
+def test_csp_answers_samples_together_as_each_alone(sample, cell) -> None:
     """Neighbours at both ends of the grid, in all columns; the second of three samples has none."""
     network, generator = drawn(Csp()), torch.Generator().manual_seed(1)
     past, others = (torch.randn((16, count, 2), generator=generator) for count in (3, len(sample)))
@@ -57,7 +55,7 @@ def test_csp_answers_samples_together_as_each_alone(sample: list[int], cell: lis
 
 
 @pytest.mark.parametrize(("sample", "cell"), [([0, 0, 0, 2], [0, 20, 38, 7]), ([], [])])
-def test_stdan_attends_to_empty_cells_too(sample: list[int], cell: list[int]) -> None:
+def test_stdan_attends_to_empty_cells_too(sample, cell) -> None:
     """A cell without a vehicle is a vector of zeros, whose key and value are the biases: it draws attention."""
     network, generator = drawn(Stdan()), torch.Generator().manual_seed(1)
     past, others = (torch.randn((16, count, 5), generator=generator) for count in (3, len(sample)))
@@ -75,9 +73,7 @@ def test_stdan_attends_to_empty_cells_too(sample: list[int], cell: list[int]) ->
     [([0, 0, 1, 2], [0, 0, 0, 1, 3], [3, 19, 30, 21, 38]), ([0, 0], [], [])],
     ids=["scenes of different sizes", "nobody has a neighbour"],
 )
-def test_bat_attends_within_scenes_and_runs_on_from_sample_to_sample(
-    scene: list[int], sample: list[int], cell: list[int]
-) -> None:
+def test_bat_attends_within_scenes_and_runs_on_from_sample_to_sample(scene, sample, cell) -> None:
     """The first sample has three neighbours, the second of its scene one; the sample of the second scene has none."""
     network, generator = drawn(Bat()), torch.Generator().manual_seed(1)
     shapes = (16, len(scene), 8), (16, len(sample), 8), (16, len(scene), 39, 6)
@@ -123,9 +119,9 @@ def bat_input(known: dict[str, Any], scene: Any) -> BatInput:
     )
 
 
-def assert_published(found: Any, known: Mapping[str, Any], *names: str) -> None:
+def assert_published(answers: Any, known: Mapping[str, Any], *names: str) -> None:
     """Holds answers against what the authors' code answered."""
-    for values, expected in zip(found, (known[name] for name in names), strict=True):
+    for values, expected in zip(answers, (known[name] for name in names), strict=True):
         assert values.shape == expected.shape
         assert np.abs(values.numpy() - expected).max() <= TOLERANCE
 
@@ -134,23 +130,23 @@ def test_csp_answers_as_published() -> None:
     known = golden("csp")
     given = NetworkInput(stacked(known, "hist"), stacked(known, "nbrs"), golden_neighbours(known))
     with torch.inference_mode():
-        found = load_weights(Csp(), "csp", weights("csp"))(given)
-    assert_published(found, known, "out_modes", "lat_prob", "lon_prob")
+        answers = load_weights(Csp(), "csp", weights("csp"))(given)
+    assert_published(answers, known, "out_modes", "lat_prob", "lon_prob")
 
 
 def test_stdan_answers_as_published() -> None:
     known, network = golden("stdan"), load_weights(Stdan(), "stdan", weights("stdan"))
     with torch.inference_mode():
-        found = *network(stdan_input(known)), network.gd(stdan_input(known))
-    assert_published(found, known, "pred", "lat_prob", "lon_prob", "encoded")
+        answers = *network(stdan_input(known)), network.gd(stdan_input(known))
+    assert_published(answers, known, "pred", "lat_prob", "lon_prob", "encoded")
 
 
 def test_bat_answers_as_published_where_the_batch_is_one_scene() -> None:
     known, network = golden("bat"), load_weights(Bat(), "bat", weights("bat"))
     given = bat_input(known, torch.zeros(24, dtype=torch.long))
     with torch.inference_mode():
-        found = *network(given), network.gd(given)
-    assert_published(found, known, "out_modes", "lat_prob", "lon_prob", "encoded")
+        answers = *network(given), network.gd(given)
+    assert_published(answers, known, "out_modes", "lat_prob", "lon_prob", "encoded")
 
 
 def test_scenes_of_bat_know_nothing_of_each_other() -> None:
@@ -170,7 +166,7 @@ def test_scenes_of_bat_know_nothing_of_each_other() -> None:
 
 
 @pytest.mark.parametrize("network", [Csp(), Stdan()], ids=["csp", "stdan"])
-def test_a_sample_is_answered_alone_as_among_others(network: Any) -> None:
+def test_a_sample_is_answered_alone_as_among_others(network) -> None:
     network.eval()
     generator = torch.Generator().manual_seed(3)
     width = 2 if isinstance(network, Csp) else 5

@@ -18,8 +18,6 @@ from siren_ros.cli.main import main
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.predictors import Hypotheses, Predictor, checked, predictors_named
 from siren_ros.evaluation.prediction.published import predictors
-from siren_ros.evaluation.prediction.published.bat import Bat, BatInput
-from siren_ros.evaluation.prediction.published.csp import Csp
 from siren_ros.evaluation.prediction.published.inputs import (
     NgsimView,
     bat_features,
@@ -31,8 +29,8 @@ from siren_ros.evaluation.prediction.published.inputs import (
     stdan_features,
 )
 from siren_ros.evaluation.prediction.published.layers import Neighbours, NetworkInput
+from siren_ros.evaluation.prediction.published.networks import Bat, BatInput, Csp, Stdan
 from siren_ros.evaluation.prediction.published.predictors import PublishedPredictor, make_bat, make_csp, make_stdan
-from siren_ros.evaluation.prediction.published.stdan import Stdan
 from siren_ros.evaluation.prediction.samples import Population, SampleBatch, samples_of
 from siren_ros.roads.road_network import RoadNetwork
 
@@ -62,13 +60,13 @@ def predictor(model: str, drawn_weights: dict[str, Path]) -> Predictor:
 def turned(tracks: dict[int, Track], angle_rad: float) -> dict[int, Track]:
     """The tracks, turned around (0, 500)."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    found = {}
+    turned_tracks = {}
     for key, track in tracks.items():
         x, y, vx, vy, yaw = track.states.T
         y = y - 500.0
         columns = (cos * x - sin * y, sin * x + cos * y + 500.0, cos * vx - sin * vy, sin * vx + cos * vy)
-        found[key] = Track(np.stack((*columns, yaw + angle_rad), axis=1), accel_mps2=track.accel_mps2)
-    return found
+        turned_tracks[key] = Track(np.stack((*columns, yaw + angle_rad), axis=1), accel_mps2=track.accel_mps2)
+    return turned_tracks
 
 
 def batch_of(tracks: dict[int, Track], network: RoadNetwork) -> SampleBatch:
@@ -81,33 +79,31 @@ def off_the_lanes() -> dict[int, Track]:
     return {key: moving(x, y, speed, accel_mps2=0.1) for key, (x, y, speed) in enumerate(places, start=1)}
 
 
-def test_steady_traffic_is_predicted_to_go_on(model: str, straight_road: RoadNetwork) -> None:
+def test_steady_traffic_is_predicted_to_go_on(model, straight_road) -> None:
     predictor = predictors_named([model], {model: weights(model)})[model]
     tracks = {key: moving(-25.0 + 25.0 * key, -5.25 + 3.5 * (key % 2), 15.0) for key in range(1, 7)}
     scored = samples_of(record_with(tracks, straight_road), predictor.window, Population.ALL)
-    found = checked(model, predictor.predict(scored.batch), len(scored))
-    assert found.xy_m.shape == (len(scored), MODES[model], 25, 2)
-    miss = np.linalg.norm(found.xy_m[:, 0] - scored.future_xy_m, axis=-1)
+    hypotheses = checked(model, predictor.predict(scored.batch), len(scored))
+    assert hypotheses.xy_m.shape == (len(scored), MODES[model], 25, 2)
+    miss = np.linalg.norm(hypotheses.xy_m[:, 0] - scored.future_xy_m, axis=-1)
     # The vehicles go 75 m in that time; BAT is the worst of the three.
     assert miss.mean() < (4.0 if model == "bat" else 2.0)
-    first = np.linalg.norm(found.xy_m[:, 0, 0] - scored.batch.xy_m, axis=-1)
+    first = np.linalg.norm(hypotheses.xy_m[:, 0, 0] - scored.batch.xy_m, axis=-1)
     assert first == pytest.approx(3.0, abs=0.8)
 
 
 @pytest.mark.parametrize("angle_rad", [0.5, np.pi / 2, -2.5])
-def test_a_turned_world_is_predicted_turned(angle_rad: float, predictor: Predictor, straight_road: RoadNetwork) -> None:
+def test_a_turned_world_is_predicted_turned(angle_rad, predictor, straight_road) -> None:
     straight = predictor.predict(batch_of(off_the_lanes(), straight_road))
-    found = predictor.predict(batch_of(turned(off_the_lanes(), angle_rad), straight_road))
+    hypotheses = predictor.predict(batch_of(turned(off_the_lanes(), angle_rad), straight_road))
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     x, y = straight.xy_m[..., 0], straight.xy_m[..., 1] - 500.0
     expected = np.stack((cos * x - sin * y, sin * x + cos * y + 500.0), axis=-1)
-    assert np.abs(found.xy_m - expected).max() < 0.02
-    assert np.abs(found.probability - straight.probability).max() < 1e-3
+    assert np.abs(hypotheses.xy_m - expected).max() < 0.02
+    assert np.abs(hypotheses.probability - straight.probability).max() < 1e-3
 
 
-def test_frames_are_predicted_one_by_one(
-    predictor: Predictor, straight_road: RoadNetwork, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_frames_are_predicted_one_by_one(predictor, straight_road, monkeypatch) -> None:
     batch = batch_of(off_the_lanes(), straight_road)
     whole = predictor.predict(batch)
     monkeypatch.setattr(predictors, "_PART", 1)
@@ -116,18 +112,18 @@ def test_frames_are_predicted_one_by_one(
     assert np.abs(whole.probability - single.probability).max() < 1e-5
 
 
-def test_the_most_probable_manoeuvres_are_the_answer(predictor: Predictor, straight_road: RoadNetwork) -> None:
-    found = predictor.predict(batch_of(off_the_lanes(), straight_road))
-    assert (np.diff(found.probability, axis=1) <= 0.0).all()
-    assert found.probability.sum(axis=1) == pytest.approx(1.0)
+def test_the_most_probable_manoeuvres_are_the_answer(predictor, straight_road) -> None:
+    hypotheses = predictor.predict(batch_of(off_the_lanes(), straight_road))
+    assert (np.diff(hypotheses.probability, axis=1) <= 0.0).all()
+    assert hypotheses.probability.sum(axis=1) == pytest.approx(1.0)
 
 
-def test_without_samples_there_is_no_hypothesis(predictor: Predictor, straight_road: RoadNetwork) -> None:
-    found: Hypotheses = predictor.predict(batch_of({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road))
-    assert len(found) == 0
+def test_without_samples_there_is_no_hypothesis(predictor, straight_road) -> None:
+    hypotheses: Hypotheses = predictor.predict(batch_of({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road))
+    assert len(hypotheses) == 0
 
 
-def test_one_vehicle_alone_has_a_prediction(model: str, predictor: Predictor, straight_road: RoadNetwork) -> None:
+def test_one_vehicle_alone_has_a_prediction(model, predictor, straight_road) -> None:
     batch = batch_of({1: moving(0.0, 500.0, 22.0)}, straight_road)
     checked(model, predictor.predict(batch), len(batch))
 
@@ -143,19 +139,19 @@ def batch(straight_road: RoadNetwork) -> SampleBatch:
     return batch_of(tracks, straight_road)
 
 
-def test_feet_to_the_right_and_ahead_are_metres_on_the_map(batch: SampleBatch) -> None:
+def test_feet_to_the_right_and_ahead_are_metres_on_the_map(batch) -> None:
     """Two modes: 10 feet to the right, 100 ahead; 5 to the left, 200 ahead. The second is the likelier one."""
 
     def answer(view: NgsimView) -> Any:
         modes = np.broadcast_to(np.array([[10.0, 100.0], [-5.0, 200.0]])[None, :, None], (len(view), 2, 25, 2))
         return modes, np.tile([0.3, 0.7], (len(view), 1))
 
-    found = PublishedPredictor(answer).predict(batch)
-    assert found.probability[0].tolist() == [0.7, 0.3]
+    hypotheses = PublishedPredictor(answer).predict(batch)
+    assert hypotheses.probability[0].tolist() == [0.7, 0.3]
     # The road goes eastwards: ahead is +x, and the right is −y.
     for mode, (right_ft, ahead_ft) in enumerate([(-5.0, 200.0), (10.0, 100.0)]):
         expected = batch.xy_m + np.array([ahead_ft * FOOT_M, -right_ft * FOOT_M])
-        assert found.xy_m[:, mode] == pytest.approx(np.repeat(expected[:, None], 25, axis=1))
+        assert hypotheses.xy_m[:, mode] == pytest.approx(np.repeat(expected[:, None], 25, axis=1))
 
 
 def on_the_road(batch: SampleBatch, right_ahead_ft: Any) -> Any:
@@ -174,7 +170,7 @@ def tensors(features: Any, view: NgsimView) -> tuple[Any, Any, Neighbours]:
     return *(torch.from_numpy(values) for values in features), around
 
 
-def assert_ranked(found: Any, batch: SampleBatch, modes_ft: Any, lateral: Any, longitudinal: Any) -> None:
+def assert_ranked(hypotheses: Any, batch: SampleBatch, modes_ft: Any, lateral: Any, longitudinal: Any) -> None:
     """Mode l + 3 k is that of the lateral manoeuvre l and the longitudinal manoeuvre k; the likeliest comes first."""
     places = on_the_road(batch, modes_ft)
     for sample in range(len(batch)):
@@ -182,45 +178,46 @@ def assert_ranked(found: Any, batch: SampleBatch, modes_ft: Any, lateral: Any, l
             float(lateral[sample, mode % 3] * longitudinal[sample, mode // 3]) for mode in range(len(modes_ft[0]))
         ]
         order = np.argsort(likely)[::-1]
-        assert found.probability[sample] == pytest.approx(np.array(likely)[order], abs=1e-6)
-        assert found.xy_m[sample] == pytest.approx(places[sample, order], abs=1e-4)
+        assert hypotheses.probability[sample] == pytest.approx(np.array(likely)[order], abs=1e-6)
+        assert hypotheses.xy_m[sample] == pytest.approx(places[sample, order], abs=1e-4)
 
 
-def test_csp_on_the_map(batch: SampleBatch, tmp_path: Path) -> None:
+def test_csp_on_the_map(batch, tmp_path) -> None:
     network, view = drawn(Csp()), ngsim_view(batch)
     with torch.inference_mode():
         modes, lateral, longitudinal = network(NetworkInput(*tensors(csp_features(view), view)))
-    found = make_csp(saved(network, tmp_path)).predict(batch)
+    hypotheses = make_csp(saved(network, tmp_path)).predict(batch)
     modes_ft = np.array([[modes[mode, :, sample, :2].numpy() for mode in range(6)] for sample in range(len(batch))])
-    assert_ranked(found, batch, modes_ft, lateral, longitudinal)
+    assert_ranked(hypotheses, batch, modes_ft, lateral, longitudinal)
 
 
-def test_stdan_on_the_map(batch: SampleBatch, tmp_path: Path) -> None:
+def test_stdan_on_the_map(batch, tmp_path) -> None:
     network, view = drawn(Stdan()), ngsim_view(batch)
     with torch.inference_mode():
         path, _, _ = network(NetworkInput(*tensors(stdan_features(view), view)))
-    found = make_stdan(saved(network, tmp_path)).predict(batch)
-    assert (found.probability == 1.0).all()
-    assert found.probability.shape == (len(batch), 1)
-    assert found.xy_m == pytest.approx(on_the_road(batch, path[..., :2].permute(1, 0, 2)[:, None].numpy()), abs=1e-4)
+    hypotheses = make_stdan(saved(network, tmp_path)).predict(batch)
+    assert (hypotheses.probability == 1.0).all()
+    assert hypotheses.probability.shape == (len(batch), 1)
+    places = on_the_road(batch, path[..., :2].permute(1, 0, 2)[:, None].numpy())
+    assert hypotheses.xy_m == pytest.approx(places, abs=1e-4)
 
 
-def test_bat_on_the_map(batch: SampleBatch, tmp_path: Path) -> None:
+def test_bat_on_the_map(batch, tmp_path) -> None:
     network, view = drawn(Bat()), ngsim_view(batch)
-    own, others = (polar(places) for places in positions_ft(view))
-    behaviour = torch.from_numpy(behaviour_tensor(own, others, view.sample, view.cell))
+    targets, others = (polar(places) for places in positions_ft(view))
+    behaviour = torch.from_numpy(behaviour_tensor(targets, others, view.sample, view.cell))
     past, around, neighbours = tensors(bat_features(view), view)
     with torch.inference_mode():
         scene = torch.from_numpy(view.scene)
         modes, lateral, longitudinal = network(BatInput(past, around, neighbours, behaviour, scene))
-    found = make_bat(saved(network, tmp_path)).predict(batch)
+    hypotheses = make_bat(saved(network, tmp_path)).predict(batch)
     # Its means are a distance and an angle from the right towards ahead.
     r, phi = (modes[..., column].double().numpy().transpose(2, 0, 1) for column in (0, 1))
-    assert_ranked(found, batch, np.stack((r * np.cos(phi), r * np.sin(phi)), axis=-1), lateral, longitudinal)
+    assert_ranked(hypotheses, batch, np.stack((r * np.cos(phi), r * np.sin(phi)), axis=-1), lateral, longitudinal)
 
 
 @pytest.mark.parametrize("make", [make_csp, make_stdan, make_bat])
-def test_without_weights_the_models_are_none(make: Any) -> None:
+def test_without_weights_the_models_are_none(make) -> None:
     with pytest.raises(InputError, match="checkpoint"):
         make(None)
 
@@ -229,7 +226,7 @@ def evaluate(bag: Path, *more: str) -> int:
     return main(["evaluate", "prediction", str(bag), "--models", "csp", *more])
 
 
-def test_a_wrong_checkpoint_ends_the_command_with_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_checkpoint_ends_the_command_with_one_line(tmp_path, capsys) -> None:
     torch.save({"op.weight": torch.zeros(5, 128)}, tmp_path / "other.pt")
     assert evaluate(tmp_path, "--checkpoint", f"csp={tmp_path / 'other.pt'}") == 2
     error = capsys.readouterr().err.strip()
@@ -238,9 +235,7 @@ def test_a_wrong_checkpoint_ends_the_command_with_one_line(tmp_path: Path, capsy
     assert "21 of 22 missing, first ip_emb.weight" in error
 
 
-def test_without_a_checkpoint_the_command_says_how_to_give_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_checkpoint_the_command_says_how_to_give_one(tmp_path, capsys) -> None:
     assert evaluate(tmp_path) == 2
     assert "--checkpoint csp=PATH" in capsys.readouterr().err
 
@@ -264,7 +259,7 @@ def run_without_torch(*arguments: Any) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
 
 
-def test_without_torch_the_command_says_how_to_get_it(tmp_path: Path) -> None:
+def test_without_torch_the_command_says_how_to_get_it(tmp_path) -> None:
     ended = run_without_torch(
         "evaluate", "prediction", tmp_path, "--models", "csp", "--checkpoint", f"csp={tmp_path / 'x.pt'}"
     )

@@ -27,16 +27,16 @@ from siren_ros.scenario.paper import TEMPLATES
         (["town", PAPER_MAP, "town"], "maps, pooled: Town10HD_Opt (1), town (2); the paper's is Town10HD_Opt"),
     ],
 )
-def test_the_maps_are_named_with_their_episodes(maps: list[str], text: str) -> None:
-    one = episode_scores("S1", {"cv": model_scores(np.ones(2))})
-    assert maps_next_to_the_papers([replace(one, map_name=name) for name in maps]) == text
+def test_the_maps_are_named_with_their_episodes(maps, text) -> None:
+    episode = episode_scores("S1", {"cv": model_scores(np.ones(2))})
+    assert maps_next_to_the_papers([replace(episode, map_name=name) for name in maps]) == text
 
 
 PAPER_SOURCE = SHARED / "paper" / "siren.tex"
 
 
 @pytest.mark.parametrize("key", PAPER, ids="-".join)
-def test_the_printed_mean_is_that_of_the_templates(key: tuple[str, str]) -> None:
+def test_the_printed_mean_is_that_of_the_templates(key) -> None:
     row = PAPER[key]
     assert tuple(row.by_template) == TEMPLATES
     assert np.mean(list(row.by_template.values())) == pytest.approx(row.mean, abs=0.0101)
@@ -58,7 +58,7 @@ def test_all_nine_rows_have_all_metrics() -> None:
 
 @pytest.mark.skipif(not PAPER_SOURCE.is_file(), reason="the paper's source is not here")
 @pytest.mark.parametrize("model", PAPER_NAMES)
-def test_the_values_are_the_papers(model: str) -> None:
+def test_the_values_are_the_papers(model) -> None:
     name = re.escape(PAPER_NAMES[model])
     source = PAPER_SOURCE.read_text(encoding="utf-8")
     rows = re.findall(
@@ -71,9 +71,9 @@ def test_the_values_are_the_papers(model: str) -> None:
     tables = [[float(cell.split("/")[place]) for cell in pairs] for place in (0, 1)] + singles
     names = ("ade_m", "fde_m", "rmse_5s_m", "min_ade_6_m", "min_fde_6_m")
     assert len(tables) in (3, 5)
-    for metric, found in zip(names, tables, strict=False):
+    for metric, printed in zip(names, tables, strict=False):
         row = PAPER[model, metric]
-        assert [*row.by_template.values(), row.mean] == found
+        assert [*row.by_template.values(), row.mean] == printed
 
 
 @pytest.mark.skipif(not PAPER_SOURCE.is_file(), reason="the paper's source is not here")

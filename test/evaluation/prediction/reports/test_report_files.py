@@ -12,16 +12,17 @@ import pytest
 from made_scores import episode_scores, five_episodes, model_scores, reported_scores
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
-from siren_ros.evaluation.prediction.reports.report_files import (
+from siren_ros.evaluation.prediction.reports.report import (
     csv_files,
     json_report,
     latex_files,
     new_folder,
+    prediction_tables,
+    text_report,
     write_report,
 )
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
-from siren_ros.evaluation.prediction.reports.tables import prediction_tables, text_report
+from siren_ros.evaluation.prediction.scoring import EpisodeScores
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,7 @@ def rows_of(content: str | Path) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
-def test_scores(files: Mapping[str, str]) -> None:
+def test_scores(files) -> None:
     lines = files["scores.csv"].splitlines()
     assert lines[0] == "model,rows,name,metric,value,low,high,samples,episodes,paper"
     assert "cv,all,all,ade_m,4.7,,,10,4,1.44" in lines
@@ -48,7 +49,7 @@ def test_scores(files: Mapping[str, str]) -> None:
     assert "cv,category,emv,ade_m,4.666666666666667,,,6,4," in lines
 
 
-def test_episodes(files: Mapping[str, str]) -> None:
+def test_episodes(files) -> None:
     lines = files["episodes.csv"].splitlines()
     assert lines[0] == "episode,template,level,seed,map,model,metric,value,samples"
     assert lines[1] == "S1_seed0,S1,L3,0,town,cv,ade_m,1.5,2"
@@ -57,7 +58,7 @@ def test_episodes(files: Mapping[str, str]) -> None:
     assert len(lines) == 1 + 4 * 2 * 9
 
 
-def test_differences(files: Mapping[str, str]) -> None:
+def test_differences(files) -> None:
     rows = {(row["metric"], row["name"]): row for row in rows_of(files["differences.csv"])}
     assert len(rows) == 4 * 4
     row = rows["fde_m", "S1"]
@@ -72,10 +73,10 @@ def test_differences(files: Mapping[str, str]) -> None:
 def test_five_episodes_have_bounds() -> None:
     table = score_table(five_episodes())
     files = csv_files(table, differences(table))
-    (own,) = [
+    (cv,) = [
         row for row in rows_of(files["scores.csv"]) if tuple(row.values())[:4] == ("cv", "template", "S1", "ade_m")
     ]
-    assert [float(own[name]) for name in ("value", "low", "high")] == pytest.approx([3.0, 1.0368, 4.9632], abs=1e-4)
+    assert [float(cv[name]) for name in ("value", "low", "high")] == pytest.approx([3.0, 1.0368, 4.9632], abs=1e-4)
     (row, *_) = rows_of(files["differences.csv"])
     bounds = pytest.approx([-3.0, -4.9632, -1.0368], abs=1e-4)
     assert [float(row[name]) for name in ("difference", "low", "high")] == bounds
@@ -85,17 +86,17 @@ def test_five_episodes_have_bounds() -> None:
     assert [report["differences"][0][name] for name in ("value", "low", "high")] == bounds
 
 
-def test_the_error_over_the_horizon_is_a_mean(files: Mapping[str, str]) -> None:
+def test_the_error_over_the_horizon_is_a_mean(files) -> None:
     """All samples of ``cv`` and ``net:v_1`` are off by 0 at the first point, 1 m at the second, and so on."""
     rows = rows_of(files["horizon.csv"])
     assert [row["time_s"] for row in rows[:3]] == ["0.2", "0.4", "0.6"]
     for model in ("cv", "net:v_1"):
-        own = [row for row in rows if row["model"] == model]
-        assert own[-1]["time_s"] == "5.0"
-        assert [float(row["distance_m"]) for row in own] == pytest.approx(range(25))
+        of_model = [row for row in rows if row["model"] == model]
+        assert of_model[-1]["time_s"] == "5.0"
+        assert [float(row["distance_m"]) for row in of_model] == pytest.approx(range(25))
 
 
-def test_calibration_is_by_bins_of_a_tenth(files: Mapping[str, str]) -> None:
+def test_calibration_is_by_bins_of_a_tenth(files) -> None:
     assert files["calibration.csv"].splitlines() == [
         "model,from,to,hypotheses,mean_probability,share_best",
         "net:v_1,0.2,0.3,16,0.25,0.5",
@@ -109,15 +110,15 @@ def report() -> dict[str, Any]:
     return json_report(table, differences(table))
 
 
-def test_an_episode(report: dict[str, Any]) -> None:
+def test_an_episode(report) -> None:
     assert report["task"] == "prediction"
     assert report["population"] == "region"
     assert report["intervals"] == {"confidence": 0.95, "method": "jackknife", "block": "episode", "stratum": "template"}
-    one = report["episodes"][1]
-    assert {name: one[name] for name in ("name", "template", "level", "seed", "map", "parameters")} == {
+    episode = report["episodes"][1]
+    assert {name: episode[name] for name in ("name", "template", "level", "seed", "map", "parameters")} == {
         "name": "S1_seed1", "template": "S1", "level": "L3", "seed": 1, "map": "town", "parameters": {"speed_mps": 9.0}
     }  # fmt: skip
-    cv, net = one["models"]["cv"], one["models"]["net:v_1"]
+    cv, net = episode["models"]["cv"], episode["models"]["net:v_1"]
     assert (cv["samples"], cv["wanted"], net["samples"], net["wanted"]) == (3, 3, 2, 3)
     assert (cv["ade_m"], cv["miss_rate_6"], net["fde_m"]) == pytest.approx((2.5, 2 / 3, 12.0))
     assert cv["brier_score"] is None
@@ -128,7 +129,7 @@ def test_an_episode(report: dict[str, Any]) -> None:
     assert report["episodes"][3]["models"]["cv"]["paper"] == {}
 
 
-def test_a_model(report: dict[str, Any]) -> None:
+def test_a_model(report) -> None:
     assert list(report["models"]) == ["cv", "net:v_1"]
     cv, net = report["models"]["cv"], report["models"]["net:v_1"]
     assert (net["samples"], net["wanted"], net["coverage"]) == (6, 10, pytest.approx(0.6))
@@ -152,20 +153,20 @@ def test_a_model(report: dict[str, Any]) -> None:
     assert set(cv["paper"]) == {"ade_m", "fde_m", "rmse_5s_m", "min_ade_6_m", "min_fde_6_m"}
 
 
-def test_a_difference(report: dict[str, Any]) -> None:
-    found = {(one["metric"], one["name"]): one for one in report["differences"]}
-    one = found["ade_m", "S1"]
-    assert (one["first"], one["second"], one["samples"]) == ("cv", "net:v_1", 3)
-    assert [one[name] for name in ("value", "low", "high")] == [pytest.approx(-5 / 3), None, None]
-    assert (one["p"], one["p_holm"]) == (0.5, 0.5)
-    alone = found["ade_m", "own"]
+def test_a_difference(report) -> None:
+    by_group = {(pair["metric"], pair["name"]): pair for pair in report["differences"]}
+    pair = by_group["ade_m", "S1"]
+    assert (pair["first"], pair["second"], pair["samples"]) == ("cv", "net:v_1", 3)
+    assert [pair[name] for name in ("value", "low", "high")] == [pytest.approx(-5 / 3), None, None]
+    assert (pair["p"], pair["p_holm"]) == (0.5, 0.5)
+    alone = by_group["ade_m", "own"]
     assert [alone[name] for name in ("value", "low", "high")] == [-8.0, None, None]
 
 
 def test_a_model_without_an_answer() -> None:
-    table = score_table([episode_scores("S1", {"cv": model_scores(np.ones(0), wanted=4)})])
-    found = json_report(table, [])["models"]["cv"]
-    assert (found["samples"], found["coverage"], found["distance_over_time_m"]) == (0, 0.0, {})
+    table = score_table([episode_scores("S1", {"cv": model_scores(np.ones(0), population_size=4)})])
+    report = json_report(table, [])["models"]["cv"]
+    assert (report["samples"], report["coverage"], report["distance_over_time_m"]) == (0, 0.0, {})
 
 
 def test_a_ranking_is_written_with_its_numbers() -> None:
@@ -221,7 +222,7 @@ def some_scores() -> list[EpisodeScores]:
     for number, template in enumerate(("S1", "S2", "my_own")):
         for seed in range(2):
             base = np.array([1.0, 2.0]) + number + 0.1 * seed
-            models = {"cv": model_scores(base), "net:v_1": model_scores(base[:1], wanted=2)}
+            models = {"cv": model_scores(base), "net:v_1": model_scores(base[:1], population_size=2)}
             scores.append(episode_scores(template, models, seed, speed_mps=8.0 + seed))
     return scores
 
@@ -237,7 +238,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_csv_has_a_row_for_each_value(folder: Path) -> None:
+def test_csv_has_a_row_for_each_value(folder) -> None:
     rows = {(row["model"], row["name"], row["metric"]): row for row in rows_of(folder / "scores.csv")}
     row = rows["cv", "S1", "ade_m"]
     assert float(row["value"]) == pytest.approx(1.55)
@@ -251,7 +252,7 @@ def test_csv_has_a_row_for_each_value(folder: Path) -> None:
     assert groups == {"all", "S1", "S2", "my_own"}
 
 
-def test_json_is_strict_and_says_all(folder: Path) -> None:
+def test_json_is_strict_and_says_all(folder) -> None:
     def refuse(name: str) -> None:
         raise AssertionError(name)
 
@@ -262,26 +263,26 @@ def test_json_is_strict_and_says_all(folder: Path) -> None:
     assert read["models"]["cv"]["paper"]["ade_m"]["paper_mean"] == 1.44
     assert read["models"]["net:v_1"]["paper"] == {}
     assert read["episodes"][0]["models"]["cv"]["paper"]["ade_m"] == 1.63
-    assert {one["metric"] for one in read["differences"]} == {"ade_m", "fde_m", "min_ade_6_m", "min_fde_6_m"}
+    assert {pair["metric"] for pair in read["differences"]} == {"ade_m", "fde_m", "min_ade_6_m", "min_fde_6_m"}
 
 
-def test_latex_tables_are_like_the_papers(folder: Path) -> None:
+def test_latex_tables_are_like_the_papers(folder) -> None:
     lines = (folder / "prediction.tex").read_text(encoding="utf-8").splitlines()
     assert lines[0].endswith("; population: region; 6 episodes")
     assert r"model & S1 & S2 & S3 & S4 & S5 & S6 & S7 & my\_own & mean & samples & coverage \\" in lines
-    (own,) = [line for line in lines if line.startswith("CV &")]
-    assert own.startswith("CV & 1.55/1.55 & 2.55/2.55 & --/-- &")
+    (cv,) = [line for line in lines if line.startswith("CV &")]
+    assert cv.startswith("CV & 1.55/1.55 & 2.55/2.55 & --/-- &")
     assert r"net v\_1 & 1.05/1.05" in "\n".join(lines)
     papers = [line for line in lines if "(paper)" in line]
     assert len(papers) == 9
     assert papers[0].startswith("CV (paper) & 1.63/4.30 & 1.17/3.11")
     assert r"& 1.88/5.42 &" in papers[-1]
-    assert all(line.count("&") == 11 for line in [own, *papers])
+    assert all(line.count("&") == 11 for line in [cv, *papers])
     assert (folder / "best_of_six.tex").read_text(encoding="utf-8").count("(paper)") == 9
     assert (folder / "miss_rate.tex").read_text(encoding="utf-8").count("(paper)") == 0
 
 
-def test_the_terminal_shows_all_nine_rows_of_the_paper(folder: Path) -> None:
+def test_the_terminal_shows_all_nine_rows_of_the_paper(folder) -> None:
     lines = (folder / "report.txt").read_text(encoding="utf-8").splitlines()
     assert sum("(paper)" in line for line in lines) == 9
     (main,) = [number for number, line in enumerate(lines) if line.startswith("ADE/FDE in m by template")]
@@ -292,7 +293,7 @@ def test_the_terminal_shows_all_nine_rows_of_the_paper(folder: Path) -> None:
     assert any(line.startswith("cv - net:v_1") for line in lines)
 
 
-def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written(tmp_path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="out"):
         new_folder(tmp_path / "file" / "out")

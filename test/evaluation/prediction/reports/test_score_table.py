@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from made_scores import episode_scores, five_episodes, model_scores
 
-from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER, compare_with_paper
 from siren_ros.evaluation.prediction.reports.score_table import (
     Difference,
@@ -13,6 +12,7 @@ from siren_ros.evaluation.prediction.reports.score_table import (
     sample_table,
     score_table,
 )
+from siren_ros.evaluation.prediction.scoring import Category, EpisodeScores
 from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
 
 ONE = {"cv": model_scores(np.ones(3))}
@@ -44,13 +44,13 @@ def test_a_parameter_with_few_values_has_a_row_for_each() -> None:
 
 def test_a_parameter_with_many_values_has_three_ranges() -> None:
     scores = [episode_scores("S2", ONE, seed, speed_mps=float(seed)) for seed in range(9)]
-    found = names(scores, GroupKind.PARAMETER)
-    assert list(found) == ["S2 speed_mps 0 to 2", "S2 speed_mps 3 to 5", "S2 speed_mps 6 to 8"]
-    assert np.sum(list(found.values()), axis=0).tolist() == [1] * 9
+    groups = names(scores, GroupKind.PARAMETER)
+    assert list(groups) == ["S2 speed_mps 0 to 2", "S2 speed_mps 3 to 5", "S2 speed_mps 6 to 8"]
+    assert np.sum(list(groups.values()), axis=0).tolist() == [1] * 9
 
 
 @pytest.mark.parametrize("values", [(4.0, 4.0, 4.0), (4.0,)])
-def test_a_parameter_that_does_not_vary_has_none(values: tuple[float, ...]) -> None:
+def test_a_parameter_that_does_not_vary_has_none(values) -> None:
     scores = [episode_scores("S2", ONE, seed, speed_mps=value) for seed, value in enumerate(values)]
     assert names(scores, GroupKind.PARAMETER) == {}
 
@@ -72,8 +72,8 @@ def test_samples_are_pooled_within_templates_and_templates_count_once() -> None:
 
 
 def test_an_interval_is_over_episodes() -> None:
-    found = score_table(five_episodes()).cells["cv", "S1", "ade_m"].interval
-    assert (found.low, found.high) == pytest.approx((1.0368, 4.9632), abs=1e-4)
+    interval = score_table(five_episodes()).cells["cv", "S1", "ade_m"].interval
+    assert (interval.low, interval.high) == pytest.approx((1.0368, 4.9632), abs=1e-4)
 
 
 def test_roots_are_taken_by_template() -> None:
@@ -83,7 +83,7 @@ def test_roots_are_taken_by_template() -> None:
 
 def test_categories_count_their_samples_alone() -> None:
     models = [{"cv": model_scores(np.array([value]), category)} for value, category in ((1.0, 1), (4.0, 2), (8.0, 2))]
-    table = score_table([episode_scores("S1", one, seed) for seed, one in enumerate(models)])
+    table = score_table([episode_scores("S1", of_seed, seed) for seed, of_seed in enumerate(models)])
     assert table.value("cv", Category.YIELDING.name.lower(), "ade_m") == 1.0
     assert table.value("cv", Category.HELD.name.lower(), "ade_m") == 6.0
     assert table.value("cv", Category.EMV.name.lower(), "ade_m") is None
@@ -96,70 +96,71 @@ def test_an_episode_without_samples_does_not_count() -> None:
 
 
 def test_coverage_is_the_share_of_the_population() -> None:
-    table = score_table([episode_scores("S1", {"net": model_scores(np.ones(3), wanted=4)})])
+    table = score_table([episode_scores("S1", {"net": model_scores(np.ones(3), population_size=4)})])
     assert table.samples["net"].coverage == 0.75
     assert table.samples["net"].population_size == 4
 
 
 def test_the_papers_own_values_agree_with_the_paper() -> None:
     values = PAPER["cv", "ade_m"].by_template
-    found = compare_with_paper(score_table([with_ade(name, values[name]) for name in TEMPLATES]), "cv", "ade_m")
-    assert found is not None
-    assert found.mean == pytest.approx(1.44, abs=0.005)
-    assert found.deviation == pytest.approx(0.0, abs=0.003)
-    assert found.paper_mean == found.paper_mean_same_templates == 1.44
-    assert found.ranking is not None
-    assert found.ranking.rho == pytest.approx(1.0)
+    comparison = compare_with_paper(score_table([with_ade(name, values[name]) for name in TEMPLATES]), "cv", "ade_m")
+    assert comparison is not None
+    assert comparison.mean == pytest.approx(1.44, abs=0.005)
+    assert comparison.deviation == pytest.approx(0.0, abs=0.003)
+    assert comparison.paper_mean == comparison.paper_mean_same_templates == 1.44
+    assert comparison.ranking is not None
+    assert comparison.ranking.rho == pytest.approx(1.0)
 
 
 def test_templates_that_the_paper_does_not_have() -> None:
     table = score_table([with_ade("S1", 2.0), with_ade("S2", 5.0), with_ade("mine", 9.0)])
-    found = compare_with_paper(table, "cv", "ade_m")
-    assert found is not None
-    assert found.deviation == pytest.approx(16.0 / 3.0 / 1.44 - 1.0)
-    assert found.paper_mean_same_templates == pytest.approx(1.40)
-    assert found.deviation_same_templates == pytest.approx(3.5 / 1.4 - 1.0)
-    assert found.ranking is None, "two templates in common are no ranking"
+    comparison = compare_with_paper(table, "cv", "ade_m")
+    assert comparison is not None
+    assert comparison.deviation == pytest.approx(16.0 / 3.0 / 1.44 - 1.0)
+    assert comparison.paper_mean_same_templates == pytest.approx(1.40)
+    assert comparison.deviation_same_templates == pytest.approx(3.5 / 1.4 - 1.0)
+    assert comparison.ranking is None, "two templates in common are no ranking"
     assert compare_with_paper(table, "cv", "miss_rate_6") is None
 
 
-def found(values: dict[str, list[list[float]]], metric: str = "ade_m", group: str = "all") -> list[Difference]:
+def differences_of(values: dict[str, list[list[float]]], metric: str = "ade_m", group: str = "all") -> list[Difference]:
     """Differences of models, whose values are given by episode."""
     count = len(next(iter(values.values())))
     scores = [
         episode_scores("S1", {model: model_scores(np.array(given[number])) for model, given in values.items()}, number)
         for number in range(count)
     ]
-    return [one for one in differences(score_table(scores)) if one.metric == metric and one.group == group]
+    pairs = differences(score_table(scores))
+    return [pair for pair in pairs if pair.metric == metric and pair.group == group]
 
 
 def test_a_model_that_is_always_better() -> None:
     base = [[float(seed), seed + 2.0] for seed in range(8)]
-    (one,) = found({"a": base, "b": [[value + 0.5 for value in row] for row in base]})
-    assert (one.first, one.second, one.samples) == ("a", "b", 16)
-    assert (one.difference.value, one.difference.low, one.difference.high) == pytest.approx((-0.5, -0.5, -0.5))
-    assert one.p_value == pytest.approx(2.0 / 256.0)
+    (pair,) = differences_of({"a": base, "b": [[value + 0.5 for value in row] for row in base]})
+    assert (pair.first, pair.second, pair.samples) == ("a", "b", 16)
+    assert (pair.difference.value, pair.difference.low, pair.difference.high) == pytest.approx((-0.5, -0.5, -0.5))
+    assert pair.p_value == pytest.approx(2.0 / 256.0)
 
 
 def test_models_are_compared_on_the_samples_that_both_have() -> None:
     """The second has no more than the first sample of each episode."""
-    (one,) = found({"a": [[1.0, 9.0], [1.0, 9.0]], "b": [[2.0], [2.0]]})
-    assert one.difference.value == pytest.approx(-1.0)
-    assert one.samples == 2
+    (pair,) = differences_of({"a": [[1.0, 9.0], [1.0, 9.0]], "b": [[2.0], [2.0]]})
+    assert pair.difference.value == pytest.approx(-1.0)
+    assert pair.samples == 2
 
 
 def test_without_common_samples_there_is_no_difference() -> None:
-    (one,) = found({"a": [[1.0], [1.0]], "b": [[], []]})
-    assert not one.difference.valid
-    assert one.p_value == 1.0
+    (pair,) = differences_of({"a": [[1.0], [1.0]], "b": [[], []]})
+    assert not pair.difference.valid
+    assert pair.p_value == 1.0
 
 
 def test_three_models_are_three_tests() -> None:
     base = np.arange(10.0)
     models = {name: [[value + shift] for value in base] for name, shift in (("a", 0.0), ("b", 1.0), ("c", 2.0))}
-    pairs = found(models)
-    assert [(one.first, one.second) for one in pairs] == [("a", "b"), ("a", "c"), ("b", "c")]
-    assert all(one.adjusted_p_value == pytest.approx(3.0 * one.p_value) for one in pairs)
+    pairs = differences_of(models)
+    assert [(pair.first, pair.second) for pair in pairs] == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert all(pair.adjusted_p_value == pytest.approx(3.0 * pair.p_value) for pair in pairs)
 
 
 def test_rows_of_common_samples_are_in_the_same_order() -> None:
@@ -167,7 +168,7 @@ def test_rows_of_common_samples_are_in_the_same_order() -> None:
         episode_scores("S1", {"a": model_scores(np.arange(3.0)), "b": model_scores(np.arange(2.0))}, 0),
         episode_scores("S1", {"a": model_scores(np.arange(1.0)), "b": model_scores(np.arange(4.0))}, 1),
     ]
-    one, two = sample_table(scores, "a"), sample_table(scores, "b")
-    rows = common_rows(one, two)
-    assert [side.tolist() for side in rows] == [[0, 1, 3], [0, 1, 2]]
-    assert np.array_equal(one.key[rows[0]], two.key[rows[1]])
+    first, second = sample_table(scores, "a"), sample_table(scores, "b")
+    of_first, of_second = common_rows(first, second)
+    assert (of_first.tolist(), of_second.tolist()) == ([0, 1, 3], [0, 1, 2])
+    assert np.array_equal(first.step[of_first], second.step[of_second])

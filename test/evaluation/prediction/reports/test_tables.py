@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from made_scores import episode_scores, model_scores, reported_scores
 
-from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER, TEMPLATES
+from siren_ros.evaluation.prediction.reports.report import BAGS_MAX, NO_SAMPLES_TEXT, prediction_tables, text_report
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
-from siren_ros.evaluation.prediction.reports.tables import BAGS_MAX, no_samples_text, prediction_tables, text_report
 from siren_ros.evaluation.prediction.samples import Population
+from siren_ros.evaluation.prediction.scoring import Category, EpisodeScores
 from siren_ros.tables.table import UNBOUNDED_NOTE, Table
 
 REPORT = """
@@ -74,7 +74,7 @@ PAPER_LINE = (
 def tables_of(scores: Sequence[EpisodeScores], *, compare_paper: bool = False) -> dict[str, Table]:
     """The tables by their keys."""
     table = score_table(scores)
-    return {each.key: each for each in prediction_tables(table, differences(table), compare_paper=compare_paper)}
+    return {of_key.key: of_key for of_key in prediction_tables(table, differences(table), compare_paper=compare_paper)}
 
 
 def report(scores: Sequence[EpisodeScores], *, compare_paper: bool = False) -> str:
@@ -88,9 +88,9 @@ def test_without_the_paper() -> None:
 
 
 def test_with_the_paper() -> None:
-    own = REPORT.strip().split("\n\n")
-    own[2], own[-1] = WITH_THE_PAPER.strip(), f"{own[-1]}\n{UNBOUNDED_NOTE}"
-    assert report(reported_scores(), compare_paper=True) == "\n\n".join([*own, PAPER_LINE])
+    parts = REPORT.strip().split("\n\n")
+    parts[2], parts[-1] = WITH_THE_PAPER.strip(), f"{parts[-1]}\n{UNBOUNDED_NOTE}"
+    assert report(reported_scores(), compare_paper=True) == "\n\n".join([*parts, PAPER_LINE])
 
 
 def test_the_papers_own_values_are_ranked_as_its_own() -> None:
@@ -103,8 +103,8 @@ def test_the_papers_own_values_are_ranked_as_its_own() -> None:
             name: model_scores(np.array([value])) for name, value in zip(("net", "cv", "idm"), values, strict=True)
         }
         scores.append(episode_scores(template, models))
-    *_, own, idm = report(scores, compare_paper=True).splitlines()
-    assert own == (
+    *_, cv, idm = report(scores, compare_paper=True).splitlines()
+    assert cv == (
         "cv: mean ADE 1.44 m, +0% from the paper's 1.44 m; Spearman rank correlation over the templates: "
         "1.00 (p 0.0004)"
     )
@@ -112,33 +112,33 @@ def test_the_papers_own_values_are_ranked_as_its_own() -> None:
 
 
 @pytest.mark.parametrize(("count", "shown"), [(1, False), (2, True), (BAGS_MAX, True), (BAGS_MAX + 1, False)])
-def test_bags_have_rows_where_they_are_several_and_not_many(count: int, shown: bool) -> None:
+def test_bags_have_rows_where_they_are_several_and_not_many(count, shown) -> None:
     text = report([episode_scores("S1", {"cv": model_scores(np.ones(2))}, seed) for seed in range(count)])
     assert (f"\nS1_seed{count - 1} " in text) == shown
 
 
 def test_a_bags_name_is_that_of_its_folder() -> None:
-    scores = [replace(one, name=f"some/where/{one.name}/") for one in reported_scores()]
+    scores = [replace(episode, name=f"some/where/{episode.name}/") for episode in reported_scores()]
     assert report(scores) == report(reported_scores())
 
 
-@pytest.mark.parametrize(("wanted", "coverage"), [(3, "all"), (4, "75.0%")])
-def test_a_model_with_all_samples_covers_all(wanted: int, coverage: str) -> None:
-    """One sample that is wanted and lacks is not all."""
-    scores = episode_scores("S1", {"cv": model_scores(np.ones(3), wanted=wanted)})
+@pytest.mark.parametrize(("population_size", "coverage"), [(3, "all"), (4, "75.0%")])
+def test_a_model_with_all_samples_covers_all(population_size, coverage) -> None:
+    """A population of one sample more is not covered."""
+    scores = episode_scores("S1", {"cv": model_scores(np.ones(3), population_size=population_size)})
     assert tables_of([scores])["prediction"].rows[0][-2:] == (3, coverage)
 
 
 def test_without_common_samples_no_difference_is_shown() -> None:
-    models = {"a": model_scores(np.ones(2)), "b": model_scores(np.ones(0), wanted=2)}
+    models = {"a": model_scores(np.ones(2)), "b": model_scores(np.ones(0), population_size=2)}
     assert "differences" not in report([episode_scores("S1", models)])
 
 
 def test_populations_have_their_words() -> None:
-    scores = [replace(one, population=Population.ALL) for one in reported_scores()]
+    scores = [replace(episode, population=Population.ALL) for episode in reported_scores()]
     assert report(scores).splitlines()[0] == "population: all vehicles on the map"
-    assert "region" in no_samples_text(Population.REGION)
-    assert "logged" in no_samples_text(Population.ALL)
+    assert "region" in NO_SAMPLES_TEXT[Population.REGION]
+    assert "logged" in NO_SAMPLES_TEXT[Population.ALL]
 
 
 def test_intervals_are_the_ades_and_not_the_fdes() -> None:

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from made_records import Track, record_with
+from made_records import Track, samples_in
 
-from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, SampleBatch, samples_of
+from siren_ros.evaluation.prediction.samples import SampleBatch
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import RoadNetwork
@@ -14,8 +14,8 @@ from siren_ros.world.actors import Lights
 
 
 def batch_of(tracks: Mapping[int, Track], network: RoadNetwork) -> SampleBatch:
-    """All samples of made tracks."""
-    return samples_of(record_with(tracks, network), HistoryWindow(), Population.ALL).batch
+    """All samples of the record of given tracks, without their future."""
+    return samples_in(tracks, network).batch
 
 
 def with_signal(network: RoadNetwork, letters: str) -> RoadNetwork:

@@ -32,29 +32,30 @@ def with_lines(network: RoadNetwork, lines: Mapping[int, Sequence[npt.ArrayLike]
     return replace(network, lanes=tuple(lanes))
 
 
-def test_the_likeliest_lane_is_the_nearest_in_the_own_direction(straight_road: RoadNetwork) -> None:
-    found = lane_candidates(straight_road, np.array([[50.0, -5.0], [50.0, -1.75]]), np.array([0.0, 0.1]))
-    first = found.lane[np.searchsorted(found.row, [0, 1])]
+def test_the_likeliest_lane_is_the_nearest_in_the_own_direction(straight_road) -> None:
+    candidates = lane_candidates(straight_road, np.array([[50.0, -5.0], [50.0, -1.75]]), np.array([0.0, 0.1]))
+    first = candidates.lane[np.searchsorted(candidates.row, [0, 1])]
     centres = [straight_road.lanes[index].centre.points[0, 1] for index in first]
     assert centres == pytest.approx([-5.25, -1.75])
-    row = np.flatnonzero(found.row == 0)[0]
-    assert (found.arc_m[row], found.offset_m[row], found.turned_rad[row]) == pytest.approx((50.0, 0.25, 0.0))
-    assert found.turned_rad[np.searchsorted(found.row, 1)] == pytest.approx(0.1)
+    row = np.flatnonzero(candidates.row == 0)[0]
+    assert (candidates.arc_m[row], candidates.offset_m[row]) == pytest.approx((50.0, 0.25))
+    assert candidates.turned_rad[row] == pytest.approx(0.0)
+    assert candidates.turned_rad[np.searchsorted(candidates.row, 1)] == pytest.approx(0.1)
 
 
-def test_lanes_of_the_other_direction_and_far_ones_are_none(straight_road: RoadNetwork) -> None:
-    found = lane_candidates(straight_road, np.array([[50.0, 1.75], [50.0, 100.0], [900.0, -5.0]]), np.zeros(3))
-    assert {straight_road.lanes[index].centre.points[0, 1] for index in found.lane.tolist()} <= {-1.75}
-    assert set(found.row.tolist()) <= {0}
+def test_lanes_of_the_other_direction_and_far_ones_are_none(straight_road) -> None:
+    candidates = lane_candidates(straight_road, np.array([[50.0, 1.75], [50.0, 100.0], [900.0, -5.0]]), np.zeros(3))
+    assert {straight_road.lanes[index].centre.points[0, 1] for index in candidates.lane.tolist()} <= {-1.75}
+    assert set(candidates.row.tolist()) <= {0}
 
 
-def test_paths_across_a_junction_are_told_apart_by_the_heading(crossroads: RoadNetwork) -> None:
-    found = lane_candidates(crossroads, np.array([[7.0, 2.5]]), np.array([0.5]))
-    assert found.lane.tolist() == [4, 5]
-    assert (np.diff(found.cost) > 0.0).all()
+def test_paths_across_a_junction_are_told_apart_by_the_heading(crossroads) -> None:
+    candidates = lane_candidates(crossroads, np.array([[7.0, 2.5]]), np.array([0.5]))
+    assert candidates.lane.tolist() == [4, 5]
+    assert (np.diff(candidates.cost) > 0.0).all()
 
 
-def test_nobody_is_in_no_lane(crossroads: RoadNetwork) -> None:
+def test_nobody_is_in_no_lane(crossroads) -> None:
     assert len(lane_candidates(crossroads, np.empty((0, 2)), np.empty(0)).row) == 0
 
 
@@ -75,32 +76,30 @@ def test_nobody_is_in_no_lane(crossroads: RoadNetwork) -> None:
         (300.55, -5.25, 0, False),
     ],
 )
-def test_how_far_a_lane_reaches(
-    straight_road: RoadNetwork, x_m: float, y_m: float, turned_deg: int, fits: bool
-) -> None:
+def test_how_far_a_lane_reaches(straight_road, x_m, y_m, turned_deg, fits) -> None:
     """1.5 m to each side, 60 degrees, half a metre at each end."""
     (lane,) = (lane.index for lane in straight_road.lanes if lane.centre.points[0, 1] == -5.25)
-    found = lane_candidates(straight_road, np.array([[x_m, y_m]]), np.array([np.radians(turned_deg)]))
-    assert (lane in found.lane.tolist()) is fits
+    candidates = lane_candidates(straight_road, np.array([[x_m, y_m]]), np.array([np.radians(turned_deg)]))
+    assert (lane in candidates.lane.tolist()) is fits
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_radian_costs_as_much_as_three_metres(straight_road: RoadNetwork, side: float) -> None:
-    found = lane_candidates(straight_road, np.array([[50.0, -5.25 + 0.4 * side]]), np.array([-0.2 * side]))
-    (row,) = (row for row in range(len(found.row)) if abs(found.offset_m[row]) < 1.0)
-    assert found.offset_m[row] == pytest.approx(0.4 * side)
-    assert found.turned_rad[row] == pytest.approx(-0.2 * side)
-    assert found.cost[row] == pytest.approx(0.4 + 3.0 * 0.2)
+def test_a_radian_costs_as_much_as_three_metres(straight_road, side) -> None:
+    candidates = lane_candidates(straight_road, np.array([[50.0, -5.25 + 0.4 * side]]), np.array([-0.2 * side]))
+    (row,) = (row for row in range(len(candidates.row)) if abs(candidates.offset_m[row]) < 1.0)
+    assert candidates.offset_m[row] == pytest.approx(0.4 * side)
+    assert candidates.turned_rad[row] == pytest.approx(-0.2 * side)
+    assert candidates.cost[row] == pytest.approx(0.4 + 3.0 * 0.2)
     assert row == 0, "the likeliest comes first"
 
 
 @pytest.mark.parametrize("xy_m", [np.zeros((0, 2)), np.array([[5000.0, 5000.0], [-700.0, 0.0]])])
-def test_nobody_near_a_lane_has_no_candidate(straight_road: RoadNetwork, xy_m: np.ndarray) -> None:
-    found = lane_candidates(straight_road, xy_m, np.zeros(len(xy_m)))
-    assert {name: len(values) for name, values in vars(found).items()} == dict.fromkeys(vars(found), 0)
+def test_nobody_near_a_lane_has_no_candidate(straight_road, xy_m) -> None:
+    candidates = lane_candidates(straight_road, xy_m, np.zeros(len(xy_m)))
+    assert {name: len(values) for name, values in vars(candidates).items()} == dict.fromkeys(vars(candidates), 0)
 
 
-def test_paths_begin_at_the_vehicle_and_keep_its_offset(crossroads: RoadNetwork) -> None:
+def test_paths_begin_at_the_vehicle_and_keep_its_offset(crossroads) -> None:
     choice = chosen(crossroads, -10.0, 0.4, speed_mps=8.0)
     points = choice.points()
     assert choice.there.tolist() == [[True, True, True, False]]
@@ -110,14 +109,14 @@ def test_paths_begin_at_the_vehicle_and_keep_its_offset(crossroads: RoadNetwork)
     assert (points[0, 3] == 0.0).all()
 
 
-def test_a_fast_vehicle_is_shown_more_of_the_road(crossroads: RoadNetwork) -> None:
+def test_a_fast_vehicle_is_shown_more_of_the_road(crossroads) -> None:
     xy = np.tile([-90.0, 0.0], (3, 1))
     choice = choose_paths(crossroads, xy, np.zeros(3), np.array([0.0, 8.0, 90.0]))
     assert choice.spacing_m * (PATH_POINTS - 1) == pytest.approx([30.0, 78.0, 120.0])
     assert choice.there.sum(axis=1).tolist() == [1, 1, 3]
 
 
-def test_samples_that_share_paths_get_them_at_their_own_places(crossroads: RoadNetwork) -> None:
+def test_samples_that_share_paths_get_them_at_their_own_places(crossroads) -> None:
     xy = np.array([[-10.0, 0.0], [300.0, 300.0], [-5.0, 0.0], [5.0, 0.0]])
     together = choose_paths(crossroads, xy, np.zeros(4), np.full(4, 8.0))
     for row in range(4):
@@ -128,9 +127,7 @@ def test_samples_that_share_paths_get_them_at_their_own_places(crossroads: RoadN
 
 
 @pytest.mark.parametrize(("speed_mps", "reach_m"), [(0.0, 30.0), (5.0, 60.0), (14.0, 114.0), (16.0, 120.0)])
-def test_the_ways_beyond_the_lane_are_shown_where_the_reach_ends_behind_it(
-    crossroads: RoadNetwork, speed_mps: float, reach_m: float
-) -> None:
+def test_the_ways_beyond_the_lane_are_shown_where_the_reach_ends_behind_it(crossroads, speed_mps, reach_m) -> None:
     """6 s and 30 m, at most 120 m; the lane ends at x = 0."""
     for beyond_m, ways in ((-0.1, 1), (0.1, 3)):
         if reach_m - beyond_m > 100.0:
@@ -150,7 +147,7 @@ def side_by_side(network: RoadNetwork, *aside_m: float) -> RoadNetwork:
     return RoadNetwork(tuple(lanes), edges, (), {}, (0.0, 0.0), "!")
 
 
-def test_three_lanes_are_looked_at_the_nearest_first(crossroads: RoadNetwork) -> None:
+def test_three_lanes_are_looked_at_the_nearest_first(crossroads) -> None:
     choice = chosen(side_by_side(crossroads, 1.0, -0.4, 0.2, -1.2, 0.7), 20.0)
     assert choice.there.tolist() == [[True, True, True, False]]
     assert choice.offset_m[0, :3] == pytest.approx([-0.2, 0.4, -0.7])
@@ -159,15 +156,13 @@ def test_three_lanes_are_looked_at_the_nearest_first(crossroads: RoadNetwork) ->
 
 
 @pytest.mark.parametrize(("second_m", "first"), [(0.9997, -1.0), (0.998, 0.998)])
-def test_costs_that_differ_by_less_than_a_thousandth_are_alike(
-    crossroads: RoadNetwork, second_m: float, first: float
-) -> None:
+def test_costs_that_differ_by_less_than_a_thousandth_are_alike(crossroads, second_m, first) -> None:
     """Of alike ones the first of the map comes first."""
     choice = chosen(side_by_side(crossroads, -1.0, second_m), 20.0)
     assert -choice.offset_m[0, 0] == pytest.approx(first)
 
 
-def test_an_angle_costs_three_metres_for_each_radian(crossroads: RoadNetwork) -> None:
+def test_an_angle_costs_three_metres_for_each_radian(crossroads) -> None:
     """A vehicle turned by 0.2 rad: 0.6 m. A lane along its heading is likelier up to that distance."""
     for away_m, aligned in ((0.55, True), (0.65, False)):
         along = np.array([np.cos(0.2), np.sin(0.2)])
@@ -176,7 +171,7 @@ def test_an_angle_costs_three_metres_for_each_radian(crossroads: RoadNetwork) ->
         assert chosen(network, 20.0, yaw_rad=0.2).turned_rad[0, 0] == pytest.approx(0.0 if aligned else 0.2)
 
 
-def test_all_ways_out_of_a_junction_the_straight_one_first(crossroads: RoadNetwork) -> None:
+def test_all_ways_out_of_a_junction_the_straight_one_first(crossroads) -> None:
     paths = RoadPaths(crossroads).ahead(0, 30.0)
     assert [path.curve.points[-1].tolist() for path in paths] == [[140.0, 0.0], [20.0, 120.0], [20.0, -120.0]]
     assert [path.turn_rad for path in paths] == pytest.approx([0.0, np.pi / 2, np.pi / 2])
@@ -184,19 +179,19 @@ def test_all_ways_out_of_a_junction_the_straight_one_first(crossroads: RoadNetwo
     assert [path.stop_lines[0].movement.direction for path in paths] == ["s", "l", "r"]
 
 
-def test_a_path_ends_with_its_lane_where_nothing_beyond_is_asked_for(crossroads: RoadNetwork) -> None:
+def test_a_path_ends_with_its_lane_where_nothing_beyond_is_asked_for(crossroads) -> None:
     (path,) = RoadPaths(crossroads).ahead(0, 0.0)
     assert path.curve.length_m == pytest.approx(100.0)
     assert path.stop_lines == ()
 
 
-def test_inside_a_junction_the_path_is_decided_and_the_stop_line_passed(crossroads: RoadNetwork) -> None:
+def test_inside_a_junction_the_path_is_decided_and_the_stop_line_passed(crossroads) -> None:
     (path,) = RoadPaths(crossroads).ahead(4, 30.0)
     assert path.curve.points[-1].tolist() == [20.0, 120.0]
     assert path.stop_lines == ()
 
 
-def test_a_dead_end_has_the_path_to_its_end(crossroads: RoadNetwork) -> None:
+def test_a_dead_end_has_the_path_to_its_end(crossroads) -> None:
     (path,) = RoadPaths(crossroads).ahead(1, 50.0)
     assert path.curve.length_m == pytest.approx(100.0)
 
@@ -211,9 +206,7 @@ def in_two_parts(network: RoadNetwork) -> RoadNetwork:
 
 
 @pytest.mark.parametrize(("lane", "start_m", "length_m"), [(0, -100.0, 240.0), (5, 0.0, 140.0), (7, 15.0, 125.0)])
-def test_what_is_left_of_a_way_across_a_junction(
-    crossroads: RoadNetwork, lane: int, start_m: float, length_m: float
-) -> None:
+def test_what_is_left_of_a_way_across_a_junction(crossroads, lane, start_m, length_m) -> None:
     (path,) = RoadPaths(in_two_parts(crossroads)).ahead(lane, 30.0)
     assert path.curve.points[0].tolist() == [start_m, 0.0]
     assert path.curve.length_m == pytest.approx(length_m)
@@ -221,13 +214,13 @@ def test_what_is_left_of_a_way_across_a_junction(
     assert [line.arc_m for line in path.stop_lines] == ([100.0] if lane == 0 else [])
 
 
-def test_what_a_way_turns_by_is_up_to_the_start_of_the_lane_behind_the_junction(crossroads: RoadNetwork) -> None:
+def test_what_a_way_turns_by_is_up_to_the_start_of_the_lane_behind_the_junction(crossroads) -> None:
     """Lane 1 leaves the junction northwards, and bends to the east after half a metre."""
     paths = RoadPaths(with_lines(crossroads, {1: [(20.0, 20.0), (20.0, 20.5), (120.0, 20.5)]})).ahead(0, 30.0)
     assert [path.turn_rad for path in paths] == pytest.approx([0.0, np.pi / 2.0, np.pi / 2.0])
 
 
-def test_no_more_than_four_ways_the_straightest(crossroads: RoadNetwork) -> None:
+def test_no_more_than_four_ways_the_straightest(crossroads) -> None:
     """Lane 2 ends at a second junction like the first: five ways in all, of which one turns twice as little."""
     lanes, edges = list(crossroads.lanes), list(crossroads.edges)
     onward = []
@@ -248,9 +241,7 @@ def test_no_more_than_four_ways_the_straightest(crossroads: RoadNetwork) -> None
 
 
 @pytest.mark.parametrize(("less_rad", "order"), [(0.0002, ["s", "l", "r"]), (0.002, ["s", "r", "l"])])
-def test_ways_that_turn_alike_come_in_the_order_of_their_lanes(
-    crossroads: RoadNetwork, less_rad: float, order: list[str]
-) -> None:
+def test_ways_that_turn_alike_come_in_the_order_of_their_lanes(crossroads, less_rad, order) -> None:
     """The way to the right turns by a little less than the one to the left."""
     angle = -np.pi / 2.0 + less_rad
     end = (20.0 + 100.0 * np.cos(angle), -20.0 + 100.0 * np.sin(angle))

@@ -1,24 +1,30 @@
+from collections.abc import Sequence
+from itertools import permutations
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import spearmanr, ttest_1samp, ttest_ind, ttest_rel
 from scipy.stats import t as student
-from scipy.stats import ttest_1samp, ttest_ind, ttest_rel
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.statistics.block_means import (
+from siren_ros.evaluation.statistics import (
     BlockSums,
     Estimate,
     PairedDifference,
+    RankCorrelation,
     block_sums,
     estimate_of_mean,
     holm,
     interval_of_mean,
     jackknife,
     paired_difference,
+    rank_correlation,
+    ranking_interval,
 )
-from siren_ros.tables.interval import NOTHING
+from siren_ros.tables.interval import NOTHING, Interval
 
 
 def test_four_tests_one_and_none() -> None:
@@ -28,7 +34,7 @@ def test_four_tests_one_and_none() -> None:
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=8))
-def test_adjusted_values_are_no_smaller_and_keep_the_order(values: list[float]) -> None:
+def test_adjusted_values_are_no_smaller_and_keep_the_order(values) -> None:
     adjusted = holm(values)
     assert all(new >= value for value, new in zip(values, adjusted, strict=True))
     order = sorted(range(len(values)), key=lambda index: values[index])
@@ -50,33 +56,33 @@ def one_each(values: npt.ArrayLike, stratum: npt.ArrayLike = 0) -> BlockSums:
 
 
 @given(seed=st.integers(0, 1000), blocks=st.integers(2, 30), confidence=st.floats(0.5, 0.99))
-def test_one_value_in_each_block_has_students_interval(seed: int, blocks: int, confidence: float) -> None:
+def test_one_value_in_each_block_has_students_interval(seed, blocks, confidence) -> None:
     values = rng(seed).normal(3.0, 2.0, blocks)
-    found = interval_of_mean(one_each(values), confidence)
+    interval = interval_of_mean(one_each(values), confidence)
     expected = ttest_1samp(values, 0.0).confidence_interval(confidence)
-    assert found.value == pytest.approx(values.mean())
-    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
-    assert found.blocks == blocks
+    assert interval.value == pytest.approx(values.mean())
+    assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high))
+    assert interval.blocks == blocks
 
 
 def test_two_strata_have_welchs_degrees_of_freedom() -> None:
     """Half the difference of two means is the mean of the one and of the other with its sign turned."""
     first, second = rng(1).normal(0.0, 1.0, 6), rng(2).normal(2.0, 5.0, 9)
     stratum = np.repeat([0, 1], [6, 9])
-    found = estimate_of_mean(one_each(np.concatenate((first, -second)), stratum))
+    estimate = estimate_of_mean(one_each(np.concatenate((first, -second)), stratum))
     expected = ttest_ind(first, second, equal_var=False)
-    assert found.degrees == pytest.approx(expected.df)
-    assert found.value / found.error == pytest.approx(expected.statistic)
+    assert estimate.degrees == pytest.approx(expected.df)
+    assert estimate.value / estimate.error == pytest.approx(expected.statistic)
 
 
 def test_a_ratio_of_sums_scatters_as_its_residuals() -> None:
     """Blocks of many sizes: nearly the linearised error √(B/(B−1) Σ (total − ratio · count)²) / Σ count."""
     count = rng(5).integers(50, 400, 60).astype(np.float64)
     total = count * rng(6).normal(2.0, 0.5, 60)
-    found = estimate_of_mean(BlockSums(total, count, np.zeros(60, dtype=np.intp)))
-    residual = total - found.value * count
-    assert found.error == pytest.approx(np.sqrt(60 / 59 * (residual**2).sum()) / count.sum(), rel=0.02)
-    assert found.degrees == pytest.approx(59.0)
+    estimate = estimate_of_mean(BlockSums(total, count, np.zeros(60, dtype=np.intp)))
+    residual = total - estimate.value * count
+    assert estimate.error == pytest.approx(np.sqrt(60 / 59 * (residual**2).sum()) / count.sum(), rel=0.02)
+    assert estimate.degrees == pytest.approx(59.0)
 
 
 def test_dependent_samples_within_blocks_widen_the_interval() -> None:
@@ -96,9 +102,9 @@ def test_strata_count_once_and_values_within_a_stratum_are_pooled() -> None:
     sums = block_sums(values, block, np.array([4, 4, 7, 7]))
     assert sums.value() == pytest.approx((2.0 + 12.0) / 2.0)
     assert sums.left_out() == pytest.approx([8.5, 6.5, 8.0, 6.0])
-    found = estimate_of_mean(sums)
-    assert found.error == pytest.approx(np.sqrt(0.5 * (1.0 + 1.0) + 0.5 * (1.0 + 1.0)))
-    assert found.degrees == pytest.approx(2.0)
+    estimate = estimate_of_mean(sums)
+    assert estimate.error == pytest.approx(np.sqrt(0.5 * (1.0 + 1.0) + 0.5 * (1.0 + 1.0)))
+    assert estimate.degrees == pytest.approx(2.0)
 
 
 def test_a_root_is_taken_before_the_mean_over_strata() -> None:
@@ -114,39 +120,39 @@ def test_a_root_is_taken_before_the_mean_over_strata() -> None:
 def test_a_stratum_of_one_block_leaves_the_mean_without_bounds() -> None:
     """How it scatters is not known: the interval would say that it does not."""
     values = np.arange(6.0)
-    found = interval_of_mean(one_each(values, [0, 0, 0, 0, 0, 1]))
-    assert (found.valid, found.bounded) == (True, False)
+    interval = interval_of_mean(one_each(values, [0, 0, 0, 0, 0, 1]))
+    assert (interval.valid, interval.bounded) == (True, False)
     assert interval_of_mean(one_each(values, [0, 0, 0, 0, 1, 1])).bounded
 
 
 def test_blocks_that_all_say_the_same_have_no_bounds() -> None:
     """Twenty episodes without a collision do not say that there is none."""
-    found = interval_of_mean(one_each(np.zeros(20)))
-    assert (found.value, found.low, found.high, found.bounded) == (0.0, 0.0, 0.0, False)
+    interval = interval_of_mean(one_each(np.zeros(20)))
+    assert (interval.value, interval.low, interval.high, interval.bounded) == (0.0, 0.0, 0.0, False)
     assert interval_of_mean(one_each(np.array([0.1 + 0.2, 0.3, 0.3, 0.3, 0.3]))).bounded is False, "up to rounding"
 
 
 def test_an_estimate_that_is_none_without_a_block_has_no_bounds() -> None:
-    found = jackknife(0.5, np.array([0.4, 0.6, 0.5, 0.5, np.nan]), np.zeros(5, dtype=np.intp))
-    assert not found.interval().bounded
+    estimate = jackknife(0.5, np.array([0.4, 0.6, 0.5, 0.5, np.nan]), np.zeros(5, dtype=np.intp))
+    assert not estimate.interval().bounded
 
 
 def test_blocks_without_values_do_not_count() -> None:
     values, block = np.array([1.0, 2.0, 3.0, 4.0, 5.0, np.nan]), np.array([0, 2, 3, 4, 5, 6])
-    found = interval_of_mean(block_sums(values, block, np.zeros(8, dtype=np.intp)))
-    assert (found.value, found.blocks, found.bounded) == (3.0, 5, True)
+    interval = interval_of_mean(block_sums(values, block, np.zeros(8, dtype=np.intp)))
+    assert (interval.value, interval.blocks, interval.bounded) == (3.0, 5, True)
     assert interval_of_mean(block_sums(np.zeros(0), np.zeros(0, int), np.zeros(3, int))) == NOTHING
     assert not interval_of_mean(block_sums(np.ones(2), np.zeros(2, int), np.zeros(1, int))).bounded
 
 
 def test_draws_are_students() -> None:
-    found = Estimate(3.0, 2.0, 4.0, 5, True).draws(20_000, rng())
-    assert np.median(found) == pytest.approx(3.0, abs=0.05)
-    assert np.quantile(found, 0.975) == pytest.approx(3.0 + 2.0 * student.ppf(0.975, 4.0), rel=0.05)
+    estimate = Estimate(3.0, 2.0, 4.0, 5, True).draws(20_000, rng())
+    assert np.median(estimate) == pytest.approx(3.0, abs=0.05)
+    assert np.quantile(estimate, 0.975) == pytest.approx(3.0 + 2.0 * student.ppf(0.975, 4.0), rel=0.05)
 
 
 @pytest.mark.parametrize("confidence", [0.0, 1.0, -0.5])
-def test_all_and_nothing_are_no_confidence(confidence: float) -> None:
+def test_all_and_nothing_are_no_confidence(confidence) -> None:
     with pytest.raises(InputError, match="between 0 and 1"):
         interval_of_mean(one_each(np.arange(5.0)), confidence)
 
@@ -159,23 +165,24 @@ def compared(first: npt.ArrayLike, second: npt.ArrayLike, seed: int = 0) -> Pair
 def test_a_constant_difference_has_no_width() -> None:
     """However much the blocks differ: of eight blocks, 2 of the 256 exchanges give as large a difference."""
     values = rng().normal(0.0, 100.0, 8)
-    found = compared(values, (values + 0.5), 1)
-    assert (found.difference.value, found.difference.low, found.difference.high) == pytest.approx((-0.5, -0.5, -0.5))
-    assert found.p_value == pytest.approx(2.0 / 256.0)
+    comparison = compared(values, (values + 0.5), 1)
+    interval = comparison.difference
+    assert (interval.value, interval.low, interval.high) == pytest.approx((-0.5, -0.5, -0.5))
+    assert comparison.p_value == pytest.approx(2.0 / 256.0)
 
 
 def test_the_interval_is_that_of_the_differences() -> None:
     first, second = rng(3).normal(size=(2, 9))
-    found = compared(first, second).difference
+    comparison = compared(first, second).difference
     expected = ttest_rel(first, second).confidence_interval()
-    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+    assert (comparison.low, comparison.high) == pytest.approx((expected.low, expected.high))
 
 
 def test_one_block_against_the_others_is_no_evidence() -> None:
     """Differences 3, −1, −1, −1: the mean is 0."""
-    found = compared([3.0, 0.0, 0.0, 0.0], [0.0, 1.0, 1.0, 1.0])
-    assert found.difference.value == pytest.approx(0.0)
-    assert found.p_value == 1.0
+    comparison = compared([3.0, 0.0, 0.0, 0.0], [0.0, 1.0, 1.0, 1.0])
+    assert comparison.difference.value == pytest.approx(0.0)
+    assert comparison.p_value == 1.0
 
 
 def test_p_value_by_hand() -> None:
@@ -191,7 +198,7 @@ def test_models_that_are_alike_are_seldom_told_apart() -> None:
 
 
 @given(seed=st.integers(0, 1000), blocks=st.integers(2, 16))
-def test_exchanged_models_have_the_opposite_difference(seed: int, blocks: int) -> None:
+def test_exchanged_models_have_the_opposite_difference(seed, blocks) -> None:
     first, second = rng(seed).normal(size=(2, blocks))
     there, back = compared(first, second, seed), compared(second, first, seed)
     assert there.difference.value == pytest.approx(-back.difference.value)
@@ -202,9 +209,9 @@ def test_exchanged_models_have_the_opposite_difference(seed: int, blocks: int) -
 def test_roots_of_means_can_be_compared() -> None:
     stratum = np.zeros(8, dtype=np.intp)
     first, second = (block_sums(np.full(8, square), np.arange(8), stratum, np.sqrt) for square in (9.0, 16.0))
-    found = paired_difference(first, second, rng())
-    assert found.difference.value == pytest.approx(-1.0)
-    assert found.p_value == pytest.approx(2.0 / 256.0)
+    comparison = paired_difference(first, second, rng())
+    assert comparison.difference.value == pytest.approx(-1.0)
+    assert comparison.p_value == pytest.approx(2.0 / 256.0)
 
 
 def test_one_block_or_none_tells_nothing() -> None:
@@ -222,12 +229,93 @@ def test_other_samples_cannot_be_paired() -> None:
 def test_random_exchanges_count_the_one_found_too() -> None:
     """13 blocks are one more than are enumerated: the same 4096 exchanges, and the pair as it is."""
     values = np.array([3.0, -1.0, 4.0, 1.0, -5.0, 9.0, 2.0, -6.0, 5.0, 3.0, 5.0, -8.0, 9.0])
-    found = compared(values, np.zeros(13), 7)
+    comparison = compared(values, np.zeros(13), 7)
     signs = np.where(rng(7).random((4096, 13)) < 0.5, -1.0, 1.0)
     as_far = np.count_nonzero(np.abs(signs @ values) >= abs(values.sum()) - 1e-9)
-    assert found.p_value == pytest.approx((as_far + 1) / 4097)
-    assert 0.1 < found.p_value < 0.5
+    assert comparison.p_value == pytest.approx((as_far + 1) / 4097)
+    assert 0.1 < comparison.p_value < 0.5
 
 
 def test_twelve_blocks_are_enumerated() -> None:
     assert compared(np.ones(12), np.zeros(12)).p_value == 2.0 / 4096.0
+
+
+def ranked(first: Sequence[float], second: Sequence[float]) -> RankCorrelation:
+    """The correlation of two sides that have one."""
+    correlation = rank_correlation(first, second)
+    assert correlation is not None
+    return correlation
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=3, max_size=10))
+def test_rank_correlation_is_spearmans(pairs) -> None:
+    first, second = (list(map(float, side)) for side in zip(*pairs, strict=True))
+    if len(set(first)) == 1 or len(set(second)) == 1:
+        assert rank_correlation(first, second) is None
+    else:
+        assert ranked(first, second).rho == pytest.approx(spearmanr(first, second).statistic, abs=1e-12)
+        assert ranked(first, second).pairs == len(pairs)
+
+
+def test_a_reversed_order() -> None:
+    correlation = ranked([1.0, 2.0, 9.0], [3.0, 2.0, 1.0])
+    assert correlation.rho == pytest.approx(-1.0)
+    assert correlation.p_value == pytest.approx(2.0 / 6.0), "two of the six orders are as extreme"
+
+
+def test_the_p_value_counts_the_orders() -> None:
+    first, second = [1.0, 2.0, 3.0, 4.0, 5.0], [1.0, 3.0, 2.0, 5.0, 4.0]
+    rhos = [abs(spearmanr(first, order).statistic) for order in permutations(second)]
+    correlation = ranked(first, second)
+    assert correlation.p_value == pytest.approx(np.mean(np.array(rhos) >= correlation.rho - 1e-9))
+
+
+def test_many_pairs_use_students_t() -> None:
+    rng = np.random.default_rng(0)
+    first, second = rng.normal(size=(2, 30))
+    correlation, expected = ranked(list(first), list(second)), spearmanr(first, second)
+    assert (correlation.rho, correlation.p_value) == pytest.approx((expected.statistic, expected.pvalue))
+    assert ranked(list(first), list(first)).p_value == pytest.approx(0.0, abs=1e-12)
+
+
+def test_two_pairs_are_no_ranking() -> None:
+    assert rank_correlation([1.0, 2.0], [1.0, 2.0]) is None
+    with pytest.raises(InputError, match="the same length"):
+        rank_correlation([1.0, 2.0, 3.0], [1.0, 2.0])
+
+
+@pytest.mark.parametrize(("count", "p_value"), [(8, 2.0 / 40320.0), (9, 0.0)])
+def test_eight_pairs_are_counted_and_nine_are_not(count, p_value) -> None:
+    correlation = ranked(list(range(count)), list(range(count)))
+    assert correlation.p_value == pytest.approx(p_value, rel=1e-9)
+    assert correlation.pairs == count
+
+
+def interval_between(error: float, *values: float, other: Sequence[float] = (1.0, 2.0, 3.0, 9.0)) -> Interval:
+    return ranking_interval([Estimate(value, error, 4.0, 5, True) for value in values], other)
+
+
+def test_the_order_of_sure_estimates_is_sure() -> None:
+    pet = interval_between(0.01, 1.0, 2.0, 3.0, 4.0)
+    assert (pet.value, pet.low, pet.high) == pytest.approx((1.0, 1.0, 1.0))
+    assert (pet.blocks, pet.bounded) == (20, True)
+
+
+def test_neighbours_whose_intervals_overlap_may_stand_the_other_way_round() -> None:
+    """Intervals of 98.7 % for all four at once: t of 4 degrees of freedom is 4.28, so 0.13 m is 0.56 m to each side."""
+    pet = interval_between(0.13, 1.0, 2.0, 3.0, 4.0)
+    swapped = 1.0 - 6.0 * 4.0 / (4.0 * 15.0)
+    assert (pet.value, pet.low, pet.high) == pytest.approx((1.0, swapped, 1.0)), "1 with 2, and 3 with 4"
+
+
+def test_estimates_that_say_nothing_allow_every_order() -> None:
+    pet = interval_between(9.0, 1.0, 2.0, 3.0, 4.0)
+    assert (pet.value, pet.low, pet.high) == pytest.approx((1.0, -1.0, 1.0))
+    assert interval_between(9.0, 2.0, 2.0, 2.0, 2.0).value == 0.0, "of equal values it says nothing"
+
+
+def test_a_ranking_with_a_template_of_one_episode_or_with_too_many_has_no_bounds() -> None:
+    estimates = [Estimate(1.0, 0.1, 4.0, 5, True), Estimate(2.0, 0.0, 0.0, 1, False), Estimate(3.0, 0.1, 4.0, 5, True)]
+    assert not ranking_interval(estimates, [1.0, 2.0, 3.0]).bounded
+    assert interval_between(0.1, *range(8), other=range(8)).bounded
+    assert not interval_between(0.1, *range(9), other=range(9)).bounded

@@ -1,4 +1,5 @@
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,16 +8,25 @@ import pytest
 from made_records import moving, record_with
 from published_files import weights
 
-from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores, categories_of, score_episode
+from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.metrics import METRICS
-from siren_ros.evaluation.prediction.predictors import PREDICTORS, Checkpoint, predictors_named
-from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
+from siren_ros.evaluation.prediction.predictors import PREDICTORS, Checkpoint, Hypotheses, predictors_named
+from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, ScoredSamples, samples_of
+from siren_ros.evaluation.prediction.scoring import (
+    Category,
+    EpisodeScores,
+    ScoringJob,
+    answers_for,
+    categories_of,
+    score_bags,
+    score_episode,
+)
+from siren_ros.evaluation.prediction.submission import EpisodePredictions, Submission
 from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.closed_loop import record_of as record_of_loop
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.world.actors import ActorStates, Mode
 
@@ -26,9 +36,9 @@ def with_modes(record: EpisodeRecord, actor_id: int, modes: dict[Mode, range]) -
     states = []
     for state in record.states:
         mode = state.mode.copy()
-        for one, steps in modes.items():
+        for changed, steps in modes.items():
             if state.step in steps:
-                mode[state.actor_id == actor_id] = one
+                mode[state.actor_id == actor_id] = changed
         states.append(replace(state, mode=mode))
     return replace(record, states=tuple(states))
 
@@ -37,7 +47,7 @@ def categories(record: EpisodeRecord) -> np.ndarray:
     return categories_of(record, samples_of(record, HistoryWindow(), Population.ALL).batch)
 
 
-def test_a_window_that_holds_a_yield_is_yielding(straight_road: RoadNetwork) -> None:
+def test_a_window_that_holds_a_yield_is_yielding(straight_road) -> None:
     """Presents at steps 60 to 98; the yield lasts from 180 to 189, and the window reaches 100 steps ahead."""
     record = record_with({1: moving(0.0, -5.25, 5.0, steps=199), 2: moving(30.0, -5.25, 5.0, steps=199)}, straight_road)
     record = with_modes(record, 2, {Mode.YIELD_LANE_CHANGE: range(180, 190)})
@@ -48,13 +58,13 @@ def test_a_window_that_holds_a_yield_is_yielding(straight_road: RoadNetwork) -> 
     assert np.array_equal(category[actor == 2] == Category.YIELDING, step[actor == 2] >= 80)
 
 
-def test_held_is_who_stands_in_the_hold_now(straight_road: RoadNetwork) -> None:
+def test_held_is_who_stands_in_the_hold_now(straight_road) -> None:
     modes = {Mode.YIELD_PULL_OVER: range(60, 70), Mode.YIELD_HOLD: range(70, 80), Mode.REJOIN: range(80, 300)}
     record = with_modes(record_with({1: moving(0.0, -5.25, 5.0, steps=199)}, straight_road), 1, modes)
     assert categories(record).tolist() == [Category.YIELDING] * 5 + [Category.HELD] * 5 + [Category.OTHER] * 10
 
 
-def test_each_vehicles_window_is_its_own(straight_road: RoadNetwork) -> None:
+def test_each_vehicles_window_is_its_own(straight_road) -> None:
     """Every vehicle yields over another span; the categories are those that a loop over its own steps finds."""
     spans = {1: range(0), 2: range(60, 65), 3: range(150, 153), 5: range(198, 199), 9: range(3)}
     record = record_with({actor: moving(30.0 * actor, -5.25, 5.0, steps=199) for actor in spans}, straight_road)
@@ -63,17 +73,18 @@ def test_each_vehicles_window_is_its_own(straight_road: RoadNetwork) -> None:
     batch = samples_of(record, HistoryWindow(), Population.ALL).batch
     samples = list(zip(batch.sample_step.tolist(), batch.actor_id.tolist(), strict=True))
     yields = [bool(set(range(step, step + 101)) & set(spans[actor])) for step, actor in samples]
-    assert categories_of(record, batch).tolist() == [Category.YIELDING if each else Category.OTHER for each in yields]
-    assert {actor for (_, actor), each in zip(samples, yields, strict=True) if each} == {2, 3, 5}
+    expected = [Category.YIELDING if is_yield else Category.OTHER for is_yield in yields]
+    assert categories_of(record, batch).tolist() == expected
+    assert {actor for (_, actor), is_yield in zip(samples, yields, strict=True) if is_yield} == {2, 3, 5}
 
 
-def test_an_emv_is_an_emv_whatever_it_does(straight_road: RoadNetwork) -> None:
+def test_an_emv_is_an_emv_whatever_it_does(straight_road) -> None:
     record = record_with({1: replace(moving(0.0, -5.25, 5.0, steps=199), is_emv=True)}, straight_road)
     record = with_modes(record, 1, {Mode.YIELD_HOLD: range(300)})
     assert set(categories(record)) == {Category.EMV}
 
 
-def test_no_sample_no_category(straight_road: RoadNetwork) -> None:
+def test_no_sample_no_category(straight_road) -> None:
     record = record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
     assert categories(record).shape == (0,)
 
@@ -97,17 +108,17 @@ def shaken(states: ActorStates, rng: np.random.Generator) -> ActorStates:
     return replace(states, **changed)
 
 
-def same(one: EpisodeScores, two: EpisodeScores) -> bool:
+def same(first: EpisodeScores, second: EpisodeScores) -> bool:
     """Whether all values of all samples are equal."""
-    return list(one.models) == list(two.models) and all(
-        np.array_equal(one.models[model].values[metric], values, equal_nan=True)
-        for model, scores in two.models.items()
+    return list(first.models) == list(second.models) and all(
+        np.array_equal(first.models[model].values[metric], values, equal_nan=True)
+        for model, scores in second.models.items()
         for metric, values in scores.values.items()
     )
 
 
 @pytest.mark.parametrize("model", PREDICTORS)
-def test_predictions_do_not_depend_on_the_logged_future(model: str, episode: EpisodeRecord) -> None:
+def test_predictions_do_not_depend_on_the_logged_future(model, episode) -> None:
     checkpoints = {}
     if PREDICTORS[model].checkpoint is Checkpoint.REQUIRED:
         pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
@@ -132,7 +143,7 @@ def test_predictions_do_not_depend_on_the_logged_future(model: str, episode: Epi
     assert np.abs(known - answered).max() < 1e-3
 
 
-def test_a_real_episode_is_scored(episode: EpisodeRecord) -> None:
+def test_a_real_episode_is_scored(episode) -> None:
     scores = score_episode("live", episode, predictors_named(["cv", "idm"]), Population.ALL)
     there = [len(episode.track(key)) for key in episode.actors]
     assert scores.samples >= 10 * sum(count == STEPS for count in there) > 0
@@ -142,14 +153,12 @@ def test_a_real_episode_is_scored(episode: EpisodeRecord) -> None:
         assert all(values.shape == metrics.step.shape for values in metrics.values.values())
         assert 0.0 < metrics["ade_m"].value < metrics["fde_m"].value < metrics["rmse_5s_m"].value < 40.0
         assert metrics["min_ade_6_m"] == metrics["ade_m"], "one hypothesis"
-        assert not metrics["brier_score"].valid, "one hypothesis states no probability"
+        assert metrics["brier_score"].value is None, "one hypothesis states no probability"
         assert np.allclose(metrics.distance_sum_m.mean() / len(metrics), metrics["ade_m"].value)
     assert scores.parameters["emv.speed_mps"] > 0.0
 
 
-def test_scores_of_a_bag_are_those_of_its_record(
-    tmp_path: Path, write_bag: Callable[..., Path], record_of: Callable[..., EpisodeRecord]
-) -> None:
+def test_scores_of_a_bag_are_those_of_its_record(tmp_path, write_bag, record_of) -> None:
     bag = write_bag(tmp_path / "bag", duration_s=9.0)
     models = predictors_named(["cv", "idm"])
     from_bag = score_episode("bag", read_episode(bag), models, Population.ALL)
@@ -157,7 +166,7 @@ def test_scores_of_a_bag_are_those_of_its_record(
     assert from_bag.samples == 5 * (90 - 80)
 
 
-def test_models_with_other_histories_have_their_own_samples(straight_road: RoadNetwork) -> None:
+def test_models_with_other_histories_have_their_own_samples(straight_road) -> None:
     record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * 120 - 1)}, straight_road)
     long = replace(predictors_named(["cv"])["cv"], window=HistoryWindow(points=50, stride_frames=1))
     scores = score_episode("two", record, {"cv": predictors_named(["cv"])["cv"], "long": long}, Population.ALL)
@@ -165,13 +174,13 @@ def test_models_with_other_histories_have_their_own_samples(straight_road: RoadN
     assert scores.samples == 21
 
 
-def test_a_shaken_order_of_rows_gives_the_same_scores(episode: EpisodeRecord) -> None:
+def test_a_shaken_order_of_rows_gives_the_same_scores(episode) -> None:
     models = predictors_named(["cv", "idm"])
     backwards = replace(episode, states=tuple(reversed(episode.states)))
     assert same(score_episode("a", episode, models), score_episode("a", backwards, models))
 
 
-def test_by_default_the_region_is_scored(straight_road: RoadNetwork) -> None:
+def test_by_default_the_region_is_scored(straight_road) -> None:
     """100 frames, 20 windows each: the second always near, the third always far, the fourth gone after half of it."""
     tracks = {
         1: replace(moving(0.0, -5.25, 10.0, steps=199), is_emv=True),
@@ -191,7 +200,7 @@ def test_by_default_the_region_is_scored(straight_road: RoadNetwork) -> None:
     assert not batch.actors.observed[batch.actors.frame == 0].sum(axis=1).tolist().count(0)
 
 
-def test_what_is_kept_of_each_sample(straight_road: RoadNetwork) -> None:
+def test_what_is_kept_of_each_sample(straight_road) -> None:
     """Two samples each of a vehicle that gains speed, one that stands, and an EMV at constant speed."""
     tracks = {
         3: moving(0.0, -5.25, 5.0, accel_mps2=0.4, steps=163),
@@ -199,13 +208,93 @@ def test_what_is_kept_of_each_sample(straight_road: RoadNetwork) -> None:
         9: replace(moving(0.0, 500.0, 6.0, yaw_rad=2.0, steps=163), is_emv=True),
     }
     record = record_with(tracks, straight_road)
-    found = score_episode("kept", record, predictors_named(["cv"]), Population.ALL).models["cv"]
-    assert found.step.tolist() == [60, 60, 60, 62, 62, 62]
-    assert found.actor_id.tolist() == [3, 4, 9] * 2
-    assert found.category.tolist() == [Category.OTHER, Category.OTHER, Category.EMV] * 2
+    scores = score_episode("kept", record, predictors_named(["cv"]), Population.ALL).models["cv"]
+    assert scores.step.tolist() == [60, 60, 60, 62, 62, 62]
+    assert scores.actor_id.tolist() == [3, 4, 9] * 2
+    assert scores.category.tolist() == [Category.OTHER, Category.OTHER, Category.EMV] * 2
     # The first drives 6.2 m/s at 3 s: 5 s of that, and 0.2 times 25.
-    assert found.moved_m[:3] == pytest.approx([5.0 * 6.2 + 5.0, 0.0, 30.0])
-    assert found.population_size == len(found) == 6
+    assert scores.moved_m[:3] == pytest.approx([5.0 * 6.2 + 5.0, 0.0, 30.0])
+    assert scores.population_size == len(scores) == 6
     # Constant velocity is off by 0.2 t², for each of the first one's two samples.
-    assert found.distance_sum_m == pytest.approx(2.0 * 0.2 * (0.2 * np.arange(1, 26)) ** 2)
-    assert found.values["fde_m"] == pytest.approx([5.0, 0.0, 0.0] * 2)
+    assert scores.distance_sum_m == pytest.approx(2.0 * 0.2 * (0.2 * np.arange(1, 26)) ** 2)
+    assert scores.values["fde_m"] == pytest.approx([5.0, 0.0, 0.0] * 2)
+
+
+JOB = ScoringJob(("cv",), population=Population.ALL)
+NAMES = ("near", "broken", "far")
+
+
+@pytest.fixture(scope="module", name="bags")
+def _bags(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> list[Path]:
+    """Two bags of one synthetic episode, and between them a folder that is none."""
+    folder = tmp_path_factory.mktemp("bags")
+    bags = [folder / name for name in NAMES]
+    write_bag(bags[0], duration_s=8.5)
+    bags[1].mkdir()
+    shutil.copytree(bags[0], bags[2])
+    return bags
+
+
+@pytest.fixture(scope="module", name="samples")
+def _samples(bags: list[Path]) -> ScoredSamples:
+    return samples_of(read_episode(bags[0]), HistoryWindow(), Population.ALL)
+
+
+def off_by(metres: Mapping[str, float], samples: ScoredSamples) -> Submission:
+    """The truth of each episode, moved aside."""
+    batch = samples.batch
+    order = np.lexsort((batch.actor_id, batch.sample_step))
+
+    def part(rows: np.ndarray, aside_m: float) -> EpisodePredictions:
+        hypotheses = Hypotheses.certain(samples.future_xy_m[rows] + np.array([0.0, aside_m]))
+        return EpisodePredictions("made", HistoryWindow(), batch.actor_id[rows], batch.sample_step[rows], hypotheses)
+
+    return Submission({name: part(order, aside_m) for name, aside_m in metres.items()}, part(order[:0], 0.0))
+
+
+def test_every_bag_gets_its_result_in_order_and_one_that_cannot_be_read_does_not_stop_the_others(bags) -> None:
+    seen: list[int] = []
+    results = score_bags(JOB, bags, lambda: seen.append(1))
+    assert [result.bag for result in results] == bags
+    assert [result.error is None for result in results] == [True, False, True]
+    assert [result.scores is None for result in results] == [False, True, False]
+    assert str(bags[1]) in str(results[1].error)
+    assert len(seen) == len(bags)
+    first, last = (result.scores for result in results if result.scores is not None)
+    assert (first.name, last.name) == (str(bags[0]), str(bags[2]))
+    assert first.models["cv"]["ade_m"] == last.models["cv"]["ade_m"]
+
+
+def test_each_bag_meets_the_predictions_of_its_name(bags, samples) -> None:
+    job = replace(JOB, models=(), submissions={"mine": off_by({"far": 2.0, "near": 0.5}, samples)})
+    results = score_bags(job, [bags[0], bags[2]])
+    near, far = (result.scores for result in results if result.scores is not None)
+    assert list(near.models) == ["mine"]
+    assert near.models["mine"]["ade_m"].value == pytest.approx(0.5)
+    assert far.models["mine"]["fde_m"].value == pytest.approx(2.0)
+    assert near.models["mine"]["ade_m"].samples == len(samples.future_xy_m)
+
+
+def test_predictions_of_bags_that_are_not_scored_and_models_that_are_none_are_refused_first(bags, samples) -> None:
+    job = replace(JOB, submissions={"mine": off_by({"elsewhere": 0.0}, samples)})
+    with pytest.raises(InputError, match="elsewhere"):
+        score_bags(job, [bags[0]])
+    with pytest.raises(InputError, match="nobody"):
+        score_bags(replace(JOB, models=("nobody",)), [bags[1]])
+
+
+def test_without_any_model_there_is_nothing_to_score(bags) -> None:
+    (result,) = score_bags(ScoringJob(()), [bags[0]])
+    assert result.scores is not None
+    assert result.scores.models == {}
+
+
+def test_answers_are_those_of_the_wanted_models(bags, samples) -> None:
+    job = replace(JOB, models=("cv", "idm"), submissions={"mine": off_by({"near": 1.0}, samples)})
+    record, answers = answers_for(job, bags[0], ("idm", "mine"))
+    assert record.steps == 170
+    assert set(answers) == {"idm", "mine"}
+    mine = answers["mine"]
+    off_m = mine.hypotheses.xy_m[:, 0] - mine.samples.future_xy_m
+    assert np.allclose(off_m, [0.0, 1.0])
+    assert set(answers_for(job, bags[0], ("cv",))[1]) == {"cv"}

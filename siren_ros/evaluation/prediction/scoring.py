@@ -1,0 +1,279 @@
+"""Scores predictors on episodes: every model with every metric on each of its samples, many bags side by side.
+
+A sample has a category: what its vehicle does in the window.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.errors import SirenError
+from siren_ros.evaluation.prediction.metrics import METRIC_OF, METRICS, MetricValue, distances, reliability_of
+from siren_ros.evaluation.prediction.predictors import Hypotheses, Predictor, checked, predictors_named
+from siren_ros.evaluation.prediction.samples import (
+    LAST_FUTURE_STEP,
+    Population,
+    SampleBatch,
+    ScoredSamples,
+    samples_of,
+)
+from siren_ros.evaluation.prediction.submission import EpisodePredictions, Submission, read_recorded_predictions
+from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.processes.process_pool import ProcessPool
+from siren_ros.record.bag_survey import episode_name
+from siren_ros.record.episode_source import open_source
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.world.actors import Mode
+
+
+class Category(IntEnum):
+    """Each sample has one."""
+
+    EMV = 0
+    YIELDING = 1
+    """A civilian whose window of 5 s holds a step of a yield response; it may begin there."""
+    HELD = 2
+    """A civilian that stands in the hold of a pull-over at the present."""
+    OTHER = 3
+
+
+def categories_of(record: EpisodeRecord, batch: SampleBatch) -> Codes:
+    """Category of each sample of an episode, shape ``(N,)``; from the recorded modes, present and future."""
+    rows = record.rows
+    category = np.full(len(batch), Category.OTHER, dtype=np.uint8)
+    if not len(batch):
+        return category
+    actor, step = batch.actor_id, batch.sample_step
+    span = int(rows.step.max()) + LAST_FUTURE_STEP + 1
+    keys = rows.actor_id.astype(np.int64) * span + rows.step
+    now = np.searchsorted(keys, actor * span + step)
+    end = np.searchsorted(keys, actor * span + step + LAST_FUTURE_STEP, side="right")
+    yielding = (rows.mode >= Mode.YIELD_REACTING) & (rows.mode <= Mode.YIELD_HOLD)
+    before = np.concatenate(([0], np.cumsum(yielding)))
+    category[before[end] > before[now]] = Category.YIELDING
+    category[rows.mode[now] == Mode.YIELD_HOLD] = Category.HELD
+    category[batch.actors.is_emv[batch.target]] = Category.EMV
+    return category
+
+
+@dataclass(frozen=True)
+class ModelScores:
+    """The scores of one model on N samples; of an episode they are sorted by step and then by actor."""
+
+    step: npt.NDArray[np.int64]
+    """The present of each sample, shape ``(N,)``."""
+    actor_id: Ids
+    category: Codes
+    """``Category`` of each sample."""
+    moved_m: Floats
+    """Distance between the true places at the present and at the horizon, shape ``(N,)``."""
+    values: Mapping[str, Floats]
+    """By metric, shape ``(N,)``; NaN where it says nothing."""
+    distance_sum_m: Floats
+    """Of the most probable paths from the truth, at each time of the grid; shape ``(FUTURE_POINTS,)``."""
+    reliability: Floats
+    """Of all hypotheses, as ``reliability_of`` counts them."""
+    population_size: int
+    """Number of samples of the population; more than N where predictions are missing."""
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+    def __getitem__(self, metric: str) -> MetricValue:
+        """A metric over all samples."""
+        return METRIC_OF[metric].value(self.values[metric])
+
+
+@dataclass(frozen=True)
+class EpisodeScores:
+    """The scores of every model on one episode."""
+
+    name: str
+    """Of the episode: the bag's folder."""
+    template: str
+    level: EmergencyLevel
+    seed: int
+    map_name: str
+    population: Population
+    parameters: Mapping[str, float]
+    """The template's numbers: ``emv.speed_mps``."""
+    models: Mapping[str, ModelScores]
+
+    @property
+    def samples(self) -> int:
+        """Least number of samples of a model; models with different histories have different samples."""
+        return min((len(scores) for scores in self.models.values()), default=0)
+
+
+def score_episode(
+    name: str,
+    record: EpisodeRecord,
+    predictors: Mapping[str, Predictor],
+    population: Population = Population.REGION,
+    submitted: Mapping[str, EpisodePredictions] | None = None,
+) -> EpisodeScores:
+    """Scores every predictor, and every submission, on an episode.
+
+    Args:
+        name: Of the episode, for reports.
+        record: The episode.
+        predictors: By the name of the model.
+        population: Whose windows count.
+        submitted: What other programs predicted in this episode, by the name of the model.
+
+    Raises:
+        InputError: The record does not describe its actors, or a model's hypotheses cannot be scored.
+    """
+    models: dict[str, ModelScores] = {}
+    for answers in _answers_of(record, predictors, population, submitted or {}):
+        hypotheses, batch, truth = answers.hypotheses, answers.samples.batch, answers.samples.future_xy_m
+        models[answers.model] = ModelScores(
+            step=batch.sample_step,
+            actor_id=batch.actors.actor_id[batch.target],
+            category=categories_of(record, batch),
+            moved_m=np.hypot(*(truth[:, -1] - batch.xy_m).T),
+            values={metric.name: metric.of_samples(hypotheses, answers.samples) for metric in METRICS},
+            distance_sum_m=distances(hypotheses.xy_m[:, :1], truth)[:, 0].sum(axis=0),
+            reliability=reliability_of(hypotheses, truth),
+            population_size=answers.population_size,
+        )
+    about = record.description
+    of_template = about.template, about.level, about.seed, about.map_name
+    return EpisodeScores(name, *of_template, population, about.template_values, models)
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What one model predicts in an episode."""
+
+    model: str
+    samples: ScoredSamples
+    """Those that there are hypotheses for."""
+    hypotheses: Hypotheses
+    """One row for each sample."""
+    population_size: int
+    """Number of samples of the population."""
+
+
+def _answers_of(
+    record: EpisodeRecord,
+    predictors: Mapping[str, Predictor],
+    population: Population,
+    submitted: Mapping[str, EpisodePredictions],
+) -> Iterator[Answers]:
+    """The hypotheses of all models, one model after the other; arguments and errors as those of ``score_episode``."""
+    samples_with = cache(lambda window: samples_of(record, window, population))
+    for model, predictor in predictors.items():
+        samples = samples_with(predictor.window)
+        yield Answers(model, samples, checked(model, predictor.predict(samples.batch), len(samples)), len(samples))
+    for model, predictions in submitted.items():
+        samples = samples_with(predictions.window)
+        rows, hypotheses = predictions.meet(samples.batch)
+        yield Answers(model, samples.select(rows), hypotheses, len(samples))
+
+
+@dataclass(frozen=True)
+class ScoringJob:
+    """What is scored on every bag."""
+
+    models: tuple[str, ...]
+    checkpoints: tuple[tuple[str, Path], ...] = ()
+    submissions: Mapping[str, Submission] | None = None
+    recorded: str = ""
+    """Name of the row for the predictions that the bags hold themselves; empty where they are not scored."""
+    allow_missing: bool = False
+    """Of the recorded ones; submissions say it themselves."""
+    population: Population = Population.REGION
+    processes: int = 1
+
+
+@dataclass(frozen=True)
+class BagResult:
+    """What became of a bag: its scores, or the error."""
+
+    bag: Path
+    scores: EpisodeScores | None
+    error: SirenError | None = None
+
+
+def score_bags(
+    job: ScoringJob, bags: Sequence[Path], progress: Callable[[], None] = lambda: None
+) -> tuple[BagResult, ...]:
+    """Scores every bag in processes; one that cannot be read does not keep the others from being scored.
+
+    Args:
+        job: The models.
+        bags: Folders of episodes.
+        progress: Called after each bag.
+
+    Raises:
+        InputError: A model that cannot be made, or predictions that do not fit the episodes.
+    """
+    submissions = job.submissions or {}
+    names = [_names(bag) if submissions else (bag.name,) for bag in bags]
+    for submission in submissions.values():
+        submission.check_episodes(names)
+    _predictors(job.models, job.checkpoints)
+    rest = replace(job, submissions=None)  # each worker gets the part of its bag alone
+    calls = [(bag, rest, _parts(submissions, of_bag)) for bag, of_bag in zip(bags, names, strict=True)]
+    with ProcessPool(min(job.processes, len(bags) // 2)) as pool:
+        return tuple(pool.map(_score_bag, calls, progress))
+
+
+def answers_for(job: ScoringJob, bag: Path, models: Collection[str]) -> tuple[EpisodeRecord, Mapping[str, Answers]]:
+    """An episode and what some of the models predict in it, once more: scores do not keep paths.
+
+    Raises:
+        SirenError: As for ``BagResult.error``.
+    """
+    submissions = {model: submission for model, submission in (job.submissions or {}).items() if model in models}
+    job = replace(job, recorded=job.recorded if job.recorded in models else "")
+    record, predictors, submitted = _opened(job, bag, _parts(submissions, _names(bag)))
+    predictors = {model: predictor for model, predictor in predictors.items() if model in models}
+    return record, {answers.model: answers for answers in _answers_of(record, predictors, job.population, submitted)}
+
+
+def _names(bag: Path) -> tuple[str, ...]:
+    """What predictions may call the episode: the folder, and as exports name it, with or without underscores."""
+    try:
+        with open_source(bag) as source:
+            episode = source.description
+    except SirenError:
+        return (bag.name,)
+    exported = episode_name(episode.template, episode.level.name, episode.seed, episode.map_name)
+    return tuple(dict.fromkeys((bag.name, exported, exported.replace("_", "-"))))
+
+
+def _parts(submissions: Mapping[str, Submission], names: tuple[str, ...]) -> Mapping[str, EpisodePredictions]:
+    return {model: submission.of_episode(names) for model, submission in submissions.items()}
+
+
+@cache
+def _predictors(models: tuple[str, ...], checkpoints: tuple[tuple[str, Path], ...]) -> Mapping[str, Predictor]:
+    """Made once in each process: some load weights."""
+    return predictors_named(models, dict(checkpoints)) if models else {}
+
+
+def _opened(
+    job: ScoringJob, bag: Path, submitted: Mapping[str, EpisodePredictions]
+) -> tuple[EpisodeRecord, Mapping[str, Predictor], Mapping[str, EpisodePredictions]]:
+    """An episode, the predictors, and what was submitted for it, the predictions that the bag holds included."""
+    predictors = _predictors(job.models, job.checkpoints)
+    with open_source(bag) as source:
+        if job.recorded:
+            submitted = {**submitted, job.recorded: read_recorded_predictions(source, job.allow_missing)}
+        return source.record(), predictors, submitted
+
+
+def _score_bag(bag: Path, job: ScoringJob, submitted: Mapping[str, EpisodePredictions]) -> BagResult:
+    try:
+        record, predictors, submitted = _opened(job, bag, submitted)
+        return BagResult(bag, score_episode(str(bag), record, predictors, job.population, submitted))
+    except SirenError as error:
+        return BagResult(bag, None, error)

@@ -1,1 +1,0 @@
-"""What the tasks of the evaluation share: intervals, paired comparisons, rank correlation. Knows no episodes."""

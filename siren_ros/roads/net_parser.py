@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 
@@ -162,6 +163,10 @@ _LEFT_OUT_FUNCTIONS: Final = frozenset({"walkingarea"})
 _Points = npt.NDArray[np.float64]
 
 
+_MAPS_KEPT: Final = 4
+"""Parsed maps that a process keeps."""
+
+
 @dataclass(frozen=True)
 class _Location:
     offset_m: tuple[float, float]
@@ -170,8 +175,11 @@ class _Location:
     projected_origin_m: tuple[float, float] = (0.0, 0.0)
 
 
+@lru_cache(maxsize=_MAPS_KEPT)
 def parse_road_network(net_xml: bytes) -> RoadNetwork:
     """The road network of a SUMO net, in the ``map`` frame (``map = sumo − offset``).
+
+    The last maps are kept: the nodes of one process, and episodes on one map, share them.
 
     The offset is the net's ``netOffset``, so that a map from OpenDRIVE keeps its own coordinates. A net in
     UTM coordinates would put the origin thousands of kilometres away; its origin is the centre of its

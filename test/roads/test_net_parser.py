@@ -50,6 +50,12 @@ def network():
     return parse_road_network(NET.encode())
 
 
+def test_a_map_is_parsed_once(network):
+    """By its content."""
+    assert parse_road_network(bytes(bytearray(NET.encode()))) is network
+    assert parse_road_network(NET.replace("Main Street", "High Street").encode()) is not network
+
+
 def test_kinds_follow_permissions_and_types(network):
     kinds = {lane.lane_id: lane.kind for lane in network.lanes}
     assert kinds == {

@@ -82,10 +82,7 @@ YIELD_COMMANDS: Final = Topic(
 )
 """Pedals and steering of the civilians that yield."""
 ACTORS: Final = Topic(
-    "/siren/actor_states",
-    "siren_msgs/msg/ActorStates",
-    "vehicle_dynamics",
-    ("sumo_bridge", "sensor_sim", "recorder"),
+    "/siren/actor_states", "siren_msgs/msg/ActorStates", "vehicle_dynamics", ("sumo_bridge", "sensor_sim", "recorder")
 )
 """The simulated state of everybody: the truth."""
 EVENTS: Final = Topic("/siren/events", "siren_msgs/msg/Events", "vehicle_dynamics", ("recorder",))

@@ -61,11 +61,7 @@ class MountedSuite:
 
 
 def mounted_suites(
-    episode: EpisodeDescription,
-    network: RoadNetwork,
-    wants_raw: Callable[[Topic], bool],
-    *,
-    in_background: bool,
+    episode: EpisodeDescription, network: RoadNetwork, wants_raw: Callable[[Topic], bool], *, in_background: bool
 ) -> Iterator[MountedSuite]:
     """The suites of all carriers of an episode. The calling thread has to be the one that will measure.
 

@@ -24,9 +24,7 @@ Published = tuple[Topic, Any]
 
 
 def shared_messages(
-    states: ActorStates,
-    actors: Mapping[int, ActorDescription],
-    transforms: Sequence[Transform],
+    states: ActorStates, actors: Mapping[int, ActorDescription], transforms: Sequence[Transform]
 ) -> Iterator[Published]:
     """Messages of a step that all carriers share: the tree of frames, and the markers.
 

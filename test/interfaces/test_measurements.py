@@ -139,14 +139,7 @@ def test_a_field_of_several_numbers_has_an_axis(count: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "change",
-    [
-        {"data": np.zeros(5, np.uint8)},
-        {"point_step": 2},
-        {"row_step": 1},
-        {"width": 2**31},
-        {"height": 3},
-    ],
+    "change", [{"data": np.zeros(5, np.uint8)}, {"point_step": 2}, {"row_step": 1}, {"width": 2**31}, {"height": 3}]
 )
 def test_refuses_clouds_whose_sizes_do_not_fit(change: dict[str, object]) -> None:
     message = to_point_cloud(0, "lidar", _sweep(4))

@@ -35,10 +35,7 @@ def test_every_carrier_has_a_chain_of_its_own() -> None:
     motion = VehicleMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     odometry = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.eye(3), np.eye(3))
     chains = [[(one.parent, one.child) for one in frames_of(motion, odometry, carrier)] for carrier in (EMV, AV)]
-    assert chains == [
-        [("map", "odom"), ("odom", "base_link")],
-        [("map", "av/odom"), ("av/odom", "av/base_link")],
-    ]
+    assert chains == [[("map", "odom"), ("odom", "base_link")], [("map", "av/odom"), ("av/odom", "av/base_link")]]
 
 
 def test_velocities_are_in_the_axes_of_the_vehicle() -> None:

@@ -255,12 +255,7 @@ class Renderer:
         return light.shadow, light.ground, self._noise, sky
 
     def _draw(
-        self,
-        rows: npt.NDArray[np.intp],
-        textures: tuple[Any, ...],
-        signals: Mapping[str, str],
-        step: int,
-        plain: Any,
+        self, rows: npt.NDArray[np.intp], textures: tuple[Any, ...], signals: Mapping[str, str], step: int, plain: Any
     ) -> None:
         """Draw the selected scene and these rows' vehicles; rain where the framebuffer has no labels."""
         context = self._context

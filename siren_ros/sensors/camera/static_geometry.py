@@ -223,12 +223,7 @@ class _Lamps:
     """The lit lenses of signals; their buffer changes only when a signal does."""
 
     def __init__(
-        self,
-        context: moderngl.Context,
-        lamps: tuple[SignalLamp, ...],
-        scene: IndexedMesh,
-        look: Look,
-        constants: str,
+        self, context: moderngl.Context, lamps: tuple[SignalLamp, ...], scene: IndexedMesh, look: Look, constants: str
     ) -> None:
         self._lamps = lamps
         parts = [scene.triangles[lamp.start : lamp.stop] for lamp in lamps]

@@ -89,9 +89,7 @@ class _Class:
         hull = context.buffer(_hull(shape).tobytes())
         names = ("in_position", "in_normal", "in_colour", "in_hub")
         self._array = context.vertex_array(
-            program,
-            ((body, _VERTEX_FORMAT, *names), (self._instances, _INSTANCE_FORMAT, *_INSTANCE_NAMES)),
-            indices,
+            program, ((body, _VERTEX_FORMAT, *names), (self._instances, _INSTANCE_FORMAT, *_INSTANCE_NAMES)), indices
         )
         self._shadow_array = context.vertex_array(
             shadow_program, ((hull, "3f", "in_position"), (self._casters, "4f 4f 4f 32x/i", *_INSTANCE_NAMES[:3]))
@@ -120,16 +118,10 @@ class _Class:
 class VehicleGeometry:
     """All classes' meshes; ``place`` once per set of vehicles, then draw."""
 
-    def __init__(
-        self,
-        context: moderngl.Context,
-        shapes: Mapping[ActorClass, VehicleShape],
-        constants: str,
-    ) -> None:
+    def __init__(self, context: moderngl.Context, shapes: Mapping[ActorClass, VehicleShape], constants: str) -> None:
         """Upload the shapes once; ``constants`` are a look's preamble of the program."""
         self.program = context.program(
-            vertex_shader=defined(VEHICLE_VERTEX, constants),
-            fragment_shader=defined(VEHICLE_FRAGMENT, constants),
+            vertex_shader=defined(VEHICLE_VERTEX, constants), fragment_shader=defined(VEHICLE_FRAGMENT, constants)
         )
         self.shadow_program: Any = context.program(
             vertex_shader=GROUND_SHADOW_VERTEX, fragment_shader=GROUND_SHADOW_FRAGMENT

@@ -384,7 +384,4 @@ def _records(buffer: npt.NDArray[np.void]) -> loops.Records:
     """The buffer of points as two-dimensional arrays of each element type."""
     flat = buffer.view(np.uint8)
     rows = len(buffer)
-    return loops.Records(
-        f4=flat.view(np.float32).reshape(rows, -1),
-        u2=flat.view(np.uint16).reshape(rows, -1),
-    )
+    return loops.Records(f4=flat.view(np.float32).reshape(rows, -1), u2=flat.view(np.uint16).reshape(rows, -1))

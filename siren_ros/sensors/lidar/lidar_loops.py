@@ -304,12 +304,7 @@ def _rings(pattern: Pattern, bounds: Array, origin: Array, ahead: Array, rise: f
 
 @compiled
 def select_candidates(  # compiled code is called with positions
-    rays: Array,
-    pattern: Pattern,
-    distance: Array,
-    lidar_from_map: Array,
-    vehicles: Vehicles,
-    out: Candidates,
+    rays: Array, pattern: Pattern, distance: Array, lidar_from_map: Array, vehicles: Vehicles, out: Candidates
 ) -> int:
     """Find the rays that enter a vehicle's bounding box before ``distance`` (R,); returns how many there are.
 

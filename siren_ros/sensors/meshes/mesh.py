@@ -141,11 +141,9 @@ class LampColour(StrEnum):
     @property
     def material(self) -> Material:
         """Material of the lamp's lens."""
-        return {
-            "red": Material.SIGNAL_RED,
-            "yellow": Material.SIGNAL_YELLOW,
-            "green": Material.SIGNAL_GREEN,
-        }[self.value]
+        return {"red": Material.SIGNAL_RED, "yellow": Material.SIGNAL_YELLOW, "green": Material.SIGNAL_GREEN}[
+            self.value
+        ]
 
 
 __all__ = ["LampColour", "Material", "Mesh", "SignalLamp", "StaticScene", "VehicleShape", "Wheel"]

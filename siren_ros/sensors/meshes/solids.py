@@ -265,9 +265,7 @@ def walls(polygon: Polygon, z0_m: float, z1_m: float, material: Material, colour
     for ring in (orient(polygon).exterior, *orient(polygon).interiors):
         points = np.asarray(ring.coords)[:, :2]
         count = len(points)
-        vertices = np.concatenate(
-            [np.column_stack((points, np.full(count, z_m))) for z_m in (z0_m, z1_m)],
-        )
+        vertices = np.concatenate([np.column_stack((points, np.full(count, z_m))) for z_m in (z0_m, z1_m)])
         i = np.arange(count - 1)
         quads = np.concatenate(
             (np.column_stack((i, i + 1, i + 1 + count)), np.column_stack((i, i + 1 + count, i + count)))

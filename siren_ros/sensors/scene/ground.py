@@ -205,11 +205,7 @@ def _arrow_shapes() -> dict[str, Polygon]:
     stem = Polygon([(-4, -0.09), (-2.3, -0.09), (-1.75, 0.3), (-1.75, 0.5), (-2.05, 0.42), (-2.45, 0.09), (-4, 0.09)])
     hook = Polygon([(-2.25, 0.46), (-1.9, 1.05), (-1.45, 0.46)])
     left = shapely.union_all([stem, hook])
-    return {
-        "s": shapely.union_all([shaft, head]),
-        "l": left,
-        "r": scale(left, yfact=-1.0, origin=(0, 0)),
-    }
+    return {"s": shapely.union_all([shaft, head]), "l": left, "r": scale(left, yfact=-1.0, origin=(0, 0))}
 
 
 _ARROWS: Final = _arrow_shapes()

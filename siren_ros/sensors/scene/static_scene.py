@@ -124,10 +124,7 @@ def _flat_roof(half_m: float, depth_m: float, height_m: float, wall: Rgb, rng: n
     eaves: Rgb = (int(0.82 * wall[0]), int(0.82 * wall[1]), int(0.82 * wall[2]))
     low, high = (-0.15, -half_m - 0.15, height_m - 0.45), (depth_m + 0.15, half_m + 0.15, height_m)
     inner_low, inner_high = (0.1, -half_m + 0.1, height_m - 0.2), (depth_m - 0.1, half_m - 0.1, height_m + 0.04)
-    parts = [
-        box(low, high, Material.BUILDING_WALL, eaves),
-        box(inner_low, inner_high, Material.BUILDING_ROOF, roof),
-    ]
+    parts = [box(low, high, Material.BUILDING_WALL, eaves), box(inner_low, inner_high, Material.BUILDING_ROOF, roof)]
     if height_m > 11 and half_m > 4:
         y = float(rng.uniform(-half_m + 2.5, half_m - 2.5))
         x = float(rng.uniform(0.4, 0.7)) * depth_m

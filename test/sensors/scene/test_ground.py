@@ -208,12 +208,7 @@ def test_two_lanes_of_opposite_directions_share_one_dashed_line() -> None:
     for start in (0.0, 9.0, 45.0, 90.0):
         assert painted(
             found.yellow, (start + 0.1, 0.0), (start + 2.9, 0.0), (start + 3.1, 0.0), (start + 8.9, 0.0)
-        ) == [
-            True,
-            True,
-            False,
-            False,
-        ]
+        ) == [True, True, False, False]
     assert painted(found.yellow, (1.0, 0.05), (1.0, -0.05), (1.0, 0.07), (1.0, -0.07)) == [True, True, False, False]
     assert painted(found.white, (1.0, 0.0), (50.0, 0.15), (50.0, -0.15)) == [False] * 3
     assert painted(found.white, (50.0, -3.35), (50.0, 3.35)) == [True, True], "edge lines"

@@ -5,10 +5,9 @@ from typing import Any
 
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.conversions import from_actor_states, to_traffic_state
+from siren_ros.interfaces.conversions import from_actor_states, to_path, to_traffic_state
 from siren_ros.interfaces.episode_conversions import EpisodeClosing, to_episode_description
 from siren_ros.interfaces.messages import make_message
-from siren_ros.interfaces.programs import to_path
 from siren_ros.lockstep import Input
 from siren_ros.ros.node_configs import SumoBridgeConfig
 from siren_ros.ros.participants.participant import Participant

@@ -7,12 +7,12 @@ from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import (
+    from_av_control,
     from_traffic_state,
     from_vehicle_commands,
     to_actor_states,
     to_events,
 )
-from siren_ros.interfaces.programs import from_av_control
 from siren_ros.lockstep import Input
 from siren_ros.ros.node_configs import VehicleDynamicsConfig
 from siren_ros.ros.participants.participant import Participant

@@ -7,9 +7,11 @@ from siren_ros.interfaces.boxes import from_camera_truth, from_ground_truth
 from siren_ros.interfaces.conversions import (
     from_actor_description,
     from_actor_states,
+    from_av_control,
     from_emv_advice,
     from_event,
     from_events,
+    from_predicted_paths,
     from_signal_state,
     from_traffic_state,
     from_vehicle_commands,
@@ -21,7 +23,6 @@ from siren_ros.interfaces.episode_conversions import (
     from_step_done,
 )
 from siren_ros.interfaces.measurements import from_audio
-from siren_ros.interfaces.programs import from_av_control, from_predicted_paths
 
 READERS: dict[str, Callable[[Any], Any]] = {
     "siren_msgs/msg/Event": from_event,

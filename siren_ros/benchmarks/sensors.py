@@ -15,8 +15,7 @@ from siren_ros.numerics.arrays import Matrix
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.sensors.camera.camera_model import RenderedImage
-from siren_ros.sensors.camera.renderer import Renderer
+from siren_ros.sensors.camera.renderer import RenderedImage, Renderer
 from siren_ros.sensors.lidar.embree import RaycastWorld, RayHits, TriangleTree, tiles
 from siren_ros.sensors.lidar.lidar import Lidar
 from siren_ros.sensors.meshes.mesh import Mesh, StaticScene, VehicleShape
@@ -86,7 +85,7 @@ def whole_scene(static: StaticScene, shapes: dict[ActorClass, VehicleShape], pla
         pose = map_from_base(placement.x_m[row], placement.y_m[row], placement.z_m[row], float(placement.yaw_rad[row]))
         shape = shapes[ActorClass(int(placement.actor_class[row]))].at_rest
         parts.append(shape.transformed(pose[:3, :3], pose[:3, 3]))
-    return Mesh.concatenate(parts)
+    return Mesh.joined(*parts)
 
 
 def lidar_figures(

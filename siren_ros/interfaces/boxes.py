@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from siren_ros.interfaces.messages import as_arrays, as_sequences, checks_content, header, make_message, time_ns_of
+from siren_ros.interfaces.messages import as_arrays, as_sequences, checks_content, header, make_message, step_of
 from siren_ros.interfaces.transforms import (
     from_quaternion,
     from_vector,
@@ -19,7 +19,6 @@ from siren_ros.interfaces.transforms import (
     yaw_of_quaternion,
 )
 from siren_ros.numerics.arrays import Floats
-from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, GROUND_TRUTH_DTYPES, CameraTruth, GroundTruth
 
@@ -28,10 +27,10 @@ def to_ground_truth(truth: GroundTruth) -> Any:
     """``siren_msgs/GroundTruth``."""
     return make_message(
         "siren_msgs/msg/GroundTruth",
-        header=header(time_ns_of_step(truth.step), truth.frame_id),
+        header=header(truth.step, truth.frame_id),
         step=truth.step,
         carrier_id=truth.carrier_id,
-        **as_sequences(truth, list(GROUND_TRUTH_DTYPES)),
+        **as_sequences(truth, GROUND_TRUTH_DTYPES),
     )
 
 
@@ -81,7 +80,7 @@ def boxes_of(truth: GroundTruth, frame_id: str) -> SpaceBoxes:
 
 def to_boxes(boxes: SpaceBoxes) -> Any:
     """``vision_msgs/Detection3DArray``; it has no place for velocities."""
-    shared = {"header": header(time_ns_of_step(boxes.step), boxes.frame_id)}
+    shared = {"header": header(boxes.step, boxes.frame_id)}
     return make_message(
         "vision_msgs/msg/Detection3DArray",
         detections=[_to_box(boxes, row, shared) for row in range(len(boxes.score))],
@@ -110,7 +109,7 @@ def from_boxes(message: Any) -> SpaceBoxes:
     best = [detection.results[0].hypothesis for detection in detections]
     ids = tuple(str(detection.id) for detection in detections)
     return SpaceBoxes(
-        step=step_of_time_ns(time_ns_of(message.header.stamp)),
+        step=step_of(message),
         frame_id=str(message.header.frame_id),
         class_names=tuple(str(hypothesis.class_id) for hypothesis in best),
         score=np.array([float(hypothesis.score) for hypothesis in best]),
@@ -125,24 +124,21 @@ def to_camera_truth(truth: CameraTruth, frame_id: str) -> Any:
     """``siren_msgs/CameraTruth`` in the camera's optical frame."""
     return make_message(
         "siren_msgs/msg/CameraTruth",
-        header=header(time_ns_of_step(truth.step), frame_id),
+        header=header(truth.step, frame_id),
         step=truth.step,
-        **as_sequences(truth, list(CAMERA_TRUTH_DTYPES)),
+        **as_sequences(truth, CAMERA_TRUTH_DTYPES),
     )
 
 
 def from_camera_truth(message: Any) -> CameraTruth:
     """Inverse of ``to_camera_truth``."""
-    step = step_of_time_ns(time_ns_of(message.header.stamp))
+    step = step_of(message)
     return CameraTruth(step=step, **as_arrays(message, CAMERA_TRUTH_DTYPES))
 
 
 def to_image_boxes(truth: CameraTruth, frame_id: str) -> Any:
-    """``vision_msgs/Detection2DArray`` of the visible vehicles.
-
-    A detection's ``id`` is the actor's id, its score the visible fraction.
-    """
-    stamped = header(time_ns_of_step(truth.step), frame_id)
+    """``vision_msgs/Detection2DArray`` of the visible vehicles: the actor's id, the visible fraction as score."""
+    stamped = header(truth.step, frame_id)
     nowhere = make_message(
         "geometry_msgs/msg/PoseWithCovariance",
         pose=to_pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),

@@ -7,20 +7,27 @@ from typing import Any
 
 import numpy as np
 
+from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.messages import (
     as_arrays,
     as_sequences,
+    at_step,
+    check_stamp,
     checks_content,
     from_plain_fields,
+    header,
     json_object,
     json_text,
     make_message,
     plain_fields,
-    stamp,
+    plain_message,
+    sequence,
 )
-from siren_ros.numerics.units import time_ns_of_step
+from siren_ros.interfaces.transforms import quaternion_of_yaw, to_pose
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorDescription, ActorStates
-from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
+from siren_ros.world.carrier import MAP_FRAME, PredictedPaths
+from siren_ros.world.commands import COMMAND_DTYPES, AvControl, VehicleCommands
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, Event, SignalState, TrafficState
 
 
@@ -36,10 +43,6 @@ def from_event(message: Any) -> Event:
     return from_plain_fields(Event, message, detail=json_object(message.detail))
 
 
-def _to_events(events: tuple[Event, ...]) -> list[Any]:
-    return [to_event(event) for event in events]
-
-
 def _from_events(messages: Any) -> tuple[Event, ...]:
     return tuple(from_event(message) for message in messages)
 
@@ -47,11 +50,7 @@ def _from_events(messages: Any) -> tuple[Event, ...]:
 def to_events(step: int, state_hash: int, events: tuple[Event, ...]) -> Any:
     """``siren_msgs/Events`` of one step, with the hash of the world's state at it."""
     return make_message(
-        "siren_msgs/msg/Events",
-        stamp=stamp(time_ns_of_step(step)),
-        step=step,
-        state_hash=state_hash,
-        events=_to_events(events),
+        "siren_msgs/msg/Events", **at_step(step), state_hash=state_hash, events=[to_event(event) for event in events]
     )
 
 
@@ -74,25 +73,15 @@ def from_actor_description(message: Any) -> ActorDescription:
     return from_plain_fields(ActorDescription, message, colour_rgb=(red, green, blue))
 
 
-def to_signal_state(signal: SignalState) -> Any:
-    """``siren_msgs/SignalState``."""
-    return make_message("siren_msgs/msg/SignalState", **plain_fields(signal))
-
-
 @checks_content
 def from_signal_state(message: Any) -> SignalState:
-    """Inverse of ``to_signal_state``."""
+    """Inverse of ``plain_message``."""
     return from_plain_fields(SignalState, message)
-
-
-def to_emv_advice(advice: EmvAdvice) -> Any:
-    """``siren_msgs/EmvAdvice``."""
-    return make_message("siren_msgs/msg/EmvAdvice", **plain_fields(advice))
 
 
 @checks_content
 def from_emv_advice(message: Any) -> EmvAdvice:
-    """Inverse of ``to_emv_advice``."""
+    """Inverse of ``plain_message``."""
     return from_plain_fields(EmvAdvice, message)
 
 
@@ -100,13 +89,12 @@ def to_traffic_state(traffic: TrafficState) -> Any:
     """``siren_msgs/TrafficState``."""
     return make_message(
         "siren_msgs/msg/TrafficState",
-        stamp=stamp(time_ns_of_step(traffic.step)),
-        step=traffic.step,
+        **at_step(traffic.step),
         spawned=[to_actor_description(actor) for actor in traffic.spawned],
-        emvs=[to_emv_advice(advice) for advice in traffic.emvs],
-        signals=[to_signal_state(signal) for signal in traffic.signals],
-        events=_to_events(traffic.events),
-        **as_sequences(traffic, list(TRAFFIC_STATE_DTYPES)),
+        emvs=[plain_message(advice) for advice in traffic.emvs],
+        signals=[plain_message(signal) for signal in traffic.signals],
+        events=[to_event(event) for event in traffic.events],
+        **as_sequences(traffic, TRAFFIC_STATE_DTYPES),
     )
 
 
@@ -127,11 +115,10 @@ def to_vehicle_commands(commands: VehicleCommands) -> Any:
     """``siren_msgs/VehicleCommands``."""
     return make_message(
         "siren_msgs/msg/VehicleCommands",
-        stamp=stamp(time_ns_of_step(commands.step)),
-        step=commands.step,
+        **at_step(commands.step),
         source=commands.source,
-        events=_to_events(commands.events),
-        **as_sequences(commands, list(COMMAND_DTYPES)),
+        events=[to_event(event) for event in commands.events],
+        **as_sequences(commands, COMMAND_DTYPES),
     )
 
 
@@ -149,10 +136,7 @@ def from_vehicle_commands(message: Any) -> VehicleCommands:
 def to_actor_states(states: ActorStates) -> Any:
     """``siren_msgs/ActorStates``."""
     return make_message(
-        "siren_msgs/msg/ActorStates",
-        stamp=stamp(time_ns_of_step(states.step)),
-        step=states.step,
-        **as_sequences(states, list(ACTOR_STATE_DTYPES)),
+        "siren_msgs/msg/ActorStates", **at_step(states.step), **as_sequences(states, ACTOR_STATE_DTYPES)
     )
 
 
@@ -160,3 +144,71 @@ def to_actor_states(states: ActorStates) -> Any:
 def from_actor_states(message: Any) -> ActorStates:
     """Inverse of ``to_actor_states``."""
     return ActorStates(step=int(message.step), **as_arrays(message, ACTOR_STATE_DTYPES))
+
+
+def to_av_control(control: AvControl) -> Any:
+    """``siren_msgs/AvControl``."""
+    return make_message("siren_msgs/msg/AvControl", **plain_fields(control, "step"), **at_step(control.step))
+
+
+@checks_content
+def from_av_control(message: Any) -> AvControl:
+    """Inverse of ``to_av_control``; EpisodeError where another program's stamp is not the time of the step."""
+    control = from_plain_fields(AvControl, message)
+    check_stamp(message.stamp, control.step)
+    return control
+
+
+def to_path(way: Polyline) -> Any:
+    """``nav_msgs/Path`` of a route that is known before the first step; each pose points along it."""
+    at_start = header(0, MAP_FRAME)
+    headings = way.heading_rad(way.arc_m)
+    return make_message(
+        "nav_msgs/msg/Path",
+        header=at_start,
+        poses=[
+            make_message(
+                "geometry_msgs/msg/PoseStamped",
+                header=at_start,
+                pose=to_pose((x_m, y_m, 0.0), quaternion_of_yaw(float(heading))),
+            )
+            for (x_m, y_m), heading in zip(way.points.tolist(), headings, strict=True)
+        ],
+    )
+
+
+def from_path(message: Any) -> Polyline:
+    """Inverse of ``to_path``."""
+    return Polyline.through([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
+
+
+def to_predicted_paths(paths: PredictedPaths) -> Any:
+    """``siren_msgs/PredictedPaths``."""
+    return make_message(
+        "siren_msgs/msg/PredictedPaths",
+        **at_step(paths.step),
+        actor_id=sequence(paths.actor_id.astype(np.uint32)),
+        probability=sequence(paths.probability.astype(np.float64)),
+        x_m=sequence(paths.xy_m[..., 0].ravel()),
+        y_m=sequence(paths.xy_m[..., 1].ravel()),
+    )
+
+
+@checks_content
+def from_predicted_paths(message: Any) -> PredictedPaths:
+    """Inverse of ``to_predicted_paths``; without paths their length is 0.
+
+    Raises EpisodeError for another program's arrays that do not fit, or a stamp that is not the time of the step.
+    """
+    step = int(message.step)
+    check_stamp(message.stamp, step)
+    arrays = as_arrays(
+        message, {"actor_id": np.uint32, "probability": np.float64, "x_m": np.float64, "y_m": np.float64}
+    )
+    count, numbers = len(arrays["actor_id"]), len(arrays["x_m"])
+    fits = len(arrays["probability"]) == count and len(arrays["y_m"]) == numbers
+    if not fits or (numbers % count if count else numbers):
+        lengths = ", ".join(f"{len(values)} {name}" for name, values in arrays.items())
+        raise EpisodeError(f"paths of step {step} with {lengths}")
+    xy_m = np.stack((arrays["x_m"], arrays["y_m"]), axis=-1).reshape(count, numbers // count if count else 0, 2)
+    return PredictedPaths(step, arrays["actor_id"], arrays["probability"], xy_m)

@@ -17,7 +17,6 @@ from siren_ros.interfaces.transforms import (
     to_vector,
     yaw_of_quaternion,
 )
-from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.world.actors import ActorDescription, ActorStates, Mode
 from siren_ros.world.carrier import MAP_FRAME
 
@@ -100,7 +99,7 @@ def _colour_of(actor: ActorDescription, mode: Mode) -> Colour:
 def to_markers(step: int, markers: Sequence[Marker]) -> Any:
     """``visualization_msgs/MarkerArray`` of one step."""
     shared = {
-        "header": header(time_ns_of_step(step), MAP_FRAME),
+        "header": header(step, MAP_FRAME),
         "lifetime": make_message(
             "builtin_interfaces/msg/Duration", sec=LIFETIME_NS // 10**9, nanosec=LIFETIME_NS % 10**9
         ),

@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import InputError
-from siren_ros.interfaces.messages import header, make_message, sequence, time_ns_of
+from siren_ros.interfaces.messages import header, make_message, sequence, step_of
 from siren_ros.interfaces.transforms import to_vector
 from siren_ros.numerics.arrays import Floats
-from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 from siren_ros.world.measurements import AudioChunk, CameraIntrinsics, GnssFix, ImuSample
 
 _ENCODINGS: Final[dict[str, tuple[np.dtype[Any], int]]] = {
@@ -28,7 +27,7 @@ def to_compressed_image(step: int, frame_id: str, jpeg: bytes) -> Any:
     """``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
     return make_message(
         "sensor_msgs/msg/CompressedImage",
-        header=header(time_ns_of_step(step), frame_id),
+        header=header(step, frame_id),
         format="jpeg",
         data=sequence(np.frombuffer(jpeg, dtype=np.uint8)),
     )
@@ -40,16 +39,7 @@ def from_compressed_image(message: Any) -> bytes:
 
 
 def to_image(step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
-    """``sensor_msgs/Image``.
-
-    Args:
-        step: Step whose simulated time becomes the stamp.
-        frame_id: Optical frame of the camera.
-        pixels: ``(H, W, 3)`` uint8 for colour (``rgb8``); ``(H, W)`` uint8, uint16 or float32 otherwise.
-
-    Raises:
-        InputError: an array of another kind.
-    """
+    """``sensor_msgs/Image`` of ``(H, W, 3)`` uint8 (``rgb8``) or ``(H, W)`` uint8, uint16, float32; else InputError."""
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
     encodings = [name for name, kind in _ENCODINGS.items() if kind == (pixels.dtype, channels)]
     if not encodings or pixels.ndim not in {2, 3}:
@@ -57,7 +47,7 @@ def to_image(step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
         raise InputError("pixels", f"{pixels.shape} {pixels.dtype}", allowed)
     return make_message(
         "sensor_msgs/msg/Image",
-        header=header(time_ns_of_step(step), frame_id),
+        header=header(step, frame_id),
         height=pixels.shape[0],
         width=pixels.shape[1],
         encoding=encodings[0],
@@ -70,8 +60,7 @@ def to_image(step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
 def from_image(message: Any) -> npt.NDArray[np.generic]:
     """Inverse of ``to_image``: the array, over the message's own memory.
 
-    Raises:
-        InputError: an encoding that the project does not write, or sizes that do not fit the data.
+    Raises InputError for an encoding that the project does not write, or sizes that do not fit the data.
     """
     if message.encoding not in _ENCODINGS or message.is_bigendian:
         raise InputError("image encoding", message.encoding, f"little-endian {', '.join(_ENCODINGS)}")
@@ -91,7 +80,7 @@ def to_camera_info(step: int, frame_id: str, camera: CameraIntrinsics) -> Any:
     matrix = camera.matrix
     return make_message(
         "sensor_msgs/msg/CameraInfo",
-        header=header(time_ns_of_step(step), frame_id),
+        header=header(step, frame_id),
         height=camera.height,
         width=camera.width,
         distortion_model="plumb_bob",
@@ -119,15 +108,9 @@ _DATATYPE_OF_FORMAT: Final = {name: datatype for datatype, name in _FORMAT_OF_DA
 
 
 def to_point_cloud(step: int, frame_id: str, points: npt.NDArray[np.void]) -> Any:
-    """``sensor_msgs/PointCloud2`` of one sweep.
+    """``sensor_msgs/PointCloud2`` of one sweep, a structured array of shape ``(N,)``; each field becomes a PointField.
 
-    Args:
-        step: Step whose simulated time becomes the stamp.
-        frame_id: Sensor frame.
-        points: Structured array of shape ``(N,)``; every field becomes a PointField of the same name.
-
-    Raises:
-        InputError: a field's type has no PointField datatype.
+    Raises InputError for a field whose type has no PointField datatype.
     """
     dtype = points.dtype
     if dtype.fields is None:
@@ -140,7 +123,7 @@ def to_point_cloud(step: int, frame_id: str, points: npt.NDArray[np.void]) -> An
         fields.append(make_message("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=datatype, count=1))
     return make_message(
         "sensor_msgs/msg/PointCloud2",
-        header=header(time_ns_of_step(step), frame_id),
+        header=header(step, frame_id),
         height=1,
         width=len(points),
         fields=fields,
@@ -155,10 +138,8 @@ def to_point_cloud(step: int, frame_id: str, points: npt.NDArray[np.void]) -> An
 def from_point_cloud(message: Any) -> npt.NDArray[np.void]:
     """Inverse of ``to_point_cloud``: a structured array over the message's own memory, shape ``(N,)``.
 
-    Clouds of other programs are read as well: any field offsets, big-endian data, several rows.
-
-    Raises:
-        InputError: fields, sizes and data do not fit together.
+    Clouds of other programs are read as well: any field offsets, big-endian data, several rows. Raises InputError where
+    fields, sizes and data do not fit together.
     """
     order = ">" if message.is_bigendian else "<"
     names, formats, offsets = [], [], []
@@ -190,7 +171,7 @@ def to_audio(chunk: AudioChunk) -> Any:
     """``siren_msgs/AudioChunk`` of mono 16-bit PCM that ends at the step."""
     return make_message(
         "siren_msgs/msg/AudioChunk",
-        header=header(time_ns_of_step(chunk.step), chunk.frame_id),
+        header=header(chunk.step, chunk.frame_id),
         sample_rate_hz=chunk.sample_rate_hz,
         samples=sequence(chunk.samples),
     )
@@ -199,7 +180,7 @@ def to_audio(chunk: AudioChunk) -> Any:
 def from_audio(message: Any) -> AudioChunk:
     """Inverse of ``to_audio``."""
     return AudioChunk(
-        step=step_of_time_ns(time_ns_of(message.header.stamp)),
+        step=step_of(message),
         frame_id=str(message.header.frame_id),
         sample_rate_hz=int(message.sample_rate_hz),
         samples=np.array(message.samples, dtype=np.int16),
@@ -217,7 +198,7 @@ def to_imu(sample: ImuSample) -> Any:
     """``sensor_msgs/Imu`` without an orientation, which this sensor does not estimate."""
     return make_message(
         "sensor_msgs/msg/Imu",
-        header=header(time_ns_of_step(sample.step), sample.frame_id),
+        header=header(sample.step, sample.frame_id),
         orientation=make_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
         orientation_covariance=np.array([_UNKNOWN, *np.zeros(8)]),
         angular_velocity=to_vector(_triple(sample.angular_rate_radps)),
@@ -231,7 +212,7 @@ def from_imu(message: Any) -> ImuSample:
     """Inverse of ``to_imu``."""
     force, rate = message.linear_acceleration, message.angular_velocity
     return ImuSample(
-        step=step_of_time_ns(time_ns_of(message.header.stamp)),
+        step=step_of(message),
         frame_id=str(message.header.frame_id),
         specific_force_mps2=np.array([force.x, force.y, force.z]),
         angular_rate_radps=np.array([rate.x, rate.y, rate.z]),
@@ -244,7 +225,7 @@ def to_nav_sat_fix(fix: GnssFix) -> Any:
     """``sensor_msgs/NavSatFix``, covariance in east, north, up."""
     return make_message(
         "sensor_msgs/msg/NavSatFix",
-        header=header(time_ns_of_step(fix.step), fix.frame_id),
+        header=header(fix.step, fix.frame_id),
         status=make_message("sensor_msgs/msg/NavSatStatus", status=_STATUS_FIX, service=_SERVICE_GPS),
         latitude=fix.latitude_deg,
         longitude=fix.longitude_deg,
@@ -257,7 +238,7 @@ def to_nav_sat_fix(fix: GnssFix) -> Any:
 def from_nav_sat_fix(message: Any) -> GnssFix:
     """Inverse of ``to_nav_sat_fix``."""
     return GnssFix(
-        step=step_of_time_ns(time_ns_of(message.header.stamp)),
+        step=step_of(message),
         frame_id=str(message.header.frame_id),
         latitude_deg=float(message.latitude),
         longitude_deg=float(message.longitude),

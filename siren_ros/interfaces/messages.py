@@ -8,7 +8,7 @@ import json
 import os
 import struct
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 from enum import Enum
 from functools import cache, wraps
@@ -22,7 +22,7 @@ from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.interfaces.topics import Topic
-from siren_ros.numerics.units import NS_PER_S, STEP_NS, exact_s, time_ns_of_step
+from siren_ros.numerics.units import NS_PER_S, STEP_NS, exact_s, step_of_time_ns, time_ns_of_step
 from siren_ros.params.resources import params_dir
 
 OWN_PACKAGE: Final = "siren_msgs"
@@ -31,11 +31,7 @@ DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
 
 
 def message_folder(package: str) -> Path:
-    """Folder of a package's ``.msg`` files: of an installed package, or those that came with this library.
-
-    Raises:
-        InputError: The package is not installed.
-    """
+    """Folder of a package's ``.msg`` files: an installed package's, or those of this library; else InputError."""
     prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
     folders = [prefix / "share" / package / "msg" for prefix in (*prefixes, Path(sys.prefix))]
     for folder in (*folders, params_dir().parent / "interfaces" / package / "msg"):
@@ -45,11 +41,7 @@ def message_folder(package: str) -> Path:
 
 
 def load_typestore(message_folders: dict[str, Path]) -> Typestore:
-    """ROS 2 Jazzy's types plus the ``.msg`` files of further packages.
-
-    Args:
-        message_folders: Folder of ``.msg`` files by package name.
-    """
+    """ROS 2 Jazzy's types plus those of further packages, each given with its folder of ``.msg`` files."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for package, folder in sorted(message_folders.items()):
         for path in sorted(folder.glob("*.msg")):
@@ -86,11 +78,7 @@ def stamp(time_ns: int) -> Any:
 
 
 def time_ns_of(message: Any) -> int:
-    """Simulated time of a ``builtin_interfaces/Time``.
-
-    Raises:
-        InputError: Its nanoseconds make a second or more; another program made it.
-    """
+    """Simulated time of a ``builtin_interfaces/Time``; InputError where its nanoseconds make a second or more."""
     sec, nanosec = int(message.sec), int(message.nanosec)
     if nanosec >= NS_PER_S:
         raise InputError("stamp", f"{sec} s and {nanosec} ns", "fewer nanoseconds than a second has")
@@ -98,19 +86,25 @@ def time_ns_of(message: Any) -> int:
 
 
 def check_stamp(message: Any, step: int) -> None:
-    """Refuse a ``builtin_interfaces/Time`` that is not the time of a step.
-
-    Raises:
-        EpisodeError: Names both; another program may have made the message.
-    """
+    """Refuse another program's ``builtin_interfaces/Time`` that is not the time of a step: EpisodeError names both."""
     time_ns = time_ns_of(message)
     if time_ns != time_ns_of_step(step):
         raise EpisodeError(f"the stamp {exact_s(time_ns)} s is not the time of step {step}")
 
 
-def header(time_ns: int, frame_id: str) -> Any:
-    """``std_msgs/Header``."""
-    return make_message("std_msgs/msg/Header", stamp=stamp(time_ns), frame_id=frame_id)
+def header(step: int, frame_id: str) -> Any:
+    """``std_msgs/Header`` at a step."""
+    return make_message("std_msgs/msg/Header", stamp=stamp(time_ns_of_step(step)), frame_id=frame_id)
+
+
+def step_of(message: Any) -> int:
+    """The step of a message with a header; InputError where its stamp is none."""
+    return step_of_time_ns(time_ns_of(message.header.stamp))
+
+
+def at_step(step: int) -> dict[str, Any]:
+    """The fields ``stamp`` and ``step`` of a message."""
+    return {"stamp": stamp(time_ns_of_step(step)), "step": step}
 
 
 def as_arrays(message: Any, dtypes: dict[str, type[np.generic]]) -> dict[str, Any]:
@@ -121,7 +115,7 @@ def as_arrays(message: Any, dtypes: dict[str, type[np.generic]]) -> dict[str, An
     return arrays
 
 
-def as_sequences(source: object, names: Sequence[str]) -> dict[str, Any]:
+def as_sequences(source: object, names: Iterable[str]) -> dict[str, Any]:
     """Array attributes of a dataclass as primitive sequence fields."""
     return {name: sequence(getattr(source, name)) for name in names}
 
@@ -135,6 +129,11 @@ def plain_fields(value: Any, *others: str) -> dict[str, Any]:
         item.name: (item.type, getattr(value, item.name)) for item in fields(value) if item.name not in others
     }
     return {name: field.value if isinstance(field, Enum) else kind(field) for name, (kind, field) in chosen.items()}
+
+
+def plain_message(value: Any) -> Any:
+    """The ``siren_msgs`` message of the name of a dataclass that has nothing but plain fields."""
+    return make_message(f"{OWN_PACKAGE}/msg/{type(value).__name__}", **plain_fields(value))
 
 
 def from_plain_fields(kind: type[Content], message: Any, **others: Any) -> Content:
@@ -174,14 +173,10 @@ def shown_text(text: str, most: int = LONGEST_TEXT) -> str:
 
 
 def json_object(text: str) -> dict[str, Any]:
-    """The JSON object in a text field.
-
-    Raises:
-        ValueError, TypeError: The text is no JSON, or no object.
-    """
+    """The JSON object in a text field; ValueError or TypeError where the text is no JSON, or no object."""
     value = json.loads(text)
     if not isinstance(value, dict):
-        raise TypeError(f"a JSON object is wanted, not {type(value).__name__}")
+        raise TypeError(f"no JSON object but {type(value).__name__}")
     return value
 
 
@@ -223,11 +218,7 @@ def _filled(*parts: bytes | memoryview) -> bytes:
 
 
 def decode_cdr(store: Typestore, topic: Topic, cdr: bytes) -> Any:
-    """The message in a CDR; its arrays are views of the bytes.
-
-    Raises:
-        EpisodeError: The bytes are no message of the topic's type; names the topic.
-    """
+    """The message in a CDR; its arrays are views of the bytes. For other bytes EpisodeError names the topic."""
     try:
         return store.deserialize_cdr(cdr, topic.type_name)
     except Exception as error:  # rosbags' reader raises a dozen kinds, asserts among them, on foreign bytes
@@ -237,12 +228,9 @@ def decode_cdr(store: Typestore, topic: Topic, cdr: bytes) -> Any:
 
 
 def step_of_cdr(topic: Topic, cdr: bytes) -> int:
-    """The step that a message of a periodic topic belongs to.
+    """The step that a message of a periodic topic belongs to; EpisodeError where it is too short, or its stamp no step.
 
     All message types of the node graph begin with a stamp, a header, or a sequence of headers.
-
-    Raises:
-        EpisodeError: Too short, or a stamp that is no step.
     """
     offset = _ENCAPSULATION_BYTES + (4 if topic.type_name in _SEQUENCE_OF_STAMPED else 0)
     if len(cdr) < offset + 8:

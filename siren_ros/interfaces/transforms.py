@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from siren_ros.errors import InputError
 from siren_ros.interfaces.messages import header, make_message, time_ns_of
 from siren_ros.numerics.arrays import Floats, Matrix
-from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.world.carrier import BASE_FRAME, ODOM_FRAME, Odometry
 
 Vector = tuple[float, float, float]
@@ -40,7 +38,7 @@ def yaw_of_quaternion(quaternion: Quaternion) -> float:
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-def quaternion_of_matrix(rotation: npt.NDArray[np.float64]) -> Quaternion:
+def quaternion_of_matrix(rotation: Floats) -> Quaternion:
     """Unit quaternion with w ≥ 0 of a rotation matrix of shape ``(3, 3)``."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - a quarter of the time that a node needs to load
 
@@ -48,11 +46,11 @@ def quaternion_of_matrix(rotation: npt.NDArray[np.float64]) -> Quaternion:
     return float(x), float(y), float(z), float(w)
 
 
-def matrix_of_quaternion(quaternion: Quaternion) -> npt.NDArray[np.float64]:
+def matrix_of_quaternion(quaternion: Quaternion) -> Floats:
     """Rotation matrix, shape ``(3, 3)``."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - as above
 
-    matrix: npt.NDArray[np.float64] = Rotation.from_quat(quaternion).as_matrix()
+    matrix: Floats = Rotation.from_quat(quaternion).as_matrix()
     return matrix
 
 
@@ -95,7 +93,7 @@ def to_tf(step: int, transforms: Sequence[Transform]) -> Any:
         transforms=[
             make_message(
                 "geometry_msgs/msg/TransformStamped",
-                header=header(time_ns_of_step(step), transform.parent),
+                header=header(step, transform.parent),
                 child_frame_id=transform.child,
                 transform=make_message(
                     "geometry_msgs/msg/Transform",
@@ -132,8 +130,7 @@ def matrix_of_transform(transform: Transform) -> Matrix:
 def matrix_between(transforms: Sequence[Transform], parent: str, child: str) -> Matrix:
     """Points in ``parent`` from points in ``child``, through the frames between them, shape ``(4, 4)``.
 
-    Raises:
-        InputError: The transforms do not lead from one to the other.
+    Raises InputError where the transforms do not lead from one to the other.
     """
     by_child = {transform.child: transform for transform in transforms}
     matrix, frame = np.eye(4), child
@@ -161,7 +158,7 @@ def to_odometry(step: int, odometry: Odometry, parent: str = ODOM_FRAME, child: 
     pose = to_pose((odometry.x_m, odometry.y_m, 0.0), quaternion_of_yaw(odometry.yaw_rad))
     return make_message(
         "nav_msgs/msg/Odometry",
-        header=header(time_ns_of_step(step), parent),
+        header=header(step, parent),
         child_frame_id=child,
         pose=make_message(
             "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=_to_covariance(odometry.pose_covariance)

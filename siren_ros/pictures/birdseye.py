@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
@@ -15,6 +14,7 @@ from matplotlib.patches import Patch
 from siren_ros.errors import InputError, SirenError, whole_file, writing
 from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
 from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.palette import CIVILIAN, EMV_EVENTS, EVENT_STYLES, FAINT_TEXT, STATE_NAMES, TEXT
 from siren_ros.pictures.plot_parts import (
@@ -83,11 +83,7 @@ def _at_least(x0: float, x1: float, y0: float, y1: float) -> Box:
 
 
 def draw_episode(record: EpisodeRecord) -> Figure:
-    """The whole picture.
-
-    Raises:
-        InputError: The record has no states to draw.
-    """
+    """The whole picture; InputError for a record without states."""
     if not record.states or len(record.rows) == 0:
         raise InputError("bag", record.description.template, "an episode with at least one recorded actor state")
     box = interaction_box(record)
@@ -270,7 +266,7 @@ def _draw_snapshot(axes: Axes, record: EpisodeRecord, step: int, number: int) ->
 
 def _snapshot_box(record: EpisodeRecord, step: int) -> Box:
     state = record.states[step]
-    centre: npt.NDArray[np.float64]
+    centre: Floats
     emv = np.isin(state.actor_id, record.emv_ids)
     active = (state.mode >= Mode.YIELD_REACTING) & (state.mode <= Mode.YIELD_HOLD)
     xy = np.stack((state.x_m, state.y_m), axis=-1)
@@ -304,8 +300,7 @@ def _draw_title(figure: Figure, record: EpisodeRecord) -> None:
 def save_episode_picture(record: EpisodeRecord, path: Path) -> Path:
     """Draws an episode into a PNG file; the same record gives the same bytes.
 
-    Raises:
-        InputError: The file name does not end in .png, or the place cannot be written.
+    Raises InputError where the name does not end in .png, or the place cannot be written.
     """
     if path.suffix.lower() != ".png":
         raise InputError("out", str(path), "a file name that ends in .png")

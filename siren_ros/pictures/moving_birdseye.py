@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from siren_ros.errors import InputError
 from siren_ros.interfaces.markers import MODE_COLOURS
-from siren_ros.numerics.arrays import Points
+from siren_ros.numerics.arrays import Floats, Points
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.palette import CIVILIAN, EMV_MODE_COLOURS, STATE_NAMES, TEXT, colour_of
@@ -63,12 +63,7 @@ def font(size_px: int, bold: bool = False) -> ImageFont.FreeTypeFont:
 
 
 def paint_polygons(picture: Image.Image, shapes: Sequence[tuple[Points, Colour]]) -> None:
-    """Fills polygons with smooth edges, later ones over earlier ones.
-
-    Args:
-        picture: RGB; is changed.
-        shapes: Corners in pixels, shape ``(K, 2)``, each with its colour. Shapes of one call should lie close together.
-    """
+    """Fills polygons (corners in pixels ``(K, 2)``, colour) that lie close together, with smooth edges."""
     corners = np.concatenate([points for points, _ in shapes])
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
     high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 2, picture.size)
@@ -111,14 +106,7 @@ class MapImage:
 
 
 def draw_map_image(network: RoadNetwork, low_m: Points, high_m: Points, px_per_m: float) -> MapImage:
-    """Draws the roads between two corners, with the stop lines of stop signs.
-
-    Args:
-        network: The map.
-        low_m: South-west corner, shape ``(2,)``.
-        high_m: North-east corner.
-        px_per_m: Wanted scale; it becomes smaller where the image would pass ``MOST_PIXELS``.
-    """
+    """Draws roads and stop lines between two corners, south-west first; no larger than ``MOST_PIXELS``."""
     size_m = high_m - low_m
     scale = min(px_per_m, float(np.sqrt(MOST_PIXELS / np.prod(size_m))))
     width, height = (int(np.ceil(side * scale)) for side in size_m)
@@ -143,13 +131,7 @@ def draw_map_image(network: RoadNetwork, low_m: Points, high_m: Points, px_per_m
 
 
 def stop_bar(lane: Lane, from_share: float, to_share: float) -> Points:
-    """Corners of a bar across the end of a lane, shape ``(4, 2)``, or of a part of it.
-
-    Args:
-        lane: The lane.
-        from_share: Where the part begins, as a share of the lane's width from its left border.
-        to_share: Where the part ends.
-    """
+    """Corners of a bar across the end of a lane, ``(4, 2)``, between two shares of its width from its left border."""
     end = lane.length_m
     left, right = ((0.5 - share) * lane.width_m for share in (from_share, to_share))
     along = np.array([end - _STOP_BAR_M, end, end, end - _STOP_BAR_M])
@@ -173,15 +155,7 @@ class BirdseyeFilm:
     """Makes the frames of one episode."""
 
     def __init__(self, record: EpisodeRecord, steps: Sequence[int]) -> None:
-        """Draws the roads that the frames need.
-
-        Args:
-            record: The episode.
-            steps: Positions in ``record.states`` of the frames.
-
-        Raises:
-            InputError: The record has no states to draw.
-        """
+        """Draws the roads for frames at positions in ``record.states``; InputError for a record without states."""
         if not record.states or len(record.rows) == 0:
             raise InputError("bag", record.description.template, "an episode with at least one recorded actor state")
         self._record = record
@@ -212,7 +186,7 @@ class BirdseyeFilm:
         self._write(picture, step)
         return picture
 
-    def _paint_signals(self, picture: Image.Image, origin: npt.NDArray[np.float64], step: int) -> None:
+    def _paint_signals(self, picture: Image.Image, origin: Floats, step: int) -> None:
         if step >= len(self._record.traffic):
             return
         states = {signal.signal_id: signal.state for signal in self._record.traffic[step].signals}
@@ -221,7 +195,7 @@ class BirdseyeFilm:
             letter = state[link] if 0 <= link < len(state) else ""
             paint_polygons(picture, [(corners - origin, _SIGNAL_COLOURS.get(letter, _SIGNAL_OFF))])
 
-    def _paint_trails(self, picture: Image.Image, origin: npt.NDArray[np.float64], step: int) -> None:
+    def _paint_trails(self, picture: Image.Image, origin: Floats, step: int) -> None:
         last = self._record.states[step].step
         for track in self._tracks.values():
             recent = track.select((track.step <= last) & (track.step >= last - _TRAIL_STEPS))
@@ -230,12 +204,12 @@ class BirdseyeFilm:
             if len(points) > 2:
                 paint_polygons(picture, [(ribbon(points, 0.7 * self._map.px_per_m), _TRAIL)])
 
-    def _paint_vehicles(self, picture: Image.Image, origin: npt.NDArray[np.float64], step: int) -> None:
+    def _paint_vehicles(self, picture: Image.Image, origin: Floats, step: int) -> None:
         state = self._record.states[step]
         actors = [self._record.actors[int(key)] for key in state.actor_id]
         length, width = (np.array([getattr(actor, name) for actor in actors]) for name in ("length_m", "width_m"))
 
-        def boxes(ahead: float, size: float, across: float = 1.0) -> npt.NDArray[np.float64]:
+        def boxes(ahead: float, size: float, across: float = 1.0) -> Floats:
             """Boxes on the vehicles. Offset and size are shares of the length, ``across`` one of the width."""
             x = state.x_m + ahead * length * np.cos(state.yaw_rad)
             y = state.y_m + ahead * length * np.sin(state.yaw_rad)
@@ -292,7 +266,7 @@ class BirdseyeFilm:
         _scale_bar(draw, self._map.px_per_m)
 
 
-def _camera_way(record: EpisodeRecord) -> npt.NDArray[np.float64]:
+def _camera_way(record: EpisodeRecord) -> Floats:
     """Centre of the picture at each position in ``record.states``: the first EMV's smoothed path, ``(steps, 2)``."""
     track = record.track(record.emv_ids[0]) if record.emv_ids else record.track(0)
     steps = np.array([state.step for state in record.states], dtype=np.int64)
@@ -305,7 +279,7 @@ def _camera_way(record: EpisodeRecord) -> npt.NDArray[np.float64]:
     return np.stack(smooth, axis=-1)
 
 
-def _signal_bars(record: EpisodeRecord, image: MapImage) -> list[tuple[str, int, npt.NDArray[np.float64]]]:
+def _signal_bars(record: EpisodeRecord, image: MapImage) -> list[tuple[str, int, Floats]]:
     """One bar for each movement with a signal: signal, link, and corners in the map image."""
     bars = []
     for lane, connections in record.network.connections_from.items():

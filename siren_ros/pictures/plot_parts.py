@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.patches import Rectangle
 from matplotlib.transforms import Bbox
 
-from siren_ros.numerics.arrays import Points
+from siren_ros.numerics.arrays import Floats, Points
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.palette import (
@@ -41,13 +40,7 @@ KMH = 3.6
 
 
 def draw_roads(axes: Axes, network: RoadNetwork, line_width: float) -> None:
-    """Draws lane surfaces, junctions, crossings and markings.
-
-    Args:
-        axes: Where to draw; its background becomes the ground.
-        network: The map.
-        line_width: Width of lane markings in points; edges of the carriageway are drawn a little wider.
-    """
+    """Draws lane surfaces, junctions, crossings and markings; ``line_width`` of the markings is in points."""
     axes.set_facecolor(GROUND)
     order = (LaneKind.SIDEWALK, LaneKind.KERB, LaneKind.SHOULDER, LaneKind.DRIVING)
     for level, kind in enumerate(order):
@@ -203,16 +196,7 @@ def draw_vehicles(axes: Axes, states: ActorStates, actors: Mapping[int, ActorDes
 def draw_path(
     axes: Axes, track: StateRows, speeds: Normalize, width: float, casing: str | None = None, level: float = 3.0
 ) -> LineCollection | None:
-    """Draws one path coloured by speed in km/h; None where there are fewer than two states.
-
-    Args:
-        axes: Where to draw.
-        track: One actor's states in the order of time.
-        speeds: Range of the colour scale, km/h.
-        width: Line width in points.
-        casing: Colour of an outline that sets the path off from others.
-        level: Drawing order.
-    """
+    """Draws a path coloured by speed in km/h, its outline in ``casing``; None where it has fewer than two states."""
     if len(track) < 2:
         return None
     segments = segments_of(track.xy_m)
@@ -226,7 +210,7 @@ def draw_path(
     return lines
 
 
-def segments_of(xy_m: npt.NDArray[np.float64]) -> Sequence[npt.NDArray[np.float64]]:
+def segments_of(xy_m: Floats) -> Sequence[Floats]:
     """Consecutive pairs of points, each of shape ``(2, 2)``."""
     return list(np.stack((xy_m[:-1], xy_m[1:]), axis=1))
 
@@ -255,14 +239,7 @@ def mode_runs(track: StateRows) -> list[tuple[int, int, Mode]]:
 
 
 def draw_states(axes: Axes, record: EpisodeRecord, actors: Sequence[int], moments: Sequence[int]) -> None:
-    """One bar per vehicle with its mode over time; markers for events, lines for the snapshots.
-
-    Args:
-        axes: Where to draw.
-        record: The episode.
-        actors: Rows from top to bottom, EMVs among them.
-        moments: Steps of the snapshots.
-    """
+    """One bar per vehicle with its mode over time, from top to bottom; markers for events, lines for the snapshots."""
     for row, actor_id in enumerate(actors):
         is_emv = record.actors[actor_id].is_emv
         for first, last, mode in mode_runs(record.track(actor_id)):

@@ -12,13 +12,13 @@ import numpy.typing as npt
 from PIL import Image
 
 from siren_ros.errors import InputError, whole_file, writing
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.sensors.camera.camera_model import optical_from_map
 from siren_ros.sensors.lidar.lidar import LidarSweep
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.rig import Observations, SensorRig
-from siren_ros.sensors.specification import Mount
+from siren_ros.sensors.specification import Mount, optical_from_map
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.world.measurements import CameraIntrinsics
 
@@ -39,17 +39,10 @@ Picture = npt.NDArray[np.uint8]
 def observe_at(
     record: EpisodeRecord, time_s: float, suite: SensorSuite, look: Look, carrier_id: int | None = None
 ) -> Observations:
-    """The observations of a suite at a simulated time of an episode.
+    """The observations of a suite at a simulated time: at the last earlier step of all its rates.
 
-    Args:
-        record: The episode.
-        time_s: Simulated time; the sensors measure at the last earlier step of all their rates.
-        suite: Sensors.
-        look: Weather and time of day.
-        carrier_id: Actor with the sensors; None for the first emergency vehicle.
-
-    Raises:
-        InputError: A time outside the episode, or a carrier that is not there at that time.
+    The carrier is the first emergency vehicle where None. Raises InputError for a time outside the episode, or a
+    carrier that is not there at that time.
     """
     if not 0.0 <= time_s < record.duration_s:
         raise InputError("time", time_s, f"a time from 0 to {record.duration_s:g} s")
@@ -63,11 +56,7 @@ def observe_at(
 
 
 def sheet(seen: Observations) -> Picture:
-    """All pictures and point clouds in one image, shape ``(height, width, 3)``.
-
-    Raises:
-        InputError: A suite without cameras and LiDARs.
-    """
+    """All pictures and point clouds in one image, ``(H, W, 3)``; InputError for a suite without cameras and LiDARs."""
     panels = [_fitted(frame.rgb) for frame in seen.frames]
     for sweep in seen.sweeps:
         panels.extend((cloud_by_height(sweep), cloud_by_instance(sweep)))
@@ -86,11 +75,7 @@ def sheet(seen: Observations) -> Picture:
 
 
 def save_sheet(seen: Observations, path: Path) -> Path:
-    """Writes a sheet as PNG or JPEG, by the path's suffix.
-
-    Raises:
-        InputError: A name with another ending, or a folder that is not there.
-    """
+    """Writes a sheet as PNG or JPEG, by the suffix; InputError for another suffix or a folder that is missing."""
     if path.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
         raise InputError("out", path, "a name that ends in .png or .jpg")
     with writing(path), whole_file(path) as file:
@@ -127,7 +112,7 @@ def _cloud(sweep: LidarSweep, colours: Picture) -> Picture:
     return picture
 
 
-def _coloured(name: str, share: npt.NDArray[np.float64]) -> Picture:
+def _coloured(name: str, share: Floats) -> Picture:
     return np.asarray(mpl.colormaps[name](share, bytes=True))[:, :3].copy()
 
 

@@ -50,8 +50,7 @@ Frame = npt.NDArray[np.uint8]
 def grid_frames(bag: Path, record: EpisodeRecord, steps: Sequence[int]) -> Iterator[npt.NDArray[np.uint8]]:
     """Frames of the grid at some steps; a camera that makes fewer pictures shows its last one.
 
-    Raises:
-        BagError: No camera was recorded, or a picture is damaged.
+    Raises BagError where no camera was recorded, or a picture is damaged.
     """
     film = BirdseyeFilm(record, steps)
     with open_source(bag) as source:
@@ -152,18 +151,9 @@ AS_DRAWN: Final = Coding()
 def save_video(
     bag: Path, view: View, path: Path, frames: int | None = None, start_s: float = 0.0, coding: Coding = AS_DRAWN
 ) -> int:
-    """Makes a video of an episode; the same bag gives the same bytes.
+    """Makes an MP4 file of an episode and returns its number of frames; the same bag gives the same bytes.
 
-    Args:
-        bag: Folder of a recorded episode.
-        view: From above, the recorded front camera, or all cameras with the view from above.
-        path: MP4 file; an existing file is replaced.
-        frames: Number of frames; None for all frames from ``start_s`` on.
-        start_s: Simulated time of the first frame.
-        coding: Width and quality.
-
-    Returns:
-        Number of frames.
+    ``frames`` is their number, from the simulated time ``start_s`` on; without it, to the end.
 
     Raises:
         BagError: The bag is no episode, or it has no front camera at the video's rate and ``view`` is FRONT.
@@ -225,13 +215,9 @@ def _decoded(message: BagMessage) -> Frame:
 
 
 def write_video(path: Path, frames: Iterable[Frame], coding: Coding = AS_DRAWN) -> int:
-    """Encodes frames of equal size (RGB, shape ``(H, W, 3)``), without an odd last row or column.
+    """Encodes frames of equal size (RGB, ``(H, W, 3)``), without an odd last row or column; returns their number.
 
-    Returns:
-        Number of frames.
-
-    Raises:
-        InputError: There is no frame, or the file cannot be written.
+    Raises InputError where there is no frame, or the file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

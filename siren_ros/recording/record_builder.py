@@ -12,8 +12,8 @@ import numpy as np
 
 from siren_ros.errors import BagError
 from siren_ros.interfaces import conversions, episode_conversions
+from siren_ros.interfaces.conversions import from_av_control
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
-from siren_ros.interfaces.programs import from_av_control
 from siren_ros.interfaces.topics import (
     ACTORS,
     AV_CONTROL,

@@ -50,11 +50,7 @@ class MountedSuite:
         return self.messages.carrier
 
     def locate(self, states: ActorStates) -> tuple[tuple[Transform, ...], Published]:
-        """Frames and odometry of the carrier at a step; call it at every step.
-
-        Raises:
-            EpisodeError: The carrier has left the map.
-        """
+        """Frames and odometry of the carrier; call it at every step. EpisodeError where it has left the map."""
         motion = motion_of(states, row_of_carrier(states, self.messages.carrier_id))
         odometry = self.wheels.measure(states.step, motion)
         return frames_of(motion, odometry, self.carrier), self.messages.odometry(states.step, odometry)
@@ -65,11 +61,7 @@ def mounted_suites(
 ) -> Iterator[MountedSuite]:
     """The suites of all carriers of an episode. The calling thread has to be the one that will measure.
 
-    Args:
-        episode: The episode's description.
-        network: Its map.
-        wants_raw: As ``ObservationMessages`` takes it.
-        in_background: As ``SensorRig`` takes it.
+    ``wants_raw`` is as ``ObservationMessages`` takes it, ``in_background`` as ``SensorRig`` does.
 
     Raises:
         InputError: A suite or a look that cannot be loaded, or sensors inside a building.
@@ -85,7 +77,7 @@ def mounted_suites(
             scene=scene,
             noise_seed=noise_seed(episode.seed, carrier),
             site=episode.site,
-            wanted=messages.wanted_labels,
+            label_kinds=messages.label_kinds,
             in_background=in_background,
         )
         rig.prepare()
@@ -106,12 +98,7 @@ class TrailingSensing:
     """Measures with the suites of an episode, and knows of which steps all messages are out."""
 
     def __init__(self, suites: Sequence[MountedSuite], *, trails: bool) -> None:
-        """Begin before the first step.
-
-        Args:
-            suites: The suites of the episode.
-            trails: Whether a step's measurements may be finished within the next step.
-        """
+        """Begin before the first step; ``trails`` lets a step's measurements be finished within the next step."""
         self._suites = tuple(suites)
         self._trails = trails
         self._begun: tuple[ActorStates, list[Sensing]] | None = None
@@ -129,15 +116,7 @@ class TrailingSensing:
         """Begin to measure at a step; yield the messages that can be published now, each with its topic.
 
         The measurements of the step before end first. Their messages come after this step's measurements have begun,
-        so that publishing runs in parallel with them.
-
-        Args:
-            states: All actors at the step.
-            actors: Their descriptions, by id.
-            signals: The traffic lights.
-
-        Raises:
-            EpisodeError: A carrier has left the map.
+        so that publishing runs in parallel with them. Raises EpisodeError where a carrier has left the map.
         """
         earlier = self._end()
         located = [suite.locate(states) for suite in self._suites]
@@ -154,11 +133,7 @@ class TrailingSensing:
         yield from self._end()
 
     def finished_steps(self, busy_s: float) -> Iterator[tuple[int, float]]:
-        """Steps whose messages are all out and that were not given before, each with the wall time spent since.
-
-        Args:
-            busy_s: Wall time that the caller spent on sensing since the call before.
-        """
+        """Steps whose messages are all out, each once, with the wall time that the caller spent on sensing since."""
         self._busy_s += busy_s
         while self._unreported:
             yield self._unreported.pop(0), self._busy_s

@@ -16,7 +16,7 @@ from siren_ros.sensor_messages.sensor_topics import EMV, SENSOR_MESSAGES, Carrie
 from siren_ros.sensors.camera.camera import CameraFrame
 from siren_ros.sensors.rig import Observations
 from siren_ros.sensors.specification import CameraSpec
-from siren_ros.sensors.suite import SensorSuite, WantedLabels
+from siren_ros.sensors.suite import LabelKinds, SensorSuite
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.carrier import BASE_FRAME, ODOM_FRAME, CameraTruth, GroundTruth, Odometry
 
@@ -26,13 +26,7 @@ Published = tuple[Topic, Any]
 def shared_messages(
     states: ActorStates, actors: Mapping[int, ActorDescription], transforms: Sequence[Transform]
 ) -> Iterator[Published]:
-    """Messages of a step that all carriers share: the tree of frames, and the markers.
-
-    Args:
-        states: All actors at the step.
-        actors: What they are, by id.
-        transforms: Of all carriers.
-    """
+    """Messages of a step that all carriers share: the tree of their frames, and the markers."""
     yield topics.TF, to_tf(states.step, transforms)
     if states.step % topics.MARKERS.period_steps == 0:
         yield topics.MARKERS, to_markers(states.step, vehicle_markers(states, actors))
@@ -75,12 +69,12 @@ class ObservationMessages:
         if truth.step % topics.BOXES.period_steps == 0:
             yield self._own(topics.BOXES), to_boxes(boxes_of(truth, truth.frame_id))
 
-    def wanted_labels(self, camera: CameraSpec) -> WantedLabels:
+    def label_kinds(self, camera: CameraSpec) -> LabelKinds:
         """Labels of a camera that the suite records or that somebody listens to."""
-        period, recorded = camera.period_steps, WantedLabels.of(self.suite, camera)
+        period, recorded = camera.period_steps, LabelKinds.of(self.suite, camera)
         depth = self._own(topics.IMAGE_DEPTH.of_sensor(camera.name, period))
         instance = self._own(topics.IMAGE_INSTANCE.of_sensor(camera.name, period))
-        return WantedLabels(
+        return LabelKinds(
             recorded.depth or self.wants_raw(depth), recorded.instance or self.wants_raw(instance), recorded.boxes
         )
 

@@ -49,11 +49,7 @@ def noise_seed(seed: int, carrier: Carrier) -> int:
 
 
 def row_of_carrier(states: ActorStates, carrier_id: int) -> int:
-    """Row of the carrier in the states.
-
-    Raises:
-        EpisodeError: The carrier is not there: it has left the map.
-    """
+    """Row of the carrier in the states; EpisodeError where it has left the map."""
     row = int(np.searchsorted(states.actor_id, carrier_id))
     if row == len(states) or states.actor_id[row] != carrier_id:
         raise EpisodeError(f"the sensors' carrier, actor {carrier_id}, is not on the map at step {states.step}")
@@ -101,10 +97,7 @@ def optical_frame(camera: str) -> str:
 def static_transforms(
     suite: SensorSuite, carrier: Carrier = EMV, station: Mount | None = None
 ) -> tuple[Transform, ...]:
-    """``/tf_static`` of a suite: ``base_link`` to each sensor, and to each camera's optical frame.
-
-    At a station, given in the ``map`` frame, the station's frame is their parent instead of ``base_link``.
-    """
+    """``/tf_static`` of a suite: ``base_link``, or the station's frame, to sensors and cameras' optical frames."""
     parent = carrier.frame(BASE_FRAME if station is None else STATION_FRAME)
     bodies = [_transform(parent, carrier.frame(name), mount.base_from_sensor) for name, mount in suite.mounts]
     if station is not None:
@@ -168,12 +161,7 @@ def camera_topics(camera: CameraSpec, suite: SensorSuite) -> tuple[Topic, ...]:
 
 
 def recorded_topics(suite: SensorSuite, av_suite: SensorSuite | None = None) -> tuple[Topic, ...]:
-    """All topics of an episode's bag; within a step they are stored in this order.
-
-    Args:
-        suite: Sensors of the first emergency vehicle.
-        av_suite: Sensors of the AV under test; None in episodes without one.
-    """
+    """All topics of an episode's bag, in the order of a step's messages; ``av_suite`` is that of an AV under test."""
     every = (*topics.CORE_TOPICS, *topics.CARRIER_TOPICS, *suite_topics(suite))
     if av_suite is not None:
         every = (*every, *topics.AV_TOPICS, *topics.AV_CARRIER_TOPICS, *suite_topics(av_suite, AV))
@@ -181,11 +169,7 @@ def recorded_topics(suite: SensorSuite, av_suite: SensorSuite | None = None) -> 
 
 
 def carriers_of(episode: EpisodeDescription) -> tuple[tuple[Carrier, int, SensorSuite], ...]:
-    """The carriers of an episode: each with its actor id and its suite.
-
-    Raises:
-        InputError: A suite that cannot be loaded.
-    """
+    """The carriers of an episode, with actor id and suite each; InputError for a suite that cannot be loaded."""
     emv = (EMV, episode.emv_ids[0], load_suite(episode.sensor_suite, episode.files))
     if episode.av_id == NO_ACTOR:
         return (emv,)

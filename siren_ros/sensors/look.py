@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.params.resources import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping
@@ -57,7 +57,7 @@ class Look:
         return float(rain + fog)
 
     @property
-    def towards_sun(self) -> npt.NDArray[np.float64]:
+    def towards_sun(self) -> Floats:
         """Unit vector from the ground to the sun, ``map`` frame, shape ``(3,)``."""
         cos = np.cos(self.sun_elevation_rad)
         return np.array(

@@ -106,12 +106,7 @@ class Microphone:
         self._past: deque[_Heard] = deque(maxlen=_HISTORY_STEPS)
 
     def hear(self, states: ActorStates, map_from_base: Matrix) -> AudioChunk:
-        """The sound that arrives between the step before and this one, silence at the first.
-
-        Args:
-            states: All actors, the carrier included.
-            map_from_base: Pose of the carrier, shape ``(4, 4)``.
-        """
+        """The sound that arrives between the step before and this one, silence at the first; pose of the carrier."""
         spec = self.spec
         ear = (map_from_base @ np.array([spec.mount.x_m, spec.mount.y_m, spec.mount.z_m, 1.0]))[:3]
         rows = np.flatnonzero(states.lights & Lights.SIREN)

@@ -56,13 +56,7 @@ class BiasWalk:
     """Sum of one normal increment per step from step 1 on, each drawn from its own stream; zero at step 0."""
 
     def __init__(self, seed: int, sensor: str, per_sqrt_s: Floats) -> None:
-        """Start the walk.
-
-        Args:
-            seed: Of the noise.
-            sensor: Name of the sensor.
-            per_sqrt_s: Standard deviation of each axis after one second, shape ``(K,)``; it grows with √t.
-        """
+        """Start the walk; ``per_sqrt_s``, ``(K,)``, is each axis' deviation after one second; it grows with √t."""
         self._seed = seed
         self._stream = f"{sensor} bias"
         self._stddev = np.asarray(per_sqrt_s, dtype=np.float64) * np.sqrt(STEP_S)
@@ -101,11 +95,7 @@ class GeoReference:
         return cls(network.projection, network.projected_origin_m)
 
     def geodetic(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Latitude and longitude in degrees of a place in the ``map`` frame.
-
-        Raises:
-            InputError: A projection that is not understood.
-        """
+        """Latitude and longitude in degrees of a place in ``map``; InputError for a projection that is unknown."""
         geodetic = geodetic_from_projected(self.projection, x_m + self.origin_m[0], y_m + self.origin_m[1])
         if geodetic is None:
             raise InputError("projection", self.projection, "a transverse Mercator or UTM projection")
@@ -151,16 +141,11 @@ class PlanarMotion:
 
 
 def specific_force(before: PlanarMotion | None, now: PlanarMotion, lever_m: Floats) -> Floats:
-    """Specific force at a point of a body that moves in the plane, in ``base_link``, shape ``(3,)``.
+    """Specific force at the place ``lever_m``, ``(3,)``, of a body that moves in the plane; in ``base_link``, ``(3,)``.
 
-    f = Rᵀ (a + g e_z) + α × r + ω × (ω × r), with a and α as differences over the time since ``before``; zero where
-    there is none (Groves, Principles of GNSS, Inertial and Multisensor Navigation Systems, 2nd ed., section 4.1 and
-    eq. 2.161 for the lever arm).
-
-    Args:
-        before: Motion at an earlier step.
-        now: Motion at the measured step.
-        lever_m: Place of the sensor in ``base_link``, shape ``(3,)``.
+    f = Rᵀ (a + g e_z) + α × r + ω × (ω × r), with a and α as differences over the time since ``before``, an earlier
+    step; zero where there is none (Groves, Principles of GNSS, Inertial and Multisensor Navigation Systems, 2nd ed.,
+    section 4.1 and eq. 2.161 for the lever arm).
     """
     ax = ay = spin = 0.0
     if before is not None and before.step < now.step:

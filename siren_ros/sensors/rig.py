@@ -7,9 +7,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Matrix
+from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.camera.camera import Camera, CameraFrame
 from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
@@ -20,12 +19,12 @@ from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Catalogue, Placement
 from siren_ros.sensors.navigation import Odometers
-from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.static_scene import static_scene
+from siren_ros.sensors.scene.surfaces import SceneConfig
 from siren_ros.sensors.sensor_table import SENSOR_TYPES
 from siren_ros.sensors.specification import CameraSpec, CarrierView, SensorSpec, map_from_base
 from siren_ros.sensors.station import check_outdoors, station_mount
-from siren_ros.sensors.suite import SensorSuite, WantedLabels
+from siren_ros.sensors.suite import LabelKinds, SensorSuite
 from siren_ros.sensors.truth import ImageLabeller, label_boxes
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
@@ -43,7 +42,7 @@ class Observations:
     truth: GroundTruth | None
     """Every ``LABEL_PERIOD_STEPS``."""
     labels: Mapping[str, CameraTruth] = field(default_factory=dict)
-    """Labels of the pictures by camera, where they are wanted."""
+    """Labels of the pictures by camera, where the suite or a listener asks for them."""
     others: tuple[tuple[SensorSpec, Any], ...] = ()
     """Measurements of the suite's other sensors, each with its specification."""
 
@@ -71,23 +70,17 @@ class SensorRig:
         scene: StaticScene | None = None,
         noise_seed: int | None = None,
         site: Mapping[str, object] | None = None,
-        wanted: Callable[[CameraSpec], WantedLabels] | None = None,
+        label_kinds: Callable[[CameraSpec], LabelKinds] | None = None,
         in_background: bool = False,
     ) -> None:
         """Build the scene that the sensors see.
 
-        Args:
-            suite: The sensors.
-            network: The map.
-            seed: Of the episode: buildings and trees.
-            config: Numbers of the generated world; defaults where None.
-            look: Sun, sky and haze; a clear morning where None.
-            scene: A static scene in place of the generated one.
-            noise_seed: Of all sensor noise; ``seed`` where None.
-            site: Where the episode happens, as its description gives it; for roadside suites.
-            wanted: Labels that go with a camera's pictures; what the suite records where None.
-            in_background: Whether a background thread makes the sweeps while the caller goes on until it calls
-                ``finish``. Otherwise all processors share a sweep, and the caller waits.
+        ``seed`` is the episode's and decides buildings and trees; ``noise_seed`` is that of all sensor noise, ``seed``
+        where None. Without a look it is a clear morning. ``scene`` replaces the generated static scene. ``site`` is
+        where the episode happens, as its description gives it, for roadside suites. ``label_kinds`` gives the labels
+        that go with a camera's pictures; without it, those that the suite records. With ``in_background`` a background
+        thread makes the sweeps while the caller goes on until it calls ``finish``; otherwise all processors share a
+        sweep, and the caller waits.
 
         Raises:
             InputError: A suite that stands at a site, and there is none; or sensors inside a building.
@@ -107,7 +100,7 @@ class SensorRig:
         self._cameras: tuple[Camera, ...] | None = None
         self._catalogue = Catalogue(self._shapes)
         self._odometers = Odometers()
-        self._wanted = wanted or partial(WantedLabels.of, suite)
+        self._label_kinds = label_kinds or partial(LabelKinds.of, suite)
         self._labeller = ImageLabeller(self._shapes)
         begins = {row.spec: row.begin for row in SENSOR_TYPES.values() if row.begin is not None}
         self._others = tuple((spec, begins[type(spec)](spec, network, self._seed)) for spec in suite.others)
@@ -183,13 +176,8 @@ class SensorRig:
     ) -> Sensing:
         """Begin to measure with the sensors that are due at the states' step; ``finish`` before the next call.
 
-        A vehicle that is not among the actors measures nothing. A suite at a station always measures.
-
-        Args:
-            states: All actors at this step.
-            descriptions: What they are, by id.
-            signals: The traffic lights.
-            carrier_id: The vehicle with the sensors.
+        The vehicle ``carrier_id`` has the sensors; while it is not among the actors it measures nothing. A suite at a
+        station always measures. ``descriptions`` say by id what the actors are, ``signals`` are the traffic lights.
         """
         self.prepare()
         step = states.step
@@ -250,7 +238,7 @@ class SensorRig:
         descriptions: Mapping[int, ActorDescription],
     ) -> dict[str, CameraTruth]:
         cameras = {spec.name: spec for spec in self.suite.cameras}
-        labelled = [frame for frame in frames if self._wanted(cameras[frame.sensor]).boxes]
+        labelled = [frame for frame in frames if self._label_kinds(cameras[frame.sensor]).boxes]
         if not labelled:
             return {}
         is_emv = np.array([descriptions[int(actor_id)].is_emv for actor_id in placement.actor_id], dtype=np.bool_)
@@ -293,18 +281,13 @@ class SensorRig:
                     yield partial(lidar.scan, step, pose, placement, motion)
 
     def _expose(
-        self,
-        step: int,
-        base: Matrix,
-        placement: Placement,
-        rolled_m: npt.NDArray[np.float64],
-        signals: Iterable[SignalState],
+        self, step: int, base: Matrix, placement: Placement, rolled_m: Floats, signals: Iterable[SignalState]
     ) -> Iterable[Callable[[], CameraFrame]]:
         states = {signal.signal_id: signal.state for signal in signals}
         for camera in self._cameras or ():
             if step % camera.spec.period_steps == 0:
                 pose = base @ camera.spec.mount.base_from_sensor
-                yield camera.expose(step, pose, placement, rolled_m, states, self._wanted(camera.spec))
+                yield camera.expose(step, pose, placement, rolled_m, states, self._label_kinds(camera.spec))
 
 
 def _row_of(states: ActorStates, actor_id: int) -> int:

@@ -81,6 +81,11 @@ OPTICAL_FROM_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0
 OPTICAL_FROM_BODY.setflags(write=False)
 
 
+def optical_from_map(map_from_camera: Matrix) -> Matrix:
+    """Transform into a camera's optical frame, given the pose of its body frame (x forward), ``(4, 4)``."""
+    return transform(OPTICAL_FROM_BODY, np.zeros(3)) @ inverse(map_from_camera)
+
+
 def sensor_generator(seed: int, sensor: str, step: int) -> np.random.Generator:
     """Generator that depends on (seed, sensor, step) alone, so that results do not depend on order or history."""
     name = zlib.crc32(sensor.encode())

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from siren_ros.errors import InputError
+from siren_ros.numerics.arrays import Floats
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.sites import middle_of_site
 from siren_ros.sensors.meshes.mesh import Material, StaticScene
@@ -27,13 +27,8 @@ _TRAFFIC: Final = (LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL)
 def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, object] | None = None) -> Mount:
     """The pose of a station in the ``map`` frame, on the ground.
 
-    At a site it is the free place nearest to the site's middle that is off all lanes, facing that middle; of several
-    the one nearest to the east. The middle of a road is half way along it.
-
-    Args:
-        station: Of a suite.
-        network: The map.
-        site: The episode's site as its description gives it; not needed for a given place.
+    At a site, given as in the episode's description, it is the free place nearest to the site's middle that is off all
+    lanes, facing that middle; of several the one nearest to the east. The middle of a road is half way along it.
 
     Raises:
         InputError: The station waits for a site, and there is none.
@@ -62,10 +57,7 @@ def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, obj
 
 
 def check_outdoors(scene: StaticScene, suite: SensorSuite, station: Mount) -> None:
-    """Raise InputError where a sensor of a station would be inside a building or a tree.
-
-    A ray straight up leaves a closed body through an odd number of surfaces.
-    """
+    """Raise InputError where a sensor is in a building or tree: a ray straight up leaves it an odd number of times."""
     solid = np.isin(scene.mesh.material, [int(kind) for kind in _SOLID])
     corners = scene.mesh.vertices_m[scene.mesh.triangles[solid]].astype(np.float64)
     for name, mount in suite.mounts:
@@ -75,7 +67,7 @@ def check_outdoors(scene: StaticScene, suite: SensorSuite, station: Mount) -> No
             raise InputError(f"{suite.name}: {name}.mount", place, "a place outside of buildings and trees")
 
 
-def _crossings_above(corners: npt.NDArray[np.float64], x_m: float, y_m: float, z_m: float) -> int:
+def _crossings_above(corners: Floats, x_m: float, y_m: float, z_m: float) -> int:
     """How many triangles of shape ``(T, 3, 3)`` a ray straight up from a point crosses."""
     a, b, c = (corners[:, k, :2] - (x_m + _ASIDE_M[0], y_m + _ASIDE_M[1]) for k in range(3))
     ab, bc, ca = _cross(a, b), _cross(b, c), _cross(c, a)
@@ -85,5 +77,5 @@ def _crossings_above(corners: npt.NDArray[np.float64], x_m: float, y_m: float, z
     return int(np.count_nonzero(height > z_m))
 
 
-def _cross(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _cross(a: Floats, b: Floats) -> Floats:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

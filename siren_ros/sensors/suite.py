@@ -174,7 +174,7 @@ def _value(section: StrictMapping, key: str, kind: Any, metadata: Mapping[str, A
 
 
 @dataclass(frozen=True)
-class WantedLabels:
+class LabelKinds:
     """Labels to draw with the colours. Semantic classes are always drawn."""
 
     depth: bool = False
@@ -182,6 +182,6 @@ class WantedLabels:
     boxes: bool = False
 
     @classmethod
-    def of(cls, suite: SensorSuite, camera: CameraSpec) -> "WantedLabels":
+    def of(cls, suite: SensorSuite, camera: CameraSpec) -> "LabelKinds":
         """Labels that a suite records of a camera."""
         return cls(camera.depth, camera.instance, suite.labels)

@@ -13,14 +13,13 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from siren_ros.numerics.arrays import Floats, Matrix
+from siren_ros.numerics.arrays import Flags, Floats, Matrix, Rows
 from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.numerics.geometry import wrap_angle
-from siren_ros.sensors.camera.camera_model import optical_from_map
 from siren_ros.sensors.lidar.lidar import LidarSweep
 from siren_ros.sensors.meshes.mesh import VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.specification import inverse
+from siren_ros.sensors.specification import inverse, optical_from_map
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, rows_of_ids
 from siren_ros.world.carrier import CameraTruth, GroundTruth
 from siren_ros.world.measurements import CameraIntrinsics
@@ -37,15 +36,9 @@ def label_boxes(
     sweep: LidarSweep | None = None,
     range_m: float = LABEL_RANGE_M,
 ) -> GroundTruth:
-    """Boxes of all actors but the carrier within ``range_m`` of the sensor, in the sensor's frame.
+    """Boxes of all actors but the carrier within ``range_m``, in the labels' frame, whose pose is given, ``(4, 4)``.
 
-    Args:
-        states: Actors at this step.
-        descriptions: What the actors are, by id.
-        carrier_id: The vehicle with the sensors.
-        map_from_lidar: Pose of the frame of the labels, shape ``(4, 4)``.
-        sweep: Returns of this step; without one the labels' point counts are 0.
-        range_m: Horizontal distance of the box's centre.
+    ``sweep`` holds the returns of this step; without it the labels' point counts are 0.
     """
     origin = map_from_lidar[:2, 3]
     distance = np.hypot(states.x_m - origin[0], states.y_m - origin[1])
@@ -148,20 +141,14 @@ class ImageLabeller:
         map_from_camera: Matrix,
         placement: Placement,
         instance: npt.NDArray[np.uint32],
-        is_emv: npt.NDArray[np.bool_],
+        is_emv: Flags,
     ) -> CameraTruth:
         """The vehicles within range whose outline reaches into the picture.
 
-        The visible fraction is the number of pixels over the area of the convex outline within the picture, at most
-        1: a vehicle that nothing hides shows 0.9 and more, since vehicles are nearly convex.
-
-        Args:
-            step: Of the picture.
-            camera: Intrinsics.
-            map_from_camera: Pose of the camera's body frame, shape ``(4, 4)``.
-            placement: The vehicles of the picture, N of them.
-            instance: Actor ids, shape ``(H, W)``.
-            is_emv: Which of the vehicles are emergency vehicles, shape ``(N,)``.
+        The visible fraction is the number of pixels over the area of the convex outline within the picture, at most 1:
+        a vehicle that nothing hides shows 0.9 and more, since vehicles are nearly convex. The pose is that of the
+        camera's body frame, ``(4, 4)``; ``instance`` holds actor ids, ``(H, W)``; ``is_emv`` has a row per placed
+        vehicle.
         """
         near = placement.distance_m(map_from_camera[0, 3], map_from_camera[1, 3]) <= LABEL_RANGE_M
         rows = np.flatnonzero(near)
@@ -186,7 +173,7 @@ class ImageLabeller:
         )
 
     def _outlines(
-        self, camera: CameraIntrinsics, optical_from_map_: Matrix, placement: Placement, rows: npt.NDArray[np.intp]
+        self, camera: CameraIntrinsics, optical_from_map_: Matrix, placement: Placement, rows: Rows
     ) -> tuple[Floats, Floats]:
         """Area of each vehicle's convex outline, and of its part within the picture, in pixels, shape ``(R,)``."""
         points, owner = [np.empty((0, 2))], [np.empty(0, np.intp)]

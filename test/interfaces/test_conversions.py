@@ -16,7 +16,7 @@ from repository import REPOSITORY
 from siren_ros.errors import InputError
 from siren_ros.interfaces import boxes, conversions, episode_conversions
 from siren_ros.interfaces.episode_conversions import EpisodeClosing, Phase, StepReport
-from siren_ros.interfaces.messages import typestore
+from siren_ros.interfaces.messages import plain_message, typestore
 from siren_ros.ros.transport.endpoints import message_class
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.scenario.paper import EmergencyLevel
@@ -117,13 +117,12 @@ PAIRS: dict[type, tuple[str, Any]] = {
         (conversions, TrafficState, "TrafficState", "traffic_state"),
         (conversions, Event, "Event", "event"),
         (conversions, ActorDescription, "ActorDescription", "actor_description"),
-        (conversions, SignalState, "SignalState", "signal_state"),
         (episode_conversions, StepReport, "StepDone", "step_done"),
         (episode_conversions, EpisodeClosing, "EpisodeEnd", "episode_end"),
         (episode_conversions, EpisodeDescription, "EpisodeDescription", "episode_description"),
         (episode_conversions, EpisodeOutcome, "EpisodeOutcome", "episode_outcome"),
     )
-}
+} | {SignalState: ("siren_msgs/msg/SignalState", plain_message)}
 
 
 def same(left: Any, right: Any) -> bool:

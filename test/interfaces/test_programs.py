@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.errors import EpisodeError, InputError
-from siren_ros.interfaces.messages import stamp, typestore
-from siren_ros.interfaces.programs import (
+from siren_ros.interfaces.conversions import (
     from_av_control,
     from_path,
     from_predicted_paths,
@@ -16,6 +15,7 @@ from siren_ros.interfaces.programs import (
     to_path,
     to_predicted_paths,
 )
+from siren_ros.interfaces.messages import stamp, typestore
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.world.carrier import PredictedPaths
 from siren_ros.world.commands import AvControl, av_commands

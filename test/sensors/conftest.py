@@ -31,7 +31,7 @@ class Boxes:
     @classmethod
     def scene(cls, *meshes: Mesh) -> StaticScene:
         ground = cls.box((0.0, 0.0, -0.5), (300.0, 300.0, 1.0), Material.ASPHALT)
-        return StaticScene(Mesh.concatenate([ground, *meshes]), ())
+        return StaticScene(Mesh.joined(ground, *meshes), ())
 
     @classmethod
     def shapes(cls) -> Mapping[ActorClass, VehicleShape]:

@@ -3,10 +3,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.camera_model import optical_from_map
 from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
 from siren_ros.sensors.lidar.lidar import LidarSweep
-from siren_ros.sensors.specification import Mount, map_from_base, transform
+from siren_ros.sensors.specification import Mount, map_from_base, optical_from_map, transform
 from siren_ros.sensors.truth import ImageLabeller, label_boxes, pixel_boxes
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import CameraTruth

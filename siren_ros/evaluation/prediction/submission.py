@@ -10,7 +10,7 @@ import numpy.typing as npt
 from siren_ros.errors import BagError, InputError
 from siren_ros.evaluation.prediction.predictors import SUM_TOLERANCE, Hypotheses
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch, future_times_s
-from siren_ros.interfaces.programs import from_predicted_paths
+from siren_ros.interfaces.conversions import from_predicted_paths
 from siren_ros.interfaces.topics import PREDICTIONS
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.record.episode_source import EpisodeSource

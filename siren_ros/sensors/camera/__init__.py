@@ -1,4 +1,1 @@
-"""Camera pictures through OpenGL: a software rasteriser without a GPU, the GPU where there is one.
-
-Import order inside: ``shaders`` < geometry < light < ``renderer`` < ``camera``.
-"""
+"""Camera pictures through OpenGL; imports go down: ``camera``, ``renderer``, light, geometry, ``shaders``."""

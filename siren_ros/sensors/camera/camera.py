@@ -10,13 +10,12 @@ import numpy.typing as npt
 import simplejpeg
 from scipy.ndimage import gaussian_filter
 
-from siren_ros.numerics.arrays import Matrix
-from siren_ros.sensors.camera.camera_model import RenderedImage
+from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
-from siren_ros.sensors.camera.renderer import Renderer
+from siren_ros.sensors.camera.renderer import RenderedImage, Renderer
 from siren_ros.sensors.meshes.placement import Placement
 from siren_ros.sensors.specification import CameraSpec, sensor_generator
-from siren_ros.sensors.suite import WantedLabels
+from siren_ros.sensors.suite import LabelKinds
 from siren_ros.world.measurements import CameraIntrinsics
 
 
@@ -58,14 +57,11 @@ class Camera:
         step: int,
         map_from_camera: Matrix,
         placement: Placement,
-        rolled_m: npt.NDArray[np.float64],
+        rolled_m: Floats,
         signals: Mapping[str, str],
-        wanted: WantedLabels,
+        labels: LabelKinds,
     ) -> Callable[[], CameraFrame]:
-        """Begin a picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
-
-        The returned function waits for the picture and returns it with the wanted labels. Call it once.
-        """
+        """Begin a picture from a pose of the camera's body frame; the returned function waits for it. Call it once."""
         spec = self.spec
         picture = self._renderer.begin(
             self.intrinsics,
@@ -75,8 +71,8 @@ class Camera:
             signals,
             step,
             exposure=spec.exposure,
-            labels=wanted.depth,
-            instances=wanted.instance or wanted.boxes,
+            labels=labels.depth,
+            instances=labels.instance or labels.boxes,
         )
         return partial(self._develop, step, picture)
 

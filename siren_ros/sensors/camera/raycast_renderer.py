@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Floats, Matrix
-from siren_ros.sensors.camera.camera_model import RenderedImage, optical_from_map
+from siren_ros.numerics.arrays import Floats, Floats32, Matrix
+from siren_ros.sensors.camera.renderer import RenderedImage
 from siren_ros.sensors.camera.surface_light import ambient_light
 from siren_ros.sensors.lidar.embree import RaycastWorld, tiles
 from siren_ros.sensors.look import Look
@@ -24,7 +24,7 @@ from siren_ros.sensors.meshes.mesh import (
     semantic_class_of_actor,
 )
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.specification import inverse, map_from_base
+from siren_ros.sensors.specification import inverse, map_from_base, optical_from_map
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.measurements import CameraIntrinsics
 
@@ -55,7 +55,7 @@ class RaycastRenderer:
         camera: CameraIntrinsics,
         map_from_camera: Matrix,
         placement: Placement,
-        rolled_m: npt.NDArray[np.float64],  # noqa: ARG002 - the interface of all renderers; wheels stand still here
+        rolled_m: Floats,  # noqa: ARG002 - the interface of all renderers; wheels stand still here
         signals: Mapping[str, str],
         step: int,  # noqa: ARG002 - likewise; nothing blinks
         exposure: float = 1.0,
@@ -102,8 +102,8 @@ class RaycastRenderer:
         self,
         row: int,
         placement: Placement,
-        rays: npt.NDArray[np.float32],
-        depth: npt.NDArray[np.float32],
+        rays: Floats32,
+        depth: Floats32,
         surface: tuple[Floats, Floats, Floats],
         names: tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint32]],
     ) -> None:
@@ -143,14 +143,7 @@ class RaycastRenderer:
         semantic[pixels] = int(semantic_class_of_actor(kind))
         actor[pixels] = placement.actor_id[row]
 
-    def _light(
-        self,
-        rays: npt.NDArray[np.float32],
-        depth: npt.NDArray[np.float32],
-        albedo: Floats,
-        glow: Floats,
-        normal: Floats,
-    ) -> Floats:
+    def _light(self, rays: Floats32, depth: Floats32, albedo: Floats, glow: Floats, normal: Floats) -> Floats:
         """Linear light of every ray."""
         look = self.look
         direction = rays[:, 3:].astype(np.float64)

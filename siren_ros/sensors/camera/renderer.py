@@ -7,6 +7,7 @@ import ctypes
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -16,24 +17,41 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import SirenError
-from siren_ros.numerics.arrays import Matrix
+from siren_ros.numerics.arrays import Floats, Floats32, Matrix, Rows
 from siren_ros.numerics.units import STEP_S
 from siren_ros.sensors.camera import shaders as sky_shaders
-from siren_ros.sensors.camera.camera_model import RenderedImage, optical_from_map
-from siren_ros.sensors.camera.ground_light import GroundLight, LightMap
-from siren_ros.sensors.camera.night_and_rain import LampLight, Rain
+from siren_ros.sensors.camera.ground_light import GroundLight, LampLight, LightMap
+from siren_ros.sensors.camera.rain import Rain
 from siren_ros.sensors.camera.static_geometry import StaticGeometry
 from siren_ros.sensors.camera.surface_light import defined, preamble
 from siren_ros.sensors.camera.vehicle_geometry import VehicleGeometry
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import SemanticClass, StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.specification import optical_from_map
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.measurements import CameraIntrinsics
 
 _MESA: Final = {"mesa_glthread": "true", "MESA_DEBUG": "silent"}
 """Mesa's own thread for the commands (docs.mesa3d.org/envvars.html): without it, software drawing transforms the scene
 in the calling thread, with the interpreter's lock held. Mesa would say on stderr that the option is not its default."""
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedImage:
+    """One picture and, where asked for, its labels, all from one draw; row 0 is the top."""
+
+    rgba: npt.NDArray[np.uint8]
+    """Colour, and the semantic class (CARLA's numbers) in the fourth channel, shape ``(height, width, 4)``."""
+    instance: npt.NDArray[np.uint32] | None
+    """Actor id, 0 off vehicles, shape ``(height, width)``."""
+    depth_m: Floats32 | None
+    """Along the optical axis, 0 where there is sky, shape ``(height, width)``."""
+
+    @property
+    def semantic(self) -> npt.NDArray[np.uint8]:
+        """Semantic classes, shape ``(height, width)``."""
+        return self.rgba[..., 3]
 
 
 class RendererUnavailableError(SirenError):
@@ -44,11 +62,7 @@ class DrawingContext:
     """A context of its own. Everything that uses it must run in the thread that makes it."""
 
     def __init__(self) -> None:
-        """Open it.
-
-        Raises:
-            RendererUnavailableError: EGL or OpenGL is missing; the message says what to install.
-        """
+        """Open it; where EGL or OpenGL is missing, RendererUnavailableError says what to install."""
         try:
             with _set_where_unset(_MESA):
                 backend = glcontext.get_backend_by_name("egl")(mode="standalone", glversion=330)
@@ -131,11 +145,7 @@ class Renderer:
     def __init__(
         self, static: StaticScene, shapes: Mapping[ActorClass, VehicleShape], look: Look | None = None
     ) -> None:
-        """Open a context and upload the scene.
-
-        Raises:
-            RendererUnavailableError: no OpenGL through EGL on this machine.
-        """
+        """Open a context and upload the scene; RendererUnavailableError on machines without OpenGL through EGL."""
         self._drawing = DrawingContext()
         self._context = context = self._drawing.gl
         self.look = look or Look()
@@ -148,12 +158,11 @@ class Renderer:
             self._ground = GroundLight(context, self._static, self.look.towards_sun)
         self._vehicles = VehicleGeometry(context, shapes, constants)
         self._last: Callable[[Any], None] = lambda _plain: None
-        self._placed: tuple[Placement, npt.NDArray[np.float64]] | None = None
+        self._placed: tuple[Placement, Floats] | None = None
         self._sky_program = context.program(
             vertex_shader=defined(sky_shaders.SKY_VERTEX, constants),
             fragment_shader=defined(sky_shaders.SKY_FRAGMENT, constants),
         )
-        _set(self._sky_program, "semantic", int(SemanticClass.SKY) / 255.0)
         self._sky = context.vertex_array(self._sky_program, ())
         self._skies: dict[float, moderngl.Texture] = {}
         self._noise = _noise_texture(context)
@@ -180,7 +189,7 @@ class Renderer:
         camera: CameraIntrinsics,
         map_from_camera: Matrix,
         placement: Placement,
-        rolled_m: npt.NDArray[np.float64],
+        rolled_m: Floats,
         signals: Mapping[str, str],
         step: int,
         exposure: float = 1.0,
@@ -190,18 +199,9 @@ class Renderer:
         """Begin one picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
 
         The drawing goes on while the caller does something else. The returned function waits for it and returns the
-        picture. Call it once.
-
-        Args:
-            camera: Intrinsics.
-            map_from_camera: Pose.
-            placement: Vehicles.
-            rolled_m: Distance that each vehicle's wheels have rolled, shape ``(N,)``.
-            signals: State string of each signal.
-            step: Step whose simulated time drives blinking lights.
-            exposure: Factor on all light.
-            labels: Whether to hand back instances and depth too.
-            instances: Whether to hand back instances.
+        picture. Call it once. ``rolled_m`` is how far each vehicle's wheels have rolled, shape ``(N,)``; ``signals``
+        the state string of each signal; the simulated time of ``step`` drives blinking lights; ``exposure`` is a factor
+        on all light. ``labels`` asks for instances and depth with the picture, ``instances`` for instances alone.
         """
         self._drawing.use()  # other renderers of this thread have contexts of their own
         clip = camera.clip_from_optical(NEAR_M, FAR_M) @ optical_from_map(map_from_camera)
@@ -221,11 +221,7 @@ class Renderer:
         return image
 
     def draw_again(self, camera: CameraIntrinsics) -> RenderedImage:
-        """Draw and read back the last picture once more: the reference for the time of ``render``.
-
-        Args:
-            camera: The camera of the last picture.
-        """
+        """Draw and read back the last picture, of this camera, once more: the reference for the time of ``render``."""
         self._drawing.use()
         target = self._take_target(camera)
         target.plain.use()
@@ -238,7 +234,7 @@ class Renderer:
         clip: Matrix,
         map_from_camera: Matrix,
         placement: Placement,
-        rolled_m: npt.NDArray[np.float64],
+        rolled_m: Floats,
         step: int,
         exposure: float,
     ) -> tuple[Any, ...]:
@@ -254,9 +250,7 @@ class Renderer:
         self._static.select(clip, eye, camera.focal_x_px)
         return light.shadow, light.ground, self._noise, sky
 
-    def _draw(
-        self, rows: npt.NDArray[np.intp], textures: tuple[Any, ...], signals: Mapping[str, str], step: int, plain: Any
-    ) -> None:
+    def _draw(self, rows: Rows, textures: tuple[Any, ...], signals: Mapping[str, str], step: int, plain: Any) -> None:
         """Draw the selected scene and these rows' vehicles; rain where the framebuffer has no labels."""
         context = self._context
         context.fbo.clear(depth=1.0)
@@ -320,9 +314,7 @@ class Renderer:
         self._frame.write(np.concatenate([*columns, np.ravel(vectors)]).astype(np.float32).tobytes())
 
 
-def _nearest_in_view(
-    clip_from_map: Matrix, eye_m: npt.NDArray[np.float64], placement: Placement
-) -> npt.NDArray[np.intp]:
+def _nearest_in_view(clip_from_map: Matrix, eye_m: Floats, placement: Placement) -> Rows:
     """Rows of the vehicles whose bounding sphere reaches into the view frustum, nearest first."""
     middle = placement.z_m + placement.size_m[:, 2] / 2.0
     centre = np.stack((placement.x_m, placement.y_m, middle, np.ones(len(placement))), axis=1)
@@ -336,16 +328,12 @@ def _nearest_in_view(
 
 
 def _bind(program: Any) -> None:
-    """Connect a program's blocks and samplers to the slots that every picture uses."""
+    """Connect a program's blocks and samplers to the slots that every picture uses; set the class of the sky."""
     if "Frame" in program:
         program["Frame"].binding = 0
-    for name, slot in (("static_shadow", 0), ("ground_light", 1), ("noise", 2), ("sky", 3)):
-        if name in program:
-            _set(program, name, slot)
-
-
-def _set(program: Any, name: str, value: float) -> None:
-    program[name].value = value
+    slots = {"static_shadow": 0, "ground_light": 1, "noise": 2, "sky": 3, "semantic": int(SemanticClass.SKY) / 255.0}
+    for name in slots.keys() & set(program):
+        program[name].value = slots[name]
 
 
 def _noise_texture(context: moderngl.Context) -> moderngl.Texture:

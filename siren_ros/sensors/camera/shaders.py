@@ -10,9 +10,19 @@ So what is constant on a triangle comes ready from its vertices (``surface_light
 close is drawn by programs of its own (``NEAR``).
 """
 
+import re
 from typing import Final
 
-FRAME_BLOCK: Final = """
+from siren_ros.sensors.meshes.mesh import Material
+from siren_ros.world.actors import Lights
+
+
+def included(source: str) -> str:
+    """GLSL with the texts of this module in place of its ``#include`` line, which names them."""
+    return re.sub(r"^#include (.*)\n", lambda line: "".join(globals()[name] for name in line[1].split()), source)
+
+
+HEAD: Final = """#version 330 core
 layout(std140) uniform Frame {
     mat4 clip_from_map;
     mat4 map_from_clip;
@@ -23,7 +33,17 @@ layout(std140) uniform Frame {
     vec4 picture;        // centre in pixels, z: exposure
 };
 """
-HEAD: Final = "#version 330 core\n" + FRAME_BLOCK
+SQUARE: Final = """#version 330 core
+uniform vec4 light_from_map;  // scale, offset x, offset y, in clip coordinates of the light map
+vec2 corner() { return vec2(float(gl_VertexID & 1), float(gl_VertexID >> 1)); }
+"""
+"""Of light on the ground."""
+
+CODES: Final = "".join(
+    [f"const float {material.name} = {int(material)}.0;\n" for material in Material]
+    + [f"const uint LIGHT_{light.name} = {int(light)}u;\n" for light in Lights]
+)
+"""Of materials and lamps."""
 
 CLEAR: Final = """
 float clearness(vec3 position) { return exp2(-1.442695 * HAZE_PER_M * distance(position, eye.xyz)); }
@@ -70,13 +90,7 @@ vec3 mirrored_light(vec3 light, vec3 place, vec3 n, float gloss, vec3 lit) {
 }
 """
 
-STATIC_VERTEX: Final = (
-    HEAD
-    + CLEAR
-    + LIGHT_PLACE
-    + LIT
-    + MIRROR
-    + """
+STATIC_VERTEX: Final = included("""#include HEAD CLEAR LIGHT_PLACE LIT MIRROR
 in vec3 in_position;
 in vec4 in_sun;
 in vec4 in_shade;
@@ -117,8 +131,7 @@ void main() {
     v_light = light_place(in_position.xy);
 #endif
 }
-"""
-)
+""")
 
 OUTPUT: Final = """
 layout(location = 0) out vec4 out_colour;
@@ -141,11 +154,7 @@ void finish(vec3 light, float clear, float semantic, uint actor) {
 }
 """
 
-_STATIC_FRAGMENT: Final = (
-    HEAD
-    + OUTPUT
-    + LIT
-    + """
+STATIC_FRAGMENT: Final = included("""#include HEAD OUTPUT LIT
 uniform sampler2D noise;
 in vec4 v_place;
 flat in vec4 v_sun;
@@ -159,41 +168,28 @@ in vec3 v_shadow;
 #ifdef LIGHT
 in vec2 v_light;
 #endif
-"""
-)
+""")
 
-MATTE_FRAGMENT: Final = (
-    _STATIC_FRAGMENT
-    + """
+MATTE_FRAGMENT: Final = included("""#include STATIC_FRAGMENT
 void main() {
     vec3 lit = lit_at(v_shadow);
     finish(v_shade.rgb + v_sun.rgb * lit, v_place.w, v_shade.w, 0u);
 }
-"""
-)
+""")
 
-FLAT_FRAGMENT: Final = (
-    _STATIC_FRAGMENT
-    + """
+FLAT_FRAGMENT: Final = included("""#include STATIC_FRAGMENT
 void main() { finish(v_shade.rgb, v_place.w, v_shade.w, 0u); }
-"""
-)
+""")
 
-GLASS_FRAGMENT: Final = (
-    _STATIC_FRAGMENT
-    + MIRROR
-    + """
+GLASS_FRAGMENT: Final = included("""#include STATIC_FRAGMENT MIRROR
 void main() {
     vec3 lit = lit_at(v_shadow);
     vec3 light = mirrored_light(v_shade.rgb + v_sun.rgb * lit, v_place.xyz, v_normal.xyz, v_normal.w, lit);
     finish(light, v_place.w, v_shade.w, 0u);
 }
-"""
-)
+""")
 
-FOLIAGE_FRAGMENT: Final = (
-    _STATIC_FRAGMENT
-    + """
+FOLIAGE_FRAGMENT: Final = included("""#include STATIC_FRAGMENT
 #ifdef NIGHT
 const float LEAVES = 0.0;
 #else
@@ -205,12 +201,9 @@ void main() {
     vec3 sun = clamp(v_sun.w + 0.8 * grain, 0.0, 1.0) * (LEAVES + (1.0 - LEAVES) * lit_at(v_shadow));
     finish((v_shade.rgb + v_sun.rgb * sun) * clamp(1.0 + 1.3 * grain, 0.25, 1.9), v_place.w, v_shade.w, 0u);
 }
-"""
-)
+""")
 
-GROUND_FRAGMENT: Final = (
-    _STATIC_FRAGMENT
-    + """
+GROUND_FRAGMENT: Final = included("""#include STATIC_FRAGMENT
 void main() {
     float fine = texture(noise, v_light * NOISE_PER_LIGHT).r - 0.5;
 #ifdef NIGHT
@@ -237,12 +230,9 @@ void main() {
 #endif
     finish(light, v_place.w, v_shade.w, 0u);
 }
-"""
-)
+""")
 
-WALL_FRAGMENT: Final = (
-    _STATIC_FRAGMENT
-    + """
+WALL_FRAGMENT: Final = included("""#include STATIC_FRAGMENT
 void main() {
     float u = v_place.y * v_normal.x - v_place.x * v_normal.y;
     float tone = 0.82 + 0.36 * texture(noise, vec2(u, v_place.z) * 0.35).r;
@@ -261,8 +251,7 @@ void main() {
 #endif
     finish(light * tone, v_place.w, v_shade.w, 0u);
 }
-"""
-)
+""")
 
 STATIC_SHADOW_VERTEX: Final = """#version 330 core
 uniform mat4 clip_from_map;
@@ -272,11 +261,9 @@ void main() { gl_Position = clip_from_map * vec4(in_position, 1.0); }
 SHADOW_FRAGMENT: Final = "#version 330 core\nvoid main() {}\n"
 
 
-_SKY_SPREAD: Final = "const float SKY_SPREAD = 1.25;  // parabolic map down to 12 degrees below the horizon\n"
+SKY_SPREAD: Final = "const float SKY_SPREAD = 1.25;  // parabolic map down to 12 degrees below the horizon\n"
 
-SKY_VERTEX: Final = (
-    HEAD
-    + """
+SKY_VERTEX: Final = included("""#include HEAD
 out vec3 v_direction;
 out vec2 v_clip;
 void main() {
@@ -285,14 +272,9 @@ void main() {
     vec4 far = map_from_clip * vec4(v_clip, 1.0, 1.0);
     v_direction = far.xyz / far.w - eye.xyz;
 }
-"""
-)
+""")
 
-SKY_PAINT_FRAGMENT: Final = (
-    HEAD
-    + OUTPUT
-    + _SKY_SPREAD
-    + """
+SKY_PAINT_FRAGMENT: Final = included("""#include HEAD OUTPUT SKY_SPREAD
 uniform sampler2D noise;
 in vec2 v_clip;
 #ifdef NIGHT
@@ -331,13 +313,9 @@ void main() {
     out_actor = 0u;
     out_depth = 0.0;
 }
-"""
-)
+""")
 
-SKY_FRAGMENT: Final = (
-    HEAD
-    + _SKY_SPREAD
-    + """
+SKY_FRAGMENT: Final = included("""#include HEAD SKY_SPREAD
 uniform sampler2D sky;
 uniform float semantic;
 in vec3 v_direction;
@@ -351,5 +329,4 @@ void main() {
     out_actor = 0u;
     out_depth = 0.0;
 }
-"""
-)
+""")

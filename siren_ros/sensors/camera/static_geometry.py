@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.units import NS_PER_S, time_ns_of_step
 from siren_ros.sensors.camera import shaders
 from siren_ros.sensors.camera.surface_light import (
@@ -193,7 +193,7 @@ class StaticGeometry:
 
 def _chunked(
     centre: npt.NDArray[np.floating[Any]], shading: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+) -> tuple[Rows, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Order of triangles by shading and cell, first triangle of each chunk with the end, shading of each chunk."""
     cell = np.floor(centre[:, :2] / CHUNK_M).astype(np.int64)
     order = np.lexsort((cell[:, 1], cell[:, 0], shading))

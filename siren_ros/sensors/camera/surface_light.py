@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Floats, Floats32
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Material
 
@@ -96,7 +96,7 @@ _BASE: Final = _table(1.0, (_GREEN, _GREEN_BASE), (_LENS, 0.10))
 _WETTED: Final = _table(0.0, ((*_ROAD, *_MARKING, Material.KERB, Material.SIDEWALK), 1.0))
 
 
-def shading_of(material: npt.NDArray[np.uint8], normals: npt.NDArray[np.float32], look: Look) -> npt.NDArray[np.int64]:
+def shading_of(material: npt.NDArray[np.uint8], normals: Floats32, look: Look) -> npt.NDArray[np.int64]:
     """Program of each triangle, shape ``(T,)``; normals have shape ``(T, 3)``."""
     shading = _SHADING[material].astype(np.int64)
     shady = (shading == Shading.WALL_SUNNY) & (_towards_sun(normals, look) <= 0.0) & (not look.lamps_lit)
@@ -122,7 +122,7 @@ def _full_light(look: Look) -> Floats:
     return np.ones(3) if look.lamps_lit else np.array(look.sun_colour)
 
 
-def _direct(normals: npt.NDArray[np.float32], look: Look) -> Floats:
+def _direct(normals: Floats32, look: Look) -> Floats:
     """Light of the sun, or of lamps from above and all around, on surfaces of these normals, shape ``(N, 3)``."""
     if look.lamps_lit:
         facing = _LAMPS_ASIDE + (1.0 - _LAMPS_ASIDE) * normals[:, 2].astype(np.float64)
@@ -142,13 +142,7 @@ def _night_glow(material: npt.NDArray[np.uint8], colour: Floats, look: Look) -> 
 
 
 def static_vertices(vertices: npt.NDArray[np.void], look: Look, *, lit: bool = False) -> npt.NDArray[np.void]:
-    """Vertices (dtype ``vertices.VERTEX``) with their light, dtype ``STATIC_VERTEX``.
-
-    Args:
-        vertices: Position, normal, material and colour.
-        look: Sun and sky.
-        lit: Whether these are lenses of signals whose lamps shine.
-    """
+    """Vertices (``vertices.VERTEX``) with their light (``STATIC_VERTEX``); ``lit``: lenses of lamps that shine."""
     material = vertices["normal_material"][:, 3].astype(np.uint8)
     normals = vertices["normal_material"][:, :3].astype(np.float32)
     colour = (vertices["colour"][:, :3].astype(np.float64) / 255.0) ** 2
@@ -202,6 +196,7 @@ def preamble(look: Look) -> str:
         "sun_colour": look.direct_colour,
         "zenith_colour": look.zenith_colour,
         "horizon_colour": look.horizon_colour,
+        "GROUND_AMBIENT": GROUND_AMBIENT,
         "MIRRORED_GROUND": tuple(look.ambient * value for value in _MIRRORED_GROUND),
     }
     scalars = {

@@ -12,12 +12,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
-from siren_ros.sensors.camera.shaders import CLEAR, HEAD, LIGHT_PLACE, LIT, MIRROR, OUTPUT
-from siren_ros.sensors.camera.surface_light import GROUND_AMBIENT, defined
+from siren_ros.numerics.arrays import Flags, Floats, Floats32, Rows
+from siren_ros.sensors.camera.shaders import included
+from siren_ros.sensors.camera.surface_light import defined
 from siren_ros.sensors.camera.vertices import VERTEX, IndexedMesh, index_mesh
-from siren_ros.sensors.meshes.mesh import SEMANTIC_CLASS_OF_MATERIAL, Material, VehicleShape, semantic_class_of_actor
+from siren_ros.sensors.meshes.mesh import SEMANTIC_CLASS_OF_MATERIAL, VehicleShape, semantic_class_of_actor
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.world.actors import ActorClass, Lights
+from siren_ros.world.actors import ActorClass
 
 _VERTEX: Final = np.dtype([("base", VERTEX), ("hub", "<f2", 4)])
 _VERTEX_FORMAT: Final = "3f 4f2 4f1 4f2"
@@ -31,7 +32,7 @@ Casters = tuple[tuple[int, npt.NDArray[np.void]], ...]
 _SEMANTIC: Final = np.array([int(semantic_class_of_actor(kind)) for kind in ActorClass], np.float32)
 
 
-def model_rows(placement: Placement) -> npt.NDArray[np.float32]:
+def model_rows(placement: Placement) -> Floats32:
     """Rows of ``map_from_base`` with each shape's scale, shape ``(N, 3, 4)``."""
     cos, sin = np.cos(placement.yaw_rad), np.sin(placement.yaw_rad)
     zero = np.zeros(len(placement))
@@ -60,7 +61,7 @@ def _indexed(shape: VehicleShape) -> IndexedMesh:
     return IndexedMesh(np.concatenate(blocks), np.concatenate(triangles))
 
 
-def _hull(shape: VehicleShape) -> npt.NDArray[np.float32]:
+def _hull(shape: VehicleShape) -> Floats32:
     """Corners of a simple convex body's triangles that throws the shadow, shape ``(K, 3)``.
 
     It spans the shape's extreme points in the 26 directions to a cube's corners, edges and faces. Its triangles turn
@@ -133,7 +134,7 @@ class VehicleGeometry:
         self._actor_class = np.empty(0, np.uint8)
         self._instances = np.empty(0, INSTANCE)
 
-    def place(self, placement: Placement, rolled_m: npt.NDArray[np.float64]) -> None:
+    def place(self, placement: Placement, rolled_m: Floats) -> None:
         """Set the vehicles of the pictures to come."""
         instances = np.zeros(len(placement), INSTANCE)
         instances["rows"] = model_rows(placement)
@@ -143,13 +144,13 @@ class VehicleGeometry:
         instances["actor"] = np.stack((placement.actor_id, placement.lights), axis=1)
         self._instances, self._actor_class = instances, placement.actor_class
 
-    def draw(self, nearest_first: npt.NDArray[np.intp]) -> None:
+    def draw(self, nearest_first: Rows) -> None:
         """Draw vehicles, given as rows of what was placed."""
         kinds = self._actor_class[nearest_first]
         for kind in dict.fromkeys(kinds.tolist()):
             self._classes[kind].draw(self._instances[nearest_first[kinds == kind]])
 
-    def casters(self, near: npt.NDArray[np.bool_]) -> Casters:
+    def casters(self, near: Flags) -> Casters:
         """Some of the placed vehicles by class."""
         by_class = ((kind, self._instances[near & (self._actor_class == kind)]) for kind in self._classes)
         return tuple((kind, instances) for kind, instances in by_class if len(instances))
@@ -160,15 +161,7 @@ class VehicleGeometry:
             self._classes[kind].draw_shadows(instances)
 
 
-_MATERIALS: Final = "\n".join(f"const float {material.name} = {int(material)}.0;" for material in Material)
-_LIGHTS: Final = "\n".join(f"const uint LIGHT_{light.name} = {int(light)}u;" for light in Lights)
-_GROUND_AMBIENT: Final = f"const vec3 GROUND_AMBIENT = vec3({', '.join(map(str, GROUND_AMBIENT))});"
-
-VEHICLE_VERTEX: Final = (
-    f"{HEAD}\n{_MATERIALS}\n{_LIGHTS}\n{_GROUND_AMBIENT}"
-    + CLEAR
-    + LIGHT_PLACE
-    + """
+VEHICLE_VERTEX: Final = included("""#include HEAD CODES CLEAR LIGHT_PLACE
 in vec3 in_position;
 in vec4 in_normal;   // w: material
 in vec4 in_colour;
@@ -245,15 +238,9 @@ void main() {
     v_normal = n;
     v_actor = in_actor.x;
 }
-"""
-)
+""")
 
-VEHICLE_FRAGMENT: Final = (
-    HEAD
-    + OUTPUT
-    + LIT
-    + MIRROR
-    + """
+VEHICLE_FRAGMENT: Final = included("""#include HEAD OUTPUT LIT MIRROR
 in vec4 v_place;
 in vec3 v_shadow;
 flat in vec4 v_sun;
@@ -270,8 +257,7 @@ void main() {
     vec3 light = mirrored_light(v_shade.rgb + v_sun.rgb * lit, v_place.xyz, v_normal, v_sun.w, sunny);
     finish(light, v_place.w, v_shade.w, v_actor);
 }
-"""
-)
+""")
 
 GROUND_SHADOW_VERTEX: Final = """#version 330 core
 uniform vec4 light_from_map;  // scale, offset x, offset y, in clip coordinates of the light map

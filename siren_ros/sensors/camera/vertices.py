@@ -97,13 +97,9 @@ def _share(triangles: Any, key: Any, source: Any, owner: Any, points: int) -> in
 def chunks_in_view(low: Array, high: Array, reach: Array, planes: Array, eye: Array, distance: Array) -> None:
     """Set the distance of every box from the eye, infinite where it is out of reach or outside the view.
 
-    Args:
-        low: Lowest corners, float64 (K, 3).
-        high: Highest corners, float64 (K, 3).
-        reach: Distance up to which each box is drawn, float64 (K,).
-        planes: ``(a, b, c, d)`` with the visible side positive, float64 (P, 4).
-        eye: Where the camera is, float64 (3,).
-        distance: Result, float64 (K,).
+    ``low`` and ``high`` are the boxes' corners (K, 3) and ``reach`` the distance up to which each is drawn (K,);
+    ``planes`` are ``(a, b, c, d)`` with the visible side positive (P, 4); ``eye`` (3,); ``distance`` is the result
+    (K,); all float64.
     """
     for k in range(low.shape[0]):
         square = 0.0
@@ -135,19 +131,12 @@ def visible_triangles(
 ) -> int:
     """Copy the triangles of chunks that turn their front to the eye and are large enough; returns how many.
 
-    A triangle of area A whose plane lies h below the eye shows A h / d³ steradians at distance d. The chunk's distance
-    stands for the triangle's, so that what is dropped is smaller than asked for.
-
-    Args:
-        chunks: Rows of ``first``, int64 (C,).
-        first: First triangle of each chunk, and the end, int64 (K + 1,).
-        distance: From the eye to each chunk, float64 (K,).
-        planes: Outward normal and its product with a corner, float32 (T, 4).
-        area: float32 (T,).
-        triangles: Indices of vertices, uint32 (T, 3).
-        eye: Where the camera is, float64 (3,).
-        smallest: Least solid angle, steradians.
-        out: Result, uint32 (at least as many as the chunks have, 3).
+    A triangle of area A whose plane lies h below the eye shows A h / d³ steradians at distance d; ``smallest`` is the
+    least that is drawn. The chunk's distance stands for the triangle's, so that what is dropped is smaller than that.
+    ``chunks`` are rows of ``first`` (int64), which holds the first triangle of each chunk and the end, int64 (K + 1,);
+    ``distance`` from the eye to each chunk is float64 (K,). Of the triangles, ``planes`` are the outward normal and its
+    product with a corner, float32 (T, 4), ``area`` is float32 (T,), and ``triangles`` are vertices, uint32 (T, 3), as
+    in the result ``out``, which has room for all triangles of the chunks.
     """
     x, y, z = np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2])
     count = 0

@@ -44,13 +44,11 @@ class ThreadPool:
         self._executor = ThreadPoolExecutor(self.size, "rays")  # makes a thread only when it is needed
 
     def run(self, work: Callable[[int, int, int], None], count: int, grain: int) -> None:
-        """Run a loop in parts: a thread that is free takes the next part. Returns when all parts are done.
+        """Run a loop of ``count`` in parts of ``grain``: a free thread takes the next part. Returns when all are done.
 
-        Args:
-            work: Called with the number of the thread (0 is the calling one) and the first and the end index of a part.
-                Parts run in any order and at the same time; those of one thread run one after the other.
-            count: Length of the loop.
-            grain: Length of a part; a loop of one part stays in the calling thread.
+        ``work`` gets the number of the thread (0 is the calling one) and the first and the end index of a part. Parts
+        run in any order and at the same time; those of one thread follow each other. A single part stays in the calling
+        thread.
         """
         starts = iter(range(0, count, grain))
         workers = min(self.size, -(-count // grain))
@@ -146,7 +144,7 @@ class PacketTree(NamedTuple):
 
     scene: int
     arguments: int
-    packet: npt.NDArray[np.float32]
+    packet: Floats32
     packet_at: int
     valid: npt.NDArray[np.int32]
     valid_at: int
@@ -158,14 +156,10 @@ class TriangleTree:
     def __init__(
         self, meshes: Sequence[tuple[Floats32, npt.NDArray[np.integer[Any]]]], pool: ThreadPool | None = None
     ) -> None:
-        """Build the tree of meshes, each given as vertices ``(V, 3)`` and triangles ``(T, 3)``.
+        """Build the tree of meshes, each given as vertices ``(V, 3)`` and triangles ``(T, 3)``; they may overlap.
 
-        Args:
-            meshes: They may overlap.
-            pool: The threads that cast; those of this process where None.
-
-        Raises:
-            SirenError: Embree refuses them.
+        The threads of ``pool`` cast, those of this process where None. Raises SirenError where Embree refuses the
+        meshes.
         """
         library, device = _library(), _device()
         self._library = library
@@ -210,13 +204,10 @@ class TriangleTree:
         return PacketTree(self._scene, arguments, packet, packet.ctypes.data, valid, valid.ctypes.data)
 
     def cast(self, rays: Floats32, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None) -> RayHits:
-        """Find what each ray hits first. Holds scratch memory, so one bundle at a time.
+        """Find what each ray (origin and direction, ``(N, 6)``) hits first; one bundle at a time.
 
-        Args:
-            rays: Origin and direction, shape ``(N, 6)``.
-            hits: Memory for the answer, used again from call to call.
-            order: The rays in an order in which neighbours travel together, shape ``(N,)``: see ``tiles``. It decides
-                the cost alone.
+        ``hits`` is memory for the answer, used again from call to call. ``order`` are the rays in an order in which
+        neighbours travel together, shape ``(N,)``, see ``tiles``; it decides the cost alone.
         """
         target = hits if hits is not None else RayHits.for_rays(len(rays))
         all_rays = order if order is not None else np.arange(len(rays), dtype=np.int32)
@@ -278,11 +269,7 @@ def _aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> npt.NDArray[Any
 
 @cache
 def _library() -> ctypes.CDLL:
-    """Embree's library in the wheel.
-
-    Raises:
-        SirenError: The wheel has none.
-    """
+    """Embree's library in the wheel; SirenError where the wheel has none."""
     libraries = [file for file in files("embreex") or () if file.name.startswith("libembree4")]
     if not libraries:
         raise SirenError("the package embreex has no Embree library in it; install it from its wheel")
@@ -347,10 +334,7 @@ class RaycastWorld:
     def cast_static(
         self, rays: Floats32, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None
     ) -> RayHits:
-        """Cast rays (origin and direction, shape ``(N, 6)``, ``map`` frame) at the static scene.
-
-        ``hits`` and ``order`` as ``TriangleTree.cast`` takes them.
-        """
+        """Cast rays (origin and direction, ``(N, 6)``, ``map`` frame) at the static scene: ``TriangleTree.cast``."""
         return self._static.cast(rays, hits, order)
 
     def packets(self) -> tuple[PacketTree, PacketTree]:

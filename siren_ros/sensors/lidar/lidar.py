@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Matrix
+from siren_ros.numerics.arrays import Floats32, Matrix, Rows
 from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.sensors.lidar import lidar_loops as loops
 from siren_ros.sensors.lidar.embree import PacketTree, RaycastWorld, RayHits, cast_packets, tiles
@@ -86,16 +86,10 @@ def measure_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
 
 @compiled
 def complete_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
-    """Cast those rays at vehicles that may hit one, and pack the points.
+    """Cast those rays at vehicles that may hit one, and pack the points; what hits the static scene is known.
 
-    Args:
-        optics: The beams, and what they can hit.
-        scratch: With the rays and what they hit of the static scene.
-        rotation: The vehicles, and where the points go.
-
-    Returns:
-        Number of points written. Where ``scratch.candidates`` is too short: minus the length that is needed, and
-        nothing is written.
+    Returns the number of points written. Where ``scratch.candidates`` is too short: minus the length that is needed,
+    and nothing is written.
     """
     pattern, hits, memory, vehicles = optics.pattern, scratch.hits, scratch.candidates, rotation.vehicles
     hits.vehicle[:] = 0
@@ -240,7 +234,7 @@ class Lidar:
         per_m = spec.atmosphere_attenuation_per_m + 2.0 * (look.lidar_extinction_per_m if look is not None else 0.0)
         self._attenuation = np.exp(-per_m * distances).astype(np.float32)
 
-    def rays(self, map_from_lidar: Matrix, motion: CarrierMotion | None = None) -> npt.NDArray[np.float32]:
+    def rays(self, map_from_lidar: Matrix, motion: CarrierMotion | None = None) -> Floats32:
         """Origin and direction of every beam in the ``map`` frame, shape ``(R, 6)``; overwritten by the next call."""
         scratch = self._scratch
         scratch.poses[:] = self._column_poses(map_from_lidar, motion)
@@ -267,10 +261,7 @@ class Lidar:
         motion: CarrierMotion | None,
         background: Executor,
     ) -> Callable[[], LidarSweep]:
-        """Begin a rotation as ``scan`` does it, in a background thread; the returned function waits for the sweep.
-
-        Call it once, and before the next rotation begins.
-        """
+        """Begin ``scan`` in a background thread; the returned function waits for the sweep. One rotation at a time."""
         rotation = self._rotation(step, map_from_lidar, placement)
         self._scratch.poses[:] = self._column_poses(map_from_lidar, motion)
         started = Event()
@@ -312,7 +303,7 @@ class Lidar:
         points = rotation.out.f4.view(LIDAR_POINT_DTYPE).reshape(-1)[:written]
         return LidarSweep(self.spec.name, rotation.step, points, rotation.vehicles.actor_id, rotation.count_on)
 
-    def _column_poses(self, map_from_lidar: Matrix, motion: CarrierMotion | None) -> npt.NDArray[np.float32]:
+    def _column_poses(self, map_from_lidar: Matrix, motion: CarrierMotion | None) -> Floats32:
         """Pose of the sensor at each column, shape ``(C, 3, 4)``, or ``(3, 4)`` where it stands still."""
         columns = self.spec.columns
         if not self.spec.motion_distortion or motion is None:
@@ -329,12 +320,12 @@ class Lidar:
         poses[:, :, 3] = base[:3, 3] + shift + rotation @ arm
         return poses
 
-    def _in_range(self, map_from_lidar: Matrix, placement: Placement) -> npt.NDArray[np.intp]:
+    def _in_range(self, map_from_lidar: Matrix, placement: Placement) -> Rows:
         """Rows of the vehicles that may be within range."""
         reach = self.spec.range_m + placement.size_m.sum(axis=1) / 2.0
         return np.flatnonzero(placement.distance_m(map_from_lidar[0, 3], map_from_lidar[1, 3]) < reach)
 
-    def _vehicles(self, placement: Placement, near: npt.NDArray[np.intp]) -> loops.Vehicles:
+    def _vehicles(self, placement: Placement, near: Rows) -> loops.Vehicles:
         world = self._world
         shape = world.shape_rows(placement.actor_class[near])
         pose = np.stack((placement.x_m, placement.y_m, placement.z_m, placement.yaw_rad), axis=1)

@@ -167,10 +167,7 @@ def pack_points(  # compiled code is called with positions
     out: Records,
     count_on: Array,
 ) -> int:
-    """Write one record per return and count those on each vehicle; returns how many were written.
-
-    ``map_from_lidar`` (C, 3, 4) holds the pose at each column.
-    """
+    """Write one record per return and count those on each vehicle; returns the number of records. Poses (C, 3, 4)."""
     rings = pattern.elevation.shape[0]
     levels, per_level = np.float32(255.0), np.float32(1.0 / 255.0)
     grid, noisy, lossy = np.float32(receiver.grid), receiver.range_noise_m.shape[0] > 0, receiver.draw.shape[0] > 0

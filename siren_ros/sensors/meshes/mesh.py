@@ -1,6 +1,5 @@
 """Triangles, the materials of their surfaces, and what is made of them: meshes, vehicle shapes and the static scene."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from functools import cached_property
@@ -9,6 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats32
 from siren_ros.world.actors import ActorClass
 
 
@@ -83,35 +83,26 @@ class SemanticClass(IntEnum):
     GROUND = 25
 
 
-_STATIC_CLASSES: Final[dict[Material, SemanticClass]] = {
-    Material.GROUND: SemanticClass.GROUND,
-    Material.GRASS: SemanticClass.TERRAIN,
-    Material.ASPHALT: SemanticClass.ROAD,
-    Material.SHOULDER_ASPHALT: SemanticClass.ROAD,
-    Material.MARKING_WHITE: SemanticClass.ROAD_LINE,
-    Material.MARKING_YELLOW: SemanticClass.ROAD_LINE,
-    Material.KERB: SemanticClass.SIDEWALK,
-    Material.SIDEWALK: SemanticClass.SIDEWALK,
-    Material.MEDIAN: SemanticClass.TERRAIN,
-    Material.BUILDING_WALL: SemanticClass.BUILDING,
-    Material.BUILDING_ROOF: SemanticClass.BUILDING,
-    Material.BUILDING_GLASS: SemanticClass.BUILDING,
-    Material.TREE_TRUNK: SemanticClass.VEGETATION,
-    Material.FOLIAGE: SemanticClass.VEGETATION,
-    Material.METAL_POLE: SemanticClass.POLE,
-    Material.SIGNAL_HOUSING: SemanticClass.TRAFFIC_LIGHT,
-    Material.SIGNAL_RED: SemanticClass.TRAFFIC_LIGHT,
-    Material.SIGNAL_YELLOW: SemanticClass.TRAFFIC_LIGHT,
-    Material.SIGNAL_GREEN: SemanticClass.TRAFFIC_LIGHT,
-    Material.STOP_SIGN: SemanticClass.TRAFFIC_SIGN,
-    Material.STREET_LAMP: SemanticClass.POLE,
-    Material.FENCE: SemanticClass.FENCE,
+LENSES: Final = (Material.SIGNAL_RED, Material.SIGNAL_YELLOW, Material.SIGNAL_GREEN)
+"""Materials of the lamps of signals."""
+_STATIC_MATERIALS: Final = {
+    SemanticClass.ROAD: (Material.ASPHALT, Material.SHOULDER_ASPHALT),
+    SemanticClass.SIDEWALK: (Material.KERB, Material.SIDEWALK),
+    SemanticClass.BUILDING: (Material.BUILDING_WALL, Material.BUILDING_ROOF, Material.BUILDING_GLASS),
+    SemanticClass.FENCE: (Material.FENCE,),
+    SemanticClass.POLE: (Material.METAL_POLE, Material.STREET_LAMP),
+    SemanticClass.TRAFFIC_LIGHT: (Material.SIGNAL_HOUSING, *LENSES),
+    SemanticClass.TRAFFIC_SIGN: (Material.STOP_SIGN,),
+    SemanticClass.VEGETATION: (Material.TREE_TRUNK, Material.FOLIAGE),
+    SemanticClass.TERRAIN: (Material.GRASS, Material.MEDIAN),
+    SemanticClass.ROAD_LINE: (Material.MARKING_WHITE, Material.MARKING_YELLOW),
+    SemanticClass.GROUND: (Material.GROUND,),
 }
 
-SEMANTIC_CLASS_OF_MATERIAL: Final[npt.NDArray[np.uint8]] = np.array(
-    [_STATIC_CLASSES.get(material, SemanticClass.CAR) for material in Material], dtype=np.uint8
-)
+SEMANTIC_CLASS_OF_MATERIAL: Final = np.full(len(Material), SemanticClass.CAR, np.uint8)
 """Semantic class by material code; the materials of vehicles give CAR (see ``semantic_class_of_actor``)."""
+for _class, _materials in _STATIC_MATERIALS.items():
+    SEMANTIC_CLASS_OF_MATERIAL[list(_materials)] = _class
 SEMANTIC_CLASS_OF_MATERIAL.setflags(write=False)
 
 _ACTOR_CLASSES: Final = {
@@ -141,14 +132,10 @@ class LampColour(StrEnum):
     @property
     def material(self) -> Material:
         """Material of the lamp's lens."""
-        return {"red": Material.SIGNAL_RED, "yellow": Material.SIGNAL_YELLOW, "green": Material.SIGNAL_GREEN}[
-            self.value
-        ]
+        return Material[f"SIGNAL_{self.name}"]
 
 
-__all__ = ["LampColour", "Material", "Mesh", "SignalLamp", "StaticScene", "VehicleShape", "Wheel"]
-
-Vertices = npt.NDArray[np.float32]
+Vertices = Floats32
 Triangles = npt.NDArray[np.uint32]
 Bytes = npt.NDArray[np.uint8]
 
@@ -170,39 +157,25 @@ class Mesh:
         return len(self.triangles)
 
     @classmethod
-    def empty(cls) -> "Mesh":
-        """No triangles."""
-        return cls(
-            np.empty((0, 3), np.float32), np.empty((0, 3), np.uint32), np.empty(0, np.uint8), np.empty((0, 3), np.uint8)
-        )
-
-    @classmethod
     def uniform(
         cls, vertices_m: npt.ArrayLike, triangles: npt.ArrayLike, material: Material, colour_rgb: tuple[int, int, int]
     ) -> "Mesh":
         """Triangles of one material and colour."""
+        vertices = np.asarray(vertices_m, dtype=np.float32).reshape(-1, 3)
         corners = np.asarray(triangles, dtype=np.uint32).reshape(-1, 3)
-        return cls(
-            vertices_m=np.asarray(vertices_m, dtype=np.float32).reshape(-1, 3),
-            triangles=corners,
-            material=np.full(len(corners), int(material), dtype=np.uint8),
-            colour_rgb=np.tile(np.array(colour_rgb, dtype=np.uint8), (len(corners), 1)),
-        )
+        colours = np.tile(np.array(colour_rgb, dtype=np.uint8), (len(corners), 1))
+        return cls(vertices, corners, np.full(len(corners), int(material), dtype=np.uint8), colours)
 
     @classmethod
-    def concatenate(cls, meshes: Iterable["Mesh"]) -> "Mesh":
+    def joined(cls, *meshes: "Mesh") -> "Mesh":
         """All triangles of the meshes, in order."""
-        parts = list(meshes)
-        if not parts:
-            return cls.empty()
-        starts = np.cumsum([0] + [len(part.vertices_m) for part in parts[:-1]])
+        parts = meshes or (cls.uniform((), (), Material.GROUND, (0, 0, 0)),)
+        starts = np.cumsum([0] + [len(part.vertices_m) for part in parts[:-1]]).astype(np.uint32)
         return cls(
-            vertices_m=np.concatenate([part.vertices_m for part in parts]),
-            triangles=np.concatenate(
-                [part.triangles + np.uint32(start) for part, start in zip(parts, starts, strict=True)]
-            ),
-            material=np.concatenate([part.material for part in parts]),
-            colour_rgb=np.concatenate([part.colour_rgb for part in parts]),
+            np.concatenate([part.vertices_m for part in parts]),
+            np.concatenate([part.triangles + start for part, start in zip(parts, starts, strict=True)]),
+            np.concatenate([part.material for part in parts]),
+            np.concatenate([part.colour_rgb for part in parts]),
         )
 
     def transformed(self, rotation: npt.ArrayLike, translation_m: npt.ArrayLike = (0.0, 0.0, 0.0)) -> "Mesh":
@@ -217,21 +190,19 @@ class Mesh:
 
     def translated(self, x_m: float, y_m: float, z_m: float) -> "Mesh":
         """The mesh moved, not turned."""
-        shift = np.array((x_m, y_m, z_m))
-        moved = (self.vertices_m.astype(np.float64) + shift).astype(np.float32)
-        return Mesh(moved, self.triangles, self.material, self.colour_rgb)
+        moved = self.vertices_m.astype(np.float64) + np.array((x_m, y_m, z_m))
+        return Mesh(moved.astype(np.float32), self.triangles, self.material, self.colour_rgb)
 
     @cached_property
-    def normals(self) -> npt.NDArray[np.float32]:
+    def normals(self) -> Floats32:
         """Unit outward normal of each triangle, shape ``(T, 3)``; zero where a triangle has no area."""
         a, b, c = (self.vertices_m[self.triangles[:, i]].astype(np.float64) for i in range(3))
         normal = np.cross(b - a, c - a)
         length = np.linalg.norm(normal, axis=1, keepdims=True)
-        unit = normal / np.where(length > 0, length, 1.0)
-        return unit.astype(np.float32)
+        return (normal / np.where(length > 0, length, 1.0)).astype(np.float32)
 
     @cached_property
-    def bounds_m(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def bounds_m(self) -> tuple[Floats32, Floats32]:
         """Lowest and highest coordinates, each of shape ``(3,)``; the mesh must not be empty."""
         return self.vertices_m.min(axis=0), self.vertices_m.max(axis=0)
 
@@ -264,7 +235,7 @@ class VehicleShape:
     @cached_property
     def at_rest(self) -> Mesh:
         """Body and wheels, straight ahead, as one mesh in ``base_link``."""
-        return Mesh.concatenate([self.body, *(wheel.mesh.translated(*wheel.hub_m) for wheel in self.wheels)])
+        return Mesh.joined(self.body, *(wheel.mesh.translated(*wheel.hub_m) for wheel in self.wheels))
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,15 @@
 """Where the vehicles' shapes stand at one step, as a structure of arrays."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats
 from siren_ros.sensors.meshes.mesh import VehicleShape
-from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,9 @@ class Placement:
         return np.hypot(self.x_m - x_m, self.y_m - y_m)
 
 
+_OF_STATES: Final = tuple(field.name for field in fields(Placement) if field.name in ACTOR_STATE_DTYPES)
+
+
 class Catalogue:
     """Sizes, classes and colours of the actors as arrays: a step gathers rows instead of looping over actors."""
 
@@ -68,28 +72,15 @@ class Catalogue:
     def place(
         self, states: ActorStates, descriptions: Mapping[int, ActorDescription], hidden_id: int = NO_ACTOR
     ) -> Placement:
-        """Shapes of all actors of a step except ``hidden_id``, the vehicle with the sensors.
-
-        That vehicle is left out because the paper's mounts lie inside the bodywork of an ambulance or a fire truck.
-        """
-        visible = np.flatnonzero(states.actor_id != hidden_id)
-        actor_id = states.actor_id[visible]
-        rows = rows_of_ids(self._actor_id, actor_id)
+        """All actors of a step but ``hidden_id``, the vehicle with the sensors: mounts may lie in its bodywork."""
+        visible = states.select(np.flatnonzero(states.actor_id != hidden_id))
+        rows = rows_of_ids(self._actor_id, visible.actor_id)
         if np.any(rows < 0):
-            self._add(descriptions, actor_id)
-            rows = rows_of_ids(self._actor_id, actor_id)
+            self._add(descriptions, visible.actor_id)
+            rows = rows_of_ids(self._actor_id, visible.actor_id)
         return Placement(
-            actor_id=actor_id,
+            **{name: getattr(visible, name) for name in _OF_STATES},
             actor_class=self._class[rows],
-            x_m=states.x_m[visible],
-            y_m=states.y_m[visible],
-            z_m=states.z_m[visible],
-            yaw_rad=states.yaw_rad[visible],
-            vx_mps=states.vx_mps[visible],
-            vy_mps=states.vy_mps[visible],
-            yaw_rate_radps=states.yaw_rate_radps[visible],
-            steer_rad=states.steer_rad[visible],
-            lights=states.lights[visible],
             scale=self._scale[rows],
             size_m=self._size[rows],
             colour_rgb=self._colour[rows],

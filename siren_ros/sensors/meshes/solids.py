@@ -15,6 +15,7 @@ import numpy.typing as npt
 from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.sensors.meshes.mesh import Material, Mesh
 
 Knots = tuple[tuple[float, float], ...]
@@ -26,8 +27,6 @@ ARCH_CLEARANCE_M = 0.045
 _ARCH_STEPS = 5
 _MERGE_M = 0.07
 """Knots of the outlines nearer than this to another cross-section get none, but for those that round the ends."""
-
-
 _SLACK_M = 0.1
 """By so much a roof may lie below the belt and beyond the side: a load bed has no roof, only edges."""
 
@@ -78,7 +77,7 @@ class BodyProfile:
 
     def __post_init__(self) -> None:
         """Raises ValueError for outlines that no body has: a number of a drawing is mistyped."""
-        outlines = (self.top_m, self.belt_m, self.bottom_m, self.half_width_m, self.roof_half_width_m)
+        outlines = self._outlines
         places = [[s for s, _ in outline] for outline in outlines]
         if len({(row[0], row[-1]) for row in places}) > 1 or any(np.diff(row).min() <= 0.0 for row in places):
             raise ValueError("each outline's knots go from the same start to the same end")
@@ -87,15 +86,18 @@ class BodyProfile:
         if (top < belt - _SLACK_M).any() or (belt < bottom).any() or (roof > width + _SLACK_M).any():
             raise ValueError("outlines of the roof above the belt above the sill, the roof no wider than the body")
 
-    def stations_m(self) -> npt.NDArray[np.float64]:
+    @property
+    def _outlines(self) -> tuple[Knots, ...]:
+        return self.top_m, self.belt_m, self.bottom_m, self.half_width_m, self.roof_half_width_m
+
+    def stations_m(self) -> Floats:
         """Distances behind the front bumper of all cross-sections, increasing."""
         start, end = self.top_m[0][0], self.top_m[-1][0]
         fixed = [start, end, *(s for s in self.extra_stations_m if start < s < end)]
         angle = np.linspace(0.0, np.pi, _ARCH_STEPS + 1)
         for axle in self.axles:
             fixed.extend((axle.s_m - self._arch_reach_m(axle) * np.cos(angle)).tolist())
-        outlines = (self.top_m, self.belt_m, self.bottom_m, self.half_width_m, self.roof_half_width_m)
-        for s in sorted({s for outline in outlines for s, _ in outline if start < s < end}):
+        for s in sorted({s for outline in self._outlines for s, _ in outline if start < s < end}):
             rounding = s - start < 0.2 or end - s < 0.12
             if min(abs(s - other) for other in fixed) > (1e-3 if rounding else _MERGE_M):
                 fixed.append(s)
@@ -106,23 +108,21 @@ class BodyProfile:
         drop = axle.wheel_radius_m - float(_at(self.bottom_m, axle.s_m))
         return float(np.sqrt(radius**2 - min(max(drop, 0.0), 0.95 * radius) ** 2))
 
-    def arch_m(self, s_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def arch_m(self, s_m: Floats) -> Floats:
         """Height of the sill at ``s``: the bottom, or the wheel arch above it."""
         height = _at(self.bottom_m, s_m)
         for axle in self.axles:
             radius = axle.wheel_radius_m + ARCH_CLEARANCE_M
             inside = np.clip(radius**2 - (s_m - axle.s_m) ** 2, 0.0, None)
             arch = np.where(inside > 0, axle.wheel_radius_m + np.sqrt(inside), 0.0)
-            height = np.where(
-                np.abs(s_m - axle.s_m) < self._arch_reach_m(axle) - 1e-3, np.maximum(height, arch), height
-            )
+            under = np.abs(s_m - axle.s_m) < self._arch_reach_m(axle) - 1e-3
+            height = np.where(under, np.maximum(height, arch), height)
         return np.asarray(height)
 
-    def half_rings_m(self) -> npt.NDArray[np.float64]:
+    def half_rings_m(self) -> Floats:
         """Cross-sections as ``(x, y, z)`` in ``base_link``, shape ``(stations, 9, 3)``."""
         s = self.stations_m()
-        bottom, belt, top = _at(self.bottom_m, s), _at(self.belt_m, s), _at(self.top_m, s)
-        width, roof = _at(self.half_width_m, s), _at(self.roof_half_width_m, s)
+        top, belt, bottom, width, roof = (_at(outline, s) for outline in self._outlines)
         arch = self.arch_m(s)
         tyre = max((axle.tyre_width_m for axle in self.axles), default=0.2)
         well = np.minimum(width - tyre - 0.06, 0.9 * width)
@@ -135,7 +135,7 @@ class BodyProfile:
         return np.stack((x, np.stack(y, axis=1), np.stack(z, axis=1)), axis=-1)
 
 
-def _at(knots: Knots, s_m: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def _at(knots: Knots, s_m: npt.ArrayLike) -> Floats:
     s, value = np.array(knots).T
     return np.asarray(np.interp(np.asarray(s_m, dtype=np.float64), s, value))
 
@@ -149,26 +149,25 @@ EndFinish = Callable[[Band, int], Finish]
 def loft(profile: BodyProfile, side: ShellFinish, front: EndFinish, rear: EndFinish) -> Mesh:
     """A closed shell along the profile, in ``base_link``; faces without area are left out."""
     half = profile.half_rings_m()
-    mirrored = half[:, -2:0:-1] * (1.0, -1.0, 1.0)
-    ring = np.concatenate((half, mirrored), axis=1)
+    ring = np.concatenate((half, half[:, -2:0:-1] * (1.0, -1.0, 1.0)), axis=1)
     stations, around = ring.shape[:2]
     s = profile.length_m / 2 - ring[:, 0, 0]
-    faces: list[tuple[npt.NDArray[np.float64], Finish]] = []
+    faces: list[tuple[Floats, Finish]] = []
     for i in range(stations - 1):
         middle = float(s[i] + s[i + 1]) / 2
         for j in range(around):
             k = (j + 1) % around
-            band = Band(j if j < len(Band) else around - 1 - j)
             quad = np.stack((ring[i, j], ring[i + 1, j], ring[i + 1, k], ring[i, k]))
-            faces.append((quad, side(band, middle, 1 if j < len(Band) else -1)))
+            left = j < len(Band)
+            faces.append((quad, side(Band(j if left else around - 1 - j), middle, 1 if left else -1)))
     faces.extend(_end_faces(half[0], profile.zone_splits, front, reverse=False))
     faces.extend(_end_faces(half[-1], profile.zone_splits, rear, reverse=True))
     return from_quads(faces)
 
 
 def _end_faces(
-    half: npt.NDArray[np.float64], splits: tuple[float, float], finish: EndFinish, *, reverse: bool
-) -> list[tuple[npt.NDArray[np.float64], Finish]]:
+    half: Floats, splits: tuple[float, float], finish: EndFinish, *, reverse: bool
+) -> list[tuple[Floats, Finish]]:
     faces = []
     inner, outer = splits
     fractions = (-1.0, -outer, -inner, inner, outer, 1.0)
@@ -181,7 +180,7 @@ def _end_faces(
     return faces
 
 
-def from_quads(faces: list[tuple[npt.NDArray[np.float64], Finish]]) -> Mesh:
+def from_quads(faces: list[tuple[Floats, Finish]]) -> Mesh:
     """A mesh of quads ``(4, 3)`` with a finish each; triangles smaller than 1 mm² are left out."""
     corners = np.stack([quad for quad, _ in faces])
     triangles = np.concatenate((corners[:, (0, 1, 2)], corners[:, (0, 2, 3)]), axis=1).reshape(-1, 3, 3)
@@ -197,11 +196,8 @@ Rgb = tuple[int, int, int]
 Point3 = tuple[float, float, float]
 
 _BOX_TRIANGLES = np.array(
-    [
-        (0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4),
-        (1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7),
-    ],
-    dtype=np.uint32,
+    [(0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4),
+     (1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7)], np.uint32
 )  # fmt: skip
 
 
@@ -228,18 +224,17 @@ def frustum(
     low = ring * (radii_m[0], radii_m[0], 0.0)
     high = ring * (radii_m[1], radii_m[1], 0.0) + (0.0, 0.0, height_m)
     i = np.arange(sides)
-    j = (i + 1) % sides
-    side = np.concatenate((np.column_stack((i, j, j + sides)), np.column_stack((i, j + sides, i + sides))))
-    fan = i[1:-1]
-    top = np.column_stack((np.full(len(fan), sides), fan + sides, fan + sides + 1))
-    bottom = np.column_stack((np.zeros_like(fan), fan + 1, fan))
-    return Mesh.uniform(np.concatenate((low, high)) + base, np.concatenate((side, top, bottom)), material, colour)
+    j, fan = (i + 1) % sides, i[1:-1]
+    side = (i, j, j + sides), (i, j + sides, i + sides)
+    top, bottom = (np.full(len(fan), sides), fan + sides, fan + sides + 1), (np.zeros_like(fan), fan + 1, fan)
+    triangles = np.concatenate([np.column_stack(corners) for corners in (*side, top, bottom)])
+    return Mesh.uniform(np.concatenate((low, high)) + base, triangles, material, colour)
 
 
 def flat_polygons(polygons: list[Polygon], z_m: float, material: Material, colour: Rgb) -> Mesh:
-    """Horizontal faces that look up, with the polygons' holes left open; shapely polygons in metres."""
-    return Mesh.concatenate(
-        [
+    """Horizontal faces that look up, with the polygons' holes left open; polygons in metres."""
+    return Mesh.joined(
+        *[
             Mesh.uniform(np.column_stack((points, np.full(len(points), z_m))), triangles, material, colour)
             for points, triangles in map(triangulated, polygons)
             if len(triangles)
@@ -247,7 +242,7 @@ def flat_polygons(polygons: list[Polygon], z_m: float, material: Material, colou
     )
 
 
-def triangulated(polygon: Polygon) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32]]:
+def triangulated(polygon: Polygon) -> tuple[Floats, npt.NDArray[np.uint32]]:
     """Corners ``(K, 2)`` and triangles ``(T, 3)``, counter-clockwise from above, of a polygon with holes."""
     rings = [np.asarray(ring.coords)[:-1, :2] for ring in (polygon.exterior, *polygon.interiors)]
     points = np.concatenate(rings)
@@ -267,19 +262,16 @@ def walls(polygon: Polygon, z0_m: float, z1_m: float, material: Material, colour
         count = len(points)
         vertices = np.concatenate([np.column_stack((points, np.full(count, z_m))) for z_m in (z0_m, z1_m)])
         i = np.arange(count - 1)
-        quads = np.concatenate(
-            (np.column_stack((i, i + 1, i + 1 + count)), np.column_stack((i, i + 1 + count, i + count)))
-        )
-        parts.append(Mesh.uniform(vertices, quads, material, colour))
-    return Mesh.concatenate(parts)
+        halves = (i, i + 1, i + 1 + count), (i, i + 1 + count, i + count)
+        parts.append(Mesh.uniform(vertices, np.concatenate([*map(np.column_stack, halves)]), material, colour))
+    return Mesh.joined(*parts)
 
 
-_GOLDEN = (1 + 5**0.5) / 2
+_PHI = (1 + 5**0.5) / 2
 _ICOSAHEDRON = np.array(
-    [(-1, _GOLDEN, 0), (1, _GOLDEN, 0), (-1, -_GOLDEN, 0), (1, -_GOLDEN, 0),
-     (0, -1, _GOLDEN), (0, 1, _GOLDEN), (0, -1, -_GOLDEN), (0, 1, -_GOLDEN),
-     (_GOLDEN, 0, -1), (_GOLDEN, 0, 1), (-_GOLDEN, 0, -1), (-_GOLDEN, 0, 1)]
-) / np.hypot(1, _GOLDEN)  # fmt: skip
+    [(-1, _PHI, 0), (1, _PHI, 0), (-1, -_PHI, 0), (1, -_PHI, 0), (0, -1, _PHI), (0, 1, _PHI), (0, -1, -_PHI),
+     (0, 1, -_PHI), (_PHI, 0, -1), (_PHI, 0, 1), (-_PHI, 0, -1), (-_PHI, 0, 1)]
+) / np.hypot(1, _PHI)  # fmt: skip
 _ICOSAHEDRON_FACES = np.array(
     [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6),
      (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7),
@@ -287,7 +279,7 @@ _ICOSAHEDRON_FACES = np.array(
 )  # fmt: skip
 
 
-def sphere_points(subdivisions: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+def sphere_points(subdivisions: int) -> tuple[Floats, npt.NDArray[np.int64]]:
     """Unit directions and outward triangles of an icosahedron, each face split in four ``subdivisions`` times."""
     points, faces = _ICOSAHEDRON, _ICOSAHEDRON_FACES
     for _ in range(subdivisions):

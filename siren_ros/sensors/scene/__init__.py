@@ -1,4 +1,1 @@
-"""The static scene, generated from the road network: ground, markings, signals, buildings, plants.
-
-Import order inside: ``config`` < ``surfaces`` < ``ground``, ``signals`` < ``static_scene``.
-"""
+"""The static scene, generated from the road network: ground, markings, signals, buildings, plants."""

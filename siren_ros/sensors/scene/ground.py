@@ -11,19 +11,18 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.affinity import scale
 from shapely.geometry import LineString, Polygon
 from shapely.geometry import box as rectangle
 from shapely.geometry.base import BaseGeometry
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.sensors.meshes.mesh import Material, Mesh
 from siren_ros.sensors.meshes.solids import Rgb, flat_polygons, walls
-from siren_ros.sensors.scene.config import SceneConfig
-from siren_ros.sensors.scene.surfaces import Surfaces, difference, intersection, polygons, union
+from siren_ros.sensors.scene.surfaces import SceneConfig, Surfaces, difference, intersection, polygons, union
 
 _ARROW_BEFORE_END_M: Final = 8.0
 _SIDE_GAP_M: Final = 0.15
@@ -44,14 +43,7 @@ class Markings:
 def road_markings(
     network: RoadNetwork, centres: dict[int, Polyline], surfaces: Surfaces, config: SceneConfig
 ) -> Markings:
-    """All markings of a map.
-
-    Args:
-        network: The map.
-        centres: Centre lines by lane index, see ``drawn_centres``.
-        surfaces: Its regions; markings are cut to the paved ones.
-        config: Dimensions.
-    """
+    """All markings of a map, cut to its paved surfaces; ``centres`` are those of ``drawn_centres``."""
     painter = _Painter(network, centres, config)
     white: list[Polygon] = []
     yellow: list[Polygon] = []
@@ -187,7 +179,7 @@ def ribbon(centre: Polyline, from_m: float, to_m: float, left_m: float, width_m:
     return Polygon(np.concatenate((right, left[::-1])))
 
 
-def _mitred(centre: Polyline, s_m: npt.NDArray[np.float64], left_m: float) -> npt.NDArray[np.float64]:
+def _mitred(centre: Polyline, s_m: Floats, left_m: float) -> Floats:
     """Points beside a curve, at its corners on the bisector."""
     after = centre.heading_rad(s_m + 1e-6)
     before = centre.heading_rad(s_m - 1e-6)
@@ -295,7 +287,7 @@ def ground_mesh(surfaces: Surfaces, markings: Markings, config: SceneConfig) -> 
     parts = [_tiled(area, z, material, colour, config.tile_m) for area, z, material, colour in flat]
     parts.extend(walls(part, 0.0, top, Material.KERB, KERB_RGB) for part in polygons(raised))
     parts.append(flat_polygons([land], -_BEDROCK_DEPTH_M, Material.GROUND, VERGE_RGB))
-    return Mesh.concatenate(parts)
+    return Mesh.joined(*parts)
 
 
 def _tiled(area: BaseGeometry, z_m: float, material: Material, colour: Rgb, tile_m: float) -> Mesh:

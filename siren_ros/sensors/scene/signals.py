@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, SignalLamp, StaticScene
 from siren_ros.sensors.meshes.solids import Rgb, box, from_quads, frustum
-from siren_ros.sensors.scene.config import SceneConfig
-from siren_ros.sensors.scene.surfaces import FreeSpace
+from siren_ros.sensors.scene.surfaces import FreeSpace, SceneConfig
 
 POLE_RGB: Final[Rgb] = (112, 116, 120)
 HOUSING_RGB: Final[Rgb] = (30, 32, 34)
@@ -61,7 +60,7 @@ def signal_head() -> SignalHead:
         start = sum(len(part) for part in parts)
         parts.append(Mesh.uniform(ring, fan, colour.material, _LENS_RGB[colour]))
         lamps.append((colour, start, start + len(fan)))
-    return SignalHead(Mesh.concatenate(parts), tuple(lamps))
+    return SignalHead(Mesh.joined(*parts), tuple(lamps))
 
 
 def pole(x_m: float, y_m: float, height_m: float, radius_m: float = 0.07) -> Mesh:
@@ -91,20 +90,16 @@ def stop_sign() -> Mesh:
                         [(0.012, y, z - cell), (0.012, y + cell, z - cell), (0.012, y + cell, z), (0.012, y, z)]
                     )
                     parts.append(from_quads([(quad, (Material.STOP_SIGN, (240, 240, 240)))]))
-    return Mesh.concatenate(parts)
+    return Mesh.joined(*parts)
 
 
 def street_lamp(height_m: float) -> Mesh:
     """A street lamp at the origin whose arm reaches 1.8 m along +x."""
     arm = 1.8
-    return Mesh.concatenate(
-        [
-            frustum((0.0, 0.0, 0.0), height_m, (0.09, 0.05), 7, Material.METAL_POLE, POLE_RGB),
-            box((0.0, -0.03, height_m - 0.05), (arm, 0.03, height_m), Material.METAL_POLE, POLE_RGB),
-            box(
-                (arm - 0.6, -0.12, height_m - 0.13), (arm, 0.12, height_m - 0.05), Material.STREET_LAMP, (196, 198, 190)
-            ),
-        ]
+    return Mesh.joined(
+        frustum((0.0, 0.0, 0.0), height_m, (0.09, 0.05), 7, Material.METAL_POLE, POLE_RGB),
+        box((0.0, -0.03, height_m - 0.05), (arm, 0.03, height_m), Material.METAL_POLE, POLE_RGB),
+        box((arm - 0.6, -0.12, height_m - 0.13), (arm, 0.12, height_m - 0.05), Material.STREET_LAMP, (196, 198, 190)),
     )
 
 
@@ -146,7 +141,7 @@ def junction_controls(network: RoadNetwork, space: FreeSpace, config: SceneConfi
             builder.add_far_heads(signalled)
         elif any(c.must_stop for lane in lanes for c in network.connections_from.get(lane.index, ())):
             builder.add_stop_post(edge, lanes[0])
-    return StaticScene(Mesh.concatenate(builder.parts), tuple(builder.lamps))
+    return StaticScene(Mesh.joined(*builder.parts), tuple(builder.lamps))
 
 
 class _ControlsBuilder:
@@ -247,9 +242,7 @@ class _ControlsBuilder:
             self._add(turned(stop_sign(), float(x), float(y), 2.3, facing))
 
 
-def _on_line(
-    start: tuple[float, float], end: tuple[float, float], point: npt.NDArray[np.float64]
-) -> tuple[float, float]:
+def _on_line(start: tuple[float, float], end: tuple[float, float], point: Floats) -> tuple[float, float]:
     """The nearest place to a point on the line between two places."""
     a, b = np.array(start), np.array(end)
     along = float(np.dot(point - a, b - a) / np.dot(b - a, b - a))

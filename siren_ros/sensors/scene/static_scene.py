@@ -7,18 +7,24 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon
 
-from siren_ros.numerics.arrays import random_stream
+from siren_ros.numerics.arrays import Floats, random_stream
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.meshes.mesh import Material, Mesh, StaticScene
 from siren_ros.sensors.meshes.solids import Rgb, box, frustum, sphere_points
-from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.ground import ground_mesh, road_markings
 from siren_ros.sensors.scene.signals import junction_controls, street_lamp, turned
-from siren_ros.sensors.scene.surfaces import FreeSpace, Surfaces, drawn_centres, ring_samples, road_surfaces, union
+from siren_ros.sensors.scene.surfaces import (
+    FreeSpace,
+    SceneConfig,
+    Surfaces,
+    drawn_centres,
+    ring_samples,
+    road_surfaces,
+    union,
+)
 
 _WALL_RGB: Final = np.array(
     [(196, 178, 150), (168, 110, 86), (206, 200, 188), (150, 148, 144), (188, 150, 112), (214, 192, 140),
@@ -63,7 +69,7 @@ def building(lot: Lot, rng: np.random.Generator, *, detailed: bool) -> Mesh:
         parts.append(_facade(start, end, storeys, height, rooms, ribbons=ribbons, shop=shop and number == 0))
     c, s = float(np.cos(lot.heading_rad)), float(np.sin(lot.heading_rad))
     turn = np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])
-    return Mesh.concatenate(parts).transformed(turn, (lot.x_m, lot.y_m, 0.0))
+    return Mesh.joined(*parts).transformed(turn, (lot.x_m, lot.y_m, 0.0))
 
 
 def _facade(
@@ -99,12 +105,7 @@ def _facade(
     return _panes(a + outward, along, span, rooms)
 
 
-def _panes(
-    origin: npt.NDArray[np.float64],
-    along: npt.NDArray[np.float64],
-    span: npt.NDArray[np.float64],
-    rooms: np.random.Generator,
-) -> Mesh:
+def _panes(origin: Floats, along: Floats, span: Floats, rooms: np.random.Generator) -> Mesh:
     left, right, low, high = span.T
     corners = np.empty((len(span), 4, 3))
     for k, (s, z) in enumerate(((left, low), (right, low), (right, high), (left, high))):
@@ -169,7 +170,7 @@ def broadleaf(x_m: float, y_m: float, crown_radius_m: float, rng: np.random.Gene
     )
     width = 0.05 + 0.05 * crown_radius_m
     stem = frustum((x_m, y_m, 0.0), trunk + 0.1 * height, (width, 0.6 * width), 6, Material.TREE_TRUNK, TRUNK_RGB)
-    return Mesh.concatenate([stem, crown])
+    return Mesh.joined(stem, crown)
 
 
 def conifer(x_m: float, y_m: float, radius_m: float, rng: np.random.Generator) -> Mesh:
@@ -177,12 +178,10 @@ def conifer(x_m: float, y_m: float, radius_m: float, rng: np.random.Generator) -
     height = radius_m * rng.uniform(3.4, 4.4)
     tone = np.clip(np.array((46, 82, 50)) + rng.integers(-8, 9), 0, 255)
     colour: Rgb = (int(tone[0]), int(tone[1]), int(tone[2]))
-    return Mesh.concatenate(
-        [
-            frustum((x_m, y_m, 0.0), 0.2 * height, (0.14, 0.12), 6, Material.TREE_TRUNK, TRUNK_RGB),
-            frustum((x_m, y_m, 0.14 * height), 0.55 * height, (radius_m, 0.25 * radius_m), 8, Material.FOLIAGE, colour),
-            frustum((x_m, y_m, 0.48 * height), 0.52 * height, (0.68 * radius_m, 0.02), 8, Material.FOLIAGE, colour),
-        ]
+    return Mesh.joined(
+        frustum((x_m, y_m, 0.0), 0.2 * height, (0.14, 0.12), 6, Material.TREE_TRUNK, TRUNK_RGB),
+        frustum((x_m, y_m, 0.14 * height), 0.55 * height, (radius_m, 0.25 * radius_m), 8, Material.FOLIAGE, colour),
+        frustum((x_m, y_m, 0.48 * height), 0.52 * height, (0.68 * radius_m, 0.02), 8, Material.FOLIAGE, colour),
     )
 
 
@@ -196,7 +195,7 @@ def street_lamps(surfaces: Surfaces, space: FreeSpace, config: SceneConfig) -> M
         if _within(surfaces, x, y, 0.0) and space.place_disc(x, y, 0.2):
             # The road lies left of the ring's direction.
             parts.append(turned(lamp, x, y, 0.0, float(np.arctan2(tx, -ty))))
-    return Mesh.concatenate(parts)
+    return Mesh.joined(*parts)
 
 
 def street_trees(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.random.Generator) -> Mesh:
@@ -208,7 +207,7 @@ def street_trees(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng:
         radius = float(rng.uniform(1.4, 2.2))
         if rng.random() < 0.72 and _within(surfaces, x, y, 10.0) and space.place_disc(x, y, radius):
             parts.append(broadleaf(x, y, radius, rng))
-    return Mesh.concatenate(parts)
+    return Mesh.joined(*parts)
 
 
 def parkland(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.random.Generator) -> Mesh:
@@ -224,7 +223,7 @@ def parkland(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.
         if len(parts) < 260 and space.place_disc(float(x), float(y), float(radius) + 0.3):
             make = conifer if rng.random() < 0.3 else broadleaf
             parts.append(make(float(x), float(y), float(radius), rng))
-    return Mesh.concatenate(parts)
+    return Mesh.joined(*parts)
 
 
 def street_buildings(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.random.Generator) -> Mesh:
@@ -252,7 +251,7 @@ def street_buildings(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, 
                 space.occupy(area.buffer(0.6))
                 parts.append(building(lot, rng, detailed=detailed))
                 next_position = position + int((width + rng.uniform(0.5, 7.0)) / 2.0)
-    return Mesh.concatenate(parts)
+    return Mesh.joined(*parts)
 
 
 def footprint(lot: Lot) -> Polygon:
@@ -269,13 +268,7 @@ def _within(surfaces: Surfaces, x_m: float, y_m: float, margin_m: float) -> bool
 
 
 def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = None) -> StaticScene:
-    """Generates the static world of a map. The same arguments give the same triangles.
-
-    Args:
-        network: The map.
-        seed: Varies buildings and trees; roads, markings and signals do not depend on it.
-        config: Numbers of the world; defaults where None.
-    """
+    """The static world of a map; the same arguments give the same triangles. The seed varies buildings and trees."""
     numbers = SceneConfig() if config is None else config
     centres = drawn_centres(network, numbers.road_extension_m)
     surfaces = road_surfaces(network, centres, numbers)
@@ -288,7 +281,7 @@ def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = N
     park = parkland(surfaces, space, numbers, random_stream(seed, "scene park"))
     first = len(ground)
     return StaticScene(
-        mesh=Mesh.concatenate([ground, controls.mesh, lamps, trees, houses, park]),
+        mesh=Mesh.joined(ground, controls.mesh, lamps, trees, houses, park),
         signal_lamps=tuple(
             replace(lamp, start=lamp.start + first, stop=lamp.stop + first) for lamp in controls.signal_lamps
         ),

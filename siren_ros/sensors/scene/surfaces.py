@@ -8,15 +8,71 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from siren_ros.numerics.arrays import Points
+from siren_ros.errors import InputError
+from siren_ros.numerics.arrays import Flags, Points
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.sensors.scene.config import SceneConfig
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """How the static scene is generated. Lengths and heights in metres."""
+
+    ground_margin_m: float = 150.0
+    """Grass around the map's bounds."""
+    road_extension_m: float = 90.0
+    """How far a road goes on, in the picture only, beyond a dead end of the network."""
+    kerb_height_m: float = 0.13
+    kerb_width_m: float = 0.15
+    verge_width_m: float = 2.0
+    """Gravel beside the carriageway of maps without sidewalks."""
+    line_width_m: float = 0.12
+    """Longitudinal lines (RMS, German road markings: 0.12 m in towns)."""
+    dash_m: float = 3.0
+    """Lane dividers in towns: 3 m line, 6 m gap (RMS)."""
+    dash_gap_m: float = 6.0
+    solid_before_junction_m: float = 20.0
+    """Lane dividers are solid this far before a signal or stop sign."""
+    stop_line_depth_m: float = 0.5
+    zebra_stripe_m: float = 0.5
+    zebra_depth_m: float = 2.6
+    """Length of the stripes of crossings that the map does not define."""
+    lamp_spacing_m: float = 34.0
+    lamp_height_m: float = 7.5
+    tree_spacing_m: float = 13.0
+    building_setback_m: float = 3.0
+    """From the sidewalk's outer edge, or from the verge, to the façade."""
+    building_height_m: tuple[float, float] = (6.0, 25.0)
+    skyline_m: float = 90.0
+    """How far behind the road the second row of buildings reaches."""
+    clearance_m: float = 4.6
+    """Nothing hangs lower than this over lanes, shoulders and junctions (StVO: 4.5 m headroom)."""
+    tile_m: float = 30.0
+    """Surfaces are cut to tiles of this size, so that ray casting finds compact triangles."""
+
+    def __post_init__(self) -> None:
+        for name in ("ground_margin_m", "road_extension_m", "kerb_height_m", "verge_width_m", "skyline_m"):
+            if getattr(self, name) < 0:
+                raise InputError(name, getattr(self, name), "a number of metres, at least 0")
+        for name in (
+            "line_width_m",
+            "dash_m",
+            "dash_gap_m",
+            "lamp_spacing_m",
+            "tree_spacing_m",
+            "tile_m",
+            "zebra_stripe_m",
+        ):
+            if getattr(self, name) <= 0:
+                raise InputError(name, getattr(self, name), "a number of metres above 0")
+        low, high = self.building_height_m
+        if not 3.0 <= low <= high:
+            raise InputError("building_height_m", self.building_height_m, "lowest and highest, at least 3 m")
+
 
 GRID_M: Final = 0.001
 """Regions' corners lie on this grid, so that neighbours share them exactly."""
@@ -131,13 +187,7 @@ def polygons(area: BaseGeometry, smallest_m2: float = 1e-4) -> list[Polygon]:
 
 
 def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: SceneConfig) -> Surfaces:
-    """Regions of a map, from its lanes' areas and its junctions' outlines.
-
-    Args:
-        network: The map.
-        centres: Centre lines by lane index, see ``drawn_centres``.
-        config: Widths.
-    """
+    """Regions of a map, from its lanes' areas and its junctions' outlines; ``centres`` come from ``drawn_centres``."""
     area = {lane.index: strip(centres[lane.index], lane.width_m) for lane in network.lanes}
     by_kind = {kind: union(area[x.index] for x in network.lanes if x.kind is kind) for kind in LaneKind}
     outlines = union(Polygon(j.outline).buffer(0) for j in network.junctions.values() if len(j.outline) > 2)
@@ -229,7 +279,7 @@ class FreeSpace:
         near = (other for cell in _cells(area) for other in self._placed.get(cell, ()))
         return not any(other.intersects(area) for other in near) and not self.keep_clear.intersects(area)
 
-    def clear_of_traffic(self, points: Points, radius_m: float) -> npt.NDArray[np.bool_]:
+    def clear_of_traffic(self, points: Points, radius_m: float) -> Flags:
         """For each point ``(N, 2)`` whether a disc around it lies outside traffic's space."""
         return ~np.asarray(shapely.dwithin(self.keep_clear, shapely.points(points), radius_m), dtype=np.bool_)
 

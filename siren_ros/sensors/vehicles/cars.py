@@ -8,10 +8,11 @@ length, width and height afterwards.
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 from siren_ros.sensors.meshes.mesh import Mesh
-from siren_ros.sensors.meshes.solids import Axle, Band, BodyProfile, EndFinish, Finish, Knots, ShellFinish, box, loft
+from siren_ros.sensors.meshes.solids import Axle, Band, BodyProfile, Finish, Knots, box, loft
 from siren_ros.sensors.vehicles.vehicle_parts import (
     BLUE_LIVERY,
     BRAKE_LAMP,
@@ -23,12 +24,13 @@ from siren_ros.sensors.vehicles.vehicle_parts import (
     WHITE_PAINT,
     YELLOW_LIVERY,
     Drawn,
-    axle_wheels,
+    car_front,
     indicator,
     knots,
     light_bar,
     mirrors,
     plates,
+    vehicle_wheels,
 )
 
 Span = tuple[float, float]
@@ -165,24 +167,17 @@ def _within(s_m: float, spans: tuple[Span, ...]) -> bool:
     return any(low < s_m < high for low, high in spans)
 
 
-def _shell_finish(design: CarDesign) -> ShellFinish:
-    def finish(band: Band, s_m: float, side: int) -> Finish:
-        if band <= Band.WELL_ROOF:
-            return PLASTIC
-        return _flank(design, band, s_m, side) if band <= Band.UPPER_SIDE else _greenhouse(design, band, s_m)
-
-    return finish
-
-
-def _greenhouse(design: CarDesign, band: Band, s_m: float) -> Finish:
-    """Windows, the dark pillars between them, and the roof."""
-    if band is Band.WINDOW and _within(s_m, design.side_windows):
+def _shell(design: CarDesign, band: Band, s_m: float, side: int) -> Finish:
+    """Dark wells, flanks, windows with the dark pillars between them, and the roof."""
+    if band <= Band.WELL_ROOF:
+        return PLASTIC
+    if band <= Band.UPPER_SIDE:
+        return _flank(design, band, s_m, side)
+    screens = design.side_windows if band is Band.WINDOW else (design.windscreen, design.rear_screen)
+    if band in {Band.WINDOW, Band.ROOF} and _within(s_m, screens):
         return GLASS
-    if band is Band.WINDOW and _within(s_m, ((design.side_windows[0][0], design.side_windows[-1][1]),)):
-        return GRILLE
-    if band is Band.ROOF and _within(s_m, (design.windscreen, design.rear_screen)):
-        return GLASS
-    return design.paint
+    pillars = band is Band.WINDOW and design.side_windows[0][0] < s_m < design.side_windows[-1][1]
+    return GRILLE if pillars else design.paint
 
 
 def _flank(design: CarDesign, band: Band, s_m: float, side: int) -> Finish:
@@ -202,30 +197,13 @@ def _chequer(s_m: float, row: int) -> Finish:
     return BLUE_LIVERY if (int((s_m - 0.3) / 0.55) + row) % 2 else YELLOW_LIVERY
 
 
-def _front_finish(design: CarDesign) -> EndFinish:
-    def finish(band: Band, zone: int) -> Finish:
-        if band is Band.UPPER_SIDE:
-            return GRILLE if zone == 0 else HEAD_LAMP if abs(zone) == 1 else indicator(zone)
-        if band is Band.LOWER_SIDE:
-            return GRILLE if abs(zone) < 2 else design.paint
-        return design.paint
-
-    return finish
-
-
-def _rear_finish(design: CarDesign) -> EndFinish:
+def _rear(design: CarDesign, band: Band, zone: int) -> Finish:
+    if band is Band.UPPER_SIDE:
+        return design.paint if zone == 0 else BRAKE_LAMP if abs(zone) == 1 else indicator(zone)
+    if band is Band.LOWER_SIDE:
+        return design.sill
     tall = design.profile.top_m[-1][1] > 1.5
-
-    def finish(band: Band, zone: int) -> Finish:
-        if band is Band.UPPER_SIDE:
-            return design.paint if zone == 0 else BRAKE_LAMP if abs(zone) == 1 else indicator(zone)
-        if band is Band.LOWER_SIDE:
-            return design.sill
-        if band is Band.WINDOW and tall:
-            return GLASS if abs(zone) < 2 else design.paint
-        return design.paint
-
-    return finish
+    return GLASS if band is Band.WINDOW and tall and abs(zone) < 2 else design.paint
 
 
 def _pickup_bed(design: CarDesign) -> Mesh:
@@ -241,7 +219,7 @@ def _pickup_bed(design: CarDesign) -> Mesh:
         box((x_rear - 0.016, side * 0.86 - 0.07, 0.78), (x_rear + 0.04, side * 0.86 + 0.07, 0.86), *indicator(side))
         for side in (1, -1)
     ]
-    return Mesh.concatenate([*sides, gate, floor, *lamps, *signals])
+    return Mesh.joined(*sides, gate, floor, *lamps, *signals)
 
 
 def car(design: CarDesign, extras: tuple[Mesh, ...] = ()) -> Drawn:
@@ -255,20 +233,13 @@ def car(design: CarDesign, extras: tuple[Mesh, ...] = ()) -> Drawn:
     z_mirror = max(z for s, z in profile.belt_m if s <= design.mirror_s_m) + 0.02
     z_front = 0.5 * (profile.bottom_m[0][1] + profile.belt_m[0][1])
     z_rear = 0.35 * profile.bottom_m[-1][1] + 0.65 * belt[profile.length_m]
-    body = Mesh.concatenate(
-        [
-            loft(profile, _shell_finish(design), _front_finish(design), _rear_finish(design)),
-            mirrors(x_mirror, 0.8 * half, half, z_mirror, design.paint),
-            plates(profile.length_m / 2, -profile.length_m / 2, z_front, z_rear),
-            *extras,
-        ]
+    body = Mesh.joined(
+        loft(profile, partial(_shell, design), partial(car_front, design.paint), partial(_rear, design)),
+        mirrors(x_mirror, 0.8 * half, half, z_mirror, design.paint),
+        plates(profile.length_m / 2, -profile.length_m / 2, z_front, z_rear),
+        *extras,
     )
-    front, rear = profile.axles
-    wheels = (
-        *axle_wheels(front, profile.length_m, 0.97 * half, steered=True),
-        *axle_wheels(rear, profile.length_m, 0.97 * half, steered=False),
-    )
-    return body, wheels
+    return body, vehicle_wheels(profile.axles, profile.length_m, 0.97 * half)
 
 
 def pickup() -> Drawn:

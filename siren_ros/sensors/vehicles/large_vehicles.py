@@ -6,10 +6,12 @@ classes' exact sizes afterwards.
 """
 
 import itertools
+from functools import partial
 
-from siren_ros.sensors.meshes.mesh import Material, Mesh, Wheel
-from siren_ros.sensors.meshes.solids import Axle, Band, BodyProfile, EndFinish, Finish, ShellFinish, box, loft
+from siren_ros.sensors.meshes.mesh import Material, Mesh
+from siren_ros.sensors.meshes.solids import Axle, Band, BodyProfile, Finish, box, loft
 from siren_ros.sensors.vehicles.vehicle_parts import (
+    BLUE_BEACON,
     BLUE_LIVERY,
     BRAKE_LAMP,
     GLASS,
@@ -17,6 +19,7 @@ from siren_ros.sensors.vehicles.vehicle_parts import (
     HEAD_LAMP,
     PAINT,
     PLASTIC,
+    RED_BEACON,
     RED_LIVERY,
     RED_PAINT,
     STEEL,
@@ -24,58 +27,34 @@ from siren_ros.sensors.vehicles.vehicle_parts import (
     WHITE_PAINT,
     YELLOW_LIVERY,
     Drawn,
-    axle_wheels,
     beacon,
+    car_front,
     indicator,
     knots,
     light_bar,
     mirrors,
     plates,
     side_panels,
+    vehicle_wheels,
 )
 
 
-def flat_shell(
-    paint: Finish, window: tuple[tuple[float, float], ...], screen: tuple[float, float] | None = None
-) -> ShellFinish:
-    """Paint with glass in the window band between given stations, and in the roof band over a raked windscreen."""
-
-    def finish(band: Band, s_m: float, side: int) -> Finish:
-        if band <= Band.WELL_ROOF:
-            return PLASTIC
-        if band is Band.WINDOW and any(low < s_m < high for low, high in window):
-            return GLASS
-        if band is Band.ROOF and screen is not None and screen[0] < s_m < screen[1]:
-            return GLASS
-        if band is Band.UPPER_SIDE and s_m < 0.09:
-            return indicator(side)
-        return paint
-
-    return finish
+def flat_shell(paint: Finish, windows: tuple[tuple[float, float], ...], band: Band, s_m: float, side: int) -> Finish:
+    """Paint over dark wells, with glass in the window band between given stations, and indicators at the front."""
+    if band <= Band.WELL_ROOF:
+        return PLASTIC
+    if band is Band.WINDOW and any(low < s_m < high for low, high in windows):
+        return GLASS
+    return indicator(side) if band is Band.UPPER_SIDE and s_m < 0.09 else paint
 
 
-def cab_front(paint: Finish, *, glazed: bool) -> EndFinish:
-    """The front of a cab: lamps below, grille, and a windscreen where ``glazed``."""
-
-    def finish(band: Band, zone: int) -> Finish:
-        if band is Band.LOWER_SIDE:
-            return PLASTIC if zone == 0 else HEAD_LAMP if abs(zone) == 1 else indicator(zone)
-        if band is Band.WINDOW and glazed:
-            return GLASS
-        if band is Band.UPPER_SIDE and zone == 0:
-            return GRILLE
-        return paint
-
-    return finish
-
-
-def plain_end(paint: Finish) -> EndFinish:
-    """An end of one finish."""
-
-    def finish(_band: Band, _zone: int) -> Finish:
-        return paint
-
-    return finish
+def cab_front(paint: Finish, band: Band, zone: int) -> Finish:
+    """The front of a cab: lamps below, grille and windscreen."""
+    if band is Band.LOWER_SIDE:
+        return PLASTIC if zone == 0 else HEAD_LAMP if abs(zone) == 1 else indicator(zone)
+    if band is Band.WINDOW:
+        return GLASS
+    return GRILLE if band is Band.UPPER_SIDE and zone == 0 else paint
 
 
 def rear_lamps(x_m: float, half_width_m: float, z_m: float, height_m: float = 0.2) -> Mesh:
@@ -85,16 +64,7 @@ def rear_lamps(x_m: float, half_width_m: float, z_m: float, height_m: float = 0.
         y0, y1 = sorted((side * (half_width_m - 0.28), side * (half_width_m - 0.04)))
         parts.append(box((x_m - 0.012, y0, z_m), (x_m + 0.05, y1, z_m + height_m), *BRAKE_LAMP))
         parts.append(box((x_m - 0.012, y0, z_m + height_m), (x_m + 0.05, y1, z_m + 1.6 * height_m), *indicator(side)))
-    return Mesh.concatenate(parts)
-
-
-def vehicle_wheels(axles: tuple[Axle, ...], length_m: float, half_width_m: float) -> tuple[Wheel, ...]:
-    """Wheels of all axles, the first one steered, their outer faces at ``±half_width_m``."""
-    return tuple(
-        wheel
-        for number, axle in enumerate(axles)
-        for wheel in axle_wheels(axle, length_m, half_width_m, steered=number == 0)
-    )
+    return Mesh.joined(*parts)
 
 
 def bus() -> Drawn:
@@ -121,15 +91,13 @@ def bus() -> Drawn:
     def rear(band: Band, zone: int) -> Finish:
         return GLASS if band is Band.WINDOW and abs(zone) < 2 else PAINT
 
-    shell = loft(profile, flat_shell(PAINT, (*windows, (0.0, 0.5))), cab_front(PAINT, glazed=True), rear)
+    shell = loft(profile, partial(flat_shell, PAINT, (*windows, (0.0, 0.5))), partial(cab_front, PAINT), rear)
     doors = [box((6 - s - 1.25, -half - 0.004, 0.36), (6 - s, -half + 0.02, 2.5), *GLASS) for s in (0.62, 5.0)]
     leaf = [box((6 - s - 0.66, -half - 0.008, 0.36), (6 - s - 0.6, -half + 0.02, 2.5), *PLASTIC) for s in (0.62, 5.0)]
     sign = box((5.9, -0.8, 2.66), (5.975, 0.8, 2.84), *GRILLE)
     roof = box((-2.5, -0.85, 3.0), (1.2, 0.85, 3.1), *PAINT)
-    body = Mesh.concatenate(
-        [shell, *doors, *leaf, sign, roof, rear_lamps(-6, 1.2, 0.95, 0.3), plates(6, -6, 0.5, 0.62),
-         mirrors(5.8, 1.17, half, 2.0, PLASTIC, 0.32)]
-    )  # fmt: skip
+    body = Mesh.joined(shell, *doors, *leaf, sign, roof, rear_lamps(-6, 1.2, 0.95, 0.3), plates(6, -6, 0.5, 0.62),
+         mirrors(5.8, 1.17, half, 2.0, PLASTIC, 0.32))  # fmt: skip
     return body, vehicle_wheels(axles, length, 0.985 * half)
 
 
@@ -158,31 +126,29 @@ def truck() -> Drawn:
     axles = (Axle(1.4, 0.46, 0.3), Axle(6.1, 0.46, 0.5))
     cab = loft(
         forward_cab(length, 2.05, 2.75, 1.2, axles[0]),
-        flat_shell(PAINT, ((0.45, 1.35),)),
-        cab_front(PAINT, glazed=True),
-        plain_end(PAINT),
+        partial(flat_shell, PAINT, ((0.45, 1.35),)),
+        partial(cab_front, PAINT),
+        lambda _band, _zone: PAINT,
     )
     x = length / 2
     cargo: Finish = (Material.FLEET_PAINT, (226, 228, 230))
     frame: Finish = (Material.FLEET_PAINT, (120, 124, 130))
-    body = Mesh.concatenate(
-        [
-            cab,
-            box((-x, -half, 1.02), (x - 2.2, half, 3.4), *cargo),
-            *[
-                box((x0, y0, 1.0), (x0 + 0.08, y0 + 0.08, 3.402), *frame)
-                for x0 in (-x - 0.004, x - 2.276)
-                for y0 in (-half - 0.004, half - 0.076)
-            ],
-            box((-x - 0.004, -0.03, 1.1), (-x + 0.1, 0.03, 3.3), *frame),
-            box((-x + 0.1, -0.45, 0.6), (x - 0.4, 0.45, 1.03), *PLASTIC),
-            *[box((-0.9, y0, 0.5), (0.7, y0 + 0.5, 0.98), *STEEL) for y0 in (-1.15, 0.65)],
-            *[box((-x + 0.9 - 0.75, y0, 0.55), (-x + 0.95, y0 + 0.04, 0.95), *PLASTIC) for y0 in (-1.2, 1.16)],
-            box((-x + 0.02, -1.15, 0.5), (-x + 0.14, 1.15, 0.66), *PLASTIC),
-            rear_lamps(-x + 0.02, 1.2, 0.68, 0.16),
-            plates(x, -x + 0.02, 0.62, 0.58),
-            mirrors(x - 0.25, 1.1, half, 1.75, PLASTIC, 0.42),
-        ]
+    body = Mesh.joined(
+        cab,
+        box((-x, -half, 1.02), (x - 2.2, half, 3.4), *cargo),
+        *[
+            box((x0, y0, 1.0), (x0 + 0.08, y0 + 0.08, 3.402), *frame)
+            for x0 in (-x - 0.004, x - 2.276)
+            for y0 in (-half - 0.004, half - 0.076)
+        ],
+        box((-x - 0.004, -0.03, 1.1), (-x + 0.1, 0.03, 3.3), *frame),
+        box((-x + 0.1, -0.45, 0.6), (x - 0.4, 0.45, 1.03), *PLASTIC),
+        *[box((-0.9, y0, 0.5), (0.7, y0 + 0.5, 0.98), *STEEL) for y0 in (-1.15, 0.65)],
+        *[box((-x + 0.9 - 0.75, y0, 0.55), (-x + 0.95, y0 + 0.04, 0.95), *PLASTIC) for y0 in (-1.2, 1.16)],
+        box((-x + 0.02, -1.15, 0.5), (-x + 0.14, 1.15, 0.66), *PLASTIC),
+        rear_lamps(-x + 0.02, 1.2, 0.68, 0.16),
+        plates(x, -x + 0.02, 0.62, 0.58),
+        mirrors(x - 0.25, 1.1, half, 1.75, PLASTIC, 0.42),
     )
     return body, vehicle_wheels(axles, length, 0.97 * half)
 
@@ -194,8 +160,8 @@ def _battenburg(
     step = (x_m[1] - x_m[0]) / count
     middle = (z_m[0] + z_m[1]) / 2
     rows = ((z_m[0], middle), (middle, z_m[1]))
-    return Mesh.concatenate(
-        [
+    return Mesh.joined(
+        *[
             side_panels((x_m[0] + k * step, x_m[0] + (k + 1) * step), rows[row], half_width_m, finishes[(k + row) % 2])
             for row in (0, 1)
             for k in range(count)
@@ -229,19 +195,13 @@ def ambulance() -> Drawn:
             return indicator(hand) if s_m < 0.07 else HEAD_LAMP
         if band is Band.UPPER_SIDE and s_m > 1.3:
             return YELLOW_LIVERY
-        return flat_shell(WHITE_PAINT, ((1.3, 2.1),), (0.97, 1.72))(band, s_m, hand)
+        windscreen = band is Band.ROOF and 0.97 < s_m < 1.72
+        return GLASS if windscreen else flat_shell(WHITE_PAINT, ((1.3, 2.1),), band, s_m, hand)
 
-    def front(band: Band, zone: int) -> Finish:
-        if band is Band.UPPER_SIDE:
-            return GRILLE if zone == 0 else HEAD_LAMP if abs(zone) == 1 else indicator(zone)
-        return GRILLE if band is Band.LOWER_SIDE and abs(zone) < 2 else WHITE_PAINT
-
-    cab = loft(_ambulance_cab(length, axles), side, front, plain_end(WHITE_PAINT))
+    cab = loft(_ambulance_cab(length, axles), side, partial(car_front, WHITE_PAINT), lambda _band, _zone: WHITE_PAINT)
     wall, back, nose = half - 0.006, -x + 0.02, x - 2.3
     green: Finish = (Material.LIVERY, (16, 124, 62))
-    body = Mesh.concatenate(
-        [
-            cab,
+    body = Mesh.joined(cab,
             box((back, -wall, 0.78), (nose, wall, 2.6), *WHITE_PAINT),
             box((nose - 0.01, -0.8 * wall, 2.2), (nose + 0.32, 0.8 * wall, 2.42), *WHITE_PAINT),  # over the cab's roof
             box((back + 0.2, -0.6, 0.42), (x - 2.2, 0.6, 0.82), *PLASTIC),
@@ -255,12 +215,10 @@ def ambulance() -> Drawn:
             box((x - 2.62, -0.95, 2.6), (x - 2.32, 0.95, 2.72), *WHITE_PAINT),
             light_bar(x - 2.62, 2.6, 0.9, 0.3, 0.2),
             light_bar(back + 0.3, 2.6, 0.9, 0.3, 0.2),
-            *[beacon(x - 0.02, y, 0.98, 0.07, Material.BEACON_BLUE) for y in (-0.25, 0.25)],
-            *[beacon(x0, y, 2.5, 0.09, Material.BEACON_RED) for x0 in (back + 0.6, x - 2.9) for y in (-1.0, 1.0)],
+            *[beacon(x - 0.02, y, 0.98, 0.07, BLUE_BEACON) for y in (-0.25, 0.25)],
+            *[beacon(x0, y, 2.5, 0.09, RED_BEACON) for x0 in (back + 0.6, x - 2.9) for y in (-1.0, 1.0)],
             plates(x, back, 0.56, 0.62),
-            mirrors(x - 1.45, 0.85, half, 1.24, WHITE_PAINT, 0.26),
-        ]
-    )  # fmt: skip
+            mirrors(x - 1.45, 0.85, half, 1.24, WHITE_PAINT, 0.26))  # fmt: skip
     return body, vehicle_wheels(axles, length, 0.985 * half)
 
 
@@ -288,35 +246,33 @@ def fire_truck() -> Drawn:
     axles = (Axle(1.45, 0.5, 0.32), Axle(5.95, 0.5, 0.5))
     cab = loft(
         forward_cab(length, 3.2, 2.85, 1.22, axles[0]),
-        flat_shell(RED_PAINT, ((0.45, 1.35), (1.5, 2.7))),
-        cab_front(RED_PAINT, glazed=True),
-        plain_end(RED_PAINT),
+        partial(flat_shell, RED_PAINT, ((0.45, 1.35), (1.5, 2.7))),
+        partial(cab_front, RED_PAINT),
+        lambda _band, _zone: RED_PAINT,
     )
     wall, back, nose = half - 0.006, -x + 0.02, x - 3.25
     hub = x - axles[1].s_m
     shutter: Finish = (Material.RIM, (176, 180, 184))
     lockers = ((back + 0.12, hub - 0.62), (hub - 0.5, hub + 0.5), (hub + 0.62, nose - 0.08))
-    body = Mesh.concatenate(
-        [
-            cab,
-            box((back, -wall, 1.12), (nose, wall, 2.95), *RED_PAINT),
-            *[box((x0, -wall, 0.5), (x1, wall, 1.14), *RED_PAINT) for x0, x1 in _skirts(x, axles[1], 3.25)],
-            box((back + 0.2, -0.7, 0.55), (x - 2.0, 0.7, 1.14), *PLASTIC),
-            *[side_panels(span, (1.25 if k == 1 else 0.85, 2.5), wall, shutter) for k, span in enumerate(lockers)],
-            side_panels((back + 0.05, nose), (2.6, 2.74), wall, WHITE_LIVERY),
-            side_panels((back + 0.05, hub - 0.62), (0.6, 0.76), wall, YELLOW_LIVERY),
-            side_panels((hub + 0.62, nose), (0.6, 0.76), wall, YELLOW_LIVERY),
-            side_panels((x - 3.1, x - 2.0), (0.86, 1.02), 1.215, WHITE_LIVERY),
-            box((x - 0.02, -1.02, 0.98), (x + 0.008, 1.02, 1.1), *WHITE_LIVERY),
-            *_fire_rear(back),
-            *_ladder(back, nose),
-            light_bar(x - 0.75, 2.84, 0.95, 0.36, 0.24),
-            *[beacon(back + 0.15, y, 3.02, 0.16, Material.BEACON_BLUE) for y in (-1.05, 1.05)],
-            *[beacon(x, y, 1.28, 0.08, Material.BEACON_BLUE) for y in (-0.4, 0.4)],
-            box((-0.4, -0.5, 2.9), (0.2, 0.5, 3.2), *RED_PAINT),
-            plates(x, back, 0.66, 0.7),
-            mirrors(x - 0.25, 1.08, half, 1.8, PLASTIC, 0.45),
-        ]
+    body = Mesh.joined(
+        cab,
+        box((back, -wall, 1.12), (nose, wall, 2.95), *RED_PAINT),
+        *[box((x0, -wall, 0.5), (x1, wall, 1.14), *RED_PAINT) for x0, x1 in _skirts(x, axles[1], 3.25)],
+        box((back + 0.2, -0.7, 0.55), (x - 2.0, 0.7, 1.14), *PLASTIC),
+        *[side_panels(span, (1.25 if k == 1 else 0.85, 2.5), wall, shutter) for k, span in enumerate(lockers)],
+        side_panels((back + 0.05, nose), (2.6, 2.74), wall, WHITE_LIVERY),
+        side_panels((back + 0.05, hub - 0.62), (0.6, 0.76), wall, YELLOW_LIVERY),
+        side_panels((hub + 0.62, nose), (0.6, 0.76), wall, YELLOW_LIVERY),
+        side_panels((x - 3.1, x - 2.0), (0.86, 1.02), 1.215, WHITE_LIVERY),
+        box((x - 0.02, -1.02, 0.98), (x + 0.008, 1.02, 1.1), *WHITE_LIVERY),
+        *_fire_rear(back),
+        *_ladder(back, nose),
+        light_bar(x - 0.75, 2.84, 0.95, 0.36, 0.24),
+        *[beacon(back + 0.15, y, 3.02, 0.16, BLUE_BEACON) for y in (-1.05, 1.05)],
+        *[beacon(x, y, 1.28, 0.08, BLUE_BEACON) for y in (-0.4, 0.4)],
+        box((-0.4, -0.5, 2.9), (0.2, 0.5, 3.2), *RED_PAINT),
+        plates(x, back, 0.66, 0.7),
+        mirrors(x - 0.25, 1.08, half, 1.8, PLASTIC, 0.45),
     )
     return body, vehicle_wheels(axles, length, 0.975 * half)
 

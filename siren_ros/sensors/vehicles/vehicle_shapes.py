@@ -6,9 +6,9 @@ from functools import cache, partial
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from siren_ros.dynamics.parameters import VehicleParameters, load_vehicle_parameters
+from siren_ros.numerics.arrays import Floats, Floats32
 from siren_ros.sensors.meshes.mesh import VehicleShape, Wheel
 from siren_ros.sensors.vehicles import cars, large_vehicles
 from siren_ros.sensors.vehicles.vehicle_parts import Drawn
@@ -31,11 +31,7 @@ _DRAWINGS: Final[Mapping[ActorClass, Callable[[], Drawn]]] = {
 
 @cache
 def vehicle_shape(actor_class: ActorClass) -> VehicleShape:
-    """The shape of a vehicle class with the length, width, height and axles of ``params/vehicles``.
-
-    Raises:
-        InputError: the class's parameter file cannot be used.
-    """
+    """The shape of a vehicle class with the sizes and axles of ``params/vehicles``; InputError for an unusable file."""
     return fitted(actor_class, _DRAWINGS[actor_class](), load_vehicle_parameters()[actor_class])
 
 
@@ -79,7 +75,7 @@ def fitted(actor_class: ActorClass, drawn: Drawn, size: VehicleParameters) -> Ve
 
 def _axle_map(
     wheels: tuple[Wheel, ...], rear_m: float, front_m: float, size: VehicleParameters
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """Knots of the map from drawn to fitted x: ends to ends, axles to axles, rigid within a wheel's reach of them."""
     hubs = sorted({wheel.hub_m[0] for wheel in wheels})
     rear_axle = size.length_m / 2 - size.front_overhang_m - size.wheelbase_m
@@ -90,6 +86,6 @@ def _axle_map(
     return np.array(drawn), np.array(to)
 
 
-def _exact(values: npt.NDArray[np.float64], low: float, high: float) -> npt.NDArray[np.float32]:
+def _exact(values: Floats, low: float, high: float) -> Floats32:
     """Single precision, never outside the bounds' own single-precision values."""
     return np.clip(values.astype(np.float32), np.float32(low), np.float32(high))

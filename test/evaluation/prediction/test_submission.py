@@ -21,7 +21,7 @@ from siren_ros.evaluation.prediction.submission import (
     refuse,
     submission,
 )
-from siren_ros.interfaces.programs import to_predicted_paths
+from siren_ros.interfaces.conversions import to_predicted_paths
 from siren_ros.record.episode_source import EpisodeSource
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.world.carrier import PredictedPaths

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.sensors.camera.camera_model import optical_from_map
-from siren_ros.sensors.specification import map_from_base
+from siren_ros.sensors.specification import map_from_base, optical_from_map
 from siren_ros.sensors.suite import load_suite
 from siren_ros.world.measurements import CameraIntrinsics
 

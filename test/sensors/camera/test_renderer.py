@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.camera_model import optical_from_map
 from siren_ros.sensors.camera.renderer import DrawingContext, RenderedImage, Renderer, RendererUnavailableError
 from siren_ros.sensors.lidar.embree import RaycastWorld
 from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, SemanticClass, SignalLamp, StaticScene
-from siren_ros.sensors.specification import map_from_base, transform
+from siren_ros.sensors.specification import map_from_base, optical_from_map, transform
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.measurements import CameraIntrinsics
 
@@ -69,7 +68,7 @@ def test_depth_and_instances_agree_with_ray_casting(renderer: Renderer, boxes: A
     for row, kind in enumerate((SEDAN, BUS)):
         moved = map_from_base(placement.x_m[row], placement.y_m[row], 0.0, placement.yaw_rad[row])
         parts.append(boxes.shapes()[kind].body.transformed(moved[:3, :3], moved[:3, 3]))
-    whole = RaycastWorld(StaticScene(Mesh.concatenate(parts), ()), boxes.shapes())
+    whole = RaycastWorld(StaticScene(Mesh.joined(*parts), ()), boxes.shapes())
     map_from_optical = np.linalg.inv(optical_from_map(pose))
     directions = CAMERA.pixel_rays().reshape(-1, 3) @ map_from_optical[:3, :3].T
     origins = np.broadcast_to(map_from_optical[:3, 3], directions.shape)

@@ -40,10 +40,10 @@ def test_a_mirrored_mesh_still_looks_outward() -> None:
 
 def test_concatenation_keeps_every_triangle_where_it_is() -> None:
     one, other = (box((x, 0, 0), (x + 1, 1, 1), Material.KERB, (0, 0, 0)) for x in (0, 5))
-    both = Mesh.concatenate([one, other])
+    both = Mesh.joined(one, other)
     corners = np.concatenate([m.vertices_m[m.triangles] for m in (one, other)])
     np.testing.assert_array_equal(both.vertices_m[both.triangles], corners)
-    assert len(Mesh.concatenate([])) == 0
+    assert len(Mesh.joined()) == 0
 
 
 def test_sphere_triangles_look_outward_and_points_are_on_the_unit_sphere() -> None:

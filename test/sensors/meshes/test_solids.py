@@ -244,7 +244,7 @@ def test_walls_look_out_of_their_polygon(area: Polygon) -> None:
     roof = flat_polygons([area], 2.0, Material.KERB, GREY)
     floor = flat_polygons([area], 0.5, Material.KERB, GREY)
     below = Mesh(floor.vertices_m, floor.triangles[:, ::-1].copy(), floor.material, floor.colour_rgb)
-    solid = Mesh.concatenate([mesh, roof, below])
+    solid = Mesh.joined(mesh, roof, below)
     assert volume(solid) == pytest.approx(1.5 * area.area, rel=1e-5)
     assert open_edges(solid) == 0
     assert np.abs(mesh.normals[:, 2]).max() == 0.0

@@ -12,9 +12,8 @@ from shapely.geometry.base import BaseGeometry
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Edge, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.sensors.meshes.mesh import Material, Mesh
-from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.ground import Markings, _cut, arrow, ground_mesh, ribbon, road_markings
-from siren_ros.sensors.scene.surfaces import Surfaces, drawn_centres, road_surfaces
+from siren_ros.sensors.scene.surfaces import SceneConfig, Surfaces, drawn_centres, road_surfaces
 
 CONFIG = SceneConfig(ground_margin_m=20.0, tile_m=40.0)
 TOP_M = CONFIG.kerb_height_m

@@ -13,7 +13,6 @@ from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, StaticScene
-from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.signals import HEAD_HEIGHT_M, mast_arm, pole, signal_head, stop_sign, street_lamp, turned
 from siren_ros.sensors.scene.static_scene import (
     Lot,
@@ -26,6 +25,7 @@ from siren_ros.sensors.scene.static_scene import (
     footprint,
     static_scene,
 )
+from siren_ros.sensors.scene.surfaces import SceneConfig
 
 TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"
 GROUND = [

@@ -11,11 +11,11 @@ from shapely.geometry import LineString, Point, box
 from siren_ros.errors import InputError
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.ground import _cut, arrow, ribbon, road_markings
 from siren_ros.sensors.scene.signals import clear_pole
 from siren_ros.sensors.scene.surfaces import (
     FreeSpace,
+    SceneConfig,
     _junction_carriageway,
     drawn_centres,
     ring_samples,

@@ -4,11 +4,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.camera_model import RenderedImage
-from siren_ros.sensors.camera.night_and_rain import beacon_colour, luminaires
-from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
+from siren_ros.sensors.camera.ground_light import beacon_colour, luminaires
+from siren_ros.sensors.camera.renderer import RenderedImage, Renderer, RendererUnavailableError
 from siren_ros.sensors.look import Look
-from siren_ros.sensors.meshes.mesh import Material, SemanticClass
+from siren_ros.sensors.meshes.mesh import Material, Mesh, SemanticClass
 from siren_ros.sensors.meshes.placement import EgoVehicle, Placement
 from siren_ros.sensors.scene.signals import street_lamp, turned
 from siren_ros.sensors.specification import transform
@@ -41,7 +40,7 @@ def road(image: RenderedImage) -> Any:
 def test_each_street_lamp_is_found_once() -> None:
     places = [(0.0, 0.0), (30.0, 5.0), (31.0, 40.0)]
     lamps = [turned(street_lamp(8.0), x, y, 0.0, 0.7) for x, y in places]
-    found = luminaires(type(lamps[0]).concatenate(lamps))
+    found = luminaires(Mesh.joined(*lamps))
     assert found.shape == (3, 3)
     reach = np.linalg.norm(found[:, :2] - places, axis=1)
     assert reach == pytest.approx(1.5, abs=0.1)

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.ground_light import LIGHT_GRID_M, LIGHT_HALF_M, cell_of, light_from_map, sun_view
+from siren_ros.sensors.camera.ground_light import (
+    LIGHT_GRID_M,
+    LIGHT_HALF_M,
+    UNIT_FROM_CLIP,
+    cell_of,
+    light_from_map,
+    sun_view,
+)
 
 CENTRE = (30.0, -12.0)
 
@@ -37,7 +44,7 @@ def test_the_view_along_the_sun_holds_the_square_and_what_shades_it(direction):
     view = sun_view(towards, CENTRE, 40.0, (0.0, 25.0))
 
     def seen(point):
-        return (view.clip_from_map @ np.array([*point, 1.0]))[:3]
+        return (view @ np.array([*point, 1.0]))[:3]
 
     corners = [(CENTRE[0] + sx * 40.0, CENTRE[1] + sy * 40.0, 0.0) for sx in (-1, 1) for sy in (-1, 1)]
     projected = np.array([seen(corner) for corner in corners])
@@ -48,6 +55,6 @@ def test_the_view_along_the_sun_holds_the_square_and_what_shades_it(direction):
         high = low + towards * 25.0 / towards[2]
         assert seen(high)[:2] == pytest.approx(seen(low)[:2], abs=1e-9)
         assert -1.0 <= seen(high)[2] < seen(low)[2] <= 1.0
-    unit = view.unit_from_map @ np.array([*CENTRE, 0.0, 1.0])
+    unit = UNIT_FROM_CLIP @ view @ np.array([*CENTRE, 0.0, 1.0])
     assert unit[:2] == pytest.approx([0.5, 0.5])
     assert unit[2] == pytest.approx(0.5 + 0.5 * seen((*CENTRE, 0.0))[2])

@@ -193,7 +193,7 @@ LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge"), (AV_CONTROL.name
 
 def upstream_of(participant: str, *, lagged: bool = False) -> frozenset[str]:
     """Participants that must act on a step before this one can; with ``lagged`` also those of the step before."""
-    every = (
+    inputs = (
         CLOCK,
         TRAFFIC,
         EMV_COMMANDS,
@@ -209,7 +209,7 @@ def upstream_of(participant: str, *, lagged: bool = False) -> frozenset[str]:
     )
     return frozenset(
         topic.publisher
-        for topic in every
+        for topic in inputs
         if participant in topic.subscribers and (lagged or (topic.name, participant) not in LAGGED_INPUTS)
     )
 

@@ -14,7 +14,6 @@ from matplotlib.patches import Patch
 from siren_ros.errors import InputError, SirenError, whole_file, writing
 from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
 from siren_ros.judging.predicates import evaluate_predicate
-from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.palette import CIVILIAN, EMV_EVENTS, EVENT_STYLES, FAINT_TEXT, STATE_NAMES, TEXT
 from siren_ros.pictures.plot_parts import (
@@ -26,6 +25,7 @@ from siren_ros.pictures.plot_parts import (
     draw_speeds,
     draw_states,
     draw_vehicles,
+    title_of,
     yielding_actors,
 )
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -70,16 +70,11 @@ def interaction_box(record: EpisodeRecord) -> Box:
     within = (rows.step >= first) & (rows.step <= last)
     taking_part = np.isin(rows.actor_id, [*record.emv_ids, *yielding_actors(record)])
     chosen = within & taking_part
-    if not chosen.any():
-        chosen = np.ones(len(rows), dtype=bool)
-    x, y = rows.x_m[chosen], rows.y_m[chosen]
-    return _at_least(x.min() - _MARGIN_M, x.max() + _MARGIN_M, y.min() - _MARGIN_M, y.max() + _MARGIN_M)
-
-
-def _at_least(x0: float, x1: float, y0: float, y1: float) -> Box:
-    """The box, grown about its centre to the smallest size of a map."""
-    more_x, more_y = max(_MIN_SIZE_M[0] - (x1 - x0), 0.0) / 2.0, max(_MIN_SIZE_M[1] - (y1 - y0), 0.0) / 2.0
-    return float(x0 - more_x), float(x1 + more_x), float(y0 - more_y), float(y1 + more_y)
+    places = rows.xy_m[chosen] if chosen.any() else rows.xy_m
+    low, high = places.min(axis=0) - _MARGIN_M, places.max(axis=0) + _MARGIN_M
+    more = np.maximum(np.array(_MIN_SIZE_M) - (high - low), 0.0) / 2.0
+    (x0, y0), (x1, y1) = (low - more).tolist(), (high + more).tolist()
+    return x0, x1, y0, y1
 
 
 def draw_episode(record: EpisodeRecord) -> Figure:
@@ -87,24 +82,14 @@ def draw_episode(record: EpisodeRecord) -> Figure:
     if not record.states or len(record.rows) == 0:
         raise InputError("bag", record.description.template, "an episode with at least one recorded actor state")
     box = interaction_box(record)
-    yielding = yielding_actors(record)
-    actors = (*[key for key in record.emv_ids if key in record.actors], *yielding)
+    actors = (*[key for key in record.emv_ids if key in record.actors], *yielding_actors(record))
     map_in = float(np.clip(WIDTH_IN * (box[3] - box[2]) / (box[1] - box[0]), 3.2, 8.5))
-    states_in = 0.5 + 0.19 * max(len(actors), 3)
-    heights = (map_in, 2.9, states_in, 1.1)
-    figure = Figure(figsize=(WIDTH_IN, sum(heights) + 2.0), dpi=DPI, facecolor="white")
+    heights = (map_in, 2.9, 0.5 + 0.19 * max(len(actors), 3), 1.1)
+    height = sum(heights) + 2.0
+    figure = Figure(figsize=(WIDTH_IN, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(
-        4,
-        len(SNAPSHOTS_AT),
-        height_ratios=heights,
-        left=0.075,
-        right=0.985,
-        top=1.0 - 0.85 / (sum(heights) + 2.0),
-        bottom=0.045,
-        hspace=0.2,
-        wspace=0.03,
-    )
+    margins: dict[str, Any] = {"left": 0.075, "right": 0.985, "top": 1.0 - 0.85 / height, "bottom": 0.045}
+    grid = figure.add_gridspec(4, len(SNAPSHOTS_AT), height_ratios=heights, **margins, hspace=0.2, wspace=0.03)
     first, last = interaction_steps(record)
     moments = [round(first + (last - first) * share) for share in SNAPSHOTS_AT]
     speeds = Normalize(0.0, max(float(np.percentile(record.rows.speed_mps, 99.5)) * KMH * 1.12, 10.0))
@@ -130,10 +115,8 @@ def _frame(axes: Axes, box: Box) -> None:
     axes.set_xlim((x0 + x1 - width) / 2.0, (x0 + x1 + width) / 2.0)
     axes.set_ylim((y0 + y1 - height) / 2.0, (y0 + y1 + height) / 2.0)
     axes.set_aspect("equal", adjustable="box")
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for spine in axes.spines.values():
-        spine.set_color("#c4c8cd")
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_color("#c4c8cd")
 
 
 def _draw_map(axes: Axes, record: EpisodeRecord, box: Box, speeds: Normalize, moments: list[int]) -> None:
@@ -149,11 +132,11 @@ def _draw_map(axes: Axes, record: EpisodeRecord, box: Box, speeds: Normalize, mo
     for emv_id in record.emv_ids:
         emv_lines = draw_path(axes, record.track(emv_id), speeds, 3.6, casing="#1b1d21", level=4.0) or emv_lines
     for number, step in enumerate(moments, start=1):
-        state = record.states[step]
-        draw_vehicles(axes, state.select(np.isin(state.actor_id, record.emv_ids)), record.actors, 0.5)
-        for row in np.flatnonzero(np.isin(state.actor_id, record.emv_ids)):
-            labels.block(float(state.x_m[row]), float(state.y_m[row]), 5.0)
-            labels.place(float(state.x_m[row]), float(state.y_m[row]), str(number), "#b3121a")
+        emvs = record.states[step].select(np.isin(record.states[step].actor_id, record.emv_ids))
+        draw_vehicles(axes, emvs, record.actors, 0.5)
+        for x_m, y_m in zip(emvs.x_m.tolist(), emvs.y_m.tolist(), strict=True):
+            labels.block(x_m, y_m, 5.0)
+            labels.place(x_m, y_m, str(number), "#b3121a")
     kinds = _draw_events(axes, record, labels)
     draw_scale_bar(axes)
     _draw_legends(axes, record, kinds)
@@ -173,17 +156,8 @@ def _draw_events(axes: Axes, record: EpisodeRecord, labels: LabelPlacer) -> list
     visible = [event for event in shown if axes.viewLim.contains(event.x_m, event.y_m)]
     for event in visible:
         marker, colour, _ = EVENT_STYLES[event.kind]
-        axes.plot(
-            event.x_m,
-            event.y_m,
-            marker=marker,
-            color=colour,
-            markersize=6.5,
-            markeredgecolor="white",
-            markeredgewidth=0.6,
-            linestyle="none",
-            zorder=8,
-        )
+        look: dict[str, Any] = {"color": colour, "markersize": 6.5, "markeredgecolor": "white", "markeredgewidth": 0.6}
+        axes.plot(event.x_m, event.y_m, marker=marker, linestyle="none", zorder=8, **look)
         labels.block(event.x_m, event.y_m, 4.0)
     for event in visible:
         who = "EMV" if event.actor_id in record.emv_ids else f"#{event.actor_id}"
@@ -193,38 +167,20 @@ def _draw_events(axes: Axes, record: EpisodeRecord, labels: LabelPlacer) -> list
 
 def _draw_legends(axes: Axes, record: EpisodeRecord, kinds: list[Any]) -> None:
     present = {Mode(int(mode)) for mode in np.unique(record.rows.mode)}
-    handles: list[Any] = [Patch(facecolor=EMV_COLOUR, edgecolor=TEXT, linewidth=0.4, label="EMV")]
-    handles += [
-        Patch(facecolor=MODE_COLOURS[mode], edgecolor=TEXT, linewidth=0.4, label=name)
-        for mode, name in STATE_NAMES.items()
-        if mode in present
-    ]
-    handles.append(Patch(facecolor=CIVILIAN, edgecolor=TEXT, linewidth=0.4, label="other civilian"))
-    handles += [
-        Line2D(
-            [],
-            [],
-            marker=EVENT_STYLES[kind][0],
-            color=EVENT_STYLES[kind][1],
-            linestyle="none",
-            markersize=6,
-            markeredgecolor="white",
-            label=EVENT_STYLES[kind][2],
-        )
-        for kind in kinds
-    ]
-    axes.legend(
-        handles=handles,
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.012),
-        ncols=len(handles),
-        fontsize=7,
-        frameon=False,
-        handlelength=1.2,
-        handletextpad=0.5,
-        columnspacing=1.4,
-        borderaxespad=0.2,
-    )
+    modes = [(name, MODE_COLOURS[mode]) for mode, name in STATE_NAMES.items() if mode in present]
+    fills = [("EMV", EMV_COLOUR), *modes, ("other civilian", CIVILIAN)]
+    handles: list[Any] = [Patch(facecolor=fill, edgecolor=TEXT, linewidth=0.4, label=name) for name, fill in fills]
+    for marker, colour, name in (EVENT_STYLES[kind] for kind in kinds):
+        look: dict[str, Any] = {"linestyle": "none", "markersize": 6, "markeredgecolor": "white"}
+        handles.append(Line2D([], [], marker=marker, color=colour, label=name, **look))
+    place: dict[str, Any] = {
+        "loc": "upper center",
+        "bbox_to_anchor": (0.5, -0.012),
+        "ncols": len(handles),
+        "borderaxespad": 0.2,
+    }
+    spacing: dict[str, Any] = {"handlelength": 1.2, "handletextpad": 0.5, "columnspacing": 1.4}
+    axes.legend(handles=handles, fontsize=7, frameon=False, **place, **spacing)
 
 
 def _draw_snapshot(axes: Axes, record: EpisodeRecord, step: int, number: int) -> None:
@@ -238,41 +194,24 @@ def _draw_snapshot(axes: Axes, record: EpisodeRecord, step: int, number: int) ->
         if len(recent) > 1:
             axes.plot(recent.x_m, recent.y_m, color="#d41a1f", linewidth=2.2, alpha=0.35, zorder=5)
     draw_vehicles(axes, state, record.actors, 0.5)
+    above: dict[str, Any] = {"xytext": (0, 7), "textcoords": "offset points", "ha": "center"}
     for row in np.flatnonzero((state.mode >= Mode.YIELD_REACTING) & (state.mode <= Mode.REJOIN)):
-        if axes.viewLim.contains(float(state.x_m[row]), float(state.y_m[row])):
-            axes.annotate(
-                f"#{state.actor_id[row]}",
-                (float(state.x_m[row]), float(state.y_m[row])),
-                xytext=(0, 7),
-                textcoords="offset points",
-                ha="center",
-                fontsize=6.5,
-                color=TEXT,
-                zorder=9,
-            )
-    axes.text(
-        0.015,
-        0.965,
-        f"{number}   {step * STEP_S:.1f} s",
-        transform=axes.transAxes,
-        fontsize=8,
-        fontweight="bold",
-        color=TEXT,
-        va="top",
-        zorder=10,
-        bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none"},
-    )
+        place = float(state.x_m[row]), float(state.y_m[row])
+        if axes.viewLim.contains(*place):
+            axes.annotate(f"#{state.actor_id[row]}", place, **above, fontsize=6.5, color=TEXT, zorder=9)
+    text = f"{number}   {step * STEP_S:.1f} s"
+    look: dict[str, Any] = {"fontsize": 8, "fontweight": "bold", "color": TEXT, "va": "top", "zorder": 10}
+    box: dict[str, Any] = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none"}
+    axes.text(0.015, 0.965, text, transform=axes.transAxes, bbox=box, **look)
 
 
 def _snapshot_box(record: EpisodeRecord, step: int) -> Box:
     state = record.states[step]
-    centre: Floats
     emv = np.isin(state.actor_id, record.emv_ids)
     active = (state.mode >= Mode.YIELD_REACTING) & (state.mode <= Mode.YIELD_HOLD)
     xy = np.stack((state.x_m, state.y_m), axis=-1)
-    if not emv.any():
-        centre, spread = xy.mean(axis=0), np.array(_MIN_SIZE_M)
-    else:
+    centre, spread = xy.mean(axis=0), np.array(_MIN_SIZE_M)
+    if emv.any():
         near = np.linalg.norm(xy - xy[emv][0], axis=1) < 60.0
         chosen = xy[emv | (active & near)]
         centre, spread = (chosen.min(axis=0) + chosen.max(axis=0)) / 2.0, np.ptp(chosen, axis=0) + 2.0 * _MARGIN_M
@@ -282,18 +221,15 @@ def _snapshot_box(record: EpisodeRecord, step: int) -> Box:
 
 
 def _draw_title(figure: Figure, record: EpisodeRecord) -> None:
-    description = record.description
-    height_in = figure.get_size_inches()[1]
-    title = f"{description.template} · {description.level.name} · seed {description.seed} · {description.map_name}"
+    height_in, title = figure.get_size_inches()[1], title_of(record)
     figure.text(0.075, 1.0 - 0.3 / height_in, title, fontsize=14, fontweight="bold", color=TEXT, va="center")
     try:
         verdict = evaluate_predicate(record)
     except SirenError:
         return
     word, colour = ("interaction verified", "#12855f") if verdict.holds else ("interaction not found", "#b3121a")
-    figure.text(
-        0.985, 1.0 - 0.3 / height_in, word, fontsize=11, fontweight="bold", color=colour, ha="right", va="center"
-    )
+    look: dict[str, Any] = {"fontsize": 11, "fontweight": "bold", "ha": "right", "va": "center"}
+    figure.text(0.985, 1.0 - 0.3 / height_in, word, color=colour, **look)
     figure.text(0.075, 1.0 - 0.6 / height_in, verdict.text, fontsize=9, color=FAINT_TEXT, va="center")
 
 

@@ -21,7 +21,7 @@ from siren_ros.numerics.arrays import Floats, Points
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.palette import CIVILIAN, EMV_MODE_COLOURS, STATE_NAMES, TEXT, colour_of
-from siren_ros.pictures.plot_parts import draw_roads
+from siren_ros.pictures.plot_parts import draw_roads, title_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import Lane, RoadNetwork
 from siren_ros.world.actors import Lights, Mode
@@ -69,13 +69,13 @@ def paint_polygons(picture: Image.Image, shapes: Sequence[tuple[Points, Colour]]
     high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 2, picture.size)
     if (high <= low).any():
         return
-    size = (int(high[0] - low[0]), int(high[1] - low[1]))
-    box = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
-    patch = picture.crop(box).resize((size[0] * _OVERSAMPLING, size[1] * _OVERSAMPLING), Image.Resampling.NEAREST)
+    size, (left, top) = tuple((high - low).tolist()), low.tolist()
+    patch = picture.crop((left, top, *high.tolist()))
+    patch = patch.resize((size[0] * _OVERSAMPLING, size[1] * _OVERSAMPLING), Image.Resampling.NEAREST)
     draw = ImageDraw.Draw(patch, "RGBA")
     for points, colour in shapes:
-        draw.polygon([(float(x), float(y)) for x, y in (points - low) * _OVERSAMPLING], fill=colour)
-    picture.paste(patch.resize(size, Image.Resampling.BOX), box[:2])
+        draw.polygon([(x, y) for x, y in ((points - low) * _OVERSAMPLING).tolist()], fill=colour)
+    picture.paste(patch.resize(size, Image.Resampling.BOX), (left, top))
 
 
 def ribbon(points: Points, width_px: float) -> Points:
@@ -101,8 +101,7 @@ class MapImage:
     def to_px(self, xy_m: npt.ArrayLike) -> Points:
         """Places of the map (shape ``(..., 2)``) in the image, in pixels from its top left corner."""
         offset = np.asarray(xy_m, dtype=np.float64) - (self.west_m, self.north_m)
-        scaled: Points = offset * (self.px_per_m, -self.px_per_m)
-        return scaled
+        return np.asarray(offset * (self.px_per_m, -self.px_per_m))
 
 
 def draw_map_image(network: RoadNetwork, low_m: Points, high_m: Points, px_per_m: float) -> MapImage:
@@ -113,19 +112,15 @@ def draw_map_image(network: RoadNetwork, low_m: Points, high_m: Points, px_per_m
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set_xlim(low_m[0], low_m[0] + width / scale)
-    axes.set_ylim(high_m[1] - height / scale, high_m[1])
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    axes.set(xlim=(low_m[0], low_m[0] + width / scale), ylim=(high_m[1] - height / scale, high_m[1]))
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
     draw_roads(axes, network, line_width=max(_MARKING_M * scale, 0.8) * 72.0 / _DPI)
     canvas.draw()  # type: ignore[no-untyped-call] # matplotlib's canvas has no annotations
     rgba = canvas.buffer_rgba()  # type: ignore[no-untyped-call] # the same
     pixels = Image.fromarray(np.ascontiguousarray(np.asarray(rgba)[..., :3]))
     image = MapImage(pixels, float(low_m[0]), float(high_m[1]), scale)
-    stops = sorted({connection.from_lane for connection in network.connections if connection.must_stop})
-    for lane in stops:
+    for lane in sorted({connection.from_lane for connection in network.connections if connection.must_stop}):
         paint_polygons(image.pixels, [(image.to_px(stop_bar(network.lanes[lane], 0.0, 1.0)), _STOP_BAR)])
     return image
 
@@ -138,13 +133,8 @@ def stop_bar(lane: Lane, from_share: float, to_share: float) -> Points:
     return lane.centre.offset_points(along, np.array([left, left, right, right]))
 
 
-_SIGNAL_COLOURS: Final[dict[str, Colour]] = {
-    **dict.fromkeys("r", rgb_of("#d8232a")),
-    **dict.fromkeys("u", rgb_of("#ef7d1a")),
-    **dict.fromkeys("y", rgb_of("#f4c20d")),
-    **dict.fromkeys("gG", rgb_of("#2f9e44")),
-    **dict.fromkeys("s", rgb_of("#7ab87f")),
-}
+_SIGNAL_HEX: Final = {"r": "#d8232a", "u": "#ef7d1a", "y": "#f4c20d", "g": "#2f9e44", "G": "#2f9e44", "s": "#7ab87f"}
+_SIGNAL_COLOURS: Final = {letter: rgb_of(colour) for letter, colour in _SIGNAL_HEX.items()}
 _SIGNAL_OFF: Final = rgb_of("#777b80")
 _BEACONS: Final = (rgb_of("#2f6bff"), rgb_of("#ffffff"))
 _BRAKE: Final = rgb_of("#ff2a1f")
@@ -180,9 +170,8 @@ class BirdseyeFilm:
         left, top = (int(value) for value in np.clip(corner, 0, limit))
         picture = self._map.pixels.crop((left, top, left + SIZE_PX[0], top + SIZE_PX[1]))
         origin = np.array([left, top], dtype=np.float64)
-        self._paint_signals(picture, origin, step)
-        self._paint_trails(picture, origin, step)
-        self._paint_vehicles(picture, origin, step)
+        for paint in (self._paint_signals, self._paint_trails, self._paint_vehicles):
+            paint(picture, origin, step)
         self._write(picture, step)
         return picture
 
@@ -233,24 +222,15 @@ class BirdseyeFilm:
             paint_polygons(picture, shapes)
             if Mode(int(state.mode[row])).is_yielding:
                 place = (float(body[row][:, 0].mean()), float(body[row][:, 1].min()) - 3.0)
-                draw.text(
-                    place,
-                    str(state.actor_id[row]),
-                    _OUTLINE,
-                    font(12),
-                    anchor="mb",
-                    stroke_width=2,
-                    stroke_fill="white",
-                )
+                number = str(state.actor_id[row])
+                draw.text(place, number, _OUTLINE, font(12), anchor="mb", stroke_width=2, stroke_fill="white")
 
     def _write(self, picture: Image.Image, step: int) -> None:
         """Title and time at the top, each EMV's state below them, the colours at the bottom."""
         record, state = self._record, self._record.states[step]
         draw = ImageDraw.Draw(picture, "RGBA")
         draw.rectangle((0, 0, SIZE_PX[0], 40), fill=_PANEL)
-        described = record.description
-        title = f"{described.template} · {described.level.name} · seed {described.seed} · {described.map_name}"
-        draw.text((16, 20), title, _OUTLINE, font(18, bold=True), anchor="lm")
+        draw.text((16, 20), title_of(record), _OUTLINE, font(18, bold=True), anchor="lm")
         draw.text((SIZE_PX[0] - 16, 20), f"{state.step * STEP_S:5.1f} s", _OUTLINE, font(18, bold=True), anchor="rm")
         right = SIZE_PX[0] - 130.0
         for row in np.flatnonzero(np.isin(state.actor_id, record.emv_ids))[::-1]:
@@ -283,14 +263,12 @@ def _signal_bars(record: EpisodeRecord, image: MapImage) -> list[tuple[str, int,
     """One bar for each movement with a signal: signal, link, and corners in the map image."""
     bars = []
     for lane, connections in record.network.connections_from.items():
-        signalled = sorted(
-            (item for item in connections if item.signal_id is not None),
-            key=lambda item: (_LEFT_TO_RIGHT.find(item.direction), item.signal_link),
-        )
-        for number, item in enumerate(signalled):
+        signalled = [movement for movement in connections if movement.signal_id is not None]
+        signalled.sort(key=lambda movement: (_LEFT_TO_RIGHT.find(movement.direction), movement.signal_link))
+        for number, movement in enumerate(signalled):
             part = (number / len(signalled), (number + 1) / len(signalled))
             corners = image.to_px(stop_bar(record.network.lanes[lane], *part))
-            bars.append((str(item.signal_id), item.signal_link, corners))
+            bars.append((str(movement.signal_id), movement.signal_link, corners))
     return bars
 
 
@@ -309,7 +287,6 @@ def _legend(record: EpisodeRecord) -> Image.Image:
 
 
 def _scale_bar(draw: ImageDraw.ImageDraw, px_per_m: float) -> None:
-    length_m = 10.0
-    left, bottom = 16.0, SIZE_PX[1] - 13.0
-    draw.rectangle((left, bottom - 5, left + length_m * px_per_m, bottom), fill=_OUTLINE)
-    draw.text((left + length_m * px_per_m + 8, bottom - 2), f"{length_m:g} m", _OUTLINE, font(13), anchor="lm")
+    left, right, bottom = 16.0, 16.0 + 10.0 * px_per_m, SIZE_PX[1] - 13.0
+    draw.rectangle((left, bottom - 5, right, bottom), fill=_OUTLINE)
+    draw.text((right + 8, bottom - 2), "10 m", _OUTLINE, font(13), anchor="lm")

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -45,16 +46,12 @@ def draw_roads(axes: Axes, network: RoadNetwork, line_width: float) -> None:
     order = (LaneKind.SIDEWALK, LaneKind.KERB, LaneKind.SHOULDER, LaneKind.DRIVING)
     for level, kind in enumerate(order):
         outlines = [lane_outline(lane) for lane in network.lanes if lane.kind is kind]
-        axes.add_collection(
-            PolyCollection(outlines, facecolors=LANE_FILL[kind], edgecolors="none", zorder=1 + level / 10)
-        )
+        area = PolyCollection(outlines, facecolors=LANE_FILL[kind], edgecolors="none", zorder=1 + level / 10)
+        axes.add_collection(area)
     junctions = [junction.outline for junction in network.junctions.values() if len(junction.outline) >= 3]
     axes.add_collection(PolyCollection(junctions, facecolors=JUNCTION, edgecolors="none", zorder=1.5))
-    axes.add_collection(
-        PolyCollection(
-            list(network.crossings), facecolors="none", edgecolors=MARKING, hatch="|||", linewidths=0.0, zorder=1.6
-        )
-    )
+    stripes: dict[str, Any] = {"edgecolors": MARKING, "hatch": "|||", "linewidths": 0.0}
+    axes.add_collection(PolyCollection(list(network.crossings), facecolors="none", zorder=1.6, **stripes))
     _draw_markings(axes, network, line_width)
 
 
@@ -78,16 +75,15 @@ def _draw_markings(axes: Axes, network: RoadNetwork, line_width: float) -> None:
     solid: list[Points] = []
     for edge in network.edges:
         lanes = [network.lanes[index] for index in edge.lanes if network.lanes[index].kind in _PAVED]
-        if edge.internal:
+        if edge.internal or not lanes:
             continue
         for right, left in pairwise(lanes):
             both_driven = right.kind is left.kind is LaneKind.DRIVING
             (dashed if both_driven else solid).append(_border(right, 1))
-        if lanes:
-            solid += [_border(lanes[0], -1), _border(lanes[-1], 1)]
+        solid += [_border(lanes[0], -1), _border(lanes[-1], 1)]
     axes.add_collection(LineCollection(solid, colors=ROAD_EDGE, linewidths=line_width * 0.8, zorder=1.7))
-    dashes = (0, (6, 6))
-    axes.add_collection(LineCollection(dashed, colors=MARKING, linewidths=line_width, linestyles=[dashes], zorder=1.7))
+    dashes = [(0, (6, 6))]
+    axes.add_collection(LineCollection(dashed, colors=MARKING, linewidths=line_width, linestyles=dashes, zorder=1.7))
 
 
 @dataclass
@@ -109,14 +105,12 @@ class LabelPlacer:
                 dx = radius * math.cos(math.radians(direction)) * 1.3
                 dy = radius * math.sin(math.radians(direction))
                 centre_x, centre_y = anchor_x + dx * dots, anchor_y + dy * dots
-                half = (width / 2.0, height / 2.0)
-                box = Bbox.from_extents(centre_x - half[0], centre_y - half[1], centre_x + half[0], centre_y + half[1])
+                box = Bbox.from_bounds(centre_x - width / 2.0, centre_y - height / 2.0, width, height)
                 inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1
-                if not inside or any(box.overlaps(other) for other in self.taken):
-                    continue
-                self.taken.append(box)
-                self._draw((x_m, y_m), (dx, dy), text, colour)
-                return True
+                if inside and not any(box.overlaps(other) for other in self.taken):
+                    self.taken.append(box)
+                    self._draw((x_m, y_m), (dx, dy), text, colour)
+                    return True
         return False
 
     def block(self, x_m: float, y_m: float, radius_points: float) -> None:
@@ -126,19 +120,11 @@ class LabelPlacer:
         self.taken.append(Bbox.from_extents(x - reach, y - reach, x + reach, y + reach))
 
     def _draw(self, point: tuple[float, float], offset: tuple[float, float], text: str, colour: str) -> None:
-        self.axes.annotate(
-            text,
-            point,
-            xytext=offset,
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=self.font_size,
-            color=colour,
-            zorder=9,
-            bbox={"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.78},
-            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5, "shrinkA": 0.0, "shrinkB": 2.0},
-        )
+        place: dict[str, Any] = {"xytext": offset, "textcoords": "offset points", "ha": "center", "va": "center"}
+        box: dict[str, Any] = {"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.78}
+        leader: dict[str, Any] = {"arrowstyle": "-", "color": colour, "linewidth": 0.5, "shrinkA": 0.0, "shrinkB": 2.0}
+        look: dict[str, Any] = {"fontsize": self.font_size, "color": colour, "zorder": 9}
+        self.axes.annotate(text, point, **place, **look, bbox=box, arrowprops=leader)
 
 
 def draw_scale_bar(axes: Axes) -> None:
@@ -150,29 +136,12 @@ def draw_scale_bar(axes: Axes) -> None:
     dots_per_m = axes.bbox.width / (x1 - x0)
     point_m = axes.figure.dpi / 72.0 / dots_per_m
     left, bottom = x0 + 12 * point_m, y0 + 10 * point_m
-    for part, colour in ((0, TEXT), (1, "white")):
-        axes.add_patch(
-            Rectangle(
-                (left + part * length / 2.0, bottom),
-                length / 2.0,
-                3.5 * point_m,
-                facecolor=colour,
-                edgecolor=TEXT,
-                linewidth=0.6,
-                zorder=10,
-            )
-        )
-    box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.7}
-    axes.text(
-        left + length + 4 * point_m,
-        bottom + 1.75 * point_m,
-        f"{length:g} m",
-        fontsize=7,
-        color=FAINT_TEXT,
-        va="center",
-        zorder=10,
-        bbox=box,
-    )
+    rim: dict[str, Any] = {"edgecolor": TEXT, "linewidth": 0.6, "zorder": 10}
+    for start, colour in ((left, TEXT), (left + length / 2.0, "white")):
+        axes.add_patch(Rectangle((start, bottom), length / 2.0, 3.5 * point_m, facecolor=colour, **rim))
+    box: dict[str, Any] = {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.7}
+    place = (left + length + 4 * point_m, bottom + 1.75 * point_m)
+    axes.text(*place, f"{length:g} m", fontsize=7, color=FAINT_TEXT, va="center", zorder=10, bbox=box)
 
 
 def draw_vehicles(axes: Axes, states: ActorStates, actors: Mapping[int, ActorDescription], line_width: float) -> None:
@@ -185,9 +154,7 @@ def draw_vehicles(axes: Axes, states: ActorStates, actors: Mapping[int, ActorDes
     ahead = 0.18 * length
     glass_x, glass_y = states.x_m + ahead * np.cos(states.yaw_rad), states.y_m + ahead * np.sin(states.yaw_rad)
     glass = footprint_corners(glass_x, glass_y, states.yaw_rad, 0.14 * length, 0.78 * width)
-    axes.add_collection(
-        PolyCollection(list(bodies), facecolors=colours, edgecolors=TEXT, linewidths=line_width, zorder=6)
-    )
+    axes.add_collection(PolyCollection([*bodies], facecolors=colours, edgecolors=TEXT, linewidths=line_width, zorder=6))
     axes.add_collection(PolyCollection(list(glass), facecolors=(1.0, 1.0, 1.0, 0.75), edgecolors="none", zorder=6.1))
     sounding = (states.lights & Lights.SIREN) != 0
     axes.scatter(states.x_m[sounding], states.y_m[sounding], s=14, marker="*", c="white", linewidths=0.0, zorder=6.2)
@@ -215,13 +182,18 @@ def segments_of(xy_m: Floats) -> Sequence[Floats]:
     return list(np.stack((xy_m[:-1], xy_m[1:]), axis=1))
 
 
+def title_of(record: EpisodeRecord) -> str:
+    """Template, level, seed and map of an episode."""
+    described = record.description
+    return f"{described.template} · {described.level.name} · seed {described.seed} · {described.map_name}"
+
+
 def yielding_actors(record: EpisodeRecord) -> tuple[int, ...]:
     """The civilians that yield, in the order in which they begin."""
     rows = record.rows
-    mode = rows.mode
-    yielding = (mode >= Mode.YIELD_REACTING) & (mode <= Mode.YIELD_HOLD)
+    yielding = rows.select((rows.mode >= Mode.YIELD_REACTING) & (rows.mode <= Mode.YIELD_HOLD))
     first: dict[int, int] = {}
-    for actor_id, step in zip(rows.actor_id[yielding].tolist(), rows.step[yielding].tolist(), strict=True):
+    for actor_id, step in zip(yielding.actor_id.tolist(), yielding.step.tolist(), strict=True):
         first.setdefault(actor_id, step)
     return tuple(sorted(first, key=lambda actor_id: (first[actor_id], actor_id)))
 
@@ -243,51 +215,35 @@ def draw_states(axes: Axes, record: EpisodeRecord, actors: Sequence[int], moment
     for row, actor_id in enumerate(actors):
         is_emv = record.actors[actor_id].is_emv
         for first, last, mode in mode_runs(record.track(actor_id)):
-            colour = EMV_MODE_COLOURS.get(mode, "#b9bec4") if is_emv else colour_of(mode, False)
-            nominal = not is_emv and mode is Mode.NOMINAL
-            axes.barh(
-                row,
-                (last + 1 - first) * STEP_S,
-                left=first * STEP_S,
-                height=0.24 if nominal else 0.62,
-                color="#d5d8dc" if nominal else colour,
-                linewidth=0.0,
-            )
+            colour, height = EMV_MODE_COLOURS.get(mode, "#b9bec4") if is_emv else colour_of(mode, False), 0.62
+            if not is_emv and mode is Mode.NOMINAL:
+                colour, height = "#d5d8dc", 0.24
+            start_s, length_s = first * STEP_S, (last + 1 - first) * STEP_S
+            axes.barh(row, length_s, left=start_s, height=height, color=colour, linewidth=0.0)
     position = {actor_id: row for row, actor_id in enumerate(actors)}
+    rim: dict[str, Any] = {"markersize": 4.5, "markeredgecolor": "white", "markeredgewidth": 0.5}
     for event in record.events:
-        style = EVENT_STYLES.get(event.kind)
-        if style is not None and event.actor_id in position:
-            at = (event.step * STEP_S, position[event.actor_id])
-            axes.plot(
-                *at, marker=style[0], color=style[1], markersize=4.5, markeredgecolor="white", markeredgewidth=0.5
-            )
+        if event.kind in EVENT_STYLES and event.actor_id in position:
+            marker, colour, _ = EVENT_STYLES[event.kind]
+            axes.plot(event.step * STEP_S, position[event.actor_id], marker=marker, color=colour, **rim)
+    above: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "bottom"}
     for number, step in enumerate(moments, start=1):
         axes.axvline(step * STEP_S, color=FAINT_TEXT, linewidth=0.7, linestyle=":", zorder=0)
-        axes.annotate(
-            str(number), (step * STEP_S, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=7
-        )
-    axes.set_yticks(range(len(actors)), [_name(record, actor_id) for actor_id in actors], fontsize=7)
+        axes.annotate(str(number), (step * STEP_S, 1.0), fontsize=7, **above)
+    drawn = [(actor_id, record.actors[actor_id]) for actor_id in actors]
+    names = ["EMV" if actor.is_emv else f"#{key} {actor.actor_class.name.lower()}" for key, actor in drawn]
+    axes.set_yticks(range(len(actors)), names, fontsize=7)
     axes.set_ylim(len(actors) - 0.45, -0.55)
     _plain(axes)
-
-
-def _name(record: EpisodeRecord, actor_id: int) -> str:
-    actor = record.actors[actor_id]
-    return "EMV" if actor.is_emv else f"#{actor_id} {actor.actor_class.name.lower()}"
 
 
 def draw_speeds(axes: Axes, record: EpisodeRecord, actors: Sequence[int]) -> None:
     """Speeds over time, the EMV's in red and prominent, and collisions as crosses."""
     for actor_id in actors:
         track, is_emv = record.track(actor_id), record.actors[actor_id].is_emv
-        axes.plot(
-            track.time_s,
-            track.speed_mps * KMH,
-            color="#d41a1f" if is_emv else "#7d838b",
-            linewidth=1.8 if is_emv else 0.8,
-            alpha=1.0 if is_emv else 0.7,
-            zorder=3 if is_emv else 2,
-        )
+        colour, width, alpha, level = ("#d41a1f", 1.8, 1.0, 3) if is_emv else ("#7d838b", 0.8, 0.7, 2)
+        speed_kmh = track.speed_mps * KMH
+        axes.plot(track.time_s, speed_kmh, color=colour, linewidth=width, alpha=alpha, zorder=level)
     for event in record.events_of(EventKind.COLLISION):
         axes.axvline(event.step * STEP_S, color="#d40000", linewidth=1.0)
     axes.set_ylabel("speed, km/h", fontsize=7.5, color=TEXT)
@@ -298,8 +254,6 @@ def draw_speeds(axes: Axes, record: EpisodeRecord, actors: Sequence[int]) -> Non
 
 
 def _plain(axes: Axes) -> None:
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color("#9aa0a7")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#9aa0a7")
     axes.tick_params(labelsize=7, colors=TEXT, length=2.5)

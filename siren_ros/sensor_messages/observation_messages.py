@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth, to_image_boxes
@@ -15,7 +16,7 @@ from siren_ros.interfaces.transforms import Transform, to_odometry, to_tf
 from siren_ros.sensor_messages.sensor_topics import EMV, SENSOR_MESSAGES, Carrier, optical_frame
 from siren_ros.sensors.camera.camera import CameraFrame
 from siren_ros.sensors.rig import Observations
-from siren_ros.sensors.specification import CameraSpec
+from siren_ros.sensors.specification import CameraSpec, SensorSpec
 from siren_ros.sensors.suite import LabelKinds, SensorSuite
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.carrier import BASE_FRAME, ODOM_FRAME, CameraTruth, GroundTruth, Odometry
@@ -48,63 +49,54 @@ class ObservationMessages:
         if seen.truth is not None:
             yield from self._labels(replace(seen.truth, frame_id=frame(seen.truth.frame_id)))
         for sweep in seen.sweeps:
-            period = next(spec.period_steps for spec in self.suite.lidars if spec.name == sweep.sensor)
-            cloud = to_point_cloud(step, frame(sweep.sensor), sweep.points)
-            yield self._own(topics.LIDAR.of_sensor(sweep.sensor, period)), cloud
+            lidar = next(spec for spec in self.suite.lidars if spec.name == sweep.sensor)
+            yield self._topic(topics.LIDAR, lidar), to_point_cloud(step, frame(sweep.sensor), sweep.points)
         for exposure in seen.frames:
             yield from self._images(exposure, seen.labels.get(exposure.sensor))
         for spec, measured in seen.others:
             entry = SENSOR_MESSAGES[type(spec)]
-            topic = self._own(entry.topic.of_sensor(spec.name, spec.period_steps))
-            yield topic, entry.to_message(replace(measured, frame_id=frame(measured.frame_id)))
+            message = entry.to_message(replace(measured, frame_id=frame(measured.frame_id)))
+            yield self._topic(entry.topic, spec), message
 
     def odometry(self, step: int, odometry: Odometry) -> Published:
         """The odometry of the carrier."""
         frame = self.carrier.frame
-        return self._own(topics.ODOMETRY), to_odometry(step, odometry, frame(ODOM_FRAME), frame(BASE_FRAME))
+        return self._topic(topics.ODOMETRY), to_odometry(step, odometry, frame(ODOM_FRAME), frame(BASE_FRAME))
 
     def _labels(self, truth: GroundTruth) -> Iterator[Published]:
         if truth.step % topics.GROUND_TRUTH.period_steps == 0:
-            yield self._own(topics.GROUND_TRUTH), to_ground_truth(truth)
+            yield self._topic(topics.GROUND_TRUTH), to_ground_truth(truth)
         if truth.step % topics.BOXES.period_steps == 0:
-            yield self._own(topics.BOXES), to_boxes(boxes_of(truth, truth.frame_id))
+            yield self._topic(topics.BOXES), to_boxes(boxes_of(truth, truth.frame_id))
 
     def label_kinds(self, camera: CameraSpec) -> LabelKinds:
         """Labels of a camera that the suite records or that somebody listens to."""
-        period, recorded = camera.period_steps, LabelKinds.of(self.suite, camera)
-        depth = self._own(topics.IMAGE_DEPTH.of_sensor(camera.name, period))
-        instance = self._own(topics.IMAGE_INSTANCE.of_sensor(camera.name, period))
+        recorded = LabelKinds.of(self.suite, camera)
+        depth, instance = (self._topic(topic, camera) for topic in (topics.IMAGE_DEPTH, topics.IMAGE_INSTANCE))
         return LabelKinds(
             recorded.depth or self.wants_raw(depth), recorded.instance or self.wants_raw(instance), recorded.boxes
         )
 
     def _images(self, frame: CameraFrame, labels: CameraTruth | None) -> Iterator[Published]:
         spec = next(camera for camera in self.suite.cameras if camera.name == frame.sensor)
-        period, frame_id = spec.period_steps, self.carrier.frame(optical_frame(spec.name))
-        compressed = topics.IMAGE_COMPRESSED.of_sensor(spec.name, period)
-        yield self._own(compressed), to_compressed_image(frame.step, frame_id, frame.jpeg)
-        info = topics.CAMERA_INFO.of_sensor(spec.name, period)
-        yield self._own(info), to_camera_info(frame.step, frame_id, spec.intrinsics)
-        raw = self._own(topics.IMAGE.of_sensor(spec.name, period))
-        if self.wants_raw(raw):
-            yield raw, to_image(frame.step, frame_id, frame.rgb)
-        image = frame.image
-        semantic = self._own(topics.IMAGE_SEMANTIC.of_sensor(spec.name, period).if_recorded(spec.semantic))
-        if semantic.recorded or self.wants_raw(semantic):
-            yield semantic, to_image(frame.step, frame_id, image.semantic)
-        if image.depth_m is not None:
-            depth = self._own(topics.IMAGE_DEPTH.of_sensor(spec.name, period).if_recorded(spec.depth))
-            if depth.recorded or self.wants_raw(depth):
-                yield depth, to_image(frame.step, frame_id, image.depth_m)
-        if image.instance is not None:
-            instance = self._own(topics.IMAGE_INSTANCE.of_sensor(spec.name, period).if_recorded(spec.instance))
-            if instance.recorded or self.wants_raw(instance):
-                yield instance, to_image(frame.step, frame_id, image.instance.astype(np.uint16))
+        step, frame_id, image = frame.step, self.carrier.frame(optical_frame(spec.name)), frame.image
+        yield self._topic(topics.IMAGE_COMPRESSED, spec), to_compressed_image(step, frame_id, frame.jpeg)
+        yield self._topic(topics.CAMERA_INFO, spec), to_camera_info(step, frame_id, spec.intrinsics)
+        raw: tuple[tuple[Topic, bool, Callable[[], npt.NDArray[Any] | None]], ...] = (
+            (topics.IMAGE, False, lambda: frame.rgb),
+            (topics.IMAGE_SEMANTIC, spec.semantic, lambda: image.semantic),
+            (topics.IMAGE_DEPTH, spec.depth, lambda: image.depth_m),
+            (topics.IMAGE_INSTANCE, spec.instance, lambda: image.instance),
+        )
+        for kind, recorded, pixels_of in raw:
+            topic = self._topic(kind.if_recorded(recorded), spec)
+            if (recorded or self.wants_raw(topic)) and (pixels := pixels_of()) is not None:
+                yield topic, to_image(step, frame_id, pixels.astype(np.uint16) if pixels.dtype == np.uint32 else pixels)
         if labels is not None:
-            truth = self._own(topics.IMAGE_TRUTH.of_sensor(spec.name, period))
-            yield truth, to_camera_truth(labels, frame_id)
-            boxes = self._own(topics.IMAGE_BOXES.of_sensor(spec.name, period))
-            yield boxes, to_image_boxes(labels, frame_id)
+            yield self._topic(topics.IMAGE_TRUTH, spec), to_camera_truth(labels, frame_id)
+            yield self._topic(topics.IMAGE_BOXES, spec), to_image_boxes(labels, frame_id)
 
-    def _own(self, topic: Topic) -> Topic:
-        return topic.of_carrier(self.carrier.name)
+    def _topic(self, topic: Topic, spec: SensorSpec | None = None) -> Topic:
+        """The topic of this carrier, or of one of its sensors."""
+        of_sensor = topic if spec is None else topic.of_sensor(spec.name, spec.period_steps)
+        return of_sensor.of_carrier(self.carrier.name)

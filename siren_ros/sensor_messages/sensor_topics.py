@@ -162,10 +162,10 @@ def camera_topics(camera: CameraSpec, suite: SensorSuite) -> tuple[Topic, ...]:
 
 def recorded_topics(suite: SensorSuite, av_suite: SensorSuite | None = None) -> tuple[Topic, ...]:
     """All topics of an episode's bag, in the order of a step's messages; ``av_suite`` is that of an AV under test."""
-    every = (*topics.CORE_TOPICS, *topics.CARRIER_TOPICS, *suite_topics(suite))
+    of_episode = (*topics.CORE_TOPICS, *topics.CARRIER_TOPICS, *suite_topics(suite))
     if av_suite is not None:
-        every = (*every, *topics.AV_TOPICS, *topics.AV_CARRIER_TOPICS, *suite_topics(av_suite, AV))
-    return tuple(topic for topic in every if topic.recorded)
+        of_episode = (*of_episode, *topics.AV_TOPICS, *topics.AV_CARRIER_TOPICS, *suite_topics(av_suite, AV))
+    return tuple(topic for topic in of_episode if topic.recorded)
 
 
 def carriers_of(episode: EpisodeDescription) -> tuple[tuple[Carrier, int, SensorSuite], ...]:

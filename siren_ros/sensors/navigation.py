@@ -154,13 +154,8 @@ def specific_force(before: PlanarMotion | None, now: PlanarMotion, lever_m: Floa
         spin = (now.yaw_rate_radps - before.yaw_rate_radps) / elapsed_s
     cos, sin = np.cos(now.yaw_rad), np.sin(now.yaw_rad)
     x, y, square = lever_m[0], lever_m[1], now.yaw_rate_radps**2
-    return np.array(
-        [
-            cos * ax + sin * ay - spin * y - square * x,
-            cos * ay - sin * ax + spin * x - square * y,
-            STANDARD_GRAVITY_MPS2,
-        ]
-    )
+    along, across = cos * ax + sin * ay - spin * y - square * x, cos * ay - sin * ax + spin * x - square * y
+    return np.array([along, across, STANDARD_GRAVITY_MPS2])
 
 
 class Imu:
@@ -183,14 +178,10 @@ class Imu:
         bias = self._bias.at(now.step)
         noise = sensor_generator(self._seed, spec.name, now.step).standard_normal(6)
         rate = sensor_from_base @ np.array([0.0, 0.0, now.yaw_rate_radps])
-        return ImuSample(
-            step=now.step,
-            frame_id=spec.name,
-            specific_force_mps2=sensor_from_base @ force + bias[:3] + noise[:3] * spec.accel_noise_stddev_mps2,
-            angular_rate_radps=rate + bias[3:] + noise[3:] * spec.gyro_noise_stddev_radps,
-            force_variance=spec.accel_noise_stddev_mps2**2,
-            rate_variance=spec.gyro_noise_stddev_radps**2,
-        )
+        measured_force = sensor_from_base @ force + bias[:3] + noise[:3] * spec.accel_noise_stddev_mps2
+        measured_rate = rate + bias[3:] + noise[3:] * spec.gyro_noise_stddev_radps
+        variances = (spec.accel_noise_stddev_mps2**2, spec.gyro_noise_stddev_radps**2)
+        return ImuSample(now.step, spec.name, measured_force, measured_rate, *variances)
 
 
 @dataclass(frozen=True)
@@ -249,18 +240,13 @@ class WheelOdometry:
             self._integrate(self._before[1], now, (step - self._before[0]) * STEP_S, slip_mps, spin_radps)
         self._before = step, now
         velocity = self._scale * np.array([now.forward_mps, now.left_mps]) + slip_mps
+        forward_mps, left_mps = velocity.tolist()
         twist_covariance = np.zeros((3, 3))
         twist_covariance[:2, :2] = np.outer(velocity, velocity) * spec.scale_stddev**2
         twist_covariance[:2, :2] += np.eye(2) * spec.speed_noise_stddev_mps**2
         twist_covariance[2, 2] = spec.gyro_bias_stddev_radps**2 + spec.gyro_noise_stddev_radps**2
-        return Odometry(
-            *self._pose,
-            forward_mps=float(velocity[0]),
-            left_mps=float(velocity[1]),
-            yaw_rate_radps=now.yaw_rate_radps + spin_radps,
-            pose_covariance=self._covariance[:3, :3].copy(),
-            twist_covariance=twist_covariance,
-        )
+        twist = (forward_mps, left_mps, now.yaw_rate_radps + spin_radps)
+        return Odometry(*self._pose, *twist, self._covariance[:3, :3].copy(), twist_covariance)
 
     def _integrate(
         self, before: VehicleMotion, now: VehicleMotion, elapsed_s: float, slip_mps: Floats, spin_radps: float

@@ -142,20 +142,18 @@ class SensorRig:
         if self._cameras is None:
             self._cameras = ()
             if self._static is not None and self.suite.cameras:
-                renderer = self._renderer(self._static)
+                renderer: Renderer | RaycastRenderer
+                try:
+                    renderer = Renderer(self._static, self._shapes, self._look)
+                except RendererUnavailableError as error:
+                    self.notes = (f"{error}; the cameras cast rays instead: slower, without shadows and textures",)
+                    renderer = RaycastRenderer(self._static, self._shapes, self._look)
                 self._device = renderer.device
                 encoder = ThreadPoolExecutor(1, "jpeg")
                 self._cameras = tuple(Camera(spec, renderer, self._seed, encoder) for spec in self.suite.cameras)
             no_vehicles = self._catalogue.place(ActorStates.empty(0), {})
             for sweep in [*self._sweeps(0, np.eye(4), no_vehicles, CarrierMotion())]:
                 sweep()
-
-    def _renderer(self, static: StaticScene) -> Renderer | RaycastRenderer:
-        try:
-            return Renderer(static, self._shapes, self._look)
-        except RendererUnavailableError as error:
-            self.notes = (f"{error}; the cameras cast rays instead: slower, without shadows and textures",)
-            return RaycastRenderer(static, self._shapes, self._look)
 
     def observe(
         self,
@@ -190,27 +188,19 @@ class SensorRig:
             return Sensing(under_way=False, finish=lambda: nothing)
         base, velocity = motion
         placement = self._catalogue.place(states, descriptions, hidden_id=hidden)
-        others = states.actor_id != hidden
-        exposed = tuple(self._expose(step, base, placement, rolled_m[others], signals))
+        exposed = tuple(self._expose(step, base, placement, rolled_m[states.actor_id != hidden], signals))
         swept = tuple(self._sweeps(step, base, placement, velocity))
-        measured = Observations(
-            step=step,
-            sweeps=(),
-            frames=(),
-            truth=None,
-            others=self._measured(CarrierView(states, base, _row_of(states, carrier_id))),
-        )
+        view = CarrierView(states, base, _row_of(states, carrier_id))
+        # Every sensor measures at every step, since some differentiate the motion.
+        measured = [(spec, measure(view)) for spec, measure in self._others]
+        others = tuple(item for item in measured if step % item[0].period_steps == 0)
 
         def finish() -> Observations:
             sweeps = tuple(sweep() for sweep in swept)
             frames = tuple(develop() for develop in exposed)
-            return replace(
-                measured,
-                sweeps=sweeps,
-                frames=frames,
-                truth=self._truth(states, descriptions, hidden, base, sweeps),
-                labels=self._labels(frames, base, placement, descriptions),
-            )
+            truth = self._truth(states, descriptions, hidden, base, sweeps)
+            labels = self._labels(frames, base, placement, descriptions)
+            return Observations(step, sweeps, frames, truth, labels, others)
 
         return Sensing(under_way=bool(exposed or swept), finish=finish)
 
@@ -225,11 +215,6 @@ class SensorRig:
         vx_mps, vy_mps, turn = (float(values[row]) for values in (states.vx_mps, states.vy_mps, states.yaw_rate_radps))
         return map_from_base(x_m, y_m, z_m, yaw_rad), CarrierMotion(vx_mps, vy_mps, turn)
 
-    def _measured(self, view: CarrierView) -> tuple[tuple[SensorSpec, Any], ...]:
-        """Measurements that are due. Every sensor measures at every step, since some differentiate the motion."""
-        measured = [(spec, measure(view)) for spec, measure in self._others]
-        return tuple(item for item in measured if view.states.step % item[0].period_steps == 0)
-
     def _labels(
         self,
         frames: tuple[CameraFrame, ...],
@@ -238,22 +223,15 @@ class SensorRig:
         descriptions: Mapping[int, ActorDescription],
     ) -> dict[str, CameraTruth]:
         cameras = {spec.name: spec for spec in self.suite.cameras}
-        labelled = [frame for frame in frames if self._label_kinds(cameras[frame.sensor]).boxes]
-        if not labelled:
-            return {}
         is_emv = np.array([descriptions[int(actor_id)].is_emv for actor_id in placement.actor_id], dtype=np.bool_)
-        return {
-            frame.sensor: self._labeller.label(
-                frame.step,
-                frame.camera,
-                base @ cameras[frame.sensor].mount.base_from_sensor,
-                placement,
-                frame.image.instance,
-                is_emv,
-            )
-            for frame in labelled
-            if frame.image.instance is not None
-        }
+        labels = {}
+        for frame in frames:
+            camera, instance = cameras[frame.sensor], frame.image.instance
+            if self._label_kinds(camera).boxes and instance is not None:
+                pose = base @ camera.mount.base_from_sensor
+                label = self._labeller.label(frame.step, frame.camera, pose, placement, instance, is_emv)
+                labels[frame.sensor] = label
+        return labels
 
     def _truth(
         self,

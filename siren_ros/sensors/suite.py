@@ -83,8 +83,11 @@ def load_suite(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> SensorSu
     """
     top = files.read("sensors", "suites", name_or_path).mapping()
     sensors = {section: _specs(top, section) for section in SENSOR_TYPES}
-    every = [spec for specs in sensors.values() for spec in specs]
-    _check_names(top, [spec.name for spec in every])
+    names = [spec.name for specs in sensors.values() for spec in specs]
+    if len(names) > MAX_SENSORS:
+        raise InputError(top.where(""), f"{len(names)} sensors", f"at most {MAX_SENSORS}")
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(top.where("name"), twice[0], "each sensor name once")
     suite = SensorSuite(
         name=Path(name_or_path).stem,
         lidars=sensors.pop("lidars"),
@@ -100,14 +103,6 @@ def load_suite(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> SensorSu
             top.where("station"), " or ".join(moving), f"a suite without {' and '.join(moving)}, which move"
         )
     return suite
-
-
-def _check_names(top: StrictMapping, names: list[str]) -> None:
-    if len(names) > MAX_SENSORS:
-        raise InputError(top.where(""), f"{len(names)} sensors", f"at most {MAX_SENSORS}")
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(top.where("name"), name, "each sensor name once")
 
 
 def _station(top: StrictMapping) -> Station:
@@ -135,10 +130,8 @@ def _mount(section: StrictMapping) -> Mount:
 
 def _specs(top: StrictMapping, section: str) -> tuple[Any, ...]:
     """All sensors of a section, in the order of the file."""
-    if not top.has(section):
-        return ()
-    sensors = top.mapping(section)
-    return tuple(_spec(SENSOR_TYPES[section].spec, name, sensors) for name in sensors.values)
+    sensors = top.mapping(section) if top.has(section) else None
+    return tuple(_spec(SENSOR_TYPES[section].spec, name, sensors) for name in sensors.values) if sensors else ()
 
 
 def _spec(kind: type[Any], name: str, sensors: StrictMapping) -> Any:

@@ -116,9 +116,9 @@ def _scan(instance: Array, actor_id: Array, count: Array, bounds: Array) -> None
             if value != last:
                 last, row = value, -1
                 if value != 0:
-                    found = np.searchsorted(actor_id, value)
-                    if found < actor_id.shape[0] and actor_id[found] == value:
-                        row = found
+                    place = np.searchsorted(actor_id, value)
+                    if place < actor_id.shape[0] and actor_id[place] == value:
+                        row = place
             if row >= 0:
                 count[row] += 1
                 bounds[row, 0] = min(bounds[row, 0], u)

@@ -1,6 +1,4 @@
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +26,7 @@ def _truth(count: int) -> GroundTruth:
 
 
 @pytest.mark.parametrize("count", [0, 3])
-def test_boxes_come_back(round_trip: Callable[[object], Any], count: int) -> None:
+def test_boxes_come_back(round_trip, count):
     boxes = boxes_of(_truth(count), "lidar")
     back = from_boxes(round_trip(to_boxes(boxes)))
     assert (back.step, back.frame_id, back.class_names) == (4, "lidar", ("van",) * count)
@@ -49,7 +47,7 @@ def _actor(actor_id: int, is_emv: bool = False) -> ActorDescription:
     return ActorDescription(actor_id, f"v{actor_id}", ActorClass.SEDAN, 4.6, 1.8, 1.4, (51, 102, 204), is_emv)
 
 
-def test_markers_show_the_emv_the_yielding_and_the_rest() -> None:
+def test_markers_show_the_emv_the_yielding_and_the_rest():
     states = _states([Mode.ROUTE_FOLLOW, Mode.YIELD_LANE_CHANGE, Mode.NOMINAL])
     actors = {1: _actor(1, is_emv=True), 2: _actor(2), 3: _actor(3)}
     markers = vehicle_markers(states, actors)
@@ -65,7 +63,7 @@ def test_markers_show_the_emv_the_yielding_and_the_rest() -> None:
     assert label.text == "route follow  36 km/h"
 
 
-def test_markers_come_back(round_trip: Callable[[object], Any]) -> None:
+def test_markers_come_back(round_trip):
     markers = vehicle_markers(_states([Mode.NOMINAL, Mode.YIELD_HOLD]), {1: _actor(1, is_emv=True), 2: _actor(2)})
     back = from_markers(round_trip(to_markers(8, markers)))
     assert [marker.text for marker in back] == [marker.text for marker in markers]
@@ -75,12 +73,12 @@ def test_markers_come_back(round_trip: Callable[[object], Any]) -> None:
         assert read.colour == pytest.approx(made.colour, abs=1e-6)
 
 
-def test_every_yielding_mode_has_a_colour_of_its_own() -> None:
+def test_every_yielding_mode_has_a_colour_of_its_own():
     yielding = [mode for mode in Mode if mode.is_yielding]
     assert len({MODE_COLOURS[mode] for mode in yielding}) == len(yielding)
 
 
-def test_a_box_is_turned_as_its_vehicle_and_a_text_is_upright_above_it() -> None:
+def test_a_box_is_turned_as_its_vehicle_and_a_text_is_upright_above_it():
     states = replace(
         _states([Mode.NOMINAL]), x_m=np.array([3.0]), y_m=np.array([-4.0]), z_m=np.array([0.5]), yaw_rad=np.array([1.2])
     )
@@ -101,7 +99,7 @@ def test_a_box_is_turned_as_its_vehicle_and_a_text_is_upright_above_it() -> None
 
 
 @pytest.mark.parametrize("count", [0, 3])
-def test_detections_come_back(round_trip: Callable[[object], Any], count: int) -> None:
+def test_detections_come_back(round_trip, count):
     random = np.random.default_rng(2)
     boxes = SpaceBoxes(
         step=40,

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -136,7 +135,7 @@ def same(left: Any, right: Any) -> bool:
 
 @settings(deadline=None)
 @given(values)
-def test_round_trip(value: Any) -> None:
+def test_round_trip(value):
     type_name, convert = PAIRS[type(value)]
     read = READERS[type_name]
     message = convert(value)
@@ -147,7 +146,7 @@ def test_round_trip(value: Any) -> None:
     assert same(read(as_any_ros_program_reads_it), value)
 
 
-def test_every_part_of_a_traffic_state_keeps_its_place() -> None:
+def test_every_part_of_a_traffic_state_keeps_its_place():
     actor = ActorDescription(3, "a", ActorClass.VAN, 5.5, 2.0, 2.25, (1, 2, 3), is_emv=True)
     event = Event(4, EventKind.COLLISION, 5, 6, 7.5, 8.25, {"impact_speed_mps": 1.5})
     value = TrafficState(
@@ -164,34 +163,32 @@ def test_every_part_of_a_traffic_state_keeps_its_place() -> None:
     assert [one.speed_without_control_mps for one in message.emvs] == [3.25, 9.75]
 
 
-def test_every_own_message_has_a_reader() -> None:
+def test_every_own_message_has_a_reader():
     folder = REPOSITORY / "msg_defs" / "msg"
     assert {f"siren_msgs/msg/{path.stem}" for path in folder.glob("*.msg")} == set(READERS)
 
 
 @pytest.mark.parametrize("step", [0, 1, 19, 20, 12345])
-def test_stamps_are_simulated_time(step: int) -> None:
+def test_stamps_are_simulated_time(step):
     message = conversions.to_actor_states(ActorStates.empty(step))
     assert math.isclose(message.stamp.sec + message.stamp.nanosec * 1e-9, step * 0.05)
 
 
 @given(st.integers(0, 10**6), st.integers(0, 2**64 - 1), st.lists(events, max_size=3).map(tuple))
-def test_the_events_of_a_step_keep_its_state_hash(
-    round_trip: Callable[[object], object], step: int, state_hash: int, some: tuple[Event, ...]
-) -> None:
+def test_the_events_of_a_step_keep_its_state_hash(round_trip, step, state_hash, some):
     message = round_trip(conversions.to_events(step, state_hash, some))
     assert conversions.from_events(message) == (step, state_hash, some)
 
 
 @pytest.mark.parametrize("detail", ["", "{", "[1]", "null", "[" * 100_000, "1" * 10_000])
-def test_text_that_is_no_json_object_is_an_input_error(detail: str) -> None:
+def test_text_that_is_no_json_object_is_an_input_error(detail):
     message = conversions.to_event(Event(0, EventKind.COLLISION, 1))
     message.detail = detail
     with pytest.raises(InputError):
         conversions.from_event(message)
 
 
-def test_an_unknown_code_is_an_input_error() -> None:
+def test_an_unknown_code_is_an_input_error():
     message = conversions.to_event(Event(0, EventKind.COLLISION, 1))
     message.kind = "resurrection"
     with pytest.raises(InputError, match="resurrection"):
@@ -205,7 +202,7 @@ def stamp_ns(message: Any) -> int:
 
 
 @given(value=values)
-def test_a_stamp_is_the_simulated_time_of_its_step(value: Any) -> None:
+def test_a_stamp_is_the_simulated_time_of_its_step(value):
     message = PAIRS[type(value)][1](value)
     if isinstance(value, EpisodeClosing | EpisodeOutcome):
         assert stamp_ns(message) == max(value.steps - 1, 0) * 50_000_000
@@ -216,7 +213,7 @@ def test_a_stamp_is_the_simulated_time_of_its_step(value: Any) -> None:
 
 
 @pytest.mark.parametrize(("steps", "time_ns"), [(0, 0), (1, 0), (2, 50_000_000), (800, 39_950_000_000)])
-def test_the_end_of_an_episode_has_the_time_of_its_last_step(steps: int, time_ns: int) -> None:
+def test_the_end_of_an_episode_has_the_time_of_its_last_step(steps, time_ns):
     closing = EpisodeClosing(steps, EpisodeEnd.COMPLETE, "")
     outcome = EpisodeOutcome(EpisodeEnd.COMPLETE, "", steps, None)
     assert stamp_ns(episode_conversions.to_episode_end(closing)) == time_ns

@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -37,39 +36,37 @@ from siren_ros.world.measurements import AudioChunk, CameraIntrinsics, GnssFix, 
     ("shape", "dtype", "encoding"),
     [((3, 5, 3), "u1", "rgb8"), ((3, 5), "u1", "mono8"), ((3, 5), "<u2", "mono16"), ((3, 5), "<f4", "32FC1")],
 )
-def test_pixels_come_back_as_they_were(
-    round_trip: Callable[[object], Any], shape: tuple[int, ...], dtype: str, encoding: str
-) -> None:
+def test_pixels_come_back_as_they_were(round_trip, shape, dtype, encoding):
     pixels = np.arange(np.prod(shape)).reshape(shape).astype(dtype)
     message = round_trip(to_image(7, "camera_front_optical_frame", pixels))
     assert message.encoding == encoding
     assert np.array_equal(from_image(message), pixels)
 
 
-def test_a_transposed_image_is_stored_in_reading_order() -> None:
+def test_a_transposed_image_is_stored_in_reading_order():
     pixels = np.arange(24, dtype=np.uint8).reshape(4, 2, 3).transpose(1, 0, 2)
     assert np.array_equal(from_image(to_image(0, "camera", pixels)), pixels)
 
 
-def test_refuses_pixels_of_an_unknown_kind() -> None:
+def test_refuses_pixels_of_an_unknown_kind():
     with pytest.raises(InputError, match="pixels"):
         to_image(0, "camera", np.zeros((2, 2, 4), np.uint8))
 
 
 @pytest.mark.parametrize("change", [{"encoding": "yuv422"}, {"height": 9}, {"step": 1}, {"is_bigendian": 1}])
-def test_refuses_images_that_do_not_fit(change: dict[str, object]) -> None:
+def test_refuses_images_that_do_not_fit(change):
     message = to_image(0, "camera", np.zeros((2, 2, 3), np.uint8))
     with pytest.raises(InputError, match="image"):
         from_image(replace(message, **change))
 
 
-def test_jpeg_bytes_pass_unchanged(round_trip: Callable[[object], Any]) -> None:
+def test_jpeg_bytes_pass_unchanged(round_trip):
     jpeg = bytes(range(256))
     message = round_trip(to_compressed_image(2, "camera", jpeg))
     assert (message.format, from_compressed_image(message)) == ("jpeg", jpeg)
 
 
-def test_intrinsics_come_back(round_trip: Callable[[object], Any]) -> None:
+def test_intrinsics_come_back(round_trip):
     camera = CameraIntrinsics(800, 600, 335.6, 336.7, 400.0, 300.0)
     message = round_trip(to_camera_info(1, "camera", camera))
     assert from_camera_info(message) == camera
@@ -92,7 +89,7 @@ def _sweep(count: int, seed: int = 0) -> npt.NDArray[np.void]:
 
 @SHARED_FIXTURES
 @given(count=st.integers(0, 200), step=st.integers(0, 10**6))
-def test_a_sweep_comes_back_as_it_was(round_trip: Callable[[object], Any], count: int, step: int) -> None:
+def test_a_sweep_comes_back_as_it_was(round_trip, count, step):
     points = _sweep(count)
     message = round_trip(to_point_cloud(step, "lidar", points))
     assert message.header.frame_id == "lidar"
@@ -102,7 +99,7 @@ def test_a_sweep_comes_back_as_it_was(round_trip: Callable[[object], Any], count
     assert np.array_equal(back, points)
 
 
-def test_a_point_takes_24_bytes_and_the_fields_say_where() -> None:
+def test_a_point_takes_24_bytes_and_the_fields_say_where():
     message = to_point_cloud(0, "lidar", _sweep(3))
     assert message.point_step == 24
     assert [(field.name, field.offset) for field in message.fields] == [
@@ -116,12 +113,12 @@ def test_a_point_takes_24_bytes_and_the_fields_say_where() -> None:
     ]
 
 
-def test_wider_instances_are_kept(round_trip: Callable[[object], Any]) -> None:
+def test_wider_instances_are_kept(round_trip):
     points = np.array([(1.5, 70_000)], dtype=[("x", "<f4"), ("instance", "<u4")])
     assert from_point_cloud(round_trip(to_point_cloud(0, "lidar", points)))["instance"][0] == 70_000
 
 
-def test_reads_big_endian_rows_with_padding() -> None:
+def test_reads_big_endian_rows_with_padding():
     message = to_point_cloud(0, "lidar", np.array([(1.0,), (2.0,)], dtype=[("x", "<f4")]))
     rows = np.zeros((2, 6), np.uint8)
     rows[:, :4] = np.array([[3.5], [-7.0]], dtype=">f4").view(np.uint8)
@@ -130,7 +127,7 @@ def test_reads_big_endian_rows_with_padding() -> None:
 
 
 @pytest.mark.parametrize("count", [2, 3])
-def test_a_field_of_several_numbers_has_an_axis(count: int) -> None:
+def test_a_field_of_several_numbers_has_an_axis(count):
     message = to_point_cloud(
         0, "lidar", np.array([(1.0, 2.0, 3.0), (4.0, 5.0, 6.0)], dtype=[(n, "<f4") for n in "xyz"])
     )
@@ -141,19 +138,19 @@ def test_a_field_of_several_numbers_has_an_axis(count: int) -> None:
 @pytest.mark.parametrize(
     "change", [{"data": np.zeros(5, np.uint8)}, {"point_step": 2}, {"row_step": 1}, {"width": 2**31}, {"height": 3}]
 )
-def test_refuses_clouds_whose_sizes_do_not_fit(change: dict[str, object]) -> None:
+def test_refuses_clouds_whose_sizes_do_not_fit(change):
     message = to_point_cloud(0, "lidar", _sweep(4))
     with pytest.raises(InputError, match="point cloud"):
         from_point_cloud(replace(message, **change))
 
 
-def test_refuses_fields_without_a_ros_type() -> None:
+def test_refuses_fields_without_a_ros_type():
     with pytest.raises(InputError, match=r"points\.t"):
         to_point_cloud(0, "lidar", np.zeros(2, dtype=[("t", "<i8")]))
 
 
 @pytest.mark.parametrize("kind", ["f4", "f8", "u2", "i4"])
-def test_big_endian_numbers_are_refused_and_little_endian_ones_taken(kind: str) -> None:
+def test_big_endian_numbers_are_refused_and_little_endian_ones_taken(kind):
     """The message says once for all fields that it is little-endian."""
     with pytest.raises(InputError, match=r"points\.x.*little-endian"):
         to_point_cloud(0, "lidar", np.zeros(2, dtype=[("x", f">{kind}")]))
@@ -168,7 +165,7 @@ def through_cdr(message: Any, type_name: str) -> Any:
     return STORE.deserialize_cdr(STORE.serialize_cdr(message, type_name), type_name)
 
 
-def test_an_imu_reading_survives_and_says_that_it_has_no_orientation() -> None:
+def test_an_imu_reading_survives_and_says_that_it_has_no_orientation():
     reading = ImuSample(7, "imu", np.array([0.1, -0.2, 9.8]), np.array([0.0, 0.0, 0.3]), 4e-4, 1e-6)
     message = through_cdr(to_imu(reading), "sensor_msgs/msg/Imu")
     assert message.orientation_covariance[0] == -1.0
@@ -181,7 +178,7 @@ def test_an_imu_reading_survives_and_says_that_it_has_no_orientation() -> None:
     assert (back.force_variance, back.rate_variance) == (4e-4, 1e-6)
 
 
-def test_a_fix_survives_with_its_covariance() -> None:
+def test_a_fix_survives_with_its_covariance():
     fix = GnssFix(4, "gnss", 49.001, 8.4, 1.9, np.array([1.0, 2.0, 3.0]))
     message = through_cdr(to_nav_sat_fix(fix), "sensor_msgs/msg/NavSatFix")
     assert message.position_covariance.tolist() == [1.0, 0, 0, 0, 2.0, 0, 0, 0, 3.0]
@@ -191,7 +188,7 @@ def test_a_fix_survives_with_its_covariance() -> None:
     assert back.variance_m2.tolist() == [1.0, 2.0, 3.0]
 
 
-def test_sound_survives() -> None:
+def test_sound_survives():
     samples = np.arange(-400, 400, dtype=np.int16)
     back = from_audio(through_cdr(to_audio(AudioChunk(3, "ear", 16_000, samples)), "siren_msgs/msg/AudioChunk"))
     assert (back.step, back.frame_id, back.sample_rate_hz) == (3, "ear", 16_000)
@@ -212,7 +209,7 @@ def labels() -> CameraTruth:
     return CameraTruth(step=12, **values)
 
 
-def test_labels_of_a_picture_survive() -> None:
+def test_labels_of_a_picture_survive():
     truth = labels()
     message = through_cdr(to_camera_truth(truth, "camera"), "siren_msgs/msg/CameraTruth")
     back = from_camera_truth(message)
@@ -221,7 +218,7 @@ def test_labels_of_a_picture_survive() -> None:
         assert getattr(back, name).tolist() == getattr(truth, name).tolist()
 
 
-def test_only_what_shows_becomes_a_detection() -> None:
+def test_only_what_shows_becomes_a_detection():
     message = through_cdr(to_image_boxes(labels(), "camera"), "vision_msgs/msg/Detection2DArray")
     assert [detection.id for detection in message.detections] == ["1"]
     found = message.detections[0]

@@ -1,7 +1,6 @@
 """Message types of the installation, and what all conversions build on."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,13 +42,13 @@ from siren_ros.world.measurements import AudioChunk, CameraIntrinsics, GnssFix, 
 
 
 @pytest.mark.parametrize("time_ns", [0, 50_000_000, 1_000_000_000, 2_999_999_999])
-def test_a_stamp_comes_back(time_ns: int) -> None:
+def test_a_stamp_comes_back(time_ns):
     message = messages.stamp(time_ns)
     assert messages.time_ns_of(message) == time_ns
     assert 0 <= message.nanosec < 10**9
 
 
-def test_the_installed_definitions_are_those_of_the_repository() -> None:
+def test_the_installed_definitions_are_those_of_the_repository():
     sources = {
         "siren_msgs": REPOSITORY / "msg_defs" / "msg",
         "vision_msgs": REPOSITORY / "tools" / "environment" / "interfaces" / "vision_msgs" / "msg",
@@ -62,7 +61,7 @@ def test_the_installed_definitions_are_those_of_the_repository() -> None:
     ]
 
 
-def test_a_package_is_looked_for_in_every_prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_package_is_looked_for_in_every_prefix(tmp_path, monkeypatch):
     folder = tmp_path / "b" / "share" / "own_msgs" / "msg"
     folder.mkdir(parents=True)
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'a'}:{tmp_path / 'b'}")
@@ -71,7 +70,7 @@ def test_a_package_is_looked_for_in_every_prefix(tmp_path: Path, monkeypatch: py
         messages.message_folder("other_msgs")
 
 
-def test_arrays_are_read_only_copies() -> None:
+def test_arrays_are_read_only_copies():
     values = np.arange(3, dtype=np.uint32)
     message = messages.make_message("std_msgs/msg/UInt32MultiArray", layout=None, data=values)
     arrays = messages.as_arrays(message, {"data": np.float64})
@@ -80,14 +79,14 @@ def test_arrays_are_read_only_copies() -> None:
     assert not arrays["data"].flags.writeable
 
 
-def test_a_sequence_lies_in_one_piece() -> None:
+def test_a_sequence_lies_in_one_piece():
     columns = np.arange(6).reshape(3, 2)[:, 0]
     assert messages.sequence(columns).flags.c_contiguous
     assert messages.sequence(columns).tolist() == [0, 2, 4]
 
 
 @given(st.text(max_size=2 * LONGEST_TEXT))
-def test_what_is_shown_is_one_printable_line_of_bounded_length(text: str) -> None:
+def test_what_is_shown_is_one_printable_line_of_bounded_length(text):
     shown = shown_text(text)
     assert shown.isprintable()
     assert len(shown) <= 10 * LONGEST_TEXT + 40
@@ -95,7 +94,7 @@ def test_what_is_shown_is_one_printable_line_of_bounded_length(text: str) -> Non
         assert shown == text
 
 
-def test_escape_codes_are_spelled_out_and_a_long_text_says_how_long_it_was() -> None:
+def test_escape_codes_are_spelled_out_and_a_long_text_says_how_long_it_was():
     assert shown_text("red \x1b[31m\nnext") == "red \\x1b[31m\\nnext"
     assert shown_text("é\ud800") == "é\\ud800"
     assert shown_text("x" * 100_000) == "x" * LONGEST_TEXT + "… (100000 characters)"
@@ -118,7 +117,7 @@ def assert_plain(store: Typestore, topic: topics.Topic, message: object) -> None
 
 
 @given(frames, st.integers(0, 5), st.integers(0, 1000))
-def test_points_are_encoded_as_the_store_would(typestore: Typestore, frame: str, points: int, step: int) -> None:
+def test_points_are_encoded_as_the_store_would(typestore, frame, points, step):
     cloud = np.frombuffer(bytes(range(24)) * points, LIDAR_POINT_DTYPE)
     message = to_point_cloud(step, frame, cloud)
     assert_plain(typestore, topics.LIDAR, message)
@@ -126,33 +125,33 @@ def test_points_are_encoded_as_the_store_would(typestore: Typestore, frame: str,
 
 
 @given(frames, st.integers(1, 5), st.integers(1, 5))
-def test_pictures_are_encoded_as_the_store_would(typestore: Typestore, frame: str, rows: int, columns: int) -> None:
+def test_pictures_are_encoded_as_the_store_would(typestore, frame, rows, columns):
     rgb = np.arange(rows * columns * 3, dtype=np.uint8).reshape(rows, columns, 3)
     assert_plain(typestore, topics.IMAGE, to_image(3, frame, rgb))
     assert_plain(typestore, topics.IMAGE, to_image(3, frame, rgb[..., 0].astype(np.float32)))
 
 
 @given(frames, st.binary(max_size=9))
-def test_jpegs_are_encoded_as_the_store_would(typestore: Typestore, frame: str, jpeg: bytes) -> None:
+def test_jpegs_are_encoded_as_the_store_would(typestore, frame, jpeg):
     message = to_compressed_image(3, frame, jpeg)
     assert_plain(typestore, topics.IMAGE_COMPRESSED, message)
 
 
 @pytest.mark.parametrize("step", [0, 1, 400, 123_456])
-def test_the_step_of_a_sequence_is_that_of_its_first_element(typestore: Typestore, step: int) -> None:
+def test_the_step_of_a_sequence_is_that_of_its_first_element(typestore, step):
     transform = Transform("map", "base", (1.0, 2.0, 3.0), quaternion_of_yaw(0.5))
     message = to_tf(step, [transform, transform])
     assert step_of_cdr(topics.TF, bytes(typestore.serialize_cdr(message, topics.TF.type_name))) == step
 
 
-def test_foreign_bytes_are_refused_by_the_topics_name(typestore: Typestore) -> None:
+def test_foreign_bytes_are_refused_by_the_topics_name(typestore):
     with pytest.raises(EpisodeError, match=topics.IMAGE.name):
         decode_cdr(typestore, topics.IMAGE, b"\x00\x01\x00\x00nonsense")
     with pytest.raises(EpisodeError, match="no stamp"):
         step_of_cdr(topics.IMAGE, b"\x00\x01\x00\x00")
 
 
-def test_a_stamp_with_a_second_of_nanoseconds_is_no_stamp(typestore: Typestore) -> None:
+def test_a_stamp_with_a_second_of_nanoseconds_is_no_stamp(typestore):
     for sec, nanosec, right in ((2, 0, True), (1, 10**9, False), (2, 1, False), (-1, 950_000_000, False)):
         clock = make_message(topics.CLOCK.type_name, clock=stamp(0))
         clock.clock.sec, clock.clock.nanosec = sec, nanosec
@@ -168,7 +167,7 @@ def test_a_stamp_with_a_second_of_nanoseconds_is_no_stamp(typestore: Typestore) 
                     step_of_message(topics.CLOCK, clock)
 
 
-def test_frames_without_a_frame_have_no_step() -> None:
+def test_frames_without_a_frame_have_no_step():
     with pytest.raises(EpisodeError, match="/tf: a message without frames"):
         step_of_message(topics.TF, make_message(topics.TF.type_name, transforms=[]))
 
@@ -215,19 +214,19 @@ def time_of(message: Any) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("name", list(MESSAGES))
-def test_a_message_has_the_time_of_its_step_and_the_frame(name: str) -> None:
+def test_a_message_has_the_time_of_its_step_and_the_frame(name):
     assert time_of(MESSAGES[name]) == (1, 350_000_000)
     assert MESSAGES[name].header.frame_id == FRAME
 
 
-def test_markers_have_the_time_of_their_step() -> None:
+def test_markers_have_the_time_of_their_step():
     markers = to_markers(STEP, vehicle_markers(replace(STATES, step=STEP), {1: ACTOR})).markers
     drawn = [marker for marker in markers if marker.action == 0]
     assert drawn
     assert {time_of(marker) for marker in drawn} == {(1, 350_000_000)}
 
 
-def test_all_messages_of_an_episode_have_the_time_of_their_step() -> None:
+def test_all_messages_of_an_episode_have_the_time_of_their_step():
     episode = SyntheticEpisode(Scene(duration_s=1.5, lidar=True))
     seen = set()
     for topic, step, message in episode.messages():

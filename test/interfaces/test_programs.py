@@ -37,26 +37,26 @@ def through_cdr(message: Any) -> Any:
 
 
 @given(controls)
-def test_controls_come_back_and_are_allowed(control: AvControl) -> None:
+def test_controls_come_back_and_are_allowed(control):
     control.check()
     assert from_av_control(through_cdr(to_av_control(control))) == control
 
 
-def test_a_stamp_of_another_step_is_refused() -> None:
+def test_a_stamp_of_another_step_is_refused():
     message = to_av_control(AvControl(3))
     message.step = 4
     with pytest.raises(EpisodeError, match=r"the stamp 0.15 s is not the time of step 4"):
         from_av_control(message)
 
 
-def test_a_stamp_that_is_off_by_a_nanosecond_is_shown_to_the_nanosecond() -> None:
+def test_a_stamp_that_is_off_by_a_nanosecond_is_shown_to_the_nanosecond():
     message = to_av_control(AvControl(40))
     message.stamp.nanosec += 1
     with pytest.raises(EpisodeError, match=r"the stamp 2.000000001 s is not the time of step 40"):
         from_av_control(message)
 
 
-def test_nanoseconds_of_a_second_or_more_are_refused_although_the_sum_is_right() -> None:
+def test_nanoseconds_of_a_second_or_more_are_refused_although_the_sum_is_right():
     message = to_av_control(AvControl(40))
     message.stamp.sec, message.stamp.nanosec = 1, 10**9
     with pytest.raises(InputError, match=r"stamp: '1 s and 1000000000 ns' cannot be used"):
@@ -73,18 +73,18 @@ def test_nanoseconds_of_a_second_or_more_are_refused_although_the_sum_is_right()
         (AvControl(7, lights=16), "lights 16 of step 7"),
     ],
 )
-def test_what_no_vehicle_can_be_asked_for_is_refused(control: AvControl, named: str) -> None:
+def test_what_no_vehicle_can_be_asked_for_is_refused(control, named):
     with pytest.raises(EpisodeError, match=named):
         control.check()
 
 
-def test_an_answer_drives_the_vehicle_to_the_next_step() -> None:
+def test_an_answer_drives_the_vehicle_to_the_next_step():
     command = av_commands(AvControl(3, 0.5, 0.0, 0.1, 4), 4, 2)
     assert (command.step, command.actor_id.tolist(), command.throttle.tolist()) == (4, [2], [0.5])
     assert (command.steer_rad.tolist(), command.lights.tolist(), command.owner.tolist()) == ([0.1], [4], [1])
 
 
-def test_a_way_comes_back_and_its_poses_look_along_it() -> None:
+def test_a_way_comes_back_and_its_poses_look_along_it():
     way = Polyline.through([(0.0, 0.0), (10.0, 0.0), (10.0, 5.0)])
     message = through_cdr(to_path(way))
     assert np.array_equal(from_path(message).points, way.points)
@@ -101,7 +101,7 @@ def made(seed: int, paths: int, points: int, step: int = 40) -> PredictedPaths:
 
 
 @given(seed=st.integers(0, 1000), paths=st.integers(1, 7), points=st.sampled_from([25, 30, 60]))
-def test_paths_come_back_to_the_last_bit(seed: int, paths: int, points: int) -> None:
+def test_paths_come_back_to_the_last_bit(seed, paths, points):
     given_paths = made(seed, paths, points)
     found = from_predicted_paths(through_cdr(to_predicted_paths(given_paths)))
     assert found.step == 40
@@ -110,7 +110,7 @@ def test_paths_come_back_to_the_last_bit(seed: int, paths: int, points: int) -> 
     assert found.actor_id.dtype == np.uint32
 
 
-def test_nobody_predicted_is_an_empty_message() -> None:
+def test_nobody_predicted_is_an_empty_message():
     found = from_predicted_paths(through_cdr(to_predicted_paths(made(0, 0, 25))))
     assert len(found) == 0
     assert found.xy_m.shape == (0, 0, 2)
@@ -124,14 +124,14 @@ def test_nobody_predicted_is_an_empty_message() -> None:
         ("actor_id", "2 actor_id, 3 probability"),
     ],
 )
-def test_lengths_that_do_not_fit_are_refused(field: str, told: str) -> None:
+def test_lengths_that_do_not_fit_are_refused(field, told):
     message = to_predicted_paths(made(0, 3, 25))
     setattr(message, field, getattr(message, field)[:-1])
     with pytest.raises(EpisodeError, match=told):
         from_predicted_paths(message)
 
 
-def test_a_stamp_of_another_step_is_refused_of_predictions() -> None:
+def test_a_stamp_of_another_step_is_refused_of_predictions():
     message = to_predicted_paths(made(0, 3, 25))
     message.stamp = stamp(0)
     with pytest.raises(EpisodeError, match=r"the stamp 0 s is not the time of step 40"):

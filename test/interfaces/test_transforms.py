@@ -1,6 +1,4 @@
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,22 +25,22 @@ ANGLES = st.floats(-math.pi + 1e-9, math.pi)
 
 
 @given(ANGLES)
-def test_yaw_survives_the_quaternion(yaw_rad: float) -> None:
+def test_yaw_survives_the_quaternion(yaw_rad):
     assert yaw_of_quaternion(quaternion_of_yaw(yaw_rad)) == pytest.approx(yaw_rad, abs=1e-9)
 
 
 @given(ANGLES)
-def test_a_yaw_quaternion_turns_x_towards_y(yaw_rad: float) -> None:
+def test_a_yaw_quaternion_turns_x_towards_y(yaw_rad):
     turned = matrix_of_quaternion(quaternion_of_yaw(yaw_rad)) @ [1.0, 0.0, 0.0]
     assert np.allclose(turned, [math.cos(yaw_rad), math.sin(yaw_rad), 0.0])
 
 
-def test_an_optical_frame_comes_back_as_a_matrix() -> None:
+def test_an_optical_frame_comes_back_as_a_matrix():
     base_from_optical = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     assert np.allclose(matrix_of_quaternion(quaternion_of_matrix(base_from_optical)), base_from_optical)
 
 
-def test_transforms_come_back(round_trip: Callable[[object], Any]) -> None:
+def test_transforms_come_back(round_trip):
     transforms = (
         Transform("map", "base_link", (1.0, -2.0, 0.5), quaternion_of_yaw(0.3)),
         Transform("base_link", "lidar", (0.0, 0.0, 1.93), (0.0, 0.0, 0.0, 1.0)),
@@ -52,7 +50,7 @@ def test_transforms_come_back(round_trip: Callable[[object], Any]) -> None:
     assert message.transforms[0].header.stamp.nanosec == 150_000_000
 
 
-def test_transforms_are_chained_through_the_frames_between() -> None:
+def test_transforms_are_chained_through_the_frames_between():
     chain = (
         Transform("odom", "base_link", (2.0, 0.0, 0.0), quaternion_of_yaw(0.5)),
         Transform("map", "odom", (10.0, 20.0, 1.0), quaternion_of_yaw(math.pi / 2.0)),
@@ -66,7 +64,7 @@ def test_transforms_are_chained_through_the_frames_between() -> None:
             matrix_between(circle, "map", "base_link")
 
 
-def test_odometry_comes_back_with_its_time(round_trip: Callable[[object], Any]) -> None:
+def test_odometry_comes_back_with_its_time(round_trip):
     pose = np.array([[4.0, 0.1, 0.2], [0.1, 5.0, 0.3], [0.2, 0.3, 6.0]])
     odometry = Odometry(1.0, 2.0, -2.5, 13.9, -0.1, 0.2, pose, 0.1 * pose)
     message = round_trip(to_odometry(41, odometry, "av/odom", "av/base_link"))
@@ -85,7 +83,7 @@ def test_odometry_comes_back_with_its_time(round_trip: Callable[[object], Any]) 
 
 
 @given(ANGLES, st.floats(-1.4, 1.4), ANGLES)
-def test_the_yaw_of_a_tilted_body_is_that_of_its_x_axis_on_the_ground(yaw: float, pitch: float, roll: float) -> None:
+def test_the_yaw_of_a_tilted_body_is_that_of_its_x_axis_on_the_ground(yaw, pitch, roll):
     quaternion = quaternion_of_matrix(rotation_from_rpy(roll, pitch, yaw))
     ahead = matrix_of_quaternion(quaternion)[:, 0]
     difference = yaw_of_quaternion(quaternion) - math.atan2(ahead[1], ahead[0])

@@ -34,12 +34,12 @@ def _share_of(path: Path, colour: tuple[float, ...]) -> float:
     return float((distance <= 3).mean())
 
 
-def test_the_picture_shows_the_emv_and_the_road(picture: Path) -> None:
+def test_the_picture_shows_the_emv_and_the_road(picture):
     assert _share_of(picture, EMV_COLOUR) > 0.001
     assert _share_of(picture, (0xC9 / 255, 0xCD / 255, 0xD2 / 255)) > 0.05
 
 
-def test_the_same_record_gives_the_same_bytes(record: EpisodeRecord, picture: Path, tmp_path: Path) -> None:
+def test_the_same_record_gives_the_same_bytes(record, picture, tmp_path):
     assert save_episode_picture(record, tmp_path / "again.png").read_bytes() == picture.read_bytes()
 
 
@@ -49,18 +49,18 @@ def _texts(figure: Figure) -> list[str]:
     ]
 
 
-def test_title_verdict_and_labels_are_there(record: EpisodeRecord) -> None:
+def test_title_verdict_and_labels_are_there(record):
     texts = _texts(draw_episode(record))
     assert "S2 · L2 · seed 0 · straight" in texts
     assert "interaction verified" in texts
     assert sum(text.startswith("#") and text.endswith(" s") for text in texts) == 8
 
 
-def test_an_episode_without_the_interaction_says_so(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_an_episode_without_the_interaction_says_so(record_of):
     assert "interaction not found" in _texts(draw_episode(record_of(changing=0)))
 
 
-def test_the_box_holds_the_interaction_and_not_the_whole_map(record: EpisodeRecord) -> None:
+def test_the_box_holds_the_interaction_and_not_the_whole_map(record):
     first, last = interaction_steps(record)
     assert (first, last) == (0, 247)
     x0, x1, y0, y1 = interaction_box(record)
@@ -69,7 +69,7 @@ def test_the_box_holds_the_interaction_and_not_the_whole_map(record: EpisodeReco
     assert y1 - y0 >= 40.0
 
 
-def test_without_a_yield_the_interaction_is_around_the_emvs_stop_line() -> None:
+def test_without_a_yield_the_interaction_is_around_the_emvs_stop_line():
     record = hand_made(crossing(), {key: Driven(NORTHBOUND, at_speed(40.0, 5.0, 400)) for key in (EMV, 2)})
     assert interaction_steps(record) == (0, 399)
     events = tuple(Event(step, EventKind.STOP_LINE_CROSSED, actor) for step, actor in [(90, 2), (250, EMV)])
@@ -77,7 +77,7 @@ def test_without_a_yield_the_interaction_is_around_the_emvs_stop_line() -> None:
     assert interaction_steps(replace(record, events=events[:1])) == (0, 399)
 
 
-def test_states_are_cut_into_runs(record: EpisodeRecord) -> None:
+def test_states_are_cut_into_runs(record):
     runs = mode_runs(record.track(3))
     assert [mode for _, _, mode in runs] == [
         Mode.NOMINAL,
@@ -92,14 +92,14 @@ def test_states_are_cut_into_runs(record: EpisodeRecord) -> None:
     assert yielding_actors(record) == (2, 3, 4, 5)
 
 
-def test_a_lane_outline_has_the_lanes_area(record: EpisodeRecord) -> None:
+def test_a_lane_outline_has_the_lanes_area(record):
     lane = record.network.lanes[0]
     x, y = lane_outline(lane).T
     area = abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2.0
     assert area == pytest.approx(lane.length_m * lane.width_m)
 
 
-def test_labels_never_cover_each_other() -> None:
+def test_labels_never_cover_each_other():
     axes = Figure(figsize=(4, 3), dpi=100).add_axes((0, 0, 1, 1))
     axes.set_xlim(0, 40)
     axes.set_ylim(0, 30)
@@ -111,12 +111,12 @@ def test_labels_never_cover_each_other() -> None:
     assert not any(a.overlaps(b) for row, a in enumerate(boxes) for b in boxes[:row])
 
 
-def test_nothing_to_draw_is_said(record: EpisodeRecord) -> None:
+def test_nothing_to_draw_is_said(record):
     with pytest.raises(InputError, match="actor state"):
         draw_episode(replace(record, states=()))
 
 
-def test_only_png_is_written(record: EpisodeRecord, tmp_path: Path) -> None:
+def test_only_png_is_written(record, tmp_path):
     with pytest.raises(InputError, match=r"\.png"):
         save_episode_picture(record, tmp_path / "episode.txt")
     assert list(tmp_path.iterdir()) == []

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,9 +30,7 @@ def _seen(record: EpisodeRecord) -> Observations:
     return observe_at(record, 0.55, SensorSuite("both", LIDAR.lidars, (camera,)), Look())
 
 
-def test_a_sheet_holds_every_picture_and_two_views_of_the_cloud(
-    record: EpisodeRecord, seen: Observations, tmp_path: Path
-) -> None:
+def test_a_sheet_holds_every_picture_and_two_views_of_the_cloud(record, seen, tmp_path):
     assert seen.step == record.states[10].step
     whole = sheet(seen)
     assert whole.shape == (2 * 600 + 8, 2 * 800 + 8, 3)
@@ -42,7 +39,7 @@ def test_a_sheet_holds_every_picture_and_two_views_of_the_cloud(
     assert np.array_equal(np.asarray(Image.open(path)), whole)
 
 
-def test_vehicles_have_colours_of_their_own_and_the_rest_is_grey(seen: Observations) -> None:
+def test_vehicles_have_colours_of_their_own_and_the_rest_is_grey(seen):
     sweep = seen.sweeps[0]
     assert len(np.unique(sweep.points["instance"])) > 1
     spread = np.ptp(cloud_by_instance(sweep).astype(int), axis=2)
@@ -52,12 +49,12 @@ def test_vehicles_have_colours_of_their_own_and_the_rest_is_grey(seen: Observati
 
 
 @pytest.mark.parametrize("time_s", [-1.0, 99.0, float("nan")])
-def test_a_time_outside_the_episode_is_refused(record: EpisodeRecord, time_s: float) -> None:
+def test_a_time_outside_the_episode_is_refused(record, time_s):
     with pytest.raises(InputError, match="time"):
         observe_at(record, time_s, LIDAR, Look())
 
 
-def test_what_cannot_be_drawn_is_refused(record: EpisodeRecord, seen: Observations, tmp_path: Path) -> None:
+def test_what_cannot_be_drawn_is_refused(record, seen, tmp_path):
     with pytest.raises(InputError, match="carrier"):
         observe_at(record, 0.0, LIDAR, Look(), carrier_id=60_000)
     nothing = observe_at(record, 0.0, SensorSuite("none"), Look())

@@ -40,27 +40,25 @@ def camera(name: str, yaw_rad: float) -> MountedCamera:
     return MountedCamera(name, f"/{name}", base_from_optical, CameraIntrinsics(8, 6, 5.0, 5.0, 4.0, 3.0), "")
 
 
-def test_cameras_stand_from_the_left_around_to_the_right() -> None:
+def test_cameras_stand_from_the_left_around_to_the_right():
     cameras = [camera("right", -1.7), camera("rear", np.pi), camera("left", 1.7), camera("camera_front", 0.0)]
     assert [one.name for one in ordered_cameras(cameras)] == ["camera_front", "left", "rear", "right"]
 
 
 @pytest.mark.parametrize(("count", "columns", "rows"), [(2, 2, 1), (3, 2, 2), (5, 3, 2), (7, 3, 3)])
-def test_the_grid_is_wider_than_high(count: int, columns: int, rows: int) -> None:
+def test_the_grid_is_wider_than_high(count, columns, rows):
     places = grid_places(count)
     assert len(set(places)) == count
     assert (max(column for column, _ in places) + 1, max(row for _, row in places) + 1) == (columns, rows)
 
 
-def test_a_bag_without_cameras_is_refused(
-    write_bag: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_without_cameras_is_refused(write_bag, tmp_path, capsys):
     bag = write_bag(tmp_path / "bag", duration_s=1.0)
     assert main(["video", str(bag), "--view", "grid", "--out", str(tmp_path / "a.mp4")]) == 2
     assert "sensors:=full" in capsys.readouterr().err
 
 
-def test_cells_are_four_to_three() -> None:
+def test_cells_are_four_to_three():
     assert CELL_PX[0] * 3 == CELL_PX[1] * 4
 
 
@@ -93,7 +91,7 @@ def _decoded(path: Path) -> tuple[dict[str, object], list[np.ndarray]]:
         return facts, [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
 
 
-def test_the_birdseye_video_has_the_episodes_frames_at_10_hz(bag: Path, tmp_path: Path) -> None:
+def test_the_birdseye_video_has_the_episodes_frames_at_10_hz(bag, tmp_path):
     path = tmp_path / "new" / "a.mp4"
     assert save_video(bag, View.BIRDSEYE, path) == 40
     facts, frames = _decoded(path)
@@ -103,13 +101,13 @@ def test_the_birdseye_video_has_the_episodes_frames_at_10_hz(bag: Path, tmp_path
     assert [item.name for item in path.parent.iterdir()] == ["a.mp4"]
 
 
-def test_the_same_bag_gives_the_same_bytes(bag: Path, tmp_path: Path) -> None:
+def test_the_same_bag_gives_the_same_bytes(bag, tmp_path):
     for name in ("a.mp4", "b.mp4"):
         save_video(bag, View.BIRDSEYE, tmp_path / name, frames=8)
     assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
 
 
-def test_the_bytes_do_not_depend_on_what_was_in_memory_before(tmp_path: Path) -> None:
+def test_the_bytes_do_not_depend_on_what_was_in_memory_before(tmp_path):
     program = (
         "import sys, numpy as np\n"
         "from pathlib import Path\n"
@@ -127,7 +125,7 @@ def test_the_bytes_do_not_depend_on_what_was_in_memory_before(tmp_path: Path) ->
     assert len(videos) == 1
 
 
-def test_the_front_video_shows_the_recorded_images(front_bag: Path, tmp_path: Path) -> None:
+def test_the_front_video_shows_the_recorded_images(front_bag, tmp_path):
     path = tmp_path / "front.mp4"
     assert save_video(front_bag, View.FRONT, path, frames=5, start_s=0.45) == 5
     _, frames = _decoded(path)
@@ -135,7 +133,7 @@ def test_the_front_video_shows_the_recorded_images(front_bag: Path, tmp_path: Pa
     assert [float(frame.mean()) for frame in frames] == pytest.approx([50, 60, 70, 80, 90], abs=3.0)
 
 
-def test_a_camera_twice_as_fast_gives_every_second_image(tmp_path: Path, typestore: Typestore) -> None:
+def test_a_camera_twice_as_fast_gives_every_second_image(tmp_path, typestore):
     fast = _camera_bag(tmp_path / "fast", typestore, range(20))
     assert save_video(fast, View.FRONT, tmp_path / "a.mp4") == 10
     slow = _camera_bag(tmp_path / "slow", typestore, range(0, 40, 4))
@@ -155,20 +153,18 @@ def test_a_camera_twice_as_fast_gives_every_second_image(tmp_path: Path, typesto
         ({"start_s": float("inf")}, "start_s: inf"),
     ],
 )
-def test_frames_that_are_not_there_are_refused(
-    bag: Path, tmp_path: Path, options: dict[str, float], named: str
-) -> None:
+def test_frames_that_are_not_there_are_refused(bag, tmp_path, options, named):
     with pytest.raises(InputError, match=named):
         save_video(bag, View.BIRDSEYE, tmp_path / "a.mp4", **options)  # type: ignore[arg-type] # by name
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_episode_without_a_front_camera_says_so(bag: Path, tmp_path: Path) -> None:
+def test_an_episode_without_a_front_camera_says_so(bag, tmp_path):
     with pytest.raises(BagError, match="camera_front"):
         save_video(bag, View.FRONT, tmp_path / "a.mp4")
 
 
-def test_only_mp4_and_only_where_it_can_be_written(bag: Path, tmp_path: Path) -> None:
+def test_only_mp4_and_only_where_it_can_be_written(bag, tmp_path):
     with pytest.raises(InputError, match=r"\.mp4"):
         save_video(bag, View.BIRDSEYE, tmp_path / "a.avi")
     (tmp_path / "file").write_text("x")
@@ -176,7 +172,7 @@ def test_only_mp4_and_only_where_it_can_be_written(bag: Path, tmp_path: Path) ->
         save_video(bag, View.BIRDSEYE, tmp_path / "file" / "a.mp4", frames=1)
 
 
-def test_a_failure_leaves_the_old_video(tmp_path: Path) -> None:
+def test_a_failure_leaves_the_old_video(tmp_path):
     path = tmp_path / "a.mp4"
     path.write_bytes(b"old")
     with pytest.raises(InputError, match="frames: 0"):
@@ -185,7 +181,7 @@ def test_a_failure_leaves_the_old_video(tmp_path: Path) -> None:
     assert path.read_bytes() == b"old"
 
 
-def test_a_narrow_video_keeps_its_proportions_and_is_smaller(tmp_path: Path) -> None:
+def test_a_narrow_video_keeps_its_proportions_and_is_smaller(tmp_path):
     shades = np.tile(np.linspace(0, 255, 640).astype(np.uint8)[None, :, None], (360, 1, 3))
     frames = [np.roll(shades, 40 * number, axis=1) for number in range(6)]
     assert write_video(tmp_path / "wide.mp4", frames) == 6
@@ -199,12 +195,12 @@ def test_a_narrow_video_keeps_its_proportions_and_is_smaller(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("options", [{"width_px": 63}, {"crf": -1}, {"crf": 52}])
-def test_a_coding_out_of_range_is_refused(options: dict[str, int]) -> None:
+def test_a_coding_out_of_range_is_refused(options):
     with pytest.raises(InputError, match=r"allowed|: "):
         Coding(**options)
 
 
-def test_the_command_makes_a_video(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_makes_a_video(bag, tmp_path, capsys):
     out = tmp_path / "a.mp4"
     assert main(["video", str(bag), "--view", "birdseye", "--out", str(out), "--frames", "3", "--start-s", "1"]) == 0
     assert "3 frames, 0.3 s" in capsys.readouterr().out
@@ -220,7 +216,7 @@ def _share(frame: np.ndarray, colour: tuple[int, ...]) -> float:
     return float((np.abs(frame.astype(int) - np.array(colour)).max(axis=-1) <= 4).mean())
 
 
-def test_the_emv_stays_in_the_middle_of_the_picture() -> None:
+def test_the_emv_stays_in_the_middle_of_the_picture():
     record = _crossing_record("r")
     for frame in BirdseyeFilm(record, range(0, 100, 20)).frames():
         red = np.abs(frame[60:-60].astype(int) - np.array(rgb_of(EMV_COLOUR)[:3])).max(axis=-1) <= 4
@@ -230,7 +226,7 @@ def test_the_emv_stays_in_the_middle_of_the_picture() -> None:
         assert abs(np.median(columns) - SIZE_PX[0] / 2.0) < OFF_CENTRE_PX
 
 
-def test_signals_show_their_state() -> None:
+def test_signals_show_their_state():
     red, green = ((216, 35, 42), (47, 158, 68))
     at_red, at_green = (np.asarray(BirdseyeFilm(_crossing_record(letter), range(1)).frame(40)) for letter in "rG")
     assert _share(at_red, red) > 10.0 * max(_share(at_green, red), 1e-6)
@@ -238,7 +234,7 @@ def test_signals_show_their_state() -> None:
     assert _share(at_red, green) == 0.0
 
 
-def test_polygons_cover_their_area_with_smooth_edges() -> None:
+def test_polygons_cover_their_area_with_smooth_edges():
     picture = Image.new("RGB", (40, 40), (0, 0, 0))
     paint_polygons(picture, [(np.array([[10.25, 10.5], [20.25, 10.5], [20.25, 30.5], [10.25, 30.5]]), (200, 200, 200))])
     pixels = np.asarray(picture)[..., 0].astype(float)
@@ -247,7 +243,7 @@ def test_polygons_cover_their_area_with_smooth_edges() -> None:
     assert 0.0 < pixels[10, 15] < 200.0
 
 
-def test_polygons_beside_the_picture_leave_it_alone() -> None:
+def test_polygons_beside_the_picture_leave_it_alone():
     picture = Image.new("RGB", (10, 10), (1, 2, 3))
     paint_polygons(picture, [(np.array([[50.0, 50.0], [60.0, 50.0], [60.0, 60.0]]), (255, 0, 0))])
     assert np.unique(np.asarray(picture).reshape(-1, 3), axis=0).tolist() == [[1, 2, 3]]

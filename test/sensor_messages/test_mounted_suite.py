@@ -80,7 +80,7 @@ def label_steps(published: Iterator[tuple[Any, Any]]) -> list[int]:
 
 
 @pytest.mark.parametrize(("trails", "in_background"), [(False, True), (True, False)])
-def test_measurements_go_out_at_once_where_nothing_trails(sensing: Any, trails: bool, in_background: bool) -> None:
+def test_measurements_go_out_at_once_where_nothing_trails(sensing, trails, in_background):
     trailing, _ = sensing(trails=trails, in_background=in_background)
     for step in range(3):
         assert label_steps(trailing.step(states_at(step, 1), ACTORS, ())) == [step]
@@ -88,7 +88,7 @@ def test_measurements_go_out_at_once_where_nothing_trails(sensing: Any, trails: 
         assert list(trailing.finished_steps(0.5)) == [(step, 0.5)]
 
 
-def test_a_trailing_step_goes_out_after_the_next_has_begun(sensing: Any) -> None:
+def test_a_trailing_step_goes_out_after_the_next_has_begun(sensing):
     trailing, suite = sensing(trails=True)
     assert label_steps(trailing.step(states_at(0, 1), ACTORS, ())) == []
     assert trailing.under_way
@@ -99,7 +99,7 @@ def test_a_trailing_step_goes_out_after_the_next_has_begun(sensing: Any) -> None
     assert not trailing.under_way
 
 
-def test_the_time_spent_is_reported_with_the_step_that_is_out(sensing: Any) -> None:
+def test_the_time_spent_is_reported_with_the_step_that_is_out(sensing):
     trailing, _ = sensing(trails=True)
     list(trailing.step(states_at(0, 1), ACTORS, ()))
     assert list(trailing.finished_steps(0.25)) == []
@@ -111,7 +111,7 @@ def test_the_time_spent_is_reported_with_the_step_that_is_out(sensing: Any) -> N
 
 
 @given(pauses=st.lists(st.booleans(), min_size=1, max_size=12), trails=st.booleans())
-def test_every_step_is_published_and_reported_once_and_in_order(pauses: list[bool], trails: bool) -> None:
+def test_every_step_is_published_and_reported_once_and_in_order(pauses, trails):
     suite = RecordedSuite()
     trailing = TrailingSensing([suite], trails=trails)
     published: list[int] = []
@@ -126,7 +126,7 @@ def test_every_step_is_published_and_reported_once_and_in_order(pauses: list[boo
     assert published == list(range(len(pauses) + 1))
 
 
-def test_both_carriers_begin_before_either_is_waited_for() -> None:
+def test_both_carriers_begin_before_either_is_waited_for():
     log: list[tuple[str, int]] = []
     suites = [RecordedSuite(log=log), RecordedSuite(AV, 2, log=log)]
     trailing = TrailingSensing(suites, trails=False)
@@ -144,7 +144,7 @@ def test_both_carriers_begin_before_either_is_waited_for() -> None:
 
 
 @pytest.mark.parametrize("trails", [False, True])
-def test_frames_and_odometry_go_out_at_once(sensing: Any, trails: bool) -> None:
+def test_frames_and_odometry_go_out_at_once(sensing, trails):
     trailing, _ = sensing(trails=trails)
     for step in range(3):
         published = list(trailing.step(states_at(step, 1), ACTORS, ()))
@@ -152,7 +152,7 @@ def test_frames_and_odometry_go_out_at_once(sensing: Any, trails: bool) -> None:
         assert sum(topic == topics.TF for topic, _ in published) == 1
 
 
-def test_a_carrier_that_has_left_the_map_is_an_error(sensing: Any) -> None:
+def test_a_carrier_that_has_left_the_map_is_an_error(sensing):
     trailing, suite = sensing(trails=True)
     with pytest.raises(EpisodeError, match="actor 1, is not on the map at step 7"):
         list(trailing.step(states_at(7, 2), ACTORS, ()))

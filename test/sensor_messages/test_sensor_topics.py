@@ -20,9 +20,7 @@ def matrix(one: Transform) -> np.ndarray:
 
 
 @given(places, places, angles, places, places, angles)
-def test_both_transforms_give_the_simulated_pose(
-    x_m: float, y_m: float, yaw_rad: float, odom_x_m: float, odom_y_m: float, odom_yaw_rad: float
-) -> None:
+def test_both_transforms_give_the_simulated_pose(x_m, y_m, yaw_rad, odom_x_m, odom_y_m, odom_yaw_rad):
     motion = VehicleMotion(x_m, y_m, 1.5, yaw_rad, 10.0, 0.0, 0.0)
     odometry = Odometry(odom_x_m, odom_y_m, odom_yaw_rad, 10.0, 0.0, 0.0, np.eye(3), np.eye(3))
     map_from_odom, odom_from_base = frames_of(motion, odometry)
@@ -31,14 +29,14 @@ def test_both_transforms_give_the_simulated_pose(
     assert np.allclose(matrix(odom_from_base), map_from_base(odom_x_m, odom_y_m, 0.0, odom_yaw_rad), atol=1e-9)
 
 
-def test_every_carrier_has_a_chain_of_its_own() -> None:
+def test_every_carrier_has_a_chain_of_its_own():
     motion = VehicleMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     odometry = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.eye(3), np.eye(3))
     chains = [[(one.parent, one.child) for one in frames_of(motion, odometry, carrier)] for carrier in (EMV, AV)]
     assert chains == [[("map", "odom"), ("odom", "base_link")], [("map", "av/odom"), ("av/odom", "av/base_link")]]
 
 
-def test_velocities_are_in_the_axes_of_the_vehicle() -> None:
+def test_velocities_are_in_the_axes_of_the_vehicle():
     arrays = {name: np.zeros(2, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
     arrays["actor_id"] = np.array([3, 7], np.uint32)
     arrays["yaw_rad"], speed = np.array([0.0, 2.0]), np.array([5.0, 1.0])
@@ -49,7 +47,7 @@ def test_velocities_are_in_the_axes_of_the_vehicle() -> None:
     assert (motion.forward_mps, motion.left_mps) == pytest.approx((5.0, 1.0))
 
 
-def test_carriers_have_noise_of_their_own() -> None:
+def test_carriers_have_noise_of_their_own():
     assert noise_seed(5, EMV) == 5
     assert noise_seed(5, AV) == noise_seed(5, AV) != noise_seed(6, AV)
     assert noise_seed(5, AV) != 5

@@ -3,30 +3,34 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from siren_ros.sensors.meshes.mesh import Material, Mesh, StaticScene, VehicleShape
+from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
+from siren_ros.sensors.look import Look
+from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, SignalLamp, StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Catalogue, Placement
+from siren_ros.sensors.meshes.solids import Point3
+from siren_ros.sensors.specification import map_from_base
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 
 CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 FACES = np.array(
-    [
-        *[(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5)],
-        *[(0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6)],
-        *[(0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)],
-    ]
-)
+    [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6),
+     (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
+)  # fmt: skip
 
 
 class Boxes:
     """Hand-made worlds of axis-aligned boxes."""
 
     @staticmethod
-    def box(
-        centre: tuple[float, float, float],
-        size: tuple[float, float, float],
-        material: Material = Material.BUILDING_WALL,
-    ) -> Mesh:
+    def box(centre: Point3, size: Point3, material: Material = Material.BUILDING_WALL) -> Mesh:
         return Mesh.uniform(CORNERS * size + centre, FACES, material, (200, 180, 160))
+
+    @classmethod
+    def crossroads(cls) -> StaticScene:
+        """The red lamp of a signal, 20 m ahead, and houses."""
+        lamp = cls.box((20.0, -8.0, 5.0), (0.1, 1.0, 1.0), Material.SIGNAL_RED)
+        houses = [cls.box((40.0, y, 5.0), (10.0, 10.0, 10.0)) for y in (-30.0, 30.0)]
+        return StaticScene(cls.scene(lamp, *houses).mesh, (SignalLamp("s", 0, LampColour.RED, 12, 24),))
 
     @classmethod
     def scene(cls, *meshes: Mesh) -> StaticScene:
@@ -46,16 +50,14 @@ class Boxes:
         cls, *rows: tuple[ActorClass, float, float, float], **fields: list[float]
     ) -> tuple[ActorStates, dict[int, ActorDescription]]:
         """Actors 1, 2, … of (class, x, y, yaw); further state fields by name."""
-        arrays = {name: np.zeros(len(rows), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
-        arrays["actor_id"] = np.arange(1, len(rows) + 1, dtype=np.uint32)
-        for name, column in (("x_m", 1), ("y_m", 2), ("yaw_rad", 3)):
-            arrays[name] = np.array([float(row[column]) for row in rows])
-        for name, values in fields.items():
-            arrays[name] = np.array(values, ACTOR_STATE_DTYPES[name])
-        shapes = cls.shapes()
+        places = {name: [float(row[k]) for row in rows] for k, name in enumerate(("x_m", "y_m", "yaw_rad"), start=1)}
+        known = {"actor_id": range(1, len(rows) + 1), **places, **fields}
+        arrays = {
+            name: np.array(known.get(name, np.zeros(len(rows))), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()
+        }
         descriptions = {}
         for actor_id, (kind, *_) in enumerate(rows, start=1):
-            shape = shapes[kind]
+            shape = cls.shapes()[kind]
             size = (shape.length_m, shape.width_m, shape.height_m)
             descriptions[actor_id] = ActorDescription(actor_id, f"v{actor_id}", kind, *size, (200, 20, 20))
         return ActorStates(step=0, **arrays), descriptions
@@ -63,6 +65,23 @@ class Boxes:
     @classmethod
     def placed(cls, *rows: tuple[ActorClass, float, float, float], **fields: list[float]) -> Placement:
         return Catalogue(cls.shapes()).place(*cls.actors(*rows, **fields))
+
+    @classmethod
+    def with_vehicles(cls, static: StaticScene, placement: Placement) -> StaticScene:
+        """One scene of the static world and the vehicles."""
+        parts = [static.mesh]
+        for row, kind in enumerate(placement.actor_class):
+            pose = map_from_base(placement.x_m[row], placement.y_m[row], 0.0, placement.yaw_rad[row])
+            parts.append(cls.shapes()[ActorClass(int(kind))].body.transformed(pose[:3, :3], pose[:3, 3]))
+        return StaticScene(Mesh.joined(*parts), ())
+
+    @classmethod
+    def renderer(cls, scene: StaticScene, look: Look | None = None) -> Renderer:
+        """Skips the test on a machine without OpenGL."""
+        try:
+            return Renderer(scene, cls.shapes(), look)
+        except RendererUnavailableError as error:
+            pytest.skip(str(error))
 
 
 @pytest.fixture(name="boxes", scope="session")

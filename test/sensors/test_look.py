@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -7,7 +5,7 @@ from siren_ros.errors import InputError
 from siren_ros.sensors.look import Look, load_look, look_names, sun_position
 
 
-def test_every_look_loads_and_the_default_is_the_clear_morning() -> None:
+def test_every_look_loads_and_the_default_is_the_clear_morning():
     assert {"clear", "evening", "overcast", "rain", "fog", "dusk", "night", "night_rain"} <= set(look_names())
     for name in look_names():
         load_look(name)
@@ -17,7 +15,7 @@ def test_every_look_loads_and_the_default_is_the_clear_morning() -> None:
     assert clear.sun_colour == plain.sun_colour
 
 
-def test_the_sun_stands_in_the_south_at_noon_and_rises_in_the_east_at_the_equinox() -> None:
+def test_the_sun_stands_in_the_south_at_noon_and_rises_in_the_east_at_the_equinox():
     azimuth, elevation = sun_position(12.0, 81, np.radians(49.0))
     assert azimuth == pytest.approx(-np.pi / 2)
     assert np.degrees(elevation) == pytest.approx(41.0, abs=0.1)
@@ -27,7 +25,7 @@ def test_the_sun_stands_in_the_south_at_noon_and_rises_in_the_east_at_the_equino
     assert np.degrees(summer) == pytest.approx(41.0 + 23.44, abs=0.1)
 
 
-def test_fog_and_rain_weaken_laser_light() -> None:
+def test_fog_and_rain_weaken_laser_light():
     assert Look().lidar_extinction_per_m == 0.0
     fog = load_look("fog")
     assert np.exp(-fog.lidar_extinction_per_m * fog.visibility_m) == pytest.approx(0.05, rel=0.01)
@@ -36,7 +34,7 @@ def test_fog_and_rain_weaken_laser_light() -> None:
     assert 10.0 * np.log10(np.exp(one_mm_per_h.lidar_extinction_per_m * 1000.0)) == pytest.approx(1.076)
 
 
-def test_at_night_the_lamps_are_lit_and_the_sky_darkens_with_the_sun(tmp_path: Path) -> None:
+def test_at_night_the_lamps_are_lit_and_the_sky_darkens_with_the_sun(tmp_path):
     path, looks = tmp_path / "mine.yaml", []
     for elevation_deg in (10, 2, -3, -8, -40):
         path.write_text(f"sun_elevation_deg: {elevation_deg}\n", encoding="utf-8")
@@ -61,13 +59,13 @@ def test_at_night_the_lamps_are_lit_and_the_sky_darkens_with_the_sun(tmp_path: P
         ("visibility_m: 0", "visibility_m"),
     ],
 )
-def test_a_wrong_look_is_refused_with_its_key(tmp_path: Path, text: str, match: str) -> None:
+def test_a_wrong_look_is_refused_with_its_key(tmp_path, text, match):
     path = tmp_path / "mine.yaml"
     path.write_text(text + "\n", encoding="utf-8")
     with pytest.raises(InputError, match=match):
         load_look(str(path))
 
 
-def test_an_unknown_look_lists_the_known() -> None:
+def test_an_unknown_look_lists_the_known():
     with pytest.raises(InputError, match="overcast"):
         load_look("thunder")

@@ -31,20 +31,20 @@ from siren_ros.world.carrier import Odometry
 PER_SQRT_S = np.array([0.1, 0.0, 0.02])
 
 
-def test_a_bias_is_the_sum_of_the_increments_up_to_its_step() -> None:
+def test_a_bias_is_the_sum_of_the_increments_up_to_its_step():
     draws = [sensor_generator(4, "gyro bias", step).standard_normal(3) for step in range(1, 4)]
     expected = np.sum(draws, axis=0) * PER_SQRT_S * np.sqrt(STEP_S)
     assert BiasWalk(4, "gyro", PER_SQRT_S).at(3) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("asked", [[1, 2, 3, 4, 5], [5, 2, 5, 0, 3], [3, 3, 1, 4, 2]])
-def test_steps_can_be_asked_for_in_any_order(asked: list[int]) -> None:
+def test_steps_can_be_asked_for_in_any_order(asked):
     walk = BiasWalk(4, "gyro", PER_SQRT_S)
     for step in asked:
         assert walk.at(step) == pytest.approx(BiasWalk(4, "gyro", PER_SQRT_S).at(step), abs=0.0)
 
 
-def test_a_walk_begins_at_zero_and_lends_no_array() -> None:
+def test_a_walk_begins_at_zero_and_lends_no_array():
     walk = BiasWalk(4, "gyro", PER_SQRT_S)
     assert walk.at(0).tolist() == [0.0, 0.0, 0.0]
     walk.at(2)[:] = 7.0
@@ -63,13 +63,13 @@ EXACT_GNSS = GnssSpec(
 M_PER_DEG_LAT = 111_207.0  # of the meridian at 49 degrees north (WGS 84)
 
 
-def test_a_map_without_geo_reference_lies_at_the_documented_place() -> None:
+def test_a_map_without_geo_reference_lies_at_the_documented_place():
     fix = Gnss(EXACT_GNSS, GeoReference.of(NETWORK), 0).measure(0, map_from_base(0.0, 0.0, 0.5, 1.0))
     assert (fix.latitude_deg, fix.longitude_deg) == pytest.approx((49.0, 8.4), abs=1e-8)
     assert fix.altitude_m == pytest.approx(2.43)
 
 
-def test_a_hundred_metres_north_and_east() -> None:
+def test_a_hundred_metres_north_and_east():
     receiver = Gnss(EXACT_GNSS, GeoReference.of(NETWORK), 0)
     north = receiver.measure(0, map_from_base(0.0, 100.0, 0.0, 0.0))
     east = receiver.measure(0, map_from_base(100.0, 0.0, 0.0, 0.0))
@@ -78,14 +78,14 @@ def test_a_hundred_metres_north_and_east() -> None:
     assert (east.longitude_deg - 8.4) * per_degree * np.cos(np.radians(49)) == pytest.approx(100.0, abs=0.01)
 
 
-def test_the_antennas_lever_arm_turns_with_the_carrier() -> None:
+def test_the_antennas_lever_arm_turns_with_the_carrier():
     ahead = replace(EXACT_GNSS, mount=Mount(10.0, 0.0, 1.0))
     fix = Gnss(ahead, GeoReference.of(NETWORK), 0).measure(0, map_from_base(0.0, 0.0, 0.0, np.pi / 2))
     assert (fix.latitude_deg - 49.0) * M_PER_DEG_LAT == pytest.approx(10.0, abs=0.01)
     assert fix.longitude_deg == pytest.approx(8.4, abs=1e-9)
 
 
-def test_the_maps_own_reference_is_used_with_its_offset() -> None:
+def test_the_maps_own_reference_is_used_with_its_offset():
     utm = replace(
         NETWORK,
         projection="+proj=utm +zone=32 +ellps=WGS84",
@@ -100,7 +100,7 @@ def test_the_maps_own_reference_is_used_with_its_offset() -> None:
         GeoReference("+proj=merc", (0.0, 0.0)).geodetic(0.0, 0.0)
 
 
-def test_noise_and_variance_agree() -> None:
+def test_noise_and_variance_agree():
     noisy = replace(EXACT_GNSS, horizontal_noise_stddev_m=1.5, vertical_noise_stddev_m=3.0)
     receiver = Gnss(noisy, GeoReference.of(NETWORK), 5)
     fixes = [receiver.measure(step, np.eye(4)) for step in range(0, 800, 2)]
@@ -111,7 +111,7 @@ def test_noise_and_variance_agree() -> None:
     assert fixes[0].variance_m2.tolist() == [2.25, 2.25, 9.0]
 
 
-def test_the_variance_grows_as_the_bias_walks() -> None:
+def test_the_variance_grows_as_the_bias_walks():
     """A random walk of 0.3 m/√s has a variance of 0.09 m² for each second, on every axis."""
     walking = replace(
         EXACT_GNSS, horizontal_noise_stddev_m=0.2, vertical_noise_stddev_m=0.4, bias_walk_m_per_sqrt_s=0.3
@@ -137,13 +137,13 @@ def circling(step: int, radius_m: float, rate_radps: float) -> PlanarMotion:
     return PlanarMotion(step, yaw, speed * np.cos(yaw), speed * np.sin(yaw), rate_radps)
 
 
-def test_at_rest_it_feels_gravity_alone() -> None:
+def test_at_rest_it_feels_gravity_alone():
     still = PlanarMotion(0, 1.0, 0.0, 0.0, 0.0)
     later = PlanarMotion(1, 1.0, 0.0, 0.0, 0.0)
     assert specific_force(still, later, np.array([1.0, 2.0, 3.0])).tolist() == [0.0, 0.0, STANDARD_GRAVITY_MPS2]
 
 
-def test_braking_is_felt_backwards_whatever_the_heading() -> None:
+def test_braking_is_felt_backwards_whatever_the_heading():
     for yaw in (0.0, 0.7, -2.5):
         before = PlanarMotion(4, yaw, 10.0 * np.cos(yaw), 10.0 * np.sin(yaw), 0.0)
         now = PlanarMotion(5, yaw, 9.8 * np.cos(yaw), 9.8 * np.sin(yaw), 0.0)
@@ -151,20 +151,20 @@ def test_braking_is_felt_backwards_whatever_the_heading() -> None:
         assert force[:2] == pytest.approx([-0.2 / STEP_S, 0.0], abs=1e-9)
 
 
-def test_on_a_circle_it_feels_the_centripetal_acceleration_of_its_own_radius() -> None:
+def test_on_a_circle_it_feels_the_centripetal_acceleration_of_its_own_radius():
     radius, rate = 20.0, 0.05
     force = specific_force(circling(99, radius, rate), circling(100, radius, rate), np.array([0.0, -2.0, 0.0]))
     assert force[1] == pytest.approx((radius + 2.0) * rate**2, rel=2e-3)  # to the left, where the centre is
 
 
-def test_a_growing_yaw_rate_pushes_a_sensor_ahead_of_the_origin_to_the_left() -> None:
+def test_a_growing_yaw_rate_pushes_a_sensor_ahead_of_the_origin_to_the_left():
     before, now = PlanarMotion(0, 0.0, 0.0, 0.0, 0.0), PlanarMotion(1, 0.0, 0.0, 0.0, 0.1)
     force = specific_force(before, now, np.array([2.0, 0.0, 0.0]))
     assert force[1] == pytest.approx(2.0 * 0.1 / STEP_S)
     assert force[0] == pytest.approx(-2.0 * 0.1**2)
 
 
-def test_the_time_since_the_motion_before_counts() -> None:
+def test_the_time_since_the_motion_before_counts():
     """Three steps earlier: a third of what the same difference over one step is."""
     before, now = PlanarMotion(4, 0.0, 2.0, -1.0, 0.0), PlanarMotion(7, 0.0, 2.6, -1.3, 0.09)
     force = specific_force(before, now, np.array([2.0, 0.0, 0.0]))
@@ -172,21 +172,21 @@ def test_the_time_since_the_motion_before_counts() -> None:
     assert force[1] == pytest.approx((-0.3 + 2.0 * 0.09) / (3.0 * STEP_S))
 
 
-def test_a_growing_yaw_rate_pushes_a_sensor_left_of_the_origin_backwards() -> None:
+def test_a_growing_yaw_rate_pushes_a_sensor_left_of_the_origin_backwards():
     before, now = PlanarMotion(0, 0.0, 0.0, 0.0, 0.0), PlanarMotion(1, 0.0, 0.0, 0.0, 0.1)
     force = specific_force(before, now, np.array([0.0, 1.5, 0.0]))
     assert force[0] == pytest.approx(-1.5 * 0.1 / STEP_S)
     assert force[1] == pytest.approx(-1.5 * 0.1**2)
 
 
-def test_accelerations_are_differences_to_the_step_before() -> None:
+def test_accelerations_are_differences_to_the_step_before():
     unit = Imu(QUIET, 0)
     speeds = [0.0, 0.1, 0.3, 0.3, 0.1]
     forces = [unit.measure(PlanarMotion(k, 0.0, v, 0.0, 0.0)).specific_force_mps2[0] for k, v in enumerate(speeds)]
     assert forces == pytest.approx([0.0, 2.0, 4.0, 0.0, -4.0])
 
 
-def test_each_bias_walks_on_its_own_axis() -> None:
+def test_each_bias_walks_on_its_own_axis():
     gyro_alone = replace(QUIET, gyro_bias_walk_radps_per_sqrt_s=0.01)
     unit = Imu(gyro_alone, 0)
     samples = [unit.measure(replace(STILL, step=step)) for step in range(100)]
@@ -197,14 +197,14 @@ def test_each_bias_walks_on_its_own_axis() -> None:
     assert ends.std(axis=0) == pytest.approx([0.01 * np.sqrt(80 * STEP_S)] * 3, rel=0.3)
 
 
-def test_a_tilted_sensor_turns_what_it_measures_into_its_axes() -> None:
+def test_a_tilted_sensor_turns_what_it_measures_into_its_axes():
     on_its_side = Imu(replace(QUIET, mount=Mount(0.0, 0.0, 1.93, roll_rad=np.pi / 2)), 0)
     sample = on_its_side.measure(PlanarMotion(0, 0.0, 3.0, 0.0, 0.4))
     assert sample.specific_force_mps2 == pytest.approx([0.0, STANDARD_GRAVITY_MPS2, 0.0], abs=1e-9)
     assert sample.angular_rate_radps == pytest.approx([0.0, 0.4, 0.0], abs=1e-9)
 
 
-def test_the_noise_has_the_asked_spread_and_follows_the_seed() -> None:
+def test_the_noise_has_the_asked_spread_and_follows_the_seed():
     spec = replace(QUIET, accel_noise_stddev_mps2=0.1, gyro_noise_stddev_radps=0.01)
     steps = [replace(STILL, step=step) for step in range(400)]
     first, second, other = (Imu(spec, seed) for seed in (1, 1, 2))
@@ -215,7 +215,7 @@ def test_the_noise_has_the_asked_spread_and_follows_the_seed() -> None:
     assert samples.mean(axis=0) == pytest.approx([0.0, 0.0, STANDARD_GRAVITY_MPS2], abs=0.03)
 
 
-def test_a_bias_walks_with_the_root_of_time_and_does_not_depend_on_who_asks_when() -> None:
+def test_a_bias_walks_with_the_root_of_time_and_does_not_depend_on_who_asks_when():
     ends = np.array([BiasWalk(seed, "imu", np.array([0.2])).at(400)[0] for seed in range(150)])
     assert ends.std() == pytest.approx(0.2 * np.sqrt(400 * STEP_S), rel=0.2)
     walk = BiasWalk(3, "imu", np.array([0.2, 0.0]))
@@ -257,7 +257,7 @@ def error_of(odometry: Odometry, start: VehicleMotion, now: VehicleMotion) -> np
 
 
 @given(st.floats(-3.1, 3.1), st.floats(0.0, 30.0), st.floats(-0.5, 0.5))
-def test_without_errors_it_is_the_way_driven(yaw_rad: float, speed_mps: float, turn_radps: float) -> None:
+def test_without_errors_it_is_the_way_driven(yaw_rad, speed_mps, turn_radps):
     motions = drive(replace(START, yaw_rad=yaw_rad, forward_mps=speed_mps), turn_radps, 40)
     wheels = WheelOdometry(3, EXACT_WHEELS)
     for step, motion in enumerate(motions):
@@ -267,13 +267,13 @@ def test_without_errors_it_is_the_way_driven(yaw_rad: float, speed_mps: float, t
     assert odometry.yaw_rate_radps == motions[-1].yaw_rate_radps
 
 
-def test_it_starts_at_its_own_origin() -> None:
+def test_it_starts_at_its_own_origin():
     odometry = WheelOdometry(0).measure(0, START)
     assert (odometry.x_m, odometry.y_m, odometry.yaw_rad) == (0.0, 0.0, 0.0)
     assert np.all(np.linalg.eigvalsh(odometry.pose_covariance) > 0.0)
 
 
-def test_a_missing_step_is_bridged() -> None:
+def test_a_missing_step_is_bridged():
     motions = drive(START)
     wheels = WheelOdometry(3, EXACT_WHEELS)
     for step in (0, 1, 4, 9):
@@ -281,7 +281,7 @@ def test_a_missing_step_is_bridged() -> None:
     assert np.allclose(error_of(odometry, motions[0], motions[9]), 0.0, atol=1e-9)
 
 
-def test_the_gyroscopes_bias_turns_for_as_long_as_nobody_asked() -> None:
+def test_the_gyroscopes_bias_turns_for_as_long_as_nobody_asked():
     """0.15 s: three steps."""
     wheels = WheelOdometry(5, WheelOdometrySpec(0.0, 0.0, 0.01, 0.0))
     wheels.measure(2, START)
@@ -292,7 +292,7 @@ def test_the_gyroscopes_bias_turns_for_as_long_as_nobody_asked() -> None:
     assert odometry.pose_covariance[2, 2] == pytest.approx((0.15 * 0.01) ** 2)
 
 
-def test_errors_are_as_large_as_the_covariance_says() -> None:
+def test_errors_are_as_large_as_the_covariance_says():
     """The mean of eᵀ P⁻¹ e is the number of dimensions, 3; its deviation over 150 seeds is √(6 / 150) = 0.2."""
     motions, squares, twists = drive(START, steps=100), [], []
     for seed in range(150):
@@ -308,7 +308,7 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
     assert np.array_equal(odometry.pose_covariance, odometry.pose_covariance.T)
 
 
-def test_a_calibrated_car_drifts_by_about_half_a_percent() -> None:
+def test_a_calibrated_car_drifts_by_about_half_a_percent():
     motions = drive(replace(START, yaw_rate_radps=0.0), 0.0)
     errors = []
     for seed in range(60):
@@ -321,7 +321,7 @@ def test_a_calibrated_car_drifts_by_about_half_a_percent() -> None:
     assert np.sqrt(odometry.pose_covariance[0, 0]) == pytest.approx(0.005 * driven_m, rel=0.1)
 
 
-def test_it_depends_on_seed_and_motion_alone() -> None:
+def test_it_depends_on_seed_and_motion_alone():
     motions = drive(START, steps=20)
     poses = []
     for seed in (5, 5, 6):

@@ -56,7 +56,7 @@ def _observe(boxes: Any, traffic: Any) -> Callable[..., list[Observations]]:
     return observe
 
 
-def test_a_step_with_everything_due(observe: Any) -> None:
+def test_a_step_with_everything_due(observe):
     (seen,) = observe()
     sweep, frame = seen.sweeps[0], seen.frames[0]
     assert set(np.unique(sweep.points["instance"])) == {0, 2}
@@ -69,7 +69,7 @@ def test_a_step_with_everything_due(observe: Any) -> None:
     assert len(sweep.payload) == sweep.points.nbytes
 
 
-def test_measurements_in_the_background_are_the_same(boxes: Any, traffic: Any) -> None:
+def test_measurements_in_the_background_are_the_same(boxes, traffic):
     states, descriptions = traffic
     here, background = make(boxes), SensorRig(SUITE, NETWORK, 0, scene=boxes.scene(), in_background=True)
     for step in range(3):
@@ -85,24 +85,24 @@ def test_measurements_in_the_background_are_the_same(boxes: Any, traffic: Any) -
             assert seen.truth.lidar_points.tolist() == expected.truth.lidar_points.tolist()
 
 
-def test_nothing_is_under_way_without_a_carrier(boxes: Any, traffic: Any) -> None:
+def test_nothing_is_under_way_without_a_carrier(boxes, traffic):
     states, descriptions = traffic
     sensing = make(boxes).begin(states, descriptions, (), 9)
     assert not sensing.under_way
     assert sensing.finish().sweeps == ()
 
 
-def test_sensors_measure_when_they_are_due(observe: Any) -> None:
+def test_sensors_measure_when_they_are_due(observe):
     assert [(len(seen.sweeps), len(seen.frames)) for seen in observe(steps=3)] == [(1, 1), (1, 0), (1, 1)]
 
 
-def test_each_sensor_has_its_own_rate(observe: Any) -> None:
+def test_each_sensor_has_its_own_rate(observe):
     slow = replace(LIDAR, name="slow", rate_hz=5.0)
     names = [[sweep.sensor for sweep in seen.sweeps] for seen in observe(SensorSuite("two", (LIDAR, slow)), 5)]
     assert names == [["lidar", "slow"], ["lidar"], ["lidar"], ["lidar"], ["lidar", "slow"]]
 
 
-def test_the_same_seed_gives_the_same_bytes(observe: Any) -> None:
+def test_the_same_seed_gives_the_same_bytes(observe):
     noisy = SensorSuite("noisy", (replace(LIDAR, noise_stddev_m=0.02),), (replace(CAMERA, noise_stddev=4.0),))
     (first,), (second,), (clean,) = observe(noisy), observe(noisy), observe()
     assert first.sweeps[0].points.tobytes() == second.sweeps[0].points.tobytes()
@@ -111,12 +111,12 @@ def test_the_same_seed_gives_the_same_bytes(observe: Any) -> None:
     assert 2.0 < difference.std() < 5.0
 
 
-def test_without_its_carrier_nothing_is_measured(observe: Any) -> None:
+def test_without_its_carrier_nothing_is_measured(observe):
     (seen,) = observe(carrier_id=9)
     assert (seen.sweeps, seen.frames, len(seen.truth)) == ((), (), 0)
 
 
-def test_an_empty_suite_still_labels(traffic: Any) -> None:
+def test_an_empty_suite_still_labels(traffic):
     states, descriptions = traffic
     rig = SensorRig(SensorSuite("none"), NETWORK, 0)
     seen = rig.observe(states, descriptions, (), 1)
@@ -125,7 +125,7 @@ def test_an_empty_suite_still_labels(traffic: Any) -> None:
     assert seen.truth.z_m[0] == pytest.approx(descriptions[2].height_m / 2)
 
 
-def test_odometers_count_from_where_an_actor_was_first_seen(boxes: Any) -> None:
+def test_odometers_count_from_where_an_actor_was_first_seen(boxes):
     states, _ = boxes.actors((ActorClass.SEDAN, 0.0, 0.0, np.pi / 2), vy_mps=[10.0])
     odometers = Odometers()
     assert odometers.advance(states).tolist() == [0.0]

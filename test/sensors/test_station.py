@@ -1,5 +1,4 @@
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ def _town() -> RoadNetwork:
     return parse_road_network(compile_map(None).read_bytes())
 
 
-def test_at_a_junction_the_pole_is_off_the_lanes_and_faces_the_middle(town: RoadNetwork) -> None:
+def test_at_a_junction_the_pole_is_off_the_lanes_and_faces_the_middle(town):
     signals = [j for j in town.junctions.values() if j.kind is JunctionKind.SIGNAL]
     for junction in signals:
         mount = station_mount(Station(None), town, {"junction": junction.junction_id})
@@ -41,7 +40,7 @@ def test_at_a_junction_the_pole_is_off_the_lanes_and_faces_the_middle(town: Road
         assert np.cos(mount.yaw_rad) == pytest.approx(away[0] / np.linalg.norm(away))
 
 
-def test_without_a_site_it_says_what_it_needs(town: RoadNetwork) -> None:
+def test_without_a_site_it_says_what_it_needs(town):
     sites: list[dict[str, object] | None] = [
         None,
         {"junction": ""},
@@ -56,7 +55,7 @@ def test_without_a_site_it_says_what_it_needs(town: RoadNetwork) -> None:
     assert station_mount(Station(place), town) == place
 
 
-def test_at_a_road_the_pole_stands_beside_it_half_way_along(town: RoadNetwork) -> None:
+def test_at_a_road_the_pole_stands_beside_it_half_way_along(town):
     edge = max(town.edges, key=lambda one: town.lanes[one.lanes[0]].length_m)
     mount = station_mount(Station(None), town, {"junction": "", "stretch": [edge.edge_id]})
     pole = shapely.Point(mount.x_m, mount.y_m)
@@ -71,7 +70,7 @@ def test_at_a_road_the_pole_stands_beside_it_half_way_along(town: RoadNetwork) -
     assert abs(across) < 0.2
 
 
-def test_a_sensor_inside_a_building_is_refused(boxes: Any) -> None:
+def test_a_sensor_inside_a_building_is_refused(boxes):
     scene = boxes.scene(boxes.box((50.0, 0.0, 5.0), (20.0, 20.0, 10.0)))
     suite = SensorSuite("pole", (LIDAR,), station=Station(Mount(50.0, 0.0, 0.0)))
     with pytest.raises(InputError, match="outside of buildings"):
@@ -83,9 +82,7 @@ def test_a_sensor_inside_a_building_is_refused(boxes: Any) -> None:
     corners=st.lists(st.tuples(*[st.integers(-8, 8)] * 9), min_size=1, max_size=6),
     place=st.tuples(*[st.integers(-8, 8)] * 3),
 )
-def test_triangles_above_a_place_are_those_of_their_planes(
-    corners: list[tuple[int, ...]], place: tuple[int, int, int]
-) -> None:
+def test_triangles_above_a_place_are_those_of_their_planes(corners, place):
     """Of tilted triangles of either sense of rotation: the plane through the corners, where the outline holds it."""
     x_m, y_m, z_m = place[0] + 0.37, place[1] + 0.1913, place[2] + 0.5
     triangles = np.array(corners, dtype=np.float64).reshape(-1, 3, 3)
@@ -99,7 +96,7 @@ def test_triangles_above_a_place_are_those_of_their_planes(
     assert _crossings_above(triangles, x_m, y_m, z_m) == expected
 
 
-def test_only_solid_bodies_are_indoors(boxes: Any) -> None:
+def test_only_solid_bodies_are_indoors(boxes):
     """A roof over the street, of one surface, and a body below the sensor do not enclose it."""
     suite = SensorSuite("pole", (LIDAR,), station=Station(Mount(50.0, 0.0, 0.0)))
     low = boxes.scene(boxes.box((50.0, 0.0, 1.0), (20.0, 20.0, 2.0)))
@@ -108,7 +105,7 @@ def test_only_solid_bodies_are_indoors(boxes: Any) -> None:
         check_outdoors(boxes.scene(boxes.box((50.0, 3.0, 5.0), (20.0, 1.0, 10.0))), suite, Mount(50.0, 3.0, 0.0))
 
 
-def test_a_station_sees_the_emergency_vehicle_and_stays_where_it_is(boxes: Any) -> None:
+def test_a_station_sees_the_emergency_vehicle_and_stays_where_it_is(boxes):
     suite = SensorSuite("pole", (LIDAR,), station=Station(Mount(0.0, -15.0, 0.0, np.pi / 2)))
     rig = SensorRig(suite, NETWORK, 0, scene=boxes.scene())
     states, _ = boxes.actors((ActorClass.SEDAN, 0.0, 0.0, 0.0), vx_mps=[10.0])
@@ -121,7 +118,7 @@ def test_a_station_sees_the_emergency_vehicle_and_stays_where_it_is(boxes: Any) 
     assert len(gone.sweeps) == 1
 
 
-def test_its_frames_hang_from_the_map() -> None:
+def test_its_frames_hang_from_the_map():
     suite = load_suite("roadside")
     frames = {t.child: t for t in static_transforms(suite, station=Mount(5.0, 6.0, 0.0))}
     assert frames["station"].parent == "map"

@@ -26,7 +26,7 @@ PAPER_CAMERAS = {
 }
 
 
-def test_the_named_suites_are_there() -> None:
+def test_the_named_suites_are_there():
     assert {"none", "lidar", "front", "full"} <= set(suite_names())
     none = load_suite("none")
     assert (none.lidars, none.cameras, none.others) == ((), (), ())
@@ -35,7 +35,7 @@ def test_the_named_suites_are_there() -> None:
     assert len(front.lidars) == 1
 
 
-def test_the_full_suite_is_the_papers() -> None:
+def test_the_full_suite_is_the_papers():
     suite = load_suite("full")
     lidar = suite.lidars[0]
     assert (lidar.mount.x_m, lidar.mount.y_m, lidar.mount.z_m) == (0.0, 0.0, 1.93)
@@ -60,7 +60,7 @@ def write(folder: Path, text: str) -> str:
     return str(path)
 
 
-def test_a_users_file_is_a_suite_of_its_own(tmp_path: Path) -> None:
+def test_a_users_file_is_a_suite_of_its_own(tmp_path):
     path = write(tmp_path, "lidars:\n  roof:\n    mount: {x_m: 0, y_m: 0, z_m: 3, yaw_deg: 90}\n    rate_hz: 10\n")
     suite = load_suite(path)
     assert suite.name == "mine"
@@ -95,7 +95,7 @@ MOUNT = "mount: {x_m: 0, y_m: 0, z_m: 1}"
         ("lidars: [", "valid YAML"),
     ],
 )
-def test_what_cannot_be_used_is_named(tmp_path: Path, text: str, said: str) -> None:
+def test_what_cannot_be_used_is_named(tmp_path, text, said):
     path = write(tmp_path, text)
     with pytest.raises(InputError) as caught:
         load_suite(path)
@@ -103,12 +103,12 @@ def test_what_cannot_be_used_is_named(tmp_path: Path, text: str, said: str) -> N
     assert "mine.yaml" in str(caught.value)
 
 
-def test_an_unknown_suite_is_answered_with_the_known_ones() -> None:
+def test_an_unknown_suite_is_answered_with_the_known_ones():
     with pytest.raises(InputError, match=r"lidar.*none"):
         load_suite("everything")
 
 
-def test_nuscenes_has_its_six_cameras_all_around() -> None:
+def test_nuscenes_has_its_six_cameras_all_around():
     suite = load_suite("nuscenes")
     assert suite.lidars[0].channels == 32
     fields = sorted(round(float(np.degrees(camera.horizontal_fov_rad))) for camera in suite.cameras)
@@ -120,7 +120,7 @@ def test_nuscenes_has_its_six_cameras_all_around() -> None:
     assert covered.all()
 
 
-def test_a_roadside_suite_stands_at_the_site_and_labels_its_pictures() -> None:
+def test_a_roadside_suite_stands_at_the_site_and_labels_its_pictures():
     suite = load_suite("roadside")
     assert suite.station is not None
     assert suite.station.place is None
@@ -128,7 +128,7 @@ def test_a_roadside_suite_stands_at_the_site_and_labels_its_pictures() -> None:
     assert load_suite("full").station is None
 
 
-def test_a_station_at_a_place(tmp_path: Path) -> None:
+def test_a_station_at_a_place(tmp_path):
     path = write(tmp_path, "station: {x_m: 10, y_m: -4, yaw_deg: 90}\n")
     station = load_suite(path).station
     assert station is not None
@@ -148,7 +148,7 @@ def test_a_station_at_a_place(tmp_path: Path) -> None:
         ("microphones:\n  ear:\n    mount: {x_m: 0, y_m: 0, z_m: 1}\n    sample_rate_hz: 1", "sample_rate_hz"),
     ],
 )
-def test_a_wrong_station_label_or_microphone_is_refused(tmp_path: Path, text: str, match: str) -> None:
+def test_a_wrong_station_label_or_microphone_is_refused(tmp_path, text, match):
     with pytest.raises(InputError, match=match):
         load_suite(write(tmp_path, text + "\n"))
 
@@ -157,31 +157,31 @@ angles = st.floats(-3.0, 3.0)
 
 
 @given(angles, angles, angles)
-def test_rotations_are_proper(roll: float, pitch: float, yaw: float) -> None:
+def test_rotations_are_proper(roll, pitch, yaw):
     rotation = rotation_from_rpy(roll, pitch, yaw)
     assert np.allclose(rotation @ rotation.T, np.eye(3))
     assert np.linalg.det(rotation) == pytest.approx(1.0)
 
 
 @given(angles, angles, angles)
-def test_inverse_undoes_a_transform(roll: float, pitch: float, yaw: float) -> None:
+def test_inverse_undoes_a_transform(roll, pitch, yaw):
     mount = Mount(1.0, -2.0, 3.0, yaw, pitch, roll)
     assert np.allclose(inverse(mount.base_from_sensor) @ mount.base_from_sensor, np.eye(4))
 
 
-def test_yaw_turns_left_pitch_looks_down_roll_lowers_the_right_side() -> None:
+def test_yaw_turns_left_pitch_looks_down_roll_lowers_the_right_side():
     forward, left = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     assert np.allclose(rotation_from_rpy(0, 0, np.pi / 2) @ forward, [0, 1, 0])
     assert (rotation_from_rpy(0, 0.1, 0) @ forward)[2] < 0
     assert (rotation_from_rpy(0.1, 0, 0) @ left)[2] > 0
 
 
-def test_a_point_ahead_of_an_actor_heading_north_lies_north() -> None:
+def test_a_point_ahead_of_an_actor_heading_north_lies_north():
     pose = map_from_base(10.0, 20.0, 0.5, np.pi / 2)
     assert np.allclose(pose @ [2.0, 0.0, 1.0, 1.0], [10.0, 22.0, 1.5, 1.0])
 
 
-def test_the_optical_frame_has_z_forward_x_right_y_down() -> None:
+def test_the_optical_frame_has_z_forward_x_right_y_down():
     assert np.allclose(OPTICAL_FROM_BODY @ [1.0, 0.0, 0.0], [0, 0, 1])
     assert np.allclose(OPTICAL_FROM_BODY @ [0.0, 1.0, 0.0], [-1, 0, 0])
     assert np.allclose(OPTICAL_FROM_BODY @ [0.0, 0.0, 1.0], [0, -1, 0])

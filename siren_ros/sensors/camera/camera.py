@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -62,39 +63,21 @@ class Camera:
         labels: LabelKinds,
     ) -> Callable[[], CameraFrame]:
         """Begin a picture from a pose of the camera's body frame; the returned function waits for it. Call it once."""
-        spec = self.spec
-        picture = self._renderer.begin(
-            self.intrinsics,
-            map_from_camera,
-            placement,
-            rolled_m,
-            signals,
-            step,
-            exposure=spec.exposure,
-            labels=labels.depth,
-            instances=labels.instance or labels.boxes,
-        )
+        drawn: dict[str, Any] = {"labels": labels.depth, "instances": labels.instance or labels.boxes}
+        scene = (map_from_camera, placement, rolled_m, signals, step)
+        picture = self._renderer.begin(self.intrinsics, *scene, exposure=self.spec.exposure, **drawn)
         return partial(self._develop, step, picture)
 
     def _develop(self, step: int, picture: Callable[[], RenderedImage]) -> CameraFrame:
         image, spec = picture(), self.spec
+        colours = image.rgba[..., :3]  # the lens and the noise leave the labels as they are
         if spec.blur_px > 0.0:
-            self._blur(image.rgba)
+            blurred = gaussian_filter(colours.astype(np.float32), spec.blur_px, axes=(0, 1), truncate=3.0)
+            colours[:] = np.rint(blurred).astype(np.uint8)
         if spec.noise_stddev > 0.0:
-            self._add_noise(image.rgba, step)
-        encoded = self._encoder.submit(
-            simplejpeg.encode_jpeg, image.rgba, spec.jpeg_quality, "RGBX", "420", fastdct=True
-        )
+            rng = sensor_generator(self._seed, spec.name, step)
+            noise = rng.standard_normal(colours.shape, np.float32) * np.float32(spec.noise_stddev)
+            colours[:] = np.clip(np.rint(colours + noise), 0, 255).astype(np.uint8)
+        encode = partial(simplejpeg.encode_jpeg, colorspace="RGBX", colorsubsampling="420", fastdct=True)
+        encoded = self._encoder.submit(encode, image.rgba, spec.jpeg_quality)
         return CameraFrame(spec.name, step, self.intrinsics, image, encoded)
-
-    def _blur(self, rgba: npt.NDArray[np.uint8]) -> None:
-        """Blur the colours in place, as a lens out of focus does; labels stay sharp."""
-        for channel in range(3):
-            blurred = gaussian_filter(rgba[..., channel].astype(np.float32), self.spec.blur_px, truncate=3.0)
-            rgba[..., channel] = np.rint(blurred).astype(np.uint8)
-
-    def _add_noise(self, rgba: npt.NDArray[np.uint8], step: int) -> None:
-        """Add white noise to the colours in place."""
-        rng = sensor_generator(self._seed, self.spec.name, step)
-        noise = rng.standard_normal((*rgba.shape[:2], 3), np.float32) * np.float32(self.spec.noise_stddev)
-        rgba[..., :3] = np.clip(np.rint(rgba[..., :3] + noise), 0, 255).astype(np.uint8)

@@ -74,8 +74,7 @@ class RaycastRenderer:
         albedo = self._static_albedo[triangle]
         glow = np.zeros_like(albedo)
         for lamp in self._static.signal_lamps:
-            state = signals.get(lamp.signal_id)
-            if state is not None and lamp.link < len(state) and lamp.is_lit(state):
+            if lamp.is_lit(signals.get(lamp.signal_id, "")):
                 lens = hit & (triangle >= lamp.start) & (triangle < lamp.stop)
                 glow[lens] = albedo[lens] / _LENS_ALBEDO * 2.6 + 0.1
         normal = np.array(hits.normal, dtype=np.float64)

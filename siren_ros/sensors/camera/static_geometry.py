@@ -241,7 +241,8 @@ class _Lamps:
 
     def draw(self, signals: Mapping[str, str], step: int) -> None:
         dark = time_ns_of_step(step) % _BLINK_PERIOD_NS >= _BLINK_PERIOD_NS // 2
-        shown = tuple(_shines(lamp, signals.get(lamp.signal_id), dark) for lamp in self._lamps)
+        states = [(lamp, signals.get(lamp.signal_id, "")) for lamp in self._lamps]
+        shown = tuple(lamp.is_lit(state) and not (dark and state[lamp.link] == "o") for lamp, state in states)
         if shown != self._shown:
             lit = [part for part, shines in zip(self._parts, shown, strict=True) if shines]
             if lit:
@@ -249,10 +250,3 @@ class _Lamps:
             self._shown, self._count = shown, 3 * sum(len(part) for part in lit)
         if self._count:
             self._array.render(moderngl.TRIANGLES, vertices=self._count)
-
-
-def _shines(lamp: SignalLamp, state: str | None, dark: bool) -> bool:
-    """Whether a lamp shines; ``o`` (blinking) only while not ``dark``."""
-    if state is None or lamp.link >= len(state) or not lamp.is_lit(state):
-        return False
-    return not (dark and state[lamp.link] == "o")

@@ -281,13 +281,16 @@ class Lidar:
 
     def _rotation(self, step: int, map_from_lidar: Matrix, placement: Placement) -> Rotation:
         """Inputs and output memory of one sweep."""
-        near = self._in_range(map_from_lidar, placement)
+        reach = self.spec.range_m + placement.size_m.sum(axis=1) / 2.0
+        near = np.flatnonzero(placement.distance_m(map_from_lidar[0, 3], map_from_lidar[1, 3]) < reach)
+        points = np.empty(len(self._scratch.rays), LIDAR_POINT_DTYPE).view(np.uint8)
+        rows = len(self._scratch.rays)
         return Rotation(
             lidar_from_map=inverse(map_from_lidar),
             vehicles=self._vehicles(placement, near),
             receiver=self._receiver(step),
             step=step,
-            out=_records(np.empty(len(self._scratch.rays), LIDAR_POINT_DTYPE)),
+            out=loops.Records(points.view(np.float32).reshape(rows, -1), points.view(np.uint16).reshape(rows, -1)),
             count_on=np.zeros(len(near), np.int64),
         )
 
@@ -311,19 +314,14 @@ class Lidar:
         time_s = self.pattern.column_time_s.astype(np.float64)
         turn = motion.yaw_rate_radps * time_s
         base = map_from_lidar @ inverse(self.spec.mount.base_from_sensor)
-        cos, sin, zero, one = np.cos(turn), np.sin(turn), np.zeros(columns), np.ones(columns)
-        rotation = np.stack((cos, -sin, zero, sin, cos, zero, zero, zero, one), axis=-1).reshape(-1, 3, 3)
+        cos, sin, zeros, ones = np.cos(turn), np.sin(turn), np.zeros(columns), np.ones(columns)
+        rotation = np.stack((cos, -sin, zeros, sin, cos, zeros, zeros, zeros, ones), axis=-1).reshape(-1, 3, 3)
         arm = map_from_lidar[:3, 3] - base[:3, 3]
         poses = np.empty((columns, 3, 4), np.float32)
         poses[:, :, :3] = rotation @ map_from_lidar[:3, :3]
-        shift = np.stack((motion.vx_mps * time_s, motion.vy_mps * time_s, zero), axis=-1)
+        shift = np.stack((motion.vx_mps * time_s, motion.vy_mps * time_s, zeros), axis=-1)
         poses[:, :, 3] = base[:3, 3] + shift + rotation @ arm
         return poses
-
-    def _in_range(self, map_from_lidar: Matrix, placement: Placement) -> Rows:
-        """Rows of the vehicles that may be within range."""
-        reach = self.spec.range_m + placement.size_m.sum(axis=1) / 2.0
-        return np.flatnonzero(placement.distance_m(map_from_lidar[0, 3], map_from_lidar[1, 3]) < reach)
 
     def _vehicles(self, placement: Placement, near: Rows) -> loops.Vehicles:
         world = self._world
@@ -369,10 +367,3 @@ def _candidates(count: int) -> loops.Candidates:
     return loops.Candidates(
         rays=np.empty((count, 6), np.float32), ray=np.empty(count, np.int32), vehicle=np.empty(count, np.int32)
     )
-
-
-def _records(buffer: npt.NDArray[np.void]) -> loops.Records:
-    """The buffer of points as two-dimensional arrays of each element type."""
-    flat = buffer.view(np.uint8)
-    rows = len(buffer)
-    return loops.Records(f4=flat.view(np.float32).reshape(rows, -1), u2=flat.view(np.uint16).reshape(rows, -1))

@@ -310,10 +310,10 @@ def select_candidates(  # compiled code is called with positions
     columns, rings = pattern.column_time_s.shape[0], pattern.elevation.shape[0]
     turn_s = np.abs(pattern.world_time_s[0])
     upright = abs(lidar_from_map[2, 0]) + abs(lidar_from_map[2, 1]) < 1e-9
-    found = 0
+    written = 0
     for v in range(vehicles.pose.shape[0]):
-        one = np.float32(1.0)
-        sx, sy, sz = one / vehicles.scale[v, 0], one / vehicles.scale[v, 1], one / vehicles.scale[v, 2]
+        unit = np.float32(1.0)
+        sx, sy, sz = unit / vehicles.scale[v, 0], unit / vehicles.scale[v, 1], unit / vehicles.scale[v, 2]
         pose, motion = vehicles.pose[v], vehicles.motion[v]
         reach = turn_s * (np.hypot(motion[0], motion[1]) + vehicles.size[v, 0] * np.abs(motion[2]))
         first_column, count, low, high = _window(pattern, pose, vehicles.size[v], reach, lidar_from_map)
@@ -331,18 +331,18 @@ def select_candidates(  # compiled code is called with positions
             o = ((cos * rx + sin * ry) * sx, (cos * ry - sin * rx) * sy, rz * sz)
             if upright:
                 x, y = rays[first, 3], rays[first, 4]
-                per_m = one / np.sqrt(x * x + y * y)
+                per_m = unit / np.sqrt(x * x + y * y)
                 ahead = ((cos * x + sin * y) * sx * per_m, (cos * y - sin * x) * sy * per_m)
                 low, high = _rings(pattern, vehicles.bounds[v], o, ahead, sz)
             for i in range(first + low, first + high):
                 x, y = rays[i, 3], rays[i, 4]
                 d = ((cos * x + sin * y) * sx, (cos * y - sin * x) * sy, rays[i, 5] * sz)
                 if _entry(vehicles.bounds[v], o, d) < distance[i]:
-                    if found < out.ray.shape[0]:
+                    if written < out.ray.shape[0]:
                         for axis in range(3):
-                            out.rays[found, axis] = o[axis] + vehicles.offset[v, axis]
-                            out.rays[found, 3 + axis] = d[axis]
-                        out.ray[found] = i
-                        out.vehicle[found] = v
-                    found += 1
-    return found
+                            out.rays[written, axis] = o[axis] + vehicles.offset[v, axis]
+                            out.rays[written, 3 + axis] = d[axis]
+                        out.ray[written] = i
+                        out.vehicle[written] = v
+                    written += 1
+    return written

@@ -250,8 +250,8 @@ class SignalLamp:
     stop: int
 
     def is_lit(self, state: str) -> bool:
-        """Whether the lamp shines in a state string of its signal."""
-        return state[self.link] in self.colour.lit_by
+        """Whether the lamp shines in a state string of its signal, which may be too short."""
+        return self.link < len(state) and state[self.link] in self.colour.lit_by
 
 
 @dataclass(frozen=True, eq=False)

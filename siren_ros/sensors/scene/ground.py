@@ -151,11 +151,8 @@ class _Painter:
         for edge in self.roads:
             for junction_id, at_end in ((edge.to_junction, True), (edge.from_junction, False)):
                 junction: Junction | None = self.network.junctions.get(junction_id)
-                lanes = [
-                    self.network.lanes[i]
-                    for i in edge.lanes
-                    if self.network.lanes[i].kind in {LaneKind.DRIVING, LaneKind.SHOULDER}
-                ]
+                paved = {LaneKind.DRIVING, LaneKind.SHOULDER}
+                lanes = [self.network.lanes[i] for i in edge.lanes if self.network.lanes[i].kind in paved]
                 if junction is None or junction.kind is not JunctionKind.SIGNAL or not lanes:
                     continue
                 yield from self._half_crossing(lanes, at_end=at_end)
@@ -205,8 +202,7 @@ _ARROWS: Final = _arrow_shapes()
 
 def arrow(centre: Polyline, tip_m: float, letters: set[str]) -> Iterator[Polygon]:
     """The arrow for a lane's movements (SUMO's letters in lower case; a turnaround counts as left)."""
-    shapes = sorted({"l" if letter == "t" else letter for letter in letters} & set(_ARROWS))
-    for letter in shapes:
+    for letter in sorted({"l" if letter == "t" else letter for letter in letters} & set(_ARROWS)):
         corners = np.asarray(_ARROWS[letter].exterior.coords)
         yield Polygon(centre.offset_points(tip_m + corners[:, 0], corners[:, 1]))
 
@@ -221,7 +217,9 @@ def _opposite_edges(network: RoadNetwork) -> dict[int, int]:
     for (start, end), edges in pairs.items():
         for edge in edges:
             for other in pairs.get((end, start), []):
-                if _touch(network.lanes[edge.lanes[-1]], network.lanes[other.lanes[-1]]):
+                lane, facing = network.lanes[edge.lanes[-1]], network.lanes[other.lanes[-1]]
+                _, left = facing.centre.project(lane.centre.at(lane.length_m / 2))
+                if abs(abs(float(left)) - (lane.width_m + facing.width_m) / 2) < _OPPOSITE_M:
                     opposite[edge.index] = other.index
     return opposite
 
@@ -242,12 +240,6 @@ def _edges_beside_oncoming(network: RoadNetwork) -> frozenset[int]:
             if np.cos(float(centre.heading_rad(s)) - heading) < -0.8:
                 beside_oncoming.add(lane.edge)
     return frozenset(beside_oncoming)
-
-
-def _touch(lane: Lane, other: Lane) -> bool:
-    middle = lane.centre.at(lane.length_m / 2)
-    _, left = other.centre.project(middle)
-    return abs(abs(float(left)) - (lane.width_m + other.width_m) / 2) < _OPPOSITE_M
 
 
 ASPHALT_RGB: Final[Rgb] = (74, 75, 78)
@@ -284,15 +276,13 @@ def ground_mesh(surfaces: Surfaces, markings: Markings, config: SceneConfig) -> 
         (surfaces.verge, 0.0, Material.GROUND, VERGE_RGB),
         (grass, 0.0, Material.GRASS, GRASS_RGB),
     )
-    parts = [_tiled(area, z, material, colour, config.tile_m) for area, z, material, colour in flat]
+    parts = [
+        flat_polygons([tile for part in polygons(area) for tile in _cut(part, config.tile_m)], z, material, colour)
+        for area, z, material, colour in flat
+    ]
     parts.extend(walls(part, 0.0, top, Material.KERB, KERB_RGB) for part in polygons(raised))
     parts.append(flat_polygons([land], -_BEDROCK_DEPTH_M, Material.GROUND, VERGE_RGB))
     return Mesh.joined(*parts)
-
-
-def _tiled(area: BaseGeometry, z_m: float, material: Material, colour: Rgb, tile_m: float) -> Mesh:
-    tiles = [tile for part in polygons(area) for tile in _cut(part, tile_m)]
-    return flat_polygons(tiles, z_m, material, colour)
 
 
 def _cut(area: BaseGeometry, tile_m: float) -> list[shapely.Polygon]:

@@ -124,19 +124,15 @@ def drawn_centres(network: RoadNetwork, extension_m: float) -> dict[int, Polylin
             junction = network.junctions.get(junction_id)
             if junction is None or junction.kind is not JunctionKind.DEAD_END:
                 continue
-            lanes = [network.lanes[i] for i in edge.lanes]
-            if _room_beyond(lanes[-1], roads, extension_m, at_end=at_end):
-                for lane in lanes:
-                    centre = centres[lane.index]
-                    ends = (0.0, centre.length_m + extension_m) if at_end else (-extension_m, centre.length_m)
-                    centres[lane.index] = centre.cut(*ends)
+            last = network.lanes[edge.lanes[-1]]
+            ends = (last.length_m + 1.0, last.length_m + extension_m) if at_end else (-extension_m, -1.0)
+            corridor = LineString(last.centre.at(ends)).buffer(8.0, cap_style="flat")
+            if len(roads.query(corridor, predicate="intersects")) == 0:
+                for index in edge.lanes:
+                    length_m = centres[index].length_m
+                    reach = (0.0, length_m + extension_m) if at_end else (-extension_m, length_m)
+                    centres[index] = centres[index].cut(*reach)
     return centres
-
-
-def _room_beyond(lane: Lane, roads: shapely.STRtree, extension_m: float, *, at_end: bool) -> bool:
-    ends = (lane.length_m + 1.0, lane.length_m + extension_m) if at_end else (-extension_m, -1.0)
-    corridor = LineString(lane.centre.at(ends)).buffer(8.0, cap_style="flat")
-    return len(roads.query(corridor, predicate="intersects")) == 0
 
 
 def strip(centre: Polyline, width_m: float) -> Polygon:
@@ -202,7 +198,12 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
     crossed = intersection(crossings, outlines)
     seams = closed(union((driving, by_kind[LaneKind.SHOULDER])), 0.9)
     bare = difference(by_kind[LaneKind.SHOULDER], driving, heart)
-    paved = _without_small_holes(union((driving, heart, across, crossed, seams, bare)))
+    drawn = union((driving, heart, across, crossed, seams, bare))
+    # Lanes and paths leave slivers between them, which are paved, too.
+    rings = [
+        (part, [ring for ring in part.interiors if Polygon(ring).area > _SMALLEST_HOLE_M2]) for part in polygons(drawn)
+    ]
+    paved = union([Polygon(part.exterior, holes) for part, holes in rings])
     carriageway = difference(paved, bare)
     left_kerbs = union(area[lane.index] for lane in network.lanes if _is_left_of_traffic(network, lane))
     gaps = difference(closed(driving, 4.0), paved, outlines)
@@ -215,7 +216,8 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
     corners = closed(union((walks, paved, outlines)), 0.5) if has_walks else walks
     sidewalk = difference(corners, paved, median) if has_walks else difference(walks, paved, median)
     verge = MultiPolygon() if has_walks else difference(paved.buffer(config.verge_width_m), paved, median, sidewalk)
-    west, south, east, north = _bounds(network)
+    points = np.concatenate([lane.centre.points for lane in network.lanes])
+    (west, south), (east, north) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     return Surfaces(
         carriageway=carriageway,
         shoulder=bare,
@@ -240,27 +242,10 @@ def _junction_carriageway(network: RoadNetwork, across: BaseGeometry, outlines: 
     return intersection(union((filled, across)), outlines)
 
 
-def _without_small_holes(area: BaseGeometry) -> BaseGeometry:
-    """The area with the slivers filled that lanes and paths leave between them."""
-    parts = [
-        Polygon(part.exterior, [ring for ring in part.interiors if Polygon(ring).area > _SMALLEST_HOLE_M2])
-        for part in polygons(area)
-    ]
-    return union(parts)
-
-
 def _is_left_of_traffic(network: RoadNetwork, lane: Lane) -> bool:
     """Whether an unused strip lies left of a driving lane of its own edge."""
-    if lane.kind is not LaneKind.KERB:
-        return False
-    kinds = [network.lanes[i].kind for i in network.edges[lane.edge].lanes[: lane.position]]
-    return LaneKind.DRIVING in kinds
-
-
-def _bounds(network: RoadNetwork) -> tuple[float, float, float, float]:
-    points = np.concatenate([lane.centre.points for lane in network.lanes])
-    (west, south), (east, north) = points.min(axis=0), points.max(axis=0)
-    return float(west), float(south), float(east), float(north)
+    rightward = network.edges[lane.edge].lanes[: lane.position]
+    return lane.kind is LaneKind.KERB and any(network.lanes[i].kind is LaneKind.DRIVING for i in rightward)
 
 
 _CELL_M: Final = 20.0
@@ -317,15 +302,10 @@ def ring_samples(area: BaseGeometry, spacing_m: float) -> tuple[Points, Points]:
     for part in shapely.get_parts(area):
         oriented = shapely.geometry.polygon.orient(Polygon(part))
         for ring in (oriented.exterior, *oriented.interiors):
-            count = int(ring.length // spacing_m)
-            if count == 0:
-                continue
-            s = np.arange(count) * (ring.length / count)
-            here = shapely.get_coordinates(shapely.line_interpolate_point(ring, s))
-            ahead = shapely.get_coordinates(shapely.line_interpolate_point(ring, (s + 0.2) % ring.length))
-            step = ahead - here
-            places.append(here)
-            tangents.append(step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9))
-    if not places:
-        return np.empty((0, 2)), np.empty((0, 2))
-    return np.concatenate(places), np.concatenate(tangents)
+            if count := int(ring.length // spacing_m):
+                s = np.arange(count) * (ring.length / count)
+                here = shapely.get_coordinates(shapely.line_interpolate_point(ring, s))
+                step = shapely.get_coordinates(shapely.line_interpolate_point(ring, (s + 0.2) % ring.length)) - here
+                places.append(here)
+                tangents.append(step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9))
+    return np.concatenate([np.empty((0, 2)), *places]), np.concatenate([np.empty((0, 2)), *tangents])

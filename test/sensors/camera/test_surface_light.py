@@ -9,7 +9,7 @@ from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Material
 
 
-def test_walls_that_face_away_from_the_sun_are_shady_unless_lamps_are_lit() -> None:
+def test_walls_that_face_away_from_the_sun_are_shady_unless_lamps_are_lit():
     """Normals at 60°, 89°, 91° and 120° from the sun's direction, turned about the vertical."""
     look = Look()
     x, y, _ = look.towards_sun

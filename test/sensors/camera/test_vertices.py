@@ -1,5 +1,3 @@
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +9,7 @@ from siren_ros.sensors.meshes.mesh import SEMANTIC_CLASS_OF_MATERIAL, Mesh
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 10_000), st.integers(1, 60))
-def test_indexing_keeps_every_triangle_and_its_values(seed: int, count: int) -> None:
+def test_indexing_keeps_every_triangle_and_its_values(seed, count):
     rng = np.random.default_rng(seed)
     points = rng.integers(-2, 3, (12, 3)).astype(np.float32)
     mesh = Mesh(
@@ -32,7 +30,7 @@ def test_indexing_keeps_every_triangle_and_its_values(seed: int, count: int) -> 
     assert np.allclose(last["normal_material"][:, :3], mesh.normals, atol=1e-3)
 
 
-def test_a_box_needs_few_vertices(boxes: Any) -> None:
+def test_a_box_needs_few_vertices(boxes):
     assert len(index_mesh(boxes.box((0, 0, 0), (1, 2, 3)), SEMANTIC_CLASS_OF_MATERIAL).vertices) < 36 / 2
 
 

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +25,7 @@ def soup(count: int, rng: np.random.Generator) -> tuple[npt.NDArray[np.float32],
 
 @given(seed=st.integers(0, 1000), triangles=st.integers(1, 60), count=st.integers(0, 100))
 @settings(max_examples=30, deadline=None, derandomize=True)
-def test_hits_are_those_of_open3d(seed: int, triangles: int, count: int) -> None:
+def test_hits_are_those_of_open3d(seed, triangles, count):
     rng = np.random.default_rng(seed)
     mesh = soup(triangles, rng)
     rays = rng.uniform(-1.0, 1.0, (count, 6)).astype(np.float32)
@@ -41,20 +40,20 @@ def test_hits_are_those_of_open3d(seed: int, triangles: int, count: int) -> None
     np.testing.assert_allclose(unit, theirs["primitive_normals"].numpy()[hit], atol=1e-3)
 
 
-def test_distance_is_in_units_of_the_direction() -> None:
+def test_distance_is_in_units_of_the_direction():
     tree = TriangleTree([(VERTICES, TRIANGLE)])
     hits = tree.cast(np.array([[0.2, 0.2, -1, 0, 0, 2], [0.2, 0.2, 3, 0, 0, -1], [2, 2, -1, 0, 0, 1]], np.float32))
     np.testing.assert_allclose(hits.distance, [0.5, 3.0, np.inf], rtol=2.0**-23)  # processors differ in the last bit
 
 
-def test_triangles_are_counted_within_each_mesh() -> None:
+def test_triangles_are_counted_within_each_mesh():
     behind = np.concatenate((VERTICES, VERTICES + np.float32(5.0)))
     tree = TriangleTree([(VERTICES + np.float32(5.0), TRIANGLE), (behind, np.array([[3, 4, 5], [0, 1, 2]]))])
     hits = tree.cast(np.array([[0.2, 0.2, -1, 0, 0, 1], [5.2, 5.2, 0, 0, 0, 1]], np.float32))
     assert hits.triangle.tolist() == [1, 0]
 
 
-def test_order_and_the_room_given_change_nothing() -> None:
+def test_order_and_the_room_given_change_nothing():
     rng = np.random.default_rng(3)
     tree = TriangleTree([soup(40, rng)])
     rays = rng.uniform(-1.0, 1.0, (10 * 7, 6)).astype(np.float32)
@@ -67,12 +66,12 @@ def test_order_and_the_room_given_change_nothing() -> None:
         np.testing.assert_array_equal(room.triangle[hit], plain.triangle[hit])
 
 
-def test_a_tree_without_triangles_is_never_hit() -> None:
+def test_a_tree_without_triangles_is_never_hit():
     assert np.isinf(TriangleTree([]).cast(np.ones((20, 6), np.float32)).distance).all()
 
 
 @pytest.mark.parametrize(("columns", "rows", "side"), [(8, 8, 4), (10, 7, 4), (1, 5, 4), (3, 3, 1)])
-def test_tiles_visit_each_ray_once_and_keep_neighbours_together(columns: int, rows: int, side: int) -> None:
+def test_tiles_visit_each_ray_once_and_keep_neighbours_together(columns, rows, side):
     order = tiles(columns, rows, side)
     assert sorted(order.tolist()) == list(range(columns * rows))
     first = order[: min(columns, side) * min(rows, side)]
@@ -96,7 +95,7 @@ np.save(sys.argv[2], np.column_stack((hits.distance, np.where(met, hits.triangle
 """
 
 
-def test_packets_of_every_width_find_the_same(tmp_path: Path) -> None:
+def test_packets_of_every_width_find_the_same(tmp_path):
     files = {lanes: tmp_path / f"{lanes}.npy" for lanes in (4, 8, 16)}
     programs = [
         subprocess.Popen([sys.executable, "-c", _WITH_PACKETS_OF, str(lanes), str(file)])
@@ -112,7 +111,7 @@ def test_packets_of_every_width_find_the_same(tmp_path: Path) -> None:
 
 @given(size=st.integers(0, 4), count=st.integers(0, 200), grain=st.integers(1, 50))
 @settings(max_examples=40, deadline=None)
-def test_every_index_is_done_once(size: int, count: int, grain: int) -> None:
+def test_every_index_is_done_once(size, count, grain):
     done = np.zeros(count, np.int64)
     workers = set()
 
@@ -126,7 +125,7 @@ def test_every_index_is_done_once(size: int, count: int, grain: int) -> None:
     assert workers <= set(range(max(1, size)))
 
 
-def test_each_worker_has_a_thread_of_its_own_and_the_caller_is_one() -> None:
+def test_each_worker_has_a_thread_of_its_own_and_the_caller_is_one():
     all_started = threading.Barrier(3)
     threads: dict[int, str] = {}
 
@@ -141,14 +140,14 @@ def test_each_worker_has_a_thread_of_its_own_and_the_caller_is_one() -> None:
     assert threads[0] == threading.current_thread().name
 
 
-def test_a_loop_of_one_part_stays_in_the_calling_thread() -> None:
+def test_a_loop_of_one_part_stays_in_the_calling_thread():
     threads = []
     ThreadPool(4).run(lambda _worker, _first, _end: threads.append(threading.current_thread()), 10, 10)
     assert threads == [threading.current_thread()]
 
 
 @pytest.mark.parametrize("failing", [0, 1])
-def test_an_error_of_any_worker_reaches_the_caller(failing: int) -> None:
+def test_an_error_of_any_worker_reaches_the_caller(failing):
     both = threading.Barrier(2)
 
     def work(worker: int, first: int, end: int) -> None:
@@ -161,6 +160,6 @@ def test_an_error_of_any_worker_reaches_the_caller(failing: int) -> None:
         ThreadPool(2).run(work, 2, 1)
 
 
-def test_there_is_one_crew_for_shared_pool() -> None:
+def test_there_is_one_crew_for_shared_pool():
     assert shared_pool() is shared_pool()
     assert shared_pool().size >= 1

@@ -33,7 +33,7 @@ def scan(world: RaycastWorld, placement: Any, spec: LidarSpec = SPEC, pose: Any 
     return Lidar(spec, world, 0).scan(options.pop("step", 0), base @ spec.mount.base_from_sensor, placement, **options)
 
 
-def test_a_wall_and_the_ground_give_the_ranges_of_trigonometry(world: RaycastWorld, boxes: Any) -> None:
+def test_a_wall_and_the_ground_give_the_ranges_of_trigonometry(world, boxes):
     sweep = scan(world, boxes.placed())
     x, y, z = positions(sweep).T
     low = np.linspace(SPEC.lower_fov_rad, SPEC.upper_fov_rad, 16)[sweep.points["ring"]]
@@ -55,8 +55,7 @@ def test_a_wall_and_the_ground_give_the_ranges_of_trigonometry(world: RaycastWor
     st.sampled_from([SEDAN, BUS]),
     st.integers(0, 9),
 )
-def test_returns_on_a_vehicle_lie_on_its_box(x: float, y: float, yaw: float, kind: ActorClass, seed: int) -> None:
-    boxes, world = _state["boxes"], _state["world"]
+def test_returns_on_a_vehicle_lie_on_its_box(world, boxes, x, y, yaw, kind, seed):
     if np.hypot(x, y) < 8.0:
         x += 16.0
     carrier = map_from_base(0.3 * seed, -0.2 * seed, 0.0, 0.7 * seed)
@@ -68,17 +67,9 @@ def test_returns_on_a_vehicle_lie_on_its_box(x: float, y: float, yaw: float, kin
     cos, sin = np.cos(yaw), np.sin(yaw)
     local = np.stack((cos * relative[:, 0] + sin * relative[:, 1], cos * relative[:, 1] - sin * relative[:, 0]), axis=1)
     shape = boxes.shapes()[kind]
-    over = np.stack(
-        (
-            np.abs(local[:, 0]) - shape.length_m / 2,
-            np.abs(local[:, 1]) - shape.width_m / 2,
-            np.abs(relative[:, 2] - shape.height_m / 2) - shape.height_m / 2,
-        )
-    ).max(axis=0, initial=-np.inf)
-    assert np.all(np.abs(over) < 0.005)
-
-
-_state: dict[str, Any] = {}
+    inside = np.abs(np.c_[local, relative[:, 2] - shape.height_m / 2])
+    over = inside - np.array([shape.length_m, shape.width_m, shape.height_m]) / 2
+    assert np.all(np.abs(over.max(axis=1, initial=-np.inf)) < 0.005)
 
 
 @pytest.fixture(name="corner", scope="module")
@@ -88,33 +79,29 @@ def _corner(boxes: Any) -> RaycastWorld:
     return RaycastWorld(boxes.scene(*walls), boxes.shapes())
 
 
-@pytest.fixture(autouse=True)
-def _remember(world: RaycastWorld, corner: RaycastWorld, boxes: Any) -> None:
-    _state.update(world=world, corner=corner, boxes=boxes)
-
-
-def test_the_sweep_equals_one_ray_cast_into_one_scene(boxes: Any) -> None:
+def test_the_sweep_equals_one_ray_cast_into_one_scene(boxes):
     placement = boxes.placed((SEDAN, 9.0, 2.0, 0.4), (BUS, -12.0, 3.0, 1.2), (SEDAN, 15.0, 2.5, 0.0))
     static = boxes.scene(boxes.box((5.0, -6.0, 2.0), (1.0, 1.0, 4.0)))
-    parts = [static.mesh]
-    for row in range(3):
-        pose = map_from_base(placement.x_m[row], placement.y_m[row], 0.0, placement.yaw_rad[row])
-        shape = boxes.shapes()[ActorClass(int(placement.actor_class[row]))]
-        parts.append(shape.body.transformed(pose[:3, :3], pose[:3, 3]))
-    whole = RaycastWorld(replace(static, mesh=type(static.mesh).concatenate(parts)), boxes.shapes())
-    ours = scan(RaycastWorld(static, boxes.shapes()), placement)
-    reference = scan(whole, boxes.placed())
-    assert len(ours.points) == len(reference.points)
-    assert np.allclose(positions(ours), positions(reference), atol=2e-3)
+    ours = assert_one_scene(boxes, static, placement, SPEC)
     assert set(np.unique(ours.points["instance"])) == {0, 1, 2, 3}
 
 
-def test_a_vehicle_behind_the_wall_is_not_hit(world: RaycastWorld, boxes: Any) -> None:
+def assert_one_scene(boxes: Any, static: Any, placement: Any, spec: LidarSpec) -> LidarSweep:
+    """The sweep is that of rays cast into one scene that holds the vehicles, too."""
+    ours = scan(RaycastWorld(static, boxes.shapes()), placement, spec)
+    whole = RaycastWorld(boxes.with_vehicles(static, placement), boxes.shapes())
+    reference = scan(whole, boxes.placed(), spec)
+    assert len(ours.points) == len(reference.points)
+    assert np.allclose(positions(ours), positions(reference), atol=2e-3)
+    return ours
+
+
+def test_a_vehicle_behind_the_wall_is_not_hit(world, boxes):
     sweep = scan(world, boxes.placed((SEDAN, 36.0, 0.0, 0.0)))
     assert sweep.points_on_actor.tolist() == [0]
 
 
-def test_the_described_size_scales_the_shape(world: RaycastWorld, boxes: Any) -> None:
+def test_the_described_size_scales_the_shape(world, boxes):
     placement = boxes.placed((SEDAN, 10.0, 0.0, 0.0))
     longer = replace(placement, scale=np.array([[2.0, 1.0, 1.5]]), size_m=placement.size_m * [2.0, 1.0, 1.5])
     sweep = scan(world, longer)
@@ -147,9 +134,7 @@ LEVEL = 0.51 / 255
     ("tilt_rad", "material", "reflectivity"),
     [(0.0, Material.BUILDING_WALL, 0.45), (0.5, Material.GRASS, 0.45), (-1.0, Material.STOP_SIGN, 1.0)],
 )
-def test_intensity_of_a_tilted_surface(
-    boxes: Any, tilt_rad: float, material: Material, reflectivity: float, per_m: float
-) -> None:
+def test_intensity_of_a_tilted_surface(boxes, tilt_rad, material, reflectivity, per_m):
     world = RaycastWorld(boxes.scene(tilted_plate(tilt_rad, material)), boxes.shapes())
     sweep = scan(world, boxes.placed(), replace(SPEC, atmosphere_attenuation_per_m=per_m))
     x, _, z = positions(sweep).T
@@ -165,7 +150,7 @@ def test_intensity_of_a_tilted_surface(
     assert np.allclose(sweep.points["intensity"][on_ground], expected, rtol=per_m / 16, atol=LEVEL)
 
 
-def test_intensity_of_a_vehicle_whose_shape_is_stretched(boxes: Any) -> None:
+def test_intensity_of_a_vehicle_whose_shape_is_stretched(boxes):
     """A slope of a shape has the normal of the stretched and turned slope, not that of the shape."""
     wedge = Mesh.uniform(
         np.array([(x, y, z) for x, z in ((-2.0, 0.0), (-2.0, 0.2), (2.0, 0.0), (2.0, 2.0)) for y in (-1.0, 1.0)]),
@@ -188,7 +173,7 @@ def test_intensity_of_a_vehicle_whose_shape_is_stretched(boxes: Any) -> None:
     assert np.allclose(sweep.points["intensity"][on_slope], expected, rtol=0.001, atol=LEVEL)
 
 
-def test_fog_weakens_a_return_on_the_way_there_and_back(world: RaycastWorld, boxes: Any) -> None:
+def test_fog_weakens_a_return_on_the_way_there_and_back(world, boxes):
     fog = Look(visibility_m=60.0)
     spec = replace(SPEC, atmosphere_attenuation_per_m=0.0)
     clear, foggy = (
@@ -200,7 +185,7 @@ def test_fog_weakens_a_return_on_the_way_there_and_back(world: RaycastWorld, box
     assert foggy.points["intensity"].max() > 0.03
 
 
-def test_coordinates_lie_on_the_grid_that_is_asked_for(world: RaycastWorld, boxes: Any) -> None:
+def test_coordinates_lie_on_the_grid_that_is_asked_for(world, boxes):
     sweep = scan(world, boxes.placed(), replace(SPEC, resolution_m=1 / 256))
     exact = scan(world, boxes.placed())
     on_grid = positions(sweep) * 256
@@ -208,7 +193,7 @@ def test_coordinates_lie_on_the_grid_that_is_asked_for(world: RaycastWorld, boxe
     assert np.abs(positions(sweep) - positions(exact)).max() <= 0.5 / 256 + 1e-6
 
 
-def test_noise_depends_on_seed_sensor_and_step_alone(world: RaycastWorld, boxes: Any) -> None:
+def test_noise_depends_on_seed_sensor_and_step_alone(world, boxes):
     noisy = replace(SPEC, noise_stddev_m=0.05)
     first = scan(world, boxes.placed(), noisy, step=7)
     lidar = Lidar(noisy, world, 0)
@@ -231,35 +216,32 @@ def test_noise_depends_on_seed_sensor_and_step_alone(world: RaycastWorld, boxes:
 @pytest.mark.parametrize(
     ("general", "limit", "at_zero"), [(0.45, 0.8, 0.0), (0.0, 0.3, 1.0), (0.2, 0.4, 0.9), (0.0, 0.8, 0.4)]
 )
-def test_drop_off_rates_by_intensity(
-    world: RaycastWorld, boxes: Any, general: float, limit: float, at_zero: float
-) -> None:
+def test_drop_off_rates_by_intensity(world, boxes, general, limit, at_zero):
     """CARLA's documentation: a general rate, and one that falls from ``at_zero`` to 0 at the intensity limit."""
     lossy = replace(SPEC, dropoff_general_rate=general, dropoff_intensity_limit=limit, dropoff_zero_intensity=at_zero)
     spread = boxes.placed(*((SEDAN, 7.0 * np.cos(a), 7.0 * np.sin(a), 1.7 * a) for a in (0.3, 1.5, 2.6, 4.0, 5.2)))
-    every = scan(world, spread)
-    ray = np.rint(every.points["time"] * -7200).astype(int) * 16 + every.points["ring"]
+    lossless = scan(world, spread)
+    ray = np.rint(lossless.points["time"] * -7200).astype(int) * 16 + lossless.points["ring"]
     assert len(set(ray.tolist())) == len(ray)
     kept = np.zeros(len(ray))
     steps = 12
     for step in range(steps):
         seen = scan(world, spread, lossy, step=step).points
         kept += np.isin(ray, np.rint(seen["time"] * -7200).astype(int) * 16 + seen["ring"])
-    intensity = every.points["intensity"].astype(float)
+    intensity = lossless.points["intensity"].astype(float)
     weak = at_zero * np.clip(1.0 - intensity / limit, 0.0, 1.0)
     expected = 1.0 - (1.0 - general) * (1.0 - weak)
     bins = np.digitize(intensity, [0.02, 0.06, 0.1, 0.15, 0.25, 0.35, 0.45])
     assert len(np.unique(bins)) >= 6
-    for one in np.unique(bins):
-        mine = bins == one
-        dropped, trials = 1.0 - kept[mine] / steps, steps * mine.sum()
-        tolerance = 4.0 * np.sqrt(0.25 / trials) + 0.01
-        assert dropped.mean() == pytest.approx(expected[mine].mean(), abs=tolerance)
+    for number in np.unique(bins):
+        within = bins == number
+        tolerance = 4.0 * np.sqrt(0.25 / (steps * within.sum())) + 0.01
+        assert 1.0 - kept[within].mean() / steps == pytest.approx(expected[within].mean(), abs=tolerance)
     if general == 0.0:
         assert np.all(kept[intensity > limit + 0.01] == steps)
 
 
-def test_times_run_from_50_ms_before_the_stamp_to_the_stamp_as_the_beams_turn(world: RaycastWorld, boxes: Any) -> None:
+def test_times_run_from_50_ms_before_the_stamp_to_the_stamp_as_the_beams_turn(world, boxes):
     sweep = scan(world, boxes.placed())
     x, y, _ = positions(sweep).T
     columns = 360
@@ -300,9 +282,9 @@ def assert_same_columns(pairs: list[tuple[Any, Any]]) -> None:
 @example(-12.9, -21.4, 0.0, 2.6, -2.11)  # across the view, beyond the sphere about where it is at the stamp
 @example(25.0, 0.0, 1.0, -3.1, 0.0)
 def test_a_moving_vehicle_is_seen_where_it_was_when_the_beam_passed(
-    vx_mps: float, vy_mps: float, turn_radps: float, azimuth: float, yaw_rad: float
-) -> None:
-    boxes, world, motion = _state["boxes"], _state["world"], (vx_mps, vy_mps, turn_radps)
+    world, boxes, vx_mps, vy_mps, turn_radps, azimuth, yaw_rad
+):
+    motion = (vx_mps, vy_mps, turn_radps)
     x_m, y_m = 7.0 * np.cos(azimuth), 7.0 * np.sin(azimuth)
     fields = {name: [value] for name, value in zip(("vx_mps", "vy_mps", "yaw_rate_radps"), motion, strict=True)}
     spec = replace(SPEC, motion_distortion=True)
@@ -319,43 +301,33 @@ def test_a_moving_vehicle_is_seen_where_it_was_when_the_beam_passed(
 
 @settings(max_examples=8, deadline=None)
 @given(velocities, velocities, turns, st.floats(-3.1, 3.1))
-def test_a_moving_carrier_sees_the_world_from_where_it_was(
-    vx_mps: float, vy_mps: float, turn_radps: float, yaw_rad: float
-) -> None:
-    boxes, motion = _state["boxes"], (vx_mps, vy_mps, turn_radps)
-    world, standing = _state["corner"], boxes.placed((SEDAN, -9.0, 4.0, 0.4))
+def test_a_moving_carrier_sees_the_world_from_where_it_was(corner, boxes, vx_mps, vy_mps, turn_radps, yaw_rad):
+    motion, standing = (vx_mps, vy_mps, turn_radps), boxes.placed((SEDAN, -9.0, 4.0, 0.4))
     still = replace(SPEC, mount=Mount(1.5, 0.4, 1.93, 0.3))
     pose = map_from_base(2.0, -1.0, 0.0, yaw_rad)
-    moving = scan(world, standing, replace(still, motion_distortion=True), pose, motion=CarrierMotion(*motion))
+    moving = scan(corner, standing, replace(still, motion_distortion=True), pose, motion=CarrierMotion(*motion))
     pairs = []
     for column in range(0, 360, 23):
         time_s = (column - 359) / 7200
         x_m, y_m, turned_rad = pose_at(time_s, 2.0, -1.0, yaw_rad, motion)
-        frozen = scan(world, standing, still, map_from_base(x_m, y_m, 0.0, turned_rad))
+        frozen = scan(corner, standing, still, map_from_base(x_m, y_m, 0.0, turned_rad))
         pairs.append((column_of(moving, time_s), column_of(frozen, time_s)))
     assert_same_columns(pairs)
 
 
-def test_a_moving_vehicle_stands_still_without_motion_distortion(world: RaycastWorld, boxes: Any) -> None:
+def test_a_moving_vehicle_stands_still_without_motion_distortion(world, boxes):
     moving = scan(world, boxes.placed((SEDAN, 10.0, 0.0, 0.0), vx_mps=[20.0], vy_mps=[5.0]))
     assert moving.points.tobytes() == scan(world, boxes.placed((SEDAN, 10.0, 0.0, 0.0))).points.tobytes()
 
 
-def test_tilted_sensors_find_the_same_vehicle_as_one_scene(boxes: Any) -> None:
-    static, placement = boxes.scene(), boxes.placed((SEDAN, 8.0, 1.0, 0.5))
-    pose = map_from_base(8.0, 1.0, 0.0, 0.5)
-    moved = boxes.shapes()[SEDAN].body.transformed(pose[:3, :3], pose[:3, 3])
-    whole = replace(static, mesh=type(static.mesh).concatenate([static.mesh, moved]))
+def test_tilted_sensors_find_the_same_vehicle_as_one_scene(boxes):
     tilted = replace(SPEC, mount=Mount(0.0, 0.0, 2.5, 0.3, 0.2, 0.1))
-    ours = scan(RaycastWorld(static, boxes.shapes()), placement, tilted)
-    reference = scan(RaycastWorld(whole, boxes.shapes()), boxes.placed(), tilted)
-    assert len(ours.points) == len(reference.points)
-    assert np.allclose(positions(ours), positions(reference), atol=2e-3)
+    ours = assert_one_scene(boxes, boxes.scene(), boxes.placed((SEDAN, 8.0, 1.0, 0.5)), tilted)
     assert ours.points_on_actor[0] > 50
 
 
 @pytest.mark.parametrize("distortion", [False, True])
-def test_a_sweep_in_the_background_is_the_same_to_the_byte(world: RaycastWorld, boxes: Any, distortion: bool) -> None:
+def test_a_sweep_in_the_background_is_the_same_to_the_byte(world, boxes, distortion):
     spec = replace(SPEC, noise_stddev_m=0.02, dropoff_general_rate=0.1, motion_distortion=distortion)
     motion, pose = CarrierMotion(5.0, 0.5, 0.3), spec.mount.base_from_sensor
     here, background = Lidar(spec, world, 4), Lidar(spec, world, 4)
@@ -370,7 +342,7 @@ def test_a_sweep_in_the_background_is_the_same_to_the_byte(world: RaycastWorld, 
             np.testing.assert_array_equal(sweep.actor_id, expected.actor_id)
 
 
-def test_vehicles_that_fill_more_rays_than_expected_are_seen_wholly(world: RaycastWorld, boxes: Any) -> None:
+def test_vehicles_that_fill_more_rays_than_expected_are_seen_wholly(world, boxes):
     crowd = boxes.placed(*((BUS, 16.0 * np.cos(a), 16.0 * np.sin(a), a + np.pi / 2) for a in np.arange(0.0, 6.2, 0.7)))
     spec = replace(SPEC, lower_fov_rad=-0.09, upper_fov_rad=0.02)
     with ThreadPoolExecutor(1) as helper:

@@ -46,7 +46,7 @@ def cross_section_m2(profile: BodyProfile, s_m: float = 2.0) -> float:
     return float(abs(np.sum(y * np.roll(z, -1) - z * np.roll(y, -1))))
 
 
-def test_the_points_of_a_cross_section() -> None:
+def test_the_points_of_a_cross_section():
     """Heights and half widths from the middle of the underbody to the middle of the roof."""
     rings = PLAIN.half_rings_m()
     assert PLAIN.stations_m().tolist() == [0.0, 4.0]
@@ -58,7 +58,7 @@ def test_the_points_of_a_cross_section() -> None:
     assert z == pytest.approx([0.2, 0.2, 0.2, 0.2, crease, 1.0, 1.5 - 0.07, 1.5 - 0.22 * 0.07, 1.5])
 
 
-def test_a_shell_is_closed_and_has_the_volume_of_its_prism() -> None:
+def test_a_shell_is_closed_and_has_the_volume_of_its_prism():
     mesh = made(PLAIN)
     assert gap_m2(mesh) < 1e-3
     assert volume(mesh) == pytest.approx(4.0 * cross_section_m2(PLAIN), rel=1e-3)
@@ -67,7 +67,7 @@ def test_a_shell_is_closed_and_has_the_volume_of_its_prism() -> None:
     assert high == pytest.approx([2.0, 0.9, 1.5], abs=1e-5)
 
 
-def test_a_wedge_has_the_mean_of_its_ends() -> None:
+def test_a_wedge_has_the_mean_of_its_ends():
     wedge = BodyProfile(
         **{**PLAIN.__dict__, "half_width_m": ((0.0, 0.9), (4.0, 0.7)), "roof_half_width_m": PLAIN.roof_half_width_m}
     )
@@ -78,7 +78,7 @@ def test_a_wedge_has_the_mean_of_its_ends() -> None:
     assert rear < volume(mesh) / 4.0 < front
 
 
-def test_arches_are_round_and_as_high_as_the_tyre_and_its_clearance() -> None:
+def test_arches_are_round_and_as_high_as_the_tyre_and_its_clearance():
     """Over the hub the sill is at the tyre's top and the clearance; half the arch's width aside, on the circle."""
     radius = 0.3 + ARCH_CLEARANCE_M
     heights = WHEELS.arch_m(np.array([0.9, 0.9 - 0.2, 0.9 + 0.2, 2.0, 0.3]))
@@ -93,13 +93,13 @@ def test_arches_are_round_and_as_high_as_the_tyre_and_its_clearance() -> None:
     assert volume(made(WHEELS)) < volume(made(PLAIN))
 
 
-def test_knots_near_a_station_get_none_but_at_the_ends() -> None:
+def test_knots_near_a_station_get_none_but_at_the_ends():
     knots = ((0.0, 1.5), (0.03, 1.5), (1.0, 1.5), (1.05, 1.5), (2.0, 1.5), (3.95, 1.5), (4.0, 1.5))
     profile = BodyProfile(**{**PLAIN.__dict__, "top_m": knots, "extra_stations_m": (1.5, 5.0)})
     assert profile.stations_m().tolist() == [0.0, 0.03, 1.0, 1.5, 2.0, 3.95, 4.0]
 
 
-def test_faces_know_their_band_side_and_place() -> None:
+def test_faces_know_their_band_side_and_place():
     seen: list[tuple[Band, float, int]] = []
     ends: dict[str, set[tuple[Band, int]]] = {"front": set(), "rear": set()}
     materials = {1: Material.INDICATOR_LEFT_LAMP, -1: Material.INDICATOR_RIGHT_LAMP}
@@ -130,7 +130,7 @@ def test_faces_know_their_band_side_and_place() -> None:
     assert 0.03 < share < 0.0701, "0.14 / 2 of the bands above the sill"
 
 
-def test_ends_look_ahead_and_back() -> None:
+def test_ends_look_ahead_and_back():
     mesh = made(PLAIN)
     middle = mesh.vertices_m[mesh.triangles].mean(axis=1)
     for x_m, sign in ((2.0, 1.0), (-2.0, -1.0)):
@@ -139,7 +139,7 @@ def test_ends_look_ahead_and_back() -> None:
         assert normals[:, 0] == pytest.approx(np.full(len(normals), sign), abs=1e-5)
 
 
-def test_quads_become_two_triangles_and_slivers_none() -> None:
+def test_quads_become_two_triangles_and_slivers_none():
     quad = np.array([(0, 0, 0), (2, 0, 0), (2, 1, 0), (0, 1, 0)], dtype=float)
     sliver = np.array([(0, 0, 1), (1, 0, 1), (1, 0, 1), (0, 0, 1)], dtype=float)
     mesh = from_quads([(quad, (Material.PLATE, (1, 2, 3))), (sliver, (Material.TYRE, (4, 5, 6)))])
@@ -161,7 +161,7 @@ def test_quads_become_two_triangles_and_slivers_none() -> None:
         {"roof_half_width_m": ((0.0, 0.6), (2.0, 1.6), (4.0, 0.6))},
     ],
 )
-def test_outlines_that_cannot_be_a_body_are_refused(wrong: dict[str, object]) -> None:
+def test_outlines_that_cannot_be_a_body_are_refused(wrong):
     """Knots that go back, other lengths, a belt above the roof or below the sill, an overhanging roof."""
     with pytest.raises(ValueError, match="outline"):
         BodyProfile(**{**PLAIN.__dict__, **wrong})  # type: ignore[arg-type] # fields by name
@@ -176,7 +176,7 @@ def bounds(mesh: Mesh) -> list[list[float]]:
     return [side.tolist() for side in mesh.bounds_m]
 
 
-def test_a_box_lies_between_its_corners() -> None:
+def test_a_box_lies_between_its_corners():
     mesh = box((1, 2, 3), (2, 4, 6), Material.KERB, GREY)
     assert bounds(mesh) == [[1, 2, 3], [2, 4, 6]]
     assert open_edges(mesh) == 0
@@ -186,12 +186,12 @@ def test_a_box_lies_between_its_corners() -> None:
 
 
 @pytest.mark.parametrize("high", [(0.9, 4.0, 6.0), (2.0, 1.9, 6.0), (2.0, 4.0, 2.9)])
-def test_a_box_is_not_turned_inside_out(high: tuple[float, float, float]) -> None:
+def test_a_box_is_not_turned_inside_out(high):
     with pytest.raises(ValueError, match="a box from"):
         box((1.0, 2.0, 3.0), high, Material.KERB, GREY)
 
 
-def test_a_box_with_free_corners_may_be_a_roof() -> None:
+def test_a_box_with_free_corners_may_be_a_roof():
     """A base of 4 m by 2 m below a ridge of 4 m in the middle, 1 m above."""
     corners = [(0, 0, 0), (4, 0, 0), (4, 2, 0), (0, 2, 0), (0, 1, 1), (4, 1, 1), (4, 1, 1), (0, 1, 1)]
     mesh = hexahedron(corners, Material.KERB, GREY)
@@ -199,7 +199,7 @@ def test_a_box_with_free_corners_may_be_a_roof() -> None:
 
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 2.0), (2.0, 1.0), (0.5, 1.5)])
-def test_a_cone_stump_stands_on_its_base(low: float, high: float) -> None:
+def test_a_cone_stump_stands_on_its_base(low, high):
     mesh = frustum((1.0, -2.0, 5.0), 3.0, (low, high), 8, Material.KERB, GREY)
     wide = max(low, high)
     assert np.array(bounds(mesh)) == pytest.approx(
@@ -214,20 +214,20 @@ def test_a_cone_stump_stands_on_its_base(low: float, high: float) -> None:
 
 
 @pytest.mark.parametrize("area", [TRIANGLE, RING, Polygon(list(TRIANGLE.exterior.coords)[::-1])])
-def test_flat_faces_look_up(area: Polygon) -> None:
+def test_flat_faces_look_up(area):
     mesh = flat_polygons([area], 0.25, Material.KERB, GREY)
     assert areas(mesh).sum() == pytest.approx(area.area)
     assert mesh.normals.tolist() == [[0.0, 0.0, 1.0]] * len(mesh)
     assert set(mesh.vertices_m[:, 2].tolist()) == {0.25}
 
 
-def test_several_areas_and_none() -> None:
+def test_several_areas_and_none():
     mesh = flat_polygons([TRIANGLE, rectangle(20, 0, 21, 1)], 0.0, Material.KERB, GREY)
     assert areas(mesh).sum() == pytest.approx(7.0)
     assert len(flat_polygons([], 0.0, Material.KERB, GREY)) == 0
 
 
-def test_triangles_run_counter_clockwise_from_above() -> None:
+def test_triangles_run_counter_clockwise_from_above():
     for area in (TRIANGLE, RING):
         points, triangles = triangulated(area)
         a, b, c = (points[triangles[:, k]] for k in range(3))
@@ -237,7 +237,7 @@ def test_triangles_run_counter_clockwise_from_above() -> None:
 
 
 @pytest.mark.parametrize("area", [TRIANGLE, RING, Polygon(list(TRIANGLE.exterior.coords)[::-1])])
-def test_walls_look_out_of_their_polygon(area: Polygon) -> None:
+def test_walls_look_out_of_their_polygon(area):
     """With floor and roof they make a closed prism."""
     mesh = walls(area, 0.5, 2.0, Material.KERB, GREY)
     assert areas(mesh).sum() == pytest.approx(1.5 * area.length)
@@ -250,7 +250,7 @@ def test_walls_look_out_of_their_polygon(area: Polygon) -> None:
     assert np.abs(mesh.normals[:, 2]).max() == 0.0
 
 
-def test_spheres_are_closed() -> None:
+def test_spheres_are_closed():
     points, faces = sphere_points(1)
     mesh = Mesh.uniform(points, faces, Material.KERB, GREY)
     assert open_edges(mesh) == 0
@@ -258,7 +258,7 @@ def test_spheres_are_closed() -> None:
     assert 3.5 < volume(mesh) < 4.0 / 3.0 * np.pi
 
 
-def test_normals_are_unit_and_look_out() -> None:
+def test_normals_are_unit_and_look_out():
     mesh = box((0, 0, 0), (1, 2, 3), Material.KERB, GREY)
     assert np.linalg.norm(mesh.normals, axis=1) == pytest.approx(np.ones(12))
     outward = mesh.vertices_m[mesh.triangles].mean(axis=1) - (0.5, 1.0, 1.5)

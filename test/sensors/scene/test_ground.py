@@ -57,11 +57,11 @@ def surface_at(mesh: Mesh, x_m: float, y_m: float) -> tuple[float, Material]:
         ((-60.0, 60.0), Material.GRASS),
     ],
 )
-def test_every_region_is_plane_and_has_its_material(place: tuple[float, float], material: Material) -> None:
+def test_every_region_is_plane_and_has_its_material(place, material):
     assert surface_at(BARE[1], *place) == (pytest.approx(0.0), material)
 
 
-def test_sidewalks_stand_a_kerb_above_the_road(network: RoadNetwork) -> None:
+def test_sidewalks_stand_a_kerb_above_the_road(network):
     """The legs of this crossing have 7 m of lanes, 2 m of shoulder and 2.5 m of sidewalk on each side."""
     _, mesh = ground_of(network)
     assert surface_at(mesh, 60.0, 10.5) == (pytest.approx(TOP_M), Material.SIDEWALK)
@@ -74,7 +74,7 @@ def test_sidewalks_stand_a_kerb_above_the_road(network: RoadNetwork) -> None:
     assert (heights.min(), heights.max()) == (pytest.approx(0.0), pytest.approx(TOP_M))
 
 
-def test_the_land_is_covered_once_with_a_plane_below() -> None:
+def test_the_land_is_covered_once_with_a_plane_below():
     """The lanes reach from −110 to 120 m and from −120 to 110 m; the margin is 20 m."""
     surfaces, mesh = BARE
     assert surfaces.bounds_m == (-110.0, -120.0, 120.0, 110.0)
@@ -90,7 +90,7 @@ def test_the_land_is_covered_once_with_a_plane_below() -> None:
     assert (side[:, 2] > -1e-6).all(), "seen from above"
 
 
-def test_areas_are_cut_along_a_grid_without_loss() -> None:
+def test_areas_are_cut_along_a_grid_without_loss():
     area = Polygon([(-5.0, 1.0), (25.0, 1.0), (25.0, 19.0), (12.0, 31.0), (-5.0, 19.0)])
     tiles = _cut(area, 10.0)
     assert shapely.union_all(tiles).symmetric_difference(area).area < 1e-9
@@ -124,7 +124,7 @@ def along(area: BaseGeometry, x_m: float, ys_m: Sequence[float]) -> float:
     return float(np.mean([shapely.contains_xy(area, x_m, y_m) for y_m in ys_m]))
 
 
-def test_stop_lines_are_half_a_metre_deep_over_driving_lanes_that_wait() -> None:
+def test_stop_lines_are_half_a_metre_deep_over_driving_lanes_that_wait():
     across = [(0.4, -20.25), (5.25, -20.25), (6.8, -20.25), (5.25, -20.45), (5.25, -20.05)]
     assert painted(SIGNALLED.white, *across) == painted(SIGNED.white, *across) == [True] * 5
     beyond = [(5.25, -20.6), (5.25, -19.9), (8.25, -20.25), (5.25, 109.75), (5.25, -119.75)]
@@ -134,7 +134,7 @@ def test_stop_lines_are_half_a_metre_deep_over_driving_lanes_that_wait() -> None
     assert painted(SIGNED.white, *from_the_west) == [False] * 3
 
 
-def test_dashes_are_3_m_with_gaps_of_6_m_and_solid_for_20_m_before_the_line() -> None:
+def test_dashes_are_3_m_with_gaps_of_6_m_and_solid_for_20_m_before_the_line():
     """Between the two lanes from the south, at x = 3.5 m, from y = −120 m on."""
     for number in range(8):
         start = -120.0 + 9.0 * number
@@ -148,13 +148,13 @@ def test_dashes_are_3_m_with_gaps_of_6_m_and_solid_for_20_m_before_the_line() ->
     assert along(SIGNALLED.white, 3.5, np.linspace(103.1, 108.9, 20)) == 0.0
 
 
-def test_edge_lines_stand_at_the_shoulder_or_15_cm_inside() -> None:
+def test_edge_lines_stand_at_the_shoulder_or_15_cm_inside():
     assert painted(SIGNALLED.white, (7.0, -70.0), (6.9, -70.0), (7.1, -70.0)) == [True, False, False]
     # From the west there is no shoulder: the lane's right side is y = −7 m.
     assert painted(SIGNALLED.white, (-60.0, -6.85), (-60.0, -6.95), (-60.0, -6.75)) == [True, False, False]
 
 
-def test_towards_oncoming_traffic_the_line_is_yellow() -> None:
+def test_towards_oncoming_traffic_the_line_is_yellow():
     """Those who come from the north drive at x = −1.75 m; both directions have a line 15 cm inside their lane."""
     for y_m in (-70.0, 60.0):
         assert painted(SIGNALLED.yellow, (0.15, y_m), (-0.15, y_m)) == [True, True]
@@ -165,12 +165,12 @@ def test_towards_oncoming_traffic_the_line_is_yellow() -> None:
     assert not shapely.intersects(SIGNALLED.white, SIGNALLED.yellow.buffer(-0.001))
 
 
-def test_nothing_but_stop_lines_and_crossings_is_painted_within_the_junction() -> None:
+def test_nothing_but_stop_lines_and_crossings_is_painted_within_the_junction():
     inside = shapely.box(-9.5, -19.5, 19.5, 9.5)
     assert SIGNALLED.white.intersection(inside).area == SIGNALLED.yellow.intersection(inside).area == 0.0
 
 
-def test_arrows_show_the_movements_8_m_before_the_line() -> None:
+def test_arrows_show_the_movements_8_m_before_the_line():
     """The right lane leads on and to the right, the left one on alone; shafts are 18 cm wide and end 4 m before."""
     for x_m in (1.75, 5.25):
         assert painted(SIGNALLED.white, (x_m, -28.2), (x_m, -31.9), (x_m, -27.9), (x_m, -32.2)) == [
@@ -201,7 +201,7 @@ def street(there: int, back: int) -> RoadNetwork:
     return RoadNetwork(tuple(lanes), tuple(edges), (), {}, (0.0, 0.0), "!")
 
 
-def test_two_lanes_of_opposite_directions_share_one_dashed_line() -> None:
+def test_two_lanes_of_opposite_directions_share_one_dashed_line():
     """3 m of paint and 6 m of gap on the line itself."""
     found = markings_of(street(1, 1))
     for start in (0.0, 9.0, 45.0, 90.0):
@@ -214,7 +214,7 @@ def test_two_lanes_of_opposite_directions_share_one_dashed_line() -> None:
 
 
 @pytest.mark.parametrize(("there", "back"), [(2, 1), (1, 2), (2, 2)])
-def test_where_one_direction_has_more_lanes_each_has_a_solid_line(there: int, back: int) -> None:
+def test_where_one_direction_has_more_lanes_each_has_a_solid_line(there, back):
     found = markings_of(street(there, back))
     along_m = np.linspace(0.5, 99.5, 100)
     for y_m in (0.15, -0.15):
@@ -234,14 +234,14 @@ def shifted(**changed: float) -> RoadNetwork:
 
 
 @pytest.mark.parametrize(("length_m", "there"), [(12.5, False), (13.5, True)])
-def test_lanes_shorter_than_13_m_have_no_arrows(length_m: float, there: bool) -> None:
+def test_lanes_shorter_than_13_m_have_no_arrows(length_m, there):
     found = markings_of(shifted(length_m=length_m))
     assert painted(found.white, (1.75, -28.5)) == [there]
     assert painted(found.white, (1.75, -20.25)) == [True]
     assert along(found.white, 3.5, np.linspace(-20.0 - length_m + 0.1, -20.1, 40)) == 1.0, "all of it is solid"
 
 
-def test_arrows_of_two_directions_and_turnarounds() -> None:
+def test_arrows_of_two_directions_and_turnarounds():
     centre = Polyline.through([(0.0, 0.0), (0.0, 50.0)])
     left, straight = arrow(centre, 30.0, {"t", "s", "x"})
     assert straight.bounds == pytest.approx((-0.36, 26.0, 0.36, 30.0))
@@ -251,7 +251,7 @@ def test_arrows_of_two_directions_and_turnarounds() -> None:
 
 
 @pytest.mark.parametrize("left_m", [1.0, -2.0])
-def test_a_ribbon_turns_corners_on_the_bisector(left_m: float) -> None:
+def test_a_ribbon_turns_corners_on_the_bisector(left_m):
     """East, then north: a strip 0.2 m wide beside the line has mitred corners and the parts' lengths."""
     centre = Polyline.through([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)])
     found = ribbon(centre, 2.0, 15.0, left_m, 0.2)

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import open3d as o3d
@@ -82,14 +81,14 @@ def check(scene: StaticScene, network: RoadNetwork) -> None:
     np.testing.assert_array_equal(np.sort(lit), np.nonzero(lenses)[0])
 
 
-def test_a_crossing_made_by_hand(scene: StaticScene, network: RoadNetwork) -> None:
+def test_a_crossing_made_by_hand(scene, network):
     check(scene, network)
     approaches = {(lamp.signal_id, lamp.link) for lamp in scene.signal_lamps}
     straight = {(c.signal_id, c.signal_link) for c in network.connections if c.direction == "s"}
     assert approaches == straight
 
 
-def test_lamps_face_their_approach(scene: StaticScene, network: RoadNetwork) -> None:
+def test_lamps_face_their_approach(scene, network):
     by_link = {c.signal_link: network.lanes[c.from_lane] for c in network.connections}
     for lamp in scene.signal_lamps:
         lane = by_link[lamp.link]
@@ -98,7 +97,7 @@ def test_lamps_face_their_approach(scene: StaticScene, network: RoadNetwork) -> 
         np.testing.assert_allclose(normal, (-np.cos(heading), -np.sin(heading), 0.0), atol=1e-5)
 
 
-def test_sidewalks_stand_a_kerb_above_the_road(scene: StaticScene, network: RoadNetwork) -> None:
+def test_sidewalks_stand_a_kerb_above_the_road(scene, network):
     walks = [lane for lane in network.lanes if lane.kind is LaneKind.SIDEWALK]
     places = np.concatenate([lane.centre.at(np.arange(5.0, 80.0, 3.1)) for lane in walks])
     height, material = heights_at(scene, places)
@@ -107,7 +106,7 @@ def test_sidewalks_stand_a_kerb_above_the_road(scene: StaticScene, network: Road
     np.testing.assert_allclose(height[ground], SceneConfig().kerb_height_m, atol=1e-5)
 
 
-def test_no_ray_falls_through_the_ground(scene: StaticScene) -> None:
+def test_no_ray_falls_through_the_ground(scene):
     places = np.random.default_rng(1).uniform(-150.0, 150.0, (20_000, 2))
     height, material = heights_at(scene, places)
     slipped = (material == Material.GROUND) & (height < -0.01)
@@ -115,9 +114,7 @@ def test_no_ray_falls_through_the_ground(scene: StaticScene) -> None:
     assert slipped.mean() < 1e-3
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_one_other_houses(
-    scene: StaticScene, network: RoadNetwork
-) -> None:
+def test_the_same_seed_gives_the_same_bytes_and_another_one_other_houses(scene, network):
     again, other = static_scene(network, seed=3), static_scene(network, seed=4)
     for name in ("vertices_m", "triangles", "material", "colour_rgb"):
         assert getattr(again.mesh, name).tobytes() == getattr(scene.mesh, name).tobytes()
@@ -125,7 +122,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_other_houses(
     assert other.mesh.vertices_m.tobytes() != scene.mesh.vertices_m.tobytes()
 
 
-def test_stop_signs_stand_where_no_signal_does(stop_network: RoadNetwork) -> None:
+def test_stop_signs_stand_where_no_signal_does(stop_network):
     scene = static_scene(stop_network, seed=0)
     assert scene.signal_lamps == ()
     middles = scene.mesh.vertices_m[scene.mesh.triangles[scene.mesh.material == Material.STOP_SIGN]].mean(axis=1)
@@ -133,7 +130,7 @@ def test_stop_signs_stand_where_no_signal_does(stop_network: RoadNetwork) -> Non
     assert len(quadrants) == 4
 
 
-def test_a_map_without_sidewalks_gets_a_verge(network: RoadNetwork) -> None:
+def test_a_map_without_sidewalks_gets_a_verge(network):
     bare = replace(
         network,
         lanes=tuple(replace(x, kind=LaneKind.KERB) if x.kind is LaneKind.SIDEWALK else x for x in network.lanes),
@@ -145,7 +142,7 @@ def test_a_map_without_sidewalks_gets_a_verge(network: RoadNetwork) -> None:
 
 
 @pytest.mark.parametrize("source", [None, TOWN10], ids=["town", "Town10"])
-def test_whole_maps(source: Path | None, tmp_path: Path) -> None:
+def test_whole_maps(source, tmp_path):
     if source is not None and not source.is_file():
         pytest.skip("the paper's map is not beside this checkout")
     network = parse_road_network(compile_map(source, tmp_path).read_bytes())
@@ -168,7 +165,7 @@ def on_lot(mesh: Mesh, heading_rad: float) -> np.ndarray:
 
 @pytest.mark.parametrize("heading_rad", [0.0, 1.1, -2.4])
 @pytest.mark.parametrize("height_m", [8.0, 20.0])
-def test_walls_stand_on_the_lot(heading_rad: float, height_m: float) -> None:
+def test_walls_stand_on_the_lot(heading_rad, height_m):
     for seed in range(4):
         mesh = building(lot(heading_rad, height_m), np.random.default_rng(seed), detailed=True)
         places = on_lot(mesh, heading_rad)
@@ -188,13 +185,13 @@ def test_walls_stand_on_the_lot(heading_rad: float, height_m: float) -> None:
         assert (looks > 0.0).all(), "panes look out"
 
 
-def test_plain_buildings_have_windows_in_front_alone() -> None:
+def test_plain_buildings_have_windows_in_front_alone():
     mesh = building(lot(0.0, 12.0), np.random.default_rng(0), detailed=False)
     panes = on_lot(mesh, 0.0)[np.repeat(mesh.material == Material.BUILDING_GLASS, 3)]
     assert panes[:, 0] == pytest.approx(np.full(len(panes), -0.03), abs=1e-5)
 
 
-def test_windows_of_a_facade_lie_side_by_side_in_each_storey() -> None:
+def test_windows_of_a_facade_lie_side_by_side_in_each_storey():
     """16 m and 5 storeys of 3 m: (16 − 0.8) / 2.9 makes five windows, 46 % of their field each."""
     mesh = _facade((0.0, 8.0), (0.0, -8.0), 5, 15.0, np.random.default_rng(0), ribbons=False, shop=False)
     quads = mesh.vertices_m.reshape(-1, 4, 3)
@@ -207,7 +204,7 @@ def test_windows_of_a_facade_lie_side_by_side_in_each_storey() -> None:
     assert quads[:, 2, 2] - quads[:, 0, 2] == pytest.approx(np.full(25, 1.45), abs=1e-4)
 
 
-def test_ribbons_and_shops() -> None:
+def test_ribbons_and_shops():
     mesh = _facade((0.0, 8.0), (0.0, -8.0), 3, 9.0, np.random.default_rng(0), ribbons=True, shop=True)
     quads = mesh.vertices_m.reshape(-1, 4, 3)
     shop = quads[quads[:, 0, 2] < 0.5]
@@ -218,7 +215,7 @@ def test_ribbons_and_shops() -> None:
     assert ribbons[:, 0, 2].tolist() == pytest.approx([3.95, 6.95])
 
 
-def test_a_saddle_roof_is_closed_and_has_its_volume() -> None:
+def test_a_saddle_roof_is_closed_and_has_its_volume():
     """A ridge of 16.8 m, 0.28 of the depth above the eaves; half of the box around it."""
     (roof,) = _gable(8.0, DEPTH_M, 7.0, np.random.default_rng(0))
     assert gap_m2(roof) < 1e-4
@@ -231,7 +228,7 @@ def test_a_saddle_roof_is_closed_and_has_its_volume() -> None:
     assert ridge[:, 0] == pytest.approx([5.0, 5.0])
 
 
-def test_a_flat_roof_lies_on_the_walls() -> None:
+def test_a_flat_roof_lies_on_the_walls():
     parts = _flat_roof(8.0, DEPTH_M, 9.0, (100, 100, 100), np.random.default_rng(0))
     assert len(parts) == 2
     edge, roof = parts
@@ -251,7 +248,7 @@ def test_a_flat_roof_lies_on_the_walls() -> None:
 
 
 @pytest.mark.parametrize("heading_rad", [0.0, 1.1, -2.4])
-def test_a_footprint_holds_the_house_and_its_eaves(heading_rad: float) -> None:
+def test_a_footprint_holds_the_house_and_its_eaves(heading_rad):
     area = footprint(lot(heading_rad, 8.0))
     assert area.area == pytest.approx((WIDTH_M + 0.8) * (DEPTH_M + 0.8))
     mesh = building(lot(heading_rad, 8.0), np.random.default_rng(1), detailed=False)
@@ -264,7 +261,7 @@ def middle(mesh: Mesh) -> np.ndarray:
 
 
 @pytest.mark.parametrize("end", [(13.0, 8.0), (3.0, -16.0), (-7.0, 8.0), (13.0, 24.0)])
-def test_an_arm_reaches_from_one_place_to_the_other(end: tuple[float, float]) -> None:
+def test_an_arm_reaches_from_one_place_to_the_other(end):
     start = (3.0, 8.0)
     beam = mast_arm(start, end, 6.0)
     length = float(np.hypot(end[0] - start[0], end[1] - start[1]))
@@ -275,13 +272,13 @@ def test_an_arm_reaches_from_one_place_to_the_other(end: tuple[float, float]) ->
     assert gap_m2(beam) < 1e-6
 
 
-def test_a_mesh_is_turned_about_its_origin_and_then_moved() -> None:
+def test_a_mesh_is_turned_about_its_origin_and_then_moved():
     """A point 2 m ahead and 1 m to the left, turned to the north, at (10, 20, 3)."""
     mesh = Mesh.uniform([(2, 1, 0.5), (3, 1, 0.5), (2, 2, 0.5)], [(0, 1, 2)], Material.KERB, (1, 2, 3))
     assert turned(mesh, 10.0, 20.0, 3.0, np.pi / 2.0).vertices_m[0] == pytest.approx([9.0, 22.0, 3.5])
 
 
-def test_red_is_above_yellow_above_green_and_shines_ahead() -> None:
+def test_red_is_above_yellow_above_green_and_shines_ahead():
     head = signal_head()
     heights = {}
     for colour, start, stop in head.lamps:
@@ -302,7 +299,7 @@ def test_red_is_above_yellow_above_green_and_shines_ahead() -> None:
     assert board[:, 2].max() == pytest.approx(HEAD_HEIGHT_M + 0.12)
 
 
-def test_visors_hang_above_their_lenses() -> None:
+def test_visors_hang_above_their_lenses():
     head = signal_head()
     tops = [float(head.mesh.vertices_m[head.mesh.triangles[start:stop]][..., 2].max()) for _, start, stop in head.lamps]
     ahead = head.mesh.vertices_m[head.mesh.vertices_m[:, 0] > 0.1]
@@ -310,7 +307,7 @@ def test_visors_hang_above_their_lenses() -> None:
     assert visors.tolist() == pytest.approx([z for top in tops for z in (top + 0.01, top + 0.03)], abs=0.012)
 
 
-def test_a_pole_tapers() -> None:
+def test_a_pole_tapers():
     mesh = pole(4.0, -3.0, 5.0, 0.1)
     assert mesh.bounds_m[0] == pytest.approx([3.9, -3.1, 0.0], abs=0.01)
     assert mesh.bounds_m[1][2] == 5.0
@@ -319,7 +316,7 @@ def test_a_pole_tapers() -> None:
     assert gap_m2(mesh) < 1e-6
 
 
-def test_a_stop_sign_is_an_octagon_that_says_stop() -> None:
+def test_a_stop_sign_is_an_octagon_that_says_stop():
     sign = stop_sign()
     faces = sign.normals[:, 0]
     assert np.abs(faces) == pytest.approx(np.ones(len(sign)), abs=1e-6)
@@ -343,7 +340,7 @@ def test_a_stop_sign_is_an_octagon_that_says_stop() -> None:
     assert len(first) == 22
 
 
-def test_a_street_lamps_arm_reaches_ahead() -> None:
+def test_a_street_lamps_arm_reaches_ahead():
     lamp = street_lamp(7.5)
     low, high = lamp.bounds_m
     assert (high[0], high[2]) == pytest.approx((1.8, 7.5))
@@ -356,7 +353,7 @@ def test_a_street_lamps_arm_reaches_ahead() -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("make", [broadleaf, conifer])
-def test_trees_stand_on_the_ground_and_keep_to_their_radius(make, seed: int) -> None:  # type: ignore[no-untyped-def] # either
+def test_trees_stand_on_the_ground_and_keep_to_their_radius(make, seed):
     tree = make(30.0, -12.0, 2.0, np.random.default_rng(seed))
     away = np.hypot(tree.vertices_m[:, 0] - 30.0, tree.vertices_m[:, 1] + 12.0)
     assert 1.5 < away.max() <= 2.0 + 1e-5

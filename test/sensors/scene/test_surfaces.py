@@ -10,7 +10,7 @@ from shapely.geometry import LineString, Point, box
 
 from siren_ros.errors import InputError
 from siren_ros.numerics.geometry import Polyline
-from siren_ros.roads.road_network import LaneKind, RoadNetwork
+from siren_ros.roads.road_network import LaneKind
 from siren_ros.sensors.scene.ground import _cut, arrow, ribbon, road_markings
 from siren_ros.sensors.scene.signals import clear_pole
 from siren_ros.sensors.scene.surfaces import (
@@ -23,7 +23,7 @@ from siren_ros.sensors.scene.surfaces import (
 )
 
 
-def test_regions_do_not_overlap(network: RoadNetwork) -> None:
+def test_regions_do_not_overlap(network):
     s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
     regions = [s.carriageway, s.shoulder, s.sidewalk, s.median, s.verge]
     for number, one in enumerate(regions):
@@ -31,7 +31,7 @@ def test_regions_do_not_overlap(network: RoadNetwork) -> None:
             assert one.intersection(other).area < 0.01
 
 
-def test_every_lane_lies_on_its_surface(network: RoadNetwork) -> None:
+def test_every_lane_lies_on_its_surface(network):
     s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
     surface = {
         LaneKind.DRIVING: s.carriageway,
@@ -44,14 +44,14 @@ def test_every_lane_lies_on_its_surface(network: RoadNetwork) -> None:
         assert area.difference(surface[lane.kind]).area < 0.01 * area.area, lane.lane_id
 
 
-def test_roads_go_on_beyond_dead_ends_and_nowhere_else(network: RoadNetwork) -> None:
+def test_roads_go_on_beyond_dead_ends_and_nowhere_else(network):
     centres = drawn_centres(network, 40.0)
     for lane in network.lanes:
         longer = 0.0 if network.edges[lane.edge].internal else 40.0
         assert centres[lane.index].length_m == pytest.approx(lane.length_m + longer)
 
 
-def test_markings_lie_inside_the_paved_surface_and_apart_from_each_other(network: RoadNetwork) -> None:
+def test_markings_lie_inside_the_paved_surface_and_apart_from_each_other(network):
     config = SceneConfig()
     centres = drawn_centres(network, config.road_extension_m)
     surfaces = road_surfaces(network, centres, config)
@@ -67,7 +67,7 @@ def test_markings_lie_inside_the_paved_surface_and_apart_from_each_other(network
     assert markings.white.covers(Point(*lane.centre.offset_points(30.0, -lane.width_m / 2)))
 
 
-def test_dividers_are_dashed_far_from_the_signal_and_solid_near_it(network: RoadNetwork) -> None:
+def test_dividers_are_dashed_far_from_the_signal_and_solid_near_it(network):
     config = SceneConfig()
     centres = drawn_centres(network, 0.0)
     markings = road_markings(network, centres, road_surfaces(network, centres, config), config)
@@ -80,7 +80,7 @@ def test_dividers_are_dashed_far_from_the_signal_and_solid_near_it(network: Road
 
 
 @pytest.mark.parametrize("length_m", [2.0, 5.0, 30.0])
-def test_a_lane_that_ends_at_a_junction_is_paved_up_to_it_and_no_further(length_m: float) -> None:
+def test_a_lane_that_ends_at_a_junction_is_paved_up_to_it_and_no_further(length_m):
     """Also one that is shorter than its two ends of 3 m, which count as part of the junctions there."""
     network = crossing()
     end = network.lanes[1].centre.points[-1]
@@ -92,7 +92,7 @@ def test_a_lane_that_ends_at_a_junction_is_paved_up_to_it_and_no_further(length_
     assert reaching.area == pytest.approx(3.5 * min(length_m, 2 * 3.0))
 
 
-def test_the_crossings_surfaces_are_where_its_lanes_are() -> None:
+def test_the_crossings_surfaces_are_where_its_lanes_are():
     """Shoulder from 7 to 9.5 m, lanes from 0 to 7 m; gravel for 2 m beside the road, since there are no sidewalks."""
     network = crossing()
     found = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
@@ -113,7 +113,7 @@ def test_the_crossings_surfaces_are_where_its_lanes_are() -> None:
     assert found.raised.equals(found.median)
 
 
-def test_a_ribbon_keeps_its_width_around_a_bend() -> None:
+def test_a_ribbon_keeps_its_width_around_a_bend():
     angle = np.linspace(0.0, np.pi / 2, 30)
     centre = Polyline.through(20.0 * np.column_stack((np.cos(angle), np.sin(angle))))
     strip = ribbon(centre, 0.0, centre.length_m, 2.0, 0.2)
@@ -121,7 +121,7 @@ def test_a_ribbon_keeps_its_width_around_a_bend() -> None:
     assert strip.area == pytest.approx(0.2 * 18.0 * np.pi / 2, rel=0.01)
 
 
-def test_arrows_point_to_their_side() -> None:
+def test_arrows_point_to_their_side():
     centre = Polyline.through([(0.0, 0.0), (50.0, 0.0)])
     (left,), (right,) = list(arrow(centre, 20.0, {"l"})), list(arrow(centre, 20.0, {"r"}))
     assert left.bounds[3] > 1.0
@@ -133,7 +133,7 @@ def test_arrows_point_to_their_side() -> None:
     ("name", "value"),
     [("tile_m", 0.0), ("kerb_height_m", -1.0), ("building_height_m", (9.0, 5.0)), ("tree_spacing_m", -2.0)],
 )
-def test_unusable_numbers_are_named(name: str, value: object) -> None:
+def test_unusable_numbers_are_named(name, value):
     with pytest.raises(InputError, match=name):
         SceneConfig(**{name: value})
 
@@ -145,14 +145,14 @@ def space() -> FreeSpace:
     return FreeSpace(surfaces)
 
 
-def test_traffics_space_is_never_free(space: FreeSpace) -> None:
+def test_traffics_space_is_never_free(space):
     assert not space.place_disc(0.0, 5.9, 1.0)
     assert space.place_disc(0.0, 6.1, 1.0)
     points = np.array([(0.0, 5.9), (0.0, 6.1), (0.0, -7.0)])
     assert space.clear_of_traffic(points, 1.0).tolist() == [False, True, True]
 
 
-def test_what_is_taken_is_taken_also_across_cells(space: FreeSpace) -> None:
+def test_what_is_taken_is_taken_also_across_cells(space):
     """Cells are 20 m wide: an area over several of them is found from each."""
     space.occupy(box(15.0, 30.0, 65.0, 34.0))
     for x_m in (16.0, 30.0, 50.0, 64.0):
@@ -162,26 +162,26 @@ def test_what_is_taken_is_taken_also_across_cells(space: FreeSpace) -> None:
     assert not space.is_clear(Point(14.0, 32.0).buffer(1.5))
 
 
-def test_discs_do_not_overlap(space: FreeSpace) -> None:
+def test_discs_do_not_overlap(space):
     assert space.place_disc(19.5, 20.5, 1.0)
     assert not space.place_disc(21.0, 20.5, 1.0)
     assert space.place_disc(21.6, 20.5, 1.0)
 
 
-def test_the_first_clear_place_is_taken(space: FreeSpace) -> None:
+def test_the_first_clear_place_is_taken(space):
     candidates = np.array([(0.0, 0.0), (0.0, 5.5), (0.0, 7.0), (0.0, 9.0)])
     assert space.first_clear(candidates, 1.0) == (0.0, 7.0)
     assert space.first_clear(candidates, 0.9) == (0.0, 9.0)
     assert space.first_clear(candidates, 1.0) is None
 
 
-def test_a_pole_is_looked_for_every_quarter_metre(space: FreeSpace) -> None:
+def test_a_pole_is_looked_for_every_quarter_metre(space):
     found = clear_pole(space, 3.0, 0.0, (0.0, 1.0), 14.0, 0.3)
     assert found == (3.0, 5.5)
     assert clear_pole(space, 3.0, 0.0, (0.0, -1.0), 5.0, 0.3) is None
 
 
-def test_samples_of_a_ring_have_the_area_on_their_left() -> None:
+def test_samples_of_a_ring_have_the_area_on_their_left():
     area = box(0.0, 0.0, 40.0, 20.0) - box(10.0, 5.0, 20.0, 15.0)
     places, tangents = ring_samples(area, 2.0)
     assert len(places) == (120 + 40) // 2
@@ -196,12 +196,12 @@ def test_samples_of_a_ring_have_the_area_on_their_left() -> None:
     assert np.median(gaps) == pytest.approx(2.0)
 
 
-def test_short_rings_have_no_samples() -> None:
+def test_short_rings_have_no_samples():
     places, tangents = ring_samples(box(0.0, 0.0, 0.3, 0.3), 2.0)
     assert places.shape == tangents.shape == (0, 2)
 
 
-def test_an_area_is_cut_along_the_grid() -> None:
+def test_an_area_is_cut_along_the_grid():
     area = box(-12.0, 3.0, 25.0, 17.0) - box(0.0, 5.0, 5.0, 8.0)
     pieces = _cut(area, 10.0)
     assert sum(piece.area for piece in pieces) == pytest.approx(area.area)

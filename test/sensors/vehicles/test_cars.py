@@ -11,7 +11,7 @@ DESIGNS = [design for design in vars(cars).values() if isinstance(design, CarDes
 
 
 @pytest.mark.parametrize("design", DESIGNS)
-def test_glass_lies_in_order(design: CarDesign) -> None:
+def test_glass_lies_in_order(design):
     """Windscreen, side windows with pillars of 4 to 20 cm between them, and the rear screen."""
     spans = design.side_windows
     assert all(low < high for low, high in (design.windscreen, design.rear_screen, *spans))
@@ -23,7 +23,7 @@ def test_glass_lies_in_order(design: CarDesign) -> None:
 
 
 @pytest.mark.parametrize("design", DESIGNS)
-def test_axles_and_outlines_are_those_of_a_car(design: CarDesign) -> None:
+def test_axles_and_outlines_are_those_of_a_car(design):
     profile = design.profile
     front, rear = profile.axles
     assert 0.6 < front.s_m < 1.2

@@ -32,7 +32,7 @@ def figures(actor_class: ActorClass) -> dict[str, list[float]]:
 
 
 @pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda one: one.name.lower())
-def test_materials_keep_their_areas_places_and_colours(actor_class: ActorClass) -> None:
+def test_materials_keep_their_areas_places_and_colours(actor_class):
     expected = json.loads(FIGURES.read_text(encoding="utf-8"))[actor_class.name.lower()]
     found = figures(actor_class)
     assert found.keys() == expected.keys()
@@ -41,7 +41,7 @@ def test_materials_keep_their_areas_places_and_colours(actor_class: ActorClass) 
 
 
 @pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda one: one.name.lower())
-def test_indicators_are_as_large_on_both_sides(actor_class: ActorClass) -> None:
+def test_indicators_are_as_large_on_both_sides(actor_class):
     found = figures(actor_class)
     assert found["indicator_left_lamp"] == pytest.approx(found["indicator_right_lamp"], abs=2e-3)
 

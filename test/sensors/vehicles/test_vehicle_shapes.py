@@ -22,7 +22,7 @@ def cast(mesh: Mesh, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @every_class
-def test_body_and_wheels_fill_exactly_the_parameters_box(actor_class: ActorClass) -> None:
+def test_body_and_wheels_fill_exactly_the_parameters_box(actor_class):
     shape, size = vehicle_shape(actor_class), load_vehicle_parameters()[actor_class]
     low, high = shape.at_rest.bounds_m
     half = np.float32([size.length_m / 2, size.width_m / 2, size.height_m])
@@ -33,7 +33,7 @@ def test_body_and_wheels_fill_exactly_the_parameters_box(actor_class: ActorClass
 
 
 @every_class
-def test_wheels_stand_on_the_axles(actor_class: ActorClass) -> None:
+def test_wheels_stand_on_the_axles(actor_class):
     shape, size = vehicle_shape(actor_class), load_vehicle_parameters()[actor_class]
     assert len(shape.wheels) == 4
     front = size.length_m / 2 - size.front_overhang_m
@@ -47,7 +47,7 @@ def test_wheels_stand_on_the_axles(actor_class: ActorClass) -> None:
 
 
 @every_class
-def test_rays_from_outside_meet_front_faces_only(actor_class: ActorClass) -> None:
+def test_rays_from_outside_meet_front_faces_only(actor_class):
     mesh = vehicle_shape(actor_class).at_rest
     rng = np.random.default_rng(5)
     direction = rng.normal(size=(6000, 3))
@@ -62,7 +62,7 @@ def test_rays_from_outside_meet_front_faces_only(actor_class: ActorClass) -> Non
 
 
 @every_class
-def test_budget_and_materials(actor_class: ActorClass) -> None:
+def test_budget_and_materials(actor_class):
     mesh = vehicle_shape(actor_class).at_rest
     assert len(mesh) <= (1500 if actor_class in CARS else 2500)
     present = {Material(int(code)) for code in np.unique(mesh.material)}
@@ -74,14 +74,14 @@ def test_budget_and_materials(actor_class: ActorClass) -> None:
 
 
 @every_class
-def test_only_emergency_vehicles_carry_beacons(actor_class: ActorClass) -> None:
+def test_only_emergency_vehicles_carry_beacons(actor_class):
     materials = vehicle_shape(actor_class).body.material
     carried = {Material.BEACON_BLUE, Material.BEACON_RED, Material.LIVERY} & {Material(int(m)) for m in set(materials)}
     assert bool(carried) == actor_class.is_emergency
 
 
 @pytest.mark.parametrize("actor_class", [one for one in ActorClass if one.is_emergency], ids=lambda c: c.name.lower())
-def test_beacons_on_the_roof_are_above_the_body(actor_class: ActorClass) -> None:
+def test_beacons_on_the_roof_are_above_the_body(actor_class):
     """Between the front and the rear of what is at least half as high as the vehicle and no beacon."""
     body = vehicle_shape(actor_class).body
     middle = body.vertices_m[body.triangles].mean(axis=1)
@@ -95,7 +95,7 @@ def test_beacons_on_the_roof_are_above_the_body(actor_class: ActorClass) -> None
 
 
 @every_class
-def test_lamps_look_where_they_should(actor_class: ActorClass) -> None:
+def test_lamps_look_where_they_should(actor_class):
     body = vehicle_shape(actor_class).body
     middle = body.vertices_m[body.triangles].mean(axis=1)
     assert (middle[body.material == Material.HEAD_LAMP, 0] > 0).all()
@@ -107,7 +107,7 @@ def test_lamps_look_where_they_should(actor_class: ActorClass) -> None:
 
 
 @pytest.mark.parametrize("actor_class", [*CARS, ActorClass.POLICE], ids=lambda c: c.name.lower())
-def test_cars_are_their_own_mirror_images(actor_class: ActorClass) -> None:
+def test_cars_are_their_own_mirror_images(actor_class):
     """Left and right differ in the material of the indicators alone; larger vehicles have doors and stacks."""
     body = vehicle_shape(actor_class).body
     material = np.where(body.material == Material.INDICATOR_RIGHT_LAMP, Material.INDICATOR_LEFT_LAMP, body.material)
@@ -116,7 +116,7 @@ def test_cars_are_their_own_mirror_images(actor_class: ActorClass) -> None:
 
 
 @every_class
-def test_wheels_are_in_pairs_inside_the_body(actor_class: ActorClass) -> None:
+def test_wheels_are_in_pairs_inside_the_body(actor_class):
     shape = vehicle_shape(actor_class)
     hubs = sorted(wheel.hub_m for wheel in shape.wheels)
     for right, left in zip(hubs[::2], hubs[1::2], strict=True):

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from siren_ros.sensors.camera.ground_light import beacon_colour, luminaires
-from siren_ros.sensors.camera.renderer import RenderedImage, Renderer, RendererUnavailableError
+from siren_ros.sensors.camera.renderer import RenderedImage, Renderer
 from siren_ros.sensors.look import Look
-from siren_ros.sensors.meshes.mesh import Material, Mesh, SemanticClass
+from siren_ros.sensors.meshes.mesh import Mesh, SemanticClass
 from siren_ros.sensors.meshes.placement import EgoVehicle, Placement
 from siren_ros.sensors.scene.signals import street_lamp, turned
 from siren_ros.sensors.specification import transform
@@ -22,13 +22,6 @@ NIGHT = Look(
 )
 
 
-def renderer_of(scene: Any, boxes: Any, look: Look) -> Renderer:
-    try:
-        return Renderer(scene, boxes.shapes(), look)
-    except RendererUnavailableError as error:
-        pytest.skip(str(error))
-
-
 def picture(renderer: Renderer, placement: Placement, step: int = 0, *, labels: bool = False) -> RenderedImage:
     return renderer.render(CAMERA, EYE, placement, np.zeros(len(placement)), {}, step, labels=labels)
 
@@ -37,28 +30,25 @@ def road(image: RenderedImage) -> Any:
     return image.semantic == SemanticClass.ROAD
 
 
-def test_each_street_lamp_is_found_once() -> None:
+def test_each_street_lamp_is_found_once():
     places = [(0.0, 0.0), (30.0, 5.0), (31.0, 40.0)]
     lamps = [turned(street_lamp(8.0), x, y, 0.0, 0.7) for x, y in places]
-    found = luminaires(Mesh.joined(*lamps))
-    assert found.shape == (3, 3)
-    reach = np.linalg.norm(found[:, :2] - places, axis=1)
-    assert reach == pytest.approx(1.5, abs=0.1)
-    assert found[:, 2] == pytest.approx(7.9, abs=0.1)
+    middles = luminaires(Mesh.joined(*lamps))
+    assert middles.shape == (3, 3)
+    assert np.linalg.norm(middles[:, :2] - places, axis=1) == pytest.approx(1.5, abs=0.1)
+    assert middles[:, 2] == pytest.approx(7.9, abs=0.1)
 
 
-def test_a_street_lamp_lights_the_road_below_it_at_night(boxes: Any) -> None:
+def test_a_street_lamp_lights_the_road_below_it_at_night(boxes):
     lamp = turned(street_lamp(8.0), 20.0, -4.0, 0.0, np.pi / 2)
-    lit = picture(renderer_of(boxes.scene(lamp), boxes, NIGHT), boxes.placed())
-    dark = picture(renderer_of(boxes.scene(), boxes, NIGHT), boxes.placed())
+    lit, dark = (picture(boxes.renderer(scene, NIGHT), boxes.placed()) for scene in (boxes.scene(lamp), boxes.scene()))
     below = lit.rgba[140:165, 150:170, :3].mean()
     assert below > dark.rgba[140:165, 150:170, :3].mean() + 30
-    lens = lit.rgba[..., :3].min(axis=2) > 200
-    assert lens.sum() > 3
+    assert (lit.rgba[..., :3].min(axis=2) > 200).sum() > 3, "the lens"
 
 
-def test_head_lamps_light_what_lies_ahead_also_the_carriers_own(boxes: Any) -> None:
-    renderer = renderer_of(boxes.scene(), boxes, NIGHT)
+def test_head_lamps_light_what_lies_ahead_also_the_carriers_own(boxes):
+    renderer = boxes.renderer(boxes.scene(), NIGHT)
     empty = picture(renderer, boxes.placed())
     ahead = picture(renderer, boxes.placed((SEDAN, 15.0, 4.0, -np.pi / 2)))
     brighter = road(ahead) & (ahead.rgba[..., 1] > empty.rgba[..., 1].astype(int) + 20)
@@ -68,8 +58,8 @@ def test_head_lamps_light_what_lies_ahead_also_the_carriers_own(boxes: Any) -> N
     assert picture(renderer, boxes.placed()).rgba.tobytes() == empty.rgba.tobytes()
 
 
-def test_beacons_colour_the_road_in_turn(boxes: Any) -> None:
-    renderer = renderer_of(boxes.scene(), boxes, NIGHT)
+def test_beacons_colour_the_road_in_turn(boxes):
+    renderer = boxes.renderer(boxes.scene(), NIGHT)
     blue, red = (next(k for k in range(20) if beacon_colour(k)[channel] > 0.5) for channel in (2, 0))
     placement = boxes.placed((SEDAN, 14.0, 0.0, np.pi), lights=[int(Lights.BEACON)])
     in_blue, in_red = picture(renderer, placement, blue), picture(renderer, placement, red)
@@ -79,13 +69,13 @@ def test_beacons_colour_the_road_in_turn(boxes: Any) -> None:
     assert difference[0] < -15
 
 
-def test_rain_falls_over_the_colours_alone(boxes: Any) -> None:
+def test_rain_falls_over_the_colours_alone(boxes):
     placement = boxes.placed((SEDAN, 8.0, 1.0, 0.3))
     wet = Look(rain_mm_per_h=10.0)
-    dry = picture(renderer_of(boxes.scene(), boxes, Look()), placement, labels=True)
-    renderer = renderer_of(boxes.scene(), boxes, wet)
+    dry = picture(boxes.renderer(boxes.scene()), placement, labels=True)
+    renderer = boxes.renderer(boxes.scene(), wet)
     first, later = picture(renderer, placement, labels=True), picture(renderer, placement, 1, labels=True)
-    again = picture(renderer_of(boxes.scene(), boxes, wet), placement)
+    again = picture(boxes.renderer(boxes.scene(), wet), placement)
     changed = np.any(first.rgba[..., :3] != dry.rgba[..., :3], axis=2)
     assert 0.002 < changed.mean() < 0.2
     assert first.rgba.tobytes() == again.rgba.tobytes() != later.rgba.tobytes()
@@ -95,10 +85,8 @@ def test_rain_falls_over_the_colours_alone(boxes: Any) -> None:
         assert np.array_equal(np.asarray(rainy.depth_m), np.asarray(dry.depth_m))
 
 
-def test_a_vehicle_takes_its_shadow_along(boxes: Any) -> None:
-    renderer = renderer_of(
-        boxes.scene(boxes.box((30.0, 9.0, 4.0), (8.0, 8.0, 8.0), Material.BUILDING_WALL)), boxes, Look()
-    )
+def test_a_vehicle_takes_its_shadow_along(boxes):
+    renderer = boxes.renderer(boxes.scene(boxes.box((30.0, 9.0, 4.0), (8.0, 8.0, 8.0))))
     empty = picture(renderer, boxes.placed())
     for x in (8.0, 12.0, 25.0):
         assert picture(renderer, boxes.placed((SEDAN, x, 1.0, 0.3))).rgba.tobytes() != empty.rgba.tobytes()

@@ -1,4 +1,7 @@
-"""``cosim``: one whole episode. ``siren_ros.ros.programs.episode_program`` makes it, and takes seconds to load."""
+"""``cosim``: starts the nodes, drives the lockstep and shows progress.
+
+``siren_ros.ros.programs.episode_program`` does this; it takes seconds to load.
+"""
 
 import os
 import sys

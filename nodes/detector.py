@@ -1,4 +1,4 @@
-"""``detector``: sweeps and frames of the EMV in, boxes of vehicles out."""
+"""``detector``: detects vehicles during the episode, with ``-p detector:=pillars``."""
 
 import sys
 import time

@@ -1,4 +1,4 @@
-"""``emv_controller``: SUMO's state and advice in, throttle, brake and steering of the emergency vehicles out."""
+"""``emv_controller``: drives the emergency vehicles (Algorithm 1)."""
 
 import sys
 from typing import Any

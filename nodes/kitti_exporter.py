@@ -1,4 +1,4 @@
-"""``kitti_exporter``: LiDAR, ground truth and front camera in, KITTI files out while the episode runs."""
+"""``kitti_exporter``: writes KITTI files during the episode."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``player``: a recorded episode in, the topics of the live run out."""
+"""``player``: publishes a recorded bag again; also ``siren replay BAG``."""
 
 import sys
 

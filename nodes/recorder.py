@@ -1,4 +1,4 @@
-"""``recorder``: every message of the episode in, a rosbag2 MCAP bag and the outcome out."""
+"""``recorder``: writes the bag and judges the outcome."""
 
 import sys
 import time

@@ -1,4 +1,4 @@
-"""``sensor_sim``: vehicle states in, measurements, labels and frames of every carrier out."""
+"""``sensor_sim``: simulates the sensors, and publishes labels, frames and markers."""
 
 import sys
 from typing import Any, Final

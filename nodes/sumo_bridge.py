@@ -1,4 +1,4 @@
-"""``sumo_bridge``: makes the episode, runs SUMO, mirrors into it what is driven outside of it."""
+"""``sumo_bridge``: makes the episode, runs SUMO, and mirrors the vehicles that ROS drives into it."""
 
 import sys
 from typing import Any

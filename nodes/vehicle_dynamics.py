@@ -1,4 +1,4 @@
-"""``vehicle_dynamics``: commands and SUMO's poses in, simulated vehicle states and events out."""
+"""``vehicle_dynamics``: turns throttle, brake and steering into poses, and finds collisions."""
 
 import sys
 from typing import Any

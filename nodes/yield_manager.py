@@ -1,4 +1,4 @@
-"""``yield_manager``: SUMO's state in, the civilians' yield responses out."""
+"""``yield_manager``: drives the civilians that yield (Algorithm 2)."""
 
 import sys
 from typing import Any

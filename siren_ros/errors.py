@@ -13,7 +13,7 @@ EXIT_BAD_INPUT: Final = 2
 
 
 class SirenError(Exception):
-    """Anything that goes wrong in the project's own domain. Programs exit with ``exit_code``."""
+    """The base class of all errors of the project. Programs exit with ``exit_code``."""
 
     exit_code = EXIT_FAILED
 

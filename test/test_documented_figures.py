@@ -8,7 +8,7 @@ from typing import Final
 import pytest
 from repository import REPOSITORY
 
-from docsite.code_tables import TABLES
+from docsite.code_tables import TABLES, with_rows
 from siren_ros.judging.verify import verify_episode
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.reproduction.documents import filled, marks_in, unmarked_figures, write_blocks
@@ -44,7 +44,7 @@ def results() -> dict[str, PartResult]:
 
 def shown_figures(results: dict[str, PartResult]) -> dict[str, str]:
     """The figures as the documents show them, with a mark of each."""
-    texts = [path.read_text(encoding="utf-8") for path in (*DOCUMENTS, README_RESULTS)]
+    texts = [with_rows(path.read_text(encoding="utf-8")) for path in (*DOCUMENTS, README_RESULTS)]
     marks = [
         f"{{{{{part}.{name}{f':{form}' if form else ''}}}}}" for text in texts for part, name, form in marks_in(text)
     ]
@@ -53,7 +53,7 @@ def shown_figures(results: dict[str, PartResult]) -> dict[str, str]:
 
 @pytest.mark.parametrize("path", [*DOCUMENTS, README_RESULTS], ids=lambda path: path.name)
 def test_each_mark_names_a_figure_of_the_results(path: Path, results: dict[str, PartResult]) -> None:
-    assert "{{" not in filled(path.read_text(encoding="utf-8"), results, path.name)
+    assert "{{" not in filled(with_rows(path.read_text(encoding="utf-8")), results, path.name)
 
 
 def test_the_results_of_the_readme_are_those_of_the_file(results: dict[str, PartResult], tmp_path: Path) -> None:
@@ -103,8 +103,6 @@ def test_the_page_of_the_episode_has_the_defaults_of_cosim() -> None:
 
 
 def test_the_page_of_the_recording_has_every_check_of_verify(record_of: Callable[..., EpisodeRecord]) -> None:
-    table = RECORDING.read_text(encoding="utf-8").partition("## What `verify` checks")[2].partition("\n## ")[0]
-    documented = re.findall(
-        r"`(\w+)`", " ".join(line.split("|")[1] for line in table.splitlines() if line.startswith("|"))
-    )
-    assert sorted(documented) == sorted(part.name for part in verify_episode(record_of()).checks)
+    assert "<!-- table of checks -->" in RECORDING.read_text(encoding="utf-8")
+    documented = re.findall(r"^\| `(\w+)` \| \w", TABLES["checks"](), re.MULTILINE)
+    assert documented == [part.name for part in verify_episode(record_of()).checks]

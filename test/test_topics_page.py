@@ -66,7 +66,7 @@ def test_the_page_says_what_the_bag_holds() -> None:
 def test_the_page_says_the_quality_of_service() -> None:
     assert qos_of(topics.MAP).durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert qos_of(topics.MAP).depth == 1
-    assert re.search(r"\| once \| transient local.*\| the last message \|", PAGE)
+    assert re.search(r"\|once\|transient local.*\|the last message\|", PAGE)
     assert qos_of(topics.ACTORS).durability == DurabilityPolicy.VOLATILE
-    assert f"| any other | volatile | the last {STREAM_DEPTH} messages |" in PAGE
-    assert f"| `{topics.STEP_DONE.name}` | volatile | the last {REPORT_DEPTH} messages |" in PAGE
+    assert f"|any other|volatile|the last {STREAM_DEPTH} messages|" in PAGE
+    assert f"|`{topics.STEP_DONE.name}`|volatile|the last {REPORT_DEPTH} messages|" in PAGE

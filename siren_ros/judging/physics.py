@@ -34,7 +34,9 @@ class VerifyLimits:
     speed_error_mps: float = 0.5
     """Between the mean velocity of two steps and the position change between them."""
     residual_p99_m: float = 0.5
+    """Between SUMO's and the simulated pose of an actor, 99th percentile."""
     residual_max_m: float = 2.0
+    """The same, greatest value."""
     overlap_m: float = 0.3
     """Of two footprints: bodies do not pass through each other; real ones crumple by as much at walking speed."""
     impact_speed_mps: float = 2.0
@@ -114,27 +116,27 @@ def overlap_m(state: ActorStates, record: EpisodeRecord) -> float:
 
 
 def check_overlap(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """No two bodies pass through each other."""
+    """No two bodies overlap by more than the limit."""
     return at_most("overlap_m", largest_overlap_m(record), limits.overlap_m)
 
 
 def check_impact_speed(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """With the paper's drivers nobody is hit at speed; drawn drivers may crash."""
+    """With the preset ``paper`` vehicles touch only slowly; with other presets contacts of any speed are allowed."""
     speeds = impact_speeds_mps(record)
     limit = limits.impact_speed_mps if record.description.preset == PAPER_PRESET else np.inf
     return at_most("impact_speed_mps", max(speeds, default=0.0), limit, f"{len(speeds)} contacts")
 
 
 def check_lateral_accel(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """All vehicles take bends and change lanes as drivers do."""
+    """The lateral acceleration of all vehicles, 99.9th percentile, is at most what drivers use in bends."""
     return at_most("lateral_accel_p99_9_mps2", lateral_accel_mps2(record), limits.comfort_lateral_mps2)
 
 
 def check_emv_braking(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """The EMV anticipates instead of arriving and braking."""
+    """The EMV brakes no harder than an anticipating driver (1st percentile of its acceleration)."""
     return at_least("emv_accel_p1_mps2", emv_accel_range_mps2(record)[0], -limits.emv_brake_mps2)
 
 
 def check_emv_accel(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """The EMV accelerates as its engine and its crew do."""
+    """The EMV accelerates no harder than a van's brisk start (99th percentile)."""
     return at_most("emv_accel_p99_mps2", emv_accel_range_mps2(record)[1], limits.emv_accel_mps2)

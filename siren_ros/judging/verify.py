@@ -115,7 +115,7 @@ def check_yaw_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
 
 
 def check_speed(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """The recorded velocity is the derivative of the recorded position, direction included.
+    """The recorded velocity equals the derivative of the recorded position within the limit, direction included.
 
     A contact within a step changes the velocity at once, and leaves the mean velocity within half the change.
     """
@@ -161,7 +161,7 @@ def check_residual_max(record: EpisodeRecord, limits: VerifyLimits) -> Part:
 
 
 def check_complete(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """The episode ended as planned and has the number of steps of its description."""
+    """The episode ended as planned, after at least the number of steps of its description."""
     planned = round(record.description.duration_s / STEP_S)
     if record.complete:
         return at_least("steps", record.steps, planned)
@@ -196,7 +196,7 @@ def _rate_faults(topic: TopicRecord, steps: int) -> Iterator[str]:
 
 
 def check_stamps(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """Every stamp is simulated time on the step grid, and the stamp inside a message is the bag's."""
+    """Every stamp is simulated time on the 20 Hz grid, and the stamp inside a message is that of the bag."""
     wrong = []
     for topic in record.topics.values():
         faults = int((topic.times_ns % STEP_NS != 0).sum()) + topic.stamp_mismatches
@@ -206,7 +206,7 @@ def check_stamps(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
 
 
 def check_state_hashes(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """The hash of the recorded states and signals is the recorded hash at every step."""
+    """Each step has its recorded ``state_hash``: BLAKE2b of every actor and traffic light."""
     signals = {traffic.step: traffic.signals for traffic in record.traffic}
     wrong = [
         state.step
@@ -231,7 +231,7 @@ STATE_CHECKS: Final[tuple[Check, ...]] = (
     check_emv_accel,
 )
 """The checks that need no topics; they also apply to an episode that was simulated and not recorded."""
-_CHECKS: Final[tuple[Check, ...]] = (
+CHECKS: Final[tuple[Check, ...]] = (
     check_complete,
     *STATE_CHECKS,
     check_message_counts,
@@ -248,4 +248,4 @@ def verify_episode(record: EpisodeRecord, limits: VerifyLimits | None = None) ->
         BagError: The predicate that the record names is not known.
     """
     bounds = limits or VerifyLimits()
-    return Verification(evaluate_predicate(record), tuple(check(record, bounds) for check in _CHECKS))
+    return Verification(evaluate_predicate(record), tuple(check(record, bounds) for check in CHECKS))

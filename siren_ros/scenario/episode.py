@@ -24,7 +24,7 @@ _LEFT_OUT: Final = frozenset({"values", "predictor", "detector"})
 
 @dataclass(frozen=True)
 class EpisodeRequest:
-    """The same request gives the same episode. The nodes that take a request inherit these fields as parameters."""
+    """The choices that define an episode. The nodes that take a request inherit these fields as parameters."""
 
     template: str = parameter("S2", "Interaction template: an id such as S2 or the path of a template file.")
     level: str = parameter("", "Emergency level; empty: the template's own.", choices=_LEVELS)

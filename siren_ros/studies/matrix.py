@@ -121,7 +121,7 @@ TOWN: Final = "town"
 
 @dataclass(frozen=True)
 class Study:
-    """What is asked for."""
+    """The matrix of episodes that a study makes; every combination is one episode."""
 
     templates: tuple[str, ...]
     levels: tuple[str, ...] = (OWN_LEVEL,)

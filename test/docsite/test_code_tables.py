@@ -3,10 +3,12 @@ import re
 import pytest
 from repository import REPOSITORY
 
-from docsite.code_tables import TABLES, node_table, with_tables
+import siren_ros
+from docsite.code_tables import TABLES, node_table, with_rows, with_tables
 from docsite.topic_tables import texts_of
 from siren_ros.calibration.parameters import PARAMETERS
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
+from siren_ros.judging.physics import VerifyLimits
 
 
 def rows(table: str) -> list[list[str]]:
@@ -33,6 +35,29 @@ def test_a_node_that_does_not_exist_has_no_table() -> None:
 def test_a_document_that_asks_for_a_table_that_does_not_exist_is_refused() -> None:
     with pytest.raises(KeyError):
         with_tables("<!-- table of nothing -->")
+
+
+def test_a_row_of_all_templates_becomes_a_row_of_each() -> None:
+    table = "|template|figure|\n|---|---|\n|S*|{{town.S*.holds}}|\n|all|{{town.all}}|\n"
+    shown = with_rows(table).splitlines()
+    assert shown[2:4] == ["|S1|{{town.S1.holds}}|", "|S2|{{town.S2.holds}}|"]
+    assert [shown[0], shown[-2], shown[-1]] == ["|template|figure|", "|S7|{{town.S7.holds}}|", "|all|{{town.all}}|"]
+
+
+def test_the_table_of_nodes_has_every_node_that_a_user_can_start() -> None:
+    nodes = {path.stem for path in (REPOSITORY / "nodes").glob("[!_]*.py")}
+    assert {row[0].strip("`") for row in rows(TABLES["nodes"]())} == nodes
+    assert all(row[1] for row in rows(TABLES["nodes"]()))
+
+
+def test_the_table_of_limits_has_every_limit_with_its_value_and_meaning() -> None:
+    table = {row[0].strip("`"): row[1:] for row in rows(TABLES["check_limits"]())}
+    assert {name: float(row[0]) for name, row in table.items()} == vars(VerifyLimits())
+    assert all(row[1] for row in table.values())
+
+
+def test_the_table_of_the_library_has_every_public_name() -> None:
+    assert sorted(row[0].strip("`") for row in rows(TABLES["library"]())) == siren_ros.__all__
 
 
 def test_the_text_of_a_topic_is_the_one_below_it() -> None:

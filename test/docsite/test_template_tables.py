@@ -40,7 +40,7 @@ def test_comments_belong_to_the_key_below_and_to_the_number_after_a_word() -> No
 def test_the_tables_hold_every_parameter_and_threshold(tmp_path: Path) -> None:
     (tmp_path / "X.yaml").write_text(TEXT)
     assert template_table(tmp_path / "X.yaml").splitlines() == [
-        "| parameter | default | range of studies | drawn by every seed | |",
+        "| parameter | default | range of studies | drawn by every seed | meaning |",
         "|---|---|---|---|---|",
         "| `duration_s` | 40 | 25 to 45 |  | s |",
         "| `emv.start_m` | -1.5 | -3 to 0 | -2 to -1 | m, from the line |",
@@ -48,7 +48,7 @@ def test_the_tables_hold_every_parameter_and_threshold(tmp_path: Path) -> None:
         "| `demand.ahead` | | | | *those ahead* |",
         "| `demand.ahead.vehicles` | 4 | 2 to 8 |  |  |",
         "",
-        "| threshold | value | |",
+        "| threshold | value | meaning |",
         "|---|---|---|",
         "| `predicate.shoulder_min_s` | 2.0 | s on the shoulder |",
     ]

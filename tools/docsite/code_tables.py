@@ -1,19 +1,28 @@
-"""Tables of documents whose texts the code has: parameters of nodes and of the calibration, metrics of yielding."""
+"""Tables of documents whose texts the code has: nodes and their parameters, templates, formats, metrics of yielding."""
 
+import ast
+import inspect
 import re
+import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Final
 
+import siren_ros
 from docsite.template_tables import entries
 from docsite.topic_tables import SECTIONS, texts_of, topic_table
 from siren_ros.calibration.parameters import PARAMETERS
+from siren_ros.datasets.formats import FORMATS
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
+from siren_ros.evaluation.yielding.thresholds import YieldThresholds
+from siren_ros.judging.physics import VerifyLimits
+from siren_ros.judging.verify import CHECKS
 from siren_ros.reproduction.parts import read_parts, shown_minutes
 from siren_ros.reproduction.results import read_results
 from siren_ros.scenario import paper
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS
+from siren_ros.scenario.templates import available_templates, load_template
 
 _PLAIN_TYPES: Final = re.compile(r" Allowed: (a string|a list of strings|true or false)\.$")
 _NODES_FILE: Final = Path(__file__).resolve().parents[2] / "params" / "nodes.yaml"
@@ -42,6 +51,30 @@ def _shown(default: object) -> str:
     return f"`{str(default).lower()}`" if isinstance(default, bool) else f"`{default}`"
 
 
+def nodes_table() -> str:
+    """The nodes as Markdown, from the first lines of their files: name, task."""
+    nodes = sorted((_NODES_FILE.parents[1] / "nodes").glob("[!_]*.py"))
+    lines = [(ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").splitlines()[0] for path in nodes]
+    rows = [f"| {line.replace('``', '`').replace(': ', ' | ', 1).removesuffix('.')} |" for line in lines]
+    return "\n".join(["| node | task |", "|---|---|", *rows])
+
+
+def formats_table() -> str:
+    """The formats of datasets as Markdown: name with a link to its section, content, what a bag must hold."""
+    rows = [f"| [{name}](#{name}) | {entry.summary} | {', '.join(entry.needs)} |" for name, entry in FORMATS.items()]
+    return "\n".join(["| format | content | a bag needs |", "|---|---|---|", *rows])
+
+
+def templates_table() -> str:
+    """The templates as Markdown: name with a link to its page, level, interaction, kind of site."""
+    templates = map(load_template, available_templates())
+    rows = [
+        f"| [{t.template_id}]({t.template_id}.md) | {t.level.name} | {t.title} | `{t.site_kind.name}` |"
+        for t in templates
+    ]
+    return "\n".join(["| template | level | interaction | site |", "|---|---|---|---|", *rows])
+
+
 def calibration_table() -> str:
     """The parameters that can be fitted as Markdown: name, range, meaning."""
     rows = [f"| `{name}` | {part.low:g} to {part.high:g} | {part.meaning} |" for name, part in PARAMETERS.items()]
@@ -54,6 +87,35 @@ def yield_table() -> str:
     driver_rows = [f"| `{metric.name}` | {metric.meaning} |" for metric in DRIVER_METRICS]
     heads = [["| of an episode | |", "|---|---|"], ["", "| of a driver | |", "|---|---|"]]
     return "\n".join([*heads[0], *rows, *heads[1], *driver_rows])
+
+
+def values_table(parameters: object) -> str:
+    """The fields of a dataclass as Markdown: name, value, meaning, with the unit in the name."""
+    kind = type(parameters)
+    texts = texts_of(inspect.getsource(sys.modules[kind.__module__]), kind.__name__)
+    rows = [f"| `{name}` | {getattr(parameters, name):g} | {text.replace('``', '`')} |" for name, text in texts.items()]
+    return "\n".join(["| name | value | meaning |", "|---|---|---|", *rows])
+
+
+def checks_table() -> str:
+    """The checks of a recorded episode as Markdown: name, what holds."""
+    rows = []
+    for check in CHECKS:
+        text = " ".join((check.__doc__ or "").split("\n\n")[0].split()).replace("``", "`").removesuffix(".")
+        constants = re.findall(r'"([a-z0-9_]+)"', inspect.getsource(check))
+        rows.append(f"| `{constants[0]}` | {text} |")
+    return "\n".join(["| check | holds when |", "|---|---|", *rows])
+
+
+def library_table() -> str:
+    """The public names of the library as Markdown, functions first: name, first line of its text."""
+    texts = {name: inspect.getdoc(getattr(siren_ros, name)) or "" for name in siren_ros.__all__}
+    rows = [f"| `{name}` | {texts[name].splitlines()[0].replace('``', '`')} |" for name in sorted(texts, key=_is_class)]
+    return "\n".join(["| name | what it is |", "|---|---|", *rows])
+
+
+def _is_class(name: str) -> bool:
+    return name[0].isupper()
 
 
 def paper_table() -> str:
@@ -86,15 +148,23 @@ def reproduction_table() -> str:
 
 
 TABLES: Final[Mapping[str, Callable[[], str]]] = {
+    "nodes": nodes_table,
     "cosim": partial(node_table, "cosim"),
+    "templates": templates_table,
+    "formats": formats_table,
     "calibrate": calibration_table,
     "yield": yield_table,
+    "yield_thresholds": partial(values_table, YieldThresholds()),
+    "checks": checks_table,
+    "check_limits": partial(values_table, VerifyLimits()),
+    "library": library_table,
     "paper": paper_table,
     "reproduction": reproduction_table,
     **{f"{section}_topics": partial(topic_table, section) for section in SECTIONS},
 }
 """What stands for ``<!-- table of NAME -->`` in a document, by name."""
 _MARK: Final = re.compile(r"<!-- table of (\w+) -->")
+_ROW_OF_TEMPLATES: Final = re.compile(r"^\|S\*\|.*\n", re.MULTILINE)
 
 
 def with_tables(markdown: str) -> str:
@@ -104,3 +174,9 @@ def with_tables(markdown: str) -> str:
         KeyError: It asks for a table that does not exist.
     """
     return _MARK.sub(lambda mark: TABLES[mark[1]](), markdown)
+
+
+def with_rows(markdown: str) -> str:
+    """A document with a row for each template in place of a table's row that begins with ``|S*|``."""
+    names = available_templates()
+    return _ROW_OF_TEMPLATES.sub(lambda row: "".join(row[0].replace("S*", name) for name in names), markdown)

@@ -76,7 +76,10 @@ def template_table(file: Path) -> str:
         for entry in found
         if entry.path.startswith("predicate.") and entry.path != "predicate.name"
     ]
-    tables = ["| parameter | default | range of studies | drawn by every seed | |\n|---|---|---|---|---|", *parameters]
+    tables = [
+        "| parameter | default | range of studies | drawn by every seed | meaning |\n|---|---|---|---|---|",
+        *parameters,
+    ]
     if thresholds:
-        tables += ["\n| threshold | value | |\n|---|---|---|", *thresholds]
+        tables += ["\n| threshold | value | meaning |\n|---|---|---|", *thresholds]
     return "\n".join(tables)

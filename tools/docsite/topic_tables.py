@@ -57,7 +57,7 @@ def texts_of(source: str, owner: str = "") -> dict[str, str]:
     if owner:
         (body,) = (node.body for node in body if isinstance(node, ast.ClassDef) and node.name == owner)
     return {
-        first.target.id: after.value.value
+        first.target.id: " ".join(after.value.value.split())
         for first, after in pairwise(body)
         if isinstance(first, ast.AnnAssign)
         and isinstance(first.target, ast.Name)

@@ -56,7 +56,7 @@ def parser() -> Command:
 def command_lines(line: Command | None = None) -> Iterator[Command]:
     """The command itself, then each of its verbs, tasks and formats: everything that ``--help`` describes."""
     line = line or parser()
-    yield line
+    yield line.loaded()
     for below in line.below():
         yield from command_lines(below)
 

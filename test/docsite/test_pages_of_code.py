@@ -1,5 +1,7 @@
 """Pages that are made from the code have what the code has."""
 
+import re
+
 from repository import REPOSITORY
 
 from docsite.command_page import command_page
@@ -13,6 +15,12 @@ def test_the_page_of_the_command_has_every_verb_task_and_format() -> None:
     assert "## `siren generate risk`" in headings
     assert len(headings) == page.count("## `siren")
     assert "--population {region,all}" in page
+
+
+def test_the_page_of_the_command_has_the_options_of_every_command() -> None:
+    page = command_page()
+    assert re.findall(r"^usage: (siren[\w -]*) \[-h\]$", page, re.MULTILINE) == []
+    assert all(option in page for option in ("--draw-seed N", "--pictures", "--evaluations N", "--only PART"))
 
 
 def test_the_page_of_the_messages_has_every_type_with_its_fields() -> None:

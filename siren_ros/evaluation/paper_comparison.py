@@ -13,6 +13,7 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.subsets import FAMILIES
 from siren_ros.evaluation.detection.tables import MEAN, PAPER
 from siren_ros.evaluation.prediction.metrics import METRIC_OF
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER as PREDICTION
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, PAPER_SAMPLES, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import GroupKind, ScoreTable, strata, sums_of
 from siren_ros.evaluation.prediction.scoring import EpisodeScores
@@ -164,8 +165,7 @@ def at_template_level(scores: Sequence[EpisodeScores], level_of: Callable[[str],
 def prediction_rows(table: ScoreTable) -> Iterator[Compared]:
     """All rows, those without a value of ours included.
 
-    Args:
-        table: Episodes at the levels of their templates, and the vehicles of the interaction region.
+    The episodes are at the levels of their templates, the vehicles those of the interaction region.
     """
     maps = ",".join(sorted({episode.map_name for episode in table.episodes}))
     for row in (*_errors(table), *_samples(table), *_ratios(table), *_rankings(table)):
@@ -174,8 +174,8 @@ def prediction_rows(table: ScoreTable) -> Iterator[Compared]:
 
 def _errors(table: ScoreTable) -> Iterator[Compared]:
     for (metric, title), (model, name) in product(PREDICTION_ERRORS.items(), PAPER_NAMES.items()):
-        row = paper_row(model, metric)
-        if row is None or row is paper_row(model, _SINGLE_PATH.get(metric, "")):
+        row = PREDICTION[model, metric]
+        if row is paper_row(model, _SINGLE_PATH.get(metric, "")):
             continue
         columns = [(template, template, row.by_template[template]) for template in TEMPLATES]
         for column, group, paper in (*columns, (MEAN_COLUMN, _ALL, row.mean)):
@@ -206,31 +206,27 @@ def _sums(table: ScoreTable, *models: str) -> tuple[list[str], list[BlockSums]]:
 
 
 def _ratios(table: ScoreTable) -> Iterator[Compared]:
-    reference = paper_row("cv", "ade_m")
     for model, name in PAPER_NAMES.items():
-        row = paper_row(model, "ade_m")
-        if row is None or reference is None or model == "cv":
+        if model == "cv":
             continue
-        ratio = NOTHING
+        paper, ratio = PREDICTION[model, "ade_m"].mean / PREDICTION["cv", "ade_m"].mean, NOTHING
         if {model, "cv"} <= set(table.models):
             _, (ours, of_cv) = _sums(table, model, "cv")
             if len(ours):
                 left_out = ours.left_out() / of_cv.left_out()
                 ratio = jackknife(ours.value() / of_cv.value(), left_out, ours.stratum).interval()
-        yield Compared(RATIO, name, MEAN_COLUMN, row.mean / reference.mean, ratio)
+        yield Compared(RATIO, name, MEAN_COLUMN, paper, ratio)
 
 
 def _rankings(table: ScoreTable) -> Iterator[Compared]:
     """Spearman's ρ between our templates and the paper's; the paper's own is 1."""
     for model, name in PAPER_NAMES.items():
-        row, ranking = paper_row(model, "ade_m"), NOTHING
-        if row is None:
-            continue
+        by_template, ranking = PREDICTION[model, "ade_m"].by_template, NOTHING
         if model in table.models:
             names, (sums,) = _sums(table, model)
             if len(names) >= RANKED_MIN:
                 estimates = [estimate_of_mean(sums.select(sums.stratum == number)) for number in range(len(names))]
-                ranking = ranking_interval(estimates, [row.by_template[template] for template in names])
+                ranking = ranking_interval(estimates, [by_template[template] for template in names])
         yield Compared(RANKING, name, "Spearman", 1.0, ranking, relative=False)
 
 
@@ -239,11 +235,7 @@ ORDER: Final = "order of the families by mAP as in the paper"
 
 
 def detection_rows(content: Mapping[str, Any] | None) -> Iterator[Compared]:
-    """All rows, those without a value of ours included.
-
-    Args:
-        content: ``scores.json`` of ``siren evaluate detection``; None where it was not run.
-    """
+    """All rows, those without a value of ours included, from ``scores.json`` of ``siren evaluate detection``."""
     content = content or {}
     ours = {name.lower(): scores for name, scores in content.items()}
     for key, paper in PAPER.items():
@@ -276,12 +268,7 @@ BALANCE: Final = "share of the videos"
 
 
 def risk_rows(videos: VideoSet | None, content: Mapping[str, Any] | None) -> Iterator[Compared]:
-    """All rows, those without a value of ours included.
-
-    Args:
-        videos: The set; None where there is none.
-        content: ``scores.json`` of ``siren evaluate risk``; None where it was not run.
-    """
+    """All rows, those without a value of ours included, from a set and ``scores.json`` of ``siren evaluate risk``."""
     labels = [] if videos is None else [video.label.risk for video in videos.videos.values()]
     for risk, count in zip(RiskClass, PAPER_BALANCE, strict=True):
         share = share_interval(labels.count(risk), len(labels))

@@ -23,9 +23,7 @@ class Encounters:
     """The states of a subject and of others at the same steps: N pairs, sorted by the other actor and then by step."""
 
     subject: StateRows
-    """The subject's state of each pair."""
     other: StateRows
-    """The other's state of each pair."""
     subject_size_m: tuple[float, float]
     """Length and width."""
     other_size_m: Floats
@@ -73,9 +71,8 @@ def encounters_of(record: EpisodeRecord, subject_id: int) -> Encounters:
     ids, column = np.unique(rows.actor_id[others], return_inverse=True)
     subject, *actors = (record.actors[key] for key in (subject_id, *ids.tolist()))
     sizes_m = np.array([(actor.length_m, actor.width_m) for actor in actors], dtype=np.float64).reshape(-1, 2)
-    return Encounters(
-        rows.select(mine[place]), rows.select(others), (subject.length_m, subject.width_m), sizes_m[column]
-    )
+    size_m = subject.length_m, subject.width_m
+    return Encounters(rows.select(mine[place]), rows.select(others), size_m, sizes_m[column])
 
 
 CROSSING_MIN_RAD: Final = float(np.radians(30.0))
@@ -104,14 +101,8 @@ def post_encroachment(
     """Least PET of two tracks whose ways cross or meet head-on, from their footprints; None where none overlap.
 
     PET after Allen, Shin and Cooper (1978), with the places that both footprints covered instead of one conflict area,
-    so that long vehicles and shallow angles count as they are.
-
-    Args:
-        subject: Track of one actor.
-        other: Track of the other.
-        subject_size_m: Length and width.
-        other_size_m: The same of the other.
-        crossing_min_rad: Least angle between the two headings; below it the two follow each other.
+    so that long vehicles and shallow angles count as they are. Sizes are length and width. Below the angle
+    ``crossing_min_rad`` between the two headings the two follow each other.
     """
     if not len(subject) or not len(other):
         return None
@@ -130,9 +121,8 @@ def post_encroachment(
     delay = np.abs(first - second)
     # Of equal delays the earliest.
     best = int(np.lexsort((np.maximum(first, second), delay))[0])
-    return Encroachment(
-        float(delay[best] * STEP_S), int(max(first[best], second[best])), bool(first[best] < second[best])
-    )
+    step = int(max(first[best], second[best]))
+    return Encroachment(float(delay[best] * STEP_S), step, bool(first[best] < second[best]))
 
 
 def _corners(states: StateRows, size_m: tuple[float, float]) -> Floats:
@@ -167,10 +157,9 @@ class PredictedContacts:
         """
         ahead = np.isfinite(self.time_s)
         needed = np.zeros(len(self.time_s))
+        closing = self.closing_mps[ahead]
         with np.errstate(divide="ignore", invalid="ignore"):  # 0 s are left where they touch already
-            needed[ahead] = np.where(
-                self.closing_mps[ahead] > 0.0, self.closing_mps[ahead] / (2.0 * self.time_s[ahead]), 0.0
-            )
+            needed[ahead] = np.where(closing > 0.0, closing / (2.0 * self.time_s[ahead]), 0.0)
         return needed
 
 
@@ -257,21 +246,12 @@ class PairMeasures:
     """Least gap of the two footprints; negative where they overlap."""
 
 
-@dataclass(frozen=True)
-class ConflictSeries:
-    """The measures of all pairs step by step, for thresholds that combine them."""
+def conflict_series(
+    record: EpisodeRecord, subject_id: int, steps: tuple[int, int] | None = None
+) -> tuple[Encounters, PredictedContacts]:
+    """A subject together with everybody else, and TTC, closing speed and gap of each pair, step by step.
 
-    encounters: Encounters
-    contacts: PredictedContacts
-
-
-def conflict_series(record: EpisodeRecord, subject_id: int, steps: tuple[int, int] | None = None) -> ConflictSeries:
-    """TTC, closing speed and gap between a subject and everybody else, step by step.
-
-    Args:
-        record: The episode.
-        subject_id: The vehicle that the measures are about.
-        steps: First step and the one after the last; the whole episode without it.
+    ``steps`` are the first step and the one after the last, without them the whole episode.
 
     Raises:
         InputError: The subject is no actor of the episode.
@@ -279,12 +259,11 @@ def conflict_series(record: EpisodeRecord, subject_id: int, steps: tuple[int, in
     encounters = encounters_of(record, subject_id)
     if steps is not None:
         encounters = encounters.select((encounters.step >= steps[0]) & (encounters.step < steps[1]))
-    return ConflictSeries(encounters, predicted_contacts(encounters))
+    return encounters, predicted_contacts(encounters)
 
 
-def pair_measures(series: ConflictSeries) -> tuple[PairMeasures, ...]:
-    """The extremes for each other actor of a series, by actor id."""
-    encounters, contacts = series.encounters, series.contacts
+def pair_measures(encounters: Encounters, contacts: PredictedContacts) -> tuple[PairMeasures, ...]:
+    """The extremes for each other actor of a conflict series, by actor id."""
     time, needed, gap = contacts.time_s, contacts.required_deceleration_mps2, contacts.gap_m
 
     def extreme(values: Floats, row: np.intp) -> Extreme:

@@ -32,7 +32,7 @@ def test_each_other_actor_has_its_extremes(straight_road) -> None:
         4: moving(20.0, 0.0, 0.0, steps=21),
         7: moving(0, 9.0, 10.0, steps=21),
     }
-    ahead, aside = pair_measures(conflict_series(record_with(tracks, straight_road), 1))
+    ahead, aside = pair_measures(*conflict_series(record_with(tracks, straight_road), 1))
     assert (ahead.actor_id, aside.actor_id) == (4, 7)
     assert ahead.time_to_collision_s is not None
     assert ahead.time_to_collision_s.value == pytest.approx((20.0 - 10.0 - 4.6) / 10.0)
@@ -48,7 +48,7 @@ def test_each_other_actor_has_its_extremes(straight_road) -> None:
 
 def test_a_window_leaves_out_what_happens_outside(straight_road) -> None:
     tracks = {1: moving(0.0, 0.0, 10.0, steps=21), 4: moving(20.0, 0.0, 0.0, steps=21)}
-    (ahead,) = pair_measures(conflict_series(record_with(tracks, straight_road), 1, steps=(2, 11)))
+    (ahead,) = pair_measures(*conflict_series(record_with(tracks, straight_road), 1, steps=(2, 11)))
     assert ahead.gap_m.step == 10
     assert ahead.gap_m.value == pytest.approx(20.0 - 5.0 - 4.6)
 

@@ -163,12 +163,9 @@ class LanePaths:
 
 
 def paths_from(network: RoadNetwork, lanes: npt.NDArray[np.int32], reach_m: float) -> LanePaths:
-    """Paths straight on from lanes.
+    """Paths straight on from lanes, each of which occurs once.
 
-    Args:
-        network: The map.
-        lanes: Lanes to start from, each once.
-        reach_m: Length of each path beyond the end of its first lane, as far as lanes follow.
+    A path reaches ``reach_m`` beyond the end of its first lane, as far as lanes follow.
     """
     successor = straight_successors(network)
     path_of_lane = np.full(len(network.lanes), -1, dtype=np.intp)
@@ -191,13 +188,8 @@ def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m
     """The nearest vehicle of each sample whose centre is ahead within the range.
 
     The leader of a sample in a lane is in this lane or in those that follow straight on. The leader of a sample in
-    no lane overlaps the strip that the sample sweeps straight ahead; its heading does not matter.
-
-    Args:
-        batch: The samples.
-        places: Lanes of the rows of ``batch.actors``.
-        paths: Paths from every sample's lane.
-        range_m: Greatest distance between the centres.
+    no lane overlaps the strip that the sample sweeps straight ahead; its heading does not matter. ``places`` are those
+    of all rows of ``batch.actors``, ``paths`` those from every sample's lane.
 
     Returns:
         Gaps in metres from the sample's front bumper to the leader's rear bumper, inf without a leader, and the
@@ -252,10 +244,10 @@ class IdmPredictor:
         in_lane = lane != NO_LANE
         paths = paths_from(batch.network, np.unique(lane[in_lane]), idm.range_m)
         gap_m, leader_mps = leaders_of(batch, places, paths, idm.range_m)
-        limit = np.array([each.speed_limit_mps for each in batch.network.lanes] + [idm.off_lane_limit_mps])
+        limits = [road_lane.speed_limit_mps for road_lane in batch.network.lanes]
         speed = batch.speed_mps
         # NO_LANE is −1 and takes the last limit, that of vehicles in no lane.
-        desired = np.maximum(speed, limit[lane])
+        desired = np.maximum(speed, np.array([*limits, idm.off_lane_limit_mps])[lane])
         travelled = idm.travel(speed, desired, gap_m, leader_mps, future_times_s())
         heading = np.stack((np.cos(batch.yaw_rad), np.sin(batch.yaw_rad)), axis=-1)
         path = batch.xy_m[:, None] + travelled[..., None] * heading[:, None]

@@ -225,13 +225,7 @@ _RIGHT: Final = 0.995
 
 
 def draw_template(template: str, panels: Sequence[SamplePanel], models: Sequence[str]) -> Figure:
-    """A row for each model, a column for each rank.
-
-    Args:
-        template: Name, for the title.
-        panels: Any number for each model, in the order of the ranks.
-        models: All models of the report, which set the colours.
-    """
+    """A row for each model with panels, a column for each rank; all models of the report set the colours."""
     shown = [model for model in models if any(panel.chosen.model == model for panel in panels)]
     height_in = _PANEL_IN * len(shown) + _HEAD_IN
     figure = Figure(figsize=(_PANEL_IN * len(RANKS), height_in), dpi=DPI, facecolor="white")

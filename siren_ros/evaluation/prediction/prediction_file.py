@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -52,7 +52,7 @@ def _read_own(source: str, table: pa.Table) -> SubmittedRows:
     name = (table.schema.metadata or {}).get(WINDOW_KEY, b"ngsim").decode(errors="replace")
     if name not in WINDOWS:
         raise InputError("predictions", f"{source} with the window {name}", f"one of {', '.join(WINDOWS)}")
-    integers = {key: _integers(source, table, key) for key in ("actor", "step", "mode")}
+    integers = {key: _numbers(source, table, key, integers=True) for key in ("actor", "step", "mode")}
     episode = np.asarray(table["episode"].cast(pa.string()).to_numpy(zero_copy_only=False), dtype=object)
 
     def named(row: int) -> str:
@@ -75,13 +75,9 @@ def _read_argoverse(source: str, table: pa.Table) -> SubmittedRows:
     """As ``av2`` writes a ``ChallengeSubmission``. Tracks other than a scenario's focal one are not read."""
     scenario = table["scenario_id"].cast(pa.string()).to_pylist()
     matches = [_SCENARIO.fullmatch(name) for name in scenario]
-    refuse(
-        source,
-        np.array([match is None for match in matches], dtype=np.bool_),
-        "rows with a scenario_id of another origin",
-        lambda row: scenario[row],
-        "ids of siren export argoverse2, as S2-L2-seed0-town-v12-f000049",
-    )
+    foreign = np.array([match is None for match in matches], dtype=np.bool_)
+    allowed = "ids of siren export argoverse2, as S2-L2-seed0-town-v12-f000049"
+    refuse(source, foreign, "rows with a scenario_id of another origin", lambda row: scenario[row], allowed)
     parts = [match for match in matches if match is not None]
     track = table["track_id"].cast(pa.string()).to_pylist()
     by_id = [name == part["actor"] for name, part in zip(track, parts, strict=True)]
@@ -97,11 +93,7 @@ def _read_argoverse(source: str, table: pa.Table) -> SubmittedRows:
         xy_m=_paths(source, table, *_ARGOVERSE[-2:], lambda row: f"scenario {scenario[row]}, track {track[row]}"),
         window=ARGOVERSE_WINDOW,
     ).select(np.array(by_id, dtype=np.bool_) | np.array(by_av, dtype=np.bool_))
-    return _numbered(rows)
-
-
-def _numbered(rows: SubmittedRows) -> SubmittedRows:
-    """The hypotheses of each sample numbered in the order of the file."""
+    # The hypotheses of each sample are numbered in the order of the file.
     episode = np.unique(rows.episode, return_inverse=True)[1]
     sample = np.unique(np.stack((episode, rows.actor_id, rows.step)), axis=1, return_inverse=True)[1].ravel()
     order = np.argsort(sample, kind="stable")
@@ -117,16 +109,11 @@ _SCHEMAS: Final[Mapping[tuple[str, ...], Callable[[str, pa.Table], SubmittedRows
 """Readers by the columns that a file must have; further columns are ignored."""
 
 
-def _integers(source: str, table: pa.Table, name: str) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
-    if not pa.types.is_integer(table[name].type):
-        raise InputError("predictions", f"{source}: {name} of type {table[name].type}", "integers")
-    return np.asarray(table[name].to_numpy(), dtype=np.int64)
-
-
-def _numbers(source: str, table: pa.Table, name: str) -> Floats:
-    if not pa.types.is_floating(table[name].type) and not pa.types.is_integer(table[name].type):
-        raise InputError("predictions", f"{source}: {name} of type {table[name].type}", "numbers")
-    return np.asarray(table[name].to_numpy(), dtype=np.float64)
+def _numbers(source: str, table: pa.Table, name: str, *, integers: bool = False) -> Any:
+    kind = table[name].type
+    if not pa.types.is_integer(kind) and (integers or not pa.types.is_floating(kind)):
+        raise InputError("predictions", f"{source}: {name} of type {kind}", "integers" if integers else "numbers")
+    return np.asarray(table[name].to_numpy(), dtype=np.int64 if integers else np.float64)
 
 
 def _paths(source: str, table: pa.Table, x: str, y: str, named: Callable[[int], str]) -> Floats:
@@ -142,12 +129,10 @@ def _paths(source: str, table: pa.Table, x: str, y: str, named: Callable[[int], 
     expected = int(np.bincount(lengths[0]).argmax())
     known = ", ".join(f"{count} points ({count * period:.0f} s at {period:g} s)" for count, period in PERIODS_S.items())
     wrong = (lengths != (expected if expected in PERIODS_S else -1)).any(axis=0)
-    refuse(
-        source,
-        wrong,
-        "paths of another horizon",
-        lambda row: f"{named(row)} with {lengths[0, row]} values in {x} and {lengths[1, row]} in {y}",
-        f"{known}, the same for all",
-    )
+
+    def with_lengths(row: int) -> str:
+        return f"{named(row)} with {lengths[0, row]} values in {x} and {lengths[1, row]} in {y}"
+
+    refuse(source, wrong, "paths of another horizon", with_lengths, f"{known}, the same for all")
     flat = (np.asarray(pc.list_flatten(table[name]).to_numpy(), dtype=np.float64) for name in (x, y))
     return on_grid(np.stack([values.reshape(-1, expected) for values in flat], axis=-1))

@@ -43,11 +43,9 @@ class Hypotheses:
             probability: Shape ``(N, k)``, with positive sums.
         """
         order = np.argsort(-probability, axis=1, kind="stable")
-        sorted_probability = np.take_along_axis(probability, order, axis=1)
-        return Hypotheses(
-            np.take_along_axis(xy_m, order[..., None, None], axis=1),
-            sorted_probability / sorted_probability.sum(axis=1, keepdims=True),
-        )
+        ranked = np.take_along_axis(probability, order, axis=1)
+        paths_m = np.take_along_axis(xy_m, order[..., None, None], axis=1)
+        return Hypotheses(paths_m, ranked / ranked.sum(axis=1, keepdims=True))
 
     def select(self, samples: Flags | Rows) -> "Hypotheses":
         """Some of the samples, given as a mask or as indices."""
@@ -153,11 +151,9 @@ PREDICTORS: Final[Mapping[str, PredictorKind]] = {
 
 
 def predictors_named(names: Sequence[str], checkpoints: Mapping[str, Path] | None = None) -> dict[str, Predictor]:
-    """The predictors of some names, in their order.
+    """The predictors of some names of the table, in their order; a name may have a label (``csp:mine``).
 
-    Args:
-        names: Names of the table, each alone or with a label (``csp:mine``).
-        checkpoints: Files of weights by the names, with their labels.
+    ``checkpoints`` are files of weights by the names, with their labels.
 
     Raises:
         InputError: No name, one given twice, one that is unknown, or a checkpoint that fits no name.

@@ -120,12 +120,8 @@ def score_episode(
 ) -> EpisodeScores:
     """Scores every predictor, and every submission, on an episode.
 
-    Args:
-        name: Of the episode, for reports.
-        record: The episode.
-        predictors: By the name of the model.
-        population: Whose windows count.
-        submitted: What other programs predicted in this episode, by the name of the model.
+    Predictors, and what other programs predicted in this episode (``submitted``), are by the names of the models; the
+    name of the episode is for reports.
 
     Raises:
         InputError: The record does not describe its actors, or a model's hypotheses cannot be scored.
@@ -207,10 +203,7 @@ def score_bags(
 ) -> tuple[BagResult, ...]:
     """Scores every bag in processes; one that cannot be read does not keep the others from being scored.
 
-    Args:
-        job: The models.
-        bags: Folders of episodes.
-        progress: Called after each bag.
+    ``progress`` is called after each bag.
 
     Raises:
         InputError: A model that cannot be made, or predictions that do not fit the episodes.

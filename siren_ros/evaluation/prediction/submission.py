@@ -1,7 +1,7 @@
 """Predictions that a user hands in: checked rows of hypotheses, from a file or a topic of a bag, sample by sample."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -49,24 +49,15 @@ class SubmittedRows:
 
     def select(self, rows: Rows | Flags) -> "SubmittedRows":
         """Some of the rows."""
-        arrays: dict[str, Any] = {
-            name: values[rows] for name, values in vars(self).items() if isinstance(values, np.ndarray)
-        }
-        return SubmittedRows(source=self.source, window=self.window, **arrays)
+        arrays: dict[str, Any] = {name: values for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        return replace(self, **{name: values[rows] for name, values in arrays.items()})
 
 
 def refuse(source: str, wrong: Flags, what: str, named: Callable[[int], str], allowed: str) -> None:
-    """Refuses rows that are wrong.
-
-    Args:
-        source: File or topic.
-        wrong: Which rows are, shape ``(R,)``.
-        what: What is wrong with them.
-        named: A row in words.
-        allowed: What would be right.
+    """Refuses rows of a source that are wrong (shape ``(R,)``): what is wrong, a row in words, what would be right.
 
     Raises:
-        InputError: With their number and the first, where there is one.
+        InputError: With their number and the first, where one is wrong.
     """
     if wrong.any():
         where = f"{source}: {wrong.sum()} of {len(wrong)} {what}; the first is {named(int(np.argmax(wrong)))}"
@@ -85,9 +76,8 @@ def on_grid(xy_m: Floats) -> Floats:
     Returns:
         Shape ``(R, FUTURE_POINTS, 2)``.
     """
-    period_s = PERIODS_S[xy_m.shape[1]]
-    points = np.round(future_times_s() / period_s).astype(np.intp) - 1
-    return np.ascontiguousarray(xy_m[:, points[:FUTURE_POINTS]])
+    points = np.round(future_times_s() / PERIODS_S[xy_m.shape[1]]).astype(np.intp) - 1
+    return np.ascontiguousarray(xy_m[:, points])
 
 
 FAR_M: Final = 100.0
@@ -122,23 +112,16 @@ class EpisodePredictions:
         """
         actor, step = batch.actor_id, batch.sample_step
         asked, given = (step << 32) | actor, (self.step << 32) | self.actor_id
+        unknown, missing = ~np.isin(given, asked), ~np.isin(asked, given)
         if not self.allow_unknown:
+            what = "predicted samples are not in the population"
+            allowed = "samples of the population: (vehicle, frame) with a whole window"
             refuse(
-                self.source,
-                ~np.isin(given, asked),
-                "predicted samples are not in the population",
-                lambda row: f"actor {self.actor_id[row]} at step {self.step[row]}",
-                "samples of the population: (vehicle, frame) with a whole window",
+                self.source, unknown, what, lambda row: f"actor {self.actor_id[row]} at step {self.step[row]}", allowed
             )
-        missing = ~np.isin(asked, given)
         if not self.allow_missing:
-            refuse(
-                self.source,
-                missing,
-                "samples have no prediction",
-                lambda row: f"actor {actor[row]} at step {step[row]}",
-                "a prediction for each sample, or --allow-missing",
-            )
+            what, allowed = "samples have no prediction", "a prediction for each sample, or --allow-missing"
+            refuse(self.source, missing, what, lambda row: f"actor {actor[row]} at step {step[row]}", allowed)
         rows = np.flatnonzero(~missing)
         hypotheses = self.hypotheses.select(np.searchsorted(given, asked[rows]))
         away = np.hypot(*(hypotheses.xy_m[:, 0, 0] - batch.xy_m[rows]).T)
@@ -214,22 +197,19 @@ def submission(rows: SubmittedRows, allow_missing: bool = False, allow_unknown: 
     probability = np.zeros((len(first), modes))
     probability[sample, place] = rows.probability
     total = probability.sum(axis=1)
-    refuse(
-        rows.source,
-        np.abs(total - 1.0) > SUM_TOLERANCE,
-        "samples have probabilities of another sum",
-        lambda row: f"{rows.named(first[row])} with {total[row]:.4g}",
-        "probabilities of the sum 1",
-    )
+
+    def with_sum(row: int) -> str:
+        return f"{rows.named(first[row])} with {total[row]:.4g}"
+
+    wrong, what = np.abs(total - 1.0) > SUM_TOLERANCE, "samples have probabilities of another sum"
+    refuse(rows.source, wrong, what, with_sum, "probabilities of the sum 1")
     xy_m = np.repeat(rows.xy_m[first][:, None], modes, axis=1)
     xy_m[sample, place] = rows.xy_m
     hypotheses, samples, code = Hypotheses.ranked(xy_m, probability), rows.select(first), code[first]
 
     def part(of: Rows) -> EpisodePredictions:
-        actor, step = samples.actor_id[of], samples.step[of]
-        return EpisodePredictions(
-            rows.source, rows.window, actor, step, hypotheses.select(of), allow_missing, allow_unknown
-        )
+        content = samples.actor_id[of], samples.step[of], hypotheses.select(of)
+        return EpisodePredictions(rows.source, rows.window, *content, allow_missing, allow_unknown)
 
     members = [np.flatnonzero(code == number) for number in np.unique(code).tolist()]
     episodes = {str(samples.episode[of[0]]): part(of) for of in members}
@@ -256,14 +236,13 @@ def read_recorded_predictions(source: EpisodeSource, allow_missing: bool) -> Epi
     step = np.repeat(np.array([paths.step for paths in frames], dtype=np.int64), counts)
     actor = np.concatenate([paths.actor_id for paths in frames]).astype(np.int64) if frames else step
     lengths = np.repeat(np.array([paths.xy_m.shape[1] for paths in frames], dtype=np.int64), counts)
-    name = f"{PREDICTIONS.name} of {source.path}"
-    refuse(
-        name,
-        ~np.isin(lengths, list(PERIODS_S)),
-        "paths of another horizon",
-        lambda row: f"actor {actor[row]} at step {step[row]} with {lengths[row]} points",
-        f"paths of {', '.join(map(str, PERIODS_S))} points",
-    )
+    name, wrong = f"{PREDICTIONS.name} of {source.path}", ~np.isin(lengths, list(PERIODS_S))
+
+    def with_length(row: int) -> str:
+        return f"actor {actor[row]} at step {step[row]} with {lengths[row]} points"
+
+    allowed = f"paths of {', '.join(map(str, PERIODS_S))} points"
+    refuse(name, wrong, "paths of another horizon", with_length, allowed)
     rows = SubmittedRows(
         source=name,
         episode=np.full(len(step), _EPISODE, dtype=object),

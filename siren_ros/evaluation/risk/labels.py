@@ -152,8 +152,7 @@ def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple
     Raises:
         InputError: The EMV is no actor of the episode.
     """
-    series = conflict_series(record, emv_id, steps)
-    pairs, contacts = series.encounters, series.contacts
+    pairs, contacts = conflict_series(record, emv_id, steps)
     visible = in_view(pairs, camera.mount, camera.horizontal_fov_rad, VIEW_RANGE_M)
     seen = _recently(visible, pairs.actor_id, pairs.step)
     measures = contacts.time_s, contacts.closing_mps, contacts.required_deceleration_mps2, contacts.gap_m

@@ -278,7 +278,7 @@ class YieldScene:
         """Surrogate safety measures of an actor, or of the EMV, with everybody."""
         subject = self.record.emv_ids[0] if actor_id is None else actor_id
         if subject not in self._conflicts:
-            self._conflicts[subject] = pair_measures(conflict_series(self.record, subject))
+            self._conflicts[subject] = pair_measures(*conflict_series(self.record, subject))
         return self._conflicts[subject]
 
 

@@ -73,16 +73,10 @@ class NgsimView:
         first = 0
         while first < len(self):
             last = int(np.searchsorted(scene, scene[min(first + size, len(self)) - 1], side="right"))
-            start, end = np.searchsorted(self.sample, [first, last])
-            yield NgsimView(
-                self.network,
-                self.actors,
-                self.target[first:last],
-                self.tangent_rad[first:last],
-                self.sample[start:end] - first,
-                self.neighbour[start:end],
-                self.cell[start:end],
-            )
+            pairs = slice(*np.searchsorted(self.sample, [first, last]))
+            targets = self.target[first:last], self.tangent_rad[first:last]
+            neighbours = self.sample[pairs] - first, self.neighbour[pairs], self.cell[pairs]
+            yield NgsimView(self.network, self.actors, *targets, *neighbours)
             first = last
 
     def right_ahead_m(self, row: Rows, sample: Rows) -> Floats:
@@ -114,11 +108,9 @@ def ngsim_view(batch: SampleBatch) -> NgsimView:
     road = road_places(batch.network, batch.xy_m, batch.yaw_rad, actors.sumo_lane[target])
     sample, other = batch.neighbours()
     x_m, y_m = (actors.xy_m[other, -1] - batch.xy_m[sample]).T
-    cell = neighbour_cells(
-        *across_and_ahead(x_m, y_m, road.tangent_rad[sample]),
-        actors.yaw_rad[other, -1] - road.tangent_rad[sample],
-        lane_widths_m(batch.network, road.lane)[sample],
-    )
+    tangent_rad, width_m = road.tangent_rad[sample], lane_widths_m(batch.network, road.lane)[sample]
+    place_m = across_and_ahead(x_m, y_m, tangent_rad)
+    cell = neighbour_cells(*place_m, actors.yaw_rad[other, -1] - tangent_rad, width_m)
     seen = np.flatnonzero((cell != OUTSIDE) & actors.observed[other].all(axis=1))
     place = sample[seen] * CELLS + cell[seen]
     _, from_the_end = np.unique(place[::-1], return_index=True)
@@ -156,10 +148,8 @@ def bat_features(view: NgsimView) -> Features:
 
 def positions_ft(view: NgsimView) -> tuple[Floats, Floats]:
     """Past positions of targets ``(B, 16, 2)`` and of neighbours ``(P, 16, 2)``: feet to the right and ahead."""
-    return (
-        view.right_ahead_m(view.target, np.arange(len(view))) / FOOT_M,
-        view.right_ahead_m(view.neighbour, view.sample) / FOOT_M,
-    )
+    targets_m = view.right_ahead_m(view.target, np.arange(len(view)))
+    return targets_m / FOOT_M, view.right_ahead_m(view.neighbour, view.sample) / FOOT_M
 
 
 def polar(xy: Floats) -> Floats:
@@ -190,9 +180,8 @@ def _lane_numbers(view: NgsimView) -> tuple[Floats, Floats]:
     actors = view.actors
     rows = np.unique(np.concatenate((view.target, view.neighbour)))
     # The pasts of one vehicle overlap from frame to frame: each of its poses is placed once.
-    poses = np.column_stack(
-        (actors.xy_m[rows].reshape(-1, 2), actors.yaw_rad[rows].ravel(), actors.past_sumo_lane[rows].ravel())
-    )
+    columns = actors.xy_m[rows].reshape(-1, 2), actors.yaw_rad[rows].ravel(), actors.past_sumo_lane[rows].ravel()
+    poses = np.column_stack(columns)
     different, same = np.unique(poses, axis=0, return_inverse=True)
     road = road_places(view.network, different[:, :2], different[:, 2], different[:, 3].astype(np.int32))
     numbers = road.lane_number[same].reshape(len(rows), -1, 1).astype(np.float64)

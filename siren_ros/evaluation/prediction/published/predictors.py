@@ -53,8 +53,7 @@ def load_weights(network: nn.Module, model: str, path: Path | None) -> nn.Module
     """
     if path is None:
         raise InputError("checkpoint", model, f"{model}=PATH of its weights")
-    given = _with_parts(network, path)
-    expected = network.state_dict()
+    given, expected = _with_parts(network, path), network.state_dict()
     missing = [name for name in expected if name not in given]
     unknown = [name for name in given if name not in expected]
     reshaped = [name for name in expected if name in given and given[name].shape != expected[name].shape]

@@ -53,10 +53,7 @@ def prediction_tables(
 ) -> tuple[Table, ...]:
     """All tables of an evaluation; those that a terminal leaves out are folded.
 
-    Args:
-        scores: The scores.
-        pairs: Differences between the models, pair by pair.
-        compare_paper: Also show the paper's rows, those of models that were not scored included.
+    ``compare_paper`` adds the paper's rows, those of models that were not scored included.
     """
     tables = (
         _bags(scores),
@@ -273,9 +270,7 @@ def _model(table: ScoreTable, model: str) -> dict[str, Any]:
 def latex_files(tables: Iterable[Table], about: str) -> dict[str, str]:
     """Content by file name: the tables that are like the paper's, with its names of the models, without a float.
 
-    Args:
-        tables: All tables of an evaluation.
-        about: What was scored, for the comment above the table.
+    The comment above a table says what was scored (``about``).
     """
     files = {}
     for table in tables:

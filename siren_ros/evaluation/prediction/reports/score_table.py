@@ -158,11 +158,7 @@ class ScoreTable:
 
 
 def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
-    """All scores of some episodes.
-
-    Args:
-        scores: At least one episode, all with the same models.
-    """
+    """All scores of some episodes: at least one, all with the same models."""
     models = tuple(scores[0].models)
     samples = {model: sample_table(scores, model) for model in models}
     groups = groups_of(scores)

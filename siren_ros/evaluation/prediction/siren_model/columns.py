@@ -10,7 +10,7 @@ import numpy as np
 
 from siren_ros.evaluation.prediction.samples import SampleBatch
 from siren_ros.evaluation.prediction.siren_model.paths import PathChoice, rank_within
-from siren_ros.numerics.arrays import Codes, Flags, Floats, Rows
+from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.world.actors import Lights
@@ -130,6 +130,7 @@ def _body_columns(batch: SampleBatch, rows: Rows) -> dict[str, Floats]:
 _CHUNK: Final = 4096
 """Pairs of a path and a vehicle whose distances are held in memory at once."""
 _FAR_M: Final = 100.0
+"""Distance that stands for "none"."""
 _SIDE_MARGIN_M: Final = 0.3
 """Lateral gap below which a vehicle counts as in the way."""
 _OVERLAP_M: Final = 5.0
@@ -143,11 +144,7 @@ def traffic_columns(
 ) -> dict[str, Floats]:
     """The first two vehicles whose footprints reach into the strip along each path; each of shape ``(N, PATHS)``.
 
-    Args:
-        batch: The samples.
-        others: The neighbours that a sample is shown.
-        choice: Its paths.
-        points_m: Points of the paths in the samples' frames, shape ``(N, PATHS, PATH_POINTS, 2)``.
+    The points of the paths are in the samples' frames, shape ``(N, PATHS, PATH_POINTS, 2)``.
     """
     actors, target = batch.actors, batch.target
     row, path, slot = np.nonzero(choice.there[:, :, None] & others.there[:, None])
@@ -205,14 +202,9 @@ _LETTERS: Final = {"red": "ru", "yellow": "yY", "green": "gG", "priority": "G"}
 """Features of SUMO's signal letters; none holds for a signal that is off."""
 _LINE_BEHIND_M: Final = 1.0
 """A stop line counts as ahead until the front bumper is this far past it."""
-"""Distance that stands for "none"."""
 _LINES: Final = 2
 """Stop lines of a path that are described."""
-_KINDS: Final = {
-    LaneKind.DRIVING: "lane",
-    LaneKind.SHOULDER: "shoulder",
-    LaneKind.INTERNAL: "across",
-}
+_KINDS: Final = {LaneKind.DRIVING: "lane", LaneKind.SHOULDER: "shoulder", LaneKind.INTERNAL: "across"}
 
 
 def lane_columns(network: RoadNetwork, choice: PathChoice) -> dict[str, Floats]:
@@ -262,37 +254,20 @@ def stop_line_columns(batch: SampleBatch, choice: PathChoice) -> dict[str, Float
     }
 
 
-_LINE_NAMES: Final = (
-    "distance",
-    "there",
-    "signal",
-    *_LETTERS,
-    "must_stop",
-    "gives_way",
-    "straight",
-    "left",
-    "right",
-)
+_FIXED_RULES: Final = ("must_stop", "gives_way", "straight", "left", "right")
+_LINE_NAMES: Final = ("distance", "there", "signal", *_LETTERS, *_FIXED_RULES)
 
 
 def _rule(batch: SampleBatch, movement: Connection, frame: Rows) -> Floats:
     """Values of ``_LINE_NAMES`` (the distance 0) at some frames, shape ``(len(frame), …)``."""
-    codes = _link_codes(batch, movement)[frame]
-    fixed = [
-        float(movement.must_stop),
-        float(movement.gives_way),
-        *(float(movement.direction.lower() == letter) for letter in "slr"),
-    ]
+    states, codes = batch.signals.get(movement.signal_id or ""), np.zeros(len(frame), dtype=np.uint8)
+    if states is not None and 0 <= movement.signal_link < states.shape[1]:
+        codes = states[frame, movement.signal_link]
+    directions = [movement.direction.lower() == letter for letter in "slr"]
+    fixed = [float(value) for value in (movement.must_stop, movement.gives_way, *directions)]
     shown = [np.isin(codes, [ord(letter) for letter in letters]).astype(np.float64) for letters in _LETTERS.values()]
     same = np.ones(len(frame))
     return np.stack((0.0 * same, same, (codes > 0) * same, *shown, *(value * same for value in fixed)), axis=-1)
-
-
-def _link_codes(batch: SampleBatch, movement: Connection) -> Codes:
-    codes = batch.signals.get(movement.signal_id or "")
-    if codes is None or not 0 <= movement.signal_link < codes.shape[1]:
-        return np.zeros(len(batch.step), dtype=np.uint8)
-    return codes[:, movement.signal_link]
 
 
 _LANE_NAMES: Final = ("limit", "width", "right", "left", "shoulder_right", *_KINDS.values())
@@ -308,9 +283,9 @@ def _lane_table(network: RoadNetwork) -> Floats:
         lanes = [network.lanes[index] for index in edge.lanes]
         driven = [lane for lane in lanes if lane.kind in (LaneKind.DRIVING, LaneKind.INTERNAL)]
         for lane in lanes:
-            right = sum(each.width_m for each in driven if each.position < lane.position)
-            left = sum(each.width_m for each in driven if each.position > lane.position)
-            shoulder = any(each.kind is LaneKind.SHOULDER and each.position < lane.position for each in lanes)
+            right = sum(other.width_m for other in driven if other.position < lane.position)
+            left = sum(other.width_m for other in driven if other.position > lane.position)
+            shoulder = any(other.kind is LaneKind.SHOULDER and other.position < lane.position for other in lanes)
             half = 0.5 * lane.width_m
             kinds = [float(lane.kind is kind) for kind in _KINDS]
             table[lane.index] = (lane.speed_limit_mps, lane.width_m, right + half, left + half, shoulder, *kinds)

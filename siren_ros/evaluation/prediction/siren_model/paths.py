@@ -42,10 +42,7 @@ class LaneCandidates:
 def lane_candidates(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats) -> LaneCandidates:
     """All lanes that hold a pose or pass it closely, and run within 60° of its heading.
 
-    Args:
-        network: The map.
-        xy_m: Footprint centres, shape ``(M, 2)``.
-        yaw_rad: Headings, shape ``(M,)``.
+    Poses are footprint centres, shape ``(M, 2)``, and headings, shape ``(M,)``.
     """
     nothing = np.empty(0)
     parts = [(np.empty(0, dtype=np.intp), np.empty(0, dtype=np.int32), nothing, nothing, nothing)]
@@ -135,15 +132,11 @@ class RoadPaths:
             else:
                 done.append(way)
         done.sort(key=lambda way: (round(way.turn_rad, 3), way.lanes))
-        return tuple(
-            RoadPath(
-                Polyline.joined([self.network.lanes[index].centre for index in way.lanes]),
-                tuple(way.stop_lines),
-                way.turn_rad,
-                lane,
-            )
-            for way in done[:PATHS_PER_LANE]
-        )
+        paths = []
+        for way in done[:PATHS_PER_LANE]:
+            curve = Polyline.joined([self.network.lanes[index].centre for index in way.lanes])
+            paths.append(RoadPath(curve, tuple(way.stop_lines), way.turn_rad, lane))
+        return tuple(paths)
 
     def _followings(self, way: _Way) -> list[_Way]:
         last = way.lanes[-1]
@@ -232,20 +225,13 @@ class PathChoice:
 
 
 def choose_paths(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, speed_mps: Floats) -> PathChoice:
-    """The likeliest paths of some vehicles: little offset, little angle, few turns.
-
-    Args:
-        network: The map.
-        xy_m: Footprint centres, shape ``(N, 2)``.
-        yaw_rad: Headings, shape ``(N,)``.
-        speed_mps: Shape ``(N,)``.
-    """
+    """The likeliest paths of N vehicles, with their footprint centres: little offset, little angle, few turns."""
     count = len(xy_m)
     reach = np.minimum(_HORIZON_S * speed_mps + _STANDING_REACH_M, _REACH_MAX_M)
     candidates = lane_candidates(network, xy_m, yaw_rad)
     kept = np.flatnonzero(rank_within(candidates.row) < _LANES)
     row, lane, arc = candidates.row[kept], candidates.lane[kept], candidates.arc_m[kept]
-    lengths = np.array([each.length_m for each in network.lanes])
+    lengths = np.array([road_lane.length_m for road_lane in network.lanes])
     beyond = arc + reach[row] - lengths[lane]
     step = np.searchsorted(_REACHES_M, np.minimum(beyond, _REACHES_M[-1]))
     roads, pairs = RoadPaths(network), []

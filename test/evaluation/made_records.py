@@ -30,15 +30,7 @@ class Track:
     """Steps at which nothing was recorded."""
 
 
-def moving(
-    x_m: float,
-    y_m: float,
-    speed_mps: float,
-    accel_mps2: float = 0.0,
-    yaw_rad: float = 0.0,
-    steps: int = 201,
-    **more: Any,
-) -> Track:
+def moving(x_m, y_m, speed_mps, accel_mps2=0.0, yaw_rad=0.0, steps=201, **more: Any) -> Track:
     """A straight track of constant acceleration."""
     time = np.arange(steps) * STEP_S
     along = speed_mps * time + 0.5 * accel_mps2 * time**2
@@ -50,16 +42,13 @@ def moving(
 
 def record_with(tracks: Mapping[int, Track], network: RoadNetwork, template: str = "S2") -> EpisodeRecord:
     """The record of vehicles on given tracks; SUMO said nothing about them."""
-    actors = {
-        key: ActorDescription(
-            key, f"v{key}", track.actor_class, track.length_m, 1.8, 1.5, (90, 90, 90), is_emv=track.is_emv
-        )
-        for key, track in tracks.items()
-    }
+    actors = {}
+    for key, track in tracks.items():
+        body = track.actor_class, track.length_m, 1.8, 1.5, (90, 90, 90)
+        actors[key] = ActorDescription(key, f"v{key}", *body, is_emv=track.is_emv)
     steps = max(track.first_step + len(track.states) for track in tracks.values())
-    description = EpisodeDescription(
-        template, EmergencyLevel.L2, 0, "made", "0" * 64, steps * STEP_S, "none", "paper", emv_ids=()
-    )
+    about = template, EmergencyLevel.L2, 0, "made", "0" * 64, steps * STEP_S, "none", "paper"
+    description = EpisodeDescription(*about, emv_ids=())
     states = tuple(_states(tracks, step) for step in range(steps))
     return EpisodeRecord(description, network, actors, states, (), {}, (), None, complete=True, topics={})
 

@@ -21,17 +21,12 @@ from siren_ros.world.actors import ActorClass
 
 
 def scored(
-    future_xy_m: Floats,
-    frame: list[int] | None = None,
-    xy_m: Floats | None = None,
-    yaw_rad: Floats | None = None,
-    size_m: tuple[float, float] = (4.0, 2.0),
+    future_xy_m: Floats, frame: list[int] | None = None, xy_m: Floats | None = None, yaw_rad: Floats | None = None
 ) -> ScoredSamples:
-    """Samples with a given future; each in a frame of its own, at the origin, unless said otherwise."""
+    """Samples of 4 m by 2 m with a given future; each in a frame of its own, at the origin, unless said otherwise."""
     count = len(future_xy_m)
     frames = np.arange(count) if frame is None else np.array(frame)
-    window = HistoryWindow()
-    points = window.points
+    window, points = HistoryWindow(), HistoryWindow().points
     present = np.zeros((count, 2)) if xy_m is None else xy_m
     heading = np.zeros(count) if yaw_rad is None else yaw_rad
     network = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
@@ -41,8 +36,8 @@ def scored(
         actor_id=np.arange(1, count + 1, dtype=np.uint32),
         actor_class=np.full(count, ActorClass.SEDAN, dtype=np.uint8),
         is_emv=np.zeros(count, dtype=np.bool_),
-        length_m=np.full(count, size_m[0]),
-        width_m=np.full(count, size_m[1]),
+        length_m=np.full(count, 4.0),
+        width_m=np.full(count, 2.0),
         lights=np.zeros(count, dtype=np.uint8),
         observed=np.ones((count, points), dtype=np.bool_),
         xy_m=np.repeat(present[:, None], points, axis=1),
@@ -76,11 +71,7 @@ def model_scores(
 
 
 def episode_scores(
-    template: str,
-    models: Mapping[str, ModelScores],
-    seed: int = 0,
-    level: EmergencyLevel = EmergencyLevel.L2,
-    **parameters: float,
+    template: str, models: Mapping[str, ModelScores], seed: int = 0, level=EmergencyLevel.L2, **parameters: float
 ) -> EpisodeScores:
     """An episode of a template."""
     name = f"{template}_seed{seed}"

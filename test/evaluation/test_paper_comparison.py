@@ -1,6 +1,7 @@
 """The paper's numbers next to ours."""
 
 import json
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from siren_ros.evaluation.paper_comparison import (
     risk_rows,
     stored,
 )
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER_SAMPLES, paper_row
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER, PAPER_SAMPLES
 from siren_ros.evaluation.prediction.reports.score_table import score_table
 from siren_ros.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
@@ -52,6 +53,8 @@ def test_the_deviation_is_a_share_of_the_papers() -> None:
     assert row(0.0).deviation is None
     assert row(2.0, relative=False).deviation is None
     assert row(2.0, NOTHING).deviation is None
+    single = row(1.0, Interval(0.5, 0.5, 0.5, 1))
+    assert (single.inside, single.deviation) == (None, -0.5)
 
 
 def test_cells_have_the_rows_digits_and_a_star_where_the_papers_value_lies_inside() -> None:
@@ -90,11 +93,8 @@ def test_the_papers_rows_and_ours() -> None:
         ("IDM, deviation", "+0%", "–"),
     ]
     assert (second.key, second.caption, second.head) == ("paper_1", "mAP", ("", "S3"))
-    assert second.cells()[:3] == [
-        ("SECOND, paper", "0.631"),
-        ("SECOND, here", "0.600"),
-        ("SECOND, 95 %", "[0.500, 0.700]"),
-    ]
+    ours = {"SECOND, here": "0.600", "SECOND, 95 %": "[0.500, 0.700]"}
+    assert dict(second.cells()[:3]) == {"SECOND, paper": "0.631", **ours}
 
 
 def test_without_bounds_or_value_json_says_nothing() -> None:
@@ -113,7 +113,7 @@ def test_rows_with_a_value_of_ours() -> None:
     assert measured(rows) == [rows[0], rows[2]]
 
 
-ROW = paper_row("cv", "ade_m")
+CV_ADE_M = PAPER["cv", "ade_m"].by_template
 
 
 def template_level(template: str) -> str:
@@ -126,19 +126,17 @@ def episode(template: str, value: float, seed: int, samples: int = 4) -> Episode
     return episode_scores(template, models, seed, EmergencyLevel[template_level(template)])
 
 
+def by_place(rows: Iterable[Compared]) -> dict[tuple[str, str, str], Compared]:
+    return {(row.table, row.row, row.column): row for row in rows}
+
+
 def rows_of(scores: list[EpisodeScores]) -> dict[tuple[str, str, str], Compared]:
-    return {(row.table, row.row, row.column): row for row in prediction_rows(score_table(scores))}
+    return by_place(prediction_rows(score_table(scores)))
 
 
 def test_the_papers_own_values_give_no_deviation_and_its_ranking() -> None:
-    assert ROW is not None
-    rows = rows_of(
-        [
-            episode(name, ROW.by_template[name] + shift, seed)
-            for name in TEMPLATES
-            for seed, shift in enumerate((-0.1, -0.05, 0.0, 0.05, 0.1))
-        ]
-    )
+    shifts = enumerate((-0.1, -0.05, 0.0, 0.05, 0.1))
+    rows = rows_of([episode(name, CV_ADE_M[name] + shift, seed) for seed, shift in shifts for name in TEMPLATES])
     for name in TEMPLATES:
         row = rows["ADE in m", "CV", name]
         assert row.ours.value == pytest.approx(row.paper)
@@ -197,14 +195,6 @@ def test_only_episodes_at_their_own_level_count() -> None:
     assert at_template_level([at_other, kept, not_in_the_paper], template_level) == [kept]
 
 
-def test_a_row_says_nothing_that_it_cannot() -> None:
-    assert Compared("t", "r", "c", 0.0, Interval(1.0, 0.5, 1.5, 3)).deviation is None
-    assert Compared("t", "r", "c", 1.0, Interval(0.5, 0.4, 0.6, 3), relative=False).deviation is None
-    single = Compared("t", "r", "c", 1.0, Interval(0.5, 0.5, 0.5, 1))
-    assert (single.inside, single.deviation) == (None, -0.5)
-    assert Compared("t", "r", "c", 1.0, NOTHING).to_json()["ours"] is None
-
-
 def unequal(template: str, cv: list[float], idm: list[float], seed: int = 0) -> EpisodeScores:
     """An episode with an error for each sample of both."""
     models = {"cv": model_scores(np.array(cv)), "idm": model_scores(np.array(idm))}
@@ -213,13 +203,9 @@ def unequal(template: str, cv: list[float], idm: list[float], seed: int = 0) -> 
 
 def test_the_ratio_is_that_of_means_over_templates_of_means_over_their_samples() -> None:
     """CV: 2 in S1, and 4 in S2; IDM: 5 and 4. An episode in which IDM has no sample counts for neither."""
-    scores = [
-        unequal("S1", [1.0, 1.0], [4.0, 4.0]),
-        unequal("S1", [4.0], [7.0], 1),
-        unequal("S2", [4.0, 4.0, 4.0], [4.0, 4.0, 4.0]),
-        unequal("S2", [90.0], [], 1),
-    ]
-    rows = rows_of(scores)
+    of_s1 = unequal("S1", [1.0, 1.0], [4.0, 4.0]), unequal("S1", [4.0], [7.0], 1)
+    of_s2 = unequal("S2", [4.0, 4.0, 4.0], [4.0, 4.0, 4.0]), unequal("S2", [90.0], [], 1)
+    rows = rows_of([*of_s1, *of_s2])
     ratio = rows[RATIO, "IDM", "mean"]
     assert ratio.ours.value == pytest.approx((5.0 + 4.0) / (2.0 + 4.0))
     assert ratio.ours.blocks == 3
@@ -228,33 +214,26 @@ def test_the_ratio_is_that_of_means_over_templates_of_means_over_their_samples()
 
 
 def test_a_ranking_that_is_the_papers_upside_down() -> None:
-    assert ROW is not None
-    scores = [
-        unequal(name, [10.0 - ROW.by_template[name]], [ROW.by_template[name] ** 2], seed)
-        for name in TEMPLATES[:4]
-        for seed in (0, 1)
-    ]
-    rows = rows_of(scores)
+    values = [(name, CV_ADE_M[name], seed) for name in TEMPLATES[:4] for seed in (0, 1)]
+    rows = rows_of([unequal(name, [10.0 - value], [value**2], seed) for name, value, seed in values])
     assert rows[RANKING, "CV", "Spearman"].ours.value == pytest.approx(-1.0)
     # The paper's own IDM has S3 before S4, as CV has.
     assert rows[RANKING, "IDM", "Spearman"].ours.value == pytest.approx(1.0)
     assert rows[RANKING, "CV", "Spearman"].deviation is None
 
 
+AP = {"value": 0.4, "low": 0.3, "high": 0.5, "episodes": 14}
+
+
 def detector(**more: object) -> dict[str, object]:
-    ap = {"value": 0.4, "low": 0.3, "high": 0.5, "episodes": 14}
-    template = {"mAP": ap, "NDS": 0.45, "errors": dict.fromkeys(ERRORS, 0.5)}
-    return {
-        "mean": {"mAP": ap, "NDS": 0.45},
-        "templates": {"S1": template, "S2": template},
-        "families": {"clearance": ap},
-        "order_of_families_share": None,
-        **more,
-    }
+    mean = {"mAP": AP, "NDS": 0.45}
+    template = {**mean, "errors": dict.fromkeys(ERRORS, 0.5)}
+    content = {"mean": mean, "templates": {"S1": template, "S2": template}, "families": {"clearance": AP}}
+    return {**content, "order_of_families_share": None, **more}
 
 
 def test_a_detector_of_the_papers_name_stands_next_to_it() -> None:
-    rows = {(row.table, row.row, row.column): row for row in detection_rows({"PointPillars": detector()})}
+    rows = by_place(detection_rows({"PointPillars": detector()}))
     row = rows["mAP", "PointPillars", "S1"]
     assert (row.paper, row.ours.value, row.inside) == (0.398, 0.4, True)
     assert rows["NDS", "PointPillars", "mean"].ours.value == 0.45
@@ -264,15 +243,11 @@ def test_a_detector_of_the_papers_name_stands_next_to_it() -> None:
 
 
 def test_any_detector_is_held_against_the_families() -> None:
-    rows = {
-        (row.table, row.column): row
-        for row in detection_rows({"mine": detector(order_of_families_share=0.25)})
-        if row.row == "mine"
-    }
-    clearance = rows[FAMILY, "clearance"]
+    rows = by_place(detection_rows({"mine": detector(order_of_families_share=0.25)}))
+    clearance = rows[FAMILY, "mine", "clearance"]
     assert clearance.paper == pytest.approx(np.mean([0.398, 0.434, 0.420, 0.388, 0.438, 0.413, 0.424, 0.423]))
     assert clearance.ours.value == 0.4
-    order = rows[ORDER, "share of the draws"]
+    order = rows[ORDER, "mine", "share of the draws"]
     assert (order.paper, order.ours.value, order.deviation, order.inside) == (1.0, 0.25, None, None)
 
 
@@ -287,6 +262,8 @@ def test_the_balance_is_that_of_the_labels(tmp_path) -> None:
     assert [row.paper for row in rows] == pytest.approx([74 / 105, 25 / 105, 6 / 105])
     assert [row.ours.value for row in rows] == pytest.approx([3 / 6, 2 / 6, 1 / 6])
     assert rows[0].ours.low < 0.5 < rows[0].ours.high
+    assert [row.ours.blocks for row in rows] == [6, 6, 6]
+    assert (rows[2].ours.low, rows[2].ours.high) == pytest.approx((0.0301, 0.5635), abs=1e-4), "Wilson's bounds"
 
 
 def test_scores_of_the_papers_models_are_found_by_name() -> None:
@@ -309,26 +286,17 @@ def test_stored_scores_are_a_json_object(tmp_path) -> None:
 
 
 def test_an_error_is_the_mean_over_the_templates() -> None:
-    ap = {"value": 0.4, "low": 0.3, "high": 0.5, "episodes": 14}
     templates = {
-        name: {"mAP": {**ap, "value": value}, "NDS": 2.0 * value, "errors": dict.fromkeys(ERRORS, value)}
+        name: {"mAP": {**AP, "value": value}, "NDS": 2.0 * value, "errors": dict.fromkeys(ERRORS, value)}
         for name, value in (("S1", 0.1), ("S2", 0.3), ("S3", 0.2))
     }
-    given = detector(templates=templates, mean={"mAP": ap, "NDS": 0.7})
-    rows = {(row.table, row.row, row.column): row for row in detection_rows({"second": given})}
+    given = detector(templates=templates, mean={"mAP": AP, "NDS": 0.7})
+    rows = by_place(detection_rows({"second": given}))
     for error in ERRORS:
         assert rows[f"error {error}", "SECOND", "mean"].ours.value == pytest.approx(0.2)
     assert [rows["NDS", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == pytest.approx([0.2, 0.6, 0.7])
     assert [rows["mAP", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == pytest.approx([0.1, 0.3, 0.4])
     assert not rows["NDS", "SECOND", "S1"].ours.bounded
-
-
-def test_the_share_of_a_class_counts_its_videos(tmp_path) -> None:
-    """One of six is a collision: Wilson's bounds."""
-    rows = [row for row in risk_rows(small_video_set(tmp_path), None) if row.table == BALANCE]
-    assert [row.ours.blocks for row in rows] == [6, 6, 6]
-    assert (rows[2].ours.low, rows[2].ours.high) == pytest.approx((0.0301, 0.5635), abs=1e-4)
-    assert not any(row.ours.valid for row in risk_rows(None, None))
 
 
 def test_detections_have_three_digits_as_in_the_paper() -> None:

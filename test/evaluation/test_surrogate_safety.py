@@ -27,17 +27,12 @@ from siren_ros.roads.road_network import RoadNetwork
 
 def test_each_other_actor_has_its_extremes(straight_road) -> None:
     """One vehicle ahead that the subject comes closer to, and one that is never in its way."""
-    tracks = {
-        1: moving(0.0, 0.0, 10.0, steps=21),
-        4: moving(20.0, 0.0, 0.0, steps=21),
-        7: moving(0, 9.0, 10.0, steps=21),
-    }
+    places = {1: (0.0, 0.0, 10.0), 4: (20.0, 0.0, 0.0), 7: (0.0, 9.0, 10.0)}
+    tracks = {actor: moving(*place, steps=21) for actor, place in places.items()}
     ahead, aside = pair_measures(*conflict_series(record_with(tracks, straight_road), 1))
     assert (ahead.actor_id, aside.actor_id) == (4, 7)
-    assert ahead.time_to_collision_s is not None
     assert ahead.time_to_collision_s.value == pytest.approx((20.0 - 10.0 - 4.6) / 10.0)
     assert ahead.time_to_collision_s.step == 20
-    assert ahead.required_deceleration_mps2 is not None
     assert ahead.required_deceleration_mps2.value == pytest.approx(10.0**2 / (2.0 * 5.4))
     assert ahead.gap_m.value == pytest.approx(5.4)
     assert ahead.encroachment is None
@@ -76,16 +71,9 @@ def test_runs_are_interrupted_by_missing_steps() -> None:
 SIZE_M = LENGTH_M, WIDTH_M = 4.6, 1.8
 
 
-def between(network: RoadNetwork, subject: Track, other: Track) -> Encroachment | None:
+def encroachment(network: RoadNetwork, subject: Track, other: Track) -> Encroachment | None:
     record = record_with({1: subject, 2: other}, network)
     return post_encroachment(record.track(1), record.track(2), SIZE_M, SIZE_M)
-
-
-def encroachment(network: RoadNetwork, subject: Track, other: Track) -> Encroachment:
-    """The encroachment of two that have one."""
-    pet = between(network, subject, other)
-    assert pet is not None
-    return pet
 
 
 def crossing(y_m: float, turned_rad: float, heading_rad: float = np.pi / 2.0) -> Track:
@@ -115,7 +103,7 @@ def test_who_was_first(straight_road) -> None:
 
 
 def test_followers_have_headway_and_no_encroachment(straight_road) -> None:
-    assert between(straight_road, moving(0.0, 0.0, 10.0), moving(-12.0, 0.0, 10.0)) is None
+    assert encroachment(straight_road, moving(0.0, 0.0, 10.0), moving(-12.0, 0.0, 10.0)) is None
 
 
 def test_head_on_over_the_same_place_counts(straight_road) -> None:
@@ -126,7 +114,7 @@ def test_head_on_over_the_same_place_counts(straight_road) -> None:
 
 
 def test_ways_apart_have_none(straight_road) -> None:
-    assert between(straight_road, moving(0.0, 0.0, 10.0), moving(0.0, 2.0, 10.0, yaw_rad=np.pi)) is None
+    assert encroachment(straight_road, moving(0.0, 0.0, 10.0), moving(0.0, 2.0, 10.0, yaw_rad=np.pi)) is None
 
 
 def test_a_contact_has_none_left(straight_road) -> None:
@@ -140,7 +128,7 @@ def test_thirty_degrees_are_a_crossing(straight_road, angle_deg, counts) -> None
     angle = np.radians(angle_deg)
     first = moving(-20.0, 0.0, 10.0, steps=120)
     second = moving(-50.0 * np.cos(angle), -50.0 * np.sin(angle), 10.0, yaw_rad=angle, steps=120)
-    assert (between(straight_road, first, second) is not None) is counts
+    assert (encroachment(straight_road, first, second) is not None) is counts
 
 
 def test_of_equal_encroachments_the_earliest_counts(straight_road) -> None:

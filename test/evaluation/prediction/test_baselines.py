@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_records import Track, moving, record_with
+from made_records import Track, moving, samples_in
+from scenes import with_lines
 
 from siren_ros.evaluation.prediction.baselines import (
     ConstantVelocity,
@@ -15,8 +16,7 @@ from siren_ros.evaluation.prediction.baselines import (
     straight_successors,
 )
 from siren_ros.evaluation.prediction.metrics import ade, fde
-from siren_ros.evaluation.prediction.samples import Population, SampleBatch, samples_of
-from siren_ros.numerics.geometry import Polyline
+from siren_ros.evaluation.prediction.samples import SampleBatch
 from siren_ros.record.vehicle_location import locate
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 
@@ -83,10 +83,7 @@ def test_it_stops_behind_a_standing_leader_with_the_standstill_gap() -> None:
 
 
 @given(
-    speed=st.floats(0.0, 30.0),
-    desired=st.floats(5.0, 30.0),
-    gap=st.floats(-3.0, 300.0),
-    leader=st.floats(0.0, 30.0),
+    speed=st.floats(0.0, 30.0), desired=st.floats(5.0, 30.0), gap=st.floats(-3.0, 300.0), leader=st.floats(0.0, 30.0)
 )
 def test_nobody_drives_backwards_or_through_a_leader_that_it_can_stop_behind(speed, desired, gap, leader) -> None:
     times = np.arange(1, 26) * 0.2
@@ -138,7 +135,7 @@ MODEL = IdmPredictor()
 
 def first_frame(tracks: dict[int, Track], network: RoadNetwork) -> tuple[SampleBatch, dict[int, int]]:
     """The samples of a record, and for each actor that of the first frame."""
-    batch = samples_of(record_with(tracks, network), MODEL.window, Population.ALL).batch
+    batch = samples_in(tracks, network).batch
     rows = np.flatnonzero(batch.actors.frame[batch.target] == 0)
     return batch, dict(zip(batch.actors.actor_id[batch.target[rows]].tolist(), rows.tolist(), strict=True))
 
@@ -307,16 +304,6 @@ def test_the_straightest_movement_follows_and_junction_paths_lead_out(crossroads
     assert straight_successors(crossroads).tolist() == [5, NO_LANE, NO_LANE, NO_LANE, 1, 2, 3]
 
 
-def with_lane_ends(network: RoadNetwork, angle_rad: float, lines: dict[int, list[tuple[float, float]]]) -> RoadNetwork:
-    """The crossroads with other centre lines, all turned about the origin."""
-    turn = np.array([[np.cos(angle_rad), np.sin(angle_rad)], [-np.sin(angle_rad), np.cos(angle_rad)]])
-    lanes = [
-        replace(lane, centre=Polyline.through(np.asarray(lines.get(lane.index, lane.centre.points)) @ turn))
-        for lane in network.lanes
-    ]
-    return replace(network, lanes=tuple(lanes))
-
-
 @pytest.mark.parametrize("angle_rad", [0.0, 0.7, 3.0])
 @pytest.mark.parametrize(
     ("lines", "straightest"),
@@ -330,14 +317,13 @@ def with_lane_ends(network: RoadNetwork, angle_rad: float, lines: dict[int, list
     ids=["right nearer", "left nearer", "left turn", "right turn", "turns at its start"],
 )
 def test_the_straightest_and_then_the_nearest_follows(crossroads, angle_rad, lines, straightest) -> None:
-    assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == straightest + 3
+    assert straight_successors(with_lines(crossroads, lines, angle_rad))[0] == straightest + 3
 
 
 def test_a_lane_of_the_same_kind_comes_before_a_straighter_one(crossroads) -> None:
-    lanes = list(crossroads.lanes)
-    lanes[0] = replace(lanes[0], kind=LaneKind.SHOULDER)
-    lanes[1] = replace(lanes[1], kind=LaneKind.SHOULDER)
-    assert straight_successors(replace(crossroads, lanes=tuple(lanes)))[0] == 4
+    first, second, *others = crossroads.lanes
+    shoulders = [replace(lane, kind=LaneKind.SHOULDER) for lane in (first, second)]
+    assert straight_successors(replace(crossroads, lanes=(*shoulders, *others)))[0] == 4
 
 
 def test_paths_know_where_their_lanes_start(crossroads) -> None:
@@ -368,26 +354,23 @@ def test_lanes_are_near_by_their_ends_and_not_by_their_middle(crossroads, angle_
         2: [(40.0, 3.0), (41.0, 3.0), (141.0, -20.0)],
         3: [(40.0, -2.0), (41.0, -2.0), (141.0, -30.0)],
     }
-    assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == 6
+    assert straight_successors(with_lines(crossroads, lines, angle_rad))[0] == 6
     lines[3] = [(40.0, -4.0), (41.0, -4.0), (141.0, 4.0)]
-    assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == 5
+    assert straight_successors(with_lines(crossroads, lines, angle_rad))[0] == 5
 
 
 def test_no_error_at_constant_velocity_whatever_the_heading(straight_road) -> None:
     tracks = {1: moving(0.0, 0.0, 9.0, yaw_rad=0.7), 2: moving(30.0, 0.0, 0.0), 3: moving(0.0, 5.0, 14.0, yaw_rad=-2.5)}
-    model = ConstantVelocity()
-    scored = samples_of(record_with(tracks, straight_road), model.window, Population.ALL)
-    answer = model.predict(scored.batch)
+    scored = samples_in(tracks, straight_road)
+    answer = ConstantVelocity().predict(scored.batch)
     assert answer.xy_m.shape == (63, 1, 25, 2)
     assert fde(answer, scored.future_xy_m) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("accel_mps2", [1.2, -0.8])
 def test_error_at_constant_acceleration(accel_mps2, straight_road) -> None:
-    model = ConstantVelocity()
-    record = record_with({1: moving(0.0, -5.25, 10.0, accel_mps2=accel_mps2)}, straight_road)
-    scored = samples_of(record, model.window, Population.ALL)
-    answer = model.predict(scored.batch)
+    scored = samples_in({1: moving(0.0, -5.25, 10.0, accel_mps2=accel_mps2)}, straight_road)
+    answer = ConstantVelocity().predict(scored.batch)
     # The miss after t is |a| t² / 2; the mean of t² over 0.2 s … 5 s is 0.04 · (26 · 51 / 6) = 8.84 s².
     assert ade(answer, scored.future_xy_m) == pytest.approx(abs(accel_mps2) / 2.0 * 8.84)
     assert fde(answer, scored.future_xy_m) == pytest.approx(abs(accel_mps2) / 2.0 * 25.0)

@@ -1,6 +1,6 @@
 """Metrics of trajectory prediction, by cases worked out by hand, by loops over everything, and by Argoverse 2's own."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -37,6 +37,11 @@ def sure(xy_m: np.ndarray) -> Hypotheses:
     return Hypotheses.ranked(xy_m, np.ones(xy_m.shape[:2]))
 
 
+def means(paths: np.ndarray, *metrics: Callable[[Hypotheses, np.ndarray], np.ndarray]) -> list[float]:
+    """Of metrics over both samples, whose hypotheses are equally probable."""
+    return [float(metric(sure(paths), TRUTH).mean()) for metric in metrics]
+
+
 def shifted(*offsets_m: float) -> np.ndarray:
     """One hypothesis for each offset in y, for both samples."""
     hypotheses = np.zeros((2, len(offsets_m), 4, 2))
@@ -47,32 +52,26 @@ def shifted(*offsets_m: float) -> np.ndarray:
 def test_distances_are_euclidean() -> None:
     hypotheses = np.zeros((2, 1, 4, 2))
     hypotheses[0] = (3.0, 4.0)
-    assert ade(sure(hypotheses), TRUTH).mean() == pytest.approx(2.5)
-    assert fde(sure(hypotheses), TRUTH).mean() == pytest.approx(2.5)
+    assert means(hypotheses, ade, fde) == pytest.approx([2.5, 2.5])
     assert squared_fde(sure(hypotheses), TRUTH).tolist() == [25.0, 0.0]
 
 
 def test_ade_takes_all_times_and_fde_the_last() -> None:
     hypotheses = np.zeros((2, 1, 4, 2))
     hypotheses[:, 0, :, 0] = (1.0, 2.0, 3.0, 6.0)
-    assert ade(sure(hypotheses), TRUTH).mean() == pytest.approx(3.0)
-    assert fde(sure(hypotheses), TRUTH).mean() == pytest.approx(6.0)
+    assert means(hypotheses, ade, fde) == pytest.approx([3.0, 6.0])
 
 
 def test_the_first_hypothesis_counts_and_for_the_best_of_six_the_first_six() -> None:
     hypotheses = shifted(7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
-    assert ade(sure(hypotheses), TRUTH).mean() == pytest.approx(7.0)
-    assert fde(sure(hypotheses), TRUTH).mean() == pytest.approx(7.0)
-    assert squared_fde(sure(hypotheses), TRUTH).mean() == pytest.approx(49.0)
-    assert min_ade_6(sure(hypotheses), TRUTH).mean() == pytest.approx(2.0)
-    assert min_fde_6(sure(hypotheses), TRUTH).mean() == pytest.approx(2.0)
+    assert means(hypotheses, ade, fde, squared_fde) == pytest.approx([7.0, 7.0, 49.0])
+    assert means(hypotheses, min_ade_6, min_fde_6) == pytest.approx([2.0, 2.0])
 
 
 def test_each_best_of_six_chooses_for_itself() -> None:
     hypotheses = shifted(2.0, 1.0)
     hypotheses[:, 0, -1] = 0.0
-    assert min_ade_6(sure(hypotheses), TRUTH).mean() == pytest.approx(1.0)
-    assert min_fde_6(sure(hypotheses), TRUTH).mean() == pytest.approx(0.0)
+    assert means(hypotheses, min_ade_6, min_fde_6) == pytest.approx([1.0, 0.0])
 
 
 @given(seed=st.integers(0, 1000), k=st.integers(1, 8))
@@ -173,12 +172,7 @@ def straight(x_m: float, y_m: float, vx_mps: float, vy_mps: float) -> np.ndarray
     return np.stack((x_m + vx_mps * TIME, y_m + vy_mps * TIME), axis=-1)
 
 
-def hits(
-    paths: Sequence[np.ndarray],
-    yaw_rad: Sequence[float],
-    frame: Sequence[int] | None = None,
-    starts: Sequence[tuple[float, float]] | None = None,
-) -> list[float]:
+def hits(paths, yaw_rad, frame=None, starts=None) -> list[float]:
     """Which vehicles collide; all in one frame, and each starts a step before its path, unless that is said."""
     xy_m = np.array(paths)
     start = 2.0 * xy_m[:, 0] - xy_m[:, 1] if starts is None else np.array(starts)

@@ -1,4 +1,3 @@
-from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -7,21 +6,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_records import Track, moving, record_with
+from made_records import moving, record_with, samples_in
 
 from siren_ros.errors import BagError
 from siren_ros.evaluation.prediction.samples import (
     ARGOVERSE_WINDOW,
     HistoryWindow,
     Population,
-    ScoredSamples,
     _signals,
     future_offsets,
     future_times_s,
     samples_of,
 )
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import ActorClass, Lights
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
 
@@ -36,10 +34,6 @@ def test_the_future_is_5_s_and_the_history_3_s_every_200_ms_with_the_present() -
 WINDOW = HistoryWindow()
 
 
-def samples_with(tracks: Mapping[int, Track], network: RoadNetwork, window: HistoryWindow = WINDOW) -> ScoredSamples:
-    return samples_of(record_with(tracks, network), window, Population.ALL)
-
-
 def sumo_lane_of(actor_id: int, lane: int, step: int) -> TrafficState:
     """SUMO says the lane of one vehicle, and nothing else."""
     columns: dict[str, Any] = {name: np.zeros(1, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
@@ -50,39 +44,34 @@ def sumo_lane_of(actor_id: int, lane: int, step: int) -> TrafficState:
 @given(frames=st.integers(1, 110), late=st.integers(0, 7))
 def test_a_gapless_track_gives_one_sample_for_each_frame_with_a_full_window(frames, late, straight_road) -> None:
     track = moving(0.0, -5.25, 5.0, steps=2 * frames - 1, first_step=2 * late)
-    assert len(samples_with({1: track}, straight_road)) == max(0, frames - 80)
+    assert len(samples_in({1: track}, straight_road)) == max(0, frames - 80)
 
 
 def test_a_longer_history_leaves_fewer_samples(straight_road) -> None:
     window = HistoryWindow(points=50, stride_frames=1)
     track = moving(0.0, -5.25, 5.0, steps=2 * 120 - 1)
-    assert len(samples_with({1: track}, straight_road, window)) == 120 - 49 - 50
+    assert len(samples_in({1: track}, straight_road, window)) == 120 - 49 - 50
 
 
 def test_every_vehicle_is_scored_the_emv_too(straight_road) -> None:
-    tracks = {
-        1: moving(0.0, -5.25, 9.0, is_emv=True),
-        2: moving(50.0, -1.75, 5.0),
-        3: moving(90.0, 1.75, 0.0, first_step=20),
-    }
-    scored = samples_with(tracks, straight_road)
-    batch = scored.batch
-    ids = batch.actor_id
-    assert {key: int((ids == key).sum()) for key in (1, 2, 3)} == {1: 21, 2: 21, 3: 21}
+    later = moving(90.0, 1.75, 0.0, first_step=20)
+    tracks = {1: moving(0.0, -5.25, 9.0, is_emv=True), 2: moving(50.0, -1.75, 5.0), 3: later}
+    batch = samples_in(tracks, straight_road).batch
+    assert np.bincount(batch.actor_id).tolist() == [0, 21, 21, 21]
     assert batch.actors.is_emv[batch.target].sum() == 21
 
 
 def test_a_window_with_a_missing_point_is_no_sample(straight_road) -> None:
     whole = moving(0.0, -5.25, 5.0, steps=2 * 90 - 1)
     gap = replace(whole, without=frozenset({80}))
-    assert len(samples_with({1: whole}, straight_road)) == 10
-    scored = samples_with({1: gap}, straight_road)
+    assert len(samples_in({1: whole}, straight_road)) == 10
+    scored = samples_in({1: gap}, straight_road)
     # Frame 40 is missing: it is a grid point of the windows of every second frame.
     assert (scored.batch.step // 2).tolist() == [31, 33, 35, 37, 39]
 
 
 def test_history_and_future_are_the_log(straight_road) -> None:
-    scored = samples_with({1: moving(0.0, -5.25, 5.0, accel_mps2=0.4)}, straight_road)
+    scored = samples_in({1: moving(0.0, -5.25, 5.0, accel_mps2=0.4)}, straight_road)
     now = scored.batch.step * 0.05
 
     def x(time: np.ndarray) -> np.ndarray:
@@ -101,10 +90,8 @@ def test_actors_have_their_class_and_sumos_lanes(straight_road) -> None:
     record = record_with(tracks, straight_road)
     said = tuple(sumo_lane_of(4, 1, step) for step in range(61))
     actors = samples_of(replace(record, traffic=said), WINDOW, Population.ALL).batch.actors
-    assert {*zip(actors.actor_id.tolist(), actors.actor_class.tolist(), strict=True)} == {
-        (1, ActorClass.SEDAN),
-        (4, ActorClass.BUS),
-    }
+    classes = {*zip(actors.actor_id.tolist(), actors.actor_class.tolist(), strict=True)}
+    assert classes == {(1, ActorClass.SEDAN), (4, ActorClass.BUS)}
     # The first sample's present is step 60; the bus is there from step 40 on, SUMO knows it up to step 60.
     bus = np.flatnonzero(actors.actor_id == 4)
     assert actors.past_sumo_lane[bus[0]].tolist() == [NO_LANE] * 10 + [1] * 6
@@ -113,21 +100,16 @@ def test_actors_have_their_class_and_sumos_lanes(straight_road) -> None:
 
 
 def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_road) -> None:
-    tracks = {
-        1: moving(0.0, -5.25, 5.0),
-        2: moving(40.0, -5.25, 5.0),
-        7: moving(70.0, -1.75, 0.0, first_step=70, steps=40),
-    }
-    batch = samples_with(tracks, straight_road).batch
+    later = moving(70.0, -1.75, 0.0, first_step=70, steps=40)
+    tracks = {1: moving(0.0, -5.25, 5.0), 2: moving(40.0, -5.25, 5.0), 7: later}
+    batch = samples_in(tracks, straight_road).batch
     sample, other = batch.neighbours()
     target = batch.target[sample]
     assert (batch.actors.frame[target] == batch.actors.frame[other]).all()
     assert (target != other).all()
     last = batch.sample_step == 80
-    ids = {
-        int(batch.actors.actor_id[batch.target[row]]): batch.actors.actor_id[other[sample == row]].tolist()
-        for row in np.flatnonzero(last)
-    }
+    actor_id = batch.actors.actor_id
+    ids = {int(batch.actor_id[row]): actor_id[other[sample == row]].tolist() for row in np.flatnonzero(last)}
     assert ids == {1: [2, 7], 2: [1, 7]}
     short = (batch.actors.actor_id == 7) & (batch.step[batch.actors.frame] == 80)
     assert batch.actors.observed[short].sum() == 3
@@ -135,7 +117,7 @@ def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_
 
 
 def test_a_short_episode_gives_no_samples(straight_road) -> None:
-    scored = samples_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
+    scored = samples_in({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
     assert len(scored) == 0
     assert scored.future_xy_m.shape == (0, 25, 2)
 
@@ -148,9 +130,8 @@ def test_states_of_an_unknown_actor_are_refused(straight_road) -> None:
 
 def test_signals_are_those_of_the_frames() -> None:
     shown = {1: "rr", 2: "rG", 4: "yG", 6: "Gr"}
-    traffic = tuple(
-        SimpleNamespace(step=step, signals=(SignalState("crossing", letters),)) for step, letters in shown.items()
-    )
+    states = {step: SignalState("crossing", letters) for step, letters in shown.items()}
+    traffic = tuple(SimpleNamespace(step=step, signals=(state,)) for step, state in states.items())
     signals = _signals(cast("EpisodeRecord", SimpleNamespace(traffic=traffic)), np.array([2, 4, 5]))
     assert [bytes(row) for row in signals["crossing"]] == [b"rG", b"yG", b"\0\0"]
 
@@ -170,9 +151,9 @@ def test_frames_behind_the_horizon_have_to_be_logged_where_the_window_says_so(st
     """Argoverse's window: 5 s before and 6 s after the present, every tenth of a second of them."""
     for frames, count in ((110, 1), (109, 0), (113, 4)):
         track = moving(0.0, -5.25, 5.0, steps=2 * frames - 1)
-        assert len(samples_with({1: track}, straight_road, ARGOVERSE_WINDOW)) == count
+        assert len(samples_in({1: track}, straight_road, ARGOVERSE_WINDOW)) == count
     # Of 4 samples, with presents at 49 to 52: frame 112 is needed by the last alone, frame 103 by all of them.
     for missing, left in ((112, [49, 50, 51]), (103, [])):
         track = moving(0.0, -5.25, 5.0, steps=225, without=frozenset({2 * missing}))
-        scored = samples_with({1: track}, straight_road, ARGOVERSE_WINDOW)
+        scored = samples_in({1: track}, straight_road, ARGOVERSE_WINDOW)
         assert (scored.batch.step // 2).tolist() == left

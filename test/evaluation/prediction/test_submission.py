@@ -8,11 +8,11 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from made_records import moving, record_with
+from made_records import moving, samples_in
 
 from siren_ros.errors import BagError, InputError
 from siren_ros.evaluation.prediction.predictors import checked
-from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, SampleBatch, future_times_s, samples_of
+from siren_ros.evaluation.prediction.samples import HistoryWindow, SampleBatch, future_times_s
 from siren_ros.evaluation.prediction.submission import (
     Submission,
     SubmittedRows,
@@ -77,7 +77,7 @@ def rows_for(batch: SampleBatch, modes: int = 2, episode: str = "made") -> Submi
 @pytest.fixture(scope="module")
 def batch(straight_road: RoadNetwork) -> SampleBatch:
     tracks = {1: moving(0.0, -5.25, 5.0, steps=199), 12: moving(30.0, -1.75, 6.0, steps=199)}
-    return samples_of(record_with(tracks, straight_road), HistoryWindow(), Population.ALL).batch
+    return samples_in(tracks, straight_road).batch
 
 
 def test_every_sample_meets_its_hypotheses(batch) -> None:
@@ -175,7 +175,7 @@ def test_episodes_that_are_not_scored_are_refused(batch) -> None:
 def test_paths_begin_near_their_vehicle_and_may_end_anywhere(straight_road, speed_mps, away_m, refused) -> None:
     """At 30 m/s they end 150 m away."""
     tracks = {1: moving(0.0, -5.25, speed_mps, steps=199)}
-    batch = samples_of(record_with(tracks, straight_road), HistoryWindow(), Population.ALL).batch
+    batch = samples_in(tracks, straight_road).batch
     rows = rows_for(batch, modes=1)
     part = submission(replace(rows, xy_m=rows.xy_m + np.array([0.0, away_m]))).of_episode(["made"])
     if refused:

@@ -72,8 +72,7 @@ def test_missing_unknown_and_reshaped_weights_are_counted(path) -> None:
 @pytest.mark.parametrize(("other", "network"), [(Csp, Stdan), (Stdan, Bat), (Bat, Csp)])
 def test_the_weights_of_another_model_are_refused(other, network, path) -> None:
     torch.save(other().state_dict(), path)
-    before = network()
-    untouched = network()
+    before, untouched = network(), network()
     untouched.load_state_dict(before.state_dict())
     with pytest.raises(InputError, match="weights of it"):
         load_weights(before, "it", path)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_records import Track, moving, record_with
+from made_records import Track, moving, samples_in
 from published_files import golden, golden_cells
 
 from siren_ros.datasets.ngsim_frame import FOOT_M
@@ -20,7 +20,6 @@ from siren_ros.evaluation.prediction.published.inputs import (
     polar,
     stdan_features,
 )
-from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.world.actors import ActorClass
 
@@ -31,7 +30,7 @@ FRAME = 30
 
 
 def view_of(tracks: dict[int, Track], network: RoadNetwork) -> NgsimView:
-    return ngsim_view(samples_of(record_with(tracks, network), HistoryWindow(), Population.ALL).batch)
+    return ngsim_view(samples_in(tracks, network).batch)
 
 
 def cells_of(view: NgsimView, target: int) -> dict[int, int]:
@@ -65,11 +64,8 @@ def test_neighbours_are_in_their_cells(straight_road) -> None:
 
 
 def test_a_neighbour_without_a_whole_past_is_left_out(straight_road) -> None:
-    tracks = {
-        1: standing(0.0),
-        2: moving(120.0, LEFT_LANE, 0.0, first_step=2),
-        3: moving(80.0, LEFT_LANE, 0.0, without=frozenset({20})),
-    }
+    late, gap = moving(120.0, LEFT_LANE, 0.0, first_step=2), moving(80.0, LEFT_LANE, 0.0, without=frozenset({20}))
+    tracks = {1: standing(0.0), 2: late, 3: gap}
     assert cells_of(view_of(tracks, straight_road), 1) == {}
 
 
@@ -143,13 +139,8 @@ TIMES_S = np.arange(-15, 1) * 0.2
 @pytest.fixture
 def pair(straight_road: RoadNetwork) -> NgsimView:
     """A car in the right lane, and a truck 6.096 m (20 feet) ahead in the left one, which accelerates."""
-    return view_of(
-        {
-            1: moving(20.0, -5.25, 6.096),
-            2: moving(26.096, -1.75, 3.048, accel_mps2=0.3048, actor_class=ActorClass.TRUCK),
-        },
-        straight_road,
-    )
+    truck = moving(26.096, -1.75, 3.048, accel_mps2=0.3048, actor_class=ActorClass.TRUCK)
+    return view_of({1: moving(20.0, -5.25, 6.096), 2: truck}, straight_road)
 
 
 def test_csp_gets_feet_to_the_right_and_ahead(pair) -> None:

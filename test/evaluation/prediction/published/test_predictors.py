@@ -10,7 +10,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
 
-from made_records import Track, moving, record_with
+from made_records import Track, moving, samples_in
 from plain_networks import drawn
 from published_files import WEIGHTS, weights
 
@@ -31,7 +31,7 @@ from siren_ros.evaluation.prediction.published.inputs import (
 from siren_ros.evaluation.prediction.published.layers import Neighbours, NetworkInput
 from siren_ros.evaluation.prediction.published.networks import Bat, BatInput, Csp, Stdan
 from siren_ros.evaluation.prediction.published.predictors import PublishedPredictor, make_bat, make_csp, make_stdan
-from siren_ros.evaluation.prediction.samples import Population, SampleBatch, samples_of
+from siren_ros.evaluation.prediction.samples import SampleBatch
 from siren_ros.roads.road_network import RoadNetwork
 
 MODES = {"csp": 6, "stdan": 1, "bat": 9}
@@ -57,32 +57,28 @@ def predictor(model: str, drawn_weights: dict[str, Path]) -> Predictor:
     return predictors_named([model], {model: drawn_weights[model]})[model]
 
 
-def turned(tracks: dict[int, Track], angle_rad: float) -> dict[int, Track]:
-    """The tracks, turned around (0, 500)."""
+def turned(places: np.ndarray, angle_rad: float) -> np.ndarray:
+    """Places turned around (0, 500)."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    turned_tracks = {}
-    for key, track in tracks.items():
-        x, y, vx, vy, yaw = track.states.T
-        y = y - 500.0
-        columns = (cos * x - sin * y, sin * x + cos * y + 500.0, cos * vx - sin * vy, sin * vx + cos * vy)
-        turned_tracks[key] = Track(np.stack((*columns, yaw + angle_rad), axis=1), accel_mps2=track.accel_mps2)
-    return turned_tracks
+    x, y = places[..., 0], places[..., 1] - 500.0
+    return np.stack((cos * x - sin * y, sin * x + cos * y + 500.0), axis=-1)
 
 
 def batch_of(tracks: dict[int, Track], network: RoadNetwork) -> SampleBatch:
-    return samples_of(record_with(tracks, network), predictors.HistoryWindow(), Population.ALL).batch
+    return samples_in(tracks, network).batch
 
 
-def off_the_lanes() -> dict[int, Track]:
-    """Three vehicles in a row at highway speed, and one in the lane to their left."""
-    places = [(0.0, 500.0, 22.0), (26.0, 500.0, 22.0), (52.0, 500.0, 21.0), (12.0, 503.5, 24.0)]
-    return {key: moving(x, y, speed, accel_mps2=0.1) for key, (x, y, speed) in enumerate(places, start=1)}
+def off_the_lanes(yaw_rad: float = 0.0) -> dict[int, Track]:
+    """Three vehicles in a row at highway speed, and one in the lane to their left, all turned around (0, 500)."""
+    places = turned(np.array([(0.0, 500.0), (26.0, 500.0), (52.0, 500.0), (12.0, 503.5)]), yaw_rad)
+    vehicles = enumerate(zip(places, (22.0, 22.0, 21.0, 24.0), strict=True), start=1)
+    return {key: moving(*place, speed, accel_mps2=0.1, yaw_rad=yaw_rad) for key, (place, speed) in vehicles}
 
 
 def test_steady_traffic_is_predicted_to_go_on(model, straight_road) -> None:
     predictor = predictors_named([model], {model: weights(model)})[model]
     tracks = {key: moving(-25.0 + 25.0 * key, -5.25 + 3.5 * (key % 2), 15.0) for key in range(1, 7)}
-    scored = samples_of(record_with(tracks, straight_road), predictor.window, Population.ALL)
+    scored = samples_in(tracks, straight_road, predictor.window)
     hypotheses = checked(model, predictor.predict(scored.batch), len(scored))
     assert hypotheses.xy_m.shape == (len(scored), MODES[model], 25, 2)
     miss = np.linalg.norm(hypotheses.xy_m[:, 0] - scored.future_xy_m, axis=-1)
@@ -95,11 +91,8 @@ def test_steady_traffic_is_predicted_to_go_on(model, straight_road) -> None:
 @pytest.mark.parametrize("angle_rad", [0.5, np.pi / 2, -2.5])
 def test_a_turned_world_is_predicted_turned(angle_rad, predictor, straight_road) -> None:
     straight = predictor.predict(batch_of(off_the_lanes(), straight_road))
-    hypotheses = predictor.predict(batch_of(turned(off_the_lanes(), angle_rad), straight_road))
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    x, y = straight.xy_m[..., 0], straight.xy_m[..., 1] - 500.0
-    expected = np.stack((cos * x - sin * y, sin * x + cos * y + 500.0), axis=-1)
-    assert np.abs(hypotheses.xy_m - expected).max() < 0.02
+    hypotheses = predictor.predict(batch_of(off_the_lanes(angle_rad), straight_road))
+    assert np.abs(hypotheses.xy_m - turned(straight.xy_m, angle_rad)).max() < 0.02
     assert np.abs(hypotheses.probability - straight.probability).max() < 1e-3
 
 
@@ -174,11 +167,10 @@ def assert_ranked(hypotheses: Any, batch: SampleBatch, modes_ft: Any, lateral: A
     """Mode l + 3 k is that of the lateral manoeuvre l and the longitudinal manoeuvre k; the likeliest comes first."""
     places = on_the_road(batch, modes_ft)
     for sample in range(len(batch)):
-        likely = [
-            float(lateral[sample, mode % 3] * longitudinal[sample, mode // 3]) for mode in range(len(modes_ft[0]))
-        ]
+        modes = range(len(modes_ft[0]))
+        likely = np.array([float(lateral[sample, mode % 3] * longitudinal[sample, mode // 3]) for mode in modes])
         order = np.argsort(likely)[::-1]
-        assert hypotheses.probability[sample] == pytest.approx(np.array(likely)[order], abs=1e-6)
+        assert hypotheses.probability[sample] == pytest.approx(likely[order], abs=1e-6)
         assert hypotheses.xy_m[sample] == pytest.approx(places[sample, order], abs=1e-4)
 
 
@@ -260,9 +252,8 @@ def run_without_torch(*arguments: Any) -> "subprocess.CompletedProcess[str]":
 
 
 def test_without_torch_the_command_says_how_to_get_it(tmp_path) -> None:
-    ended = run_without_torch(
-        "evaluate", "prediction", tmp_path, "--models", "csp", "--checkpoint", f"csp={tmp_path / 'x.pt'}"
-    )
+    models = "--models", "csp", "--checkpoint", f"csp={tmp_path / 'x.pt'}"
+    ended = run_without_torch("evaluate", "prediction", tmp_path, *models)
     assert ended.returncode == 2
     assert len(ended.stderr.strip().splitlines()) == 1
     assert "./env --with models siren evaluate" in ended.stderr

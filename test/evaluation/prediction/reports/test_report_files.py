@@ -22,7 +22,6 @@ from siren_ros.evaluation.prediction.reports.report import (
     write_report,
 )
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
-from siren_ros.evaluation.prediction.scoring import EpisodeScores
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +72,8 @@ def test_differences(files) -> None:
 def test_five_episodes_have_bounds() -> None:
     table = score_table(five_episodes())
     files = csv_files(table, differences(table))
-    (cv,) = [
-        row for row in rows_of(files["scores.csv"]) if tuple(row.values())[:4] == ("cv", "template", "S1", "ade_m")
-    ]
+    cv = next(row for row in rows_of(files["scores.csv"]) if (row["name"], row["metric"]) == ("S1", "ade_m"))
+    assert (cv["model"], cv["rows"]) == ("cv", "template")
     assert [float(cv[name]) for name in ("value", "low", "high")] == pytest.approx([3.0, 1.0368, 4.9632], abs=1e-4)
     (row, *_) = rows_of(files["differences.csv"])
     bounds = pytest.approx([-3.0, -4.9632, -1.0368], abs=1e-4)
@@ -204,9 +202,8 @@ def test_latex_with_the_paper() -> None:
     lines = files["prediction.tex"].splitlines()
     assert lines[1] == r"\begin{tabular}{lccccccccccc}"
     assert lines[3] == r"model & S1 & S2 & S3 & S4 & S5 & S6 & S7 & own & mean & samples & coverage \\"
-    assert lines[5].startswith(
-        "CV & 2.10/6.30 & 4.00/12.00 & --/-- & --/-- & --/-- & --/-- & --/-- & 8.00/24.00 & 4.70"
-    )
+    cv = "CV & 2.10/6.30 & 4.00/12.00 & --/-- & --/-- & --/-- & --/-- & --/-- & 8.00/24.00 & 4.70"
+    assert lines[5].startswith(cv)
     assert lines[7] == r"\midrule"
     values = "1.63/4.30 1.17/3.11 0.96/2.40 0.68/1.65 1.95/5.03 2.86/7.56 0.85/2.08 --/-- 1.44/3.73"
     assert lines[8] == " & ".join(["CV (paper)", *values.split()]) + r" &  &  \\"
@@ -216,81 +213,21 @@ def test_latex_with_the_paper() -> None:
     assert files["miss_rate.tex"].splitlines()[-3].startswith(r"net v\_1 &")
 
 
-def some_scores() -> list[EpisodeScores]:
-    """Two models over three templates of two episodes; one model misses a sample, one template is not the paper's."""
-    scores = []
-    for number, template in enumerate(("S1", "S2", "my_own")):
-        for seed in range(2):
-            base = np.array([1.0, 2.0]) + number + 0.1 * seed
-            models = {"cv": model_scores(base), "net:v_1": model_scores(base[:1], population_size=2)}
-            scores.append(episode_scores(template, models, seed, speed_mps=8.0 + seed))
-    return scores
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("report") / "deep" / "out"
-    table = score_table(some_scores())
+def test_a_report_is_in_its_files(tmp_path) -> None:
+    """The nine rows of the paper stand in the tables that it has, too; JSON is strict."""
+    table = score_table(reported_scores())
     pairs = differences(table)
     tables = prediction_tables(table, pairs, compare_paper=True)
-    new_folder(path)
-    write_report(path, table, pairs, tables, "\n".join(text_report(table, tables, compare_paper=True)))
-    return path
-
-
-def test_csv_has_a_row_for_each_value(folder) -> None:
-    rows = {(row["model"], row["name"], row["metric"]): row for row in rows_of(folder / "scores.csv")}
-    row = rows["cv", "S1", "ade_m"]
-    assert float(row["value"]) == pytest.approx(1.55)
-    assert (row["low"], row["high"]) == ("", ""), "of two episodes"
-    assert (row["samples"], row["episodes"], row["paper"]) == ("4", "2", "1.63")
-    assert rows["cv", "emv", "ade_m"]["value"] == ""
-    assert float(rows["cv", "S1 speed_mps 9", "ade_m"]["value"]) == pytest.approx(1.6)
-    assert ("cv", "S1 speed_mps 9", "brier_score") not in rows
-    assert len(rows_of(folder / "episodes.csv")) == 6 * 2 * 9
-    groups = {row["name"] for row in rows_of(folder / "differences.csv")}
-    assert groups == {"all", "S1", "S2", "my_own"}
-
-
-def test_json_is_strict_and_says_all(folder) -> None:
-    def refuse(name: str) -> None:
-        raise AssertionError(name)
-
-    read = json.loads((folder / "scores.json").read_text(encoding="utf-8"), parse_constant=refuse)
-    assert read["models"]["net:v_1"]["coverage"] == pytest.approx(0.5)
-    assert read["models"]["cv"]["rows"]["template"]["S2"]["fde_m"]["value"] == pytest.approx(2.55)
-    assert read["models"]["cv"]["rows"]["category"]["held"]["ade_m"]["value"] is None
-    assert read["models"]["cv"]["paper"]["ade_m"]["paper_mean"] == 1.44
-    assert read["models"]["net:v_1"]["paper"] == {}
-    assert read["episodes"][0]["models"]["cv"]["paper"]["ade_m"] == 1.63
-    assert {pair["metric"] for pair in read["differences"]} == {"ade_m", "fde_m", "min_ade_6_m", "min_fde_6_m"}
-
-
-def test_latex_tables_are_like_the_papers(folder) -> None:
-    lines = (folder / "prediction.tex").read_text(encoding="utf-8").splitlines()
-    assert lines[0].endswith("; population: region; 6 episodes")
-    assert r"model & S1 & S2 & S3 & S4 & S5 & S6 & S7 & my\_own & mean & samples & coverage \\" in lines
-    (cv,) = [line for line in lines if line.startswith("CV &")]
-    assert cv.startswith("CV & 1.55/1.55 & 2.55/2.55 & --/-- &")
-    assert r"net v\_1 & 1.05/1.05" in "\n".join(lines)
-    papers = [line for line in lines if "(paper)" in line]
-    assert len(papers) == 9
-    assert papers[0].startswith("CV (paper) & 1.63/4.30 & 1.17/3.11")
-    assert r"& 1.88/5.42 &" in papers[-1]
-    assert all(line.count("&") == 11 for line in [cv, *papers])
-    assert (folder / "best_of_six.tex").read_text(encoding="utf-8").count("(paper)") == 9
-    assert (folder / "miss_rate.tex").read_text(encoding="utf-8").count("(paper)") == 0
-
-
-def test_the_terminal_shows_all_nine_rows_of_the_paper(folder) -> None:
-    lines = (folder / "report.txt").read_text(encoding="utf-8").splitlines()
-    assert sum("(paper)" in line for line in lines) == 9
-    (main,) = [number for number, line in enumerate(lines) if line.startswith("ADE/FDE in m by template")]
-    rows = [line.split() for line in lines[main + 2 :]]
-    assert rows[0][:3] == ["cv", "1.55/1.55", "2.55/2.55"]
-    assert (rows[1][0], rows[1][-1]) == ("net:v_1", "50.0%")
-    assert rows[2][:4] == ["CV", "(paper)", "1.63/4.30", "1.17/3.11"]
-    assert any(line.startswith("cv - net:v_1") for line in lines)
+    text = "\n".join(text_report(table, tables, compare_paper=True))
+    new_folder(tmp_path / "deep" / "out")
+    write_report(tmp_path / "deep" / "out", table, pairs, tables, text)
+    content = {file.name: file.read_text(encoding="utf-8") for file in (tmp_path / "deep" / "out").iterdir()}
+    report = json.loads(content.pop("scores.json"), parse_constant=pytest.fail)
+    assert report == json.loads(json.dumps(json_report(table, pairs)))
+    latex = latex_files(tables, "population: region; 4 episodes")
+    assert content == {"report.txt": f"{text}\n", **csv_files(table, pairs), **latex}
+    papers = {name: content[name].count("(paper)") for name in (*latex, "report.txt")}
+    assert papers == {"prediction.tex": 9, "rmse.tex": 9, "best_of_six.tex": 9, "miss_rate.tex": 0, "report.txt": 9}
 
 
 def test_a_place_that_cannot_be_written(tmp_path) -> None:

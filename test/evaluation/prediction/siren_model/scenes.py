@@ -1,14 +1,15 @@
-"""Scenes for the tests of the predictor: a crossroads with a signal, seen from anywhere."""
+"""Scenes for the tests of predictors: a crossroads with other lanes or a signal, seen from anywhere."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 from made_records import Track, samples_in
 
 from siren_ros.evaluation.prediction.samples import SampleBatch
 from siren_ros.numerics.arrays import Floats
-from siren_ros.numerics.geometry import Polyline
+from siren_ros.numerics.geometry import Polyline, rotate
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.world.actors import Lights
 
@@ -16,6 +17,18 @@ from siren_ros.world.actors import Lights
 def batch_of(tracks: Mapping[int, Track], network: RoadNetwork) -> SampleBatch:
     """All samples of the record of given tracks, without their future."""
     return samples_in(tracks, network).batch
+
+
+def with_lines(
+    network: RoadNetwork, lines: Mapping[int, npt.ArrayLike], angle_rad: float = 0.0, shift_m: npt.ArrayLike = 0.0
+) -> RoadNetwork:
+    """The network with other centre lines of some lanes, all turned about the origin and then shifted."""
+    lanes = tuple(
+        replace(lane, centre=Polyline.through(rotate(np.asarray(points), angle_rad) + shift_m))
+        for lane in network.lanes
+        for points in [lines.get(lane.index, lane.centre.points)]
+    )
+    return replace(network, lanes=lanes)
 
 
 def with_signal(network: RoadNetwork, letters: str) -> RoadNetwork:
@@ -41,19 +54,11 @@ def lit(batch: SampleBatch, actor_id: int, lights: Lights) -> SampleBatch:
 
 def moved(batch: SampleBatch, angle_rad: float, shift_m: Floats) -> SampleBatch:
     """The whole scene turned about the origin, and then shifted."""
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    turn = np.array([[cos, -sin], [sin, cos]])
-    actors, network = batch.actors, batch.network
-    lanes = tuple(
-        replace(lane, centre=Polyline.through(lane.centre.points @ turn.T + shift_m)) for lane in network.lanes
+    actors = batch.actors
+    elsewhere = replace(
+        actors,
+        xy_m=np.where(actors.observed[..., None], rotate(actors.xy_m, angle_rad) + shift_m, 0.0),
+        velocity_mps=rotate(actors.velocity_mps, angle_rad),
+        yaw_rad=np.where(actors.observed, actors.yaw_rad + angle_rad, 0.0),
     )
-    return replace(
-        batch,
-        network=replace(network, lanes=lanes),
-        actors=replace(
-            actors,
-            xy_m=np.where(actors.observed[..., None], actors.xy_m @ turn.T + shift_m, 0.0),
-            velocity_mps=actors.velocity_mps @ turn.T,
-            yaw_rad=np.where(actors.observed, actors.yaw_rad + angle_rad, 0.0),
-        ),
-    )
+    return replace(batch, network=with_lines(batch.network, {}, angle_rad, shift_m), actors=elsewhere)

@@ -1,9 +1,8 @@
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
+from scenes import with_lines
 
 from siren_ros.evaluation.prediction.siren_model.paths import (
     PATH_POINTS,
@@ -21,15 +20,6 @@ def chosen(
 ) -> PathChoice:
     """The paths of one vehicle."""
     return choose_paths(network, np.array([[x_m, y_m]]), np.array([yaw_rad]), np.array([speed_mps]))
-
-
-def with_lines(network: RoadNetwork, lines: Mapping[int, Sequence[npt.ArrayLike]]) -> RoadNetwork:
-    """The network with other centre lines of some lanes."""
-    lanes = [
-        replace(lane, centre=Polyline.through(np.asarray(lines[lane.index]))) if lane.index in lines else lane
-        for lane in network.lanes
-    ]
-    return replace(network, lanes=tuple(lanes))
 
 
 def test_the_likeliest_lane_is_the_nearest_in_the_own_direction(straight_road) -> None:

@@ -25,7 +25,7 @@ class EmvController(Participant[EmvControllerConfig]):
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
         """Read the map and the level."""
         self._world = behaviour_world(episode, map_xml)
-        self._state = EmvState.initial()
+        self._state = EmvState()
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
         """Decide for this step."""

@@ -25,7 +25,7 @@ class YieldManager(Participant[YieldManagerConfig]):
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
         """Read the map, the level and the drivers' preset."""
         self._world = behaviour_world(episode, map_xml)
-        self._state = YieldState.initial()
+        self._state = YieldState()
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
         """Decide for this step."""

@@ -36,7 +36,7 @@ class NavigatorConfig:
     reaction_s: float = 0.5
     """Lead by which the speed limit of the path is looked up: delay of the speed loop."""
     side_margin_m: float = 0.25
-    """Free space wanted beside the swept path."""
+    """Free space beside the swept path."""
     watch_min_m: float = 20.0
     watch_max_m: float = 70.0
     conflicts: YieldingConfig = field(default_factory=YieldingConfig)
@@ -102,7 +102,7 @@ class LaneChangeConfig:
     brake_mps2: float = 4.0
     """Deceleration that the vehicle behind is expected to accept."""
     own_brake_mps2: float = 1.5
-    """Deceleration towards one's own target speed, the navigator's ``ease_off_mps2``."""
+    """Deceleration towards the target speed, the navigator's ``ease_off_mps2``."""
     return_room_m: float = 60.0
     """Lane left after the change, where the target lane does not lead on along the route."""
     bend_max_1pm: float = 0.02
@@ -123,6 +123,8 @@ class LaneChangeConfig:
 class YieldConfig:
     """Civilian response."""
 
+    standing_mps: float = 0.2
+    """Slower civilians stand."""
     off_path_grace_s: float = 1.0
     """Time off the EMV's path before a yield that has not started is dropped."""
     path_ahead_m: float = 120.0
@@ -135,7 +137,7 @@ class YieldConfig:
     seek_pause_s: float = 4.0
     """Time for which the driver then goes on at the pace of the road."""
     seek_soon_s: float = 2.0
-    """Who will have the gap within this time goes on seeking it."""
+    """A driver who will have the gap within this time goes on seeking it."""
     seek_speed_mps: float = 3.0
     """Difference of speed to the vehicle that is in the way while a gap is sought."""
     seek_least_mps: float = 2.0
@@ -145,7 +147,7 @@ class YieldConfig:
     seek_room_m: float = 20.0
     """Road left before the next junction below which no gap is sought."""
     seek_free_m: float = 15.0
-    """Free way in the own lane with which a driver draws ahead of a vehicle behind…"""
+    """Free way in the present lane with which a driver draws ahead of a vehicle behind…"""
     seek_gain_mps: float = 1.5
     """…and how much slower than the speed limit that vehicle is: the search gains a car's length."""
     rejoin_speed_mps: float = 5.0
@@ -181,7 +183,7 @@ class PullOverConfig:
     length_min_m: float = 6.0
     curvature_max_1pm: float = 0.15
     reached_m: float = 0.15
-    """Distance from the wanted offset at which the target counts as reached."""
+    """Distance from the intended offset at which the target counts as reached."""
     blocked_hold_s: float = 1.0
     """Standstill behind another vehicle after which a partly finished pull-over is held."""
     resume_gap_m: float = 3.5
@@ -189,7 +191,7 @@ class PullOverConfig:
     room_after_s: float = 1.5
     """Standstill of the EMV behind a vehicle after which its driver goes on along the edge to make room."""
     room_range_m: float = 25.0
-    """Distance to the standing EMV within which room is made."""
+    """Distance to the standing EMV within which a driver makes room."""
     room_gap_m: float = 2.5
     """Free space ahead with which a driver goes on to make room."""
     room_standstill_gap_m: float = 1.0

@@ -156,7 +156,7 @@ def median_step_ms(setup: EpisodeSetup, steps: Sequence[LoopStep]) -> float:
     """Median time of behaviour and dynamics, computed again from the recorded traffic."""
     world = behaviour_world(setup.description, setup.compiled_map.read_bytes())
     vehicles = load_vehicle_parameters(setup.description.files)
-    emv, civilians, fleet = EmvState.initial(), YieldState.initial(), FleetState.empty(vehicles)
+    emv, civilians, fleet = EmvState(), YieldState(), FleetState.empty(vehicles)
     taken = []
     for step in steps:
         begin = time.perf_counter()

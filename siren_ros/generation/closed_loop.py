@@ -60,7 +60,7 @@ def closed_loop(
     """
     world = world or behaviour_world(setup.description, setup.compiled_map.read_bytes())
     vehicles = load_vehicle_parameters(setup.description.files)
-    emv, civilians, fleet = EmvState.initial(), YieldState.initial(), FleetState.empty(vehicles)
+    emv, civilians, fleet = EmvState(), YieldState(), FleetState.empty(vehicles)
     states: ActorStates | None = None
     with SumoSimulation(
         setup.compiled_map, setup.network, setup.plan, setup.level, seed=setup.description.seed

@@ -4,7 +4,8 @@ Shapes and units stand where the arrays are used.
 """
 
 from collections.abc import Sequence
-from typing import Any, Self
+from dataclasses import fields
+from typing import Any, Self, get_args, get_origin
 
 import numpy as np
 import numpy.typing as npt
@@ -26,12 +27,16 @@ Rows = npt.NDArray[np.intp]
 def random_stream(seed: int, purpose: str, index: int = 0) -> np.random.Generator:
     """A generator that depends on seed, purpose and index alone, and on nothing drawn elsewhere.
 
-    Args:
-        seed: The episode's seed, at least 0.
-        purpose: What the numbers are for: ``demand``, ``response``; part of the stream's identity.
-        index: Tells streams of one purpose apart, an actor id for example; at least 0.
+    The purpose says what the numbers are for, such as ``demand``; the index tells streams of one purpose apart, an
+    actor id for example. Seed and index are at least 0.
     """
     return np.random.default_rng(np.random.SeedSequence([seed, index, *purpose.encode()]))
+
+
+def dtypes_of(kind: Any) -> dict[str, type[np.generic]]:
+    """Element types of a dataclass's array fields as their annotations say, in declaration order."""
+    arrays = (field for field in fields(kind) if get_origin(field.type) is np.ndarray)
+    return {field.name: get_args(get_args(field.type)[1])[0] for field in arrays}
 
 
 class Columns:

@@ -40,11 +40,7 @@ def speed_before_mps(slower_sq: float, brake_mps2: float, way_m: float) -> float
 def safe_following_mps(lead_mps: Speeds, free_m: Speeds, brake_mps2: float, reaction_s: float) -> Speeds:
     """Krauss's safe speed (1998) behind others: ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``.
 
-    Args:
-        lead_mps: Speed of each vehicle ahead, along the way.
-        free_m: Free way to each, less the gap that is kept at standstill.
-        brake_mps2: Deceleration b that is laid out for.
-        reaction_s: Time τ before the driver brakes.
+    The gap is ``free_m``: the free way to each vehicle, less the gap that is kept at standstill.
     """
     keeps = brake_mps2 * reaction_s
     return np.asarray(np.sqrt(keeps**2 + lead_mps * lead_mps + 2.0 * brake_mps2 * free_m) - keeps)

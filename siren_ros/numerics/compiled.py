@@ -66,15 +66,15 @@ def compiled(function: Function) -> Function:
 
 def _taken(function: Callable[..., Any]) -> list[str]:
     """What compiled code contains besides the function itself: the functions that it calls, the constants."""
-    found = []
+    parts = []
     names = function.__globals__
     for name in function.__code__.co_names:
         value = names.get(name)
         if isinstance(value, Dispatcher):
-            found += [name, _content(value.py_func.__code__.co_filename), *_taken(value.py_func)]
+            parts += [name, _content(value.py_func.__code__.co_filename), *_taken(value.py_func)]
         elif isinstance(value, _FROZEN):
-            found.append(f"{name} {value!r}")
-    return found
+            parts.append(f"{name} {value!r}")
+    return parts
 
 
 @cache

@@ -29,9 +29,8 @@ def footprint_corners(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Float
 def separation_m(corners_a: Floats, corners_b: Floats) -> Floats:
     """Largest gap along a separating axis between pairs of boxes, shape ``(N,)``; ≤ 0 where they overlap.
 
-    Both inputs have shape ``(N, 4, 2)`` as ``footprint_corners`` gives them. For overlapping boxes the
-    value is minus the penetration depth (separating axis theorem); for separate boxes it is a lower
-    bound of their distance.
+    Both inputs have shape ``(N, 4, 2)`` as ``footprint_corners`` gives them. For overlapping boxes the value is minus
+    the penetration depth (separating axis theorem); for separate boxes it is a lower bound of their distance.
     """
     sides = [corners[:, (1, 3)] - corners[:, :1] for corners in (corners_a, corners_b)]
     axes = np.concatenate(sides, axis=1)
@@ -76,13 +75,11 @@ class Polyline:
         """The curve through points, repeated ones dropped; ValueError with fewer than two distinct points."""
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
-            msg = f"points of shape (K, 2) are needed, not {array.shape}"
-            raise ValueError(msg)
+            raise ValueError(f"points of shape (K, 2) are needed, not {array.shape}")
         steps = np.linalg.norm(np.diff(array, axis=0), axis=1)
         array = array[np.concatenate(([True], steps > 1e-6))]
         if len(array) < 2:
-            msg = "a polyline needs two distinct points"
-            raise ValueError(msg)
+            raise ValueError("a polyline needs two distinct points")
         arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(array, axis=0), axis=1))))
         return cls(points=array, arc_m=arc)
 

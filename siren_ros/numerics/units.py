@@ -26,8 +26,7 @@ def step_of_time_ns(time_ns: int) -> int:
     """Step of a simulated time; raises ValueError when the time is not on the step grid."""
     step, rest = divmod(time_ns, STEP_NS)
     if rest:
-        msg = f"{time_ns} ns is not a multiple of the step of {STEP_NS} ns"
-        raise ValueError(msg)
+        raise ValueError(f"{time_ns} ns is not a multiple of the step of {STEP_NS} ns")
     return step
 
 

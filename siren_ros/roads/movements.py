@@ -3,8 +3,8 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats, Points
 from siren_ros.numerics.geometry import Polyline, wrap_angle
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 
@@ -47,8 +47,9 @@ def crossing_connections(network: RoadNetwork, connection: Connection) -> tuple[
 
 def comes_from_the_side(network: RoadNetwork, connection: Connection, other: Connection) -> bool:
     """Whether another movement enters the junction from a street that crosses this one's, not from ahead or behind."""
-    own, its = (network.lanes[one.from_lane].centre for one in (connection, other))
-    angle = float(np.abs(wrap_angle(its.heading_rad(its.length_m) - own.heading_rad(own.length_m))))
+    lanes = (network.lanes[movement.from_lane].centre for movement in (connection, other))
+    heading, its_heading = (lane.heading_rad(lane.length_m) for lane in lanes)
+    angle = float(np.abs(wrap_angle(its_heading - heading)))
     return _SIDE_STREET_RAD[0] <= angle <= _SIDE_STREET_RAD[1]
 
 
@@ -57,12 +58,10 @@ def quiet_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
 
     None where the lane begins at a junction at which others have a say.
     """
-    movements = network.connections_to.get(lane, ())
-    if len(movements) != 1:
+    only, *others = network.connections_to.get(lane, ()) or (None,)
+    if only is None or others or only.signal_id is not None or only.must_stop or only.direction != "s":
         return None
-    only = movements[0]
-    quiet = only.signal_id is None and not only.must_stop and only.direction == "s"
-    return only if quiet and not crossing_connections(network, only) else None
+    return None if crossing_connections(network, only) else only
 
 
 def is_plain_joint(network: RoadNetwork, connection: Connection) -> bool:
@@ -97,15 +96,13 @@ def quiet_reach_m(network: RoadNetwork, lane: int, enough_m: float) -> float:
 
 def same_direction_connections(network: RoadNetwork, connection: Connection) -> tuple[int, ...]:
     """Indices of the civilian movements that begin and end on the same edges as this one (itself among them)."""
-    ends = _edges(network, connection)
-    return tuple(
-        index
-        for index, other in enumerate(network.connections)
-        if _edges(network, other) == ends and network.is_civilian(other)
-    )
+    pairs = [(network.lanes[c.from_lane].edge, network.lanes[c.to_lane].edge) for c in network.connections]
+    ends = network.lanes[connection.from_lane].edge, network.lanes[connection.to_lane].edge
+    numbered = zip(network.connections, pairs, strict=True)
+    return tuple(index for index, (c, pair) in enumerate(numbered) if pair == ends and network.is_civilian(c))
 
 
-def paths_cross(first: npt.NDArray[np.float64], second: npt.NDArray[np.float64]) -> bool:
+def paths_cross(first: Points, second: Points) -> bool:
     """Whether two open polylines (shapes ``(K, 2)`` and ``(L, 2)``) have a point in common."""
     a, b = first[:-1, None, :], first[1:, None, :]
     c, d = second[None, :-1, :], second[None, 1:, :]
@@ -114,18 +111,11 @@ def paths_cross(first: npt.NDArray[np.float64], second: npt.NDArray[np.float64])
     return bool(np.any((side_c * side_d <= 0.0) & (side_a * side_b <= 0.0) & (abs(side_c) + abs(side_d) > 0.0)))
 
 
-def _turn(
-    a: npt.NDArray[np.float64], b: npt.NDArray[np.float64], c: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _turn(a: Points, b: Points, c: Points) -> Floats:
     ab, ac = b - a, c - a
-    cross: npt.NDArray[np.float64] = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
-    return cross
+    return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
 
 
-def _trimmed(path: Polyline) -> npt.NDArray[np.float64]:
+def _trimmed(path: Polyline) -> Points:
     trim_m = min(END_TRIM_M, path.length_m / 4.0)
     return path.cut(trim_m, path.length_m - trim_m).points
-
-
-def _edges(network: RoadNetwork, connection: Connection) -> tuple[int, int]:
-    return network.lanes[connection.from_lane].edge, network.lanes[connection.to_lane].edge

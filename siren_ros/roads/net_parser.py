@@ -7,11 +7,11 @@ from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
-import numpy.typing as npt
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import MapError
+from siren_ros.numerics.arrays import Points
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.map_projection import geodetic_from_projected
 from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
@@ -26,15 +26,13 @@ class PathAcross(NamedTuple):
     source: str
     target: str
     via: tuple[str, ...]
-    """In driving order. Long paths wait in the middle and have two; a movement without a path of its own has none."""
+    """In driving order. Long paths wait in the middle and have two; a movement without a path has none."""
 
 
 def way_across(first: str | None, onward: Callable[[str], str | None]) -> tuple[str, ...]:
-    """The junction lanes of one movement in driving order.
+    """The junction lanes of a movement in driving order, from its first one (None where it has none).
 
-    Args:
-        first: The lane with which it begins; None where it has none.
-        onward: The junction lane that follows on one; None after the last.
+    ``onward`` gives the junction lane that follows on another; None after the last.
 
     Raises:
         ValueError: They lead on for ever, as those of a damaged net do.
@@ -50,25 +48,19 @@ def way_across(first: str | None, onward: Callable[[str], str | None]) -> tuple[
 
 
 def paths_across(net: Element) -> Iterator[PathAcross]:
-    """All movements of a net, in its order.
-
-    Args:
-        net: The root of a net file. A path's second part is the ``via`` of the connection that leaves its first.
+    """All movements of a net, in its order. The second part of a path is the ``via`` of what leaves its first.
 
     Raises:
         ValueError: A path does not end.
     """
-    connections = list(net.iterfind("connection"))
-    onward = {_lane_id(one, "from"): one.get("via") for one in connections}
-    for one in connections:
-        source = _lane_id(one, "from")
-        if source.startswith(":"):
-            continue
-        yield PathAcross(source, _lane_id(one, "to"), way_across(one.get("via"), onward.get))
-
-
-def _lane_id(connection: Element, end: str) -> str:
-    return f"{connection.get(end)}_{connection.get(f'{end}Lane')}"
+    connections = [
+        (f"{c.get('from')}_{c.get('fromLane')}", f"{c.get('to')}_{c.get('toLane')}", c.get("via"))
+        for c in net.iterfind("connection")
+    ]
+    onward = {source: via for source, _, via in connections}
+    for source, target, via in connections:
+        if not source.startswith(":"):
+            yield PathAcross(source, target, way_across(via, onward.get))
 
 
 _CIVILIAN_CLASSES: Final = frozenset({"passenger", "bus", "taxi", "delivery", "truck", "private", "coach", "trailer"})
@@ -159,20 +151,8 @@ _GIVE_WAY_STATES: Final = frozenset({"m", "=", "w", "s"})
 """SUMO's link states of a movement without a signal that is not on the major road."""
 _PATH_FUNCTIONS: Final = frozenset({"internal", "crossing"})
 _LEFT_OUT_FUNCTIONS: Final = frozenset({"walkingarea"})
-
-_Points = npt.NDArray[np.float64]
-
-
 _MAPS_KEPT: Final = 4
 """Parsed maps that a process keeps."""
-
-
-@dataclass(frozen=True)
-class _Location:
-    offset_m: tuple[float, float]
-    projection: str
-    origin_lat_lon_deg: tuple[float, float] | None
-    projected_origin_m: tuple[float, float] = (0.0, 0.0)
 
 
 @lru_cache(maxsize=_MAPS_KEPT)
@@ -207,25 +187,29 @@ def parse_road_network(net_xml: bytes) -> RoadNetwork:
 
 
 def _network(root: Element) -> RoadNetwork:
-    location = _location(root)
-    lanes, edges = _lanes_and_edges(root, location.offset_m)
+    offset_m, projection, origin_lat_lon_deg, projected_m = _location(root)
+    lanes, edges = _lanes_and_edges(root, offset_m)
     return RoadNetwork(
         lanes=lanes,
         edges=edges,
         connections=tuple(_connections(root, lanes, edges)),
-        junctions=_junctions(root, location.offset_m),
-        sumo_offset_m=location.offset_m,
-        projection=location.projection,
-        origin_lat_lon_deg=location.origin_lat_lon_deg,
-        projected_origin_m=location.projected_origin_m,
-        crossings=tuple(_crossings(root, location.offset_m)),
+        junctions=_junctions(root, offset_m),
+        sumo_offset_m=offset_m,
+        projection=projection,
+        origin_lat_lon_deg=origin_lat_lon_deg,
+        projected_origin_m=projected_m,
+        crossings=tuple(_crossings(root, offset_m)),
     )
 
 
-def _location(root: Element) -> _Location:
+_Pair = tuple[float, float]
+
+
+def _location(root: Element) -> tuple[_Pair, str, _Pair | None, _Pair]:
+    """Offset of the map frame, projection, latitude and longitude of the origin and its place in the projection."""
     element = root.find("location")
     if element is None:
-        return _Location((0.0, 0.0), "!", None)
+        return (0.0, 0.0), "!", None, (0.0, 0.0)
     net_x, net_y = (float(value) for value in element.get("netOffset", "0,0").split(","))
     projection = element.get("projParameter", "!").strip()
     if not max(abs(net_x), abs(net_y)) <= FARTHEST_M:
@@ -235,7 +219,7 @@ def _location(root: Element) -> _Location:
         west, south, east, north = (float(value) for value in element.get("convBoundary", "0,0,0,0").split(","))
         offset = (round((west + east) / 2.0), round((south + north) / 2.0))
     projected = (offset[0] - net_x, offset[1] - net_y)
-    return _Location(offset, projection, geodetic_from_projected(projection, *projected), projected)
+    return offset, projection, geodetic_from_projected(projection, *projected), projected
 
 
 def check_shape(shape: str) -> None:
@@ -244,7 +228,7 @@ def check_shape(shape: str) -> None:
         raise ValueError(f"a shape of more than {MOST_POINTS} points")
 
 
-def _points(shape: str, offset_m: tuple[float, float]) -> _Points:
+def _points(shape: str, offset_m: tuple[float, float]) -> Points:
     check_shape(shape)
     values = [[float(number) for number in point.split(",")[:2]] for point in shape.split()]
     points = np.array(values, dtype=np.float64).reshape(-1, 2)
@@ -253,7 +237,7 @@ def _points(shape: str, offset_m: tuple[float, float]) -> _Points:
     return points - offset_m
 
 
-def _centre(points: _Points) -> Polyline:
+def _centre(points: Points) -> Polyline:
     if len(points) == 0:
         raise ValueError("a lane without a shape")
     if np.linalg.norm(np.diff(points, axis=0), axis=1).sum() < SHORTEST_LANE_M / 2.0:
@@ -268,10 +252,9 @@ def _lanes_and_edges(root: Element, offset_m: tuple[float, float]) -> tuple[tupl
         function = element.get("function", "normal")
         if function in _LEFT_OUT_FUNCTIONS:
             continue
-        first = len(lanes)
+        first, edge_id = len(lanes), element.attrib["id"]
         for lane in element.iterfind("lane"):
             lanes.append(_lane(lane, len(lanes), len(edges), function, offset_m))
-        edge_id = element.attrib["id"]
         junction = edge_id[1:].rpartition("_")[0]
         edges.append(
             Edge(
@@ -325,7 +308,9 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
         if from_lane is None or to_lane is None:
             continue
         source, target = lanes[from_lane], lanes[to_lane]
-        if edges[source.edge].internal or edges[target.edge].internal or not _usable(source, target):
+        civilian = source.civilian_allowed and target.civilian_allowed
+        usable = civilian or (source.emergency_allowed and target.emergency_allowed)
+        if edges[source.edge].internal or edges[target.edge].internal or not usable:
             continue
 
         def next_part(step: str, to: str = element.attrib["to"]) -> str | None:
@@ -346,40 +331,27 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
         )
 
 
-def _usable(source: Lane, target: Lane) -> bool:
-    return (source.civilian_allowed and target.civilian_allowed) or (
-        source.emergency_allowed and target.emergency_allowed
-    )
-
-
 def _junctions(root: Element, offset_m: tuple[float, float]) -> dict[str, Junction]:
-    junctions: dict[str, Junction] = {}
-    for element in root.iterfind("junction"):
-        kind = element.get("type", "")
-        if kind == "internal":
-            continue
-        junction_id = element.attrib["id"]
-        junctions[junction_id] = Junction(
-            junction_id=junction_id,
-            kind=_JUNCTION_KINDS.get(kind, JunctionKind.UNCONTROLLED),
+    return {
+        element.attrib["id"]: Junction(
+            junction_id=element.attrib["id"],
+            kind=_JUNCTION_KINDS.get(element.get("type", ""), JunctionKind.UNCONTROLLED),
             outline=_points(element.get("shape", ""), offset_m),
             x_m=float(element.attrib["x"]) - offset_m[0],
             y_m=float(element.attrib["y"]) - offset_m[1],
         )
-    return junctions
+        for element in root.iterfind("junction")
+        if element.get("type", "") != "internal"
+    }
 
 
-def _crossings(root: Element, offset_m: tuple[float, float]) -> Iterator[_Points]:
-    for element in root.iterfind("edge"):
-        if element.get("function") != "crossing":
-            continue
+def _crossings(root: Element, offset_m: tuple[float, float]) -> Iterator[Points]:
+    for element in root.iterfind("edge[@function='crossing']"):
         for lane in element.iterfind("lane"):
-            outline = lane.get("outlineShape")
-            if outline is not None:
+            if (outline := lane.get("outlineShape")) is not None:
                 yield _points(outline, offset_m)
                 continue
             centre = _centre(_points(lane.attrib["shape"], offset_m))
             half_m = float(lane.get("width", DEFAULT_LANE_WIDTH_M)) / 2.0
-            left = centre.offset_points(centre.arc_m, half_m)
-            right = centre.offset_points(centre.arc_m, -half_m)
+            left, right = (centre.offset_points(centre.arc_m, side_m) for side_m in (half_m, -half_m))
             yield np.concatenate((left, right[::-1]))

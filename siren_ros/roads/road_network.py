@@ -1,9 +1,10 @@
 """The road network in the ``map`` frame: lanes with their centre lines, how they connect, signals."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -137,29 +138,22 @@ class RoadNetwork:
     @cached_property
     def connections_from(self) -> Mapping[int, tuple[Connection, ...]]:
         """Movements out of each lane."""
-        return _grouped(self.connections, "from_lane")
+        return _grouped((connection.from_lane, connection) for connection in self.connections)
 
     @cached_property
     def connections_to(self) -> Mapping[int, tuple[Connection, ...]]:
         """Movements into each lane."""
-        return _grouped(self.connections, "to_lane")
+        return _grouped((connection.to_lane, connection) for connection in self.connections)
 
     @cached_property
     def connections_over(self) -> Mapping[int, tuple[Connection, ...]]:
         """Movements across each internal lane."""
-        groups: dict[int, list[Connection]] = {}
-        for connection in self.connections:
-            for lane in connection.via:
-                groups.setdefault(lane, []).append(connection)
-        return {lane: tuple(group) for lane, group in groups.items()}
+        return _grouped((lane, connection) for connection in self.connections for lane in connection.via)
 
     @cached_property
     def connections_at(self) -> Mapping[str, tuple[tuple[int, Connection], ...]]:
         """Movements across each junction, with their positions in ``connections``."""
-        groups: dict[str, list[tuple[int, Connection]]] = {}
-        for index, connection in enumerate(self.connections):
-            groups.setdefault(connection.junction, []).append((index, connection))
-        return {junction: tuple(group) for junction, group in groups.items()}
+        return _grouped((connection.junction, (index, connection)) for index, connection in enumerate(self.connections))
 
     def is_civilian(self, connection: Connection) -> bool:
         """Whether civilians may make a movement."""
@@ -172,8 +166,12 @@ class RoadNetwork:
         return self.lanes[lanes[position]] if 0 <= position < len(lanes) else None
 
 
-def _grouped(connections: tuple[Connection, ...], key: str) -> dict[int, tuple[Connection, ...]]:
-    groups: dict[int, list[Connection]] = {}
-    for connection in connections:
-        groups.setdefault(getattr(connection, key), []).append(connection)
-    return {lane: tuple(group) for lane, group in groups.items()}
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
+
+def _grouped(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, tuple[Value, ...]]:
+    groups: dict[Key, list[Value]] = {}
+    for key, value in pairs:
+        groups.setdefault(key, []).append(value)
+    return {key: tuple(group) for key, group in groups.items()}

@@ -3,7 +3,7 @@
 import heapq
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Final
 
 import numpy as np
@@ -18,7 +18,6 @@ LANE_CHANGE_COST: Final = 1.0
 """Cost of one lane change in ``route_path``, against which the tie-breaks below are small."""
 _DRIFT_COST: Final = 1e-3
 """Cost of ending one lane away from the preferred one: keeps to it where the route allows."""
-_FOLLOWING_ROUTE: Final = "edges that follow one another, with lanes of the right kind between them"
 
 
 @dataclass(frozen=True)
@@ -35,22 +34,16 @@ class EdgeGraph:
     @classmethod
     def of(cls, network: RoadNetwork) -> "EdgeGraph":
         """The graph of a network; build it once and hand it on."""
-        ahead: list[set[int]] = [set() for _ in network.edges]
-        behind: list[set[int]] = [set() for _ in network.edges]
+        ahead, behind = ([set[int]() for _ in network.edges] for _ in range(2))
         for connection in network.connections:
             source, target = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
             if network.is_civilian(connection) and connection.direction != _TURNAROUND:
                 ahead[source.edge].add(target.edge)
                 behind[target.edge].add(source.edge)
-        lengths = (
-            next((lane.length_m for lane in driving_lanes(network, edge.index)), float("inf")) for edge in network.edges
-        )
-        return cls(
-            network=network,
-            successors=tuple(tuple(sorted(group)) for group in ahead),
-            predecessors=tuple(tuple(sorted(group)) for group in behind),
-            length_m=tuple(lengths),
-        )
+        driven = (driving_lanes(network, edge.index) for edge in network.edges)
+        lengths_m = tuple(lanes[0].length_m if lanes else float("inf") for lanes in driven)
+        successors, predecessors = (tuple(tuple(sorted(group)) for group in groups) for groups in (ahead, behind))
+        return cls(network, successors, predecessors, lengths_m)
 
     def endless_edges(self) -> frozenset[int]:
         """Edges from which a vehicle never has to leave the map: some way on leads into a loop."""
@@ -67,12 +60,9 @@ class EdgeGraph:
 
     def route_length_m(self, edges: Sequence[int]) -> float:
         """Length of a route; the ways across junctions count as straight lines."""
-        gaps = (self._gap_m(edge, ahead) for edge, ahead in pairwise(edges))
+        lines = [driving_lanes(self.network, edge)[0].centre.points for edge in edges] if len(edges) > 1 else []
+        gaps = (float(np.linalg.norm(after[0] - before[-1])) for before, after in pairwise(lines))
         return sum(self.length_m[edge] for edge in edges) + sum(gaps)
-
-    def _gap_m(self, edge: int, ahead: int) -> float:
-        end, start = driving_lanes(self.network, edge)[0], driving_lanes(self.network, ahead)[0]
-        return float(np.linalg.norm(start.centre.points[0] - end.centre.points[-1]))
 
 
 def driving_lanes(network: RoadNetwork, edge: int) -> tuple[Lane, ...]:
@@ -112,10 +102,8 @@ def shortest_path(
     Dijkstra over edges by length; among routes of equal length the one with the smaller edge indices wins.
     """
     refused = frozenset(avoid)
-    cost = {from_edge: graph.length_m[from_edge]}
-    before: dict[int, int] = {}
-    heap = [(cost[from_edge], from_edge)]
-    done: set[int] = set()
+    cost, before = {from_edge: graph.length_m[from_edge]}, dict[int, int]()
+    heap, done = [(cost[from_edge], from_edge)], set[int]()
     while heap:
         _, edge = heapq.heappop(heap)
         if edge == to_edge:
@@ -139,18 +127,15 @@ def route_path(network: RoadNetwork, edges: Sequence[int], start_lane: int) -> t
     """Lanes along a route, junction paths included, with as few lane changes as the route needs.
 
     Two lanes of the same edge in a row are a lane change (neighbours, one at a time). A shoulder is used only where
-    ``start_lane`` is one, and left where it ends.
-
-    Args:
-        network: The map.
-        edges: Indices of the route's edges.
-        start_lane: Index of a lane of the first edge; the path stays near its position counted from the left.
+    ``start_lane``, a lane of the first edge, is one, and left where it ends. The path stays near the position of the
+    start lane counted from the left.
 
     Raises:
         InputError: The edges do not follow one another, or ``start_lane`` is not on the first of them.
     """
+    ids = [network.edges[edge].edge_id for edge in edges]
     if not edges or network.lanes[start_lane].edge != edges[0]:
-        raise InputError("route", [network.edges[edge].edge_id for edge in edges], "edges that begin at the start lane")
+        raise InputError("route", ids, "edges that begin at the start lane")
     kinds = {LaneKind.DRIVING, network.lanes[start_lane].kind}
     states: dict[int, tuple[float, tuple[int, ...]]] = {start_lane: (0.0, (start_lane,))}
     for edge, next_edge in zip(edges, [*edges[1:], None], strict=True):
@@ -158,9 +143,8 @@ def route_path(network: RoadNetwork, edges: Sequence[int], start_lane: int) -> t
         if next_edge is not None:
             states = _across(network, states, next_edge, kinds)
         if not states:
-            ids = [network.edges[index].edge_id for index in edges]
-            raise InputError("route", ids, _FOLLOWING_ROUTE)
-    return min(states.values(), key=lambda state: (state[0], state[1]))[1]
+            raise InputError("route", ids, "edges that follow one another, with lanes of the right kind between them")
+    return min(states.values())[1]
 
 
 _States = dict[int, tuple[float, tuple[int, ...]]]
@@ -188,8 +172,7 @@ def _across(network: RoadNetwork, states: _States, next_edge: int, kinds: Collec
             target = network.lanes[connection.to_lane]
             if target.edge != next_edge or target.kind not in kinds:
                 continue
-            source = network.lanes[lane]
-            drift = abs(_from_left(network, source) - _from_left(network, target))
+            drift = abs(_from_left(network, network.lanes[lane]) - _from_left(network, target))
             state = (cost + drift * _DRIFT_COST, (*path, *connection.via, target.index))
             if target.index not in best or state < best[target.index]:
                 best[target.index] = state
@@ -206,21 +189,12 @@ def path_centre(network: RoadNetwork, lanes: Sequence[int]) -> Polyline:
     A lane change takes the middle half of its edge, along a half cosine from centre to centre.
     """
     parts: list[Polyline] = []
-    position = 0
-    while position < len(lanes):
-        lane = network.lanes[lanes[position]]
-        last = position
-        while (
-            last + 1 < len(lanes) and network.lanes[lanes[last + 1]].edge == lane.edge and not _internal(network, lane)
-        ):
-            last += 1
-        parts.append(lane.centre if last == position else _changing(lane, network.lanes[lanes[last]]))
-        position = last + 1
+    road = (network.lanes[lane] for lane in lanes)
+    # Two lanes of one edge are a lane change, but on a junction they follow one another.
+    for _, group in groupby(road, key=lambda lane: (lane.edge, lane.index if network.edges[lane.edge].internal else 0)):
+        first, *others = group
+        parts.append(_changing(first, others[-1]) if others else first.centre)
     return Polyline.joined(parts)
-
-
-def _internal(network: RoadNetwork, lane: Lane) -> bool:
-    return network.edges[lane.edge].internal
 
 
 def _changing(origin: Lane, target: Lane) -> Polyline:

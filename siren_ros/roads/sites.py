@@ -96,9 +96,7 @@ _TRAFFIC: Final = (LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL)
 def middle_of_site(network: RoadNetwork, site: Mapping[str, object]) -> npt.NDArray[np.float64] | None:
     """Middle of a site's junction, or of its road where it has none, shape ``(2,)``; None where it has neither.
 
-    Args:
-        network: The map.
-        site: The site as an episode's description gives it: ``junction``, ``stretch``.
+    The site is as an episode's description gives it: ``junction``, ``stretch``.
     """
     junction = network.junctions.get(str(site.get("junction") or ""))
     if junction is not None:
@@ -107,8 +105,8 @@ def middle_of_site(network: RoadNetwork, site: Mapping[str, object]) -> npt.NDAr
         return np.array([junction.x_m, junction.y_m])
     names = site.get("stretch")
     edges = [network.edge_by_id.get(name) for name in names] if isinstance(names, list | tuple) else []
-    lanes = [[network.lanes[lane] for lane in edge.lanes] for edge in edges if edge]
-    lanes = [driven for road in lanes if (driven := [lane for lane in road if lane.kind in _TRAFFIC])]
+    roads = ([network.lanes[lane] for lane in edge.lanes] for edge in edges if edge)
+    lanes = [driven for road in roads if (driven := [lane for lane in road if lane.kind in _TRAFFIC])]
     lengths = [max(lane.length_m for lane in road) for road in lanes]
     half = sum(lengths) / 2.0
     if not half > 0.0:

@@ -43,11 +43,9 @@ class EpisodeRequest:
     values: str = parameter(
         "", "Values of the template's parameters in place of the seed's own: emv.speed_mps=12.5,duration_s=60."
     )
-
     predictor: str = parameter(
         "", "Program that takes part and says at every frame on /predictions where vehicles will be; empty: none."
     )
-
     detector: str = parameter(
         "",
         "Detector of vehicles in the sweeps of the running episode, on /emv/detections: pillars, or the path of an "
@@ -70,17 +68,17 @@ def values_of(text: str) -> dict[str, float]:
     Raises:
         InputError: Not ``path=number`` by commas, or a path twice.
     """
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for part in filter(None, (part.strip() for part in text.split(","))):
         path, _, number = part.partition("=")
         try:
             value = float(number)
         except ValueError as error:
             raise InputError("values", part, "PATH=NUMBER, several by commas: emv.speed_mps=12.5") from error
-        if path.strip() in found:
+        if path.strip() in values:
             raise InputError("values", part, "each parameter once")
-        found[path.strip()] = value
-    return found
+        values[path.strip()] = value
+    return values
 
 
 def text_of_values(values: Mapping[str, float]) -> str:
@@ -163,13 +161,8 @@ class EpisodeDescription:
     def template_values(self) -> Mapping[str, float]:
         """Values of the template's parameters, by path; those alone that are numbers."""
         values = self.parameters.get("template")
-        if not isinstance(values, Mapping):
-            return {}
-        return {
-            str(name): float(value)
-            for name, value in values.items()
-            if isinstance(value, int | float) and not isinstance(value, bool)
-        }
+        items = values.items() if isinstance(values, Mapping) else ()
+        return {str(name): float(value) for name, value in items if type(value) in (int, float)}
 
     @property
     def av_sensor_suite(self) -> str:
@@ -199,9 +192,9 @@ class EpisodeOutcome:
 def shortcomings(predicate_holds: bool | None, collisions: int) -> tuple[str, ...]:
     """As ``EpisodeOutcome.shortcomings``, of its two parts."""
     happened = {
-        True: (),
-        False: ("the interaction did not happen",),
-        None: ("whether the interaction happened could not be judged",),
+        True: "",
+        False: "the interaction did not happen",
+        None: "whether the interaction happened could not be judged",
     }[predicate_holds]
-    collided = (f"{collisions} collision{'s' if collisions > 1 else ''}",) if collisions else ()
-    return (*happened, *collided)
+    collided = f"{collisions} collision{'s' if collisions > 1 else ''}" if collisions else ""
+    return tuple(filter(None, (happened, collided)))

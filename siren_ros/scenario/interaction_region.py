@@ -14,28 +14,17 @@ REGION_TEXT: Final = f"{PAPER_CONSTANTS.region_enter_m:g} m in, {PAPER_CONSTANTS
 
 
 def in_region(distance_m: Floats, was_inside: Flags, constants: ControlConstants = PAPER_CONSTANTS) -> Flags:
-    """Whether vehicles are in the region after a step (paper, table of thresholds: hysteresis, EMV-centred).
+    """Whether vehicles are in the region after a step (paper, table of thresholds: hysteresis, EMV-centred), ``(N,)``.
 
-    Args:
-        distance_m: Between the centres of each vehicle and of the nearest EMV, shape ``(N,)``.
-        was_inside: Whether each vehicle was in the region at the step before, shape ``(N,)``.
-        constants: A vehicle enters closer than ``region_enter_m`` and leaves farther away than ``region_leave_m``.
+    ``distance_m`` is between the centres of each vehicle and of the nearest EMV; ``was_inside`` is of the step before.
     """
     return (distance_m < constants.region_enter_m) | (was_inside & (distance_m <= constants.region_leave_m))
 
 
 def region_members(before: Ids, states: ActorStates, emv_ids: Iterable[int]) -> Ids:
-    """The vehicles in the region after a step: those that ``in_region`` names, and the EMVs that are there.
+    """Sorted ids of the vehicles in the region after a step: those that ``in_region`` names, and the EMVs.
 
-    Without an EMV nobody is in it.
-
-    Args:
-        before: Members at the step before, sorted; empty at the first step.
-        states: All actors at the step.
-        emv_ids: The emergency vehicles.
-
-    Returns:
-        Sorted ids.
+    ``before`` are the members at the step before, sorted. Without an EMV the region is empty.
     """
     is_emv = np.isin(states.actor_id, np.fromiter(emv_ids, dtype=np.uint32))
     if not is_emv.any():

@@ -78,12 +78,10 @@ class DriverPreset:
     attention: Attention = Attention()
 
     def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
-        """The preset with a scenario's own values.
+        """The preset with the values of a scenario.
 
-        Args:
-            response_distance_m: New mean of the response distance; spread and limits scale with it.
-            extra_delay_s: Added to every reaction delay.
-            compliance: Factor 0–1 on the shares that comply at once or late; the rest never complies.
+        The distance is the new mean of the response distance; spread and limits scale with it. The delay is added to
+        every reaction delay. ``compliance`` is a factor 0–1 on the shares that comply at once or late.
         """
         complies, late = self.compliance.complies * compliance, self.compliance.late * compliance
         return replace(
@@ -120,27 +118,19 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverP
 
 
 def _attention(section: StrictMapping) -> Attention:
-    attention = Attention(
-        section.number("civilians", 0.0, 1.0),
-        section.number("emv_horizon_s", 0.0, 60.0),
-        section.number("emv_red_mps", 0.0, 40.0) if section.has("emv_red_mps") else Attention.emv_red_mps,
-    )
+    civilians, horizon_s = section.number("civilians", 0.0, 1.0), section.number("emv_horizon_s", 0.0, 60.0)
+    red_mps = section.number("emv_red_mps", 0.0, 40.0) if section.has("emv_red_mps") else Attention.emv_red_mps
     section.finish()
-    return attention
+    return Attention(civilians, horizon_s, red_mps)
 
 
 def read_distribution(section: StrictMapping, low: float, high: float) -> TruncatedNormal:
     """A distribution written as ``{mean, std, min, max}``, all within ``[low, high]``; raises InputError otherwise."""
     minimum = section.number("min", low, high)
     maximum = section.number("max", minimum, high)
-    drawn = TruncatedNormal(
-        mean=section.number("mean", minimum, maximum),
-        std=section.number("std", 0.0, high),
-        minimum=minimum,
-        maximum=maximum,
-    )
+    mean, std = section.number("mean", minimum, maximum), section.number("std", 0.0, high)
     section.finish()
-    return drawn
+    return TruncatedNormal(mean, std, minimum, maximum)
 
 
 def _shares(section: StrictMapping) -> ComplianceShares:

@@ -190,7 +190,7 @@ class Template:
             if not limits.minimum <= value <= limits.maximum or (limits.integer and value != round(value)):
                 kind = "a whole number" if limits.integer else "a number"
                 raise InputError(path, value, f"{kind} from {limits.minimum:g} to {limits.maximum:g}")
-            changed = changed._with(path, round(value) if limits.integer else value)
+            changed = _replaced(changed, path.split("."), round(value) if limits.integer else value)
         return changed
 
     def _owner(self, path: str) -> tuple[Any, str]:
@@ -200,10 +200,6 @@ class Template:
             groups = {group.name: group for group in owner.groups} if isinstance(owner, Demand) else {}
             owner = groups[part] if part in groups else getattr(owner, part)
         return owner, parts[-1]
-
-    def _with(self, path: str, value: float) -> "Template":
-        head, *rest = path.split(".")
-        return replace(self, **{head: _replaced(getattr(self, head), rest, value)})
 
 
 def _replaced(section: Any, path: list[str], value: float) -> Any:
@@ -228,13 +224,12 @@ def draw_values(template: Template, rng: np.random.Generator) -> dict[str, float
 
 
 def _uniform(ranges: Mapping[str, ValueRange], rng: np.random.Generator) -> dict[str, float]:
-    drawn: dict[str, float] = {}
-    for path, limits in ranges.items():
-        if limits.integer:
-            drawn[path] = float(rng.integers(round(limits.minimum), round(limits.maximum), endpoint=True))
-        else:
-            drawn[path] = float(rng.uniform(limits.minimum, limits.maximum))
-    return drawn
+    return {
+        path: float(rng.integers(round(limits.minimum), round(limits.maximum), endpoint=True))
+        if limits.integer
+        else float(rng.uniform(limits.minimum, limits.maximum))
+        for path, limits in ranges.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -265,13 +260,8 @@ SHOULDER_TURN: Final = PredicateDeclaration("shoulder_turn", {"shoulder_min_s": 
 DECLARED_PREDICATES: Final[dict[str, PredicateDeclaration]] = {
     declared.name: declared
     for declared in (
-        QUEUES_SPLIT,
-        LANE_CLEARED,
-        RED_SAME_DIRECTION,
-        RED_CROSSING,
-        STOP_SAME_DIRECTION,
-        STOP_CROSSING,
-        SHOULDER_TURN,
+        *(QUEUES_SPLIT, LANE_CLEARED, RED_SAME_DIRECTION, RED_CROSSING),
+        *(STOP_SAME_DIRECTION, STOP_CROSSING, SHOULDER_TURN),
     )
 }
 """By name."""

@@ -1,8 +1,9 @@
 """Reading templates from YAML, strictly: every mistake is refused with file, line and what is allowed."""
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from siren_ros.errors import InputError
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
@@ -53,29 +54,23 @@ def load_template(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> Templ
     return _template(files.read("template", "templates", name_or_path).mapping())
 
 
-def _identifier(top: StrictMapping) -> str:
-    """The template's id, which becomes part of file names."""
-    name = top.text("id")
-    if not _ID.fullmatch(name):
-        raise InputError(top.where("id"), name, "letters, digits, - and _, at most 64")
-    return name
-
-
 def read_template(file: Path) -> Template:
     """A template from a YAML file; raises InputError as ``load_template`` does."""
     return _template(read_strict_yaml(file))
 
 
 def _template(top: StrictMapping) -> Template:
-    ranges: dict[str, ValueRange] = {}
-    drawn: dict[str, ValueRange] = {}
-    parameters = _Parameters(ranges, drawn)
-    site_kind = SiteKind(top.text("site", [member.value for member in SiteKind]))
+    parameters = _Parameters({}, {})
+    ranges, drawn = parameters.ranges, parameters.drawn
+    site_kind = SiteKind(top.text("site", list(SiteKind)))
+    name = top.text("id")  # becomes part of file names
+    if not _ID.fullmatch(name):
+        raise InputError(top.where("id"), name, "letters, digits, - and _, at most 64")
     template = Template(
-        template_id=_identifier(top),
+        template_id=name,
         title=top.text("title"),
-        family=BehaviourFamily(top.text("family", [member.value for member in BehaviourFamily])),
-        level=EmergencyLevel[top.text("level", [member.name for member in EmergencyLevel])],
+        family=BehaviourFamily(top.text("family", list(BehaviourFamily))),
+        level=EmergencyLevel[top.text("level", EmergencyLevel.__members__)],
         site_kind=site_kind,
         duration_s=parameters.number(top, "duration_s", 1.0, 3600.0),
         warm_up_s=top.number("warm_up_s", 0.0, 600.0),
@@ -107,42 +102,37 @@ def _refuse_stop_line(top: StrictMapping, template: Template) -> None:
         InputError: the template has one of these.
     """
     junction_only = {Placement.SAME_DIRECTION, Placement.CROSSING}
-    wrong = [
-        group.name
-        for group in template.demand.groups
-        if group.anchor is not GroupAnchor.EMV or group.placement in junction_only
-    ]
-    if template.emv.start_from is StartReference.STOP_LINE:
-        wrong.append("emv.start_from")
-    if template.signal is not None:
-        wrong.append("signal")
+    groups = template.demand.groups
+    wrong = [g.name for g in groups if g.anchor is not GroupAnchor.EMV or g.placement in junction_only]
+    wrong += ["emv.start_from"] * (template.emv.start_from is StartReference.STOP_LINE)
+    wrong += ["signal"] * (template.signal is not None)
     if wrong:
         allowed = "a site at a junction; start, groups or signal refer to a stop line: " + ", ".join(wrong)
         raise InputError(top.where("site"), template.site_kind.value, allowed)
 
 
+@dataclass(frozen=True)
 class _Parameters:
     """Reads ``{default: …, range: […, …], draw: […, …]}`` and remembers the ranges.
 
     Where ``draw`` is missing every seed has the default.
     """
 
-    def __init__(self, ranges: dict[str, ValueRange], drawn: dict[str, ValueRange]) -> None:
-        self._ranges = ranges
-        self._drawn = drawn
+    ranges: dict[str, ValueRange]
+    drawn: dict[str, ValueRange]
 
     def number(self, section: StrictMapping, key: str, low: float, high: float) -> float:
         """A real parameter; default and range lie within ``[low, high]``."""
         entry = section.mapping(key)
-        minimum, maximum = self._limits(entry, low, high)
-        default = entry.number("default", minimum, maximum)
-        self._remember(entry, ValueRange(minimum, maximum))
+        limits = ValueRange(*_range(entry, "range", low, high))
+        default = entry.number("default", limits.minimum, limits.maximum)
+        self._remember(entry, limits)
         return default
 
     def integer(self, section: StrictMapping, key: str, low: int, high: int) -> int:
         """A whole-numbered parameter."""
         entry = section.mapping(key)
-        minimum, maximum = self._limits(entry, low, high)
+        minimum, maximum = _range(entry, "range", low, high)
         if minimum != round(minimum) or maximum != round(maximum):
             raise InputError(entry.where("range"), f"[{minimum:g}, {maximum:g}]", "whole numbers")
         default = entry.integer("default", round(minimum), round(maximum))
@@ -151,17 +141,26 @@ class _Parameters:
 
     def _remember(self, entry: StrictMapping, limits: ValueRange) -> None:
         if entry.has("draw"):
-            minimum, maximum = self._limits(entry, limits.minimum, limits.maximum, "draw")
-            self._drawn[entry.path] = ValueRange(minimum, maximum, limits.integer)
+            drawn = _range(entry, "draw", limits.minimum, limits.maximum)
+            self.drawn[entry.path] = ValueRange(*drawn, limits.integer)
         entry.finish()
-        self._ranges[entry.path] = limits
+        self.ranges[entry.path] = limits
 
-    @staticmethod
-    def _limits(entry: StrictMapping, low: float, high: float, key: str = "range") -> tuple[float, float]:
-        minimum, maximum = entry.numbers(key, 2, low, high)
-        if minimum > maximum:
-            raise InputError(entry.where(key), f"[{minimum:g}, {maximum:g}]", "[minimum, maximum] in this order")
-        return minimum, maximum
+
+def _range(entry: StrictMapping, key: str, low: float, high: float) -> tuple[float, float]:
+    minimum, maximum = entry.numbers(key, 2, low, high)
+    if minimum > maximum:
+        raise InputError(entry.where(key), f"[{minimum:g}, {maximum:g}]", "[minimum, maximum] in this order")
+    return minimum, maximum
+
+
+_Section = TypeVar("_Section")
+
+
+def _finished(section: StrictMapping, value: _Section) -> _Section:
+    """What was read from a section, once nothing else is in it."""
+    section.finish()
+    return value
 
 
 def _emv(section: StrictMapping, parameters: _Parameters) -> EmvDemand:
@@ -175,23 +174,17 @@ def _emv(section: StrictMapping, parameters: _Parameters) -> EmvDemand:
         headway_s=parameters.number(section, "headway_s", 0.5, 60.0),
         start_from=StartReference(_option(section, "start_from", StartReference.SITE_START)),
     )
-    section.finish()
-    return emv
+    return _finished(section, emv)
 
 
 def _option(section: StrictMapping, key: str, default: StartReference | GroupAnchor) -> str:
     """One of an enumeration's texts; the default where the key is missing."""
-    if not section.has(key):
-        return default.value
-    return section.text(key, [member.value for member in type(default)])
+    return section.text(key, list(type(default))) if section.has(key) else default.value
 
 
 def _signal(section: StrictMapping, parameters: _Parameters) -> SignalDemand:
-    signal = SignalDemand(
-        red_before_arrival_s=parameters.number(section, "red_before_arrival_s", 0.0, _MAX_RED_S),
-    )
-    section.finish()
-    return signal
+    red_s = parameters.number(section, "red_before_arrival_s", 0.0, _MAX_RED_S)
+    return _finished(section, SignalDemand(red_s))
 
 
 def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
@@ -203,13 +196,12 @@ def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
         classes=_classes(section.mapping("classes")),
         groups=tuple(_group(groups.mapping(name), name, parameters) for name in groups.values),
     )
-    section.finish()
-    return demand
+    return _finished(section, demand)
 
 
 def _group(section: StrictMapping, name: str, parameters: _Parameters) -> DemandGroup:
     section.path = f"demand.{name}"
-    placement = Placement(section.text("placement", [member.value for member in Placement]))
+    placement = Placement(section.text("placement", list(Placement)))
     crossing = placement is Placement.CROSSING
     anchor = GroupAnchor(_option(section, "from", GroupAnchor.STOP_LINE if crossing else GroupAnchor.EMV))
     if crossing and anchor is not GroupAnchor.STOP_LINE:
@@ -228,17 +220,12 @@ def _group(section: StrictMapping, name: str, parameters: _Parameters) -> Demand
         standing=section.flag("standing", default=False),
         optional=optional,
     )
-    section.finish()
-    return group
+    return _finished(section, group)
 
 
 def _classes(section: StrictMapping) -> tuple[tuple[ActorClass, float], ...]:
-    civilian = [member for member in ActorClass if not member.is_emergency]
-    shares = tuple(
-        (member, section.number(member.name.lower(), 0.0, 1.0))
-        for member in civilian
-        if section.has(member.name.lower())
-    )
+    civilian = [(member, member.name.lower()) for member in ActorClass if not member.is_emergency]
+    shares = tuple((member, section.number(name, 0.0, 1.0)) for member, name in civilian if section.has(name))
     section.finish()
     total = sum(share for _, share in shares)
     if abs(total - 1.0) > _SHARE_TOLERANCE:
@@ -253,13 +240,11 @@ def _response(section: StrictMapping, parameters: _Parameters) -> CivilianRespon
         extra_delay_s=parameters.number(section, "extra_delay_s", 0.0, 30.0),
         compliance=parameters.number(section, "compliance", 0.0, 1.0),
     )
-    section.finish()
-    return response
+    return _finished(section, response)
 
 
 def _predicate(section: StrictMapping) -> PredicateDemand:
     name = section.text("name", DECLARED_PREDICATES)
     limits = DECLARED_PREDICATES[name].thresholds
     thresholds = {key: section.number(key, low, high) for key, (low, high) in limits.items()}
-    section.finish()
-    return PredicateDemand(name, thresholds)
+    return _finished(section, PredicateDemand(name, thresholds))

@@ -1,13 +1,13 @@
 """Actors: what they are, and their states at one step as a structure of arrays."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Floats, Ids, dtypes_of
 
 NO_ACTOR: Final = 0
 """Actor ids start at 1, so that 0 can say "none" (a LiDAR return on the static scene, no leader)."""
@@ -66,7 +66,7 @@ class Mode(IntEnum):
     YIELD_REACTING = 5
     """The siren was noticed and the driver has not yet reacted."""
     YIELD_DEFERRED = 6
-    """A yield is wanted and not feasible at this step."""
+    """A yield is due and not feasible at this step."""
     YIELD_LANE_CHANGE = 7
     YIELD_KEEP_LANE = 8
     """Lane cleared; SUMO drives again, bound to its new lane and slowed until the EMV has passed."""
@@ -150,22 +150,17 @@ class ActorStates:
         return type(self)(step=self.step, **arrays)
 
 
-_CODE_FIELDS: Final = frozenset({"owner", "mode", "lights"})
-ACTOR_STATE_DTYPES: Final[dict[str, type[np.generic]]] = {
-    field.name: np.uint32 if field.name == "actor_id" else np.uint8 if field.name in _CODE_FIELDS else np.float64
-    for field in fields(ActorStates)
-    if field.name != "step"
-}
+ACTOR_STATE_DTYPES: Final = dtypes_of(ActorStates)
 """Array fields of ActorStates and their element types, in declaration order."""
 
 
-def rows_of_ids(actor_id: Ids, wanted: Ids) -> npt.NDArray[np.intp]:
-    """Row of each wanted id in a sorted id array, −1 where it is absent; shape of ``wanted``."""
+def rows_of_ids(actor_id: Ids, ids: Ids) -> npt.NDArray[np.intp]:
+    """Row of each id in a sorted id array, −1 where it is absent; shape of ``ids``."""
     if len(actor_id) == 0:
-        return np.full(len(wanted), -1, dtype=np.intp)
-    if len(actor_id) == len(wanted) and (actor_id == wanted).all():  # nearly every step
-        return np.arange(len(wanted))
-    rows = actor_id.searchsorted(wanted)
+        return np.full(len(ids), -1, dtype=np.intp)
+    if len(actor_id) == len(ids) and (actor_id == ids).all():  # nearly every step
+        return np.arange(len(ids))
+    rows = actor_id.searchsorted(ids)
     rows[rows == len(actor_id)] = 0
-    rows[actor_id[rows] != wanted] = -1
+    rows[actor_id[rows] != ids] = -1
     return rows

@@ -1,12 +1,9 @@
 """What is said at one step of a vehicle with sensors: labels, odometry, predicted paths, and its frames (REP 105)."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
-from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, dtypes_of
 
 LABEL_PERIOD_STEPS: Final = 2
 """Labels are made at 10 Hz, the rate of the paper's log."""
@@ -24,7 +21,7 @@ class GroundTruth:
     carrier_id: int
     actor_id: Ids
     actor_class: Codes
-    is_emv: npt.NDArray[np.bool_]
+    is_emv: Flags
     x_m: Floats
     y_m: Floats
     z_m: Floats
@@ -44,17 +41,7 @@ class GroundTruth:
         return len(self.actor_id)
 
 
-_DTYPES: Final[dict[str, type[np.generic]]] = {
-    "actor_id": np.uint32,
-    "actor_class": np.uint8,
-    "is_emv": np.bool_,
-    "lidar_points": np.uint32,
-}
-GROUND_TRUTH_DTYPES: Final[dict[str, type[np.generic]]] = {
-    field.name: _DTYPES.get(field.name, np.float64)
-    for field in fields(GroundTruth)
-    if field.name not in {"step", "carrier_id", "frame_id"}
-}
+GROUND_TRUTH_DTYPES: Final = dtypes_of(GroundTruth)
 """Array fields of GroundTruth and their element types, in declaration order."""
 
 
@@ -69,7 +56,7 @@ class CameraTruth:
     step: int
     actor_id: Ids
     actor_class: Codes
-    is_emv: npt.NDArray[np.bool_]
+    is_emv: Flags
     u_min_px: Floats
     v_min_px: Floats
     u_max_px: Floats
@@ -85,15 +72,7 @@ class CameraTruth:
         return len(self.actor_id)
 
 
-_IMAGE_DTYPES: Final[dict[str, type[np.generic]]] = {
-    "actor_id": np.uint32,
-    "actor_class": np.uint8,
-    "is_emv": np.bool_,
-    "visible_px": np.uint32,
-}
-CAMERA_TRUTH_DTYPES: Final[dict[str, type[np.generic]]] = {
-    field.name: _IMAGE_DTYPES.get(field.name, np.float64) for field in fields(CameraTruth) if field.name != "step"
-}
+CAMERA_TRUTH_DTYPES: Final = dtypes_of(CameraTruth)
 """Array fields of CameraTruth and their element types, in declaration order."""
 
 

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from siren_ros.errors import EpisodeError
-from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Floats, Ids, dtypes_of
 from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.traffic_state import Event
 
@@ -20,9 +20,9 @@ CommandRow = tuple[int, int, float, float, float, bool, int, int]
 class VehicleCommands:
     """Commands of one controller at one step; rows sorted by ``actor_id``.
 
-    A row with ``owner`` ROS drives the actor by throttle, brake and steering from this step on. A
-    row with ``owner`` SUMO hands it back (or leaves it there) and only sets mode and lights. Actors
-    without a row belong to SUMO and are in mode NOMINAL.
+    A row with ``owner`` ROS drives the actor by throttle, brake and steering from this step on. One with ``owner`` SUMO
+    hands it back (or leaves it there) and only sets mode and lights. Actors without a row belong to SUMO and are in
+    mode NOMINAL.
     """
 
     step: int
@@ -61,12 +61,7 @@ class VehicleCommands:
         return cls.of(step, source, (), events)
 
 
-_CODES: Final = frozenset({"owner", "hand_brake", "mode", "lights"})
-COMMAND_DTYPES: Final[dict[str, type[np.generic]]] = {
-    field.name: np.uint32 if field.name == "actor_id" else np.uint8 if field.name in _CODES else np.float64
-    for field in fields(VehicleCommands)
-    if field.name not in {"step", "source", "events"}
-}
+COMMAND_DTYPES: Final = dtypes_of(VehicleCommands)
 """Array fields of VehicleCommands and their element types, in declaration order."""
 
 
@@ -97,20 +92,17 @@ class AvControl:
         Raises:
             EpisodeError: Names the field, its value and what is allowed.
         """
-        for name in ("throttle", "brake"):
-            value = getattr(self, name)
-            if not 0.0 <= value <= 1.0:
-                raise EpisodeError(
-                    f"{name} {value!r} of step {self.step} cannot be used; allowed: a number from 0 to 1"
-                )
-        if self.throttle and self.brake:
-            pedals = f"throttle {self.throttle!r} and brake {self.brake!r}"
-            raise EpisodeError(f"{pedals} of step {self.step} cannot be used; allowed: one of the two pedals")
-        if not abs(self.steer_rad) <= _LARGEST_STEER_RAD:
-            allowed = f"an angle of the road wheels of at most {_LARGEST_STEER_RAD:.4f} rad"
-            raise EpisodeError(f"steer_rad {self.steer_rad!r} of step {self.step} cannot be used; allowed: {allowed}")
-        if self.lights & ~_AV_LIGHTS:
-            raise EpisodeError(f"lights {self.lights} of step {self.step} cannot be used; allowed: 0, 2, 4 or 6")
+        both = f"throttle {self.throttle!r} and brake {self.brake!r}"
+        angle = f"an angle of the road wheels of at most {_LARGEST_STEER_RAD:.4f} rad"
+        for usable, given, allowed in (
+            (0.0 <= self.throttle <= 1.0, f"throttle {self.throttle!r}", "a number from 0 to 1"),
+            (0.0 <= self.brake <= 1.0, f"brake {self.brake!r}", "a number from 0 to 1"),
+            (not (self.throttle and self.brake), both, "one of the two pedals"),
+            (abs(self.steer_rad) <= _LARGEST_STEER_RAD, f"steer_rad {self.steer_rad!r}", angle),
+            (not self.lights & ~_AV_LIGHTS, f"lights {self.lights}", "0, 2, 4 or 6"),
+        ):
+            if not usable:
+                raise EpisodeError(f"{given} of step {self.step} cannot be used; allowed: {allowed}")
 
 
 def av_commands(control: AvControl, step: int, actor_id: int) -> VehicleCommands:

@@ -4,7 +4,7 @@ Two episodes that have the state hash in common at every step are the same.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import IntFlag, StrEnum
 from hashlib import blake2b
 from typing import Final
@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Floats, Ids, dtypes_of
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, NO_ACTOR, ActorDescription, ActorStates
 
 
@@ -108,9 +108,9 @@ class EmvAdvice:
 class TrafficState:
     """SUMO's state at one step, and the simulated poses that SUMO was given before the step.
 
-    Arrays have shape ``(N,)``, rows sorted by ``actor_id``; poses in the ``map`` frame at the
-    footprint's centre. ``sumo_*`` is SUMO's pose at this step; ``x_m … speed_mps`` is the pose that
-    ``vehicle_dynamics`` simulated at the step before (for an actor just spawned: SUMO's).
+    Arrays have shape ``(N,)``, rows sorted by ``actor_id``; poses in the ``map`` frame at the footprint's centre.
+    ``sumo_*`` is SUMO's pose at this step; ``x_m … speed_mps`` is the pose that ``vehicle_dynamics`` simulated at the
+    step before (for an actor just spawned: SUMO's).
     """
 
     step: int
@@ -151,23 +151,7 @@ class TrafficState:
         return self.route_edges[self.route_offset[row] : self.route_offset[row + 1]]
 
 
-_IDS: Final = frozenset({"removed", "actor_id"})
-_CODES: Final = frozenset({"owner", "lights", "flags"})
-_INDICES: Final = frozenset({"lane", "route_offset", "route_edges"})
-_OTHER: Final = frozenset({"step", "spawned", "emvs", "signals", "events"})
-
-
-def _dtype_of(name: str) -> type[np.generic]:
-    if name in _IDS:
-        return np.uint32
-    if name in _CODES:
-        return np.uint8
-    return np.int32 if name in _INDICES else np.float64
-
-
-TRAFFIC_STATE_DTYPES: Final[dict[str, type[np.generic]]] = {
-    field.name: _dtype_of(field.name) for field in fields(TrafficState) if field.name not in _OTHER
-}
+TRAFFIC_STATE_DTYPES: Final = dtypes_of(TrafficState)
 """Array fields of TrafficState and their element types, in declaration order."""
 
 
@@ -178,11 +162,7 @@ def hash_state(states: ActorStates, signals: Sequence[SignalState]) -> int:
     """64-bit BLAKE2b (RFC 7693) over every field of every actor and the state of every traffic light.
 
     The fields are taken to the last bit, in declaration order, little-endian on every platform; lengths go in as well,
-    so that no two states share their bytes.
-
-    Args:
-        states: All actors at the step.
-        signals: All traffic lights at the same step.
+    so that no two states share their bytes. ``states`` and ``signals`` are of the same step.
     """
     digest = blake2b(digest_size=HASH_BYTES)
     digest.update(np.array([states.step, len(states), len(signals)], dtype="<u8").tobytes())

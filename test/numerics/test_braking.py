@@ -35,9 +35,9 @@ def test_a_straight_road_has_no_limit() -> None:
 
 
 def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger() -> None:
-    wanted = np.full(101, 20.0)
-    wanted[60:] = 5.0
-    speeds = with_braking(wanted, 2.0)
+    target = np.full(101, 20.0)
+    target[60:] = 5.0
+    speeds = with_braking(target, 2.0)
     assert speeds[60] == 5.0
     assert speeds[0] == pytest.approx(np.sqrt(5.0**2 + 2.0 * 2.0 * 60.0))
     assert np.all(np.diff(speeds[:61] ** 2) >= -2.0 * 2.0 - 1e-9)
@@ -45,9 +45,9 @@ def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger() -> No
 
 @given(st.lists(st.floats(0.5, 40.0), min_size=1, max_size=60), st.floats(0.0, 30.0), st.floats(0.1, 5.0))
 def test_profiles_never_exceed_the_speeds_that_they_keep_to(
-    wanted: list[float], first_mps: float, accel_mps2: float
+    target: list[float], first_mps: float, accel_mps2: float
 ) -> None:
-    limits = np.array(wanted)
+    limits = np.array(target)
     braked = with_braking(limits, accel_mps2)
     reached = with_accelerating(braked, first_mps, accel_mps2)
     assert np.all(reached <= braked)

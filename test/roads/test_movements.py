@@ -6,7 +6,6 @@ from hand_made_record import BESIDE, EAST, SOUTH, STRAIGHT, crossing
 from hand_made_record import STRAIGHT_LEFT as STRAIGHT_IN_LEFT
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, FAR, NEAR, STRAIGHT_LEFT, TURN, streets
 
-from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.movements import (
     comes_from_the_side,
     crossing_connections,
@@ -17,28 +16,17 @@ from siren_ros.roads.movements import (
     road_lane_of,
     same_direction_connections,
 )
-from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import NO_LANE
 
 
-@pytest.fixture(scope="module")
-def town(tmp_path_factory):
-    return parse_road_network(compile_map(None, tmp_path_factory.mktemp("maps")).read_bytes())
-
-
 def movement(town, from_lane, to_lane):
-    return next(
-        c
-        for c in town.connections
-        if (town.lanes[c.from_lane].lane_id, town.lanes[c.to_lane].lane_id) == (from_lane, to_lane)
-    )
+    ends = town.lane_by_id[from_lane].index, town.lane_by_id[to_lane].index
+    return next(c for c in town.connections if (c.from_lane, c.to_lane) == ends)
 
 
 def approaches(town, indices):
-    return {
-        (town.edges[town.lanes[town.connections[i].from_lane].edge].edge_id, town.connections[i].direction)
-        for i in indices
-    }
+    movements = [town.connections[index] for index in indices]
+    return {(town.edges[town.lanes[c.from_lane].edge].edge_id, c.direction) for c in movements}
 
 
 def test_straight_on_is_crossed_by_both_sides_and_by_the_oncoming_left_turn(town):
@@ -127,11 +115,11 @@ def test_road_before_a_lanes_end_is_counted_over_plain_joints_until_it_is_enough
 
 def test_from_the_side_comes_who_crosses_the_street_and_neither_who_is_ahead_nor_behind():
     network = crossing()
-    own = network.connections[STRAIGHT]
+    straight = network.connections[STRAIGHT]
     others = (STRAIGHT_IN_LEFT, EAST, SOUTH, BESIDE)
-    found = [comes_from_the_side(network, own, network.connections[other]) for other in others]
-    assert found == [False, True, False, False]
-    assert comes_from_the_side(network, network.connections[EAST], own)
+    from_side = [comes_from_the_side(network, straight, network.connections[other]) for other in others]
+    assert from_side == [False, True, False, False]
+    assert comes_from_the_side(network, network.connections[EAST], straight)
 
 
 @pytest.mark.parametrize("lane", [B_LEFT, C_LEFT])

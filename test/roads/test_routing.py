@@ -3,26 +3,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from made_streets import (
-    A_LEFT,
-    A_RIGHT,
-    B_LEFT,
-    B_RIGHT,
-    C_LEFT,
-    C_RIGHT,
-    SOUTH,
-    A,
-    B,
-    C,
-    D,
-    M,
-    N,
-    streets,
-)
+from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, SOUTH, A, B, C, D, M, N, streets
 
 from siren_ros.errors import InputError
-from siren_ros.roads.maps.map_compiler import compile_map
-from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import LaneKind
 from siren_ros.roads.routing import (
     EdgeGraph,
@@ -33,12 +16,6 @@ from siren_ros.roads.routing import (
     route_path,
     shortest_path,
 )
-
-
-@pytest.fixture(scope="module")
-def town(tmp_path_factory):
-    compiled = compile_map(None, tmp_path_factory.mktemp("maps"))
-    return parse_road_network(compiled.read_bytes())
 
 
 @pytest.fixture(scope="module")

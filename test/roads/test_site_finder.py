@@ -3,6 +3,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hand_made_record import BESIDE, SHOULDER_RIGHT, crossing
 from made_streets import (
@@ -22,11 +23,9 @@ from made_streets import (
     N,
     streets,
 )
-from repository import SHARED
 
 from siren_ros.errors import MapError
 from siren_ros.numerics.geometry import Polyline
-from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import Connection, Edge, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, driving_lanes, route_path
@@ -44,7 +43,6 @@ from siren_ros.roads.site_finder import (
 )
 from siren_ros.roads.sites import REQUIREMENTS, Site, SiteKind, is_reversal, lanes_through, route_through, turn_of
 
-TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"
 LONELY_ROAD = b"""<net><edge id="e" from="a" to="b">
 <lane id="e_0" index="0" disallow="pedestrian" speed="13.89" length="500" shape="0,0 500,0"/></edge>
 <junction id="a" type="dead_end" x="0" y="0" shape=""/>
@@ -52,11 +50,8 @@ LONELY_ROAD = b"""<net><edge id="e" from="a" to="b">
 
 
 @pytest.fixture(scope="module", params=["town", "town10"])
-def network(request, tmp_path_factory):
-    if request.param == "town10" and not TOWN10.exists():
-        pytest.skip(f"the OpenDRIVE map {TOWN10.name} is not beside this checkout")
-    source = TOWN10 if request.param == "town10" else None
-    return parse_road_network(compile_map(source, tmp_path_factory.mktemp("maps")).read_bytes())
+def network(request):
+    return request.getfixturevalue(request.param)
 
 
 @pytest.mark.parametrize("kind", list(SiteKind))
@@ -77,8 +72,7 @@ def test_the_best_place_has_a_route_for_a_whole_episode(network, kind):
     assert network.lanes[site.approach_lane].edge == site.site_edge
     lanes = route_path(network, site.route, driving_lanes(network, site.route[0])[0].index)
     assert network.lanes[lanes[-1]].edge == site.route[-1]
-    for edge, ahead in pairwise(site.route):
-        assert ahead in graph.successors[edge]
+    assert all(ahead in graph.successors[edge] for edge, ahead in pairwise(site.route))
     assert graph.route_length_m(site.route) >= 500.0
     before = site.route[: site.site_position + (0 if kind is SiteKind.MULTI_LANE_ROAD else 1)]
     assert graph.route_length_m([*before, site.route[len(before)]]) - graph.length_m[site.route[len(before)]] >= 150.0
@@ -127,11 +121,7 @@ def test_a_shoulder_runs_on_round_the_right_turn(network):
     for site in find_sites(network, SiteKind.SHOULDER_RIGHT_TURN):
         (index,) = site.connections
         turn = network.connections[index]
-        lanes = [
-            network.lanes[turn.from_lane],
-            *(network.lanes[lane] for lane in turn.via),
-            network.lanes[turn.to_lane],
-        ]
+        lanes = [network.lanes[lane] for lane in (turn.from_lane, *turn.via, turn.to_lane)]
         assert (lanes[0].kind, lanes[-1].kind) == (LaneKind.SHOULDER, LaneKind.SHOULDER)
         assert turn.direction == "r"
         assert all(lane.emergency_allowed and not lane.civilian_allowed for lane in lanes)
@@ -150,12 +140,11 @@ def test_a_map_without_such_a_place_says_what_it_lacks(kind):
     assert "road.net.xml" in str(caught.value)
 
 
-def test_the_town_has_the_straight_that_s1_and_s2_need(tmp_path_factory):
-    network = parse_road_network(compile_map(None, tmp_path_factory.mktemp("maps")).read_bytes())
-    site = require_site(network, SiteKind.MULTI_LANE_ROAD)
+def test_the_town_has_the_straight_that_s1_and_s2_need(town):
+    site = require_site(town, SiteKind.MULTI_LANE_ROAD)
     assert "Main Street" in site.name
     assert site.length_m >= 250.0
-    y = {round(float(point[1]), 2) for edge in site.stretch for point in driving_lanes(network, edge)[0].centre.points}
+    y = {round(float(point[1]), 2) for edge in site.stretch for point in driving_lanes(town, edge)[0].centre.points}
     assert len(y) == 1
 
 
@@ -165,22 +154,20 @@ WHOLE_M = 200.0 + 10.0 + 100.0 + 20.0 + 200.0
 
 
 def with_connections(network: RoadNetwork, numbers: Sequence[int], **changed: object) -> RoadNetwork:
-    connections = tuple(
-        replace(one, **changed) if number in numbers else one  # type: ignore[arg-type] # fields by name
-        for number, one in enumerate(network.connections)
+    numbered = enumerate(network.connections)
+    return replace(
+        network, connections=tuple(replace(c, **changed) if number in numbers else c for number, c in numbered)
     )
-    return replace(network, connections=connections)
 
 
 def with_lane(network: RoadNetwork, lane: int, **changed: object) -> RoadNetwork:
     lanes = list(network.lanes)
-    lanes[lane] = replace(lanes[lane], **changed)  # type: ignore[arg-type] # fields by name
+    lanes[lane] = replace(lanes[lane], **changed)
     return replace(network, lanes=tuple(lanes))
 
 
 def between(sites: Sequence[Site], edge: int, way: int) -> Site:
-    (found,) = (site for site in sites if site.site_edge == edge and way in site.route)
-    return found
+    return next(site for site in sites if site.site_edge == edge and way in site.route)
 
 
 def test_shares_end_at_one() -> None:
@@ -215,31 +202,19 @@ def test_a_side_street_without_road_lets_all_crossing_movements_count() -> None:
 
 def with_oncoming_turners(network: RoadNetwork) -> RoadNetwork:
     """A road from the east whose vehicles turn left to the south, across the way of those who go straight on."""
-    oncoming = len(network.lanes)
-    lane = replace(
-        network.lanes[B_LEFT],
-        index=oncoming,
-        lane_id="o_0",
-        edge=len(network.edges),
-        position=0,
-        centre=Polyline.through([(220.0, 1.75), (20.0, 1.75)]),
-    )
-    edge = Edge(lane.edge, "o", (oncoming,), "from", "to", internal=False)
-    turn = Connection(oncoming, SOUTH, (), "l", "J", 9, must_stop=False, junction="J")
-    return replace(
-        network,
-        lanes=(*network.lanes, lane),
-        edges=(*network.edges, edge),
-        connections=(*network.connections, turn),
-    )
+    lanes, edges, connections = network.lanes, network.edges, network.connections
+    centre = Polyline.through([(220.0, 1.75), (20.0, 1.75)])
+    lane = replace(lanes[B_LEFT], index=len(lanes), lane_id="o_0", edge=len(edges), position=0, centre=centre)
+    edge = Edge(lane.edge, "o", (lane.index,), "from", "to", internal=False)
+    turn = Connection(lane.index, SOUTH, (), "l", "J", 9, must_stop=False, junction="J")
+    return replace(network, lanes=(*lanes, lane), edges=(*edges, edge), connections=(*connections, turn))
 
 
 @pytest.mark.parametrize(("side_m", "turners_count"), [(29.0, True), (31.0, False)])
 def test_oncoming_turners_count_where_the_side_street_has_no_queue(side_m: float, turners_count: bool) -> None:
     """Where the side street has 30 m of road, its vehicles cross, and nobody else."""
-    network = with_lane(
-        with_oncoming_turners(NETWORK), NEAR, centre=Polyline.through([(10.0, 10.0 + side_m), (10.0, 10.0)])
-    )
+    centre = Polyline.through([(10.0, 10.0 + side_m), (10.0, 10.0)])
+    network = with_lane(with_oncoming_turners(NETWORK), NEAR, centre=centre)
     network = with_connections(network, [6], must_stop=True)
     site = between(list(signal_junctions(EdgeGraph.of(network))), B, C)
     assert site.crossing == ((CROSSING, len(NETWORK.connections)) if turners_count else (CROSSING,))
@@ -302,10 +277,8 @@ def test_roads_of_two_lanes() -> None:
 def test_bends_cost_points() -> None:
     """A quarter turn in the middle of the first road: a whole point."""
     corner = [(-310.0, 94.75), (-310.0, -5.25), (-110.0, -5.25)]
-    bent = with_lane(NETWORK, 0, centre=Polyline.through(corner))
-    bent = with_lane(
-        bent, A_LEFT, centre=Polyline.through([(x + 3.5, y + 3.5) for x, y in corner[:2]] + [(-110, -1.75)])
-    )
+    left = Polyline.through([(-306.5, 98.25), (-306.5, -1.75), (-110.0, -1.75)])
+    bent = with_lane(with_lane(NETWORK, 0, centre=Polyline.through(corner)), A_LEFT, centre=left)
     site = next(iter(multi_lane_roads(EdgeGraph.of(bent))))
     longer = WHOLE_M + 100.0
     assert site.score == pytest.approx(4.0 + longer / 700.0 + 2.0 * longer / 700.0 - 1.0, abs=0.01)
@@ -368,6 +341,26 @@ def test_a_shoulder_may_go_on_before_the_turn() -> None:
     assert site.length_m == pytest.approx(200.0)
 
 
+def graph_of(shapes: Sequence[npt.ArrayLike], ways: Sequence[tuple[int, int, str]], width: int = 1) -> EdgeGraph:
+    """Edges of one or two driving lanes by the line of the right one, and the ways from edge to edge."""
+    sides = range(width)
+    lines = [np.add(shape, (0.0, 3.5 * side)) for shape in shapes for side in sides]
+    lanes = tuple(
+        Lane(k, f"{k}", k // width, k % width, LaneKind.DRIVING, Polyline.through(line), 3.5, 14.0, True, True)
+        for k, line in enumerate(lines)
+    )
+    edges = tuple(
+        Edge(k, str(k), tuple(width * k + side for side in sides), f"j{k}", f"j{k + 1}", internal=False)
+        for k in range(len(shapes))
+    )
+    connections = tuple(
+        Connection(width * a + side, width * b + side, (), letter, None, -1, False, "j")
+        for a, b, letter in ways
+        for side in sides
+    )
+    return EdgeGraph.of(RoadNetwork(lanes, edges, connections, {}, (0.0, 0.0), "!"))
+
+
 def ring(count: int, dead_end_m: float = 0.0) -> EdgeGraph:
     """Edges of 100 m round a polygon, all left turns; from the first one a straight way may lead out of the map."""
     angle = 2.0 * np.pi * np.arange(count + 1) / count
@@ -377,13 +370,7 @@ def ring(count: int, dead_end_m: float = 0.0) -> EdgeGraph:
     if dead_end_m:
         shapes.append(np.array([corners[1], corners[1] + (0.0, dead_end_m)]))
         ways.append((0, count, "s"))
-    lanes = tuple(
-        Lane(number, f"{number}_0", number, 0, LaneKind.DRIVING, Polyline.through(shape), 3.5, 14.0, True, True)
-        for number, shape in enumerate(shapes)
-    )
-    edges = tuple(Edge(one, str(one), (one,), f"j{one}", f"j{one + 1}", internal=False) for one in range(len(lanes)))
-    connections = tuple(Connection(a, b, (), letter, None, -1, False, "j") for a, b, letter in ways)
-    return EdgeGraph.of(RoadNetwork(lanes, edges, connections, {}, (0.0, 0.0), "!"))
+    return graph_of(shapes, ways)
 
 
 def test_a_route_has_an_approach_of_150_m_and_goes_on_in_a_loop() -> None:
@@ -398,14 +385,7 @@ def test_a_route_has_an_approach_of_150_m_and_goes_on_in_a_loop() -> None:
 def test_a_route_takes_the_ways_in_turn() -> None:
     """Two loops of 200 m begin with the same edge. The approach came over the straighter one: the other is next."""
     corners = [[(0.0, 0.0), (100.0, 0.0)], [(100.0, 0.0), (0.0, 0.1)], [(100.0, 0.0), (0.0, -0.1)]]
-    lanes = tuple(
-        Lane(number, f"{number}_0", number, 0, LaneKind.DRIVING, Polyline.through(shape), 3.5, 14.0, True, True)
-        for number, shape in enumerate(corners)
-    )
-    edges = tuple(Edge(one, str(one), (one,), f"j{one}", f"j{one + 1}", internal=False) for one in range(3))
-    ways = ((0, 1, "s"), (0, 2, "l"), (1, 0, "s"), (2, 0, "s"))
-    connections = tuple(Connection(a, b, (), letter, None, -1, False, "j") for a, b, letter in ways)
-    found = route_through(EdgeGraph.of(RoadNetwork(lanes, edges, connections, {}, (0.0, 0.0), "!")), (0,))
+    found = route_through(graph_of(corners, ((0, 1, "s"), (0, 2, "l"), (1, 0, "s"), (2, 0, "s"))), (0,))
     after = found.edges[found.start :]
     assert found.edges[: found.start] == (1,)
     assert after[:6] == (0, 2, 0, 1, 0, 2)
@@ -414,31 +394,7 @@ def test_a_route_takes_the_ways_in_turn() -> None:
 def test_the_wide_part_of_a_loop_ends_where_the_route_does() -> None:
     """All edges of a loop have two lanes, also from the route's last edge to its first."""
     shapes = [((0.0, 0.0), (100.0, 0.0)), ((100.0, 0.0), (100.0, 100.0)), ((100.0, 100.0), (0.0, 0.0))]
-    lanes = tuple(
-        Lane(
-            2 * number + side,
-            f"{number}_{side}",
-            number,
-            side,
-            LaneKind.DRIVING,
-            Polyline.through([(x, y + 3.5 * side) for x, y in shape]),
-            3.5,
-            14.0,
-            True,
-            True,
-        )
-        for number, shape in enumerate(shapes)
-        for side in (0, 1)
-    )
-    edges = tuple(
-        Edge(one, str(one), (2 * one, 2 * one + 1), f"j{one}", f"j{one + 1}", internal=False) for one in range(3)
-    )
-    connections = tuple(
-        Connection(2 * one + side, 2 * ((one + 1) % 3) + side, (), "s", None, -1, False, "j")
-        for one in range(3)
-        for side in (0, 1)
-    )
-    graph = EdgeGraph.of(RoadNetwork(lanes, edges, connections, {}, (0.0, 0.0), "!"))
+    graph = graph_of(shapes, ((0, 1, "s"), (1, 2, "s"), (2, 0, "s")), width=2)
     whole_m = 200.0 + np.hypot(100.0, 100.0)
     for position in range(3):
         assert wide_length_m(graph, (0, 1, 2), position) == pytest.approx(whole_m)

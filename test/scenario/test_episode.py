@@ -80,9 +80,9 @@ def test_a_description_without_them_has_none(parameters: Mapping[str, object]) -
 
 def test_the_templates_values_are_its_numbers() -> None:
     values = {"emv.speed_mps": 13, "response.compliance": 0.9, "emv.class": "ambulance", "flag": True}
-    found = described({"template": values}).template_values
-    assert found == {"emv.speed_mps": 13.0, "response.compliance": 0.9}
-    assert all(isinstance(value, float) for value in found.values())
+    known = described({"template": values}).template_values
+    assert known == {"emv.speed_mps": 13.0, "response.compliance": 0.9}
+    assert all(isinstance(value, float) for value in known.values())
     assert described({"template": [1.0]}).template_values == {}
 
 

@@ -193,9 +193,9 @@ def test_every_seed_has_values_of_its_own_within_what_is_drawn(name: str) -> Non
     seeds = [realised(template, np.random.default_rng(seed)).values() for seed in range(40)]
     assert template.drawn
     for path, limits in template.drawn.items():
-        found = [values[path] for values in seeds]
-        assert all(limits.minimum <= value <= limits.maximum for value in found)
-        assert len(set(found)) > 1
+        drawn = [values[path] for values in seeds]
+        assert all(limits.minimum <= value <= limits.maximum for value in drawn)
+        assert len(set(drawn)) > 1
         assert template.ranges[path].minimum <= limits.minimum
         assert limits.maximum <= template.ranges[path].maximum
     fixed = set(template.ranges) - set(template.drawn)

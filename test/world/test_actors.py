@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 from siren_ros.numerics.arrays import Ids
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates, Lights, Mode, Owner, rows_of_ids
 
-_ids = st.sets(st.integers(1, 40), max_size=12).map(lambda found: np.array(sorted(found), np.uint32))
+_ids = st.sets(st.integers(1, 40), max_size=12).map(lambda ids: np.array(sorted(ids), np.uint32))
 
 
-@given(present=_ids, wanted=st.lists(st.integers(1, 45), max_size=12).map(lambda ids: np.array(ids, np.uint32)))
-def test_rows_hold_the_wanted_ids_or_are_minus_one(present: Ids, wanted: Ids) -> None:
-    rows = rows_of_ids(present, wanted)
+@given(present=_ids, asked=st.lists(st.integers(1, 45), max_size=12).map(lambda ids: np.array(ids, np.uint32)))
+def test_rows_hold_the_wanted_ids_or_are_minus_one(present: Ids, asked: Ids) -> None:
+    rows = rows_of_ids(present, asked)
     assert rows.dtype == np.intp
     listed = present.tolist()
-    assert rows.tolist() == [listed.index(one) if one in listed else -1 for one in wanted.tolist()]
+    assert rows.tolist() == [listed.index(one) if one in listed else -1 for one in asked.tolist()]
 
 
 @given(present=_ids)

@@ -22,11 +22,7 @@ from siren_ros.behaviour.driving.civilian_unit import (
     yield_event,
 )
 from siren_ros.behaviour.driving.lane_change import Refusal, gaps_in_lane, offset_in_lane
-from siren_ros.behaviour.driving.navigator import (
-    FULL_BRAKE,
-    DriveCommand,
-    NavigatorState,
-)
+from siren_ros.behaviour.driving.navigator import FULL_BRAKE, DriveCommand, NavigatorState
 from siren_ros.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.lane_path import (
@@ -44,6 +40,12 @@ from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import Mode, rows_of_ids
 from siren_ros.world.traffic_state import Event, EventKind
+
+
+def _looks(unit: YieldUnit, ego: Ego) -> bool:
+    """Whether a waiting driver looks again at this step; not all of them look at the same one."""
+    period = steps_from_s(ego.config.pull_over.look_again_s)
+    return ego.step % period == unit.actor_id % period
 
 
 def emv_waits_behind(ego: Ego, emv_row: int) -> bool:
@@ -68,9 +70,8 @@ def makes_room(unit: YieldUnit, ego: Ego) -> bool:
 def may_go_on(unit: YieldUnit, ego: Ego, lane: int) -> bool:
     """Whether a driver who holds has the space to finish the pull-over, or to make room."""
     config = ego.config.pull_over
-    to_finish = config.resume_gap_m if unit.partial else math.inf
-    needed_m = min(to_finish, config.room_gap_m if makes_room(unit, ego) else math.inf)
-    return needed_m < math.inf and gaps_in_lane(ego, lane).front_m > needed_m
+    reasons = ((unit.partial, config.resume_gap_m), (makes_room(unit, ego), config.room_gap_m))
+    return any(reason and gaps_in_lane(ego, lane).front_m > needed_m for reason, needed_m in reasons)
 
 
 def emv_takes_shoulder(ego: Ego, lane: int, emv_id: int) -> bool:
@@ -107,14 +108,10 @@ def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
     """Starts the pull-over.
 
     It is deferred on a junction, where the vehicle cannot stop before the next one, and in a queue that stands too
-    close. A driver looks again every half second. Who stands where the EMV has its way on the shoulder already stays
-    there.
+    close. A driver looks again every half second. A vehicle that leaves the EMV's way on the shoulder free stays there.
     """
     network, config = ego.network, ego.config.pull_over
-    looks = ego.step % steps_from_s(ego.config.pull_over.look_again_s) == unit.actor_id % steps_from_s(
-        ego.config.pull_over.look_again_s
-    )
-    if unit.deferred and not looks and standing(ego):
+    if unit.deferred and not _looks(unit, ego) and standing(ego):
         return YieldStep(unit)
     lane = ego.lane
     if road_lane_of(network, lane) == NO_LANE:
@@ -155,8 +152,8 @@ def edge_offset_m(ego: Ego, lane: int, side: int) -> float:
         most = 0.0
     half_lane, half_width = 0.5 * network.lanes[lane].width_m, ego.half_width_m
     at_edge = half_lane - half_width
-    wanted = config.corridor_half_m - half_lane + half_width
-    return side * max(min(max(at_edge, wanted), at_edge + most), 0.0)
+    for_emv = config.corridor_half_m - half_lane + half_width
+    return side * max(min(max(at_edge, for_emv), at_edge + most), 0.0)
 
 
 def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
@@ -165,55 +162,49 @@ def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
     Returns:
         The path, or None on a junction and where the lane ends before the vehicle can move sideways.
     """
-    network, config = ego.network, ego.config.pull_over
-    if road_lane_of(network, lane) == NO_LANE:
+    config = ego.config.pull_over
+    if road_lane_of(ego.network, lane) == NO_LANE:
         return None
     position, left, _ = ego.place_on(lane)
     offset = edge_offset_m(ego, lane, unit.side)
     sharpest = math.sqrt(PEAK_CURVATURE * abs(offset - left) / config.curvature_max_1pm)
-    navigator = ego.navigator_config
     moving = min(max(ego.speed_mps, config.start_mps), ego.world.speeds.civilian_pull_over_mps)
-    steerable = blend_length_m(offset - left, moving, 0.0, 0.0, navigator)
-    wanted = max(config.length_min_m, sharpest, steerable)
+    steerable = blend_length_m(offset - left, moving, 0.0, 0.0, ego.navigator_config)
+    sideways_m = max(config.length_min_m, sharpest, steerable)
     half_length, gaps = ego.half_length_m, gaps_in_lane(ego, lane)
     free = math.inf if gaps.front_mps > config.leader_stands_mps else gaps.front_m - config.room_standstill_gap_m
     if free < config.least_way_m:
         return None
-    length = min(wanted + max(config.settle_length_m, 2.0 * half_length), free)
-    reference = _line_ahead(unit, ego, (lane, position), length, wanted)
+    length = min(sideways_m + max(config.settle_length_m, 2.0 * half_length), free)
+    reference = _line_ahead(unit, ego, (lane, position), length, sideways_m)
     room = reference.curve.length_m - 2.0 - half_length
     if room < config.least_way_m:
         return None
-    merge = min(wanted, room)
+    merge = min(sideways_m, room)
     if room < sharpest:  # as far sideways as leaves the vehicle straight
         most = config.curvature_max_1pm * room * room / PEAK_CURVATURE
         offset = left + math.copysign(most, offset - left)
-    return path_onto(reference, ego.pose, merge, navigator, offset_m=offset, shorten_m=half_length)
+    return path_onto(reference, ego.pose, merge, ego.navigator_config, offset_m=offset, shorten_m=half_length)
 
 
-def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: float, wanted_m: float) -> LanePath:
+def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: float, sideways_m: float) -> LanePath:
     """The lane's centre line to the next junction, and a little beyond the stop line if the space is needed.
 
     The EMV needs it where it has been waiting; the driver at the head of a standing queue needs it to move sideways,
     and with it everybody behind. Vehicles that stand partly on a shoulder stop before the line: the shoulder does not
     lead across the junction.
 
-    Args:
-        unit: The civilian.
-        ego: The vehicle.
-        place: Lane and place on it of the vehicle's centre.
-        way_m: How far the vehicle goes at most.
-        wanted_m: Way that the lateral move takes.
+    ``place`` is the lane of the vehicle's centre and where on it, ``way_m`` how far the vehicle goes at most,
+    ``sideways_m`` the way that the lateral move takes.
     """
-    network, route, config = ego.network, ego.route, ego.config.pull_over
-    lane, position = place
+    network, route, config, (lane, position) = ego.network, ego.route, ego.config.pull_over, place
     ahead = way_m + ego.half_length_m
     lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True, through_junctions=False)
     beside = neighbour_lane(network, road_lane_of(network, lane), unit.side)
     on_road = beside == NO_LANE or network.lanes[beside].civilian_allowed
     if end is LaneEnd.JUNCTION and on_road:
         to_line = max(sum(network.lanes[item].length_m for item in lanes) - position, 0.0)
-        short = to_line - ego.half_length_m < wanted_m and ego.speed_mps < config.leader_stands_mps
+        short = to_line - ego.half_length_m < sideways_m and ego.speed_mps < config.leader_stands_mps
         over = config.room_over_line_m if makes_room(unit, ego) else config.head_over_line_m if short else 0.0
         if over > 0.0:
             ahead = min(ahead, to_line + over)
@@ -225,14 +216,12 @@ def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Drives to the lane's edge. Holds when there and aligned, or when stopped behind another vehicle."""
     if release_reason(emv):
         return _release(unit, ego, emv)
-    config = ego.config.pull_over
-    lane = lane_of(unit, ego)
+    config, lane, path = ego.config.pull_over, lane_of(unit, ego), unit.navigator.path
     offset, turned = offset_in_lane(ego, lane)
-    wanted = edge_offset_m(ego, lane, unit.side)
     aligned = abs(turned) <= aligned_within_rad(ego)
-    path = unit.navigator.path
-    settled = path is None or unit.navigator.progress_m >= path.settled_m - ego.config.pull_over.settled_m
-    reached = abs(offset - wanted) <= (config.reached_m if settled else config.at_edge_m)
+    settled = path is None or unit.navigator.progress_m >= path.settled_m - config.settled_m
+    off_edge_m = abs(offset - edge_offset_m(ego, lane, unit.side))
+    reached = off_edge_m <= (config.reached_m if settled else config.at_edge_m)
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     if stopped != unit.stopped_steps:
         unit = replace(unit, stopped_steps=stopped)
@@ -242,10 +231,9 @@ def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
         return _hold_now(unit, ego, offset, partial=False)
     if stopped >= steps_from_s(config.blocked_hold_s):
         return _hold_now(unit, ego, offset, partial=True)
-    if unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0):
-        extended = pull_over_path(unit, ego, lane)
-        if extended is not None:
-            unit = replace(unit, navigator=unit.navigator.following(extended, *ego.place))
+    ends = unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0)
+    if ends and (extended := pull_over_path(unit, ego, lane)) is not None:
+        unit = replace(unit, navigator=unit.navigator.following(extended, *ego.place))
     return _drive(unit, ego)
 
 
@@ -253,15 +241,11 @@ def hold(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Stands with full brake and hand brake. Goes on if the pull-over was cut short and there is space again."""
     if release_reason(emv):
         return _release(unit, ego, emv)
-    looks = ego.step % steps_from_s(ego.config.pull_over.look_again_s) == unit.actor_id % steps_from_s(
-        ego.config.pull_over.look_again_s
-    )
-    if looks and may_go_on(unit, ego, lane := lane_of(unit, ego)):
-        path = pull_over_path(unit, ego, lane)
-        if path is not None:
-            navigator = unit.navigator.following(path, *ego.place)
-            unit = replace(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
-            return _drive(unit, ego)
+    goes_on = _looks(unit, ego) and may_go_on(unit, ego, lane_of(unit, ego))
+    if goes_on and (path := pull_over_path(unit, ego, lane_of(unit, ego))) is not None:
+        navigator = unit.navigator.following(path, *ego.place)
+        unit = replace(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
+        return _drive(unit, ego)
     return YieldStep(unit, _braked(unit, ego))
 
 

@@ -1,5 +1,6 @@
 """After a yield: the navigator leads the vehicle back to its lane before SUMO takes over."""
 
+import math
 from dataclasses import replace
 
 from siren_ros.behaviour.driving.civilian_unit import (
@@ -30,7 +31,7 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     if stands_over_red_line(ego):
         return YieldStep(replace(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0), FULL_BRAKE)
     lane = lane_of(unit, ego)
-    if lane == NO_LANE or _in_lane(ego, lane):
+    if lane == NO_LANE or _straight(ego, lane, ego.config.yielding.rejoin_offset_m):
         return _hand_back(unit, ego)
     config, half_length, navigator_config = ego.config, ego.half_length_m, ego.navigator_config
     reference = ego.line_along(lane, config.yielding.rejoin_ahead_m, 2.0, civilian=True, through_junctions=False)
@@ -55,7 +56,7 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     lane = lane_of(unit, ego)
     blocked = stopped >= steps_from_s(config.rejoin_blocked_s) and (lane == NO_LANE or _straight(ego, lane))
-    if blocked or unit.navigator.done or lane == NO_LANE or _in_lane(ego, lane):
+    if blocked or unit.navigator.done or lane == NO_LANE or _straight(ego, lane, config.rejoin_offset_m):
         return _hand_back(unit, ego)
     navigator, command, _ = navigate(unit, ego, config.rejoin_speed_mps, ego.config.civilian_navigator)
     return YieldStep(replace(unit, navigator=navigator, stopped_steps=stopped), command)
@@ -73,15 +74,13 @@ def stands_over_red_line(ego: Ego) -> bool:
     return rank_of(entry.connection, outlook.signals) is Rank.RED
 
 
-def _in_lane(ego: Ego, lane: int) -> bool:
-    offset, _ = offset_in_lane(ego, lane)
-    return abs(offset) <= ego.config.yielding.rejoin_offset_m and _straight(ego, lane)
+def _straight(ego: Ego, lane: int, off_m: float = math.inf) -> bool:
+    """Whether SUMO can take over without a jump, at most ``off_m`` beside the lane's centre line.
 
-
-def _straight(ego: Ego, lane: int) -> bool:
-    """Whether SUMO can take over without a jump: its standing vehicles always point along their lanes."""
-    _, turned = offset_in_lane(ego, lane)
-    return abs(turned) <= aligned_within_rad(ego)
+    SUMO's standing vehicles always point along their lanes.
+    """
+    offset, turned = offset_in_lane(ego, lane)
+    return abs(offset) <= off_m and abs(turned) <= aligned_within_rad(ego)
 
 
 def _hand_back(unit: YieldUnit, ego: Ego) -> YieldStep:

@@ -31,11 +31,7 @@ from siren_ros.behaviour.driving.lane_change import (
 from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.behaviour.driving.step_view import Ego
-from siren_ros.behaviour.paths.lane_path import (
-    LaneEnd,
-    LanePath,
-    neighbour_lane,
-)
+from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
 from siren_ros.behaviour.paths.tracked_path import on_reference
 from siren_ros.numerics.braking import braking_distance_m
 from siren_ros.numerics.units import steps_from_s
@@ -56,14 +52,9 @@ class Seek(IntEnum):
 
 
 def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
-    """One step of a deferred vehicle in its own lane, towards a gap in the lane next to it.
+    """One step of a deferred vehicle in its lane, towards a gap in the lane on its unit's ``side``.
 
     The vehicle must still be able to stop and change lanes before the next junction; elsewhere SUMO keeps driving.
-
-    Args:
-        unit: A deferred civilian whose ``side`` says where it wants to go.
-        ego: The vehicle.
-        refusal: Why the lane change is not feasible now.
     """
     unit, config, speed = _with_path(unit, ego), ego.config, ego.speed_mps
     stop = braking_distance_m(speed * speed, config.civilian_navigator.comfort_brake_mps2)
@@ -80,22 +71,16 @@ def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
     return drive(unit, ego, seek_speed_mps(Seek(unit.seek), gaps, config.yielding, limit))
 
 
-def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, config: YieldConfig, limit_mps: float) -> Seek:
+def choose_seek(gaps: LaneGaps, present: LaneGaps, refusal: Refusal, config: YieldConfig, limit_mps: float) -> Seek:
     """Whether to fall back or to draw ahead.
 
-    The driver draws ahead of a vehicle that is behind, or alongside and further back, if the own lane is free and the
-    speed limit lets the driver gain on that vehicle. In all other cases the driver falls back and lets the others pass.
-
-    Args:
-        gaps: In the adjacent lane.
-        own: In the own lane.
-        refusal: Why the gap cannot be entered.
-        config: Free way and gain of speed that drawing ahead needs.
-        limit_mps: Speed limit.
+    The driver draws ahead of a vehicle that is behind, or alongside and further back, if there is space in the present
+    lane (``present``) and the speed limit lets the driver gain on that vehicle. In all other cases the driver falls
+    back and lets the others pass. ``gaps`` are those in the adjacent lane.
     """
     behind = refusal is Refusal.GAP_REAR or (refusal is Refusal.BESIDE and gaps.front_m > 0.0)
     gains = limit_mps - gaps.rear_mps >= config.seek_gain_mps
-    return Seek.DRAW_AHEAD if behind and gains and own.front_m > config.seek_free_m else Seek.FALL_BACK
+    return Seek.DRAW_AHEAD if behind and gains and present.front_m > config.seek_free_m else Seek.FALL_BACK
 
 
 def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: float) -> float:
@@ -109,12 +94,7 @@ def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: f
 def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soon_s: float) -> bool:
     """Whether the driver has left the vehicle in the way behind, or let it pass, within a time at the present speeds.
 
-    Args:
-        seek: How the gap is sought.
-        gaps: In the adjacent lane.
-        speed_mps: Of the driver.
-        margin_m: Free way that is needed to that vehicle.
-        soon_s: The time.
+    ``margin_m`` is the free way that is needed to that vehicle, which is in the adjacent lane.
     """
     if seek is Seek.FALL_BACK:
         gap, gain, others = gaps.front_m, gaps.front_mps - speed_mps, gaps.rear_m
@@ -124,16 +104,11 @@ def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soo
 
 
 def _with_path(unit: YieldUnit, ego: Ego) -> YieldUnit:
-    if unit.navigator.path is not None:
-        return unit
-    if road_lane_of(ego.network, ego.lane) == NO_LANE:
+    if unit.navigator.path is not None or road_lane_of(ego.network, ego.lane) == NO_LANE:
         return unit
     reference = ego.line_along(ego.lane, ego.config.yielding.seek_ahead_m, 2.0, civilian=True, through_junctions=False)
     path = on_reference(reference, ego.navigator_config, stop_at_end=True, shorten_m=ego.half_length_m + 1.0)
     return replace(unit, navigator=NavigatorState().following(path, *ego.place))
-
-
-_RIGHT_FIRST = (-1, 1)
 
 
 def start_lane_change(unit: YieldUnit, ego: Ego) -> YieldStep:
@@ -147,29 +122,17 @@ def start_lane_change(unit: YieldUnit, ego: Ego) -> YieldStep:
         return defer(unit, ego, "cooldown")
     lane = lane_of(unit, ego)
     speed, intent = yield_speed_mps(ego, lane), intent_of(ego)
-    refusals: list[tuple[int, Refusal]] = []
-    choices: list[tuple[tuple[bool, bool], LaneChangeQuery, LanePath]] = []
-    for side in _RIGHT_FIRST:
-        query = LaneChangeQuery(ego, lane, side, speed, civilian=True)
-        verdict = assess(query)
-        if isinstance(verdict, Refusal):
-            refusals.append((side, verdict))
-        else:
-            choices.append(((verdict.end is LaneEnd.ASTRAY, side != intent), query, verdict))
+    queries = [LaneChangeQuery(ego, lane, side, speed, civilian=True) for side in (-1, 1)]
+    verdicts = [(query, assess(query)) for query in queries]
+    choices = [(query, verdict) for query, verdict in verdicts if isinstance(verdict, LanePath)]
     if not choices:
-        return _wait_for_gap(unit, ego, refusals)
-    _, query, reference = min(choices, key=lambda choice: choice[0])
+        return _wait_for_gap(unit, ego, [(query.side, r) for query, r in verdicts if isinstance(r, Refusal)])
+    query, reference = min(choices, key=lambda choice: (choice[1].end is LaneEnd.ASTRAY, choice[0].side != intent))
     path = lane_change_path(query, reference, stop_at_end=True)
-    unit = replace(
-        unit,
-        phase=Mode.YIELD_LANE_CHANGE,
-        side=query.side,
-        change_step=ego.step,
-        deferred="",
-        seek=0,
-        navigator=NavigatorState().following(path, *ego.place),
-    )
-    started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=query.side, from_lane=lane, to_lane=query.target)
+    navigator, side = NavigatorState().following(path, *ego.place), query.side
+    unit = replace(unit, phase=Mode.YIELD_LANE_CHANGE, side=side, change_step=ego.step, deferred="", seek=0)
+    unit = replace(unit, navigator=navigator)
+    started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=side, from_lane=lane, to_lane=query.target)
     return drive(unit, ego, speed).preceded_by(started)
 
 
@@ -221,7 +184,7 @@ def _wait_for_gap(unit: YieldUnit, ego: Ego, refusals: list[tuple[int, Refusal]]
 
 def _has_it_soon(unit: YieldUnit, ego: Ego, side: int) -> bool:
     target = neighbour_lane(ego.network, lane_of(unit, ego), side)
-    if unit.seek == Seek.NOT or target == NO_LANE:
+    if target == NO_LANE:
         return False
     gaps, change = gaps_in_lane(ego, target), ego.config.civilian_lane_change
     margin = change.front_gap_m if unit.seek == Seek.FALL_BACK else change.rear_gap_m
@@ -250,7 +213,7 @@ def change_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
 
 
 def _others_come(ego: Ego, lane: int) -> bool:
-    """Whether a driver who had to stop on the way into a lane has to let others in it pass before going on."""
+    """Whether a driver, once stopped on the way into a lane, lets others in it pass before going on."""
     speed = ego.speed_mps
     if speed > ego.config.yielding.goes_on_mps or ego.lane == lane:
         return False

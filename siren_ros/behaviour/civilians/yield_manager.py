@@ -6,9 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from siren_ros.behaviour.civilians.interaction_region import EmvRoad, InteractionRegion, region_members, way_from_emv_m
 from siren_ros.behaviour.civilians.pull_over import emv_waits_behind, hold, pull_over, start_pull_over
 from siren_ros.behaviour.civilians.rejoin import rejoin
 from siren_ros.behaviour.civilians.yield_lane_change import change_lane, keep_lane, start_lane_change
@@ -25,11 +23,14 @@ from siren_ros.behaviour.driving.civilian_unit import (
 )
 from siren_ros.behaviour.driving.navigator import DriveCommand
 from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, Ego, StepView, Surroundings
-from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.behaviour.paths.lane_path import lanes_along
+from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.units import steps_from_s
-from siren_ros.scenario.paper import CivilianResponse
+from siren_ros.roads.road_network import NO_LANE
+from siren_ros.scenario.interaction_region import in_region
+from siren_ros.scenario.paper import CivilianResponse, ControlConstants
 from siren_ros.world.actors import Lights, Mode, Owner, rows_of_ids
-from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.commands import CommandRow, VehicleCommands
 from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
 SOURCE: Final = "yield_manager"
@@ -38,18 +39,70 @@ _COAST: Final = DriveCommand(throttle=0.0, brake=0.0, steer_rad=0.0, hand_brake=
 
 
 @dataclass(frozen=True, eq=False)
+class EmvRoad:
+    """The road ahead of one EMV, valid while its lane and route stay the same."""
+
+    key: tuple[int, bytes]
+    lane_start_m: Floats
+    """Distance from the start of the EMV's lane to the start of each lane on its path; infinite off the path."""
+    road_start_m: Floats
+    """The same for every lane of the edges on its path, also beside the path."""
+    on_road: Flags
+    """Whether each edge lies on the road: the edges ahead and those just left."""
+    left_edges: tuple[int, ...]
+
+    @classmethod
+    def ahead_of(cls, ego: Ego, before: "EmvRoad | None") -> "EmvRoad | None":
+        """The road of an EMV; that of the step before while nothing changes or the EMV is off the road."""
+        network, lane = ego.network, ego.lane
+        if lane == NO_LANE:
+            return before
+        key = (lane, ego.route.tobytes())
+        if before is not None and before.key == key:
+            return before
+        edge = network.lanes[lane].edge
+        left_before = () if before is None else before.left_edges
+        left = tuple(dict.fromkeys((edge, *left_before)))[: ego.config.yielding.edges_kept]
+        ahead_m = network.lanes[lane].length_m + ego.config.yielding.path_ahead_m
+        lane_start, road_start = np.full((2, len(network.lanes)), np.inf)
+        on_road = np.zeros(len(network.edges), dtype=np.bool_)
+        on_road[list(left)] = True
+        way = 0.0
+        for item in lanes_along(network, lane, 0.0, ego.route, ahead_m)[0]:
+            edge = network.lanes[item].edge
+            lane_start[item] = way
+            road_start[list(network.edges[edge].lanes)] = way
+            on_road[edge] = True
+            way += network.lanes[item].length_m
+        return cls(key, lane_start, road_start, on_road, left)
+
+
+def way_from_emv_m(view: StepView, emv_row: int, starts_m: Floats) -> Floats:
+    """Distance along lanes from an EMV's front to every vehicle's rear, shape ``(N,)``; infinite off these lanes.
+
+    ``starts_m`` says where each lane starts, measured from the start of the EMV's lane (``EmvRoad.lane_start_m``).
+    """
+    traffic = view.traffic
+    start = np.where(traffic.lane >= 0, starts_m[traffic.lane], np.inf)
+    rear = start + traffic.lane_position_m - 2.0 * view.seen.half_length_m
+    return np.asarray(rear - traffic.lane_position_m[emv_row], dtype=np.float64)
+
+
+def region_members(seen: Surroundings, emv_row: int, before: Ids, constants: ControlConstants) -> Ids:
+    """Ids of the civilians in an EMV's interaction region, by those of the step before (``in_region``), both sorted."""
+    distance = np.hypot(seen.x_m - seen.x_m[emv_row], seen.y_m - seen.y_m[emv_row])
+    return seen.actor_id[in_region(distance, rows_of_ids(before, seen.actor_id) >= 0, constants) & ~seen.is_emv]
+
+
+@dataclass(frozen=True, eq=False)
 class YieldState:
-    """All civilians that respond, by id, their drivers, and the regions of all EMVs, by the EMV's id."""
+    """All civilians that respond, by id, and their drivers."""
 
     units: Mapping[int, YieldUnit] = field(default_factory=dict)
     drivers: Mapping[int, Driver] = field(default_factory=dict)
-    regions: Mapping[int, InteractionRegion] = field(default_factory=dict)
+    regions: Mapping[int, tuple[EmvRoad | None, Ids]] = field(default_factory=dict)
+    """Each EMV's road and the sorted ids of the civilians in its interaction region, by the EMV's id."""
     actors: ActorTable = field(default_factory=ActorTable.empty)
-
-    @classmethod
-    def initial(cls) -> "YieldState":
-        """Before the first step."""
-        return cls()
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +113,11 @@ class _EmvScene:
     members: Ids
     way_m: Floats
     """Along the lanes that the EMV will drive on (L2) or any lane of its road (L3); infinite elsewhere."""
-    on_road: npt.NDArray[np.bool_]
+    on_road: Flags
 
 
 def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) -> tuple[YieldState, VehicleCommands]:
     """One step of all civilians.
-
-    Args:
-        state: Latched state.
-        traffic: SUMO's state and the simulated poses.
-        world: Level, preset, constants and road network.
 
     Returns:
         The next state, and one row per civilian in any phase of a yield: owned by ROS while the navigator drives,
@@ -80,10 +128,9 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
         return YieldState(actors=actors), VehicleCommands.empty(traffic.step, SOURCE)
     view = StepView(world, traffic, Surroundings.seen(traffic, actors, world.courses), actors)
     regions, scenes = _regions(state, view)
-    units = dict(state.units)
-    drivers = dict(state.drivers)
-    events: list[Event] = list(_notice(units, drivers, scenes, view))
-    commands: dict[int, tuple[YieldUnit, DriveCommand | None]] = {}
+    units, drivers = dict(state.units), dict(state.drivers)
+    events = _notice(units, drivers, scenes, view)
+    rows: list[CommandRow] = []
     left: dict[int, YieldUnit] = {}
     ids = np.array(sorted(units), dtype=np.uint32)
     for actor_id, row in zip(ids.tolist(), rows_of_ids(traffic.actor_id, ids).tolist(), strict=True):
@@ -94,28 +141,25 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
         if outcome.unit is not None:
             left[actor_id] = outcome.unit
             if outcome.unit.phase is not Mode.NOMINAL:
-                commands[actor_id] = (outcome.unit, outcome.command)
-    return YieldState(left, drivers, regions, actors), _rows(commands, traffic.step, tuple(events))
+                rows.append(_command_row(outcome.unit, outcome.command))
+    return YieldState(left, drivers, regions, actors), VehicleCommands.of(traffic.step, SOURCE, rows, tuple(events))
 
 
-def _regions(state: YieldState, view: StepView) -> tuple[dict[int, InteractionRegion], dict[int, _EmvScene]]:
-    constants, seen = view.world.constants, view.seen
-    regions: dict[int, InteractionRegion] = {}
+def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad | None, Ids]], dict[int, _EmvScene]]:
+    seen, lane = view.seen, view.traffic.lane
+    regions: dict[int, tuple[EmvRoad | None, Ids]] = {}
     scenes: dict[int, _EmvScene] = {}
     whole_road = view.world.policy.response is CivilianResponse.PULL_OVER
     for row in np.flatnonzero(seen.is_emv).tolist():
         emv_id = int(seen.actor_id[row])
-        before = state.regions.get(emv_id)
-        road = EmvRoad.ahead_of(view.ego(row), before.road if before is not None else None)
-        known = before.members if before is not None else np.empty(0, dtype=np.uint32)
-        members = region_members(seen, row, known, constants)
-        regions[emv_id] = InteractionRegion(road, members)
+        road_before, known = state.regions.get(emv_id, (None, np.empty(0, dtype=np.uint32)))
+        road = EmvRoad.ahead_of(view.ego(row), road_before)
+        members = region_members(seen, row, known, view.world.constants)
+        regions[emv_id] = road, members
         if road is None:
             continue
-        lane = view.traffic.lane
-        edge_of_lane = view.world.edge_of_lane
         way = way_from_emv_m(view, row, road.road_start_m if whole_road else road.lane_start_m)
-        on_road = np.where(lane >= 0, road.on_road[edge_of_lane[lane]], False)
+        on_road = np.where(lane >= 0, road.on_road[view.world.edge_of_lane[lane]], False)
         scenes[emv_id] = _EmvScene(row, members, way, on_road)
     return regions, scenes
 
@@ -133,19 +177,13 @@ def _notice(
             actor_id = int(seen.actor_id[row])
             if actor_id in units:
                 continue
-            driver = drivers.get(actor_id)
-            if driver is None:
-                driver = drivers[actor_id] = draw_driver(world.preset, world.seed, actor_id)
+            if actor_id not in drivers:
+                drivers[actor_id] = draw_driver(world.preset, world.seed, actor_id)
+            driver = drivers[actor_id]
             if scene.way_m[row] > driver.response_distance_m:
                 continue
-            refuses = driver.compliance is Compliance.NEVER
-            unit = YieldUnit(
-                actor_id=actor_id,
-                emv_id=emv_id,
-                driver=driver,
-                react_step=view.step + steps_from_s(driver.delay_s),
-                phase=Mode.NOMINAL if refuses else Mode.YIELD_REACTING,
-            )
+            phase = Mode.NOMINAL if driver.compliance is Compliance.NEVER else Mode.YIELD_REACTING
+            unit = YieldUnit(actor_id, emv_id, driver, view.step + steps_from_s(driver.delay_s), phase)
             units[actor_id] = unit
             detail = {"way_m": float(scene.way_m[row]), "compliance": driver.compliance.value}
             events.append(yield_event(unit, view.ego(row), EventKind.YIELD_REQUESTED, **detail))
@@ -165,8 +203,7 @@ def _step_unit(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> Yield
 def _before_start(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Reacting or deferred: cancelled if there is nobody left to yield to, otherwise started once the driver reacts."""
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
-    if off_path != unit.off_path_steps:
-        unit = replace(unit, off_path_steps=off_path)
+    unit = replace(unit, off_path_steps=off_path)
     grace = steps_from_s(ego.config.yielding.off_path_grace_s)
     reason = release_reason(emv) or ("off_path" if off_path > grace else "")
     if reason:
@@ -210,17 +247,8 @@ def _responds(unit: YieldUnit, ego: Ego, emv_row: int) -> bool:
     return distance <= unit.driver.response_distance_m + bumpers + hysteresis
 
 
-def _rows(
-    commands: dict[int, tuple[YieldUnit, DriveCommand | None]], step: int, events: tuple[Event, ...]
-) -> VehicleCommands:
-    rows = []
-    for actor_id, (unit, command) in commands.items():
-        owner = Owner.SUMO if command is None else Owner.ROS
-        rows.append((actor_id, owner, *(command or _COAST), unit.phase, _lights(unit)))
-    return VehicleCommands.of(step, SOURCE, rows, events)
-
-
-def _lights(unit: YieldUnit) -> int:
-    if unit.phase in {Mode.YIELD_REACTING, Mode.YIELD_KEEP_LANE} or unit.side == 0:
-        return int(Lights.NONE)
-    return int(Lights.INDICATOR_LEFT if unit.side > 0 else Lights.INDICATOR_RIGHT)
+def _command_row(unit: YieldUnit, command: DriveCommand | None) -> CommandRow:
+    owner = Owner.SUMO if command is None else Owner.ROS
+    turns = unit.side if unit.phase not in {Mode.YIELD_REACTING, Mode.YIELD_KEEP_LANE} else 0
+    lights = {1: Lights.INDICATOR_LEFT, -1: Lights.INDICATOR_RIGHT}.get(turns, Lights.NONE)
+    return unit.actor_id, owner, *(command or _COAST), unit.phase, int(lights)

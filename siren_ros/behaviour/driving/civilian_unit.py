@@ -120,17 +120,12 @@ def yield_event(unit: YieldUnit, ego: Ego, kind: EventKind, **detail: float | st
 
 def lane_of(unit: YieldUnit, ego: Ego) -> int:
     """The lane that a civilian is on: that of its path, or SUMO's if it has none."""
-    path = unit.navigator.path
-    if path is not None:
-        lane = path.lane_at(unit.navigator.progress_m)
-        if lane != NO_LANE:
-            return lane
-    return ego.lane
+    return ego.lane if unit.navigator.lane == NO_LANE else unit.navigator.lane
 
 
 def standing(ego: Ego) -> bool:
     """Whether a vehicle stands still."""
-    return ego.speed_mps < 0.2
+    return ego.speed_mps < ego.config.yielding.standing_mps
 
 
 def aligned_within_rad(ego: Ego) -> float:

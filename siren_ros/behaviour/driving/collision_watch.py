@@ -32,18 +32,17 @@ class CollisionWatch:
 
     path: TrackedPath
     progress_m: float
-    """Own place on the path."""
+    """Place of the driver's vehicle on the path."""
     row: int
-    """Own row in ``seen``."""
+    """The driver's row in ``seen``."""
     target_mps: float
     """Speed that would be driven on a free path."""
     seen: Surroundings
-    """All actors."""
     config: NavigatorConfig
 
     @cached_property
     def speed_mps(self) -> float:
-        """Own speed."""
+        """Speed of the driver's vehicle."""
         return float(self.seen.speed_mps[self.row])
 
     @cached_property
@@ -57,8 +56,7 @@ class CollisionWatch:
         """Limit by the most restrictive actor ahead on the corridor that the vehicle sweeps; None on a free path.
 
         Actors that stand or move along the path are leaders at constant speed along it, also those that drift into it;
-        those that cross it belong to ``meetings``. The safe speed is Krauss's (1998):
-        ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``.
+        those that cross it belong to ``meetings``. The safe speed is Krauss's (``safe_following_mps``).
         """
         seen, config, curve, own_speed = self.seen, self.config, self.path.curve, self.speed_mps
         rows = seen.near(float(seen.x_m[self.row]), float(seen.y_m[self.row]), self.reach_m + 8.0, but=self.row)
@@ -69,49 +67,36 @@ class CollisionWatch:
         s, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows], first, last)
         own = self.progress_m, float(seen.half_length_m[self.row]), float(seen.half_width_m[self.row])
         bodies = seen.yaw_rad, seen.speed_mps, seen.half_length_m, seen.half_width_m
-        limits = (
-            config.side_margin_m,
-            config.drift_time_s,
-            config.moving_mps,
-            config.crossing_cosine,
-            config.drift_sine,
-            config.turning_sine,
-        )
+        angles = config.crossing_cosine, config.drift_sine, config.turning_sine
+        limits = config.side_margin_m, config.drift_time_s, config.moving_mps, *angles
         places = s, left, curve.heading_rad[nearest], curve.curvature_1pm[nearest]
         leaders, gap, approaching, met = _leaders(rows, places, bodies, own, seen.outlook is not None, limits)
         if len(leaders) == 0:
             return None
         gap = np.maximum(gap + config.drift_time_s * np.minimum(approaching, 0.0), 0.0)
-        lead = np.maximum(approaching, 0.0)
-        brake = config.comfort_brake_mps2
+        lead, brake = np.maximum(approaching, 0.0), config.comfort_brake_mps2
         safe = safe_following_mps(lead, np.maximum(gap - config.standstill_gap_m, 0.0), brake, config.headway_s)
         worst = int(np.argmin(safe))
         if safe[worst] >= self.target_mps:
             return None
         closing = np.where(met, np.maximum(own_speed - lead, 0.0), 0.0)
         needed = float(np.max(needed_brake_mps2(closing * closing, np.maximum(gap - 1.0, 0.3))))
-        return SpeedLimit(
-            speed_mps=float(safe[worst]),
-            brake_mps2=needed if needed > brake and own_speed > 0.3 else 0.0,
-            blocker_id=int(seen.actor_id[leaders[worst]]),
-            free_m=float(gap[worst]),
-        )
+        hard_mps2 = needed if needed > brake and own_speed > 0.3 else 0.0
+        return SpeedLimit(float(safe[worst]), hard_mps2, int(seen.actor_id[leaders[worst]]), float(gap[worst]))
 
     def meetings(self, *, leaders: bool = True) -> SpeedLimit | None:
-        """Limit by the most restrictive of the vehicles that one lets pass first; None without one.
+        """Limit by the most restrictive of the vehicles that the driver lets pass first; None without one.
 
-        Args:
-            leaders: Whether who leads on the path counts here too: one whose rear is beside the own front already is
-                no leader on the path, but may turn into it.
+        With ``leaders``, vehicles that lead on the path count too: one whose rear is beside the driver's front already
+        is no leader on the path, but may turn into it.
         """
         seen, rows = self.seen, self._approaching()
         if len(rows) == 0:
             return None
         reach_m = self._reach_of_others_m(seen.speed_mps[rows])
         if seen.outlook is None:
-            others = Ways.of(
-                [self._straight_way(*other) for other in zip(rows.tolist(), reach_m.tolist(), strict=True)]
-            )
+            reaches = zip(rows.tolist(), reach_m.tolist(), strict=True)
+            others = Ways.of([self._straight_way(*other) for other in reaches])
         else:
             others = seen.outlook.ways(rows, reach_m)
         pairs = np.stack((np.zeros_like(rows), np.arange(len(rows))), axis=-1)
@@ -156,9 +141,8 @@ class CollisionWatch:
 
     def _limit_at(self, zone: Zone, other: int) -> SpeedLimit | None:
         seen, config, outlook = self.seen, self.config, self.seen.outlook
-        speed = float(seen.speed_mps[other])
+        speed = top = float(seen.speed_mps[other])
         own_rank = rank = Rank.PRIORITY
-        top = speed
         if outlook is not None:
             own_rank, rank = outlook.rank(self.row, zone.own_in_m), outlook.rank(other, zone.other_in_m)
             top = max(outlook.limit_mps(other, zone.other_in_m), config.rolling_mps)
@@ -173,19 +157,19 @@ class CollisionWatch:
 
 @compiled
 def _leaders(rows: Any, places: Any, bodies: Any, own: Any, outlook: bool, limits: Any) -> tuple[Any, Any, Any, Any]:
-    """The vehicles that lead on a path.
+    """The vehicles that lead on a path, of those in some rows; ``limits`` are fields of ``NavigatorConfig``.
 
     Args:
         rows: Vehicles near the path.
         places: Arc length, offset, and the path's heading and curvature at the nearest place of each of them.
         bodies: Yaw, speed, half length and half width of all vehicles.
-        own: Own place on the path, half length and half width.
+        own: Place of the driver's vehicle on the path, half length and half width.
         outlook: Whether it is known where everybody will go.
-        limits: Fields of ``NavigatorConfig``.
+        limits: Margin, drift time, least speed, and cosine or sines of the angles.
 
     Returns:
-        Of those that lead: row, gap between the bumpers along the path, speed along it, and whether the own body would
-        touch them, not only its margin.
+        Of those that lead: row, gap between the bumpers along the path, speed along it, and whether the driver's
+        vehicle would touch them, not only its margin.
     """
     s_m, left_m, heading_rad, curvature_1pm = places
     yaw_rad, speed_mps, half_length_m, half_width_m = bodies

@@ -44,21 +44,15 @@ class RoutePlan:
 def plan_route(
     ego: Ego, lane: int, navigator: NavigatorState, merge_m: float | None = None
 ) -> tuple[RoutePlan, NavigatorState]:
-    """A new path along the route from a lane on.
+    """A new path along the route from a lane on, which may be an internal one.
 
-    Args:
-        ego: The EMV.
-        lane: Lane to follow, internal ones included.
-        navigator: State whose path is replaced.
-        merge_m: Length of the move onto the lane; chosen by offset and speed by default.
+    ``merge_m`` is the length of the move onto the lane, by default what offset and speed ask for.
     """
     network, config = ego.network, ego.config.emv
     ahead_m, behind_m = config.path_ahead_m, config.path_behind_m
     reference = ego.line_along(lane, ahead_m, behind_m, length_m=ahead_m + behind_m)
-    shorten = {
-        LaneEnd.ROUTE: config.stop_before_route_end_m + ego.half_length_m,
-        LaneEnd.ASTRAY: ego.half_length_m + 1.0,
-    }.get(reference.end, 0.0)
+    before_m = {LaneEnd.ROUTE: config.stop_before_route_end_m, LaneEnd.ASTRAY: 1.0}.get(reference.end)
+    shorten = 0.0 if before_m is None else before_m + ego.half_length_m
     stop = reference.end is not LaneEnd.HORIZON
     s, left = reference.curve.project_one(*ego.place)
     aligned = abs(math.remainder(ego.pose[2] - reference.curve.place(s)[2], 2.0 * math.pi)) < config.aligned_rad
@@ -77,32 +71,24 @@ def plan_route(
 
 def strategic_side(network: RoadNetwork, lane: int, route: Indices) -> int:
     """Side to which a vehicle must change lanes to follow its route: +1 left, −1 right, 0 if not on this edge."""
-    here = network.lanes[lane]
-    if len(route) == 0 or here.edge != int(route[0]):
-        return 0
-    needed = changes_needed(network, route, civilian=False)[0]
-    if not needed:
-        return 0
-    position = {item: network.lanes[item].position for item in needed}
-    best = min(needed, key=lambda item: (needed[item], abs(position[item] - here.position), position[item]))
-    if lane in needed and needed[lane] <= needed[best]:
-        return 0
-    return 1 if position[best] > here.position else -1
+    position, best = network.lanes[lane].position, network.lanes[best_lane(network, lane, route)].position
+    return (best > position) - (best < position)
 
 
 def present_lane(ego: Ego, navigator: NavigatorState) -> int:
     """The lane that the EMV is on: that of its path if it follows the route, otherwise SUMO's."""
-    if navigator.path is not None:
-        lane = navigator.path.lane_at(navigator.progress_m)
-        if lane != NO_LANE:
-            here = ego.network.lanes[lane]
-            if here.kind is LaneKind.INTERNAL or here.edge in ego.route:
-                return lane
-    return ego.lane
+    lane = navigator.lane
+    if lane == NO_LANE:
+        return ego.lane
+    here = ego.network.lanes[lane]
+    return lane if here.kind is LaneKind.INTERNAL or here.edge in ego.route else ego.lane
 
 
 def best_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
-    """The lane of the present edge that serves the route best, the nearest of equals; an internal lane itself."""
+    """The lane of the present edge that serves the route best, of equals the nearest; an internal lane itself.
+
+    Of lanes as good and as near on both sides, it is the right one.
+    """
     here = network.lanes[lane]
     if len(route) == 0 or here.edge != int(route[0]):
         return lane

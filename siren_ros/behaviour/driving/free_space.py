@@ -46,31 +46,16 @@ class Obstacles(Columns):
         """The footprints of vehicles, extended ahead by the distance that each covers in its ``time_s``."""
         half_sweep = 0.5 * time_s * seen.speed_mps[rows]
         cos, sin = seen.cos[rows], seen.sin[rows]
-        return cls(
-            actor_id=seen.actor_id[rows],
-            x_m=seen.x_m[rows] + cos * half_sweep,
-            y_m=seen.y_m[rows] + sin * half_sweep,
-            cos=cos,
-            sin=sin,
-            half_length_m=seen.half_length_m[rows] + half_sweep,
-            half_width_m=seen.half_width_m[rows],
-        )
+        x_m, y_m = seen.x_m[rows] + cos * half_sweep, seen.y_m[rows] + sin * half_sweep
+        half_length_m = seen.half_length_m[rows] + half_sweep
+        return cls(seen.actor_id[rows], x_m, y_m, cos, sin, half_length_m, seen.half_width_m[rows])
 
 
 def separations_m(x_m: Floats, y_m: Floats, yaw_rad: Floats, body: Body, obstacles: Obstacles) -> Floats:
     """Largest gap along a separating axis between a body at some poses and each obstacle.
 
-    It is a lower bound of the distance, and negative where the boxes overlap (separating axis theorem).
-
-    Args:
-        x_m: Of the body's centre, any shape that broadcasts with the others.
-        y_m: As ``x_m``.
-        yaw_rad: As ``x_m``.
-        body: Size of the body.
-        obstacles: ``M`` boxes.
-
-    Returns:
-        Array of the poses' common shape with an axis of length ``M`` added.
+    It is a lower bound of the distance, and negative where the boxes overlap (separating axis theorem). The result has
+    the shape to which the poses of the body's centre broadcast, with an axis for the obstacles added.
     """
     x, y, yaw = np.broadcast_arrays(x_m, y_m, yaw_rad)
     poses = np.array((x.ravel(), y.ravel(), np.cos(yaw).ravel(), np.sin(yaw).ravel()))
@@ -91,25 +76,19 @@ def _gaps_m(poses: Floats, body: Body, obstacles: Obstacles) -> Floats:
 def _separate(poses: Array, boxes: Array, half_length: float, half_width: float, gap: Array) -> None:
     """Fill in the gap of a body in each pose (x, y, cosine, sine; ``(4, P)``) from each box ``(6, M)``."""
     for n in range(poses.shape[1]):
-        own = poses[0, n], poses[1, n], poses[2, n], poses[3, n]
+        pose = poses[0, n], poses[1, n], poses[2, n], poses[3, n]
         for m in range(boxes.shape[1]):
             box = boxes[0, m], boxes[1, m], boxes[2, m], boxes[3, m]
-            gap[n, m] = box_gap_m(own, box, half_length, half_width, boxes[4, m], boxes[5, m])
+            gap[n, m] = box_gap_m(pose, box, half_length, half_width, boxes[4, m], boxes[5, m])
 
 
 def clearances_m(
     x_m: Floats, y_m: Floats, yaw_rad: Floats, body: Body, obstacles: Obstacles, present_m: Floats
 ) -> Floats:
-    """Least distance of a body from all obstacles at some poses; infinite without obstacles.
+    """Least distance of a body from all obstacles at poses as for ``separations_m``; infinite without obstacles.
 
-    Args:
-        x_m: As for ``separations_m``.
-        y_m: As for ``separations_m``.
-        yaw_rad: As for ``separations_m``.
-        body: Size of the body.
-        obstacles: ``M`` boxes.
-        present_m: Distance from each obstacle at present, shape ``(M,)``: an obstacle does not count at poses that
-            are no nearer to it.
+    ``present_m`` is the distance from each obstacle at present, shape ``(M,)``: an obstacle does not count at poses
+    that are no nearer to it.
     """
     gap = separations_m(x_m, y_m, yaw_rad, body, obstacles)
     gap = np.where(gap >= present_m - _TOLERANCE_M, np.inf, gap)
@@ -153,7 +132,7 @@ class FreeWay:
         obstacles: Obstacles,
         credit_m: Floats,
     ) -> "FreeWay":
-        """The free way of a body on a path.
+        """The free way of a body on a path of its centre.
 
         Args:
             path: Path of the body's centre.
@@ -161,18 +140,15 @@ class FreeWay:
             centre_ahead_m: From the rear axle to the body's centre, which in bends does not point along its path.
             reach_m: How far to look.
             body: Size of the body.
-            obstacles: What may be in the way.
+            obstacles: Vehicles that may be in the way.
             credit_m: Way that each obstacle will have gone before it can stand, shape ``(M,)``.
         """
         progress, left, yaw = pose
         end = min(progress + reach_m, path.length_m)
         way = _PATH_STEP_M * np.arange(max(math.ceil((end - progress) / _PATH_STEP_M), 0) + 1)
-        poses = np.empty((4, len(way)))
-        curve = path.curve
-        _poses_ahead(
-            curve.points, curve.heading_rad, curve.curvature_1pm, curve.spacing_m, progress, left, yaw, centre_ahead_m,
-            way, poses,
-        )  # fmt: skip
+        poses, curve = np.empty((4, len(way))), path.curve
+        line = curve.points, curve.heading_rad, curve.curvature_1pm, curve.spacing_m
+        _poses_ahead(*line, progress, left, yaw, centre_ahead_m, way, poses)
         return cls(way, _gaps_m(poses, body, obstacles), credit_m, obstacles.actor_id)
 
     def until_m(self, clearance_m: float) -> float:
@@ -206,14 +182,9 @@ class FreeWay:
     ) -> SpeedLimit:
         """Speed from which one can slow down for tight places and stop before impassable ones.
 
-        The needed deceleration is that of a stop before contact. Places that are only too tight are braked for gently.
-
-        Args:
-            speed_mps: Present speed.
-            squeezes: Margins, the wider first, and the speeds that they allow.
-            stop_short_m: Distance kept from an impassable place.
-            brake_mps2: Deceleration that is laid out for.
-            clearance_m: Margin below which a place counts as impassable.
+        The needed deceleration is that of a stop before contact. Places that are only too tight are braked for gently,
+        with ``brake_mps2``. ``squeezes`` are margins, the wider first, and the speeds that they allow. A place with
+        less than ``clearance_m`` is impassable; the body stops ``stop_short_m`` before it.
         """
         narrow = [(self.until_m(wide), tight) for (wide, _), (_, tight) in pairwise(squeezes)]
         stopping = self._stopping_m(clearance_m)
@@ -233,17 +204,9 @@ class FreeWay:
 
 @compiled
 def _poses_ahead(
-    points: Array,
-    heading_rad: Array,
-    curvature_1pm: Array,
-    spacing_m: float,
-    progress_m: float,
-    left_m: float,
-    yaw_rad: float,
-    centre_ahead_m: float,
-    way_m: Array,
-    poses: Array,
-) -> None:
+    points: Array, heading_rad: Array, curvature_1pm: Array, spacing_m: float, progress_m: float, left_m: float,
+    yaw_rad: float, centre_ahead_m: float, way_m: Array, poses: Array,
+) -> None:  # fmt: skip
     """Fill in x, y, cosine and sine (``(4, K)``) of a body after each way ``(K,)``; offset and yaw error fade."""
     turned = 0.0
     for k in range(way_m.shape[0]):

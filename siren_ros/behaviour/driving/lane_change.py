@@ -8,15 +8,11 @@ import numpy as np
 
 from siren_ros.behaviour.config import LaneChangeConfig
 from siren_ros.behaviour.driving.step_view import Ego
-from siren_ros.behaviour.paths.lane_path import (
-    LaneEnd,
-    LanePath,
-    neighbour_lane,
-)
+from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
 from siren_ros.behaviour.paths.tracked_path import PEAK_CURVATURE, TrackedPath, blend_length_m, path_onto
 from siren_ros.numerics.braking import braking_distance_m
 from siren_ros.roads.movements import road_lane_of
-from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.actors import NO_ACTOR
 
 
@@ -36,7 +32,7 @@ class Refusal(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class LaneChangeQuery:
-    """Who wants to go where."""
+    """A lane change that a vehicle may make."""
 
     ego: Ego
     lane: int
@@ -89,7 +85,7 @@ def gaps_in_lane(ego: Ego, lane: int) -> LaneGaps:
     """Gaps of a vehicle to those ahead and behind in any lane; negative while it is alongside one."""
     seen = ego.seen
     rows = ego.near(ego.config.lane_change.gap_range_m)
-    own_s, _, heading = ego.place_on(lane)
+    ego_s, _, heading = ego.place_on(lane)
     s, left = ego.network.lanes[lane].centre.project(np.column_stack((seen.x_m[rows], seen.y_m[rows])))
     turned = seen.yaw_rad[rows] - heading
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
@@ -98,17 +94,12 @@ def gaps_in_lane(ego: Ego, lane: int) -> LaneGaps:
     rows, s = rows[inside], s[inside]
     if len(rows) == 0:
         return LaneGaps(math.inf, 0.0, math.inf, 0.0)
-    gap = np.abs(s - own_s) - seen.half_length_m[rows] - ego.half_length_m
-    front = np.where(s >= own_s, gap, np.inf)
-    rear = np.where(s < own_s, gap, np.inf)
+    gap = np.abs(s - ego_s) - seen.half_length_m[rows] - ego.half_length_m
+    front, rear = np.where(s >= ego_s, gap, np.inf), np.where(s < ego_s, gap, np.inf)
     f, r = int(np.argmin(front)), int(np.argmin(rear))
-    return LaneGaps(
-        front_m=float(front[f]),
-        front_mps=float(seen.speed_mps[rows[f]]),
-        rear_m=float(rear[r]),
-        rear_mps=float(seen.speed_mps[rows[r]]),
-        front_id=int(seen.actor_id[rows[f]]) if math.isfinite(front[f]) else NO_ACTOR,
-    )
+    front_id = int(seen.actor_id[rows[f]]) if math.isfinite(front[f]) else NO_ACTOR
+    front_mps, rear_mps = seen.speed_mps[rows[[f, r]]].tolist()
+    return LaneGaps(float(front[f]), front_mps, float(rear[r]), rear_mps, front_id)
 
 
 def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, target_mps: float, config: LaneChangeConfig) -> Refusal | None:
@@ -116,12 +107,6 @@ def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, target_mps: float, config:
 
     The gaps must last for the whole manoeuvre. The vehicle slows to its target speed, if that is lower. The vehicle
     behind it brakes too, after a reaction time. Towards the vehicle ahead it brakes in the same way.
-
-    Args:
-        gaps: In the target lane.
-        speed_mps: Of the vehicle that changes lanes.
-        target_mps: Speed of the manoeuvre.
-        config: Gaps, times and decelerations.
     """
     if min(gaps.front_m, gaps.rear_m) <= 0.0:
         return Refusal.BESIDE
@@ -145,10 +130,12 @@ def assess(query: LaneChangeQuery) -> Refusal | LanePath:
     ego, config, target = query.ego, query.config, query.target
     if road_lane_of(ego.network, query.lane) == NO_LANE:
         return Refusal.JUNCTION
-    if target == NO_LANE or not _open_to(ego.network, target, query.civilian):
+    road = road_lane_of(ego.network, target)
+    lane = ego.network.lanes[road]
+    is_open = (lane.civilian_allowed and lane.kind is LaneKind.DRIVING) if query.civilian else lane.emergency_allowed
+    if road == NO_LANE or not is_open:
         return Refusal.NO_LANE
-    refusal = refusal_of_gaps(gaps_in_lane(ego, target), ego.speed_mps, query.target_mps, config)
-    if refusal is not None:
+    if refusal := refusal_of_gaps(gaps_in_lane(ego, target), ego.speed_mps, query.target_mps, config):
         return refusal
     ahead = query.length_m + config.return_room_m + 30.0
     reference = ego.line_along(target, ahead, civilian=query.civilian, through_junctions=query.ends_on_junction)
@@ -160,21 +147,10 @@ def assess(query: LaneChangeQuery) -> Refusal | LanePath:
     return reference
 
 
-def _open_to(network: RoadNetwork, lane: int, civilian: bool) -> bool:
-    road = road_lane_of(network, lane)
-    if road == NO_LANE:
-        return False
-    if civilian:
-        return network.lanes[road].civilian_allowed and network.lanes[road].kind is LaneKind.DRIVING
-    return network.lanes[road].emergency_allowed
-
-
 def lane_change_path(query: LaneChangeQuery, reference: LanePath, stop_at_end: bool) -> TrackedPath:
     """``BuildLaneChangeWaypoints``: from the present pose into the target lane and along it."""
-    ego, shorten = query.ego, query.ego.half_length_m + 1.0 if stop_at_end else 0.0
-    return path_onto(
-        reference, ego.pose, query.length_m, ego.navigator_config, stop_at_end=stop_at_end, shorten_m=shorten
-    )
+    ego, shorten_m = query.ego, query.ego.half_length_m + 1.0 if stop_at_end else 0.0
+    return path_onto(reference, ego.pose, query.length_m, ego.navigator_config, 0.0, stop_at_end, shorten_m)
 
 
 def entered_lane(ego: Ego, lane: int) -> bool:

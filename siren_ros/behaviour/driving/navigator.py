@@ -18,6 +18,7 @@ from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3, VehicleParameters
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.braking import braking_distance_m
 from siren_ros.numerics.units import GRAVITY_MPS2, STEP_S
+from siren_ros.roads.road_network import NO_LANE
 
 
 def steer_along(
@@ -34,37 +35,23 @@ def steer_along(
     The commanded curvature is ``κ − e/l² − 2ζ·sin(ψ)/l``, with the offset e, the course error ψ, the damping ratio ζ
     and a length l that grows with the speed. The course is the yaw plus the sideslip of steady cornering. The wheel
     angle is that of steady cornering, ``atan(L·κ) + K·κ·v²`` (Rajamani, "Vehicle Dynamics and Control", 2012, ch. 3).
-
-    Args:
-        path: Path of the footprint's centre.
-        progress_m: Arc length of the place on the path that is nearest to the centre.
-        left_m: Offset of the centre from the path, left positive.
-        yaw_rad: Of the vehicle.
-        speed_mps: Over ground.
-        vehicle: For wheelbase, steering limit, lag and understeer.
-        config: Preview and damping.
+    ``progress_m`` and ``left_m`` (left positive) are the place of the centre on the path.
 
     Returns:
         Angle in radians, left positive, within the vehicle's limit.
     """
-    lag_m = speed_mps * vehicle.steer_lag_s
-    _, _, heading, curvature = path.curve.place(progress_m)
-    _, _, _, ahead = path.curve.place(progress_m + lag_m)
-    rear = vehicle.centre_ahead_of_rear_axle_m
+    *_, heading, curvature = path.curve.place(progress_m)
+    *_, ahead = path.curve.place(progress_m + speed_mps * vehicle.steer_lag_s)
     slip_per_accel = (
         vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase_m * vehicle.cornering_stiffness_rear_npr)
     )
-    sideslip = math.atan(rear * curvature) - slip_per_accel * curvature * speed_mps**2
-    course_error = _wrapped(yaw_rad + sideslip - heading)
+    sideslip = math.atan(vehicle.centre_ahead_of_rear_axle_m * curvature) - slip_per_accel * curvature * speed_mps**2
+    course_error = math.remainder(yaw_rad + sideslip - heading, 2.0 * math.pi)
     length = max(config.preview_min_m, config.preview_time_s * speed_mps)
     offset = max(-config.lateral_error_max_m, min(config.lateral_error_max_m, left_m))
-    wanted = ahead - offset / length**2 - 2.0 * config.damping * math.sin(course_error) / length
-    steer = math.atan(vehicle.wheelbase_m * wanted) + vehicle.understeer_gradient_s2pm * wanted * speed_mps**2
+    bend = ahead - offset / length**2 - 2.0 * config.damping * math.sin(course_error) / length
+    steer = math.atan(vehicle.wheelbase_m * bend) + vehicle.understeer_gradient_s2pm * bend * speed_mps**2
     return max(-vehicle.max_steer_rad, min(vehicle.max_steer_rad, steer))
-
-
-def _wrapped(angle_rad: float) -> float:
-    return math.remainder(angle_rad, 2.0 * math.pi)
 
 
 @dataclass(frozen=True)
@@ -78,26 +65,21 @@ class Pedals:
 
 def press_pedals(
     speed_mps: float,
-    wanted_mps: float,
+    target_mps: float,
     must_brake_mps2: float,
     integral_mps2: float,
     vehicle: VehicleParameters,
     config: NavigatorConfig,
 ) -> Pedals:
-    """Pedals for a wanted speed.
+    """Pedals for a target speed.
 
-    Args:
-        speed_mps: Present speed.
-        wanted_mps: Speed to reach.
-        must_brake_mps2: Deceleration that is needed at least (0: none), so as not to hit what is ahead.
-        integral_mps2: Integral from the step before; it stands still outside a band around the wanted speed and
-            while a limit is hit, so that it does not wind up.
-        vehicle: For traction, power, drag, rolling resistance and brakes.
-        config: Gains and the comfortable acceleration.
+    ``must_brake_mps2`` is the deceleration that is needed at least (0: none), so as not to hit what is ahead. The
+    integral comes from the step before; it stands still outside a band around the target speed and while a limit is
+    hit, so that it does not wind up.
     """
-    if wanted_mps <= config.stop_target_mps and speed_mps <= config.standstill_mps:
+    if target_mps <= config.stop_target_mps and speed_mps <= config.standstill_mps:
         return Pedals(0.0, config.hold_brake, 0.0)
-    error = wanted_mps - speed_mps
+    error = target_mps - speed_mps
     asked = config.speed_gain_1ps * error + integral_mps2
     accel = max(-config.firm_braking * config.comfort_brake_mps2, min(config.comfort_accel_mps2, asked))
     free = accel == asked
@@ -149,6 +131,11 @@ class NavigatorState:
         """The state after ``SetWaypoints``: a new path, entered at the place nearest to a point."""
         progress, left = path.curve.project_one(x_m, y_m)
         return NavigatorState(path, progress, left, self.integral_mps2)
+
+    @property
+    def lane(self) -> int:
+        """Lane below the present place on the path; ``NO_LANE`` without one."""
+        return NO_LANE if self.path is None else self.path.lane_at(self.progress_m)
 
     @property
     def remaining_m(self) -> float:

@@ -10,28 +10,37 @@ SUMO's car-following model; ``traffic`` limits them further, in this order:
 5. ``traffic.sumo.driving_corrections.SidewaysLimits``: the speed sideways, as a share of the speed.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from siren_ros.behaviour.config import NavigatorConfig
+import numpy as np
+
+from siren_ros.behaviour.config import AnticipationConfig, NavigatorConfig
 from siren_ros.behaviour.driving.civilian_unit import YieldUnit
 from siren_ros.behaviour.driving.collision_watch import CollisionWatch, stricter
-from siren_ros.behaviour.driving.emv_speed_limits import anticipated_limit, entry_limit, passage_limit
-from siren_ros.behaviour.driving.emv_unit import EmvUnit
-from siren_ros.behaviour.driving.free_space import SpeedLimit
+from siren_ros.behaviour.driving.emv_unit import ROUTE, EmvUnit, present_lane
+from siren_ros.behaviour.driving.free_space import FreeWay, Obstacles, SpeedLimit
+from siren_ros.behaviour.driving.lane_change import gaps_in_lane
 from siren_ros.behaviour.driving.navigator import (
     DriveCommand,
     NavigatorState,
+    free_way_of,
     manoeuvring_limit,
     press_pedals,
     steer_along,
 )
 from siren_ros.behaviour.driving.step_view import Ego
+from siren_ros.behaviour.paths.lane_path import neighbour_lane
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.conflicts.yielding import Rank, rank_of
+from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.numerics.braking import braking_distance_m, safe_following_mps, speed_before_mps
+from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import NO_ACTOR, Mode
 
-_UNLIMITED: Final = SpeedLimit()
+UNLIMITED: Final = SpeedLimit()
 _SIDEWAYS_MODES: Final = frozenset({Mode.YIELD_PULL_OVER, Mode.REJOIN})
 
 
@@ -48,44 +57,121 @@ class Drive:
     config: NavigatorConfig
 
 
-def _target(drive: Drive) -> SpeedLimit:
-    easing = drive.ego.speed_mps - drive.config.ease_off_mps2 / drive.config.speed_gain_1ps
-    return SpeedLimit(max(drive.target_mps, easing))
+def rows_around(ego: Ego) -> tuple[Rows, Flags]:
+    """Rows of the vehicles around the EMV, and which of them point in its direction."""
+    rows = ego.near(ego.config.gap_escape.horizon_m + ego.config.gap_escape.beside_m)
+    return rows, np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ego.config.gap_escape.along_cosine
 
 
-def _path(drive: Drive) -> SpeedLimit:
-    ahead_m = drive.ego.speed_mps * drive.config.reaction_s
-    return SpeedLimit(
-        min(drive.path.speed_cap_mps(drive.progress_m), drive.path.speed_cap_mps(drive.progress_m + ahead_m))
-    )
+def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
+    """How near the EMV's footprint comes to others along its path; None without a path.
+
+    In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once.
+    """
+    navigator, config = unit.navigator, ego.config.gap_escape
+    if navigator.path is None:
+        return None
+    rows, along = rows_around(ego)
+    speed = ego.seen.speed_mps[rows]
+    counts = along | (speed < config.crossing_mps) | unit.gap_escape_active
+    rows, along, speed = rows[counts], along[counts], speed[counts]
+    time_s = np.where(along, 0.0, config.watch_s)
+    credit = np.where(along & (not unit.gap_escape_active), braking_distance_m(speed**2, config.leader_brake_mps2), 0.0)
+    return free_way_of(navigator, ego, config.horizon_m, Obstacles.swept(ego.seen, rows, time_s), credit)
 
 
-def _collision(drive: Drive) -> SpeedLimit:
-    unit, ego = drive.unit, drive.ego
-    if unit.gap_escape_active if isinstance(unit, EmvUnit) else unit.phase is Mode.YIELD_HOLD:
-        return _UNLIMITED
-    watch = CollisionWatch(drive.path, drive.progress_m, ego.row, drive.target_mps, ego.seen, drive.config)
-    leaders = not (isinstance(unit, EmvUnit) and unit.corridor)
-    return stricter(watch.leaders() if leaders else None, watch.meetings(leaders=leaders)) or _UNLIMITED
+def passage_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
+    """How fast the EMV may go between others in the corridor and during a gap escape.
+
+    The collision handling would keep too much distance from vehicles that the EMV squeezes past, or is off. This limit
+    follows from the footprint itself along the path.
+    """
+    way, config = free_way(unit, ego) if unit.between else None, ego.config
+    if way is None:
+        return UNLIMITED
+    corridor, escape = config.corridor, config.gap_escape
+    squeezes, stop_short_m, clearance_m = corridor.squeezes, corridor.stop_short_m, corridor.clearance_m
+    if unit.gap_escape_active:
+        squeezes, stop_short_m, clearance_m = escape.squeezes, escape.stop_short_m, escape.touch_m
+    return way.limit(ego.speed_mps, squeezes, stop_short_m, escape.brake_mps2, clearance_m)
 
 
-def _passage(drive: Drive) -> SpeedLimit:
-    unit = drive.unit
-    return passage_limit(unit, drive.ego) if isinstance(unit, EmvUnit) and unit.between else _UNLIMITED
+def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
+    """How fast the EMV drives towards the vehicles ahead on its path, with gentle braking and in good time.
+
+    In the corridor and during a gap escape the passage limit stands in its place.
+    """
+    path, config, seen = unit.navigator.path, ego.config.anticipation, ego.seen
+    rows = ego.near(ego.world.constants.leader_query_m)
+    if path is None or len(rows) == 0 or unit.between:
+        return UNLIMITED
+    s, left, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
+    turned = seen.yaw_rad[rows] - path.curve.heading_rad[nearest]
+    cos, sin = np.cos(turned), np.sin(turned)
+    half_length, half_width = seen.half_length_m[rows], seen.half_width_m[rows]
+    reach = np.abs(cos) * half_length + np.abs(sin) * half_width
+    gap = s - reach - unit.navigator.progress_m - ego.half_length_m
+    inside = np.abs(sin) * half_length + np.abs(cos) * half_width + ego.half_width_m + config.side_margin_m
+    overlap = inside - np.abs(left)
+    ahead = (cos > config.along_cosine) & (overlap > 0.0) & (gap > 0.0) & (s < path.length_m)
+    leaving = (seen.speed_mps[rows] * sin * np.sign(left))[ahead]
+    allowed = approach_speed_mps(gap[ahead], (seen.speed_mps[rows] * cos)[ahead], overlap[ahead], leaving, config)
+    least = min(float(allowed.min(initial=np.inf)), _needed_lane_mps(unit, ego))
+    return _eased_off(least, ego.speed_mps, config.ease_off_mps2, ego.config.emv.navigator)
 
 
-def _anticipation(drive: Drive) -> SpeedLimit:
-    unit = drive.unit
-    return anticipated_limit(unit, drive.ego) if isinstance(unit, EmvUnit) and not unit.between else _UNLIMITED
+def _eased_off(limit_mps: float, speed_mps: float, ease_off_mps2: float, config: NavigatorConfig) -> SpeedLimit:
+    """A limit, no lower than what the speed control comes to with a gentle deceleration."""
+    return SpeedLimit(max(limit_mps, speed_mps - ease_off_mps2 / config.speed_gain_1ps))
 
 
-def _entry(drive: Drive) -> SpeedLimit:
-    return entry_limit(drive.ego) if isinstance(drive.unit, EmvUnit) else _UNLIMITED
+def _needed_lane_mps(unit: EmvUnit, ego: Ego) -> float:
+    """Speed towards the vehicle ahead in the lane that the route needs, while the change to it is not yet feasible."""
+    side = unit.request.side if unit.request.reason == ROUTE else 0
+    target = neighbour_lane(ego.network, present_lane(ego, unit.navigator), side) if side else NO_LANE
+    gaps = gaps_in_lane(ego, target) if target != NO_LANE else None
+    if gaps is None or not 0.0 < gaps.front_m < math.inf:
+        return math.inf
+    gap, lead, overlap, leaving = np.array([[gaps.front_m], [gaps.front_mps], [1.0], [0.0]])
+    return float(approach_speed_mps(gap, lead, overlap, leaving, ego.config.anticipation)[0])
 
 
-def _manoeuvring(drive: Drive) -> SpeedLimit:
-    sideways = isinstance(drive.unit, YieldUnit) and drive.unit.phase in _SIDEWAYS_MODES
-    return manoeuvring_limit(drive.unit.navigator, drive.ego) if sideways else _UNLIMITED
+def approach_speed_mps(
+    gap_m: Floats, lead_mps: Floats, overlap_m: Floats, leaving_mps: Floats, config: AnticipationConfig
+) -> Floats:
+    """Speed towards each vehicle ahead.
+
+    The speed is Krauss's safe speed with a gentle deceleration. A vehicle that leaves the path sideways, with
+    ``leaving_mps``, may be approached faster: with the mean speed that brings the EMV to the standstill gap behind it
+    at the moment at which it has left. ``overlap_m`` is by how much it still overlaps the way of the EMV, ``gap_m`` the
+    way from bumper to bumper.
+    """
+    free = np.maximum(gap_m - config.standstill_gap_m, 0.0)
+    safe = safe_following_mps(lead_mps, free, config.brake_mps2, config.headway_s)
+    time_s = np.maximum(overlap_m / config.leaving_mps, config.headway_s)
+    cleared = np.where(leaving_mps > config.leaving_min_mps, lead_mps + free / time_s, 0.0)
+    return np.maximum(safe, cleared)
+
+
+def entry_limit(ego: Ego) -> SpeedLimit:
+    """Speed towards the red lights ahead; no limit where there is none.
+
+    Crossing traffic has green there and does not slow down. At a stop sign it starts from the line or is seen to come,
+    and the collision handling is enough, as inside the junction.
+
+    The EMV comes to the entry speed by gentle braking in good time. Where the light turns red late it slows down as
+    far as gentle braking gets it.
+    """
+    outlook, config = ego.seen.outlook, ego.world.junction_entry
+    if outlook is None:
+        return UNLIMITED
+    front = outlook.front_m(ego.row)
+    limit = math.inf
+    for entry in outlook.course(ego.row).entries:
+        ahead = entry.start_m - front
+        if ahead > 0.0 and rank_of(entry.connection, outlook.signals) is Rank.RED:
+            limit = min(limit, speed_before_mps(config.speed_mps**2, config.brake_mps2, ahead))
+    return _eased_off(limit, ego.speed_mps, config.ease_off_mps2, ego.config.emv.navigator)
 
 
 @dataclass(frozen=True)
@@ -97,13 +183,45 @@ class Mechanism:
     purpose: str
 
 
+def _path(drive: Drive) -> SpeedLimit:
+    places_m = drive.progress_m, drive.progress_m + drive.ego.speed_mps * drive.config.reaction_s
+    return SpeedLimit(min(drive.path.speed_cap_mps(place_m) for place_m in places_m))
+
+
+def _collision(drive: Drive) -> SpeedLimit:
+    unit, ego = drive.unit, drive.ego
+    if unit.gap_escape_active if isinstance(unit, EmvUnit) else unit.phase is Mode.YIELD_HOLD:
+        return UNLIMITED
+    watch = CollisionWatch(drive.path, drive.progress_m, ego.row, drive.target_mps, ego.seen, drive.config)
+    leaders = not (isinstance(unit, EmvUnit) and unit.corridor)
+    return stricter(watch.leaders() if leaders else None, watch.meetings(leaders=leaders)) or UNLIMITED
+
+
+def _emv_limit(limit: Callable[[EmvUnit, Ego], SpeedLimit]) -> Callable[[Drive], SpeedLimit]:
+    """A limit that is for EMVs only."""
+    return lambda drive: limit(drive.unit, drive.ego) if isinstance(drive.unit, EmvUnit) else UNLIMITED
+
+
+def _manoeuvring(drive: Drive) -> SpeedLimit:
+    sideways = isinstance(drive.unit, YieldUnit) and drive.unit.phase in _SIDEWAYS_MODES
+    return manoeuvring_limit(drive.unit.navigator, drive.ego) if sideways else UNLIMITED
+
+
 MECHANISMS: Final = (
-    Mechanism("target", _target, "the mode's speed (paper, table of target speeds), come to by easing off"),
+    Mechanism(
+        "target",
+        lambda drive: _eased_off(drive.target_mps, drive.ego.speed_mps, drive.config.ease_off_mps2, drive.config),
+        "the mode's speed (paper, table of target speeds), come to by easing off",
+    ),
     Mechanism("path", _path, "bends ahead, what the steering can follow, and a stop at the path's end"),
     Mechanism("collision", _collision, "vehicles ahead on the path, and those whose way meets it; off in a gap escape"),
-    Mechanism("passage", _passage, "EMV in the corridor and in a gap escape: space beside its footprint"),
-    Mechanism("anticipation", _anticipation, "EMV elsewhere: vehicles ahead, with gentle braking in good time"),
-    Mechanism("junction entry", _entry, "EMV: red lights ahead"),
+    Mechanism(
+        "passage", _emv_limit(passage_limit), "EMV in the corridor and in a gap escape: space beside its footprint"
+    ),
+    Mechanism(
+        "anticipation", _emv_limit(anticipated_limit), "EMV elsewhere: vehicles ahead, with gentle braking in good time"
+    ),
+    Mechanism("junction entry", _emv_limit(lambda _, ego: entry_limit(ego)), "EMV: red lights ahead"),
     Mechanism("manoeuvring", _manoeuvring, "civilians who pull over or come back: space around the whole body"),
 )
 """Every mechanism that limits the speed of a vehicle that SUMO does not drive, in the order in which they act."""
@@ -129,8 +247,8 @@ def navigate(
     drive = Drive(unit, ego, state.path, progress, target_mps, config)
     limits = [mechanism.limit(drive) for mechanism in mechanisms]
     must_brake = max(limit.brake_mps2 for limit in limits) if speed > config.rolling_mps else 0.0
-    wanted = min(limit.speed_mps for limit in limits)
-    pedals = press_pedals(speed, wanted, must_brake, state.integral_mps2, ego.vehicle, config)
+    lowest = min(limit.speed_mps for limit in limits)
+    pedals = press_pedals(speed, lowest, must_brake, state.integral_mps2, ego.vehicle, config)
     steer = steer_along(state.path, progress, left, ego.pose[2], speed, ego.vehicle, config)
     return (
         NavigatorState(state.path, progress, left, pedals.integral_mps2),

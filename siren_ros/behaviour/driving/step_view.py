@@ -65,10 +65,6 @@ class ActorTable:
         left = {key: value for key, value in self.by_id.items() if key not in gone}
         return self.of(left | {actor.actor_id: actor for actor in traffic.spawned})
 
-    def class_of(self, actor_id: int) -> ActorClass:
-        """Body type of an actor."""
-        return self.by_id[actor_id].actor_class
-
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
@@ -89,12 +85,7 @@ class Surroundings:
 
     @classmethod
     def seen(cls, traffic: TrafficState, table: ActorTable, book: CourseBook | None = None) -> "Surroundings":
-        """The actors of a step.
-
-        Args:
-            traffic: The step.
-            table: Descriptions of all actors.
-            book: Courses of the map.
+        """The actors of a step, with an outlook on where they go where the courses of the map are given.
 
         Raises:
             KeyError: an actor of the step was never described.
@@ -106,18 +97,10 @@ class Surroundings:
             if np.any(rows < 0):
                 raise KeyError(int(traffic.actor_id[np.argmax(rows < 0)]))
         half_length, half_width = 0.5 * table.length_m[rows], 0.5 * table.width_m[rows]
+        poses = (traffic.x_m, traffic.y_m, traffic.yaw_rad, np.cos(traffic.yaw_rad), np.sin(traffic.yaw_rad))
+        outlook = None if book is None else Outlook(traffic, book, half_length, half_width)
         return cls(
-            actor_id=traffic.actor_id,
-            x_m=traffic.x_m,
-            y_m=traffic.y_m,
-            yaw_rad=traffic.yaw_rad,
-            cos=np.cos(traffic.yaw_rad),
-            sin=np.sin(traffic.yaw_rad),
-            speed_mps=traffic.speed_mps,
-            half_length_m=half_length,
-            half_width_m=half_width,
-            is_emv=table.is_emv[rows],
-            outlook=None if book is None else Outlook(traffic, book, half_length, half_width),
+            traffic.actor_id, *poses, traffic.speed_mps, half_length, half_width, table.is_emv[rows], outlook=outlook
         )
 
     def near(self, x_m: float, y_m: float, radius_m: float, but: int = -1) -> npt.NDArray[np.intp]:
@@ -214,7 +197,12 @@ class StepView:
 
     def ego(self, row: int) -> "Ego":
         """The step as the driver in a row sees it."""
-        return Ego(self.world, self.traffic, self.seen, self.actors, row)
+        seen = self.seen
+        known = int(seen.actor_id[row]), bool(seen.is_emv[row]), int(self.traffic.lane[row])
+        columns = (seen.x_m, seen.y_m, seen.yaw_rad, seen.cos, seen.sin, seen.speed_mps)
+        x, y, yaw, cos, sin, speed = (float(column[row]) for column in columns)
+        size = float(seen.half_length_m[row]), float(seen.half_width_m[row])
+        return Ego(self.world, self.traffic, seen, self.actors, row, *known, (x, y, yaw), (cos, sin), speed, *size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,22 +210,19 @@ class Ego(StepView):
     """One step as one driver sees it: the vehicle in a row, and all others."""
 
     row: int
-
-    @property
-    def actor_id(self) -> int:
-        """Id of the vehicle."""
-        return int(self.seen.actor_id[self.row])
-
-    @property
-    def is_emv(self) -> bool:
-        """Whether the vehicle is an emergency vehicle."""
-        return bool(self.seen.is_emv[self.row])
-
-    @cached_property
-    def pose(self) -> tuple[float, float, float]:
-        """x, y and yaw of the footprint's centre."""
-        seen, row = self.seen, self.row
-        return float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row])
+    actor_id: int
+    is_emv: bool
+    lane: int
+    """The lane on which SUMO has the front bumper; ``NO_LANE`` off the road."""
+    pose: tuple[float, float, float]
+    """x, y and yaw of the footprint's centre."""
+    direction: tuple[float, float]
+    """Cosine and sine of the yaw."""
+    speed_mps: float
+    """Over ground."""
+    half_length_m: float
+    """Of the footprint."""
+    half_width_m: float
 
     @property
     def place(self) -> tuple[float, float]:
@@ -245,34 +230,9 @@ class Ego(StepView):
         return self.pose[:2]
 
     @property
-    def direction(self) -> tuple[float, float]:
-        """Cosine and sine of the yaw."""
-        return float(self.seen.cos[self.row]), float(self.seen.sin[self.row])
-
-    @property
-    def speed_mps(self) -> float:
-        """Over ground."""
-        return float(self.seen.speed_mps[self.row])
-
-    @property
-    def half_length_m(self) -> float:
-        """Half the length of the footprint."""
-        return float(self.seen.half_length_m[self.row])
-
-    @property
-    def half_width_m(self) -> float:
-        """Half the width of the footprint."""
-        return float(self.seen.half_width_m[self.row])
-
-    @property
     def body(self) -> Body:
         """The footprint."""
         return Body(self.half_length_m, self.half_width_m)
-
-    @property
-    def lane(self) -> int:
-        """The lane on which SUMO has the front bumper; ``NO_LANE`` off the road."""
-        return int(self.traffic.lane[self.row])
 
     @property
     def route(self) -> Indices:
@@ -282,7 +242,7 @@ class Ego(StepView):
     @cached_property
     def vehicle(self) -> VehicleParameters:
         """Vehicle parameters."""
-        return self.world.vehicles[self.actors.class_of(self.actor_id)]
+        return self.world.vehicles[self.actors.by_id[self.actor_id].actor_class]
 
     @cached_property
     def navigator_config(self) -> NavigatorConfig:
@@ -311,13 +271,8 @@ class Ego(StepView):
     ) -> LanePath:
         """The reference line from the vehicle on, along a lane and the lanes of the route that follow it.
 
-        Args:
-            lane: Where the line begins.
-            ahead_m: How far to look.
-            behind_m: How far behind the vehicle the line begins.
-            length_m: Greatest length of the line, ``ahead_m`` by default.
-            civilian: Whether only lanes open to civilians may be used.
-            through_junctions: Whether to go on beyond joints that are more than two pieces of one road.
+        It looks ``ahead_m`` far, begins ``behind_m`` behind the vehicle and is at most ``length_m`` long (``ahead_m``
+        by default); arguments otherwise as for ``lanes_along``.
         """
         at_m = self.place_on(lane)[0]
         lanes, end = lanes_along(self.network, lane, at_m, self.route, ahead_m, civilian, through_junctions)

@@ -10,18 +10,14 @@ from siren_ros.behaviour.driving.emv_unit import EmvUnit, Guard, GuardResult, pl
 from siren_ros.behaviour.driving.navigator import DriveCommand
 from siren_ros.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, Ego, StepView, Surroundings
-from siren_ros.behaviour.emv.forced_lane_change import (
-    cancel_lane_change,
-    complete_lane_change,
-    forced_lane_change,
-)
+from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change, complete_lane_change, forced_lane_change
 from siren_ros.behaviour.emv.gap_escape import escape_path, escape_speed_mps, gap_escape_mode
 from siren_ros.behaviour.emv.rescue_corridor import corridor_mode, corridor_path
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Lights, Mode, Owner
-from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.commands import CommandRow, VehicleCommands
 from siren_ros.world.traffic_state import Event, TrafficState
 
 SOURCE: Final = "emv_controller"
@@ -34,19 +30,9 @@ class EmvState:
     units: Mapping[int, EmvUnit] = field(default_factory=dict)
     actors: ActorTable = field(default_factory=ActorTable.empty)
 
-    @classmethod
-    def initial(cls) -> "EmvState":
-        """Before the first step."""
-        return cls()
-
 
 def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> tuple[EmvState, VehicleCommands]:
     """One step of every EMV that is in traffic.
-
-    Args:
-        state: Latched state.
-        traffic: SUMO's state and the simulated poses.
-        world: Level, constants and road network.
 
     Returns:
         The next state, and one command row per EMV, owned by ROS. At a level without privilege (L0) SUMO drives the
@@ -57,15 +43,17 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
         return EmvState({}, actors), VehicleCommands.empty(traffic.step, SOURCE)
     view = StepView(world, traffic, Surroundings.seen(traffic, actors, world.courses), actors)
     units: dict[int, EmvUnit] = {}
-    drives: list[tuple[EmvUnit, DriveCommand]] = []
-    events: list[Event] = []
+    rows: list[CommandRow] = []
+    events: tuple[Event, ...] = ()
     for row in np.flatnonzero(view.seen.is_emv).tolist():
         actor_id = int(traffic.actor_id[row])
         unit, command, happened = _step_unit(state.units.get(actor_id, EmvUnit(actor_id)), view.ego(row))
         units[actor_id] = unit
-        drives.append((unit, command))
-        events.extend(happened)
-    return EmvState(units, actors), _commands(drives, view, tuple(events))
+        lights = {1: Lights.INDICATOR_LEFT, -1: Lights.INDICATOR_RIGHT}.get(unit.change_side, Lights.NONE)
+        lights |= Lights.BEACON | Lights.SIREN if world.policy.siren else Lights.NONE
+        rows.append((actor_id, Owner.ROS, *command, mode_of(unit), int(lights)))
+        events += happened
+    return EmvState(units, actors), VehicleCommands.of(traffic.step, SOURCE, rows, events)
 
 
 def mode_of(unit: EmvUnit) -> Mode:
@@ -82,10 +70,9 @@ def target_speed_mps(unit: EmvUnit, ego: Ego) -> float:
     if unit.gap_escape_active:
         return escape_speed_mps(unit, ego)
     speeds = ego.world.speeds
-    return {
-        Mode.COPY_SUMO: speeds.emv_copy_sumo_mps,
-        Mode.FORCED_LANE_CHANGE: speeds.emv_lane_change_mps,
-    }.get(mode_of(unit), speeds.emv_route_follow_mps)
+    if unit.corridor:
+        return speeds.emv_copy_sumo_mps
+    return speeds.emv_lane_change_mps if unit.lane_change_forced else speeds.emv_route_follow_mps
 
 
 def _step_unit(unit: EmvUnit, ego: Ego) -> tuple[EmvUnit, DriveCommand, tuple[Event, ...]]:
@@ -121,29 +108,12 @@ def follow_route(unit: EmvUnit, ego: Ego) -> GuardResult:
             return unit, ()
         lane = ego.lane
         unit, events = cancel_lane_change(unit, ego, "off_path")
-    elif (
-        plan.end is LaneEnd.HORIZON
-        and navigator.remaining_m < config.rebuild_below_m
-        and navigator.progress_m > path.settled_m
-    ):
-        lane = present_lane(ego, navigator)
     else:
-        return unit, ()
+        ends = plan.end is LaneEnd.HORIZON and navigator.remaining_m < config.rebuild_below_m
+        if not ends or navigator.progress_m <= path.settled_m:
+            return unit, ()
+        lane = present_lane(ego, navigator)
     if lane == NO_LANE:
         return unit, events
     plan, navigator = plan_route(ego, lane, navigator)
     return replace(unit, plan=plan, navigator=navigator), events
-
-
-def _commands(drives: list[tuple[EmvUnit, DriveCommand]], view: StepView, events: tuple[Event, ...]) -> VehicleCommands:
-    rows = [(unit.actor_id, Owner.ROS, *command, mode_of(unit), _lights(unit, view.world)) for unit, command in drives]
-    return VehicleCommands.of(view.step, SOURCE, rows, events)
-
-
-def _lights(unit: EmvUnit, world: BehaviourWorld) -> int:
-    lights = Lights.BEACON | Lights.SIREN if world.policy.siren else Lights.NONE
-    if unit.change_side > 0:
-        lights |= Lights.INDICATOR_LEFT
-    elif unit.change_side < 0:
-        lights |= Lights.INDICATOR_RIGHT
-    return int(lights)

@@ -1,7 +1,7 @@
 """Search of a drivable path through free space: a lattice of offsets and directions beside a reference line."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -37,7 +37,7 @@ class Start:
     """How the vehicle stands against the reference line, and what it can steer."""
 
     left_m: float
-    """Of the rear axle, whose direction of motion is the vehicle's own."""
+    """Of the rear axle, whose direction of motion is the vehicle's."""
     slope: float
     body: Body
     centre_ahead_m: float
@@ -50,10 +50,18 @@ class Start:
 class Lattice:
     """Nodes are offsets ``left_m`` (D) times slopes (H), one layer per station (S)."""
 
+    curve: Curve
+    """Reference line."""
+    road: RoadSpace
+    """Stations at multiples of ``config.station_m`` from the rear axle's place on."""
+    vehicle: Start
+    obstacles: Obstacles
+    """Vehicles, swept along their motion."""
+    config: GapEscapeConfig
     left_m: Floats
     slope: Floats
     start: tuple[int, tuple[int, ...]]
-    """Offset, and the slopes on both sides of the vehicle's own."""
+    """Offset, and the slopes on both sides of the vehicle's."""
     present_m: Floats
     """Distance from each obstacle at the start, infinite from those that are not near, shape ``(M,)``."""
     clearance_m: Floats
@@ -67,7 +75,7 @@ class Lattice:
 
 
 def lattice_of(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles, config: GapEscapeConfig) -> Lattice:
-    """The lattice at the stations of a road, with the clearance of each node; arguments as for ``search_lattice``."""
+    """The lattice at the stations of a road, with the clearance of each node."""
     step = config.station_m
     grain = 0.5 * step * config.slope_step
     reach = start.body.half_width_m
@@ -88,24 +96,13 @@ def lattice_of(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles
         for k in bend.tolist()
     )
     present = _present_m(curve, road, start, obstacles)
-    clearance = _clearances(curve, _halved(road), (left, slope), start, obstacles, present, config.edge_overhang_m)
-    return Lattice(
-        left_m=left,
-        slope=slope,
-        start=(below, tuple(sorted({math.floor(steps), math.ceil(steps)}))),
-        present_m=present,
-        clearance_m=clearance[::2],
-        between_m=clearance[1::2],
-        price=_prices(road, left, start.body, config),
-        turns=turns,
-    )
-
-
-def _halved(road: RoadSpace) -> RoadSpace:
-    """The road at twice as many stations."""
-    half = np.arange(2 * len(road.s_m) - 1) / 2.0
-    lines = (road.s_m, road.right_m, road.driving_right_m, road.left_m, road.opposite_left_m, road.middle_m)
-    return RoadSpace(*(np.interp(half, np.arange(len(line)), line) for line in lines))
+    half_stations = np.arange(2 * len(road.s_m) - 1) / 2.0
+    halved = RoadSpace(*(np.interp(half_stations, np.arange(len(line)), line) for line in vars(road).values()))
+    clearance = _clearances(curve, halved, (left, slope), start, obstacles, present, config.edge_overhang_m)
+    node = below, tuple(sorted({math.floor(steps), math.ceil(steps)}))
+    prices = _prices(road, left, start.body, config)
+    given = curve, road, start, obstacles, config
+    return Lattice(*given, left, slope, node, present, clearance[::2], clearance[1::2], prices, turns)
 
 
 def _present_m(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles) -> Floats:
@@ -117,24 +114,18 @@ def _present_m(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles
 
 
 def _clearances(
-    curve: Curve,
-    road: RoadSpace,
-    nodes: tuple[Floats, Floats],
-    start: Start,
-    obstacles: Obstacles,
-    present: Floats,
+    curve: Curve, road: RoadSpace, nodes: tuple[Floats, Floats], start: Start, obstacles: Obstacles, present: Floats,
     edge_overhang_m: float,
-) -> Floats:
+) -> Floats:  # fmt: skip
     """Distance from the nearest obstacle at every node, offsets times slopes."""
     left, slope = nodes
-    body, turned = start.body, np.arctan(slope)
+    body, turned, ahead = start.body, np.arctan(slope), start.centre_ahead_m
     heading, place = curve.heading_at(road.s_m), curve.at(road.s_m)
-    ahead = start.centre_ahead_m
     near = math.hypot(body.half_length_m, body.half_width_m) + ahead + 1.0
     reach_right, reach_left = _wheels_m(start, turned)
-    own_right, own_left = _wheels_m(start, np.arctan(np.array([start.slope])))
-    over_right = max(float(road.right_m[0] - start.left_m + own_right[0]), edge_overhang_m)
-    over_left = max(float(start.left_m + own_left[0] - road.opposite_left_m[0]), edge_overhang_m)
+    start_right, start_left = _wheels_m(start, np.arctan(np.array([start.slope])))
+    over_right = max(float(road.right_m[0] - start.left_m + start_right[0]), edge_overhang_m)
+    over_left = max(float(start.left_m + start_left[0] - road.opposite_left_m[0]), edge_overhang_m)
     clearance = np.empty((len(road.s_m), len(left), len(slope)))
     extent = np.hypot(obstacles.half_length_m, obstacles.half_width_m)
     for k, angle in enumerate(heading.tolist()):
@@ -176,7 +167,7 @@ Ints = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class FoundPath:
+class EscapePath:
     """A path beside the reference line: offsets ``left_m`` of the rear axle at arc lengths ``s_m``."""
 
     s_m: Floats
@@ -200,27 +191,20 @@ class FoundPath:
 
 def search_lattice(
     curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles, config: GapEscapeConfig
-) -> FoundPath | None:
+) -> EscapePath | None:
     """The cheapest path that the footprint clears, by dynamic programming from station to station.
 
     Paths change their slope against the reference line by what the vehicle can steer; between two stations the
-    offset is a parabola. Wider margins are preferred to tight ones, long paths to short ones, the own road to the
-    shoulder and this to the opposite lane.
-
-    Args:
-        curve: Reference line.
-        road: Stations at multiples of ``config.station_m`` from the rear axle's place on.
-        start: The vehicle.
-        obstacles: Vehicles, swept along their motion.
-        config: Lattice, margins and prices.
+    offset is a parabola. Wider margins are preferred to tight ones, long paths to short ones, the EMV's road to the
+    shoulder and this to the opposite lane. Arguments as ``Lattice`` has them.
 
     Returns:
-        The path, or None where none is long enough to be worth driving.
+        The path, or None where no path is long enough to be worth driving.
     """
     lattice = lattice_of(curve, road, start, obstacles, config)
-    best: tuple[float, FoundPath] | None = None
+    best: tuple[float, EscapePath] | None = None
     for level, (clearance, _) in enumerate(config.squeezes):
-        cheapest = _cheapest_clear(lattice, (curve, road), start, obstacles, clearance, config)
+        cheapest = _cheapest_clear(lattice, clearance)
         if cheapest is None:
             continue
         price, path = cheapest
@@ -232,57 +216,38 @@ def search_lattice(
     return best[1] if best is not None else None
 
 
-def _cheapest_clear(
-    lattice: Lattice,
-    where: tuple[Curve, RoadSpace],
-    start: Start,
-    obstacles: Obstacles,
-    clearance_m: float,
-    config: GapEscapeConfig,
-) -> tuple[float, FoundPath] | None:
+def _cheapest_clear(lattice: Lattice, clearance_m: float) -> tuple[float, EscapePath] | None:
     """The cheapest path with a margin that is also clear between the nodes, where the search has not looked."""
-    curve, road = where
     between = lattice.between_m.copy()
-    searched = replace(lattice, between_m=between)
-    for _ in range(config.attempts):
-        cheapest = _cheapest(searched, road, clearance_m, config)
+    for _ in range(lattice.config.attempts):
+        cheapest = _cheapest(lattice, between, clearance_m)
         if cheapest is None:
             return None
         price, way, path = cheapest
-        joined = _joined(path, start, float(lattice.slope[way[0, 1]]))
-        blocked = _blocked_cell(joined, road, (curve, start), obstacles, lattice.present_m, config.touch_m)
+        blocked = _blocked_cell(lattice, path)
         if blocked is None:
-            return price, joined
+            return price, path
         (row, slope), (_, after) = way[blocked : blocked + 2]
         half = min(max(row + slope - len(lattice.slope) // 2, 0), len(lattice.left_m) - 1)
         between[blocked, half, slope + (after - slope) // 2] = -np.inf
     return None
 
 
-def _blocked_cell(
-    path: FoundPath,
-    road: RoadSpace,
-    vehicle: tuple[Curve, Start],
-    obstacles: Obstacles,
-    present_m: Floats,
-    touch_m: float,
-) -> int | None:
-    """The station after which a path first comes nearer to an obstacle than a margin, None where it does not."""
-    curve, start = vehicle
-    centre = path.centre_line(curve, start.centre_ahead_m)
-    ahead = centre - curve.offset_at(path.s_m, path.left_m)
-    yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
-    gap = clearances_m(centre[:, 0], centre[:, 1], yaw, start.body, obstacles, present_m)
-    near = np.flatnonzero(gap < touch_m)
+def _blocked_cell(lattice: Lattice, path: EscapePath) -> int | None:
+    """The station after which a path first comes so near to an obstacle that it counts as blocked; None without one."""
+    centre = path.centre_line(lattice.curve, lattice.vehicle.centre_ahead_m)
+    ahead = centre - lattice.curve.offset_at(path.s_m, path.left_m)
+    yaw, others = np.arctan2(ahead[:, 1], ahead[:, 0]), (lattice.obstacles, lattice.present_m)
+    gap = clearances_m(centre[:, 0], centre[:, 1], yaw, lattice.vehicle.body, *others)
+    near = np.flatnonzero(gap < lattice.config.touch_m)
     if not len(near):
         return None
-    return max(int(np.searchsorted(road.s_m, path.s_m[near[0]], side="left")) - 1, 0)
+    return max(int(np.searchsorted(lattice.road.s_m, path.s_m[near[0]], side="left")) - 1, 0)
 
 
-def _cheapest(
-    lattice: Lattice, road: RoadSpace, clearance_m: float, config: GapEscapeConfig
-) -> tuple[float, Ints, FoundPath] | None:
+def _cheapest(lattice: Lattice, between_m: Floats, clearance_m: float) -> tuple[float, Ints, EscapePath] | None:
     """The cheapest path with a margin: its price less what its length is worth, its nodes, and itself."""
+    config, road = lattice.config, lattice.road
     stations, offsets, slopes = lattice.clearance_m.shape
     cost = np.full((offsets, slopes), np.inf)
     offset, directions = lattice.start
@@ -293,7 +258,7 @@ def _cheapest(
     for k in range(1, stations):
         best = np.full((offsets, slopes), np.inf)
         for turn in lattice.turns[k - 1]:
-            moved = _moved(cost, turn, lattice.between_m[k - 1] < clearance_m) + config.turn_cost * turn * turn
+            moved = _moved(cost, turn, between_m[k - 1] < clearance_m) + config.turn_cost * turn * turn
             better = moved < best
             best[better] = moved[better]
             turned[k][better] = turn
@@ -310,10 +275,24 @@ def _cheapest(
     if not np.isfinite(worth.flat[flat]):
         return None
     last, i, j = (int(item) for item in np.unravel_index(flat, worth.shape))
-    way = _walked_back(lattice, turned, (last, i, j))
-    left, slope = lattice.left_m[way[:, 0]], lattice.slope[way[:, 1]]
-    path = _smooth_offsets(road.s_m[: last + 1], left, slope, clearance_m, complete=last + 1 == stations)
-    return float(worth.flat[flat]), way, path
+    nodes = [(i, j)]
+    for k in range(last, 0, -1):
+        before = j - int(turned[k, i, j])
+        i, j = i - (before - slopes // 2) - (j - slopes // 2), before
+        nodes.append((i, j))
+    way = np.array(nodes[::-1])
+    return float(worth.flat[flat]), way, _path_through(lattice, way, clearance_m)
+
+
+def _path_through(lattice: Lattice, way: Ints, clearance_m: float) -> EscapePath:
+    """The parabolas between the nodes of a way, sampled finely, with the vehicle's direction at their start."""
+    s, left, slope = lattice.road.s_m[: len(way)], lattice.left_m[way[:, 0]], lattice.slope[way[:, 1]]
+    fine = np.linspace(s[0], s[-1], max(3, round((s[-1] - s[0]) / _FINE_M) + 1))
+    cell = np.clip(np.searchsorted(s, fine, side="right") - 1, 0, len(s) - 2)
+    into, width, along = fine - s[cell], s[cell + 1] - s[cell], fine - fine[0]
+    offsets = left[cell] + slope[cell] * into + 0.5 * (slope[cell + 1] - slope[cell]) * into**2 / width
+    offsets = offsets + (lattice.vehicle.slope - float(slope[0])) * along * np.exp(-along)
+    return EscapePath(fine, offsets, clearance_m, complete=len(way) == len(lattice.road.s_m))
 
 
 def _moved(cost: Floats, turn: int, blocked: npt.NDArray[np.bool_]) -> Floats:
@@ -334,31 +313,3 @@ def _moved(cost: Floats, turn: int, blocked: npt.NDArray[np.bool_]) -> Floats:
     moved = np.full_like(cost, np.inf)
     moved[:, target] = np.where(inside & free, cost[np.clip(rows, 0, offsets - 1), source], np.inf)
     return moved
-
-
-def _walked_back(lattice: Lattice, turned: npt.NDArray[np.int8], end: tuple[int, int, int]) -> Ints:
-    """Offset and slope of each node on the way to one, shape ``(K, 2)``."""
-    last, i, j = end
-    middle = len(lattice.slope) // 2
-    nodes = [(i, j)]
-    for k in range(last, 0, -1):
-        before = j - int(turned[k, i, j])
-        i, j = i - (before - middle) - (j - middle), before
-        nodes.append((i, j))
-    return np.array(nodes[::-1])
-
-
-def _smooth_offsets(s: Floats, left: Floats, slope: Floats, clearance_m: float, *, complete: bool) -> FoundPath:
-    """The parabolas between the nodes, sampled finely."""
-    fine = np.linspace(s[0], s[-1], max(3, round((s[-1] - s[0]) / _FINE_M) + 1))
-    cell = np.clip(np.searchsorted(s, fine, side="right") - 1, 0, len(s) - 2)
-    into, width = fine - s[cell], s[cell + 1] - s[cell]
-    offsets = left[cell] + slope[cell] * into + 0.5 * (slope[cell + 1] - slope[cell]) * into**2 / width
-    return FoundPath(fine, offsets, clearance_m, complete)
-
-
-def _joined(path: FoundPath, start: Start, slope: float) -> FoundPath:
-    """The path with the vehicle's own direction at its start, in place of the lattice's."""
-    miss = start.slope - slope
-    way = path.s_m - path.s_m[0]
-    return FoundPath(path.s_m, path.left_m + miss * way * np.exp(-way), path.clearance_m, path.complete)

@@ -16,19 +16,9 @@ from siren_ros.behaviour.driving.emv_unit import (
     present_lane,
     strategic_side,
 )
-from siren_ros.behaviour.driving.lane_change import (
-    LaneChangeQuery,
-    Refusal,
-    assess,
-    entered_lane,
-    gaps_in_lane,
-)
+from siren_ros.behaviour.driving.lane_change import LaneChangeQuery, Refusal, assess, entered_lane, gaps_in_lane
 from siren_ros.behaviour.driving.step_view import Ego
-from siren_ros.behaviour.paths.lane_path import (
-    LaneEnd,
-    LanePath,
-    neighbour_lane,
-)
+from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.traffic_state import EventKind
@@ -38,17 +28,15 @@ SHOULDER: Final = "shoulder"
 
 
 def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
-    """Side that the EMV wants to go to (+1 left, −1 right, 0 none) and why: the route first, then a free shoulder.
+    """Side to which the EMV wants to go (+1 left, −1 right, 0 none) and why: the route first, then a free shoulder.
 
-    Before the first plan nobody wants anything.
+    It wants no lane change before its first plan.
     """
-    plan = unit.plan
-    if plan is None:
+    if unit.plan is None:
         return 0, SUMO
     near = unit.navigator.remaining_m < ego.config.emv.strategic_distance_m
-    if plan.end is LaneEnd.ASTRAY and near:
-        lane = present_lane(ego, unit.navigator)
-        return strategic_side(ego.network, lane, ego.route), ROUTE
+    if unit.plan.end is LaneEnd.ASTRAY and near:
+        return strategic_side(ego.network, present_lane(ego, unit.navigator), ego.route), ROUTE
     if shoulder_is_faster(unit, ego):
         return -1, SHOULDER
     advice = advice_of(ego, unit.actor_id)
@@ -68,12 +56,11 @@ def shoulder_is_faster(unit: EmvUnit, ego: Ego) -> bool:
     shoulder = neighbour_lane(network, lane, -1)
     if shoulder == NO_LANE or network.lanes[shoulder].kind is not LaneKind.SHOULDER:
         return False
-    own = gaps_in_lane(ego, lane)
-    if own.front_m > config.shoulder_from_m or own.front_mps > config.shoulder_below_mps:
+    gaps = gaps_in_lane(ego, lane)
+    if gaps.front_m > config.shoulder_from_m or gaps.front_mps > config.shoulder_below_mps:
         return False
-    if gaps_in_lane(ego, shoulder).front_m <= own.front_m + config.shoulder_gain_m:
-        return False
-    return _comes_back(ego, lane, shoulder)
+    free = gaps_in_lane(ego, shoulder).front_m > gaps.front_m + config.shoulder_gain_m
+    return free and _comes_back(ego, lane, shoulder)
 
 
 def _comes_back(ego: Ego, lane: int, shoulder: int) -> bool:
@@ -97,7 +84,7 @@ def forced_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
     The cooldown is the least time between the starts of two forced lane changes. A deferred request is reconsidered at
     every step.
     """
-    if unit.corridor or unit.gap_escape_active:
+    if unit.between:
         return _drop_request(unit, ego, "corridor" if unit.corridor else "gap_escape")
     if unit.lane_change_forced:
         return unit, ()
@@ -124,15 +111,8 @@ def forced_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
         return replace(unit, request=replace(request, deferred=verdict)), events
     plan, navigator = plan_route(ego, query.target, unit.navigator, merge_m=query.length_m)
     started = event_of(ego, EventKind.LANE_CHANGE_STARTED, side=request.side, reason=request.reason, lane=query.target)
-    unit = replace(
-        unit,
-        plan=plan,
-        navigator=navigator,
-        change_side=request.side,
-        change_step=ego.step,
-        request=LateralRequest(),
-    )
-    return unit, (*events, started)
+    unit = replace(unit, plan=plan, navigator=navigator, request=LateralRequest())
+    return replace(unit, change_side=request.side, change_step=ego.step), (*events, started)
 
 
 def complete_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
@@ -160,8 +140,7 @@ def _is_turning(unit: EmvUnit, ego: Ego, reference: LanePath) -> bool:
     if path is None:
         return False
     bend = reference.curve.place(reference.curve.project_one(*ego.place)[0])[3]
-    own = path.curve.place(unit.navigator.progress_m)[3]
-    return abs(own - bend) > ego.config.lane_change.bend_max_1pm
+    return abs(path.curve.place(unit.navigator.progress_m)[3] - bend) > ego.config.lane_change.bend_max_1pm
 
 
 def _note_intent(unit: EmvUnit, ego: Ego) -> GuardResult:

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from siren_ros.behaviour.driving.emv_speed_limits import free_way, rows_around
 from siren_ros.behaviour.driving.emv_unit import EmvUnit, GuardResult, advice_of, best_lane, event_of, present_lane
 from siren_ros.behaviour.driving.free_space import Obstacles
 from siren_ros.behaviour.driving.lane_change import gaps_in_lane
+from siren_ros.behaviour.driving.speed_mechanisms import free_way, rows_around
 from siren_ros.behaviour.driving.step_view import Ego
-from siren_ros.behaviour.emv.escape_search import FoundPath, RoadSpace, Start, search_lattice
+from siren_ros.behaviour.emv.escape_search import EscapePath, RoadSpace, Start, search_lattice
 from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LanePath, road_limits
@@ -31,7 +31,7 @@ def reference_line(ego: Ego, lane: int) -> LanePath:
     return ego.line_along(best_lane(ego.network, lane, ego.route), length, ego.config.gap_escape.behind_m)
 
 
-def search_gap(reference: LanePath, ego: Ego) -> FoundPath | None:
+def search_gap(reference: LanePath, ego: Ego) -> EscapePath | None:
     """The best path beside a reference line that the EMV's footprint clears with a margin.
 
     Vehicles are swept along their motion, those that do not move in the EMV's direction for longer.
@@ -49,14 +49,9 @@ def search_gap(reference: LanePath, ego: Ego) -> FoundPath | None:
     if count < 3:
         return None
     turned = math.remainder(yaw - curve.place(s0)[2], 2.0 * math.pi)
-    start = Start(
-        left_m=left,
-        slope=math.tan(max(-0.7, min(0.7, turned))),
-        body=body,
-        centre_ahead_m=rear,
-        wheelbase_m=vehicle.wheelbase_m,
-        sharpest_1pm=math.tan(config.steer_range_share * vehicle.max_steer_rad) / vehicle.wheelbase_m,
-    )
+    slope = math.tan(max(-0.7, min(0.7, turned)))
+    sharpest = math.tan(config.steer_range_share * vehicle.max_steer_rad) / vehicle.wheelbase_m
+    start = Start(left, slope, body, rear, vehicle.wheelbase_m, sharpest)
     road = road_space(ego.network, reference, s0 + config.station_m * np.arange(count))
     rows, along = rows_around(ego)
     obstacles = Obstacles.swept(ego.seen, rows, np.where(along, 1.0, config.oncoming_factor) * config.sweep_s)
@@ -68,32 +63,25 @@ def road_space(network: RoadNetwork, reference: LanePath, s_m: Floats) -> RoadSp
     lane_of = reference.lane_at(s_m)
     edges = np.full((5, len(s_m)), np.nan)
     for lane in dict.fromkeys(lane_of.tolist()):
-        here = network.lanes[lane]
-        if here.kind is LaneKind.INTERNAL:
-            continue
-        road = road_limits(network, lane)
-        middle = 0.5 * (road.driving_right_m + road.left_m)
-        values = (road.right_m, road.driving_right_m, road.left_m, road.left_m + road.opposite_road_m, middle)
-        edges[:, lane_of == lane] = np.array(values)[:, None]
+        if network.lanes[lane].kind is not LaneKind.INTERNAL:
+            road = road_limits(network, lane)
+            middle = 0.5 * (road.driving_right_m + road.left_m)
+            values = (road.right_m, road.driving_right_m, road.left_m, road.left_m + road.opposite_road_m, middle)
+            edges[:, lane_of == lane] = np.array(values)[:, None]
     known = np.isfinite(edges[0])
-    if not known.any():
-        width = network.lanes[int(lane_of[0])].width_m
-        edges[:] = np.array([-1.5, -1.5, 1.5, 1.5, 0.0])[:, None] * width
-    else:
-        edges = np.stack([np.interp(s_m, s_m[known], line[known]) for line in edges])
+    if known.any():
+        return RoadSpace(s_m, *(np.interp(s_m, s_m[known], line[known]) for line in edges))
+    edges[:] = np.array([-1.5, -1.5, 1.5, 1.5, 0.0])[:, None] * network.lanes[int(lane_of[0])].width_m
     return RoadSpace(s_m, *edges)
 
 
 def gap_escape_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
     """Latches the gap escape: begun after a sustained stop behind a blocker, ended some time after the last one."""
     constants = ego.world.constants.gap_escape
-    stopped = ego.speed_mps <= constants.blocked_speed_mps
     blocker = blocker_of(unit, ego)
-    unit = replace(
-        unit,
-        stopped_s=unit.stopped_s + STEP_S if stopped else 0.0,
-        blocker_free_s=0.0 if blocker != NO_ACTOR else unit.blocker_free_s + STEP_S,
-    )
+    stopped_s = unit.stopped_s + STEP_S if ego.speed_mps <= constants.blocked_speed_mps else 0.0
+    free_s = 0.0 if blocker != NO_ACTOR else unit.blocker_free_s + STEP_S
+    unit = replace(unit, stopped_s=stopped_s, blocker_free_s=free_s)
     if unit.gap_escape_active and unit.blocker_free_s >= constants.blocker_grace_s - 0.5 * STEP_S:
         unit = replace(unit, gap_escape_active=False, escape_offset_m=None, plan=None, corridor_planned_step=NEVER)
         return unit, (event_of(ego, EventKind.GAP_ESCAPE_LEFT),)
@@ -112,17 +100,14 @@ def blocker_of(unit: EmvUnit, ego: Ego) -> int:
     navigator's collision handling is off: the blocker is then the vehicle ahead in the EMV's lane, or one that closes
     its path. A vehicle that a moving EMV would pass sideways does not block.
     """
-    advice, lane, passed = advice_of(ego, unit.actor_id), NO_LANE, NO_ACTOR
+    advice, passed = advice_of(ego, unit.actor_id), NO_ACTOR
     stopped = ego.speed_mps <= ego.world.constants.gap_escape.blocked_speed_mps
-    if unit.gap_escape_active:
-        lane = present_lane(ego, unit.navigator)
+    lane = present_lane(ego, unit.navigator) if unit.gap_escape_active else NO_LANE
     if advice is not None and advice.leader_id != NO_ACTOR:
         rows = np.flatnonzero(ego.seen.actor_id == advice.leader_id)
         slow = len(rows) == 0 or ego.seen.speed_mps[rows[0]] < ego.world.speeds.emv_gap_escape_mps
-        near = advice.leader_gap_m <= ego.world.constants.leader_query_m
-        unknown = lane == NO_LANE or len(rows) == 0
-        if slow and near:
-            if unknown or stopped or in_the_way(ego, int(rows[0]), lane):
+        if slow and advice.leader_gap_m <= ego.world.constants.leader_query_m:
+            if lane == NO_LANE or len(rows) == 0 or stopped or in_the_way(ego, int(rows[0]), lane):
                 return advice.leader_id
             passed = advice.leader_id
     if lane != NO_LANE:
@@ -171,15 +156,11 @@ def escape_path(unit: EmvUnit, ego: Ego) -> GuardResult:
     return replace(unit, escape_offset_m=None), waiting
 
 
-def _following(unit: EmvUnit, escape: FoundPath, reference: LanePath, ego: Ego) -> GuardResult:
-    ahead = ego.vehicle.centre_ahead_of_rear_axle_m
-    curve = Curve.through(escape.centre_line(reference.curve, ahead), ego.config.gap_escape.smoothing_m)
-    config, base = ego.config.gap_escape, ego.navigator_config
-    slowly = replace(
-        base,
-        lateral_accel_mps2=config.bend_accel_mps2,
-        curvature_rate_1pms=config.steer_share * base.curvature_rate_1pms,
-    )
+def _following(unit: EmvUnit, escape: EscapePath, reference: LanePath, ego: Ego) -> GuardResult:
+    config, base, ahead = ego.config.gap_escape, ego.navigator_config, ego.vehicle.centre_ahead_of_rear_axle_m
+    curve = Curve.through(escape.centre_line(reference.curve, ahead), config.smoothing_m)
+    rate_1pms = config.steer_share * base.curvature_rate_1pms
+    slowly = replace(base, lateral_accel_mps2=config.bend_accel_mps2, curvature_rate_1pms=rate_1pms)
     path = along_reference(curve, reference, escape.s_m + ahead, slowly, escape.length_m, stop_at_end=True)
     before, left = unit.escape_offset_m, float(escape.left_m[-1])
     navigator = unit.navigator.following(path, *ego.place)

@@ -5,17 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from siren_ros.behaviour.driving.emv_speed_limits import free_way
 from siren_ros.behaviour.driving.emv_unit import EmvUnit, GuardResult, advice_of, best_lane, event_of, present_lane
+from siren_ros.behaviour.driving.speed_mechanisms import free_way
 from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change
 from siren_ros.behaviour.paths.curve import Curve
-from siren_ros.behaviour.paths.lane_path import (
-    LaneEnd,
-    LanePath,
-    road_limits,
-    shoulder_into_turn,
-)
+from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, road_limits, shoulder_into_turn
 from siren_ros.behaviour.paths.tracked_path import along_reference, blend_length_m, quintic_offsets
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import NEVER, steps_from_s
@@ -30,8 +25,7 @@ def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
     It ends when neither has been the case for a while. Entering cancels a forced lane change.
     """
     advice = advice_of(ego, unit.actor_id)
-    wanted = (advice is not None and advice.rescue_count > 0) or braking_ahead(unit, ego)
-    if wanted:
+    if (advice is not None and advice.rescue_count > 0) or braking_ahead(unit, ego):
         unit = replace(unit, corridor_seen_step=ego.step)
         if unit.corridor:
             return unit, ()
@@ -50,22 +44,17 @@ def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
     Civilians that yield are those that ROS drives. Vehicles that brake for a red light or for a vehicle ahead leave no
     corridor, so they do not count.
     """
-    path = unit.navigator.path
-    if path is None:
+    path, config, seen, traffic = unit.navigator.path, ego.config.corridor, ego.seen, ego.traffic
+    rows = ego.near(config.length_m)
+    if path is None or len(rows) == 0:
         return False
-    seen, traffic = ego.seen, ego.traffic
-    rows = ego.near(ego.config.corridor.length_m)
-    if len(rows) == 0:
-        return False
-    brakes = ((traffic.lights[rows] & Lights.BRAKE) != 0) | (seen.speed_mps[rows] < ego.config.corridor.standing_mps)
+    brakes = ((traffic.lights[rows] & Lights.BRAKE) != 0) | (seen.speed_mps[rows] < config.standing_mps)
     yields = (traffic.owner[rows] == Owner.ROS) & ~seen.is_emv[rows] & (seen.actor_id[rows] != ego.world.av_id)
     rows = rows[brakes & yields]
     s, left, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
-    same = np.cos(seen.yaw_rad[rows] - path.curve.heading_rad[nearest]) > ego.config.corridor.along_cosine
-    ahead = s - unit.navigator.progress_m
-    return bool(
-        np.any(same & (ahead > 0.0) & (s < path.length_m) & (np.abs(left) < ego.config.corridor.road_half_width_m))
-    )
+    same = np.cos(seen.yaw_rad[rows] - path.curve.heading_rad[nearest]) > config.along_cosine
+    ahead = (s > unit.navigator.progress_m) & (s < path.length_m)
+    return bool(np.any(same & ahead & (np.abs(left) < config.road_half_width_m)))
 
 
 def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
@@ -85,9 +74,8 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     planned = _along(unit, ego, lane, straight_on=False)
     open_m = _open_m(planned, ego)
     if open_m < config.straight_below_m:
-        speed = ego.speed_mps
-        driven = unit.navigator.path is not None and speed > config.keep_above_mps
-        stops = speed * speed < 2.0 * ego.config.gap_escape.brake_mps2 * open_m
+        driven = unit.navigator.path is not None and ego.speed_mps > config.keep_above_mps
+        stops = ego.speed_mps * ego.speed_mps < 2.0 * ego.config.gap_escape.brake_mps2 * open_m
         gain_m = config.keep_gain_m if stops else 0.0
         if driven and _open_m(unit, ego) > open_m + gain_m:
             return replace(unit, corridor_planned_step=ego.step)
@@ -106,8 +94,8 @@ def _open_m(unit: EmvUnit, ego: Ego) -> float:
 
 def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     """The EMV with the corridor that is measured from a lane as its path."""
-    length_m, navigator_config = ego.config.corridor.length_m, ego.navigator_config
-    reference = ego.line_along(lane, length_m, 2.0, length_m=length_m + 2.0)
+    config = ego.config.corridor
+    reference = ego.line_along(lane, config.length_m, 2.0, length_m=config.length_m + 2.0)
     s0, d0 = reference.curve.project_one(*ego.place)
     count = max(3, math.ceil(reference.curve.length_m - s0) + 1)
     s = np.linspace(s0, max(reference.curve.length_m, s0 + 2.0), count)
@@ -115,15 +103,12 @@ def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     heading = float(reference.curve.heading_at(np.array([s0]))[0])
     slope = math.tan(max(-0.5, min(0.5, math.remainder(ego.pose[2] - heading, 2.0 * math.pi))))
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
-    blend = blend_length_m(d0 - float(target[0]), ego.speed_mps, ego.config.corridor.merge_s, 0.0, navigator_config)
-    merge = max(
-        ego.config.corridor.merge_min_m,
-        min(blend, _merging_m(unit, reference, s, target, ego.config.corridor.same_offset_m)),
-    )
+    blend = blend_length_m(d0 - float(target[0]), ego.speed_mps, config.merge_s, 0.0, ego.navigator_config)
+    merge = max(config.merge_min_m, min(blend, _merging_m(unit, reference, s, target, config.same_offset_m)))
     offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
     curve = Curve.through(reference.curve.offset_at(s, offsets))
     stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
-    path = along_reference(curve, reference, s, navigator_config, merge, stop)
+    path = along_reference(curve, reference, s, ego.navigator_config, merge, stop)
     navigator = unit.navigator.following(path, *ego.place)
     return replace(unit, navigator=navigator, plan=None, corridor_planned_step=ego.step)
 
@@ -143,26 +128,17 @@ def corridor_lane(network: RoadNetwork, lane: int, route: Indices, reach_m: floa
     """The lane whose line the corridor is measured from.
 
     If a shoulder leads into the next right turn, here or along the next edges, the corridor is that shoulder, because
-    the other vehicles stand in the driving lanes. Otherwise it is the lane that serves the route best.
-
-    Args:
-        network: The map.
-        lane: The EMV's lane.
-        route: Edges from the present one (or the one before the junction) on.
-        reach_m: How far beyond the present edge the right turn may be.
+    the other vehicles stand in the driving lanes. Otherwise it is the lane that serves the route best. The right turn
+    is at most ``reach_m`` beyond the present edge.
     """
     shoulder = shoulder_into_turn(network, route, reach_m)
-    if shoulder is None or int(route[0]) not in _edges_before(network, lane):
+    # On the way across a junction, the edge is the one from which the way comes.
+    before = [movement.from_lane for movement in network.connections_over.get(lane, ())] or [lane]
+    if shoulder is None or int(route[0]) not in {network.lanes[item].edge for item in before}:
         return best_lane(network, lane, route)
     if not network.edges[network.lanes[lane].edge].internal:
         return shoulder.lane
     return shoulder.onward.via[0] if shoulder.onward.via else shoulder.onward.to_lane
-
-
-def _edges_before(network: RoadNetwork, lane: int) -> frozenset[int]:
-    """The edge of a lane; of a path across a junction those from which it comes."""
-    movements = network.connections_over.get(lane, ())
-    return frozenset(network.lanes[c.from_lane].edge for c in movements) or frozenset((network.lanes[lane].edge,))
 
 
 def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_m: float | None = None) -> Floats:
@@ -170,21 +146,17 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
 
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
     to the middle of the space between the vehicles on both sides, or away from vehicles on one side. On a road of one
-    lane it moves to the free side. Who stands in its middle is passed on the side that has more room.
+    lane it moves to the free side. The EMV passes a vehicle in its middle on the side that has more room.
 
-    Args:
-        reference: Line along the EMV's lanes.
-        s_m: Increasing arc lengths on it, shape ``(K,)``.
-        ego: The EMV.
-        straight_on_m: Offset to start from instead of that line.
+    ``s_m`` are increasing arc lengths on the reference line, shape ``(K,)``; ``straight_on_m`` is an offset to start
+    from instead of that line.
 
     Returns:
         Offsets, left positive, shape ``(K,)``.
     """
     config, seen = ego.config.corridor, ego.seen
-    base = _boundary_offsets(reference, s_m, ego.network)
-    if straight_on_m is not None:
-        base = np.full(len(s_m), straight_on_m)
+    straight = None if straight_on_m is None else np.full(len(s_m), straight_on_m)
+    base = _boundary_offsets(reference, s_m, ego.network) if straight is None else straight
     rows = ego.near(config.length_m + 10.0)
     if len(rows) == 0:
         return base
@@ -192,7 +164,7 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     place, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows])
     turned = seen.yaw_rad[rows] - curve.heading_rad[nearest]
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-    near = (np.abs(left) < ego.config.corridor.road_half_width_m) & (place > s_m[0]) & (place < s_m[-1])
+    near = (np.abs(left) < config.road_half_width_m) & (place > s_m[0]) & (place < s_m[-1])
     place, left = place[near], left[near]
     extent = (cos * seen.half_length_m[rows] + sin * seen.half_width_m[rows])[near] + config.influence_m
     side = (sin * seen.half_length_m[rows] + cos * seen.half_width_m[rows])[near]
@@ -200,7 +172,7 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     road, half_width = road_limits(ego.network, reference.lanes[0]), ego.half_width_m
     line = np.interp(place, s_m, base)
     wider_on_right = left - side - road.right_m > road.left_m + road.opposite_m - left - side
-    on_left = np.where(np.abs(left - line) < ego.config.corridor.amid_m, wider_on_right, left > line)
+    on_left = np.where(np.abs(left - line) < config.amid_m, wider_on_right, left > line)
     room = half_width + config.side_clearance_m
     high = np.min(np.where(beside & on_left, left - side, np.inf), axis=1, initial=np.inf) - room
     low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
@@ -226,12 +198,9 @@ def _boundary_offsets(reference: LanePath, s_m: Floats, network: RoadNetwork) ->
 
 def _boundary_of(network: RoadNetwork, lane: int) -> float:
     here = network.lanes[lane]
-    if here.kind is LaneKind.SHOULDER:
-        return 0.0
-    driving = [
-        network.lanes[item] for item in network.edges[here.edge].lanes if network.lanes[item].kind is LaneKind.DRIVING
-    ]
-    if len(driving) < 2:
+    lanes = (network.lanes[item] for item in network.edges[here.edge].lanes)
+    driving = [item for item in lanes if item.kind is LaneKind.DRIVING]
+    if here.kind is LaneKind.SHOULDER or len(driving) < 2:
         return 0.0
     leftmost = driving[-1].position
     if here.position >= leftmost:

@@ -36,8 +36,7 @@ class Curve:
         Raises:
             ValueError: fewer than two distinct points.
         """
-        line = Polyline.through(points)
-        line = line.resampled(SPACING_M)
+        line = Polyline.through(points).resampled(SPACING_M)
         if smoothing_m > 0.0 and len(line.points) > 3:
             line = Polyline.through(_smoothed(line.points, smoothing_m)).resampled(SPACING_M)
         even = line.points
@@ -82,9 +81,8 @@ class Curve:
         """
         s, left, nearest = np.empty(len(x_m)), np.empty(len(x_m)), np.empty(len(x_m), np.intp)
         end = len(self.points) if last is None else min(last, len(self.points))
-        _project(
-            self.points, self.heading_rad, self.curvature_1pm, self.spacing_m, x_m, y_m, first, end, s, left, nearest
-        )
+        line = self.points, self.heading_rad, self.curvature_1pm, self.spacing_m
+        _project(*line, x_m, y_m, first, end, s, left, nearest)
         return s, left, nearest
 
     def project_one(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -96,11 +94,6 @@ class Curve:
     def nearest_to(self, guess_m: float, x_m: float, y_m: float) -> tuple[float, float]:
         """Arc length and offset (left positive) of the place nearest to a point, searched near a guess."""
         return _nearest(self.points, self.heading_rad, self.curvature_1pm, self.spacing_m, guess_m, x_m, y_m)
-
-    def cut(self, from_m: float, to_m: float) -> "Curve":
-        """The part between two arc lengths, extended straight on where they lie outside."""
-        count = max(2, int(np.ceil((to_m - from_m) / SPACING_M)) + 1)
-        return Curve.through(self.at(np.linspace(from_m, to_m, count)))
 
 
 def _smoothed(points: npt.NDArray[np.float64], sigma_m: float) -> npt.NDArray[np.float64]:

@@ -62,32 +62,28 @@ def changes_needed(network: RoadNetwork, route: Indices, civilian: bool) -> list
         For each of the first edges a mapping from lane index to the number of changes; lanes from which the route
         cannot be followed at all are missing.
     """
-    edges = route[:_EDGES_AHEAD].tolist()
     needed: list[dict[int, int]] = []
-    after: dict[int, int] | None = None
-    for edge in reversed(edges):
-        lanes = [lane for lane in network.edges[edge].lanes if _usable(network, lane, civilian)]
-        if after is None:
-            straight_on = dict.fromkeys(lanes, 0)
-        else:
-            straight_on = {}
-            for lane in lanes:
-                costs = [after[c.to_lane] for c in network.connections_from.get(lane, ()) if c.to_lane in after]
-                if costs:
-                    straight_on[lane] = min(costs)
-        position = {lane: network.lanes[lane].position for lane in lanes}
-        after = {
+    for edge in reversed(route[:_EDGES_AHEAD].tolist()):
+        road = (network.lanes[lane] for lane in network.edges[edge].lanes)
+        position = {
+            lane.index: lane.position
+            for lane in road
+            if (lane.civilian_allowed if civilian else lane.emergency_allowed)
+        }
+        straight_on = dict.fromkeys(position, 0)
+        if needed:
+            ways = {lane: [c.to_lane for c in network.connections_from.get(lane, ())] for lane in position}
+            ways = {lane: [ahead for ahead in targets if ahead in needed[-1]] for lane, targets in ways.items()}
+            straight_on = {
+                lane: min(needed[-1][ahead] for ahead in targets) for lane, targets in ways.items() if targets
+            }
+        changes = {
             lane: min(cost + abs(position[lane] - position[other]) for other, cost in straight_on.items())
-            for lane in lanes
+            for lane in position
             if straight_on
         }
-        needed.append(after)
+        needed.append(changes)
     return needed[::-1]
-
-
-def _usable(network: RoadNetwork, lane: int, civilian: bool) -> bool:
-    here = network.lanes[lane]
-    return here.civilian_allowed if civilian else here.emergency_allowed
 
 
 def connection_along(
@@ -97,23 +93,21 @@ def connection_along(
 
     Of equals it is the straightest, where a lane fans out into several, and then the one to the rightmost lane.
     """
-    choices = [c for c in network.connections_from.get(lane, ()) if network.lanes[c.to_lane].edge == next_edge]
-    if len(choices) < 2:
-        return next(iter(choices), None)
+    lanes = network.lanes
 
     def effort(choice: Connection) -> tuple[int, int, int]:
         changes = needed_after.get(choice.to_lane, _FAR)
         return changes, round(movement_turn_rad(network, choice) / _SAME_TURN_RAD), lanes[choice.to_lane].position
 
-    lanes = network.lanes
-    return min(choices, key=effort)
+    choices = [c for c in network.connections_from.get(lane, ()) if lanes[c.to_lane].edge == next_edge]
+    return min(choices, key=effort) if len(choices) > 1 else next(iter(choices), None)
 
 
 def connection_of_internal(network: RoadNetwork, lane: int, route: Indices) -> Connection | None:
     """The movement that an internal lane belongs to, the one along the route where several share it."""
     edges = set(route[:3].tolist())
     movements = network.connections_over.get(lane, ())
-    along = (one for one in movements if network.lanes[one.to_lane].edge in edges)
+    along = (movement for movement in movements if network.lanes[movement.to_lane].edge in edges)
     return next(along, movements[0] if movements else None)
 
 
@@ -126,70 +120,53 @@ def lanes_along(
     civilian: bool = False,
     through_junctions: bool = True,
 ) -> tuple[tuple[int, ...], LaneEnd]:
-    """Lanes to drive on from a place along a route.
+    """Lanes to drive on along a route from a place on a lane, which may be internal, as far as ``ahead_m``.
 
-    Args:
-        network: Road network.
-        lane: Present lane, which may be internal.
-        position_m: Place on it.
-        route: Edges from the present one (or the one before the junction) on.
-        ahead_m: How far to look.
-        civilian: Whether only lanes open to civilians may be used.
-        through_junctions: Whether to go on beyond joints that are more than two pieces of one road.
+    The route has the edges from the present one (or the one before the junction) on. With ``civilian``, only lanes open
+    to civilians are used; ``through_junctions`` says whether to go on beyond joints that are more than two pieces of
+    one road.
     """
     lanes = [lane]
     left = network.lanes[lane].length_m - position_m
-    edges = route.tolist()
-    needed = changes_needed(network, route, civilian)
-    present = network.lanes[lane].edge
-    if network.edges[present].internal:
+    edges, needed = route.tolist(), changes_needed(network, route, civilian)
+    if network.edges[network.lanes[lane].edge].internal:
         inside = connection_of_internal(network, lane, route)
         if inside is None:
             return tuple(lanes), LaneEnd.ASTRAY
         rest = (*inside.via[inside.via.index(lane) + 1 :], inside.to_lane)
         lanes.extend(rest)
         left += sum(network.lanes[item].length_m for item in rest)
-        lane = inside.to_lane
-        present = network.lanes[lane].edge
     while left < ahead_m:
-        step = edges.index(present) if present in edges else -1
-        if step < 0:
+        present = network.lanes[lanes[-1]].edge
+        if present not in edges:
             return tuple(lanes), LaneEnd.ASTRAY
-        if step + 1 >= len(edges):
+        step = edges.index(present) + 1
+        if step >= len(edges):
             return tuple(lanes), LaneEnd.ROUTE
-        later = needed[step + 1] if step + 1 < len(needed) else {}
-        connection = connection_along(network, lane, edges[step + 1], later)
+        edges, needed = edges[step:], needed[step:]
+        connection = connection_along(network, lanes[-1], edges[0], needed[0] if needed else {})
         if connection is None:
             return tuple(lanes), LaneEnd.ASTRAY
         if not through_junctions and not is_plain_joint(network, connection):
             return tuple(lanes), LaneEnd.JUNCTION
-        lane = connection.to_lane
-        present = network.lanes[lane].edge
-        edges = edges[step + 1 :]
-        needed = needed[step + 1 :]
-        lanes.extend((*connection.via, lane))
-        left += sum(network.lanes[item].length_m for item in (*connection.via, lane))
+        rest = (*connection.via, connection.to_lane)
+        lanes.extend(rest)
+        left += sum(network.lanes[item].length_m for item in rest)
     return tuple(lanes), LaneEnd.HORIZON
 
 
 def path_on_lanes(
     network: RoadNetwork, lanes: tuple[int, ...], end: LaneEnd, from_m: float, ahead_m: float
 ) -> LanePath:
-    """The smoothed reference line along lanes.
+    """The smoothed reference line along consecutive lanes, at most ``ahead_m`` long.
 
-    Args:
-        network: Road network.
-        lanes: Consecutive lanes.
-        end: Why the lanes end.
-        from_m: Arc length on the first lane at which the line begins; negative extends it straight backwards.
-        ahead_m: Greatest length of the line from ``from_m`` on.
+    It begins at ``from_m`` on the first lane; a negative value extends it straight backwards.
     """
     parts = [network.lanes[lane].centre for lane in lanes]
     whole = Polyline.joined(parts)
     lengths = np.array([part.length_m for part in parts])
     starts = np.concatenate(([0.0], np.cumsum(lengths)[:-1])) * (whole.length_m / max(lengths.sum(), 1e-6))
-    to_m = min(whole.length_m, from_m + ahead_m)
-    to_m = max(to_m, from_m + 2.0)
+    to_m = max(min(whole.length_m, from_m + ahead_m), from_m + 2.0)
     curve = Curve.through(whole.cut(from_m, to_m).points, SMOOTHING_M)
     scale = curve.length_m / (to_m - from_m)
     reached = to_m >= whole.length_m - 1e-6
@@ -225,14 +202,9 @@ def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
     right = -0.5 * here.width_m - sum(item.width_m for item in lanes if item.position < here.position)
     left = 0.5 * here.width_m + sum(item.width_m for item in lanes if item.position > here.position)
     ends = (edge.to_junction, edge.from_junction)
-    opposite = next(
-        (
-            [network.lanes[item].width_m for item in other.lanes if network.lanes[item].kind is LaneKind.DRIVING]
-            for other in network.edges
-            if (other.from_junction, other.to_junction) == ends and not other.internal and not edge.internal
-        ),
-        [],
-    )
+    back = (other for other in network.edges if (other.from_junction, other.to_junction) == ends and not other.internal)
+    lanes_back = () if edge.internal else next((other.lanes for other in back), ())
+    opposite = [network.lanes[item].width_m for item in lanes_back if network.lanes[item].kind is LaneKind.DRIVING]
     shoulders = sum(item.width_m for item in lanes if item.kind is LaneKind.SHOULDER)
     return RoadLimits(right, right + shoulders, left, opposite[-1] if opposite else 0.0, sum(opposite))
 
@@ -283,19 +255,10 @@ class ShoulderWay:
 def shoulder_into_turn(network: RoadNetwork, route: Indices, reach_m: float) -> ShoulderWay | None:
     """The shoulder of a route's first edge that leads into the next right turn, here or along the next edges.
 
-    Args:
-        network: The map.
-        route: Edges ahead.
-        reach_m: How far beyond the first edge the right turn may be.
-
-    Returns:
-        The way; None where no shoulder leads there.
+    The turn is at most ``reach_m`` beyond the first edge. None where no shoulder leads there.
     """
-    if len(route) < 2:
-        return None
-    for lane in network.edges[int(route[0])].lanes:
-        here = network.lanes[lane]
-        if here.kind is LaneKind.SHOULDER and here.emergency_allowed:
+    for lane in network.edges[int(route[0])].lanes if len(route) > 1 else ():
+        if network.lanes[lane].kind is LaneKind.SHOULDER and network.lanes[lane].emergency_allowed:
             onward = _onward(network, lane, route)
             edges = _edges_to_turn(network, onward, route, reach_m)
             if onward is not None and edges:

@@ -78,7 +78,7 @@ class TrackedPath:
         settled_m: float = 0.0,
         stop_at_end: bool = True,
     ) -> "TrackedPath":
-        """The path along a curve, slow enough for its bends and, where wanted, to stop at its end.
+        """The path along a curve, slow enough for its bends and, with ``stop_at_end``, to stop at its end.
 
         The speed limit solves v² ≤ a_lat/κ, v ≤ κ̇/κ' (what the steering can follow) and
         v²(s) ≤ v²(s') + 2·b·(s' − s) for all s' ≥ s.
@@ -105,14 +105,8 @@ PEAK_CURVATURE: Final = 10.0 / math.sqrt(3.0)
 def quintic_offsets(u: Floats, start: float, slope: float, end: float) -> Floats:
     """Lateral offsets of a blend between two straight lines; at its end it is parallel to the reference.
 
-    Args:
-        u: Place along the blend, 0–1; beyond 1 the end value.
-        start: Offset at 0.
-        slope: Derivative by ``u`` at 0.
-        end: Offset at 1.
-
-    Returns:
-        The quintic polynomial with the given start, no second derivative at both ends and no slope at 1.
+    It is the quintic polynomial of the place ``u`` along the blend (0–1; beyond 1 the end value) with the given offsets
+    at both ends and the given slope at 0, with no slope at 1 and no second derivative at both ends.
     """
     u = np.clip(u, 0.0, 1.0)
     cubic = u**3
@@ -125,15 +119,10 @@ def quintic_offsets(u: Floats, start: float, slope: float, end: float) -> Floats
 def blend_length_m(
     offset_change_m: float, speed_mps: float, duration_s: float, least_m: float, config: NavigatorConfig
 ) -> float:
-    """Length of a lateral move.
+    """Length of a lateral move. ``duration_s`` and ``least_m`` are those of a move over a lane's width (3.5 m).
 
-    Args:
-        offset_change_m: Lateral distance.
-        speed_mps: Speed during the move.
-        duration_s: Time that a move over a lane's width (3.5 m) takes.
-        least_m: Least length of such a move.
-        config: For what the steering can follow: the curvature of a quintic changes by up to 60·d/l³ per metre at its
-            ends, where the path's speed limit takes care of it, and by a third less on the way.
+    It is no shorter than the steering can follow: the curvature of a quintic changes by up to 60·d/l³ per metre at its
+    ends, where the path's speed limit takes care of it, and by a third less on the way.
     """
     offset = abs(offset_change_m)
     share = math.sqrt(min(offset / 3.5, 1.0))
@@ -150,16 +139,10 @@ def path_onto(
     stop_at_end: bool = True,
     shorten_m: float = 0.0,
 ) -> TrackedPath:
-    """The path from a pose onto a line beside a reference line, and along it.
+    """The path from a pose (x, y, yaw) onto a line beside a reference line, and along it.
 
-    Args:
-        reference: Reference line.
-        pose: x, y in metres and yaw in radians, ``map`` frame.
-        merge_m: Length of the lateral move.
-        config: Limits for the path's speed.
-        offset_m: Where to go beside the reference line, left positive.
-        stop_at_end: Whether the vehicle shall stop at the path's end.
-        shorten_m: Length to leave out at the end of the reference line (the front of the vehicle).
+    The line lies ``offset_m`` to the left, and the lateral move is ``merge_m`` long. ``shorten_m`` is left out at the
+    end of the reference line (the front of the vehicle).
     """
     curve = reference.curve
     s0, d0 = curve.project_one(pose[0], pose[1])
@@ -185,5 +168,5 @@ def along_reference(
     curve: Curve, reference: LanePath, s_m: Floats, config: NavigatorConfig, settled_m: float, stop_at_end: bool
 ) -> TrackedPath:
     """A tracked path whose points belong to arc lengths ``s_m`` of a reference line, evenly from end to end."""
-    own = np.linspace(s_m[0], s_m[-1], len(curve.points))
-    return TrackedPath.of(curve, config, reference.lane_at(own), settled_m, stop_at_end)
+    evenly_m = np.linspace(s_m[0], s_m[-1], len(curve.points))
+    return TrackedPath.of(curve, config, reference.lane_at(evenly_m), settled_m, stop_at_end)

@@ -41,10 +41,8 @@ _POINTS: Final = 17
 def mended_lanes(net_xml: bytes) -> bytes:
     """The net with rounded lane shapes and lengths that fit them.
 
-    Edges for pedestrians at junctions and everything but ``shape`` and ``length`` of lanes stay as they are.
-
-    Args:
-        net_xml: A SUMO net as netconvert writes it; anything else is given back unchanged.
+    Edges for pedestrians at junctions and everything but ``shape`` and ``length`` of lanes stay as they are. What is no
+    SUMO net is given back unchanged.
 
     Raises:
         ValueError, LookupError: The net is damaged.

@@ -17,14 +17,8 @@ from defusedxml.ElementTree import fromstring
 from siren_ros.errors import InputError, MapError
 from siren_ros.params.resources import params_dir
 from siren_ros.roads.maps.lane_shapes import mended_lanes
-from siren_ros.roads.maps.map_source import (
-    MapSource,
-    SourceKind,
-    map_stem,
-    read_map_source,
-    refuse_costly_counts,
-    shown_words,
-)
+from siren_ros.roads.maps.map_checks import refuse_unusable_map
+from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source, shown_words
 from siren_ros.roads.maps.netconvert import (
     control_patches,
     document,
@@ -34,7 +28,6 @@ from siren_ros.roads.maps.netconvert import (
 )
 from siren_ros.roads.maps.opendrive import opendrive_patches, with_stated_limits
 from siren_ros.roads.maps.openstreetmap import drives_on, signed_edges, taper_patches
-from siren_ros.roads.maps.traffic_side import refuse_left_hand_traffic
 from siren_ros.roads.net_parser import ALLOWED as NET_ALLOWED
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
@@ -136,21 +129,16 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
     try:
         net = net_path.read_bytes()
     except OSError:
-        refuse_left_hand_traffic(loaded, shown)
-        refuse_costly_counts(loaded, shown)
-        net = _mended(_compile(loaded, shown), shown)
+        refuse_unusable_map(loaded, shown)
+        net = _compile(loaded, shown)
+        _parsed(net, shown)  # a net of which a road network can be made
+        try:
+            net = mended_lanes(net)
+        except (ValueError, LookupError, OverflowError) as error:
+            raise MapError(shown, f"{NET_ALLOWED}; this one is damaged ({shown_words(error)})") from error
         store_net(net_path, net)
     source_sha256 = hashlib.sha256(loaded.content).hexdigest()
     return CompiledMap(loaded.name, net_path, hashlib.sha256(net).hexdigest(), loaded.kind, source_sha256)
-
-
-def _mended(net: bytes, shown: str) -> bytes:
-    """The net with smooth lanes, where it is a net of which a road network can be made."""
-    _parsed(net, shown)
-    try:
-        return mended_lanes(net)
-    except (ValueError, LookupError, OverflowError) as error:
-        raise MapError(shown, f"{NET_ALLOWED}; this one is damaged ({shown_words(error)})") from error
 
 
 def _parsed(net: bytes, shown: str) -> RoadNetwork:
@@ -174,9 +162,8 @@ def name_of_map(source: Path | None) -> str:
 
 def default_cache_dir() -> Path:
     """The folder for compiled maps that the environment asks for."""
-    own = os.environ.get("SIREN_CACHE_DIR")
-    if own:
-        return Path(own)
+    if siren := os.environ.get("SIREN_CACHE_DIR"):
+        return Path(siren)
     shared = os.environ.get("XDG_CACHE_HOME")
     return Path(shared) / "siren" if shared else user_folder(".cache/siren")
 
@@ -191,12 +178,9 @@ def _town_source() -> MapSource:
 
 
 def _cache_key(source: MapSource) -> str:
-    digest = hashlib.sha256()
     first, second, *_ = _TWO_RUNS.get(source.kind, (_ONE_RUN.get(source.kind, ((), ()))[0], ()))
-    for part in (_RECIPE, source.kind.value, netconvert_version(), *first, *second):
-        digest.update(part.encode() + b"\0")
-    digest.update(source.content)
-    return digest.hexdigest()
+    parts = (_RECIPE, source.kind.value, netconvert_version(), *first, *second)
+    return hashlib.sha256(b"".join(part.encode() + b"\0" for part in parts) + source.content).hexdigest()
 
 
 def _compile(source: MapSource, shown: str) -> bytes:
@@ -232,8 +216,7 @@ def _compile(source: MapSource, shown: str) -> bytes:
 def _openstreetmap_patches(osm: bytes, first_net: bytes, shown: str) -> dict[str, bytes]:
     """Stop and give-way signs, and longer joints where lanes fan out; empty for a map that has none of them."""
     net = fromstring(first_net)
-    signs = signed_edges(osm, net)
-    nodes, priorities = control_patches(net, signs.stopping, signs.yielding, drives_on)
+    nodes, priorities = control_patches(net, *signed_edges(osm, net), drives_on)
     nodes += taper_patches(_parsed(first_net, shown))
     if not nodes and not priorities:
         return {}
@@ -257,10 +240,6 @@ def with_speed_limit(compiled: CompiledMap, limit_mps: float) -> CompiledMap:
 
     The paper's traffic drives at the limit that CARLA gives to roads without a sign, 30 km/h. Higher limits of a map
     would leave nothing for an EMV at 50 km/h to pass. The lowered net is kept in the cache of compiled maps.
-
-    Args:
-        compiled: A compiled map.
-        limit_mps: The highest limit that remains.
 
     Raises:
         InputError: The cache folder cannot be written.

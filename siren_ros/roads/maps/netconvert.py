@@ -55,13 +55,12 @@ def netconvert_path() -> Path:
     Raises:
         SirenError: There is none.
     """
-    own = sumo_home() / "bin" / "netconvert"
-    if own.is_file():
-        return own
-    found = shutil.which("netconvert")
-    if found is None:
-        raise SirenError(f"netconvert is neither in {own.parent} nor on the PATH")
-    return Path(found)
+    program = sumo_home() / "bin" / "netconvert"
+    if program.is_file():
+        return program
+    if on_path := shutil.which("netconvert"):
+        return Path(on_path)
+    raise SirenError(f"netconvert is neither in {program.parent} nor on the PATH")
 
 
 @cache
@@ -79,10 +78,7 @@ def netconvert_version() -> str:
 def run_netconvert(options: Sequence[str], output: Path, shown_source: str) -> bytes:
     """Compiles a net and returns it without netconvert's dated header.
 
-    Args:
-        options: All options but the output file.
-        output: Where netconvert writes; its folder must exist.
-        shown_source: What the error names as the map.
+    netconvert writes to ``output``, whose folder must exist. The error names the map by ``shown_source``.
 
     Raises:
         MapError: netconvert refused the input, and the message carries its first error line; or it took too much time,
@@ -122,11 +118,10 @@ def _bounds() -> Sequence[str]:
 
 def _reason(answer: subprocess.CompletedProcess[str]) -> str:
     """Why netconvert failed, in one line that a terminal can show."""
-    found = _ERROR_LINE.search(answer.stderr) or _ERROR_LINE.search(answer.stdout)
-    if found is not None and "bad_alloc" not in found.group(1):
-        return shown_words(found.group(1).strip())
-    if found is not None:
-        return f"more than {MOST_MEMORY_BYTES // 2**30} GB of memory are needed"
+    if line := _ERROR_LINE.search(answer.stderr) or _ERROR_LINE.search(answer.stdout):
+        lacks_memory = "bad_alloc" in line.group(1)
+        memory = f"more than {MOST_MEMORY_BYTES // 2**30} GB of memory are needed"
+        return memory if lacks_memory else shown_words(line.group(1).strip())
     code = answer.returncode
     return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
 
@@ -146,12 +141,7 @@ def normal_edges(net: Element) -> Iterator[Element]:
 
 
 def document(root: Element | str, elements: Iterable[Element] = ()) -> bytes:
-    """A net as bytes, or by its root's name one of netconvert's plain XML files: ``nodes``, ``edges``, ``connections``.
-
-    Args:
-        root: The root of a net, or the name of a plain file's root.
-        elements: What a plain file holds.
-    """
+    """A net as bytes, or one of netconvert's plain XML files with elements, by its root's name (``nodes``)."""
     if isinstance(root, Element):
         return bytes(tostring(root, encoding="utf-8", xml_declaration=True))
     plain = Element(root)
@@ -165,13 +155,8 @@ def control_patches(
     """Node patches and edge priorities for signs.
 
     A junction is an all-way stop where all of its approaches have a stop sign, and a priority stop where some have.
-    Signed approaches get less priority than the others. Junctions with signals stay as they are.
-
-    Args:
-        net: A net of netconvert.
-        stopping: Ids of the edges that end at a stop sign.
-        yielding: Ids of the edges that end at a yield sign.
-        is_driven_on: Whether an edge counts as an approach.
+    Signed approaches get less priority than the others. Junctions with signals stay as they are. ``stopping`` and
+    ``yielding`` are the ids of the edges that end at such a sign; ``is_driven_on`` says whether an edge is an approach.
 
     Returns:
         ``node`` elements, and the new priority of each signed edge by id.

@@ -38,10 +38,7 @@ _UNIT_MPS: Final[Mapping[str, float]] = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0
 def opendrive_patches(first_net: bytes, xodr: bytes, shown_source: str) -> dict[str, bytes]:
     """Patches for lane permissions, shoulder movements and sign-controlled junctions.
 
-    Args:
-        first_net: What netconvert's first run wrote, with all lane types imported.
-        xodr: The OpenDRIVE map.
-        shown_source: What an error names as the map.
+    ``first_net`` is what netconvert's first run wrote, with all lane types imported.
 
     Returns:
         Plain XML documents for netconvert's second run, by the option that names the document.
@@ -156,10 +153,6 @@ def with_stated_limits(net_xml: bytes, xodr: bytes) -> bytes:
 
     Paths across junctions get the lower limit of the lanes that they join. Where netconvert slowed them down for a
     turn, they stay so.
-
-    Args:
-        net_xml: A net made from the map.
-        xodr: The OpenDRIVE map.
     """
     drive, net = fromstring(xodr, forbid_dtd=True), fromstring(net_xml, forbid_dtd=True)
     limits = {road.attrib["id"]: limit for road in drive.iterfind("road") if (limit := _limit_mps(road)) is not None}

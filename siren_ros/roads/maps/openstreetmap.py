@@ -9,7 +9,6 @@ Source: https://wiki.openstreetmap.org/wiki/Tag:highway=stop.
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 from xml.etree.ElementTree import Element
@@ -44,21 +43,8 @@ _TAPER_SWERVE_RAD: Final = 0.5
 """Sum of the turns to both sides from which a joint needs more length."""
 
 
-@dataclass(frozen=True)
-class SignedEdges:
-    """Ids of the edges that end at a sign."""
-
-    stopping: frozenset[str]
-    yielding: frozenset[str]
-
-
-def signed_edges(osm_xml: bytes, net: Element) -> SignedEdges:
-    """The edges of a net that the signs of its OpenStreetMap source bind.
-
-    Args:
-        osm_xml: The extract.
-        net: What netconvert made of it.
-    """
+def signed_edges(osm_xml: bytes, net: Element) -> tuple[frozenset[str], frozenset[str]]:
+    """Ids of the edges that end at a stop sign, and at a give-way sign, of a net made of an OpenStreetMap extract."""
     roads = _RoadGraph(fromstring(osm_xml, forbid_dtd=True))
     edges = [(edge.attrib["id"], centre) for edge in normal_edges(net) if (centre := _centre(edge)) is not None]
     signed: dict[str, set[str]] = {STOP: set(), GIVE_WAY: set()}
@@ -68,7 +54,7 @@ def signed_edges(osm_xml: bytes, net: Element) -> SignedEdges:
             edge = None if point is None else _edge_of(edges, point, roads.heading_rad(start, end))
             if edge is not None:
                 signed[tags["highway"]].add(edge)
-    return SignedEdges(frozenset(signed[STOP]), frozenset(signed[GIVE_WAY] - signed[STOP]))
+    return frozenset(signed[STOP]), frozenset(signed[GIVE_WAY] - signed[STOP])
 
 
 def drives_on(edge: Element) -> bool:
@@ -80,9 +66,6 @@ def taper_patches(network: RoadNetwork) -> list[Element]:
     """``node`` elements that lengthen the joints between two pieces of a road at which lanes fan out too sharply.
 
     The lanes then fan out over a way on which nobody has to slow down.
-
-    Args:
-        network: A net of netconvert, as ``parse_road_network`` gives it.
     """
     return [
         Element("node", id=junction, radius=f"{_TAPER_RADIUS_M:g}")
@@ -193,10 +176,8 @@ def _point(net: Element, lat_deg: float, lon_deg: float) -> tuple[float, float] 
 def _centre(edge: Element) -> Polyline | None:
     """The middle lane of an edge; None where cars may not use it."""
     shapes = [lane.attrib["shape"] for lane in edge.iterfind("lane") if permissions_on(lane).civilian]
-    if not shapes:
-        return None
     try:
-        return Polyline.through(points_of(shapes[len(shapes) // 2])[:, :2])
+        return Polyline.through(points_of(shapes[len(shapes) // 2])[:, :2]) if shapes else None
     except ValueError:
         return None
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.civilians.interaction_region import EmvRoad, region_members, way_from_emv_m
+from siren_ros.behaviour.civilians.yield_manager import EmvRoad, region_members, way_from_emv_m
 from siren_ros.scenario.paper import PAPER_CONSTANTS
 from siren_ros.world.actors import ActorClass
 

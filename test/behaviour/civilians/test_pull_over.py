@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from behaviour.civilians.pull_over_steps import kinds, shoulder_road, steps
+from behaviour.civilians.civilian_steps import UNIT, shoulder_road, steps
+from behaviour.lab import kinds
 
 from siren_ros.behaviour.civilians.pull_over import (
     emv_waits_behind,
@@ -13,11 +14,9 @@ from siren_ros.behaviour.civilians.pull_over import (
     pull_over_path,
     start_pull_over,
 )
-from siren_ros.behaviour.driving.civilian_unit import Compliance, Driver, YieldUnit
 from siren_ros.world.actors import ActorClass, Mode
 
 AMBULANCE = ActorClass.AMBULANCE
-UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1)
 WAITED = replace(UNIT, emv_waits_steps=30)
 
 
@@ -150,15 +149,15 @@ def in_queue(lab, world, speed=0.0, left=0.0, turned=0.0, apart_m=0.0):
         lab.Car(3, 2, 75 - apart_m, speed, (0, 2)),
     ]
     poses = np.array([[40.0, 3.3, 0.0, 8.0], [75.0, 3.3 + left, turned, speed], [75.0 - apart_m, 6.6, 0.0, speed]])
-    return steps(lab, world, cars, 30, poses=poses)
+    return steps(world, cars, 30, poses=poses)
 
 
 def test_who_stands_and_leaves_the_shoulder_free_stays_there(lab):
     state, commands, events = in_queue(lab, shoulder_road(lab))
     assert {actor: unit.phase for actor, unit in state.units.items()} == dict.fromkeys((2, 3), Mode.YIELD_HOLD)
     assert commands.brake.tolist() == [1.0, 1.0]
-    told = {kind: sorted(e.actor_id for e in events if e.kind.value == kind) for kind in kinds(events)}
-    assert told == {kind: [2, 3] for kind in ("yield_requested", "yield_started", "yield_held")}
+    recorded = {kind: sorted(e.actor_id for e in events if e.kind.value == kind) for kind in kinds(events)}
+    assert recorded == {kind: [2, 3] for kind in ("yield_requested", "yield_started", "yield_held")}
     assert [event.detail["partial"] for event in events if event.kind.value == "yield_held"] == [0, 0]
 
 

@@ -1,24 +1,25 @@
-"""When a civilian holds at the end of its pull-over at L3, and when it goes on."""
+"""When a civilian at L3 holds at the end of its pull-over, when it goes on, and how it is released."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from behaviour.civilians.pull_over_steps import NEAR, UNIT, emv_at, kinds, steps
+from behaviour.civilians.civilian_steps import NEAR, UNIT, emv_at, steps
+from behaviour.lab import kinds
 
 from siren_ros.behaviour.civilians.pull_over import edge_offset_m, hold, pull_over, pull_over_path
 from siren_ros.behaviour.driving.civilian_unit import aligned_within_rad
 from siren_ros.behaviour.driving.navigator import NavigatorState
-from siren_ros.world.actors import ActorClass, Mode
+from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 
 AMBULANCE = ActorClass.AMBULANCE
 
 
 def test_holds_with_full_brake_and_hand_brake_when_reached_and_aligned(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
-    state, _, _ = steps(lab, world, cars)
+    state, _, _ = steps(world, cars)
     arrived = [cars[0], lab.Car(2, 0, 90, 0, (0,), left=-0.735)]
-    state, commands, events = steps(lab, world, arrived, 1, state, 1)
+    state, commands, events = steps(world, arrived, 1, state, 1)
     assert kinds(events) == ["yield_held"]
     assert events[0].detail["partial"] == 0
     assert commands.mode.tolist() == [Mode.YIELD_HOLD]
@@ -27,22 +28,22 @@ def test_holds_with_full_brake_and_hand_brake_when_reached_and_aligned(lab, worl
 
 def test_does_not_hold_while_the_heading_is_off_by_more_than_eight_degrees(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
-    state, _, _ = steps(lab, world, cars)
+    state, _, _ = steps(world, cars)
     for degrees, held in ((9.0, False), (7.0, True)):
         poses = np.array([[50.0, 0.0, 0.0, 8.0], [90.0, -0.735, -np.radians(degrees), 0.1]])
-        _, _, events = steps(lab, world, cars, 1, state, 1, poses)
+        _, _, events = steps(world, cars, 1, state, 1, poses=poses)
         assert ("yield_held" in kinds(events)) is held
 
 
 def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 89.0, 0, (0,))]
-    state, _, _ = steps(lab, world, cars)
+    state, _, _ = steps(world, cars)
     stuck = [cars[0], lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), cars[2]]
-    state, _, events = steps(lab, world, stuck, 25, state, 1)
+    state, _, events = steps(world, stuck, 25, state, 1)
     held = [event for event in events if event.kind.value == "yield_held" and event.actor_id == 2]
     assert [event.detail["partial"] for event in held] == [1]
     free = [cars[0], stuck[1], lab.Car(3, 0, 110, 0, (0,))]
-    state, commands, _ = steps(lab, world, free, 12, state, 26)
+    state, commands, _ = steps(world, free, 12, state, 26)
     assert dict(zip(commands.actor_id.tolist(), commands.mode.tolist(), strict=True))[2] == Mode.YIELD_PULL_OVER
 
 
@@ -58,15 +59,15 @@ def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab):
 
 def test_the_standstill_before_a_partial_hold_is_counted_without_interruption(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 89.0, 0, (0,))]
-    state, _, _ = steps(lab, world, cars)
+    state, _, _ = steps(world, cars)
     stuck = [cars[0], lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), cars[2]]
     rolling = [cars[0], replace(stuck[1], speed=0.5), cars[2]]
     needed = round(world.config.pull_over.blocked_hold_s / 0.05)
-    state, _, _ = steps(lab, world, stuck, needed - 1, state, 1)
-    state, _, _ = steps(lab, world, rolling, 1, state, needed)
-    state, _, events = steps(lab, world, stuck, needed - 1, state, needed + 1)
+    state, _, _ = steps(world, stuck, needed - 1, state, 1)
+    state, _, _ = steps(world, rolling, 1, state, needed)
+    state, _, events = steps(world, stuck, needed - 1, state, needed + 1)
     assert not [event for event in events if event.actor_id == 2]
-    _, _, events = steps(lab, world, stuck, 1, state, 2 * needed)
+    _, _, events = steps(world, stuck, 1, state, 2 * needed)
     assert [event.kind.value for event in events if event.actor_id == 2] == ["yield_held"]
 
 
@@ -74,11 +75,11 @@ def goes_on_after(lab, world, *phases):
     """Step at which a driver who holds goes on to make room: the EMV behind stands or rolls for some steps each."""
     car = lab.Car(2, 0, 80, 5, (0,))
     held = lab.Car(2, 0, 90, 0, (0,), left=-0.735)
-    state, _, _ = steps(lab, world, [lab.Car(1, 0, 72, 8, (0,), AMBULANCE), car])
+    state, _, _ = steps(world, [lab.Car(1, 0, 72, 8, (0,), AMBULANCE), car])
     step = 1
     for speed, count in phases:
         for _ in range(count):
-            state, commands, _ = steps(lab, world, [lab.Car(1, 0, 72, speed, (0,), AMBULANCE), held], 1, state, step)
+            state, commands, _ = steps(world, [lab.Car(1, 0, 72, speed, (0,), AMBULANCE), held], 1, state, step)
             if step > 1 and commands.mode.tolist() == [Mode.YIELD_PULL_OVER]:
                 return step
             step += 1
@@ -96,10 +97,10 @@ def test_room_is_made_when_the_emv_has_stood_behind_without_interruption(lab, wo
 def test_comes_straight_before_it_holds(lab, world):
     """At the edge with 5°, which the paper accepts, the driver goes on until the vehicle is straight or has to stop."""
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
-    state, _, _ = steps(lab, world, cars)
+    state, _, _ = steps(world, cars)
     for degrees, speed, held in ((5.0, 2.0, False), (2.0, 2.0, True), (5.0, 0.0, True)):
         poses = np.array([[50.0, 0.0, 0.0, 8.0], [86.0, -0.72, -np.radians(degrees), speed]])
-        _, _, events = steps(lab, world, cars, 1, state, 1, poses)
+        _, _, events = steps(world, cars, 1, state, 1, poses=poses)
         assert ("yield_held" in kinds(events)) is held
 
 
@@ -131,12 +132,94 @@ def test_the_edge_counts_as_reached_within_5_cm_and_within_15_cm_where_the_later
     path = pull_over_path(unit, start.ego(1), lane)
     done = path.settled_m - progress if progress else 2.0
     unit = replace(unit, navigator=replace(NavigatorState().following(path, 80.0, 3.3 * lane), progress_m=done))
-    wanted = edge_offset_m(start.ego(1), lane, side)
-    there = replace(car, s=80.0 + done, left=wanted - side * miss)
+    edge = edge_offset_m(start.ego(1), lane, side)
+    there = replace(car, s=80.0 + done, left=edge - side * miss)
     view = lab.view_in(world, [emv_at(lab), there], step=1)
     outcome = pull_over(unit, view.ego(1), NEAR)
     assert (outcome.unit.phase is Mode.YIELD_HOLD) is holds
     if holds:
         (event,) = outcome.events
         assert (event.detail["side"], event.detail["partial"]) == (side, 0)
-        assert event.detail["offset_m"] == pytest.approx(wanted - side * miss, abs=1e-6)
+        assert event.detail["offset_m"] == pytest.approx(edge - side * miss, abs=1e-6)
+
+
+def test_released_from_the_hold_by_way_of_the_lane(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(world, cars)
+    held = lab.Car(2, 0, 90, 0, (0,), left=-0.735)
+    state, _, _ = steps(world, [cars[0], held], 1, state, 1)
+    state, commands, events = steps(world, [emv_at(lab, 98.0), held], 1, state, 2)
+    assert commands.mode.tolist() == [Mode.REJOIN]
+    assert commands.owner.tolist() == [Owner.ROS]
+    assert not events
+    state, commands, events = steps(world, [emv_at(lab, 120.0), lab.Car(2, 0, 100, 4, (0,))], 1, state, 3)
+    assert kinds(events) == ["yield_released"]
+    assert len(commands) == 0
+
+
+def test_takes_over_where_it_stands_when_the_way_back_is_blocked(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(world, cars)
+    held = [lab.Car(2, 0, 90, 0, (0,), left=-0.735), lab.Car(3, 0, 96, 0, (0,))]
+    known = lab.traffic_of(world.network, held, step=1).spawned
+    state = replace(state, actors=state.actors.of({**state.actors.by_id, **{a.actor_id: a for a in known}}))
+    state, _, _ = steps(world, [cars[0], *held], 1, state, 1)
+    _, commands, events = steps(world, [emv_at(lab, 110.0), *held], 45, state, 2)
+    assert kinds([event for event in events if event.actor_id == 2]) == ["yield_released"]
+    assert 2 not in commands.actor_id.tolist()
+
+
+@pytest.mark.parametrize(
+    ("lane", "left", "light"),
+    [(0, -0.735, Lights.INDICATOR_LEFT), (1, 0.735, Lights.INDICATOR_RIGHT)],
+    ids=["at the right edge", "at the left edge"],
+)
+def test_a_held_vehicle_is_released_when_the_emv_has_gone_elsewhere(lab, world, lane, left, light):
+    """It leaves its edge towards the middle of its lane, and shows that side."""
+    car = lab.Car(2, lane, 90, 0, (0,), left=left)
+    state, commands, _ = steps(world, [emv_at(lab), replace(car, s=80.0, left=0.0, speed=5.0)])
+    before = Lights.INDICATOR_RIGHT if left < 0.0 else Lights.INDICATOR_LEFT
+    assert commands.lights.tolist() == [before]
+    state, commands, _ = steps(world, [emv_at(lab), car], 1, state, 1)
+    assert commands.mode.tolist() == [Mode.YIELD_HOLD]
+    state, commands, events = steps(world, [emv_at(lab, 36.0), car], 5, state, 2)
+    assert commands.mode.tolist() == [Mode.YIELD_HOLD]
+    assert not events
+    _, commands, events = steps(world, [emv_at(lab, 30.0), car], 1, state, 7)
+    assert kinds(events) == ["yield_cancelled"]
+    assert events[0].detail["reason"] == "emv_gone"
+    assert commands.mode.tolist() == [Mode.REJOIN]
+    assert commands.lights.tolist() == [light]
+    assert commands.throttle[0] > 0.0
+    assert commands.hand_brake.tolist() == [0]
+    assert np.sign(commands.steer_rad[0]) == -np.sign(left)
+
+
+def test_a_held_vehicle_is_released_when_the_emv_has_left_the_simulation(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(world, cars)
+    held = lab.Car(2, 0, 90, 0, (0,), left=-0.735)
+    state, _, _ = steps(world, [cars[0], held], 1, state, 1)
+    _, commands, events = steps(world, [held], 1, state, 2)
+    assert [event.detail["reason"] for event in events] == ["emv_gone"]
+    assert commands.mode.tolist() == [Mode.REJOIN]
+
+
+@pytest.mark.parametrize(
+    ("passed", "in_region", "phase", "events"),
+    [
+        (True, True, Mode.YIELD_HOLD, []),
+        (True, False, Mode.YIELD_HOLD, []),
+        (False, False, Mode.YIELD_HOLD, ["emv_gone"]),
+        (True, True, Mode.YIELD_PULL_OVER, ["emv_passed"]),
+        (False, False, Mode.YIELD_PULL_OVER, ["emv_gone"]),
+    ],
+)
+def test_a_yield_without_a_hold_or_whose_emv_is_gone_is_cancelled(lab, world, passed, in_region, phase, events):
+    cars = [emv_at(lab), lab.Car(2, 0, 90, 0, (0,), left=-0.735)]
+    view = lab.view_in(world, cars)
+    emv = replace(NEAR, passed=passed, in_region=in_region)
+    step = hold if phase is Mode.YIELD_HOLD else pull_over
+    outcome = step(replace(UNIT, phase=phase), view.ego(1), emv)
+    assert outcome.unit.phase is Mode.REJOIN
+    assert [event.detail["reason"] for event in outcome.events] == events

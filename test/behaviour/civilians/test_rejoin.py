@@ -4,26 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from behaviour.civilians.civilian_steps import UNIT as HOLDING
 
 from siren_ros.behaviour.civilians.rejoin import rejoin, stands_over_red_line, start_rejoin
-from siren_ros.behaviour.driving.civilian_unit import Compliance, Driver, YieldUnit
 from siren_ros.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
 from siren_ros.behaviour.paths.tracked_path import blend_length_m
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.world.actors import ActorClass, Mode
 from siren_ros.world.traffic_state import SignalState
 
-UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1, stopped_steps=30)
+UNIT = replace(HOLDING, stopped_steps=30)
 NEAR_M = 0.3
 """Offset from the lane's centre line at which a vehicle counts as in its lane."""
 
 
 def view_at(lab, left, turned=0.0, speed=0.0, turn=0.0, s=100.0, length=400.0, kind=ActorClass.SEDAN):
     """A vehicle beside the centre line of the right one of two lanes that point anywhere."""
-    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], length * along], 2, ("A", "B"))
-    network = road.built()
+    network, along, across = lab.turned_road(turn, length=length)
     poses = np.array([[*(s * along + left * across), turn + turned, speed]])
     car = lab.Car(2, 0, s, speed, (0,), kind)
     return lab.view(network, lab.L3, [car], poses=poses), along, across

@@ -3,6 +3,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from behaviour.civilians.civilian_steps import NEAR
+from behaviour.lab import kinds
 
 from siren_ros.behaviour.civilians.yield_lane_change import (
     Seek,
@@ -11,6 +13,7 @@ from siren_ros.behaviour.civilians.yield_lane_change import (
     defer,
     intent_of,
     keep_lane,
+    seek_gap,
     seek_speed_mps,
     soon_free,
     start_lane_change,
@@ -18,9 +21,10 @@ from siren_ros.behaviour.civilians.yield_lane_change import (
 )
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.config import YieldConfig
-from siren_ros.behaviour.driving.civilian_unit import Compliance, Driver, EmvView, YieldUnit
-from siren_ros.behaviour.driving.lane_change import LaneGaps, Refusal
+from siren_ros.behaviour.driving.civilian_unit import Compliance, Driver, YieldUnit
+from siren_ros.behaviour.driving.lane_change import LaneChangeQuery, LaneGaps, Refusal, assess
 from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.behaviour.paths.lane_path import LanePath
 from siren_ros.numerics.units import NEVER
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import ActorClass, Mode, Owner
@@ -44,17 +48,15 @@ AHEAD = LaneGaps(1.0, 6.0, math.inf, 0.0)
     ],
 )
 def test_draws_ahead_of_what_is_behind_and_lets_the_rest_past(gaps, own_free, refusal, limit, expected):
-    own = LaneGaps(own_free, 6.0, math.inf, 0.0)
-    assert choose_seek(gaps, own, refusal, CONFIG, limit) is expected
+    present = LaneGaps(own_free, 6.0, math.inf, 0.0)
+    assert choose_seek(gaps, present, refusal, CONFIG, limit) is expected
 
 
 def test_speed_differs_from_the_vehicle_in_the_way_within_limits():
     assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, CONFIG, 13.9) == pytest.approx(10.5)
     assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, CONFIG, 9.0) == pytest.approx(9.0)
     assert seek_speed_mps(Seek.FALL_BACK, AHEAD, CONFIG, 13.9) == pytest.approx(3.5)
-    assert seek_speed_mps(Seek.FALL_BACK, replace(AHEAD, front_mps=1.0), CONFIG, 13.9) == pytest.approx(
-        CONFIG.seek_least_mps
-    )
+    assert seek_speed_mps(Seek.FALL_BACK, replace(AHEAD, front_mps=1.0), CONFIG, 13.9) == CONFIG.seek_least_mps
 
 
 @pytest.mark.parametrize(
@@ -108,7 +110,7 @@ def test_no_gap_is_sought_right_before_a_junction(lab):
 def test_a_gap_is_sought_in_turns_with_driving_on(lab):
     """A vehicle stays alongside whatever the driver does; the driver leads the EMV slowly for some seconds only."""
     world = lab.world_of(lab.straight_road(2, 900.0), lab.L2)
-    state, owners = YieldState.initial(), []
+    state, owners = YieldState(), []
     config = world.config.yielding
     for step in range(round((config.seek_after_s + 2.0 * (config.seek_for_s + config.seek_pause_s)) / 0.05)):
         x = 100.0 + 0.25 * step
@@ -125,7 +127,6 @@ def test_a_gap_is_sought_in_turns_with_driving_on(lab):
 
 
 UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0)
-NEAR = EmvView(0, passed=False, in_region=True, on_path=True, on_road=True)
 
 
 def view_at(lab, *others, lane=1, lanes=3, step=200, speed=5.0, flags=0, network=None, route=(0,), s=80.0):
@@ -138,16 +139,12 @@ def view_at(lab, *others, lane=1, lanes=3, step=200, speed=5.0, flags=0, network
     return lab.view(network, lab.L2, cars, step=step)
 
 
-def kinds(outcome):
-    return [event.kind.value for event in outcome.events]
-
-
 @pytest.mark.parametrize(("since", "starts"), [(39, False), (40, True)])
 def test_the_cooldown_since_the_last_change_comes_first(lab, since, starts):
     view = view_at(lab)
     assert view.world.cooldown_steps == 40
     outcome = start_lane_change(replace(UNIT, change_step=200 - since), view.ego(1))
-    assert kinds(outcome) == (["yield_started"] if starts else ["yield_deferred"])
+    assert kinds(outcome.events) == (["yield_started"] if starts else ["yield_deferred"])
     assert outcome.unit.change_step == (200 if starts else 200 - since)
 
 
@@ -250,7 +247,7 @@ def test_a_change_goes_on_until_the_vehicle_is_in_its_lane(lab):
     assert outcome.unit.phase is Mode.YIELD_LANE_CHANGE
     assert outcome.command is not None
     outcome, _ = changing(lab, left=0.0)
-    assert kinds(outcome) == ["yield_completed"]
+    assert kinds(outcome.events) == ["yield_completed"]
     unit = outcome.unit
     assert (unit.phase, unit.navigator.path, unit.off_path_steps) == (Mode.YIELD_KEEP_LANE, None, 0)
     assert outcome.command is None
@@ -310,14 +307,10 @@ def test_the_steps_in_which_the_emv_follows_are_counted_and_begin_again(lab):
     assert keeping(lab, unit).unit.in_lane_steps == 19
     assert keeping(lab, unit, on_path=False).unit.in_lane_steps == 0
     asked = keeping(lab, replace(unit, in_lane_steps=19))
-    assert kinds(asked) == ["yield_requested"]
+    assert kinds(asked.events) == ["yield_requested"]
     again = asked.unit
-    assert (again.phase, again.react_step, again.in_lane_steps, again.off_path_steps) == (
-        Mode.YIELD_REACTING,
-        200,
-        0,
-        0,
-    )
+    assert (again.phase, again.react_step) == (Mode.YIELD_REACTING, 200)
+    assert (again.in_lane_steps, again.off_path_steps) == (0, 0)
 
 
 def test_the_steps_off_the_road_are_counted_and_begin_again(lab):
@@ -342,5 +335,66 @@ def test_who_is_deferred_seeks_no_gap_any_more_and_has_no_path(lab, phase):
     assert (unit.phase, unit.seek, unit.side, unit.navigator.path) == (Mode.YIELD_DEFERRED, 0, 1, None)
     assert unit.deferred == "no_room"
     assert unit.deferred_step == (200 if phase is Mode.YIELD_REACTING else 150)
-    assert kinds(outcome) == (["yield_deferred"] if phase is Mode.YIELD_REACTING else [])
+    assert kinds(outcome.events) == (["yield_deferred"] if phase is Mode.YIELD_REACTING else [])
     assert outcome.command is None
+
+
+def test_between_two_turns_of_seeking_nothing_of_the_first_is_left(lab):
+    world = lab.world_of(lab.straight_road(2, 900.0), lab.L2)
+    config = world.config.yielding
+    state, units = YieldState(), {}
+    for step in range(round((config.seek_after_s + config.seek_for_s + 0.5) / 0.05)):
+        x = 100.0 + 0.25 * step
+        cars = [lab.Car(1, 0, x - 30.0, 5, (0,), ActorClass.AMBULANCE)]
+        cars += [lab.Car(2, 0, x, 5, (0,)), lab.Car(3, 1, x, 5, (0,))]
+        state, _ = step_yield(state, lab.traffic_of(world.network, cars, step=step, spawn=step == 0), world)
+        units[step] = state.units[2]
+    before, during, after = units[5], units[60], units[max(units)]
+    assert (before.seek, before.navigator.path) == (0, None)
+    assert during.seek != 0
+    assert during.navigator.path is not None
+    assert (after.seek, after.navigator.path) == (0, None)
+    assert {unit.deferred_step for unit in units.values()} == {0}
+    assert {unit.side for unit in units.values()} == {1}
+
+
+def seeking(lab, step, deferred_step, seek):
+    """One step of a driver with a vehicle close behind in the next lane, which is no reason to fall back."""
+    network = lab.straight_road(2, 900.0)
+    cars = [lab.Car(2, 0, 100, 6, (0,)), lab.Car(3, 1, 92, 7, (0,))]
+    view = lab.view(network, lab.L2, cars, step=step)
+    unit = YieldUnit(
+        2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, Mode.YIELD_DEFERRED, side=1, deferred_step=deferred_step
+    )
+    return seek_gap(replace(unit, seek=seek), view.ego(0), Refusal.GAP_REAR), view
+
+
+@pytest.mark.parametrize(("step", "again"), [(36, False), (37, True), (38, False), (67, True)])
+def test_the_driver_thinks_again_each_one_and_a_half_seconds_from_the_deferral_on(lab, step, again):
+    """Deferred at step 7: 30 steps later, and 30 later again."""
+    outcome, _ = seeking(lab, step, 7, Seek.FALL_BACK)
+    assert outcome.unit.seek == (Seek.DRAW_AHEAD if again else Seek.FALL_BACK)
+
+
+def test_the_path_of_a_driver_who_seeks_a_gap_ends_with_a_stop(lab):
+    outcome, view = seeking(lab, 8, 7, Seek.NOT)
+    path = outcome.unit.navigator.path
+    assert path.speed_cap_mps(path.length_m) < 0.1
+    assert path.curve.points[0, 0] == pytest.approx(98.0)
+    assert path.length_m == pytest.approx(80.0 - float(view.seen.half_length_m[0]) - 1.0)
+
+
+@pytest.mark.parametrize(("spare", "verdict"), [(0.3, LanePath), (-0.3, Refusal)])
+def test_a_lane_change_ends_with_the_front_before_the_junction(lab, spare, verdict):
+    network = lab.junction_road()
+
+    def view_at(s):
+        return lab.view(network, lab.L2, [lab.Car(2, 0, s, 8, (0, 2))])
+
+    def query(view):
+        return LaneChangeQuery(view.ego(0), 0, 1, 8.0, civilian=True)
+
+    far = view_at(50.0)
+    s = 150.0 - float(far.seen.half_length_m[0]) - query(far).length_m - spare
+    view = view_at(s)
+    assert isinstance(assess(query(view)), verdict)

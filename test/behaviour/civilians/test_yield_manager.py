@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from behaviour.civilians.civilian_steps import steps
+from behaviour.lab import kinds
 
 from siren_ros.behaviour.civilians.yield_lane_change import yield_speed_mps
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
@@ -13,21 +15,6 @@ from siren_ros.world.actors import ActorClass, Mode, Owner
 from siren_ros.world.traffic_state import TrafficFlags
 
 AMBULANCE = ActorClass.AMBULANCE
-
-
-def steps(lab, world, cars, count=1, state=None, start=0, **traffic):
-    state = state or YieldState.initial()
-    events = []
-    commands = None
-    for k in range(start, start + count):
-        observed = lab.traffic_of(world.network, cars, step=k, spawn=k == 0, **traffic)
-        state, commands = step_yield(state, observed, world)
-        events += commands.events
-    return state, commands, events
-
-
-def kinds(events):
-    return [event.kind.value for event in events]
 
 
 def modes(commands):
@@ -46,13 +33,13 @@ def world(lab):
 @pytest.mark.parametrize("level", ["L0", "L1"])
 def test_nobody_yields_without_a_siren(lab, level):
     quiet = lab.world_of(lab.straight_road(), getattr(lab, level))
-    _, commands, events = steps(lab, quiet, [emv_at(lab), lab.Car(2, 0, 70, 5, (0,))], flags=lab.RESCUE)
+    _, commands, events = steps(quiet, [emv_at(lab), lab.Car(2, 0, 70, 5, (0,))], flags=lab.RESCUE)
     assert len(commands) == 0
     assert not events
 
 
 def test_yields_at_once_with_the_papers_driver(lab, world):
-    _, commands, events = steps(lab, world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))])
+    _, commands, events = steps(world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))])
     assert kinds(events) == ["yield_requested", "yield_started"]
     assert events[0].other_id == 1
     assert modes(commands) == {2: Mode.YIELD_LANE_CHANGE}
@@ -64,7 +51,7 @@ def test_yields_at_once_with_the_papers_driver(lab, world):
     ("lane", "s"), [(1, 80.0), (0, 30.0), (0, 96.0)], ids=["other lane", "behind", "beyond the response distance"]
 )
 def test_only_vehicles_ahead_in_the_emvs_lane_within_the_response_distance(lab, world, lane, s):
-    _, commands, events = steps(lab, world, [emv_at(lab), lab.Car(2, lane, s, 5, (0,))])
+    _, commands, events = steps(world, [emv_at(lab), lab.Car(2, lane, s, 5, (0,))])
     assert len(commands) == 0
     assert not events
 
@@ -72,30 +59,30 @@ def test_only_vehicles_ahead_in_the_emvs_lane_within_the_response_distance(lab, 
 def test_response_distance_reaches_beyond_the_interaction_region(lab, world):
     far = replace(world, preset=world.preset.for_scenario(60.0, 0.0, 1.0))
     beyond = lab.Car(2, 0, 50 + 0.5 * (6.5 + 4.75) + 59.9, 5, (0,))
-    assert not steps(lab, world, [emv_at(lab), beyond])[2]
-    state, _, events = steps(lab, far, [emv_at(lab), beyond])
+    assert not steps(world, [emv_at(lab), beyond])[2]
+    state, _, events = steps(far, [emv_at(lab), beyond])
     assert kinds(events) == ["yield_requested", "yield_started"]
-    state, _, events = steps(lab, far, [emv_at(lab, 41.0), beyond], 1, state, 1)
+    state, _, events = steps(far, [emv_at(lab, 41.0), beyond], 1, state, 1)
     assert not events
-    _, _, events = steps(lab, far, [emv_at(lab, 39.0), beyond], 1, state, 2)
+    _, _, events = steps(far, [emv_at(lab, 39.0), beyond], 1, state, 2)
     assert events[0].detail["reason"] == "emv_gone"
 
 
 def test_response_distance_is_the_free_way(lab, world):
     near = replace(world, preset=replace(world.preset, response_distance_m=TruncatedNormal(20.0, 0.0, 20.0, 20.0)))
     half = 0.5 * (6.5 + 4.75)
-    assert not steps(lab, near, [emv_at(lab), lab.Car(2, 0, 50 + half + 20.1, 5, (0,))])[2]
-    assert steps(lab, near, [emv_at(lab), lab.Car(2, 0, 50 + half + 19.9, 5, (0,))])[2]
+    assert not steps(near, [emv_at(lab), lab.Car(2, 0, 50 + half + 20.1, 5, (0,))])[2]
+    assert steps(near, [emv_at(lab), lab.Car(2, 0, 50 + half + 19.9, 5, (0,))])[2]
 
 
 def test_reaction_delay_comes_first(lab, world):
     slow = replace(world, preset=world.preset.for_scenario(40.0, 1.0, 1.0))
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
-    state, commands, events = steps(lab, slow, cars, 20)
+    state, commands, events = steps(slow, cars, 20)
     assert kinds(events) == ["yield_requested"]
     assert modes(commands) == {2: Mode.YIELD_REACTING}
     assert commands.owner.tolist() == [Owner.SUMO]
-    _, commands, events = steps(lab, slow, cars, 1, state, 20)
+    _, commands, events = steps(slow, cars, 1, state, 20)
     assert kinds(events) == ["yield_started"]
 
 
@@ -105,12 +92,12 @@ def test_the_delay_counts_from_the_step_at_which_the_driver_notices(lab, world, 
     slow = replace(world, preset=world.preset.for_scenario(40.0, 1.0, 1.0))
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
     known = YieldState(actors=ActorTable.empty().updated(lab.traffic_of(world.network, cars)))
-    state, _, events = steps(lab, slow, cars, 1, known, first)
+    state, _, events = steps(slow, cars, 1, known, first)
     assert kinds(events) == ["yield_requested"]
     assert state.units[2].react_step == first + 20
-    state, _, events = steps(lab, slow, cars, 19, state, first + 1)
+    state, _, events = steps(slow, cars, 19, state, first + 1)
     assert not events
-    _, _, events = steps(lab, slow, cars, 1, state, first + 20)
+    _, _, events = steps(slow, cars, 1, state, first + 20)
     assert kinds(events) == ["yield_started"]
 
 
@@ -119,21 +106,21 @@ def test_the_av_under_test_and_other_emvs_are_asked_nothing(lab, level):
     network = lab.straight_road()
     cars = [emv_at(lab), lab.Car(2, 0, 75, 5, (0,)), lab.Car(3, 0, 85, 5, (0,)), lab.Car(4, 0, 65, 5, (0,), AMBULANCE)]
     asked = lab.world_of(network, getattr(lab, level), av_id=3)
-    _, _, events = steps(lab, asked, cars)
+    _, _, events = steps(asked, cars)
     assert {event.actor_id for event in events} == {2}
 
 
 def test_request_latches_when_the_emv_falls_back(lab, world):
     slow = replace(world, preset=world.preset.for_scenario(40.0, 1.0, 1.0))
     car = lab.Car(2, 0, 95, 5, (0,))
-    state, _, _ = steps(lab, slow, [emv_at(lab), car])
-    _, _, events = steps(lab, slow, [emv_at(lab, 46.0), car], 20, state, 1)
+    state, _, _ = steps(slow, [emv_at(lab), car])
+    _, _, events = steps(slow, [emv_at(lab, 46.0), car], 20, state, 1)
     assert kinds(events) == ["yield_started"]
 
 
 def test_drivers_that_never_comply_are_asked_once_and_stay_nominal(lab, world):
     refusing = replace(world, preset=replace(world.preset, compliance=ComplianceShares(0.0, 0.0, 1.0)))
-    _, commands, events = steps(lab, refusing, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))], 50)
+    _, commands, events = steps(refusing, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))], 50)
     assert kinds(events) == ["yield_requested"]
     assert events[0].detail["compliance"] == "never"
     assert len(commands) == 0
@@ -141,29 +128,29 @@ def test_drivers_that_never_comply_are_asked_once_and_stay_nominal(lab, world):
 
 def test_infeasible_yield_is_deferred_once_and_reconsidered(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
-    state, commands, events = steps(lab, world, cars, 10)
+    state, commands, events = steps(world, cars, 10)
     assert kinds(events) == ["yield_requested", "yield_deferred"]
     assert events[1].detail["reason"] == "vehicle_beside"
     assert modes(commands) == {2: Mode.YIELD_DEFERRED}
     assert commands.owner.tolist() == [Owner.SUMO]
     cars[2] = lab.Car(3, 1, 120, 5, (0,))
-    _, commands, events = steps(lab, world, cars, 1, state, 10)
+    _, commands, events = steps(world, cars, 1, state, 10)
     assert kinds(events) == ["yield_started"]
 
 
 def test_right_side_is_preferred(lab):
     world = lab.world_of(lab.straight_road(3), lab.L2)
     cars = [emv_at(lab, lane=1), lab.Car(2, 1, 80, 5, (0,))]
-    assert steps(lab, world, cars)[2][-1].detail["side"] == -1
+    assert steps(world, cars)[2][-1].detail["side"] == -1
     beside = [*cars, lab.Car(3, 0, 80, 5, (0,))]
-    assert steps(lab, world, beside)[2][-1].detail["side"] == 1
+    assert steps(world, beside)[2][-1].detail["side"] == 1
 
 
 @pytest.mark.parametrize(("wish", "side"), [("WANTS_LEFT", 1), ("WANTS_RIGHT", -1)])
 def test_sumos_intent_chooses_the_side(lab, wish, side):
     world = lab.world_of(lab.straight_road(3), lab.L2)
     cars = [emv_at(lab, lane=1), lab.Car(2, 1, 80, 5, (0,), flags=int(TrafficFlags[wish]))]
-    assert steps(lab, world, cars)[2][-1].detail["side"] == side
+    assert steps(world, cars)[2][-1].detail["side"] == side
 
 
 @pytest.mark.parametrize(("limit", "target"), [(13.9, 10.0 / 3.6), (4.0, 2.0)])
@@ -183,15 +170,15 @@ def test_side_that_leads_on_comes_before_the_right_side(lab):
     road.connect(2, 4, signal=True)
     world = lab.world_of(road.built(), lab.L2)
     cars = [lab.Car(1, 1, 120, 10, (0, 1), AMBULANCE), lab.Car(2, 1, 150, 5, (0, 1))]
-    assert steps(lab, world, cars)[2][-1].detail["side"] == 1
+    assert steps(world, cars)[2][-1].detail["side"] == 1
 
 
 @pytest.mark.parametrize(("where", "reason"), [(95.0, "emv_passed"), (20.0, "emv_gone")])
 def test_yield_that_has_not_started_is_dropped(lab, world, where, reason):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
-    state, _, _ = steps(lab, world, cars)
+    state, _, _ = steps(world, cars)
     cars[0] = emv_at(lab, where)
-    state, _, events = steps(lab, world, cars, 1, state, 1)
+    state, _, events = steps(world, cars, 1, state, 1)
     assert kinds(events) == ["yield_cancelled"]
     assert events[0].detail["reason"] == reason
     assert not state.units
@@ -200,10 +187,10 @@ def test_yield_that_has_not_started_is_dropped(lab, world, where, reason):
 def blocked_then(lab, world, *phases):
     """A civilian whose lane change is blocked, while the EMV drives in one lane after another, each for some steps."""
     cars = [lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
-    state, _, _ = steps(lab, world, [emv_at(lab), *cars])
+    state, _, _ = steps(world, [emv_at(lab), *cars])
     step, events = 1, []
     for lane, count in phases:
-        state, _, happened = steps(lab, world, [emv_at(lab, lane=lane), *cars], count, state, step)
+        state, _, happened = steps(world, [emv_at(lab, lane=lane), *cars], count, state, step)
         step += count
         events += [event for event in happened if event.actor_id == 2]
     return events
@@ -226,35 +213,35 @@ def test_the_second_off_the_path_begins_again_when_the_emv_comes_back(lab, world
 def test_the_emv_is_on_the_path_until_its_front_is_ahead_of_the_civilians_front(lab, world, emv_s, reasons):
     """The civilian's front is at 82.375 m, the EMV's is 3.25 m ahead of its centre: ahead of it from 79.125 m on."""
     cars = [lab.Car(2, 0, 80, 5, (0,), left=-1.0), lab.Car(3, 1, 81, 5, (0,))]
-    state, _, _ = steps(lab, world, [emv_at(lab), *cars])
+    state, _, _ = steps(world, [emv_at(lab), *cars])
     grace = round(world.config.yielding.off_path_grace_s / 0.05)
-    _, _, events = steps(lab, world, [emv_at(lab, emv_s), *cars], grace + 5, state, 1)
+    _, _, events = steps(world, [emv_at(lab, emv_s), *cars], grace + 5, state, 1)
     assert [event.detail["reason"] for event in events if event.actor_id == 2] == reasons
 
 
 def test_a_yield_with_a_free_lane_starts_although_the_emv_has_just_left_the_lane(lab, world):
     cars = [lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
-    state, _, _ = steps(lab, world, [emv_at(lab), *cars])
-    _, _, events = steps(lab, world, [emv_at(lab, lane=1), cars[0]], 1, state, 1)
+    state, _, _ = steps(world, [emv_at(lab), *cars])
+    _, _, events = steps(world, [emv_at(lab, lane=1), cars[0]], 1, state, 1)
     assert kinds(events) == ["yield_started"]
 
 
 def started(lab, world):
-    return steps(lab, world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))])[0]
+    return steps(world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))])[0]
 
 
 def test_completed_in_the_target_lane_then_kept_until_released(lab, world):
     state = started(lab, world)
     there = [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))]
-    state, commands, events = steps(lab, world, there, 1, state, 1)
+    state, commands, events = steps(world, there, 1, state, 1)
     assert kinds(events) == ["yield_completed"]
     assert modes(commands) == {2: Mode.YIELD_KEEP_LANE}
     assert commands.owner.tolist() == [Owner.SUMO]
-    state, commands, events = steps(lab, world, there, 5, state, 2)
+    state, commands, events = steps(world, there, 5, state, 2)
     assert modes(commands) == {2: Mode.YIELD_KEEP_LANE}
     assert not events
     past = [emv_at(lab, 98.0), there[1]]
-    state, commands, events = steps(lab, world, past, 1, state, 7)
+    state, commands, events = steps(world, past, 1, state, 7)
     assert kinds(events) == ["yield_released"]
     assert len(commands) == 0
     assert not state.units
@@ -263,19 +250,19 @@ def test_completed_in_the_target_lane_then_kept_until_released(lab, world):
 def test_cancelled_when_the_emv_passes_before_completion_and_led_to_a_lane(lab, world):
     state = started(lab, world)
     halfway = [emv_at(lab, 93.0), lab.Car(2, 0, 85, 3, (0,), left=1.6)]
-    state, commands, events = steps(lab, world, halfway, 1, state, 1)
+    state, commands, events = steps(world, halfway, 1, state, 1)
     assert kinds(events) == ["yield_cancelled"]
     assert modes(commands) == {2: Mode.REJOIN}
     assert commands.owner.tolist() == [Owner.ROS]
-    state, commands, events = steps(lab, world, [halfway[0], lab.Car(2, 1, 95, 4, (0,))], 1, state, 2)
+    state, commands, events = steps(world, [halfway[0], lab.Car(2, 1, 95, 4, (0,))], 1, state, 2)
     assert kinds(events) == ["yield_released"]
     assert len(commands) == 0
 
 
 def test_yields_again_when_the_emv_follows_into_the_new_lane(lab, world):
     state = started(lab, world)
-    state, _, _ = steps(lab, world, [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))], 1, state, 1)
-    _, _, events = steps(lab, world, [emv_at(lab, 60.0, lane=1), lab.Car(2, 1, 90, 3, (0,))], 60, state, 2)
+    state, _, _ = steps(world, [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))], 1, state, 1)
+    _, _, events = steps(world, [emv_at(lab, 60.0, lane=1), lab.Car(2, 1, 90, 3, (0,))], 60, state, 2)
     assert kinds(events)[:3] == ["yield_requested", "yield_deferred", "yield_started"]
     assert [event.detail.get("reason") for event in events[:2]] == ["emv_followed", "cooldown"]
     assert events[2].step == world.cooldown_steps
@@ -284,13 +271,13 @@ def test_yields_again_when_the_emv_follows_into_the_new_lane(lab, world):
 def kept_with(lab, world, *phases):
     """A civilian that has changed lanes, while the EMV drives as the phases say: lane, route and number of steps."""
     there = lab.Car(2, 1, 90, 3, (0, 2))
-    state, _, _ = steps(lab, world, [lab.Car(1, 0, 50, 10, (0, 2), AMBULANCE), replace(there, lane=0, s=80.0)])
-    state, _, _ = steps(lab, world, [lab.Car(1, 0, 50, 10, (0, 2), AMBULANCE), there], 1, state, 1)
+    state, _, _ = steps(world, [lab.Car(1, 0, 50, 10, (0, 2), AMBULANCE), replace(there, lane=0, s=80.0)])
+    state, _, _ = steps(world, [lab.Car(1, 0, 50, 10, (0, 2), AMBULANCE), there], 1, state, 1)
     assert next(iter(state.units.values())).phase is Mode.YIELD_KEEP_LANE
     step, events = 2, []
     for lane, route, count in phases:
         cars = [lab.Car(1, lane, 60, 10, route, AMBULANCE), there]
-        state, _, happened = steps(lab, world, cars, count, state, step)
+        state, _, happened = steps(world, cars, count, state, step)
         step += count
         events += happened
     return state, events
@@ -311,13 +298,13 @@ def test_kept_lane_is_left_a_second_after_the_emv_took_another_road_without_inte
     first = [ahead[0], lab.Car(2, 4, 5, 3, (2,))]
     grace = round(world.config.yielding.off_path_grace_s / 0.05)
     for interruption, reasons in ((ahead, []), (away, ["emv_gone"])):
-        state, _, _ = steps(lab, world, first)
-        state, _, events = steps(lab, world, ahead, 1, state, 1)
+        state, _, _ = steps(world, first)
+        state, _, events = steps(world, ahead, 1, state, 1)
         assert kinds(events) == ["yield_completed"]
-        state, _, events = steps(lab, world, away, grace, state, 2)
+        state, _, events = steps(world, away, grace, state, 2)
         assert not events
-        state, _, events = steps(lab, world, interruption, 1, state, 2 + grace)
-        more = steps(lab, world, away, grace, state, 3 + grace)[2]
+        state, _, events = steps(world, interruption, 1, state, 2 + grace)
+        more = steps(world, away, grace, state, 3 + grace)[2]
         assert [event.detail["reason"] for event in (*events, *more)] == reasons
 
 
@@ -334,7 +321,7 @@ def test_removed_civilian_is_forgotten(lab, world):
 def test_realistic_preset_draws_per_actor(lab):
     world = lab.world_of(lab.straight_road(), lab.L2, preset=load_preset("realistic"))
     cars = [emv_at(lab), *(lab.Car(2 + i, 0, 62.0 + 6.5 * i, 5, (0,)) for i in range(3))]
-    state, _, _ = steps(lab, world, cars)
+    state, _, _ = steps(world, cars)
     assert len({driver.delay_s for driver in state.drivers.values()}) == len(state.drivers) > 1
 
 
@@ -342,7 +329,7 @@ def test_a_civilian_off_all_lanes_is_not_on_the_emvs_road(lab, world):
     """It has changed lanes and then leaves the road; a second later it is released."""
     state = started(lab, world)
     there = [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))]
-    state, _, _ = steps(lab, world, there, 1, state, 1)
+    state, _, _ = steps(world, there, 1, state, 1)
     grace = round(world.config.yielding.off_path_grace_s / 0.05)
     reasons = []
     for step in range(2, 3 + grace):
@@ -357,10 +344,10 @@ def test_with_two_emvs_everybody_yields_to_the_one_that_comes(lab, world):
     """One in each lane; a civilian ahead of each. What one does changes nothing for the other's civilian."""
     second = lab.Car(9, 1, 40, 10, (0,), ActorClass.FIRE_TRUCK)
     cars = [emv_at(lab), second, lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 75, 5, (0,))]
-    state, _, events = steps(lab, world, cars)
+    state, _, events = steps(world, cars)
     asked = {event.actor_id: event.other_id for event in events if event.kind.value == "yield_requested"}
     assert asked == {2: 1, 3: 9}
     gone = [emv_at(lab, 110.0), second, *cars[2:]]
-    state, _, events = steps(lab, world, gone, 1, state, 1)
+    state, _, events = steps(world, gone, 1, state, 1)
     assert {event.actor_id for event in events if event.kind.value in {"yield_cancelled", "yield_released"}} == {2}
     assert list(state.units) == [3]

@@ -39,15 +39,12 @@ def test_late_drivers_take_longer():
 AMBULANCE = ActorClass.AMBULANCE
 
 
-def view_of(lab, cars, network=None):
-    network = network or lab.straight_road()
-    return lab.view(network, lab.L2, cars)
-
-
 @pytest.mark.parametrize(("ahead", "passed"), [(6.62, False), (6.63, True), (-30.0, False)])
 def test_passed_when_the_rear_is_a_metre_ahead_of_the_front(lab, ahead, passed):
     """Half of 6.5 m and half of 4.75 m and 1 m make 6.625 m between the centres."""
-    view = view_of(lab, [lab.Car(1, 0, 100 + ahead, 8, (0,), AMBULANCE), lab.Car(2, 1, 100, 2, (0,))])
+    view = lab.view(
+        lab.straight_road(), lab.L2, [lab.Car(1, 0, 100 + ahead, 8, (0,), AMBULANCE), lab.Car(2, 1, 100, 2, (0,))]
+    )
     assert emv_fully_passed(view.ego(1), 0) is passed
 
 
@@ -74,12 +71,9 @@ def test_passing_is_measured_along_the_civilians_lane(lab):
 )
 def test_passing_on_a_road_that_points_elsewhere(lab, turn, ahead, left, yaw, passed):
     """On a road through the origin; the EMV is 6.5 m long and 2.1 m wide, the car 4.75 m long."""
-    road = lab.RoadBuilder()
-    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    road.edge([[0.0, 0.0], 300.0 * along], 2, ("A", "B"))
-    network = road.built()
-    own, emv = 100.0 * along, (100.0 + ahead) * along + left * across
-    poses = np.array([[*emv, turn + yaw, 8.0], [*own, turn + 0.2, 2.0]])
+    network, along, across = lab.turned_road(turn, length=300.0)
+    place, emv = 100.0 * along, (100.0 + ahead) * along + left * across
+    poses = np.array([[*emv, turn + yaw, 8.0], [*place, turn + 0.2, 2.0]])
     cars = [lab.Car(1, 0, 100, 8, (0,), AMBULANCE), lab.Car(2, 0, 100, 2, (0,))]
     view = lab.view(network, lab.L2, cars, poses=poses)
     assert emv_fully_passed(view.ego(1), 0) is passed

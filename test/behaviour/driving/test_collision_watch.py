@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.config import NavigatorConfig
-from siren_ros.behaviour.driving.collision_watch import (
-    CollisionWatch,
-    stricter,
-)
+from siren_ros.behaviour.driving.collision_watch import CollisionWatch, stricter
 from siren_ros.behaviour.driving.free_space import SpeedLimit
 from siren_ros.behaviour.driving.step_view import Surroundings
 from siren_ros.behaviour.paths.curve import Curve
@@ -30,25 +27,20 @@ def scene(turn, speed, *others):
     ahead, left = 10.0 + rows[:, 0], rows[:, 1]
     yaw = rows[:, 2] + turn
     n = len(rows)
-    seen = Surroundings(
-        actor_id=np.arange(1, n + 1, dtype=np.uint32),
-        x_m=cos * ahead - sin * left,
-        y_m=sin * ahead + cos * left,
-        yaw_rad=yaw,
-        cos=np.cos(yaw),
-        sin=np.sin(yaw),
-        speed_mps=rows[:, 3],
-        half_length_m=np.full(n, HALF_LENGTH),
-        half_width_m=np.full(n, HALF_WIDTH),
-        is_emv=np.zeros(n, dtype=bool),
-    )
+    poses = (cos * ahead - sin * left, sin * ahead + cos * left, yaw, np.cos(yaw), np.sin(yaw), rows[:, 3])
+    sizes = np.full(n, HALF_LENGTH), np.full(n, HALF_WIDTH)
+    seen = Surroundings(np.arange(1, n + 1, dtype=np.uint32), *poses, *sizes, np.zeros(n, dtype=bool))
     path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [150.0 * cos, 150.0 * sin]])), CONFIG, stop_at_end=False)
     return path, seen
 
 
-def watched(turn, speed, *others, target=15.0):
+def watch(turn, speed, *others, target=10.0, **more):
     path, seen = scene(turn, speed, *others)
-    return CollisionWatch(path, 10.0, 0, target, seen, CONFIG).leaders()
+    return CollisionWatch(path, 10.0, 0, target, replace(seen, **more), CONFIG)
+
+
+def watched(turn, speed, *others, target=15.0):
+    return watch(turn, speed, *others, target=target).leaders()
 
 
 def krauss(gap, lead):
@@ -118,12 +110,11 @@ def test_who_comes_on_turning_is_left_to_the_outlook_where_there_is_one(turn, si
     """15° to the path and 2.2 m aside: it goes on across. At 5°, or without its route, it is taken to come along."""
     outlook = SimpleNamespace()
     for degrees, leads in ((15.0, False), (5.0, True)):
-        path, seen = scene(turn, 8.0, (16.0, side * 2.2, np.pi + side * np.radians(degrees), 5.0))
-        assert CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).leaders() is not None
-        known = CollisionWatch(path, 10.0, 0, 10.0, replace(seen, outlook=outlook), CONFIG).leaders()
-        assert (known is not None) is leads
-    path, seen = scene(turn, 8.0, (16.0, side * 2.2, np.pi + side * np.radians(15.0), 0.5))
-    assert CollisionWatch(path, 10.0, 0, 10.0, replace(seen, outlook=outlook), CONFIG).leaders() is not None
+        other = (16.0, side * 2.2, np.pi + side * np.radians(degrees), 5.0)
+        assert watch(turn, 8.0, other).leaders() is not None
+        assert (watch(turn, 8.0, other, outlook=outlook).leaders() is not None) is leads
+    other = (16.0, side * 2.2, np.pi + side * np.radians(15.0), 0.5)
+    assert watch(turn, 8.0, other, outlook=outlook).leaders() is not None
 
 
 def test_the_slowest_of_several_leaders_counts_and_a_fast_one_is_no_threat():
@@ -153,8 +144,7 @@ def test_who_is_only_within_the_margin_is_slowed_for_but_not_braked_for_hard(sid
     ("speed", "target", "reach"), [(0.0, 0.0, 20.0), (9.0, 10.0, 81.0 / 6.0 + 25.0), (30.0, 30.0, 70.0)]
 )
 def test_looks_ahead_by_the_way_of_a_stop_and_one_and_a_half_seconds(speed, target, reach):
-    path, seen = scene(0.6, speed)
-    assert CollisionWatch(path, 10.0, 0, target, seen, CONFIG).reach_m == pytest.approx(reach)
+    assert watch(0.6, speed, target=target).reach_m == pytest.approx(reach)
 
 
 def test_of_two_threats_the_lower_speed_and_the_harder_braking_count():
@@ -172,22 +162,18 @@ def test_of_two_threats_the_lower_speed_and_the_harder_braking_count():
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_who_crosses_from_either_side_is_waited_for_and_who_has_crossed_is_not(turn, side):
-    path, seen = scene(turn, 8.0, (30.0, side * 25.0, -side * np.pi / 2.0, 8.0))
-    threat = CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).meetings()
+    threat = watch(turn, 8.0, (30.0, side * 25.0, -side * np.pi / 2.0, 8.0)).meetings()
     assert threat.blocker_id == 2
     reach = HALF_LENGTH + HALF_WIDTH + CONFIG.side_margin_m
     assert threat.free_m == pytest.approx(30.0 - reach - CONFIG.conflicts.standoff_m, abs=1.0)
-    path, seen = scene(turn, 8.0, (30.0, side * 25.0, side * np.pi / 2.0, 8.0))
-    assert CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).meetings() is None
+    assert watch(turn, 8.0, (30.0, side * 25.0, side * np.pi / 2.0, 8.0)).meetings() is None
 
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_who_merely_follows_or_stands_is_no_conflict_and_who_joins_from_behind_at_an_angle_is(turn):
     for other in ((-8.0, 0.0, 0.0, 9.0), (30.0, 0.0, np.pi / 2.0, 0.5)):
-        path, seen = scene(turn, 8.0, other)
-        assert CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).meetings() is None
-    path, seen = scene(turn, 6.0, (-6.0, -12.0, np.radians(40.0), 13.0))
-    assert CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).meetings() is not None
+        assert watch(turn, 8.0, other).meetings() is None
+    assert watch(turn, 6.0, (-6.0, -12.0, np.radians(40.0), 13.0)).meetings() is not None
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -196,12 +182,13 @@ def test_who_turns_in_beside_the_own_front_counts_unless_the_leaders_are_watched
     turned = -side * np.radians(15.0)
     extent = HALF_LENGTH * np.cos(turned) + HALF_WIDTH * abs(np.sin(turned))
     reach = HALF_LENGTH * abs(np.sin(turned)) + HALF_WIDTH * np.cos(turned)
-    path, seen = scene(0.6, 6.0, (HALF_LENGTH + extent - 0.6, side * (HALF_WIDTH + reach + 0.01), turned, 5.0))
-    assert CollisionWatch(path, 10.0, 0, 15.0, seen, CONFIG).leaders() is None
-    threat = CollisionWatch(path, 10.0, 0, 15.0, seen, CONFIG).meetings()
+    other = (HALF_LENGTH + extent - 0.6, side * (HALF_WIDTH + reach + 0.01), turned, 5.0)
+    driver = watch(0.6, 6.0, other, target=15.0)
+    assert driver.leaders() is None
+    threat = driver.meetings()
     assert threat.blocker_id == 2
     assert 5.0 < threat.speed_mps < 6.0
-    assert CollisionWatch(path, 10.0, 0, 15.0, seen, CONFIG).meetings(leaders=False) is None
+    assert driver.meetings(leaders=False) is None
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -262,8 +249,7 @@ def test_who_is_alongside_leads_only_where_the_bodies_would_meet(turn, side, gap
 @pytest.mark.parametrize("degrees", [15.0, -15.0])
 def test_who_drives_ahead_at_an_angle_leads_although_its_way_is_known(degrees):
     """The outlook is for those who come on."""
-    path, seen = scene(0.6, 8.0, (16.0, 0.3, np.radians(degrees), 5.0))
-    known = CollisionWatch(path, 10.0, 0, 10.0, replace(seen, outlook=SimpleNamespace()), CONFIG).leaders()
+    known = watch(0.6, 8.0, (16.0, 0.3, np.radians(degrees), 5.0), outlook=SimpleNamespace()).leaders()
     assert known.blocker_id == 2
     assert known.speed_mps == pytest.approx(krauss(known.free_m, 5.0 * np.cos(np.radians(degrees))))
 
@@ -279,9 +265,9 @@ def test_who_drifts_towards_the_path_counts_where_its_rear_is_ahead(side, gap, l
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_who_has_time_to_wait_for_who_crosses_needs_no_hard_braking_and_who_is_late_does(side):
     """From 30 m ahead a gentle stop is enough; from 13 m ahead it is not."""
-    brakes = []
-    for ahead, other in ((30.0, 25.0), (13.5, 9.0)):
-        path, seen = scene(0.6, 8.0, (ahead, side * other, -side * np.pi / 2.0, 8.0))
-        brakes.append(CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).meetings().brake_mps2)
-    assert brakes[0] == 0.0
-    assert brakes[1] > CONFIG.comfort_brake_mps2
+    early, late = (
+        watch(0.6, 8.0, (ahead, side * other, -side * np.pi / 2.0, 8.0)).meetings().brake_mps2
+        for ahead, other in ((30.0, 25.0), (13.5, 9.0))
+    )
+    assert early == 0.0
+    assert late > CONFIG.comfort_brake_mps2

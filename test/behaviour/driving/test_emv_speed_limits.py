@@ -5,18 +5,21 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.config import AnticipationConfig, JunctionEntryConfig
-from siren_ros.behaviour.driving.emv_speed_limits import (
+from siren_ros.behaviour.driving.emv_unit import ROUTE, EmvUnit, LateralRequest
+from siren_ros.behaviour.driving.free_space import SpeedLimit
+from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.behaviour.driving.speed_mechanisms import (
+    MECHANISMS,
     UNLIMITED,
+    Drive,
+    Mechanism,
     anticipated_limit,
     approach_speed_mps,
     entry_limit,
     free_way,
+    navigate,
     passage_limit,
 )
-from siren_ros.behaviour.driving.emv_unit import ROUTE, EmvUnit, LateralRequest
-from siren_ros.behaviour.driving.free_space import SpeedLimit
-from siren_ros.behaviour.driving.navigator import NavigatorState
-from siren_ros.behaviour.driving.speed_mechanisms import Mechanism, navigate
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.gap_escape import reference_line, road_space
 from siren_ros.behaviour.paths.curve import Curve
@@ -42,6 +45,17 @@ def test_only_the_corridor_and_the_gap_escape_are_limited(lab):
     assert passage_limit(EmvUnit(1, corridor=True), view.ego(0)) == UNLIMITED
     for mode in ({"corridor": True}, {"gap_escape_active": True}):
         assert passage_limit(replace(unit, **mode), view.ego(0)).speed_mps < 10.0
+
+
+@pytest.mark.parametrize(
+    ("mode", "used"), [({}, "anticipation"), ({"corridor": True}, "passage"), ({"gap_escape_active": True}, "passage")]
+)
+def test_between_others_the_footprint_limits_the_speed_and_elsewhere_anticipation(lab, mode, used):
+    """One of the two limits, and the other does not."""
+    unit, view = scene(lab, lab.Car(2, 0, 120, 0, (0,)), corridor=False)
+    drive = Drive(replace(unit, **mode), view.ego(0), unit.navigator.path, 100.0, 13.0, view.ego(0).navigator_config)
+    limits = {mechanism.name: mechanism.limit(drive) for mechanism in MECHANISMS}
+    assert [name for name in ("anticipation", "passage") if limits[name] != UNLIMITED] == [used]
 
 
 def test_stops_before_a_vehicle_that_stands_on_the_path(lab):
@@ -105,6 +119,12 @@ HALF = 0.5 * (6.5 + 4.75)
 
 def approach(gap, lead, overlap=2.0, leaving=0.0):
     return float(approach_speed_mps(*(np.array([value]) for value in (gap, lead, overlap, leaving)), CONFIG)[0])
+
+
+def anticipated(lab, network, cars, poses):
+    """The limit of the first of some cars, an EMV, at poses of x, y, yaw and speed."""
+    ego = lab.view(network, lab.L2, cars, poses=np.array(poses)).ego(0)
+    return anticipated_limit(follow_route(EmvUnit(1), ego)[0], ego).speed_mps
 
 
 def scene_of_anticipation(lab, *others, speed=13.0):
@@ -174,19 +194,14 @@ def test_does_not_saw_behind_one_yielder_after_another(lab):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("turned", [0.0, 0.3, -0.3])
 def test_a_vehicle_is_in_the_way_up_to_both_half_bodies_and_a_margin_aside(lab, turn, side, turned):
-    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], 400.0 * along], 1, ("A", "B"))
-    network = road.built()
+    network, along, across = lab.turned_road(turn, lanes=1)
     sedan, ambulance = lab.vehicles[ActorClass.SEDAN], lab.vehicles[ActorClass.AMBULANCE]
     side_m = 0.5 * (sedan.width_m * np.cos(turned) + sedan.length_m * abs(np.sin(turned)) + ambulance.width_m)
     cars = [lab.Car(1, 0, 100, 13, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 0, (0,))]
     for more, counts in ((-0.02, True), (0.02, False)):
         left = side * (side_m + CONFIG.side_margin_m + more)
-        poses = np.array([[*(100.0 * along), turn, 13.0], [*(130.0 * along + left * across), turn + turned, 0.0]])
-        view = lab.view(network, lab.L2, cars, poses=poses)
-        limit = anticipated_limit(follow_route(EmvUnit(1), view.ego(0))[0], view.ego(0))
-        assert math.isfinite(limit.speed_mps) is counts
+        poses = [[*(100.0 * along), turn, 13.0], [*(130.0 * along + left * across), turn + turned, 0.0]]
+        assert math.isfinite(anticipated(lab, network, cars, poses)) is counts
 
 
 def test_the_gap_is_between_the_bumpers_also_of_a_vehicle_at_an_angle(lab):
@@ -195,12 +210,11 @@ def test_the_gap_is_between_the_bumpers_also_of_a_vehicle_at_an_angle(lab):
     sedan = lab.vehicles[ActorClass.SEDAN]
     cars = [lab.Car(1, 0, 100, 6, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 2, (0,))]
     for turned in (0.0, 0.3, -0.3):
-        poses = np.array([[100.0, 0.0, 0.0, 6.0], [130.0, 0.0, turned, 2.0]])
-        view = lab.view(network, lab.L2, cars, poses=poses)
+        poses = [[100.0, 0.0, 0.0, 6.0], [130.0, 0.0, turned, 2.0]]
         reach = 0.5 * (sedan.length_m * np.cos(turned) + sedan.width_m * abs(np.sin(turned)))
         gap = 30.0 - reach - 0.5 * lab.vehicles[ActorClass.AMBULANCE].length_m
-        limit = anticipated_limit(follow_route(EmvUnit(1), view.ego(0))[0], view.ego(0))
-        assert limit.speed_mps == pytest.approx(approach(gap, 2.0 * np.cos(turned)), rel=1e-4)
+        expected = approach(gap, 2.0 * np.cos(turned))
+        assert anticipated(lab, network, cars, poses) == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -208,26 +222,23 @@ def test_who_turns_away_from_the_path_leaves_it_to_either_side(lab, side):
     """A car that stands 0.5 m aside and points away leaves; one that points back to the path stays."""
     network = lab.straight_road()
     cars = [lab.Car(1, 0, 100, 3, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 3, (0,))]
-    found = {}
-    for turned in (0.3, -0.3):
-        poses = np.array([[100.0, 0.0, 0.0, 3.0], [130.0, 0.5 * side, side * turned, 3.0]])
-        view = lab.view(network, lab.L2, cars, poses=poses)
-        found[turned] = anticipated_limit(follow_route(EmvUnit(1), view.ego(0))[0], view.ego(0)).speed_mps
+    poses = {turned: [[100.0, 0.0, 0.0, 3.0], [130.0, 0.5 * side, side * turned, 3.0]] for turned in (0.3, -0.3)}
+    speeds = {turned: anticipated(lab, network, cars, placed) for turned, placed in poses.items()}
     sedan, ambulance = lab.vehicles[ActorClass.SEDAN], lab.vehicles[ActorClass.AMBULANCE]
     cos, sin = np.cos(0.3), np.sin(0.3)
     gap = 30.0 - 0.5 * (sedan.length_m * cos + sedan.width_m * sin) - 0.5 * ambulance.length_m
     inside = 0.5 * (sedan.length_m * sin + sedan.width_m * cos + ambulance.width_m) + CONFIG.side_margin_m
     for turned, leaving in ((0.3, 3.0 * sin), (-0.3, -3.0 * sin)):
-        assert found[turned] == pytest.approx(approach(gap, 3.0 * cos, inside - 0.5, leaving), rel=1e-4)
-    assert found[0.3] > found[-0.3] + 0.5
+        assert speeds[turned] == pytest.approx(approach(gap, 3.0 * cos, inside - 0.5, leaving), rel=1e-4)
+    assert speeds[0.3] > speeds[-0.3] + 0.5
 
 
-CONFIG_JUNCTION_ENTRY = JunctionEntryConfig()
-HALF_JUNCTION_ENTRY = 0.5 * 6.5
+ENTRY = JunctionEntryConfig()
+HALF_EMV = 0.5 * 6.5
 
 
 def limit(lab, network, front_m, state, speed=9.0, attention=None):
-    cars = [lab.Car(1, 0, front_m - HALF_JUNCTION_ENTRY, speed, (0, 2), ActorClass.AMBULANCE)]
+    cars = [lab.Car(1, 0, front_m - HALF_EMV, speed, (0, 2), ActorClass.AMBULANCE)]
     traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", state),))
     world = lab.world_of(network, lab.L2)
     if attention is not None:
@@ -236,28 +247,25 @@ def limit(lab, network, front_m, state, speed=9.0, attention=None):
 
 
 def test_comes_to_the_entry_speed_at_the_line_by_constant_gentle_braking():
-    assert approach_mps(0.0, CONFIG_JUNCTION_ENTRY) == pytest.approx(20.0 / 3.6)
+    assert approach_mps(0.0, ENTRY) == pytest.approx(20.0 / 3.6)
     way = np.linspace(0.0, 60.0, 25)
-    energy = np.array([approach_mps(ahead, CONFIG_JUNCTION_ENTRY) for ahead in way]) ** 2
-    assert np.allclose(np.diff(energy) / np.diff(way), 2.0 * CONFIG_JUNCTION_ENTRY.brake_mps2)
+    energy = np.array([approach_mps(ahead, ENTRY) for ahead in way]) ** 2
+    assert np.allclose(np.diff(energy) / np.diff(way), 2.0 * ENTRY.brake_mps2)
 
 
 def test_red_counts_and_green_and_stop_signs_do_not(lab):
     network = lab.junction_road()
-    assert limit(lab, network, 120.0, "r") == pytest.approx(approach_mps(30.0, CONFIG_JUNCTION_ENTRY), abs=0.05)
+    assert limit(lab, network, 120.0, "r") == pytest.approx(approach_mps(30.0, ENTRY), abs=0.05)
     assert math.isinf(limit(lab, network, 120.0, "G"))
     assert math.isinf(limit(lab, network, 120.0, "g"))
     signed = (replace(one, signal_id=None, must_stop=True) for one in network.connections)
     assert math.isinf(limit(lab, replace(network, connections=tuple(signed)), 120.0, "G"))
 
 
-@pytest.mark.parametrize(
-    ("red_mps", "least_mps"),
-    [(0.0, CONFIG_JUNCTION_ENTRY.speed_mps), (3.0, CONFIG_JUNCTION_ENTRY.speed_mps), (11.0, 11.0)],
-)
+@pytest.mark.parametrize(("red_mps", "least_mps"), [(0.0, ENTRY.speed_mps), (3.0, ENTRY.speed_mps), (11.0, 11.0)])
 def test_a_driver_who_does_not_look_out_hardly_slows_down(lab, red_mps, least_mps):
-    found = limit(lab, lab.junction_road(), 120.0, "r", attention=Attention(emv_red_mps=red_mps))
-    assert found == pytest.approx(math.sqrt(least_mps**2 + 2.0 * CONFIG_JUNCTION_ENTRY.brake_mps2 * 30.0), abs=0.05)
+    speed_limit = limit(lab, lab.junction_road(), 120.0, "r", attention=Attention(emv_red_mps=red_mps))
+    assert speed_limit == pytest.approx(math.sqrt(least_mps**2 + 2.0 * ENTRY.brake_mps2 * 30.0), abs=0.05)
 
 
 def test_inside_the_junction_the_limit_is_over(lab):
@@ -268,11 +276,11 @@ def test_the_emv_drives_so_and_enters_without_stopping(lab, monkeypatch):
     network = lab.junction_road()
     monkeypatch.setattr(Outlook, "signals", {"J": "r"})
     loop = lab.Loop(lab.world_of(network, lab.L1), [lab.Car(1, 0, 40.0, 13.0, (0, 2), ActorClass.AMBULANCE)]).run(300)
-    front = np.array([row[1][0] for row in loop.log]) + HALF_JUNCTION_ENTRY
+    front = np.array([row[1][0] for row in loop.log]) + HALF_EMV
     speed = np.array([row[1][3] for row in loop.log])
     line = int(np.searchsorted(front, 150.0))
-    assert speed[line] == pytest.approx(CONFIG_JUNCTION_ENTRY.speed_mps, abs=0.4)
-    assert speed.min() > CONFIG_JUNCTION_ENTRY.speed_mps - 0.5
+    assert speed[line] == pytest.approx(ENTRY.speed_mps, abs=0.4)
+    assert speed.min() > ENTRY.speed_mps - 0.5
     assert np.diff(speed[: line + 1]).min() / 0.05 > -1.6
     assert speed[-1] > 10.0
 
@@ -280,17 +288,15 @@ def test_the_emv_drives_so_and_enters_without_stopping(lab, monkeypatch):
 def test_a_light_that_turns_red_late_asks_for_gentle_braking_only(lab):
     network = lab.junction_road()
     gain = lab.world_of(network, lab.L2).config.emv.navigator.speed_gain_1ps
-    assert limit(lab, network, 140.0, "r", speed=13.0) == pytest.approx(
-        13.0 - CONFIG_JUNCTION_ENTRY.ease_off_mps2 / gain
-    )
+    assert limit(lab, network, 140.0, "r", speed=13.0) == pytest.approx(13.0 - ENTRY.ease_off_mps2 / gain)
 
 
 @pytest.mark.parametrize(("front", "counts"), [(149.2, True), (149.9, True), (150.1, False)])
 def test_a_red_light_counts_up_to_the_line(lab, front, counts):
-    found = limit(lab, lab.junction_road(), front, "r", speed=4.0)
-    assert math.isfinite(found) is counts
+    speed_limit = limit(lab, lab.junction_road(), front, "r", speed=4.0)
+    assert math.isfinite(speed_limit) is counts
     if counts:
-        assert found == pytest.approx(approach_mps(150.0 - front, CONFIG_JUNCTION_ENTRY), abs=0.02)
+        assert speed_limit == pytest.approx(approach_mps(150.0 - front, ENTRY), abs=0.02)
 
 
 @pytest.mark.parametrize(("front", "ahead"), [(70.0, 30.0), (125.0, 35.0)])
@@ -306,12 +312,12 @@ def test_of_two_red_lights_the_nearer_one_ahead_limits(lab, front, ahead):
         lab.Car(
             1,
             0 if front < 100.0 else 2,
-            front % 120.0 - HALF_JUNCTION_ENTRY,
+            front % 120.0 - HALF_EMV,
             9.0,
             (0, 2, 4)[front > 100.0 :],
             ActorClass.AMBULANCE,
         )
     ]
     traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", "r"),))
-    found = entry_limit(lab.view_of(lab.world_of(network, lab.L2), traffic).ego(0)).speed_mps
-    assert found == pytest.approx(approach_mps(ahead, CONFIG_JUNCTION_ENTRY), abs=0.05)
+    speed_limit = entry_limit(lab.view_of(lab.world_of(network, lab.L2), traffic).ego(0)).speed_mps
+    assert speed_limit == pytest.approx(approach_mps(ahead, ENTRY), abs=0.05)

@@ -33,11 +33,11 @@ angle = st.floats(-math.pi, math.pi)
 
 
 @given(coordinate, coordinate, angle, angle)
-def test_separation_is_that_of_the_footprints(x, y, own, other):
-    corners = footprint_corners(*(np.array(v) for v in ([0.0, x], [0.0, y], [own, other], [6.0, 4.4], [2.0, 1.8])))
+def test_separation_is_that_of_the_footprints(x, y, yaw, other):
+    corners = footprint_corners(*(np.array(v) for v in ([0.0, x], [0.0, y], [yaw, other], [6.0, 4.4], [2.0, 1.8])))
     expected = separation_m(corners[:1], corners[1:])[0]
-    found = separations_m(np.array(0.0), np.array(0.0), np.array(own), BODY, boxes((x, y, other, 2.2, 0.9)))
-    assert found[0] == pytest.approx(expected, abs=1e-9)
+    gaps = separations_m(np.array(0.0), np.array(0.0), np.array(yaw), BODY, boxes((x, y, other, 2.2, 0.9)))
+    assert gaps[0] == pytest.approx(expected, abs=1e-9)
 
 
 def test_separation_broadcasts_over_poses_and_obstacles():

@@ -23,24 +23,20 @@ from siren_ros.world.actors import ActorClass
 CONFIG = LaneChangeConfig()
 
 
-def view_with(lab, network, cars, level=None):
-    return lab.view(network, level or lab.L2, cars)
-
-
 def query(view, row=0, lane=0, side=1, civilian=True):
     return LaneChangeQuery(view.ego(row), lane, side, 2.8, civilian)
 
 
 def test_gaps_are_from_bumper_to_bumper(lab):
     cars = [lab.Car(1, 0, 100, 8, (0,)), lab.Car(2, 1, 120, 5, (0,)), lab.Car(3, 1, 70, 9, (0,))]
-    gaps = gaps_in_lane(view_with(lab, lab.straight_road(), cars).ego(0), 1)
+    gaps = gaps_in_lane(lab.view(lab.straight_road(), lab.L2, cars).ego(0), 1)
     assert gaps.front_m == pytest.approx(20.0 - 4.75)
     assert gaps.rear_m == pytest.approx(30.0 - 4.75)
     assert (gaps.front_mps, gaps.rear_mps, gaps.front_id) == (5.0, 9.0, 2)
 
 
 def test_empty_lane_has_infinite_gaps(lab):
-    view = view_with(lab, lab.straight_road(), [lab.Car(1, 0, 100, 8, (0,))])
+    view = lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 0, 100, 8, (0,))])
     assert gaps_in_lane(view.ego(0), 1).front_m == math.inf
     assert isinstance(assess(query(view)), LanePath)
 
@@ -58,28 +54,28 @@ def test_refusals_by_gap():
 
 def test_rear_gap_outlasts_both_vehicles_braking():
     """The vehicles' motion, integrated, against the closed form."""
-    for own, rear, target in ((7.0, 8.0, 2.8), (9.0, 6.0, 2.8), (5.0, 12.0, 13.9)):
+    for speed, rear, target in ((7.0, 8.0, 2.8), (9.0, 6.0, 2.8), (5.0, 12.0, 13.9)):
         gap = next(
             g
             for g in np.arange(0.1, 40.0, 0.02)
-            if refusal_of_gaps(LaneGaps(math.inf, 0.0, float(g), rear), own, target, CONFIG) is None
+            if refusal_of_gaps(LaneGaps(math.inf, 0.0, float(g), rear), speed, target, CONFIG) is None
         )
-        distance, v, w, dt = gap, own, rear, 0.001
+        distance, v, w, dt = gap, speed, rear, 0.001
         for k in range(12000):
             distance += (v - w) * dt
-            v = max(min(own, target), v - CONFIG.own_brake_mps2 * dt)
+            v = max(min(speed, target), v - CONFIG.own_brake_mps2 * dt)
             if k * dt >= CONFIG.rear_time_s:
-                w = max(min(own, target), w - CONFIG.brake_mps2 * dt) if w > min(own, target) else w
+                w = max(min(speed, target), w - CONFIG.brake_mps2 * dt) if w > min(speed, target) else w
         assert distance >= CONFIG.rear_gap_m - 0.05
 
 
 def test_vehicle_beside_refuses(lab):
-    view = view_with(lab, lab.straight_road(), [lab.Car(1, 0, 100, 8, (0,)), lab.Car(2, 1, 102, 8, (0,))])
+    view = lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 0, 100, 8, (0,)), lab.Car(2, 1, 102, 8, (0,))])
     assert assess(query(view)) is Refusal.BESIDE
 
 
 def test_no_lane_and_no_shoulder_for_civilians(lab):
-    view = view_with(lab, lab.straight_road(2, shoulder=True), [lab.Car(1, 1, 100, 8, (0,))])
+    view = lab.view(lab.straight_road(2, shoulder=True), lab.L2, [lab.Car(1, 1, 100, 8, (0,))])
     assert assess(query(view, lane=1, side=1)) is Refusal.NO_LANE
     assert assess(query(view, lane=1, side=-1)) is Refusal.NO_LANE
     assert isinstance(assess(query(view, lane=1, side=-1, civilian=False)), LanePath)
@@ -87,9 +83,9 @@ def test_no_lane_and_no_shoulder_for_civilians(lab):
 
 def test_no_lane_change_on_or_right_before_a_junction(lab):
     network = lab.junction_road()
-    view = view_with(lab, network, [lab.Car(1, 0, 140, 8, (0, 2))])
+    view = lab.view(network, lab.L2, [lab.Car(1, 0, 140, 8, (0, 2))])
     assert assess(query(view)) is Refusal.NO_ROOM
-    view = view_with(lab, network, [lab.Car(1, 2, 10, 8, (0, 2))])
+    view = lab.view(network, lab.L2, [lab.Car(1, 2, 10, 8, (0, 2))])
     assert assess(query(view, lane=2)) is Refusal.JUNCTION
 
 
@@ -101,23 +97,23 @@ def test_on_a_junction_that_nobody_crosses_lanes_are_changed_as_on_the_road(lab)
     for position in (0, 1):
         road.connect(position, 4 + position, via=(2 + position,))
     for civilian in (True, False):
-        view = view_with(lab, road.built(), [lab.Car(1, 2, 5, 8, (0, 2))])
-        found = assess(query(view, lane=2, civilian=civilian))
-        assert isinstance(found, LanePath)
-        assert found.lanes[:2] == (3, 5)
+        view = lab.view(road.built(), lab.L2, [lab.Car(1, 2, 5, 8, (0, 2))])
+        verdict = assess(query(view, lane=2, civilian=civilian))
+        assert isinstance(verdict, LanePath)
+        assert verdict.lanes[:2] == (3, 5)
 
 
 def test_lane_that_leads_astray_needs_room_to_come_back(lab):
     network = lab.junction_road()
-    near = view_with(lab, network, [lab.Car(1, 0, 90, 8, (0, 4))])
+    near = lab.view(network, lab.L2, [lab.Car(1, 0, 90, 8, (0, 4))])
     assert assess(query(near)) is Refusal.ASTRAY
-    far = view_with(lab, network, [lab.Car(1, 0, 30, 8, (0, 4))])
+    far = lab.view(network, lab.L2, [lab.Car(1, 0, 30, 8, (0, 4))])
     assert isinstance(assess(query(far)), LanePath)
 
 
 def test_path_starts_here_and_ends_in_the_target_lane(lab):
     network = lab.straight_road()
-    view = view_with(lab, network, [lab.Car(1, 0, 100, 8, (0,))])
+    view = lab.view(network, lab.L2, [lab.Car(1, 0, 100, 8, (0,))])
     asked = query(view)
     path = lane_change_path(asked, assess(asked), stop_at_end=True)
     np.testing.assert_allclose(path.curve.points[0], [100.0, 0.0], atol=1e-6)
@@ -128,7 +124,7 @@ def test_path_starts_here_and_ends_in_the_target_lane(lab):
 @pytest.mark.parametrize(("left", "expected"), [(0.0, True), (0.6, True), (1.2, False), (-1.2, False)])
 def test_entered_needs_the_whole_footprint(lab, left, expected):
     network = lab.straight_road()
-    view = view_with(lab, network, [lab.Car(1, 1, 100, 8, (0,), left=left)])
+    view = lab.view(network, lab.L2, [lab.Car(1, 1, 100, 8, (0,), left=left)])
     assert entered_lane(view.ego(0), 1) is expected
 
 
@@ -142,26 +138,26 @@ def test_entered_needs_a_heading_within_eight_degrees(lab, degrees, expected):
 
 
 @pytest.mark.parametrize(
-    ("own", "rear", "target"),
+    ("speed", "rear", "target"),
     [(7.0, 9.0, 2.8), (9.0, 12.0, 13.9), (5.0, 12.0, 5.0), (8.0, 4.0, 2.8), (12.0, 12.5, 3.0)],
 )
-def test_the_gap_behind_is_that_of_both_who_brake(own, rear, target):
+def test_the_gap_behind_is_that_of_both_who_brake(speed, rear, target):
     """v·t + v²/2b of the one behind, less what the own slowing takes; 2 m at least."""
-    slowest = min(own, target)
+    slowest = min(speed, target)
     closing = max(rear - slowest, 0.0)
     way = closing * CONFIG.rear_time_s + closing**2 / (2.0 * CONFIG.brake_mps2)
-    way -= (own - slowest) ** 2 / (2.0 * CONFIG.own_brake_mps2)
+    way -= (speed - slowest) ** 2 / (2.0 * CONFIG.own_brake_mps2)
     gap = CONFIG.rear_gap_m + max(way, 0.0)
     for more, refusal in ((-0.01, Refusal.GAP_REAR), (0.01, None)):
-        assert refusal_of_gaps(LaneGaps(math.inf, 0.0, gap + more, rear), own, target, CONFIG) is refusal
+        assert refusal_of_gaps(LaneGaps(math.inf, 0.0, gap + more, rear), speed, target, CONFIG) is refusal
 
 
-@pytest.mark.parametrize(("own", "lead"), [(8.0, 3.0), (12.0, 0.0), (5.0, 9.0), (6.0, 6.0)])
-def test_the_gap_ahead_is_that_of_one_who_brakes_after_a_moment(own, lead):
-    closing = max(own - lead, 0.0)
+@pytest.mark.parametrize(("speed", "lead"), [(8.0, 3.0), (12.0, 0.0), (5.0, 9.0), (6.0, 6.0)])
+def test_the_gap_ahead_is_that_of_one_who_brakes_after_a_moment(speed, lead):
+    closing = max(speed - lead, 0.0)
     gap = CONFIG.front_gap_m + closing * CONFIG.front_time_s + closing**2 / (2.0 * CONFIG.front_brake_mps2)
     for more, refusal in ((-0.01, Refusal.GAP_FRONT), (0.01, None)):
-        assert refusal_of_gaps(LaneGaps(gap + more, lead, math.inf, 0.0), own, own, CONFIG) is refusal
+        assert refusal_of_gaps(LaneGaps(gap + more, lead, math.inf, 0.0), speed, speed, CONFIG) is refusal
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -183,10 +179,7 @@ def test_the_whole_footprint_is_in_the_lane_up_to_the_tolerance(lab, side, degre
 @pytest.mark.parametrize("turned", [0.0, 0.4, -0.4])
 def test_who_is_in_a_lane_with_a_part_of_its_body_counts_as_far_as_the_own_body_reaches(lab, turn, side, turned):
     """A body's half width and 10 cm from the middle of the lane; bodies across the lane do not count."""
-    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], 400.0 * along], 1, ("A", "B"))
-    network = road.built()
+    network, along, across = lab.turned_road(turn, lanes=1)
     sedan = lab.vehicles[ActorClass.SEDAN]
     reach = 0.5 * (sedan.width_m + sedan.width_m * np.cos(turned) + sedan.length_m * abs(np.sin(turned))) + 0.1
     cars = [lab.Car(1, 0, 100, 5, (0,)), lab.Car(2, 0, 120, 3, (0,))]
@@ -205,7 +198,7 @@ def test_who_is_in_a_lane_with_a_part_of_its_body_counts_as_far_as_the_own_body_
 def test_a_change_is_as_long_as_time_steering_and_lock_ask(lab, kind, civilian, speed, target):
     """On average the vehicle is as fast as it wants to be, gains 2.5 m/s at most, and loses a quarter at most."""
     network = lab.straight_road()
-    view = view_with(lab, network, [lab.Car(1, 0, 100, speed, (0,), kind)])
+    view = lab.view(network, lab.L2, [lab.Car(1, 0, 100, speed, (0,), kind)])
     asked = replace(query(view, civilian=civilian), target_mps=target)
     config = view.world.config.civilian_lane_change if civilian else view.world.config.lane_change
     vehicle = lab.vehicles[kind]
@@ -230,8 +223,8 @@ def test_a_lane_is_open_to_those_who_may_use_it_and_to_civilians_where_it_is_a_d
     lanes = list(network.lanes)
     lanes[1] = replace(lanes[1], kind=kind, civilian_allowed=civilians, emergency_allowed=emergency)
     network = replace(network, lanes=tuple(lanes))
-    view = view_with(lab, network, [lab.Car(1, 0, 100, 8, (0,))])
+    view = lab.view(network, lab.L2, [lab.Car(1, 0, 100, 8, (0,))])
     usable = (civilians and kind is LaneKind.DRIVING) if civilian else emergency
-    found = assess(query(view, civilian=civilian))
+    verdict = assess(query(view, civilian=civilian))
     if civilian or usable:
-        assert (found is not Refusal.NO_LANE) is usable
+        assert (verdict is not Refusal.NO_LANE) is usable

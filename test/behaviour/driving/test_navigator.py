@@ -9,12 +9,7 @@ import pytest
 from siren_ros.behaviour.config import ManoeuvringConfig, NavigatorConfig
 from siren_ros.behaviour.driving.emv_unit import EmvUnit
 from siren_ros.behaviour.driving.free_space import SpeedLimit
-from siren_ros.behaviour.driving.navigator import (
-    NavigatorState,
-    manoeuvring_limit,
-    press_pedals,
-    steer_along,
-)
+from siren_ros.behaviour.driving.navigator import NavigatorState, manoeuvring_limit, press_pedals, steer_along
 from siren_ros.behaviour.driving.speed_mechanisms import MECHANISMS, Mechanism, navigate
 from siren_ros.behaviour.driving.step_view import Surroundings
 from siren_ros.behaviour.paths.curve import Curve
@@ -38,8 +33,8 @@ def line(turn):
 
 def expected(vehicle, left, turned, speed):
     length = max(CONFIG.preview_min_m, CONFIG.preview_time_s * speed)
-    wanted = -max(-1.0, min(1.0, left)) / length**2 - 2.0 * CONFIG.damping * math.sin(turned) / length
-    return math.atan(vehicle.wheelbase_m * wanted) + vehicle.understeer_gradient_s2pm * wanted * speed**2
+    target = -max(-1.0, min(1.0, left)) / length**2 - 2.0 * CONFIG.damping * math.sin(turned) / length
+    return math.atan(vehicle.wheelbase_m * target) + vehicle.understeer_gradient_s2pm * target * speed**2
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -84,20 +79,17 @@ def test_on_a_circle_the_steady_cornering_angle_and_sideslip(vehicle, side, spee
     assert steer == pytest.approx(steady, abs=2e-3)
 
 
-CONFIG_SPEED_CONTROL = NavigatorConfig()
-
-
 def test_never_both_pedals(vehicle):
     for speed in (0.0, 3.0, 14.0):
-        for wanted in (0.0, 2.0, 14.0, 20.0):
-            pedals = press_pedals(speed, wanted, 0.0, 0.0, vehicle, CONFIG_SPEED_CONTROL)
+        for target in (0.0, 2.0, 14.0, 20.0):
+            pedals = press_pedals(speed, target, 0.0, 0.0, vehicle, CONFIG)
             assert pedals.throttle == 0.0 or pedals.brake == 0.0
             assert 0.0 <= pedals.throttle <= 1.0
             assert 0.0 <= pedals.brake <= 1.0
 
 
 def test_holds_still_with_brake_and_without_integral(vehicle):
-    pedals = press_pedals(0.05, 0.0, 0.0, 0.5, vehicle, CONFIG_SPEED_CONTROL)
+    pedals = press_pedals(0.05, 0.0, 0.0, 0.5, vehicle, CONFIG)
     assert (pedals.throttle, pedals.integral_mps2) == (0.0, 0.0)
     assert pedals.brake > 0.4
 
@@ -105,23 +97,23 @@ def test_holds_still_with_brake_and_without_integral(vehicle):
 def test_integral_does_not_wind_up(vehicle):
     integral = 0.0
     for _ in range(400):
-        integral = press_pedals(0.0, 14.0, 0.0, integral, vehicle, CONFIG_SPEED_CONTROL).integral_mps2
+        integral = press_pedals(0.0, 14.0, 0.0, integral, vehicle, CONFIG).integral_mps2
     assert integral == 0.0
     for _ in range(4000):
-        integral = press_pedals(13.5, 14.0, 0.0, integral, vehicle, CONFIG_SPEED_CONTROL).integral_mps2
+        integral = press_pedals(13.5, 14.0, 0.0, integral, vehicle, CONFIG).integral_mps2
     assert integral <= 0.8
 
 
 def test_necessary_braking_wins(vehicle):
-    soft = press_pedals(10.0, 9.5, 0.0, 0.0, vehicle, CONFIG_SPEED_CONTROL)
-    hard = press_pedals(10.0, 9.5, 6.0, 0.0, vehicle, CONFIG_SPEED_CONTROL)
+    soft = press_pedals(10.0, 9.5, 0.0, 0.0, vehicle, CONFIG)
+    hard = press_pedals(10.0, 9.5, 6.0, 0.0, vehicle, CONFIG)
     assert hard.brake > soft.brake + 0.4
-    assert press_pedals(10.0, 0.0, 50.0, 0.0, vehicle, CONFIG_SPEED_CONTROL).brake == 1.0
+    assert press_pedals(10.0, 0.0, 50.0, 0.0, vehicle, CONFIG).brake == 1.0
 
 
-@pytest.mark.parametrize(("speed", "wanted", "holds"), [(0.3, 0.0, True), (0.31, 0.0, False), (0.1, 0.06, False)])
-def test_the_brake_holds_only_at_a_standstill_that_is_wanted(vehicle, speed, wanted, holds):
-    assert (press_pedals(speed, wanted, 0.0, 0.0, vehicle, CONFIG_SPEED_CONTROL).brake == 0.6) is holds
+@pytest.mark.parametrize(("speed", "target", "holds"), [(0.3, 0.0, True), (0.31, 0.0, False), (0.1, 0.06, False)])
+def test_the_brake_holds_only_at_a_standstill_that_is_wanted(vehicle, speed, target, holds):
+    assert (press_pedals(speed, target, 0.0, 0.0, vehicle, CONFIG).brake == 0.6) is holds
 
 
 def accel_of(pedals, speed, vehicle):
@@ -133,7 +125,7 @@ def accel_of(pedals, speed, vehicle):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "must", "accel"),
+    ("target", "must", "accel"),
     [
         (6.3, 0.0, 0.6 + 0.1),
         (5.4, 0.0, -1.2 + 0.1),
@@ -143,52 +135,45 @@ def accel_of(pedals, speed, vehicle):
         (0.0, 2.0, -1.3 * 3.0),
     ],
 )
-def test_pedals_give_the_acceleration_that_is_asked_for_within_comfort(vehicle, wanted, must, accel):
-    pedals = press_pedals(6.0, wanted, must, 0.1, vehicle, CONFIG_SPEED_CONTROL)
+def test_pedals_give_the_acceleration_that_is_asked_for_within_comfort(vehicle, target, must, accel):
+    pedals = press_pedals(6.0, target, must, 0.1, vehicle, CONFIG)
     assert accel_of(pedals, 6.0, vehicle) == pytest.approx(accel, abs=1e-9)
 
 
-@pytest.mark.parametrize(("wanted", "grows"), [(6.5, 0.3 * 0.5 * 0.05), (5.5, -0.3 * 0.5 * 0.05)])
-def test_the_integral_grows_with_the_error(vehicle, wanted, grows):
-    assert press_pedals(6.0, wanted, 0.0, 0.2, vehicle, CONFIG_SPEED_CONTROL).integral_mps2 == pytest.approx(
-        0.2 + grows
-    )
-    assert press_pedals(6.0, wanted, 1.0, 0.2, vehicle, CONFIG_SPEED_CONTROL).integral_mps2 == 0.2
-    assert press_pedals(6.0, wanted + np.sign(grows), 0.0, 0.2, vehicle, CONFIG_SPEED_CONTROL).integral_mps2 == 0.0
+@pytest.mark.parametrize(("target", "grows"), [(6.5, 0.3 * 0.5 * 0.05), (5.5, -0.3 * 0.5 * 0.05)])
+def test_the_integral_grows_with_the_error(vehicle, target, grows):
+    assert press_pedals(6.0, target, 0.0, 0.2, vehicle, CONFIG).integral_mps2 == pytest.approx(0.2 + grows)
+    assert press_pedals(6.0, target, 1.0, 0.2, vehicle, CONFIG).integral_mps2 == 0.2
+    assert press_pedals(6.0, target + np.sign(grows), 0.0, 0.2, vehicle, CONFIG).integral_mps2 == 0.0
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_integral_is_bounded_on_both_sides(vehicle, side):
-    assert (
-        press_pedals(6.0, 6.0 + 0.5 * side, 0.0, 0.8 * side, vehicle, CONFIG_SPEED_CONTROL).integral_mps2 == 0.8 * side
-    )
+    assert press_pedals(6.0, 6.0 + 0.5 * side, 0.0, 0.8 * side, vehicle, CONFIG).integral_mps2 == 0.8 * side
 
 
 def test_feed_forward_covers_the_resistances_at_steady_speed(vehicle):
-    pedals = press_pedals(13.89, 13.89, 0.0, 0.0, vehicle, CONFIG_SPEED_CONTROL)
+    pedals = press_pedals(13.89, 13.89, 0.0, 0.0, vehicle, CONFIG)
     drive = pedals.throttle * min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / vehicle.mass_kg / 13.89)
     resistance = 0.5 * 1.225 * vehicle.drag_area_m2 * 13.89**2 / vehicle.mass_kg + vehicle.rolling_resistance * 9.80665
     assert drive == pytest.approx(resistance, rel=1e-6)
 
 
-CONFIG_NAVIGATOR = NavigatorConfig()
 CLASSES = [ActorClass.AMBULANCE, ActorClass.SEDAN, ActorClass.FIRE_TRUCK, ActorClass.POLICE]
 
 
 def seen_of(body: BodyState, table: ParameterTable) -> Surroundings:
-    n = len(body)
-    return Surroundings(
-        actor_id=np.arange(1, n + 1, dtype=np.uint32),
-        x_m=body.x_m,
-        y_m=body.y_m,
-        yaw_rad=body.yaw_rad,
-        cos=np.cos(body.yaw_rad),
-        sin=np.sin(body.yaw_rad),
-        speed_mps=np.hypot(body.forward_mps, body.lateral_mps),
-        half_length_m=table.length_m / 2.0,
-        half_width_m=table.width_m / 2.0,
-        is_emv=np.zeros(n, dtype=bool),
-    )
+    ids, yaw = np.arange(1, len(body) + 1, dtype=np.uint32), body.yaw_rad
+    poses = (body.x_m, body.y_m, yaw, np.cos(yaw), np.sin(yaw), np.hypot(body.forward_mps, body.lateral_mps))
+    return Surroundings(ids, *poses, table.length_m / 2.0, table.width_m / 2.0, np.zeros(len(body), dtype=bool))
+
+
+def on_straight(lab, kinds, *rows):
+    """The first of some vehicles (x, y, yaw, speed) on a path of 100 m along x; its state and all actors."""
+    body = BodyState.moving(*np.array(rows, dtype=float).T.copy())
+    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [100.0, 0.0]])), CONFIG)
+    state = NavigatorState().following(path, 0.0, 0.0)
+    return state, seen_of(body, ParameterTable.of(kinds, lab.vehicles)), lab.vehicles[kinds[0]]
 
 
 def navigated(state, seen, vehicle, target, mechanisms=MECHANISMS[:3], **unit):
@@ -197,7 +182,7 @@ def navigated(state, seen, vehicle, target, mechanisms=MECHANISMS[:3], **unit):
     ego = SimpleNamespace(
         seen=seen, row=0, vehicle=vehicle, speed_mps=float(seen.speed_mps[0]), pose=pose, place=pose[:2]
     )
-    return navigate(EmvUnit(1, navigator=state, **unit), ego, target, CONFIG_NAVIGATOR, mechanisms)
+    return navigate(EmvUnit(1, navigator=state, **unit), ego, target, CONFIG, mechanisms)
 
 
 def drive(lab, kind, points, speed, target, seconds, start=(0.0, 0.0, 0.0), others=(), stop=True):
@@ -206,20 +191,13 @@ def drive(lab, kind, points, speed, target, seconds, start=(0.0, 0.0, 0.0), othe
     table = ParameterTable.of([kind, *[ActorClass.SEDAN] * len(others)], lab.vehicles)
     first = np.array([(*start, speed), *others], dtype=float)
     body = BodyState.moving(*(first[:, i].copy() for i in range(4)))
-    state = NavigatorState().following(TrackedPath.of(curve, CONFIG_NAVIGATOR, stop_at_end=stop), *start[:2])
+    state = NavigatorState().following(TrackedPath.of(curve, CONFIG, stop_at_end=stop), *start[:2])
     rows, blockers = [], []
     for _ in range(round(seconds / 0.05)):
         state, command, blocker = navigated(state, seen_of(body, table), lab.vehicles[kind], target)
         n = len(body)
-        own = np.arange(n) == 0
-        controls = Controls(
-            np.where(own, command.throttle, 0.0),
-            np.where(own, command.brake, 0.0),
-            np.where(own, command.steer_rad, 0.0),
-            np.zeros(n, bool),
-            np.ones(n),
-            np.ones(n),
-        )
+        asked = np.array(command[:3])[:, None] * (np.arange(n) == 0)
+        controls = Controls(*asked, np.zeros(n, bool), np.ones(n), np.ones(n))
         moved = step_bodies(body, controls, table, 0.05)
         moved.forward_mps[1:] = first[1:, 3]
         body = moved
@@ -271,7 +249,7 @@ def test_stops_behind_a_standing_vehicle_and_reports_it(lab):
     )
     gap = 100.0 - 4.75 / 2.0 - (rows[-1, 0] + 6.5 / 2.0)
     assert rows[-1, 3] < 0.05
-    assert CONFIG_NAVIGATOR.standstill_gap_m - 0.6 < gap < CONFIG_NAVIGATOR.standstill_gap_m + 1.5
+    assert CONFIG.standstill_gap_m - 0.6 < gap < CONFIG.standstill_gap_m + 1.5
     assert blockers[-1] == 2
     decel = -np.diff(rows[:, 3]) / 0.05
     assert decel.max() < 4.5
@@ -309,23 +287,17 @@ def test_a_crossing_vehicle_that_has_passed_is_no_reason_to_brake(lab):
 
 
 def test_without_watch_nobody_is_seen(lab):
-    table = ParameterTable.of([ActorClass.AMBULANCE, ActorClass.SEDAN], lab.vehicles)
-    body = BodyState.moving(np.array([0.0, 10.0]), np.zeros(2), np.zeros(2), np.array([5.0, 0.0]))
-    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [100.0, 0.0]])), CONFIG_NAVIGATOR)
-    state = NavigatorState().following(path, 0.0, 0.0)
-    vehicle = lab.vehicles[ActorClass.AMBULANCE]
-    _, command, blocker = navigated(state, seen_of(body, table), vehicle, 5.0, gap_escape_active=True)
+    scene = on_straight(lab, [ActorClass.AMBULANCE, ActorClass.SEDAN], (0.0, 0.0, 0.0, 5.0), (10.0, 0.0, 0.0, 0.0))
+    _, command, blocker = navigated(*scene, 5.0, gap_escape_active=True)
     assert blocker == NO_ACTOR
     assert command.brake == 0.0
-    _, command, blocker = navigated(state, seen_of(body, table), vehicle, 5.0)
+    _, command, blocker = navigated(*scene, 5.0)
     assert blocker != NO_ACTOR
     assert command.brake > 0.1
 
 
 def test_without_a_path_it_brakes_to_a_stop(lab):
-    table = ParameterTable.of([ActorClass.SEDAN], lab.vehicles)
-    body = BodyState.moving(np.zeros(1), np.zeros(1), np.zeros(1), np.array([5.0]))
-    seen, vehicle = seen_of(body, table), lab.vehicles[ActorClass.SEDAN]
+    _, seen, vehicle = on_straight(lab, [ActorClass.SEDAN], (0.0, 0.0, 0.0, 5.0))
     state, command, blocker = navigated(NavigatorState(integral_mps2=2.0), seen, vehicle, 10.0)
     assert (command.throttle, command.steer_rad, command.hand_brake) == (0.0, 0.0, False)
     assert command.brake > 0.35
@@ -335,15 +307,11 @@ def test_without_a_path_it_brakes_to_a_stop(lab):
 
 
 def test_a_limit_counts_besides_target_and_path(lab):
-    vehicle = lab.vehicles[ActorClass.SEDAN]
-    table = ParameterTable.of([ActorClass.SEDAN], lab.vehicles)
-    body = BodyState.moving(*(np.array([value]) for value in (0.0, 0.0, 0.0, 6.0)))
-    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [80.0, 0.0]])), CONFIG_NAVIGATOR)
-    state = NavigatorState().following(path, 0.0, 0.0)
+    state, seen, vehicle = on_straight(lab, [ActorClass.SEDAN], (0.0, 0.0, 0.0, 6.0))
 
     def command(limit):
         mechanisms = (*MECHANISMS[:3], Mechanism("other", lambda _: limit, "for the test"))
-        return navigated(state, seen_of(body, table), vehicle, 10.0, mechanisms)[1]
+        return navigated(state, seen, vehicle, 10.0, mechanisms)[1]
 
     assert command(SpeedLimit()).throttle > 0.0
     assert command(SpeedLimit(6.0)).throttle < command(SpeedLimit(8.0)).throttle
@@ -353,14 +321,9 @@ def test_a_limit_counts_besides_target_and_path(lab):
 
 
 def test_leaders_can_be_left_to_the_limit(lab):
-    table = ParameterTable.of([ActorClass.AMBULANCE, ActorClass.SEDAN], lab.vehicles)
-    start = np.array([[0.0, 0.0, 0.0, 10.0], [15.0, 0.0, 0.0, 0.0]])
-    body = BodyState.moving(*(start[:, i].copy() for i in range(4)))
-    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [200.0, 0.0]])), CONFIG_NAVIGATOR)
-    state = NavigatorState().following(path, 0.0, 0.0)
-    seen, vehicle = seen_of(body, table), lab.vehicles[ActorClass.AMBULANCE]
-    _, watching, blocker = navigated(state, seen, vehicle, 10.0)
-    _, leaving, nobody = navigated(state, seen, vehicle, 10.0, corridor=True)
+    scene = on_straight(lab, [ActorClass.AMBULANCE, ActorClass.SEDAN], (0.0, 0.0, 0.0, 10.0), (15.0, 0.0, 0.0, 0.0))
+    _, watching, blocker = navigated(*scene, 10.0)
+    _, leaving, nobody = navigated(*scene, 10.0, corridor=True)
     assert blocker == 2
     assert watching.brake > 0.5
     assert nobody == NO_ACTOR
@@ -372,7 +335,7 @@ def test_without_a_path_nothing_is_left_of_it_and_it_is_done():
     assert NavigatorState().done
 
 
-CONFIG_MANOEUVRING = ManoeuvringConfig()
+MANOEUVRING = ManoeuvringConfig()
 SEDAN, SUV = ActorClass.SEDAN, ActorClass.SUV
 
 
@@ -383,8 +346,8 @@ def state_on(*points):
 
 def limit(lab, state, *cars, kind=SEDAN, speed=1.5):
     network = lab.straight_road()
-    own = lab.Car(2, 0, 80.0, speed, (0,), kind)
-    view = lab.view(network, lab.L3, [own, *cars])
+    ego = lab.Car(2, 0, 80.0, speed, (0,), kind)
+    view = lab.view(network, lab.L3, [ego, *cars])
     return manoeuvring_limit(state, view.ego(0))
 
 
@@ -401,11 +364,11 @@ def test_a_vehicle_alongside_is_not_driven_into_sideways(lab):
     """The strip ahead is free, and the vehicle alongside is behind the own front bumper."""
     width = 0.5 * (lab.vehicles[SEDAN].width_m + lab.vehicles[SUV].width_m)
     beside = lab.Car(3, 1, 82.0, 0.0, (0,), SUV, left=width + 0.6 - 3.3)
-    found = limit(lab, sideways(0.2), beside)
-    assert found.blocker_id == 3
-    assert 0.0 < found.free_m < (0.6 - 0.1) / 0.2 + 0.3
-    assert found.speed_mps == pytest.approx(
-        math.sqrt(2.0 * CONFIG_MANOEUVRING.brake_mps2 * (found.free_m - CONFIG_MANOEUVRING.stop_short_m))
+    speed_limit = limit(lab, sideways(0.2), beside)
+    assert speed_limit.blocker_id == 3
+    assert 0.0 < speed_limit.free_m < (0.6 - 0.1) / 0.2 + 0.3
+    assert speed_limit.speed_mps == pytest.approx(
+        math.sqrt(2.0 * MANOEUVRING.brake_mps2 * (speed_limit.free_m - MANOEUVRING.stop_short_m))
     )
     assert math.isinf(limit(lab, sideways(0.0), beside).speed_mps)
 
@@ -421,9 +384,7 @@ def test_a_leader_that_drives_leaves_the_way_that_it_needs_to_stop(lab):
     length = lab.vehicles[SEDAN].length_m
     near = 80.0 + length + 3.0
     standing, driving = (limit(lab, sideways(0.0), lab.Car(3, 0, near, speed, (0,))) for speed in (0.0, 4.0))
-    assert driving.free_m - standing.free_m == pytest.approx(
-        4.0**2 / (2.0 * CONFIG_MANOEUVRING.leader_brake_mps2), abs=1e-6
-    )
+    assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * MANOEUVRING.leader_brake_mps2), abs=1e-6)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -437,6 +398,4 @@ def test_the_flank_of_a_leader_in_the_next_lane_counts_as_far_as_it_reaches(lab,
         for speed in (0.0, 4.0)
     )
     assert standing.free_m < 8.0
-    assert driving.free_m - standing.free_m == pytest.approx(
-        4.0**2 / (2.0 * CONFIG_MANOEUVRING.leader_brake_mps2), abs=1e-6
-    )
+    assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * MANOEUVRING.leader_brake_mps2), abs=1e-6)

@@ -26,7 +26,7 @@ def test_rows_have_the_sizes_of_their_own_actors_also_of_a_table_that_knows_more
     for kept in ([0, 1, 2], [0, 2], [2]):
         traffic = scene(lab, [fleet(lab)[row] for row in kept], spawn=False)
         seen = Surroundings.seen(traffic, table)
-        classes = [table.class_of(actor_id) for actor_id in traffic.actor_id.tolist()]
+        classes = [table.by_id[actor_id].actor_class for actor_id in traffic.actor_id.tolist()]
         assert seen.half_length_m.tolist() == [0.5 * lab.vehicles[kind].length_m for kind in classes]
         assert seen.half_width_m.tolist() == [0.5 * lab.vehicles[kind].width_m for kind in classes]
         assert seen.is_emv.tolist() == [kind is ActorClass.AMBULANCE for kind in classes]

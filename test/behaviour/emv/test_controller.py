@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from behaviour.lab import kinds, stepper
 
-from siren_ros.behaviour.driving import speed_mechanisms
 from siren_ros.behaviour.driving.emv_unit import EmvUnit, RoutePlan
 from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.behaviour.driving.speed_mechanisms import navigate
@@ -21,20 +21,7 @@ from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 AMBULANCE = ActorClass.AMBULANCE
 
 
-def steps(lab, world, cars, count=1, state=None, start=0, **traffic):
-    """The state and commands after some steps in which nobody moves."""
-    state = state or EmvState.initial()
-    events = []
-    commands = None
-    for k in range(start, start + count):
-        observed = lab.traffic_of(world.network, cars, step=k, spawn=k == 0, **traffic)
-        state, commands = step_emv(state, observed, world)
-        events += commands.events
-    return state, commands, events
-
-
-def kinds(events):
-    return [event.kind.value for event in events]
+steps = stepper(step_emv, EmvState())
 
 
 @pytest.fixture
@@ -43,14 +30,14 @@ def emv(lab):
 
 
 def test_at_l0_sumo_drives(lab, emv):
-    _, commands, events = steps(lab, lab.world_of(lab.straight_road(), lab.L0), [emv])
+    _, commands, events = steps(lab.world_of(lab.straight_road(), lab.L0), [emv])
     assert len(commands) == 0
     assert not events
 
 
 @pytest.mark.parametrize(("level", "lights"), [("L1", 0), ("L2", 24), ("L3", 24)])
 def test_ros_drives_with_the_levels_cue(lab, emv, level, lights):
-    _, commands, events = steps(lab, lab.world_of(lab.straight_road(), getattr(lab, level)), [emv])
+    _, commands, events = steps(lab.world_of(lab.straight_road(), getattr(lab, level)), [emv])
     assert commands.source == "emv_controller"
     assert commands.actor_id.tolist() == [1]
     assert commands.owner.tolist() == [Owner.ROS]
@@ -79,7 +66,7 @@ def test_target_speeds_by_priority(lab):
 def test_intent_starts_a_forced_lane_change(lab, emv):
     slow = lab.Car(2, 0, 80, 2, (0,))
     world = lab.world_of(lab.straight_road(), lab.L1)
-    state, commands, events = steps(lab, world, [emv, slow], 2, advice={"lane_change_intent": 1})
+    state, commands, events = steps(world, [emv, slow], 2, advice={"lane_change_intent": 1})
     assert kinds(events) == ["lane_change_requested", "lane_change_started"]
     assert commands.mode.tolist() == [Mode.FORCED_LANE_CHANGE]
     assert commands.lights[0] & Lights.INDICATOR_LEFT
@@ -91,7 +78,7 @@ def test_intent_starts_a_forced_lane_change(lab, emv):
 def test_a_feasible_intent_is_executed_whatever_it_gains_and_whoever_is_ahead(lab, emv, level):
     world = lab.world_of(lab.straight_road(), getattr(lab, level))
     for cars in ([emv], [emv, lab.Car(2, 0, 80, 2, (0,))]):
-        _, _, events = steps(lab, world, cars, 2, advice={"lane_change_intent": 1}, flags=lab.RESCUE)
+        _, _, events = steps(world, cars, 2, advice={"lane_change_intent": 1}, flags=lab.RESCUE)
         assert kinds(events) == ["lane_change_requested", "lane_change_started"]
 
 
@@ -109,20 +96,20 @@ def test_a_feasible_intent_is_executed_whatever_it_gains_and_whoever_is_ahead(la
 def test_uses_a_free_shoulder_where_slow_traffic_holds_it_up(lab, level, others, asked):
     world = lab.world_of(lab.straight_road(2, shoulder=True), getattr(lab, level))
     cars = [lab.Car(1, 1, 50, 8, (0,), AMBULANCE), *(lab.Car(*other, (0,)) for other in others)]
-    _, _, events = steps(lab, world, cars, 2)
-    wanted = [("lane_change_requested", "shoulder"), ("lane_change_started", "shoulder")] if asked else []
-    assert [(event.kind.value, event.detail["reason"]) for event in events] == wanted
+    _, _, events = steps(world, cars, 2)
+    expected = [("lane_change_requested", "shoulder"), ("lane_change_started", "shoulder")] if asked else []
+    assert [(event.kind.value, event.detail["reason"]) for event in events] == expected
 
 
 def test_infeasible_intent_is_reconsidered_and_dropped_after_a_while(lab, emv):
     cars = [emv, lab.Car(2, 0, 80, 2, (0,)), lab.Car(3, 1, 52, 10, (0,))]
     world = lab.world_of(lab.straight_road(), lab.L1)
-    state, _, events = steps(lab, world, cars, 3, advice={"lane_change_intent": 1})
+    state, _, events = steps(world, cars, 3, advice={"lane_change_intent": 1})
     assert kinds(events) == ["lane_change_requested", "lane_change_deferred"]
-    freed, _, started = steps(lab, world, cars[:2], 1, state, 3, advice={"lane_change_intent": 1})
+    freed, _, started = steps(world, cars[:2], 1, state, 3, advice={"lane_change_intent": 1})
     assert kinds(started) == ["lane_change_started"]
     assert freed.units[1].lane_change_forced
-    _, _, dropped = steps(lab, world, cars, 30, state, 3)
+    _, _, dropped = steps(world, cars, 30, state, 3)
     assert kinds(dropped) == ["lane_change_cancelled"]
 
 
@@ -130,12 +117,12 @@ def test_the_pause_after_which_an_intent_is_dropped_begins_again_with_each_inten
     cars = [emv, lab.Car(2, 0, 80, 2, (0,)), lab.Car(3, 1, 52, 10, (0,))]
     world = lab.world_of(lab.straight_road(), lab.L1)
     left = {"lane_change_intent": 1}
-    state, _, _ = steps(lab, world, cars, 3, advice=left)
-    state, _, none = steps(lab, world, cars, 19, state, 3)
-    state, _, again = steps(lab, world, cars, 1, state, 22, advice=left)
-    state, _, more = steps(lab, world, cars, 19, state, 23)
+    state, _, _ = steps(world, cars, 3, advice=left)
+    state, _, none = steps(world, cars, 19, state, 3)
+    state, _, again = steps(world, cars, 1, state, 22, advice=left)
+    state, _, more = steps(world, cars, 19, state, 23)
     assert not (*none, *again, *more)
-    _, _, dropped = steps(lab, world, cars, 1, state, 42)
+    _, _, dropped = steps(world, cars, 1, state, 42)
     assert [(event.kind.value, event.detail["reason"]) for event in dropped] == [
         ("lane_change_cancelled", "intent_gone")
     ]
@@ -146,8 +133,8 @@ def test_an_intent_to_the_other_side_replaces_the_first(lab):
     cars = [lab.Car(1, 1, 50, 10, (0,), AMBULANCE)]
     cars += [lab.Car(2 + side, lane, 52, 10, (0,)) for side, lane in ((1, 0), (2, 2))]
     world = lab.world_of(network, lab.L1)
-    state, commands, _ = steps(lab, world, cars, 3, advice={"lane_change_intent": 1})
-    _, _, events = steps(lab, world, cars, 1, state, 3, advice={"lane_change_intent": -1})
+    state, commands, _ = steps(world, cars, 3, advice={"lane_change_intent": 1})
+    _, _, events = steps(world, cars, 1, state, 3, advice={"lane_change_intent": -1})
     assert kinds(events) == ["lane_change_cancelled", "lane_change_requested", "lane_change_deferred"]
     assert [event.detail["side"] for event in events] == [1, -1, -1]
     assert events[0].detail["reason"] == "intent_changed"
@@ -159,13 +146,13 @@ def test_a_lane_change_shows_its_side_and_ends_inside_the_lane(lab, side, light)
     network = lab.straight_road(3)
     world = lab.world_of(network, lab.L1)
     car = lab.Car(1, 1, 50, 10, (0,), AMBULANCE)
-    state, commands, events = steps(lab, world, [car], 2, advice={"lane_change_intent": side})
+    state, commands, events = steps(world, [car], 2, advice={"lane_change_intent": side})
     assert kinds(events) == ["lane_change_requested", "lane_change_started"]
     assert commands.lights[0] & (Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT) == light
     width = 3.3 / 2.0 - 2.1 / 2.0 + 0.15
     for left, done in ((3.3 * side - (width + 0.05) * side, False), (3.3 * side - (width - 0.05) * side, True)):
         there = lab.Car(1, 1, 80, 10, (0,), AMBULANCE, left=left)
-        _, commands, events = steps(lab, world, [there], 1, state, 2)
+        _, commands, events = steps(world, [there], 1, state, 2)
         assert kinds(events) == (["lane_change_completed"] if done else [])
         assert bool(commands.mode[0] == Mode.ROUTE_FOLLOW) is done
         assert bool(commands.lights[0] & light == 0) is done
@@ -175,11 +162,11 @@ def test_cooldown_between_forced_lane_changes(lab, emv):
     world = lab.world_of(lab.straight_road(), lab.L1)
     cars = [emv, lab.Car(2, 0, 80, 2, (0,))]
     before = EmvUnit(1, change_step=100)
-    warm, _, _ = steps(lab, world, cars)
+    warm, _, _ = steps(world, cars)
     state = EmvState({1: replace(before, navigator=warm.units[1].navigator, plan=warm.units[1].plan)}, warm.actors)
-    later, _, events = steps(lab, world, cars, 38, state, 101, advice={"lane_change_intent": 1})
+    later, _, events = steps(world, cars, 38, state, 101, advice={"lane_change_intent": 1})
     assert kinds(events) == ["lane_change_requested"]
-    _, _, events = steps(lab, world, cars, 2, later, 139, advice={"lane_change_intent": 1})
+    _, _, events = steps(world, cars, 2, later, 139, advice={"lane_change_intent": 1})
     assert kinds(events) == ["lane_change_started"]
     assert events[0].step == 140
 
@@ -187,7 +174,7 @@ def test_cooldown_between_forced_lane_changes(lab, emv):
 def test_route_need_comes_before_sumos_intent(lab):
     world = lab.world_of(lab.junction_road(), lab.L1)
     emv = lab.Car(1, 1, 40, 10, (0, 4), AMBULANCE)
-    _, _, events = steps(lab, world, [emv], 3, advice={"lane_change_intent": 1})
+    _, _, events = steps(world, [emv], 3, advice={"lane_change_intent": 1})
     assert kinds(events) == ["lane_change_requested", "lane_change_started"]
     assert events[0].detail == {"side": -1, "reason": "route"}
 
@@ -197,7 +184,7 @@ def test_a_lane_change_that_the_route_needs_may_end_on_the_junction(lab, speed):
     """Otherwise the EMV would stand for ever at the end of a lane that is too short for the change."""
     world = lab.world_of(lab.junction_road(), lab.L1)
     emv = lab.Car(1, 1, 145, speed, (0, 4), AMBULANCE)
-    state, _, events = steps(lab, world, [emv], 3)
+    state, _, events = steps(world, [emv], 3)
     assert kinds(events) == ["lane_change_requested", "lane_change_started"]
     assert state.units[1].plan.edges[-1] == 4
     assert state.units[1].navigator.path.curve.points[-1, 1] < -10.0
@@ -228,23 +215,23 @@ def test_the_emv_looks_out_as_far_ahead_as_the_preset_says(lab, monkeypatch):
 
     monkeypatch.setattr(controller, "navigate", noted)
     for seen in (world, short):
-        steps(lab, seen, [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)], 1)
+        steps(seen, [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)], 1)
     assert used == [8.0, 1.0]
 
 
 def test_path_reaches_through_the_junction_and_stays_the_same_while_it_serves(lab):
     world = lab.world_of(lab.junction_road(), lab.L1)
     emv = lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)
-    state, _, _ = steps(lab, world, [emv])
+    state, _, _ = steps(world, [emv])
     path = state.units[1].navigator.path
     assert path.curve.points[-1, 0] > 150.0
-    again, _, _ = steps(lab, world, [emv], 10, state, 1)
+    again, _, _ = steps(world, [emv], 10, state, 1)
     assert again.units[1].navigator.path is path
 
 
 def test_removed_emv_is_forgotten(lab, emv):
     world = lab.world_of(lab.straight_road(), lab.L2)
-    state, _, _ = steps(lab, world, [emv, lab.Car(2, 0, 90, 5, (0,))])
+    state, _, _ = steps(world, [emv, lab.Car(2, 0, 90, 5, (0,))])
     gone = replace(
         lab.traffic_of(world.network, [lab.Car(2, 0, 90, 5, (0,))], step=1, spawn=False),
         removed=np.array([1], dtype=np.uint32),
@@ -256,7 +243,7 @@ def test_removed_emv_is_forgotten(lab, emv):
 
 def test_two_emvs_have_a_row_each(lab, emv):
     second = lab.Car(7, 1, 20, 10, (0,), ActorClass.FIRE_TRUCK)
-    _, commands, _ = steps(lab, lab.world_of(lab.straight_road(), lab.L2), [emv, second])
+    _, commands, _ = steps(lab.world_of(lab.straight_road(), lab.L2), [emv, second])
     assert commands.actor_id.tolist() == [1, 7]
 
 
@@ -279,32 +266,12 @@ def test_plan_agrees_with_the_route_also_on_the_junction_behind_its_first_edge()
 
 def test_plans_anew_when_the_route_changes(lab):
     world = lab.world_of(lab.junction_road(), lab.L1)
-    state, _, _ = steps(lab, world, [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)], 30)
+    state, _, _ = steps(world, [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)], 30)
     before = state.units[1].navigator.path
-    state, _, _ = steps(lab, world, [lab.Car(1, 0, 60, 10, (0, 4), AMBULANCE)], 1, state, 30)
+    state, _, _ = steps(world, [lab.Car(1, 0, 60, 10, (0, 4), AMBULANCE)], 1, state, 30)
     after = state.units[1].navigator.path
     assert after is not before
     assert after.curve.points[-1, 1] < -10.0
-
-
-@pytest.mark.parametrize(
-    ("mode", "used"),
-    [({}, "anticipated_limit"), ({"corridor": True}, "passage_limit"), ({"gap_escape_active": True}, "passage_limit")],
-)
-def test_between_others_the_footprint_limits_the_speed_and_elsewhere_anticipation(lab, emv, monkeypatch, mode, used):
-    """One of the two is asked, and the other is not."""
-    asked = []
-    for name in ("anticipated_limit", "passage_limit"):
-        known = getattr(speed_mechanisms, name)
-        monkeypatch.setattr(
-            speed_mechanisms, name, lambda *what, name=name, known=known: (asked.append(name), known(*what))[1]
-        )
-    world = lab.world_of(lab.straight_road(), lab.L3)
-    state, _, _ = steps(lab, world, [emv])
-    asked.clear()
-    unit = replace(state.units[1], corridor_seen_step=0, **mode)
-    steps(lab, world, [emv], 1, EmvState({1: unit}, state.actors), 1)
-    assert asked == [used]
 
 
 @pytest.mark.parametrize(("level", "first"), [("L1", []), ("L2", []), ("L3", ["gap_escape_mode", "corridor_mode"])])
@@ -319,7 +286,7 @@ def test_guards_are_evaluated_in_the_papers_order(lab, monkeypatch, level, first
     for name in ("gap_escape_mode", "corridor_mode", *always):
         monkeypatch.setattr(controller, name, noted(name, getattr(controller, name)))
     world = lab.world_of(lab.straight_road(), getattr(lab, level))
-    steps(lab, world, [lab.Car(1, 0, 50, 8, (0,), AMBULANCE)], 2)
+    steps(world, [lab.Car(1, 0, 50, 8, (0,), AMBULANCE)], 2)
     assert asked == 2 * [*first, *always]
 
 
@@ -327,11 +294,11 @@ def test_guards_are_evaluated_in_the_papers_order(lab, monkeypatch, level, first
 @pytest.mark.parametrize(("more_m", "anew"), [(-0.05, False), (0.05, True)])
 def test_plans_anew_where_it_has_come_off_its_path_to_either_side(lab, emv, side, more_m, anew):
     world = lab.world_of(lab.straight_road(), lab.L1)
-    state, _, _ = steps(lab, world, [emv], 1)
+    state, _, _ = steps(world, [emv], 1)
     unit = state.units[1]
     left_m = side * (world.config.emv.off_path_m + more_m)
     off = replace(unit, navigator=replace(unit.navigator, left_m=left_m))
     for step, planned in ((19, False), (20, anew)):
         view = lab.view_in(world, [emv], step=step)
-        found, _ = controller.follow_route(off, view.ego(0))
-        assert (found.navigator.path is not unit.navigator.path) is planned
+        after, _ = controller.follow_route(off, view.ego(0))
+        assert (after.navigator.path is not unit.navigator.path) is planned

@@ -63,12 +63,12 @@ def index_of(values, value):
 
 
 def test_nodes_are_offsets_a_grain_apart_around_the_start_and_slopes_up_to_0_8():
-    found = lattice()
-    assert found.left_m[found.start[0]] == pytest.approx(START.left_m)
-    assert np.diff(found.left_m) == pytest.approx(GRAIN_M)
-    assert found.left_m[0] - GRAIN_M < -1.75 + BODY.half_width_m <= found.left_m[0] + GRAIN_M
-    assert found.left_m[-1] - GRAIN_M <= 5.25 - BODY.half_width_m < found.left_m[-1] + GRAIN_M
-    assert found.slope == pytest.approx(0.1 * np.arange(-8, 9))
+    nodes = lattice()
+    assert nodes.left_m[nodes.start[0]] == pytest.approx(START.left_m)
+    assert np.diff(nodes.left_m) == pytest.approx(GRAIN_M)
+    assert nodes.left_m[0] - GRAIN_M < -1.75 + BODY.half_width_m <= nodes.left_m[0] + GRAIN_M
+    assert nodes.left_m[-1] - GRAIN_M <= 5.25 - BODY.half_width_m < nodes.left_m[-1] + GRAIN_M
+    assert nodes.slope == pytest.approx(0.1 * np.arange(-8, 9))
 
 
 @pytest.mark.parametrize(
@@ -80,9 +80,9 @@ def test_the_vehicles_own_direction_lies_between_two_slopes(slope, both):
 
 @pytest.mark.parametrize("left", [-3.0, 7.0])
 def test_who_stands_off_the_road_has_nodes_up_to_there(left):
-    found = lattice(start=replace(START, left_m=left))
-    assert found.left_m[found.start[0]] == pytest.approx(left)
-    assert found.start[0] == (0 if left < 0.0 else len(found.left_m) - 1)
+    nodes = lattice(start=replace(START, left_m=left))
+    assert nodes.left_m[nodes.start[0]] == pytest.approx(left)
+    assert nodes.start[0] == (0 if left < 0.0 else len(nodes.left_m) - 1)
 
 
 @pytest.mark.parametrize("bend", [0.0, 1.0 / 20.0, -1.0 / 20.0, 0.2, -0.2, 0.25, -0.25])
@@ -92,15 +92,15 @@ def test_the_change_of_slope_is_what_can_be_steered_less_the_bend_of_the_line(be
     points = np.stack((a, np.zeros_like(a)), axis=-1)
     if bend:
         points = np.stack((np.sin(a * bend) / bend, (1.0 - np.cos(a * bend)) / bend), axis=-1)
-    found = lattice(curve=Curve.through(points))
+    nodes = lattice(curve=Curve.through(points))
     low = min(int(np.ceil((-SHARPEST_1PM - bend) * 15.0)), 0)
     high = max(int(np.floor((SHARPEST_1PM - bend) * 15.0)), 0)
-    assert set(found.turns[3:-3]) == {range(low, high + 1)}
+    assert set(nodes.turns[3:-3]) == {range(low, high + 1)}
 
 
 def test_prices_are_of_the_shoulder_the_opposite_lane_and_the_distance_from_the_middle():
     space = road(right=-4.25, driving=-1.75, left=5.25, opposite=8.75)
-    found = lattice(space)
+    nodes = lattice(space)
     share, half = CONFIG.station_m / CONFIG.horizon_m, BODY.half_width_m
     for near, shoulder, beyond in (
         (-0.65, 0, 0.0),
@@ -112,25 +112,25 @@ def test_prices_are_of_the_shoulder_the_opposite_lane_and_the_distance_from_the_
         (6.5, 0, 1.0),
         (-2.9, 1, 0.0),
     ):
-        row = index_of(found.left_m, near)
-        left = found.left_m[row]
+        row = index_of(nodes.left_m, near)
+        left = nodes.left_m[row]
         opposite = left + half - 5.25 if beyond is None else beyond
         aside = CONFIG.offset_cost * min(abs(left - 1.75), 4.0)
         expected = share * (CONFIG.shoulder_cost_m * shoulder + CONFIG.opposite_cost_m * opposite) + aside
-        assert found.price[:, row] == pytest.approx(expected), left
+        assert nodes.price[:, row] == pytest.approx(expected), left
 
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_the_clearance_of_a_node_is_that_of_the_body_whose_rear_axle_is_there(turn):
     others = cars(turn, (14.0, 2.6, 0.2), (21.0, -0.4, -0.3), (9.0, 4.2, np.pi))
-    found = lattice(obstacles=others, turn=turn)
+    grid = lattice(obstacles=others, turn=turn)
     for station, left, slope in ((3, 0.2, 0.1), (4, 1.1, -0.2), (7, -0.4, 0.3), (9, 2.0, 0.0), (11, 1.0, 0.4)):
-        row, column = index_of(found.left_m, left), index_of(found.slope, slope)
-        for half_way, nodes in ((0.0, found.clearance_m), (0.5, found.between_m)):
-            yaw = turn + np.arctan(found.slope[column])
+        row, column = index_of(grid.left_m, left), index_of(grid.slope, slope)
+        for half_way, nodes in ((0.0, grid.clearance_m), (0.5, grid.between_m)):
+            yaw = turn + np.arctan(grid.slope[column])
             ahead = CONFIG.station_m * (station + half_way)
             rear = ahead * np.array([np.cos(turn), np.sin(turn)])
-            rear += found.left_m[row] * np.array([-np.sin(turn), np.cos(turn)])
+            rear += grid.left_m[row] * np.array([-np.sin(turn), np.cos(turn)])
             x, y = rear + REAR_M * np.array([np.cos(yaw), np.sin(yaw)])
             gap = separations_m(np.array(x), np.array(y), np.array(yaw), BODY, others).min()
             assert nodes[station, row, column] == pytest.approx(gap, abs=1e-6)
@@ -142,8 +142,8 @@ def test_who_is_nearer_than_0_3_m_at_the_start_is_noted(turn, aside, present):
     """The vehicle stands straight at the line's beginning; the other is alongside."""
     start = replace(START, left_m=0.0, slope=0.0)
     left = np.sign(aside) * (BODY.half_width_m + 0.9 + abs(aside))
-    found = lattice(start=start, obstacles=cars(turn, (REAR_M + 0.5, left, 0.0)), turn=turn)
-    assert found.present_m.tolist() == pytest.approx([present])
+    nodes = lattice(start=start, obstacles=cars(turn, (REAR_M + 0.5, left, 0.0)), turn=turn)
+    assert nodes.present_m.tolist() == pytest.approx([present])
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -151,12 +151,12 @@ def test_who_is_nearer_than_0_3_m_at_the_start_is_noted(turn, aside, present):
 def test_the_wheels_stay_within_the_road_and_an_overhang(side, slope):
     """At an angle the front wheels are farther to one side by the wheelbase times its sine."""
     start = replace(START, left_m=0.0, slope=0.0)
-    found = lattice(road(middle=0.0, right=-4.0, left=4.0, opposite=4.0, driving=-4.0), start)
+    nodes = lattice(road(middle=0.0, right=-4.0, left=4.0, opposite=4.0, driving=-4.0), start)
     angle = np.arctan(0.1 * slope)
     wheels = BODY.half_width_m * np.cos(angle) + max(side * WHEELBASE_M * np.sin(angle), 0.0)
-    beyond = side * found.left_m > 0.0
-    clear = found.clearance_m[5, beyond, len(found.slope) // 2 + slope] > 0.0
-    on_road = side * found.left_m[beyond] + wheels <= 4.0 + CONFIG.edge_overhang_m
+    beyond = side * nodes.left_m > 0.0
+    clear = nodes.clearance_m[5, beyond, len(nodes.slope) // 2 + slope] > 0.0
+    on_road = side * nodes.left_m[beyond] + wheels <= 4.0 + CONFIG.edge_overhang_m
     assert clear.tolist() == on_road.tolist()
     assert slope * side < 3 or not on_road.all()
 
@@ -165,13 +165,13 @@ def test_the_wheels_stay_within_the_road_and_an_overhang(side, slope):
 def test_who_stands_over_the_edge_may_stay_as_far_over_it(side):
     """The left edge that counts is that of the opposite lane."""
     start = replace(START, left_m=side * 3.6, slope=0.0)
-    found = lattice(road(middle=0.0, right=-4.0, left=2.0, opposite=4.0, driving=-4.0), start)
+    nodes = lattice(road(middle=0.0, right=-4.0, left=2.0, opposite=4.0, driving=-4.0), start)
     assert 3.6 + BODY.half_width_m - 4.0 > CONFIG.edge_overhang_m
-    clear = found.clearance_m[6, :, len(found.slope) // 2] > 0.0
-    assert clear[found.start[0]]
-    over = side * found.left_m > 3.6 + 1e-9
+    clear = nodes.clearance_m[6, :, len(nodes.slope) // 2] > 0.0
+    assert clear[nodes.start[0]]
+    over = side * nodes.left_m > 3.6 + 1e-9
     assert not clear[over].any()
-    assert clear[~over & (side * found.left_m > 0.0)].all()
+    assert clear[~over & (side * nodes.left_m > 0.0)].all()
 
 
 REAR_M_ESCAPE_SEARCH = 1.7
@@ -198,40 +198,40 @@ def search(obstacles, space=None, left=0.0, slope=0.0):
     return search_lattice(LINE, space or road_of_escape_search(), start, obstacles, CONFIG)
 
 
-def poses(found):
-    centre = found.centre_line(LINE, REAR_M_ESCAPE_SEARCH)
-    rear = LINE.offset_at(found.s_m, found.left_m)
+def poses(path):
+    centre = path.centre_line(LINE, REAR_M_ESCAPE_SEARCH)
+    rear = LINE.offset_at(path.s_m, path.left_m)
     return centre, np.arctan2(*(centre - rear).T[::-1])
 
 
-def distance(found, obstacles):
-    centre, yaw = poses(found)
+def distance(path, obstacles):
+    centre, yaw = poses(path)
     return separations_m(centre[:, 0], centre[:, 1], yaw, BODY, obstacles).min()
 
 
 def test_straight_on_where_the_road_is_free():
-    found = search(boxes())
-    assert found.complete
-    assert found.length_m == pytest.approx(30.0)
-    assert found.clearance_m == 0.3
-    assert np.abs(np.diff(found.left_m)).max() < 0.06
+    path = search(boxes())
+    assert path.complete
+    assert path.length_m == pytest.approx(30.0)
+    assert path.clearance_m == 0.3
+    assert np.abs(np.diff(path.left_m)).max() < 0.06
 
 
 def test_goes_round_a_blocker_with_the_margin_and_what_can_be_steered():
     blocker = boxes(car(12.0, 0.0))
-    found = search(blocker)
-    assert found.complete
-    assert distance(found, blocker) > 0.2
-    slope = np.gradient(found.left_m, found.s_m)
-    assert np.abs(np.gradient(slope, found.s_m)).max() < 0.16 + 1e-6
+    path = search(blocker)
+    assert path.complete
+    assert distance(path, blocker) > 0.2
+    slope = np.gradient(path.left_m, path.s_m)
+    assert np.abs(np.gradient(slope, path.s_m)).max() < 0.16 + 1e-6
 
 
 def test_takes_a_tight_gap_with_a_smaller_margin_only_where_no_other_is_wide_enough():
     tight = boxes(car(18.0, -0.75), car(18.0, 3.45))
-    found = search(tight)
-    assert found.complete
-    assert found.clearance_m == 0.08
-    assert 0.0 < distance(found, tight) < 0.16
+    path = search(tight)
+    assert path.complete
+    assert path.clearance_m == 0.08
+    assert 0.0 < distance(path, tight) < 0.16
     assert search(boxes(car(18.0, -0.75), car(18.0, 4.0))).clearance_m == 0.3
 
 
@@ -250,10 +250,10 @@ def test_finds_nothing_right_behind_two_queues():
 
 def test_a_path_that_ends_early_ends_along_the_road():
     walls = boxes(*(car(24.0, y) for y in (-1.0, 1.0, 3.0, 5.0)))
-    found = search(walls)
-    assert not found.complete
-    assert 8.0 <= found.length_m < 24.0
-    assert abs(found.left_m[-1] - found.left_m[-2]) / (found.s_m[-1] - found.s_m[-2]) < 0.12
+    path = search(walls)
+    assert not path.complete
+    assert 8.0 <= path.length_m < 24.0
+    assert abs(path.left_m[-1] - path.left_m[-2]) / (path.s_m[-1] - path.s_m[-2]) < 0.12
 
 
 def test_a_vehicle_beside_that_is_too_near_already_does_not_keep_the_emv_there():
@@ -261,17 +261,17 @@ def test_a_vehicle_beside_that_is_too_near_already_does_not_keep_the_emv_there()
     assert separations_m(np.array(REAR_M_ESCAPE_SEARCH), np.array(0.0), np.array(0.0), BODY, beside)[
         0
     ] == pytest.approx(0.05)
-    found = search(beside)
-    assert found is not None
-    assert found.complete
-    assert found.left_m.max() <= 0.05
+    path = search(beside)
+    assert path is not None
+    assert path.complete
+    assert path.left_m.max() <= 0.05
 
 
 def test_leaves_a_shoulder_at_whose_edge_it_stands():
     edge = -1.75 + 1.05
-    found = search(boxes(car(14.0, edge + 0.5)), left=edge)
-    assert found is not None
-    assert found.left_m.max() > edge + 2.0
+    path = search(boxes(car(14.0, edge + 0.5)), left=edge)
+    assert path is not None
+    assert path.left_m.max() > edge + 2.0
 
 
 @settings(max_examples=25, deadline=None)
@@ -287,17 +287,17 @@ def test_no_path_touches_anybody(cars, left, slope):
     yaw = math.atan(slope)
     centre = np.array([REAR_M_ESCAPE_SEARCH * math.cos(yaw), left + REAR_M_ESCAPE_SEARCH * math.sin(yaw)])
     assume(np.all(separations_m(centre[0], centre[1], np.array(yaw), BODY, obstacles) > 0.0))
-    found = search(obstacles, left=left, slope=slope)
-    if found is not None and cars:
-        assert distance(found, obstacles) > -0.02
-        assert math.isclose(found.left_m[0], left, abs_tol=1e-9)
+    path = search(obstacles, left=left, slope=slope)
+    if path is not None and cars:
+        assert distance(path, obstacles) > -0.02
+        assert math.isclose(path.left_m[0], left, abs_tol=1e-9)
 
 
 def moved_one_by_one(cost, turn, blocked):
     """Each node for itself: slope j of n is j − (n − 1)/2 steps; an offset changes by the mean of both slopes."""
     offsets, slopes = cost.shape
     middle = slopes // 2
-    found = np.full(cost.shape, np.inf)
+    moved = np.full(cost.shape, np.inf)
     for i in range(offsets):
         for j in range(slopes):
             before = j - turn
@@ -309,8 +309,8 @@ def moved_one_by_one(cost, turn, blocked):
             half = min(max(start + before - middle, 0), offsets - 1)
             low, high = before + math.floor(turn / 2), before + math.ceil(turn / 2)
             if not blocked[half, low] and not blocked[half, high]:
-                found[i, j] = cost[start, before]
-    return found
+                moved[i, j] = cost[start, before]
+    return moved
 
 
 @pytest.mark.parametrize("turn", range(-4, 5))
@@ -330,6 +330,6 @@ def test_a_tight_margin_is_taken_for_as_much_way_as_it_costs(worth, clearance):
     tight = boxes(car(18.0, -0.75), car(18.0, 3.45))
     config = replace(CONFIG, way_worth=worth)
     start = Start(0.0, 0.0, BODY, REAR_M_ESCAPE_SEARCH, 3.9, 0.16)
-    found = search_lattice(LINE, road_of_escape_search(), start, tight, config)
-    assert found.clearance_m == clearance
-    assert found.complete is (clearance < 0.1)
+    nodes = search_lattice(LINE, road_of_escape_search(), start, tight, config)
+    assert nodes.clearance_m == clearance
+    assert nodes.complete is (clearance < 0.1)

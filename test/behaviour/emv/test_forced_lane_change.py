@@ -119,8 +119,8 @@ def test_advice_is_the_emvs_own(lab):
     cars = [lab.Car(1, 1, 100, 8, (0,), AMBULANCE), lab.Car(7, 1, 60, 8, (0,), ActorClass.FIRE_TRUCK)]
     traffic = lab.traffic_of(network, cars)
     first, second = traffic.emvs
-    told = (replace(first, lane_change_intent=-1), replace(second, lane_change_intent=1))
-    view = lab.view_of(lab.world_of(network, lab.L1), replace(traffic, emvs=told))
+    advice = (replace(first, lane_change_intent=-1), replace(second, lane_change_intent=1))
+    view = lab.view_of(lab.world_of(network, lab.L1), replace(traffic, emvs=advice))
     assert [lateral_intent(EmvUnit(actor, plan=PLAN), view.ego(row))[0] for row, actor in enumerate((1, 7))] == [-1, 1]
     assert advice_of(view, 3) is None
 

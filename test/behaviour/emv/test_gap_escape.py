@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from behaviour.lab import kinds
 
 from siren_ros.behaviour.driving.emv_unit import EmvUnit, RoutePlan
 from siren_ros.behaviour.emv import gap_escape as escape_plan
@@ -18,6 +19,7 @@ from siren_ros.behaviour.emv.gap_escape import (
     search_gap,
 )
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
+from siren_ros.scenario.presets import load_preset
 from siren_ros.world.actors import ActorClass
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -34,9 +36,9 @@ def test_edges_are_those_of_the_shoulder_the_driving_lanes_and_the_opposite_ones
     network = road.built()
     for lane, shift in ((1, 0.0), (2, -3.3)):
         reference = path_on_lanes(network, (lane,), LaneEnd.HORIZON, 10.0, 50.0)
-        found = lines_of(road_space(network, reference, np.array([0.0, 20.0])))
+        lines = lines_of(road_space(network, reference, np.array([0.0, 20.0])))
         expected = np.array([-1.65 - 3.3, -1.65, 4.95, 4.95 + 6.6, 1.65]) + shift
-        for line, value in zip(found, expected, strict=True):
+        for line, value in zip(lines, expected, strict=True):
             assert line.tolist() == pytest.approx([value, value])
 
 
@@ -72,16 +74,13 @@ def start_of(lab, monkeypatch, *, turn=0.0, left=0.0, turned=0.0, s=100.0, lengt
         asked.append((curve, road, start, obstacles, config))
 
     monkeypatch.setattr(escape_plan, "search_lattice", noted)
-    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], length * along], 2, ("A", "B"))
-    network = road.built()
+    network, along, across = lab.turned_road(turn, length=length)
     poses = np.array([[*(s * along + left * across), turn + turned, 0.0]])
     car = lab.Car(1, 0, s, 0, (0,), AMBULANCE)
     view = lab.view(network, lab.L3, [car], poses=poses)
     reference = reference_line(view.ego(0), 0)
-    found = search_gap(reference, view.ego(0))
-    assert found is None
+    path = search_gap(reference, view.ego(0))
+    assert path is None
     return asked, reference, along
 
 
@@ -132,10 +131,6 @@ def view_at(lab, speed=0.0, others=(), network=None, advice=None, lane=0, step=0
     network = network or lab.straight_road()
     cars = [lab.Car(1, lane, 100, speed, (0,), ActorClass.AMBULANCE), *others]
     return lab.view(network, lab.L3, cars, step, advice=advice)
-
-
-def kinds(events):
-    return [event.kind.value for event in events]
 
 
 def run(unit, view, count):
@@ -205,6 +200,10 @@ def test_sumos_leader_blocks_within_the_query_range_unless_it_drives_away(lab, g
     assert (blocker_of(EmvUnit(1), view.ego(0)) == 9) is blocks
 
 
+def in_both_lanes(lab, centre_m=108.0):
+    return [lab.Car(2 + lane, lane, centre_m, 0, (0,)) for lane in (0, 1)]
+
+
 def reference_of(view, lane):
     return path_on_lanes(view.world.network, (lane,), LaneEnd.HORIZON, 95.0, 60.0)
 
@@ -219,19 +218,14 @@ def test_a_leader_that_an_emv_under_way_would_pass_beside_blocks_no_more(lab, sp
 
 def test_search_goes_round_a_blocker(lab):
     view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))])
-    found = search_gap(reference_of(view, 0), view.ego(0))
-    clear = found.left_m[-1] - 1.05 - 0.915
+    path = search_gap(reference_of(view, 0), view.ego(0))
+    clear = path.left_m[-1] - 1.05 - 0.915
     assert clear > 0.1
-    assert found.length_m > 25.0
+    assert path.length_m > 25.0
 
 
 def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [400, 0]], 1, ("A", "B"))
-    road.edge([[400, 3.3], [0, 3.3]], 1, ("B", "A"))
-    opposite = road.built()
-    blocker = [lab.Car(2, 0, 112, 0, (0,))]
-    view = view_at(lab, others=blocker, network=opposite)
+    view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))], network=lab.two_way_road())
     assert search_gap(reference_of(view, 0), view.ego(0)).left_m.max() > 1.9
     shoulder = lab.straight_road(2, shoulder=True)
     view = view_at(lab, others=[lab.Car(2, 1, 112, 0, (0,))], network=shoulder, lane=1)
@@ -239,21 +233,14 @@ def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
 
 
 def test_search_finds_nothing_where_both_lanes_are_blocked(lab):
-    others = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
-    view = view_at(lab, others=others)
+    view = view_at(lab, others=in_both_lanes(lab))
     assert search_gap(reference_of(view, 0), view.ego(0)) is None
 
 
 def test_waits_says_so_once_and_escapes_when_a_gap_opens(lab):
-    never = replace(
-        lab.world_of(lab.straight_road(), lab.L3),
-        preset=lab.world_of(lab.straight_road(), lab.L3).preset.for_scenario(40.0, 0.0, 0.0),
-    )
-    cars = [
-        lab.Car(1, 0, 60, 5, (0,), ActorClass.AMBULANCE),
-        lab.Car(2, 0, 80, 0, (0,), desired=0),
-        lab.Car(3, 1, 80, 0, (0,), desired=0),
-    ]
+    never = lab.world_of(lab.straight_road(), lab.L3, preset=load_preset("paper").for_scenario(40.0, 0.0, 0.0))
+    cars = [lab.Car(2 + lane, lane, 80, 0, (0,), desired=0) for lane in (0, 1)]
+    cars.insert(0, lab.Car(1, 0, 60, 5, (0,), AMBULANCE))
     loop = lab.Loop(never, cars).run(200)
     assert len(loop.of("gap_escape_entered")) == 1
     assert len(loop.of("gap_escape_waiting")) == 1
@@ -284,7 +271,7 @@ def test_a_free_path_is_kept_and_a_blocked_one_replaced(lab):
 
 
 def test_waits_where_the_path_ends_and_no_other_is_found(lab):
-    both = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
+    both = in_both_lanes(lab)
     view = view_at(lab, others=both)
     unit, events = escape_path(EmvUnit(1, gap_escape_active=True), view.ego(0))
     assert unit.escape_offset_m is None
@@ -315,18 +302,16 @@ def test_a_path_is_looked_at_again_after_half_a_second(lab):
     assert again.navigator.path is not unit.navigator.path
 
 
-@pytest.mark.parametrize(("moved_m", "told"), [(0.0, False), (0.4, False), (-0.4, False), (0.6, True), (-0.6, True)])
-def test_another_path_is_told_where_it_ends_half_a_metre_beside_the_last_one(lab, moved_m, told):
+@pytest.mark.parametrize(
+    ("moved_m", "recorded"), [(0.0, False), (0.4, False), (-0.4, False), (0.6, True), (-0.6, True)]
+)
+def test_another_path_is_told_where_it_ends_half_a_metre_beside_the_last_one(lab, moved_m, recorded):
     unit, view = driving_around(lab, step=20)
-    astray = replace(
-        unit,
-        escape_planned_step=0,
-        escape_offset_m=unit.escape_offset_m + moved_m,
-        navigator=replace(unit.navigator, left_m=1.0),
-    )
+    astray = replace(unit, escape_planned_step=0, escape_offset_m=unit.escape_offset_m + moved_m)
+    astray = replace(astray, navigator=replace(unit.navigator, left_m=1.0))
     other, events = escape_path(astray, view.ego(0))
     assert other.escape_offset_m == pytest.approx(unit.escape_offset_m)
-    assert [event.detail["left_m"] for event in events] == ([pytest.approx(unit.escape_offset_m)] if told else [])
+    assert [event.detail["left_m"] for event in events] == ([pytest.approx(unit.escape_offset_m)] if recorded else [])
 
 
 def test_a_path_to_the_other_side_is_told_although_it_ends_as_far_from_the_line(lab):
@@ -340,8 +325,7 @@ def test_a_path_to_the_other_side_is_told_although_it_ends_as_far_from_the_line(
 def test_without_another_path_the_present_one_is_driven_while_a_metre_of_it_is_free(lab, centre_m, goes_on):
     """The EMV's front is at 103.25 m, the rears of both others are 2.375 m behind their centres."""
     unit, _ = driving_around(lab)
-    both = [lab.Car(2, 0, centre_m, 0, (0,)), lab.Car(3, 1, centre_m, 0, (0,))]
-    after, events = escape_path(unit, view_at(lab, others=both, step=10).ego(0))
+    after, events = escape_path(unit, view_at(lab, others=in_both_lanes(lab, centre_m), step=10).ego(0))
     assert (after.escape_offset_m == unit.escape_offset_m) is goes_on
     assert kinds(events) == ([] if goes_on else ["gap_escape_waiting"])
 
@@ -353,22 +337,15 @@ def test_an_escape_that_begins_plans_at_once_and_starts_without_a_path(lab):
     assert unit.gap_escape_active
     assert unit.escape_offset_m is None
     assert unit.escape_planned_step < 0
-    both = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
-    planned, events = escape_path(unit, view_at(lab, others=both, step=100).ego(0))
+    planned, events = escape_path(unit, view_at(lab, others=in_both_lanes(lab), step=100).ego(0))
     assert planned.escape_planned_step == 100
     assert kinds(events) == ["gap_escape_waiting"]
 
 
 def test_an_escape_that_ends_leaves_neither_its_offset_nor_a_plan(lab):
     view = view_at(lab)
-    active = EmvUnit(
-        1,
-        gap_escape_active=True,
-        escape_offset_m=1.2,
-        blocker_free_s=5.0,
-        plan=RoutePlan((0,), LaneEnd.HORIZON, 0),
-        corridor_planned_step=7,
-    )
+    active = EmvUnit(1, plan=RoutePlan((0,), LaneEnd.HORIZON, 0), gap_escape_active=True, blocker_free_s=5.0)
+    active = replace(active, escape_offset_m=1.2, corridor_planned_step=7)
     unit, events = gap_escape_mode(active, view.ego(0))
     assert kinds(events) == ["gap_escape_left"]
     assert not unit.gap_escape_active

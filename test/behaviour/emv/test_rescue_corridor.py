@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from behaviour.lab import kinds
 
 from siren_ros.behaviour.driving.emv_unit import EmvUnit
 from siren_ros.behaviour.emv import rescue_corridor as corridor
@@ -26,10 +27,6 @@ def view_at(lab, others=(), network=None, lane=0, step=0, **traffic):
     network = network or lab.straight_road()
     cars = [lab.Car(1, lane, 100, 8, (0,), ActorClass.AMBULANCE), *others]
     return lab.view(network, lab.L3, cars, step=step, **traffic)
-
-
-def kinds(events):
-    return [event.kind.value for event in events]
 
 
 def on_route(view):
@@ -117,8 +114,8 @@ def test_keeps_clear_of_a_vehicle_on_one_side(lab):
 
 def test_stays_on_the_road(lab):
     view = view_at(lab, [lab.Car(2, 1, 140, 0, (0,), left=-1.0), lab.Car(3, 0, 140, 0, (0,), left=-1.6)])
-    found = offsets(view, 0)
-    assert found.min() >= -1.65 + 1.05 - 1e-9
+    middle_m = offsets(view, 0)
+    assert middle_m.min() >= -1.65 + 1.05 - 1e-9
 
 
 def test_before_a_right_turn_with_a_shoulder_the_corridor_is_the_shoulder(lab):
@@ -136,16 +133,7 @@ def test_before_a_right_turn_with_a_shoulder_the_corridor_is_the_shoulder(lab):
 
 
 def test_the_corridor_is_on_the_shoulder_before_a_junction_beyond_which_it_turns(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 2, ("W", "I"), shoulder=True)
-    road.edge([[100, 0], [120, 0]], 2, ("I", "I"), internal=True)
-    road.edge([[120, 0], [150, 0]], 2, ("I", "J"), shoulder=True)
-    road.edge([[160, -10], [160, -200]], 1, ("J", "S"))
-    for lane in (0, 1):
-        road.connect(lane, 4 + lane, via=(2 + lane,))
-    road.connect(4, 6, direction="r")
-    road.connect(5, 6, direction="r")
-    network, route = road.built(), np.array([0, 2, 3], dtype=np.int32)
+    network, route = lab.road_with_shoulder(), np.array([0, 2, 3], dtype=np.int32)
     assert corridor_lane(network, 1, route, 80.0) == 0
     assert corridor_lane(network, 3, route, 80.0) == 2, "on the junction as well"
     assert corridor_lane(network, 1, route, 40.0) == 1, "the turn is 50 m beyond the present edge"
@@ -157,10 +145,7 @@ def test_the_corridor_is_on_the_shoulder_before_a_junction_beyond_which_it_turns
 @pytest.mark.parametrize(("left_m", "turned_rad"), [(0.0, 0.0), (-0.8, 0.15), (2.5, -0.2)])
 def test_the_path_begins_where_the_emv_is_as_it_points_and_ends_in_the_corridor(lab, heading_deg, left_m, turned_rad):
     """The EMV drives in the right lane; the line between both lanes is 1.65 m to the left of that lane's."""
-    along = np.array([np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg))])
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], list(400.0 * along)], 2, ("A", "B"))
-    network = road.built()
+    network, along, _ = lab.turned_road(np.radians(heading_deg))
     car = lab.Car(1, 0, 100, 8, (0,), ActorClass.AMBULANCE, left=left_m)
     view = lab.view(network, lab.L3, [car])
     yaw = view.seen.yaw_rad + turned_rad
@@ -220,9 +205,9 @@ def test_the_present_path_is_kept_where_it_stays_free_for_longer_than_a_new_one(
     )
     if where is not None:
         cars.append(lab.Car(2, 3, 12, 0, (1,), left=where))
-    found = corridor_path(unit, lab.view_of(world, lab.traffic_of(network, cars)).ego(0))
-    assert (found.navigator.path is unit.navigator.path) is kept
-    assert found.corridor_planned_step == before.step
+    unit_after = corridor_path(unit, lab.view_of(world, lab.traffic_of(network, cars)).ego(0))
+    assert (unit_after.navigator.path is unit.navigator.path) is kept
+    assert unit_after.corridor_planned_step == before.step
 
 
 @pytest.mark.parametrize("speed", [6.0, 3.0])
@@ -233,7 +218,7 @@ def test_the_present_path_is_kept_for_less_where_the_emv_cannot_stop_gently_on_t
     view = lab.view(network, lab.L3, [car])
     unit = replace(_along(EmvUnit(1, corridor=True), view.ego(0), 0, straight_on=False), corridor_planned_step=NEVER)
     monkeypatch.setattr(
-        corridor, "_open_m", lambda found, *_: 6.0 if found.navigator.path is unit.navigator.path else 5.0
+        corridor, "_open_m", lambda candidate, *_: 6.0 if candidate.navigator.path is unit.navigator.path else 5.0
     )
     assert (corridor_path(unit, view.ego(0)).navigator.path is unit.navigator.path) is (speed == 6.0)
 
@@ -294,11 +279,8 @@ def test_a_vehicle_beside_the_road_or_beyond_the_corridor_leaves_it_as_it_is(lab
 @pytest.mark.parametrize(("opposite", "most"), [(False, 1.65), (True, 0.915 + 1.05 + 0.2)])
 def test_on_one_lane_the_corridor_goes_to_the_free_side_as_far_as_the_road(lab, opposite, most):
     """Past a car in the middle of the lane; the opposite lane may be used where there is one."""
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], [400.0, 0.0]], 1, ("A", "B"))
-    if opposite:
-        road.edge([[400.0, 3.3], [0.0, 3.3]], 1, ("B", "A"))
-    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=-0.01)], network=road.built())
+    network = lab.two_way_road() if opposite else lab.straight_road(1)
+    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=-0.01)], network=network)
     assert offsets(view, 0)[40] == pytest.approx(min(most, 0.915 + 1.05 + 0.2 - 0.01), abs=0.01)
 
 
@@ -306,10 +288,7 @@ def test_on_one_lane_the_corridor_goes_to_the_free_side_as_far_as_the_road(lab, 
 def test_who_stands_in_the_middle_is_passed_on_the_side_with_more_room(lab, left):
     """On a road of one lane with another one for the opposite direction that is the left one, wherever rounding puts
     the vehicle."""
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], [400.0, 0.0]], 1, ("A", "B"))
-    road.edge([[400.0, 3.3], [0.0, 3.3]], 1, ("B", "A"))
-    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=left)], network=road.built())
+    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=left)], network=lab.two_way_road())
     assert offsets(view, 0)[40] == pytest.approx(0.915 + 1.05 + 0.2 + left, abs=0.01)
 
 
@@ -323,8 +302,8 @@ def test_the_line_between_two_lanes_goes_on_across_a_junction(lab):
     car = lab.Car(1, 0, 120, 8, (0, 2), ActorClass.AMBULANCE)
     view = lab.view(network, lab.L3, [car])
     reference = path_on_lanes(network, (0, 2, 4), LaneEnd.HORIZON, 118.0, 80.0)
-    found = corridor_offsets(reference, np.linspace(2.0, 78.0, 77), view.ego(0))
-    np.testing.assert_allclose(found, 1.65, atol=1e-6)
+    middle_m = corridor_offsets(reference, np.linspace(2.0, 78.0, 77), view.ego(0))
+    np.testing.assert_allclose(middle_m, 1.65, atol=1e-6)
     inside = path_on_lanes(network, (2,), LaneEnd.HORIZON, 2.0, 20.0)
     np.testing.assert_allclose(corridor_offsets(inside, np.linspace(2.0, 18.0, 17), view.ego(0)), 0.0)
 
@@ -334,9 +313,9 @@ def test_smoothing_is_a_weighted_mean_of_so_many_neighbours_and_leaves_short_lin
     values = np.zeros(30)
     values[15] = 1.0
     weights = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(1, 2 * radius + 2) / (2 * radius + 2))
-    found = _smooth(values, radius)
-    assert found[15 - radius : 16 + radius] == pytest.approx(weights / weights.sum())
-    assert np.count_nonzero(np.abs(found) > 1e-12) == 2 * radius + 1
+    smooth = _smooth(values, radius)
+    assert smooth[15 - radius : 16 + radius] == pytest.approx(weights / weights.sum())
+    assert np.count_nonzero(np.abs(smooth) > 1e-12) == 2 * radius + 1
     assert _smooth(np.full(9, 2.5), radius) == pytest.approx(np.full(9, 2.5))
     step = np.concatenate((np.zeros(radius), np.ones(radius)))
     assert _smooth(step, radius) is step

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.civilians.interaction_region import EmvRoad, region_members, way_from_emv_m
 from siren_ros.behaviour.civilians.pull_over import edge_offset_m, emv_waits_behind
+from siren_ros.behaviour.civilians.yield_manager import EmvRoad, region_members, way_from_emv_m
 from siren_ros.behaviour.driving.civilian_unit import emv_fully_passed
-from siren_ros.behaviour.driving.emv_speed_limits import anticipated_limit, free_way, passage_limit
 from siren_ros.behaviour.driving.emv_unit import EmvUnit
 from siren_ros.behaviour.driving.lane_change import (
     LaneChangeQuery,
@@ -16,6 +15,7 @@ from siren_ros.behaviour.driving.lane_change import (
     lane_change_path,
     offset_in_lane,
 )
+from siren_ros.behaviour.driving.speed_mechanisms import anticipated_limit, free_way, passage_limit
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.gap_escape import blocker_of, in_the_way, reference_line, search_gap
 from siren_ros.behaviour.emv.rescue_corridor import braking_ahead, corridor_offsets, corridor_path
@@ -35,10 +35,7 @@ CARS = [
 
 
 def view_at(lab, turn):
-    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], 300.0 * along], 2, ("A", "B"))
-    network = road.built()
+    network, along, across = lab.turned_road(turn, length=300.0)
     poses = np.array(
         [[*(s * along + (3.3 * lane + left) * across), turn + yaw, speed] for _, lane, s, left, yaw, speed in CARS]
     )
@@ -57,7 +54,7 @@ def numbers(lab, turn):
     unit = follow_route(EmvUnit(1), view.ego(0))[0]
     reference = path_on_lanes(view.world.network, (0,), LaneEnd.HORIZON, 98.0, 80.0)
     s = np.linspace(2.0, 78.0, 77)
-    found = search_gap(reference_line(view.ego(0), 0), view.ego(0))
+    path = search_gap(reference_line(view.ego(0), 0), view.ego(0))
     corridor = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path
     query = LaneChangeQuery(view.ego(4), 0, 1, 5.0, civilian=True)
     verdict = assess(query)
@@ -69,7 +66,7 @@ def numbers(lab, turn):
         "corridor": corridor_offsets(reference, s, view.ego(0))[::8],
         "corridor path": (corridor.curve.points @ across)[::6],
         "braking ahead": braking_ahead(unit, view.ego(0)),
-        "escape": (found.left_m[-1], found.length_m, found.clearance_m),
+        "escape": (path.left_m[-1], path.length_m, path.clearance_m),
         "free way": (free_way(unit, view.ego(0)).free_m, free_way(escaping, view.ego(0)).free_m),
         "passage": passage_limit(escaping, view.ego(0)).speed_mps,
         "in the way": [in_the_way(view.ego(0), row, 0) for row in range(1, 5)],

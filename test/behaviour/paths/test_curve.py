@@ -43,8 +43,3 @@ def test_goes_straight_on_beyond_its_ends():
     assert curve.place(-2.0)[:2] == pytest.approx((-2.0, 0.0))
     assert curve.place(13.0)[:2] == pytest.approx((13.0, 0.0))
     assert curve.project_one(14.0, 1.0) == pytest.approx((14.0, 1.0))
-
-
-def test_cut_is_the_part_between():
-    part = Curve.through(np.array([[0.0, 0.0], [100.0, 0.0]])).cut(-5.0, 20.0)
-    np.testing.assert_allclose(part.points[[0, -1]], [[-5.0, 0.0], [20.0, 0.0]], atol=1e-9)

@@ -16,6 +16,8 @@ from siren_ros.behaviour.paths.lane_path import (
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import NO_LANE
 
+BENT = Polyline.through(np.array([[0.0, 0.0], [10.0, 0.0], [12.0, 6.0], [12.0, 15.0]]))
+
 
 def route(*edges: int) -> np.ndarray:
     return np.array(edges, dtype=np.int32)
@@ -113,10 +115,7 @@ def test_neighbours_and_limits(lab):
 
 
 def test_opposite_lane_is_found_by_the_junctions(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 1, ("A", "B"))
-    road.edge([[100, 3.3], [0, 3.3]], 1, ("B", "A"))
-    assert road_limits(road.built(), 0).opposite_m == pytest.approx(3.3)
+    assert road_limits(lab.two_way_road(), 0).opposite_m == pytest.approx(3.3)
 
 
 def test_an_internal_lane_belongs_to_the_movement_along_the_route_and_else_to_the_first(lab):
@@ -205,32 +204,23 @@ def test_the_opposite_road_is_as_wide_as_its_driving_lanes_and_the_nearest_of_th
 @pytest.mark.parametrize(
     "point",
     [
-        (-5.0, 2.0),
-        (12.5, 25.0),
-        (6.0, -1.0),
-        (-9.0, -20.0),
-        (30.0, 15.1),
-        (4.0, 1.0),
-        (9.0, 0.5),
-        (11.0, 3.0),
-        (12.0, 20.0),
+        *((-5.0, 2.0), (12.5, 25.0), (6.0, -1.0), (-9.0, -20.0), (30.0, 15.1)),
+        *((4.0, 1.0), (9.0, 0.5), (11.0, 3.0), (12.0, 20.0)),
     ],
 )
 def test_nearest_place_agrees_with_the_polyline(point):
-    line = Polyline.through(np.array([[0.0, 0.0], [10.0, 0.0], [12.0, 6.0], [12.0, 15.0]]))
-    s, left, heading = nearest_on_lane(line, *point)
-    expected_s, expected_left = line.project(point)
+    s, left, heading = nearest_on_lane(BENT, *point)
+    expected_s, expected_left = BENT.project(point)
     assert (s, left) == pytest.approx((float(expected_s), float(expected_left)))
-    if 0.1 < s < line.length_m - 0.1 and min(abs(s - line.arc_m)) > 0.01:
-        assert heading == pytest.approx(float(line.heading_rad(s)))
-    assert lane_heading(line, 11.0) == pytest.approx(float(line.heading_rad(11.0)))
+    if 0.1 < s < BENT.length_m - 0.1 and min(abs(s - BENT.arc_m)) > 0.01:
+        assert heading == pytest.approx(float(BENT.heading_rad(s)))
+    assert lane_heading(BENT, 11.0) == pytest.approx(float(BENT.heading_rad(11.0)))
 
 
 @pytest.mark.parametrize(("s", "heading"), [(-3.0, 0.0), (5.0, 0.0), (13.0, np.arctan2(6.0, 2.0)), (20.0, np.pi / 2.0)])
 def test_the_heading_at_an_arc_length_is_that_of_its_segment(s, heading):
-    line = Polyline.through(np.array([[0.0, 0.0], [10.0, 0.0], [12.0, 6.0], [12.0, 15.0]]))
-    assert lane_heading(line, s) == pytest.approx(heading)
-    assert lane_heading(line, 99.0) == pytest.approx(np.pi / 2.0)
+    assert lane_heading(BENT, s) == pytest.approx(heading)
+    assert lane_heading(BENT, 99.0) == pytest.approx(np.pi / 2.0)
 
 
 def test_the_last_segment_goes_straight_on():
@@ -241,28 +231,11 @@ def test_the_last_segment_goes_straight_on():
     assert (s, left, heading) == pytest.approx((-4.0, -2.0, 0.0))
 
 
-def road_with_shoulder(lab):
-    """West (edge 0), a junction path (1), the edge before the turn (2) of 30 m, the road to the south (3)."""
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 2, ("W", "I"), shoulder=True)
-    road.edge([[100, 0], [120, 0]], 2, ("I", "I"), internal=True)
-    road.edge([[120, 0], [150, 0]], 2, ("I", "J"), shoulder=True)
-    road.edge([[160, -10], [160, -200]], 1, ("J", "S"))
-    for lane in (0, 1):
-        road.connect(lane, 4 + lane, via=(2 + lane,))
-        road.connect(4 + lane, 6, direction="r")
-    return road.built()
-
-
-def route_of_shoulder_way(*edges):
-    return np.array(edges, dtype=np.int32)
-
-
 def test_the_way_is_the_shoulders_up_to_the_turn(lab):
-    network = road_with_shoulder(lab)
-    far = shoulder_into_turn(network, route_of_shoulder_way(0, 2, 3), 100.0)
+    network = lab.road_with_shoulder()
+    far = shoulder_into_turn(network, route(0, 2, 3), 100.0)
     assert (far.lane, far.onward.to_lane, far.edges) == (0, 4, (0, 2))
-    near = shoulder_into_turn(network, route_of_shoulder_way(2, 3), 0.0)
+    near = shoulder_into_turn(network, route(2, 3), 0.0)
     assert (near.lane, near.onward.to_lane, near.edges) == (4, 6, (2,))
 
 
@@ -270,4 +243,4 @@ def test_the_way_is_the_shoulders_up_to_the_turn(lab):
     ("edges", "reach_m"), [((0, 2, 3), 49.0), ((0, 2), 100.0), ((3,), 100.0), ((2,), 100.0), ((0, 3), 100.0)]
 )
 def test_no_way_where_the_turn_is_far_or_not_on_the_route(lab, edges, reach_m):
-    assert shoulder_into_turn(road_with_shoulder(lab), route_of_shoulder_way(*edges), reach_m) is None
+    assert shoulder_into_turn(lab.road_with_shoulder(), route(*edges), reach_m) is None

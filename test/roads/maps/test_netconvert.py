@@ -56,10 +56,10 @@ def test_a_net_comes_back_without_its_dated_header(tmp_path):
     (tmp_path / "nodes.xml").write_text(NODES)
     (tmp_path / "edges.xml").write_text('<edges><edge id="e" from="a" to="b" numLanes="2"/></edges>')
     options = ["--node-files", str(tmp_path / "nodes.xml"), "--edge-files", str(tmp_path / "edges.xml")]
-    made = run_netconvert(options, tmp_path / "out.net.xml", "mymap")
-    assert made == without_header((tmp_path / "out.net.xml").read_bytes())
-    assert made.startswith(b'<?xml version="1.0" encoding="UTF-8"?>\n<net ')
-    assert made.count(b'<lane id="e_') == 2
+    net = run_netconvert(options, tmp_path / "out.net.xml", "mymap")
+    assert net == without_header((tmp_path / "out.net.xml").read_bytes())
+    assert net.startswith(b'<?xml version="1.0" encoding="UTF-8"?>\n<net ')
+    assert net.count(b'<lane id="e_') == 2
 
 
 def test_what_is_no_utf8_in_netconverts_words_is_shown_all_the_same(tmp_path):
@@ -186,9 +186,8 @@ NET = """<net>
 def patched(stopping: str, yielding: str = "", kind: str = "priority") -> tuple[dict[str, str], dict[str, int]]:
     """Types of nodes and priorities of edges; nobody drives on the path."""
     net = fromstring(NET.format(kind=kind))
-    nodes, priorities = control_patches(
-        net, stopping.split(), yielding.split(), lambda edge: edge.attrib["id"] != "path"
-    )
+    signs = stopping.split(), yielding.split()
+    nodes, priorities = control_patches(net, *signs, lambda edge: edge.attrib["id"] != "path")
     return {node.attrib["id"]: node.attrib["type"] for node in nodes}, dict(priorities)
 
 

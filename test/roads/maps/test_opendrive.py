@@ -40,12 +40,13 @@ def patches(*roads, junction_type="priority"):
     return opendrive_patches(net(junction_type), f"<OpenDRIVE>{''.join(roads)}</OpenDRIVE>".encode(), "map.xodr")
 
 
-def lane_patches(document):
-    return {lane.get("index"): dict(lane.attrib) for lane in fromstring(document).find("edge").iterfind("lane")}
+def lane_patches(net_xml):
+    edges = opendrive_patches(net_xml, b"<OpenDRIVE/>", "map.xodr")["--edge-files"]
+    return {lane.get("index"): dict(lane.attrib) for lane in fromstring(edges).find("edge").iterfind("lane")}
 
 
 def test_permissions_by_lane_type_and_width():
-    lanes = lane_patches(patches()["--edge-files"])
+    lanes = lane_patches(net())
     assert set(lanes) == {"0", "1", "2", "4"}
     assert (lanes["0"]["allow"], float(lanes["0"]["speed"])) == ("pedestrian", 1.39)
     assert lanes["1"] == {"index": "1", "disallow": "all"}
@@ -83,7 +84,7 @@ def test_the_shoulder_follows_straight_on_and_to_the_right(letter, count):
 @pytest.mark.parametrize(("index", "width", "open_to"), [(2, "1.8", "emergency"), (2, "1.79", None), (4, "2.5", None)])
 def test_wide_shoulders_right_of_the_driving_lanes_are_open(index, width, open_to):
     text = net().decode().replace('index="2" disallow="all" speed="1.39" width="2.5"', f'index="2" width="{width}"')
-    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr")["--edge-files"])
+    lanes = lane_patches(text.encode())
     assert lanes[str(index)].get("allow") == open_to
     assert (lanes[str(index)].get("disallow") == "all") is (open_to is None)
 
@@ -91,13 +92,13 @@ def test_wide_shoulders_right_of_the_driving_lanes_are_open(index, width, open_t
 def test_a_shoulder_between_driving_lanes_is_open_to_nobody():
     more = '<lane id="1_5" index="5" speed="13.89" width="3.5" type="driving"/></edge>'
     text = net().decode().replace("</edge>", more, 1)
-    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr")["--edge-files"])
+    lanes = lane_patches(text.encode())
     assert (lanes["2"].get("allow"), lanes["4"].get("disallow")) == ("emergency", "all")
 
 
 def test_without_a_driving_lane_a_shoulder_is_open_to_nobody():
     text = net().decode().replace('type="driving"', 'type="biking"')
-    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr")["--edge-files"])
+    lanes = lane_patches(text.encode())
     assert {lanes[index].get("disallow") for index in ("1", "2", "3", "4")} == {"all"}
 
 

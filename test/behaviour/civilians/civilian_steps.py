@@ -1,6 +1,8 @@
-"""Steps of one civilian at L3, which the tests of its pull-over share."""
+"""Steps of one civilian, which its tests share."""
 
 from dataclasses import replace
+
+from behaviour.lab import stepper
 
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.driving.civilian_unit import Compliance, Driver, EmvView, YieldUnit
@@ -11,19 +13,7 @@ NEAR = EmvView(0, passed=False, in_region=True, on_path=True, on_road=True)
 """The EMV is about, and has not passed."""
 
 
-def steps(lab, world, cars, count=1, state=None, start=0, poses=None):
-    state = state or YieldState.initial()
-    events = []
-    commands = None
-    for k in range(start, start + count):
-        observed = lab.traffic_of(world.network, cars, step=k, spawn=k == 0, poses=poses)
-        state, commands = step_yield(state, observed, world)
-        events += commands.events
-    return state, commands, events
-
-
-def kinds(events):
-    return [event.kind.value for event in events]
+steps = stepper(step_yield, YieldState())
 
 
 def emv_at(lab, s=50.0):

@@ -44,9 +44,7 @@ def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger() -> No
 
 
 @given(st.lists(st.floats(0.5, 40.0), min_size=1, max_size=60), st.floats(0.0, 30.0), st.floats(0.1, 5.0))
-def test_profiles_never_exceed_the_speeds_that_they_keep_to(
-    target: list[float], first_mps: float, accel_mps2: float
-) -> None:
+def test_profiles_never_exceed_the_speeds_that_they_keep_to(target, first_mps, accel_mps2):
     limits = np.array(target)
     braked = with_braking(limits, accel_mps2)
     reached = with_accelerating(braked, first_mps, accel_mps2)

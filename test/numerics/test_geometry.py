@@ -11,13 +11,8 @@ from siren_ros.numerics.geometry import Polyline, footprint_corners, overlapping
 @pytest.mark.parametrize(
     ("angle", "wrapped"),
     [
-        (0.0, 0.0),
-        (3.0, 3.0),
-        (-3.0, -3.0),
-        (np.pi, np.pi),
-        (-np.pi, np.pi),
-        (4.0, 4.0 - 2.0 * np.pi),
-        (-4.0, 2.0 * np.pi - 4.0),
+        *[(0.0, 0.0), (3.0, 3.0), (-3.0, -3.0), (np.pi, np.pi)],
+        *[(-np.pi, np.pi), (4.0, 4.0 - 2.0 * np.pi), (-4.0, 2.0 * np.pi - 4.0)],
     ],
 )
 def test_angles_are_within_minus_pi_excluded_to_pi(angle, wrapped):
@@ -90,13 +85,8 @@ def test_arc_lengths_begin_at_zero_and_add_up():
 @pytest.mark.parametrize(
     ("s", "point", "heading"),
     [
-        (-2.0, (-2.0, 0.0), 0.0),
-        (0.0, (0.0, 0.0), 0.0),
-        (4.0, (4.0, 0.0), 0.0),
-        (10.0, (10.0, 0.0), np.pi / 2.0),
-        (12.0, (10.0, 2.0), np.pi / 2.0),
-        (17.5, (11.5, 7.0), LAST),
-        (25.0, (16.0, 13.0), LAST),
+        *[(-2.0, (-2.0, 0.0), 0.0), (0.0, (0.0, 0.0), 0.0), (4.0, (4.0, 0.0), 0.0), (10.0, (10.0, 0.0), np.pi / 2.0)],
+        *[(12.0, (10.0, 2.0), np.pi / 2.0), (17.5, (11.5, 7.0), LAST), (25.0, (16.0, 13.0), LAST)],
     ],
 )
 def test_points_and_headings_at_arc_lengths(s, point, heading):

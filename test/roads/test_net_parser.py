@@ -245,12 +245,9 @@ def test_permissions(allow, disallow, civilian, emergency, pedestrian):
 @pytest.mark.parametrize(
     ("allow", "lane_type", "kind"),
     [
-        ("bus", "", LaneKind.DRIVING),
-        ("emergency authority", "", LaneKind.SHOULDER),
-        ("bicycle", "", LaneKind.KERB),
-        ("bicycle pedestrian", "", LaneKind.SIDEWALK),
-        (None, "sidewalk", LaneKind.SIDEWALK),
-        ("tram", "", LaneKind.KERB),
+        *[("bus", "", LaneKind.DRIVING), ("emergency authority", "", LaneKind.SHOULDER)],
+        *[("bicycle", "", LaneKind.KERB), ("bicycle pedestrian", "", LaneKind.SIDEWALK)],
+        *[(None, "sidewalk", LaneKind.SIDEWALK), ("tram", "", LaneKind.KERB)],
     ],
 )
 def test_kind(allow, lane_type, kind):

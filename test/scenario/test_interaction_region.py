@@ -117,9 +117,7 @@ def test_rows_are_as_the_steps_say_whoever_is_there(seed: int, small_record: Epi
 
 
 @pytest.mark.parametrize(("first_m", "inside"), [(39.0, True), (45.0, False)])
-def test_who_comes_first_in_the_record_is_what_it_was_at_its_first_step(
-    first_m: float, inside: bool, record_of: Callable[..., EpisodeRecord]
-) -> None:
+def test_who_comes_first_in_the_record_is_what_it_was_at_its_first_step(first_m, inside, record_of):
     """The civilian has the smaller id; from its second step on it is between 40 and 50 m away."""
     record = record_of(civilians=1)
     states = tuple(at((x_m, 0.0), (0.0, 0.0), step=step) for step, x_m in enumerate((first_m, 45.0, 45.0)))

@@ -104,9 +104,7 @@ def test_the_share_that_complies_late_shrinks_with_the_compliance() -> None:
     ("section", "least", "most"),
     [("reaction_delay_s", 0.0, 30.0), ("late_delay_s", 0.0, 60.0), ("response_distance_m", 1.0, 300.0)],
 )
-def test_distributions_lie_within_limits_that_are_allowed_themselves(
-    tmp_path: Path, section: str, least: float, most: float
-) -> None:
+def test_distributions_lie_within_limits_that_are_allowed_themselves(tmp_path, section, least, most):
     content = yaml.safe_load((params_dir() / "presets" / "paper.yaml").read_text(encoding="utf-8"))
     file = tmp_path / "mine.yaml"
     for low, high, allowed in ((least, most, True), (least - 0.01, most, False), (least, most + 0.01, False)):

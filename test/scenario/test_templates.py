@@ -74,9 +74,7 @@ def test_s2_is_the_papers() -> None:
         ("passed_min: 3", "overtaken_min: 3", "predicate.passed_min", "missing"),
     ],
 )
-def test_mistakes_are_refused_with_line_key_and_what_is_allowed(
-    tmp_path: Path, old: str, new: str, key: str, allowed: str
-) -> None:
+def test_mistakes_are_refused_with_line_key_and_what_is_allowed(tmp_path, old, new, key, allowed):
     error, line = refused(tmp_path, old, new)
     assert key in error.parameter
     assert "changed.yaml" in error.parameter

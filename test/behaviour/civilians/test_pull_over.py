@@ -28,12 +28,8 @@ def view_of(lab, *cars, network=None):
 @pytest.mark.parametrize(
     ("s", "lane", "speed", "waits"),
     [
-        (112.0, 0, 0.0, True),
-        (112.0, 1, 0.0, True),
-        (112.0, 0, 1.0, False),
-        (140.0, 0, 0.0, False),
-        (88.0, 0, 0.0, False),
-        (101.0, 1, 0.0, False),
+        *[(112.0, 0, 0.0, True), (112.0, 1, 0.0, True), (112.0, 0, 1.0, False)],
+        *[(140.0, 0, 0.0, False), (88.0, 0, 0.0, False), (101.0, 1, 0.0, False)],
     ],
 )
 def test_the_emv_waits_behind_where_it_stands_near_and_headed_for_the_vehicle(lab, s, lane, speed, waits):
@@ -46,15 +42,9 @@ def test_the_emv_waits_behind_where_it_stands_near_and_headed_for_the_vehicle(la
 @pytest.mark.parametrize(
     ("bearing", "own_yaw", "other_yaw", "waits"),
     [
-        (0.0, 0.0, 0.0, True),
-        (50.0, 0.0, 0.0, True),
-        (-50.0, 0.0, 0.0, True),
-        (70.0, 0.0, 0.0, False),
-        (-70.0, 0.0, 0.0, False),
-        (0.0, 70.0, 0.0, False),
-        (0.0, 0.0, 70.0, False),
-        (0.0, 0.0, -70.0, False),
-        (180.0, 0.0, 0.0, False),
+        *[(0.0, 0.0, 0.0, True), (50.0, 0.0, 0.0, True), (-50.0, 0.0, 0.0, True)],
+        *[(70.0, 0.0, 0.0, False), (-70.0, 0.0, 0.0, False), (0.0, 70.0, 0.0, False)],
+        *[(0.0, 0.0, 70.0, False), (0.0, 0.0, -70.0, False), (180.0, 0.0, 0.0, False)],
     ],
 )
 def test_behind_is_within_60_degrees_of_both_directions(lab, turn, bearing, own_yaw, other_yaw, waits):
@@ -81,11 +71,8 @@ def test_room_is_made_after_the_emv_has_waited_for_a_while(lab):
 @pytest.mark.parametrize(
     ("unit", "gap", "goes"),
     [
-        (UNIT, 50.0, False),
-        (replace(UNIT, partial=True), 4.5, True),
-        (replace(UNIT, partial=True), 3.5, False),
-        (WAITED, 3.5, True),
-        (WAITED, 2.0, False),
+        *[(UNIT, 50.0, False), (replace(UNIT, partial=True), 4.5, True), (replace(UNIT, partial=True), 3.5, False)],
+        *[(WAITED, 3.5, True), (WAITED, 2.0, False)],
     ],
 )
 def test_goes_on_where_the_way_ahead_is_free(lab, unit, gap, goes):
@@ -164,10 +151,8 @@ def test_who_stands_and_leaves_the_shoulder_free_stays_there(lab):
 @pytest.mark.parametrize(
     ("place", "phase"),
     [
-        ({"left": -1.4}, Mode.YIELD_HOLD),
-        ({"left": -1.5}, Mode.YIELD_PULL_OVER),
-        ({"turned": -0.2}, Mode.YIELD_PULL_OVER),
-        ({"speed": 1.4}, Mode.YIELD_HOLD),
+        *[({"left": -1.4}, Mode.YIELD_HOLD), ({"left": -1.5}, Mode.YIELD_PULL_OVER)],
+        *[({"turned": -0.2}, Mode.YIELD_PULL_OVER), ({"speed": 1.4}, Mode.YIELD_HOLD)],
         ({"speed": 1.6}, Mode.YIELD_PULL_OVER),
     ],
 )

@@ -30,14 +30,8 @@ def view_at(lab, left, turned=0.0, speed=0.0, turn=0.0, s=100.0, length=400.0, k
 @pytest.mark.parametrize(
     ("left", "degrees", "back"),
     [
-        (0.29, 0.0, True),
-        (-0.29, 0.0, True),
-        (0.31, 0.0, False),
-        (-0.31, 0.0, False),
-        (0.0, 7.0, True),
-        (0.0, -7.0, True),
-        (0.0, 9.0, False),
-        (0.0, -9.0, False),
+        *[(0.29, 0.0, True), (-0.29, 0.0, True), (0.31, 0.0, False), (-0.31, 0.0, False)],
+        *[(0.0, 7.0, True), (0.0, -7.0, True), (0.0, 9.0, False), (0.0, -9.0, False)],
     ],
 )
 def test_sumo_takes_over_at_once_who_is_in_the_lane_and_straight(lab, turn, left, degrees, back):

@@ -60,12 +60,8 @@ def test_passing_is_measured_along_the_civilians_lane(lab):
 @pytest.mark.parametrize(
     ("ahead", "left", "yaw", "passed"),
     [
-        (6.62, 3.3, 0.0, False),
-        (6.63, 3.3, 0.0, True),
-        (6.63, -3.3, 0.0, True),
-        (0.0, 8.0, 0.0, False),
-        (-6.7, 0.0, 0.0, False),
-        (1.0 + 2.375 + 1.04, 5.0, np.pi / 2.0, False),
+        *[(6.62, 3.3, 0.0, False), (6.63, 3.3, 0.0, True), (6.63, -3.3, 0.0, True)],
+        *[(0.0, 8.0, 0.0, False), (-6.7, 0.0, 0.0, False), (1.0 + 2.375 + 1.04, 5.0, np.pi / 2.0, False)],
         (1.0 + 2.375 + 1.06, 5.0, -np.pi / 2.0, True),
     ],
 )

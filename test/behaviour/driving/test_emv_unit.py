@@ -32,14 +32,8 @@ def fork(lab):
 @pytest.mark.parametrize(
     ("lane", "edges", "side"),
     [
-        (0, (0, 1), 1),
-        (1, (0, 1), 1),
-        (2, (0, 1), 0),
-        (2, (0, 2), -1),
-        (1, (0, 2), 0),
-        (0, (0, 2), 0),
-        (0, (1,), 0),
-        (0, (), 0),
+        *[(0, (0, 1), 1), (1, (0, 1), 1), (2, (0, 1), 0), (2, (0, 2), -1)],
+        *[(1, (0, 2), 0), (0, (0, 2), 0), (0, (1,), 0), (0, (), 0)],
     ],
 )
 def test_the_side_to_change_to(lab, lane, edges, side):
@@ -90,13 +84,8 @@ def test_small_offsets_are_left_to_the_tracking_and_large_ones_get_a_path_of_the
 @pytest.mark.parametrize(
     ("edges", "ahead", "agrees"),
     [
-        ((4, 5), (4, 5, 6), True),
-        ((4, 5, 6), (5, 6), True),
-        ((4, 5), (3, 4, 5), True),
-        ((4, 5), (4, 7), False),
-        ((4, 5), (7, 8), False),
-        ((4, 5), (), False),
-        ((4, 5), (5,), True),
+        *[((4, 5), (4, 5, 6), True), ((4, 5, 6), (5, 6), True), ((4, 5), (3, 4, 5), True), ((4, 5), (4, 7), False)],
+        *[((4, 5), (7, 8), False), ((4, 5), (), False), ((4, 5), (5,), True)],
     ],
 )
 def test_a_plan_agrees_with_a_route_as_far_as_both_reach(edges, ahead, agrees):

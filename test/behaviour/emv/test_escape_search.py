@@ -103,14 +103,8 @@ def test_prices_are_of_the_shoulder_the_opposite_lane_and_the_distance_from_the_
     nodes = lattice(space)
     share, half = CONFIG.station_m / CONFIG.horizon_m, BODY.half_width_m
     for near, shoulder, beyond in (
-        (-0.65, 0, 0.0),
-        (-0.8, 1, 0.0),
-        (1.75, 0, 0.0),
-        (4.1, 0, 0.0),
-        (4.3, 0, 0.2),
-        (4.7, 0, None),
-        (6.5, 0, 1.0),
-        (-2.9, 1, 0.0),
+        *[(-0.65, 0, 0.0), (-0.8, 1, 0.0), (1.75, 0, 0.0), (4.1, 0, 0.0)],
+        *[(4.3, 0, 0.2), (4.7, 0, None), (6.5, 0, 1.0), (-2.9, 1, 0.0)],
     ):
         row = index_of(nodes.left_m, near)
         left = nodes.left_m[row]

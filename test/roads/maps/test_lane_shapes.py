@@ -185,9 +185,7 @@ def test_a_corner_is_passed_closely_and_the_ends_stay() -> None:
         (30.0, 30.0, 0.1, 6.0),
     ],
 )
-def test_a_corner_becomes_a_parabola_between_its_sides(
-    before_m: float, after_m: float, turn_rad: float, cut_m: float
-) -> None:
+def test_a_corner_becomes_a_parabola_between_its_sides(before_m, after_m, turn_rad, cut_m):
     """It begins half a side, 6 m, or what keeps it 0.3 m from the corner before it; a point every 0.05 rad or less."""
     ahead = np.array([np.cos(turn_rad), np.sin(turn_rad)])
     points = rounded(np.array([(-before_m, 0.0), (0.0, 0.0), after_m * ahead]))
@@ -274,9 +272,7 @@ def test_yellow_is_as_long_as_in_towns_whatever_the_limit(net: bytes) -> None:
     ],
     ids=["one road", "both directions", "a fork", "a merge"],
 )
-def test_a_joint_neither_forks_nor_merges_nor_is_controlled(
-    joined: tuple[tuple[int, int], ...], only_joins: bool
-) -> None:
+def test_a_joint_neither_forks_nor_merges_nor_is_controlled(joined, only_joins):
     roads = streets()
     plain = replace(roads.connections[0], direction="s", signal_id=None, must_stop=False)
     movements = [replace(plain, from_lane=source, to_lane=target) for source, target in joined]

@@ -209,9 +209,7 @@ def test_edges_outside_junctions_are_the_normal_ones() -> None:
         ("path away", "", {"K": "allway_stop"}, {"away": 8}),
     ],
 )
-def test_signs_lower_their_approaches_below_the_others(
-    stopping: str, yielding: str, nodes: dict[str, str], priorities: dict[str, int]
-) -> None:
+def test_signs_lower_their_approaches_below_the_others(stopping, yielding, nodes, priorities):
     """One less than the least of the approaches without a sign and the own one; 1 where nothing is stated."""
     assert patched(stopping, yielding) == (nodes, priorities)
 

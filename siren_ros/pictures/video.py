@@ -22,7 +22,7 @@ from siren_ros.interfaces.measurements import from_compressed_image
 from siren_ros.interfaces.topics import IMAGE_COMPRESSED
 from siren_ros.numerics.units import STEP_NS, STEP_S, step_of_time_ns, steps_from_s
 from siren_ros.pictures.moving_birdseye import BirdseyeFilm
-from siren_ros.record.episode_source import FRONT_CAMERA, EpisodeSource, MountedCamera, open_source
+from siren_ros.record.episode_source import FRONT_CAMERA, MountedCamera, open_source
 from siren_ros.recording.bag_reader import BagMessage, damage_refused, open_bag, read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
 
@@ -59,11 +59,12 @@ def grid_frames(bag: Path, record: EpisodeRecord, steps: Sequence[int]) -> Itera
             raise BagError(str(bag), "an episode recorded with cameras, such as sensors:=full")
         places = grid_places(len(cameras) + 1)
         shown: dict[str, Image.Image] = {}
-        pictures = _pictures(source, cameras)
+        names = {camera.topic: camera.name for camera in cameras}
+        pictures = source.messages_by_step(set(names))
         upcoming = next(pictures, None)
         for step in steps:
             while upcoming is not None and upcoming[0] <= step:
-                shown.update(upcoming[1])
+                shown.update({names[topic]: _decoded(message) for topic, message in upcoming[1].items()})
                 upcoming = next(pictures, None)
             cells = [(_BIRDSEYE, film.frame(step)), *((camera.name, shown.get(camera.name)) for camera in cameras)]
             yield np.asarray(_composed(cells, places))
@@ -83,17 +84,6 @@ def grid_places(count: int) -> list[tuple[int, int]]:
     """Column and row of each picture: as square as it gets, wider rather than higher."""
     columns = math.ceil(math.sqrt(count))
     return [(number % columns, number // columns) for number in range(count)]
-
-
-def _pictures(source: EpisodeSource, cameras: Sequence[MountedCamera]) -> Iterator[tuple[int, dict[str, Image.Image]]]:
-    names = {camera.topic: camera.name for camera in cameras}
-    for step, held in source.messages_by_step(set(names)):
-        with damage_refused(source.path):
-            jpegs = {names[topic]: from_compressed_image(message.read()) for topic, message in held.items()}
-        try:
-            yield step, {name: Image.open(BytesIO(jpeg)).convert("RGB") for name, jpeg in jpegs.items()}
-        except (UnidentifiedImageError, OSError) as error:
-            raise BagError(str(source.path), f"JPEG images ({error})") from error
 
 
 def _composed(cells: Sequence[tuple[str, Image.Image | None]], places: Sequence[tuple[int, int]]) -> Image.Image:
@@ -202,14 +192,14 @@ def _front_frames(bag_path: Path, frames: int | None, first_step: int) -> Iterat
         chosen = frozenset(later[: len(_first_of(range(len(later)), frames, bag_path))])
         for message in bag.messages({topic}):
             if message.time_ns in chosen:
-                yield _decoded(message)
+                yield np.asarray(_decoded(message))
 
 
-def _decoded(message: BagMessage) -> Frame:
+def _decoded(message: BagMessage) -> Image.Image:
     with damage_refused(message.bag.path):
         jpeg = from_compressed_image(message.read())
         try:
-            return np.asarray(Image.open(BytesIO(jpeg)).convert("RGB"))
+            return Image.open(BytesIO(jpeg)).convert("RGB")
         except (UnidentifiedImageError, OSError) as error:
             raise BagError(str(message.bag.path), f"JPEG images ({error})") from error
 

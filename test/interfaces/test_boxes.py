@@ -52,11 +52,8 @@ def test_markers_show_the_emv_the_yielding_and_the_rest():
     actors = {1: _actor(1, is_emv=True), 2: _actor(2), 3: _actor(3)}
     markers = vehicle_markers(states, actors)
     cubes = [marker for marker in markers if marker.shape is MarkerShape.CUBE]
-    assert [marker.colour for marker in cubes] == [
-        EMV_COLOUR,
-        MODE_COLOURS[Mode.YIELD_LANE_CHANGE],
-        (0.2, 0.4, 0.8, 0.85),
-    ]
+    colours = [EMV_COLOUR, MODE_COLOURS[Mode.YIELD_LANE_CHANGE], (0.2, 0.4, 0.8, 0.85)]
+    assert [marker.colour for marker in cubes] == colours
     assert cubes[0].size_m == (4.6, 1.8, 1.4)
     assert cubes[0].centre_m[2] == pytest.approx(0.7)
     (label,) = [marker for marker in markers if marker.shape is MarkerShape.TEXT]
@@ -67,10 +64,10 @@ def test_markers_come_back(round_trip):
     markers = vehicle_markers(_states([Mode.NOMINAL, Mode.YIELD_HOLD]), {1: _actor(1, is_emv=True), 2: _actor(2)})
     back = from_markers(round_trip(to_markers(8, markers)))
     assert [marker.text for marker in back] == [marker.text for marker in markers]
-    for read, made in zip(back, markers, strict=True):
-        assert (read.namespace, read.marker_id, read.shape) == (made.namespace, made.marker_id, made.shape)
-        assert read.centre_m == pytest.approx(made.centre_m)
-        assert read.colour == pytest.approx(made.colour, abs=1e-6)
+    for read, marker in zip(back, markers, strict=True):
+        assert (read.namespace, read.marker_id, read.shape) == (marker.namespace, marker.marker_id, marker.shape)
+        assert read.centre_m == pytest.approx(marker.centre_m)
+        assert read.colour == pytest.approx(marker.colour, abs=1e-6)
 
 
 def test_every_yielding_mode_has_a_colour_of_its_own():

@@ -12,16 +12,17 @@ from message_readers import READERS
 from rclpy.serialization import deserialize_message
 from repository import REPOSITORY
 
-from siren_ros.errors import InputError
+from siren_ros.errors import EpisodeError, InputError
 from siren_ros.interfaces import boxes, conversions, episode_conversions
 from siren_ros.interfaces.episode_conversions import EpisodeClosing, Phase, StepReport
-from siren_ros.interfaces.messages import plain_message, typestore
+from siren_ros.interfaces.messages import plain_message, stamp, typestore
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.ros.transport.endpoints import message_class
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
-from siren_ros.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth
-from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
+from siren_ros.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth, PredictedPaths
+from siren_ros.world.commands import COMMAND_DTYPES, AvControl, VehicleCommands, av_commands
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, Event, EventKind, SignalState, TrafficState
 
 STORE = typestore()
@@ -159,8 +160,8 @@ def test_every_part_of_a_traffic_state_keeps_its_place():
     )
     message = conversions.to_traffic_state(value)
     assert same(conversions.from_traffic_state(message), value)
-    assert [one.leader_gap_m for one in message.emvs] == [12.5, 0.5]
-    assert [one.speed_without_control_mps for one in message.emvs] == [3.25, 9.75]
+    assert [advice.leader_gap_m for advice in message.emvs] == [12.5, 0.5]
+    assert [advice.speed_without_control_mps for advice in message.emvs] == [3.25, 9.75]
 
 
 def test_every_own_message_has_a_reader():
@@ -197,8 +198,8 @@ def test_an_unknown_code_is_an_input_error():
 
 def stamp_ns(message: Any) -> int:
     """The stamp of a message, with or without a header."""
-    found = message.header.stamp if hasattr(message, "header") else message.stamp
-    return int(found.sec) * 10**9 + int(found.nanosec)
+    stamp_ = message.header.stamp if hasattr(message, "header") else message.stamp
+    return int(stamp_.sec) * 10**9 + int(stamp_.nanosec)
 
 
 @given(value=values)
@@ -218,3 +219,115 @@ def test_the_end_of_an_episode_has_the_time_of_its_last_step(steps, time_ns):
     outcome = EpisodeOutcome(EpisodeEnd.COMPLETE, "", steps, None)
     assert stamp_ns(episode_conversions.to_episode_end(closing)) == time_ns
     assert stamp_ns(episode_conversions.to_episode_outcome(outcome)) == time_ns
+
+
+pedals = st.tuples(st.floats(0.0, 1.0), st.booleans()).map(lambda it: (it[0], 0.0) if it[1] else (0.0, it[0]))
+controls = st.builds(
+    lambda step, pressed, steer_rad, lights: AvControl(step, *pressed, steer_rad, lights),
+    st.integers(0, 10**6),
+    pedals,
+    st.floats(-1.0, 1.0),
+    st.sampled_from([0, 2, 4]),
+)
+
+
+@given(controls)
+def test_controls_come_back_and_are_allowed(round_trip, control):
+    control.check()
+    assert conversions.from_av_control(round_trip(conversions.to_av_control(control))) == control
+
+
+def test_a_stamp_of_another_step_is_refused():
+    message = conversions.to_av_control(AvControl(3))
+    message.step = 4
+    with pytest.raises(EpisodeError, match=r"the stamp 0.15 s is not the time of step 4"):
+        conversions.from_av_control(message)
+
+
+def test_a_stamp_that_is_off_by_a_nanosecond_is_shown_to_the_nanosecond():
+    message = conversions.to_av_control(AvControl(40))
+    message.stamp.nanosec += 1
+    with pytest.raises(EpisodeError, match=r"the stamp 2.000000001 s is not the time of step 40"):
+        conversions.from_av_control(message)
+
+
+def test_nanoseconds_of_a_second_or_more_are_refused_although_the_sum_is_right():
+    message = conversions.to_av_control(AvControl(40))
+    message.stamp.sec, message.stamp.nanosec = 1, 10**9
+    with pytest.raises(InputError, match=r"stamp: '1 s and 1000000000 ns' cannot be used"):
+        conversions.from_av_control(message)
+
+
+@pytest.mark.parametrize(
+    ("control", "named"),
+    [
+        (AvControl(7, throttle=math.nan), "throttle nan of step 7"),
+        (AvControl(7, throttle=1.5), "throttle 1.5 of step 7"),
+        (AvControl(7, brake=-0.1), "brake -0.1 of step 7"),
+        (AvControl(7, steer_rad=math.inf), "steer_rad inf of step 7"),
+        (AvControl(7, lights=16), "lights 16 of step 7"),
+    ],
+)
+def test_what_no_vehicle_can_be_asked_for_is_refused(control, named):
+    with pytest.raises(EpisodeError, match=named):
+        control.check()
+
+
+def test_an_answer_drives_the_vehicle_to_the_next_step():
+    command = av_commands(AvControl(3, 0.5, 0.0, 0.1, 4), 4, 2)
+    assert (command.step, command.actor_id.tolist(), command.throttle.tolist()) == (4, [2], [0.5])
+    assert (command.steer_rad.tolist(), command.lights.tolist(), command.owner.tolist()) == ([0.1], [4], [1])
+
+
+def test_a_way_comes_back_and_its_poses_look_along_it(round_trip):
+    way = Polyline.through([(0.0, 0.0), (10.0, 0.0), (10.0, 5.0)])
+    message = round_trip(conversions.to_path(way))
+    assert np.array_equal(conversions.from_path(message).points, way.points)
+    turned = [2.0 * math.atan2(pose.pose.orientation.z, pose.pose.orientation.w) for pose in message.poses]
+    assert turned == pytest.approx([0.0, math.pi / 2, math.pi / 2])
+    assert {pose.pose.position.z for pose in message.poses} == {0.0}
+    assert {pose.header.frame_id for pose in message.poses} == {"map"}
+
+
+def paths_of(seed: int, paths: int, points: int, step: int = 40) -> PredictedPaths:
+    rng = np.random.default_rng(seed)
+    ids = rng.integers(1, 2**32 - 1, paths).astype(np.uint32)
+    return PredictedPaths(step, ids, rng.random(paths), rng.normal(scale=1e3, size=(paths, points, 2)))
+
+
+@given(seed=st.integers(0, 1000), paths=st.integers(1, 7), points=st.sampled_from([25, 30, 60]))
+def test_paths_come_back_to_the_last_bit(round_trip, seed, paths, points):
+    given_paths = paths_of(seed, paths, points)
+    back = conversions.from_predicted_paths(round_trip(conversions.to_predicted_paths(given_paths)))
+    assert back.step == 40
+    for name in ("actor_id", "probability", "xy_m"):
+        assert np.array_equal(getattr(back, name), getattr(given_paths, name))
+    assert back.actor_id.dtype == np.uint32
+
+
+def test_nobody_predicted_is_an_empty_message(round_trip):
+    back = conversions.from_predicted_paths(round_trip(conversions.to_predicted_paths(paths_of(0, 0, 25))))
+    assert len(back) == 0
+    assert back.xy_m.shape == (0, 0, 2)
+
+
+@pytest.mark.parametrize(
+    ("field", "message_part"),
+    [
+        ("probability", r"paths of step 40 with 3 actor_id, 2 probability, 75 x_m, 75 y_m"),
+        ("y_m", "75 x_m, 74 y_m"),
+        ("actor_id", "2 actor_id, 3 probability"),
+    ],
+)
+def test_lengths_that_do_not_fit_are_refused(field, message_part):
+    message = conversions.to_predicted_paths(paths_of(0, 3, 25))
+    setattr(message, field, getattr(message, field)[:-1])
+    with pytest.raises(EpisodeError, match=message_part):
+        conversions.from_predicted_paths(message)
+
+
+def test_a_stamp_of_another_step_is_refused_of_predictions():
+    message = conversions.to_predicted_paths(paths_of(0, 3, 25))
+    message.stamp = stamp(0)
+    with pytest.raises(EpisodeError, match=r"the stamp 0 s is not the time of step 40"):
+        conversions.from_predicted_paths(message)

@@ -25,7 +25,6 @@ from siren_ros.interfaces.measurements import (
     to_nav_sat_fix,
     to_point_cloud,
 )
-from siren_ros.interfaces.messages import typestore
 from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, CameraTruth
@@ -102,15 +101,8 @@ def test_a_sweep_comes_back_as_it_was(round_trip, count, step):
 def test_a_point_takes_24_bytes_and_the_fields_say_where():
     message = to_point_cloud(0, "lidar", _sweep(3))
     assert message.point_step == 24
-    assert [(field.name, field.offset) for field in message.fields] == [
-        ("x", 0),
-        ("y", 4),
-        ("z", 8),
-        ("intensity", 12),
-        ("time", 16),
-        ("ring", 20),
-        ("instance", 22),
-    ]
+    offsets = {"x": 0, "y": 4, "z": 8, "intensity": 12, "time": 16, "ring": 20, "instance": 22}
+    assert [(field.name, field.offset) for field in message.fields] == list(offsets.items())
 
 
 def test_wider_instances_are_kept(round_trip):
@@ -128,9 +120,8 @@ def test_reads_big_endian_rows_with_padding():
 
 @pytest.mark.parametrize("count", [2, 3])
 def test_a_field_of_several_numbers_has_an_axis(count):
-    message = to_point_cloud(
-        0, "lidar", np.array([(1.0, 2.0, 3.0), (4.0, 5.0, 6.0)], dtype=[(n, "<f4") for n in "xyz"])
-    )
+    points = np.array([(1.0, 2.0, 3.0), (4.0, 5.0, 6.0)], dtype=[(n, "<f4") for n in "xyz"])
+    message = to_point_cloud(0, "lidar", points)
     merged = from_point_cloud(replace(message, fields=[replace(message.fields[0], count=count)]))
     assert merged["x"].tolist() == [[1.0, 2.0, 3.0][:count], [4.0, 5.0, 6.0][:count]]
 
@@ -158,16 +149,9 @@ def test_big_endian_numbers_are_refused_and_little_endian_ones_taken(kind):
     assert from_point_cloud(to_point_cloud(0, "lidar", written))["x"].tolist() == [1, 3]
 
 
-STORE = typestore()
-
-
-def through_cdr(message: Any, type_name: str) -> Any:
-    return STORE.deserialize_cdr(STORE.serialize_cdr(message, type_name), type_name)
-
-
-def test_an_imu_reading_survives_and_says_that_it_has_no_orientation():
+def test_an_imu_reading_survives_and_says_that_it_has_no_orientation(round_trip):
     reading = ImuSample(7, "imu", np.array([0.1, -0.2, 9.8]), np.array([0.0, 0.0, 0.3]), 4e-4, 1e-6)
-    message = through_cdr(to_imu(reading), "sensor_msgs/msg/Imu")
+    message = round_trip(to_imu(reading))
     assert message.orientation_covariance[0] == -1.0
     turn = message.orientation
     assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, 0.0, 1.0)
@@ -178,9 +162,9 @@ def test_an_imu_reading_survives_and_says_that_it_has_no_orientation():
     assert (back.force_variance, back.rate_variance) == (4e-4, 1e-6)
 
 
-def test_a_fix_survives_with_its_covariance():
+def test_a_fix_survives_with_its_covariance(round_trip):
     fix = GnssFix(4, "gnss", 49.001, 8.4, 1.9, np.array([1.0, 2.0, 3.0]))
-    message = through_cdr(to_nav_sat_fix(fix), "sensor_msgs/msg/NavSatFix")
+    message = round_trip(to_nav_sat_fix(fix))
     assert message.position_covariance.tolist() == [1.0, 0, 0, 0, 2.0, 0, 0, 0, 3.0]
     assert message.position_covariance_type == 2
     back = from_nav_sat_fix(message)
@@ -188,9 +172,9 @@ def test_a_fix_survives_with_its_covariance():
     assert back.variance_m2.tolist() == [1.0, 2.0, 3.0]
 
 
-def test_sound_survives():
+def test_sound_survives(round_trip):
     samples = np.arange(-400, 400, dtype=np.int16)
-    back = from_audio(through_cdr(to_audio(AudioChunk(3, "ear", 16_000, samples)), "siren_msgs/msg/AudioChunk"))
+    back = from_audio(round_trip(to_audio(AudioChunk(3, "ear", 16_000, samples))))
     assert (back.step, back.frame_id, back.sample_rate_hz) == (3, "ear", 16_000)
     assert back.samples.tolist() == samples.tolist()
 
@@ -209,24 +193,24 @@ def labels() -> CameraTruth:
     return CameraTruth(step=12, **values)
 
 
-def test_labels_of_a_picture_survive():
+def test_labels_of_a_picture_survive(round_trip):
     truth = labels()
-    message = through_cdr(to_camera_truth(truth, "camera"), "siren_msgs/msg/CameraTruth")
+    message = round_trip(to_camera_truth(truth, "camera"))
     back = from_camera_truth(message)
     assert back.step == 12
     for name in CAMERA_TRUTH_DTYPES:
         assert getattr(back, name).tolist() == getattr(truth, name).tolist()
 
 
-def test_only_what_shows_becomes_a_detection():
-    message = through_cdr(to_image_boxes(labels(), "camera"), "vision_msgs/msg/Detection2DArray")
-    assert [detection.id for detection in message.detections] == ["1"]
-    found = message.detections[0]
-    assert (found.bbox.center.position.x, found.bbox.center.position.y) == (19.5, 49.5)
-    assert (found.bbox.size_x, found.bbox.size_y) == (20.0, 100.0)
-    assert found.results[0].hypothesis.class_id == "bus"
-    assert found.results[0].hypothesis.score == 0.75
-    nowhere = found.results[0].pose
+def test_only_what_shows_becomes_a_detection(round_trip):
+    message = round_trip(to_image_boxes(labels(), "camera"))
+    (detection,) = message.detections
+    assert detection.id == "1"
+    assert (detection.bbox.center.position.x, detection.bbox.center.position.y) == (19.5, 49.5)
+    assert (detection.bbox.size_x, detection.bbox.size_y) == (20.0, 100.0)
+    assert detection.results[0].hypothesis.class_id == "bus"
+    assert detection.results[0].hypothesis.score == 0.75
+    nowhere = detection.results[0].pose
     place, turn = nowhere.pose.position, nowhere.pose.orientation
     assert (place.x, place.y, place.z) == (0.0, 0.0, 0.0)
     assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, 0.0, 1.0)

@@ -56,16 +56,15 @@ def test_the_installed_definitions_are_those_of_the_repository():
     written = messages.load_typestore(sources)
     names = [f"{package}/msg/{path.stem}" for package, folder in sources.items() for path in folder.glob("*.msg")]
     assert names
-    assert [written.generate_msgdef(name) for name in names] == [
-        messages.typestore().generate_msgdef(name) for name in names
-    ]
+    for name in names:
+        assert written.generate_msgdef(name) == messages.typestore().generate_msgdef(name)
 
 
 def test_a_package_is_looked_for_in_every_prefix(tmp_path, monkeypatch):
-    folder = tmp_path / "b" / "share" / "own_msgs" / "msg"
+    folder = tmp_path / "b" / "share" / "some_msgs" / "msg"
     folder.mkdir(parents=True)
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'a'}:{tmp_path / 'b'}")
-    assert messages.message_folder("own_msgs") == folder
+    assert messages.message_folder("some_msgs") == folder
     with pytest.raises(InputError, match="other_msgs"):
         messages.message_folder("other_msgs")
 
@@ -174,21 +173,15 @@ def test_frames_without_a_frame_have_no_step():
 
 STEP = 27
 FRAME = "somewhere"
-ONE = np.ones(1)
-TRUTH = GroundTruth(
-    step=STEP,
-    carrier_id=9,
-    frame_id=FRAME,
-    **{name: np.ones(1, dtype) for name, dtype in GROUND_TRUTH_DTYPES.items()},  # type: ignore[arg-type] # by name
-)
-PICTURE = CameraTruth(
-    step=STEP,
-    **{name: np.ones(1, dtype) for name, dtype in CAMERA_TRUTH_DTYPES.items()},  # type: ignore[arg-type] # by name
-)
-STATES = ActorStates(
-    step=STEP,
-    **{name: np.ones(1, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()},  # type: ignore[arg-type] # by name
-)
+
+
+def ones(dtypes: dict[str, Any]) -> dict[str, Any]:
+    return {name: np.ones(1, dtype) for name, dtype in dtypes.items()}
+
+
+TRUTH = GroundTruth(step=STEP, carrier_id=9, frame_id=FRAME, **ones(GROUND_TRUTH_DTYPES))
+PICTURE = CameraTruth(step=STEP, **ones(CAMERA_TRUTH_DTYPES))
+STATES = ActorStates(step=STEP, **ones(ACTOR_STATE_DTYPES))
 ACTOR = ActorDescription(1, "v1", ActorClass.SEDAN, 4.6, 1.8, 1.4, (51, 102, 204), is_emv=True)
 MESSAGES = {
     "audio": to_audio(AudioChunk(STEP, FRAME, 16_000, np.zeros(4, np.int16))),

@@ -42,7 +42,7 @@ def camera(name: str, yaw_rad: float) -> MountedCamera:
 
 def test_cameras_stand_from_the_left_around_to_the_right():
     cameras = [camera("right", -1.7), camera("rear", np.pi), camera("left", 1.7), camera("camera_front", 0.0)]
-    assert [one.name for one in ordered_cameras(cameras)] == ["camera_front", "left", "rear", "right"]
+    assert [camera.name for camera in ordered_cameras(cameras)] == ["camera_front", "left", "rear", "right"]
 
 
 @pytest.mark.parametrize(("count", "columns", "rows"), [(2, 2, 1), (3, 2, 2), (5, 3, 2), (7, 3, 3)])

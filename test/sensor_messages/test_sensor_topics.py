@@ -15,8 +15,8 @@ from siren_ros.world.carrier import Odometry
 places, angles = st.floats(-500.0, 500.0), st.floats(-3.1, 3.1)
 
 
-def matrix(one: Transform) -> np.ndarray:
-    return transform(matrix_of_quaternion(one.rotation_xyzw), one.translation_m)
+def matrix(link: Transform) -> np.ndarray:
+    return transform(matrix_of_quaternion(link.rotation_xyzw), link.translation_m)
 
 
 @given(places, places, angles, places, places, angles)
@@ -32,7 +32,7 @@ def test_both_transforms_give_the_simulated_pose(x_m, y_m, yaw_rad, odom_x_m, od
 def test_every_carrier_has_a_chain_of_its_own():
     motion = VehicleMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     odometry = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.eye(3), np.eye(3))
-    chains = [[(one.parent, one.child) for one in frames_of(motion, odometry, carrier)] for carrier in (EMV, AV)]
+    chains = [[(link.parent, link.child) for link in frames_of(motion, odometry, carrier)] for carrier in (EMV, AV)]
     assert chains == [[("map", "odom"), ("odom", "base_link")], [("map", "av/odom"), ("av/odom", "av/base_link")]]
 
 

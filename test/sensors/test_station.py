@@ -56,7 +56,7 @@ def test_without_a_site_it_says_what_it_needs(town):
 
 
 def test_at_a_road_the_pole_stands_beside_it_half_way_along(town):
-    edge = max(town.edges, key=lambda one: town.lanes[one.lanes[0]].length_m)
+    edge = max(town.edges, key=lambda edge: town.lanes[edge.lanes[0]].length_m)
     mount = station_mount(Station(None), town, {"junction": "", "stretch": [edge.edge_id]})
     pole = shapely.Point(mount.x_m, mount.y_m)
     for lane in town.lanes:

@@ -88,7 +88,9 @@ class RaycastRenderer:
         seen = self._light(rays, depth, albedo, glow, normal)
         shape = (camera.height, camera.width)
         rgba = np.empty((*shape, 4), np.uint8)
-        rgba[..., :3] = _film(seen * exposure).reshape(*shape, 3)
+        seen *= exposure  # tone curve and gamma as in the renderer's shaders
+        film = (seen * (2.51 * seen + 0.03)) / (seen * (2.43 * seen + 0.59) + 0.14)
+        rgba[..., :3] = np.rint(255.0 * np.sqrt(np.clip(film, 0.0, 1.0))).astype(np.uint8).reshape(*shape, 3)
         rgba[..., 3] = semantic.reshape(shape)
         far = np.where(np.isfinite(depth), depth, 0.0).astype(np.float32).reshape(shape)
         return RenderedImage(rgba, actor.reshape(shape) if labels or instances else None, far if labels else None)
@@ -158,9 +160,3 @@ class RaycastRenderer:
         low = ((1.0 - np.maximum(direction[:, 2] / length, 0.0)) ** 4)[:, None]
         sky = zenith + (horizon - zenith) * low
         return np.where(hit[:, None], horizon * 0.96 * (1.0 - clear) + light * clear, sky)
-
-
-def _film(light: Floats) -> npt.NDArray[np.uint8]:
-    """Tone curve and gamma of the renderer's shaders."""
-    c = (light * (2.51 * light + 0.03)) / (light * (2.43 * light + 0.59) + 0.14)
-    return np.rint(255.0 * np.sqrt(np.clip(c, 0.0, 1.0))).astype(np.uint8)

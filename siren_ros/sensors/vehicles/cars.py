@@ -163,10 +163,6 @@ POLICE: Final = replace(
 """A police estate with Battenburg markings."""
 
 
-def _within(s_m: float, spans: tuple[Span, ...]) -> bool:
-    return any(low < s_m < high for low, high in spans)
-
-
 def _shell(design: CarDesign, band: Band, s_m: float, side: int) -> Finish:
     """Dark wells, flanks, windows with the dark pillars between them, and the roof."""
     if band <= Band.WELL_ROOF:
@@ -174,7 +170,7 @@ def _shell(design: CarDesign, band: Band, s_m: float, side: int) -> Finish:
     if band <= Band.UPPER_SIDE:
         return _flank(design, band, s_m, side)
     screens = design.side_windows if band is Band.WINDOW else (design.windscreen, design.rear_screen)
-    if band in {Band.WINDOW, Band.ROOF} and _within(s_m, screens):
+    if band in {Band.WINDOW, Band.ROOF} and any(low < s_m < high for low, high in screens):
         return GLASS
     pillars = band is Band.WINDOW and design.side_windows[0][0] < s_m < design.side_windows[-1][1]
     return GRILLE if pillars else design.paint

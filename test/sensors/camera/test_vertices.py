@@ -12,16 +12,12 @@ from siren_ros.sensors.meshes.mesh import SEMANTIC_CLASS_OF_MATERIAL, Mesh
 def test_indexing_keeps_every_triangle_and_its_values(seed, count):
     rng = np.random.default_rng(seed)
     points = rng.integers(-2, 3, (12, 3)).astype(np.float32)
-    mesh = Mesh(
-        points,
-        rng.integers(0, 12, (count, 3)).astype(np.uint32),
-        rng.integers(0, 5, count).astype(np.uint8),
-        rng.integers(0, 256, (count, 3)).astype(np.uint8),
-    )
+    corners, codes = rng.integers(0, 12, (count, 3)).astype(np.uint32), rng.integers(0, 5, count).astype(np.uint8)
+    mesh = Mesh(points, corners, codes, rng.integers(0, 256, (count, 3)).astype(np.uint8))
     indexed = index_mesh(mesh, SEMANTIC_CLASS_OF_MATERIAL)
     corners = indexed.vertices["position"][indexed.triangles]
-    wanted = mesh.vertices_m[mesh.triangles]
-    turns = [np.all(np.roll(corners, turn, axis=1) == wanted, axis=(1, 2)) for turn in range(3)]
+    original = mesh.vertices_m[mesh.triangles]
+    turns = [np.all(np.roll(corners, turn, axis=1) == original, axis=(1, 2)) for turn in range(3)]
     assert np.all(np.any(turns, axis=0))
     last = indexed.vertices[indexed.triangles[:, 2]]
     assert np.array_equal(last["normal_material"][:, 3].astype(np.uint8), mesh.material)
@@ -44,38 +40,23 @@ def distances(eye, reach=100.0, planes=()):
 
 @pytest.mark.parametrize(
     ("eye", "distance"),
-    [
-        ((2.0, 3.0, 4.0), 0.0),
-        ((-2.0, 4.0, 5.0), 3.0),
-        ((7.0, 4.0, 5.0), 3.0),
-        ((2.0, -2.0, 5.0), 4.0),
-        ((2.0, 4.0, 13.0), 5.0),
-        ((-2.0, 10.0, 5.0), 5.0),
-        ((7.0, -2.0, 20.0), 13.0),
-    ],
-)
+    [((2.0, 3.0, 4.0), 0.0), ((-2.0, 4.0, 5.0), 3.0), ((7.0, 4.0, 5.0), 3.0), ((2.0, -2.0, 5.0), 4.0),
+     ((2.0, 4.0, 13.0), 5.0), ((-2.0, 10.0, 5.0), 5.0), ((7.0, -2.0, 20.0), 13.0)],
+)  # fmt: skip
 def test_the_distance_is_that_of_the_nearest_point_of_the_box(eye, distance):
     assert distances(eye) == pytest.approx(distance)
     assert np.isinf(distances(eye, reach=distance))
 
 
 @pytest.mark.parametrize(
-    ("plane", "seen"),
-    [
-        ((1.0, 0.0, 0.0, -3.9), True),
-        ((1.0, 0.0, 0.0, -4.1), False),
-        ((-1.0, 0.0, 0.0, 1.1), True),
-        ((-1.0, 0.0, 0.0, 0.9), False),
-        ((0.0, 1.0, 1.0, -13.9), True),
-        ((0.0, 1.0, 1.0, -14.1), False),
-        ((0.0, 1.0, -1.0, -2.9), True),
-        ((0.0, 1.0, -1.0, -3.1), False),
-    ],
-)
-def test_a_box_with_a_corner_on_the_visible_side_of_all_planes_is_in_view(plane, seen):
-    assert np.isfinite(distances((0.0, 0.0, 0.0), planes=[plane])) is np.bool_(seen)
-    assert np.isfinite(distances((0.0, 0.0, 0.0), planes=[(0.0, 0.0, 1.0, 0.0), plane])) is np.bool_(seen)
-    assert np.isfinite(distances((0.0, 0.0, 0.0), planes=[plane, (0.0, 0.0, -1.0, 0.0)])) is np.bool_(False)
+    ("normal", "nearest", "farthest"),
+    [((1.0, 0.0, 0.0), -3.9, -4.1), ((-1.0, 0.0, 0.0), 1.1, 0.9), ((0.0, 1.0, 1.0), -13.9, -14.1),
+     ((0.0, 1.0, -1.0), -2.9, -3.1)],
+)  # fmt: skip
+def test_a_box_with_a_corner_on_the_visible_side_of_all_planes_is_in_view(normal, nearest, farthest):
+    for plane, seen in (((*normal, nearest), True), ((*normal, farthest), False)):
+        for planes, in_view in (([plane], seen), ([(0, 0, 1, 0), plane], seen), ([plane, (0, 0, -1, 0)], False)):
+            assert np.isfinite(distances((0.0, 0.0, 0.0), planes=planes)) is np.bool_(in_view)
 
 
 def shown(normal, corner, eye, area=1.0, distance=5.0, smallest=0.0):
@@ -83,17 +64,9 @@ def shown(normal, corner, eye, area=1.0, distance=5.0, smallest=0.0):
     normal = np.array(normal, dtype=float) / np.linalg.norm(normal)
     planes = np.array([[*normal, normal @ np.array(corner)]], np.float32)
     out = np.zeros((1, 3), np.uint32)
-    count = visible_triangles(
-        np.array([0]),
-        np.array([0, 1]),
-        np.array([distance]),
-        planes,
-        np.array([area], np.float32),
-        np.array([[4, 5, 6]], np.uint32),
-        np.array(eye, dtype=float),
-        smallest,
-        out,
-    )
+    chunk, triangle = (np.array([0]), np.array([0, 1]), np.array([distance])), np.array([[4, 5, 6]], np.uint32)
+    sizes, eye = np.array([area], np.float32), np.array(eye, dtype=float)
+    count = visible_triangles(*chunk, planes, sizes, triangle, eye, smallest, out)
     assert count in {0, 1}
     assert out[0].tolist() == ([4, 5, 6] if count else [0, 0, 0])
     return bool(count)
@@ -117,15 +90,6 @@ def test_triangles_of_several_chunks_are_copied_in_order():
     planes = np.array([[0, 0, 1, 0], [0, 0, -1, 0], [0, 0, 1, 0], [0, 0, 1, 0]], np.float32)
     triangles = np.arange(12, dtype=np.uint32).reshape(4, 3)
     out = np.zeros((4, 3), np.uint32)
-    count = visible_triangles(
-        np.array([1, 0]),
-        np.array([0, 2, 4]),
-        np.ones(2),
-        planes,
-        np.ones(4, np.float32),
-        triangles,
-        np.array([0.0, 0.0, 1.0]),
-        0.0,
-        out,
-    )
+    chunks, eye = (np.array([1, 0]), np.array([0, 2, 4]), np.ones(2)), np.array([0.0, 0.0, 1.0])
+    count = visible_triangles(*chunks, planes, np.ones(4, np.float32), triangles, eye, 0.0, out)
     assert out[:count].tolist() == triangles[[2, 3, 0]].tolist()

@@ -102,11 +102,11 @@ def test_packets_of_every_width_find_the_same(tmp_path):
         for lanes, file in files.items()
     ]
     assert [program.wait() for program in programs] == [0, 0, 0]
-    found = [np.load(file) for file in files.values()]
-    assert 10 < np.isfinite(found[0][:, 0]).sum() < 101
-    for other in found[1:]:
-        np.testing.assert_array_equal(other[:, 1], found[0][:, 1])
-        np.testing.assert_allclose(other[:, 0], found[0][:, 0], rtol=1e-5)
+    hits_by_width = [np.load(file) for file in files.values()]
+    assert 10 < np.isfinite(hits_by_width[0][:, 0]).sum() < 101
+    for other in hits_by_width[1:]:
+        np.testing.assert_array_equal(other[:, 1], hits_by_width[0][:, 1])
+        np.testing.assert_allclose(other[:, 0], hits_by_width[0][:, 0], rtol=1e-5)
 
 
 @given(size=st.integers(0, 4), count=st.integers(0, 200), grain=st.integers(1, 50))

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.sensors.lidar.embree import RaycastWorld
-from siren_ros.sensors.lidar.lidar import CarrierMotion, Lidar, LidarSweep
+from siren_ros.sensors.lidar.lidar import REFLECTIVITY, CarrierMotion, Lidar, LidarSweep
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Material, Mesh, VehicleShape
 from siren_ros.sensors.specification import LidarSpec, Mount, map_from_base
@@ -349,3 +349,15 @@ def test_vehicles_that_fill_more_rays_than_expected_are_seen_wholly(world, boxes
         sweep = Lidar(spec, world, 0).begin(0, spec.mount.base_from_sensor, crowd, None, helper)()
     assert sweep.points_on_actor.sum() > len(sweep.points) / 2
     assert bytes(sweep.payload) == bytes(scan(world, crowd, spec).payload)
+
+
+def test_there_is_a_share_for_every_material_and_retroreflectors_send_back_all():
+    assert REFLECTIVITY.shape == (len(Material),)
+    assert ((REFLECTIVITY > 0.0) & (REFLECTIVITY <= 1.0)).all()
+    assert REFLECTIVITY[Material.PLATE] == REFLECTIVITY[Material.LIVERY] == 1.0
+    assert REFLECTIVITY[Material.TYRE] < 0.1
+
+
+def test_nobody_changes_the_table():
+    with pytest.raises(ValueError, match="read-only"):
+        REFLECTIVITY[0] = 1.0

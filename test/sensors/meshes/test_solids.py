@@ -1,5 +1,7 @@
 """Shells through cross-sections: a plain profile whose volume is known, arches, ends and sides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapely.geometry import Polygon
@@ -31,10 +33,10 @@ PLAIN = BodyProfile(
     half_width_m=((0.0, 0.9), (4.0, 0.9)),
     roof_half_width_m=((0.0, 0.6), (4.0, 0.6)),
 )
-WHEELS = BodyProfile(**{**PLAIN.__dict__, "axles": (Axle(0.9, 0.3, 0.2), Axle(3.1, 0.3, 0.2))})
+WHEELS = replace(PLAIN, axles=(Axle(0.9, 0.3, 0.2), Axle(3.1, 0.3, 0.2)))
 
 
-def made(profile: BodyProfile) -> Mesh:
+def shell(profile: BodyProfile) -> Mesh:
     paint = (Material.CAR_PAINT, (9, 9, 9))
     return loft(profile, lambda *_: paint, lambda *_: paint, lambda *_: paint)
 
@@ -59,7 +61,7 @@ def test_the_points_of_a_cross_section():
 
 
 def test_a_shell_is_closed_and_has_the_volume_of_its_prism():
-    mesh = made(PLAIN)
+    mesh = shell(PLAIN)
     assert gap_m2(mesh) < 1e-3
     assert volume(mesh) == pytest.approx(4.0 * cross_section_m2(PLAIN), rel=1e-3)
     low, high = mesh.bounds_m
@@ -68,12 +70,10 @@ def test_a_shell_is_closed_and_has_the_volume_of_its_prism():
 
 
 def test_a_wedge_has_the_mean_of_its_ends():
-    wedge = BodyProfile(
-        **{**PLAIN.__dict__, "half_width_m": ((0.0, 0.9), (4.0, 0.7)), "roof_half_width_m": PLAIN.roof_half_width_m}
-    )
+    wedge = replace(PLAIN, half_width_m=((0.0, 0.9), (4.0, 0.7)))
     front, rear = cross_section_m2(wedge, 0.0), cross_section_m2(wedge, 4.0)
     assert front > rear
-    mesh = made(wedge)
+    mesh = shell(wedge)
     assert gap_m2(mesh) < 1e-3
     assert rear < volume(mesh) / 4.0 < front
 
@@ -87,15 +87,15 @@ def test_arches_are_round_and_as_high_as_the_tyre_and_its_clearance():
     stations = WHEELS.stations_m()
     reach = np.sqrt(radius**2 - 0.1**2)  # the sill is 10 cm below the hub
     for hub in (0.9, 3.1):
-        own = stations[abs(stations - hub) <= reach + 1e-9]
-        assert own == pytest.approx(hub - reach * np.cos(np.linspace(0.0, np.pi, 6)))
-    assert gap_m2(made(WHEELS)) < 1e-3
-    assert volume(made(WHEELS)) < volume(made(PLAIN))
+        near = stations[abs(stations - hub) <= reach + 1e-9]
+        assert near == pytest.approx(hub - reach * np.cos(np.linspace(0.0, np.pi, 6)))
+    assert gap_m2(shell(WHEELS)) < 1e-3
+    assert volume(shell(WHEELS)) < volume(shell(PLAIN))
 
 
 def test_knots_near_a_station_get_none_but_at_the_ends():
     knots = ((0.0, 1.5), (0.03, 1.5), (1.0, 1.5), (1.05, 1.5), (2.0, 1.5), (3.95, 1.5), (4.0, 1.5))
-    profile = BodyProfile(**{**PLAIN.__dict__, "top_m": knots, "extra_stations_m": (1.5, 5.0)})
+    profile = replace(PLAIN, top_m=knots, extra_stations_m=(1.5, 5.0))
     assert profile.stations_m().tolist() == [0.0, 0.03, 1.0, 1.5, 2.0, 3.95, 4.0]
 
 
@@ -131,7 +131,7 @@ def test_faces_know_their_band_side_and_place():
 
 
 def test_ends_look_ahead_and_back():
-    mesh = made(PLAIN)
+    mesh = shell(PLAIN)
     middle = mesh.vertices_m[mesh.triangles].mean(axis=1)
     for x_m, sign in ((2.0, 1.0), (-2.0, -1.0)):
         normals = mesh.normals[abs(middle[:, 0] - x_m) < 1e-4]
@@ -164,7 +164,7 @@ def test_quads_become_two_triangles_and_slivers_none():
 def test_outlines_that_cannot_be_a_body_are_refused(wrong):
     """Knots that go back, other lengths, a belt above the roof or below the sill, an overhanging roof."""
     with pytest.raises(ValueError, match="outline"):
-        BodyProfile(**{**PLAIN.__dict__, **wrong})  # type: ignore[arg-type] # fields by name
+        replace(PLAIN, **wrong)
 
 
 GREY = (1, 2, 3)
@@ -181,6 +181,7 @@ def test_a_box_lies_between_its_corners():
     assert bounds(mesh) == [[1, 2, 3], [2, 4, 6]]
     assert open_edges(mesh) == 0
     assert areas(mesh).sum() == pytest.approx(2 * (1 * 2 + 2 * 3 + 1 * 3))
+    assert volume(mesh) == pytest.approx(6.0)
     assert set(mesh.material.tolist()) == {Material.KERB}
     assert np.unique(mesh.colour_rgb, axis=0).tolist() == [list(GREY)]
 
@@ -198,13 +199,12 @@ def test_a_box_with_free_corners_may_be_a_roof():
     assert volume(mesh) == pytest.approx(4.0)
 
 
-@pytest.mark.parametrize(("low", "high"), [(2.0, 2.0), (2.0, 1.0), (0.5, 1.5)])
+@pytest.mark.parametrize(("low", "high"), [(2.0, 2.0), (2.0, 1.0), (0.5, 1.5)], ids=["cylinder", "cone", "funnel"])
 def test_a_cone_stump_stands_on_its_base(low, high):
     mesh = frustum((1.0, -2.0, 5.0), 3.0, (low, high), 8, Material.KERB, GREY)
     wide = max(low, high)
-    assert np.array(bounds(mesh)) == pytest.approx(
-        np.array([[1 - wide, -2 - wide, 5], [1 + wide, -2 + wide, 8]]), abs=1e-6
-    )
+    corners = np.array([[1 - wide, -2 - wide, 5], [1 + wide, -2 + wide, 8]])
+    assert np.array(bounds(mesh)) == pytest.approx(corners, abs=1e-6)
     assert open_edges(mesh) == 0
     polygon = 0.5 * 8 * np.sin(2 * np.pi / 8)
     moved = mesh.translated(-1.0, 2.0, -5.0)
@@ -250,12 +250,17 @@ def test_walls_look_out_of_their_polygon(area):
     assert np.abs(mesh.normals[:, 2]).max() == 0.0
 
 
-def test_spheres_are_closed():
+def test_spheres_are_closed_with_points_on_the_unit_sphere_and_look_outward():
     points, faces = sphere_points(1)
     mesh = Mesh.uniform(points, faces, Material.KERB, GREY)
     assert open_edges(mesh) == 0
     assert len(points) == 42
     assert 3.5 < volume(mesh) < 4.0 / 3.0 * np.pi
+    points, faces = sphere_points(2)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c) > 0).all()
+    assert len(faces) == 20 * 16
 
 
 def test_normals_are_unit_and_look_out():

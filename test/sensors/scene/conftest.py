@@ -27,33 +27,22 @@ class _Builder:
     ) -> Edge:
         first = len(self.lanes)
         for position, (kind, width, points) in enumerate(lanes):
-            self.lanes.append(
-                Lane(
-                    index=len(self.lanes),
-                    lane_id=f"{name}_{position}",
-                    edge=len(self.edges),
-                    position=position,
-                    kind=kind,
-                    centre=Polyline.through(points),
-                    width_m=width,
-                    speed_limit_mps=13.9,
-                    emergency_allowed=kind is not LaneKind.SIDEWALK,
-                    civilian_allowed=kind in {LaneKind.DRIVING, LaneKind.INTERNAL},
-                )
-            )
+            place = (len(self.lanes), f"{name}_{position}", len(self.edges), position)
+            allowed = (kind is not LaneKind.SIDEWALK, kind in {LaneKind.DRIVING, LaneKind.INTERNAL})
+            self.lanes.append(Lane(*place, kind, Polyline.through(points), width, 13.9, *allowed))
         edge = Edge(len(self.edges), name, tuple(range(first, len(self.lanes))), start, end, internal)
         self.edges.append(edge)
         return edge
 
-    def connect(self, one: Lane, other: Lane, direction: str, link: int, signalled: bool) -> None:
-        ends = np.stack((one.centre.at(one.length_m), other.centre.at(0.0)))
+    def connect(self, before: Lane, after: Lane, direction: str, link: int, signalled: bool) -> None:
+        ends = np.stack((before.centre.at(before.length_m), after.centre.at(0.0)))
         middle = ends.mean(axis=0) * (1.0 if direction == "s" else 0.7)
         points = np.stack((ends[0], middle, ends[1]))
         via = self.edge(f":C_{link}", "C", "C", True, [(LaneKind.INTERNAL, 3.5, points)])
         self.connections.append(
             Connection(
-                from_lane=one.index,
-                to_lane=other.index,
+                from_lane=before.index,
+                to_lane=after.index,
                 via=via.lanes,
                 direction=direction,
                 signal_id="C" if signalled else None,
@@ -88,9 +77,8 @@ def crossing_network(signalled: bool = True) -> RoadNetwork:
         for position in (2, 3):
             movements = [("s", 2)] + ([("r", 1)] if position == 2 else [])
             for direction, turn in movements:
-                one = builder.lanes[arrival.lanes[position]]
-                other = builder.lanes[departures[(leg + turn) % 4].lanes[position]]
-                builder.connect(one, other, direction, link, signalled)
+                after = builder.lanes[departures[(leg + turn) % 4].lanes[position]]
+                builder.connect(builder.lanes[arrival.lanes[position]], after, direction, link, signalled)
                 link += 1
     half = sum(width for _, width in LANES)
     corner = np.array(((MOUTH_M, -half), (MOUTH_M, half)))
@@ -100,14 +88,8 @@ def crossing_network(signalled: bool = True) -> RoadNetwork:
     for degrees in DEGREES:
         x, y = turned(np.array(((MOUTH_M + LEG_M, 0.0),)), degrees)[0]
         junctions[f"end{degrees}"] = Junction(f"end{degrees}", JunctionKind.DEAD_END, np.empty((0, 2)), x, y)
-    return RoadNetwork(
-        lanes=tuple(builder.lanes),
-        edges=tuple(builder.edges),
-        connections=tuple(builder.connections),
-        junctions=junctions,
-        sumo_offset_m=(0.0, 0.0),
-        projection="!",
-    )
+    parts = tuple(builder.lanes), tuple(builder.edges), tuple(builder.connections)
+    return RoadNetwork(*parts, junctions, (0.0, 0.0), "!")
 
 
 @pytest.fixture(scope="session")

@@ -90,8 +90,15 @@ def test_the_land_is_covered_once_with_a_plane_below():
     assert (side[:, 2] > -1e-6).all(), "seen from above"
 
 
-def test_areas_are_cut_along_a_grid_without_loss():
-    area = Polygon([(-5.0, 1.0), (25.0, 1.0), (25.0, 19.0), (12.0, 31.0), (-5.0, 19.0)])
+@pytest.mark.parametrize(
+    ("area", "count"),
+    [
+        # By columns from the west: up to 22.5 m, 29.6 m, 31 m and 23.6 m.
+        (Polygon([(-5.0, 1.0), (25.0, 1.0), (25.0, 19.0), (12.0, 31.0), (-5.0, 19.0)]), 3 + 3 + 4 + 3),
+        (shapely.box(-12.0, 3.0, 25.0, 17.0) - shapely.box(0.0, 5.0, 5.0, 8.0), 10),
+    ],
+)
+def test_areas_are_cut_along_a_grid_without_loss(area, count):
     tiles = _cut(area, 10.0)
     assert shapely.union_all(tiles).symmetric_difference(area).area < 1e-9
     assert sum(tile.area for tile in tiles) == pytest.approx(area.area)
@@ -99,8 +106,7 @@ def test_areas_are_cut_along_a_grid_without_loss():
         low_x, low_y, high_x, high_y = tile.bounds
         assert np.floor(low_x / 10.0) == np.floor((high_x - 1e-9) / 10.0)
         assert np.floor(low_y / 10.0) == np.floor((high_y - 1e-9) / 10.0)
-    # By columns from the west: up to 22.5 m, 29.6 m, 31 m and 23.6 m.
-    assert len(tiles) == 3 + 3 + 4 + 3
+    assert len(tiles) == count
     inside = Polygon([(1.0, 1.0), (9.0, 1.0), (9.0, 9.0)])
     assert _cut(inside, 10.0) == [inside]
 
@@ -173,12 +179,8 @@ def test_nothing_but_stop_lines_and_crossings_is_painted_within_the_junction():
 def test_arrows_show_the_movements_8_m_before_the_line():
     """The right lane leads on and to the right, the left one on alone; shafts are 18 cm wide and end 4 m before."""
     for x_m in (1.75, 5.25):
-        assert painted(SIGNALLED.white, (x_m, -28.2), (x_m, -31.9), (x_m, -27.9), (x_m, -32.2)) == [
-            True,
-            True,
-            False,
-            False,
-        ]
+        assert painted(SIGNALLED.white, (x_m, -28.2), (x_m, -31.9)) == [True, True]
+        assert painted(SIGNALLED.white, (x_m, -27.9), (x_m, -32.2)) == [False, False]
     hook = (1.9 + 28.0, 0.75)
     assert painted(SIGNALLED.white, (5.25 + hook[1], -hook[0]), (1.75 + hook[1], -hook[0])) == [True, False]
     assert painted(SIGNALLED.white, (5.25 - hook[1], -hook[0])) == [False]
@@ -203,42 +205,39 @@ def street(there: int, back: int) -> RoadNetwork:
 
 def test_two_lanes_of_opposite_directions_share_one_dashed_line():
     """3 m of paint and 6 m of gap on the line itself."""
-    found = markings_of(street(1, 1))
+    markings = markings_of(street(1, 1))
     for start in (0.0, 9.0, 45.0, 90.0):
-        assert painted(
-            found.yellow, (start + 0.1, 0.0), (start + 2.9, 0.0), (start + 3.1, 0.0), (start + 8.9, 0.0)
-        ) == [True, True, False, False]
-    assert painted(found.yellow, (1.0, 0.05), (1.0, -0.05), (1.0, 0.07), (1.0, -0.07)) == [True, True, False, False]
-    assert painted(found.white, (1.0, 0.0), (50.0, 0.15), (50.0, -0.15)) == [False] * 3
-    assert painted(found.white, (50.0, -3.35), (50.0, 3.35)) == [True, True], "edge lines"
+        assert painted(markings.yellow, (start + 0.1, 0.0), (start + 2.9, 0.0)) == [True, True]
+        assert painted(markings.yellow, (start + 3.1, 0.0), (start + 8.9, 0.0)) == [False, False]
+    assert painted(markings.yellow, (1.0, 0.05), (1.0, -0.05), (1.0, 0.07), (1.0, -0.07)) == [True, True, False, False]
+    assert painted(markings.white, (1.0, 0.0), (50.0, 0.15), (50.0, -0.15)) == [False] * 3
+    assert painted(markings.white, (50.0, -3.35), (50.0, 3.35)) == [True, True], "edge lines"
 
 
 @pytest.mark.parametrize(("there", "back"), [(2, 1), (1, 2), (2, 2)])
 def test_where_one_direction_has_more_lanes_each_has_a_solid_line(there, back):
-    found = markings_of(street(there, back))
+    markings = markings_of(street(there, back))
     along_m = np.linspace(0.5, 99.5, 100)
     for y_m in (0.15, -0.15):
-        assert all(shapely.contains_xy(found.yellow, x_m, y_m) for x_m in along_m)
-    assert painted(found.yellow, (1.0, 0.0), (5.0, 0.0)) == [False, False]
+        assert all(shapely.contains_xy(markings.yellow, x_m, y_m) for x_m in along_m)
+    assert painted(markings.yellow, (1.0, 0.0), (5.0, 0.0)) == [False, False]
 
 
-def shifted(**changed: float) -> RoadNetwork:
+def with_short_approach(length_m: float) -> RoadNetwork:
     """The crossing with a shorter approach from the south."""
     network = crossing()
-    length_m = changed["length_m"]
-    lanes = list(network.lanes)
-    for index in range(3):
-        end = lanes[index].centre.points[-1]
-        object.__setattr__(lanes[index], "centre", Polyline.through(np.array([end - (0.0, length_m), end])))
+    for lane in network.lanes[:3]:
+        end = lane.centre.points[-1]
+        object.__setattr__(lane, "centre", Polyline.through(np.array([end - (0.0, length_m), end])))
     return network
 
 
 @pytest.mark.parametrize(("length_m", "there"), [(12.5, False), (13.5, True)])
 def test_lanes_shorter_than_13_m_have_no_arrows(length_m, there):
-    found = markings_of(shifted(length_m=length_m))
-    assert painted(found.white, (1.75, -28.5)) == [there]
-    assert painted(found.white, (1.75, -20.25)) == [True]
-    assert along(found.white, 3.5, np.linspace(-20.0 - length_m + 0.1, -20.1, 40)) == 1.0, "all of it is solid"
+    markings = markings_of(with_short_approach(length_m))
+    assert painted(markings.white, (1.75, -28.5)) == [there]
+    assert painted(markings.white, (1.75, -20.25)) == [True]
+    assert along(markings.white, 3.5, np.linspace(-20.0 - length_m + 0.1, -20.1, 40)) == 1.0, "all of it is solid"
 
 
 def test_arrows_of_two_directions_and_turnarounds():
@@ -254,9 +253,9 @@ def test_arrows_of_two_directions_and_turnarounds():
 def test_a_ribbon_turns_corners_on_the_bisector(left_m):
     """East, then north: a strip 0.2 m wide beside the line has mitred corners and the parts' lengths."""
     centre = Polyline.through([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)])
-    found = ribbon(centre, 2.0, 15.0, left_m, 0.2)
+    strip = ribbon(centre, 2.0, 15.0, left_m, 0.2)
     corner = np.array([10.0 - left_m, left_m])
     expected = shapely.LineString([(2.0, left_m), corner, (corner[0], 5.0)]).buffer(
         0.1, cap_style="flat", join_style="mitre"
     )
-    assert found.symmetric_difference(expected).area < 1e-6
+    assert strip.symmetric_difference(expected).area < 1e-6

@@ -1,3 +1,4 @@
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +12,7 @@ from shapely.geometry import LineString, Point, box
 from siren_ros.errors import InputError
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import LaneKind
-from siren_ros.sensors.scene.ground import _cut, arrow, ribbon, road_markings
+from siren_ros.sensors.scene.ground import arrow, ribbon, road_markings
 from siren_ros.sensors.scene.signals import clear_pole
 from siren_ros.sensors.scene.surfaces import (
     FreeSpace,
@@ -25,10 +26,8 @@ from siren_ros.sensors.scene.surfaces import (
 
 def test_regions_do_not_overlap(network):
     s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
-    regions = [s.carriageway, s.shoulder, s.sidewalk, s.median, s.verge]
-    for number, one in enumerate(regions):
-        for other in regions[number + 1 :]:
-            assert one.intersection(other).area < 0.01
+    for region, other in itertools.combinations([s.carriageway, s.shoulder, s.sidewalk, s.median, s.verge], 2):
+        assert region.intersection(other).area < 0.01
 
 
 def test_every_lane_lies_on_its_surface(network):
@@ -68,15 +67,12 @@ def test_markings_lie_inside_the_paved_surface_and_apart_from_each_other(network
 
 
 def test_dividers_are_dashed_far_from_the_signal_and_solid_near_it(network):
-    config = SceneConfig()
-    centres = drawn_centres(network, 0.0)
-    markings = road_markings(network, centres, road_surfaces(network, centres, config), config)
+    config, centres = SceneConfig(), drawn_centres(network, 0.0)
+    white = road_markings(network, centres, road_surfaces(network, centres, config), config).white
     lane = next(lane for lane in network.lanes if lane.kind is LaneKind.DRIVING and lane.position == 2)
-    covered = shapely.contains_xy(markings.white, lane.centre.offset_points(np.arange(0.5, 65, 0.1), lane.width_m / 2))
-    assert covered.mean() == pytest.approx(3.0 / 9.0, abs=0.05)
-    assert shapely.contains_xy(
-        markings.white, lane.centre.offset_points(np.arange(71, 89, 0.1), lane.width_m / 2)
-    ).all()
+    far, near = (lane.centre.offset_points(np.arange(*ends, 0.1), lane.width_m / 2) for ends in ((0.5, 65), (71, 89)))
+    assert shapely.contains_xy(white, far).mean() == pytest.approx(3.0 / 9.0, abs=0.05)
+    assert shapely.contains_xy(white, near).all()
 
 
 @pytest.mark.parametrize("length_m", [2.0, 5.0, 30.0])
@@ -95,22 +91,22 @@ def test_a_lane_that_ends_at_a_junction_is_paved_up_to_it_and_no_further(length_
 def test_the_crossings_surfaces_are_where_its_lanes_are():
     """Shoulder from 7 to 9.5 m, lanes from 0 to 7 m; gravel for 2 m beside the road, since there are no sidewalks."""
     network = crossing()
-    found = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
+    s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
 
     def there(area: shapely.Geometry, *xs_m: float, y_m: float = -70.0) -> list[bool]:
         return [bool(shapely.contains_xy(area, x_m, y_m)) for x_m in xs_m]
 
-    assert there(found.carriageway, 0.1, 3.5, 6.9, 7.1, 9.6) == [True, True, True, False, False]
-    assert there(found.shoulder, 6.9, 7.1, 9.4, 9.6) == [False, True, True, False]
-    assert there(found.median, 9.4, 9.6, 12.1, 12.3) == [False, True, True, False], "up to the road of its own"
-    assert there(found.verge, 9.6, 12.1, 15.7, 15.8, 17.7, 17.8) == [False, False, False, True, True, False]
-    assert there(found.verge, -3.4, -3.6, -5.4, -5.6) == [False, True, True, False]
-    assert there(found.keep_clear, 9.4, 9.6, y_m=-70.0) == [True, False]
-    assert there(found.keep_clear, -9.0, 19.0, y_m=9.0) == [True, True], "all of the junction's outline"
-    assert there(found.paved, 5.25, 1.75, -1.75, y_m=-5.0) == [True, True, True]
-    assert found.sidewalk.is_empty
-    assert found.bounds_m == (-110.0, -120.0, 120.0, 110.0)
-    assert found.raised.equals(found.median)
+    assert there(s.carriageway, 0.1, 3.5, 6.9, 7.1, 9.6) == [True, True, True, False, False]
+    assert there(s.shoulder, 6.9, 7.1, 9.4, 9.6) == [False, True, True, False]
+    assert there(s.median, 9.4, 9.6, 12.1, 12.3) == [False, True, True, False], "up to the road of its own"
+    assert there(s.verge, 9.6, 12.1, 15.7, 15.8, 17.7, 17.8) == [False, False, False, True, True, False]
+    assert there(s.verge, -3.4, -3.6, -5.4, -5.6) == [False, True, True, False]
+    assert there(s.keep_clear, 9.4, 9.6, y_m=-70.0) == [True, False]
+    assert there(s.keep_clear, -9.0, 19.0, y_m=9.0) == [True, True], "all of the junction's outline"
+    assert there(s.paved, 5.25, 1.75, -1.75, y_m=-5.0) == [True, True, True]
+    assert s.sidewalk.is_empty
+    assert s.bounds_m == (-110.0, -120.0, 120.0, 110.0)
+    assert s.raised.equals(s.median)
 
 
 def test_a_ribbon_keeps_its_width_around_a_bend():
@@ -176,8 +172,7 @@ def test_the_first_clear_place_is_taken(space):
 
 
 def test_a_pole_is_looked_for_every_quarter_metre(space):
-    found = clear_pole(space, 3.0, 0.0, (0.0, 1.0), 14.0, 0.3)
-    assert found == (3.0, 5.5)
+    assert clear_pole(space, 3.0, 0.0, (0.0, 1.0), 14.0, 0.3) == (3.0, 5.5)
     assert clear_pole(space, 3.0, 0.0, (0.0, -1.0), 5.0, 0.3) is None
 
 
@@ -187,11 +182,9 @@ def test_samples_of_a_ring_have_the_area_on_their_left():
     assert len(places) == (120 + 40) // 2
     assert np.hypot(tangents[:, 0], tangents[:, 1]) == pytest.approx(np.ones(len(places)))
     # Half a metre to the left is inside, to the right outside; not at corners, where the tangent turns.
-    left = places + 0.05 * np.stack((-tangents[:, 1], tangents[:, 0]), axis=-1) + 0.01 * tangents
-    right = places - 0.05 * np.stack((-tangents[:, 1], tangents[:, 0]), axis=-1) + 0.01 * tangents
-    inside = [area.contains(Point(*point)) for point in left]
-    assert np.mean(inside) > 0.95
-    assert np.mean([area.contains(Point(*point)) for point in right]) < 0.05
+    beside = 0.05 * np.stack((-tangents[:, 1], tangents[:, 0]), axis=-1)
+    assert shapely.contains_xy(area, places + beside + 0.01 * tangents).mean() > 0.95
+    assert shapely.contains_xy(area, places - beside + 0.01 * tangents).mean() < 0.05
     gaps = np.hypot(*np.diff(places[:60], axis=0).T)
     assert np.median(gaps) == pytest.approx(2.0)
 
@@ -199,15 +192,3 @@ def test_samples_of_a_ring_have_the_area_on_their_left():
 def test_short_rings_have_no_samples():
     places, tangents = ring_samples(box(0.0, 0.0, 0.3, 0.3), 2.0)
     assert places.shape == tangents.shape == (0, 2)
-
-
-def test_an_area_is_cut_along_the_grid():
-    area = box(-12.0, 3.0, 25.0, 17.0) - box(0.0, 5.0, 5.0, 8.0)
-    pieces = _cut(area, 10.0)
-    assert sum(piece.area for piece in pieces) == pytest.approx(area.area)
-    for piece in pieces:
-        west, south, east, north = piece.bounds
-        assert np.floor(west / 10.0) == np.ceil(east / 10.0) - 1
-        assert np.floor(south / 10.0) == np.ceil(north / 10.0) - 1
-    assert len(pieces) == 10
-    assert _cut(box(1.0, 1.0, 9.0, 9.0), 10.0) == [box(1.0, 1.0, 9.0, 9.0)]

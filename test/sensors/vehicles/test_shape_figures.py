@@ -23,33 +23,33 @@ def figures(actor_class: ActorClass) -> dict[str, list[float]]:
     corners = mesh.vertices_m.astype(np.float64)[mesh.triangles]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     values = np.column_stack((corners.mean(axis=1)[:, [0, 2]], mesh.colour_rgb))
-    found = {}
+    by_material = {}
     for code in np.unique(mesh.material):
         part = mesh.material == code
         means = np.average(values[part], axis=0, weights=area[part])
-        found[Material(code).name.lower()] = [round(float(value), 3) for value in (area[part].sum(), *means)]
-    return found
+        by_material[Material(code).name.lower()] = [round(float(value), 3) for value in (area[part].sum(), *means)]
+    return by_material
 
 
-@pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda one: one.name.lower())
+@pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda kind: kind.name.lower())
 def test_materials_keep_their_areas_places_and_colours(actor_class):
     expected = json.loads(FIGURES.read_text(encoding="utf-8"))[actor_class.name.lower()]
-    found = figures(actor_class)
-    assert found.keys() == expected.keys()
+    measured = figures(actor_class)
+    assert measured.keys() == expected.keys()
     for material, values in expected.items():
-        assert found[material] == pytest.approx(values, rel=1e-3, abs=2e-3), material
+        assert measured[material] == pytest.approx(values, rel=1e-3, abs=2e-3), material
 
 
-@pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda one: one.name.lower())
+@pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda kind: kind.name.lower())
 def test_indicators_are_as_large_on_both_sides(actor_class):
-    found = figures(actor_class)
-    assert found["indicator_left_lamp"] == pytest.approx(found["indicator_right_lamp"], abs=2e-3)
+    measured = figures(actor_class)
+    assert measured["indicator_left_lamp"] == pytest.approx(measured["indicator_right_lamp"], abs=2e-3)
 
 
 if __name__ == "__main__":
-    every = {one.name.lower(): figures(one) for one in ActorClass}
+    by_class = {kind.name.lower(): figures(kind) for kind in ActorClass}
     rows = (
         f' "{name}": {{\n' + ",\n".join(f'  "{part}": {json.dumps(row)}' for part, row in of.items()) + "\n }"
-        for name, of in every.items()
+        for name, of in by_class.items()
     )
     print("{\n" + ",\n".join(rows) + "\n}")  # noqa: T201 - a development command

@@ -80,7 +80,9 @@ def test_only_emergency_vehicles_carry_beacons(actor_class):
     assert bool(carried) == actor_class.is_emergency
 
 
-@pytest.mark.parametrize("actor_class", [one for one in ActorClass if one.is_emergency], ids=lambda c: c.name.lower())
+@pytest.mark.parametrize(
+    "actor_class", [kind for kind in ActorClass if kind.is_emergency], ids=lambda c: c.name.lower()
+)
 def test_beacons_on_the_roof_are_above_the_body(actor_class):
     """Between the front and the rear of what is at least half as high as the vehicle and no beacon."""
     body = vehicle_shape(actor_class).body

@@ -32,6 +32,11 @@ def needed_brake_mps2(speed_sq: Number, way_m: Number) -> Number:
     return speed_sq / (2.0 * way_m)
 
 
+def stops_within(speed_sq: float, brake_mps2: float, way_m: float) -> bool:
+    """Whether a vehicle stops within a way, ``v² < 2bs``, by the square of its speed in m²/s²."""
+    return speed_sq < 2.0 * brake_mps2 * way_m
+
+
 def speed_before_mps(slower_sq: float, brake_mps2: float, way_m: float) -> float:
     """Speed from which a vehicle slows down on a way, ``sqrt(v² + 2bs)``, of the square of the lower speed in m²/s²."""
     return math.sqrt(slower_sq + 2.0 * brake_mps2 * way_m)
@@ -69,6 +74,12 @@ def with_braking(speeds_mps: Speeds, decel_mps2: float) -> Speeds:
     for at in range(len(reached) - 2, -1, -1):
         reached[at] = min(reached[at], speed_before_mps(reached[at + 1] ** 2, decel_mps2, SAMPLE_M))
     return reached
+
+
+def squares_with_braking(squares: Speeds, brake_mps2: float, spacing_m: float) -> Speeds:
+    """As ``with_braking``, of squares of speeds (m²/s²) at places ``spacing_m`` apart, all at once."""
+    braking = 2.0 * brake_mps2 * spacing_m * np.arange(len(squares))
+    return np.asarray(np.minimum.accumulate((squares + braking)[::-1])[::-1] - braking)
 
 
 def with_accelerating(speeds_mps: Speeds, first_mps: float, accel_mps2: float) -> Speeds:

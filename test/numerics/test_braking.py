@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.numerics.braking import bend_speeds_mps, curvature_1pm, with_accelerating, with_braking
+from siren_ros.numerics.braking import (
+    bend_speeds_mps,
+    curvature_1pm,
+    squares_with_braking,
+    stops_within,
+    with_accelerating,
+    with_braking,
+)
 from siren_ros.numerics.geometry import Polyline
 
 
@@ -41,6 +48,12 @@ def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger() -> No
     assert speeds[60] == 5.0
     assert speeds[0] == pytest.approx(np.sqrt(5.0**2 + 2.0 * 2.0 * 60.0))
     assert np.all(np.diff(speeds[:61] ** 2) >= -2.0 * 2.0 - 1e-9)
+    assert squares_with_braking(target**2, 2.0, 1.0) == pytest.approx(speeds**2)
+
+
+@pytest.mark.parametrize(("way_m", "stops"), [(7.1, False), (7.3, True)])
+def test_from_6_mps_with_2_5_mps2_a_vehicle_stops_within_7_2_m(way_m: float, stops: bool) -> None:
+    assert stops_within(36.0, 2.5, way_m) is stops
 
 
 @given(st.lists(st.floats(0.5, 40.0), min_size=1, max_size=60), st.floats(0.0, 30.0), st.floats(0.1, 5.0))

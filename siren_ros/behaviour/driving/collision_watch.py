@@ -159,13 +159,9 @@ class CollisionWatch:
 def _leaders(rows: Any, places: Any, bodies: Any, own: Any, outlook: bool, limits: Any) -> tuple[Any, Any, Any, Any]:
     """The vehicles that lead on a path, of those in some rows; ``limits`` are fields of ``NavigatorConfig``.
 
-    Args:
-        rows: Vehicles near the path.
-        places: Arc length, offset, and the path's heading and curvature at the nearest place of each of them.
-        bodies: Yaw, speed, half length and half width of all vehicles.
-        own: Place of the driver's vehicle on the path, half length and half width.
-        outlook: Whether it is known where everybody will go.
-        limits: Margin, drift time, least speed, and cosine or sines of the angles.
+    ``places`` are arc length, offset, and the path's heading and curvature at the nearest place of each; ``bodies`` are
+    yaw, speed, half length and half width of all vehicles; ``own`` is the driver's place on the path, half length and
+    half width; ``outlook`` says whether it is known where everybody will go.
 
     Returns:
         Of those that lead: row, gap between the bumpers along the path, speed along it, and whether the driver's

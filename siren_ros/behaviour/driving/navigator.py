@@ -100,6 +100,7 @@ def press_pedals(
     return Pedals(throttle, brake, integral)
 
 
+# No parameter: half of the distance between the points of a path.
 DONE_M: Final = 0.5
 """Distance from the path's end at which the path counts as driven."""
 

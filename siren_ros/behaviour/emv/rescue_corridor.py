@@ -13,6 +13,7 @@ from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, road_limits, shoulder_into_turn
 from siren_ros.behaviour.paths.tracked_path import along_reference, blend_length_m, quintic_offsets
 from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.braking import stops_within
 from siren_ros.numerics.units import NEVER, steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import Lights, Owner
@@ -75,7 +76,7 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     open_m = _open_m(planned, ego)
     if open_m < config.straight_below_m:
         driven = unit.navigator.path is not None and ego.speed_mps > config.keep_above_mps
-        stops = ego.speed_mps * ego.speed_mps < 2.0 * ego.config.gap_escape.brake_mps2 * open_m
+        stops = stops_within(ego.speed_mps * ego.speed_mps, ego.config.gap_escape.brake_mps2, open_m)
         gain_m = config.keep_gain_m if stops else 0.0
         if driven and _open_m(unit, ego) > open_m + gain_m:
             return replace(unit, corridor_planned_step=ego.step)

@@ -11,6 +11,7 @@ from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.paths.curve import SPACING_M, Curve
 from siren_ros.behaviour.paths.lane_path import LanePath
 from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.braking import squares_with_braking
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.traffic_state import Indices
 
@@ -90,8 +91,7 @@ class TrackedPath:
         local = np.minimum(local, np.maximum(steered, config.path_creep_mps) ** 2)
         if stop_at_end:
             local = np.concatenate((local[:-1], [0.0]))
-        braking = 2.0 * config.path_brake_mps2 * curve.spacing_m * np.arange(len(local))
-        cap = np.minimum.accumulate((local + braking)[::-1])[::-1] - braking
+        cap = squares_with_braking(local, config.path_brake_mps2, curve.spacing_m)
         if lane is None:
             lane = np.full(len(cap), NO_LANE, dtype=np.int32)
         return cls(curve=curve, lane=lane, speed_cap_sq=cap, settled_m=settled_m)

@@ -126,6 +126,6 @@ def test_from_the_side_comes_who_crosses_the_street_and_neither_who_is_ahead_nor
 def test_a_movement_is_the_civilians_where_both_its_lanes_are(lane):
     roads = streets()
     assert same_direction_connections(roads, roads.connections[STRAIGHT_LEFT]) == (STRAIGHT_LEFT - 1, STRAIGHT_LEFT)
-    lanes = tuple(replace(one, civilian_allowed=one.index != lane) for one in roads.lanes)
+    lanes = tuple(replace(item, civilian_allowed=item.index != lane) for item in roads.lanes)
     closed = replace(roads, lanes=lanes)
     assert same_direction_connections(closed, closed.connections[STRAIGHT_LEFT]) == (STRAIGHT_LEFT - 1,)

@@ -33,16 +33,16 @@ def names(town, indices):
 
 def test_shortest_path_takes_the_short_way(town, graph):
     start, goal = edges(town, "west_n_0 oak_e_1")
-    found = shortest_path(graph, start, goal)
-    assert [town.edges[edge].edge_id for edge in found] == ["west_n_0", "west_n_1", "oak_e_0", "oak_e_1"]
+    path = shortest_path(graph, start, goal)
+    assert [town.edges[edge].edge_id for edge in path] == ["west_n_0", "west_n_1", "oak_e_0", "oak_e_1"]
 
 
 def test_shortest_path_avoids_what_it_must(town, graph):
     start, goal, refused = edges(town, "west_n_0 oak_e_1 west_n_1")
-    found = shortest_path(graph, start, goal, avoid=[refused])
-    assert found is not None
-    assert refused not in found
-    assert graph.route_length_m(found) > graph.route_length_m(shortest_path(graph, start, goal))
+    path = shortest_path(graph, start, goal, avoid=[refused])
+    assert path is not None
+    assert refused not in path
+    assert graph.route_length_m(path) > graph.route_length_m(shortest_path(graph, start, goal))
 
 
 def test_no_way_back_from_where_traffic_leaves(town, graph):
@@ -241,5 +241,5 @@ def test_a_route_is_as_long_as_its_edges_and_the_straight_lines_between_them():
     assert graph.route_length_m((M, N, D)) == pytest.approx(190.0 + 10.0 + 100.0 + 30.0 + 100.0)
     assert graph.route_length_m((B,)) == pytest.approx(100.0)
     assert (graph.successors[B], graph.predecessors[D], graph.successors[C]) == ((C, D), (B, N), ())
-    turning = replace(NETWORK, connections=tuple(replace(one, direction="t") for one in NETWORK.connections[4:5]))
+    turning = replace(NETWORK, connections=(replace(NETWORK.connections[4], direction="t"),))
     assert EdgeGraph.of(turning).successors[B] == (), "nobody turns round"

@@ -375,19 +375,19 @@ def ring(count: int, dead_end_m: float = 0.0) -> EdgeGraph:
 
 def test_a_route_has_an_approach_of_150_m_and_goes_on_in_a_loop() -> None:
     """Edges of 100 m: two edges before, and on until 700 m are full, edges twice among them."""
-    found = route_through(ring(4), (0,))
-    assert found.edges == (2, 3, 0, 1, 2, 3, 0)
-    assert found.start == 2
-    assert found.approach_m == pytest.approx(200.0)
-    assert found.exit_m == pytest.approx(400.0)
+    route = route_through(ring(4), (0,))
+    assert route.edges == (2, 3, 0, 1, 2, 3, 0)
+    assert route.start == 2
+    assert route.approach_m == pytest.approx(200.0)
+    assert route.exit_m == pytest.approx(400.0)
 
 
 def test_a_route_takes_the_ways_in_turn() -> None:
     """Two loops of 200 m begin with the same edge. The approach came over the straighter one: the other is next."""
     corners = [[(0.0, 0.0), (100.0, 0.0)], [(100.0, 0.0), (0.0, 0.1)], [(100.0, 0.0), (0.0, -0.1)]]
-    found = route_through(graph_of(corners, ((0, 1, "s"), (0, 2, "l"), (1, 0, "s"), (2, 0, "s"))), (0,))
-    after = found.edges[found.start :]
-    assert found.edges[: found.start] == (1,)
+    route = route_through(graph_of(corners, ((0, 1, "s"), (0, 2, "l"), (1, 0, "s"), (2, 0, "s"))), (0,))
+    after = route.edges[route.start :]
+    assert route.edges[: route.start] == (1,)
     assert after[:6] == (0, 2, 0, 1, 0, 2)
 
 
@@ -430,10 +430,10 @@ def test_where_the_way_on_is_short_the_approach_grows() -> None:
     """Behind the third edge the map ends: then 500 m are filled from before."""
     graph = ring(8)
     ending = EdgeGraph.of(replace(graph.network, connections=graph.network.connections[:-1]))
-    found = route_through(ending, (7,))
-    assert found.edges == (3, 4, 5, 6, 7)
-    assert found.start == 4
-    assert (found.approach_m, found.exit_m) == (pytest.approx(400.0), 0.0)
+    route = route_through(ending, (7,))
+    assert route.edges == (3, 4, 5, 6, 7)
+    assert route.start == 4
+    assert (route.approach_m, route.exit_m) == (pytest.approx(400.0), 0.0)
     assert route_through(ending, (5,)).edges == (3, 4, 5, 6, 7)
     assert route_through(ending, (3,)).edges == (1, 2, 3, 4, 5, 6, 7)
 

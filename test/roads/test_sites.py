@@ -21,7 +21,7 @@ def test_the_middle_of_a_road_is_half_way_along_it() -> None:
     edge = network.edges[lane.edge]
     lanes = [network.lanes[index] for index in edge.lanes if network.lanes[index].kind is not LaneKind.SIDEWALK]
     middle = middle_of_site(network, {"stretch": [edge.edge_id]})
-    assert middle == pytest.approx(np.mean([one.centre.at(0.5 * one.length_m) for one in lanes], axis=0), abs=0.01)
+    assert middle == pytest.approx(np.mean([lane.centre.at(0.5 * lane.length_m) for lane in lanes], axis=0), abs=0.01)
 
 
 def test_a_junction_without_an_outline_has_its_own_place() -> None:

@@ -16,7 +16,7 @@ def test_rows_hold_the_wanted_ids_or_are_minus_one(present: Ids, asked: Ids) -> 
     rows = rows_of_ids(present, asked)
     assert rows.dtype == np.intp
     listed = present.tolist()
-    assert rows.tolist() == [listed.index(one) if one in listed else -1 for one in asked.tolist()]
+    assert rows.tolist() == [listed.index(actor) if actor in listed else -1 for actor in asked.tolist()]
 
 
 @given(present=_ids)

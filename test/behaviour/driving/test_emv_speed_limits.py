@@ -258,7 +258,7 @@ def test_red_counts_and_green_and_stop_signs_do_not(lab):
     assert limit(lab, network, 120.0, "r") == pytest.approx(approach_mps(30.0, ENTRY), abs=0.05)
     assert math.isinf(limit(lab, network, 120.0, "G"))
     assert math.isinf(limit(lab, network, 120.0, "g"))
-    signed = (replace(one, signal_id=None, must_stop=True) for one in network.connections)
+    signed = (replace(movement, signal_id=None, must_stop=True) for movement in network.connections)
     assert math.isinf(limit(lab, replace(network, connections=tuple(signed)), 120.0, "G"))
 
 

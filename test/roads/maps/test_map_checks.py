@@ -24,10 +24,10 @@ def roundabout(nodes: str, tags: str = "") -> str:
     return f'<way id="9">{refs}<tag k="junction" v="roundabout"/>{tags}</way>'
 
 
-def reason_of(found: MapSource, name: str) -> str:
+def reason_of(source_map: MapSource, name: str) -> str:
     """Why a map is refused; empty for one that is taken."""
     try:
-        refuse_unusable_map(found, name)
+        refuse_unusable_map(source_map, name)
     except MapError as error:
         return str(error)
     return ""
@@ -128,9 +128,9 @@ def test_what_cannot_be_read_is_left_to_who_compiles_it() -> None:
     ],
 )
 def test_lanes_of_a_way(key: str, value: str, allowed: bool) -> None:
-    found = refusal(SourceKind.OPENSTREETMAP, f'<osm><way id="7"><tag k="{key}" v="{value}"/></way></osm>')
-    assert (not found) == allowed
-    assert allowed or (f"{key}='" in found and "way '7'" in found and len(found) < 300)
+    reason = refusal(SourceKind.OPENSTREETMAP, f'<osm><way id="7"><tag k="{key}" v="{value}"/></way></osm>')
+    assert (not reason) == allowed
+    assert allowed or (f"{key}='" in reason and "way '7'" in reason and len(reason) < 300)
 
 
 def test_other_numbers_of_a_way_may_be_large() -> None:
@@ -167,5 +167,5 @@ def test_copies_of_objects() -> None:
         *[(MOST_REPEATS, 1, True), (MOST_REPEATS, 0.5, False), (1, 0, True)],
         *[(1e9, 1e-300, False), ("x", "y", True), ("nan", 1, False)],
     ):
-        found = refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{repeat.format(length, distance)}</OpenDRIVE>")
-        assert (not found) == allowed
+        reason = refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{repeat.format(length, distance)}</OpenDRIVE>")
+        assert (not reason) == allowed

@@ -208,7 +208,7 @@ def test_only_higher_limits_are_lowered() -> None:
 def test_a_map_keeps_everything_but_its_limits(tmp_path: Path) -> None:
     town = compile_map(None, tmp_path)
     slow = with_speed_limit(town, 8.333)
-    before, after = (parse_road_network(one.read_bytes()) for one in (town, slow))
+    before, after = (parse_road_network(compiled.read_bytes()) for compiled in (town, slow))
     assert max(lane.speed_limit_mps for lane in before.lanes) > 13.0
     assert max(lane.speed_limit_mps for lane in after.lanes) == pytest.approx(8.33)
     assert [lane.lane_id for lane in before.lanes] == [lane.lane_id for lane in after.lanes]

@@ -224,4 +224,4 @@ def test_a_plain_file_holds_the_elements() -> None:
     nodes, _ = control_patches(net, ["n"], [], lambda _: True)
     root = fromstring(document("nodes", nodes))
     assert root.tag == "nodes"
-    assert [dict(one.attrib) for one in root] == [{"id": "J", "type": "priority_stop"}]
+    assert [dict(node.attrib) for node in root] == [{"id": "J", "type": "priority_stop"}]

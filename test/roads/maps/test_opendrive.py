@@ -71,8 +71,10 @@ def test_the_shoulder_follows_right_turns_only():
 )
 def test_a_shoulder_movement_that_is_there_is_not_added_again(more, added):
     first = net().replace(b"</net>", more.encode() + b"</net>")
-    found = fromstring(opendrive_patches(first, b"<OpenDRIVE/>", "map.xodr")["--connection-files"])
-    assert [tuple(one.get(key) for key in ("from", "to", "fromLane", "toLane")) for one in found] == added
+    document = fromstring(opendrive_patches(first, b"<OpenDRIVE/>", "map.xodr")["--connection-files"])
+    assert [
+        tuple(connection.get(key) for key in ("from", "to", "fromLane", "toLane")) for connection in document
+    ] == added
 
 
 @pytest.mark.parametrize(("letter", "count"), [("s", 1), ("r", 1), ("R", 1), ("l", 0), ("L", 0), ("t", 0)])
@@ -104,8 +106,8 @@ def test_without_a_driving_lane_a_shoulder_is_open_to_nobody():
 
 @pytest.mark.parametrize(("s_m", "length_m", "binds"), [("12", "20", True), ("4", "20", False), ("5", "20", True)])
 def test_a_sign_binds_the_junction_at_most_15_m_ahead(s_m, length_m, binds):
-    found = patches(sign("206", "+", road="1", junction="-1", s_m=s_m, length_m=length_m))
-    assert len(fromstring(found["--node-files"])) == int(binds)
+    documents = patches(sign("206", "+", road="1", junction="-1", s_m=s_m, length_m=length_m))
+    assert len(fromstring(documents["--node-files"])) == int(binds)
 
 
 @pytest.mark.parametrize(("s_m", "binds"), [("14", True), ("16", False)])
@@ -197,8 +199,8 @@ def kind(limit: str, unit: str = "", from_m: float = 0.0) -> str:
 
 
 def test_roads_get_the_limit_of_their_type_and_paths_the_lower_one() -> None:
-    found = speeds(kind("65", "mph"), kind("72", "km/h"), kind("72", "km/h"))
-    assert found == {
+    limits = speeds(kind("65", "mph"), kind("72", "km/h"), kind("72", "km/h"))
+    assert limits == {
         "-1_0": 1.39,
         "-1_1": 29.06,
         "2.15_0": 20.0,

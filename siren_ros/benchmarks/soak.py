@@ -28,7 +28,6 @@ import numpy as np
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
-from siren_ros.judging.physics import VerifyLimits
 from siren_ros.judging.verify import check_complete, check_message_counts, check_stamps
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.recording.bag_reader import read_episode
@@ -200,11 +199,11 @@ def lost_messages(bag: Path) -> list[str]:
     if not bag.is_dir():
         return []
     try:
-        record, limits = read_episode(bag), VerifyLimits()
+        record = read_episode(bag)
     except SirenError as error:
         return [str(error)]
     checks = (check_complete, check_message_counts, check_stamps)
-    return [str(part) for part in (check(record, limits) for check in checks) if not part.holds]
+    return [str(part) for part in (check(record) for check in checks) if not part.holds]
 
 
 def left_behind(bag: Path) -> list[Path]:

@@ -36,7 +36,7 @@ from siren_ros.generation.episode_setup import EpisodeSetup, plan_length, set_up
 from siren_ros.judging.outcome import Realisation, realisation_of, summarise_residuals
 from siren_ros.judging.physics import PhysicsSummary, VerifyLimits, summarise_physics
 from siren_ros.judging.predicates import evaluate_predicate
-from siren_ros.judging.verify import STATE_CHECKS
+from siren_ros.judging.verify import check_states
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.birdseye import save_episode_picture
 from siren_ros.processes.process_pool import CrashError, ProcessPool
@@ -111,8 +111,7 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
     verdict = evaluate_predicate(record)
     rows = record.rows
     residual = summarise_residuals(record)
-    limits = VerifyLimits()
-    failed = [part for part in (check(record, limits) for check in STATE_CHECKS) if not part.holds]
+    failed = [part for part in check_states(record, VerifyLimits()) if not part.holds]
     emvs = [rows.select(np.flatnonzero(rows.actor_id == emv)) for emv in record.emv_ids]
     first = emvs[0]
     moved = np.hypot(np.diff(first.x_m, prepend=first.x_m[:1]), np.diff(first.y_m, prepend=first.y_m[:1]))

@@ -1,7 +1,6 @@
 """Templates S3 to S7 at junctions: passing a red signal or a stop sign, and turning off from the shoulder."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -35,10 +34,6 @@ def least_free_speed_mps(record: EpisodeRecord, traversal: Traversal) -> float:
 
     A vehicle that stands behind another one at the line does not count as stopping for the sign; from the moment
     at which the way to the line is free it does.
-
-    Args:
-        record: The episode.
-        traversal: Across the junction behind the stop line.
     """
     track = record.track(traversal.actor_id)
     enter = int(np.searchsorted(track.step, traversal.enter_step))
@@ -62,88 +57,78 @@ def _is_blocked(record: EpisodeRecord, traversal: Traversal, step: int) -> bool:
 
 def red_same_direction(record: EpisodeRecord, _thresholds: Mapping[str, float]) -> Verdict:
     """S3: the EMV enters against red, and a vehicle of its direction is inside during its traversal."""
-    return _judge(record, _RedLine(record), "same_direction_inside")
+    return _judge(record, None, "same_direction_inside")
 
 
 def red_crossing(record: EpisodeRecord, _thresholds: Mapping[str, float]) -> Verdict:
     """S4: the EMV enters against red, and a vehicle on a crossing path is inside during its traversal."""
-    return _judge(record, _RedLine(record), "crossing_inside")
+    return _judge(record, None, "crossing_inside")
 
 
 def stop_same_direction(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
     """S5: the EMV passes a stop line faster than ``speed_min_mps`` while a vehicle of its direction is inside."""
-    return _judge(record, _StopLine(record, thresholds["speed_min_mps"]), "same_direction_inside")
+    return _judge(record, thresholds["speed_min_mps"], "same_direction_inside")
 
 
 def stop_crossing(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
     """S6: the EMV passes a stop line faster than ``speed_min_mps`` while a vehicle on a crossing path is inside."""
-    return _judge(record, _StopLine(record, thresholds["speed_min_mps"]), "crossing_inside")
+    return _judge(record, thresholds["speed_min_mps"], "crossing_inside")
 
 
-@dataclass(frozen=True)
-class _RedLine:
-    """Entering against red."""
+def _judge(record: EpisodeRecord, speed_min_mps: float | None, others: str) -> Verdict:
+    """The verdict on the EMV's traversal that comes closest to the predicate.
 
-    record: EpisodeRecord
-    place: str = "a junction with a signal"
-
-    def applies(self, traversal: Traversal) -> bool:
-        return self.record.network.connections[traversal.connection].signal_id is not None
-
-    def part(self, traversal: Traversal | None) -> Part:
-        """1 where the signal was red as the front passed the stop line, else 0."""
-        if traversal is None:
-            return at_least("against_red", 0, 1, f"the EMV crosses {self.place} nowhere")
-        letter = signal_letter(self.record, traversal)
-        return at_least("against_red", letter in RED, 1, f"{_where(self.record, traversal)} on {letter or 'no signal'}")
-
-
-@dataclass(frozen=True)
-class _StopLine:
-    """Passing a stop line without stopping."""
-
-    record: EpisodeRecord
-    speed_min_mps: float
-    place: str = "a stop line"
-
-    def applies(self, traversal: Traversal) -> bool:
-        return self.record.network.connections[traversal.connection].must_stop
-
-    def part(self, traversal: Traversal | None) -> Part:
-        """The least speed on the free approach and at the line: a driver who obeys the sign stops there."""
-        if traversal is None:
-            return more_than("stop_line_mps", 0, self.speed_min_mps, f"the EMV crosses {self.place} nowhere")
-        speed = least_free_speed_mps(self.record, traversal)
-        return more_than("stop_line_mps", speed, self.speed_min_mps, _where(self.record, traversal))
-
-
-def _judge(record: EpisodeRecord, line: _RedLine | _StopLine, others: str) -> Verdict:
-    """The verdict on the EMV's traversal that comes closest to the predicate."""
+    Args:
+        record: The episode.
+        speed_min_mps: At a stop line; None for a junction with a signal.
+        others: Name of the part that counts the other vehicles inside.
+    """
+    network, emv_ids = record.network, frozenset(record.emv_ids)
     traversals = find_traversals(record)
-    emv_ids = frozenset(record.emv_ids)
-    civilians = [item for item in traversals if item.actor_id not in emv_ids]
+    civilians = [traversal for traversal in traversals if traversal.actor_id not in emv_ids]
     verdicts = []
     for traversal in traversals:
-        if traversal.actor_id in emv_ids and line.applies(traversal):
-            inside = _inside(record.network, traversal, civilians, crossing=others == "crossing_inside")
-            parts = (line.part(traversal), _count(others, inside))
+        connection = network.connections[traversal.connection]
+        applies = connection.signal_id is not None if speed_min_mps is None else connection.must_stop
+        if traversal.actor_id in emv_ids and applies:
+            inside = _inside(network, traversal, civilians, crossing=others == "crossing_inside")
+            parts = (_at_the_line(record, traversal, speed_min_mps), _count(others, inside))
             verdicts.append(verdict_of(parts, _sentence(record, parts, traversal)))
-    nowhere = (line.part(None), at_least(others, 0, 1))
-    return closest_of(verdicts) or verdict_of(nowhere, f"the EMV crosses {line.place} nowhere")
+    nowhere = f"the EMV crosses {'a junction with a signal' if speed_min_mps is None else 'a stop line'} nowhere"
+    line_part = (
+        at_least("against_red", 0, 1, nowhere)
+        if speed_min_mps is None
+        else more_than("stop_line_mps", 0, speed_min_mps, nowhere)
+    )
+    return closest_of(verdicts) or verdict_of((line_part, at_least(others, 0, 1)), nowhere)
+
+
+def _at_the_line(record: EpisodeRecord, traversal: Traversal, speed_min_mps: float | None) -> Part:
+    """1 where the signal was red as the front passed the line, else 0; for a stop line the least free speed there.
+
+    A driver who obeys a stop sign stops on the approach or at the line.
+    """
+    junction = record.network.connections[traversal.connection].junction
+    enter_s, leave_s = traversal.enter_step * STEP_S, traversal.leave_step * STEP_S
+    where = f"EMV {traversal.actor_id} in junction {junction} from {enter_s:.1f} s to {leave_s:.1f} s"
+    if speed_min_mps is None:
+        letter = signal_letter(record, traversal)
+        return at_least("against_red", letter in RED, 1, f"{where} on {letter or 'no signal'}")
+    return more_than("stop_line_mps", least_free_speed_mps(record, traversal), speed_min_mps, where)
 
 
 def _inside(network: RoadNetwork, traversal: Traversal, civilians: list[Traversal], crossing: bool) -> list[Traversal]:
     """Civilians' traversals that meet the EMV's: on crossing paths, or in its direction."""
     movement = network.connections[traversal.connection]
     meeting = [
-        item
-        for item in civilians
-        if network.connections[item.connection].junction == movement.junction and traversal.meets(item)
+        other
+        for other in civilians
+        if network.connections[other.connection].junction == movement.junction and traversal.meets(other)
     ]
     if crossing:
         crossing_it = frozenset(crossing_connections(network, movement))
-        return [item for item in meeting if item.connection in crossing_it]
-    return [item for item in meeting if is_same_direction(network, traversal.connection, item.connection)]
+        return [other for other in meeting if other.connection in crossing_it]
+    return [other for other in meeting if is_same_direction(network, traversal.connection, other.connection)]
 
 
 def is_same_direction(network: RoadNetwork, first: int, second: int) -> bool:
@@ -165,18 +150,9 @@ def signal_letter(record: EpisodeRecord, traversal: Traversal) -> str:
 
 
 def _count(name: str, inside: list[Traversal]) -> Part:
-    ids = dict.fromkeys(item.actor_id for item in inside)
-    detail = ", ".join(
-        f"{item.actor_id} from {item.centre_steps[0] * STEP_S:.1f} s to {item.centre_steps[1] * STEP_S:.1f} s"
-        for item in inside
-    )
-    return at_least(name, len(ids), 1, detail)
-
-
-def _where(record: EpisodeRecord, traversal: Traversal) -> str:
-    junction = record.network.connections[traversal.connection].junction
-    enter, leave = traversal.enter_step * STEP_S, traversal.leave_step * STEP_S
-    return f"EMV {traversal.actor_id} in junction {junction} from {enter:.1f} s to {leave:.1f} s"
+    spans = [(other.actor_id, *(step * STEP_S for step in other.centre_steps)) for other in inside]
+    detail = ", ".join(f"{actor_id} from {first_s:.1f} s to {last_s:.1f} s" for actor_id, first_s, last_s in spans)
+    return at_least(name, len({other.actor_id for other in inside}), 1, detail)
 
 
 def _sentence(record: EpisodeRecord, parts: tuple[Part, Part], traversal: Traversal) -> str:
@@ -193,8 +169,7 @@ def _sentence(record: EpisodeRecord, parts: tuple[Part, Part], traversal: Traver
 def shoulder_turn(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
     """The EMV's centre is on a shoulder for at least ``shoulder_min_s`` while it turns right at a junction.
 
-    The turn lasts from the approach edge to the exit edge, at most 50 m before and after the junction. The shoulder
-    is the area of the shoulder lanes and of their paths across the junction, in their direction.
+    The turn lasts from the approach edge to the exit edge, at most 50 m before and after the junction.
     """
     needed_s = thresholds["shoulder_min_s"]
     verdicts = []
@@ -202,10 +177,8 @@ def shoulder_turn(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Ver
         connection = record.network.connections[traversal.connection]
         if traversal.actor_id in record.emv_ids and connection.direction in RIGHT_TURNS:
             verdicts.append(_of_turn(record, traversal, needed_s))
-    nowhere = (
-        at_least("right_turn_deg", 0, TURN_MIN_DEG, "the EMV turns right nowhere"),
-        at_least("shoulder_s", 0, needed_s),
-    )
+    turn_part = at_least("right_turn_deg", 0, TURN_MIN_DEG, "the EMV turns right nowhere")
+    nowhere = (turn_part, at_least("shoulder_s", 0, needed_s))
     return closest_of(verdicts) or verdict_of(nowhere, "the EMV turned right nowhere")
 
 
@@ -216,13 +189,9 @@ def _of_turn(record: EpisodeRecord, traversal: Traversal, needed_s: float) -> Ve
     shoulder_s = float(on_shoulder.sum()) * STEP_S
     junction = record.network.connections[traversal.connection].junction
     first_s, last_s = rows.step[0] * STEP_S, rows.step[-1] * STEP_S
+    where = f"EMV {traversal.actor_id} at junction {junction} from {first_s:.1f} s to {last_s:.1f} s"
     parts = (
-        at_least(
-            "right_turn_deg",
-            turned_deg,
-            TURN_MIN_DEG,
-            f"EMV {traversal.actor_id} at junction {junction} from {first_s:.1f} s to {last_s:.1f} s",
-        ),
+        at_least("right_turn_deg", turned_deg, TURN_MIN_DEG, where),
         at_least("shoulder_s", shoulder_s, needed_s, _stretches(rows, on_shoulder)),
     )
     text = f"the EMV was on the shoulder for {shoulder_s:.1f} s of its turn by {turned_deg:.0f}° to the right"

@@ -3,15 +3,15 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.numerics.geometry import wrap_angle
-from siren_ros.record.vehicle_location import LanePlaces, places_of
-from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.record.vehicle_location import Drive, LanePlaces, places_of
+from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import NO_LANE, Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import Indices
 
@@ -47,29 +47,18 @@ class Traversal:
         return max(first, self.enter_step) < min(last, self.leave_step)
 
 
-def find_traversals(record: EpisodeRecord, places: LanePlaces | None = None) -> tuple[Traversal, ...]:
+def find_traversals(record: EpisodeRecord) -> tuple[Traversal, ...]:
     """Every junction traversal whose stop line is crossed in the record, by actor and then by time.
 
     The footprint's centre lay on the approach edge before and on the exit edge after. Where several movements join
     the two, the movement counts whose path held the centre longest. A vehicle that keeps no lane (between lanes, on
     the wrong side of the road) is followed by its projection on the approach lane and the exit lane.
 
-    Args:
-        record: The episode.
-        places: Lanes of ``record.rows``; None to compute them.
     """
-    rows = record.rows
-    lane_places = places if places is not None else places_of(record, rows)
+    places = places_of(record, record.rows)
     movements = _Movements(record.network)
-    traversals: list[Traversal] = []
-    for actor_id, actor in record.actors.items():
-        span = record.rows_of(actor_id)
-        if len(span):
-            drive = _Drive(
-                movements, rows.select(span), lane_places.lane[span], lane_places.arc_m[span], actor.length_m
-            )
-            traversals.extend(drive.traversals())
-    return tuple(traversals)
+    drives = [_Drive(record, places, key, movements) for key in record.actors if len(record.rows_of(key))]
+    return tuple(traversal for drive in drives for traversal in drive.traversals())
 
 
 class _Movements:
@@ -116,19 +105,14 @@ class _Run:
     last: int
 
 
-class _Drive:
-    """One actor's rows with their lanes."""
+class _Drive(Drive):
+    """A drive with the network's movements."""
 
-    def __init__(
-        self, movements: _Movements, rows: StateRows, lane: Indices, arc_m: Floats, vehicle_length_m: float
-    ) -> None:
+    def __init__(self, record: EpisodeRecord, places: LanePlaces, actor_id: int, movements: _Movements) -> None:
+        super().__init__(record, places, actor_id)
         self.movements = movements
-        self.network = movements.network
-        self.rows = rows
-        self.lane = lane
-        self.arc_m = arc_m
-        self.reach_m = vehicle_length_m / 2.0
-        self.along = np.stack((np.cos(rows.yaw_rad), np.sin(rows.yaw_rad)), axis=-1)
+        self.reach_m = self.actor.length_m / 2.0
+        self.along = np.stack((np.cos(self.rows.yaw_rad), np.sin(self.rows.yaw_rad)), axis=-1)
 
     def traversals(self) -> Iterator[Traversal]:
         """The actor's traversals in the order of time."""
@@ -146,11 +130,8 @@ class _Drive:
         if len(road) == 0:
             return []
         edges = self.movements.edge_of_lane[self.lane[road]]
-        starts = np.concatenate(([0], np.flatnonzero(np.diff(edges)) + 1))
-        ends = np.append(starts[1:], len(edges)) - 1
-        return [
-            _Run(int(edges[start]), int(road[start]), int(road[end])) for start, end in zip(starts, ends, strict=True)
-        ]
+        starts = np.concatenate(([0], np.flatnonzero(np.diff(edges)) + 1, [len(edges)]))
+        return [_Run(int(edges[start]), int(road[start]), int(road[end - 1])) for start, end in pairwise(starts)]
 
     def _movement(self, run: _Run, later: list[_Run]) -> tuple[int | None, _Run | None]:
         """The movement out of a run, and the run that it leads to; at most one stray run in between is skipped."""
@@ -181,7 +162,7 @@ class _Drive:
         after = int(rows[-1]) + 1 if len(rows) else until
         leave = _first(rows, self._on_exit(connection, rows, -self.reach_m), after)
         return Traversal(
-            actor_id=int(self.rows.actor_id[0]),
+            actor_id=self.actor.actor_id,
             connection=index,
             enter_step=self._step(enter),
             enter_speed_mps=float(self.rows.speed_mps[enter]),
@@ -199,18 +180,18 @@ class _Drive:
         far = np.flatnonzero(on_edge & (remaining > 2.0 * self.reach_m + _MARGIN_M))
         return run.first + int(far[-1]) + 1 if len(far) else run.first
 
-    def _point(self, rows: npt.NDArray[np.intp], ahead_m: float) -> Floats:
+    def _point(self, rows: Rows, ahead_m: float) -> Floats:
         return self.rows.xy_m[rows] + ahead_m * self.along[rows]
 
-    def _along(self, lane: Lane, rows: npt.NDArray[np.intp], ahead_m: float) -> Floats:
+    def _along(self, lane: Lane, rows: Rows, ahead_m: float) -> Floats:
         """Arc length on a lane, extended straight on, of a point ahead of the footprint's centre."""
         return lane.centre.project(self._point(rows, ahead_m))[0]
 
-    def _on_exit(self, connection: Connection, rows: npt.NDArray[np.intp], ahead_m: float) -> npt.NDArray[np.bool_]:
+    def _on_exit(self, connection: Connection, rows: Rows, ahead_m: float) -> Flags:
         lane = self.network.lanes[connection.to_lane]
         s, left = lane.centre.project(self._point(rows, ahead_m))
         turned = np.abs(wrap_angle(self.rows.yaw_rad[rows] - float(lane.centre.heading_rad(0.0))))
-        passed: npt.NDArray[np.bool_] = (s >= 0.0) & (np.abs(left) < _BESIDE_M) & (turned < np.pi / 2.0)
+        passed: Flags = (s >= 0.0) & (np.abs(left) < _BESIDE_M) & (turned < np.pi / 2.0)
         return passed
 
     def _step(self, row: int) -> int:
@@ -218,6 +199,6 @@ class _Drive:
         return int(self.rows.step[row]) if row < len(self.rows) else int(self.rows.step[-1]) + 1
 
 
-def _first(rows: npt.NDArray[np.intp], holds: npt.NDArray[np.bool_], default: int) -> int:
+def _first(rows: Rows, holds: Flags, default: int) -> int:
     matching = rows[holds]
     return int(matching[0]) if len(matching) else default

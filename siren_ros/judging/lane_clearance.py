@@ -11,7 +11,7 @@ import numpy.typing as npt
 from siren_ros.judging.verdict import Verdict, at_least, verdict_of
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
-from siren_ros.record.vehicle_location import LanePlaces, ahead_and_left_m, in_same_direction, lanes_ahead, places_of
+from siren_ros.record.vehicle_location import Drive, ahead_and_left_m, in_same_direction, lanes_ahead, places_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Lights
@@ -31,7 +31,6 @@ class LaneClearing:
     """One civilian that changed out of the EMV's lane while the siren was on."""
 
     actor_id: int
-    emv_id: int
     left_lane: int
     start_step: int
     """Last step with its centre in the lane that it leaves."""
@@ -42,21 +41,16 @@ class LaneClearing:
 
 
 def lane_cleared(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
-    """Civilians ahead in the EMV's lane leave it, and the EMV passes them in that lane.
-
-    Args:
-        record: The episode.
-        thresholds: ``lane_changes_min`` and ``passed_min``, the least numbers of civilians.
-    """
+    """At least ``lane_changes_min`` civilians leave the EMV's lane, and it passes ``passed_min`` in that lane."""
     clearings = find_clearings(record)
-    passed = [clearing for clearing in clearings if clearing.passed_step is not None]
-    names = ", ".join(f"{item.actor_id} at {item.end_step * STEP_S:.1f} s" for item in clearings)
-    passed_names = ", ".join(f"{item.actor_id} at {(item.passed_step or 0) * STEP_S:.1f} s" for item in passed)
+    passes = [(clearing.actor_id, clearing.passed_step) for clearing in clearings if clearing.passed_step is not None]
+    names = ", ".join(f"{clearing.actor_id} at {clearing.end_step * STEP_S:.1f} s" for clearing in clearings)
+    passed_names = ", ".join(f"{actor_id} at {step * STEP_S:.1f} s" for actor_id, step in passes)
     parts = (
         at_least("lane_changes", len(clearings), thresholds["lane_changes_min"], names),
-        at_least("passed", len(passed), thresholds["passed_min"], passed_names),
+        at_least("passed", len(passes), thresholds["passed_min"], passed_names),
     )
-    text = f"{len(clearings)} civilians left the EMV's lane while the siren was on, and it passed {len(passed)} there"
+    text = f"{len(clearings)} civilians left the EMV's lane while the siren was on, and it passed {len(passes)} there"
     return verdict_of(parts, text)
 
 
@@ -67,20 +61,11 @@ def find_clearings(record: EpisodeRecord) -> tuple[LaneClearing, ...]:
     civilians = [drive for drive in drives.values() if not drive.actor.is_emv]
     changes = [civilian.clearing(drives[emv]) for emv in record.emv_ids if emv in drives for civilian in civilians]
     clearings = [change for change in changes if change is not None]
-    return tuple(sorted(clearings, key=lambda item: (item.end_step, item.actor_id)))
+    return tuple(sorted(clearings, key=lambda clearing: (clearing.end_step, clearing.actor_id)))
 
 
-class _Drive:
-    """One actor's rows with their lanes."""
-
-    def __init__(self, record: EpisodeRecord, places: LanePlaces, actor_id: int) -> None:
-        span = record.rows_of(actor_id)
-        self.actor = record.actors[actor_id]
-        self.network = record.network
-        self.rows = record.rows.select(span)
-        self.lane = places.lane[span]
-        self.arc_m = places.arc_m[span]
-        self.offset_m = places.offset_m[span]
+class _Drive(Drive):
+    """A drive with its changes of lanes."""
 
     def row_at(self, step: int) -> int | None:
         """Row of a step, None where the actor is not there."""
@@ -97,7 +82,7 @@ class _Drive:
             left_lane = int(self.lane[start])
             start_step, end_step = (int(self.rows.step[row]) for row in (start, end))
             passed = self._passed_step(emv, left_lane, end_step)
-            clearing = LaneClearing(self.actor.actor_id, emv.actor.actor_id, left_lane, start_step, end_step, passed)
+            clearing = LaneClearing(self.actor.actor_id, left_lane, start_step, end_step, passed)
             if passed is not None:
                 return clearing
             unpassed = unpassed or clearing

@@ -17,7 +17,7 @@ from siren_ros.scenario.episode import EpisodeOutcome
 from siren_ros.world.actors import NO_ACTOR, Owner
 from siren_ros.world.traffic_state import EventKind
 
-HEARD_M = 40.0
+HEARD_M: Final = 40.0
 """Largest distance between the two centres at which the AV hears the siren (paper: response distance)."""
 STANDING_MPS: Final = 1.0
 NEAR_M: Final = 30.0
@@ -144,19 +144,10 @@ def judge(builder: RecordBuilder, closing: EpisodeClosing) -> EpisodeOutcome:
 def outcome_of(record: EpisodeRecord, closing: EpisodeClosing) -> EpisodeOutcome:
     """The outcome of a record; raises as ``evaluate_predicate`` does."""
     verdict = evaluate_predicate(record)
-    measures: dict[str, float | int | str] = {"predicate": verdict.text}
-    measures.update({f"predicate.{part.name}": part.value for part in verdict.parts})
-    measures.update(_interaction_measures(record))
-    response = av_response(record)
-    if response is not None:
-        measures.update(response.measures())
-    return EpisodeOutcome(closing.end, closing.reason, closing.steps, verdict.holds, measures)
-
-
-def _interaction_measures(record: EpisodeRecord) -> dict[str, Any]:
     residual = summarise_residuals(record)
-    emv = record.track(record.emv_ids[0]) if record.emv_ids else None
     measures: dict[str, Any] = {
+        "predicate": verdict.text,
+        **{f"predicate.{name}": value for name, value in verdict.measures().items()},
         "actors": len(record.actors),
         "collisions": len(record.events_of(EventKind.COLLISION)),
         "yields_started": len(record.events_of(EventKind.YIELD_STARTED)),
@@ -165,7 +156,10 @@ def _interaction_measures(record: EpisodeRecord) -> dict[str, Any]:
         "residual_p99_m": residual.p99_m,
         "residual_max_m": residual.max_m,
     }
+    emv = record.track(record.emv_ids[0]) if record.emv_ids else None
     if emv is not None and len(emv):
         measures["emv_distance_m"] = float(np.sum(np.hypot(np.diff(emv.x_m), np.diff(emv.y_m))))
         measures["emv_mean_speed_mps"] = float(np.mean(emv.speed_mps))
-    return measures
+    if (response := av_response(record)) is not None:
+        measures.update(response.measures())
+    return EpisodeOutcome(closing.end, closing.reason, closing.steps, verdict.holds, measures)

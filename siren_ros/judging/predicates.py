@@ -1,7 +1,6 @@
 """The predicates: whether a template's interaction happened, evaluated on the record alone."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Final
 
 from siren_ros.errors import BagError
@@ -21,32 +20,22 @@ from siren_ros.scenario.templates import load_template
 
 Predicate = Callable[[EpisodeRecord, Mapping[str, float]], Verdict]
 
-_EVALUATED_BY: Final[tuple[tuple[declared.PredicateDeclaration, Predicate], ...]] = (
-    (declared.QUEUES_SPLIT, queues_split),
-    (declared.LANE_CLEARED, lane_cleared),
-    (declared.RED_SAME_DIRECTION, red_same_direction),
-    (declared.RED_CROSSING, red_crossing),
-    (declared.STOP_SAME_DIRECTION, stop_same_direction),
-    (declared.STOP_CROSSING, stop_crossing),
-    (declared.SHOULDER_TURN, shoulder_turn),
-)
-PREDICATES: Final[dict[str, Predicate]] = {declaration.name: predicate for declaration, predicate in _EVALUATED_BY}
+PREDICATES: Final[dict[str, Predicate]] = {
+    declared.QUEUES_SPLIT.name: queues_split,
+    declared.LANE_CLEARED.name: lane_cleared,
+    declared.RED_SAME_DIRECTION.name: red_same_direction,
+    declared.RED_CROSSING.name: red_crossing,
+    declared.STOP_SAME_DIRECTION.name: stop_same_direction,
+    declared.STOP_CROSSING.name: stop_crossing,
+    declared.SHOULDER_TURN.name: shoulder_turn,
+}
 """By the name that a template's file gives."""
-
 PARAMETER: Final = "predicate"
 """Key of ``EpisodeDescription.parameters`` that holds ``{"name": …, "thresholds": {…}}``."""
 
 
-@dataclass(frozen=True)
-class PredicateChoice:
-    """The predicate of an episode, with its thresholds."""
-
-    name: str
-    thresholds: Mapping[str, float]
-
-
-def predicate_of(record: EpisodeRecord) -> PredicateChoice:
-    """The predicate that the record names; for a record that names none, the one of the episode's template.
+def predicate_of(record: EpisodeRecord) -> tuple[str, Mapping[str, float]]:
+    """Name and thresholds of the record's predicate; where the record has none, those of the episode's template.
 
     Raises:
         BagError: The record names an unknown predicate, or a threshold is missing or not a number.
@@ -54,20 +43,20 @@ def predicate_of(record: EpisodeRecord) -> PredicateChoice:
     """
     stored = record.description.parameters.get(PARAMETER)
     if stored is None:
-        demand = load_template(record.description.template).predicate
-        return PredicateChoice(demand.name, demand.thresholds)
+        predicate = load_template(record.description.template).predicate
+        return predicate.name, predicate.thresholds
     name = stored.get("name") if isinstance(stored, Mapping) else None
     thresholds = stored.get("thresholds") if isinstance(stored, Mapping) else None
-    numbers = isinstance(thresholds, Mapping) and all(isinstance(item, int | float) for item in thresholds.values())
+    numbers = isinstance(thresholds, Mapping) and all(isinstance(value, int | float) for value in thresholds.values())
     if name not in PREDICATES or not isinstance(thresholds, Mapping) or not numbers:
         raise BagError(f"predicate {stored!r}", f"one of {', '.join(PREDICATES)}, with numbers as thresholds")
     for threshold in declared.DECLARED_PREDICATES[str(name)].thresholds:
         if threshold not in thresholds:
             raise BagError(f"predicate {name}", f"a threshold named {threshold}")
-    return PredicateChoice(str(name), {str(key): float(value) for key, value in thresholds.items()})
+    return str(name), {str(key): float(value) for key, value in thresholds.items()}
 
 
 def evaluate_predicate(record: EpisodeRecord) -> Verdict:
     """Whether the interaction of the episode's template happened; raises as ``predicate_of`` does."""
-    choice = predicate_of(record)
-    return PREDICATES[choice.name](record, choice.thresholds)
+    name, thresholds = predicate_of(record)
+    return PREDICATES[name](record, thresholds)

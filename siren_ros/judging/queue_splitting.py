@@ -34,7 +34,6 @@ class Overtaking:
     """The moment at which the EMV's centre passes the centre of a civilian in a queue."""
 
     actor_id: int
-    emv_id: int
     step: int
     side: int
     """Side of the nearest lane boundary on which the civilian is: +1 left, −1 right."""
@@ -59,19 +58,16 @@ class Holding:
 
 
 def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
-    """Civilians pull over and hold, and the EMV overtakes them on the line between two queues.
+    """At least ``holding_min`` civilians pull over and hold; the EMV overtakes ``overtaken_min`` between two queues.
 
-    Args:
-        record: The episode.
-        thresholds: ``holding_min``, ``overtaken_min`` and ``lateral_max_m``, the largest distance of the EMV's
-            centre from the boundary between the two lanes as it passes a vehicle.
+    As it passes a vehicle, its centre is at most ``lateral_max_m`` from the boundary between the two lanes.
     """
-    rows = record.rows
-    places = places_of(record, rows)
+    places = places_of(record, record.rows)
     standing = find_holding(record, places)
     holding = [item for item in standing if item.pulled_over]
     in_lane = [item for item in standing if not item.pulled_over]
     held = _joined(_held(holding), "not pulled over", _held(in_lane))
+    holding_part = at_least("holding", len(holding), thresholds["holding_min"], held)
     verdicts = []
     for emv_id in record.emv_ids:
         passed = find_overtakings(record, places, emv_id)
@@ -80,17 +76,14 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
         left, right = (sum(item.side == side for item in between) for side in (1, -1))
         detail = _joined(_listed(between), "off the line", _listed(aside))
         parts = (
-            at_least("holding", len(holding), thresholds["holding_min"], held),
+            holding_part,
             at_least("overtaken", len(between), thresholds["overtaken_min"], detail),
             at_least("shorter_queue", min(left, right), QUEUE_MIN, f"{left} on the left, {right} on the right"),
         )
         text = f"{len(holding)} civilians pulled over and held, and the EMV passed {len(between)} between two queues"
         verdicts.append(verdict_of(parts, text))
-    nowhere = (
-        at_least("holding", len(holding), thresholds["holding_min"], held),
-        at_least("overtaken", 0, thresholds["overtaken_min"], "there is no EMV"),
-    )
-    return closest_of(verdicts) or verdict_of(nowhere, "there is no EMV")
+    overtaken_part = at_least("overtaken", 0, thresholds["overtaken_min"], "there is no EMV")
+    return closest_of(verdicts) or verdict_of((holding_part, overtaken_part), "there is no EMV")
 
 
 def _joined(counted: str, name: str, others: str) -> str:
@@ -107,14 +100,10 @@ def _listed(overtakings: list[Overtaking]) -> str:
 
 
 def find_holding(record: EpisodeRecord, places: LanePlaces) -> tuple[Holding, ...]:
-    """Civilians that stand in the hold of their yield for ``HOLD_S``, each once, by time.
+    """Civilians that stand in the hold of their yield for ``HOLD_S``, each once, by time; places of ``record.rows``.
 
     A civilian that stands away from its lane's centre line has pulled over. Where a civilian holds several times,
     its first time pulled over counts, or else its first time.
-
-    Args:
-        record: The episode.
-        places: Lanes of ``record.rows``.
     """
     rows = record.rows
     still = (rows.mode == Mode.YIELD_HOLD) & (rows.speed_mps <= STANDING_MPS) & (places.lane != NO_LANE)
@@ -134,14 +123,9 @@ def find_holding(record: EpisodeRecord, places: LanePlaces) -> tuple[Holding, ..
 
 
 def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> tuple[Overtaking, ...]:
-    """The EMV's passes of civilians in queues, each civilian once, by time.
+    """The EMV's passes of civilians in queues, each civilian once, by time; places of ``record.rows``.
 
     A civilian in a queue stands or creeps in a driving lane next to another driving lane.
-
-    Args:
-        record: The episode.
-        places: Lanes of ``record.rows``.
-        emv_id: The EMV.
     """
     rows = record.rows
     emv = record.track(emv_id)
@@ -156,7 +140,7 @@ def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> 
             line = _boundary(record.network, lane, emv.xy_m[emv_row])
             if line is not None and civilian.speed_mps[row] <= CREEP_MPS:
                 side, lateral_m = line
-                overtakings.append(Overtaking(actor_id, emv_id, int(civilian.step[row]), side, lateral_m))
+                overtakings.append(Overtaking(actor_id, int(civilian.step[row]), side, lateral_m))
                 break
     return tuple(sorted(overtakings, key=lambda item: (item.step, item.actor_id)))
 
@@ -172,11 +156,9 @@ def _abreast(emv: StateRows, civilian: StateRows) -> list[tuple[int, int]]:
 
 
 def _boundary(network: RoadNetwork, lane: int, xy_m: Floats) -> tuple[int, float] | None:
-    """The boundary between a driving lane and a neighbouring driving lane that is nearest to a point.
+    """The nearest boundary to a point between a driving lane and a neighbouring one, None without one.
 
-    Returns:
-        The side of the boundary on which the lane lies (+1 left) and the point's distance from it; None where
-        the lane has no such boundary.
+    The lane lies on its side +1 (left) or −1; the second number is the point's distance from it.
     """
     if not _is_driving(network, lane):
         return None

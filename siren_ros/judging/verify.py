@@ -1,8 +1,7 @@
 """Checks of a recorded episode: continuity, ownership, message counts, stamps, hashes, and the predicate."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -10,14 +9,7 @@ import numpy.typing as npt
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
 from siren_ros.judging.outcome import summarise_residuals
-from siren_ros.judging.physics import (
-    VerifyLimits,
-    check_emv_accel,
-    check_emv_braking,
-    check_impact_speed,
-    check_lateral_accel,
-    check_overlap,
-)
+from siren_ros.judging.physics import VerifyLimits, check_physics
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals
 from siren_ros.numerics.arrays import Floats
@@ -26,8 +18,6 @@ from siren_ros.numerics.units import STEP_NS, STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows, TopicRecord
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import EventKind, hash_state
-
-Check = Callable[[EpisodeRecord, VerifyLimits], Part]
 
 
 @dataclass(frozen=True)
@@ -48,85 +38,58 @@ class Verification:
         return (*self.verdict.failing, *(part for part in self.checks if not part.holds))
 
 
-@dataclass(frozen=True)
-class _Moves:
-    """Pairs of consecutive states of the same actor; arrays of shape ``(P,)``."""
+def check_motion(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, Part, Part]:
+    """Consecutive states of an actor fit each other; a part names the actor and the step of its worst case.
 
-    before: StateRows
-    after: StateRows
-    length_m: Floats
+    No position change exceeds ``v · dt`` plus the margin; v is the larger of both speeds. No yaw rate exceeds a
+    kinematic bicycle's at full lock (``v · tan δ / wheelbase``) or the tyres' grip. The recorded velocity is the
+    derivative of the position, direction included; a contact within a step changes the velocity at once, and leaves
+    the mean velocity within half the change.
 
-    @property
-    def distance_m(self) -> Floats:
-        return np.hypot(self.after.x_m - self.before.x_m, self.after.y_m - self.before.y_m)
+    Raises:
+        EpisodeError: The record has states of an actor that was never described.
+    """
+    rows = record.rows
+    pairs = np.flatnonzero((rows.actor_id[1:] == rows.actor_id[:-1]) & (rows.step[1:] == rows.step[:-1] + 1))
+    before, after = rows.select(pairs), rows.select(pairs + 1)
+    if not set(after.actor_id.tolist()) <= record.actors.keys():
+        raise EpisodeError("the record has states of an actor that was never described")
+    length_m = np.array([record.actors[key].length_m for key in after.actor_id.tolist()])
+    moved_x, moved_y = after.x_m - before.x_m, after.y_m - before.y_m
+    speed_mps = np.maximum(before.speed_mps, after.speed_mps)
+    turned = np.abs(wrap_angle(after.yaw_rad - before.yaw_rad))
+    by_steering = speed_mps * np.tan(limits.steer_max_rad) / (limits.wheelbase_share * length_m)
+    by_grip = limits.lateral_accel_mps2 / np.maximum(speed_mps, 0.1)
+    error_x = moved_x / STEP_S - (before.vx_mps + after.vx_mps) / 2.0
+    error_y = moved_y / STEP_S - (before.vy_mps + after.vy_mps) / 2.0
+    jump_m = np.hypot(moved_x, moved_y) - speed_mps * STEP_S
+    turn_rad = turned - np.minimum(by_steering, by_grip) * STEP_S
+    error_mps = np.hypot(error_x, error_y) - 0.5 * _velocity_jumps(before, after, record)
 
-    @property
-    def speed_mps(self) -> Floats:
-        return np.maximum(self.before.speed_mps, self.after.speed_mps)
-
-    def check(self, name: str, values: Floats, limit: float) -> Part:
-        """That the largest value is at most a limit; the detail names the actor and the step of that value."""
+    def worst(name: str, values: Floats, limit: float) -> Part:
         if len(values) == 0:
             return at_most(name, 0.0, limit)
         row = int(np.argmax(values))
-        changed = " as its owner changes" if self.before.owner[row] != self.after.owner[row] else ""
-        detail = f"actor {self.after.actor_id[row]} at step {self.after.step[row]}{changed}"
-        return at_most(name, values[row], limit, detail)
+        changed = " as its owner changes" if before.owner[row] != after.owner[row] else ""
+        return at_most(name, values[row], limit, f"actor {after.actor_id[row]} at step {after.step[row]}{changed}")
+
+    return (
+        worst("position_jump_m", jump_m, limits.jump_m),
+        worst("yaw_jump_rad", turn_rad, limits.turn_rad),
+        worst("speed_error_mps", error_mps, limits.speed_error_mps),
+    )
 
 
-def _moves(record: EpisodeRecord) -> _Moves:
-    rows = record.rows
-    pairs = np.flatnonzero((rows.actor_id[1:] == rows.actor_id[:-1]) & (rows.step[1:] == rows.step[:-1] + 1))
-    after = rows.select(pairs + 1)
-    if not set(after.actor_id.tolist()) <= record.actors.keys():
-        raise EpisodeError("the record has states of an actor that was never described")
-    lengths = np.array([record.actors[key].length_m for key in after.actor_id.tolist()])
-    return _Moves(rows.select(pairs), after, lengths)
-
-
-def _velocity_jumps(moves: _Moves, record: EpisodeRecord) -> Floats:
+def _velocity_jumps(before: StateRows, after: StateRows, record: EpisodeRecord) -> Floats:
     """Change of velocity of actors that a contact strikes between two steps, 0 for all others; shape ``(P,)``."""
-    struck = {
-        (event.step, actor)
-        for event in record.events_of(EventKind.COLLISION)
-        for actor in (event.actor_id, event.other_id)
-    }
-    after, before = moves.after, moves.before
+    contacts = record.events_of(EventKind.COLLISION)
+    struck = {(event.step, actor) for event in contacts for actor in (event.actor_id, event.other_id)}
     hit = [key in struck for key in zip(after.step.tolist(), after.actor_id.tolist(), strict=True)]
     change = np.hypot(after.vx_mps - before.vx_mps, after.vy_mps - before.vy_mps)
     return np.where(np.array(hit, dtype=np.bool_), change, 0.0)
 
 
-def check_position_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """No position change between two steps exceeds ``v · dt`` plus the margin; v is the larger of both speeds."""
-    moves = _moves(record)
-    excess = moves.distance_m - moves.speed_mps * STEP_S
-    return moves.check("position_jump_m", excess, limits.jump_m)
-
-
-def check_yaw_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """No yaw rate exceeds a kinematic bicycle's at full lock (``v · tan δ / wheelbase``) or the tyres' grip."""
-    moves = _moves(record)
-    turned = np.abs(wrap_angle(moves.after.yaw_rad - moves.before.yaw_rad))
-    by_steering = moves.speed_mps * np.tan(limits.steer_max_rad) / (limits.wheelbase_share * moves.length_m)
-    by_grip = limits.lateral_accel_mps2 / np.maximum(moves.speed_mps, 0.1)
-    excess = turned - np.minimum(by_steering, by_grip) * STEP_S
-    return moves.check("yaw_jump_rad", excess, limits.turn_rad)
-
-
-def check_speed(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """The recorded velocity equals the derivative of the recorded position within the limit, direction included.
-
-    A contact within a step changes the velocity at once, and leaves the mean velocity within half the change.
-    """
-    moves = _moves(record)
-    error_x = (moves.after.x_m - moves.before.x_m) / STEP_S - (moves.before.vx_mps + moves.after.vx_mps) / 2.0
-    error_y = (moves.after.y_m - moves.before.y_m) / STEP_S - (moves.before.vy_mps + moves.after.vy_mps) / 2.0
-    error = np.hypot(error_x, error_y) - 0.5 * _velocity_jumps(moves, record)
-    return moves.check("speed_error_mps", error, limits.speed_error_mps)
-
-
-def check_owners(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
+def check_owners(record: EpisodeRecord) -> Part:
     """Every actor has exactly one owner at every step, and no two controllers drive the same actor."""
     faults = 0
     for state in record.states:
@@ -142,26 +105,26 @@ def check_owners(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
     return equals("ownership_faults", faults, 0)
 
 
-def check_teleports(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """SUMO teleported no vehicle."""
+def check_states(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...]:
+    """The checks that need no topics; they also apply to an episode that was simulated and not recorded.
+
+    Beside motion, owners and physics: SUMO teleported no vehicle, and the residuals of actors that SUMO owns are small.
+    """
     teleports = record.events_of(EventKind.TELEPORT)
-    detail = ", ".join(f"actor {event.actor_id} at step {event.step}" for event in teleports)
-    return equals("teleports", len(teleports), 0, detail)
-
-
-def check_residual_p99(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """99th percentile of the distance between SUMO's and the simulated pose of actors that SUMO owns."""
+    places = ", ".join(f"actor {event.actor_id} at step {event.step}" for event in teleports)
     residuals = summarise_residuals(record)
-    return at_most("residual_p99_m", residuals.p99_m, limits.residual_p99_m, f"median {residuals.median_m:.3f} m")
+    return (
+        *check_motion(record, limits),
+        check_owners(record),
+        equals("teleports", len(teleports), 0, places),
+        at_most("residual_p99_m", residuals.p99_m, limits.residual_p99_m, f"median {residuals.median_m:.3f} m"),
+        at_most("residual_max_m", residuals.max_m, limits.residual_max_m),
+        *check_physics(record, limits),
+    )
 
 
-def check_residual_max(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """Largest distance between SUMO's and the simulated pose of actors that SUMO owns."""
-    return at_most("residual_max_m", summarise_residuals(record).max_m, limits.residual_max_m)
-
-
-def check_complete(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """The episode ended as planned, after at least the number of steps of its description."""
+def check_complete(record: EpisodeRecord) -> Part:
+    """The episode ended as planned and has the number of steps of its description."""
     planned = round(record.description.duration_s / STEP_S)
     if record.complete:
         return at_least("steps", record.steps, planned)
@@ -169,7 +132,7 @@ def check_complete(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
     return Part("steps", float(record.steps), float(planned), False, ">=", f"the episode is not complete, {ended}")
 
 
-def check_message_counts(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
+def check_message_counts(record: EpisodeRecord) -> Part:
     """Every topic has exactly one message at each step of its rate, and no core topic is missing."""
     wrong = [f"{topic.name} {fault}" for topic in record.topics.values() for fault in _rate_faults(topic, record.steps)]
     wrong += [f"{topic.name} is missing" for topic in topics.CORE_TOPICS if topic.name not in record.topics]
@@ -195,8 +158,8 @@ def _rate_faults(topic: TopicRecord, steps: int) -> Iterator[str]:
         yield f"has {topic.count} messages instead of {len(expected)}, or not at their steps"
 
 
-def check_stamps(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """Every stamp is simulated time on the 20 Hz grid, and the stamp inside a message is that of the bag."""
+def check_stamps(record: EpisodeRecord) -> Part:
+    """Every stamp is simulated time on the step grid, and the stamp inside a message is the bag's."""
     wrong = []
     for topic in record.topics.values():
         faults = int((topic.times_ns % STEP_NS != 0).sum()) + topic.stamp_mismatches
@@ -205,8 +168,8 @@ def check_stamps(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
     return equals("topics_with_wrong_stamps", len(wrong), 0, ", ".join(wrong))
 
 
-def check_state_hashes(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """Each step has its recorded ``state_hash``: BLAKE2b of every actor and traffic light."""
+def check_state_hashes(record: EpisodeRecord) -> Part:
+    """The hash of the recorded states and signals is the recorded hash at every step."""
     signals = {traffic.step: traffic.signals for traffic in record.traffic}
     wrong = [
         state.step
@@ -216,36 +179,17 @@ def check_state_hashes(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
     return equals("wrong_state_hashes", len(wrong), 0, f"first at step {wrong[0]}" if wrong else "")
 
 
-STATE_CHECKS: Final[tuple[Check, ...]] = (
-    check_position_jumps,
-    check_yaw_jumps,
-    check_speed,
-    check_owners,
-    check_teleports,
-    check_residual_p99,
-    check_residual_max,
-    check_overlap,
-    check_impact_speed,
-    check_lateral_accel,
-    check_emv_braking,
-    check_emv_accel,
-)
-"""The checks that need no topics; they also apply to an episode that was simulated and not recorded."""
-CHECKS: Final[tuple[Check, ...]] = (
-    check_complete,
-    *STATE_CHECKS,
-    check_message_counts,
-    check_stamps,
-    check_state_hashes,
-)
-
-
 def verify_episode(record: EpisodeRecord, limits: VerifyLimits | None = None) -> Verification:
     """Evaluates the episode's predicate and runs every check.
 
-    Raises:
-        EpisodeError: The record contradicts itself: states of an actor that was never described.
-        BagError: The predicate that the record names is not known.
+    Raises EpisodeError as ``check_motion``, and BagError where the predicate that the record names is not known.
     """
-    bounds = limits or VerifyLimits()
-    return Verification(evaluate_predicate(record), tuple(check(record, bounds) for check in CHECKS))
+    verdict = evaluate_predicate(record)
+    checks = (
+        check_complete(record),
+        *check_states(record, limits or VerifyLimits()),
+        check_message_counts(record),
+        check_stamps(record),
+        check_state_hashes(record),
+    )
+    return Verification(verdict, checks)

@@ -86,6 +86,20 @@ def places_of(record: EpisodeRecord, rows: StateRows) -> LanePlaces:
     return locate(record.network, rows.xy_m, rows.yaw_rad, sumo_lanes(record, rows))
 
 
+class Drive:
+    """One actor's rows of a record, in the order of time, with its lanes."""
+
+    def __init__(self, record: EpisodeRecord, places: LanePlaces, actor_id: int) -> None:
+        """Selects the rows; ``places`` are the lanes of ``record.rows``."""
+        span = record.rows_of(actor_id)
+        self.actor = record.actors[actor_id]
+        self.network = record.network
+        self.rows = record.rows.select(span)
+        self.lane = places.lane[span]
+        self.arc_m = places.arc_m[span]
+        self.offset_m = places.offset_m[span]
+
+
 def lanes_ahead(network: RoadNetwork, lane: int, reach_m: float) -> frozenset[int]:
     """The lane and all lanes that can follow it without a lane change, paths across junctions included.
 

@@ -23,7 +23,7 @@ from siren_ros.judging.lane_clearance import lane_cleared
 from siren_ros.judging.outcome import av_response
 from siren_ros.judging.physics import summarise_physics
 from siren_ros.judging.queue_splitting import queues_split
-from siren_ros.judging.verify import STATE_CHECKS, VerifyLimits
+from siren_ros.judging.verify import VerifyLimits, check_states
 from siren_ros.numerics.geometry import Polyline, rotate, wrap_angle
 from siren_ros.roads.road_network import JunctionKind, RoadNetwork
 from siren_ros.world.actors import Mode
@@ -106,11 +106,11 @@ def test_lane_changes_are_the_same_in_a_turned_record(record_of, angle):
 def test_checks_and_numbers_are_the_same_in_a_turned_record(record_of, angle):
     record = record_of(duration_s=9.0)
     other = turned(record, angle)
-    for check in STATE_CHECKS:
-        assert check(other, VerifyLimits()).value == pytest.approx(check(record, VerifyLimits()).value, abs=1e-6)
+    values, expected = ([part.value for part in check_states(either, VerifyLimits())] for either in (other, record))
+    assert values == pytest.approx(expected, abs=1e-6)
     assert vars(summarise_physics(other)) == pytest.approx(vars(summarise_physics(record)), abs=1e-6)
     parameters = {**record.description.parameters, "av": {"actor_id": 2, "sensors": "none"}}
     description = replace(record.description, parameters=parameters)
-    responses = [av_response(replace(one, description=description)) for one in (record, other)]
+    responses = [av_response(replace(either, description=description)) for either in (record, other)]
     # A step more or less: the two are exactly abreast at a step.
     assert vars(responses[1]) == pytest.approx(vars(responses[0]), abs=0.051)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from siren_ros.judging.verdict import Part, at_least, at_most, equals, more_than, verdict_of
+from siren_ros.judging.verdict import at_least, at_most, closest_of, equals, more_than, verdict_of
 
 
 @pytest.mark.parametrize(
@@ -15,7 +15,7 @@ from siren_ros.judging.verdict import Part, at_least, at_most, equals, more_than
     ],
 )
 def test_conditions_hold_on_their_side_of_the_threshold(make, holds, relation):
-    parts = [make("way_m", value, 2.5) for value in (2.0, 2.5, 3.0)]
+    parts = [make("way_m", value, 2.5) for value in (2.4, 2.5, 2.6)]
     assert tuple(part.holds for part in parts) == holds
     assert {part.relation for part in parts} == {relation}
     assert not make("way_m", float("nan"), 2.5).holds
@@ -28,8 +28,17 @@ def test_a_condition_is_one_line_with_its_detail_behind_it():
 
 def test_a_verdict_holds_where_all_of_its_parts_do():
     good, bad = at_least("a", 3.0, 1.0), at_least("b", 0.5, 1.0)
-    assert verdict_of((good,), "told").holds
-    found = verdict_of((good, bad), "told")
-    assert (found.holds, found.failing, found.text) == (False, (bad,), "told")
-    assert found.measures() == {"a": 3.0, "b": 0.5}
-    assert isinstance(good, Part)
+    assert verdict_of((good,), "text").holds
+    verdict = verdict_of((good, bad), "text")
+    assert (verdict.holds, verdict.failing, verdict.text) == (False, (bad,), "text")
+    assert verdict.measures() == {"a": 3.0, "b": 0.5}
+
+
+def test_the_closest_verdict_has_the_most_parts_and_then_the_largest_values():
+    whole, none, first, second = (
+        verdict_of(tuple(at_least(f"part{number}", value, 1.0) for number, value in enumerate(values)), "")
+        for values in ((1, 1), (0, 0), (1, 0), (0, 9))
+    )
+    assert closest_of([none, second, whole, first]) is whole
+    assert closest_of([none, second, first]) is first
+    assert closest_of([]) is None

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from siren_ros.datasets.files import FileWriter
-from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames
+from siren_ros.datasets.kitti.exporter import KittiFrame, KittiFrames
 from siren_ros.datasets.kitti.labels import KittiCamera, camera_from_lidar
 from siren_ros.datasets.kitti.live_export import Layout, LiveExport
 from siren_ros.errors import InputError

@@ -19,7 +19,7 @@ from shapely.ops import unary_union
 
 from siren_ros.datasets.files import FileWriter, link
 from siren_ros.datasets.formats import EpisodePart, EpisodeReport
-from siren_ros.datasets.lane_graph import GraphLane, lane_graph
+from siren_ros.datasets.lane_graph import GraphLane, driven_shapes, lane_graph
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Points
 from siren_ros.record.episode_source import EpisodeSource
@@ -45,17 +45,12 @@ _NS_PER_S: Final = 1_000_000_000
 def map_json(network: RoadNetwork) -> dict[str, Any]:
     """The archive of a map as JSON types."""
     graph = lane_graph(network)
+    crossings = [(index, outline) for index, outline in enumerate(network.crossings) if len(outline) > 3]
+    areas = [{"id": index, "area_boundary": _points(area)} for index, area in enumerate(drivable_areas(network, graph))]
     return {
-        "pedestrian_crossings": {
-            str(index): _crossing(index, outline)
-            for index, outline in enumerate(network.crossings)
-            if len(outline) >= 4
-        },
+        "pedestrian_crossings": {str(index): _crossing(index, outline) for index, outline in crossings},
         "lane_segments": {str(index): _segment(index, lane, graph) for index, lane in graph.items()},
-        "drivable_areas": {
-            str(index): {"id": index, "area_boundary": _points(area)}
-            for index, area in enumerate(drivable_areas(network, graph))
-        },
+        "drivable_areas": {str(area["id"]): area for area in areas},
     }
 
 
@@ -89,15 +84,10 @@ def resampled(points: Points, count: int) -> Points:
 
 def drivable_areas(network: RoadNetwork, graph: dict[int, GraphLane]) -> list[Points]:
     """Outlines of lanes and junctions as one area; holes stay open by being left out, as Argoverse 2 has none."""
-    shapes = [Polygon(np.vstack((lane.left, lane.right[::-1]))).buffer(0.0) for lane in graph.values()]
-    shapes += [
-        Polygon(junction.outline).buffer(0.0) for junction in network.junctions.values() if len(junction.outline) >= 3
-    ]
-    joined = unary_union([shape.buffer(_SIMPLE_M) for shape in shapes if not shape.is_empty]).simplify(_SIMPLE_M)
-    areas = []
-    for part in getattr(joined, "geoms", [joined]):
-        areas += [np.array(piece.exterior.coords) for piece in _without_holes(part)]
-    return areas
+    shapes = [shape.buffer(_SIMPLE_M) for shape in driven_shapes(network, graph) if not shape.is_empty]
+    joined = unary_union(shapes).simplify(_SIMPLE_M)
+    pieces = [piece for part in getattr(joined, "geoms", [joined]) for piece in _without_holes(part)]
+    return [np.array(piece.exterior.coords) for piece in pieces]
 
 
 def _without_holes(polygon: Polygon) -> list[Polygon]:
@@ -176,16 +166,7 @@ def scenario_id(episode_id: str, actor_id: int, frame: int) -> str:
 def scenario_table(
     windows: Sequence[Track], focal_id: int, emv_id: int, first: int, name: str, city: str
 ) -> dict[str, Any]:
-    """Columns of a scenario's file: all vehicles that are there at one of its frames.
-
-    Args:
-        windows: Tracks cut to the scenario's frames.
-        focal_id: Actor to predict.
-        emv_id: The EMV with the sensors.
-        first: First frame.
-        name: The scenario's id.
-        city: Name of the map.
-    """
+    """Columns of a scenario's file: all vehicles that are there at one of its frames, their tracks cut to them."""
     counts = [len(track) for track in windows]
     ids = [AV if track.actor.actor_id == emv_id else str(track.actor.actor_id) for track in windows]
     kinds = ["bus" if track.actor.actor_class is ActorClass.BUS else "vehicle" for track in windows]

@@ -5,18 +5,16 @@ Format: CommonRoad 2020a, https://commonroad.in.tum.de. Intersections follow com
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import groupby
-from pathlib import Path
+from collections.abc import Mapping
+from itertools import count, groupby
 from typing import Final
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from siren_ros.datasets.commonroad_surface import Bounds, border_strips, junction_surfaces, lanelet_bounds
-from siren_ros.datasets.files import FileWriter, child, document, link
-from siren_ros.datasets.formats import EpisodePart, EpisodeReport
+from siren_ros.datasets.files import FileWriter, child, children, document
+from siren_ros.datasets.formats import EpisodeReport, FilesExporter
 from siren_ros.datasets.lane_graph import GraphLane, lane_graph
 from siren_ros.errors import BagError
 from siren_ros.numerics.arrays import Points
@@ -52,19 +50,10 @@ def lanelet_id(lane: int) -> int:
     return lane + 1
 
 
-@dataclass(frozen=True)
-class _Light:
-    number: int
-    connection: Connection
-
-
 def add_network(root: Element, record: EpisodeRecord, arm_names: str) -> None:
     """Adds lanelets, signs, lights and intersections, in the order of the schema.
 
-    Args:
-        root: The scenario.
-        record: The episode.
-        arm_names: Head of the names of the lanelets that leave an arm of an intersection.
+    ``arm_names`` is the head of the names of the lanelets that leave an arm of an intersection.
     """
     network = record.network
     graph = lane_graph(network)
@@ -75,7 +64,7 @@ def add_network(root: Element, record: EpisodeRecord, arm_names: str) -> None:
     bounds = lanelet_bounds(graph, opposite)
     for index, lane in graph.items():
         lanelet = _add_lanelet(root, lanelet_id(index), bounds[index], _markings(lane))
-        _describe(lanelet, lane, signs[lane.lane.speed_limit_mps], lights.get(index, []), opposite.get(index))
+        _describe(lanelet, lane, signs[lane.lane.speed_limit_mps], lights.get(index, {}), opposite.get(index))
     for number, strip in enumerate(border_strips(graph, bounds, opposite)):
         child(_add_lanelet(root, _BORDERS + number, strip, _UNMARKED), "laneletType", "border")
     for number, surface in enumerate(junction_surfaces(network, bounds)):
@@ -83,15 +72,13 @@ def add_network(root: Element, record: EpisodeRecord, arm_names: str) -> None:
     for limit, number in signs.items():
         first = next(lane for lane in graph.values() if lane.lane.speed_limit_mps == limit)
         sign = child(root, "trafficSign", id=number)
-        element = child(sign, "trafficSignElement")
-        child(element, "trafficSignID", "274")
-        child(element, "additionalValue", limit)
+        children(child(sign, "trafficSignElement"), trafficSignID="274", additionalValue=limit)
         _add_point(child(sign, "position"), first.right[0])
         child(sign, "virtual", text=True)
     cycles = _cycles(record)
     for lane_lights in lights.values():
-        for light in lane_lights:
-            _add_light(root, light, graph, cycles)
+        for number, connection in lane_lights.items():
+            _add_light(root, number, connection, graph, cycles)
     _add_intersections(root, network, graph, arm_names)
 
 
@@ -115,7 +102,9 @@ def _markings(lane: GraphLane) -> tuple[str, str]:
     return left, right
 
 
-def _describe(lanelet: Element, lane: GraphLane, sign: int, lights: list[_Light], opposite: int | None) -> None:
+def _describe(
+    lanelet: Element, lane: GraphLane, sign: int, lights: Mapping[int, Connection], opposite: int | None
+) -> None:
     for tag, others in (("predecessor", lane.predecessors), ("successor", lane.successors)):
         for other in others:
             child(lanelet, tag, ref=lanelet_id(other))
@@ -131,26 +120,25 @@ def _describe(lanelet: Element, lane: GraphLane, sign: int, lights: list[_Light]
         _add_point(line, lane.right[-1])
         child(line, "lineMarking", "solid")
         for light in lights:
-            child(line, "trafficLightRef", ref=light.number)
+            child(line, "trafficLightRef", ref=light)
     child(lanelet, "laneletType", _KIND.get(lane.lane.kind, "urban"))
     child(lanelet, "userOneWay", "vehicle" if lane.lane.civilian_allowed else "priorityVehicle")
     child(lanelet, "trafficSignRef", ref=sign)
     for light in lights:
-        child(lanelet, "trafficLightRef", ref=light.number)
+        child(lanelet, "trafficLightRef", ref=light)
 
 
-def _lights(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, list[_Light]]:
-    """Lights by the lane that they stand at, one for each direction."""
-    by_lane: dict[int, dict[str, _Light]] = {}
-    number = _LIGHTS
+def _lights(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, dict[int, Connection]]:
+    """Lights by the lane at which they stand and by their ids, one for each direction."""
+    by_direction: dict[tuple[int, str], Connection] = {}
     for connection in network.connections:
-        direction = _DIRECTION.get(connection.direction, "all")
-        at = by_lane.setdefault(connection.from_lane, {})
-        if connection.signal_id is None or connection.from_lane not in graph or direction in at:
-            continue
-        at[direction] = _Light(number, connection)
-        number += 1
-    return {lane: list(lights.values()) for lane, lights in by_lane.items() if lights}
+        if connection.signal_id is not None and connection.from_lane in graph:
+            direction = _DIRECTION.get(connection.direction, "all")
+            by_direction.setdefault((connection.from_lane, direction), connection)
+    lights: dict[int, dict[int, Connection]] = {}
+    for number, ((lane, _), connection) in enumerate(by_direction.items(), start=_LIGHTS):
+        lights.setdefault(lane, {})[number] = connection
+    return lights
 
 
 def _cycles(record: EpisodeRecord) -> dict[str, list[str]]:
@@ -163,20 +151,18 @@ def _cycles(record: EpisodeRecord) -> dict[str, list[str]]:
     return cycles
 
 
-def _add_light(root: Element, light: _Light, graph: Mapping[int, GraphLane], cycles: Mapping[str, list[str]]) -> None:
+def _add_light(
+    root: Element, number: int, connection: Connection, graph: Mapping[int, GraphLane], cycles: Mapping[str, list[str]]
+) -> None:
     """A light whose cycle is what was recorded, from the start of the episode to its end."""
-    connection = light.connection
     states = cycles.get(str(connection.signal_id), [])
     colours = [_COLOUR.get(state[connection.signal_link].lower(), "inactive") for state in states] or ["inactive"]
-    light_element = child(root, "trafficLight", id=light.number)
+    light_element = child(root, "trafficLight", id=number)
     cycle = child(light_element, "cycle")
     for colour, same in groupby(colours):
-        element = child(cycle, "cycleElement")
-        child(element, "duration", len(list(same)))
-        child(element, "color", colour)
+        children(child(cycle, "cycleElement"), duration=len(list(same)), color=colour)
     _add_point(child(light_element, "position"), graph[connection.from_lane].right[-1])
-    child(light_element, "direction", _DIRECTION.get(connection.direction, "all"))
-    child(light_element, "active", text=True)
+    children(light_element, direction=_DIRECTION.get(connection.direction, "all"), active=True)
 
 
 def _opposite_lanes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, int]:
@@ -197,48 +183,34 @@ def _opposite_lanes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dic
 
 
 def _add_intersections(root: Element, network: RoadNetwork, graph: Mapping[int, GraphLane], arm_names: str) -> None:
-    number = _INCOMINGS
-    for junction, (_, arms) in enumerate(_arms(network, graph)):
-        intersection = child(root, "intersection", id=_JUNCTIONS + junction)
-        for lanes, successors in arms:
-            incoming = child(intersection, "incoming", id=number)
-            number += 1
-            for lane in lanes:
-                child(incoming, "incomingLanelet", ref=lanelet_id(lane))
-            for tag in ("Right", "Straight", "Left"):
-                for lane in sorted(successors.get(tag.lower(), set())):
-                    child(incoming, f"{arm_names}{tag}", ref=lanelet_id(lane))
-
-
-def _arms(
-    network: RoadNetwork, graph: Mapping[int, GraphLane]
-) -> Iterator[tuple[str, list[tuple[list[int], dict[str, set[int]]]]]]:
-    """For each junction with paths across it: lanes of each road into it, and first lanelets by direction."""
+    """The junctions with paths across them: lanes of each road into one, and first lanelets by direction."""
     by_junction: dict[str, dict[int, list[Connection]]] = {}
     for connection in network.connections:
         if connection.via and connection.from_lane in graph and connection.via[0] in graph:
             edge = network.lanes[connection.from_lane].edge
             if not network.edges[edge].internal:
                 by_junction.setdefault(connection.junction, {}).setdefault(edge, []).append(connection)
-    for junction, edges in by_junction.items():
-        arms = []
+    numbers = count(_INCOMINGS)
+    for junction, edges in enumerate(by_junction.values()):
+        intersection = child(root, "intersection", id=_JUNCTIONS + junction)
         for connections in edges.values():
-            successors: dict[str, set[int]] = {}
-            for connection in connections:
-                direction = _DIRECTION.get(connection.direction, "straight")
-                successors.setdefault(direction, set()).add(connection.via[0])
-            arms.append((sorted({connection.from_lane for connection in connections}), successors))
-        yield junction, arms
+            incoming = child(intersection, "incoming", id=next(numbers))
+            for lane in sorted({connection.from_lane for connection in connections}):
+                child(incoming, "incomingLanelet", ref=lanelet_id(lane))
+            ways = {(_DIRECTION.get(item.direction, "straight"), item.via[0]) for item in connections}
+            for tag in ("Right", "Straight", "Left"):
+                for lane in sorted(lane for direction, lane in ways if direction == tag.lower()):
+                    child(incoming, f"{arm_names}{tag}", ref=lanelet_id(lane))
 
 
 def _add_point(parent: Element, place: Points) -> None:
-    point = child(parent, "point")
-    child(point, "x", float(place[0]))
-    child(point, "y", float(place[1]))
+    children(child(parent, "point"), x=place[0], y=place[1])
 
 
-class CommonRoadExporter:
+class CommonRoadExporter(FilesExporter):
     """One XML file for each episode."""
+
+    by_split = True
 
     def __init__(self, intersections: str) -> None:
         self._arm_names = intersections
@@ -259,12 +231,6 @@ class CommonRoadExporter:
         files.write(f"{episode_id}.xml", document(root))
         types = Counter(obstacle_type(track.actor.actor_class) for track in others)
         return EpisodeReport({"scenarios": 1, "obstacles": len(others)}, dict(types))
-
-    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """A folder for each split."""
-        for part in parts:
-            for path in part.folder.glob("*.xml"):
-                link(path, folder / part.split / path.name)
 
 
 def obstacle_type(actor_class: ActorClass) -> str:
@@ -293,14 +259,10 @@ def _root(record: EpisodeRecord, description: EpisodeDescription, arm_names: str
             "date": "1970-01-01",
         },
     )
-    place = child(root, "location")
     origin = record.network.origin_lat_lon_deg
     known = {} if origin is None else {"gpsLatitude": origin[0], "gpsLongitude": origin[1]}
-    for tag, value in {**_UNKNOWN_PLACE, **known}.items():
-        child(place, tag, value)
-    tags = child(root, "scenarioTags")
-    child(tags, "urban")
-    child(tags, "simulated")
+    children(child(root, "location"), **{**_UNKNOWN_PLACE, **known})
+    children(child(root, "scenarioTags"), urban=None, simulated=None)
     add_network(root, record, arm_names)
     return root
 
@@ -308,9 +270,7 @@ def _root(record: EpisodeRecord, description: EpisodeDescription, arm_names: str
 def _add_obstacle(root: Element, track: Track) -> None:
     obstacle = child(root, "dynamicObstacle", id=_OBSTACLES + track.actor.actor_id)
     child(obstacle, "type", obstacle_type(track.actor.actor_class))
-    rectangle = child(child(obstacle, "shape"), "rectangle")
-    child(rectangle, "length", track.actor.length_m)
-    child(rectangle, "width", track.actor.width_m)
+    children(child(obstacle, "shape/rectangle"), length=track.actor.length_m, width=track.actor.width_m)
     _add_state(child(obstacle, "initialState"), track, 0)
     trajectory = child(obstacle, "trajectory")
     for row in range(1, len(track)):
@@ -318,17 +278,11 @@ def _add_obstacle(root: Element, track: Track) -> None:
 
 
 def _add_state(state: Element, track: Track, row: int) -> None:
-    point = child(child(state, "position"), "point")
-    child(point, "x", float(track.x_m[row]))
-    child(point, "y", float(track.y_m[row]))
-    values = {
-        "orientation": float(track.yaw_rad[row]),
-        "time": int(track.frame[row]),
-        "velocity": float(track.speed_mps[row]),
-        "acceleration": float(track.accel_mps2[row]),
-    }
-    for tag, value in values.items():
-        child(child(state, tag), "exact", value)
+    _add_point(child(state, "position"), track.xy_m[row])
+    child(state, "orientation/exact", track.yaw_rad[row])
+    child(state, "time/exact", track.frame[row])
+    child(state, "velocity/exact", track.speed_mps[row])
+    child(state, "acceleration/exact", track.accel_mps2[row])
 
 
 def _add_problem(root: Element, emv: Track) -> None:
@@ -337,15 +291,9 @@ def _add_problem(root: Element, emv: Track) -> None:
     state = child(problem, "initialState")
     _add_state(state, emv, 0)
     for tag in ("yawRate", "slipAngle"):
-        child(child(state, tag), "exact", 0.0)
-    goal = child(problem, "goalState")
-    rectangle = child(child(goal, "position"), "rectangle")
-    child(rectangle, "length", _GOAL_LENGTH_M)
-    child(rectangle, "width", _GOAL_WIDTH_M)
-    child(rectangle, "orientation", float(emv.yaw_rad[-1]))
-    centre = child(rectangle, "center")
-    child(centre, "x", float(emv.x_m[-1]))
-    child(centre, "y", float(emv.y_m[-1]))
-    time = child(goal, "time")
-    child(time, "intervalStart", max(1, int(emv.frame[-1]) // 2))
-    child(time, "intervalEnd", int(emv.frame[-1]))
+        child(state, f"{tag}/exact", 0.0)
+    goal, last = child(problem, "goalState"), int(emv.frame[-1])
+    rectangle = child(goal, "position/rectangle")
+    children(rectangle, length=_GOAL_LENGTH_M, width=_GOAL_WIDTH_M, orientation=emv.yaw_rad[-1])
+    children(child(rectangle, "center"), x=emv.x_m[-1], y=emv.y_m[-1])
+    children(child(goal, "time"), intervalStart=max(1, last // 2), intervalEnd=last)

@@ -54,9 +54,7 @@ class Bounds:
 def lanelet_bounds(graph: Mapping[int, GraphLane], opposite: Mapping[int, int]) -> dict[int, Bounds]:
     """The boundaries of each lane, which meet those of its neighbours, followers and forerunners.
 
-    Args:
-        graph: The lanes.
-        opposite: The lane of the other direction that shares the left boundary of a lane.
+    ``opposite`` names the lane of the other direction that shares the left boundary of a lane.
     """
     bounds_of_lane: dict[int, Bounds] = {}
     for index, lane in graph.items():
@@ -66,12 +64,8 @@ def lanelet_bounds(graph: Mapping[int, GraphLane], opposite: Mapping[int, int]) 
             other = opposite.get(ahead[-1])
             if other is not None and opposite.get(other) == ahead[-1]:
                 back = _leftwards(graph, _rightmost(graph, other))[::-1]
-            bounds = _shared(
-                [
-                    *(_unfolded(graph[key]) for key in ahead),
-                    *(_unfolded(graph[key]).turned for key in back),
-                ]
-            )
+            oncoming = [_unfolded(graph[key]).turned for key in back]
+            bounds = _shared([*(_unfolded(graph[key]) for key in ahead), *oncoming])
             bounds_of_lane.update(zip(ahead, bounds, strict=False))
             bounds_of_lane.update((key, turned.turned) for key, turned in zip(back, bounds[len(ahead) :], strict=True))
     for index, lane in graph.items():
@@ -95,9 +89,7 @@ def _rightmost(graph: Mapping[int, GraphLane], index: int) -> int:
 def _shared(lanes: Sequence[Bounds]) -> list[Bounds]:
     """Boundaries of the lanes of one road from the right to the left, with vertices at the same places."""
     lines = [line for lane in lanes for line in (lane.right, lane.left)]
-    shares = [_shares(line) for line in lines]
-    common = _together(shares)
-    moved = [_at_shares(line, share, common) for line, share in zip(lines, shares, strict=True)]
+    moved, common = _at_common_shares(lines)
     for left, right in zip(range(1, len(lines) - 1, 2), range(2, len(lines), 2), strict=True):
         if np.hypot(*(moved[left] - moved[right]).T).max() < _ONE_LINE_M:
             moved[left] = moved[right] = (moved[left] + moved[right]) / 2.0
@@ -125,13 +117,15 @@ def _shares(line: Points) -> Floats:
     return way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(line))
 
 
-def _together(shares: Sequence[Floats]) -> Floats:
-    common: Floats = np.unique(np.concatenate(shares).round(9))
-    return common
-
-
-def _at_shares(line: Points, share: Floats, places: Floats) -> Points:
-    return np.stack([np.interp(places, share, line[:, axis]) for axis in (0, 1)], axis=-1)
+def _at_common_shares(lines: Sequence[Points]) -> tuple[list[Points], Floats]:
+    """The lines with vertices at the shares of all of them, and these shares."""
+    shares = [_shares(line) for line in lines]
+    common = np.unique(np.concatenate(shares).round(9))
+    moved = [
+        np.stack([np.interp(common, share, line[:, axis]) for axis in (0, 1)], axis=-1)
+        for line, share in zip(lines, shares, strict=True)
+    ]
+    return moved, common
 
 
 def _needed(lines: Floats, share: Floats) -> list[int]:
@@ -215,12 +209,7 @@ def _without_holes(area: Polygon) -> list[Polygon]:
 
 def _as_bounds(area: Polygon) -> Bounds:
     """A polygon as two boundaries from its first corner to the one that is furthest from it."""
-    ring = (
-        shapely.get_coordinates(area.exterior)[::-1] if area.exterior.is_ccw else shapely.get_coordinates(area.exterior)
-    )
+    ring = shapely.get_coordinates(area.exterior)[:: -1 if area.exterior.is_ccw else 1]
     furthest = int(np.hypot(*(ring - ring[0]).T).argmax())
-    lines = ring[: furthest + 1], ring[furthest:][::-1]
-    shares = [_shares(line) for line in lines]
-    common = _together(shares)
-    left, right = (_at_shares(line, share, common) for line, share in zip(lines, shares, strict=True))
+    (left, right), _ = _at_common_shares((ring[: furthest + 1], ring[furthest:][::-1]))
     return Bounds(left, right)

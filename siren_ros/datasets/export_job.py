@@ -30,15 +30,11 @@ NO_LICENCE: Final = (
 
 
 def split_of_groups(groups: Sequence[tuple[str, int]], split_of_all: str = AUTO) -> dict[tuple[str, int], str]:
-    """The split of every group of episodes that share map and seed.
+    """The split of each group of episodes that share map (its hash) and seed; for all the same one unless ``auto``.
 
     Groups are ordered by a hash of map and seed. The first 15 % are for test, the next 15 % for validation, at least
     one group each from three and two groups on; the others are for training. The same groups always give the same
     answer, in whatever order they come.
-
-    Args:
-        groups: Hash of the map, and seed.
-        split_of_all: One split for all, or ``auto``.
     """
     ordered = sorted(set(groups), key=lambda group: hashlib.sha256(f"{group[0]}/{group[1]}".encode()).digest())
     if split_of_all != AUTO:
@@ -94,57 +90,41 @@ def card(
 
 def readme(content: Mapping[str, Any]) -> str:
     """The same for people."""
-    lines = [
+    rows = [
+        f"| {episode['id']} | {episode['map']} ({episode['map_sha256'][:12]}…) | {episode['sensor_suite']} | "
+        f"{episode['ended']} | {episode['bag_sha256'][:12]}… |"
+        for episode in content["episodes"]
+    ]
+    counts = {"episodes": len(content["episodes"]), **content["counts"]}
+    made_with = f"Made by SIREN {content['made_with']['siren_ros']} with `{content['made_with']['command']}`."
+    origin = (
+        "The episodes are recorded simulations of an emergency vehicle in traffic, not measurements of real traffic."
+    )
+    blocks = [
         f"# SIREN dataset, format {content['format']}",
-        "",
         f"{content['what']}.",
-        "",
-        f"Made by SIREN {content['made_with']['siren_ros']} with `{content['made_with']['command']}`.",
-        "The episodes are recorded simulations of an emergency vehicle in traffic, not measurements of real traffic.",
-        "",
+        f"{made_with}\n{origin}",
         f"Licence: {content['licence']}.",
-        "",
         "## Counts",
-        "",
-        "| | |",
-        "|---|---|",
-        f"| episodes | {len(content['episodes'])} |",
-        *(f"| {name} | {count} |" for name, count in content["counts"].items()),
-        "",
+        "\n".join(["| | |", "|---|---|", *(f"| {name} | {count} |" for name, count in counts.items())]),
     ]
     if content["classes"]:
-        lines += ["| class | labels |", "|---|---|"]
-        lines += [f"| {name} | {count} |" for name, count in content["classes"].items()]
-        lines.append("")
-    lines += [
+        labels = [f"| {name} | {count} |" for name, count in content["classes"].items()]
+        blocks.append("\n".join(["| class | labels |", "|---|---|", *labels]))
+    blocks += [
         "## Splits",
-        "",
         "Whole episodes; those of one seed on one map are in one split.",
-        "",
-        *(f"* {split}: {', '.join(names) or 'none'}" for split, names in content["splits"].items()),
-        "",
+        "\n".join(f"* {split}: {', '.join(names) or 'none'}" for split, names in content["splits"].items()),
         "## Episodes",
-        "",
-        "| episode | map (SHA-256) | suite | ended | bag (SHA-256) |",
-        "|---|---|---|---|---|",
-        *map(_row, content["episodes"]),
-        "",
+        "\n".join(["| episode | map (SHA-256) | suite | ended | bag (SHA-256) |", "|---|---|---|---|---|", *rows]),
         "The first episode is recorded again with",
-        "",
         f"    {content['episodes'][0]['recorded_with']}",
-        "",
         f"`{CARD_FILE}` holds all of this for programs, with whole hashes, versions and every command.",
     ]
     lost = [f"* {episode['id']}: {episode['lost']}" for episode in content["episodes"] if episode["lost"]]
     if lost:
-        lines += ["", "## Not whole", "", *lost]
-    return "\n".join(lines) + "\n"
-
-
-def _row(episode: Mapping[str, Any]) -> str:
-    map_hash, bag_hash = (f"{episode[key][:12]}…" for key in ("map_sha256", "bag_sha256"))
-    cells = (episode["id"], f"{episode['map']} ({map_hash})", episode["sensor_suite"], episode["ended"], bag_hash)
-    return f"| {' | '.join(cells)} |"
+        blocks += ["## Not whole", "\n".join(lost)]
+    return "\n\n".join(blocks) + "\n"
 
 
 def write_card(folder: Path, content: Mapping[str, Any]) -> None:
@@ -183,13 +163,8 @@ def run_export(
 ) -> ExportResult:
     """Exports all bags; nothing has the final name before everything is there.
 
-    Args:
-        job: What is asked for.
-        announce: Called with the simulated seconds of all bags, before the first is exported.
-        progress: Called with what has been exported.
-
-    Raises:
-        InputError: The place is taken or cannot be written, an option is unknown, or a bag cannot be used.
+    ``announce`` is called with the simulated seconds of all bags before the first is exported. Raises InputError: the
+    place is taken or cannot be written, an option is unknown, or a bag cannot be used.
     """
     load_exporter(job.format, job.options)
     staging = Staging(job.out)
@@ -202,16 +177,13 @@ def run_export(
         "bags": sorted(str(bag.absolute()) for bag in job.bags),
     }
     with staging.opened(identity), ProcessPool(min(job.processes, len(job.bags)), progress) as pool:
-        arguments = [
-            (bag, job.format.name, job.format.needs_with(job.options), staging.path / "recovered") for bag in job.bags
-        ]
-        surveys = pool.map(survey_bag, arguments)
+        needs = job.format.needs_with(job.options)
+        surveys = pool.map(survey_bag, [(bag, job.format.name, needs, staging.path / "recovered") for bag in job.bags])
         announce(sum(float(survey.episode["planned_duration_s"]) for survey in surveys))
         episodes = in_dataset_order(surveys)
         splits = split_of_groups([survey.group for survey in surveys], job.split)
-        threads = job.processes if len(job.bags) == 1 else 1
         todo = [
-            (job.format, dict(job.options), survey, episode_id, staging, index, threads)
+            (job, survey, episode_id, staging, index)
             for index, (survey, episode_id) in enumerate(episodes)
             if staging.report_of(index) is None
         ]
@@ -228,26 +200,19 @@ def run_export(
             parts.append(EpisodePart(episode_id, index, splits[survey.group], staging.part(index), report))
         content = card(job.format, job.options, exported, parts, job.licence)
         with writing(staging.path, "place"):
-            folder = staging.new_dataset()
+            folder = staging.new(staging.dataset)
             load_exporter(job.format, job.options).assemble(parts, folder)
             write_card(folder, content)
-    staging.publish()
+    staging.publish(staging.dataset)
     return ExportResult(content, tuple(notes))
 
 
-def _export_part(
-    dataset_format: Format,
-    options: Mapping[str, str],
-    survey: BagSurvey,
-    episode_id: str,
-    staging: Staging,
-    index: int,
-    threads: int,
-) -> None:
-    exporter = load_exporter(dataset_format, options)
+def _export_part(job: ExportJob, survey: BagSurvey, episode_id: str, staging: Staging, index: int) -> None:
+    exporter = load_exporter(job.format, job.options)
+    threads, folder = job.processes if len(job.bags) == 1 else 1, staging.part(index)
 
     def export(bag: Path) -> EpisodeReport:
-        with open_source(bag) as source, FileWriter(staging.new_part(index), threads, simulated_time()) as files:
+        with open_source(bag) as source, FileWriter(staging.new(folder), threads, simulated_time()) as files:
             return exporter.write_episode(source, episode_id, files)
 
     lost = ""

@@ -19,19 +19,15 @@ from siren_ros.errors import InputError, writing
 _QUEUE_PER_THREAD: Final = 4
 """Files that may wait for a thread: bounds the memory, however long the episode."""
 _JOB: Final = "job.json"
-_DATASET: Final = "dataset"
 
 
 class FileWriter:
     """Writes files below a folder. Use it as a context: leaving it waits for all files."""
 
     def __init__(self, folder: Path, threads: int = 1, progress: Callable[[float], None] = lambda _: None) -> None:
-        """A writer of the files of one episode.
+        """A writer into a folder that exists. With one thread, files are written where ``write`` is called.
 
-        Args:
-            folder: Exists already.
-            threads: With one, files are written where ``write`` is called.
-            progress: Called with the simulated time in seconds that has been exported.
+        ``progress`` is called with the simulated time in seconds that has been exported.
         """
         self.folder = folder
         self.progress = progress
@@ -44,8 +40,7 @@ class FileWriter:
     def write(self, name: str, make: bytes | Callable[[], bytes]) -> None:
         """Writes one file; ``make`` gives its content where that costs time, and is called in a thread.
 
-        Raises:
-            InputError: This or an earlier file cannot be written.
+        Raises InputError: this or an earlier file cannot be written.
         """
         path = self.folder / name
         if path.parent not in self._made:
@@ -109,8 +104,7 @@ class Staging:
     def check_free(self) -> None:
         """Refuses a final place that is taken.
 
-        Raises:
-            InputError: Something is there already that is not an empty folder.
+        Raises InputError: something is there already that is not an empty folder.
         """
         with writing(self.out, "place"):
             link = self.out.is_symlink()  # the move to the final name would not follow it
@@ -122,8 +116,7 @@ class Staging:
     def opened(self, job: Mapping[str, Any]) -> Iterator[None]:
         """Makes the folder, or takes up what an interrupted export of the same job left in it.
 
-        Raises:
-            InputError: Another job's unfinished export is there, somebody else writes it now, or it cannot be made.
+        Raises InputError: another job's unfinished export is there, somebody else writes it now, or it cannot be made.
         """
         new = not self.path.exists()
         try:
@@ -169,31 +162,22 @@ class Staging:
             growing.write_text(json.dumps(report), encoding="utf-8")
             growing.replace(file)
 
-    def new_part(self, index: int) -> Path:
-        """An empty folder for a part; what an interrupted try left in it goes away."""
-        folder = self.part(index)
+    @property
+    def dataset(self) -> Path:
+        """Folder of the assembled dataset."""
+        return self.path / "dataset"
+
+    def new(self, folder: Path) -> Path:
+        """Empties the folder of a part or of the dataset; what an interrupted try left in it goes away."""
         with writing(folder, "place"):
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
         return folder
 
-    def new_dataset(self) -> Path:
-        """An empty folder for the assembled dataset."""
-        folder = self.path / _DATASET
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-        return folder
-
-    def publish(self) -> None:
-        """Gives the assembled dataset its final name; InputError where that has been taken meanwhile."""
+    def publish(self, folder: Path) -> None:
+        """Gives a folder the final name; InputError where that has been taken meanwhile."""
         with writing(self.out, "place"):
-            (self.path / _DATASET).rename(self.out)
-        self.remove()
-
-    def publish_part(self, index: int) -> None:
-        """Gives the files of one finished part the dataset's final name; InputError as ``publish``."""
-        with writing(self.out, "place"):
-            self.part(index).rename(self.out)
+            folder.rename(self.out)
         self.remove()
 
     def remove(self) -> None:
@@ -202,8 +186,10 @@ class Staging:
 
 
 def link(source: Path, target: Path) -> None:
-    """Gives a file a second name, or copies it where the file system has no links."""
+    """Gives a file a second name, or copies it where the file system has no links; a target that is there stays."""
     target.parent.mkdir(parents=True, exist_ok=True)
+    if target.exists():
+        return
     try:
         target.hardlink_to(source)
     except (OSError, NotImplementedError):  # no links on this file system, or in this Python
@@ -231,12 +217,22 @@ def number_text(value: float, decimals: int) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
-def child(parent: Element, tag: str, text: object = None, **attributes: object) -> Element:
-    """Adds an element; numbers are written with at most six decimals."""
+def child(parent: Element, path: str, text: object = None, **attributes: object) -> Element:
+    """Adds an element and those above it in its path; numbers are written with at most six decimals."""
+    *above, tag = path.split("/")
+    for name in above:
+        parent = SubElement(parent, name)
     element = SubElement(parent, tag, {name: value_text(value) for name, value in attributes.items()})
     if text is not None:
         element.text = value_text(text)
     return element
+
+
+def children(parent: Element, **texts: object) -> Element:
+    """Adds an element with a text for each tag, and returns the parent."""
+    for tag, text in texts.items():
+        child(parent, tag, text)
+    return parent
 
 
 def value_text(value: Any) -> str:

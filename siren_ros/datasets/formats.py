@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Final, Protocol, cast
 
-from siren_ros.datasets.files import FileWriter
+from siren_ros.datasets.files import FileWriter, link
 from siren_ros.errors import InputError
 from siren_ros.record.bag_survey import Need
 from siren_ros.record.episode_source import EpisodeSource
@@ -86,17 +86,31 @@ class Exporter(Protocol):
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
         """Writes one episode into a folder of its own, in any layout that ``assemble`` knows.
 
-        Raises:
-            BagError: The bag is damaged at the place that has been reached.
+        Raises BagError: the bag is damaged at the place that has been reached.
         """
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
         """Makes the dataset of all parts, which stay as they are: files are linked, not moved."""
 
 
+class FilesExporter:
+    """Base of formats whose dataset is the files of all episodes, in one folder or in a folder for each split.
+
+    Episodes on the same map share its file.
+    """
+
+    by_split = False
+
+    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
+        """Links the files."""
+        for part in parts:
+            for path in sorted(part.folder.iterdir()):
+                link(path, folder / (part.split if self.by_split else "") / path.name)
+
+
 FORMATS: Final = {
-    made.name: made
-    for made in (
+    dataset_format.name: dataset_format
+    for dataset_format in (
         Format(
             "csv",
             "Tracks as the paper has them: trajectory.csv, 10 Hz, CARLA's world frame",
@@ -212,15 +226,13 @@ def format_named(name: str) -> Format:
 def load_exporter(dataset_format: Format, options: Mapping[str, str]) -> Exporter:
     """The writer of a format.
 
-    Raises:
-        InputError: An option is unknown or has a value that is not allowed, or the extra is not installed.
+    Raises InputError: an option is unknown or has a value that is not allowed, or the extra is not installed.
     """
     known = {option.name: option for option in dataset_format.options}
     for name, value in options.items():
         if name not in known:
-            raise InputError(
-                "option", name, f"one of {', '.join(known)}" if known else f"none for {dataset_format.name}"
-            )
+            allowed = f"one of {', '.join(known)}" if known else f"none for {dataset_format.name}"
+            raise InputError("option", name, allowed)
         if known[name].allowed and value not in known[name].allowed:
             raise InputError(name, value, f"one of {', '.join(known[name].allowed)}")
     values = {name: options.get(name, option.default) for name, option in known.items()}

@@ -1,15 +1,16 @@
 """Lanes as trajectory datasets want them: boundaries, successors and neighbours, paths across junctions included."""
 
+from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
 
 import numpy as np
+from shapely.geometry import Polygon
 
 from siren_ros.numerics.arrays import Points
+from siren_ros.record.vehicle_location import DRIVEN_KINDS
 from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
-
-DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,12 @@ class GraphLane:
     right_neighbour: int | None
 
     @property
+    def outline(self) -> Points:
+        """Corners of its area: the left boundary, and the right one back; shape ``(2 K, 2)``."""
+        outline: Points = np.concatenate((self.left, self.right[::-1]))
+        return outline
+
+    @property
     def in_junction(self) -> bool:
         """Whether it is a path across a junction."""
         return self.lane.kind is LaneKind.INTERNAL
@@ -34,19 +41,12 @@ class GraphLane:
 
 def lane_graph(network: RoadNetwork) -> dict[int, GraphLane]:
     """The lanes that vehicles use, by index, in the order of the network."""
-    after: dict[int, set[int]] = {}
+    after, before = defaultdict[int, set[int]](set), defaultdict[int, set[int]](set)
     for connection in network.connections:
-        chain = (connection.from_lane, *connection.via, connection.to_lane)
-        for first, second in pairwise(chain):
-            after.setdefault(first, set()).add(second)
-    before: dict[int, set[int]] = {}
-    for first, seconds in after.items():
-        for second in seconds:
-            before.setdefault(second, set()).add(first)
-    driven = {lane.index for lane in network.lanes if lane.kind in DRIVEN}
-
-    def known(lanes: set[int]) -> tuple[int, ...]:
-        return tuple(sorted(lanes & driven))
+        for first, second in pairwise((connection.from_lane, *connection.via, connection.to_lane)):
+            after[first].add(second)
+            before[second].add(first)
+    driven = {lane.index for lane in network.lanes if lane.kind in DRIVEN_KINDS}
 
     def neighbour(lane: Lane, side: int) -> int | None:
         beside = network.neighbour(lane, side)
@@ -57,8 +57,8 @@ def lane_graph(network: RoadNetwork) -> dict[int, GraphLane]:
             lane=(lane := network.lanes[index]),
             left=offset_line(lane.centre.points, lane.width_m / 2.0),
             right=offset_line(lane.centre.points, -lane.width_m / 2.0),
-            successors=known(after.get(index, set())),
-            predecessors=known(before.get(index, set())),
+            successors=tuple(sorted(after[index] & driven)),
+            predecessors=tuple(sorted(before[index] & driven)),
             left_neighbour=neighbour(lane, 1),
             right_neighbour=neighbour(lane, -1),
         )
@@ -76,3 +76,10 @@ def offset_line(points: Points, left_m: float) -> Points:
     tangent /= np.where(size < 1e-9, 1.0, size)[:, None]
     moved: Points = points + left_m * np.stack((-tangent[:, 1], tangent[:, 0]), axis=-1)
     return moved
+
+
+def driven_shapes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> list[Polygon]:
+    """The areas of all lanes that vehicles use, and of the junctions."""
+    outlines = [lane.outline for lane in graph.values()]
+    outlines += [junction.outline for junction in network.junctions.values() if len(junction.outline) > 2]
+    return [Polygon(outline).buffer(0.0) for outline in outlines]

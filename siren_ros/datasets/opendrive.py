@@ -1,14 +1,13 @@
 """The episode's map as OpenDRIVE, made from the compiled net by SUMO's netconvert."""
 
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 from defusedxml.ElementTree import fromstring
 
-from siren_ros.datasets.files import FileWriter, document, link
-from siren_ros.datasets.formats import EpisodePart, EpisodeReport
+from siren_ros.datasets.files import FileWriter, document
+from siren_ros.datasets.formats import EpisodeReport, FilesExporter
 from siren_ros.record.episode_source import EpisodeSource
 from siren_ros.roads.maps.netconvert import run_netconvert
 
@@ -25,7 +24,7 @@ _OBJECT: Final = {
 """What OpenDRIVE 1.5 asks of an object and netconvert leaves out: it stands still, upright, and on the road."""
 
 
-class OpenDriveExporter:
+class OpenDriveExporter(FilesExporter):
     """One file for each map; episodes on the same map share it."""
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
@@ -33,21 +32,12 @@ class OpenDriveExporter:
         files.write(f"{source.map_label}.xodr", opendrive_of(source))
         return EpisodeReport({"lanes": len(source.network.lanes)})
 
-    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """Links each map once."""
-        for part in parts:
-            for path in part.folder.glob("*.xodr"):
-                if not (folder / path.name).exists():
-                    link(path, folder / path.name)
-
 
 def opendrive_of(source: EpisodeSource) -> bytes:
     """The map as OpenDRIVE 1.5, in the ``map`` frame.
 
     netconvert names its files 1.4, but the outlines of objects and the header's offset that it writes came with 1.5.
-
-    Raises:
-        MapError: netconvert cannot write it.
+    Raises MapError: netconvert cannot write it.
     """
     x_m, y_m = source.network.sumo_offset_m
     with tempfile.TemporaryDirectory() as folder:

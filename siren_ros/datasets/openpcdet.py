@@ -15,7 +15,7 @@ import numpy as np
 
 from siren_ros.datasets.files import FileWriter, link, number_text, write_image_sets
 from siren_ros.datasets.formats import EpisodePart, EpisodeReport
-from siren_ros.datasets.kitti.frame_files import velodyne_bytes
+from siren_ros.datasets.kitti.exporter import velodyne_bytes
 from siren_ros.datasets.kitti.labels import TYPE_OF_CLASS
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S

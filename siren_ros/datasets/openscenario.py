@@ -5,14 +5,13 @@ A vehicle's reference point is the middle of its rear axle, on the ground.
 
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from siren_ros.datasets.files import FileWriter, child, document, link
-from siren_ros.datasets.formats import EpisodePart, EpisodeReport
+from siren_ros.datasets.files import FileWriter, child, document
+from siren_ros.datasets.formats import EpisodeReport, FilesExporter
 from siren_ros.datasets.opendrive import opendrive_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.record.episode_source import EpisodeSource
@@ -49,36 +48,23 @@ def add_vehicle(entities: Element, actor: ActorDescription) -> None:
     """Adds an entity with its vehicle."""
     entity = child(entities, "ScenarioObject", name=entity_name(actor))
     kind = actor.actor_class
-    vehicle = child(
-        entity,
-        "Vehicle",
-        name=kind.name.lower(),
-        vehicleCategory=_CATEGORY.get(kind, "car"),
-        role=_ROLE.get(kind, "civil"),
-        mass=1500.0,
-    )
+    category, role = _CATEGORY.get(kind, "car"), _ROLE.get(kind, "civil")
+    vehicle = child(entity, "Vehicle", name=kind.name.lower(), vehicleCategory=category, role=role, mass=1500.0)
     box = child(vehicle, "BoundingBox")
     child(box, "Center", x=REAR_AXLE * actor.length_m, y=0.0, z=actor.height_m / 2.0)
     child(box, "Dimensions", length=actor.length_m, width=actor.width_m, height=actor.height_m)
     child(vehicle, "Performance", **_LIMITS)
     axles = child(vehicle, "Axles")
     for name, place_m, steering in (("FrontAxle", 2.0 * REAR_AXLE * actor.length_m, 0.6), ("RearAxle", 0.0, 0.0)):
-        child(
-            axles,
-            name,
-            maxSteering=steering,
-            wheelDiameter=_WHEEL_M,
-            trackWidth=0.85 * actor.width_m,
-            positionX=place_m,
-            positionZ=_WHEEL_M / 2.0,
-        )
+        wheels = {"maxSteering": steering, "wheelDiameter": _WHEEL_M, "trackWidth": 0.85 * actor.width_m}
+        child(axles, name, **wheels, positionX=place_m, positionZ=_WHEEL_M / 2.0)
     properties = child(vehicle, "Properties")
     child(properties, "Property", name="type", value="ego_vehicle" if entity_name(actor) == "Ego" else "simulation")
     red, green, blue = actor.colour_rgb
     child(properties, "Property", name="color", value=f"{red},{green},{blue}")
 
 
-class OpenScenarioExporter:
+class OpenScenarioExporter(FilesExporter):
     """One file for each episode, with its map."""
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
@@ -92,13 +78,6 @@ class OpenScenarioExporter:
         classes = Counter(track.actor.actor_class.name.lower() for track in tracks)
         return EpisodeReport({"scenarios": 1, "vehicles": len(tracks)}, dict(classes))
 
-    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """All scenarios in one folder; episodes on the same map share it."""
-        for part in parts:
-            for path in sorted(part.folder.iterdir()):
-                if not (folder / path.name).exists():
-                    link(path, folder / path.name)
-
 
 def scenario(tracks: Sequence[Track], road: str, description: str) -> Element:
     """The whole document."""
@@ -106,17 +85,19 @@ def scenario(tracks: Sequence[Track], road: str, description: str) -> Element:
     child(root, "FileHeader", revMajor=_MAJOR, revMinor=_MINOR, date=_DATE, author="SIREN", description=description)
     child(root, "ParameterDeclarations")
     child(root, "CatalogLocations")
-    child(child(root, "RoadNetwork"), "LogicFile", filepath=road)
+    child(root, "RoadNetwork/LogicFile", filepath=road)
     entities = child(root, "Entities")
     for track in tracks:
         add_vehicle(entities, track.actor)
     storyboard = child(root, "Storyboard")
-    actions = child(child(storyboard, "Init"), "Actions")
+    actions = child(storyboard, "Init/Actions")
     for track in tracks:
         if track.frame[0] == 0:
             private = child(actions, "Private", entityRef=entity_name(track.actor))
-            _teleport(child(private, "PrivateAction"), track)
-            _initial_speed(child(private, "PrivateAction"), float(track.speed_mps[0]))
+            _position(child(private, "PrivateAction/TeleportAction"), rear_axle(track)[0])
+            speed = child(private, "PrivateAction/LongitudinalAction/SpeedAction")
+            child(speed, "SpeedActionDynamics", dynamicsShape="step", value=0.0, dynamicsDimension="time")
+            child(speed, "SpeedActionTarget/AbsoluteTargetSpeed", value=track.speed_mps[0])
     act = child(child(storyboard, "Story", name="Recorded"), "Act", name="Recorded")
     last = max(int(track.frame[-1]) for track in tracks)
     for track in tracks:
@@ -130,23 +111,19 @@ def _add_group(act: Element, track: Track, *, removed: bool) -> None:
     """One vehicle: it comes when it was first recorded, follows its trajectory, and goes when it was gone."""
     name = entity_name(track.actor)
     group = child(act, "ManeuverGroup", maximumExecutionCount=1, name=f"{name}Group")
-    actors = child(group, "Actors", selectTriggeringEntities=False)
-    child(actors, "EntityRef", entityRef=name)
+    child(child(group, "Actors", selectTriggeringEntities=False), "EntityRef", entityRef=name)
     maneuver = child(group, "Maneuver", name=f"{name}Maneuver")
     start_s = float(track.frame[0]) * FRAME_S
     if track.frame[0] > 0:
-        added = _event(maneuver, f"{name}Added")
-        entity = child(child(added, "GlobalAction"), "EntityAction", entityRef=name)
+        entity = child(_event(maneuver, f"{name}Added"), "GlobalAction/EntityAction", entityRef=name)
         _position(child(entity, "AddEntityAction"), rear_axle(track)[0])
         _start_event_at(maneuver, start_s)
-    action = child(_event(maneuver, f"{name}Follows"), "PrivateAction")
-    _follow(action, track, name)
+    _follow(_event(maneuver, f"{name}Follows"), track, name)
     _start_event_at(maneuver, start_s)
     if removed:
-        gone_s = (float(track.frame[-1]) + 1.0) * FRAME_S
-        deleted = child(_event(maneuver, f"{name}Removed"), "GlobalAction")
-        child(child(deleted, "EntityAction", entityRef=name), "DeleteEntityAction")
-        _start_event_at(maneuver, gone_s)
+        entity = child(_event(maneuver, f"{name}Removed"), "GlobalAction/EntityAction", entityRef=name)
+        child(entity, "DeleteEntityAction")
+        _start_event_at(maneuver, (float(track.frame[-1]) + 1.0) * FRAME_S)
 
 
 def _event(maneuver: Element, name: str) -> Element:
@@ -161,10 +138,8 @@ def _start_event_at(maneuver: Element, start_s: float) -> None:
 
 
 def _time_trigger(trigger: Element, name: str, time_s: float) -> None:
-    group = child(trigger, "ConditionGroup")
-    condition = child(group, "Condition", name=f"{name}At", delay=0.0, conditionEdge="none")
-    value = child(condition, "ByValueCondition")
-    child(value, "SimulationTimeCondition", value=time_s, rule="greaterOrEqual")
+    condition = child(trigger, "ConditionGroup/Condition", name=f"{name}At", delay=0.0, conditionEdge="none")
+    child(condition, "ByValueCondition/SimulationTimeCondition", value=time_s, rule="greaterOrEqual")
 
 
 def rear_axle(track: Track) -> Floats:
@@ -177,26 +152,14 @@ def rear_axle(track: Track) -> Floats:
 
 def _position(parent: Element, place: Floats) -> None:
     x, y, z, heading = place.tolist()
-    child(child(parent, "Position"), "WorldPosition", x=x, y=y, z=z, h=heading, p=0.0, r=0.0)
-
-
-def _teleport(action: Element, track: Track) -> None:
-    _position(child(action, "TeleportAction"), rear_axle(track)[0])
-
-
-def _initial_speed(action: Element, speed_mps: float) -> None:
-    speed = child(child(action, "LongitudinalAction"), "SpeedAction")
-    child(speed, "SpeedActionDynamics", dynamicsShape="step", value=0.0, dynamicsDimension="time")
-    child(child(speed, "SpeedActionTarget"), "AbsoluteTargetSpeed", value=speed_mps)
+    child(parent, "Position/WorldPosition", x=x, y=y, z=z, h=heading, p=0.0, r=0.0)
 
 
 def _follow(action: Element, track: Track, name: str) -> None:
-    follow = child(child(action, "RoutingAction"), "FollowTrajectoryAction")
-    reference = child(follow, "TrajectoryRef")
-    trajectory = child(reference, "Trajectory", name=f"{name}Trajectory", closed=False)
-    line = child(child(trajectory, "Shape"), "Polyline")
+    follow = child(action, "PrivateAction/RoutingAction/FollowTrajectoryAction")
+    trajectory = child(follow, "TrajectoryRef/Trajectory", name=f"{name}Trajectory", closed=False)
+    line = child(trajectory, "Shape/Polyline")
     for frame, place in zip(track.frame.tolist(), rear_axle(track), strict=True):
         _position(child(line, "Vertex", time=float(frame) * FRAME_S), place)
-    timing = child(follow, "TimeReference")
-    child(timing, "Timing", domainAbsoluteRelative="absolute", scale=1.0, offset=0.0)
+    child(follow, "TimeReference/Timing", domainAbsoluteRelative="absolute", scale=1.0, offset=0.0)
     child(follow, "TrajectoryFollowingMode", followingMode="position")

@@ -2,15 +2,14 @@
 
 import uuid
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from siren_ros.datasets.files import FileWriter, link
-from siren_ros.datasets.formats import EpisodePart, EpisodeReport
+from siren_ros.datasets.files import FileWriter
+from siren_ros.datasets.formats import EpisodeReport, FilesExporter
 from siren_ros.datasets.lane_graph import lane_graph
 from siren_ros.interfaces.conversions import from_actor_states, from_events, from_traffic_state
 from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
@@ -49,7 +48,7 @@ def blueprint(cameras: Sequence[str]) -> Any:
     )
 
 
-class RerunExporter:
+class RerunExporter(FilesExporter):
     """One ``.rrd`` file for each episode; one step is in memory."""
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
@@ -70,12 +69,6 @@ class RerunExporter:
         recording.flush()
         recording.disconnect()
         return EpisodeReport({"recordings": 1, "steps": steps.count, "events": steps.events})
-
-    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """All recordings in one folder."""
-        for part in parts:
-            for path in part.folder.glob("*.rrd"):
-                link(path, folder / path.name)
 
 
 class _Steps:

@@ -40,14 +40,7 @@ _PROTOCOL: Final = 4
 
 
 def description(record: EpisodeRecord, tracks: Sequence[Track], scenario_id: str, emv_id: int) -> dict[str, Any]:
-    """The whole scenario.
-
-    Args:
-        record: The episode, for map and signals.
-        tracks: Of all vehicles.
-        scenario_id: Unique in the dataset.
-        emv_id: The vehicle that MetaDrive gives to the agent.
-    """
+    """The whole scenario; MetaDrive gives the vehicle ``emv_id`` to the agent."""
     length = max(int(track.frame[-1]) for track in tracks) + 1
     request = record.description
     return {
@@ -139,7 +132,7 @@ def map_features(network: RoadNetwork) -> dict[str, Any]:
         features[str(index)] = {
             "type": "LANE_SURFACE_UNSTRUCTURE" if lane.in_junction else "LANE_SURFACE_STREET",
             "polyline": _with_height(lane.lane.centre.points),
-            "polygon": np.vstack((lane.left, lane.right[::-1])).astype(np.float32),
+            "polygon": lane.outline.astype(np.float32),
             "entry_lanes": [str(other) for other in lane.predecessors],
             "exit_lanes": [str(other) for other in lane.successors],
             "left_neighbor": [] if left is None else [str(left)],
@@ -164,26 +157,19 @@ def _with_height(points: Points) -> npt.NDArray[np.float32]:
 def summary_of(scenario: Mapping[str, Any]) -> dict[str, Any]:
     """What a dataset's summary says of a scenario: plain numbers and text."""
     tracks = scenario["tracks"]
-    moved = {
-        name: float(np.hypot(*np.diff(track["state"]["position"][track["state"]["valid"], :2], axis=0).T).sum())
-        for name, track in tracks.items()
-    }
-    moving = sum(distance > 1.0 for distance in moved.values())
+    objects = {}
+    for name, track in tracks.items():
+        valid = track["state"]["valid"]
+        moved = float(np.hypot(*np.diff(track["state"]["position"][valid, :2], axis=0).T).sum())
+        count = int(valid.sum())
+        lengths = {"moving_distance": moved, "valid_length": count, "continuous_valid_length": count}
+        objects[name] = {"type": VEHICLE, "object_id": name, "track_length": scenario["length"], **lengths}
+    moving = sum(summary["moving_distance"] > 1.0 for summary in objects.values())
     metadata = {key: value for key, value in scenario["metadata"].items() if key != "ts"}
     return {
         **metadata,
         "ts": scenario["metadata"]["ts"].tolist(),
-        "object_summary": {
-            name: {
-                "type": VEHICLE,
-                "object_id": name,
-                "track_length": scenario["length"],
-                "moving_distance": moved[name],
-                "valid_length": int(track["state"]["valid"].sum()),
-                "continuous_valid_length": int(track["state"]["valid"].sum()),
-            }
-            for name, track in tracks.items()
-        },
+        "object_summary": objects,
         "number_summary": {
             "num_objects": len(tracks),
             "object_types": [VEHICLE],

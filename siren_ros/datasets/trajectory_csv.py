@@ -46,11 +46,7 @@ def trajectory_csv(record: EpisodeRecord) -> str:
 
 
 def lines_of_step(states: ActorStates, actors: Mapping[int, ActorDescription]) -> str:
-    """The rows of one step.
-
-    Raises:
-        BagError: An actor is not described.
-    """
+    """The rows of one step. Raises BagError: an actor is not described."""
     time_s = f"{states.step * STEP_S:.2f}"
     # Rounded first, and then within (−180, 180], as CARLA gives it.
     yaw_deg = np.round(-np.degrees(states.yaw_rad), _DECIMALS)

@@ -33,10 +33,7 @@ def box_corners(truth: GroundTruth) -> Floats:
 def upright_corners(centre_m: Floats, size_m: Floats, yaw_rad: Floats) -> Floats:
     """Corners of upright boxes, shape ``(N, 8, 3)``; the four at the bottom first.
 
-    Args:
-        centre_m: Of the volumes, shape ``(N, 3)``.
-        size_m: Length, width, height, shape ``(N, 3)``.
-        yaw_rad: Counter-clockwise from x, shape ``(N,)``.
+    Centres of the volumes and sizes (length, width, height) have the shape ``(N, 3)``; yaw is counter-clockwise from x.
     """
     local = _SIGNS * size_m[:, None]
     cos, sin = np.cos(yaw_rad)[:, None], np.sin(yaw_rad)[:, None]
@@ -48,12 +45,8 @@ def upright_corners(centre_m: Floats, size_m: Floats, yaw_rad: Floats) -> Floats
 def lidar_visibility(points: npt.NDArray[np.void], truth: GroundTruth, rows: Rows) -> Floats:
     """The share of a box's directions that the LiDAR sees it in: own returns / (own returns + returns before it).
 
-    Directions are those between the azimuths and elevations of the box's corners. 0 where nothing of it was hit.
-
-    Args:
-        points: Sweep in the frame of the truth, with the field ``instance``.
-        truth: Labels.
-        rows: The labels wanted; the answer has their shape.
+    Directions are those between the azimuths and elevations of the box's corners. 0 where nothing of it was hit. The
+    sweep is in the frame of the truth, with the field ``instance``; the answer has the shape of ``rows``, some labels.
     """
     x, y, z = points["x"], points["y"], points["z"]
     azimuth, flat = np.arctan2(y, x), np.hypot(x, y)
@@ -82,10 +75,6 @@ def points_in_boxes(points: npt.NDArray[np.void], truth: GroundTruth) -> Ids:
 
     That is not ``lidar_points``, which counts the returns of the vehicle. Half of the returns of the ground under a
     vehicle lie in its box, because the box stands on the ground and ranges are noisy; mirrors stick out of it.
-
-    Args:
-        points: Sweep in the frame of the truth.
-        truth: Labels.
     """
     xyz = np.stack((points["x"], points["y"], points["z"]), axis=-1).astype(np.float64)
     half = np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1) / 2.0
@@ -100,16 +89,10 @@ def points_in_boxes(points: npt.NDArray[np.void], truth: GroundTruth) -> Ids:
 
 
 def image_boxes(corners: Floats, camera_from_frame: Matrix, camera: CameraIntrinsics) -> tuple[Floats, Floats]:
-    """Where boxes stand in a picture.
+    """Where boxes with corners as of ``box_corners`` stand in a picture; the matrix leads to the optical frame.
 
-    Args:
-        corners: Shape ``(N, 8, 3)``, as ``box_corners`` gives them.
-        camera_from_frame: To the optical frame, shape ``(4, 4)``.
-        camera: Its projection.
-
-    Returns:
-        Left, top, right, bottom within the picture in pixels, shape ``(N, 4)``, all 0 for a box outside; and the share
-        of the box's whole rectangle that lies outside, shape ``(N,)``, 1 for a box outside.
+    Returns left, top, right, bottom within the picture in pixels, shape ``(N, 4)``, all 0 for a box outside; and the
+    share of the box's whole rectangle that lies outside, shape ``(N,)``, 1 for a box outside.
     """
     seen = corners @ camera_from_frame[:3, :3].T + camera_from_frame[:3, 3]
     starts, ends = seen[:, BOX_EDGES[:, 0]], seen[:, BOX_EDGES[:, 1]]

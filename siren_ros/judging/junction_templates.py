@@ -78,10 +78,8 @@ def stop_crossing(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Ver
 def _judge(record: EpisodeRecord, speed_min_mps: float | None, others: str) -> Verdict:
     """The verdict on the EMV's traversal that comes closest to the predicate.
 
-    Args:
-        record: The episode.
-        speed_min_mps: At a stop line; None for a junction with a signal.
-        others: Name of the part that counts the other vehicles inside.
+    The least speed is that at a stop line, None for a junction with a signal; ``others`` names the part that counts the
+    other vehicles inside.
     """
     network, emv_ids = record.network, frozenset(record.emv_ids)
     traversals = find_traversals(record)

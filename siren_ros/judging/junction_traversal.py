@@ -53,7 +53,6 @@ def find_traversals(record: EpisodeRecord) -> tuple[Traversal, ...]:
     The footprint's centre lay on the approach edge before and on the exit edge after. Where several movements join
     the two, the movement counts whose path held the centre longest. A vehicle that keeps no lane (between lanes, on
     the wrong side of the road) is followed by its projection on the approach lane and the exit lane.
-
     """
     places = places_of(record, record.rows)
     movements = _Movements(record.network)

@@ -43,11 +43,9 @@ def check_motion(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, Par
 
     No position change exceeds ``v · dt`` plus the margin; v is the larger of both speeds. No yaw rate exceeds a
     kinematic bicycle's at full lock (``v · tan δ / wheelbase``) or the tyres' grip. The recorded velocity is the
-    derivative of the position, direction included; a contact within a step changes the velocity at once, and leaves
-    the mean velocity within half the change.
-
-    Raises:
-        EpisodeError: The record has states of an actor that was never described.
+    derivative of the position, direction included; a contact within a step changes the velocity at once, and leaves the
+    mean velocity within half the change. Raises EpisodeError: the record has states of an actor that was never
+    described.
     """
     rows = record.rows
     pairs = np.flatnonzero((rows.actor_id[1:] == rows.actor_id[:-1]) & (rows.step[1:] == rows.step[:-1] + 1))

@@ -48,8 +48,7 @@ the earlier ones have."""
 def check_needs(source: EpisodeSource, format_name: str, needs: Sequence[Need]) -> None:
     """Refuses a bag that lacks what a format needs.
 
-    Raises:
-        BagError: What is missing, and the command that records this episode with it.
+    Raises BagError: what is missing, and the command that records this episode with it.
     """
     missing = [need for need in needs if not _NEEDS[need][0](source)]
     if missing:
@@ -110,8 +109,7 @@ def episode_name(template: str, level: str, seed: int, map_name: str) -> str:
 def in_dataset_order(surveys: Sequence[BagSurvey]) -> list[tuple[BagSurvey, str]]:
     """Episodes in the order of every dataset of these bags, each with its id there.
 
-    Raises:
-        InputError: Two of them are the same bag.
+    Raises InputError: two of them are the same bag.
     """
     ordered = sorted(surveys, key=lambda survey: (survey.name, survey.sha256))
     for before, after in pairwise(ordered):
@@ -127,8 +125,7 @@ def in_dataset_order(surveys: Sequence[BagSurvey]) -> list[tuple[BagSurvey, str]
 def survey_bag(bag: Path, format_name: str, needs: Sequence[Need], scratch: Path) -> BagSurvey:
     """Looks at a bag; a bag that was cut off is recovered into ``scratch`` first.
 
-    Raises:
-        BagError: No episode, nothing that could be recovered, or not what the format needs.
+    Raises BagError: no episode, nothing that could be recovered, or not what the format needs.
     """
     sha256 = _sha256(bag)
 
@@ -181,8 +178,7 @@ def _sha256(bag: Path) -> str:
 def recovered(bag: Path, scratch: Path) -> tuple[Path, str]:
     """What can be read of a damaged bag, as a bag of its own, and what was lost.
 
-    Raises:
-        BagError: Nothing can be saved.
+    Raises BagError: nothing can be saved.
     """
     target = scratch / f"{_sha256(bag)}.recovered"
     with writing(scratch, "place"):

@@ -61,11 +61,7 @@ class EpisodeSource:
     """An open bag of one episode."""
 
     def __init__(self, bag: OpenBag) -> None:
-        """Reads the description.
-
-        Raises:
-            BagError: The bag has none.
-        """
+        """Reads the description. Raises BagError: the bag has none."""
         self.bag = bag
         self.path = bag.path
         message = self._first(topics.EPISODE.name)
@@ -165,8 +161,7 @@ class EpisodeSource:
     def messages_by_step(self, topics: Collection[str]) -> Iterator[tuple[int, dict[str, BagMessage]]]:
         """The messages of some topics, those of one step together, in the order of time; only one step is in memory.
 
-        Raises:
-            BagError: The bag is damaged at the place that has been reached.
+        Raises BagError: the bag is damaged at the place that has been reached.
         """
         for time_ns, messages in groupby(self.bag.messages(topics), lambda message: message.time_ns):
             yield step_of_time_ns(time_ns), {message.topic: message for message in messages}
@@ -209,13 +204,8 @@ def lidar_frames(
 ) -> Iterator[LidarFrame]:
     """The steps of an episode that hold a sweep, labels or pictures, one after the other.
 
-    Args:
-        source: The bag.
-        cameras: Also the pictures of these cameras and their labels.
-        pose: Also the pose of the vehicle or of the station.
-
-    Raises:
-        BagError: The bag is damaged at the place that has been reached.
+    With ``cameras`` also their pictures and labels, with ``pose`` that of the vehicle or of the station. Raises
+    BagError: the bag is damaged at the place that has been reached.
     """
     lidar = lidar_of(source)
     pictures = {camera.topic: camera.name for camera in cameras}

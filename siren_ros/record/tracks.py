@@ -22,6 +22,7 @@ REGION: Final = "region"
 """Vehicles in the interaction region around the EMV for the whole window."""
 POPULATIONS: Final = (REGION, "all")
 """As in the evaluation of predictors."""
+_MOTION: Final = ("x_m", "y_m", "z_m", "yaw_rad", "vx_mps", "vy_mps", "accel_mps2")
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,11 @@ class Track:
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    @property
+    def xy_m(self) -> Floats:
+        """Positions, shape ``(K, 2)``."""
+        return np.stack((self.x_m, self.y_m), axis=-1)
 
     @property
     def speed_mps(self) -> Floats:
@@ -74,8 +80,7 @@ def _row_keys(actor_id: Ids, step: Any) -> npt.NDArray[np.int64]:
 def tracks_of(record: EpisodeRecord) -> tuple[Track, ...]:
     """The tracks of all vehicles, in the order of actor ids.
 
-    Raises:
-        BagError: The record holds states of an actor that it does not describe.
+    Raises BagError: the record holds states of an actor that it does not describe.
     """
     rows, inside = record.rows, rows_in_region(record)
     logged = np.flatnonzero(rows.step % LOG_PERIOD_STEPS == 0)
@@ -85,20 +90,9 @@ def tracks_of(record: EpisodeRecord) -> tuple[Track, ...]:
         if actor is None:
             raise BagError(record.description.template, f"an episode that describes its actors; {actor_id} is not")
         of_actor = logged[rows.actor_id[logged] == actor_id]
-        tracks.append(
-            Track(
-                actor=actor,
-                frame=rows.step[of_actor] // LOG_PERIOD_STEPS,
-                x_m=rows.x_m[of_actor],
-                y_m=rows.y_m[of_actor],
-                z_m=rows.z_m[of_actor],
-                yaw_rad=rows.yaw_rad[of_actor],
-                vx_mps=rows.vx_mps[of_actor],
-                vy_mps=rows.vy_mps[of_actor],
-                accel_mps2=rows.accel_mps2[of_actor],
-                in_region=inside[of_actor],
-            )
-        )
+        frame = rows.step[of_actor] // LOG_PERIOD_STEPS
+        motion = {name: getattr(rows, name)[of_actor] for name in _MOTION}
+        tracks.append(Track(actor, frame, **motion, in_region=inside[of_actor]))
     return tuple(tracks)
 
 

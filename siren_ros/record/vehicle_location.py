@@ -13,7 +13,8 @@ from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import rows_of_ids
 from siren_ros.world.traffic_state import Indices
 
-_DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
+DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
+"""Lanes that vehicles use."""
 _END_MARGIN_M: Final = 0.05
 """Lanes of consecutive edges meet with rounding gaps of SUMO's two decimals."""
 _HINT_BONUS_M: Final = 100.0
@@ -38,17 +39,14 @@ class LanePlaces:
 def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -> LanePlaces:
     """The lane of each pose: its area holds the footprint's centre, its direction is within 90° of the heading.
 
-    Args:
-        network: The map.
-        xy_m: Footprint centres, shape ``(M, 2)``.
-        yaw_rad: Headings, shape ``(M,)``.
-        hint: Preferred lane index where a pose lies in several lanes, NO_LANE for none; shape ``(M,)``.
+    Footprint centres have the shape ``(M, 2)``, headings ``(M,)``. ``hint`` is the preferred lane where a pose lies in
+    several ones, NO_LANE for none, shape ``(M,)``.
     """
     count = len(xy_m)
     lane = np.full(count, NO_LANE, dtype=np.int32)
     arc, offset, cost = np.zeros(count), np.zeros(count), np.full(count, np.inf)
     for candidate in network.lanes:
-        if candidate.kind not in _DRIVEN_KINDS:
+        if candidate.kind not in DRIVEN_KINDS:
             continue
         low = candidate.centre.points.min(axis=0) - candidate.width_m
         high = candidate.centre.points.max(axis=0) + candidate.width_m
@@ -103,10 +101,7 @@ class Drive:
 def lanes_ahead(network: RoadNetwork, lane: int, reach_m: float) -> frozenset[int]:
     """The lane and all lanes that can follow it without a lane change, paths across junctions included.
 
-    Args:
-        network: The map.
-        lane: Index of the lane to start from; may be a path across a junction.
-        reach_m: How far to follow, measured from the end of the first lane.
+    The lane may be a path across a junction; the reach begins at its end.
     """
     nearest = {lane: 0.0}
     queue = [lane]

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import yaml
+from mcap.records import Channel
 
 from siren_ros.errors import BagError
 from siren_ros.params import plain_yaml
@@ -42,6 +43,17 @@ class BagTopic:
     latched: bool
     message_count: int
 
+    @classmethod
+    def of_channel(cls, channel: Channel, type_name: str, message_count: int) -> "BagTopic":
+        """A topic as its MCAP channel says it."""
+        type_hash = channel.metadata.get("topic_type_hash", "")
+        return cls(channel.topic, type_name, type_hash, is_latched(channel), message_count)
+
+
+def is_latched(channel: Channel) -> bool:
+    """Whether a channel's publishers were transient local."""
+    return "transient_local" in channel.metadata.get("offered_qos_profiles", "")
+
 
 def qos_profiles(latched: bool) -> list[dict[str, Any]]:
     """The QoS profile of a topic's publisher, in a list; latched topics are transient local."""
@@ -68,14 +80,9 @@ def qos_text(latched: bool) -> str:
 def metadata_text(
     file_name: str, topics: Sequence[BagTopic], first_ns: int, last_ns: int, custom: Mapping[str, str]
 ) -> str:
-    """The whole ``metadata.yaml``.
+    """The whole ``metadata.yaml``; topics in the order of the bag's channels, and simulated times.
 
-    Args:
-        file_name: MCAP file in the same folder.
-        topics: In the order of the bag's channels.
-        first_ns: Simulated time of the first message.
-        last_ns: Simulated time of the last message.
-        custom: Further entries; ``ros2 bag info`` shows them as custom data.
+    ``custom`` holds further entries, which ``ros2 bag info`` shows as custom data.
     """
     count = sum(topic.message_count for topic in topics)
     start, duration = {"nanoseconds_since_epoch": first_ns}, {"nanoseconds": last_ns - first_ns}
@@ -112,8 +119,7 @@ def metadata_text(
 def read_message_counts(bag: Path) -> dict[str, int]:
     """Messages per topic of a closed bag, from its ``metadata.yaml``.
 
-    Raises:
-        BagError: There is no readable metadata.
+    Raises BagError: there is no readable metadata.
     """
     try:
         topics = read_metadata(bag)["topics_with_message_count"]
@@ -125,8 +131,7 @@ def read_message_counts(bag: Path) -> dict[str, int]:
 def read_metadata(bag: Path) -> dict[str, Any]:
     """The content of a bag's ``metadata.yaml``.
 
-    Raises:
-        BagError: The file is missing, too large, not YAML, has aliases, or lacks the bag's information.
+    Raises BagError: the file is missing, too large, not YAML, has aliases, or lacks the bag's information.
     """
     file = bag / METADATA_FILE
     try:
@@ -172,9 +177,8 @@ def free_partial_path(bag: Path) -> Path:
 def check_new_bag(bag: Path) -> None:
     """Refuses the path of a bag that could not be moved to its place at the end of the episode.
 
-    Raises:
-        BagError: Something is there already, be it a link that leads nowhere; or the system does not take the name, or
-            the longer names that the bag has while it grows.
+    Raises BagError: something is there already, be it a link that leads nowhere; or the system does not take the name,
+    or the longer names that the bag has while it grows.
     """
     try:
         bag.name.encode()
@@ -209,8 +213,7 @@ class WorkingFolder:
     def __init__(self, bag: Path, file_name: str) -> None:
         """Creates the folder. The folder of a killed writer in its place is moved to a partial name.
 
-        Raises:
-            BagError: The bag exists, another episode writes it now, or the place cannot be written.
+        Raises BagError: the bag exists, another episode writes it now, or the place cannot be written.
         """
         self.path = working_path(bag)
         self._bag = bag

@@ -51,16 +51,17 @@ def storage_files(bag: Path) -> list[Path]:
 
 
 def check_bag_files(bag: Path, content: bool = False) -> None:
-    """Refuses a bag whose files are damaged, misplaced or too large.
+    """Raises BagError for a bag whose files are damaged, misplaced or too large: what is wrong, and where.
 
-    Args:
-        bag: Folder of the bag.
-        content: Also unpack every chunk, compare its checksum and those of attachments, and read the summary.
-
-    Raises:
-        BagError: What is wrong, and where.
+    With ``content`` it also unpacks each chunk, compares its checksum and those of attachments, and reads the summary.
     """
-    for name in _named_files(bag):
+    information = read_metadata(bag)
+    names = information.get("relative_file_paths")
+    if information.get("compression_mode") or information.get("storage_identifier") != "mcap":
+        raise BagError(str(bag), "a bag in MCAP storage, its file not compressed as a whole")
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        raise BagError(str(bag), f"a bag whose {METADATA_FILE} names its files")
+    for name in names:
         file = bag / name
         if Path(name).name != name or file.suffix != ".mcap" or not file.is_file():
             raise BagError(str(bag), f"a bag whose files are .mcap files in its folder, unlike {name!r}")
@@ -70,16 +71,6 @@ def check_bag_files(bag: Path, content: bool = False) -> None:
             raise BagError(str(bag), f"an undamaged episode ({name}: {error})") from error
         except OSError as error:
             raise BagError(str(bag), f"a bag that can be read ({error.strerror or error})") from error
-
-
-def _named_files(bag: Path) -> list[str]:
-    information = read_metadata(bag)
-    names = information.get("relative_file_paths")
-    if information.get("compression_mode") or information.get("storage_identifier") != "mcap":
-        raise BagError(str(bag), "a bag in MCAP storage, its file not compressed as a whole")
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        raise BagError(str(bag), f"a bag whose {METADATA_FILE} names its files")
-    return names
 
 
 def _check_storage(file: Path, content: bool) -> None:
@@ -98,14 +89,9 @@ def _check_storage(file: Path, content: bool) -> None:
 
 
 def read_summary(stream: BinaryIO, size: int) -> Summary:
-    """The summary of a file: definitions, statistics and the index of chunks.
+    """The summary of a file of ``size`` bytes: definitions, statistics and the index of chunks.
 
-    Args:
-        stream: The file.
-        size: Its length in bytes.
-
-    Raises:
-        DamageError: The file has no end, or its summary is damaged.
+    Raises DamageError: the file has no end, or its summary is damaged.
     """
     _check_end(stream, size)
     try:
@@ -180,8 +166,7 @@ class OpenBag:
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Messages in the order of simulated time; all topics, or those given.
 
-        Raises:
-            BagError: The bag is damaged after the last message that was returned.
+        Raises BagError: the bag is damaged after the last message that was returned.
         """
         connections = [item for item in self.reader.connections if topics is None or item.topic in topics]
         if not connections:
@@ -201,11 +186,8 @@ class OpenBag:
     def record(self, *, counted: bool = False) -> EpisodeRecord:
         """The record of the episode in the bag; all states are in memory.
 
-        Args:
-            counted: Also count the messages of all topics, which reads all of them.
-
-        Raises:
-            BagError: The bag is damaged, holds no SIREN episode, or lacks the map.
+        With ``counted`` also the counts of the messages of all topics, which reads all of them. Raises BagError: the
+        bag is damaged, holds no SIREN episode, or lacks the map.
         """
         builder = RecordBuilder()
         types = {topic.name: topic.type_name for topic in RECORD_TOPICS}
@@ -238,11 +220,7 @@ def _starts_with_stamp(store: Typestore, type_name: str) -> bool:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[OpenBag]:
-    """Opens a bag for reading.
-
-    Raises:
-        BagError: The folder is missing, is not a rosbag2 bag, or is damaged.
-    """
+    """Opens a bag for reading. Raises BagError: the folder is missing, is not a rosbag2 bag, or is damaged."""
     try:
         there = path.is_dir()
     except OSError:  # a name that is too long
@@ -270,8 +248,7 @@ def open_bag(path: Path) -> Iterator[OpenBag]:
 def read_episode(path: Path) -> EpisodeRecord:
     """The record of an episode, with the counts of its messages.
 
-    Raises:
-        BagError: As ``open_bag`` and ``OpenBag.record``.
+    Raises BagError as ``open_bag`` and ``OpenBag.record``.
     """
     with open_bag(path) as bag:
         return bag.record(counted=True)
@@ -322,8 +299,7 @@ class Playhead:
 def messages_from(bag: OpenBag, start_ns: int) -> Iterator[BagMessage]:
     """The messages for a subscriber that joins at a time: latched ones from before, then all from there on.
 
-    Raises:
-        BagError: The bag is damaged after the last message that was returned.
+    Raises BagError: the bag is damaged after the last message that was returned.
     """
     earlier: dict[str, BagMessage] = {}
     began = False

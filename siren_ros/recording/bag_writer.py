@@ -100,7 +100,6 @@ class BagSummary:
 class _OpenChannel:
     record: Channel
     schema: Schema
-    type_hash: str
     latched: bool
     count: int = 0
 
@@ -130,16 +129,9 @@ class EpisodeBagWriter:
     def __init__(
         self, path: Path, store: Typestore, latched: Collection[str] = (), options: BagOptions | None = None
     ) -> None:
-        """Opens the bag.
+        """Opens the bag; ``latched`` names its transient local topics.
 
-        Args:
-            path: Final folder of the bag; must not exist.
-            store: Definitions of every message type that will be written.
-            latched: Names of the transient local topics.
-            options: Chunk size and compression.
-
-        Raises:
-            BagError: The folder exists, another episode writes it now, or the place cannot be written.
+        Raises BagError: the folder exists, another episode writes it now, or the place cannot be written.
         """
         self._path = path
         self._store = store
@@ -158,16 +150,10 @@ class EpisodeBagWriter:
         self._closed = False
 
     def write(self, topic: str, type_name: str, cdr: bytes | memoryview, time_ns: int) -> None:
-        """Adds a message. Log time and publish time are the simulated time.
+        """Adds a serialised message with its encapsulation header; a topic's first message opens its channel.
 
-        Args:
-            topic: Topic name; the first message opens the channel.
-            type_name: ``package/msg/Name``, known to the type store.
-            cdr: Serialised message with its encapsulation header. A memoryview is copied.
-            time_ns: Simulated time.
-
-        Raises:
-            EpisodeError: An earlier message could not be written: the disk is full, or the folder is gone.
+        Log time and publish time are the simulated time. A memoryview is copied. Raises EpisodeError: an earlier
+        message could not be written: the disk is full, or the folder is gone.
         """
         data = cdr if isinstance(cdr, bytes) else bytes(cdr)
         if time_ns > self._latest_ns:
@@ -206,15 +192,10 @@ class EpisodeBagWriter:
         if schema is None:
             text, _ = self._store.generate_msgdef(type_name, ros_version=2)
             schema = Schema(id=len(self._schemas) + 1, name=type_name, encoding="ros2msg", data=text.encode())
-        type_hash, latched = self._store.hash_rihs01(type_name), topic in self._latched
-        record = Channel(
-            id=len(self._channels) + 1,
-            topic=topic,
-            message_encoding="cdr",
-            schema_id=schema.id,
-            metadata={"offered_qos_profiles": qos_text(latched), "topic_type_hash": type_hash},
-        )
-        return _OpenChannel(record, schema, type_hash, latched)
+        latched, number = topic in self._latched, len(self._channels) + 1
+        metadata = {"offered_qos_profiles": qos_text(latched), "topic_type_hash": self._store.hash_rihs01(type_name)}
+        record = Channel(id=number, topic=topic, message_encoding="cdr", schema_id=schema.id, metadata=metadata)
+        return _OpenChannel(record, schema, latched)
 
     def _hand_over(self) -> None:
         pending, self._pending = self._pending, _PendingChunk()
@@ -243,15 +224,14 @@ class EpisodeBagWriter:
     def finish(self) -> BagSummary:
         """Completes the bag and moves it to its final name.
 
-        Raises:
-            EpisodeError: It cannot be written or moved; the partial bag stays where ``abandon`` puts it.
+        Raises EpisodeError: it cannot be written or moved; the partial bag stays where ``abandon`` puts it.
         """
         try:
             self._hand_over()
             self._worker.close()
             self._end_with_copies()
             self._folder.check()
-            self._folder.close(self._metadata({END_KEY: "complete"}))
+            self._folder.close(self._metadata("complete"))
             self._folder.move_to(self._path)
         except OSError as error:
             raise self._lost(error) from error
@@ -259,12 +239,9 @@ class EpisodeBagWriter:
         return self._summary(self._path)
 
     def abandon(self, reason: str) -> BagSummary:
-        """Keeps the messages so far as a readable bag under the name of a partial one.
+        """Keeps the messages so far as a readable bag under the name of a partial one; the metadata keeps the reason.
 
         Never raises: where the disk refuses even the end of the file, the chunks written so far stay.
-
-        Args:
-            reason: Why the episode ended; kept in the bag's metadata.
         """
         if self._closed:
             return self._summary(self._path)
@@ -282,7 +259,7 @@ class EpisodeBagWriter:
         with suppress(OSError, ValueError):
             self._folder.restore()
         with suppress(OSError, ValueError):
-            self._folder.close(self._metadata({END_KEY: "partial", REASON_KEY: reason}))
+            self._folder.close(self._metadata("partial", **{REASON_KEY: reason}))
         with suppress(OSError):
             return self._summary(self._folder.move_to(free_partial_path(self._path)))
         return self._summary(self._folder.path)
@@ -296,15 +273,15 @@ class EpisodeBagWriter:
             self._worker.close()
         self._folder.remove()
 
-    def _metadata(self, custom: dict[str, str]) -> str:
-        return metadata_text(self._file_name, self._topics(), *self._stream.span_ns, custom)
+    def _metadata(self, end: str, **custom: str) -> str:
+        return metadata_text(self._file_name, self._topics(), *self._stream.span_ns, {END_KEY: end, **custom})
 
     def _topics(self) -> list[BagTopic]:
         """The topics in the file: fewer than were handed over where the disk refused something."""
         written = self._stream.counts
         return [
-            BagTopic(topic, channel.schema.name, channel.type_hash, channel.latched, written[channel.record.id])
-            for topic, channel in self._channels.items()
+            BagTopic.of_channel(channel.record, channel.schema.name, written[channel.record.id])
+            for channel in self._channels.values()
             if channel.record.id in written
         ]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Columns, Floats, Ids, Rows
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
@@ -35,7 +35,7 @@ class TopicRecord:
 
 
 @dataclass(frozen=True)
-class StateRows:
+class StateRows(Columns):
     """States of one or many actors over time: the columns of ``ActorStates`` with a step for each row.
 
     All arrays have shape ``(M,)``, in the frame and units of ``ActorStates``.
@@ -60,9 +60,6 @@ class StateRows:
     lights: Codes
     residual_m: Floats
 
-    def __len__(self) -> int:
-        return len(self.step)
-
     @property
     def time_s(self) -> Floats:
         """Simulated time of each row."""
@@ -82,11 +79,6 @@ class StateRows:
     def driven_m(self) -> Floats:
         """Way driven up to each row of one actor's track."""
         return np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(self.x_m), np.diff(self.y_m)))))
-
-    def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "StateRows":
-        """Some of the rows, given as a mask or as indices."""
-        arrays: dict[str, Any] = {name: getattr(self, name)[rows] for name in ACTOR_STATE_DTYPES}
-        return StateRows(step=self.step[rows], **arrays)
 
 
 @dataclass(frozen=True)
@@ -141,7 +133,7 @@ class EpisodeRecord:
         arrays: dict[str, Any] = {name: values[order] for name, values in columns.items()}
         return StateRows(step=step[order], **arrays)
 
-    def rows_of(self, actor_id: int) -> npt.NDArray[np.intp]:
+    def rows_of(self, actor_id: int) -> Rows:
         """Indices into ``rows`` of one actor's states, in the order of time; none for an unknown actor."""
         first, last = np.searchsorted(self.rows.actor_id, [actor_id, actor_id + 1])
         return np.arange(first, last)

@@ -70,12 +70,8 @@ class PackedChunk:
 def read_places(file: BinaryIO, named: bool = True) -> Iterator[RecordPlace]:
     """The places of a file's records, from its start to the end of its data.
 
-    Args:
-        file: The file.
-        named: Whether the file has to begin with the format's name.
-
-    Raises:
-        DamageError: The file is cut off, or a record's head is damaged. All places before have been returned.
+    A file that is ``named`` has to begin with the format's name. Raises DamageError: the file is cut off, or a
+    record's head is damaged. All places before have been returned.
     """
     size = file.seek(0, SEEK_END)
     file.seek(0)
@@ -98,11 +94,7 @@ def read_places(file: BinaryIO, named: bool = True) -> Iterator[RecordPlace]:
 
 
 def read_chunk(file: BinaryIO, place: RecordPlace) -> PackedChunk:
-    """The chunk at a place.
-
-    Raises:
-        DamageError: The chunk's head or its zstd frame is damaged.
-    """
+    """The chunk at a place. Raises DamageError: the chunk's head or its zstd frame is damaged."""
     file.seek(place.offset + _RECORD.size)
     return _chunk(file.read(place.length), place.offset)
 
@@ -110,8 +102,7 @@ def read_chunk(file: BinaryIO, place: RecordPlace) -> PackedChunk:
 def read_chunks(file: BinaryIO) -> Iterator[PackedChunk]:
     """The chunks of a file, from its start to the end of its data.
 
-    Raises:
-        DamageError: The file is cut off or damaged. All chunks before that place have been returned.
+    Raises DamageError: the file is cut off or damaged. All chunks before that place have been returned.
     """
     for place in read_places(file):
         if place.opcode == Opcode.CHUNK:
@@ -119,11 +110,7 @@ def read_chunks(file: BinaryIO) -> Iterator[PackedChunk]:
 
 
 def read_attachment(file: BinaryIO, place: RecordPlace) -> Attachment:
-    """The attachment at a place.
-
-    Raises:
-        DamageError: The record is damaged, or larger than the largest chunk.
-    """
+    """The attachment at a place. Raises DamageError: the record is damaged, or larger than the largest chunk."""
     if place.length > MAX_CHUNK_BYTES:
         raise DamageError(f"an attachment of {place.length} bytes; {MAX_CHUNK_BYTES} are allowed")
     file.seek(place.offset + _RECORD.size)
@@ -135,11 +122,9 @@ def read_attachment(file: BinaryIO, place: RecordPlace) -> Attachment:
 
 
 def read_copies(file: BinaryIO, places: Iterable[RecordPlace]) -> list[ChunkContent]:
-    """The second copies of latched messages, as far as they are undamaged (``McapStream.attach_copies``).
+    """The second copies of latched messages in a file's attachments, as far as they are undamaged.
 
-    Args:
-        file: The file.
-        places: Of its attachments; those of other kinds are left out.
+    ``McapStream.attach_copies`` writes them; attachments of other kinds are left out.
     """
     copies = []
     for place in places:
@@ -206,8 +191,7 @@ def _frame_size(packed: bytes, offset: int) -> int:
 def unpack(chunk: PackedChunk) -> bytes:
     """The uncompressed content of a chunk.
 
-    Raises:
-        DamageError: The chunk cannot be unpacked, or its checksum is wrong.
+    Raises DamageError: the chunk cannot be unpacked, or its checksum is wrong.
     """
     plain = chunk.packed
     if chunk.compression:
@@ -223,8 +207,7 @@ def unpack(chunk: PackedChunk) -> bytes:
 def parse_content(plain: bytes) -> ChunkContent:
     """Schemas, channels and messages of a chunk.
 
-    Raises:
-        DamageError: The records contradict the chunk's size, or are of another kind.
+    Raises DamageError: the records contradict the chunk's size, or are of another kind.
     """
     schemas, channels, messages = [], [], []
     offset = 0

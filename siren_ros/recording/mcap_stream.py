@@ -13,22 +13,10 @@ from io import BytesIO, RawIOBase
 from typing import Final
 
 import zstandard
+from mcap import records as mcap
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    MessageIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
+from mcap.records import Channel, McapRecord, Schema
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 PROFILE: Final = "ros2"
@@ -73,11 +61,9 @@ class McapStream:
     """
 
     def __init__(self, stream: RawIOBase | BytesIO, compression_level: int) -> None:
-        """Writes the head of the file.
+        """Writes the head of the file to an empty stream.
 
-        Args:
-            stream: Empty.
-            compression_level: zstd's, for chunks above 256 kB; smaller ones have zstd's default.
+        zstd's compression level is for chunks above 256 kB; smaller ones have zstd's default.
         """
         self._stream = stream
         self._position = 0
@@ -87,10 +73,10 @@ class McapStream:
         self._small = zstandard.ZstdCompressor(level=_SMALL_LEVEL, threads=0)
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._chunks: list[ChunkIndex] = []
-        self._attachments: list[AttachmentIndex] = []
+        self._chunks: list[mcap.ChunkIndex] = []
+        self._attachments: list[mcap.AttachmentIndex] = []
         self._counts: dict[int, int] = {}
-        self._write(MAGIC + _bytes_of([Header(PROFILE, LIBRARY)]))
+        self._write(MAGIC + _bytes_of([mcap.Header(PROFILE, LIBRARY)]))
         self._whole = self._position
 
     @property
@@ -121,9 +107,7 @@ class McapStream:
     def write_chunk(self, content: ChunkContent, packed: bytes | None = None) -> None:
         """Writes one chunk and the index of its messages; OSError where the disk refuses it.
 
-        Args:
-            content: What the chunk holds; an empty chunk is not written.
-            packed: The content as it was compressed before; None to compress it here.
+        An empty chunk is not written. ``packed`` is the content as it was compressed before; None to compress it here.
         """
         if not content.messages and not content.channels and not content.schemas:
             return
@@ -147,30 +131,29 @@ class McapStream:
     def _write_packed(
         self, plain: bytes, packed: bytes, index: dict[int, list[tuple[int, int]]], span_ns: tuple[int, int]
     ) -> None:
-        first_ns, last_ns = span_ns
         name = _COMPRESSION.encode()
         # The head of a Chunk record by hand, so that the packed bytes are not copied into it.
-        fields = struct.pack("<QQQII", first_ns, last_ns, len(plain), zlib.crc32(plain), len(name)) + name
+        fields = struct.pack("<QQQII", *span_ns, len(plain), zlib.crc32(plain), len(name)) + name
         fields += struct.pack("<Q", len(packed))
         head = struct.pack("<BQ", Opcode.CHUNK, len(fields) + len(packed)) + fields
         start, length = self._position, len(head) + len(packed)
         offsets, indices = {}, b""
         for channel_id, records in index.items():
             offsets[channel_id] = start + length + len(indices)
-            indices += _bytes_of([MessageIndex(channel_id, records)])
+            indices += _bytes_of([mcap.MessageIndex(channel_id, records)])
         for data in (head, packed, indices):
             self._write(data)
         self._whole = self._position
         self._chunks.append(
-            ChunkIndex(
+            mcap.ChunkIndex(
                 chunk_length=length,
                 chunk_start_offset=start,
                 compression=_COMPRESSION,
                 compressed_size=len(packed),
-                message_end_time=last_ns,
+                message_end_time=span_ns[1],
                 message_index_length=len(indices),
                 message_index_offsets=offsets,
-                message_start_time=first_ns,
+                message_start_time=span_ns[0],
                 uncompressed_size=len(plain),
             )
         )
@@ -178,13 +161,8 @@ class McapStream:
     def attach_copies(self, messages: Sequence[ChannelMessage]) -> None:
         """Writes messages a second time, after all chunks: as an MCAP file in an attachment; none for no messages.
 
-        Readers of messages do not see attachments, so every count and every player stays as it is.
-
-        Args:
-            messages: Of latched topics, which are published once: without them the bag is no episode.
-
-        Raises:
-            OSError: The disk refuses it.
+        They are of latched topics, which are published once: without them the bag is no episode. Readers of messages do
+        not see attachments, so every count and every player stays as it is. Raises OSError: the disk refuses it.
         """
         if not messages:
             return
@@ -195,14 +173,14 @@ class McapStream:
         copies.write_chunk(ChunkContent(tuple(schemas), tuple(channels), tuple(messages)))
         copies.finish()
         data, time_ns, start = file.getvalue(), messages[0].time_ns, self._position
-        record = _bytes_of([Attachment(time_ns, time_ns, COPIES_NAME, _COPIES_TYPE, data)])
+        record = _bytes_of([mcap.Attachment(time_ns, time_ns, COPIES_NAME, _COPIES_TYPE, data)])
         self._write(record)
-        index = AttachmentIndex(start, len(record), time_ns, time_ns, len(data), COPIES_NAME, _COPIES_TYPE)
+        index = mcap.AttachmentIndex(start, len(record), time_ns, time_ns, len(data), COPIES_NAME, _COPIES_TYPE)
         self._attachments.append(index)
 
     def finish(self) -> None:
         """Writes the summary and the end of the file; the stream stays open."""
-        self._write(_bytes_of([DataEnd(0)]))
+        self._write(_bytes_of([mcap.DataEnd(0)]))
         summary_start = self._position
         groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
             (Opcode.SCHEMA, list(self._schemas.values())),
@@ -214,17 +192,17 @@ class McapStream:
         summary, offsets = b"", []
         for opcode, records in groups:
             data = _bytes_of(records)
-            offsets.append(SummaryOffset(opcode, summary_start + len(summary), len(data)))
+            offsets.append(mcap.SummaryOffset(opcode, summary_start + len(summary), len(data)))
             summary += data
         offset_start = summary_start + len(summary)
         summary += _bytes_of(offsets)
         footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_start, offset_start)
         crc = zlib.crc32(footer_head, zlib.crc32(summary))
-        self._write(summary + _bytes_of([Footer(summary_start, offset_start, crc)]) + MAGIC)
+        self._write(summary + _bytes_of([mcap.Footer(summary_start, offset_start, crc)]) + MAGIC)
 
-    def _statistics(self) -> Statistics:
+    def _statistics(self) -> mcap.Statistics:
         first_ns, last_ns = self.span_ns
-        return Statistics(
+        return mcap.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=dict(sorted(self._counts.items())),

@@ -11,21 +11,9 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from siren_ros.errors import BagError
-from siren_ros.interfaces import conversions, episode_conversions
-from siren_ros.interfaces.conversions import from_av_control
+from siren_ros.interfaces import conversions, episode_conversions, topics
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
-from siren_ros.interfaces.topics import (
-    ACTORS,
-    AV_CONTROL,
-    EMV_COMMANDS,
-    EPISODE,
-    EPISODE_END,
-    EVENTS,
-    MAP,
-    OUTCOME,
-    TRAFFIC,
-    YIELD_COMMANDS,
-)
+from siren_ros.interfaces.programs import from_av_control
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
@@ -40,39 +28,30 @@ LONGEST_S: Final = 1e8
 _OF_OTHER_LENGTH: Final = frozenset({"removed", "route_offset", "route_edges"})
 _TRAFFIC_COLUMNS: Final = tuple(name for name in TRAFFIC_STATE_DTYPES if name not in _OF_OTHER_LENGTH)
 RECORD_TOPICS: Final = (
-    EPISODE,
-    MAP,
-    TRAFFIC,
-    EMV_COMMANDS,
-    YIELD_COMMANDS,
-    AV_CONTROL,
-    ACTORS,
-    EVENTS,
-    EPISODE_END,
-    OUTCOME,
+    *(topics.EPISODE, topics.MAP, topics.TRAFFIC, topics.EMV_COMMANDS, topics.YIELD_COMMANDS),
+    *(topics.AV_CONTROL, topics.ACTORS, topics.EVENTS, topics.EPISODE_END, topics.OUTCOME),
 )
 """The topics of a record; messages on other topics are only counted."""
 Reading: TypeAlias = Callable[[Callable[[Any], Any], Any], Any]
 """Applies a conversion to a message; may return the result of an earlier call for the same message."""
 
 
-def check_states(states: ActorStates) -> None:
-    """Raises BagError unless all columns have one length and the step is in range."""
-    _check(states, ACTOR_STATE_DTYPES)
+def check_columns(columns: ActorStates | TrafficState | VehicleCommands, names: Collection[str]) -> None:
+    """Raises BagError unless the columns of these names have one length and the step is in range."""
+    what = f"{type(columns).__name__} of step {columns.step}"
+    if not 0 <= columns.step < LAST_STEP:
+        raise BagError(what, f"steps from 0 to {LAST_STEP - 1}")
+    if len({len(getattr(columns, name)) for name in names}) > 1:
+        raise BagError(what, "columns of one length")
 
 
 def check_traffic(traffic: TrafficState) -> None:
-    """As ``check_states``; the routes must also lie within their list."""
-    _check(traffic, _TRAFFIC_COLUMNS)
+    """As ``check_columns``; the routes must also lie within their list."""
+    check_columns(traffic, _TRAFFIC_COLUMNS)
     ends = traffic.route_offset
     bounded = len(ends) == 0 or (ends[0] >= 0 and ends[-1] <= len(traffic.route_edges))
     if len(ends) not in {0, len(traffic.actor_id) + 1} or not bounded or (ends[1:] < ends[:-1]).any():
         raise BagError(f"TrafficState of step {traffic.step}", "routes that lie within route_edges")
-
-
-def check_commands(commands: VehicleCommands) -> None:
-    """As ``check_states``."""
-    _check(commands, COMMAND_DTYPES)
 
 
 def check_description(description: EpisodeDescription) -> None:
@@ -84,12 +63,9 @@ def check_description(description: EpisodeDescription) -> None:
 def outcome_of_what_is_held(
     outcome: EpisodeOutcome | None, closing: EpisodeClosing | None, steps: Sequence[int]
 ) -> EpisodeOutcome | None:
-    """The recorded outcome; for a bag without every step that was closed, a failure that says so.
+    """The recorded outcome; for a bag without all steps that were closed, a failure that says so.
 
-    Args:
-        outcome: As recorded; None where the bag has none.
-        closing: Its ``EpisodeEnd``, likewise.
-        steps: Numbers of the steps whose actor states the bag holds, in its order.
+    ``steps`` are the numbers of the steps whose actor states the bag holds, in its order.
     """
     if outcome is None or outcome.end is not EpisodeEnd.COMPLETE:
         return outcome
@@ -101,14 +77,6 @@ def outcome_of_what_is_held(
     if held == closed:
         reason = f"the bag holds more than the {closed} steps that were closed"
     return replace(outcome, end=EpisodeEnd.FAILED, reason=reason, predicate_holds=None)
-
-
-def _check(columns: ActorStates | TrafficState | VehicleCommands, names: Collection[str]) -> None:
-    what = f"{type(columns).__name__} of step {columns.step}"
-    if not 0 <= columns.step < LAST_STEP:
-        raise BagError(what, f"steps from 0 to {LAST_STEP - 1}")
-    if len({len(getattr(columns, name)) for name in names}) > 1:
-        raise BagError(what, "columns of one length")
 
 
 def read_anew(read: Callable[[Any], Any], message: Any) -> Any:
@@ -132,11 +100,7 @@ class RecordBuilder:
     """Collects an episode's messages; ``build`` gives the record of what has been added so far."""
 
     def __init__(self, read: Reading = read_anew) -> None:
-        """An empty collection.
-
-        Args:
-            read: Applies a conversion to a message, or returns its earlier result for this message.
-        """
+        """An empty collection; ``read`` applies a conversion to a message, or returns its earlier result for it."""
         self._read = read
         self._description: EpisodeDescription | None = None
         self._network: RoadNetwork | None = None
@@ -151,37 +115,26 @@ class RecordBuilder:
         self._outcome: EpisodeOutcome | None = None
         self._counters: dict[str, _TopicCounter] = {}
         self._takers: dict[str, Callable[[Any], None]] = {
-            EPISODE.name: self._take_description,
-            MAP.name: self._take_map,
-            TRAFFIC.name: self._take_traffic,
-            EMV_COMMANDS.name: self._take_commands,
-            YIELD_COMMANDS.name: self._take_commands,
-            AV_CONTROL.name: self._take_av_control,
-            ACTORS.name: self._take_states,
-            EVENTS.name: self._take_events,
-            EPISODE_END.name: self._take_end,
-            OUTCOME.name: self._take_outcome,
+            topics.EPISODE.name: self._take_description,
+            topics.MAP.name: self._take_map,
+            topics.TRAFFIC.name: self._take_traffic,
+            topics.EMV_COMMANDS.name: self._take_commands,
+            topics.YIELD_COMMANDS.name: self._take_commands,
+            topics.AV_CONTROL.name: self._take_av_control,
+            topics.ACTORS.name: self._take_states,
+            topics.EVENTS.name: self._take_events,
+            topics.EPISODE_END.name: self._take_end,
+            topics.OUTCOME.name: self._take_outcome,
         }
 
     def add(self, topic: str, message: Any) -> None:
         """Takes a decoded message, of rclpy or of rosbags; ignores topics outside ``RECORD_TOPICS``."""
-        take = self._takers.get(topic)
-        if take is not None:
-            take(message)
+        if topic in self._takers:
+            self._takers[topic](message)
 
     def count(self, topic: str, type_name: str, time_ns: int, size_bytes: int, stamp_ns: int | None) -> None:
-        """Counts a message of any topic.
-
-        Args:
-            topic: Topic name.
-            type_name: Message type.
-            time_ns: Log time.
-            size_bytes: Serialised size.
-            stamp_ns: The stamp inside the message, None where its type has none.
-        """
-        counter = self._counters.get(topic)
-        if counter is None:
-            counter = self._counters[topic] = _TopicCounter(type_name)
+        """Counts a message of any topic by its log time; ``stamp_ns`` is its stamp, None for a type without one."""
+        counter = self._counters.setdefault(topic, _TopicCounter(type_name))
         counter.times_ns.append(time_ns)
         counter.size_bytes += size_bytes
         counter.stamp_mismatches += stamp_ns is not None and stamp_ns != time_ns
@@ -199,12 +152,11 @@ class RecordBuilder:
         traffic = self._read(conversions.from_traffic_state, message)
         check_traffic(traffic)
         self._traffic.append(traffic)
-        for actor in traffic.spawned:
-            self._actors[actor.actor_id] = actor
+        self._actors.update({actor.actor_id: actor for actor in traffic.spawned})
 
     def _take_commands(self, message: Any) -> None:
         commands = self._read(conversions.from_vehicle_commands, message)
-        check_commands(commands)
+        check_columns(commands, COMMAND_DTYPES)
         self._commands.setdefault(commands.source, []).append(commands)
 
     def _take_av_control(self, message: Any) -> None:
@@ -214,7 +166,7 @@ class RecordBuilder:
 
     def _take_states(self, message: Any) -> None:
         states = self._read(conversions.from_actor_states, message)
-        check_states(states)
+        check_columns(states, ACTOR_STATE_DTYPES)
         self._states.append(states)
 
     def _take_events(self, message: Any) -> None:
@@ -229,21 +181,13 @@ class RecordBuilder:
         self._outcome = episode_conversions.from_episode_outcome(message)
 
     def build(self, name: str = "episode") -> EpisodeRecord:
-        """The record of all messages so far.
-
-        Args:
-            name: Source of the messages, for the error.
-
-        Raises:
-            BagError: The episode's description or its map is missing.
-        """
+        """The record of all messages so far; BagError with this name where the description or the map is missing."""
         if self._description is None:
-            raise BagError(name, f"a bag with an episode's description on {EPISODE.name}")
+            raise BagError(name, f"a bag with an episode's description on {topics.EPISODE.name}")
         if self._network is None:
-            raise BagError(name, f"a bag with the episode's map on {MAP.name}")
+            raise BagError(name, f"a bag with the episode's map on {topics.MAP.name}")
         steps = [state.step for state in self._states]
         outcome = outcome_of_what_is_held(self._outcome, self._closing, steps)
-        complete = outcome is not None and outcome.end is EpisodeEnd.COMPLETE
         ended = self._closing is not None and self._closing.end is EpisodeEnd.COMPLETE
         closed = self._closing.steps if self._closing is not None and ended else 0
         closed = max([closed, *(step + 1 for step in steps)])
@@ -257,7 +201,7 @@ class RecordBuilder:
             commands={source: tuple(rows) for source, rows in sorted(self._commands.items())},
             events=tuple(self._events),
             outcome=outcome,
-            complete=complete,
+            complete=outcome is not None and outcome.end is EpisodeEnd.COMPLETE,
             lost_steps=closed - len(set(steps)),
             topics={topic: counter.record(topic) for topic, counter in sorted(self._counters.items())},
             state_hashes=dict(self._state_hashes),

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from rosbags.typesys.store import Typestore
 
@@ -25,25 +25,8 @@ MAX_EARLY_MESSAGES: Final = 1000
 _DECODED = frozenset(topic.name for topic in RECORD_TOPICS)
 
 
-@dataclass(frozen=True)
-class CollectedMessage:
-    """A serialised message that is ready to be recorded."""
-
-    topic: Topic
-    step: int
-    cdr: bytes
-
-
-@dataclass(frozen=True)
-class MissingMessage:
-    """A message that has not arrived."""
-
-    topic: Topic
-    step: int
-
-    def __str__(self) -> str:
-        when = "before step 0" if self.topic.latched else f"at step {self.step}"
-        return f"{self.topic.name} of {self.topic.publisher or 'its publisher'} {when}"
+CollectedMessage: TypeAlias = tuple[Topic, int, bytes]
+"""Topic, step and CDR of a message that is ready to be recorded."""
 
 
 class StepCollector:
@@ -54,10 +37,9 @@ class StepCollector:
 
     def __init__(self, topics: Sequence[Topic]) -> None:
         """Takes the recorded topics of an episode, in the order in which a step's messages are stored."""
-        expected = [topic for topic in topics if topic.name != OUTCOME.name]
-        self._topics = {topic.name: topic for topic in expected}
-        self._latched = [topic for topic in expected if topic.latched]
-        self._periodic = [topic for topic in expected if not topic.latched]
+        self._topics = {topic.name: topic for topic in topics if topic.name != OUTCOME.name}
+        self._latched = [topic for topic in self._topics.values() if topic.latched]
+        self._periodic = [topic for topic in self._topics.values() if not topic.latched]
         self._cycle_steps = math.lcm(*(topic.period_steps for topic in self._periodic))
         self._due_at: dict[int, list[Topic]] = {}
         self._held_latched: dict[str, bytes] = {}
@@ -77,17 +59,15 @@ class StepCollector:
 
     def _due(self, step: int) -> list[Topic]:
         place = step % self._cycle_steps
-        due = self._due_at.get(place)
-        if due is None:
-            due = self._due_at[place] = [topic for topic in self._periodic if place % topic.period_steps == 0]
-        return due
+        if place not in self._due_at:
+            self._due_at[place] = [topic for topic in self._periodic if place % topic.period_steps == 0]
+        return self._due_at[place]
 
     def add(self, topic_name: str, step: int, cdr: bytes) -> None:
         """Takes a message.
 
-        Raises:
-            EpisodeError: The topic is not expected; the step has a message on it already, is over, cannot have
-                begun, or is none of the topic's.
+        Raises EpisodeError: the topic is not expected; the step has a message on it already, is over, cannot have
+        begun, or is none of the topic's.
         """
         topic = self._topics.get(topic_name)
         if topic is None:
@@ -127,23 +107,23 @@ class StepCollector:
     def _take_latched(self) -> Iterator[CollectedMessage]:
         for topic in self._latched:
             if topic.name in self._held_latched:
-                yield CollectedMessage(topic, 0, self._held_latched.pop(topic.name))
+                yield topic, 0, self._held_latched.pop(topic.name)
 
     def _take_step(self, step: int) -> Iterator[CollectedMessage]:
         held = self._held.pop(step)
         self._next_step = step + 1
         for topic in self._due(step):
             if topic.name in held:
-                yield CollectedMessage(topic, step, held[topic.name])
+                yield topic, step, held[topic.name]
 
-    def missing(self, last_step: int) -> tuple[MissingMessage, ...]:
-        """All missing messages of the steps up to and including ``last_step``."""
+    def missing(self, last_step: int) -> list[str]:
+        """All missing messages of the steps up to and including ``last_step``, each with its publisher and step."""
         latched = [] if self._latched_done else self._latched
-        lacking = [MissingMessage(topic, 0) for topic in latched if topic.name not in self._held_latched]
+        lacking = [(topic, "before step 0") for topic in latched if topic.name not in self._held_latched]
         for step in range(self._next_step, last_step + 1):
             held = self._held.get(step, {})
-            lacking += [MissingMessage(topic, step) for topic in self._due(step) if topic.name not in held]
-        return tuple(lacking)
+            lacking += [(topic, f"at step {step}") for topic in self._due(step) if topic.name not in held]
+        return [f"{topic.name} of {topic.publisher or 'its publisher'} {when}" for topic, when in lacking]
 
 
 class EpisodeRecorder:
@@ -158,18 +138,17 @@ class EpisodeRecorder:
         decode: Callable[[Topic, bytes], Any] | None = None,
         read: Reading = read_anew,
     ) -> None:
-        """Opens the bag under its temporary name.
+        """Opens the bag under its temporary name; without a path, ``expect`` sets it and opens the bag.
 
         Args:
-            path: Final folder of the bag; None: ``expect`` sets it, and opens the bag.
+            path: Final folder of the bag.
             store: Definitions of all recorded types.
             latched: Names of the latched topics.
             judge: Gives the outcome, from the messages so far and from how the episode closed.
             decode: Decodes a CDR; by default with the store.
             read: Applies a conversion to a message; may return an earlier result.
 
-        Raises:
-            BagError: The folder exists already or cannot be written.
+        Raises BagError: the folder exists already or cannot be written.
         """
         self._store = store
         self._latched = latched | {EPISODE_END.name}
@@ -195,25 +174,19 @@ class EpisodeRecorder:
     def expect(self, topics: tuple[Topic, ...], path: Path) -> None:
         """Sets the topics of the episode, in the order in which a step's messages are stored.
 
-        Args:
-            topics: Of the episode.
-            path: Final folder of the bag, where the constructor got none.
-
-        Raises:
-            BagError: As the constructor.
+        The path is the bag's where the constructor got none. Raises BagError as the constructor.
         """
         if self._writer is None:
             self._writer = EpisodeBagWriter(path, self._store, self._latched)
         self._collector = StepCollector(topics)
-        early, self._early = self._early, []
-        for topic, cdr in early:
+        for topic, cdr in self._early:
             self.take(topic, cdr)
+        self._early.clear()
 
     def take(self, topic: Topic, cdr: bytes) -> None:
         """Takes a serialised message and writes all steps that are now complete.
 
-        Raises:
-            EpisodeError: The episode does not expect the message, or the bag cannot be written.
+        Raises EpisodeError: the episode does not expect the message, or the bag cannot be written.
         """
         if self._collector is None:
             if len(self._early) == MAX_EARLY_MESSAGES:
@@ -223,15 +196,14 @@ class EpisodeRecorder:
         self._collector.add(topic.name, 0 if topic.latched else step_of_cdr(topic, cdr), cdr)
         done = self._collector.next_step
         for message in self._collector.ready():
-            self._write(message)
+            self._write(*message)
         for step in range(done, self._collector.next_step):
             self.on_step_recorded(step)
 
-    def _write(self, message: CollectedMessage) -> None:
-        name, type_name = message.topic.name, message.topic.type_name
-        if name in _DECODED:
-            self._builder.add(name, self._decode(message.topic, message.cdr))
-        self._bag.write(name, type_name, message.cdr, time_ns_of_step(message.step))
+    def _write(self, topic: Topic, step: int, cdr: bytes) -> None:
+        if topic.name in _DECODED:
+            self._builder.add(topic.name, self._decode(topic, cdr))
+        self._bag.write(topic.name, topic.type_name, cdr, time_ns_of_step(step))
 
     def discard(self) -> None:
         """Removes the bag; for an episode that did not begin."""
@@ -242,7 +214,7 @@ class EpisodeRecorder:
         """The missing messages of a step with their publishers, as text for an error."""
         if self._collector is None:
             return "the episode's description"
-        return ", ".join(str(item) for item in self._collector.missing(step))
+        return ", ".join(self._collector.missing(step))
 
     def _complete(self, closing: EpisodeClosing) -> EpisodeClosing:
         """How the episode closed, held against the steps that are recorded: reports alone do not make it complete."""
@@ -255,13 +227,9 @@ class EpisodeRecorder:
     def close(self, closing: EpisodeClosing) -> tuple[EpisodeOutcome, BagSummary | None, Any]:
         """Judges the episode and closes its bag.
 
-        Returns:
-            The outcome; the closed bag, None where no step was finished and the bag was removed; and the outcome
-            as a message.
-
-        Raises:
-            EpisodeError: The bag cannot be completed, or steps that were closed are not in it. The messages so far
-                stay readable under a partial name.
+        Returns the outcome; the closed bag, None where no step was finished and the bag was removed; and the outcome
+        as a message. Raises EpisodeError: the bag cannot be completed, or steps that were closed are not in it. The
+        messages so far stay readable under a partial name.
         """
         asked, closing = closing.end, self._complete(closing)
         if closing.steps == 0 and closing.end is not EpisodeEnd.COMPLETE:
@@ -269,9 +237,9 @@ class EpisodeRecorder:
             outcome = EpisodeOutcome(closing.end, closing.reason, 0, None)
             return outcome, None, to_episode_outcome(outcome)
         if closing.end is not EpisodeEnd.COMPLETE and self._collector is not None:
-            for message in self._collector.drain():
+            for collected in self._collector.drain():
                 with suppress(SirenError):  # malformed, or the bag cannot be written: `abandon` saves what there is
-                    self._write(message)
+                    self._write(*collected)
         outcome = self._judge(self._builder, closing)
         message = to_episode_outcome(outcome)
         cdr = encode_cdr(self._store, OUTCOME, message)

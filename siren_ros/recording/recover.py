@@ -14,29 +14,11 @@ from mcap.summary import Summary
 
 from siren_ros.errors import BagError, EpisodeError
 from siren_ros.interfaces.topics import ACTORS, EPISODE, MAP
-from siren_ros.recording.bag_folder import (
-    METADATA_FILE,
-    PARTIAL_SUFFIX,
-    RESERVE_FILE,
-    BagTopic,
-    free_partial_path,
-    lock,
-    metadata_text,
-    read_message_counts,
-    working_path,
-)
+from siren_ros.recording import bag_folder, mcap_scan
+from siren_ros.recording.bag_folder import METADATA_FILE, PARTIAL_SUFFIX, BagTopic, read_message_counts, working_path
 from siren_ros.recording.bag_reader import check_bag_files, read_summary, storage_files
 from siren_ros.recording.bag_writer import END_KEY, REASON_KEY, BagOptions
-from siren_ros.recording.mcap_scan import (
-    DamageError,
-    RecordPlace,
-    count_index_entries,
-    parse_content,
-    read_chunk,
-    read_copies,
-    read_places,
-    unpack,
-)
+from siren_ros.recording.mcap_scan import DamageError, RecordPlace
 from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream, plain_bytes
 
 _REASON: Final = "recovered after its writer was cut off"
@@ -110,13 +92,13 @@ class _Salvage:
     def _scan(self) -> None:
         try:
             self.file.seek(0)
-            for place in read_places(self.file, named=False):
+            for place in mcap_scan.read_places(self.file, named=False):
                 if place.opcode == Opcode.CHUNK:
                     self.chunks.append(place)
                 elif place.opcode == Opcode.ATTACHMENT:
                     self.attachments.append(place)
                 elif place.opcode == Opcode.MESSAGE_INDEX and self.chunks:
-                    self.indexed[self.chunks[-1].offset] += count_index_entries(self.file, place.offset)
+                    self.indexed[self.chunks[-1].offset] += mcap_scan.count_index_entries(self.file, place.offset)
         except DamageError as error:
             self.end = str(error)
         for content in self._readable(self.chunks):
@@ -133,13 +115,13 @@ class _Salvage:
             place = RecordPlace(Opcode.CHUNK, index.chunk_start_offset, index.chunk_length - _RECORD_HEAD_BYTES)
             self.chunks.append(place)
             for offset in index.message_index_offsets.values():
-                self.indexed[place.offset] += count_index_entries(self.file, offset)
+                self.indexed[place.offset] += mcap_scan.count_index_entries(self.file, offset)
 
     def _readable(self, places: Iterable[RecordPlace]) -> Iterator[ChunkContent]:
         """The contents of those chunks that can be read."""
         for place in places:
             with suppress(DamageError):
-                yield parse_content(unpack(read_chunk(self.file, place)))
+                yield mcap_scan.parse_content(mcap_scan.unpack(mcap_scan.read_chunk(self.file, place)))
 
     def _learn(self, schemas: Iterable[Schema], channels: Iterable[Channel]) -> None:
         """Takes definitions; the first one of an id counts."""
@@ -153,9 +135,9 @@ class _Salvage:
         copies = self._lost_copies()
         for number, place in enumerate(self.chunks):
             try:
-                chunk = read_chunk(self.file, place)
-                plain = unpack(chunk)
-                content = self._take(parse_content(plain))
+                chunk = mcap_scan.read_chunk(self.file, place)
+                plain = mcap_scan.unpack(chunk)
+                content = self._take(mcap_scan.parse_content(plain))
             except DamageError as error:
                 self.damages.append(str(error))
                 self.lost_messages += self.indexed[place.offset]
@@ -170,7 +152,7 @@ class _Salvage:
 
     def _lost_copies(self) -> list[ChannelMessage]:
         """The messages with second copies whose chunks cannot be read, in the order of the bag."""
-        contents = read_copies(self.file, self.attachments)
+        contents = mcap_scan.read_copies(self.file, self.attachments)
         readable = self._readable(self.chunks) if contents else ()
         present = {(item.channel_id, item.sequence) for content in readable for item in content.messages}
         copies: list[ChannelMessage] = []
@@ -202,21 +184,15 @@ class _Salvage:
         schemas = {self.channels[key].schema_id for key in lacking} - present
         self.written.update(item.id for item in channels)
         self.counts.update(item.channel_id for item in messages)
-        self.latched += (item for item in messages if _is_latched(self.channels[item.channel_id]))
+        self.latched += (item for item in messages if bag_folder.is_latched(self.channels[item.channel_id]))
         return ChunkContent((*(self.schemas[key] for key in sorted(schemas)), *content.schemas), channels, messages)
 
     def topics(self) -> list[BagTopic]:
         """The saved topics as the metadata lists them."""
-        saved = [(key, channel) for key, channel in self.channels.items() if key in self.written]
         return [
-            BagTopic(
-                channel.topic,
-                self.schemas[channel.schema_id].name,
-                channel.metadata.get("topic_type_hash", ""),
-                _is_latched(channel),
-                self.counts[key],
-            )
-            for key, channel in saved
+            BagTopic.of_channel(channel, self.schemas[channel.schema_id].name, self.counts[key])
+            for key, channel in self.channels.items()
+            if key in self.written
         ]
 
     def count_of(self, topic: str) -> int:
@@ -234,10 +210,6 @@ class _Salvage:
         return "; ".join([*reasons, self.end] if self.end else reasons)
 
 
-def _is_latched(channel: Channel) -> bool:
-    return "transient_local" in channel.metadata.get("offered_qos_profiles", "")
-
-
 def recover_bag(path: Path, out: Path | None = None) -> Recovery:
     """Writes a complete bag from what can be read of a damaged one.
 
@@ -249,32 +221,38 @@ def recover_bag(path: Path, out: Path | None = None) -> Recovery:
         out: New folder; by default the first free one of ``NAME.partial``, ``NAME.partial-2``, … The hidden folder
             of a killed writer then goes away; any other folder stays as it is.
 
-    Raises:
-        BagError: There is no bag, it is being written now, it holds nothing that can be saved, or ``out`` exists.
-        EpisodeError: The recovered bag cannot be written.
+    Raises BagError: there is no bag, it is being written now, it holds nothing that can be saved, or ``out`` exists.
+    Raises EpisodeError: the recovered bag cannot be written.
     """
     folder = _folder_of(path)
     files = storage_files(folder)
     if len(files) != 1:
         raise BagError(str(path), "a folder with one .mcap file")
-    if (healthy := _as_it_is(folder)) is not None:
-        return healthy
+    with suppress(BagError):  # complete as it is: metadata, summary and each chunk
+        check_bag_files(folder, content=True)
+        counts = read_message_counts(folder)
+        return Recovery(folder, sum(counts.values()), counts.get(ACTORS.name, 0), healthy=True)
     if out is not None and out.exists():
         raise BagError(str(out), "the path of a new folder; this one exists already")
-    target = out or free_partial_path(_final_path(folder))
+    target = out or bag_folder.free_partial_path(_final_path(folder))
     try:
         with files[0].open("rb", buffering=0) as held:
-            if not lock(held):
+            if not bag_folder.lock(held):
                 raise BagError(str(path), "a bag that no episode is writing now")
             salvage = _write(files[0], target)
         if out is None and folder == working_path(_final_path(folder)):
             _remove_working_folder(folder)
     except OSError as error:
         raise EpisodeError(f"the bag {target} cannot be written: {error.strerror or error}") from error
-    described = salvage.count_of(EPISODE.name) > 0 and salvage.count_of(MAP.name) > 0
-    saved, steps = sum(salvage.counts.values()), salvage.count_of(ACTORS.name)
     return Recovery(
-        target, saved, steps, False, salvage.lost_messages, salvage.lost_text(), described, salvage.restored
+        target,
+        messages=sum(salvage.counts.values()),
+        steps=salvage.count_of(ACTORS.name),
+        healthy=False,
+        lost_messages=salvage.lost_messages,
+        lost=salvage.lost_text(),
+        described=salvage.count_of(EPISODE.name) > 0 and salvage.count_of(MAP.name) > 0,
+        restored=salvage.restored,
     )
 
 
@@ -290,16 +268,6 @@ def _final_path(folder: Path) -> Path:
     return folder.with_name(name.removeprefix(".") or folder.name)
 
 
-def _as_it_is(folder: Path) -> Recovery | None:
-    """The bag itself where it is complete: metadata, summary and every chunk."""
-    try:
-        check_bag_files(folder, content=True)
-        counts = read_message_counts(folder)
-    except BagError:
-        return None
-    return Recovery(folder, sum(counts.values()), counts.get(ACTORS.name, 0), True)
-
-
 def _write(source: Path, target: Path) -> _Salvage:
     """Writes the new bag."""
     working = target.with_name(f".{target.name.removeprefix('.')}.recovering")
@@ -308,7 +276,7 @@ def _write(source: Path, target: Path) -> _Salvage:
     try:
         salvage = _write_storage(source, working / name)
         custom = {END_KEY: "partial", REASON_KEY: _REASON}
-        text = metadata_text(name, salvage.topics(), *salvage.stream.span_ns, custom)
+        text = bag_folder.metadata_text(name, salvage.topics(), *salvage.stream.span_ns, custom)
         (working / METADATA_FILE).write_text(text, encoding="utf-8")
         working.rename(target)
     except BaseException:
@@ -336,7 +304,7 @@ def _write_storage(source: Path, target: Path) -> _Salvage:
 
 
 def _remove_working_folder(folder: Path) -> None:
-    for file in (*storage_files(folder), folder / RESERVE_FILE, folder / METADATA_FILE):
+    for file in (*storage_files(folder), folder / bag_folder.RESERVE_FILE, folder / METADATA_FILE):
         file.unlink(missing_ok=True)
     with suppress(OSError):  # something else lies in it, which is not ours to remove
         folder.rmdir()

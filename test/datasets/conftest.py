@@ -4,12 +4,14 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from datasets.made_bag import Export, Made, write_made_bag
+from datasets.made_bag import BagSpec, Export, write_made_bag
 from recorded_episode import sensed_recording, tracked_recording
 from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
 from siren_ros.cli.main import main
+from siren_ros.record.episode_source import open_source
+from siren_ros.record.tracks import Track, tracks_of
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 
@@ -33,19 +35,32 @@ def tracked_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def tracked_tracks(tracked_bag: Path) -> list[Track]:
+    """The tracks of that episode with more than one frame."""
+    with open_source(tracked_bag) as source:
+        return [track for track in tracks_of(source.record()) if len(track) > 1]
+
+
+@pytest.fixture(scope="session")
 def made_bags(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> list[Path]:
     """Three episodes of formulas with sensors, of three seeds: 19, 10 and 10 sweeps."""
     folder = tmp_path_factory.mktemp("made")
     return [
-        write_made_bag(folder / f"seed{seed}", typestore, Made(steps=42 if seed == 0 else 24, seed=seed))
+        write_made_bag(folder / f"seed{seed}", typestore, BagSpec(steps=42 if seed == 0 else 24, seed=seed))
         for seed in (0, 1, 2)
     ]
 
 
 @pytest.fixture(scope="session")
+def first_made_bag(made_bags: list[Path]) -> Path:
+    """The longest of them."""
+    return made_bags[0]
+
+
+@pytest.fixture(scope="session")
 def made_drive(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> Path:
     """An episode of formulas of 13.1 s without sensors."""
-    return write_made_bag(tmp_path_factory.mktemp("made") / "drive", typestore, Made(steps=262, sensed=False))
+    return write_made_bag(tmp_path_factory.mktemp("made") / "drive", typestore, BagSpec(steps=262, sensed=False))
 
 
 @pytest.fixture(scope="session")
@@ -64,3 +79,17 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Export:
         return export(name, *map(str, bags), *options, "--jobs", "1")
 
     return exported
+
+
+@pytest.fixture(scope="module")
+def dataset(request: pytest.FixtureRequest, exported: Export) -> Path:
+    """The dataset that a module's ``DATASET`` names: format, fixture of the recorded bag, options."""
+    name, bag, *options = request.module.DATASET
+    return exported(name, request.getfixturevalue(bag), *options)
+
+
+@pytest.fixture(scope="module")
+def made_dataset(request: pytest.FixtureRequest, exported: Export) -> Path:
+    """The same of ``MADE_DATASET``, with a bag of formulas."""
+    name, bag, *options = request.module.MADE_DATASET
+    return exported(name, request.getfixturevalue(bag), *options)

@@ -48,7 +48,7 @@ _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True)
-class Made:
+class BagSpec:
     """What may be varied."""
 
     steps: int = 42
@@ -150,11 +150,11 @@ def mounts() -> tuple[Transform, ...]:
     )
 
 
-def messages_of(made: Made, record: EpisodeRecord) -> Iterator[tuple[Topic, int, Any]]:
+def messages_of(spec: BagSpec, record: EpisodeRecord) -> Iterator[tuple[Topic, int, Any]]:
     """Topic, step and message, in the order of steps."""
     yield topics.EPISODE, 0, to_episode_description(record.description)
     yield topics.MAP, 0, make_message("std_msgs/msg/String", data=NET_XML)
-    if made.sensed:
+    if spec.sensed:
         yield topics.TF_STATIC, 0, to_tf(0, mounts())
     known: set[int] = set()
     for states in record.states:
@@ -171,14 +171,14 @@ def messages_of(made: Made, record: EpisodeRecord) -> Iterator[tuple[Topic, int,
         yield topics.ACTORS, step, to_actor_states(states)
         events = (Event(step, EventKind.REMOVED, BUS, x_m=1.0, y_m=2.0),) if step == 20 else ()
         yield topics.EVENTS, step, to_events(step, 7, events)
-        if made.sensed:
-            yield from _sensed(made, step)
-    if not made.cut_off:
-        end = EpisodeOutcome(EpisodeEnd.COMPLETE, "", made.steps, True, {"passed": 1})
-        yield topics.OUTCOME, made.steps - 1, to_episode_outcome(end)
+        if spec.sensed:
+            yield from _sensed(spec, step)
+    if not spec.cut_off:
+        end = EpisodeOutcome(EpisodeEnd.COMPLETE, "", spec.steps, True, {"passed": 1})
+        yield topics.OUTCOME, spec.steps - 1, to_episode_outcome(end)
 
 
-def _sensed(made: Made, step: int) -> Iterator[tuple[Topic, int, Any]]:
+def _sensed(spec: BagSpec, step: int) -> Iterator[tuple[Topic, int, Any]]:
     pose = (
         Transform(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
         Transform(ODOM_FRAME, BASE_FRAME, place_of(step), quaternion_of_yaw(yaw_of(step))),
@@ -187,26 +187,26 @@ def _sensed(made: Made, step: int) -> Iterator[tuple[Topic, int, Any]]:
     if step % 2 or step < FIRST_SENSED:
         return
     yield topics.GROUND_TRUTH, step, to_ground_truth(truth_of(step))
-    yield topics.BOXES, step, to_boxes(boxes_of(truth_of(step), made.boxes_frame))
+    yield topics.BOXES, step, to_boxes(boxes_of(truth_of(step), spec.boxes_frame))
     yield topics.LIDAR.of_sensor("lidar", 2), step, to_point_cloud(step, "lidar", sweep_of(step))
     for camera, frame in ((FRONT, "front_frame"), (REAR, "rear_frame")):
         yield topics.CAMERA_INFO.of_sensor(camera, 2), step, to_camera_info(step, frame, MODEL)
         picture = to_compressed_image(step, frame, jpeg_of(step, camera))
         yield topics.IMAGE_COMPRESSED.of_sensor(camera, 2), step, picture
-        if made.image_labels:
+        if spec.image_labels:
             labels = to_camera_truth(image_truth_of(step, camera), frame)
             yield topics.IMAGE_TRUTH.of_sensor(camera, 2), step, labels
 
 
-def described(made: Made) -> EpisodeRecord:
+def described(spec: BagSpec) -> EpisodeRecord:
     """The record whose messages a bag holds."""
-    record = made_tracks_of(made.steps)
+    record = made_tracks_of(spec.steps)
     description = replace(
         record.description,
-        seed=made.seed,
-        map_name=made.map_name,
-        map_sha256=f"{made.map_name.encode().hex():0<64}"[:64],
-        sensor_suite="made" if made.sensed else "none",
+        seed=spec.seed,
+        map_name=spec.map_name,
+        map_sha256=f"{spec.map_name.encode().hex():0<64}"[:64],
+        sensor_suite="made" if spec.sensed else "none",
         emv_ids=(EMV,),
     )
     return replace(record, description=description)
@@ -215,14 +215,14 @@ def described(made: Made) -> EpisodeRecord:
 def write_made_bag(
     path: Path,
     store: Typestore,
-    made: Made | None = None,
+    spec: BagSpec | None = None,
     lacking: Callable[[str, int], bool] = lambda _topic, _step: False,
 ) -> Path:
     """A bag as the recorder writes them, without the messages of some topics at some steps."""
-    made = made or Made()
+    spec = spec or BagSpec()
     latched = [topics.EPISODE.name, topics.MAP.name, topics.TF_STATIC.name, topics.OUTCOME.name]
     writer = EpisodeBagWriter(path, store, latched)
-    for topic, step, message in messages_of(made, described(made)):
+    for topic, step, message in messages_of(spec, described(spec)):
         if lacking(topic.name, step):
             continue
         cdr = bytes(store.serialize_cdr(message, topic.type_name))

@@ -15,7 +15,7 @@ from datasets.made_bag import (
     LIDAR_M,
     REAR,
     REAR_M,
-    Made,
+    BagSpec,
     described,
     image_truth_of,
     jpeg_of,
@@ -25,7 +25,6 @@ from datasets.made_bag import (
     write_made_bag,
     yaw_of,
 )
-from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
 from siren_ros.errors import BagError
@@ -40,42 +39,39 @@ from siren_ros.scenario.episode import EpisodeEnd
 
 @pytest.fixture(scope="module")
 def source(made_bags: list[Path]) -> Iterator[EpisodeSource]:
-    with open_source(made_bags[0]) as found:
-        yield found
+    with open_source(made_bags[0]) as opened:
+        yield opened
 
 
 @pytest.fixture(scope="module")
 def bare(made_drive: Path) -> Iterator[EpisodeSource]:
-    with open_source(made_drive) as found:
-        yield found
+    with open_source(made_drive) as opened:
+        yield opened
 
 
-def test_who_it_is_and_how_it_ended(source: EpisodeSource, tmp_path: Path, typestore: Typestore) -> None:
+def test_who_it_is_and_how_it_ended(source, tmp_path, typestore):
     assert (source.description.template, source.description.seed, source.description.emv_ids) == ("S2", 0, (EMV,))
-    assert source.outcome is not None
     assert (source.outcome.end.value, source.outcome.steps) == ("complete", 42)
     assert source.net_xml == NET_XML
     assert [edge.edge_id for edge in source.network.edges] == ["east", "west"]
-    with open_source(write_made_bag(tmp_path / "cut", typestore, Made(steps=14, cut_off=True))) as cut:
+    with open_source(write_made_bag(tmp_path / "cut", typestore, BagSpec(steps=14, cut_off=True))) as cut:
         assert cut.outcome is None
 
 
-def test_an_end_of_more_steps_than_the_bag_holds_is_a_failure(tmp_path: Path, typestore: Typestore) -> None:
-    whole = write_made_bag(tmp_path / "whole", typestore, Made(steps=14))
+def test_an_end_of_more_steps_than_the_bag_holds_is_a_failure(tmp_path, typestore):
+    whole = write_made_bag(tmp_path / "whole", typestore, BagSpec(steps=14))
     with open_bag(whole) as opened:
         writer = EpisodeBagWriter(tmp_path / "short", typestore, opened.latched)
         for message in opened.messages():
             if message.topic != ACTORS.name or step_of_time_ns(message.time_ns) < 5:
                 writer.write(message.topic, message.type_name, message.cdr, message.time_ns)
     with open_source(writer.finish().path) as source:
-        assert source.outcome is not None
-        told = (source.outcome.end, source.outcome.reason)
-    assert told == (EpisodeEnd.FAILED, "the bag holds 5 of the 14 steps that were closed")
+        ended = (source.outcome.end, source.outcome.reason)
+    assert ended == (EpisodeEnd.FAILED, "the bag holds 5 of the 14 steps that were closed")
 
 
-def test_sensors_stand_where_the_tree_puts_them(source: EpisodeSource) -> None:
+def test_sensors_stand_where_the_tree_puts_them(source):
     lidar = source.lidar
-    assert lidar is not None
     assert (lidar.name, lidar.topic) == ("lidar", "/emv/lidar/points")
     assert lidar.base_from_sensor @ [0.0, 0.0, 0.0, 1.0] == pytest.approx([*LIDAR_M, 1.0])
     front, rear = source.cameras
@@ -91,24 +87,24 @@ def test_sensors_stand_where_the_tree_puts_them(source: EpisodeSource) -> None:
     assert source.station is None
 
 
-def test_without_sensors_there_are_none(bare: EpisodeSource) -> None:
+def test_without_sensors_there_are_none(bare):
     assert (bare.lidar, bare.cameras, bare.front_camera, bare.station) == (None, (), None, None)
     assert [bare.has(topic) for topic in (ACTORS, MAP, GROUND_TRUTH)] == [True, True, False]
     with pytest.raises(BagError, match="with a LiDAR"):
         lidar_of(bare)
 
 
-def test_a_camera_without_labels_has_no_topic_for_them(tmp_path: Path, typestore: Typestore) -> None:
-    with open_source(write_made_bag(tmp_path / "bag", typestore, Made(steps=14, image_labels=False))) as found:
-        assert [camera.truth_topic for camera in found.cameras] == ["", ""]
-        assert all(not frame.image_truths for frame in lidar_frames(found, cameras=found.cameras))
+def test_a_camera_without_labels_has_no_topic_for_them(tmp_path, typestore):
+    with open_source(write_made_bag(tmp_path / "bag", typestore, BagSpec(steps=14, image_labels=False))) as unlabelled:
+        assert [camera.truth_topic for camera in unlabelled.cameras] == ["", ""]
+        assert all(not frame.image_truths for frame in lidar_frames(unlabelled, cameras=unlabelled.cameras))
 
 
-def test_messages_come_step_by_step(source: EpisodeSource) -> None:
+def test_messages_come_step_by_step(source):
     """States at every step, labels at every second one from 4 on."""
-    found = list(source.messages_by_step({ACTORS.name, GROUND_TRUTH.name}))
-    assert [step for step, _ in found] == list(range(42))
-    for step, held in found:
+    steps = list(source.messages_by_step({ACTORS.name, GROUND_TRUTH.name}))
+    assert [step for step, _ in steps] == list(range(42))
+    for step, held in steps:
         labelled = step >= 4 and step % 2 == 0
         assert set(held) == ({ACTORS.name, GROUND_TRUTH.name} if labelled else {ACTORS.name})
         assert {message.time_ns for message in held.values()} == {50_000_000 * step}
@@ -116,20 +112,17 @@ def test_messages_come_step_by_step(source: EpisodeSource) -> None:
     assert [step for step, _ in source.messages_by_step({TRAFFIC.name})] == list(range(42))
 
 
-def test_a_frame_has_sweep_labels_pictures_and_pose_of_its_step(source: EpisodeSource) -> None:
+def test_a_frame_has_sweep_labels_pictures_and_pose_of_its_step(source):
     frames = list(lidar_frames(source, cameras=source.cameras, pose=True))
     assert [frame.step for frame in frames] == list(range(4, 42, 2))
     for frame in frames[::6]:
         step = frame.step
-        assert frame.points is not None
         assert frame.points["x"].tolist() == sweep_of(step)["x"].tolist()
-        assert frame.truth is not None
         assert frame.truth.x_m.tolist() == truth_of(step).x_m.tolist()
         assert frame.jpegs == {FRONT: jpeg_of(step, FRONT), REAR: jpeg_of(step, REAR)}
         seen = {name: labels.actor_id.tolist() for name, labels in frame.image_truths.items()}
         assert seen == {FRONT: [CAR], REAR: [BUS]}
         assert frame.image_truths[REAR].visible_fraction == image_truth_of(step, REAR).visible_fraction
-        assert frame.map_from_base is not None
         assert frame.map_from_base[:3, 3] == pytest.approx(place_of(step))
         ahead = frame.map_from_base @ [1.0, 0.0, 0.0, 0.0]
         assert ahead == pytest.approx([np.cos(yaw_of(step)), np.sin(yaw_of(step)), 0.0, 0.0])
@@ -137,13 +130,13 @@ def test_a_frame_has_sweep_labels_pictures_and_pose_of_its_step(source: EpisodeS
     assert (plain.jpegs, plain.image_truths, plain.map_from_base) == ({}, {}, None)
 
 
-def test_the_record_is_the_one_whose_messages_were_written(bare: EpisodeSource) -> None:
-    made, found = described(Made(steps=262, sensed=False)), bare.record()
-    assert found.emv_ids == (EMV,)
-    assert found.actors == made.actors
+def test_the_record_is_the_one_whose_messages_were_written(bare):
+    expected, record = described(BagSpec(steps=262, sensed=False)), bare.record()
+    assert record.emv_ids == (EMV,)
+    assert record.actors == expected.actors
     for actor in (EMV, CAR, BUS):
-        assert np.array_equal(found.track(actor).x_m, made.track(actor).x_m)
-        assert np.array_equal(found.track(actor).step, made.track(actor).step)
+        assert np.array_equal(record.track(actor).x_m, expected.track(actor).x_m)
+        assert np.array_equal(record.track(actor).step, expected.track(actor).step)
 
 
 @pytest.mark.parametrize(
@@ -155,22 +148,20 @@ def test_the_record_is_the_one_whose_messages_were_written(bare: EpisodeSource) 
         ((Need.LIDAR, Need.CAMERA, Need.MAP), "a LiDAR with its ground truth and a camera", "full"),
     ],
 )
-def test_what_is_missing_is_told_with_the_smallest_suite_that_has_it(
-    bare: EpisodeSource, needs: tuple[Need, ...], what: str, suite: str
-) -> None:
-    with pytest.raises(BagError) as told:
+def test_what_is_missing_is_told_with_the_smallest_suite_that_has_it(bare, needs, what, suite):
+    with pytest.raises(BagError) as ended:
         check_needs(bare, "nuscenes", needs)
-    assert f"an episode with {what}, for nuscenes; `" in str(told.value)
-    assert f" -p sensors:={suite}" in str(told.value)
+    assert f"an episode with {what}, for nuscenes; `" in str(ended.value)
+    assert f" -p sensors:={suite}" in str(ended.value)
 
 
-def test_what_is_there_is_not_missing(source: EpisodeSource, bare: EpisodeSource) -> None:
+def test_what_is_there_is_not_missing(source, bare):
     check_needs(source, "all", tuple(Need))
     check_needs(bare, "tracks", (Need.TRACKS, Need.MAP, Need.EMV))
 
 
-def test_a_recording_is_told_with_its_map_unless_it_is_the_default() -> None:
-    description = replace(described(Made(seed=7)).description, map_name="town", duration_s=12.5)
+def test_a_recording_is_told_with_its_map_unless_it_is_the_default():
+    description = replace(described(BagSpec(seed=7)).description, map_name="town", duration_s=12.5)
     command = recording_command(description, "full")
     assert command == (
         "ros2 run siren_ros cosim --ros-args -p template:=S2 -p level:=L2 -p seed:=7 -p duration_s:=12.5 "

@@ -38,28 +38,28 @@ FORMAT = Format(
 
 
 @given(GROUPS, st.randoms())
-def test_order_and_repetition_change_nothing(groups: list[tuple[str, int]], random: object) -> None:
+def test_order_and_repetition_change_nothing(groups, random):
     shuffled = [*groups, *groups]
-    random.shuffle(shuffled)  # type: ignore[attr-defined] # a random.Random
+    random.shuffle(shuffled)
     assert split_of_groups(groups) == split_of_groups(shuffled)
 
 
 @given(GROUPS)
-def test_training_always_has_something(groups: list[tuple[str, int]]) -> None:
-    found = list(split_of_groups(groups).values())
-    assert found.count("train") >= 1
+def test_training_always_has_something(groups):
+    splits = list(split_of_groups(groups).values())
+    assert splits.count("train") >= 1
     count = len(set(groups))
-    assert (found.count("val") > 0) == (count >= 2)
-    assert (found.count("test") > 0) == (count >= 3)
-    assert found.count("train") >= 0.6 * count - 1
+    assert (splits.count("val") > 0) == (count >= 2)
+    assert (splits.count("test") > 0) == (count >= 3)
+    assert splits.count("train") >= 0.6 * count - 1
 
 
-def test_shares_are_70_15_15() -> None:
-    found = list(split_of_groups([("map", seed) for seed in range(100)]).values())
-    assert [found.count(split) for split in SPLITS] == [70, 15, 15]
+def test_shares_are_70_15_15():
+    splits = list(split_of_groups([("map", seed) for seed in range(100)]).values())
+    assert [splits.count(split) for split in SPLITS] == [70, 15, 15]
 
 
-def test_one_split_for_all() -> None:
+def test_one_split_for_all():
     assert set(split_of_groups([("map", 1), ("map", 2)], "val").values()) == {"val"}
 
 
@@ -87,26 +87,30 @@ def content(note: str = "") -> dict[str, Any]:
     return card(FORMAT, {"layout": "wide"}, surveys, [part(0, "train", 3, car=5, bus=1), part(1, "val", 4, car=2)], "")
 
 
-def test_counts_are_summed_over_episodes() -> None:
-    found = content()
-    assert found["counts"] == {"frames": 7}
-    assert found["classes"] == {"bus": 1, "car": 7}
-    assert list(found["classes"]) == ["bus", "car"], "by name"
-    assert [one["counts"] for one in found["episodes"]] == [{"frames": 3}, {"frames": 4}]
-    assert [(one["id"], one["seed"], one["bag_sha256"][:2]) for one in found["episodes"]] == [
+def test_counts_are_summed_over_episodes():
+    card_content = content()
+    assert card_content["counts"] == {"frames": 7}
+    assert card_content["classes"] == {"bus": 1, "car": 7}
+    assert list(card_content["classes"]) == ["bus", "car"], "by name"
+    assert [episode["counts"] for episode in card_content["episodes"]] == [{"frames": 3}, {"frames": 4}]
+    assert [(episode["id"], episode["seed"], episode["bag_sha256"][:2]) for episode in card_content["episodes"]] == [
         ("episode0", 1, "aa"),
         ("episode1", 2, "bb"),
     ]
-    assert found["splits"] == {"train": ["episode0"], "val": ["episode1"], "test": []}
-    assert found["made_with"] == {
+    assert card_content["splits"] == {"train": ["episode0"], "val": ["episode1"], "test": []}
+    assert card_content["made_with"] == {
         "command": "siren export made --layout wide BAG… --out DIR",
         "siren_ros": siren_ros.__version__,
         "options": {"layout": "wide"},
     }
-    assert (found["format"], found["what"], found["licence"]) == ("made", "Frames of formulas", NO_LICENCE)
+    assert (card_content["format"], card_content["what"], card_content["licence"]) == (
+        "made",
+        "Frames of formulas",
+        NO_LICENCE,
+    )
 
 
-def test_people_read_the_same() -> None:
+def test_people_read_the_same():
     lines = readme(content()).splitlines()
     assert lines[0] == "# SIREN dataset, format made"
     for line in (
@@ -128,12 +132,12 @@ def test_people_read_the_same() -> None:
     assert "| class | labels |" not in without
 
 
-def test_what_is_lost_is_said_at_the_end() -> None:
+def test_what_is_lost_is_said_at_the_end():
     lines = readme(content("the bag was cut off")).splitlines()
     assert lines[-3:] == ["## Not whole", "", "* episode1: the bag was cut off"]
 
 
-def test_a_readme_of_the_format_stays_at_the_head(tmp_path: Path) -> None:
+def test_a_readme_of_the_format_stays_at_the_head(tmp_path):
     (tmp_path / "README.md").write_text("# Mine\n", encoding="utf-8")
     write_card(tmp_path, content())
     assert (tmp_path / "README.md").read_text(encoding="utf-8") == "# Mine\n\n" + readme(content())
@@ -143,15 +147,15 @@ def test_a_readme_of_the_format_stays_at_the_head(tmp_path: Path) -> None:
     assert (tmp_path / "new" / "README.md").read_text(encoding="utf-8") == readme(content())
 
 
-def test_a_head_that_is_linked_elsewhere_is_not_written_through(tmp_path: Path) -> None:
-    own = tmp_path / "own"
-    own.write_text("# Mine\n", encoding="utf-8")
-    (tmp_path / "README.md").hardlink_to(own)
+def test_a_head_that_is_linked_elsewhere_is_not_written_through(tmp_path):
+    linked = tmp_path / "own"
+    linked.write_text("# Mine\n", encoding="utf-8")
+    (tmp_path / "README.md").hardlink_to(linked)
     write_card(tmp_path, content())
-    assert own.read_text(encoding="utf-8") == "# Mine\n"
+    assert linked.read_text(encoding="utf-8") == "# Mine\n"
 
 
-def test_an_option_may_waive_what_a_bag_must_have() -> None:
+def test_an_option_may_waive_what_a_bag_must_have():
     assert FORMAT.needs_with({}) == (Need.LIDAR, Need.CAMERA)
     assert FORMAT.needs_with({"layout": "wide"}) == (Need.LIDAR, Need.CAMERA)
     assert FORMAT.needs_with({"layout": "paper"}) == (Need.LIDAR,)
@@ -159,9 +163,9 @@ def test_an_option_may_waive_what_a_bag_must_have() -> None:
     assert Option("region", "no", ("no", "yes"), "who").is_flag
 
 
-def test_episodes_are_ordered_by_name_and_namesakes_told_apart_by_their_hash() -> None:
+def test_episodes_are_ordered_by_name_and_namesakes_told_apart_by_their_hash():
     surveys = [survey(2, "cc" * 32), survey(1, "bb" * 32), survey(1, "aa" * 32)]
-    assert [(one.sha256[:2], name) for one, name in in_dataset_order(surveys)] == [
+    assert [(survey.sha256[:2], name) for survey, name in in_dataset_order(surveys)] == [
         ("aa", "S2_L1_seed1_town-aaaaaaaa"),
         ("bb", "S2_L1_seed1_town-bbbbbbbb"),
         ("cc", "S2_L1_seed2_town"),
@@ -171,7 +175,7 @@ def test_episodes_are_ordered_by_name_and_namesakes_told_apart_by_their_hash() -
         in_dataset_order([survey(3, "aa" * 32), survey(1, "aa" * 32)])
 
 
-def test_names_have_letters_digits_and_hyphens() -> None:
+def test_names_have_letters_digits_and_hyphens():
     assert episode_name("S2", "L1", 3, "my town/2.xodr") == "S2_L1_seed3_my-town-2-xodr"
 
 
@@ -193,27 +197,25 @@ def export(name: str, bags: list[Path], out: Path, *more: str) -> int:
     return main(["export", name, *map(str, bags), "--out", str(out), *more])
 
 
-def test_the_same_bags_give_the_same_files(bags: list[Path], tmp_path: Path) -> None:
+def test_the_same_bags_give_the_same_files(bags, tmp_path):
     assert export("csv", bags, tmp_path / "one", "--jobs", "1") == 0
     assert export("csv", [bags[2], bags[0], bags[1]], tmp_path / "two", "--jobs", "2") == 0
     assert files_of(tmp_path / "one") == files_of(tmp_path / "two")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one", "two"]
 
 
-def test_a_folder_of_bags_is_all_its_bags(bags: list[Path], tmp_path: Path) -> None:
+def test_a_folder_of_bags_is_all_its_bags(bags, tmp_path):
     assert export("csv", [bags[0].parent], tmp_path / "out", "--jobs", "1") == 0
     card = json.loads((tmp_path / "out" / "dataset.json").read_text())
     assert len(card["episodes"]) == 3
-    assert len({one["id"] for one in card["episodes"]}) == 3
-    assert len({one["bag_sha256"] for one in card["episodes"]}) == 3
+    assert len({episode["id"] for episode in card["episodes"]}) == 3
+    assert len({episode["bag_sha256"] for episode in card["episodes"]}) == 3
     assert sum(len(names) for names in card["splits"].values()) == 3
     assert card["counts"]["rows"] == 20 * (3 + 4 + 5)
     assert card["made_with"]["command"] == "siren export csv --region no BAG… --out DIR"
 
 
-def test_how_the_episodes_are_split_is_said_with_what_is_empty_and_why(
-    bags: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_how_the_episodes_are_split_is_said_with_what_is_empty_and_why(bags, tmp_path, capsys):
     assert export("csv", bags, tmp_path / "auto", "--jobs", "1") == 0
     line = capsys.readouterr().out.splitlines()[-1]
     assert line.startswith("episodes by split: train 3 (240 rows), val 0, test 0; val and test stay empty because ")
@@ -223,13 +225,13 @@ def test_how_the_episodes_are_split_is_said_with_what_is_empty_and_why(
     assert capsys.readouterr().out.splitlines()[-1] == "episodes by split: train 0, val 3 (240 rows), test 0"
 
 
-def test_the_licence_is_stated(bags: list[Path], tmp_path: Path) -> None:
+def test_the_licence_is_stated(bags, tmp_path):
     assert export("csv", bags[:1], tmp_path / "out", "--licence", "CC-BY-4.0", "--split", "test") == 0
     assert json.loads((tmp_path / "out" / "dataset.json").read_text())["splits"]["train"] == []
     assert "Licence: CC-BY-4.0." in (tmp_path / "out" / "README.md").read_text()
 
 
-def test_what_is_there_is_not_overwritten(bags: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_there_is_not_overwritten(bags, tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()
     (out / "precious").write_text("mine")
@@ -238,16 +240,14 @@ def test_what_is_there_is_not_overwritten(bags: list[Path], tmp_path: Path, caps
     assert files_of(tmp_path) == {"out/precious": b"mine"}
 
 
-def test_the_same_bag_twice_is_refused(bags: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_same_bag_twice_is_refused(bags, tmp_path, capsys):
     shutil.copytree(bags[0], tmp_path / "copy")
     assert export("csv", [bags[0], tmp_path / "copy"], tmp_path / "out", "--jobs", "1") == 2
     assert "the same one" in capsys.readouterr().err
     assert not (tmp_path / ".out.partial").exists()
 
 
-def test_an_interrupted_export_goes_on_where_it_was(
-    bags: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_export_goes_on_where_it_was(bags, tmp_path, monkeypatch):
     job = ExportJob(format_named("csv"), {}, tuple(bags), tmp_path / "out")
     done: list[str] = []
     whole = export_job._export_part
@@ -255,7 +255,7 @@ def test_an_interrupted_export_goes_on_where_it_was(
     def interrupted(*arguments: object) -> None:
         if len(done) == 2:
             raise InterruptedError
-        whole(*arguments)  # type: ignore[arg-type] # handed through
+        whole(*arguments)
         done.append(str(arguments[3]))
 
     monkeypatch.setattr(export_job, "_export_part", interrupted)
@@ -278,9 +278,7 @@ def test_an_interrupted_export_goes_on_where_it_was(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "out"]
 
 
-def test_a_full_disk_leaves_nothing_under_the_final_name(
-    bags: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_full_disk_leaves_nothing_under_the_final_name(bags, tmp_path, monkeypatch, capsys):
     real = Path.write_bytes
 
     def full(path: Path, data: bytes) -> int:
@@ -290,9 +288,9 @@ def test_a_full_disk_leaves_nothing_under_the_final_name(
 
     monkeypatch.setattr(Path, "write_bytes", full)
     assert export("kitti", bags[:1], tmp_path / "out", "--layout", "paper", "--jobs", "1") == 2
-    told = capsys.readouterr().err
-    assert "No space left on device" in told
-    assert told.count("\n") == 1
+    message = capsys.readouterr().err
+    assert "No space left on device" in message
+    assert message.count("\n") == 1
     assert not (tmp_path / "out").exists()
     monkeypatch.undo()
     assert export("kitti", bags[:1], tmp_path / "out", "--layout", "paper", "--jobs", "1") == 0
@@ -300,9 +298,7 @@ def test_a_full_disk_leaves_nothing_under_the_final_name(
 
 
 @pytest.mark.parametrize("metadata", [True, False])
-def test_a_truncated_bag_is_exported_as_far_as_it_goes(
-    bags: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], metadata: bool
-) -> None:
+def test_a_truncated_bag_is_exported_as_far_as_it_goes(bags, tmp_path, capsys, metadata):
     cut = shutil.copytree(bags[0], tmp_path / "cut")
     (file,) = cut.glob("*.mcap")
     os.truncate(file, file.stat().st_size * 2 // 3)
@@ -311,21 +307,21 @@ def test_a_truncated_bag_is_exported_as_far_as_it_goes(
     assert export("csv", [cut, bags[1]], tmp_path / "out", "--jobs", "1") == 1
     assert "cut: exported as far as it goes; the bag was cut off" in capsys.readouterr().err
     card = json.loads((tmp_path / "out" / "dataset.json").read_text())
-    lost = [one for one in card["episodes"] if one["lost"]]
+    lost = [episode for episode in card["episodes"] if episode["lost"]]
     assert len(lost) == 1
     assert 0 < lost[0]["counts"]["rows"] < 20 * 3
     assert "Not whole" in (tmp_path / "out" / "README.md").read_text()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cut", "out"]
 
 
-def test_what_is_no_bag_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_bag_is_refused(tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     assert export("csv", [tmp_path / "empty"], tmp_path / "out") == 2
     assert "recorded episode" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["empty"]
 
 
-def test_the_list_names_every_format_and_its_needs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list_names_every_format_and_its_needs(capsys):
     with pytest.raises(SystemExit) as end:
         main(["export", "--list"])
     assert end.value.code == 0
@@ -334,22 +330,22 @@ def test_the_list_names_every_format_and_its_needs(capsys: pytest.CaptureFixture
     assert "lidar, front camera" in next(line for line in lines if line.startswith("kitti"))
 
 
-@pytest.mark.parametrize(("options", "told"), [({"layout": "mine"}, "kitti, paper"), ({"colour": "red"}, "layout")])
-def test_options_are_checked(options: dict[str, str], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+@pytest.mark.parametrize(("options", "allowed"), [({"layout": "mine"}, "kitti, paper"), ({"colour": "red"}, "layout")])
+def test_options_are_checked(options, allowed):
+    with pytest.raises(InputError, match=allowed):
         load_exporter(format_named("kitti"), options)
 
 
-def test_an_unknown_format_is_refused() -> None:
+def test_an_unknown_format_is_refused():
     with pytest.raises(InputError, match="kitti"):
         format_named("kitty")
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-def test_files_are_written_and_errors_told(tmp_path: Path, threads: int) -> None:
+def test_files_are_written_and_errors_told(tmp_path, threads):
     with FileWriter(tmp_path, threads) as files:
         for number in range(40):
-            files.write(f"sub/{number}.txt", lambda number=number: f"{number}".encode())  # type: ignore[misc] # bound
+            files.write(f"sub/{number}.txt", lambda number=number: f"{number}".encode())
     assert {path.read_text() for path in (tmp_path / "sub").iterdir()} == {str(number) for number in range(40)}
 
     def broken() -> bytes:

@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 from typing import Any
 
 import av
@@ -18,18 +17,18 @@ def _leaves(node: Any) -> list[str]:
     return [node] if isinstance(node, str) else [*_leaves(node["first"]), *_leaves(node["second"])]
 
 
-def test_every_panel_has_its_place() -> None:
+def test_every_panel_has_its_place():
     assert sorted(_leaves(LAYOUT["layout"])) == sorted(LAYOUT["configById"])
 
 
-def test_topics_are_those_of_a_bag(sensed_bag: Path) -> None:
+def test_topics_are_those_of_a_bag(sensed_bag):
     names = set(re.findall(r'"(/(?:emv|siren)/[a-z_/]+)', json.dumps(LAYOUT["configById"])))
     with open_bag(sensed_bag) as bag:
         assert names <= set(bag.type_names)
     assert len(names) > 10
 
 
-def test_the_grid_film_shows_every_camera(sensed_bag: Path, tmp_path: Path) -> None:
+def test_the_grid_film_shows_every_camera(sensed_bag, tmp_path):
     film = tmp_path / "grid.mp4"
     assert main(["video", str(sensed_bag), "--view", "grid", "--frames", "5", "--out", str(film)]) == 0
     with av.open(str(film)) as container:

@@ -7,8 +7,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
-from datasets.made_bag import Export
 from defusedxml.ElementTree import parse
 from reader_environments import read_with
 from synthetic_episode import NET_XML
@@ -18,21 +16,18 @@ from siren_ros.datasets.opendrive import opendrive_of
 from siren_ros.record.episode_source import open_source
 from siren_ros.roads.road_network import LaneKind
 
-
-@pytest.fixture(scope="module")
-def dataset(exported: Export, tracked_bag: Path) -> Path:
-    return exported("opendrive", tracked_bag)
+DATASET = ("opendrive", "tracked_bag")
 
 
-def test_carla_finds_the_lanes_where_they_are(dataset: Path, tracked_bag: Path) -> None:
+def test_carla_finds_the_lanes_where_they_are(dataset, tracked_bag):
     with open_source(tracked_bag) as source:
         lanes = [lane for lane in source.network.lanes if lane.kind is LaneKind.DRIVING and lane.length_m > 20.0]
     middles = np.array([lane.centre.at(np.array([lane.length_m / 2.0]))[0] for lane in lanes])
     (file,) = dataset.glob("*.xodr")
     read = read_with("carla", "read_opendrive.py", file, json.dumps(middles.tolist()))
-    found = np.array([place[:2] for place in read["places"]])
+    on_road = np.array([place[:2] for place in read["places"]])
     assert len(lanes) > 30
-    off = [abs(lane.centre.project(found[row : row + 1])[1][0]) for row, lane in enumerate(lanes)]
+    off = [abs(lane.centre.project(on_road[row : row + 1])[1][0]) for row, lane in enumerate(lanes)]
     assert np.median(off) < 0.001
     assert max(off) < 0.2, "the corners of bends are cut differently"
     turned = [
@@ -51,20 +46,20 @@ def checked(file: Path) -> list[str]:
     return [f"{check}: {text}" for check, _, text in read["issues"]]
 
 
-def test_asams_checker_finds_nothing_in_a_map_with_crossings(dataset: Path, tmp_path: Path) -> None:
+def test_asams_checker_finds_nothing_in_a_map_with_crossings(dataset, tmp_path):
     (file,) = dataset.glob("*.xodr")
     text = file.read_text(encoding="utf-8")
     assert text.count("<outline ") > 10
     assert checked(file) == []
     earlier = tmp_path / "earlier.xodr"
     earlier.write_text(text.replace('revMinor="5"', 'revMinor="4"'), encoding="utf-8")
-    assert any("'outline', attribute 'id'" in one for one in checked(earlier)), "what netconvert writes is not 1.4"
+    assert any("'outline', attribute 'id'" in issue for issue in checked(earlier)), "what netconvert writes is not 1.4"
     bare = tmp_path / "bare.xodr"
     bare.write_text(re.sub(r' (dynamic|zOffset)="[^"]*"', "", text), encoding="utf-8")
-    assert any("'zOffset' is required but missing" in one for one in checked(bare)), "nor 1.5"
+    assert any("'zOffset' is required but missing" in issue for issue in checked(bare)), "nor 1.5"
 
 
-def test_a_map_with_a_place_on_earth_keeps_it(tmp_path: Path) -> None:
+def test_a_map_with_a_place_on_earth_keeps_it(tmp_path):
     """The header's offset leads from the map frame to the projection's coordinates."""
     place = 'netOffset="-561653.57,-4185149.03" convBoundary="0.00,-7.00,320.00,7.00"'
     utm = "+proj=utm +zone=10 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
@@ -74,17 +69,15 @@ def test_a_map_with_a_place_on_earth_keeps_it(tmp_path: Path) -> None:
     file = tmp_path / "far.xodr"
     file.write_bytes(opendrive_of(source))
     header = parse(file).getroot().find("header")
-    assert header is not None
     assert (header.attrib["revMajor"], header.attrib["revMinor"]) == ("1", "5")
     assert str(header.findtext("geoReference")).strip() == utm
     offset = header.find("offset")
-    assert offset is not None
     assert [float(offset.attrib[axis]) for axis in "xy"] == [561753.57, 4185169.03]
     assert checked(file) == []
 
 
-def test_the_same_map_gives_the_same_file(dataset: Path, tracked_bag: Path, tmp_path: Path) -> None:
+def test_the_same_map_gives_the_same_file(dataset, tracked_bag, tmp_path):
     assert main(["export", "opendrive", str(tracked_bag), "--out", str(tmp_path / "out")]) == 0
-    (one,), (two,) = dataset.glob("*.xodr"), (tmp_path / "out").glob("*.xodr")
-    assert (one.name, one.read_bytes()) == (two.name, two.read_bytes())
-    assert b"netconvertConfiguration" not in one.read_bytes()
+    (first,), (second,) = dataset.glob("*.xodr"), (tmp_path / "out").glob("*.xodr")
+    assert (first.name, first.read_bytes()) == (second.name, second.read_bytes())
+    assert b"netconvertConfiguration" not in first.read_bytes()

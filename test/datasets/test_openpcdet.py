@@ -2,23 +2,20 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from datasets.made_bag import Export, sweep_of, truth_of
+from datasets.made_bag import sweep_of, truth_of
 
 from siren_ros.datasets.openpcdet import NAME_OF_CLASS, label_lines
 from siren_ros.record.episode_source import lidar_frames, open_source
 from siren_ros.world.actors import ActorClass
 
-
-@pytest.fixture(scope="module")
-def dataset(exported: Export, sensed_bag: Path) -> Path:
-    return exported("openpcdet", sensed_bag)
+DATASET = ("openpcdet", "sensed_bag")
+MADE_DATASET = ("openpcdet", "made_bags")
 
 
-def test_the_layout_is_the_tutorials(dataset: Path) -> None:
+def test_the_layout_is_the_tutorials(dataset):
     numbers = [f"{number:06d}" for number in range(20)]
     assert [path.stem for path in sorted((dataset / "points").iterdir())] == numbers
     assert [path.stem for path in sorted((dataset / "labels").iterdir())] == numbers
@@ -26,10 +23,12 @@ def test_the_layout_is_the_tutorials(dataset: Path) -> None:
     assert (dataset / "ImageSets" / "val.txt").read_text() == ""
 
 
-def test_boxes_hold_the_points_that_hit_their_vehicle(dataset: Path, sensed_bag: Path) -> None:
+def test_boxes_hold_the_points_that_hit_their_vehicle(dataset, sensed_bag):
     with open_source(sensed_bag) as source:
         frames = [
-            (one.points.copy(), one.truth) for one in lidar_frames(source) if one.points is not None and one.truth
+            (frame.points.copy(), frame.truth)
+            for frame in lidar_frames(source)
+            if frame.points is not None and frame.truth
         ]
     assert len(frames) == 20
     for number in (0, 9, 19):
@@ -46,23 +45,18 @@ def test_boxes_hold_the_points_that_hit_their_vehicle(dataset: Path, sensed_bag:
             along = offset[:, 0] * np.cos(heading) + offset[:, 1] * np.sin(heading)
             across = offset[:, 1] * np.cos(heading) - offset[:, 0] * np.sin(heading)
             inside = (abs(along) < dx / 2 + 0.01) & (abs(across) < dy / 2 + 0.01) & (abs(offset[:, 2]) < dz / 2 + 0.01)
-            own = points["instance"] == truth.actor_id[row]
-            assert inside[own].all()
+            returns = points["instance"] == truth.actor_id[row]
+            assert inside[returns].all()
             assert set(points["instance"][inside].tolist()) <= {0, int(truth.actor_id[row])}
             assert np.cos(heading - truth.yaw_rad[row]) == pytest.approx(1.0, abs=1e-7)
             assert words[7] == NAME_OF_CLASS[ActorClass(int(truth.actor_class[row]))]
 
 
-def test_every_class_has_a_name() -> None:
+def test_every_class_has_a_name():
     assert set(NAME_OF_CLASS) == set(ActorClass)
 
 
-@pytest.fixture(scope="module")
-def made_dataset(exported: Export, made_bags: list[Path]) -> Path:
-    return exported("openpcdet", made_bags)
-
-
-def test_frames_of_all_episodes_are_numbered_in_one_row(made_dataset: Path) -> None:
+def test_frames_of_all_episodes_are_numbered_in_one_row(made_dataset):
     head, *rows = (line.split(",") for line in (made_dataset / "frames.csv").read_text().splitlines())
     assert head == ["frame", "episode", "step", "timestamp"]
     assert [row[0] for row in rows] == [f"{number:06d}" for number in range(39)]
@@ -85,20 +79,20 @@ def test_frames_of_all_episodes_are_numbered_in_one_row(made_dataset: Path) -> N
     }
 
 
-def test_a_label_is_centre_size_heading_and_name(made_dataset: Path) -> None:
+def test_a_label_is_centre_size_heading_and_name(made_dataset):
     """The bus has no return and is left out."""
     text = (made_dataset / "labels" / "000007.txt").read_text()
     assert text == "12.0000 3.0000 -1.2500 4.0000 1.8000 1.5000 0.5000 Car\n"
 
 
-def test_who_has_fewer_returns_than_asked_for_is_left_out() -> None:
+def test_who_has_fewer_returns_than_asked_for_is_left_out():
     truth = truth_of(0)
     assert [len(label_lines(truth, least)) for least in (0, 1, 5, 6)] == [2, 1, 1, 0]
     bus = label_lines(truth, 0)[1].split()
     assert bus == ["-15.0000", "-4.0000", "-0.5000", "12.0000", "2.5000", "3.0000", "-2.0000", "Bus"]
 
 
-def test_headings_lie_within_half_a_turn_and_zero_has_no_sign() -> None:
+def test_headings_lie_within_half_a_turn_and_zero_has_no_sign():
     turned = replace(truth_of(0), yaw_rad=np.array([3.5, -3.5]), y_m=np.array([-1e-9, 0.0]))
     lines = [line.split() for line in label_lines(turned, 0)]
     assert [float(line[6]) for line in lines] == pytest.approx([3.5 - 2.0 * np.pi, 2.0 * np.pi - 3.5], abs=1e-4)

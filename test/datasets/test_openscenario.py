@@ -6,16 +6,14 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
-from datasets.made_bag import Export
 from datasets.made_tracks import made_tracks
 from defusedxml.ElementTree import fromstring
 from reader_environments import read_with
 
 from siren_ros.datasets.files import document
 from siren_ros.datasets.openscenario import REAR_AXLE, rear_axle, scenario
-from siren_ros.record.episode_source import open_source
-from siren_ros.record.tracks import Track, tracks_of
 
+DATASET = ("openscenario", "tracked_bag")
 ROOT: Element = fromstring(document(scenario(made_tracks(), "crossing.xodr", "three vehicles")))
 GROUPS = {group.attrib["name"].removesuffix("Group"): group for group in ROOT.iter("ManeuverGroup")}
 
@@ -28,7 +26,7 @@ def times(name: str) -> dict[str, float]:
     }
 
 
-def test_vehicles_come_when_they_were_first_recorded_and_go_when_they_were_gone() -> None:
+def test_vehicles_come_when_they_were_first_recorded_and_go_when_they_were_gone():
     assert list(GROUPS) == ["Ego", "Vehicle5", "Vehicle9"]
     assert times("Ego") == {"Follows": 0.0}
     assert times("Vehicle5") == {"Added": 0.5, "Follows": 0.5}
@@ -39,26 +37,30 @@ def test_vehicles_come_when_they_were_first_recorded_and_go_when_they_were_gone(
     assert float(next(stop.iter("SimulationTimeCondition")).attrib["value"]) == 2.0
 
 
-def test_trajectories_are_those_of_the_rear_axle() -> None:
+def test_trajectories_are_those_of_the_rear_axle():
     """0.29 of the length behind the middle, against the heading of 1 rad."""
     car = made_tracks()[1]
     vertices = list(GROUPS["Vehicle5"].iter("Vertex"))
-    assert [float(one.attrib["time"]) for one in vertices] == pytest.approx(0.1 * np.arange(5, 21))
-    places = [next(one.iter("WorldPosition")).attrib for one in vertices]
+    assert [float(vertex.attrib["time"]) for vertex in vertices] == pytest.approx(0.1 * np.arange(5, 21))
+    places = [next(vertex.iter("WorldPosition")).attrib for vertex in vertices]
     behind = float(np.hypot(float(places[0]["x"]) - car.x_m[0], float(places[0]["y"]) - car.y_m[0]))
     assert 0.2 * 4.0 < behind < 0.4 * 4.0
-    assert [float(one["x"]) for one in places] == pytest.approx(car.x_m - behind * np.cos(1.0))
-    assert [float(one["y"]) for one in places] == pytest.approx(car.y_m - behind * np.sin(1.0))
-    assert {float(one["h"]) for one in places} == {1.0}
-    assert rear_axle(car)[:, :2] == pytest.approx(np.array([(float(one["x"]), float(one["y"])) for one in places]))
+    assert [float(place["x"]) for place in places] == pytest.approx(car.x_m - behind * np.cos(1.0))
+    assert [float(place["y"]) for place in places] == pytest.approx(car.y_m - behind * np.sin(1.0))
+    assert {float(place["h"]) for place in places} == {1.0}
+    assert rear_axle(car)[:, :2] == pytest.approx(
+        np.array([(float(place["x"]), float(place["y"])) for place in places])
+    )
 
 
-def test_boxes_lie_around_the_vehicle() -> None:
+def test_boxes_lie_around_the_vehicle():
     """The box's centre lies as far ahead of the rear axle as that is behind the middle."""
-    for made, (length, width) in zip(ROOT.iter("ScenarioObject"), ((6.0, 1.8), (4.0, 1.8), (12.0, 1.8)), strict=True):
-        centre, size = next(made.iter("Center")).attrib, next(made.iter("Dimensions")).attrib
+    for packed_chunk, (length, width) in zip(
+        ROOT.iter("ScenarioObject"), ((6.0, 1.8), (4.0, 1.8), (12.0, 1.8)), strict=True
+    ):
+        centre, size = next(packed_chunk.iter("Center")).attrib, next(packed_chunk.iter("Dimensions")).attrib
         assert (float(size["length"]), float(size["width"])) == (length, width)
-        front, rear = next(made.iter("FrontAxle")).attrib, next(made.iter("RearAxle")).attrib
+        front, rear = next(packed_chunk.iter("FrontAxle")).attrib, next(packed_chunk.iter("RearAxle")).attrib
         assert float(rear["positionX"]) == 0.0
         assert float(front["positionX"]) == pytest.approx(2.0 * float(centre["x"]))
         assert float(centre["z"]) == float(size["height"]) / 2.0
@@ -67,64 +69,53 @@ def test_boxes_lie_around_the_vehicle() -> None:
         assert float(front["trackWidth"]) < width
 
 
-def test_vehicles_have_their_category_role_and_name() -> None:
-    told = [next(made.iter("Vehicle")).attrib for made in ROOT.iter("ScenarioObject")]
-    assert [(one["name"], one["vehicleCategory"], one["role"]) for one in told] == [
+def test_vehicles_have_their_category_role_and_name():
+    vehicles = [next(entity.iter("Vehicle")).attrib for entity in ROOT.iter("ScenarioObject")]
+    assert [(vehicle["name"], vehicle["vehicleCategory"], vehicle["role"]) for vehicle in vehicles] == [
         ("ambulance", "van", "ambulance"),
         ("sedan", "car", "civil"),
         ("bus", "bus", "publicTransport"),
     ]
-    kinds = [one.attrib["value"] for one in ROOT.iter("Property") if one.attrib["name"] == "type"]
+    kinds = [entry.attrib["value"] for entry in ROOT.iter("Property") if entry.attrib["name"] == "type"]
     assert kinds == ["ego_vehicle", "simulation", "simulation"]
 
 
-def test_initial_speeds_are_those_of_the_first_frame() -> None:
-    speeds = [float(one.attrib["value"]) for one in ROOT.iter("AbsoluteTargetSpeed")]
+def test_initial_speeds_are_those_of_the_first_frame():
+    speeds = [float(element.attrib["value"]) for element in ROOT.iter("AbsoluteTargetSpeed")]
     assert speeds == pytest.approx([10.0, 5.0])
-    (map_file,) = (one.attrib["filepath"] for one in ROOT.iter("LogicFile"))
+    (map_file,) = (element.attrib["filepath"] for element in ROOT.iter("LogicFile"))
     assert map_file == "crossing.xodr"
-
-
-@pytest.fixture(scope="module")
-def tracks(tracked_bag: Path) -> list[Track]:
-    with open_source(tracked_bag) as source:
-        return [track for track in tracks_of(source.record()) if len(track) > 1]
-
-
-@pytest.fixture(scope="module")
-def dataset(exported: Export, tracked_bag: Path) -> Path:
-    return exported("openscenario", tracked_bag)
 
 
 @pytest.fixture(scope="module")
 def read(dataset: Path) -> dict[str, Any]:
     (file,) = dataset.glob("*.xosc")
-    found: dict[str, Any] = read_with("scenariogeneration", "read_openscenario.py", file)
-    return found
+    reading: dict[str, Any] = read_with("scenariogeneration", "read_openscenario.py", file)
+    return reading
 
 
-def test_it_is_valid_openscenario_1_2(read: dict[str, Any]) -> None:
+def test_it_is_valid_openscenario_1_2(read):
     assert read["errors"] == []
 
 
-def test_asams_checker_finds_nothing(dataset: Path, tmp_path: Path) -> None:
+def test_asams_checker_finds_nothing(dataset, tmp_path):
     (file,) = dataset.glob("*.xosc")
     read = read_with("asam", "read_asam_checks.py", "qc_openscenario", file)
     assert (read["issues"], set(read["statuses"].values())) == ([], {"completed"})
     wrong = tmp_path / "wrong.xosc"
     wrong.write_text(file.read_text(encoding="utf-8").replace('"Ego"', '"Me"', 1), encoding="utf-8")
-    found = read_with("asam", "read_asam_checks.py", "qc_openscenario", wrong)["issues"]
-    assert found, "an entity that does not exist"
+    reading = read_with("asam", "read_asam_checks.py", "qc_openscenario", wrong)["issues"]
+    assert reading, "an entity that does not exist"
 
 
-def test_the_map_is_there(read: dict[str, Any], dataset: Path) -> None:
+def test_the_map_is_there(read, dataset):
     assert (dataset / read["road"]).is_file()
 
 
-def test_everybody_follows_the_recorded_trajectory(read: dict[str, Any], tracks: list[Track]) -> None:
-    assert len(read["entities"]) == len(tracks)
-    assert read["init"] == sum(track.frame[0] == 0 for track in tracks)
-    for track in tracks:
+def test_everybody_follows_the_recorded_trajectory(read, tracked_tracks):
+    assert len(read["entities"]) == len(tracked_tracks)
+    assert read["init"] == sum(track.frame[0] == 0 for track in tracked_tracks)
+    for track in tracked_tracks:
         name = "Ego" if track.actor.actor_id == 1 else f"Vehicle{track.actor.actor_id}"
         times, places = read["paths"][name]
         assert times == pytest.approx((track.frame * 0.1).tolist(), abs=1e-6)

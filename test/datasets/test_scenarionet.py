@@ -11,14 +11,12 @@ from hand_made_record import crossing
 from reader_environments import read_with
 
 from siren_ros.datasets.scenarionet import description, map_features, summary_of
-from siren_ros.record.episode_source import open_source
-from siren_ros.record.tracks import tracks_of
 
 FOUND = description(made_record(), made_tracks(), "one", 1)
 PATHS = 12
 
 
-def test_tracks_fill_the_frames_at_which_they_are_there() -> None:
+def test_tracks_fill_the_frames_at_which_they_are_there():
     assert FOUND["length"] == FRAMES
     car, bus = FOUND["tracks"]["5"]["state"], FOUND["tracks"]["9"]["state"]
     assert np.flatnonzero(car["valid"]).tolist() == list(range(5, 21))
@@ -38,7 +36,7 @@ def test_tracks_fill_the_frames_at_which_they_are_there() -> None:
     assert FOUND["metadata"]["sdc_id"] == "1"
 
 
-def test_a_light_shows_the_friendliest_movement_of_its_lane() -> None:
+def test_a_light_shows_the_friendliest_movement_of_its_lane():
     """Straight on is yellow, and green from step 20 on, which is frame 10; to the right is red."""
     light = FOUND["dynamic_map_states"][str(LANE)]
     states = light["state"]["object_state"]
@@ -48,57 +46,59 @@ def test_a_light_shows_the_friendliest_movement_of_its_lane() -> None:
     assert FOUND["dynamic_map_states"]["2"]["state"]["object_state"] == ["LANE_STATE_STOP"] * FRAMES
 
 
-def test_lanes_have_their_lines_and_neighbours() -> None:
-    found = map_features(crossing())
-    lane = found[str(LANE)]
+def test_lanes_have_their_lines_and_neighbours():
+    features = map_features(crossing())
+    lane = features[str(LANE)]
     assert lane["type"] == "LANE_SURFACE_STREET"
     assert (lane["left_neighbor"], lane["right_neighbor"]) == (["2"], ["0"])
     assert lane["polygon"].tolist() == [[3.5, -120.0], [3.5, -20.0], [7.0, -20.0], [7.0, -120.0]]
     assert lane["speed_limit_kmh"] == pytest.approx(13.9 * 3.6)
-    assert found["1_left"]["type"] == "ROAD_LINE_BROKEN_SINGLE_WHITE"
-    assert found["2_left"]["type"] == "ROAD_LINE_SOLID_SINGLE_YELLOW"
-    assert "1_right" not in found
-    assert found["0_right"]["polyline"].tolist() == [[9.5, -120.0, 0.0], [9.5, -20.0, 0.0]]
-    assert found[str(PATHS)]["type"] == "LANE_SURFACE_UNSTRUCTURE"
-    assert f"{PATHS}_left" not in found
-    assert found[str(PATHS)]["entry_lanes"] == ["1"]
-    assert found[str(PATHS)]["exit_lanes"] == ["3"]
+    assert features["1_left"]["type"] == "ROAD_LINE_BROKEN_SINGLE_WHITE"
+    assert features["2_left"]["type"] == "ROAD_LINE_SOLID_SINGLE_YELLOW"
+    assert "1_right" not in features
+    assert features["0_right"]["polyline"].tolist() == [[9.5, -120.0, 0.0], [9.5, -20.0, 0.0]]
+    assert features[str(PATHS)]["type"] == "LANE_SURFACE_UNSTRUCTURE"
+    assert f"{PATHS}_left" not in features
+    assert features[str(PATHS)]["entry_lanes"] == ["1"]
+    assert features[str(PATHS)]["exit_lanes"] == ["3"]
 
 
-def test_the_summary_counts_ways_and_vehicles() -> None:
-    found = summary_of(FOUND)
-    moved = {name: one["moving_distance"] for name, one in found["object_summary"].items()}
+def test_the_summary_counts_ways_and_vehicles():
+    summary = summary_of(FOUND)
+    moved = {name: summary_row["moving_distance"] for name, summary_row in summary["object_summary"].items()}
     assert moved == pytest.approx({"1": 20.0, "5": 8.0 * 1.5 + 0.25 * 1.5**2, "9": 4.5}, abs=1e-3)
-    assert {name: one["valid_length"] for name, one in found["object_summary"].items()} == {"1": 21, "5": 16, "9": 10}
-    assert found["number_summary"]["num_objects"] == found["number_summary"]["num_moving_objects"] == 3
-    assert found["number_summary"]["num_traffic_lights"] == len(FOUND["dynamic_map_states"])
-    assert found["ts"] == pytest.approx((0.1 * np.arange(FRAMES)).tolist())
+    assert {name: summary_row["valid_length"] for name, summary_row in summary["object_summary"].items()} == {
+        "1": 21,
+        "5": 16,
+        "9": 10,
+    }
+    assert summary["number_summary"]["num_objects"] == summary["number_summary"]["num_moving_objects"] == 3
+    assert summary["number_summary"]["num_traffic_lights"] == len(FOUND["dynamic_map_states"])
+    assert summary["ts"] == pytest.approx((0.1 * np.arange(FRAMES)).tolist())
 
 
-def test_who_moves_less_than_a_metre_stands() -> None:
+def test_who_moves_less_than_a_metre_stands():
     still = description(made_record(), [track.window(0, 2) for track in made_tracks() if track.frame[0] == 0], "x", 1)
-    found = summary_of(still)["number_summary"]
-    assert (found["num_objects"], found["num_moving_objects"]) == (2, 0)
+    summary = summary_of(still)["number_summary"]
+    assert (summary["num_objects"], summary["num_moving_objects"]) == (2, 0)
 
 
 @pytest.fixture(scope="module")
 def read(exported: Export, tracked_bag: Path) -> dict[str, Any]:
-    found: dict[str, Any] = read_with(
+    reading: dict[str, Any] = read_with(
         "metadrive", "read_scenarionet.py", exported("scenarionet", tracked_bag) / "train"
     )
-    return found
+    return reading
 
 
-def test_metadrives_sanity_check_passes(read: dict[str, Any], tracked_bag: Path) -> None:
-    with open_source(tracked_bag) as source:
-        tracks = [track for track in tracks_of(source.record()) if len(track) > 1]
+def test_metadrives_sanity_check_passes(read, tracked_tracks):
     assert (read["scenarios"], read["length"]) == (1, 140)
-    assert read["tracks"] == len(tracks)
+    assert read["tracks"] == len(tracked_tracks)
     assert read["features"] > 200
     assert read["lights"] > 10
 
 
-def test_metadrive_replays_the_episode(read: dict[str, Any]) -> None:
+def test_metadrive_replays_the_episode(read):
     assert read["steps"] > 100
     assert read["travelled"] == pytest.approx(read["recorded"], rel=0.02)
     assert read["others"] > 5

@@ -51,26 +51,26 @@ def changed(draw: st.DrawFn, document: bytes) -> bytes:
     """The document with attributes replaced or removed, or bytes changed."""
     text = document.decode()
     for _ in range(draw(st.integers(1, 4))):
-        found = list(re.finditer(r' (\w+)="[^"]*"', text))
-        if not found:
+        attributes = list(re.finditer(r' (\w+)="[^"]*"', text))
+        if not attributes:
             break
-        one = draw(st.sampled_from(found))
-        new = f' {one.group(1)}="{draw(VALUES)}"' if draw(st.booleans()) else ""
-        text = text[: one.start()] + new + text[one.end() :]
+        attribute = draw(st.sampled_from(attributes))
+        new = f' {attribute.group(1)}="{draw(VALUES)}"' if draw(st.booleans()) else ""
+        text = text[: attribute.start()] + new + text[attribute.end() :]
     data = bytearray(text.encode())
     for place, value in draw(st.lists(st.tuples(st.integers(0, len(data) - 1), st.integers(0, 255)), max_size=2)):
         data[place % len(data)] = value
     return bytes(data)
 
 
-def test_the_documents_are_sound() -> None:
+def test_the_documents_are_sound():
     assert len(parse_road_network(NET).lanes) == 5
     assert b"allway_stop" in opendrive_patches(NET, XODR, "map")["--node-files"]
 
 
 @fuzzed
 @given(data=st.one_of(changed(NET), st.binary(max_size=100)))
-def test_any_net(data: bytes) -> None:
+def test_any_net(data):
     with suppress(MapError), warnings.catch_warnings():
         warnings.simplefilter("error")
         parse_road_network(data)
@@ -78,14 +78,14 @@ def test_any_net(data: bytes) -> None:
 
 @fuzzed
 @given(data=st.one_of(changed(XODR), st.binary(max_size=100)))
-def test_any_opendrive_map(data: bytes) -> None:
+def test_any_opendrive_map(data):
     with suppress(MapError):
         opendrive_patches(NET, data, "map")
 
 
 @fuzzed
 @given(data=st.one_of(changed(NET), changed(XODR), st.binary(max_size=60), st.binary(max_size=60).map(gzip.compress)))
-def test_any_map_file(data: bytes, tmp_path: Path) -> None:
+def test_any_map_file(data, tmp_path):
     file = tmp_path / "map.xml"
     file.write_bytes(data)
     with suppress(MapError):
@@ -93,7 +93,7 @@ def test_any_map_file(data: bytes, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("data", [BOMB, FILE_ENTITY, FAR_DTD], ids=["bomb", "file", "dtd"])
-def test_entities_are_refused(data: bytes, tmp_path: Path) -> None:
+def test_entities_are_refused(data, tmp_path):
     file = tmp_path / "map.xml"
     file.write_bytes(data)
     with pytest.raises(MapError):
@@ -104,7 +104,7 @@ def test_entities_are_refused(data: bytes, tmp_path: Path) -> None:
         opendrive_patches(NET, data, "map")
 
 
-def test_a_way_through_a_junction_that_does_not_end_is_refused() -> None:
+def test_a_way_through_a_junction_that_does_not_end_is_refused():
     loop = NET.replace(
         b'<connection from=":B_0" to="out" fromLane="0" toLane="0" dir="s" state="M"/>',
         b'<connection from=":B_0" to="out" fromLane="0" toLane="0" via=":B_0_0" dir="s" state="M"/>',
@@ -113,7 +113,7 @@ def test_a_way_through_a_junction_that_does_not_end_is_refused() -> None:
         parse_road_network(loop)
 
 
-def test_a_gzip_bomb_is_refused_in_little_memory(tmp_path: Path) -> None:
+def test_a_gzip_bomb_is_refused_in_little_memory(tmp_path):
     file = tmp_path / "map.net.xml.gz"
     with gzip.open(file, "wb", compresslevel=1) as packed:
         for _ in range(MAX_MAP_BYTES // 1_000_000 + 20):
@@ -126,18 +126,18 @@ def test_a_gzip_bomb_is_refused_in_little_memory(tmp_path: Path) -> None:
     assert peak_bytes < 1_000_000_000
 
 
-def test_more_elements_than_a_city_has_are_refused() -> None:
+def test_more_elements_than_a_city_has_are_refused():
     with pytest.raises(MapError, match="XML tags"):
         parse_road_network(b"<net>" + b"<a/>" * MAX_TAGS + b"</net>")
 
 
-def test_a_deep_document_is_refused() -> None:
+def test_a_deep_document_is_refused():
     with pytest.raises(MapError):
         parse_road_network(b"<net>" * 100_000 + b"</net>" * 100_000)
     with pytest.raises(MapError):
         parse_road_network(b"<net>" * 100_000)
 
 
-def test_devices_are_refused() -> None:
+def test_devices_are_refused():
     with pytest.raises(MapError, match="no file"):
         read_map_source(Path("/dev/zero"))

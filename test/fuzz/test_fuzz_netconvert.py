@@ -47,26 +47,7 @@ NET = """<net><location netOffset="0,0" convBoundary="0,0,200,10" projParameter=
 <connection from="in" to="out" fromLane="0" toLane="0" via=":B_0_0" dir="s" state="M"/>
 <connection from=":B_0" to="out" fromLane="0" toLane="0" via=":B_1_0" dir="s" state="M"/>
 <connection from=":B_1" to="out" fromLane="0" toLane="0" dir="s" state="M"/></net>"""
-SPECIAL = (
-    "",
-    "0",
-    "-1",
-    "1e400",
-    "nan",
-    "inf",
-    "-inf",
-    "9" * 20,
-    "1",
-    "52.001",
-    "1e-9",
-    "ä",
-    "' -c x",
-    "../x",
-    "%n%s",
-    "1e9",
-    "1000000",
-    "\u009b",
-)
+SPECIAL = ("", *f"0 -1 1e400 nan inf -inf {'9' * 20} 1 52.001 1e-9 ä ../x %n%s 1e9 1000000".split(), "' -c x", "\u009b")
 FUZZED = settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
@@ -80,11 +61,11 @@ def refusal() -> Iterator[Compilation]:
 def changed(draw: st.DrawFn, text: str) -> bytes:
     """The document with a few attributes replaced, removed or repeated elsewhere."""
     for _ in range(draw(st.integers(1, 3))):
-        one = draw(st.sampled_from(list(re.finditer(r' ([\w:]+)="([^"]*)"', text))))
-        own = [found.group(2) for found in re.finditer(r' ([\w:]+)="([^"]*)"', text)]
-        value = draw(st.sampled_from(SPECIAL) | st.sampled_from(own))
-        new = f' {one.group(1)}="{value}"' if draw(st.integers(0, 3)) else ""
-        text = text[: one.start()] + new + text[one.end() :]
+        attribute = draw(st.sampled_from(list(re.finditer(r' ([\w:]+)="([^"]*)"', text))))
+        values = [element.group(2) for element in re.finditer(r' ([\w:]+)="([^"]*)"', text)]
+        value = draw(st.sampled_from(SPECIAL) | st.sampled_from(values))
+        new = f' {attribute.group(1)}="{value}"' if draw(st.integers(0, 3)) else ""
+        text = text[: attribute.start()] + new + text[attribute.end() :]
     return text.encode()
 
 
@@ -96,30 +77,30 @@ MAPS = {"city.osm": OSM, "town.xodr": XODR, "town.net.xml": NET}
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_the_documents_are_sound(name: str, refusal: Compilation) -> None:
+def test_the_documents_are_sound(name, refusal):
     assert not refusal(name, MAPS[name].encode())
 
 
 @FUZZED
 @given(data=changed(OSM))
-def test_any_openstreetmap_file(data: bytes, refusal: Compilation) -> None:
+def test_any_openstreetmap_file(data, refusal):
     assert is_one_line_about_the_map(refusal("city.osm", data), "city.osm")
 
 
 @FUZZED
 @given(data=changed(XODR))
-def test_any_opendrive_file(data: bytes, refusal: Compilation) -> None:
+def test_any_opendrive_file(data, refusal):
     assert is_one_line_about_the_map(refusal("town.xodr", data), "town.xodr")
 
 
 @settings(FUZZED, max_examples=100)
 @given(data=changed(NET))
-def test_any_sumo_net(data: bytes, refusal: Compilation) -> None:
+def test_any_sumo_net(data, refusal):
     assert is_one_line_about_the_map(refusal("town.net.xml", data), "town.net.xml")
 
 
 @pytest.mark.parametrize("name", ["--help.osm", "-c.xodr", "a b.osm", "ä'\".osm"])
-def test_a_file_name_is_no_option(name: str, refusal: Compilation) -> None:
+def test_a_file_name_is_no_option(name, refusal):
     assert not refusal(name, OSM.encode())
 
 
@@ -147,7 +128,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize(("name", "text", "said"), HOSTILE.values(), ids=HOSTILE)
-def test_what_would_take_much_memory_is_refused(name: str, text: str, said: str, refusal: Compilation) -> None:
-    found = refusal(name, text.encode())
-    assert is_one_line_about_the_map(found, name)
-    assert re.search(said, found)
+def test_what_would_take_much_memory_is_refused(name, text, said, refusal):
+    reason = refusal(name, text.encode())
+    assert is_one_line_about_the_map(reason, name)
+    assert re.search(said, reason)

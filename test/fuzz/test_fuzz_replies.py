@@ -47,7 +47,7 @@ bodies = st.one_of(anything, changed()).map(lambda content: json.dumps(content).
 
 @settings(max_examples=80, deadline=None)
 @given(body=bodies)
-def test_any_reply_can_be_kept_or_is_refused_in_one_line(body: bytes) -> None:
+def test_any_reply_can_be_kept_or_is_refused_in_one_line(body):
     try:
         reply = reply_in(body, 0.5)
     except ValueError as error:
@@ -61,7 +61,7 @@ def test_any_reply_can_be_kept_or_is_refused_in_one_line(body: bytes) -> None:
 
 @settings(max_examples=80, deadline=None)
 @given(content=anything | st.fixed_dictionaries(dict.fromkeys(Reply.__dataclass_fields__, leaves)))
-def test_any_file_of_the_cache_is_a_reply_or_asked_again(content: Any) -> None:
+def test_any_file_of_the_cache_is_a_reply_or_asked_again(content):
     with TemporaryDirectory() as folder:
         cache = ReplyCache(Path(folder))
         cache.put("m", ASKED, Reply("Normal"))
@@ -75,7 +75,7 @@ def test_any_file_of_the_cache_is_a_reply_or_asked_again(content: Any) -> None:
 
 @settings(max_examples=8, deadline=None)
 @given(body=bodies, status=st.sampled_from([200, 200, 200, 204, 302, 400, 500]))
-def test_any_reply_of_a_real_server(body: bytes, status: int) -> None:
+def test_any_reply_of_a_real_server(body, status):
     pytest.importorskip("openai", reason="the extra vlm is not installed")
     with chat_server(lambda _, __: Behaviour(body=body, status=status)) as server, suppress(ModelUnavailableError):
         assert isinstance(OpenAiServer(server.url, "m", "key", 20.0, 0).answer(ASKED).text, str)

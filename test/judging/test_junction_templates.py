@@ -117,7 +117,9 @@ def test_a_record_may_begin_later_than_step_0():
     ahead = {2: Driven(NORTHBOUND, np.concatenate((np.full(60, 95.0), 95.0 + 0.5 * np.arange(200))))}
     record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc), **ahead})
     late = replace(record, states=record.states[20:], traffic=record.traffic[20:])
-    (whole,), (cut,) = ([one for one in find_traversals(item) if one.actor_id == EMV] for item in (record, late))
+    (whole,), (cut,) = (
+        [traversal for traversal in find_traversals(item) if traversal.actor_id == EMV] for item in (record, late)
+    )
     assert cut.enter_step == whole.enter_step
     assert least_free_speed_mps(late, cut) == least_free_speed_mps(record, whole)
 
@@ -153,10 +155,10 @@ def _with(other: Driven, link: int = STRAIGHT, letter: str = "r") -> EpisodeReco
 
 
 def _parts(verdict: object) -> dict[str, tuple[float, bool]]:
-    return {part.name: (part.value, part.holds) for part in verdict.parts}  # type: ignore[attr-defined] # a Verdict
+    return {part.name: (part.value, part.holds) for part in verdict.parts}
 
 
-def test_red_with_a_vehicle_beside_holds_and_names_it() -> None:
+def test_red_with_a_vehicle_beside_holds_and_names_it():
     verdict = red_same_direction(_with(Driven(LEFT_LANE, INSIDE)), {})
     assert verdict.holds
     assert _parts(verdict) == {"against_red": (1.0, True), "same_direction_inside": (1.0, True)}
@@ -176,31 +178,31 @@ def test_red_with_a_vehicle_beside_holds_and_names_it() -> None:
         (SOUTHBOUND, False, False),
     ],
 )
-def test_same_direction_and_crossing_are_told_apart(points: np.ndarray, same: bool, across: bool) -> None:
+def test_same_direction_and_crossing_are_told_apart(points, same, across):
     record = _with(Driven(points, INSIDE))
     assert red_same_direction(record, {}).holds == same
     assert red_crossing(record, {}).holds == across
 
 
 @pytest.mark.parametrize("arc_m", [BEFORE, AT_THE_LINE], ids=["before", "at the line"])
-def test_a_vehicle_that_is_not_inside_meanwhile_does_not_count(arc_m: np.ndarray) -> None:
+def test_a_vehicle_that_is_not_inside_meanwhile_does_not_count(arc_m):
     for points, predicate in ((LEFT_LANE, red_same_direction), (EASTBOUND, red_crossing)):
         verdict = predicate(_with(Driven(points, arc_m)), {})
         assert [part.name for part in verdict.failing] == [verdict.parts[1].name]
 
 
-def test_the_signal_is_the_one_of_the_emvs_own_link() -> None:
+def test_the_signal_is_the_one_of_the_emvs_own_link():
     verdict = red_crossing(_with(Driven(EASTBOUND, INSIDE), link=EAST), {})
     assert _parts(verdict) == {"against_red": (0.0, False), "crossing_inside": (1.0, True)}
     assert verdict.failing[0].detail.endswith("on G")
 
 
 @pytest.mark.parametrize(("letter", "red"), [("r", True), ("u", True), ("y", False), ("g", False), ("o", False)])
-def test_red_and_red_with_yellow_forbid_entering(letter: str, red: bool) -> None:
+def test_red_and_red_with_yellow_forbid_entering(letter, red):
     assert red_same_direction(_with(Driven(LEFT_LANE, INSIDE), letter=letter), {}).holds == red
 
 
-def test_the_signal_counts_as_the_front_passes_the_line_not_later() -> None:
+def test_the_signal_counts_as_the_front_passes_the_line_not_later():
     for red_from, holds in ((54, True), (55, False)):
         record = hand_made(
             SIGNAL,
@@ -210,7 +212,7 @@ def test_the_signal_counts_as_the_front_passes_the_line_not_later() -> None:
         assert red_same_direction(record, {}).holds == holds
 
 
-def test_without_a_signal_or_a_stop_line_the_verdict_says_so() -> None:
+def test_without_a_signal_or_a_stop_line_the_verdict_says_so():
     vehicles = {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)}
     for verdict in (
         red_same_direction(hand_made(STOP, vehicles), {}),
@@ -221,7 +223,7 @@ def test_without_a_signal_or_a_stop_line_the_verdict_says_so() -> None:
         assert "nowhere" in verdict.parts[0].detail
 
 
-def test_a_stop_line_passed_at_speed_with_others_inside() -> None:
+def test_a_stop_line_passed_at_speed_with_others_inside():
     beside = hand_made(STOP, {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)})
     across = hand_made(STOP, {EMV: EMV_DRIVE, 2: Driven(EASTBOUND, INSIDE)})
     assert [stop_same_direction(item, STOP_THRESHOLDS).holds for item in (beside, across)] == [True, False]
@@ -229,7 +231,7 @@ def test_a_stop_line_passed_at_speed_with_others_inside() -> None:
 
 
 @pytest.mark.parametrize(("speed_mps", "holds"), [(1.9, False), (2.1, True)])
-def test_the_speed_is_the_least_on_the_approach(speed_mps: float, holds: bool) -> None:
+def test_the_speed_is_the_least_on_the_approach(speed_mps, holds):
     """The EMV comes in fast, passes the line slowly and goes on fast."""
     speed = np.where(np.abs(np.arange(300) - 100) < 40, speed_mps, 8.0)
     arc = np.concatenate(([0.0], np.cumsum(speed[:-1] * 0.05)))
@@ -249,7 +251,7 @@ def _stopping_at(stop_m: float, steps: int = 300) -> np.ndarray:
     return np.concatenate((coming, np.full(20, stop_m), going))[:steps]
 
 
-def test_who_stops_short_of_the_line_has_stopped_for_it() -> None:
+def test_who_stops_short_of_the_line_has_stopped_for_it():
     """The front is 5 m before the line; then the EMV crosses it at 8 m/s."""
     stepping_in = np.concatenate((np.linspace(90.0, 110.0, 60), np.full(240, 110.0)))
     record = hand_made(STOP, {EMV: Driven(NORTHBOUND, _stopping_at(92.0)), 2: Driven(EASTBOUND, stepping_in)})
@@ -259,7 +261,7 @@ def test_who_stops_short_of_the_line_has_stopped_for_it() -> None:
     assert verdict.parts[1].holds
 
 
-def test_who_stands_behind_another_one_at_the_line_has_not_stopped_for_it() -> None:
+def test_who_stands_behind_another_one_at_the_line_has_not_stopped_for_it():
     """The vehicle ahead stands at the line and leaves just before the EMV does."""
     leader = np.concatenate((np.full(90, 98.0), 98.0 + 0.6 * np.arange(210)))
     emv = np.concatenate((np.arange(62.0, 90.0, 0.4), np.full(22, 90.0), 90.0 + 0.4 * np.arange(300)))[:300]
@@ -269,7 +271,7 @@ def test_who_stands_behind_another_one_at_the_line_has_not_stopped_for_it() -> N
     assert stop_crossing(hand_made(STOP, vehicles), STOP_THRESHOLDS).parts[0].value == pytest.approx(0.0, abs=0.01)
 
 
-def test_the_other_way_has_no_stop_line() -> None:
+def test_the_other_way_has_no_stop_line():
     record = hand_made(STOP, {EMV: Driven(EASTBOUND, at_speed(70.0, 10.0, 200)), 2: Driven(NORTHBOUND, INSIDE)})
     assert stop_crossing(record, STOP_THRESHOLDS).parts[0].value == 0.0
 
@@ -284,31 +286,32 @@ def test_the_other_way_has_no_stop_line() -> None:
         (STRAIGHT, SOUTH, False),
     ],
 )
-def test_both_ends_of_two_movements_have_to_point_the_same_way(first: int, second: int, same: bool) -> None:
+def test_both_ends_of_two_movements_have_to_point_the_same_way(first, second, same):
     """From different edges: equal at the entry alone, or at the exit alone, is another direction."""
     assert is_same_direction(SIGNAL, first, second) == same
 
 
-def test_the_relation_of_movements_is_symmetric() -> None:
+def test_the_relation_of_movements_is_symmetric():
     count = len(SIGNAL.connections)
     same = np.array([[is_same_direction(SIGNAL, a, b) for b in range(count)] for a in range(count)])
     assert np.array_equal(same, same.T)
     assert same.diagonal().all()
 
 
-def test_who_crosses_another_junction_meanwhile_is_not_inside() -> None:
+def test_who_crosses_another_junction_meanwhile_is_not_inside():
     """The road of its own beside the EMV's crosses a junction K."""
     record = _with(Driven(PARALLEL, INSIDE))
     assert red_same_direction(record, {}).holds
     connections = tuple(
-        replace(one, junction="K") if index == BESIDE else one for index, one in enumerate(record.network.connections)
+        replace(connection, junction="K") if index == BESIDE else connection
+        for index, connection in enumerate(record.network.connections)
     )
     other = replace(record, network=replace(record.network, connections=connections))
     verdict = red_same_direction(other, {})
     assert [part.name for part in verdict.failing] == ["same_direction_inside"]
 
 
-def test_other_emvs_are_neither_inside_nor_forgotten() -> None:
+def test_other_emvs_are_neither_inside_nor_forgotten():
     """Two EMVs pass together: neither counts for the other, and either one's entry counts."""
     record = _with(Driven(LEFT_LANE, EMV_DRIVE.arc_m))
     actors = {key: replace(actor, is_emv=True) for key, actor in record.actors.items()}
@@ -323,7 +326,7 @@ def _verdict(points: np.ndarray, speed_mps: float = 8.0, start_m: float = 40.0) 
     return shoulder_turn(hand_made(SIGNAL, {EMV: Driven(points, arc_m)}), THRESHOLDS)
 
 
-def test_a_right_turn_on_the_shoulder_holds_with_its_times() -> None:
+def test_a_right_turn_on_the_shoulder_holds_with_its_times():
     verdict = _verdict(ON_SHOULDER)
     turned, shoulder = verdict.parts
     assert verdict.holds
@@ -334,19 +337,19 @@ def test_a_right_turn_on_the_shoulder_holds_with_its_times() -> None:
     assert " s to " in shoulder.detail
 
 
-def test_a_right_turn_in_the_driving_lane_fails_on_the_shoulder_alone() -> None:
+def test_a_right_turn_in_the_driving_lane_fails_on_the_shoulder_alone():
     verdict = _verdict(IN_TURN_LANE)
     assert [part.name for part in verdict.failing] == ["shoulder_s"]
     assert verdict.failing[0].value == 0.0
 
 
-def test_straight_ahead_is_no_right_turn() -> None:
+def test_straight_ahead_is_no_right_turn():
     verdict = _verdict(NORTHBOUND)
     assert [part.name for part in verdict.failing] == ["right_turn_deg", "shoulder_s"]
     assert "nowhere" in verdict.failing[0].detail
 
 
-def test_a_short_stay_on_the_shoulder_is_not_enough() -> None:
+def test_a_short_stay_on_the_shoulder_is_not_enough():
     """Onto the shoulder 4 m before the line, across on its path, and off it at once."""
     short = np.concatenate(
         (
@@ -361,19 +364,19 @@ def test_a_short_stay_on_the_shoulder_is_not_enough() -> None:
     assert _verdict(short, speed_mps=8.0).holds
 
 
-def test_the_shoulder_long_before_the_turn_does_not_count() -> None:
+def test_the_shoulder_long_before_the_turn_does_not_count():
     early = np.concatenate((line((SHOULDER_X_M, -120.0), (SHOULDER_X_M, -80.0), (RIGHT_X_M, -74.0)), IN_TURN_LANE[1:]))
     verdict = _verdict(early, start_m=2.0, speed_mps=8.0)
     assert verdict.parts[0].holds
     assert verdict.parts[1].value == 0.0
 
 
-def test_the_wrong_way_along_a_shoulder_is_not_on_it() -> None:
+def test_the_wrong_way_along_a_shoulder_is_not_on_it():
     record = hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER[::-1], at_speed(2.0, 8.0, 300))})
     assert shoulder_turn(record, THRESHOLDS).parts[1].value == 0.0
 
 
-def test_the_turn_is_measured_alone_and_not_summed_with_a_bend_to_the_left() -> None:
+def test_the_turn_is_measured_alone_and_not_summed_with_a_bend_to_the_left():
     left, right = np.linspace(0.0, 0.9, 20), np.linspace(0.9, -0.45, 30)
     assert turned_right_rad(np.concatenate((left, right))) == pytest.approx(1.35)
     assert turned_right_rad(np.concatenate((left, right, right[::-1]))) == pytest.approx(1.35)
@@ -399,15 +402,13 @@ def test_the_turn_is_measured_alone_and_not_summed_with_a_bend_to_the_left() -> 
         (SHOULDER_TURN[9][0], SHOULDER_TURN[9][1], 45.0, True),
     ],
 )
-def test_on_a_shoulder_is_within_its_width_its_length_and_90_degrees(
-    x_m: float, y_m: float, degrees: float, on: bool
-) -> None:
+def test_on_a_shoulder_is_within_its_width_its_length_and_90_degrees(x_m, y_m, degrees, on):
     rows = hand_made(SIGNAL, {EMV: Driven(NORTHBOUND, at_speed(0.0, 1.0, 2))}).track(EMV)
     placed = replace(rows, x_m=np.full(2, x_m), y_m=np.full(2, y_m), yaw_rad=np.full(2, np.radians(degrees)))
     assert on_shoulder_area(SIGNAL, placed).tolist() == [on, on]
 
 
-def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes() -> None:
+def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes():
     """Five steps after half of the quarter circle on the shoulder."""
     steps = round((60.0 + 11.75 * np.pi / 4.0) / 8.0 / 0.05)
     verdict = shoulder_turn(hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER, at_speed(40.0, 8.0, steps))}), THRESHOLDS)
@@ -416,12 +417,12 @@ def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes() -> Non
     assert shoulder.value == pytest.approx((50.0 + 3.0 + 11.75 * np.pi / 4.0) / 8.0, abs=0.5)
 
 
-def test_others_that_turn_right_on_the_shoulder_do_not_count() -> None:
+def test_others_that_turn_right_on_the_shoulder_do_not_count():
     vehicles = {EMV: Driven(NORTHBOUND, at_speed(40.0, 8.0, 200)), 2: Driven(ON_SHOULDER, at_speed(40.0, 8.0, 300))}
     assert "nowhere" in shoulder_turn(hand_made(SIGNAL, vehicles), THRESHOLDS).parts[0].detail
 
 
-def test_the_intervals_on_the_shoulder_are_told() -> None:
+def test_the_intervals_on_the_shoulder_are_told():
     """On it, off it, and on it again."""
     twice = np.concatenate(
         (
@@ -438,7 +439,7 @@ def test_the_intervals_on_the_shoulder_are_told() -> None:
     assert (first[1] - first[0]) + (second[1] - second[0]) == pytest.approx(_verdict(twice).parts[1].value, abs=0.15)
 
 
-def test_an_interval_ends_with_the_step_after_its_last_one() -> None:
+def test_an_interval_ends_with_the_step_after_its_last_one():
     rows = hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER, at_speed(0.0, 8.0, 40))}).track(EMV)
     holds = np.zeros(40, dtype=np.bool_)
     holds[4:8] = holds[20:22] = True

@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -36,17 +35,17 @@ COMES_BACK = [
 IN_THE_LEFT_LANE = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
 
 
-def test_four_of_four_leave_and_are_passed(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_four_of_four_leave_and_are_passed(record_of):
     verdict = evaluate_predicate(record_of())
     assert verdict.holds
     assert verdict.measures() == {"lane_changes": 4.0, "passed": 4.0}
-    found = find_clearings(record_of())
+    clearings = find_clearings(record_of())
     changes, passed = (part.detail for part in verdict.parts)
-    assert changes == ", ".join(f"{item.actor_id} at {0.05 * item.end_step:.1f} s" for item in found)
-    assert passed == ", ".join(f"{item.actor_id} at {0.05 * (item.passed_step or 0):.1f} s" for item in found)
+    assert changes == ", ".join(f"{item.actor_id} at {0.05 * item.end_step:.1f} s" for item in clearings)
+    assert passed == ", ".join(f"{item.actor_id} at {0.05 * (item.passed_step or 0):.1f} s" for item in clearings)
 
 
-def test_completion_and_pass_lie_where_the_poses_put_them(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_completion_and_pass_lie_where_the_poses_put_them(record_of):
     record = record_of()
     first = find_clearings(record)[0]
     track, emv = record.track(first.actor_id), record.track(1)
@@ -59,7 +58,7 @@ def test_completion_and_pass_lie_where_the_poses_put_them(record_of: Callable[..
     assert gap[first.passed_step - 1] < reach <= gap[first.passed_step]
 
 
-def test_a_seam_between_two_edges_hides_no_lane_change(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_a_seam_between_two_edges_hides_no_lane_change(record_of):
     record = record_of()
     whole = find_clearings(record)
     for seam_m in range(50, 100, 7):
@@ -70,25 +69,23 @@ def test_a_seam_between_two_edges_hides_no_lane_change(record_of: Callable[..., 
         ]
 
 
-def test_following_a_lane_across_a_seam_is_no_lane_change(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_following_a_lane_across_a_seam_is_no_lane_change(record_of):
     network = parse_road_network(split_net(100.0).encode())
     assert find_clearings(replace(record_of(changing=0), network=network)) == ()
 
 
-def test_two_are_not_enough_and_the_numbers_say_so(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_two_are_not_enough_and_the_numbers_say_so(record_of):
     verdict = lane_cleared(record_of(changing=2), THRESHOLDS)
     assert not verdict.holds
     assert [(part.name, part.value) for part in verdict.failing] == [("lane_changes", 2.0), ("passed", 2.0)]
 
 
-def test_without_a_siren_nothing_counts(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_without_a_siren_nothing_counts(record_of):
     assert find_clearings(record_of(siren=False)) == ()
 
 
 @pytest.mark.parametrize("silent", ["start", "end", "between"])
-def test_the_siren_has_to_be_on_at_the_start_and_at_the_end(
-    record_of: Callable[..., EpisodeRecord], silent: str
-) -> None:
+def test_the_siren_has_to_be_on_at_the_start_and_at_the_end(record_of, silent):
     record = record_of()
     first = find_clearings(record)[0]
     steps = {
@@ -101,44 +98,42 @@ def test_the_siren_has_to_be_on_at_the_start_and_at_the_end(
     assert (first.actor_id in counted) == (silent == "between")
 
 
-def test_a_lane_change_that_the_emv_never_passes_does_not_count_as_passed(
-    record_of: Callable[..., EpisodeRecord],
-) -> None:
+def test_a_lane_change_that_the_emv_never_passes_does_not_count_as_passed(record_of):
     record = record_of(duration_s=9.0)
     verdict = lane_cleared(record, THRESHOLDS)
     assert [part.value for part in verdict.parts] == [4.0, 3.0]
 
 
-def test_events_alone_prove_nothing(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_events_alone_prove_nothing(record_of):
     still = with_states(record_of(), y_m=lambda state: np.full(len(state), RIGHT_Y_M))
     assert find_clearings(still) == ()
 
 
-def test_vehicles_behind_the_emv_do_not_count(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_vehicles_behind_the_emv_do_not_count(record_of):
     moved = with_states(record_of(), x_m=lambda state: state.x_m - np.where(state.actor_id == 2, 60.0, 0.0))
     assert [clearing.actor_id for clearing in find_clearings(moved)] == [3, 4, 5]
 
 
-def test_civilians_are_judged_only_while_the_emv_is_there(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_civilians_are_judged_only_while_the_emv_is_there(record_of):
     """The EMV leaves the map between the second and the third lane change."""
     record = record_of()
     changes = find_clearings(record)
     leaves = (changes[1].end_step + changes[2].end_step) // 2
-    found = find_clearings(without(record, 1, lambda step: step >= leaves))
-    assert [(item.actor_id, item.end_step) for item in found] == [
+    clearings = find_clearings(without(record, 1, lambda step: step >= leaves))
+    assert [(item.actor_id, item.end_step) for item in clearings] == [
         (item.actor_id, item.end_step) for item in changes if item.end_step < leaves
     ]
-    assert all(item.passed_step is None or item.passed_step < leaves for item in found)
+    assert all(item.passed_step is None or item.passed_step < leaves for item in clearings)
 
 
-def test_a_half_finished_lane_change_is_not_completed(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_a_half_finished_lane_change_is_not_completed(record_of):
     half = with_states(
         record_of(), y_m=lambda state: np.where(state.actor_id == 1, state.y_m, np.minimum(state.y_m, -3.2))
     )
     assert find_clearings(half) == ()
 
 
-def test_thresholds_come_from_the_record(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_thresholds_come_from_the_record(record_of):
     record = record_of()
 
     def with_predicate(stored: object) -> EpisodeRecord:
@@ -153,7 +148,7 @@ def test_thresholds_come_from_the_record(record_of: Callable[..., EpisodeRecord]
         evaluate_predicate(with_predicate({"name": "lane_cleared", "thresholds": {}}))
 
 
-def test_poses_are_put_into_lanes_by_direction(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_poses_are_put_into_lanes_by_direction(record_of):
     network = record_of(duration_s=1.0).network
     xy = np.array([[50.0, -5.0], [50.0, -1.0], [50.0, 1.0], [50.0, -5.0], [50.0, 60.0]])
     yaw = np.array([0.0, 0.1, np.pi, np.pi, 0.0])
@@ -164,13 +159,11 @@ def test_poses_are_put_into_lanes_by_direction(record_of: Callable[..., EpisodeR
     assert places.arc_m[2] == pytest.approx(250.0)
 
 
-def test_a_dead_end_has_nothing_ahead_but_itself(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_a_dead_end_has_nothing_ahead_but_itself(record_of):
     assert lanes_ahead(record_of(duration_s=1.0).network, 0, 100.0) == {0}
 
 
-def test_a_lane_is_clear_when_all_but_30_cm_of_the_turned_body_has_left_it(
-    record_of: Callable[..., EpisodeRecord],
-) -> None:
+def test_a_lane_is_clear_when_all_but_30_cm_of_the_turned_body_has_left_it(record_of):
     record = record_of()
     middle = (LEFT_Y_M + RIGHT_Y_M) / 2.0
     for clearing in find_clearings(record):
@@ -201,13 +194,13 @@ def changing(
     return [(item.actor_id, item.passed_step is not None) for item in find_clearings(record)]
 
 
-def test_a_car_that_leaves_the_lane_is_passed_and_one_that_comes_from_the_other_lane_leaves_it_too() -> None:
+def test_a_car_that_leaves_the_lane_is_passed_and_one_that_comes_from_the_other_lane_leaves_it_too():
     assert changing((2, 30.0, LEAVES_LEFT, 6.0)) == [(2, True)]
     assert changing((2, 24.0, COMES_BACK, 7.0)) == [(2, True)]
     assert changing((2, 30.0, LEAVES_LEFT, 6.0), (3, 28.0, LEAVES_LEFT, 9.0)) == [(3, False), (2, True)]
 
 
-def test_a_car_that_changes_into_the_emvs_lane_has_not_left_it() -> None:
+def test_a_car_that_changes_into_the_emvs_lane_has_not_left_it():
     into = [(LEFT_X_M, -120.0), (LEFT_X_M, -80.0), (RIGHT_X_M, -65.0), (RIGHT_X_M, 110.0)]
     assert changing((2, 25.0, into, 9.0)) == []
 
@@ -218,7 +211,7 @@ def mirrored(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 @pytest.mark.parametrize("to_the_right", [False, True])
-def test_a_lane_is_left_to_either_side(to_the_right: bool) -> None:
+def test_a_lane_is_left_to_either_side(to_the_right):
     points = mirrored(LEAVES_LEFT) if to_the_right else LEAVES_LEFT
     emv = IN_THE_LEFT_LANE if to_the_right else NORTHBOUND
     assert changing((2, 30.0, points, 6.0), emv=emv) == [(2, True)]
@@ -236,7 +229,7 @@ def found_at(points: list[tuple[float, float]], put_at: int = 10**6) -> list[tup
     return [(item.start_step, item.end_step) for item in find_clearings(record)]
 
 
-def test_who_is_put_into_the_next_lane_is_clear_of_the_old_one_at_once() -> None:
+def test_who_is_put_into_the_next_lane_is_clear_of_the_old_one_at_once():
     """From one step to the next."""
     straight = [(RIGHT_X_M, -120.0), (RIGHT_X_M, 110.0)]
     assert found_at(straight) == []
@@ -244,14 +237,14 @@ def test_who_is_put_into_the_next_lane_is_clear_of_the_old_one_at_once() -> None
 
 
 @pytest.mark.parametrize("over_m", [0.1, 0.5])
-def test_who_swerves_over_the_line_and_back_has_not_left_the_lane(over_m: float) -> None:
+def test_who_swerves_over_the_line_and_back_has_not_left_the_lane(over_m):
     """The centre is over the line, the body is not clear of the lane, and then the car is back in its middle."""
     x = (RIGHT_X_M + LEFT_X_M) / 2.0 - over_m
     swerve = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -85.0), (x, -75.0), (RIGHT_X_M, -65.0), (RIGHT_X_M, 110.0)]
     assert found_at(swerve) == []
 
 
-def test_an_emv_that_passes_in_another_lane_has_not_passed_in_the_cleared_one() -> None:
+def test_an_emv_that_passes_in_another_lane_has_not_passed_in_the_cleared_one():
     """It takes the shoulder next to the lane that the car has left."""
     beside = line(
         (RIGHT_X_M, -120.0),
@@ -266,7 +259,7 @@ def test_an_emv_that_passes_in_another_lane_has_not_passed_in_the_cleared_one() 
     assert changing((2, 30.0, slow, 3.0)) == [(2, True)]
 
 
-def test_an_emv_that_passes_in_the_lane_in_which_the_car_is_then_has_not_passed_it_in_the_cleared_lane() -> None:
+def test_an_emv_that_passes_in_the_lane_in_which_the_car_is_then_has_not_passed_it_in_the_cleared_lane():
     """The car leaves the lane and comes back; the EMV passes it at its side, both in one lane."""
     back = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -80.0), (LEFT_X_M, -75.0)]
     back += [(RIGHT_X_M + 0.9, -70.0), (RIGHT_X_M + 0.9, 110.0)]
@@ -274,7 +267,7 @@ def test_an_emv_that_passes_in_the_lane_in_which_the_car_is_then_has_not_passed_
     assert changing((2, 30.0, back, 3.0), emv=emv, emv_mps=6.5) == [(2, False)]
 
 
-def test_of_several_changes_the_one_that_the_emv_passes_counts() -> None:
+def test_of_several_changes_the_one_that_the_emv_passes_counts():
     """The car leaves the right lane; the EMV comes to the left one, which the car leaves too, and passes it there."""
     there_and_back = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -81.0), (LEFT_X_M, -66.0)]
     there_and_back += [(RIGHT_X_M, -58.0), (RIGHT_X_M, 110.0)]
@@ -284,7 +277,7 @@ def test_of_several_changes_the_one_that_the_emv_passes_counts() -> None:
     assert changing((2, 30.0, stays, 5.0), emv=emv, emv_mps=4.0) == [(2, False)]
 
 
-def test_of_several_changes_that_the_emv_never_passes_the_first_counts() -> None:
+def test_of_several_changes_that_the_emv_never_passes_the_first_counts():
     """The EMV follows the car into the other lane and back, too slow to pass."""
     weaving = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -81.0), (LEFT_X_M, -60.0), (RIGHT_X_M, -52.0)]
     weaving += [(RIGHT_X_M, 110.0)]
@@ -292,13 +285,13 @@ def test_of_several_changes_that_the_emv_never_passes_the_first_counts() -> None
     steps = 300
     vehicles = {EMV: Driven(emv, at_speed(0.0, 4.5, steps)), 2: Driven(line(*weaving), at_speed(30.0, 5.0, steps))}
     record = with_states(hand_made(crossing(), vehicles), lights=siren_of_the_emv)
-    (found,) = find_clearings(record)
-    assert found.passed_step is None
-    assert record.network.lanes[found.left_lane].centre.points[0][0] == RIGHT_X_M
-    assert float(record.track(2).y_m[found.start_step]) < -80.0
+    (clearings,) = find_clearings(record)
+    assert clearings.passed_step is None
+    assert record.network.lanes[clearings.left_lane].centre.points[0][0] == RIGHT_X_M
+    assert float(record.track(2).y_m[clearings.start_step]) < -80.0
 
 
-def test_a_pass_before_the_lane_is_clear_is_none() -> None:
+def test_a_pass_before_the_lane_is_clear_is_none():
     """The car takes 20 s to get over; the EMV squeezes past it while its tail is still in the lane."""
     slow = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -30.0), (LEFT_X_M, 110.0)]
     assert changing((2, 30.0, slow, 2.5), emv_mps=4.0) == [(2, False)]

@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,20 +7,17 @@ from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.closed_loop import record_of as record_of_loop
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.judging.predicates import PREDICATES, evaluate_predicate, predicate_of
-from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.scenario import DECLARED_PREDICATES
 from siren_ros.scenario.templates import available_templates, load_template
 
 
-def test_templates_may_name_exactly_the_predicates_that_exist() -> None:
+def test_templates_may_name_exactly_the_predicates_that_exist():
     assert set(PREDICATES) == set(DECLARED_PREDICATES)
 
 
 @pytest.mark.parametrize("name", sorted(PREDICATES))
-def test_the_declared_thresholds_are_all_that_a_predicate_needs(
-    name: str, record_of: Callable[..., EpisodeRecord]
-) -> None:
+def test_the_declared_thresholds_are_all_that_a_predicate_needs(name, record_of):
     thresholds = {key: low for key, (low, _) in DECLARED_PREDICATES[name].thresholds.items()}
     parameters = {"predicate": {"name": name, "thresholds": thresholds}}
     record = record_of(duration_s=1.0)
@@ -31,7 +27,7 @@ def test_the_declared_thresholds_are_all_that_a_predicate_needs(
 
 
 @pytest.mark.parametrize("template", available_templates())
-def test_every_templates_predicate_can_be_evaluated_on_its_episode(template: str) -> None:
+def test_every_templates_predicate_can_be_evaluated_on_its_episode(template):
     setup = set_up_episode(EpisodeRequest(template=template, sensors="none"))
     record = record_of_loop(setup, list(closed_loop(setup, 60)))
     name, thresholds = predicate_of(record)

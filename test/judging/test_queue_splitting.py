@@ -43,7 +43,7 @@ def _queues(
     return hand_made(NETWORK, vehicles)
 
 
-def test_passing_between_two_queues_that_hold() -> None:
+def test_passing_between_two_queues_that_hold():
     verdict = queues_split(_queues(), THRESHOLDS)
     assert verdict.holds
     assert verdict.measures() == {"holding": 8.0, "overtaken": 8.0, "shorter_queue": 4.0}
@@ -51,27 +51,27 @@ def test_passing_between_two_queues_that_hold() -> None:
     assert verdict.parts[2].detail == "4 on the left, 4 on the right"
 
 
-def test_overtakings_lie_where_the_centres_are_abreast() -> None:
+def test_overtakings_lie_where_the_centres_are_abreast():
     record = _queues(emv_x_m=LINE_X_M + 0.4)
-    found = find_overtakings(record, places_of(record, record.rows), EMV)
-    assert [item.actor_id for item in found] == [10, 20, 11, 21, 12, 22, 13, 23]
-    for item in found:
+    overtakings = find_overtakings(record, places_of(record, record.rows), EMV)
+    assert [item.actor_id for item in overtakings] == [10, 20, 11, 21, 12, 22, 13, 23]
+    for item in overtakings:
         assert item.step == int(np.ceil((30.0 + 8.0 * (item.actor_id % 10) - 5.12) / 0.35))
         assert item.lateral_m == pytest.approx(0.4)
         assert item.side == (1 if item.actor_id < 20 else -1)
 
 
-def test_who_begins_abreast_or_ahead_of_a_vehicle_does_not_overtake_it() -> None:
+def test_who_begins_abreast_or_ahead_of_a_vehicle_does_not_overtake_it():
     for begins_m, passed in ((30.0, [11, 12, 13]), (29.99, [10, 11, 12, 13]), (38.5, [12, 13])):
         emv = Driven(_northbound(LINE_X_M), at_speed(begins_m, 7.0, STEPS))
         queue = {10 + k: Driven(_northbound(LEFT_X_M), np.full(STEPS, 30.0 + 8.0 * k)) for k in range(4)}
         record = hand_made(NETWORK, {EMV: emv, **queue})
-        found = find_overtakings(record, places_of(record, record.rows), EMV)
-        assert [item.actor_id for item in found] == passed
+        overtakings = find_overtakings(record, places_of(record, record.rows), EMV)
+        assert [item.actor_id for item in overtakings] == passed
 
 
 @pytest.mark.parametrize(("off_m", "holds"), [(0.95, True), (-0.95, True), (1.05, False), (-1.05, False)])
-def test_the_emv_has_to_be_within_a_metre_of_the_line(off_m: float, holds: bool) -> None:
+def test_the_emv_has_to_be_within_a_metre_of_the_line(off_m, holds):
     verdict = queues_split(_queues(emv_x_m=LINE_X_M + off_m), THRESHOLDS)
     assert verdict.holds == holds
     if not holds:
@@ -79,23 +79,23 @@ def test_the_emv_has_to_be_within_a_metre_of_the_line(off_m: float, holds: bool)
         assert "off the line: 10 at 3.6 s (1.05 m)" in verdict.failing[0].detail
 
 
-def test_who_stands_in_the_middle_of_the_lane_has_not_pulled_over() -> None:
+def test_who_stands_in_the_middle_of_the_lane_has_not_pulled_over():
     verdict = queues_split(_queues(pulled_m=0.2), THRESHOLDS)
     assert [(part.name, part.value) for part in verdict.failing] == [("holding", 0.0)]
     assert verdict.failing[0].detail.startswith("not pulled over: 10 at 2.0 s (+0.20 m)")
 
 
-def test_the_mode_alone_is_no_hold() -> None:
+def test_the_mode_alone_is_no_hold():
     creeping = _queues(speed_mps=1.0)
     assert [part.name for part in queues_split(creeping, THRESHOLDS).failing] == ["holding"]
 
 
-def test_standing_alone_is_no_hold() -> None:
+def test_standing_alone_is_no_hold():
     nominal = _queues(mode=Mode.NOMINAL)
     assert [part.name for part in queues_split(nominal, THRESHOLDS).failing] == ["holding"]
 
 
-def test_a_hold_has_to_last_a_second() -> None:
+def test_a_hold_has_to_last_a_second():
     for steps, count in ((19, 0), (20, 8)):
         mode = _modes()
         mode[40 + steps :] = Mode.REJOIN
@@ -117,7 +117,7 @@ def held_at(*stays: tuple[float, int]) -> list[tuple[int, float]]:
     return [(item.step, round(item.offset_m, 2)) for item in find_holding(record, places_of(record, record.rows))]
 
 
-def test_the_first_hold_pulled_over_counts_and_else_the_first_hold() -> None:
+def test_the_first_hold_pulled_over_counts_and_else_the_first_hold():
     assert held_at((10.0, 30), (25.0, 30)) == [(0, 0.0)]
     assert held_at((60.0, 30), (75.0, 30)) == [(0, -0.7)]
     ((step, offset_m),) = held_at((10.0, 30), (60.0, 30), (75.0, 30))
@@ -126,19 +126,19 @@ def test_the_first_hold_pulled_over_counts_and_else_the_first_hold() -> None:
     assert held_at((10.0, 5), (60.0, 5)) == []
 
 
-def test_vehicles_that_drive_are_no_queue() -> None:
+def test_vehicles_that_drive_are_no_queue():
     verdict = queues_split(_queues(speed_mps=3.0), THRESHOLDS)
     assert verdict.measures()["overtaken"] == 0.0
     assert queues_split(_queues(speed_mps=2.5), {**THRESHOLDS, "holding_min": 0}).measures()["overtaken"] > 5.0
 
 
 @pytest.mark.parametrize(("left", "right", "failing"), [(7, 0, "shorter_queue"), (7, 1, "shorter_queue"), (3, 2, "")])
-def test_both_lanes_need_a_queue(left: int, right: int, failing: str) -> None:
+def test_both_lanes_need_a_queue(left, right, failing):
     verdict = queues_split(_queues(left=left, right=right), {**THRESHOLDS, "holding_min": 4, "overtaken_min": 4})
     assert [part.name for part in verdict.failing] == ([failing] if failing else [])
 
 
-def test_five_are_not_enough() -> None:
+def test_five_are_not_enough():
     verdict = queues_split(_queues(left=3, right=2), THRESHOLDS)
     assert [(part.name, part.value) for part in verdict.failing] == [("holding", 5.0), ("overtaken", 5.0)]
 
@@ -158,20 +158,20 @@ def _with_the_queues_on_a_junction(*, turns_off: bool) -> EpisodeRecord:
     return replace(record, network=replace(record.network, lanes=tuple(lanes), connections=tuple(joints)))
 
 
-def test_a_junction_that_nobody_crosses_is_part_of_the_road() -> None:
+def test_a_junction_that_nobody_crosses_is_part_of_the_road():
     assert queues_split(_with_the_queues_on_a_junction(turns_off=False), THRESHOLDS).holds
     verdict = queues_split(_with_the_queues_on_a_junction(turns_off=True), THRESHOLDS)
     assert verdict.measures()["overtaken"] == 0.0
 
 
-def test_an_episode_without_an_emv_has_no_verdict_that_holds() -> None:
+def test_an_episode_without_an_emv_has_no_verdict_that_holds():
     record = _queues()
     actors = {key: replace(actor, is_emv=False) for key, actor in record.actors.items()}
     alone = replace(record, actors=actors, description=replace(record.description, emv_ids=()))
     assert not queues_split(alone, {**THRESHOLDS, "overtaken_min": 1}).holds
 
 
-def test_a_hold_is_of_one_vehicle_and_without_a_gap_in_the_record() -> None:
+def test_a_hold_is_of_one_vehicle_and_without_a_gap_in_the_record():
     """One civilian is away for a step; another one's record begins where the first one's ends."""
     points = _northbound(RIGHT_X_M + PULLED_M)
     vehicles = {
@@ -181,19 +181,19 @@ def test_a_hold_is_of_one_vehicle_and_without_a_gap_in_the_record() -> None:
     }
     record = hand_made(NETWORK, vehicles)
     for changed, held in ((record, [(12, 0)]), (without(record, 12, lambda step: step == 15), [(12, 16)])):
-        found = find_holding(changed, places_of(changed, changed.rows))
-        assert [(item.actor_id, item.step) for item in found] == held
+        holdings = find_holding(changed, places_of(changed, changed.rows))
+        assert [(item.actor_id, item.step) for item in holdings] == held
 
 
 @pytest.mark.parametrize(("offset_m", "pulled"), [(0.29, False), (0.31, True), (-0.29, False), (-0.31, True)])
-def test_pulled_over_is_0_3_m_off_the_middle_to_either_side(offset_m: float, pulled: bool) -> None:
+def test_pulled_over_is_0_3_m_off_the_middle_to_either_side(offset_m, pulled):
     vehicles = {10: Driven(_northbound(RIGHT_X_M + offset_m), np.full(30, 40.0), Mode.YIELD_HOLD)}
     record = hand_made(NETWORK, vehicles)
     (held,) = find_holding(record, places_of(record, record.rows))
     assert held.pulled_over is pulled
 
 
-def test_of_two_emvs_the_one_that_comes_closest_counts_and_neither_is_overtaken_as_a_civilian() -> None:
+def test_of_two_emvs_the_one_that_comes_closest_counts_and_neither_is_overtaken_as_a_civilian():
     """The second one passes between the queues; the first one drives far from the line, and the second passes it."""
     record = _queues(emv_x_m=LINE_X_M)
     aside = Driven(_northbound(LEFT_X_M - 1.5), np.full(STEPS, 45.0))

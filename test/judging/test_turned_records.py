@@ -2,21 +2,9 @@
 
 from dataclasses import replace
 
+import hand_made_record as hand
 import numpy as np
 import pytest
-from hand_made_record import (
-    EASTBOUND,
-    EMV,
-    LEFT_X_M,
-    NORTHBOUND,
-    ON_SHOULDER,
-    RIGHT_X_M,
-    Driven,
-    at_speed,
-    crossing,
-    hand_made,
-    line,
-)
 
 from siren_ros.judging.junction_templates import red_crossing, red_same_direction, shoulder_turn, stop_crossing
 from siren_ros.judging.lane_clearance import lane_cleared
@@ -52,24 +40,26 @@ def turned(record, angle):
 
 def queues():
     mode = np.where(np.arange(200) < 40, Mode.YIELD_PULL_OVER, Mode.YIELD_HOLD).astype(np.uint8)
-    vehicles = {EMV: Driven(line((3.7, -120.0), (3.7, -20.0)), at_speed(5.12, 7.0, 200))}
-    for first, x in ((10, LEFT_X_M - 0.7), (20, RIGHT_X_M + 0.7)):
+    vehicles = {hand.EMV: hand.Driven(hand.line((3.7, -120.0), (3.7, -20.0)), hand.at_speed(5.12, 7.0, 200))}
+    for first, x in ((10, hand.LEFT_X_M - 0.7), (20, hand.RIGHT_X_M + 0.7)):
         for number in range(3):
-            vehicles[first + number] = Driven(line((x, -120.0), (x, -20.0)), np.full(200, 30.0 + 8.0 * number), mode)
-    return hand_made(crossing(), vehicles)
+            vehicles[first + number] = hand.Driven(
+                hand.line((x, -120.0), (x, -20.0)), np.full(200, 30.0 + 8.0 * number), mode
+            )
+    return hand.hand_made(hand.crossing(), vehicles)
 
 
 def at_junction(kind=JunctionKind.SIGNAL):
     vehicles = {
-        EMV: Driven(NORTHBOUND, at_speed(60.0, 10.0, 180)),
-        2: Driven(EASTBOUND, at_speed(75.0, 8.0, 180)),
-        3: Driven(line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0)), at_speed(80.0, 8.0, 180)),
+        hand.EMV: hand.Driven(hand.NORTHBOUND, hand.at_speed(60.0, 10.0, 180)),
+        2: hand.Driven(hand.EASTBOUND, hand.at_speed(75.0, 8.0, 180)),
+        3: hand.Driven(hand.line((hand.LEFT_X_M, -120.0), (hand.LEFT_X_M, 110.0)), hand.at_speed(80.0, 8.0, 180)),
     }
-    return hand_made(crossing(kind), vehicles, lambda _: "rrrrGrr")
+    return hand.hand_made(hand.crossing(kind), vehicles, lambda _: "rrrrGrr")
 
 
 def on_shoulder():
-    return hand_made(crossing(), {EMV: Driven(ON_SHOULDER, at_speed(40.0, 8.0, 300))})
+    return hand.hand_made(hand.crossing(), {hand.EMV: hand.Driven(hand.ON_SHOULDER, hand.at_speed(40.0, 8.0, 300))})
 
 
 def measures_of(verdict):

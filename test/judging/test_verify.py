@@ -37,7 +37,7 @@ def _failing(verification: Verification) -> list[str]:
     return [part.name for part in verification.failing if part.name != "wrong_state_hashes"]
 
 
-def test_a_sound_episode_holds(record: EpisodeRecord) -> None:
+def test_a_sound_episode_holds(record):
     verification = verify_episode(record)
     assert verification.holds
     assert _failing(verification) == []
@@ -55,7 +55,7 @@ def _moved(record: EpisodeRecord, **columns: Callable[[np.ndarray, np.ndarray], 
     return record
 
 
-def test_a_jump_is_found_with_its_actor_and_step(record: EpisodeRecord) -> None:
+def test_a_jump_is_found_with_its_actor_and_step(record):
     verification = verify_episode(_moved(record, x_m=lambda x, _: x + 0.3))
     assert _failing(verification) == ["position_jump_m", "speed_error_mps"]
     (jump,) = [part for part in verification.checks if part.name == "position_jump_m"]
@@ -63,12 +63,12 @@ def test_a_jump_is_found_with_its_actor_and_step(record: EpisodeRecord) -> None:
     assert jump.detail.startswith("actor 2 at step 100")
 
 
-def test_a_turn_on_the_spot_is_found(record: EpisodeRecord) -> None:
+def test_a_turn_on_the_spot_is_found(record):
     assert _failing(verify_episode(_moved(record, yaw_rad=lambda yaw, _: yaw + 0.2))) == ["yaw_jump_rad"]
 
 
 @pytest.mark.parametrize("beyond_rad", [-0.002, 0.002])
-def test_a_turn_is_held_against_the_tighter_of_steering_and_grip(record: EpisodeRecord, beyond_rad: float) -> None:
+def test_a_turn_is_held_against_the_tighter_of_steering_and_grip(record, beyond_rad):
     speed_mps = max(float(record.track(2).speed_mps[step]) for step in (99, 100, 101))
     by_steering = speed_mps * np.tan(0.7) / (0.5 * record.actors[2].length_m)
     by_grip = 12.0 / speed_mps
@@ -78,7 +78,7 @@ def test_a_turn_is_held_against_the_tighter_of_steering_and_grip(record: Episode
     assert _failing(verify_episode(turned)) == (["yaw_jump_rad"] if beyond_rad > 0.0 else [])
 
 
-def test_a_standing_vehicle_cannot_turn(record: EpisodeRecord) -> None:
+def test_a_standing_vehicle_cannot_turn(record):
     """Grip would let it; a bicycle without speed has no yaw rate."""
     first = record.states[0]
     still = replace(first, vx_mps=np.zeros(len(first)), vy_mps=np.zeros(len(first)), yaw_rad=np.zeros(len(first)))
@@ -90,7 +90,7 @@ def test_a_standing_vehicle_cannot_turn(record: EpisodeRecord) -> None:
 
 @pytest.mark.parametrize("beyond_rad", [-0.002, 0.002])
 @pytest.mark.parametrize("speed_mps", [0.5, 2.0])
-def test_a_slow_vehicle_turns_as_far_as_its_steering_lets_it(speed_mps: float, beyond_rad: float) -> None:
+def test_a_slow_vehicle_turns_as_far_as_its_steering_lets_it(speed_mps, beyond_rad):
     record = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(10.0, speed_mps, 12))})
     limit_rad = speed_mps * np.tan(0.7) / (0.5 * CAR_LENGTH_M) * STEP_S + 0.01
     turned = with_states(record, lambda step: step >= 6, yaw_rad=lambda state: state.yaw_rad - limit_rad - beyond_rad)
@@ -98,7 +98,7 @@ def test_a_slow_vehicle_turns_as_far_as_its_steering_lets_it(speed_mps: float, b
     assert (part.holds, part.detail) == (beyond_rad < 0.0, "actor 2 at step 6")
 
 
-def test_an_actor_that_is_away_for_a_while_has_not_jumped() -> None:
+def test_an_actor_that_is_away_for_a_while_has_not_jumped():
     """From one step to the next alone a way can be too long."""
     first = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(10.0, 10.0, 10))})
     later = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(60.0, 10.0, 10), first_step=20)})
@@ -110,7 +110,7 @@ def test_an_actor_that_is_away_for_a_while_has_not_jumped() -> None:
     assert part.value == pytest.approx(45.0)
 
 
-def test_two_actors_far_apart_have_not_jumped() -> None:
+def test_two_actors_far_apart_have_not_jumped():
     """The last state of one and the first of the next follow each other in the rows."""
     record = hand_made(
         crossing(),
@@ -119,22 +119,22 @@ def test_two_actors_far_apart_have_not_jumped() -> None:
     assert check_motion(record, VerifyLimits())[0].holds
 
 
-def test_a_wrong_speed_is_found(record: EpisodeRecord) -> None:
+def test_a_wrong_speed_is_found(record):
     assert _failing(verify_episode(_moved(record, vx_mps=lambda v, _: v + 3.0))) == ["speed_error_mps"]
 
 
-def test_an_unknown_owner_is_found(record: EpisodeRecord) -> None:
+def test_an_unknown_owner_is_found(record):
     broken = _moved(record, owner=lambda owner, _: np.full_like(owner, 7))
     assert _failing(verify_episode(broken)) == ["ownership_faults"]
 
 
-def test_two_controllers_of_one_actor_are_found(record: EpisodeRecord) -> None:
+def test_two_controllers_of_one_actor_are_found(record):
     claims = {**record.commands, "intruder": record.commands["emv_controller"][:1]}
     assert isinstance(claims["intruder"][0], VehicleCommands)
     assert _failing(verify_episode(replace(record, commands=claims))) == ["ownership_faults"]
 
 
-def test_an_actor_that_stands_twice_in_a_step_is_found(record: EpisodeRecord) -> None:
+def test_an_actor_that_stands_twice_in_a_step_is_found(record):
     state = record.states[40]
     rows = np.array([0, 1, 1, *range(2, len(state))])
     columns = {name: getattr(state, name)[rows] for name in ACTOR_STATE_DTYPES}
@@ -142,7 +142,7 @@ def test_an_actor_that_stands_twice_in_a_step_is_found(record: EpisodeRecord) ->
     assert check_owners(replace(record, states=doubled)).value == 1.0
 
 
-def test_only_rows_that_ros_owns_are_claims(record: EpisodeRecord) -> None:
+def test_only_rows_that_ros_owns_are_claims(record):
     first = record.commands["emv_controller"][0]
     handed_back = replace(first, owner=np.full_like(first.owner, Owner.SUMO))
     elsewhen = replace(first, step=10**6)
@@ -153,14 +153,14 @@ def test_only_rows_that_ros_owns_are_claims(record: EpisodeRecord) -> None:
     assert check_owners(replace(record, commands=claims)).value == (first.owner == Owner.ROS).sum() > 0
 
 
-def test_a_teleport_is_found(record: EpisodeRecord) -> None:
+def test_a_teleport_is_found(record):
     events = (*record.events, Event(7, EventKind.TELEPORT, 3))
     verification = verify_episode(replace(record, events=events))
     assert _failing(verification) == ["teleports"]
     assert verification.failing[0].detail == "actor 3 at step 7"
 
 
-def test_a_large_residual_is_found(record: EpisodeRecord) -> None:
+def test_a_large_residual_is_found(record):
     far = with_states(record, residual_m=lambda state: state.residual_m + 3.0)
     assert _failing(verify_episode(far)) == ["residual_p99_m", "residual_max_m"]
 
@@ -171,7 +171,7 @@ def with_topic(record: EpisodeRecord, name: str, **changes: Any) -> EpisodeRecor
 
 
 @pytest.mark.parametrize("topic", ["/clock", "/emv/lidar/points"])
-def test_a_lost_message_is_found(record: EpisodeRecord, topic: str) -> None:
+def test_a_lost_message_is_found(record, topic):
     whole = record.topics[topic]
     short = with_topic(record, topic, count=whole.count - 1, times_ns=np.delete(whole.times_ns, 5))
     verification = verify_episode(short)
@@ -180,41 +180,41 @@ def test_a_lost_message_is_found(record: EpisodeRecord, topic: str) -> None:
 
 
 @pytest.mark.parametrize("topic", ["/clock", "/siren/events", "/emv/lidar/points"])
-def test_as_many_messages_at_other_steps_are_found(record: EpisodeRecord, topic: str) -> None:
+def test_as_many_messages_at_other_steps_are_found(record, topic):
     times_ns = record.topics[topic].times_ns.copy()
     times_ns[5] += STEP_NS
     assert _failing(verify_episode(with_topic(record, topic, times_ns=times_ns))) == ["topics_with_lost_messages"]
 
 
-def test_a_latched_topic_has_one_message(record: EpisodeRecord) -> None:
+def test_a_latched_topic_has_one_message(record):
     times_ns = np.repeat(record.topics["/siren/map"].times_ns, 2)
     (fault,) = verify_episode(with_topic(record, "/siren/map", count=2, times_ns=times_ns)).failing
     assert fault.detail == "/siren/map has 2 messages instead of 1"
 
 
-def test_a_missing_topic_is_found(record: EpisodeRecord) -> None:
+def test_a_missing_topic_is_found(record):
     topics = {name: topic for name, topic in record.topics.items() if name != "/siren/yield_commands"}
     assert "/siren/yield_commands is missing" in verify_episode(replace(record, topics=topics)).failing[0].detail
 
 
-def test_a_stamp_beside_the_grid_is_found(record: EpisodeRecord) -> None:
+def test_a_stamp_beside_the_grid_is_found(record):
     wrong = with_topic(record, "/siren/events", stamp_mismatches=2)
     assert _failing(verify_episode(wrong)) == ["topics_with_wrong_stamps"]
 
 
-def test_an_episode_that_was_interrupted_is_not_complete(record: EpisodeRecord) -> None:
+def test_an_episode_that_was_interrupted_is_not_complete(record):
     verification = verify_episode(replace(record, outcome=None, complete=False))
     assert "steps" in _failing(verification)
     assert "no outcome" in verification.failing[0].detail
 
 
-def test_states_of_an_unknown_actor_contradict_the_record(record: EpisodeRecord) -> None:
+def test_states_of_an_unknown_actor_contradict_the_record(record):
     actors = {key: actor for key, actor in record.actors.items() if key != 4}
     with pytest.raises(EpisodeError, match="never described"):
         verify_episode(replace(record, actors=actors))
 
 
-def test_a_state_that_was_changed_afterwards_is_found(record: EpisodeRecord) -> None:
+def test_a_state_that_was_changed_afterwards_is_found(record):
     state = record.states[30]
     x_m = state.x_m.copy()
     x_m[0] += 1e-12
@@ -230,20 +230,20 @@ def _colliding(record: EpisodeRecord, speed_mps: float) -> EpisodeRecord:
     return replace(record, events=(*record.events, contact))
 
 
-def test_an_impact_at_speed_is_found_with_the_papers_drivers_alone(record: EpisodeRecord) -> None:
+def test_an_impact_at_speed_is_found_with_the_papers_drivers_alone(record):
     assert _failing(verify_episode(_colliding(record, 1.5))) == []
     assert _failing(verify_episode(_colliding(record, 2.5))) == ["impact_speed_mps"]
     drawn = replace(record, description=replace(record.description, preset="realistic"))
     assert _failing(verify_episode(_colliding(drawn, 2.5))) == []
 
 
-def test_a_contact_explains_half_of_the_velocity_that_it_takes(record: EpisodeRecord) -> None:
+def test_a_contact_explains_half_of_the_velocity_that_it_takes(record):
     stopped = _moved(record, vx_mps=lambda v, _: v - 3.0)
     assert _failing(verify_episode(stopped)) == ["speed_error_mps"]
     assert "speed_error_mps" in _failing(verify_episode(_colliding(stopped, 1.0)))  # the step after it has no contact
 
 
-def test_bodies_in_each_other_are_found(record: EpisodeRecord) -> None:
+def test_bodies_in_each_other_are_found(record):
     state = record.states[50]
     x_m, y_m = state.x_m.copy(), state.y_m.copy()
     x_m[2], y_m[2] = x_m[1] + 1.0, y_m[1]
@@ -260,9 +260,7 @@ def test_bodies_in_each_other_are_found(record: EpisodeRecord) -> None:
         ("accel_mps2", 3.0, "emv_accel_p99_mps2"),
     ],
 )
-def test_accelerations_that_no_driver_uses_are_found(
-    record: EpisodeRecord, column: str, value: float, name: str
-) -> None:
+def test_accelerations_that_no_driver_uses_are_found(record, column, value, name):
     changed = with_states(record, lambda step: step % 20 == 0, **{column: lambda state: np.full(len(state), value)})
     assert _failing(verify_episode(changed)) == [name]
 
@@ -283,9 +281,7 @@ def on_a_way(
 @pytest.mark.parametrize("heading", np.radians([0.0, 30.0, 120.0, -75.0]))
 @pytest.mark.parametrize(("struck", "error_mps"), [((2, 3), 0.0), ((3, 2), 0.0), ((3, 4), 3.0), (None, 3.0)])
 @pytest.mark.parametrize("more_mps", [0.0, 1.0])
-def test_a_contact_takes_velocity_within_a_step_in_any_direction(
-    heading: float, struck: tuple[int, int] | None, error_mps: float, more_mps: float
-) -> None:
+def test_a_contact_takes_velocity_within_a_step_in_any_direction(heading, struck, error_mps, more_mps):
     """From 10 m/s to 4 m/s at the end of a step: the mean velocity is 3 m/s off, half of what the contact took.
 
     What is more than that is not explained by it.
@@ -300,7 +296,7 @@ def test_a_contact_takes_velocity_within_a_step_in_any_direction(
 
 
 @pytest.mark.parametrize(("step", "beyond"), [(-1, False), (3, True)])
-def test_the_worst_case_is_named_with_a_change_of_its_owner(step: int, beyond: bool) -> None:
+def test_the_worst_case_is_named_with_a_change_of_its_owner(step, beyond):
     record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(6)), 5: Driven(NORTHBOUND, np.full(6, 40.0))})
     changed = with_states(
         record,
@@ -313,7 +309,7 @@ def test_the_worst_case_is_named_with_a_change_of_its_owner(step: int, beyond: b
         assert (part.value, part.detail) == (pytest.approx(2.0), "actor 5 at step 3 as its owner changes")
 
 
-def test_a_record_without_moves_has_no_jumps_and_names_nobody() -> None:
+def test_a_record_without_moves_has_no_jumps_and_names_nobody():
     two_steps = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(2))})
     for part in check_motion(replace(two_steps, states=two_steps.states[:1]), VerifyLimits()):
         assert (part.holds, part.value, part.detail) == (True, 0.0, "")
@@ -321,9 +317,7 @@ def test_a_record_without_moves_has_no_jumps_and_names_nobody() -> None:
 
 
 @pytest.mark.parametrize(("planned_s", "holds"), [(0.0, True), (0.04, True), (0.06, False)])
-def test_a_complete_episode_has_the_steps_of_its_description(
-    record: EpisodeRecord, planned_s: float, holds: bool
-) -> None:
+def test_a_complete_episode_has_the_steps_of_its_description(record, planned_s, holds):
     """More by a step than were planned are no fault, a step less is one."""
     duration_s = record.steps * STEP_S + planned_s
     longer = replace(record, description=replace(record.description, duration_s=duration_s))
@@ -333,7 +327,7 @@ def test_a_complete_episode_has_the_steps_of_its_description(
     assert part.holds is holds or planned_s == 0.04
 
 
-def test_stamps_off_the_grid_and_stamps_that_contradict_the_bag_are_counted_together(record: EpisodeRecord) -> None:
+def test_stamps_off_the_grid_and_stamps_that_contradict_the_bag_are_counted_together(record):
     whole = record.topics["/siren/events"]
     times_ns = whole.times_ns.copy()
     times_ns[3] += 1
@@ -349,9 +343,7 @@ def test_stamps_off_the_grid_and_stamps_that_contradict_the_bag_are_counted_toge
 
 @pytest.mark.parametrize("way", [(3.0, 4.0), (-3.0, 4.0), (0.0, -5.0)])
 @pytest.mark.parametrize(("beyond_m", "holds"), [(0.04, True), (0.06, False)])
-def test_a_step_is_no_longer_than_the_faster_of_both_speeds_allows(
-    way: tuple[float, float], beyond_m: float, holds: bool
-) -> None:
+def test_a_step_is_no_longer_than_the_faster_of_both_speeds_allows(way, beyond_m, holds):
     """From standstill to 5 m/s, or from there to standstill: 0.25 m and the margin of 5 cm."""
     direction = np.array(way) / 5.0
     for speeds in ((0.0, 5.0), (5.0, 0.0)):
@@ -360,7 +352,7 @@ def test_a_step_is_no_longer_than_the_faster_of_both_speeds_allows(
         assert (part.holds, part.value) == (holds, pytest.approx(beyond_m))
 
 
-def test_a_sensors_topic_has_the_period_of_its_shortest_interval(record: EpisodeRecord) -> None:
+def test_a_sensors_topic_has_the_period_of_its_shortest_interval(record):
     """Two messages at one time have none; one message alone is a latched one."""
     whole = record.topics["/emv/lidar/points"]
     period_ns = int(np.diff(whole.times_ns).min())
@@ -384,16 +376,14 @@ def test_a_sensors_topic_has_the_period_of_its_shortest_interval(record: Episode
     ("predicate", "checks", "holds"),
     [(True, (True, True), True), (True, (True, False), False), (False, (True, True), False), (True, (), True)],
 )
-def test_an_episode_holds_where_its_predicate_and_every_check_do(
-    predicate: bool, checks: tuple[bool, ...], holds: bool
-) -> None:
+def test_an_episode_holds_where_its_predicate_and_every_check_do(predicate, checks, holds):
     part, *parts = (Part("x", 1.0, 1.0, it_holds, ">=", "") for it_holds in (predicate, *checks))
     verification = Verification(verdict_of((part,), "text"), tuple(parts))
     assert verification.holds is holds
     assert len(verification.failing) == (not predicate) + checks.count(False)
 
 
-def test_headings_are_compared_across_pi() -> None:
+def test_headings_are_compared_across_pi():
     """A car that drives west and bends from just below pi to just above −pi."""
     way = line((50.0, -0.2), (0.0, 0.0), (-50.0, -0.2))
     record = hand_made(crossing(), {2: Driven(way, at_speed(48.0, 10.0, 10))})
@@ -402,7 +392,7 @@ def test_headings_are_compared_across_pi() -> None:
     assert part.value == pytest.approx(0.008 - 12.0 / 10.0 * STEP_S, abs=1e-4)
 
 
-def test_signals_are_part_of_the_hash_of_a_state() -> None:
+def test_signals_are_part_of_the_hash_of_a_state():
     red = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(3))}, lambda _: "rrr")
     green = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(3))}, lambda _: "GGG")
     hashes = {state.step: hash_state(state, red.traffic[state.step].signals) for state in red.states}

@@ -2,21 +2,10 @@
 
 from dataclasses import replace
 
+import hand_made_record as hand
 import numpy as np
 import pytest
 from evaluation.made_records import moving, record_with
-from hand_made_record import (
-    EAST,
-    EMV,
-    NORTHBOUND,
-    RIGHT,
-    STRAIGHT,
-    STRAIGHT_LEFT,
-    Driven,
-    at_speed,
-    crossing,
-    hand_made,
-)
 
 from siren_ros.errors import BagError
 from siren_ros.record.tracks import REGION, Track, lane_signals, tracks_of, whole_windows
@@ -31,10 +20,10 @@ def record(emv_ahead_m: float = 20.0) -> EpisodeRecord:
         1: moving(0.0, 0.0, 10.0, steps=41, is_emv=True),
         5: moving(emv_ahead_m, 0.0, 10.0, accel_mps2=0.5, steps=41, without=frozenset({20})),
     }
-    return record_with(tracks, crossing())
+    return record_with(tracks, hand.crossing())
 
 
-def test_every_second_step_is_a_frame() -> None:
+def test_every_second_step_is_a_frame():
     emv, car = tracks_of(record())
     assert (emv.actor.is_emv, car.actor.actor_id) == (True, 5)
     assert emv.frame.tolist() == list(range(21))
@@ -46,7 +35,7 @@ def test_every_second_step_is_a_frame() -> None:
     assert len(car) == 20
 
 
-def test_windows_are_whole_and_in_the_population() -> None:
+def test_windows_are_whole_and_in_the_population():
     _, car = tracks_of(record())
     assert whole_windows(car, 10, "all").tolist() == [0, 11]
     assert whole_windows(car, 8, "all").tolist() == [0, 1, 2, 11, 12, 13]
@@ -56,7 +45,7 @@ def test_windows_are_whole_and_in_the_population() -> None:
     assert whole_windows(replace(car, in_region=inside), 6, "all").tolist() == [0, 1, 2, 3, 4, 11, 12, 13, 14, 15]
 
 
-def test_a_part_of_a_track() -> None:
+def test_a_part_of_a_track():
     _, car = tracks_of(record())
     part = car.window(8, 5)
     assert part.frame.tolist() == [8, 9, 11, 12]
@@ -64,13 +53,13 @@ def test_a_part_of_a_track() -> None:
     assert isinstance(part, Track)
 
 
-def test_the_region_is_around_the_emv() -> None:
+def test_the_region_is_around_the_emv():
     near, far = (tracks_of(record(ahead_m))[1] for ahead_m in (20.0, 300.0))
     assert near.in_region.all()
     assert not far.in_region.any()
 
 
-def test_an_actor_that_nobody_describes_is_refused() -> None:
+def test_an_actor_that_nobody_describes_is_refused():
     whole = record()
     with pytest.raises(BagError, match="5 is not"):
         tracks_of(replace(whole, actors={1: whole.actors[1]}))
@@ -78,19 +67,21 @@ def test_an_actor_that_nobody_describes_is_refused() -> None:
 
 def shown(letters: dict[int, str]) -> EpisodeRecord:
     state = "".join(letters.get(link, "r") for link in range(7))
-    return hand_made(
-        crossing(), {EMV: Driven(NORTHBOUND, at_speed(0.0, 10.0, 5))}, lambda step: state if step == 3 else ""
+    return hand.hand_made(
+        hand.crossing(),
+        {hand.EMV: hand.Driven(hand.NORTHBOUND, hand.at_speed(0.0, 10.0, 5))},
+        lambda step: state if step == 3 else "",
     )
 
 
-def test_a_lane_shows_green_where_one_of_its_movements_is() -> None:
+def test_a_lane_shows_green_where_one_of_its_movements_is():
     """From the right lane one goes straight on and to the right."""
-    found = lane_signals(shown({STRAIGHT: "r", RIGHT: "G", STRAIGHT_LEFT: "y", EAST: "g"}), 3)
-    assert (found[RIGHT_LANE], found[LEFT_LANE], found[WEST_LANE]) == ("G", "y", "g")
-    assert lane_signals(shown({STRAIGHT: "G", RIGHT: "r"}), 3)[RIGHT_LANE] == "G"
+    letters = lane_signals(shown({hand.STRAIGHT: "r", hand.RIGHT: "G", hand.STRAIGHT_LEFT: "y", hand.EAST: "g"}), 3)
+    assert (letters[RIGHT_LANE], letters[LEFT_LANE], letters[WEST_LANE]) == ("G", "y", "g")
+    assert lane_signals(shown({hand.STRAIGHT: "G", hand.RIGHT: "r"}), 3)[RIGHT_LANE] == "G"
     assert lane_signals(shown({}), 3)[RIGHT_LANE] == "r"
 
 
-def test_without_a_state_nothing_is_shown() -> None:
-    assert lane_signals(shown({STRAIGHT: "G"}), 2) == {}
-    assert lane_signals(shown({STRAIGHT: "G"}), 99) == {}
+def test_without_a_state_nothing_is_shown():
+    assert lane_signals(shown({hand.STRAIGHT: "G"}), 2) == {}
+    assert lane_signals(shown({hand.STRAIGHT: "G"}), 99) == {}

@@ -6,30 +6,18 @@ import pytest
 import yaml
 
 from siren_ros.errors import BagError
-from siren_ros.recording.bag_folder import (
-    MAX_METADATA_BYTES,
-    RESERVE_BYTES,
-    RESERVE_FILE,
-    BagTopic,
-    WorkingFolder,
-    check_new_bag,
-    free_partial_path,
-    lock,
-    metadata_text,
-    qos_profiles,
-    qos_text,
-    read_message_counts,
-    read_metadata,
-    working_path,
-)
+from siren_ros.recording import bag_folder
 
-TOPICS = (BagTopic("/a", "a/A", "RIHS01_1", True, 1), BagTopic("/b", "b/B", "RIHS01_2", False, 41))
+TOPICS = (
+    bag_folder.BagTopic("/a", "a/A", "RIHS01_1", True, 1),
+    bag_folder.BagTopic("/b", "b/B", "RIHS01_2", False, 41),
+)
 FILE = "bag_0.mcap"
 
 
-def test_spans_and_counts() -> None:
-    found = yaml.safe_load(metadata_text("x_0.mcap", TOPICS, 2_000, 7_500, {"z": "1", "a": "2"}))
-    information = found["rosbag2_bagfile_information"]
+def test_spans_and_counts():
+    content = yaml.safe_load(bag_folder.metadata_text("x_0.mcap", TOPICS, 2_000, 7_500, {"z": "1", "a": "2"}))
+    information = content["rosbag2_bagfile_information"]
     assert information["version"] == 9
     assert information["duration"] == {"nanoseconds": 5_500}
     assert information["starting_time"] == {"nanoseconds_since_epoch": 2_000}
@@ -46,23 +34,26 @@ def test_spans_and_counts() -> None:
     first, second = information["topics_with_message_count"]
     assert (first["message_count"], second["message_count"]) == (1, 41)
     assert first["topic_metadata"]["type_description_hash"] == "RIHS01_1"
-    assert first["topic_metadata"]["offered_qos_profiles"] == qos_profiles(True)
-    assert second["topic_metadata"]["offered_qos_profiles"] == qos_profiles(False)
+    assert first["topic_metadata"]["offered_qos_profiles"] == bag_folder.qos_profiles(True)
+    assert second["topic_metadata"]["offered_qos_profiles"] == bag_folder.qos_profiles(False)
 
 
-def test_no_custom_data_is_none() -> None:
-    assert yaml.safe_load(metadata_text("x", (), 0, 0, {}))["rosbag2_bagfile_information"]["custom_data"] is None
+def test_no_custom_data_is_none():
+    assert (
+        yaml.safe_load(bag_folder.metadata_text("x", (), 0, 0, {}))["rosbag2_bagfile_information"]["custom_data"]
+        is None
+    )
 
 
-def test_latched_topics_keep_their_last_message() -> None:
-    (latched,), (plain,) = qos_profiles(True), qos_profiles(False)
+def test_latched_topics_keep_their_last_message():
+    (latched,), (plain,) = bag_folder.qos_profiles(True), bag_folder.qos_profiles(False)
     assert (latched["durability"], latched["depth"]) == ("transient_local", 1)
     assert (plain["durability"], plain["depth"]) == ("volatile", 10)
     assert latched["deadline"] == {"sec": 9223372036, "nsec": 854775807}
     assert latched["avoid_ros_namespace_conventions"] is False
-    assert yaml.safe_load(qos_text(True)) == [latched]
-    assert "&" not in qos_text(False), "no YAML anchors"
-    assert qos_text(True) == qos_text(True).strip()
+    assert yaml.safe_load(bag_folder.qos_text(True)) == [latched]
+    assert "&" not in bag_folder.qos_text(False), "no YAML anchors"
+    assert bag_folder.qos_text(True) == bag_folder.qos_text(True).strip()
 
 
 def write(folder: Path, text: str) -> Path:
@@ -71,9 +62,9 @@ def write(folder: Path, text: str) -> Path:
     return folder
 
 
-def test_counts_are_read_back(tmp_path: Path) -> None:
-    bag = write(tmp_path / "bag", metadata_text("x_0.mcap", TOPICS, 0, 1, {}))
-    assert read_message_counts(bag) == {"/a": 1, "/b": 41}
+def test_counts_are_read_back(tmp_path):
+    bag = write(tmp_path / "bag", bag_folder.metadata_text("x_0.mcap", TOPICS, 0, 1, {}))
+    assert bag_folder.read_message_counts(bag) == {"/a": 1, "/b": 41}
 
 
 @pytest.mark.parametrize(
@@ -88,44 +79,44 @@ def test_counts_are_read_back(tmp_path: Path) -> None:
         "a: &x 1\nb: *x",
     ],
 )
-def test_what_is_no_metadata(tmp_path: Path, text: str) -> None:
+def test_what_is_no_metadata(tmp_path, text):
     with pytest.raises(BagError, match="readable metadata"):
-        read_metadata(write(tmp_path / "bag", text))
+        bag_folder.read_metadata(write(tmp_path / "bag", text))
     with pytest.raises(BagError, match="metadata"):
-        read_metadata(tmp_path / "missing")
+        bag_folder.read_metadata(tmp_path / "missing")
 
 
-def test_metadata_of_a_megabyte_is_too_large(tmp_path: Path) -> None:
+def test_metadata_of_a_megabyte_is_too_large(tmp_path):
     head = "rosbag2_bagfile_information: {a: 1}\n#"
-    read_metadata(write(tmp_path / "bag", head + "x" * (MAX_METADATA_BYTES - len(head))))
+    bag_folder.read_metadata(write(tmp_path / "bag", head + "x" * (bag_folder.MAX_METADATA_BYTES - len(head))))
     with pytest.raises(BagError, match="at most 1000000 bytes"):
-        read_metadata(write(tmp_path / "bag", head + "x" * (MAX_METADATA_BYTES - len(head) + 1)))
+        bag_folder.read_metadata(write(tmp_path / "bag", head + "x" * (bag_folder.MAX_METADATA_BYTES - len(head) + 1)))
 
 
 @pytest.mark.parametrize(
     "topics", ["3", "[{}]", "[{topic_metadata: {name: /a}}]", "[{topic_metadata: {name: /a}, message_count: x}]"]
 )
-def test_counts_that_cannot_be_read(tmp_path: Path, topics: str) -> None:
+def test_counts_that_cannot_be_read(tmp_path, topics):
     text = f"rosbag2_bagfile_information: {{topics_with_message_count: {topics}}}"
     with pytest.raises(BagError, match="readable metadata"):
-        read_message_counts(write(tmp_path / "bag", text))
+        bag_folder.read_message_counts(write(tmp_path / "bag", text))
 
 
-def test_names_next_to_the_bag(tmp_path: Path) -> None:
+def test_names_next_to_the_bag(tmp_path):
     bag = tmp_path / "bag"
-    assert working_path(bag) == tmp_path / ".bag.partial"
-    assert free_partial_path(bag) == tmp_path / "bag.partial"
+    assert bag_folder.working_path(bag) == tmp_path / ".bag.partial"
+    assert bag_folder.free_partial_path(bag) == tmp_path / "bag.partial"
     (tmp_path / "bag.partial").mkdir()
-    assert free_partial_path(bag) == tmp_path / "bag.partial-2"
+    assert bag_folder.free_partial_path(bag) == tmp_path / "bag.partial-2"
     (tmp_path / "bag.partial-2").mkdir()
     (tmp_path / "bag.partial-3").mkdir()
-    assert free_partial_path(bag) == tmp_path / "bag.partial-4"
+    assert bag_folder.free_partial_path(bag) == tmp_path / "bag.partial-4"
 
 
-def test_the_folder_and_those_above_it_are_made(tmp_path: Path) -> None:
+def test_the_folder_and_those_above_it_are_made(tmp_path):
     bag = tmp_path / "a" / "b" / "bag"
-    folder = WorkingFolder(bag, FILE)
-    assert (folder.path / RESERVE_FILE).stat().st_size == RESERVE_BYTES
+    folder = bag_folder.WorkingFolder(bag, FILE)
+    assert (folder.path / bag_folder.RESERVE_FILE).stat().st_size == bag_folder.RESERVE_BYTES
     assert folder.is_there()
     assert not bag.exists()
     folder.file.write(b"content")
@@ -137,48 +128,48 @@ def test_the_folder_and_those_above_it_are_made(tmp_path: Path) -> None:
     assert not folder.path.exists()
 
 
-def test_a_removed_folder_takes_an_empty_parent_with_it(tmp_path: Path) -> None:
-    folder = WorkingFolder(tmp_path / "a" / "bag", FILE)
+def test_a_removed_folder_takes_an_empty_parent_with_it(tmp_path):
+    folder = bag_folder.WorkingFolder(tmp_path / "a" / "bag", FILE)
     folder.remove()
     assert not (tmp_path / "a").exists()
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "other").touch()
-    WorkingFolder(tmp_path / "b" / "bag", FILE).remove()
+    bag_folder.WorkingFolder(tmp_path / "b" / "bag", FILE).remove()
     assert [path.name for path in (tmp_path / "b").iterdir()] == ["other"]
 
 
-def test_the_folder_of_a_killed_writer_is_set_aside(tmp_path: Path) -> None:
+def test_the_folder_of_a_killed_writer_is_set_aside(tmp_path):
     bag = tmp_path / "bag"
-    left = working_path(bag)
+    left = bag_folder.working_path(bag)
     left.mkdir()
     (left / FILE).write_bytes(b"left")
-    folder = WorkingFolder(bag, FILE)
+    folder = bag_folder.WorkingFolder(bag, FILE)
     assert (tmp_path / "bag.partial" / FILE).read_bytes() == b"left"
     assert (folder.path / FILE).stat().st_size == 0
     folder.remove()
 
 
-def test_a_killed_writer_may_have_left_no_file(tmp_path: Path) -> None:
+def test_a_killed_writer_may_have_left_no_file(tmp_path):
     bag = tmp_path / "bag"
-    working_path(bag).mkdir()
-    WorkingFolder(bag, FILE).remove()
+    bag_folder.working_path(bag).mkdir()
+    bag_folder.WorkingFolder(bag, FILE).remove()
     assert (tmp_path / "bag.partial").is_dir()
 
 
-def test_a_running_writer_is_left_alone(tmp_path: Path) -> None:
-    first = WorkingFolder(tmp_path / "bag", FILE)
+def test_a_running_writer_is_left_alone(tmp_path):
+    first = bag_folder.WorkingFolder(tmp_path / "bag", FILE)
     with pytest.raises(BagError, match="no other episode is writing"):
-        WorkingFolder(tmp_path / "bag", FILE)
+        bag_folder.WorkingFolder(tmp_path / "bag", FILE)
     assert first.is_there()
     assert not (tmp_path / "bag.partial").exists()
     with (first.path / FILE).open("rb", buffering=0) as other:
-        assert not lock(other)
+        assert not bag_folder.lock(other)
         first.close("")
-        assert lock(other)
+        assert bag_folder.lock(other)
 
 
-def test_another_file_under_the_same_path_is_not_the_open_one(tmp_path: Path) -> None:
-    folder = WorkingFolder(tmp_path / "bag", FILE)
+def test_another_file_under_the_same_path_is_not_the_open_one(tmp_path):
+    folder = bag_folder.WorkingFolder(tmp_path / "bag", FILE)
     folder.file.write(b"written")
     folder.check()
     (folder.path / FILE).unlink()
@@ -191,38 +182,38 @@ def test_another_file_under_the_same_path_is_not_the_open_one(tmp_path: Path) ->
     folder.remove()
 
 
-def test_what_is_there_is_not_restored(tmp_path: Path) -> None:
-    folder = WorkingFolder(tmp_path / "bag", FILE)
+def test_what_is_there_is_not_restored(tmp_path):
+    folder = bag_folder.WorkingFolder(tmp_path / "bag", FILE)
     folder.file.write(b"written")
     folder.restore()
     assert folder.file.tell() == len(b"written")
     folder.remove()
 
 
-def test_an_existing_target_is_refused(tmp_path: Path) -> None:
-    folder = WorkingFolder(tmp_path / "bag", FILE)
+def test_an_existing_target_is_refused(tmp_path):
+    folder = bag_folder.WorkingFolder(tmp_path / "bag", FILE)
     (tmp_path / "bag").mkdir()
     folder.close("")
     with pytest.raises(FileExistsError):
         folder.move_to(tmp_path / "bag")
     assert folder.path.is_dir()
     with pytest.raises(BagError, match="new folder"):
-        WorkingFolder(tmp_path / "bag", FILE)
+        bag_folder.WorkingFolder(tmp_path / "bag", FILE)
 
 
-def test_the_reserve_can_be_freed_twice(tmp_path: Path) -> None:
-    folder = WorkingFolder(tmp_path / "bag", FILE)
+def test_the_reserve_can_be_freed_twice(tmp_path):
+    folder = bag_folder.WorkingFolder(tmp_path / "bag", FILE)
     folder.free_reserve()
-    assert not (folder.path / RESERVE_FILE).exists()
+    assert not (folder.path / bag_folder.RESERVE_FILE).exists()
     folder.free_reserve()
     folder.remove()
     folder.remove()
 
 
-def test_a_place_that_cannot_be_written_says_why(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_says_why(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(BagError, match=r"Not a directory|File exists"):
-        WorkingFolder(tmp_path / "file" / "bag", FILE)
+        bag_folder.WorkingFolder(tmp_path / "file" / "bag", FILE)
 
 
 @pytest.mark.parametrize(
@@ -238,21 +229,19 @@ def test_a_place_that_cannot_be_written_says_why(tmp_path: Path) -> None:
     ],
     ids=["300 characters", "longer while it grows", "bytes", "null", "dangling link", "file", "below a file"],
 )
-def test_a_path_that_could_not_be_taken_at_the_end_is_refused_at_the_start(
-    tmp_path: Path, name: str, allowed: str
-) -> None:
+def test_a_path_that_could_not_be_taken_at_the_end_is_refused_at_the_start(tmp_path, name, allowed):
     (tmp_path / "file").touch()
     (tmp_path / "link").symlink_to(tmp_path / "nowhere" / "at all")
-    for use in (check_new_bag, lambda bag: WorkingFolder(bag, FILE)):
+    for use in (bag_folder.check_new_bag, lambda bag: bag_folder.WorkingFolder(bag, FILE)):
         with pytest.raises(BagError) as refused:
             use(tmp_path / name)
         assert refused.value.allowed == allowed
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "link"]
 
 
-def test_unusual_names_are_names(tmp_path: Path) -> None:
+def test_unusual_names_are_names(tmp_path):
     for name in ("a: b", "ä", "-p", "x" * 240):
-        check_new_bag(tmp_path / name)
-        folder = WorkingFolder(tmp_path / name, FILE)
+        bag_folder.check_new_bag(tmp_path / name)
+        folder = bag_folder.WorkingFolder(tmp_path / name, FILE)
         folder.close("")
         assert folder.move_to(tmp_path / name).is_dir()

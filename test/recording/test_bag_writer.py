@@ -9,7 +9,7 @@ import subprocess
 import sys
 import textwrap
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -35,7 +35,7 @@ CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 TEXT = ("/siren/map", "std_msgs/msg/String")
 
 
-def test_items_are_worked_on_in_order_and_in_another_thread() -> None:
+def test_items_are_worked_on_in_order_and_in_another_thread():
     done: list[tuple[int, str]] = []
     worker = BackgroundWorker(lambda item: done.append((item, threading.current_thread().name)), 2, "own")
     for number in range(20):
@@ -45,7 +45,7 @@ def test_items_are_worked_on_in_order_and_in_another_thread() -> None:
     worker.close()
 
 
-def test_the_first_error_is_raised_and_what_comes_after_it_is_dropped() -> None:
+def test_the_first_error_is_raised_and_what_comes_after_it_is_dropped():
     done: list[int] = []
     gate = threading.Event()
 
@@ -66,7 +66,7 @@ def test_the_first_error_is_raised_and_what_comes_after_it_is_dropped() -> None:
         worker.put(5)
 
 
-def test_a_full_queue_makes_the_caller_wait() -> None:
+def test_a_full_queue_makes_the_caller_wait():
     """One item is under way and two wait: the fourth is not taken until there is space."""
     gate, taken = threading.Event(), []
     worker = BackgroundWorker(lambda _: gate.wait(10.0), 2, "own")
@@ -131,7 +131,7 @@ def information(summary: BagSummary) -> dict[str, Any]:
     return dict(yaml.safe_load(text)["rosbag2_bagfile_information"])
 
 
-def test_same_messages_give_the_same_bytes(tmp_path: Path, write_bag: Callable[..., Path]) -> None:
+def test_same_messages_give_the_same_bytes(tmp_path, write_bag):
     first, second = (write_bag(tmp_path / folder / "S2_L2_seed0", lidar=True) for folder in ("a", "b"))
     names = sorted(path.name for path in first.iterdir())
     assert names == ["S2_L2_seed0_0.mcap", "metadata.yaml"]
@@ -139,7 +139,7 @@ def test_same_messages_give_the_same_bytes(tmp_path: Path, write_bag: Callable[.
         assert (first / name).read_bytes() == (second / name).read_bytes()
 
 
-def test_both_readers_see_every_message_in_simulated_time(tmp_path: Path, write_bag: Callable[..., Path]) -> None:
+def test_both_readers_see_every_message_in_simulated_time(tmp_path, write_bag):
     path = write_bag(tmp_path / "bag", duration_s=2.0, lidar=True)
     with AnyReader([path]) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
@@ -153,15 +153,13 @@ def test_both_readers_see_every_message_in_simulated_time(tmp_path: Path, write_
     with (path / "bag_0.mcap").open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
-        assert summary is not None
-        assert summary.statistics is not None
         assert summary.statistics.message_count == sum(counts.values())
         times = [(message.log_time, message.publish_time) for _, _, message in reader.iter_messages()]
     assert times == sorted(times)
     assert all(log == publish for log, publish in times)
 
 
-def test_sequence_numbers_count_each_topics_messages(tmp_path: Path, write_bag: Callable[..., Path]) -> None:
+def test_sequence_numbers_count_each_topics_messages(tmp_path, write_bag):
     sequences: dict[int, list[int]] = {}
     for content in contents(write_bag(tmp_path / "bag", duration_s=2.0)):
         for message in content.messages:
@@ -170,7 +168,7 @@ def test_sequence_numbers_count_each_topics_messages(tmp_path: Path, write_bag: 
     assert all(numbers == list(range(len(numbers))) for numbers in sequences.values())
 
 
-def test_metadata_says_what_rosbag2_needs(writing: Writing) -> None:
+def test_metadata_says_what_rosbag2_needs(writing):
     metadata = information(writing.begin((), text=True).finish())
     assert (metadata["version"], metadata["storage_identifier"]) == (9, "mcap")
     (topic,) = metadata["topics_with_message_count"]
@@ -180,22 +178,20 @@ def test_metadata_says_what_rosbag2_needs(writing: Writing) -> None:
 
 
 @pytest.mark.parametrize(("clocks", "counts"), [(0, {TEXT[0]: 1}), (3, {TEXT[0]: 1, CLOCK[0]: 3})])
-def test_the_summary_gives_the_size_of_all_files_and_the_number_of_messages(
-    writing: Writing, clocks: int, counts: dict[str, int]
-) -> None:
+def test_the_summary_gives_the_size_of_all_files_and_the_number_of_messages(writing, clocks, counts):
     summary = writing.begin(range(clocks), text=True).finish()
     assert summary.message_counts == counts
     assert summary.size_bytes == sum(file.stat().st_size for file in summary.path.iterdir())
 
 
-def test_the_metadata_gives_the_time_of_the_first_message_and_the_span_to_the_last(writing: Writing) -> None:
+def test_the_metadata_gives_the_time_of_the_first_message_and_the_span_to_the_last(writing):
     metadata = information(writing.begin(range(3, 11), chunk_bytes=1).finish())
     assert metadata["starting_time"]["nanoseconds_since_epoch"] == 150_000_000
     assert metadata["duration"]["nanoseconds"] == 350_000_000
     assert metadata["message_count"] == 8
 
 
-def test_nothing_stands_under_the_final_name_before_the_end(writing: Writing) -> None:
+def test_nothing_stands_under_the_final_name_before_the_end(writing):
     writer = writing.begin()
     assert writing.names() == [".bag.partial"]
     reserve = writing.folder / ".bag.partial" / ".reserve"
@@ -208,7 +204,7 @@ def test_nothing_stands_under_the_final_name_before_the_end(writing: Writing) ->
 
 
 @pytest.mark.parametrize(("place", "reason"), [("there", "exists already"), ("file/bag", "place that can be written")])
-def test_a_place_that_cannot_be_written_is_refused_and_left_alone(writing: Writing, place: str, reason: str) -> None:
+def test_a_place_that_cannot_be_written_is_refused_and_left_alone(writing, place, reason):
     (writing.folder / "there").mkdir()
     (writing.folder / "file").touch()
     with pytest.raises(BagError, match=reason):
@@ -216,14 +212,14 @@ def test_a_place_that_cannot_be_written_is_refused_and_left_alone(writing: Writi
     assert writing.names() == ["file", "there"]
 
 
-def test_two_episodes_do_not_write_one_bag(writing: Writing) -> None:
+def test_two_episodes_do_not_write_one_bag(writing):
     first = writing.begin(())
     with pytest.raises(BagError, match="no other episode"):
         writing.begin(())
     first.abandon("over")
 
 
-def test_an_abandoned_bag_is_readable_and_says_why(writing: Writing) -> None:
+def test_an_abandoned_bag_is_readable_and_says_why(writing):
     for name in ("bag.partial", "bag.partial-2"):
         summary = writing.begin().abandon("sensor_sim did not answer")
         assert summary.path.name == name
@@ -257,7 +253,7 @@ class FillingDisk:
         return getattr(self._file, name)
 
 
-def test_a_chunk_that_the_disk_took_in_part_is_taken_back(writing: Writing, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_chunk_that_the_disk_took_in_part_is_taken_back(writing, monkeypatch):
     writer = writing.begin((), chunk_bytes=64)
     disk = FillingDisk(writer._stream._stream, 20_000)
     monkeypatch.setattr(writer._stream, "_stream", disk)
@@ -273,7 +269,7 @@ def test_a_chunk_that_the_disk_took_in_part_is_taken_back(writing: Writing, monk
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device /dev/full, which is Linux's")
-def test_a_full_disk_ends_the_episode_with_its_cause(writing: Writing, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_ends_the_episode_with_its_cause(writing, monkeypatch):
     writer = writing.begin(range(10), chunk_bytes=64)
     with Path("/dev/full").open("wb", buffering=0) as full:
         monkeypatch.setattr(writer._stream, "_stream", full)
@@ -287,7 +283,7 @@ def test_a_full_disk_ends_the_episode_with_its_cause(writing: Writing, monkeypat
 
 
 @pytest.mark.parametrize("written", [0, 10])
-def test_a_folder_that_disappears_is_noticed_and_its_bag_is_saved(writing: Writing, written: int) -> None:
+def test_a_folder_that_disappears_is_noticed_and_its_bag_is_saved(writing, written):
     writer = writing.begin(range(written), chunk_bytes=64)
     shutil.rmtree(writing.folder / ".bag.partial")
     with pytest.raises(EpisodeError, match="folder has disappeared"):
@@ -301,14 +297,13 @@ def test_a_folder_that_disappears_is_noticed_and_its_bag_is_saved(writing: Writi
             assert reader.message_count == written
 
 
-def test_a_chunk_is_closed_after_a_second(writing: Writing) -> None:
+def test_a_chunk_is_closed_after_a_second(writing):
     with (writing.begin(range(41)).finish().path / "bag_0.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
-    assert summary is not None
     assert len(summary.chunk_indexes) == 2
 
 
-def test_the_chunk_after_new_definitions_and_every_64th_repeat_all_definitions(writing: Writing) -> None:
+def test_the_chunk_after_new_definitions_and_every_64th_repeat_all_definitions(writing):
     bag = writing.begin(range(1, 140), text=True, chunk_bytes=1).finish().path
     defined = [(len(content.schemas), len(content.channels), len(content.messages)) for content in contents(bag)]
     assert defined[0] == (1, 1, 1)
@@ -317,7 +312,7 @@ def test_the_chunk_after_new_definitions_and_every_64th_repeat_all_definitions(w
     assert all(row in {(0, 0, 1), (2, 2, 1)} for row in defined[1:])
 
 
-def test_a_chunk_has_at_most_64_kb_and_a_larger_message_is_a_chunk_of_its_own(writing: Writing) -> None:
+def test_a_chunk_has_at_most_64_kb_and_a_larger_message_is_a_chunk_of_its_own(writing):
     writer = writing.begin(())
     for step in range(60):
         for number, size in enumerate((15_000, 200_000 if step % 10 == 5 else 3_000, 400)):
@@ -330,7 +325,7 @@ def test_a_chunk_has_at_most_64_kb_and_a_larger_message_is_a_chunk_of_its_own(wr
     assert len(together) < 40
 
 
-def test_latched_messages_have_chunks_of_their_own(writing: Writing) -> None:
+def test_latched_messages_have_chunks_of_their_own(writing):
     writer = EpisodeBagWriter(writing.folder / "bag", writing.store, latched=["/a", "/b", "/end"])
     for topic in ("/a", "/b"):
         writer.write(topic, TEXT[1], writing.text, 0)
@@ -340,29 +335,24 @@ def test_latched_messages_have_chunks_of_their_own(writing: Writing) -> None:
     assert message_sizes(writer.finish().path) == [[text, text], [clock] * 3, [text]]
 
 
-def test_latched_messages_stand_a_second_time_as_a_file_that_readers_of_messages_skip(writing: Writing) -> None:
+def test_latched_messages_stand_a_second_time_as_a_file_that_readers_of_messages_skip(writing):
     path = writing.begin(range(3), text=True).finish().path
     with (path / "bag_0.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         (attachment,) = reader.iter_attachments()
         summary = reader.get_summary()
-        assert summary is not None
-        assert summary.statistics is not None
         assert (summary.statistics.attachment_count, summary.statistics.message_count) == (1, 4)
         assert len(list(reader.iter_messages())) == 4
     assert (attachment.name, attachment.media_type) == ("published_once.mcap", "application/mcap")
     inside = make_reader(BytesIO(attachment.data), validate_crcs=True)
     ((schema, channel, message),) = inside.iter_messages()
-    assert schema is not None
     assert (schema.name, channel.topic, message.data) == (TEXT[1], TEXT[0], writing.text)
     with AnyReader([path]) as rosbags_reader:
         read = [(item.topic, cdr) for item, _, cdr in rosbags_reader.messages()]
     assert read == [(TEXT[0], writing.text), *[(CLOCK[0], writing.clock)] * 3]
 
 
-def test_a_disk_without_room_for_the_second_copies_still_gets_the_end_of_the_bag(
-    writing: Writing, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_without_room_for_the_second_copies_still_gets_the_end_of_the_bag(writing, monkeypatch):
     writer = writing.begin(())
     writer.write(*TEXT, np.random.default_rng(0).bytes(100_000), 0)
     writing.write_clocks(writer, [0])
@@ -390,10 +380,9 @@ KILLED_WRITER = """
 """
 
 
-def test_a_killed_writer_leaves_whole_chunks_and_no_lock(writing: Writing) -> None:
+def test_a_killed_writer_leaves_whole_chunks_and_no_lock(writing):
     command = [sys.executable, "-c", textwrap.dedent(KILLED_WRITER), str(writing.folder / "bag")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == b"written\n"
         process.send_signal(signal.SIGKILL)
     kinds = []

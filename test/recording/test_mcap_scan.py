@@ -1,7 +1,6 @@
 """Records of an MCAP file one after the other: to the last whole one, and no further."""
 
 import struct
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -39,53 +38,53 @@ def whole(tmp_path: Path) -> Path:
 
 def places_of(path: Path, length: int | None = None) -> tuple[list[RecordPlace], str]:
     """The records of the first bytes of a file, and why there are no more."""
-    found: list[RecordPlace] = []
+    read: list[RecordPlace] = []
     cut = path.with_name("cut.mcap")
     cut.write_bytes(path.read_bytes()[:length])
     with cut.open("rb") as file:
         places = read_places(file)
         try:
             while (place := next(places, None)) is not None:
-                found.append(place)
+                read.append(place)
         except DamageError as error:
-            return found, str(error)
-    return found, ""
+            return read, str(error)
+    return read, ""
 
 
-def test_a_whole_file_is_read_up_to_the_end_of_its_data(whole: Path) -> None:
-    found, why = places_of(whole)
+def test_a_whole_file_is_read_up_to_the_end_of_its_data(whole):
+    places, why = places_of(whole)
     assert why == ""
-    assert [place.opcode for place in found] == [
+    assert [place.opcode for place in places] == [
         Opcode.HEADER,
         Opcode.CHUNK,
         Opcode.MESSAGE_INDEX,
         Opcode.CHUNK,
         Opcode.MESSAGE_INDEX,
     ]
-    for before, after in pairwise(found):
+    for before, after in pairwise(places):
         assert after.offset == before.offset + 9 + before.length
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
-def test_a_file_that_ends_right_behind_a_record_has_that_record(whole: Path, number: int) -> None:
+def test_a_file_that_ends_right_behind_a_record_has_that_record(whole, number):
     """A writer that is killed between two records leaves such a file."""
     whole_places, _ = places_of(whole)
     last = whole_places[number]
-    found, why = places_of(whole, last.offset + 9 + last.length)
-    assert found == whole_places[: number + 1]
+    places, why = places_of(whole, last.offset + 9 + last.length)
+    assert places == whole_places[: number + 1]
     assert "ends at byte" in why
 
 
 @pytest.mark.parametrize("missing", [1, 9])
-def test_a_record_that_was_cut_off_is_none(whole: Path, missing: int) -> None:
+def test_a_record_that_was_cut_off_is_none(whole, missing):
     whole_places, _ = places_of(whole)
     last = whole_places[3]
-    found, why = places_of(whole, last.offset + 9 + last.length - missing)
-    assert found == whole_places[:3]
+    places, why = places_of(whole, last.offset + 9 + last.length - missing)
+    assert places == whole_places[:3]
     assert f"no whole record of a bag with chunks at byte {last.offset}" in why
 
 
-def test_chunks_are_read_back(whole: Path) -> None:
+def test_chunks_are_read_back(whole):
     with whole.open("rb") as file:
         assert [parse_content(unpack(chunk)) for chunk in read_chunks(file)] == [CONTENT, CONTENT]
     places, _ = places_of(whole)
@@ -94,7 +93,7 @@ def test_chunks_are_read_back(whole: Path) -> None:
     assert (chunk.offset, chunk.compression) == (places[1].offset, "zstd")
 
 
-def test_what_does_not_begin_like_a_bag_is_none(tmp_path: Path) -> None:
+def test_what_does_not_begin_like_a_bag_is_none(tmp_path):
     path = tmp_path / "x"
     path.write_bytes(b"PK\x03\x04" * 20)
     with path.open("rb") as file, pytest.raises(DamageError):
@@ -109,7 +108,7 @@ def packed_chunk(packed: bytes, plain_bytes: int, compression: bytes = b"zstd") 
 
 @pytest.mark.parametrize("checksum", [False, True])
 @pytest.mark.parametrize("plain", [b"", b"x", b"abc" * 1000, bytes(300_000)])
-def test_frames_of_any_length_are_measured(plain: bytes, checksum: bool) -> None:
+def test_frames_of_any_length_are_measured(plain, checksum):
     """The frame of nothing ends with the head of its one block."""
     packed = zstandard.ZstdCompressor(write_checksum=checksum).compress(plain)
     chunk = _chunk(packed_chunk(packed, len(plain)), 7)
@@ -119,7 +118,7 @@ def test_frames_of_any_length_are_measured(plain: bytes, checksum: bool) -> None
 
 
 @pytest.mark.parametrize(
-    ("packed", "told"),
+    ("packed", "reason"),
     [
         (lambda frame: frame[:-1], "ends within its compressed data|more than one frame"),
         (lambda frame: frame + b"\0", "more than one frame"),
@@ -129,9 +128,9 @@ def test_frames_of_any_length_are_measured(plain: bytes, checksum: bool) -> None
     ],
     ids=["cut", "one byte more", "two frames", "a head", "none"],
 )
-def test_what_is_not_just_one_frame_is_refused(packed: Callable[[bytes], bytes], told: str) -> None:
+def test_what_is_not_just_one_frame_is_refused(packed, reason):
     frame = zstandard.ZstdCompressor().compress(b"abc" * 1000)
-    with pytest.raises(DamageError, match=told):
+    with pytest.raises(DamageError, match=reason):
         _chunk(packed_chunk(packed(frame), 3000), 7)
 
 
@@ -144,7 +143,7 @@ def frame_of_repeated_bytes(claimed: int, blocks: list[int]) -> bytes:
 
 @pytest.mark.parametrize("claimed", [3000, MAX_CHUNK_BYTES])
 @pytest.mark.parametrize("over", [0, 1])
-def test_a_small_chunk_that_unpacks_to_more_than_is_allowed_is_refused_unread(claimed: int, over: int) -> None:
+def test_a_small_chunk_that_unpacks_to_more_than_is_allowed_is_refused_unread(claimed, over):
     """Some 16 kB of blocks whose bytes are twice what a chunk may have; the frame's own claim is harmless."""
     block_bytes = 1 << 17
     blocks = [block_bytes] * (2 * MAX_CHUNK_BYTES // block_bytes) + [2 * MAX_CHUNK_BYTES % block_bytes + over]
@@ -157,13 +156,13 @@ def test_a_small_chunk_that_unpacks_to_more_than_is_allowed_is_refused_unread(cl
         assert _chunk(content, 7).plain_bytes == claimed
 
 
-def test_a_frame_of_repeated_bytes_is_read() -> None:
+def test_a_frame_of_repeated_bytes_is_read():
     frame = frame_of_repeated_bytes(300_000, [131_072, 131_072, 37_856])
     assert unpack(_chunk(packed_chunk(frame, 300_000), 7)) == b"x" * 300_000
 
 
 @pytest.mark.parametrize("off", [-1, 1])
-def test_a_size_that_is_not_the_contents_is_refused(off: int) -> None:
+def test_a_size_that_is_not_the_contents_is_refused(off):
     frame = zstandard.ZstdCompressor().compress(b"abc" * 1000)
     with pytest.raises(DamageError, match=f"claims {3000 + off} bytes and holds 3000"):
         _chunk(packed_chunk(frame, 3000 + off), 7)
@@ -173,7 +172,7 @@ def test_a_size_that_is_not_the_contents_is_refused(off: int) -> None:
 
 
 @pytest.mark.parametrize("change", [-1, 1])
-def test_lengths_that_contradict_each_other_are_refused(change: int) -> None:
+def test_lengths_that_contradict_each_other_are_refused(change):
     content = packed_chunk(b"abcd", 4, b"")
     longer = content[:-12] + struct.pack("<Q", 4 + change) + content[-4:]
     for broken in (longer, content[:-1], content + b"x"):
@@ -181,6 +180,6 @@ def test_lengths_that_contradict_each_other_are_refused(change: int) -> None:
             _chunk(broken, 7)
 
 
-def test_other_compressions_are_refused() -> None:
+def test_other_compressions_are_refused():
     with pytest.raises(DamageError, match="'lz4'; zstd and none"):
         _chunk(packed_chunk(b"abcd", 4, b"lz4"), 7)

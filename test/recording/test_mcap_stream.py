@@ -11,15 +11,7 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, ChunkIndex, Schema
 from mcap.summary import Summary
 
-from siren_ros.recording.mcap_scan import (
-    DamageError,
-    parse_content,
-    read_attachment,
-    read_chunks,
-    read_copies,
-    read_places,
-    unpack,
-)
+from siren_ros.recording import mcap_scan
 from siren_ros.recording.mcap_stream import COPIES_NAME, ChannelMessage, ChunkContent, McapStream, plain_bytes
 
 SCHEMAS = tuple(
@@ -51,7 +43,7 @@ def written(path: Path, *chunks: ChunkContent) -> tuple[McapStream, Summary]:
     return stream, summary
 
 
-def test_messages_come_back_with_their_times_and_numbers(tmp_path: Path) -> None:
+def test_messages_come_back_with_their_times_and_numbers(tmp_path):
     written(tmp_path / "x.mcap", FIRST, SECOND)
     with (tmp_path / "x.mcap").open("rb") as file:
         read = [
@@ -67,28 +59,27 @@ def test_messages_come_back_with_their_times_and_numbers(tmp_path: Path) -> None
     ]
 
 
-def test_the_statistics_count_and_span_all_messages(tmp_path: Path) -> None:
+def test_the_statistics_count_and_span_all_messages(tmp_path):
     stream, summary = written(tmp_path / "x.mcap", NOTHING_SAID, FIRST, SECOND)
-    found = summary.statistics
-    assert found is not None
-    assert (found.message_count, found.chunk_count, found.channel_count, found.schema_count) == (5, 3, 3, 2)
-    assert (found.attachment_count, found.metadata_count) == (0, 0)
-    assert found.channel_message_counts == {1: 3, 2: 2}
+    statistics = summary.statistics
+    assert (statistics.message_count, statistics.chunk_count) == (5, 3)
+    assert (statistics.channel_count, statistics.schema_count) == (3, 2)
+    assert (statistics.attachment_count, statistics.metadata_count) == (0, 0)
+    assert statistics.channel_message_counts == {1: 3, 2: 2}
     assert stream.counts == {1: 3, 2: 2, 3: 0}
     # A chunk of definitions alone has no time of its own.
-    assert (found.message_start_time, found.message_end_time) == stream.span_ns == (5_000, 9_000)
+    assert (statistics.message_start_time, statistics.message_end_time) == stream.span_ns == (5_000, 9_000)
 
 
-def test_a_file_without_messages_has_no_span(tmp_path: Path) -> None:
+def test_a_file_without_messages_has_no_span(tmp_path):
     stream, summary = written(tmp_path / "x.mcap", NOTHING_SAID)
     assert stream.span_ns == (0, 0)
-    assert summary.statistics is not None
     assert summary.statistics.message_count == 0
     stream, summary = written(tmp_path / "y.mcap")
     assert summary.chunk_indexes == []
 
 
-def test_the_index_of_a_chunk_leads_to_its_bytes(tmp_path: Path) -> None:
+def test_the_index_of_a_chunk_leads_to_its_bytes(tmp_path):
     path = tmp_path / "x.mcap"
     _, summary = written(path, FIRST, SECOND)
     data = path.read_bytes()
@@ -102,7 +93,7 @@ def test_the_index_of_a_chunk_leads_to_its_bytes(tmp_path: Path) -> None:
         assert index.compression == "zstd"
         _check_message_index(data, index, content)
     with path.open("rb") as file:
-        chunks = [parse_content(unpack(chunk)) for chunk in read_chunks(file)]
+        chunks = [mcap_scan.parse_content(mcap_scan.unpack(chunk)) for chunk in mcap_scan.read_chunks(file)]
     assert chunks == [FIRST, SECOND]
     # Code and length of the record, five numbers, the name of the compression and the length of the content.
     heads = {chunk.chunk_length - chunk.compressed_size for chunk in summary.chunk_indexes}
@@ -112,7 +103,7 @@ def test_the_index_of_a_chunk_leads_to_its_bytes(tmp_path: Path) -> None:
 def _check_message_index(data: bytes, index: ChunkIndex, content: ChunkContent) -> None:
     """Each entry's offset leads to a message of that channel and time within the uncompressed chunk."""
     plain = plain_bytes(content)
-    found = []
+    entries = []
     for channel_id, offset in index.message_index_offsets.items():
         assert data[offset] == 0x07
         size = int.from_bytes(data[offset + 9 + 2 : offset + 9 + 6], "little")
@@ -122,29 +113,29 @@ def _check_message_index(data: bytes, index: ChunkIndex, content: ChunkContent) 
             assert plain[at] == 0x05
             assert int.from_bytes(plain[at + 9 : at + 11], "little") == channel_id
             assert int.from_bytes(plain[at + 15 : at + 23], "little") == time_ns
-            found.append((channel_id, time_ns))
-    assert sorted(found) == sorted((message.channel_id, message.time_ns) for message in content.messages)
+            entries.append((channel_id, time_ns))
+    assert sorted(entries) == sorted((message.channel_id, message.time_ns) for message in content.messages)
 
 
-def test_the_same_chunks_are_the_same_bytes_whoever_packed_them(tmp_path: Path) -> None:
+def test_the_same_chunks_are_the_same_bytes_whoever_packed_them(tmp_path):
     written(tmp_path / "x.mcap", FIRST, SECOND)
     with (tmp_path / "x.mcap").open("rb") as file:
-        packed = [chunk.packed for chunk in read_chunks(file)]
+        packed = [chunk.packed for chunk in mcap_scan.read_chunks(file)]
     with (tmp_path / "y.mcap").open("wb", buffering=0) as file:
         stream = McapStream(file, 19)
-        for content, one in zip((FIRST, SECOND), packed, strict=True):
-            stream.write_chunk(content, one)
+        for content, packed_chunk in zip((FIRST, SECOND), packed, strict=True):
+            stream.write_chunk(content, packed_chunk)
         stream.finish()
     assert (tmp_path / "x.mcap").read_bytes() == (tmp_path / "y.mcap").read_bytes()
 
 
-def test_an_empty_chunk_is_not_written(tmp_path: Path) -> None:
+def test_an_empty_chunk_is_not_written(tmp_path):
     _, summary = written(tmp_path / "x.mcap", ChunkContent((), (), ()), FIRST)
     assert len(summary.chunk_indexes) == 1
 
 
 @pytest.mark.parametrize("chunks", [(), (FIRST,)])
-def test_rewinding_cuts_after_the_last_whole_chunk(tmp_path: Path, chunks: tuple[ChunkContent, ...]) -> None:
+def test_rewinding_cuts_after_the_last_whole_chunk(tmp_path, chunks):
     path = tmp_path / "x.mcap"
     with path.open("wb", buffering=0) as file:
         stream = McapStream(file, 3)
@@ -167,7 +158,7 @@ class Slow(BytesIO):
         return super().write(bytes(data[:7]))
 
 
-def test_a_stream_that_takes_a_part_at_a_time_gets_everything(tmp_path: Path) -> None:
+def test_a_stream_that_takes_a_part_at_a_time_gets_everything(tmp_path):
     written(tmp_path / "x.mcap", FIRST, SECOND)
     file: Any = Slow()
     stream = McapStream(file, 3)
@@ -178,18 +169,18 @@ def test_a_stream_that_takes_a_part_at_a_time_gets_everything(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("size", "level"), [(200_000, 3), (300_000, -2)])
-def test_small_chunks_are_packed_with_more_effort_than_sweeps(tmp_path: Path, size: int, level: int) -> None:
+def test_small_chunks_are_packed_with_more_effort_than_sweeps(tmp_path, size, level):
     data = b"".join(number.to_bytes(4, "little") for number in range(size // 4))
     with (tmp_path / "x.mcap").open("w+b", buffering=0) as file:
         stream = McapStream(file, -2)
         stream.write_chunk(ChunkContent(SCHEMAS, CHANNELS, (ChannelMessage(1, 0, 0, data),)))
         stream.finish()
         file.seek(0)
-        (chunk,) = read_chunks(file)
-    assert chunk.packed == zstandard.ZstdCompressor(level=level).compress(unpack(chunk))
+        (chunk,) = mcap_scan.read_chunks(file)
+    assert chunk.packed == zstandard.ZstdCompressor(level=level).compress(mcap_scan.unpack(chunk))
 
 
-def test_second_copies_are_a_file_of_their_own_with_the_definitions_that_they_need(tmp_path: Path) -> None:
+def test_second_copies_are_a_file_of_their_own_with_the_definitions_that_they_need(tmp_path):
     with (tmp_path / "x.mcap").open("w+b", buffering=0) as file:
         stream = McapStream(file, 3)
         stream.write_chunk(FIRST)
@@ -197,17 +188,16 @@ def test_second_copies_are_a_file_of_their_own_with_the_definitions_that_they_ne
         stream.attach_copies(FIRST.messages[:1])
         stream.finish()
         file.seek(0)
-        (place,) = (one for one in read_places(file) if one.opcode == Opcode.ATTACHMENT)
-        (copies,) = read_copies(file, [place])
+        (place,) = (place for place in mcap_scan.read_places(file) if place.opcode == Opcode.ATTACHMENT)
+        (copies,) = mcap_scan.read_copies(file, [place])
         assert copies == ChunkContent(SCHEMAS[1:], CHANNELS[1:2], FIRST.messages[:1])
     with (tmp_path / "x.mcap").open("rb") as opened:
         summary = SeekingReader(opened, validate_crcs=True).get_summary()
-    assert summary is not None
     (index,) = summary.attachment_indexes
     assert (index.offset, index.length, index.name) == (place.offset, place.length + 9, COPIES_NAME)
     data = bytearray((tmp_path / "x.mcap").read_bytes())
     data[place.offset + place.length // 2] ^= 1
     damaged = BytesIO(data)
-    with pytest.raises(DamageError, match=f"attachment at byte {place.offset} does not have its checksum"):
-        read_attachment(damaged, place)
-    assert read_copies(damaged, [place]) == []
+    with pytest.raises(mcap_scan.DamageError, match=f"attachment at byte {place.offset} does not have its checksum"):
+        mcap_scan.read_attachment(damaged, place)
+    assert mcap_scan.read_copies(damaged, [place]) == []

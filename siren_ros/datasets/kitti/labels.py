@@ -19,7 +19,7 @@ import numpy.typing as npt
 from siren_ros.datasets.files import number_text
 from siren_ros.datasets.visibility import box_corners, image_boxes, lidar_visibility
 from siren_ros.errors import InputError
-from siren_ros.interfaces.transforms import Transform, matrix_of_quaternion
+from siren_ros.interfaces.transforms import Transform, matrix_of_transform
 from siren_ros.numerics.arrays import Codes, Floats, Matrix, Rows
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.world.actors import ActorClass
@@ -105,8 +105,7 @@ def _row(matrix: Matrix) -> str:
 def camera_from_lidar(transforms: tuple[Transform, ...], lidar_frame: str, camera_frame: str) -> Matrix:
     """Transform between two sensors that are mounted on the same parent, shape ``(4, 4)``.
 
-    Raises:
-        InputError: A frame is not among the transforms, or the two have different parents.
+    Raises InputError: a frame is not among the transforms, or the two have different parents.
     """
     by_child = {transform.child: transform for transform in transforms}
     for frame in (lidar_frame, camera_frame):
@@ -115,15 +114,7 @@ def camera_from_lidar(transforms: tuple[Transform, ...], lidar_frame: str, camer
     lidar, camera = by_child[lidar_frame], by_child[camera_frame]
     if lidar.parent != camera.parent:
         raise InputError("frame", camera.parent, f"the parent of {lidar_frame}, {lidar.parent}")
-    matrix: Matrix = np.linalg.inv(_matrix(camera)) @ _matrix(lidar)
-    return matrix
-
-
-def _matrix(transform: Transform) -> Matrix:
-    """Points in the parent from points in the child."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = matrix_of_quaternion(transform.rotation_xyzw)
-    matrix[:3, 3] = transform.translation_m
+    matrix: Matrix = np.linalg.inv(matrix_of_transform(camera)) @ matrix_of_transform(lidar)
     return matrix
 
 
@@ -157,13 +148,7 @@ class CameraLabels:
 
 
 def camera_labels(truth: GroundTruth, points: npt.NDArray[np.void], camera: KittiCamera) -> CameraLabels:
-    """The labels of a frame.
-
-    Args:
-        truth: Boxes in the LiDAR's frame.
-        points: Sweep in the same frame, with the field ``instance``.
-        camera: The camera of ``image_2``.
-    """
+    """The labels of a frame; boxes and points (with the field ``instance``) are in the LiDAR's frame."""
     corners = box_corners(truth)
     boxes, truncated = image_boxes(corners, camera.camera_from_lidar, camera.model)
     rows = np.flatnonzero(truncated < 1.0)

@@ -36,19 +36,17 @@ class LiveExport:
     def open(self) -> Path:
         """The folder to write into, new and empty. What a killed episode left in its place goes away.
 
-        Raises:
-            InputError: As ``check``; another episode or an unfinished ``siren export`` has the place.
+        Raises InputError as ``check``; another episode or an unfinished ``siren export`` has the place.
         """
         self.check()
         self.drop()
         self._opened.enter_context(self._staging.opened(_JOB))
-        return self._staging.new_part(_PART)
+        return self._staging.new(self._staging.part(_PART))
 
     def close(self, *, whole: bool) -> None:
         """Ends the writing. A whole export stays for ``publish``, another one is removed.
 
-        Raises:
-            InputError: The disk does not take the note that the export is whole; it is removed.
+        Raises InputError: the disk does not take the note that the export is whole; it is removed.
         """
         with self._opened:
             if whole:
@@ -57,10 +55,9 @@ class LiveExport:
     def publish(self) -> None:
         """Gives a closed export its final name.
 
-        Raises:
-            InputError: The name has been taken meanwhile, or nothing was closed.
+        Raises InputError: the name has been taken meanwhile, or nothing was closed.
         """
-        self._staging.publish_part(_PART)
+        self._staging.publish(self._staging.part(_PART))
 
     def drop(self) -> None:
         """Removes what an exporter left that is gone: closed, but of an episode that failed later, or killed."""

@@ -51,10 +51,7 @@ LARGE_TABLES: Final = ("sample", "sample_data", "ego_pose", "sample_annotation")
 def category_of(actor_class: ActorClass, emergency: str, others: str = "nuscenes") -> str:
     """The category of a class; emergency vehicles are ``vehicle.car`` (the paper) unless they have their own.
 
-    Args:
-        actor_class: Of the vehicle.
-        emergency: Category of emergency vehicles, or the head of their own ones.
-        others: ``vehicle.car`` for all other vehicles, as in the paper, or nuScenes' own categories.
+    All others have nuScenes' own categories, or the paper's: ``vehicle.car``.
     """
     if actor_class in EMERGENCY_CLASSES and emergency != EMERGENCY:
         return CAR
@@ -207,17 +204,11 @@ class EpisodeTables:
         self._linked("sample_data", channel, row)
 
     def annotations(self, step: int, truth: GroundTruth, map_from_truth: Matrix, visible: Floats, inside: Ids) -> None:
-        """The boxes of the current keyframe.
+        """The boxes of the current keyframe, with visible fraction and number of points of each, shape ``(N,)``.
 
         nuScenes has no velocities: its devkit takes them from the boxes before and after, and gives NaN to a box
-        without either, which is that of a vehicle within range at one keyframe alone.
-
-        Args:
-            step: Of the keyframe.
-            truth: Labels.
-            map_from_truth: Places in nuScenes' global frame from places in the labels' frame.
-            visible: Visible fraction of each box, shape ``(N,)``.
-            inside: Number of the sweep's points in each box, shape ``(N,)``.
+        without either, which is that of a vehicle within range at one keyframe alone. ``map_from_truth`` leads to
+        nuScenes' global frame.
         """
         for row, actor_id in enumerate(truth.actor_id.tolist()):
             category = category_of(ActorClass(int(truth.actor_class[row])), *self._categories)

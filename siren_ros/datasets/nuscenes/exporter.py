@@ -117,8 +117,6 @@ class NuscenesExporter:
         home = folder / VERSION
         home.mkdir()
         for part in parts:
-            for path in sorted(part.folder.glob("maps/**/*.*")):
-                (folder / path.relative_to(part.folder)).unlink(missing_ok=True)
             for kind in ("samples", "sweeps", "maps"):
                 link_tree(part.folder / kind, folder / kind)
         for table in _TABLES:

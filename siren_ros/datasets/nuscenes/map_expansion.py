@@ -16,14 +16,14 @@ import shapely
 from PIL import Image, ImageDraw
 from shapely.geometry import LineString, Polygon
 
-from siren_ros.datasets.lane_graph import GraphLane, lane_graph, offset_line
+from siren_ros.datasets.lane_graph import GraphLane, driven_shapes, lane_graph, offset_line
 from siren_ros.datasets.nuscenes.episode_tables import token
 from siren_ros.numerics.arrays import Floats, Points
+from siren_ros.record.vehicle_location import DRIVEN_KINDS
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 
 RESOLUTION_M: Final = 0.1
 _MARGIN_M: Final = 60.0
-_DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 _LAYERS: Final = (
     *("node", "line", "polygon", "drivable_area", "road_segment", "road_block", "lane", "lane_connector"),
     *("ped_crossing", "walkway", "stop_line", "carpark_area", "road_divider", "lane_divider", "traffic_light"),
@@ -33,7 +33,8 @@ _GRID_M: Final = 0.001
 _STOP_LINE_M: Final = 0.5
 _ARC_RADIUS_M: Final = 1000.0
 """Of the two arcs of an arc-line path, which have no length here: centre lines are polylines."""
-_COLOURS: Final = ("RED", "YELLOW", "GREEN")
+_COLOURS: Final = {"RED": 1, "YELLOW": 0, "GREEN": -1}
+"""With their places on the light, from below."""
 _LIGHT_M: Final = 5.0
 """Height of a light above the road."""
 _POSE: Final = {"tx": 0.0, "ty": 0.0, "tz": 0.0, "rx": 0.0, "ry": 0.0, "rz": 0.0}
@@ -62,7 +63,7 @@ def mask_png(network: RoadNetwork) -> bytes:
         return [(float(x), float(height - y)) for x, y in place]
 
     for lane in network.lanes:
-        if lane.kind in _DRIVEN:
+        if lane.kind in DRIVEN_KINDS:
             body = LineString(lane.centre.points).buffer(lane.width_m / 2.0, cap_style="flat")
             for polygon in getattr(body, "geoms", [body]):
                 if not polygon.is_empty:
@@ -126,13 +127,7 @@ class _Map:
     def areas(self) -> None:
         """Drivable area, junctions, crossings and sidewalks."""
         network = self._network
-        parts = [Polygon(_outline(lane.left, lane.right)).buffer(0.0) for lane in self._graph.values()]
-        parts += [
-            Polygon(junction.outline).buffer(0.0)
-            for junction in network.junctions.values()
-            if len(junction.outline) > 2
-        ]
-        area = shapely.union_all(parts, grid_size=_GRID_M)
+        area = shapely.union_all(driven_shapes(network, self._graph), grid_size=_GRID_M)
         pieces = [
             self._polygon(_ring(part.exterior), "drivable_area", number, holes=map(_ring, part.interiors))
             for number, part in enumerate(shapely.get_parts(area))
@@ -153,9 +148,8 @@ class _Map:
         for lane in network.lanes:
             if lane.kind is LaneKind.SIDEWALK:
                 sides = (offset_line(lane.centre.points, side * lane.width_m / 2.0) for side in (1.0, -1.0))
-                self._add(
-                    "walkway", {"polygon_token": self._polygon(_outline(*sides), "walkway", lane.index)}, lane.index
-                )
+                polygon = self._polygon(_outline(*sides), "walkway", lane.index)
+                self._add("walkway", {"polygon_token": polygon}, lane.index)
 
     def lanes(self) -> None:
         """Roads, lanes and paths across junctions, the lines between them, stop lines and lights."""
@@ -184,7 +178,7 @@ class _Map:
         return token(self._name, layer, index)
 
     def _lane(self, index: int, lane: GraphLane) -> None:
-        polygon = self._polygon(_outline(lane.left, lane.right), "lane", index)
+        polygon = self._polygon(lane.outline, "lane", index)
         if lane.in_junction:
             name = self._add("lane_connector", {"polygon_token": polygon}, index)
         else:
@@ -202,11 +196,8 @@ class _Map:
             name = self._add("lane", {"polygon_token": polygon, "lane_type": "CAR", **ends, **sides}, index)
             if lane.left_neighbour is not None:
                 line = self._line(lane.left, "lane_divider", index)
-                self._add(
-                    "lane_divider",
-                    {"line_token": line, "lane_divider_segments": sides["left_lane_divider_segments"]},
-                    index,
-                )
+                row = {"line_token": line, "lane_divider_segments": sides["left_lane_divider_segments"]}
+                self._add("lane_divider", row, index)
         self.paths[name] = _arc_line_path(lane.lane.centre.points - self._low)
         self.connectivity[name] = {
             "incoming": [self._name_of(other) for other in lane.predecessors],
@@ -234,14 +225,10 @@ class _Map:
                 heading = float(lane.lane.centre.heading_rad(lane.lane.length_m))
                 blocks = sorted({self._network.lanes[connection.to_lane].edge for connection in connections})
                 targets = [token(self._name, "road_block", edge) for edge in blocks]
+                bulbs = [(colour, _POSE | {"tz": 0.3 * place}) for colour, place in _COLOURS.items()]
                 items = [
-                    {
-                        "color": colour,
-                        "shape": "CIRCLE",
-                        "rel_pos": _POSE | {"tz": 0.3 * place},
-                        "to_road_block_tokens": targets,
-                    }
-                    for place, colour in zip((1, 0, -1), _COLOURS, strict=True)
+                    {"color": colour, "shape": "CIRCLE", "rel_pos": pose, "to_road_block_tokens": targets}
+                    for colour, pose in bulbs
                 ]
                 row = {
                     "line_token": self._line(end, "traffic_light", index),
@@ -251,10 +238,9 @@ class _Map:
                     "pose": _POSE | {"tx": x, "ty": y, "tz": _LIGHT_M, "rz": heading},
                 }
                 lights.append(self._add("traffic_light", row, index))
-            along = (
-                lane.lane.centre.at(np.array([lane.lane.length_m]))[0]
-                - lane.lane.centre.at(np.array([max(lane.lane.length_m - _STOP_LINE_M, 0.0)]))[0]
-            )
+            length_m = lane.lane.length_m
+            last, before = lane.lane.centre.at(np.array([length_m, max(length_m - _STOP_LINE_M, 0.0)]))
+            along = last - before
             corners = np.array([lane.left[-1], lane.left[-1] - along, lane.right[-1] - along, lane.right[-1]])
             row = {
                 "polygon_token": self._polygon(corners, "stop_line", index),
@@ -283,13 +269,6 @@ def _arc_line_path(centre: Floats) -> list[dict[str, Any]]:
     for start, end in pairwise(centre):
         length_m, yaw = float(np.hypot(*(end - start))), float(np.arctan2(*(end - start)[::-1]))
         if length_m > _GRID_M:
-            pieces.append(
-                {
-                    "start_pose": [*start.tolist(), yaw],
-                    "end_pose": [*end.tolist(), yaw],
-                    "shape": "LSR",
-                    "radius": _ARC_RADIUS_M,
-                    "segment_length": [0.0, length_m, 0.0],
-                }
-            )
+            poses = {"start_pose": [*start.tolist(), yaw], "end_pose": [*end.tolist(), yaw]}
+            pieces.append({**poses, "shape": "LSR", "radius": _ARC_RADIUS_M, "segment_length": [0.0, length_m, 0.0]})
     return pieces

@@ -9,7 +9,7 @@ from PIL import Image
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.datasets.files import FileWriter
-from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames, png_bytes, png_of_jpeg, velodyne_bytes
+from siren_ros.datasets.kitti.exporter import KittiFrame, KittiFrames, png_bytes, png_of_jpeg, velodyne_bytes
 from siren_ros.datasets.kitti.labels import KittiCamera, camera_from_lidar, label_text
 from siren_ros.datasets.kitti.live_export import Layout
 from siren_ros.errors import InputError
@@ -25,14 +25,14 @@ MOUNTS = (
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 3), (5, 7, 3), (60, 80, 3)])
-def test_another_reader_sees_the_same_pixels(shape: tuple[int, int, int]) -> None:
+def test_another_reader_sees_the_same_pixels(shape):
     rgb = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     with Image.open(io.BytesIO(png_bytes(rgb))) as picture:
         picture.load()
         assert np.array_equal(np.asarray(picture), rgb)
 
 
-def test_a_jpeg_is_decoded_once_and_kept() -> None:
+def test_a_jpeg_is_decoded_once_and_kept():
     rgb = np.full((16, 16, 3), (200, 30, 90), dtype=np.uint8)
     jpeg = simplejpeg.encode_jpeg(rgb, quality=95)
     with Image.open(io.BytesIO(png_of_jpeg(jpeg))) as picture:
@@ -43,7 +43,7 @@ def _numbers(line: str) -> list[float]:
     return [float(word) for word in line.split()[1:]]
 
 
-def test_points_are_x_y_z_intensity() -> None:
+def test_points_are_x_y_z_intensity():
     points = SyntheticEpisode().sweep(3)
     read = np.frombuffer(velodyne_bytes(points), dtype="<f4").reshape(-1, 4)
     assert read.shape == (300, 4)
@@ -51,12 +51,12 @@ def test_points_are_x_y_z_intensity() -> None:
     assert np.array_equal(read[:, 3], points["intensity"])
 
 
-def test_points_without_intensity_are_refused() -> None:
+def test_points_without_intensity_are_refused():
     with pytest.raises(InputError, match="intensity"):
         velodyne_bytes(np.zeros(2, dtype=[("x", "f4"), ("y", "f4"), ("z", "f4")]))
 
 
-def test_a_label_is_the_box_in_the_lidar_frame() -> None:
+def test_a_label_is_the_box_in_the_lidar_frame():
     truth = SyntheticEpisode().ground_truth(60)
     lines = label_text(truth).splitlines()
     assert len(lines) == 3
@@ -73,7 +73,7 @@ def test_a_label_is_the_box_in_the_lidar_frame() -> None:
     assert _numbers(lines[0])[2] == pytest.approx(heading - np.arctan2(y, x), abs=1e-3)
 
 
-def test_the_lateral_axis_and_the_heading_are_carlas_negated() -> None:
+def test_the_lateral_axis_and_the_heading_are_carlas_negated():
     episode = SyntheticEpisode()
     truth, states = episode.ground_truth(60), episode.states(60)
     carla_y, carla_yaw = -states.y_m, -states.yaw_rad
@@ -82,7 +82,7 @@ def test_the_lateral_axis_and_the_heading_are_carlas_negated() -> None:
     assert heading == pytest.approx(-(carla_yaw[1] - carla_yaw[0]), abs=1e-4)
 
 
-def test_objects_beyond_50_m_are_dropped() -> None:
+def test_objects_beyond_50_m_are_dropped():
     truth = SyntheticEpisode().ground_truth(0)
     assert truth.x_m.tolist() == [30.0, 45.0, 60.0, 75.0]
     assert len(label_text(truth).splitlines()) == 2
@@ -90,7 +90,7 @@ def test_objects_beyond_50_m_are_dropped() -> None:
     assert len(label_text(moved).splitlines()) == 2
 
 
-def test_the_camera_stands_where_the_tree_puts_it() -> None:
+def test_the_camera_stands_where_the_tree_puts_it():
     matrix = camera_from_lidar(MOUNTS, "lidar", "camera_front_optical_frame")
     # A point 10 m ahead of the LiDAR at its height: 7.5 m ahead of the camera, 0.93 m above it.
     assert matrix @ [10.0, 0.0, 0.0, 1.0] == pytest.approx([0.0, -0.93, 7.5, 1.0])
@@ -98,12 +98,12 @@ def test_the_camera_stands_where_the_tree_puts_it() -> None:
 
 
 @pytest.mark.parametrize(("lidar", "camera"), [("nothing", "lidar"), ("lidar", "nothing")])
-def test_an_unknown_frame_is_named(lidar: str, camera: str) -> None:
+def test_an_unknown_frame_is_named(lidar, camera):
     with pytest.raises(InputError, match="nothing"):
         camera_from_lidar(MOUNTS, lidar, camera)
 
 
-def test_frames_with_different_parents_are_refused() -> None:
+def test_frames_with_different_parents_are_refused():
     with pytest.raises(InputError, match="parent"):
         camera_from_lidar((MOUNTS[0], replace(MOUNTS[1], parent="map")), "lidar", MOUNTS[1].child)
 
@@ -122,7 +122,7 @@ def _names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_the_papers_layout_says_what_it_is(tmp_path: Path) -> None:
+def test_the_papers_layout_says_what_it_is(tmp_path):
     camera = KittiCamera(CAMERA, camera_from_lidar(MOUNTS, "lidar", MOUNTS[1].child))
     assert _live(tmp_path / "out", Layout.PAPER, b"a picture", camera).frames == 10
     out = tmp_path / "out"
@@ -134,11 +134,11 @@ def test_the_papers_layout_says_what_it_is(tmp_path: Path) -> None:
     assert (out / "label_2" / "000000.txt").read_text() == label_text(SyntheticEpisode().ground_truth(0))
 
 
-def test_the_papers_layout_needs_no_camera(tmp_path: Path) -> None:
+def test_the_papers_layout_needs_no_camera(tmp_path):
     _live(tmp_path / "out", Layout.PAPER, None, None)
     assert _names(tmp_path / "out") == ["README.md", "frames.csv", "label_2", "velodyne"]
 
 
-def test_kittis_own_layout_needs_a_camera(tmp_path: Path) -> None:
+def test_kittis_own_layout_needs_a_camera(tmp_path):
     with pytest.raises(InputError, match="front camera"):
         _live(tmp_path / "out", Layout.KITTI, None, None)

@@ -24,7 +24,7 @@ def written(out: Path) -> LiveExport:
     return export
 
 
-def test_it_has_its_name_when_it_is_published_and_not_before(out: Path) -> None:
+def test_it_has_its_name_when_it_is_published_and_not_before(out):
     export = written(out)
     assert names(out.parent) == [".S2_kitti.partial"]
     export.close(whole=True)
@@ -34,20 +34,20 @@ def test_it_has_its_name_when_it_is_published_and_not_before(out: Path) -> None:
     assert names(out) == ["frames.csv"]
 
 
-def test_an_empty_folder_may_be_there_already(out: Path) -> None:
+def test_an_empty_folder_may_be_there_already(out):
     out.mkdir(parents=True)
     written(out).close(whole=True)
     LiveExport(out).publish()
     assert names(out) == ["frames.csv"]
 
 
-def test_one_that_is_not_whole_is_gone_and_the_next_can_begin(out: Path) -> None:
+def test_one_that_is_not_whole_is_gone_and_the_next_can_begin(out):
     written(out).close(whole=False)
     assert names(out.parent) == []
     written(out).close(whole=True)
 
 
-def test_one_that_nobody_publishes_is_dropped(out: Path) -> None:
+def test_one_that_nobody_publishes_is_dropped(out):
     export = written(out)
     LiveExport(out).drop()
     assert names(out.parent) == [".S2_kitti.partial"], "it is being written"
@@ -57,10 +57,10 @@ def test_one_that_nobody_publishes_is_dropped(out: Path) -> None:
     LiveExport(out).drop()
 
 
-def test_what_a_killed_exporter_left_is_replaced(out: Path) -> None:
+def test_what_a_killed_exporter_left_is_replaced(out):
     left = Staging(out)
     with left.opened({"export": "of a running episode"}):
-        (left.new_part(0) / "old.bin").touch()
+        (left.new(left.part(0)) / "old.bin").touch()
         left.finish_part(0, {})
     export = written(out)
     export.close(whole=True)
@@ -68,7 +68,7 @@ def test_what_a_killed_exporter_left_is_replaced(out: Path) -> None:
     assert names(out) == ["frames.csv"]
 
 
-def test_a_place_that_could_not_be_taken_is_refused(out: Path) -> None:
+def test_a_place_that_could_not_be_taken_is_refused(out):
     running = written(out)
     with pytest.raises(InputError, match="no other export is writing"):
         LiveExport(out).open()
@@ -84,10 +84,10 @@ def test_a_place_that_could_not_be_taken_is_refused(out: Path) -> None:
     assert names(out.parent) == ["S2_kitti"]
 
 
-def test_an_unfinished_export_of_bags_is_left_alone(out: Path) -> None:
+def test_an_unfinished_export_of_bags_is_left_alone(out):
     unfinished = Staging(out)
     with unfinished.opened({"format": "kitti"}):
-        unfinished.new_part(0)
+        unfinished.new(unfinished.part(0))
         unfinished.finish_part(0, {})
     with pytest.raises(InputError, match="without an unfinished export"):
         LiveExport(out).open()

@@ -31,32 +31,29 @@ def inside(area, place):
     return bool((crosses & (place[0] < at)).sum() % 2)
 
 
-print(
-    json.dumps(
-        {
-            "id": scenario.scenario_id,
-            "focal": scenario.focal_track_id,
-            "steps": len(focal.object_states),
-            "timesteps": [state.timestep for state in focal.object_states],
-            "observed": sum(state.observed for state in focal.object_states),
-            "places": places.tolist(),
-            "headings": [state.heading for state in focal.object_states],
-            "categories": {track.track_id: int(track.category.value) for track in scenario.tracks},
-            "types": sorted({track.object_type.value for track in scenario.tracks}),
-            "period_s": float(np.diff(scenario.timestamps_ns).mean() / 1e9),
-            "lanes": len(segments),
-            "links": sum(len(lane.successors) for lane in segments.values()),
-            "links_both_ways": linked,
-            "neighbours": sum(lane.left_neighbor_id is not None for lane in segments.values()),
-            "neighbours_both_ways": sum(
-                segments[lane.left_neighbor_id].right_neighbor_id == index
-                for index, lane in segments.items()
-                if lane.left_neighbor_id is not None
-            ),
-            "junction_lanes": sum(lane.is_intersection for lane in segments.values()),
-            "near": len(on_road),
-            "crossings": len(crossings),
-            "driven_inside": sum(any(inside(area, place) for area in areas) for place in places),
-        }
-    )
-)
+answer = {
+    "id": scenario.scenario_id,
+    "focal": scenario.focal_track_id,
+    "steps": len(focal.object_states),
+    "timesteps": [state.timestep for state in focal.object_states],
+    "observed": sum(state.observed for state in focal.object_states),
+    "places": places.tolist(),
+    "headings": [state.heading for state in focal.object_states],
+    "categories": {track.track_id: int(track.category.value) for track in scenario.tracks},
+    "types": sorted({track.object_type.value for track in scenario.tracks}),
+    "period_s": float(np.diff(scenario.timestamps_ns).mean() / 1e9),
+    "lanes": len(segments),
+    "links": sum(len(lane.successors) for lane in segments.values()),
+    "links_both_ways": linked,
+    "neighbours": sum(lane.left_neighbor_id is not None for lane in segments.values()),
+    "neighbours_both_ways": sum(
+        segments[lane.left_neighbor_id].right_neighbor_id == index
+        for index, lane in segments.items()
+        if lane.left_neighbor_id is not None
+    ),
+    "junction_lanes": sum(lane.is_intersection for lane in segments.values()),
+    "near": len(on_road),
+    "crossings": len(crossings),
+    "driven_inside": sum(any(inside(area, place) for area in areas) for place in places),
+}
+print(json.dumps(answer))

@@ -16,19 +16,16 @@ result.register_checker_bundle(name=main.constants.BUNDLE_NAME, description="", 
 result.set_result_version(version="1.0.0")
 main.run_checks(config, result)
 (bundle,) = result.get_checker_bundle_results()
-print(
-    json.dumps(
-        {
-            "statuses": {one.checker_id: one.status.value for one in bundle.checkers},
-            "issues": [
-                [
-                    one.checker_id,
-                    issue.level.name,
-                    "; ".join(place.description or issue.description for place in issue.locations),
-                ]
-                for one in bundle.checkers
-                for issue in one.issues
-            ],
-        }
-    )
-)
+answer = {
+    "statuses": {checker.checker_id: checker.status.value for checker in bundle.checkers},
+    "issues": [
+        [
+            checker.checker_id,
+            issue.level.name,
+            "; ".join(place.description or issue.description for place in issue.locations),
+        ]
+        for checker in bundle.checkers
+        for issue in checker.issues
+    ],
+}
+print(json.dumps(answer))

@@ -16,13 +16,10 @@ tracks = {
     }
     for actor_id, rows in table.groupby("actor_id")
 }
-print(
-    json.dumps(
-        {
-            "types": {name: kind.kind for name, kind in table.dtypes.items()},
-            "missing": int(table.isna().sum().sum()),
-            "speed_error_mps": float(((table.vx**2 + table.vy**2) ** 0.5 - table.speed_mps).abs().max()),
-            "tracks": tracks,
-        }
-    )
-)
+answer = {
+    "types": {name: kind.kind for name, kind in table.dtypes.items()},
+    "missing": int(table.isna().sum().sum()),
+    "speed_error_mps": float(((table.vx**2 + table.vy**2) ** 0.5 - table.speed_mps).abs().max()),
+    "tracks": tracks,
+}
+print(json.dumps(answer))

@@ -20,7 +20,7 @@ def frame(folder: Path, number: str) -> dict[str, object]:
     calib = KITTI.read_calib(folder / "calib" / f"{number}.txt")
     boxes = KITTI.read_label(folder / "label_2" / f"{number}.txt", calib)
     points = KITTI.read_lidar(folder / "velodyne" / f"{number}.bin")
-    found = [
+    box_rows = [
         {
             "class": box.label_class,
             "centre": [float(value) for value in box.center],
@@ -31,7 +31,7 @@ def frame(folder: Path, number: str) -> dict[str, object]:
         }
         for box in boxes
     ]
-    return {"boxes": found, "points": len(points)}
+    return {"boxes": box_rows, "points": len(points)}
 
 
 print(json.dumps({number: frame(Path(sys.argv[1]), number) for number in sys.argv[2:]}))

@@ -72,27 +72,24 @@ evaluation = DetectionEval(
 metrics, _ = evaluation.evaluate()
 ego = nusc.get("ego_pose", nusc.get("sample_data", lidar_token)["ego_pose_token"])
 mask = nusc.map[0]["mask"]
-print(
-    json.dumps(
-        {
-            "samples": len(samples),
-            "channels": sorted(last["data"]),
-            "hits": hits,
-            "without_velocity": without_velocity,
-            "floats": len(raw) // 5 if len(raw) % 5 == 0 else -1,
-            "points": cloud.nbr_points(),
-            "sweeps": len(set(np.round(times[0], 3).tolist())),
-            "history_s": float(times.max()),
-            "car_ap": metrics.serialize()["mean_dist_aps"]["car"],
-            "car_errors": metrics.serialize()["label_tp_errors"]["car"],
-            "on_road": bool(mask.is_on_mask(ego["translation"][0], ego["translation"][1])[0]),
-            "categories": sorted({row["category_name"] for row in nusc.sample_annotation}),
-            "visibilities": sorted({row["visibility_token"] for row in nusc.sample_annotation}),
-            "yaw": Quaternion(ego["rotation"]).yaw_pitch_roll[0],
-            "speeds": [
-                [float(np.hypot(*nusc.box_velocity(t)[:2])), nusc.get("sample_annotation", t)["instance_token"]]
-                for t in samples[1]["anns"]
-            ],
-        }
-    )
-)
+answer = {
+    "samples": len(samples),
+    "channels": sorted(last["data"]),
+    "hits": hits,
+    "without_velocity": without_velocity,
+    "floats": len(raw) // 5 if len(raw) % 5 == 0 else -1,
+    "points": cloud.nbr_points(),
+    "sweeps": len(set(np.round(times[0], 3).tolist())),
+    "history_s": float(times.max()),
+    "car_ap": metrics.serialize()["mean_dist_aps"]["car"],
+    "car_errors": metrics.serialize()["label_tp_errors"]["car"],
+    "on_road": bool(mask.is_on_mask(ego["translation"][0], ego["translation"][1])[0]),
+    "categories": sorted({row["category_name"] for row in nusc.sample_annotation}),
+    "visibilities": sorted({row["visibility_token"] for row in nusc.sample_annotation}),
+    "yaw": Quaternion(ego["rotation"]).yaw_pitch_roll[0],
+    "speeds": [
+        [float(np.hypot(*nusc.box_velocity(t)[:2])), nusc.get("sample_annotation", t)["instance_token"]]
+        for t in samples[1]["anns"]
+    ],
+}
+print(json.dumps(answer))

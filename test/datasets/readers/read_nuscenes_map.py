@@ -13,7 +13,7 @@ from nuscenes.prediction.input_representation.static_layers import StaticLayerRa
 root = sys.argv[1]
 nusc = NuScenes("v1.0-siren", root, verbose=False)
 helper = PredictHelper(nusc)
-row = next(one for one in nusc.sample_annotation if one["prev"] or one["next"])
+row = next(annotation for annotation in nusc.sample_annotation if annotation["prev"] or annotation["next"])
 name = helper.get_map_name_from_sample_token(row["sample_token"])
 try:
     map_api.NuScenesMap(root, name)
@@ -28,30 +28,28 @@ lane = nusc_map.get_closest_lane(x, y)
 centre = np.array(nusc_map.discretize_lanes([lane], 0.5)[lane])
 nearest = int(np.hypot(*(centre[:, :2] - (x, y)).T).argmin())
 followers = {key: nusc_map.get_outgoing_lane_ids(key) for key in nusc_map.connectivity}
+paths = nusc_map.arcline_path_3
 ends = [
-    float(np.hypot(nusc_map.arcline_path_3[key][-1]["end_pose"][0] - nusc_map.arcline_path_3[one][0]["start_pose"][0],
-                   nusc_map.arcline_path_3[key][-1]["end_pose"][1] - nusc_map.arcline_path_3[one][0]["start_pose"][1]))
-    for key, others in followers.items() for one in others
-]  # fmt: skip
+    float(np.hypot(*np.subtract(paths[key][-1]["end_pose"][:2], paths[other][0]["start_pose"][:2])))
+    for key, others in followers.items()
+    for other in others
+]
 rasterizer = StaticLayerRasterizer(helper)
 for loaded in (nusc_map, *rasterizer.maps.values()):
     loaded.map_name = "boston-seaport"  # the devkit asks for the size of one of its own maps, and does not use it
 mask = nusc_map.get_map_mask((x, y, 100.0, 100.0), 0.0, ["drivable_area", "lane", "walkway"], (200, 200))
 picture = rasterizer.make_representation(row["instance_token"], row["sample_token"])
-print(
-    json.dumps(
-        {
-            "name": name,
-            "refused": refused,
-            "rows": {layer: len(getattr(nusc_map, layer)) for layer in nusc_map.layer_names},
-            "layers": {layer: bool(key) for layer, key in nusc_map.layers_on_point(x, y).items()},
-            "off_lane_m": float(np.hypot(*(centre[nearest, :2] - (x, y)))),
-            "on_road": get_egoposes_on_drivable_ratio(nusc, nusc_map, nusc.scene[0]["token"]),
-            "steps_m": ends,
-            "known": all(one in nusc_map.connectivity for others in followers.values() for one in others),
-            "cues": sorted({cue["traffic_light_type"] for line in nusc_map.stop_line for cue in line["cue"]}),
-            "shares": mask.mean(axis=(1, 2)).tolist(),
-            "picture": [*picture.shape, float(picture.std())],
-        }
-    )
-)
+answer = {
+    "name": name,
+    "refused": refused,
+    "rows": {layer: len(getattr(nusc_map, layer)) for layer in nusc_map.layer_names},
+    "layers": {layer: bool(key) for layer, key in nusc_map.layers_on_point(x, y).items()},
+    "off_lane_m": float(np.hypot(*(centre[nearest, :2] - (x, y)))),
+    "on_road": get_egoposes_on_drivable_ratio(nusc, nusc_map, nusc.scene[0]["token"]),
+    "steps_m": ends,
+    "known": all(other in nusc_map.connectivity for others in followers.values() for other in others),
+    "cues": sorted({cue["traffic_light_type"] for line in nusc_map.stop_line for cue in line["cue"]}),
+    "shares": mask.mean(axis=(1, 2)).tolist(),
+    "picture": [*picture.shape, float(picture.std())],
+}
+print(json.dumps(answer))

@@ -24,14 +24,11 @@ for group in act.maneuvergroup:
             line = action.trajectory.shapes
             places = [[place.x, place.y, place.h] for place in line.positions]
             paths[group.actors.actors[0].entity] = [list(map(float, line.time)), places]
-print(
-    json.dumps(
-        {
-            "errors": errors[:10],
-            "entities": [one.name for one in scenario.entities.scenario_objects],
-            "road": scenario.roadnetwork.road_file,
-            "init": len(scenario.storyboard.init.initactions),
-            "paths": paths,
-        }
-    )
-)
+answer = {
+    "errors": errors[:10],
+    "entities": [entity.name for entity in scenario.entities.scenario_objects],
+    "road": scenario.roadnetwork.road_file,
+    "init": len(scenario.storyboard.init.initactions),
+    "paths": paths,
+}
+print(json.dumps(answer))

@@ -15,16 +15,13 @@ schema = recording.schema()
 entities = sorted({column.entity_path for column in schema.component_columns()})
 table = recording.view(index="episode", contents="/map/vehicles").select().read_all()
 times = [value.total_seconds() for value in table.column("episode").to_pylist()]
-print(
-    json.dumps(
-        {
-            "code": code,
-            "application": recording.application_id(),
-            "entities": [name for name in entities if "/path/" not in name],
-            "path": sum("/path/" in name for name in entities),
-            "timelines": sorted(column.name for column in schema.index_columns()),
-            "steps": len(times),
-            "last_s": max(times),
-        }
-    )
-)
+answer = {
+    "code": code,
+    "application": recording.application_id(),
+    "entities": [name for name in entities if "/path/" not in name],
+    "path": sum("/path/" in name for name in entities),
+    "timelines": sorted(column.name for column in schema.index_columns()),
+    "steps": len(times),
+    "last_s": max(times),
+}
+print(json.dumps(answer))

@@ -55,18 +55,15 @@ finally:
 replayed = np.array(places)
 travelled = float(np.hypot(*np.diff(replayed, axis=0).T).sum())
 recorded = float(np.hypot(*np.diff(ego[: len(replayed) + 1, :2], axis=0).T).sum())
-print(
-    json.dumps(
-        {
-            "scenarios": len(names),
-            "length": scenario["length"],
-            "tracks": len(scenario["tracks"]),
-            "features": len(scenario["map_features"]),
-            "lights": len(scenario["dynamic_map_states"]),
-            "steps": len(places),
-            "travelled": travelled,
-            "recorded": recorded,
-            "others": others,
-        }
-    )
-)
+answer = {
+    "scenarios": len(names),
+    "length": scenario["length"],
+    "tracks": len(scenario["tracks"]),
+    "features": len(scenario["map_features"]),
+    "lights": len(scenario["dynamic_map_states"]),
+    "steps": len(places),
+    "travelled": travelled,
+    "recorded": recorded,
+    "others": others,
+}
+print(json.dumps(answer))

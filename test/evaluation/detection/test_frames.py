@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from datasets.made_bag import BUS, CAR, LIDAR_M, Made, place_of, truth_of, write_made_bag, yaw_of
+from datasets.made_bag import BUS, CAR, LIDAR_M, BagSpec, place_of, truth_of, write_made_bag, yaw_of
 from detection_boxes import truth_boxes
 from evaluation.made_frames import PICTURED, STEPS, made_frames
 from evaluation.made_records import moving, record_with
@@ -103,7 +103,7 @@ STEPS_in_episode_reading = list(range(4, 42, 2))
 @pytest.fixture(scope="module")
 def episode(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> EpisodeFrames:
     folder = tmp_path_factory.mktemp("bag")
-    bag = write_made_bag(folder / "bag", typestore, Made(seed=3))
+    bag = write_made_bag(folder / "bag", typestore, BagSpec(seed=3))
     return read_frames(survey_bag(bag, "detection", (Need.LIDAR,), folder), "mine")
 
 
@@ -175,7 +175,9 @@ def sparse(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> Ep
     """Without the front camera's picture at steps 8 and 12, without labels at step 6."""
     folder = tmp_path_factory.mktemp("sparse")
     lacking = {8: "camera_front/image", 12: "camera_front/image", 6: "ground_truth"}
-    bag = write_made_bag(folder / "bag", typestore, Made(steps=16), lambda topic, step: lacking.get(step, "-") in topic)
+    bag = write_made_bag(
+        folder / "bag", typestore, BagSpec(steps=16), lambda topic, step: lacking.get(step, "-") in topic
+    )
     return read_frames(survey_bag(bag, "detection", (Need.LIDAR,), folder), "mine")
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from datasets.made_bag import FRONT_M, LIDAR_M, Made, place_of, sweep_of, write_made_bag, yaw_of
+from datasets.made_bag import FRONT_M, LIDAR_M, BagSpec, place_of, sweep_of, write_made_bag, yaw_of
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -58,7 +58,7 @@ def test_a_recorded_frame_has_its_picture(frames: Frames) -> None:
 def episode(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> EpisodeFrames:
     """Five sweeps, at steps 4 to 12; without the front camera's picture at step 8."""
     folder = tmp_path_factory.mktemp("bag")
-    made = Made(steps=14)
+    made = BagSpec(steps=14)
     bag = write_made_bag(
         folder / "bag", typestore, made, lambda topic, step: step == 8 and "camera_front/image" in topic
     )

@@ -22,7 +22,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.datasets.ngsim_frame import (
+from siren_ros.datasets.ngsim import (
     CELLS,
     FOOT_M,
     OUTSIDE,

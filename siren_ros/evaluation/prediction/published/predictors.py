@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from siren_ros.datasets.ngsim_frame import FOOT_M
+from siren_ros.datasets.ngsim import FOOT_M
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.predictors import Hypotheses
 from siren_ros.evaluation.prediction.published.inputs import (

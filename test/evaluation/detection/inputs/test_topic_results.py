@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from datasets.made_bag import LIDAR_M, Made, place_of, truth_of, write_made_bag, yaw_of
+from datasets.made_bag import LIDAR_M, BagSpec, place_of, truth_of, write_made_bag, yaw_of
 from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import InputError
@@ -22,7 +22,7 @@ def frames_with(folder: Path, store: Typestore, boxes_frame: str) -> Frames:
     surveys = [
         survey_bag(
             write_made_bag(
-                folder / f"seed{seed}", store, Made(steps=4 + 2 * count, seed=seed, boxes_frame=boxes_frame)
+                folder / f"seed{seed}", store, BagSpec(steps=4 + 2 * count, seed=seed, boxes_frame=boxes_frame)
             ),
             "detection",
             (Need.LIDAR,),

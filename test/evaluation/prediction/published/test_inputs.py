@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from made_records import Track, moving, samples_in
 from published_files import golden, golden_cells
 
-from siren_ros.datasets.ngsim_frame import FOOT_M
+from siren_ros.datasets.ngsim import FOOT_M
 from siren_ros.evaluation.prediction.published.inputs import (
     NgsimView,
     bat_features,

@@ -85,14 +85,9 @@ def test_who_stands_in_the_middle_of_the_lane_has_not_pulled_over():
     assert verdict.failing[0].detail.startswith("not pulled over: 10 at 2.0 s (+0.20 m)")
 
 
-def test_the_mode_alone_is_no_hold():
-    creeping = _queues(speed_mps=1.0)
-    assert [part.name for part in queues_split(creeping, THRESHOLDS).failing] == ["holding"]
-
-
-def test_standing_alone_is_no_hold():
-    nominal = _queues(mode=Mode.NOMINAL)
-    assert [part.name for part in queues_split(nominal, THRESHOLDS).failing] == ["holding"]
+@pytest.mark.parametrize("changed", [{"speed_mps": 1.0}, {"mode": Mode.NOMINAL}], ids=["creeping", "not yielding"])
+def test_neither_the_mode_nor_standing_alone_is_a_hold(changed):
+    assert [part.name for part in queues_split(_queues(**changed), THRESHOLDS).failing] == ["holding"]
 
 
 def test_a_hold_has_to_last_a_second():

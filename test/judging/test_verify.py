@@ -63,8 +63,17 @@ def test_a_jump_is_found_with_its_actor_and_step(record):
     assert jump.detail.startswith("actor 2 at step 100")
 
 
-def test_a_turn_on_the_spot_is_found(record):
-    assert _failing(verify_episode(_moved(record, yaw_rad=lambda yaw, _: yaw + 0.2))) == ["yaw_jump_rad"]
+@pytest.mark.parametrize(
+    ("column", "change", "fault"),
+    [
+        ("yaw_rad", lambda yaw, _: yaw + 0.2, "yaw_jump_rad"),
+        ("vx_mps", lambda v, _: v + 3.0, "speed_error_mps"),
+        ("owner", lambda owner, _: np.full_like(owner, 7), "ownership_faults"),
+    ],
+    ids=["a turn on the spot", "a wrong speed", "an unknown owner"],
+)
+def test_a_wrong_state_is_found(record, column, change, fault):
+    assert _failing(verify_episode(_moved(record, **{column: change}))) == [fault]
 
 
 @pytest.mark.parametrize("beyond_rad", [-0.002, 0.002])
@@ -117,15 +126,6 @@ def test_two_actors_far_apart_have_not_jumped():
         {2: Driven(NORTHBOUND, at_speed(10.0, 10.0, 5)), 3: Driven(NORTHBOUND, at_speed(150.0, 10.0, 5), first_step=5)},
     )
     assert check_motion(record, VerifyLimits())[0].holds
-
-
-def test_a_wrong_speed_is_found(record):
-    assert _failing(verify_episode(_moved(record, vx_mps=lambda v, _: v + 3.0))) == ["speed_error_mps"]
-
-
-def test_an_unknown_owner_is_found(record):
-    broken = _moved(record, owner=lambda owner, _: np.full_like(owner, 7))
-    assert _failing(verify_episode(broken)) == ["ownership_faults"]
 
 
 def test_two_controllers_of_one_actor_are_found(record):

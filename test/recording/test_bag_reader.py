@@ -276,11 +276,6 @@ def test_bags_are_found_at_any_depth_and_not_in_hidden_folders(tmp_path):
     assert bag_reader.bags_among([tmp_path]) == (tmp_path / "a", tmp_path / "b" / "deep" / "er")
 
 
-@pytest.fixture(scope="module")
-def short_bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
-    return write_bag(tmp_path_factory.mktemp("bags") / "bag", duration_s=1.0)
-
-
 def test_the_playhead_keeps_the_rate():
     head = bag_reader.Playhead(0, 10.0, 2.0)
     for tick in range(1, 101):
@@ -312,13 +307,13 @@ def test_held_at_a_message_that_cannot_go_out_it_goes_on_from_there():
     assert head.held_at(90_000_000) == head
 
 
-def test_from_the_start_every_message_comes_in_the_order_of_the_bag(short_bag):
-    with bag_reader.open_bag(short_bag) as opened:
+def test_from_the_start_every_message_comes_in_the_order_of_the_bag(bag):
+    with bag_reader.open_bag(bag) as opened:
         assert [item.cdr for item in bag_reader.messages_from(opened, 0)] == [item.cdr for item in opened.messages()]
 
 
-def test_from_the_middle_what_is_latched_comes_first(short_bag):
-    with bag_reader.open_bag(short_bag) as opened:
+def test_from_the_middle_what_is_latched_comes_first(bag):
+    with bag_reader.open_bag(bag) as opened:
         played = list(bag_reader.messages_from(opened, 10 * STEP_NS))
         latched = [item.topic for item in played if item.time_ns < 10 * STEP_NS]
         assert set(latched) == {topics.EPISODE.name, topics.MAP.name}

@@ -8,17 +8,7 @@ import pytest
 import zstandard
 from mcap.opcode import Opcode
 
-from siren_ros.recording.mcap_scan import (
-    MAX_CHUNK_BYTES,
-    DamageError,
-    RecordPlace,
-    _chunk,
-    parse_content,
-    read_chunk,
-    read_chunks,
-    read_places,
-    unpack,
-)
+from siren_ros.recording import mcap_scan
 from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream
 
 CONTENT = ChunkContent((), (), (ChannelMessage(1, 0, 5, b"x" * 50), ChannelMessage(1, 1, 6, b"y" * 50)))
@@ -36,17 +26,17 @@ def whole(tmp_path: Path) -> Path:
     return path
 
 
-def places_of(path: Path, length: int | None = None) -> tuple[list[RecordPlace], str]:
+def places_of(path: Path, length: int | None = None) -> tuple[list[mcap_scan.RecordPlace], str]:
     """The records of the first bytes of a file, and why there are no more."""
-    read: list[RecordPlace] = []
+    read: list[mcap_scan.RecordPlace] = []
     cut = path.with_name("cut.mcap")
     cut.write_bytes(path.read_bytes()[:length])
     with cut.open("rb") as file:
-        places = read_places(file)
+        places = mcap_scan.read_places(file)
         try:
             while (place := next(places, None)) is not None:
                 read.append(place)
-        except DamageError as error:
+        except mcap_scan.DamageError as error:
             return read, str(error)
     return read, ""
 
@@ -86,18 +76,21 @@ def test_a_record_that_was_cut_off_is_none(whole, missing):
 
 def test_chunks_are_read_back(whole):
     with whole.open("rb") as file:
-        assert [parse_content(unpack(chunk)) for chunk in read_chunks(file)] == [CONTENT, CONTENT]
+        assert [mcap_scan.parse_content(mcap_scan.unpack(chunk)) for chunk in mcap_scan.read_chunks(file)] == [
+            CONTENT,
+            CONTENT,
+        ]
     places, _ = places_of(whole)
     with whole.open("rb") as file:
-        chunk = read_chunk(file, places[1])
+        chunk = mcap_scan.read_chunk(file, places[1])
     assert (chunk.offset, chunk.compression) == (places[1].offset, "zstd")
 
 
 def test_what_does_not_begin_like_a_bag_is_none(tmp_path):
     path = tmp_path / "x"
     path.write_bytes(b"PK\x03\x04" * 20)
-    with path.open("rb") as file, pytest.raises(DamageError):
-        list(read_places(file))
+    with path.open("rb") as file, pytest.raises(mcap_scan.DamageError):
+        list(mcap_scan.read_places(file))
 
 
 def packed_chunk(packed: bytes, plain_bytes: int, compression: bytes = b"zstd") -> bytes:
@@ -111,10 +104,10 @@ def packed_chunk(packed: bytes, plain_bytes: int, compression: bytes = b"zstd") 
 def test_frames_of_any_length_are_measured(plain, checksum):
     """The frame of nothing ends with the head of its one block."""
     packed = zstandard.ZstdCompressor(write_checksum=checksum).compress(plain)
-    chunk = _chunk(packed_chunk(packed, len(plain)), 7)
+    chunk = mcap_scan._chunk(packed_chunk(packed, len(plain)), 7)
     assert (chunk.offset, chunk.compression, chunk.packed) == (7, "zstd", packed)
     if plain:
-        assert unpack(chunk) == plain
+        assert mcap_scan.unpack(chunk) == plain
 
 
 @pytest.mark.parametrize(
@@ -130,8 +123,8 @@ def test_frames_of_any_length_are_measured(plain, checksum):
 )
 def test_what_is_not_just_one_frame_is_refused(packed, reason):
     frame = zstandard.ZstdCompressor().compress(b"abc" * 1000)
-    with pytest.raises(DamageError, match=reason):
-        _chunk(packed_chunk(packed(frame), 3000), 7)
+    with pytest.raises(mcap_scan.DamageError, match=reason):
+        mcap_scan._chunk(packed_chunk(packed(frame), 3000), 7)
 
 
 def frame_of_repeated_bytes(claimed: int, blocks: list[int]) -> bytes:
@@ -141,34 +134,38 @@ def frame_of_repeated_bytes(claimed: int, blocks: list[int]) -> bytes:
     return head + b"".join(block.to_bytes(3, "little") + b"x" for block in heads)
 
 
-@pytest.mark.parametrize("claimed", [3000, MAX_CHUNK_BYTES])
+@pytest.mark.parametrize("claimed", [3000, mcap_scan.MAX_CHUNK_BYTES])
 @pytest.mark.parametrize("over", [0, 1])
 def test_a_small_chunk_that_unpacks_to_more_than_is_allowed_is_refused_unread(claimed, over):
     """Some 16 kB of blocks whose bytes are twice what a chunk may have; the frame's own claim is harmless."""
     block_bytes = 1 << 17
-    blocks = [block_bytes] * (2 * MAX_CHUNK_BYTES // block_bytes) + [2 * MAX_CHUNK_BYTES % block_bytes + over]
+    blocks = [block_bytes] * (2 * mcap_scan.MAX_CHUNK_BYTES // block_bytes) + [
+        2 * mcap_scan.MAX_CHUNK_BYTES % block_bytes + over
+    ]
     content = packed_chunk(frame_of_repeated_bytes(claimed, blocks), claimed)
     assert len(content) < 20_000
     if over:
-        with pytest.raises(DamageError, match=f"more than one frame of at most {MAX_CHUNK_BYTES} bytes"):
-            _chunk(content, 7)
+        with pytest.raises(
+            mcap_scan.DamageError, match=f"more than one frame of at most {mcap_scan.MAX_CHUNK_BYTES} bytes"
+        ):
+            mcap_scan._chunk(content, 7)
     else:
-        assert _chunk(content, 7).plain_bytes == claimed
+        assert mcap_scan._chunk(content, 7).plain_bytes == claimed
 
 
 def test_a_frame_of_repeated_bytes_is_read():
     frame = frame_of_repeated_bytes(300_000, [131_072, 131_072, 37_856])
-    assert unpack(_chunk(packed_chunk(frame, 300_000), 7)) == b"x" * 300_000
+    assert mcap_scan.unpack(mcap_scan._chunk(packed_chunk(frame, 300_000), 7)) == b"x" * 300_000
 
 
 @pytest.mark.parametrize("off", [-1, 1])
 def test_a_size_that_is_not_the_contents_is_refused(off):
     frame = zstandard.ZstdCompressor().compress(b"abc" * 1000)
-    with pytest.raises(DamageError, match=f"claims {3000 + off} bytes and holds 3000"):
-        _chunk(packed_chunk(frame, 3000 + off), 7)
-    with pytest.raises(DamageError, match=f"claims {4 + off} bytes and holds 4"):
-        _chunk(packed_chunk(b"abcd", 4 + off, b""), 7)
-    assert _chunk(packed_chunk(b"abcd", 4, b""), 7).packed == b"abcd"
+    with pytest.raises(mcap_scan.DamageError, match=f"claims {3000 + off} bytes and holds 3000"):
+        mcap_scan._chunk(packed_chunk(frame, 3000 + off), 7)
+    with pytest.raises(mcap_scan.DamageError, match=f"claims {4 + off} bytes and holds 4"):
+        mcap_scan._chunk(packed_chunk(b"abcd", 4 + off, b""), 7)
+    assert mcap_scan._chunk(packed_chunk(b"abcd", 4, b""), 7).packed == b"abcd"
 
 
 @pytest.mark.parametrize("change", [-1, 1])
@@ -176,10 +173,10 @@ def test_lengths_that_contradict_each_other_are_refused(change):
     content = packed_chunk(b"abcd", 4, b"")
     longer = content[:-12] + struct.pack("<Q", 4 + change) + content[-4:]
     for broken in (longer, content[:-1], content + b"x"):
-        with pytest.raises(DamageError, match="contradict"):
-            _chunk(broken, 7)
+        with pytest.raises(mcap_scan.DamageError, match="contradict"):
+            mcap_scan._chunk(broken, 7)
 
 
 def test_other_compressions_are_refused():
-    with pytest.raises(DamageError, match="'lz4'; zstd and none"):
-        _chunk(packed_chunk(b"abcd", 4, b"lz4"), 7)
+    with pytest.raises(mcap_scan.DamageError, match="'lz4'; zstd and none"):
+        mcap_scan._chunk(packed_chunk(b"abcd", 4, b"lz4"), 7)

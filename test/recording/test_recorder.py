@@ -131,13 +131,15 @@ def judge(_record: RecordBuilder, closing: EpisodeClosing) -> EpisodeOutcome:
     return EpisodeOutcome(closing.end, closing.reason, closing.steps, None)
 
 
+def recorder_of(episode: SyntheticEpisode, path: Path | None) -> EpisodeRecorder:
+    latched = frozenset(topic.name for topic in episode.recorded_topics() if topic.latched)
+    return EpisodeRecorder(path, typestore(), latched, judge)
+
+
 def recorded(path: Path | None, expected_path: Path) -> dict[str, bytes]:
     """The messages in the bag of an episode whose recorder got a path at its start, at the description, or both."""
     episode = SyntheticEpisode()
-    topics_of_episode = tuple(episode.recorded_topics())
-    recorder = EpisodeRecorder(
-        path, typestore(), frozenset(topic.name for topic in topics_of_episode if topic.latched), judge
-    )
+    recorder = recorder_of(episode, path)
     messages = [
         (topic, step, bytes(typestore().serialize_cdr(message, topic.type_name)))
         for topic, step, message in episode.messages()
@@ -145,7 +147,7 @@ def recorded(path: Path | None, expected_path: Path) -> dict[str, bytes]:
     ]
     recorder.take(messages[0][0], messages[0][2])
     assert recorder.steps_recorded == 0
-    recorder.expect(topics_of_episode, expected_path)
+    recorder.expect(tuple(episode.recorded_topics()), expected_path)
     assert recorder.steps_recorded == 0
     for topic, _, cdr in messages[1:]:
         recorder.take(topic, cdr)
@@ -176,11 +178,8 @@ def test_without_a_description_there_is_no_bag(tmp_path, monkeypatch):
 def closed(path: Path, steps: int, closing: EpisodeClosing, held_back: str = "") -> EpisodeOutcome:
     """Close an episode of which some steps have arrived; one topic's message of the last step may be missing."""
     episode = SyntheticEpisode(Scene(duration_s=1.0))
-    topics_of_episode = tuple(episode.recorded_topics())
-    recorder = EpisodeRecorder(
-        path, typestore(), frozenset(topic.name for topic in topics_of_episode if topic.latched), judge
-    )
-    recorder.expect(topics_of_episode, path)
+    recorder = recorder_of(episode, path)
+    recorder.expect(tuple(episode.recorded_topics()), path)
     seen: list[int] = []
     recorder.on_step_recorded = seen.append
     for topic, step, message in episode.messages():

@@ -34,7 +34,9 @@ class VerifyLimits:
     speed_error_mps: float = 0.5
     """Between the mean velocity of two steps and the position change between them."""
     residual_p99_m: float = 0.5
+    """Between SUMO's and the simulated pose of an actor, 99th percentile."""
     residual_max_m: float = 2.0
+    """The same, greatest value."""
     overlap_m: float = 0.3
     """Of two footprints: bodies do not pass through each other; real ones crumple by as much at walking speed."""
     impact_speed_mps: float = 2.0
@@ -93,12 +95,7 @@ def overlap_m(state: ActorStates, record: EpisodeRecord) -> float:
 
 
 def check_physics(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...]:
-    """The summary against its limits.
-
-    No two bodies pass through each other. With the paper's drivers nobody is hit at speed; drawn drivers may crash.
-    All vehicles take bends and change lanes as drivers do. The EMV anticipates instead of arriving and braking, and
-    accelerates as its engine and its crew do.
-    """
+    """The summary against its limits; drawn drivers may crash at any speed."""
     summary = summarise_physics(record)
     impact_mps = limits.impact_speed_mps if record.description.preset == PAPER_PRESET else np.inf
     return (

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,26 @@ from siren_ros.numerics.units import STEP_NS, STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows, TopicRecord
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import EventKind, hash_state
+
+CHECKS: Final = {
+    "steps": "The episode ended as planned, after at least the number of steps of its description",
+    "position_jump_m": "Between two steps no position changes by more than `v · dt` and a margin (v: larger speed)",
+    "yaw_jump_rad": "No yaw rate exceeds a bicycle's at full lock (`v · tan δ / wheelbase`) or that of the tyres' grip",
+    "speed_error_mps": "The recorded velocity is the derivative of the position within the limit, direction included",
+    "ownership_faults": "Every actor has exactly one owner at every step, and no two controllers drive the same actor",
+    "teleports": "SUMO teleported no vehicle",
+    "residual_p99_m": "99th percentile of the distance between SUMO's and the simulated pose of actors that SUMO owns",
+    "residual_max_m": "Largest distance between SUMO's and the simulated pose of actors that SUMO owns",
+    "overlap_m": "No two bodies overlap by more than the limit",
+    "impact_speed_mps": "With the preset `paper` vehicles touch only slowly; with other presets at any speed",
+    "lateral_accel_p99_9_mps2": "All vehicles' lateral acceleration, 99.9th percentile, is what drivers use in bends",
+    "emv_accel_p1_mps2": "The EMV brakes no harder than an anticipating driver (1st percentile of its acceleration)",
+    "emv_accel_p99_mps2": "The EMV accelerates no harder than a van's brisk start (99th percentile)",
+    "topics_with_lost_messages": "Each topic has one message at each step of its rate; no core topic is missing",
+    "topics_with_wrong_stamps": "Stamps are simulated time on the 20 Hz grid; a message's own stamp is the bag's",
+    "wrong_state_hashes": "Each step has its recorded `state_hash`: BLAKE2b of every actor and traffic light",
+}
+"""What holds of a sound record, by the name of the check."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +62,8 @@ class Verification:
 def check_motion(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, Part, Part]:
     """Consecutive states of an actor fit each other; a part names the actor and the step of its worst case.
 
-    No position change exceeds ``v · dt`` plus the margin; v is the larger of both speeds. No yaw rate exceeds a
-    kinematic bicycle's at full lock (``v · tan δ / wheelbase``) or the tyres' grip. The recorded velocity is the
-    derivative of the position, direction included; a contact within a step changes the velocity at once, and leaves the
-    mean velocity within half the change. Raises EpisodeError: the record has states of an actor that was never
-    described.
+    A contact within a step changes the velocity at once, and leaves the mean velocity within half the change. Raises
+    EpisodeError: the record has states of an actor that was never described.
     """
     rows = record.rows
     pairs = np.flatnonzero((rows.actor_id[1:] == rows.actor_id[:-1]) & (rows.step[1:] == rows.step[:-1] + 1))

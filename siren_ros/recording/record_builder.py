@@ -12,8 +12,8 @@ import numpy as np
 
 from siren_ros.errors import BagError
 from siren_ros.interfaces import conversions, episode_conversions, topics
+from siren_ros.interfaces.conversions import from_av_control
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
-from siren_ros.interfaces.programs import from_av_control
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork

@@ -10,6 +10,7 @@ from hand_made_record import CAR_LENGTH_M, NORTHBOUND, Driven, at_speed, crossin
 from siren_ros.errors import EpisodeError
 from siren_ros.judging.verdict import Part, verdict_of
 from siren_ros.judging.verify import (
+    CHECKS,
     Verification,
     VerifyLimits,
     check_message_counts,
@@ -41,6 +42,7 @@ def test_a_sound_episode_holds(record):
     verification = verify_episode(record)
     assert verification.holds
     assert _failing(verification) == []
+    assert [part.name for part in verification.checks] == list(CHECKS), "the documents list them"
 
 
 def _moved(record: EpisodeRecord, **columns: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> EpisodeRecord:

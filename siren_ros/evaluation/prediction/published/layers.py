@@ -12,12 +12,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import one_hot
 
-<<<<<<< HEAD
-from siren_ros.datasets.ngsim_frame import CELLS
-from siren_ros.evaluation.prediction.samples import FUTURE_POINTS
-=======
 from siren_ros.datasets.ngsim import CELLS
->>>>>>> 6a14692 (Recording and exports hold each computation once: NGSIM and KITTI have one file each, XML has paths, and tests name what they hold)
+from siren_ros.evaluation.prediction.samples import FUTURE_POINTS
 
 
 def one_hot_modes(samples: int, lateral: int, longitudinal: int) -> Iterator[tuple[Tensor, Tensor]]:

@@ -20,7 +20,7 @@ from typing import Final
 import torch
 from torch import Tensor, nn
 
-from siren_ros.datasets.ngsim_frame import CELLS, CELLS_ALONG, COLUMNS
+from siren_ros.datasets.ngsim import CELLS, CELLS_ALONG, COLUMNS
 from siren_ros.evaluation.prediction.published.layers import (
     ATTENDED,
     ENCODED,

@@ -107,11 +107,11 @@ def _size(size_bytes: int) -> str:
 def add_verify(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Evaluates the predicate of the episode's template on the record alone, and checks continuity, "
-        "ownership, residuals, message counts and stamps. Exit code 1 where anything fails."
+        "Evaluates the predicate of the episode's template on the record alone, and checks motion, ownership, "
+        "residuals, message counts, stamps and hashes. The exit code is 1 if anything fails."
     )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="folder of a recorded episode")
-    verb.add_argument("-q", "--quiet", action="store_true", help="print one line for each bag, and what fails")
+    verb.add_argument("-q", "--quiet", action="store_true", help="print only one line for each bag and what fails")
     verb.set_defaults(run=verify)
 
 
@@ -143,10 +143,10 @@ def _report(bag: Path, verification: Verification, quiet: bool) -> list[str]:
 def add_recover(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Writes a complete bag from all whole chunks of one that was cut off or damaged. A bag that is "
-        "complete is left alone. Exit code 1 where messages of the file are lost."
+        "Writes a complete bag from all complete chunks of a bag that was cut off or damaged. A complete bag stays as "
+        "it is. The exit code is 1 if messages of the file are lost."
     )
-    verb.add_argument("bag", type=Path, metavar="BAG", help="folder of the bag, or the name that it was to have")
+    verb.add_argument("bag", type=Path, metavar="BAG", help="folder of the bag, or the name that it should have")
     verb.add_argument("--out", type=Path, metavar="FOLDER", help="new folder (default: BAG.partial next to the bag)")
     verb.set_defaults(run=recover)
 

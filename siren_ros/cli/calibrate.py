@@ -24,30 +24,30 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     known = "; ".join(f"{one.name}, {one.low:g} to {one.high:g}: {one.meaning}" for one in PARAMETERS.values())
     verb.description = (
-        "Simulates the situations of bags again and again with other parameters of the EMV, until it drives most like "
-        "the EMV of the bags, or like a given trajectory (CMA-ES, then least squares). The error is the root mean "
-        "square of the distance between both EMVs at the same times; the spread of a value is how far it can move, the "
-        f"others following, until the error has grown by a tenth. Parameters: {known}."
+        "Simulates the situations of bags with other parameters of the EMV until it drives most like the EMV of the "
+        "bags or like a given trajectory (least squares and CMA-ES). The error is the root "
+        "mean square of the distance between both EMVs at the same times. The spread of a value is how far it can "
+        f"move, while the others follow, until the error grows by a tenth. Parameters: {known}."
     )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
     verb.add_argument(
-        "--parameters", default=DEFAULTS, metavar="NAMES", help="what is fitted, by commas (default %(default)s)"
+        "--parameters", default=DEFAULTS, metavar="NAMES", help="parameters, by commas (default %(default)s)"
     )
     verb.add_argument(
         "--trajectory",
         type=Path,
         metavar="FILE.csv",
-        help="time_s, x_m, y_m in the map's frame, in place of the bag's EMV; with one bag, which gives the situation",
+        help="trajectory in place of the bag's EMV (needs one bag): time_s, x_m, y_m in the map's frame",
     )
     verb.add_argument(
         "--evaluations",
         type=int,
         default=0,
         metavar="N",
-        help=f"tries, at most (default: {EVALUATIONS_EACH} for each parameter)",
+        help=f"largest number of tries (default: {EVALUATIONS_EACH} for each parameter)",
     )
-    verb.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default 0)")
-    verb.add_argument("--out", type=Path, metavar="FILE.json", help="write what was found")
+    verb.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search (default 0)")
+    verb.add_argument("--out", type=Path, metavar="FILE.json", help="write the values to this file")
     add_processes(verb)
     verb.set_defaults(run=run)
 

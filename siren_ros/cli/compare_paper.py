@@ -33,10 +33,10 @@ from siren_ros.tables.table import text_of
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Puts every number of the paper's tables next to ours: the errors of the trajectory predictors on the vehicles "
+        "Prints the numbers of the paper's tables next to ours: errors of the trajectory predictors on the vehicles "
         "in the interaction region, numbers of samples, ranking of the templates, detection and the order of the "
-        "behaviour families, and the balance of the risk videos; with 95 % intervals over episodes. Only "
-        "episodes at their template's own level count, as in the paper."
+        "behaviour families, and the balance of the risk videos, with 95 % intervals over episodes. Only episodes at "
+        "their template's level count, as in the paper."
     )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
     verb.add_argument("--models", default="cv,idm", metavar="NAMES", help="predictors, by commas (default %(default)s)")
@@ -48,11 +48,11 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         metavar="NAME=PATH",
         help="weights of a predictor; may be given several times",
     )
-    verb.add_argument("--detection", type=Path, metavar="DIR", help="what `siren evaluate detection --out` wrote")
-    verb.add_argument("--risk", type=Path, metavar="DIR", help="what `siren evaluate risk --out` wrote")
+    verb.add_argument("--detection", type=Path, metavar="DIR", help="folder of `siren evaluate detection --out`")
+    verb.add_argument("--risk", type=Path, metavar="DIR", help="folder of `siren evaluate risk --out`")
     verb.add_argument("--risk-set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
     verb.add_argument("--all", action="store_true", help="also print the paper's numbers that were not measured here")
-    verb.add_argument("--out", type=Path, metavar="FILE", help="write all rows as .json or .csv")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="write all rows to this .json or .csv file")
     add_processes(verb)
     verb.set_defaults(run=run)
 

@@ -14,8 +14,8 @@ _TASKS: Final = {
         "the effect of siren and level: the same seeds at several levels",
         "yielding.add_counterfactual",
     ),
-    "diversity": ("how different episodes are, and what more seeds would still add", "yielding.add_diversity"),
-    "detection": ("3-D detection: the nuScenes score of boxes that a detector found", "detection.add_arguments"),
+    "diversity": ("how different episodes are, and what more seeds would add", "yielding.add_diversity"),
+    "detection": ("3-D detection: the nuScenes score of a detector's boxes", "detection.add_arguments"),
     "risk": (
         "vision-language risk understanding: normal scenes, near-misses and collisions in videos",
         "risk.add_arguments",

@@ -72,18 +72,20 @@ _MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
 def add_arguments(verb: Command) -> None:
     """Adds the description and the options of the command."""
     verb.add_variant("risk", "generate_risk.add_arguments")
-    verb.epilog = "`siren generate risk` makes a set of front-camera videos with risk labels; --help has its options."
+    verb.epilog = (
+        "`siren generate risk` makes a set of front-camera videos with risk labels; see `siren generate risk --help`."
+    )
     verb.description = (
-        "Makes all episodes of a study: templates x levels x seeds x maps x draws of parameters. Every episode has a "
-        "process of its own. Called again with the same folder, it verifies the finished episodes by their hashes and "
-        "makes the others. The table of all episodes is DIR/manifest.parquet. Options of the matrix and of the draws "
-        "stand above what the study file says. Exit code 1 where an episode is missing; with --strict also where an "
-        "interaction did not happen, or vehicles collided."
+        "Makes all episodes of a study: templates x levels x seeds x maps x draws of parameters. Each episode has its "
+        "own process. The same command continues a study: it keeps finished episodes whose hashes are correct, and "
+        "makes the others. DIR/manifest.parquet is the table of all episodes. Options of the matrix and of the draws "
+        "override the study file. The exit code is 1 if an episode is missing; with --strict also if an interaction "
+        "did not happen or vehicles collided."
     )
     verb.add_argument(
         "study", nargs="?", metavar="STUDY", help="study file (YAML), or a name in params/studies such as v1"
     )
-    verb.add_argument("--out", required=True, metavar="DIR", help="folder or fsspec URL, new or from before")
+    verb.add_argument("--out", required=True, metavar="DIR", help="folder or fsspec URL, new or of the same study")
     matrix = verb.add_argument_group("the matrix")
     matrix.add_argument("--templates", nargs="+", metavar="ID", help="S1 to S7, or template files (default: all)")
     matrix.add_argument("--levels", nargs="+", metavar="L", help="L0 to L3, or own (default)")
@@ -96,25 +98,29 @@ def add_arguments(verb: Command) -> None:
         "--duration-s", type=float, metavar="S", help="simulated time of each episode (default: its own)"
     )
     matrix.add_argument(
-        "--risk-videos", type=int, metavar="N", help=f"risk videos of each template too, in DIR/{RISK_VIDEOS}"
+        "--risk-videos", type=int, metavar="N", help=f"also make N risk videos of each template, in DIR/{RISK_VIDEOS}"
     )
     matrix.add_argument(
         "--values",
         metavar="PATH=N,…",
-        help="values of the templates' parameters in place of the seeds' own: emv.speed_mps=12.5,duration_s=60",
+        help="values of the templates' parameters, which the seeds then do not draw: emv.speed_mps=12.5,duration_s=60",
     )
     draws = verb.add_argument_group("draws of the templates' parameters")
     draws.add_argument("--grid", nargs="+", metavar="PATH=V,V", help="every combination of these values")
     draws.add_argument("--random", type=int, metavar="N", help="N random draws")
     draws.add_argument("--lhs", type=int, metavar="N", help="N draws as a Latin hypercube")
     draws.add_argument(
-        "--range", nargs="+", metavar="PATH=A:B", default=[], help="draw these (default: all, over their ranges)"
+        "--range",
+        nargs="+",
+        metavar="PATH=A:B",
+        default=[],
+        help="ranges to draw from (default: those of the templates)",
     )
     draws.add_argument("--draw-seed", type=int, default=0, metavar="N", help="seed of the draws (default 0)")
     work = verb.add_argument_group("the work")
     add_processes(work, "--workers")
-    work.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that does the work: tcp://HOST:8786")
-    work.add_argument("--slurm", action="store_true", help="start --workers Slurm jobs through Dask for the work")
+    work.add_argument("--scheduler", metavar="ADDRESS", help="Dask cluster that does the work: tcp://HOST:8786")
+    work.add_argument("--slurm", action="store_true", help="start --workers Slurm jobs through Dask")
     work.add_argument(
         "--retries", type=int, default=RETRIES, metavar="N", help="tries after a crash (default %(default)s)"
     )
@@ -123,12 +129,10 @@ def add_arguments(verb: Command) -> None:
         type=float,
         default=TIMEOUT_S,
         metavar="S",
-        help="wall time of one episode's process (default %(default)g)",
+        help="longest wall time of one episode's process (default %(default)g)",
     )
     work.add_argument(
-        "--strict",
-        action="store_true",
-        help="exit code 1 also where an interaction did not happen, or vehicles collided",
+        "--strict", action="store_true", help="exit code 1 also if an interaction did not happen or vehicles collided"
     )
     verb.set_defaults(run=run)
 

@@ -20,11 +20,11 @@ from siren_ros.studies.risk_set.search import PAPER_COUNTS, PAPER_PER_TEMPLATE, 
 
 _MEANINGS: Final = {
     "time_to_collision_s": "near-miss: a TTC below this",
-    "time_to_collision_for_s": "near-miss: for so long without interruption",
-    "closing_mps": "near-miss: while closing faster than this",
+    "time_to_collision_for_s": "near-miss: for this time without interruption",
+    "closing_mps": "near-miss: a closing speed above this, together with the TTC",
     "post_encroachment_s": "near-miss: a PET below this",
     "required_deceleration_mps2": "near-miss: a required deceleration above this",
-    "gap_m": "near-miss: at a gap below this, for the deceleration",
+    "gap_m": "near-miss: a gap below this, together with the deceleration",
 }
 
 
@@ -55,8 +55,8 @@ def thresholds_of(arguments: argparse.Namespace, base: RiskThresholds | None = N
 def add_label(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Derives the labels of a set of risk videos again with other thresholds, prints which videos change, and with "
-        "--out writes the set's files there. The videos stay where they are."
+        "Derives the labels of a set of risk videos again with other thresholds, and prints which videos change. With "
+        "--out, it writes the set's files there; the videos stay where they are."
     )
     verb.add_argument("set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
     verb.add_argument("--out", type=Path, metavar="DIR", help="folder for the files with the new labels")
@@ -88,12 +88,12 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
         "Makes a set of front-camera videos of 190 frames at 10 Hz with the labels Normal, Near-Miss and Collision. "
-        "Scenario parameters are searched until the classes have the asked balance; a collision is the outcome of "
-        "drivers who react late or do not look out, never a script. The default is the paper's set: 15 videos of each "
-        "template, of which 74 / 25 / 6 are normal, near-misses and collisions. Called again with the same folder, it "
-        "goes on where it was interrupted. Exit code 1 where a class could not be found often enough."
+        "The command searches scenario parameters until the classes have the given balance. Collisions are not "
+        "scripted: they happen when drivers react late or do not look out. The default is the paper's set: 15 videos "
+        "of each template, together 74 normal, 25 near-misses and 6 collisions. The same command continues an "
+        "interrupted set. The exit code is 1 if a class was not found often enough."
     )
-    verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the set, new or from before")
+    verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the set, new or interrupted")
     verb.add_argument(
         "--templates",
         nargs="+",
@@ -103,10 +103,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         help="S1 to S7 (default: all)",
     )
     verb.add_argument(
-        "--per-template", type=positive, metavar="N", help=f"videos of each (default {PAPER_PER_TEMPLATE})"
+        "--per-template", type=positive, metavar="N", help=f"videos of each template (default {PAPER_PER_TEMPLATE})"
     )
     verb.add_argument(
-        "--balance", type=_counts, metavar="N,N,N", help=f"{', '.join(TITLES)} of the whole set (default {_PAPER})"
+        "--balance", type=_counts, metavar="N,N,N", help=f"{', '.join(TITLES)} in the whole set (default {_PAPER})"
     )
     verb.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search (default 0)")
     verb.add_argument("--map", default="", metavar="FILE", help="map file (default: the town)")

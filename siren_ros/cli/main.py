@@ -14,27 +14,27 @@ from siren_ros.errors import EXIT_FAILED, SirenError
 
 VERBS: Final = {
     "generate": (
-        "make many episodes: a matrix of templates, levels, seeds, maps and parameters",
+        "make the episodes of a study: templates, levels, seeds, maps and parameters",
         "generate.add_arguments",
     ),
-    "info": ("show what an episode is and what its bag holds", "bags.add_info"),
+    "info": ("show what an episode is and what its bag contains", "bags.add_info"),
     "verify": ("check that the interaction happened and that the record is sound", "bags.add_verify"),
     "recover": ("complete a bag whose writer was killed", "bags.add_recover"),
     "export": ("write episodes as a dataset in another format", "export.add_arguments"),
     "plot": ("draw an episode from above", "pictures.add_plot"),
-    "sense": ("draw what sensors see at an instant of an episode", "pictures.add_sense"),
-    "video": ("make a video of an episode, from above or through its cameras", "pictures.add_video"),
+    "sense": ("draw what sensors see at one time of an episode", "pictures.add_sense"),
+    "video": ("make a video of an episode, from above or from its cameras", "pictures.add_video"),
     "replay": ("play an episode on its topics, or simulate it again and compare", "replay.add_arguments"),
     "label": ("derive the labels of risk videos again, with other thresholds", "generate_risk.add_label"),
     "evaluate": ("score models, traffic and AVs on episodes", "evaluate.add_arguments"),
     "report": (
-        "write a study as one HTML page: what was made, what was measured, how to make it again",
+        "write a study as one HTML page: episodes, measurements, and the commands that repeat them",
         "report.add_arguments",
     ),
-    "compare-paper": ("put every number of the paper's tables next to ours", "compare_paper.add_arguments"),
+    "compare-paper": ("print the numbers of the paper's tables next to ours", "compare_paper.add_arguments"),
     "calibrate": ("fit the EMV's parameters to trajectories", "calibrate.add_arguments"),
     "train": ("train the models that ship with the project", "train.add_arguments"),
-    "reproduce": ("make every measured figure, picture and film of the documents again", "reproduce.add_arguments"),
+    "reproduce": ("make the measured figures, pictures and films of the documents again", "reproduce.add_arguments"),
 }
 """What the verbs do, and which function of this package adds their arguments."""
 
@@ -43,8 +43,8 @@ def parser() -> Command:
     """The command line; each verb loads its arguments when it is parsed or printed."""
     top = Command(
         prog="siren",
-        description="Makes SIREN episodes, looks into them, checks, draws and exports them, and scores models on them.",
-        epilog="Exit codes: 0 all is well, 1 the check failed, 2 the input cannot be used.",
+        description="Makes, shows, checks, draws and exports SIREN episodes, and scores models on them.",
+        epilog="Exit codes: 0 success, 1 an episode or a check failed, 2 the input cannot be used.",
     )
     top.add_argument("--version", action="version", version=f"siren {siren_ros.__version__}")
     verbs = top.add_subparsers(title="commands", dest="verb", metavar="COMMAND", required=True)

@@ -15,8 +15,8 @@ from siren_ros.sensors.suite import load_suite
 def add_plot(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Draws the roads, all paths coloured by speed, the yielding vehicles, the events, three moments of the "
-        "interaction, and who did what when, into one PNG file."
+        "Draws one PNG file with the roads, all paths coloured by speed, the yielding vehicles, the events, three "
+        "moments of the interaction, and a timeline of what each vehicle did."
     )
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     verb.add_argument("--out", type=Path, metavar="FILE.png", required=True, help="picture to write")
@@ -32,14 +32,14 @@ def plot(arguments: argparse.Namespace) -> int:
 def add_sense(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Draws the pictures of all cameras of a suite and its point clouds, by height and by instance, into one "
-        "file. Suite and look may be others than the episode's own, and the bag may be one without sensors."
+        "Draws the pictures of all cameras of a suite and its point clouds, by height and by instance, into one file. "
+        "Suite and look may differ from those of the episode, and the bag may have no sensors."
     )
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     verb.add_argument("--time", type=float, metavar="S", required=True, help="simulated time")
     verb.add_argument("--sensors", metavar="SUITE", default="full", help="name or file of a suite (default: full)")
-    verb.add_argument("--look", metavar="LOOK", help="name or file of a look; the episode's own without it")
-    verb.add_argument("--actor", type=int, metavar="ID", help="who carries the sensors; the first EMV without it")
+    verb.add_argument("--look", metavar="LOOK", help="name or file of a look (default: the episode's)")
+    verb.add_argument("--actor", type=int, metavar="ID", help="carrier of the sensors (default: the first EMV)")
     verb.add_argument("--out", type=Path, metavar="FILE", required=True, help="PNG or JPEG file to write")
     verb.set_defaults(run=sense)
 
@@ -63,18 +63,21 @@ def add_video(verb: argparse.ArgumentParser) -> None:
     )
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     verb.add_argument(
-        "--view", choices=[view.value for view in View], default=View.BIRDSEYE.value, help="what it shows"
+        "--view",
+        choices=[view.value for view in View],
+        default=View.BIRDSEYE.value,
+        help="content (default %(default)s)",
     )
     verb.add_argument("--out", type=Path, metavar="FILE.mp4", required=True, help="video to write")
-    verb.add_argument("--frames", type=int, metavar="N", help="number of frames (paper: 190); all without it")
+    verb.add_argument("--frames", type=int, metavar="N", help="number of frames (default: all; paper: 190)")
     verb.add_argument("--start-s", type=float, metavar="S", default=0.0, help="simulated time of the first frame")
-    verb.add_argument("--width", type=int, metavar="PX", help="scale wider frames down to this")
+    verb.add_argument("--width", type=int, metavar="PX", help="largest width; wider frames are scaled down")
     verb.add_argument(
         "--crf",
         type=int,
         metavar="N",
         default=CRF,
-        help=f"H.264's quality, 0 to 51 (default {CRF}: almost no visible loss); six more are about half the bytes",
+        help=f"quality of H.264, 0 to 51 (default {CRF}: almost no visible loss); six more give about half the bytes",
     )
     verb.set_defaults(run=video)
 

@@ -19,22 +19,31 @@ _RULE: Final = re.compile(r"[A-Za-z0-9_/~]+:=[A-Za-z0-9_/~]+")
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Publishes an episode on the topics of the live run, with its clock. With --check: simulates the "
-        "episode again from the map and the files in its bag, without its sensors, compares everything simulated with "
-        "the record and names the first difference."
+        "Publishes an episode on the topics of the live run, with its clock. With --check, it simulates the episode "
+        "again from the map and the files in its bag, without sensors, compares the result with the record, and names "
+        "the first difference."
     )
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of the bag")
     verb.add_argument("--check", action="store_true", help="simulate again and compare instead of playing")
-    verb.add_argument("--rate", type=float, default=1.0, metavar="R", help="simulated seconds per wall second (1)")
     verb.add_argument(
-        "--start", dest="start_s", type=float, default=0.0, metavar="S", help="simulated time to begin at (0)"
+        "--rate", type=float, default=1.0, metavar="R", help="simulated seconds per wall second (default 1)"
+    )
+    verb.add_argument(
+        "--start", dest="start_s", type=float, default=0.0, metavar="S", help="simulated time of the begin (default 0)"
     )
     verb.add_argument("--loop", action="store_true", help="begin again at the end")
     verb.add_argument("--paused", action="store_true", help="wait for the service /rosbag2_player/resume first")
     verb.add_argument(
-        "--playback-duration", dest="duration_s", type=float, default=0.0, metavar="S", help="play so long (to the end)"
+        "--playback-duration",
+        dest="duration_s",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="simulated time (default: all)",
     )
-    verb.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="publish the clock and these (all)")
+    verb.add_argument(
+        "--topics", nargs="+", default=[], metavar="TOPIC", help="only these topics and the clock (default: all)"
+    )
     verb.add_argument(
         "--remap", "-m", nargs="+", default=[], metavar="OLD:=NEW", help="publish topics under other names"
     )

@@ -15,9 +15,9 @@ from siren_ros.study_report.study import DETECTION, MODELS, RISK, PageOptions
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Writes one HTML file about a study: what was generated, pictures and films of the templates, yield metrics, "
-        "effects of siren and level, the tables of the three tasks, diversity, and the command that makes each number "
-        "again. Everything is inside the file; a browser needs no network for it."
+        "Writes one HTML file about a study: its episodes, pictures and films of the templates, yield metrics, "
+        "effects of siren and level, the tables of the three tasks, diversity, and the commands that repeat each "
+        "number. The file contains everything; a browser needs no network."
     )
     verb.add_argument("dir", type=Path, metavar="DIR", help="folder that `siren generate` made")
     verb.add_argument("--out", type=Path, required=True, metavar="FILE.html", help="page to write")
@@ -31,10 +31,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "--detection",
         type=Path,
         metavar="DIR",
-        help=f"what `siren evaluate detection --out` wrote (default: DIR/{DETECTION}, where it exists)",
+        help=f"folder that `siren evaluate detection --out` wrote (default: DIR/{DETECTION})",
     )
     verb.add_argument(
-        "--risk", type=Path, metavar="DIR", help=f"what `siren evaluate risk --out` wrote (default: DIR/{RISK})"
+        "--risk", type=Path, metavar="DIR", help=f"folder that `siren evaluate risk --out` wrote (default: DIR/{RISK})"
     )
     add_processes(verb)
     verb.set_defaults(run=run)

@@ -19,19 +19,13 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Describe the verb, and what it takes."""
     verb.description = (
         "Makes every measured figure, table, picture and film of the documents, part by part, and writes "
-        "docs/results.json. It says first how long each part takes. A part is made again only when its commands, its "
-        "code or a part that it needs has changed. An interrupted run goes on where it stopped. Needs a checkout of "
-        "the repository."
+        "docs/results.json. It says first how long each part takes. It makes a part again only if its commands, its "
+        "code or a part that it needs has changed. The same command continues an interrupted run. It needs a checkout "
+        "of the repository."
     )
     verb.add_argument("--only", nargs="+", default=(), metavar="PART", help="only these parts and those that they need")
-    verb.add_argument("--list", action="store_true", help="say what would be made, and make nothing")
-    verb.add_argument(
-        "--out",
-        type=Path,
-        default=Path("reproduction"),
-        metavar="DIR",
-        help="folder for the work",
-    )
+    verb.add_argument("--list", action="store_true", help="only list what would be made")
+    verb.add_argument("--out", type=Path, default=Path("reproduction"), metavar="DIR", help="folder for the work")
     verb.add_argument(
         "--workers",
         type=int,

@@ -37,7 +37,7 @@ _SEED_COUNTS: Final = 1_000_000
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
-    verb.description = "Trains models that ship with the project."
+    verb.description = "Trains the models that ship with the project."
     tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
     _add_prediction(_task(tasks, "prediction", "the trajectory predictor siren", FitConfig(), train_prediction))
     _add_detection(_task(tasks, "detection", "the LiDAR detector pillars", DetectionFit(), train_detection))
@@ -54,7 +54,7 @@ def _task(
     """A task with the options that every training has."""
     task: argparse.ArgumentParser = tasks.add_parser(name, help=summary)
     task.add_argument(
-        "--seed", type=int, default=config.seed, metavar="N", help="of the training (default %(default)s)"
+        "--seed", type=int, default=config.seed, metavar="N", help="seed of the training (default %(default)s)"
     )
     task.set_defaults(run=run, task=name, train=train)
     return task
@@ -105,19 +105,19 @@ def _tell(line: str) -> None:
 
 def _add_prediction(task: argparse.ArgumentParser) -> None:
     task.description = (
-        "Runs episodes without sensors, trains the trajectory predictor on them, judges it on other seeds and on "
-        "maps that it was not trained on, and writes DIR/full.onnx with its card DIR/full.json. Needs torch: "
-        "./env --with models siren train prediction. Exit code 1 where an episode failed for another reason than "
-        "that a map has no site for its template."
+        "Simulates episodes without sensors, trains the trajectory predictor on them, evaluates it on other seeds and "
+        "on maps that the training did not see, and writes DIR/full.onnx with its card DIR/full.json. It needs torch: "
+        "./env --with models siren train prediction. The exit code is 1 if an episode failed, unless the map has no "
+        "site for its template."
     )
-    task.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of weights and cards")
+    task.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for weights and cards")
     task.add_argument(
-        "--cache", type=Path, metavar="DIR", help="folder of the samples, which a second run takes (default OUT/cache)"
+        "--cache", type=Path, metavar="DIR", help="folder of the samples, kept for later runs (default OUT/cache)"
     )
     task.add_argument(
-        "--maps", nargs="+", default=[_TOWN], metavar="FILE", help="maps to train on, town for the built-in (default)"
+        "--maps", nargs="+", default=[_TOWN], metavar="FILE", help="maps to train on; town is built in (default)"
     )
-    task.add_argument("--held-out-maps", nargs="+", default=[], metavar="FILE", help="maps that only judge")
+    task.add_argument("--held-out-maps", nargs="+", default=[], metavar="FILE", help="maps for evaluation only")
     size, config = PlanSize(), FitConfig()
     for name, default in (("train", size.train), ("validation", size.validation), ("test", size.test)):
         task.add_argument(
@@ -137,7 +137,7 @@ def _add_prediction(task: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[FULL],
         choices=list(VARIANTS),
-        help=f"what to train: {', '.join(f'{name} ({one.summary})' for name, one in VARIANTS.items())}",
+        help=f"variants to train: {', '.join(f'{name} ({one.summary})' for name, one in VARIANTS.items())}",
     )
 
 
@@ -175,9 +175,9 @@ def _figures(name: str, trained: TrainedVariant) -> list[str]:
 
 def _add_detection(task: argparse.ArgumentParser) -> None:
     task.description = (
-        "Trains the pillar detector on recorded sweeps, judges it on other bags, and writes FILE.onnx with its card "
-        "FILE.json. A training that was stopped goes on from its checkpoint when the command is given again. Needs "
-        "torch: ./env --with models siren train detection."
+        "Trains the pillar detector on recorded sweeps, evaluates it on other bags, and writes FILE.onnx with its "
+        "card FILE.json. The same command continues an interrupted training from its checkpoint. It needs torch: "
+        "./env --with models siren train detection."
     )
     config = DetectionFit()
     task.add_argument(
@@ -188,11 +188,9 @@ def _add_detection(task: argparse.ArgumentParser) -> None:
         help="folder of a recorded episode with a LiDAR, folder of such folders, or frames of the cache (.npz)",
     )
     task.add_argument(
-        "--out", type=Path, required=True, metavar="FILE.onnx", help="the detector; its card is next to it"
+        "--out", type=Path, required=True, metavar="FILE.onnx", help="file for the detector; its card lies next to it"
     )
-    task.add_argument(
-        "--held-out", type=Path, nargs="+", default=[], metavar="BAG", help="bags that only judge: other seeds or maps"
-    )
+    task.add_argument("--held-out", type=Path, nargs="+", default=[], metavar="BAG", help="bags only for evaluation")
     task.add_argument(
         "--cache",
         type=Path,
@@ -200,10 +198,10 @@ def _add_detection(task: argparse.ArgumentParser) -> None:
         help="folder of frames and checkpoint (default: FILE_training next to FILE)",
     )
     task.add_argument(
-        "--steps", type=int, default=config.steps, metavar="N", help="of the optimiser (default %(default)s)"
+        "--steps", type=int, default=config.steps, metavar="N", help="steps of the optimiser (default %(default)s)"
     )
-    task.add_argument("--minutes", type=float, metavar="M", help="stop after M minutes, at the next checkpoint")
-    task.add_argument("--threads", type=int, default=1, metavar="N", help="of the processor (default %(default)s)")
+    task.add_argument("--minutes", type=float, metavar="M", help="stop at the first checkpoint after M minutes")
+    task.add_argument("--threads", type=int, default=1, metavar="N", help="number of threads (default %(default)s)")
     task.add_argument("--device", default=config.device, help="cpu (default) or cuda")
 
 
@@ -224,7 +222,7 @@ def train_detection(arguments: argparse.Namespace, fitter: Any) -> int:
     )
     card = train_detector(training, fitter, _tell)
     if card is None:
-        _tell("stopped; the same command goes on from here")
+        _tell("stopped; the same command continues from here")
         return EXIT_OK
     _tell(f"{out} ({card['parameters']} parameters, sha256 {card['sha256'][:16]})")
     for split, figures in card["figures"].items():
@@ -236,9 +234,8 @@ def train_detection(arguments: argparse.Namespace, fitter: Any) -> int:
 def _add_risk(task: argparse.ArgumentParser) -> None:
     task.description = (
         "Simulates episodes, draws small films of the front camera, trains the network that judges their risk, and "
-        "writes DIR/sequence.onnx with its card DIR/sequence.json. Called again with the same cache, it takes the "
-        "films that are there. Needs torch: ./env --with models siren train risk. Exit code 1 where a film could not "
-        "be made."
+        "writes DIR/sequence.onnx with its card DIR/sequence.json. With the same cache, it uses the films that exist. "
+        "It needs torch: ./env --with models siren train risk. The exit code is 1 if a film could not be made."
     )
     task.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the weights and the card")
     task.add_argument("--cache", type=Path, metavar="DIR", help="folder of the films (default OUT/cache)")

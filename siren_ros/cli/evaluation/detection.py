@@ -27,8 +27,8 @@ from siren_ros.tables.table import text_of
 def add_arguments(task: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     task.description = (
-        "3-D detection by nuScenes' code and the paper's protocol: one class for all vehicles, labels within 50 m with "
-        "at least one LiDAR point, matches by the distance of centres on the ground."
+        "Scores 3-D detection with nuScenes' code and the paper's protocol: one class for all vehicles, labels within "
+        "50 m with at least one LiDAR point, matches by the distance of centres on the ground."
     )
     task.add_argument(
         "bags", type=Path, metavar="BAG", nargs="+", help="folder of a recorded episode, or a folder of such folders"
@@ -39,13 +39,13 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=FILE",
         help="a detector's boxes: nuScenes results (.json), OpenPCDet results (.pkl), a folder of KITTI text files, or "
-        "topic:/NAME, recorded in the bags; may be given several times",
+        "topic:/NAME, recorded in the bags; may be repeated",
     )
     task.add_argument(
         "--detectors",
         metavar="NAMES",
         default="",
-        help=f"detectors that run here, by commas: {', '.join(DETECTORS)} (classical needs `./env --with classical …`)",
+        help=f"detectors to run, separated by commas: {', '.join(DETECTORS)} (classical: `./env --with classical …`)",
     )
     task.add_argument(
         "--checkpoint",
@@ -53,7 +53,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="pillars=FILE.onnx",
-        help="weights of `siren train detection` in place of those that ship",
+        help="weights of `siren train detection` in place of the shipped weights",
     )
     task.add_argument(
         "--self-test", action="store_true", help="score the labels themselves through every format: mAP 1, errors 0"
@@ -62,9 +62,9 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         "--names",
         metavar="NAMES",
         default="",
-        help="class names that count as vehicles, by commas (default: every name of a vehicle)",
+        help="class names that count as vehicles, separated by commas (default: every name of a vehicle)",
     )
-    task.add_argument("--compare-paper", action="store_true", help="print the paper's rows below")
+    task.add_argument("--compare-paper", action="store_true", help="also print the paper's rows")
     task.add_argument("--out", type=Path, metavar="DIR", help="write tables, scores.json, curves and pictures there")
     add_processes(task)
     task.set_defaults(run=run)

@@ -32,9 +32,10 @@ from siren_ros.scenario.interaction_region import REGION_TEXT
 def add_arguments(task: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     task.description = (
-        "Trajectory prediction by the paper's protocol: 3 s of history, 5 s of future every 0.2 s, one sample for each "
-        "vehicle and each frame at 10 Hz whose whole window was logged. Prints ADE/FDE in metres by template, category "
-        "and level, with intervals over the episodes. Exit code 1 where an episode gives no sample."
+        "Scores trajectory prediction with the paper's protocol: 3 s of history, 5 s of future every 0.2 s, one "
+        "sample for each vehicle and each frame at 10 Hz with a complete window. Prints ADE/FDE in metres by "
+        "template, category and level, with intervals over the episodes. The exit code is 1 if an episode gives no "
+        "sample."
     )
     task.add_argument(
         "bags", type=Path, metavar="BAG", nargs="+", help="folder of a recorded episode, or a folder of such folders"
@@ -43,8 +44,8 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         "--models",
         default="cv,idm,siren",
         metavar="NAMES",
-        help=f"of {', '.join(PREDICTORS)}, by commas; NAME:LABEL is the same model in a row of its own; "
-        "none for --predictions alone (default %(default)s)",
+        help=f"models among {', '.join(PREDICTORS)}, by commas; NAME:LABEL adds another row of the same model; "
+        "none scores --predictions alone (default %(default)s)",
     )
     task.add_argument(
         "--checkpoint",
@@ -52,7 +53,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=PATH",
-        help="trained weights of a model; may be given several times",
+        help="trained weights of a model; may be repeated",
     )
     task.add_argument(
         "--predictions",
@@ -60,25 +61,25 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=FILE",
-        help=f"what another program predicted: a Parquet file, or {PREDICTIONS.name} for what the bags hold on that "
-        "topic; may be given several times",
+        help=f"predictions of another program: a Parquet file, or {PREDICTIONS.name} for this topic of the "
+        "bags; may be repeated",
     )
     task.add_argument(
-        "--allow-missing", action="store_true", help="score the samples that a file predicts; the table names the share"
+        "--allow-missing", action="store_true", help="score only samples that a file has; tables name their share"
     )
     task.add_argument(
         "--population",
         choices=[population.value for population in Population],
         default=Population.REGION.value,
-        help=f"whose windows count: vehicles in the region of {REGION_TEXT} around the EMV, as in the paper, or all "
+        help=f"vehicles to score: those in the interaction region ({REGION_TEXT}), as in the paper, or all "
         "(default %(default)s)",
     )
-    task.add_argument("--compare-paper", action="store_true", help="show the paper's nine rows next to ours")
+    task.add_argument("--compare-paper", action="store_true", help="also print the paper's nine rows")
     task.add_argument("--out", type=Path, metavar="DIR", help="write the report there: text, JSON, CSV, LaTeX")
     task.add_argument(
         "--pictures",
         action="store_true",
-        help="also draw the best, the median and the worst sample of each template and model to --out",
+        help="also write pictures of the best, the median and the worst sample of each template and model to --out",
     )
     add_processes(task)
     task.set_defaults(run=run)

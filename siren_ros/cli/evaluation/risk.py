@@ -35,10 +35,12 @@ def add_asking(task: argparse.ArgumentParser) -> None:
                 help=setting.help,
             )
     both = task.add_argument_group("asking any model")
-    both.add_argument("--concurrency", type=positive, default=4, metavar="N", help="questions at once (default 4)")
-    both.add_argument("--raw", action="store_true", help="plain pictures instead of ones with outlined vehicles")
-    both.add_argument("--cache", type=Path, metavar="DIR", help="where replies are kept (default: SET/replies)")
-    both.add_argument("--price", type=_prices, metavar="IN,OUT", help="per million tokens, to print what it cost")
+    both.add_argument(
+        "--concurrency", type=positive, default=4, metavar="N", help="questions at the same time (default 4)"
+    )
+    both.add_argument("--raw", action="store_true", help="pictures without outlines of the vehicles")
+    both.add_argument("--cache", type=Path, metavar="DIR", help="folder of the replies (default: SET/replies)")
+    both.add_argument("--price", type=_prices, metavar="IN,OUT", help="prices per million tokens; prints the cost")
 
 
 def _prices(text: str) -> tuple[float, float]:
@@ -94,10 +96,10 @@ def file_name(model: str) -> str:
 def add_arguments(task: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     task.description = (
-        "Scores the answers of vision-language models, or of any other program, to a set of risk videos: accuracy, "
-        "precision, recall and F1 of each class, with 95 % intervals over videos, and confusion matrices "
-        "overall and by template. References to compare with: the most frequent class, a small network that sees each "
-        "second frame, and the record's own measures."
+        "Scores the answers of vision-language models or other programs to a set of risk videos: accuracy, precision, "
+        "recall and F1 of each class with 95 % intervals over videos, and confusion matrices overall and by template. "
+        "References for comparison are the most frequent class, a small network that sees every second frame, and the "
+        "measures of the record."
     )
     task.add_argument("set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
     task.add_argument(
@@ -116,8 +118,8 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         help=f"rows to compare with (default {' '.join(REFERENCES)})",
     )
     add_asking(task)
-    task.add_argument("--allow-missing", action="store_true", help="score the videos that have an answer")
-    task.add_argument("--compare-paper", action="store_true", help="print the paper's rows, too")
+    task.add_argument("--allow-missing", action="store_true", help="score only the videos that have an answer")
+    task.add_argument("--compare-paper", action="store_true", help="also print the paper's rows")
     task.add_argument("--out", type=Path, metavar="DIR", help="write CSV, LaTeX, JSON and pictures there")
     task.add_argument(
         "--page", type=Path, metavar="FILE", help="write an HTML page that plays each video next to all answers"

@@ -31,14 +31,14 @@ def add_yield(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.formatter_class = argparse.RawDescriptionHelpFormatter
     verb.description = (
-        "Marks how traffic made way: means over the episodes of each template and level,\n"
+        "Measures how traffic made way: means over the episodes of each template and level,\n"
         "with 95 % intervals over episodes, and the marks of the AV under test."
     )
     width = max(len(metric.name) for metric in EPISODE_METRICS)
     verb.epilog = "\n".join(["marks:", *(f"  {metric.name:{width}}  {metric.meaning}" for metric in EPISODE_METRICS)])
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
-    verb.add_argument("--out", type=Path, metavar="FILE", help="one row for each episode, as Parquet (or .json)")
-    verb.add_argument("--drivers", type=Path, metavar="FILE", help="one row for each driver, as Parquet (or .json)")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="file for one row per episode: .parquet or .json")
+    verb.add_argument("--drivers", type=Path, metavar="FILE", help="file for one row per driver: .parquet or .json")
     add_processes(verb)
     verb.set_defaults(run=evaluate_yield)
 
@@ -88,10 +88,10 @@ def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:
 def add_counterfactual(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Compares levels on the same seeds: map, demand, route, drivers and draws are the same, so that the difference "
-        "is the effect of the level. Prints mean differences with 95 % intervals over pairs, the p-value "
-        "of a permutation test, adjusted for all comparisons of an outcome (Holm), and in how many pairs an episode "
-        "ended before its value was complete. Exit code 1 where there is no pair."
+        "Compares levels on the same seeds: map, demand, route, drivers and draws are the same, so the difference is "
+        "the effect of the level. Prints mean differences with 95 % intervals over pairs, the p-value of a "
+        "permutation test, adjusted for all comparisons of an outcome (Holm), and the number of pairs in which an "
+        "episode ended before its value was complete. The exit code is 1 if there is no pair."
     )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
     verb.add_argument(
@@ -100,7 +100,7 @@ def add_counterfactual(verb: argparse.ArgumentParser) -> None:
         choices=OUTCOMES,
         default=list(OUTCOMES[:4]),
         metavar="NAME",
-        help=f"of {', '.join(OUTCOMES)}",
+        help=f"outcomes among {', '.join(OUTCOMES)} (default: the first four)",
     )
     verb.add_argument("--out", type=Path, metavar="FILE", help="write the effects on all outcomes as JSON")
     add_processes(verb)
@@ -138,9 +138,9 @@ def as_json(effect: Effect) -> dict[str, object]:
 def add_diversity(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Says for each template, level and map how much of the ranges of its parameters the episodes have tried, how "
-        "far the EMVs' ways and the orders of events are apart, how new the newest kind of episode still is, and how "
-        "many transitions between events one more seed is expected to add."
+        "Prints for each template, level and map which share of the parameter ranges the episodes have tried, how "
+        "different the EMVs' ways and the orders of events are, and how many new transitions between events one more "
+        "seed is expected to add."
     )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
     verb.add_argument("--out", type=Path, metavar="FILE", help="write everything, with the curves, as JSON")

@@ -300,19 +300,19 @@ def _of_driver(mark: _DriverMark) -> Callable[[YieldScene, Encounter], Measure]:
 
 
 DRIVER_METRICS: Final = (
-    Metric("response_time_s", "until the driver first shifted or slowed down", _of_driver(response_time_s)),
-    Metric("clearance_time_s", "until the EMV's way was clear of the driver", _of_driver(clearance_time_s)),
-    Metric("compliance", "1 where the way was clear before the EMV came close", _of_driver(complied)),
-    Metric("held_up_s", "for which the EMV was stuck behind the driver", _of_driver(held_up_s)),
+    Metric("response_time_s", "time until the driver first shifted or slowed down", _of_driver(response_time_s)),
+    Metric("clearance_time_s", "time until the driver was out of the EMV's way", _of_driver(clearance_time_s)),
+    Metric("compliance", "1 if the way was clear before the EMV came close, otherwise 0", _of_driver(complied)),
+    Metric("held_up_s", "time for which the EMV was stuck behind the driver", _of_driver(held_up_s)),
     Metric("made_way_m", "lateral shift before the EMV passed", _of_driver(made_way_m)),
     Metric("passing_gap_m", "lateral gap as the EMV passed", _of_driver(passing_gap_m)),
     Metric(
         "recovery_time_s",
-        "from the passing until the driver was back at speed and in its lane",
+        "time from the passing until the driver was back at its speed and in its lane",
         _of_driver(recovery_time_s),
     ),
-    Metric("min_ttc_s", "least TTC with anybody", lambda scene, met: min_ttc_s(scene.conflicts_of(met.actor_id))),
-    Metric("min_pet_s", "least PET with anybody", lambda scene, met: min_pet_s(scene.conflicts_of(met.actor_id))),
+    Metric("min_ttc_s", "least TTC with any vehicle", lambda scene, met: min_ttc_s(scene.conflicts_of(met.actor_id))),
+    Metric("min_pet_s", "least PET with any vehicle", lambda scene, met: min_pet_s(scene.conflicts_of(met.actor_id))),
     Metric("collisions", "collisions of the driver", lambda scene, met: collisions(scene.record, met.actor_id)),
 )
 
@@ -334,11 +334,11 @@ def of_drivers(
 
 
 EPISODE_METRICS: Final = (
-    Metric("site_time_s", "until the EMV is at the middle of its site", _of_emv(site_time_s)),
+    Metric("site_time_s", "time until the EMV is at the middle of its site", _of_emv(site_time_s)),
     Metric("emv_delay_s", "time that the EMV lost against free flow", _of_emv(emv_delay_s)),
     Metric("emv_stops", "stops of the EMV", _of_emv(emv_stops)),
-    Metric("emv_standstill_s", "for which the EMV stood", _of_emv(emv_standstill_s)),
-    Metric("emv_gap_escape_s", "for which the EMV was in gap escape", _of_emv(emv_gap_escape_s)),
+    Metric("emv_standstill_s", "time for which the EMV stood", _of_emv(emv_standstill_s)),
+    Metric("emv_gap_escape_s", "time for which the EMV was in gap escape", _of_emv(emv_gap_escape_s)),
     Metric(
         "corridor_width_m",
         "median width of the way ahead through the traffic",
@@ -356,18 +356,20 @@ EPISODE_METRICS: Final = (
     ),
     Metric(
         "response_time_s",
-        "median over those drivers, until they first shifted or slowed down",
+        "median time until those drivers first shifted or slowed down",
         lambda scene: of_drivers(scene, response_time_s, np.median),
     ),
     Metric(
         "clearance_time_s",
-        "median over them, until the way was clear",
+        "median time until they were out of the way",
         lambda scene: of_drivers(scene, clearance_time_s, np.median),
     ),
     Metric(
         "compliance", "share of them that cleared the way in time", lambda scene: of_drivers(scene, complied, np.mean)
     ),
-    Metric("held_up_s", "for which the EMV was stuck behind them", lambda scene: of_drivers(scene, held_up_s, sum)),
+    Metric(
+        "held_up_s", "time for which the EMV was stuck behind them", lambda scene: of_drivers(scene, held_up_s, sum)
+    ),
     Metric(
         "wake_duration_s",
         "longest recovery of a driver after the passing",
@@ -381,5 +383,5 @@ EPISODE_METRICS: Final = (
     Metric("civilian_delay_s", "vehicle-seconds that the civilians lost", lambda scene: civilian_delay_s(scene.record)),
     Metric("min_ttc_s", "least TTC of the EMV", lambda scene: min_ttc_s(scene.conflicts_of())),
     Metric("min_pet_s", "least PET of the EMV", lambda scene: min_pet_s(scene.conflicts_of())),
-    Metric("collisions", "collisions of everybody", lambda scene: collisions(scene.record)),
+    Metric("collisions", "collisions of all vehicles", lambda scene: collisions(scene.record)),
 )

@@ -59,10 +59,10 @@ CLIENTS: Final = (
     Client(
         "asking a model behind a server that speaks OpenAI's protocol",
         {
-            "base_url": Setting("of the server, such as http://localhost:8000/v1", "URL"),
-            "model": Setting("the server's name; may be repeated", "NAME", repeated=True),
+            "base_url": Setting("address of the server, such as http://localhost:8000/v1", "URL"),
+            "model": Setting("name of the model on the server; may be repeated", "NAME", repeated=True),
             "api_key_env": Setting("environment variable with the key (or none)", "VAR", ""),
-            "retries": Setting("of a failed request (default %(default)s)", "N", 5, int, limits=(0, 1000)),
+            "retries": Setting("tries of a failed request (default %(default)s)", "N", 5, int, limits=(0, 1000)),
             "timeout_s": Setting("for a whole reply (default %(default)g)", "S", 120.0, float, limits=(0.001, 1e6)),
         },
         _served,
@@ -71,13 +71,13 @@ CLIENTS: Final = (
         "asking a model in this process: ./env --with vlm-local siren evaluate risk …",
         {
             "local_model": Setting(
-                "folder of Hugging Face's format; its name is the model's; may be repeated",
+                "folder of a model in Hugging Face's format, which also names it; may be repeated",
                 "DIR",
                 kind=Path,
                 repeated=True,
             ),
             "device": Setting("cpu (default) or cuda", default="cpu"),
-            "most_tokens": Setting("of an answer (default %(default)s)", "N", MOST_TOKENS, int, limits=(1, 1e6)),
+            "most_tokens": Setting("tokens of an answer (default %(default)s)", "N", MOST_TOKENS, int, limits=(1, 1e6)),
         },
         _local,
     ),

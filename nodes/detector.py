@@ -2,17 +2,14 @@
 
 import sys
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.boxes import FoundBoxes
-from siren_ros.evaluation.detection.detectors.pillar_detector import (
-    PillarDetector,
-    detector_file,
-    load_detector,
-)
+from siren_ros.evaluation.detection.detectors.pillar_detector import PillarDetector, detector_file, load_detector
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import SpaceBoxes, to_boxes
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
@@ -77,12 +74,7 @@ class Detector(Participant[DetectorConfig]):
 
 
 NODE = Detector
-
-
-def main() -> int:
-    """Run the node as a program of its own."""
-    return run_program(NODE, "detector")
-
+main = partial(run_program, NODE, "detector")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,6 +1,7 @@
 """``emv_controller``: drives the emergency vehicles (Algorithm 1)."""
 
 import sys
+from functools import partial
 from typing import Any
 
 from siren_ros.behaviour.emv.controller import EmvState, step_emv
@@ -35,12 +36,7 @@ class EmvController(Participant[EmvControllerConfig]):
 
 
 NODE = EmvController
-
-
-def main() -> int:
-    """Run the node as a program of its own."""
-    return run_program(NODE, "emv_controller")
-
+main = partial(run_program, NODE, "emv_controller")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,6 +1,7 @@
 """``kitti_exporter``: writes KITTI files during the episode."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_program
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
 from siren_ros.sensor_messages.sensor_topics import optical_frame, static_transforms
-from siren_ros.sensors.suite import SensorSuite, load_suite
+from siren_ros.sensors.suite import load_suite
 
 
 class KittiExporter(Participant[KittiExporterConfig]):
@@ -48,14 +49,16 @@ class KittiExporter(Participant[KittiExporterConfig]):
         layout = Layout(self.config.layout)
         if camera is None and layout is Layout.KITTI:
             raise InputError("sensors", episode.sensor_suite, f"a suite with {FRONT_CAMERA}, for KITTI's own layout")
-        calibrated = _calibrated_camera(suite, lidar.name)
-        export = LiveExport(self._folder(episode))
+        calibrated = None
+        if camera is not None:
+            camera_pose = camera_from_lidar(static_transforms(suite), lidar.name, optical_frame(camera.name))
+            calibrated = KittiCamera(camera.intrinsics, camera_pose)
+        export = LiveExport(
+            Path(self.config.out) if self.config.out else default_kitti_path(default_bag_path_of(episode))
+        )
         self._files, self._export = FileWriter(export.open()), export
         self._frames = KittiFrames(self._files, layout, calibrated)
         self.join_more([Input(topic) for topic in (self._lidar, self._image) if topic is not None])
-
-    def _folder(self, episode: EpisodeDescription) -> Path:
-        return Path(self.config.out) if self.config.out else default_kitti_path(default_bag_path_of(episode))
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Write the frame of this step, if it is one."""
@@ -74,21 +77,8 @@ class KittiExporter(Participant[KittiExporterConfig]):
             self._export.close(whole=whole)
 
 
-def _calibrated_camera(suite: SensorSuite, lidar: str) -> KittiCamera | None:
-    spec = next((camera for camera in suite.cameras if camera.name == FRONT_CAMERA), None)
-    if spec is None:
-        return None
-    transforms = static_transforms(suite)
-    return KittiCamera(spec.intrinsics, camera_from_lidar(transforms, lidar, optical_frame(spec.name)))
-
-
 NODE = KittiExporter
-
-
-def main() -> int:
-    """Run the node as a program of its own."""
-    return run_program(NODE, "kitti_exporter")
-
+main = partial(run_program, NODE, "kitti_exporter")
 
 if __name__ == "__main__":
     sys.exit(main())

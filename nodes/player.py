@@ -1,17 +1,13 @@
 """``player``: publishes a recorded bag again; also ``siren replay BAG``."""
 
 import sys
+from functools import partial
 
 from siren_ros.ros.programs.bag_player import BagPlayer
 from siren_ros.ros.programs.program import run_program
 
 NODE = BagPlayer
-
-
-def main() -> int:
-    """Play a bag as the parameters say."""
-    return run_program(NODE, "player")
-
+main = partial(run_program, NODE, "player")
 
 if __name__ == "__main__":
     sys.exit(main())

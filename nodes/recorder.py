@@ -78,12 +78,7 @@ class Recorder(Participant[RecorderConfig]):
 
 
 NODE = Recorder
-
-
-def main() -> int:
-    """Run the node as a program of its own."""
-    return run_program(NODE, "recorder")
-
+main = partial(run_program, NODE, "recorder")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,6 +1,7 @@
 """``sensor_sim``: simulates the sensors, and publishes labels, frames and markers."""
 
 import sys
+from functools import partial
 from typing import Any, Final
 
 from siren_ros.interfaces import topics
@@ -76,12 +77,7 @@ class SensorSim(Participant[SensorSimConfig]):
 
 
 NODE = SensorSim
-
-
-def main() -> int:
-    """Run the node as a program of its own."""
-    return run_program(NODE, "sensor_sim")
-
+main = partial(run_program, NODE, "sensor_sim")
 
 if __name__ == "__main__":
     sys.exit(main())

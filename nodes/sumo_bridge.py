@@ -1,6 +1,7 @@
 """``sumo_bridge``: makes the episode, runs SUMO, and mirrors the vehicles that ROS drives into it."""
 
 import sys
+from functools import partial
 from typing import Any
 
 from siren_ros.generation.episode_setup import set_up_episode
@@ -56,12 +57,7 @@ class SumoBridge(Participant[SumoBridgeConfig]):
 
 
 NODE = SumoBridge
-
-
-def main() -> int:
-    """Run the node as a program of its own."""
-    return run_program(NODE, "sumo_bridge")
-
+main = partial(run_program, NODE, "sumo_bridge")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,6 +1,7 @@
 """``vehicle_dynamics``: turns throttle, brake and steering into poses, and finds collisions."""
 
 import sys
+from functools import partial
 from typing import Any
 
 from siren_ros.dynamics.fleet import FleetState, step_fleet
@@ -53,12 +54,7 @@ class VehicleDynamics(Participant[VehicleDynamicsConfig]):
 
 
 NODE = VehicleDynamics
-
-
-def main() -> int:
-    """Run the node as a program of its own."""
-    return run_program(NODE, "vehicle_dynamics")
-
+main = partial(run_program, NODE, "vehicle_dynamics")
 
 if __name__ == "__main__":
     sys.exit(main())

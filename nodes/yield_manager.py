@@ -1,6 +1,7 @@
 """``yield_manager``: drives the civilians that yield (Algorithm 2)."""
 
 import sys
+from functools import partial
 from typing import Any
 
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
@@ -35,12 +36,7 @@ class YieldManager(Participant[YieldManagerConfig]):
 
 
 NODE = YieldManager
-
-
-def main() -> int:
-    """Run the node as a program of its own."""
-    return run_program(NODE, "yield_manager")
-
+main = partial(run_program, NODE, "yield_manager")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -5,6 +5,7 @@ import siren_ros  # noqa: F401 - the arithmetic of the library, before numpy is 
 # isort: split
 import os
 import signal
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -29,14 +30,25 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 hypothesis.settings.register_profile("siren", deadline=None)  # no test asserts wall time
 hypothesis.settings.load_profile("siren")
 
-WORKERS = 3
-"""Processes that share the tests, one more than processors: many tests wait for programs that keep their own time."""
+WORKERS = 4
+"""Processes that share the tests, two more than processors: many tests wait for programs that keep their own time."""
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Folders are shared between workers where there are processors for it; single files run in this process."""
     folders = all(Path(argument).is_dir() for argument in config.args)
-    return min(WORKERS, len(os.sched_getaffinity(0)) + 1) if folders else 0
+    return min(WORKERS, len(os.sched_getaffinity(0)) + 2) if folders else 0
+
+
+LONG_FOLDERS = {"nodes", "guides", "studies", "training", "cli"}
+"""Files in them take up to minutes, each in one worker: they begin first, so that no worker is left over with one."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Workers take files in this order: those of the long folders, then those with many tests."""
+    if hasattr(config, "workerinput"):
+        sizes = Counter(item.path for item in items)
+        items.sort(key=lambda item: (LONG_FOLDERS.isdisjoint(item.path.parts), -sizes[item.path]))
 
 
 @pytest.fixture(scope="session")

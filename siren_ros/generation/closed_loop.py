@@ -15,7 +15,8 @@ from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.traffic.observation import RESIDUAL_LIMIT_M, check_no_teleport, check_residual
+from siren_ros.traffic.config import RESIDUAL_LIMIT_M
+from siren_ros.traffic.observation import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.commands import AV_SOURCE, AvControl, VehicleCommands, av_commands

@@ -62,8 +62,8 @@ def _mismatches(recorded: Any, repeated: Any, path: tuple[str | int, ...]) -> It
             yield from _mismatches(*values, (*path, key))
     elif _is_sequence(recorded) and _is_sequence(repeated):
         for position in range(max(len(recorded), len(repeated))):
-            one, other = (side[position] if position < len(side) else MISSING for side in (recorded, repeated))
-            yield from _mismatches(one, other, (*path, position))
+            before, after = (side[position] if position < len(side) else MISSING for side in (recorded, repeated))
+            yield from _mismatches(before, after, (*path, position))
     elif not _same(recorded, repeated):
         yield Mismatch(path, recorded, repeated)
 
@@ -74,9 +74,9 @@ def _array_mismatches(recorded: Any, repeated: Any, path: tuple[str | int, ...])
     if recorded.shape != repeated.shape or recorded.dtype != repeated.dtype:
         yield Mismatch((*path, "length"), len(recorded), len(repeated))
         return
-    for position, (one, other) in enumerate(zip(recorded.ravel(), repeated.ravel(), strict=True)):
-        if one.tobytes() != other.tobytes():
-            yield Mismatch((*path, position), one.item(), other.item())
+    for position, (before, after) in enumerate(zip(recorded.ravel(), repeated.ravel(), strict=True)):
+        if before.tobytes() != after.tobytes():
+            yield Mismatch((*path, position), before.item(), after.item())
 
 
 def _is_sequence(value: Any) -> bool:
@@ -174,8 +174,8 @@ def _recorded_map(record: EpisodeRecord, request: EpisodeRequest, scratch: Path)
         net_path = scratch / "recorded.net.xml"
         net_path.write_bytes(record.map_xml)
         source_sha256 = described.parameters.get(MAP_SOURCE_PARAMETER, "")
-        found = sha256(record.map_xml).hexdigest()
-        compiled = CompiledMap(name_of_map(source), net_path, found, SourceKind.SUMO, str(source_sha256))
+        net_sha256 = sha256(record.map_xml).hexdigest()
+        compiled = CompiledMap(name_of_map(source), net_path, net_sha256, SourceKind.SUMO, str(source_sha256))
     else:
         compiled = compile_map(source)
     if compiled.sha256 != described.map_sha256:

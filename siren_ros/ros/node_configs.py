@@ -8,7 +8,7 @@ from siren_ros.evaluation.detection.detectors.pillars import SHIPPED_DETECTOR
 from siren_ros.lockstep import START_TIMEOUT_S, STEP_TIMEOUT_S
 from siren_ros.params.parameter_field import parameter
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.traffic.observation import RESIDUAL_LIMIT_M
+from siren_ros.traffic.config import RESIDUAL_LIMIT_M
 
 KITTI_LAYOUTS: Final = tuple(layout.value for layout in Layout)
 
@@ -46,19 +46,9 @@ class SumoBridgeConfig(EpisodeRequest, ParticipantConfig):
     )
 
 
-@dataclass(frozen=True)
-class EmvControllerConfig(ParticipantConfig):
-    """``emv_controller``."""
-
-
-@dataclass(frozen=True)
-class YieldManagerConfig(ParticipantConfig):
-    """``yield_manager``."""
-
-
-@dataclass(frozen=True)
-class VehicleDynamicsConfig(ParticipantConfig):
-    """``vehicle_dynamics``."""
+EmvControllerConfig = ParticipantConfig
+YieldManagerConfig = ParticipantConfig
+VehicleDynamicsConfig = ParticipantConfig
 
 
 @dataclass(frozen=True)

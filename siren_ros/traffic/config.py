@@ -1,10 +1,14 @@
 """Constants of the traffic demand and of the traffic simulation."""
 
 from dataclasses import dataclass, field
+from typing import Final
 
 from siren_ros.conflicts.yielding import YieldingConfig
 from siren_ros.errors import InputError
 from siren_ros.scenario.paper import PAPER_CONSTANTS, EmergencyLevel
+
+RESIDUAL_LIMIT_M: Final = 20.0
+"""A simulated vehicle this far from its pose in SUMO should have been brought back to it long before."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ An episode that breaks a check fails.
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -14,14 +13,11 @@ from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import NO_LANE, Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
-from siren_ros.traffic.config import TrafficConfig
+from siren_ros.traffic.config import RESIDUAL_LIMIT_M, TrafficConfig
 from siren_ros.traffic.demand.plan import TrafficPlan
 from siren_ros.traffic.sumo.readings import Readings, ahead_on_route, intent_flags, rescued_names
 from siren_ros.world.actors import ActorStates, Owner, rows_of_ids
 from siren_ros.world.traffic_state import Event, EventKind, TrafficFlags, TrafficState
-
-RESIDUAL_LIMIT_M: Final = 20.0
-"""A simulated vehicle this far from its pose in SUMO should have been brought back to it long before."""
 
 
 def check_residual(states: ActorStates, limit_m: float = RESIDUAL_LIMIT_M) -> None:

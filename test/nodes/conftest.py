@@ -2,13 +2,15 @@
 
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from faulty_episodes import Episode, Start
 from live_episodes import Domain, Run, finish
 
 DOMAIN = Domain()
+FAULTY_DOMAIN = Domain()
 
 
 @pytest.fixture(scope="session")
@@ -20,6 +22,20 @@ def cosim() -> Callable[..., Run]:
             return finish(process, timeout_s)
 
     return run
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Starts episodes that something happens to, in the test's folder; all their processes are gone afterwards."""
+    started: list[Episode] = []
+
+    def begin(*parameters: str, **options: object) -> Episode:
+        started.append(Episode(FAULTY_DOMAIN, tmp_path, *parameters, **options))  # type: ignore[arg-type] # forwarded
+        return started[-1]
+
+    yield begin
+    for episode in started:
+        episode.kill_all()
 
 
 @pytest.fixture(scope="session")

@@ -10,11 +10,14 @@ import uuid
 from collections.abc import Callable
 from pathlib import Path
 
-from live_episodes import Domain
+from live_episodes import Domain, without_waiting
+
+from siren_ros.recording.bag_reader import read_episode
 
 TAG = "SIREN_TEST_TAG"
 ANSWER_S = 5.0
 """Within this time after a fault the episode has said what happened and is gone, on a machine that is its own."""
+Start = Callable[..., "Episode"]
 LOOK_S = 0.04
 SAMPLE_S = 0.01
 PATIENCE_S = 90.0
@@ -66,8 +69,22 @@ class Episode:
         return self.folder / "bags" / "bag"
 
     @property
+    def saved_steps(self) -> int:
+        """Steps of the record that is left."""
+        return read_episode(self.folder / "bags" / "bag.partial").steps
+
+    @property
     def working(self) -> Path:
         return self.folder / "bags" / ".bag.partial"
+
+    @property
+    def error(self) -> str:
+        """The line on standard error that ``cosim`` has ended with; nothing of Python's is beside it."""
+        assert self.process.returncode not in {0, None}
+        assert "Traceback" not in self.err
+        lines = [line for line in without_waiting(self.err.splitlines()) if line.startswith("cosim: ")]
+        assert len(lines) == 1, self.err
+        return lines[0]
 
     def processes(self) -> dict[int, list[str]]:
         """Command lines of all processes that this episode started and that still live, by process id."""

@@ -24,6 +24,8 @@ lidars:
 """
 
 
+IN_ORDER = {0, -signal.SIGALRM}
+"""How a node's program ends that has done its work; the latter where DDS needs more than its three seconds to end."""
 _END_S = 5.0
 """Time that a program has to end before it is killed."""
 
@@ -63,6 +65,7 @@ class Domain:
             [sys.executable, *arguments],
             env=self.environment,
             cwd=cwd,
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -112,6 +115,13 @@ def cosim(parameters: Sequence[str]) -> list[str]:
 def finish(process: "subprocess.Popen[str]", timeout_s: float = 120.0) -> Run:
     out, err = process.communicate(timeout=timeout_s)
     return Run(process.returncode, own_lines(out), err)
+
+
+def tell(process: "subprocess.Popen[str]") -> None:
+    """Give a program that reads a line from its standard input that line."""
+    assert process.stdin is not None
+    process.stdin.write("\n")
+    process.stdin.flush()
 
 
 def wait_until(

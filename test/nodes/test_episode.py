@@ -158,6 +158,9 @@ BAD_INPUTS = (
     ("map:=nowhere.xodr", "map: 'nowhere.xodr'", ""),
     ("map:=notes.xodr", "map: ", ""),
     ("bag:=/proc/nowhere/bag", "bag: '/proc/nowhere/bag'", "a place that can be written"),
+    ("external:=[recorder]", "external: 'recorder' cannot be used", ""),
+    ("external:=[a, a]", "external: 'a' cannot be used", ""),
+    ("external:=['no name']", "external: 'no name' cannot be used", ""),
     ("tempalte:=S2", "tempalte: 'S2'", "one of the parameters"),
 )
 ONE_PROCESS_EACH = """

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from live_episodes import EXAMPLES, SMALL_SUITE, Domain, digest, finish, recording, wait_until
 
+from siren_ros.world.commands import AV_SOURCE
+
 LISTENER = str(EXAMPLES / "av_listener.py")
 
 
@@ -87,18 +89,10 @@ def test_a_participant_that_hangs_ends_the_episode_under_its_name(domain: Domain
     assert "within 4 s" in run.out
 
 
-def test_a_participant_that_never_comes_is_named(domain: Domain, tmp_path: Path) -> None:
-    run = domain.run("sensors:=none", "bag:=bag", "external:=[my_stack]", "start_timeout_s:=8.0", cwd=tmp_path)
+def test_programs_that_never_come_are_named(domain: Domain, tmp_path: Path) -> None:
+    """A participant, a predictor and an AV's controller."""
+    others = ("external:=[my_stack]", "predictor:=my_predictor", "av:=civilian")
+    run = domain.run("sensors:=none", "bag:=bag", *others, "start_timeout_s:=8.0", cwd=tmp_path)
     assert run.code == 1
-    assert "my_stack: was not ready within 8 s" in run.out
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("names", "named"), [("[recorder]", "'recorder'"), ("[a, a]", "'a'"), ("['no name']", "'no name'")]
-)
-def test_names_that_cannot_be_used_are_refused(domain: Domain, tmp_path: Path, names: str, named: str) -> None:
-    run = domain.run(f"external:={names}", cwd=tmp_path)
-    assert run.code == 2
-    assert run.err.startswith(f"external: {named} cannot be used")
+    assert f"{AV_SOURCE}, my_predictor, my_stack: was not ready within 8 s" in run.out
     assert list(tmp_path.iterdir()) == []

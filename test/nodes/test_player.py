@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from live_episodes import Domain, wait_until
+from live_episodes import IN_ORDER, Domain, tell, wait_until
 from program_output import next_line
 
 from siren_ros.recording.bag_reader import open_bag
@@ -22,16 +22,22 @@ import hashlib, json, sys, time
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
 from siren_ros.ros.transport.endpoints import message_class
 wanted, late = json.loads(sys.argv[1]), sys.argv[2] == "late"
 depth, busy_s = (int(sys.argv[3]), float(sys.argv[4])) if len(sys.argv) > 3 else (1000, 0.0)
 rclpy.init()
 node = rclpy.create_node("listener")
 seen = {name: [] for name in wanted}
+executor = SingleThreadedExecutor()
+executor.add_node(node)
 if late:
-    while not node.count_publishers("/siren/map"):
-        time.sleep(0.01)
-    time.sleep(0.5)
+    sys.stdin.readline()
+    early = node.create_subscription(Clock, "/clock", lambda cdr: seen["/clock"].append(cdr), 10, raw=True)
+    while not seen["/clock"]:
+        executor.spin_once(timeout_sec=0.1)
+    node.destroy_subscription(early)
+    seen["/clock"].clear()
 for name, (kind, latched) in wanted.items():
     qos = QoSProfile(depth=depth) if depth else QoSProfile(history=HistoryPolicy.KEEP_ALL)
     if latched:
@@ -40,11 +46,9 @@ for name, (kind, latched) in wanted.items():
         seen[name].append(hashlib.sha256(cdr).hexdigest())
         time.sleep(busy_s)
     node.create_subscription(message_class(kind), name, hear, qos, raw=True)
-executor = SingleThreadedExecutor()
-executor.add_node(node)
 print("listening", flush=True)
 idle_s, heard = time.monotonic(), 0
-while time.monotonic() - idle_s < (2.5 if heard else 30.0):
+while time.monotonic() - idle_s < (0.5 if heard else 30.0) or heard and node.count_publishers("/clock"):
     executor.spin_once(timeout_sec=0.1)
     if sum(map(len, seen.values())) != heard:
         heard, idle_s = sum(map(len, seen.values())), time.monotonic()
@@ -98,18 +102,18 @@ def heard_by(listeners: Sequence[Sequence[str]], bag: Path, *parameters: str) ->
         for listener in started:
             assert next_line(listener.stdout) == "listening\n"
         with DOMAIN.running(*play(bag, *parameters), cwd=bag.parent) as playing:
-            assert playing.wait(60.0) == 0
+            assert playing.wait(60.0) in IN_ORDER
         return [messages_of(listener) for listener in started]
 
 
 def heard_late(bag: Path, count: int) -> list[dict[str, list[str]]]:
-    """What subscribers hear that come one after the other while the bag is played."""
+    """What subscribers hear that come one after the other while the bag is played, each after a step of it."""
     arguments = ("-c", LISTENER, wanted_of(bag), "late")
-    with DOMAIN.running(*play(bag, "delay_s:=0.0", "rate:=0.1"), cwd=bag.parent), ExitStack() as stack:
-        listeners = []
-        for _ in range(count):
-            listeners.append(stack.enter_context(DOMAIN.running(*arguments, cwd=bag.parent)))
-            assert next_line(listeners[-1].stdout) == "listening\n"
+    with DOMAIN.running(*play(bag, "delay_s:=3.0", "rate:=0.1"), cwd=bag.parent), ExitStack() as stack:
+        listeners = [stack.enter_context(DOMAIN.running(*arguments, cwd=bag.parent)) for _ in range(count)]
+        for listener in listeners:
+            tell(listener)
+            assert next_line(listener.stdout) == "listening\n"
         return [messages_of(listener) for listener in listeners]
 
 
@@ -148,13 +152,21 @@ def test_late_subscribers_get_everything_from_their_joining_on(bag: Path) -> Non
         assert len(seen["/emv/lidar/points"]) > 0
 
 
+IMPATIENT = """
+from siren_ros.ros.transport import endpoints
+endpoints.PATIENCE_S = 3.0
+from siren_nodes.player import main
+main()
+"""
+
+
 def test_a_subscriber_that_hangs_stops_the_player_for_a_while_only(bag: Path) -> None:
     with DOMAIN.running("-c", LISTENER, wanted_of(bag), "early", cwd=bag.parent) as listener:
         assert next_line(listener.stdout) == "listening\n"
-        with DOMAIN.running(*play(bag, "delay_s:=5.0"), cwd=bag.parent) as playing:
+        with DOMAIN.running("-c", IMPATIENT, *play(bag, "delay_s:=5.0")[2:], cwd=bag.parent) as playing:
             wait_until(lambda: "heard" in next_line(listener.stdout), listener)
             listener.send_signal(signal.SIGSTOP)
-            assert playing.wait(90.0) == 0
+            assert playing.wait(90.0) in IN_ORDER
             assert playing.stderr is not None
             assert "a subscriber does not answer" in playing.stderr.read()
 
@@ -201,9 +213,11 @@ while len(steps) < 30:
 assert steps[:30] == [*range(20), *range(10)], steps
 call("Pause", "pause")
 assert call("IsPaused", "is_paused").paused
-listen(0.3)
-count = len(steps)
-listen(1.0)
+count = -1
+while len(steps) != count:  # what was under way arrives
+    count = len(steps)
+    listen(0.5)
+listen(0.5)
 assert len(steps) == count, "it stands still"
 call("TogglePaused", "toggle_paused")
 assert not call("IsPaused", "is_paused").paused
@@ -254,7 +268,7 @@ def control(bag: Path, program: str, *parameters: str) -> tuple[int, str]:
         out, err = caller.communicate(timeout=120.0)
         assert not err, err
         if "loop:=true" not in parameters:
-            assert player.wait(60.0) == 0
+            assert player.wait(60.0) in IN_ORDER
         return caller.returncode, out
 
 
@@ -299,9 +313,11 @@ print("listening", flush=True)
 until = time.monotonic() + 60.0
 while not ends and time.monotonic() < until:
     rclpy.spin_once(node, timeout_sec=0.1)
-until = time.monotonic() + 5.0
-while time.monotonic() < until:
+idle_s, heard = time.monotonic(), 0
+while time.monotonic() - idle_s < 0.5 or node.count_publishers("/mine/points"):
     rclpy.spin_once(node, timeout_sec=0.1)
+    if len(clouds) != heard:
+        heard, idle_s = len(clouds), time.monotonic()
 print(len(clouds), len(ends), ends[0].reason == "" if ends else "")
 """
 
@@ -312,7 +328,7 @@ def test_a_slow_listener_with_an_unlimited_queue_gets_everything_and_ends(bag: P
     with DOMAIN.running("-c", ENDS, cwd=bag.parent) as listener:
         assert next_line(listener.stdout) == "listening\n"
         with DOMAIN.running(*replay, cwd=bag.parent) as playing:
-            assert playing.wait(90.0) == 0
+            assert playing.wait(90.0) in IN_ORDER
         out, err = listener.communicate(timeout=90.0)
     assert (out, err) == (f"{clouds} 1 True\n", "")
 
@@ -330,14 +346,25 @@ def test_bad_input_gets_one_line(bag: Path, bag_name: str, parameter: str, named
     assert named in line
 
 
+PROBE = """
+import time
+import rclpy
+rclpy.init()
+node = rclpy.create_node("probe")
+while not node.count_publishers("/siren/map"):
+    time.sleep(0.01)
+print("there", flush=True)
+"""
+
+
 def test_two_players_in_one_domain_are_refused(bag: Path) -> None:
     flags = ("-p", f"bag:={bag}", "-p", "delay_s:=60.0")
     command = ("-m", "siren_nodes.player", "--ros-args", *flags)
     with (
         DOMAIN.running(*command, cwd=bag.parent),
-        DOMAIN.running("-c", LISTENER, "{}", "late", cwd=bag.parent) as probe,
+        DOMAIN.running("-c", PROBE, cwd=bag.parent) as probe,
     ):
-        assert next_line(probe.stdout)
+        assert next_line(probe.stdout) == "there\n"
         with DOMAIN.running(*command, cwd=bag.parent) as second:
             _, err = second.communicate(timeout=60.0)
     assert second.returncode == 2
@@ -347,4 +374,5 @@ def test_two_players_in_one_domain_are_refused(bag: Path) -> None:
 def test_siren_replay_is_the_player(bag: Path) -> None:
     command = [sys.executable, "-m", "siren_ros.cli.main", "replay", str(bag), "--rate", "20"]
     done = subprocess.run(command, env=DOMAIN.environment, capture_output=True, text=True, timeout=60.0, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode in IN_ORDER
+    assert done.stderr == ""

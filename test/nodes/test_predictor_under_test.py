@@ -69,9 +69,3 @@ def test_a_bag_without_the_topic_is_refused(folder: Path, tmp_path: Path, capsys
     record_episode(set_up_episode(EpisodeRequest("S2", duration_s=1.0, sensors="none")), tmp_path / "plain")
     assert main(["evaluate", "prediction", str(tmp_path / "plain"), "--predictions=a=/predictions"]) == 2
     assert "a bag with the topic /predictions" in capsys.readouterr().err
-
-
-def test_a_predictor_that_does_not_come_is_named(tmp_path: Path) -> None:
-    run = DOMAIN.run(*JUDGED, "start_timeout_s:=8.0", cwd=tmp_path)
-    assert run.code == 1
-    assert "my_predictor" in run.out

@@ -15,9 +15,8 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import Connection, LaneKind
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.traffic import observation as reactions_module
-from siren_ros.traffic.config import TrafficConfig
+from siren_ros.traffic.config import RESIDUAL_LIMIT_M, TrafficConfig
 from siren_ros.traffic.observation import (
-    RESIDUAL_LIMIT_M,
     CrossingWatch,
     Mover,
     Reactions,

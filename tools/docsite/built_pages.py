@@ -47,8 +47,8 @@ def _file_of(page: Path, target: str, site: Path) -> Path:
     """The file that a link within the site leads to."""
     path = unquote(urlsplit(target).path)
     base = site if path.startswith("/") else page.parent
-    found = page if not path else (base / path.lstrip("/")).resolve()
-    return found / "index.html" if found.is_dir() else found
+    file = page if not path else (base / path.lstrip("/")).resolve()
+    return file / "index.html" if file.is_dir() else file
 
 
 def faults_of_site(site: Path) -> list[str]:
@@ -76,8 +76,8 @@ def faults_of_site(site: Path) -> list[str]:
             elif anchor and file in pages and anchor not in pages[file].anchors:
                 faults.append(f"{name}: links to {target}; that page has no such anchor")
     faults += [
-        f"{path.relative_to(site)}: loads {found.decode()} from elsewhere"
+        f"{path.relative_to(site)}: loads {url.decode()} from elsewhere"
         for path in sorted(site.rglob("*.css"))
-        for found in _STYLE_URL.findall(path.read_bytes())
+        for url in _STYLE_URL.findall(path.read_bytes())
     ]
     return faults

@@ -35,12 +35,12 @@ def node_table(node: str) -> str:
         KeyError: The file has no such node.
     """
     head = f"{node}.ros__parameters."
-    found = [entry for entry in entries(_NODES_FILE.read_text(encoding="utf-8")) if entry.path.startswith(head)]
-    if not found:
+    parameters = [entry for entry in entries(_NODES_FILE.read_text(encoding="utf-8")) if entry.path.startswith(head)]
+    if not parameters:
         raise KeyError(node)
     rows = [
         f"| `{entry.path.removeprefix(head)}` | {_shown(entry.value)} | {_PLAIN_TYPES.sub('', entry.comment)} |"
-        for entry in found
+        for entry in parameters
     ]
     return "\n".join(["| parameter | default | meaning |", "|---|---|---|", *rows])
 
@@ -133,9 +133,9 @@ def reproduction_table() -> str:
     results = read_results(repository / "docs" / "results.json")
     rows = []
     for part in parts.values():
-        made = results.get(part.name)
-        card = made.machine if made is not None else {}
-        sha = made.inputs_sha256[:8] if made is not None else ""
+        result = results.get(part.name)
+        card = result.machine if result is not None else {}
+        sha = result.inputs_sha256[:8] if result is not None else ""
         load = f"{card['load']} on {card['cores']} cores" if "load" in card else ""
         rows.append(f"| `{part.name}` | {part.about} | {shown_minutes(part.minutes)} | {sha} | {load} |")
     total = shown_minutes(sum(part.minutes for part in parts.values()))

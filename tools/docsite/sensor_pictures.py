@@ -50,8 +50,8 @@ def vehicles_ahead(record: EpisodeRecord, time_s: float, number: int) -> list[in
     apart = np.stack([states.x_m - states.x_m[emv], states.y_m - states.y_m[emv]], axis=1)
     ahead, aside = apart @ heading, np.abs(apart @ np.array([-heading[1], heading[0]]))
     same_way = np.cos(states.yaw_rad - states.yaw_rad[emv]) > 0.9
-    wanted = np.flatnonzero(same_way & (ahead > 1.0) & (aside < 6.0))
-    return [int(states.actor_id[index]) for index in wanted[np.argsort(ahead[wanted])][:number]]
+    rows = np.flatnonzero(same_way & (ahead > 1.0) & (aside < 6.0))
+    return [int(states.actor_id[index]) for index in rows[np.argsort(ahead[rows])][:number]]
 
 
 def _camera(suite: SensorSuite, name: str) -> SensorSuite:

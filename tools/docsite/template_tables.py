@@ -65,15 +65,15 @@ def template_table(file: Path) -> str:
     Args:
         file: Its YAML file.
     """
-    found = list(entries(file.read_text(encoding="utf-8")))
+    parameter_entries = list(entries(file.read_text(encoding="utf-8")))
     parameters = [
         _row(entry)
-        for entry in found
+        for entry in parameter_entries
         if isinstance(entry.value, dict) or (entry.value is None and entry.path.startswith("demand.groups."))
     ]
     thresholds = [
         f"| `{entry.path}` | {entry.value} | {entry.comment} |"
-        for entry in found
+        for entry in parameter_entries
         if entry.path.startswith("predicate.") and entry.path != "predicate.name"
     ]
     tables = [

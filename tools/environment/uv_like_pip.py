@@ -47,16 +47,16 @@ def pip_settings(lines: Iterable[str]) -> dict[str, str]:
 
 def uv_variables(settings: Mapping[str, str], environment: Mapping[str, str]) -> dict[str, str]:
     """What uv has to find in its environment to act as pip with these settings; what is set there already stays."""
-    wanted = {"UV_INDEX_STRATEGY": "unsafe-best-match"}  # as pip: the best version of all indexes
+    variables = {"UV_INDEX_STRATEGY": "unsafe-best-match"}  # as pip: the best version of all indexes
     for name, variable in LINE_VARIABLES.items():
         if settings.get(name):
-            wanted[variable] = settings[name]
+            variables[variable] = settings[name]
     for name, (variable, separator) in LIST_VARIABLES.items():
         if settings.get(name):
-            wanted[variable] = separator.join(settings[name].split())
+            variables[variable] = separator.join(settings[name].split())
     if settings.get("no-index", "").lower() in {"1", "true", "yes", "on"}:
-        wanted["UV_NO_INDEX"] = "1"
-    return {name: value for name, value in wanted.items() if name not in environment}
+        variables["UV_NO_INDEX"] = "1"
+    return {name: value for name, value in variables.items() if name not in environment}
 
 
 def main() -> None:

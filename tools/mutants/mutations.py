@@ -40,15 +40,15 @@ def mutants_of(file: str, source: str, lines: Collection[int] | None = None) -> 
         lines: Only changes that begin in these lines, counted from 1; all where None.
     """
     nodes = list(ast_nodes(get_ast(source)))
-    found = []
+    mutants = []
     for name, operator in operators().items():
         occurrence = -1
         for node in nodes:
             for start, _end in operator().mutation_positions(node):
                 occurrence += 1
                 if (lines is None or start[0] in lines) and is_of_interest(name, node):
-                    found.append(Mutant(file, start[0], name, occurrence))
-    return found
+                    mutants.append(Mutant(file, start[0], name, occurrence))
+    return mutants
 
 
 def sample(mutants: Sequence[Mutant], size: int | None, seed: int) -> list[Mutant]:

@@ -74,11 +74,13 @@ def finding(fate: Fate, source: str, equivalents: Iterable[Equivalent]) -> Findi
 def score_table(findings: Sequence[Finding]) -> str:
     """Caught of those that are not equivalent, per folder and in all."""
     rows = []
-    folders = sorted({folder_of(found.fate.mutant.file).package for found in findings})
+    folders = sorted({folder_of(finding.fate.mutant.file).package for finding in findings})
     for name in [*folders, "all"]:
-        own = [found.verdict for found in findings if name in {"all", folder_of(found.fate.mutant.file).package}]
-        caught, equivalent = own.count("caught"), own.count("equivalent")
-        counted = len(own) - equivalent
+        verdicts = [
+            finding.verdict for finding in findings if name in {"all", folder_of(finding.fate.mutant.file).package}
+        ]
+        caught, equivalent = verdicts.count("caught"), verdicts.count("equivalent")
+        counted = len(verdicts) - equivalent
         score = f"{100 * caught / counted:.0f} %" if counted else "-"
         rows.append(f"{name:32} {caught:5} of {counted:4} caught  {score:>5}  ({equivalent} equivalent)")
     return "\n".join(rows)

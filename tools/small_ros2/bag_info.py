@@ -49,7 +49,7 @@ def report(path: Path, reader: Reader) -> list[str]:
         f"Messages:          {reader.message_count}",
     ]
     label = "Topic information: "
-    for connection in sorted(reader.connections, key=lambda each: (each.topic, each.id)):
+    for connection in sorted(reader.connections, key=lambda connection: (connection.topic, connection.id)):
         form = connection.ext.serialization_format if isinstance(connection.ext, ConnectionExtRosbag2) else "unknown"
         lines.append(
             f"{label}Topic: {connection.topic} | Type: {connection.msgtype} | Count: {connection.msgcount}"

@@ -27,12 +27,12 @@ def built_in(package: str) -> dict[str, str]:
 
 def packages() -> dict[str, Path]:
     """Every known package and the prefix that it is taken from, sorted by name."""
-    found: dict[str, Path] = {}
+    folders: dict[str, Path] = {}
     for prefix in prefixes():
         if (prefix / MARKERS).is_dir():
             for marker in (prefix / MARKERS).iterdir():
-                found.setdefault(marker.name, prefix)
-    return dict(sorted(found.items()))
+                folders.setdefault(marker.name, prefix)
+    return dict(sorted(folders.items()))
 
 
 def prefix_of(package: str) -> Path:

@@ -70,10 +70,10 @@ def show_interface(arguments: argparse.Namespace) -> int:
 def list_interfaces(arguments: argparse.Namespace) -> int:
     """Prints the names of types, one per line."""
     try:
-        found = get_interfaces([arguments.package] if arguments.package else [])
+        interfaces = get_interfaces([arguments.package] if arguments.package else [])
     except LookupError:
         raise CommandError(f"package '{arguments.package}' has no types, or is not installed") from None
-    for package, names in found.items():
+    for package, names in interfaces.items():
         for name in names:
             print(f"{package}/{name}")
     return 0

@@ -36,11 +36,11 @@ def launch_file(package: str, name: str | None) -> Path:
             raise CommandError(f"'{package}' is no launch file; name a package and a file of it, or a path")
         return Path(package)
     folder = prefix_of(package) / "share" / package
-    found = sorted(path for path in folder.rglob("*launch*") if path.is_file())
-    for path in found:
+    files = sorted(path for path in folder.rglob("*launch*") if path.is_file())
+    for path in files:
         if path.name == name:
             return path
-    names = ", ".join(path.name for path in found) or "none"
+    names = ", ".join(path.name for path in files) or "none"
     raise CommandError(f"package '{package}' has no launch file '{name}'; it has: {names}")
 
 

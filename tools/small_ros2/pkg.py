@@ -23,8 +23,8 @@ def list_executables(arguments: argparse.Namespace) -> int:
     for package in [arguments.package] if arguments.package else sorted({*packages(), *BUILT_IN}):
         brought = built_in(package)
         for name, module in brought.items():
-            found = importlib.util.find_spec(module)
-            print(found.origin if arguments.full_path and found else f"{package} {name}")
+            spec = importlib.util.find_spec(module)
+            print(spec.origin if arguments.full_path and spec else f"{package} {name}")
         for path in () if brought else executables(package):
             print(path if arguments.full_path else f"{package} {path.name}")
     return 0

@@ -59,16 +59,16 @@ def discovered_topics(node: Node, discovery_s: float) -> dict[str, list[str]]:
     changed_s = time.monotonic()
     while (now_s := time.monotonic()) < deadline_s and not (topics and now_s - changed_s > QUIET_S):
         time.sleep(POLL_S)
-        found = _topics(node)
-        if found != topics:
-            topics, changed_s = found, time.monotonic()
+        present = _topics(node)
+        if present != topics:
+            topics, changed_s = present, time.monotonic()
     return topics
 
 
 def discovered_nodes(node: Node, discovery_s: float) -> set[str]:
     """Full names of the other nodes, once the graph has become quiet or the time is over."""
 
-    def found() -> set[str]:
+    def present() -> set[str]:
         names = {f"{namespace.rstrip('/')}/{name}" for name, namespace in node.get_node_names_and_namespaces()}
         return names - {node.get_fully_qualified_name()}
 
@@ -77,8 +77,8 @@ def discovered_nodes(node: Node, discovery_s: float) -> set[str]:
     changed_s = time.monotonic()
     while (now_s := time.monotonic()) < deadline_s and not (names and now_s - changed_s > QUIET_S):
         time.sleep(POLL_S)
-        if found() != names:
-            names, changed_s = found(), time.monotonic()
+        if present() != names:
+            names, changed_s = present(), time.monotonic()
     return names
 
 

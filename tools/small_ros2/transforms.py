@@ -114,17 +114,17 @@ class FrameTree:
         message = message_class("tf2_msgs/msg/TFMessage")
         latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(message, moving_topic, self.add, QoSProfile(depth=DEPTH))
-        node.create_subscription(message, static_topic, lambda each: self.add(each, static=True), latched)
+        node.create_subscription(message, static_topic, lambda stamped: self.add(stamped, static=True), latched)
 
     def add(self, message: Any, *, static: bool = False) -> None:
         """Takes the transforms of a ``tf2_msgs/msg/TFMessage``; a frame with a new parent begins anew."""
-        for each in message.transforms:
-            parent, child = each.header.frame_id, each.child_frame_id
+        for stamped in message.transforms:
+            parent, child = stamped.header.frame_id, stamped.child_frame_id
             link = self.links.get(child)
             if link is None or (link.parent, link.static) != (parent, static):
                 link = self.links[child] = Link(parent, static)
-            moved, turned = each.transform.translation, each.transform.rotation
-            stamp_ns = each.header.stamp.sec * NS_PER_S + each.header.stamp.nanosec
+            moved, turned = stamped.transform.translation, stamped.transform.rotation
+            stamp_ns = stamped.header.stamp.sec * NS_PER_S + stamped.header.stamp.nanosec
             quaternion = np.array([turned.x, turned.y, turned.z, turned.w])
             if np.isfinite(quaternion).all() and np.any(quaternion):
                 translation = np.array([moved.x, moved.y, moved.z])
@@ -166,10 +166,10 @@ class FrameTree:
 
     def _ancestors(self, frame: str) -> list[str]:
         """The frame, its parent and so on; a loop ends where it closes."""
-        found = [frame]
-        while (link := self.links.get(found[-1])) is not None and link.parent not in found:
-            found.append(link.parent)
-        return found
+        frames = [frame]
+        while (link := self.links.get(frames[-1])) is not None and link.parent not in frames:
+            frames.append(link.parent)
+        return frames
 
     def _chained(self, frames: Sequence[str], stamp_ns: int) -> Transform:
         whole = Transform(stamp_ns, np.zeros(3), Rotation.identity())

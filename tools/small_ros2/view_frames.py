@@ -80,23 +80,23 @@ def dot_text(data: dict[str, dict[str, Any]], recorded_s: float) -> str:
 
 def places(data: dict[str, dict[str, Any]]) -> dict[str, tuple[float, int]]:
     """Column and row of each frame: children stand below their parent, in the middle of their own children."""
-    found: dict[str, tuple[float, int]] = {}
+    cells: dict[str, tuple[float, int]] = {}
     column = 0
 
     def place(frame: str, row: int) -> float:
         nonlocal column
-        found[frame] = (float(column), row)
-        children = [child for child, each in data.items() if each["parent"] == frame and child not in found]
+        cells[frame] = (float(column), row)
+        children = [child for child, link in data.items() if link["parent"] == frame and child not in cells]
         columns = [place(child, row + 1) for child in children]
         if not columns:
             columns = [float(column)]
             column += 1
-        found[frame] = ((columns[0] + columns[-1]) / 2.0, row)
-        return found[frame][0]
+        cells[frame] = ((columns[0] + columns[-1]) / 2.0, row)
+        return cells[frame][0]
 
     for root in roots_of(data):
         place(root, 0)
-    return found
+    return cells
 
 
 def drawn(data: dict[str, dict[str, Any]], recorded_s: float) -> Figure:

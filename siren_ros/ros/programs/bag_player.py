@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from rclpy.node import Node
 from rosbag2_interfaces.srv import Burst, GetRate, IsPaused, Pause, PlayNext, Resume, Seek, SetRate, TogglePaused
@@ -25,81 +25,29 @@ from siren_ros.ros.transport.endpoints import PATIENCE_S, AcknowledgedOutput, cr
 
 PREFIX: Final = "/rosbag2_player"
 """Name of rosbag2's node: programs that control a player call its services."""
-_NS_PER_S: Final = 1_000_000_000
 
 
-class Player(Protocol):
-    """What the services control."""
-
-    paused: bool
-    rate: float
-
-    def seek(self, time_ns: int) -> bool:
-        """Go to a time of the bag; False where the bag has no such time."""
-
-    def play_next(self, count: int) -> int:
-        """Publish the next messages, while paused; returns their number. A count of 0 is the rest of the bag."""
-
-
-def _set_paused(paused: bool, player: Player, _request: Any, response: Any) -> Any:
-    player.paused = paused
-    return response
-
-
-def _toggle_paused(player: Player, _request: Any, response: Any) -> Any:
-    player.paused = not player.paused
-    return response
-
-
-def _is_paused(player: Player, _request: Any, response: Any) -> Any:
-    response.paused = player.paused
-    return response
-
-
-def _get_rate(player: Player, _request: Any, response: Any) -> Any:
-    response.rate = player.rate
-    return response
-
-
-def _set_rate(player: Player, request: Any, response: Any) -> Any:
-    response.success = 0.0 < request.rate < math.inf
-    if response.success:
-        player.rate = request.rate
-    return response
-
-
-def _seek(player: Player, request: Any, response: Any) -> Any:
-    response.success = player.seek(request.time.sec * _NS_PER_S + request.time.nanosec)
-    return response
-
-
-def _play_next(player: Player, _request: Any, response: Any) -> Any:
-    response.success = player.play_next(1) == 1
-    return response
-
-
-def _burst(player: Player, request: Any, response: Any) -> Any:
-    response.actually_burst = player.play_next(request.num_messages)
-    return response
-
-
-_SERVICES: Final[Mapping[str, tuple[type, Callable[[Player, Any, Any], Any]]]] = {
-    "pause": (Pause, partial(_set_paused, True)),
-    "resume": (Resume, partial(_set_paused, False)),
-    "toggle_paused": (TogglePaused, _toggle_paused),
-    "is_paused": (IsPaused, _is_paused),
-    "get_rate": (GetRate, _get_rate),
-    "set_rate": (SetRate, _set_rate),
-    "seek": (Seek, _seek),
-    "play_next": (PlayNext, _play_next),
-    "burst": (Burst, _burst),
-}
-
-
-def offer_services(node: Node, player: Player) -> None:
+def offer_services(node: Node, player: "BagPlayer") -> None:
     """Create the services on a node."""
-    for name, (kind, answer) in _SERVICES.items():
-        node.create_service(kind, f"{PREFIX}/{name}", partial(answer, player))
+    # Of each service its type, and what makes the fields of its response from a request.
+    services: dict[str, tuple[Any, Callable[[Any], Mapping[str, object]]]] = {
+        "pause": (Pause, lambda _: player.pause(True)),
+        "resume": (Resume, lambda _: player.pause(False)),
+        "toggle_paused": (TogglePaused, lambda _: player.pause(not player.paused)),
+        "is_paused": (IsPaused, lambda _: {"paused": player.paused}),
+        "get_rate": (GetRate, lambda _: {"rate": player.rate}),
+        "set_rate": (SetRate, lambda request: {"success": player.set_rate(request.rate)}),
+        "seek": (Seek, lambda request: {"success": player.seek(request.time.sec * NS_PER_S + request.time.nanosec)}),
+        "play_next": (PlayNext, lambda _: {"success": player.play_next(1) == 1}),
+        "burst": (Burst, lambda request: {"actually_burst": player.play_next(request.num_messages)}),
+    }
+
+    def answered(name: str, request: Any, _response: Any) -> Any:
+        kind, fields_of = services[name]
+        return kind.Response(**fields_of(request))
+
+    for name, (kind, _) in services.items():
+        node.create_service(kind, f"{PREFIX}/{name}", partial(answered, name))
 
 
 TICK_S: Final = 0.004
@@ -176,18 +124,21 @@ class BagPlayer(Node):
         """Whether simulated time stands still."""
         return self._playhead.paused
 
-    @paused.setter
-    def paused(self, paused: bool) -> None:
+    def pause(self, paused: bool) -> Mapping[str, object]:
+        """Stop simulated time, or let it go on; the services that do so answer nothing."""
         self._playhead = self._playhead.pause(time.monotonic(), paused)
+        return {}
 
     @property
     def rate(self) -> float:
         """Simulated seconds per wall second."""
         return self._playhead.rate
 
-    @rate.setter
-    def rate(self, rate: float) -> None:
-        self._playhead = replace(self._playhead.advance(time.monotonic()), rate=rate)
+    def set_rate(self, rate: float) -> bool:
+        """Play faster or slower from now on; False where the rate is not positive and finite."""
+        if 0.0 < rate < math.inf:
+            self._playhead = replace(self._playhead.advance(time.monotonic()), rate=rate)
+        return 0.0 < rate < math.inf
 
     def seek(self, time_ns: int) -> bool:
         """Go to a time of the bag; False where the bag has no such time."""

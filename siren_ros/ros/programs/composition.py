@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from rclpy.parameter import Parameter
 
@@ -42,26 +42,32 @@ NodeType = Callable[..., Any]
 """Makes a node, as the class of a participant does: ``make(name, parameter_overrides=...)``."""
 
 
-class Composition(Protocol):
-    """Participants that run somewhere."""
+class Composition:
+    """Participants that run somewhere; what cannot happen there keeps the answers that stand here."""
 
     def failure(self) -> str:
         """What went wrong outside the lockstep's reports, naming the participant; empty: nothing."""
+        return ""
 
     def gone(self) -> tuple[str, ...]:
         """Participants that no longer answer."""
+        return ()
 
     def closed(self) -> tuple[str, ...]:
         """Participants that have closed in order."""
+        raise NotImplementedError
 
     def hanging(self, limits: Mapping[Phase, float]) -> str:
         """Which participant blocks the lockstep itself, and where; empty: none."""
+        return overdue(self.works(), limits, time.monotonic())
 
     def works(self) -> tuple[Work | None, ...]:
         """What the participants of this process are doing now."""
+        return ()
 
     def exit_code(self) -> int:
         """Exit code of a participant that refused its input, 0 otherwise."""
+        return 0
 
     def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:
         """Wait for the participants to finish, and end those that do not.
@@ -70,10 +76,11 @@ class Composition(Protocol):
             timeout_s: For all of them together.
             late: Participants that get no more time.
         """
+        raise NotImplementedError
 
 
-class InProcess:
-    """All participants as nodes of this process, on one executor."""
+class InProcess(Composition):
+    """All participants as nodes of this process, on one executor; bad input raises when they are made."""
 
     def __init__(self, executor: Any, node_types: Mapping[str, NodeType], overrides: Mapping[str, Overrides]) -> None:
         """Make the nodes.
@@ -88,46 +95,25 @@ class InProcess:
         """
         self.nodes: list[Any] = []
         self._executor = executor
-        self._node_types = node_types
         try:
             for name, values in overrides.items():
-                self._add(name, values)
+                parameters = [Parameter(key, value=value) for key, value in values.items()]
+                self.nodes.append(node_types[name](name, parameter_overrides=parameters))
+                executor.add_node(self.nodes[-1])
         except SirenError:
             for node in self.nodes:
                 node.discard()
             raise
 
-    def _add(self, name: str, values: Overrides) -> None:
-        parameters = [Parameter(key, value=value) for key, value in values.items()]
-        node = self._node_types[name](name, parameter_overrides=parameters)
-        self.nodes.append(node)
-        self._executor.add_node(node)
-
-    def failure(self) -> str:
-        """Empty: within one process every failure is reported."""
-        return ""
-
-    def gone(self) -> tuple[str, ...]:
-        """Empty: the nodes exist as long as this process."""
-        return ()
-
     def closed(self) -> tuple[str, ...]:
         """Nodes that have finished."""
         return tuple(node.get_name() for node in self.nodes if node.finished)
-
-    def hanging(self, limits: Mapping[Phase, float]) -> str:
-        """The node whose callback has not returned in time."""
-        return overdue(self.works(), limits, time.monotonic())
 
     def works(self) -> tuple[Work | None, ...]:
         """Of each node the callback that has not returned yet."""
         return tuple(node.work for node in tuple(self.nodes))
 
-    def exit_code(self) -> int:
-        """0: bad input raises when the nodes are made."""
-        return 0
-
-    def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:  # noqa: ARG002 - the protocol
+    def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:  # noqa: ARG002 - of all compositions
         """Let what was published reach outside subscribers, then destroy the nodes."""
         deadline_s = time.monotonic() + min(timeout_s, FLUSH_S)
         for node in self.nodes:
@@ -137,7 +123,7 @@ class InProcess:
         self.nodes.clear()
 
 
-class OutOfProcess:
+class OutOfProcess(Composition):
     """Each participant in its own process and process group, so that Ctrl-C reaches only this process."""
 
     def __init__(self, modules: Mapping[str, str], overrides: Mapping[str, Overrides], ros_args: list[str]) -> None:
@@ -173,14 +159,6 @@ class OutOfProcess:
     def closed(self) -> tuple[str, ...]:
         """Participants whose processes have ended without an error."""
         return tuple(name for name, process in self._processes.items() if process.poll() == 0)
-
-    def hanging(self, limits: Mapping[Phase, float]) -> str:  # noqa: ARG002 - the protocol
-        """Empty: the lockstep has its own process."""
-        return ""
-
-    def works(self) -> tuple[Work | None, ...]:
-        """None: they are in other processes."""
-        return ()
 
     def exit_code(self) -> int:
         """The first exit code other than 0 of a process that ended by itself."""

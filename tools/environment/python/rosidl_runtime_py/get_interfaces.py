@@ -13,11 +13,11 @@ def _prefixes() -> list[Path]:
 
 def _packages() -> dict[str, Path]:
     """Every package with interfaces, and its prefix; earlier prefixes win."""
-    found: dict[str, Path] = {}
+    prefixes: dict[str, Path] = {}
     for prefix in _prefixes():
         for marker in sorted((prefix / _INDEX).glob("*")):
-            found.setdefault(marker.name, prefix)
-    return dict(sorted(found.items()))
+            prefixes.setdefault(marker.name, prefix)
+    return dict(sorted(prefixes.items()))
 
 
 def get_interface_packages() -> dict[str, str]:
@@ -32,14 +32,14 @@ def get_interfaces(package_names: Iterable[str] = ()) -> dict[str, list[str]]:
         LookupError: A package has no interfaces, or is not installed.
     """
     known = _packages()
-    found = {}
+    interfaces = {}
     for package in package_names or known:
         if package not in known:
             raise LookupError(f"Unknown package '{package}'")
         lines = (known[package] / _INDEX / package).read_text(encoding="utf-8").splitlines()
         names = {line.rsplit(".", 1)[0] for line in lines if line.endswith((".msg", ".srv", ".action", ".idl"))}
-        found[package] = sorted(names)
-    return found
+        interfaces[package] = sorted(names)
+    return interfaces
 
 
 def _of_kind(kind: str, package_names: Iterable[str]) -> dict[str, list[str]]:

@@ -42,8 +42,8 @@ def _value(present: Any, kind: str, value: Any) -> Any:
 
 
 def _element(kind: str, value: Any) -> Any:
-    made = get_message(kind.replace("/", "/msg/"))()
-    if isinstance(value, type(made)):
+    element = get_message(kind.replace("/", "/msg/"))()
+    if isinstance(value, type(element)):
         return value
-    set_message_fields(made, value)
-    return made
+    set_message_fields(element, value)
+    return element

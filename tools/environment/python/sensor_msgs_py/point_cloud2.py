@@ -74,8 +74,8 @@ def read_points(
     if field_names is not None:
         points = points[list(field_names)]
     if uvs is not None:
-        wanted = np.asarray(list(uvs) if not isinstance(uvs, np.ndarray) else uvs)
-        points = points[wanted[:, 1] * cloud.width + wanted[:, 0] if wanted.ndim == 2 else wanted]
+        pixels = np.asarray(list(uvs) if not isinstance(uvs, np.ndarray) else uvs)
+        points = points[pixels[:, 1] * cloud.width + pixels[:, 0] if pixels.ndim == 2 else pixels]
     if skip_nans and not cloud.is_dense:
         names = points.dtype.names or ()
         points = points[~np.any([np.isnan(points[name]) for name in names], axis=0)]

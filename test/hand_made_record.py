@@ -138,9 +138,7 @@ def at_speed(start_m: float, speed_mps: float, steps: int) -> npt.NDArray[np.flo
 
 
 def hand_made(
-    network: RoadNetwork,
-    vehicles: dict[int, Driven],
-    signal: Callable[[int], str] = lambda _: "",
+    network: RoadNetwork, vehicles: dict[int, Driven], signal: Callable[[int], str] = lambda _: ""
 ) -> EpisodeRecord:
     """The record of vehicles; number 1 is the EMV.
 

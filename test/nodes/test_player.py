@@ -360,10 +360,7 @@ print("there", flush=True)
 def test_two_players_in_one_domain_are_refused(bag: Path) -> None:
     flags = ("-p", f"bag:={bag}", "-p", "delay_s:=60.0")
     command = ("-m", "siren_nodes.player", "--ros-args", *flags)
-    with (
-        DOMAIN.running(*command, cwd=bag.parent),
-        DOMAIN.running("-c", PROBE, cwd=bag.parent) as probe,
-    ):
+    with DOMAIN.running(*command, cwd=bag.parent), DOMAIN.running("-c", PROBE, cwd=bag.parent) as probe:
         assert next_line(probe.stdout) == "there\n"
         with DOMAIN.running(*command, cwd=bag.parent) as second:
             _, err = second.communicate(timeout=60.0)

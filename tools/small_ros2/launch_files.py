@@ -115,11 +115,7 @@ class Registered:
 
 STAND_INS: Final[dict[str, dict[str, Any]]] = {
     "launch": {"LaunchDescription": Description},
-    "launch.actions": {
-        "DeclareLaunchArgument": Declared,
-        "EmitEvent": Emitted,
-        "RegisterEventHandler": Registered,
-    },
+    "launch.actions": {"DeclareLaunchArgument": Declared, "EmitEvent": Emitted, "RegisterEventHandler": Registered},
     "launch.event_handlers": {"OnProcessExit": ProcessExit},
     "launch.events": {"Shutdown": Shutdown},
     "launch.substitutions": {"LaunchConfiguration": Configuration},

@@ -23,8 +23,7 @@ def build_parser(command: str | None) -> argparse.ArgumentParser:
         command: First word of the command line; only its module is imported.
     """
     parser = Parser(
-        prog="ros2",
-        description="A small ros2 for this project: the verbs below, with the real one's arguments.",
+        prog="ros2", description="A small ros2 for this project: the verbs below, with the real one's arguments."
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=Parser)
     summaries = {

@@ -29,11 +29,7 @@ class Work(NamedTuple):
 
 def limits_s(config: LockstepConfig) -> dict[Phase, float]:
     """How long work of each phase may take."""
-    return {
-        Phase.READY: config.start_timeout_s,
-        Phase.STEP: config.step_timeout_s,
-        Phase.FINAL: config.close_timeout_s,
-    }
+    return {Phase.READY: config.start_timeout_s, Phase.STEP: config.step_timeout_s, Phase.FINAL: config.close_timeout_s}
 
 
 def overdue(works: Iterable[Work | None], limits: Mapping[Phase, float], now_s: float) -> str:

@@ -10,13 +10,7 @@ from siren_ros.ros.programs.composition import plan_episode
 from siren_ros.ros.programs.progress import closing_summary, verdict
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
-MEASURES = {
-    "predicate": "0 passed",
-    "actors": 21,
-    "yields_started": 2,
-    "yields_completed": 0,
-    "residual_p99_m": 0.05,
-}
+MEASURES = {"predicate": "0 passed", "actors": 21, "yields_started": 2, "yields_completed": 0, "residual_p99_m": 0.05}
 
 
 def outcome(holds: bool | None, collisions: int = 0, end: EpisodeEnd = EpisodeEnd.COMPLETE) -> EpisodeOutcome:

@@ -163,7 +163,10 @@ def _all_reported(state: LockstepState, config: LockstepConfig, now_s: float) ->
         return state._replace(stage=Stage.CLOSED), None
     if state.step + 1 >= config.steps:
         return _close(state, EpisodeEnd.COMPLETE, "", config, now_s)
-    return _begin_next(state, config, now_s)
+    step, everybody = state.step + 1, frozenset(config.participants)
+    owing = state.waiting if state.stage is Stage.STEPPING else frozenset()
+    state = state._replace(stage=Stage.STEPPING, step=step, waiting=everybody, owing=owing, since_s=now_s)
+    return state, BeginStep(step)
 
 
 def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
@@ -260,14 +263,6 @@ def on_departure(
     if state.stage is Stage.GATHERING:
         return state._replace(waiting=state.waiting | gone), None
     return on_failure(state, config, now_s, reason, gone)
-
-
-def _begin_next(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
-    step = state.step + 1
-    owing = state.waiting if state.stage is Stage.STEPPING else frozenset()
-    participants = frozenset(config.participants)
-    state = state._replace(stage=Stage.STEPPING, step=step, waiting=participants, owing=owing, since_s=now_s)
-    return state, BeginStep(step)
 
 
 def _close(

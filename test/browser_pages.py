@@ -70,11 +70,11 @@ class PageBrowser:
 def running_browser() -> Iterator[PageBrowser]:
     """A browser for the tests of one module; skips the test where the machine has none."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="needs the extra dev")
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
+    executable = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if executable is None:
         pytest.skip("needs Chromium; as root, ./env installs it with the extra dev")
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=found)
+        browser = playwright.chromium.launch(executable_path=executable)
         context = browser.new_context(offline=True, viewport={"width": 1280, "height": 900})
         yield PageBrowser(context)
         browser.close()

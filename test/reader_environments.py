@@ -58,12 +58,12 @@ def python_of(reader: str) -> Path:
 def _make(reader: str, folder: Path) -> None:
     uv = _uv()
     if uv:
-        made = _run(*uv, "venv", "--clear", "--python", sys.executable, folder)
+        creation = _run(*uv, "venv", "--clear", "--python", sys.executable, folder)
         install = [*uv, "pip", "install", "--python", folder / "bin" / "python"]
     else:
-        made = _run(sys.executable, "-m", "venv", "--clear", folder)
+        creation = _run(sys.executable, "-m", "venv", "--clear", folder)
         install = [folder / "bin" / "python", "-m", "pip", "install", "--retries", "1"]
-    assert made.returncode == 0, made.stderr
+    assert creation.returncode == 0, creation.stderr
     if reader in SEES_THE_PROJECT:
         site = next(folder.glob("lib/python3*/site-packages"))
         project = next(Path(path) for path in sys.path if path.endswith("site-packages"))

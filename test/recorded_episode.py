@@ -29,8 +29,8 @@ def record(folder: Path, *parameters: str) -> Path:
 
 def shared_recording(tmp_path_factory: pytest.TempPathFactory, name: str, *parameters: str) -> Path:
     """The bag of an episode that all workers of a test run read, recorded by the first of them that wants it."""
-    own = tmp_path_factory.getbasetemp()
-    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "recorded" / name
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "recorded" / name
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

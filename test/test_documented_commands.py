@@ -95,9 +95,9 @@ def test_commands_in_documents_exist(path: Path) -> None:
 
 @pytest.mark.parametrize("path", sorted((REPOSITORY / "examples").glob("*.sh")), ids=lambda path: path.name)
 def test_commands_in_example_scripts_exist(path: Path) -> None:
-    found = list(commands(f"```\n{path.read_text(encoding='utf-8')}```\n"))
-    assert [words for words in found if words[0] == "siren"]
-    assert not [fault for words in found for fault in faults_of(words)]
+    listed = list(commands(f"```\n{path.read_text(encoding='utf-8')}```\n"))
+    assert [words for words in listed if words[0] == "siren"]
+    assert not [fault for words in listed for fault in faults_of(words)]
 
 
 def missing_names(markdown: str) -> list[str]:

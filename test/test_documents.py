@@ -37,12 +37,12 @@ def is_there(name: str) -> bool:
 
 @parametrized
 def test_documents_use_no_private_words(path: Path) -> None:
-    found = [
+    lines = [
         f"{number}: {line.strip()}"
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
         if PRIVATE_WORDS.search(line)
     ]
-    assert not found
+    assert not lines
 
 
 @parametrized
@@ -140,8 +140,8 @@ def test_packages_introduce_themselves_without_private_words(folder: str) -> Non
 
 
 def test_the_search_for_headings_can_fail() -> None:
-    made = anchors_of("# A `b.py`, c: D-e\n```\n# no heading\n```\n### Frames of `/av/odom`\n")
-    assert made == {"a-bpy-c-d-e", "frames-of-avodom"}
+    anchors = anchors_of("# A `b.py`, c: D-e\n```\n# no heading\n```\n### Frames of `/av/odom`\n")
+    assert anchors == {"a-bpy-c-d-e", "frames-of-avodom"}
 
 
 def test_the_search_for_files_can_fail() -> None:

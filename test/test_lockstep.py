@@ -75,11 +75,11 @@ def test_no_step_begins_while_a_participant_is_missing(reports: list[tuple[str, 
         (Phase.READY, 0, "a: reported twice that it is ready"),
     ],
 )
-def test_a_report_that_nobody_owes_ends_the_episode(phase: Phase, step: int, told: str) -> None:
+def test_a_report_that_nobody_owes_ends_the_episode(phase: Phase, step: int, reason: str) -> None:
     state, action = report(stepping(), "a", Phase.STEP, 0)
     assert action is None
     state, action = report(state, "a", phase, step)
-    assert action == EndEpisode(0, EpisodeEnd.FAILED, told)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, reason)
     assert state.stage is Stage.CLOSING
 
 
@@ -115,9 +115,9 @@ def test_another_program_may_be_started_again_until_the_first_step() -> None:
 def test_a_failed_episode_waits_for_no_report_of_a_participant_that_is_seen_to_have_closed() -> None:
     failed, _ = on_failure(stepping(), CONFIG, 1.0, "a stranger")
     assert on_closed(failed, frozenset()) == failed
-    one = on_closed(failed, frozenset({"a", "c"}))
-    assert (one.stage, one.waiting) == (Stage.CLOSING, {"b"})
-    both = on_closed(one, frozenset({"a", "b"}))
+    closing = on_closed(failed, frozenset({"a", "c"}))
+    assert (closing.stage, closing.waiting) == (Stage.CLOSING, {"b"})
+    both = on_closed(closing, frozenset({"a", "b"}))
     assert (both.stage, both.end, both.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "a stranger")
     assert on_closed(both, frozenset({"a"})) == both
     stopped, _ = on_interrupt(stepping(), CONFIG, 1.0, "Ctrl-C")

@@ -50,13 +50,13 @@ def test_symbols_are_where_the_document_says(path: str, symbol: str) -> None:
 
 
 def test_every_constant_has_its_row_with_its_value() -> None:
-    found = {symbol: float(value) for value, symbol in re.findall(r"\| ([\d.]+) \| `([\w.]+)` \|", TEXT)}
-    for symbol, value in found.items():
+    rows = {symbol: float(value) for value, symbol in re.findall(r"\| ([\d.]+) \| `([\w.]+)` \|", TEXT)}
+    for symbol, value in rows.items():
         owner, name = symbol.split(".")
         assert getattr(OWNERS[owner], name) == pytest.approx(value, rel=5e-4)
     for owner, constants in OWNERS.items():
         numbers = {f"{owner}.{name}" for name, value in vars(constants).items() if isinstance(value, float)}
-        assert numbers == {symbol for symbol in found if symbol.startswith(f"{owner}.")}
+        assert numbers == {symbol for symbol in rows if symbol.startswith(f"{owner}.")}
 
 
 @pytest.mark.parametrize("algorithm", ["Algorithm 1", "Algorithm 2"])
@@ -154,8 +154,8 @@ def test_the_protocol_is_that_of_the_page() -> None:
 
 def test_the_balance_of_the_videos_is_that_of_the_page() -> None:
     assert tuple(numbers_in(r"(\d+) / (\d+) / (\d+) videos of the classes")) == PAPER_BALANCE
-    videos, each = numbers_in(r"(\d+) videos of 190 frames, (\d+) of each template")
-    assert (videos, each) == (sum(PAPER_BALANCE), sum(PAPER_BALANCE) / len(available_templates()))
+    videos, per_template = numbers_in(r"(\d+) videos of 190 frames, (\d+) of each template")
+    assert (videos, per_template) == (sum(PAPER_BALANCE), sum(PAPER_BALANCE) / len(available_templates()))
 
 
 def test_the_learned_models_of_the_paper_are_counted_right() -> None:
@@ -170,7 +170,7 @@ def test_the_learned_models_of_the_paper_are_counted_right() -> None:
 @pytest.mark.parametrize("page", ["README.md", "docs/limitations.md", "docs/behaviour.md"])
 def test_pages_quote_the_two_maps_alike(page: str) -> None:
     row = r"constant velocity \(CV\), mean of the templates \| " + r" \| ".join([r"([\d.]+)"] * 3)
-    (paper, town, own) = re.findall(row, TEXT)[0]
+    (paper, there, here) = re.findall(row, TEXT)[0]
     text = re.sub(r"\s+", " ", shown(page))
-    for value in (paper, town, own):
+    for value in (paper, there, here):
         assert f"{value} m" in text or f"and the paper {value}" in text or f"the town has {value}" in text

@@ -19,10 +19,10 @@ FUNCTIONS = [name for name in siren_ros.__all__ if inspect.isfunction(getattr(si
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An episode of 12 s without sensors."""
     path = tmp_path_factory.mktemp("made") / "S2"
-    made = siren_ros.make_episode(
+    episode = siren_ros.make_episode(
         siren_ros.EpisodeRequest(template="S2", seed=3, sensors="none", duration_s=12.0), path
     )
-    assert made.bag is not None
+    assert episode.bag is not None
     return path
 
 

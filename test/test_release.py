@@ -45,11 +45,11 @@ def test_the_lock_has_a_version_within_each_range(extra: str) -> None:
     locked = dict(line.split(" ;")[0].split("==") for line in LOCK.splitlines())
     ranges = PROJECT["optional-dependencies"][extra] if extra else PROJECT["dependencies"]
     for text in ranges:
-        wanted = packaging.Requirement(text)
-        if wanted.name == "siren_ros":
+        requirement = packaging.Requirement(text)
+        if requirement.name == "siren_ros":
             continue
-        version = locked[wanted.name.lower().replace("_", "-").replace(".", "-")]
-        assert wanted.specifier.contains(version), (text, version)
+        version = locked[requirement.name.lower().replace("_", "-").replace(".", "-")]
+        assert requirement.specifier.contains(version), (text, version)
 
 
 def test_the_metadata_do_not_exclude_numpy_2() -> None:

@@ -197,6 +197,7 @@ def set_up_episode(
     plan = with_attention(plan, preset.attention.civilians, request.seed)
     if request.av:
         plan = replace(plan, av=choose_av(network, plan))
+    av = {"actor_id": len(plan.emvs) + 1, "name": plan.av, "sensors": request.av_sensors}
     description = EpisodeDescription(
         template=template.template_id,
         level=level,
@@ -211,33 +212,22 @@ def set_up_episode(
             "request": request.to_json(),
             "template": template.values(),
             "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
-            **_av_parameters(request, plan),
+            **({"av": av} if plan.av else {}),
             FILES_PARAMETER: files_to_json(noted.seen),
             MAP_SOURCE_PARAMETER: compiled.source_sha256,
         },
         versions=present_versions(),
-        site=_site_summary(network, site),
+        site={
+            "kind": site.kind.value,
+            "name": site.name,
+            "junction": site.junction or "",
+            "route": [network.edges[edge].edge_id for edge in site.route],
+            "stretch": [network.edges[edge].edge_id for edge in site.stretch],
+        },
     )
     return EpisodeSetup(description, template, level, compiled, network, site, plan, preset)
-
-
-def _av_parameters(request: EpisodeRequest, plan: TrafficPlan) -> Mapping[str, object]:
-    if not plan.av:
-        return {}
-    av = {"actor_id": len(plan.emvs) + 1, "name": plan.av, "sensors": request.av_sensors}
-    return {"av": av}
 
 
 def present_versions() -> Mapping[str, str]:
     """Versions of this program and of the packages that an episode depends on."""
     return {"siren_ros": __version__, **{package: version(package) for package in _PACKAGES}}
-
-
-def _site_summary(network: RoadNetwork, site: Site) -> Mapping[str, object]:
-    return {
-        "kind": site.kind.value,
-        "name": site.name,
-        "junction": site.junction or "",
-        "route": [network.edges[edge].edge_id for edge in site.route],
-        "stretch": [network.edges[edge].edge_id for edge in site.stretch],
-    }

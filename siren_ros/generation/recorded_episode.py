@@ -1,13 +1,13 @@
 """An episode with its bag, without ROS: the library calls of the node graph, and the very bytes of its recorder."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from siren_ros.errors import EpisodeError, InputError, SirenError
-from siren_ros.generation.closed_loop import LoopStep, closed_loop
+from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traffic_state, to_vehicle_commands
@@ -22,8 +22,6 @@ from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
 from siren_ros.sensor_messages.sensor_topics import topics_of
 from siren_ros.world.actors import ActorDescription
-
-Published = tuple[Topic, Any]
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def record_episode(setup: EpisodeSetup, bag: Path) -> RecordedEpisode:
     return RecordedEpisode(outcome, summary)
 
 
-def _messages(setup: EpisodeSetup) -> Generator[Published, None, None]:
+def _messages(setup: EpisodeSetup) -> Generator[tuple[Topic, Any], None, None]:
     """All messages of the episode, as the nodes publish them."""
     described = setup.description
     yield topics.EPISODE, to_episode_description(described)
@@ -84,17 +82,13 @@ def _messages(setup: EpisodeSetup) -> Generator[Published, None, None]:
     sensing = TrailingSensing(suites, trails=True)
     actors: dict[int, ActorDescription] = {}
     for step in closed_loop(setup, max(1, steps_from_s(described.duration_s))):
-        yield from _step_messages(step)
+        number = step.states.step
+        yield topics.CLOCK, make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(number)))
+        yield topics.TRAFFIC, to_traffic_state(step.traffic)
+        for topic, commands in zip((topics.EMV_COMMANDS, topics.YIELD_COMMANDS), step.commands, strict=True):
+            yield topic, to_vehicle_commands(commands)
+        yield topics.ACTORS, to_actor_states(step.states)
+        yield topics.EVENTS, to_events(number, step.state_hash, step.events)
         actors.update({actor.actor_id: actor for actor in step.traffic.spawned})
         yield from sensing.step(step.states, actors, step.traffic.signals)
     yield from sensing.finish()
-
-
-def _step_messages(step: LoopStep) -> Iterator[Published]:
-    number = step.states.step
-    yield topics.CLOCK, make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(number)))
-    yield topics.TRAFFIC, to_traffic_state(step.traffic)
-    for topic, commands in zip((topics.EMV_COMMANDS, topics.YIELD_COMMANDS), step.commands, strict=True):
-        yield topic, to_vehicle_commands(commands)
-    yield topics.ACTORS, to_actor_states(step.states)
-    yield topics.EVENTS, to_events(number, step.state_hash, step.events)

@@ -60,7 +60,7 @@ def _mismatches(recorded: Any, repeated: Any, path: tuple[str | int, ...]) -> It
         for key in sorted({*recorded, *repeated}, key=str):
             values = (recorded.get(key, MISSING), repeated.get(key, MISSING))
             yield from _mismatches(*values, (*path, key))
-    elif _is_sequence(recorded) and _is_sequence(repeated):
+    elif all(isinstance(side, Sequence) and not isinstance(side, str | bytes) for side in (recorded, repeated)):
         for position in range(max(len(recorded), len(repeated))):
             before, after = (side[position] if position < len(side) else MISSING for side in (recorded, repeated))
             yield from _mismatches(before, after, (*path, position))
@@ -79,19 +79,12 @@ def _array_mismatches(recorded: Any, repeated: Any, path: tuple[str | int, ...])
             yield Mismatch((*path, position), before.item(), after.item())
 
 
-def _is_sequence(value: Any) -> bool:
-    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
-
-
 def _same(recorded: Any, repeated: Any) -> bool:
     """Plain values by their text in JSON, so that 1 and 1.0, and 0.0 and −0.0, are two values."""
     for kind in (str, bytes, np.ndarray):
         if isinstance(recorded, kind) or isinstance(repeated, kind):
             return isinstance(recorded, kind) and isinstance(repeated, kind) and bool(recorded == repeated)
     return json_text(recorded) == json_text(repeated)
-
-
-_COMMANDS: Final = "commands"
 
 
 @dataclass(frozen=True)
@@ -220,7 +213,7 @@ def first_difference(record: EpisodeRecord, repeated: Sequence[LoopStep]) -> Dif
         step = again.states.step
         pairs: list[tuple[str, Any, Any]] = [(TRAFFIC.name, traffic.get(step, MISSING), again.traffic)]
         pairs += [
-            (f"{_COMMANDS} of {command.source}", commands.get((command.source, step), MISSING), command)
+            (f"commands of {command.source}", commands.get((command.source, step), MISSING), command)
             for command in again.commands
             if command.source != AV_SOURCE
         ]

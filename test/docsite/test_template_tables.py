@@ -29,12 +29,12 @@ predicate:
 
 
 def test_comments_belong_to_the_key_below_and_to_the_number_after_a_word() -> None:
-    found = {entry.path: entry for entry in entries(TEXT)}
-    assert found["duration_s"] == Entry("duration_s", {"default": 40.0, "range": [25.0, 45.0]}, "s")
-    assert found["emv"] == Entry("emv", None, "")
-    assert found["emv.start_m"].comment == "m, from the line"
-    assert found["demand.number"].comment == ""
-    assert found["id"].comment == "heading of two lines"
+    by_path = {entry.path: entry for entry in entries(TEXT)}
+    assert by_path["duration_s"] == Entry("duration_s", {"default": 40.0, "range": [25.0, 45.0]}, "s")
+    assert by_path["emv"] == Entry("emv", None, "")
+    assert by_path["emv.start_m"].comment == "m, from the line"
+    assert by_path["demand.number"].comment == ""
+    assert by_path["id"].comment == "heading of two lines"
 
 
 def test_the_tables_hold_every_parameter_and_threshold(tmp_path: Path) -> None:

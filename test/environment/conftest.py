@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 from dds_domains import own_domain
-from environment_support import TALKER, TIMEOUT_S, Checkout, ros_variables
-from program_output import next_line, own_lines
+from environment_support import TALKER, TIMEOUT_S, Checkout, ros_variables, running
+from program_output import own_lines
 
 
 @pytest.fixture
@@ -67,13 +67,5 @@ def ros2(start_ros2: Callable[..., "subprocess.Popen[str]"]) -> Callable[..., "s
 def talker(domain_id: str) -> Iterator[None]:
     """A node in a process of its own that publishes on three topics."""
     pytest.importorskip("rclpy", reason="needs ROS")
-    process = subprocess.Popen(
-        [sys.executable, "-c", TALKER],
-        env={**os.environ, **ros_variables(domain_id)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert next_line(process.stdout) == "ready\n"
-    yield
-    process.kill()
-    process.communicate()
+    with running(TALKER, domain_id):
+        yield

@@ -3,9 +3,13 @@
 import os
 import shutil
 import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from program_output import next_line
 from repository import REPOSITORY
 
 TOOLS = REPOSITORY / "tools"
@@ -31,7 +35,7 @@ printf '%s\\n' "$@" >>"$state/extras"
 
 def clean_environment(**changes: str) -> dict[str, str]:
     """The variables of this process without those that a ROS, or ./env itself, would have set."""
-    own = (
+    prefixes = (
         "ROS_",
         "FASTDDS_",
         "FASTRTPS_",
@@ -43,7 +47,7 @@ def clean_environment(**changes: str) -> dict[str, str]:
         "PYTHONPYCACHE",
         "PYTHONDONT",
     )
-    return {name: value for name, value in os.environ.items() if not name.startswith(own)} | changes
+    return {name: value for name, value in os.environ.items() if not name.startswith(prefixes)} | changes
 
 
 def run_shell(
@@ -109,6 +113,24 @@ def ros_variables(domain_id: str) -> dict[str, str]:
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(TOOLS.parent / "params/fastdds_localhost.xml"),
         "PYTHONPATH": os.pathsep.join(filter(None, [str(TOOLS), os.environ.get("PYTHONPATH", "")])),
     }
+
+
+@contextmanager
+def running(program: str, domain_id: str) -> "Iterator[subprocess.Popen[str]]":
+    """A Python program in a process of its own, from when it has said that it is ready."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        env={**os.environ, **ros_variables(domain_id)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        assert next_line(process.stdout) == "ready\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
 
 
 TALKER = """

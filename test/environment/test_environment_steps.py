@@ -130,11 +130,11 @@ def source_variables(tmp_path: Path, shell: str = "bash", **variables: str) -> d
 @pytest.mark.parametrize("shell", ["bash", "sh"])
 def test_variables_are_set_once_and_keep_what_there_was(tmp_path: Path, shell: str) -> None:
     venv = tmp_path / "venv"
-    found = source_variables(tmp_path, shell, AMENT_PREFIX_PATH="/overlay", LD_LIBRARY_PATH="/other")
-    assert found["AMENT_PREFIX_PATH"] == f"/overlay:{venv}"
-    assert found["LD_LIBRARY_PATH"] == f"{venv}/lib:{venv}/lib/python3.11/site-packages/ros_one.libs:/other"
-    assert found["PATH"].startswith(f"{venv}/bin:")
-    assert found["PATH"].count(f"{venv}/bin") == 1
+    variables = source_variables(tmp_path, shell, AMENT_PREFIX_PATH="/overlay", LD_LIBRARY_PATH="/other")
+    assert variables["AMENT_PREFIX_PATH"] == f"/overlay:{venv}"
+    assert variables["LD_LIBRARY_PATH"] == f"{venv}/lib:{venv}/lib/python3.11/site-packages/ros_one.libs:/other"
+    assert variables["PATH"].startswith(f"{venv}/bin:")
+    assert variables["PATH"].count(f"{venv}/bin") == 1
 
 
 def test_compiled_python_is_kept_in_the_environment_where_it_may_not_lie_beside_the_sources(tmp_path: Path) -> None:
@@ -142,22 +142,22 @@ def test_compiled_python_is_kept_in_the_environment_where_it_may_not_lie_beside_
     assert variables["PYTHONPYCACHEPREFIX"] == str(tmp_path / "venv/pycache")
     assert "PYTHONDONTWRITEBYTECODE" not in variables
     assert "PYTHONPYCACHEPREFIX" not in source_variables(tmp_path)
-    own = source_variables(tmp_path, PYTHONDONTWRITEBYTECODE="1", PYTHONPYCACHEPREFIX="/own")
-    assert (own["PYTHONPYCACHEPREFIX"], own["PYTHONDONTWRITEBYTECODE"]) == ("/own", "1")
+    variables = source_variables(tmp_path, PYTHONDONTWRITEBYTECODE="1", PYTHONPYCACHEPREFIX="/own")
+    assert (variables["PYTHONPYCACHEPREFIX"], variables["PYTHONDONTWRITEBYTECODE"]) == ("/own", "1")
 
 
 def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(tmp_path: Path) -> None:
     assert source_variables(tmp_path)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    found = source_variables(tmp_path, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
-    assert found["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+    variables = source_variables(tmp_path, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
+    assert variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
 
 
 def test_the_profile_of_fast_dds_is_set_up_unless_the_user_has_a_profile(tmp_path: Path) -> None:
-    for variables in ({}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, {"ROS_STATIC_PEERS": "10.0.0.1"}):
-        found = source_variables(tmp_path, **variables)
-        assert found["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(REPOSITORY / "params" / profile_name(found))
-    found = source_variables(tmp_path, FASTDDS_DEFAULT_PROFILES_FILE="/own.xml")
-    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in found
+    for chosen in ({}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, {"ROS_STATIC_PEERS": "10.0.0.1"}):
+        variables = source_variables(tmp_path, **chosen)
+        assert variables["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(REPOSITORY / "params" / profile_name(variables))
+    variables = source_variables(tmp_path, FASTDDS_DEFAULT_PROFILES_FILE="/own.xml")
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in variables
 
 
 def test_cmake_exports_lose_only_missing_include_folders(tmp_path: Path) -> None:
@@ -257,25 +257,25 @@ NODES = sorted(path.stem for path in (REPOSITORY / "nodes").glob("[a-z]*.py"))
 
 def declared_executables(*arguments: str) -> dict[str, str]:
     """What setup.py declares when it is called with these commands: the function behind each name."""
-    found: dict[str, str] = {}
+    scripts: dict[str, str] = {}
 
     def setup(**keywords: Any) -> None:
-        found.update(line.split(" = ") for line in keywords["entry_points"]["console_scripts"])
+        scripts.update(line.split(" = ") for line in keywords["entry_points"]["console_scripts"])
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("setuptools.setup", setup)
         patch.setattr(sys, "argv", ["setup.py", *arguments])
         patch.chdir(REPOSITORY)
         runpy.run_path("setup.py")
-    return found
+    return scripts
 
 
 @pytest.mark.parametrize("command", ["editable_wheel", "bdist_wheel", "dist_info"])
 def test_programs_that_pip_puts_into_bin_bear_the_projects_name(command: str) -> None:
-    found = declared_executables("-q", command, "--dist-dir", "x")
-    assert all(name == "siren" or name.startswith("siren-") for name in found)
-    assert found["siren-emv-controller"] == "siren_nodes.emv_controller:main"
-    assert len(found) == len(NODES) + 1
+    scripts = declared_executables("-q", command, "--dist-dir", "x")
+    assert all(name == "siren" or name.startswith("siren-") for name in scripts)
+    assert scripts["siren-emv-controller"] == "siren_nodes.emv_controller:main"
+    assert len(scripts) == len(NODES) + 1
 
 
 @pytest.mark.parametrize("command", ["install", "develop", "egg_info"])

@@ -22,7 +22,7 @@ PUBLISHED = {
 def test_type_hash_is_the_published_one(type_name: str) -> None:
     prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
     descriptions = [Path(prefix) / "share" / f"{type_name}.json" for prefix in prefixes if prefix]
-    found = [path for path in descriptions if path.is_file()]
-    assert found, f"{type_name} is not installed"
-    hashes = {entry["type_name"]: entry["hash_string"] for entry in json.loads(found[0].read_text())["type_hashes"]}
+    present = [path for path in descriptions if path.is_file()]
+    assert present, f"{type_name} is not installed"
+    hashes = {entry["type_name"]: entry["hash_string"] for entry in json.loads(present[0].read_text())["type_hashes"]}
     assert hashes[type_name] == f"RIHS01_{PUBLISHED[type_name]}"

@@ -1,15 +1,13 @@
 """`ros2 bag`: a bag written by rosbags, described and played to a real subscriber."""
 
-import os
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from environment_support import TIMEOUT_S, ros_variables
+from environment_support import TIMEOUT_S, running
 from program_output import next_line
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -57,7 +55,6 @@ def bag(tmp_path: Path) -> Path:
 
 
 LISTENER = """
-import sys
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
@@ -79,19 +76,9 @@ rclpy.spin(node)
 @contextmanager
 def listening(domain_id: str) -> Iterator[Callable[[int], list[list[str]]]]:
     """A subscriber in another process; hands over the next lines of what it hears, as words."""
-    listener = subprocess.Popen(
-        [sys.executable, "-c", LISTENER],
-        env={**os.environ, **ros_variables(domain_id)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    try:
-        assert next_line(listener.stdout) == "ready\n"
+    pytest.importorskip("rclpy", reason="needs ROS")
+    with running(LISTENER, domain_id) as listener:
         yield lambda count: [next_line(listener.stdout).rstrip().split(maxsplit=2) for _ in range(count)]
-    finally:
-        listener.kill()
-        listener.communicate()
 
 
 def heard(start_ros2: Start, domain_id: str, *words: str, lines: int) -> tuple[list[list[str]], int]:
@@ -125,7 +112,6 @@ def test_info_of_a_damaged_bag_is_one_line(ros2: Run, bag: Path) -> None:
 
 
 def test_play_keeps_order_content_and_timing(start_ros2: Start, domain_id: str, bag: Path) -> None:
-    pytest.importorskip("rclpy", reason="needs ROS")
     received, exit_code = heard(start_ros2, domain_id, str(bag), lines=2 * STEPS + 1)
     assert exit_code == 0
     assert ["about", "an", "episode"] in received
@@ -137,7 +123,6 @@ def test_play_keeps_order_content_and_timing(start_ros2: Start, domain_id: str, 
 
 
 def test_play_from_an_offset_faster_and_only_some_topics(start_ros2: Start, domain_id: str, bag: Path) -> None:
-    pytest.importorskip("rclpy", reason="needs ROS")
     options = ["--start-offset", "0.5", "-r", "4", "--topics", "/bag/count"]
     received, exit_code = heard(start_ros2, domain_id, str(bag), *options, lines=STEPS // 2)
     assert exit_code == 0
@@ -146,7 +131,6 @@ def test_play_from_an_offset_faster_and_only_some_topics(start_ros2: Start, doma
 
 
 def test_play_with_a_clock_of_its_own(start_ros2: Start, domain_id: str, bag: Path) -> None:
-    pytest.importorskip("rclpy", reason="needs ROS")
     options = ["--clock", "100", "--topics", "/bag/count"]
     ticks = (STEPS - 1) * 5 + 1
     received, _ = heard(start_ros2, domain_id, str(bag), *options, lines=STEPS + ticks)
@@ -154,7 +138,6 @@ def test_play_with_a_clock_of_its_own(start_ros2: Start, domain_id: str, bag: Pa
 
 
 def test_play_again_and_again(start_ros2: Start, domain_id: str, bag: Path) -> None:
-    pytest.importorskip("rclpy", reason="needs ROS")
     with listening(domain_id) as hear:
         player = start_ros2("bag", "play", str(bag), "-l", "-r", "10", "--topics", "/bag/count", "--delay", DELAY_S)
         assert values(hear(2 * STEPS + 1), "count", 2) == [*range(STEPS), *range(STEPS), 0]

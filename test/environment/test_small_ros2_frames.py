@@ -4,7 +4,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from environment_support import ros_variables
+from environment_support import running
 from program_output import next_line
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS")
@@ -41,8 +40,8 @@ def transform(parent: str, child: str, stamp_ns: int, xyz: tuple[float, float, f
 def tree_of(*moving: Any, static: tuple[Any, ...] = ()) -> FrameTree:
     tree = FrameTree()
     tree.add(SimpleNamespace(transforms=list(static)), static=True)
-    for each in moving:
-        tree.add(SimpleNamespace(transforms=[each]))
+    for link in moving:
+        tree.add(SimpleNamespace(transforms=[link]))
     return tree
 
 
@@ -57,9 +56,9 @@ def test_a_chain_of_frames_gives_the_pose_of_its_end() -> None:
         transform("odom", "base_link", 3 * S, (0.0, 5.0, 0.0), QUARTER),
         static=(lidar,),
     )
-    found = tree.latest("map", "lidar")
-    assert (found.stamp_ns, found.translation) == (3 * S, pytest.approx([10.0, 7.0, 1.9]))
-    assert found.rotation.as_euler("ZYX") == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+    pose = tree.latest("map", "lidar")
+    assert (pose.stamp_ns, pose.translation) == (3 * S, pytest.approx([10.0, 7.0, 1.9]))
+    assert pose.rotation.as_euler("ZYX") == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
     back = tree.latest("lidar", "map")
     assert back.translation == pytest.approx([-10.0, -7.0, -1.9])
     assert tree.latest("base_link", "lidar").stamp_ns == 0
@@ -73,9 +72,9 @@ def test_the_latest_time_is_one_that_all_links_have() -> None:
         transform("odom", "base_link", 4 * S, (2.0, 0.0, 0.0), QUARTER),
         transform("map", "odom", 3 * S + S // 2, (0.0, 0.0, 0.0)),
     )
-    found = tree.latest("map", "base_link")
-    assert (found.stamp_ns, found.translation) == (3 * S + S // 2, pytest.approx([1.5, 0.0, 0.0]))
-    assert found.rotation.as_euler("ZYX")[0] == pytest.approx(QUARTER / 2.0)
+    pose = tree.latest("map", "base_link")
+    assert (pose.stamp_ns, pose.translation) == (3 * S + S // 2, pytest.approx([1.5, 0.0, 0.0]))
+    assert pose.rotation.as_euler("ZYX")[0] == pytest.approx(QUARTER / 2.0)
     early = tree_of(
         transform("odom", "base_link", 4 * S, (1.0, 0.0, 0.0)), transform("map", "odom", 3 * S, (0.0, 0.0, 0.0))
     )
@@ -85,13 +84,13 @@ def test_the_latest_time_is_one_that_all_links_have() -> None:
 
 def test_what_is_missing_is_said_in_tf2s_words() -> None:
     tree = tree_of(transform("map", "odom", S, (0.0, 0.0, 0.0)), transform("a", "b", S, (0.0, 0.0, 0.0)))
-    for target, source, told in (
+    for target, source, message in (
         ("no", "map", 'Invalid frame ID "no" passed to canTransform argument target_frame - frame does not exist'),
         ("map", "no", 'Invalid frame ID "no" passed to canTransform argument source_frame - frame does not exist'),
         ("/map", "odom", "in tf2 frame_ids cannot start with a '/'"),
         ("map", "b", "Could not find a connection between 'map' and 'b' because they are not part of the same tree"),
     ):
-        with pytest.raises(TransformError, match=re.escape(told)):
+        with pytest.raises(TransformError, match=re.escape(message)):
             tree.latest(target, source)
 
 
@@ -178,11 +177,11 @@ sensing = node.create_publisher(String, topics.SENSING.name, qos_of(topics.SENSI
 moving = node.create_publisher(TFMessage, "/tf", 10)
 fixed = node.create_publisher(TFMessage, "/tf_static", qos_of(topics.TF_STATIC))
 def message(parent, child, x):
-    each = TransformStamped()
-    each.header.frame_id, each.child_frame_id = parent, child
-    each.header.stamp.sec = 4
-    each.transform.translation.x, each.transform.rotation.w = x, 1.0
-    return TFMessage(transforms=[each])
+    link = TransformStamped()
+    link.header.frame_id, link.child_frame_id = parent, child
+    link.header.stamp.sec = 4
+    link.transform.translation.x, link.transform.rotation.w = x, 1.0
+    return TFMessage(transforms=[link])
 fixed.publish(message("base_link", "lidar", 2.0))
 node.create_timer(0.05, lambda: moving.publish(message("map", "base_link", 10.0)))
 print("ready", flush=True)
@@ -192,16 +191,8 @@ rclpy.spin(node)
 
 @pytest.fixture(scope="module")
 def broadcaster(domain_id: str) -> Iterator[None]:
-    process = subprocess.Popen(
-        [sys.executable, "-c", BROADCASTER],
-        env={**os.environ, **ros_variables(domain_id)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert next_line(process.stdout) == "ready\n"
-    yield
-    process.kill()
-    process.communicate()
+    with running(BROADCASTER, domain_id):
+        yield
 
 
 @pytest.mark.timeout(90)

@@ -32,12 +32,12 @@ def test_levels_of_a_seed_begin_alike(template: str) -> None:
         assert setup.preset == nominal[0].preset
         assert setup.compiled_map.sha256 == nominal[0].compiled_map.sha256
         assert setup.description.parameters["template"] == nominal[0].description.parameters["template"]
-        one, other = first.traffic, nominal[1].traffic
-        assert one.signals == other.signals
+        lower, higher = first.traffic, nominal[1].traffic
+        assert lower.signals == higher.signals
         for name in ("actor_id", "sumo_x_m", "sumo_y_m", "sumo_yaw_rad", "lane", "lane_position_m", "route_edges"):
-            np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
-        civilian = one.actor_id > len(setup.plan.emvs)
-        np.testing.assert_array_equal(one.sumo_speed_mps[civilian], other.sumo_speed_mps[civilian])
+            np.testing.assert_array_equal(getattr(lower, name), getattr(higher, name), err_msg=name)
+        civilian = lower.actor_id > len(setup.plan.emvs)
+        np.testing.assert_array_equal(lower.sumo_speed_mps[civilian], higher.sumo_speed_mps[civilian])
 
 
 @pytest.mark.parametrize("preset", ["paper", "realistic"])

@@ -1,7 +1,6 @@
-import dataclasses
 import hashlib
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -79,27 +78,26 @@ def test_the_first_difference_has_its_path_and_both_values(other: Table, mismatc
 
 
 def test_arrays_of_other_types_differ() -> None:
-    found = first_mismatch(np.zeros(3, np.float32), np.zeros(3, np.float64))
-    assert found is not None
+    assert first_mismatch(np.zeros(3, np.float32), np.zeros(3, np.float64)) is not None
     assert first_mismatch(np.zeros((2, 3)), np.zeros((3, 2))) is not None
 
 
 @pytest.mark.parametrize("other", [MISSING, 0.0, [0.0, 0.0], None])
 def test_an_array_differs_from_what_is_none(other: Any) -> None:
     array = np.zeros(2)
-    for one, two in ((array, other), (other, array)):
-        found = first_mismatch({"a": one}, {"a": two})
-        assert found is not None
-        assert found.path == ("a",)
-        assert found.recorded is one
+    for recorded, repeated in ((array, other), (other, array)):
+        mismatch = first_mismatch({"a": recorded}, {"a": repeated})
+        assert mismatch is not None
+        assert mismatch.path == ("a",)
+        assert mismatch.recorded is recorded
 
 
 @pytest.mark.parametrize(
-    ("one", "other"),
+    ("recorded", "repeated"),
     [(1, 1.0), (0.0, -0.0), (True, 1), ("1", 1), (b"a", "a"), (None, "None"), ({}, []), ("ab", ["a", "b"]), (1, 2)],
 )
-def test_values_of_another_kind_differ(one: Any, other: Any) -> None:
-    assert first_mismatch(one, other) == Mismatch((), one, other)
+def test_values_of_another_kind_differ(recorded: Any, repeated: Any) -> None:
+    assert first_mismatch(recorded, repeated) == Mismatch((), recorded, repeated)
 
 
 def test_minus_zero_is_not_zero_and_nan_is_itself() -> None:
@@ -139,8 +137,8 @@ def test_the_first_difference_is_named(episode: tuple[EpisodeRecord, list[LoopSt
     state = record.states[17]
     x_m = state.x_m.copy()
     x_m[4] += 1e-12
-    changed = (*record.states[:17], dataclasses.replace(state, x_m=x_m), *record.states[18:])
-    difference = first_difference(dataclasses.replace(record, states=changed), steps)
+    changed = (*record.states[:17], replace(state, x_m=x_m), *record.states[18:])
+    difference = first_difference(replace(record, states=changed), steps)
     assert difference is not None
     assert (difference.step, difference.actor_id, difference.field) == (17, int(state.actor_id[4]), "x_m")
     assert str(difference).startswith(f"step 17, actor {state.actor_id[4]}, x_m of /siren/actor_states: recorded ")
@@ -149,15 +147,15 @@ def test_the_first_difference_is_named(episode: tuple[EpisodeRecord, list[LoopSt
 def test_another_signal_alone_is_found_by_the_hash(episode: tuple[EpisodeRecord, list[LoopStep]]) -> None:
     record, steps = episode
     hashes = {**record.state_hashes, 11: 1}
-    difference = first_difference(dataclasses.replace(record, state_hashes=hashes), steps)
+    difference = first_difference(replace(record, state_hashes=hashes), steps)
     assert difference is not None
     assert str(difference).startswith("step 11, state_hash of /siren/events: recorded 0000000000000001, repeated ")
 
 
 def test_another_seed_is_another_episode(episode: tuple[EpisodeRecord, list[LoopStep]]) -> None:
     record, _ = episode
-    parameters = {**record.description.parameters, "request": dataclasses.asdict(REQUEST) | {"seed": 4}}
-    other = dataclasses.replace(record, description=dataclasses.replace(record.description, parameters=parameters))
+    parameters = {**record.description.parameters, "request": asdict(REQUEST) | {"seed": 4}}
+    other = replace(record, description=replace(record.description, parameters=parameters))
     difference = repeat_episode(other)
     assert difference is not None
     assert (difference.topic, difference.field) == ("/siren/episode", "seed")
@@ -168,21 +166,21 @@ def test_a_description_without_its_request_is_refused(
     episode: tuple[EpisodeRecord, list[LoopStep]], stored: object
 ) -> None:
     record, _ = episode
-    description = dataclasses.replace(record.description, parameters={"request": stored})
+    description = replace(record.description, parameters={"request": stored})
     with pytest.raises(BagError, match="request"):
-        repeat_episode(dataclasses.replace(record, description=description))
+        repeat_episode(replace(record, description=description))
 
 
 def test_names_and_lengths_come_from_the_request() -> None:
     assert default_bag_path(REQUEST).as_posix() == "bags/S2_L2_seed3"
-    there = dataclasses.replace(REQUEST, map="maps/Some Town.net.xml", level="L1")
+    there = replace(REQUEST, map="maps/Some Town.net.xml", level="L1")
     assert default_bag_path(there).as_posix() == "bags/S2_L1_seed3_Some Town"
-    assert plan_length(dataclasses.replace(REQUEST, duration_s=2.5)) == 50
+    assert plan_length(replace(REQUEST, duration_s=2.5)) == 50
 
 
 def test_the_names_can_be_told_from_the_description_alone() -> None:
     for change in ({}, {"level": "L1", "seed": 7}, {"av": "civilian"}):
-        request = dataclasses.replace(REQUEST, **change)
+        request = replace(REQUEST, **change)
         assert default_bag_path_of(set_up_episode(request).description) == default_bag_path(request)
     assert default_kitti_path(default_bag_path(REQUEST)).as_posix() == "bags/S2_L2_seed3_kitti"
 
@@ -198,7 +196,7 @@ def test_the_names_can_be_told_from_the_description_alone() -> None:
 )
 def test_a_request_that_cannot_be_met_is_refused_by_name(change: dict[str, str], error: type[InputError]) -> None:
     with pytest.raises(error) as caught:
-        set_up_episode(dataclasses.replace(REQUEST, **change))
+        set_up_episode(replace(REQUEST, **change))
     assert caught.value.parameter == next(iter(change))
 
 
@@ -207,13 +205,13 @@ def complete(episode: tuple[EpisodeRecord, list[LoopStep]]) -> EpisodeRecord:
     """The record with its outcome, as the bag of an episode that ended as planned."""
     record, _ = episode
     closing = EpisodeClosing(STEPS, EpisodeEnd.COMPLETE, "")
-    whole = dataclasses.replace(record, complete=True, outcome=outcome_of(record, closing))
+    whole = replace(record, complete=True, outcome=outcome_of(record, closing))
     assert repeat_episode(whole) is None
     return whole
 
 
 def with_description(record: EpisodeRecord, **changes: Any) -> EpisodeRecord:
-    return dataclasses.replace(record, description=dataclasses.replace(record.description, **changes))
+    return replace(record, description=replace(record.description, **changes))
 
 
 def with_parameters(record: EpisodeRecord, **changes: Any) -> EpisodeRecord:
@@ -258,41 +256,41 @@ def test_another_map_than_the_described_one_is_refused(complete: EpisodeRecord) 
     with pytest.raises(BagError, match="SHA-256"):
         repeat_episode(with_description(complete, map_sha256="0" * 64))
     with pytest.raises(BagError, match="SHA-256"):
-        repeat_episode(dataclasses.replace(complete, map_xml=complete.map_xml + b"\n"))
+        repeat_episode(replace(complete, map_xml=complete.map_xml + b"\n"))
 
 
 def changed_row(items: Any, step: int, column: str) -> Any:
     """The structures of arrays with one value of the last row changed at a step."""
     values = getattr(items[step], column).copy()
     values[-1] += 1
-    return (*items[:step], dataclasses.replace(items[step], **{column: values}), *items[step + 1 :])
+    return (*items[:step], replace(items[step], **{column: values}), *items[step + 1 :])
 
 
 def test_a_change_of_traffic_or_commands_is_named_with_its_step_and_actor(complete: EpisodeRecord) -> None:
     traffic = changed_row(complete.traffic, 9, "lane_position_m")
-    difference = repeat_episode(dataclasses.replace(complete, traffic=traffic))
+    difference = repeat_episode(replace(complete, traffic=traffic))
     assert str(difference).startswith(
         f"step 9, actor {traffic[9].actor_id[-1]}, lane_position_m of /siren/traffic_state: recorded "
     )
     commands = changed_row(complete.commands["emv_controller"], 12, "throttle")
-    changed = dataclasses.replace(complete, commands={**complete.commands, "emv_controller": commands})
+    changed = replace(complete, commands={**complete.commands, "emv_controller": commands})
     assert str(repeat_episode(changed)).startswith(
         "step 12, actor 1, throttle of commands of emv_controller: recorded "
     )
-    without = dataclasses.replace(complete, commands={"emv_controller": complete.commands["emv_controller"]})
+    without = replace(complete, commands={"emv_controller": complete.commands["emv_controller"]})
     assert "yield_manager: recorded 'nothing'" in str(repeat_episode(without))
 
 
 def test_a_change_of_an_event_or_of_the_outcome_is_named(complete: EpisodeRecord) -> None:
     event = complete.events[-1]
-    changed = dataclasses.replace(event, x_m=event.x_m + 1.0)
-    difference = repeat_episode(dataclasses.replace(complete, events=(*complete.events[:-1], changed)))
+    changed = replace(event, x_m=event.x_m + 1.0)
+    difference = repeat_episode(replace(complete, events=(*complete.events[:-1], changed)))
     assert difference is not None
     assert (difference.topic, difference.step) == ("/siren/events", event.step)
     assert difference.field.endswith(".x_m")
     assert complete.outcome is not None
-    outcome = dataclasses.replace(complete.outcome, measures={**complete.outcome.measures, "collisions": 3})
-    difference = repeat_episode(dataclasses.replace(complete, outcome=outcome))
+    outcome = replace(complete.outcome, measures={**complete.outcome.measures, "collisions": 3})
+    difference = repeat_episode(replace(complete, outcome=outcome))
     assert str(difference) == "measures.collisions of /siren/outcome: recorded 3, repeated 0"
 
 
@@ -312,7 +310,7 @@ def recorded(request: EpisodeRequest) -> EpisodeRecord:
     setup = set_up_episode(request)
     record = record_of(setup, list(closed_loop(setup, 20)))
     message = to_episode_description(record.description)
-    return dataclasses.replace(record, description=from_episode_description(message))
+    return replace(record, description=from_episode_description(message))
 
 
 def test_a_record_needs_none_of_the_users_files(own_files: EpisodeRequest, tmp_path: Path) -> None:

@@ -40,8 +40,8 @@ def joined(topic: Topic) -> Receive:
     """By a node that acts on the topic at every step; a second input keeps the step open."""
     join = TickJoin((Input(topic), Input(topics.TF)))
     for step in range(NOW):
-        for each in (topic, topics.TF):
-            list(join.offer(each.name, step, b"true"))
+        for due in (topic, topics.TF):
+            list(join.offer(due.name, step, b"true"))
     return lambda step, cdr: [*join.offer(topic.name, step, cdr)].clear()
 
 
@@ -50,9 +50,9 @@ def recorded(topic: Topic) -> Receive:
     other = topics.TF
     collector = StepCollector([topic, other])
     for step in range(NOW):
-        for each in (topic, other):
-            if step % (each.period_steps or NOW) == 0:
-                collector.add(each.name, step, b"true")
+        for joined in (topic, other):
+            if step % (joined.period_steps or NOW) == 0:
+                collector.add(joined.name, step, b"true")
         list(collector.ready())
     return lambda step, cdr: collector.add(topic.name, step, cdr)
 

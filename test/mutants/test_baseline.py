@@ -40,8 +40,8 @@ def test_slow_and_failing_tests_are_left_out():
         "loaded": ["numpy"],
         "environment": {"OPENBLAS_NUM_THREADS": "1", "PYTEST_VERSION": "9"},
     }
-    found = baseline_from(answer, slow_s=2.0)
-    assert found.seconds == {"one": 0.5}
-    assert found.left_out == ["three", "two"]
-    assert found.lines == {"lib/a/code.py": {4: ["one"]}}
-    assert found.environment == {"OPENBLAS_NUM_THREADS": "1"}
+    baseline = baseline_from(answer, slow_s=2.0)
+    assert baseline.seconds == {"one": 0.5}
+    assert baseline.left_out == ["three", "two"]
+    assert baseline.lines == {"lib/a/code.py": {4: ["one"]}}
+    assert baseline.environment == {"OPENBLAS_NUM_THREADS": "1"}

@@ -144,13 +144,13 @@ def whole(tiny):
     return done, json.loads(results.read_text())
 
 
-def verdicts(found, was):
-    return {entry["becomes"]: entry["verdict"] for entry in found if entry["was"] == was}
+def verdicts(entries, was):
+    return {entry["becomes"]: entry["verdict"] for entry in entries if entry["was"] == was}
 
 
 def test_what_the_tests_notice_is_caught_and_what_they_do_not_survives(whole):
-    done, found = whole
-    inside = verdicts(found, "return low < x and x < high")
+    done, entries = whole
+    inside = verdicts(entries, "return low < x and x < high")
     assert inside["return low >= x and x < high"] == "caught"
     assert inside["return low < x or x < high"] == "survived"
     assert "shop/prices/sums.py:7: survived" in done.stdout
@@ -158,15 +158,15 @@ def test_what_the_tests_notice_is_caught_and_what_they_do_not_survives(whole):
 
 
 def test_a_program_that_hangs_is_caught(whole):
-    _, found = whole
-    loop = [entry for entry in found if entry["was"] == "number = number - 1"]
+    _, entries = whole
+    loop = [entry for entry in entries if entry["was"] == "number = number - 1"]
     hung = next(entry for entry in loop if entry["becomes"] == "number = number + 1")
     assert (hung["verdict"], hung["by"]) == ("caught", "time limit or crash")
 
 
 def test_slow_and_failing_tests_are_left_out_so_that_only_they_notice_nothing(whole):
-    done, found = whole
-    doubled = verdicts(found, "return 2 * a")
+    done, entries = whole
+    doubled = verdicts(entries, "return 2 * a")
     assert doubled.pop("return 2 / a") == "equivalent"
     assert set(doubled.values()) == {"survived"}
     for name in ("test_slow", "test_fails_always"):
@@ -174,10 +174,10 @@ def test_slow_and_failing_tests_are_left_out_so_that_only_they_notice_nothing(wh
 
 
 def test_the_score_counts_what_is_not_equivalent(whole):
-    done, found = whole
-    caught = sum(entry["verdict"] == "caught" for entry in found)
-    equivalent = sum(entry["verdict"] == "equivalent" for entry in found)
-    counted = len(found) - equivalent
+    done, entries = whole
+    caught = sum(entry["verdict"] == "caught" for entry in entries)
+    equivalent = sum(entry["verdict"] == "equivalent" for entry in entries)
+    counted = len(entries) - equivalent
     assert f"{caught:5} of {counted:4} caught" in done.stdout
     assert f"({equivalent} equivalent)" in done.stdout
 
@@ -188,7 +188,7 @@ def test_the_working_tree_is_left_as_it_was(tiny, whole):
 
 
 def test_survivors_are_run_again_with_better_tests(tiny, whole):
-    _, found = whole
+    _, entries = whole
     better = tiny / "test/prices/test_sums.py"
     before = better.read_text()
     better.write_text(before + "\n\ndef test_outside():\n    assert not sums.inside(2.5, 1, 2)\n")
@@ -198,7 +198,7 @@ def test_survivors_are_run_again_with_better_tests(tiny, whole):
         better.write_text(before)
     again = json.loads((tiny / "again.json").read_text())
     assert done.returncode == 0
-    assert len(again) == sum(entry["verdict"] == "survived" for entry in found)
+    assert len(again) == sum(entry["verdict"] == "survived" for entry in entries)
     assert verdicts(again, "return low < x and x < high")["return low < x or x < high"] == "caught"
 
 
@@ -210,17 +210,17 @@ def test_what_tests_share_is_noticed_by_those_that_look_at_it(tiny):
     results = tiny / "shared.json"
     done = run(tiny, "shop/prices/shared.py", "--results", str(results))
     assert done.returncode == 0, done.stderr
-    found = {entry["becomes"]: entry["by"] for entry in json.loads(results.read_text())}
-    assert found["return values[ 1]"] == "test/prices/test_shared.py::test_first"
-    assert found["return values[ 0]"] == "test/prices/test_shared.py::test_second"
-    kept = {becomes: by for becomes, by in found.items() if becomes.startswith("return ") and "values" not in becomes}
+    notices = {entry["becomes"]: entry["by"] for entry in json.loads(results.read_text())}
+    assert notices["return values[ 1]"] == "test/prices/test_shared.py::test_first"
+    assert notices["return values[ 0]"] == "test/prices/test_shared.py::test_second"
+    kept = {becomes: by for becomes, by in notices.items() if becomes.startswith("return ") and "values" not in becomes}
     assert set(kept.values()) == {"test/prices/test_shared.py::test_what_is_kept"}
 
 
 def test_only_lines_of_the_change_are_looked_at(whole):
-    _, found = whole
-    assert not verdicts(found, "return a - b")
-    assert len({entry["line"] for entry in found}) == 4
+    _, entries = whole
+    assert not verdicts(entries, "return a - b")
+    assert len({entry["line"] for entry in entries}) == 4
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ def changes(source):
 @pytest.mark.parametrize("operator", [TurnName, ForgetField])
 def test_the_examples_hold(operator):
     for example in operator.examples():
-        found = {mutant.text(example.pre_mutation_code) for mutant in mutants_of("x", example.pre_mutation_code)}
-        assert example.post_mutation_code in found
+        texts = {mutant.text(example.pre_mutation_code) for mutant in mutants_of("x", example.pre_mutation_code)}
+        assert example.post_mutation_code in texts
 
 
 @pytest.mark.parametrize(
@@ -62,9 +62,9 @@ def test_settings_annotations_and_messages_are_left_alone(source):
 
 def test_each_change_gives_another_program_and_says_where():
     source = "def f(a, b):\n    return max(a - b, 2.0) if a < b else -b\n"
-    found = mutants_of("code.py", source)
-    assert {mutant.line for mutant in found} == {2}
-    texts = [mutant.text(source) for mutant in found]
+    mutants = mutants_of("code.py", source)
+    assert {mutant.line for mutant in mutants} == {2}
+    texts = [mutant.text(source) for mutant in mutants]
     assert len(set(texts)) == len(texts)
     assert source not in texts
     for text in texts:

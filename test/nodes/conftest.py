@@ -1,13 +1,12 @@
 """Episodes run as a user runs them: the program cosim in a process of its own, with its own DDS domain."""
 
 import signal
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from faulty_episodes import Episode, Start
-from live_episodes import Domain, Run, finish
+from live_episodes import Domain, Run, finish, wait_until
 
 DOMAIN = Domain()
 FAULTY_DOMAIN = Domain()
@@ -44,9 +43,7 @@ def stopped_cosim() -> Callable[..., Run]:
 
     def run(*parameters: str, cwd: Path, number: signal.Signals, when: Callable[[], bool]) -> Run:
         with DOMAIN.episode(*parameters, cwd=cwd) as process:
-            deadline = time.monotonic() + 60.0
-            while not when() and process.poll() is None and time.monotonic() < deadline:
-                time.sleep(0.05)
+            wait_until(when, process)
             process.send_signal(number)
             return finish(process, timeout_s=60.0)
 

@@ -88,16 +88,16 @@ class Episode:
 
     def processes(self) -> dict[int, list[str]]:
         """Command lines of all processes that this episode started and that still live, by process id."""
-        found = {}
+        command_lines = {}
         for entry in Path("/proc").iterdir():
             if entry.name.isdigit():
                 try:
                     marked = f"{TAG}={self.tag}".encode() in (entry / "environ").read_bytes()
                     if marked and "\nState:\tZ" not in (entry / "status").read_text():
-                        found[int(entry.name)] = (entry / "cmdline").read_text().split("\0")
+                        command_lines[int(entry.name)] = (entry / "cmdline").read_text().split("\0")
                 except OSError:
                     continue
-        return found
+        return command_lines
 
     def process_of(self, node: str) -> int:
         return next(number for number, command in self.processes().items() if f"siren_nodes.{node}" in command)

@@ -64,8 +64,10 @@ def _heard(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Topic], 
     av_suite.write_text(SLOW_LIDAR, encoding="utf-8")
     suites = load_suite(str(suite)), load_suite(str(av_suite))
     unrecorded = [topic for topic in (*suite_topics(suites[0]), *suite_topics(suites[1], AV)) if not topic.recorded]
-    wanted = {topic.name: topic for topic in (*recorded_topics(*suites), *unrecorded)}
-    (folder / "wanted.json").write_text(json.dumps([astuple(topic) for topic in wanted.values()]), encoding="utf-8")
+    topics_by_name = {topic.name: topic for topic in (*recorded_topics(*suites), *unrecorded)}
+    (folder / "wanted.json").write_text(
+        json.dumps([astuple(topic) for topic in topics_by_name.values()]), encoding="utf-8"
+    )
     parameters = (
         f"sensors:={suite}",
         f"av_sensors:={av_suite}",
@@ -83,25 +85,25 @@ def _heard(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Topic], 
     ):
         runs = [finish(process) for process in (episode, listener, driver)]
     assert [run.code for run in runs] == [0, 0, 0], [(run.out, run.err) for run in runs]
-    return wanted, json.loads((folder / "heard.json").read_text(encoding="utf-8"))
+    return topics_by_name, json.loads((folder / "heard.json").read_text(encoding="utf-8"))
 
 
 def test_every_topic_brings_exactly_the_messages_of_its_rate(heard: Any) -> None:
-    wanted, log = heard
-    for name, topic in wanted.items():
+    topics_by_name, log = heard
+    for name, topic in topics_by_name.items():
         ticks = [tick for tick, _ in log[name]]
         if topic.latched:
             assert len(ticks) == 1, name
         else:
             assert ticks == list(range(0, STEPS, topic.period_steps)), name
-    assert {topic.period_steps for topic in wanted.values()} >= {0, 1, 2, 4}
+    assert {topic.period_steps for topic in topics_by_name.values()} >= {0, 1, 2, 4}
 
 
 def test_every_stamp_is_the_time_of_its_step(heard: Any) -> None:
-    wanted, log = heard
-    unstamped = {name for name in wanted if not any(stamps for _, stamps in log[name])}
+    topics_by_name, log = heard
+    unstamped = {name for name in topics_by_name if not any(stamps for _, stamps in log[name])}
     assert unstamped == {topics.MAP.name, topics.SENSING.name}
-    for name, topic in wanted.items():
+    for name, topic in topics_by_name.items():
         if topic == topics.OUTCOME:
             assert [stamp for _, [(stamp, _)] in log[name]] == [(STEPS - 1) * STEP_NS]
             continue
@@ -113,8 +115,8 @@ def test_every_message_is_in_its_frame(heard: Any) -> None:
     _, log = heard
     camera = "/emv/camera_front/camera_info" in log
     expected = FRAMES | CAMERA_FRAMES if camera else FRAMES
-    found = {
+    frames_by_topic = {
         name: {tuple(frames) for _, stamps in entries for _, frames in stamps if frames}
         for name, entries in log.items()
     }
-    assert {name: frames for name, frames in found.items() if frames} == expected
+    assert {name: frames for name, frames in frames_by_topic.items() if frames} == expected

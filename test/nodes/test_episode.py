@@ -103,14 +103,14 @@ def test_the_record_says_how_it_was_made(episode: Any) -> None:
 def test_the_sweeps_see_the_labelled_vehicles(episode: Any) -> None:
     bag = episode[1] / "bags" / "S2_L2_seed0"
     with AnyReader([bag]) as reader:
-        wanted = {topics.GROUND_TRUTH.name, "/emv/lidar/points"}
-        found: dict[str, dict[int, Any]] = {name: {} for name in wanted}
-        connections = [connection for connection in reader.connections if connection.topic in wanted]
+        names = {topics.GROUND_TRUTH.name, "/emv/lidar/points"}
+        messages: dict[str, dict[int, Any]] = {name: {} for name in names}
+        connections = [connection for connection in reader.connections if connection.topic in names]
         for connection, time_ns, raw in reader.messages(connections=connections):
-            found[connection.topic][time_ns] = reader.deserialize(raw, connection.msgtype)
+            messages[connection.topic][time_ns] = reader.deserialize(raw, connection.msgtype)
     hits = 0
-    for time_ns, truth in found[topics.GROUND_TRUTH.name].items():
-        points = from_point_cloud(found["/emv/lidar/points"][time_ns])
+    for time_ns, truth in messages[topics.GROUND_TRUTH.name].items():
+        points = from_point_cloud(messages["/emv/lidar/points"][time_ns])
         counted = np.bincount(points["instance"].astype(int), minlength=int(max(truth.actor_id, default=0)) + 1)
         assert np.array_equal(counted[truth.actor_id], truth.lidar_points)
         hits += int(np.sum(truth.lidar_points))

@@ -36,10 +36,10 @@ def test_further_episodes_in_one_domain_are_refused_and_harm_nothing(tmp_path: P
         wait_until(recording(first), episode)
         with (
             standing_still(episode),
-            HERE.episode(*SHORT, cwd=others[0]) as one,
-            HERE.episode(*SHORT, "processes:=true", cwd=others[1]) as two,
+            HERE.episode(*SHORT, cwd=others[0]) as first_refused,
+            HERE.episode(*SHORT, "processes:=true", cwd=others[1]) as second_refused,
         ):
-            refusals = [finish(one), finish(two)]
+            refusals = [finish(first_refused), finish(second_refused)]
         run = finish(episode)
     for refused in refusals:
         assert refused.code == 2
@@ -75,7 +75,7 @@ def test_episodes_in_two_domains_run_side_by_side(tmp_path: Path) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
     first.mkdir()
     second.mkdir()
-    with HERE.episode(*SHORT, cwd=first) as one, ELSEWHERE.episode(*SHORT, cwd=second) as two:
-        runs = [finish(one), finish(two)]
+    with HERE.episode(*SHORT, cwd=first) as here, ELSEWHERE.episode(*SHORT, cwd=second) as elsewhere:
+        runs = [finish(here), finish(elsewhere)]
     assert [run.code for run in runs] == [0, 0], [run.err for run in runs]
     assert digest(first) == digest(second)

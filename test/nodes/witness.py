@@ -31,15 +31,15 @@ def stamps_of(message: Any) -> list[tuple[int, list[str]]]:
         return [(time_ns_of(message.clock), [])]
     if hasattr(message, "stamp"):
         return [(time_ns_of(message.stamp), [])]
-    found = []
+    stamps = []
     if hasattr(message, "header"):
         frames = [message.header.frame_id]
         frames += [message.child_frame_id] if hasattr(message, "child_frame_id") else []
-        found.append((time_ns_of(message.header.stamp), frames))
+        stamps.append((time_ns_of(message.header.stamp), frames))
     for part in ("transforms", "markers", "detections", "poses"):
         for item in getattr(message, part, ()):
-            found += stamps_of(item)
-    return found
+            stamps += stamps_of(item)
+    return stamps
 
 
 class Witness(Node):
@@ -85,9 +85,9 @@ class Witness(Node):
 
 
 def main() -> None:
-    name, wanted, out = sys.argv[1:]
+    name, topics_file, out = sys.argv[1:]
     rclpy.init()
-    node = Witness(name, [Topic(*entry) for entry in json.loads(Path(wanted).read_text(encoding="utf-8"))])
+    node = Witness(name, [Topic(*entry) for entry in json.loads(Path(topics_file).read_text(encoding="utf-8"))])
     while not node.over:
         node.say_ready()
         rclpy.spin_once(node, timeout_sec=0.05)

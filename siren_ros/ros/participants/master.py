@@ -66,10 +66,6 @@ class AvProxy:
             self._depart(frozenset({AV_SOURCE}), f"its publisher of {topics.AV_CONTROL.name} is gone")
         self._ready = there
 
-    def bind(self) -> None:
-        """From now on it is the only one."""
-        self.publishers.bind()
-
     def close(self, steps: int) -> None:
         """The controller has nothing to close."""
         self._report(StepReport(max(steps - 1, 0), AV_SOURCE, Phase.FINAL))
@@ -205,17 +201,13 @@ class LockstepMaster:
                 self._av_proxy.close(action.steps)
 
     def _begin(self, action: BeginStep) -> None:
-        if action.step == 0:
-            self._bind()
+        if action.step == 0:  # from now on nobody else may report or drive
+            self._reporters.bind()
+            if self._av_proxy is not None:
+                self._av_proxy.publishers.bind()
             if self.state.stage is not Stage.STEPPING:
                 return
         self._next_wall_s = max(self._next_wall_s + self._pace_s, time.monotonic() - self._pace_s)
         self.on_step_begun(action.step)
         clock = make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(action.step)))
         self._clock.publish(wire.encode(topics.CLOCK, clock))
-
-    def _bind(self) -> None:
-        """From the first step on nobody else may report or drive."""
-        self._reporters.bind()
-        if self._av_proxy is not None:
-            self._av_proxy.bind()

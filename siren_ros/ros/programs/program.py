@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final
 
 import rclpy
 from rclpy._rclpy_pybind11 import UnknownROSArgsError
@@ -120,24 +120,11 @@ def start_ros(args: list[str] | None = None) -> None:
         rclpy.init(args=quoted(sys.argv if args is None else args), signal_handler_options=SignalHandlerOptions.NO)
 
 
-class Program(Protocol):
-    """A node that knows when it is done."""
-
-    finished: bool
-
-    def flush(self, timeout_s: float) -> None:
-        """Wait until what was published has reached its subscribers."""
-
-    def close_early(self, reason: str) -> None:
-        """Save what there is to save; raises SirenError where that fails."""
-
-    def destroy_node(self) -> None:
-        """Take the node out of the graph."""
-
-
-def run_program(make_node: Callable[[str], Program], name: str) -> int:
+def run_program(make_node: Callable[[str], Any], name: str) -> int:
     """Run one node as a program of its own until it is done or interrupted; returns the exit code.
 
+    A node that has ``finished`` is asked to ``flush(timeout_s)``, until its subscribers have everything; one that
+    is interrupted to ``close_early(reason)``, which saves what there is to save.
     The process ends at most ``SHUTDOWN_S`` later, also if DDS does not shut down. The caller does nothing after it.
     """
     interrupt = Interrupt(name)

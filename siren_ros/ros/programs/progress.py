@@ -66,14 +66,11 @@ class ProgressDisplay:
         factor = step * STEP_S / self.wall_s if step and self.wall_s else 0.0
         line = f"{step * STEP_S:5.1f} s simulated, real-time factor {factor:.1f}, {self._text}"
         with suppress(OSError):  # the terminal is closed, and SIGHUP is under way
-            self._show(step, line)
-
-    def _show(self, step: int, line: str) -> None:
-        if not self._bar.disable:
-            self._bar.set_postfix_str(line, refresh=False)
-            self._bar.update(step - self._bar.n)
-        elif step and step % PLAIN_EVERY_STEPS == 0:
-            print(f"{step}/{self._steps} steps, {line}", file=self._stream, flush=True)
+            if not self._bar.disable:
+                self._bar.set_postfix_str(line, refresh=False)
+                self._bar.update(step - self._bar.n)
+            elif step and step % PLAIN_EVERY_STEPS == 0:
+                print(f"{step}/{self._steps} steps, {line}", file=self._stream, flush=True)
 
     def close(self) -> None:
         """Take the bar away."""
@@ -87,9 +84,6 @@ def time_table(busy_s: Mapping[str, float], wall_s: float) -> list[str]:
     rest_s = max(0.0, wall_s - sum(busy_s.values()))
     rows.append(("lockstep and transport", rest_s))
     return [f"  {name:<24}{value:7.2f} s  {100 * value / wall_s if wall_s else 0:5.1f} %" for name, value in rows]
-
-
-_MEGABYTE = 1_000_000.0
 
 
 def closing_summary(
@@ -131,7 +125,7 @@ def _bag_lines(bag: Path, end: EpisodeEnd) -> list[str]:
         return [f"partial bag: {partial[-1]}"] if partial else []
     if not bag.is_dir():
         return []
-    size_mb = sum(file.stat().st_size for file in bag.iterdir()) / _MEGABYTE
+    size_mb = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
     counts = read_message_counts(bag)
     return [f"bag: {bag} ({size_mb:.1f} MB)"] + [f"  {name:<44}{count:6d}" for name, count in sorted(counts.items())]
 

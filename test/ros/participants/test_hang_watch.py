@@ -40,5 +40,5 @@ def test_at_the_end() -> None:
 
 def test_many_are_not_all_named() -> None:
     config = LockstepConfig(tuple("abcde"), 1)
-    told = awaited_by(state(Stage.GATHERING, *"abcde"), config, tuple("abcde"))
-    assert told == "a, b, c and 2 more to be ready, at most 120 s"
+    line = awaited_by(state(Stage.GATHERING, *"abcde"), config, tuple("abcde"))
+    assert line == "a, b, c and 2 more to be ready, at most 120 s"

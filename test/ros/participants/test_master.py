@@ -112,7 +112,7 @@ def test_a_second_controller_is_refused_once_the_episode_has_begun(
     matched(1, 0)
     graph.publishers = ["my_stack"]
     matched(2, 1)
-    proxy.bind()
+    proxy.publishers.bind()
     assert not said
     graph.publishers = ["my_stack", "other"]
     matched(3, 2)

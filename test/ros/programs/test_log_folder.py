@@ -32,8 +32,8 @@ def test_a_users_own_choice_stays_where_it_can_be_written(
 ) -> None:
     monkeypatch.setenv(name, str(tmp_path / "mine"))
     choose_log_folder()
-    assert [os.environ.get(each) for each in NAMES] == [
-        str(tmp_path / "mine") if each == name else None for each in NAMES
+    assert [os.environ.get(variable) for variable in NAMES] == [
+        str(tmp_path / "mine") if variable == name else None for variable in NAMES
     ]
     (tmp_path / "file").touch()
     monkeypatch.setenv(name, str(tmp_path / "file"))

@@ -145,12 +145,12 @@ LOOK_S = 0.25
 
 def lines_of(awaited: list[Awaited]) -> dict[float, str]:
     """The lines with their times, of what is waited for at each look."""
-    silence, found = begin_silence(awaited[0], 0.0), {}
+    silence, lines = begin_silence(awaited[0], 0.0), {}
     for look, now in enumerate(awaited):
         silence, line = keep_silence(silence, now, look * LOOK_S)
         if line:
-            found[look * LOOK_S] = line
-    return found
+            lines[look * LOOK_S] = line
+    return lines
 
 
 def looks(seconds: float, awaited: Awaited) -> list[Awaited]:
@@ -172,7 +172,9 @@ def test_something_else_is_told_sooner_but_not_in_a_row() -> None:
 
 
 def test_who_goes_on_is_silent() -> None:
-    steps = [one for step in range(50) for one in looks(FIRST_S - LOOK_S, Awaited(f"a to finish step {step}", step))]
+    steps = [
+        awaited for step in range(50) for awaited in looks(FIRST_S - LOOK_S, Awaited(f"a to finish step {step}", step))
+    ]
     assert lines_of(steps) == {}
     assert lines_of(looks(60.0, Awaited(""))) == {}
     lines = lines_of([*steps, *looks(FIRST_S + LOOK_S, Awaited("b to finish step 50", 50, "it compiles"))])

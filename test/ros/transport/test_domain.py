@@ -122,8 +122,8 @@ def test_who_is_alone_with_the_clock_goes_on(calls: tuple[tuple[str, ...], ...])
     "calls", [(("cosim", "player"),), (("cosim",), ("player", "cosim")), (("cosim", "player", "player"),)]
 )
 def test_one_more_publisher_of_the_clock_is_refused_by_name(calls: tuple[tuple[str, ...], ...]) -> None:
-    told = rf"/clock has {len(calls[-1])} publishers: cosim, player\)"
-    with pytest.raises(DomainTakenError, match=told):
+    message = rf"/clock has {len(calls[-1])} publishers: cosim, player\)"
+    with pytest.raises(DomainTakenError, match=message):
         check_alone(GraphOf(*calls), time.monotonic())
 
 

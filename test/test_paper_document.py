@@ -170,7 +170,7 @@ def test_the_learned_models_of_the_paper_are_counted_right() -> None:
 @pytest.mark.parametrize("page", ["README.md", "docs/limitations.md", "docs/behaviour.md"])
 def test_pages_quote_the_two_maps_alike(page: str) -> None:
     row = r"constant velocity \(CV\), mean of the templates \| " + r" \| ".join([r"([\d.]+)"] * 3)
-    (paper, there, here) = re.findall(row, TEXT)[0]
+    (paper, town, here) = re.findall(row, TEXT)[0]
     text = re.sub(r"\s+", " ", shown(page))
-    for value in (paper, there, here):
+    for value in (paper, town, here):
         assert f"{value} m" in text or f"and the paper {value}" in text or f"the town has {value}" in text

@@ -1,4 +1,4 @@
-"""Surrogate safety measures of one vehicle with everybody it meets: time to collision and post-encroachment time.
+"""Surrogate safety measures of one vehicle with all that it meets: time to collision and post-encroachment time.
 
 Time to collision (TTC): when two footprints would touch if both drivers went on as they do now. Post-encroachment
 time (PET): how long after one vehicle another one was at the same place.
@@ -249,7 +249,7 @@ class PairMeasures:
 def conflict_series(
     record: EpisodeRecord, subject_id: int, steps: tuple[int, int] | None = None
 ) -> tuple[Encounters, PredictedContacts]:
-    """A subject together with everybody else, and TTC, closing speed and gap of each pair, step by step.
+    """A subject together with all other actors, and TTC, closing speed and gap of each pair, step by step.
 
     ``steps`` are the first step and the one after the last, without them the whole episode.
 

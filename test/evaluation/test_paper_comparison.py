@@ -160,7 +160,7 @@ def test_samples_are_those_of_an_episode() -> None:
     assert not rows[SAMPLES, "all vehicles", "S1"].ours.valid
 
 
-def test_what_was_not_measured_is_still_told() -> None:
+def test_values_that_were_not_measured_have_their_rows() -> None:
     rows = rows_of([episode("S2", 1.0, 0)])
     (table,) = comparison_tables([rows["ADE in m", "BAT", "S1"]])
     assert table.cells() == [("BAT, paper", "9.14"), ("BAT, here", "–")]
@@ -188,7 +188,7 @@ def test_an_episode_without_samples_does_not_count() -> None:
     assert rows[RATIO, "IDM", "mean"].ours.value == pytest.approx(2.0)
 
 
-def test_only_episodes_at_their_own_level_count() -> None:
+def test_only_episodes_at_the_levels_of_their_templates_count() -> None:
     at_other = episode_scores("S2", {"cv": model_scores(np.ones(2))}, 0, EmergencyLevel.L3)
     not_in_the_paper = episode_scores("S9", {"cv": model_scores(np.ones(2))}, 0, EmergencyLevel.L2)
     kept = episode("S2", 1.0, 0)

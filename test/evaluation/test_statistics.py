@@ -188,7 +188,7 @@ def test_p_value_by_hand() -> None:
     assert compared([1.0, 2.0, 0.0], [0.0, 0.0, 4.0]).p_value == pytest.approx(1.0)
 
 
-def test_models_that_are_alike_are_seldom_told_apart() -> None:
+def test_models_that_are_alike_seldom_differ_significantly() -> None:
     """Under no difference, p is below 0.05 in 5 % of the cases; 30 blocks take random exchanges."""
     below = sum(compared(*rng(seed).normal(size=(2, 30)), seed).p_value < 0.05 for seed in range(300))
     assert 3 <= below <= 30

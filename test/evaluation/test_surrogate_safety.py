@@ -96,7 +96,7 @@ def test_the_time_between_the_two_at_one_place(straight_road, late_m, turned_rad
     assert pet.step == pytest.approx((30.0 + late_m - 0.5 * (SIZE_M[0] + SIZE_M[1])) / 0.5, abs=2)
 
 
-def test_who_was_first(straight_road) -> None:
+def test_the_other_vehicle_was_first(straight_road) -> None:
     subject = moving(-50.0, 0.0, 10.0)
     pet = encroachment(straight_road, subject, crossing(-30.0, 0.0))
     assert not pet.subject_first

@@ -70,10 +70,10 @@ def future_times_s() -> Floats:
 
 
 class Population(StrEnum):
-    """Whose windows are samples, and who is seen."""
+    """Whose windows are samples, and which vehicles are seen."""
 
     REGION = "region"
-    """Vehicles in the interaction region around the EMV, as if nobody else was logged: taken for the paper's, which
+    """Vehicles in the interaction region around the EMV, as if no other was logged: taken for the paper's, which
     does not say whom it logs."""
     ALL = "all"
     """Every vehicle, wherever on the map it is."""
@@ -199,7 +199,7 @@ class ScoredSamples:
         return len(self.batch)
 
     def select(self, samples: Rows) -> "ScoredSamples":
-        """Some of the samples, given as increasing indices; everybody stays a neighbour."""
+        """Some of the samples, given as increasing indices; all vehicles stay neighbours."""
         return ScoredSamples(replace(self.batch, target=self.batch.target[samples]), self.future_xy_m[samples])
 
 

@@ -81,7 +81,7 @@ def on_grid(xy_m: Floats) -> Floats:
 
 
 FAR_M: Final = 100.0
-"""Farther than this nobody is 0.2 s later: such positions are not in the frame ``map``."""
+"""No vehicle is farther away than this 0.2 s later: such positions are not in the frame ``map``."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ _EPISODE: Final = "recorded"
 def read_recorded_predictions(source: EpisodeSource, allow_missing: bool) -> EpisodePredictions:
     """The predictions of an episode, checked.
 
-    A program in the loop does not know who will stay in the population: samples of others are left out.
+    A program in the loop does not know which vehicles will stay in the population: samples of others are left out.
 
     Raises:
         BagError: The bag has no such topic.

@@ -85,7 +85,7 @@ def test_it_stops_behind_a_standing_leader_with_the_standstill_gap() -> None:
 @given(
     speed=st.floats(0.0, 30.0), desired=st.floats(5.0, 30.0), gap=st.floats(-3.0, 300.0), leader=st.floats(0.0, 30.0)
 )
-def test_nobody_drives_backwards_or_through_a_leader_that_it_can_stop_behind(speed, desired, gap, leader) -> None:
+def test_no_vehicle_drives_backwards_or_through_a_leader_that_it_can_stop_behind(speed, desired, gap, leader) -> None:
     times = np.arange(1, 26) * 0.2
     travelled = travelled_by(speed, max(speed, desired), gap, leader, times_s=times)
     assert np.isfinite(travelled).all()
@@ -114,7 +114,7 @@ def test_the_first_steps_by_hand() -> None:
     assert travelled_m == pytest.approx(expected)
 
 
-def test_who_stops_within_a_step_goes_no_further_than_braking_takes_it() -> None:
+def test_a_vehicle_that_stops_within_a_step_goes_as_far_as_braking_takes_it() -> None:
     """0.3 m/s and half a metre behind a standing leader: −(0.5 · v²) / a, and there it stays."""
     acceleration = acceleration_of(0.3, 13.0, 0.5, 0.3)
     assert 0.3 + 0.1 * acceleration < 0.0
@@ -155,7 +155,7 @@ def predicted(tracks: dict[int, Track], network: RoadNetwork) -> dict[int, np.nd
     return {actor: MODEL.predict(batch).xy_m[row, 0] for actor, row in sample.items()}
 
 
-def test_the_leader_is_the_nearest_in_the_own_lane(straight_road) -> None:
+def test_the_leader_is_the_nearest_in_the_same_lane(straight_road) -> None:
     tracks = {
         1: moving(10.0, -5.25, 4.0),
         2: moving(60.0, -5.0, 5.0, length_m=8.0),
@@ -244,7 +244,7 @@ def test_no_samples_no_answer(straight_road) -> None:
         (250.1, 0.0, 0.0, np.inf, 0.0),
     ],
 )
-def test_off_the_lanes_gap_and_speed_are_along_the_own_heading(
+def test_off_the_lanes_gap_and_speed_are_along_the_heading_of_the_sample(
     straight_road, turned_rad, ahead_m, aside_m, heading_rad, gap_m, speed_mps
 ) -> None:
     """The strip is as wide as both vehicles; one that comes towards the own one counts as standing."""
@@ -274,7 +274,7 @@ def test_along_the_lanes_leaders_are_seen_up_to_the_range(straight_road, away_m,
 
 @pytest.mark.parametrize(("ahead_m", "led"), [(0.3, True), (-0.3, False)])
 @pytest.mark.parametrize("y_m", [-5.25, 500.0])
-def test_who_is_next_to_the_own_vehicle_leads_where_its_centre_is_ahead(straight_road, y_m, ahead_m, led) -> None:
+def test_a_vehicle_alongside_leads_where_its_centre_is_ahead(straight_road, y_m, ahead_m, led) -> None:
     """In a lane and off all lanes."""
     tracks = {1: moving(40.0, y_m, 0.0), 2: moving(40.0 + ahead_m, y_m + 1.0, 0.0)}
     assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(ahead_m - 4.6 if led else np.inf)

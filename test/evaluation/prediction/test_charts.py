@@ -221,10 +221,10 @@ def test_a_short_way_is_shown_with_forty_metres_around_it(straight_road, axes) -
     assert axes.get_xlim() == pytest.approx((14.0 - 20.0, 14.0 + 20.0))
 
 
-@pytest.mark.parametrize(("is_emv", "who"), [(True, "EMV"), (False, "vehicle 7")])
-def test_the_title_says_who_when_and_how_far_off(straight_road, axes, is_emv, who) -> None:
+@pytest.mark.parametrize(("is_emv", "name"), [(True, "EMV"), (False, "vehicle 7")])
+def test_the_title_names_the_vehicle_the_time_and_the_error(straight_road, axes, is_emv, name) -> None:
     draw_sample(axes, panel_of(straight_road, is_emv=is_emv), COLOUR)
-    assert axes.get_title(loc="left") == f"median: ADE 2.35 m, {who} at 3.0 s"
+    assert axes.get_title(loc="left") == f"median: ADE 2.35 m, {name} at 3.0 s"
 
 
 MODELS = ("cv", "none", "net")

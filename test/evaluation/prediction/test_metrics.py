@@ -229,7 +229,7 @@ def test_a_leg_of_a_decimetre_turns_the_vehicle(leg_m, expected) -> None:
     assert hits([creeping, straight(0.0, 2.5, 0.0, 0.0)], [np.pi / 2.0, 0.0]) == [expected, expected]
 
 
-def test_who_turned_keeps_the_heading_of_its_last_leg() -> None:
+def test_a_vehicle_that_turned_keeps_the_heading_of_its_last_leg() -> None:
     """From north to east within the first leg, then it stands; the other comes past 2.5 m to the north."""
     stops, starts = np.tile([5.0, 0.0], (25, 1)), [(0.0, 0.0), (-20.0, 2.5)]
     passing = straight(-20.0, 2.5, 8.0, 0.0)

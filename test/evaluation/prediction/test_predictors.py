@@ -127,7 +127,7 @@ def test_a_checkpoint_that_fits_no_model_is_refused(name, allowed) -> None:
         predictors_named(["cv"], {name: Path("x.pt")})
 
 
-def test_a_missing_package_is_told_with_the_command_that_brings_it() -> None:
+def test_a_missing_package_is_named_with_the_command_that_brings_it() -> None:
     kind = PredictorKind("a net", "package_that_nobody_has:make", extra="models")
     with pytest.raises(InputError, match=r"package_that_nobody_has, as \./env --with models siren evaluate"):
         kind.make("net")

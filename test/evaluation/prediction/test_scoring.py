@@ -58,7 +58,7 @@ def test_a_window_that_holds_a_yield_is_yielding(straight_road) -> None:
     assert np.array_equal(category[actor == 2] == Category.YIELDING, step[actor == 2] >= 80)
 
 
-def test_held_is_who_stands_in_the_hold_now(straight_road) -> None:
+def test_held_vehicles_stand_in_the_hold_at_the_present(straight_road) -> None:
     modes = {Mode.YIELD_PULL_OVER: range(60, 70), Mode.YIELD_HOLD: range(70, 80), Mode.REJOIN: range(80, 300)}
     record = with_modes(record_with({1: moving(0.0, -5.25, 5.0, steps=199)}, straight_road), 1, modes)
     assert categories(record).tolist() == [Category.YIELDING] * 5 + [Category.HELD] * 5 + [Category.OTHER] * 10

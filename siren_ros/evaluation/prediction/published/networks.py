@@ -194,7 +194,7 @@ class _Attention(nn.Module):
         keys = self.linear_key(vehicles).transpose(-1, -2)
         scores = self.linear_query(vehicles) @ keys / math.sqrt(_VEHICLE)
         scores = scores.masked_fill(~filled[:, None, None, :], -math.inf)
-        # A group without a vehicle has nothing to attend to, and nobody reads its row.
+        # A group without a vehicle has nothing to attend to, and its row is not read.
         return torch.nan_to_num(torch.softmax(scores, dim=-1)) @ self.linear_value(vehicles)
 
 

@@ -134,7 +134,7 @@ _FAR_M: Final = 100.0
 _SIDE_MARGIN_M: Final = 0.3
 """Lateral gap below which a vehicle counts as in the way."""
 _OVERLAP_M: Final = 5.0
-"""Least gap that is told apart; it is negative where the two overlap lengthwise."""
+"""Gaps below the negative of this, where the two overlap lengthwise, count as equal."""
 _LEADERS: Final = ("leader", "second")
 _NAMES: Final = tuple(f"{prefix}_{what}" for prefix in _LEADERS for what in ("gap", "there", "speed", "is_emv"))
 

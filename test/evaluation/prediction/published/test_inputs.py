@@ -127,7 +127,7 @@ def test_parts_are_whole_frames_and_make_the_view(straight_road) -> None:
     assert all(part.scene[0] == 0 for part in parts)
 
 
-def test_nobody_gives_an_empty_view(straight_road) -> None:
+def test_without_samples_the_view_is_empty(straight_road) -> None:
     view = view_of({1: moving(0.0, RIGHT_LANE, 5.0, steps=20)}, straight_road)
     assert len(view) == 0
     assert list(view.parts(8)) == []
@@ -186,7 +186,7 @@ def test_off_the_lanes_the_number_is_0(straight_road) -> None:
 
 
 @given(yaw_rad=st.sampled_from([0.0, 0.7, 2.0, -2.0, np.pi, -np.pi / 2]))
-def test_the_direction_of_one_who_stands_does_not_depend_on_the_heading(yaw_rad, straight_road) -> None:
+def test_the_direction_of_a_standing_vehicle_does_not_depend_on_the_heading(yaw_rad, straight_road) -> None:
     features, _ = bat_features(view_of({1: moving(3.0, 500.0, 0.0, yaw_rad=yaw_rad)}, straight_road))
     assert (features[..., :4] == 0.0).all()
 

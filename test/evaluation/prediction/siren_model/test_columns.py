@@ -69,7 +69,7 @@ def test_siren_and_indicators_are_seen(straight_road) -> None:
     assert target["siren"].tolist() == (batch.actor_id == 2).astype(float).tolist()
 
 
-def test_bodies_are_told_in_tens_of_metres_and_pairs_of_metres(straight_road) -> None:
+def test_lengths_are_in_tens_of_metres_and_widths_in_pairs_of_metres(straight_road) -> None:
     batch = batch_of({1: moving(10.0, -5.0, 6.0, length_m=5.5), 2: moving(30.0, -5.0, 6.0, is_emv=True)}, straight_road)
     target = target_columns(batch)
     first, second = sample_of(batch, 1), sample_of(batch, 2)
@@ -219,7 +219,7 @@ def test_one_leader_is_not_the_second_too(straight_road) -> None:
 
 
 @pytest.mark.parametrize(("ahead_m", "there"), [(-0.3, 0.0), (0.3, 1.0)])
-def test_a_vehicle_next_to_the_own_one_leads_where_its_centre_is_ahead(straight_road, ahead_m, there) -> None:
+def test_a_vehicle_alongside_leads_where_its_centre_is_ahead(straight_road, ahead_m, there) -> None:
     columns = paths_of({1: moving(60.0, -5.25, 0.0), 2: moving(60.0 + ahead_m, -4.0, 0.0)}, straight_road)
     assert columns["leader_there"][0] == there
 
@@ -247,7 +247,7 @@ def test_the_stop_line_and_what_its_signal_shows_on_each_path(crossroads) -> Non
     assert (lines["line1_distance"][0] == 1.0).all()
 
 
-def test_a_signal_that_nobody_recorded_is_none(crossroads) -> None:
+def test_a_signal_that_was_not_recorded_is_none(crossroads) -> None:
     _, lines = lines_of(batch_of({1: moving(-40.0, 0.0, 8.0)}, with_signal(crossroads, "rrr")))
     assert lines["line0_there"][0, 0] == 1.0
     assert lines["line0_signal"][0, 0] == 0.0
@@ -309,7 +309,7 @@ def test_how_a_vehicle_stands_in_its_lane_and_what_is_left_of_the_road(crossroad
     assert lanes_of(at(30.0, 0.0, crossroads))["across"][0, 0] == 1.0
 
 
-def test_a_shoulder_is_told_and_does_not_widen_the_carriageway(crossroads) -> None:
+def test_a_shoulder_is_seen_and_does_not_widen_the_carriageway(crossroads) -> None:
     lanes, edges = list(crossroads.lanes), list(crossroads.edges)
     lanes[0] = replace(lanes[0], position=1)
     verge = Polyline.through([(-100.0, -3.0), (0.0, -3.0)])

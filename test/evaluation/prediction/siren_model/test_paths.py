@@ -22,7 +22,7 @@ def chosen(
     return choose_paths(network, np.array([[x_m, y_m]]), np.array([yaw_rad]), np.array([speed_mps]))
 
 
-def test_the_likeliest_lane_is_the_nearest_in_the_own_direction(straight_road) -> None:
+def test_the_likeliest_lane_is_the_nearest_in_the_direction_of_the_vehicle(straight_road) -> None:
     candidates = lane_candidates(straight_road, np.array([[50.0, -5.0], [50.0, -1.75]]), np.array([0.0, 0.1]))
     first = candidates.lane[np.searchsorted(candidates.row, [0, 1])]
     centres = [straight_road.lanes[index].centre.points[0, 1] for index in first]
@@ -39,13 +39,13 @@ def test_lanes_of_the_other_direction_and_far_ones_are_none(straight_road) -> No
     assert set(candidates.row.tolist()) <= {0}
 
 
-def test_paths_across_a_junction_are_told_apart_by_the_heading(crossroads) -> None:
+def test_the_heading_distinguishes_paths_across_a_junction(crossroads) -> None:
     candidates = lane_candidates(crossroads, np.array([[7.0, 2.5]]), np.array([0.5]))
     assert candidates.lane.tolist() == [4, 5]
     assert (np.diff(candidates.cost) > 0.0).all()
 
 
-def test_nobody_is_in_no_lane(crossroads) -> None:
+def test_without_poses_there_is_no_candidate(crossroads) -> None:
     assert len(lane_candidates(crossroads, np.empty((0, 2)), np.empty(0)).row) == 0
 
 
@@ -84,7 +84,7 @@ def test_a_radian_costs_as_much_as_three_metres(straight_road, side) -> None:
 
 
 @pytest.mark.parametrize("xy_m", [np.zeros((0, 2)), np.array([[5000.0, 5000.0], [-700.0, 0.0]])])
-def test_nobody_near_a_lane_has_no_candidate(straight_road, xy_m) -> None:
+def test_poses_far_from_all_lanes_have_no_candidate(straight_road, xy_m) -> None:
     candidates = lane_candidates(straight_road, xy_m, np.zeros(len(xy_m)))
     assert {name: len(values) for name, values in vars(candidates).items()} == dict.fromkeys(vars(candidates), 0)
 

@@ -101,12 +101,11 @@ class _Way:
     turn_rad: float = 0.0
 
 
-@dataclass
+@dataclass(frozen=True)
 class RoadPaths:
-    """The paths of one road network, each made when it is first asked for."""
+    """The paths of one road network."""
 
     network: RoadNetwork
-    _known: dict[tuple[int, float], tuple[RoadPath, ...]] = field(default_factory=dict)
 
     def ahead(self, lane: int, reach_m: float) -> tuple[RoadPath, ...]:
         """The straightest paths from a lane's start, the straightest first; at least one.
@@ -115,12 +114,6 @@ class RoadPaths:
             lane: Index of the lane; may be a path across a junction.
             reach_m: How far they go beyond the lane's end, as far as lanes follow.
         """
-        key = (lane, reach_m)
-        if key not in self._known:
-            self._known[key] = self._search(lane, reach_m)
-        return self._known[key]
-
-    def _search(self, lane: int, reach_m: float) -> tuple[RoadPath, ...]:
         length = self.network.lanes[lane].length_m
         open_ways = [_Way([lane], length)]
         done: list[_Way] = []

@@ -74,12 +74,7 @@ def ask(arguments: argparse.Namespace, videos: VideoSet, model: VisionLanguageMo
     with tqdm(total=len(videos.videos), desc=model.name, unit="video", disable=None) as bar:
         step = steps_of(bar)
         answers = ask_about_all(
-            videos,
-            model,
-            cache,
-            marked=not arguments.raw,
-            concurrency=arguments.concurrency,
-            progress=lambda _: step(),
+            videos, model, cache, marked=not arguments.raw, concurrency=arguments.concurrency, progress=lambda _: step()
         )
     print("\n".join(account(model.name, answers.values(), arguments.price)))
     if arguments.out is not None:

@@ -17,12 +17,7 @@ from siren_ros.evaluation.diversity.profile import InteractionProfile, profile_o
 from siren_ros.evaluation.diversity.summary import diversity, diversity_as_json, diversity_tables
 from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effect_tables, effects
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
-from siren_ros.evaluation.yielding.scoring import (
-    ScoredEpisode,
-    score_yielding,
-    under_test_tables,
-    yield_tables,
-)
+from siren_ros.evaluation.yielding.scoring import ScoredEpisode, score_yielding, under_test_tables, yield_tables
 from siren_ros.recording.bag_reader import bags_among, read_episode
 from siren_ros.tables.table import text_of
 

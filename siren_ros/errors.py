@@ -90,6 +90,16 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise
 
 
+def write_text(path: Path, text: str) -> None:
+    """Writes a text in UTF-8, whole or not at all.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    with writing(path), whole_file(path) as new:
+        new.write_text(text, encoding="utf-8")
+
+
 class MapError(InputError):
     """A map that cannot be read, or that has no site of the kind a template needs."""
 

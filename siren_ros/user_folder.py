@@ -23,15 +23,15 @@ def user_folder(below_home: str) -> Path:
         if home.is_dir() and is_writable(home / below_home):
             return home / below_home
     try:
-        own = Path(tempfile.gettempdir()) / f"siren_ros_{os.geteuid()}"
-        own.mkdir(mode=0o700, exist_ok=True)
-        if own.is_symlink() or own.stat().st_uid != os.geteuid() or not is_writable(own / below_home):
-            own = Path(tempfile.mkdtemp(prefix="siren_ros_"))  # somebody else has the name
-            (own / below_home).mkdir(parents=True)
+        folder = Path(tempfile.gettempdir()) / f"siren_ros_{os.geteuid()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        if folder.is_symlink() or folder.stat().st_uid != os.geteuid() or not is_writable(folder / below_home):
+            folder = Path(tempfile.mkdtemp(prefix="siren_ros_"))  # somebody else has the name
+            (folder / below_home).mkdir(parents=True)
     except OSError as error:
         why = f"the home of a user, or a folder for temporary files, that can be written ({error.strerror or error})"
         raise InputError("HOME", os.environ.get("HOME", ""), why) from error
-    return own / below_home
+    return folder / below_home
 
 
 def is_writable(folder: Path) -> bool:

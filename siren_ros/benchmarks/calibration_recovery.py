@@ -8,7 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -34,7 +34,7 @@ _INNER: Final = (0.15, 0.85)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints truth, found values and their difference; exit code 1 where one is beyond the tolerance."""
+    """Prints true values, fitted values and their difference; exit code 1 where a value is beyond the tolerance."""
     line = argparse.ArgumentParser(description=__doc__)
     line.add_argument("--templates", nargs="+", default=["S2", "S3", "S4", "S6"], metavar="ID")
     line.add_argument("--level", default="L1")
@@ -56,66 +56,51 @@ def main(argv: Sequence[str] | None = None) -> int:
     parameters = parameters_named((asked.parameters or usual).split(","))
     check_effect(parameters, [asked.level])
     truth = drawn_truth(parameters, asked.truth_seed)
-    targets = [
-        target_with(
-            EpisodeRequest(one, asked.level, seed, sensors="none", duration_s=asked.duration_s), truth, asked.noise_m
-        )
-        for one in asked.templates
+    requests = [
+        EpisodeRequest(template, asked.level, seed, sensors="none", duration_s=asked.duration_s)
+        for template in asked.templates
         for seed in asked.seeds
     ]
+    targets = [target_with(request, truth, asked.noise_m) for request in requests]
 
-    def tell(tries: int, horizon_s: float, error_m: float) -> None:
+    def report(tries: int, horizon_s: float, error_m: float) -> None:
         print(f"{tries}: {error_m:.3f} m over {horizon_s:g} s", flush=True)
 
     began = time.perf_counter()
     with residuals_over(targets, asked.jobs) as residuals:
         evaluations = asked.evaluations or EVALUATIONS_EACH * len(parameters)
-        found = fit(parameters, residuals, evaluations, report=tell, horizons=horizons_of(targets))
-    worst = print_table(parameters, truth, found)
+        fitted = fit(parameters, residuals, evaluations, report=report, horizons=horizons_of(targets))
+    table = recovery_table(parameters, truth, fitted)
+    print("\n".join(table.text()))
+    rows: list[dict[str, Any]] = [{"name": row[0], "off": row[3], "spread": row[4]} for row in table.rows]
+    worst = max(row["off"] for row in rows)
     print(
-        f"{found.evaluations} tries of {len(targets)} episodes in {time.perf_counter() - began:.0f} s, "
-        f"{'two rounds agree' if found.agreed else 'the tries were spent'}; "
-        f"distance {found.error_m:.3f} m with {asked.noise_m:g} m of noise on each axis, {found.start_error_m:.2f} m "
+        f"{fitted.evaluations} tries of {len(targets)} episodes in {time.perf_counter() - began:.0f} s, "
+        f"{'two rounds agree' if fitted.agreed else 'the tries were spent'}; "
+        f"distance {fitted.error_m:.3f} m with {asked.noise_m:g} m of noise on each axis, {fitted.start_error_m:.2f} m "
         f"at the start; worst parameter off by {worst:.1%} of its range (allowed {asked.tolerance:.0%})"
     )
-    if found.undetermined:
-        print(f"not determined by these trajectories: {', '.join(found.undetermined)}")
-    write_json(
-        asked.json,
-        {
-            "parameters": [
-                {
-                    "name": each.name,
-                    "off": abs(found.values[each.name] - truth[each.name]) / (each.high - each.low),
-                    "spread": found.spread[each.name] / (each.high - each.low),
-                }
-                for each in parameters
-            ],
-            "error_m": found.error_m,
-            "tries": found.evaluations,
-        },
-    )
+    if fitted.undetermined:
+        print(f"not determined by these trajectories: {', '.join(fitted.undetermined)}")
+    write_json(asked.json, {"parameters": rows, "error_m": fitted.error_m, "tries": fitted.evaluations})
     return EXIT_OK if worst <= asked.tolerance else EXIT_FAILED
 
 
-def print_table(parameters: Sequence[Parameter], truth: Mapping[str, float], found: Fitted) -> float:
-    """Prints a row for each parameter and gives the greatest difference, as a share of the range."""
-    rows, worst = [], 0.0
-    for one in parameters:
-        reach, value = one.high - one.low, found.values[one.name]
-        off = abs(value - truth[one.name]) / reach
-        worst = max(worst, off)
-        rows.append((one.name, truth[one.name], value, off, found.spread[one.name] / reach))
+def recovery_table(parameters: Sequence[Parameter], truth: Mapping[str, float], fitted: Fitted) -> Table:
+    """Truth and fitted value of each parameter; their difference and the spread are shares of the range."""
+    rows = []
+    for each in parameters:
+        reach, value = each.high - each.low, fitted.values[each.name]
+        off = abs(value - truth[each.name]) / reach
+        rows.append((each.name, truth[each.name], value, off, fitted.spread[each.name] / reach))
     head = ("parameter", "truth", "found", "off, of the range", "spread, of the range")
-    table = Table("recovery", "", head, tuple(rows), spec=".3f", specs=dict.fromkeys(head[3:], ".1%"))
-    print("\n".join(table.text()))
-    return worst
+    return Table("recovery", "", head, tuple(rows), spec=".3f", specs=dict.fromkeys(head[3:], ".1%"))
 
 
 def drawn_truth(parameters: Sequence[Parameter], seed: int) -> dict[str, float]:
     """True values, uniform over the inner part of each range."""
     rng = random_stream(seed, "calibration/truth")
-    return {one.name: one.at(float(rng.uniform(*_INNER))) for one in parameters}
+    return {each.name: each.at(float(rng.uniform(*_INNER))) for each in parameters}
 
 
 def target_with(request: EpisodeRequest, truth: Mapping[str, float], noise_m: float) -> Target:
@@ -123,9 +108,8 @@ def target_with(request: EpisodeRequest, truth: Mapping[str, float], noise_m: fl
     situation = Situation(request)
     way = driven(situation, truth, plan_length(request) * STEP_S)
     noise = random_stream(request.seed, f"calibration/noise/{request.template}").normal(0.0, noise_m, way.xy_m.shape)
-    return Target(
-        f"{request.template}_seed{request.seed}", situation, Trajectory(way.time_s, np.asarray(way.xy_m + noise))
-    )
+    seen = Trajectory(way.time_s, np.asarray(way.xy_m + noise))
+    return Target(f"{request.template}_seed{request.seed}", situation, seen)
 
 
 if __name__ == "__main__":

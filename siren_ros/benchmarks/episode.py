@@ -1,7 +1,7 @@
 """Speed and memory of whole episodes, printed for this machine.
 
 ``python -m siren_ros.benchmarks.episode`` runs template S2 three ways as a user would (front camera and
-LiDAR, LiDAR alone, no sensors), each as a program of its own, recorded, and prints the real-time factor
+LiDAR, LiDAR alone, no sensors), each as a separate program, recorded, and prints the real-time factor
 from the first step to the last, the wall time of the whole program, its peak memory and the bag's size.
 """
 
@@ -13,7 +13,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from siren_ros.benchmarks.json_figures import add_json, write_json
@@ -22,19 +21,8 @@ FACTOR = re.compile(r"real-time factor (\d+\.\d+) ")
 TARGETS = {"front": "bag under 500 MB, memory under 1.5 GB", "lidar": "factor at least 3", "none": "factor at least 10"}
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """One run."""
-
-    factor: float
-    wall_s: float
-    memory_gb: float
-    bag_mb: float
-    summary: str
-
-
-def measure(suite: str, arguments: Sequence[str], folder: Path) -> Measurement:
-    """Run one episode as a program of its own.
+def measure(suite: str, arguments: Sequence[str], folder: Path) -> tuple[dict[str, float], str]:
+    """The figures of one episode, run as a separate program, and what the program printed.
 
     Raises:
         RuntimeError: The episode failed; the message is its output.
@@ -51,13 +39,14 @@ def measure(suite: str, arguments: Sequence[str], folder: Path) -> Measurement:
     match = FACTOR.search(output)
     if status or match is None:
         raise RuntimeError(output)
-    size = sum(file.stat().st_size for file in bag.iterdir())
-    return Measurement(float(match.group(1)), wall_s, usage.ru_maxrss * resource_unit() / 1e9, size / 1e6, output)
-
-
-def resource_unit() -> int:
-    """Bytes per unit of ``ru_maxrss``."""
-    return 1 if sys.platform == "darwin" else 1024
+    memory_unit = 1 if sys.platform == "darwin" else 1024  # bytes per unit of ru_maxrss
+    figures = {
+        "real_time_factor": float(match.group(1)),
+        "wall_s": wall_s,
+        "memory_gb": usage.ru_maxrss * memory_unit / 1e9,
+        "bag_mb": sum(file.stat().st_size for file in bag.iterdir()) / 1e6,
+    }
+    return figures, output
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -74,21 +63,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory(prefix="siren_benchmark_") as scratch:
         for suite in options.suites:
             for run in range(options.runs):
-                folder = Path(scratch) / str(run)
-                one = measure(suite, options.parameters, folder)
-                measured.append(
-                    {
-                        "name": f"{suite}.{run}",
-                        "real_time_factor": one.factor,
-                        "wall_s": one.wall_s,
-                        "memory_gb": one.memory_gb,
-                        "bag_mb": one.bag_mb,
-                    }
-                )
-                figures = f"{one.factor:>18.2f}{one.wall_s:>12.1f}{one.memory_gb:>12.2f}{one.bag_mb:>10.1f}"
-                print(f"{suite:<10}{figures}   {TARGETS.get(suite, '')}", flush=True)
+                figures, output = measure(suite, options.parameters, Path(scratch) / str(run))
+                measured.append({"name": f"{suite}.{run}", **figures})
+                factor, wall_s, memory_gb, bag_mb = figures.values()
+                columns = f"{factor:>18.2f}{wall_s:>12.1f}{memory_gb:>12.2f}{bag_mb:>10.1f}"
+                print(f"{suite:<10}{columns}   {TARGETS.get(suite, '')}", flush=True)
                 if options.where:
-                    print(one.summary)
+                    print(output)
     write_json(options.json, measured)
     return 0
 

@@ -1,6 +1,6 @@
 """How fast predictors are scored with all metrics: ``python -m siren_ros.benchmarks.evaluation BAG… --models cv,idm``.
 
-Takes the bags again and again until they give the wanted number of samples. Prints the time of each model in one
+Takes the bags again and again until they give as many samples as are asked for. Prints the time of each model in one
 process with the episodes in memory, and the time of the whole command, reading included, in several. The processors'
 time hardly depends on what else runs; the wall time means something on an idle machine only.
 """
@@ -17,15 +17,8 @@ from siren_ros.evaluation.prediction.predictors import predictors_named
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.evaluation.prediction.samples import Population
 from siren_ros.evaluation.prediction.scoring import ScoringJob, score_bags, score_episode
-from siren_ros.record.episode_source import open_source
-from siren_ros.recording.bag_reader import bags_among
+from siren_ros.recording.bag_reader import bags_among, read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
-
-
-def read(bag: Path) -> EpisodeRecord:
-    """An episode, whole in memory."""
-    with open_source(bag) as source:
-        return source.record()
 
 
 def scoring_time_s(
@@ -35,7 +28,7 @@ def scoring_time_s(
     predictors = predictors_named(models, checkpoints)
     score_episode("warm", records[0], predictors, population)
     start = time.process_time()
-    samples = sum(score_episode("one", record, predictors, population).samples for record in records)
+    samples = sum(score_episode("timed", record, predictors, population).samples for record in records)
     return time.process_time() - start, samples
 
 
@@ -50,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="episodes, or folders of them")
     parser.add_argument("--models", default="cv,idm", help="by commas (default %(default)s)")
     parser.add_argument("--checkpoint", action="append", default=[], metavar="NAME=PATH", help="weights of a model")
-    parser.add_argument("--population", choices=[one.value for one in Population], default=Population.REGION.value)
+    parser.add_argument("--population", choices=list(Population), default=Population.REGION)
     parser.add_argument("--samples", type=int, default=100_000, help="default %(default)s")
     parser.add_argument("--jobs", type=int, default=2, help="processes of the whole command (default %(default)s)")
     arguments = parser.parse_args(argv)
@@ -59,12 +52,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     checkpoints = {name: Path(path) for name, path in pairs}
     bags = bags_among(arguments.bags)
     start = time.process_time()
-    records = [read(bag) for bag in bags]
+    records = [read_episode(bag) for bag in bags]
     print(f"read {len(bags)} bags: {(time.process_time() - start) / len(bags):.2f} s of a processor each")
     counted = 0
     for model in models:
-        own = {name: path for name, path in checkpoints.items() if name == model}
-        taken_s, counted = scoring_time_s(records, [model], own, population)
+        weights = {name: path for name, path in checkpoints.items() if name == model}
+        taken_s, counted = scoring_time_s(records, [model], weights, population)
         if not counted:
             print("the bags give no samples")
             return EXIT_BAD_INPUT
@@ -77,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     table = score_table(scores)
     differences(table)
     report_s = time.perf_counter() - start - scored_s
-    samples = sum(one.samples for one in scores)
+    samples = sum(score.samples for score in scores)
     print(
         f"{samples} samples of {len(many)} bags with {', '.join(models)}: {scored_s:.1f} s in "
         f"{arguments.jobs} processes, reading included ({used_s:.1f} s of processors); "

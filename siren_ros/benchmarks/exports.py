@@ -59,12 +59,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"{'format':<12}{'one bag':>10}{'two bags':>10}{'loops':>8}{'share':>8}")
     for name in arguments.formats:
         export_time_s(name, arguments.bags[:1], 2)
-        one_s, simulated_s = export_time_s(name, arguments.bags[:1], 2)
+        single_s, simulated_s = export_time_s(name, arguments.bags[:1], 2)
         serial_s, _ = export_time_s(name, arguments.bags, 1)
         both_s, _ = export_time_s(name, arguments.bags, 2)
-        loops = busy_speedup(2)
-        two = serial_s / both_s
-        print(f"{name:<12}{simulated_s / one_s:>9.1f}x{two:>9.2f}x{loops:>7.2f}x{two / loops:>8.2f}")
+        loops, speedup = busy_speedup(2), serial_s / both_s
+        print(f"{name:<12}{simulated_s / single_s:>9.1f}x{speedup:>9.2f}x{loops:>7.2f}x{speedup / loops:>8.2f}")
     return EXIT_OK
 
 

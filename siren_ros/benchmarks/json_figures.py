@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from siren_ros.errors import whole_file, writing
+from siren_ros.errors import write_text
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -20,10 +20,8 @@ def write_json(file: Path | None, content: Any) -> None:
     Raises:
         InputError: The file cannot be written.
     """
-    if file is None:
-        return
-    with writing(file), whole_file(file) as new:
-        new.write_text(json.dumps(_finite(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    if file is not None:
+        write_text(file, json.dumps(_finite(content), indent=1, allow_nan=False) + "\n")
 
 
 def _finite(content: Any) -> Any:

@@ -49,11 +49,11 @@ def sampling(
     return taken, [scored for scored in samples if len(scored)]
 
 
-def predicting(predictor: Predictor, samples: Sequence[ScoredSamples], wanted: int) -> Taken:
+def predicting(predictor: Predictor, samples: Sequence[ScoredSamples], least: int) -> Taken:
     """Predicts at least so many samples."""
     predictor.predict(samples[0].batch)  # compiles its loops, starts its threads
     wall, processors, done = time.perf_counter(), time.process_time(), 0
-    while done < wanted:
+    while done < least:
         for scored in samples:
             predictor.predict(scored.batch)
             done += len(scored)
@@ -67,22 +67,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--models", default="cv,idm", help=f"of {', '.join(PREDICTORS)}, by commas")
     parser.add_argument("--checkpoint", action="append", default=[], metavar="NAME=PATH", help="weights of a model")
     parser.add_argument("--samples", type=int, default=SAMPLES, help="default: %(default)s")
-    parser.add_argument("--population", choices=[one.value for one in Population], default=Population.ALL.value)
+    parser.add_argument("--population", choices=list(Population), default=Population.ALL)
     add_json(parser)
     arguments = parser.parse_args(argv)
     checkpoints = dict(pair.split("=", 1) for pair in arguments.checkpoint)
     predictors = predictors_named(arguments.models.split(","), {name: Path(path) for name, path in checkpoints.items()})
     records = [read_episode(bag) for bag in bags_among(arguments.bags)]
-    made: dict[HistoryWindow, list[ScoredSamples]] = {}
+    samples: dict[HistoryWindow, list[ScoredSamples]] = {}
     figures: dict[str, dict[str, float]] = {}
     population = Population(arguments.population)
     heads = ("wall s", "CPU s", f"per {SAMPLES // 1000}k", "CPU")
     print(f"{'':<12}{'samples':>10}" + "".join(f"{head:>12}" for head in heads))
     for name, predictor in predictors.items():
-        if predictor.window not in made:
-            taken, made[predictor.window] = sampling(records, predictor.window, population)
+        if predictor.window not in samples:
+            taken, samples[predictor.window] = sampling(records, predictor.window, population)
             print(taken.row("samples"), flush=True)
-        taken = predicting(predictor, made[predictor.window], arguments.samples)
+        taken = predicting(predictor, samples[predictor.window], arguments.samples)
         print(taken.row(name), flush=True)
         figures[name] = {"processors_s_per_100000": taken.processors_s * 100_000 / taken.samples}
     write_json(arguments.json, figures)

@@ -49,13 +49,8 @@ def traffic(
     ]
     chosen = [0, *(1 + rng.permutation(len(places) - 1)[:vehicles])]
     classes = [ActorClass.AMBULANCE, *(ActorClass(int(code)) for code in rng.integers(0, 8, len(chosen) - 1))]
-    x_m, y_m, yaw_rad = np.array([places[i] for i in chosen]).T
-    known = {
-        "actor_id": np.arange(1, len(chosen) + 1, dtype=np.uint32),
-        "x_m": x_m.copy(),
-        "y_m": y_m.copy(),
-        "yaw_rad": yaw_rad.copy(),
-    }
+    x_m, y_m, yaw_rad = np.array([places[i] for i in chosen]).T.copy()
+    known = {"actor_id": np.arange(1, len(chosen) + 1, dtype=np.uint32), "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad}
     arrays: dict[str, Any] = {
         name: known.get(name, np.zeros(len(chosen), dtype)) for name, dtype in ACTOR_STATE_DTYPES.items()
     }

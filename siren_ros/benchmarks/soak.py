@@ -1,7 +1,7 @@
 """Many episodes one after the other: equal bytes, nothing left behind, flat memory.
 
 ``python -m siren_ros.benchmarks.soak --episodes 100 --duration 5`` runs mixed templates, levels, seeds and process
-modes, now and then with a LiDAR or on another map (``--map``), each as a program of its own and twice. It prints a line
+modes, now and then with a LiDAR or on another map (``--map``), each twice as a separate program. It prints a line
 for each and at the end the totals: bags that differ, topics that lost messages, processes, locks and shared memory
 left behind, and the resident memory of a long-lived worker. Exit code 1 where anything is wrong.
 """
@@ -68,27 +68,17 @@ class WorkerMemory:
         return self.slope_mb <= FLAT_MB_PER_EPISODE
 
 
-def resident_mb() -> float:
-    """Resident memory of this process."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[_PAGES_COLUMN])
-    return pages * 4096 / 1e6
-
-
 def measure_worker(requests: Sequence[EpisodeRequest], warm_up: int) -> WorkerMemory:
-    """Run episodes one after the other in this process.
-
-    Args:
-        requests: The episodes.
-        warm_up: So many are run before the memory counts.
-    """
-    found = []
+    """Runs episodes one after the other in this process; the memory counts after the warm-up, so many of them."""
+    sizes_mb: list[float] = []
     for request in requests:
         for _ in closed_loop(set_up_episode(request), plan_length(request)):
             pass
         gc.collect()
-        found.append(resident_mb())
-        print(f"  worker: {len(found)}/{len(requests)} episodes, {found[-1]:.1f} MB", file=sys.stderr, flush=True)
-    return WorkerMemory(tuple(found), warm_up)
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[_PAGES_COLUMN])
+        sizes_mb.append(pages * 4096 / 1e6)
+        print(f"  worker: {len(sizes_mb)}/{len(requests)} episodes, {sizes_mb[-1]:.1f} MB", file=sys.stderr, flush=True)
+    return WorkerMemory(tuple(sizes_mb), warm_up)
 
 
 MARK: Final = "SIREN_SOAK_MARK"
@@ -128,7 +118,7 @@ class SoakCase:
 
 @dataclass(frozen=True)
 class SoakResult:
-    """What was found; empty tuples where all is well."""
+    """What is wrong with a case; empty tuples where all is well."""
 
     case: SoakCase
     refused: bool = False
@@ -144,8 +134,7 @@ class SoakResult:
     @property
     def clean(self) -> bool:
         """Whether nothing is wrong with it."""
-        found = (self.failures, self.hashes_differ, self.lost, self.processes, self.segments, self.locks)
-        return not any(found)
+        return not any((self.failures, self.hashes_differ, self.lost, self.processes, self.segments, self.locks))
 
 
 def run_case(case: SoakCase, folder: Path) -> SoakResult:
@@ -174,15 +163,10 @@ def _run(case: SoakCase, run: int, folder: Path, mark: str) -> tuple[int, str]:
     folder.mkdir(parents=True)
     flags = [part for item in case.parameters(folder / "bag", run) for part in ("-p", item)]
     command = [sys.executable, "-m", "siren_nodes.cosim", "--ros-args", *flags]
+    environment, nothing = {**os.environ, MARK: mark}, subprocess.DEVNULL
     try:
         done = subprocess.run(  # noqa: S603 - our own module, no shell
-            command,
-            env={**os.environ, MARK: mark},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=LIMIT_S,
-            check=False,
+            command, env=environment, stdin=nothing, capture_output=True, text=True, timeout=LIMIT_S, check=False
         )
     except subprocess.TimeoutExpired:
         return 1, f"not done after {LIMIT_S:g} s"
@@ -215,13 +199,13 @@ def left_behind(bag: Path) -> list[Path]:
 
 def marked_processes(mark: str, processes: Path = Path("/proc")) -> Mapping[int, str]:
     """Command lines of the live processes with a mark in their environment, by process id."""
-    found = {}
+    commands = {}
     for entry in sorted(processes.glob("[0-9]*")):
         with suppress(OSError):
             carries = f"{MARK}={mark}".encode() in (entry / "environ").read_bytes().split(b"\0")
             if carries and "\nState:\tZ" not in (entry / "status").read_text(encoding="utf-8"):
-                found[int(entry.name)] = (entry / "cmdline").read_text(encoding="utf-8").replace("\0", " ").strip()
-    return found
+                commands[int(entry.name)] = (entry / "cmdline").read_text(encoding="utf-8").replace("\0", " ").strip()
+    return commands
 
 
 def end_marked(mark: str) -> tuple[str, ...]:
@@ -234,14 +218,9 @@ def end_marked(mark: str) -> tuple[str, ...]:
 
 
 def mixed_cases(count: int, duration_s: float, templates: Sequence[str], lidar_suite: str, town: str) -> list[SoakCase]:
-    """Cases that go through templates, levels, seeds, process modes, and now and then a LiDAR or another map.
+    """Cases that go through templates, levels, seeds and process modes.
 
-    Args:
-        count: Number of cases.
-        duration_s: Simulated time of each.
-        templates: Ids of the templates.
-        lidar_suite: Path of the suite with a LiDAR, for every fifth case.
-        town: Path of another map, for every tenth case; empty for none.
+    Every fifth case has the suite with a LiDAR, every tenth case the map of the file ``town``, if there is one.
     """
     levels = ("L2", "L0", "L3", "L1")
     modes = ((False, False), (False, True), (True, True))
@@ -280,15 +259,16 @@ def lines_of(result: SoakResult) -> list[str]:
 def totals_of(results: Sequence[SoakResult], memory: WorkerMemory | None) -> list[str]:
     """The last lines."""
     ran = [result for result in results if not result.refused]
-    lines = [
-        f"{len(ran)} episodes, each twice ({len(results) - len(ran)} refused)",
-        f"  failed                        {sum(bool(result.failures) for result in results)}",
-        f"  hash differences              {sum(result.hashes_differ for result in results)}",
-        f"  with lost messages            {sum(bool(result.lost) for result in results)}",
-        f"  processes left                {sum(len(result.processes) for result in results)}",
-        f"  shared-memory segments left   {sum(result.segments for result in results)}",
-        f"  locks and files left          {sum(len(result.locks) for result in results)}",
-    ]
+    totals = {
+        "failed": sum(bool(result.failures) for result in results),
+        "hash differences": sum(result.hashes_differ for result in results),
+        "with lost messages": sum(bool(result.lost) for result in results),
+        "processes left": sum(len(result.processes) for result in results),
+        "shared-memory segments left": sum(result.segments for result in results),
+        "locks and files left": sum(len(result.locks) for result in results),
+    }
+    lines = [f"{len(ran)} episodes, each twice ({len(results) - len(ran)} refused)"]
+    lines += [f"  {name:<30}{total}" for name, total in totals.items()]
     if memory is None:
         return lines
     settled = memory.settled_mb
@@ -317,13 +297,10 @@ def soak(options: argparse.Namespace, folder: Path) -> list[SoakResult]:
 
 
 def worker_memory(options: argparse.Namespace) -> WorkerMemory:
-    """The memory of a worker in a process of its own."""
-    warm_up = WARM_UP_ROUNDS * len(options.templates)
+    """The memory of a worker in a fresh process."""
+    templates, warm_up = options.templates, WARM_UP_ROUNDS * len(options.templates)
     count = max(options.worker_episodes, warm_up + 2)
-    requests = [
-        EpisodeRequest(options.templates[number % len(options.templates)], "", number, "", options.duration)
-        for number in range(count)
-    ]
+    requests = [EpisodeRequest(templates[row % len(templates)], "", row, "", options.duration) for row in range(count)]
     with ProcessPool(1, fresh=True) as pool:
         return pool.call(measure_worker, requests, warm_up, timeout_s=WORKER_LIMIT_S)
 

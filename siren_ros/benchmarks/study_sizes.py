@@ -24,13 +24,13 @@ def sizes_of(rows: Sequence[EpisodeRow]) -> dict[str, float]:
     Raises:
         InputError: No episode was made.
     """
-    made = [row for row in rows if row.bag]
-    if not made:
+    recorded = [row for row in rows if row.bag]
+    if not recorded:
         raise InputError("study", len(rows), "a study with episodes that were made")
-    processor_s = float(np.mean([row.cpu_s for row in made]))
-    bag_mb = float(np.mean([row.bag_bytes for row in made])) / 1e6
+    processor_s = float(np.mean([row.cpu_s for row in recorded]))
+    bag_mb = float(np.mean([row.bag_bytes for row in recorded])) / 1e6
     return {
-        "episodes": len(made),
+        "episodes": len(recorded),
         "processor_s": processor_s,
         "bag_mb": bag_mb,
         "core_hours_of_10000": processor_s * _MANY / 3600.0,

@@ -66,14 +66,7 @@ class DeviceRun:
 
 
 def run_device(net: Path, network: RoadNetwork, vehicles: int, duration_s: float, seed: int) -> DeviceRun:
-    """Lets impatient drivers go their ways through a map.
-
-    Args:
-        net: SUMO's net file.
-        network: The same map.
-        vehicles: How many set out, one after the other.
-        duration_s: Simulated time.
-        seed: Of the ways and of SUMO.
+    """Lets so many impatient drivers set out one after the other through a map, SUMO's file ``net``.
 
     Raises:
         CalledProcessError: SUMO failed.
@@ -97,9 +90,7 @@ def run_device(net: Path, network: RoadNetwork, vehicles: int, duration_s: float
             "--device.ssm.trajectories": "true",
             "--collision.action": "none",
             "--time-to-teleport": -1,
-            "--no-step-log": "true",
-            "--no-warnings": "true",
-            "--ignore-route-errors": "true",
+            **dict.fromkeys(("--no-step-log", "--no-warnings", "--ignore-route-errors"), "true"),
         }
         program = sumo_home() / "bin" / "sumo"
         command = [str(program), *(str(part) for pair in options.items() for part in pair)]
@@ -149,17 +140,18 @@ def tracks_of(values: Floats) -> StateRows:
 
 
 def _conflicts(path: Path) -> tuple[Conflict, ...]:
-    found = []
+    conflicts = []
     for entry in _root(path).iter("conflict"):
-        columns = {tag: _words(entry, tag) for tag in ("timeSpan", "typeSpan", "TTCSpan", "DRACSpan")}
+        parts = {tag: entry.find(tag) for tag in ("timeSpan", "typeSpan", "TTCSpan", "DRACSpan")}
+        columns = {tag: [] if part is None else part.get("values", "").split() for tag, part in parts.items()}
         follows = np.array(columns["typeSpan"]) == _FOLLOWER
         if follows.any():
             time, ttc, drac = (
                 np.array([float("nan") if word == "NA" else float(word) for word in columns[tag]])[follows]
                 for tag in ("timeSpan", "TTCSpan", "DRACSpan")
             )
-            found.append(Conflict(entry.get("ego", ""), entry.get("foe", ""), time, ttc, drac))
-    return tuple(found)
+            conflicts.append(Conflict(entry.get("ego", ""), entry.get("foe", ""), time, ttc, drac))
+    return tuple(conflicts)
 
 
 def _root(path: Path) -> Element:
@@ -169,20 +161,15 @@ def _root(path: Path) -> Element:
     return root
 
 
-def _words(entry: Element, tag: str) -> list[str]:
-    part = entry.find(tag)
-    return [] if part is None else (part.get("values") or "").split()
-
-
 @dataclass(frozen=True)
 class Compared:
     """One pair: SUMO's measures and ours at the same moments, shape ``(N,)`` each."""
 
     sumo_ttc_s: Floats
-    own_ttc_s: Floats
+    our_ttc_s: Floats
     """Infinite where the footprints miss each other."""
     sumo_drac_mps2: Floats
-    own_drac_mps2: Floats
+    our_drac_mps2: Floats
 
 
 @dataclass(frozen=True)
@@ -216,28 +203,22 @@ def _pair(run: DeviceRun, conflict: Conflict) -> Compared:
     size = (LENGTH_M, WIDTH_M)
     encounters = Encounters(follower.select(mine), leader.select(theirs), size, np.tile(size, (len(mine), 1)))
     contacts = predicted_contacts(encounters)
-    return Compared(
-        conflict.time_to_collision_s[known],
-        contacts.time_s,
-        conflict.required_deceleration_mps2[known],
-        contacts.required_deceleration_mps2,
-    )
+    sumo_ttc_s, sumo_drac_mps2 = conflict.time_to_collision_s[known], conflict.required_deceleration_mps2[known]
+    return Compared(sumo_ttc_s, contacts.time_s, sumo_drac_mps2, contacts.required_deceleration_mps2)
 
 
 def agreement_of(pairs: Sequence[Compared]) -> Agreement:
     """Distances over all moments and over each pair's extremes; pairs that ours never sees count as missed only."""
-    seen = [np.isfinite(pair.own_ttc_s) for pair in pairs]
-    both = [pair for pair, known in zip(pairs, seen, strict=True) if known.any()]
+    seen = [(pair, np.isfinite(pair.our_ttc_s)) for pair in pairs]
+    both = [pair for pair, known in seen if known.any()]
     return Agreement(
-        len(pairs),
-        sum(len(known) for known in seen),
-        sum(int(np.count_nonzero(~known)) for known in seen),
-        _joined([np.abs(pair.own_ttc_s - pair.sumo_ttc_s)[known] for pair, known in zip(pairs, seen, strict=True)]),
-        _joined(
-            [np.abs(pair.own_drac_mps2 - pair.sumo_drac_mps2)[known] for pair, known in zip(pairs, seen, strict=True)]
-        ),
-        np.array([abs(pair.own_ttc_s.min() - pair.sumo_ttc_s.min()) for pair in both]),
-        np.array([abs(pair.own_drac_mps2.max() - np.nanmax(pair.sumo_drac_mps2)) for pair in both]),
+        pairs=len(pairs),
+        moments=sum(len(known) for _, known in seen),
+        missed=sum(int(np.count_nonzero(~known)) for _, known in seen),
+        ttc_s=_joined([np.abs(pair.our_ttc_s - pair.sumo_ttc_s)[known] for pair, known in seen]),
+        drac_mps2=_joined([np.abs(pair.our_drac_mps2 - pair.sumo_drac_mps2)[known] for pair, known in seen]),
+        least_ttc_s=np.array([abs(pair.our_ttc_s.min() - pair.sumo_ttc_s.min()) for pair in both]),
+        most_drac_mps2=np.array([abs(pair.our_drac_mps2.max() - np.nanmax(pair.sumo_drac_mps2)) for pair in both]),
     )
 
 

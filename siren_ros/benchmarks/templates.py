@@ -27,7 +27,7 @@ from siren_ros.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.benchmarks.json_figures import add_json, write_json
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.errors import SirenError
+from siren_ros.errors import InputError, SirenError
 from siren_ros.evaluation.prediction.predictors import predictors_named
 from siren_ros.evaluation.prediction.scoring import score_episode
 from siren_ros.generation.behaviour_setup import behaviour_world
@@ -46,6 +46,7 @@ from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.scenario import DECLARED_PREDICATES
 from siren_ros.scenario.templates import available_templates, load_template
+from siren_ros.studies.matrix import seeds_of
 from siren_ros.world.traffic_state import EventKind
 
 STILL_MPS: Final = 0.1
@@ -111,18 +112,17 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
     verdict = evaluate_predicate(record)
     rows = record.rows
     residual = summarise_residuals(record)
-    failed = [part for part in check_states(record, VerifyLimits()) if not part.holds]
+    checks = check_states(record, VerifyLimits())
     emvs = [rows.select(np.flatnonzero(rows.actor_id == emv)) for emv in record.emv_ids]
     first = emvs[0]
     moved = np.hypot(np.diff(first.x_m, prepend=first.x_m[:1]), np.diff(first.y_m, prepend=first.y_m[:1]))
-    scores = score_episode(request.template, record, predictors_named(["cv"]))
-    ade = scores.models["cv"]["ade_m"]
+    ade = score_episode(request.template, record, predictors_named(["cv"])).models["cv"]["ade_m"]
     return EpisodeFigures(
         template=request.template,
         seed=request.seed,
         holds=verdict.holds,
         failing=tuple(str(part) for part in verdict.failing),
-        violations=tuple(str(part) for part in failed),
+        violations=tuple(str(part) for part in checks if not part.holds),
         teleports=len(record.events_of(EventKind.TELEPORT)),
         physics=summarise_physics(record),
         residual_p50_m=residual.median_m,
@@ -147,8 +147,8 @@ def longest_standstill_s(speed_mps: npt.NDArray[np.float64]) -> float:
 def travel_times_s(first: EpisodeFigures, second: EpisodeFigures) -> tuple[float, float]:
     """Times of two EMVs over the distance that both cover."""
     common_m = min(first.way_m[-1], second.way_m[-1])
-    times = [float(np.searchsorted(one.way_m, common_m)) * STEP_S for one in (first, second)]
-    return times[0], times[1]
+    first_s, second_s = (float(np.searchsorted(figures.way_m, common_m)) * STEP_S for figures in (first, second))
+    return first_s, second_s
 
 
 def median_step_ms(setup: EpisodeSetup, steps: Sequence[LoopStep]) -> float:
@@ -173,24 +173,16 @@ _HEAD = (
 )
 
 
-def seeds_of(text: str) -> range:
-    """Seeds from ``first:last`` (the last one not included) or a single number.
-
-    Raises:
-        argparse.ArgumentTypeError: neither of these.
-    """
+def seeds_of_option(text: str) -> tuple[int, ...]:
+    """The type of ``--seeds``: ``first:last``, the last not included, or a single number; argparse prints the error."""
     try:
-        first, colon, last = text.partition(":")
-        found = range(int(first), int(last) if colon else int(first) + 1)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is neither a seed nor first:last") from error
-    if not found:
-        raise argparse.ArgumentTypeError(f"{text!r} holds no seed")
-    return found
+        return seeds_of([text])
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def measure_all(tasks: Sequence[EpisodeTask], jobs: int) -> list[EpisodeFigures]:
-    """The figures of all episodes in order. Each has a process of its own: where that dies, no other one is lost."""
+    """The figures of all episodes in order. Each has a fresh process: where that dies, no other one is lost."""
     with ProcessPool(jobs, fresh=True, preload="siren_ros.benchmarks.templates") as pool:
 
         def measure(task: EpisodeTask) -> EpisodeFigures:
@@ -203,46 +195,31 @@ def measure_all(tasks: Sequence[EpisodeTask], jobs: int) -> list[EpisodeFigures]
 
 
 def row_of(name: str, episodes: Sequence[EpisodeFigures]) -> str:
-    """One template's row: sums of counts, medians and maxima over the seeds."""
+    """One template's row of the printed table, of the figures of ``json_row`` and some more."""
     ran = [episode for episode in episodes if not episode.error]
-    holding = f"{sum(episode.holds for episode in ran)}/{len(episodes)}"
     if not ran:
-        return f"{name:<4}{holding:>7}{len(episodes):>7}"
-    residual = (
-        float(np.median([episode.residual_p50_m for episode in ran])),
-        max(episode.residual_p99_m for episode in ran),
-        max(episode.residual_max_m for episode in ran),
-    )
-    physics = [episode.physics for episode in ran]
+        return f"{name:<4}{f'0/{len(episodes)}':>7}{len(episodes):>7}"
+    row = json_row(name, episodes)
+    residual = "/".join(f"{row[f'residual_{part}_m']:.2f}" for part in ("p50", "p99", "max"))
+    accelerations = f"{row['emv_accel_min_mps2']:.1f}/{row['emv_accel_max_mps2']:.1f}"
     timed = [episode.step_ms for episode in ran if not np.isnan(episode.step_ms)]
     return (
-        f"{name:<4}{holding:>7}{len(episodes) - len(ran):>7}{sum(one.contacts for one in physics):>6}"
-        f"{sum(one.teleports for one in ran):>6}{sum(bool(one.violations) for one in ran):>7}"
-        f"{_physics_columns(physics)}"
-        f"  {'/'.join(f'{value:.2f}' for value in residual):<23}"
-        f"{max(one.standstill_s for one in ran):>8.1f}{np.mean([one.emv_speed_mps for one in ran]):>8.1f}"
-        f"{np.nanmean([one.cv_ade_m for one in ran]):>9.2f}{max(timed, default=float('nan')):>8.2f}"
-    )
-
-
-def _physics_columns(physics: Sequence[PhysicsSummary]) -> str:
-    """Greatest impact speed, overlap and lateral acceleration, and the EMV's hardest braking and acceleration."""
-    lowest = min(one.emv_accel_low_mps2 for one in physics)
-    highest = max(one.emv_accel_high_mps2 for one in physics)
-    return (
-        f"{max(one.impact_mps for one in physics):>7.1f}{max(one.overlap_m for one in physics):>8.2f}"
-        f"{max(one.lateral_accel_mps2 for one in physics):>6.1f}{f'{lowest:.1f}/{highest:.1f}':>11}"
+        f"{name:<4}{row['holds']:>7}{row['failed']:>7}{row['contacts']:>6}{row['teleports']:>6}"
+        f"{row['episodes_with_violations']:>7}{row['impact_max_mps']:>7.1f}{row['overlap_max_m']:>8.2f}"
+        f"{row['lateral_accel_max_mps2']:>6.1f}{accelerations:>11}  {residual:<23}"
+        f"{row['standstill_max_s']:>8.1f}{row['emv_speed_mps']:>8.1f}"
+        f"{np.nanmean([episode.cv_ade_m for episode in ran]):>9.2f}{max(timed, default=float('nan')):>8.2f}"
     )
 
 
 def spread_of(episodes: Iterable[EpisodeFigures]) -> str:
     """How the seeds differ: mean and standard deviation of what makes a realisation."""
-    found = [episode.realisation for episode in episodes if episode.realisation is not None]
+    realised = [episode.realisation for episode in episodes if episode.realisation is not None]
     named = {
-        "arrival s": [one.arrival_s for one in found],
-        "queue": [float(one.queue) for one in found],
-        "yielding": [float(one.yielding) for one in found],
-        "EMV m/s": [one.emv_speed_mps for one in found],
+        "arrival s": [realisation.arrival_s for realisation in realised],
+        "queue": [float(realisation.queue) for realisation in realised],
+        "yielding": [float(realisation.yielding) for realisation in realised],
+        "EMV m/s": [realisation.emv_speed_mps for realisation in realised],
     }
     texts = [
         f"{name} {np.nanmean(values):.1f} +- {np.nanstd(values):.1f}"
@@ -261,7 +238,7 @@ def placebo_levels(name: str) -> tuple[EmergencyLevel, ...]:
 
 def placebo_row(name: str, by_level: Mapping[str, Sequence[EpisodeFigures]]) -> str:
     """One template's row of ``--placebo``."""
-    texts = (f"{level} {sum(one.holds for one in ran)}/{len(ran)}" for level, ran in by_level.items())
+    texts = (f"{level} {sum(episode.holds for episode in ran)}/{len(ran)}" for level, ran in by_level.items())
     return f"{name:<4}holds without its cause: {', '.join(texts)}"
 
 
@@ -333,10 +310,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(comparison_of(name, first, second), flush=True)
             continue
         if options.placebo:
-            ran = {
-                level.name: measure_all(_tasks(options, name, level.name), options.jobs)
-                for level in placebo_levels(name)
-            }
+            levels = [level.name for level in placebo_levels(name)]
+            ran = {level: measure_all(_tasks(options, name, level), options.jobs) for level in levels}
             print(placebo_row(name, ran), flush=True)
             rows += [{**json_row(name, episodes), "level": level} for level, episodes in ran.items()]
             continue
@@ -366,7 +341,7 @@ def _parser() -> argparse.ArgumentParser:
     levels = [level.name for level in EmergencyLevel]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--templates", nargs="+", default=list(available_templates()), metavar="ID")
-    parser.add_argument("--seeds", type=seeds_of, default=range(20), help="first:last, the last not included")
+    parser.add_argument("--seeds", type=seeds_of_option, default=range(20), help="first:last, the last not included")
     parser.add_argument("--map", default="", help="map file; the built-in town by default")
     parser.add_argument("--level", default="", choices=["", *levels], help="the template's own by default")
     parser.add_argument("--preset", default="paper", help="how drivers respond")

@@ -47,13 +47,8 @@ def search_rounds(tried: Tried, horizons: Sequence[float], places: int, rng: np.
 
     The first round begins at the best of some places that are spread over the ranges. Each further one begins with an
     evolution (CMA-ES) from a random place, with twice the population of the one before (IPOP; Auger and Hansen, CEC
-    2005). A round goes down over the first horizon, then over the next, to the whole trajectories.
-
-    Args:
-        tried: What the search has tried.
-        horizons: Rising, the last one the whole trajectories.
-        places: Of the first round, a power of two less one.
-        rng: Of the evolutions.
+    2005). A round goes down over the first horizon, then over the next, to the whole trajectories. The number of the
+    first round's ``places`` is a power of two less one.
     """
     ways: list[list[Bottom]] = []
     dimensions, times = len(tried.best), 1
@@ -82,7 +77,7 @@ def _lengthen(
         if way and _grown(way[-1], bottom):
             steps = move_shares(way[-1].slopes, max(way[-1].error_m, OPEN_M))
             again = descend(tried, evolve(tried, way[-1].place, rng, steps=steps))
-            bottom = min(bottom, again, key=lambda one: one.error_m)
+            bottom = min(bottom, again, key=lambda each: each.error_m)
         way.append(bottom)
         for other in before:
             if np.abs(other[number].place - bottom.place).max() < SAME_PLACE and not _grown(other[number], other[-1]):
@@ -113,7 +108,7 @@ UNDETERMINED_SHARE: Final = 0.1
 
 @dataclass(frozen=True)
 class Fitted:
-    """What the search found."""
+    """The result of a search."""
 
     values: Mapping[str, float]
     spread: Mapping[str, float]
@@ -139,17 +134,11 @@ def fit(
     report: Tell = lambda *_: None,
     horizons: Sequence[float] = (WHOLE,),
 ) -> Fitted:
-    """The parameters with the least error that is found.
+    """The parameters, each within its range, with the least error that ``search_rounds`` finds.
 
-    ``search_rounds`` says how. The search ends where two rounds come to the least error, or where the tries are spent.
-
-    Args:
-        parameters: What is fitted, each within its range.
-        residuals: Of several tries.
-        evaluations: At most so many tries; a group that was begun is finished.
-        seed: Of the search. The same seed and residuals give the same result.
-        report: Called after each group of tries.
-        horizons: Lengths of the trajectories' beginnings that are fitted one after the other, the last one ``WHOLE``.
+    The search ends where two rounds come to the least error, or after so many ``evaluations``; a group of tries is
+    finished. The same seed and residuals give the same result. ``report`` is called after each group. ``horizons`` are
+    as ``horizons_of`` gives them.
 
     Raises:
         InputError: Too few evaluations, the package is missing, or every try fails.
@@ -167,14 +156,14 @@ def fit(
         tried([tried.farthest])
     if tried.best_error_m >= FAILED_M:
         raise InputError("bags", "every try failed", "situations in which the EMV can be simulated")
-    shares = spread_shares(tried, tried.best, tried.best_error_m)
+    shares = list(zip(parameters, spread_shares(tried, tried.best, tried.best_error_m), strict=True))
     return Fitted(
-        tried.values(tried.best),
-        {one.name: float(share) * (one.high - one.low) for one, share in zip(parameters, shares, strict=True)},
-        tuple(one.name for one, share in zip(parameters, shares, strict=True) if share > UNDETERMINED_SHARE),
-        tried.best_error_m,
-        start_error,
-        tried.count,
-        tuple(tried.history_m),
-        agreed,
+        values=tried.values(tried.best),
+        spread={each.name: float(share) * (each.high - each.low) for each, share in shares},
+        undetermined=tuple(each.name for each, share in shares if share > UNDETERMINED_SHARE),
+        error_m=tried.best_error_m,
+        start_error_m=start_error,
+        evaluations=tried.count,
+        history_m=tuple(tried.history_m),
+        agreed=agreed,
     )

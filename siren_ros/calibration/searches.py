@@ -24,7 +24,7 @@ Tell = Callable[[int, float, float], None]
 
 def errors_m(residuals: Iterable[Floats]) -> list[float]:
     """The errors of tries by their residuals."""
-    return [float(np.linalg.norm(one)) for one in residuals]
+    return [float(np.linalg.norm(apart)) for apart in residuals]
 
 
 class Spent(Exception):  # noqa: N818 - the end of a search, and no error
@@ -80,20 +80,20 @@ class Tried:
         if not self.left:
             raise Spent
         asked = [np.array([*shares][: len(self._parameters)]) for shares in tries]
-        found = [np.asarray(one) for one in self._residuals([self.values(shares) for shares in asked], self.horizon_s)]
-        self.count += len(found)
-        errors = errors_m(found)
+        residuals = list(map(np.asarray, self._residuals([self.values(shares) for shares in asked], self.horizon_s)))
+        self.count += len(residuals)
+        errors = errors_m(residuals)
         least = int(np.argmin(errors))
         if errors[least] < self._at(self.horizon_s)[1]:
             self._best[self.horizon_s] = asked[least], errors[least]
         if self.horizon_s == WHOLE:
             self.history_m.append(self.best_error_m)
         self._report(self.count, self.horizon_s, self._at(self.horizon_s)[1])
-        return found
+        return residuals
 
     def values(self, shares: Floats) -> dict[str, float]:
         """The parameters' values at shares of their ranges."""
-        return {one.name: one.at(float(share)) for one, share in zip(self._parameters, shares, strict=True)}
+        return {each.name: each.at(float(share)) for each, share in zip(self._parameters, shares, strict=True)}
 
 
 @contextmanager
@@ -102,22 +102,16 @@ def residuals_over(
 ) -> Iterator[Residuals]:
     """The residuals of a try are those of all targets, so that its error is the root mean square over the targets.
 
-    Every try and target is a call of its own. A horizon cuts all trajectories to their first seconds, and an episode
-    ends with its trajectory.
-
-    Args:
-        targets: At least one.
-        jobs: Processes.
-        report: Called after each simulated episode.
+    Every try of a target is a separate call. A horizon cuts all trajectories to their first seconds, and an episode
+    ends with its trajectory. ``report`` is called after each simulated episode.
     """
     with ProcessPool(jobs) as pool:
 
         def residuals(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
             cut = [replace(target, trajectory=target.trajectory.until(horizon_s)) for target in targets]
             calls = [(target, dict(values)) for values in tries for target in cut]
-            found = [apart / np.sqrt(len(targets)) for apart in pool.map(residuals_m, calls, report)]
-            each = len(targets)
-            return [np.concatenate([found[one * each + other] for other in range(each)]) for one in range(len(tries))]
+            parts = [apart / np.sqrt(len(cut)) for apart in pool.map(residuals_m, calls, report)]
+            return [np.concatenate(parts[first : first + len(cut)]) for first in range(0, len(parts), len(cut))]
 
         yield residuals
 
@@ -156,10 +150,7 @@ class Bottom:
 def spread_out(tried: Tried, dimensions: int, count: int) -> Floats:
     """Tries the middle of all ranges and more places spread evenly over them (Sobol); gives the best one.
 
-    Args:
-        tried: What the search has tried.
-        dimensions: Number of parameters.
-        count: Places, a power of two less one.
+    The number of places is a power of two less one.
 
     Raises:
         Spent: No tries are left.
@@ -171,13 +162,13 @@ def spread_out(tried: Tried, dimensions: int, count: int) -> Floats:
 def evolve(
     tried: Tried, begin: Floats, rng: np.random.Generator, times: int = 1, steps: Floats | None = None
 ) -> Floats:
-    """CMA-ES (N. Hansen, arXiv:1604.00772) from a place; gives the best place that it has seen.
+    """CMA-ES (N. Hansen, arXiv:1604.00772); gives the best place that it has seen.
 
     Args:
-        tried: What the search has tried.
+        tried: The tries so far.
         begin: The mean of the first generation.
         rng: Of its samples.
-        times: The population is so many times as large as the method's own.
+        times: The population is so many times as large as the method proposes.
         steps: First standard deviation of each parameter, as a share of its range; None for ``START_STEP``.
 
     Raises:
@@ -247,19 +238,19 @@ def descend(tried: Tried, begin: Floats) -> Bottom:
     close, descents = (_CLOSE, _DESCENTS) if whole else (_CLOSE_BEFORE, _DESCENTS_BEFORE)
     # A parameter that changes nothing stays where it is: a faint pull keeps the slopes independent.
     pull = _PULL_M * np.eye(len(begin))
-    found = least_squares(
+    solution = least_squares(
         lambda place: np.concatenate((at(place), pull @ (place - begin))), begin,
         lambda place: np.concatenate((slope(tried, place, at(place)), pull)), bounds=(0.0, 1.0),
         xtol=close, ftol=close, gtol=None, max_nfev=descents,
     )  # fmt: skip
-    return Bottom(found.x, float(np.linalg.norm(at(found.x))), found.jac[: -len(begin)])
+    return Bottom(solution.x, float(np.linalg.norm(at(solution.x))), solution.jac[: -len(begin)])
 
 
 def slope(tried: Tried, place: Floats, residuals: Floats) -> Floats:
     """How the residuals change for each parameter's range; a column for each parameter."""
     steps = np.where(place > 0.5, -SLOPE_SHARE, SLOPE_SHARE)  # always within the ranges
-    found = tried(place + np.diag(steps))
-    return np.stack([(one - residuals) / step for one, step in zip(found, steps, strict=True)], axis=1)
+    moved = tried(place + np.diag(steps))
+    return np.stack([(other - residuals) / step for other, step in zip(moved, steps, strict=True)], axis=1)
 
 
 GROWTH: Final = 0.1
@@ -281,27 +272,17 @@ def spread_shares(tried: Tried, place: Floats, error_m: float) -> Floats:
     The other parameters follow so that the error grows as little as possible: with the slopes J of the residuals, the
     squared error grows by dᵀJᵀJd for a move d, and the farthest move of one parameter on such an ellipsoid is the root
     of the diagonal of (JᵀJ)⁻¹. A parameter on which the way does not depend gets 1, its whole range.
-
-    Args:
-        tried: What the search has tried.
-        place: The parameters found.
-        error_m: There.
     """
     count = len(place)
     below, above = np.clip(place - STEP_SHARE, 0.0, 1.0), np.clip(place + STEP_SHARE, 0.0, 1.0)
     places = [np.where(np.arange(count) == number, side, place) for number in range(count) for side in (below, above)]
-    found = tried(places)
-    slopes = [(found[2 * one + 1] - found[2 * one]) / (above[one] - below[one]) for one in range(count)]
-    return move_shares(np.stack(slopes, axis=1), error_m)
+    residuals = np.array(tried(places))
+    slopes = (residuals[1::2] - residuals[::2]) / (above - below)[:, None]
+    return move_shares(slopes.T, error_m)
 
 
 def move_shares(slopes: Floats, error_m: float) -> Floats:
-    """The farthest moves on the ellipsoid of a tenth more error; see ``spread_shares``.
-
-    Args:
-        slopes: Of the residuals, a column for each parameter.
-        error_m: At the place.
-    """
+    """The farthest moves on the ellipsoid of a tenth more error; ``slopes`` have a column for each parameter."""
     grown = ((1.0 + GROWTH) ** 2 - 1.0) * max(error_m, LEAST_ERROR_M) ** 2
     # A move over the whole range adds at least `grown`, so that no direction is without an end.
     inverse = np.linalg.inv(slopes.T @ slopes + grown * np.eye(slopes.shape[1]))

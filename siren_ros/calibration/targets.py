@@ -6,6 +6,7 @@ seconds, then over more and more, then over all.
 
 import csv
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -125,11 +126,11 @@ class Situation:
         request = replace(request_of(record), sensors="none", av_sensors="none", predictor="")
         if request.av:
             raise InputError("bag", record.description.template, "an episode without AV under test")
-        found = cls(request, tuple(files_from_json(record.description.parameters.get(FILES_PARAMETER, []))))
-        now, then = found.set_up().description.map_sha256, record.description.map_sha256
+        situation = cls(request, tuple(files_from_json(record.description.parameters.get(FILES_PARAMETER, []))))
+        now, then = situation.set_up().description.map_sha256, record.description.map_sha256
         if now != then:
             raise InputError("bag", record.description.map_name, f"the map that it was made on, {then[:12]}")
-        return found
+        return situation
 
     @lru_cache(maxsize=8)  # noqa: B019 - situations are few, and equal ones share an entry
     def set_up(self) -> EpisodeSetup:
@@ -149,10 +150,7 @@ class Target:
 def driven(situation: Situation, values: Mapping[str, float], until_s: float) -> Trajectory:
     """How the EMV drives in a situation with some parameters; the others have their defaults.
 
-    Args:
-        situation: Where it drives.
-        values: By the names of the table of parameters.
-        until_s: Simulated time at which the try may end.
+    The try may end at the simulated time ``until_s``.
 
     Raises:
         SirenError: The situation cannot be set up, or the episode fails.
@@ -171,15 +169,14 @@ def driven(situation: Situation, values: Mapping[str, float], until_s: float) ->
 
 def residuals_m(target: Target, values: Mapping[str, float]) -> Floats:
     """Between the given trajectory and the one driven with some parameters; of norm ``FAILED_M`` where that fails."""
-    failed = np.full(2 * len(target.trajectory.time_s), FAILED_M / np.sqrt(2 * len(target.trajectory.time_s)))
-    try:
-        found = driven(target.situation, values, target.trajectory.end_s)
-    except SirenError:
-        return failed
-    if not len(found.time_s):
-        return failed
-    apart = target.trajectory.residuals_m(found)
-    return apart if np.linalg.norm(apart) < FAILED_M else failed
+    count, way = 2 * len(target.trajectory.time_s), None
+    with suppress(SirenError):
+        way = driven(target.situation, values, target.trajectory.end_s)
+    if way is not None and len(way.time_s):
+        apart = target.trajectory.residuals_m(way)
+        if np.linalg.norm(apart) < FAILED_M:
+            return apart
+    return np.full(count, FAILED_M / np.sqrt(count))
 
 
 WHOLE: Final = float("inf")
@@ -201,8 +198,8 @@ def horizons_of(targets: Sequence[Target]) -> tuple[float, ...]:
         targets: What is fitted; the longest trajectory counts.
     """
     length_s = max(target.trajectory.length_s for target in targets)
-    found, horizon_s = [], FIRST_S
+    horizons, horizon_s = [], FIRST_S
     while horizon_s * LAST < length_s:
-        found.append(horizon_s)
+        horizons.append(horizon_s)
         horizon_s *= GROWTH
-    return (*found, WHOLE)
+    return (*horizons, WHOLE)

@@ -71,11 +71,9 @@ def _plain(value: object) -> str:
 
 
 def _topics(record: EpisodeRecord) -> list[str]:
-    rows = [
-        (topic.name, topic.type_name, str(topic.count), _rate(topic), _size(topic.size_bytes))
-        for topic in record.topics.values()
-    ]
-    return Table("topics", "", ("topic", "type", "count", "rate", "size"), tuple(rows)).text()
+    topics = record.topics.values()
+    rows = tuple((each.name, each.type_name, str(each.count), _rate(each), _size(each.size_bytes)) for each in topics)
+    return Table("topics", "", ("topic", "type", "count", "rate", "size"), rows).text()
 
 
 def _rate(topic: TopicRecord) -> str:
@@ -87,11 +85,8 @@ def _rate(topic: TopicRecord) -> str:
 
 def _events(record: EpisodeRecord) -> list[str]:
     counts = Counter(event.kind.value for event in record.events)
-    if not counts:
-        return ["events    none"]
-    return [
-        f"{'events' if not row else '':<10}{name} × {count}" for row, (name, count) in enumerate(sorted(counts.items()))
-    ]
+    lines = [f"{name} × {count}" for name, count in sorted(counts.items())] or ["none"]
+    return [f"{'' if row else 'events':<10}{line}" for row, line in enumerate(lines)]
 
 
 def _size(size_bytes: int) -> str:

@@ -2,8 +2,8 @@
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
@@ -11,8 +11,8 @@ from siren_ros.calibration.fit import EVALUATIONS_EACH, UNDETERMINED_SHARE, Fitt
 from siren_ros.calibration.parameters import PARAMETERS, Parameter, check_effect, parameters_named
 from siren_ros.calibration.searches import residuals_over
 from siren_ros.calibration.targets import Situation, Target, Trajectory, horizons_of
-from siren_ros.cli.options import add_processes, check_numbers, names_in, processes_of, steps_of
-from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
+from siren_ros.cli.options import add_bags, add_processes, check_numbers, names_in, processes_of, steps_of
+from siren_ros.errors import EXIT_OK, InputError, write_text
 from siren_ros.recording.bag_reader import bags_among, read_episode
 from siren_ros.scenario.episode import MAX_SEED
 from siren_ros.tables.table import Table
@@ -22,14 +22,14 @@ DEFAULTS = "controller.target_speed_mps,controller.accel_mps2,controller.headway
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
-    known = "; ".join(f"{one.name}, {one.low:g} to {one.high:g}: {one.meaning}" for one in PARAMETERS.values())
+    known = "; ".join(f"{name}, {known.low:g} to {known.high:g}: {known.meaning}" for name, known in PARAMETERS.items())
     verb.description = (
         "Simulates the situations of bags with other parameters of the EMV until it drives most like the EMV of the "
         "bags or like a given trajectory (least squares and CMA-ES). The error is the root "
         "mean square of the distance between both EMVs at the same times. The spread of a value is how far it can "
         f"move, while the others follow, until the error grows by a tenth. Parameters: {known}."
     )
-    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    add_bags(verb)
     verb.add_argument(
         "--parameters", default=DEFAULTS, metavar="NAMES", help="parameters, by commas (default %(default)s)"
     )
@@ -64,59 +64,40 @@ def run(arguments: argparse.Namespace) -> int:
         tqdm(total=evaluations * len(targets), unit="episode", desc="calibrate", disable=None) as bar,
         residuals_over(targets, jobs, steps_of(bar)) as residuals,
     ):
-        found = fit(parameters, residuals, evaluations, arguments.seed, horizons=horizons_of(targets))
-    print("\n".join(fitted_lines(parameters, found)))
+        fitted = fit(parameters, residuals, evaluations, arguments.seed, horizons=horizons_of(targets))
+    print("\n".join(fitted_lines(parameters, fitted)))
     if arguments.out is not None:
-        content = as_json(found) | {"targets": [target.name for target in targets], "seed": arguments.seed}
-        with writing(arguments.out), whole_file(arguments.out) as file:
-            file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        content = asdict(fitted)
+        content["least_error_m"] = content.pop("history_m")
+        content |= {"targets": [target.name for target in targets], "seed": arguments.seed}
+        write_text(arguments.out, json.dumps(content, indent=1) + "\n")
     return EXIT_OK
 
 
-def fitted_lines(parameters: tuple[Parameter, ...], found: Fitted) -> list[str]:
-    """What was found, for a terminal."""
+def fitted_lines(parameters: tuple[Parameter, ...], fitted: Fitted) -> list[str]:
+    """The values and how sure they are, for a terminal."""
     rows = tuple(
-        (one.name, found.values[one.name], found.spread[one.name], f"{one.low:g} to {one.high:g}", one.meaning)
-        for one in parameters
+        (each.name, fitted.values[each.name], fitted.spread[each.name], f"{each.low:g} to {each.high:g}", each.meaning)
+        for each in parameters
     )
     table = Table("fit", "", ("parameter", "value", "spread", "range", "meaning"), rows, spec=".3f")
-    told = (
-        f"distance to the trajectories {found.error_m:.3f} m, {found.start_error_m:.3f} m in the middle of the ranges; "
-        f"{found.evaluations} tries"
-    )
-    lines = [*table.text(), told]
-    if found.undetermined:
-        lines.append(
-            f"not determined by these trajectories: {', '.join(found.undetermined)} "
-            f"(spread above {UNDETERMINED_SHARE:.0%} of the range)"
-        )
-    if not found.agreed:
+    distances = f"{fitted.error_m:.3f} m, {fitted.start_error_m:.3f} m in the middle of the ranges"
+    lines = [*table.text(), f"distance to the trajectories {distances}; {fitted.evaluations} tries"]
+    if fitted.undetermined:
+        limit = f"spread above {UNDETERMINED_SHARE:.0%} of the range"
+        lines.append(f"not determined by these trajectories: {', '.join(fitted.undetermined)} ({limit})")
+    if not fitted.agreed:
         lines.append("no second round came to the same error; more --evaluations may find a smaller one")
     return lines
-
-
-def as_json(found: Fitted) -> dict[str, Any]:
-    """What was found, as JSON types."""
-    return {
-        "values": dict(found.values),
-        "spread": dict(found.spread),
-        "undetermined": list(found.undetermined),
-        "error_m": found.error_m,
-        "start_error_m": found.start_error_m,
-        "evaluations": found.evaluations,
-        "agreed": found.agreed,
-        "least_error_m": list(found.history_m),
-    }
 
 
 def _targets(arguments: argparse.Namespace) -> list[Target]:
     bags = bags_among(arguments.bags)
     if arguments.trajectory is not None and len(bags) != 1:
         raise InputError("trajectory", f"with {len(bags)} bags", "one bag, which gives the situation")
+    given = None if arguments.trajectory is None else Trajectory.read(arguments.trajectory)
     targets = []
     for bag in bags:
         record = read_episode(bag)
-        given = arguments.trajectory
-        way = Trajectory.of_record(record) if given is None else Trajectory.read(given)
-        targets.append(Target(bag.name, Situation.of_record(record), way))
+        targets.append(Target(bag.name, Situation.of_record(record), given or Trajectory.of_record(record)))
     return targets

@@ -1,16 +1,14 @@
 """``siren compare-paper BAG…``: what the paper's tables say, next to the same numbers measured here."""
 
 import argparse
-import csv
 import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from tqdm import tqdm
 
-from siren_ros.cli.options import add_processes, named_path, names_in, processes_of, steps_of
-from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
+from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of, steps_of
+from siren_ros.errors import EXIT_OK, InputError, write_text
 from siren_ros.evaluation.paper_comparison import (
     Compared,
     at_template_level,
@@ -27,7 +25,7 @@ from siren_ros.evaluation.prediction.scoring import ScoringJob, score_bags
 from siren_ros.evaluation.risk.video_set import read_set
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.scenario.templates import load_template
-from siren_ros.tables.table import text_of
+from siren_ros.tables.table import csv_text, text_of
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -38,16 +36,9 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "behaviour families, and the balance of the risk videos, with 95 % intervals over episodes. Only episodes at "
         "their template's level count, as in the paper."
     )
-    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    add_bags(verb)
     verb.add_argument("--models", default="cv,idm", metavar="NAMES", help="predictors, by commas (default %(default)s)")
-    verb.add_argument(
-        "--checkpoint",
-        type=named_path,
-        action="append",
-        default=[],
-        metavar="NAME=PATH",
-        help="weights of a predictor; may be given several times",
-    )
+    add_named_paths(verb, "--checkpoint", "NAME=PATH", "weights of a predictor")
     verb.add_argument("--detection", type=Path, metavar="DIR", help="folder of `siren evaluate detection --out`")
     verb.add_argument("--risk", type=Path, metavar="DIR", help="folder of `siren evaluate risk --out`")
     verb.add_argument("--risk-set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
@@ -63,11 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("out", str(arguments.out), "a file name that ends in .json or .csv")
     rows = [
         *_prediction(arguments),
-        *detection_rows(None if arguments.detection is None else _needed(arguments.detection)),
-        *risk_rows(
-            None if arguments.risk_set is None else read_set(arguments.risk_set),
-            None if arguments.risk is None else _needed(arguments.risk),
-        ),
+        *detection_rows(_scores(arguments.detection)),
+        *risk_rows(arguments.risk_set and read_set(arguments.risk_set), _scores(arguments.risk)),
     ]
     shown = rows if arguments.all else measured(rows)
     print("\n".join(text_of(comparison_tables(shown))))
@@ -79,15 +67,21 @@ def run(arguments: argparse.Namespace) -> int:
     if len(shown) < len(rows):
         print(f"{len(rows) - len(shown)} further numbers of the paper were not measured here; --all prints them")
     if arguments.out is not None:
-        _write(arguments.out, rows)
+        content = [row.to_json() for row in rows]
+        if arguments.out.suffix == ".json":
+            write_text(arguments.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
+        else:
+            write_text(arguments.out, csv_text(list(content[0]), [list(row.values()) for row in content]))
     return EXIT_OK
 
 
-def _needed(folder: Path) -> dict[str, object]:
-    found = stored(folder)
-    if found is None:
+def _scores(folder: Path | None) -> dict[str, object] | None:
+    if folder is None:
+        return None
+    scores = stored(folder)
+    if scores is None:
         raise InputError("scores", str(folder), "a folder with the scores.json that `siren evaluate` wrote")
-    return dict(found)
+    return dict(scores)
 
 
 def _prediction(arguments: argparse.Namespace) -> list[Compared]:
@@ -107,15 +101,3 @@ def _prediction(arguments: argparse.Namespace) -> list[Compared]:
         print(f"{len(scores) - len(counted)} of {len(scores)} episodes are at other levels and do not count")
     print(maps_next_to_the_papers(counted))
     return list(prediction_rows(score_table(counted)))
-
-
-def _write(file: Path, rows: Sequence[Compared]) -> None:
-    content = [row.to_json() for row in rows]
-    with writing(file), whole_file(file) as new:
-        if file.suffix == ".json":
-            new.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        else:
-            with new.open("w", encoding="utf-8", newline="") as opened:
-                writer = csv.DictWriter(opened, list(content[0]), lineterminator="\n")
-                writer.writeheader()
-                writer.writerows(content)

@@ -13,7 +13,7 @@ from typing import Any, Final, Self
 from tqdm import tqdm
 
 from siren_ros.cli.command import Command
-from siren_ros.cli.generate_risk import make_and_tell
+from siren_ros.cli.generate_risk import make_and_print
 from siren_ros.cli.options import add_processes, check_numbers
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.episode_setup import plan_length
@@ -42,7 +42,7 @@ from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOp
 
 RISK_VIDEOS = "risk_videos"
 """Folder of the videos with risk labels, in the study's."""
-_MOST_TOLD: Final = 20
+_MOST_NAMED: Final = 20
 """Episodes that standard error names."""
 _LIMITS: Final = {
     "workers": (1, 10_000),
@@ -146,17 +146,17 @@ def run(arguments: argparse.Namespace) -> int:
     options = WorkerOptions(arguments.retries, arguments.timeout_s)
     with _workers(arguments) as workers, _Bar() as bar:
         result = run_study(study, folder, workers, options, bar)
-    print("\n".join(_summary(result.rows)))
+    print(*_summary(result.rows), sep="\n")
     kept = f", {result.kept} of them from before" if result.kept else ""
     maps = ", ".join(dict.fromkeys(row.map_name for row in result.rows))
     print(f"{folder.place}/{MANIFEST}: {len(result.rows)} episodes on {maps}{kept}")
     missing = [row for row in result.rows if row.status is not Status.COMPLETE]
-    for row in missing[:_MOST_TOLD]:
+    for row in missing[:_MOST_NAMED]:
         print(f"siren generate: {row.episode}: {row.status}: {row.reason}", file=sys.stderr)
     lacking = [row for row in result.rows if row.status is Status.COMPLETE and row.shortcomings]
-    for row in lacking[: _MOST_TOLD if arguments.strict else 0]:
+    for row in lacking[: _MOST_NAMED if arguments.strict else 0]:
         print(f"siren generate: {row.episode}: {' and '.join(row.shortcomings)}", file=sys.stderr)
-    complete = risk_set is None or make_and_tell(risk_set, Path(folder.place) / RISK_VIDEOS, arguments.workers)
+    complete = risk_set is None or make_and_print(risk_set, Path(folder.place) / RISK_VIDEOS, arguments.workers)
     return EXIT_FAILED if missing or not complete or (arguments.strict and lacking) else EXIT_OK
 
 
@@ -203,15 +203,13 @@ def _draws_of(arguments: argparse.Namespace) -> DrawPlan | None:
     asked = [name for name in ("grid", "random", "lhs") if getattr(arguments, name) is not None]
     if len(asked) > 1:
         raise InputError("draws", " and ".join(asked), "one of grid, random, lhs")
-    if not asked:
-        if arguments.range:
-            raise InputError("range", arguments.range[0], "ranges together with --random or --lhs")
-        return None
-    if asked == ["grid"]:
-        return grid_of(arguments.grid)
+    if not asked and arguments.range:
+        raise InputError("range", arguments.range[0], "ranges together with --random or --lhs")
+    if not asked or asked == ["grid"]:
+        return grid_of(arguments.grid) if asked else None
     method = Method.RANDOM if asked == ["random"] else Method.LATIN_HYPERCUBE
-    plan = DrawPlan(method, samples=getattr(arguments, asked[0]), seed=arguments.draw_seed)
-    return replace(plan, ranges=ranges_of(arguments.range))
+    samples, ranges = getattr(arguments, asked[0]), ranges_of(arguments.range)
+    return DrawPlan(method, samples=samples, ranges=ranges, seed=arguments.draw_seed)
 
 
 class _Bar(StudyObserver):
@@ -242,9 +240,9 @@ class _Bar(StudyObserver):
         self._counts["retried"] += row.attempts - 1
         self._counts[row.status.value] += 1
         self._simulated_s += row.simulated_s
-        told = {name: count for name, count in self._counts.items() if count and name != Status.COMPLETE.value}
-        elapsed_s = self._bar.format_dict["elapsed"]
-        self._bar.set_postfix({"simulated": f"{self._simulated_s / max(elapsed_s, 1e-3):.1f}x", **told}, refresh=False)
+        counts = {name: count for name, count in self._counts.items() if count and name != Status.COMPLETE.value}
+        factor = self._simulated_s / max(self._bar.format_dict["elapsed"], 1e-3)
+        self._bar.set_postfix({"simulated": f"{factor:.1f}x", **counts}, refresh=False)
         self._bar.update(1)
 
 
@@ -258,21 +256,18 @@ def _summary(rows: Iterable[EpisodeRow]) -> Iterator[str]:
     for row in rows:
         groups.setdefault(row.group, []).append(row)
     width = max(map(len, groups), default=0)
-    for group, found in sorted(groups.items()):
-        complete = [row for row in found if row.status is Status.COMPLETE]
+    for group, episodes in sorted(groups.items()):
+        complete = [row for row in episodes if row.status is Status.COMPLETE]
         holds = sum(bool(row.predicate_holds) for row in complete)
         cut = sum(not row.predicate_holds and row.steps < own_steps(row.template, row.values) for row in complete)
         collided = sum(row.collisions > 0 for row in complete)
-        told = [
-            *([f"predicate holds in {holds}/{len(complete) - cut}"] if len(complete) > cut else []),
-            *([f"{cut} cut short by duration_s"] if cut else []),
-            *([f"collisions in {collided}"] if collided else []),
-        ]
+        parts = [f"{len(complete)}/{len(episodes)} complete"]
+        parts += [f"predicate holds in {holds}/{len(complete) - cut}"] if len(complete) > cut else []
+        parts += [f"{cut} cut short by duration_s"] if cut else []
+        parts += [f"collisions in {collided}"] if collided else []
         times = [row.process_s / row.simulated_s for row in complete if row.simulated_s]
         cpu = [row.cpu_s / row.simulated_s for row in complete if row.simulated_s]
-        slowest = f", at most {max(times):.2f} s for a simulated second ({max(cpu):.2f} s of CPU)" if times else ""
-        retried = sum(row.attempts - 1 for row in found)
-        yield (
-            f"{group:<{width}}  {', '.join([f'{len(complete)}/{len(found)} complete', *told])}"
-            f"{slowest}{f', {retried} retried' if retried else ''}"
-        )
+        parts += [f"at most {max(times):.2f} s for a simulated second ({max(cpu):.2f} s of CPU)"] if times else []
+        retried = sum(row.attempts - 1 for row in episodes)
+        parts += [f"{retried} retried"] if retried else []
+        yield f"{group:<{width}}  {', '.join(parts)}"

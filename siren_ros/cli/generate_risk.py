@@ -2,7 +2,7 @@
 
 import argparse
 from collections import Counter
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final, Self
@@ -15,7 +15,7 @@ from siren_ros.evaluation.risk.labels import TITLES, RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import read_set, write_set
 from siren_ros.scenario.episode import MAX_SEED
 from siren_ros.scenario.templates import available_templates
-from siren_ros.studies.risk_set.make_set import MadeSet, RiskSetRequest, SetObserver, make_set
+from siren_ros.studies.risk_set.make_set import RiskSetRequest, SetObserver, make_set
 from siren_ros.studies.risk_set.search import PAPER_COUNTS, PAPER_PER_TEMPLATE, Balance, Counts, Search, papers_balance
 
 _MEANINGS: Final = {
@@ -31,25 +31,22 @@ _MEANINGS: Final = {
 def add_thresholds(verb: argparse.ArgumentParser) -> None:
     """One option for each threshold."""
     group = verb.add_argument_group("thresholds of the labels")
-    for one in fields(RiskThresholds):
-        option = f"--{one.name.replace('_', '-')}"
-        group.add_argument(option, type=float, metavar="X", help=f"{_MEANINGS[one.name]} (default {one.default:g})")
+    for limit in fields(RiskThresholds):
+        option = f"--{limit.name.replace('_', '-')}"
+        group.add_argument(option, type=float, metavar="X", help=f"{_MEANINGS[limit.name]} (default {limit.default:g})")
 
 
 def thresholds_of(arguments: argparse.Namespace, base: RiskThresholds | None = None) -> RiskThresholds:
-    """The thresholds that the options give; what is not given is as in ``base``.
+    """The thresholds that the options give; those that are not given are as in ``base``.
 
     Raises:
         InputError: A value that is not positive.
     """
-    start = base or RiskThresholds()
-    values = {}
-    for one in fields(RiskThresholds):
-        given = getattr(arguments, one.name)
-        if given is not None and not 0.0 < given < float("inf"):
-            raise InputError(one.name, given, "a positive number")
-        values[one.name] = getattr(start, one.name) if given is None else given
-    return RiskThresholds(**values)
+    values = {name: getattr(arguments, name) for name in _MEANINGS if getattr(arguments, name) is not None}
+    for name, value in values.items():
+        if not 0.0 < value < float("inf"):
+            raise InputError(name, value, "a positive number")
+    return replace(base or RiskThresholds(), **values)
 
 
 def add_label(verb: argparse.ArgumentParser) -> None:
@@ -128,7 +125,7 @@ def _counts(text: str) -> Counts:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Makes the set, and says what was found."""
+    """Makes the set and prints its classes."""
     check_numbers(arguments, {"seed": (0, MAX_SEED), "retries": (0, 1000)})
     request = RiskSetRequest(
         templates=tuple(dict.fromkeys(arguments.templates)),
@@ -139,36 +136,32 @@ def run(arguments: argparse.Namespace) -> int:
         retries=arguments.retries,
         thresholds=thresholds_of(arguments),
     )
-    return EXIT_OK if make_and_tell(request, arguments.out, arguments.workers) else EXIT_FAILED
+    return EXIT_OK if make_and_print(request, arguments.out, arguments.workers) else EXIT_FAILED
 
 
-def make_and_tell(request: RiskSetRequest, out: Path, workers: int) -> bool:
-    """Makes a set with progress bars and prints what was found; whether it has the balance that was asked for."""
+def make_and_print(request: RiskSetRequest, out: Path, workers: int) -> bool:
+    """Makes a set with progress bars, prints its classes, and says whether it has the balance that was asked for."""
     with _Bars(request) as bars:
-        made = make_set(request, out, workers, bars)
-    print("\n".join(_summary(made)))
-    counts = [sum(video.label.risk is risk for video in made.videos.videos.values()) for risk in RiskClass]
-    print(f"{out}: {sum(counts)} videos, {' / '.join(map(str, counts))} ({' / '.join(TITLES)})")
-    return tuple(counts) == request.balance.total
+        videos, searches = make_set(request, out, workers, bars)
+    risks = [(video.template, video.label.risk) for video in videos.videos.values()]
+    for name, search in searches.items():
+        counts, found = (
+            " / ".join(str(risks.count((name, risk))) for risk in RiskClass),
+            " / ".join(map(str, search.found)),
+        )
+        print(f"{name}: {counts} of {found} found in {len(search.trials)} candidates")
+    totals = tuple(sum(risk is each for _, each in risks) for risk in RiskClass)
+    print(f"{out}: {sum(totals)} videos, {' / '.join(map(str, totals))} ({' / '.join(TITLES)})")
+    return totals == request.balance.total
 
 
 def balance_of(arguments: argparse.Namespace) -> Balance:
-    """The balance asked for; without one the paper's, scaled to the number of videos."""
-    count = len(dict.fromkeys(arguments.templates))
+    """The balance of the options; without one the paper's, scaled to the number of videos."""
+    count = len(set(arguments.templates))
     if arguments.balance is not None:
         per_template = arguments.per_template or max(1, sum(arguments.balance) // count)
         return Balance(arguments.balance, per_template)
     return papers_balance(count, arguments.per_template or PAPER_PER_TEMPLATE)
-
-
-def _summary(made: MadeSet) -> list[str]:
-    lines = []
-    for name, search in made.searches.items():
-        chosen = [video.label.risk for video in made.videos.videos.values() if video.template == name]
-        counts = " / ".join(str(chosen.count(risk)) for risk in RiskClass)
-        found = " / ".join(map(str, search.found))
-        lines.append(f"{name}: {counts} of {found} found in {len(search.trials)} candidates")
-    return lines
 
 
 class _Bars(SetObserver):

@@ -12,10 +12,10 @@ from tqdm import tqdm
 from siren_ros.errors import EXIT_OK, InputError, SirenError
 from siren_ros.processes.process_pool import ProcessPool
 
-Found = TypeVar("Found")
+Measured = TypeVar("Measured")
 
 
-def of_each_bag(measure: Callable[[Path], Found], bags: Sequence[Path], jobs: int) -> tuple[list[Found], int]:
+def of_each_bag(measure: Callable[[Path], Measured], bags: Sequence[Path], jobs: int) -> tuple[list[Measured], int]:
     """What was measured on the bags that can be read, and the worst exit code; standard error says what is wrong.
 
     Args:
@@ -28,17 +28,14 @@ def of_each_bag(measure: Callable[[Path], Found], bags: Sequence[Path], jobs: in
         tqdm(total=len(bags), unit="episode", desc="evaluate", disable=None) as bar,
     ):
         measured = pool.map(_tried, [(measure, bag) for bag in bags], steps_of(bar))
-    worst, results = EXIT_OK, []
-    for result in measured:
-        if isinstance(result, SirenError):
-            print(f"siren evaluate: {result}", file=sys.stderr)
-            worst = max(worst, result.exit_code)
-        else:
-            results.append(result)
-    return results, worst
+    errors = [result for result in measured if isinstance(result, SirenError)]
+    for error in errors:
+        print(f"siren evaluate: {error}", file=sys.stderr)
+    worst = max((error.exit_code for error in errors), default=EXIT_OK)
+    return [result for result in measured if not isinstance(result, SirenError)], worst
 
 
-def _tried(measure: Callable[[Path], Found], bag: Path) -> Found | SirenError:
+def _tried(measure: Callable[[Path], Measured], bag: Path) -> Measured | SirenError:
     try:
         return measure(bag)
     except SirenError as error:
@@ -110,7 +107,18 @@ def positive(text: str) -> int:
 
 def named_path(text: str) -> tuple[str, Path]:
     """The type of an argument ``NAME=PATH``; argparse prints the error."""
-    name, equals, path = text.partition("=")
-    if not (name and equals and path):
+    name, _, path = text.partition("=")
+    if not (name and path):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=PATH")
     return name, Path(path)
+
+
+def add_named_paths(line: argparse.ArgumentParser, option: str, metavar: str, meaning: str) -> None:
+    """Adds an option such as ``NAME=PATH`` that may be given several times."""
+    meaning = f"{meaning}; may be given several times"
+    line.add_argument(option, type=named_path, action="append", default=[], metavar=metavar, help=meaning)
+
+
+def add_bags(line: argparse.ArgumentParser) -> None:
+    """Adds the argument for ``bags_among``."""
+    line.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")

@@ -6,7 +6,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from siren_ros.cli.options import add_processes, names_in, processes_of, steps_of
-from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
+from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 from siren_ros.study_report.build import build_page
 from siren_ros.study_report.page import html_of
 from siren_ros.study_report.study import DETECTION, MODELS, RISK, PageOptions
@@ -54,7 +54,6 @@ def run(arguments: argparse.Namespace) -> int:
     content = html_of(page)
     with writing(arguments.out):
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(arguments.out) as file:
-            file.write_text(content, encoding="utf-8")
+    write_text(arguments.out, content)
     print(f"{arguments.out}: {len(page.sections)} sections, {len(content) / 1e6:.1f} MB")
     return EXIT_OK

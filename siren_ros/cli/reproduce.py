@@ -1,10 +1,10 @@
 """``siren reproduce``: makes every measured figure, table, picture and film of the documents."""
 
 import argparse
-import os
 from pathlib import Path
 from typing import Final
 
+from siren_ros.cli.options import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.params.resources import params_dir
 from siren_ros.reproduction.documents import write_blocks
@@ -16,7 +16,7 @@ _RESULTS: Final = Path("docs", "results.json")
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Makes every measured figure, table, picture and film of the documents, part by part, and writes "
         "docs/results.json. It says first how long each part takes. It makes a part again only if its commands, its "
@@ -26,13 +26,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--only", nargs="+", default=(), metavar="PART", help="only these parts and those that they need")
     verb.add_argument("--list", action="store_true", help="only list what would be made")
     verb.add_argument("--out", type=Path, default=Path("reproduction"), metavar="DIR", help="folder for the work")
-    verb.add_argument(
-        "--workers",
-        type=int,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="processes (default: one for each processor)",
-    )
+    add_processes(verb, "--workers")
     verb.set_defaults(run=run)
 
 

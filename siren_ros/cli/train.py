@@ -3,6 +3,8 @@
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
@@ -24,8 +26,7 @@ from siren_ros.training.prediction.training import (
     train_variant,
     with_ablations,
 )
-from siren_ros.training.risk.plan import FilmPlanSize, plan_films
-from siren_ros.training.risk.samples import make_films
+from siren_ros.training.risk.samples import FilmPlanSize, make_films, plan_films
 from siren_ros.training.risk.training import train_sequence_model
 from siren_ros.training.settings import DetectionFit, FilmFitConfig, FitConfig
 
@@ -39,23 +40,15 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = "Trains the models that ship with the project."
     tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
-    _add_prediction(_task(tasks, "prediction", "the trajectory predictor siren", FitConfig(), train_prediction))
-    _add_detection(_task(tasks, "detection", "the LiDAR detector pillars", DetectionFit(), train_detection))
-    _add_risk(_task(tasks, "risk", "the sequence model of risk videos", FilmFitConfig(), train_risk))
+    _add_prediction(_task(tasks, "prediction", "the trajectory predictor siren", train_prediction))
+    _add_detection(_task(tasks, "detection", "the LiDAR detector pillars", train_detection))
+    _add_risk(_task(tasks, "risk", "the sequence model of risk videos", train_risk))
 
 
-def _task(
-    tasks: Any,
-    name: str,
-    summary: str,
-    config: FitConfig | DetectionFit | FilmFitConfig,
-    train: Callable[[argparse.Namespace, Any], int],
-) -> argparse.ArgumentParser:
+def _task(tasks: Any, name: str, summary: str, train: Callable[[argparse.Namespace, Any], int]) -> Any:
     """A task with the options that every training has."""
-    task: argparse.ArgumentParser = tasks.add_parser(name, help=summary)
-    task.add_argument(
-        "--seed", type=int, default=config.seed, metavar="N", help="seed of the training (default %(default)s)"
-    )
+    task = tasks.add_parser(name, help=summary)
+    task.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the training (default %(default)s)")
     task.set_defaults(run=run, task=name, train=train)
     return task
 
@@ -83,7 +76,7 @@ def fitter_of(task: str) -> Any:
         raise InputError("environment", f"no {error.name}", f"the extra models, as {runs} brings it") from error
 
 
-def _made(
+def _with_bar(
     make: Callable[[Sequence[Planned], Path, int, Callable[[], None]], MadeFiles[Planned]],
     plan: Sequence[Planned],
     folder: Path,
@@ -99,8 +92,7 @@ def _made(
     return data
 
 
-def _tell(line: str) -> None:
-    print(line, flush=True)
+_print: Final = partial(print, flush=True)
 
 
 def _add_prediction(task: argparse.ArgumentParser) -> None:
@@ -118,47 +110,34 @@ def _add_prediction(task: argparse.ArgumentParser) -> None:
         "--maps", nargs="+", default=[_TOWN], metavar="FILE", help="maps to train on; town is built in (default)"
     )
     task.add_argument("--held-out-maps", nargs="+", default=[], metavar="FILE", help="maps for evaluation only")
-    size, config = PlanSize(), FitConfig()
-    for name, default in (("train", size.train), ("validation", size.validation), ("test", size.test)):
-        task.add_argument(
-            f"--{name}-seeds",
-            type=int,
-            default=default,
-            metavar="N",
-            help=f"seeds of each template and map for {name} (default {default})",
-        )
+    config = FitConfig()
+    for name, default in asdict(PlanSize()).items():
+        meaning = f"seeds of each template and map for {name} (default {default})"
+        task.add_argument(f"--{name}-seeds", type=int, default=default, metavar="N", help=meaning)
     add_processes(task)
     task.add_argument(
         "--epochs", type=int, default=config.epochs, metavar="N", help="passes over the samples (default %(default)s)"
     )
     task.add_argument("--device", default=config.device, metavar="NAME", help="cpu (default) or cuda")
-    task.add_argument(
-        "--variants",
-        nargs="+",
-        default=[FULL],
-        choices=list(VARIANTS),
-        help=f"variants to train: {', '.join(f'{name} ({one.summary})' for name, one in VARIANTS.items())}",
-    )
+    meaning = f"variants to train: {', '.join(f'{name} ({variant.summary})' for name, variant in VARIANTS.items())}"
+    task.add_argument("--variants", nargs="+", default=[FULL], choices=list(VARIANTS), help=meaning)
 
 
 def train_prediction(arguments: argparse.Namespace, fitter: Any) -> int:
     """Makes the data, trains every variant, prints its figures."""
-    seeds = (0, _SEED_COUNTS)
-    check_numbers(
-        arguments,
-        {"train_seeds": (1, _SEED_COUNTS), "validation_seeds": seeds, "test_seeds": seeds, "epochs": (1, 1e9)},
-    )
+    limits = {"validation_seeds": (0, _SEED_COUNTS), "test_seeds": (0, _SEED_COUNTS), "epochs": (1, 1e9)}
+    check_numbers(arguments, {"train_seeds": (1, _SEED_COUNTS), **limits})
     size = PlanSize(arguments.train_seeds, arguments.validation_seeds, arguments.test_seeds)
     maps, held_out = (
         ["" if name == _TOWN else name for name in names] for names in (arguments.maps, arguments.held_out_maps)
     )
     cache = arguments.cache or arguments.out / "cache"
-    data = _made(make_samples, plan_episodes(maps, held_out, size), cache, processes_of(arguments), "episode")
+    data = _with_bar(make_samples, plan_episodes(maps, held_out, size), cache, processes_of(arguments), "episode")
     config = FitConfig(seed=arguments.seed, epochs=arguments.epochs, device=arguments.device)
     trained: dict[str, TrainedVariant] = {}
     for name in dict.fromkeys(arguments.variants):
-        trained[name] = train_variant(name, data, arguments.out, config, fitter, _tell)
-        print("\n".join(_figures(name, trained[name])), flush=True)
+        trained[name] = train_variant(name, data, arguments.out, config, fitter, _print)
+        _print(*_figures(name, trained[name]), sep="\n")
     if FULL in trained and len(trained) > 1:
         with_ablations(trained[FULL], [other for name, other in trained.items() if name != FULL])
     return EXIT_FAILED if any(not reason.startswith("map:") for _, reason in data.missing) else EXIT_OK
@@ -185,18 +164,14 @@ def _add_detection(task: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="BAG",
-        help="folder of a recorded episode with a LiDAR, folder of such folders, or frames of the cache (.npz)",
+        help="bags with a LiDAR, folders with such bags, or frames of the cache (.npz)",
     )
     task.add_argument(
         "--out", type=Path, required=True, metavar="FILE.onnx", help="file for the detector; its card lies next to it"
     )
     task.add_argument("--held-out", type=Path, nargs="+", default=[], metavar="BAG", help="bags only for evaluation")
-    task.add_argument(
-        "--cache",
-        type=Path,
-        metavar="DIR",
-        help="folder of frames and checkpoint (default: FILE_training next to FILE)",
-    )
+    meaning = "folder of frames and checkpoint (default: FILE_training next to FILE)"
+    task.add_argument("--cache", type=Path, metavar="DIR", help=meaning)
     task.add_argument(
         "--steps", type=int, default=config.steps, metavar="N", help="steps of the optimiser (default %(default)s)"
     )
@@ -220,14 +195,14 @@ def train_detection(arguments: argparse.Namespace, fitter: Any) -> int:
         threads=arguments.threads,
         minutes=arguments.minutes,
     )
-    card = train_detector(training, fitter, _tell)
+    card = train_detector(training, fitter, _print)
     if card is None:
-        _tell("stopped; the same command continues from here")
+        _print("stopped; the same command continues from here")
         return EXIT_OK
-    _tell(f"{out} ({card['parameters']} parameters, sha256 {card['sha256'][:16]})")
+    _print(f"{out} ({card['parameters']} parameters, sha256 {card['sha256'][:16]})")
     for split, figures in card["figures"].items():
         values = ", ".join(f"{name} {value:.3f}" for name, value in figures["mAP"].items())
-        _tell(f"{split.replace('_', ' ')}: {figures['episodes']} episodes, mAP {values}")
+        _print(f"{split.replace('_', ' ')}: {figures['episodes']} episodes, mAP {values}")
     return EXIT_OK
 
 
@@ -240,34 +215,23 @@ def _add_risk(task: argparse.ArgumentParser) -> None:
     task.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the weights and the card")
     task.add_argument("--cache", type=Path, metavar="DIR", help="folder of the films (default OUT/cache)")
     size, config = FilmPlanSize(), FilmFitConfig()
-    task.add_argument(
-        "--train",
-        dest="train_films",
-        type=positive,
-        default=size.train,
-        metavar="N",
-        help="films of each template (default %(default)s)",
-    )
-    task.add_argument(
-        "--validation", type=positive, default=size.validation, metavar="N", help="likewise (default %(default)s)"
-    )
+    for option, name, default, what in (
+        ("--train", "train_films", size.train, "films of each template"),
+        ("--validation", "validation", size.validation, "validation films of each template"),
+        ("--epochs", "epochs", config.epochs, "passes over the films"),
+    ):
+        meaning = f"{what} (default %(default)s)"
+        task.add_argument(option, dest=name, type=positive, default=default, metavar="N", help=meaning)
     add_processes(task, kind=positive)
-    task.add_argument(
-        "--epochs",
-        type=positive,
-        default=config.epochs,
-        metavar="N",
-        help="passes over the films (default %(default)s)",
-    )
 
 
 def train_risk(arguments: argparse.Namespace, fitter: Any) -> int:
     """Makes the films, trains, says how it does on the validation films."""
     plan = plan_films(FilmPlanSize(arguments.train_films, arguments.validation))
-    films = _made(make_films, plan, arguments.cache or arguments.out / "cache", arguments.jobs, "film")
+    films = _with_bar(make_films, plan, arguments.cache or arguments.out / "cache", arguments.jobs, "film")
     config = FilmFitConfig(seed=arguments.seed, epochs=arguments.epochs)
     path = arguments.out / "sequence.onnx"
-    model = train_sequence_model(films, path, config, fitter, _tell)
+    model = train_sequence_model(films, path, config, fitter, _print)
     figures = model.network.card["validation"]
     print(f"{path} ({model.network.card['parameters']} parameters)")
     print(f"validation: accuracy {figures['accuracy']:.1%}, macro F1 {figures['macro_f1']:.1%}, {figures['confusion']}")

@@ -37,15 +37,10 @@ class InputFiles(Protocol):
     """A source of parameter files."""
 
     def read(self, parameter: str, folder: str, name: str) -> InputFile:
-        """One file.
-
-        Args:
-            parameter: Name of the parameter that the user set, for the error.
-            folder: Folder below ``params``.
-            name: Name of a file in it, or the path of a YAML file.
+        """A file by its name in a folder below ``params``, or by the path of a YAML file.
 
         Raises:
-            InputError: There is no such file, or it cannot be read.
+            InputError: There is no such file, or it cannot be read; names the parameter that the user set.
         """
 
 

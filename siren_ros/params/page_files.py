@@ -7,13 +7,7 @@ from siren_ros.params.resources import params_dir
 
 
 def page_template(page: str, *, trim_blocks: bool = False, keep_trailing_newline: bool = False) -> Template:
-    """The template of a page; values are escaped, and one that is missing is an error.
-
-    Args:
-        page: Folder of its parts.
-        trim_blocks: Whether the end of a line after a block is left out.
-        keep_trailing_newline: Whether the page ends with the end of a line.
-    """
+    """The template in a page's folder; values are escaped, and a missing value is an error. Options as jinja2's."""
     environment = Environment(
         loader=FileSystemLoader(params_dir() / "pages" / page),
         autoescape=True,

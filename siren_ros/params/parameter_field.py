@@ -19,12 +19,7 @@ def parameter(
 ) -> Any:
     """A dataclass field whose metadata say what a user has to know to set it.
 
-    Args:
-        default: Its value unless the user sets it; a list is copied for every instance.
-        description: One sentence.
-        minimum: Least number, if there is one.
-        maximum: Largest number, if there is one.
-        choices: All allowed values, if they can be counted.
+    A default that is a list is copied for every instance. ``choices`` are all allowed values, if they can be counted.
     """
     metadata = {"description": description, "minimum": minimum, "maximum": maximum, "choices": tuple(choices)}
     if isinstance(default, list):
@@ -37,9 +32,8 @@ def allowed_text(field: "dataclasses.Field[Any]", kind: type) -> str:
     low, high, choices = (field.metadata.get(key) for key in ("minimum", "maximum", "choices"))
     if choices:
         return "one of " + ", ".join(repr(choice) for choice in choices)
-    name = {bool: "true or false", int: "an integer", float: "a number", str: "a string", list: "a list of strings"}[
-        kind
-    ]
+    names = {bool: "true or false", int: "an integer", float: "a number", str: "a string", list: "a list of strings"}
+    name = names[kind]
     if low is not None and high is not None:
         return f"{name} from {low:.12g} to {high:.12g}"
     if low is not None:

@@ -51,20 +51,16 @@ def reason_of(error: yaml.YAMLError) -> str:
     return " ".join(str(error).split())
 
 
-def _refuse_unfolding(text: str) -> None:
-    """Look at the events first: aliases may unfold without end, and deep nesting exhausts the stack."""
-    depth = 0
-    for event in yaml.parse(text, Loader=_LOADER):
-        if isinstance(event, yaml.AliasEvent):
-            raise yaml.YAMLError("an alias; write the value out")
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > MAX_DEPTH:
-            raise yaml.YAMLError(f"more than {MAX_DEPTH} levels")
-
-
 def _guarded(action: Callable[[], Any], text: str) -> Any:
+    """Looks at the events first: aliases may unfold without end, and deep nesting exhausts the stack."""
+    depth = 0
     try:
-        _refuse_unfolding(text)
+        for event in yaml.parse(text, Loader=_LOADER):
+            if isinstance(event, yaml.AliasEvent):
+                raise yaml.YAMLError("an alias; write the value out")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > MAX_DEPTH:
+                raise yaml.YAMLError(f"more than {MAX_DEPTH} levels")
         return action()
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError) as error:
         # PyYAML lets through what its conversions raise, for example on the date 2001-99-99.

@@ -36,9 +36,8 @@ def find_params_dir(package_file: Path, ament_prefix_path: str) -> Path:
         installed = prefix / "share" / PACKAGE / "params"
         if installed.is_dir():
             return installed
-    raise InputError(
-        "installation", str(package_dir), f"one with params/ beside it or share/{PACKAGE}/params in its prefix"
-    )
+    allowed = f"one with params/ beside it or share/{PACKAGE}/params in its prefix"
+    raise InputError("installation", str(package_dir), allowed)
 
 
 @cache
@@ -51,19 +50,11 @@ def params_dir() -> Path:
     return find_params_dir(Path(__file__).parents[1] / "__init__.py", os.environ.get("AMENT_PREFIX_PATH", ""))
 
 
-__all__ = ["named_params_file", "names_in_params", "params_dir"]
-
-
 def named_params_file(parameter: str, folder: str, name_or_path: str) -> Path:
-    """The file ``params/<folder>/<name>.yaml``, or a path to a YAML file given as such.
-
-    Args:
-        parameter: Name of the parameter that the user set, for the error.
-        folder: Folder below ``params``.
-        name_or_path: ``S2``, or a path that ends in ``.yaml`` or ``.yml``.
+    """The file ``params/<folder>/<name>.yaml``, or a file whose path ends in ``.yaml`` or ``.yml``.
 
     Raises:
-        InputError: no such file; lists the names that there are.
+        InputError: No such file; names the parameter that the user set, and lists the names that there are.
     """
     available = names_in_params(folder)
     if name_or_path in available:

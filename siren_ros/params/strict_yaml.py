@@ -50,36 +50,36 @@ class StrictMapping:
         """Whether a key's value is a mapping, for keys that may also be texts."""
         return isinstance(self.values.get(key), yaml.MappingNode)
 
-    def _take(self, key: str, wanted: str) -> yaml.Node:
+    def _take(self, key: str, allowed: str) -> yaml.Node:
         self._known.append(key)
         if key not in self.values:
-            raise InputError(self.where(key), None, f"{wanted}; the key is missing")
+            raise InputError(self.where(key), None, f"{allowed}; the key is missing")
         return self.values[key]
 
-    def _scalar(self, key: str, tags: tuple[str, ...], wanted: str) -> str:
-        node = self._take(key, wanted)
+    def _scalar(self, key: str, tags: tuple[str, ...], allowed: str) -> str:
+        node = self._take(key, allowed)
         if not isinstance(node, yaml.ScalarNode) or node.tag not in {_TAG + tag for tag in tags}:
-            raise InputError(self.where(key), _shown(node), wanted)
+            raise InputError(self.where(key), _shown(node), allowed)
         return str(node.value)
 
     def number(self, key: str, low: float, high: float) -> float:
         """A finite number within ``[low, high]``."""
-        wanted = f"a number from {low:g} to {high:g}"
-        value = _float(self._scalar(key, ("int", "float"), wanted))
+        allowed = f"a number from {low:g} to {high:g}"
+        value = _float(self._scalar(key, ("int", "float"), allowed))
         if not low <= value <= high:
-            raise InputError(self.where(key), value, wanted)
+            raise InputError(self.where(key), value, allowed)
         return value
 
     def integer(self, key: str, low: int, high: int) -> int:
         """A whole number within ``[low, high]``."""
-        wanted = f"a whole number from {low} to {high}"
-        text = self._scalar(key, ("int",), wanted)
+        allowed = f"a whole number from {low} to {high}"
+        text = self._scalar(key, ("int",), allowed)
         try:
             value = int(text.replace("_", ""), 0)
         except ValueError as error:  # YAML's other notations: 017, 1:30
-            raise InputError(self.where(key), text, wanted) from error
+            raise InputError(self.where(key), text, allowed) from error
         if not low <= value <= high:
-            raise InputError(self.where(key), value, wanted)
+            raise InputError(self.where(key), value, allowed)
         return value
 
     def flag(self, key: str, default: bool | None = None) -> bool:
@@ -88,13 +88,13 @@ class StrictMapping:
             return default
         return self._scalar(key, ("bool",), "true or false").lower() in {"true", "yes", "on"}
 
-    def text(self, key: str, allowed: Iterable[str] | None = None) -> str:
-        """A text, one of the allowed ones where these are given."""
-        choices = None if allowed is None else tuple(allowed)
-        wanted = "a text that is not empty" if choices is None else f"one of {', '.join(choices)}"
-        value = self._scalar(key, ("str",), wanted)
-        if not value or (choices is not None and value not in choices):
-            raise InputError(self.where(key), value, wanted)
+    def text(self, key: str, choices: Iterable[str] | None = None) -> str:
+        """A text, one of the choices where these are given."""
+        known = None if choices is None else tuple(choices)
+        allowed = "a text that is not empty" if known is None else f"one of {', '.join(known)}"
+        value = self._scalar(key, ("str",), allowed)
+        if not value or (known is not None and value not in known):
+            raise InputError(self.where(key), value, allowed)
         return value
 
     def mapping(self, key: str) -> "StrictMapping":
@@ -109,34 +109,34 @@ class StrictMapping:
         node = self._take(key, "a list of mappings")
         if not isinstance(node, yaml.SequenceNode):
             raise InputError(self.where(key), _shown(node), "a list of mappings")
-        found = []
+        mappings = []
         for position, item in enumerate(node.value):
             if not isinstance(item, yaml.MappingNode):
                 raise InputError(self.where(f"{key}[{position}]", item), _shown(item), "a mapping")
-            found.append(StrictMapping(self.file, f"{self.path}.{key}[{position}]".lstrip("."), item))
-        return tuple(found)
+            mappings.append(StrictMapping(self.file, f"{self.path}.{key}[{position}]".lstrip("."), item))
+        return tuple(mappings)
 
     def numbers(self, key: str, count: int, low: float, high: float) -> tuple[float, ...]:
         """A list of ``count`` numbers within ``[low, high]``."""
-        wanted = f"a list of {count} numbers from {low:g} to {high:g}"
-        node = self._take(key, wanted)
+        allowed = f"a list of {count} numbers from {low:g} to {high:g}"
+        node = self._take(key, allowed)
         if not isinstance(node, yaml.SequenceNode) or len(node.value) != count:
-            raise InputError(self.where(key), _shown(node), wanted)
+            raise InputError(self.where(key), _shown(node), allowed)
         values = []
         for item in node.value:
             numeric = isinstance(item, yaml.ScalarNode) and item.tag in {_TAG + "int", _TAG + "float"}
             if not numeric or not low <= _float(item.value) <= high:
-                raise InputError(self.where(key, item), _shown(item), wanted)
+                raise InputError(self.where(key, item), _shown(item), allowed)
             values.append(_float(item.value))
         return tuple(values)
 
     def words(self, key: str) -> tuple[str, ...]:
         """A scalar, or a list of scalars, as they are written."""
-        wanted = "a word, or a list of words"
-        node = self._take(key, wanted)
+        allowed = "a word, or a list of words"
+        node = self._take(key, allowed)
         items = node.value if isinstance(node, yaml.SequenceNode) else [node]
         if not items or not all(isinstance(item, yaml.ScalarNode) and item.value for item in items):
-            raise InputError(self.where(key), _shown(node), wanted)
+            raise InputError(self.where(key), _shown(node), allowed)
         return tuple(str(item.value) for item in items)
 
     def finish(self) -> None:
@@ -181,11 +181,7 @@ def read_strict_yaml(file: Path) -> StrictMapping:
 
 
 def parse_strict_yaml(text: str, file: str) -> StrictMapping:
-    """The top-level mapping of a YAML text.
-
-    Args:
-        text: The document.
-        file: Name of its file, for errors.
+    """The top-level mapping of a YAML text; errors name the file.
 
     Raises:
         InputError: the text is not YAML, or does not hold a mapping; names file and line.
@@ -195,9 +191,8 @@ def parse_strict_yaml(text: str, file: str) -> StrictMapping:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = "" if mark is None else f":{mark.line + 1}"
-        raise InputError(
-            f"{file}{line}", getattr(error, "problem", None) or str(error) or "text", "valid YAML"
-        ) from error
+        problem = getattr(error, "problem", None) or str(error) or "text"
+        raise InputError(f"{file}{line}", problem, "valid YAML") from error
     if not isinstance(root, yaml.MappingNode):
         raise InputError(file, "no mapping" if root is None else _shown(root), "a YAML mapping at the top")
     return StrictMapping(file, "", root)

@@ -1,1 +1,1 @@
-"""Work in processes of its own or side by side: progress, killed and hanging workers, order."""
+"""Work in other processes or side by side: progress, killed and hanging workers, order."""

@@ -66,7 +66,7 @@ class ProcessPool:
 
         Args:
             processes: How many run at once. A pool of one runs its functions in this process, unless it is fresh.
-            progress: Is called with the steps of ``simulated_time`` of all processes.
+            progress: Called with the steps of ``simulated_time`` of all processes.
             fresh: Whether each call has a new process, so that a crash, a hang or a kill costs this call alone.
             preload: Module that fresh processes have loaded already, so that they start in hundredths of a second.
         """
@@ -90,11 +90,10 @@ class ProcessPool:
         if not self._fresh and self._processes <= 1:
             _report = self._progress
             return self
-        if multiprocessing.current_process().daemon:
-            allowed = (
-                "a worker that may start processes: set DASK_DISTRIBUTED__WORKER__DAEMON=False, or start it --no-nanny"
-            )
-            raise InputError("worker", multiprocessing.current_process().name, allowed)
+        worker = multiprocessing.current_process()
+        if worker.daemon:
+            how = "set DASK_DISTRIBUTED__WORKER__DAEMON=False, or start it --no-nanny"
+            raise InputError("worker", worker.name, f"a worker that may start processes: {how}")
         with suppress(BrokenProcessPool):  # the first call starts it again
             self._running_pool()
         return self
@@ -151,12 +150,9 @@ class ProcessPool:
     def map(
         self, function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], done: Callable[[], None] = lambda: None
     ) -> list[Result]:
-        """Calls a function many times; the results are in the order of the calls.
+        """Calls a function of a module many times; the results are in the order of the calls.
 
-        Args:
-            function: Of a module, so that another process finds it.
-            calls: Its arguments, which can be pickled.
-            done: Called after each call.
+        The arguments can be pickled. ``done`` is called after each call.
 
         Raises:
             Exception: What a call raises; the others are ended.
@@ -181,12 +177,9 @@ class ProcessPool:
             self._progress(self._reports.recv())
 
     def call(self, function: Callable[..., Result], *arguments: Any, timeout_s: float = TIMEOUT_S) -> Result:
-        """Calls a function in a process and waits for its answer. Threads may call at the same time.
+        """Calls a function of a module in a process and waits for its answer. Threads may call at the same time.
 
-        Args:
-            function: Of a module, so that the process finds it.
-            arguments: Its arguments, which can be pickled.
-            timeout_s: Wall time after which the process is killed.
+        The arguments can be pickled. The process is killed after the wall time ``timeout_s``.
 
         Raises:
             SirenError: What the function raises; another attempt would raise it again.

@@ -46,10 +46,8 @@ def side_by_side(
 ) -> dict[Item, Result]:
     """The results of independent tasks, by their keys. The first error ends those that have not begun, and is raised.
 
-    Args:
-        tasks: By their keys. They run in threads, where they wait for processes or for servers.
-        workers: How many run at once.
-        stop: Called after an error, before the tasks that run are awaited: ends what they wait for.
+    The tasks run in threads, where they wait for processes or for servers. After an error ``stop`` ends what they wait
+    for, before they are awaited.
     """
     with ThreadPoolExecutor(workers, "task") as threads:
         try:

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from siren_ros.errors import InputError, whole_file
-from siren_ros.reproduction.results import Figure, PartResult
+from siren_ros.errors import InputError, write_text
+from siren_ros.reproduction.results import PartResult
 
 _MARK: Final = re.compile(r"\{\{ *([\w-]+)\.([^\s:{}]+?)(?::([^\s{}]+))? *\}\}")
 _BLOCK: Final = re.compile(r"(<!-- results: (\S+) -->\n).*?(<!-- end of results -->)", re.DOTALL)
@@ -28,15 +28,11 @@ def filled(text: str, results: Mapping[str, PartResult], document: str) -> str:
         if part not in results or name not in results[part].figures:
             raise InputError(where, mark.group(0), "a figure of docs/results.json")
         try:
-            return _shown(results[part].figures[name], form)
+            return format(results[part].figures[name], form or "")
         except ValueError as error:
             raise InputError(where, mark.group(0), f"a format that fits; {error}") from error
 
     return _MARK.sub(figure, text)
-
-
-def _shown(value: Figure, form: str | None) -> str:
-    return format(value, form) if form else str(value)
 
 
 def marks_in(text: str) -> Iterator[tuple[str, str, str | None]]:
@@ -53,30 +49,28 @@ def write_blocks(document: Path, results: Mapping[str, PartResult]) -> bool:
     """
     text = document.read_text(encoding="utf-8")
 
-    def block(found: re.Match[str]) -> str:
-        source = document.parent / found.group(2)
-        return found.group(1) + filled(source.read_text(encoding="utf-8"), results, found.group(2)) + found.group(3)
+    def block(match: re.Match[str]) -> str:
+        begin, source, end = match.groups()
+        return begin + filled((document.parent / source).read_text(encoding="utf-8"), results, source) + end
 
     written = _BLOCK.sub(block, text)
     if written != text:
-        with whole_file(document) as path:
-            path.write_text(written, encoding="utf-8")
+        write_text(document, written)
     return written != text
 
 
 def unmarked_figures(text: str, marked: Mapping[str, str]) -> list[str]:
-    """Numbers of a document that are written by hand although they are measured.
+    """``LINE: NUMBER, write MARK`` for the numbers of a document that are written by hand although they are measured.
+
+    They have at least three digits and a decimal point.
 
     Args:
         text: The document without its blocks of code.
         marked: The figures that documents show, as they show them, with the mark of each.
-
-    Returns:
-        ``LINE: NUMBER, write MARK`` for each number with at least three digits and a decimal point that equals one.
     """
     return [
-        f"{number}: {literal.group(0)}, write {marked[literal.group(0)]}"
+        f"{number}: {literal}, write {marked[literal]}"
         for number, line in enumerate(text.splitlines(), 1)
-        for literal in _LITERAL.finditer(line)
-        if len(literal.group(0)) > _LEAST_DIGITS and literal.group(0) in marked
+        for literal in _LITERAL.findall(line)
+        if len(literal) > _LEAST_DIGITS and literal in marked
     ]

@@ -75,8 +75,8 @@ class Reproduction:
             above = [steps[need] for need in part.needs]
             missing = (*part.missing(self.repository), *(step.part.name for step in above if step.missing))
             sha = "" if missing else inputs_sha256(part, self.repository, [step.inputs_sha256 for step in above])
-            made = part.name in results and results[part.name].inputs_sha256 == sha
-            steps[part.name] = Step(part, sha, missing, not missing and not made)
+            unchanged = part.name in results and results[part.name].inputs_sha256 == sha
+            steps[part.name] = Step(part, sha, missing, not missing and not unchanged)
         read = {need for step in steps.values() if step.due for need in step.part.needs}
         for name in reversed(steps):
             if name in read and not self._work_of(steps[name]):
@@ -90,11 +90,7 @@ class Reproduction:
         return stamp.is_file() and stamp.read_text(encoding="utf-8") == step.inputs_sha256
 
     def make(self, steps: Sequence[Step], say: Say) -> list[str]:
-        """Makes what is due; a part that fails does not stop those that do not need it.
-
-        Returns:
-            A line for each part that failed.
-        """
+        """Makes what is due, and gives a line for each part that failed; it does not stop those that do not need it."""
         for step in steps:
             say(str(step))
         due = [step for step in steps if step.due]
@@ -150,11 +146,11 @@ class Reproduction:
             figures |= figures_in(_json(folder / source.path), source.keep, source.prefix, source.leave_out)
             figures |= dict(_ratio(text, figures) for text in source.ratios)
             figures |= dict(_mean(text, figures) for text in source.means)
-        for made in part.made:
-            if not (folder / made.source).is_file():
-                raise PartError(f"{made.source} was not written")
-        for made in part.made:
-            shutil.copyfile(folder / made.source, self.repository / made.target)
+        for target in part.targets:
+            if not (folder / target.source).is_file():
+                raise PartError(f"{target.source} was not written")
+        for target in part.targets:
+            shutil.copyfile(folder / target.source, self.repository / target.target)
         return PartResult(step.inputs_sha256, part.commands, card, round(minutes, 1), figures)
 
     def _run(self, command: str, log: Path) -> None:
@@ -186,7 +182,7 @@ def _mean(text: str, figures: Mapping[str, Figure]) -> tuple[str, Figure]:
     """The figure of ``NAME=PATTERN``."""
     name, _, pattern = text.partition("=")
     try:
-        return name, fmean(float(value) for each, value in figures.items() if fnmatchcase(each, pattern))
+        return name, fmean(float(value) for figure, value in figures.items() if fnmatchcase(figure, pattern))
     except ValueError as error:
         raise PartError(f"{text}: {error}") from error
 

@@ -35,7 +35,7 @@ class FigureFile:
 
 
 @dataclass(frozen=True)
-class MadeFile:
+class TargetFile:
     """A file of the repository that a part makes: a picture, a film, trained weights."""
 
     source: str
@@ -61,7 +61,7 @@ class Part:
     commands: tuple[str, ...]
     """``{out}`` is the part's folder, ``{NAME}`` that of the needed part NAME, ``{workers}`` a number."""
     figures: tuple[FigureFile, ...]
-    made: tuple[MadeFile, ...]
+    targets: tuple[TargetFile, ...]
 
     def missing(self, repository: Path) -> tuple[str, ...]:
         """Files that the part needs and that are not there."""
@@ -99,46 +99,45 @@ def _part(entry: StrictMapping, code: Mapping[str, tuple[str, ...]]) -> Part:
         if name not in code:
             raise InputError(entry.where("code"), name, f"one of {', '.join(code)}")
     figures = entry.mappings("figures") if entry.has("figures") else ()
-    made = entry.mappings("made") if entry.has("made") else ()
+    targets = entry.mappings("made") if entry.has("made") else ()
     part = Part(
         name=entry.text("name"),
         about=entry.text("about"),
         minutes=entry.number("minutes", 0.0, _MOST_MINUTES),
-        needs=entry.words("needs") if entry.has("needs") else (),
+        needs=_words(entry, "needs"),
         code=tuple(path for name in named for path in code[name]),
-        files=entry.words("files") if entry.has("files") else (),
+        files=_words(entry, "files"),
         commands=entry.words("commands"),
         figures=tuple(
             FigureFile(
-                each.text("file"),
-                each.words("keep"),
-                each.text("prefix") if each.has("prefix") else "",
-                each.words("leave_out") if each.has("leave_out") else (),
-                each.words("ratios") if each.has("ratios") else (),
-                each.words("means") if each.has("means") else (),
+                source.text("file"),
+                source.words("keep"),
+                source.text("prefix") if source.has("prefix") else "",
+                *(_words(source, key) for key in ("leave_out", "ratios", "means")),
             )
-            for each in figures
+            for source in figures
         ),
-        made=tuple(MadeFile(each.text("from"), each.text("to")) for each in made),
+        targets=tuple(TargetFile(target.text("from"), target.text("to")) for target in targets),
     )
-    for mapping in (*figures, *made, entry):
+    for mapping in (*figures, *targets, entry):
         mapping.finish()
     return part
+
+
+def _words(mapping: StrictMapping, key: str) -> tuple[str, ...]:
+    """An optional list."""
+    return mapping.words(key) if mapping.has(key) else ()
 
 
 def inputs_sha256(part: Part, repository: Path, needed: Iterable[str]) -> str:
     """A hash of what decides a part: commands, code, outside files, and the hashes of the parts that it needs."""
     digest = hashlib.sha256(json.dumps([part.commands, part.files, list(needed)]).encode())
-    for path in sorted(file for name in (*part.code, *part.files) for file in _files_below(repository / name)):
-        digest.update(f"\0{path.name}\0".encode())
-        digest.update(path.read_bytes())
+    roots = [repository / name for name in (*part.code, *part.files)]
+    for path in sorted(file for root in roots for file in ([root] if root.is_file() else root.rglob("*"))):
+        if path.is_file() and "__pycache__" not in path.parts:
+            digest.update(f"\0{path.name}\0".encode())
+            digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-def _files_below(path: Path) -> list[Path]:
-    if path.is_file():
-        return [path]
-    return [file for file in path.rglob("*") if file.is_file() and "__pycache__" not in file.parts]
 
 
 def shown_minutes(minutes: float) -> str:

@@ -4,13 +4,14 @@ import json
 import os
 import platform
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from fnmatch import fnmatchcase
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from siren_ros.errors import InputError, whole_file
+from siren_ros.errors import InputError, write_text
 
 Figure = float | int | str
 _VERSIONS: Final = ("numpy", "libsumo", "numba", "onnxruntime")
@@ -43,14 +44,9 @@ def read_results(file: Path) -> dict[str, PartResult]:
         return {}
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
+        kinds = {"inputs_sha256": str, "commands": tuple, "machine": dict, "minutes": float, "figures": dict}
         return {
-            name: PartResult(
-                str(part["inputs_sha256"]),
-                tuple(part["commands"]),
-                dict(part["machine"]),
-                float(part["minutes"]),
-                dict(part["figures"]),
-            )
+            name: PartResult(**{key: kind(part[key]) for key, kind in kinds.items()})
             for name, part in stored["parts"].items()
         }
     except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -60,8 +56,7 @@ def read_results(file: Path) -> dict[str, PartResult]:
 def write_results(file: Path, results: Mapping[str, PartResult]) -> None:
     """Writes the results whole; names are sorted, so that a change shows as few lines."""
     content = {"parts": {name: asdict(part) for name, part in sorted(results.items())}}
-    with whole_file(file) as path:
-        path.write_text(json.dumps(content, indent=1, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_text(file, json.dumps(content, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
 
 
 def machine() -> dict[str, str]:
@@ -69,26 +64,20 @@ def machine() -> dict[str, str]:
 
     The load is the mean number of waiting processes in the last minute: times mean little where it exceeds the cores.
     """
-    found = {
+    lines: list[str] = []
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    processors = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    card = {
         "cores": str(os.cpu_count()),
         "load": f"{os.getloadavg()[0]:.1f}",
-        "processor": _processor(),
+        "processor": next(processors, platform.machine()),
         "python": platform.python_version(),
     }
     for package in _VERSIONS:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.machine()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+        with suppress(PackageNotFoundError):
+            card[package] = version(package)
+    return card
 
 
 def figures_in(
@@ -98,13 +87,7 @@ def figures_in(
 
     An item of a list is named by its texts under the keys ``name``, ``template``, ``model`` and so on, otherwise by its
     place: ``[{"template": "S1", "model": "cv", "ade_m": 1.99}]`` gives ``S1.cv.ade_m``. Spaces become ``_``.
-
-    Args:
-        content: The document.
-        keep: Patterns (``fnmatch``) of the names.
-        prefix: Stands before the names.
-        leave_out: Parts that the figures' names do not have: ``rows.S1.ade_m.value`` becomes ``S1.ade_m`` without
-            ``rows`` and ``value``.
+    The other arguments are as the fields of ``FigureFile``.
 
     Raises:
         InputError: Two numbers have one name, or a pattern matches nothing.

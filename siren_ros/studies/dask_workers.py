@@ -38,25 +38,21 @@ class DaskWorkers:
         episodes: dict[str, PlannedEpisode] = {}
         gathered = _distributed().as_completed(loop=self._client.loop)
 
-        def hand_out(count: int) -> None:
-            for episode in islice(waiting, count):
+        def hand_out() -> None:
+            ahead = max(1, sum(self._client.nthreads().values())) * _AHEAD
+            for episode in islice(waiting, max(0, ahead - len(episodes))):
                 future = self._client.submit(make_on_worker, episode, folder, options, run, pure=False)
                 episodes[future.key] = episode
                 gathered.add(future)
 
         try:
-            hand_out(self._ahead())
+            hand_out()
             for future in gathered:
-                episode = episodes.pop(future.key)
-                yield _row(future, episode, folder)
-                hand_out(max(0, self._ahead() - len(episodes)))
+                yield _row(future, episodes.pop(future.key), folder)
+                hand_out()
         finally:
             with suppress(Exception):
                 self._client.cancel(list(gathered.futures), force=True)
-
-    def _ahead(self) -> int:
-        threads = sum(self._client.nthreads().values())
-        return max(1, threads) * _AHEAD
 
 
 def _distributed() -> Any:
@@ -108,8 +104,7 @@ def connected(scheduler: str) -> Any:
 def on_slurm(jobs: int) -> Any:
     """A client of a new cluster of Slurm jobs, as Dask's configuration describes them (``jobqueue.slurm``).
 
-    Args:
-        jobs: Number of jobs; each is one worker or several, as configured.
+    Each job is one worker or several, as configured.
 
     Raises:
         InputError: dask-jobqueue is not installed, or Slurm or its configuration is missing.

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -27,6 +27,9 @@ class Status(StrEnum):
     """It cannot be made: the map has no site for it."""
     CRASHED = "crashed"
     """Its process died or hung, at every attempt."""
+
+
+_OF_REQUEST: Final = ("template", "level", "seed", "map", "preset", "sensors", "look", "values")
 
 
 def path_of(group: str, episode: str) -> str:
@@ -88,24 +91,9 @@ class EpisodeRow:
     @classmethod
     def planned(cls, episode: PlannedEpisode, status: Status, reason: str = "", **known: Any) -> Self:
         """The row of a planned episode with what else is known of it."""
-        request = episode.request
-        return cls(
-            episode=episode.name,
-            group=episode.group,
-            template=request.template,
-            level=request.level,
-            seed=request.seed,
-            map=request.map,
-            preset=request.preset,
-            sensors=request.sensors,
-            look=request.look,
-            draw=episode.draw,
-            values=request.values,
-            inputs_sha256=episode.inputs_sha256,
-            status=status,
-            reason=reason,
-            **known,
-        )
+        known |= {name: getattr(episode.request, name) for name in _OF_REQUEST}
+        known |= {name: getattr(episode, name) for name in ("group", "draw", "inputs_sha256")}
+        return cls(episode=episode.name, status=status, reason=reason, **known)
 
     @property
     def map_name(self) -> str:
@@ -138,8 +126,7 @@ class EpisodeRow:
         Raises:
             InputError: No row of a study.
         """
-        known = {one.name for one in fields(cls)}
-        values = {name: value for name, value in content.items() if name in known}
+        values = {field.name: content[field.name] for field in fields(cls) if field.name in content}
         try:
             values["status"] = Status(values["status"])
             values["retry_reasons"] = tuple(values.get("retry_reasons") or ())
@@ -149,33 +136,23 @@ class EpisodeRow:
             raise InputError("row", json.dumps(content, default=str)[:80], "a row of a study's table") from error
 
 
-SCHEMA = pa.schema(
-    [
-        *[
-            (name, pa.string())
-            for name in ("episode", "group", "template", "level", "map", "preset", "sensors", "look", "values")
-        ],
-        ("seed", pa.int64()),
-        ("draw", pa.int32()),
-        ("inputs_sha256", pa.string()),
-        ("status", pa.string()),
-        ("reason", pa.string()),
-        ("attempts", pa.int32()),
-        ("retry_reasons", pa.list_(pa.string())),
-        ("steps", pa.int32()),
-        ("simulated_s", pa.float64()),
-        ("predicate_holds", pa.bool_()),
-        ("predicate", pa.string()),
-        ("measures", pa.string()),
-        ("bag", pa.string()),
-        ("bag_bytes", pa.int64()),
-        *[(name, pa.string()) for name in ("mcap_sha256", "metadata_sha256", "map_sha256")],
-        *[(name, pa.float64()) for name in ("setup_s", "run_s", "process_s", "cpu_s")],
-        ("begun_at", pa.string()),
-        ("worker", pa.string()),
-        ("versions", pa.string()),
-    ]
+_COLUMNS: Final = (
+    ("episode group template level map preset sensors look values", pa.string()),
+    ("seed", pa.int64()),
+    ("draw", pa.int32()),
+    ("inputs_sha256 status reason", pa.string()),
+    ("attempts", pa.int32()),
+    ("retry_reasons", pa.list_(pa.string())),
+    ("steps", pa.int32()),
+    ("simulated_s", pa.float64()),
+    ("predicate_holds", pa.bool_()),
+    ("predicate measures bag", pa.string()),
+    ("bag_bytes", pa.int64()),
+    ("mcap_sha256 metadata_sha256 map_sha256", pa.string()),
+    ("setup_s run_s process_s cpu_s", pa.float64()),
+    ("begun_at worker versions", pa.string()),
 )
+SCHEMA: Final = pa.schema([(name, kind) for names, kind in _COLUMNS for name in names.split()])
 
 
 def manifest_bytes(rows: Iterable[EpisodeRow]) -> bytes:

@@ -3,10 +3,10 @@
 import itertools
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
@@ -61,17 +61,15 @@ def draws_of(plan: DrawPlan, template: Template) -> tuple[dict[str, float], ...]
     Raises:
         InputError: A parameter that the template does not have, or a value outside its range.
     """
-    found = _grid(plan) if plan.method is Method.GRID else _sampled(plan, template)
-    for values in found:
+    if plan.method is Method.GRID:
+        names = sorted(plan.values)
+        combinations = itertools.product(*(plan.values[name] for name in names))
+        draws = tuple(dict(zip(names, values, strict=True)) for values in combinations)
+    else:
+        draws = _sampled(plan, template)
+    for values in draws:
         template.with_values(values)
-    return found
-
-
-def _grid(plan: DrawPlan) -> tuple[dict[str, float], ...]:
-    names = sorted(plan.values)
-    return tuple(
-        dict(zip(names, values, strict=True)) for values in itertools.product(*(plan.values[name] for name in names))
-    )
+    return draws
 
 
 def _sampled(plan: DrawPlan, template: Template) -> tuple[dict[str, float], ...]:
@@ -79,11 +77,10 @@ def _sampled(plan: DrawPlan, template: Template) -> tuple[dict[str, float], ...]
         raise InputError("samples", plan.samples, "1 or more")
     ranges = _ranges(plan, template)
     rng = random_stream(plan.seed, f"study/{template.template_id}")
-    unit = (
-        qmc.LatinHypercube(len(ranges), seed=rng).random(plan.samples)
-        if plan.method is Method.LATIN_HYPERCUBE
-        else rng.random((plan.samples, len(ranges)))
-    )
+    if plan.method is Method.LATIN_HYPERCUBE:
+        unit = qmc.LatinHypercube(len(ranges), seed=rng).random(plan.samples)
+    else:
+        unit = rng.random((plan.samples, len(ranges)))
     columns = {path: _scaled(unit[:, column], limits) for column, (path, limits) in enumerate(sorted(ranges.items()))}
     return tuple({path: float(values[row]) for path, values in columns.items()} for row in range(plan.samples))
 
@@ -97,10 +94,8 @@ def _ranges(plan: DrawPlan, template: Template) -> dict[str, ValueRange]:
         if limits is None:
             raise InputError(path, template.template_id, f"a parameter of the template: {', '.join(template.ranges)}")
         if not limits.minimum <= low <= high <= limits.maximum:
-            allowed = (
-                f"[low, high] within [{limits.minimum:g}, {limits.maximum:g}], the range of {template.template_id}"
-            )
-            raise InputError(path, f"[{low:g}, {high:g}]", allowed)
+            allowed = f"within [{limits.minimum:g}, {limits.maximum:g}], the range of {template.template_id}"
+            raise InputError(path, f"[{low:g}, {high:g}]", f"[low, high] {allowed}")
         ranges[path] = ValueRange(low, high, limits.integer)
     return ranges
 
@@ -190,17 +185,14 @@ def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
         for name, template in templates.items():
             drawn = draws_of(study.draws, template)
             draws[name] = [(number, _with_draw(fixed, values)) for number, values in enumerate(drawn)]
-    longest = max(len(one) for one in draws.values())
-    for seed in study.seeds:
-        for number in range(longest):
-            for map_ in study.maps:
-                for level in study.levels:
-                    for name, template in templates.items():
-                        if number < len(draws[name]):
-                            draw, values = draws[name][number]
-                            asked = replace(base, template=name, level="" if level == OWN_LEVEL else level, seed=seed)
-                            asked = replace(asked, map="" if map_ == TOWN else map_, values=values)
-                            yield replace(asked, level=level_of(asked, template).name), template.template_id, draw
+    numbers = range(max(map(len, draws.values())))
+    for seed, number, map_, level in itertools.product(study.seeds, numbers, study.maps, study.levels):
+        place = replace(base, seed=seed, map="" if map_ == TOWN else map_, level="" if level == OWN_LEVEL else level)
+        for name, template in templates.items():
+            if number < len(draws[name]):
+                draw, values = draws[name][number]
+                request = replace(place, template=name, values=values)
+                yield replace(request, level=level_of(request, template).name), template.template_id, draw
 
 
 def _with_draw(fixed: Mapping[str, float], drawn: Mapping[str, float]) -> str:
@@ -215,9 +207,7 @@ def _with_draw(fixed: Mapping[str, float], drawn: Mapping[str, float]) -> str:
 
 
 def _named(request: EpisodeRequest, template_id: str, draw: int, inputs: "_Inputs") -> PlannedEpisode:
-    group = f"{template_id}_{request.level}"
-    if request.map:
-        group += f"_{name_of_map(Path(request.map))}"
+    group = f"{template_id}_{request.level}" + (f"_{name_of_map(Path(request.map))}" if request.map else "")
     name = f"{group}_seed{request.seed}" + (f"_draw{draw}" if draw >= 0 else "")
     return PlannedEpisode(name, group, request, draw, inputs.sha256_of(request))
 
@@ -258,25 +248,22 @@ def read_study(file: Path) -> Study:
         InputError: An unknown or missing key, or a value that is not allowed; names file, line and key.
     """
     top = read_strict_yaml(file)
-    study = Study(
-        templates=top.words("templates"),
-        levels=levels_of(top.words("levels")) if top.has("levels") else (OWN_LEVEL,),
-        seeds=seeds_of(top.words("seeds")) if top.has("seeds") else (0,),
-        maps=top.words("maps") if top.has("maps") else (TOWN,),
-        preset=top.text("preset") if top.has("preset") else "paper",
-        sensors=top.text("sensors") if top.has("sensors") else "none",
-        look=top.text("look") if top.has("look") else "clear",
-        duration_s=top.number("duration_s", 0.0, 3600.0) if top.has("duration_s") else 0.0,
-        values=top.text("values") if top.has("values") else "",
-        draws=_draws(top.mapping("draw")) if top.has("draw") else None,
-        risk_videos=top.integer("risk_videos", 0, MOST_SAMPLES) if top.has("risk_videos") else 0,
-    )
+    readers: dict[str, Callable[[], Any]] = {
+        "levels": lambda: levels_of(top.words("levels")),
+        "seeds": lambda: seeds_of(top.words("seeds")),
+        "maps": lambda: top.words("maps"),
+        **{name: partial(top.text, name) for name in ("preset", "sensors", "look", "values")},
+        "duration_s": lambda: top.number("duration_s", 0.0, 3600.0),
+        "risk_videos": lambda: top.integer("risk_videos", 0, MOST_SAMPLES),
+    }
+    study = Study(top.words("templates"), **{name: read() for name, read in readers.items() if top.has(name)})
+    study = replace(study, draws=_draws(top.mapping("draw")) if top.has("draw") else None)
     top.finish()
     return study
 
 
 def _draws(section: StrictMapping) -> DrawPlan:
-    method = Method(section.text("method", [one.value for one in Method]))
+    method = Method(section.text("method", list(Method)))
     if method is Method.GRID:
         values = section.mapping("values")
         grid = {path: tuple(_number(path, word) for word in values.words(path)) for path in values.values}
@@ -312,7 +299,7 @@ def seeds_of(words: Sequence[str]) -> tuple[int, ...]:
     Raises:
         InputError: Another word.
     """
-    found: list[int] = []
+    all_seeds: list[int] = []
     for word in words:
         first, colon, end = word.partition(":")
         try:
@@ -321,8 +308,8 @@ def seeds_of(words: Sequence[str]) -> tuple[int, ...]:
             raise InputError("seeds", word, "a seed, or FIRST:END for FIRST to END − 1") from error
         if not seeds or seeds[0] < 0 or seeds[-1] > MAX_SEED:
             raise InputError("seeds", word, f"seeds from 0 to {MAX_SEED}, at least one")
-        found.extend(seeds)
-    return tuple(found)
+        all_seeds.extend(seeds)
+    return tuple(all_seeds)
 
 
 def grid_of(words: Sequence[str]) -> DrawPlan:
@@ -357,13 +344,13 @@ def ranges_of(words: Sequence[str]) -> dict[str, tuple[float, float]]:
     Raises:
         InputError: Another word.
     """
-    found: dict[str, tuple[float, float]] = {}
+    ranges: dict[str, tuple[float, float]] = {}
     for word in words:
         path, _, limits = word.partition("=")
-        if path in found:
+        if path in ranges:
             raise InputError("range", word, "each path once")
-        found[path] = range_of(path, limits.split(":"))
-    return found
+        ranges[path] = range_of(path, limits.split(":"))
+    return ranges
 
 
 def _number(path: str, text: str) -> float:

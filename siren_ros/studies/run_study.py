@@ -1,7 +1,6 @@
 """Runs a study: finished episodes are verified and kept, the others are made, the table is written."""
 
 import time
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Final
@@ -46,14 +45,7 @@ def run_study(
     options: WorkerOptions | None = None,
     observer: StudyObserver | None = None,
 ) -> StudyResult:
-    """Makes all episodes of a study that are not finished yet.
-
-    Args:
-        study: What is asked for.
-        folder: Where its episodes are kept. Episodes of earlier studies there stay.
-        workers: Who makes them.
-        options: How hard an episode is tried.
-        observer: Watches how it goes.
+    """Makes all episodes of a study that are not finished yet. Episodes of earlier studies in the folder stay.
 
     Raises:
         InputError: The study cannot be used, the folder cannot be written, or it holds an episode of the same name
@@ -65,40 +57,27 @@ def run_study(
     known = {row.episode: row for row in read_table(folder)}
     write_study(folder, study.to_json())
     folder.clear_scratch()
-    found: dict[str, EpisodeRow] = {}
-    todo = []
+    rows: dict[str, EpisodeRow] = {}
     for episode in planned:
         row = finished_row(episode, folder, known.get(episode.name))
-        if row is None:
-            todo.append(episode)
-        else:
-            found[episode.name] = row
+        if row is not None:
+            rows[episode.name] = row
             observer.keep(row)
-    kept = len(found)
-    saver = _TableSaver(lambda: write_table(folder, {**known, **found}.values()))
+    kept, next_table_s = len(rows), time.monotonic() + TABLE_EVERY_S
+    todo = [episode for episode in planned if episode.name not in rows]
     try:
-        with closing(workers.rows(todo, folder, options or WorkerOptions())) as rows:
-            for row in rows:
-                found[row.episode] = row
+        with closing(workers.rows(todo, folder, options or WorkerOptions())) as new_rows:
+            for row in new_rows:
+                rows[row.episode] = row
                 observer.make(row)
-                saver.now_and_then()
+                if (began_s := time.monotonic()) >= next_table_s:
+                    write_table(folder, {**known, **rows}.values())
+                    # A table of a million rows takes seconds: writing it stays a small part of the time.
+                    next_table_s = time.monotonic() + max(TABLE_EVERY_S, 20.0 * (time.monotonic() - began_s))
     finally:
-        saver.save()
+        write_table(folder, {**known, **rows}.values())
         folder.clear_scratch()
-    return StudyResult(tuple(found[episode.name] for episode in planned), kept)
-
-
-class _TableSaver:
-    def __init__(self, save: Callable[[], None]) -> None:
-        self.save = save
-        self._next_s = time.monotonic() + TABLE_EVERY_S
-
-    def now_and_then(self) -> None:
-        if time.monotonic() >= self._next_s:
-            began_s = time.monotonic()
-            self.save()
-            # A table of a million rows takes seconds: writing it stays a small part of the time.
-            self._next_s = time.monotonic() + max(TABLE_EVERY_S, 20.0 * (time.monotonic() - began_s))
+    return StudyResult(tuple(rows[episode.name] for episode in planned), kept)
 
 
 def finished_row(episode: PlannedEpisode, folder: StudyFolder, known: EpisodeRow | None) -> EpisodeRow | None:

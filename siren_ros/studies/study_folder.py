@@ -157,19 +157,19 @@ def hashes_of_bag(bag: Path) -> tuple[str, str]:
     """SHA-256 of a bag's storage file and of its metadata; empty where they are missing."""
     files = storage_files(bag)
     metadata = bag / METADATA_FILE
-    return _sha256(files[0]) if len(files) == 1 else "", _sha256(metadata) if metadata.is_file() else ""
+    return sha256_of_file(files[0]) if len(files) == 1 else "", sha256_of_file(metadata) if metadata.is_file() else ""
 
 
-def _sha256(path: Path) -> str:
+def sha256_of_file(path: Path) -> str:
+    """SHA-256 of a file's bytes, as hexadecimal digits."""
     with path.open("rb") as file:
         return file_digest(file, "sha256").hexdigest()
 
 
 def is_finished(folder: StudyFolder, row: EpisodeRow) -> bool:
     """Whether an episode is complete and its bag has the bytes that its row names."""
-    if row.status is not Status.COMPLETE or not row.mcap_sha256:
-        return False
-    return folder.hashes_of(row.path) == (row.mcap_sha256, row.metadata_sha256)
+    hashes = (row.mcap_sha256, row.metadata_sha256)
+    return row.status is Status.COMPLETE and bool(row.mcap_sha256) and folder.hashes_of(row.path) == hashes
 
 
 def write_table(folder: StudyFolder, rows: Iterable[EpisodeRow]) -> None:

@@ -88,12 +88,7 @@ def make_episode(
 ) -> EpisodeRow:
     """Makes an episode, moves its bag to its place in the study's folder, and writes its row.
 
-    Args:
-        planned: The episode.
-        folder: The study's folder.
-        options: How hard it is tried.
-        call: Calls a function in a process of its own.
-        earlier: Reasons of attempts that were made before, by workers that are gone.
+    ``call`` calls a function in another process. ``earlier`` has the reasons of attempts of workers that are gone.
     """
     reasons = list(earlier)
     while True:

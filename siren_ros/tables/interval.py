@@ -95,18 +95,14 @@ def share_interval(part: int, whole: int, confidence: float = CONFIDENCE) -> Int
 
 
 def mean_of_intervals(parts: Sequence[Interval], blocks: int) -> Interval:
-    """The mean of estimates that are independent of each other; those that are not valid do not count.
+    """The mean of independent estimates with so many blocks behind all of them; those that are not valid do not count.
 
     Source: G. Zou, A. Donner, Statist. Med. 27 (2008) 1693: the distances to the bounds add up as squares.
-
-    Args:
-        parts: The estimates.
-        blocks: Number of blocks behind all of them.
     """
-    known = [one for one in parts if one.valid]
+    known = [part for part in parts if part.valid]
     if not known:
         return NOTHING
-    value = math.fsum(one.value for one in known) / len(known)
-    below = math.hypot(*(one.value - one.low for one in known)) / len(known)
-    above = math.hypot(*(one.high - one.value for one in known)) / len(known)
+    value = math.fsum(part.value for part in known) / len(known)
+    below = math.hypot(*(part.value - part.low for part in known)) / len(known)
+    above = math.hypot(*(part.high - part.value for part in known)) / len(known)
     return Interval(value, value - below, value + above, blocks)

@@ -13,7 +13,7 @@ A task makes its tables once. The terminal, the files and the pages show the sam
 import csv
 import io
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any, Final
@@ -73,9 +73,9 @@ class Table:
     @property
     def has_unbounded(self) -> bool:
         """Whether a value stands without its interval, so that ``UNBOUNDED_NOTE`` is needed."""
-        values = (value for row in self.rows for cell in row for value in _values(cell))
-        intervals = (value.interval if isinstance(value, Bounds) else value for value in values)
-        return any(isinstance(one, Interval) and one.valid and not one.bounded for one in intervals)
+        cells = (cell if isinstance(cell, tuple) else (cell,) for row in self.rows for cell in row)
+        values = (value.interval if isinstance(value, Bounds) else value for cell in cells for value in cell)
+        return any(isinstance(value, Interval) and value.valid and not value.bounded for value in values)
 
     def text(self) -> list[str]:
         """Lines for a terminal: the caption if there is one, and columns that are two spaces apart."""
@@ -100,9 +100,8 @@ class Table:
 
     def latex(self) -> str:
         """LaTeX's ``tabular`` with the rules of ``booktabs``; the caption is a comment."""
-        head, *rows = [
-            " & ".join(cell.translate(_LATEX) for cell in row) + r" \\" for row in (self.head, *self.cells())
-        ]
+        cells = (self.head, *self.cells())
+        head, *rows = [" & ".join(cell.translate(_LATEX) for cell in row) + r" \\" for row in cells]
         below = rows[len(self.rows) :]
         lines = [
             f"% {self.caption}",
@@ -142,12 +141,7 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def shown(cell: Cell, spec: str = ".2f") -> str:
-    """A cell as text, for a table or a sentence.
-
-    Args:
-        cell: Its value or values.
-        spec: How numbers are written, as Python's format specification.
-    """
+    """A cell as text, for a table or a sentence; ``spec`` is Python's format specification of numbers."""
     if isinstance(cell, tuple):
         first, *others = cell
         separated = (f"{' ' if isinstance(value, Bounds) else '/'}{shown(value, spec)}" for value in others)
@@ -162,13 +156,6 @@ def shown(cell: Cell, spec: str = ".2f") -> str:
 def counted(number: int, noun: str) -> str:
     """``1 episode``, ``2 episodes``."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
-
-
-def _values(cell: Cell) -> Iterator[Value]:
-    if isinstance(cell, tuple):
-        yield from cell
-    else:
-        yield cell
 
 
 def _json(cell: Cell) -> Any:

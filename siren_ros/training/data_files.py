@@ -1,4 +1,4 @@
-"""Files of training data: each made in a process of its own and kept, so that a second run finds it."""
+"""Files of training data: each is made in a separate process and kept, so that a second run finds it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -31,24 +31,21 @@ class MadeFiles(Generic[Planned]):
 
     files: tuple[tuple[Planned, Path], ...]
     missing: tuple[tuple[Planned, str], ...]
-    """What could not be made, and why: a map without a site, a failed episode."""
+    """Parts without a file, with the reason: a map without a site, a failed episode."""
 
 
 def make_files(
     paths: Mapping[Planned, Path], make: Callable[[Planned, Path], None], jobs: int, done: Callable[[], None]
 ) -> MadeFiles[Planned]:
-    """Makes the files that are not there yet.
+    """Makes the files that are not there yet, several at once.
 
-    Args:
-        paths: What is planned, and where its file is kept.
-        make: Makes one file; a function of a module, because it runs in other processes.
-        jobs: Processes at once.
-        done: Called after each file, also of those that are there.
+    ``make`` is a function of a module, because it runs in other processes. ``done`` is called after each file, also of
+    those that are there.
     """
     reasons: dict[Planned, str] = {}
     with attempt_processes(jobs) as pool:
 
-        def make_one(planned: Planned, path: Path) -> None:
+        def make_file(planned: Planned, path: Path) -> None:
             try:
                 if not path.exists():
                     pool.call_with_retries(_RETRIES, make, planned, path)
@@ -57,7 +54,7 @@ def make_files(
             finally:
                 done()
 
-        side_by_side({planned: partial(make_one, planned, path) for planned, path in paths.items()}, jobs, pool.stop)
+        side_by_side({planned: partial(make_file, planned, path) for planned, path in paths.items()}, jobs, pool.stop)
     return MadeFiles(
         tuple((planned, path) for planned, path in paths.items() if planned not in reasons),
         tuple((planned, reasons[planned]) for planned in paths if planned in reasons),

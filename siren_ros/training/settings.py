@@ -25,14 +25,22 @@ class Split(StrEnum):
 
 
 @dataclass(frozen=True)
-class FitConfig:
-    """How a network is fitted."""
+class FitSettings:
+    """What the descent of every network needs."""
 
     seed: int = 0
+    learning_rate: float = 2e-3
+    """The highest one."""
+    weight_decay: float = 1e-2
+    """Of AdamW."""
+
+
+@dataclass(frozen=True)
+class FitConfig(FitSettings):
+    """How the predictor's network is fitted."""
+
     epochs: int = 16
     batch: int = 512
-    learning_rate: float = 2e-3
-    weight_decay: float = 1e-2
     averaging: float = 0.995
     """Share of the old weights in their running mean, which is what is kept."""
     width: int = 64
@@ -46,10 +54,9 @@ class FitConfig:
 
 
 @dataclass(frozen=True)
-class FilmFitConfig:
+class FilmFitConfig(FitSettings):
     """How the sequence model is fitted."""
 
-    seed: int = 0
     epochs: int = 14
     steps: int = 20
     """Batches of an epoch."""
@@ -57,14 +64,12 @@ class FilmFitConfig:
     """Clips at once."""
     clip_frames: int = 24
     """Pictures of a training clip: 4.8 s."""
-    learning_rate: float = 2e-3
-    weight_decay: float = 1e-2
     near_steps: int = 12
     """A picture is of a class if the conflict is within so many steps before or after it: 0.6 s."""
     frame_weight: float = 1.0
     """Weight of the pictures' classes against that of the clip's."""
     focus: float = 1.5
-    """Exponent of the focal loss (Lin et al. 2017): what is known well already counts less."""
+    """Exponent of the focal loss (Lin et al. 2017): clips that the network knows well already count less."""
     thresholds: RiskThresholds = field(default_factory=RiskThresholds)
 
 
@@ -81,13 +86,8 @@ class FittedNetwork:
     plans: tuple[tuple[int, int, int], ...] = ()
     """From which step, of how many, on how many frames: several where a training went on with other numbers."""
 
-    def card(self, config: Any, **about: Any) -> dict[str, Any]:
-        """The beginning of a card: what the model is, its hash and size, what it was made with, and its settings.
-
-        Args:
-            config: A data class of settings.
-            about: What the model is.
-        """
+    def card(self, config: FitSettings, **about: Any) -> dict[str, Any]:
+        """The beginning of a card: what the model is, its hash and size, what it was made with, and its settings."""
         return {
             **about,
             "sha256": hashlib.sha256(self.onnx).hexdigest(),
@@ -113,14 +113,12 @@ class NetworkSize:
 
 
 @dataclass(frozen=True)
-class DetectionFit:
-    """How a network is fitted."""
+class DetectionFit(FitSettings):
+    """How the detector's network is fitted."""
 
-    seed: int = 0
+    learning_rate: float = 3e-3
     steps: int = 4000
     batch: int = 2
-    learning_rate: float = 3e-3
-    weight_decay: float = 1e-2
     averaging: float = 0.998
     """Share of the old weights in their running mean, which is what is kept."""
     box_weight: float = 0.5

@@ -1,8 +1,3 @@
-from collections.abc import Callable
-from pathlib import Path
-
-import pytest
-
 from siren_ros.benchmarks.prediction import SAMPLES, Taken, main
 
 
@@ -11,9 +6,7 @@ def test_times_are_given_for_a_round_number_of_samples() -> None:
     assert cells == ["cv", str(SAMPLES // 4), "2.0", "3.0", "8.0", "12.0"]
 
 
-def test_bags_are_predicted_until_there_were_enough_samples(
-    tmp_path: Path, write_bag: Callable[..., Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bags_are_predicted_until_there_were_enough_samples(tmp_path, write_bag, capsys) -> None:
     bag = write_bag(tmp_path / "S2_L2_seed0", duration_s=9.0)
     assert main([str(bag), "--models", "cv,idm", "--samples", "120"]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[1:]]

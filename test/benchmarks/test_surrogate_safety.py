@@ -34,28 +34,28 @@ def run_of(leader: StateRows) -> DeviceRun:
     return DeviceRun({"f": track(0.0, 15.0), "l": leader}, (conflict,))
 
 
-def test_one_that_follows_agrees_with_the_formula() -> None:
-    found = agreement_of(compare(run_of(track(15.0, 10.0))))
-    assert (found.pairs, found.moments, found.missed) == (1, 20, 0)
-    assert found.ttc_s.max() < 1e-9
-    assert found.drac_mps2.max() < 1e-9
-    assert found.least_ttc_s.tolist() == pytest.approx([0.0], abs=1e-9)
-    assert lines_of(found)[0].startswith("1 pairs that follow each other, 20 moments")
+def test_a_follower_agrees_with_the_formula() -> None:
+    agreement = agreement_of(compare(run_of(track(15.0, 10.0))))
+    assert (agreement.pairs, agreement.moments, agreement.missed) == (1, 20, 0)
+    assert agreement.ttc_s.max() < 1e-9
+    assert agreement.drac_mps2.max() < 1e-9
+    assert agreement.least_ttc_s.tolist() == pytest.approx([0.0], abs=1e-9)
+    assert lines_of(agreement)[0].startswith("1 pairs that follow each other, 20 moments")
 
 
 def test_a_leader_at_the_side_is_missed_by_the_footprints() -> None:
-    found = agreement_of(compare(run_of(track(15.0, 10.0, y_m=2.0))))
-    assert (found.moments, found.missed, len(found.ttc_s), len(found.least_ttc_s)) == (20, 20, 0, 0)
-    assert len(lines_of(found)) == 1
+    agreement = agreement_of(compare(run_of(track(15.0, 10.0, y_m=2.0))))
+    assert (agreement.moments, agreement.missed, len(agreement.ttc_s), len(agreement.least_ttc_s)) == (20, 20, 0, 0)
+    assert len(lines_of(agreement)) == 1
 
 
 def test_a_run_of_sumo_agrees_with_its_own_device() -> None:
     compiled = compile_map(None)
     network = parse_road_network(compiled.net_path.read_bytes())
-    found = agreement_of(compare(run_device(compiled.net_path, network, 25, 30.0, 3)))
-    assert found.moments > 50
-    assert found.missed < 0.1 * found.moments
+    agreement = agreement_of(compare(run_device(compiled.net_path, network, 25, 30.0, 3)))
+    assert agreement.moments > 50
+    assert agreement.missed < 0.1 * agreement.moments
     # On straight lanes both are the same formula; in bends SUMO measures along the lane, and the footprints turn.
-    assert np.median(found.ttc_s) < 1e-5
-    assert np.median(found.drac_mps2) < 1e-5
-    assert np.percentile(found.ttc_s, 95) < 0.05
+    assert np.median(agreement.ttc_s) < 1e-5
+    assert np.median(agreement.drac_mps2) < 1e-5
+    assert np.percentile(agreement.ttc_s, 95) < 0.05

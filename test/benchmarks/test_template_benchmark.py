@@ -13,7 +13,7 @@ from siren_ros.benchmarks.templates import (
     placebo_levels,
     placebo_row,
     row_of,
-    seeds_of,
+    seeds_of_option,
     spread_of,
     travel_times_s,
 )
@@ -51,11 +51,11 @@ def test_rows_count_what_holds_and_failures_are_named() -> None:
 
 
 def test_seeds_are_a_range_or_a_number() -> None:
-    assert seeds_of("3:5") == range(3, 5)
-    assert seeds_of("7") == range(7, 8)
+    assert seeds_of_option("3:5") == (3, 4)
+    assert seeds_of_option("7") == (7,)
     for text in ("a", "5:5", "1:b"):
         with pytest.raises(argparse.ArgumentTypeError):
-            seeds_of(text)
+            seeds_of_option(text)
 
 
 def test_the_placebo_of_a_template_is_every_level_without_its_cause() -> None:
@@ -68,8 +68,11 @@ def test_the_placebo_of_a_template_is_every_level_without_its_cause() -> None:
 
 
 def test_the_spread_of_seeds_is_printed_with_its_standard_deviation() -> None:
-    made = [Realisation(arrival_s, queue, 3, 8.0) for arrival_s, queue in ((6.0, 2), (10.0, 4), (float("nan"), 0))]
-    episodes = [replace(figures(seed, [1.0]), realisation=one) for seed, one in enumerate(made)]
+    arrivals = ((6.0, 2), (10.0, 4), (float("nan"), 0))
+    episodes = [
+        replace(figures(seed, [1.0]), realisation=Realisation(arrival_s, queue, 3, 8.0))
+        for seed, (arrival_s, queue) in enumerate(arrivals)
+    ]
     text = spread_of(episodes)
     assert "arrival s 8.0 +- 2.0" in text
     assert "queue 2.0 +- 1.6" in text

@@ -44,31 +44,32 @@ def world() -> BehaviourWorld:
     return BehaviourWorld(network, LEVEL_POLICIES[EmergencyLevel.L1], {}, load_preset("paper"), 0)
 
 
-def changes(one: Any, other: Any) -> dict[str, tuple[Any, Any]]:
+def changes(old: Any, new: Any) -> dict[str, tuple[Any, Any]]:
     """Dotted names of the fields that differ, with both values."""
-    found: dict[str, tuple[Any, Any]] = {}
-    for field in fields(one):
-        before, after = getattr(one, field.name), getattr(other, field.name)
+    pairs: dict[str, tuple[Any, Any]] = {}
+    for field in fields(old):
+        before, after = getattr(old, field.name), getattr(new, field.name)
         if is_dataclass(before):
-            found |= {f"{field.name}.{name}": pair for name, pair in changes(before, after).items()}
+            pairs |= {f"{field.name}.{name}": pair for name, pair in changes(before, after).items()}
         elif before != after:
-            found[field.name] = before, after
-    return found
+            pairs[field.name] = before, after
+    return pairs
 
 
-@pytest.mark.parametrize("one", PARAMETERS.values(), ids=lambda one: one.name)
-def test_a_parameter_changes_its_own_fields(one: Parameter) -> None:
-    value = one.at(0.77)
-    assert one.share_of(value) == pytest.approx(0.77)
-    if one.driver is not None:
-        found = changes(DRIVER, one.driver(DRIVER, value))
-        assert with_world(world(), {one.name: value}).config == BehaviourConfig()
+@pytest.mark.parametrize("parameter", PARAMETERS.values(), ids=lambda parameter: parameter.name)
+def test_a_parameter_changes_its_fields_and_no_others(parameter: Parameter) -> None:
+    value = parameter.at(0.77)
+    assert parameter.share_of(value) == pytest.approx(0.77)
+    if parameter.of_sumo:
+        changed = changes(DRIVER, parameter.put(DRIVER, value))
+        assert with_world(world(), {parameter.name: value}).config == BehaviourConfig()
     else:
-        before, after = world(), with_world(world(), {one.name: value})
-        found = changes(before.config, after.config) | changes(before.speeds, after.speeds)
-        assert all(one.low < present < one.high for present, _ in found.values()), "the present value is in the range"
-    assert set(found) == CHANGED[one.name]
-    assert {changed for _, changed in found.values()} == {value}
+        before, after = world(), with_world(world(), {parameter.name: value})
+        changed = changes(before.config, after.config) | changes(before.speeds, after.speeds)
+        present = [old for old, _ in changed.values()]
+        assert all(parameter.low < old < parameter.high for old in present), "the present value is in the range"
+    assert set(changed) == CHANGED[parameter.name]
+    assert {new for _, new in changed.values()} == {value}
 
 
 def test_only_the_emvs_drivers_change() -> None:

@@ -50,9 +50,7 @@ def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, capsys
     assert len(lines) == 3, "nothing to warn of"
 
 
-def test_what_the_trajectories_do_not_determine_is_said(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_the_trajectories_do_not_determine_is_said(bag, tmp_path, capsys) -> None:
     names = "controller.headway_s,controller.accel_mps2"
     command = ["calibrate", str(bag), "--parameters", names, "--evaluations", "30", "--jobs", "1"]
     assert main([*command, "--out", str(tmp_path / "found.json")]) == 0

@@ -84,9 +84,7 @@ def test_bad_input_is_one_line(words: list[str], tmp_path: Path, capsys: pytest.
         (["--values", "emv.speed=12"], "emv.speed: 12.0 cannot be used; allowed: "),
     ],
 )
-def test_numbers_are_refused_by_their_own_names_before_anything_is_made(
-    words: list[str], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_numbers_are_refused_by_their_own_names_before_anything_is_made(words, line, tmp_path, capsys) -> None:
     out = tmp_path / "study"
     assert main(["generate", "--out", str(out), "--templates", "S2", *words]) == 2
     assert capsys.readouterr().err.startswith(f"siren generate: {line}")
@@ -131,13 +129,7 @@ WHOLE, CUT = 900, 80
         ([(False, 0, CUT)], "1/1 complete, 1 cut short by duration_s"),
     ],
 )
-def test_the_table_says_how_many_hold_and_how_many_could_not(
-    judged: list[tuple[bool | None, int, int]],
-    told: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_table_says_how_many_hold_and_how_many_could_not(judged, told, tmp_path, monkeypatch, capsys) -> None:
     made(monkeypatch, *judged)
     assert main(["generate", "--templates", "S2", "--out", str(tmp_path)]) == 0
     assert capsys.readouterr().out.splitlines()[0] == f"S2_L2  {told}"
@@ -152,14 +144,7 @@ def test_the_table_says_how_many_hold_and_how_many_could_not(
         ((None, 0, WHOLE), 1, "siren generate: e0: whether the interaction happened could not be judged\n"),
     ],
 )
-def test_what_happened_counts_where_the_command_is_strict(
-    judged: tuple[bool | None, int, int],
-    code: int,
-    line: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_happened_counts_where_the_command_is_strict(judged, code, line, tmp_path, monkeypatch, capsys) -> None:
     made(monkeypatch, judged)
     words = ["generate", "--templates", "S2", "--out", str(tmp_path)]
     assert main(words) == 0
@@ -169,16 +154,14 @@ def test_what_happened_counts_where_the_command_is_strict(
 
 
 @pytest.mark.parametrize("whole", [True, False])
-def test_a_study_with_risk_videos_makes_them_after_its_episodes(
-    whole: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_with_risk_videos_makes_them_after_its_episodes(whole, tmp_path, monkeypatch) -> None:
     made = []
 
     def make(request: RiskSetRequest, out: Path, workers: int) -> bool:
         made.append((request, out, workers, len(read_table(LocalFolder(tmp_path)))))
         return whole
 
-    monkeypatch.setattr(generate, "make_and_tell", make)
+    monkeypatch.setattr(generate, "make_and_print", make)
     words = ["--templates", "S2", "S4", "--seeds", "7", "--risk-videos", "21", "--retries", "5"]
     assert main(["generate", *words, "--out", str(tmp_path), *SHORT]) == (0 if whole else 1)
     expected = RiskSetRequest(("S2", "S4"), Balance((30, 10, 2), 21), seed=7, retries=5)
@@ -190,9 +173,7 @@ def test_risk_videos_need_a_local_folder(capsys: pytest.CaptureFixture[str]) -> 
     assert "a local folder" in capsys.readouterr().err
 
 
-def test_the_command_line_stands_above_the_study_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_line_stands_above_the_study_file(tmp_path, monkeypatch, capsys) -> None:
     asked: list[Study] = []
 
     def run(study: Study, *_: object) -> StudyResult:
@@ -204,7 +185,7 @@ def test_the_command_line_stands_above_the_study_file(
         return StudyResult(tuple(rows), 0)
 
     monkeypatch.setattr(generate, "run_study", run)
-    monkeypatch.setattr(generate, "make_and_tell", lambda *_: pytest.fail("no videos were asked for"))
+    monkeypatch.setattr(generate, "make_and_print", lambda *_: pytest.fail("no videos were asked for"))
     paper = read_study(named_params_file("study", "studies", "v1"))
     words = ["--maps", "maps/Town10HD_Opt.xodr", "--seeds", "3:5", "--risk-videos", "0", "--sensors", "none"]
     assert main(["generate", "v1", *words, "--lhs", "2", "--out", str(tmp_path)]) == 0

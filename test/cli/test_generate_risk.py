@@ -42,9 +42,7 @@ def test_words_that_mean_nothing(words: list[str], said: str, capsys: pytest.Cap
     assert said in capsys.readouterr().err
 
 
-def test_a_set_is_made_and_goes_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_set_is_made_and_goes_on(tmp_path, capsys, monkeypatch) -> None:
     """The film that is missing is made once more, and nothing else; by a stand-in, since it takes as long again."""
     words = ["generate", "risk", "--out", str(tmp_path), "--templates", "S2", "--balance", "1,0,0", "--workers", "1"]
     assert main(words) == 0

@@ -44,9 +44,7 @@ def test_errors_come_back_from_processes(jobs: int, tmp_path: Path, capsys: pyte
 @pytest.mark.parametrize(
     ("names", "worst"), [(["ab", "broken"], 1), (["gone", "ab"], 2), (["gone", "ab", "broken"], 2)]
 )
-def test_bags_that_cannot_be_read_keep_none_back(
-    names: list[str], worst: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bags_that_cannot_be_read_keep_none_back(names, worst, capsys) -> None:
     found, code = of_each_bag(length_of_name, [Path(name) for name in names], 1)
     assert found == [2]
     assert code == worst
@@ -91,9 +89,7 @@ def test_others_are_refused_by_name(value: float) -> None:
         (["train", "risk", "--out", "a", "--seed", "-1"], "train: seed: -1 "),
     ],
 )
-def test_commands_refuse_them_before_anything_else(
-    words: list[str], line: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_refuse_them_before_anything_else(words, line, capsys) -> None:
     assert main(words) == 2
     assert capsys.readouterr().err.startswith(f"siren {line}cannot be used; allowed: a")
 

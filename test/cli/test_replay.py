@@ -121,9 +121,7 @@ def test_a_bag_that_lacks_steps_is_compared_as_far_as_it_goes_and_not_called_com
     assert "complete, complete" not in capsys.readouterr().out
 
 
-def test_a_difference_in_a_step_that_is_there_is_still_found(
-    made: Path, tmp_path: Path, typestore: Typestore, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_difference_in_a_step_that_is_there_is_still_found(made, tmp_path, typestore, capsys) -> None:
     with open_bag(made) as opened:
         writer = EpisodeBagWriter(tmp_path / "bag", typestore, opened.latched)
         for message in opened.messages():

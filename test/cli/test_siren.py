@@ -47,9 +47,7 @@ def test_verify_names_what_fails(failing_bag: Path, capsys: pytest.CaptureFixtur
     assert "ok" not in out.split()
 
 
-def test_verify_goes_on_after_a_bag_that_cannot_be_read(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_verify_goes_on_after_a_bag_that_cannot_be_read(bag, tmp_path, capsys) -> None:
     assert main(["verify", str(tmp_path / "none"), str(bag)]) == 2
     captured = capsys.readouterr()
     assert "holds" in captured.out
@@ -74,9 +72,7 @@ def test_plot_writes_a_picture(bag: Path, tmp_path: Path) -> None:
     "arguments",
     [["info", "BAG"], ["verify", "BAG"], ["plot", "BAG", "--out", "x.png"], ["export", "kitti", "BAG", "--out", "x"]],
 )
-def test_a_bag_that_is_not_there_is_one_line_and_exit_code_2(
-    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_that_is_not_there_is_one_line_and_exit_code_2(arguments, tmp_path, capsys) -> None:
     absent = str(tmp_path / "absent")
     assert main([absent if word == "BAG" else word for word in arguments]) == 2
     captured = capsys.readouterr()

@@ -10,7 +10,7 @@ from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK
 from siren_ros.evaluation.network_file import NetworkFile
 from siren_ros.evaluation.risk.sequence_model import SequenceModel
 from siren_ros.training.data_files import MadeFiles
-from siren_ros.training.risk.plan import PlannedFilm
+from siren_ros.training.risk.samples import PlannedFilm
 from siren_ros.training.settings import FilmFitConfig
 
 
@@ -25,14 +25,7 @@ from siren_ros.training.settings import FilmFitConfig
         ("prediction", ["--epochs", "0"], "epochs"),
     ],
 )
-def test_what_trains_nothing_is_refused(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    task: str,
-    words: list[str],
-    option: str,
-) -> None:
+def test_what_trains_nothing_is_refused(monkeypatch, capsys, tmp_path, task, words, option) -> None:
     monkeypatch.setattr(train, "fitter_of", lambda _: None)
     bags = [str(tmp_path)] if task == "detection" else []
     assert main(["train", task, *bags, "--out", str(tmp_path / "detector.onnx"), *words]) == EXIT_BAD_INPUT
@@ -40,9 +33,7 @@ def test_what_trains_nothing_is_refused(
 
 
 @pytest.mark.parametrize("task", ["prediction", "detection", "risk"])
-def test_without_torch_the_command_says_what_brings_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, task: str
-) -> None:
+def test_without_torch_the_command_says_what_brings_it(monkeypatch, capsys, tmp_path, task) -> None:
     def missing(_: str) -> None:
         raise ModuleNotFoundError("No module named 'torch'", name="torch")
 
@@ -62,13 +53,7 @@ def test_the_part_with_torch_is_found_by_its_names(task: str) -> None:
 
 
 @pytest.mark.parametrize(("missing", "code"), [((), EXIT_OK), (("no site",), EXIT_FAILED)])
-def test_films_are_made_and_handed_on(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    missing: tuple[str, ...],
-    code: int,
-) -> None:
+def test_films_are_made_and_handed_on(monkeypatch, capsys, tmp_path, missing, code) -> None:
     def made(plan: tuple[PlannedFilm, ...], folder: Path, jobs: int, _done: object) -> MadeFiles[PlannedFilm]:
         assert (len(plan), folder, jobs) == (8 * (2 + 1), tmp_path / "cache", 1)
         return MadeFiles(tuple((one, folder) for one in plan), tuple((plan[0], why) for why in missing))

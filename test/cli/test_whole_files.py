@@ -40,9 +40,7 @@ def files_of_at_most(size_bytes: int) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_nothing_half_written_has_the_final_name(
-    bags: dict[str, str], tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_half_written_has_the_final_name(bags, tmp_path, name, capsys) -> None:
     out = tmp_path / name
     out.write_bytes(b"what stood there before")
     command = [word.format(**bags) for word in COMMANDS[name]]
@@ -76,9 +74,7 @@ def test_of_a_file_that_is_not_finished_nothing_stays(tmp_path: Path, reason: ty
     assert [(path.name, path.read_text(encoding="utf-8")) for path in tmp_path.iterdir()] == [("page.html", "whole")]
 
 
-def test_a_device_is_written_itself_and_a_link_leads_to_its_file(
-    bags: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_device_is_written_itself_and_a_link_leads_to_its_file(bags, tmp_path, capsys) -> None:
     assert main(["evaluate", "diversity", bags["bag"], "--jobs", "1", "--out", "/dev/null"]) == 0
     assert Path("/dev/null").is_char_device()
     link, target = tmp_path / "link.json", tmp_path / "target.json"

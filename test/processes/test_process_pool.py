@@ -109,9 +109,7 @@ def test_an_error_of_the_project_stays_what_it_is(pool: ProcessPool) -> None:
         (signal.raise_signal, signal.SIGSEGV, "^its process was killed by SIGSEGV$"),
     ],
 )
-def test_an_end_without_an_answer_says_its_reason(
-    pool: ProcessPool, function: Any, argument: object, reason: str
-) -> None:
+def test_an_end_without_an_answer_says_its_reason(pool, function, argument, reason) -> None:
     with pytest.raises(CrashError, match=reason):
         pool.call(function, argument)
 
@@ -160,9 +158,7 @@ def test_a_killed_fork_server_is_named_and_the_next_call_has_another(pool: Proce
 
 
 @pytest.mark.parametrize("starts_pool", [True, False])
-def test_a_fork_server_that_is_killed_while_it_starts_a_process_costs_a_call_at_most(
-    starts_pool: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fork_server_that_is_killed_while_it_starts_a_process_costs_a_call_at_most(starts_pool, monkeypatch) -> None:
     connect = multiprocessing.forkserver.connect_to_new_process
 
     def killing(fds: Any) -> Any:

@@ -6,7 +6,7 @@ import pytest
 
 from siren_ros.errors import InputError
 from siren_ros.reproduction.make import Reproduction
-from siren_ros.reproduction.parts import FigureFile, MadeFile, Part
+from siren_ros.reproduction.parts import FigureFile, Part, TargetFile
 from siren_ros.reproduction.results import read_results
 
 COUNTS = """
@@ -30,12 +30,12 @@ def work(tmp_path: Path) -> Reproduction:
 def part(name: str, *needs: str, code: str = "src", **changes: object) -> Part:
     commands = (f"{sys.executable} counts.py {{out}} {{workers}}",)
     figures = (FigureFile("scores.json", ("value",), ""),)
-    values = {"commands": commands, "files": (), "figures": figures, "made": (), **changes}
+    values = {"commands": commands, "files": (), "figures": figures, "targets": (), **changes}
     return Part(name, "a part", 90.0, needs, (code,), **values)  # type: ignore[arg-type] # the rest stands in `changes`
 
 
 def parts(*of: Part) -> dict[str, Part]:
-    return {each.name: each for each in of}
+    return {part.name: part for part in of}
 
 
 def runs(work: Reproduction) -> list[str]:
@@ -50,7 +50,7 @@ def make(work: Reproduction, table: dict[str, Part], *only: str) -> tuple[list[s
 
 
 def test_parts_are_made_once_and_their_figures_kept(work: Reproduction) -> None:
-    table = parts(part("a"), part("b", "a", made=(MadeFile("picture.png", "picture.png"),)))
+    table = parts(part("a"), part("b", "a", targets=(TargetFile("picture.png", "picture.png"),)))
     failed, said = make(work, table)
     assert failed == []
     assert said[:3] == [
@@ -108,7 +108,7 @@ def test_a_failing_part_stops_only_those_that_need_it(work: Reproduction) -> Non
     [
         ({"commands": ("no_such_program",)}, "No such file"),
         ({"commands": ("true",)}, "scores.json cannot be read"),
-        ({"made": (MadeFile("film.mp4", "film.mp4"),)}, "film.mp4 was not written"),
+        ({"targets": (TargetFile("film.mp4", "film.mp4"),)}, "film.mp4 was not written"),
     ],
 )
 def test_what_a_part_lacks_is_named(work: Reproduction, changes: dict[str, object], message: str) -> None:
@@ -137,7 +137,7 @@ def test_parts_without_their_files_are_skipped_with_the_reason(work: Reproductio
 
 def test_what_a_part_puts_into_the_repository_is_an_input_of_the_parts_below(work: Reproduction) -> None:
     (work.repository / "weights.txt").write_text("old", encoding="utf-8")
-    train = part("train", made=(MadeFile("picture.png", "weights.txt"),))
+    train = part("train", targets=(TargetFile("picture.png", "weights.txt"),))
     table = parts(train, part("score", code="weights.txt"))
     make(work, table)
     assert runs(work) == ["train", "score"]

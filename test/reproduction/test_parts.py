@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.reproduction.parts import FigureFile, MadeFile, Part, inputs_sha256, read_parts, shown_minutes
+from siren_ros.reproduction.parts import FigureFile, Part, TargetFile, inputs_sha256, read_parts, shown_minutes
 
 PARTS = """
 code:
@@ -45,7 +45,7 @@ def test_parts_are_read_in_their_order(repository: Path) -> None:
     parts = parts_of(repository)
     assert list(parts) == ["town", "models"]
     assert parts["town"].figures == (FigureFile("scores.json", ("S1.*",), "own"),)
-    assert parts["models"].made == (MadeFile("curve.png", "docs/curve.png"),)
+    assert parts["models"].targets == (TargetFile("curve.png", "docs/curve.png"),)
     assert parts["models"].missing(repository) == ("outside.txt",)
 
 

@@ -17,9 +17,7 @@ RESULTS = st.dictionaries(
 
 
 @given(RESULTS)
-def test_results_are_read_as_they_were_written(
-    tmp_path_factory: pytest.TempPathFactory, results: dict[str, PartResult]
-) -> None:
+def test_results_are_read_as_they_were_written(tmp_path_factory, results) -> None:
     file = tmp_path_factory.mktemp("results") / "results.json"
     write_results(file, results)
     assert read_results(file) == results

@@ -85,9 +85,7 @@ def test_a_study_is_resumed_without_its_table(made: tuple[StudyResult, LocalFold
     assert len(read_table(folder)) == len(before.rows)
 
 
-def test_a_damaged_row_without_its_table_is_made_again_and_what_killed_processes_left_goes(
-    made: tuple[StudyResult, LocalFolder, Path],
-) -> None:
+def test_a_damaged_row_without_its_table_is_made_again_and_what_killed_processes_left_goes(made) -> None:
     before, folder, root = made
     (root / MANIFEST).unlink()
     damaged = before.rows[0]
@@ -114,9 +112,7 @@ def test_a_folder_with_other_episodes_of_these_names_is_refused(made: tuple[Stud
         run_study(replace(STUDY, preset="realistic"), folder, LocalWorkers(1))
 
 
-def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(
-    made: tuple[StudyResult, LocalFolder, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(made, tmp_path, monkeypatch) -> None:
     killed, starts, lock = "S5_L1_seed0", Counter[str](), Lock()
     call = ProcessPool.call
 

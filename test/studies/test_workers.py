@@ -27,9 +27,7 @@ def answering(errors: list[SirenError]) -> Callable[..., Any]:
 
 
 @pytest.mark.parametrize(("retries", "deaths", "attempts"), [(0, 3, 1), (1, 3, 2), (2, 3, 3), (2, 1, 2), (2, 0, 1)])
-def test_an_attempt_that_died_is_made_again_as_often_as_may_be(
-    tmp_path: Path, retries: int, deaths: int, attempts: int
-) -> None:
+def test_an_attempt_that_died_is_made_again_as_often_as_may_be(tmp_path, retries, deaths, attempts) -> None:
     reasons = [f"signal {number}" for number in range(deaths)]
     call = answering([*map(CrashError, reasons), EpisodeError("SUMO failed")])
     row = make_episode(PLANNED, LocalFolder(tmp_path), WorkerOptions(retries=retries), call)

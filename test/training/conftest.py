@@ -17,11 +17,11 @@ sys.modules.setdefault("triton", None)  # type: ignore[arg-type] # such a module
 def episode_files(tmp_path_factory):
     """Files of six training episodes and two that judge."""
     folder = tmp_path_factory.mktemp("features")
-    found = {}
-    for split, seeds in ((Split.TRAIN, range(6)), (Split.TEST_SEEDS, range(10, 12))):
-        found[split] = []
-        for seed in seeds:
-            path = folder / f"{split}_{seed}.npz"
+    files = {
+        split: [folder / f"{split}_{seed}.npz" for seed in seeds]
+        for split, seeds in ((Split.TRAIN, range(6)), (Split.TEST_SEEDS, range(10, 12)))
+    }
+    for split, paths in files.items():
+        for seed, path in enumerate(paths, 10 if split is Split.TEST_SEEDS else 0):
             write_features(path, features_of_record(made_record(seed, f"S{1 + seed % 2}"), split))
-            found[split].append(path)
-    return found
+    return files

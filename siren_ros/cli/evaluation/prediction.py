@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from siren_ros.cli.options import add_processes, named_path, names_in, processes_of, steps_of
+from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.evaluation.prediction.charts import write_charts, write_sample_pictures
 from siren_ros.evaluation.prediction.prediction_file import read_prediction_file
@@ -37,9 +37,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         "template, category and level, with intervals over the episodes. The exit code is 1 if an episode gives no "
         "sample."
     )
-    task.add_argument(
-        "bags", type=Path, metavar="BAG", nargs="+", help="folder of a recorded episode, or a folder of such folders"
-    )
+    add_bags(task)
     task.add_argument(
         "--models",
         default="cv,idm,siren",
@@ -47,23 +45,9 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         help=f"models among {', '.join(PREDICTORS)}, by commas; NAME:LABEL adds another row of the same model; "
         "none scores --predictions alone (default %(default)s)",
     )
-    task.add_argument(
-        "--checkpoint",
-        type=named_path,
-        action="append",
-        default=[],
-        metavar="NAME=PATH",
-        help="trained weights of a model; may be repeated",
-    )
-    task.add_argument(
-        "--predictions",
-        type=named_path,
-        action="append",
-        default=[],
-        metavar="NAME=FILE",
-        help=f"predictions of another program: a Parquet file, or {PREDICTIONS.name} for this topic of the "
-        "bags; may be repeated",
-    )
+    add_named_paths(task, "--checkpoint", "NAME=PATH", "trained weights of a model")
+    source = f"a Parquet file, or {PREDICTIONS.name} for this topic of the bags"
+    add_named_paths(task, "--predictions", "NAME=FILE", f"predictions of another program: {source}")
     task.add_argument(
         "--allow-missing", action="store_true", help="score only samples that a file has; tables name their share"
     )
@@ -115,8 +99,7 @@ def _job(arguments: argparse.Namespace) -> ScoringJob:
     recorded = [name for name, path in files.items() if str(path) == PREDICTIONS.name]
     if len(recorded) > 1:
         raise InputError("predictions", recorded[1], f"{PREDICTIONS.name} once")
-    wanted = "" if arguments.models == "none" and files else arguments.models
-    models = names_in(wanted)
+    models = names_in("" if arguments.models == "none" and files else arguments.models)
     if not models and not files:
         raise InputError("models", arguments.models, f"one or several of {', '.join(PREDICTORS)}")
     for name in files:
@@ -146,12 +129,12 @@ def _by_name(parameter: str, given: Sequence[tuple[str, Path]]) -> dict[str, Pat
 
 def _report(arguments: argparse.Namespace, job: ScoringJob, scores: Sequence[EpisodeScores]) -> None:
     table = score_table(scores)
-    found = differences(table)
-    tables = prediction_tables(table, found, compare_paper=arguments.compare_paper)
+    paired = differences(table)
+    tables = prediction_tables(table, paired, compare_paper=arguments.compare_paper)
     text = "\n".join(text_report(table, tables, compare_paper=arguments.compare_paper))
     print(text)
     if arguments.out is not None:
-        write_report(arguments.out, table, found, tables, text)
+        write_report(arguments.out, table, paired, tables, text)
         write_charts(arguments.out, table)
         if arguments.pictures:
             write_sample_pictures(arguments.out, table, job)

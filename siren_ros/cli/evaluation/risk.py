@@ -8,8 +8,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from siren_ros.cli.options import check_numbers, named_path, positive, steps_of
-from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
+from siren_ros.cli.options import add_named_paths, check_numbers, positive, steps_of
+from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 from siren_ros.evaluation.risk.answers import REFERENCES, Answers, checked_answers, read_answers
 from siren_ros.evaluation.risk.risk_page import save_confusions, write_page
 from siren_ros.evaluation.risk.scoring import ModelScores, score_answers
@@ -97,14 +97,8 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         "measures of the record."
     )
     task.add_argument("set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
-    task.add_argument(
-        "--predictions",
-        type=named_path,
-        action="append",
-        default=[],
-        metavar="NAME=FILE",
-        help='answers, JSON {"S1_000": "Normal", …} or CSV with the columns video and class; may be repeated',
-    )
+    meaning = 'answers, JSON {"S1_000": "Normal", …} or CSV with the columns video and class'
+    add_named_paths(task, "--predictions", "NAME=FILE", meaning)
     task.add_argument(
         "--references",
         nargs="*",
@@ -155,7 +149,6 @@ def _write(folder: Path, files: Mapping[str, str], models: Sequence[ModelScores]
     with writing(folder, "folder"):
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
-            with whole_file(folder / name) as file:
-                file.write_text(text, encoding="utf-8")
+            write_text(folder / name, text)
         for model in models:
             save_confusions(model, folder / f"confusion_{file_name(model.name)}.png")

@@ -10,8 +10,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from siren_ros.cli.options import add_processes, of_each_bag, processes_of
-from siren_ros.errors import EXIT_FAILED, InputError, whole_file, writing
+from siren_ros.cli.options import add_bags, add_processes, of_each_bag, processes_of
+from siren_ros.errors import EXIT_FAILED, InputError, whole_file, write_text, writing
 from siren_ros.evaluation.diversity.coverage import drawn_ranges
 from siren_ros.evaluation.diversity.profile import InteractionProfile, profile_of
 from siren_ros.evaluation.diversity.summary import diversity, diversity_as_json, diversity_tables
@@ -31,7 +31,7 @@ def add_yield(verb: argparse.ArgumentParser) -> None:
     )
     width = max(len(metric.name) for metric in EPISODE_METRICS)
     verb.epilog = "\n".join(["marks:", *(f"  {metric.name:{width}}  {metric.meaning}" for metric in EPISODE_METRICS)])
-    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    add_bags(verb)
     verb.add_argument("--out", type=Path, metavar="FILE", help="file for one row per episode: .parquet or .json")
     verb.add_argument("--drivers", type=Path, metavar="FILE", help="file for one row per driver: .parquet or .json")
     add_processes(verb)
@@ -53,12 +53,9 @@ def evaluate_yield(arguments: argparse.Namespace) -> int:
 def scored_episodes(
     bags: Sequence[Path], jobs: int, names: Collection[str] | None = None
 ) -> tuple[list[ScoredEpisode], int]:
-    """The scores of all bags that can be read, and the worst exit code; the others are told on standard error.
+    """The scores of all bags that can be read, and the worst exit code; standard error says what is wrong with others.
 
-    Args:
-        bags: Of the episodes.
-        jobs: Processes.
-        names: Metrics of the episodes, where not all are wanted and no drivers.
+    ``names`` are the metrics of the episodes, where not all are needed and no drivers.
     """
     episodes, worst = of_each_bag(partial(score_bag, names=names), bags, jobs)
     return sorted(episodes, key=lambda episode: (episode.group, episode.seed, episode.draw, episode.bag)), worst
@@ -73,11 +70,11 @@ def score_bag(bag: Path, names: Collection[str] | None = None) -> ScoredEpisode:
 def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:
     if file is None:
         return
+    if file.suffix == ".json":
+        write_text(file, json.dumps(rows, indent=1) + "\n")
+        return
     with writing(file), whole_file(file) as new:
-        if file.suffix == ".json":
-            new.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-        else:
-            pq.write_table(pa.Table.from_pylist(rows), new, compression="zstd")
+        pq.write_table(pa.Table.from_pylist(rows), new, compression="zstd")
 
 
 def add_counterfactual(verb: argparse.ArgumentParser) -> None:
@@ -88,7 +85,7 @@ def add_counterfactual(verb: argparse.ArgumentParser) -> None:
         "permutation test, adjusted for all comparisons of an outcome (Holm), and the number of pairs in which an "
         "episode ended before its value was complete. The exit code is 1 if there is no pair."
     )
-    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    add_bags(verb)
     verb.add_argument(
         "--outcomes",
         nargs="+",
@@ -106,11 +103,10 @@ def evaluate_counterfactual(arguments: argparse.Namespace) -> int:
     """Scores every bag and compares the levels."""
     episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments), OUTCOMES)
     results = effects(episodes)
-    shown = [one for one in results if one.outcome in arguments.outcomes and one.paired.difference.valid]
+    shown = [effect for effect in results if effect.outcome in arguments.outcomes and effect.paired.difference.valid]
     print("\n".join(text_of(effect_tables(shown))) or "no two episodes of one seed at different levels")
     if arguments.out is not None:
-        with writing(arguments.out), whole_file(arguments.out) as file:
-            file.write_text(json.dumps([as_json(effect) for effect in results], indent=1) + "\n", encoding="utf-8")
+        write_text(arguments.out, json.dumps([as_json(effect) for effect in results], indent=1) + "\n")
     return worst if shown else max(worst, EXIT_FAILED)
 
 
@@ -137,7 +133,7 @@ def add_diversity(verb: argparse.ArgumentParser) -> None:
         "different the EMVs' ways and the orders of events are, and how many new transitions between events one more "
         "seed is expected to add."
     )
-    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    add_bags(verb)
     verb.add_argument("--out", type=Path, metavar="FILE", help="write everything, with the curves, as JSON")
     add_processes(verb)
     verb.set_defaults(run=evaluate_diversity)
@@ -146,15 +142,13 @@ def add_diversity(verb: argparse.ArgumentParser) -> None:
 def evaluate_diversity(arguments: argparse.Namespace) -> int:
     """Compares all episodes of a group with each other; a bag that cannot be read does not keep the others back."""
     profiles, worst = of_each_bag(profile_bag, bags_among(arguments.bags), processes_of(arguments))
-    found = diversity(profiles, drawn_ranges(profiles))
-    if found:
-        groups, _ = diversity_tables(found)
-        print("\n".join(groups.text()))
-        print("\n".join(_NOTES))
+    groups = diversity(profiles, drawn_ranges(profiles))
+    if groups:
+        table, _ = diversity_tables(groups)
+        print(*table.text(), *_NOTES, sep="\n")
     if arguments.out is not None:
-        content = json.dumps([diversity_as_json(one) for one in found], indent=1, allow_nan=False)
-        with writing(arguments.out), whole_file(arguments.out) as file:
-            file.write_text(content + "\n", encoding="utf-8")
+        content = [diversity_as_json(group) for group in groups]
+        write_text(arguments.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
     return worst
 
 

@@ -78,14 +78,8 @@ def candidate_request(
             continue
         value = limits.minimum + float(rng.uniform(low, high)) * (limits.maximum - limits.minimum)
         values[path] = float(np.round(value)) if limits.integer else round(value, 3)
-    return EpisodeRequest(
-        template=name,
-        seed=int(rng.integers(2**31 - 1)),
-        map=map_file,
-        preset=preset,
-        sensors="none",
-        values=text_of_values(values),
-    )
+    episode_seed, text = int(rng.integers(2**31 - 1)), text_of_values(values)
+    return EpisodeRequest(name, "", episode_seed, map_file, preset=preset, sensors="none", values=text)
 
 
 FRAME_STEPS: Final = round(0.1 / STEP_S)
@@ -160,10 +154,10 @@ def assessed(request: EpisodeRequest, record: EpisodeRecord, thresholds: RiskThr
 def window_start(moment: int, begin: int, end: int, seed: int) -> int:
     """First step of the window: on the grid of frames, within ``begin … end``, the moment at a drawn place in it."""
     share = random_stream(seed, "risk_set/window").uniform(*_MOMENT_AT)
-    wanted = moment - round(share * WINDOW_STEPS)
+    first = moment - round(share * WINDOW_STEPS)
     lowest = -(-begin // FRAME_STEPS) * FRAME_STEPS
     highest = (end - WINDOW_STEPS) // FRAME_STEPS * FRAME_STEPS
-    return max(lowest, min(highest, wanted // FRAME_STEPS * FRAME_STEPS))
+    return max(lowest, min(highest, first // FRAME_STEPS * FRAME_STEPS))
 
 
 def _closest_step(record: EpisodeRecord, emv_id: int) -> int:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from siren_ros.errors import InputError, whole_file, writing
+from siren_ros.errors import InputError, write_text, writing
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import EVIDENCE_FILE, SET_FILE, VIDEO_FRAMES, RiskVideo, VideoSet, write_set
 from siren_ros.generation.episode_setup import present_versions
@@ -21,7 +21,6 @@ from siren_ros.studies.risk_set.search import (
     PATIENCE,
     Balance,
     Counts,
-    Finding,
     Journal,
     Outcome,
     Search,
@@ -44,17 +43,8 @@ from siren_ros.studies.risk_set.video_file import (
 from siren_ros.studies.workers import attempt_processes
 
 
-def write_set_card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_name: str) -> None:
-    """Writes dataset.json and README.md into the set's folder."""
-    content = card_content(videos, searches, balance, map_name)
-    text = json.dumps(content, indent=1, sort_keys=True) + "\n"
-    for name, written in (("dataset.json", text), ("README.md", _readme(content))):
-        with whole_file(videos.folder / name) as file:
-            file.write_text(written, encoding="utf-8")
-
-
-def card_content(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_name: str) -> dict[str, Any]:
-    """The card as JSON types; counts are Normal, Near-Miss, Collision."""
+def _card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_name: str) -> dict[str, Any]:
+    """The set's card as JSON types; counts are Normal, Near-Miss, Collision."""
     counts = {name: [0, 0, 0] for name in searches}
     for video in videos.videos.values():
         counts[video.template][video.label.risk] += 1
@@ -78,13 +68,12 @@ def card_content(videos: VideoSet, searches: Mapping[str, Search], balance: Bala
 
 
 def _readme(content: Mapping[str, Any]) -> str:
-    rows = [
-        f"| {name} | {' | '.join(str(count) for count in one['counts'])} | {one['candidates']} | "
-        f"{' / '.join(str(count) for count in one['found'])} |"
-        for name, one in content["by_template"].items()
-    ]
+    rows = []
+    for name, row in content["by_template"].items():
+        found = " / ".join(map(str, row["found"]))
+        rows.append(f"| {name} | {' | '.join(map(str, row['counts']))} | {row['candidates']} | {found} |")
     limits = [f"| `{name}` | {value:g} |" for name, value in content["thresholds"].items()]
-    counts, asked = (" / ".join(str(count) for count in content[key]) for key in ("counts", "asked_for"))
+    counts, asked = (" / ".join(map(str, content[key])) for key in ("counts", "asked_for"))
     about = (
         f"{content['videos']} videos of the EMV's front camera, {content['frames']} frames each at 10 Hz, on the map "
         f"{content['map']}. Classes {', '.join(content['classes'])}: {counts}; asked for: {asked}."
@@ -135,33 +124,23 @@ class SetObserver:
         """A video is there, one of so many."""
 
 
-@dataclass(frozen=True)
-class MadeSet:
-    """A finished set and how it was found."""
-
-    videos: VideoSet
-    searches: Mapping[str, Search]
+MadeSet = tuple[VideoSet, Mapping[str, Search]]
+"""A finished set, and the search of each template."""
 
 
 def make_set(request: RiskSetRequest, out: Path, workers: int, observer: SetObserver | None = None) -> MadeSet:
-    """Makes the set, or goes on with one that was interrupted.
+    """Makes the set in a folder that is new or of the same request, where it goes on with an interrupted set.
 
     The set depends on the request alone: not on the number of workers and not on interruptions.
-
-    Args:
-        request: What is asked for.
-        out: Folder of the set, new or of the same request.
-        workers: Processes at once.
-        observer: Watches how it goes.
 
     Raises:
         InputError: A request that cannot be used, or the folder of another set.
         SirenError: An episode failed, or a process died again and again.
     """
-    wanted = quotas(request.balance, request.templates)
+    shares = quotas(request.balance, request.templates)
     _claim(request, out)
     with attempt_processes(workers) as pool:
-        return _SetMaker(request, out, wanted, workers, pool, observer or SetObserver()).make()
+        return _SetMaker(request, out, shares, workers, pool, observer or SetObserver()).make()
 
 
 def video_id(template: str, number: int) -> str:
@@ -202,16 +181,14 @@ class _SetMaker:
                 looking_for = searches[name].trials[number].looking_for
                 self._journal(name).note(number, Trial(looking_for, Rejected(candidate.request, UNSEEN)))
         remove_others(self.out, chosen)
-        videos = VideoSet(
-            self.out,
-            {key: self._as_video(key, candidate) for key, candidate in sorted(chosen.items())},
-            self.request.thresholds,
-        )
+        entries = {key: self._as_video(key, candidate) for key, candidate in sorted(chosen.items())}
+        videos = VideoSet(self.out, entries, self.request.thresholds)
         write_set(videos)
         map_file = self.request.map_file
-        map_name = name_of_map(Path(map_file) if map_file else None)
-        write_set_card(videos, searches, self.request.balance, map_name)
-        return MadeSet(videos, searches)
+        card = _card(videos, searches, self.request.balance, name_of_map(Path(map_file) if map_file else None))
+        write_text(self.out / "dataset.json", json.dumps(card, indent=1, sort_keys=True) + "\n")
+        write_text(self.out / "README.md", _readme(card))
+        return videos, searches
 
     def _side_by_side(self, tasks: Mapping[str, Callable[[], Result]]) -> dict[str, Result]:
         return side_by_side(tasks, self.workers, self.pool.stop)
@@ -221,33 +198,32 @@ class _SetMaker:
         balance, searches = self.request.balance, dict[str, Search]()
         for patience in (_FIRST_PATIENCE, PATIENCE):
             searches = self._searched_in_rounds(patience)
-            counts = settled(self.quotas, {name: one.found for name, one in searches.items()}, balance.per_template)
-            if all(sum(one[risk] for one in counts.values()) >= balance.total[risk] for risk in RiskClass):
+            found = {name: search.found for name, search in searches.items()}
+            counts = settled(self.quotas, found, balance.per_template)
+            if all(sum(share[risk] for share in counts.values()) >= balance.total[risk] for risk in RiskClass):
                 break
         return searches
 
     def _searched_in_rounds(self, patience: int) -> dict[str, Search]:
         """Searches in rounds, until nothing is lacking or no template can find it."""
-        wanted, tried = self.quotas, [self.quotas]
+        shares, tried = self.quotas, [self.quotas]
         while True:
             searches = self._side_by_side(
-                {name: partial(self._search, name, counts, patience) for name, counts in wanted.items()}
+                {name: partial(self._search, name, counts, patience) for name, counts in shares.items()}
             )
             findings = {
-                name: Finding(
-                    search.found, frozenset(RiskClass) if len(search.trials) >= search.budget else search.given_up
-                )
+                name: (search.found, frozenset(RiskClass) if len(search.trials) >= search.budget else search.given_up)
                 for name, search in searches.items()
             }
-            wanted = shifted(wanted, findings, self.request.balance)
-            if wanted in tried:
+            shares = shifted(shares, findings, self.request.balance)
+            if shares in tried:
                 return searches
-            tried.append(wanted)
+            tried.append(shares)
 
     def _journal(self, template: str) -> Journal:
         return Journal(self.out / "search" / f"{template}.jsonl")
 
-    def _search(self, name: str, wanted: Counts, patience: int) -> Search:
+    def _search(self, name: str, counts: Counts, patience: int) -> Search:
         """Goes on with a template's search until it is finished."""
         asked, template, journal = self.request, load_template(name), self._journal(name)
 
@@ -262,7 +238,7 @@ class _SetMaker:
             self.observer.tried(name, search)
 
         return continue_search(
-            Search(wanted, asked.budget, patience, tuple(journal.read())),
+            Search(counts, asked.budget, patience, tuple(journal.read())),
             lambda risk, number: candidate_request(template, name, risk, asked.seed, number, asked.map_file),
             run,
             note,

@@ -65,11 +65,9 @@ def quotas(balance: Balance, templates: Sequence[str]) -> Mapping[str, Counts]:
         allowed = f"counts that add up to {count} templates x {balance.per_template} videos"
         raise InputError("balance", balance.total, allowed)
     shares = {template: [0, 0, 0] for template in templates}
-    place = 0
-    for risk in (RiskClass.COLLISION, RiskClass.NEAR_MISS):
-        for _ in range(balance.total[risk]):
-            shares[templates[place % count]][risk] += 1
-            place += 1
+    rare = [risk for risk in (RiskClass.COLLISION, RiskClass.NEAR_MISS) for _ in range(balance.total[risk])]
+    for place, risk in enumerate(rare):
+        shares[templates[place % count]][risk] += 1
     for template, share in shares.items():
         share[RiskClass.NORMAL] = balance.per_template - sum(share)
         if share[RiskClass.NORMAL] < 0:
@@ -77,54 +75,44 @@ def quotas(balance: Balance, templates: Sequence[str]) -> Mapping[str, Counts]:
     return {template: (share[0], share[1], share[2]) for template, share in shares.items()}
 
 
-@dataclass(frozen=True)
-class Finding:
-    """What a template's search came to."""
-
-    found: Counts
-    given_up: frozenset[RiskClass] = frozenset()
-    """Classes that it looked for long enough without a find."""
+Finding = tuple[Counts, frozenset[RiskClass]]
+"""What a template has found, and the classes that it looked for long enough without a find."""
 
 
-def shifted(wanted: Mapping[str, Counts], findings: Mapping[str, Finding], balance: Balance) -> Mapping[str, Counts]:
+def shifted(shares: Mapping[str, Counts], findings: Mapping[str, Finding], balance: Balance) -> Mapping[str, Counts]:
     """New quotas after a round of searches: what one template cannot find, those that can are to find in its place.
 
     A template that gave a rare class up keeps what it has found of it. What is lacking then is dealt in turn to the
     templates that have found the class and have not given it up. Quotas that stay as they are mean that nothing more
     can be gained.
     """
-    shares = {key: list(counts) for key, counts in wanted.items()}
+    changed = {key: list(counts) for key, counts in shares.items()}
     for risk in (RiskClass.COLLISION, RiskClass.NEAR_MISS):
-        for key, finding in findings.items():
-            if risk in finding.given_up:
-                shares[key][risk] = min(shares[key][risk], finding.found[risk])
-        able = [key for key, one in findings.items() if one.found[risk] and risk not in one.given_up]
+        for key, (found, given_up) in findings.items():
+            if risk in given_up:
+                changed[key][risk] = min(changed[key][risk], found[risk])
+        able = [key for key, (found, given_up) in findings.items() if found[risk] and risk not in given_up]
         place = 0
-        while able and sum(share[risk] for share in shares.values()) < balance.total[risk]:
-            share = shares[able[place % len(able)]]
+        while able and sum(share[risk] for share in changed.values()) < balance.total[risk]:
+            share = changed[able[place % len(able)]]
             if sum(share[1:]) < balance.per_template:
                 share[risk] += 1
                 place += 1
             else:
                 able.pop(place % len(able))
-    return {key: (max(0, balance.per_template - sum(share[1:])), share[1], share[2]) for key, share in shares.items()}
+    return {key: (max(0, balance.per_template - sum(share[1:])), share[1], share[2]) for key, share in changed.items()}
 
 
-def settled(wanted: Mapping[str, Counts], found: Mapping[str, Counts], per_template: int) -> Mapping[str, Counts]:
+def settled(shares: Mapping[str, Counts], found: Mapping[str, Counts], per_template: int) -> Mapping[str, Counts]:
     """The classes that each template contributes when some could not find what they were to have.
 
     What one template lacks of a rare class another gives that found more than its share, in the order of the
     templates; normal videos fill up. A template that has not found enough normal videos exchanges with one that has
-    more of them. The totals stay as near to what is wanted as the findings allow.
-
-    Args:
-        wanted: Quotas.
-        found: How many videos of each class each template has found.
-        per_template: Videos of each template.
+    more of them. The totals stay as near to the quotas (``shares``) as the findings allow.
     """
-    given = {key: [0, *(min(wanted[key][risk], found[key][risk]) for risk in (1, 2))] for key in wanted}
+    given = {key: [0, *(min(shares[key][risk], found[key][risk]) for risk in (1, 2))] for key in shares}
     for risk in (RiskClass.COLLISION, RiskClass.NEAR_MISS):
-        lacking = sum(counts[risk] for counts in wanted.values()) - sum(counts[risk] for counts in given.values())
+        lacking = sum(counts[risk] for counts in shares.values()) - sum(counts[risk] for counts in given.values())
         for key, counts in given.items():
             more = max(0, min(lacking, found[key][risk] - counts[risk], per_template - counts[1] - counts[2]))
             counts[risk] += more
@@ -142,13 +130,13 @@ def _exchange(given: dict[str, list[int]], found: Mapping[str, Counts], per_temp
         for key, counts in given.items():
             while counts[risk] < found[key][risk] and sum(counts[1:]) + found[key][0] < per_template:
                 others = [
-                    one
-                    for name, one in given.items()
-                    if one[risk] > 0 and sum(one[1:]) + found[name][0] > per_template and name != key
+                    other
+                    for name, other in given.items()
+                    if other[risk] > 0 and sum(other[1:]) + found[name][0] > per_template and name != key
                 ]
                 if not others:
                     break
-                max(others, key=lambda one: one[risk])[risk] -= 1
+                max(others, key=lambda other: other[risk])[risk] -= 1
                 counts[risk] += 1
 
 
@@ -174,7 +162,7 @@ class Trial:
 class Search:
     """What a template's search has found so far, in the order of the candidates."""
 
-    wanted: Counts
+    quota: Counts
     budget: int
     """Most candidates."""
     patience: int = PATIENCE
@@ -189,13 +177,12 @@ class Search:
     @property
     def given_up(self) -> frozenset[RiskClass]:
         """Classes that the last candidates that looked for them, as many as patience allows, have not brought."""
-        return frozenset(risk for risk in RiskClass if self._in_vain(risk) >= self.patience)
-
-    def _in_vain(self, risk: RiskClass) -> int:
-        """How many candidates looked for a class since it was found last."""
-        since = next((number for number, one in enumerate(reversed(self.trials)) if one.found is risk), None)
-        last = self.trials[len(self.trials) - since :] if since is not None else self.trials
-        return sum(trial.looking_for is risk for trial in last)
+        in_vain = dict.fromkeys(RiskClass, 0)
+        for trial in self.trials:
+            in_vain[trial.looking_for] += 1
+            if trial.found is not None:
+                in_vain[trial.found] = 0
+        return frozenset(risk for risk, candidates in in_vain.items() if candidates >= self.patience)
 
     @property
     def lacking(self) -> dict[RiskClass, float]:
@@ -203,14 +190,13 @@ class Search:
         given_up = self.given_up
         return {
             risk: max(0, want - have) / want if want and risk not in given_up else 0.0
-            for risk, have, want in zip(RiskClass, self.found, self.wanted, strict=True)
+            for risk, have, want in zip(RiskClass, self.found, self.quota, strict=True)
         }
 
     @property
     def short_of(self) -> frozenset[RiskClass]:
-        """Classes of which there are fewer videos than wanted: the next find becomes one."""
-        pairs = zip(RiskClass, self.found, self.wanted, strict=True)
-        return frozenset(risk for risk, have, want in pairs if have < want)
+        """Classes of which there are fewer videos than the quota: the next find becomes one."""
+        return frozenset(risk for risk in RiskClass if self.found[risk] < self.quota[risk])
 
     @property
     def finished(self) -> bool:
@@ -229,8 +215,7 @@ class Search:
 
     def chosen(self, counts: Counts) -> dict[int, Candidate]:
         """The first candidates of each class, by their number."""
-        left = list(counts)
-        videos = {}
+        left, videos = list(counts), {}
         for number, outcome in enumerate(trial.outcome for trial in self.trials):
             if isinstance(outcome, Candidate) and left[outcome.label.risk] > 0:
                 left[outcome.label.risk] -= 1
@@ -242,7 +227,7 @@ def continue_search(
     search: Search,
     request: Callable[[RiskClass, int], EpisodeRequest],
     run: Callable[[Search, EpisodeRequest], Outcome],
-    told: Callable[[Search], None],
+    keep: Callable[[Search], None],
 ) -> Search:
     """Tries candidates until the search is finished.
 
@@ -250,13 +235,13 @@ def continue_search(
         search: What was found before; empty at first.
         request: The candidate of a number, that looks for a class.
         run: Simulates and labels it, knowing the search so far.
-        told: Is told the search after each candidate, to keep its outcome.
+        keep: Called with the search after each candidate, to keep its outcome.
     """
     while not search.finished:
         looking_for = search.looking_for
         outcome = run(search, request(looking_for, len(search.trials)))
         search = search.with_trial(Trial(looking_for, outcome))
-        told(search)
+        keep(search)
     return search
 
 
@@ -307,9 +292,9 @@ def outcome_as_json(outcome: Outcome) -> dict[str, Any]:
         "request": request,
         "first_step": outcome.first_step,
         "label": {**asdict(outcome.label), "risk": outcome.label.risk.title},
-        "moments": {one.name: getattr(evidence.moments, one.name).tolist() for one in fields(Moments)},
-        "encroachments": [asdict(one) for one in evidence.encroachments],
-        "contacts": [asdict(one) for one in evidence.contacts],
+        "moments": {field.name: getattr(evidence.moments, field.name).tolist() for field in fields(Moments)},
+        "encroachments": [asdict(encroachment) for encroachment in evidence.encroachments],
+        "contacts": [asdict(contact) for contact in evidence.contacts],
     }
 
 
@@ -320,16 +305,9 @@ def outcome_of_json(entry: Mapping[str, Any]) -> Outcome:
         return Rejected(request, entry["rejected"])
     label = dict(entry["label"])
     kinds = {"step": np.int64, "actor_id": np.uint32}
-    moments = {
-        one.name: np.array(entry["moments"][one.name], kinds.get(one.name, np.float64)) for one in fields(Moments)
-    }
-    return Candidate(
-        request,
-        entry["first_step"],
-        RiskLabel(risk_class(label.pop("risk")), Reason(label.pop("reason")), **label),
-        Evidence(
-            Moments(**moments),
-            tuple(SeenEncroachment(**one) for one in entry["encroachments"]),
-            tuple(SeenContact(**one) for one in entry["contacts"]),
-        ),
-    )
+    names = [field.name for field in fields(Moments)]
+    moments = Moments(*(np.array(entry["moments"][name], kinds.get(name, np.float64)) for name in names))
+    encroachments = tuple(SeenEncroachment(**part) for part in entry["encroachments"])
+    evidence = Evidence(moments, encroachments, tuple(SeenContact(**part) for part in entry["contacts"]))
+    risk_label = RiskLabel(risk_class(label.pop("risk")), Reason(label.pop("reason")), **label)
+    return Candidate(request, entry["first_step"], risk_label, evidence)

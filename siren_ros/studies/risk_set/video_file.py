@@ -2,8 +2,7 @@
 
 import json
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
-from hashlib import file_digest
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -28,6 +27,7 @@ from siren_ros.studies.risk_set.candidate import (
     simulated_or_rejected,
 )
 from siren_ros.studies.risk_set.search import outcome_as_json
+from siren_ros.studies.study_folder import sha256_of_file
 
 SEEN_PIXELS: Final = 60
 """From this many pixels on a vehicle is seen: about 10 by 6."""
@@ -43,23 +43,19 @@ class Rendered:
 
 
 def render_candidate(candidate: Candidate, record: EpisodeRecord, video: Path, masks: Path) -> Rendered:
-    """Draws the window of a candidate.
+    """Draws the window of a candidate from its episode's record into an MP4 file.
 
-    Args:
-        candidate: What to draw.
-        record: Its episode.
-        video: MP4 file to write.
-        masks: Compressed numpy file to write: for each key frame the actor of each pixel, 0 off vehicles, in an array
-            ``frame_000`` of shape ``(height, width)``.
+    The compressed numpy file ``masks`` gets for each key frame the actor of each pixel, 0 off vehicles, in an array
+    ``frame_000`` of shape ``(height, width)``.
     """
     most, kept = [0], dict[str, npt.NDArray[np.uint32]]()
-    wanted = set(key_frames(VIDEO_FRAMES))
+    key_numbers = set(key_frames(VIDEO_FRAMES))
 
     def frames() -> Iterator[npt.NDArray[np.uint8]]:
         for number, (rgb, actors, step) in enumerate(_pictures(candidate, record)):
             if candidate.label.actor_id and step <= candidate.label.step:
                 most[0] = max(most[0], int(np.count_nonzero(actors == candidate.label.actor_id)))
-            if number in wanted:
+            if number in key_numbers:
                 kept[f"frame_{number:03d}"] = actors
             yield rgb
 
@@ -131,13 +127,7 @@ def is_seen(candidate: Candidate, rendered: Rendered) -> bool:
 def try_candidate(
     request: EpisodeRequest, thresholds: RiskThresholds, place: VideoPlace, drawn: frozenset[RiskClass]
 ) -> Candidate | Rejected:
-    """Simulates a candidate, labels it, and draws it at once where its class still lacks videos.
-
-    Args:
-        request: The same one gives the same candidate.
-        thresholds: Of the label.
-        place: Where its video goes.
-        drawn: Classes that lack videos.
+    """Simulates a candidate, labels it, and draws it at once where its class still lacks videos (``drawn``).
 
     Raises:
         InputError: The request cannot be used.
@@ -179,12 +169,7 @@ def _draw(place: VideoPlace, candidate: Candidate, record: EpisodeRecord) -> Ren
         path.parent.mkdir(parents=True, exist_ok=True)
     place.note.unlink(missing_ok=True)
     rendered = render_candidate(candidate, record, place.video, place.masks)
-    note = {
-        "frames": rendered.frames,
-        "most_pixels": rendered.most_pixels,
-        "sha256": _sha256(place),
-        "candidate": outcome_as_json(candidate),
-    }
+    note = {**asdict(rendered), "sha256": _sha256(place), "candidate": outcome_as_json(candidate)}
     partial = place.note.with_suffix(".partial")
     partial.write_text(json.dumps(note) + "\n", encoding="utf-8")
     partial.replace(place.note)
@@ -192,8 +177,4 @@ def _draw(place: VideoPlace, candidate: Candidate, record: EpisodeRecord) -> Ren
 
 
 def _sha256(place: VideoPlace) -> dict[str, str]:
-    found = {}
-    for name, path in (("video", place.video), ("masks", place.masks)):
-        with path.open("rb") as file:
-            found[name] = file_digest(file, "sha256").hexdigest()
-    return found
+    return {"video": sha256_of_file(place.video), "masks": sha256_of_file(place.masks)}

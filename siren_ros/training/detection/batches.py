@@ -39,13 +39,13 @@ def varied(frame: TrainingFrame, random: np.random.Generator) -> TrainingFrame:
     """A random variant: any direction, either hand, 5 % larger or smaller, another height, clear or thick air."""
     angle = float(random.uniform(-np.pi, np.pi))
     scale = float(random.uniform(1.0 - _SCALE, 1.0 + _SCALE))
-    found = turned(frame, angle, mirrored=bool(random.random() < 0.5), scale=scale)
+    variant = turned(frame, angle, mirrored=bool(random.random() < 0.5), scale=scale)
     lift = np.float32(random.uniform(-_LIFT_M, _LIFT_M))
-    found.points[:, 2] += lift
-    found.boxes[:, 2] += lift
+    variant.points[:, 2] += lift
+    variant.boxes[:, 2] += lift
     extinction = np.float32(max(0.0, random.uniform(-_EXTINCTION_PER_M, _EXTINCTION_PER_M)))
-    found.points[:, 3] *= np.exp(-2.0 * extinction * np.hypot(found.points[:, 0], found.points[:, 1]))
-    return found
+    variant.points[:, 3] *= np.exp(-2.0 * extinction * np.hypot(variant.points[:, 0], variant.points[:, 1]))
+    return variant
 
 
 def _rotated(xy: Floats32, angle_rad: float) -> Floats32:
@@ -92,12 +92,7 @@ def gaussian_radius(length: float, width: float, least_overlap: float = _LEAST_O
 
 
 def targets_of(boxes: Floats32, grid: PillarGrid) -> Targets:
-    """The answer that a frame's labels ask for.
-
-    Args:
-        boxes: Columns as in ``BOX_COLUMNS``.
-        grid: The pillars.
-    """
+    """The answer that a frame's labels ask for; columns of ``boxes`` as in ``BOX_COLUMNS``."""
     rows = grid.cells // STRIDE
     cell_m = STRIDE * grid.cell_m
     heat, counts = np.zeros((rows, rows), dtype=np.float32), np.ones((rows, rows), dtype=np.float32)
@@ -120,15 +115,23 @@ def targets_of(boxes: Floats32, grid: PillarGrid) -> Targets:
         owner[window] = np.where(nearer, number, owner[window])
     counts[heat > 0.0] = 1.0
     line, column_of = np.nonzero(owner >= 0)
-    own = boxes[owner[line, column_of]].astype(np.float64)
+    owners = boxes[owner[line, column_of]].astype(np.float64)
     middle = (np.stack((column_of, line), axis=-1) + 0.5) * cell_m - grid.half_width_m
+    channels = (
+        owners[:, :2] - middle,
+        owners[:, 2:3],
+        np.log(np.maximum(owners[:, 3:6], 0.1)),
+        np.sin(owners[:, 6:7]),
+        np.cos(owners[:, 6:7]),
+        owners[:, 7:9],
+    )
     return Targets(
         heat=heat,
         counts=counts,
         cell=(line * rows + column_of).astype(np.int64),
-        box=_channels(own, middle),
+        box=np.concatenate(channels, axis=1).astype(np.float32),
         weight=nearness[line, column_of].astype(np.float32),
-        label=own[:, 9].astype(np.int64),
+        label=owners[:, 9].astype(np.int64),
     )
 
 
@@ -139,18 +142,6 @@ def _bump(row: int, column: int, radius: int, rows: int) -> tuple[tuple[slice, s
     sigma = (2 * radius + 1) / 6.0
     shape: Floats = np.exp(-(away[0][:, None] ** 2 + away[1][None] ** 2) / (2.0 * sigma * sigma))
     return (window[0], window[1]), shape
-
-
-def _channels(boxes: Floats, middle_m: Floats) -> Floats32:
-    columns = (
-        boxes[:, :2] - middle_m,
-        boxes[:, 2:3],
-        np.log(np.maximum(boxes[:, 3:6], 0.1)),
-        np.sin(boxes[:, 6:7]),
-        np.cos(boxes[:, 6:7]),
-        boxes[:, 7:9],
-    )
-    return np.concatenate(columns, axis=1).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -167,20 +158,17 @@ class FrameDraws:
 
     def rows(self, step: int) -> list[int]:
         """Numbers of the frames of a step."""
-        found = []
-        for position in range(step * self.batch, (step + 1) * self.batch):
-            turn, place = divmod(position, len(self))
-            found.append(int(np.random.default_rng([self.seed, turn]).permutation(len(self))[place]))
-        return found
+        places = [divmod(position, len(self)) for position in range(step * self.batch, (step + 1) * self.batch)]
+        return [int(np.random.default_rng([self.seed, turn]).permutation(len(self))[place]) for turn, place in places]
 
     def batch_of(self, step: int) -> list[tuple[Pillars, Targets]]:
         """Pillars and targets of the frames of a step, varied."""
         random = np.random.default_rng([self.seed, 1, step])
         ends = np.cumsum([len(episode) for episode in self.episodes])
-        found = []
+        batch = []
         for row in self.rows(step):
             number = int(np.searchsorted(ends, row, side="right"))
             episode = self.episodes[number]
             frame = varied(episode.frame(row - int(ends[number]) + len(episode)), random)
-            found.append((pillars_of(frame.points, self.grid), targets_of(frame.boxes, self.grid)))
-        return found
+            batch.append((pillars_of(frame.points, self.grid), targets_of(frame.boxes, self.grid)))
+        return batch

@@ -58,10 +58,8 @@ class BagFrames:
 
     def digest(self) -> bytes:
         """A hash of all points and labels: equal frames have an equal one, whatever the bag's name and time."""
-        found = hashlib.sha256()
-        for part in (self.xyz, self.intensity_age, self.first_point, self.boxes, self.first_box):
-            found.update(np.ascontiguousarray(part).view(np.uint8).data)
-        return found.digest()
+        parts = (self.xyz, self.intensity_age, self.first_point, self.boxes, self.first_box)
+        return hashlib.sha256(b"".join(part.tobytes() for part in parts)).digest()
 
     def frame(self, number: int) -> TrainingFrame:
         """One of the frames."""
@@ -98,47 +96,36 @@ def frames_of_bag(bag: Path, grid: PillarGrid) -> BagFrames:
             points.append(held.slots[there])
             boxes.append(boxes_of_truth(frame.truth))
             boxes[-1][:, 2] += lift_m
-        description = source.description
-    about = {
-        "template": description.template,
-        "level": description.level.name,
-        "seed": description.seed,
-        "map": description.map_name,
-    }
-    return joined_frames(about, points, boxes)
+    return joined_frames(about_episode(bag), points, boxes)
+
+
+def about_episode(bag: Path) -> dict[str, Any]:
+    """Template, level, seed and map of a bag's episode."""
+    with open_source(bag) as source:
+        episode = source.description
+    names = {"template": episode.template, "level": episode.level.name}
+    return {**names, "seed": episode.seed, "map": episode.map_name}
 
 
 def boxes_of_truth(truth: GroundTruth) -> Floats32:
     """The labels of one step, shape ``(B, 11)``."""
+    classes = [class_of(int(code)) for code in truth.actor_class]
     columns = (
-        truth.x_m,
-        truth.y_m,
-        truth.z_m,
-        truth.length_m,
-        truth.width_m,
-        truth.height_m,
-        truth.yaw_rad,
-        truth.vx_mps,
-        truth.vy_mps,
-        [class_of(int(code)) for code in truth.actor_class],
-        truth.lidar_points,
+        *(truth.x_m, truth.y_m, truth.z_m),
+        *(truth.length_m, truth.width_m, truth.height_m),
+        *(truth.yaw_rad, truth.vx_mps, truth.vy_mps),
+        *(classes, truth.lidar_points),
     )
     return np.stack([np.asarray(column, dtype=np.float32) for column in columns], axis=-1)
 
 
 def joined_frames(about: dict[str, Any], points: Sequence[Floats32], boxes: Sequence[Floats32]) -> BagFrames:
-    """Several frames as they are kept.
-
-    Args:
-        about: What the episode is.
-        points: Of each frame, as in ``TrainingFrame``.
-        boxes: Likewise.
-    """
-    every = np.concatenate(points) if points else np.zeros((0, 5), dtype=np.float32)
-    fine = np.stack((np.rint(every[:, 3] * 255.0), np.rint(every[:, 4] / STEP_S)), axis=-1)
+    """Several frames as they are kept; points and boxes of each frame as in ``TrainingFrame``."""
+    table = np.concatenate(points) if points else np.zeros((0, 5), dtype=np.float32)
+    fine = np.stack((np.rint(table[:, 3] * 255.0), np.rint(table[:, 4] / STEP_S)), axis=-1)
     return BagFrames(
         about=about,
-        xyz=np.rint(every[:, :3] * _METRE).astype(np.int16),
+        xyz=np.rint(table[:, :3] * _METRE).astype(np.int16),
         intensity_age=np.clip(fine, 0, 255).astype(np.uint8),
         first_point=np.cumsum([0, *map(len, points)]),
         boxes=np.concatenate(boxes) if boxes else np.zeros((0, len(BOX_COLUMNS)), dtype=np.float32),
@@ -180,7 +167,7 @@ def frames_among(
         InputError: A file cannot be read, or none holds a frame.
     """
     files = [path for path in paths if path.suffix == FRAMES_SUFFIX]
-    found = [_read(path) for path in files]
+    episodes = [_read(path) for path in files]
     for bag in bags_among(path for path in paths if path not in files):
         file = folder / f"{bag.name}-{_digest(bag, grid)}{FRAMES_SUFFIX}"
         if not file.exists():
@@ -188,18 +175,14 @@ def frames_among(
             with writing(file.parent, "folder", "cache"):
                 write_frames(file, frames)
             report(f"{bag}: {len(frames)} frames")
-        found.append(_read(file))
-    if not sum(len(frames) for frames in found):
+        episodes.append(_read(file))
+    if not sum(map(len, episodes)):
         raise InputError("bags", ", ".join(map(str, paths)), "at least one episode with labelled sweeps")
-    return tuple(found)
+    return tuple(episodes)
 
 
 def check_apart(trained: Iterable[Mapping[str, Any]], judged: Iterable[Mapping[str, Any]]) -> None:
-    """Refuses episodes that judge and share map and seed with one of the training.
-
-    Args:
-        trained: What each episode is: ``template``, ``map``, ``seed``.
-        judged: Likewise.
+    """Refuses episodes (``template``, ``map``, ``seed``) that judge and share map and seed with one of the training.
 
     Raises:
         InputError: The first such episode.

@@ -20,10 +20,9 @@ from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
 from siren_ros.evaluation.network_file import write_network
 from siren_ros.record.bag_survey import BagSurvey, Need, survey_bag
-from siren_ros.record.episode_source import open_source
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.training.detection.batches import FrameDraws
-from siren_ros.training.detection.samples import check_apart, frames_among
+from siren_ros.training.detection.samples import about_episode, check_apart, frames_among
 from siren_ros.training.settings import DetectionFit, FittedNetwork
 
 MEAN: Final = "mean"
@@ -31,11 +30,11 @@ MEAN: Final = "mean"
 
 @dataclass(frozen=True)
 class JudgedEpisode:
-    """One episode, with what was found in it."""
+    """One episode with its detections."""
 
     survey: BagSurvey
     frames: EpisodeFrames
-    found: FoundBoxes
+    detections: FoundBoxes
     processor_s: float
     """For all its frames, reading the bag included."""
 
@@ -50,52 +49,47 @@ def judged_episode(bag: Path, weights: Path, scratch: Path) -> JudgedEpisode:
     survey = survey_bag(bag, "detection", (Need.LIDAR, Need.MAP), scratch)
     frames = read_frames(survey, survey.name)
     start = time.process_time()
-    found = detect_pillars(frames, weights)
-    return JudgedEpisode(survey, frames, found, time.process_time() - start)
+    detections = detect_pillars(frames, weights)
+    return JudgedEpisode(survey, frames, detections, time.process_time() - start)
 
 
 def figures_of(episodes: Sequence[JudgedEpisode]) -> dict[str, Any]:
     """The mAP of the one class, by template and the mean over them; by kind of emergency vehicle; the cost."""
-    frames = frames_of([one.frames for one in episodes])
+    frames = frames_of([episode.frames for episode in episodes])
     parts = [
-        replace(one.found, frame=one.found.frame + first)
-        for one, first in zip(episodes, frames.first.tolist(), strict=False)
+        replace(episode.detections, frame=episode.detections.frame + first)
+        for episode, first in zip(episodes, frames.first.tolist(), strict=False)
     ]
-    found = FoundSet("pillars", "run here", joined(parts), frames.scored, has_velocity=True)
-    truth, boxes = counted_boxes(frames, found, VEHICLE_NAMES)
-    template = np.array([one.template for one in frames.episodes])[frames.episode]
+    detections = FoundSet("pillars", "run here", joined(parts), frames.scored, has_velocity=True)
+    truth, boxes = counted_boxes(frames, detections, VEHICLE_NAMES)
+    template = np.array([episode.template for episode in frames.episodes])[frames.episode]
     by_template = {
         name: mean_ap(frames, truth.at(template[truth.frame] == name), boxes.at(template[boxes.frame] == name))
         for name in sorted(set(template.tolist()))
+    }
+    labels = {name: labels_named(truth, name) for name in CLASS_NAMES}
+    by_kind = {
+        name: mean_ap(frames, truth.at(of_kind), boxes.at(boxes.label == name))
+        for name, of_kind in labels.items()
+        if of_kind.any()
     }
     return {
         "episodes": len(episodes),
         "frames": len(frames),
         "labels": len(truth),
         "mAP": {**_rounded(by_template), MEAN: round(float(np.mean(list(by_template.values()))), 3)},
-        "mAP_of_kind": _rounded(_by_kind(frames, truth, boxes)),
-        "processor_s_per_frame": round(sum(one.processor_s for one in episodes) / len(frames), 4),
+        "mAP_of_kind": _rounded(by_kind),
+        "processor_s_per_frame": round(sum(episode.processor_s for episode in episodes) / len(frames), 4),
     }
 
 
-def mean_ap(frames: Frames, truth: TruthBoxes, found: FoundBoxes) -> float:
+def mean_ap(frames: Frames, truth: TruthBoxes, detections: FoundBoxes) -> float:
     """NuScenes' mAP of some labels and detections; NaN without labels."""
-    matches = match(truth, found)
-    ordered = found.at(matches.order)
-    labels = np.bincount(frames.episode[truth.frame], minlength=len(frames.episodes)).astype(np.float64)
-    every = np.ones((1, len(frames.episodes)))
-    values = [average_precision(label >= 0, frames.episode[ordered.frame], labels, every)[0] for label in matches.label]
-    return float(np.mean(values))
-
-
-def _by_kind(frames: Frames, truth: TruthBoxes, found: FoundBoxes) -> dict[str, float]:
-    """The mAP of each class by its name, where there are labels of it."""
-    result = {}
-    for name in CLASS_NAMES:
-        own = labels_named(truth, name)
-        if own.any():
-            result[name] = mean_ap(frames, truth.at(own), found.at(found.label == name))
-    return result
+    matches = match(truth, detections)
+    episode, count = frames.episode[detections.at(matches.order).frame], len(frames.episodes)
+    labels = np.bincount(frames.episode[truth.frame], minlength=count).astype(np.float64)
+    weights = np.ones((1, count))
+    return float(np.mean([average_precision(hit >= 0, episode, labels, weights)[0] for hit in matches.label]))
 
 
 def _rounded(values: dict[str, float]) -> dict[str, float]:
@@ -125,15 +119,9 @@ class DetectorTraining:
 
 
 def train_detector(training: DetectorTraining, fitter: Fitter, report: Callable[[str], None]) -> dict[str, Any] | None:
-    """Trains a detector, and writes the ONNX file and its card.
+    """Trains a detector, and writes the ONNX file and its card; gives the card, None where the time was up before.
 
-    Args:
-        training: What is trained on what.
-        fitter: Fits and exports a network.
-        report: Called with lines on the progress.
-
-    Returns:
-        The card; None where the time was up before.
+    ``report`` is called with lines on the progress.
 
     Raises:
         InputError: Training and judging share an episode's seed and map, or a file cannot be used.
@@ -142,16 +130,17 @@ def train_detector(training: DetectorTraining, fitter: Fitter, report: Callable[
     grid = PillarGrid()
     judging = bags_among(training.held_out)
     trained = frames_among(training.bags, training.cache, grid, report)
-    check_apart([one.about for one in trained], [_about(bag) for bag in judging])
+    abouts = [episode.about for episode in trained]
+    check_apart(abouts, map(about_episode, judging))
     draws = FrameDraws(trained, grid, training.config.seed, training.config.batch)
     report(f"{len(draws)} frames of {len(trained)} episodes")
     start = time.monotonic()
 
-    def tell(line: str) -> bool:
+    def goes_on(line: str) -> bool:
         report(line)
         return training.minutes is None or time.monotonic() - start < 60.0 * training.minutes
 
-    fitted = fitter(draws, training.config, training.threads, training.cache / CHECKPOINT, tell)
+    fitted = fitter(draws, training.config, training.threads, training.cache / CHECKPOINT, goes_on)
     if fitted is None:
         return None
     card = {
@@ -166,9 +155,9 @@ def train_detector(training: DetectorTraining, fitter: Fitter, report: Callable[
         "command": f"siren train detection BAGS --held-out BAGS --steps {training.config.steps} "
         f"--seed {training.config.seed} --out pillars.onnx",
         "training": {
-            **_episodes_json([one.about for one in trained]),
+            **_episodes_json(abouts),
             "frames": len(draws),
-            "frames_sha256": hashlib.sha256(b"".join(one.digest() for one in trained)).hexdigest(),
+            "frames_sha256": hashlib.sha256(b"".join(episode.digest() for episode in trained)).hexdigest(),
         },
         "fitting": {
             "processor_s": round(fitted.processor_s),
@@ -176,7 +165,7 @@ def train_detector(training: DetectorTraining, fitter: Fitter, report: Callable[
         },
     }
     write_network(training.out, fitted.onnx, card)
-    card = {**card, **judged_card(training.out, judging, {one.about["map"] for one in trained}, report)}
+    card = {**card, **judged_card(training.out, judging, {about["map"] for about in abouts}, report)}
     write_network(training.out, fitted.onnx, card)
     return card
 
@@ -188,29 +177,21 @@ def judged_card(
     splits: dict[str, list[JudgedEpisode]] = {TEST_SEEDS: [], TEST_MAPS: []}
     with tempfile.TemporaryDirectory() as scratch:
         for bag in bags:
-            one = judged_episode(bag, weights, Path(scratch))
-            splits[TEST_SEEDS if one.survey.episode["map"] in trained_maps else TEST_MAPS].append(one)
-            report(f"{bag}: mAP {figures_of([one])['mAP']['mean']:.3f}")
-    made = {name: episodes for name, episodes in splits.items() if episodes}
+            episode = judged_episode(bag, weights, Path(scratch))
+            splits[TEST_SEEDS if episode.survey.episode["map"] in trained_maps else TEST_MAPS].append(episode)
+            report(f"{bag}: mAP {figures_of([episode])['mAP'][MEAN]:.3f}")
+    filled = {name: episodes for name, episodes in splits.items() if episodes}
     return {
-        "judged": {name: _episodes_json([one.survey.episode for one in episodes]) for name, episodes in made.items()},
-        "figures": {name: figures_of(episodes) for name, episodes in made.items()},
+        "judged": {name: _episodes_json([each.survey.episode for each in part]) for name, part in filled.items()},
+        "figures": {name: figures_of(part) for name, part in filled.items()},
     }
-
-
-def _about(bag: Path) -> dict[str, Any]:
-    with open_source(bag) as source:
-        description = source.description
-    return {"template": description.template, "map": description.map_name, "seed": description.seed}
 
 
 def _episodes_json(abouts: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """How many episodes of which templates, maps and seeds."""
-    seeds: dict[str, set[int]] = {}
-    for about in abouts:
-        seeds.setdefault(str(about["map"]), set()).add(int(about["seed"]))
+    maps = sorted({str(about["map"]) for about in abouts})
     return {
         "episodes": len(abouts),
         "templates": dict(sorted(Counter(str(about["template"]) for about in abouts).items())),
-        "seeds_by_map": {name: sorted(found) for name, found in sorted(seeds.items())},
+        "seeds_by_map": {name: sorted({int(each["seed"]) for each in abouts if each["map"] == name}) for name in maps},
     }

@@ -3,28 +3,16 @@
 import io
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import onnx
 import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
-from siren_ros.training.settings import FittedNetwork
+from siren_ros.training.settings import FitSettings, FittedNetwork
 
 _OPSET: Final = 17
-
-
-class Rates(Protocol):
-    """The settings of a fitting that its descent needs."""
-
-    @property
-    def learning_rate(self) -> float:
-        """The highest one."""
-
-    @property
-    def weight_decay(self) -> float:
-        """Of AdamW."""
 
 
 class Descent:
@@ -33,7 +21,7 @@ class Descent:
     def __init__(
         self,
         network: nn.Module,
-        config: Rates,
+        config: FitSettings,
         steps: int,
         *,
         rising: float,
@@ -41,16 +29,10 @@ class Descent:
         averaging: float | None = None,
         betas: tuple[float, float] = (0.9, 0.999),
     ) -> None:
-        """Begins at the network's weights.
+        """Begins at the network's weights, on its device.
 
-        Args:
-            network: What is fitted, on its device.
-            config: Highest rate and weight decay.
-            steps: All of them.
-            rising: Share of the steps in which the rate rises.
-            gradient_max: Norm to which a gradient is cut.
-            averaging: Share of the old weights in their running mean; None keeps no mean.
-            betas: Of AdamW.
+        The rate rises in the share ``rising`` of all steps. ``averaging`` is the share of the old weights in their
+        running mean; None keeps no mean. ``betas`` are AdamW's.
         """
         self.network = network
         self._gradient_max = gradient_max
@@ -90,12 +72,7 @@ class Descent:
         return {"network": self.network.state_dict(), "average": average, "optimizer": self._optimizer.state_dict()}
 
     def go_on(self, state: dict[str, Any], done: int) -> None:
-        """Goes on from a state, which may be of a descent with another number of steps.
-
-        Args:
-            state: What ``state`` gave.
-            done: Steps that were made.
-        """
+        """Goes on after ``done`` steps from a ``state``, which may be of a descent with another number of steps."""
         self.network.load_state_dict(state["network"])
         self._optimizer.load_state_dict(state["optimizer"])
         if self._average is not None:
@@ -135,12 +112,12 @@ def exported(
         network: What was fitted.
         answer: The network with what turns its outputs into those of the file.
         example: Inputs of any values.
-        inputs: Their names.
+        inputs: Names of the inputs.
         outputs: Names of the outputs.
         free: Names of inputs and outputs whose first dimension has any size, with a name for that dimension.
         figures: Further fields of the result.
     """
-    buffer = io.BytesIO()
+    buffer, axes = io.BytesIO(), {name: {0: size} for name, size in free.items()}
     with warnings.catch_warnings():
         # The exporter that traces is announced to go; its successor needs three packages more.
         warnings.simplefilter("ignore")
@@ -152,13 +129,8 @@ def exported(
             opset_version=_OPSET,
             input_names=list(inputs),
             output_names=list(outputs),
-            dynamic_axes={name: {0: size} for name, size in free.items()},
+            dynamic_axes=axes,
         )
-    written = buffer.getvalue()
-    onnx.checker.check_model(onnx.load_from_string(written))
-    return FittedNetwork(
-        onnx=written,
-        parameters=sum(weights.numel() for weights in network.parameters()),
-        made_with=f"torch {torch.__version__}",
-        **figures,
-    )
+    onnx.checker.check_model(onnx.load_from_string(buffer.getvalue()))
+    parameters = sum(weights.numel() for weights in network.parameters())
+    return FittedNetwork(buffer.getvalue(), parameters, f"torch {torch.__version__}", **figures)

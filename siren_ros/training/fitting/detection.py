@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from siren_ros.errors import InputError
+from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.evaluation.detection.boxes import CLASS_NAMES
 from siren_ros.evaluation.detection.detectors.pillar_detector import INPUTS, OUTPUTS
 from siren_ros.evaluation.detection.detectors.pillars import FEATURES, PillarGrid, Pillars
@@ -107,10 +107,7 @@ _CHANNEL_WEIGHT: Final = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.2, 0.2)
 def heat_loss(logit: Tensor, heat: Tensor, counts: Tensor) -> Tensor:
     """The focal loss of CornerNet for a heatmap, over the number of vehicles.
 
-    Args:
-        logit: Of a vehicle, shape ``(B, R, R)``.
-        heat: 1 at centres, falling around them.
-        counts: 0 at cells that teach nothing.
+    Arguments have the shape ``(B, R, R)``: the logit of a vehicle, and the fields of ``Targets``.
     """
     share = torch.sigmoid(logit)
     sure, unsure = torch.nn.functional.logsigmoid(logit), torch.nn.functional.logsigmoid(-logit)
@@ -120,33 +117,27 @@ def heat_loss(logit: Tensor, heat: Tensor, counts: Tensor) -> Tensor:
     return -((hit + alarm) * counts).sum() / centre.sum().clamp(min=1.0)
 
 
-def box_loss(found: Tensor, box: Tensor, weight: Tensor) -> Tensor:
+def box_loss(answer: Tensor, box: Tensor, weight: Tensor) -> Tensor:
     """Absolute differences, over the weights of the cells; arguments have shapes ``(T, 10)``, ``(T, 10)``, ``(T,)``."""
-    channels = found.new_tensor(_CHANNEL_WEIGHT)
-    return ((found - box).abs() * channels * weight[:, None]).sum() / weight.sum().clamp(min=1.0)
+    channels = answer.new_tensor(_CHANNEL_WEIGHT)
+    return ((answer - box).abs() * channels * weight[:, None]).sum() / weight.sum().clamp(min=1.0)
 
 
 def losses(
-    answer: tuple[Tensor, Tensor, Tensor],
-    maps: tuple[Tensor, Tensor],
-    boxes: tuple[Tensor, Tensor, Tensor, Tensor],
-    config: DetectionFit,
+    answer: tuple[Tensor, Tensor, Tensor], targets: dict[str, Tensor], config: DetectionFit
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """The whole loss, and its parts: heat, boxes, classes.
+    """The whole loss of the network's answer, and its parts: heat, boxes, classes.
 
-    Args:
-        answer: Of the network.
-        maps: ``heat`` and ``counts`` of the targets, shape ``(B, R, R)``.
-        boxes: ``cell``, ``box``, ``weight``, ``label`` of the targets of all frames; cells counted on over the frames.
-        config: Weights of the parts.
+    ``targets`` are those of all frames by the fields of ``Targets``: maps of shape ``(B, R, R)``, cells counted on over
+    the frames.
     """
-    logit, classes, found = answer
-    cell, box, weight, label = boxes
-    heat = heat_loss(logit, *maps)
-    at_cells = found.permute(0, 2, 3, 1).reshape(-1, found.shape[1])[cell]
+    logit, classes, boxes = answer
+    cell, weight = targets["cell"], targets["weight"]
+    heat = heat_loss(logit, targets["heat"], targets["counts"])
+    at_cells = boxes.permute(0, 2, 3, 1).reshape(-1, boxes.shape[1])[cell]
     of_class = classes.permute(0, 2, 3, 1).reshape(-1, classes.shape[1])[cell]
-    boxed = box_loss(at_cells, box, weight)
-    surprise = torch.nn.functional.cross_entropy(of_class, label, reduction="none")
+    boxed = box_loss(at_cells, targets["box"], weight)
+    surprise = torch.nn.functional.cross_entropy(of_class, targets["label"], reduction="none")
     named = (surprise * weight).sum() / weight.sum().clamp(min=1.0)
     return heat + config.box_weight * boxed + config.class_weight * named, heat, boxed, named
 
@@ -166,44 +157,39 @@ class StepMeans:
     seconds: float
 
 
-@dataclass(frozen=True)
-class Fitted:
-    """What a training ends with."""
-
-    network: PillarNetwork
-    processor_s: float
-    """Processor time of all its steps."""
-    plans: tuple[tuple[int, int, int], ...]
-    """What the steps followed: from which step, of how many, on how many frames."""
-
-
 @dataclass
-class _Run:
+class Fitting:
+    """A training under way, or at its end."""
+
     network: PillarNetwork
+    """At the end the one to keep."""
     descent: Descent
     step: int = 0
     processor_s: float = 0.0
     """Since the first step, over all programs that went on from a checkpoint."""
     sums: list[Tensor] = field(default_factory=list)
+    """Losses since the last report."""
     plans: list[tuple[int, int, int]] = field(default_factory=list)
+    """What the steps followed: from which step, of how many, on how many frames."""
 
     def state(self) -> dict[str, Any]:
+        """Everything that ``restore`` goes on from."""
         plans = [list(plan) for plan in self.plans]
         return {"step": self.step, "processor_s": self.processor_s, "plans": plans, **self.descent.state()}
 
     def restore(self, state: dict[str, Any], steps: int) -> None:
+        """Goes on to so many steps from a checkpoint."""
         self.step, self.processor_s = int(state["step"]), float(state["processor_s"])
         self.plans = [(first, steps, frames) for first, steps, frames in state["plans"]]
         self.descent.go_on(state, min(self.step, steps))
 
     def train_step(self, frames: list[tuple[Pillars, Targets]], config: DetectionFit, device: torch.device) -> None:
+        """One step on a batch."""
         self.network.train()
-        pillars = pillar_tensors([pillars for pillars, _ in frames], self.network)
-        points, cell = (part.to(device) for part in pillars)
-        maps, boxes = _target_tensors([targets for _, targets in frames], device)
+        points, cell = (part.to(device) for part in pillar_tensors([pillars for pillars, _ in frames], self.network))
         with torch.autocast(device.type, torch.bfloat16, enabled=config.half):
             answer = self.network(points, cell, len(frames))
-        parts = losses(answer, maps, boxes, config)
+        parts = losses(answer, _target_tensors([targets for _, targets in frames], device), config)
         self.descent.step(parts[0])
         self.step += 1
         self.sums.append(torch.stack([part.detach().cpu() for part in parts]))
@@ -215,20 +201,11 @@ def fit(
     config: DetectionFit,
     checkpoint: Path | None,
     report: Callable[[StepMeans], bool],
-) -> Fitted | None:
-    """Trains a network, from its checkpoint where there is one.
+) -> Fitting | None:
+    """Trains a network, from its checkpoint where there is one; None where the training was stopped.
 
-    More frames and another number of steps may be asked for than when the checkpoint was written.
-
-    Args:
-        draws: The frames.
-        size: Of the network.
-        config: Settings.
-        checkpoint: File that the state is kept in; None keeps none.
-        report: Called after every ``checkpoint_steps``; False stops the training there.
-
-    Returns:
-        The result; None where the training was stopped.
+    More frames and another number of steps may be asked for than when the checkpoint was written. ``report`` is called
+    after every ``checkpoint_steps``; False stops the training there.
 
     Raises:
         InputError: The checkpoint is of another grid, size or seed, or no checkpoint at all.
@@ -238,7 +215,7 @@ def fit(
     descent = Descent(
         network, config, config.steps, rising=0.1, gradient_max=10.0, averaging=config.averaging, betas=(0.9, 0.99)
     )
-    run = _Run(network, descent)
+    run = Fitting(network, descent)
     digest = repr((_CHECKPOINT_FORM, draws.grid, draws.seed, draws.batch, size))
     if checkpoint is not None and checkpoint.exists():
         run.restore(_read(checkpoint, digest), config.steps)
@@ -253,11 +230,15 @@ def fit(
             run.sums.clear()
             run.processor_s = spent_s + time.process_time()
             if checkpoint is not None:
-                _write(checkpoint, {"digest": digest, **run.state()})
+                with writing(checkpoint, "place", "checkpoint"):
+                    checkpoint.parent.mkdir(parents=True, exist_ok=True)
+                    with whole_file(checkpoint) as new:
+                        torch.save({"digest": digest, **run.state()}, new)
             goes_on = report(StepMeans(run.step, loss, heat, box, named, time.monotonic() - start))
             if not goes_on and run.step < config.steps:
                 return None
-    return Fitted(run.descent.result(), run.processor_s, tuple(run.plans))
+    run.network = descent.result()
+    return run
 
 
 def pillar_tensors(frames: list[Pillars], network: PillarNetwork) -> tuple[Tensor, Tensor]:
@@ -267,29 +248,14 @@ def pillar_tensors(frames: list[Pillars], network: PillarNetwork) -> tuple[Tenso
     return torch.from_numpy(np.concatenate([pillars.points for pillars in frames])), torch.from_numpy(cell)
 
 
-def _target_tensors(
-    targets: list[Targets], device: torch.device
-) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor, Tensor, Tensor]]:
-    side = targets[0].heat.size
-    cell = np.concatenate([each.cell + number * side for number, each in enumerate(targets)])
-    heat, counts = (np.stack([getattr(each, name) for each in targets]) for name in ("heat", "counts"))
-    box, weight, label = (
-        np.concatenate([getattr(each, name) for each in targets]) for name in ("box", "weight", "label")
+def _target_tensors(frames: list[Targets], device: torch.device) -> dict[str, Tensor]:
+    arrays = {name: np.stack([getattr(targets, name) for targets in frames]) for name in ("heat", "counts")}
+    for name in ("box", "weight", "label"):
+        arrays[name] = np.concatenate([getattr(targets, name) for targets in frames])
+    arrays["cell"] = np.concatenate(
+        [targets.cell + number * targets.heat.size for number, targets in enumerate(frames)]
     )
-    maps = torch.from_numpy(heat).to(device), torch.from_numpy(counts).to(device)
-    at_cells = (torch.from_numpy(values).to(device) for values in (cell, box, weight, label))
-    first, second, third, fourth = at_cells
-    return maps, (first, second, third, fourth)
-
-
-def _write(path: Path, state: dict[str, Any]) -> None:
-    unfinished = path.with_suffix(".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        torch.save(state, unfinished)
-        unfinished.replace(path)
-    except OSError as error:
-        raise InputError("checkpoint", str(path), f"a place that can be written ({error.strerror})") from error
+    return {name: torch.from_numpy(values).to(device) for name, values in arrays.items()}
 
 
 def _read(path: Path, digest: str) -> dict[str, Any]:
@@ -333,38 +299,22 @@ class BoxesOf(nn.Module):
 def export(network: PillarNetwork, **figures: Any) -> FittedNetwork:
     """The network for one frame with any number of pillars; ``figures`` are further fields of the result."""
     grid, pillars = network.grid, 7
-    example = (
-        torch.rand(pillars, grid.points, len(FEATURES)),
-        torch.arange(pillars, dtype=torch.int64) * 3 % grid.cells**2,
-    )
-    free = dict.fromkeys(INPUTS, "pillars")
+    cells = torch.arange(pillars, dtype=torch.int64) * 3 % grid.cells**2
+    example, free = (torch.rand(pillars, grid.points, len(FEATURES)), cells), dict.fromkeys(INPUTS, "pillars")
     return exported(network, BoxesOf(network), example, INPUTS, OUTPUTS, free, **figures)
 
 
 def fitted_detector(
     draws: FrameDraws, config: DetectionFit, threads: int, checkpoint: Path, report: Callable[[str], bool]
 ) -> FittedNetwork | None:
-    """Fits a network and exports it.
-
-    Args:
-        draws: The frames.
-        config: Settings.
-        threads: Of the processor.
-        checkpoint: Where the state is kept, and taken from.
-        report: Called with one line at each checkpoint; False stops the training there.
-
-    Returns:
-        The network; None where the training was stopped.
-    """
+    """Fits a network and exports it; None where ``report``, called with a line at each checkpoint, gave False."""
     torch.set_num_threads(threads)
 
-    def tell(progress: StepMeans) -> bool:
+    def report_means(progress: StepMeans) -> bool:
         return report(
             f"step {progress.step}/{config.steps}: loss {progress.loss:.3f} (heat {progress.heat:.3f}, "
             f"boxes {progress.box:.3f}, classes {progress.named:.3f}), {progress.seconds:.0f} s"
         )
 
-    fitted = fit(draws, NetworkSize(), config, checkpoint, tell)
-    if fitted is None:
-        return None
-    return export(fitted.network, processor_s=fitted.processor_s, plans=fitted.plans)
+    run = fit(draws, NetworkSize(), config, checkpoint, report_means)
+    return None if run is None else export(run.network, processor_s=run.processor_s, plans=tuple(run.plans))

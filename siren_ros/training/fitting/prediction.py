@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, future_times_s
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, SHAPES, Features
 from siren_ros.training.fitting.descent import Descent, exported
-from siren_ros.training.prediction.batches import SampleStore
+from siren_ros.training.prediction.samples import SampleStore
 from siren_ros.training.settings import FitConfig, FittedNetwork
 
 MODES: Final = 6
@@ -54,9 +54,12 @@ class Attention(nn.Module):
     def forward(self, tokens: Tensor, source: Tensor, hidden: Tensor) -> Tensor:
         """Tokens ``(N, A, width)``, source ``(N, B, width)``; ``hidden`` is 0 or very negative, ``(N, B)``."""
         rows, wide = tokens.shape[1], tokens.shape[2] // self.heads
-        normal = self.before_source(source)
         query = self.query(self.before_query(tokens)).reshape(-1, rows, self.heads, wide).transpose(1, 2)
-        both = self.key_value(normal).reshape(-1, source.shape[1], 2, self.heads, wide).permute(2, 0, 3, 1, 4)
+        both = (
+            self.key_value(self.before_source(source))
+            .reshape(-1, source.shape[1], 2, self.heads, wide)
+            .permute(2, 0, 3, 1, 4)
+        )
         scores = query @ both[0].transpose(-1, -2) * wide**-0.5 + hidden[:, None, None]
         seen = (torch.softmax(scores, dim=-1) @ both[1]).transpose(1, 2).reshape(-1, rows, self.heads * wide)
         tokens = tokens + self.dropout(self.merge(seen))
@@ -82,7 +85,7 @@ class PathNetwork(nn.Module):
         self.size, width = size, size.width
         self.target_in = _encoder(size.target, width)
         self.neighbour_in = _encoder(size.neighbour, width)
-        self.path_in = _encoder(size.path + _shape_columns(), width)
+        self.path_in = _encoder(size.path + 2 * len(_SHOWN_POINTS), width)
         self.heading = nn.Parameter(0.1 * torch.randn(1, 1, width))
         self.over_neighbours = nn.ModuleList(Attention(width, size.heads, size.dropout) for _ in range(size.layers))
         self.over_road = nn.ModuleList(Attention(width, size.heads, size.dropout) for _ in range(size.layers))
@@ -113,11 +116,11 @@ class PathNetwork(nn.Module):
 
         The arguments are the fields of ``Features``.
         """
-        own = self.target_in((target - self.target_mean) / self.target_std)[:, None]
+        vehicle = self.target_in((target - self.target_mean) / self.target_std)[:, None]
         others = self.neighbour_in((neighbours - self.neighbour_mean) / self.neighbour_std)
         road = self.path_in(torch.cat((_shapes(path_points_m), (paths - self.path_mean) / self.path_std), dim=-1))
         heading = self.heading.expand(target.shape[0], 1, -1)
-        tokens = torch.cat((own, heading, road), dim=1)
+        tokens = torch.cat((vehicle, heading, road), dim=1)
         hide_others = torch.cat((torch.zeros_like(speed_mps)[:, None], _hiding(neighbour_there)), dim=1)
         hide_road = torch.cat((torch.zeros_like(speed_mps)[:, None].expand(-1, 2), _hiding(path_there)), dim=1)
         for over_neighbours, over_road in zip(self.over_neighbours, self.over_road, strict=True):
@@ -128,11 +131,11 @@ class PathNetwork(nn.Module):
     def _drive(
         self, tokens: Tensor, hidden: Tensor, speed_mps: Tensor, path_points_m: Tensor, path_spacing_m: Tensor
     ) -> tuple[Tensor, Tensor]:
-        own, ways = tokens[:, :1].expand(-1, MODES, -1), tokens[:, 1:]
-        intent = self.merge(torch.cat((own, self.modes.expand(tokens.shape[0], -1, -1)), dim=-1))
+        vehicle, ways = tokens[:, :1].expand(-1, MODES, -1), tokens[:, 1:]
+        intent = self.merge(torch.cat((vehicle, self.modes.expand(tokens.shape[0], -1, -1)), dim=-1))
         scores = self.choose(intent) @ ways.transpose(-1, -2) * ways.shape[-1] ** -0.5
         share = torch.softmax(scores + hidden[:, None], dim=-1)
-        context = torch.cat((own, intent, share @ ways), dim=-1)
+        context = torch.cat((vehicle, intent, share @ ways), dim=-1)
         answer = self.drive(context).reshape(-1, MODES, 2, FUTURE_POINTS)
         along = self.times_s * (speed_mps[:, None, None] + _SPEED_UNIT_MPS * answer[:, :, 0])
         across = self.times_s * _SIDEWAYS_UNIT_MPS * answer[:, :, 1]
@@ -146,10 +149,6 @@ def _encoder(columns: int, width: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(columns, 2 * width), nn.GELU(), nn.Linear(2 * width, width))
 
 
-def _shape_columns() -> int:
-    return 2 * len(_SHOWN_POINTS)
-
-
 _SHOWN_POINTS: Final = (2, 5, 8, 11, 15, 19, 23, 27, 31)
 _SHAPE_SCALE_M: Final = 30.0
 
@@ -157,7 +156,7 @@ _SHAPE_SCALE_M: Final = 30.0
 def _shapes(points_m: Tensor) -> Tensor:
     """Some points of each path as columns."""
     shown = points_m[:, :, list(_SHOWN_POINTS)] / _SHAPE_SCALE_M
-    return shown.reshape(-1, points_m.shape[1], _shape_columns())
+    return shown.reshape(-1, points_m.shape[1], 2 * len(_SHOWN_POINTS))
 
 
 def _hiding(there: Tensor) -> Tensor:
@@ -165,16 +164,13 @@ def _hiding(there: Tensor) -> Tensor:
 
 
 def _on_paths(points_m: Tensor, spacing_m: Tensor, along_m: Tensor, across_m: Tensor) -> Tensor:
-    """Places along paths, moved sideways; straight on past both ends.
+    """Places along paths, moved sideways, ``(N, P, M, T, 2)``; straight on past both ends.
 
     Args:
         points_m: Points of the paths, ``(N, P, K, 2)``.
         spacing_m: Between consecutive points, ``(N,)``.
         along_m: Arc lengths, ``(N, M, T)``.
         across_m: Offsets to the left, ``(N, M, T)``.
-
-    Returns:
-        Shape ``(N, P, M, T, 2)``.
     """
     paths, points = points_m.shape[1], points_m.shape[2]
     position = along_m / spacing_m[:, None, None]
@@ -208,13 +204,7 @@ class EpochMeans:
 
 
 def fit(store: SampleStore, config: FitConfig, report: Callable[[EpochMeans], None]) -> PathNetwork:
-    """Trains a network from scratch.
-
-    Args:
-        store: The samples.
-        config: Settings.
-        report: Called after each epoch.
-    """
+    """Trains a network from scratch; ``report`` is called after each epoch."""
     torch.manual_seed(config.seed)
     device = torch.device(config.device)
     network = _new_network(store, config).to(device)
@@ -236,8 +226,8 @@ def fit(store: SampleStore, config: FitConfig, report: Callable[[EpochMeans], No
             sums += torch.stack([part.detach() for part in parts])
         loss, ade, least = (sums / batches).tolist()
         report(EpochMeans(epoch, loss, ade, least, time.monotonic() - start))
-    fitted: PathNetwork = descent.result()
-    return fitted
+    result: PathNetwork = descent.result()
+    return result
 
 
 def losses(answer: tuple[Tensor, Tensor], truth_m: Tensor, config: FitConfig) -> tuple[Tensor, Tensor, Tensor]:
@@ -246,10 +236,8 @@ def losses(answer: tuple[Tensor, Tensor], truth_m: Tensor, config: FitConfig) ->
     The nearest hypothesis is drawn to the truth (the others slightly, so that none is left behind), the probabilities
     to the nearest hypothesis, and the most probable hypothesis to the truth: alone it has to be a good guess.
 
-    Args:
-        answer: Paths ``(N, MODES, FUTURE_POINTS, 2)`` and logits ``(N, MODES)``.
-        truth_m: Shape ``(N, FUTURE_POINTS, 2)``.
-        config: Settings.
+    ``answer`` has paths ``(N, MODES, FUTURE_POINTS, 2)`` and logits ``(N, MODES)``; ``truth_m`` has the shape
+    ``(N, FUTURE_POINTS, 2)``.
     """
     xy_m, logits = answer
     miss = xy_m - truth_m[:, None]
@@ -274,24 +262,17 @@ def _tensor(values: npt.NDArray[Any], device: torch.device | str) -> Tensor:
 
 def _new_network(store: SampleStore, config: FitConfig) -> PathNetwork:
     features = store.features
-    size = NetworkSize(
-        target=features.target.shape[1],
-        neighbour=features.neighbours.shape[2],
-        path=features.paths.shape[2],
-        width=config.width,
-        layers=config.layers,
-    )
-    network = PathNetwork(size)
+    columns = (features.target.shape[1], features.neighbours.shape[2], features.paths.shape[2])
+    network = PathNetwork(NetworkSize(*columns, width=config.width, layers=config.layers))
     for name, values in (
         ("target", features.target),
         ("neighbour", features.neighbours[features.neighbour_there]),
         ("path", features.paths[features.path_there]),
     ):
-        if len(values) == 0:
-            continue
-        columns = values.astype(np.float32)
-        getattr(network, f"{name}_mean").copy_(torch.from_numpy(columns.mean(axis=0)))
-        getattr(network, f"{name}_std").copy_(torch.from_numpy(np.maximum(columns.std(axis=0), _LEAST_STD)))
+        if len(values):
+            single = values.astype(np.float32)
+            getattr(network, f"{name}_mean").copy_(torch.from_numpy(single.mean(axis=0)))
+            getattr(network, f"{name}_std").copy_(torch.from_numpy(np.maximum(single.std(axis=0), _LEAST_STD)))
     return network
 
 
@@ -321,25 +302,18 @@ def export(network: PathNetwork) -> FittedNetwork:
         "path_there": (samples, SHAPES["paths"]),
     }
     names = [field.name for field in fields(Features)]
-    example = tuple(
-        torch.ones(shapes[name], dtype=torch.bool if name.endswith("_there") else torch.float32) for name in names
-    )
+    kinds = {name: torch.bool if name.endswith("_there") else torch.float32 for name in names}
+    example = tuple(torch.ones(shapes[name], dtype=kind) for name, kind in kinds.items())
     return exported(network, _Answer(network), example, names, OUTPUTS, dict.fromkeys([*names, *OUTPUTS], "samples"))
 
 
 def fitted_network(store: SampleStore, config: FitConfig, report: Callable[[str], None]) -> FittedNetwork:
-    """Fits a network and exports it.
+    """Fits a network and exports it; ``report`` is called with a line after each epoch."""
 
-    Args:
-        store: The samples.
-        config: Settings.
-        report: Called with one line after each epoch.
-    """
-
-    def tell(progress: EpochMeans) -> None:
+    def report_means(progress: EpochMeans) -> None:
         report(
             f"epoch {progress.epoch + 1}/{config.epochs}: loss {progress.loss:.3f}, ADE {progress.ade_m:.3f} m, "
             f"minADE6 {progress.min_ade_m:.3f} m, {progress.seconds:.0f} s"
         )
 
-    return export(fit(store, config, tell))
+    return export(fit(store, config, report_means))

@@ -13,7 +13,6 @@ from siren_ros.evaluation.risk.sequence_model import HEIGHT, INPUT, OUTPUT, WIDT
 from siren_ros.training.fitting.descent import Descent, exported
 from siren_ros.training.risk.batches import (
     CLIP_FRAMES,
-    Clip,
     LabelledFilm,
     brightness,
     clip_of,
@@ -58,11 +57,7 @@ class FilmNetwork(nn.Module):
         self.moments = nn.Conv1d(_WIDTH, 2, 1)
 
     def forward(self, frames: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits of each picture ``(N, 2, T)`` and of the film ``(N, 2)``.
-
-        Args:
-            frames: Grey values 0 … 255, shape ``(N, T, HEIGHT, WIDTH)``.
-        """
+        """Grey values 0 … 255, ``(N, T, HEIGHT, WIDTH)``, to logits of pictures ``(N, 2, T)`` and films ``(N, 2)``."""
         values = (frames.float() - 128.0) / 64.0
         first = torch.cat((values[:, :1], values[:, :1], values), dim=1)
         # A picture, and how it differs from the two before it: what comes nearer grows.
@@ -86,23 +81,16 @@ def fitted_film_network(
 ) -> FittedNetwork:
     """Fits and exports a network whose two probabilities are to be held against one half.
 
-    Args:
-        train: Films to learn from.
-        validation: Films that decide where the halves lie, and nothing else.
-        config: Settings.
-        report: Called with one line after each epoch.
+    The validation films decide where the halves lie, and nothing else. ``report`` is called with a line after each
+    epoch.
     """
     network = _fit(train, config, report)
     clips = validation_clips(validation, config.thresholds)
-    offset = operating_point(_logits(network, clips), np.array([clip.label for clip in clips], dtype=np.int64))
-    return exported(
-        network,
-        _Answer(network, torch.from_numpy(offset)),
-        (torch.zeros((1, CLIP_FRAMES, HEIGHT, WIDTH), dtype=torch.uint8),),
-        [INPUT],
-        [OUTPUT],
-        {},
-    )
+    with torch.no_grad():
+        logits = torch.cat([network(torch.from_numpy(clip.frames[None]))[1] for clip in clips]).numpy()
+    offset = operating_point(logits, np.array([clip.label for clip in clips], dtype=np.int64))
+    example = torch.zeros((1, CLIP_FRAMES, HEIGHT, WIDTH), dtype=torch.uint8)
+    return exported(network, _Answer(network, torch.from_numpy(offset)), (example,), [INPUT], [OUTPUT], {})
 
 
 def _fit(films: Sequence[LabelledFilm], config: FilmFitConfig, report: Callable[[str], None]) -> FilmNetwork:
@@ -133,9 +121,9 @@ def _batch(
     shares = np.array([share if some else 0.0 for share, some in zip(_SHARES, having, strict=True)])
     frames, severity, label = [], [], []
     for risk in random.choice(len(RiskClass), config.batch, p=shares / shares.sum()):
-        one = having[risk][int(random.integers(len(having[risk])))]
-        first = drawn_first(one, RiskClass(risk), config.clip_frames, random)
-        clip = clip_of(one, first, config.clip_frames, config.thresholds)
+        film = having[risk][int(random.integers(len(having[risk])))]
+        first = drawn_first(film, RiskClass(risk), config.clip_frames, random)
+        clip = clip_of(film, first, config.clip_frames, config.thresholds)
         pictures = brightness(clip.frames, random)
         if random.random() < 0.5:
             pictures = pictures[..., ::-1].copy()
@@ -150,12 +138,6 @@ def _focal(logits: Tensor, severity: Tensor, focus: float) -> Tensor:
     truth = torch.stack((severity >= RiskClass.NEAR_MISS, severity >= RiskClass.COLLISION), dim=1).float()
     loss = torch.nn.functional.binary_cross_entropy_with_logits(logits, truth, reduction="none")
     return ((1.0 - torch.exp(-loss)) ** focus * loss).sum(dim=1).mean()
-
-
-def _logits(network: FilmNetwork, clips: Sequence[Clip]) -> "np.ndarray[tuple[int, int], np.dtype[np.float32]]":
-    with torch.no_grad():
-        parts = [network(torch.from_numpy(clip.frames[None]))[1] for clip in clips]
-    return torch.cat(parts).numpy()
 
 
 class _Answer(torch.nn.Module):

@@ -5,6 +5,7 @@ The splits differ by seed; the last one also by map.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -36,8 +37,7 @@ class PlannedEpisode:
         """Name of its file."""
         request = self.request
         map_name = Path(request.map).name.split(".")[0] if request.map else "town"
-        parts = (request.template, request.level or "own", map_name, f"seed{request.seed}")
-        return "_".join(parts)
+        return f"{request.template}_{request.level or 'own'}_{map_name}_seed{request.seed}"
 
 
 @dataclass(frozen=True)
@@ -52,38 +52,20 @@ class PlanSize:
 def plan_episodes(maps: Sequence[str], held_out: Sequence[str], size: PlanSize) -> tuple[PlannedEpisode, ...]:
     """All episodes, so that any first part of the training episodes has all templates, maps and levels.
 
-    Args:
-        maps: Map files to train on; "" is the built-in town.
-        held_out: Map files that only judge.
-        size: How many.
+    Maps to train on and held-out maps, which only judge, are files; "" is the built-in town.
     """
-    train = [
-        PlannedEpisode(Split.TRAIN, _request(template, Split.TRAIN, turn, place, maps, _level(turn, place, number)))
-        for turn in range(size.train)
-        for place in range(len(maps))
-        for number, template in enumerate(TEMPLATES)
-    ]
-    judged = [
-        PlannedEpisode(split, _request(template, split, turn, place, among, ""))
-        for split, among, turns in (
-            (Split.VALIDATION, maps, size.validation),
-            (Split.TEST_SEEDS, maps, size.test),
-            (Split.TEST_MAPS, held_out, size.test),
-        )
-        for turn in range(turns)
-        for place in range(len(among))
-        for template in TEMPLATES
-    ]
-    return (*train, *judged)
-
-
-def _request(template: str, split: Split, turn: int, place: int, maps: Sequence[str], level: str) -> EpisodeRequest:
-    seed = FIRST_SEED[split] + _SEEDS_APART * turn + place
-    return EpisodeRequest(template=template, level=level, seed=seed, map=maps[place], sensors="none")
-
-
-def _level(turn: int, place: int, number: int) -> str:
-    return _LEVELS[(turn + 3 * number + 7 * place) % len(_LEVELS)]
+    episodes = []
+    for split, files, turns in (
+        (Split.TRAIN, maps, size.train),
+        (Split.VALIDATION, maps, size.validation),
+        (Split.TEST_SEEDS, maps, size.test),
+        (Split.TEST_MAPS, held_out, size.test),
+    ):
+        for turn, (place, file), (number, template) in product(range(turns), enumerate(files), enumerate(TEMPLATES)):
+            seed = FIRST_SEED[split] + _SEEDS_APART * turn + place
+            level = _LEVELS[(turn + 3 * number + 7 * place) % len(_LEVELS)] if split is Split.TRAIN else ""
+            episodes.append(PlannedEpisode(split, EpisodeRequest(template, level, seed, file, sensors="none")))
+    return tuple(episodes)
 
 
 def is_ordinary(request: EpisodeRequest) -> bool:

@@ -1,12 +1,13 @@
 """Samples of the predictor: made by the closed loop in processes, kept in files, and read into memory."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from siren_ros import __version__
 from siren_ros.evaluation.prediction.baselines import ConstantVelocity, IdmPredictor
@@ -15,13 +16,15 @@ from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, S
 from siren_ros.evaluation.prediction.siren_model.columns import in_frame_of
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import (
     FEATURES_VERSION,
+    Ablation,
     FeatureNames,
     Features,
     features_and_names,
+    without,
 )
 from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
-from siren_ros.numerics.arrays import Floats32, random_stream
+from siren_ros.numerics.arrays import Floats32, Rows, random_stream
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.training.data_files import MadeFiles, make_files, write_arrays
 from siren_ros.training.prediction.plan import PlannedEpisode
@@ -35,13 +38,20 @@ _REFERENCES: Final[dict[str, Predictor]] = {"cv": ConstantVelocity(), "idm": Idm
 
 
 @dataclass(frozen=True)
-class EpisodeFeatures:
-    """Samples of one episode, as they are stored."""
+class EpisodeKey:
+    """The episode that samples are of."""
 
     template: str
     level: str
     seed: int
     map_name: str
+
+
+@dataclass(frozen=True)
+class EpisodeFeatures:
+    """Samples of one episode, as they are stored."""
+
+    episode: EpisodeKey
     split: Split
     names: FeatureNames
     features: Features
@@ -62,14 +72,7 @@ def features_path(folder: Path, planned: PlannedEpisode) -> Path:
 def make_samples(
     plan: Sequence[PlannedEpisode], folder: Path, jobs: int, done: Callable[[], None]
 ) -> MadeFiles[PlannedEpisode]:
-    """Makes the samples of the episodes that have no file yet.
-
-    Args:
-        plan: The episodes.
-        folder: Where their files are kept.
-        jobs: Processes at once.
-        done: Called after each episode.
-    """
+    """Makes the samples of the episodes that have no file yet; arguments as of ``make_files``."""
     return make_files({planned: features_path(folder, planned) for planned in plan}, _make, jobs, done)
 
 
@@ -88,35 +91,30 @@ def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
     """The samples of a record: of a training episode a draw of all vehicles, else all of the interaction region."""
     episode = record.description
     region = samples_of(record, HistoryWindow(), Population.REGION)
-    parts = [(region, np.arange(len(region)))]
+    parts, references = [(region, np.arange(len(region)))], _REFERENCES
     if split is Split.TRAIN:
         random = random_stream(episode.seed, f"training/{episode.template}/{episode.level.name}")
-        every = samples_of(record, HistoryWindow(), Population.ALL)
+        whole_map = samples_of(record, HistoryWindow(), Population.ALL)
         parts = [
             (samples, np.sort(random.permutation(len(samples))[:most]))
-            for samples, most in ((region, REGION_SAMPLES), (every, OTHER_SAMPLES))
+            for samples, most in ((region, REGION_SAMPLES), (whole_map, OTHER_SAMPLES))
         ]
-    made = [features_and_names(samples.batch) for samples, _ in parts]
-    chosen = [features.select(rows) for (features, _), (_, rows) in zip(made, parts, strict=True)]
+        references = {}
+    named = [features_and_names(samples.batch) for samples, _ in parts]
     return EpisodeFeatures(
-        template=episode.template,
-        level=episode.level.name,
-        seed=episode.seed,
-        map_name=episode.map_name,
-        split=split,
-        names=made[0][1],
-        features=joined(chosen),
+        EpisodeKey(episode.template, episode.level.name, episode.seed, episode.map_name),
+        split,
+        names=named[0][1],
+        features=joined([features.select(rows) for (features, _), (_, rows) in zip(named, parts, strict=True)]),
         truth_m=np.concatenate([_truth(samples)[rows] for samples, rows in parts]),
-        reference_ade_m={} if split is Split.TRAIN else {name: _ade(one, region) for name, one in _REFERENCES.items()},
+        reference_ade_m={name: _ade(model, region) for name, model in references.items()},
     )
 
 
-def joined(parts: list[Features]) -> Features:
+def joined(parts: Sequence[Features]) -> Features:
     """The samples of all parts, one after the other."""
-    columns: dict[str, Any] = {
-        field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Features)
-    }
-    return Features(**columns)
+    names = [field.name for field in fields(Features)]
+    return Features(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def _truth(samples: ScoredSamples) -> Floats32:
@@ -131,10 +129,7 @@ def _ade(model: Predictor, samples: ScoredSamples) -> Floats32:
 
 def write_features(path: Path, episode: EpisodeFeatures) -> None:
     """Writes a file whole or not at all."""
-    about = {
-        **{name: getattr(episode, name) for name in ("template", "level", "seed", "map_name", "split")},
-        "names": asdict(episode.names),
-    }
+    about = {**asdict(episode.episode), "split": episode.split, "names": asdict(episode.names)}
     arrays = {f"features.{field.name}": getattr(episode.features, field.name) for field in fields(Features)}
     arrays |= {f"reference.{name}": values for name, values in episode.reference_ade_m.items()}
     write_arrays(path, {"about": np.array(json.dumps(about)), "truth_m": episode.truth_m, **arrays})
@@ -144,11 +139,57 @@ def read_features(path: Path) -> EpisodeFeatures:
     """An episode that ``write_features`` wrote."""
     with np.load(path) as file:
         about = json.loads(str(file["about"]))
-        features: dict[str, Any] = {field.name: file[f"features.{field.name}"] for field in fields(Features)}
+        features = Features(**{field.name: file[f"features.{field.name}"] for field in fields(Features)})
         references = {key.removeprefix("reference."): file[key] for key in file.files if key.startswith("reference.")}
         truth = file["truth_m"]
     names = FeatureNames(**{kind: tuple(values) for kind, values in about.pop("names").items()})
     split = Split(about.pop("split"))
-    return EpisodeFeatures(
-        **about, split=split, names=names, features=Features(**features), truth_m=truth, reference_ade_m=references
+    return EpisodeFeatures(EpisodeKey(**about), split, names, features, truth, references)
+
+
+@dataclass(frozen=True)
+class SampleStore:
+    """Samples of several episodes."""
+
+    features: Features
+    """Of half precision, which halves the memory; speed and spacing are single."""
+    truth_m: Floats32
+    episode: npt.NDArray[np.int32]
+    """Position in ``episodes`` of each sample."""
+    episodes: tuple[EpisodeKey, ...]
+    names: FeatureNames
+    reference_ade_m: Mapping[str, Floats32]
+    """Of the reference models, shape ``(N,)``; empty for episodes that are trained on."""
+
+    def __len__(self) -> int:
+        return len(self.truth_m)
+
+    def batch(self, rows: Rows | slice) -> Features:
+        """Some samples in single precision."""
+        part = self.features.select(rows)
+        return Features(**{field.name: _as(getattr(part, field.name), np.float32) for field in fields(Features)})
+
+
+def read_store(paths: Sequence[Path], ablation: Ablation = Ablation.NONE) -> SampleStore:
+    """Reads files of ``write_features`` in their order, at least one with a sample; those without are left out."""
+    episodes = [episode for episode in map(read_features, paths) if len(episode)]
+    names = episodes[0].names
+    columns: dict[str, Any] = {}
+    for field in fields(Features):
+        kind = np.float32 if field.name in {"speed_mps", "path_spacing_m"} else np.float16
+        parts = [getattr(without(episode.features, names, ablation), field.name) for episode in episodes]
+        columns[field.name] = np.concatenate([_as(part, kind) for part in parts])
+    errors = [episode.reference_ade_m for episode in episodes]
+    references = sorted(set.intersection(*map(set, errors)))
+    return SampleStore(
+        features=Features(**columns),
+        truth_m=np.concatenate([episode.truth_m for episode in episodes]),
+        episode=np.repeat(np.arange(len(episodes), dtype=np.int32), [len(episode) for episode in episodes]),
+        episodes=tuple(episode.episode for episode in episodes),
+        names=names,
+        reference_ade_m={name: np.concatenate([each[name] for each in errors]) for name in references},
     )
+
+
+def _as(values: npt.NDArray[Any], kind: type[np.floating[Any]]) -> npt.NDArray[Any]:
+    return values if values.dtype == np.bool_ else values.astype(kind)

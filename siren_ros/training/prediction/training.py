@@ -13,12 +13,12 @@ from siren_ros.evaluation.network_file import write_network
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import FEATURES_VERSION, TrainedNetwork, load_network
 from siren_ros.numerics.arrays import Floats, Floats32
 from siren_ros.training.data_files import MadeFiles
-from siren_ros.training.prediction.batches import EpisodeKey, SampleStore, read_store
 from siren_ros.training.prediction.plan import VARIANTS, PlannedEpisode, is_ordinary
+from siren_ros.training.prediction.samples import EpisodeKey, SampleStore, read_store
 from siren_ros.training.settings import FitConfig, FittedNetwork, Split
 
 MEAN: Final = "mean"
-_OWN: Final = ("siren", "siren_min6", "siren_fde")
+_MODEL_ERRORS: Final = ("siren", "siren_min6", "siren_fde")
 
 
 @dataclass(frozen=True)
@@ -33,33 +33,28 @@ class EpisodeErrors:
 
 def assess(network: TrainedNetwork, store: SampleStore) -> tuple[EpisodeErrors, ...]:
     """Errors of each episode of a split."""
-    columns: dict[str, Floats | Floats32] = {**_own_errors(network, store), **store.reference_ade_m}
-    found = []
-    for number, key in enumerate(store.episodes):
-        rows = np.flatnonzero(store.episode == number)
-        means = {name: float(values[rows].mean()) for name, values in columns.items()}
-        found.append(EpisodeErrors(key, len(rows), means))
-    return tuple(found)
-
-
-def _own_errors(network: TrainedNetwork, store: SampleStore) -> dict[str, Floats]:
     xy_m, probability = network.run(store.batch(slice(None)))
     miss = xy_m - store.truth_m[:, None]
     distance = np.hypot(miss[..., 0], miss[..., 1])
     ade = distance.mean(axis=-1)
-    likeliest = probability.argmax(axis=1)
-    rows = np.arange(len(store))
-    return dict(zip(_OWN, (ade[rows, likeliest], ade.min(axis=1), distance[rows, likeliest, -1]), strict=True))
+    likeliest, rows = probability.argmax(axis=1), np.arange(len(store))
+    of_model = (ade[rows, likeliest], ade.min(axis=1), distance[rows, likeliest, -1])
+    columns: dict[str, Floats | Floats32] = {**dict(zip(_MODEL_ERRORS, of_model, strict=True)), **store.reference_ade_m}
+    episodes = []
+    for number, key in enumerate(store.episodes):
+        rows = np.flatnonzero(store.episode == number)
+        means = {name: float(values[rows].mean()) for name, values in columns.items()}
+        episodes.append(EpisodeErrors(key, len(rows), means))
+    return tuple(episodes)
 
 
 def by_template(errors: Sequence[EpisodeErrors]) -> dict[str, dict[str, float]]:
     """Means over the samples of each template, and under ``MEAN`` over the templates, as the evaluation does."""
-    names = sorted({each.episode.template for each in errors})
     table = {}
-    for name in names:
-        own = [each for each in errors if each.episode.template == name]
-        means = _mean([each.errors_m for each in own], [each.samples for each in own])
-        table[name] = {"episodes": float(len(own)), **means}
+    for name in sorted({each.episode.template for each in errors}):
+        episodes = [each for each in errors if each.episode.template == name]
+        means = _mean([each.errors_m for each in episodes], [each.samples for each in episodes])
+        table[name] = {"episodes": float(len(episodes)), **means}
     if not table:
         return {}
     mean = _mean(list(table.values()), [1] * len(table))
@@ -80,7 +75,7 @@ def table_lines(table: Mapping[str, Mapping[str, float]]) -> list[str]:
     """The table as text: ADE of the models, minADE of six, and how both compare with constant velocity."""
     lines = [f"{'':<14}{'episodes':>9}{'cv':>8}{'idm':>8}{'siren':>8}{'':>7}{'minADE6':>9}{'':>7}"]
     for name, row in table.items():
-        gains = [f"{row[own] / row['cv'] - 1.0:+.0%}" for own in _OWN[:2]]
+        gains = [f"{row[name] / row['cv'] - 1.0:+.0%}" for name in _MODEL_ERRORS[:2]]
         lines.append(
             f"{name:<14}{row['episodes']:>9.0f}{row['cv']:8.2f}{row['idm']:8.2f}{row['siren']:8.2f}{gains[0]:>7}"
             f"{row['siren_min6']:9.2f}{gains[1]:>7}"
@@ -122,24 +117,18 @@ def train_variant(
     fitter: Fitter,
     report: Callable[[str], None],
 ) -> TrainedVariant:
-    """Trains one variant, and writes ``NAME.onnx`` and its card ``NAME.json``.
+    """Trains a variant on the episodes of all splits, and writes ``NAME.onnx`` and its card ``NAME.json``.
 
-    Args:
-        name: One of ``VARIANTS``.
-        data: Episodes of all splits.
-        folder: Where the files go.
-        config: Settings.
-        fitter: Fits and exports a network.
-        report: Called with lines on the progress.
+    ``report`` is called with lines on the progress.
 
     Raises:
         InputError: No training episode, or the folder cannot be written.
     """
     variant = VARIANTS[name]
-    files = _training_files(name, data)
-    if not files:
+    training_files = _training_files(name, data)
+    if not training_files:
         raise InputError("episodes", name, "at least one that could be made for training")
-    store = read_store([path for _, path in files], variant.ablation)
+    store = read_store([path for _, path in training_files], variant.ablation)
     report(f"{name} ({variant.summary}): {len(store)} samples of {len(store.episodes)} episodes")
     wall, processor = time.monotonic(), time.process_time()
     fitted = fitter(store, config, report)
@@ -161,12 +150,9 @@ def train_variant(
     path = folder / f"{name}.onnx"
     write_network(path, fitted.onnx, card)
     network = load_network(path)
-    errors = {}
-    for split in _JUDGED:
-        judged = [file for planned, file in data.files if planned.split is split]
-        if judged:
-            errors[split] = assess(network, read_store(judged, variant.ablation))
-    card = {**card, "figures": {split.value: errors_json(found) for split, found in errors.items()}}
+    judged = {split: [file for planned, file in data.files if planned.split is split] for split in _JUDGED}
+    errors = {split: assess(network, read_store(files, variant.ablation)) for split, files in judged.items() if files}
+    card = {**card, "figures": {split.value: errors_json(episodes) for split, episodes in errors.items()}}
     write_network(path, fitted.onnx, card)
     return TrainedVariant(path, card, errors)
 
@@ -200,21 +186,17 @@ def _training_files(name: str, data: MadeFiles[PlannedEpisode]) -> list[tuple[Pl
 def _data_json(data: MadeFiles[PlannedEpisode]) -> dict[str, Any]:
     splits = {}
     for split in Split:
-        made = [planned.request for planned, _ in data.files if planned.split is split]
-        left_out = [
-            f"{planned.name}: {_reason(planned, why)}" for planned, why in data.missing if planned.split is split
-        ]
-        seeds = [request.seed for request in made]
+        requests = [planned.request for planned, _ in data.files if planned.split is split]
+        left_out = []
+        for planned, reason in data.missing:
+            if planned.split is split:
+                path = planned.request.map or "town"  # the card has the map's name in place of its path
+                left_out.append(f"{planned.name}: {reason.replace(path, Path(path).name)}")
+        seeds = [request.seed for request in requests]
         splits[split.value] = {
-            "episodes": len(made),
-            "maps": sorted({Path(request.map).name or "town" for request in made}),
+            "episodes": len(requests),
+            "maps": sorted({Path(request.map).name or "town" for request in requests}),
             "seeds": [min(seeds), max(seeds)] if seeds else [],
             "left_out": sorted(left_out),
         }
     return splits
-
-
-def _reason(planned: PlannedEpisode, reason: str) -> str:
-    """Why an episode is missing, with the name of the map in place of its path."""
-    path = planned.request.map
-    return reason.replace(path, Path(path).name) if path else reason

@@ -46,19 +46,20 @@ def labelled(film: Film, config: FilmFitConfig) -> LabelledFilm:
     return LabelledFilm(film, np.array(classes, dtype=np.int64))
 
 
-def clip_of(one: LabelledFilm, first: int, length: int, thresholds: RiskThresholds) -> Clip:
+def clip_of(labelled_film: LabelledFilm, first: int, length: int, thresholds: RiskThresholds) -> Clip:
     """The clip that begins with a picture; the last picture stands still where the film is too short."""
-    rows = np.minimum(np.arange(first, first + length), len(one.film) - 1)
-    begin = one.film.step_of(first)
-    label = one.film.label_between(begin, begin + length * FILM_STEPS, thresholds)
-    return Clip(one.film.frames[rows], one.severity[rows], label.risk)
+    film = labelled_film.film
+    rows = np.minimum(np.arange(first, first + length), len(film) - 1)
+    begin = film.step_of(first)
+    label = film.label_between(begin, begin + length * FILM_STEPS, thresholds)
+    return Clip(film.frames[rows], labelled_film.severity[rows], label.risk)
 
 
-def drawn_first(one: LabelledFilm, wanted: RiskClass, length: int, random: np.random.Generator) -> int:
+def drawn_first(labelled_film: LabelledFilm, risk: RiskClass, length: int, random: np.random.Generator) -> int:
     """A first picture such that the clip holds a moment of a class between 10 and 90 % of it; any where it has none."""
-    last = max(0, len(one.film) - length)
-    moments = np.flatnonzero(one.severity == wanted)
-    if wanted is RiskClass.NORMAL or not len(moments):
+    last = max(0, len(labelled_film.film) - length)
+    moments = np.flatnonzero(labelled_film.severity == risk)
+    if risk is RiskClass.NORMAL or not len(moments):
         return int(random.integers(last + 1))
     at = int(random.choice(moments)) - round(random.uniform(0.1, 0.9) * length)
     return int(np.clip(at, 0, last))
@@ -66,15 +67,15 @@ def drawn_first(one: LabelledFilm, wanted: RiskClass, length: int, random: np.ra
 
 def films_with(films: Sequence[LabelledFilm], risk: RiskClass) -> list[LabelledFilm]:
     """The films that have a moment of a class."""
-    return [one for one in films if (one.severity == risk).any()]
+    return [film for film in films if (film.severity == risk).any()]
 
 
 def validation_clips(films: Sequence[LabelledFilm], thresholds: RiskThresholds) -> list[Clip]:
     """Three clips of each film: its beginning, its middle and its end."""
     clips = []
-    for one in films:
-        last = max(0, len(one.film) - CLIP_FRAMES)
-        clips += [clip_of(one, first, CLIP_FRAMES, thresholds) for first in sorted({0, last // 2, last})]
+    for film in films:
+        last = max(0, len(film.film) - CLIP_FRAMES)
+        clips += [clip_of(film, first, CLIP_FRAMES, thresholds) for first in sorted({0, last // 2, last})]
     return clips
 
 
@@ -93,11 +94,7 @@ def operating_point(logits: Logits, labels: npt.NDArray[np.int64]) -> Floats32:
     """The offsets of both logits that give the best macro F1 at the paper's balance of classes, shape ``(2,)``.
 
     Clips of a class count so that the classes have the paper's shares. Among equally good offsets the middle one is
-    taken.
-
-    Args:
-        logits: Of the clips, shape ``(N, 2)``.
-        labels: Their classes, shape ``(N,)``.
+    taken. ``logits`` of the clips have the shape ``(N, 2)``, their classes ``(N,)``.
     """
     counts = np.bincount(labels, minlength=len(RiskClass))
     weight = np.array(PAPER_BALANCE) / np.maximum(counts, 1)

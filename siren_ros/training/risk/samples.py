@@ -1,4 +1,7 @@
-"""Films for the sequence model: an episode's small pictures and the conflicts of its record, made and kept in files."""
+"""Films for the sequence model: which are planned, an episode's small pictures, and the conflicts of its record.
+
+The films of the two splits differ by seed from each other and from every test set. Films are kept in files.
+"""
 
 import json
 from collections.abc import Callable, Sequence
@@ -10,17 +13,72 @@ import numpy as np
 
 from siren_ros import __version__
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.labels import Camera, RiskLabel, RiskThresholds, evidence_of, label_of
+from siren_ros.evaluation.risk.labels import Camera, RiskClass, RiskLabel, RiskThresholds, evidence_of, label_of
 from siren_ros.evaluation.risk.sequence_model import EVERY, SmallFrames, reduced
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.scenario.paper import TEMPLATES
+from siren_ros.scenario.templates import load_template
 from siren_ros.sensors.look import load_look
 from siren_ros.sensors.rig import SensorRig
 from siren_ros.sensors.suite import SensorSuite
-from siren_ros.studies.risk_set.candidate import FRAME_STEPS, Candidate, front_camera, simulated
+from siren_ros.studies.risk_set.candidate import FRAME_STEPS, Candidate, candidate_request, front_camera, simulated
 from siren_ros.studies.risk_set.search import outcome_as_json, outcome_of_json
 from siren_ros.training.data_files import MadeFiles, make_files, write_arrays
-from siren_ros.training.risk.plan import PlannedFilm
+from siren_ros.training.settings import Split
+
+FIRST_SEED: Final = {Split.TRAIN: 500, Split.VALIDATION: 900}
+"""Seeds of the draws. ``siren generate risk`` draws with seed 0 unless it is given another one."""
+_LOOKS_FOR: Final = (RiskClass.NORMAL, RiskClass.NEAR_MISS, RiskClass.COLLISION, RiskClass.COLLISION)
+_COLLISIONS_IN: Final = "S4"
+"""Where collisions are found most often; further films of it look for nothing else."""
+_FURTHER: Final = 1000
+"""From this number on."""
+
+
+@dataclass(frozen=True)
+class PlannedFilm:
+    """One film of the data."""
+
+    split: Split
+    template: str
+    number: int
+
+    @property
+    def name(self) -> str:
+        """Name of its file."""
+        return f"{self.split.value}_{self.template}_{self.number:03d}"
+
+    @property
+    def request(self) -> EpisodeRequest:
+        """Its episode: drawn like the candidates of a search, each class in turn."""
+        turn = _LOOKS_FOR[self.number % len(_LOOKS_FOR)]
+        looking_for = RiskClass.COLLISION if self.number >= _FURTHER else turn
+        template = load_template(self.template)
+        return candidate_request(template, self.template, looking_for, FIRST_SEED[self.split], self.number, "")
+
+
+@dataclass(frozen=True)
+class FilmPlanSize:
+    """Films of each template."""
+
+    train: int = 4
+    validation: int = 4
+
+
+def plan_films(size: FilmPlanSize, templates: Sequence[str] = TEMPLATES) -> tuple[PlannedFilm, ...]:
+    """All films, so that any first part has all templates and classes, and both splits.
+
+    As many films as each template has are added for the template with most collisions.
+    """
+    films = []
+    for number in range(max(size.train, size.validation)):
+        for split, count in ((Split.TRAIN, size.train), (Split.VALIDATION, size.validation)):
+            if number < count:
+                films += [PlannedFilm(split, template, number) for template in templates]
+                films.append(PlannedFilm(split, _COLLISIONS_IN, _FURTHER + number))
+    return tuple(films)
+
 
 FILM_STEPS: Final = EVERY * FRAME_STEPS
 """From one picture of a film to the next."""
@@ -56,14 +114,7 @@ def film_path(folder: Path, planned: PlannedFilm) -> Path:
 def make_films(
     plan: Sequence[PlannedFilm], folder: Path, jobs: int, done: Callable[[], None]
 ) -> MadeFiles[PlannedFilm]:
-    """Makes the films that have no file yet.
-
-    Args:
-        plan: The films.
-        folder: Where they are kept.
-        jobs: Processes at once.
-        done: Called after each film.
-    """
+    """Makes the films that have no file yet; arguments as of ``make_files``."""
     return make_files({planned: film_path(folder, planned) for planned in plan}, _make, jobs, done)
 
 
@@ -75,8 +126,7 @@ def _make(planned: PlannedFilm, path: Path) -> None:
 def film_of(request: EpisodeRequest, record: EpisodeRecord) -> Film:
     """The film of a request's record."""
     emv_id, spec = record.emv_ids[0], front_camera()
-    small = replace(spec, width=_SIZE[0], height=_SIZE[1], rate_hz=10.0)
-    suite = SensorSuite("film", cameras=(small,))
+    suite = SensorSuite("film", cameras=(replace(spec, width=_SIZE[0], height=_SIZE[1], rate_hz=10.0),))
     rig = SensorRig(suite, record.network, record.description.seed, look=load_look(request.look))
     there = record.track(emv_id).step
     first = -(-int(there[0]) // FRAME_STEPS) * FRAME_STEPS

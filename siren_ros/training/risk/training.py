@@ -14,8 +14,7 @@ from siren_ros.evaluation.risk.scoring import accuracy, confusion, macro_f1
 from siren_ros.evaluation.risk.sequence_model import FRAMES_VERSION, SequenceModel, load_sequence_model
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.risk.batches import LabelledFilm, labelled, validation_clips
-from siren_ros.training.risk.plan import FIRST_SEED, PlannedFilm
-from siren_ros.training.risk.samples import read_film
+from siren_ros.training.risk.samples import FIRST_SEED, PlannedFilm, read_film
 from siren_ros.training.settings import FilmFitConfig, FittedNetwork, Split
 
 Fitter = Callable[[Sequence[LabelledFilm], Sequence[LabelledFilm], FilmFitConfig, Callable[[str], None]], FittedNetwork]
@@ -24,14 +23,9 @@ Fitter = Callable[[Sequence[LabelledFilm], Sequence[LabelledFilm], FilmFitConfig
 def train_sequence_model(
     films: MadeFiles[PlannedFilm], path: Path, config: FilmFitConfig, fitter: Fitter, report: Callable[[str], None]
 ) -> SequenceModel:
-    """Trains the model, and writes it with its card.
+    """Trains the model on the films of both splits, and writes it as an ONNX file with its card next to it.
 
-    Args:
-        films: Of both splits.
-        path: ONNX file to write; the card goes next to it.
-        config: Settings.
-        fitter: Fits and exports a network.
-        report: Called with lines on the progress.
+    ``report`` is called with lines on the progress.
 
     Raises:
         InputError: No film of a split, or the folder cannot be written.
@@ -40,14 +34,14 @@ def train_sequence_model(
         split: [labelled(read_film(file), config) for planned, file in films.files if planned.split is split]
         for split in (Split.TRAIN, Split.VALIDATION)
     }
-    for split, some in splits.items():
-        if not some:
+    for split, part in splits.items():
+        if not part:
             raise InputError("films", split.value, "at least one that could be made")
-        report(f"{split.value}: {len(some)} films, pictures of {' / '.join(TITLES)}: {_pictures(some)}")
+        report(f"{split.value}: {len(part)} films, pictures of {' / '.join(TITLES)}: {_pictures(part)}")
     wall, processor = time.monotonic(), time.process_time()
     fitted = fitter(splits[Split.TRAIN], splits[Split.VALIDATION], config, report)
     card = fitted.card(config, model="sequence", task="risk", frames_version=FRAMES_VERSION)
-    card["films"] = {split.value: _split_json(some, films, split) for split, some in splits.items()}
+    card["films"] = {split.value: _split_json(part, films, split) for split, part in splits.items()}
     card["fitting_wall_s"] = round(time.monotonic() - wall)
     card["fitting_processor_s"] = round(time.process_time() - processor)
     write_network(path, fitted.onnx, card)
@@ -58,17 +52,19 @@ def train_sequence_model(
 
 
 def _pictures(films: Sequence[LabelledFilm]) -> list[int]:
-    counts = np.bincount(np.concatenate([one.severity for one in films]), minlength=len(RiskClass))
-    return [int(count) for count in counts]
+    counts: list[int] = np.bincount(
+        np.concatenate([film.severity for film in films]), minlength=len(RiskClass)
+    ).tolist()
+    return counts
 
 
-def _split_json(some: Sequence[LabelledFilm], films: MadeFiles[PlannedFilm], split: Split) -> dict[str, Any]:
-    episodes = [one.film.episode.label.risk for one in some]
+def _split_json(part: Sequence[LabelledFilm], films: MadeFiles[PlannedFilm], split: Split) -> dict[str, Any]:
+    episodes = [labelled_film.film.episode.label.risk for labelled_film in part]
     return {
-        "films": len(some),
+        "films": len(part),
         "seed": FIRST_SEED[split],
         "episodes": [episodes.count(risk) for risk in RiskClass],
-        "pictures": _pictures(some),
+        "pictures": _pictures(part),
         "left_out": sorted(f"{planned.name}: {why}" for planned, why in films.missing if planned.split is split),
     }
 

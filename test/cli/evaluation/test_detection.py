@@ -94,9 +94,7 @@ def results(path: Path, tokens: Sequence[str], boxes: dict[int, list[Box]]) -> s
         ({"detection_name": 7}, "detection_name"),
     ],
 )
-def test_the_first_box_that_means_nothing_is_named(
-    bag: Path, tokens: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Box, said: str
-) -> None:
+def test_the_first_box_that_means_nothing_is_named(bag, tokens, tmp_path, capsys, change, said) -> None:
     given = results(tmp_path / "x.json", tokens, {1: [GOOD], 2: [GOOD, {**GOOD, **change}, {**GOOD, **change}]})
     assert evaluate(bag, "--detections", given) == EXIT_BAD_INPUT
     told = capsys.readouterr().err
@@ -105,9 +103,7 @@ def test_the_first_box_that_means_nothing_is_named(
     assert said in told
 
 
-def test_frames_and_their_numbers_of_boxes(
-    bag: Path, tokens: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_frames_and_their_numbers_of_boxes(bag, tokens, tmp_path, capsys) -> None:
     def refused(given: str, said: str) -> None:
         assert evaluate(bag, "--detections", given) == EXIT_BAD_INPUT
         assert said in capsys.readouterr().err
@@ -123,9 +119,7 @@ def test_frames_and_their_numbers_of_boxes(
     assert evaluate(bag, "--detections", results(tmp_path / "f.json", tokens, {3: [GOOD] * 500})) == EXIT_OK
 
 
-def test_a_pickle_whose_columns_differ_in_length_is_refused(
-    bag: Path, tokens: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_pickle_whose_columns_differ_in_length_is_refused(bag, tokens, tmp_path, capsys) -> None:
     entries: list[Box] = [
         {
             "name": np.array(["car"] * 2),

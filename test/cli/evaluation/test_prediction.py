@@ -23,9 +23,7 @@ def short_bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[...,
     return write_bag(tmp_path_factory.mktemp("bags") / "short", duration_s=1.0)
 
 
-def test_prediction_prints_tables_and_writes_files(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_prediction_prints_tables_and_writes_files(bag, tmp_path, capsys) -> None:
     out = tmp_path / "new" / "scores"
     words = ["evaluate", "prediction", str(bag), "--population", "all", "--compare-paper", "--out", str(out)]
     assert main(words) == 0
@@ -75,9 +73,7 @@ def test_a_folder_of_bags_stands_for_them(bag: Path, capsys: pytest.CaptureFixtu
         (["cv=x.pt", "cv=y.pt"], "each name once"),
     ],
 )
-def test_checkpoints_that_fit_no_model(
-    bag: Path, given: list[str], told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_checkpoints_that_fit_no_model(bag, given, told, capsys) -> None:
     options = [f"--checkpoint={one}" for one in given]
     assert main(["evaluate", "prediction", str(bag), "--models=cv", *options]) == 2
     assert told in capsys.readouterr().err
@@ -110,9 +106,7 @@ def test_a_folder_that_cannot_be_written(bag: Path, capsys: pytest.CaptureFixtur
     assert "out" in capsys.readouterr().err
 
 
-def test_the_region_is_the_default_and_the_table_says_so(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_region_is_the_default_and_the_table_says_so(bag, tmp_path, capsys) -> None:
     assert main(["evaluate", "prediction", str(bag), "--out", str(tmp_path)]) == 0
     assert capsys.readouterr().out.startswith("population: region (vehicles within 40 m in, 50 m out around the EMV")
     scores = json.loads((tmp_path / "scores.json").read_text(encoding="utf-8"))
@@ -140,9 +134,7 @@ def predictions(bag: Path) -> pa.Table:
     )
 
 
-def test_predictions_of_a_file_are_scored_like_a_model(
-    bag: Path, predictions: pa.Table, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_predictions_of_a_file_are_scored_like_a_model(bag, predictions, tmp_path, capsys) -> None:
     pq.write_table(predictions, tmp_path / "mine.parquet")
     words = ["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}", "--population=all"]
     assert main([*words, "--models=cv", "--out", str(tmp_path / "out")]) == 0
@@ -153,9 +145,7 @@ def test_predictions_of_a_file_are_scored_like_a_model(
     assert "cv" not in capsys.readouterr().out.split()
 
 
-def test_missing_predictions_are_refused_or_shown_as_coverage(
-    bag: Path, predictions: pa.Table, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_missing_predictions_are_refused_or_shown_as_coverage(bag, predictions, tmp_path, capsys) -> None:
     pq.write_table(predictions.slice(5), tmp_path / "mine.parquet")
     words = ["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}", "--population=all"]
     assert main(words) == 2
@@ -168,9 +158,7 @@ def test_missing_predictions_are_refused_or_shown_as_coverage(
 @pytest.mark.parametrize(
     ("column", "told"), [("probability", "probabilities are not finite"), ("x", "paths are not finite")]
 )
-def test_predictions_with_nan_end_the_command(
-    column: str, told: str, bag: Path, predictions: pa.Table, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_predictions_with_nan_end_the_command(column, told, bag, predictions, tmp_path, capsys) -> None:
     values = predictions[column].to_pylist()
     values[3] = [float("nan")] * 60 if column == "x" else float("nan")
     place = predictions.column_names.index(column)

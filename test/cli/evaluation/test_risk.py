@@ -54,9 +54,7 @@ def test_rows_files_and_pictures(folder: Path, answers: Path, capsys: pytest.Cap
         (["--predictions", "a={answers}.none"], "No such file"),
     ],
 )
-def test_bad_input_ends_with_2(
-    folder: Path, answers: Path, words: list[str], named: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_input_ends_with_2(folder, answers, words, named, capsys) -> None:
     assert main(["evaluate", "risk", str(folder), *(word.format(answers=answers) for word in words)]) == 2
     assert named in capsys.readouterr().err
 
@@ -94,9 +92,7 @@ def test_a_model_behind_a_server_is_asked_and_scored(films: Path, capsys: pytest
     assert main(["evaluate", "risk", str(films), "--predictions", f"m={out / 'answers_org_m.json'}"]) == 0
 
 
-def test_a_bad_reply_ends_the_run_in_one_line_and_is_asked_again(
-    films: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bad_reply_ends_the_run_in_one_line_and_is_asked_again(films, capsys) -> None:
     pytest.importorskip("openai", reason="the extra vlm is not installed")
     message = {"role": "assistant", "content": '{"class": "Normal"}'}
     bad = json.dumps({"choices": [{"message": message}], "usage": {"prompt_tokens": "12"}}).encode()

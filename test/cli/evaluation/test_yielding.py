@@ -14,9 +14,7 @@ from siren_ros.evaluation.yielding.scoring import ScoredEpisode, YieldScores
 from siren_ros.evaluation.yielding.thresholds import Measure
 
 
-def test_a_folder_of_bags_is_scored(
-    write_bag: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_of_bags_is_scored(write_bag, tmp_path, capsys) -> None:
     for number in range(2):
         write_bag(tmp_path / "study" / "group" / f"bag{number}", duration_s=12.0 + number)
     out, drivers = tmp_path / "episodes.json", tmp_path / "drivers.parquet"
@@ -33,9 +31,7 @@ def test_a_folder_of_bags_is_scored(
 
 
 @pytest.mark.parametrize(("task", "shown"), [("yield", "emv_delay_s"), ("diversity", "S2 ")])
-def test_a_bag_that_cannot_be_read_leaves_the_others(
-    write_bag: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], task: str, shown: str
-) -> None:
+def test_a_bag_that_cannot_be_read_leaves_the_others(write_bag, tmp_path, capsys, task, shown) -> None:
     write_bag(tmp_path / "good", duration_s=12.0)
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "bad_0.mcap").write_bytes(b"nothing")
@@ -56,9 +52,7 @@ def scored(level: str, seed: int) -> ScoredEpisode:
     return ScoredEpisode(f"{level}{seed}", "S3", level, seed, "town", "", str(seed), YieldScores(metrics, ()))
 
 
-def test_effects_are_printed_and_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_effects_are_printed_and_written(tmp_path, monkeypatch, capsys) -> None:
     episodes = [scored(level, seed) for level in ("L0", "L1") for seed in range(5)]
     monkeypatch.setattr(yielding, "scored_episodes", lambda *_: (episodes, 0))
     out = tmp_path / "effects.json"
@@ -77,9 +71,7 @@ def test_no_pair_fails_the_command(write_bag: Callable[..., Path], tmp_path: Pat
     assert main(["evaluate", "counterfactual", str(tmp_path), "--jobs", "1"]) == 1
 
 
-def test_what_more_seeds_add_is_printed_and_written(
-    write_bag: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_more_seeds_add_is_printed_and_written(write_bag, tmp_path, capsys) -> None:
     write_bag(tmp_path / "one", duration_s=4.0)
     write_bag(tmp_path / "two", duration_s=6.0, seed=1)
     out = tmp_path / "diversity.json"

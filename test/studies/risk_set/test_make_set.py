@@ -85,13 +85,11 @@ CHOSEN = {
 """The first near-miss of S2 is not seen, and S6 is to have no collision."""
 
 
-def test_a_set_has_the_first_of_each_class_and_another_one_for_what_is_not_seen(
-    processes: Processes, tmp_path: Path
-) -> None:
+def test_a_set_has_the_first_of_each_class_and_another_one_for_what_is_not_seen(processes, tmp_path) -> None:
     seen = Seen()
-    made = make_set(REQUEST, tmp_path, 1, seen)
+    _, searches = make_set(REQUEST, tmp_path, 1, seen)
     assert risks_of(tmp_path) == CHOSEN
-    assert [len(made.searches[name].trials) for name in ("S2", "S6")] == [4, 5]
+    assert [len(searches[name].trials) for name in ("S2", "S6")] == [4, 5]
     assert seen.tries == [("S2", 1), ("S2", 2), ("S2", 3), *[("S6", count) for count in range(1, 6)], ("S2", 4)]
     assert seen.videos == [(key, 6) for key in sorted({*CHOSEN, "S2_000"} - {"S2_003"})] + [(key, 6) for key in CHOSEN]
     assert processes.short_of["S2_000"] == set(RiskClass)

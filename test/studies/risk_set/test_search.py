@@ -21,7 +21,6 @@ from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected
 from siren_ros.studies.risk_set.search import (
     Balance,
-    Finding,
     Journal,
     Outcome,
     Search,
@@ -37,6 +36,7 @@ from siren_ros.studies.risk_set.search import (
 
 TEMPLATES = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
 PAPER = Balance((74, 25, 6), 15)
+NONE = frozenset[RiskClass]()
 
 
 def totals(shares: dict[str, tuple[int, int, int]]) -> tuple[int, ...]:
@@ -59,8 +59,8 @@ def test_counts_that_do_not_add_up_are_refused(total: tuple[int, int, int]) -> N
 
 def test_others_find_what_one_has_given_up() -> None:
     wanted = dict(quotas(PAPER, TEMPLATES))
-    hopeless = Finding((15, 4, 0), frozenset({RiskClass.COLLISION}))
-    findings = dict.fromkeys(TEMPLATES, hopeless) | {"S4": Finding((9, 5, 1)), "S6": Finding((9, 5, 2))}
+    hopeless = ((15, 4, 0), frozenset({RiskClass.COLLISION}))
+    findings = dict.fromkeys(TEMPLATES, hopeless) | {"S4": ((9, 5, 1), NONE), "S6": ((9, 5, 2), NONE)}
     shares = dict(shifted(wanted, findings, PAPER))
     assert totals(shares) == PAPER.total
     assert {key for key, share in shares.items() if share[2]} == {"S4", "S6"}
@@ -70,7 +70,7 @@ def test_others_find_what_one_has_given_up() -> None:
 
 def test_nobody_is_able_to() -> None:
     wanted = dict(quotas(PAPER, TEMPLATES))
-    findings = dict.fromkeys(TEMPLATES, Finding((15, 4, 0), frozenset({RiskClass.COLLISION})))
+    findings = dict.fromkeys(TEMPLATES, ((15, 4, 0), frozenset({RiskClass.COLLISION})))
     shares = dict(shifted(wanted, findings, PAPER))
     assert totals(shares) == (80, 25, 0)
 
@@ -111,7 +111,7 @@ def test_more_rare_ones_than_a_template_has_videos_are_refused() -> None:
 def test_a_template_that_is_full_of_rare_ones_gets_no_more() -> None:
     """B has given collisions up; A may have three videos, of which two are near-misses."""
     wanted = {"A": (0, 2, 1), "B": (0, 1, 2)}
-    findings = {"A": Finding((3, 2, 3)), "B": Finding((3, 1, 1), frozenset({RiskClass.COLLISION}))}
+    findings = {"A": ((3, 2, 3), NONE), "B": ((3, 1, 1), frozenset({RiskClass.COLLISION}))}
     assert shifted(wanted, findings, Balance((0, 3, 3), 3)) == {"A": (0, 2, 1), "B": (1, 1, 1)}
     roomy = {"A": (2, 0, 1), "B": (0, 1, 2)}
     assert shifted(roomy, findings, Balance((2, 1, 3), 3)) == {"A": (1, 0, 2), "B": (1, 1, 1)}
@@ -119,7 +119,7 @@ def test_a_template_that_is_full_of_rare_ones_gets_no_more() -> None:
 
 def test_what_was_found_before_giving_up_is_kept() -> None:
     wanted = {"A": (0, 0, 3)}
-    given_up = {"A": Finding((9, 0, 2), frozenset({RiskClass.COLLISION}))}
+    given_up = {"A": ((9, 0, 2), frozenset({RiskClass.COLLISION}))}
     assert shifted(wanted, given_up, Balance((0, 0, 3), 3)) == {"A": (1, 0, 2)}
 
 
@@ -127,9 +127,9 @@ def test_what_is_lacking_is_dealt_from_the_first_template_that_can() -> None:
     """C has given one collision up; A and B can find them, and A comes first."""
     wanted = {"A": (2, 0, 1), "B": (2, 0, 1), "C": (2, 0, 1)}
     findings = {
-        "A": Finding((9, 0, 1)),
-        "B": Finding((9, 0, 1)),
-        "C": Finding((9, 0, 0), frozenset({RiskClass.COLLISION})),
+        "A": ((9, 0, 1), NONE),
+        "B": ((9, 0, 1), NONE),
+        "C": ((9, 0, 0), frozenset({RiskClass.COLLISION})),
     }
     assert shifted(wanted, findings, Balance((6, 0, 3), 3)) == {"A": (1, 0, 2), "B": (2, 0, 1), "C": (3, 0, 0)}
 

@@ -116,9 +116,7 @@ def test_a_class_that_lacks_nothing_is_not_drawn(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("candidate", "pixels", "seen"), [(NEAR_MISS, 60, True), (NEAR_MISS, 59, False), (NORMAL, 0, True)]
 )
-def test_who_decides_the_label_has_to_be_seen(
-    candidate: Candidate, pixels: int, seen: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_decides_the_label_has_to_be_seen(candidate, pixels, seen, tmp_path, monkeypatch) -> None:
     """From 60 pixels on; a normal video has nobody who decides."""
     assert is_seen(candidate, Rendered(FRAMES, pixels)) is seen
     monkeypatch.setattr(video_file, "assessed", lambda *_: candidate)

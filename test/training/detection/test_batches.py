@@ -47,9 +47,9 @@ def test_a_corner_stays_the_corner(angle_rad: float, mirrored: bool, side: float
 
 def test_variants_differ_and_leave_the_frame_alone() -> None:
     frame, random = _frame(), np.random.default_rng(3)
-    one, other = varied(frame, random), varied(frame, random)
-    assert abs(_in_box(one)) == pytest.approx([1.0, 1.0, 1.0], abs=1e-4)
-    assert not np.allclose(one.points, other.points)
+    first, second = varied(frame, random), varied(frame, random)
+    assert abs(_in_box(first)) == pytest.approx([1.0, 1.0, 1.0], abs=1e-4)
+    assert not np.allclose(first.points, second.points)
     assert np.array_equal(frame.boxes, BOX)
 
 
@@ -75,14 +75,14 @@ def test_channels_lead_back_to_the_box_from_every_cell() -> None:
     targets = targets_of(_boxes(CAR), GRID)
     assert len(targets.cell) == 9
     for cell, channels in zip(targets.cell, targets.box, strict=True):
-        told = dict(zip(BOX_CHANNELS, channels.tolist(), strict=True))
+        box = dict(zip(BOX_CHANNELS, channels.tolist(), strict=True))
         row, column = divmod(int(cell), 16)
-        assert (column + 0.5) * 2.0 - 16.0 + told["dx"] == pytest.approx(CAR[0], abs=1e-5)
-        assert (row + 0.5) * 2.0 - 16.0 + told["dy"] == pytest.approx(CAR[1], abs=1e-5)
-        sizes = [np.exp(told[f"log_{name}"]) for name in ("length", "width", "height")]
+        assert (column + 0.5) * 2.0 - 16.0 + box["dx"] == pytest.approx(CAR[0], abs=1e-5)
+        assert (row + 0.5) * 2.0 - 16.0 + box["dy"] == pytest.approx(CAR[1], abs=1e-5)
+        sizes = [np.exp(box[f"log_{name}"]) for name in ("length", "width", "height")]
         assert sizes == pytest.approx(CAR[3:6], rel=1e-5)
-        assert np.arctan2(told["sin"], told["cos"]) == pytest.approx(CAR[6], abs=1e-5)
-        assert (told["z"], told["vx"], told["vy"]) == pytest.approx((CAR[2], CAR[7], CAR[8]))
+        assert np.arctan2(box["sin"], box["cos"]) == pytest.approx(CAR[6], abs=1e-5)
+        assert (box["z"], box["vx"], box["vy"]) == pytest.approx((CAR[2], CAR[7], CAR[8]))
 
 
 def test_a_cell_between_two_belongs_to_the_nearer_centre() -> None:
@@ -125,9 +125,9 @@ def test_every_frame_comes_once_in_each_turn() -> None:
 
 
 def test_a_step_is_the_same_whenever_it_is_asked_for() -> None:
-    (one, target), _ = _draws().batch_of(5)
+    (pillars, target), _ = _draws().batch_of(5)
     (again, same), _ = _draws().batch_of(5)
-    assert np.array_equal(one.points, again.points)
+    assert np.array_equal(pillars.points, again.points)
     assert np.array_equal(target.heat, same.heat)
     assert not np.array_equal(target.heat, _draws(1).batch_of(5)[0][1].heat)
 
@@ -135,8 +135,8 @@ def test_a_step_is_the_same_whenever_it_is_asked_for() -> None:
 def test_a_file_keeps_frames_to_two_millimetres(tmp_path) -> None:
     frames = made_episode(4, 2)
     write_frames(tmp_path / "a.npz", frames)
-    found = read_frames_file(tmp_path / "a.npz")
-    assert (found.about, len(found)) == (frames.about, 2)
+    read = read_frames_file(tmp_path / "a.npz")
+    assert (read.about, len(read)) == (frames.about, 2)
     (again,) = frames_among([tmp_path / "a.npz"], tmp_path, SMALL_GRID, print)
     assert np.array_equal(again.frame(1).points, frames.frame(1).points)
     assert np.array_equal(again.frame(1).boxes, frames.frame(1).boxes)

@@ -24,9 +24,9 @@ def _training(folder, **changed) -> DetectorTraining:
 
 
 def test_weights_and_card_are_written(tmp_path) -> None:
-    def fitter(draws, config, threads, checkpoint, told):
+    def fitter(draws, config, threads, checkpoint, report):
         assert (len(draws), config.steps, threads, checkpoint) == (6, 5, 1, tmp_path / "cache" / "checkpoint.pt")
-        assert told("step 5")
+        assert report("step 5")
         return FittedNetwork(b"weights", 7, "made", 12.4, ((0, 5, 6),))
 
     lines = []
@@ -56,8 +56,8 @@ def test_equal_frames_have_an_equal_digest(tmp_path) -> None:
 
 
 def test_a_training_without_time_stops(tmp_path) -> None:
-    def fitter(_draws, _config, _threads, _checkpoint, told):
-        return None if not told("step 1") else FittedNetwork(b"", 0, "", 0.0)
+    def fitter(_draws, _config, _threads, _checkpoint, report):
+        return None if not report("step 1") else FittedNetwork(b"", 0, "", 0.0)
 
     assert train_detector(_training(tmp_path, minutes=0.0), fitter, lambda _: None) is None
     assert not (tmp_path / "a").exists()

@@ -40,8 +40,8 @@ def test_a_descent_goes_on_where_another_one_stopped(averaging) -> None:
     go(first, 5)
     rest.go_on(first.state(), 5)
     assert go(rest, 7) == rates[5:]
-    for one, other in zip(whole.result().parameters(), rest.result().parameters(), strict=True):
-        assert torch.equal(one, other)
+    for weights, other in zip(whole.result().parameters(), rest.result().parameters(), strict=True):
+        assert torch.equal(weights, other)
 
 
 def test_a_longer_descent_goes_on_at_its_own_rate() -> None:

@@ -38,12 +38,12 @@ def draws() -> FrameDraws:
 
 
 def test_it_learns_where_vehicles_are(draws) -> None:
-    told = []
+    reports = []
     config = replace(CONFIG, steps=18, checkpoint_steps=6, learning_rate=1e-2)
-    fit(draws, SIZE, config, None, lambda progress: told.append(progress) or True)
-    assert [progress.step for progress in told] == [6, 12, 18]
-    assert told[-1].heat < 0.8 * told[0].heat
-    assert told[-1].box < told[0].box
+    fit(draws, SIZE, config, None, lambda progress: reports.append(progress) or True)
+    assert [progress.step for progress in reports] == [6, 12, 18]
+    assert reports[-1].heat < 0.8 * reports[0].heat
+    assert reports[-1].box < reports[0].box
 
 
 def test_a_stopped_training_ends_with_the_same_weights(draws, tmp_path) -> None:
@@ -55,18 +55,18 @@ def test_a_stopped_training_ends_with_the_same_weights(draws, tmp_path) -> None:
     assert steps == [4]
     for name, values in whole.network.state_dict().items():
         assert torch.equal(values, rest.network.state_dict()[name]), name
-    assert whole.plans == rest.plans == ((0, 4, 12),)
+    assert whole.plans == rest.plans == [(0, 4, 12)]
 
 
 def test_a_training_that_was_made_longer_says_so_and_is_repeated_by_the_same_calls(draws, tmp_path) -> None:
-    found = []
+    runs = []
     for folder in ("a", "b"):
         checkpoint = tmp_path / folder / "checkpoint.pt"
         fit(draws, SIZE, CONFIG, checkpoint, lambda _: True)
-        found.append(fit(draws, SIZE, replace(CONFIG, steps=6), checkpoint, lambda _: True))
-    assert found[0].plans == found[1].plans == ((0, 4, 12), (4, 6, 12))
-    for name, values in found[0].network.state_dict().items():
-        assert torch.equal(values, found[1].network.state_dict()[name]), name
+        runs.append(fit(draws, SIZE, replace(CONFIG, steps=6), checkpoint, lambda _: True))
+    assert runs[0].plans == runs[1].plans == [(0, 4, 12), (4, 6, 12)]
+    for name, values in runs[0].network.state_dict().items():
+        assert torch.equal(values, runs[1].network.state_dict()[name]), name
 
 
 def test_a_checkpoint_of_another_training_is_refused(draws, tmp_path) -> None:
@@ -94,9 +94,9 @@ def test_onnx_answers_as_torch_does(draws, tmp_path) -> None:
         pillars = pillars_of(made_episode(3).frame(number).points, SMALL_GRID)
         with torch.no_grad():
             expected = BoxesOf(network)(*pillar_tensors([pillars], network))
-        wanted = _by_place(*(part.numpy() for part in expected))
-        for one, other in zip(_by_place(*detector.run(pillars)), wanted, strict=True):
-            assert one == pytest.approx(other, abs=1e-4)
+        of_torch = _by_place(*(part.numpy() for part in expected))
+        for answer, other in zip(_by_place(*detector.run(pillars)), of_torch, strict=True):
+            assert answer == pytest.approx(other, abs=1e-4)
     assert [len(part) for part in detector.run(pillars_of(np.zeros((0, 5), np.float32), SMALL_GRID))] == [0, 0, 0]
     path.with_suffix(".json").write_text(json.dumps({**card, "sha256": "0"}))
     with pytest.raises(InputError, match="another hash"):
@@ -119,6 +119,6 @@ def test_the_heat_loss_of_known_answers() -> None:
 
 
 def test_the_box_loss_weighs_cells_and_channels() -> None:
-    found, box = torch.zeros(2, 10), torch.zeros(2, 10)
+    answer, box = torch.zeros(2, 10), torch.zeros(2, 10)
     box[0, 0], box[1, 9] = 3.0, 10.0
-    assert box_loss(found, box, torch.tensor([1.0, 0.5])).item() == pytest.approx((3.0 + 0.5 * 0.2 * 10.0) / 1.5)
+    assert box_loss(answer, box, torch.tensor([1.0, 0.5])).item() == pytest.approx((3.0 + 0.5 * 0.2 * 10.0) / 1.5)

@@ -26,8 +26,8 @@ from siren_ros.training.fitting.prediction import (
     losses,
     tensors,
 )
-from siren_ros.training.prediction.batches import read_store
 from siren_ros.training.prediction.plan import PlannedEpisode
+from siren_ros.training.prediction.samples import read_store
 from siren_ros.training.prediction.training import train_variant, with_ablations
 from siren_ros.training.settings import FitConfig, Split
 
@@ -44,11 +44,11 @@ def network(store):
     torch.manual_seed(1)
     features = store.features
     size = NetworkSize(features.target.shape[1], features.neighbours.shape[2], features.paths.shape[2], 16, 4, 1)
-    made = PathNetwork(size).eval()
+    network = PathNetwork(size).eval()
     with torch.no_grad():
-        for weights in made.drive.parameters():
+        for weights in network.drive.parameters():
             weights.normal_(0.0, 0.1)
-    return made
+    return network
 
 
 def answers(network, features):
@@ -81,8 +81,8 @@ def test_what_is_not_there_does_not_change_the_answer(store, network) -> None:
         paths=filled(features.paths, features.path_there),
         path_points_m=filled(features.path_points_m, features.path_there),
     )
-    for one, other in zip(answers(network, features), answers(network, noisy), strict=True):
-        assert one == pytest.approx(other, abs=1e-5)
+    for answer, other in zip(answers(network, features), answers(network, noisy), strict=True):
+        assert answer == pytest.approx(other, abs=1e-5)
 
 
 def test_the_order_of_neighbours_and_paths_does_not_matter(store, network) -> None:
@@ -94,8 +94,8 @@ def test_the_order_of_neighbours_and_paths_does_not_matter(store, network) -> No
             for name in ("neighbours", "neighbour_there", "paths", "path_there", "path_points_m")
         },
     )
-    for one, other in zip(answers(network, features), answers(network, turned), strict=True):
-        assert one == pytest.approx(other, abs=1e-4)
+    for answer, other in zip(answers(network, features), answers(network, turned), strict=True):
+        assert answer == pytest.approx(other, abs=1e-4)
 
 
 def test_onnx_answers_as_torch_does(store, network) -> None:
@@ -104,20 +104,20 @@ def test_onnx_answers_as_torch_does(store, network) -> None:
         features = store.batch(rows)
         inputs = {field.name: getattr(features, field.name) for field in fields(Features)}
         xy_m, probability = session.run(OUTPUTS, inputs)
-        wanted_xy_m, logits = answers(network, features)
-        assert xy_m == pytest.approx(wanted_xy_m, abs=1e-5, rel=1e-5)
+        expected_xy_m, logits = answers(network, features)
+        assert xy_m == pytest.approx(expected_xy_m, abs=1e-5, rel=1e-5)
         assert probability == pytest.approx(torch.softmax(torch.from_numpy(logits), dim=-1).numpy(), abs=1e-5)
 
 
 def test_the_same_seed_gives_the_same_weights_and_the_loss_falls(store) -> None:
-    told, again = [], []
-    one = fit(store, replace(CONFIG, epochs=4), told.append)
-    other = fit(store, replace(CONFIG, epochs=4), again.append)
-    assert [progress.loss for progress in told] == [progress.loss for progress in again]
-    assert all(torch.equal(a, b) for a, b in zip(one.parameters(), other.parameters(), strict=True))
-    assert told[-1].loss < 0.9 * told[0].loss
+    reports, again = [], []
+    first = fit(store, replace(CONFIG, epochs=4), reports.append)
+    second = fit(store, replace(CONFIG, epochs=4), again.append)
+    assert [progress.loss for progress in reports] == [progress.loss for progress in again]
+    assert all(torch.equal(a, b) for a, b in zip(first.parameters(), second.parameters(), strict=True))
+    assert reports[-1].loss < 0.9 * reports[0].loss
     different = fit(store, replace(CONFIG, epochs=1, seed=5), lambda _: None)
-    assert not all(torch.equal(a, b) for a, b in zip(one.parameters(), different.parameters(), strict=True))
+    assert not all(torch.equal(a, b) for a, b in zip(first.parameters(), different.parameters(), strict=True))
 
 
 def test_the_loss_counts_the_nearest_and_the_most_probable_hypothesis() -> None:
@@ -165,9 +165,8 @@ def test_a_trained_variant_can_be_used_as_a_predictor(data, tmp_path) -> None:
 
 def test_variants_train_on_what_they_say(data, tmp_path) -> None:
     full = train_variant("full", data, tmp_path, SMALL, fitted_network, lambda _: None)
-    others = [
-        train_variant(name, data, tmp_path, SMALL, fitted_network, lambda _: None) for name in ("ordinary", "few")
-    ]
+    names = ("ordinary", "few")
+    others = [train_variant(name, data, tmp_path, SMALL, fitted_network, lambda _: None) for name in names]
     assert [other.card["training"]["episodes"] for other in others] == [3, 3]
     with_ablations(full, others)
     card = json.loads((tmp_path / "full.json").read_text())

@@ -13,8 +13,7 @@ from siren_ros.evaluation.risk.sequence_model import HEIGHT, WIDTH
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.fitting.risk import FilmNetwork, fitted_film_network
 from siren_ros.training.risk.batches import labelled
-from siren_ros.training.risk.plan import PlannedFilm
-from siren_ros.training.risk.samples import write_film
+from siren_ros.training.risk.samples import PlannedFilm, write_film
 from siren_ros.training.risk.training import train_sequence_model
 from siren_ros.training.settings import FilmFitConfig, Split
 

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from siren_ros.training.prediction.batches import EpisodeKey, read_store
+from siren_ros.training.prediction.samples import EpisodeKey, read_store
 from siren_ros.training.prediction.training import (
     MEAN,
     EpisodeErrors,
@@ -22,10 +22,10 @@ def errors(template: str, map_name: str, siren: float, samples: int = 10) -> Epi
 
 
 def test_every_template_counts_once() -> None:
-    found = by_template([errors("S1", "a", 1.0), errors("S1", "b", 3.0), errors("S2", "a", 4.0)])
-    assert found["S1"]["siren"] == 2.0
-    assert found["S1"]["episodes"] == 2.0
-    assert found[MEAN]["siren"] == 3.0
+    table = by_template([errors("S1", "a", 1.0), errors("S1", "b", 3.0), errors("S2", "a", 4.0)])
+    assert table["S1"]["siren"] == 2.0
+    assert table["S1"]["episodes"] == 2.0
+    assert table[MEAN]["siren"] == 3.0
     assert by_template([errors("S1", "a", 1.0, 30), errors("S1", "b", 5.0, 10)])["S1"]["siren"] == 2.0
     assert by_map([errors("S1", "a", 1.0), errors("S2", "a", 2.0), errors("S1", "b", 5.0)])["b"]["siren"] == 5.0
 
@@ -49,10 +49,9 @@ def test_the_error_of_the_most_probable_and_of_the_best_hypothesis(episode_files
         first = np.arange(len(features)) % 2 == 0
         return paths, np.where(first[:, None], [[0.7, 0.3]], [[0.3, 0.7]])
 
-    found = assess(SimpleNamespace(run=run), store)
-    assert [each.samples for each in found] == [int((store.episode == number).sum()) for number in range(2)]
-    assert sum(each.samples * each.errors_m["siren"] for each in found) == pytest.approx(
-        np.ceil(len(store) / 2), abs=1e-3
-    )
-    assert all(each.errors_m["siren_min6"] == pytest.approx(0.0, abs=1e-6) for each in found)
-    assert all(each.errors_m["siren"] == pytest.approx(each.errors_m["siren_fde"]) for each in found)
+    episodes = assess(SimpleNamespace(run=run), store)
+    assert [each.samples for each in episodes] == [int((store.episode == number).sum()) for number in range(2)]
+    total_m = sum(each.samples * each.errors_m["siren"] for each in episodes)
+    assert total_m == pytest.approx(np.ceil(len(store) / 2), abs=1e-3)
+    assert all(each.errors_m["siren_min6"] == pytest.approx(0.0, abs=1e-6) for each in episodes)
+    assert all(each.errors_m["siren"] == pytest.approx(each.errors_m["siren_fde"]) for each in episodes)

@@ -22,28 +22,28 @@ NORMAL, NEAR_MISS, COLLISION = RiskClass
 
 
 def test_pictures_near_a_conflict_have_its_class() -> None:
-    one = labelled(hand_made_film(COLLISION, at=60), CONFIG)
-    assert np.flatnonzero(one.severity == COLLISION).tolist() == [57, 58, 59, 60, 61, 62, 63]
-    assert set(np.flatnonzero(one.severity == NEAR_MISS).tolist()) <= {56, 64}
-    assert not one.severity[:56].any()
+    film = labelled(hand_made_film(COLLISION, at=60), CONFIG)
+    assert np.flatnonzero(film.severity == COLLISION).tolist() == [57, 58, 59, 60, 61, 62, 63]
+    assert set(np.flatnonzero(film.severity == NEAR_MISS).tolist()) <= {56, 64}
+    assert not film.severity[:56].any()
 
 
 def test_a_clip_has_the_class_of_its_time() -> None:
-    one = labelled(hand_made_film(NEAR_MISS, at=60), CONFIG)
+    film = labelled(hand_made_film(NEAR_MISS, at=60), CONFIG)
     limits = RiskThresholds()
-    assert clip_of(one, 30, 40, limits).label is NEAR_MISS
-    assert clip_of(one, 62, 40, limits).label is NORMAL
-    late = clip_of(one, 100, 40, limits)
+    assert clip_of(film, 30, 40, limits).label is NEAR_MISS
+    assert clip_of(film, 62, 40, limits).label is NORMAL
+    late = clip_of(film, 100, 40, limits)
     assert late.frames.shape[0] == 40
-    assert (late.frames[20:] == one.film.frames[-1]).all()
+    assert (late.frames[20:] == film.film.frames[-1]).all()
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_clip_that_is_drawn_for_a_class_has_it(seed: int) -> None:
-    one = labelled(hand_made_film(COLLISION, at=15 + 20 * seed), CONFIG)
-    first = drawn_first(one, COLLISION, 40, np.random.default_rng(seed))
+    film = labelled(hand_made_film(COLLISION, at=15 + 20 * seed), CONFIG)
+    first = drawn_first(film, COLLISION, 40, np.random.default_rng(seed))
     assert 0 <= first <= 80
-    assert clip_of(one, first, 40, RiskThresholds()).label is COLLISION
+    assert clip_of(film, first, 40, RiskThresholds()).label is COLLISION
 
 
 def test_films_are_found_by_their_classes() -> None:

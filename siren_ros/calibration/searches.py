@@ -164,12 +164,8 @@ def evolve(
 ) -> Floats:
     """CMA-ES (N. Hansen, arXiv:1604.00772); gives the best place that it has seen.
 
-    Args:
-        tried: The tries so far.
-        begin: The mean of the first generation.
-        rng: Of its samples.
-        times: The population is so many times as large as the method proposes.
-        steps: First standard deviation of each parameter, as a share of its range; None for ``START_STEP``.
+    ``begin`` is the mean of the first generation. The population is so many ``times`` as large as the method proposes.
+    ``steps`` are the first standard deviations as shares of the ranges; None for ``START_STEP``.
 
     Raises:
         Spent: No tries are left.

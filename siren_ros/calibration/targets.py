@@ -192,10 +192,8 @@ def horizons_of(targets: Sequence[Target]) -> tuple[float, ...]:
     """Lengths of the trajectories' beginnings that are fitted one after the other, the last one ``WHOLE``.
 
     The traffic answers the EMV, and the EMV the traffic: a small difference grows over time, and a decision that falls
-    the other way ends in another place. So the error over a long time has many valleys, and over a short time few.
-
-    Args:
-        targets: What is fitted; the longest trajectory counts.
+    the other way ends in another place. So the error over a long time has many valleys, and over a short time few. The
+    longest trajectory counts.
     """
     length_s = max(target.trajectory.length_s for target in targets)
     horizons, horizon_s = [], FIRST_S

@@ -10,12 +10,7 @@ class Command(argparse.ArgumentParser):
     """A command line whose arguments are added when somebody asks for them: some commands load much."""
 
     def __init__(self, *, add: str = "", **options: Any) -> None:
-        """As its base.
-
-        Args:
-            add: Module of this package and function that adds the arguments.
-            options: Of argparse.
-        """
+        """As its base; ``add`` names a module of this package and its function that adds the arguments."""
         super().__init__(**options)
         self._add = add
         self.variants: dict[str, Command] = {}

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from tqdm import tqdm
 
@@ -144,8 +144,8 @@ def run(arguments: argparse.Namespace) -> int:
     folder = folder_at(arguments.out)
     risk_set = _risk_set_of(study, folder, arguments.retries)
     options = WorkerOptions(arguments.retries, arguments.timeout_s)
-    with _workers(arguments) as workers, _Bar() as bar:
-        result = run_study(study, folder, workers, options, bar)
+    with _workers(arguments) as workers, tqdm(unit="episode", desc="generate", disable=None) as bar:
+        result = run_study(study, folder, workers, options, _Bar(bar))
     print(*_summary(result.rows), sep="\n")
     kept = f", {result.kept} of them from before" if result.kept else ""
     maps = ", ".join(dict.fromkeys(row.map_name for row in result.rows))
@@ -215,16 +215,10 @@ def _draws_of(arguments: argparse.Namespace) -> DrawPlan | None:
 class _Bar(StudyObserver):
     """A progress bar with the rate and the time left."""
 
-    def __init__(self) -> None:
-        self._bar: tqdm[Any] = tqdm(unit="episode", desc="generate", disable=None)
+    def __init__(self, bar: "tqdm[Any]") -> None:
+        self._bar = bar
         self._counts: Counter[str] = Counter()
         self._simulated_s = 0.0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.close()
 
     def plan(self, episodes: int) -> None:
         self._bar.reset(episodes)

@@ -5,7 +5,7 @@ from collections import Counter
 from dataclasses import fields, replace
 from pathlib import Path
 from threading import Lock
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from tqdm import tqdm
 
@@ -141,8 +141,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def make_and_print(request: RiskSetRequest, out: Path, workers: int) -> bool:
     """Makes a set with progress bars, prints its classes, and says whether it has the balance that was asked for."""
-    with _Bars(request) as bars:
-        videos, searches = make_set(request, out, workers, bars)
+    with (
+        tqdm(unit="candidate", desc="search", disable=None) as tried,
+        tqdm(total=request.balance.videos, unit="video", desc="draw", disable=None) as drawn,
+    ):
+        videos, searches = make_set(request, out, workers, _Bars(tried, drawn))
     risks = [(video.template, video.label.risk) for video in videos.videos.values()]
     for name, search in searches.items():
         counts, found = (
@@ -167,17 +170,8 @@ def balance_of(arguments: argparse.Namespace) -> Balance:
 class _Bars(SetObserver):
     """Two progress bars: candidates and videos."""
 
-    def __init__(self, request: RiskSetRequest) -> None:
-        self._lock = Lock()
-        self._tried: tqdm[Any] = tqdm(unit="candidate", desc="search", disable=None)
-        self._videos: tqdm[Any] = tqdm(total=request.balance.videos, unit="video", desc="draw", disable=None)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._videos.close()
-        self._tried.close()
+    def __init__(self, tried: "tqdm[Any]", drawn: "tqdm[Any]") -> None:
+        self._lock, self._tried, self._videos = Lock(), tried, drawn
 
     def tried(self, template: str, search: Search) -> None:
         with self._lock:

@@ -16,12 +16,9 @@ Measured = TypeVar("Measured")
 
 
 def of_each_bag(measure: Callable[[Path], Measured], bags: Sequence[Path], jobs: int) -> tuple[list[Measured], int]:
-    """What was measured on the bags that can be read, and the worst exit code; standard error says what is wrong.
+    """The results of the bags that can be read, and the worst exit code; standard error says what is wrong.
 
-    Args:
-        measure: A function of a module, because other processes call it.
-        bags: In the order in which they are begun.
-        jobs: Processes at once.
+    ``measure`` is a function of a module, because other processes call it.
     """
     with (
         ProcessPool(min(jobs, len(bags))) as pool,

@@ -18,11 +18,8 @@ def find_params_dir(package_file: Path, ament_prefix_path: str) -> Path:
     """Finds the folder of the parameter files that belongs to an installed or checked-out package.
 
     A checkout (also an editable or a ``--symlink-install`` one) holds ``params/`` beside the package. An installation
-    holds ``share/siren_ros/params`` in the prefix above the package; failing that, the ament index is searched.
-
-    Args:
-        package_file: A file directly inside the package's folder.
-        ament_prefix_path: The value of ``AMENT_PREFIX_PATH``; prefixes separated by colons, earlier ones win.
+    holds ``share/siren_ros/params`` in the prefix above the package; failing that, the prefixes of the value of
+    ``AMENT_PREFIX_PATH`` are searched, earlier ones first. ``package_file`` lies directly in the package's folder.
 
     Raises:
         InputError: No such folder exists.

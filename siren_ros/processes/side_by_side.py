@@ -18,11 +18,8 @@ def as_ready(
 ) -> Generator[tuple[Item, Future[Result]], None, None]:
     """Items with their finished futures, in the order in which these finish. Closing cancels those under way.
 
-    Args:
-        submit: Begins the work on an item.
-        items: Each is taken when its turn comes, so that there may be very many.
-        at_once: Greatest number of items under way.
-        look: Called twice a second while the work goes on.
+    ``submit`` begins the work on an item, which is taken when its turn comes, so that there may be very many. ``look``
+    is called twice a second while the work goes on.
     """
     waiting = iter(items)
     running: dict[Future[Result], Item] = {}

@@ -62,11 +62,8 @@ def write_blocks(document: Path, results: Mapping[str, PartResult]) -> bool:
 def unmarked_figures(text: str, marked: Mapping[str, str]) -> list[str]:
     """``LINE: NUMBER, write MARK`` for the numbers of a document that are written by hand although they are measured.
 
-    They have at least three digits and a decimal point.
-
-    Args:
-        text: The document without its blocks of code.
-        marked: The figures that documents show, as they show them, with the mark of each.
+    They have at least three digits and a decimal point. ``text`` has no blocks of code. ``marked`` has the figures as
+    documents show them, with the mark of each.
     """
     return [
         f"{number}: {literal}, write {marked[literal]}"

@@ -59,7 +59,7 @@ def test_the_lengthening_horizon_finds_what_the_whole_alone_does_not() -> None:
 def test_two_rounds_that_meet_go_on_alike_and_agree() -> None:
     tried, agreed, swing = searched(HORIZONS, 0, 400)
     assert agreed
-    changes = [one for one, two in pairwise(swing.horizons_s) if one != two]
+    changes = [before for before, after in pairwise(swing.horizons_s) if before != after]
     assert changes[: len(HORIZONS) - 1] == list(HORIZONS[:-1]), "the first round goes to the whole"
     assert swing.horizons_s[-1] < WHOLE, "the second one met the first one before"
     assert tried.count < 200
@@ -74,12 +74,12 @@ def test_the_end_of_the_tries_is_no_agreement() -> None:
 
 def decided(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
     """From 9 s on a decision falls the other way where ``b`` is small, which nothing tells before."""
-    found = []
+    residuals = []
     for values in tries:
         wrong = 20.0 * (1.0 + values["b"]) if horizon_s > 6.0 and values["b"] < 0.6 else 0.0
         follows = 10.0 * (values["b"] - TRUTH["b"]) if horizon_s > 6.0 and not wrong else 0.0
-        found.append(np.array([30.0 * (values["a"] - TRUTH["a"]), follows, wrong, 0.1]))
-    return found
+        residuals.append(np.array([30.0 * (values["a"] - TRUTH["a"]), follows, wrong, 0.1]))
+    return residuals
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -139,17 +139,17 @@ class Bowl:
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_the_minimum_is_found(count: int) -> None:
     bowl = Bowl()
-    found = fit(parameters_named(NAMES[:count]), bowl, 300)
-    for name, value in found.values.items():
+    fitted = fit(parameters_named(NAMES[:count]), bowl, 300)
+    for name, value in fitted.values.items():
         reach = PARAMETERS[name].high - PARAMETERS[name].low
         assert value == pytest.approx(TRUTH_FIT[name], abs=1e-3 * reach)
-        assert 0.0 < found.spread[name] < 0.01 * reach
-    assert found.undetermined == ()
-    assert found.error_m == pytest.approx(float(np.linalg.norm(Bowl.residuals(found.values))))
-    assert found.error_m < found.start_error_m
-    assert found.agreed, "a bowl has one bottom, and two rounds find it"
-    assert found.evaluations == len(bowl.tries) < 300
-    assert list(found.history_m) == sorted(found.history_m, reverse=True)
+        assert 0.0 < fitted.spread[name] < 0.01 * reach
+    assert fitted.undetermined == ()
+    assert fitted.error_m == pytest.approx(float(np.linalg.norm(Bowl.residuals(fitted.values))))
+    assert fitted.error_m < fitted.start_error_m
+    assert fitted.agreed, "a bowl has one bottom, and two rounds find it"
+    assert fitted.evaluations == len(bowl.tries) < 300
+    assert list(fitted.history_m) == sorted(fitted.history_m, reverse=True)
 
 
 def test_rounds_that_end_in_another_valley_are_followed_by_more_until_two_agree() -> None:
@@ -172,10 +172,10 @@ def test_a_parameter_that_changes_nothing_is_named() -> None:
     def first_alone(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
         return [np.array([values[NAMES[0]] - 17.0, 0.1]) for values in tries]
 
-    found = fit(parameters_named(NAMES[:2]), first_alone, 200)
-    assert found.undetermined == (NAMES[1],)
-    assert found.spread[NAMES[1]] == pytest.approx(4.0 - 0.8)
-    assert found.values[NAMES[0]] == pytest.approx(17.0, abs=0.01)
+    fitted = fit(parameters_named(NAMES[:2]), first_alone, 200)
+    assert fitted.undetermined == (NAMES[1],)
+    assert fitted.spread[NAMES[1]] == pytest.approx(4.0 - 0.8)
+    assert fitted.values[NAMES[0]] == pytest.approx(17.0, abs=0.01)
 
 
 def test_every_try_is_within_the_ranges() -> None:
@@ -190,19 +190,19 @@ def test_the_same_seed_gives_the_same_search_and_leaves_numpys_generator_alone()
     np.random.seed(5)  # noqa: NPY002 - the one that must not be touched
     state = np.random.get_state()[1].tolist()  # noqa: NPY002 - the same
     bowls = [Bowl() for _ in range(3)]
-    one, same, other = (fit(parameters_named(NAMES), bowls[row], 90, seed=seed) for row, seed in enumerate((3, 3, 4)))
-    assert one == same
+    first, same, other = (fit(parameters_named(NAMES), bowls[row], 90, seed=seed) for row, seed in enumerate((3, 3, 4)))
+    assert first == same
     assert bowls[0].tries == bowls[1].tries != bowls[2].tries
-    assert other.values == pytest.approx(one.values), "the bowl has one bottom"
+    assert other.values == pytest.approx(first.values), "the bowl has one bottom"
     assert np.random.get_state()[1].tolist() == state  # noqa: NPY002 - the same
 
 
 def test_the_search_begins_in_the_middle() -> None:
     bowl = Bowl()
-    found = fit(parameters_named(NAMES[:2]), bowl, 20)
+    fitted = fit(parameters_named(NAMES[:2]), bowl, 20)
     middle = {NAMES[0]: 14.0, NAMES[1]: 2.4}
     assert bowl.tries[0] == pytest.approx(middle)
-    assert found.start_error_m == pytest.approx(float(np.linalg.norm(Bowl.residuals(middle))))
+    assert fitted.start_error_m == pytest.approx(float(np.linalg.norm(Bowl.residuals(middle))))
 
 
 def test_tries_that_fail_are_passed_over_and_failing_alone_is_refused() -> None:

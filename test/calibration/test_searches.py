@@ -35,8 +35,8 @@ def off(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
 
 
 def test_the_best_try_is_kept_with_its_error() -> None:
-    told: list[tuple[int, float, float]] = []
-    tried = Tried(PARAMETERS, off, lambda *found: told.append(found))
+    reports: list[tuple[int, float, float]] = []
+    tried = Tried(PARAMETERS, off, lambda *report: reports.append(report))
     tried.budget = 10
     tried([[0.5, 0.5], [0.25, 0.5]])  # 14 m/s and 11 m/s, both 1.5 s
     assert tried.best.tolist() == [0.25, 0.5]
@@ -44,12 +44,12 @@ def test_the_best_try_is_kept_with_its_error() -> None:
     tried([[1.0, 0.25]])
     assert tried.best.tolist() == [0.25, 0.5], "a worse try changes nothing"
     assert tried.history_m == pytest.approx([0.5, 0.5])
-    assert told == [(2, WHOLE, pytest.approx(0.5)), (3, WHOLE, pytest.approx(0.5))]
+    assert reports == [(2, WHOLE, pytest.approx(0.5)), (3, WHOLE, pytest.approx(0.5))]
 
 
 def test_errors_over_one_horizon_are_not_held_against_those_over_another() -> None:
-    told: list[tuple[int, float, float]] = []
-    tried = Tried(PARAMETERS, off, lambda *found: told.append(found))
+    reports: list[tuple[int, float, float]] = []
+    tried = Tried(PARAMETERS, off, lambda *report: reports.append(report))
     tried.budget = 10
     assert tried.best.tolist() == tried.farthest.tolist() == [0.5, 0.5], "the middle, before the first try"
     for tried.horizon_s, speed in ((6.0, 0.0), (9.0, 5.0 / 12.0), (6.0, 0.1)):
@@ -62,8 +62,8 @@ def test_errors_over_one_horizon_are_not_held_against_those_over_another() -> No
     assert tried.best.tolist() == [0.5, 0.25]
     assert tried.farthest.tolist() == [5.0 / 12.0, 0.25]
     assert tried.history_m == pytest.approx([3.0])
-    assert [horizon for _, horizon, _ in told] == [6.0, 9.0, 6.0, WHOLE]
-    assert told[2][2] == pytest.approx(3.8), "the least over these 6 s"
+    assert [horizon for _, horizon, _ in reports] == [6.0, 9.0, 6.0, WHOLE]
+    assert reports[2][2] == pytest.approx(3.8), "the least over these 6 s"
 
 
 def test_a_group_that_was_begun_is_finished_and_then_the_tries_are_spent() -> None:
@@ -93,11 +93,11 @@ NOISE_M = 0.14
 
 def valley(tries: Sequence[Mapping[str, float]], _: float = WHOLE) -> list[Floats]:
     """Noise that no parameter explains; the first parameter nearly makes good what the second one changes."""
-    found = []
+    residuals = []
     for values in tries:
         a, b, c = np.array([values["a"], values["b"], values["c"]]) - TRUTH
-        found.append(np.array([50.0 * a + 3.0 * b, 3.0 * b * (1.0 + b), 10.0 * c + 20.0 * a, NOISE_M]))
-    return found
+        residuals.append(np.array([50.0 * a + 3.0 * b, 3.0 * b * (1.0 + b), 10.0 * c + 20.0 * a, NOISE_M]))
+    return residuals
 
 
 def tried_with(budget: int, residuals: object = valley) -> Tried:
@@ -115,11 +115,11 @@ def test_the_first_places_are_the_middle_and_an_even_spread() -> None:
 
     best = spread_out(tried_with(15, keep), 3, 15)
     assert seen[0] == {"a": 0.5, "b": 0.5, "c": 0.5}
-    errors = [float(np.linalg.norm(one)) for one in valley(seen)]
+    errors = [float(np.linalg.norm(apart)) for apart in valley(seen)]
     assert dict(zip("abc", best, strict=True)) == seen[int(np.argmin(errors))]
     for name in "abc":
         quarters = [int(4 * values[name]) for values in seen]
-        assert [quarters.count(one) for one in range(4)] == [3, 4, 4, 4], "the first of Sobol's, 0, is left out"
+        assert [quarters.count(quarter) for quarter in range(4)] == [3, 4, 4, 4], "the first of Sobol's, 0, is left out"
 
 
 def test_the_bottom_of_a_valley_is_found_from_its_side() -> None:
@@ -144,8 +144,8 @@ def test_the_slope_is_that_of_a_line_within_the_ranges_at_their_ends_too() -> No
 
     for place in (np.array([0.0, 1.0, 0.5]), np.array([1.0, 0.0, 0.3])):
         (here,) = line([dict(zip("abc", place, strict=True))])
-        found = slope(tried_with(3, line), place, here)
-        assert found == pytest.approx(np.array([[2.0, -1.0, 0.0], [0.0, 0.0, 5.0]]))
+        slopes = slope(tried_with(3, line), place, here)
+        assert slopes == pytest.approx(np.array([[2.0, -1.0, 0.0], [0.0, 0.0, 5.0]]))
 
 
 def test_a_search_ends_where_the_tries_are_spent() -> None:
@@ -187,13 +187,13 @@ def test_the_slopes_are_taken_within_the_ranges(first: float, second: float) -> 
 
     def line(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
         asked.extend(tries)
-        shares = [[one.share_of(values[one.name]) for one in PARAMETERS] for values in tries]
+        shares = [[parameter.share_of(values[parameter.name]) for parameter in PARAMETERS] for values in tries]
         return [np.array([7.0 * share[0], 11.0 * share[1]]) for share in shares]
 
     tried = Tried(PARAMETERS, line, lambda *_: None)
     tried.budget = 1
-    found = spread_shares(tried, np.array([first, second]), 0.3)
-    assert found == pytest.approx(move_shares(np.diag([7.0, 11.0]), 0.3))
+    moves = spread_shares(tried, np.array([first, second]), 0.3)
+    assert moves == pytest.approx(move_shares(np.diag([7.0, 11.0]), 0.3))
     assert len(asked) == tries_for(2) == 4
-    for one in PARAMETERS:
-        assert all(one.low - 1e-9 <= values[one.name] <= one.high + 1e-9 for values in asked)
+    for parameter in PARAMETERS:
+        assert all(parameter.low - 1e-9 <= values[parameter.name] <= parameter.high + 1e-9 for values in asked)

@@ -32,21 +32,21 @@ def line(speed_mps: float, end_s: float = 4.0, step_s: float = 0.5, begin_s: flo
 
 
 def test_the_distance_is_the_root_mean_square_at_the_given_times() -> None:
-    given, found = line(10.0, end_s=2.0, step_s=1.0), line(13.0, step_s=0.05)
-    assert given.distance_m(found) == pytest.approx(np.sqrt((0.0 + 3.0**2 + 6.0**2) / 3))
+    given, other = line(10.0, end_s=2.0, step_s=1.0), line(13.0, step_s=0.05)
+    assert given.distance_m(other) == pytest.approx(np.sqrt((0.0 + 3.0**2 + 6.0**2) / 3))
     assert given.distance_m(given) == 0.0
 
 
 def test_the_residuals_are_differences_of_places_and_their_norm_is_the_distance() -> None:
-    given, found = line(10.0, end_s=2.0, step_s=1.0, begin_s=0.0), line(13.0, begin_s=1.0)
-    apart = given.residuals_m(found)
+    given, other = line(10.0, end_s=2.0, step_s=1.0, begin_s=0.0), line(13.0, begin_s=1.0)
+    apart = given.residuals_m(other)
     assert apart == pytest.approx(np.array([0.0, 3.0, 6.0, 0.0, 0.0, 0.0]) / np.sqrt(2))
-    assert np.linalg.norm(apart) == given.distance_m(found)
+    assert np.linalg.norm(apart) == given.distance_m(other)
 
 
 def test_an_emv_that_left_earlier_counts_at_its_last_place() -> None:
-    given, found = line(10.0, end_s=3.0, step_s=1.0), line(10.0, end_s=2.0)
-    assert given.distance_m(found) == pytest.approx(np.sqrt(10.0**2 / 4))
+    given, other = line(10.0, end_s=3.0, step_s=1.0), line(10.0, end_s=2.0)
+    assert given.distance_m(other) == pytest.approx(np.sqrt(10.0**2 / 4))
 
 
 def test_times_before_the_episode_do_not_count_and_others_are_needed() -> None:
@@ -66,18 +66,18 @@ def test_the_first_seconds_count_from_its_first_place_and_two_places_remain(leng
 
 
 def test_a_record_gives_its_emv(record_of: Callable[..., EpisodeRecord]) -> None:
-    found = Trajectory.of_record(record_of(duration_s=2.0))
-    assert len(found.time_s) == 40
-    assert found.end_s == pytest.approx(1.95)
-    assert (np.diff(found.xy_m[:, 0]) > 0.0).all()
+    way = Trajectory.of_record(record_of(duration_s=2.0))
+    assert len(way.time_s) == 40
+    assert way.end_s == pytest.approx(1.95)
+    assert (np.diff(way.xy_m[:, 0]) > 0.0).all()
 
 
 def test_a_file_is_read_by_its_columns(tmp_path: Path) -> None:
     file = tmp_path / "way.csv"
     file.write_text("y_m,time_s,x_m,speed\n1,0,5,9\n2,0.5,6,9\n", encoding="utf-8")
-    found = Trajectory.read(file)
-    assert found.time_s.tolist() == [0.0, 0.5]
-    assert found.xy_m.tolist() == [[5.0, 1.0], [6.0, 2.0]]
+    way = Trajectory.read(file)
+    assert way.time_s.tolist() == [0.0, 0.5]
+    assert way.xy_m.tolist() == [[5.0, 1.0], [6.0, 2.0]]
 
 
 @pytest.mark.parametrize(
@@ -115,18 +115,18 @@ def test_a_generation_of_tries_comes_closer_to_a_known_parameter() -> None:
     with residuals_over([target], 1) as residuals:
         (at_the_truth,) = residuals([{SPEED: truth}], WHOLE)
         assert not at_the_truth.any(), "the same parameters give the same trajectory"
-        found = fit(parameters_named([SPEED]), residuals, 11)
-    assert found.evaluations >= 11
-    assert 0.0 < found.error_m < found.start_error_m
-    assert abs(found.values[SPEED] - truth) < 1.5, "the middle of the range is 3.5 m/s off"
+        fitted = fit(parameters_named([SPEED]), residuals, 11)
+    assert fitted.evaluations >= 11
+    assert 0.0 < fitted.error_m < fitted.start_error_m
+    assert abs(fitted.values[SPEED] - truth) < 1.5, "the middle of the range is 3.5 m/s off"
 
 
 def test_a_situation_that_cannot_be_set_up_is_far_away() -> None:
     target = Target("made", SITUATION, driven(SITUATION, {}, 0.2))
     nowhere = Target("no such", Situation(EpisodeRequest("S99", "L1", 0)), target.trajectory)
     with residuals_over([target, nowhere], 1) as residuals:
-        (found,) = residuals([{}], WHOLE)
-    assert np.linalg.norm(found) == pytest.approx(np.sqrt(0.5) * FAILED_M)
+        (apart,) = residuals([{}], WHOLE)
+    assert np.linalg.norm(apart) == pytest.approx(np.sqrt(0.5) * FAILED_M)
 
 
 def test_records_that_do_not_say_what_they_were_made_from_are_refused(record_of: Callable[..., EpisodeRecord]) -> None:
@@ -160,8 +160,8 @@ def test_a_horizon_grows_by_half_until_little_is_left_out(length_s: float, horiz
 
 @given(st.floats(0.1, 300.0))
 def test_the_horizons_rise_to_the_whole(length_s: float) -> None:
-    *found, last = horizons_of(targets_of(length_s))
+    *horizons, last = horizons_of(targets_of(length_s))
     assert last == WHOLE
-    assert found == [pytest.approx(FIRST_S * GROWTH**number) for number in range(len(found))]
-    assert all(horizon * LAST < length_s for horizon in found)
-    assert FIRST_S * GROWTH ** len(found) * LAST >= length_s - 3.1e-14 * length_s - 1e-12
+    assert horizons == [pytest.approx(FIRST_S * GROWTH**number) for number in range(len(horizons))]
+    assert all(horizon * LAST < length_s for horizon in horizons)
+    assert FIRST_S * GROWTH ** len(horizons) * LAST >= length_s - 3.1e-14 * length_s - 1e-12

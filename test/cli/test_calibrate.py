@@ -33,11 +33,10 @@ def bag(write_bag: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.Monk
     return write_bag(tmp_path / "bag", duration_s=2.0)
 
 
-def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, siren) -> None:
     out = tmp_path / "found.json"
     command = ["calibrate", str(bag), "--parameters", "controller.headway_s", "--evaluations", "100", "--jobs", "1"]
-    assert main([*command, "--out", str(out)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = siren([*command, "--out", str(out)]).out.splitlines()
     name, value, *_ = lines[1].split()
     assert name == "controller.headway_s"
     assert float(value) == pytest.approx(2.0, abs=0.01)
@@ -50,11 +49,10 @@ def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, capsys
     assert len(lines) == 3, "nothing to warn of"
 
 
-def test_what_the_trajectories_do_not_determine_is_said(bag, tmp_path, capsys) -> None:
+def test_what_the_trajectories_do_not_determine_is_said(bag, tmp_path, siren) -> None:
     names = "controller.headway_s,controller.accel_mps2"
     command = ["calibrate", str(bag), "--parameters", names, "--evaluations", "30", "--jobs", "1"]
-    assert main([*command, "--out", str(tmp_path / "found.json")]) == 0
-    *_, named, spent = capsys.readouterr().out.splitlines()
+    *_, named, spent = siren([*command, "--out", str(tmp_path / "found.json")]).out.splitlines()
     assert named.startswith("not determined by these trajectories: controller.accel_mps2 ")
     assert "more --evaluations" in spent
     assert json.loads((tmp_path / "found.json").read_text())["undetermined"] == ["controller.accel_mps2"]
@@ -65,9 +63,8 @@ def test_what_the_trajectories_do_not_determine_is_said(bag, tmp_path, capsys) -
     [["--parameters", "mood"], ["--parameters", ""], ["--jobs", "0"], ["--evaluations", "2"], ["--trajectory", "no"],
      ["--parameters", "sumo.tau_s"]],
 )  # fmt: skip
-def test_bad_options_are_refused(bag: Path, options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", str(bag), *options]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+def test_bad_options_are_refused(bag: Path, options: list[str], siren) -> None:
+    assert siren(["calibrate", str(bag), *options], 2).err.count("\n") == 1
 
 
 def test_a_trajectory_belongs_to_one_bag(bag: Path, write_bag: Callable[..., Path], tmp_path: Path) -> None:

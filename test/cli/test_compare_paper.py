@@ -17,10 +17,9 @@ def bags(write_bag: Callable[..., Path], tmp_path_factory: pytest.TempPathFactor
     return root
 
 
-def test_rows_are_printed_and_written(bags: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rows_are_printed_and_written(bags: Path, tmp_path: Path, siren) -> None:
     out = tmp_path / "rows.json"
-    assert main(["compare-paper", str(bags), "--models", "cv", "--jobs", "1", "--out", str(out)]) == 0
-    printed = capsys.readouterr().out.splitlines()
+    printed = siren(["compare-paper", str(bags), "--models", "cv", "--jobs", "1", "--out", str(out)]).out.splitlines()
     assert printed[0].startswith("1 of 2 episodes are at other levels")
     assert printed[1] == "map: straight (1); the paper's is Town10HD_Opt"
     start = printed.index("ADE in m")
@@ -54,8 +53,7 @@ def test_without_an_episode_at_its_own_level_there_is_nothing_to_compare(bags: P
     assert main(["compare-paper", str(bags / "other"), "--models", "cv"]) == 2
 
 
-def test_a_predictor_that_the_paper_does_not_have_is_named(bags: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["compare-paper", str(bags / "own"), "--models", "cv,cv:mine", "--jobs", "1"]) == 0
-    printed = capsys.readouterr().out.splitlines()
+def test_a_predictor_that_the_paper_does_not_have_is_named(bags: Path, siren) -> None:
+    printed = siren(["compare-paper", str(bags / "own"), "--models", "cv,cv:mine", "--jobs", "1"]).out.splitlines()
     (line,) = [line for line in printed if "no row in the paper's tables" in line]
     assert line.startswith("cv:mine has ")

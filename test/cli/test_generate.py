@@ -21,16 +21,14 @@ from siren_ros.studies.study_folder import LocalFolder, read_table
 SHORT = ["--duration-s", "0.5", "--workers", "2"]
 
 
-def test_a_matrix_is_made_and_made_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_matrix_is_made_and_made_once(tmp_path: Path, siren) -> None:
     out = tmp_path / "study"
     words = ["generate", "--templates", "S2", "--levels", "L0", "own", "--out", str(out), *SHORT]
-    assert main(words) == 0
-    first = capsys.readouterr().out
+    first = siren(words).out
     assert "S2_L0  1/1 complete, 1 cut short by duration_s, at most " in first
     assert first.splitlines()[-1] == f"{out}/manifest.parquet: 2 episodes on town"
     times = [row.begun_at for row in read_table(LocalFolder(out))]
-    assert main(words) == 0
-    kept = capsys.readouterr().out.splitlines()[-1]
+    kept = siren(words).out.splitlines()[-1]
     assert kept == f"{out}/manifest.parquet: 2 episodes on town, 2 of them from before"
     assert [row.begun_at for row in read_table(LocalFolder(out))] == times
 
@@ -103,7 +101,7 @@ def test_values_are_those_of_cosim(tmp_path: Path) -> None:
     assert described.template_values["emv.speed_mps"] == 12.0
 
 
-def made(monkeypatch: pytest.MonkeyPatch, *judged: tuple[bool | None, int, int]) -> None:
+def stand_in(monkeypatch: pytest.MonkeyPatch, *judged: tuple[bool | None, int, int]) -> None:
     """Puts rows in the place of a study: whether the predicate holds, the collisions, the steps."""
     (episode,) = plan_study(Study(("S2",)))
     rows = tuple(
@@ -121,7 +119,7 @@ WHOLE, CUT = 900, 80
 
 
 @pytest.mark.parametrize(
-    ("judged", "told"),
+    ("judged", "summary"),
     [
         ([(True, 0, WHOLE), (False, 0, WHOLE), (None, 0, WHOLE)], "3/3 complete, predicate holds in 1/3"),
         ([(True, 0, WHOLE), (True, 2, CUT)], "2/2 complete, predicate holds in 2/2, collisions in 1"),
@@ -129,10 +127,9 @@ WHOLE, CUT = 900, 80
         ([(False, 0, CUT)], "1/1 complete, 1 cut short by duration_s"),
     ],
 )
-def test_the_table_says_how_many_hold_and_how_many_could_not(judged, told, tmp_path, monkeypatch, capsys) -> None:
-    made(monkeypatch, *judged)
-    assert main(["generate", "--templates", "S2", "--out", str(tmp_path)]) == 0
-    assert capsys.readouterr().out.splitlines()[0] == f"S2_L2  {told}"
+def test_the_table_says_how_many_hold_and_how_many_could_not(judged, summary, tmp_path, monkeypatch, siren) -> None:
+    stand_in(monkeypatch, *judged)
+    assert siren(["generate", "--templates", "S2", "--out", str(tmp_path)]).out.splitlines()[0] == f"S2_L2  {summary}"
 
 
 @pytest.mark.parametrize(
@@ -144,28 +141,26 @@ def test_the_table_says_how_many_hold_and_how_many_could_not(judged, told, tmp_p
         ((None, 0, WHOLE), 1, "siren generate: e0: whether the interaction happened could not be judged\n"),
     ],
 )
-def test_what_happened_counts_where_the_command_is_strict(judged, code, line, tmp_path, monkeypatch, capsys) -> None:
-    made(monkeypatch, judged)
+def test_what_happened_counts_where_the_command_is_strict(judged, code, line, tmp_path, monkeypatch, siren) -> None:
+    stand_in(monkeypatch, judged)
     words = ["generate", "--templates", "S2", "--out", str(tmp_path)]
-    assert main(words) == 0
-    assert capsys.readouterr().err == ""
-    assert main([*words, "--strict"]) == code
-    assert capsys.readouterr().err == line
+    assert siren(words).err == ""
+    assert siren([*words, "--strict"], code).err == line
 
 
 @pytest.mark.parametrize("whole", [True, False])
 def test_a_study_with_risk_videos_makes_them_after_its_episodes(whole, tmp_path, monkeypatch) -> None:
-    made = []
+    sets = []
 
     def make(request: RiskSetRequest, out: Path, workers: int) -> bool:
-        made.append((request, out, workers, len(read_table(LocalFolder(tmp_path)))))
+        sets.append((request, out, workers, len(read_table(LocalFolder(tmp_path)))))
         return whole
 
     monkeypatch.setattr(generate, "make_and_print", make)
     words = ["--templates", "S2", "S4", "--seeds", "7", "--risk-videos", "21", "--retries", "5"]
     assert main(["generate", *words, "--out", str(tmp_path), *SHORT]) == (0 if whole else 1)
     expected = RiskSetRequest(("S2", "S4"), Balance((30, 10, 2), 21), seed=7, retries=5)
-    assert made == [(expected, tmp_path / "risk_videos", 2, 2)]
+    assert sets == [(expected, tmp_path / "risk_videos", 2, 2)]
 
 
 def test_risk_videos_need_a_local_folder(capsys: pytest.CaptureFixture[str]) -> None:

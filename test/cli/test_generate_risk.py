@@ -42,11 +42,10 @@ def test_words_that_mean_nothing(words: list[str], said: str, capsys: pytest.Cap
     assert said in capsys.readouterr().err
 
 
-def test_a_set_is_made_and_goes_on(tmp_path, capsys, monkeypatch) -> None:
+def test_a_set_is_made_and_goes_on(tmp_path, siren, monkeypatch) -> None:
     """The film that is missing is made once more, and nothing else; by a stand-in, since it takes as long again."""
     words = ["generate", "risk", "--out", str(tmp_path), "--templates", "S2", "--balance", "1,0,0", "--workers", "1"]
-    assert main(words) == 0
-    assert "1 / 0 / 0" in capsys.readouterr().out
+    assert "1 / 0 / 0" in siren(words).out
     videos = read_set(tmp_path)
     ((key, video),) = videos.videos.items()
     assert video.label.risk is RiskClass.NORMAL
@@ -55,7 +54,7 @@ def test_a_set_is_made_and_goes_on(tmp_path, capsys, monkeypatch) -> None:
     assert (first != last).any()
     (mask,) = masks_of(tmp_path / "masks" / f"{key}.npz", (94,))
     assert mask.shape == (600, 800)
-    made = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    contents = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     film = tmp_path / video.file
     film.write_bytes(b"")
     again = []
@@ -64,24 +63,22 @@ def test_a_set_is_made_and_goes_on(tmp_path, capsys, monkeypatch) -> None:
         retries: int, work: object, place: VideoPlace, candidate: Candidate, thresholds: RiskThresholds
     ) -> Rendered:
         again.append((retries, work, place, candidate.request.to_json(), candidate.first_step, thresholds))
-        film.write_bytes(made[film])
+        film.write_bytes(contents[film])
         return Rendered(190, 0)
 
     monkeypatch.setattr(make_set, "attempt_processes", processes_of(make))
     assert main(words) == 0
     place = VideoPlace(tmp_path, key)
     assert again == [(2, make_video, place, video.request, video.first_step, RiskThresholds())]
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == made
-    assert main([*words[:-2], "--seed", "1"]) == 2
-    assert "one of the same request" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == contents
+    assert "one of the same request" in siren([*words[:-2], "--seed", "1"], 2).err
     card = json.loads(tmp_path.joinpath("dataset.json").read_text())
     assert card["counts"] == [1, 0, 0]
 
 
-def test_labels_are_derived_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_labels_are_derived_again(tmp_path: Path, siren) -> None:
     write_set(small_video_set(tmp_path))
-    assert main(["label", str(tmp_path), "--time-to-collision-s", "0.8", "--out", str(tmp_path / "other")]) == 0
-    out = capsys.readouterr().out
+    out = siren(["label", str(tmp_path), "--time-to-collision-s", "0.8", "--out", str(tmp_path / "other")]).out
     assert "S4_002: Near-Miss -> Normal" in out
     assert "S6_005" not in out, "touching is a collision whatever the thresholds"
     assert out.splitlines()[-1].startswith("5 / 0 / 1")

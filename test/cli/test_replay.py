@@ -60,19 +60,16 @@ def test_topics_duration_and_other_names(bag: Path, monkeypatch: pytest.MonkeyPa
     ]
 
 
-def test_a_rule_that_is_none_is_refused(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", str(bag), "--remap", "/tf=/mine"]) == 2
-    assert "--remap: '/tf=/mine' cannot be used" in capsys.readouterr().err
+def test_a_rule_that_is_none_is_refused(bag: Path, siren) -> None:
+    assert "--remap: '/tf=/mine' cannot be used" in siren(["replay", str(bag), "--remap", "/tf=/mine"], 2).err
 
 
-def test_a_bag_that_is_none_is_refused_before_the_player(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", str(tmp_path / "nothing")]) == 2
-    assert "nothing" in capsys.readouterr().err
+def test_a_bag_that_is_none_is_refused_before_the_player(tmp_path: Path, siren) -> None:
+    assert "nothing" in siren(["replay", str(tmp_path / "nothing")], 2).err
 
 
-def test_a_hand_made_bag_cannot_be_repeated(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", "--check", str(bag)]) == 2
-    assert "request of the episode" in capsys.readouterr().err
+def test_a_hand_made_bag_cannot_be_repeated(bag: Path, siren) -> None:
+    assert "request of the episode" in siren(["replay", "--check", str(bag)], 2).err
 
 
 def test_what_is_no_number_is_refused(bag: Path) -> None:
@@ -82,16 +79,16 @@ def test_what_is_no_number_is_refused(bag: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def simulated_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The bag of ten steps that the simulation made."""
     bag = tmp_path_factory.mktemp("made") / "bag"
     record_episode(set_up_episode(EpisodeRequest("S2", seed=3, sensors="none", duration_s=0.5)), bag)
     return bag
 
 
-def without_steps(made: Path, bag: Path, typestore: Typestore, left_out: Collection[int]) -> Path:
+def without_steps(simulated_bag: Path, bag: Path, typestore: Typestore, left_out: Collection[int]) -> Path:
     """The bag without the messages of some steps; its end and its outcome stay as they are."""
-    with open_bag(made) as opened:
+    with open_bag(simulated_bag) as opened:
         writer = EpisodeBagWriter(bag, typestore, opened.latched)
         for message in opened.messages():
             if message.topic in opened.latched or step_of_time_ns(message.time_ns) not in left_out:
@@ -101,28 +98,26 @@ def without_steps(made: Path, bag: Path, typestore: Typestore, left_out: Collect
 
 @pytest.mark.parametrize(("left_out", "held"), [(range(3, 10), 3), ((0, 1, 6), 7)])
 def test_a_bag_that_lacks_steps_is_compared_as_far_as_it_goes_and_not_called_complete(
-    made: Path,
+    simulated_bag: Path,
     tmp_path: Path,
     typestore: Typestore,
+    siren,
     capsys: pytest.CaptureFixture[str],
     left_out: Collection[int],
     held: int,
 ) -> None:
-    assert main(["replay", "--check", str(made)]) == 0
-    assert "over 10 steps" in capsys.readouterr().out
-    bag = without_steps(made, tmp_path / "bag", typestore, left_out)
-    assert main(["replay", "--check", str(bag)]) == 1
-    printed = capsys.readouterr()
+    assert "over 10 steps" in siren(["replay", "--check", str(simulated_bag)]).out
+    bag = without_steps(simulated_bag, tmp_path / "bag", typestore, left_out)
+    printed = siren(["replay", "--check", str(bag)], 1)
     assert f"the same, to the last bit, over {held} steps" in printed.out
     assert printed.err == f"siren replay: {bag} is not complete: it holds {held} of 10 steps\n"
     assert main(["info", str(bag)]) == 0
     assert f"failed (the bag holds {held} of the 10 steps that were closed), not judged" in capsys.readouterr().out
-    assert main(["verify", str(bag)]) == 1
-    assert "complete, complete" not in capsys.readouterr().out
+    assert "complete, complete" not in siren(["verify", str(bag)], 1).out
 
 
-def test_a_difference_in_a_step_that_is_there_is_still_found(made, tmp_path, typestore, capsys) -> None:
-    with open_bag(made) as opened:
+def test_a_difference_in_a_step_that_is_there_is_still_found(simulated_bag, tmp_path, typestore, siren) -> None:
+    with open_bag(simulated_bag) as opened:
         writer = EpisodeBagWriter(tmp_path / "bag", typestore, opened.latched)
         for message in opened.messages():
             step, cdr = step_of_time_ns(message.time_ns), message.cdr
@@ -130,5 +125,4 @@ def test_a_difference_in_a_step_that_is_there_is_still_found(made, tmp_path, typ
                 cdr = cdr[:-8] + struct.pack("<d", 1e3)
             if message.topic in opened.latched or step != 2:
                 writer.write(message.topic, message.type_name, cdr, message.time_ns)
-    assert main(["replay", "--check", str(writer.finish().path)]) == 1
-    assert "differs first at step 7" in capsys.readouterr().out
+    assert "differs first at step 7" in siren(["replay", "--check", str(writer.finish().path)], 1).out

@@ -21,9 +21,8 @@ def failing_bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..
     return write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed1", changing=1)
 
 
-def test_info_tells_the_episode(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["info", str(bag)]) == 0
-    out = capsys.readouterr().out
+def test_info_tells_the_episode(bag: Path, siren) -> None:
+    out = siren(["info", str(bag)]).out
     assert "template S2, level L2, seed 0" in out
     assert "16.00 s of 16.00 s, 320 steps" in out
     assert "interaction verified" in out
@@ -32,24 +31,21 @@ def test_info_tells_the_episode(bag: Path, capsys: pytest.CaptureFixture[str]) -
     assert "yield_completed × 4" in out
 
 
-def test_verify_passes_a_sound_episode(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["verify", str(bag)]) == 0
-    out = capsys.readouterr().out
+def test_verify_passes_a_sound_episode(bag: Path, siren) -> None:
+    out = siren(["verify", str(bag)]).out
     assert f"{bag}: holds" in out
     assert "FAIL" not in out
 
 
-def test_verify_names_what_fails(failing_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["verify", "--quiet", str(failing_bag)]) == 1
-    out = capsys.readouterr().out
+def test_verify_names_what_fails(failing_bag: Path, siren) -> None:
+    out = siren(["verify", "--quiet", str(failing_bag)], 1).out
     assert f"{failing_bag}: FAILS" in out
     assert "FAIL  lane_changes: 1 (needs >= 3)" in out
     assert "ok" not in out.split()
 
 
-def test_verify_goes_on_after_a_bag_that_cannot_be_read(bag, tmp_path, capsys) -> None:
-    assert main(["verify", str(tmp_path / "none"), str(bag)]) == 2
-    captured = capsys.readouterr()
+def test_verify_goes_on_after_a_bag_that_cannot_be_read(bag, tmp_path, siren) -> None:
+    captured = siren(["verify", str(tmp_path / "none"), str(bag)], 2)
     assert "holds" in captured.out
     assert captured.err.count("\n") == 1
     assert "none" in captured.err
@@ -72,10 +68,9 @@ def test_plot_writes_a_picture(bag: Path, tmp_path: Path) -> None:
     "arguments",
     [["info", "BAG"], ["verify", "BAG"], ["plot", "BAG", "--out", "x.png"], ["export", "kitti", "BAG", "--out", "x"]],
 )
-def test_a_bag_that_is_not_there_is_one_line_and_exit_code_2(arguments, tmp_path, capsys) -> None:
+def test_a_bag_that_is_not_there_is_one_line_and_exit_code_2(arguments, tmp_path, siren) -> None:
     absent = str(tmp_path / "absent")
-    assert main([absent if word == "BAG" else word for word in arguments]) == 2
-    captured = capsys.readouterr()
+    captured = siren([absent if word == "BAG" else word for word in arguments], 2)
     assert captured.out == ""
     assert captured.err.count("\n") == 1
     assert absent in captured.err

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from siren_ros.cli import train
-from siren_ros.cli.main import main
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK
 from siren_ros.evaluation.network_file import NetworkFile
 from siren_ros.evaluation.risk.sequence_model import SequenceModel
@@ -25,22 +24,20 @@ from siren_ros.training.settings import FilmFitConfig
         ("prediction", ["--epochs", "0"], "epochs"),
     ],
 )
-def test_what_trains_nothing_is_refused(monkeypatch, capsys, tmp_path, task, words, option) -> None:
+def test_what_trains_nothing_is_refused(monkeypatch, siren, tmp_path, task, words, option) -> None:
     monkeypatch.setattr(train, "fitter_of", lambda _: None)
     bags = [str(tmp_path)] if task == "detection" else []
-    assert main(["train", task, *bags, "--out", str(tmp_path / "detector.onnx"), *words]) == EXIT_BAD_INPUT
-    assert option in capsys.readouterr().err
+    assert option in siren(["train", task, *bags, "--out", str(tmp_path / "detector.onnx"), *words], EXIT_BAD_INPUT).err
 
 
 @pytest.mark.parametrize("task", ["prediction", "detection", "risk"])
-def test_without_torch_the_command_says_what_brings_it(monkeypatch, capsys, tmp_path, task) -> None:
+def test_without_torch_the_command_says_what_brings_it(monkeypatch, siren, tmp_path, task) -> None:
     def missing(_: str) -> None:
         raise ModuleNotFoundError("No module named 'torch'", name="torch")
 
     monkeypatch.setattr(train, "import_module", missing)
     bags = [str(tmp_path)] if task == "detection" else []
-    assert main(["train", task, *bags, "--out", str(tmp_path / "new")]) == EXIT_BAD_INPUT
-    said = capsys.readouterr().err
+    said = siren(["train", task, *bags, "--out", str(tmp_path / "new")], EXIT_BAD_INPUT).err
     assert "no torch" in said
     assert f"./env --with models siren train {task}" in said
     assert list(tmp_path.iterdir()) == []
@@ -53,21 +50,20 @@ def test_the_part_with_torch_is_found_by_its_names(task: str) -> None:
 
 
 @pytest.mark.parametrize(("missing", "code"), [((), EXIT_OK), (("no site",), EXIT_FAILED)])
-def test_films_are_made_and_handed_on(monkeypatch, capsys, tmp_path, missing, code) -> None:
-    def made(plan: tuple[PlannedFilm, ...], folder: Path, jobs: int, _done: object) -> MadeFiles[PlannedFilm]:
+def test_films_are_made_and_handed_on(monkeypatch, siren, tmp_path, missing, code) -> None:
+    def make(plan: tuple[PlannedFilm, ...], folder: Path, jobs: int, _done: object) -> MadeFiles[PlannedFilm]:
         assert (len(plan), folder, jobs) == (8 * (2 + 1), tmp_path / "cache", 1)
-        return MadeFiles(tuple((one, folder) for one in plan), tuple((plan[0], why) for why in missing))
+        return MadeFiles(tuple((film, folder) for film in plan), tuple((plan[0], why) for why in missing))
 
-    def trained(_films: MadeFiles[PlannedFilm], path: Path, config: FilmFitConfig, *_: object) -> SequenceModel:
+    def train_films(_films: MadeFiles[PlannedFilm], path: Path, config: FilmFitConfig, *_: object) -> SequenceModel:
         assert (path, config.epochs, config.seed) == (tmp_path / "sequence.onnx", 3, 5)
         figures = {"accuracy": 0.5, "macro_f1": 0.25, "confusion": [[1]]}
         return SequenceModel(NetworkFile(None, {"parameters": 7, "validation": figures}))
 
     monkeypatch.setattr(train, "fitter_of", lambda _: None)
-    monkeypatch.setattr(train, "make_films", made)
-    monkeypatch.setattr(train, "train_sequence_model", trained)
+    monkeypatch.setattr(train, "make_films", make)
+    monkeypatch.setattr(train, "train_sequence_model", train_films)
     words = ["--train", "2", "--validation", "1", "--jobs", "1", "--epochs", "3", "--seed", "5"]
-    assert main(["train", "risk", "--out", str(tmp_path), *words]) == code
-    said = capsys.readouterr()
+    said = siren(["train", "risk", "--out", str(tmp_path), *words], code)
     assert "accuracy 50.0%, macro F1 25.0%" in said.out
     assert said.err.count("no site") == len(missing)

@@ -49,9 +49,9 @@ def test_nothing_half_written_has_the_final_name(bags, tmp_path, name, capsys) -
     shutil.rmtree(tmp_path / "first")
     with files_of_at_most(100):
         assert main([*command, "--out", str(out)]) == 2
-    told = capsys.readouterr().err.splitlines()[-1]
-    assert "can be written (" in told
-    assert "File too large" in told
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert "can be written (" in message
+    assert "File too large" in message
     assert out.read_bytes() == b"what stood there before"
     assert list(tmp_path.iterdir()) == [out]
 

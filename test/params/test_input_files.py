@@ -53,11 +53,11 @@ def test_a_mistake_in_a_recorded_file_is_named_with_its_line() -> None:
 
 
 def test_noted_files_are_those_that_were_read(tmp_path: Path) -> None:
-    own = tmp_path / "own.yaml"
-    own.write_text("title: own\n", encoding="utf-8")
+    mine = tmp_path / "own.yaml"
+    mine.write_text("title: own\n", encoding="utf-8")
     noted = NotedFiles(FILES_ON_DISK)
     assert noted.seen == ()
-    for name in (str(own), "paper", str(own)):
+    for name in (str(mine), "paper", str(mine)):
         noted.read("preset", "presets", name)
-    assert [(file.folder, file.name) for file in noted.seen] == [("presets", str(own)), ("presets", "paper")]
+    assert [(file.folder, file.name) for file in noted.seen] == [("presets", str(mine)), ("presets", "paper")]
     assert noted.seen[0].text == "title: own\n"

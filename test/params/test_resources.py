@@ -24,11 +24,11 @@ def test_a_checkout_holds_them_beside_the_package(tmp_path: Path) -> None:
 
 def test_an_installation_holds_them_in_its_own_prefix(tmp_path: Path) -> None:
     file = make_package(tmp_path / "install/lib/python3.12/site-packages/siren_ros")
-    own = tmp_path / "install/share/siren_ros/params"
+    installed = tmp_path / "install/share/siren_ros/params"
     other = tmp_path / "other/share/siren_ros/params"
-    for folder in (own, other):
+    for folder in (installed, other):
         folder.mkdir(parents=True)
-    assert find_params_dir(file, str(tmp_path / "other")) == own
+    assert find_params_dir(file, str(tmp_path / "other")) == installed
 
 
 def test_a_symlinked_package_belongs_to_its_checkout(tmp_path: Path) -> None:

@@ -27,12 +27,12 @@ def double(number):
     return 2 * number
 def refuse(number):
     raise ValueError(f"{number} is refused")
-told = []
-with ProcessPool(int(sys.argv[1]), told.append) as pool:
-    found = pool.map(double, [(number,) for number in range(1, 6)])
-print(json.dumps(found), json.dumps(told), sep=chr(10))
+reports = []
+with ProcessPool(int(sys.argv[1]), reports.append) as pool:
+    doubles = pool.map(double, [(number,) for number in range(1, 6)])
+print(json.dumps(doubles), json.dumps(reports), sep=chr(10))
 try:
-    with ProcessPool(int(sys.argv[1]), told.append) as pool:
+    with ProcessPool(int(sys.argv[1]), reports.append) as pool:
         pool.map(refuse, [(7,)])
 except ValueError as error:
     print(json.dumps(str(error)))
@@ -54,9 +54,9 @@ def test_results_progress_and_errors_come_back(processes: int) -> None:
     done = subprocess.run(
         [sys.executable, "-c", DOUBLES, str(processes)], capture_output=True, text=True, check=True, timeout=60
     )
-    results, told, error = map(json.loads, done.stdout.splitlines())
+    results, reports, error = map(json.loads, done.stdout.splitlines())
     assert results == [2, 4, 6, 8, 10]
-    assert sorted(told) == [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert sorted(reports) == [1.0, 2.0, 3.0, 4.0, 5.0]
     assert error == "7 is refused"
 
 
@@ -210,8 +210,8 @@ def test_an_answer_counts_after_as_many_deaths_as_may_be(answers: list[Any], dea
 @pytest.mark.parametrize("retries", [0, 2])
 def test_one_death_more_is_an_error_that_tells_all_of_them(answers: list[Any], retries: int) -> None:
     answers.extend(CrashError(f"signal {number}") for number in range(5))
-    told = "; ".join(f"signal {number}" for number in range(retries + 1))
-    with pytest.raises(CrashError, match=rf"added: {told}$"):
+    reasons = "; ".join(f"signal {number}" for number in range(retries + 1))
+    with pytest.raises(CrashError, match=rf"added: {reasons}$"):
         ProcessPool(1, fresh=True).call_with_retries(retries, added, 3, 4)
     assert len(answers) == 4 - retries
 

@@ -16,8 +16,8 @@ def test_results_have_the_names_of_their_tasks(workers: int) -> None:
 
 def test_two_workers_work_at_the_same_time() -> None:
     meeting = threading.Barrier(2)
-    found = side_by_side({name: partial(meeting.wait, 30.0) for name in "ab"}, 2)
-    assert sorted(found.values()) == [0, 1]
+    arrivals = side_by_side({name: partial(meeting.wait, 30.0) for name in "ab"}, 2)
+    assert sorted(arrivals.values()) == [0, 1]
 
 
 def test_the_first_error_is_raised_and_nothing_new_begins() -> None:

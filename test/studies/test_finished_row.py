@@ -35,9 +35,9 @@ def folder(tmp_path: Path) -> LocalFolder:
 
 @pytest.fixture
 def row(folder: LocalFolder) -> EpisodeRow:
-    found = folder.row_of("episodes/S2_L2/S2_L2_seed3")
-    assert found is not None
-    return found
+    stored = folder.row_of("episodes/S2_L2/S2_L2_seed3")
+    assert stored is not None
+    return stored
 
 
 def test_a_row_of_the_table_whose_bag_is_whole(folder: LocalFolder, row: EpisodeRow) -> None:

@@ -35,17 +35,17 @@ def test_a_grid_is_every_combination() -> None:
     plan = DrawPlan(
         Method.GRID, values={"emv.speed_mps": (12.0, 14.0), "demand.background_vehicles": (16.0, 20.0, 24.0)}
     )
-    found = draws_of(plan, S2)
-    assert len(found) == len({tuple(sorted(values.items())) for values in found}) == 6
-    assert found[0] == {"demand.background_vehicles": 16.0, "emv.speed_mps": 12.0}
+    draws = draws_of(plan, S2)
+    assert len(draws) == len({tuple(sorted(values.items())) for values in draws}) == 6
+    assert draws[0] == {"demand.background_vehicles": 16.0, "emv.speed_mps": 12.0}
 
 
 def test_a_latin_hypercube_has_one_draw_in_each_slice_of_each_parameter() -> None:
     plan = DrawPlan(Method.LATIN_HYPERCUBE, samples=8, ranges=RANGES)
-    found = draws_of(plan, S2)
-    slices = np.floor([(values["emv.speed_mps"] - 12.0) / 0.5 for values in found])
+    draws = draws_of(plan, S2)
+    slices = np.floor([(values["emv.speed_mps"] - 12.0) / 0.5 for values in draws])
     assert sorted(slices) == list(range(8))
-    counts = [values["demand.background_vehicles"] for values in found]
+    counts = [values["demand.background_vehicles"] for values in draws]
     assert sorted(counts) == [16.0, 16.0, 17.0, 17.0, 18.0, 18.0, 19.0, 19.0]
 
 
@@ -80,9 +80,9 @@ def test_what_the_template_does_not_allow_is_refused(plan: DrawPlan) -> None:
 def test_values_go_to_their_own_parameters() -> None:
     """Each one lies in its own range, and whole numbers are whole and reach both ends."""
     ranges = {"emv.speed_mps": (12.0, 12.5), "demand.background_vehicles": (16.0, 18.0)}
-    found = draws_of(DrawPlan(Method.RANDOM, samples=60, ranges=ranges), S2)
-    speeds = [values["emv.speed_mps"] for values in found]
-    counts = [values["demand.background_vehicles"] for values in found]
+    draws = draws_of(DrawPlan(Method.RANDOM, samples=60, ranges=ranges), S2)
+    speeds = [values["emv.speed_mps"] for values in draws]
+    counts = [values["demand.background_vehicles"] for values in draws]
     assert 12.0 <= min(speeds) < 12.05
     assert 12.45 < max(speeds) <= 12.5
     assert set(counts) == {16.0, 17.0, 18.0}
@@ -90,8 +90,8 @@ def test_values_go_to_their_own_parameters() -> None:
 
 
 def test_a_range_of_one_value_is_that_value() -> None:
-    found = draws_of(DrawPlan(Method.RANDOM, samples=3, ranges={"emv.speed_mps": (13.0, 13.0)}), S2)
-    assert found == ({"emv.speed_mps": 13.0},) * 3
+    draws = draws_of(DrawPlan(Method.RANDOM, samples=3, ranges={"emv.speed_mps": (13.0, 13.0)}), S2)
+    assert draws == ({"emv.speed_mps": 13.0},) * 3
 
 
 STUDY = Study(("S1", "S2"), ("L0", "own"), seeds=(0, 1, 2))

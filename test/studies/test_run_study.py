@@ -38,14 +38,14 @@ class Counted(LocalWorkers):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyResult, LocalFolder, Path]:
+def first_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyResult, LocalFolder, Path]:
     root = tmp_path_factory.mktemp("study")
     folder = LocalFolder(root)
     return run_study(STUDY, folder, LocalWorkers(2)), folder, root
 
 
-def test_a_study_has_a_bag_and_a_row_for_every_episode(made: tuple[StudyResult, LocalFolder, Path]) -> None:
-    result, folder, root = made
+def test_a_study_has_a_bag_and_a_row_for_every_episode(first_run: tuple[StudyResult, LocalFolder, Path]) -> None:
+    result, folder, root = first_run
     assert [row.status for row in result.rows] == [Status.COMPLETE] * 4
     assert read_table(folder) == tuple(sorted(result.rows, key=lambda row: row.episode))
     for row in result.rows:
@@ -61,8 +61,8 @@ def test_a_study_has_a_bag_and_a_row_for_every_episode(made: tuple[StudyResult, 
     assert not list(root.glob(".work/*")), "nothing is left of the attempts"
 
 
-def test_a_study_is_resumed_by_the_hashes_of_its_bags(made: tuple[StudyResult, LocalFolder, Path]) -> None:
-    before, folder, root = made
+def test_a_study_is_resumed_by_the_hashes_of_its_bags(first_run: tuple[StudyResult, LocalFolder, Path]) -> None:
+    before, folder, root = first_run
     damaged, forgotten = root / before.rows[1].bag, before.rows[2]
     (file,) = damaged.glob("*.mcap")
     content = file.read_bytes()
@@ -76,8 +76,8 @@ def test_a_study_is_resumed_by_the_hashes_of_its_bags(made: tuple[StudyResult, L
     assert file.read_bytes() == content, "an episode that is made again has the same bytes"
 
 
-def test_a_study_is_resumed_without_its_table(made: tuple[StudyResult, LocalFolder, Path]) -> None:
-    before, folder, root = made
+def test_a_study_is_resumed_without_its_table(first_run: tuple[StudyResult, LocalFolder, Path]) -> None:
+    before, folder, root = first_run
     (root / MANIFEST).unlink()
     workers = Counted()
     assert run_study(STUDY, folder, workers).kept == len(before.rows)
@@ -85,8 +85,8 @@ def test_a_study_is_resumed_without_its_table(made: tuple[StudyResult, LocalFold
     assert len(read_table(folder)) == len(before.rows)
 
 
-def test_a_damaged_row_without_its_table_is_made_again_and_what_killed_processes_left_goes(made) -> None:
-    before, folder, root = made
+def test_a_damaged_row_without_its_table_is_made_again_and_what_killed_processes_left_goes(first_run) -> None:
+    before, folder, root = first_run
     (root / MANIFEST).unlink()
     damaged = before.rows[0]
     (root / f"{damaged.path}.json").write_text('{"episode": ', encoding="utf-8")
@@ -98,21 +98,23 @@ def test_a_damaged_row_without_its_table_is_made_again_and_what_killed_processes
     assert not (root / ".work").exists()
 
 
-def test_a_study_grows_and_keeps_what_it_had(made: tuple[StudyResult, LocalFolder, Path]) -> None:
-    _, folder, _ = made
+def test_a_study_grows_and_keeps_what_it_had(first_run: tuple[StudyResult, LocalFolder, Path]) -> None:
+    _, folder, _ = first_run
     workers = Counted()
     run_study(replace(STUDY, templates=("S2",), levels=("L1",)), folder, workers)
     assert workers.asked == ["S2_L1_seed0"]
     assert len(read_table(folder)) == 5
 
 
-def test_a_folder_with_other_episodes_of_these_names_is_refused(made: tuple[StudyResult, LocalFolder, Path]) -> None:
-    _, folder, _ = made
+def test_a_folder_with_other_episodes_of_these_names_is_refused(
+    first_run: tuple[StudyResult, LocalFolder, Path],
+) -> None:
+    _, folder, _ = first_run
     with pytest.raises(InputError, match="other inputs"):
         run_study(replace(STUDY, preset="realistic"), folder, LocalWorkers(1))
 
 
-def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(made, tmp_path, monkeypatch) -> None:
+def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(first_run, tmp_path, monkeypatch) -> None:
     killed, starts, lock = "S5_L1_seed0", Counter[str](), Lock()
     call = ProcessPool.call
 
@@ -132,7 +134,7 @@ def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(made, tmp_path
     assert victim.attempts == 2
     assert victim.retry_reasons == ("its process was killed by SIGKILL",)
     assert LocalFolder(tmp_path).row_of(victim.path) == victim, "a study that goes on reads it from there"
-    assert {row.mcap_sha256 for row in result.rows} == {row.mcap_sha256 for row in made[0].rows}
+    assert {row.mcap_sha256 for row in result.rows} == {row.mcap_sha256 for row in first_run[0].rows}
     assert not list(tmp_path.glob(".work/*"))
 
 

@@ -67,9 +67,9 @@ def test_a_later_bag_replaces_an_earlier_one(study: LocalFolder, tmp_path: Path)
     study.take(bag_in(tmp_path / "two", b"later"), replace(ROW, attempts=2))
     names = sorted(path.name for path in (tmp_path / "study" / ROW.path).iterdir())
     assert names == ["bag_0.mcap", "metadata.yaml"]
-    found = study.row_of(ROW.path)
-    assert found is not None
-    assert found.attempts == 2
+    row = study.row_of(ROW.path)
+    assert row is not None
+    assert row.attempts == 2
 
 
 def test_finished_is_who_is_complete_and_has_the_bytes_of_its_row(study: LocalFolder, tmp_path: Path) -> None:
@@ -175,8 +175,8 @@ def test_rows_are_read_back_and_others_refused() -> None:
     assert EpisodeRow.from_json(ROW.to_json()) == ROW
     content = ROW.to_json()
     short = {key: value for key, value in content.items() if key not in {"versions", "retry_reasons", "attempts"}}
-    found = EpisodeRow.from_json({**short, "unknown": 1})
-    assert (found.versions, found.retry_reasons, found.attempts) == ({}, (), 1)
+    row = EpisodeRow.from_json({**short, "unknown": 1})
+    assert (row.versions, row.retry_reasons, row.attempts) == ({}, (), 1)
     for wrong in ({**content, "status": "lost"}, {key: value for key, value in content.items() if key != "template"}):
         with pytest.raises(InputError, match="a row of a study's table"):
             EpisodeRow.from_json(wrong)

@@ -17,10 +17,10 @@ def test_five_blocks_bound_a_value_and_four_do_not() -> None:
 @pytest.mark.parametrize(("part", "whole"), [(0, 5), (3, 5), (20, 20), (17, 40)])
 @pytest.mark.parametrize("confidence", [0.8, 0.95])
 def test_a_share_has_wilsons_interval(part: int, whole: int, confidence: float) -> None:
-    found = share_interval(part, whole, confidence)
+    interval = share_interval(part, whole, confidence)
     expected = binomtest(part, whole).proportion_ci(confidence, method="wilson")
-    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
-    assert (found.value, found.blocks) == (part / whole, whole)
+    assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
+    assert (interval.value, interval.blocks) == (part / whole, whole)
     assert share_interval(0, 0, confidence) == NOTHING
 
 
@@ -29,7 +29,11 @@ def test_the_interval_of_a_share_holds_it_in_about_95_percent(whole: int) -> Non
     """Over all true shares, with the probability of each count: the bootstrap of 0 of 5 has no width at all."""
     bounds = [share_interval(part, whole) for part in range(whole + 1)]
     held = [
-        sum(binom.pmf(part, whole, share) for part, one in enumerate(bounds) if one.low <= share <= one.high)
+        sum(
+            binom.pmf(part, whole, share)
+            for part, interval in enumerate(bounds)
+            if interval.low <= share <= interval.high
+        )
         for share in np.linspace(0.02, 0.98, 97)
     ]
     assert 0.94 < np.mean(held) < 0.97
@@ -38,11 +42,11 @@ def test_the_interval_of_a_share_holds_it_in_about_95_percent(whole: int) -> Non
 
 def test_a_mean_of_shares_is_surer_than_each() -> None:
     """Of three equal parts each distance is divided by √3; what was not measured does not count."""
-    one = share_interval(12, 20)
-    found = mean_of_intervals([one, NOTHING, one, one], 60)
-    assert (found.value, found.blocks) == (pytest.approx(0.6), 60)
-    assert found.low == pytest.approx(0.6 - (0.6 - one.low) / np.sqrt(3.0))
-    assert found.high == pytest.approx(0.6 + (one.high - 0.6) / np.sqrt(3.0))
+    share = share_interval(12, 20)
+    mean = mean_of_intervals([share, NOTHING, share, share], 60)
+    assert (mean.value, mean.blocks) == (pytest.approx(0.6), 60)
+    assert mean.low == pytest.approx(0.6 - (0.6 - share.low) / np.sqrt(3.0))
+    assert mean.high == pytest.approx(0.6 + (share.high - 0.6) / np.sqrt(3.0))
     assert mean_of_intervals([NOTHING], 3) == NOTHING
     assert mean_of_intervals([share_interval(5, 5), share_interval(9, 9)], 14).high == 1.0
 

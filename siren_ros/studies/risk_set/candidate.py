@@ -58,15 +58,10 @@ LEANINGS: Final[Mapping[RiskClass, Leaning]] = {
 def candidate_request(
     template: Template, name: str, looking_for: RiskClass, seed: int, number: int, map_file: str
 ) -> EpisodeRequest:
-    """The request of one candidate: drawn from the search's seed, the template and its number alone.
+    """The request of a candidate: drawn from the search's seed, the template's ranges and its number alone.
 
-    Args:
-        template: Its ranges are drawn from.
-        name: The user's name for it.
-        looking_for: The class that the search lacks most.
-        seed: Of the search.
-        number: Of the candidate.
-        map_file: The map; empty for the town.
+    ``name`` is the user's name for the template, ``looking_for`` the class that the search lacks most. An empty map is
+    the town.
     """
     rng = random_stream(seed, f"risk_set/{template.template_id}", number)
     leaning = LEANINGS[looking_for]

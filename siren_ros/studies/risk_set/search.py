@@ -231,11 +231,8 @@ def continue_search(
 ) -> Search:
     """Tries candidates until the search is finished.
 
-    Args:
-        search: What was found before; empty at first.
-        request: The candidate of a number, that looks for a class.
-        run: Simulates and labels it, knowing the search so far.
-        keep: Called with the search after each candidate, to keep its outcome.
+    ``request`` gives the candidate of a number that looks for a class. ``run`` simulates and labels it, knowing the
+    search so far. ``keep`` is called with the search after each candidate, to keep its outcome.
     """
     while not search.finished:
         looking_for = search.looking_for

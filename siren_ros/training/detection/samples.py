@@ -154,13 +154,9 @@ _FORM: Final = 1
 def frames_among(
     paths: Sequence[Path], folder: Path, grid: PillarGrid, report: Callable[[str], None]
 ) -> tuple[BagFrames, ...]:
-    """The frames of all bags, in the order of their paths.
+    """The frames of bags, folders with bags, or files of frames of an earlier run, in the order of their paths.
 
-    Args:
-        paths: Bags, folders with bags, or files of frames of an earlier run.
-        folder: Where files of frames are kept.
-        grid: The pillars.
-        report: Called with a line for each bag that was read.
+    Files of frames are kept in the folder. ``report`` is called with a line for each bag that was read.
 
     Raises:
         BagError: A bag is damaged or has no LiDAR.

@@ -51,9 +51,9 @@ def rows(path: Path) -> dict[str, dict[str, str]]:
 
 def test_labels_score_fully_through_every_format(bag: Path, tmp_path: Path) -> None:
     assert evaluate(bag, "--self-test", "--out", str(tmp_path)) == EXIT_OK
-    found = rows(tmp_path / "by_template.csv")
-    assert len(found) == 5
-    assert {row["mean"].partition("/")[0] for row in found.values()} == {"1.000"}
+    scores = rows(tmp_path / "by_template.csv")
+    assert len(scores) == 5
+    assert {row["mean"].partition("/")[0] for row in scores.values()} == {"1.000"}
     errors = rows(tmp_path / "errors.csv")
     for name, row in errors.items():
         values = [float(row[column]) for column in ("ATE m", "ASE", "AOE rad")]
@@ -76,7 +76,7 @@ def test_what_the_node_said_live_scores_as_the_detector_on_the_recorded_sweeps(b
 
 
 def results(path: Path, tokens: Sequence[str], boxes: dict[int, list[Box]]) -> str:
-    path.write_text(json.dumps({"meta": {}, "results": {one: boxes.get(n, []) for n, one in enumerate(tokens)}}))
+    path.write_text(json.dumps({"meta": {}, "results": {token: boxes.get(n, []) for n, token in enumerate(tokens)}}))
     return f"bad={path}"
 
 
@@ -97,10 +97,10 @@ def results(path: Path, tokens: Sequence[str], boxes: dict[int, list[Box]]) -> s
 def test_the_first_box_that_means_nothing_is_named(bag, tokens, tmp_path, capsys, change, said) -> None:
     given = results(tmp_path / "x.json", tokens, {1: [GOOD], 2: [GOOD, {**GOOD, **change}, {**GOOD, **change}]})
     assert evaluate(bag, "--detections", given) == EXIT_BAD_INPUT
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert "step 20" in told
-    assert said in told
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "step 20" in message
+    assert said in message
 
 
 def test_frames_and_their_numbers_of_boxes(bag, tokens, tmp_path, capsys) -> None:
@@ -125,9 +125,9 @@ def test_a_pickle_whose_columns_differ_in_length_is_refused(bag, tokens, tmp_pat
             "name": np.array(["car"] * 2),
             "score": np.ones(3) / 2,
             "boxes_lidar": np.ones((2, 9)),
-            "metadata": {"token": one},
+            "metadata": {"token": token},
         }
-        for one in tokens
+        for token in tokens
     ]
     path = tmp_path / "x.pkl"
     path.write_bytes(pickle.dumps(entries))
@@ -148,6 +148,5 @@ def test_a_pickle_whose_columns_differ_in_length_is_refused(bag, tokens, tmp_pat
         (["--detections", "x=topic:/emv/nothing"], "/emv/detections"),
     ],
 )
-def test_what_cannot_be_asked_for(bag: Path, capsys: pytest.CaptureFixture[str], given: list[str], said: str) -> None:
-    assert main(["evaluate", "detection", str(bag), "--jobs", "1", *given]) == EXIT_BAD_INPUT
-    assert said in capsys.readouterr().err
+def test_what_cannot_be_asked_for(bag: Path, siren, given: list[str], said: str) -> None:
+    assert said in siren(["evaluate", "detection", str(bag), "--jobs", "1", *given], EXIT_BAD_INPUT).err

@@ -23,11 +23,10 @@ def short_bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[...,
     return write_bag(tmp_path_factory.mktemp("bags") / "short", duration_s=1.0)
 
 
-def test_prediction_prints_tables_and_writes_files(bag, tmp_path, capsys) -> None:
+def test_prediction_prints_tables_and_writes_files(bag, tmp_path, siren) -> None:
     out = tmp_path / "new" / "scores"
     words = ["evaluate", "prediction", str(bag), "--population", "all", "--compare-paper", "--out", str(out)]
-    assert main(words) == 0
-    printed = capsys.readouterr().out
+    printed = siren(words).out
     assert printed == (out / "report.txt").read_text(encoding="utf-8")
     assert printed.startswith("population: all vehicles on the map\n")
     scores = json.loads((out / "scores.json").read_text(encoding="utf-8"))
@@ -42,9 +41,8 @@ def test_prediction_prints_tables_and_writes_files(bag, tmp_path, capsys) -> Non
     assert (out / "prediction.tex").is_file()
 
 
-def test_one_model_and_several_bags_of_a_template(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "prediction", str(bag), str(bag), "--models", "idm", "--population=all"]) == 0
-    out = capsys.readouterr().out
+def test_one_model_and_several_bags_of_a_template(bag: Path, siren) -> None:
+    out = siren(["evaluate", "prediction", str(bag), str(bag), "--models", "idm", "--population=all"]).out
     assert "cv" not in out.split()
     assert "paper" not in out
     assert len([line for line in out.splitlines() if line.startswith("S2_L2_seed0")]) == 2
@@ -52,31 +50,28 @@ def test_one_model_and_several_bags_of_a_template(bag: Path, capsys: pytest.Capt
     assert row[-2:] == ["100", "all"]
 
 
-def test_unknown_model(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "prediction", str(bag), "--models", "cv,lstm"]) == 2
-    captured = capsys.readouterr()
+def test_unknown_model(bag: Path, siren) -> None:
+    captured = siren(["evaluate", "prediction", str(bag), "--models", "cv,lstm"], 2)
     assert captured.out == ""
     known = ", ".join(PREDICTORS)
     assert captured.err == f"siren evaluate: models: 'lstm' cannot be used; allowed: one or several of {known}\n"
 
 
-def test_a_folder_of_bags_stands_for_them(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "prediction", str(bag.parent), "--models=cv", "--population=all"]) == 0
-    assert "cv" in capsys.readouterr().out.split()
+def test_a_folder_of_bags_stands_for_them(bag: Path, siren) -> None:
+    assert "cv" in siren(["evaluate", "prediction", str(bag.parent), "--models=cv", "--population=all"]).out.split()
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "message"),
     [
         (["idm=x.pt"], "a name among the models: cv"),
         (["cv=x.pt"], "a model that has weights"),
         (["cv=x.pt", "cv=y.pt"], "each name once"),
     ],
 )
-def test_checkpoints_that_fit_no_model(bag, given, told, capsys) -> None:
-    options = [f"--checkpoint={one}" for one in given]
-    assert main(["evaluate", "prediction", str(bag), "--models=cv", *options]) == 2
-    assert told in capsys.readouterr().err
+def test_checkpoints_that_fit_no_model(bag, given, message, siren) -> None:
+    options = [f"--checkpoint={text}" for text in given]
+    assert message in siren(["evaluate", "prediction", str(bag), "--models=cv", *options], 2).err
 
 
 def test_a_checkpoint_without_a_name(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,25 +80,22 @@ def test_a_checkpoint_without_a_name(bag: Path, capsys: pytest.CaptureFixture[st
     assert "'x.pt' is not NAME=PATH" in capsys.readouterr().err
 
 
-def test_unreadable_bag_does_not_keep_the_others(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "prediction", str(tmp_path / "none"), str(bag)]) == 2
-    captured = capsys.readouterr()
+def test_unreadable_bag_does_not_keep_the_others(bag: Path, tmp_path: Path, siren) -> None:
+    captured = siren(["evaluate", "prediction", str(tmp_path / "none"), str(bag)], 2)
     assert captured.err.count("\n") == 1
     assert "none" in captured.err
     assert "idm - " in captured.out or "cv - idm" in captured.out
 
 
-def test_bag_without_a_whole_window(short_bag: Path, bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "prediction", str(short_bag), str(bag)]) == 1
-    captured = capsys.readouterr()
+def test_bag_without_a_whole_window(short_bag: Path, bag: Path, siren) -> None:
+    captured = siren(["evaluate", "prediction", str(short_bag), str(bag)], 1)
     assert "short: no vehicle was in the region around the EMV for a whole window" in captured.err
     (row,) = [line.split() for line in captured.out.splitlines() if line.startswith("short")]
     assert row[3:] == ["0", "–/–", "–/–", "–/–"]
 
 
-def test_a_folder_that_cannot_be_written(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "prediction", str(bag), "--out", str(bag / "metadata.yaml")]) == 2
-    assert "out" in capsys.readouterr().err
+def test_a_folder_that_cannot_be_written(bag: Path, siren) -> None:
+    assert "out" in siren(["evaluate", "prediction", str(bag), "--out", str(bag / "metadata.yaml")], 2).err
 
 
 def test_the_region_is_the_default_and_the_table_says_so(bag, tmp_path, capsys) -> None:
@@ -134,38 +126,38 @@ def predictions(bag: Path) -> pa.Table:
     )
 
 
-def test_predictions_of_a_file_are_scored_like_a_model(bag, predictions, tmp_path, capsys) -> None:
+def test_predictions_of_a_file_are_scored_like_a_model(bag, predictions, tmp_path, siren, capsys) -> None:
     pq.write_table(predictions, tmp_path / "mine.parquet")
     words = ["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}", "--population=all"]
     assert main([*words, "--models=cv", "--out", str(tmp_path / "out")]) == 0
     models = json.loads((tmp_path / "out" / "scores.json").read_text(encoding="utf-8"))["episodes"][0]["models"]
     assert models["mine"]["ade_m"] == pytest.approx(models["cv"]["ade_m"], abs=1e-12)
     capsys.readouterr()
-    assert main([*words, "--models=none"]) == 0
-    assert "cv" not in capsys.readouterr().out.split()
+    assert "cv" not in siren([*words, "--models=none"]).out.split()
 
 
-def test_missing_predictions_are_refused_or_shown_as_coverage(bag, predictions, tmp_path, capsys) -> None:
+def test_missing_predictions_are_refused_or_shown_as_coverage(bag, predictions, tmp_path, siren) -> None:
     pq.write_table(predictions.slice(5), tmp_path / "mine.parquet")
     words = ["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}", "--population=all"]
-    assert main(words) == 2
-    assert "5 of 50 samples have no prediction; the first is actor" in capsys.readouterr().err
-    assert main([*words, "--allow-missing"]) == 0
-    (row,) = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("mine ") and "%" in line]
+    assert "5 of 50 samples have no prediction; the first is actor" in siren(words, 2).err
+    (row,) = [
+        line.split()
+        for line in siren([*words, "--allow-missing"]).out.splitlines()
+        if line.startswith("mine ") and "%" in line
+    ]
     assert row[-2:] == ["45", "90.0%"]
 
 
 @pytest.mark.parametrize(
-    ("column", "told"), [("probability", "probabilities are not finite"), ("x", "paths are not finite")]
+    ("column", "message"), [("probability", "probabilities are not finite"), ("x", "paths are not finite")]
 )
-def test_predictions_with_nan_end_the_command(column, told, bag, predictions, tmp_path, capsys) -> None:
+def test_predictions_with_nan_end_the_command(column, message, bag, predictions, tmp_path, siren) -> None:
     values = predictions[column].to_pylist()
     values[3] = [float("nan")] * 60 if column == "x" else float("nan")
     place = predictions.column_names.index(column)
     pq.write_table(predictions.set_column(place, column, pa.array(values)), tmp_path / "mine.parquet")
-    assert main(["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}"]) == 2
-    captured = capsys.readouterr()
-    assert f"1 of 50 {told}; the first is episode S2_L2_seed0, actor" in captured.err
+    captured = siren(["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}"], 2)
+    assert f"1 of 50 {message}; the first is episode S2_L2_seed0, actor" in captured.err
     assert captured.err.count("\n") == 1
     assert captured.out == ""
 

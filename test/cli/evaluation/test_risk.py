@@ -25,11 +25,10 @@ def answers(folder: Path) -> Path:
     return path
 
 
-def test_rows_files_and_pictures(folder: Path, answers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rows_files_and_pictures(folder: Path, answers: Path, siren) -> None:
     out = folder / "out"
     words = ["evaluate", "risk", str(folder), "--predictions", f"mine={answers}", "--out", str(out), "--compare-paper"]
-    assert main(words) == 0
-    lines = {line.split()[0]: line for line in reversed(capsys.readouterr().out.splitlines()) if line}
+    lines = {line.split()[0]: line for line in reversed(siren(words).out.splitlines()) if line}
     assert "50.00" in lines["mine"]
     assert "100.00" in lines["oracle"]
     assert "70.48" in lines["Qwen3.5-9B"]
@@ -54,18 +53,15 @@ def test_rows_files_and_pictures(folder: Path, answers: Path, capsys: pytest.Cap
         (["--predictions", "a={answers}.none"], "No such file"),
     ],
 )
-def test_bad_input_ends_with_2(folder, answers, words, named, capsys) -> None:
-    assert main(["evaluate", "risk", str(folder), *(word.format(answers=answers) for word in words)]) == 2
-    assert named in capsys.readouterr().err
+def test_bad_input_ends_with_2(folder, answers, words, named, siren) -> None:
+    assert named in siren(["evaluate", "risk", str(folder), *(word.format(answers=answers) for word in words)], 2).err
 
 
-def test_missing_answers_have_to_be_allowed(folder: Path, answers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_answers_have_to_be_allowed(folder: Path, answers: Path, siren) -> None:
     answers.write_text('{"S4_000": "Normal"}')
     words = ["evaluate", "risk", str(folder), "--predictions", f"a={answers}"]
-    assert main(words) == 2
-    assert "5 videos without an answer, first S4_001" in capsys.readouterr().err
-    assert main([*words, "--allow-missing"]) == 0
-    assert "1/6" in capsys.readouterr().out
+    assert "5 videos without an answer, first S4_001" in siren(words, 2).err
+    assert "1/6" in siren([*words, "--allow-missing"]).out
 
 
 @pytest.fixture
@@ -75,60 +71,52 @@ def films(folder: Path) -> Path:
     return folder
 
 
-def test_a_model_behind_a_server_is_asked_and_scored(films: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_model_behind_a_server_is_asked_and_scored(films: Path, siren) -> None:
     pytest.importorskip("openai", reason="the extra vlm is not installed")
     out = films / "out"
     with chat_server(lambda _, __: Behaviour('{"class": "Near-Miss", "reason": "close"}')) as server:
         words = ["evaluate", "risk", str(films), "--base-url", server.url, "--model", "org/m", "--out", str(out)]
-        assert main([*words, "--price", "1,10"]) == 0
-        printed = capsys.readouterr().out
+        printed = siren([*words, "--price", "1,10"]).out
         assert "12 questions, 0 of them answered before, 0 answers unreadable; 12000 tokens in, 240 out" in printed
         assert "cost 0.01" in printed
-        assert main(words) == 0
-        assert "12 questions, 12 of them answered before" in capsys.readouterr().out
+        assert "12 questions, 12 of them answered before" in siren(words).out
     assert len(server.requests) == 12
     answers = json.loads(out.joinpath("answers_org_m.json").read_text())
     assert answers == dict.fromkeys(read_set(films).videos, "Near-Miss")
     assert main(["evaluate", "risk", str(films), "--predictions", f"m={out / 'answers_org_m.json'}"]) == 0
 
 
-def test_a_bad_reply_ends_the_run_in_one_line_and_is_asked_again(films, capsys) -> None:
+def test_a_bad_reply_ends_the_run_in_one_line_and_is_asked_again(films, siren) -> None:
     pytest.importorskip("openai", reason="the extra vlm is not installed")
     message = {"role": "assistant", "content": '{"class": "Normal"}'}
     bad = json.dumps({"choices": [{"message": message}], "usage": {"prompt_tokens": "12"}}).encode()
     with chat_server(lambda _, number: Behaviour(body=bad) if number == 3 else Behaviour()) as server:
         words = ["evaluate", "risk", str(films), "--base-url", server.url, "--model", "m", "--concurrency", "1"]
-        assert main(words) == 1
-        lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("siren ")]
+        lines = [line for line in siren(words, 1).err.splitlines() if line.startswith("siren ")]
         assert lines == [
             "siren evaluate: m: the server's answer is not of the protocol: a number of tokens that is none"
         ]
         kept = sorted(films.joinpath("replies").iterdir())
         for path in kept[:2]:  # as an earlier version left them
             path.write_text(json.dumps({**json.loads(path.read_text()), "text": [{"type": "text", "text": "a"}]}))
-        assert main(words) == 0
-        printed = capsys.readouterr().out
+        printed = siren(words).out
         assert "0 answers unreadable" in printed
         assert f"12 questions, {len(kept) - 2} of them answered before" in printed
 
 
-def test_what_a_model_needs(films: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_model_needs(films: Path, siren, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("openai", reason="the extra vlm is not installed")
     words = ["evaluate", "risk", str(films), "--model", "m"]
-    assert main(words) == 2
-    assert "base-url" in capsys.readouterr().err
+    assert "base-url" in siren(words, 2).err
     with chat_server(lambda _, __: Behaviour(status=401)) as server:
         words += ["--base-url", server.url, "--retries", "0"]
         monkeypatch.delenv("NO_SUCH_KEY", raising=False)
-        assert main([*words, "--api-key-env", "NO_SUCH_KEY"]) == 2
-        assert "NO_SUCH_KEY" in capsys.readouterr().err
+        assert "NO_SUCH_KEY" in siren([*words, "--api-key-env", "NO_SUCH_KEY"], 2).err
         monkeypatch.setenv("A_KEY", "very-secret")
-        assert main([*words, "--api-key-env", "A_KEY"]) == 1
-        said = capsys.readouterr()
+        said = siren([*words, "--api-key-env", "A_KEY"], 1)
         assert "401" in said.err
         assert "very-secret" not in said.err + said.out
         assert server.keys == ["Bearer very-secret"] * len(server.keys)
         assert server.keys
     films.joinpath("videos/S6_004.mp4").unlink()
-    assert main(words) == 2
-    assert "1 videos without their file, first S6_004" in capsys.readouterr().err
+    assert "1 videos without their file, first S6_004" in siren(words, 2).err

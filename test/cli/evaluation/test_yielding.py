@@ -14,13 +14,12 @@ from siren_ros.evaluation.yielding.scoring import ScoredEpisode, YieldScores
 from siren_ros.evaluation.yielding.thresholds import Measure
 
 
-def test_a_folder_of_bags_is_scored(write_bag, tmp_path, capsys) -> None:
+def test_a_folder_of_bags_is_scored(write_bag, tmp_path, siren) -> None:
     for number in range(2):
         write_bag(tmp_path / "study" / "group" / f"bag{number}", duration_s=12.0 + number)
     out, drivers = tmp_path / "episodes.json", tmp_path / "drivers.parquet"
     words = ["evaluate", "yield", str(tmp_path / "study"), "--out", str(out), "--drivers", str(drivers), "--jobs", "1"]
-    assert main(words) == 0
-    table = capsys.readouterr().out
+    table = siren(words).out
     caption, head, *_ = table.splitlines()
     assert (caption, head.split()) == ("Yield metrics of S2", ["metric", "L2", "meaning"])
     assert "emv_delay_s" in table
@@ -31,19 +30,17 @@ def test_a_folder_of_bags_is_scored(write_bag, tmp_path, capsys) -> None:
 
 
 @pytest.mark.parametrize(("task", "shown"), [("yield", "emv_delay_s"), ("diversity", "S2 ")])
-def test_a_bag_that_cannot_be_read_leaves_the_others(write_bag, tmp_path, capsys, task, shown) -> None:
+def test_a_bag_that_cannot_be_read_leaves_the_others(write_bag, tmp_path, siren, task, shown) -> None:
     write_bag(tmp_path / "good", duration_s=12.0)
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "bad_0.mcap").write_bytes(b"nothing")
-    assert main(["evaluate", task, str(tmp_path), "--jobs", "1"]) == 2
-    printed = capsys.readouterr()
+    printed = siren(["evaluate", task, str(tmp_path), "--jobs", "1"], 2)
     assert shown in printed.out
     assert "bad" in printed.err
 
 
-def test_no_bag_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "yield", str(tmp_path)]) == 2
-    assert str(tmp_path) in capsys.readouterr().err
+def test_no_bag_is_refused(tmp_path: Path, siren) -> None:
+    assert str(tmp_path) in siren(["evaluate", "yield", str(tmp_path)], 2).err
     assert main(["evaluate", "yield", str(tmp_path), "--out", "x.csv"]) == 2
 
 
@@ -52,17 +49,16 @@ def scored(level: str, seed: int) -> ScoredEpisode:
     return ScoredEpisode(f"{level}{seed}", "S3", level, seed, "town", "", str(seed), YieldScores(metrics, ()))
 
 
-def test_effects_are_printed_and_written(tmp_path, monkeypatch, capsys) -> None:
+def test_effects_are_printed_and_written(tmp_path, monkeypatch, siren) -> None:
     episodes = [scored(level, seed) for level in ("L0", "L1") for seed in range(5)]
     monkeypatch.setattr(yielding, "scored_episodes", lambda *_: (episodes, 0))
     out = tmp_path / "effects.json"
-    assert main(["evaluate", "counterfactual", "x", "--out", str(out), "--outcomes", "site_time_s"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = siren(["evaluate", "counterfactual", "x", "--out", str(out), "--outcomes", "site_time_s"]).out.splitlines()
     assert lines[0] == "Effects on site_time_s"
     assert lines[2].split()[:6] == ["L1", "−", "L0", "S3", "-3.00", "[-3.98,"]
     assert len(lines) == 3
     written = json.loads(out.read_text(encoding="utf-8"))
-    assert {one["outcome"] for one in written} > {"site_time_s", "collisions"}
+    assert {effect["outcome"] for effect in written} > {"site_time_s", "collisions"}
     assert written[0]["difference"] == pytest.approx(-3.0)
 
 
@@ -71,12 +67,11 @@ def test_no_pair_fails_the_command(write_bag: Callable[..., Path], tmp_path: Pat
     assert main(["evaluate", "counterfactual", str(tmp_path), "--jobs", "1"]) == 1
 
 
-def test_what_more_seeds_add_is_printed_and_written(write_bag, tmp_path, capsys) -> None:
+def test_what_more_seeds_add_is_printed_and_written(write_bag, tmp_path, siren) -> None:
     write_bag(tmp_path / "one", duration_s=4.0)
     write_bag(tmp_path / "two", duration_s=6.0, seed=1)
     out = tmp_path / "diversity.json"
-    assert main(["evaluate", "diversity", str(tmp_path), "--jobs", "1", "--out", str(out)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = siren(["evaluate", "diversity", str(tmp_path), "--jobs", "1", "--out", str(out)]).out.splitlines()
     assert lines[2].split()[:4] == ["S2", "L2", "straight", "2"]
     (written,) = json.loads(out.read_text(encoding="utf-8"))
     assert written["episodes"] == 2

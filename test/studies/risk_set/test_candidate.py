@@ -86,12 +86,12 @@ def record(*events: Event, steps: int = WINDOW_STEPS + 120, car: Track | None = 
         EMV: moving(0.0, -5.25, 10.0, is_emv=True, steps=steps, first_step=10),
         CAR: car or moving(200.0, -2.25, 0.0, steps=steps + 10),
     }
-    made = record_with(tracks, parse_road_network(NET_XML.encode()))
-    return replace(made, events=events, description=replace(made.description, emv_ids=(EMV,)))
+    episode = record_with(tracks, parse_road_network(NET_XML.encode()))
+    return replace(episode, events=events, description=replace(episode.description, emv_ids=(EMV,)))
 
 
-def found(made: EpisodeRecord, seed: int = 0) -> Candidate:
-    candidate = assessed(EpisodeRequest(seed=seed), made, LIMITS)
+def candidate_of(episode: EpisodeRecord, seed: int = 0) -> Candidate:
+    candidate = assessed(EpisodeRequest(seed=seed), episode, LIMITS)
     assert isinstance(candidate, Candidate)
     return candidate
 
@@ -104,7 +104,7 @@ def test_the_emv_has_to_be_there_for_a_whole_video(steps: int, *, long_enough: b
 def test_nothing_happens_and_the_window_is_around_the_closest_moment() -> None:
     """The EMV is next to the car 20 s after step 10, at step 410, of 510 steps in all."""
     for seed in range(5):
-        candidate = found(record(), seed)
+        candidate = candidate_of(record(), seed)
         assert candidate.label.risk is RiskClass.NORMAL
         assert candidate.first_step == window_start(410, 10, 510, seed)
     # A car that is near while the EMV stands does not count: it stands until step 60, next to another one.
@@ -116,15 +116,15 @@ def test_nothing_happens_and_the_window_is_around_the_closest_moment() -> None:
         CAR: moving(0.0, -2.25, 0.0, steps=50),
         7: moving(100.0, 0.0, 0.0, steps=500),
     }
-    made = record_with(near, parse_road_network(NET_XML.encode()))
-    made = replace(made, description=replace(made.description, emv_ids=(EMV,)))
-    assert found(made).first_step == window_start(50 + 200, 0, 500, 0)
+    episode = record_with(near, parse_road_network(NET_XML.encode()))
+    episode = replace(episode, description=replace(episode.description, emv_ids=(EMV,)))
+    assert candidate_of(episode).first_step == window_start(50 + 200, 0, 500, 0)
 
 
 def test_a_contact_decides_and_the_window_is_around_it() -> None:
     """The car stands ahead in view; the window's label is of what lies in it."""
     contact = Event(385, EventKind.COLLISION, EMV, CAR, detail={"impact_speed_mps": 3.0})
-    candidate = found(record(contact), 4)
+    candidate = candidate_of(record(contact), 4)
     assert (candidate.label.risk, candidate.label.step) == (RiskClass.COLLISION, 385)
     assert candidate.first_step == window_start(385, 10, 510, 4)
     moments = candidate.evidence.moments.step
@@ -133,6 +133,6 @@ def test_a_contact_decides_and_the_window_is_around_it() -> None:
 
 def test_an_emv_that_never_moves_is_shown_in_the_middle_of_its_time() -> None:
     still = moving(0.0, -5.25, 0.0, is_emv=True, steps=401)
-    made = record_with({EMV: still, CAR: moving(50.0, -5.25, 0.0, steps=401)}, parse_road_network(NET_XML.encode()))
-    made = replace(made, description=replace(made.description, emv_ids=(EMV,)))
-    assert found(made, 2).first_step == window_start(200, 0, 401, 2)
+    episode = record_with({EMV: still, CAR: moving(50.0, -5.25, 0.0, steps=401)}, parse_road_network(NET_XML.encode()))
+    episode = replace(episode, description=replace(episode.description, emv_ids=(EMV,)))
+    assert candidate_of(episode, 2).first_step == window_start(200, 0, 401, 2)

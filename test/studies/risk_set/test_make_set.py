@@ -97,13 +97,13 @@ def test_a_set_has_the_first_of_each_class_and_another_one_for_what_is_not_seen(
     assert processes.short_of["S6_000"] == {RiskClass.NORMAL, RiskClass.NEAR_MISS}
     assert processes.short_of["S2_003"] == {RiskClass.NEAR_MISS}
     noted = [json.loads(line) for line in (tmp_path / "search/S2.jsonl").read_text().splitlines()]
-    assert [(one["number"], one["looking_for"]) for one in noted[:3]] == [
+    assert [(entry["number"], entry["looking_for"]) for entry in noted[:3]] == [
         (0, "Collision"),
         (1, "Collision"),
         (2, "Collision"),
     ]
     assert noted[3]["rejected"] == "the camera does not see the vehicle that decides the label"
-    assert [one["number"] for one in noted] == [0, 1, 2, 0, 3]
+    assert [entry["number"] for entry in noted] == [0, 1, 2, 0, 3]
 
 
 @pytest.mark.usefixtures("processes")

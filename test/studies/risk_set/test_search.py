@@ -58,10 +58,10 @@ def test_counts_that_do_not_add_up_are_refused(total: tuple[int, int, int]) -> N
 
 
 def test_others_find_what_one_has_given_up() -> None:
-    wanted = dict(quotas(PAPER, TEMPLATES))
+    given = dict(quotas(PAPER, TEMPLATES))
     hopeless = ((15, 4, 0), frozenset({RiskClass.COLLISION}))
     findings = dict.fromkeys(TEMPLATES, hopeless) | {"S4": ((9, 5, 1), NONE), "S6": ((9, 5, 2), NONE)}
-    shares = dict(shifted(wanted, findings, PAPER))
+    shares = dict(shifted(given, findings, PAPER))
     assert totals(shares) == PAPER.total
     assert {key for key, share in shares.items() if share[2]} == {"S4", "S6"}
     assert abs(shares["S4"][2] - shares["S6"][2]) <= 1
@@ -69,9 +69,9 @@ def test_others_find_what_one_has_given_up() -> None:
 
 
 def test_nobody_is_able_to() -> None:
-    wanted = dict(quotas(PAPER, TEMPLATES))
+    given = dict(quotas(PAPER, TEMPLATES))
     findings = dict.fromkeys(TEMPLATES, ((15, 4, 0), frozenset({RiskClass.COLLISION})))
-    shares = dict(shifted(wanted, findings, PAPER))
+    shares = dict(shifted(given, findings, PAPER))
     assert totals(shares) == (80, 25, 0)
 
 
@@ -87,8 +87,8 @@ def test_what_is_settled_was_found_and_is_never_too_much(found: list[tuple[int, 
 
 
 def test_a_surplus_makes_up_for_a_lack() -> None:
-    wanted = {"A": (1, 1, 1), "B": (1, 1, 1)}
-    assert settled(wanted, {"A": (5, 0, 3), "B": (5, 3, 0)}, 3) == {"A": (1, 0, 2), "B": (1, 2, 0)}
+    shares = {"A": (1, 1, 1), "B": (1, 1, 1)}
+    assert settled(shares, {"A": (5, 0, 3), "B": (5, 3, 0)}, 3) == {"A": (1, 0, 2), "B": (1, 2, 0)}
 
 
 def test_the_papers_shares_of_other_numbers() -> None:
@@ -110,45 +110,45 @@ def test_more_rare_ones_than_a_template_has_videos_are_refused() -> None:
 
 def test_a_template_that_is_full_of_rare_ones_gets_no_more() -> None:
     """B has given collisions up; A may have three videos, of which two are near-misses."""
-    wanted = {"A": (0, 2, 1), "B": (0, 1, 2)}
+    shares = {"A": (0, 2, 1), "B": (0, 1, 2)}
     findings = {"A": ((3, 2, 3), NONE), "B": ((3, 1, 1), frozenset({RiskClass.COLLISION}))}
-    assert shifted(wanted, findings, Balance((0, 3, 3), 3)) == {"A": (0, 2, 1), "B": (1, 1, 1)}
+    assert shifted(shares, findings, Balance((0, 3, 3), 3)) == {"A": (0, 2, 1), "B": (1, 1, 1)}
     roomy = {"A": (2, 0, 1), "B": (0, 1, 2)}
     assert shifted(roomy, findings, Balance((2, 1, 3), 3)) == {"A": (1, 0, 2), "B": (1, 1, 1)}
 
 
 def test_what_was_found_before_giving_up_is_kept() -> None:
-    wanted = {"A": (0, 0, 3)}
+    shares = {"A": (0, 0, 3)}
     given_up = {"A": ((9, 0, 2), frozenset({RiskClass.COLLISION}))}
-    assert shifted(wanted, given_up, Balance((0, 0, 3), 3)) == {"A": (1, 0, 2)}
+    assert shifted(shares, given_up, Balance((0, 0, 3), 3)) == {"A": (1, 0, 2)}
 
 
 def test_what_is_lacking_is_dealt_from_the_first_template_that_can() -> None:
     """C has given one collision up; A and B can find them, and A comes first."""
-    wanted = {"A": (2, 0, 1), "B": (2, 0, 1), "C": (2, 0, 1)}
+    shares = {"A": (2, 0, 1), "B": (2, 0, 1), "C": (2, 0, 1)}
     findings = {
         "A": ((9, 0, 1), NONE),
         "B": ((9, 0, 1), NONE),
         "C": ((9, 0, 0), frozenset({RiskClass.COLLISION})),
     }
-    assert shifted(wanted, findings, Balance((6, 0, 3), 3)) == {"A": (1, 0, 2), "B": (2, 0, 1), "C": (3, 0, 0)}
+    assert shifted(shares, findings, Balance((6, 0, 3), 3)) == {"A": (1, 0, 2), "B": (2, 0, 1), "C": (3, 0, 0)}
 
 
 def test_a_surplus_is_given_as_far_as_there_are_videos_left() -> None:
     """A lacks two collisions; B has found five, and of its four videos one is a near-miss and one a collision."""
-    wanted = {"A": (0, 1, 3), "B": (2, 1, 1)}
-    assert settled(wanted, {"A": (9, 1, 0), "B": (9, 1, 5)}, 4) == {"A": (3, 1, 0), "B": (0, 1, 3)}
+    shares = {"A": (0, 1, 3), "B": (2, 1, 1)}
+    assert settled(shares, {"A": (9, 1, 0), "B": (9, 1, 5)}, 4) == {"A": (3, 1, 0), "B": (0, 1, 3)}
     # Near-misses come after collisions: what these took is no more there.
     lacking = {"A": (0, 3, 1), "B": (1, 1, 2)}
     assert settled(lacking, {"A": (9, 0, 1), "B": (9, 5, 2)}, 4) == {"A": (3, 0, 1), "B": (0, 2, 2)}
 
 
 def test_who_lacks_normal_videos_exchanges_with_who_has_more() -> None:
-    wanted = {"A": (3, 1, 0), "B": (2, 2, 0), "C": (3, 1, 0)}
+    shares = {"A": (3, 1, 0), "B": (2, 2, 0), "C": (3, 1, 0)}
     found = {"A": (1, 9, 0), "B": (9, 2, 0), "C": (3, 1, 0)}
-    assert settled(wanted, found, 4) == {"A": (1, 3, 0), "B": (4, 0, 0), "C": (3, 1, 0)}
+    assert settled(shares, found, 4) == {"A": (1, 3, 0), "B": (4, 0, 0), "C": (3, 1, 0)}
     nobody_has_more = found | {"B": (2, 2, 0)}
-    assert settled(wanted, nobody_has_more, 4) == {"A": (1, 1, 0), "B": (2, 2, 0), "C": (3, 1, 0)}
+    assert settled(shares, nobody_has_more, 4) == {"A": (1, 1, 0), "B": (2, 2, 0), "C": (3, 1, 0)}
 
 
 def test_a_collision_is_exchanged_where_there_are_no_near_misses() -> None:
@@ -174,8 +174,8 @@ def candidate(risk: RiskClass, seed: int = 0) -> Candidate:
     return Candidate(EpisodeRequest(seed=seed), 0, RiskLabel(risk), EMPTY)
 
 
-def after(wanted: tuple[int, int, int], *outcomes: Outcome, budget: int = 50, patience: int = 25) -> Search:
-    search = Search(wanted, budget, patience)
+def after(quota: tuple[int, int, int], *outcomes: Outcome, budget: int = 50, patience: int = 25) -> Search:
+    search = Search(quota, budget, patience)
     for outcome in outcomes:
         search = search.with_trial(Trial(search.looking_for, outcome))
     return search
@@ -225,31 +225,34 @@ def test_a_find_gives_patience_again() -> None:
 def test_the_first_of_each_class_are_chosen() -> None:
     outcomes = [candidate(NORMAL, 0), Rejected(EpisodeRequest(), "no"), candidate(NEAR_MISS, 2), candidate(NORMAL, 3)]
     search = after((1, 1, 0), *outcomes, candidate(NEAR_MISS, 4))
-    assert {number: one.request.seed for number, one in search.chosen((2, 1, 0)).items()} == {0: 0, 2: 2, 3: 3}
+    assert {number: video.request.seed for number, video in search.chosen((2, 1, 0)).items()} == {0: 0, 2: 2, 3: 3}
     assert search.found == (2, 2, 0)
 
 
 @pytest.mark.parametrize("before", [0, 2])
 def test_a_search_that_goes_on_asks_for_the_same_candidates(before: int) -> None:
-    found = [NORMAL, NEAR_MISS, NORMAL, COLLISION, NORMAL]
+    risks = [NORMAL, NEAR_MISS, NORMAL, COLLISION, NORMAL]
     asked: list[tuple[RiskClass, int]] = []
 
     def request(looking_for: RiskClass, number: int) -> EpisodeRequest:
         asked.append((looking_for, number))
         return EpisodeRequest(seed=number)
 
-    start = after((2, 1, 1), *(candidate(risk, seed) for seed, risk in enumerate(found[:before])))
-    told: list[int] = []
+    start = after((2, 1, 1), *(candidate(risk, seed) for seed, risk in enumerate(risks[:before])))
+    kept: list[int] = []
     search = continue_search(
-        start, request, lambda _, one: candidate(found[one.seed], one.seed), lambda one: told.append(len(one.trials))
+        start,
+        request,
+        lambda _, asked: candidate(risks[asked.seed], asked.seed),
+        lambda now: kept.append(len(now.trials)),
     )
     assert [number for _, number in asked] == list(range(before, 4))
-    assert told == list(range(before + 1, 5))
+    assert kept == list(range(before + 1, 5))
     assert asked[-1] == (COLLISION, 3)
     assert search.finished
 
 
-def found() -> Candidate:
+def collision() -> Candidate:
     moments = Moments(
         np.arange(5, 8),
         np.array([4, 4, 9], np.uint32),
@@ -267,7 +270,7 @@ def noted(trials: list[Trial]) -> list[tuple[RiskClass, dict[str, object]]]:
     return [(trial.looking_for, outcome_as_json(trial.outcome)) for trial in trials]
 
 
-OUTCOMES: list[Outcome] = [found(), Rejected(EpisodeRequest(template="S6"), "SUMO failed")]
+OUTCOMES: list[Outcome] = [collision(), Rejected(EpisodeRequest(template="S6"), "SUMO failed")]
 
 
 TRIALS = [Trial(RiskClass.COLLISION, OUTCOMES[0]), Trial(RiskClass.NEAR_MISS, OUTCOMES[1])]

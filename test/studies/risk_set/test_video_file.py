@@ -49,11 +49,11 @@ NORMAL = candidate_of(RiskLabel(RiskClass.NORMAL))
 @pytest.fixture(autouse=True)
 def record(record_of: Callable[..., EpisodeRecord], monkeypatch: pytest.MonkeyPatch) -> EpisodeRecord:
     """What the candidate's simulation gives: an EMV that comes closer to the car ahead of it."""
-    made = record_of(duration_s=3.0)
+    episode = record_of(duration_s=3.0)
     monkeypatch.setattr(render, "VIDEO_FRAMES", FRAMES)
-    monkeypatch.setattr(video_file, "simulated_or_rejected", lambda _: made)
+    monkeypatch.setattr(video_file, "simulated_or_rejected", lambda _: episode)
     monkeypatch.setattr(video_file, "assessed", lambda *_: NEAR_MISS)
-    return made
+    return episode
 
 
 def contents(place: VideoPlace) -> list[bytes]:

@@ -91,11 +91,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a text in UTF-8, whole or not at all.
-
-    Raises:
-        InputError: The file cannot be written.
-    """
+    """Writes a text in UTF-8, whole or not at all; InputError where the file cannot be written."""
     with writing(path), whole_file(path) as new:
         new.write_text(text, encoding="utf-8")
 

@@ -15,11 +15,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def write_json(file: Path | None, content: Any) -> None:
-    """Writes the figures where the option was given; a number that is not finite is null.
-
-    Raises:
-        InputError: The file cannot be written.
-    """
+    """Writes the figures if the option was given, null for infinite ones and NaN; InputError as ``write_text``."""
     if file is not None:
         write_text(file, json.dumps(_finite(content), indent=1, allow_nan=False) + "\n")
 

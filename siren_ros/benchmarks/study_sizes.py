@@ -19,11 +19,7 @@ _MANY = 10_000
 
 
 def sizes_of(rows: Sequence[EpisodeRow]) -> dict[str, float]:
-    """Means over the episodes that were made, and what ``_MANY`` such episodes cost.
-
-    Raises:
-        InputError: No episode was made.
-    """
+    """Means over the recorded episodes, and the cost of ``_MANY`` such episodes; InputError where there is none."""
     recorded = [row for row in rows if row.bag]
     if not recorded:
         raise InputError("study", len(rows), "a study with episodes that were made")

@@ -66,11 +66,7 @@ class DeviceRun:
 
 
 def run_device(net: Path, network: RoadNetwork, vehicles: int, duration_s: float, seed: int) -> DeviceRun:
-    """Lets so many impatient drivers set out one after the other through a map, SUMO's file ``net``.
-
-    Raises:
-        CalledProcessError: SUMO failed.
-    """
+    """Lets so many impatient drivers set out through SUMO's file ``net``; CalledProcessError where SUMO fails."""
     with tempfile.TemporaryDirectory(prefix="siren-") as name:
         folder = Path(name)
         routes, poses, log = folder / "routes.xml", folder / "poses.xml", folder / "ssm.xml"

@@ -75,11 +75,7 @@ PARAMETERS: Final[Mapping[str, Parameter]] = {
 
 
 def parameters_named(names: Sequence[str]) -> tuple[Parameter, ...]:
-    """The parameters of some names, in their order.
-
-    Raises:
-        InputError: No name, one that is unknown, or one given twice.
-    """
+    """The parameters of some names, in their order; InputError for no name, an unknown name, or a name twice."""
     for name in names:
         if name not in PARAMETERS:
             raise InputError("parameters", name, f"one or several of {', '.join(PARAMETERS)}")

@@ -183,11 +183,7 @@ def evolve(
 
 
 def evolution(begin: Floats, rng: np.random.Generator, times: int = 1, steps: Floats | None = None) -> Any:
-    """The search of the package ``cma`` before its first generation, bounded to the ranges.
-
-    Raises:
-        InputError: The package is missing.
-    """
+    """The search of the package ``cma`` before its first generation, within the ranges; InputError without it."""
     try:
         import cma  # noqa: PLC0415 - an extra
     except ModuleNotFoundError as error:

@@ -38,11 +38,7 @@ class Trajectory:
 
     @classmethod
     def of_record(cls, record: EpisodeRecord) -> Self:
-        """That of an episode's first EMV.
-
-        Raises:
-            InputError: The episode has none.
-        """
+        """The way of an episode's first EMV; InputError where the episode has none."""
         track = record.track(record.emv_ids[0]) if record.emv_ids else None
         if track is None or not len(track):
             raise InputError("bag", record.description.template, "an episode with an EMV")

@@ -37,11 +37,7 @@ def add_thresholds(verb: argparse.ArgumentParser) -> None:
 
 
 def thresholds_of(arguments: argparse.Namespace, base: RiskThresholds | None = None) -> RiskThresholds:
-    """The thresholds that the options give; those that are not given are as in ``base``.
-
-    Raises:
-        InputError: A value that is not positive.
-    """
+    """The thresholds of the options, the others as in ``base``; InputError for a value that is not positive."""
     values = {name: getattr(arguments, name) for name in _MEANINGS if getattr(arguments, name) is not None}
     for name, value in values.items():
         if not 0.0 < value < float("inf"):

@@ -80,11 +80,7 @@ def add_processes(
 
 
 def processes_of(arguments: argparse.Namespace) -> int:
-    """What ``--jobs`` says.
-
-    Raises:
-        InputError: No process to work with.
-    """
+    """The number of ``--jobs``; InputError where there is no process to work with."""
     jobs = int(arguments.jobs)
     if jobs < 1:
         raise InputError("jobs", jobs, "1 or more")

@@ -64,11 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def fitter_of(task: str) -> Any:
-    """The function that fits and exports the network of a task.
-
-    Raises:
-        InputError: The extra is not installed.
-    """
+    """The function that fits and exports the network of a task; InputError where the extra is not installed."""
     try:
         return getattr(import_module(f"siren_ros.training.fitting.{task}"), FITTERS[task])
     except ModuleNotFoundError as error:

@@ -101,11 +101,7 @@ def files_to_json(files: Iterable[InputFile]) -> list[dict[str, str]]:
 
 
 def files_from_json(stored: Any) -> tuple[InputFile, ...]:
-    """Inverse of ``files_to_json``.
-
-    Raises:
-        BagError: An entry is incomplete or too large, or a text does not have its hash.
-    """
+    """Inverse of ``files_to_json``; BagError for an incomplete or too large entry, or a text without its hash."""
     if not isinstance(stored, list):
         raise BagError("files of the episode", "a list")
     return tuple(_file_from_json(entry) for entry in stored)

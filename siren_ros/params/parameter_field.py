@@ -42,11 +42,7 @@ def allowed_text(field: "dataclasses.Field[Any]", kind: type) -> str:
 
 
 def checked_value(field: "dataclasses.Field[Any]", default: Value, value: Any) -> Value:
-    """A parameter's value in the type of its default.
-
-    Raises:
-        InputError: Wrong type, out of range, or not among the choices.
-    """
+    """A value in the type of the default; InputError for a wrong type, a number out of range, or no choice."""
     kind = type(default)
     allowed = allowed_text(field, kind)
     if kind is float and isinstance(value, int) and not isinstance(value, bool):

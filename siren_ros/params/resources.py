@@ -39,11 +39,7 @@ def find_params_dir(package_file: Path, ament_prefix_path: str) -> Path:
 
 @cache
 def params_dir() -> Path:
-    """The folder that holds ``templates/``, ``suites/``, ``vehicles/`` and the other parameter files.
-
-    Raises:
-        InputError: The installation is incomplete and holds no such folder.
-    """
+    """The folder with ``templates/``, ``suites/`` and so on; InputError where the installation holds none."""
     return find_params_dir(Path(__file__).parents[1] / "__init__.py", os.environ.get("AMENT_PREFIX_PATH", ""))
 
 

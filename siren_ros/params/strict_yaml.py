@@ -172,11 +172,7 @@ def read_input_text(file: Path) -> str:
 
 
 def read_strict_yaml(file: Path) -> StrictMapping:
-    """The top-level mapping of a YAML file.
-
-    Raises:
-        InputError: the file cannot be read, is not YAML, or does not hold a mapping; names file and line.
-    """
+    """As ``parse_strict_yaml``, of a file; InputError also where it cannot be read."""
     return parse_strict_yaml(read_input_text(file), str(file))
 
 

@@ -81,11 +81,7 @@ class ProcessPool:
         self._reports: Connection | None = None
 
     def __enter__(self) -> Self:
-        """Starts the processes.
-
-        Raises:
-            InputError: This process must not have children.
-        """
+        """Starts the processes; InputError where this process must not have children."""
         global _report  # noqa: PLW0603 - functions that run in this process report here
         if not self._fresh and self._processes <= 1:
             _report = self._progress

@@ -35,11 +35,7 @@ class PartResult:
 
 
 def read_results(file: Path) -> dict[str, PartResult]:
-    """The results by part; none where the file is not there.
-
-    Raises:
-        InputError: The file is damaged.
-    """
+    """The results by part, none where the file is not there; InputError where the file is damaged."""
     if not file.exists():
         return {}
     try:

@@ -88,11 +88,7 @@ def _row(future: Any, episode: PlannedEpisode, folder: StudyFolder) -> EpisodeRo
 
 
 def connected(scheduler: str) -> Any:
-    """A client of a running scheduler.
-
-    Raises:
-        InputError: Dask is not installed, or the scheduler does not answer.
-    """
+    """A client of a running scheduler; InputError where Dask is not installed, or the scheduler does not answer."""
     try:
         return _distributed().Client(scheduler, timeout="20s", set_as_default=False)
     except ImportError as error:

@@ -121,11 +121,7 @@ class EpisodeRow:
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Self:
-        """Inverse of ``to_json``; columns that are missing have their defaults, those that are unknown are left out.
-
-        Raises:
-            InputError: No row of a study.
-        """
+        """Inverse of ``to_json``; missing columns have defaults, unknown ones are left out; InputError for no row."""
         values = {field.name: content[field.name] for field in fields(cls) if field.name in content}
         try:
             values["status"] = Status(values["status"])
@@ -165,11 +161,7 @@ def manifest_bytes(rows: Iterable[EpisodeRow]) -> bytes:
 
 
 def rows_of_manifest(content: bytes) -> tuple[EpisodeRow, ...]:
-    """Inverse of ``manifest_bytes``.
-
-    Raises:
-        InputError: Not the table of a study.
-    """
+    """Inverse of ``manifest_bytes``; InputError for other bytes than the table of a study."""
     try:
         # A program that ends soon after reading with threads is sometimes aborted by pyarrow's threads.
         table = pq.read_table(io.BytesIO(content), use_threads=False, pre_buffer=False)

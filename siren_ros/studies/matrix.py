@@ -196,11 +196,7 @@ def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
 
 
 def _with_draw(fixed: Mapping[str, float], drawn: Mapping[str, float]) -> str:
-    """The values of a draw and those that all episodes share, as text.
-
-    Raises:
-        InputError: A parameter is in both.
-    """
+    """The values of a draw and those that all episodes share, as text; InputError where a parameter is in both."""
     if both := sorted(fixed.keys() & drawn.keys()):
         raise InputError("values", f"{both[0]}={fixed[both[0]]:g}", "parameters that the study does not draw")
     return text_of_values({**fixed, **drawn})
@@ -242,11 +238,7 @@ MOST_SAMPLES: Final = 10_000_000
 
 
 def read_study(file: Path) -> Study:
-    """A study from its file.
-
-    Raises:
-        InputError: An unknown or missing key, or a value that is not allowed; names file, line and key.
-    """
+    """A study from its file; InputError for an unknown or missing key or a wrong value, with file, line and key."""
     top = read_strict_yaml(file)
     readers: dict[str, Callable[[], Any]] = {
         "levels": lambda: levels_of(top.words("levels")),
@@ -282,11 +274,7 @@ def _draws(section: StrictMapping) -> DrawPlan:
 
 
 def levels_of(words: Sequence[str]) -> tuple[str, ...]:
-    """Levels by name, or ``own``.
-
-    Raises:
-        InputError: Another word.
-    """
+    """Levels by name, or ``own``; InputError for another word."""
     for word in words:
         if word not in LEVELS:
             raise InputError("levels", word, f"of {', '.join(LEVELS)}")
@@ -294,11 +282,7 @@ def levels_of(words: Sequence[str]) -> tuple[str, ...]:
 
 
 def seeds_of(words: Sequence[str]) -> tuple[int, ...]:
-    """Seeds from words: ``3``, or ``0:5`` for 0 to 4.
-
-    Raises:
-        InputError: Another word.
-    """
+    """Seeds from words, ``3``, or ``0:5`` for 0 to 4; InputError for another word."""
     all_seeds: list[int] = []
     for word in words:
         first, colon, end = word.partition(":")
@@ -313,11 +297,7 @@ def seeds_of(words: Sequence[str]) -> tuple[int, ...]:
 
 
 def grid_of(words: Sequence[str]) -> DrawPlan:
-    """A grid from words ``PATH=VALUE,VALUE,…``.
-
-    Raises:
-        InputError: Another word.
-    """
+    """A grid from words ``PATH=VALUE,VALUE,…``; InputError for another word."""
     values: dict[str, tuple[float, ...]] = {}
     for word in words:
         path, _, texts = word.partition("=")
@@ -328,22 +308,14 @@ def grid_of(words: Sequence[str]) -> DrawPlan:
 
 
 def range_of(path: str, words: Sequence[str]) -> tuple[float, float]:
-    """Two numbers, least first.
-
-    Raises:
-        InputError: Something else.
-    """
+    """Two numbers, least first; InputError for something else."""
     if len(words) != 2:
         raise InputError(path, " ".join(words), "two numbers, the least first")
     return _number(path, words[0]), _number(path, words[1])
 
 
 def ranges_of(words: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Ranges from words ``PATH=LOW:HIGH``.
-
-    Raises:
-        InputError: Another word.
-    """
+    """Ranges from words ``PATH=LOW:HIGH``; InputError for another word."""
     ranges: dict[str, tuple[float, float]] = {}
     for word in words:
         path, _, limits = word.partition("=")

@@ -196,11 +196,7 @@ def attempt_folder(folder: StudyFolder) -> Iterator[Path]:
 
 
 def write_study(folder: StudyFolder, content: dict[str, Any]) -> None:
-    """Keeps what was asked for next to the episodes.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
+    """Keeps the study's description next to the episodes; InputError where the folder cannot be written."""
     with writing(folder.place, "folder"):
         folder.write(STUDY, json.dumps(content, indent=1, sort_keys=True).encode())
 

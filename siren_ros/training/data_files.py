@@ -62,11 +62,7 @@ def make_files(
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:
-    """Writes numpy's file of several arrays, whole or not at all.
-
-    Raises:
-        OSError: It cannot be written.
-    """
+    """Writes numpy's file of several arrays, whole or not at all; OSError where it cannot be written."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as new:
         (np.savez_compressed if compressed else np.savez)(new, **arrays)

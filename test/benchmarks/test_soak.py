@@ -83,18 +83,13 @@ def test_each_fault_makes_a_result_unclean_and_is_said() -> None:
     well = SoakResult(CASE)
     assert well.clean
     assert lines_of(well) == ["ok      S2/L2/seed0/none/town/one+one"]
-    faults = (
-        replace(well, failures=("run 1: exit code 1: why",)),
-        replace(well, hashes_differ=True),
-        replace(well, lost=("topic",)),
-        replace(well, processes=("python",)),
-        replace(well, segments=1),
-        replace(well, locks=("lock",)),
-    )
-    for result in faults:
+    faults = {"failures": ("run 1: exit code 1: why",), "hashes_differ": True, "lost": ("topic",)}
+    faults |= {"processes": ("python",), "segments": 1, "locks": ("lock",)}
+    results = [replace(well, **{name: fault}) for name, fault in faults.items()]
+    for result in results:
         assert not result.clean
         assert len(lines_of(result)) == 2
-    counts = [line.split()[-1] for line in totals_of(faults, None)[1:]]
+    counts = [line.split()[-1] for line in totals_of(results, None)[1:]]
     assert counts == ["1"] * 6
 
 

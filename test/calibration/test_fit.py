@@ -8,7 +8,7 @@ import pytest
 
 from siren_ros.calibration.fit import SAME_PLACE, fit, search_rounds
 from siren_ros.calibration.parameters import PARAMETERS, Parameter, parameters_named
-from siren_ros.calibration.searches import Tried
+from siren_ros.calibration.searches import Residuals, Tried
 from siren_ros.calibration.targets import FAILED_M, WHOLE
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Floats
@@ -36,10 +36,15 @@ class Swing:
         return [(swinging(values) - self.given)[seen] / np.sqrt(seen.sum()) for values in tries]
 
 
+def tried_with(residuals: Residuals, budget: int) -> Tried:
+    tried = Tried(UNIT, residuals, lambda *_: None)
+    tried.budget = budget
+    return tried
+
+
 def searched(horizons: Sequence[float], seed: int, tries: int = 150) -> tuple[Tried, bool, Swing]:
     swing = Swing()
-    tried = Tried(UNIT, swing, lambda *_: None)
-    tried.budget = tries
+    tried = tried_with(swing, tries)
     agreed = search_rounds(tried, horizons, 15, np.random.default_rng(seed))
     return tried, agreed, swing
 
@@ -85,8 +90,7 @@ def decided(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floa
 @pytest.mark.parametrize("seed", range(5))
 def test_a_decision_that_falls_another_way_is_left_by_evolution(seed: int) -> None:
     """Least squares runs to the wrong end: the error falls with ``b`` where the decision is wrong."""
-    tried = Tried(UNIT, decided, lambda *_: None)
-    tried.budget = 300
+    tried = tried_with(decided, 300)
     search_rounds(tried, (6.0, WHOLE), 15, np.random.default_rng(seed))
     assert tried.best == pytest.approx([TRUTH["a"], TRUTH["b"]], abs=1e-3)
     assert tried.best_error_m == pytest.approx(0.1, rel=1e-3)
@@ -101,8 +105,7 @@ def test_a_round_that_meets_another_whose_error_grew_looks_for_itself(left: floa
         rest = 0.1 if horizon_s == 6.0 else left
         return [np.array([30.0 * (values["a"] - 0.3), 30.0 * (values["b"] - 0.7), rest]) for values in tries]
 
-    tried = Tried(UNIT, growing, lambda *_: None)
-    tried.budget = 400
+    tried = tried_with(growing, 400)
     assert search_rounds(tried, (6.0, WHOLE), 15, np.random.default_rng(0))
     assert tried.best == pytest.approx([0.3, 0.7], abs=1e-3)
     assert (horizons[-1] == WHOLE) is goes_on
@@ -127,12 +130,8 @@ class Bowl:
 
     @staticmethod
     def residuals(values: Mapping[str, float]) -> Floats:
-        off = np.array(
-            [
-                PARAMETERS[name].share_of(value) - PARAMETERS[name].share_of(TRUTH_FIT[name])
-                for name, value in values.items()
-            ]
-        )
+        known = [PARAMETERS[name] for name in values]
+        off = np.array([each.share_of(values[each.name]) - each.share_of(TRUTH_FIT[each.name]) for each in known])
         return np.array([*off, off.sum(), NOISE_SHARE]) * 30.0
 
 

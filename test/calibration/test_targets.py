@@ -80,25 +80,13 @@ def test_a_file_is_read_by_its_columns(tmp_path: Path) -> None:
     assert way.xy_m.tolist() == [[5.0, 1.0], [6.0, 2.0]]
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        "",
-        "time_s,x_m\n0,1\n1,2\n",
-        "time_s,x_m,y_m\n0,1,1\n",
-        "time_s,x_m,y_m\n0,1,1\n0,1,1\n",
-        "time_s,x_m,y_m\n0,a,1\n1,1,1\n",
-        "time_s,x_m,y_m\n0,nan,1\n1,1,1\n",
-    ],
-)
-def test_files_that_are_no_trajectory_are_refused(tmp_path: Path, content: str) -> None:
+@pytest.mark.parametrize("rows", [["0,1,1"], ["0,1,1", "0,1,1"], ["0,a,1", "1,1,1"], ["0,nan,1", "1,1,1"]])
+def test_files_that_are_no_trajectory_are_refused(tmp_path: Path, rows: list[str]) -> None:
     file = tmp_path / "way.csv"
-    file.write_text(content, encoding="utf-8")
-    with pytest.raises(InputError, match="trajectory"):
-        Trajectory.read(file)
-
-
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    for content in ("\n".join(["time_s,x_m,y_m", *rows, ""]), "", "time_s,x_m\n0,1\n1,2\n"):
+        file.write_text(content, encoding="utf-8")
+        with pytest.raises(InputError, match="trajectory"):
+            Trajectory.read(file)
     with pytest.raises(InputError, match="CSV file"):
         Trajectory.read(tmp_path / "nothing.csv")
 

@@ -104,15 +104,11 @@ def test_values_are_those_of_cosim(tmp_path: Path) -> None:
 def stand_in(monkeypatch: pytest.MonkeyPatch, *judged: tuple[bool | None, int, int]) -> None:
     """Puts rows in the place of a study: whether the predicate holds, the collisions, the steps."""
     (episode,) = plan_study(Study(("S2",)))
-    rows = tuple(
-        replace(
-            EpisodeRow.planned(episode, Status.COMPLETE, predicate_holds=holds, steps=steps),
-            episode=f"e{number}",
-            measures=f'{{"collisions": {collisions}}}',
-        )
-        for number, (holds, collisions, steps) in enumerate(judged)
-    )
-    monkeypatch.setattr(generate, "run_study", lambda *_: StudyResult(rows, 0))
+    rows = []
+    for number, (holds, collisions, steps) in enumerate(judged):
+        known = {"predicate_holds": holds, "steps": steps, "measures": f'{{"collisions": {collisions}}}'}
+        rows.append(EpisodeRow.planned(replace(episode, name=f"e{number}"), Status.COMPLETE, **known))
+    monkeypatch.setattr(generate, "run_study", lambda *_: StudyResult(tuple(rows), 0))
 
 
 WHOLE, CUT = 900, 80
@@ -173,11 +169,8 @@ def test_the_command_line_stands_above_the_study_file(tmp_path, monkeypatch, cap
 
     def run(study: Study, *_: object) -> StudyResult:
         asked.append(study)
-        rows = [
-            EpisodeRow.planned(PlannedEpisode("", "S1_L3", EpisodeRequest("S1", map=file), -1, ""), Status.COMPLETE)
-            for file in study.maps
-        ]
-        return StudyResult(tuple(rows), 0)
+        planned = [PlannedEpisode("", "S1_L3", EpisodeRequest("S1", map=file), -1, "") for file in study.maps]
+        return StudyResult(tuple(EpisodeRow.planned(episode, Status.COMPLETE) for episode in planned), 0)
 
     monkeypatch.setattr(generate, "run_study", run)
     monkeypatch.setattr(generate, "make_and_print", lambda *_: pytest.fail("no videos were asked for"))

@@ -100,13 +100,9 @@ def read(*words: str) -> argparse.Namespace:
     return line.parse_args(words)
 
 
-def test_the_default_is_the_processors_at_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_is_enough_and_the_default_is_the_processors_at_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 3, 5})
-    assert processes_of(read()) == 3
-
-
-def test_one_process_is_enough() -> None:
-    assert processes_of(read("--jobs", "1")) == 1
+    assert (processes_of(read()), processes_of(read("--jobs", "1"))) == (3, 1)
 
 
 @pytest.mark.parametrize("jobs", ["0", "-2"])

@@ -48,16 +48,8 @@ def test_it_becomes_the_player(bag: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def test_topics_duration_and_other_names(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     options = ("--topics", "/tf", "/b", "--playback-duration", "1.5", "--remap", "/tf:=/mine", "b:=c")
     became = player_of(bag, monkeypatch, *options)
-    assert became[-8:] == [
-        "-p",
-        "playback_duration_s:=1.5",
-        "-p",
-        'topics:=["/tf", "/b"]',
-        "-r",
-        "/tf:=/mine",
-        "-r",
-        "b:=c",
-    ]
+    assert became[-8::2] == ["-p", "-p", "-r", "-r"]
+    assert became[-7::2] == ["playback_duration_s:=1.5", 'topics:=["/tf", "/b"]', "/tf:=/mine", "b:=c"]
 
 
 def test_a_rule_that_is_none_is_refused(bag: Path, siren) -> None:

@@ -76,16 +76,6 @@ def test_a_bag_that_is_not_there_is_one_line_and_exit_code_2(arguments, tmp_path
     assert absent in captured.err
 
 
-@pytest.mark.parametrize(
-    "arguments", [[], ["info"], ["verify"], ["plot"], ["export"], ["export", "csv"], ["export", "kitti"]]
-)
-def test_every_verb_has_help(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        main([*arguments, "--help"])
-    assert end.value.code == 0
-    assert "usage: siren" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["info"], ["export", "zip", "bag"], ["plot", "bag"]])
 def test_a_wrong_command_line_is_exit_code_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
@@ -114,16 +104,14 @@ def test_every_module_of_commands_is_reached() -> None:
     assert {add.partition(".")[0] for _, add in VERBS.values()} == MODULES
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_helps(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("words", [[], *([verb] for verb in VERBS), ["export", "csv"], ["export", "kitti"]])
+def test_every_command_helps(words, capsys) -> None:
     with pytest.raises(SystemExit) as left:
-        main(["--help"])
+        main([*words, "--help"])
     assert left.value.code == 0
-    assert re.search(rf"\n    {verb}\s", capsys.readouterr().out)
-    with pytest.raises(SystemExit) as left:
-        main([verb, "--help"])
-    assert left.value.code == 0
-    assert f"usage: siren {verb} " in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"usage: {' '.join(['siren', *words])} " in printed
+    assert words or all(re.search(rf"\n    {verb}\s", printed) for verb in VERBS)
 
 
 def test_help_brings_no_library_along() -> None:

@@ -27,15 +27,9 @@ class FollowedGuide:
         """Runs a command of the guide as its reader would, in the copy."""
         words = shlex.split(command.removeprefix("./env "))
         runs = {"siren": [sys.executable, "-m", "siren_ros.cli.main"], "python": [sys.executable]}
-        return subprocess.run(
-            [*runs[words[0]], *words[1:]],
-            cwd=self.root,
-            env={**os.environ, "PYTHONPATH": str(self.root), "AMENT_PREFIX_PATH": ""},
-            check=False,
-            capture_output=True,
-            text=True,
-            timeout=300.0,
-        )
+        typed, changed = [*runs[words[0]], *words[1:]], {"PYTHONPATH": str(self.root), "AMENT_PREFIX_PATH": ""}
+        options = {"cwd": self.root, "env": {**os.environ, **changed}, "capture_output": True, "text": True}
+        return subprocess.run(typed, check=False, timeout=300.0, **options)
 
 
 def follow(guide: str, root: Path) -> FollowedGuide:

@@ -15,13 +15,8 @@ from siren_ros.sensors.look import load_look
 from siren_ros.sensors.suite import load_suite
 from siren_ros.traffic.demand.plan import load_drivers
 
-READERS = {
-    "templates": load_template,
-    "presets": load_preset,
-    "suites": load_suite,
-    "looks": load_look,
-    "drivers": load_drivers,
-}
+READERS = {"templates": load_template, "presets": load_preset, "suites": load_suite, "looks": load_look}
+READERS |= {"drivers": load_drivers}
 
 
 @pytest.mark.parametrize("kind", READERS)

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -134,14 +135,12 @@ def test_who_waits_for_a_process_goes_on_when_the_pool_is_stopped(pool: ProcessP
     (sleeping,) = workers()
     timer = threading.Timer(0.3, pool.stop)
     timer.start()
-    with pytest.raises(Exception, match=r"^$") as stopped:
+    with pytest.raises(CancelledError):
         pool.call(time.sleep, 600.0)
-    assert stopped.typename == "CancelledError"
     timer.join()
     assert not runs(sleeping)
-    with pytest.raises(Exception, match=r"^$") as stopped:
+    with pytest.raises(CancelledError):
         pool.call(os.getpid)
-    assert stopped.typename == "CancelledError"
 
 
 def fork_server() -> int:

@@ -9,11 +9,8 @@ from siren_ros.reproduction.results import PartResult, figures_in, machine, read
 
 NAMES = st.text(st.characters(categories=("L", "N")), min_size=1, max_size=8)
 FIGURES = st.dictionaries(NAMES, st.integers() | st.floats(allow_nan=False, allow_infinity=False) | NAMES, max_size=4)
-RESULTS = st.dictionaries(
-    NAMES,
-    st.builds(PartResult, NAMES, st.tuples(NAMES), st.just({"cores": "2"}), st.floats(0.0, 1e4), FIGURES),
-    max_size=3,
-)
+PARTS = st.builds(PartResult, NAMES, st.tuples(NAMES), st.just({"cores": "2"}), st.floats(0.0, 1e4), FIGURES)
+RESULTS = st.dictionaries(NAMES, PARTS, max_size=3)
 
 
 @given(RESULTS)

@@ -9,18 +9,12 @@ from siren_ros.studies.matrix import PlannedEpisode
 
 DRAWN = EpisodeRequest("S1", "L3", 5, values="emv.speed_mps=12.0")
 PLANNED = PlannedEpisode("S1_L3_seed4", "S1_L3", EpisodeRequest("S1", "L3", 4), -1, "ab" * 32)
+_TRIED = {"attempts": 2, "retry_reasons": ("its process was killed by SIGKILL",), "versions": {"siren_ros": "0.1.0"}}
+_RESULT = {"steps": 800, "simulated_s": 40.0, "predicate_holds": False, "measures": '{"collisions":0}'}
 ROWS = (
     EpisodeRow.planned(PLANNED, Status.REFUSED, "no site"),
     EpisodeRow.planned(
-        PlannedEpisode("S1_L3_seed5", "S1_L3", DRAWN, 3, "cd" * 32),
-        Status.COMPLETE,
-        attempts=2,
-        retry_reasons=("its process was killed by SIGKILL",),
-        steps=800,
-        simulated_s=40.0,
-        predicate_holds=False,
-        measures='{"collisions":0}',
-        versions={"siren_ros": "0.1.0"},
+        PlannedEpisode("S1_L3_seed5", "S1_L3", DRAWN, 3, "cd" * 32), Status.COMPLETE, **_TRIED, **_RESULT
     ),
 )
 

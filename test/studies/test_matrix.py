@@ -145,22 +145,17 @@ def test_what_the_request_refuses_the_study_refuses(asked: dict[str, Any], line:
 
 
 def test_a_changed_file_changes_the_inputs(tmp_path: Path) -> None:
-    file = tmp_path / "mine.yaml"
     text = (params_dir() / "templates" / "S2.yaml").read_text(encoding="utf-8")
-    hashes = []
-    for content in (text, text + "# a remark\n"):
-        file.write_text(content, encoding="utf-8")
-        hashes.append(plan_study(Study((str(file),)))[0].inputs_sha256)
-    assert hashes[0] != hashes[1]
+    contents = (text, text + "# a remark\n")
+    first, second = (plan_study(Study((str(written(tmp_path, content)),)))[0].inputs_sha256 for content in contents)
+    assert first != second
 
 
 def test_two_episodes_of_one_name_are_refused(tmp_path: Path) -> None:
-    file = tmp_path / "mine.yaml"
-    file.write_text((params_dir() / "templates" / "S2.yaml").read_text(encoding="utf-8"), encoding="utf-8")
-    with pytest.raises(InputError, match="twice"):
-        plan_study(Study(("S2", str(file))))
-    with pytest.raises(InputError, match="once"):
-        plan_study(Study(("S2",), seeds=(1, 1)))
+    file = written(tmp_path, (params_dir() / "templates" / "S2.yaml").read_text(encoding="utf-8"))
+    for study, said in ((Study(("S2", str(file))), "twice"), (Study(("S2",), seeds=(1, 1)), "once")):
+        with pytest.raises(InputError, match=said):
+            plan_study(study)
     with pytest.raises(InputError, match="template"):
         plan_study(Study(("S9",)))
 
@@ -182,16 +177,8 @@ def test_templates_change_first_then_levels_maps_draws_and_seeds_last(monkeypatc
     planned = plan_study(study)
     names = [episode.name for episode in planned]
     elsewhere = name_of_map(Path("maps/Some Map.xodr"))
-    assert names[:8] == [
-        "S2_L2_seed7_draw0",
-        "S1_L3_seed7_draw0",
-        "S2_L0_seed7_draw0",
-        "S1_L0_seed7_draw0",
-        f"S2_L2_{elsewhere}_seed7_draw0",
-        f"S1_L3_{elsewhere}_seed7_draw0",
-        f"S2_L0_{elsewhere}_seed7_draw0",
-        f"S1_L0_{elsewhere}_seed7_draw0",
-    ]
+    groups = ("S2_L2", "S1_L3", "S2_L0", "S1_L0")
+    assert names[:8] == [f"{group}{place}_seed7_draw0" for place in ("", f"_{elsewhere}") for group in groups]
     assert [name for name in names if name.startswith("S1_L0_seed")] == [
         f"S1_L0_seed{seed}_draw{draw}" for seed in (7, 3) for draw in (0, 1)
     ]
@@ -276,28 +263,27 @@ def test_mistakes_are_refused(tmp_path: Path, text: str) -> None:
         read_study(written(tmp_path, text))
 
 
-@pytest.mark.parametrize("words", [["a"], ["a=1", "a=2"], ["a=x"]])
-def test_words_of_a_grid_that_make_no_sense_are_refused(words: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("reader", "words"),
+    [
+        *((grid_of, words) for words in (["a"], ["a=1", "a=2"], ["a=x"])),
+        *((ranges_of, words) for words in (["a=1:2", "a=1:2"], ["a=1"], ["a=1:2:3"], ["a=x:2"])),
+    ],
+)
+def test_words_of_grids_and_ranges_that_make_no_sense_are_refused(reader, words) -> None:
     with pytest.raises(InputError):
-        grid_of(words)
+        reader(words)
 
 
 def test_the_benchmark_is_a_study_of_the_seven_base_episodes() -> None:
     planned = plan_study(read_study(params_dir() / "studies" / "v1.yaml"))
-    assert [episode.name for episode in planned] == [
-        f"{template}_{level}_seed0"
-        for template, level in zip(
-            ("S1", "S2", "S3", "S4", "S5", "S6", "S7"), ("L3", "L2", "L1", "L1", "L1", "L1", "L3"), strict=True
-        )
-    ]
+    groups = ("S1_L3", "S2_L2", "S3_L1", "S4_L1", "S5_L1", "S6_L1", "S7_L3")
+    assert [episode.name for episode in planned] == [f"{group}_seed0" for group in groups]
     assert {episode.request.sensors for episode in planned} == {"full"}
 
 
-def test_what_a_file_does_not_say_is_as_always(tmp_path: Path) -> None:
+def test_every_key_has_its_place_and_others_are_as_always(tmp_path: Path) -> None:
     assert read_study(written(tmp_path, "templates: [S1]")) == Study(("S1",))
-
-
-def test_every_key_has_its_place(tmp_path: Path) -> None:
     text = "templates: [S1]\nsensors: lidar\nlook: night\nduration_s: 30\ndraw: {method: random, samples: 5, seed: 9}"
     study = read_study(written(tmp_path, text))
     assert (study.sensors, study.look, study.duration_s) == ("lidar", "night", 30.0)
@@ -315,9 +301,3 @@ def test_words_that_are_no_seeds(word: str) -> None:
     with pytest.raises(InputError, match="seeds"):
         seeds_of([word])
     assert seeds_of([str(2**31 - 1)]) == (2**31 - 1,)
-
-
-@pytest.mark.parametrize("words", [["a=1:2", "a=1:2"], ["a=1"], ["a=1:2:3"], ["a=x:2"]])
-def test_words_of_a_range_that_make_no_sense_are_refused(words: list[str]) -> None:
-    with pytest.raises(InputError):
-        ranges_of(words)

@@ -1,4 +1,4 @@
-"""A study on disk: rows next to bags, hashes, what counts as finished, and what is replaced."""
+"""A study on disk: rows next to bags, hashes, which episodes need not be made again, and what is replaced."""
 
 import subprocess
 import sys
@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 from siren_ros.errors import InputError
+from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.episode_row import EpisodeRow, Status, path_of
+from siren_ros.studies.matrix import PlannedEpisode
+from siren_ros.studies.run_study import finished_row
 from siren_ros.studies.study_folder import (
     LocalFolder,
     attempt_folder,
@@ -20,24 +23,9 @@ from siren_ros.studies.study_folder import (
     write_table,
 )
 
-ROW = EpisodeRow(
-    episode="S2_L2_seed3_town",
-    group="S2_L2",
-    template="S2",
-    level="L2",
-    seed=3,
-    map="",
-    preset="paper",
-    sensors="none",
-    look="clear",
-    draw=0,
-    values="",
-    inputs_sha256="ab",
-    status=Status.COMPLETE,
-    retry_reasons=("crashed", "hung"),
-    versions={"siren": "1"},
-    predicate_holds=True,
-)
+PLANNED = PlannedEpisode("S2_L2_seed3", "S2_L2", EpisodeRequest("S2", "L2", 3), -1, "ab" * 32)
+_KNOWN = {"retry_reasons": ("crashed", "hung"), "versions": {"siren": "1"}, "predicate_holds": True}
+ROW = EpisodeRow.planned(PLANNED, Status.COMPLETE, **_KNOWN)
 
 
 def bag_in(folder: Path, content: bytes = b"storage") -> Path:
@@ -54,7 +42,7 @@ def study(tmp_path: Path) -> LocalFolder:
 
 def test_a_bag_goes_to_its_place_and_its_row_next_to_it(study: LocalFolder, tmp_path: Path) -> None:
     study.take(bag_in(tmp_path / "scratch" / "bag"), ROW)
-    assert ROW.path == path_of("S2_L2", "S2_L2_seed3_town") == "episodes/S2_L2/S2_L2_seed3_town"
+    assert ROW.path == path_of("S2_L2", "S2_L2_seed3") == "episodes/S2_L2/S2_L2_seed3"
     assert (tmp_path / "study" / ROW.path / "bag_0.mcap").read_bytes() == b"storage"
     assert not (tmp_path / "scratch" / "bag").exists()
     assert study.row_of(ROW.path) == ROW
@@ -67,9 +55,7 @@ def test_a_later_bag_replaces_an_earlier_one(study: LocalFolder, tmp_path: Path)
     study.take(bag_in(tmp_path / "two", b"later"), replace(ROW, attempts=2))
     names = sorted(path.name for path in (tmp_path / "study" / ROW.path).iterdir())
     assert names == ["bag_0.mcap", "metadata.yaml"]
-    row = study.row_of(ROW.path)
-    assert row is not None
-    assert row.attempts == 2
+    assert study.row_of(ROW.path) == replace(ROW, attempts=2)
 
 
 def test_finished_is_who_is_complete_and_has_the_bytes_of_its_row(study: LocalFolder, tmp_path: Path) -> None:
@@ -85,6 +71,38 @@ def test_finished_is_who_is_complete_and_has_the_bytes_of_its_row(study: LocalFo
     assert not is_finished(study, replace(whole, metadata_sha256="0" * 64))
     (tmp_path / "study" / whole.path / "bag_0.mcap").write_bytes(b"changed")
     assert not is_finished(study, whole)
+
+
+@pytest.fixture
+def row(study: LocalFolder, tmp_path: Path) -> EpisodeRow:
+    """Of an episode whose bag is in the study, with its row next to it."""
+    bag = bag_in(tmp_path / "bag")
+    storage, metadata = hashes_of_bag(bag)
+    study.take(bag, EpisodeRow.planned(PLANNED, Status.COMPLETE, mcap_sha256=storage, metadata_sha256=metadata))
+    return study.row_of(ROW.path)
+
+
+def test_a_row_of_the_table_whose_bag_is_whole(study: LocalFolder, row: EpisodeRow) -> None:
+    known = replace(row, attempts=7)
+    assert finished_row(PLANNED, study, known) == known
+
+
+def test_a_row_next_to_the_bag_where_the_table_lacks_it_or_is_older(study: LocalFolder, row: EpisodeRow) -> None:
+    for known in (None, replace(row, mcap_sha256="0" * 64), replace(row, status=Status.CRASHED)):
+        assert finished_row(PLANNED, study, known) == row
+
+
+def test_what_is_not_there_or_was_changed_is_made_again(study: LocalFolder, row: EpisodeRow, tmp_path: Path) -> None:
+    assert finished_row(replace(PLANNED, name="S2_L2_seed4"), study, None) is None
+    (tmp_path / "study" / row.path / "bag_0.mcap").write_bytes(b"changed")
+    assert finished_row(PLANNED, study, row) is None
+    assert finished_row(PLANNED, study, None) is None
+
+
+def test_an_episode_of_other_inputs_is_no_episode_of_this_study(study: LocalFolder, row: EpisodeRow) -> None:
+    for known in (row, None):
+        with pytest.raises(InputError, match="S2_L2_seed3 made from other inputs"):
+            finished_row(replace(PLANNED, inputs_sha256="cd" * 32), study, known)
 
 
 def test_hashes_of_what_is_no_bag_are_empty(tmp_path: Path, study: LocalFolder) -> None:

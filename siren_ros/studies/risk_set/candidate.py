@@ -108,11 +108,7 @@ def front_camera() -> CameraSpec:
 
 
 def simulated_or_rejected(request: EpisodeRequest) -> EpisodeRecord | Rejected:
-    """The record of a candidate, or why its episode failed. The same request gives the same record.
-
-    Raises:
-        InputError: The request cannot be used.
-    """
+    """As ``simulated``, or why the episode failed; InputError where the request cannot be used."""
     try:
         return simulated(request)
     except InputError:
@@ -122,11 +118,7 @@ def simulated_or_rejected(request: EpisodeRequest) -> EpisodeRecord | Rejected:
 
 
 def simulated(request: EpisodeRequest) -> EpisodeRecord:
-    """The record of a request's episode, without sensors.
-
-    Raises:
-        EpisodeError: The episode failed.
-    """
+    """The record of a request's episode, without sensors; EpisodeError where the episode failed."""
     setup = set_up_episode(request)
     return record_of(setup, list(closed_loop(setup, plan_length(request))))
 

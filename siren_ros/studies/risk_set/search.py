@@ -249,11 +249,7 @@ class Journal:
         self._path = path
 
     def read(self) -> list[Trial]:
-        """The candidates so far, in their order. A last line that was not finished is left out.
-
-        Raises:
-            InputError: The file is not a journal.
-        """
+        """The candidates in their order, without an unfinished last line; InputError where the file is no journal."""
         if not self._path.is_file():
             return []
         lines = self._path.read_text(encoding="utf-8").split("\n")

@@ -72,11 +72,7 @@ class BagFrames:
 
 
 def frames_of_bag(bag: Path, grid: PillarGrid) -> BagFrames:
-    """Reads an episode, two frames of each second.
-
-    Raises:
-        BagError: The bag is damaged or has no LiDAR.
-    """
+    """Reads an episode, two frames of each second; BagError where the bag is damaged or has no LiDAR."""
     kept = replace(grid, points=int(_SPARE * grid.points))
     points: list[Floats32] = []
     boxes: list[Floats32] = []

@@ -15,15 +15,9 @@ from siren_ros.cli.main import main
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK
 
 Box = dict[str, Any]
-GOOD: Box = {
-    "translation": [10.0, 5.0, 0.8],
-    "size": [1.8, 4.5, 1.5],
-    "rotation": [1.0, 0.0, 0.0, 0.0],
-    "velocity": [0.0, 0.0],
-    "detection_name": "car",
-    "detection_score": 0.5,
-    "attribute_name": "vehicle.moving",
-}
+_POSE = {"translation": [10.0, 5.0, 0.8], "size": [1.8, 4.5, 1.5], "rotation": [1.0, 0.0, 0.0, 0.0]}
+_NAMES = {"detection_name": "car", "detection_score": 0.5, "attribute_name": "vehicle.moving"}
+GOOD: Box = {**_POSE, "velocity": [0.0, 0.0], **_NAMES}
 
 
 @pytest.fixture(scope="module", name="bag")
@@ -120,15 +114,8 @@ def test_frames_and_their_numbers_of_boxes(bag, tokens, tmp_path, capsys) -> Non
 
 
 def test_a_pickle_whose_columns_differ_in_length_is_refused(bag, tokens, tmp_path, capsys) -> None:
-    entries: list[Box] = [
-        {
-            "name": np.array(["car"] * 2),
-            "score": np.ones(3) / 2,
-            "boxes_lidar": np.ones((2, 9)),
-            "metadata": {"token": token},
-        }
-        for token in tokens
-    ]
+    columns = {"name": np.array(["car"] * 2), "score": np.ones(3) / 2, "boxes_lidar": np.ones((2, 9))}
+    entries = [{**columns, "metadata": {"token": token}} for token in tokens]
     path = tmp_path / "x.pkl"
     path.write_bytes(pickle.dumps(entries))
     assert evaluate(bag, "--detections", f"bad={path}") == EXIT_BAD_INPUT

@@ -113,17 +113,10 @@ def predictions(bag: Path) -> pa.Table:
     batch = samples.batch
     times = 0.1 * np.arange(1, 61)
     path = batch.xy_m[:, None] + times[:, None] * batch.velocity_mps[:, None]
-    return pa.table(
-        {
-            "episode": [bag.name] * len(batch),
-            "actor": batch.actors.actor_id[batch.target].astype(np.int64),
-            "step": batch.step[batch.actors.frame[batch.target]],
-            "mode": np.zeros(len(batch), dtype=np.int64),
-            "probability": np.ones(len(batch)),
-            "x": list(path[..., 0]),
-            "y": list(path[..., 1]),
-        }
-    )
+    actor, step = batch.actors.actor_id[batch.target].astype(np.int64), batch.step[batch.actors.frame[batch.target]]
+    columns = {"episode": [bag.name] * len(batch), "actor": actor, "step": step}
+    columns |= {"mode": np.zeros(len(batch), dtype=np.int64), "probability": np.ones(len(batch))}
+    return pa.table({**columns, "x": list(path[..., 0]), "y": list(path[..., 1])})
 
 
 def test_predictions_of_a_file_are_scored_like_a_model(bag, predictions, tmp_path, siren, capsys) -> None:
@@ -140,11 +133,8 @@ def test_missing_predictions_are_refused_or_shown_as_coverage(bag, predictions, 
     pq.write_table(predictions.slice(5), tmp_path / "mine.parquet")
     words = ["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}", "--population=all"]
     assert "5 of 50 samples have no prediction; the first is actor" in siren(words, 2).err
-    (row,) = [
-        line.split()
-        for line in siren([*words, "--allow-missing"]).out.splitlines()
-        if line.startswith("mine ") and "%" in line
-    ]
+    lines = siren([*words, "--allow-missing"]).out.splitlines()
+    (row,) = [line.split() for line in lines if line.startswith("mine ") and "%" in line]
     assert row[-2:] == ["45", "90.0%"]
 
 

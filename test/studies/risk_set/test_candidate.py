@@ -80,14 +80,18 @@ EMV, CAR = 1, 5
 LIMITS = RiskThresholds()
 
 
+def episode_of(tracks: dict[int, Track], events: tuple[Event, ...] = ()) -> EpisodeRecord:
+    record = record_with(tracks, parse_road_network(NET_XML.encode()))
+    return replace(record, events=events, description=replace(record.description, emv_ids=(EMV,)))
+
+
 def record(*events: Event, steps: int = WINDOW_STEPS + 120, car: Track | None = None) -> EpisodeRecord:
     """An EMV at 10 m/s from step 10 on, and a car that stands 3 m to the left of its way, 200 m ahead."""
     tracks = {
         EMV: moving(0.0, -5.25, 10.0, is_emv=True, steps=steps, first_step=10),
         CAR: car or moving(200.0, -2.25, 0.0, steps=steps + 10),
     }
-    episode = record_with(tracks, parse_road_network(NET_XML.encode()))
-    return replace(episode, events=events, description=replace(episode.description, emv_ids=(EMV,)))
+    return episode_of(tracks, events)
 
 
 def candidate_of(episode: EpisodeRecord, seed: int = 0) -> Candidate:
@@ -111,13 +115,8 @@ def test_nothing_happens_and_the_window_is_around_the_closest_moment() -> None:
     standing = np.concatenate(
         (np.tile([0.0, -5.25, 0.0, 0.0, 0.0], (50, 1)), moving(0.0, -5.25, 10.0, steps=450).states)
     )
-    near = {
-        EMV: Track(standing, is_emv=True),
-        CAR: moving(0.0, -2.25, 0.0, steps=50),
-        7: moving(100.0, 0.0, 0.0, steps=500),
-    }
-    episode = record_with(near, parse_road_network(NET_XML.encode()))
-    episode = replace(episode, description=replace(episode.description, emv_ids=(EMV,)))
+    others = {CAR: moving(0.0, -2.25, 0.0, steps=50), 7: moving(100.0, 0.0, 0.0, steps=500)}
+    episode = episode_of({EMV: Track(standing, is_emv=True), **others})
     assert candidate_of(episode).first_step == window_start(50 + 200, 0, 500, 0)
 
 
@@ -133,6 +132,5 @@ def test_a_contact_decides_and_the_window_is_around_it() -> None:
 
 def test_an_emv_that_never_moves_is_shown_in_the_middle_of_its_time() -> None:
     still = moving(0.0, -5.25, 0.0, is_emv=True, steps=401)
-    episode = record_with({EMV: still, CAR: moving(50.0, -5.25, 0.0, steps=401)}, parse_road_network(NET_XML.encode()))
-    episode = replace(episode, description=replace(episode.description, emv_ids=(EMV,)))
+    episode = episode_of({EMV: still, CAR: moving(50.0, -5.25, 0.0, steps=401)})
     assert candidate_of(episode, 2).first_step == window_start(200, 0, 401, 2)

@@ -74,14 +74,8 @@ def risks_of(folder: Path) -> dict[str, str]:
     return {key: video.label.risk.name for key, video in read_set(folder).videos.items()}
 
 
-CHOSEN = {
-    "S2_001": "NORMAL",
-    "S2_002": "COLLISION",
-    "S2_003": "NEAR_MISS",
-    "S6_000": "NEAR_MISS",
-    "S6_001": "NORMAL",
-    "S6_004": "NORMAL",
-}
+CHOSEN = {"S2_001": "NORMAL", "S2_002": "COLLISION", "S2_003": "NEAR_MISS"}
+CHOSEN |= {"S6_000": "NEAR_MISS", "S6_001": "NORMAL", "S6_004": "NORMAL"}
 """The first near-miss of S2 is not seen, and S6 is to have no collision."""
 
 
@@ -97,11 +91,7 @@ def test_a_set_has_the_first_of_each_class_and_another_one_for_what_is_not_seen(
     assert processes.short_of["S6_000"] == {RiskClass.NORMAL, RiskClass.NEAR_MISS}
     assert processes.short_of["S2_003"] == {RiskClass.NEAR_MISS}
     noted = [json.loads(line) for line in (tmp_path / "search/S2.jsonl").read_text().splitlines()]
-    assert [(entry["number"], entry["looking_for"]) for entry in noted[:3]] == [
-        (0, "Collision"),
-        (1, "Collision"),
-        (2, "Collision"),
-    ]
+    assert [entry["looking_for"] for entry in noted[:3]] == ["Collision"] * 3
     assert noted[3]["rejected"] == "the camera does not see the vehicle that decides the label"
     assert [entry["number"] for entry in noted] == [0, 1, 2, 0, 3]
 

@@ -37,6 +37,8 @@ from siren_ros.studies.risk_set.search import (
 TEMPLATES = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
 PAPER = Balance((74, 25, 6), 15)
 NONE = frozenset[RiskClass]()
+NORMAL, NEAR_MISS, COLLISION = RiskClass
+GIVEN_UP = frozenset({COLLISION})
 
 
 def totals(shares: dict[str, tuple[int, int, int]]) -> tuple[int, ...]:
@@ -59,7 +61,7 @@ def test_counts_that_do_not_add_up_are_refused(total: tuple[int, int, int]) -> N
 
 def test_others_find_what_one_has_given_up() -> None:
     given = dict(quotas(PAPER, TEMPLATES))
-    hopeless = ((15, 4, 0), frozenset({RiskClass.COLLISION}))
+    hopeless = ((15, 4, 0), GIVEN_UP)
     findings = dict.fromkeys(TEMPLATES, hopeless) | {"S4": ((9, 5, 1), NONE), "S6": ((9, 5, 2), NONE)}
     shares = dict(shifted(given, findings, PAPER))
     assert totals(shares) == PAPER.total
@@ -70,7 +72,7 @@ def test_others_find_what_one_has_given_up() -> None:
 
 def test_nobody_is_able_to() -> None:
     given = dict(quotas(PAPER, TEMPLATES))
-    findings = dict.fromkeys(TEMPLATES, ((15, 4, 0), frozenset({RiskClass.COLLISION})))
+    findings = dict.fromkeys(TEMPLATES, ((15, 4, 0), GIVEN_UP))
     shares = dict(shifted(given, findings, PAPER))
     assert totals(shares) == (80, 25, 0)
 
@@ -84,11 +86,6 @@ def test_what_is_settled_was_found_and_is_never_too_much(found: list[tuple[int, 
         assert all(0 <= taken <= there for taken, there in zip(share, have[key], strict=True))
     assert totals(dict(shares))[2] <= PAPER.total[2]
     assert totals(dict(shares))[1] <= PAPER.total[1]
-
-
-def test_a_surplus_makes_up_for_a_lack() -> None:
-    shares = {"A": (1, 1, 1), "B": (1, 1, 1)}
-    assert settled(shares, {"A": (5, 0, 3), "B": (5, 3, 0)}, 3) == {"A": (1, 0, 2), "B": (1, 2, 0)}
 
 
 def test_the_papers_shares_of_other_numbers() -> None:
@@ -108,65 +105,57 @@ def test_more_rare_ones_than_a_template_has_videos_are_refused() -> None:
         quotas(Balance((0, 6, 0), 2), ("A", "B", "A"))
 
 
-def test_a_template_that_is_full_of_rare_ones_gets_no_more() -> None:
-    """B has given collisions up; A may have three videos, of which two are near-misses."""
-    shares = {"A": (0, 2, 1), "B": (0, 1, 2)}
-    findings = {"A": ((3, 2, 3), NONE), "B": ((3, 1, 1), frozenset({RiskClass.COLLISION}))}
-    assert shifted(shares, findings, Balance((0, 3, 3), 3)) == {"A": (0, 2, 1), "B": (1, 1, 1)}
-    roomy = {"A": (2, 0, 1), "B": (0, 1, 2)}
-    assert shifted(roomy, findings, Balance((2, 1, 3), 3)) == {"A": (1, 0, 2), "B": (1, 1, 1)}
+@pytest.mark.parametrize(
+    ("shares", "findings", "total", "expected"),
+    [
+        # B has given collisions up; A may have three videos, of which two are near-misses: it is full.
+        ([(0, 2, 1), (0, 1, 2)], [((3, 2, 3), NONE), ((3, 1, 1), GIVEN_UP)], (0, 3, 3), [(0, 2, 1), (1, 1, 1)]),
+        ([(2, 0, 1), (0, 1, 2)], [((3, 2, 3), NONE), ((3, 1, 1), GIVEN_UP)], (2, 1, 3), [(1, 0, 2), (1, 1, 1)]),
+        # What was found before giving up is kept.
+        ([(0, 0, 3)], [((9, 0, 2), GIVEN_UP)], (0, 0, 3), [(1, 0, 2)]),
+        # C has given one collision up; A and B can find them, and A comes first.
+        (
+            [(2, 0, 1), (2, 0, 1), (2, 0, 1)],
+            [((9, 0, 1), NONE), ((9, 0, 1), NONE), ((9, 0, 0), GIVEN_UP)],
+            (6, 0, 3),
+            [(1, 0, 2), (2, 0, 1), (3, 0, 0)],
+        ),
+    ],
+)
+def test_quotas_are_shifted_to_templates_that_find_a_class_and_have_room(shares, findings, total, expected) -> None:
+    before, found = dict(zip("ABC", shares, strict=False)), dict(zip("ABC", findings, strict=False))
+    assert shifted(before, found, Balance(total, 3)) == dict(zip("ABC", expected, strict=False))
 
 
-def test_what_was_found_before_giving_up_is_kept() -> None:
-    shares = {"A": (0, 0, 3)}
-    given_up = {"A": ((9, 0, 2), frozenset({RiskClass.COLLISION}))}
-    assert shifted(shares, given_up, Balance((0, 0, 3), 3)) == {"A": (1, 0, 2)}
-
-
-def test_what_is_lacking_is_dealt_from_the_first_template_that_can() -> None:
-    """C has given one collision up; A and B can find them, and A comes first."""
-    shares = {"A": (2, 0, 1), "B": (2, 0, 1), "C": (2, 0, 1)}
-    findings = {
-        "A": ((9, 0, 1), NONE),
-        "B": ((9, 0, 1), NONE),
-        "C": ((9, 0, 0), frozenset({RiskClass.COLLISION})),
-    }
-    assert shifted(shares, findings, Balance((6, 0, 3), 3)) == {"A": (1, 0, 2), "B": (2, 0, 1), "C": (3, 0, 0)}
-
-
-def test_a_surplus_is_given_as_far_as_there_are_videos_left() -> None:
-    """A lacks two collisions; B has found five, and of its four videos one is a near-miss and one a collision."""
-    shares = {"A": (0, 1, 3), "B": (2, 1, 1)}
-    assert settled(shares, {"A": (9, 1, 0), "B": (9, 1, 5)}, 4) == {"A": (3, 1, 0), "B": (0, 1, 3)}
-    # Near-misses come after collisions: what these took is no more there.
-    lacking = {"A": (0, 3, 1), "B": (1, 1, 2)}
-    assert settled(lacking, {"A": (9, 0, 1), "B": (9, 5, 2)}, 4) == {"A": (3, 0, 1), "B": (0, 2, 2)}
-
-
-def test_who_lacks_normal_videos_exchanges_with_who_has_more() -> None:
-    shares = {"A": (3, 1, 0), "B": (2, 2, 0), "C": (3, 1, 0)}
-    found = {"A": (1, 9, 0), "B": (9, 2, 0), "C": (3, 1, 0)}
-    assert settled(shares, found, 4) == {"A": (1, 3, 0), "B": (4, 0, 0), "C": (3, 1, 0)}
-    nobody_has_more = found | {"B": (2, 2, 0)}
-    assert settled(shares, nobody_has_more, 4) == {"A": (1, 1, 0), "B": (2, 2, 0), "C": (3, 1, 0)}
-
-
-def test_a_collision_is_exchanged_where_there_are_no_near_misses() -> None:
-    found = {"A": (1, 0, 5), "B": (9, 0, 1)}
-    assert settled({"A": (2, 0, 0), "B": (1, 0, 1)}, found, 2) == {"A": (1, 0, 1), "B": (2, 0, 0)}
+@pytest.mark.parametrize(
+    ("shares", "found", "per_template", "expected"),
+    [
+        # A surplus makes up for a lack, as far as there are videos left. Near-misses come after collisions.
+        ([(1, 1, 1), (1, 1, 1)], [(5, 0, 3), (5, 3, 0)], 3, [(1, 0, 2), (1, 2, 0)]),
+        ([(0, 1, 3), (2, 1, 1)], [(9, 1, 0), (9, 1, 5)], 4, [(3, 1, 0), (0, 1, 3)]),
+        ([(0, 3, 1), (1, 1, 2)], [(9, 0, 1), (9, 5, 2)], 4, [(3, 0, 1), (0, 2, 2)]),
+        # A template that lacks normal videos exchanges with one that has more, if there is one.
+        ([(3, 1, 0), (2, 2, 0), (3, 1, 0)], [(1, 9, 0), (9, 2, 0), (3, 1, 0)], 4, [(1, 3, 0), (4, 0, 0), (3, 1, 0)]),
+        ([(3, 1, 0), (2, 2, 0), (3, 1, 0)], [(1, 9, 0), (2, 2, 0), (3, 1, 0)], 4, [(1, 1, 0), (2, 2, 0), (3, 1, 0)]),
+        # It exchanges a collision where there are no near-misses.
+        ([(2, 0, 0), (1, 0, 1)], [(1, 0, 5), (9, 0, 1)], 2, [(1, 0, 1), (2, 0, 0)]),
+    ],
+)
+def test_templates_give_what_others_lack(shares, found, per_template, expected) -> None:
+    quota, have = dict(zip("ABC", shares, strict=False)), dict(zip("ABC", found, strict=False))
+    assert settled(quota, have, per_template) == dict(zip("ABC", expected, strict=False))
 
 
 @given(st.lists(st.tuples(*[st.integers(0, 20)] * 3), min_size=7, max_size=7))
 def test_no_template_lacks_videos_that_another_could_exchange(found: list[tuple[int, int, int]]) -> None:
     have = dict(zip(TEMPLATES, found, strict=True))
     shares = settled(quotas(PAPER, TEMPLATES), have, 15)
-    for risk in (RiskClass.NEAR_MISS, RiskClass.COLLISION):
+    for risk in (NEAR_MISS, COLLISION):
         lack = [key for key, share in shares.items() if sum(share) < 15 and have[key][risk] > share[risk]]
         spare = [key for key, share in shares.items() if share[risk] > 0 and have[key][0] > share[0]]
         assert not (lack and spare)
 
 
-NORMAL, NEAR_MISS, COLLISION = RiskClass
 EMPTY = Evidence(Moments(*(np.empty(0) for _ in range(6))), (), ())
 
 
@@ -239,28 +228,17 @@ def test_a_search_that_goes_on_asks_for_the_same_candidates(before: int) -> None
         return EpisodeRequest(seed=number)
 
     start = after((2, 1, 1), *(candidate(risk, seed) for seed, risk in enumerate(risks[:before])))
-    kept: list[int] = []
-    search = continue_search(
-        start,
-        request,
-        lambda _, asked: candidate(risks[asked.seed], asked.seed),
-        lambda now: kept.append(len(now.trials)),
-    )
+    kept: list[Search] = []
+    search = continue_search(start, request, lambda _, asked: candidate(risks[asked.seed], asked.seed), kept.append)
     assert [number for _, number in asked] == list(range(before, 4))
-    assert kept == list(range(before + 1, 5))
+    assert [len(now.trials) for now in kept] == list(range(before + 1, 5))
     assert asked[-1] == (COLLISION, 3)
     assert search.finished
 
 
 def collision() -> Candidate:
-    moments = Moments(
-        np.arange(5, 8),
-        np.array([4, 4, 9], np.uint32),
-        np.array([1 / 3, 0.1, 2.9]),
-        np.array([5.0, 5.1, 1.0]),
-        np.array([2.0, 3.4, 0.1]),
-        np.array([3.0, 2.0, 9.0]),
-    )
+    values = ([1 / 3, 0.1, 2.9], [5.0, 5.1, 1.0], [2.0, 3.4, 0.1], [3.0, 2.0, 9.0])
+    moments = Moments(np.arange(5, 8), np.array([4, 4, 9], np.uint32), *map(np.array, values))
     evidence = Evidence(moments, (SeenEncroachment(4, 6, 0.35),), (SeenContact(9, 7, 1.7),))
     label = RiskLabel(RiskClass.COLLISION, Reason.CONTACT, 9, 7, 1.7)
     return Candidate(EpisodeRequest(template="S4", seed=12, values="emv.speed_mps=14.25"), 40, label, evidence)
@@ -271,9 +249,7 @@ def noted(trials: list[Trial]) -> list[tuple[RiskClass, dict[str, object]]]:
 
 
 OUTCOMES: list[Outcome] = [collision(), Rejected(EpisodeRequest(template="S6"), "SUMO failed")]
-
-
-TRIALS = [Trial(RiskClass.COLLISION, OUTCOMES[0]), Trial(RiskClass.NEAR_MISS, OUTCOMES[1])]
+TRIALS = [Trial(COLLISION, OUTCOMES[0]), Trial(NEAR_MISS, OUTCOMES[1])]
 
 
 @pytest.mark.parametrize("outcome", OUTCOMES)

@@ -93,17 +93,14 @@ def test_a_cell_between_two_belongs_to_the_nearer_centre() -> None:
     assert len(targets.cell) == 15
 
 
-def test_vehicles_without_a_return_teach_nothing() -> None:
+def test_vehicles_without_a_return_and_boxes_outside_teach_nothing() -> None:
     hidden = (*CAR[:10], 0.0)
     targets = targets_of(_boxes(hidden), GRID)
     assert targets.heat.max() == 0.0
     assert targets.counts[5, 9] == 0.0
     assert targets.counts[0, 0] == 1.0
-    assert len(targets.cell) == 0
-
-
-def test_boxes_outside_are_no_targets() -> None:
-    assert len(targets_of(_boxes((16.1, *CAR[1:])), GRID).cell) == 0
+    outside = targets_of(_boxes((16.1, *CAR[1:])), GRID)
+    assert len(targets.cell) == len(outside.cell) == 0
 
 
 @pytest.mark.parametrize(("length", "width"), [(4.5, 1.8), (12.0, 2.55), (2.0, 2.0)])
@@ -132,7 +129,7 @@ def test_a_step_is_the_same_whenever_it_is_asked_for() -> None:
     assert not np.array_equal(target.heat, _draws(1).batch_of(5)[0][1].heat)
 
 
-def test_a_file_keeps_frames_to_two_millimetres(tmp_path) -> None:
+def test_a_file_keeps_frames_to_two_millimetres_and_others_are_refused(tmp_path) -> None:
     frames = made_episode(4, 2)
     write_frames(tmp_path / "a.npz", frames)
     read = read_frames_file(tmp_path / "a.npz")
@@ -141,9 +138,6 @@ def test_a_file_keeps_frames_to_two_millimetres(tmp_path) -> None:
     assert np.array_equal(again.frame(1).points, frames.frame(1).points)
     assert np.array_equal(again.frame(1).boxes, frames.frame(1).boxes)
     assert frames.frame(1).points[0, 3] == pytest.approx(0.4, abs=0.002)
-
-
-def test_what_is_no_file_of_frames_is_refused(tmp_path) -> None:
     (tmp_path / "a.npz").write_bytes(b"nothing")
     with pytest.raises(InputError, match="file of frames"):
         frames_among([tmp_path / "a.npz"], tmp_path, SMALL_GRID, print)

@@ -75,25 +75,17 @@ def test_what_is_not_there_does_not_change_the_answer(store, network) -> None:
         noise = random.normal(size=values.shape).astype(np.float32)
         return np.where(there.reshape(*there.shape, *(1,) * (values.ndim - there.ndim)), values, noise)
 
-    noisy = replace(
-        features,
-        neighbours=filled(features.neighbours, features.neighbour_there),
-        paths=filled(features.paths, features.path_there),
-        path_points_m=filled(features.path_points_m, features.path_there),
-    )
+    there = {"neighbours": features.neighbour_there, "paths": features.path_there, "path_points_m": features.path_there}
+    noisy = replace(features, **{name: filled(getattr(features, name), known) for name, known in there.items()})
     for answer, other in zip(answers(network, features), answers(network, noisy), strict=True):
         assert answer == pytest.approx(other, abs=1e-5)
 
 
 def test_the_order_of_neighbours_and_paths_does_not_matter(store, network) -> None:
     features = store.batch(slice(0, 40))
-    turned = replace(
-        features,
-        **{
-            name: np.ascontiguousarray(getattr(features, name)[:, ::-1])
-            for name in ("neighbours", "neighbour_there", "paths", "path_there", "path_points_m")
-        },
-    )
+    names = ("neighbours", "neighbour_there", "paths", "path_there", "path_points_m")
+    reversed_arrays = {name: np.ascontiguousarray(getattr(features, name)[:, ::-1]) for name in names}
+    turned = replace(features, **reversed_arrays)
     for answer, other in zip(answers(network, features), answers(network, turned), strict=True):
         assert answer == pytest.approx(other, abs=1e-4)
 

@@ -36,13 +36,10 @@ def test_a_moment_is_found_wherever_it_is() -> None:
 
 
 def test_a_model_is_trained_and_written_with_its_card(tmp_path: Path) -> None:
-    files = []
-    for split in (Split.TRAIN, Split.VALIDATION):
-        for number, kind in enumerate(RiskClass):
-            planned = PlannedFilm(split, "S4", number)
-            path = tmp_path / f"{planned.name}.npz"
-            write_film(path, hand_made_film(kind, seed=number))
-            files.append((planned, path))
+    plan = [PlannedFilm(split, "S4", kind) for split in (Split.TRAIN, Split.VALIDATION) for kind in RiskClass]
+    files = [(planned, tmp_path / f"{planned.name}.npz") for planned in plan]
+    for planned, path in files:
+        write_film(path, hand_made_film(RiskClass(planned.number), seed=planned.number))
     lines: list[str] = []
     films = MadeFiles(tuple(files), ((PlannedFilm(Split.TRAIN, "S4", 9), "no site"),))
     model = train_sequence_model(films, tmp_path / "sequence.onnx", CONFIG, fitted_film_network, lines.append)
@@ -54,8 +51,7 @@ def test_a_model_is_trained_and_written_with_its_card(tmp_path: Path) -> None:
     }  # fmt: skip
     assert sum(map(sum, card["validation"]["confusion"])) == card["validation"]["clips"] == 9
     near, hit = model.probabilities(hand_made_film(RiskClass.COLLISION).frames[:95])
-    assert 0.0 < near < 1.0
-    assert 0.0 < hit < 1.0
+    assert 0.0 < min(near, hit) <= max(near, hit) < 1.0
 
 
 def test_the_same_seed_gives_the_same_weights() -> None:

@@ -26,12 +26,7 @@ def test_the_held_out_map_only_judges() -> None:
 
 
 def test_every_template_is_there_as_often_as_asked_for() -> None:
-    for split, maps, seeds in (
-        (Split.TRAIN, 3, 10),
-        (Split.VALIDATION, 3, 2),
-        (Split.TEST_SEEDS, 3, 3),
-        (Split.TEST_MAPS, 1, 3),
-    ):
+    for split, maps, seeds in zip(Split, (3, 3, 3, 1), (10, 2, 3, 3), strict=True):
         templates = [episode.request.template for episode in of(split)]
         assert {template: templates.count(template) for template in TEMPLATES} == dict.fromkeys(TEMPLATES, maps * seeds)
 

@@ -60,11 +60,8 @@ def test_samples_stand_in_the_order_of_their_files(episode_files) -> None:
     assert (store.truth_m[rows] == episodes[2].truth_m).all()
 
 
-def test_reference_errors_come_with_episodes_that_judge(episode_files) -> None:
+def test_reference_errors_come_with_episodes_that_judge_and_an_ablation_hides_its_input(episode_files) -> None:
     assert set(read_store(episode_files[Split.TEST_SEEDS]).reference_ade_m) == {"cv", "idm"}
-    assert read_store(episode_files[Split.TRAIN]).reference_ade_m == {}
-
-
-def test_an_ablation_hides_its_input(episode_files) -> None:
     store = read_store(episode_files[Split.TRAIN], Ablation.MAP)
+    assert store.reference_ade_m == {}
     assert not store.features.path_there.any()

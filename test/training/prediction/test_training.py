@@ -23,6 +23,7 @@ def errors(template: str, map_name: str, siren: float, samples: int = 10) -> Epi
 
 def test_every_template_counts_once() -> None:
     table = by_template([errors("S1", "a", 1.0), errors("S1", "b", 3.0), errors("S2", "a", 4.0)])
+    assert by_template([]) == {}, "nothing to judge gives no table"
     assert table["S1"]["siren"] == 2.0
     assert table["S1"]["episodes"] == 2.0
     assert table[MEAN]["siren"] == 3.0
@@ -34,10 +35,6 @@ def test_the_table_shows_gains_over_constant_velocity() -> None:
     lines = table_lines(by_template([errors("S1", "a", 1.0)]))
     assert lines[1].split() == ["S1", "1", "2.00", "3.00", "1.00", "-50%", "0.50", "-75%"]
     assert errors_json([errors("S1", "a", 1.0)])["by_template"]["S1"]["cv"] == 2.0
-
-
-def test_nothing_to_judge_gives_no_table() -> None:
-    assert by_template([]) == {}
 
 
 def test_the_error_of_the_most_probable_and_of_the_best_hypothesis(episode_files) -> None:

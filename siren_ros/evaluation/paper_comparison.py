@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.subsets import FAMILIES
+from siren_ros.evaluation.detection.scoring import FAMILIES
 from siren_ros.evaluation.detection.tables import MEAN, PAPER
 from siren_ros.evaluation.prediction.metrics import METRIC_OF
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER as PREDICTION

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.evaluation.detection.tables import tables_of as detection_tables_of
-from siren_ros.evaluation.diversity.coverage import drawn_ranges
-from siren_ros.evaluation.diversity.summary import diversity, diversity_tables
+from siren_ros.evaluation.diversity.summary import diversity, diversity_tables, drawn_ranges
 from siren_ros.evaluation.paper_comparison import (
     at_template_level,
     comparison_tables,

@@ -1,6 +1,9 @@
-"""Maps that the tests of the evaluation share."""
+"""Maps that the tests of the evaluation share, and figures in place of files."""
+
+from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 from synthetic_episode import NET_XML
 
 from siren_ros.numerics.geometry import Polyline
@@ -12,6 +15,15 @@ from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadN
 def straight_road() -> RoadNetwork:
     """Lanes eastwards at y = −5.25 and −1.75, westwards above, 300 m, 13.89 m/s."""
     return parse_road_network(NET_XML.encode())
+
+
+@pytest.fixture
+def figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """The figures that a test saves; their files are empty, and lie in a folder of the test."""
+    kept: list[Figure] = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: (kept.append(figure), path.touch()))
+    return kept
 
 
 def _lane(index: int, edge: int, kind: LaneKind, points: list[tuple[float, float]]) -> Lane:

@@ -6,8 +6,7 @@ import numpy as np
 from detection_boxes import made_boxes
 
 from siren_ros.evaluation.detection.devkit_score import DISTANCES_M, ERRORS, DevkitScore, match
-from siren_ros.evaluation.detection.scoring import DetectorScores, GroupScore
-from siren_ros.evaluation.detection.subsets import FamilyOrder
+from siren_ros.evaluation.detection.scoring import DetectorScores, FamilyOrder, GroupScore
 from siren_ros.tables.interval import NOTHING, Interval
 
 

@@ -1,5 +1,7 @@
 """Frames of two episodes without a bag: the LiDAR is turned, lifted and away from the map's origin."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from detection_boxes import truth_boxes
 
@@ -28,6 +30,12 @@ def to_map(frame: int, ahead_m: float, left_m: float, up_m: float) -> list[float
     cos, sin = np.cos(LIDAR_YAW_RAD), np.sin(LIDAR_YAW_RAD)
     x, y, z = LIDAR_M
     return [x + frame + ahead_m * cos - left_m * sin, y + ahead_m * sin + left_m * cos, z + up_m]
+
+
+def columns_ahead(rows: Sequence[tuple[int, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Frame, centre, velocity and yaw of boxes that stand at distances ahead of the LiDAR."""
+    places = np.array([to_map(frame, ahead, 0.0, -1.0) for frame, ahead in rows]).reshape(-1, 3)
+    return np.array([frame for frame, _ in rows], dtype=np.intp), places, np.zeros((len(rows), 2)), np.zeros(len(rows))
 
 
 def made_frames(camera: bool = True) -> Frames:

@@ -6,8 +6,7 @@ from evaluation.diversity.made_profiles import profile
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from siren_ros.evaluation.diversity.coverage import DrawnRange
-from siren_ros.evaluation.diversity.summary import diversity
+from siren_ros.evaluation.diversity.summary import DrawnRange, diversity
 from siren_ros.evaluation.statistics import PairedDifference
 from siren_ros.evaluation.yielding.counterfactual import ALL, Effect
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS

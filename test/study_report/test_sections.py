@@ -1,7 +1,9 @@
-"""The sections about the tasks, about how traffic made way, and about diversity."""
+"""The sections about the tasks, how traffic made way and diversity; stored scores; the commands that a page names."""
 
 import json
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from shlex import split
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,11 +11,15 @@ import pytest
 from evaluation.diversity.made_profiles import profile
 from evaluation.made_scores import reported_scores
 
+from siren_ros.cli.generate import _study_of
+from siren_ros.cli.main import parser
+from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.reports.report import prediction_tables
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores
 from siren_ros.evaluation.yielding.thresholds import Measure
+from siren_ros.studies.matrix import DrawPlan, Method, Study
 from siren_ros.study_report import build
 from siren_ros.study_report.build import (
     detection_section,
@@ -22,7 +28,9 @@ from siren_ros.study_report.build import (
     prediction_section,
     risk_section,
 )
-from siren_ros.study_report.study import StudyMeasures, StudyRows
+from siren_ros.study_report.page import command, generate_command
+from siren_ros.study_report.study import StudyMeasures, StudyRows, stored_tables
+from siren_ros.tables.table import Table
 
 STUDY = StudyRows(Path("a study"), {}, (), "")
 
@@ -182,3 +190,40 @@ def test_groups_and_the_novelty_of_their_episodes(monkeypatch: pytest.MonkeyPatc
     ((found, colours),) = drawn
     assert [one.group[1] for one in found] == ["L2"], "its own level"
     assert len(colours) == 1
+
+
+def tables(content: Mapping[str, Any]) -> Iterator[Table]:
+    yield Table("one", "One", ("value",), ((str(content["value"]),),))
+
+
+def test_the_tables_are_made_from_the_stored_scores(tmp_path: Path) -> None:
+    assert stored_tables("risk", tmp_path, tables) is None
+    (tmp_path / "scores.json").write_text(json.dumps({"value": 3}), encoding="utf-8")
+    assert stored_tables("risk", tmp_path, tables) == (Table("one", "One", ("value",), (("3",),)),)
+
+
+def test_scores_of_something_else_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "scores.json").write_text(json.dumps({"other": 3}), encoding="utf-8")
+    with pytest.raises(InputError, match=r"risk.*siren evaluate risk.*value"):
+        stored_tables("risk", tmp_path, tables)
+
+
+STUDIES = (
+    Study(("S1", "S2"), ("L0", "own"), (0, 1, 7), ("town", "../a map.xodr"), duration_s=30.0, risk_videos=3),
+    Study(("S2",), draws=DrawPlan(Method.GRID, values={"emv.speed_mps": [12.5, 14.0], "demand.platoon.vehicles": [4]})),
+    Study(("S2",), draws=DrawPlan(Method.RANDOM, samples=3, seed=9), preset="realistic", sensors="lidar", look="rain"),
+    Study(("S2",), draws=DrawPlan(Method.LATIN_HYPERCUBE, samples=4, ranges={"emv.speed_mps": (12.0, 14.5)})),
+)
+
+
+@pytest.mark.parametrize("study", STUDIES)
+def test_the_command_asks_for_the_same_study(study: Study) -> None:
+    words = split(generate_command(study.to_json(), Path("out folder")))
+    assert words[:3] == ["./env", "siren", "generate"]
+    arguments = parser().parse_args(words[2:])
+    assert _study_of(arguments).to_json() == study.to_json()
+    assert arguments.out == "out folder"
+
+
+def test_paths_are_quoted() -> None:
+    assert command("evaluate yield", Path("a b"), "--out x") == "./env siren evaluate yield 'a b' --out x"

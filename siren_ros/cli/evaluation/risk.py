@@ -10,9 +10,15 @@ from tqdm import tqdm
 
 from siren_ros.cli.options import add_named_paths, check_numbers, positive, steps_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
-from siren_ros.evaluation.risk.answers import REFERENCES, Answers, checked_answers, read_answers
 from siren_ros.evaluation.risk.risk_page import save_confusions, write_page
-from siren_ros.evaluation.risk.scoring import ModelScores, score_answers
+from siren_ros.evaluation.risk.scoring import (
+    REFERENCES,
+    Answers,
+    ModelScores,
+    checked_answers,
+    read_answers,
+    score_answers,
+)
 from siren_ros.evaluation.risk.tables import csv_of_scores, scores_as_json, tables_of
 from siren_ros.evaluation.risk.video_set import VideoSet, missing_files, read_set
 from siren_ros.evaluation.risk.vlm.clients import CLIENTS

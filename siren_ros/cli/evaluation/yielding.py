@@ -12,9 +12,8 @@ import pyarrow.parquet as pq
 
 from siren_ros.cli.options import add_bags, add_processes, of_each_bag, processes_of
 from siren_ros.errors import EXIT_FAILED, InputError, whole_file, write_text, writing
-from siren_ros.evaluation.diversity.coverage import drawn_ranges
 from siren_ros.evaluation.diversity.profile import InteractionProfile, profile_of
-from siren_ros.evaluation.diversity.summary import diversity, diversity_as_json, diversity_tables
+from siren_ros.evaluation.diversity.summary import diversity, diversity_as_json, diversity_tables, drawn_ranges
 from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effect_tables, effects
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode, score_yielding, under_test_tables, yield_tables

@@ -14,9 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from siren_ros.errors import whole_file, writing
-from siren_ros.evaluation.risk.answers import UNREADABLE, Answers
 from siren_ros.evaluation.risk.labels import TITLES, Reason, RiskThresholds
-from siren_ros.evaluation.risk.scoring import ModelScores
+from siren_ros.evaluation.risk.scoring import UNREADABLE, Answers, ModelScores
 from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S

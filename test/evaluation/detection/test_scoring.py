@@ -1,16 +1,26 @@
-"""Rows of parts of the labels, intervals over episodes, tables."""
+"""Boxes that count, parts of the labels and intervals over episodes, of random boxes and by hand."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from detection_boxes import random_boxes
+from detection_boxes import found_boxes, random_boxes, truth_boxes
+from evaluation.made_frames import STEPS, columns_ahead, made_frames
 
+from siren_ros.evaluation.detection.boxes import FoundBoxes, TruthBoxes, joined
 from siren_ros.evaluation.detection.devkit_score import devkit_score
-from siren_ros.evaluation.detection.frames import EpisodeFrames, Frames, frames_of
+from siren_ros.evaluation.detection.frames import Frames, frames_of
+from siren_ros.evaluation.detection.inputs.formats import labels_as_detections
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
-from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, DetectorScores, score_detector
-from siren_ros.evaluation.detection.subsets import subsets_of_episodes
+from siren_ros.evaluation.detection.scoring import (
+    VEHICLE_NAMES,
+    DetectorScores,
+    GroupScore,
+    counted_boxes,
+    score_detector,
+    subsets_of_episodes,
+)
 from siren_ros.evaluation.detection.tables import scores_as_json, tables_of
 from siren_ros.world.actors import ActorClass, Mode
 
@@ -18,40 +28,32 @@ FRAMES = 10
 
 
 def _episodes(templates: list[str]) -> tuple[Frames, FoundSet]:
-    episodes, boxes = [], []
+    """Random labels and detections around the origin."""
+    pose, episodes, boxes = np.tile(np.eye(4), (FRAMES, 1, 1)), [], []
     for number, template in enumerate(templates):
-        truth, found = random_boxes(np.random.default_rng(number), FRAMES)
+        truth, detected = random_boxes(np.random.default_rng(number), FRAMES)
         truth.mode[::3] = Mode.YIELD_HOLD
         truth.actor_class[::4] = ActorClass.POLICE
         truth.visible[::2] = 0.5
-        episodes.append(
-            EpisodeFrames(
-                bag="bag",
-                episode_id=f"{template}_{number}",
-                template=template,
-                seed=number,
-                step=np.arange(FRAMES, dtype=np.intp) * 2,
-                map_from_lidar=np.tile(np.eye(4), (FRAMES, 1, 1)),
-                vehicle_m=np.zeros((FRAMES, 2)),
-                pictured=np.ones(FRAMES, dtype=np.bool_),
-                lidar_frame="lidar",
-                base_from_lidar=np.eye(4),
-                camera_from_lidar=None,
-                global_from_map_m=np.zeros(2),
-                truth=truth,
-            )
-        )
-        boxes.append(replace(found, frame=found.frame + number * FRAMES))
+        steps, pictured = np.arange(FRAMES, dtype=np.intp) * 2, np.ones(FRAMES, dtype=np.bool_)
+        episode = replace(made_frames(camera=False).episodes[0], template=template, episode_id=f"{template}_{number}")
+        places = {"map_from_lidar": pose, "vehicle_m": np.zeros((FRAMES, 2)), "global_from_map_m": np.zeros(2)}
+        episodes.append(replace(episode, seed=number, step=steps, pictured=pictured, truth=truth, **places))
+        boxes.append(replace(detected, frame=detected.frame + number * FRAMES))
     frames = frames_of(episodes)
-    joined = {
-        name: np.concatenate([getattr(one, name) for one in boxes]) for name in type(boxes[0]).__dataclass_fields__
-    }
-    return frames, FoundSet("made", "made", type(boxes[0])(**joined), frames.scored, has_velocity=True)
+    return frames, found_set(joined(boxes), frames)
+
+
+def found_set(boxes: FoundBoxes, frames: Frames) -> FoundSet:
+    return FoundSet("made", "made", boxes, frames.scored, has_velocity=True)
+
+
+def scored_set(frames: Frames, detected: FoundSet) -> DetectorScores:
+    return score_detector(frames, detected, VEHICLE_NAMES, lambda tables: [devkit_score(*pair) for pair in tables])
 
 
 def _scores(templates: list[str]) -> DetectorScores:
-    frames, found = _episodes(templates)
-    return score_detector(frames, found, VEHICLE_NAMES, lambda tables: [devkit_score(*one) for one in tables])
+    return scored_set(*_episodes(templates))
 
 
 def test_the_mean_counts_each_template_once() -> None:
@@ -87,7 +89,7 @@ def test_parts_hold_their_labels_and_the_whole_is_the_whole() -> None:
     truth = frames.truth
     near = np.hypot(truth.centre_m[:, 0], truth.centre_m[:, 1])
     scores = _scores(["S1", "S2"])
-    labels = {(one.group, one.name): one.labels for one in scores.groups}
+    labels = {(group.group, group.name): group.labels for group in scores.groups}
     assert labels["behaviour", "held"] == (truth.mode == Mode.YIELD_HOLD).sum()
     assert labels["behaviour", "nominal"] == (truth.mode == Mode.NOMINAL).sum()
     assert labels["emergency vehicles", "police"] == (truth.actor_class == ActorClass.POLICE).sum()
@@ -96,44 +98,38 @@ def test_parts_hold_their_labels_and_the_whole_is_the_whole() -> None:
     assert labels["distance", "0-15 m"] == (near < 15.0).sum()
     assert labels["LiDAR points", "20 to 99"] == len(truth)
     # All labels have as many points: that part is the whole, with the devkit's score over both templates.
-    whole = next(one for one in scores.groups if (one.group, one.name) == ("LiDAR points", "20 to 99"))
+    whole = next(group for group in scores.groups if (group.group, group.name) == ("LiDAR points", "20 to 99"))
     assert whole.mean_ap.value == pytest.approx(devkit_score(truth, found.boxes).mean_average_precision, abs=1e-9)
+
+
+def exact_boxes(truth: TruthBoxes, detected: FoundSet) -> FoundBoxes:
+    """A detection on each label."""
+    boxes = detected.boxes.at(np.zeros(len(truth), dtype=np.intp))
+    score = np.linspace(0.9, 0.5, len(truth))
+    return replace(boxes, frame=truth.frame, centre_m=truth.centre_m, score=score)
 
 
 def test_a_part_whose_labels_are_all_found_scores_fully_without_false_alarms() -> None:
     frames, found = _episodes(["S1", "S1"])
     truth = frames.truth.at(frames.truth.mode == Mode.YIELD_HOLD)
-    exact = replace(
-        found.boxes.at(np.zeros(len(truth), dtype=np.intp)),
-        frame=truth.frame,
-        centre_m=truth.centre_m,
-        score=np.linspace(0.9, 0.5, len(truth)),
-    )
-    scores = score_detector(
-        frames, replace(found, boxes=exact), VEHICLE_NAMES, lambda tables: [devkit_score(*one) for one in tables]
-    )
-    parts = {one.name: one.mean_ap.value for one in scores.groups if one.group == "behaviour" and one.labels}
+    exact = exact_boxes(truth, found)
+    scores = scored_set(frames, replace(found, boxes=exact))
+    parts = {group.name: group.mean_ap.value for group in scores.groups if group.group == "behaviour" and group.labels}
     assert parts == {"nominal": 0.0, "held": pytest.approx(1.0)}
 
 
 def test_kinds_have_rows_where_a_detector_names_them() -> None:
     frames, found = _episodes(["S1", "S1", "S2"])
-    assert not [one for one in _scores(["S1", "S1", "S2"]).groups if one.group == "found by name"]
+    assert not [group for group in _scores(["S1", "S1", "S2"]).groups if group.group == "found by name"]
     truth = frames.truth
     police = truth.actor_class == ActorClass.POLICE
     named = np.where(police, "police", "car")
-    exact = replace(
-        found.boxes.at(np.zeros(len(truth), dtype=np.intp)),
-        frame=truth.frame,
-        centre_m=truth.centre_m,
-        score=np.linspace(0.9, 0.5, len(truth)),
-        label=named,
-    )
+    exact = exact_boxes(truth, found)
 
     def rows(label: np.ndarray) -> dict[str, tuple[int, float]]:
         boxes = replace(found, boxes=replace(exact, label=label))
-        scores = score_detector(frames, boxes, VEHICLE_NAMES, lambda tables: [devkit_score(*one) for one in tables])
-        groups = [one for one in scores.groups if one.group == "found by name"]
+        scores = scored_set(frames, boxes)
+        groups = [group for group in scores.groups if group.group == "found by name"]
         return {one.name: (one.labels, one.mean_ap.value) for one in groups}
 
     right = rows(named)
@@ -177,18 +173,167 @@ def test_weather_and_sensors_have_rows_where_there_are_several() -> None:
     assert [(row.group, row.name) for row in rows] == [("weather", "c"), ("weather", "r")]
     clear = rows[0].labels(changed, changed.truth)
     assert clear.tolist() == (changed.truth.frame >= 2 * FRAMES).tolist()
-    alone = score_detector(
-        frames_of(looks[2:]),
-        _of_last_episode(found),
-        VEHICLE_NAMES,
-        lambda tables: [devkit_score(*one) for one in tables],
-    )
-    scores = score_detector(changed, found, VEHICLE_NAMES, lambda tables: [devkit_score(*one) for one in tables])
+    boxes = found.boxes.at(found.boxes.frame >= 2 * FRAMES)
+    last = replace(found, boxes=replace(boxes, frame=boxes.frame - 2 * FRAMES), scored=found.scored[2 * FRAMES :])
+    alone, scores = scored_set(frames_of(looks[2:]), last), scored_set(changed, found)
     (row,) = (group for group in scores.groups if group.name == "c")
     assert row.mean_ap.value == pytest.approx(alone.mean_ap.value, abs=1e-6)
     assert row.labels == len(alone.truth)
 
 
-def _of_last_episode(found: FoundSet) -> FoundSet:
-    boxes = found.boxes.at(found.boxes.frame >= 2 * FRAMES)
-    return replace(found, boxes=replace(boxes, frame=boxes.frame - 2 * FRAMES), scored=found.scored[2 * FRAMES :])
+Place = tuple[int, float]
+"""Frame, and metres ahead of the LiDAR."""
+
+
+def labels(*places: Place) -> TruthBoxes:
+    """Labels with 50 returns each, which stand."""
+    return truth_boxes(*columns_ahead(places))
+
+
+def detections(*places: Place) -> FoundBoxes:
+    """The first ones are the most confident."""
+    return found_boxes(*columns_ahead(places), np.linspace(0.9, 0.1, len(places)))
+
+
+def frames_with(truth: TruthBoxes, templates: Sequence[str] = ("S1", "S2")) -> Frames:
+    """Four frames for each template, with the labels by the number of their frame."""
+    first, second = made_frames().episodes
+    episodes = []
+    for number, template in enumerate(templates):
+        here = truth.at(truth.frame // len(STEPS) == number)
+        own = replace(here, frame=here.frame - number * len(STEPS))
+        one = replace((first, second)[number % 2], template=template, seed=number, episode_id=f"e{number}", truth=own)
+        shift = np.eye(4)
+        shift[0, 3] = len(STEPS) * (number - number % 2)
+        moved = np.array([shift @ pose for pose in one.map_from_lidar])
+        episodes.append(replace(one, map_from_lidar=moved, vehicle_m=moved[:, :2, 3]))
+    return frames_of(episodes)
+
+
+def scored(frames: Frames, boxes: FoundBoxes) -> DetectorScores:
+    return scored_set(frames, found_set(boxes, frames))
+
+
+def part(scores: DetectorScores, name: str) -> GroupScore:
+    (found,) = (group for group in scores.groups if group.name == name)
+    return found
+
+
+def test_labels_count_within_fifty_metres_and_with_a_return() -> None:
+    truth = labels((1, 49.9), (1, -50.1), (6, 10.0), (6, 20.0), (6, -49.9))
+    truth.lidar_points[:] = (1, 50, 0, 3, 50)
+    frames = frames_with(truth)
+    wanted, _ = counted_boxes(frames, found_set(detections(), frames), VEHICLE_NAMES)
+    assert wanted.frame.tolist() == [1, 6, 6]
+    assert wanted.lidar_points.tolist() == [1, 3, 50]
+
+
+def test_detections_count_within_fifty_metres_and_with_a_vehicles_name() -> None:
+    boxes = detections((1, 49.9), (1, 50.1), (6, 10.0), (6, 20.0), (6, 60.0))
+    boxes = replace(boxes, label=np.array(["car", "car", "pedestrian", "fire_truck", "tree"]))
+    frames = frames_with(labels())
+    _, near = counted_boxes(frames, found_set(boxes, frames), VEHICLE_NAMES)
+    assert list(zip(near.frame.tolist(), near.label.tolist(), strict=True)) == [(1, "car"), (6, "fire_truck")]
+
+
+def test_frames_that_the_format_lacks_do_not_count() -> None:
+    frames = frames_with(labels((0, 10.0), (1, 10.0), (2, 10.0)))
+    boxes = found_set(detections((0, 10.0), (1, 10.0), (2, 10.0)), frames)
+    wanted, near = counted_boxes(frames, replace(boxes, scored=frames.keyframe), VEHICLE_NAMES)
+    assert wanted.frame.tolist() == near.frame.tolist() == [0, 2]
+
+
+@pytest.mark.parametrize("has_attributes", [True, False])
+def test_attributes_of_labels_follow_from_their_speed_where_the_format_has_none(*, has_attributes: bool) -> None:
+    truth = replace(labels((0, 10.0), (0, 20.0)), velocity_mps=np.array([[5.0, 0.0], [0.0, 0.0]]))
+    truth.attribute[:] = 3
+    frames = frames_with(truth)
+    given = replace(found_set(detections(), frames), has_attributes=has_attributes)
+    wanted, _ = counted_boxes(frames, given, VEHICLE_NAMES)
+    assert wanted.attribute.tolist() == ([3, 3] if has_attributes else [1, 2])
+
+
+def test_a_part_counts_no_detection_of_other_labels() -> None:
+    """Both are found; the first label, which the most confident detection has found, is not held."""
+    truth = labels((0, 10.0), (0, 20.0))
+    truth.mode[:] = (Mode.NOMINAL, Mode.YIELD_HOLD)
+    scores = scored(frames_with(truth), detections((0, 10.0), (0, 20.0)))
+    assert (part(scores, "held").labels, part(scores, "nominal").labels) == (1, 1)
+    assert part(scores, "held").mean_ap.value == pytest.approx(1.0)
+    assert part(scores, "nominal").mean_ap.value == pytest.approx(1.0)
+    assert part(scores, "yielding") == GroupScore("behaviour", "yielding", 0, part(scores, "yielding").mean_ap)
+    assert not part(scores, "yielding").mean_ap.valid
+
+
+def test_a_part_counts_all_false_alarms_and_one_by_distance_its_own() -> None:
+    """A false alarm 40 m away is the most confident: the precision rises with the recall to a half.
+
+    Recalls up to 0.1 do not count, nor does precision below 0.1.
+    """
+    truth = labels((0, 10.0))
+    scores = scored(frames_with(truth), detections((0, 40.0), (0, 10.0)))
+    recall = np.arange(11, 101) / 100.0
+    assert part(scores, "nominal").mean_ap.value == pytest.approx(np.maximum(0.5 * recall - 0.1, 0.0).mean() / 0.9)
+    assert part(scores, "0-15 m").mean_ap.value == pytest.approx(1.0)
+
+
+def test_frames_labels_and_detections_of_each_template() -> None:
+    truth = labels((0, 10.0), (1, 10.0), (6, 10.0))
+    scores = scored(frames_with(truth), detections((0, 10.0), (6, 12.5), (7, 10.0)))
+    assert scores.frames == {"S1": 4, "S2": 4}
+    found = {name: (one.labels, one.detections) for name, one in scores.templates.items()}
+    assert found == {"S1": (2, 1), "S2": (1, 2)}
+    assert (len(scores.truth), len(scores.found)) == (3, 3)
+    # Half of the labels of S1 are found: precision 1 from recall 0.11 to 0.5.
+    first, second = (scores.templates[name].mean_average_precision for name in ("S1", "S2"))
+    assert first == pytest.approx(40 / 90)
+    # Of S2 the one label, at 4 m alone; at recall 1 the false alarm has halved the precision.
+    assert second == pytest.approx((89 + (0.5 - 0.1) / 0.9) / 90 / 4)
+    assert scores.mean_ap.value == pytest.approx((first + second) / 2)
+    assert scores.mean_nds == pytest.approx(np.mean([scores.templates[name].nds for name in ("S1", "S2")]))
+
+
+def test_a_family_has_a_row_where_all_of_its_templates_are_there() -> None:
+    """S1 and S2 are one; S3 alone is not the other."""
+    truth = labels((0, 10.0), (4, 10.0), (8, 10.0))
+    boxes = detections((0, 10.0), (4, 30.0), (8, 10.0))
+    assert list(scored(frames_with(truth, ("S1", "S2")), boxes.at(boxes.frame < 8)).families) == ["clearance"]
+    scores = scored(frames_with(truth, ("S1", "S2", "S3")), boxes)
+    assert scores.families["clearance"].value == pytest.approx(0.5)
+    assert list(scores.families) == ["clearance"]
+    assert scores.order is None
+
+
+def test_an_interval_is_students_over_the_episodes() -> None:
+    """Of six episodes every second one is found: AP is 40/90, 50/90 without a missed one and 30/90 without a found one.
+
+    Precision is 1 up to the recall of 3/6, 3/5 or 2/5, which counts from 0.1 on.
+    """
+    places = [(4 * number, 10.0) for number in range(6)]
+    scores = scored(frames_with(labels(*places), ["S1"] * 6), detections(*places[::2]))
+    ap = scores.template_ap["S1"]
+    left_out = np.array([30 / 90, 50 / 90] * 3)
+    half = 2.5706 * np.sqrt(5 / 6 * ((left_out - left_out.mean()) ** 2).sum())
+    assert (ap.value, ap.low, ap.high) == pytest.approx((40 / 90, 40 / 90 - half, 40 / 90 + half), abs=1e-4)
+    assert ap.blocks == 6
+    assert scores.mean_ap == ap
+    held = part(scores, "nominal").mean_ap
+    assert (held.low, held.high) == pytest.approx((ap.low, ap.high))
+
+
+def test_a_template_that_one_episode_holds_all_labels_of_has_no_interval() -> None:
+    """Without it nothing is left to find."""
+    frames = frames_with(labels((0, 10.0), (0, 20.0)), ["S1"] * 6)
+    ap = scored(frames, detections((0, 10.0), (4, 30.0))).template_ap["S1"]
+    assert (ap.blocks, ap.bounded) == (6, False)
+
+
+def test_labels_as_detections_are_those_with_a_return_the_nearer_the_surer() -> None:
+    truth = labels((0, 10.0), (0, 20.0), (6, -30.0))
+    truth.lidar_points[:] = (1, 0, 7)
+    found = labels_as_detections(frames_with(truth))
+    assert found.frame.tolist() == [0, 6]
+    # Of the LiDAR's place in the plane.
+    assert found.score == pytest.approx([1.0 / 1.1, 1.0 / 1.3])
+    assert found.label.tolist() == ["car", "car"]
+    assert found.centre_m == pytest.approx(truth.centre_m[[0, 2]])

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.answers import checked_answers, read_answers
 from siren_ros.evaluation.risk.labels import RiskClass
+from siren_ros.evaluation.risk.scoring import checked_answers, read_answers
 
 BOTH = [
     ("a.json", '{"S1_000": "Normal", "S1_001": "near-miss", "S1_002": "unreadable"}'),

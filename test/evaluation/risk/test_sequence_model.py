@@ -8,9 +8,8 @@ import pytest
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.network_file import NetworkFile, card_path
-from siren_ros.evaluation.risk.answers import REFERENCES
 from siren_ros.evaluation.risk.labels import RiskClass
-from siren_ros.evaluation.risk.scoring import score_answers
+from siren_ros.evaluation.risk.scoring import REFERENCES, score_answers
 from siren_ros.evaluation.risk.sequence_model import (
     HEIGHT,
     SHIPPED,

@@ -15,10 +15,11 @@ from siren_ros.evaluation.yielding.corridor import (
     road_cells,
     widest_way_m,
 )
-from siren_ros.evaluation.yielding.encounters import OnLine
+from siren_ros.evaluation.yielding.encounters import EmvLine, OnLine
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import RoadNetwork
 
 ACROSS = np.arange(-10.0, 10.05, 0.1)
 LIMITS = YieldThresholds()
@@ -29,8 +30,13 @@ def road(low_m: float, high_m: float, stations: int = 31) -> np.ndarray[tuple[in
 
 
 def series_of(record: EpisodeRecord) -> CorridorSeries:
-    line = line_of(record)
-    return corridor_series(record, line, LIMITS)
+    return corridor_series(record, line_of(record), LIMITS)
+
+
+@pytest.fixture
+def empty_road() -> tuple[RoadNetwork, EmvLine]:
+    record = record_of(arc((10.0, 12.0)), {})
+    return record.network, line_of(record)
 
 
 def test_an_empty_road_is_as_wide_as_it_is() -> None:
@@ -44,30 +50,26 @@ def test_the_narrowest_place_counts() -> None:
 
 
 def test_gaps_side_by_side_do_not_make_a_way() -> None:
-    free = road(-4.05, 4.05)
-    free[10, ACROSS > -2.0] = False
-    free[12, ACROSS < 2.0] = False
-    assert widest_way_m(free, 0.0) == 0.0
-    free = road(-4.05, 4.05)
-    free[10, ACROSS > -2.0] = False
-    free[30, ACROSS < 2.0] = False
-    assert widest_way_m(free, 0.0) > 1.5, "with 20 m between them there is time to change sides"
+    for second, wide in ((12, False), (30, True)):
+        free = road(-4.05, 4.05)
+        free[10, ACROSS > -2.0] = False
+        free[second, ACROSS < 2.0] = False
+        width_m = widest_way_m(free, 0.0)
+        assert width_m > 1.5 if wide else width_m == 0.0, "with 20 m between them there is time to change sides"
 
 
-def test_the_road_has_its_lanes_and_its_shoulder() -> None:
-    record = record_of(arc((10.0, 12.0)), {})
-    line = line_of(record)
-    (cells,) = road_cells(record.network, line, np.array([50.0]))
+def test_the_road_has_its_lanes_and_its_shoulder(empty_road: tuple[RoadNetwork, EmvLine]) -> None:
+    network, line = empty_road
+    (cells,) = road_cells(network, line, np.array([50.0]))
     # The shoulder ends 4.25 m to the right; the road of its own begins 7 m to the right.
     assert ACROSS[cells].min() == pytest.approx(-4.25, abs=0.15)
     assert ACROSS[cells].max() == pytest.approx(5.25, abs=0.15)
     assert cells.sum() == pytest.approx(95, abs=3)
 
 
-def test_the_road_begins_and_ends_with_its_lanes() -> None:
-    record = record_of(arc((10.0, 12.0)), {})
-    line = line_of(record)
-    first, second, last = road_cells(record.network, line, np.array([0.0, 0.3, line.line.length_m]))
+def test_the_road_begins_and_ends_with_its_lanes(empty_road: tuple[RoadNetwork, EmvLine]) -> None:
+    network, line = empty_road
+    first, second, last = road_cells(network, line, np.array([0.0, 0.3, line.line.length_m]))
     assert first.tolist() == second.tolist()
     assert first.sum() == pytest.approx(95, abs=3)
     assert last.any()
@@ -197,22 +199,20 @@ def test_where_everything_is_free_the_way_is_as_wide_as_the_search() -> None:
     assert widest_way_m(free[:1], -8.95) == pytest.approx(2.7)
 
 
-def test_the_order_of_lanes_does_not_matter() -> None:
-    record = record_of(arc((10.0, 12.0)), {})
-    line = line_of(record)
-    places, network = np.arange(0.0, 140.0, 5.0), record.network
+def test_the_order_of_lanes_does_not_matter(empty_road: tuple[RoadNetwork, EmvLine]) -> None:
+    network, line = empty_road
+    places = np.arange(0.0, 140.0, 5.0)
     expected = road_cells(network, line, places)
     for first in range(len(network.lanes)):
         turned = replace(network, lanes=network.lanes[first:] + network.lanes[:first])
         assert np.array_equal(road_cells(turned, line, places), expected)
 
 
-def test_a_lane_reaches_half_a_metre_beyond_its_ends() -> None:
+def test_a_lane_reaches_half_a_metre_beyond_its_ends(empty_road: tuple[RoadNetwork, EmvLine]) -> None:
     """The EMV's lane ends 100 m after its start; it is as wide as it is, up to the edge of the search."""
-    record = record_of(arc((10.0, 12.0)), {})
-    line = line_of(record)
-    (lane,) = (one for one in record.network.lanes if one.lane_id == "s_in_1")
-    alone = replace(record.network, lanes=(lane,))
+    network, line = empty_road
+    (lane,) = (lane for lane in network.lanes if lane.lane_id == "s_in_1")
+    alone = replace(network, lanes=(lane,))
     cells = road_cells(alone, line, np.array([0.0, 50.0, 99.0, 99.8, 100.3, 100.7]))
     assert cells.any(axis=1).tolist() == [True] * 5 + [False]
     assert ACROSS[cells[1]] == pytest.approx(np.arange(-1.8, 1.85, 0.1))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, encounters
 
 from siren_ros.evaluation.surrogate_safety import Encroachment, Extreme, PairMeasures
 from siren_ros.evaluation.yielding import metrics as marks
-from siren_ros.evaluation.yielding.encounters import EmvLine, Encounter, encounters_of
+from siren_ros.evaluation.yielding.encounters import EmvLine, Encounter
 from siren_ros.evaluation.yielding.metrics import civilian_delay_s, recovery_time_s, wake_duration_s, wake_length_m
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
 from siren_ros.numerics.arrays import Points
@@ -157,21 +158,13 @@ def test_back_at_speed_is_four_fifths(after_mps: float, *, disturbed: bool) -> N
     assert marks.disturbed_rows(one, LIMITS)[-1] == disturbed
 
 
-@pytest.mark.parametrize(
-    "mark",
-    [
-        lambda one: marks.response_time_s(one, LIMITS),
-        lambda one: marks.clearance_time_s(one, LIMITS),
-        lambda one: marks.complied(one, LIMITS),
-    ],
-)
-def test_nothing_is_asked_without_a_siren(mark: Callable[[Encounter], Measure]) -> None:
-    assert mark(only(passing(siren=False))).lack == "no siren sounded"
+@pytest.mark.parametrize("mark", [marks.response_time_s, marks.clearance_time_s, marks.complied])
+def test_nothing_is_asked_without_a_siren(mark: Callable[[Encounter, YieldThresholds], Measure]) -> None:
+    assert mark(only(passing(siren=False)), LIMITS).lack == "no siren sounded"
 
 
 def test_a_driver_in_the_next_lane_is_met_but_not_in_the_way() -> None:
-    left = IN_LANE - np.array([3.5, 0.0])
-    one = only(record_of(arc((10.0, 10.0)), {CAR: Driven(left, arc((2.0, 10.0), start_m=40.0))}))
+    one = only(record_of(arc((10.0, 10.0)), {CAR: Driven(LEFT_OF_IT, arc((2.0, 10.0), start_m=40.0))}))
     assert not one.was_in_the_way
     assert marks.response_time_s(one, LIMITS).lack == "the driver was not in the EMV's way"
     assert marks.passing_gap_m(one, LIMITS).value == pytest.approx(3.5 - 1.95, abs=0.01)
@@ -192,9 +185,19 @@ def test_the_way_is_clear_from_the_first_step_out_of_the_strip() -> None:
     assert marks.clearance_time_s(one, LIMITS) == Measure(out * STEP_S)
 
 
+def described(record: EpisodeRecord, **values: Any) -> EpisodeRecord:
+    return replace(record, description=replace(record.description, **values))
+
+
 def with_target(record: EpisodeRecord, speed_mps: float) -> EpisodeRecord:
-    parameters = {"template": {"emv.speed_mps": speed_mps}}
-    return replace(record, description=replace(record.description, parameters=parameters))
+    return described(record, parameters={"template": {"emv.speed_mps": speed_mps}})
+
+
+def site_time(record: EpisodeRecord) -> Measure:
+    return marks.site_time_s(record, line_of(record), LIMITS)
+
+
+AT_JUNCTION = {"site": {"junction": "J"}}
 
 
 def test_an_emv_at_its_target_speed_loses_nothing() -> None:
@@ -230,13 +233,9 @@ def test_time_in_gap_escape() -> None:
 
 def test_the_site_is_reached_or_not() -> None:
     record = record_of(arc((10.0, 20.0)), {})
-    site = {"junction": "J"}
-    there = replace(record, description=replace(record.description, site=site))
-    assert marks.site_time_s(there, line_of(there), LIMITS).value == pytest.approx(11.5, abs=0.05)
-    short = record_of(arc((10.0, 5.0)), {})
-    short = replace(short, description=replace(short.description, site=site))
-    assert marks.site_time_s(short, line_of(short), LIMITS).at_least
-    assert marks.site_time_s(record, line_of(record), LIMITS).lack
+    assert site_time(described(record, **AT_JUNCTION)).value == pytest.approx(11.5, abs=0.05)
+    assert site_time(described(record_of(arc((10.0, 5.0)), {}), **AT_JUNCTION)).at_least
+    assert site_time(record).lack
 
 
 def test_an_emv_that_stands_has_no_line() -> None:
@@ -246,18 +245,15 @@ def test_an_emv_that_stands_has_no_line() -> None:
 @pytest.mark.parametrize(("time_s", "at_least"), [(9.5, True), (11.45, True), (11.6, False)])
 def test_a_site_that_the_emv_still_comes_nearer_to_is_not_passed(time_s: float, *, at_least: bool) -> None:
     """The middle of its site is 115 m after the start; 9.5 s after it, it is 20 m away."""
-    record = record_of(arc((10.0, time_s)), {})
-    record = replace(record, description=replace(record.description, site={"junction": "J"}))
-    found = marks.site_time_s(record, line_of(record), LIMITS)
-    assert found.at_least is at_least
-    assert found.value == pytest.approx(time_s + 0.05 if at_least else 11.5, abs=0.051)
+    measured = site_time(described(record_of(arc((10.0, time_s)), {}), **AT_JUNCTION))
+    assert measured.at_least is at_least
+    assert measured.value == pytest.approx(time_s + 0.05 if at_least else 11.5, abs=0.051)
 
 
 def test_an_emv_that_stops_behind_its_site_has_passed_it() -> None:
     """It stands 10 m behind the middle until the end, and its time is that at the middle."""
-    record = record_of(arc((10.0, 12.5), (0.0, 5.0)), {})
-    record = replace(record, description=replace(record.description, site={"junction": "J"}))
-    assert marks.site_time_s(record, line_of(record), LIMITS) == Measure(pytest.approx(11.5, abs=0.051))
+    record = described(record_of(arc((10.0, 12.5), (0.0, 5.0)), {}), **AT_JUNCTION)
+    assert site_time(record) == Measure(pytest.approx(11.5, abs=0.051))
 
 
 @pytest.mark.parametrize(("speed_mps", "stops"), [(0.49, 1.0), (0.51, 0.0)])
@@ -280,23 +276,15 @@ def test_who_stands_from_the_start_has_not_stopped() -> None:
     assert marks.emv_standstill_s(record, line_of(record), LIMITS).value == pytest.approx(2.0, abs=0.06)
 
 
-LEFT_LANE = IN_LANE - np.array([3.5, 0.0])
-
-
-def met(record: EpisodeRecord) -> list[Encounter]:
-    found = line_of(record)
-    return list(encounters_of(record, found, LIMITS))
-
-
 def stops_and_goes(start_m: float, stands_s: float) -> Driven:
     """A car in the left lane at 5 m/s that stands for a while from 5 s on."""
-    return Driven(LEFT_LANE, arc((5.0, 5.0), (0.0, stands_s), (5.0, 15.0 - stands_s), start_m=start_m))
+    return Driven(LEFT_OF_IT, arc((5.0, 5.0), (0.0, stands_s), (5.0, 15.0 - stands_s), start_m=start_m))
 
 
 def test_the_wake_is_that_of_the_driver_who_recovers_last() -> None:
     """Both stand from 5 s on, 4 s and 7 s long; the EMV passes them at about 8 s and 6 s."""
     record = record_of(arc((10.0, 20.0)), {CAR: stops_and_goes(50.0, 4.0), CAR + 1: stops_and_goes(30.0, 7.0)})
-    first, second = met(record)
+    first, second = encounters_in(record)
     times = [recovery_time_s(one, LIMITS).value for one in (first, second)]
     # 75 and 55 m and 5 m between the centres of two bodies; the cars go on at 9 s and at 12 s.
     assert times == pytest.approx([9.0 - 8.0, 12.0 - 6.0], abs=0.11)
@@ -309,8 +297,8 @@ def test_the_wake_is_that_of_the_driver_who_recovers_last() -> None:
 
 def test_one_driver_who_has_not_recovered_makes_the_wake_a_lower_bound() -> None:
     """The first stands until the end, which is 2 s after its passing; the second recovers 6 s after its own."""
-    cars = {CAR: Driven(LEFT_LANE, arc((0.0, 13.0), start_m=105.0)), CAR + 1: stops_and_goes(30.0, 7.0)}
-    first, second = met(record_of(arc((10.0, 13.0)), cars))
+    cars = {CAR: Driven(LEFT_OF_IT, arc((0.0, 13.0), start_m=105.0)), CAR + 1: stops_and_goes(30.0, 7.0)}
+    first, second = encounters_in(record_of(arc((10.0, 13.0)), cars))
     assert not recovery_time_s(second, LIMITS).at_least
     standing = replace(first, driver=replace(first.driver, track=with_first_speed(first)))
     assert recovery_time_s(standing, LIMITS).at_least
@@ -328,12 +316,8 @@ def with_first_speed(encounter: Encounter) -> object:
 
 
 def test_a_driver_who_is_not_passed_leaves_no_wake() -> None:
-    passed, ahead = met(
-        record_of(
-            arc((10.0, 12.0)),
-            {CAR: Driven(PULLS_RIGHT, arc((5.0, 12.0), start_m=46.0)), CAR + 1: stops_and_goes(100.0, 6.0)},
-        )
-    )
+    cars = {CAR: Driven(PULLS_RIGHT, arc((5.0, 12.0), start_m=46.0)), CAR + 1: stops_and_goes(100.0, 6.0)}
+    passed, ahead = encounters_in(record_of(arc((10.0, 12.0)), cars))
     assert ahead.passed_row == -1
     assert wake_duration_s((passed, ahead), LIMITS) == wake_duration_s((passed,), LIMITS)
     assert wake_length_m((passed, ahead), LIMITS) == wake_length_m((passed,), LIMITS)
@@ -368,13 +352,9 @@ def test_nobody_on_a_lane_loses_time() -> None:
 
 
 def pair(ttc_s: float | None, pet_s: float | None, gap_m: float) -> PairMeasures:
-    return PairMeasures(
-        5,
-        None if ttc_s is None else Extreme(ttc_s, 1),
-        None,
-        None if pet_s is None else Encroachment(pet_s, 1, subject_first=True),
-        Extreme(gap_m, 1),
-    )
+    ttc = None if ttc_s is None else Extreme(ttc_s, 1)
+    pet = None if pet_s is None else Encroachment(pet_s, 1, subject_first=True)
+    return PairMeasures(5, ttc, None, pet, Extreme(gap_m, 1))
 
 
 def test_the_least_of_all_pairs_that_have_a_value() -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from siren_ros.errors import whole_file
-from siren_ros.evaluation.risk.answers import UNREADABLE
 from siren_ros.evaluation.risk.labels import RiskClass
+from siren_ros.evaluation.risk.scoring import UNREADABLE
 from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet, batches, key_frames
 from siren_ros.evaluation.risk.vlm import question
 from siren_ros.evaluation.risk.vlm.model import Question, Reply, ReplyCache, VisionLanguageModel

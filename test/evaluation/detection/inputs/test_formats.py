@@ -59,7 +59,15 @@ def test_labels_come_back_from_every_file_as_they_were(labelled: Frames, tmp_pat
         assert found.boxes.attribute.tolist() == expected.attribute.tolist()
 
 
-def _nuscenes(labelled: Frames, path: Path, change: Callable[[dict[str, Any], list[str]], None]) -> Path:
+def refused(labelled: Frames, path: Path, told: str) -> str:
+    with pytest.raises(InputError, match=told) as caught:
+        read_detections("x", str(path), labelled)
+    return str(caught.value)
+
+
+def changed(labelled: Frames, folder: Path, change: Callable[[dict[str, Any], list[str]], object]) -> Path:
+    """A file of nuScenes' format after a change of its results, by tokens."""
+    path = folder / "x.json"
     write_nuscenes(path, labels_as_detections(labelled), labelled)
     content = json.loads(path.read_text())
     change(content["results"], list(labelled.by_token))
@@ -89,30 +97,22 @@ def test_a_box_that_means_nothing_is_refused(
         results[tokens[1]][1][key] = value
         results[tokens[2]][0][key] = value
 
-    with pytest.raises(InputError, match=told) as refused:
-        read_detections("x", str(_nuscenes(labelled, tmp_path / "x.json", change)), labelled)
-    assert "episode0 step 10" in str(refused.value)
-    assert "episode1" not in str(refused.value)
+    message = refused(labelled, changed(labelled, tmp_path, change), told)
+    assert "episode0 step 10" in message
+    assert "episode1" not in message
 
 
 def test_frames_have_to_exist_and_to_be_there(labelled: Frames, tmp_path: Path) -> None:
-    def unknown(results: dict[str, Any], tokens: list[str]) -> None:
-        results["f" * 32] = results.pop(tokens[0])
-
-    def missing(results: dict[str, Any], tokens: list[str]) -> None:
-        del results[tokens[1]]
-
-    for change, told in ((unknown, "sample_token f"), (missing, "episode0 step 10")):
-        with pytest.raises(InputError, match=told):
-            read_detections("x", str(_nuscenes(labelled, tmp_path / "x.json", change)), labelled)
+    unknown = changed(labelled, tmp_path, lambda results, tokens: results.update({"f" * 32: results.pop(tokens[0])}))
+    refused(labelled, unknown, "sample_token f")
+    refused(labelled, changed(labelled, tmp_path, lambda results, tokens: results.pop(tokens[1])), "episode0 step 10")
 
 
 def test_more_than_500_boxes_in_a_frame_are_refused(labelled: Frames, tmp_path: Path) -> None:
-    def change(results: dict[str, Any], tokens: list[str]) -> None:
-        results[tokens[0]] = results[tokens[0]][:1] * 501
-
-    with pytest.raises(InputError, match="episode0 step 0: 501 boxes"):
-        read_detections("x", str(_nuscenes(labelled, tmp_path / "x.json", change)), labelled)
+    path = changed(
+        labelled, tmp_path, lambda results, tokens: results.update({tokens[0]: results[tokens[0]][:1] * 501})
+    )
+    refused(labelled, path, "episode0 step 0: 501 boxes")
 
 
 class Evil:
@@ -126,8 +126,7 @@ def test_a_pickle_that_would_run_code_is_refused(
 ) -> None:
     path = tmp_path / "x.pkl"
     path.write_bytes(pickle.dumps(content))
-    with pytest.raises(InputError, match=r"builtins\.print"):
-        read_detections("x", str(path), labelled)
+    refused(labelled, path, r"builtins\.print")
     assert capsys.readouterr().out == ""
 
 
@@ -143,19 +142,17 @@ def test_pickles_are_checked(labelled: Frames, tmp_path: Path) -> None:
     entries = openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False)
     path = tmp_path / "x.pkl"
 
-    def refused(content: object, told: str) -> None:
+    for content, told in (
+        ({}, "a list of dictionaries"),
+        (entries[:-1], "episode1 step 12"),
+        ([*entries, entries[0]], "twice"),
+        ([{**entries[0], "frame_id": "000030"}], "frame_id 000030"),
+        ([{**entries[0], "boxes_lidar": np.zeros((1, 5))}, *entries[1:]], "boxes_lidar of shape"),
+    ):
         path.write_bytes(pickle.dumps(content))
-        with pytest.raises(InputError, match=told):
-            read_detections("x", str(path), labelled)
-
-    refused({}, "a list of dictionaries")
-    refused(entries[:-1], "episode1 step 12")
-    refused([*entries, entries[0]], "twice")
-    refused([{**entries[0], "frame_id": "000030"}], "frame_id 000030")
-    refused([{**entries[0], "boxes_lidar": np.zeros((1, 5))}, *entries[1:]], "boxes_lidar of shape")
+        refused(labelled, path, told)
     path.write_bytes(b"\x80\x04 no pickle")
-    with pytest.raises(InputError, match="a pickle of"):
-        read_detections("x", str(path), labelled)
+    refused(labelled, path, "a pickle of")
 
 
 def test_seven_numbers_are_boxes_without_velocity(labelled: Frames, tmp_path: Path) -> None:
@@ -173,46 +170,33 @@ def test_kitti_files_are_checked(labelled: Frames, tmp_path: Path) -> None:
     write_kitti(folder, labels_as_detections(labelled), labelled)
     text = (folder / "000003.txt").read_text()
 
-    def refused(name: str, content: str | None, told: str) -> None:
-        before = (folder / name).read_text() if (folder / name).exists() else None
-        if content is None:
-            (folder / name).unlink()
-        else:
-            (folder / name).write_text(content)
-        with pytest.raises(InputError, match=told):
-            read_detections("x", str(folder), labelled)
-        if before is None:
-            (folder / name).unlink()
-        else:
-            (folder / name).write_text(before)
-
-    refused("000003.txt", None, "no 000003.txt")
-    refused("000099.txt", "", "000099")
-    refused("000003.txt", text.splitlines()[0].rsplit(" ", 3)[0], "15 words")
-    refused("000003.txt", text.replace(" ", " x", 1), "could not convert")
+    for name, content, told in (
+        ("000099.txt", "", "000099"),
+        ("000003.txt", text.splitlines()[0].rsplit(" ", 3)[0], "15 words"),
+        ("000003.txt", text.replace(" ", " x", 1), "could not convert"),
+    ):
+        (folder / name).write_text(content)
+        refused(labelled, folder, told)
+        (folder / "000099.txt").unlink(missing_ok=True)
+    (folder / "000003.txt").unlink()
+    refused(labelled, folder, "no 000003.txt")
 
 
 def test_what_is_no_file_of_detections_is_refused(labelled: Frames, tmp_path: Path) -> None:
     (tmp_path / "x.txt").write_text("")
-    for source, told in ((str(tmp_path / "x.txt"), "json"), ("missing.json", "exists")):
-        with pytest.raises(InputError, match=told):
-            read_detections("x", source, labelled)
+    refused(labelled, tmp_path / "x.txt", "json")
+    refused(labelled, Path("missing.json"), "exists")
 
 
 def test_labels_score_fully_through_every_format(frames: Frames, tmp_path: Path) -> None:
     sets = self_test_sets(frames, tmp_path)
-    assert [one.format for one in sets] == [
-        "nuScenes results",
-        "OpenPCDet results",
-        "OpenPCDet results",
-        "KITTI results",
-        "recorded topic",
-    ]
-    for one in sets:
-        score = devkit_score(*counted_boxes(frames, one, VEHICLE_NAMES))
+    formats = ["nuScenes results", *["OpenPCDet results"] * 2, "KITTI results", "recorded topic"]
+    assert [detected.format for detected in sets] == formats
+    for detected in sets:
+        score = devkit_score(*counted_boxes(frames, detected, VEHICLE_NAMES))
         assert score.labels == score.detections > 10
         assert score.mean_average_precision == pytest.approx(1.0)
         errors = dict(score.errors)
-        if not one.has_velocity:
+        if not detected.has_velocity:
             assert (errors.pop("AVE"), errors.pop("AAE")) == (1.0, 1.0)
         assert max(errors.values()) == pytest.approx(0.0, abs=1e-5)

@@ -26,8 +26,25 @@ def frames() -> Frames:
     return made_frames()
 
 
-def as_angle(found_rad: float) -> float:
-    return float(np.arctan2(np.sin(found_rad), np.cos(found_rad)))
+def as_angle(yaw_rad: float) -> float:
+    return float(np.arctan2(np.sin(yaw_rad), np.cos(yaw_rad)))
+
+
+def refused(path: Path, frames: Frames, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        read_detections("x", str(path), frames)
+
+
+def kitti_folder(folder: Path, fifth: str = "") -> Path:
+    """Files of the six pictures; the fifth one is the third frame of the second episode: its second frame has none."""
+    (folder / "kitti").mkdir()
+    for number in range(6):
+        (folder / f"kitti/{number:06d}.txt").write_text(fifth if number == 4 else "\n")
+    return folder / "kitti"
+
+
+BARE = [12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4]
+"""A box without velocity."""
 
 
 def write_openpcdet(path: Path, boxes: dict[int, list[list[float]]], count: int = 8) -> Path:
@@ -116,14 +133,9 @@ def test_kitti_boxes_are_in_the_cameras_frame(frames: Frames, tmp_path: Path, *,
 
     KITTI's rotation is about the axis down and 0 to the right: ahead is −π/2, and to the left of that is less.
     """
-    folder = tmp_path / "kitti"
-    folder.mkdir()
-    for number in range(6):
-        (folder / f"{number:06d}.txt").write_text("\n")
     rotation = -np.pi / 2.0 - 0.3
     line = f"Car 0 0 0 1 2 3 4 1.5 1.8 4.2 -3.0 1.6 20.0 {rotation:.9f} 0.8"
-    # The fifth picture is the third frame of the second episode: its second frame has none.
-    (folder / "000004.txt").write_text(f"{line} -2.0 6.0\n" if velocity else f"{line}\n")
+    folder = kitti_folder(tmp_path, f"{line} -2.0 6.0\n" if velocity else f"{line}\n")
     found = read_detections("x", str(folder), frames)
     assert found.has_velocity is velocity
     assert found.scored.tolist() == [True, False, True, True] * 2
@@ -140,12 +152,7 @@ def test_kitti_boxes_are_in_the_cameras_frame(frames: Frames, tmp_path: Path, *,
 
 
 def test_kitti_needs_a_front_camera(tmp_path: Path) -> None:
-    frames = made_frames(camera=False)
-    (tmp_path / "kitti").mkdir()
-    for number in range(6):
-        (tmp_path / f"kitti/{number:06d}.txt").write_text("")
-    with pytest.raises(InputError, match="front camera"):
-        read_detections("x", str(tmp_path / "kitti"), frames)
+    refused(kitti_folder(tmp_path), made_frames(camera=False), "front camera")
 
 
 def one_found() -> FoundBoxes:
@@ -204,22 +211,18 @@ def test_quaternions_of_headings(yaw_rad: float) -> None:
 
 
 def test_the_first_box_that_means_nothing_is_named(frames: Frames, tmp_path: Path) -> None:
-    good, long = [12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4, 5.0, -2.0], [12.0, 3.0, -1.0, 4.5, -1.9, 1.6, 0.4, 5.0, -2.0]
+    good, long = [*BARE, 5.0, -2.0], [12.0, 3.0, -1.0, 4.5, -1.9, 1.6, 0.4, 5.0, -2.0]
     path = write_openpcdet(tmp_path / "x.pkl", {5: [good, good], 6: [good, long, long]})
-    with pytest.raises(InputError, match=r"episode1 step 10, box 1: size \[4.5, -1.9, 1.6\]"):
-        read_detections("x", str(path), frames)
+    refused(path, frames, r"episode1 step 10, box 1: size \[4.5, -1.9, 1.6\]")
 
 
 def test_boxes_may_lack_the_velocity_only_where_the_format_has_none(frames: Frames, tmp_path: Path) -> None:
-    path = write_openpcdet(tmp_path / "x.pkl", {0: [[12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4]]})
+    path = write_openpcdet(tmp_path / "x.pkl", {0: [BARE]})
     assert not read_detections("x", str(path), frames).has_velocity
-    nan = float("nan")
-    path = write_openpcdet(tmp_path / "y.pkl", {0: [[12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4, nan, 0.0]]})
-    with pytest.raises(InputError, match="velocity"):
-        read_detections("x", str(path), frames)
-    path = write_openpcdet(tmp_path / "z.pkl", {0: [[12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4, 1.0]]})
-    with pytest.raises(InputError, match=r"shape \(1, 8\)"):
-        read_detections("x", str(path), frames)
+    path = write_openpcdet(tmp_path / "y.pkl", {0: [[*BARE, float("nan"), 0.0]]})
+    refused(path, frames, "velocity")
+    path = write_openpcdet(tmp_path / "z.pkl", {0: [[*BARE, 1.0]]})
+    refused(path, frames, r"shape \(1, 8\)")
 
 
 def test_a_file_in_which_nothing_was_found(frames: Frames, tmp_path: Path) -> None:
@@ -234,42 +237,32 @@ def test_a_file_in_which_nothing_was_found(frames: Frames, tmp_path: Path) -> No
 
 
 def test_some_frames_may_have_no_box(frames: Frames, tmp_path: Path) -> None:
-    box = [12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4, 5.0, -2.0]
     path = tmp_path / "x.pkl"
-    nothing = {"name": np.zeros(0, dtype=np.str_), "score": np.zeros(0), "boxes_lidar": np.zeros(0)}
-    one = {"name": np.array(["Car"]), "score": np.array([0.5]), "boxes_lidar": np.array([box])}
-    path.write_bytes(
-        pickle.dumps([{**(one if frame in (2, 7) else nothing), "frame_id": str(frame)} for frame in range(8)])
-    )
+    empty = {"name": np.zeros(0, dtype=np.str_), "score": np.zeros(0), "boxes_lidar": np.zeros(0)}
+    full = {"name": np.array(["Car"]), "score": np.array([0.5]), "boxes_lidar": np.array([[*BARE, 5.0, -2.0]])}
+    entries = [{**(full if frame in (2, 7) else empty), "frame_id": str(frame)} for frame in range(8)]
+    path.write_bytes(pickle.dumps(entries))
     assert read_detections("x", str(path), frames).boxes.frame.tolist() == [2, 7]
 
 
 def test_a_frame_that_comes_twice_or_not_at_all_is_named(frames: Frames, tmp_path: Path) -> None:
-    path = write_openpcdet(tmp_path / "x.pkl", {0: [[12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4]]})
+    path = write_openpcdet(tmp_path / "x.pkl", {0: [BARE]})
     entries = pickle.loads(path.read_bytes())  # noqa: S301 - written above
     path.write_bytes(pickle.dumps([*entries, entries[5]]))
-    with pytest.raises(InputError, match="episode1 step 2 twice"):
-        read_detections("x", str(path), frames)
+    refused(path, frames, "episode1 step 2 twice")
     path.write_bytes(pickle.dumps([*entries[:3], *entries[4:]]))
-    with pytest.raises(InputError, match="nothing for episode0 step 12"):
-        read_detections("x", str(path), frames)
+    refused(path, frames, "nothing for episode0 step 12")
 
 
 def test_a_frame_behind_the_last_one_is_refused(frames: Frames, tmp_path: Path) -> None:
-    path = write_openpcdet(tmp_path / "x.pkl", {0: [[12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4]]}, 9)
-    with pytest.raises(InputError, match=r"frame_id 000008.*frames 000000 to 000007 of the given bags"):
-        read_detections("x", str(path), frames)
+    path = write_openpcdet(tmp_path / "x.pkl", {0: [BARE]}, 9)
+    refused(path, frames, r"frame_id 000008.*frames 000000 to 000007 of the given bags")
 
 
 @pytest.mark.parametrize(("first", "second", "named"), [(" -2.0 6.0", "", 1), ("", " -2.0 6.0", 0)])
 def test_where_a_line_of_kitti_has_a_velocity_all_need_one(
     frames: Frames, tmp_path: Path, first: str, second: str, named: int
 ) -> None:
-    folder = tmp_path / "kitti"
-    folder.mkdir()
-    for number in range(6):
-        (folder / f"{number:06d}.txt").write_text("")
     line = "Car 0 0 0 1 2 3 4 1.5 1.8 4.2 -3.0 1.6 20.0 0.0 0.8"
-    (folder / "000004.txt").write_text(f"{line}{first}\n{line}{second}\n")
-    with pytest.raises(InputError, match=rf"box {named}: velocity \[nan, nan\]"):
-        read_detections("x", str(folder), frames)
+    folder = kitti_folder(tmp_path, f"{line}{first}\n{line}{second}\n")
+    refused(folder, frames, rf"box {named}: velocity \[nan, nan\]")

@@ -19,17 +19,9 @@ SWEEPS = (8, 4)
 
 
 def frames_with(folder: Path, store: Typestore, boxes_frame: str) -> Frames:
-    surveys = [
-        survey_bag(
-            write_made_bag(
-                folder / f"seed{seed}", store, BagSpec(steps=4 + 2 * count, seed=seed, boxes_frame=boxes_frame)
-            ),
-            "detection",
-            (Need.LIDAR,),
-            folder,
-        )
-        for seed, count in enumerate(SWEEPS)
-    ]
+    made = [BagSpec(steps=4 + 2 * count, seed=seed, boxes_frame=boxes_frame) for seed, count in enumerate(SWEEPS)]
+    bags = [write_made_bag(folder / f"seed{episode.seed}", store, episode) for episode in made]
+    surveys = [survey_bag(bag, "detection", (Need.LIDAR,), folder) for bag in bags]
     return frames_of([read_frames(*one) for one in in_dataset_order(surveys)])
 
 

@@ -89,14 +89,9 @@ class CourseBook:
         return self._points
 
     def along(self, lane: int, route: Indices) -> Course:
-        """The course from the start of a lane.
+        """The course from the start of a lane, which may cross a junction, to the end of the route.
 
-        Args:
-            lane: Present lane, which may cross a junction.
-            route: Edges from the present one (or the one before the junction) on.
-
-        Returns:
-            The course; it ends with the route.
+        The route begins with the present edge, or the one before the junction.
         """
         key = (lane, route.tobytes())
         course = self._courses.get(key)
@@ -106,7 +101,7 @@ class CourseBook:
         return course
 
     def _keep(self, points: npt.NDArray[np.float64]) -> int:
-        """Adds points to those of all courses; returns where they begin."""
+        """Where points that are added to those of all courses begin."""
         first, self._used = self._used, self._used + len(points)
         if self._used > len(self._points):
             self._points = np.concatenate((self._points, np.empty((self._used, 2))))
@@ -161,13 +156,14 @@ def _movement_from(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> C
         for connection in network.connections_from.get(item, ())
         if network.lanes[connection.to_lane].edge == after
     ]
-    return min(choices, key=lambda one: abs(network.lanes[one.from_lane].position - position), default=None)
+    return min(choices, key=lambda choice: abs(network.lanes[choice.from_lane].position - position), default=None)
 
 
 def _movement_over(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Connection | None:
     """The movement that an internal lane belongs to, that along the route where several share the lane."""
     choices = network.connections_over.get(lane, ())
-    return next((one for one in choices if network.lanes[one.to_lane].edge in route), choices[0] if choices else None)
+    along = (choice for choice in choices if network.lanes[choice.to_lane].edge in route)
+    return next(along, choices[0] if choices else None)
 
 
 class Outlook:
@@ -177,24 +173,12 @@ class Outlook:
     """
 
     def __init__(self, traffic: TrafficState, book: CourseBook, half_length_m: Floats, half_width_m: Floats) -> None:
-        """What is to be expected from a step on.
-
-        Args:
-            traffic: The step.
-            book: Courses of the map.
-            half_length_m: Half the length of each vehicle, rows as in ``traffic``.
-            half_width_m: Half the width.
-        """
+        """Bodies have rows as in ``traffic``."""
         self._traffic = traffic
         self._book = book
-        self._half_length_m = half_length_m
+        self.half_length_m = half_length_m
         self._half_width_m = half_width_m
         self._courses: dict[int, Course] = {}
-
-    @property
-    def half_length_m(self) -> Floats:
-        """Half the length of each vehicle."""
-        return self._half_length_m
 
     @cached_property
     def signals(self) -> Mapping[str, str]:
@@ -205,29 +189,27 @@ class Outlook:
         """The course of the vehicle in a row."""
         course = self._courses.get(row)
         if course is None:
-            traffic = self._traffic
-            lane, route = int(traffic.lane[row]), traffic.route_of_row(row)
+            traffic, lane = self._traffic, int(self._traffic.lane[row])
             if lane == NO_LANE:
                 course = Course.straight(float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row]))
             else:
-                course = self._book.along(lane, route)
+                course = self._book.along(lane, traffic.route_of_row(row))
             self._courses[row] = course
         return course
 
     def centre_m(self, row: int) -> float:
         """Arc length of a vehicle's centre on its course."""
-        traffic = self._traffic
-        on_road = traffic.lane[row] >= 0
-        return float(traffic.lane_position_m[row] - self._half_length_m[row]) if on_road else 0.0
+        on_road = self._traffic.lane[row] >= 0
+        return float(self._traffic.lane_position_m[row] - self.half_length_m[row]) if on_road else 0.0
 
     def front_m(self, row: int) -> float:
         """Arc length of a vehicle's front on its course."""
-        return self.centre_m(row) + float(self._half_length_m[row])
+        return self.centre_m(row) + float(self.half_length_m[row])
 
     @cached_property
     def _bodies(self) -> npt.NDArray[np.float64]:
         """``Ways.bodies`` of all vehicles, without spacing and reach."""
-        traffic, half_length = self._traffic, self._half_length_m
+        traffic, half_length = self._traffic, self.half_length_m
         place = np.where(traffic.lane >= 0, traffic.lane_position_m - half_length, 0.0)
         none, cut = np.zeros(len(place)), np.full(len(place), TRACK_M)
         pose = traffic.x_m, traffic.y_m, traffic.yaw_rad
@@ -235,13 +217,7 @@ class Outlook:
         return np.stack((*pose, none, place, traffic.lateral_offset_m, none, *size, cut), axis=-1)
 
     def ways(self, rows: Rows, reach_m: Floats, margin_m: Floats | float = 0.0) -> Ways:
-        """Some vehicles on their courses.
-
-        Args:
-            rows: The vehicles.
-            reach_m: How far ahead of each may be looked.
-            margin_m: Free space beside each, added to its half width.
-        """
+        """Some vehicles on their courses, with how far ahead of each may be looked, and free space beside each."""
         courses = [self.course(row) for row in rows.tolist()]
         first = np.array([course.first for course in courses], dtype=np.intp)
         counts = np.array([len(course.points) for course in courses], dtype=np.intp)

@@ -1,4 +1,4 @@
-"""Who waits where two ways meet: time windows, right of way, and who can still stop."""
+"""Yielding where two ways meet: by time windows, right of way, and the ability to stop."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -15,37 +15,23 @@ class Rank(IntEnum):
     """The higher one has the right of way; equals go in the order in which they arrive."""
 
     RED = 0
-    """Who can stop will not come."""
+    """A vehicle that can stop will not come."""
     STOP_SIGN = 1
     CLEARING = 2
-    """Yellow: who cannot stop goes on."""
+    """Yellow: a vehicle that cannot stop goes on."""
     GIVES_WAY = 3
     """Green that gives way to oncoming traffic, or a minor road."""
     PRIORITY = 4
     """Green without conditions, a major road, or no junction at all."""
 
 
-_OF_SIGNAL: Final[Mapping[str, Rank]] = {
-    "G": Rank.PRIORITY,
-    "g": Rank.GIVES_WAY,
-    "s": Rank.GIVES_WAY,
-    "o": Rank.GIVES_WAY,
-    "O": Rank.PRIORITY,
-    "y": Rank.CLEARING,
-    "Y": Rank.CLEARING,
-    "u": Rank.RED,
-    "r": Rank.RED,
-}
+_STATES: Final = {Rank.PRIORITY: "GO", Rank.GIVES_WAY: "gso", Rank.CLEARING: "yY", Rank.RED: "ur"}
+_OF_SIGNAL: Final[Mapping[str, Rank]] = {state: rank for rank, states in _STATES.items() for state in states}
 """SUMO's signal states (https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html, Signal state definitions)."""
 
 
 def rank_of(connection: Connection, signals: Mapping[str, str]) -> Rank:
-    """The rank of a movement at present.
-
-    Args:
-        connection: The movement.
-        signals: State of each signal: one character per controlled link.
-    """
+    """The present rank of a movement; the state of a signal has one character per controlled link."""
     state = signals.get(connection.signal_id or "", "")
     if 0 <= connection.signal_link < len(state):
         return _OF_SIGNAL.get(state[connection.signal_link], Rank.RED)
@@ -55,7 +41,7 @@ def rank_of(connection: Connection, signals: Mapping[str, str]) -> Rank:
 
 
 def rank_inside(rank: Rank) -> Rank:
-    """The rank of who is on the junction already: it is left clear for them, unless they give way on it."""
+    """The rank of a vehicle on the junction: others leave it clear, unless the vehicle gives way on it."""
     return rank if rank is Rank.GIVES_WAY else Rank.PRIORITY
 
 
@@ -69,20 +55,20 @@ class YieldingConfig:
     """Margins and decelerations at conflicts."""
 
     before_s: float = 1.0
-    """Post-encroachment time wanted by who goes first; conflicts below it are counted as serious (Allen, Shin and
+    """Post-encroachment time that the first vehicle keeps; conflicts below it are counted as serious (Allen, Shin and
     Cooper, "Analysis of traffic conflicts and collisions", 1978)."""
     after_s: float = 0.4
-    """The same of who goes second, and sees the other one leave."""
+    """The same of the second vehicle, which sees the first one leave."""
     merge_s: float = 1.5
-    """Headway wanted by who merges ahead of another one."""
+    """Headway of a vehicle that merges ahead of another one."""
     commit_mps2: float = 3.0
-    """Who would have to brake harder than this to stop before the zone is expected to go on."""
+    """A vehicle that would have to brake harder than this to stop before the zone is expected to go on."""
     brake_mps2: float = 2.0
-    """Deceleration laid out for by who waits."""
+    """Deceleration that a waiting driver plans with."""
     early_mps2: float = 1.0
     """Acceleration that another vehicle may have up to the zone."""
     standoff_m: float = 1.0
-    """Distance kept from the zone by who waits."""
+    """Distance that a waiting vehicle keeps from the zone."""
     horizon_s: float = 8.0
     """Vehicles that arrive later do not count yet."""
     standing_mps: float = 0.3
@@ -115,7 +101,7 @@ class Approach:
 
 @dataclass(frozen=True)
 class Wait:
-    """How fast one may go who lets another vehicle pass first."""
+    """The motion of a vehicle that lets another one pass first."""
 
     speed_mps: float
     brake_mps2: float
@@ -158,24 +144,18 @@ def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig)
     """How the own vehicle has to wait for the other one, None where it need not.
 
     It need not where both are in the zone at different times; where it has the right of way, or arrives first among
-    equals, and the other one can still stop; and where only the other one can. Who can stop at a red signal does, and
-    who stands in the zone leaves it.
-
-    Args:
-        zone: Where the ways meet, as the own vehicle sees it.
-        own: The own vehicle.
-        other: The other one.
-        config: Margins.
+    equals, and the other one can still stop; and where only the other one can. A vehicle that can stop at a red signal
+    does, and one that stands in the zone leaves it. ``zone`` is as the own vehicle sees it.
     """
-    standing = other.speed_mps < config.standing_mps
-    if standing and zone.other_in_m > 0.0:
+    if other.speed_mps < config.standing_mps and zone.other_in_m > 0.0:
         return None
     other_first = other.time_s(zone.other_in_m)
     if other_first > config.horizon_s:
         return None
     leaving = max(min(other.speed_mps, other.top_mps), config.clearing_mps)
     other_last = math.inf if zone.merges else zone.other_out_m / leaving
-    own_first = own.time_s(_own_way_m(zone, own, config))
+    stopping = own.accel_mps2 < 0.0 and not zone.merges  # keeps the distance of those who wait
+    own_first = own.time_s(zone.own_in_m - config.standoff_m if stopping else zone.own_in_m)
     if zone.merges:
         ahead = own_first + config.merge_s < other_first
     else:
@@ -185,11 +165,6 @@ def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig)
     if _goes_first(zone, own, other, own_first < other_first, config):
         return None
     return _waiting(zone, own, other, other_last + config.after_s, config)
-
-
-def _own_way_m(zone: Zone, own: Approach, config: YieldingConfig) -> float:
-    """Way that the own vehicle may go; who is stopping keeps the distance of those who wait, not just out of touch."""
-    return zone.own_in_m - config.standoff_m if own.accel_mps2 < 0.0 and not zone.merges else zone.own_in_m
 
 
 def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, config: YieldingConfig) -> bool:
@@ -207,11 +182,7 @@ def _yield_brake_mps2(
 ) -> float:
     """Deceleration with which a vehicle lets another one go first: by a stop, or by falling in behind it.
 
-    Args:
-        second: Way to the zone, and approach, of who lets the other one go first.
-        first: The same of the other one.
-        merges: Whether both go on in one direction.
-        config: Margins.
+    ``second`` and ``first`` hold the way to the zone and the approach of each.
     """
     way_m, own = second
     if not merges:
@@ -224,10 +195,8 @@ def _yield_brake_mps2(
 def fall_in_brake_mps2(closing_mps: float, gap_m: float, time_s: float) -> float:
     """Least constant deceleration with which a gap is kept behind another vehicle at a time.
 
-    Args:
-        closing_mps: Speed above the other one's.
-        gap_m: What is left of the way between the two; negative where it has to grow.
-        time_s: When the other vehicle merges; infinite where it never does.
+    ``gap_m`` is what is left of the way between the two, negative where it has to grow. ``time_s`` is when the other
+    vehicle merges, infinite where it never does.
     """
     if gap_m > 0.0 and 2.0 * gap_m < closing_mps * time_s:  # is as slow as the other one before
         return stop_brake_mps2(closing_mps, gap_m)

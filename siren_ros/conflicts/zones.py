@@ -42,7 +42,7 @@ class Way(NamedTuple):
     half_width_m: float
     cut_m: float = TRACK_M
     """The centre is in the middle between two points of the course, this far before and behind it: in bends it cuts the
-    corner, as SUMO's vehicles do. 0 for who keeps the centre on the course."""
+    corner, as SUMO's vehicles do. 0 for a vehicle that keeps the centre on the course."""
 
 
 class Zone(NamedTuple):
@@ -95,10 +95,7 @@ class Ways(NamedTuple):
 def meeting_zones(own: Ways, others: Ways, pairs: npt.NDArray[np.intp]) -> list[Zone | None]:
     """The first zone in which the ways of each pair meet, None where they do not meet.
 
-    Args:
-        own: Own bodies; a margin that is wanted beside one is part of its half width.
-        others: Other bodies.
-        pairs: An own and another body each, shape ``(P, 2)``.
+    A pair is an own and another body, shape ``(P, 2)``. A margin beside a body is part of its half width.
     """
     out = np.empty((len(pairs), _COLUMNS))
     _search(own, others, pairs, out)

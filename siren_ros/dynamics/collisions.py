@@ -4,7 +4,7 @@ Two vehicles in contact go on together along the contact's normal, and do not ov
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import shapely
@@ -20,7 +20,7 @@ SEPARATION_GAP_M: Final = 0.1
 _CLOSING_MPS: Final = 1e-6
 
 Pairs: TypeAlias = tuple[tuple[int, int], ...]
-"""Pairs of actor ids, the smaller first, sorted."""
+"""Pairs of actor ids or of rows, the smaller first, sorted."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,10 @@ class Footprints:
     width_m: Floats
 
 
-@dataclass(frozen=True)
-class Contact:
-    """Two vehicles that have begun to touch."""
+class Contact(NamedTuple):
+    """Two vehicles that have begun to touch, the smaller id first."""
 
     actor_id: int
-    """The smaller id of the two."""
     other_id: int
     x_m: float
     """Centroid of the overlap."""
@@ -66,21 +64,19 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
     if not len(close):
         return (), ()
     corners = footprint_corners(boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m)
-    before = frozenset(touching)
     contacts: list[Contact] = []
     pairs: list[tuple[int, int]] = []
     for row, other, gap in close.tolist():
         a, b = int(row), int(other)
         pair = int(boxes.actor_id[a]), int(boxes.actor_id[b])
-        if pair in before:
+        if pair in touching or gap <= 0.0:
             pairs.append(pair)
-        elif gap <= 0.0:
-            pairs.append(pair)
-            contacts.append(_contact(boxes, corners, a, b))
+            if pair not in touching:
+                contacts.append(_contact(boxes, corners, a, b))
     return tuple(contacts), tuple(pairs)
 
 
-def overlapping(boxes: Footprints, pairs: Pairs) -> tuple[tuple[int, int], ...]:
+def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
     """Rows of the pairs whose boxes overlap."""
     if not pairs:
         return ()
@@ -95,43 +91,38 @@ def _close_pairs(boxes: Footprints) -> Floats:
     count = len(boxes.x_m)
     out = np.empty((count * (count - 1) // 2, 3))
     columns = boxes.x_m, boxes.y_m, np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad), boxes.length_m, boxes.width_m
-    found = _find_close(np.array(columns), SEPARATION_GAP_M, out)
-    return out[:found]
+    return out[: _find_close(np.array(columns), SEPARATION_GAP_M, out)]
 
 
 @compiled
 def _find_close(columns: Any, within_m: float, out: Any) -> int:
     """Fill in ``out`` with the pairs whose boxes are nearer than a gap; their number."""
     x, y, cos, sin, length, width = columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]
-    found = 0
+    count = 0
     for a in range(len(x)):
         for b in range(a + 1, len(x)):
             dx, dy = x[b] - x[a], y[b] - y[a]
             reach = within_m + 0.5 * (np.sqrt(length[a] ** 2 + width[a] ** 2) + np.sqrt(length[b] ** 2 + width[b] ** 2))
             if dx * dx + dy * dy >= reach * reach:
                 continue
-            one, other = (x[a], y[a], cos[a], sin[a]), (x[b], y[b], cos[b], sin[b])
-            gap = box_gap_m(one, other, 0.5 * length[a], 0.5 * width[a], 0.5 * length[b], 0.5 * width[b])
+            pose, other = (x[a], y[a], cos[a], sin[a]), (x[b], y[b], cos[b], sin[b])
+            gap = box_gap_m(pose, other, 0.5 * length[a], 0.5 * width[a], 0.5 * length[b], 0.5 * width[b])
             if gap < within_m:
-                out[found, 0], out[found, 1], out[found, 2] = a, b, gap
-                found += 1
-    return found
+                out[count, 0], out[count, 1], out[count, 2] = a, b, gap
+                count += 1
+    return count
 
 
 def _contact(boxes: Footprints, corners: Floats, a: int, b: int) -> Contact:
-    place = shapely.centroid(shapely.intersection(shapely.Polygon(corners[a]), shapely.Polygon(corners[b])))
+    outlines = shapely.Polygon(corners[a]), shapely.Polygon(corners[b])
+    place = shapely.centroid(shapely.intersection(*outlines))
     if place.is_empty:  # the boxes touch within rounding
-        place = shapely.centroid(shapely.shortest_line(shapely.Polygon(corners[a]), shapely.Polygon(corners[b])))
+        place = shapely.centroid(shapely.shortest_line(*outlines))
     normal = contact_normal(boxes, corners, a, b)
     point = np.array([place.x, place.y])
     closing = float(np.dot(_velocity_at(boxes, a, point) - _velocity_at(boxes, b, point), normal))
-    return Contact(
-        actor_id=int(boxes.actor_id[a]),
-        other_id=int(boxes.actor_id[b]),
-        x_m=float(place.x),
-        y_m=float(place.y),
-        impact_speed_mps=max(closing, 0.0),
-    )
+    ids = int(boxes.actor_id[a]), int(boxes.actor_id[b])
+    return Contact(*ids, float(place.x), float(place.y), impact_speed_mps=max(closing, 0.0))
 
 
 def _velocity_at(boxes: Footprints, row: int, point: Floats) -> Floats:
@@ -153,21 +144,18 @@ def contact_normal(boxes: Footprints, corners: Floats, a: int, b: int) -> Floats
     depth = (corners[a] @ axes.T).max(axis=0) - (corners[b] @ axes.T).min(axis=0)
     relative = np.array([boxes.vx_mps[a] - boxes.vx_mps[b], boxes.vy_mps[a] - boxes.vy_mps[b]])
     closing = axes @ relative
-    if np.any(closing > _CLOSING_MPS):
-        since_s = np.where(closing > _CLOSING_MPS, depth / np.maximum(closing, _CLOSING_MPS), np.inf)
-        return np.asarray(axes[np.argmin(since_s)])
-    return np.asarray(axes[np.argmin(depth)])
+    closes = closing > _CLOSING_MPS
+    order = np.where(closes, depth / np.maximum(closing, _CLOSING_MPS), np.inf) if np.any(closes) else depth
+    return np.asarray(axes[np.argmin(order)])
 
 
-RowPairs = tuple[tuple[int, int], ...]
-"""Pairs of rows, the smaller first."""
 _ROUNDS: Final = 8
 """Passes over all pairs: who is pushed may be pushed into the next one."""
 _TOUCHING_M: Final = 1e-3
 """Overlap that is left, so that bodies in contact stay so."""
 
 
-def collide(bodies: BodyState, boxes: Footprints, table: ParameterTable, pairs: RowPairs, dt_s: float) -> BodyState:
+def collide(bodies: BodyState, boxes: Footprints, table: ParameterTable, pairs: Pairs, dt_s: float) -> BodyState:
     """Bodies after the impacts of a step.
 
     Args:

@@ -68,12 +68,8 @@ def without_actors(fleet: FleetState, removed: Ids) -> FleetState:
         return fleet
     kept = ~np.isin(fleet.actor_id, removed)
     described = _described(fleet, tuple(item for item, stays in zip(fleet.descriptions, kept, strict=True) if stays))
-    return replace(
-        described,
-        bodies=fleet.bodies.select(kept),
-        tracker=fleet.tracker.select(kept),
-        owner=fleet.owner[kept],
-    )
+    bodies, tracker = fleet.bodies.select(kept), fleet.tracker.select(kept)
+    return replace(described, bodies=bodies, tracker=tracker, owner=fleet.owner[kept])
 
 
 def with_spawned(fleet: FleetState, traffic: TrafficState) -> tuple[FleetState, Flags]:
@@ -114,8 +110,6 @@ def _described(fleet: FleetState, descriptions: tuple[ActorDescription, ...]) ->
         table=ParameterTable.of([item.actor_class for item in descriptions], fleet.parameters),
     )
 
-
-__all__ = ["FleetState", "step_fleet"]
 
 BRAKE_LIGHT_PEDAL: Final = 0.02
 """Brake pedal from which the brake light is on."""
@@ -171,21 +165,13 @@ def step_fleet(
     if touching:
         bodies = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
         velocity = bodies.velocity_mps(fleet.table)
-    states = _states(fleet, traffic, orders, (bodies, velocity), driven | (handed_back & ~brought_back))
+    states = _states(fleet, traffic, orders, bodies, velocity, driven | (handed_back & ~brought_back))
     sirens, sounding = _siren_changes(state, states)
-    own = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens
-    own += tuple(
-        Event(
-            traffic.step,
-            EventKind.COLLISION,
-            c.actor_id,
-            c.other_id,
-            c.x_m,
-            c.y_m,
-            {"impact_speed_mps": c.impact_speed_mps},
-        )
-        for c in contacts
+    collisions = tuple(
+        Event(traffic.step, EventKind.COLLISION, *contact[:4], {"impact_speed_mps": contact.impact_speed_mps})
+        for contact in contacts
     )
+    changes = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens
     reported = tuple(event for command in sorted(commands, key=lambda c: c.source) for event in command.events)
     after = replace(
         fleet,
@@ -194,10 +180,10 @@ def step_fleet(
         tracker=tracker,
         owner=orders.owner,
         touching=touching,
-        stopped=tuple(sorted({*fleet.stopped, *(actor for one in contacts for actor in (one.actor_id, one.other_id))})),
+        stopped=tuple(sorted({*fleet.stopped, *(actor for contact in contacts for actor in contact[:2])})),
         sounding=sounding,
     )
-    return after, states, own + reported + traffic.events
+    return after, states, changes + collisions + reported + traffic.events
 
 
 def _check_steps(state: FleetState, traffic: TrafficState, commands: Sequence[VehicleCommands]) -> None:
@@ -212,8 +198,7 @@ def _move(
     fleet: FleetState, traffic: TrafficState, orders: Orders, driven: Flags, handed_back: Flags
 ) -> tuple[BodyState, TrackerState]:
     """Bodies and tracker at this step."""
-    before = fleet.bodies
-    held = driven | handed_back
+    before, held = fleet.bodies, driven | handed_back
     ahead = STEP_S * before.forward_mps
     reference = Reference(
         x_m=np.where(handed_back, before.x_m + ahead * np.cos(before.yaw_rad), traffic.sumo_x_m),
@@ -222,19 +207,18 @@ def _move(
         speed_mps=np.where(handed_back, before.forward_mps, traffic.sumo_speed_mps),
         accel_mps2=np.where(handed_back, 0.0, traffic.sumo_accel_mps2),
     )
-    wanted, tracker = track(before, fleet.tracker, reference, fleet.table, STEP_S)
+    tracking, tracker = track(before, fleet.tracker, reference, fleet.table, STEP_S)
     controls = Controls(
-        throttle=np.where(driven, orders.throttle, wanted.throttle),
-        brake=np.where(driven, orders.brake, wanted.brake),
-        steer_rad=np.where(driven, orders.steer_rad, wanted.steer_rad),
+        throttle=np.where(driven, orders.throttle, tracking.throttle),
+        brake=np.where(driven, orders.brake, tracking.brake),
+        steer_rad=np.where(driven, orders.steer_rad, tracking.steer_rad),
         hand_brake=driven & orders.hand_brake,
-        quickness=np.where(driven, 1.0, wanted.quickness),
-        drive_factor=np.where(driven, 1.0, wanted.drive_factor),
+        quickness=np.where(driven, 1.0, tracking.quickness),
+        drive_factor=np.where(driven, 1.0, tracking.drive_factor),
     )
     bodies = step_bodies(before, controls, fleet.table, STEP_S)
     if held.any():
-        own = TrackerState.at(bodies.x_m, bodies.y_m, bodies.yaw_rad)
-        tracker = TrackerState.where(held, own, tracker)
+        tracker = TrackerState.where(held, TrackerState.at(bodies.x_m, bodies.y_m, bodies.yaw_rad), tracker)
     return bodies, tracker
 
 
@@ -242,10 +226,10 @@ def _states(
     fleet: FleetState,
     traffic: TrafficState,
     orders: Orders,
-    motion: tuple[BodyState, tuple[Floats, Floats]],
+    bodies: BodyState,
+    velocity_mps: tuple[Floats, Floats],
     own_pose: Flags,
 ) -> ActorStates:
-    bodies, (vx, vy) = motion
     residual = np.hypot(traffic.sumo_x_m - bodies.x_m, traffic.sumo_y_m - bodies.y_m)
     braking = (bodies.brake > BRAKE_LIGHT_PEDAL) | (bodies.accel_mps2 < -BRAKE_LIGHT_DECEL_MPS2)
     return ActorStates(
@@ -255,8 +239,8 @@ def _states(
         y_m=bodies.y_m,
         z_m=np.zeros(len(bodies)),
         yaw_rad=bodies.yaw_rad,
-        vx_mps=vx,
-        vy_mps=vy,
+        vx_mps=velocity_mps[0],
+        vy_mps=velocity_mps[1],
         yaw_rate_radps=bodies.yaw_rate_radps,
         accel_mps2=bodies.accel_mps2,
         lateral_accel_mps2=bodies.lateral_accel_mps2,
@@ -271,10 +255,8 @@ def _states(
 
 
 def _spawned(states: ActorStates, traffic: TrafficState) -> tuple[Event, ...]:
-    ids = np.array(sorted(item.actor_id for item in traffic.spawned), dtype=np.uint32)
-    return tuple(
-        _event(states, states, traffic.step, EventKind.SPAWNED, row) for row in rows_of_ids(states.actor_id, ids)
-    )
+    rows = rows_of_ids(states.actor_id, np.array(sorted(item.actor_id for item in traffic.spawned), dtype=np.uint32))
+    return tuple(_event(states, states, traffic.step, EventKind.SPAWNED, row) for row in rows)
 
 
 def _removed(before: FleetState, traffic: TrafficState) -> tuple[Event, ...]:

@@ -17,6 +17,7 @@ _HAZARD_LIGHTS: Final = Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT
 _SUMO: Final = np.uint8(Owner.SUMO)
 _NOMINAL: Final = np.uint8(Mode.NOMINAL)
 """numpy takes several times as long to fill an array with the member of an enumeration."""
+_TAKEN_OVER: Final = ("owner", "throttle", "brake", "steer_rad", "mode", "lights")
 
 
 @dataclass(frozen=True)
@@ -42,15 +43,9 @@ def merge_commands(traffic: TrafficState, commands: Sequence[VehicleCommands]) -
         EpisodeError: two commands for one actor, a command for an unknown actor, or one that is not finite.
     """
     n = len(traffic)
-    orders = Orders(
-        owner=np.full(n, _SUMO),
-        throttle=np.zeros(n),
-        brake=np.zeros(n),
-        steer_rad=np.zeros(n),
-        hand_brake=np.zeros(n, dtype=bool),
-        mode=np.full(n, _NOMINAL),
-        lights=traffic.lights.copy(),
-    )
+    pedals_and_steer = np.zeros(n), np.zeros(n), np.zeros(n)
+    hand_brake, mode = np.zeros(n, dtype=bool), np.full(n, _NOMINAL)
+    orders = Orders(np.full(n, _SUMO), *pedals_and_steer, hand_brake, mode, traffic.lights.copy())
     source_of = np.full(n, NO_ACTOR, np.intp)
     for number, command in enumerate(commands, start=1):
         if not len(command):
@@ -61,25 +56,14 @@ def merge_commands(traffic: TrafficState, commands: Sequence[VehicleCommands]) -
         if not known.all():
             rows = rows[known]
         source_of[rows] = number
-        orders.owner[rows] = command.owner[known]
-        orders.throttle[rows] = command.throttle[known]
-        orders.brake[rows] = command.brake[known]
-        orders.steer_rad[rows] = command.steer_rad[known]
         orders.hand_brake[rows] = command.hand_brake[known] != 0
-        orders.mode[rows] = command.mode[known]
-        orders.lights[rows] = command.lights[known]
+        for name in _TAKEN_OVER:
+            getattr(orders, name)[rows] = getattr(command, name)[known]
     return orders
 
 
 def stopped_orders(orders: Orders, actor_id: Ids, stopped: Sequence[int], steer_rad: Floats) -> Orders:
-    """Orders of which those for stopped actors are replaced: full brake, wheels as they are, hazard lights.
-
-    Args:
-        orders: What is asked of every actor.
-        actor_id: Ids of the rows.
-        stopped: Actors that have been in contact.
-        steer_rad: Present road-wheel angles.
-    """
+    """Orders of which those for stopped actors are replaced: full brake, wheels at present angles, hazard lights."""
     rows = np.isin(actor_id, np.array(stopped, dtype=np.uint32)) if stopped else np.zeros(0, dtype=bool)
     if not rows.any():
         return orders

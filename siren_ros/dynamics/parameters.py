@@ -126,27 +126,17 @@ def read_vehicle_parameters(folder: Path) -> Mapping[ActorClass, VehicleParamete
 
 
 def _parameters(mapping: StrictMapping) -> VehicleParameters:
-    values = {name: mapping.number(name, *limits) for name, limits in _RANGES.items()}
+    parameters = VehicleParameters(**{name: mapping.number(name, *limits) for name, limits in _RANGES.items()})
     mapping.finish()
-    parameters = VehicleParameters(**values)
-    _check_axles(mapping, parameters)
-    return parameters
-
-
-def _check_axles(mapping: StrictMapping, parameters: VehicleParameters) -> None:
     space = parameters.length_m - parameters.front_overhang_m
-    if parameters.wheelbase_m >= space:
-        raise InputError(
-            mapping.where("wheelbase_m"),
-            parameters.wheelbase_m,
-            f"less than length_m minus front_overhang_m ({space:g})",
-        )
-    if parameters.cg_to_front_axle_m >= parameters.wheelbase_m:
-        raise InputError(
-            mapping.where("cg_to_front_axle_m"),
-            parameters.cg_to_front_axle_m,
-            f"less than wheelbase_m ({parameters.wheelbase_m:g})",
-        )
+    for name, most, text in (
+        ("wheelbase_m", space, "length_m minus front_overhang_m"),
+        ("cg_to_front_axle_m", parameters.wheelbase_m, "wheelbase_m"),
+    ):
+        value = getattr(parameters, name)
+        if value >= most:
+            raise InputError(mapping.where(name), value, f"less than {text} ({most:g})")
+    return parameters
 
 
 @dataclass(frozen=True)

@@ -60,11 +60,7 @@ def _steer(
 ) -> tuple[float, float]:
     """Wanted road-wheel angle, and the curvature that it steers.
 
-    Args:
-        vehicle: Parameters.
-        pose: x, y, yaw and forward speed.
-        goal: x, y and yaw of the reference, and its curvature.
-        gains: ``TrackerGains``.
+    ``pose`` holds x, y, yaw and forward speed, ``goal`` x, y, yaw and curvature of the reference.
     """
     x_m, y_m, yaw, speed = pose
     goal_x, goal_y, goal_yaw, curvature = goal
@@ -97,13 +93,7 @@ def _pedals(
 ) -> tuple[float, float]:
     """Pedals that reach the wanted speed within ``speed_time_s`` while it changes; the brake holds who waits.
 
-    Args:
-        vehicle: Parameters.
-        motion: Forward speed, throttle and brake.
-        wanted_mps: Speed at the end of the step.
-        accel_mps2: How it changes.
-        dt_s: Step.
-        gains: ``TrackerGains``.
+    ``motion`` holds forward speed, throttle and brake; ``wanted_mps`` is the speed at the end of the step.
     """
     speed, throttle, brake = motion
     drag = 0.5 * AIR_DENSITY_KGPM3 * vehicle.drag_area_m2 / vehicle.mass_kg * speed * speed
@@ -121,25 +111,17 @@ def _pedals(
 def follow(
     bodies: Array, tracker: Array, reference: Array, records: Array, dt_s: float, gains: Any, out: Array
 ) -> None:
-    """The controls of all vehicles for one step.
+    """The controls of all vehicles for one step, from the columns of ``BodyState``, ``TrackerState`` and ``Reference``.
 
-    Args:
-        bodies: ``BodyState.columns``, shape ``(11, N)``.
-        tracker: ``TrackerState.columns``, shape ``(5, N)``.
-        reference: ``Reference.columns``, shape ``(5, N)``.
-        records: ``ParameterTable.records``, shape ``(N,)``.
-        dt_s: Step.
-        gains: ``TrackerGains``.
-        out: Result: throttle, brake, steering angle, and the tracker's yaw, pace and acceleration at the end of the
-            step, shape ``(6, N)``.
+    Result in ``out``: throttle, brake, steering angle, and the tracker's yaw, pace and acceleration at the end of the
+    step, shape ``(6, N)``.
     """
     pace_share, accel_share = -np.expm1(-dt_s / gains.pace_time_s), -np.expm1(-dt_s / gains.accel_time_s)
     for n in range(records.shape[0]):
         vehicle = records[n]
         x_m, y_m, yaw, speed = bodies[0, n], bodies[1, n], bodies[2, n], bodies[3, n]
-        last_x, last_y, last_yaw, last_pace, last_accel = (
-            tracker[0, n], tracker[1, n], tracker[2, n], tracker[3, n], tracker[4, n],
-        )  # fmt: skip
+        last_x, last_y, last_yaw = tracker[0, n], tracker[1, n], tracker[2, n]
+        last_pace, last_accel = tracker[3, n], tracker[4, n]
         dx, dy, sumo_mps = reference[0, n] - last_x, reference[1, n] - last_y, reference[3, n]
         moved = np.sqrt(dx * dx + dy * dy)
         pull = vehicle.centre_ahead_of_rear_axle_m
@@ -203,18 +185,9 @@ def track(
     dt_s: float,
     gains: TrackerGains = DEFAULT_GAINS,
 ) -> tuple[Controls, TrackerState]:
-    """Controls for the step that ends when SUMO's vehicles are at ``reference``.
+    """Controls for the step that ends when SUMO's vehicles are at ``reference``, and the tracker's state then.
 
-    Args:
-        state: Vehicles at the start of the step.
-        tracker: Reference at the start of the step.
-        reference: Reference at the end of the step.
-        table: Parameters, row by row those of ``state``.
-        dt_s: Step.
-        gains: Tuning.
-
-    Returns:
-        The controls, and the tracker's state at the end of the step.
+    ``state`` and ``tracker`` are of the step's start; rows of ``table`` are those of ``state``.
     """
     n = len(state)
     out = np.empty((6, n))

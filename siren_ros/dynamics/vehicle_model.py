@@ -71,16 +71,9 @@ def _newton(
     Backward Euler of Newton's equations in v and ω, with U the speed that slip is measured by:
     ``m U (v⁺ − v)/h + m U u ω⁺ = Σ K (u tan δ − v⁺ − l ω⁺) + U F_left`` and
     ``I U (ω⁺ − ω)/h = Σ l K (u tan δ − v⁺ − l ω⁺) + U a F_left``, K the axles' secant stiffnesses, l = (a, −b).
-    The tyre forces of that solution are cut to their limits before they act.
-
-    Args:
-        vehicle: Parameters.
-        motion: Velocities and yaw rate now.
-        tyres: Longitudinal forces of the front and the rear axle, and what the friction circle leaves for the lateral
-            ones.
-        steer_rad: Road-wheel angle.
-        resistance_n: Drag and rolling resistance. They and the brakes oppose the motion and never reverse it.
-        h: Substep in seconds.
+    The tyre forces of that solution are cut to their limits before they act. Drag, rolling resistance and the brakes
+    oppose the motion and never reverse it. ``motion`` holds the velocities and the yaw rate now, ``tyres`` what
+    ``_tyre_forces_n`` returns.
     """
     u, v, w = motion
     front_tyre, rear_tyre, front_limit, rear_limit = tyres
@@ -127,24 +120,13 @@ def _tyre_forces_n(
 def advance(before: Array, controls: Array, records: Array, count: int, h: float, after: Array) -> None:
     """Move all vehicles by ``count`` substeps of ``h`` seconds.
 
-    Args:
-        before: ``BodyState.columns``, shape ``(11, N)``.
-        controls: ``Controls.columns``, shape ``(6, N)``.
-        records: ``ParameterTable.records``, shape ``(N,)``.
-        count: Substeps.
-        h: Their length in seconds.
-        after: Result, as ``before``.
+    ``before`` and the result, ``after``, are ``BodyState.columns``, shape ``(11, N)``; ``controls`` are
+    ``Controls.columns``, shape ``(6, N)``, and ``records`` those of ``ParameterTable``.
     """
     for n in range(records.shape[0]):
         vehicle = records[n]
-        x_m, y_m, start_yaw, u, v, w = (
-            before[0, n],
-            before[1, n],
-            before[2, n],
-            before[3, n],
-            before[4, n],
-            before[5, n],
-        )
+        x_m, y_m, start_yaw = before[0, n], before[1, n], before[2, n]
+        u, v, w = before[3, n], before[4, n], before[5, n]
         steer, wanted_steer, quickness = before[8, n], controls[2, n], controls[4, n]
         wanted_steer = within(wanted_steer, -vehicle.max_steer_rad, vehicle.max_steer_rad)
         share = -np.expm1(-h * quickness / vehicle.steer_lag_s)
@@ -233,17 +215,10 @@ class Controls(Columns):
 
 
 def step_bodies(state: BodyState, controls: Controls, table: ParameterTable, dt_s: float) -> BodyState:
-    """Vehicles one step later under constant controls.
+    """Vehicles one step later under constant controls; rows of ``table`` are those of ``state``.
 
-    Args:
-        state: Vehicles at the start of the step.
-        controls: Pedals and wanted road-wheel angles; values beyond the actuators' ranges saturate.
-        table: Parameters, row by row those of ``state``.
-        dt_s: Step, cut into equal substeps of at most ``SUBSTEP_S``.
-
-    Returns:
-        Vehicles at the end of the step. A vehicle at rest without throttle stays where it is to the last bit;
-        brakes never move a vehicle backwards.
+    The step is cut into equal substeps of at most ``SUBSTEP_S``. Controls beyond the actuators' ranges saturate. A
+    vehicle at rest without throttle stays where it is to the last bit; brakes never move a vehicle backwards.
     """
     count = max(1, math.ceil(dt_s / SUBSTEP_S - 1e-9))
     after = np.empty_like(state.columns)

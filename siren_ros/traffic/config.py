@@ -140,8 +140,7 @@ class TrafficConfig:
     """How SUMO's drivers wait for vehicles that are driven from outside."""
 
     def __post_init__(self) -> None:
-        positive = ("lateral_resolution_m", "leader_range_m", "advice_range_m", "jump_m")
-        for name in positive:
+        for name in ("lateral_resolution_m", "leader_range_m", "advice_range_m", "jump_m"):
             if not getattr(self, name) > 0.0:
                 raise InputError(name, getattr(self, name), "a number above 0")
         if self.route_edges_ahead < 2:

@@ -21,28 +21,15 @@ from siren_ros.world.traffic_state import Event, EventKind, TrafficFlags, Traffi
 
 
 def check_residual(states: ActorStates, limit_m: float = RESIDUAL_LIMIT_M) -> None:
-    """Fail where the two worlds have drifted apart.
-
-    Raises:
-        EpisodeError: Names the actor, the residual and the limit.
-    """
-    if len(states) == 0:
-        return
-    row = int(np.argmax(states.residual_m))
-    residual_m = float(states.residual_m[row])
-    if residual_m > limit_m:
-        raise EpisodeError(
-            f"actor {states.actor_id[row]} is {residual_m:.2f} m from its pose in SUMO at step {states.step}; "
-            f"the limit is {limit_m:g} m"
-        )
+    """Raises EpisodeError where the two worlds have drifted apart: names the actor, the residual and the limit."""
+    if len(states) and states.residual_m.max() > limit_m:
+        row = int(np.argmax(states.residual_m))
+        away = f"actor {states.actor_id[row]} is {states.residual_m[row]:.2f} m from its pose in SUMO"
+        raise EpisodeError(f"{away} at step {states.step}; the limit is {limit_m:g} m")
 
 
 def check_no_teleport(traffic: TrafficState) -> None:
-    """Fail where SUMO has moved a vehicle in a way that no vehicle moves.
-
-    Raises:
-        EpisodeError: Names the actor, the step and what SUMO said.
-    """
+    """Raises EpisodeError where SUMO has teleported a vehicle: names the actor, the step and the reason."""
     for event in traffic.events:
         if event.kind is EventKind.TELEPORT:
             reason = event.detail.get("reason", "")
@@ -79,33 +66,26 @@ class CrossingWatch:
         return last is not None and last.index == lane
 
     def watch(self, step: int, mover: Mover, signals: Mapping[str, str]) -> tuple[Event, ...]:
-        """Events of a vehicle whose lane has changed since the last call.
+        """Events of a vehicle whose lane, which is on the road, has changed since the last call.
 
-        Args:
-            step: Present step.
-            mover: The vehicle; its lane is on the road.
-            signals: State strings of all signals by id.
+        ``signals`` holds the state strings of all signals by id.
         """
         lane = self._network.lanes[mover.lane]
         last = self._last_lane.get(mover.actor_id)
         self._last_lane[mover.actor_id] = lane
         if last is None or last.edge == lane.edge:
             return ()
-        incidents = []
+        incidents: list[tuple[EventKind, dict[str, float | int | str]]] = []
         if mover.actor_id in self._inside and lane.kind is not LaneKind.INTERNAL:
-            detail: dict[str, float | int | str] = {"junction": self._inside.pop(mover.actor_id)}
-            incidents.append(
-                Event(step, EventKind.JUNCTION_LEFT, mover.actor_id, x_m=mover.x_m, y_m=mover.y_m, detail=detail)
-            )
+            incidents.append((EventKind.JUNCTION_LEFT, {"junction": self._inside.pop(mover.actor_id)}))
         connection = self._connection(last, lane) if last.kind is not LaneKind.INTERNAL else None
         if connection is not None and (connection.signal_id is not None or connection.must_stop):
-            detail = _detail(connection, mover.speed_mps, signals)
-            incidents.append(
-                Event(step, EventKind.STOP_LINE_CROSSED, mover.actor_id, x_m=mover.x_m, y_m=mover.y_m, detail=detail)
-            )
+            incidents.append((EventKind.STOP_LINE_CROSSED, _detail(connection, mover.speed_mps, signals)))
             if lane.kind is LaneKind.INTERNAL:
                 self._inside[mover.actor_id] = connection.junction
-        return tuple(incidents)
+        return tuple(
+            Event(step, kind, mover.actor_id, x_m=mover.x_m, y_m=mover.y_m, detail=detail) for kind, detail in incidents
+        )
 
     def _connection(self, last: Lane, lane: Lane) -> Connection | None:
         """The movement between two lanes; a vehicle that changes lanes there may come from a neighbour lane."""
@@ -150,14 +130,14 @@ class Reactions:
         points = np.stack((readings.x_m, readings.y_m), axis=-1)
         present = np.array([route[0] if route else -1 for route in routes], dtype=np.int32)
         civilian = np.array([name not in self._emvs for name in names])
-        found: dict[str, list[str]] = {emv: [] for emv in self._emvs}
+        reacting: dict[str, list[str]] = {emv: [] for emv in self._emvs}
         for emv in self._emvs:
             if emv in names:
                 row = names.index(emv)
                 yaw = float(readings.yaw_rad[row])
                 hears = ahead_on_route(points[row], yaw, routes[row], points, present, self._reach_m)
-                found[emv] = [names[other] for other in np.flatnonzero(hears & civilian)]
-        return found
+                reacting[emv] = [names[other] for other in np.flatnonzero(hears & civilian)]
+        return reacting
 
     def flags(self, names: Sequence[str], readings: Readings, rescued: Mapping[str, Sequence[str]]) -> Codes:
         """Flags of every vehicle; lane-change wishes only near an EMV."""
@@ -187,18 +167,10 @@ def find_teleports(
     last: TrafficState | None,
     jump_m: float,
 ) -> list[Event]:
-    """Teleport events of one step, by actor id.
+    """Teleport events of one step, by actor id: those that SUMO started, and jumps beyond what the speed explains.
 
-    Args:
-        step: Present step.
-        ids: Actors of the readings' rows.
-        readings: SUMO's present poses.
-        lengths_m: Of the vehicles. What counts is the front bumper, which SUMO moves; the rod behind it may swing.
-        owner: Owner of each row; only vehicles that SUMO owned at both steps can jump.
-        started: Actors that SUMO began to teleport.
-        moved_on_purpose: Actors that were put somewhere else at this step.
-        last: The step before.
-        jump_m: Least distance beyond what a vehicle's speed explains.
+    What counts is the front bumper, which SUMO moves; the rod behind it may swing. Only vehicles that SUMO owned at
+    both steps and that nobody has moved on purpose can jump.
     """
     reasons = dict.fromkeys(started, "sumo")
     if last is not None:

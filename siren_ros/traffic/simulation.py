@@ -10,7 +10,7 @@ import libsumo
 import numpy as np
 
 from siren_ros.errors import EpisodeError, MapError
-from siren_ros.numerics.arrays import Codes, Floats
+from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.maps.map_compiler import CompiledMap
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
@@ -50,13 +50,7 @@ class SumoSimulation:
     ) -> None:
         """Start SUMO, run the warm-up and place the EMVs and their groups.
 
-        Args:
-            compiled: The map's net.
-            network: The same map, parsed.
-            plan: All vehicles.
-            level: Emergency level; sets the EMVs' privileges and SUMO's bluelight device.
-            config: Constants.
-            seed: SUMO's own seed.
+        The level sets the EMVs' privileges and SUMO's bluelight device; ``seed`` is SUMO's own.
 
         Raises:
             EpisodeError: a simulation is already running in this process, or SUMO refuses a vehicle.
@@ -111,11 +105,9 @@ class SumoSimulation:
             libsumo.close()
 
     def step(self, step: int, mirrored: ActorStates | None) -> TrafficState:
-        """Advance SUMO by one step.
+        """Advance SUMO to a step, one more than at the call before, starting at 0.
 
-        Args:
-            step: The step to compute; one more than at the call before, starting at 0.
-            mirrored: The simulated world at ``step − 1``; None at step 0.
+        ``mirrored`` is the simulated world at ``step − 1``; None at step 0.
 
         Raises:
             EpisodeError: steps out of order, or SUMO moved a mirrored vehicle elsewhere.
@@ -221,18 +213,9 @@ class SumoSimulation:
             actor_id = self._ids[name]
             self._reported[actor_id] = vehicle
             self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
-            spawned.append(
-                ActorDescription(
-                    actor_id=actor_id,
-                    name=name,
-                    actor_class=vehicle.actor_class,
-                    length_m=vehicle.length_m,
-                    width_m=vehicle.width_m,
-                    height_m=vehicle.height_m,
-                    colour_rgb=vehicle.colour_rgb,
-                    is_emv=vehicle.is_emv,
-                )
-            )
+            size = vehicle.length_m, vehicle.width_m, vehicle.height_m
+            looks = vehicle.colour_rgb, vehicle.is_emv
+            spawned.append(ActorDescription(actor_id, name, vehicle.actor_class, *size, *looks))
         return tuple(sorted(spawned, key=lambda description: description.actor_id))
 
     def _state(self, step: int, mirrored: ActorStates, removed: list[int]) -> TrafficState:
@@ -256,7 +239,10 @@ class SumoSimulation:
         owner = np.where(known, mirrored.owner[source], Owner.SUMO) if len(mirrored) else np.zeros(len(ids))
         x, y = simulated(mirrored.x_m, readings.x_m), simulated(mirrored.y_m, readings.y_m)
         rescued = self._reactions.rescued(names, readings, routes)
-        signals = self._signals()
+        signals = {signal: libsumo.trafficlight.getRedYellowGreenState(signal) for signal in self._signal_ids}
+        if LEVEL_POLICIES[self._level].siren:
+            emvs = [self._reported[actor_id].is_emv for actor_id in actor_ids]
+            readings.lights[emvs] |= np.uint8(Lights.BEACON | Lights.SIREN)
         speed = simulated(mirrored.speed_mps, readings.speed_mps)
         passing_mps = np.where(owner == Owner.ROS, speed, readings.speed_mps)
         events = self._events(step, ids, readings, lengths, passing_mps, owner.astype(np.uint8), signals)
@@ -278,7 +264,7 @@ class SumoSimulation:
             lane=readings.lane,
             lane_position_m=readings.lane_position_m,
             lateral_offset_m=readings.lateral_m,
-            lights=self._lights(actor_ids, readings.lights),
+            lights=readings.lights,
             flags=self._reactions.flags(names, readings, rescued),
             route_offset=offsets,
             route_edges=edges,
@@ -288,21 +274,14 @@ class SumoSimulation:
         )
 
     def _advice(self, rescued: Mapping[str, Sequence[str]]) -> tuple[EmvAdvice, ...]:
-        """SUMO's advice for every EMV on the map. Who yields is a civilian that ROS drives."""
+        """SUMO's advice for every EMV on the map; the civilians that ROS drives yield."""
         keeping = {self._plan.av, *(vehicle.name for vehicle in self._plan.emvs)}
         yielding = self._mirror.places.keys() - keeping
+        reach_m = self._config.leader_range_m
         return tuple(
-            emv_advice(
-                vehicle.name,
-                self._ids[vehicle.name],
-                self._ids,
-                yielding,
-                self._config.leader_range_m,
-                vehicle.driver.driving.min_gap_m,
-                len(rescued[vehicle.name]),
-            )
-            for vehicle in self._plan.emvs
-            if self._ids[vehicle.name] in self._reported
+            emv_advice(emv.name, self._ids, yielding, reach_m, emv.driver.driving.min_gap_m, len(rescued[emv.name]))
+            for emv in self._plan.emvs
+            if self._ids[emv.name] in self._reported
         )
 
     def _place_mirrored(self, names: list[str], readings: Readings) -> None:
@@ -333,20 +312,10 @@ class SumoSimulation:
             self._route_ahead[name] = cached
         return cached[1]
 
-    def _lights(self, actor_ids: list[int], lights: Codes) -> Codes:
-        if LEVEL_POLICIES[self._level].siren:
-            emvs = [self._reported[actor_id].is_emv for actor_id in actor_ids]
-            lights[emvs] |= np.uint8(Lights.BEACON | Lights.SIREN)
-        return lights
-
-    def _signals(self) -> dict[str, str]:
-        state_of = libsumo.trafficlight.getRedYellowGreenState
-        return {signal: state_of(signal) for signal in self._signal_ids}
-
     def _events(
         self,
         step: int,
-        ids: np.ndarray[tuple[int], np.dtype[np.uint32]],
+        ids: Ids,
         readings: Readings,
         lengths_m: Floats,
         speed_mps: Floats,
@@ -355,8 +324,7 @@ class SumoSimulation:
     ) -> tuple[Event, ...]:
         """Events of the step; ``speed_mps`` is SUMO's, and for vehicles that ROS drives the simulated one."""
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
-        jump_m = self._config.jump_m
-        back = self._mirror.realigned
+        jump_m, back = self._config.jump_m, self._mirror.realigned
         events: list[Event] = find_teleports(step, ids, readings, lengths_m, owner, started, back, self._last, jump_m)
         for row, (actor_id, lane) in enumerate(zip(ids.tolist(), readings.lane.tolist(), strict=True)):
             if actor_id not in back and (lane == NO_LANE or self._crossings.is_on(actor_id, lane)):

@@ -255,8 +255,8 @@ def test_who_makes_way_is_a_civilian_that_ros_drives(stage: Stage) -> None:
     """Neither the EMV nor the AV under test counts, which ROS drives for other reasons."""
     stage.step(0)
     stage.private._mirror.places = {name: place(A_LEFT) for name in (EMV, AV, CAR)}
-    ((name, actor_id, _, yielding, *_, min_gap_m, rescued),) = stage.step(1, driven(0)).emvs
-    assert (name, actor_id, min_gap_m, rescued) == (EMV, 1, 2.0, 1)
+    ((name, ids, yielding, *_, min_gap_m, rescued),) = stage.step(1, driven(0)).emvs
+    assert (name, ids[name], min_gap_m, rescued) == (EMV, 1, 2.0, 1)
     assert yielding == {CAR}
 
 

@@ -32,7 +32,7 @@ from siren_ros.traffic.demand.emv_start import (
     start_m_of,
     unhindered_arrival_s,
 )
-from siren_ros.traffic.demand.group_demand import GroupPlan, plan_groups
+from siren_ros.traffic.demand.group_demand import GroupPlan, plan_groups, route_length_m
 from siren_ros.traffic.demand.plan import (
     DriverPopulation,
     LaneInterval,
@@ -62,15 +62,6 @@ def plan_traffic(
     The same inputs give the same plan. The level does not enter: episodes of one seed at different
     levels have the same traffic.
 
-    Args:
-        network: The map.
-        site: The place of the interaction, with the EMV's route.
-        template: The scenario with its values.
-        seed: The episode's seed.
-        drivers: Population from which drivers are drawn.
-        dimensions: Length, width and height of each vehicle class in metres.
-        config: Constants of the placement.
-
     Raises:
         MapError: the map is too small for the civilians, or the site's approach too short for the EMVs.
         InputError: dimensions of a vehicle class are missing.
@@ -88,26 +79,19 @@ def plan_traffic(
     return _Planner(network, site, starts, template, seed, factory, config).plan()
 
 
+@dataclass
 class _Planner:
-    def __init__(
-        self,
-        network: RoadNetwork,
-        site: Site,
-        starts: Sequence[EmvStart],
-        template: Template,
-        seed: int,
-        factory: VehicleFactory,
-        config: DemandConfig,
-    ) -> None:
-        self._network = network
-        self._site = site
-        self._starts = starts
-        self._start = starts[0]
-        self._template = template
-        self._seed = seed
-        self._factory = factory
-        self._config = config
-        self._route_m = config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
+    _network: RoadNetwork
+    _site: Site
+    _starts: Sequence[EmvStart]
+    _template: Template
+    _seed: int
+    _factory: VehicleFactory
+    _config: DemandConfig
+
+    @property
+    def _start(self) -> EmvStart:
+        return self._starts[0]
 
     def plan(self) -> TrafficPlan:
         groups = plan_groups(
@@ -170,19 +154,19 @@ class _Planner:
         rear = rearmost.front_m - self._factory.size(self._template.emv.actor_class)[0] - self._config.stage_behind_m
         foremost = max(self._start.front_m, groups.foremost_m)
         reach = between_m + foremost + self._config.stage_ahead_m
-        found: list[LaneInterval] = []
+        stage: list[LaneInterval] = []
         for lane in driving_lanes(self._network, rearmost.route[0]):
-            found += chain_along(self._network, lane, rearmost.route).intervals(self._network, rear, reach)
-        found += self._sharing_junction_paths(found)
-        return tuple(dict.fromkeys((*found, *self._way_to_site(), *groups.crossing_stage)))
+            stage += chain_along(self._network, lane, rearmost.route).intervals(self._network, rear, reach)
+        stage += self._sharing_junction_paths(stage)
+        return tuple(dict.fromkeys((*stage, *self._way_to_site(), *groups.crossing_stage)))
 
     def _sharing_junction_paths(self, stage: Sequence[LaneInterval]) -> list[LaneInterval]:
-        """The junction paths that begin or end with one of the stage: who turns off there is ahead of the EMV too."""
+        """The junction paths that begin or end with one of the stage: vehicles that turn off there are ahead too."""
         network = self._network
-        ways = [one for area in stage for one in network.connections_over.get(area.lane, ())]
-        leaving = [one for way in ways for one in network.connections_from.get(way.from_lane, ())]
-        joining = [one for way in ways for one in network.connections_to.get(way.to_lane, ())]
-        lanes = dict.fromkeys(lane for one in (*leaving, *joining) for lane in one.via)
+        ways = [way for area in stage for way in network.connections_over.get(area.lane, ())]
+        leaving = [movement for way in ways for movement in network.connections_from.get(way.from_lane, ())]
+        joining = [movement for way in ways for movement in network.connections_to.get(way.to_lane, ())]
+        lanes = dict.fromkeys(lane for movement in (*leaving, *joining) for lane in movement.via)
         return [LaneInterval(lane, 0.0, network.lanes[lane].length_m) for lane in lanes]
 
     def _way_to_site(self) -> tuple[LaneInterval, ...]:
@@ -198,6 +182,7 @@ class _Planner:
     ) -> tuple[PlannedVehicle, ...]:
         """Vehicles at random places off some stretches; where ``disjoint``, at a distance from each other."""
         rng = random_stream(self._seed, f"demand/{purpose}")
+        route_m = route_length_m(self._template, self._config)
         lanes = self._background_lanes
         if not lanes:
             raise MapError("no driving lanes", "a map with connected driving lanes for civilians")
@@ -213,9 +198,12 @@ class _Planner:
             if disjoint:
                 occupied.setdefault(lane.index, []).append((front - length, front))
             driver = self._factory.draw_driver(actor_class, rng, self._template.demand.speed_factor)
-            route = self._factory.draw_route((lane.edge,), self._route_m, rng, lane.index, actor_class)
+            route = self._factory.draw_route((lane.edge,), route_m, rng, lane.index, actor_class)
             wished = min(driver.speed_factor * lane.speed_limit_mps, driver.driving.max_speed_mps)
-            spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, self._stoppable(lane, front)))
+            # It can still stop before the lane's end, or behind another one at the least gap.
+            free_m = min(lane.length_m - front, self._config.placement_gap_m)
+            stoppable = speed_before_mps(0.0, self._config.comfortable_decel_mps2, free_m)
+            spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, stoppable))
             vehicles.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))
         return tuple(vehicles)
 
@@ -242,12 +230,6 @@ class _Planner:
                 break
         return np.concatenate(points)
 
-    def _stoppable(self, lane: Lane, front_m: float) -> float:
-        """Speed from which a vehicle can still stop before the lane's end, or behind one at the least gap."""
-        config = self._config
-        free_m = min(lane.length_m - front_m, config.placement_gap_m)
-        return speed_before_mps(0.0, config.comfortable_decel_mps2, free_m)
-
     def _free_spot(
         self,
         lanes: Sequence[Lane],
@@ -273,15 +255,6 @@ class _Planner:
 _SPACING_M: Final = 1.0
 
 
-@dataclass(frozen=True, order=True)
-class _Nearness:
-    """Sorts vehicles: in the EMV's lane first, then on its route, then elsewhere; the nearest first in each."""
-
-    rank: int
-    distance_m: float
-    name: str
-
-
 def choose_av(network: RoadNetwork, plan: TrafficPlan) -> str:
     """The civilian that the EMV has to pass: the first one ahead in its lane.
 
@@ -297,22 +270,22 @@ def choose_av(network: RoadNetwork, plan: TrafficPlan) -> str:
     """
     if not plan.groups:
         raise InputError("av", "civilian", "a template with civilians around its emergency vehicle")
-    return min(_nearness(network, plan.emvs[0], vehicle) for vehicle in plan.groups).name
+    return min((*_nearness(network, plan.emvs[0], vehicle), vehicle.name) for vehicle in plan.groups)[-1]
 
 
-def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle) -> _Nearness:
+def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle) -> tuple[int, float]:
+    """Sorts vehicles: in the EMV's lane first, then on its route, then elsewhere; the nearest first in each."""
     route = [network.edge_by_id[edge].index for edge in emv.route]
     chain = chain_along(network, network.lanes[emv.spot.lane], route)
-    start = dict(zip(chain.lanes, chain.start_m, strict=True))
     edge_start: dict[int, float] = {}
     for index, start_m in zip(chain.lanes, chain.start_m, strict=True):
         edge_start.setdefault(network.lanes[index].edge, start_m)
     lane = network.lanes[vehicle.spot.lane]
     ahead_m = edge_start.get(lane.edge, -np.inf) + vehicle.spot.front_m - emv.spot.front_m
     if ahead_m > 0.0:
-        return _Nearness(0 if lane.index in start else 1, float(ahead_m), vehicle.name)
-    points = [network.lanes[one.spot.lane].centre.at(one.spot.front_m) for one in (emv, vehicle)]
-    return _Nearness(2, float(np.linalg.norm(points[1] - points[0])), vehicle.name)
+        return 0 if lane.index in chain.lanes else 1, float(ahead_m)
+    points = [network.lanes[spot.lane].centre.at(spot.front_m) for spot in (emv.spot, vehicle.spot)]
+    return 2, float(np.linalg.norm(points[1] - points[0]))
 
 
 def av_way(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
@@ -324,9 +297,9 @@ def av_way(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
     av = next(vehicle for vehicle in plan.groups if vehicle.name == plan.av)
     lanes = route_path(network, [network.edge_by_id[edge].index for edge in av.route], av.spot.lane)
     first_edge = network.lanes[lanes[0]].edge
-    own = [network.lanes[lane] for lane in takewhile(lambda lane: network.lanes[lane].edge == first_edge, lanes)]
-    begun = _to_lane(own[0], own[-1], max(av.spot.front_m - av.length_m, 0.0))
-    onward = lanes[len(own) :]
+    beside = [network.lanes[lane] for lane in takewhile(lambda lane: network.lanes[lane].edge == first_edge, lanes)]
+    begun = _to_lane(beside[0], beside[-1], max(av.spot.front_m - av.length_m, 0.0))
+    onward = lanes[len(beside) :]
     return Polyline.joined([begun, path_centre(network, onward)]) if onward else begun
 
 

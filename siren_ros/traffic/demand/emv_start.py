@@ -132,7 +132,7 @@ def _lane_before(network: RoadNetwork, lane: Lane, edge: int) -> tuple[Lane, tup
         if network.lanes[connection.from_lane].edge == edge and network.lanes[connection.from_lane].kind is lane.kind
     ]
     if leading:
-        return max(leading, key=lambda found: found[0].position)
+        return max(leading, key=lambda lane_and_via: lane_and_via[0].position)
     return driving_lanes(network, edge)[-1], ()
 
 
@@ -147,20 +147,15 @@ def _length_m(network: RoadNetwork, lanes: Sequence[int]) -> float:
 
 def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:
     """Time from step 0 to the stop line on a free road: speeding up, and slowing down for bends."""
-    way = Polyline.joined([network.lanes[lane].centre for lane in start.lanes_to_site])
-    if start.front_m >= way.length_m:
-        return 0.0
-    speed = _speeds_mps(way, start, emv, config)
-    driven_m = np.minimum(SAMPLE_M, way.length_m - start.front_m - SAMPLE_M * np.arange(len(speed)))
+    way_m, speed = _speeds_mps(network, start, emv, config)
+    driven_m = np.minimum(SAMPLE_M, way_m - start.front_m - SAMPLE_M * np.arange(len(speed)))
     return float(np.sum(driven_m / np.maximum(speed, _CREEP_MPS)))
 
 
 def depart_speed_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:
     """The template's speed at the start, or the one that the bends ahead allow there."""
-    way = Polyline.joined([network.lanes[lane].centre for lane in start.lanes_to_site])
-    if start.front_m >= way.length_m:
-        return emv.depart_speed_mps
-    return float(_speeds_mps(way, start, emv, config)[0])
+    _, speed = _speeds_mps(network, start, emv, config)
+    return float(speed[0]) if len(speed) else emv.depart_speed_mps
 
 
 def behind_queue_mps(
@@ -170,28 +165,30 @@ def behind_queue_mps(
 
     Infinite where nobody stands ahead of it on the way to the site.
     """
-    begins_m = dict(zip(start.lanes_to_site, _begins_m(network, start.lanes_to_site), strict=True))
+    lengths_m = (network.lanes[lane].length_m for lane in start.lanes_to_site)
+    begins_m = dict(zip(start.lanes_to_site, accumulate(lengths_m, initial=0.0), strict=False))
     rears_m = [
-        begins_m[one.spot.lane] + one.spot.front_m - one.length_m
-        for one in standing
-        if one.spot.lane in begins_m and one.spot.speed_mps == 0.0
+        begins_m[vehicle.spot.lane] + vehicle.spot.front_m - vehicle.length_m
+        for vehicle in standing
+        if vehicle.spot.lane in begins_m and vehicle.spot.speed_mps == 0.0
     ]
     gap_m = min((rear_m - start.front_m for rear_m in rears_m if rear_m > start.front_m), default=math.inf)
     return speed_before_mps(0.0, config.emv_queue_brake_mps2, max(gap_m - config.emv_queue_gap_m, 0.0))
 
 
-def _begins_m(network: RoadNetwork, lanes: Sequence[int]) -> list[float]:
-    return list(accumulate((network.lanes[lane].length_m for lane in lanes[:-1]), initial=0.0))
+def _speeds_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> tuple[float, Floats]:
+    """Length of the lanes to the stop line, and the largest speeds at samples of the way from the start on.
 
-
-def _speeds_mps(way: Polyline, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> Floats:
-    """The largest speeds with the EMV's target speed and limits on lateral acceleration, speeding up and braking.
-
-    Two passes over samples of the way from the start on.
+    They keep the target speed and the limits of lateral acceleration, speeding up and braking; none beyond the line.
     """
+    way = Polyline.joined([network.lanes[lane].centre for lane in start.lanes_to_site])
+    if start.front_m >= way.length_m:
+        return way.length_m, np.empty(0)
     ahead = way.cut(start.front_m, way.length_m)
-    speed = np.minimum(emv.speed_mps, bend_speeds_mps(ahead, config.emv_lateral_accel_mps2))
-    return with_accelerating(with_braking(speed, config.emv_brake_mps2), emv.depart_speed_mps, config.emv_accel_mps2)
+    speed = with_braking(
+        np.minimum(emv.speed_mps, bend_speeds_mps(ahead, config.emv_lateral_accel_mps2)), config.emv_brake_mps2
+    )
+    return way.length_m, with_accelerating(speed, emv.depart_speed_mps, config.emv_accel_mps2)
 
 
 def approach_rank(network: RoadNetwork, site: Site, emv: EmvDemand, config: DemandConfig) -> int:
@@ -235,7 +232,9 @@ def long_enough_route(
     Of the ways on, those that keep most of the route come first; where none is long enough, the
     longest way found is taken.
     """
-    kept_at_least = max(route.index(edge) for edge in _site_edges(site) if edge in route) + 1
+    # The stretch makes the interaction, and beyond a junction the edge that the EMV's movement leads to.
+    needed = (site.site_edge, *site.stretch, *(() if site.junction is None else site.beyond[:1]))
+    kept_at_least = max(route.index(edge) for edge in needed if edge in route) + 1
     best, best_m = route, factory.length_m(route)
     for kept in range(len(route), kept_at_least - 1, -1):
         for _ in range(_ROUTE_TRIES):
@@ -245,9 +244,3 @@ def long_enough_route(
             if factory.length_m(way) > best_m:
                 best, best_m = way, factory.length_m(way)
     return best
-
-
-def _site_edges(site: Site) -> Sequence[int]:
-    """Edges that make the interaction: the stretch, and beyond a junction the edge that the EMV's movement leads to."""
-    beyond = () if site.junction is None else site.beyond[:1]
-    return (site.site_edge, *site.stretch, *beyond)

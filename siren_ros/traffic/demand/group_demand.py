@@ -26,7 +26,7 @@ from siren_ros.traffic.demand.emv_start import (
     unhindered_arrival_s,
     way_to_stop_line_m,
 )
-from siren_ros.traffic.demand.plan import LaneChain, LaneInterval, PlannedVehicle, Spot, chain_along
+from siren_ros.traffic.demand.plan import LaneChain, LaneInterval, PlannedVehicle, Spot, chain_along, chain_of
 from siren_ros.traffic.demand.vehicle_factory import Shares, VehicleFactory
 
 # No parameters: the templates are laid out with these lengths, and their own values vary around them.
@@ -78,13 +78,8 @@ def group_rows(
 ) -> list[GroupRow]:
     """The rows of a group, in the order in which they are filled.
 
-    Args:
-        network: The map.
-        site: The place of the interaction.
-        start: The foremost EMV's start.
-        group: Which lanes, and counted from where.
-        arrival_s: Time from step 0 to the EMV's unhindered arrival at the stop line.
-        rng: Draws the way on of crossing rows, where a lane has several.
+    The foremost EMV begins at ``start`` and arrives unhindered at the stop line ``arrival_s`` after step 0. ``rng``
+    draws the way on of crossing rows, where a lane has several.
     """
     if group.placement is Placement.CROSSING:
         return _crossing_rows(network, site, rng)
@@ -107,14 +102,12 @@ def group_rows(
     way_m = way_to_stop_line_m(network, start)
     if group.anchor is GroupAnchor.EMV:
         most_m = (_OVERTAKEN - 1.0) * way_m if group.placement is Placement.SAME_DIRECTION else math.inf
-        return [
-            replace(row, anchor_m=row.anchor_m - way_m, forwards=True, most_m=row.anchor_m + most_m) for row in rows
-        ]
-    # Beyond the stop line a stream would only hold up its own vehicles that come after.
-    together = [_together_m(network, row, start, group, arrival_s) for row in rows]
+        anchors_m = [row.anchor_m - way_m for row in rows]
+    else:  # beyond the stop line a stream would only hold up its own vehicles that come after
+        most_m, anchors_m = 0.0, [_together_m(network, row, start, group, arrival_s) for row in rows]
     return [
-        replace(row, anchor_m=anchor_m, forwards=True, most_m=row.anchor_m)
-        for row, anchor_m in zip(rows, together, strict=True)
+        replace(row, anchor_m=anchor_m, forwards=True, most_m=row.anchor_m + most_m)
+        for row, anchor_m in zip(rows, anchors_m, strict=True)
     ]
 
 
@@ -128,8 +121,7 @@ def _together_m(network: RoadNetwork, row: GroupRow, start: EmvStart, group: Dem
         follows = start.lanes_to_site[-1] in row.chain.lanes
         lead_m = -_FOLLOWING_M if follows else _COMING_UP_M
         return row.anchor_m - way_to_stop_line_m(network, start) + lead_m
-    lanes = [network.lanes[lane].centre for lane in row.chain.lanes]
-    way = Polyline.joined(lanes).cut(0.0, row.anchor_m)
+    way = Polyline.joined([network.lanes[lane].centre for lane in row.chain.lanes]).cut(0.0, row.anchor_m)
     speed = np.minimum(_IN_STREAM * group.speed_mps, bend_speeds_mps(way, _LATERAL_MPS2))
     speed = with_braking(speed, _BRAKE_MPS2)
     left_s = np.cumsum((SAMPLE_M / speed)[::-1])[::-1]
@@ -138,24 +130,23 @@ def _together_m(network: RoadNetwork, row: GroupRow, start: EmvStart, group: Dem
 
 
 def _chosen(
-    network: RoadNetwork, own: Lane, edge: int, placement: Placement, same_direction: Sequence[int]
+    network: RoadNetwork, travelled: Lane, edge: int, placement: Placement, same_direction: Sequence[int]
 ) -> list[Lane]:
     if placement is Placement.EMV_LANE:
-        return [own]
-    others = [lane for lane in driving_lanes(network, edge) if lane.index != own.index]
+        return [travelled]
+    others = [lane for lane in driving_lanes(network, edge) if lane.index != travelled.index]
     if placement is Placement.ADJACENT_LANE:
-        adjacent = [lane for lane in others if abs(lane.position - own.position) == 1]
+        adjacent = [lane for lane in others if abs(lane.position - travelled.position) == 1]
         return sorted(adjacent, key=lambda lane: (lane.index not in same_direction, -lane.position))[:1]
     if placement is Placement.SAME_DIRECTION:
-        return [lane for lane in others if lane.index in same_direction] or [own]
+        return [lane for lane in others if lane.index in same_direction] or [travelled]
     return others
 
 
 def _approach_row(network: RoadNetwork, site: Site, start: EmvStart, lane: Lane) -> GroupRow:
     """The row that leads to a lane of the site's edge, from the stop line back to the edge of the EMV's start."""
-    position = start.route.index(site.site_edge)
     lanes: tuple[int, ...] = (lane.index,)
-    first = position
+    first = position = start.route.index(site.site_edge)
     while first > 0:
         before = _connection_from(network, lanes[0], start.route[first - 1])
         if before is None:
@@ -164,10 +155,8 @@ def _approach_row(network: RoadNetwork, site: Site, start: EmvStart, lane: Lane)
         lanes = (before.from_lane, *before.via, *lanes)
     stop_line_m = sum(network.lanes[index].length_m for index in lanes)
     onward = chain_along(network, lane, start.route[position:])
-    whole = _chain(network, (*lanes, *onward.lanes[1:]))
-    least_m = 0.0
-    if start.lane in lanes:
-        least_m = stop_line_m - way_to_stop_line_m(network, start)
+    whole = chain_of(network, (*lanes, *onward.lanes[1:]))
+    least_m = stop_line_m - way_to_stop_line_m(network, start) if start.lane in lanes else 0.0
     if network.lanes[site.approach_lane].kind is LaneKind.SHOULDER:
         queue_m = max(quiet_reach_m(network, lane.index, stop_line_m) - ONTO_SHOULDER_M, SHORT_QUEUE_M)
         least_m = max(least_m + ONTO_SHOULDER_M, stop_line_m - queue_m)
@@ -195,7 +184,7 @@ def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -
         way = (*dict.fromkeys(edges), beyond)
         stands_back_m = _IN_TURN_M * (approaches.index(network.lanes[lane].edge) % 2)
         anchor_m = length_m - (stands_back_m if network.connections[movement].must_stop else 0.0)
-        rows.append(GroupRow(_chain(network, lanes), way, anchor_m, forwards=False, movement=movement))
+        rows.append(GroupRow(chain_of(network, lanes), way, anchor_m, forwards=False, movement=movement))
     return rows
 
 
@@ -213,17 +202,10 @@ def _connection_from(network: RoadNetwork, lane: int, edge: int) -> Connection |
 def _plain_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
     """The movement to a lane straight on from another road piece, with neither signal nor stop sign."""
     for connection in network.connections_to.get(lane, ()):
-        source = network.lanes[connection.from_lane]
         free = connection.signal_id is None and not connection.must_stop and connection.direction == "s"
-        if free and source.kind is LaneKind.DRIVING:
+        if free and network.lanes[connection.from_lane].kind is LaneKind.DRIVING:
             return connection
     return None
-
-
-def _chain(network: RoadNetwork, lanes: Sequence[int]) -> LaneChain:
-    lengths = [network.lanes[lane].length_m for lane in lanes]
-    starts = [sum(lengths[:number]) for number in range(len(lanes))]
-    return LaneChain(tuple(lanes), tuple(starts), sum(lengths))
 
 
 # No parameters: as above.
@@ -303,13 +285,18 @@ def _through(network: RoadNetwork, site: Site) -> tuple[int, ...]:
 
 def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
     crossing = group.placement is Placement.CROSSING
-    one_is_enough = crossing or group.anchor is GroupAnchor.ARRIVAL
-    least = min(1, group.vehicles) if one_is_enough else _LEAST_PLACED_SHARE * group.vehicles
+    single = crossing or group.anchor is GroupAnchor.ARRIVAL
+    least = min(1, group.vehicles) if single else _LEAST_PLACED_SHARE * group.vehicles
     if group.standing:
         least = min(least, _LEAST_QUEUE)
     if not group.optional and (rows or crossing) and placed < least:
         cars = f"{group.vehicles} vehicles {_WHERE[group.placement]}"
         raise MapError(f"group {group.name}", f"a place with road for {cars}; {placed} would fit")
+
+
+def route_length_m(template: Template, config: DemandConfig) -> float:
+    """Length of civilians' routes, for warm-up and episode."""
+    return config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
 
 
 @dataclass
@@ -325,11 +312,6 @@ class _GroupPlanner:
     crossing_stage: list[LaneInterval] = field(default_factory=list)
     _reached_m: dict[tuple[tuple[int, ...], bool], tuple[float, float]] = field(default_factory=dict)
     """Rear and front of the last vehicle in each row of lanes and direction of growth."""
-
-    @property
-    def _route_m(self) -> float:
-        config, template = self.config, self.template
-        return config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
 
     def vehicle(
         self, group: DemandGroup, number: int, row: GroupRow, rng: np.random.Generator
@@ -354,7 +336,7 @@ class _GroupPlanner:
         if group.anchor is GroupAnchor.ARRIVAL:  # a stream that slow drivers hold up would come too late
             driver = replace(driver, speed_factor=max(driver.speed_factor, group.speed_mps / limit))
         speed = min(speed, driver.speed_factor * limit)
-        route = self.factory.draw_route(edges, self._route_m, rng, lane, actor_class)
+        route = self.factory.draw_route(edges, route_length_m(self.template, self.config), rng, lane, actor_class)
         spot = Spot(lane, front, 0.0 if group.standing else speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
 
@@ -367,7 +349,7 @@ class _GroupPlanner:
         shares = self.template.demand.classes
         if group.placement is not Placement.SAME_DIRECTION:
             return shares
-        return [one for one in shares if self.factory.can_follow(one[0], self.through)] or shares
+        return [share for share in shares if self.factory.can_follow(share[0], self.through)] or shares
 
     def keep_crossing_free(self, rows: Sequence[GroupRow]) -> None:
         """Adds the lanes of crossing rows, from behind their last vehicle on, to the stage."""
@@ -381,15 +363,11 @@ class _GroupPlanner:
         self, row: GroupRow, first_gap_m: float, spacing_m: float, length_m: float
     ) -> tuple[float, int, float] | None:
         """Place of the front on the row's chain, its lane and the place on that, clear of junctions."""
-        reached = self._reached_m.get((row.chain.lanes, row.forwards))
+        rear_m, reached_m = self._reached_m.get((row.chain.lanes, row.forwards), (math.inf, -math.inf))
         if row.forwards:
-            front_m = row.anchor_m + first_gap_m + length_m
-            if reached is not None:
-                front_m = max(front_m, reached[1] + spacing_m + length_m)
+            front_m = max(row.anchor_m + first_gap_m + length_m, reached_m + spacing_m + length_m)
         else:
-            front_m = row.anchor_m - first_gap_m
-            if reached is not None:
-                front_m = min(front_m, reached[0] - spacing_m)
+            front_m = min(row.anchor_m - first_gap_m, rear_m - spacing_m)
         step_m = _SEARCH_STEP_M if row.forwards else -_SEARCH_STEP_M
         least_m = row.least_m + self.config.emv_clearance_m if row.least_m > 0.0 else 0.0
         while front_m < min(row.chain.end_m, row.most_m) and front_m - length_m >= least_m:

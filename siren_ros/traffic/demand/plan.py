@@ -5,6 +5,7 @@ The lanes along a route are addressed by one distance.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import Final
 
 import numpy as np
@@ -43,15 +44,9 @@ class DriverPopulation:
 
     def draw(self, actor_class: ActorClass, rng: np.random.Generator, speed_scale: float = 1.0) -> "DriverModel":
         """One driver of a vehicle of the given class; ``speed_scale`` scales the wished speed."""
-        return DriverModel(
-            car_following=self.car_following,
-            speed_factor=self.speed_factor.draw(rng) * speed_scale,
-            tau_s=self.tau_s.draw(rng),
-            max_lateral_speed_mps=self.max_lateral_speed_mps,
-            speed_gain_eagerness=self.speed_gain_eagerness,
-            cooperation=self.cooperation,
-            driving=self.classes[actor_class],
-        )
+        speed_factor, tau_s = self.speed_factor.draw(rng) * speed_scale, self.tau_s.draw(rng)
+        sideways = self.max_lateral_speed_mps, self.speed_gain_eagerness, self.cooperation
+        return DriverModel(self.car_following, speed_factor, tau_s, *sideways, self.classes[actor_class])
 
 
 @dataclass(frozen=True)
@@ -185,18 +180,13 @@ def with_attention(plan: TrafficPlan, share: float, seed: int) -> TrafficPlan:
     if share >= 1.0:
         return plan
 
-    def drawn(vehicles: tuple[PlannedVehicle, ...], purpose: str) -> tuple[PlannedVehicle, ...]:
+    def drawn(purpose: str) -> tuple[PlannedVehicle, ...]:
         return tuple(
             replace(vehicle, attentive=bool(random_stream(seed, f"attention/{purpose}", index).random() < share))
-            for index, vehicle in enumerate(vehicles)
+            for index, vehicle in enumerate(getattr(plan, purpose))
         )
 
-    return replace(
-        plan,
-        groups=drawn(plan.groups, "groups"),
-        background=drawn(plan.background, "background"),
-        reserve=drawn(plan.reserve, "reserve"),
-    )
+    return replace(plan, groups=drawn("groups"), background=drawn("background"), reserve=drawn("reserve"))
 
 
 @dataclass(frozen=True)
@@ -214,9 +204,7 @@ class LaneChain:
             return None
         last = max(i for i, start in enumerate(self.start_m) if start <= distance_m)
         lane = network.lanes[self.lanes[last]]
-        if lane.kind is LaneKind.INTERNAL:
-            return None
-        return lane.index, distance_m - self.start_m[last]
+        return None if lane.kind is LaneKind.INTERNAL else (lane.index, distance_m - self.start_m[last])
 
     def intervals(self, network: RoadNetwork, from_m: float, to_m: float) -> tuple[LaneInterval, ...]:
         """The stretches of lanes between two distances."""
@@ -233,25 +221,19 @@ def chain_along(network: RoadNetwork, lane: Lane, edges: Sequence[int]) -> LaneC
 
     Where a lane does not lead to the next edge, the chain goes on from the nearest lane of the edge that does.
     """
-    lanes: list[int] = []
-    starts: list[float] = []
-    end = 0.0
-    current = lane
-    for following in [*edges[1:], None]:
-        lanes.append(current.index)
-        starts.append(end)
-        end += current.length_m
-        if following is None:
-            break
-        step = connection_onward(network, current, following)
+    lanes = [lane.index]
+    for following in edges[1:]:
+        step = connection_onward(network, network.lanes[lanes[-1]], following)
         if step is None:
             break
-        for via in step.via:
-            lanes.append(via)
-            starts.append(end)
-            end += network.lanes[via].length_m
-        current = network.lanes[step.to_lane]
-    return LaneChain(tuple(lanes), tuple(starts), end)
+        lanes += [*step.via, step.to_lane]
+    return chain_of(network, lanes)
+
+
+def chain_of(network: RoadNetwork, lanes: Sequence[int]) -> LaneChain:
+    """The chain of lanes that follow each other."""
+    ends = tuple(accumulate((network.lanes[lane].length_m for lane in lanes), initial=0.0))
+    return LaneChain(tuple(lanes), ends[:-1], ends[-1])
 
 
 def connection_onward(network: RoadNetwork, lane: Lane, following: int) -> Connection | None:

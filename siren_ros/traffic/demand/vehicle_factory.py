@@ -84,7 +84,7 @@ class RouteChooser:
 
         Args:
             start: Edges that the route begins with.
-            length_m: Length wanted, the given edges included.
+            length_m: Least length, the given edges included.
             rng: Generator.
             vehicle_m: Length of the vehicle.
             lane: Lane of the last given edge on which the vehicle stands; the way on begins in this lane, unless all
@@ -143,11 +143,9 @@ class RouteChooser:
         return config.long_vehicle_radius_m if vehicle_m > config.long_vehicle_m else config.car_radius_m
 
     def _ways_from(self, edge: int) -> tuple[_Way, ...]:
-        found = self._ways.get(edge)
-        if found is None:
-            found = tuple(self._way(edge, following) for following in self._graph.successors[edge])
-            self._ways[edge] = found
-        return found
+        if edge not in self._ways:
+            self._ways[edge] = tuple(self._way(edge, following) for following in self._graph.successors[edge])
+        return self._ways[edge]
 
     def _way(self, edge: int, following: int) -> _Way:
         movements = civilian_movements(self._network, edge, following)
@@ -222,12 +220,11 @@ class VehicleFactory:
 
     def suited_lanes(self, actor_class: ActorClass, lanes: tuple[int, ...]) -> tuple[int, ...]:
         """The lanes from which a vehicle of a class can drive on without bends too tight for it."""
-        found = self._suited.get((actor_class, lanes))
-        if found is None:  # asked for every vehicle that is drawn, of the same lanes
+        key = actor_class, lanes
+        if key not in self._suited:  # asked for every vehicle that is drawn, of the same lanes
             length_m = self.size(actor_class)[0]
-            found = tuple(lane for lane in lanes if self._routes.leads_on(lane, length_m))
-            self._suited[actor_class, lanes] = found
-        return found
+            self._suited[key] = tuple(lane for lane in lanes if self._routes.leads_on(lane, length_m))
+        return self._suited[key]
 
     def can_follow(self, actor_class: ActorClass, edges: Sequence[int]) -> bool:
         """Whether a vehicle of a class can drive along edges without bends too tight for it."""
@@ -236,7 +233,7 @@ class VehicleFactory:
 
     def draw_class(self, shares: Shares, rng: np.random.Generator, lanes: tuple[int, ...] = ()) -> ActorClass:
         """A vehicle class by its share, of those that suit one of the driving lanes; of all where none does."""
-        shares = [one for one in shares if self.suited_lanes(one[0], lanes)] or shares
+        shares = [share for share in shares if self.suited_lanes(share[0], lanes)] or shares
         weights = np.array([share for _, share in shares])
         return shares[int(rng.choice(len(shares), p=weights / weights.sum()))][0]
 

@@ -46,18 +46,12 @@ def cautions(
     waiting: Container[int] = (),
     inattentive: Container[int] = (),
 ) -> tuple[Caution, ...]:
-    """The drivers of SUMO who have to wait.
+    """The waits of SUMO's drivers.
 
     They wait for vehicles that are driven from outside, and, where their bodies would touch, for each other on
     junctions: SUMO's waiting places there reach into the ways of others. Into bodies ahead they do not drive anywhere:
-    SUMO knows of no corner that reaches into the next lane.
-
-    Args:
-        traffic: The present step.
-        outlook: Where everybody will go.
-        config: Margins, and how far ahead drivers look.
-        waiting: Actors who waited at the step before: they would go on if they need not.
-        inattentive: Actors who do not see vehicles from outside that come across their way.
+    SUMO knows of no corner that reaches into the next lane. Actors who waited at the step before (``waiting``) would go
+    on if they need not; ``inattentive`` ones do not see vehicles from outside that come across their way.
 
     Returns:
         The strictest wait of each, sorted by actor.
@@ -91,7 +85,7 @@ def cautions(
 
 @compiled
 def _near_pairs(poses: Any, speed_mps: Any, half_length_m: Any, inside: Any, counts: Any, limits: Any) -> Any:
-    """Which of SUMO's vehicles may meet whom, shape ``(P, 2)``: who counts or crosses within reach, or is close ahead.
+    """Pairs of a vehicle of SUMO and another one, shape ``(P, 2)``, that counts or crosses in reach, or is close ahead.
 
     Long vehicles at an angle reach far aside: the tail of a bus that changes lanes.
     Maps have roads that cross before their junction begins; so crossing does not ask where it happens.
@@ -141,17 +135,10 @@ def _waits(
     waits_already: bool,
     settings: CautionConfig,
 ) -> list[tuple[int, Wait]]:
-    """Everybody for whom the driver in a row has to wait, and how.
+    """Vehicles for which the driver in a row has to wait, and how.
 
-    Who merges among themselves is left to SUMO, and who leads while there is room.
-
-    Args:
-        row: Row of the driver.
-        met: Rows of the vehicles that are met, with margins and zones.
-        motion: Speeds and accelerations of all vehicles.
-        outlook: Where everybody will go.
-        waits_already: Whether the driver waited at the step before.
-        settings: Thresholds.
+    ``met`` holds rows, margins and zones of the vehicles that are met, ``motion`` the speeds and accelerations of all.
+    SUMO itself handles vehicles that merge among themselves, and those that lead while there is room.
     """
     speed_mps, accel_mps2 = motion
     own_mps, slowing = float(speed_mps[row]), float(accel_mps2[row])
@@ -188,9 +175,7 @@ class CautiousDrivers:
     def apply(self, traffic: TrafficState | None, vehicles: Mapping[int, PlannedVehicle]) -> None:
         """Impose speeds for SUMO's next step, and free those who need not wait any more.
 
-        Args:
-            traffic: The state before that step; None before the first one.
-            vehicles: SUMO's vehicles by actor id.
+        ``traffic`` is the state before that step, None before the first one.
         """
         slowed = {} if traffic is None else self._speeds(traffic, vehicles)
         for name in sorted(self._slowed - slowed.keys()):
@@ -207,12 +192,8 @@ class CautiousDrivers:
 
     def _speeds(self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle]) -> dict[str, float]:
         known = [vehicles[int(actor_id)] for actor_id in traffic.actor_id]
-        outlook = Outlook(
-            traffic,
-            self._book,
-            np.array([0.5 * vehicle.length_m for vehicle in known]),
-            np.array([0.5 * vehicle.width_m for vehicle in known]),
-        )
+        half_length_m = np.array([0.5 * vehicle.length_m for vehicle in known])
+        outlook = Outlook(traffic, self._book, half_length_m, np.array([0.5 * vehicle.width_m for vehicle in known]))
         speeds = {}
         waiting = {actor_id for actor_id, vehicle in vehicles.items() if vehicle.name in self._slowed}
         inattentive = {actor_id for actor_id, vehicle in vehicles.items() if not vehicle.attentive}

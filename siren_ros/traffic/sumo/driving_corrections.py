@@ -7,9 +7,8 @@
 
 from collections import deque
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import libsumo
 import numpy as np
@@ -33,6 +32,10 @@ _STEP_MPS: Final = 0.05
 """A limit is told to SUMO when it has changed by this much."""
 
 
+Results: TypeAlias = Mapping[str, Mapping[int, Any]]
+"""SUMO's subscription results by vehicle."""
+
+
 class _Profile(NamedTuple):
     """Speeds at each metre of a lane."""
 
@@ -44,58 +47,38 @@ class _Profile(NamedTuple):
     """From which a vehicle still slows down in time for what follows."""
 
 
-class _Passed(NamedTuple):
-    """A place where a vehicle's front bumper was: distance driven until there, and the speed of the bend."""
-
-    at_m: float
-    bend_mps: float
-
-
 class BendLimits:
     """Sets the greatest speed of SUMO's vehicles, step by step, from the shapes of the lanes ahead."""
 
     def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
-        """Prepare the limits.
-
-        Args:
-            network: The map.
-            length_scale: SUMO's length of each lane over that of its centre line.
-        """
+        """``length_scale`` is SUMO's length of each lane over that of its centre line."""
         self._network = network
         self._length_scale = length_scale
-        self._onward = _ways_across_junctions(network)
+        lanes_of = ((*connection.via, connection.to_lane) for connection in network.connections)
+        self._onward = dict(pair for lanes in lanes_of for pair in pairwise(lanes))
+        """The lane that follows each internal lane."""
         self._profiles: dict[tuple[int, tuple[int, ...]], _Profile] = {}
         self._routes: dict[str, tuple[int, ...]] = {}
         self._present: dict[str, tuple[str, int, _Profile | None]] = {}
         """Lane and place on the route of each vehicle, and its profile there."""
-        self._passed: dict[str, deque[_Passed]] = {}
+        self._passed: dict[str, deque[tuple[float, float]]] = {}
+        """Places where each front bumper was: distance driven until there, and the speed of the bend."""
         self._limits: dict[str, float] = {}
 
-    def apply(
-        self,
-        results: Mapping[str, Mapping[int, Any]],
-        vehicles: Mapping[str, PlannedVehicle],
-        mirrored: Container[str],
-    ) -> None:
-        """Set the limits for SUMO's next step.
-
-        Args:
-            results: SUMO's subscription results by vehicle.
-            vehicles: The vehicles by name.
-            mirrored: Vehicles that are moved from outside; they have no limit.
-        """
+    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Container[str]) -> None:
+        """Set the limits for SUMO's next step; ``mirrored`` vehicles are moved from outside and have no limit."""
         limits = {}
         for name, result in results.items():
             vehicle = vehicles[name]
-            own_mps = limit = vehicle.driver.driving.max_speed_mps
+            wished_mps = limit = vehicle.driver.driving.max_speed_mps
             profile = None if name in mirrored else self._profile_of(name, vehicle, result)
             if profile is not None:
                 scale, bend_mps, allowed_mps = profile
                 at = min(max(int(result[libsumo.VAR_LANEPOSITION] / scale / SAMPLE_M), 0), len(bend_mps) - 1)
                 held_mps = self._held(name, vehicle.length_m, result[libsumo.VAR_SPEED] / scale * STEP_S, bend_mps[at])
-                limit = min(own_mps, scale * min(held_mps, allowed_mps[at]))
-            before = self._limits.get(name, own_mps)
-            changed = abs(limit - before) >= _STEP_MPS or (limit != before and own_mps in {limit, before})
+                limit = min(wished_mps, scale * min(held_mps, allowed_mps[at]))
+            before = self._limits.get(name, wished_mps)
+            changed = abs(limit - before) >= _STEP_MPS or (limit != before and wished_mps in {limit, before})
             limits[name] = limit if changed else before
             if changed:
                 libsumo.vehicle.setMaxSpeed(name, limit)
@@ -107,14 +90,14 @@ class BendLimits:
     def _held(self, name: str, length_m: float, moved_m: float, bend_mps: float) -> float:
         """The slowest bend that some part of a vehicle is in, when its front bumper has come to another place."""
         passed = self._passed.setdefault(name, deque())
-        at_m = (passed[-1].at_m if passed else 0.0) + moved_m
+        at_m = (passed[-1][0] if passed else 0.0) + moved_m
         # Earlier places that are no slower leave the outline first and never count again: speeds ascend.
-        while passed and passed[-1].bend_mps >= bend_mps:
+        while passed and passed[-1][1] >= bend_mps:
             passed.pop()
-        passed.append(_Passed(at_m, bend_mps))
-        while passed[0].at_m < at_m - length_m:
+        passed.append((at_m, bend_mps))
+        while passed[0][0] < at_m - length_m:
             passed.popleft()
-        return passed[0].bend_mps
+        return passed[0][1]
 
     def _profile_of(self, name: str, vehicle: PlannedVehicle, result: Mapping[int, Any]) -> _Profile | None:
         """The speeds of the lane that a vehicle is on, None off the road."""
@@ -130,8 +113,7 @@ class BendLimits:
         """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
         if name not in self._routes:
             self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
-        first = max(index, 0)
-        return self._routes[name][first : first + _EDGES_AHEAD]
+        return self._routes[name][max(index, 0) :][:_EDGES_AHEAD]
 
     def _profile(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
         """The speeds of a lane, with regard to what follows it on the route."""
@@ -139,11 +121,9 @@ class BendLimits:
         if key not in self._profiles:
             path = Polyline.joined([self._network.lanes[index].centre for index in self._lanes_ahead(lane, edges)])
             reach = path.cut(0.0, min(path.length_m, lane.length_m + _AHEAD_M))
-            bend, own = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
-            allowed = with_braking(bend, BRAKING_MPS2)
-            self._profiles[key] = _Profile(
-                self._length_scale[lane.lane_id], bend[:own].tolist(), allowed[:own].tolist()
-            )
+            bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
+            speeds = (bend[:count].tolist(), with_braking(bend, BRAKING_MPS2)[:count].tolist())
+            self._profiles[key] = _Profile(self._length_scale[lane.lane_id], *speeds)
         return self._profiles[key]
 
     def _lanes_ahead(self, lane: Lane, edges: Sequence[int]) -> list[int]:
@@ -164,24 +144,8 @@ class BendLimits:
         return lanes
 
 
-def _ways_across_junctions(network: RoadNetwork) -> dict[int, int]:
-    """The lane that follows each internal lane."""
-    onward: dict[int, int] = {}
-    for connection in network.connections:
-        lanes = (*connection.via, connection.to_lane)
-        onward.update(pairwise(lanes))
-    return onward
-
-
 # No parameter: smaller jumps are rounding.
 _TOLERANCE_M: Final = 0.05
-
-
-@dataclass(frozen=True)
-class _Front:
-    lane: int
-    x_m: float
-    y_m: float
 
 
 class LaneContinuity:
@@ -190,15 +154,14 @@ class LaneContinuity:
     def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
         self._network = network
         self._length_scale = length_scale
-        self._fronts: dict[str, _Front] = {}
+        self._fronts: dict[str, tuple[int, float, float]] = {}
+        """Lane, x and y of each front bumper."""
 
     def correct(self, results: Mapping[str, dict[int, Any]], skip: Container[str]) -> None:
         """Put vehicles that changed lanes in the last step where their motion leads, in SUMO and in the results.
 
-        Args:
-            results: SUMO's subscription results of this step by vehicle; position and lane position of
-                corrected vehicles are replaced in place.
-            skip: Vehicles that are moved from outside; they stand right already.
+        In SUMO's results of this step, their position and lane position are replaced in place. Vehicles that are moved
+        from outside (``skip``) stand right already.
         """
         fronts = {}
         offset_x, offset_y = self._network.sumo_offset_m
@@ -206,10 +169,10 @@ class LaneContinuity:
             lane = self._network.lane_by_id.get(result[libsumo.VAR_LANE_ID])
             index = NO_LANE if lane is None else lane.index
             before = self._fronts.get(name)
-            if before is not None and name not in skip and self._changed_beside(before.lane, index):
-                self._correct_one(name, before, index, result)
+            if before is not None and name not in skip and self._changed_beside(before[0], index):
+                self._correct_vehicle(name, before[1:], index, result)
             x, y = result[libsumo.VAR_POSITION]
-            fronts[name] = _Front(index, x - offset_x, y - offset_y)
+            fronts[name] = (index, x - offset_x, y - offset_y)
         self._fronts = fronts
 
     def _changed_beside(self, before: int, now: int) -> bool:
@@ -217,19 +180,19 @@ class LaneContinuity:
             return False
         return self._network.lanes[before].edge == self._network.lanes[now].edge
 
-    def _correct_one(self, name: str, before: _Front, now: int, result: dict[int, Any]) -> None:
+    def _correct_vehicle(self, name: str, front_m: tuple[float, float], now: int, result: dict[int, Any]) -> None:
         lane = self._network.lanes[now]
         scale = self._length_scale[lane.lane_id]
-        along, _ = lane.centre.project([before.x_m, before.y_m])
-        wanted = float(along) + result[libsumo.VAR_SPEED] / scale * STEP_S
-        jump = result[libsumo.VAR_LANEPOSITION] / scale - wanted
-        if abs(jump) < _TOLERANCE_M or not 0.0 < wanted < lane.length_m:
+        along, _ = lane.centre.project(front_m)
+        at_m = float(along) + result[libsumo.VAR_SPEED] / scale * STEP_S
+        jump = result[libsumo.VAR_LANEPOSITION] / scale - at_m
+        if abs(jump) < _TOLERANCE_M or not 0.0 < at_m < lane.length_m:
             return
-        libsumo.vehicle.moveTo(name, lane.lane_id, wanted * scale)
-        x, y = lane.centre.offset_points(wanted, result[libsumo.VAR_LANEPOSITION_LAT])
+        libsumo.vehicle.moveTo(name, lane.lane_id, at_m * scale)
+        x, y = lane.centre.offset_points(at_m, result[libsumo.VAR_LANEPOSITION_LAT])
         offset_x, offset_y = self._network.sumo_offset_m
         result[libsumo.VAR_POSITION] = (float(x) + offset_x, float(y) + offset_y)
-        result[libsumo.VAR_LANEPOSITION] = wanted * scale
+        result[libsumo.VAR_LANEPOSITION] = at_m * scale
 
 
 # No parameters: see above.
@@ -247,28 +210,14 @@ class SidewaysLimits:
     def __init__(self) -> None:
         self._limits: dict[str, float] = {}
 
-    def apply(
-        self,
-        results: Mapping[str, Mapping[int, Any]],
-        vehicles: Mapping[str, PlannedVehicle],
-        mirrored: Container[str],
-    ) -> None:
-        """Set the limits for SUMO's next step.
-
-        Args:
-            results: SUMO's subscription results by vehicle.
-            vehicles: The vehicles by name.
-            mirrored: Vehicles that are moved from outside.
-        """
+    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Container[str]) -> None:
+        """Set the limits for SUMO's next step; ``mirrored`` vehicles are moved from outside."""
         limits = {}
         for name, result in results.items():
-            own = vehicles[name].driver.max_lateral_speed_mps
-            limit = (
-                0.0
-                if name in mirrored
-                else _SIDEWAYS_STEP_MPS * int(SIDEWAYS_SHARE * result[libsumo.VAR_SPEED] / _SIDEWAYS_STEP_MPS)
-            )
-            limits[name] = min(max(limit, _LEAST_MPS), own)
-            if limits[name] != self._limits.get(name, own):
+            wished_mps = vehicles[name].driver.max_lateral_speed_mps
+            speed_mps = 0.0 if name in mirrored else result[libsumo.VAR_SPEED]
+            limit = _SIDEWAYS_STEP_MPS * int(SIDEWAYS_SHARE * speed_mps / _SIDEWAYS_STEP_MPS)
+            limits[name] = min(max(limit, _LEAST_MPS), wished_mps)
+            if limits[name] != self._limits.get(name, wished_mps):
                 libsumo.vehicle.setMaxSpeedLat(name, limits[name])
         self._limits = limits

@@ -37,6 +37,15 @@ class LaneMatch:
 
 
 OFF_ROUTE = LaneMatch(NO_LANE, 0.0, 0.0)
+_SIDEWAYS_M: Final = 1.2
+"""A point at most this far outside a lane's edge still belongs to it."""
+_JUNCTION_SIDEWAYS_M: Final = 5.0
+"""The same on junctions, which are road between the paths too; libsumo 1.28 was seen to crash with a vehicle taken off
+the road there."""
+_HEADING_LIMIT_RAD: Final = 1.2
+"""Lanes that run further off the vehicle's heading are left out."""
+_STAY_M: Final = 0.1
+"""A neighbour of the present lane takes over where it is nearer by this much."""
 
 
 class _Corridor(NamedTuple):
@@ -57,48 +66,22 @@ class _Corridor(NamedTuple):
 class LaneMatcher:
     """Matches poses to the lanes of the next edges of a route."""
 
-    def __init__(
-        self,
-        network: RoadNetwork,
-        sideways_m: float = 1.2,
-        junction_sideways_m: float = 5.0,
-        heading_limit_rad: float = 1.2,
-        stay_m: float = 0.1,
-    ) -> None:
-        """Prepare matching.
-
-        Args:
-            network: The map.
-            sideways_m: A point at most this far outside a lane's edge still belongs to it.
-            junction_sideways_m: The same on junctions, which are road between the paths too; libsumo 1.28 was seen to
-                crash with a vehicle taken off the road there.
-            heading_limit_rad: Lanes that run further off the vehicle's heading are left out.
-            stay_m: A neighbour of the present lane takes over where it is nearer by this much.
-        """
+    def __init__(self, network: RoadNetwork) -> None:
         self._network = network
-        self._sideways_m = sideways_m
-        self._junction_sideways_m = junction_sideways_m
-        self._heading_limit_rad = heading_limit_rad
-        self._stay_m = stay_m
         self._corridors: dict[tuple[int, ...], _Corridor] = {}
 
     def match(self, edges: Sequence[int], front_m: tuple[float, float], yaw_rad: float, present_lane: int) -> LaneMatch:
-        """The lane under a front bumper.
+        """The lane under the middle of a front bumper in the ``map`` frame.
 
-        Args:
-            edges: The route's next edges, the present one (or the one before the junction) first.
-            front_m: The middle of the front bumper in the ``map`` frame.
-            yaw_rad: Heading of the vehicle.
-            present_lane: Lane at the step before, −1 where unknown.
+        ``edges`` are the route's next ones, the present one (or the one before the junction) first; ``present_lane`` is
+        the lane at the step before, −1 where unknown.
         """
         key = tuple(edges)
         if key not in self._corridors:
             self._corridors[key] = self._corridor(key)
         corridor = self._corridors[key]
         edge = NO_LANE if present_lane == NO_LANE else self._network.lanes[present_lane].edge
-        best, along_m, lateral_m = _nearest(
-            corridor, front_m, yaw_rad, self._heading_limit_rad, (edge, present_lane, self._stay_m)
-        )
+        best, along_m, lateral_m = _nearest(corridor, front_m, yaw_rad, edge, present_lane)
         if best < 0:
             return OFF_ROUTE
         return LaneMatch(int(corridor.lane[best]), float(corridor.arc_m[best] + along_m), lateral_m)
@@ -117,6 +100,8 @@ class LaneMatcher:
         counts = [len(lane.centre.points) - 1 for lane in lanes]
         delta = np.concatenate([np.diff(lane.centre.points, axis=0) for lane in lanes])
         length = np.hypot(delta[:, 0], delta[:, 1])
+        beside_m = _SIDEWAYS_M, _JUNCTION_SIDEWAYS_M
+        reach_m = [lane.width_m / 2.0 + beside_m[lane.kind is LaneKind.INTERNAL] for lane in lanes]
         return _Corridor(
             start=np.concatenate([lane.centre.points[:-1] for lane in lanes]),
             length_m=length,
@@ -125,33 +110,28 @@ class LaneMatcher:
             arc_m=np.concatenate([lane.centre.arc_m[:-1] for lane in lanes]),
             lane=np.repeat(np.array([lane.index for lane in lanes], dtype=np.int32), counts),
             edge=np.repeat(np.array([lane.edge for lane in lanes], dtype=np.int32), counts),
-            reach_m=np.repeat([self._reach_m(lane) for lane in lanes], counts),
+            reach_m=np.repeat(reach_m, counts),
         )
-
-    def _reach_m(self, lane: Lane) -> float:
-        beside_m = self._junction_sideways_m if lane.kind is LaneKind.INTERNAL else self._sideways_m
-        return lane.width_m / 2.0 + beside_m
 
 
 @compiled
 def _nearest(
-    corridor: _Corridor, front_m: tuple[float, float], yaw_rad: float, limit_rad: float, present: tuple[int, int, float]
+    corridor: _Corridor, front_m: tuple[float, float], yaw_rad: float, edge: int, lane: int
 ) -> tuple[int, float, float]:
     """The segment under a front bumper, −1 where there is none; the place along it and beside it, left positive.
 
-    ``present`` holds the vehicle's edge and lane, and how much nearer another lane of that edge has to be.
+    ``edge`` and ``lane`` are the vehicle's present ones.
     """
-    edge, lane, stay_m = present
     best, best_m, best_along, best_left = -1, np.inf, 0.0, 0.0
     for k in range(corridor.length_m.shape[0]):
         x, y = front_m[0] - corridor.start[k, 0], front_m[1] - corridor.start[k, 1]
         unit_x, unit_y = corridor.unit[k, 0], corridor.unit[k, 1]
         along = within(x * unit_x + y * unit_y, 0.0, corridor.length_m[k])
         distance = np.hypot(x - along * unit_x, y - along * unit_y)
-        if distance > corridor.reach_m[k] or abs(wrapped_rad(corridor.heading_rad[k] - yaw_rad)) > limit_rad:
+        if distance > corridor.reach_m[k] or abs(wrapped_rad(corridor.heading_rad[k] - yaw_rad)) > _HEADING_LIMIT_RAD:
             continue
         if corridor.edge[k] == edge and corridor.lane[k] != lane:
-            distance += stay_m
+            distance += _STAY_M
         if distance < best_m:
             best, best_m, best_along, best_left = k, distance, along, unit_x * y - unit_y * x
     return best, best_along, best_left
@@ -190,12 +170,6 @@ class Place:
     match: LaneMatch
 
 
-@dataclass(frozen=True)
-class _Binding:
-    mode: int
-    own_speed_factor: float
-
-
 class Mirror:
     """Remembers which vehicles are moved from outside, and what has to be restored in SUMO afterwards."""
 
@@ -208,28 +182,27 @@ class Mirror:
         """Vehicles that were put somewhere at this step."""
         self.realigned: dict[int, float] = {}
         """Actors whose vehicle in SUMO was brought back to the simulated one at this step, and how far, in metres."""
-        self._bound: dict[str, _Binding] = {}
-        """Vehicles that drive otherwise than they would, for a yield."""
+        self._bound: dict[str, tuple[int, float]] = {}
+        """Mode, and speed factor otherwise, of vehicles that drive differently for a yield."""
 
     def apply(
-        self,
-        states: ActorStates,
-        vehicles: Mapping[int, PlannedVehicle],
-        routes: Mapping[str, Sequence[int]],
+        self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], routes: Mapping[str, Sequence[int]]
     ) -> None:
         """Give SUMO the simulated states of the step before, extrapolated by one step.
 
-        Args:
-            states: All actors' simulated states at the step before.
-            vehicles: SUMO's vehicles by actor id; states of others (left meanwhile) are passed over.
-            routes: Edges ahead of each vehicle, the present one first.
+        ``vehicles`` holds SUMO's vehicles by actor id; states of others (left meanwhile) are passed over. ``routes``
+        are the edges ahead of each vehicle, the present one first.
         """
         before, self.places = self.places, {}
-        outside = np.flatnonzero(states.owner == Owner.ROS)
-        known = [row for row in outside.tolist() if int(states.actor_id[row]) in vehicles]
-        for row in known:
-            vehicle = vehicles[int(states.actor_id[row])]
-            self._put(states, row, vehicle, self._place(states, row, vehicle, routes[vehicle.name], before))
+        for row in np.flatnonzero(states.owner == Owner.ROS).tolist():
+            vehicle = vehicles.get(int(states.actor_id[row]))
+            if vehicle is not None:
+                place = self._place(states, row, vehicle, routes[vehicle.name], before)
+                # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
+                self._set_speed(vehicle.name, place.match.lane, float(states.speed_mps[row]))
+                self._restore_route(vehicle)
+                self._move(vehicle.name, place)
+                self.places[vehicle.name] = place
         self._realign(states, vehicles, routes)
         in_sumo = np.flatnonzero(states.owner == Owner.SUMO)
         columns = (states.actor_id, states.mode, states.speed_mps)
@@ -322,24 +295,17 @@ class Mirror:
         match = self._matcher.match(route[:_EDGES_TO_MATCH], front, float(states.yaw_rad[row]), lane)
         return Place(float(x), float(y), float(angle), match)
 
-    def _put(self, states: ActorStates, row: int, vehicle: PlannedVehicle, place: Place) -> None:
-        # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
-        self._set_speed(vehicle.name, place.match.lane, float(states.speed_mps[row]))
-        self._restore_route(vehicle)
-        self._move(vehicle, place)
-        self.places[vehicle.name] = place
-
     def _restore_route(self, vehicle: PlannedVehicle) -> None:
         """Give a vehicle its planned route back, where SUMO made it another one for the lane that it found it on."""
         planned = route_id(vehicle.name)
-        if libsumo.vehicle.getRouteID(vehicle.name) == planned or not _is_simple(vehicle.route):
+        if libsumo.vehicle.getRouteID(vehicle.name) == planned:
             return
-        if libsumo.vehicle.getRoadID(vehicle.name) in vehicle.route:
+        once = len(frozenset(vehicle.route)) == len(vehicle.route)  # else SUMO may find its later visit of an edge
+        if once and libsumo.vehicle.getRoadID(vehicle.name) in vehicle.route:
             with suppress(libsumo.TraCIException):  # SUMO counts another edge as the vehicle's, which is not planned
                 libsumo.vehicle.setRouteID(vehicle.name, planned)
 
-    def _move(self, vehicle: PlannedVehicle, place: Place) -> None:
-        name = vehicle.name
+    def _move(self, name: str, place: Place) -> None:
         if place.match.lane == NO_LANE:
             libsumo.vehicle.moveToXY(name, "", -1, place.x_m, place.y_m, place.angle_deg, _KEEP_ROUTE_OFF_ROAD)
             return
@@ -362,23 +328,16 @@ class Mirror:
 
     def _bind(self, name: str, mode: int) -> None:
         """Let a vehicle that SUMO drives keep to its phase of a yield; give it back to itself afterwards."""
-        bound = self._bound.get(name)
-        if bound is not None and bound.mode == mode:
+        bound_mode, factor = self._bound.get(name, (None, None))
+        if bound_mode == mode:
             return
         if mode in _BINDING_MODES:
-            own = bound.own_speed_factor if bound is not None else float(libsumo.vehicle.getSpeedFactor(name))
-            self._bound[name] = _Binding(mode, own)
-            if mode == Mode.YIELD_KEEP_LANE:
-                factor, change_mode = own, KEEP_LANE_CHANGE_MODE
-            else:
-                factor, change_mode = max(own, self._config.deferred_speed_factor), DEFAULT_LANE_CHANGE_MODE
-            libsumo.vehicle.setLaneChangeMode(name, change_mode)
+            factor = float(libsumo.vehicle.getSpeedFactor(name)) if factor is None else factor
+            self._bound[name] = (mode, factor)
+            keeps = mode == Mode.YIELD_KEEP_LANE
+            libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if keeps else DEFAULT_LANE_CHANGE_MODE)
+            libsumo.vehicle.setSpeedFactor(name, factor if keeps else max(factor, self._config.deferred_speed_factor))
+        elif factor is not None:
+            del self._bound[name]
             libsumo.vehicle.setSpeedFactor(name, factor)
-        elif bound is not None:
-            libsumo.vehicle.setSpeedFactor(name, self._bound.pop(name).own_speed_factor)
             libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)
-
-
-def _is_simple(route: Sequence[str]) -> bool:
-    """Whether a route visits no edge twice: else SUMO may find a vehicle at the later visit."""
-    return len(frozenset(route)) == len(route)

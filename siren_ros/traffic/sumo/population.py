@@ -36,7 +36,7 @@ _YELLOW_REACTION_S: Final = 1.0
 yellow times are computed (ITE, Traffic Engineering Handbook). Without it SUMO brakes at once, and as hard as it can."""
 _WAITING_GAP_M: Final = 1.2
 """``jmStoplineGapMinor``: distance kept from the place at which a driver gives way, also inside a junction. With SUMO's
-default of 0 the front of who waits reaches into the way of others, whose bodies are wider than their paths."""
+default of 0 the front of a waiting vehicle reaches into the way of others, whose bodies are wider than their paths."""
 _MIRRORS_M: Final = 0.4
 """Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
 other by widths alone, also where one stands at an angle to its lane."""
@@ -156,14 +156,9 @@ class Population:
         emv_points = {vehicle.name: self._point_of(vehicle.spot) for vehicle in self._plan.emvs}
         self.refill(emv_points, self._plan.civilians)
 
-    def refill(self, emv_points: Mapping[str, tuple[float, float]], wanted: int) -> None:
-        """Enter replacements from the reserve until there are as many civilians as wanted.
-
-        Args:
-            emv_points: Points of the EMVs in the ``map`` frame; replacements keep their distance.
-            wanted: Number of civilians.
-        """
-        missing = wanted - sum(not vehicle.is_emv for vehicle in self.vehicles.values())
+    def refill(self, emv_points: Mapping[str, tuple[float, float]], civilians: int) -> None:
+        """Enter replacements from the reserve, away from the EMVs' points, up to a number of civilians."""
+        missing = civilians - sum(not vehicle.is_emv for vehicle in self.vehicles.values())
         for _ in range(len(self._reserve) if missing > 0 else 0):
             vehicle = self._reserve.popleft()
             if self._spot_is_free(vehicle, emv_points.values()):
@@ -229,11 +224,10 @@ class Population:
         return float(x), float(y), float(yaw)
 
     def _on_stage(self, name: str, stage: Iterable[LaneInterval]) -> bool:
-        lane_id = libsumo.vehicle.getLaneID(name)
-        lane = self._network.lane_by_id.get(lane_id)
+        lane = self._network.lane_by_id.get(libsumo.vehicle.getLaneID(name))
         if lane is None:
             return False
-        front = libsumo.vehicle.getLanePosition(name) / self.length_scale[lane_id]
+        front = libsumo.vehicle.getLanePosition(name) / self.length_scale[lane.lane_id]
         rear = front - self.vehicles[name].length_m
         return any(area.lane == lane.index and rear <= area.to_m and front >= area.from_m for area in stage)
 
@@ -246,10 +240,10 @@ class Population:
     def _centre_of(self, vehicle: PlannedVehicle) -> tuple[float, float, float]:
         """Centre at the place of entry, and the vehicle's length."""
         centre_line = self._network.lanes[vehicle.spot.lane].centre
-        x, y = centre_line.at(vehicle.spot.front_m)
+        x, y = self._point_of(vehicle.spot)
         yaw = float(centre_line.heading_rad(vehicle.spot.front_m))
         half = 0.5 * vehicle.length_m
-        return float(x) - half * np.cos(yaw), float(y) - half * np.sin(yaw), vehicle.length_m
+        return x - half * np.cos(yaw), y - half * np.sin(yaw), vehicle.length_m
 
     def _point_of(self, spot: Spot) -> tuple[float, float]:
         x, y = self._network.lanes[spot.lane].centre.at(spot.front_m)
@@ -257,20 +251,17 @@ class Population:
 
     def _spot_is_free(self, vehicle: PlannedVehicle, emv_points: Iterable[tuple[float, float]]) -> bool:
         x, y = self._point_of(vehicle.spot)
-        reach = self._config.replacement_distance_m
+        reach, gap = self._config.replacement_distance_m, self._config.replacement_gap_m
         if any((x - ex) ** 2 + (y - ey) ** 2 < reach**2 for ex, ey in emv_points):
             return False
         lane = self._network.lanes[vehicle.spot.lane]
-        gap = self._config.replacement_gap_m
         offset_x, offset_y = self._network.sumo_offset_m
         around: Polyline = lane.centre.cut(vehicle.spot.front_m - vehicle.length_m - gap, vehicle.spot.front_m + gap)
         for name, other in self.vehicles.items():
             ox, oy = libsumo.vehicle.getPosition(name)
-            if ox == libsumo.INVALID_DOUBLE_VALUE:
-                px, py = self._point_of(other.spot)
-            else:
-                px, py = ox - offset_x, oy - offset_y
-            along, left = around.project([px, py])
+            waits = ox == libsumo.INVALID_DOUBLE_VALUE
+            point = self._point_of(other.spot) if waits else (ox - offset_x, oy - offset_y)
+            along, left = around.project(point)
             if -gap < along < around.length_m + other.length_m and abs(left) < lane.width_m:
                 return False
         return True

@@ -62,8 +62,6 @@ _NONE: Final = ((),) * len(SUBSCRIBED)
 
 _BLINK_RIGHT, _BLINK_LEFT, _HAZARD, _BRAKE = 1, 2, 4, 8
 """SUMO's vehicle signals, bits 0–3 (https://sumo.dlr.de/docs/TraCI/Vehicle_Signalling.html)."""
-
-
 _SIGNALS: Final = 16
 _LIGHTS: Final = np.array(
     [
@@ -81,14 +79,14 @@ _LIGHTS: Final = np.array(
 class Readings:
     """Arrays over the vehicles, shape ``(N,)``, in the order asked for; poses are centres in the ``map`` frame."""
 
-    x_m: npt.NDArray[np.float64]
-    y_m: npt.NDArray[np.float64]
-    yaw_rad: npt.NDArray[np.float64]
-    speed_mps: npt.NDArray[np.float64]
-    accel_mps2: npt.NDArray[np.float64]
+    x_m: Floats
+    y_m: Floats
+    yaw_rad: Floats
+    speed_mps: Floats
+    accel_mps2: Floats
     lane: npt.NDArray[np.int32]
-    lane_position_m: npt.NDArray[np.float64]
-    lateral_m: npt.NDArray[np.float64]
+    lane_position_m: Floats
+    lateral_m: Floats
     lights: npt.NDArray[np.uint8]
     route_index: npt.NDArray[np.int32]
 
@@ -105,18 +103,12 @@ def read_vehicles(
     SUMO moves along nominal lane lengths; positions, speeds and accelerations are converted to the
     lanes' geometric lengths, so that speed is the derivative of position.
 
-    Args:
-        results: SUMO's subscription results by vehicle.
-        names: Subscribed vehicles that are in SUMO.
-        lengths_m: Their lengths, shape ``(N,)``.
-        network: The map.
-        length_scale: SUMO's length of each lane over that of its centre line.
+    ``results`` are SUMO's subscription results by vehicle, ``names`` the subscribed vehicles that are in SUMO, and
+    ``length_scale`` is SUMO's length of each lane over that of its centre line.
     """
-    rows = [_IN_ORDER(results[name]) for name in names]
-    position, angle, speed, accel, lane_ids, along, left, signals, route_index = (
-        zip(*rows, strict=True) if rows else _NONE
-    )
-    points = np.array(position, dtype=np.float64).reshape(len(rows), 2)
+    columns = zip(*(_IN_ORDER(results[name]) for name in names), strict=True) if names else _NONE
+    position, angle, speed, accel, lane_ids, along, left, signals, route_index = columns
+    points = np.array(position, dtype=np.float64).reshape(len(names), 2)
     x, y, yaw = map_from_sumo(points[:, 0], points[:, 1], np.array(angle), lengths_m, network.sumo_offset_m)
     indices = [network.lane_by_id[lane_id].index if lane_id in network.lane_by_id else NO_LANE for lane_id in lane_ids]
     lane = np.array(indices, dtype=np.int32)
@@ -174,7 +166,6 @@ def intent_flags(name: str) -> TrafficFlags:
 
 def emv_advice(
     name: str,
-    actor_id: int,
     ids: Mapping[str, int],
     yielding: Collection[str],
     leader_range_m: float,
@@ -187,23 +178,17 @@ def emv_advice(
     SUMO, and SUMO knows nothing of yielding: behind a vehicle that leaves the lane it wants the lane next to it, which
     is the one that the vehicle goes to.
 
-    Args:
-        name: The EMV in SUMO.
-        actor_id: Its id.
-        ids: Ids of all vehicles.
-        yielding: Names of the vehicles that leave their lanes for an EMV.
-        leader_range_m: How far ahead a leader is looked for.
-        min_gap_m: The EMV's minimum gap.
-        rescue_count: Vehicles that react to it.
+    ``yielding`` holds the names of the vehicles that leave their lanes for an EMV, ``ids`` those of all vehicles;
+    ``rescue_count`` vehicles react to the EMV.
     """
     leader = libsumo.vehicle.getLeader(name, leader_range_m)
-    found = leader is not None and leader[0] in ids
-    held_up = found and leader[0] not in yielding and float(leader[1]) < HELD_UP_M
+    follows = leader is not None and leader[0] in ids
+    held_up = follows and leader[0] not in yielding and float(leader[1]) < HELD_UP_M
     return EmvAdvice(
-        actor_id=actor_id,
+        actor_id=ids[name],
         lane_change_intent=lane_change_intent(name, _REASONS if held_up else _REASONS & ~_HELD_UP),
-        leader_id=ids[leader[0]] if found else NO_ACTOR,
-        leader_gap_m=float(leader[1]) + min_gap_m if found else leader_range_m,
+        leader_id=ids[leader[0]] if follows else NO_ACTOR,
+        leader_gap_m=float(leader[1]) + min_gap_m if follows else leader_range_m,
         speed_without_control_mps=float(libsumo.vehicle.getSpeedWithoutTraCI(name)),
         rescue_count=rescue_count,
     )

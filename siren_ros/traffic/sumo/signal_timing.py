@@ -1,4 +1,4 @@
-"""Shifts a signal's programme so that a movement's red begins at a wanted time, or behind a platoon."""
+"""Shifts a signal's programme so that a movement's red begins at a given time, or behind a platoon."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _LONGEST_CLEARANCE_S: Final = 4.0
 _RED_BEHIND_S: Final = 1.2
 """From the stop line's crossing by the last vehicle of a platoon to the red."""
 _YELLOW_DRIVEN_S: Final = 2.2
-"""Who sees the yellow this late drives on: 1 s to react, and too near to stop comfortably from 30 km/h."""
+"""A driver who sees the yellow this late drives on: 1 s to react, and too near to stop comfortably from 30 km/h."""
 _LONGEST_GREEN_S: Final = 10.0
 """How far a green is extended at most."""
 _CREEP_MPS: Final = 1.0
@@ -36,9 +36,8 @@ def red_interval_s(phases: Sequence[SignalPhase], link: int) -> tuple[float, flo
     red = [phase.state[link].lower() == "r" for phase in phases]
     if all(red) or not any(red):
         return None
-    begins = [sum(phase.duration_s for phase in phases[:number]) for number in range(len(phases))]
     best = (0.0, 0.0)
-    for number, begin in enumerate(begins):
+    for number, begin in enumerate(_begins_s(phases)):
         if not red[number] or red[number - 1]:
             continue
         length, at = 0.0, number
@@ -48,29 +47,25 @@ def red_interval_s(phases: Sequence[SignalPhase], link: int) -> tuple[float, flo
     return best[1], best[0]
 
 
+def _begins_s(phases: Sequence[SignalPhase]) -> list[float]:
+    return [sum(phase.duration_s for phase in phases[:number]) for number in range(len(phases))]
+
+
 def crossing_begin_s(phases: Sequence[SignalPhase], link: int, crossing: Collection[int]) -> float | None:
     """When in the cycle traffic begins to cross a link's movement: the begin of the red, or soon before the green.
 
     Where one approach after the other is green, the crossing movements may have to wait for long after the link's red
-    has begun. Their green then counts, less the usual time between a red and the next green.
-
-    Args:
-        phases: The programme.
-        link: The link that is red.
-        crossing: Links that cross it; where there are none or all stay red, the begin of the red counts.
-
-    Returns:
-        Seconds from the beginning of the cycle; None where the link is never or always red.
+    has begun. Their green then counts, less the usual time between a red and the next green. Where no link crosses or
+    all stay red, the begin of the red counts. None where the link is never or always red.
     """
     red = red_interval_s(phases, link)
     if red is None:
         return None
     cycle_s = sum(phase.duration_s for phase in phases)
-    begins = [sum(phase.duration_s for phase in phases[:number]) for number in range(len(phases))]
     waits = [
         (begin - red[0]) % cycle_s
-        for number, begin in enumerate(begins)
-        if any(_is_green(phases[number], one) and not _is_green(phases[number - 1], one) for one in crossing)
+        for number, begin in enumerate(_begins_s(phases))
+        if any(_is_green(phases[number], other) and not _is_green(phases[number - 1], other) for other in crossing)
     ]
     wait_s = min((wait for wait in waits if wait < red[1]), default=0.0)
     return red[0] if wait_s <= _LONGEST_CLEARANCE_S else (red[0] + wait_s - _USUAL_CLEARANCE_S) % cycle_s
@@ -92,11 +87,7 @@ def place_in_cycle(phases: Sequence[SignalPhase], begin_s: float, in_s: float) -
 
 
 def time_signal(timing: SignalTiming, warm_up_s: float) -> None:
-    """Put a signal of the running simulation where the timing wants it.
-
-    Args:
-        timing: Signal, link and beginning of the red, from step 0 on.
-        warm_up_s: Time from now to step 0.
+    """Put a signal of the running simulation where the timing wants it; step 0 is ``warm_up_s`` from now.
 
     Raises:
         MapError: the link is never red, or always.
@@ -106,14 +97,14 @@ def time_signal(timing: SignalTiming, warm_up_s: float) -> None:
     begin_s = crossing_begin_s(phases, timing.link, timing.crossing)
     if begin_s is None:
         raise MapError(f"signal {signal}", "a programme in which the EMV's movement has both green and red")
-    place = place_in_cycle(phases, begin_s, warm_up_s + timing.red_from_s)
-    libsumo.trafficlight.setPhase(signal, place[0])
-    libsumo.trafficlight.setPhaseDuration(signal, place[1])
+    phase, left_s = place_in_cycle(phases, begin_s, warm_up_s + timing.red_from_s)
+    libsumo.trafficlight.setPhase(signal, phase)
+    libsumo.trafficlight.setPhaseDuration(signal, left_s)
 
 
 def _programme(signal: str) -> list[SignalPhase]:
     program = libsumo.trafficlight.getProgram(signal)
-    logic = next(one for one in libsumo.trafficlight.getAllProgramLogics(signal) if one.programID == program)
+    logic = next(logic for logic in libsumo.trafficlight.getAllProgramLogics(signal) if logic.programID == program)
     return [SignalPhase(float(phase.duration), str(phase.state)) for phase in logic.phases]
 
 
@@ -172,4 +163,4 @@ class GapOut:
 def _arrivals_s(name: str, signal: str) -> list[float]:
     """Time in which a vehicle reaches a signal at its present speed; empty once it has passed."""
     speed = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
-    return [float(gap) / speed for found, _, gap, _ in libsumo.vehicle.getNextTLS(name)[:1] if found == signal]
+    return [float(gap) / speed for ahead, _, gap, _ in libsumo.vehicle.getNextTLS(name)[:1] if ahead == signal]

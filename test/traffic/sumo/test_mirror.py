@@ -73,12 +73,17 @@ def test_far_beside_the_road_or_against_it_there_is_no_lane() -> None:
 def test_beside_the_paths_a_junction_is_road_still() -> None:
     connection, lane = next((way, source) for way, source in WAYS if way.direction == "r")
     via = NETWORK.lanes[connection.via[0]]
-    x, y = via.centre.offset_points(via.length_m / 2.0, 3.5)
     heading = float(via.centre.heading_rad(via.length_m / 2.0))
     edges = (lane.edge, NETWORK.lanes[connection.to_lane].edge)
-    assert LaneMatcher(NETWORK).match(edges, (float(x), float(y)), heading, via.index).lane in connection.via
-    lost = LaneMatcher(NETWORK, junction_sideways_m=0.5).match(edges, (float(x), float(y)), heading, via.index)
-    assert lost.lane not in connection.via
+
+    def matched(left_m: float) -> int:
+        x, y = via.centre.offset_points(via.length_m / 2.0, left_m)
+        return LaneMatcher(NETWORK).match(edges, (float(x), float(y)), heading, via.index).lane
+
+    reach_m = via.width_m / 2.0 + 5.0
+    assert reach_m > 3.5 > via.width_m / 2.0 + 1.2
+    assert matched(3.5) in connection.via
+    assert matched(reach_m + 0.1) not in connection.via
 
 
 CROSSING = crossing()
@@ -106,9 +111,7 @@ def test_a_vehicle_stays_in_its_lane_until_the_neighbour_is_nearer_by_a_margin(
     past_the_line_m: float, present: int, found: int
 ) -> None:
     """At d past the line between two equal lanes the neighbour is nearer by 2 d; the margin is 0.1 m."""
-    match = LaneMatcher(CROSSING, stay_m=0.1).match(
-        (S_IN.index,), (LINE_X_M - past_the_line_m, -70.0), np.pi / 2, present
-    )
+    match = LaneMatcher(CROSSING).match((S_IN.index,), (LINE_X_M - past_the_line_m, -70.0), np.pi / 2, present)
     assert match.lane == found
     centre_x_m = {RIGHT: RIGHT_X_M, LEFT: LEFT_X_M}[found]
     assert match.lateral_m == pytest.approx(centre_x_m - (LINE_X_M - past_the_line_m))
@@ -118,9 +121,7 @@ def test_a_vehicle_stays_in_its_lane_until_the_neighbour_is_nearer_by_a_margin(
 def test_lanes_of_another_edge_need_no_margin() -> None:
     """Just beyond the stop line the path is nearest, and the lane that ended is left at once."""
     n_out = next(edge for edge in CROSSING.edges if edge.edge_id == "n_out")
-    matcher = LaneMatcher(CROSSING, stay_m=5.0)
-    front = (RIGHT_X_M, -19.5)
-    match = matcher.match((S_IN.index, n_out.index), front, np.pi / 2, RIGHT)
+    match = LaneMatcher(CROSSING).match((S_IN.index, n_out.index), (RIGHT_X_M, -19.95), np.pi / 2, RIGHT)
     assert CROSSING.lanes[match.lane].kind is LaneKind.INTERNAL
     assert match.lateral_m == pytest.approx(0.0)
 

@@ -114,7 +114,7 @@ def test_a_wish_counts_on_its_side_with_a_reason(told: dict[str, Any], reason: i
 
 def advised(told: dict[str, Any], leader: object, yielding: tuple[str, ...] = ()) -> Any:
     told["leader"] = leader
-    return emv_advice("emv", 1, IDS, yielding, 80.0, 2.5, 3)
+    return emv_advice("emv", IDS, yielding, 80.0, 2.5, 3)
 
 
 @pytest.mark.parametrize("reason", [SPEED_GAIN, KEEP_RIGHT])

@@ -68,7 +68,7 @@ def test_no_step_begins_while_a_participant_is_missing(reports: list[tuple[str, 
 
 
 @pytest.mark.parametrize(
-    ("phase", "step", "told"),
+    ("phase", "step", "reason"),
     [
         (Phase.STEP, 0, "a: reported step 0 twice"),
         (Phase.STEP, 1, "a: reported step 1 before it was due"),

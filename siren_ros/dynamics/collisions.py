@@ -51,14 +51,9 @@ class Contact(NamedTuple):
 
 
 def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ...], Pairs]:
-    """Contacts that begin at this step.
+    """Contacts that begin at this step, sorted by pair, and the pairs that touch now.
 
-    Args:
-        boxes: All vehicles at this step.
-        touching: Pairs that touched at the step before, as this function returned them.
-
-    Returns:
-        New contacts, sorted by pair, and the pairs that touch now.
+    ``touching`` are the pairs that touched at the step before, as this function returned them.
     """
     close = _close_pairs(boxes)
     if not len(close):
@@ -156,14 +151,10 @@ _TOUCHING_M: Final = 1e-3
 
 
 def collide(bodies: BodyState, boxes: Footprints, table: ParameterTable, pairs: Pairs, dt_s: float) -> BodyState:
-    """Bodies after the impacts of a step.
+    """Bodies after the impacts of a step; a change of velocity counts into its mean acceleration.
 
-    Args:
-        bodies: Vehicles at the end of the step, as if they could pass through each other.
-        boxes: The same as oriented boxes in motion.
-        table: Parameters, rows as in ``bodies``.
-        pairs: Rows that overlap.
-        dt_s: The step: a change of velocity counts into its mean acceleration.
+    ``bodies`` and ``boxes`` are the vehicles at the end of the step, as if they could pass through each other, and
+    ``pairs`` the rows that overlap.
     """
     place = np.stack((boxes.x_m, boxes.y_m), axis=-1)
     velocity = np.stack((boxes.vx_mps, boxes.vy_mps), axis=-1)

@@ -128,12 +128,8 @@ def step_fleet(
     Commands of owner ROS drive their actors from the step before to this one. All other actors track SUMO's pose at
     this step. A spawned actor starts at SUMO's pose with SUMO's speed. An actor that ROS hands back at this step rolls
     on with its speed, because SUMO's pose is still the mirror of its own; tracking begins at the next step. So does an
-    actor whose vehicle in SUMO was brought back to it.
-
-    Args:
-        state: The fleet at the step before (any earlier one while it is empty).
-        traffic: SUMO's state at this step.
-        commands: All controllers' commands at this step.
+    actor whose vehicle in SUMO was brought back to it. ``state`` is the fleet at the step before, or any earlier one
+    while it is empty.
 
     Returns:
         The fleet, the simulated states and the events at this step. ``residual_m`` is zero for actors that ROS

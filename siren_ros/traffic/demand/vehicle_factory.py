@@ -82,14 +82,8 @@ class RouteChooser:
         the weight of a turn. Long vehicles keep off tight bends, and off roads that lead to nothing else, as
         bus lines and lorry routes do, wherever there is another way.
 
-        Args:
-            start: Edges that the route begins with.
-            length_m: Least length, the given edges included.
-            rng: Generator.
-            vehicle_m: Length of the vehicle.
-            lane: Lane of the last given edge on which the vehicle stands; the way on begins in this lane, unless all
-                its ways are too tight for the vehicle.
-            turn_weight: Of a turn; civilians' where it is not given.
+        The length includes the given edges. The way on begins in ``lane`` of the last given edge, on which the vehicle
+        stands, unless all its ways are too tight for the vehicle. Without a weight, turns have that of civilians.
         """
         route = list(start)
         driven_m = self._graph.route_length_m(start)

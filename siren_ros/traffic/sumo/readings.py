@@ -215,15 +215,9 @@ def ahead_on_route(
     """Vehicles that hear an EMV come from behind: on its route's edges, ahead of it and within reach.
 
     The same criterion as that of SUMO's bluelight device (vehicles on the EMV's upcoming edges within
-    ``reactiondist``), for levels at which the device itself must not run.
-
-    Args:
-        emv: Centre of the EMV, shape ``(2,)``.
-        emv_yaw_rad: Its heading.
-        route: Edges ahead of the EMV, the present one (or the one before the junction) first.
-        points: Centres of all vehicles, shape ``(N, 2)``.
-        edges: Present edge of each vehicle, or the one before the junction, shape ``(N,)``.
-        reach_m: Greatest distance between the two vehicles' centres.
+    ``reactiondist``), for levels at which the device itself must not run. ``emv`` is its centre, ``points`` are the
+    centres of all vehicles, shape ``(N, 2)``, and ``edges`` their present edges. Inside a junction the edge before it
+    counts, also as the first one of ``route``.
     """
     relative = points - emv
     near = np.hypot(relative[:, 0], relative[:, 1]) <= reach_m

@@ -1,6 +1,6 @@
 """Small hand-made roads, a stand-in for SUMO, and a closed loop with the vehicle model."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,7 +17,6 @@ from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadN
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.scenario.presets import load_preset
 from siren_ros.world.actors import ActorClass, ActorDescription, Lights, Mode, Owner
-from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.traffic_state import EmvAdvice, TrafficFlags, TrafficState
 
 vehicles = load_vehicle_parameters()
@@ -27,20 +26,12 @@ L0, L1, L2, L3 = EmergencyLevel
 
 
 class RoadBuilder:
-    def __init__(self) -> None:
+    def __init__(self):
         self.lanes: list[Lane] = []
         self.edges: list[Edge] = []
         self.connections: list[Connection] = []
 
-    def edge(
-        self,
-        points: Any,
-        count: int,
-        ends: tuple[str, str],
-        internal: bool = False,
-        shoulder: bool = False,
-        width: float = WIDTH,
-    ) -> int:
+    def edge(self, points, count, ends, internal=False, shoulder=False, width=WIDTH):
         """Lanes from the line of the rightmost one to the left; with a shoulder, lane 0 is one."""
         line = Polyline.through(np.asarray(points, dtype=float))
         edge = len(self.edges)
@@ -67,22 +58,22 @@ class RoadBuilder:
         self.edges.append(Edge(edge, f"e{edge}", lanes, *ends, internal=internal))
         return edge
 
-    def connect(self, a: int, b: int, via: tuple[int, ...] = (), direction: str = "s", signal: bool = False) -> None:
+    def connect(self, a, b, via=(), direction="s", signal=False):
         self.connections.append(
             Connection(a, b, via, direction, "J" if signal else None, 0 if signal else -1, False, "J")
         )
 
-    def built(self) -> RoadNetwork:
+    def built(self):
         return RoadNetwork(tuple(self.lanes), tuple(self.edges), tuple(self.connections), {}, (0.0, 0.0), "!")
 
 
-def straight_road(lanes: int = 2, length: float = 400.0, shoulder: bool = False) -> RoadNetwork:
+def straight_road(lanes=2, length=400.0, shoulder=False):
     road = RoadBuilder()
     road.edge([[0.0, 0.0], [length, 0.0]], lanes, ("A", "B"), shoulder=shoulder)
     return road.built()
 
 
-def two_way_road() -> RoadNetwork:
+def two_way_road():
     """One lane of 400 m in each direction."""
     road = RoadBuilder()
     road.edge([[0.0, 0.0], [400.0, 0.0]], 1, ("A", "B"))
@@ -90,7 +81,7 @@ def two_way_road() -> RoadNetwork:
     return road.built()
 
 
-def road_with_shoulder() -> RoadNetwork:
+def road_with_shoulder():
     """West (edge 0), a junction path (1), the edge before the turn (2) of 30 m, the road to the south (3)."""
     road = RoadBuilder()
     road.edge([[0, 0], [100, 0]], 2, ("W", "I"), shoulder=True)
@@ -103,7 +94,7 @@ def road_with_shoulder() -> RoadNetwork:
     return road.built()
 
 
-def junction_road(lanes: int = 2) -> RoadNetwork:
+def junction_road(lanes=2):
     """West approach (edge 0), straight on (edge 2 by 1), right turn south from lane 0 (edge 4 by 3), crossing (5)."""
     road = RoadBuilder()
     road.edge([[0.0, 0.0], [150.0, 0.0]], lanes, ("W", "J"))
@@ -133,29 +124,19 @@ class Car:
     left: float = 0.0
 
 
-def describe(car: Car) -> ActorDescription:
+def describe(car):
     p = vehicles[car.kind]
     size = (p.length_m, p.width_m, p.height_m)
     return ActorDescription(car.actor_id, f"v{car.actor_id}", car.kind, *size, (90, 90, 90), car.kind.is_emergency)
 
 
-def world_of(network: RoadNetwork, level: EmergencyLevel, **changes: Any) -> BehaviourWorld:
+def world_of(network, level, **changes):
     config = changes.pop("config", BehaviourConfig())
     preset = changes.pop("preset", load_preset("paper"))
     return BehaviourWorld(network, LEVEL_POLICIES[level], vehicles, preset, seed=1, config=config, **changes)
 
 
-def traffic_of(
-    network: RoadNetwork,
-    cars: list[Car],
-    step: int = 0,
-    poses: np.ndarray | None = None,
-    advice: dict[int, Any] | None = None,
-    spawn: bool = True,
-    flags: int = 0,
-    lights: dict[int, int] | None = None,
-    owners: dict[int, int] | None = None,
-) -> TrafficState:
+def traffic_of(network, cars, step=0, poses=None, advice=None, spawn=True, flags=0, lights=None, owners=None):
     """The state of cars in the order of their ids; poses (N, 4) of x, y, yaw, speed, or on their lanes."""
     cars = sorted(cars, key=lambda car: car.actor_id)
     n = len(cars)
@@ -209,7 +190,7 @@ NO_ADVICE = {
 }
 
 
-def locate(network: RoadNetwork, point: np.ndarray, yaw: float, route: tuple[int, ...]) -> tuple[int, float, float]:
+def locate(network, point, yaw, route):
     best = (1e9, -1, 0.0, 0.0)
     for lane in network.lanes:
         edge = network.edges[lane.edge]
@@ -224,7 +205,7 @@ def locate(network: RoadNetwork, point: np.ndarray, yaw: float, route: tuple[int
     return best[1:]
 
 
-def route_from(network: RoadNetwork, route: tuple[int, ...], lane: int) -> tuple[int, ...]:
+def route_from(network, route, lane):
     edge = network.lanes[lane].edge
     if edge in route:
         return route[route.index(edge) :]
@@ -236,17 +217,17 @@ def route_from(network: RoadNetwork, route: tuple[int, ...], lane: int) -> tuple
     return route
 
 
-def view_of(world: BehaviourWorld, traffic: TrafficState) -> StepView:
+def view_of(world, traffic):
     table = ActorTable.empty().updated(traffic)
     return StepView(world, traffic, Surroundings.seen(traffic, table, world.courses), table)
 
 
-def view_in(world: BehaviourWorld, cars: list[Car], step: int = 0, **changes: Any) -> StepView:
+def view_in(world, cars, step=0, **changes):
     """A step of cars on a world's network; ``changes`` as for ``traffic_of``."""
     return view_of(world, traffic_of(world.network, cars, step, **changes))
 
 
-def view(network: RoadNetwork, level: EmergencyLevel, cars: list[Car], step: int = 0, **changes: Any) -> StepView:
+def view(network, level, cars, step=0, **changes):
     """A step of cars on a network at a level."""
     return view_in(world_of(network, level), cars, step, **changes)
 
@@ -264,7 +245,7 @@ class Loop:
     events: list[Any] = field(default_factory=list)
     log: list[dict[int, tuple[float, float, float, float, int, int]]] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         self.cars = sorted(self.cars, key=lambda car: car.actor_id)
         first = traffic_of(self.world.network, self.cars)
         self.table = ParameterTable.of([car.kind for car in self.cars], vehicles)
@@ -274,12 +255,12 @@ class Loop:
         self.modes: dict[int, int] = {}
         self.corners: list[np.ndarray] = []
 
-    def run(self, steps: int) -> "Loop":
+    def run(self, steps):
         for _ in range(steps):
             self.once()
         return self
 
-    def once(self) -> None:
+    def once(self):
         body, network = self.body, self.world.network
         poses = np.stack((body.x_m, body.y_m, body.yaw_rad, np.hypot(body.forward_mps, body.lateral_mps)), axis=-1)
         given = {"spawn": self.step == 0, "lights": self.lights, "owners": self.owners}
@@ -296,7 +277,7 @@ class Loop:
         )
         self.step += 1
 
-    def apply(self, *commands: VehicleCommands) -> None:
+    def apply(self, *commands):
         rows = {car.actor_id: i for i, car in enumerate(self.cars)}
         n = len(self.cars)
         throttle, brake, steer, hand = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, bool)
@@ -320,7 +301,7 @@ class Loop:
         columns = {name: np.where(driven, getattr(moved, name), value) for name, value in followed.items()}
         self.body = replace(moved, **columns)
 
-    def sumo(self, i: int) -> tuple[float, float, float, float]:
+    def sumo(self, i):
         """A lane follower that keeps its distance and drifts back to its lane's centre."""
         car, t = self.cars[i], self.traffic
         lane = self.world.network.lanes[int(t.lane[i])]
@@ -338,7 +319,7 @@ class Loop:
         point = lane.centre.offset_points(s, left)
         return float(point[0]), float(point[1]), float(lane.centre.heading_rad(s)), v
 
-    def touching(self) -> list[tuple[int, int, int]]:
+    def touching(self):
         """Steps and pairs of actors whose footprints overlap."""
         ids = [car.actor_id for car in self.cars]
         first, second = np.triu_indices(len(ids), 1)
@@ -350,15 +331,15 @@ class Loop:
             hits.extend((step, ids[first[pair]], ids[second[pair]]) for pair in overlap)
         return hits
 
-    def of(self, kind: str) -> list[Any]:
+    def of(self, kind):
         return [event for event in self.events if event.kind.value == kind]
 
 
-def kinds(events: Iterable[Any]) -> list[str]:
+def kinds(events):
     return [event.kind.value for event in events]
 
 
-def stepper(control: Callable[..., Any], initial: Any) -> Callable[..., tuple[Any, VehicleCommands, list[Any]]]:
+def stepper(control, initial):
     """Steps of the EMVs or of the civilians alone: the state, the last commands and all events."""
 
     def steps(world, cars, count=1, state=None, start=0, **traffic):
@@ -374,7 +355,7 @@ def stepper(control: Callable[..., Any], initial: Any) -> Callable[..., tuple[An
     return steps
 
 
-def turned_road(turn: float, lanes: int = 2, length: float = 400.0) -> tuple[RoadNetwork, np.ndarray, np.ndarray]:
+def turned_road(turn, lanes=2, length=400.0):
     """A straight road that points anywhere, and the directions along and across it."""
     along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
     road = RoadBuilder()

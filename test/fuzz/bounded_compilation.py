@@ -2,7 +2,7 @@
 
 import resource
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
@@ -17,7 +17,7 @@ MEMORY_BYTES = 3 * 2**30
 Compilation = Callable[[str, bytes], str]
 
 
-def refusal(name: str, data: bytes) -> str:
+def refusal(name, data):
     """What is said of a map; empty where it becomes a network. Any other exception or warning is a mistake of ours."""
     with TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -30,13 +30,13 @@ def refusal(name: str, data: bytes) -> str:
     return ""
 
 
-def bound_memory() -> None:
+def bound_memory():
     """Of this process; netconvert's is bounded by the library."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, resource.RLIM_INFINITY))
 
 
 @contextmanager
-def bounded_compilation() -> Iterator[Compilation]:
+def bounded_compilation():
     """``refusal``, in that process."""
     with ProcessPoolExecutor(1, get_context("spawn"), bound_memory) as pool:
         yield lambda name, data: pool.submit(refusal, name, data).result()

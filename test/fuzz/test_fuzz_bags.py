@@ -2,16 +2,13 @@
 
 import shutil
 import struct
-from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from message_readers import READERS
-from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.errors import BagError, EpisodeError, InputError, SirenError
@@ -36,12 +33,12 @@ PERIODIC = (
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+def bag(tmp_path_factory, write_bag):
     return write_bag(tmp_path_factory.mktemp("bags") / "bag", duration_s=0.3)
 
 
 @pytest.fixture(scope="module")
-def messages(typestore: Typestore) -> dict[str, tuple[topics.Topic, bytes]]:
+def messages(typestore):
     """One encoded message of every topic of an episode."""
     episode = SyntheticEpisode(Scene(duration_s=0.3)).messages()
     return {
@@ -49,7 +46,7 @@ def messages(typestore: Typestore) -> dict[str, tuple[topics.Topic, bytes]]:
     }
 
 
-def damaged(data: bytes, changes: list[tuple[float, int]], cut: float) -> bytes:
+def damaged(data, changes, cut):
     """The data with bytes replaced at relative places, and shortened."""
     out = bytearray(data)
     for share, value in changes:

@@ -47,7 +47,7 @@ VALUES = st.one_of(
 
 
 @st.composite
-def changed(draw: st.DrawFn, document: bytes) -> bytes:
+def changed(draw, document):
     """The document with attributes replaced or removed, or bytes changed."""
     text = document.decode()
     for _ in range(draw(st.integers(1, 4))):

@@ -1,10 +1,9 @@
 """Maps from strangers as a user gives them: through netconvert and our own reading of what it writes."""
 
 import re
-from collections.abc import Iterator
 
 import pytest
-from fuzz.bounded_compilation import Compilation, bounded_compilation
+from fuzz.bounded_compilation import bounded_compilation
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -52,13 +51,13 @@ FUZZED = settings(max_examples=20, deadline=None, suppress_health_check=[HealthC
 
 
 @pytest.fixture(scope="module")
-def refusal() -> Iterator[Compilation]:
+def refusal():
     with bounded_compilation() as compilation:
         yield compilation
 
 
 @st.composite
-def changed(draw: st.DrawFn, text: str) -> bytes:
+def changed(draw, text):
     """The document with a few attributes replaced, removed or repeated elsewhere."""
     for _ in range(draw(st.integers(1, 3))):
         attribute = draw(st.sampled_from(list(re.finditer(r' ([\w:]+)="([^"]*)"', text))))
@@ -69,7 +68,7 @@ def changed(draw: st.DrawFn, text: str) -> bytes:
     return text.encode()
 
 
-def is_one_line_about_the_map(text: str, name: str) -> bool:
+def is_one_line_about_the_map(text, name):
     return not text or (text.startswith(f"map: '{name}' ") and text.isprintable() and len(text) < 1000)
 
 

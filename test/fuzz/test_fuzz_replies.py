@@ -32,7 +32,7 @@ anything = st.recursive(
 
 
 @st.composite
-def changed(draw: st.DrawFn, content: Any = GOOD) -> Any:
+def changed(draw, content=GOOD):
     """The good reply with something else at one place inside."""
     if not isinstance(content, dict | list) or not content or not draw(st.integers(0, 4)):
         return draw(anything)

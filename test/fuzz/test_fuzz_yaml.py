@@ -27,7 +27,7 @@ from siren_ros.traffic.demand.plan import load_drivers
 from siren_ros.world.actors import ActorClass
 
 
-def load_sedan(path: str) -> Any:
+def load_sedan(path):
     """The vehicles' parameters where one file is a stranger's."""
     with TemporaryDirectory() as folder:
         for kind in ActorClass:
@@ -74,14 +74,12 @@ NASTY = [
     "a: 1e999",
 ]
 texts = st.one_of(
-    st.sampled_from(NASTY),
-    st.text(max_size=200),
-    st.text("abc:- \n[]{}&*!?|>'\"#%@`,.0123456789", max_size=200),
+    st.sampled_from(NASTY), st.text(max_size=200), st.text("abc:- \n[]{}&*!?|>'\"#%@`,.0123456789", max_size=200)
 )
 fuzzed = settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-def survives(reader: Callable[[str], Any], file: Path) -> None:
+def survives(reader, file):
     with suppress(InputError):
         reader(str(file))
 
@@ -103,7 +101,7 @@ def test_any_text(kind, text, tmp_path):
     survives(READERS[kind][0], file)
 
 
-def replaced(data: Any, path: list[int], value: Any) -> Any:
+def replaced(data, path, value):
     """The data with the value at a place inside, chosen by numbers."""
     if not path or not isinstance(data, dict | list) or not data:
         return value

@@ -17,7 +17,7 @@ from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescript
 from siren_ros.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth
 
 
-def _truth(count: int) -> GroundTruth:
+def _truth(count):
     rng = np.random.default_rng(1)
     arrays = {name: rng.uniform(0, 1, count).astype(dtype) for name, dtype in GROUND_TRUTH_DTYPES.items()}
     arrays["actor_id"] = np.arange(1, count + 1, dtype=np.uint32)
@@ -35,7 +35,7 @@ def test_boxes_come_back(round_trip, count):
         assert np.allclose(getattr(back, name), getattr(boxes, name))
 
 
-def _states(modes: list[Mode]) -> ActorStates:
+def _states(modes):
     arrays = {name: np.zeros(len(modes), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
     arrays["actor_id"] = np.arange(1, len(modes) + 1, dtype=np.uint32)
     arrays["mode"] = np.array(modes, dtype=np.uint8)
@@ -43,7 +43,7 @@ def _states(modes: list[Mode]) -> ActorStates:
     return ActorStates(step=8, **arrays)
 
 
-def _actor(actor_id: int, is_emv: bool = False) -> ActorDescription:
+def _actor(actor_id, is_emv=False):
     return ActorDescription(actor_id, f"v{actor_id}", ActorClass.SEDAN, 4.6, 1.8, 1.4, (51, 102, 204), is_emv)
 
 

@@ -45,7 +45,7 @@ actors = st.builds(
 )
 
 
-def arrays(dtypes: dict[str, type[np.generic]], seed: int, count: int) -> dict[str, Any]:
+def arrays(dtypes, seed, count):
     rng = np.random.default_rng(seed)
     return {
         name: rng.standard_normal(count) * 100
@@ -56,7 +56,7 @@ def arrays(dtypes: dict[str, type[np.generic]], seed: int, count: int) -> dict[s
 
 
 @st.composite
-def tables(draw: st.DrawFn) -> Any:
+def tables(draw):
     seed, count, step = draw(st.integers(0, 2**32)), draw(st.integers(0, 5)), draw(st.integers(0, 2000))
     some_events = tuple(draw(st.lists(events, max_size=2)))
     kind = draw(st.integers(0, 3))
@@ -125,7 +125,7 @@ PAIRS: dict[type, tuple[str, Any]] = {
 } | {SignalState: ("siren_msgs/msg/SignalState", plain_message)}
 
 
-def same(left: Any, right: Any) -> bool:
+def same(left, right):
     for field in dataclasses.fields(left):
         a, b = getattr(left, field.name), getattr(right, field.name)
         equal = a.dtype == b.dtype and np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b
@@ -196,7 +196,7 @@ def test_an_unknown_code_is_an_input_error():
         conversions.from_event(message)
 
 
-def stamp_ns(message: Any) -> int:
+def stamp_ns(message):
     """The stamp of a message, with or without a header."""
     stamp_ = message.header.stamp if hasattr(message, "header") else message.stamp
     return int(stamp_.sec) * 10**9 + int(stamp_.nanosec)
@@ -289,7 +289,7 @@ def test_a_way_comes_back_and_its_poses_look_along_it(round_trip):
     assert {pose.header.frame_id for pose in message.poses} == {"map"}
 
 
-def paths_of(seed: int, paths: int, points: int, step: int = 40) -> PredictedPaths:
+def paths_of(seed, paths, points, step=40):
     rng = np.random.default_rng(seed)
     ids = rng.integers(1, 2**32 - 1, paths).astype(np.uint32)
     return PredictedPaths(step, ids, rng.random(paths), rng.normal(scale=1e3, size=(paths, points, 2)))

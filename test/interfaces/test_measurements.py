@@ -2,7 +2,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -76,7 +75,7 @@ def test_intrinsics_come_back(round_trip):
 SHARED_FIXTURES = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-def _sweep(count: int, seed: int = 0) -> npt.NDArray[np.void]:
+def _sweep(count, seed=0):
     rng = np.random.default_rng(seed)
     points = np.zeros(count, LIDAR_POINT_DTYPE)
     for axis in ("x", "y", "z", "intensity", "time"):
@@ -179,7 +178,7 @@ def test_sound_survives(round_trip):
     assert back.samples.tolist() == samples.tolist()
 
 
-def labels() -> CameraTruth:
+def labels():
     values: dict[str, Any] = {name: np.array([1, 2], dtype) for name, dtype in CAMERA_TRUTH_DTYPES.items()}
     values |= {
         "actor_class": np.array([int(ActorClass.BUS), int(ActorClass.AMBULANCE)], np.uint8),

@@ -1,14 +1,12 @@
 """Message types of the installation, and what all conversions build on."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from repository import REPOSITORY
-from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.errors import EpisodeError, InputError
@@ -104,7 +102,7 @@ frames = st.text("abcé_/", max_size=9)
 """Names of every length shift what follows them against the alignment."""
 
 
-def assert_plain(store: Typestore, topic: topics.Topic, message: object) -> None:
+def assert_plain(store, topic, message):
     """The bytes are the store's own, filled up to whole words, and say the same."""
     cdr = encode_cdr(store, topic, message)
     plain = bytes(store.serialize_cdr(message, topic.type_name))
@@ -175,7 +173,7 @@ STEP = 27
 FRAME = "somewhere"
 
 
-def ones(dtypes: dict[str, Any]) -> dict[str, Any]:
+def ones(dtypes):
     return {name: np.ones(1, dtype) for name, dtype in dtypes.items()}
 
 
@@ -201,7 +199,7 @@ MESSAGES = {
 }
 
 
-def time_of(message: Any) -> tuple[int, int]:
+def time_of(message):
     stamp = message.header.stamp if hasattr(message, "header") else message.stamp
     return int(stamp.sec), int(stamp.nanosec)
 

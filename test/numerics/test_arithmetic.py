@@ -30,7 +30,7 @@ print(core_name().decode(), names)
 """
 
 
-def test_what_lies_beyond_avx2_is_switched_off_group_by_group() -> None:
+def test_what_lies_beyond_avx2_is_switched_off_group_by_group():
     environment: dict[str, str] = {}
     missing = pin_arithmetic(environment, _CASCADE_LAKE, (1, 26))
     assert environment == missing
@@ -50,26 +50,26 @@ def test_what_lies_beyond_avx2_is_switched_off_group_by_group() -> None:
         ((2, 5), "X86_V4 AVX512_ICL AVX512_SPR"),
     ],
 )
-def test_groups_have_the_names_of_the_installed_numpy(version: tuple[int, int], groups: str) -> None:
+def test_groups_have_the_names_of_the_installed_numpy(version, groups):
     environment: dict[str, str] = {}
     pin_arithmetic(environment, _SAPPHIRE_RAPIDS, version)
     assert environment["NPY_DISABLE_CPU_FEATURES"] == groups
 
 
-def test_a_processor_that_has_no_more_than_avx2_keeps_all_it_has() -> None:
+def test_a_processor_that_has_no_more_than_avx2_keeps_all_it_has():
     environment: dict[str, str] = {}
     pin_arithmetic(environment, ["avx2", "fma"])
     assert environment == {"OPENBLAS_NUM_THREADS": "1", "OPENBLAS_CORETYPE": "Haswell"}
 
 
 @pytest.mark.parametrize("flags", [[], ["avx", "sse4_2"], ["avx2"]])
-def test_older_and_other_processors_are_asked_for_nothing_that_they_lack(flags: list[str]) -> None:
+def test_older_and_other_processors_are_asked_for_nothing_that_they_lack(flags):
     environment: dict[str, str] = {}
     pin_arithmetic(environment, flags)
     assert environment == {"OPENBLAS_NUM_THREADS": "1"}
 
 
-def test_what_the_user_chose_stays() -> None:
+def test_what_the_user_chose_stays():
     chosen = {"OPENBLAS_NUM_THREADS": "4", "OPENBLAS_CORETYPE": "Zen", "NPY_DISABLE_CPU_FEATURES": ""}
     environment = dict(chosen)
     assert pin_arithmetic(environment, _CASCADE_LAKE) == {}
@@ -77,13 +77,13 @@ def test_what_the_user_chose_stays() -> None:
 
 
 @pytest.mark.parametrize("package", ["siren_ros", "siren_ros.cli.main", "siren_ros.roads.road_network"])
-def test_the_library_has_it_by_the_time_numpy_is_loaded(package: str) -> None:
+def test_the_library_has_it_by_the_time_numpy_is_loaded(package):
     if "avx2" not in Path("/proc/cpuinfo").read_text():
         pytest.skip("this processor has no AVX2; its bytes are its own")
     assert _read_off(package) == "Haswell []"
 
 
-def test_programs_of_ros_have_it_too() -> None:
+def test_programs_of_ros_have_it_too():
     pytest.importorskip("rclpy")
     if "avx2" not in Path("/proc/cpuinfo").read_text():
         pytest.skip("this processor has no AVX2; its bytes are its own")
@@ -102,24 +102,24 @@ print(*(warning.category.__name__ for warning in noted))
 """
 
 
-def test_who_loads_numpy_first_is_warned_once() -> None:
+def test_who_loads_numpy_first_is_warned_once():
     assert _run(_IMPORTS.format(first="numpy", second="siren_ros")) == UnpinnedArithmeticWarning.__name__
 
 
-def test_who_loads_numpy_first_with_the_variables_set_is_not_warned() -> None:
+def test_who_loads_numpy_first_with_the_variables_set_is_not_warned():
     pinned = pin_arithmetic({})
     assert _run(_IMPORTS.format(first="numpy", second="siren_ros"), **pinned) == ""
 
 
-def test_who_loads_numpy_second_is_not_warned() -> None:
+def test_who_loads_numpy_second_is_not_warned():
     assert _run(_IMPORTS.format(first="siren_ros", second="numpy")) == ""
 
 
-def _read_off(package: str) -> str:
+def _read_off(package):
     return _run(_READ_OFF.format(first=package))
 
 
-def _run(program: str, **variables: str) -> str:
+def _run(program, **variables):
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("OPENBLAS_", "NPY_"))}
     done = subprocess.run(
         [sys.executable, "-c", program], env=environment | variables, capture_output=True, text=True, check=True

@@ -16,13 +16,13 @@ from siren_ros.numerics.braking import (
 from siren_ros.numerics.geometry import Polyline
 
 
-def circle(radius_m: float, turn_rad: float) -> Polyline:
+def circle(radius_m, turn_rad):
     angle = np.linspace(0.0, turn_rad, int(turn_rad * radius_m / 0.2) + 2)
     return Polyline.through(np.stack((radius_m * np.sin(angle), radius_m * (1.0 - np.cos(angle))), axis=-1))
 
 
 @pytest.mark.parametrize("radius_m", [6.0, 15.0, 80.0])
-def test_a_circle_is_driven_at_the_root_of_acceleration_times_radius(radius_m: float) -> None:
+def test_a_circle_is_driven_at_the_root_of_acceleration_times_radius(radius_m):
     path = circle(radius_m, 1.5)
     middle = np.array([path.length_m / 2.0])
     assert curvature_1pm(path, middle)[0] == pytest.approx(1.0 / radius_m, rel=0.05)
@@ -31,17 +31,17 @@ def test_a_circle_is_driven_at_the_root_of_acceleration_times_radius(radius_m: f
 
 
 @pytest.mark.parametrize("radius_m", [6.0, 15.0])
-def test_at_its_ends_a_circle_is_as_curved_as_in_its_middle(radius_m: float) -> None:
+def test_at_its_ends_a_circle_is_as_curved_as_in_its_middle(radius_m):
     path = circle(radius_m, 1.5)
     places = np.array([0.0, 0.5, path.length_m - 0.5, path.length_m])
     assert curvature_1pm(path, places) == pytest.approx(np.full(4, 1.0 / radius_m), rel=0.1)
 
 
-def test_a_straight_road_has_no_limit() -> None:
+def test_a_straight_road_has_no_limit():
     assert bend_speeds_mps(Polyline.through([[0.0, 0.0], [100.0, 0.0]]), 3.0).min() > 1e3
 
 
-def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger() -> None:
+def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger():
     target = np.full(101, 20.0)
     target[60:] = 5.0
     speeds = with_braking(target, 2.0)
@@ -52,7 +52,7 @@ def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger() -> No
 
 
 @pytest.mark.parametrize(("way_m", "stops"), [(7.1, False), (7.3, True)])
-def test_from_6_mps_with_2_5_mps2_a_vehicle_stops_within_7_2_m(way_m: float, stops: bool) -> None:
+def test_from_6_mps_with_2_5_mps2_a_vehicle_stops_within_7_2_m(way_m, stops):
     assert stops_within(36.0, 2.5, way_m) is stops
 
 
@@ -67,7 +67,7 @@ def test_profiles_never_exceed_the_speeds_that_they_keep_to(target, first_mps, a
     assert np.all(np.abs(np.diff(reached**2)) <= 2.0 * accel_mps2 + 1e-6)
 
 
-def test_speeding_up_follows_the_constant_acceleration_up_to_the_speeds_allowed() -> None:
+def test_speeding_up_follows_the_constant_acceleration_up_to_the_speeds_allowed():
     speeds = with_accelerating(np.full(101, 15.0), 5.0, 1.5)
     assert speeds == pytest.approx(np.minimum(15.0, np.sqrt(25.0 + 2.0 * 1.5 * np.arange(101.0))))
     assert with_accelerating(np.full(3, 4.0), 5.0, 1.5).tolist() == [4.0, 4.0, 4.0]

@@ -4,10 +4,8 @@ import math
 import subprocess
 import sys
 import textwrap
-from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -40,14 +38,14 @@ _CALLEE = """
 """
 
 
-def _answer(folder: Path, factor: float, offset: float) -> float:
+def _answer(folder, factor, offset):
     (folder / "callee.py").write_text(textwrap.dedent(_CALLEE.format(factor=factor, offset=offset)))
     # -B: Python's own cache takes a source of the same second and size for the same source.
     done = subprocess.run([sys.executable, "-B", "caller.py"], cwd=folder, capture_output=True, text=True, check=True)
     return float(done.stdout)
 
 
-def test_changes_in_another_file_are_seen(tmp_path: Path) -> None:
+def test_changes_in_another_file_are_seen(tmp_path):
     (tmp_path / "caller.py").write_text(textwrap.dedent(_CALLER))
     assert _answer(tmp_path, factor=2.0, offset=1.0) == 7.0
     assert _answer(tmp_path, factor=4.0, offset=1.0) == 13.0
@@ -59,19 +57,19 @@ def test_changes_in_another_file_are_seen(tmp_path: Path) -> None:
 
 
 @compiled
-def _sum(values: npt.NDArray[np.float64]) -> float:
+def _sum(values):
     total = 0.0
     for value in values:
         total += value
     return total
 
 
-def test_sums_stay_in_the_written_order() -> None:
+def test_sums_stay_in_the_written_order():
     values = np.array([1e16, 1.0, -1e16, 1.0])
     assert _sum(values) == 1.0
 
 
-def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cache(tmp_path: Path) -> None:
+def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cache(tmp_path):
     program = """
         from siren_ros.numerics import compiled as module
 
@@ -95,17 +93,17 @@ def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cac
 
 
 @given(st.floats(-50.0, 50.0))
-def test_it_is_that_of_arrays(angle_rad: float) -> None:
+def test_it_is_that_of_arrays(angle_rad):
     assert wrapped_rad(angle_rad) == wrap_angle(angle_rad)
 
 
 @pytest.mark.parametrize("turns", [-3, -1, 1, 5])
-def test_half_a_turn_is_positive(turns: int) -> None:
+def test_half_a_turn_is_positive(turns):
     assert wrapped_rad(turns * math.pi) == pytest.approx(math.pi, abs=1e-12)
 
 
 @given(st.floats(-5.0, 5.0), st.floats(-3.0, 0.0), st.floats(0.0, 3.0))
-def test_bounds_are_kept_as_for_arrays(value: float, low: float, high: float) -> None:
+def test_bounds_are_kept_as_for_arrays(value, low, high):
     assert within(value, low, high) == np.clip(value, low, high)
 
 

@@ -1,7 +1,5 @@
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,22 +11,21 @@ from siren_ros.errors import InputError
 from siren_ros.interfaces.markers import EMV_COLOUR
 from siren_ros.pictures.birdseye import draw_episode, interaction_box, interaction_steps, save_episode_picture
 from siren_ros.pictures.plot_parts import LabelPlacer, lane_outline, mode_runs, yielding_actors
-from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Mode
 from siren_ros.world.traffic_state import Event, EventKind
 
 
 @pytest.fixture(scope="module")
-def record(record_of: Callable[..., EpisodeRecord]) -> EpisodeRecord:
+def record(record_of):
     return record_of()
 
 
 @pytest.fixture(scope="module")
-def picture(record: EpisodeRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def picture(record, tmp_path_factory):
     return save_episode_picture(record, tmp_path_factory.mktemp("pictures") / "new" / "episode.png")
 
 
-def _share_of(path: Path, colour: tuple[float, ...]) -> float:
+def _share_of(path, colour):
     pixels = np.asarray(Image.open(path).convert("RGB"), dtype=np.int64)
     distance = np.abs(pixels - np.round(np.array(colour[:3]) * 255).astype(np.int64)).max(axis=-1)
     return float((distance <= 3).mean())
@@ -43,7 +40,7 @@ def test_the_same_record_gives_the_same_bytes(record, picture, tmp_path):
     assert save_episode_picture(record, tmp_path / "again.png").read_bytes() == picture.read_bytes()
 
 
-def _texts(figure: Figure) -> list[str]:
+def _texts(figure):
     return [text.get_text() for text in figure.texts] + [
         text.get_text() for axes in figure.axes for text in axes.texts if text.get_text()
     ]

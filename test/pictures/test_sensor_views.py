@@ -8,23 +8,21 @@ from siren_ros.errors import InputError
 from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.pictures.sensor_views import cloud_by_instance, observe_at, save_sheet, sheet
-from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.sensors.look import Look
-from siren_ros.sensors.rig import Observations
 from siren_ros.sensors.suite import SensorSuite, load_suite
 
 LIDAR = load_suite("lidar")
 
 
 @pytest.fixture(name="record", scope="module")
-def _record() -> EpisodeRecord:
+def _record():
     setup = set_up_episode(EpisodeRequest("S2", seed=0, sensors="none"))
     return record_of(setup, list(closed_loop(setup, 12)))
 
 
 @pytest.fixture(name="seen", scope="module")
-def _seen(record: EpisodeRecord) -> Observations:
+def _seen(record):
     """A picture and a sweep at 0.55 s, when a camera at 10 Hz is not due."""
     camera = replace(load_suite("front").cameras[0], width=160, height=120)
     return observe_at(record, 0.55, SensorSuite("both", LIDAR.lidars, (camera,)), Look())

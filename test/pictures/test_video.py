@@ -3,16 +3,13 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from io import BytesIO
-from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 from hand_made_record import EASTBOUND, EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made
 from PIL import Image
-from rosbags.typesys.store import Typestore
 
 from siren_ros.cli.main import main
 from siren_ros.errors import BagError, InputError
@@ -24,7 +21,6 @@ from siren_ros.pictures.moving_birdseye import SIZE_PX, BirdseyeFilm, paint_poly
 from siren_ros.pictures.video import CELL_PX, Coding, View, grid_places, ordered_cameras, save_video, write_video
 from siren_ros.record.episode_source import MountedCamera
 from siren_ros.recording.bag_writer import EpisodeBagWriter
-from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.measurements import CameraIntrinsics
 
 FRONT = IMAGE_COMPRESSED.of_sensor("camera_front", 2)
@@ -32,7 +28,7 @@ OFF_CENTRE_PX = 90.0
 """How far the camera's smoothing may take the EMV out of the middle: 10 m."""
 
 
-def camera(name: str, yaw_rad: float) -> MountedCamera:
+def camera(name, yaw_rad):
     """One that looks in a direction."""
     base_from_optical = np.eye(4)
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
@@ -63,17 +59,17 @@ def test_cells_are_four_to_three():
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+def bag(tmp_path_factory, write_bag):
     return write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed0", duration_s=4.0)
 
 
 @pytest.fixture(scope="module")
-def front_bag(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> Path:
+def front_bag(tmp_path_factory, typestore):
     """A bag with a front camera at 10 Hz whose images grow brighter by 10 from step to step."""
     return _camera_bag(tmp_path_factory.mktemp("bags") / "front", typestore, range(0, 40, 2))
 
 
-def _camera_bag(path: Path, typestore: Typestore, steps: range) -> Path:
+def _camera_bag(path, typestore, steps):
     writer = EpisodeBagWriter(path, typestore, [])
     for step in steps:
         jpeg = BytesIO()
@@ -84,7 +80,7 @@ def _camera_bag(path: Path, typestore: Typestore, steps: range) -> Path:
     return writer.finish().path
 
 
-def _decoded(path: Path) -> tuple[dict[str, object], list[np.ndarray]]:
+def _decoded(path):
     with av.open(str(path)) as container:
         (stream,) = container.streams
         facts = {"codec": stream.codec_context.name, "rate": float(stream.average_rate), "format": stream.format.name}
@@ -207,12 +203,12 @@ def test_the_command_makes_a_video(bag, tmp_path, capsys):
     assert main(["video", str(tmp_path / "none"), "--out", str(out)]) == 2
 
 
-def _crossing_record(letter: str) -> EpisodeRecord:
+def _crossing_record(letter):
     vehicles = {EMV: Driven(NORTHBOUND, at_speed(70.0, 10.0, 100)), 2: Driven(EASTBOUND, at_speed(80.0, 5.0, 100))}
     return hand_made(crossing(), vehicles, lambda _: letter * 7)
 
 
-def _share(frame: np.ndarray, colour: tuple[int, ...]) -> float:
+def _share(frame, colour):
     return float((np.abs(frame.astype(int) - np.array(colour)).max(axis=-1) <= 4).mean())
 
 

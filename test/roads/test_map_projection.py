@@ -16,13 +16,13 @@ def test_off_the_meridian_it_agrees_with_proj():
     assert (lat, lon) == pytest.approx((52.52, 13.40), abs=1e-8)
 
 
-def test_a_place_is_projected_as_proj_does() -> None:
+def test_a_place_is_projected_as_proj_does():
     """The same place the other way round."""
     assert projected_from_geodetic(UTM_33, 52.52, 13.40) == pytest.approx((391_440.0321, 5_820_079.6668), abs=1e-3)
     assert projected_from_geodetic(UTM_33, 45.0, 15.0) == pytest.approx((500_000.0, 4_984_944.378 * 0.9996), abs=1e-3)
 
 
-def test_scale_and_false_origin_are_the_projections() -> None:
+def test_scale_and_false_origin_are_the_projections():
     plain = projected_from_geodetic("+proj=tmerc +lat_0=48 +lon_0=9", 48.5, 9.25)
     scaled = projected_from_geodetic("+proj=tmerc +lat_0=48 +lon_0=9 +k_0=0.9 +x_0=100 +y_0=-200", 48.5, 9.25)
     assert plain is not None
@@ -60,7 +60,7 @@ def test_other_projections_have_no_answer(projection):
     ],
 )
 @pytest.mark.parametrize(("east_m", "north_m"), [(0.0, 0.0), (60_000.0, 4_100_000.0), (-90_000.0, 5_700_000.0)])
-def test_projecting_there_and_back(projection: str, east_m: float, north_m: float) -> None:
+def test_projecting_there_and_back(projection, east_m, north_m):
     x_m = east_m + (500_000.0 if "utm" in projection else 0.0)
     geodetic = geodetic_from_projected(projection, x_m, north_m)
     assert geodetic is not None

@@ -170,7 +170,7 @@ def test_an_internal_lane_of_no_length_still_has_a_direction(network):
 
 
 @pytest.mark.parametrize(("length_m", "kept"), [(0.006, True), (0.004, False)])
-def test_a_lane_of_half_a_centimetre_is_as_long_as_it_is(length_m: float, kept: bool) -> None:
+def test_a_lane_of_half_a_centimetre_is_as_long_as_it_is(length_m, kept):
     net = LONELY.replace("END", f"0,{length_m}")
     centre = parse_road_network(net.encode()).lanes[0].centre
     assert centre.length_m == pytest.approx(length_m if kept else 0.01)
@@ -208,7 +208,7 @@ NET_JUNCTION_LANES = """<net>
 </net>"""
 
 
-def test_each_movement_has_its_lanes_in_driving_order() -> None:
+def test_each_movement_has_its_lanes_in_driving_order():
     assert list(paths_across(fromstring(NET_JUNCTION_LANES))) == [
         PathAcross("west_0", "east_1", (":j_0_0",)),
         PathAcross("west_1", "north_0", (":j_1_0", ":j_4_0")),
@@ -217,7 +217,7 @@ def test_each_movement_has_its_lanes_in_driving_order() -> None:
 
 
 @pytest.mark.parametrize("back_to", [":j_0_0", ":j_1_0"])
-def test_a_way_that_does_not_end_is_refused(back_to: str) -> None:
+def test_a_way_that_does_not_end_is_refused(back_to):
     end = '<connection from=":j_4" fromLane="0" to="north" toLane="0"'
     circle = NET_JUNCTION_LANES.replace(end, f'{end} via="{back_to}"').replace(
         'to="east" toLane="1"/>', 'to="east" toLane="1" via=":j_1_0"/>'

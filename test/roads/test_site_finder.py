@@ -1,9 +1,7 @@
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hand_made_record import BESIDE, SHOULDER_RIGHT, crossing
 from made_streets import (
@@ -41,7 +39,7 @@ from siren_ros.roads.site_finder import (
     wide_length_m,
     wide_stretch_back,
 )
-from siren_ros.roads.sites import REQUIREMENTS, Site, SiteKind, is_reversal, lanes_through, route_through, turn_of
+from siren_ros.roads.sites import REQUIREMENTS, SiteKind, is_reversal, lanes_through, route_through, turn_of
 
 LONELY_ROAD = b"""<net><edge id="e" from="a" to="b">
 <lane id="e_0" index="0" disallow="pedestrian" speed="13.89" length="500" shape="0,0 500,0"/></edge>
@@ -153,30 +151,30 @@ GRAPH = EdgeGraph.of(NETWORK)
 WHOLE_M = 200.0 + 10.0 + 100.0 + 20.0 + 200.0
 
 
-def with_connections(network: RoadNetwork, numbers: Sequence[int], **changed: object) -> RoadNetwork:
+def with_connections(network, numbers, **changed):
     numbered = enumerate(network.connections)
     return replace(
         network, connections=tuple(replace(c, **changed) if number in numbers else c for number, c in numbered)
     )
 
 
-def with_lane(network: RoadNetwork, lane: int, **changed: object) -> RoadNetwork:
+def with_lane(network, lane, **changed):
     lanes = list(network.lanes)
     lanes[lane] = replace(lanes[lane], **changed)
     return replace(network, lanes=tuple(lanes))
 
 
-def between(sites: Sequence[Site], edge: int, way: int) -> Site:
+def between(sites, edge, way):
     return next(site for site in sites if site.site_edge == edge and way in site.route)
 
 
-def test_shares_end_at_one() -> None:
+def test_shares_end_at_one():
     assert share(125.0) == 0.5
     assert share(300.0) == 1.0
     assert share(30.0, 60.0) == 0.5
 
 
-def test_a_crossed_junction_is_scored_by_what_it_offers() -> None:
+def test_a_crossed_junction_is_scored_by_what_it_offers():
     site = between(list(signal_junctions(GRAPH)), B, C)
     assert (site.junction, site.route, site.site_position, site.stretch) == ("J", (A, B, C), 1, (B,))
     assert (site.approach_lane, site.length_m) == (B_LEFT, pytest.approx(100.0))
@@ -190,7 +188,7 @@ def test_a_crossed_junction_is_scored_by_what_it_offers() -> None:
     assert site.score == pytest.approx(route + quality)
 
 
-def test_a_side_street_without_road_lets_all_crossing_movements_count() -> None:
+def test_a_side_street_without_road_lets_all_crossing_movements_count():
     """20 m are no queue; the turn from the side street's own street would count, too."""
     short = with_lane(NETWORK, NEAR, centre=Polyline.through([(10.0, 30.0), (10.0, 10.0)]))
     short = with_connections(short, [6], must_stop=True)
@@ -200,7 +198,7 @@ def test_a_side_street_without_road_lets_all_crossing_movements_count() -> None:
     assert long.score - site.score == pytest.approx(1.0 - 20.0 / 60.0)
 
 
-def with_oncoming_turners(network: RoadNetwork) -> RoadNetwork:
+def with_oncoming_turners(network):
     """A road from the east whose vehicles turn left to the south, across the way of those who go straight on."""
     lanes, edges, connections = network.lanes, network.edges, network.connections
     centre = Polyline.through([(220.0, 1.75), (20.0, 1.75)])
@@ -211,7 +209,7 @@ def with_oncoming_turners(network: RoadNetwork) -> RoadNetwork:
 
 
 @pytest.mark.parametrize(("side_m", "turners_count"), [(29.0, True), (31.0, False)])
-def test_oncoming_turners_count_where_the_side_street_has_no_queue(side_m: float, turners_count: bool) -> None:
+def test_oncoming_turners_count_where_the_side_street_has_no_queue(side_m, turners_count):
     """Where the side street has 30 m of road, its vehicles cross, and nobody else."""
     centre = Polyline.through([(10.0, 10.0 + side_m), (10.0, 10.0)])
     network = with_lane(with_oncoming_turners(NETWORK), NEAR, centre=centre)
@@ -220,7 +218,7 @@ def test_oncoming_turners_count_where_the_side_street_has_no_queue(side_m: float
     assert site.crossing == ((CROSSING, len(NETWORK.connections)) if turners_count else (CROSSING,))
 
 
-def test_only_signals_and_only_stop_signs() -> None:
+def test_only_signals_and_only_stop_signs():
     assert list(stop_junctions(GRAPH)) == []
     signs = with_connections(NETWORK, [STRAIGHT, STRAIGHT_LEFT], signal_id=None, must_stop=True)
     (site,) = stop_junctions(EdgeGraph.of(signs))
@@ -231,7 +229,7 @@ def test_only_signals_and_only_stop_signs() -> None:
     assert list(signal_junctions(EdgeGraph.of(priority))) == []
 
 
-def test_a_queued_approach_reaches_back_over_plain_junctions() -> None:
+def test_a_queued_approach_reaches_back_over_plain_junctions():
     (site,) = queued_approaches(GRAPH)
     assert (site.stretch, site.route, site.site_position) == ((A, B), (A, B, C), 1)
     assert site.length_m == pytest.approx(310.0)
@@ -239,7 +237,7 @@ def test_a_queued_approach_reaches_back_over_plain_junctions() -> None:
     assert site.score == pytest.approx(2.0 + 1.0 + WHOLE_M / 700.0 + 4.0 + 2.0 + 2.0)
 
 
-def test_turning_lanes_are_no_plain_road() -> None:
+def test_turning_lanes_are_no_plain_road():
     """Where a third lane joins on the second edge, only the first 200 m and the junction are plain."""
     lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
     extra = replace(lanes[B_LEFT], index=len(lanes), lane_id="b_2", position=2)
@@ -254,7 +252,7 @@ def test_turning_lanes_are_no_plain_road() -> None:
     assert site.score == pytest.approx(route + 4.0 * 185.0 / 250.0 + 2.0 + 2.0 * 75.0 / 150.0)
 
 
-def test_a_short_queue_is_no_site() -> None:
+def test_a_short_queue_is_no_site():
     for length_m, count in ((29.0, 0), (31.0, 1)):
         ends = [with_connections(NETWORK, [0, 1], must_stop=True)]
         for lane, y_m in ((B_RIGHT, -5.25), (B_LEFT, -1.75)):
@@ -262,7 +260,7 @@ def test_a_short_queue_is_no_site() -> None:
         assert len(list(queued_approaches(EdgeGraph.of(ends[-1])))) == count
 
 
-def test_roads_of_two_lanes() -> None:
+def test_roads_of_two_lanes():
     first, second = multi_lane_roads(GRAPH)
     assert (first.stretch, first.route, first.site_position, first.site_edge) == ((A, B), (A, B, C), 0, A)
     assert (first.approach_lane, first.length_m) == (A_LEFT, pytest.approx(310.0))
@@ -274,7 +272,7 @@ def test_roads_of_two_lanes() -> None:
     assert all(site.junction is None for site in (first, second))
 
 
-def test_bends_cost_points() -> None:
+def test_bends_cost_points():
     """A quarter turn in the middle of the first road: a whole point."""
     corner = [(-310.0, 94.75), (-310.0, -5.25), (-110.0, -5.25)]
     left = Polyline.through([(-306.5, 98.25), (-306.5, -1.75), (-110.0, -1.75)])
@@ -284,7 +282,7 @@ def test_bends_cost_points() -> None:
     assert site.score == pytest.approx(4.0 + longer / 700.0 + 2.0 * longer / 700.0 - 1.0, abs=0.01)
 
 
-def test_the_wide_part_of_a_route() -> None:
+def test_the_wide_part_of_a_route():
     assert wide_length_m(GRAPH, (A, B, C), 0) == pytest.approx(WHOLE_M)
     assert wide_length_m(GRAPH, (A, B, C), 2) == pytest.approx(WHOLE_M)
     # From the stop line's right lane to the south: 100 m and the junction, whose ends are 17.8 m apart.
@@ -293,7 +291,7 @@ def test_the_wide_part_of_a_route() -> None:
     assert wide_length_m(GRAPH, (M, N, D), 1) == pytest.approx(100.0)
 
 
-def test_a_wide_stretch_ends_at_signals_stop_signs_turns_and_narrow_places() -> None:
+def test_a_wide_stretch_ends_at_signals_stop_signs_turns_and_narrow_places():
     assert wide_stretch_back(GRAPH, B) == (A, B)
     assert wide_stretch_back(GRAPH, C) == (C,)
     for changed in ({"must_stop": True}, {"signal_id": "K"}, {"direction": "r"}):
@@ -302,7 +300,7 @@ def test_a_wide_stretch_ends_at_signals_stop_signs_turns_and_narrow_places() -> 
     assert wide_stretch_back(EdgeGraph.of(narrow), B) == (B,)
 
 
-def test_lanes_and_letters_between_edges() -> None:
+def test_lanes_and_letters_between_edges():
     assert lanes_through(NETWORK, A, B) == lanes_through(NETWORK, B, C) == 2
     assert lanes_through(NETWORK, B, D) == 1
     assert lanes_through(NETWORK, A, C) == 0
@@ -313,7 +311,7 @@ def test_lanes_and_letters_between_edges() -> None:
     assert lanes_through(into_one, B, C) == 1
 
 
-def test_a_turn_along_a_shoulder() -> None:
+def test_a_turn_along_a_shoulder():
     (site,) = shoulder_turns(EdgeGraph.of(crossing()))
     assert (site.approach_lane, site.connections, site.crossing) == (0, (SHOULDER_RIGHT,), (BESIDE,))
     assert site.length_m == pytest.approx(200.0)
@@ -322,7 +320,7 @@ def test_a_turn_along_a_shoulder() -> None:
     assert site.score == pytest.approx(route + 2.0 + 2.0)
 
 
-def test_a_shoulder_may_go_on_before_the_turn() -> None:
+def test_a_shoulder_may_go_on_before_the_turn():
     """Another 60 m of shoulder, and then 40 m, lead straight to the first one; 150 m are longer than what counts."""
     network = crossing()
     lanes, edges, connections = list(network.lanes), list(network.edges), list(network.connections)
@@ -341,7 +339,7 @@ def test_a_shoulder_may_go_on_before_the_turn() -> None:
     assert site.length_m == pytest.approx(200.0)
 
 
-def graph_of(shapes: Sequence[npt.ArrayLike], ways: Sequence[tuple[int, int, str]], width: int = 1) -> EdgeGraph:
+def graph_of(shapes, ways, width=1):
     """Edges of one or two driving lanes by the line of the right one, and the ways from edge to edge."""
     sides = range(width)
     lines = [np.add(shape, (0.0, 3.5 * side)) for shape in shapes for side in sides]
@@ -361,7 +359,7 @@ def graph_of(shapes: Sequence[npt.ArrayLike], ways: Sequence[tuple[int, int, str
     return EdgeGraph.of(RoadNetwork(lanes, edges, connections, {}, (0.0, 0.0), "!"))
 
 
-def ring(count: int, dead_end_m: float = 0.0) -> EdgeGraph:
+def ring(count, dead_end_m=0.0):
     """Edges of 100 m round a polygon, all left turns; from the first one a straight way may lead out of the map."""
     angle = 2.0 * np.pi * np.arange(count + 1) / count
     corners = 50.0 / np.sin(np.pi / count) * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
@@ -373,7 +371,7 @@ def ring(count: int, dead_end_m: float = 0.0) -> EdgeGraph:
     return graph_of(shapes, ways)
 
 
-def test_a_route_has_an_approach_of_150_m_and_goes_on_in_a_loop() -> None:
+def test_a_route_has_an_approach_of_150_m_and_goes_on_in_a_loop():
     """Edges of 100 m: two edges before, and on until 700 m are full, edges twice among them."""
     route = route_through(ring(4), (0,))
     assert route.edges == (2, 3, 0, 1, 2, 3, 0)
@@ -382,7 +380,7 @@ def test_a_route_has_an_approach_of_150_m_and_goes_on_in_a_loop() -> None:
     assert route.exit_m == pytest.approx(400.0)
 
 
-def test_a_route_takes_the_ways_in_turn() -> None:
+def test_a_route_takes_the_ways_in_turn():
     """Two loops of 200 m begin with the same edge. The approach came over the straighter one: the other is next."""
     corners = [[(0.0, 0.0), (100.0, 0.0)], [(100.0, 0.0), (0.0, 0.1)], [(100.0, 0.0), (0.0, -0.1)]]
     route = route_through(graph_of(corners, ((0, 1, "s"), (0, 2, "l"), (1, 0, "s"), (2, 0, "s"))), (0,))
@@ -391,7 +389,7 @@ def test_a_route_takes_the_ways_in_turn() -> None:
     assert after[:6] == (0, 2, 0, 1, 0, 2)
 
 
-def test_the_wide_part_of_a_loop_ends_where_the_route_does() -> None:
+def test_the_wide_part_of_a_loop_ends_where_the_route_does():
     """All edges of a loop have two lanes, also from the route's last edge to its first."""
     shapes = [((0.0, 0.0), (100.0, 0.0)), ((100.0, 0.0), (100.0, 100.0)), ((100.0, 100.0), (0.0, 0.0))]
     graph = graph_of(shapes, ((0, 1, "s"), (1, 2, "s"), (2, 0, "s")), width=2)
@@ -401,7 +399,7 @@ def test_the_wide_part_of_a_loop_ends_where_the_route_does() -> None:
     assert wide_length_m(graph, (1, 2), 0) == pytest.approx(whole_m - 100.0)
 
 
-def test_a_shoulder_turn_without_a_lane_beside_it_hides_no_other() -> None:
+def test_a_shoulder_turn_without_a_lane_beside_it_hides_no_other():
     """Two edges of a shoulder alone, whose turn comes first in the list of movements."""
     network = crossing()
     lanes, edges = list(network.lanes), list(network.edges)
@@ -417,7 +415,7 @@ def test_a_shoulder_turn_without_a_lane_beside_it_hides_no_other() -> None:
     assert site.connections == (1 + SHOULDER_RIGHT,)
 
 
-def test_a_straight_way_out_of_the_map_is_taken_only_where_it_completes_the_route() -> None:
+def test_a_straight_way_out_of_the_map_is_taken_only_where_it_completes_the_route():
     """300 m are behind the vehicle: 400 m are missing."""
     short = route_through(ring(4, dead_end_m=150.0), (0,))
     assert 4 not in short.edges
@@ -426,7 +424,7 @@ def test_a_straight_way_out_of_the_map_is_taken_only_where_it_completes_the_rout
     assert long.edges == (2, 3, 0, 4)
 
 
-def test_where_the_way_on_is_short_the_approach_grows() -> None:
+def test_where_the_way_on_is_short_the_approach_grows():
     """Behind the third edge the map ends: then 500 m are filled from before."""
     graph = ring(8)
     ending = EdgeGraph.of(replace(graph.network, connections=graph.network.connections[:-1]))
@@ -438,7 +436,7 @@ def test_where_the_way_on_is_short_the_approach_grows() -> None:
     assert route_through(ending, (3,)).edges == (1, 2, 3, 4, 5, 6, 7)
 
 
-def test_two_directions_of_a_street_are_a_reversal() -> None:
+def test_two_directions_of_a_street_are_a_reversal():
     edges = (
         Edge(0, "there", (0,), "a", "b", internal=False),
         Edge(1, "back", (1,), "b", "a", internal=False),

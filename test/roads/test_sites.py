@@ -8,14 +8,14 @@ from siren_ros.roads.road_network import LaneKind
 from siren_ros.roads.sites import middle_of_site
 
 
-def test_the_middle_of_a_junction_is_that_of_its_outline() -> None:
+def test_the_middle_of_a_junction_is_that_of_its_outline():
     network = crossing()
     middle = middle_of_site(network, {"junction": "J"})
     assert middle is not None
     assert middle == pytest.approx([network.junctions["J"].x_m, network.junctions["J"].y_m], abs=5.0)
 
 
-def test_the_middle_of_a_road_is_half_way_along_it() -> None:
+def test_the_middle_of_a_road_is_half_way_along_it():
     network = crossing()
     lane = next(lane for lane in network.lanes if lane.kind is LaneKind.DRIVING)
     edge = network.edges[lane.edge]
@@ -24,7 +24,7 @@ def test_the_middle_of_a_road_is_half_way_along_it() -> None:
     assert middle == pytest.approx(np.mean([lane.centre.at(0.5 * lane.length_m) for lane in lanes], axis=0), abs=0.01)
 
 
-def test_a_junction_without_an_outline_has_its_own_place() -> None:
+def test_a_junction_without_an_outline_has_its_own_place():
     network = crossing()
     for points in (0, 2):
         bare = replace(network.junctions["J"], outline=np.zeros((points, 2)), x_m=7.0, y_m=-3.0)
@@ -44,11 +44,11 @@ def test_a_junction_without_an_outline_has_its_own_place() -> None:
         (["w_in", "nowhere"], (-60.0, -5.25)),
     ],
 )
-def test_a_road_of_several_pieces_is_measured_as_one(stretch: list[str], middle: tuple[float, float]) -> None:
+def test_a_road_of_several_pieces_is_measured_as_one(stretch, middle):
     """Each piece is 100 m long; e_out has two lanes, at y = −5.25 m and −8.25 m, whose mean counts."""
     assert middle_of_site(crossing(), {"stretch": stretch}) == pytest.approx(middle)
 
 
-def test_a_site_without_junction_and_road_has_no_middle() -> None:
+def test_a_site_without_junction_and_road_has_no_middle():
     assert middle_of_site(crossing(), {}) is None
     assert middle_of_site(crossing(), {"stretch": ["nowhere"]}) is None

@@ -1,6 +1,5 @@
 """The fields of a request are declared once and inherited by every program that takes one."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 
 import pytest
@@ -18,7 +17,7 @@ class Program(EpisodeRequest):
     bag: str = parameter("", "Where the bag goes.")
 
 
-def test_a_configuration_holds_a_request() -> None:
+def test_a_configuration_holds_a_request():
     program = Program(template="S5", seed=7, duration_s=3.0, bag="x")
     request = EpisodeRequest.within(program)
     assert type(request) is EpisodeRequest
@@ -26,14 +25,14 @@ def test_a_configuration_holds_a_request() -> None:
     assert asdict(program) == {**asdict(request), "bag": "x"}
 
 
-def test_every_field_says_what_it_is_and_its_default_is_allowed() -> None:
+def test_every_field_says_what_it_is_and_its_default_is_allowed():
     for field in fields(EpisodeRequest):
         assert field.metadata["description"].endswith(".")
         choices = field.metadata["choices"]
         assert not choices or field.default in choices
 
 
-def test_values_are_text_and_numbers_to_the_last_bit() -> None:
+def test_values_are_text_and_numbers_to_the_last_bit():
     values = {"emv.speed_mps": 0.1 + 0.2, "demand.background_vehicles": 20.0}
     text = text_of_values(values)
     assert values_of(text) == values
@@ -43,27 +42,27 @@ def test_values_are_text_and_numbers_to_the_last_bit() -> None:
 
 
 @pytest.mark.parametrize("text", ["emv.speed_mps", "emv.speed_mps=fast", "a=1,a=2"])
-def test_other_texts_are_refused(text: str) -> None:
+def test_other_texts_are_refused(text):
     with pytest.raises(InputError, match="values"):
         values_of(text)
 
 
-def test_a_record_of_a_request_without_values_is_as_it_was_before_there_were_any() -> None:
+def test_a_record_of_a_request_without_values_is_as_it_was_before_there_were_any():
     assert "values" not in EpisodeRequest("S1").to_json()
     assert EpisodeRequest(**EpisodeRequest("S1", values="duration_s=30").to_json()).values == "duration_s=30"
 
 
 @pytest.mark.parametrize("text", ["a.b=1,a.b=2", "a.b=1,a.b =2", " a.b =1, a.b=1", "a.b =1,a.b =2"])
-def test_a_parameter_is_given_once_however_it_is_spaced(text: str) -> None:
+def test_a_parameter_is_given_once_however_it_is_spaced(text):
     with pytest.raises(InputError, match="each parameter once"):
         values_of(text)
 
 
-def described(parameters: Mapping[str, object]) -> EpisodeDescription:
+def described(parameters):
     return EpisodeDescription("S1", EmergencyLevel.L3, 0, "town", "", 10.0, "none", "paper", (1,), parameters)
 
 
-def test_the_request_names_programs_and_the_draw() -> None:
+def test_the_request_names_programs_and_the_draw():
     request = {"predictor": "cv", "detector": "pillars", "values": "emv.speed_mps=12"}
     episode = described({"request": request})
     assert episode.asked == request
@@ -71,14 +70,14 @@ def test_the_request_names_programs_and_the_draw() -> None:
 
 
 @pytest.mark.parametrize("parameters", [{}, {"request": {}}, {"request": None}, {"request": "S1"}])
-def test_a_description_without_them_has_none(parameters: Mapping[str, object]) -> None:
+def test_a_description_without_them_has_none(parameters):
     episode = described(parameters)
     assert not episode.asked
     assert (episode.predictor, episode.detector, episode.draw) == ("", "", "")
     assert episode.template_values == {}
 
 
-def test_the_templates_values_are_its_numbers() -> None:
+def test_the_templates_values_are_its_numbers():
     values = {"emv.speed_mps": 13, "response.compliance": 0.9, "emv.class": "ambulance", "flag": True}
     known = described({"template": values}).template_values
     assert known == {"emv.speed_mps": 13.0, "response.compliance": 0.9}
@@ -87,6 +86,6 @@ def test_the_templates_values_are_its_numbers() -> None:
 
 
 @pytest.mark.parametrize(("av", "number"), [({"actor_id": 4, "kind": "civilian"}, 4), (None, 0), ("civilian", 0)])
-def test_the_av_is_who_the_description_names(av: object, number: int) -> None:
+def test_the_av_is_who_the_description_names(av, number):
     assert described({"av": av}).av_id == number
     assert described({}).av_id == 0

@@ -1,23 +1,20 @@
 """The region of the paper's platform: 40 m in, 50 m out around the EMV."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.record.tracks import rows_in_region
-from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.interaction_region import region_members
 from siren_ros.world.actors import ActorStates
 
 EMV = 1
 
 
-def at(*places_m: tuple[float, float], step: int = 0) -> ActorStates:
+def at(*places_m, step=0):
     """Actors 1, 2, … at given places; actor 1 is the EMV."""
     empty = ActorStates.empty(step)
     zeros = {name: np.zeros(len(places_m), values.dtype) for name, values in vars(empty).items() if name != "step"}
@@ -26,7 +23,7 @@ def at(*places_m: tuple[float, float], step: int = 0) -> ActorStates:
     return replace(empty, **{**zeros, "actor_id": ids, "x_m": x_m, "y_m": y_m})
 
 
-def regions_of(states: Iterable[ActorStates], emv_ids: Sequence[int]) -> Iterator[npt.NDArray[np.uint32]]:
+def regions_of(states, emv_ids):
     """Members after each of consecutive steps, one after the other."""
     members = nobody()
     for state in states:
@@ -34,35 +31,35 @@ def regions_of(states: Iterable[ActorStates], emv_ids: Sequence[int]) -> Iterato
         yield members
 
 
-def nobody() -> npt.NDArray[np.uint32]:
+def nobody():
     return np.empty(0, dtype=np.uint32)
 
 
 @pytest.mark.parametrize(("distance_m", "enters"), [(0.0, True), (39.99, True), (40.0, False), (49.9, False)])
-def test_a_vehicle_enters_within_40_m(distance_m: float, enters: bool) -> None:
+def test_a_vehicle_enters_within_40_m(distance_m, enters):
     members = region_members(nobody(), at((10.0, 5.0), (10.0, 5.0 + distance_m)), [EMV])
     assert members.tolist() == ([1, 2] if enters else [1])
 
 
 @pytest.mark.parametrize(("distance_m", "stays"), [(40.01, True), (50.0, True), (50.01, False)])
-def test_a_member_leaves_beyond_50_m(distance_m: float, stays: bool) -> None:
+def test_a_member_leaves_beyond_50_m(distance_m, stays):
     members = region_members(np.array([1, 2], dtype=np.uint32), at((0.0, 0.0), (distance_m, 0.0)), [EMV])
     assert members.tolist() == ([1, 2] if stays else [1])
 
 
-def test_the_nearest_of_several_emvs_counts() -> None:
+def test_the_nearest_of_several_emvs_counts():
     states = at((0.0, 0.0), (200.0, 0.0), (230.0, 0.0))
     assert region_members(nobody(), states, [1, 2]).tolist() == [1, 2, 3]
     assert region_members(nobody(), states, [1]).tolist() == [1]
 
 
-def test_without_an_emv_there_is_no_region() -> None:
+def test_without_an_emv_there_is_no_region():
     states = at((0.0, 0.0), (1.0, 0.0))
     assert region_members(states.actor_id, states, [7]).tolist() == []
     assert region_members(nobody(), ActorStates.empty(), [EMV]).tolist() == []
 
 
-def test_one_that_left_comes_back_at_40_m_only() -> None:
+def test_one_that_left_comes_back_at_40_m_only():
     places = [39.0, 45.0, 51.0, 45.0, 40.0, 39.9]
     states = [at((0.0, 0.0), (x_m, 0.0), step=step) for step, x_m in enumerate(places)]
     inside = [2 in members for members in regions_of(states, [EMV])]
@@ -72,7 +69,7 @@ def test_one_that_left_comes_back_at_40_m_only() -> None:
 @given(
     st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), min_size=1, max_size=8), st.sets(st.integers(1, 8))
 )
-def test_the_band_decides_by_membership_alone(places: list[tuple[float, float]], before: set[int]) -> None:
+def test_the_band_decides_by_membership_alone(places, before):
     states = at(*places)
     members = set(region_members(np.array(sorted(before), dtype=np.uint32), states, [EMV]).tolist())
     distance = np.hypot(states.x_m - states.x_m[0], states.y_m - states.y_m[0])
@@ -81,7 +78,7 @@ def test_the_band_decides_by_membership_alone(places: list[tuple[float, float]],
         assert (actor_id in members) == expected
 
 
-def test_rows_of_a_record_are_those_of_its_members(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_rows_of_a_record_are_those_of_its_members(record_of):
     record = record_of(civilians=6)
     inside = rows_in_region(record)
     rows = record.rows
@@ -93,12 +90,12 @@ def test_rows_of_a_record_are_those_of_its_members(record_of: Callable[..., Epis
 
 
 @pytest.fixture(scope="module")
-def small_record(record_of: Callable[..., EpisodeRecord]) -> EpisodeRecord:
+def small_record(record_of):
     return record_of(civilians=1)
 
 
 @given(seed=st.integers(0, 2000))
-def test_rows_are_as_the_steps_say_whoever_is_there(seed: int, small_record: EpisodeRecord) -> None:
+def test_rows_are_as_the_steps_say_whoever_is_there(seed, small_record):
     """Random walks around 45 m from two EMVs, with gaps; one step has nobody at all, and one was not recorded."""
     rng = np.random.default_rng(seed)
     walk = np.cumsum(rng.normal(scale=4.0, size=(30, 6, 2)), axis=0) + rng.uniform(-45.0, 45.0, (6, 2))

@@ -40,7 +40,7 @@ def test_sumo_is_run_with_the_papers_numbers():
 def test_tables_in_the_papers_source_agree():
     text = PAPER.read_text(encoding="utf-8")
 
-    def cell(label: str) -> list[float]:
+    def cell(label):
         row = next(line for line in re.split(r"\\\\", text) if re.search(label, line) and line.count("&") == 2)
         return [float(number) for number in re.findall(r"\d+\.?\d*", row.rsplit("&", 1)[1].replace("m/s", ""))]
 

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
@@ -11,7 +9,7 @@ from siren_ros.params.resources import params_dir
 from siren_ros.scenario.presets import Attention, TruncatedNormal, available_presets, load_preset
 
 
-def test_paper_preset_is_deterministic() -> None:
+def test_paper_preset_is_deterministic():
     preset = load_preset("paper")
     rng = np.random.default_rng(0)
     assert {preset.reaction_delay_s.draw(rng) for _ in range(20)} == {0.0}
@@ -19,7 +17,7 @@ def test_paper_preset_is_deterministic() -> None:
     assert preset.compliance.complies == 1.0
 
 
-def test_realistic_preset_draws_its_mean_and_spread() -> None:
+def test_realistic_preset_draws_its_mean_and_spread():
     preset = load_preset("realistic")
     rng = np.random.default_rng(0)
     delays = np.array([preset.reaction_delay_s.draw(rng) for _ in range(4000)])
@@ -29,7 +27,7 @@ def test_realistic_preset_draws_its_mean_and_spread() -> None:
     assert delays.max() <= preset.reaction_delay_s.maximum
 
 
-def test_scenario_values_move_the_distributions() -> None:
+def test_scenario_values_move_the_distributions():
     preset = load_preset("realistic")
     changed = preset.for_scenario(response_distance_m=60.0, extra_delay_s=1.0, compliance=0.5)
     assert changed.response_distance_m.mean == pytest.approx(60.0)
@@ -41,7 +39,7 @@ def test_scenario_values_move_the_distributions() -> None:
 
 
 @given(st.floats(-5.0, 5.0), st.floats(0.0, 10.0), st.integers(0, 1000))
-def test_draws_stay_within_the_limits(mean: float, std: float, seed: int) -> None:
+def test_draws_stay_within_the_limits(mean, std, seed):
     drawn = TruncatedNormal(mean, std, -5.0, 5.0).draw(np.random.default_rng(seed))
     assert -5.0 <= drawn <= 5.0
 
@@ -50,7 +48,7 @@ def test_draws_stay_within_the_limits(mean: float, std: float, seed: int) -> Non
     ("old", "new", "shown"),
     [("never: 0.0", "never: 0.5", "add up to 1"), ("std: 0.0", "std: x", "a number"), ("title", "name", "title")],
 )
-def test_mistakes_name_file_and_line(tmp_path: Path, old: str, new: str, shown: str) -> None:
+def test_mistakes_name_file_and_line(tmp_path, old, new, shown):
     text = (params_dir() / "presets" / "paper.yaml").read_text(encoding="utf-8")
     file = tmp_path / "mine.yaml"
     file.write_text(text.replace(old, new, 1), encoding="utf-8")
@@ -59,13 +57,13 @@ def test_mistakes_name_file_and_line(tmp_path: Path, old: str, new: str, shown: 
     assert shown in str(caught.value)
 
 
-def test_unknown_preset_lists_the_presets() -> None:
+def test_unknown_preset_lists_the_presets():
     assert available_presets() == ("inattentive", "paper", "realistic", "reckless")
     with pytest.raises(InputError, match="paper, realistic"):
         load_preset("angry")
 
 
-def test_everybody_looks_out_unless_a_preset_says_otherwise(tmp_path: Path) -> None:
+def test_everybody_looks_out_unless_a_preset_says_otherwise(tmp_path):
     assert {load_preset(name).attention for name in ("paper", "realistic")} == {Attention()}
     assert Attention().civilians == 1.0
     text = (params_dir() / "presets" / "inattentive.yaml").read_text(encoding="utf-8")
@@ -77,7 +75,7 @@ def test_everybody_looks_out_unless_a_preset_says_otherwise(tmp_path: Path) -> N
         load_preset(str(file))
 
 
-def test_a_distribution_is_scaled_and_shifted_as_its_values_are() -> None:
+def test_a_distribution_is_scaled_and_shifted_as_its_values_are():
     drawn = TruncatedNormal(4.0, 1.0, 2.0, 7.0)
     assert drawn.scaled(1.5) == TruncatedNormal(6.0, 1.5, 3.0, 10.5)
     assert drawn.shifted(0.5) == TruncatedNormal(4.5, 1.0, 2.5, 7.5)
@@ -88,11 +86,11 @@ def test_a_distribution_is_scaled_and_shifted_as_its_values_are() -> None:
 
 
 @pytest.mark.parametrize(("mean", "drawn"), [(9.0, 7.0), (-9.0, 2.0), (5.0, 5.0)])
-def test_a_constant_beyond_the_limits_is_the_limit(mean: float, drawn: float) -> None:
+def test_a_constant_beyond_the_limits_is_the_limit(mean, drawn):
     assert TruncatedNormal(mean, 0.0, 2.0, 7.0).draw(np.random.default_rng(0)) == drawn
 
 
-def test_the_share_that_complies_late_shrinks_with_the_compliance() -> None:
+def test_the_share_that_complies_late_shrinks_with_the_compliance():
     preset = load_preset("realistic").for_scenario(40.0, 0.0, 0.5)
     before = load_preset("realistic").compliance
     assert preset.compliance.late == pytest.approx(0.5 * before.late)

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,7 +14,7 @@ from siren_ros.world.actors import ActorClass
 S2_TEXT = (params_dir() / "templates" / "S2.yaml").read_text(encoding="utf-8")
 
 
-def refused(tmp_path: Path, old: str, new: str) -> tuple[InputError, int]:
+def refused(tmp_path, old, new):
     """The error for S2 with a part replaced, and the line where the replacement begins."""
     assert S2_TEXT.count(old) == 1
     file = tmp_path / "changed.yaml"
@@ -26,7 +24,7 @@ def refused(tmp_path: Path, old: str, new: str) -> tuple[InputError, int]:
     return caught.value, S2_TEXT[: S2_TEXT.index(old)].count("\n") + 1
 
 
-def test_a_range_may_be_a_single_value(tmp_path: Path) -> None:
+def test_a_range_may_be_a_single_value(tmp_path):
     old = "default: 45.0, range: [25.0, 45.0]"
     assert S2_TEXT.count(old) == 1
     file = tmp_path / "changed.yaml"
@@ -35,7 +33,7 @@ def test_a_range_may_be_a_single_value(tmp_path: Path) -> None:
     assert (limits.minimum, limits.maximum) == (45.0, 45.0)
 
 
-def test_s2_is_the_papers() -> None:
+def test_s2_is_the_papers():
     template = load_template("S2")
     assert "S2" in available_templates()
     assert template.level is EmergencyLevel.L2
@@ -96,7 +94,7 @@ def test_mistakes_are_refused_with_line_key_and_what_is_allowed(tmp_path, old, n
         ("S7", "L3", 20, "shoulder_right_turn", "shoulder_turn"),
     ],
 )
-def test_the_seven_templates_are_the_papers(name: str, level: str, background: int, site: str, predicate: str) -> None:
+def test_the_seven_templates_are_the_papers(name, level, background, site, predicate):
     template = load_template(name)
     assert template.template_id == name
     assert template.level.name == level
@@ -108,7 +106,7 @@ def test_the_seven_templates_are_the_papers(name: str, level: str, background: i
     assert (template.signal is None) == (site in {"multi_lane_road", "stop_junction"})
 
 
-def test_signal_and_group_anchors_are_read() -> None:
+def test_signal_and_group_anchors_are_read():
     template = load_template("S4")
     assert template.signal is not None
     assert template.value("signal.red_before_arrival_s") == template.signal.red_before_arrival_s
@@ -132,7 +130,7 @@ def test_signal_and_group_anchors_are_read() -> None:
         ("start_from: stop_line", "start_from: kerb", "emv.start_from", "site_start, stop_line"),
     ],
 )
-def test_mistakes_about_the_stop_line_are_refused(tmp_path: Path, old: str, new: str, key: str, allowed: str) -> None:
+def test_mistakes_about_the_stop_line_are_refused(tmp_path, old, new, key, allowed):
     file = tmp_path / "changed.yaml"
     text = (params_dir() / "templates" / "S4.yaml").read_text(encoding="utf-8")
     assert text.count(old) == 1
@@ -143,7 +141,7 @@ def test_mistakes_about_the_stop_line_are_refused(tmp_path: Path, old: str, new:
     assert allowed in caught.value.allowed
 
 
-def test_missing_predicate_is_refused(tmp_path: Path) -> None:
+def test_missing_predicate_is_refused(tmp_path):
     file = tmp_path / "none.yaml"
     file.write_text(S2_TEXT[: S2_TEXT.index("predicate:")], encoding="utf-8")
     with pytest.raises(InputError, match=r"predicate: None cannot be used; allowed: a mapping"):
@@ -151,20 +149,20 @@ def test_missing_predicate_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "- 1", "a: [", "a: 1\na: 2"])
-def test_files_that_are_no_template_are_refused(tmp_path: Path, text: str) -> None:
+def test_files_that_are_no_template_are_refused(tmp_path, text):
     file = tmp_path / "bad.yaml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"bad\.yaml"):
         read_template(file)
 
 
-def test_unknown_name_lists_the_templates() -> None:
+def test_unknown_name_lists_the_templates():
     with pytest.raises(InputError, match="S2"):
         load_template("S99")
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["S1", "S2", "S3", "S4", "S5", "S6", "S7"]))
-def test_draws_lie_within_their_ranges_and_can_be_applied(seed: int, name: str) -> None:
+def test_draws_lie_within_their_ranges_and_can_be_applied(seed, name):
     template = load_template(name)
     values = draw_values(template, np.random.default_rng(seed))
     drawn = template.with_values(values)
@@ -175,7 +173,7 @@ def test_draws_lie_within_their_ranges_and_can_be_applied(seed: int, name: str) 
     assert drawn.predicate == template.predicate
 
 
-def test_values_outside_their_range_and_unknown_ones_are_refused() -> None:
+def test_values_outside_their_range_and_unknown_ones_are_refused():
     template = load_template("S2")
     with pytest.raises(InputError, match=r"emv\.speed_mps.*11 to 16\.7"):
         template.with_values({"emv.speed_mps": 40.0})
@@ -186,7 +184,7 @@ def test_values_outside_their_range_and_unknown_ones_are_refused() -> None:
 
 
 @pytest.mark.parametrize("name", available_templates())
-def test_every_seed_has_values_of_its_own_within_what_is_drawn(name: str) -> None:
+def test_every_seed_has_values_of_its_own_within_what_is_drawn(name):
     template = load_template(name)
     seeds = [realised(template, np.random.default_rng(seed)).values() for seed in range(40)]
     assert template.drawn
@@ -201,7 +199,7 @@ def test_every_seed_has_values_of_its_own_within_what_is_drawn(name: str) -> Non
     assert seeds[3] == realised(template, np.random.default_rng(3)).values()
 
 
-def test_what_is_drawn_lies_within_the_range_and_is_not_the_duration(tmp_path: Path) -> None:
+def test_what_is_drawn_lies_within_the_range_and_is_not_the_duration(tmp_path):
     outside, line = refused(tmp_path, "draw: [9.0, 13.0]", "draw: [9.0, 23.0]")
     assert "depart_speed_mps.draw" in outside.parameter
     assert f":{line}:" in outside.parameter

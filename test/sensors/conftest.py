@@ -1,13 +1,9 @@
-from collections.abc import Mapping
-
 import numpy as np
 import pytest
 
 from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
-from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, SignalLamp, StaticScene, VehicleShape
-from siren_ros.sensors.meshes.placement import Catalogue, Placement
-from siren_ros.sensors.meshes.solids import Point3
+from siren_ros.sensors.meshes.placement import Catalogue
 from siren_ros.sensors.specification import map_from_base
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 
@@ -22,23 +18,23 @@ class Boxes:
     """Hand-made worlds of axis-aligned boxes."""
 
     @staticmethod
-    def box(centre: Point3, size: Point3, material: Material = Material.BUILDING_WALL) -> Mesh:
+    def box(centre, size, material=Material.BUILDING_WALL):
         return Mesh.uniform(CORNERS * size + centre, FACES, material, (200, 180, 160))
 
     @classmethod
-    def crossroads(cls) -> StaticScene:
+    def crossroads(cls):
         """The red lamp of a signal, 20 m ahead, and houses."""
         lamp = cls.box((20.0, -8.0, 5.0), (0.1, 1.0, 1.0), Material.SIGNAL_RED)
         houses = [cls.box((40.0, y, 5.0), (10.0, 10.0, 10.0)) for y in (-30.0, 30.0)]
         return StaticScene(cls.scene(lamp, *houses).mesh, (SignalLamp("s", 0, LampColour.RED, 12, 24),))
 
     @classmethod
-    def scene(cls, *meshes: Mesh) -> StaticScene:
+    def scene(cls, *meshes):
         ground = cls.box((0.0, 0.0, -0.5), (300.0, 300.0, 1.0), Material.ASPHALT)
         return StaticScene(Mesh.joined(ground, *meshes), ())
 
     @classmethod
-    def shapes(cls) -> Mapping[ActorClass, VehicleShape]:
+    def shapes(cls):
         sizes = {ActorClass.SEDAN: (4.6, 1.8, 1.4), ActorClass.BUS: (12.0, 2.5, 3.0)}
         return {
             kind: VehicleShape(kind, cls.box((0.0, 0.0, h / 2), (length, w, h), Material.CAR_PAINT), (), length, w, h)
@@ -46,9 +42,7 @@ class Boxes:
         }
 
     @classmethod
-    def actors(
-        cls, *rows: tuple[ActorClass, float, float, float], **fields: list[float]
-    ) -> tuple[ActorStates, dict[int, ActorDescription]]:
+    def actors(cls, *rows, **fields):
         """Actors 1, 2, … of (class, x, y, yaw); further state fields by name."""
         places = {name: [float(row[k]) for row in rows] for k, name in enumerate(("x_m", "y_m", "yaw_rad"), start=1)}
         known = {"actor_id": range(1, len(rows) + 1), **places, **fields}
@@ -63,11 +57,11 @@ class Boxes:
         return ActorStates(step=0, **arrays), descriptions
 
     @classmethod
-    def placed(cls, *rows: tuple[ActorClass, float, float, float], **fields: list[float]) -> Placement:
+    def placed(cls, *rows, **fields):
         return Catalogue(cls.shapes()).place(*cls.actors(*rows, **fields))
 
     @classmethod
-    def with_vehicles(cls, static: StaticScene, placement: Placement) -> StaticScene:
+    def with_vehicles(cls, static, placement):
         """One scene of the static world and the vehicles."""
         parts = [static.mesh]
         for row, kind in enumerate(placement.actor_class):
@@ -76,7 +70,7 @@ class Boxes:
         return StaticScene(Mesh.joined(*parts), ())
 
     @classmethod
-    def renderer(cls, scene: StaticScene, look: Look | None = None) -> Renderer:
+    def renderer(cls, scene, look=None):
         """Skips the test on a machine without OpenGL."""
         try:
             return Renderer(scene, cls.shapes(), look)
@@ -85,5 +79,5 @@ class Boxes:
 
 
 @pytest.fixture(name="boxes", scope="session")
-def _boxes() -> type[Boxes]:
+def _boxes():
     return Boxes

@@ -4,22 +4,20 @@ from collections import Counter
 
 import numpy as np
 
-from siren_ros.sensors.meshes.mesh import Mesh
 
-
-def volume(mesh: Mesh) -> float:
+def volume(mesh):
     """Signed volume by the divergence theorem; positive where normals look outward."""
     a, b, c = (mesh.vertices_m[mesh.triangles[:, k]].astype(float) for k in range(3))
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
 
-def areas(mesh: Mesh) -> np.ndarray:
+def areas(mesh):
     """Of each triangle."""
     a, b, c = (mesh.vertices_m[mesh.triangles[:, k]].astype(float) for k in range(3))
     return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
 
-def open_edges(mesh: Mesh) -> int:
+def open_edges(mesh):
     """Edges that are not passed as often in one direction as in the other; 0 for a closed surface."""
     corners = [tuple(point) for point in np.round(mesh.vertices_m.astype(float), 4).tolist()]
     passed: Counter[tuple[object, object]] = Counter()
@@ -30,13 +28,13 @@ def open_edges(mesh: Mesh) -> int:
     return sum(count != passed[end, start] for (start, end), count in passed.items())
 
 
-def gap_m2(mesh: Mesh) -> float:
+def gap_m2(mesh):
     """Length of the sum of all area vectors: 0 for a closed surface, also where corners lie on other faces' edges."""
     a, b, c = (mesh.vertices_m[mesh.triangles[:, k]].astype(float) for k in range(3))
     return float(np.linalg.norm(0.5 * np.cross(b - a, c - a).sum(axis=0)))
 
 
-def one_sidedness(mesh: Mesh) -> dict[int, float]:
+def one_sidedness(mesh):
     """By material, how unlike its left and right halves are: 0 where they mirror each other, 1 where one is missing.
 
     The largest of the first moments about the middle plane, over the sum without signs; weighted with the places along

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from siren_ros.world.actors import ActorClass, Lights
 SPEC = MicrophoneSpec("microphone", Mount(0.0, 0.0, 2.0), noise_db=0.0)
 
 
-def record(boxes: Any, distance_m: Any, steps: int, sounding: Any = lambda _: True, spec: Any = SPEC) -> Any:
+def record(boxes, distance_m, steps, sounding=lambda _: True, spec=SPEC):
     """Sound of an ambulance at a distance that depends on the step, at a microphone over the origin."""
     microphone, chunks = Microphone(spec, 0), []
     for step in range(steps):
@@ -30,7 +29,7 @@ def record(boxes: Any, distance_m: Any, steps: int, sounding: Any = lambda _: Tr
     return np.concatenate(chunks).astype(float)
 
 
-def frequency(samples: Any, rate_hz: float = 16_000.0) -> float:
+def frequency(samples, rate_hz=16_000.0):
     """Of the strongest line near the fundamental."""
     spectrum = np.abs(np.fft.rfft(samples * np.hanning(len(samples)), 1 << 17))
     lines = np.fft.rfftfreq(1 << 17, 1.0 / rate_hz)

@@ -26,7 +26,6 @@ from siren_ros.sensors.navigation import (
     specific_force,
 )
 from siren_ros.sensors.specification import Mount, map_from_base, sensor_generator
-from siren_ros.world.carrier import Odometry
 
 PER_SQRT_S = np.array([0.1, 0.0, 0.02])
 
@@ -125,7 +124,7 @@ QUIET = ImuSpec("imu", Mount(0.0, 0.0, 0.0), 20.0, 0.0, 0.0, 0.0, 0.0)
 STILL = PlanarMotion(0, 0.0, 0.0, 0.0, 0.0)
 
 
-def circling(step: int, radius_m: float, rate_radps: float) -> PlanarMotion:
+def circling(step, radius_m, rate_radps):
     yaw = rate_radps * step * STEP_S
     speed = radius_m * rate_radps
     return PlanarMotion(step, yaw, speed * np.cos(yaw), speed * np.sin(yaw), rate_radps)
@@ -214,7 +213,7 @@ LARGE = WheelOdometrySpec(0.01, 0.1, 2e-3, 5e-3)
 STEPS = 200
 
 
-def drive(start: VehicleMotion, turn_radps: float = 0.1, steps: int = STEPS) -> list[VehicleMotion]:
+def drive(start, turn_radps=0.1, steps=STEPS):
     """A vehicle on a circle whose yaw rate and speed stay, at every step of 0.05 s."""
     motions = [start]
     for _ in range(steps):
@@ -229,11 +228,11 @@ def drive(start: VehicleMotion, turn_radps: float = 0.1, steps: int = STEPS) -> 
 START = VehicleMotion(40.0, -7.0, 0.0, 2.1, 12.0, 0.0, 0.1)
 
 
-def at_the_end(wheels: WheelOdometry, motions: list[VehicleMotion]) -> Odometry:
+def at_the_end(wheels, motions):
     return [wheels.measure(step, motion) for step, motion in enumerate(motions)][-1]
 
 
-def error_of(odometry: Odometry, start: VehicleMotion, now: VehicleMotion) -> np.ndarray:
+def error_of(odometry, start, now):
     """x, y and yaw of the estimate less those of the vehicle, in the frame of its start."""
     cos, sin = np.cos(start.yaw_rad), np.sin(start.yaw_rad)
     east, north = now.x_m - start.x_m, now.y_m - start.y_m

@@ -1,7 +1,5 @@
 import io
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,11 +7,11 @@ from PIL import Image
 
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.navigation import Odometers
-from siren_ros.sensors.rig import Observations, SensorRig
+from siren_ros.sensors.rig import SensorRig
 from siren_ros.sensors.specification import CameraSpec, LidarSpec, Mount
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
-from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates
+from siren_ros.world.actors import ActorClass, ActorDescription
 from siren_ros.world.traffic_state import SignalState
 
 LIDAR = LidarSpec("lidar", Mount(0.0, 0.0, 1.93), channels=16, points_per_second=16 * 360 * 20)
@@ -22,28 +20,28 @@ SUITE = SensorSuite("test", (LIDAR,), (CAMERA,))
 NETWORK = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
 
 
-def described(actor_id: int, kind: ActorClass, is_emv: bool) -> ActorDescription:
+def described(actor_id, kind, is_emv):
     shape = vehicle_shape(kind)
     size = (shape.length_m, shape.width_m, shape.height_m)
     return ActorDescription(actor_id, f"v{actor_id}", kind, *size, (30, 60, 200), is_emv)
 
 
 @pytest.fixture(name="traffic")
-def _traffic(boxes: Any) -> tuple[ActorStates, dict[int, ActorDescription]]:
+def _traffic(boxes):
     states, _ = boxes.actors((ActorClass.SEDAN, 0.0, 0.0, 0.0), (ActorClass.SEDAN, 12.0, 0.5, 0.1))
     return states, {1: described(1, ActorClass.AMBULANCE, True), 2: described(2, ActorClass.SEDAN, False)}
 
 
-def make(boxes: Any, suite: SensorSuite = SUITE) -> SensorRig:
+def make(boxes, suite=SUITE):
     return SensorRig(suite, NETWORK, 0, scene=boxes.scene())
 
 
 @pytest.fixture(name="observe")
-def _observe(boxes: Any, traffic: Any) -> Callable[..., list[Observations]]:
+def _observe(boxes, traffic):
     """What a suite measures at the first steps of standing traffic."""
     states, descriptions = traffic
 
-    def observe(suite: SensorSuite = SUITE, steps: int = 1, carrier_id: int = 1) -> list[Observations]:
+    def observe(suite=SUITE, steps=1, carrier_id=1):
         rig, signals = make(boxes, suite), (SignalState("s", "r"),)
         return [rig.observe(replace(states, step=step), descriptions, signals, carrier_id) for step in range(steps)]
 

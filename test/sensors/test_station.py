@@ -22,7 +22,7 @@ NETWORK = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
 
 
 @pytest.fixture(name="town", scope="module")
-def _town() -> RoadNetwork:
+def _town():
     return parse_road_network(compile_map(None).read_bytes())
 
 

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -54,7 +52,7 @@ def test_the_full_suite_is_the_papers():
     assert [(type(spec), spec.mount) for spec in suite.others] == [(GnssSpec, lidar.mount), (ImuSpec, lidar.mount)]
 
 
-def write(folder: Path, text: str) -> str:
+def write(folder, text):
     path = folder / "mine.yaml"
     path.write_text(text, encoding="utf-8")
     return str(path)

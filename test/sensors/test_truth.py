@@ -1,14 +1,10 @@
-from typing import Any
-
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.renderer import Renderer
 from siren_ros.sensors.lidar.lidar import LidarSweep
 from siren_ros.sensors.specification import Mount, map_from_base, optical_from_map, transform
 from siren_ros.sensors.truth import ImageLabeller, label_boxes, pixel_boxes
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.carrier import CameraTruth
 from siren_ros.world.measurements import CameraIntrinsics
 
 SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS
@@ -78,11 +74,11 @@ EYE = transform(np.eye(3), (0.0, 0.0, 1.5))
 
 
 @pytest.fixture(name="renderer", scope="module")
-def _renderer(boxes: Any) -> Renderer:
+def _renderer(boxes):
     return boxes.renderer(boxes.scene())
 
 
-def labels(renderer: Renderer, boxes: Any, *rows: Any, pose: Any = EYE) -> CameraTruth:
+def labels(renderer, boxes, *rows, pose=EYE):
     placement = boxes.placed(*rows)
     image = renderer.render(CAMERA, pose, placement, np.zeros(len(placement)), {}, 0, instances=True)
     emv = np.arange(len(placement)) == 0

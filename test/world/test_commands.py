@@ -10,7 +10,7 @@ from siren_ros.world.commands import AV_SOURCE, COMMAND_DTYPES, AvControl, Vehic
 
 @pytest.mark.parametrize("lights", [0, 2, 4, 6])
 @pytest.mark.parametrize(("throttle", "brake"), [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.5), (0.0, 1.0)])
-def test_pedals_from_0_to_1_and_both_indicators_can_be_asked_for(lights: int, throttle: float, brake: float) -> None:
+def test_pedals_from_0_to_1_and_both_indicators_can_be_asked_for(lights, throttle, brake):
     control = AvControl(3, throttle=throttle, brake=brake, steer_rad=-1.2, lights=lights)
     control.check()
     command = av_commands(control, 4, 5)
@@ -35,12 +35,12 @@ def test_pedals_from_0_to_1_and_both_indicators_can_be_asked_for(lights: int, th
         ({"lights": int(Lights.BEACON | Lights.INDICATOR_LEFT)}, "lights 10"),
     ],
 )
-def test_what_no_vehicle_can_do_is_refused_by_name(asked: dict[str, float], named: str) -> None:
+def test_what_no_vehicle_can_do_is_refused_by_name(asked, named):
     with pytest.raises(EpisodeError, match=named):
         AvControl(3, **asked).check()  # type: ignore[arg-type] # fields by name
 
 
-def test_the_answer_to_a_step_drives_the_av_to_the_next() -> None:
+def test_the_answer_to_a_step_drives_the_av_to_the_next():
     control = AvControl(8, throttle=0.25, brake=0.5, steer_rad=-0.125, lights=4)
     command = av_commands(control, 9, 5)
     assert (command.step, command.source, command.events) == (9, AV_SOURCE, ())
@@ -57,7 +57,7 @@ def test_the_answer_to_a_step_drives_the_av_to_the_next() -> None:
     }
 
 
-def test_columns_have_the_types_of_the_message() -> None:
+def test_columns_have_the_types_of_the_message():
     empty = VehicleCommands.empty(4, "x")
     assert (empty.step, empty.source, len(empty)) == (4, "x", 0)
     types = {name: getattr(empty, name).dtype for name in COMMAND_DTYPES}

@@ -10,7 +10,7 @@ from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficFlags, TrafficState, hash_state
 
 
-def test_each_row_has_its_own_part_of_the_routes() -> None:
+def test_each_row_has_its_own_part_of_the_routes():
     columns: dict[str, Any] = {name: np.zeros(3, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
     columns["route_offset"], columns["route_edges"] = (
         np.array([0, 2, 2, 5], np.int32),
@@ -21,7 +21,7 @@ def test_each_row_has_its_own_part_of_the_routes() -> None:
     assert len(state) == 3
 
 
-def test_columns_have_the_types_of_the_message() -> None:
+def test_columns_have_the_types_of_the_message():
     by_type: dict[Any, set[str]] = {}
     for name, dtype in TRAFFIC_STATE_DTYPES.items():
         by_type.setdefault(dtype, set()).add(name)
@@ -39,30 +39,30 @@ SIGNALS = (SignalState("west", "GGrr"), SignalState("east", "rrGG"))
 
 
 @pytest.fixture
-def states() -> ActorStates:
+def states():
     rng = np.random.default_rng(1)
     columns = {name: (rng.random(3) * 100.0).astype(kind) for name, kind in ACTOR_STATE_DTYPES.items()}
     return ActorStates(step=7, **columns)
 
 
-def test_the_hash_is_a_number_of_64_bits_that_never_changes() -> None:
+def test_the_hash_is_a_number_of_64_bits_that_never_changes():
     assert hash_state(ActorStates.empty(), ()) == EMPTY
     assert hash_state(ActorStates.empty(), SIGNALS) == ONLY_SIGNALS
 
 
-def test_equal_states_have_equal_hashes(states: ActorStates) -> None:
+def test_equal_states_have_equal_hashes(states):
     copy = states.select(np.ones(3, dtype=bool))
     assert hash_state(copy, SIGNALS) == hash_state(states, SIGNALS) < 2**64
 
 
 @pytest.mark.parametrize("name", sorted(ACTOR_STATE_DTYPES))
-def test_the_last_bit_of_every_field_counts(states: ActorStates, name: str) -> None:
+def test_the_last_bit_of_every_field_counts(states, name):
     column = getattr(states, name).copy()
     column.view(np.uint8)[0] ^= 1
     assert hash_state(dataclasses.replace(states, **{name: column}), SIGNALS) != hash_state(states, SIGNALS)
 
 
-def test_step_signals_and_their_order_count(states: ActorStates) -> None:
+def test_step_signals_and_their_order_count(states):
     others = [
         hash_state(dataclasses.replace(states, step=8), SIGNALS),
         hash_state(states, SIGNALS[::-1]),
@@ -73,6 +73,6 @@ def test_step_signals_and_their_order_count(states: ActorStates) -> None:
     assert len({hash_state(states, SIGNALS), *others}) == 6
 
 
-def test_the_byte_order_of_the_machine_does_not_count(states: ActorStates) -> None:
+def test_the_byte_order_of_the_machine_does_not_count(states):
     swapped = dataclasses.replace(states, x_m=states.x_m.astype(">f8"))
     assert hash_state(swapped, SIGNALS) == hash_state(states, SIGNALS)

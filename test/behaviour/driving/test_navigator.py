@@ -158,7 +158,7 @@ def test_feed_forward_covers_the_resistances_at_steady_speed(vehicle):
 CLASSES = [ActorClass.AMBULANCE, ActorClass.SEDAN, ActorClass.FIRE_TRUCK, ActorClass.POLICE]
 
 
-def seen_of(body: BodyState, table: ParameterTable) -> Surroundings:
+def seen_of(body, table):
     ids, yaw = np.arange(1, len(body) + 1, dtype=np.uint32), body.yaw_rad
     poses = (body.x_m, body.y_m, yaw, np.cos(yaw), np.sin(yaw), np.hypot(body.forward_mps, body.lateral_mps))
     return Surroundings(ids, *poses, table.length_m / 2.0, table.width_m / 2.0, np.zeros(len(body), dtype=bool))

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from siren_ros.behaviour.paths.curve import Curve
 
 
-def arc_points(radius: float, angle: float = np.pi / 2.0) -> np.ndarray:
+def arc_points(radius, angle=np.pi / 2.0):
     a = np.linspace(0.0, angle, 200)
     return np.stack((radius * np.sin(a), radius * (1.0 - np.cos(a))), axis=-1)
 
@@ -27,7 +27,7 @@ def test_smoothing_keeps_ends_and_rounds_the_corner():
 
 
 @given(s=st.floats(1.0, 29.0), left=st.floats(-4.0, 4.0))
-def test_projection_inverts_offset(s: float, left: float):
+def test_projection_inverts_offset(s, left):
     curve = Curve.through(arc_points(20.0))
     point = curve.offset_at(np.array([s]), np.array([left]))[0]
     found_s, found_left = curve.project_one(*point)

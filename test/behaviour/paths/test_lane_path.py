@@ -19,7 +19,7 @@ from siren_ros.roads.road_network import NO_LANE
 BENT = Polyline.through(np.array([[0.0, 0.0], [10.0, 0.0], [12.0, 6.0], [12.0, 15.0]]))
 
 
-def route(*edges: int) -> np.ndarray:
+def route(*edges):
     return np.array(edges, dtype=np.int32)
 
 

@@ -109,7 +109,7 @@ REFERENCE = LanePath((3,), np.array([0.0]), Curve.through(np.array([[0.0, 0.0], 
 
 
 @given(start=st.floats(-5, 5), slope=st.floats(-5, 5), end=st.floats(-5, 5))
-def test_quintic_meets_its_boundary_conditions(start: float, slope: float, end: float):
+def test_quintic_meets_its_boundary_conditions(start, slope, end):
     h = 1e-4
     u = np.array([0.0, h, 2 * h, 1.0 - 2 * h, 1.0 - h, 1.0, 1.7])
     d = quintic_offsets(u, start, slope, end)

@@ -13,7 +13,6 @@ from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.maps.openstreetmap import _only_joins, taper_patches
 from siren_ros.roads.movements import movement_turn_rad
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.roads.road_network import RoadNetwork
 
 NET = """<net>
   <edge id=":J_0" function="internal"><lane id=":J_0_0" shape="{path}"/></edge>
@@ -26,14 +25,14 @@ NET = """<net>
 </net>"""
 
 
-def shapes_of(path: str, rest: str = "") -> dict[str, np.ndarray]:
+def shapes_of(path, rest=""):
     net = fromstring(NET.format(path=path, rest=rest or "0,0 1,1", via='via=":J_1_0"' if rest else ""))
     mend_junction_paths(net)
     return {lane.attrib["id"]: points_of(lane.attrib["shape"]) for lane in net.iter("lane")}
 
 
 @pytest.mark.parametrize("rest", ["", "4,4,2 10,10,3"])
-def test_a_turn_drawn_as_a_straight_line_becomes_nearly_a_circle(rest: str) -> None:
+def test_a_turn_drawn_as_a_straight_line_becomes_nearly_a_circle(rest):
     shapes = shapes_of("0,0,1 4,4,2" if rest else "0,0,1 10,10,3", rest)
     curve = shapes[":J_0_0"]
     if rest:
@@ -49,7 +48,7 @@ def test_a_turn_drawn_as_a_straight_line_becomes_nearly_a_circle(rest: str) -> N
 
 
 @pytest.mark.parametrize("path", ["0,0 5,0 9,1 10,5 10,10", "0,0 1,1.2"])
-def test_paths_without_corners_and_short_ones_stay(path: str) -> None:
+def test_paths_without_corners_and_short_ones_stay(path):
     assert shapes_of(path)[":J_0_0"] == pytest.approx(points_of(path))
 
 
@@ -61,7 +60,7 @@ def test_paths_without_corners_and_short_ones_stay(path: str) -> None:
         ("0,0 6,6", "6,6 10,7 10,10", True),
     ],
 )
-def test_a_corner_at_either_end_of_a_path_in_two_parts_counts(path: str, rest: str, mended: bool) -> None:
+def test_a_corner_at_either_end_of_a_path_in_two_parts_counts(path, rest, mended):
     """The end is that of the last part; a corner where the parts meet is none."""
     shapes = shapes_of(path, rest)
     curve = np.concatenate((shapes[":J_0_0"], shapes[":J_1_0"][1:]))
@@ -72,7 +71,7 @@ def test_a_corner_at_either_end_of_a_path_in_two_parts_counts(path: str, rest: s
         assert shapes[":J_1_0"] == pytest.approx(points_of(rest))
 
 
-def test_a_curve_is_a_beziers_with_handles_along_the_lanes() -> None:
+def test_a_curve_is_a_beziers_with_handles_along_the_lanes():
     """From the east-going lane at the origin onto one that goes north from (10, 10) moved to (24, 10)."""
     net = fromstring(NET.format(path="0,0,1 24,10,3", rest="0,0 1,1", via="").replace("10,10 10,60", "24,10 24,60"))
     mend_junction_paths(net)
@@ -95,19 +94,19 @@ def test_a_curve_is_a_beziers_with_handles_along_the_lanes() -> None:
         ("0,0 5,0 9,4 9.6,7.5 10,10", False),
     ],
 )
-def test_ten_degrees_at_either_end_are_a_corner(path: str, mended: bool) -> None:
+def test_ten_degrees_at_either_end_are_a_corner(path, mended):
     curve = shapes_of(path)[":J_0_0"]
     assert (len(curve) == 17) is mended
 
 
-def test_where_a_lane_is_missing_nothing_changes() -> None:
+def test_where_a_lane_is_missing_nothing_changes():
     text = NET.format(path="0,0 10,10", rest="0,0 1,1", via="").replace('<lane id="b_0" shape="10,10 10,60"/>', "")
     net = fromstring(text)
     mend_junction_paths(net)
     assert next(net.iter("lane")).attrib["shape"] == "0,0 10,10"
 
 
-def test_numbers_are_written_to_a_tenth_of_a_millimetre() -> None:
+def test_numbers_are_written_to_a_tenth_of_a_millimetre():
     assert text_of(np.array([[1.0, -2.5, 0.12344], [10.0, 0.0, 100.0]])) == "1,-2.5,0.1234 10,0,100"
     assert points_of("1,2,3 4,5").tolist() == [[1.0, 2.0], [4.0, 5.0]]
 
@@ -127,11 +126,11 @@ NET_LANE_SHAPES = b"""<?xml version="1.0" encoding="UTF-8"?>
 </net>"""
 
 
-def lengths_of(net: bytes) -> dict[str, float]:
+def lengths_of(net):
     return {lane.attrib["id"]: float(lane.attrib["length"]) for lane in fromstring(net).iter("lane")}
 
 
-def test_lengths_are_those_of_the_shapes() -> None:
+def test_lengths_are_those_of_the_shapes():
     assert lengths_of(mended_lanes(NET_LANE_SHAPES)) == {
         "alike_0": 101.0,
         "alike_1": 101.0,
@@ -143,7 +142,7 @@ def test_lengths_are_those_of_the_shapes() -> None:
     }
 
 
-def test_nothing_else_of_a_net_changes() -> None:
+def test_nothing_else_of_a_net_changes():
     before, after = fromstring(NET_LANE_SHAPES), fromstring(mended_lanes(NET_LANE_SHAPES))
     for one, other in zip(before.iter(), after.iter(), strict=True):
         assert one.tag == other.tag
@@ -151,13 +150,13 @@ def test_nothing_else_of_a_net_changes() -> None:
         assert kept[0] == kept[1]
 
 
-def test_mending_twice_changes_no_length_that_fits() -> None:
+def test_mending_twice_changes_no_length_that_fits():
     once = mended_lanes(NET_LANE_SHAPES)
     assert lengths_of(mended_lanes(once)) == lengths_of(once)
 
 
 @pytest.mark.parametrize("sides", [8, 24])
-def test_a_polygon_becomes_nearly_a_circle(sides: int) -> None:
+def test_a_polygon_becomes_nearly_a_circle(sides):
     angle = np.linspace(0.0, np.pi, sides)
     points = rounded(20.0 * np.stack((np.cos(angle), np.sin(angle)), axis=-1))
     radius = np.hypot(points[:, 0], points[:, 1])
@@ -167,7 +166,7 @@ def test_a_polygon_becomes_nearly_a_circle(sides: int) -> None:
     assert np.abs(np.diff(heading)).max() < 0.08
 
 
-def test_a_corner_is_passed_closely_and_the_ends_stay() -> None:
+def test_a_corner_is_passed_closely_and_the_ends_stay():
     corner = np.array([[0.0, 0.0, 1.0], [30.0, 0.0, 2.0], [30.0, 30.0, 3.0]])
     points = rounded(corner)
     assert np.array_equal(points[[0, -1]], corner[[0, -1]])
@@ -202,19 +201,19 @@ def test_a_corner_becomes_a_parabola_between_its_sides(before_m, after_m, turn_r
 
 
 @pytest.mark.parametrize(("turn_rad", "count"), [(0.019, 3), (0.021, 5)])
-def test_corners_of_about_a_degree_stay(turn_rad: float, count: int) -> None:
+def test_corners_of_about_a_degree_stay(turn_rad, count):
     ahead = np.array([np.cos(turn_rad), np.sin(turn_rad)])
     assert len(rounded(np.array([(-30.0, 0.0), (0.0, 0.0), 30.0 * ahead]))) == count
 
 
-def test_straight_lines_and_repeated_points_stay() -> None:
+def test_straight_lines_and_repeated_points_stay():
     line = np.array([[0.0, 0.0], [10.0, 0.05], [20.0, 0.0]])
     assert np.array_equal(rounded(line), line)
     doubled = np.array([[0.0, 0.0], [0.0, 0.0], [5.0, 0.0]])
     assert np.array_equal(rounded(doubled), doubled)
 
 
-def test_what_is_no_net_is_given_back() -> None:
+def test_what_is_no_net_is_given_back():
     assert mended_lanes(b"<osm/>") == b"<osm/>"
 
 
@@ -231,7 +230,7 @@ OSM = """<?xml version="1.0"?><osm version="0.6">
 
 
 @pytest.fixture(scope="module")
-def net(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def net(tmp_path_factory):
     folder = tmp_path_factory.mktemp("maps")
     source: Path = folder / "wider.osm"
     source.write_text(OSM)
@@ -239,11 +238,11 @@ def net(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def network(net: bytes) -> RoadNetwork:
+def network(net):
     return parse_road_network(net)
 
 
-def test_a_lane_fans_out_into_three_over_a_long_way(network: RoadNetwork) -> None:
+def test_a_lane_fans_out_into_three_over_a_long_way(network):
     fan = [connection for _, connection in network.connections_at["2"]]
     assert len(fan) == 3
     for connection in fan:
@@ -251,13 +250,13 @@ def test_a_lane_fans_out_into_three_over_a_long_way(network: RoadNetwork) -> Non
         assert movement_turn_rad(network, connection) < 0.8
 
 
-def test_only_sharp_joints_are_lengthened(network: RoadNetwork) -> None:
+def test_only_sharp_joints_are_lengthened(network):
     assert taper_patches(network) == []
     turns = [movement_turn_rad(network, connection) for _, connection in network.connections_at["3"]]
     assert max(turns) > 1.0, "turns at the junction are sharp and stay so"
 
 
-def test_yellow_is_as_long_as_in_towns_whatever_the_limit(net: bytes) -> None:
+def test_yellow_is_as_long_as_in_towns_whatever_the_limit(net):
     phases = list(fromstring(net).iter("phase"))
     assert {float(phase.attrib["duration"]) for phase in phases if "y" in phase.attrib["state"]} == {3.0}
 

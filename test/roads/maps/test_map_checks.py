@@ -7,11 +7,11 @@ from siren_ros.roads.maps.map_checks import DEEPEST, LONGEST_CURVE_M, MOST_LANES
 from siren_ros.roads.maps.map_source import MapSource, SourceKind
 
 
-def source(kind: SourceKind, text: str) -> MapSource:
+def source(kind, text):
     return MapSource("map", kind, text.encode())
 
 
-def osm(lat: float, lon: float, more: str = "") -> MapSource:
+def osm(lat, lon, more=""):
     places = "".join(
         f'<node id="{number}" lat="{lat + dlat}" lon="{lon + dlon}"/>'
         for number, (dlat, dlon) in enumerate([(0.0, 0.0), (0.0, 1e-4), (1e-4, 1e-4), (1e-4, 0.0)], start=1)
@@ -19,12 +19,12 @@ def osm(lat: float, lon: float, more: str = "") -> MapSource:
     return source(SourceKind.OPENSTREETMAP, f"<osm>{places}{more}</osm>")
 
 
-def roundabout(nodes: str, tags: str = "") -> str:
+def roundabout(nodes, tags=""):
     refs = "".join(f'<nd ref="{node}"/>' for node in nodes)
     return f'<way id="9">{refs}<tag k="junction" v="roundabout"/>{tags}</way>'
 
 
-def reason_of(source_map: MapSource, name: str) -> str:
+def reason_of(source_map, name):
     """Why a map is refused; empty for one that is taken."""
     try:
         refuse_unusable_map(source_map, name)
@@ -48,7 +48,7 @@ RIGHT = LEFT.replace("left", "right")
         *[("Valletta", 35.9, 14.5), ("Nicosia", 35.15, 33.35), ("Kingston", 18.0, -76.8), ("Dhaka", 23.8, 90.4)],
     ],
 )
-def test_cities_with_left_hand_traffic_are_known(name: str, lat: float, lon: float) -> None:
+def test_cities_with_left_hand_traffic_are_known(name, lat, lon):
     with pytest.raises(MapError, match=r"town\.osm.*keeps left.*it lies in"):
         refuse_unusable_map(osm(lat, lon), f"{name}/town.osm")
 
@@ -70,18 +70,18 @@ def test_cities_with_left_hand_traffic_are_known(name: str, lat: float, lon: flo
         *[("Oakland", 37.8, -122.3), ("Berlin", 52.5, 13.4), ("Cairo", 30.0, 31.2), ("Caracas", 10.5, -66.9)],
     ],
 )
-def test_cities_with_right_hand_traffic_are_taken(name: str, lat: float, lon: float) -> None:
+def test_cities_with_right_hand_traffic_are_taken(name, lat, lon):
     assert reason_of(osm(lat, lon), name) == ""
     assert "driving_side" in reason_of(osm(lat, lon, LEFT), name), "not because of what the map says of itself"
 
 
-def test_what_the_map_says_counts_more_than_its_place() -> None:
+def test_what_the_map_says_counts_more_than_its_place():
     refuse_unusable_map(osm(51.5, -0.1, RIGHT), "m")
     with pytest.raises(MapError, match="driving_side"):
         refuse_unusable_map(osm(52.5, 13.4, LEFT), "m")
 
 
-def test_roundabouts_are_driven_with_the_traffic() -> None:
+def test_roundabouts_are_driven_with_the_traffic():
     refuse_unusable_map(osm(51.5, -0.1, roundabout("12341")), "m")
     for clockwise in (roundabout("14321"), roundabout("12341", '<tag k="oneway" v="-1"/>')):
         with pytest.raises(MapError, match="clockwise"):
@@ -89,7 +89,7 @@ def test_roundabouts_are_driven_with_the_traffic() -> None:
     refuse_unusable_map(osm(52.5, 13.4, roundabout("1432")), "m")
 
 
-def test_opendrive_and_sumo_nets_say_it_themselves() -> None:
+def test_opendrive_and_sumo_nets_say_it_themselves():
     refuse_unusable_map(source(SourceKind.OPENDRIVE, '<OpenDRIVE><road id="1" rule="RHT"/></OpenDRIVE>'), "m")
     with pytest.raises(MapError, match="LHT"):
         refuse_unusable_map(source(SourceKind.OPENDRIVE, '<OpenDRIVE><road id="1" rule="LHT"/></OpenDRIVE>'), "m")
@@ -98,7 +98,7 @@ def test_opendrive_and_sumo_nets_say_it_themselves() -> None:
         refuse_unusable_map(source(SourceKind.SUMO, '<net lefthand="true"/>'), "m")
 
 
-def refusal(kind: SourceKind, text: str) -> str:
+def refusal(kind, text):
     try:
         refuse_unusable_map(MapSource("m", kind, text.encode()), "mymap")
     except MapError as error:
@@ -107,14 +107,14 @@ def refusal(kind: SourceKind, text: str) -> str:
 
 
 @pytest.mark.parametrize("kind", [SourceKind.SUMO, SourceKind.OPENDRIVE, SourceKind.OPENSTREETMAP])
-def test_elements_inside_each_other(kind: SourceKind) -> None:
+def test_elements_inside_each_other(kind):
     assert not refusal(kind, "<a>" * DEEPEST + "</a>" * DEEPEST)
     assert f"'mymap' cannot be used; allowed: a map with at most {DEEPEST}" in refusal(
         kind, "<a>" * (DEEPEST + 1) + "</a>" * (DEEPEST + 1)
     )
 
 
-def test_what_cannot_be_read_is_left_to_who_compiles_it() -> None:
+def test_what_cannot_be_read_is_left_to_who_compiles_it():
     assert not refusal(SourceKind.OPENSTREETMAP, "<osm><way>")
     assert not refusal(SourceKind.TOWN, "a\0b")
 
@@ -127,41 +127,41 @@ def test_what_cannot_be_read_is_left_to_who_compiles_it() -> None:
         *[("9" * 5000, False), ("many", True), ("-1", True)],
     ],
 )
-def test_lanes_of_a_way(key: str, value: str, allowed: bool) -> None:
+def test_lanes_of_a_way(key, value, allowed):
     reason = refusal(SourceKind.OPENSTREETMAP, f'<osm><way id="7"><tag k="{key}" v="{value}"/></way></osm>')
     assert (not reason) == allowed
     assert allowed or (f"{key}='" in reason and "way '7'" in reason and len(reason) < 300)
 
 
-def test_other_numbers_of_a_way_may_be_large() -> None:
+def test_other_numbers_of_a_way_may_be_large():
     tags = '<tag k="width" v="1000"/><tag k="ref" v="12345"/>'
     assert not refusal(SourceKind.OPENSTREETMAP, f'<osm><way id="7">{tags}</way></osm>')
 
 
-def road(shape: str, length: object, lanes: int = 1) -> str:
+def road(shape, length, lanes=1):
     sections = f"<lanes><laneSection>{'<lane/>' * lanes}</laneSection></lanes>"
     return f'<road id="7"><planView><geometry length="{length}"><{shape}/></geometry></planView>{sections}</road>'
 
 
 @pytest.mark.parametrize("shape", ["arc", "spiral", "poly3", "paramPoly3"])
-def test_length_of_a_curve(shape: str) -> None:
+def test_length_of_a_curve(shape):
     assert not refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{road(shape, LONGEST_CURVE_M)}</OpenDRIVE>")
     for length in (LONGEST_CURVE_M + 1.0, "1e9", "inf", "nan", "1e400"):
         assert "road '7'" in refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{road(shape, length)}</OpenDRIVE>")
 
 
-def test_straight_lines_have_two_points_however_long() -> None:
+def test_straight_lines_have_two_points_however_long():
     assert not refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{road('line', 1e9)}</OpenDRIVE>")
 
 
-def test_all_curves_and_their_lanes_together() -> None:
+def test_all_curves_and_their_lanes_together():
     assert not refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{road('arc', 100_000, 20) * 10}</OpenDRIVE>")
     assert "20000 km of lanes" in refusal(
         SourceKind.OPENDRIVE, f"<OpenDRIVE>{road('arc', 100_000, 20) * 11}</OpenDRIVE>"
     )
 
 
-def test_copies_of_objects() -> None:
+def test_copies_of_objects():
     repeat = '<road><objects><object><repeat length="{}" distance="{}"/></object></objects></road>'
     for length, distance, allowed in (
         *[(MOST_REPEATS, 1, True), (MOST_REPEATS, 0.5, False), (1, 0, True)],

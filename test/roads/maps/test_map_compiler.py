@@ -197,7 +197,7 @@ NET = (
 )
 
 
-def test_only_higher_limits_are_lowered() -> None:
+def test_only_higher_limits_are_lowered():
     lowered = lowered_limits(NET, 8.333)
     assert b'id="a_0" speed="8.33" length="10.00"' in lowered
     assert b'id="a_1" speed="5.00" length="10.00"' in lowered
@@ -205,7 +205,7 @@ def test_only_higher_limits_are_lowered() -> None:
     assert lowered_limits(NET, 14.0) == NET
 
 
-def test_a_map_keeps_everything_but_its_limits(tmp_path: Path) -> None:
+def test_a_map_keeps_everything_but_its_limits(tmp_path):
     town = compile_map(None, tmp_path)
     slow = with_speed_limit(town, 8.333)
     before, after = (parse_road_network(compiled.read_bytes()) for compiled in (town, slow))
@@ -218,7 +218,7 @@ def test_a_map_keeps_everything_but_its_limits(tmp_path: Path) -> None:
     assert with_speed_limit(town, 50.0) == replace(town)
 
 
-def test_a_lowered_map_is_found_again_in_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lowered_map_is_found_again_in_the_cache(tmp_path, monkeypatch):
     town = compile_map(None, tmp_path)
     slow = with_speed_limit(town, 8.333)
     monkeypatch.setattr("siren_ros.roads.maps.map_compiler.lowered_limits", None)

@@ -183,7 +183,7 @@ NET = """<net>
 <junction id="J" type="{kind}"/><junction id="K" type="priority"/></net>"""
 
 
-def patched(stopping: str, yielding: str = "", kind: str = "priority") -> tuple[dict[str, str], dict[str, int]]:
+def patched(stopping, yielding="", kind="priority"):
     """Types of nodes and priorities of edges; nobody drives on the path."""
     net = fromstring(NET.format(kind=kind))
     signs = stopping.split(), yielding.split()
@@ -191,7 +191,7 @@ def patched(stopping: str, yielding: str = "", kind: str = "priority") -> tuple[
     return {node.attrib["id"]: node.attrib["type"] for node in nodes}, dict(priorities)
 
 
-def test_edges_outside_junctions_are_the_normal_ones() -> None:
+def test_edges_outside_junctions_are_the_normal_ones():
     net = fromstring(NET.format(kind="priority"))
     assert [edge.attrib["id"] for edge in normal_edges(net)] == ["n", "e", "s", "w", "path", "away"]
 
@@ -215,11 +215,11 @@ def test_signs_lower_their_approaches_below_the_others(stopping, yielding, nodes
 
 
 @pytest.mark.parametrize("kind", ["traffic_light", "traffic_light_right_on_red"])
-def test_a_signal_outranks_signs(kind: str) -> None:
+def test_a_signal_outranks_signs(kind):
     assert patched("n", "e", kind) == ({}, {})
 
 
-def test_a_plain_file_holds_the_elements() -> None:
+def test_a_plain_file_holds_the_elements():
     net = fromstring(NET.format(kind="priority"))
     nodes, _ = control_patches(net, ["n"], [], lambda _: True)
     root = fromstring(document("nodes", nodes))

@@ -187,18 +187,18 @@ NET = b"""<net>
 </net>"""
 
 
-def speeds(*types: str) -> dict[str, float]:
+def speeds(*types):
     roads = "".join(f'<road id="{number}" length="100">{text}</road>' for number, text in enumerate(types, start=1))
     net = fromstring(with_stated_limits(NET, f"<OpenDRIVE>{roads}</OpenDRIVE>".encode()))
     return {lane.attrib["id"]: float(lane.attrib["speed"]) for lane in net.iter("lane")}
 
 
-def kind(limit: str, unit: str = "", from_m: float = 0.0) -> str:
+def kind(limit, unit="", from_m=0.0):
     stated = f' unit="{unit}"' if unit else ""
     return f'<type s="{from_m}" type="town"><speed max="{limit}"{stated}/></type>'
 
 
-def test_roads_get_the_limit_of_their_type_and_paths_the_lower_one() -> None:
+def test_roads_get_the_limit_of_their_type_and_paths_the_lower_one():
     limits = speeds(kind("65", "mph"), kind("72", "km/h"), kind("72", "km/h"))
     assert limits == {
         "-1_0": 1.39,
@@ -212,9 +212,9 @@ def test_roads_get_the_limit_of_their_type_and_paths_the_lower_one() -> None:
 
 
 @pytest.mark.parametrize("limit", [kind("no limit"), kind("undefined"), kind("30", "furlongs"), '<type s="0"/>', ""])
-def test_without_a_number_netconverts_limit_stays(limit: str) -> None:
+def test_without_a_number_netconverts_limit_stays(limit):
     assert speeds(limit)["-1_1"] == 13.89
 
 
-def test_of_several_types_the_longest_counts() -> None:
+def test_of_several_types_the_longest_counts():
     assert speeds(kind("10") + kind("20", from_m=30.0) + kind("5", from_m=90.0))["-1_1"] == 20.0

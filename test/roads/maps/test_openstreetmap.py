@@ -4,7 +4,6 @@ Which edge a sign binds is shown by two streets that cross, in a plane that touc
 """
 
 import math
-from pathlib import Path
 
 import pytest
 from defusedxml.ElementTree import fromstring
@@ -14,19 +13,19 @@ from siren_ros.errors import MapError
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.maps.openstreetmap import drives_on, signed_edges
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.roads.road_network import JunctionKind, RoadNetwork
+from siren_ros.roads.road_network import JunctionKind
 
 SIGNS = REPOSITORY / "test" / "maps" / "signs.osm"
 
 
-def compiled(tmp_path: Path, text: str) -> tuple[bytes, RoadNetwork]:
+def compiled(tmp_path, text):
     file = tmp_path / "map.osm"
     file.write_text(text, encoding="utf-8")
     net = compile_map(file, tmp_path / "cache").read_bytes()
     return net, parse_road_network(net)
 
 
-def stopping(network: RoadNetwork, junction: str) -> set[str]:
+def stopping(network, junction):
     """Edges whose traffic has to stop at a junction."""
     return {
         network.edges[network.lanes[movement.from_lane].edge].edge_id
@@ -36,29 +35,29 @@ def stopping(network: RoadNetwork, junction: str) -> set[str]:
 
 
 @pytest.fixture(scope="module")
-def signs(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, RoadNetwork]:
+def signs(tmp_path_factory):
     return compiled(tmp_path_factory.mktemp("maps"), SIGNS.read_text(encoding="utf-8"))
 
 
-def test_stop_signs_before_a_junction_bind_their_approaches(signs: tuple[bytes, RoadNetwork]) -> None:
+def test_stop_signs_before_a_junction_bind_their_approaches(signs):
     network = signs[1]
     assert network.junctions["10"].kind is JunctionKind.PRIORITY_STOP
     assert stopping(network, "10") == {"101#0", "-101#1"}
 
 
-def test_a_stop_sign_at_the_junction_itself_binds_all_approaches(signs: tuple[bytes, RoadNetwork]) -> None:
+def test_a_stop_sign_at_the_junction_itself_binds_all_approaches(signs):
     network = signs[1]
     assert network.junctions["13"].kind is JunctionKind.ALL_WAY_STOP
     assert stopping(network, "13") == {"101#1", "103#0", "-103#1"}
 
 
-def test_a_give_way_sign_lowers_the_priority_of_its_approach(signs: tuple[bytes, RoadNetwork]) -> None:
+def test_a_give_way_sign_lowers_the_priority_of_its_approach(signs):
     priority = {edge.get("id"): edge.get("priority") for edge in fromstring(signs[0]).iterfind("edge")}
     assert int(priority["102"] or 0) < int(priority["-102"] or 0), "the sign stands for traffic towards the main road"
     assert int(priority["102"] or 0) < min(int(priority[edge] or 0) for edge in ("100#0", "-100#1"))
 
 
-def test_limits_and_one_way_streets_are_those_of_the_map(signs: tuple[bytes, RoadNetwork]) -> None:
+def test_limits_and_one_way_streets_are_those_of_the_map(signs):
     network = signs[1]
     limits = {network.edges[lane.edge].edge_id: lane.speed_limit_mps for lane in network.lanes if lane.civilian_allowed}
     assert limits["100#1"] == pytest.approx(50.0 / 3.6, abs=0.01)
@@ -68,7 +67,7 @@ def test_limits_and_one_way_streets_are_those_of_the_map(signs: tuple[bytes, Roa
     assert "-104" not in network.edge_by_id
 
 
-def test_a_direction_says_for_whom_a_sign_stands(tmp_path: Path) -> None:
+def test_a_direction_says_for_whom_a_sign_stands(tmp_path):
     text = SIGNS.read_text(encoding="utf-8")
     net = fromstring(compiled(tmp_path, text)[0])
     assert signed_edges(text.encode(), net)[0] == {"101#0", "-101#1", "101#1", "103#0", "-103#1"}
@@ -76,7 +75,7 @@ def test_a_direction_says_for_whom_a_sign_stands(tmp_path: Path) -> None:
     assert signed_edges(away.encode(), net) == ({"-101#1", "101#1", "103#0", "-103#1"}, {"102"})
 
 
-def test_without_signs_nobody_has_to_stop(tmp_path: Path) -> None:
+def test_without_signs_nobody_has_to_stop(tmp_path):
     text = SIGNS.read_text(encoding="utf-8").replace('k="highway" v="stop"', 'k="x" v="y"').replace("give_way", "z")
     _, network = compiled(tmp_path, text)
     kinds = {junction.kind for junction in network.junctions.values()}
@@ -84,7 +83,7 @@ def test_without_signs_nobody_has_to_stop(tmp_path: Path) -> None:
     assert not any(movement.must_stop for movement in network.connections)
 
 
-def test_a_map_of_a_place_with_left_hand_traffic_is_refused(tmp_path: Path) -> None:
+def test_a_map_of_a_place_with_left_hand_traffic_is_refused(tmp_path):
     with pytest.raises(MapError, match="keeps left"):
         compiled(tmp_path, SIGNS.read_text(encoding="utf-8").replace('lon="13.', 'lon="-0.'))
 
@@ -109,7 +108,7 @@ ROADS = {
 PRIMARY = '<tag k="highway" v="primary"/>'
 
 
-def net(projection: str = f"+proj=tmerc +lat_0={LAT} +lon_0={LON}", more: str = "") -> str:
+def net(projection=f"+proj=tmerc +lat_0={LAT} +lon_0={LON}", more=""):
     edges = "".join(
         f'<edge id="{name}"><lane id="{name}_0" shape="{_text(start)} {_text(end)}"/></edge>'
         for name, (start, end) in ROADS.items()
@@ -118,11 +117,11 @@ def net(projection: str = f"+proj=tmerc +lat_0={LAT} +lon_0={LON}", more: str = 
     return f'<net><location netOffset="{place}" projParameter="{projection}"/>{edges}{more}</net>'
 
 
-def _text(place: tuple[float, float]) -> str:
+def _text(place):
     return f"{place[0] + OFFSET_M[0]},{place[1] + OFFSET_M[1]}"
 
 
-def sign(at: tuple[float, float] | str, kind: str = "stop", **tags: str) -> str:
+def sign(at, kind="stop", **tags):
     """A node of the street from west to east, or one of its places."""
     east_m, north_m = PLACES[at] if isinstance(at, str) else at
     name = at if isinstance(at, str) else "sign"
@@ -130,7 +129,7 @@ def sign(at: tuple[float, float] | str, kind: str = "stop", **tags: str) -> str:
     return f'<node id="{name}" lat="{LAT + north_m / NORTH_M}" lon="{LON + east_m / EAST_M}">{all_tags}</node>'
 
 
-def bound(node_with_sign: str, way: str = "w sign J e", tags: str = "", projection: str = ""):
+def bound(node_with_sign, way="w sign J e", tags="", projection=""):
     """Of an extract with one sign, on a street through some nodes; another street crosses it at J."""
     nodes = "".join(
         f'<node id="{name}" lat="{LAT + y_m / NORTH_M}" lon="{LON + x_m / EAST_M}"/>'
@@ -145,17 +144,17 @@ def bound(node_with_sign: str, way: str = "w sign J e", tags: str = "", projecti
     return signed_edges(extract.encode(), fromstring(net(projection) if projection else net()))
 
 
-def stopped(*names: str):
+def stopped(*names):
     return frozenset(names), frozenset()
 
 
-def test_a_sign_binds_the_traffic_towards_the_nearer_junction() -> None:
+def test_a_sign_binds_the_traffic_towards_the_nearer_junction():
     assert bound(sign((-14.0, 0.0))) == stopped("from_w")
     assert bound(sign((14.0, 0.0)), "w J sign e") == stopped("from_e")
     assert bound(sign((-14.0, 0.0), "give_way")) == (frozenset(), frozenset({"from_w"}))
 
 
-def test_a_sign_binds_the_end_of_its_edge() -> None:
+def test_a_sign_binds_the_end_of_its_edge():
     """Up to 60 m before the end, which lies 10 m before the middle of the crossing."""
     assert bound(sign((-68.0, 0.0))) == stopped("from_w")
     assert bound(sign((-72.0, 0.0))) == stopped()
@@ -172,7 +171,7 @@ def test_a_sign_binds_the_end_of_its_edge() -> None:
         ("w sign J e", "sideways", ("from_w",)),
     ],
 )
-def test_a_direction_is_that_of_the_way(way: str, direction: str, edges: tuple[str, ...]) -> None:
+def test_a_direction_is_that_of_the_way(way, direction, edges):
     """Away from the crossing the edge ends far away; up to 25 m behind it, a sign may be that of the edge before."""
     assert bound(sign((-16.0, 0.0), direction=direction), way) == stopped(*edges)
     behind = bound(sign((-14.0, 0.0), direction=direction), way)
@@ -183,12 +182,12 @@ def test_a_direction_is_that_of_the_way(way: str, direction: str, edges: tuple[s
     ("oneway", "edges"),
     [("yes", ("from_w",)), ("true", ("from_w",)), ("1", ("from_w",)), ("-1", ()), ("no", ("from_w",))],
 )
-def test_nobody_stops_where_nobody_may_drive(oneway: str, edges: tuple[str, ...]) -> None:
+def test_nobody_stops_where_nobody_may_drive(oneway, edges):
     tags = f'{PRIMARY}<tag k="oneway" v="{oneway}"/>'
     assert bound(sign((-14.0, 0.0)), tags=tags) == stopped(*edges)
 
 
-def test_at_the_junctions_own_node_it_binds_all_approaches() -> None:
+def test_at_the_junctions_own_node_it_binds_all_approaches():
     everybody = ("from_w", "from_e", "from_s", "from_n")
     assert bound(sign("J"), "w J e") == stopped(*everybody)
     assert bound(sign("J", stop="all"), "w J e") == stopped(*everybody)
@@ -199,27 +198,27 @@ def test_at_the_junctions_own_node_it_binds_all_approaches() -> None:
 
 
 @pytest.mark.parametrize("tags", ['<tag k="highway" v="footway"/>', '<tag k="waterway" v="river"/>'])
-def test_signs_on_what_is_no_road_bind_nobody(tags: str) -> None:
+def test_signs_on_what_is_no_road_bind_nobody(tags):
     assert bound(sign((-14.0, 0.0)), tags=tags) == stopped()
     assert bound(sign((-14.0, 0.0)), "w J e") == stopped(), "of no way at all"
 
 
-def test_without_a_junction_ahead_a_sign_binds_nobody() -> None:
+def test_without_a_junction_ahead_a_sign_binds_nobody():
     assert bound(sign((-14.0, 0.0)), "w sign e") == stopped(), "the other street is another one"
 
 
-def test_where_the_projection_is_not_known_nobody_is_bound() -> None:
+def test_where_the_projection_is_not_known_nobody_is_bound():
     assert bound(sign((-14.0, 0.0)), projection="!") == stopped()
 
 
-def test_a_roundabout_is_a_one_way_street() -> None:
+def test_a_roundabout_is_a_one_way_street():
     tags = PRIMARY + '<tag k="junction" v="roundabout"/>'
     assert bound(sign((14.0, 0.0)), "w J sign e", tags) == stopped()
     assert bound(sign((-14.0, 0.0)), tags=tags) == stopped("from_w")
 
 
-def test_cars_drive_where_one_lane_allows_it() -> None:
-    def edge(*lanes: str) -> bool:
+def test_cars_drive_where_one_lane_allows_it():
+    def edge(*lanes):
         return drives_on(fromstring(f"<edge>{''.join(f'<lane {lane}/>' for lane in lanes)}</edge>"))
 
     assert edge('allow="pedestrian"', 'disallow="tram"')

@@ -1,7 +1,6 @@
 """Light on the ground by day and at night, its projections, and rain."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +13,10 @@ from siren_ros.sensors.camera.ground_light import (
     luminaires,
     sun_view,
 )
-from siren_ros.sensors.camera.renderer import RenderedImage, Renderer
 from siren_ros.sensors.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Mesh, SemanticClass
-from siren_ros.sensors.meshes.placement import EgoVehicle, Placement
+from siren_ros.sensors.meshes.placement import EgoVehicle
 from siren_ros.sensors.scene.signals import street_lamp, turned
 from siren_ros.sensors.specification import transform
 from siren_ros.world.actors import ActorClass, Lights
@@ -32,11 +30,11 @@ NIGHT = Look(
 )
 
 
-def picture(renderer: Renderer, placement: Placement, step: int = 0, *, labels: bool = False) -> RenderedImage:
+def picture(renderer, placement, step=0, *, labels=False):
     return renderer.render(CAMERA, EYE, placement, np.zeros(len(placement)), {}, step, labels=labels)
 
 
-def road(image: RenderedImage) -> Any:
+def road(image):
     return image.semantic == SemanticClass.ROAD
 
 
@@ -125,7 +123,7 @@ def test_the_nearest_grid_point_gives_the_light():
     assert cell_of(np.array([2.4 * LIGHT_GRID_M, -0.6 * LIGHT_GRID_M, 9.0])) == (2, -1)
 
 
-def sun(elevation_deg: float, azimuth_deg: float) -> np.ndarray:
+def sun(elevation_deg, azimuth_deg):
     e, a = np.radians((elevation_deg, azimuth_deg))
     return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 

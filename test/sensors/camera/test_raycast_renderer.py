@@ -3,7 +3,7 @@ import numpy as np
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors import rig as rig_module
 from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
-from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
+from siren_ros.sensors.camera.renderer import RendererUnavailableError
 from siren_ros.sensors.rig import SensorRig
 from siren_ros.sensors.specification import CameraSpec, Mount, map_from_base, transform
 from siren_ros.sensors.suite import SensorSuite
@@ -30,7 +30,7 @@ def test_it_shows_what_opengl_shows(boxes):
 
 
 def test_a_machine_without_egl_casts_rays_and_says_so(boxes, monkeypatch):
-    def unavailable(*_: object) -> Renderer:
+    def unavailable(*_):
         raise RendererUnavailableError("no EGL here")
 
     monkeypatch.setattr(rig_module, "Renderer", unavailable)
@@ -53,7 +53,7 @@ def test_two_renderers_in_one_thread_do_not_disturb_each_other(boxes):
     placement = boxes.placed((ActorClass.SEDAN, 7.0, 2.0, 0.7))
     first = boxes.renderer(boxes.scene())
 
-    def pixels(renderer: Renderer) -> bytes:
+    def pixels(renderer):
         return renderer.render(CAMERA, POSE, placement, np.zeros(1), {}, 0).rgba.tobytes()
 
     alone, other = pixels(first), pixels(boxes.renderer(boxes.crossroads()))

@@ -1,11 +1,9 @@
 import os
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.renderer import DrawingContext, RenderedImage, Renderer
+from siren_ros.sensors.camera.renderer import DrawingContext
 from siren_ros.sensors.lidar.embree import RaycastWorld
 from siren_ros.sensors.meshes.mesh import SemanticClass
 from siren_ros.sensors.specification import map_from_base, optical_from_map, transform
@@ -18,13 +16,11 @@ EYE = transform(np.eye(3), (0.0, 0.0, 1.5))
 
 
 @pytest.fixture(name="renderer", scope="module")
-def _renderer(boxes: Any) -> Renderer:
+def _renderer(boxes):
     return boxes.renderer(boxes.crossroads())
 
 
-def picture(
-    renderer: Renderer, placement: Any, pose: Any = EYE, signals: Mapping[str, str] | None = None, **options: Any
-) -> RenderedImage:
+def picture(renderer, placement, pose=EYE, signals=None, **options):
     step = options.pop("step", 0)
     rolled = np.zeros(len(placement))
     return renderer.render(CAMERA, pose, placement, rolled, signals or {}, step, labels=True, **options)

@@ -5,7 +5,6 @@ import sys
 import threading
 
 import numpy as np
-import numpy.typing as npt
 import open3d as o3d
 import pytest
 from hypothesis import given, settings
@@ -17,7 +16,7 @@ VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 TRIANGLE = np.array([[0, 1, 2]])
 
 
-def soup(count: int, rng: np.random.Generator) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
+def soup(count, rng):
     """Triangles at random."""
     vertices = rng.uniform(-10.0, 10.0, (3 * count, 3)).astype(np.float32)
     return vertices, np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
@@ -115,7 +114,7 @@ def test_every_index_is_done_once(size, count, grain):
     done = np.zeros(count, np.int64)
     workers = set()
 
-    def work(worker: int, first: int, end: int) -> None:
+    def work(worker, first, end):
         assert end - first <= grain
         done[first:end] += 1
         workers.add(worker)
@@ -129,7 +128,7 @@ def test_each_worker_has_a_thread_of_its_own_and_the_caller_is_one():
     all_started = threading.Barrier(3)
     threads: dict[int, str] = {}
 
-    def work(worker: int, first: int, end: int) -> None:
+    def work(worker, first, end):
         assert end == first + 1
         threads[worker] = threading.current_thread().name
         all_started.wait(10.0)
@@ -150,7 +149,7 @@ def test_a_loop_of_one_part_stays_in_the_calling_thread():
 def test_an_error_of_any_worker_reaches_the_caller(failing):
     both = threading.Barrier(2)
 
-    def work(worker: int, first: int, end: int) -> None:
+    def work(worker, first, end):
         assert end == first + 1
         both.wait(10.0)
         if worker == failing:

@@ -1,6 +1,5 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.sensors.lidar.embree import RaycastWorld
-from siren_ros.sensors.lidar.lidar import REFLECTIVITY, CarrierMotion, Lidar, LidarSweep
+from siren_ros.sensors.lidar.lidar import REFLECTIVITY, CarrierMotion, Lidar
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Material, Mesh, VehicleShape
 from siren_ros.sensors.specification import LidarSpec, Mount, map_from_base
@@ -19,16 +18,16 @@ SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS
 
 
 @pytest.fixture(name="world", scope="module")
-def _world(boxes: Any) -> RaycastWorld:
+def _world(boxes):
     wall = boxes.box((30.0, 0.0, 5.0), (2.0, 60.0, 10.0))
     return RaycastWorld(boxes.scene(wall), boxes.shapes())
 
 
-def positions(sweep: LidarSweep) -> np.ndarray[Any, np.dtype[np.float64]]:
+def positions(sweep):
     return np.stack([sweep.points[axis].astype(np.float64) for axis in "xyz"], axis=1)
 
 
-def scan(world: RaycastWorld, placement: Any, spec: LidarSpec = SPEC, pose: Any = None, **options: Any) -> LidarSweep:
+def scan(world, placement, spec=SPEC, pose=None, **options):
     base = np.eye(4) if pose is None else pose
     return Lidar(spec, world, 0).scan(options.pop("step", 0), base @ spec.mount.base_from_sensor, placement, **options)
 
@@ -73,7 +72,7 @@ def test_returns_on_a_vehicle_lie_on_its_box(world, boxes, x, y, yaw, kind, seed
 
 
 @pytest.fixture(name="corner", scope="module")
-def _corner(boxes: Any) -> RaycastWorld:
+def _corner(boxes):
     """Two long walls at right angles."""
     walls = [boxes.box((20.0, 0.0, 5.0), (2.0, 60.0, 10.0)), boxes.box((0.0, 15.0, 5.0), (60.0, 2.0, 10.0))]
     return RaycastWorld(boxes.scene(*walls), boxes.shapes())
@@ -86,7 +85,7 @@ def test_the_sweep_equals_one_ray_cast_into_one_scene(boxes):
     assert set(np.unique(ours.points["instance"])) == {0, 1, 2, 3}
 
 
-def assert_one_scene(boxes: Any, static: Any, placement: Any, spec: LidarSpec) -> LidarSweep:
+def assert_one_scene(boxes, static, placement, spec):
     """The sweep is that of rays cast into one scene that holds the vehicles, too."""
     ours = scan(RaycastWorld(static, boxes.shapes()), placement, spec)
     whole = RaycastWorld(boxes.with_vehicles(static, placement), boxes.shapes())
@@ -110,7 +109,7 @@ def test_the_described_size_scales_the_shape(world, boxes):
     assert hit[:, 2].max() > 1.4 - 1.93
 
 
-def tilted_plate(tilt_rad: float, material: Material) -> Mesh:
+def tilted_plate(tilt_rad, material):
     """A square of 6 m with its middle at (12, 0, 1.5); it leans back by an angle and shows its edge to nobody."""
     up = np.array([np.sin(tilt_rad), 0.0, np.cos(tilt_rad)])
     across = np.array([0.0, 1.0, 0.0])
@@ -118,7 +117,7 @@ def tilted_plate(tilt_rad: float, material: Material) -> Mesh:
     return Mesh.uniform(np.array(corners), np.array([(0, 1, 2), (1, 3, 2)]), material, (200, 200, 200))
 
 
-def expected_intensity(sweep: LidarSweep, rows: Any, normal: Any, reflectivity: float, per_m: float) -> Any:
+def expected_intensity(sweep, rows, normal, reflectivity, per_m):
     """Reflectivity, cosine of the angle of incidence and attenuation, multiplied."""
     points = positions(sweep)[rows]
     distance = np.linalg.norm(points, axis=1)
@@ -258,12 +257,12 @@ velocities = st.floats(-25.0, 25.0)
 turns = st.floats(-1.0, 1.0)
 
 
-def pose_at(time_s: float, x_m: float, y_m: float, yaw_rad: float, motion: tuple[float, float, float]) -> Any:
+def pose_at(time_s, x_m, y_m, yaw_rad, motion):
     """x, y and yaw of a vehicle that moves steadily, some time after the pose that is given."""
     return x_m + motion[0] * time_s, y_m + motion[1] * time_s, yaw_rad + motion[2] * time_s
 
 
-def column_of(sweep: LidarSweep, time_s: float) -> Any:
+def column_of(sweep, time_s):
     """Place and actor by ring of what the column at a time hit, infinite where nothing was hit, ``(rings, 4)``."""
     points = sweep.points[np.abs(sweep.points["time"] - time_s) < 1e-5]
     of_ring = np.full((SPEC.channels, 4), np.inf)
@@ -271,7 +270,7 @@ def column_of(sweep: LidarSweep, time_s: float) -> Any:
     return of_ring
 
 
-def assert_same_columns(pairs: list[tuple[Any, Any]]) -> None:
+def assert_same_columns(pairs):
     """Columns are the same but for one, which may pass a vehicle's edge within the rounding of single precision."""
     same = [np.allclose(ours, reference, rtol=0.0, atol=2e-3) for ours, reference in pairs]
     assert same.count(False) <= 1

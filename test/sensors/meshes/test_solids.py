@@ -36,12 +36,12 @@ PLAIN = BodyProfile(
 WHEELS = replace(PLAIN, axles=(Axle(0.9, 0.3, 0.2), Axle(3.1, 0.3, 0.2)))
 
 
-def shell(profile: BodyProfile) -> Mesh:
+def shell(profile):
     paint = (Material.CAR_PAINT, (9, 9, 9))
     return loft(profile, lambda *_: paint, lambda *_: paint, lambda *_: paint)
 
 
-def cross_section_m2(profile: BodyProfile, s_m: float = 2.0) -> float:
+def cross_section_m2(profile, s_m=2.0):
     """Of the polygon of one ring, both halves."""
     ring = profile.half_rings_m()[int(np.argmin(abs(profile.stations_m() - s_m)))][:, 1:]
     y, z = ring.T
@@ -104,12 +104,12 @@ def test_faces_know_their_band_side_and_place():
     ends: dict[str, set[tuple[Band, int]]] = {"front": set(), "rear": set()}
     materials = {1: Material.INDICATOR_LEFT_LAMP, -1: Material.INDICATOR_RIGHT_LAMP}
 
-    def side(band: Band, s_m: float, hand: int) -> tuple[Material, tuple[int, int, int]]:
+    def side(band, s_m, hand):
         seen.append((band, s_m, hand))
         return materials[hand], (1, 1, 1)
 
-    def end(name: str):  # type: ignore[no-untyped-def] # a finish
-        def finish(band: Band, zone: int) -> tuple[Material, tuple[int, int, int]]:
+    def end(name):  # type: ignore[no-untyped-def] # a finish
+        def finish(band, zone):
             ends[name].add((band, zone))
             return (Material.PLATE, (1, 1, 1)) if zone == 2 else (Material.CAR_PAINT, (1, 1, 1))
 
@@ -172,7 +172,7 @@ TRIANGLE = Polygon([(0.0, 0.0), (4.0, 0.0), (0.0, 3.0)])
 RING = rectangle(0, 0, 10, 8) - rectangle(2, 2, 5, 6)
 
 
-def bounds(mesh: Mesh) -> list[list[float]]:
+def bounds(mesh):
     return [side.tolist() for side in mesh.bounds_m]
 
 

@@ -5,7 +5,6 @@ import pytest
 
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.sensors.meshes.mesh import StaticScene
 from siren_ros.sensors.scene.static_scene import static_scene
 
 MOUTH_M = 16.0
@@ -17,14 +16,12 @@ DEGREES = (0, 90, 180, 270)
 
 
 class _Builder:
-    def __init__(self) -> None:
+    def __init__(self):
         self.lanes: list[Lane] = []
         self.edges: list[Edge] = []
         self.connections: list[Connection] = []
 
-    def edge(
-        self, name: str, start: str, end: str, internal: bool, lanes: list[tuple[LaneKind, float, np.ndarray]]
-    ) -> Edge:
+    def edge(self, name, start, end, internal, lanes):
         first = len(self.lanes)
         for position, (kind, width, points) in enumerate(lanes):
             place = (len(self.lanes), f"{name}_{position}", len(self.edges), position)
@@ -34,7 +31,7 @@ class _Builder:
         self.edges.append(edge)
         return edge
 
-    def connect(self, before: Lane, after: Lane, direction: str, link: int, signalled: bool) -> None:
+    def connect(self, before, after, direction, link, signalled):
         ends = np.stack((before.centre.at(before.length_m), after.centre.at(0.0)))
         middle = ends.mean(axis=0) * (1.0 if direction == "s" else 0.7)
         points = np.stack((ends[0], middle, ends[1]))
@@ -53,12 +50,12 @@ class _Builder:
         )
 
 
-def turned(points: np.ndarray, degrees: float) -> np.ndarray:
+def turned(points, degrees):
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return points @ np.array(((c, s), (-s, c)))
 
 
-def crossing_network(signalled: bool = True) -> RoadNetwork:
+def crossing_network(signalled=True):
     """Four legs of two lanes, shoulder and sidewalk in each direction; straight on and right turns."""
     builder = _Builder()
     arrivals, departures = [], []
@@ -93,15 +90,15 @@ def crossing_network(signalled: bool = True) -> RoadNetwork:
 
 
 @pytest.fixture(scope="session")
-def network() -> RoadNetwork:
+def network():
     return crossing_network()
 
 
 @pytest.fixture(scope="session")
-def stop_network() -> RoadNetwork:
+def stop_network():
     return crossing_network(signalled=False)
 
 
 @pytest.fixture(scope="session")
-def scene(network: RoadNetwork) -> StaticScene:
+def scene(network):
     return static_scene(network, seed=3)

@@ -1,25 +1,22 @@
 """The ground's triangles: heights and materials at places of a small crossing, areas without gaps."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 import shapely
 from hand_made_record import crossing
 from shapely.geometry import Polygon
-from shapely.geometry.base import BaseGeometry
 
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Edge, JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.sensors.meshes.mesh import Material, Mesh
-from siren_ros.sensors.scene.ground import Markings, _cut, arrow, ground_mesh, ribbon, road_markings
-from siren_ros.sensors.scene.surfaces import SceneConfig, Surfaces, drawn_centres, road_surfaces
+from siren_ros.sensors.meshes.mesh import Material
+from siren_ros.sensors.scene.ground import _cut, arrow, ground_mesh, ribbon, road_markings
+from siren_ros.sensors.scene.surfaces import SceneConfig, drawn_centres, road_surfaces
 
 CONFIG = SceneConfig(ground_margin_m=20.0, tile_m=40.0)
 TOP_M = CONFIG.kerb_height_m
 
 
-def ground_of(network: RoadNetwork) -> tuple[Surfaces, Mesh]:
+def ground_of(network):
     centres = drawn_centres(network, 0.0)
     surfaces = road_surfaces(network, centres, CONFIG)
     return surfaces, ground_mesh(surfaces, road_markings(network, centres, surfaces, CONFIG), CONFIG)
@@ -29,11 +26,11 @@ BARE = ground_of(crossing())
 """Without sidewalks, with a verge."""
 
 
-def triangles(mesh: Mesh) -> np.ndarray:
+def triangles(mesh):
     return np.asarray(mesh.vertices_m[mesh.triangles], dtype=np.float64)
 
 
-def surface_at(mesh: Mesh, x_m: float, y_m: float) -> tuple[float, Material]:
+def surface_at(mesh, x_m, y_m):
     """Height and material of the topmost level triangle over a place."""
     corners = triangles(mesh)
     level = np.ptp(corners[:, :, 2], axis=1) < 1e-6
@@ -111,7 +108,7 @@ def test_areas_are_cut_along_a_grid_without_loss(area, count):
     assert _cut(inside, 10.0) == [inside]
 
 
-def markings_of(network: RoadNetwork) -> Markings:
+def markings_of(network):
     config, centres = SceneConfig(), drawn_centres(network, 0.0)
     return road_markings(network, centres, road_surfaces(network, centres, config), config)
 
@@ -121,11 +118,11 @@ SIGNED = markings_of(crossing(JunctionKind.PRIORITY_STOP))
 """The stop sign is for those from the south alone. Their lanes: shoulder 7 to 9.5 m, right to 7 m, left 0 to 3.5 m."""
 
 
-def painted(area: BaseGeometry, *places: tuple[float, float]) -> list[bool]:
+def painted(area, *places):
     return [bool(shapely.contains_xy(area, *place)) for place in places]
 
 
-def along(area: BaseGeometry, x_m: float, ys_m: Sequence[float]) -> float:
+def along(area, x_m, ys_m):
     """The painted share of a line to the north."""
     return float(np.mean([shapely.contains_xy(area, x_m, y_m) for y_m in ys_m]))
 
@@ -186,7 +183,7 @@ def test_arrows_show_the_movements_8_m_before_the_line():
     assert painted(SIGNALLED.white, (5.25 - hook[1], -hook[0])) == [False]
 
 
-def street(there: int, back: int) -> RoadNetwork:
+def street(there, back):
     """A road of 100 m to the east with some lanes, and the way back north of y = 0."""
     lanes: list[Lane] = []
     edges = []
@@ -223,7 +220,7 @@ def test_where_one_direction_has_more_lanes_each_has_a_solid_line(there, back):
     assert painted(markings.yellow, (1.0, 0.0), (5.0, 0.0)) == [False, False]
 
 
-def with_short_approach(length_m: float) -> RoadNetwork:
+def with_short_approach(length_m):
     """The crossing with a shorter approach from the south."""
     network = crossing()
     for lane in network.lanes[:3]:

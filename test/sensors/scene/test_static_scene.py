@@ -10,8 +10,8 @@ from solids import areas, gap_m2, volume
 
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, StaticScene
+from siren_ros.roads.road_network import LaneKind
+from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh
 from siren_ros.sensors.scene.signals import HEAD_HEIGHT_M, mast_arm, pole, signal_head, stop_sign, street_lamp, turned
 from siren_ros.sensors.scene.static_scene import (
     Lot,
@@ -33,7 +33,7 @@ GROUND = [
 ]  # fmt: skip
 
 
-def traffic_space(network: RoadNetwork) -> shapely.Geometry:
+def traffic_space(network):
     lanes = [
         LineString(lane.centre.points).buffer(lane.width_m / 2 - 0.02, cap_style="flat")
         for lane in network.lanes
@@ -44,7 +44,7 @@ def traffic_space(network: RoadNetwork) -> shapely.Geometry:
     return shapely.union_all([*lanes, *outlines])
 
 
-def standing_low(scene: StaticScene, below_m: float) -> np.ndarray:
+def standing_low(scene, below_m):
     """Triangles' outlines in the plane of all that is not ground and reaches below a height."""
     mesh = scene.mesh
     corners = mesh.vertices_m[mesh.triangles]
@@ -52,7 +52,7 @@ def standing_low(scene: StaticScene, below_m: float) -> np.ndarray:
     return shapely.convex_hull(shapely.multipoints(corners[rows, :, :2].astype(float)))
 
 
-def heights_at(scene: StaticScene, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def heights_at(scene, points):
     """Height and material of the ground straight below places ``(N, 2)``, seen from a metre up."""
     caster = o3d.t.geometry.RaycastingScene(nthreads=1)
     caster.add_triangles(o3d.core.Tensor(scene.mesh.vertices_m), o3d.core.Tensor(scene.mesh.triangles))
@@ -62,7 +62,7 @@ def heights_at(scene: StaticScene, points: np.ndarray) -> tuple[np.ndarray, np.n
     return 1.0 - answer["t_hit"].numpy(), scene.mesh.material[answer["primitive_ids"].numpy()]
 
 
-def check(scene: StaticScene, network: RoadNetwork) -> None:
+def check(scene, network):
     """What holds on every map."""
     assert len(scene.mesh) <= 150_000
     shapes = standing_low(scene, 4.5)
@@ -152,11 +152,11 @@ def test_whole_maps(source, tmp_path):
 WIDTH_M, DEPTH_M = 16.0, 10.0
 
 
-def lot(heading_rad: float, height_m: float) -> Lot:
+def lot(heading_rad, height_m):
     return Lot(50.0, -20.0, heading_rad, WIDTH_M, DEPTH_M, height_m)
 
 
-def on_lot(mesh: Mesh, heading_rad: float) -> np.ndarray:
+def on_lot(mesh, heading_rad):
     """Corners seen from the middle of the front: to the back, to its left, up."""
     cos, sin = np.cos(heading_rad), np.sin(heading_rad)
     x, y, z = (mesh.vertices_m[mesh.triangles].astype(float) - (50.0, -20.0, 0.0)).reshape(-1, 3).T
@@ -255,7 +255,7 @@ def test_a_footprint_holds_the_house_and_its_eaves(heading_rad):
     assert all(area.buffer(1e-3).contains(Point(x, y)) for x, y in mesh.vertices_m[:, :2].tolist())
 
 
-def middle(mesh: Mesh) -> np.ndarray:
+def middle(mesh):
     low, high = mesh.bounds_m
     return np.asarray((low + high) / 2.0)
 

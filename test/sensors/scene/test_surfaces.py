@@ -93,7 +93,7 @@ def test_the_crossings_surfaces_are_where_its_lanes_are():
     network = crossing()
     s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
 
-    def there(area: shapely.Geometry, *xs_m: float, y_m: float = -70.0) -> list[bool]:
+    def there(area, *xs_m, y_m=-70.0):
         return [bool(shapely.contains_xy(area, x_m, y_m)) for x_m in xs_m]
 
     assert there(s.carriageway, 0.1, 3.5, 6.9, 7.1, 9.6) == [True, True, True, False, False]
@@ -135,7 +135,7 @@ def test_unusable_numbers_are_named(name, value):
 
 
 @pytest.fixture
-def space() -> FreeSpace:
+def space():
     """Traffic between y = −5 and 5 m."""
     surfaces: Any = SimpleNamespace(keep_clear=box(-100.0, -5.0, 100.0, 5.0))
     return FreeSpace(surfaces)

@@ -17,7 +17,7 @@ from siren_ros.world.actors import ActorClass
 FIGURES = Path(__file__).with_name("shape_figures.json")
 
 
-def figures(actor_class: ActorClass) -> dict[str, list[float]]:
+def figures(actor_class):
     """Of each material: area in m², its middle's x and z in metres, and its mean colour."""
     mesh = vehicle_shape(actor_class).at_rest
     corners = mesh.vertices_m.astype(np.float64)[mesh.triangles]

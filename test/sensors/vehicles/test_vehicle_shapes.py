@@ -6,7 +6,7 @@ import pytest
 from solids import one_sidedness, volume
 
 from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.sensors.meshes.mesh import Material, Mesh
+from siren_ros.sensors.meshes.mesh import Material
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.world.actors import ActorClass
 
@@ -14,7 +14,7 @@ CARS = [ActorClass.HATCHBACK, ActorClass.SEDAN, ActorClass.ESTATE, ActorClass.SU
 every_class = pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda c: c.name.lower())
 
 
-def cast(mesh: Mesh, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def cast(mesh, rays):
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(o3d.core.Tensor(mesh.vertices_m), o3d.core.Tensor(mesh.triangles))
     answer = scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))

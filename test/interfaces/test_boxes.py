@@ -53,8 +53,7 @@ def test_markers_show_the_emv_the_yielding_and_the_rest():
     markers = vehicle_markers(states, actors)
     cubes = [marker for marker in markers if marker.shape is MarkerShape.CUBE]
     colours = [EMV_COLOUR, MODE_COLOURS[Mode.YIELD_LANE_CHANGE], (0.2, 0.4, 0.8, 0.85)]
-    assert [marker.colour for marker in cubes] == colours
-    assert cubes[0].size_m == (4.6, 1.8, 1.4)
+    assert ([marker.colour for marker in cubes], cubes[0].size_m) == (colours, (4.6, 1.8, 1.4))
     assert cubes[0].centre_m[2] == pytest.approx(0.7)
     (label,) = [marker for marker in markers if marker.shape is MarkerShape.TEXT]
     assert label.text == "route follow  36 km/h"

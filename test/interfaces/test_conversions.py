@@ -307,8 +307,7 @@ def test_paths_come_back_to_the_last_bit(round_trip, seed, paths, points):
 
 def test_nobody_predicted_is_an_empty_message(round_trip):
     back = conversions.from_predicted_paths(round_trip(conversions.to_predicted_paths(paths_of(0, 0, 25))))
-    assert len(back) == 0
-    assert back.xy_m.shape == (0, 0, 2)
+    assert (len(back), back.xy_m.shape) == (0, (0, 0, 2))
 
 
 @pytest.mark.parametrize(

@@ -92,8 +92,7 @@ def test_what_is_shown_is_one_printable_line_of_bounded_length(text):
 
 
 def test_escape_codes_are_spelled_out_and_a_long_text_says_how_long_it_was():
-    assert shown_text("red \x1b[31m\nnext") == "red \\x1b[31m\\nnext"
-    assert shown_text("é\ud800") == "é\\ud800"
+    assert (shown_text("red \x1b[31m\nnext"), shown_text("é\ud800")) == ("red \\x1b[31m\\nnext", "é\\ud800")
     assert shown_text("x" * 100_000) == "x" * LONGEST_TEXT + "… (100000 characters)"
     assert shown_text("abcd", most=3) == "abc… (4 characters)"
 
@@ -106,8 +105,7 @@ def assert_plain(store, topic, message):
     """The bytes are the store's own, filled up to whole words, and say the same."""
     cdr = encode_cdr(store, topic, message)
     plain = bytes(store.serialize_cdr(message, topic.type_name))
-    assert len(cdr) % 4 == 0
-    assert cdr == plain + bytes(len(cdr) - len(plain))
+    assert (len(cdr) % 4, cdr) == (0, plain + bytes(len(cdr) - len(plain)))
     assert len(cdr) - len(plain) < 4
     decoded = decode_cdr(store, topic, cdr)
     assert bytes(decoded.data) == bytes(message.data)  # type: ignore[attr-defined] # of every type here
@@ -154,8 +152,7 @@ def test_a_stamp_with_a_second_of_nanoseconds_is_no_stamp(typestore):
         clock.clock.sec, clock.clock.nanosec = sec, nanosec
         cdr = encode_cdr(typestore, topics.CLOCK, clock)
         if right:
-            assert step_of_cdr(topics.CLOCK, cdr) == 40
-            assert step_of_message(topics.CLOCK, clock) == 40
+            assert step_of_cdr(topics.CLOCK, cdr) == step_of_message(topics.CLOCK, clock) == 40
         else:
             with pytest.raises(EpisodeError, match="/clock: the stamp"):
                 step_of_cdr(topics.CLOCK, cdr)
@@ -206,8 +203,7 @@ def time_of(message):
 
 @pytest.mark.parametrize("name", list(MESSAGES))
 def test_a_message_has_the_time_of_its_step_and_the_frame(name):
-    assert time_of(MESSAGES[name]) == (1, 350_000_000)
-    assert MESSAGES[name].header.frame_id == FRAME
+    assert (time_of(MESSAGES[name]), MESSAGES[name].header.frame_id) == ((1, 350_000_000), FRAME)
 
 
 def test_markers_have_the_time_of_their_step():

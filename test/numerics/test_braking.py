@@ -45,8 +45,7 @@ def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger():
     target = np.full(101, 20.0)
     target[60:] = 5.0
     speeds = with_braking(target, 2.0)
-    assert speeds[60] == 5.0
-    assert speeds[0] == pytest.approx(np.sqrt(5.0**2 + 2.0 * 2.0 * 60.0))
+    assert (speeds[60], speeds[0]) == (5.0, pytest.approx(np.sqrt(5.0**2 + 2.0 * 2.0 * 60.0)))
     assert np.all(np.diff(speeds[:61] ** 2) >= -2.0 * 2.0 - 1e-9)
     assert squares_with_braking(target**2, 2.0, 1.0) == pytest.approx(speeds**2)
 

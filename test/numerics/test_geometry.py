@@ -78,8 +78,7 @@ LAST = np.arctan2(4.0, 3.0)
 
 
 def test_arc_lengths_begin_at_zero_and_add_up():
-    assert LINE.arc_m.tolist() == [0.0, 10.0, 15.0, 20.0]
-    assert LINE.length_m == 20.0
+    assert (LINE.arc_m.tolist(), LINE.length_m) == ([0.0, 10.0, 15.0, 20.0], 20.0)
 
 
 @pytest.mark.parametrize(
@@ -90,8 +89,7 @@ def test_arc_lengths_begin_at_zero_and_add_up():
     ],
 )
 def test_points_and_headings_at_arc_lengths(s, point, heading):
-    assert LINE.at(s) == pytest.approx(point)
-    assert LINE.heading_rad(s) == pytest.approx(heading)
+    assert (LINE.at(s), LINE.heading_rad(s)) == (pytest.approx(point), pytest.approx(heading))
     assert LINE.at([s, s]) == pytest.approx(np.array([point, point]))
 
 
@@ -151,8 +149,7 @@ def test_a_turned_line_has_the_same_arc_lengths_and_offsets(turn, s, left):
 )
 def test_a_part_keeps_the_corners_in_it(start, end, points):
     part = LINE.cut(start, end)
-    assert part.points == pytest.approx(np.array(points))
-    assert part.length_m == pytest.approx(end - start)
+    assert (part.points, part.length_m) == (pytest.approx(np.array(points)), pytest.approx(end - start))
 
 
 @pytest.mark.parametrize(("spacing", "count"), [(5.0, 5), (6.0, 5), (20.0, 2), (50.0, 2), (0.5, 41)])

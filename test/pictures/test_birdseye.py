@@ -77,8 +77,7 @@ def test_without_a_yield_the_interaction_is_around_the_emvs_stop_line():
 def test_states_are_cut_into_runs(record):
     runs = mode_runs(record.track(3))
     yielding = [Mode.YIELD_REACTING, Mode.YIELD_LANE_CHANGE, Mode.YIELD_KEEP_LANE]
-    assert [mode for _, _, mode in runs] == [Mode.NOMINAL, *yielding, Mode.NOMINAL]
-    assert runs[0][0] == 0
+    assert ([mode for _, _, mode in runs], runs[0][0]) == ([Mode.NOMINAL, *yielding, Mode.NOMINAL], 0)
     assert runs[-1][1] == record.steps - 1
     assert all(before[1] + 1 == after[0] for before, after in pairwise(runs))
     assert yielding_actors(record) == (2, 3, 4, 5)

@@ -165,8 +165,7 @@ LONELY = """<net><edge id="e" from="a" to="b"><lane id="e_0" index="0" speed="13
 
 def test_an_internal_lane_of_no_length_still_has_a_direction(network):
     centre = network.lane_by_id[":j_1_0"].centre
-    assert centre.length_m == pytest.approx(0.01)
-    assert centre.heading_rad(0.0) == 0.0
+    assert (centre.length_m, centre.heading_rad(0.0)) == (pytest.approx(0.01), 0.0)
 
 
 @pytest.mark.parametrize(("length_m", "kept"), [(0.006, True), (0.004, False)])

@@ -169,17 +169,14 @@ def between(sites, edge, way):
 
 
 def test_shares_end_at_one():
-    assert share(125.0) == 0.5
-    assert share(300.0) == 1.0
-    assert share(30.0, 60.0) == 0.5
+    assert (share(125.0), share(300.0), share(30.0, 60.0)) == (0.5, 1.0, 0.5)
 
 
 def test_a_crossed_junction_is_scored_by_what_it_offers():
     site = between(list(signal_junctions(GRAPH)), B, C)
     assert (site.junction, site.route, site.site_position, site.stretch) == ("J", (A, B, C), 1, (B,))
     assert (site.approach_lane, site.length_m) == (B_LEFT, pytest.approx(100.0))
-    assert site.connections == (STRAIGHT, STRAIGHT_LEFT)
-    assert site.crossing == (CROSSING,)
+    assert (site.connections, site.crossing) == ((STRAIGHT, STRAIGHT_LEFT), (CROSSING,))
     # Approach and way on are long enough; the route has 530 of 700 m.
     route = 2.0 + 1.0 + WHOLE_M / 700.0
     # Straight on; two lanes; one of three approaches; two movements; a long edge; a quiet way to it and beside it; one
@@ -194,8 +191,7 @@ def test_a_side_street_without_road_lets_all_crossing_movements_count():
     short = with_connections(short, [6], must_stop=True)
     site = between(list(signal_junctions(EdgeGraph.of(short))), B, C)
     long = between(list(signal_junctions(GRAPH)), B, C)
-    assert site.crossing == (CROSSING,)
-    assert long.score - site.score == pytest.approx(1.0 - 20.0 / 60.0)
+    assert (site.crossing, long.score - site.score) == ((CROSSING,), pytest.approx(1.0 - 20.0 / 60.0))
 
 
 def with_oncoming_turners(network):
@@ -292,8 +288,7 @@ def test_the_wide_part_of_a_route():
 
 
 def test_a_wide_stretch_ends_at_signals_stop_signs_turns_and_narrow_places():
-    assert wide_stretch_back(GRAPH, B) == (A, B)
-    assert wide_stretch_back(GRAPH, C) == (C,)
+    assert (wide_stretch_back(GRAPH, B), wide_stretch_back(GRAPH, C)) == ((A, B), (C,))
     for changed in ({"must_stop": True}, {"signal_id": "K"}, {"direction": "r"}):
         assert wide_stretch_back(EdgeGraph.of(with_connections(NETWORK, [0, 1], **changed)), B) == (B,)
     narrow = replace(NETWORK, connections=NETWORK.connections[1:])
@@ -302,8 +297,7 @@ def test_a_wide_stretch_ends_at_signals_stop_signs_turns_and_narrow_places():
 
 def test_lanes_and_letters_between_edges():
     assert lanes_through(NETWORK, A, B) == lanes_through(NETWORK, B, C) == 2
-    assert lanes_through(NETWORK, B, D) == 1
-    assert lanes_through(NETWORK, A, C) == 0
+    assert (lanes_through(NETWORK, B, D), lanes_through(NETWORK, A, C)) == (1, 0)
     assert (turn_of(NETWORK, B, C), turn_of(NETWORK, B, D), turn_of(NETWORK, A, C)) == ("s", "r", "t")
     both = with_connections(NETWORK, [STRAIGHT], direction="R")
     assert turn_of(both, B, C) == "s", "the straightest"
@@ -374,9 +368,7 @@ def ring(count, dead_end_m=0.0):
 def test_a_route_has_an_approach_of_150_m_and_goes_on_in_a_loop():
     """Edges of 100 m: two edges before, and on until 700 m are full, edges twice among them."""
     route = route_through(ring(4), (0,))
-    assert route.edges == (2, 3, 0, 1, 2, 3, 0)
-    assert route.start == 2
-    assert route.approach_m == pytest.approx(200.0)
+    assert (route.edges, route.start, route.approach_m) == ((2, 3, 0, 1, 2, 3, 0), 2, pytest.approx(200.0))
     assert route.exit_m == pytest.approx(400.0)
 
 
@@ -429,8 +421,7 @@ def test_where_the_way_on_is_short_the_approach_grows():
     graph = ring(8)
     ending = EdgeGraph.of(replace(graph.network, connections=graph.network.connections[:-1]))
     route = route_through(ending, (7,))
-    assert route.edges == (3, 4, 5, 6, 7)
-    assert route.start == 4
+    assert (route.edges, route.start) == ((3, 4, 5, 6, 7), 4)
     assert (route.approach_m, route.exit_m) == (pytest.approx(400.0), 0.0)
     assert route_through(ending, (5,)).edges == (3, 4, 5, 6, 7)
     assert route_through(ending, (3,)).edges == (1, 2, 3, 4, 5, 6, 7)

@@ -13,8 +13,7 @@ PAPER = SHARED / "paper" / "siren.tex"
 def test_control_constants_are_the_papers():
     constants, escape = PAPER_CONSTANTS, PAPER_CONSTANTS.gap_escape
     assert (constants.region_enter_m, constants.region_leave_m) == (40.0, 50.0)
-    assert constants.leader_query_m == 80.0
-    assert constants.lane_change_cooldown_s == 2.0
+    assert (constants.leader_query_m, constants.lane_change_cooldown_s) == (80.0, 2.0)
     assert constants.emv_passed_clearance_m == 1.0
     assert constants.heading_aligned_rad == pytest.approx(0.13962634)
     assert (escape.blocked_speed_mps, escape.stop_before_entry_s, escape.blocker_grace_s) == (0.5, 3.0, 2.0)

@@ -42,8 +42,7 @@ def test_s2_is_the_papers():
     assert template.emv.speed_mps == pytest.approx(50.0 / 3.6, abs=0.01)
     assert template.emv.actor_class is ActorClass.AMBULANCE
     assert 25.0 <= template.duration_s <= 45.0
-    assert template.ranges["duration_s"].minimum == 25.0
-    assert template.ranges["duration_s"].maximum == 45.0
+    assert (template.ranges["duration_s"].minimum, template.ranges["duration_s"].maximum) == (25.0, 45.0)
     assert template.predicate.name == "lane_cleared"
     assert template.predicate.thresholds["lane_changes_min"] == 3
 
@@ -96,10 +95,8 @@ def test_mistakes_are_refused_with_line_key_and_what_is_allowed(tmp_path, old, n
 )
 def test_the_seven_templates_are_the_papers(name, level, background, site, predicate):
     template = load_template(name)
-    assert template.template_id == name
-    assert template.level.name == level
-    assert template.demand.background_vehicles == background
-    assert template.site_kind.value == site
+    assert (template.template_id, template.level.name) == (name, level)
+    assert (template.demand.background_vehicles, template.site_kind.value) == (background, site)
     assert template.predicate.name == predicate
     assert 25.0 <= template.duration_s <= 45.0
     assert template.emv.speed_mps == pytest.approx(50.0 / 3.6, abs=0.01)

@@ -111,8 +111,7 @@ def test_a_station_sees_the_emergency_vehicle_and_stays_where_it_is(boxes):
     states, _ = boxes.actors((ActorClass.SEDAN, 0.0, 0.0, 0.0), vx_mps=[10.0])
     descriptions = {1: ActorDescription(1, "emv", ActorClass.AMBULANCE, 6.0, 2.2, 2.6, (255, 255, 255), True)}
     seen = rig.observe(states, descriptions, (), 1)
-    assert seen.truth.actor_id.tolist() == [1]
-    assert seen.truth.x_m[0] == pytest.approx(15.0)
+    assert (seen.truth.actor_id.tolist(), seen.truth.x_m[0]) == ([1], pytest.approx(15.0))
     assert seen.truth.lidar_points[0] == (seen.sweeps[0].points["instance"] == 1).sum() > 10
     gone = rig.observe(replace(boxes.actors()[0], step=1), descriptions, (), 1)
     assert len(gone.sweeps) == 1
@@ -121,6 +120,5 @@ def test_a_station_sees_the_emergency_vehicle_and_stays_where_it_is(boxes):
 def test_its_frames_hang_from_the_map():
     suite = load_suite("roadside")
     frames = {t.child: t for t in static_transforms(suite, station=Mount(5.0, 6.0, 0.0))}
-    assert frames["station"].parent == "map"
-    assert frames["station"].translation_m == (5.0, 6.0, 0.0)
+    assert (frames["station"].parent, frames["station"].translation_m) == ("map", (5.0, 6.0, 0.0))
     assert frames["lidar"].parent == frames["camera_left_optical_frame"].parent == "station"

@@ -29,8 +29,7 @@ def test_the_named_suites_are_there():
     none = load_suite("none")
     assert (none.lidars, none.cameras, none.others) == ((), (), ())
     front = load_suite("front")
-    assert [camera.name for camera in front.cameras] == ["camera_front"]
-    assert len(front.lidars) == 1
+    assert ([camera.name for camera in front.cameras], len(front.lidars)) == (["camera_front"], 1)
 
 
 def test_the_full_suite_is_the_papers():
@@ -61,8 +60,7 @@ def write(folder, text):
 def test_a_users_file_is_a_suite_of_its_own(tmp_path):
     path = write(tmp_path, "lidars:\n  roof:\n    mount: {x_m: 0, y_m: 0, z_m: 3, yaw_deg: 90}\n    rate_hz: 10\n")
     suite = load_suite(path)
-    assert suite.name == "mine"
-    assert suite.lidars[0].mount.yaw_rad == pytest.approx(np.pi / 2)
+    assert (suite.name, suite.lidars[0].mount.yaw_rad) == ("mine", pytest.approx(np.pi / 2))
     assert suite.lidars[0].channels == LidarSpec("", suite.lidars[0].mount).channels
     assert suite.lidars[0].period_steps == 2
 

@@ -16,16 +16,14 @@ def test_boxes_are_in_the_frame_of_the_sensor(boxes):
     )
     pose = map_from_base(10.0, 20.0, 0.0, np.pi / 2) @ Mount(0.0, 0.0, 1.93).base_from_sensor
     truth = label_boxes(states, descriptions, 1, pose)
-    assert truth.actor_id.tolist() == [2]
-    assert truth.actor_class.tolist() == [int(BUS)]
+    assert (truth.actor_id.tolist(), truth.actor_class.tolist()) == ([2], [int(BUS)])
     assert truth.is_emv.tolist() == [False]
     centre = (truth.x_m[0], truth.y_m[0], truth.z_m[0])
     assert centre == pytest.approx((15.0, 0.0, 1.5 - 1.93))
     assert truth.yaw_rad[0] == pytest.approx(np.pi / 2)
     assert (truth.vx_mps[0], truth.vy_mps[0]) == pytest.approx((0.0, 4.0))
     assert (truth.length_m[0], truth.width_m[0], truth.height_m[0]) == (12.0, 2.5, 3.0)
-    assert truth.accel_mps2.tolist() == [-1.0]
-    assert truth.lidar_points.tolist() == [0]
+    assert (truth.accel_mps2.tolist(), truth.lidar_points.tolist()) == ([-1.0], [0])
 
 
 def test_far_actors_are_left_out(boxes):
@@ -91,14 +89,12 @@ def test_pixels_are_counted_and_bounded():
     image[1:4, 2:5] = 7
     image[5, 7] = 9
     boxes = pixel_boxes(image, np.array([3, 7, 9], np.uint32))
-    assert boxes.count.tolist() == [0, 9, 1]
-    assert boxes.bounds[1:].tolist() == [[2, 1, 4, 3], [7, 5, 7, 5]]
+    assert (boxes.count.tolist(), boxes.bounds[1:].tolist()) == ([0, 9, 1], [[2, 1, 4, 3], [7, 5, 7, 5]])
 
 
 def test_a_vehicle_in_the_open_is_wholly_visible_and_its_box_fits_its_corners(renderer, boxes):
     truth = labels(renderer, boxes, (SEDAN, 12.0, 1.0, 0.4))
-    assert truth.actor_id.tolist() == [1]
-    assert truth.is_emv.tolist() == [True]
+    assert (truth.actor_id.tolist(), truth.is_emv.tolist()) == ([1], [True])
     assert truth.visible_fraction[0] > 0.97
     assert truth.truncation[0] == pytest.approx(0.0, abs=1e-9)
     turned = map_from_base(12.0, 1.0, 0.0, 0.4)

@@ -18,11 +18,8 @@ def test_region_has_hysteresis(lab):
         view = view_of(lab, [lab.Car(1, 0, 50, 8, (0,), AMBULANCE), lab.Car(2, 0, 50 + distance, 2, (0,))])
         return region_members(view.seen, 0, np.array(before, dtype=np.uint32), PAPER_CONSTANTS).tolist()
 
-    assert members(39.9, []) == [2]
-    assert members(40.1, []) == []
-    assert members(40.1, [2]) == [2]
-    assert members(50.0, [2, 9]) == [2]
-    assert members(50.1, [2]) == []
+    assert (members(39.9, []), members(40.1, []), members(40.1, [2])) == ([2], [], [2])
+    assert (members(50.0, [2, 9]), members(50.1, [2])) == ([2], [])
 
 
 def test_way_is_along_the_emvs_path(lab):
@@ -63,11 +60,8 @@ def test_between_both_distances_the_members_alone_belong_to_the_region(lab):
     def members(*before):
         return region_members(view.seen, 0, np.array(before, dtype=np.uint32), PAPER_CONSTANTS).tolist()
 
-    assert members() == [3]
-    assert members(2) == [2, 3]
-    assert members(5, 6) == [3, 5]
-    assert members(1, 4, 7, 9) == [3, 7]
-    assert members(6, 8) == [3]
+    assert (members(), members(2), members(5, 6)) == ([3], [2, 3], [3, 5])
+    assert (members(1, 4, 7, 9), members(6, 8)) == ([3, 7], [3])
 
 
 def test_the_edge_of_the_emv_and_the_two_before_it_are_still_its_road(lab):

@@ -20,8 +20,7 @@ def test_holds_with_full_brake_and_hand_brake_when_reached_and_aligned(lab, worl
     state, _, _ = steps(world, cars)
     arrived = [cars[0], lab.Car(2, 0, 90, 0, (0,), left=-0.735)]
     state, commands, events = steps(world, arrived, 1, state, 1)
-    assert kinds(events) == ["yield_held"]
-    assert events[0].detail["partial"] == 0
+    assert (kinds(events), events[0].detail["partial"]) == (["yield_held"], 0)
     assert commands.mode.tolist() == [Mode.YIELD_HOLD]
     assert (commands.brake[0], commands.throttle[0], commands.hand_brake[0]) == (1.0, 0.0, 1)
 
@@ -149,8 +148,7 @@ def test_released_from_the_hold_by_way_of_the_lane(lab, world):
     held = lab.Car(2, 0, 90, 0, (0,), left=-0.735)
     state, _, _ = steps(world, [cars[0], held], 1, state, 1)
     state, commands, events = steps(world, [emv_at(lab, 98.0), held], 1, state, 2)
-    assert commands.mode.tolist() == [Mode.REJOIN]
-    assert commands.owner.tolist() == [Owner.ROS]
+    assert (commands.mode.tolist(), commands.owner.tolist()) == ([Mode.REJOIN], [Owner.ROS])
     assert not events
     state, commands, events = steps(world, [emv_at(lab, 120.0), lab.Car(2, 0, 100, 4, (0,))], 1, state, 3)
     assert kinds(events) == ["yield_released"]
@@ -186,13 +184,10 @@ def test_a_held_vehicle_is_released_when_the_emv_has_gone_elsewhere(lab, world, 
     assert commands.mode.tolist() == [Mode.YIELD_HOLD]
     assert not events
     _, commands, events = steps(world, [emv_at(lab, 30.0), car], 1, state, 7)
-    assert kinds(events) == ["yield_cancelled"]
-    assert events[0].detail["reason"] == "emv_gone"
-    assert commands.mode.tolist() == [Mode.REJOIN]
-    assert commands.lights.tolist() == [light]
+    assert (kinds(events), events[0].detail["reason"]) == (["yield_cancelled"], "emv_gone")
+    assert (commands.mode.tolist(), commands.lights.tolist()) == ([Mode.REJOIN], [light])
     assert commands.throttle[0] > 0.0
-    assert commands.hand_brake.tolist() == [0]
-    assert np.sign(commands.steer_rad[0]) == -np.sign(left)
+    assert (commands.hand_brake.tolist(), np.sign(commands.steer_rad[0])) == ([0], -np.sign(left))
 
 
 def test_a_held_vehicle_is_released_when_the_emv_has_left_the_simulation(lab, world):

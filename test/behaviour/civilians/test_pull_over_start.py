@@ -44,8 +44,7 @@ def test_everybody_before_the_turn_goes_left_where_the_emv_comes_on_the_shoulder
         state, _, _ = steps(world, cars, 30)
         return {actor: unit.side for actor, unit in state.units.items() if unit.phase is Mode.YIELD_PULL_OVER}
 
-    assert sides((0, 1)) == {2: 1, 3: 1}
-    assert sides((0, 2)) == {2: -1, 3: 1}
+    assert (sides((0, 1)), sides((0, 2))) == ({2: 1, 3: 1}, {2: -1, 3: 1})
 
 
 def test_every_lane_of_the_road_pulls_over(lab, world):
@@ -116,8 +115,7 @@ def test_a_queue_that_stands_too_close_waits_for_the_one_ahead(lab):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 87.25, 0, (0,))]
     _, _, events = steps(lab.world_of(lab.straight_road(), lab.L3), cars, 10)
     mine = [event for event in events if event.actor_id == 2]
-    assert kinds(mine) == ["yield_requested", "yield_deferred"]
-    assert mine[1].detail["reason"] == "no_room"
+    assert (kinds(mine), mine[1].detail["reason"]) == (["yield_requested", "yield_deferred"], "no_room")
 
 
 def test_a_pull_over_starts_where_the_way_of_a_stop_is_no_longer_than_the_path_and_a_little(lab):
@@ -230,8 +228,7 @@ def test_behind_a_standing_vehicle_it_goes_as_far_sideways_as_leaves_it_straight
     way = 4.5 - config.room_standstill_gap_m
     end = path.curve.place(path.length_m)
     shift = config.curvature_max_1pm * way**2 / PEAK_CURVATURE
-    assert end[0] - 80.0 == pytest.approx(way, abs=0.1)
-    assert end[1] == pytest.approx(-shift, abs=0.03)
+    assert (end[0] - 80.0, end[1]) == (pytest.approx(way, abs=0.1), pytest.approx(-shift, abs=0.03))
     assert abs(end[2]) < 0.05
     assert 0.2 < shift < 0.5
     far = path_behind(lab, 30.0)[0]

@@ -84,11 +84,9 @@ def test_a_deferred_driver_falls_back_and_then_changes_lanes(lab):
         lab.Car(3, 1, 76, 7, (0,), desired=7),
     ]
     loop = lab.Loop(lab.world_of(lab.straight_road(2, 700.0), lab.L2), cars).run(10)
-    assert loop.modes[2] == Mode.YIELD_DEFERRED
-    assert loop.owners[2] == Owner.SUMO
+    assert (loop.modes[2], loop.owners[2]) == (Mode.YIELD_DEFERRED, Owner.SUMO)
     loop.run(5)
-    assert loop.modes[2] == Mode.YIELD_DEFERRED
-    assert loop.owners[2] == Owner.ROS
+    assert (loop.modes[2], loop.owners[2]) == (Mode.YIELD_DEFERRED, Owner.ROS)
     loop.run(300)
     assert [event.actor_id for event in loop.of("yield_completed")] == [2]
     assert len(loop.of("yield_deferred")) == 1
@@ -229,8 +227,7 @@ def test_a_gap_is_sought_for_4_s_after_half_a_second_and_again_after_4_s(lab, wa
     outcome = start_lane_change(waiting, view.ego(1))
     assert (outcome.command is not None) is seeks
     assert (outcome.unit.seek != 0) is seeks
-    assert outcome.unit.deferred == "vehicle_beside"
-    assert outcome.unit.deferred_step == waiting.deferred_step
+    assert (outcome.unit.deferred, outcome.unit.deferred_step) == ("vehicle_beside", waiting.deferred_step)
 
 
 def changing(lab, left=1.5, speed=5.0, **emv):
@@ -333,8 +330,7 @@ def test_who_is_deferred_seeks_no_gap_any_more_and_has_no_path(lab, phase):
     outcome = defer(seeking, view.ego(1), "no_room")
     unit = outcome.unit
     assert (unit.phase, unit.seek, unit.side, unit.navigator.path) == (Mode.YIELD_DEFERRED, 0, 1, None)
-    assert unit.deferred == "no_room"
-    assert unit.deferred_step == (200 if phase is Mode.YIELD_REACTING else 150)
+    assert (unit.deferred, unit.deferred_step) == ("no_room", 200 if phase is Mode.YIELD_REACTING else 150)
     assert kinds(outcome.events) == (["yield_deferred"] if phase is Mode.YIELD_REACTING else [])
     assert outcome.command is None
 

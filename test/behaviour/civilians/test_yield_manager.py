@@ -40,10 +40,8 @@ def test_nobody_yields_without_a_siren(lab, level):
 
 def test_yields_at_once_with_the_papers_driver(lab, world):
     _, commands, events = steps(world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))])
-    assert kinds(events) == ["yield_requested", "yield_started"]
-    assert events[0].other_id == 1
-    assert modes(commands) == {2: Mode.YIELD_LANE_CHANGE}
-    assert commands.owner.tolist() == [Owner.ROS]
+    assert (kinds(events), events[0].other_id) == (["yield_requested", "yield_started"], 1)
+    assert (modes(commands), commands.owner.tolist()) == ({2: Mode.YIELD_LANE_CHANGE}, [Owner.ROS])
     assert commands.source == "yield_manager"
 
 
@@ -80,8 +78,7 @@ def test_reaction_delay_comes_first(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
     state, commands, events = steps(slow, cars, 20)
     assert kinds(events) == ["yield_requested"]
-    assert modes(commands) == {2: Mode.YIELD_REACTING}
-    assert commands.owner.tolist() == [Owner.SUMO]
+    assert (modes(commands), commands.owner.tolist()) == ({2: Mode.YIELD_REACTING}, [Owner.SUMO])
     _, commands, events = steps(slow, cars, 1, state, 20)
     assert kinds(events) == ["yield_started"]
 
@@ -121,8 +118,7 @@ def test_request_latches_when_the_emv_falls_back(lab, world):
 def test_drivers_that_never_comply_are_asked_once_and_stay_nominal(lab, world):
     refusing = replace(world, preset=replace(world.preset, compliance=ComplianceShares(0.0, 0.0, 1.0)))
     _, commands, events = steps(refusing, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))], 50)
-    assert kinds(events) == ["yield_requested"]
-    assert events[0].detail["compliance"] == "never"
+    assert (kinds(events), events[0].detail["compliance"]) == (["yield_requested"], "never")
     assert len(commands) == 0
 
 
@@ -131,8 +127,7 @@ def test_infeasible_yield_is_deferred_once_and_reconsidered(lab, world):
     state, commands, events = steps(world, cars, 10)
     assert kinds(events) == ["yield_requested", "yield_deferred"]
     assert events[1].detail["reason"] == "vehicle_beside"
-    assert modes(commands) == {2: Mode.YIELD_DEFERRED}
-    assert commands.owner.tolist() == [Owner.SUMO]
+    assert (modes(commands), commands.owner.tolist()) == ({2: Mode.YIELD_DEFERRED}, [Owner.SUMO])
     cars[2] = lab.Car(3, 1, 120, 5, (0,))
     _, commands, events = steps(world, cars, 1, state, 10)
     assert kinds(events) == ["yield_started"]
@@ -179,8 +174,7 @@ def test_yield_that_has_not_started_is_dropped(lab, world, where, reason):
     state, _, _ = steps(world, cars)
     cars[0] = emv_at(lab, where)
     state, _, events = steps(world, cars, 1, state, 1)
-    assert kinds(events) == ["yield_cancelled"]
-    assert events[0].detail["reason"] == reason
+    assert (kinds(events), events[0].detail["reason"]) == (["yield_cancelled"], reason)
     assert not state.units
 
 
@@ -200,8 +194,7 @@ def test_yield_is_dropped_a_second_after_the_emv_left_the_lane(lab, world):
     grace = round(world.config.yielding.off_path_grace_s / 0.05)
     assert not blocked_then(lab, world, (1, grace))
     events = blocked_then(lab, world, (1, grace + 1))
-    assert kinds(events) == ["yield_cancelled"]
-    assert events[0].detail["reason"] == "off_path"
+    assert (kinds(events), events[0].detail["reason"]) == (["yield_cancelled"], "off_path")
 
 
 def test_the_second_off_the_path_begins_again_when_the_emv_comes_back(lab, world):
@@ -235,8 +228,7 @@ def test_completed_in_the_target_lane_then_kept_until_released(lab, world):
     there = [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))]
     state, commands, events = steps(world, there, 1, state, 1)
     assert kinds(events) == ["yield_completed"]
-    assert modes(commands) == {2: Mode.YIELD_KEEP_LANE}
-    assert commands.owner.tolist() == [Owner.SUMO]
+    assert (modes(commands), commands.owner.tolist()) == ({2: Mode.YIELD_KEEP_LANE}, [Owner.SUMO])
     state, commands, events = steps(world, there, 5, state, 2)
     assert modes(commands) == {2: Mode.YIELD_KEEP_LANE}
     assert not events
@@ -252,8 +244,7 @@ def test_cancelled_when_the_emv_passes_before_completion_and_led_to_a_lane(lab, 
     halfway = [emv_at(lab, 93.0), lab.Car(2, 0, 85, 3, (0,), left=1.6)]
     state, commands, events = steps(world, halfway, 1, state, 1)
     assert kinds(events) == ["yield_cancelled"]
-    assert modes(commands) == {2: Mode.REJOIN}
-    assert commands.owner.tolist() == [Owner.ROS]
+    assert (modes(commands), commands.owner.tolist()) == ({2: Mode.REJOIN}, [Owner.ROS])
     state, commands, events = steps(world, [halfway[0], lab.Car(2, 1, 95, 4, (0,))], 1, state, 2)
     assert kinds(events) == ["yield_released"]
     assert len(commands) == 0

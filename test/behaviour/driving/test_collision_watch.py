@@ -54,8 +54,7 @@ def krauss(gap, lead):
 def test_a_leader_is_followed_at_krausss_speed(turn, ahead, lead):
     threat = watched(turn, 5.0, (ahead, 0.3, 0.0, lead))
     gap = ahead - LENGTHS
-    assert threat.blocker_id == 2
-    assert threat.free_m == pytest.approx(gap, abs=1e-6)
+    assert (threat.blocker_id, threat.free_m) == (2, pytest.approx(gap, abs=1e-6))
     assert threat.speed_mps == pytest.approx(krauss(gap, lead))
 
 
@@ -152,8 +151,7 @@ def test_of_two_threats_the_lower_speed_and_the_harder_braking_count():
         SpeedLimit(speed, brake, actor, gap) for actor, gap, speed, brake in ((2, 5.0, 4.0, 0.0), (3, 9.0, 6.0, 5.0))
     )
     expected = replace(first, brake_mps2=5.0)
-    assert stricter(first, second) == expected
-    assert stricter(second, first) == expected
+    assert stricter(first, second) == stricter(second, first) == expected
     assert stricter(None, second) is second
     assert stricter(first, None) is first
     assert stricter(None, None) is None

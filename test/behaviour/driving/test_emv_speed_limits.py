@@ -139,8 +139,7 @@ def test_stops_gently_behind_a_standing_vehicle():
     brake, headway, standstill = CONFIG.brake_mps2, CONFIG.headway_s, CONFIG.standstill_gap_m
     speed = 8.0
     gap = standstill + speed * headway + speed**2 / (2.0 * brake)
-    assert approach(gap, 0.0) == pytest.approx(speed)
-    assert approach(standstill, 0.0) == 0.0
+    assert (approach(gap, 0.0), approach(standstill, 0.0)) == (pytest.approx(speed), 0.0)
 
 
 def test_follows_at_the_same_speed_after_the_headway():
@@ -166,8 +165,7 @@ def test_slows_down_no_more_than_gently_and_leaves_braking_to_the_collision_hand
     unit, ego = scene_of_anticipation(lab, lab.Car(2, 0, 100 + HALF + 7.0, 0, (0,)))
     limit = anticipated_limit(unit, ego)
     gain = ego.world.config.emv.navigator.speed_gain_1ps
-    assert limit.speed_mps == pytest.approx(13.0 - CONFIG.ease_off_mps2 / gain)
-    assert limit.brake_mps2 == 0.0
+    assert (limit.speed_mps, limit.brake_mps2) == (pytest.approx(13.0 - CONFIG.ease_off_mps2 / gain), 0.0)
 
 
 def test_adapts_to_the_lane_that_the_route_needs_before_it_can_change(lab):

@@ -96,8 +96,7 @@ def test_the_present_lane_is_the_paths_while_it_is_on_the_route(lab):
     network = lab.junction_road()
     view = view_at(lab, network, 1, 60, (0, 2))
     _, navigator = plan_route(view.ego(0), 0, NavigatorState())
-    assert present_lane(view.ego(0), NavigatorState()) == 1
-    assert present_lane(view.ego(0), navigator) == 0
+    assert (present_lane(view.ego(0), NavigatorState()), present_lane(view.ego(0), navigator)) == (1, 0)
     elsewhere = view_at(lab, network, 4, 10, (2,))
     assert present_lane(elsewhere.ego(0), navigator) == 4
     assert NO_LANE == -1

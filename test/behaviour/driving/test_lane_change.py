@@ -30,8 +30,7 @@ def query(view, row=0, lane=0, side=1, civilian=True):
 def test_gaps_are_from_bumper_to_bumper(lab):
     cars = [lab.Car(1, 0, 100, 8, (0,)), lab.Car(2, 1, 120, 5, (0,)), lab.Car(3, 1, 70, 9, (0,))]
     gaps = gaps_in_lane(lab.view(lab.straight_road(), lab.L2, cars).ego(0), 1)
-    assert gaps.front_m == pytest.approx(20.0 - 4.75)
-    assert gaps.rear_m == pytest.approx(30.0 - 4.75)
+    assert (gaps.front_m, gaps.rear_m) == (pytest.approx(20.0 - 4.75), pytest.approx(30.0 - 4.75))
     assert (gaps.front_mps, gaps.rear_mps, gaps.front_id) == (5.0, 9.0, 2)
 
 
@@ -117,8 +116,7 @@ def test_path_starts_here_and_ends_in_the_target_lane(lab):
     asked = query(view)
     path = lane_change_path(asked, assess(asked), stop_at_end=True)
     np.testing.assert_allclose(path.curve.points[0], [100.0, 0.0], atol=1e-6)
-    assert path.curve.points[-1, 1] == pytest.approx(3.3, abs=1e-6)
-    assert path.lane_at(0.0) == 1
+    assert (path.curve.points[-1, 1], path.lane_at(0.0)) == (pytest.approx(3.3, abs=1e-6), 1)
 
 
 @pytest.mark.parametrize(("left", "expected"), [(0.0, True), (0.6, True), (1.2, False), (-1.2, False)])

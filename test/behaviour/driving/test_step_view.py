@@ -52,15 +52,12 @@ def test_near_is_within_the_radius_and_without_one_row_if_wanted(lab):
     traffic = scene(lab, fleet(lab))
     seen = Surroundings.seen(traffic, ActorTable.empty().updated(traffic))
     x, y = float(seen.x_m[2]), float(seen.y_m[2])
-    assert seen.near(x, y, 41.0).tolist() == [1, 2]
-    assert seen.near(x, y, 41.0, but=2).tolist() == [1]
+    assert (seen.near(x, y, 41.0).tolist(), seen.near(x, y, 41.0, but=2).tolist()) == ([1, 2], [1])
     assert seen.near(x, y, 41.0, but=0).tolist() == [1, 2]
     first = float(seen.x_m[0]), float(seen.y_m[0])
-    assert seen.near(*first, 1.0).tolist() == [0]
-    assert seen.near(*first, 1.0, but=0).tolist() == []
+    assert (seen.near(*first, 1.0).tolist(), seen.near(*first, 1.0, but=0).tolist()) == ([0], [])
     apart = float(np.hypot(x - seen.x_m[1], y - seen.y_m[1]))
-    assert seen.near(x, y, apart - 0.01).tolist() == [2]
-    assert seen.near(x, y, apart + 0.01).tolist() == [1, 2]
+    assert (seen.near(x, y, apart - 0.01).tolist(), seen.near(x, y, apart + 0.01).tolist()) == ([2], [1, 2])
 
 
 def test_the_cooldown_is_the_papers_time_in_steps(lab):
@@ -85,5 +82,4 @@ def test_emvs_and_civilians_have_their_own_navigator_with_the_limit_of_their_ste
         assert view.ego(row).vehicle == vehicle
     assert view.ego(0).navigator_config.standstill_gap_m == 4.0
     assert view.ego(1).navigator_config.standstill_gap_m == 2.0
-    assert view.ego(1).pose == pytest.approx((90.0, 0.0, 0.0))
-    assert view.world.edge_of_lane.tolist() == [0, 0]
+    assert (view.ego(1).pose, view.world.edge_of_lane.tolist()) == (pytest.approx((90.0, 0.0, 0.0)), [0, 0])

@@ -38,10 +38,8 @@ def test_at_l0_sumo_drives(lab, emv):
 @pytest.mark.parametrize(("level", "lights"), [("L1", 0), ("L2", 24), ("L3", 24)])
 def test_ros_drives_with_the_levels_cue(lab, emv, level, lights):
     _, commands, events = steps(lab.world_of(lab.straight_road(), getattr(lab, level)), [emv])
-    assert commands.source == "emv_controller"
-    assert commands.actor_id.tolist() == [1]
-    assert commands.owner.tolist() == [Owner.ROS]
-    assert commands.mode.tolist() == [Mode.ROUTE_FOLLOW]
+    assert (commands.source, commands.actor_id.tolist()) == ("emv_controller", [1])
+    assert (commands.owner.tolist(), commands.mode.tolist()) == ([Owner.ROS], [Mode.ROUTE_FOLLOW])
     assert commands.lights.tolist() == [lights]
     assert not events
     assert commands.throttle[0] > 0.0
@@ -167,8 +165,7 @@ def test_cooldown_between_forced_lane_changes(lab, emv):
     later, _, events = steps(world, cars, 38, state, 101, advice={"lane_change_intent": 1})
     assert kinds(events) == ["lane_change_requested"]
     _, _, events = steps(world, cars, 2, later, 139, advice={"lane_change_intent": 1})
-    assert kinds(events) == ["lane_change_started"]
-    assert events[0].step == 140
+    assert (kinds(events), events[0].step) == (["lane_change_started"], 140)
 
 
 def test_route_need_comes_before_sumos_intent(lab):

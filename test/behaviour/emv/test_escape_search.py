@@ -206,8 +206,7 @@ def distance(path, obstacles):
 def test_straight_on_where_the_road_is_free():
     path = search(boxes())
     assert path.complete
-    assert path.length_m == pytest.approx(30.0)
-    assert path.clearance_m == 0.3
+    assert (path.length_m, path.clearance_m) == (pytest.approx(30.0), 0.3)
     assert np.abs(np.diff(path.left_m)).max() < 0.06
 
 

@@ -31,8 +31,7 @@ def test_projection_inverts_offset(s, left):
     curve = Curve.through(arc_points(20.0))
     point = curve.offset_at(np.array([s]), np.array([left]))[0]
     found_s, found_left = curve.project_one(*point)
-    assert found_s == pytest.approx(s, abs=0.05)
-    assert found_left == pytest.approx(left, abs=0.02)
+    assert (found_s, found_left) == (pytest.approx(s, abs=0.05), pytest.approx(left, abs=0.02))
     many_s, many_left, _ = curve.project(point[:1], point[1:])
     assert many_s[0] == pytest.approx(s, abs=0.15)
     assert many_left[0] == pytest.approx(left, abs=0.08)

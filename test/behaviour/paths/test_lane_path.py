@@ -38,8 +38,7 @@ def test_changes_needed_looks_beyond_the_next_edge(lab):
         road.connect(position, 3 + position)
     road.connect(5, 6)
     needed = changes_needed(road.built(), route(0, 1, 2), civilian=True)
-    assert needed[0] == {0: 2, 1: 1, 2: 0}
-    assert needed[1] == {3: 2, 4: 1, 5: 0}
+    assert (needed[0], needed[1]) == ({0: 2, 1: 1, 2: 0}, {3: 2, 4: 1, 5: 0})
 
 
 def test_civilians_need_lanes_of_their_own(lab):
@@ -106,8 +105,7 @@ def test_path_on_lanes_follows_the_turn_and_knows_its_lanes(lab):
 
 def test_neighbours_and_limits(lab):
     network = lab.straight_road(3, shoulder=True)
-    assert neighbour_lane(network, 0, -1) == NO_LANE
-    assert neighbour_lane(network, 1, 1) == 2
+    assert (neighbour_lane(network, 0, -1), neighbour_lane(network, 1, 1)) == (NO_LANE, 2)
     limits = road_limits(network, 1)
     assert (limits.right_m, limits.driving_right_m, limits.left_m, limits.opposite_m) == pytest.approx(
         (-4.95, -1.65, 4.95, 0.0)

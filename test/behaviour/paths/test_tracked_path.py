@@ -113,9 +113,7 @@ def test_quintic_meets_its_boundary_conditions(start, slope, end):
     h = 1e-4
     u = np.array([0.0, h, 2 * h, 1.0 - 2 * h, 1.0 - h, 1.0, 1.7])
     d = quintic_offsets(u, start, slope, end)
-    assert d[0] == pytest.approx(start)
-    assert d[5] == pytest.approx(end)
-    assert d[6] == pytest.approx(end)
+    assert (d[0], d[5], d[6]) == (pytest.approx(start), pytest.approx(end), pytest.approx(end))
     assert (d[1] - d[0]) / h == pytest.approx(slope, abs=1e-2)
     assert (d[5] - d[4]) / h == pytest.approx(0.0, abs=1e-2)
     assert (d[2] - 2 * d[1] + d[0]) / h**2 == pytest.approx(0.0, abs=0.5)

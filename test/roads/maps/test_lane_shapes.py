@@ -39,8 +39,7 @@ def test_a_turn_drawn_as_a_straight_line_becomes_nearly_a_circle(rest):
         assert shapes[":J_1_0"][0] == pytest.approx(curve[-1])
         assert len(curve) < len(shapes[":J_1_0"]) + 1, "the parts keep their shares"
         curve = np.concatenate((curve, shapes[":J_1_0"][1:]))
-    assert curve[0] == pytest.approx([0.0, 0.0, 1.0])
-    assert curve[-1] == pytest.approx([10.0, 10.0, 3.0])
+    assert (curve[0], curve[-1]) == (pytest.approx([0.0, 0.0, 1.0]), pytest.approx([10.0, 10.0, 3.0]))
     assert np.hypot(curve[:, 0], curve[:, 1] - 10.0) == pytest.approx(10.0, abs=0.1)
     heading = np.arctan2(*np.diff(curve[:, :2], axis=0).T[::-1])
     assert np.abs(heading[[0, -1]] - [0.0, np.pi / 2.0]).max() < 0.06
@@ -188,11 +187,9 @@ def test_a_corner_becomes_a_parabola_between_its_sides(before_m, after_m, turn_r
     """It begins half a side, 6 m, or what keeps it 0.3 m from the corner before it; a point every 0.05 rad or less."""
     ahead = np.array([np.cos(turn_rad), np.sin(turn_rad)])
     points = rounded(np.array([(-before_m, 0.0), (0.0, 0.0), after_m * ahead]))
-    assert points[0].tolist() == [-before_m, 0.0]
-    assert points[-1] == pytest.approx(after_m * ahead)
+    assert (points[0].tolist(), points[-1]) == ([-before_m, 0.0], pytest.approx(after_m * ahead))
     bend = points[1:-1]
-    assert bend[0] == pytest.approx([-cut_m, 0.0])
-    assert bend[-1] == pytest.approx(cut_m * ahead)
+    assert (bend[0], bend[-1]) == (pytest.approx([-cut_m, 0.0]), pytest.approx(cut_m * ahead))
     count = int(np.ceil(abs(turn_rad) / 0.05)) + 2
     share = np.linspace(0.0, 1.0, count)[:, None]
     parabola = (1.0 - share) ** 2 * [-cut_m, 0.0] + share**2 * (cut_m * ahead)

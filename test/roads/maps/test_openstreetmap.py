@@ -156,8 +156,7 @@ def test_a_sign_binds_the_traffic_towards_the_nearer_junction():
 
 def test_a_sign_binds_the_end_of_its_edge():
     """Up to 60 m before the end, which lies 10 m before the middle of the crossing."""
-    assert bound(sign((-68.0, 0.0))) == stopped("from_w")
-    assert bound(sign((-72.0, 0.0))) == stopped()
+    assert (bound(sign((-68.0, 0.0))), bound(sign((-72.0, 0.0)))) == (stopped("from_w"), stopped())
     assert bound(sign((-60.0, 13.0))) == stopped("from_w"), "14.6 m to the side"
     assert bound(sign((-60.0, 14.0))) == stopped()
 

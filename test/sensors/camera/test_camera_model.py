@@ -15,8 +15,7 @@ def test_the_field_of_view_spans_the_outer_edges_of_the_picture():
     camera = load_suite("front").cameras[0].intrinsics
     edge = np.tan(np.radians(50.0))
     uv, depth = camera.project(np.array([[-edge, 0.0, 1.0], [edge, 0.0, 1.0], [0.0, 0.0, 2.0]]))
-    assert uv[0, 0] == pytest.approx(-0.5)
-    assert uv[1, 0] == pytest.approx(799.5)
+    assert (uv[0, 0], uv[1, 0]) == (pytest.approx(-0.5), pytest.approx(799.5))
     assert uv[2].tolist() == [399.5, 299.5]
     assert depth.tolist() == [1.0, 1.0, 2.0]
 

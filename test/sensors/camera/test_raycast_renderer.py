@@ -44,8 +44,7 @@ def test_a_machine_without_egl_casts_rays_and_says_so(boxes, monkeypatch):
     assert "no OpenGL" in str(rig.account["pictures_by"])
     states, descriptions = boxes.actors((ActorClass.SEDAN, 0.0, 0.0, 0.0), (ActorClass.SEDAN, 12.0, 0.5, 0.1))
     seen = rig.observe(states, descriptions, (), 1)
-    assert seen.frames[0].rgb.shape == (60, 80, 3)
-    assert seen.labels["camera_front"].actor_id.tolist() == [2]
+    assert (seen.frames[0].rgb.shape, seen.labels["camera_front"].actor_id.tolist()) == ((60, 80, 3), [2])
     assert seen.labels["camera_front"].visible_fraction[0] > 0.95
 
 

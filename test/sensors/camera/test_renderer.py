@@ -58,10 +58,8 @@ def test_depth_and_instances_agree_with_ray_casting(renderer, boxes):
 
 def test_semantic_classes_of_sky_road_and_car(renderer, boxes):
     image = picture(renderer, boxes.placed((SEDAN, 8.0, 0.0, 0.0)))
-    assert image.semantic[2, 160] == SemanticClass.SKY
-    assert image.semantic[238, 5] == SemanticClass.ROAD
-    assert image.semantic[130, 160] == SemanticClass.CAR
-    assert image.depth_m[2, 160] == 0.0
+    assert (image.semantic[2, 160], image.semantic[238, 5]) == (SemanticClass.SKY, SemanticClass.ROAD)
+    assert (image.semantic[130, 160], image.depth_m[2, 160]) == (SemanticClass.CAR, 0.0)
 
 
 def test_the_same_state_gives_the_same_bytes_whatever_came_before(renderer, boxes):

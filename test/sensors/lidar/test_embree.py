@@ -134,8 +134,7 @@ def test_each_worker_has_a_thread_of_its_own_and_the_caller_is_one():
         all_started.wait(10.0)
 
     ThreadPool(3).run(work, 3, 1)
-    assert sorted(threads) == [0, 1, 2]
-    assert len(set(threads.values())) == 3
+    assert (sorted(threads), len(set(threads.values()))) == ([0, 1, 2], 3)
     assert threads[0] == threading.current_thread().name
 
 

@@ -247,8 +247,7 @@ def test_times_run_from_50_ms_before_the_stamp_to_the_stamp_as_the_beams_turn(wo
     turned = np.rint((np.pi - np.arctan2(y, x)) / (2.0 * np.pi) * columns) % columns
     expected_s = (turned - (columns - 1)) / columns * 0.05
     assert np.allclose(sweep.points["time"], expected_s, atol=1e-7)
-    assert sweep.points["time"][0] == pytest.approx(-0.05 * 359 / 360)
-    assert sweep.points["time"][-1] == 0.0
+    assert (sweep.points["time"][0], sweep.points["time"][-1]) == (pytest.approx(-0.05 * 359 / 360), 0.0)
     assert np.all(np.diff(sweep.points["time"]) >= 0)
     assert np.all(np.diff(sweep.points["ring"].astype(int))[np.diff(turned) == 0] > 0)
 

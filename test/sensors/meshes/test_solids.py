@@ -143,10 +143,8 @@ def test_quads_become_two_triangles_and_slivers_none():
     quad = np.array([(0, 0, 0), (2, 0, 0), (2, 1, 0), (0, 1, 0)], dtype=float)
     sliver = np.array([(0, 0, 1), (1, 0, 1), (1, 0, 1), (0, 0, 1)], dtype=float)
     mesh = from_quads([(quad, (Material.PLATE, (1, 2, 3))), (sliver, (Material.TYRE, (4, 5, 6)))])
-    assert len(mesh) == 2
-    assert areas(mesh).tolist() == [1.0, 1.0]
-    assert mesh.normals.tolist() == [[0.0, 0.0, 1.0]] * 2
-    assert set(mesh.material.tolist()) == {Material.PLATE}
+    assert (len(mesh), areas(mesh).tolist()) == (2, [1.0, 1.0])
+    assert (mesh.normals.tolist(), set(mesh.material.tolist())) == ([[0.0, 0.0, 1.0]] * 2, {Material.PLATE})
     assert len(mesh.vertices_m) == 4
 
 
@@ -178,11 +176,9 @@ def bounds(mesh):
 
 def test_a_box_lies_between_its_corners():
     mesh = box((1, 2, 3), (2, 4, 6), Material.KERB, GREY)
-    assert bounds(mesh) == [[1, 2, 3], [2, 4, 6]]
-    assert open_edges(mesh) == 0
+    assert (bounds(mesh), open_edges(mesh)) == ([[1, 2, 3], [2, 4, 6]], 0)
     assert areas(mesh).sum() == pytest.approx(2 * (1 * 2 + 2 * 3 + 1 * 3))
-    assert volume(mesh) == pytest.approx(6.0)
-    assert set(mesh.material.tolist()) == {Material.KERB}
+    assert (volume(mesh), set(mesh.material.tolist())) == (pytest.approx(6.0), {Material.KERB})
     assert np.unique(mesh.colour_rgb, axis=0).tolist() == [list(GREY)]
 
 
@@ -204,8 +200,7 @@ def test_a_cone_stump_stands_on_its_base(low, high):
     mesh = frustum((1.0, -2.0, 5.0), 3.0, (low, high), 8, Material.KERB, GREY)
     wide = max(low, high)
     corners = np.array([[1 - wide, -2 - wide, 5], [1 + wide, -2 + wide, 8]])
-    assert np.array(bounds(mesh)) == pytest.approx(corners, abs=1e-6)
-    assert open_edges(mesh) == 0
+    assert (np.array(bounds(mesh)), open_edges(mesh)) == (pytest.approx(corners, abs=1e-6), 0)
     polygon = 0.5 * 8 * np.sin(2 * np.pi / 8)
     moved = mesh.translated(-1.0, 2.0, -5.0)
     assert volume(moved) == pytest.approx(polygon * 3.0 * (low**2 + low * high + high**2) / 3.0, rel=1e-5)
@@ -245,8 +240,7 @@ def test_walls_look_out_of_their_polygon(area):
     floor = flat_polygons([area], 0.5, Material.KERB, GREY)
     below = Mesh(floor.vertices_m, floor.triangles[:, ::-1].copy(), floor.material, floor.colour_rgb)
     solid = Mesh.joined(mesh, roof, below)
-    assert volume(solid) == pytest.approx(1.5 * area.area, rel=1e-5)
-    assert open_edges(solid) == 0
+    assert (volume(solid), open_edges(solid)) == (pytest.approx(1.5 * area.area, rel=1e-5), 0)
     assert np.abs(mesh.normals[:, 2]).max() == 0.0
 
 

@@ -222,8 +222,7 @@ def test_a_saddle_roof_is_closed_and_has_its_volume():
     rise = 0.28 * DEPTH_M
     assert volume(roof.translated(0.0, 0.0, -7.0)) == pytest.approx(0.5 * 16.8 * 10.8 * rise, rel=1e-4)
     low, high = roof.bounds_m
-    assert low == pytest.approx([-0.4, -8.4, 7.0])
-    assert high == pytest.approx([10.4, 8.4, 7.0 + rise])
+    assert (low, high) == (pytest.approx([-0.4, -8.4, 7.0]), pytest.approx([10.4, 8.4, 7.0 + rise]))
     ridge = roof.vertices_m[roof.vertices_m[:, 2] > 7.1]
     assert ridge[:, 0] == pytest.approx([5.0, 5.0])
 
@@ -240,8 +239,7 @@ def test_a_flat_roof_lies_on_the_walls():
     tall = _flat_roof(8.0, DEPTH_M, 12.0, (100, 100, 100), np.random.default_rng(0))
     hut = tall[2]
     low, high = hut.bounds_m
-    assert high - low == pytest.approx([3.2, 3.6, 2.2], abs=1e-4)
-    assert low[2] == 12.0
+    assert (high - low, low[2]) == (pytest.approx([3.2, 3.6, 2.2], abs=1e-4), 12.0)
     assert low[0] > 0.0
     assert high[0] < DEPTH_M
     assert max(abs(low[1]), high[1]) < 8.0
@@ -309,8 +307,7 @@ def test_visors_hang_above_their_lenses():
 
 def test_a_pole_tapers():
     mesh = pole(4.0, -3.0, 5.0, 0.1)
-    assert mesh.bounds_m[0] == pytest.approx([3.9, -3.1, 0.0], abs=0.01)
-    assert mesh.bounds_m[1][2] == 5.0
+    assert (mesh.bounds_m[0], mesh.bounds_m[1][2]) == (pytest.approx([3.9, -3.1, 0.0], abs=0.01), 5.0)
     top = mesh.vertices_m[mesh.vertices_m[:, 2] > 4.9]
     assert np.hypot(top[:, 0] - 4.0, top[:, 1] + 3.0) == pytest.approx(np.full(7, 0.075), rel=1e-4)
     assert gap_m2(mesh) < 1e-6

@@ -39,8 +39,7 @@ def test_wheels_stand_on_the_axles(actor_class):
     front = size.length_m / 2 - size.front_overhang_m
     for wheel in shape.wheels:
         expected = front if wheel.steered else front - size.wheelbase_m
-        assert wheel.hub_m[0] == pytest.approx(expected, abs=1e-6)
-        assert wheel.hub_m[2] == wheel.radius_m
+        assert (wheel.hub_m[0], wheel.hub_m[2]) == (pytest.approx(expected, abs=1e-6), wheel.radius_m)
         assert np.hypot(wheel.mesh.vertices_m[:, 0], wheel.mesh.vertices_m[:, 2]).max() == pytest.approx(
             wheel.radius_m, abs=1e-4
         )

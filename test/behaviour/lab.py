@@ -198,8 +198,7 @@ def locate(network, point, yaw, route):
             continue
         s, left = lane.centre.project(point)
         along = np.cos(yaw - lane.centre.heading_rad(s))
-        over = max(-s, s - lane.length_m, 0.0)
-        miss = abs(left) + 5.0 * over + (0.0 if along > 0.5 else 50.0)
+        miss = abs(left) + 5.0 * max(-s, s - lane.length_m, 0.0) + (0.0 if along > 0.5 else 50.0)
         if miss < best[0]:
             best = (miss, lane.index, float(np.clip(s, 0.0, lane.length_m)), float(left))
     return best[1:]

@@ -22,8 +22,7 @@ def continuous(loop, slack=0.05):
     for before, after in zip(loop.log, loop.log[1:], strict=False):
         for actor_id, pose in after.items():
             old = before[actor_id]
-            moved = np.hypot(pose[0] - old[0], pose[1] - old[1])
-            assert moved <= max(pose[3], old[3]) * 0.05 + slack
+            assert np.hypot(pose[0] - old[0], pose[1] - old[1]) <= max(pose[3], old[3]) * 0.05 + slack
 
 
 def test_s2_civilians_leave_the_lane_the_emv_passes_and_all_are_released(lab):

@@ -49,8 +49,7 @@ def _actor(actor_id, is_emv=False):
 
 def test_markers_show_the_emv_the_yielding_and_the_rest():
     states = _states([Mode.ROUTE_FOLLOW, Mode.YIELD_LANE_CHANGE, Mode.NOMINAL])
-    actors = {1: _actor(1, is_emv=True), 2: _actor(2), 3: _actor(3)}
-    markers = vehicle_markers(states, actors)
+    markers = vehicle_markers(states, {1: _actor(1, is_emv=True), 2: _actor(2), 3: _actor(3)})
     cubes = [marker for marker in markers if marker.shape is MarkerShape.CUBE]
     colours = [EMV_COLOUR, MODE_COLOURS[Mode.YIELD_LANE_CHANGE], (0.2, 0.4, 0.8, 0.85)]
     assert ([marker.colour for marker in cubes], cubes[0].size_m) == (colours, (4.6, 1.8, 1.4))

@@ -162,8 +162,7 @@ def test_an_imu_reading_survives_and_says_that_it_has_no_orientation(round_trip)
 
 
 def test_a_fix_survives_with_its_covariance(round_trip):
-    fix = GnssFix(4, "gnss", 49.001, 8.4, 1.9, np.array([1.0, 2.0, 3.0]))
-    message = round_trip(to_nav_sat_fix(fix))
+    message = round_trip(to_nav_sat_fix(GnssFix(4, "gnss", 49.001, 8.4, 1.9, np.array([1.0, 2.0, 3.0]))))
     assert message.position_covariance.tolist() == [1.0, 0, 0, 0, 2.0, 0, 0, 0, 3.0]
     assert message.position_covariance_type == 2
     back = from_nav_sat_fix(message)
@@ -194,16 +193,14 @@ def labels():
 
 def test_labels_of_a_picture_survive(round_trip):
     truth = labels()
-    message = round_trip(to_camera_truth(truth, "camera"))
-    back = from_camera_truth(message)
+    back = from_camera_truth(round_trip(to_camera_truth(truth, "camera")))
     assert back.step == 12
     for name in CAMERA_TRUTH_DTYPES:
         assert getattr(back, name).tolist() == getattr(truth, name).tolist()
 
 
 def test_only_what_shows_becomes_a_detection(round_trip):
-    message = round_trip(to_image_boxes(labels(), "camera"))
-    (detection,) = message.detections
+    (detection,) = round_trip(to_image_boxes(labels(), "camera")).detections
     assert detection.id == "1"
     assert (detection.bbox.center.position.x, detection.bbox.center.position.y) == (19.5, 49.5)
     assert (detection.bbox.size_x, detection.bbox.size_y) == (20.0, 100.0)

@@ -113,8 +113,7 @@ def assert_plain(store, topic, message):
 
 @given(frames, st.integers(0, 5), st.integers(0, 1000))
 def test_points_are_encoded_as_the_store_would(typestore, frame, points, step):
-    cloud = np.frombuffer(bytes(range(24)) * points, LIDAR_POINT_DTYPE)
-    message = to_point_cloud(step, frame, cloud)
+    message = to_point_cloud(step, frame, np.frombuffer(bytes(range(24)) * points, LIDAR_POINT_DTYPE))
     assert_plain(typestore, topics.LIDAR, message)
     assert step_of_cdr(topics.LIDAR, encode_cdr(typestore, topics.LIDAR, message)) == step
 
@@ -128,8 +127,7 @@ def test_pictures_are_encoded_as_the_store_would(typestore, frame, rows, columns
 
 @given(frames, st.binary(max_size=9))
 def test_jpegs_are_encoded_as_the_store_would(typestore, frame, jpeg):
-    message = to_compressed_image(3, frame, jpeg)
-    assert_plain(typestore, topics.IMAGE_COMPRESSED, message)
+    assert_plain(typestore, topics.IMAGE_COMPRESSED, to_compressed_image(3, frame, jpeg))
 
 
 @pytest.mark.parametrize("step", [0, 1, 400, 123_456])

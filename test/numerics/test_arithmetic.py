@@ -106,8 +106,7 @@ def test_who_loads_numpy_first_is_warned_once():
 
 
 def test_who_loads_numpy_first_with_the_variables_set_is_not_warned():
-    pinned = pin_arithmetic({})
-    assert _run(_IMPORTS.format(first="numpy", second="siren_ros"), **pinned) == ""
+    assert _run(_IMPORTS.format(first="numpy", second="siren_ros"), **pin_arithmetic({})) == ""
 
 
 def test_who_loads_numpy_second_is_not_warned():

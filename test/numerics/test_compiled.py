@@ -65,8 +65,7 @@ def _sum(values):
 
 
 def test_sums_stay_in_the_written_order():
-    values = np.array([1e16, 1.0, -1e16, 1.0])
-    assert _sum(values) == 1.0
+    assert _sum(np.array([1e16, 1.0, -1e16, 1.0])) == 1.0
 
 
 def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cache(tmp_path):

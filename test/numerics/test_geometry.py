@@ -117,8 +117,7 @@ def test_offsets_are_to_the_left(s, left, point):
 def test_the_nearest_place_of_points(point, s, left):
     found_s, found_left = LINE.project(point)
     if point == (12.0, 14.5):
-        along = np.array([0.6, 0.8])
-        s = 20.0 + (np.array(point) - POINTS[-1]) @ along
+        s = 20.0 + (np.array(point) - POINTS[-1]) @ np.array([0.6, 0.8])
         left = (np.array(point) - POINTS[-1]) @ np.array([-0.8, 0.6])
     assert (found_s, found_left) == pytest.approx((s, left))
 

@@ -33,8 +33,7 @@ def test_a_sheet_holds_every_picture_and_two_views_of_the_cloud(record, seen, tm
     whole = sheet(seen)
     assert whole.shape == (2 * 600 + 8, 2 * 800 + 8, 3)
     assert np.array_equal(whole[608:, :800], cloud_by_instance(seen.sweeps[0]))
-    path = save_sheet(seen, tmp_path / "seen.png")
-    assert np.array_equal(np.asarray(Image.open(path)), whole)
+    assert np.array_equal(np.asarray(Image.open(save_sheet(seen, tmp_path / "seen.png"))), whole)
 
 
 def test_vehicles_have_colours_of_their_own_and_the_rest_is_grey(seen):

@@ -94,8 +94,7 @@ def test_a_plain_joint_has_one_way_on_and_one_way_in_without_control():
     assert is_plain_joint(network, joint)
     assert not is_plain_joint(network, controlled)
     for changed in ({"signal_id": "K"}, {"must_stop": True}, {"direction": "r"}):
-        connections = (replace(joint, **changed), *network.connections[1:])
-        other = replace(network, connections=connections)
+        other = replace(network, connections=(replace(joint, **changed), *network.connections[1:]))
         assert not is_plain_joint(other, other.connections[0])
     forked = replace(network, connections=(*network.connections, replace(joint, to_lane=NEAR)))
     assert not is_plain_joint(forked, forked.connections[0])

@@ -170,8 +170,7 @@ def test_an_internal_lane_of_no_length_still_has_a_direction(network):
 
 @pytest.mark.parametrize(("length_m", "kept"), [(0.006, True), (0.004, False)])
 def test_a_lane_of_half_a_centimetre_is_as_long_as_it_is(length_m, kept):
-    net = LONELY.replace("END", f"0,{length_m}")
-    centre = parse_road_network(net.encode()).lanes[0].centre
+    centre = parse_road_network(LONELY.replace("END", f"0,{length_m}").encode()).lanes[0].centre
     assert centre.length_m == pytest.approx(length_m if kept else 0.01)
 
 

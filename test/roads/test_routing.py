@@ -103,8 +103,7 @@ def test_a_start_lane_elsewhere_is_refused(town):
 
 def test_the_centre_of_a_path_is_continuous_and_as_long_as_the_road(town, graph):
     route = edges(town, "main_e_0 main_e_1 main_e_2 east_n_1")
-    lanes = route_path(town, route, town.lane_by_id["main_e_0_2"].index)
-    centre = path_centre(town, lanes)
+    centre = path_centre(town, route_path(town, route, town.lane_by_id["main_e_0_2"].index))
     assert centre.length_m == pytest.approx(graph.route_length_m(route), rel=0.05)
     turns = np.abs(np.diff(np.unwrap(centre.resampled(2.0).heading_rad(np.arange(0.0, centre.length_m, 2.0)))))
     assert turns.max() < 0.35
@@ -216,8 +215,7 @@ def test_a_lane_change_does_not_lead_over_a_shoulder(kinds):
     ("first", "second", "start", "end"), [(A_LEFT, A_RIGHT, -1.75, -5.25), (A_RIGHT, A_LEFT, -5.25, -1.75)]
 )
 def test_a_lane_change_takes_the_middle_half_of_its_edge_along_half_a_cosine(first, second, start, end):
-    centre = path_centre(NETWORK, (first, second))
-    x, y = centre.points.T
+    x, y = path_centre(NETWORK, (first, second)).points.T
     share = np.clip((x + 310.0 - 50.0) / 100.0, 0.0, 1.0)
     assert y == pytest.approx(start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * share)), abs=1e-6)
     assert (x[0], x[-1]) == pytest.approx((-310.0, -110.0))

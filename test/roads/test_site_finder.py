@@ -291,16 +291,14 @@ def test_a_wide_stretch_ends_at_signals_stop_signs_turns_and_narrow_places():
     assert (wide_stretch_back(GRAPH, B), wide_stretch_back(GRAPH, C)) == ((A, B), (C,))
     for changed in ({"must_stop": True}, {"signal_id": "K"}, {"direction": "r"}):
         assert wide_stretch_back(EdgeGraph.of(with_connections(NETWORK, [0, 1], **changed)), B) == (B,)
-    narrow = replace(NETWORK, connections=NETWORK.connections[1:])
-    assert wide_stretch_back(EdgeGraph.of(narrow), B) == (B,)
+    assert wide_stretch_back(EdgeGraph.of(replace(NETWORK, connections=NETWORK.connections[1:])), B) == (B,)
 
 
 def test_lanes_and_letters_between_edges():
     assert lanes_through(NETWORK, A, B) == lanes_through(NETWORK, B, C) == 2
     assert (lanes_through(NETWORK, B, D), lanes_through(NETWORK, A, C)) == (1, 0)
     assert (turn_of(NETWORK, B, C), turn_of(NETWORK, B, D), turn_of(NETWORK, A, C)) == ("s", "r", "t")
-    both = with_connections(NETWORK, [STRAIGHT], direction="R")
-    assert turn_of(both, B, C) == "s", "the straightest"
+    assert turn_of(with_connections(NETWORK, [STRAIGHT], direction="R"), B, C) == "s", "the straightest"
     into_one = with_connections(NETWORK, [STRAIGHT], to_lane=NETWORK.connections[STRAIGHT_LEFT].to_lane)
     assert lanes_through(into_one, B, C) == 1
 
@@ -310,8 +308,7 @@ def test_a_turn_along_a_shoulder():
     assert (site.approach_lane, site.connections, site.crossing) == (0, (SHOULDER_RIGHT,), (BESIDE,))
     assert site.length_m == pytest.approx(200.0)
     across_m = np.hypot(14.75, 14.75)
-    route = 2.0 * 100.0 / 150.0 + 1.0 + (200.0 + across_m) / 700.0
-    assert site.score == pytest.approx(route + 2.0 + 2.0)
+    assert site.score == pytest.approx((2.0 * 100.0 / 150.0 + 1.0 + (200.0 + across_m) / 700.0) + 2.0 + 2.0)
 
 
 def test_a_shoulder_may_go_on_before_the_turn():
@@ -412,8 +409,7 @@ def test_a_straight_way_out_of_the_map_is_taken_only_where_it_completes_the_rout
     short = route_through(ring(4, dead_end_m=150.0), (0,))
     assert 4 not in short.edges
     assert short.edges[3] == 1
-    long = route_through(ring(4, dead_end_m=450.0), (0,))
-    assert long.edges == (2, 3, 0, 4)
+    assert route_through(ring(4, dead_end_m=450.0), (0,)).edges == (2, 3, 0, 4)
 
 
 def test_where_the_way_on_is_short_the_approach_grows():

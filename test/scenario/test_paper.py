@@ -31,8 +31,7 @@ def test_target_speeds_are_the_papers():
 
 
 def test_sumo_is_run_with_the_papers_numbers():
-    config = TrafficConfig()
-    assert config.leader_range_m == PAPER_CONSTANTS.leader_query_m
+    assert TrafficConfig().leader_range_m == PAPER_CONSTANTS.leader_query_m
 
 
 @pytest.mark.skipif(not PAPER.is_file(), reason="the paper's source is not at hand")

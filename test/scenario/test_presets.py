@@ -40,8 +40,7 @@ def test_scenario_values_move_the_distributions():
 
 @given(st.floats(-5.0, 5.0), st.floats(0.0, 10.0), st.integers(0, 1000))
 def test_draws_stay_within_the_limits(mean, std, seed):
-    drawn = TruncatedNormal(mean, std, -5.0, 5.0).draw(np.random.default_rng(seed))
-    assert -5.0 <= drawn <= 5.0
+    assert -5.0 <= TruncatedNormal(mean, std, -5.0, 5.0).draw(np.random.default_rng(seed)) <= 5.0
 
 
 @pytest.mark.parametrize(

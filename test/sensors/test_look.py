@@ -21,8 +21,7 @@ def test_the_sun_stands_in_the_south_at_noon_and_rises_in_the_east_at_the_equino
     assert np.degrees(elevation) == pytest.approx(41.0, abs=0.1)
     azimuth, elevation = sun_position(6.0, 81, np.radians(49.0))
     assert (azimuth, elevation) == pytest.approx((0.0, 0.0), abs=1e-6)
-    summer = sun_position(12.0, 172, np.radians(49.0))[1]
-    assert np.degrees(summer) == pytest.approx(41.0 + 23.44, abs=0.1)
+    assert np.degrees(sun_position(12.0, 172, np.radians(49.0))[1]) == pytest.approx(41.0 + 23.44, abs=0.1)
 
 
 def test_fog_and_rain_weaken_laser_light():

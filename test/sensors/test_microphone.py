@@ -46,8 +46,7 @@ def test_sound_arrives_late_by_the_distance(boxes):
 def test_a_siren_at_rest_is_the_formula_to_the_last_bit(boxes):
     """Spherical spreading, absorption of 0.005 dB/m and the way at the speed of sound, from 2 m above the ground."""
     steps = 16
-    spec = replace(SPEC, mount=Mount(0.0, 0.0, 32.0))
-    samples = record(boxes, lambda _: 40.0, steps, spec=spec)[-800:]
+    samples = record(boxes, lambda _: 40.0, steps, spec=replace(SPEC, mount=Mount(0.0, 0.0, 32.0)))[-800:]
     distance = np.hypot(40.0, 30.0)
     time_s = (steps - 2) * STEP_S + np.arange(1, 801) / 16_000.0
     level_db = LEVEL_AT_1_M_DB - 0.005 * distance - 20.0 * np.log10(distance)

@@ -139,8 +139,7 @@ def test_braking_is_felt_backwards_whatever_the_heading():
     for yaw in (0.0, 0.7, -2.5):
         before = PlanarMotion(4, yaw, 10.0 * np.cos(yaw), 10.0 * np.sin(yaw), 0.0)
         now = PlanarMotion(5, yaw, 9.8 * np.cos(yaw), 9.8 * np.sin(yaw), 0.0)
-        force = specific_force(before, now, np.zeros(3))
-        assert force[:2] == pytest.approx([-0.2 / STEP_S, 0.0], abs=1e-9)
+        assert specific_force(before, now, np.zeros(3))[:2] == pytest.approx([-0.2 / STEP_S, 0.0], abs=1e-9)
 
 
 def test_on_a_circle_it_feels_the_centripetal_acceleration_of_its_own_radius():

@@ -99,8 +99,7 @@ def test_the_same_seed_gives_the_same_bytes(observe):
     (first,), (second,), (clean,) = observe(noisy), observe(noisy), observe()
     assert first.sweeps[0].points.tobytes() == second.sweeps[0].points.tobytes()
     assert first.frames[0].jpeg == second.frames[0].jpeg
-    difference = first.frames[0].rgb.astype(int) - clean.frames[0].rgb
-    assert 2.0 < difference.std() < 5.0
+    assert 2.0 < (first.frames[0].rgb.astype(int) - clean.frames[0].rgb).std() < 5.0
 
 
 def test_without_its_carrier_nothing_is_measured(observe):

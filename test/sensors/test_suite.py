@@ -44,8 +44,7 @@ def test_the_full_suite_is_the_papers():
     for camera in suite.cameras:
         x, y, z, yaw_deg = PAPER_CAMERAS[camera.name]
         assert (camera.mount.x_m, camera.mount.y_m, camera.mount.z_m) == (x, -y, z)
-        turn = camera.mount.yaw_rad + np.radians(yaw_deg)
-        assert np.cos(turn) == pytest.approx(1.0)
+        assert np.cos(camera.mount.yaw_rad + np.radians(yaw_deg)) == pytest.approx(1.0)
         assert (camera.width, camera.height) == (800, 600)
         assert np.degrees(camera.horizontal_fov_rad) == pytest.approx(100.0)
     assert [(type(spec), spec.mount) for spec in suite.others] == [(GnssSpec, lidar.mount), (ImuSpec, lidar.mount)]

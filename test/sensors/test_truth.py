@@ -18,8 +18,7 @@ def test_boxes_are_in_the_frame_of_the_sensor(boxes):
     truth = label_boxes(states, descriptions, 1, pose)
     assert (truth.actor_id.tolist(), truth.actor_class.tolist()) == ([2], [int(BUS)])
     assert truth.is_emv.tolist() == [False]
-    centre = (truth.x_m[0], truth.y_m[0], truth.z_m[0])
-    assert centre == pytest.approx((15.0, 0.0, 1.5 - 1.93))
+    assert (truth.x_m[0], truth.y_m[0], truth.z_m[0]) == pytest.approx((15.0, 0.0, 1.5 - 1.93))
     assert truth.yaw_rad[0] == pytest.approx(np.pi / 2)
     assert (truth.vx_mps[0], truth.vy_mps[0]) == pytest.approx((0.0, 4.0))
     assert (truth.length_m[0], truth.width_m[0], truth.height_m[0]) == (12.0, 2.5, 3.0)
@@ -34,8 +33,7 @@ def test_far_actors_are_left_out(boxes):
 def test_points_are_counted_by_actor(boxes):
     states, descriptions = boxes.actors((SEDAN, 0.0, 0.0, 0.0), (SEDAN, 9.0, 0.0, 0.0), (SEDAN, 118.0, 9.0, 0.0))
     sweep = LidarSweep("lidar", 0, np.empty(0, np.void), np.array([2], np.uint32), np.array([77]))
-    truth = label_boxes(states, descriptions, 1, np.eye(4), sweep)
-    assert truth.lidar_points.tolist() == [77, 0]
+    assert label_boxes(states, descriptions, 1, np.eye(4), sweep).lidar_points.tolist() == [77, 0]
     counted = np.array([11, 22, 33])
     for seen, points in (([1, 2, 3], [22, 33]), ([1, 3, 9], [0, 22]), ([2, 3, 9], [11, 22]), ([4, 5, 6], [0, 0])):
         sweep = LidarSweep("lidar", 0, np.empty(0, np.void), np.array(seen, np.uint32), counted)

@@ -41,8 +41,7 @@ def test_what_no_vehicle_can_do_is_refused_by_name(asked, named):
 
 
 def test_the_answer_to_a_step_drives_the_av_to_the_next():
-    control = AvControl(8, throttle=0.25, brake=0.5, steer_rad=-0.125, lights=4)
-    command = av_commands(control, 9, 5)
+    command = av_commands(AvControl(8, throttle=0.25, brake=0.5, steer_rad=-0.125, lights=4), 9, 5)
     assert (command.step, command.source, command.events) == (9, AV_SOURCE, ())
     row = {name: getattr(command, name).tolist() for name in COMMAND_DTYPES}
     assert row == {

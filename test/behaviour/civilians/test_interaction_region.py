@@ -47,8 +47,7 @@ def test_road_is_kept_while_lane_and_route_stay(lab):
     view = view_of(lab, [lab.Car(1, 0, 100, 8, (0,), AMBULANCE)])
     road = EmvRoad.ahead_of(view.ego(0), None)
     assert EmvRoad.ahead_of(view.ego(0), road) is road
-    other = view_of(lab, [lab.Car(1, 1, 100, 8, (0,), AMBULANCE)])
-    assert EmvRoad.ahead_of(other.ego(0), road) is not road
+    assert EmvRoad.ahead_of(view_of(lab, [lab.Car(1, 1, 100, 8, (0,), AMBULANCE)]).ego(0), road) is not road
 
 
 def test_between_both_distances_the_members_alone_belong_to_the_region(lab):

@@ -58,8 +58,7 @@ def test_behind_is_within_60_degrees_of_both_directions(lab, turn, bearing, own_
         ]
     )
     cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 112, 0, (0,))]
-    view = lab.view(network, lab.L3, cars, poses=poses)
-    assert emv_waits_behind(view.ego(1), 0) is waits
+    assert emv_waits_behind(lab.view(network, lab.L3, cars, poses=poses).ego(1), 0) is waits
 
 
 def test_room_is_made_after_the_emv_has_waited_for_a_while(lab):

@@ -18,8 +18,7 @@ AMBULANCE = ActorClass.AMBULANCE
 def test_holds_with_full_brake_and_hand_brake_when_reached_and_aligned(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
     state, _, _ = steps(world, cars)
-    arrived = [cars[0], lab.Car(2, 0, 90, 0, (0,), left=-0.735)]
-    state, commands, events = steps(world, arrived, 1, state, 1)
+    state, commands, events = steps(world, [cars[0], lab.Car(2, 0, 90, 0, (0,), left=-0.735)], 1, state, 1)
     assert (kinds(events), events[0].detail["partial"]) == (["yield_held"], 0)
     assert commands.mode.tolist() == [Mode.YIELD_HOLD]
     assert (commands.brake[0], commands.throttle[0], commands.hand_brake[0]) == (1.0, 0.0, 1)
@@ -41,8 +40,7 @@ def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab
     state, _, events = steps(world, stuck, 25, state, 1)
     held = [event for event in events if event.kind.value == "yield_held" and event.actor_id == 2]
     assert [event.detail["partial"] for event in held] == [1]
-    free = [cars[0], stuck[1], lab.Car(3, 0, 110, 0, (0,))]
-    state, commands, _ = steps(world, free, 12, state, 26)
+    state, commands, _ = steps(world, [cars[0], stuck[1], lab.Car(3, 0, 110, 0, (0,))], 12, state, 26)
     assert dict(zip(commands.actor_id.tolist(), commands.mode.tolist(), strict=True))[2] == Mode.YIELD_PULL_OVER
 
 
@@ -132,8 +130,7 @@ def test_the_edge_counts_as_reached_within_5_cm_and_within_15_cm_where_the_later
     done = path.settled_m - progress if progress else 2.0
     unit = replace(unit, navigator=replace(NavigatorState().following(path, 80.0, 3.3 * lane), progress_m=done))
     edge = edge_offset_m(start.ego(1), lane, side)
-    there = replace(car, s=80.0 + done, left=edge - side * miss)
-    view = lab.view_in(world, [emv_at(lab), there], step=1)
+    view = lab.view_in(world, [emv_at(lab), replace(car, s=80.0 + done, left=edge - side * miss)], step=1)
     outcome = pull_over(unit, view.ego(1), NEAR)
     assert (outcome.unit.phase is Mode.YIELD_HOLD) is holds
     if holds:
@@ -176,8 +173,7 @@ def test_a_held_vehicle_is_released_when_the_emv_has_gone_elsewhere(lab, world, 
     """It leaves its edge towards the middle of its lane, and shows that side."""
     car = lab.Car(2, lane, 90, 0, (0,), left=left)
     state, commands, _ = steps(world, [emv_at(lab), replace(car, s=80.0, left=0.0, speed=5.0)])
-    before = Lights.INDICATOR_RIGHT if left < 0.0 else Lights.INDICATOR_LEFT
-    assert commands.lights.tolist() == [before]
+    assert commands.lights.tolist() == [Lights.INDICATOR_RIGHT if left < 0.0 else Lights.INDICATOR_LEFT]
     state, commands, _ = steps(world, [emv_at(lab), car], 1, state, 1)
     assert commands.mode.tolist() == [Mode.YIELD_HOLD]
     state, commands, events = steps(world, [emv_at(lab, 36.0), car], 5, state, 2)
@@ -211,8 +207,7 @@ def test_a_held_vehicle_is_released_when_the_emv_has_left_the_simulation(lab, wo
     ],
 )
 def test_a_yield_without_a_hold_or_whose_emv_is_gone_is_cancelled(lab, world, passed, in_region, phase, events):
-    cars = [emv_at(lab), lab.Car(2, 0, 90, 0, (0,), left=-0.735)]
-    view = lab.view_in(world, cars)
+    view = lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 90, 0, (0,), left=-0.735)])
     emv = replace(NEAR, passed=passed, in_region=in_region)
     step = hold if phase is Mode.YIELD_HOLD else pull_over
     outcome = step(replace(UNIT, phase=phase), view.ego(1), emv)

@@ -26,8 +26,7 @@ AMBULANCE = ActorClass.AMBULANCE
     [(1, False, [-1]), (2, False, [-1, 1]), (3, False, [-1, -1, 1]), (3, True, [-1, -1, 1]), (2, True, [-1, -1])],
 )
 def test_leftmost_lane_goes_left_all_others_right(lab, lanes, shoulder, expected):
-    network = lab.straight_road(lanes, shoulder=shoulder)
-    view = lab.view(network, lab.L3, [emv_at(lab)])
+    view = lab.view(lab.straight_road(lanes, shoulder=shoulder), lab.L3, [emv_at(lab)])
     assert [alignment_of(view.network, lane) for lane in range(lanes)] == expected
 
 
@@ -57,8 +56,7 @@ def test_every_lane_of_the_road_pulls_over(lab, world):
 
 
 def test_not_on_a_junction(lab):
-    network = lab.junction_road()
-    world = lab.world_of(network, lab.L3)
+    world = lab.world_of(lab.junction_road(), lab.L3)
     cars = [lab.Car(1, 0, 135, 8, (0, 2), AMBULANCE), lab.Car(2, 2, 10, 5, (0, 2))]
     _, commands, events = steps(world, cars)
     assert kinds(events) == ["yield_requested", "yield_deferred"]
@@ -84,8 +82,7 @@ def joined_road(lab, *, oncoming_turns=False):
 
 @pytest.mark.parametrize("crossed", [False, True])
 def test_pulls_over_on_a_junction_that_nobody_crosses(lab, crossed):
-    network = joined_road(lab, oncoming_turns=crossed)
-    world = lab.world_of(network, lab.L3)
+    world = lab.world_of(joined_road(lab, oncoming_turns=crossed), lab.L3)
     cars = [lab.Car(1, 0, 90, 8, (0, 2), AMBULANCE), lab.Car(2, 2, 15, 3, (0, 2)), lab.Car(3, 3, 15, 3, (0, 2))]
     state, _, events = steps(world, cars, 40)
     expected = "yield_deferred" if crossed else "yield_started"
@@ -103,8 +100,7 @@ def test_a_vehicle_at_the_emvs_side_pulls_over_where_its_front_is_ahead_of_the_e
 
 
 def test_a_pull_over_is_deferred_where_the_vehicle_cannot_stop_before_the_junction(lab):
-    network = lab.junction_road()
-    world = lab.world_of(network, lab.L3)
+    world = lab.world_of(lab.junction_road(), lab.L3)
     for speed, events in ((3.0, ["yield_requested", "yield_started"]), (12.0, ["yield_requested", "yield_deferred"])):
         cars = [lab.Car(1, 0, 115, 8, (0, 2), AMBULANCE), lab.Car(2, 0, 136, speed, (0, 2))]
         _, _, happened = steps(world, cars)
@@ -149,8 +145,7 @@ def test_what_a_deferral_left_is_gone_when_the_pull_over_starts(lab, world):
 @pytest.mark.parametrize("speed", [0.0, 1.0])
 def test_a_deferred_driver_who_stands_looks_again_each_half_second(lab, world, step, looks, speed):
     """Actor 2 at the steps 2, 12, 22 and so on; who drives looks at every step."""
-    cars = [emv_at(lab), lab.Car(2, 0, 80, speed, (0,))]
-    view = lab.view_in(world, cars, step=step)
+    view = lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 80, speed, (0,))], step=step)
     outcome = start_pull_over(replace(UNIT, phase=Mode.YIELD_DEFERRED, deferred="no_room"), view.ego(1))
     assert (outcome.unit.phase is Mode.YIELD_PULL_OVER) is (looks or speed > 0.0)
 
@@ -164,8 +159,7 @@ def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
     assert edge_offset_m(view.ego(2), 1, 1) == pytest.approx(min(1.4 - 1.65 + truck / 2, 1.65 - truck / 2 + 0.5))
     assert edge_offset_m(view.ego(1), 0, 1) == pytest.approx(1.65 - 0.915)
     narrow = lab.straight_road()
-    trucks = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,), ActorClass.TRUCK)]
-    beside_others = lab.view(narrow, lab.L3, trucks)
+    beside_others = lab.view(narrow, lab.L3, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,), ActorClass.TRUCK)])
     assert edge_offset_m(beside_others.ego(1), 0, 1) == pytest.approx(1.65 - truck / 2), "not into the lane on the left"
     assert edge_offset_m(beside_others.ego(1), 0, -1) < -(1.65 - truck / 2), "over the edge on the right"
 
@@ -197,8 +191,7 @@ def test_the_head_of_a_queue_holds_with_its_front_over_the_line_and_never_on_the
 @pytest.mark.parametrize(("speed", "left"), [(0.0, 0.0), (2.0, 0.3), (8.0, -0.4)])
 def test_the_path_to_the_edge_is_as_long_as_curvature_and_steering_ask(lab, world, lane, side, speed, left):
     """From where it is to the edge, by the largest of three lengths, and on until the vehicle has come straight."""
-    car = lab.Car(2, lane, 80, speed, (0,), left=left)
-    view = lab.view_in(world, [emv_at(lab), car])
+    view = lab.view_in(world, [emv_at(lab), lab.Car(2, lane, 80, speed, (0,), left=left)])
     path = pull_over_path(replace(UNIT, side=side), view.ego(1), lane)
     config, target = world.config.pull_over, edge_offset_m(view.ego(1), lane, side)
     moving = min(max(speed, 1.5), world.speeds.civilian_pull_over_mps)
@@ -218,8 +211,7 @@ def path_behind(lab, gap, network=None, s=80.0):
     """The path of a sedan at rest behind a standing one, and the vehicle's way to it."""
     network = network or lab.straight_road()
     length = lab.vehicles[ActorClass.SEDAN].length_m
-    cars = [lab.Car(2, 0, s, 0, (0,)), lab.Car(3, 0, s + length + gap, 0, (0,))]
-    view = lab.view(network, lab.L3, cars)
+    view = lab.view(network, lab.L3, [lab.Car(2, 0, s, 0, (0,)), lab.Car(3, 0, s + length + gap, 0, (0,))])
     return pull_over_path(replace(UNIT, side=-1), view.ego(0), 0), view.world.config.pull_over
 
 
@@ -231,8 +223,7 @@ def test_behind_a_standing_vehicle_it_goes_as_far_sideways_as_leaves_it_straight
     assert (end[0] - 80.0, end[1]) == (pytest.approx(way, abs=0.1), pytest.approx(-shift, abs=0.03))
     assert abs(end[2]) < 0.05
     assert 0.2 < shift < 0.5
-    far = path_behind(lab, 30.0)[0]
-    assert far.curve.points[-1, 1] == pytest.approx(-(1.65 - 0.915), abs=0.01)
+    assert path_behind(lab, 30.0)[0].curve.points[-1, 1] == pytest.approx(-(1.65 - 0.915), abs=0.01)
 
 
 def test_there_is_no_way_to_the_edge_close_behind_a_standing_vehicle(lab):
@@ -245,23 +236,19 @@ def test_beside_a_shoulder_a_wide_vehicle_reaches_a_metre_over_the_edge_at_most(
     half = 0.5 * lab.vehicles[engine].width_m
     for shoulder, lane, most in ((True, 1, 1.0), (False, 0, 0.5)):
         network = lab.straight_road(2 + shoulder, shoulder=shoulder)
-        narrow = tuple(replace(item, width_m=2.6) for item in network.lanes)
-        network = replace(network, lanes=narrow)
+        network = replace(network, lanes=tuple(replace(item, width_m=2.6) for item in network.lanes))
         view = lab.view(network, lab.L3, [emv_at(lab), replace(lab.Car(2, lane, 80, 5, (0,)), kind=engine)])
         at_edge = 1.3 - half
-        expected = 1.4 - 1.3 + half
-        assert expected > at_edge + most
+        assert (1.4 - 1.3 + half) > at_edge + most
         assert edge_offset_m(view.ego(1), lane, -1) == pytest.approx(-(at_edge + most))
 
 
 @pytest.mark.parametrize(("before_m", "goes"), [(0.3, False), (0.6, True)])
 def test_to_make_room_the_front_goes_4_m_over_the_line_if_that_is_2_m_of_way(lab, before_m, goes):
     """The centre is ``before_m`` from the line: the way is that, the 4 m and not the half length."""
-    network = lab.junction_road()
-    view = lab.view(network, lab.L3, [lab.Car(2, 1, 150.0 - before_m, 0, (0, 2))])
+    view = lab.view(lab.junction_road(), lab.L3, [lab.Car(2, 1, 150.0 - before_m, 0, (0, 2))])
     assert before_m + 4.0 - 0.5 * lab.vehicles[ActorClass.SEDAN].length_m == pytest.approx(2.0, abs=0.3)
-    path = pull_over_path(replace(UNIT, side=1, emv_waits_steps=30), view.ego(0), 1)
-    assert (path is not None) is goes
+    assert (pull_over_path(replace(UNIT, side=1, emv_waits_steps=30), view.ego(0), 1) is not None) is goes
 
 
 def driven(lab, world, s, speed, path, progress, *, left, degrees=0.0):
@@ -269,15 +256,13 @@ def driven(lab, world, s, speed, path, progress, *, left, degrees=0.0):
     unit = replace(UNIT, phase=Mode.YIELD_PULL_OVER)
     navigator = replace(NavigatorState().following(path, 80.0, 0.0), progress_m=progress)
     poses = np.array([[20.0, 0.0, 0.0, 8.0], [s, left, np.radians(degrees), speed]])
-    cars = [emv_at(lab, 20.0), lab.Car(2, 0, s, speed, (0,))]
-    view = lab.view_in(world, cars, poses=poses)
+    view = lab.view_in(world, [emv_at(lab, 20.0), lab.Car(2, 0, s, speed, (0,))], poses=poses)
     return pull_over(replace(unit, navigator=navigator), view.ego(1), NEAR)
 
 
 @pytest.mark.parametrize(("left_m", "extended"), [(0.9, True), (1.1, False)])
 def test_at_the_edge_and_not_straight_yet_the_path_goes_on_a_metre_before_its_end(lab, world, left_m, extended):
-    view = lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 80, 3, (0,))])
-    path = pull_over_path(UNIT, view.ego(1), 0)
+    path = pull_over_path(UNIT, lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 80, 3, (0,))]).ego(1), 0)
     progress = path.length_m - left_m
     s = float(path.curve.points[-1, 0]) - left_m
     outcome = driven(lab, world, s, 2.0, path, progress, left=-0.735, degrees=-5.0)
@@ -288,8 +273,7 @@ def test_at_the_edge_and_not_straight_yet_the_path_goes_on_a_metre_before_its_en
 @pytest.mark.parametrize("speed", [2.0, 3.0])
 def test_on_a_way_with_a_straight_piece_at_its_end_the_driver_goes_at_the_papers_speed(lab, world, speed):
     """On one that is only as long as the lateral move the driver creeps."""
-    view = lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 80, speed, (0,))])
-    path = pull_over_path(UNIT, view.ego(1), 0)
+    path = pull_over_path(UNIT, lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 80, speed, (0,))]).ego(1), 0)
     assert path.length_m - path.settled_m > 1.0
     start = path.curve.points[0]
     command = driven(lab, world, float(start[0]), speed, path, 0.0, left=0.0).command

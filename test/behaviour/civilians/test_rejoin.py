@@ -22,8 +22,7 @@ def view_at(lab, left, turned=0.0, speed=0.0, turn=0.0, s=100.0, length=400.0, k
     """A vehicle beside the centre line of the right one of two lanes that point anywhere."""
     network, along, across = lab.turned_road(turn, length=length)
     poses = np.array([[*(s * along + left * across), turn + turned, speed]])
-    car = lab.Car(2, 0, s, speed, (0,), kind)
-    return lab.view(network, lab.L3, [car], poses=poses), along, across
+    return lab.view(network, lab.L3, [lab.Car(2, 0, s, speed, (0,), kind)], poses=poses), along, across
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, -2.2])
@@ -68,8 +67,7 @@ def test_too_near_the_end_of_the_lane_it_comes_straight_where_it_is(lab, room, l
 
 def rejoining(lab, **place):
     view, _, _ = view_at(lab, -0.8, **place)
-    unit = start_rejoin(UNIT, view.ego(0)).unit
-    return replace(unit, stopped_steps=0), view
+    return replace(start_rejoin(UNIT, view.ego(0)).unit, stopped_steps=0), view
 
 
 def steps(unit, view, count):

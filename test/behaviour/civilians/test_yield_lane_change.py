@@ -48,8 +48,7 @@ AHEAD = LaneGaps(1.0, 6.0, math.inf, 0.0)
     ],
 )
 def test_draws_ahead_of_what_is_behind_and_lets_the_rest_past(gaps, own_free, refusal, limit, expected):
-    present = LaneGaps(own_free, 6.0, math.inf, 0.0)
-    assert choose_seek(gaps, present, refusal, CONFIG, limit) is expected
+    assert choose_seek(gaps, LaneGaps(own_free, 6.0, math.inf, 0.0), refusal, CONFIG, limit) is expected
 
 
 def test_speed_differs_from_the_vehicle_in_the_way_within_limits():
@@ -184,8 +183,7 @@ def test_a_side_that_leads_on_comes_before_sumos_intent(lab):
 
 
 def test_off_the_lanes_the_speed_is_the_papers(lab):
-    view = view_at(lab)
-    assert yield_speed_mps(view, NO_LANE) == pytest.approx(10.0 / 3.6)
+    assert yield_speed_mps(view_at(lab), NO_LANE) == pytest.approx(10.0 / 3.6)
 
 
 def beside(lab, lane=2):
@@ -206,8 +204,7 @@ def test_the_reason_of_a_deferral_is_what_keeps_the_driver_from_a_lane(lab, lane
 
 
 def test_on_a_road_of_one_lane_there_is_no_lane(lab):
-    outcome = start_lane_change(UNIT, view_at(lab, lane=0, lanes=1).ego(1))
-    assert outcome.unit.deferred == "no_lane"
+    assert start_lane_change(UNIT, view_at(lab, lane=0, lanes=1).ego(1)).unit.deferred == "no_lane"
 
 
 @pytest.mark.parametrize(("side", "kept"), [(1, 1), (-1, -1), (0, -1)])
@@ -231,8 +228,7 @@ def test_a_gap_is_sought_for_4_s_after_half_a_second_and_again_after_4_s(lab, wa
 
 
 def changing(lab, left=1.5, speed=5.0, **emv):
-    view = view_at(lab, speed=speed)
-    unit = start_lane_change(UNIT, view.ego(1)).unit
+    unit = start_lane_change(UNIT, view_at(lab, speed=speed).ego(1)).unit
     network = lab.straight_road(3)
     cars = [lab.Car(1, 1, 50, 8, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 84, speed, (0,), left=left)]
     later = lab.view(network, lab.L2, cars, step=210)
@@ -259,8 +255,7 @@ def on_the_way(lab, speed, coming_mps, at_m, left=0.0, lane=1):
         lab.Car(2, lane, 84, speed, (0,), left=left),
         lab.Car(3, 0, 84 + at_m, coming_mps, (0,)),
     ]
-    view = lab.view(network, lab.L2, cars, step=210)
-    return change_lane(unit, view.ego(1), NEAR).command
+    return change_lane(unit, lab.view(network, lab.L2, cars, step=210).ego(1), NEAR).command
 
 
 def test_who_had_to_stop_on_the_way_lets_those_pass_who_come_in_the_new_lane(lab):
@@ -291,8 +286,7 @@ def test_who_stands_at_the_end_of_its_path_has_no_lane_left(lab, passed, reason)
     network = lab.straight_road(3)
     cars = [lab.Car(1, 1, 50, 8, (0,), ActorClass.AMBULANCE), lab.Car(2, 1, 84, 0, (0,), left=-1.4)]
     view = lab.view(network, lab.L2, cars, step=210)
-    outcome = change_lane(unit, view.ego(1), replace(NEAR, passed=passed))
-    assert outcome.events[0].detail["reason"] == reason
+    assert change_lane(unit, view.ego(1), replace(NEAR, passed=passed)).events[0].detail["reason"] == reason
 
 
 def keeping(lab, unit, **emv):
@@ -357,8 +351,7 @@ def test_between_two_turns_of_seeking_nothing_of_the_first_is_left(lab):
 def seeking(lab, step, deferred_step, seek):
     """One step of a driver with a vehicle close behind in the next lane, which is no reason to fall back."""
     network = lab.straight_road(2, 900.0)
-    cars = [lab.Car(2, 0, 100, 6, (0,)), lab.Car(3, 1, 92, 7, (0,))]
-    view = lab.view(network, lab.L2, cars, step=step)
+    view = lab.view(network, lab.L2, [lab.Car(2, 0, 100, 6, (0,)), lab.Car(3, 1, 92, 7, (0,))], step=step)
     unit = YieldUnit(
         2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, Mode.YIELD_DEFERRED, side=1, deferred_step=deferred_step
     )

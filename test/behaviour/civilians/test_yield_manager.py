@@ -102,8 +102,7 @@ def test_the_delay_counts_from_the_step_at_which_the_driver_notices(lab, world, 
 def test_the_av_under_test_and_other_emvs_are_asked_nothing(lab, level):
     network = lab.straight_road()
     cars = [emv_at(lab), lab.Car(2, 0, 75, 5, (0,)), lab.Car(3, 0, 85, 5, (0,)), lab.Car(4, 0, 65, 5, (0,), AMBULANCE)]
-    asked = lab.world_of(network, getattr(lab, level), av_id=3)
-    _, _, events = steps(asked, cars)
+    _, _, events = steps(lab.world_of(network, getattr(lab, level), av_id=3), cars)
     assert {event.actor_id for event in events} == {2}
 
 
@@ -137,8 +136,7 @@ def test_right_side_is_preferred(lab):
     world = lab.world_of(lab.straight_road(3), lab.L2)
     cars = [emv_at(lab, lane=1), lab.Car(2, 1, 80, 5, (0,))]
     assert steps(world, cars)[2][-1].detail["side"] == -1
-    beside = [*cars, lab.Car(3, 0, 80, 5, (0,))]
-    assert steps(world, beside)[2][-1].detail["side"] == 1
+    assert steps(world, [*cars, lab.Car(3, 0, 80, 5, (0,))])[2][-1].detail["side"] == 1
 
 
 @pytest.mark.parametrize(("wish", "side"), [("WANTS_LEFT", 1), ("WANTS_RIGHT", -1)])
@@ -232,8 +230,7 @@ def test_completed_in_the_target_lane_then_kept_until_released(lab, world):
     state, commands, events = steps(world, there, 5, state, 2)
     assert modes(commands) == {2: Mode.YIELD_KEEP_LANE}
     assert not events
-    past = [emv_at(lab, 98.0), there[1]]
-    state, commands, events = steps(world, past, 1, state, 7)
+    state, commands, events = steps(world, [emv_at(lab, 98.0), there[1]], 1, state, 7)
     assert kinds(events) == ["yield_released"]
     assert len(commands) == 0
     assert not state.units
@@ -338,7 +335,6 @@ def test_with_two_emvs_everybody_yields_to_the_one_that_comes(lab, world):
     state, _, events = steps(world, cars)
     asked = {event.actor_id: event.other_id for event in events if event.kind.value == "yield_requested"}
     assert asked == {2: 1, 3: 9}
-    gone = [emv_at(lab, 110.0), second, *cars[2:]]
-    state, _, events = steps(world, gone, 1, state, 1)
+    state, _, events = steps(world, [emv_at(lab, 110.0), second, *cars[2:]], 1, state, 1)
     assert {event.actor_id for event in events if event.kind.value in {"yield_cancelled", "yield_released"}} == {2}
     assert list(state.units) == [3]

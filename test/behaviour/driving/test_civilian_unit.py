@@ -51,8 +51,7 @@ def test_passed_when_the_rear_is_a_metre_ahead_of_the_front(lab, ahead, passed):
 def test_passing_is_measured_along_the_civilians_lane(lab):
     network = lab.straight_road()
     cars = [lab.Car(1, 0, 107, 8, (0,), AMBULANCE), lab.Car(2, 1, 100, 2, (0,))]
-    poses = np.array([[107.0, 0.0, 0.0, 8.0], [100.0, 3.3, 0.5, 2.0]])
-    view = lab.view(network, lab.L2, cars, poses=poses)
+    view = lab.view(network, lab.L2, cars, poses=np.array([[107.0, 0.0, 0.0, 8.0], [100.0, 3.3, 0.5, 2.0]]))
     assert emv_fully_passed(view.ego(1), 0)
 
 
@@ -71,8 +70,7 @@ def test_passing_on_a_road_that_points_elsewhere(lab, turn, ahead, left, yaw, pa
     place, emv = 100.0 * along, (100.0 + ahead) * along + left * across
     poses = np.array([[*emv, turn + yaw, 8.0], [*place, turn + 0.2, 2.0]])
     cars = [lab.Car(1, 0, 100, 8, (0,), AMBULANCE), lab.Car(2, 0, 100, 2, (0,))]
-    view = lab.view(network, lab.L2, cars, poses=poses)
-    assert emv_fully_passed(view.ego(1), 0) is passed
+    assert emv_fully_passed(lab.view(network, lab.L2, cars, poses=poses).ego(1), 0) is passed
 
 
 @pytest.mark.parametrize(

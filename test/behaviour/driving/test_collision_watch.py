@@ -66,8 +66,7 @@ def test_a_vehicle_beside_the_path_is_none_until_it_drifts_towards_it(turn, side
     assert watched(turn, 10.0, (15.0, side * 3.5, 0.0, 8.0)) is None
     assert watched(turn, 10.0, (15.0, side * 3.5, away, 8.0)) is None
     drifting = watched(turn, 10.0, (15.0, side * 3.5, towards, 8.0))
-    lead = 8.0 * np.cos(np.radians(10.0))
-    assert drifting.speed_mps == pytest.approx(krauss(drifting.free_m, lead))
+    assert drifting.speed_mps == pytest.approx(krauss(drifting.free_m, 8.0 * np.cos(np.radians(10.0))))
     assert watched(turn, 10.0, (15.0, side * 3.5, -side * np.radians(1.5), 8.0)) is None
     assert watched(turn, 10.0, (4.0, side * 3.5, towards, 8.0)) is None
 
@@ -117,8 +116,7 @@ def test_who_comes_on_turning_is_left_to_the_outlook_where_there_is_one(turn, si
 
 
 def test_the_slowest_of_several_leaders_counts_and_a_fast_one_is_no_threat():
-    threat = watched(0.0, 10.0, (30.0, 0.0, 0.0, 9.0), (34.0, 0.5, 0.0, 0.0))
-    assert threat.blocker_id == 3
+    assert watched(0.0, 10.0, (30.0, 0.0, 0.0, 9.0), (34.0, 0.5, 0.0, 0.0)).blocker_id == 3
     assert watched(0.0, 10.0, (60.0, 0.0, 0.0, 14.0)) is None
     assert watched(0.0, 10.0, (30.0, 0.0, 0.0, 0.0), target=3.0) is None
 
@@ -150,8 +148,7 @@ def test_of_two_threats_the_lower_speed_and_the_harder_braking_count():
     first, second = (
         SpeedLimit(speed, brake, actor, gap) for actor, gap, speed, brake in ((2, 5.0, 4.0, 0.0), (3, 9.0, 6.0, 5.0))
     )
-    expected = replace(first, brake_mps2=5.0)
-    assert stricter(first, second) == stricter(second, first) == expected
+    assert stricter(first, second) == stricter(second, first) == replace(first, brake_mps2=5.0)
     assert stricter(None, second) is second
     assert stricter(first, None) is first
     assert stricter(None, None) is None
@@ -194,8 +191,7 @@ def test_before_a_bend_one_reckons_with_the_time_that_it_takes(side):
     """40 m at 12 m/s take 3.4 s: who crosses after 2.7 s is still there. The bend takes so long that it is gone."""
     a = np.linspace(0.0, np.pi / 2.0, 60)
     bend = np.stack((20.0 + 8.0 * np.sin(a), side * 8.0 * (1.0 - np.cos(a))), axis=-1)
-    after = bend[-1] + np.array([[0.0, side * 30.0]])
-    curve = Curve.through(np.concatenate(([[0.0, 0.0]], bend, after)))
+    curve = Curve.through(np.concatenate(([[0.0, 0.0]], bend, bend[-1] + np.array([[0.0, side * 30.0]]))))
     _, seen = scene(0.0, 12.0, (18.0 + 40.0, side * 20.0, np.pi, 10.0))
     seen = replace(seen, x_m=seen.x_m - 10.0)
     path = TrackedPath.of(curve, CONFIG, stop_at_end=False)

@@ -33,8 +33,7 @@ from siren_ros.world.traffic_state import SignalState
 
 def scene(lab, *others, speed=5.0, corridor=True):
     network = lab.straight_road()
-    cars = [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others]
-    view = lab.view(network, lab.L3, cars)
+    view = lab.view(network, lab.L3, [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others])
     path = TrackedPath.of(Curve.through(np.array([[95.0, 0.0], [180.0, 0.0]])), view.ego(0).navigator_config)
     return EmvUnit(1, NavigatorState().following(path, 100.0, 0.0), corridor=corridor), view
 
@@ -102,11 +101,8 @@ def test_the_vehicle_that_cannot_be_passed_is_the_blocker(lab):
 
 def test_road_space_bridges_a_junction(lab):
     network = lab.junction_road()
-    cars = [lab.Car(1, 0, 140, 0, (0, 2), ActorClass.AMBULANCE)]
-    view = lab.view(network, lab.L3, cars)
-    reference = reference_line(view.ego(0), 0)
-    s = np.arange(0.0, 40.0, 1.0)
-    space = road_space(network, reference, s)
+    view = lab.view(network, lab.L3, [lab.Car(1, 0, 140, 0, (0, 2), ActorClass.AMBULANCE)])
+    space = road_space(network, reference_line(view.ego(0), 0), np.arange(0.0, 40.0, 1.0))
     np.testing.assert_allclose(space.right_m, -1.65)
     np.testing.assert_allclose(space.left_m, 4.95)
     np.testing.assert_allclose(space.opposite_left_m, 4.95)
@@ -129,8 +125,7 @@ def anticipated(lab, network, cars, poses):
 
 def scene_of_anticipation(lab, *others, speed=13.0):
     network = lab.straight_road()
-    cars = [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others]
-    view = lab.view(network, lab.L2, cars)
+    view = lab.view(network, lab.L2, [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others])
     return follow_route(EmvUnit(1), view.ego(0))[0], view.ego(0)
 
 
@@ -181,8 +176,7 @@ def test_does_not_saw_behind_one_yielder_after_another(lab):
     cars = [lab.Car(1, 0, 60, 12, (0,), ActorClass.AMBULANCE)]
     cars += [lab.Car(2 + i, 0, 96 + 14 * i, 5.5, (0,), desired=5.5) for i in range(3)]
     loop = lab.Loop(lab.world_of(lab.straight_road(2, length=700), lab.L2), cars).run(600)
-    speed = np.array([row[1][3] for row in loop.log])
-    accel = np.diff(speed) / 0.05
+    accel = np.diff(np.array([row[1][3] for row in loop.log])) / 0.05
     assert np.percentile(accel, 1) > -2.5
     assert np.percentile(accel, 99) < 2.5
     assert not loop.touching()

@@ -49,8 +49,7 @@ def test_the_lane_that_serves_the_route_best_and_is_nearest(lab, lane, edges, be
 
 
 def view_at(lab, network, lane, s, edges, speed=8.0, left=0.0):
-    car = lab.Car(1, lane, s, speed, edges, AMBULANCE, left=left)
-    return lab.view(network, lab.L1, [car], step=7)
+    return lab.view(network, lab.L1, [lab.Car(1, lane, s, speed, edges, AMBULANCE, left=left)], step=7)
 
 
 def test_a_plan_knows_its_edges_its_end_and_its_step(lab):
@@ -97,8 +96,7 @@ def test_the_present_lane_is_the_paths_while_it_is_on_the_route(lab):
     view = view_at(lab, network, 1, 60, (0, 2))
     _, navigator = plan_route(view.ego(0), 0, NavigatorState())
     assert (present_lane(view.ego(0), NavigatorState()), present_lane(view.ego(0), navigator)) == (1, 0)
-    elsewhere = view_at(lab, network, 4, 10, (2,))
-    assert present_lane(elsewhere.ego(0), navigator) == 4
+    assert present_lane(view_at(lab, network, 4, 10, (2,)).ego(0), navigator) == 4
     assert NO_LANE == -1
 
 

@@ -41,8 +41,7 @@ def test_empty_lane_has_infinite_gaps(lab):
 
 
 def test_refusals_by_gap():
-    free = LaneGaps(math.inf, 0.0, math.inf, 0.0)
-    assert refusal_of_gaps(free, 8.0, 2.8, CONFIG) is None
+    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is None
     assert refusal_of_gaps(LaneGaps(-1.0, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is Refusal.BESIDE
     assert refusal_of_gaps(LaneGaps(3.9, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is Refusal.GAP_FRONT
     assert refusal_of_gaps(LaneGaps(4.1, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is None
@@ -104,16 +103,12 @@ def test_on_a_junction_that_nobody_crosses_lanes_are_changed_as_on_the_road(lab)
 
 def test_lane_that_leads_astray_needs_room_to_come_back(lab):
     network = lab.junction_road()
-    near = lab.view(network, lab.L2, [lab.Car(1, 0, 90, 8, (0, 4))])
-    assert assess(query(near)) is Refusal.ASTRAY
-    far = lab.view(network, lab.L2, [lab.Car(1, 0, 30, 8, (0, 4))])
-    assert isinstance(assess(query(far)), LanePath)
+    assert assess(query(lab.view(network, lab.L2, [lab.Car(1, 0, 90, 8, (0, 4))]))) is Refusal.ASTRAY
+    assert isinstance(assess(query(lab.view(network, lab.L2, [lab.Car(1, 0, 30, 8, (0, 4))]))), LanePath)
 
 
 def test_path_starts_here_and_ends_in_the_target_lane(lab):
-    network = lab.straight_road()
-    view = lab.view(network, lab.L2, [lab.Car(1, 0, 100, 8, (0,))])
-    asked = query(view)
+    asked = query(lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 0, 100, 8, (0,))]))
     path = lane_change_path(asked, assess(asked), stop_at_end=True)
     np.testing.assert_allclose(path.curve.points[0], [100.0, 0.0], atol=1e-6)
     assert (path.curve.points[-1, 1], path.lane_at(0.0)) == (pytest.approx(3.3, abs=1e-6), 1)
@@ -121,8 +116,7 @@ def test_path_starts_here_and_ends_in_the_target_lane(lab):
 
 @pytest.mark.parametrize(("left", "expected"), [(0.0, True), (0.6, True), (1.2, False), (-1.2, False)])
 def test_entered_needs_the_whole_footprint(lab, left, expected):
-    network = lab.straight_road()
-    view = lab.view(network, lab.L2, [lab.Car(1, 1, 100, 8, (0,), left=left)])
+    view = lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 1, 100, 8, (0,), left=left)])
     assert entered_lane(view.ego(0), 1) is expected
 
 
@@ -130,8 +124,7 @@ def test_entered_needs_the_whole_footprint(lab, left, expected):
 def test_entered_needs_a_heading_within_eight_degrees(lab, degrees, expected):
     network = lab.straight_road()
     poses = np.array([[100.0, 3.3, np.radians(degrees), 5.0]])
-    car = lab.Car(1, 1, 100, 5, (0,), ActorClass.HATCHBACK)
-    view = lab.view(network, lab.L2, [car], poses=poses)
+    view = lab.view(network, lab.L2, [lab.Car(1, 1, 100, 5, (0,), ActorClass.HATCHBACK)], poses=poses)
     assert entered_lane(view.ego(0), 1) is expected
 
 
@@ -195,8 +188,7 @@ def test_who_is_in_a_lane_with_a_part_of_its_body_counts_as_far_as_the_own_body_
 )
 def test_a_change_is_as_long_as_time_steering_and_lock_ask(lab, kind, civilian, speed, target):
     """On average the vehicle is as fast as it wants to be, gains 2.5 m/s at most, and loses a quarter at most."""
-    network = lab.straight_road()
-    view = lab.view(network, lab.L2, [lab.Car(1, 0, 100, speed, (0,), kind)])
+    view = lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 0, 100, speed, (0,), kind)])
     asked = replace(query(view, civilian=civilian), target_mps=target)
     config = view.world.config.civilian_lane_change if civilian else view.world.config.lane_change
     vehicle = lab.vehicles[kind]

@@ -73,8 +73,7 @@ def test_on_a_circle_the_steady_cornering_angle_and_sideslip(vehicle, side, spee
     bend = side / radius
     slip = vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase_m * vehicle.cornering_stiffness_rear_npr)
     sideslip = math.atan(vehicle.centre_ahead_of_rear_axle_m * bend) - slip * bend * speed**2
-    yaw = side * 40.0 / radius - sideslip
-    steer = steer_along(path, 40.0, 0.0, yaw, speed, vehicle, CONFIG)
+    steer = steer_along(path, 40.0, 0.0, side * 40.0 / radius - sideslip, speed, vehicle, CONFIG)
     steady = math.atan(vehicle.wheelbase_m * bend) + vehicle.understeer_gradient_s2pm * bend * speed**2
     assert steer == pytest.approx(steady, abs=2e-3)
 
@@ -106,8 +105,7 @@ def test_integral_does_not_wind_up(vehicle):
 
 def test_necessary_braking_wins(vehicle):
     soft = press_pedals(10.0, 9.5, 0.0, 0.0, vehicle, CONFIG)
-    hard = press_pedals(10.0, 9.5, 6.0, 0.0, vehicle, CONFIG)
-    assert hard.brake > soft.brake + 0.4
+    assert press_pedals(10.0, 9.5, 6.0, 0.0, vehicle, CONFIG).brake > soft.brake + 0.4
     assert press_pedals(10.0, 0.0, 50.0, 0.0, vehicle, CONFIG).brake == 1.0
 
 
@@ -193,8 +191,7 @@ def drive(lab, kind, points, speed, target, seconds, start=(0.0, 0.0, 0.0), othe
         state, command, blocker = navigated(state, seen_of(body, table), lab.vehicles[kind], target)
         n = len(body)
         asked = np.array(command[:3])[:, None] * (np.arange(n) == 0)
-        controls = Controls(*asked, np.zeros(n, bool), np.ones(n), np.ones(n))
-        moved = step_bodies(body, controls, table, 0.05)
+        moved = step_bodies(body, Controls(*asked, np.zeros(n, bool), np.ones(n), np.ones(n)), table, 0.05)
         moved.forward_mps[1:] = first[1:, 3]
         body = moved
         rows.append((body.x_m[0], body.y_m[0], body.yaw_rad[0], body.forward_mps[0], state.left_m, state.progress_m))
@@ -341,9 +338,7 @@ def state_on(*points):
 
 
 def limit(lab, state, *cars, kind=SEDAN, speed=1.5):
-    network = lab.straight_road()
-    ego = lab.Car(2, 0, 80.0, speed, (0,), kind)
-    view = lab.view(network, lab.L3, [ego, *cars])
+    view = lab.view(lab.straight_road(), lab.L3, [lab.Car(2, 0, 80.0, speed, (0,), kind), *cars])
     return manoeuvring_limit(state, view.ego(0))
 
 
@@ -377,8 +372,7 @@ def test_who_comes_on_at_the_side_counts_where_it_will_be_in_a_moment(lab):
 
 
 def test_a_leader_that_drives_leaves_the_way_that_it_needs_to_stop(lab):
-    length = lab.vehicles[SEDAN].length_m
-    near = 80.0 + length + 3.0
+    near = 80.0 + lab.vehicles[SEDAN].length_m + 3.0
     standing, driving = (limit(lab, sideways(0.0), lab.Car(3, 0, near, speed, (0,))) for speed in (0.0, 4.0))
     assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * MANOEUVRING.leader_brake_mps2), abs=1e-6)
 

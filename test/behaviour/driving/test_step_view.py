@@ -69,8 +69,7 @@ def test_the_cooldown_is_the_papers_time_in_steps(lab):
 
 def test_emvs_and_civilians_have_their_own_navigator_with_the_limit_of_their_steering(lab):
     cars = [lab.Car(1, 0, 50, 5, (0,), ActorClass.FIRE_TRUCK), lab.Car(2, 0, 90, 5, (0,), ActorClass.BUS)]
-    network = lab.straight_road()
-    view = lab.view(network, lab.L2, cars)
+    view = lab.view(lab.straight_road(), lab.L2, cars)
     config = view.world.config
     for row, kind, base in (
         (0, ActorClass.FIRE_TRUCK, config.emv.navigator),

@@ -46,8 +46,7 @@ def test_ros_drives_with_the_levels_cue(lab, emv, level, lights):
 
 
 def test_target_speeds_by_priority(lab):
-    network = lab.straight_road()
-    view = lab.view(network, lab.L3, [lab.Car(1, 0, 60, 5, (0,))])
+    view = lab.view(lab.straight_road(), lab.L3, [lab.Car(1, 0, 60, 5, (0,))])
     cases = {
         Mode.ROUTE_FOLLOW: EmvUnit(1),
         Mode.FORCED_LANE_CHANGE: EmvUnit(1, change_side=1),
@@ -57,8 +56,7 @@ def test_target_speeds_by_priority(lab):
     speeds = {mode: target_speed_mps(unit, view) * 3.6 for mode, unit in cases.items()}
     assert all(mode_of(unit) is mode for mode, unit in cases.items())
     assert list(speeds.values()) == pytest.approx([50.0, 50.0, 30.0, 20.0])
-    waiting = EmvUnit(1, gap_escape_active=True)
-    assert target_speed_mps(waiting, view) == 0.0
+    assert target_speed_mps(EmvUnit(1, gap_escape_active=True), view) == 0.0
 
 
 def test_intent_starts_a_forced_lane_change(lab, emv):
@@ -68,8 +66,7 @@ def test_intent_starts_a_forced_lane_change(lab, emv):
     assert kinds(events) == ["lane_change_requested", "lane_change_started"]
     assert commands.mode.tolist() == [Mode.FORCED_LANE_CHANGE]
     assert commands.lights[0] & Lights.INDICATOR_LEFT
-    path = state.units[1].navigator.path
-    assert path.curve.points[-1, 1] == pytest.approx(3.3, abs=1e-6)
+    assert state.units[1].navigator.path.curve.points[-1, 1] == pytest.approx(3.3, abs=1e-6)
 
 
 @pytest.mark.parametrize("level", ["L1", "L2"])
@@ -141,16 +138,14 @@ def test_an_intent_to_the_other_side_replaces_the_first(lab):
 
 @pytest.mark.parametrize(("side", "light"), [(1, Lights.INDICATOR_LEFT), (-1, Lights.INDICATOR_RIGHT)])
 def test_a_lane_change_shows_its_side_and_ends_inside_the_lane(lab, side, light):
-    network = lab.straight_road(3)
-    world = lab.world_of(network, lab.L1)
+    world = lab.world_of(lab.straight_road(3), lab.L1)
     car = lab.Car(1, 1, 50, 10, (0,), AMBULANCE)
     state, commands, events = steps(world, [car], 2, advice={"lane_change_intent": side})
     assert kinds(events) == ["lane_change_requested", "lane_change_started"]
     assert commands.lights[0] & (Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT) == light
     width = 3.3 / 2.0 - 2.1 / 2.0 + 0.15
     for left, done in ((3.3 * side - (width + 0.05) * side, False), (3.3 * side - (width - 0.05) * side, True)):
-        there = lab.Car(1, 1, 80, 10, (0,), AMBULANCE, left=left)
-        _, commands, events = steps(world, [there], 1, state, 2)
+        _, commands, events = steps(world, [lab.Car(1, 1, 80, 10, (0,), AMBULANCE, left=left)], 1, state, 2)
         assert kinds(events) == (["lane_change_completed"] if done else [])
         assert bool(commands.mode[0] == Mode.ROUTE_FOLLOW) is done
         assert bool(commands.lights[0] & light == 0) is done
@@ -180,8 +175,7 @@ def test_route_need_comes_before_sumos_intent(lab):
 def test_a_lane_change_that_the_route_needs_may_end_on_the_junction(lab, speed):
     """Otherwise the EMV would stand for ever at the end of a lane that is too short for the change."""
     world = lab.world_of(lab.junction_road(), lab.L1)
-    emv = lab.Car(1, 1, 145, speed, (0, 4), AMBULANCE)
-    state, _, events = steps(world, [emv], 3)
+    state, _, events = steps(world, [lab.Car(1, 1, 145, speed, (0, 4), AMBULANCE)], 3)
     assert kinds(events) == ["lane_change_requested", "lane_change_started"]
     assert state.units[1].plan.edges[-1] == 4
     assert state.units[1].navigator.path.curve.points[-1, 1] < -10.0
@@ -296,6 +290,5 @@ def test_plans_anew_where_it_has_come_off_its_path_to_either_side(lab, emv, side
     left_m = side * (world.config.emv.off_path_m + more_m)
     off = replace(unit, navigator=replace(unit.navigator, left_m=left_m))
     for step, planned in ((19, False), (20, anew)):
-        view = lab.view_in(world, [emv], step=step)
-        after, _ = controller.follow_route(off, view.ego(0))
+        after, _ = controller.follow_route(off, lab.view_in(world, [emv], step=step).ego(0))
         assert (after.navigator.path is not unit.navigator.path) is planned

@@ -94,13 +94,11 @@ def test_the_change_of_slope_is_what_can_be_steered_less_the_bend_of_the_line(be
         points = np.stack((np.sin(a * bend) / bend, (1.0 - np.cos(a * bend)) / bend), axis=-1)
     nodes = lattice(curve=Curve.through(points))
     low = min(int(np.ceil((-SHARPEST_1PM - bend) * 15.0)), 0)
-    high = max(int(np.floor((SHARPEST_1PM - bend) * 15.0)), 0)
-    assert set(nodes.turns[3:-3]) == {range(low, high + 1)}
+    assert set(nodes.turns[3:-3]) == {range(low, max(int(np.floor((SHARPEST_1PM - bend) * 15.0)), 0) + 1)}
 
 
 def test_prices_are_of_the_shoulder_the_opposite_lane_and_the_distance_from_the_middle():
-    space = road(right=-4.25, driving=-1.75, left=5.25, opposite=8.75)
-    nodes = lattice(space)
+    nodes = lattice(road(right=-4.25, driving=-1.75, left=5.25, opposite=8.75))
     share, half = CONFIG.station_m / CONFIG.horizon_m, BODY.half_width_m
     for near, shoulder, beyond in (
         *[(-0.65, 0, 0.0), (-0.8, 1, 0.0), (1.75, 0, 0.0), (4.1, 0, 0.0)],
@@ -194,8 +192,7 @@ def search(obstacles, space=None, left=0.0, slope=0.0):
 
 def poses(path):
     centre = path.centre_line(LINE, REAR_M_ESCAPE_SEARCH)
-    rear = LINE.offset_at(path.s_m, path.left_m)
-    return centre, np.arctan2(*(centre - rear).T[::-1])
+    return centre, np.arctan2(*(centre - LINE.offset_at(path.s_m, path.left_m)).T[::-1])
 
 
 def distance(path, obstacles):
@@ -230,8 +227,7 @@ def test_takes_a_tight_gap_with_a_smaller_margin_only_where_no_other_is_wide_eno
 
 def test_prefers_the_road_to_the_shoulder_and_the_shoulder_to_the_opposite_lane():
     both = boxes(car(20.0, 0.0), car(20.0, 3.5))
-    shoulder = search(both, road_of_escape_search(shoulder=2.6, opposite=3.5))
-    assert shoulder.left_m.min() < -1.9
+    assert search(both, road_of_escape_search(shoulder=2.6, opposite=3.5)).left_m.min() < -1.9
     assert search(both, road_of_escape_search(opposite=3.5)).left_m.max() > 4.8
     assert search(both, road_of_escape_search()) is None or not search(both, road_of_escape_search()).complete
     assert 2.0 < search(boxes(car(20.0, 0.0)), road_of_escape_search(shoulder=2.6, opposite=3.5)).left_m.max() < 4.3
@@ -242,8 +238,7 @@ def test_finds_nothing_right_behind_two_queues():
 
 
 def test_a_path_that_ends_early_ends_along_the_road():
-    walls = boxes(*(car(24.0, y) for y in (-1.0, 1.0, 3.0, 5.0)))
-    path = search(walls)
+    path = search(boxes(*(car(24.0, y) for y in (-1.0, 1.0, 3.0, 5.0))))
     assert not path.complete
     assert 8.0 <= path.length_m < 24.0
     assert abs(path.left_m[-1] - path.left_m[-2]) / (path.s_m[-1] - path.s_m[-2]) < 0.12

@@ -126,10 +126,8 @@ def test_advice_is_the_emvs_own(lab):
 
 
 def test_nothing_of_a_request_is_left_when_the_change_starts(lab):
-    network = lab.straight_road(3)
-    view = view_at(lab, network=network, advice={"lane_change_intent": 1})
-    unit = follow_route(EmvUnit(1), view.ego(0))[0]
-    changing, events = forced_lane_change(unit, view.ego(0))
+    view = view_at(lab, network=lab.straight_road(3), advice={"lane_change_intent": 1})
+    changing, events = forced_lane_change(follow_route(EmvUnit(1), view.ego(0))[0], view.ego(0))
     assert [event.kind.value for event in events] == ["lane_change_requested", "lane_change_started"]
     assert (changing.change_side, changing.change_step) == (1, 100)
     assert changing.request == LateralRequest()
@@ -156,8 +154,7 @@ def test_a_cancelled_change_leaves_no_plan_and_a_completed_one_keeps_it(lab):
 @pytest.mark.parametrize("bend", [0.025, -0.025, 0.015, -0.015])
 def test_an_emv_that_turns_more_sharply_than_the_target_lane_waits(lab, bend):
     """0.02 per metre is the limit, to either side."""
-    network = lab.straight_road(3)
-    view = view_at(lab, network=network, advice={"lane_change_intent": 1})
+    view = view_at(lab, network=lab.straight_road(3), advice={"lane_change_intent": 1})
     unit = follow_route(EmvUnit(1), view.ego(0))[0]
     path = unit.navigator.path
     curve = replace(path.curve, curvature_1pm=np.full(len(path.curve.points), bend))

@@ -51,8 +51,7 @@ def test_a_road_that_widens_beyond_a_junction_is_bridged_evenly(lab):
     road.connect(0, 2, via=(1,))
     network = road.built()
     reference = path_on_lanes(network, (0, 1, 2), LaneEnd.HORIZON, 90.0, 60.0)
-    s = np.array([5.0, 9.0, 20.0, 31.0, 35.0])
-    space = road_space(network, reference, s)
+    space = road_space(network, reference, np.array([5.0, 9.0, 20.0, 31.0, 35.0]))
     assert space.left_m.tolist() == pytest.approx([1.65, 1.65, 3.3, 4.95, 4.95])
     assert space.right_m.tolist() == pytest.approx([-1.65] * 5)
     assert space.middle_m.tolist() == pytest.approx([0.0, 0.0, 0.825, 1.65, 1.65])
@@ -76,11 +75,9 @@ def start_of(lab, monkeypatch, *, turn=0.0, left=0.0, turned=0.0, s=100.0, lengt
     monkeypatch.setattr(escape_plan, "search_lattice", noted)
     network, along, across = lab.turned_road(turn, length=length)
     poses = np.array([[*(s * along + left * across), turn + turned, 0.0]])
-    car = lab.Car(1, 0, s, 0, (0,), AMBULANCE)
-    view = lab.view(network, lab.L3, [car], poses=poses)
+    view = lab.view(network, lab.L3, [lab.Car(1, 0, s, 0, (0,), AMBULANCE)], poses=poses)
     reference = reference_line(view.ego(0), 0)
-    path = search_gap(reference, view.ego(0))
-    assert path is None
+    assert search_gap(reference, view.ego(0)) is None
     return asked, reference, along
 
 
@@ -166,8 +163,7 @@ def test_not_entered_without_a_blocker(lab):
 
 
 def test_left_after_two_seconds_without_a_blocker(lab):
-    active = EmvUnit(1, gap_escape_active=True)
-    unit, events = run(active, view_at(lab), 39)
+    unit, events = run(EmvUnit(1, gap_escape_active=True), view_at(lab), 39)
     assert unit.gap_escape_active
     unit, events = run(unit, view_at(lab), 1)
     assert not unit.gap_escape_active
@@ -175,8 +171,7 @@ def test_left_after_two_seconds_without_a_blocker(lab):
 
 
 def test_the_time_without_a_blocker_begins_again_with_each_blocker(lab):
-    active = EmvUnit(1, gap_escape_active=True)
-    unit, _ = run(active, view_at(lab), 39)
+    unit, _ = run(EmvUnit(1, gap_escape_active=True), view_at(lab), 39)
     unit, events = run(replace(unit, blocker_id=2), view_at(lab), 1)
     assert unit.blocker_free_s == 0.0
     unit, more = run(replace(unit, blocker_id=0), view_at(lab), 39)
@@ -211,8 +206,7 @@ def reference_of(view, lane):
 def test_a_leader_that_an_emv_under_way_would_pass_beside_blocks_no_more(lab, speed, right_m, blocks):
     others = [lab.Car(2, 0, 110, 0.0, (0,), left=-right_m)]
     view = view_at(lab, speed, others, advice={"leader_id": 2, "leader_gap_m": 5.0})
-    unit = EmvUnit(1, gap_escape_active=True)
-    assert (blocker_of(unit, view.ego(0)) == 2) is blocks
+    assert (blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 2) is blocks
 
 
 def test_search_goes_round_a_blocker(lab):
@@ -263,8 +257,7 @@ def test_a_free_path_is_kept_and_a_blocked_one_replaced(lab):
     kept, events = escape_path(again, view.ego(0))
     assert kept.navigator.path is first.navigator.path
     assert not events
-    closed = view_at(lab, others=[*behind, lab.Car(3, 1, 126, 0, (0,))])
-    other, _ = escape_path(again, closed.ego(0))
+    other, _ = escape_path(again, view_at(lab, others=[*behind, lab.Car(3, 1, 126, 0, (0,))]).ego(0))
     assert other.navigator.path is not first.navigator.path
 
 

@@ -88,8 +88,7 @@ def test_ends_when_nobody_reacts_any_more(lab):
 
 def offsets(view, lane):
     reference = path_on_lanes(view.world.network, (lane,), LaneEnd.HORIZON, 98.0, 80.0)
-    s = np.linspace(2.0, 78.0, 77)
-    return corridor_offsets(reference, s, view.ego(0))
+    return corridor_offsets(reference, np.linspace(2.0, 78.0, 77), view.ego(0))
 
 
 @pytest.mark.parametrize(
@@ -101,8 +100,7 @@ def test_runs_between_the_leftmost_lane_and_its_right_neighbour(lab, lanes, lane
 
 
 def test_moves_to_the_middle_of_what_the_vehicles_leave(lab):
-    others = [lab.Car(2, 0, 140, 0, (0,), left=-0.8), lab.Car(3, 1, 140, 0, (0,), left=0.2)]
-    view = view_at(lab, others)
+    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=-0.8), lab.Car(3, 1, 140, 0, (0,), left=0.2)])
     right, left = -0.8 + 0.915, 3.5 - 0.915
     assert offsets(view, 0)[40] == pytest.approx(0.5 * (right + left), abs=0.05)
 
@@ -114,8 +112,7 @@ def test_keeps_clear_of_a_vehicle_on_one_side(lab):
 
 def test_stays_on_the_road(lab):
     view = view_at(lab, [lab.Car(2, 1, 140, 0, (0,), left=-1.0), lab.Car(3, 0, 140, 0, (0,), left=-1.6)])
-    middle_m = offsets(view, 0)
-    assert middle_m.min() >= -1.65 + 1.05 - 1e-9
+    assert offsets(view, 0).min() >= -1.65 + 1.05 - 1e-9
 
 
 def test_before_a_right_turn_with_a_shoulder_the_corridor_is_the_shoulder(lab):
@@ -146,8 +143,7 @@ def test_the_corridor_is_on_the_shoulder_before_a_junction_beyond_which_it_turns
 def test_the_path_begins_where_the_emv_is_as_it_points_and_ends_in_the_corridor(lab, heading_deg, left_m, turned_rad):
     """The EMV drives in the right lane; the line between both lanes is 1.65 m to the left of that lane's."""
     network, along, _ = lab.turned_road(np.radians(heading_deg))
-    car = lab.Car(1, 0, 100, 8, (0,), ActorClass.AMBULANCE, left=left_m)
-    view = lab.view(network, lab.L3, [car])
+    view = lab.view(network, lab.L3, [lab.Car(1, 0, 100, 8, (0,), ActorClass.AMBULANCE, left=left_m)])
     yaw = view.seen.yaw_rad + turned_rad
     view = replace(view, seen=replace(view.seen, yaw_rad=yaw, cos=np.cos(yaw), sin=np.sin(yaw)))
     curve = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path.curve
@@ -183,8 +179,7 @@ def test_goes_straight_on_where_a_vehicle_closes_the_way_to_a_lane_that_begins(l
     cars = [lab.Car(1, 1, 135, 6, (0, 1), ActorClass.AMBULANCE, left=-1.65)]
     if where is not None:
         cars.append(lab.Car(2, 3, 12, 0, (1,), left=where))
-    network = pocket_road(lab)
-    view = lab.view(network, lab.L3, cars)
+    view = lab.view(pocket_road(lab), lab.L3, cars)
     path = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path
     _, left, _ = path.curve.project(np.array([162.0]), np.array([view.seen.y_m[0]]))
     assert (abs(float(left[0])) < 0.6) is straight
@@ -213,9 +208,7 @@ def test_the_present_path_is_kept_where_it_stays_free_for_longer_than_a_new_one(
 @pytest.mark.parametrize("speed", [6.0, 3.0])
 def test_the_present_path_is_kept_for_less_where_the_emv_cannot_stop_gently_on_the_new_one(lab, monkeypatch, speed):
     """With 2.5 m/s² it stops from 6 m/s in 7.2 m, from 3 m/s in 1.8 m; the present path gains a metre."""
-    network = lab.straight_road()
-    car = lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE)
-    view = lab.view(network, lab.L3, [car])
+    view = lab.view(lab.straight_road(), lab.L3, [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE)])
     unit = replace(_along(EmvUnit(1, corridor=True), view.ego(0), 0, straight_on=False), corridor_planned_step=NEVER)
     monkeypatch.setattr(
         corridor, "_open_m", lambda candidate, *_: 6.0 if candidate.navigator.path is unit.navigator.path else 5.0
@@ -248,8 +241,7 @@ def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, driven
 def test_an_emv_that_points_far_off_begins_at_half_a_radian(lab, turned_rad):
     network = lab.straight_road()
     car = lab.Car(1, 0, 100, 2, (0,), ActorClass.AMBULANCE, left=1.65)
-    poses = np.array([[100.0, 1.65, turned_rad, 2.0]])
-    view = lab.view(network, lab.L3, [car], poses=poses)
+    view = lab.view(network, lab.L3, [car], poses=np.array([[100.0, 1.65, turned_rad, 2.0]]))
     curve = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path.curve
     assert curve.heading_at(np.array([0.0]))[0] == pytest.approx(np.sign(turned_rad) * 0.5, abs=0.05)
 
@@ -299,8 +291,7 @@ def test_the_body_stays_on_the_road_beside_a_wide_vehicle_on_the_left(lab):
 
 def test_the_line_between_two_lanes_goes_on_across_a_junction(lab):
     network = lab.junction_road()
-    car = lab.Car(1, 0, 120, 8, (0, 2), ActorClass.AMBULANCE)
-    view = lab.view(network, lab.L3, [car])
+    view = lab.view(network, lab.L3, [lab.Car(1, 0, 120, 8, (0, 2), ActorClass.AMBULANCE)])
     reference = path_on_lanes(network, (0, 2, 4), LaneEnd.HORIZON, 118.0, 80.0)
     middle_m = corridor_offsets(reference, np.linspace(2.0, 78.0, 77), view.ego(0))
     np.testing.assert_allclose(middle_m, 1.65, atol=1e-6)

@@ -43,8 +43,7 @@ def view_at(lab, turn):
         lab.Car(number, lane, s, speed, (0,), ActorClass.AMBULANCE if number == 1 else ActorClass.SEDAN)
         for number, lane, s, _, _, speed in CARS
     ]
-    owners = dict.fromkeys((2, 3, 5), int(Owner.ROS))
-    traffic = lab.traffic_of(network, cars, poses=poses, owners=owners)
+    traffic = lab.traffic_of(network, cars, poses=poses, owners=dict.fromkeys((2, 3, 5), int(Owner.ROS)))
     return lab.view_of(lab.world_of(network, lab.L3), traffic), along, across
 
 
@@ -57,8 +56,7 @@ def numbers(lab, turn):
     path = search_gap(reference_line(view.ego(0), 0), view.ego(0))
     corridor = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path
     query = LaneChangeQuery(view.ego(4), 0, 1, 5.0, civilian=True)
-    verdict = assess(query)
-    change = lane_change_path(query, verdict, stop_at_end=True).curve.points
+    change = lane_change_path(query, assess(query), stop_at_end=True).curve.points
     road = EmvRoad.ahead_of(view.ego(0), None)
     escaping = EmvUnit(1, unit.navigator, gap_escape_active=True)
     return {

@@ -63,8 +63,7 @@ def test_ends_say_why(lab):
 
 
 def test_from_inside_the_junction(lab):
-    network = lab.junction_road(2)
-    lanes, end = lanes_along(network, 6, 3.0, route(0, 4), 100.0)
+    lanes, end = lanes_along(lab.junction_road(2), 6, 3.0, route(0, 4), 100.0)
     assert lanes == (6, 7)
     assert end is LaneEnd.HORIZON
 
@@ -97,8 +96,7 @@ def test_path_on_lanes_follows_the_turn_and_knows_its_lanes(lab):
     path = path_on_lanes(network, lanes, end, 90.0, 120.0)
     assert path.curve.points[0] == pytest.approx([90.0, 0.0], abs=1e-6)
     assert path.curve.length_m == pytest.approx(120.0, rel=0.02)
-    along = path.lane_at(np.array([0.0, 55.0, 65.0, 100.0]))
-    assert along.tolist() == [0, 0, 6, 7]
+    assert path.lane_at(np.array([0.0, 55.0, 65.0, 100.0])).tolist() == [0, 0, 6, 7]
     assert path.curve.heading_rad[-1] == pytest.approx(-np.pi / 2.0, abs=1e-3)
     assert np.abs(path.curve.curvature_1pm).max() < 0.16
 

@@ -36,8 +36,7 @@ def test_curve_limits_the_speed_and_is_braked_for_before_it():
 
 
 def test_lane_below_the_path():
-    lanes = np.repeat(np.array([4, 7], dtype=np.int32), [50, 51])
-    path = TrackedPath.of(STRAIGHT, CONFIG, lanes)
+    path = TrackedPath.of(STRAIGHT, CONFIG, np.repeat(np.array([4, 7], dtype=np.int32), [50, 51]))
     assert (path.lane_at(10.0), path.lane_at(90.0), path.lane_at(500.0)) == (4, 7, 7)
     assert TrackedPath.of(STRAIGHT, CONFIG).lane_at(10.0) == NO_LANE
 
@@ -111,8 +110,7 @@ REFERENCE = LanePath((3,), np.array([0.0]), Curve.through(np.array([[0.0, 0.0], 
 @given(start=st.floats(-5, 5), slope=st.floats(-5, 5), end=st.floats(-5, 5))
 def test_quintic_meets_its_boundary_conditions(start, slope, end):
     h = 1e-4
-    u = np.array([0.0, h, 2 * h, 1.0 - 2 * h, 1.0 - h, 1.0, 1.7])
-    d = quintic_offsets(u, start, slope, end)
+    d = quintic_offsets(np.array([0.0, h, 2 * h, 1.0 - 2 * h, 1.0 - h, 1.0, 1.7]), start, slope, end)
     assert (d[0], d[5], d[6]) == (pytest.approx(start), pytest.approx(end), pytest.approx(end))
     assert (d[1] - d[0]) / h == pytest.approx(slope, abs=1e-2)
     assert (d[5] - d[4]) / h == pytest.approx(0.0, abs=1e-2)

@@ -94,8 +94,7 @@ def test_a_curve_is_a_beziers_with_handles_along_the_lanes():
     ],
 )
 def test_ten_degrees_at_either_end_are_a_corner(path, mended):
-    curve = shapes_of(path)[":J_0_0"]
-    assert (len(curve) == 17) is mended
+    assert (len(shapes_of(path)[":J_0_0"]) == 17) is mended
 
 
 def test_where_a_lane_is_missing_nothing_changes():

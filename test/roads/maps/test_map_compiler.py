@@ -132,8 +132,7 @@ def test_openstreetmap_gives_a_network_around_its_own_origin(tmp_path):
     assert (compiled.kind, compiled.name) == (SourceKind.OPENSTREETMAP, "city")
     assert network.projection.startswith("+proj=utm +zone=33")
     assert network.origin_lat_lon_deg == pytest.approx((52.52, 13.40), abs=1e-4)
-    points = np.concatenate([lane.centre.points for lane in network.lanes])
-    assert np.abs(points).max() < 400.0
+    assert np.abs(np.concatenate([lane.centre.points for lane in network.lanes])).max() < 400.0
     assert network.junctions["2"].kind is JunctionKind.SIGNAL
     assert {edge.name for edge in network.edges if not edge.internal} == {"A Street", ""}
     assert {lane.kind for lane in network.lanes} >= {LaneKind.DRIVING, LaneKind.SIDEWALK}

@@ -220,8 +220,7 @@ def test_a_signal_outranks_signs(kind):
 
 
 def test_a_plain_file_holds_the_elements():
-    net = fromstring(NET.format(kind="priority"))
-    nodes, _ = control_patches(net, ["n"], [], lambda _: True)
+    nodes, _ = control_patches(fromstring(NET.format(kind="priority")), ["n"], [], lambda _: True)
     root = fromstring(document("nodes", nodes))
     assert root.tag == "nodes"
     assert [dict(node.attrib) for node in root] == [{"id": "J", "type": "priority_stop"}]

@@ -93,14 +93,12 @@ def test_wide_shoulders_right_of_the_driving_lanes_are_open(index, width, open_t
 
 def test_a_shoulder_between_driving_lanes_is_open_to_nobody():
     more = '<lane id="1_5" index="5" speed="13.89" width="3.5" type="driving"/></edge>'
-    text = net().decode().replace("</edge>", more, 1)
-    lanes = lane_patches(text.encode())
+    lanes = lane_patches(net().decode().replace("</edge>", more, 1).encode())
     assert (lanes["2"].get("allow"), lanes["4"].get("disallow")) == ("emergency", "all")
 
 
 def test_without_a_driving_lane_a_shoulder_is_open_to_nobody():
-    text = net().decode().replace('type="driving"', 'type="biking"')
-    lanes = lane_patches(text.encode())
+    lanes = lane_patches(net().decode().replace('type="driving"', 'type="biking"').encode())
     assert {lanes[index].get("disallow") for index in ("1", "2", "3", "4")} == {"all"}
 
 

@@ -182,8 +182,7 @@ def test_a_direction_is_that_of_the_way(way, direction, edges):
     [("yes", ("from_w",)), ("true", ("from_w",)), ("1", ("from_w",)), ("-1", ()), ("no", ("from_w",))],
 )
 def test_nobody_stops_where_nobody_may_drive(oneway, edges):
-    tags = f'{PRIMARY}<tag k="oneway" v="{oneway}"/>'
-    assert bound(sign((-14.0, 0.0)), tags=tags) == stopped(*edges)
+    assert bound(sign((-14.0, 0.0)), tags=f'{PRIMARY}<tag k="oneway" v="{oneway}"/>') == stopped(*edges)
 
 
 def test_at_the_junctions_own_node_it_binds_all_approaches():

@@ -37,14 +37,12 @@ def test_the_clip_matrix_puts_points_where_the_camera_projects_them(x, y, z):
 
 
 def test_rays_through_pixels_come_back_to_them():
-    rays = CAMERA.pixel_rays()
-    uv, _ = CAMERA.project(rays.astype(np.float64) * 7.0)
+    uv, _ = CAMERA.project(CAMERA.pixel_rays().astype(np.float64) * 7.0)
     columns, rows = np.meshgrid(np.arange(800), np.arange(600))
     assert np.allclose(uv[..., 0], columns, atol=1e-3)
     assert np.allclose(uv[..., 1], rows, atol=1e-3)
 
 
 def test_a_point_to_the_left_of_a_camera_lies_left_in_its_picture():
-    optical = optical_from_map(map_from_base(5.0, 5.0, 1.0, np.pi / 2))
-    ahead_left_above = optical @ [4.0, 15.0, 2.0, 1.0]
+    ahead_left_above = optical_from_map(map_from_base(5.0, 5.0, 1.0, np.pi / 2)) @ [4.0, 15.0, 2.0, 1.0]
     assert np.allclose(ahead_left_above[:3], [-1.0, -1.0, 10.0])

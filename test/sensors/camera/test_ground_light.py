@@ -40,8 +40,7 @@ def road(image):
 
 def test_each_street_lamp_is_found_once():
     places = [(0.0, 0.0), (30.0, 5.0), (31.0, 40.0)]
-    lamps = [turned(street_lamp(8.0), x, y, 0.0, 0.7) for x, y in places]
-    middles = luminaires(Mesh.joined(*lamps))
+    middles = luminaires(Mesh.joined(*[turned(street_lamp(8.0), x, y, 0.0, 0.7) for x, y in places]))
     assert middles.shape == (3, 3)
     assert np.linalg.norm(middles[:, :2] - places, axis=1) == pytest.approx(1.5, abs=0.1)
     assert middles[:, 2] == pytest.approx(7.9, abs=0.1)
@@ -50,8 +49,7 @@ def test_each_street_lamp_is_found_once():
 def test_a_street_lamp_lights_the_road_below_it_at_night(boxes):
     lamp = turned(street_lamp(8.0), 20.0, -4.0, 0.0, np.pi / 2)
     lit, dark = (picture(boxes.renderer(scene, NIGHT), boxes.placed()) for scene in (boxes.scene(lamp), boxes.scene()))
-    below = lit.rgba[140:165, 150:170, :3].mean()
-    assert below > dark.rgba[140:165, 150:170, :3].mean() + 30
+    assert lit.rgba[140:165, 150:170, :3].mean() > dark.rgba[140:165, 150:170, :3].mean() + 30
     assert (lit.rgba[..., :3].min(axis=2) > 200).sum() > 3, "the lens"
 
 
@@ -59,8 +57,7 @@ def test_head_lamps_light_what_lies_ahead_also_the_carriers_own(boxes):
     renderer = boxes.renderer(boxes.scene(), NIGHT)
     empty = picture(renderer, boxes.placed())
     ahead = picture(renderer, boxes.placed((SEDAN, 15.0, 4.0, -np.pi / 2)))
-    brighter = road(ahead) & (ahead.rgba[..., 1] > empty.rgba[..., 1].astype(int) + 20)
-    assert brighter[:, 160:].sum() > 200
+    assert (road(ahead) & (ahead.rgba[..., 1] > empty.rgba[..., 1].astype(int) + 20))[:, 160:].sum() > 200
     with_carrier = replace(boxes.placed(), ego=EgoVehicle(0.0, 0.0, 0.0, 4.6, 0))
     assert (
         picture(renderer, with_carrier).rgba[150:220, 120:200, :3].mean() > empty.rgba[150:220, 120:200, :3].mean() + 20
@@ -86,8 +83,7 @@ def test_rain_falls_over_the_colours_alone(boxes):
     renderer = boxes.renderer(boxes.scene(), wet)
     first, later = picture(renderer, placement, labels=True), picture(renderer, placement, 1, labels=True)
     again = picture(boxes.renderer(boxes.scene(), wet), placement)
-    changed = np.any(first.rgba[..., :3] != dry.rgba[..., :3], axis=2)
-    assert 0.002 < changed.mean() < 0.2
+    assert 0.002 < np.any(first.rgba[..., :3] != dry.rgba[..., :3], axis=2).mean() < 0.2
     assert first.rgba.tobytes() == again.rgba.tobytes() != later.rgba.tobytes()
     for rainy in (first, later):
         assert np.array_equal(rainy.semantic, dry.semantic)

@@ -30,8 +30,7 @@ def picture(renderer, placement, pose=EYE, signals=None, **options):
 def test_the_edges_of_a_labelled_box_land_within_half_a_pixel(renderer, boxes, x, y):
     rows, columns = np.nonzero(picture(renderer, boxes.placed((SEDAN, x, y, 0.0))).instance == 1)
     corners = boxes.shapes()[SEDAN].body.vertices_m + np.array([x, y, 0.0])
-    optical = np.c_[corners, np.ones(len(corners))] @ optical_from_map(EYE).T
-    uv, _ = CAMERA.project(optical[:, :3])
+    uv, _ = CAMERA.project((np.c_[corners, np.ones(len(corners))] @ optical_from_map(EYE).T)[:, :3])
     low, high = uv.min(axis=0), np.minimum(uv.max(axis=0), [319.5, 239.5])
     assert [columns.min() - 0.5, rows.min() - 0.5] == pytest.approx(low, abs=0.501)
     assert [columns.max() + 0.5, rows.max() + 0.5] == pytest.approx(high, abs=0.501)
@@ -65,8 +64,7 @@ def test_semantic_classes_of_sky_road_and_car(renderer, boxes):
 def test_the_same_state_gives_the_same_bytes_whatever_came_before(renderer, boxes):
     placement = boxes.placed((SEDAN, 8.0, 1.0, 0.3), lights=[9])
     first = picture(renderer, placement)
-    far = transform(np.eye(3), (90.0, 90.0, 1.5))
-    picture(renderer, boxes.placed(), far)
+    picture(renderer, boxes.placed(), transform(np.eye(3), (90.0, 90.0, 1.5)))
     again = picture(renderer, placement)
     fresh = picture(boxes.renderer(boxes.crossroads()), placement)
     assert first.rgba.tobytes() == again.rgba.tobytes() == fresh.rgba.tobytes()
@@ -81,8 +79,7 @@ def test_a_signals_lamp_shines_in_its_phase_and_blinks(renderer, boxes):
     assert lens.sum() > 20
     red = picture(renderer, boxes.placed(), signals={"s": "r"})
     assert red.rgba[..., 0][lens].mean() > dark.rgba[..., 0][lens].mean() + 60
-    unknown = picture(renderer, boxes.placed(), signals={})
-    assert unknown.rgba.tobytes() == dark.rgba.tobytes()
+    assert picture(renderer, boxes.placed(), signals={}).rgba.tobytes() == dark.rgba.tobytes()
 
 
 def test_a_vehicle_throws_a_shadow_away_from_the_sun(renderer, boxes):

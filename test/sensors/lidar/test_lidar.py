@@ -19,8 +19,7 @@ SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS
 
 @pytest.fixture(name="world", scope="module")
 def _world(boxes):
-    wall = boxes.box((30.0, 0.0, 5.0), (2.0, 60.0, 10.0))
-    return RaycastWorld(boxes.scene(wall), boxes.shapes())
+    return RaycastWorld(boxes.scene(boxes.box((30.0, 0.0, 5.0), (2.0, 60.0, 10.0))), boxes.shapes())
 
 
 def positions(sweep):
@@ -61,8 +60,7 @@ def test_returns_on_a_vehicle_lie_on_its_box(world, boxes, x, y, yaw, kind, seed
     sweep = scan(world, boxes.placed((kind, x, y, yaw)), pose=carrier)
     hit = sweep.points["instance"] == 1
     assert sweep.points_on_actor.tolist() == [hit.sum()]
-    in_map = positions(sweep)[hit] @ carrier[:3, :3].T + carrier[:3, 3] + [0.0, 0.0, 1.93]
-    relative = in_map - [x, y, 0.0]
+    relative = (positions(sweep)[hit] @ carrier[:3, :3].T + carrier[:3, 3] + [0.0, 0.0, 1.93]) - [x, y, 0.0]
     cos, sin = np.cos(yaw), np.sin(yaw)
     local = np.stack((cos * relative[:, 0] + sin * relative[:, 1], cos * relative[:, 1] - sin * relative[:, 0]), axis=1)
     shape = boxes.shapes()[kind]
@@ -96,8 +94,7 @@ def assert_one_scene(boxes, static, placement, spec):
 
 
 def test_a_vehicle_behind_the_wall_is_not_hit(world, boxes):
-    sweep = scan(world, boxes.placed((SEDAN, 36.0, 0.0, 0.0)))
-    assert sweep.points_on_actor.tolist() == [0]
+    assert scan(world, boxes.placed((SEDAN, 36.0, 0.0, 0.0))).points_on_actor.tolist() == [0]
 
 
 def test_the_described_size_scales_the_shape(world, boxes):
@@ -157,8 +154,7 @@ def test_intensity_of_a_vehicle_whose_shape_is_stretched(boxes):
         Material.CAR_PAINT,
         (200, 200, 200),
     )
-    shapes = {SEDAN: VehicleShape(SEDAN, wedge, (), 4.0, 2.0, 2.0)}
-    world = RaycastWorld(boxes.scene(), shapes)
+    world = RaycastWorld(boxes.scene(), {SEDAN: VehicleShape(SEDAN, wedge, (), 4.0, 2.0, 2.0)})
     stretch, yaw_rad = np.array([1.5, 1.0, 0.6]), 0.4
     placed = boxes.placed((SEDAN, 14.0, 1.0, yaw_rad))
     sweep = scan(world, replace(placed, scale=stretch[None], size_m=stretch[None] * [[4.0, 2.0, 2.0]]))
@@ -198,10 +194,8 @@ def test_noise_depends_on_seed_sensor_and_step_alone(world, boxes):
     lidar = Lidar(noisy, world, 0)
     pose = noisy.mount.base_from_sensor
     lidar.scan(3, pose, boxes.placed())
-    again = lidar.scan(7, pose, boxes.placed())
-    assert first.points.tobytes() == again.points.tobytes()
-    other = lidar.scan(8, pose, boxes.placed())
-    assert first.points.tobytes() != other.points.tobytes()
+    assert first.points.tobytes() == lidar.scan(7, pose, boxes.placed()).points.tobytes()
+    assert first.points.tobytes() != lidar.scan(8, pose, boxes.placed()).points.tobytes()
     exact = scan(world, boxes.placed())
     error = np.linalg.norm(positions(first), axis=1) - np.linalg.norm(positions(exact), axis=1)
     assert error.std() == pytest.approx(0.05, rel=0.1)
@@ -228,8 +222,7 @@ def test_drop_off_rates_by_intensity(world, boxes, general, limit, at_zero):
         seen = scan(world, spread, lossy, step=step).points
         kept += np.isin(ray, np.rint(seen["time"] * -7200).astype(int) * 16 + seen["ring"])
     intensity = lossless.points["intensity"].astype(float)
-    weak = at_zero * np.clip(1.0 - intensity / limit, 0.0, 1.0)
-    expected = 1.0 - (1.0 - general) * (1.0 - weak)
+    expected = 1.0 - (1.0 - general) * (1.0 - (at_zero * np.clip(1.0 - intensity / limit, 0.0, 1.0)))
     bins = np.digitize(intensity, [0.02, 0.06, 0.1, 0.15, 0.25, 0.35, 0.45])
     assert len(np.unique(bins)) >= 6
     for number in np.unique(bins):
@@ -245,8 +238,7 @@ def test_times_run_from_50_ms_before_the_stamp_to_the_stamp_as_the_beams_turn(wo
     x, y, _ = positions(sweep).T
     columns = 360
     turned = np.rint((np.pi - np.arctan2(y, x)) / (2.0 * np.pi) * columns) % columns
-    expected_s = (turned - (columns - 1)) / columns * 0.05
-    assert np.allclose(sweep.points["time"], expected_s, atol=1e-7)
+    assert np.allclose(sweep.points["time"], (turned - (columns - 1)) / columns * 0.05, atol=1e-7)
     assert (sweep.points["time"][0], sweep.points["time"][-1]) == (pytest.approx(-0.05 * 359 / 360), 0.0)
     assert np.all(np.diff(sweep.points["time"]) >= 0)
     assert np.all(np.diff(sweep.points["ring"].astype(int))[np.diff(turned) == 0] > 0)

@@ -19,8 +19,7 @@ from siren_ros.sensors.meshes.solids import box
 def test_moving_a_mesh_keeps_its_volume(angle, shift):
     c, s = np.cos(angle), np.sin(angle)
     turn, box_ = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1))), box((0, 0, 0), (1, 2, 3), Material.KERB, (0, 0, 0))
-    moved = box_.transformed(turn, (shift, -shift, shift))
-    assert volume(moved) == pytest.approx(6.0, rel=1e-4)
+    assert volume(box_.transformed(turn, (shift, -shift, shift))) == pytest.approx(6.0, rel=1e-4)
 
 
 def test_a_mirrored_mesh_still_looks_outward():

@@ -43,8 +43,7 @@ def shell(profile):
 
 def cross_section_m2(profile, s_m=2.0):
     """Of the polygon of one ring, both halves."""
-    ring = profile.half_rings_m()[int(np.argmin(abs(profile.stations_m() - s_m)))][:, 1:]
-    y, z = ring.T
+    y, z = profile.half_rings_m()[int(np.argmin(abs(profile.stations_m() - s_m)))][:, 1:].T
     return float(abs(np.sum(y * np.roll(z, -1) - z * np.roll(y, -1))))
 
 
@@ -191,8 +190,7 @@ def test_a_box_is_not_turned_inside_out(high):
 def test_a_box_with_free_corners_may_be_a_roof():
     """A base of 4 m by 2 m below a ridge of 4 m in the middle, 1 m above."""
     corners = [(0, 0, 0), (4, 0, 0), (4, 2, 0), (0, 2, 0), (0, 1, 1), (4, 1, 1), (4, 1, 1), (0, 1, 1)]
-    mesh = hexahedron(corners, Material.KERB, GREY)
-    assert volume(mesh) == pytest.approx(4.0)
+    assert volume(hexahedron(corners, Material.KERB, GREY)) == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 2.0), (2.0, 1.0), (0.5, 1.5)], ids=["cylinder", "cone", "funnel"])

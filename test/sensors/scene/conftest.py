@@ -33,8 +33,7 @@ class _Builder:
 
     def connect(self, before, after, direction, link, signalled):
         ends = np.stack((before.centre.at(before.length_m), after.centre.at(0.0)))
-        middle = ends.mean(axis=0) * (1.0 if direction == "s" else 0.7)
-        points = np.stack((ends[0], middle, ends[1]))
+        points = np.stack((ends[0], ends.mean(axis=0) * (1.0 if direction == "s" else 0.7), ends[1]))
         via = self.edge(f":C_{link}", "C", "C", True, [(LaneKind.INTERNAL, 3.5, points)])
         self.connections.append(
             Connection(

@@ -247,8 +247,7 @@ def test_arrows_of_two_directions_and_turnarounds():
 @pytest.mark.parametrize("left_m", [1.0, -2.0])
 def test_a_ribbon_turns_corners_on_the_bisector(left_m):
     """East, then north: a strip 0.2 m wide beside the line has mitred corners and the parts' lengths."""
-    centre = Polyline.through([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)])
-    strip = ribbon(centre, 2.0, 15.0, left_m, 0.2)
+    strip = ribbon(Polyline.through([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)]), 2.0, 15.0, left_m, 0.2)
     corner = np.array([10.0 - left_m, left_m])
     expected = shapely.LineString([(2.0, left_m), corner, (corner[0], 5.0)]).buffer(
         0.1, cap_style="flat", join_style="mitre"

@@ -57,8 +57,7 @@ def heights_at(scene, points):
     caster = o3d.t.geometry.RaycastingScene(nthreads=1)
     caster.add_triangles(o3d.core.Tensor(scene.mesh.vertices_m), o3d.core.Tensor(scene.mesh.triangles))
     down = np.tile((1.0, 0.0, 0.0, -1.0), (len(points), 1))
-    rays = np.concatenate((points, down), axis=1).astype(np.float32)
-    answer = caster.cast_rays(o3d.core.Tensor(rays))
+    answer = caster.cast_rays(o3d.core.Tensor(np.concatenate((points, down), axis=1).astype(np.float32)))
     return 1.0 - answer["t_hit"].numpy(), scene.mesh.material[answer["primitive_ids"].numpy()]
 
 
@@ -84,8 +83,7 @@ def check(scene, network):
 def test_a_crossing_made_by_hand(scene, network):
     check(scene, network)
     approaches = {(lamp.signal_id, lamp.link) for lamp in scene.signal_lamps}
-    straight = {(c.signal_id, c.signal_link) for c in network.connections if c.direction == "s"}
-    assert approaches == straight
+    assert approaches == {(c.signal_id, c.signal_link) for c in network.connections if c.direction == "s"}
 
 
 def test_lamps_face_their_approach(scene, network):
@@ -107,8 +105,7 @@ def test_sidewalks_stand_a_kerb_above_the_road(scene, network):
 
 
 def test_no_ray_falls_through_the_ground(scene):
-    places = np.random.default_rng(1).uniform(-150.0, 150.0, (20_000, 2))
-    height, material = heights_at(scene, places)
+    height, material = heights_at(scene, np.random.default_rng(1).uniform(-150.0, 150.0, (20_000, 2)))
     slipped = (material == Material.GROUND) & (height < -0.01)
     assert np.isfinite(height).all()
     assert slipped.mean() < 1e-3
@@ -126,8 +123,7 @@ def test_stop_signs_stand_where_no_signal_does(stop_network):
     scene = static_scene(stop_network, seed=0)
     assert scene.signal_lamps == ()
     middles = scene.mesh.vertices_m[scene.mesh.triangles[scene.mesh.material == Material.STOP_SIGN]].mean(axis=1)
-    quadrants = {(float(np.sign(x)), float(np.sign(y))) for x, y, _ in middles}
-    assert len(quadrants) == 4
+    assert len({(float(np.sign(x)), float(np.sign(y))) for x, y, _ in middles}) == 4
 
 
 def test_a_map_without_sidewalks_gets_a_verge(network):
@@ -181,8 +177,7 @@ def test_walls_stand_on_the_lot(heading_rad, height_m):
         glass = mesh.normals[mesh.material == Material.BUILDING_GLASS]
         centres = mesh.vertices_m[mesh.triangles[mesh.material == Material.BUILDING_GLASS]].mean(axis=1)
         house = np.array([50.0 + np.cos(heading_rad) * DEPTH_M / 2, -20.0 + np.sin(heading_rad) * DEPTH_M / 2])
-        looks = np.einsum("ij,ij->i", glass[:, :2], centres[:, :2] - house)
-        assert (looks > 0.0).all(), "panes look out"
+        assert (np.einsum("ij,ij->i", glass[:, :2], centres[:, :2] - house) > 0.0).all(), "panes look out"
 
 
 def test_plain_buildings_have_windows_in_front_alone():
@@ -223,8 +218,7 @@ def test_a_saddle_roof_is_closed_and_has_its_volume():
     assert volume(roof.translated(0.0, 0.0, -7.0)) == pytest.approx(0.5 * 16.8 * 10.8 * rise, rel=1e-4)
     low, high = roof.bounds_m
     assert (low, high) == (pytest.approx([-0.4, -8.4, 7.0]), pytest.approx([10.4, 8.4, 7.0 + rise]))
-    ridge = roof.vertices_m[roof.vertices_m[:, 2] > 7.1]
-    assert ridge[:, 0] == pytest.approx([5.0, 5.0])
+    assert roof.vertices_m[roof.vertices_m[:, 2] > 7.1][:, 0] == pytest.approx([5.0, 5.0])
 
 
 def test_a_flat_roof_lies_on_the_walls():
@@ -236,9 +230,7 @@ def test_a_flat_roof_lies_on_the_walls():
     assert roof.bounds_m[0] == pytest.approx([0.1, -7.9, 8.8])
     assert roof.bounds_m[1] == pytest.approx([9.9, 7.9, 9.04])
     assert np.unique(edge.colour_rgb).tolist() == [82]
-    tall = _flat_roof(8.0, DEPTH_M, 12.0, (100, 100, 100), np.random.default_rng(0))
-    hut = tall[2]
-    low, high = hut.bounds_m
+    low, high = _flat_roof(8.0, DEPTH_M, 12.0, (100, 100, 100), np.random.default_rng(0))[2].bounds_m
     assert (high - low, low[2]) == (pytest.approx([3.2, 3.6, 2.2], abs=1e-4), 12.0)
     assert low[0] > 0.0
     assert high[0] < DEPTH_M
@@ -318,8 +310,7 @@ def test_a_stop_sign_is_an_octagon_that_says_stop():
     faces = sign.normals[:, 0]
     assert np.abs(faces) == pytest.approx(np.ones(len(sign)), abs=1e-6)
     red = (sign.colour_rgb == (178, 20, 24)).all(axis=1)
-    octagon = 0.5 * 8 * np.sin(2 * np.pi / 8)
-    assert areas(sign)[red].sum() == pytest.approx(octagon * 0.41**2, rel=1e-4)
+    assert areas(sign)[red].sum() == pytest.approx((0.5 * 8 * np.sin(2 * np.pi / 8)) * 0.41**2, rel=1e-4)
     assert (faces[red] > 0).all()
     back = sign.material == Material.METAL_POLE
     assert (faces[back] < 0).all()
@@ -352,8 +343,7 @@ def test_a_street_lamps_arm_reaches_ahead():
 @pytest.mark.parametrize("make", [broadleaf, conifer])
 def test_trees_stand_on_the_ground_and_keep_to_their_radius(make, seed):
     tree = make(30.0, -12.0, 2.0, np.random.default_rng(seed))
-    away = np.hypot(tree.vertices_m[:, 0] - 30.0, tree.vertices_m[:, 1] + 12.0)
-    assert 1.5 < away.max() <= 2.0 + 1e-5
+    assert 1.5 < np.hypot(tree.vertices_m[:, 0] - 30.0, tree.vertices_m[:, 1] + 12.0).max() <= 2.0 + 1e-5
     height = float(tree.vertices_m[:, 2].max())
     assert tree.vertices_m[:, 2].min() == 0.0
     assert (4.0 if make is broadleaf else 6.8) < height < (7.0 if make is broadleaf else 8.9)

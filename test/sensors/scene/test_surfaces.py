@@ -185,8 +185,7 @@ def test_samples_of_a_ring_have_the_area_on_their_left():
     beside = 0.05 * np.stack((-tangents[:, 1], tangents[:, 0]), axis=-1)
     assert shapely.contains_xy(area, places + beside + 0.01 * tangents).mean() > 0.95
     assert shapely.contains_xy(area, places - beside + 0.01 * tangents).mean() < 0.05
-    gaps = np.hypot(*np.diff(places[:60], axis=0).T)
-    assert np.median(gaps) == pytest.approx(2.0)
+    assert np.median(np.hypot(*np.diff(places[:60], axis=0).T)) == pytest.approx(2.0)
 
 
 def test_short_rings_have_no_samples():

@@ -102,23 +102,16 @@ def test_lengths_that_a_message_claims_cost_nothing(messages, typestore, claim):
 
 
 LIES = [
-    (topics.EPISODE, "parameters", "[" * 100_000),
-    (topics.EPISODE, "parameters", '{"predicate": 1}'),
+    *[(topics.EPISODE, "parameters", "[" * 100_000), (topics.EPISODE, "parameters", '{"predicate": 1}')],
     (topics.EPISODE, "parameters", '{"predicate": {"name": "../x", "thresholds": [1]}}'),
-    (topics.EPISODE, "level", 99),
-    (topics.EPISODE, "duration_s", float("nan")),
+    *[(topics.EPISODE, "level", 99), (topics.EPISODE, "duration_s", float("nan"))],
     (topics.EPISODE, "duration_s", float("inf")),
-    (topics.MAP, "data", '<!DOCTYPE net [<!ENTITY a "b">]><net>&a;</net>'),
-    (topics.MAP, "data", "<net/>"),
-    (topics.OUTCOME, "end", "never"),
-    (topics.OUTCOME, "measures", "7"),
-    (topics.ACTORS, "step", 2**63),
-    (topics.ACTORS, "x_m", np.zeros(0)),
-    (topics.ACTORS, "x_m", np.full(6, np.nan)),
+    *[(topics.MAP, "data", '<!DOCTYPE net [<!ENTITY a "b">]><net>&a;</net>'), (topics.MAP, "data", "<net/>")],
+    *[(topics.OUTCOME, "end", "never"), (topics.OUTCOME, "measures", "7"), (topics.ACTORS, "step", 2**63)],
+    *[(topics.ACTORS, "x_m", np.zeros(0)), (topics.ACTORS, "x_m", np.full(6, np.nan))],
     (topics.ACTORS, "actor_id", np.full(6, 77, dtype=np.uint32)),
     (topics.TRAFFIC, "lane", np.full(6, 2**30, dtype=np.int32)),
-    (topics.TRAFFIC, "route_offset", np.full(7, -5, dtype=np.int32)),
-    (topics.EVENTS, "step", 2**64 - 1),
+    *[(topics.TRAFFIC, "route_offset", np.full(7, -5, dtype=np.int32)), (topics.EVENTS, "step", 2**64 - 1)],
 ]
 
 

@@ -10,18 +10,9 @@ from repository import REPOSITORY
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.errors import EpisodeError, InputError
-from siren_ros.interfaces import messages, topics
+from siren_ros.interfaces import measurements, messages, topics
 from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth, to_image_boxes
 from siren_ros.interfaces.markers import to_markers, vehicle_markers
-from siren_ros.interfaces.measurements import (
-    to_audio,
-    to_camera_info,
-    to_compressed_image,
-    to_image,
-    to_imu,
-    to_nav_sat_fix,
-    to_point_cloud,
-)
 from siren_ros.interfaces.messages import (
     LONGEST_TEXT,
     decode_cdr,
@@ -113,7 +104,7 @@ def assert_plain(store, topic, message):
 
 @given(frames, st.integers(0, 5), st.integers(0, 1000))
 def test_points_are_encoded_as_the_store_would(typestore, frame, points, step):
-    message = to_point_cloud(step, frame, np.frombuffer(bytes(range(24)) * points, LIDAR_POINT_DTYPE))
+    message = measurements.to_point_cloud(step, frame, np.frombuffer(bytes(range(24)) * points, LIDAR_POINT_DTYPE))
     assert_plain(typestore, topics.LIDAR, message)
     assert step_of_cdr(topics.LIDAR, encode_cdr(typestore, topics.LIDAR, message)) == step
 
@@ -121,13 +112,13 @@ def test_points_are_encoded_as_the_store_would(typestore, frame, points, step):
 @given(frames, st.integers(1, 5), st.integers(1, 5))
 def test_pictures_are_encoded_as_the_store_would(typestore, frame, rows, columns):
     rgb = np.arange(rows * columns * 3, dtype=np.uint8).reshape(rows, columns, 3)
-    assert_plain(typestore, topics.IMAGE, to_image(3, frame, rgb))
-    assert_plain(typestore, topics.IMAGE, to_image(3, frame, rgb[..., 0].astype(np.float32)))
+    assert_plain(typestore, topics.IMAGE, measurements.to_image(3, frame, rgb))
+    assert_plain(typestore, topics.IMAGE, measurements.to_image(3, frame, rgb[..., 0].astype(np.float32)))
 
 
 @given(frames, st.binary(max_size=9))
 def test_jpegs_are_encoded_as_the_store_would(typestore, frame, jpeg):
-    assert_plain(typestore, topics.IMAGE_COMPRESSED, to_compressed_image(3, frame, jpeg))
+    assert_plain(typestore, topics.IMAGE_COMPRESSED, measurements.to_compressed_image(3, frame, jpeg))
 
 
 @pytest.mark.parametrize("step", [0, 1, 400, 123_456])
@@ -177,12 +168,12 @@ PICTURE = CameraTruth(step=STEP, **ones(CAMERA_TRUTH_DTYPES))
 STATES = ActorStates(step=STEP, **ones(ACTOR_STATE_DTYPES))
 ACTOR = ActorDescription(1, "v1", ActorClass.SEDAN, 4.6, 1.8, 1.4, (51, 102, 204), is_emv=True)
 MESSAGES = {
-    "audio": to_audio(AudioChunk(STEP, FRAME, 16_000, np.zeros(4, np.int16))),
-    "picture": to_image(STEP, FRAME, np.zeros((2, 2), np.uint8)),
-    "compressed picture": to_compressed_image(STEP, FRAME, b"jpeg"),
-    "camera": to_camera_info(STEP, FRAME, CameraIntrinsics(8, 6, 3.0, 3.0, 4.0, 3.0)),
-    "imu": to_imu(ImuSample(STEP, FRAME, np.zeros(3), np.zeros(3), 0.0, 0.0)),
-    "fix": to_nav_sat_fix(GnssFix(STEP, FRAME, 49.0, 8.0, 1.0, np.ones(3))),
+    "audio": measurements.to_audio(AudioChunk(STEP, FRAME, 16_000, np.zeros(4, np.int16))),
+    "picture": measurements.to_image(STEP, FRAME, np.zeros((2, 2), np.uint8)),
+    "compressed picture": measurements.to_compressed_image(STEP, FRAME, b"jpeg"),
+    "camera": measurements.to_camera_info(STEP, FRAME, CameraIntrinsics(8, 6, 3.0, 3.0, 4.0, 3.0)),
+    "imu": measurements.to_imu(ImuSample(STEP, FRAME, np.zeros(3), np.zeros(3), 0.0, 0.0)),
+    "fix": measurements.to_nav_sat_fix(GnssFix(STEP, FRAME, 49.0, 8.0, 1.0, np.ones(3))),
     "odometry": to_odometry(STEP, Odometry(*[0.0] * 6, np.eye(3), np.eye(3)), FRAME, "base"),
     "labels in space": to_ground_truth(TRUTH),
     "boxes in space": to_boxes(boxes_of(TRUTH, FRAME)),

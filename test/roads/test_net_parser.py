@@ -123,12 +123,9 @@ def test_a_signal_is_no_stop_sign():
 @pytest.mark.parametrize(
     ("word", "kind"),
     [
-        ("traffic_light", JunctionKind.SIGNAL),
-        ("traffic_light_right_on_red", JunctionKind.SIGNAL),
-        ("allway_stop", JunctionKind.ALL_WAY_STOP),
-        ("priority_stop", JunctionKind.PRIORITY_STOP),
-        ("priority", JunctionKind.PRIORITY),
-        ("unregulated", JunctionKind.UNCONTROLLED),
+        *[("traffic_light", JunctionKind.SIGNAL), ("traffic_light_right_on_red", JunctionKind.SIGNAL)],
+        *[("allway_stop", JunctionKind.ALL_WAY_STOP), ("priority_stop", JunctionKind.PRIORITY_STOP)],
+        *[("priority", JunctionKind.PRIORITY), ("unregulated", JunctionKind.UNCONTROLLED)],
     ],
 )
 def test_junction_kinds(word, kind):
@@ -181,9 +178,7 @@ def test_the_default_width_is_sumos(network):
 @pytest.mark.parametrize(
     ("document", "reason"),
     [
-        (b"", "unreadable XML"),
-        (b"<net", "unreadable XML"),
-        (b"<osm/>", "<osm>"),
+        *[(b"", "unreadable XML"), (b"<net", "unreadable XML"), (b"<osm/>", "<osm>")],
         (b"<net/>", "without driving lanes"),
         (b'<!DOCTYPE n [<!ENTITY a "b">]><net>&a;</net>', "unreadable XML"),
         (b'<net><edge id="e"><lane id="e_0" index="0" speed="1" shape=""/></edge></net>', "damaged net"),
@@ -227,12 +222,9 @@ def test_a_way_that_does_not_end_is_refused(back_to):
 @pytest.mark.parametrize(
     ("allow", "disallow", "civilian", "emergency", "pedestrian"),
     [
-        (None, None, True, True, True),
-        ("all", None, True, True, True),
-        (None, "all", False, False, False),
-        ("emergency", None, False, True, False),
-        ("pedestrian", "pedestrian", False, False, True),
-        (None, "passenger", False, True, True),
+        *[(None, None, True, True, True), ("all", None, True, True, True)],
+        *[(None, "all", False, False, False), ("emergency", None, False, True, False)],
+        *[("pedestrian", "pedestrian", False, False, True), (None, "passenger", False, True, True)],
     ],
 )
 def test_permissions(allow, disallow, civilian, emergency, pedestrian):

@@ -24,21 +24,10 @@ from made_streets import (
 
 from siren_ros.errors import MapError
 from siren_ros.numerics.geometry import Polyline
+from siren_ros.roads import site_finder
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import Connection, Edge, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, driving_lanes, route_path
-from siren_ros.roads.site_finder import (
-    find_sites,
-    multi_lane_roads,
-    queued_approaches,
-    require_site,
-    share,
-    shoulder_turns,
-    signal_junctions,
-    stop_junctions,
-    wide_length_m,
-    wide_stretch_back,
-)
 from siren_ros.roads.sites import REQUIREMENTS, SiteKind, is_reversal, lanes_through, route_through, turn_of
 
 LONELY_ROAD = b"""<net><edge id="e" from="a" to="b">
@@ -54,18 +43,18 @@ def network(request):
 
 @pytest.mark.parametrize("kind", list(SiteKind))
 def test_every_kind_is_found_best_first(network, kind):
-    sites = find_sites(network, kind)
+    sites = site_finder.find_sites(network, kind)
     assert sites
     assert all(site.kind is kind for site in sites)
     assert [site.score for site in sites] == sorted((site.score for site in sites), reverse=True)
-    assert sites == find_sites(network, kind)
-    assert require_site(network, kind) == sites[0]
+    assert sites == site_finder.find_sites(network, kind)
+    assert site_finder.require_site(network, kind) == sites[0]
 
 
 @pytest.mark.parametrize("kind", list(SiteKind))
 def test_the_best_place_has_a_route_for_a_whole_episode(network, kind):
     graph = EdgeGraph.of(network)
-    site = require_site(network, kind)
+    site = site_finder.require_site(network, kind)
     assert site.route[site.site_position] == site.site_edge
     assert network.lanes[site.approach_lane].edge == site.site_edge
     lanes = route_path(network, site.route, driving_lanes(network, site.route[0])[0].index)
@@ -78,17 +67,17 @@ def test_the_best_place_has_a_route_for_a_whole_episode(network, kind):
 
 
 def test_a_wide_road_has_two_lanes_all_along_and_no_control_inside(network):
-    for site in find_sites(network, SiteKind.MULTI_LANE_ROAD):
+    for site in site_finder.find_sites(network, SiteKind.MULTI_LANE_ROAD):
         assert all(len(driving_lanes(network, edge)) >= 2 for edge in site.stretch)
         assert site.route[site.site_position :][: len(site.stretch)] == site.stretch
         assert site.length_m >= 60.0
         for edge in site.stretch[:-1]:
             assert network.junctions[network.edges[edge].to_junction].kind is not JunctionKind.SIGNAL
-    assert require_site(network, SiteKind.MULTI_LANE_ROAD).length_m >= 200.0
+    assert site_finder.require_site(network, SiteKind.MULTI_LANE_ROAD).length_m >= 200.0
 
 
 def test_a_queued_approach_ends_at_a_signal_with_two_lanes_side_by_side(network):
-    for site in find_sites(network, SiteKind.QUEUED_APPROACH):
+    for site in site_finder.find_sites(network, SiteKind.QUEUED_APPROACH):
         assert network.junctions[site.junction].kind is JunctionKind.SIGNAL
         lanes = [network.lanes[network.connections[index].from_lane].position for index in site.connections]
         assert len(set(lanes)) >= 2
@@ -98,7 +87,7 @@ def test_a_queued_approach_ends_at_a_signal_with_two_lanes_side_by_side(network)
 
 @pytest.mark.parametrize("kind", [SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION])
 def test_a_crossed_junction_has_traffic_from_other_approaches(network, kind):
-    for site in find_sites(network, kind):
+    for site in site_finder.find_sites(network, kind):
         assert site.crossing
         for index in site.crossing:
             other = network.connections[index]
@@ -112,11 +101,11 @@ def test_a_crossed_junction_has_traffic_from_other_approaches(network, kind):
 
 
 def test_a_signalised_junction_has_flow_beside_the_emv(network):
-    assert len(require_site(network, SiteKind.SIGNAL_JUNCTION).connections) >= 2
+    assert len(site_finder.require_site(network, SiteKind.SIGNAL_JUNCTION).connections) >= 2
 
 
 def test_a_shoulder_runs_on_round_the_right_turn(network):
-    for site in find_sites(network, SiteKind.SHOULDER_RIGHT_TURN):
+    for site in site_finder.find_sites(network, SiteKind.SHOULDER_RIGHT_TURN):
         (index,) = site.connections
         turn = network.connections[index]
         lanes = [network.lanes[lane] for lane in (turn.from_lane, *turn.via, turn.to_lane)]
@@ -131,15 +120,15 @@ def test_a_shoulder_runs_on_round_the_right_turn(network):
 @pytest.mark.parametrize("kind", list(SiteKind))
 def test_a_map_without_such_a_place_says_what_it_lacks(kind):
     network = parse_road_network(LONELY_ROAD)
-    assert find_sites(network, kind) == ()
+    assert site_finder.find_sites(network, kind) == ()
     with pytest.raises(MapError) as caught:
-        require_site(network, kind, "road.net.xml")
+        site_finder.require_site(network, kind, "road.net.xml")
     assert REQUIREMENTS[kind] in str(caught.value)
     assert "road.net.xml" in str(caught.value)
 
 
 def test_the_town_has_the_straight_that_s1_and_s2_need(town):
-    site = require_site(town, SiteKind.MULTI_LANE_ROAD)
+    site = site_finder.require_site(town, SiteKind.MULTI_LANE_ROAD)
     assert "Main Street" in site.name
     assert site.length_m >= 250.0
     y = {round(float(point[1]), 2) for edge in site.stretch for point in driving_lanes(town, edge)[0].centre.points}
@@ -169,11 +158,11 @@ def between(sites, edge, way):
 
 
 def test_shares_end_at_one():
-    assert (share(125.0), share(300.0), share(30.0, 60.0)) == (0.5, 1.0, 0.5)
+    assert (site_finder.share(125.0), site_finder.share(300.0), site_finder.share(30.0, 60.0)) == (0.5, 1.0, 0.5)
 
 
 def test_a_crossed_junction_is_scored_by_what_it_offers():
-    site = between(list(signal_junctions(GRAPH)), B, C)
+    site = between(list(site_finder.signal_junctions(GRAPH)), B, C)
     assert (site.junction, site.route, site.site_position, site.stretch) == ("J", (A, B, C), 1, (B,))
     assert (site.approach_lane, site.length_m) == (B_LEFT, pytest.approx(100.0))
     assert (site.connections, site.crossing) == ((STRAIGHT, STRAIGHT_LEFT), (CROSSING,))
@@ -189,8 +178,8 @@ def test_a_side_street_without_road_lets_all_crossing_movements_count():
     """20 m are no queue; the turn from the side street's own street would count, too."""
     short = with_lane(NETWORK, NEAR, centre=Polyline.through([(10.0, 30.0), (10.0, 10.0)]))
     short = with_connections(short, [6], must_stop=True)
-    site = between(list(signal_junctions(EdgeGraph.of(short))), B, C)
-    long = between(list(signal_junctions(GRAPH)), B, C)
+    site = between(list(site_finder.signal_junctions(EdgeGraph.of(short))), B, C)
+    long = between(list(site_finder.signal_junctions(GRAPH)), B, C)
     assert (site.crossing, long.score - site.score) == ((CROSSING,), pytest.approx(1.0 - 20.0 / 60.0))
 
 
@@ -210,23 +199,23 @@ def test_oncoming_turners_count_where_the_side_street_has_no_queue(side_m, turne
     centre = Polyline.through([(10.0, 10.0 + side_m), (10.0, 10.0)])
     network = with_lane(with_oncoming_turners(NETWORK), NEAR, centre=centre)
     network = with_connections(network, [6], must_stop=True)
-    site = between(list(signal_junctions(EdgeGraph.of(network))), B, C)
+    site = between(list(site_finder.signal_junctions(EdgeGraph.of(network))), B, C)
     assert site.crossing == ((CROSSING, len(NETWORK.connections)) if turners_count else (CROSSING,))
 
 
 def test_only_signals_and_only_stop_signs():
-    assert list(stop_junctions(GRAPH)) == []
+    assert list(site_finder.stop_junctions(GRAPH)) == []
     signs = with_connections(NETWORK, [STRAIGHT, STRAIGHT_LEFT], signal_id=None, must_stop=True)
-    (site,) = stop_junctions(EdgeGraph.of(signs))
+    (site,) = site_finder.stop_junctions(EdgeGraph.of(signs))
     assert (site.site_edge, site.route) == (B, (A, B, C))
     one_lane = with_connections(signs, [STRAIGHT], must_stop=False)
-    assert list(stop_junctions(EdgeGraph.of(one_lane))) == [], "a stop sign for one of the lanes is none"
+    assert list(site_finder.stop_junctions(EdgeGraph.of(one_lane))) == [], "a stop sign for one of the lanes is none"
     priority = replace(NETWORK, junctions={"J": replace(NETWORK.junctions["J"], kind=JunctionKind.PRIORITY)})
-    assert list(signal_junctions(EdgeGraph.of(priority))) == []
+    assert list(site_finder.signal_junctions(EdgeGraph.of(priority))) == []
 
 
 def test_a_queued_approach_reaches_back_over_plain_junctions():
-    (site,) = queued_approaches(GRAPH)
+    (site,) = site_finder.queued_approaches(GRAPH)
     assert (site.stretch, site.route, site.site_position) == ((A, B), (A, B, C), 1)
     assert site.length_m == pytest.approx(310.0)
     # 310 m of approach and 200 m of way on; the whole stretch has as many lanes as lead on.
@@ -239,11 +228,11 @@ def test_turning_lanes_are_no_plain_road():
     extra = replace(lanes[B_LEFT], index=len(lanes), lane_id="b_2", position=2)
     edges[B] = replace(edges[B], lanes=(*edges[B].lanes, extra.index))
     wider = replace(NETWORK, lanes=(*lanes, extra), edges=tuple(edges))
-    (plain,), (site,) = queued_approaches(GRAPH), queued_approaches(EdgeGraph.of(wider))
+    (plain,), (site,) = site_finder.queued_approaches(GRAPH), site_finder.queued_approaches(EdgeGraph.of(wider))
     assert site.score == pytest.approx(plain.score), "200 m are as many as count"
     short = with_lane(wider, 0, centre=Polyline.through([(-185.0, -5.25), (-110.0, -5.25)]))
     short = with_lane(short, A_LEFT, centre=Polyline.through([(-185.0, -1.75), (-110.0, -1.75)]))
-    (site,) = queued_approaches(EdgeGraph.of(short))
+    (site,) = site_finder.queued_approaches(EdgeGraph.of(short))
     route = 2.0 + 1.0 + (WHOLE_M - 125.0) / 700.0
     assert site.score == pytest.approx(route + 4.0 * 185.0 / 250.0 + 2.0 + 2.0 * 75.0 / 150.0)
 
@@ -253,11 +242,11 @@ def test_a_short_queue_is_no_site():
         ends = [with_connections(NETWORK, [0, 1], must_stop=True)]
         for lane, y_m in ((B_RIGHT, -5.25), (B_LEFT, -1.75)):
             ends.append(with_lane(ends[-1], lane, centre=Polyline.through([(-length_m, y_m), (0.0, y_m)])))
-        assert len(list(queued_approaches(EdgeGraph.of(ends[-1])))) == count
+        assert len(list(site_finder.queued_approaches(EdgeGraph.of(ends[-1])))) == count
 
 
 def test_roads_of_two_lanes():
-    first, second = multi_lane_roads(GRAPH)
+    first, second = site_finder.multi_lane_roads(GRAPH)
     assert (first.stretch, first.route, first.site_position, first.site_edge) == ((A, B), (A, B, C), 0, A)
     assert (first.approach_lane, first.length_m) == (A_LEFT, pytest.approx(310.0))
     assert first.connections == (STRAIGHT, STRAIGHT_LEFT)
@@ -273,25 +262,25 @@ def test_bends_cost_points():
     corner = [(-310.0, 94.75), (-310.0, -5.25), (-110.0, -5.25)]
     left = Polyline.through([(-306.5, 98.25), (-306.5, -1.75), (-110.0, -1.75)])
     bent = with_lane(with_lane(NETWORK, 0, centre=Polyline.through(corner)), A_LEFT, centre=left)
-    site = next(iter(multi_lane_roads(EdgeGraph.of(bent))))
+    site = next(iter(site_finder.multi_lane_roads(EdgeGraph.of(bent))))
     longer = WHOLE_M + 100.0
     assert site.score == pytest.approx(4.0 + longer / 700.0 + 2.0 * longer / 700.0 - 1.0, abs=0.01)
 
 
 def test_the_wide_part_of_a_route():
-    assert wide_length_m(GRAPH, (A, B, C), 0) == pytest.approx(WHOLE_M)
-    assert wide_length_m(GRAPH, (A, B, C), 2) == pytest.approx(WHOLE_M)
+    assert site_finder.wide_length_m(GRAPH, (A, B, C), 0) == pytest.approx(WHOLE_M)
+    assert site_finder.wide_length_m(GRAPH, (A, B, C), 2) == pytest.approx(WHOLE_M)
     # From the stop line's right lane to the south: 100 m and the junction, whose ends are 17.8 m apart.
-    assert wide_length_m(GRAPH, (A, B, D), 0) == pytest.approx(310.0)
-    assert wide_length_m(GRAPH, (A, B, D), 2) == pytest.approx(100.0)
-    assert wide_length_m(GRAPH, (M, N, D), 1) == pytest.approx(100.0)
+    assert site_finder.wide_length_m(GRAPH, (A, B, D), 0) == pytest.approx(310.0)
+    assert site_finder.wide_length_m(GRAPH, (A, B, D), 2) == pytest.approx(100.0)
+    assert site_finder.wide_length_m(GRAPH, (M, N, D), 1) == pytest.approx(100.0)
 
 
 def test_a_wide_stretch_ends_at_signals_stop_signs_turns_and_narrow_places():
-    assert (wide_stretch_back(GRAPH, B), wide_stretch_back(GRAPH, C)) == ((A, B), (C,))
+    assert (site_finder.wide_stretch_back(GRAPH, B), site_finder.wide_stretch_back(GRAPH, C)) == ((A, B), (C,))
     for changed in ({"must_stop": True}, {"signal_id": "K"}, {"direction": "r"}):
-        assert wide_stretch_back(EdgeGraph.of(with_connections(NETWORK, [0, 1], **changed)), B) == (B,)
-    assert wide_stretch_back(EdgeGraph.of(replace(NETWORK, connections=NETWORK.connections[1:])), B) == (B,)
+        assert site_finder.wide_stretch_back(EdgeGraph.of(with_connections(NETWORK, [0, 1], **changed)), B) == (B,)
+    assert site_finder.wide_stretch_back(EdgeGraph.of(replace(NETWORK, connections=NETWORK.connections[1:])), B) == (B,)
 
 
 def test_lanes_and_letters_between_edges():
@@ -304,7 +293,7 @@ def test_lanes_and_letters_between_edges():
 
 
 def test_a_turn_along_a_shoulder():
-    (site,) = shoulder_turns(EdgeGraph.of(crossing()))
+    (site,) = site_finder.shoulder_turns(EdgeGraph.of(crossing()))
     assert (site.approach_lane, site.connections, site.crossing) == (0, (SHOULDER_RIGHT,), (BESIDE,))
     assert site.length_m == pytest.approx(200.0)
     across_m = np.hypot(14.75, 14.75)
@@ -323,10 +312,12 @@ def test_a_shoulder_may_go_on_before_the_turn():
         connections.append(Connection(index, ahead, (), "s", None, -1, must_stop=False, junction="x"))
         ahead = index
     longer = replace(network, lanes=tuple(lanes), edges=tuple(edges), connections=tuple(connections))
-    (site,) = shoulder_turns(EdgeGraph.of(longer))
+    (site,) = site_finder.shoulder_turns(EdgeGraph.of(longer))
     assert site.length_m == pytest.approx(200.0 + 100.0)
     left = replace(connections[-2], direction="l")
-    (site,) = shoulder_turns(EdgeGraph.of(replace(longer, connections=(*connections[:-2], left, connections[-1]))))
+    (site,) = site_finder.shoulder_turns(
+        EdgeGraph.of(replace(longer, connections=(*connections[:-2], left, connections[-1])))
+    )
     assert site.length_m == pytest.approx(200.0)
 
 
@@ -384,8 +375,8 @@ def test_the_wide_part_of_a_loop_ends_where_the_route_does():
     graph = graph_of(shapes, ((0, 1, "s"), (1, 2, "s"), (2, 0, "s")), width=2)
     whole_m = 200.0 + np.hypot(100.0, 100.0)
     for position in range(3):
-        assert wide_length_m(graph, (0, 1, 2), position) == pytest.approx(whole_m)
-    assert wide_length_m(graph, (1, 2), 0) == pytest.approx(whole_m - 100.0)
+        assert site_finder.wide_length_m(graph, (0, 1, 2), position) == pytest.approx(whole_m)
+    assert site_finder.wide_length_m(graph, (1, 2), 0) == pytest.approx(whole_m - 100.0)
 
 
 def test_a_shoulder_turn_without_a_lane_beside_it_hides_no_other():
@@ -400,7 +391,7 @@ def test_a_shoulder_turn_without_a_lane_beside_it_hides_no_other():
     lonely = Connection(first, first + 1, (), "r", None, -1, must_stop=False, junction="x")
     connections = (lonely, *network.connections)
     more = replace(network, lanes=tuple(lanes), edges=tuple(edges), connections=connections)
-    (site,) = shoulder_turns(EdgeGraph.of(more))
+    (site,) = site_finder.shoulder_turns(EdgeGraph.of(more))
     assert site.connections == (1 + SHOULDER_RIGHT,)
 
 

@@ -38,10 +38,8 @@ def test_a_junction_without_an_outline_has_its_own_place():
 @pytest.mark.parametrize(
     ("stretch", "middle"),
     [
-        (["w_in", "e_out"], (-10.0, -5.25)),
-        (["w_in", "e_out", "n_out"], (70.0, -6.75)),
-        (["e_out", "w_in"], (120.0, -6.75)),
-        (["w_in", "nowhere"], (-60.0, -5.25)),
+        *[(["w_in", "e_out"], (-10.0, -5.25)), (["w_in", "e_out", "n_out"], (70.0, -6.75))],
+        *[(["e_out", "w_in"], (120.0, -6.75)), (["w_in", "nowhere"], (-60.0, -5.25))],
     ],
 )
 def test_a_road_of_several_pieces_is_measured_as_one(stretch, middle):

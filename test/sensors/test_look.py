@@ -50,12 +50,9 @@ def test_at_night_the_lamps_are_lit_and_the_sky_darkens_with_the_sun(tmp_path):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("cloud_cover: 2.0", "cloud_cover"),
-        ("cluod_cover: 0.2", "cluod_cover"),
-        ("sun_colour: [1.0, 2.0]", "sun_colour"),
-        ("hour: 24.5", "hour"),
-        ("sun_elevation_deg: -91", "sun_elevation_deg"),
-        ("visibility_m: 0", "visibility_m"),
+        *[("cloud_cover: 2.0", "cloud_cover"), ("cluod_cover: 0.2", "cluod_cover")],
+        *[("sun_colour: [1.0, 2.0]", "sun_colour"), ("hour: 24.5", "hour")],
+        *[("sun_elevation_deg: -91", "sun_elevation_deg"), ("visibility_m: 0", "visibility_m")],
     ],
 )
 def test_a_wrong_look_is_refused_with_its_key(tmp_path, text, match):

@@ -41,14 +41,7 @@ def test_at_a_junction_the_pole_is_off_the_lanes_and_faces_the_middle(town):
 
 
 def test_without_a_site_it_says_what_it_needs(town):
-    sites: list[dict[str, object] | None] = [
-        None,
-        {"junction": ""},
-        {"stretch": []},
-        {"stretch": ["nowhere"]},
-        {"stretch": 3},
-    ]
-    for site in sites:
+    for site in (None, {"junction": ""}, {"stretch": []}, {"stretch": ["nowhere"]}, {"stretch": 3}):
         with pytest.raises(InputError, match="with a site"):
             station_mount(Station(None), town, site)
     place = Mount(3.0, 4.0, 0.0, 1.0)

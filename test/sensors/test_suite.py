@@ -4,15 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
+from siren_ros.sensors import specification
 from siren_ros.sensors.navigation import GnssSpec, ImuSpec
-from siren_ros.sensors.specification import (
-    OPTICAL_FROM_BODY,
-    LidarSpec,
-    Mount,
-    inverse,
-    map_from_base,
-    rotation_from_rpy,
-)
 from siren_ros.sensors.suite import load_suite, suite_names
 
 PAPER_CAMERAS = {
@@ -60,7 +53,7 @@ def test_a_users_file_is_a_suite_of_its_own(tmp_path):
     path = write(tmp_path, "lidars:\n  roof:\n    mount: {x_m: 0, y_m: 0, z_m: 3, yaw_deg: 90}\n    rate_hz: 10\n")
     suite = load_suite(path)
     assert (suite.name, suite.lidars[0].mount.yaw_rad) == ("mine", pytest.approx(np.pi / 2))
-    assert suite.lidars[0].channels == LidarSpec("", suite.lidars[0].mount).channels
+    assert suite.lidars[0].channels == specification.LidarSpec("", suite.lidars[0].mount).channels
     assert suite.lidars[0].period_steps == 2
 
 
@@ -70,26 +63,22 @@ MOUNT = "mount: {x_m: 0, y_m: 0, z_m: 1}"
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("radars: {}", "radars"),
-        ("- 1", "mapping"),
+        *[("radars: {}", "radars"), ("- 1", "mapping")],
         (f"cameras:\n  c: {{{MOUNT}, horizontal_fov_deg: 0}}", "horizontal_fov_deg"),
         (f"cameras:\n  c: {{{MOUNT}, horizontal_fov_deg: 180}}", "160"),
         (f"cameras:\n  c: {{{MOUNT}, width: 8.5}}", "whole number"),
         (f"cameras:\n  c: {{{MOUNT}, depth: 1}}", "true or false"),
         (f"cameras:\n  c: {{{MOUNT}, rate_hz: 7}}", "divides 20 Hz"),
         (f"cameras:\n  c: {{{MOUNT}, rate_hz: 0}}", "divides 20 Hz"),
-        (f"cameras:\n  c: {{{MOUNT}, lens: wide}}", "lens"),
-        ("cameras:\n  c: {width: 800}", "mount"),
+        *[(f"cameras:\n  c: {{{MOUNT}, lens: wide}}", "lens"), ("cameras:\n  c: {width: 800}", "mount")],
         ("cameras:\n  c: {mount: {x_m: 0, y_m: 0}}", "z_m"),
         ("cameras:\n  c: {mount: {x_m: 0, y_m: 0, z_m: high}}", "z_m"),
         (f"cameras:\n  'a b': {{{MOUNT}}}", "letters"),
         (f"lidars:\n  s: {{{MOUNT}}}\ncameras:\n  s: {{{MOUNT}}}", "once"),
         (f"lidars:\n  s: {{{MOUNT}, upper_fov_deg: -30}}", "lower_fov_deg"),
         (f"lidars:\n  s: {{{MOUNT}, channels: true}}", "channels"),
-        (f"lidars:\n  s: {{{MOUNT}, range_m: .nan}}", "range_m"),
-        ("lidars: [", "valid YAML"),
-        ("station: corner", "station"),
-        ("station: {x_m: 1}", "y_m"),
+        *[(f"lidars:\n  s: {{{MOUNT}, range_m: .nan}}", "range_m"), ("lidars: [", "valid YAML")],
+        *[("station: corner", "station"), ("station: {x_m: 1}", "y_m")],
         ("station: {x_m: 1, y_m: 2, z_m: 3}", "z_m"),
         ("station: site\nimus:\n  imu:\n    mount: {x_m: 0, y_m: 0, z_m: 1}", "imus"),
         ("labels: 3", "labels"),
@@ -139,30 +128,30 @@ angles = st.floats(-3.0, 3.0)
 
 @given(angles, angles, angles)
 def test_rotations_are_proper(roll, pitch, yaw):
-    rotation = rotation_from_rpy(roll, pitch, yaw)
+    rotation = specification.rotation_from_rpy(roll, pitch, yaw)
     assert np.allclose(rotation @ rotation.T, np.eye(3))
     assert np.linalg.det(rotation) == pytest.approx(1.0)
 
 
 @given(angles, angles, angles)
 def test_inverse_undoes_a_transform(roll, pitch, yaw):
-    mount = Mount(1.0, -2.0, 3.0, yaw, pitch, roll)
-    assert np.allclose(inverse(mount.base_from_sensor) @ mount.base_from_sensor, np.eye(4))
+    mount = specification.Mount(1.0, -2.0, 3.0, yaw, pitch, roll)
+    assert np.allclose(specification.inverse(mount.base_from_sensor) @ mount.base_from_sensor, np.eye(4))
 
 
 def test_yaw_turns_left_pitch_looks_down_roll_lowers_the_right_side():
     forward, left = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    assert np.allclose(rotation_from_rpy(0, 0, np.pi / 2) @ forward, [0, 1, 0])
-    assert (rotation_from_rpy(0, 0.1, 0) @ forward)[2] < 0
-    assert (rotation_from_rpy(0.1, 0, 0) @ left)[2] > 0
+    assert np.allclose(specification.rotation_from_rpy(0, 0, np.pi / 2) @ forward, [0, 1, 0])
+    assert (specification.rotation_from_rpy(0, 0.1, 0) @ forward)[2] < 0
+    assert (specification.rotation_from_rpy(0.1, 0, 0) @ left)[2] > 0
 
 
 def test_a_point_ahead_of_an_actor_heading_north_lies_north():
-    pose = map_from_base(10.0, 20.0, 0.5, np.pi / 2)
+    pose = specification.map_from_base(10.0, 20.0, 0.5, np.pi / 2)
     assert np.allclose(pose @ [2.0, 0.0, 1.0, 1.0], [10.0, 22.0, 1.5, 1.0])
 
 
 def test_the_optical_frame_has_z_forward_x_right_y_down():
-    assert np.allclose(OPTICAL_FROM_BODY @ [1.0, 0.0, 0.0], [0, 0, 1])
-    assert np.allclose(OPTICAL_FROM_BODY @ [0.0, 1.0, 0.0], [-1, 0, 0])
-    assert np.allclose(OPTICAL_FROM_BODY @ [0.0, 0.0, 1.0], [0, -1, 0])
+    assert np.allclose(specification.OPTICAL_FROM_BODY @ [1.0, 0.0, 0.0], [0, 0, 1])
+    assert np.allclose(specification.OPTICAL_FROM_BODY @ [0.0, 1.0, 0.0], [-1, 0, 0])
+    assert np.allclose(specification.OPTICAL_FROM_BODY @ [0.0, 0.0, 1.0], [0, -1, 0])

@@ -20,18 +20,13 @@ def test_pedals_from_0_to_1_and_both_indicators_can_be_asked_for(lights, throttl
 @pytest.mark.parametrize(
     ("asked", "named"),
     [
-        ({"throttle": -0.01}, "throttle -0.01 of step 3"),
-        ({"throttle": 1.01}, "throttle 1.01"),
-        ({"brake": 1.01}, "brake 1.01"),
-        ({"brake": float("nan")}, "brake nan"),
+        *[({"throttle": -0.01}, "throttle -0.01 of step 3"), ({"throttle": 1.01}, "throttle 1.01")],
+        *[({"brake": 1.01}, "brake 1.01"), ({"brake": float("nan")}, "brake nan")],
         ({"throttle": 1.0, "brake": 1.0}, "throttle 1.0 and brake 1.0 of step 3"),
         ({"throttle": 0.1, "brake": 0.1}, "one of the two pedals"),
-        ({"steer_rad": float("inf")}, "steer_rad inf"),
-        ({"steer_rad": float("nan")}, "steer_rad nan"),
-        ({"steer_rad": 1e300}, r"steer_rad 1e\+300"),
-        ({"steer_rad": -1.571}, "steer_rad -1.571"),
-        ({"lights": int(Lights.BRAKE)}, "lights 1"),
-        ({"lights": int(Lights.SIREN)}, "lights 16"),
+        *[({"steer_rad": float("inf")}, "steer_rad inf"), ({"steer_rad": float("nan")}, "steer_rad nan")],
+        *[({"steer_rad": 1e300}, r"steer_rad 1e\+300"), ({"steer_rad": -1.571}, "steer_rad -1.571")],
+        *[({"lights": int(Lights.BRAKE)}, "lights 1"), ({"lights": int(Lights.SIREN)}, "lights 16")],
         ({"lights": int(Lights.BEACON | Lights.INDICATOR_LEFT)}, "lights 10"),
     ],
 )

@@ -63,10 +63,8 @@ def test_the_last_bit_of_every_field_counts(states, name):
 
 def test_step_signals_and_their_order_count(states):
     others = [
-        hash_state(dataclasses.replace(states, step=8), SIGNALS),
-        hash_state(states, SIGNALS[::-1]),
-        hash_state(states, SIGNALS[:1]),
-        hash_state(states, (SIGNALS[0], SignalState("east", "rrGy"))),
+        *[hash_state(dataclasses.replace(states, step=8), SIGNALS), hash_state(states, SIGNALS[::-1])],
+        *[hash_state(states, SIGNALS[:1]), hash_state(states, (SIGNALS[0], SignalState("east", "rrGy")))],
         hash_state(states.select(np.array([True, True, False])), SIGNALS),
     ]
     assert len({hash_state(states, SIGNALS), *others}) == 6

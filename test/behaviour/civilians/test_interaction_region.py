@@ -25,10 +25,8 @@ def test_region_has_hysteresis(lab):
 def test_way_is_along_the_emvs_path(lab):
     network = lab.junction_road()
     cars = [
-        lab.Car(1, 0, 100, 8, (0, 4), AMBULANCE),
-        lab.Car(2, 7, 20, 5, (0, 4)),
-        lab.Car(3, 1, 130, 5, (0, 2)),
-        lab.Car(4, 4, 20, 5, (2,)),
+        *[lab.Car(1, 0, 100, 8, (0, 4), AMBULANCE), lab.Car(2, 7, 20, 5, (0, 4))],
+        *[lab.Car(3, 1, 130, 5, (0, 2)), lab.Car(4, 4, 20, 5, (2,))],
     ]
     view = view_of(lab, cars, network)
     road = EmvRoad.ahead_of(view.ego(0), None)

@@ -7,13 +7,7 @@ import pytest
 from behaviour.civilians.civilian_steps import UNIT, shoulder_road, steps
 from behaviour.lab import kinds
 
-from siren_ros.behaviour.civilians.pull_over import (
-    emv_waits_behind,
-    makes_room,
-    may_go_on,
-    pull_over_path,
-    start_pull_over,
-)
+from siren_ros.behaviour.civilians import pull_over
 from siren_ros.world.actors import ActorClass, Mode
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -34,8 +28,8 @@ def view_of(lab, *cars, network=None):
 )
 def test_the_emv_waits_behind_where_it_stands_near_and_headed_for_the_vehicle(lab, s, lane, speed, waits):
     view = view_of(lab, lab.Car(1, 0, 100, speed, (0,), AMBULANCE), lab.Car(2, lane, s, 0, (0,)))
-    assert emv_waits_behind(view.ego(1), 0) is waits
-    assert not emv_waits_behind(view.ego(1), -1)
+    assert pull_over.emv_waits_behind(view.ego(1), 0) is waits
+    assert not pull_over.emv_waits_behind(view.ego(1), -1)
 
 
 @pytest.mark.parametrize("turn", np.radians([0.0, 40.0, 100.0, -150.0]))
@@ -58,13 +52,13 @@ def test_behind_is_within_60_degrees_of_both_directions(lab, turn, bearing, own_
         ]
     )
     cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 112, 0, (0,))]
-    assert emv_waits_behind(lab.view(network, lab.L3, cars, poses=poses).ego(1), 0) is waits
+    assert pull_over.emv_waits_behind(lab.view(network, lab.L3, cars, poses=poses).ego(1), 0) is waits
 
 
 def test_room_is_made_after_the_emv_has_waited_for_a_while(lab):
     view = view_of(lab, lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 112, 0, (0,)))
-    assert not makes_room(replace(UNIT, emv_waits_steps=29), view)
-    assert makes_room(WAITED, view)
+    assert not pull_over.makes_room(replace(UNIT, emv_waits_steps=29), view)
+    assert pull_over.makes_room(WAITED, view)
 
 
 @pytest.mark.parametrize(
@@ -77,7 +71,7 @@ def test_room_is_made_after_the_emv_has_waited_for_a_while(lab):
 def test_goes_on_where_the_way_ahead_is_free(lab, unit, gap, goes):
     length = lab.vehicles[ActorClass.SEDAN].length_m
     view = view_of(lab, lab.Car(2, 0, 112, 0, (0,)), lab.Car(3, 0, 112 + length + gap, 0, (0,)))
-    assert may_go_on(unit, view.ego(0), 0) is goes
+    assert pull_over.may_go_on(unit, view.ego(0), 0) is goes
 
 
 def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a_standing_queue(lab):
@@ -86,10 +80,10 @@ def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a
     view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=network)
     left, config = replace(UNIT, side=1), view.world.config.pull_over
     for unit, over in ((left, config.head_over_line_m), (replace(left, emv_waits_steps=30), config.room_over_line_m)):
-        front = pull_over_path(unit, view.ego(0), 1).curve.points[-1, 0] + half
+        front = pull_over.pull_over_path(unit, view.ego(0), 1).curve.points[-1, 0] + half
         assert 150.0 + 0.5 * over < front < 150.0 + over + 0.5
     rolling = view_of(lab, lab.Car(2, 1, 149.0 - half, 2.0, (0, 2)), network=network)
-    assert pull_over_path(left, rolling.ego(0), 1) is None
+    assert pull_over.pull_over_path(left, rolling.ego(0), 1) is None
 
 
 def test_a_vehicle_beside_a_shoulder_stays_before_the_stop_line(lab):
@@ -100,14 +94,14 @@ def test_a_vehicle_beside_a_shoulder_stays_before_the_stop_line(lab):
     road.connect(1, 4, via=(2,), signal=True)
     half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=road.built())
-    assert pull_over_path(WAITED, view.ego(0), 1) is None
+    assert pull_over.pull_over_path(WAITED, view.ego(0), 1) is None
 
 
 @pytest.mark.parametrize("unit", [UNIT, WAITED], ids=["at once", "an EMV waits"])
 @pytest.mark.parametrize("speed", [0.0, 5.0])
 def test_nobody_pulls_over_on_a_junction(lab, unit, speed):
     view = view_of(lab, lab.Car(2, 2, 5.0, speed, (0, 2)), network=lab.junction_road())
-    outcome = start_pull_over(unit, view.ego(0))
+    outcome = pull_over.start_pull_over(unit, view.ego(0))
     assert outcome.unit.phase is Mode.YIELD_DEFERRED
     assert outcome.command is None
 
@@ -115,10 +109,8 @@ def test_nobody_pulls_over_on_a_junction(lab, unit, speed):
 def test_a_queue_that_left_no_corridor_goes_on_until_the_emv_gets_through(lab):
     road = lab.straight_road(2)
     cars = [
-        lab.Car(1, 0, 80, 6, (0,), AMBULANCE),
-        lab.Car(2, 0, 108, 0, (0,), desired=0),
-        lab.Car(3, 0, 114.5, 0, (0,), desired=0),
-        lab.Car(4, 1, 108, 0, (0,), desired=0),
+        *[lab.Car(1, 0, 80, 6, (0,), AMBULANCE), lab.Car(2, 0, 108, 0, (0,), desired=0)],
+        *[lab.Car(3, 0, 114.5, 0, (0,), desired=0), lab.Car(4, 1, 108, 0, (0,), desired=0)],
         lab.Car(5, 1, 114.5, 0, (0,), desired=0),
     ]
     loop = lab.Loop(lab.world_of(road, lab.L3), cars).run(900)

@@ -199,10 +199,8 @@ def test_a_held_vehicle_is_released_when_the_emv_has_left_the_simulation(lab, wo
 @pytest.mark.parametrize(
     ("passed", "in_region", "phase", "events"),
     [
-        (True, True, Mode.YIELD_HOLD, []),
-        (True, False, Mode.YIELD_HOLD, []),
-        (False, False, Mode.YIELD_HOLD, ["emv_gone"]),
-        (True, True, Mode.YIELD_PULL_OVER, ["emv_passed"]),
+        *[(True, True, Mode.YIELD_HOLD, []), (True, False, Mode.YIELD_HOLD, [])],
+        *[(False, False, Mode.YIELD_HOLD, ["emv_gone"]), (True, True, Mode.YIELD_PULL_OVER, ["emv_passed"])],
         (False, False, Mode.YIELD_PULL_OVER, ["emv_gone"]),
     ],
 )

@@ -35,10 +35,8 @@ def test_everybody_before_the_turn_goes_left_where_the_emv_comes_on_the_shoulder
 
     def sides(emv_route):
         cars = [
-            lab.Car(1, 1, 40, 8, emv_route, AMBULANCE),
-            lab.Car(2, 1, 75, 5, (0, 2)),
-            lab.Car(3, 2, 75, 5, (0, 2)),
-            lab.Car(4, 4, 20, 5, (1,)),
+            *[lab.Car(1, 1, 40, 8, emv_route, AMBULANCE), lab.Car(2, 1, 75, 5, (0, 2))],
+            *[lab.Car(3, 2, 75, 5, (0, 2)), lab.Car(4, 4, 20, 5, (1,))],
         ]
         state, _, _ = steps(world, cars, 30)
         return {actor: unit.side for actor, unit in state.units.items() if unit.phase is Mode.YIELD_PULL_OVER}

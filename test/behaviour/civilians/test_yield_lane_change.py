@@ -157,10 +157,8 @@ def test_nothing_of_a_deferral_is_left_when_the_change_starts(lab):
 @pytest.mark.parametrize(
     ("flags", "intent"),
     [
-        (0, 0),
-        (TrafficFlags.WANTS_LEFT, 1),
-        (TrafficFlags.WANTS_RIGHT, -1),
-        (TrafficFlags.WANTS_LEFT | TrafficFlags.WANTS_RIGHT, 0),
+        *[(0, 0), (TrafficFlags.WANTS_LEFT, 1)],
+        *[(TrafficFlags.WANTS_RIGHT, -1), (TrafficFlags.WANTS_LEFT | TrafficFlags.WANTS_RIGHT, 0)],
     ],
 )
 def test_sumos_intent_as_a_side(lab, flags, intent):

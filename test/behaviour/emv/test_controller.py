@@ -80,10 +80,8 @@ def test_a_feasible_intent_is_executed_whatever_it_gains_and_whoever_is_ahead(la
 @pytest.mark.parametrize(
     ("level", "others", "asked"),
     [
-        ("L1", [(2, 1, 90.0, 0.0)], True),
-        ("L2", [(2, 1, 90.0, 2.0)], True),
-        ("L1", [(2, 1, 90.0, 6.0)], False),
-        ("L1", [(2, 1, 130.0, 0.0)], False),
+        *[("L1", [(2, 1, 90.0, 0.0)], True), ("L2", [(2, 1, 90.0, 2.0)], True)],
+        *[("L1", [(2, 1, 90.0, 6.0)], False), ("L1", [(2, 1, 130.0, 0.0)], False)],
         ("L1", [(2, 1, 90.0, 0.0), (3, 0, 95.0, 0.0)], False),
     ],
     ids=["queue", "slow traffic", "moving traffic", "far away", "shoulder in use"],

@@ -7,17 +7,8 @@ import pytest
 from behaviour.lab import kinds
 
 from siren_ros.behaviour.driving.emv_unit import EmvUnit, RoutePlan
+from siren_ros.behaviour.emv import gap_escape
 from siren_ros.behaviour.emv import gap_escape as escape_plan
-from siren_ros.behaviour.emv.gap_escape import (
-    blocker_of,
-    escape_path,
-    escape_speed_mps,
-    gap_escape_mode,
-    in_the_way,
-    reference_line,
-    road_space,
-    search_gap,
-)
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.scenario.presets import load_preset
 from siren_ros.world.actors import ActorClass
@@ -36,7 +27,7 @@ def test_edges_are_those_of_the_shoulder_the_driving_lanes_and_the_opposite_ones
     network = road.built()
     for lane, shift in ((1, 0.0), (2, -3.3)):
         reference = path_on_lanes(network, (lane,), LaneEnd.HORIZON, 10.0, 50.0)
-        lines = lines_of(road_space(network, reference, np.array([0.0, 20.0])))
+        lines = lines_of(gap_escape.road_space(network, reference, np.array([0.0, 20.0])))
         expected = np.array([-1.65 - 3.3, -1.65, 4.95, 4.95 + 6.6, 1.65]) + shift
         for line, value in zip(lines, expected, strict=True):
             assert line.tolist() == pytest.approx([value, value])
@@ -51,7 +42,7 @@ def test_a_road_that_widens_beyond_a_junction_is_bridged_evenly(lab):
     road.connect(0, 2, via=(1,))
     network = road.built()
     reference = path_on_lanes(network, (0, 1, 2), LaneEnd.HORIZON, 90.0, 60.0)
-    space = road_space(network, reference, np.array([5.0, 9.0, 20.0, 31.0, 35.0]))
+    space = gap_escape.road_space(network, reference, np.array([5.0, 9.0, 20.0, 31.0, 35.0]))
     assert space.left_m.tolist() == pytest.approx([1.65, 1.65, 3.3, 4.95, 4.95])
     assert space.right_m.tolist() == pytest.approx([-1.65] * 5)
     assert space.middle_m.tolist() == pytest.approx([0.0, 0.0, 0.825, 1.65, 1.65])
@@ -60,7 +51,7 @@ def test_a_road_that_widens_beyond_a_junction_is_bridged_evenly(lab):
 def test_on_a_junction_alone_there_is_space_of_three_lanes(lab):
     network = lab.junction_road()
     reference = path_on_lanes(network, (2,), LaneEnd.HORIZON, 2.0, 20.0)
-    space = road_space(network, reference, np.array([0.0, 10.0]))
+    space = gap_escape.road_space(network, reference, np.array([0.0, 10.0]))
     for line, widths in zip(lines_of(space), (-1.5, -1.5, 1.5, 1.5, 0.0), strict=True):
         assert line.tolist() == pytest.approx([3.3 * widths] * 2)
 
@@ -76,8 +67,8 @@ def start_of(lab, monkeypatch, *, turn=0.0, left=0.0, turned=0.0, s=100.0, lengt
     network, along, across = lab.turned_road(turn, length=length)
     poses = np.array([[*(s * along + left * across), turn + turned, 0.0]])
     view = lab.view(network, lab.L3, [lab.Car(1, 0, s, 0, (0,), AMBULANCE)], poses=poses)
-    reference = reference_line(view.ego(0), 0)
-    assert search_gap(reference, view.ego(0)) is None
+    reference = gap_escape.reference_line(view.ego(0), 0)
+    assert gap_escape.search_gap(reference, view.ego(0)) is None
     return asked, reference, along
 
 
@@ -116,7 +107,7 @@ def test_others_are_swept_for_as_long_as_they_may_go_and_longer_where_they_come_
     cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 120, 4, (0,)), lab.Car(3, 1, 130, 4, (0,))]
     poses = np.array([[100.0, 0.0, 0.0, 0.0], [120.0, 0.0, 0.1, 4.0], [130.0, 3.3, np.pi, 4.0]])
     view = lab.view(network, lab.L3, cars, poses=poses)
-    search_gap(reference_line(view.ego(0), 0), view.ego(0))
+    gap_escape.search_gap(gap_escape.reference_line(view.ego(0), 0), view.ego(0))
     obstacles, half = asked[0][3], 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     assert obstacles.actor_id.tolist() == [2, 3]
     ways = np.array([4.0 * 1.5, 4.0 * 1.5 * 2.5])
@@ -133,7 +124,7 @@ def view_at(lab, speed=0.0, others=(), network=None, advice=None, lane=0, step=0
 def run(unit, view, count):
     events = []
     for _ in range(count):
-        unit, happened = gap_escape_mode(unit, view.ego(0))
+        unit, happened = gap_escape.gap_escape_mode(unit, view.ego(0))
         events += happened
     return unit, events
 
@@ -191,7 +182,7 @@ def test_preempts_a_forced_lane_change(lab):
 def test_sumos_leader_blocks_within_the_query_range_unless_it_drives_away(lab, gap, speed, blocks):
     others = [lab.Car(9, 0, 130, speed, (0,))]
     view = view_at(lab, others=others, advice={"leader_id": 9, "leader_gap_m": gap})
-    assert (blocker_of(EmvUnit(1), view.ego(0)) == 9) is blocks
+    assert (gap_escape.blocker_of(EmvUnit(1), view.ego(0)) == 9) is blocks
 
 
 def in_both_lanes(lab, centre_m=108.0):
@@ -206,12 +197,12 @@ def reference_of(view, lane):
 def test_a_leader_that_an_emv_under_way_would_pass_beside_blocks_no_more(lab, speed, right_m, blocks):
     others = [lab.Car(2, 0, 110, 0.0, (0,), left=-right_m)]
     view = view_at(lab, speed, others, advice={"leader_id": 2, "leader_gap_m": 5.0})
-    assert (blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 2) is blocks
+    assert (gap_escape.blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 2) is blocks
 
 
 def test_search_goes_round_a_blocker(lab):
     view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))])
-    path = search_gap(reference_of(view, 0), view.ego(0))
+    path = gap_escape.search_gap(reference_of(view, 0), view.ego(0))
     clear = path.left_m[-1] - 1.05 - 0.915
     assert clear > 0.1
     assert path.length_m > 25.0
@@ -219,15 +210,15 @@ def test_search_goes_round_a_blocker(lab):
 
 def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
     view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))], network=lab.two_way_road())
-    assert search_gap(reference_of(view, 0), view.ego(0)).left_m.max() > 1.9
+    assert gap_escape.search_gap(reference_of(view, 0), view.ego(0)).left_m.max() > 1.9
     shoulder = lab.straight_road(2, shoulder=True)
     view = view_at(lab, others=[lab.Car(2, 1, 112, 0, (0,))], network=shoulder, lane=1)
-    assert search_gap(reference_of(view, 1), view.ego(0)).left_m.min() < -1.9
+    assert gap_escape.search_gap(reference_of(view, 1), view.ego(0)).left_m.min() < -1.9
 
 
 def test_search_finds_nothing_where_both_lanes_are_blocked(lab):
     view = view_at(lab, others=in_both_lanes(lab))
-    assert search_gap(reference_of(view, 0), view.ego(0)) is None
+    assert gap_escape.search_gap(reference_of(view, 0), view.ego(0)) is None
 
 
 def test_waits_says_so_once_and_escapes_when_a_gap_opens(lab):
@@ -250,45 +241,45 @@ def test_a_free_path_is_kept_and_a_blocked_one_replaced(lab):
     active = EmvUnit(1, gap_escape_active=True)
     behind = [lab.Car(2, 0, 114, 0, (0,))]
     view = view_at(lab, others=behind)
-    first, events = escape_path(active, view.ego(0))
+    first, events = gap_escape.escape_path(active, view.ego(0))
     assert kinds(events) == ["gap_escape_replanned"]
     assert first.escape_offset_m > 1.9
     again = replace(first, escape_planned_step=-20)
-    kept, events = escape_path(again, view.ego(0))
+    kept, events = gap_escape.escape_path(again, view.ego(0))
     assert kept.navigator.path is first.navigator.path
     assert not events
-    other, _ = escape_path(again, view_at(lab, others=[*behind, lab.Car(3, 1, 126, 0, (0,))]).ego(0))
+    other, _ = gap_escape.escape_path(again, view_at(lab, others=[*behind, lab.Car(3, 1, 126, 0, (0,))]).ego(0))
     assert other.navigator.path is not first.navigator.path
 
 
 def test_waits_where_the_path_ends_and_no_other_is_found(lab):
     both = in_both_lanes(lab)
     view = view_at(lab, others=both)
-    unit, events = escape_path(EmvUnit(1, gap_escape_active=True), view.ego(0))
+    unit, events = gap_escape.escape_path(EmvUnit(1, gap_escape_active=True), view.ego(0))
     assert unit.escape_offset_m is None
     assert kinds(events) == ["gap_escape_waiting"]
-    assert escape_speed_mps(unit, view) == 0.0
-    _, events = escape_path(unit, view_at(lab, others=both, step=20).ego(0))
+    assert gap_escape.escape_speed_mps(unit, view) == 0.0
+    _, events = gap_escape.escape_path(unit, view_at(lab, others=both, step=20).ego(0))
     assert not events
 
 
 @pytest.mark.parametrize(("clearance", "speed_mps"), [(0.3, 20.0 / 3.6), (0.15, 2.5), (0.08, 1.0)])
 def test_tight_paths_are_driven_slowly(lab, clearance, speed_mps):
     unit = EmvUnit(1, gap_escape_active=True, escape_offset_m=0.0, escape_clearance_m=clearance)
-    assert escape_speed_mps(unit, view_at(lab)) == pytest.approx(speed_mps)
+    assert gap_escape.escape_speed_mps(unit, view_at(lab)) == pytest.approx(speed_mps)
 
 
 def driving_around(lab, step=0):
     """An EMV that has just found its way around a blocker, and its view."""
     view = view_at(lab, others=[lab.Car(2, 0, 114, 0, (0,))], step=step)
-    return escape_path(EmvUnit(1, gap_escape_active=True), view.ego(0))[0], view
+    return gap_escape.escape_path(EmvUnit(1, gap_escape_active=True), view.ego(0))[0], view
 
 
 def test_a_path_is_looked_at_again_after_half_a_second(lab):
     unit, _ = driving_around(lab)
     closed = [lab.Car(2, 0, 114, 0, (0,)), lab.Car(3, 1, 126, 0, (0,))]
-    assert escape_path(unit, view_at(lab, others=closed, step=9).ego(0)) == (unit, ())
-    again, _ = escape_path(unit, view_at(lab, others=closed, step=10).ego(0))
+    assert gap_escape.escape_path(unit, view_at(lab, others=closed, step=9).ego(0)) == (unit, ())
+    again, _ = gap_escape.escape_path(unit, view_at(lab, others=closed, step=10).ego(0))
     assert again.escape_planned_step == 10
     assert again.navigator.path is not unit.navigator.path
 
@@ -300,7 +291,7 @@ def test_another_path_is_told_where_it_ends_half_a_metre_beside_the_last_one(lab
     unit, view = driving_around(lab, step=20)
     astray = replace(unit, escape_planned_step=0, escape_offset_m=unit.escape_offset_m + moved_m)
     astray = replace(astray, navigator=replace(unit.navigator, left_m=1.0))
-    other, events = escape_path(astray, view.ego(0))
+    other, events = gap_escape.escape_path(astray, view.ego(0))
     assert other.escape_offset_m == pytest.approx(unit.escape_offset_m)
     assert [event.detail["left_m"] for event in events] == ([pytest.approx(unit.escape_offset_m)] if recorded else [])
 
@@ -309,14 +300,14 @@ def test_a_path_to_the_other_side_is_told_although_it_ends_as_far_from_the_line(
     unit, view = driving_around(lab, step=20)
     mirrored = replace(unit, escape_planned_step=0, escape_offset_m=-unit.escape_offset_m)
     mirrored = replace(mirrored, navigator=replace(unit.navigator, left_m=1.0))
-    assert kinds(escape_path(mirrored, view.ego(0))[1]) == ["gap_escape_replanned"]
+    assert kinds(gap_escape.escape_path(mirrored, view.ego(0))[1]) == ["gap_escape_replanned"]
 
 
 @pytest.mark.parametrize(("centre_m", "goes_on"), [(108.5, True), (106.3, False)])
 def test_without_another_path_the_present_one_is_driven_while_a_metre_of_it_is_free(lab, centre_m, goes_on):
     """The EMV's front is at 103.25 m, the rears of both others are 2.375 m behind their centres."""
     unit, _ = driving_around(lab)
-    after, events = escape_path(unit, view_at(lab, others=in_both_lanes(lab, centre_m), step=10).ego(0))
+    after, events = gap_escape.escape_path(unit, view_at(lab, others=in_both_lanes(lab, centre_m), step=10).ego(0))
     assert (after.escape_offset_m == unit.escape_offset_m) is goes_on
     assert kinds(events) == ([] if goes_on else ["gap_escape_waiting"])
 
@@ -324,11 +315,11 @@ def test_without_another_path_the_present_one_is_driven_while_a_metre_of_it_is_f
 def test_an_escape_that_begins_plans_at_once_and_starts_without_a_path(lab):
     """Whatever an escape before it has left behind."""
     before = EmvUnit(1, blocker_id=2, stopped_s=5.0, escape_planned_step=95, escape_offset_m=1.0)
-    unit, _ = gap_escape_mode(before, view_at(lab, step=100).ego(0))
+    unit, _ = gap_escape.gap_escape_mode(before, view_at(lab, step=100).ego(0))
     assert unit.gap_escape_active
     assert unit.escape_offset_m is None
     assert unit.escape_planned_step < 0
-    planned, events = escape_path(unit, view_at(lab, others=in_both_lanes(lab), step=100).ego(0))
+    planned, events = gap_escape.escape_path(unit, view_at(lab, others=in_both_lanes(lab), step=100).ego(0))
     assert planned.escape_planned_step == 100
     assert kinds(events) == ["gap_escape_waiting"]
 
@@ -337,7 +328,7 @@ def test_an_escape_that_ends_leaves_neither_its_offset_nor_a_plan(lab):
     view = view_at(lab)
     active = EmvUnit(1, plan=RoutePlan((0,), LaneEnd.HORIZON, 0), gap_escape_active=True, blocker_free_s=5.0)
     active = replace(active, escape_offset_m=1.2, corridor_planned_step=7)
-    unit, events = gap_escape_mode(active, view.ego(0))
+    unit, events = gap_escape.gap_escape_mode(active, view.ego(0))
     assert kinds(events) == ["gap_escape_left"]
     assert not unit.gap_escape_active
     assert unit.escape_offset_m is None
@@ -355,8 +346,8 @@ def test_stopped_is_up_to_the_papers_speed(lab, speed, counts):
 def test_while_escaping_the_vehicle_ahead_in_the_lane_blocks_within_15_m(lab, gap, blocks):
     centre = 100.0 + 0.5 * (lab.vehicles[ActorClass.AMBULANCE].length_m + lab.vehicles[ActorClass.SEDAN].length_m)
     view = view_at(lab, others=[lab.Car(5, 0, centre + gap, 0, (0,))])
-    assert (blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 5) is blocks
-    assert blocker_of(EmvUnit(1), view.ego(0)) == 0, "outside an escape the navigator sees it"
+    assert (gap_escape.blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 5) is blocks
+    assert gap_escape.blocker_of(EmvUnit(1), view.ego(0)) == 0, "outside an escape the navigator sees it"
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -370,10 +361,10 @@ def test_the_emv_would_meet_who_is_nearer_aside_than_both_bodies_and_a_margin(la
         poses = np.array([[100.0, 3.5, 0.0, 3.0], [112.0, 3.5 + side * (half + 0.1 + apart), turned, 0.0]])
         view = lab.view(network, lab.L3, cars, poses=poses)
         assert view.world.config.corridor.clearance_m == 0.1
-        assert in_the_way(view.ego(0), 1, 1) is meets
+        assert gap_escape.in_the_way(view.ego(0), 1, 1) is meets
 
 
 @pytest.mark.parametrize("speed", [0.0, 4.0])
 def test_a_leader_of_sumo_that_nobody_knows_blocks_an_emv_under_way_too(lab, speed):
     view = view_at(lab, speed, advice={"leader_id": 99, "leader_gap_m": 20.0})
-    assert blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 99
+    assert gap_escape.blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 99

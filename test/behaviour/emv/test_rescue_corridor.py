@@ -45,12 +45,9 @@ YIELDING = {2: int(Owner.ROS)}
 @pytest.mark.parametrize(
     ("place", "speed", "lights", "owners", "brakes"),
     [
-        (150, 7, {2: int(Lights.BRAKE)}, YIELDING, True),
-        (150, 0, {}, YIELDING, True),
-        (150, 7, {}, YIELDING, False),
-        (150, 0, {2: int(Lights.BRAKE)}, {}, False),
-        (80, 0, {}, YIELDING, False),
-        (185, 0, {}, YIELDING, False),
+        *[(150, 7, {2: int(Lights.BRAKE)}, YIELDING, True), (150, 0, {}, YIELDING, True)],
+        *[(150, 7, {}, YIELDING, False), (150, 0, {2: int(Lights.BRAKE)}, {}, False)],
+        *[(80, 0, {}, YIELDING, False), (185, 0, {}, YIELDING, False)],
     ],
     ids=["brakes", "holds", "drives on", "queues at a red light", "behind", "beyond the corridor"],
 )

@@ -5,16 +5,9 @@ import pytest
 
 from siren_ros.behaviour.civilians.pull_over import edge_offset_m, emv_waits_behind
 from siren_ros.behaviour.civilians.yield_manager import EmvRoad, region_members, way_from_emv_m
+from siren_ros.behaviour.driving import lane_change
 from siren_ros.behaviour.driving.civilian_unit import emv_fully_passed
 from siren_ros.behaviour.driving.emv_unit import EmvUnit
-from siren_ros.behaviour.driving.lane_change import (
-    LaneChangeQuery,
-    assess,
-    entered_lane,
-    gaps_in_lane,
-    lane_change_path,
-    offset_in_lane,
-)
 from siren_ros.behaviour.driving.speed_mechanisms import anticipated_limit, free_way, passage_limit
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.gap_escape import blocker_of, in_the_way, reference_line, search_gap
@@ -55,8 +48,8 @@ def numbers(lab, turn):
     s = np.linspace(2.0, 78.0, 77)
     path = search_gap(reference_line(view.ego(0), 0), view.ego(0))
     corridor = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path
-    query = LaneChangeQuery(view.ego(4), 0, 1, 5.0, civilian=True)
-    change = lane_change_path(query, assess(query), stop_at_end=True).curve.points
+    query = lane_change.LaneChangeQuery(view.ego(4), 0, 1, 5.0, civilian=True)
+    change = lane_change.lane_change_path(query, lane_change.assess(query), stop_at_end=True).curve.points
     road = EmvRoad.ahead_of(view.ego(0), None)
     escaping = EmvUnit(1, unit.navigator, gap_escape_active=True)
     return {
@@ -71,10 +64,10 @@ def numbers(lab, turn):
         "blocker": blocker_of(escaping, view.ego(0)),
         "gaps": [
             (gaps.front_m, gaps.rear_m, gaps.front_id)
-            for gaps in (gaps_in_lane(view.ego(row), lane) for row in range(5) for lane in range(2))
+            for gaps in (lane_change.gaps_in_lane(view.ego(row), lane) for row in range(5) for lane in range(2))
         ],
-        "offsets": [offset_in_lane(view.ego(row), lane) for row in range(5) for lane in range(2)],
-        "entered": [entered_lane(view.ego(row), lane) for row in range(5) for lane in range(2)],
+        "offsets": [lane_change.offset_in_lane(view.ego(row), lane) for row in range(5) for lane in range(2)],
+        "entered": [lane_change.entered_lane(view.ego(row), lane) for row in range(5) for lane in range(2)],
         "way": way_from_emv_m(view, 0, road.road_start_m),
         "members": region_members(view.seen, 0, np.empty(0, np.uint32), ControlConstants(region_enter_m=30.0)),
         "waits": [emv_waits_behind(view.ego(row), 2) for row in range(5)],

@@ -87,10 +87,8 @@ def test_a_curve_is_a_beziers_with_handles_along_the_lanes():
 @pytest.mark.parametrize(
     ("path", "mended"),
     [
-        ("0,0 5,0.8 9,4 10,10", False),
-        ("0,0 5,1.1 9,4 10,10", True),
-        ("0,0 5,0 9,4 9.5,7.5 10,10", True),
-        ("0,0 5,0 9,4 9.6,7.5 10,10", False),
+        *[("0,0 5,0.8 9,4 10,10", False), ("0,0 5,1.1 9,4 10,10", True)],
+        *[("0,0 5,0 9,4 9.5,7.5 10,10", True), ("0,0 5,0 9,4 9.6,7.5 10,10", False)],
     ],
 )
 def test_ten_degrees_at_either_end_are_a_corner(path, mended):
@@ -175,10 +173,8 @@ def test_a_corner_is_passed_closely_and_the_ends_stay():
 @pytest.mark.parametrize(
     ("before_m", "after_m", "turn_rad", "cut_m"),
     [
-        (1.0, 30.0, np.pi / 2.0, 0.5),
-        (30.0, 0.8, np.pi / 2.0, 0.4),
-        (30.0, 30.0, np.pi / 2.0, 0.6 / np.sin(np.pi / 4.0)),
-        (30.0, 30.0, -1.0, 0.6 / np.sin(0.5)),
+        *[(1.0, 30.0, np.pi / 2.0, 0.5), (30.0, 0.8, np.pi / 2.0, 0.4)],
+        *[(30.0, 30.0, np.pi / 2.0, 0.6 / np.sin(np.pi / 4.0)), (30.0, 30.0, -1.0, 0.6 / np.sin(0.5))],
         (30.0, 30.0, 0.1, 6.0),
     ],
 )
@@ -260,10 +256,8 @@ def test_yellow_is_as_long_as_in_towns_whatever_the_limit(net):
 @pytest.mark.parametrize(
     ("joined", "only_joins"),
     [
-        (((A_RIGHT, B_RIGHT), (A_LEFT, B_LEFT)), True),
-        (((A_RIGHT, B_RIGHT), (B_LEFT, A_LEFT)), True),
-        (((A_RIGHT, B_RIGHT), (A_LEFT, C_LEFT)), False),
-        (((A_RIGHT, C_RIGHT), (B_LEFT, C_LEFT)), False),
+        *[(((A_RIGHT, B_RIGHT), (A_LEFT, B_LEFT)), True), (((A_RIGHT, B_RIGHT), (B_LEFT, A_LEFT)), True)],
+        *[(((A_RIGHT, B_RIGHT), (A_LEFT, C_LEFT)), False), (((A_RIGHT, C_RIGHT), (B_LEFT, C_LEFT)), False)],
     ],
     ids=["one road", "both directions", "a fork", "a merge"],
 )

@@ -141,11 +141,9 @@ def test_openstreetmap_gives_a_network_around_its_own_origin(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
-        ("empty.xodr", b"<OpenDRIVE/>", "netconvert"),
-        ("empty.osm", b'<osm version="0.6"/>', "netconvert"),
+        *[("empty.xodr", b"<OpenDRIVE/>", "netconvert"), ("empty.osm", b'<osm version="0.6"/>', "netconvert")],
         ("broken.osm", b'<osm version="0.6"><node id="1"></osm>', "netconvert"),
-        ("empty.net.xml", b"<net/>", "lane"),
-        ("page.xml", b"<html/>", "OpenDRIVE map"),
+        *[("empty.net.xml", b"<net/>", "lane"), ("page.xml", b"<html/>", "OpenDRIVE map")],
     ],
 )
 def test_unusable_maps_are_refused_and_leave_nothing_behind(tmp_path, name, content, reason):

@@ -199,13 +199,10 @@ def test_edges_outside_junctions_are_the_normal_ones():
 @pytest.mark.parametrize(
     ("stopping", "yielding", "nodes", "priorities"),
     [
-        ("", "", {}, {}),
-        ("n", "", {"J": "priority_stop"}, {"n": 0}),
+        *[("", "", {}, {}), ("n", "", {"J": "priority_stop"}, {"n": 0})],
         ("n e s w", "", {"J": "allway_stop"}, {"n": 4, "e": 2, "s": 0, "w": 3}),
-        ("n e w", "", {"J": "priority_stop"}, {"n": 0, "e": 0, "w": 0}),
-        ("", "s", {}, {"s": 0}),
-        ("", "n", {}, {"n": 0}),
-        ("n", "s", {"J": "priority_stop"}, {"n": 2, "s": 0}),
+        *[("n e w", "", {"J": "priority_stop"}, {"n": 0, "e": 0, "w": 0}), ("", "s", {}, {"s": 0})],
+        *[("", "n", {}, {"n": 0}), ("n", "s", {"J": "priority_stop"}, {"n": 2, "s": 0})],
         ("path away", "", {"K": "allway_stop"}, {"away": 8}),
     ],
 )

@@ -164,10 +164,8 @@ def test_a_sign_binds_the_end_of_its_edge():
 @pytest.mark.parametrize(
     ("way", "direction", "edges"),
     [
-        ("w sign J e", "forward", ("from_w",)),
-        ("e J sign w", "backward", ("from_w",)),
-        ("w sign J e", "backward", ()),
-        ("w sign J e", "sideways", ("from_w",)),
+        *[("w sign J e", "forward", ("from_w",)), ("e J sign w", "backward", ("from_w",))],
+        *[("w sign J e", "backward", ()), ("w sign J e", "sideways", ("from_w",))],
     ],
 )
 def test_a_direction_is_that_of_the_way(way, direction, edges):

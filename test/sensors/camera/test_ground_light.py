@@ -5,14 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.ground_light import (
-    UNIT_FROM_CLIP,
-    beacon_colour,
-    cell_of,
-    light_from_map,
-    luminaires,
-    sun_view,
-)
+from siren_ros.sensors.camera import ground_light
 from siren_ros.sensors.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Mesh, SemanticClass
@@ -40,7 +33,7 @@ def road(image):
 
 def test_each_street_lamp_is_found_once():
     places = [(0.0, 0.0), (30.0, 5.0), (31.0, 40.0)]
-    middles = luminaires(Mesh.joined(*[turned(street_lamp(8.0), x, y, 0.0, 0.7) for x, y in places]))
+    middles = ground_light.luminaires(Mesh.joined(*[turned(street_lamp(8.0), x, y, 0.0, 0.7) for x, y in places]))
     assert middles.shape == (3, 3)
     assert np.linalg.norm(middles[:, :2] - places, axis=1) == pytest.approx(1.5, abs=0.1)
     assert middles[:, 2] == pytest.approx(7.9, abs=0.1)
@@ -67,7 +60,7 @@ def test_head_lamps_light_what_lies_ahead_also_the_carriers_own(boxes):
 
 def test_beacons_colour_the_road_in_turn(boxes):
     renderer = boxes.renderer(boxes.scene(), NIGHT)
-    blue, red = (next(k for k in range(20) if beacon_colour(k)[channel] > 0.5) for channel in (2, 0))
+    blue, red = (next(k for k in range(20) if ground_light.beacon_colour(k)[channel] > 0.5) for channel in (2, 0))
     placement = boxes.placed((SEDAN, 14.0, 0.0, np.pi), lights=[int(Lights.BEACON)])
     in_blue, in_red = picture(renderer, placement, blue), picture(renderer, placement, red)
     beside = (slice(150, 200), slice(60, 110))
@@ -111,12 +104,12 @@ CENTRE = (30.0, -12.0)
     ],
 )
 def test_the_square_of_light_is_the_whole_texture(point, texture):
-    scale, x, y = light_from_map(CENTRE)
+    scale, x, y = ground_light.light_from_map(CENTRE)
     assert (scale * point[0] + x, scale * point[1] + y) == pytest.approx(texture)
 
 
 def test_the_nearest_grid_point_gives_the_light():
-    assert cell_of(np.array([2.4 * LIGHT_GRID_M, -0.6 * LIGHT_GRID_M, 9.0])) == (2, -1)
+    assert ground_light.cell_of(np.array([2.4 * LIGHT_GRID_M, -0.6 * LIGHT_GRID_M, 9.0])) == (2, -1)
 
 
 def sun(elevation_deg, azimuth_deg):
@@ -128,7 +121,7 @@ def sun(elevation_deg, azimuth_deg):
 def test_the_view_along_the_sun_holds_the_square_and_what_shades_it(direction):
     """Points along one ray of the sun fall on one texel, the nearer to the sun in front."""
     towards = sun(*direction)
-    view = sun_view(towards, CENTRE, 40.0, (0.0, 25.0))
+    view = ground_light.sun_view(towards, CENTRE, 40.0, (0.0, 25.0))
 
     def seen(point):
         return (view @ np.array([*point, 1.0]))[:3]
@@ -142,6 +135,6 @@ def test_the_view_along_the_sun_holds_the_square_and_what_shades_it(direction):
         high = low + towards * 25.0 / towards[2]
         assert seen(high)[:2] == pytest.approx(seen(low)[:2], abs=1e-9)
         assert -1.0 <= seen(high)[2] < seen(low)[2] <= 1.0
-    unit = UNIT_FROM_CLIP @ view @ np.array([*CENTRE, 0.0, 1.0])
+    unit = ground_light.UNIT_FROM_CLIP @ view @ np.array([*CENTRE, 0.0, 1.0])
     assert unit[:2] == pytest.approx([0.5, 0.5])
     assert unit[2] == pytest.approx(0.5 + 0.5 * seen((*CENTRE, 0.0))[2])

@@ -8,24 +8,10 @@ from shapely.geometry import Polygon
 from shapely.geometry import box as rectangle
 from solids import areas, gap_m2, open_edges, volume
 
+from siren_ros.sensors.meshes import solids
 from siren_ros.sensors.meshes.mesh import Material, Mesh
-from siren_ros.sensors.meshes.solids import (
-    ARCH_CLEARANCE_M,
-    Axle,
-    Band,
-    BodyProfile,
-    box,
-    flat_polygons,
-    from_quads,
-    frustum,
-    hexahedron,
-    loft,
-    sphere_points,
-    triangulated,
-    walls,
-)
 
-PLAIN = BodyProfile(
+PLAIN = solids.BodyProfile(
     length_m=4.0,
     top_m=((0.0, 1.5), (4.0, 1.5)),
     belt_m=((0.0, 1.0), (4.0, 1.0)),
@@ -33,12 +19,12 @@ PLAIN = BodyProfile(
     half_width_m=((0.0, 0.9), (4.0, 0.9)),
     roof_half_width_m=((0.0, 0.6), (4.0, 0.6)),
 )
-WHEELS = replace(PLAIN, axles=(Axle(0.9, 0.3, 0.2), Axle(3.1, 0.3, 0.2)))
+WHEELS = replace(PLAIN, axles=(solids.Axle(0.9, 0.3, 0.2), solids.Axle(3.1, 0.3, 0.2)))
 
 
 def shell(profile):
     paint = (Material.CAR_PAINT, (9, 9, 9))
-    return loft(profile, lambda *_: paint, lambda *_: paint, lambda *_: paint)
+    return solids.loft(profile, lambda *_: paint, lambda *_: paint, lambda *_: paint)
 
 
 def cross_section_m2(profile, s_m=2.0):
@@ -79,7 +65,7 @@ def test_a_wedge_has_the_mean_of_its_ends():
 
 def test_arches_are_round_and_as_high_as_the_tyre_and_its_clearance():
     """Over the hub the sill is at the tyre's top and the clearance; half the arch's width aside, on the circle."""
-    radius = 0.3 + ARCH_CLEARANCE_M
+    radius = 0.3 + solids.ARCH_CLEARANCE_M
     heights = WHEELS.arch_m(np.array([0.9, 0.9 - 0.2, 0.9 + 0.2, 2.0, 0.3]))
     on_circle = 0.3 + np.sqrt(radius**2 - 0.2**2)
     assert heights == pytest.approx([0.3 + radius, on_circle, on_circle, 0.2, 0.2])
@@ -99,8 +85,8 @@ def test_knots_near_a_station_get_none_but_at_the_ends():
 
 
 def test_faces_know_their_band_side_and_place():
-    seen: list[tuple[Band, float, int]] = []
-    ends: dict[str, set[tuple[Band, int]]] = {"front": set(), "rear": set()}
+    seen: list[tuple[solids.Band, float, int]] = []
+    ends: dict[str, set[tuple[solids.Band, int]]] = {"front": set(), "rear": set()}
     materials = {1: Material.INDICATOR_LEFT_LAMP, -1: Material.INDICATOR_RIGHT_LAMP}
 
     def side(band, s_m, hand):
@@ -114,10 +100,10 @@ def test_faces_know_their_band_side_and_place():
 
         return finish
 
-    mesh = loft(PLAIN, side, end("front"), end("rear"))
-    assert {(band, hand) for band, _, hand in seen} == {(band, hand) for band in Band for hand in (1, -1)}
+    mesh = solids.loft(PLAIN, side, end("front"), end("rear"))
+    assert {(band, hand) for band, _, hand in seen} == {(band, hand) for band in solids.Band for hand in (1, -1)}
     assert {s for _, s, _ in seen} == {2.0}
-    expected = {(band, zone) for band in list(Band)[Band.LOWER_SIDE :] for zone in range(-2, 3)}
+    expected = {(band, zone) for band in list(solids.Band)[solids.Band.LOWER_SIDE :] for zone in range(-2, 3)}
     assert ends == {"front": expected, "rear": expected}
     middle = mesh.vertices_m[mesh.triangles].mean(axis=1)
     assert (middle[mesh.material == Material.INDICATOR_LEFT_LAMP, 1] > 0).all()
@@ -141,7 +127,7 @@ def test_ends_look_ahead_and_back():
 def test_quads_become_two_triangles_and_slivers_none():
     quad = np.array([(0, 0, 0), (2, 0, 0), (2, 1, 0), (0, 1, 0)], dtype=float)
     sliver = np.array([(0, 0, 1), (1, 0, 1), (1, 0, 1), (0, 0, 1)], dtype=float)
-    mesh = from_quads([(quad, (Material.PLATE, (1, 2, 3))), (sliver, (Material.TYRE, (4, 5, 6)))])
+    mesh = solids.from_quads([(quad, (Material.PLATE, (1, 2, 3))), (sliver, (Material.TYRE, (4, 5, 6)))])
     assert (len(mesh), areas(mesh).tolist()) == (2, [1.0, 1.0])
     assert (mesh.normals.tolist(), set(mesh.material.tolist())) == ([[0.0, 0.0, 1.0]] * 2, {Material.PLATE})
     assert len(mesh.vertices_m) == 4
@@ -150,12 +136,9 @@ def test_quads_become_two_triangles_and_slivers_none():
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"top_m": ((0.0, 1.5), (2.0, 1.5), (1.0, 1.5), (4.0, 1.5))},
-        {"belt_m": ((0.0, 1.0), (3.9, 1.0))},
-        {"bottom_m": ((-1.0, 0.2), (4.0, 0.2))},
-        {"belt_m": ((0.0, 1.7), (4.0, 1.0))},
-        {"bottom_m": ((0.0, 0.2), (4.0, 1.1))},
-        {"roof_half_width_m": ((0.0, 0.6), (2.0, 1.6), (4.0, 0.6))},
+        *[{"top_m": ((0.0, 1.5), (2.0, 1.5), (1.0, 1.5), (4.0, 1.5))}, {"belt_m": ((0.0, 1.0), (3.9, 1.0))}],
+        *[{"bottom_m": ((-1.0, 0.2), (4.0, 0.2))}, {"belt_m": ((0.0, 1.7), (4.0, 1.0))}],
+        *[{"bottom_m": ((0.0, 0.2), (4.0, 1.1))}, {"roof_half_width_m": ((0.0, 0.6), (2.0, 1.6), (4.0, 0.6))}],
     ],
 )
 def test_outlines_that_cannot_be_a_body_are_refused(wrong):
@@ -174,7 +157,7 @@ def bounds(mesh):
 
 
 def test_a_box_lies_between_its_corners():
-    mesh = box((1, 2, 3), (2, 4, 6), Material.KERB, GREY)
+    mesh = solids.box((1, 2, 3), (2, 4, 6), Material.KERB, GREY)
     assert (bounds(mesh), open_edges(mesh)) == ([[1, 2, 3], [2, 4, 6]], 0)
     assert areas(mesh).sum() == pytest.approx(2 * (1 * 2 + 2 * 3 + 1 * 3))
     assert (volume(mesh), set(mesh.material.tolist())) == (pytest.approx(6.0), {Material.KERB})
@@ -184,18 +167,18 @@ def test_a_box_lies_between_its_corners():
 @pytest.mark.parametrize("high", [(0.9, 4.0, 6.0), (2.0, 1.9, 6.0), (2.0, 4.0, 2.9)])
 def test_a_box_is_not_turned_inside_out(high):
     with pytest.raises(ValueError, match="a box from"):
-        box((1.0, 2.0, 3.0), high, Material.KERB, GREY)
+        solids.box((1.0, 2.0, 3.0), high, Material.KERB, GREY)
 
 
 def test_a_box_with_free_corners_may_be_a_roof():
     """A base of 4 m by 2 m below a ridge of 4 m in the middle, 1 m above."""
     corners = [(0, 0, 0), (4, 0, 0), (4, 2, 0), (0, 2, 0), (0, 1, 1), (4, 1, 1), (4, 1, 1), (0, 1, 1)]
-    assert volume(hexahedron(corners, Material.KERB, GREY)) == pytest.approx(4.0)
+    assert volume(solids.hexahedron(corners, Material.KERB, GREY)) == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 2.0), (2.0, 1.0), (0.5, 1.5)], ids=["cylinder", "cone", "funnel"])
 def test_a_cone_stump_stands_on_its_base(low, high):
-    mesh = frustum((1.0, -2.0, 5.0), 3.0, (low, high), 8, Material.KERB, GREY)
+    mesh = solids.frustum((1.0, -2.0, 5.0), 3.0, (low, high), 8, Material.KERB, GREY)
     wide = max(low, high)
     corners = np.array([[1 - wide, -2 - wide, 5], [1 + wide, -2 + wide, 8]])
     assert (np.array(bounds(mesh)), open_edges(mesh)) == (pytest.approx(corners, abs=1e-6), 0)
@@ -208,21 +191,21 @@ def test_a_cone_stump_stands_on_its_base(low, high):
 
 @pytest.mark.parametrize("area", [TRIANGLE, RING, Polygon(list(TRIANGLE.exterior.coords)[::-1])])
 def test_flat_faces_look_up(area):
-    mesh = flat_polygons([area], 0.25, Material.KERB, GREY)
+    mesh = solids.flat_polygons([area], 0.25, Material.KERB, GREY)
     assert areas(mesh).sum() == pytest.approx(area.area)
     assert mesh.normals.tolist() == [[0.0, 0.0, 1.0]] * len(mesh)
     assert set(mesh.vertices_m[:, 2].tolist()) == {0.25}
 
 
 def test_several_areas_and_none():
-    mesh = flat_polygons([TRIANGLE, rectangle(20, 0, 21, 1)], 0.0, Material.KERB, GREY)
+    mesh = solids.flat_polygons([TRIANGLE, rectangle(20, 0, 21, 1)], 0.0, Material.KERB, GREY)
     assert areas(mesh).sum() == pytest.approx(7.0)
-    assert len(flat_polygons([], 0.0, Material.KERB, GREY)) == 0
+    assert len(solids.flat_polygons([], 0.0, Material.KERB, GREY)) == 0
 
 
 def test_triangles_run_counter_clockwise_from_above():
     for area in (TRIANGLE, RING):
-        points, triangles = triangulated(area)
+        points, triangles = solids.triangulated(area)
         a, b, c = (points[triangles[:, k]] for k in range(3))
         doubled = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
         assert (doubled > 0).all()
@@ -232,10 +215,10 @@ def test_triangles_run_counter_clockwise_from_above():
 @pytest.mark.parametrize("area", [TRIANGLE, RING, Polygon(list(TRIANGLE.exterior.coords)[::-1])])
 def test_walls_look_out_of_their_polygon(area):
     """With floor and roof they make a closed prism."""
-    mesh = walls(area, 0.5, 2.0, Material.KERB, GREY)
+    mesh = solids.walls(area, 0.5, 2.0, Material.KERB, GREY)
     assert areas(mesh).sum() == pytest.approx(1.5 * area.length)
-    roof = flat_polygons([area], 2.0, Material.KERB, GREY)
-    floor = flat_polygons([area], 0.5, Material.KERB, GREY)
+    roof = solids.flat_polygons([area], 2.0, Material.KERB, GREY)
+    floor = solids.flat_polygons([area], 0.5, Material.KERB, GREY)
     below = Mesh(floor.vertices_m, floor.triangles[:, ::-1].copy(), floor.material, floor.colour_rgb)
     solid = Mesh.joined(mesh, roof, below)
     assert (volume(solid), open_edges(solid)) == (pytest.approx(1.5 * area.area, rel=1e-5), 0)
@@ -243,12 +226,12 @@ def test_walls_look_out_of_their_polygon(area):
 
 
 def test_spheres_are_closed_with_points_on_the_unit_sphere_and_look_outward():
-    points, faces = sphere_points(1)
+    points, faces = solids.sphere_points(1)
     mesh = Mesh.uniform(points, faces, Material.KERB, GREY)
     assert open_edges(mesh) == 0
     assert len(points) == 42
     assert 3.5 < volume(mesh) < 4.0 / 3.0 * np.pi
-    points, faces = sphere_points(2)
+    points, faces = solids.sphere_points(2)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0)
     a, b, c = (points[faces[:, k]] for k in range(3))
     assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c) > 0).all()
@@ -256,7 +239,7 @@ def test_spheres_are_closed_with_points_on_the_unit_sphere_and_look_outward():
 
 
 def test_normals_are_unit_and_look_out():
-    mesh = box((0, 0, 0), (1, 2, 3), Material.KERB, GREY)
+    mesh = solids.box((0, 0, 0), (1, 2, 3), Material.KERB, GREY)
     assert np.linalg.norm(mesh.normals, axis=1) == pytest.approx(np.ones(12))
     outward = mesh.vertices_m[mesh.triangles].mean(axis=1) - (0.5, 1.0, 1.5)
     assert (np.einsum("ij,ij->i", mesh.normals, outward) > 0.1).all()

@@ -45,12 +45,9 @@ def surface_at(mesh, x_m, y_m):
 @pytest.mark.parametrize(
     ("place", "material"),
     [
-        ((5.25, -70.0), Material.ASPHALT),
-        ((8.25, -70.0), Material.SHOULDER_ASPHALT),
-        ((5.25, -5.0), Material.ASPHALT),
-        ((3.5, -30.0), Material.MARKING_WHITE),
-        ((0.15, -70.0), Material.MARKING_YELLOW),
-        ((-60.0, -8.0), Material.GROUND),
+        *[((5.25, -70.0), Material.ASPHALT), ((8.25, -70.0), Material.SHOULDER_ASPHALT)],
+        *[((5.25, -5.0), Material.ASPHALT), ((3.5, -30.0), Material.MARKING_WHITE)],
+        *[((0.15, -70.0), Material.MARKING_YELLOW), ((-60.0, -8.0), Material.GROUND)],
         ((-60.0, 60.0), Material.GRASS),
     ],
 )

@@ -54,8 +54,7 @@ class RoadBuilder:
                     civilian_allowed=not on_shoulder,
                 )
             )
-        lanes = tuple(range(first, first + count))
-        self.edges.append(Edge(edge, f"e{edge}", lanes, *ends, internal=internal))
+        self.edges.append(Edge(edge, f"e{edge}", tuple(range(first, first + count)), *ends, internal=internal))
         return edge
 
     def connect(self, a, b, via=(), direction="s", signal=False):

@@ -47,8 +47,7 @@ def _answer(folder, factor, offset):
 
 def test_changes_in_another_file_are_seen(tmp_path):
     (tmp_path / "caller.py").write_text(textwrap.dedent(_CALLER))
-    assert _answer(tmp_path, factor=2.0, offset=1.0) == 7.0
-    assert _answer(tmp_path, factor=4.0, offset=1.0) == 13.0
+    assert (_answer(tmp_path, factor=2.0, offset=1.0), _answer(tmp_path, factor=4.0, offset=1.0)) == (7.0, 13.0)
     assert _answer(tmp_path, factor=4.0, offset=2.0) == 14.0
     cached = {path.name for path in (tmp_path / "__pycache__").glob("caller.answer*.nbi")}
     assert len(cached) == 3
@@ -114,7 +113,6 @@ SIZES = st.tuples(st.floats(1.0, 5.0), st.floats(0.5, 1.5))
 def test_the_gap_is_that_of_the_corners(a, b, a_size, b_size):
     pair = []
     for (x, y, yaw), (length, width) in ((a, a_size), (b, b_size)):
-        columns = (np.array([value]) for value in (x, y, yaw, 2.0 * length, 2.0 * width))
-        pair.append(footprint_corners(*columns))
+        pair.append(footprint_corners(*(np.array([value]) for value in (x, y, yaw, 2.0 * length, 2.0 * width))))
     poses = [(x, y, np.cos(yaw), np.sin(yaw)) for x, y, yaw in (a, b)]
     assert box_gap_m(*poses, *a_size, *b_size) == pytest.approx(float(separation_m(*pair)[0]), abs=1e-9)

@@ -389,8 +389,7 @@ def test_a_shoulder_turn_without_a_lane_beside_it_hides_no_other():
         lanes.append(replace(lanes[0], index=index, edge=len(edges), centre=Polyline.through(shape)))
         edges.append(Edge(len(edges), name, (index,), f"{name}0", f"{name}1", internal=False))
     lonely = Connection(first, first + 1, (), "r", None, -1, must_stop=False, junction="x")
-    connections = (lonely, *network.connections)
-    more = replace(network, lanes=tuple(lanes), edges=tuple(edges), connections=connections)
+    more = replace(network, lanes=tuple(lanes), edges=tuple(edges), connections=(lonely, *network.connections))
     (site,) = site_finder.shoulder_turns(EdgeGraph.of(more))
     assert site.connections == (1 + SHOULDER_RIGHT,)
 

@@ -62,8 +62,7 @@ def test_without_an_emv_there_is_no_region():
 def test_one_that_left_comes_back_at_40_m_only():
     places = [39.0, 45.0, 51.0, 45.0, 40.0, 39.9]
     states = [at((0.0, 0.0), (x_m, 0.0), step=step) for step, x_m in enumerate(places)]
-    inside = [2 in members for members in regions_of(states, [EMV])]
-    assert inside == [True, True, False, False, False, True]
+    assert [2 in members for members in regions_of(states, [EMV])] == [True, True, False, False, False, True]
 
 
 @given(

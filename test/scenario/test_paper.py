@@ -21,10 +21,8 @@ def test_control_constants_are_the_papers():
 
 def test_target_speeds_are_the_papers():
     speeds = PAPER_SPEEDS
-    assert speeds.emv_route_follow_mps * 3.6 == pytest.approx(50.0)
-    assert speeds.emv_lane_change_mps * 3.6 == pytest.approx(50.0)
-    assert speeds.emv_copy_sumo_mps * 3.6 == pytest.approx(30.0)
-    assert speeds.emv_gap_escape_mps * 3.6 == pytest.approx(20.0)
+    assert (speeds.emv_route_follow_mps * 3.6, speeds.emv_lane_change_mps * 3.6) == pytest.approx((50.0, 50.0))
+    assert (speeds.emv_copy_sumo_mps * 3.6, speeds.emv_gap_escape_mps * 3.6) == pytest.approx((30.0, 20.0))
     assert speeds.civilian_yield_lane_change_mps * 3.6 == pytest.approx(10.0)
     assert speeds.civilian_pull_over_mps * 3.6 == pytest.approx(15.0)
     assert speeds.civilian_yield_speed_difference == 0.5

@@ -99,8 +99,7 @@ def test_noise_and_variance_agree():
     fixes = [receiver.measure(step, np.eye(4)) for step in range(0, 800, 2)]
     north = np.array([(fix.latitude_deg - 49.0) * M_PER_DEG_LAT for fix in fixes])
     up = np.array([fix.altitude_m - 1.93 for fix in fixes])
-    assert north.std() == pytest.approx(1.5, rel=0.15)
-    assert up.std() == pytest.approx(3.0, rel=0.15)
+    assert (north.std(), up.std()) == pytest.approx((1.5, 3.0), rel=0.15)
     assert fixes[0].variance_m2.tolist() == [2.25, 2.25, 9.0]
 
 
@@ -115,8 +114,7 @@ def test_the_variance_grows_as_the_bias_walks():
         assert fix.variance_m2 == pytest.approx([0.04 + 0.18, 0.04 + 0.18, 0.16 + 0.18])
         errors.append(((fix.latitude_deg - 49.0) * M_PER_DEG_LAT, fix.altitude_m - 1.93))
     north, up = np.array(errors).T
-    assert north.var() == pytest.approx(0.22, rel=0.25)
-    assert up.var() == pytest.approx(0.34, rel=0.25)
+    assert (north.var(), up.var()) == pytest.approx((0.22, 0.34), rel=0.25)
     assert np.abs(np.mean(errors, axis=0)).max() < 0.1
 
 
@@ -282,8 +280,7 @@ def test_errors_are_as_large_as_the_covariance_says():
         squares.append(error @ np.linalg.solve(odometry.pose_covariance, error))
         off = np.array([odometry.forward_mps - 12.0, odometry.left_mps, odometry.yaw_rate_radps - 0.1])
         twists.append(off @ np.linalg.solve(odometry.twist_covariance, off))
-    assert np.mean(squares) == pytest.approx(3.0, abs=0.6)
-    assert np.mean(twists) == pytest.approx(3.0, abs=0.6)
+    assert (np.mean(squares), np.mean(twists)) == pytest.approx((3.0, 3.0), abs=0.6)
     assert np.array_equal(odometry.pose_covariance, odometry.pose_covariance.T)
 
 

@@ -27,8 +27,7 @@ def _town():
 
 
 def test_at_a_junction_the_pole_is_off_the_lanes_and_faces_the_middle(town):
-    signals = [j for j in town.junctions.values() if j.kind is JunctionKind.SIGNAL]
-    for junction in signals:
+    for junction in [j for j in town.junctions.values() if j.kind is JunctionKind.SIGNAL]:
         mount = station_mount(Station(None), town, {"junction": junction.junction_id})
         pole = shapely.Point(mount.x_m, mount.y_m)
         for lane in town.lanes:
@@ -89,8 +88,7 @@ def test_triangles_above_a_place_are_those_of_their_planes(corners, place):
 def test_only_solid_bodies_are_indoors(boxes):
     """A roof over the street, of one surface, and a body below the sensor do not enclose it."""
     suite = SensorSuite("pole", (LIDAR,), station=Station(Mount(50.0, 0.0, 0.0)))
-    low = boxes.scene(boxes.box((50.0, 0.0, 1.0), (20.0, 20.0, 2.0)))
-    check_outdoors(low, suite, Mount(50.0, 0.0, 0.0))
+    check_outdoors(boxes.scene(boxes.box((50.0, 0.0, 1.0), (20.0, 20.0, 2.0))), suite, Mount(50.0, 0.0, 0.0))
     with pytest.raises(InputError, match=r"\(50\.0, 3\.0, 4\.0\) m in the map frame"):
         check_outdoors(boxes.scene(boxes.box((50.0, 3.0, 5.0), (20.0, 1.0, 10.0))), suite, Mount(50.0, 3.0, 0.0))
 

@@ -30,8 +30,7 @@ def test_the_full_suite_is_the_papers():
     lidar = suite.lidars[0]
     assert (lidar.mount.x_m, lidar.mount.y_m, lidar.mount.z_m) == (0.0, 0.0, 1.93)
     assert (lidar.channels, lidar.range_m, lidar.rate_hz) == (64, 120.0, 20.0)
-    assert np.degrees(lidar.upper_fov_rad) == pytest.approx(5.0)
-    assert np.degrees(lidar.lower_fov_rad) == pytest.approx(-25.0)
+    assert (np.degrees(lidar.upper_fov_rad), np.degrees(lidar.lower_fov_rad)) == pytest.approx((5.0, -25.0))
     assert lidar.columns * lidar.channels * lidar.rate_hz == pytest.approx(1.3e6, rel=1e-3)
     assert {camera.name for camera in suite.cameras} == set(PAPER_CAMERAS)
     for camera in suite.cameras:

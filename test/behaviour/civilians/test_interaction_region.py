@@ -31,8 +31,7 @@ def test_way_is_along_the_emvs_path(lab):
     view = view_of(lab, cars, network)
     road = EmvRoad.ahead_of(view.ego(0), None)
     way = way_from_emv_m(view, 0, road.lane_start_m)
-    turn = network.lanes[6].length_m
-    assert way[1] == pytest.approx(50.0 + turn + 20.0 - 4.75 / 2.0 - 6.5 / 2.0, abs=0.05)
+    assert way[1] == pytest.approx(50.0 + network.lanes[6].length_m + 20.0 - 4.75 / 2.0 - 6.5 / 2.0, abs=0.05)
     assert np.isinf(way[2:]).all()
     beside = way_from_emv_m(view, 0, road.road_start_m)
     assert beside[2] == pytest.approx(30.0 - 4.75 / 2.0 - 6.5 / 2.0, abs=0.01)

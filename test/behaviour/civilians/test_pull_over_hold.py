@@ -46,8 +46,7 @@ def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab
 
 def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab):
     network = lab.straight_road()
-    cars = [lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 120, 0, (0,), ActorClass.BUS)]
-    view = lab.view(network, lab.L3, cars, 0)
+    view = lab.view(network, lab.L3, [lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 120, 0, (0,), ActorClass.BUS)], 0)
     car, bus = (aligned_within_rad(view.ego(row)) for row in range(2))
     assert car == pytest.approx(np.radians(8.0), rel=0.05)
     assert np.sin(bus) * view.seen.half_length_m[1] < 0.35
@@ -207,7 +206,6 @@ def test_a_held_vehicle_is_released_when_the_emv_has_left_the_simulation(lab, wo
 def test_a_yield_without_a_hold_or_whose_emv_is_gone_is_cancelled(lab, world, passed, in_region, phase, events):
     view = lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 90, 0, (0,), left=-0.735)])
     emv = replace(NEAR, passed=passed, in_region=in_region)
-    step = hold if phase is Mode.YIELD_HOLD else pull_over
-    outcome = step(replace(UNIT, phase=phase), view.ego(1), emv)
+    outcome = (hold if phase is Mode.YIELD_HOLD else pull_over)(replace(UNIT, phase=phase), view.ego(1), emv)
     assert outcome.unit.phase is Mode.REJOIN
     assert [event.detail["reason"] for event in outcome.events] == events

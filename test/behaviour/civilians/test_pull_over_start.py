@@ -45,8 +45,7 @@ def test_everybody_before_the_turn_goes_left_where_the_emv_comes_on_the_shoulder
 
 
 def test_every_lane_of_the_road_pulls_over(lab, world):
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 80, 5, (0,))]
-    _, commands, events = steps(world, cars)
+    _, commands, events = steps(world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 80, 5, (0,))])
     assert kinds(events) == ["yield_requested", "yield_requested", "yield_started", "yield_started"]
     assert commands.mode.tolist() == [Mode.YIELD_PULL_OVER] * 2
     assert commands.owner.tolist() == [Owner.ROS] * 2
@@ -55,8 +54,7 @@ def test_every_lane_of_the_road_pulls_over(lab, world):
 
 def test_not_on_a_junction(lab):
     world = lab.world_of(lab.junction_road(), lab.L3)
-    cars = [lab.Car(1, 0, 135, 8, (0, 2), AMBULANCE), lab.Car(2, 2, 10, 5, (0, 2))]
-    _, commands, events = steps(world, cars)
+    _, commands, events = steps(world, [lab.Car(1, 0, 135, 8, (0, 2), AMBULANCE), lab.Car(2, 2, 10, 5, (0, 2))])
     assert kinds(events) == ["yield_requested", "yield_deferred"]
     assert events[1].detail["reason"] == "junction"
     assert commands.owner.tolist() == [Owner.SUMO]

@@ -151,8 +151,7 @@ def test_lane_change_is_driven_at_the_papers_speed_and_at_most_at_half_the_limit
     network = lab.straight_road()
     lanes = tuple(replace(lane, speed_limit_mps=limit) for lane in network.lanes)
     world = lab.world_of(replace(network, lanes=lanes), lab.L2)
-    view = lab.view_of(world, lab.traffic_of(network, [emv_at(lab)]))
-    assert yield_speed_mps(view, 0) == pytest.approx(target)
+    assert yield_speed_mps(lab.view_of(world, lab.traffic_of(network, [emv_at(lab)])), 0) == pytest.approx(target)
 
 
 def test_side_that_leads_on_comes_before_the_right_side(lab):
@@ -264,8 +263,7 @@ def kept_with(lab, world, *phases):
     assert next(iter(state.units.values())).phase is Mode.YIELD_KEEP_LANE
     step, events = 2, []
     for lane, route, count in phases:
-        cars = [lab.Car(1, lane, 60, 10, route, AMBULANCE), there]
-        state, _, happened = steps(world, cars, count, state, step)
+        state, _, happened = steps(world, [lab.Car(1, lane, 60, 10, route, AMBULANCE), there], count, state, step)
         step += count
         events += happened
     return state, events
@@ -308,8 +306,7 @@ def test_removed_civilian_is_forgotten(lab, world):
 
 def test_realistic_preset_draws_per_actor(lab):
     world = lab.world_of(lab.straight_road(), lab.L2, preset=load_preset("realistic"))
-    cars = [emv_at(lab), *(lab.Car(2 + i, 0, 62.0 + 6.5 * i, 5, (0,)) for i in range(3))]
-    state, _, _ = steps(world, cars)
+    state, _, _ = steps(world, [emv_at(lab), *(lab.Car(2 + i, 0, 62.0 + 6.5 * i, 5, (0,)) for i in range(3))])
     assert len({driver.delay_s for driver in state.drivers.values()}) == len(state.drivers) > 1
 
 

@@ -236,8 +236,7 @@ def test_an_oncoming_vehicle_that_ends_its_turn_is_no_leader(turn, side):
 @pytest.mark.parametrize(("gap", "aside", "leads"), [(-0.4, 0.1, True), (-0.6, 0.1, False), (-0.6, -0.1, True)])
 def test_who_is_alongside_leads_only_where_the_bodies_would_meet(turn, side, gap, aside, leads):
     """Half a metre behind the own front bumper it is no matter of the margin any more, but of the body itself."""
-    other = (LENGTHS + gap, side * (2.0 * HALF_WIDTH + aside), 0.0, 0.0)
-    assert (watched(turn, 5.0, other) is not None) is leads
+    assert (watched(turn, 5.0, (LENGTHS + gap, side * (2.0 * HALF_WIDTH + aside), 0.0, 0.0)) is not None) is leads
 
 
 @pytest.mark.parametrize("degrees", [15.0, -15.0])

@@ -32,8 +32,7 @@ from siren_ros.world.traffic_state import SignalState
 
 
 def scene(lab, *others, speed=5.0, corridor=True):
-    network = lab.straight_road()
-    view = lab.view(network, lab.L3, [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others])
+    view = lab.view(lab.straight_road(), lab.L3, [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others])
     path = TrackedPath.of(Curve.through(np.array([[95.0, 0.0], [180.0, 0.0]])), view.ego(0).navigator_config)
     return EmvUnit(1, NavigatorState().following(path, 100.0, 0.0), corridor=corridor), view
 
@@ -124,8 +123,7 @@ def anticipated(lab, network, cars, poses):
 
 
 def scene_of_anticipation(lab, *others, speed=13.0):
-    network = lab.straight_road()
-    view = lab.view(network, lab.L2, [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others])
+    view = lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others])
     return follow_route(EmvUnit(1), view.ego(0))[0], view.ego(0)
 
 

@@ -76,8 +76,7 @@ def test_small_offsets_are_left_to_the_tracking_and_large_ones_get_a_path_of_the
     """The line of the lane begins 10 m behind; a path back to it begins at the vehicle."""
     view = view_at(lab, lab.straight_road(1, 400.0), 0, 60, (0,), left=left)
     _, navigator = plan_route(view.ego(0), 0, NavigatorState())
-    first = navigator.path.curve.points[0]
-    assert first == pytest.approx((50.0, 0.0) if from_behind else (60.0, left), abs=1e-6)
+    assert navigator.path.curve.points[0] == pytest.approx((50.0, 0.0) if from_behind else (60.0, left), abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -129,10 +128,8 @@ def test_an_emv_that_points_elsewhere_gets_a_path_from_its_own_pose(lab, turned,
     network = lab.straight_road()
     poses = np.array([[100.0, 0.0, turned, 5.0]])
     traffic = lab.traffic_of(network, [lab.Car(1, 0, 100, 5, (0,), AMBULANCE)], poses=poses)
-    view = lab.view_of(lab.world_of(network, lab.L1), traffic)
-    _, navigator = plan_route(view.ego(0), 0, NavigatorState())
-    begins = float(navigator.path.curve.points[0, 0])
-    assert begins == pytest.approx(90.0 if from_behind else 100.0, abs=0.01)
+    _, navigator = plan_route(lab.view_of(lab.world_of(network, lab.L1), traffic).ego(0), 0, NavigatorState())
+    assert float(navigator.path.curve.points[0, 0]) == pytest.approx(90.0 if from_behind else 100.0, abs=0.01)
 
 
 def test_lanes_that_only_an_emv_may_use_count_for_it(lab):

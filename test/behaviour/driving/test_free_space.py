@@ -51,8 +51,7 @@ def test_an_obstacle_does_not_count_at_poses_no_nearer_to_it():
     present = separations_m(np.array(0.0), np.array(0.0), np.array(0.0), BODY, obstacles)
     assert present[0] == pytest.approx(0.1)
     assert np.isinf(clearances_m(x, np.zeros(2), np.zeros(2), BODY, obstacles, present)).all()
-    nearer = clearances_m(x, np.full(2, 0.05), np.zeros(2), BODY, obstacles, present)
-    np.testing.assert_allclose(nearer, 0.05)
+    np.testing.assert_allclose(clearances_m(x, np.full(2, 0.05), np.zeros(2), BODY, obstacles, present), 0.05)
 
 
 def test_free_way_ends_at_the_first_contact_and_names_the_blocker():
@@ -76,15 +75,13 @@ def test_tight_places_are_approached_at_the_speed_that_their_margin_allows():
     way = straight(boxes((15, 2.2, 0, 2, 1)))
     free = way.until_m(0.3)
     assert free == pytest.approx(10.0, abs=0.5)
-    limit = way.limit(8.0, SQUEEZES, 1.0, 2.5)
-    assert limit.speed_mps == pytest.approx(math.sqrt(4.0**2 + 2.0 * 2.5 * free))
+    assert way.limit(8.0, SQUEEZES, 1.0, 2.5).speed_mps == pytest.approx(math.sqrt(4.0**2 + 2.0 * 2.5 * free))
     assert straight(boxes((0, 2.1, 0, 2, 1))).limit(8.0, SQUEEZES, 1.0, 2.5).speed_mps == pytest.approx(1.0)
 
 
 def test_brakes_harder_where_the_way_is_short():
     way = straight(boxes((10, 0, 0, 2, 1)))
-    limit = way.limit(8.0, SQUEEZES, 1.0, 2.5)
-    assert limit.brake_mps2 == pytest.approx(8.0**2 / (2.0 * (way.free_m - 1.0)))
+    assert way.limit(8.0, SQUEEZES, 1.0, 2.5).brake_mps2 == pytest.approx(8.0**2 / (2.0 * (way.free_m - 1.0)))
 
 
 def test_brakes_hard_for_contact_and_gently_for_a_place_that_is_only_too_tight():

@@ -58,8 +58,7 @@ def test_large_offsets_are_corrected_no_more_steeply_than_one_metre(vehicle, spe
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_wheels_turn_no_farther_than_they_can(vehicle, side):
-    steer = steer_along(line(0.0), 40.0, 0.0, -side * 1.4, 0.5, vehicle, CONFIG)
-    assert steer == side * vehicle.max_steer_rad
+    assert steer_along(line(0.0), 40.0, 0.0, -side * 1.4, 0.5, vehicle, CONFIG) == side * vehicle.max_steer_rad
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -212,8 +211,7 @@ def test_reaches_and_keeps_50_kmh_and_stops_at_the_end(lab, kind):
 def test_lane_change_at_50_kmh_within_a_third_of_a_metre(lab, kind):
     x = np.linspace(0.0, 250.0, 500)
     u = np.clip((x - 40.0) / 35.0, 0.0, 1.0)
-    points = np.stack((x, 3.4 * u**3 * (10 - 15 * u + 6 * u * u)), axis=-1)
-    rows, _ = drive(lab, kind, points, 13.89, 13.89, 9.0)
+    rows, _ = drive(lab, kind, np.stack((x, 3.4 * u**3 * (10 - 15 * u + 6 * u * u)), axis=-1), 13.89, 13.89, 9.0)
     assert np.abs(rows[:, 4]).max() < 0.3
     assert np.abs(rows[-30:, 4]).max() < 0.03
 

@@ -62,8 +62,7 @@ def test_near_is_within_the_radius_and_without_one_row_if_wanted(lab):
 
 def test_the_cooldown_is_the_papers_time_in_steps(lab):
     world = lab.world_of(lab.straight_road(), lab.L2)
-    longer = replace(world, constants=replace(world.constants, lane_change_cooldown_s=3.0))
-    assert longer.cooldown_steps == 60
+    assert replace(world, constants=replace(world.constants, lane_change_cooldown_s=3.0)).cooldown_steps == 60
     assert world.cooldown_steps == round(world.constants.lane_change_cooldown_s / 0.05)
 
 

@@ -163,8 +163,7 @@ def test_cooldown_between_forced_lane_changes(lab, emv):
 
 def test_route_need_comes_before_sumos_intent(lab):
     world = lab.world_of(lab.junction_road(), lab.L1)
-    emv = lab.Car(1, 1, 40, 10, (0, 4), AMBULANCE)
-    _, _, events = steps(world, [emv], 3, advice={"lane_change_intent": 1})
+    _, _, events = steps(world, [lab.Car(1, 1, 40, 10, (0, 4), AMBULANCE)], 3, advice={"lane_change_intent": 1})
     assert kinds(events) == ["lane_change_requested", "lane_change_started"]
     assert events[0].detail == {"side": -1, "reason": "route"}
 
@@ -182,8 +181,7 @@ def test_a_lane_change_that_the_route_needs_may_end_on_the_junction(lab, speed):
 @pytest.mark.parametrize(("radius", "kind"), [(25.0, "lane_change_deferred"), (200.0, "lane_change_started")])
 def test_no_lane_change_starts_while_the_emv_still_turns_onto_its_road(lab, radius, kind):
     network = lab.straight_road()
-    cars = [lab.Car(1, 0, 50, 6, (0,), AMBULANCE)]
-    view = lab.view(network, lab.L1, cars, advice={"lane_change_intent": 1})
+    view = lab.view(network, lab.L1, [lab.Car(1, 0, 50, 6, (0,), AMBULANCE)], advice={"lane_change_intent": 1})
     angle = np.linspace(-20.0 / radius, 40.0 / radius, 60)
     arc = np.stack((50.0 + radius * np.sin(angle), radius * (1.0 - np.cos(angle))), axis=-1)
     path = TrackedPath.of(Curve.through(arc), view.ego(0).navigator_config, np.zeros(len(arc), np.int32))
@@ -274,8 +272,7 @@ def test_guards_are_evaluated_in_the_papers_order(lab, monkeypatch, level, first
 
     for name in ("gap_escape_mode", "corridor_mode", *always):
         monkeypatch.setattr(controller, name, noted(name, getattr(controller, name)))
-    world = lab.world_of(lab.straight_road(), getattr(lab, level))
-    steps(world, [lab.Car(1, 0, 50, 8, (0,), AMBULANCE)], 2)
+    steps(lab.world_of(lab.straight_road(), getattr(lab, level)), [lab.Car(1, 0, 50, 8, (0,), AMBULANCE)], 2)
     assert asked == 2 * [*first, *always]
 
 
@@ -285,8 +282,7 @@ def test_plans_anew_where_it_has_come_off_its_path_to_either_side(lab, emv, side
     world = lab.world_of(lab.straight_road(), lab.L1)
     state, _, _ = steps(world, [emv], 1)
     unit = state.units[1]
-    left_m = side * (world.config.emv.off_path_m + more_m)
-    off = replace(unit, navigator=replace(unit.navigator, left_m=left_m))
+    off = replace(unit, navigator=replace(unit.navigator, left_m=side * (world.config.emv.off_path_m + more_m)))
     for step, planned in ((19, False), (20, anew)):
         after, _ = controller.follow_route(off, lab.view_in(world, [emv], step=step).ego(0))
         assert (after.navigator.path is not unit.navigator.path) is planned

@@ -108,8 +108,7 @@ def test_a_lane_that_leads_astray_is_left_from_200_m_before_its_end(lab, left_m,
     view = view_at(lab, lane=1, network=road.built(), s=300.0, route=(0, 1), advice={"lane_change_intent": 1})
     unit = follow_route(EmvUnit(1), view.ego(0))[0]
     assert unit.plan.end is LaneEnd.ASTRAY
-    path = unit.navigator.path
-    unit = replace(unit, navigator=replace(unit.navigator, progress_m=path.length_m - left_m))
+    unit = replace(unit, navigator=replace(unit.navigator, progress_m=unit.navigator.path.length_m - left_m))
     assert lateral_intent(unit, view.ego(0)) == ((-1, ROUTE) if wants else (1, SUMO))
 
 

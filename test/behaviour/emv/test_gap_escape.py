@@ -180,8 +180,7 @@ def test_preempts_a_forced_lane_change(lab):
 
 @pytest.mark.parametrize(("gap", "speed", "blocks"), [(79.0, 0.0, True), (81.0, 0.0, False), (30.0, 8.0, False)])
 def test_sumos_leader_blocks_within_the_query_range_unless_it_drives_away(lab, gap, speed, blocks):
-    others = [lab.Car(9, 0, 130, speed, (0,))]
-    view = view_at(lab, others=others, advice={"leader_id": 9, "leader_gap_m": gap})
+    view = view_at(lab, others=[lab.Car(9, 0, 130, speed, (0,))], advice={"leader_id": 9, "leader_gap_m": gap})
     assert (gap_escape.blocker_of(EmvUnit(1), view.ego(0)) == 9) is blocks
 
 
@@ -211,8 +210,7 @@ def test_search_goes_round_a_blocker(lab):
 def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
     view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))], network=lab.two_way_road())
     assert gap_escape.search_gap(reference_of(view, 0), view.ego(0)).left_m.max() > 1.9
-    shoulder = lab.straight_road(2, shoulder=True)
-    view = view_at(lab, others=[lab.Car(2, 1, 112, 0, (0,))], network=shoulder, lane=1)
+    view = view_at(lab, others=[lab.Car(2, 1, 112, 0, (0,))], network=lab.straight_road(2, shoulder=True), lane=1)
     assert gap_escape.search_gap(reference_of(view, 1), view.ego(0)).left_m.min() < -1.9
 
 

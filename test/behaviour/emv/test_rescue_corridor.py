@@ -103,8 +103,7 @@ def test_moves_to_the_middle_of_what_the_vehicles_leave(lab):
 
 
 def test_keeps_clear_of_a_vehicle_on_one_side(lab):
-    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=0.5)])
-    assert offsets(view, 0)[40] - 1.05 - (0.5 + 0.915) > 0.1
+    assert offsets(view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=0.5)]), 0)[40] - 1.05 - (0.5 + 0.915) > 0.1
 
 
 def test_stays_on_the_road(lab):
@@ -228,8 +227,7 @@ def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, driven
     driving = replace(first, navigator=replace(first.navigator, progress_m=start + driven_m))
     again = corridor_path(driving, lab.view_of(world, traffic).ego(0))
     assert again.navigator.path is not path
-    left_m = path.settled_m - start - driven_m
-    assert again.navigator.path.settled_m == pytest.approx(max(left_m, 8.0), abs=0.3)
+    assert again.navigator.path.settled_m == pytest.approx(max(path.settled_m - start - driven_m, 8.0), abs=0.3)
     anew = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, traffic).ego(0))
     assert anew.navigator.path.settled_m > again.navigator.path.settled_m + 2.0
 

@@ -33,8 +33,7 @@ def test_projection_inverts_offset(s, left):
     found_s, found_left = curve.project_one(*point)
     assert (found_s, found_left) == (pytest.approx(s, abs=0.05), pytest.approx(left, abs=0.02))
     many_s, many_left, _ = curve.project(point[:1], point[1:])
-    assert many_s[0] == pytest.approx(s, abs=0.15)
-    assert many_left[0] == pytest.approx(left, abs=0.08)
+    assert (many_s[0], many_left[0]) == (pytest.approx(s, abs=0.15), pytest.approx(left, abs=0.08))
 
 
 def test_goes_straight_on_beyond_its_ends():

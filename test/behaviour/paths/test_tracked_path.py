@@ -22,8 +22,7 @@ STRAIGHT = Curve.through(np.array([[0.0, 0.0], [100.0, 0.0]]))
 
 def test_speed_falls_to_zero_at_the_end_with_comfortable_braking():
     path = TrackedPath.of(STRAIGHT, CONFIG)
-    assert path.speed_cap_mps(100.0) == pytest.approx(0.0)
-    assert path.speed_cap_mps(75.0) == pytest.approx(10.0)
+    assert (path.speed_cap_mps(100.0), path.speed_cap_mps(75.0)) == pytest.approx((0.0, 10.0))
     assert TrackedPath.of(STRAIGHT, CONFIG, stop_at_end=False).speed_cap_mps(100.0) > 30.0
 
 

@@ -127,8 +127,7 @@ def test_the_view_along_the_sun_holds_the_square_and_what_shades_it(direction):
         return (view @ np.array([*point, 1.0]))[:3]
 
     corners = [(CENTRE[0] + sx * 40.0, CENTRE[1] + sy * 40.0, 0.0) for sx in (-1, 1) for sy in (-1, 1)]
-    projected = np.array([seen(corner) for corner in corners])
-    assert np.abs(projected[:, :2]).max(axis=0) == pytest.approx([1.0, 1.0])
+    assert np.abs(np.array([seen(corner) for corner in corners])[:, :2]).max(axis=0) == pytest.approx([1.0, 1.0])
     assert seen((*CENTRE, 0.0))[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
     for corner in corners:
         low = np.array(corner)

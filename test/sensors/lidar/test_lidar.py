@@ -78,16 +78,14 @@ def _corner(boxes):
 
 def test_the_sweep_equals_one_ray_cast_into_one_scene(boxes):
     placement = boxes.placed((SEDAN, 9.0, 2.0, 0.4), (BUS, -12.0, 3.0, 1.2), (SEDAN, 15.0, 2.5, 0.0))
-    static = boxes.scene(boxes.box((5.0, -6.0, 2.0), (1.0, 1.0, 4.0)))
-    ours = assert_one_scene(boxes, static, placement, SPEC)
+    ours = assert_one_scene(boxes, boxes.scene(boxes.box((5.0, -6.0, 2.0), (1.0, 1.0, 4.0))), placement, SPEC)
     assert set(np.unique(ours.points["instance"])) == {0, 1, 2, 3}
 
 
 def assert_one_scene(boxes, static, placement, spec):
     """The sweep is that of rays cast into one scene that holds the vehicles, too."""
     ours = scan(RaycastWorld(static, boxes.shapes()), placement, spec)
-    whole = RaycastWorld(boxes.with_vehicles(static, placement), boxes.shapes())
-    reference = scan(whole, boxes.placed(), spec)
+    reference = scan(RaycastWorld(boxes.with_vehicles(static, placement), boxes.shapes()), boxes.placed(), spec)
     assert len(ours.points) == len(reference.points)
     assert np.allclose(positions(ours), positions(reference), atol=2e-3)
     return ours
@@ -263,8 +261,7 @@ def column_of(sweep, time_s):
 
 def assert_same_columns(pairs):
     """Columns are the same but for one, which may pass a vehicle's edge within the rounding of single precision."""
-    same = [np.allclose(ours, reference, rtol=0.0, atol=2e-3) for ours, reference in pairs]
-    assert same.count(False) <= 1
+    assert [np.allclose(ours, reference, rtol=0.0, atol=2e-3) for ours, reference in pairs].count(False) <= 1
 
 
 @settings(max_examples=12, deadline=None)

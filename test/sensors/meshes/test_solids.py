@@ -41,8 +41,7 @@ def test_the_points_of_a_cross_section():
     y, z = rings[0, :, 1], rings[0, :, 2]
     well, sill = 0.9 - 0.2 - 0.06, 0.965 * 0.9
     assert y == pytest.approx([0.0, well, well, sill, 0.9, sill, 0.6, 0.86 * 0.6, 0.0])
-    crease = 0.2 + 0.6 * 0.8
-    assert z == pytest.approx([0.2, 0.2, 0.2, 0.2, crease, 1.0, 1.5 - 0.07, 1.5 - 0.22 * 0.07, 1.5])
+    assert z == pytest.approx([0.2, 0.2, 0.2, 0.2, 0.2 + 0.6 * 0.8, 1.0, 1.5 - 0.07, 1.5 - 0.22 * 0.07, 1.5])
 
 
 def test_a_shell_is_closed_and_has_the_volume_of_its_prism():
@@ -50,8 +49,7 @@ def test_a_shell_is_closed_and_has_the_volume_of_its_prism():
     assert gap_m2(mesh) < 1e-3
     assert volume(mesh) == pytest.approx(4.0 * cross_section_m2(PLAIN), rel=1e-3)
     low, high = mesh.bounds_m
-    assert low == pytest.approx([-2.0, -0.9, 0.2], abs=1e-5)
-    assert high == pytest.approx([2.0, 0.9, 1.5], abs=1e-5)
+    assert (low, high) == (pytest.approx([-2.0, -0.9, 0.2], abs=1e-5), pytest.approx([2.0, 0.9, 1.5], abs=1e-5))
 
 
 def test_a_wedge_has_the_mean_of_its_ends():
@@ -228,8 +226,7 @@ def test_walls_look_out_of_their_polygon(area):
 def test_spheres_are_closed_with_points_on_the_unit_sphere_and_look_outward():
     points, faces = solids.sphere_points(1)
     mesh = Mesh.uniform(points, faces, Material.KERB, GREY)
-    assert open_edges(mesh) == 0
-    assert len(points) == 42
+    assert (open_edges(mesh), len(points)) == (0, 42)
     assert 3.5 < volume(mesh) < 4.0 / 3.0 * np.pi
     points, faces = solids.sphere_points(2)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0)

@@ -71,8 +71,7 @@ def crossing_network(signalled=True):
     link = 0
     for leg, arrival in enumerate(arrivals):
         for position in (2, 3):
-            movements = [("s", 2)] + ([("r", 1)] if position == 2 else [])
-            for direction, turn in movements:
+            for direction, turn in [("s", 2)] + ([("r", 1)] if position == 2 else []):
                 after = builder.lanes[departures[(leg + turn) % 4].lanes[position]]
                 builder.connect(builder.lanes[arrival.lanes[position]], after, direction, link, signalled)
                 link += 1

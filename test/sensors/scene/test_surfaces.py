@@ -166,8 +166,7 @@ def test_discs_do_not_overlap(space):
 
 def test_the_first_clear_place_is_taken(space):
     candidates = np.array([(0.0, 0.0), (0.0, 5.5), (0.0, 7.0), (0.0, 9.0)])
-    assert space.first_clear(candidates, 1.0) == (0.0, 7.0)
-    assert space.first_clear(candidates, 0.9) == (0.0, 9.0)
+    assert (space.first_clear(candidates, 1.0), space.first_clear(candidates, 0.9)) == ((0.0, 7.0), (0.0, 9.0))
     assert space.first_clear(candidates, 1.0) is None
 
 

@@ -154,39 +154,23 @@ def traffic_of(network, cars, step=0, poses=None, advice=None, spawn=True, flags
     advised = tuple(EmvAdvice(car.actor_id, **{**NO_ADVICE, **(advice or {})}) for car in cars if car.kind.is_emergency)
     zero = np.zeros(n)
     return TrafficState(
-        step=step,
-        spawned=tuple(describe(car) for car in cars) if spawn else (),
-        removed=np.empty(0, np.uint32),
-        actor_id=np.array([car.actor_id for car in cars], np.uint32),
+        step=step, spawned=tuple(describe(car) for car in cars) if spawn else (),
+        removed=np.empty(0, np.uint32), actor_id=np.array([car.actor_id for car in cars], np.uint32),
         owner=np.array([(owners or {}).get(car.actor_id, Owner.SUMO) for car in cars], np.uint8),
-        sumo_x_m=poses[:, 0],
-        sumo_y_m=poses[:, 1],
-        sumo_yaw_rad=poses[:, 2],
-        sumo_speed_mps=poses[:, 3],
-        sumo_accel_mps2=zero,
-        x_m=poses[:, 0].copy(),
-        y_m=poses[:, 1].copy(),
-        yaw_rad=poses[:, 2].copy(),
-        speed_mps=poses[:, 3].copy(),
-        lane=lane,
-        lane_position_m=position,
-        lateral_offset_m=offset,
+        sumo_x_m=poses[:, 0], sumo_y_m=poses[:, 1], sumo_yaw_rad=poses[:, 2], sumo_speed_mps=poses[:, 3],
+        sumo_accel_mps2=zero, x_m=poses[:, 0].copy(), y_m=poses[:, 1].copy(), yaw_rad=poses[:, 2].copy(),
+        speed_mps=poses[:, 3].copy(), lane=lane, lane_position_m=position, lateral_offset_m=offset,
         lights=np.array([(lights or {}).get(car.actor_id, 0) for car in cars], np.uint8),
         flags=np.array([car.flags | flags for car in cars], np.uint8),
         route_offset=np.concatenate(([0], np.cumsum([len(route) for route in routes]))).astype(np.int32),
-        route_edges=np.array([edge for route in routes for edge in route], np.int32),
-        emvs=advised,
-        signals=(),
-    )
+        route_edges=np.array([edge for route in routes for edge in route], np.int32), emvs=advised, signals=(),
+    )  # fmt: skip
 
 
 NO_ADVICE = {
-    "lane_change_intent": 0,
-    "leader_id": 0,
-    "leader_gap_m": 0.0,
-    "speed_without_control_mps": 0.0,
+    "lane_change_intent": 0, "leader_id": 0, "leader_gap_m": 0.0, "speed_without_control_mps": 0.0,
     "rescue_count": 0,
-}
+}  # fmt: skip
 
 
 def locate(network, point, yaw, route):

@@ -22,14 +22,9 @@ from siren_ros.recording.recover import recover_bag
 
 fuzzed = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 PERIODIC = (
-    topics.CLOCK,
-    topics.TRAFFIC,
-    topics.EMV_COMMANDS,
-    topics.ACTORS,
-    topics.EVENTS,
-    topics.TF,
+    topics.CLOCK, topics.TRAFFIC, topics.EMV_COMMANDS, topics.ACTORS, topics.EVENTS, topics.TF,
     topics.GROUND_TRUTH,
-)
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -37,14 +37,10 @@ def load_sedan(path):
 
 
 READERS: dict[str, tuple[Callable[[str], Any], str]] = {
-    "templates": (load_template, "S2"),
-    "presets": (load_preset, "paper"),
-    "suites": (load_suite, "front"),
-    "drivers": (load_drivers, "urban"),
-    "looks": (load_look, "clear"),
-    "vehicles": (load_sedan, "sedan"),
+    "templates": (load_template, "S2"), "presets": (load_preset, "paper"), "suites": (load_suite, "front"),
+    "drivers": (load_drivers, "urban"), "looks": (load_look, "clear"), "vehicles": (load_sedan, "sedan"),
     "strict": (lambda path: read_strict_yaml(Path(path)), "front"),
-}
+}  # fmt: skip
 NASTY = [
     *["!!python/object/apply:os.system ['touch hacked']", "a: &a [1, 2]\nb: *a", "a: &a\n  <<: *a"],
     *["? [1, 2]\n: 3", "a: 2001-99-99", "a: 1:99:99", "a: 0o17\nb: 017\nc: 0x_\nd: !!int ''", "a: !!float x"],

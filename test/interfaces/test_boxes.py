@@ -97,14 +97,10 @@ def test_a_box_is_turned_as_its_vehicle_and_a_text_is_upright_above_it():
 def test_detections_come_back(round_trip, count):
     random = np.random.default_rng(2)
     boxes = SpaceBoxes(
-        step=40,
-        frame_id="lidar",
-        class_names=("car", "ambulance", "police")[:count],
-        score=random.uniform(size=count),
-        centre_m=random.normal(size=(count, 3)),
-        size_m=random.uniform(1.0, 5.0, (count, 3)),
-        yaw_rad=random.uniform(-3.0, 3.0, count),
-    )
+        step=40, frame_id="lidar", class_names=("car", "ambulance", "police")[:count],
+        score=random.uniform(size=count), centre_m=random.normal(size=(count, 3)),
+        size_m=random.uniform(1.0, 5.0, (count, 3)), yaw_rad=random.uniform(-3.0, 3.0, count),
+    )  # fmt: skip
     back = from_boxes(round_trip(to_boxes(boxes)))
     assert (back.step, back.frame_id, back.class_names, back.ids) == (40, "lidar", boxes.class_names, None)
     for name in ("score", "centre_m", "size_m", "yaw_rad"):

@@ -33,16 +33,9 @@ names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=
 details = st.dictionaries(names, st.one_of(st.integers(-(2**40), 2**40), numbers, names), max_size=3)
 events = st.builds(Event, st.integers(0, 10**6), st.sampled_from(EventKind), ids, ids, numbers, numbers, details)
 actors = st.builds(
-    ActorDescription,
-    ids,
-    names,
-    st.sampled_from(ActorClass),
-    numbers,
-    numbers,
-    numbers,
-    st.tuples(*[st.integers(0, 255)] * 3),
-    st.booleans(),
-)
+    ActorDescription, ids, names, st.sampled_from(ActorClass), numbers, numbers, numbers,
+    st.tuples(*[st.integers(0, 255)] * 3), st.booleans(),
+)  # fmt: skip
 
 
 def arrays(dtypes, seed, count):
@@ -67,13 +60,10 @@ def tables(draw):
     if kind == 2:
         return GroundTruth(step=step, carrier_id=1, **arrays(GROUND_TRUTH_DTYPES, seed, count))
     return TrafficState(
-        step=step,
-        spawned=tuple(draw(st.lists(actors, max_size=2))),
-        emvs=(EmvAdvice(1, -1, 7, 12.5, 3.25, 4),) * count,
-        signals=(SignalState("J1", "GGrr"),) * count,
-        events=some_events,
-        **arrays(TRAFFIC_STATE_DTYPES, seed, count),
-    )
+        step=step, spawned=tuple(draw(st.lists(actors, max_size=2))),
+        emvs=(EmvAdvice(1, -1, 7, 12.5, 3.25, 4),) * count, signals=(SignalState("J1", "GGrr"),) * count,
+        events=some_events, **arrays(TRAFFIC_STATE_DTYPES, seed, count),
+    )  # fmt: skip
 
 
 values = st.one_of(
@@ -224,11 +214,8 @@ def test_the_end_of_an_episode_has_the_time_of_its_last_step(steps, time_ns):
 pedals = st.tuples(st.floats(0.0, 1.0), st.booleans()).map(lambda it: (it[0], 0.0) if it[1] else (0.0, it[0]))
 controls = st.builds(
     lambda step, pressed, steer_rad, lights: AvControl(step, *pressed, steer_rad, lights),
-    st.integers(0, 10**6),
-    pedals,
-    st.floats(-1.0, 1.0),
-    st.sampled_from([0, 2, 4]),
-)
+    st.integers(0, 10**6), pedals, st.floats(-1.0, 1.0), st.sampled_from([0, 2, 4]),
+)  # fmt: skip
 
 
 @given(controls)

@@ -167,13 +167,10 @@ def labels():
     values: dict[str, Any] = {name: np.array([1, 2], dtype) for name, dtype in CAMERA_TRUTH_DTYPES.items()}
     values |= {
         "actor_class": np.array([int(ActorClass.BUS), int(ActorClass.AMBULANCE)], np.uint8),
-        "u_min_px": np.array([9.5, 0.0]),
-        "u_max_px": np.array([29.5, 0.0]),
-        "v_min_px": np.array([-0.5, 0.0]),
-        "v_max_px": np.array([99.5, 0.0]),
-        "visible_px": np.array([1500, 0], np.uint32),
+        "u_min_px": np.array([9.5, 0.0]), "u_max_px": np.array([29.5, 0.0]), "v_min_px": np.array([-0.5, 0.0]),
+        "v_max_px": np.array([99.5, 0.0]), "visible_px": np.array([1500, 0], np.uint32),
         "visible_fraction": np.array([0.75, 0.0]),
-    }
+    }  # fmt: skip
     return CameraTruth(step=12, **values)
 
 

@@ -59,17 +59,10 @@ def test_a_map_is_parsed_once(network):
 def test_kinds_follow_permissions_and_types(network):
     kinds = {lane.lane_id: lane.kind for lane in network.lanes}
     assert kinds == {
-        ":j_0_0": LaneKind.INTERNAL,
-        ":j_1_0": LaneKind.INTERNAL,
-        ":j_c0_0": LaneKind.CROSSING,
-        "in_0": LaneKind.SIDEWALK,
-        "in_1": LaneKind.KERB,
-        "in_2": LaneKind.SHOULDER,
-        "in_3": LaneKind.DRIVING,
-        "in_4": LaneKind.DRIVING,
-        "out_0": LaneKind.SIDEWALK,
-        "out_1": LaneKind.DRIVING,
-    }
+        ":j_0_0": LaneKind.INTERNAL, ":j_1_0": LaneKind.INTERNAL, ":j_c0_0": LaneKind.CROSSING,
+        "in_0": LaneKind.SIDEWALK, "in_1": LaneKind.KERB, "in_2": LaneKind.SHOULDER, "in_3": LaneKind.DRIVING,
+        "in_4": LaneKind.DRIVING, "out_0": LaneKind.SIDEWALK, "out_1": LaneKind.DRIVING,
+    }  # fmt: skip
 
 
 def test_only_the_shoulder_and_bus_lane_are_closed_to_civilians_alone(network):

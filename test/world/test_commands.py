@@ -40,15 +40,9 @@ def test_the_answer_to_a_step_drives_the_av_to_the_next():
     assert (command.step, command.source, command.events) == (9, AV_SOURCE, ())
     row = {name: getattr(command, name).tolist() for name in COMMAND_DTYPES}
     assert row == {
-        "actor_id": [5],
-        "owner": [Owner.ROS],
-        "throttle": [0.25],
-        "brake": [0.5],
-        "steer_rad": [-0.125],
-        "hand_brake": [0],
-        "mode": [Mode.EXTERNAL],
-        "lights": [4],
-    }
+        "actor_id": [5], "owner": [Owner.ROS], "throttle": [0.25], "brake": [0.5], "steer_rad": [-0.125],
+        "hand_brake": [0], "mode": [Mode.EXTERNAL], "lights": [4],
+    }  # fmt: skip
 
 
 def test_columns_have_the_types_of_the_message():

@@ -112,12 +112,9 @@ def test_a_body_points_into_the_bend_of_its_path():
     obstacles = boxes((*(front + 0.4), heading, 0.1, 0.1))
     ways = [FreeWay.along(path, (10.0, 0.0, heading), rear, 0.5, BODY, obstacles, np.zeros(1)) for rear in (2.0, 0.0)]
     corners = footprint_corners(
-        np.array([place[0], front[0] + 0.4]),
-        np.array([place[1], front[1] + 0.4]),
-        np.array([heading, heading]),
-        np.array([6.0, 0.2]),
-        np.array([2.0, 0.2]),
-    )
+        np.array([place[0], front[0] + 0.4]), np.array([place[1], front[1] + 0.4]),
+        np.array([heading, heading]), np.array([6.0, 0.2]), np.array([2.0, 0.2]),
+    )  # fmt: skip
     assert ways[0].gap_m[0, 0] == pytest.approx(separation_m(corners[:1], corners[1:])[0], abs=0.02)
 
 

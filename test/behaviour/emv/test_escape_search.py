@@ -38,14 +38,9 @@ def cars(turn, *rows):
     cos, sin = np.cos(turn), np.sin(turn)
     n = len(ahead)
     return Obstacles(
-        np.arange(2, 2 + n, dtype=np.uint32),
-        cos * ahead - sin * left,
-        sin * ahead + cos * left,
-        np.cos(turn + yaw),
-        np.sin(turn + yaw),
-        np.full(n, 2.2),
-        np.full(n, 0.9),
-    )
+        np.arange(2, 2 + n, dtype=np.uint32), cos * ahead - sin * left, sin * ahead + cos * left,
+        np.cos(turn + yaw), np.sin(turn + yaw), np.full(n, 2.2), np.full(n, 0.9),
+    )  # fmt: skip
 
 
 def road(right=-1.75, driving=-1.75, left=5.25, opposite=5.25, middle=1.75):

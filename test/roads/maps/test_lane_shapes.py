@@ -128,14 +128,9 @@ def lengths_of(net):
 
 def test_lengths_are_those_of_the_shapes():
     assert lengths_of(mended_lanes(NET_LANE_SHAPES)) == {
-        "alike_0": 101.0,
-        "alike_1": 101.0,
-        "unlike_0": 40.0,
-        "unlike_1": 86.0,
-        "walked_0": 100.0,
-        "walked_1": 100.0,
-        ":b_w0_0": 5.0,
-    }
+        "alike_0": 101.0, "alike_1": 101.0, "unlike_0": 40.0, "unlike_1": 86.0, "walked_0": 100.0,
+        "walked_1": 100.0, ":b_w0_0": 5.0,
+    }  # fmt: skip
 
 
 def test_nothing_else_of_a_net_changes():

@@ -199,14 +199,8 @@ def kind(limit, unit="", from_m=0.0):
 def test_roads_get_the_limit_of_their_type_and_paths_the_lower_one():
     limits = speeds(kind("65", "mph"), kind("72", "km/h"), kind("72", "km/h"))
     assert limits == {
-        "-1_0": 1.39,
-        "-1_1": 29.06,
-        "2.15_0": 20.0,
-        "3_0": 8.0,
-        ":J_0_0": 20.0,
-        ":J_1_0": 20.0,
-        ":J_2_0": 6.5,
-    }
+        "-1_0": 1.39, "-1_1": 29.06, "2.15_0": 20.0, "3_0": 8.0, ":J_0_0": 20.0, ":J_1_0": 20.0, ":J_2_0": 6.5,
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("limit", [kind("no limit"), kind("undefined"), kind("30", "furlongs"), '<type s="0"/>', ""])

@@ -12,13 +12,10 @@ from siren_ros.sensors.meshes import solids
 from siren_ros.sensors.meshes.mesh import Material, Mesh
 
 PLAIN = solids.BodyProfile(
-    length_m=4.0,
-    top_m=((0.0, 1.5), (4.0, 1.5)),
-    belt_m=((0.0, 1.0), (4.0, 1.0)),
-    bottom_m=((0.0, 0.2), (4.0, 0.2)),
-    half_width_m=((0.0, 0.9), (4.0, 0.9)),
+    length_m=4.0, top_m=((0.0, 1.5), (4.0, 1.5)), belt_m=((0.0, 1.0), (4.0, 1.0)),
+    bottom_m=((0.0, 0.2), (4.0, 0.2)), half_width_m=((0.0, 0.9), (4.0, 0.9)),
     roof_half_width_m=((0.0, 0.6), (4.0, 0.6)),
-)
+)  # fmt: skip
 WHEELS = replace(PLAIN, axles=(solids.Axle(0.9, 0.3, 0.2), solids.Axle(3.1, 0.3, 0.2)))
 
 

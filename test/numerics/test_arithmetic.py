@@ -31,7 +31,7 @@ print(core_name().decode(), names)
 
 
 def test_what_lies_beyond_avx2_is_switched_off_group_by_group():
-    environment: dict[str, str] = {}
+    environment = {}
     missing = pin_arithmetic(environment, _CASCADE_LAKE, (1, 26))
     assert environment == missing
     assert environment == {
@@ -51,22 +51,17 @@ def test_what_lies_beyond_avx2_is_switched_off_group_by_group():
     ],
 )
 def test_groups_have_the_names_of_the_installed_numpy(version, groups):
-    environment: dict[str, str] = {}
+    environment = {}
     pin_arithmetic(environment, _SAPPHIRE_RAPIDS, version)
     assert environment["NPY_DISABLE_CPU_FEATURES"] == groups
 
 
-def test_a_processor_that_has_no_more_than_avx2_keeps_all_it_has():
-    environment: dict[str, str] = {}
-    pin_arithmetic(environment, ["avx2", "fma"])
-    assert environment == {"OPENBLAS_NUM_THREADS": "1", "OPENBLAS_CORETYPE": "Haswell"}
-
-
-@pytest.mark.parametrize("flags", [[], ["avx", "sse4_2"], ["avx2"]])
-def test_older_and_other_processors_are_asked_for_nothing_that_they_lack(flags):
-    environment: dict[str, str] = {}
+@pytest.mark.parametrize("flags", [["avx2", "fma"], [], ["avx", "sse4_2"], ["avx2"]])
+def test_a_processor_without_more_than_avx2_keeps_all_it_has_and_is_asked_for_nothing_that_it_lacks(flags):
+    environment = {}
     pin_arithmetic(environment, flags)
-    assert environment == {"OPENBLAS_NUM_THREADS": "1"}
+    core_type = {"OPENBLAS_CORETYPE": "Haswell"} if "fma" in flags else {}
+    assert environment == {"OPENBLAS_NUM_THREADS": "1", **core_type}
 
 
 def test_what_the_user_chose_stays():
@@ -75,18 +70,15 @@ def test_what_the_user_chose_stays():
     assert (pin_arithmetic(environment, _CASCADE_LAKE), environment) == ({}, chosen)
 
 
-@pytest.mark.parametrize("package", ["siren_ros", "siren_ros.cli.main", "siren_ros.roads.road_network"])
-def test_the_library_has_it_by_the_time_numpy_is_loaded(package):
+@pytest.mark.parametrize(
+    "package", ["siren_ros", "siren_ros.cli.main", "siren_ros.roads.road_network", "siren_nodes.cosim"]
+)
+def test_the_library_and_programs_of_ros_have_it_by_the_time_numpy_is_loaded(package):
+    if package.startswith("siren_nodes"):
+        pytest.importorskip("rclpy")
     if "avx2" not in Path("/proc/cpuinfo").read_text():
         pytest.skip("this processor has no AVX2; its bytes are its own")
-    assert _read_off(package) == "Haswell []"
-
-
-def test_programs_of_ros_have_it_too():
-    pytest.importorskip("rclpy")
-    if "avx2" not in Path("/proc/cpuinfo").read_text():
-        pytest.skip("this processor has no AVX2; its bytes are its own")
-    assert _read_off("siren_nodes.cosim") == "Haswell []"
+    assert _run(_READ_OFF.format(first=package)) == "Haswell []"
 
 
 _IMPORTS = """
@@ -101,20 +93,15 @@ print(*(warning.category.__name__ for warning in noted))
 """
 
 
-def test_who_loads_numpy_first_is_warned_once():
-    assert _run(_IMPORTS.format(first="numpy", second="siren_ros")) == UnpinnedArithmeticWarning.__name__
-
-
-def test_who_loads_numpy_first_with_the_variables_set_is_not_warned():
-    assert _run(_IMPORTS.format(first="numpy", second="siren_ros"), **pin_arithmetic({})) == ""
-
-
-def test_who_loads_numpy_second_is_not_warned():
-    assert _run(_IMPORTS.format(first="siren_ros", second="numpy")) == ""
-
-
-def _read_off(package):
-    return _run(_READ_OFF.format(first=package))
+@pytest.mark.parametrize(
+    ("first", "second", "variables", "warned"),
+    [
+        ("numpy", "siren_ros", {}, UnpinnedArithmeticWarning.__name__),
+        *[("numpy", "siren_ros", pin_arithmetic({}), ""), ("siren_ros", "numpy", {}, "")],
+    ],
+)
+def test_who_loads_numpy_first_without_the_variables_is_warned_once(first, second, variables, warned):
+    assert _run(_IMPORTS.format(first=first, second=second), **variables) == warned
 
 
 def _run(program, **variables):

@@ -21,7 +21,8 @@ def test_pedals_from_0_to_1_and_both_indicators_can_be_asked_for(lights, throttl
     ("asked", "named"),
     [
         *[({"throttle": -0.01}, "throttle -0.01 of step 3"), ({"throttle": 1.01}, "throttle 1.01")],
-        *[({"brake": 1.01}, "brake 1.01"), ({"brake": float("nan")}, "brake nan")],
+        *[({"throttle": float("nan")}, "throttle nan of step 3"), ({"throttle": 1.5}, "throttle 1.5 of step 3")],
+        *[({"brake": 1.01}, "brake 1.01"), ({"brake": float("nan")}, "brake nan"), ({"brake": -0.1}, "brake -0.1")],
         ({"throttle": 1.0, "brake": 1.0}, "throttle 1.0 and brake 1.0 of step 3"),
         ({"throttle": 0.1, "brake": 0.1}, "one of the two pedals"),
         *[({"steer_rad": float("inf")}, "steer_rad inf"), ({"steer_rad": float("nan")}, "steer_rad nan")],
@@ -32,7 +33,7 @@ def test_pedals_from_0_to_1_and_both_indicators_can_be_asked_for(lights, throttl
 )
 def test_what_no_vehicle_can_do_is_refused_by_name(asked, named):
     with pytest.raises(EpisodeError, match=named):
-        AvControl(3, **asked).check()  # type: ignore[arg-type] # fields by name
+        AvControl(3, **asked).check()
 
 
 def test_the_answer_to_a_step_drives_the_av_to_the_next():

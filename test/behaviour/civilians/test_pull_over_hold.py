@@ -24,23 +24,19 @@ def test_holds_with_full_brake_and_hand_brake_when_reached_and_aligned(lab, worl
     assert (commands.brake[0], commands.throttle[0], commands.hand_brake[0]) == (1.0, 0.0, 1)
 
 
-def test_does_not_hold_while_the_heading_is_off_by_more_than_eight_degrees(lab, world):
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
-    state, _, _ = steps(world, cars)
-    for degrees, held in ((9.0, False), (7.0, True)):
-        poses = np.array([[50.0, 0.0, 0.0, 8.0], [90.0, -0.735, -np.radians(degrees), 0.1]])
-        _, _, events = steps(world, cars, 1, state, 1, poses=poses)
-        assert ("yield_held" in kinds(events)) is held
+def behind_a_standing_vehicle(lab, world):
+    """The state after the first step, and the vehicles where the civilian comes no farther."""
+    emv, ahead = emv_at(lab), lab.Car(3, 0, 89.0, 0, (0,))
+    state, _, _ = steps(world, [emv, lab.Car(2, 0, 80, 0, (0,)), ahead])
+    return state, [emv, lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), ahead]
 
 
 def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab, world):
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 89.0, 0, (0,))]
-    state, _, _ = steps(world, cars)
-    stuck = [cars[0], lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), cars[2]]
+    state, stuck = behind_a_standing_vehicle(lab, world)
     state, _, events = steps(world, stuck, 25, state, 1)
     held = [event for event in events if event.kind.value == "yield_held" and event.actor_id == 2]
     assert [event.detail["partial"] for event in held] == [1]
-    state, commands, _ = steps(world, [cars[0], stuck[1], lab.Car(3, 0, 110, 0, (0,))], 12, state, 26)
+    state, commands, _ = steps(world, [*stuck[:2], lab.Car(3, 0, 110, 0, (0,))], 12, state, 26)
     assert dict(zip(commands.actor_id.tolist(), commands.mode.tolist(), strict=True))[2] == Mode.YIELD_PULL_OVER
 
 
@@ -54,10 +50,8 @@ def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab):
 
 
 def test_the_standstill_before_a_partial_hold_is_counted_without_interruption(lab, world):
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 89.0, 0, (0,))]
-    state, _, _ = steps(world, cars)
-    stuck = [cars[0], lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), cars[2]]
-    rolling = [cars[0], replace(stuck[1], speed=0.5), cars[2]]
+    state, stuck = behind_a_standing_vehicle(lab, world)
+    rolling = [stuck[0], replace(stuck[1], speed=0.5), stuck[2]]
     needed = round(world.config.pull_over.blocked_hold_s / 0.05)
     state, _, _ = steps(world, stuck, needed - 1, state, 1)
     state, _, _ = steps(world, rolling, 1, state, needed)
@@ -91,11 +85,19 @@ def test_room_is_made_when_the_emv_has_stood_behind_without_interruption(lab, wo
 
 
 def test_comes_straight_before_it_holds(lab, world):
-    """At the edge with 5°, which the paper accepts, the driver goes on until the vehicle is straight or has to stop."""
+    """At the edge with 5°, which the paper accepts, the driver goes on until the vehicle is straight or has to stop.
+
+    It does not hold while the heading is off by more than eight degrees.
+    """
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
     state, _, _ = steps(world, cars)
-    for degrees, speed, held in ((5.0, 2.0, False), (2.0, 2.0, True), (5.0, 0.0, True)):
-        poses = np.array([[50.0, 0.0, 0.0, 8.0], [86.0, -0.72, -np.radians(degrees), speed]])
+    on_the_way = [((86.0, -0.72), 5.0, 2.0, False), ((86.0, -0.72), 2.0, 2.0, True), ((86.0, -0.72), 5.0, 0.0, True)]
+    for place, degrees, speed, held in [
+        *on_the_way,
+        ((90.0, -0.735), 9.0, 0.1, False),
+        ((90.0, -0.735), 7.0, 0.1, True),
+    ]:
+        poses = np.array([[50.0, 0.0, 0.0, 8.0], [*place, -np.radians(degrees), speed]])
         _, _, events = steps(world, cars, 1, state, 1, poses=poses)
         assert ("yield_held" in kinds(events)) is held
 
@@ -138,11 +140,15 @@ def test_the_edge_counts_as_reached_within_5_cm_and_within_15_cm_where_the_later
         assert event.detail["offset_m"] == pytest.approx(edge - side * miss, abs=1e-6)
 
 
-def test_released_from_the_hold_by_way_of_the_lane(lab, world):
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
-    state, _, _ = steps(world, cars)
+def holding(lab, world):
+    """The state in which the civilian holds at the right edge, and the civilian."""
     held = lab.Car(2, 0, 90, 0, (0,), left=-0.735)
-    state, _, _ = steps(world, [cars[0], held], 1, state, 1)
+    state, _, _ = steps(world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))])
+    return steps(world, [emv_at(lab), held], 1, state, 1)[0], held
+
+
+def test_released_from_the_hold_by_way_of_the_lane(lab, world):
+    state, held = holding(lab, world)
     state, commands, events = steps(world, [emv_at(lab, 98.0), held], 1, state, 2)
     assert (commands.mode.tolist(), commands.owner.tolist()) == ([Mode.REJOIN], [Owner.ROS])
     assert not events
@@ -186,10 +192,7 @@ def test_a_held_vehicle_is_released_when_the_emv_has_gone_elsewhere(lab, world, 
 
 
 def test_a_held_vehicle_is_released_when_the_emv_has_left_the_simulation(lab, world):
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
-    state, _, _ = steps(world, cars)
-    held = lab.Car(2, 0, 90, 0, (0,), left=-0.735)
-    state, _, _ = steps(world, [cars[0], held], 1, state, 1)
+    state, held = holding(lab, world)
     _, commands, events = steps(world, [held], 1, state, 2)
     assert [event.detail["reason"] for event in events] == ["emv_gone"]
     assert commands.mode.tolist() == [Mode.REJOIN]

@@ -131,9 +131,10 @@ def test_path_starts_at_the_pose_and_ends_on_the_offset_line():
     assert np.abs(path.curve.curvature_1pm).max() < 0.06
 
 
-def test_path_can_be_cut_short_at_its_end():
-    path = path_onto(REFERENCE, (20.0, 0.0, 0.0), 25.0, NavigatorConfig(), shorten_m=10.0)
-    assert path.curve.points[-1, 0] == pytest.approx(110.0)
+@pytest.mark.parametrize(("start_m", "end_m"), [(20.0, 110.0), (119.0, 121.0)])
+def test_path_can_be_cut_short_at_its_end_and_still_has_two_metres_near_it(start_m, end_m):
+    path = path_onto(REFERENCE, (start_m, 0.0, 0.0), 25.0, NavigatorConfig(), shorten_m=10.0)
+    assert path.curve.points[-1, 0] == pytest.approx(end_m)
 
 
 @pytest.mark.parametrize("left", [1.0, -1.0])
@@ -159,11 +160,6 @@ def test_a_blend_beside_a_line_that_points_elsewhere(turn):
     first = path.curve.points[1] - path.curve.points[0]
     assert first @ across / (first @ along) == pytest.approx(np.tan(-0.2), abs=0.02)
     assert path.settled_m == 25.0
-
-
-def test_near_the_end_of_the_line_the_path_still_has_two_metres():
-    path = path_onto(REFERENCE, (119.0, 0.0, 0.0), 25.0, NavigatorConfig(), shorten_m=10.0)
-    assert path.curve.points[-1, 0] == pytest.approx(121.0)
 
 
 @pytest.mark.parametrize(("stop", "slow"), [(True, True), (False, False)])

@@ -39,16 +39,16 @@ def signs(tmp_path_factory):
     return compiled(tmp_path_factory.mktemp("maps"), SIGNS.read_text(encoding="utf-8"))
 
 
-def test_stop_signs_before_a_junction_bind_their_approaches(signs):
-    network = signs[1]
-    assert network.junctions["10"].kind is JunctionKind.PRIORITY_STOP
-    assert stopping(network, "10") == {"101#0", "-101#1"}
-
-
-def test_a_stop_sign_at_the_junction_itself_binds_all_approaches(signs):
-    network = signs[1]
-    assert network.junctions["13"].kind is JunctionKind.ALL_WAY_STOP
-    assert stopping(network, "13") == {"101#1", "103#0", "-103#1"}
+@pytest.mark.parametrize(
+    ("junction", "kind", "edges"),
+    [
+        ("10", JunctionKind.PRIORITY_STOP, {"101#0", "-101#1"}),
+        ("13", JunctionKind.ALL_WAY_STOP, {"101#1", "103#0", "-103#1"}),
+    ],
+)
+def test_stop_signs_bind_their_approaches_and_at_the_junction_itself_all(signs, junction, kind, edges):
+    assert signs[1].junctions[junction].kind is kind
+    assert stopping(signs[1], junction) == edges
 
 
 def test_a_give_way_sign_lowers_the_priority_of_its_approach(signs):

@@ -55,48 +55,42 @@ class RoadBuilder:
                 )
             )
         self.edges.append(Edge(edge, f"e{edge}", tuple(range(first, first + count)), *ends, internal=internal))
-        return edge
+        return self
 
     def connect(self, a, b, via=(), direction="s", signal=False):
         self.connections.append(
             Connection(a, b, via, direction, "J" if signal else None, 0 if signal else -1, False, "J")
         )
+        return self
 
     def built(self):
         return RoadNetwork(tuple(self.lanes), tuple(self.edges), tuple(self.connections), {}, (0.0, 0.0), "!")
 
 
 def straight_road(lanes=2, length=400.0, shoulder=False):
-    road = RoadBuilder()
-    road.edge([[0.0, 0.0], [length, 0.0]], lanes, ("A", "B"), shoulder=shoulder)
-    return road.built()
+    return RoadBuilder().edge([[0.0, 0.0], [length, 0.0]], lanes, ("A", "B"), shoulder=shoulder).built()
 
 
 def two_way_road():
     """One lane of 400 m in each direction."""
-    road = RoadBuilder()
-    road.edge([[0.0, 0.0], [400.0, 0.0]], 1, ("A", "B"))
-    road.edge([[400.0, 3.3], [0.0, 3.3]], 1, ("B", "A"))
-    return road.built()
+    road = RoadBuilder().edge([[0.0, 0.0], [400.0, 0.0]], 1, ("A", "B"))
+    return road.edge([[400.0, 3.3], [0.0, 3.3]], 1, ("B", "A")).built()
 
 
 def road_with_shoulder():
     """West (edge 0), a junction path (1), the edge before the turn (2) of 30 m, the road to the south (3)."""
-    road = RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 2, ("W", "I"), shoulder=True)
+    road = RoadBuilder().edge([[0, 0], [100, 0]], 2, ("W", "I"), shoulder=True)
     road.edge([[100, 0], [120, 0]], 2, ("I", "I"), internal=True)
     road.edge([[120, 0], [150, 0]], 2, ("I", "J"), shoulder=True)
     road.edge([[160, -10], [160, -200]], 1, ("J", "S"))
     for lane in (0, 1):
-        road.connect(lane, 4 + lane, via=(2 + lane,))
-        road.connect(4 + lane, 6, direction="r")
+        road.connect(lane, 4 + lane, via=(2 + lane,)).connect(4 + lane, 6, direction="r")
     return road.built()
 
 
 def junction_road(lanes=2):
     """West approach (edge 0), straight on (edge 2 by 1), right turn south from lane 0 (edge 4 by 3), crossing (5)."""
-    road = RoadBuilder()
-    road.edge([[0.0, 0.0], [150.0, 0.0]], lanes, ("W", "J"))
+    road = RoadBuilder().edge([[0.0, 0.0], [150.0, 0.0]], lanes, ("W", "J"))
     road.edge([[150.0, 0.0], [175.0, 0.0]], lanes, ("J", "J"), internal=True)
     road.edge([[175.0, 0.0], [400.0, 0.0]], lanes, ("J", "E"))
     a = np.linspace(0.0, np.pi / 2.0, 8)
@@ -106,8 +100,7 @@ def junction_road(lanes=2):
     road.edge([[165.0, -100.0], [165.0, 100.0]], 1, ("S", "N"))
     for position in range(lanes):
         road.connect(position, 2 * lanes + position, via=(lanes + position,), signal=True)
-    road.connect(0, 3 * lanes + 1, via=(3 * lanes,), direction="r", signal=True)
-    return road.built()
+    return road.connect(0, 3 * lanes + 1, via=(3 * lanes,), direction="r", signal=True).built()
 
 
 @dataclass
@@ -340,6 +333,5 @@ def stepper(control, initial):
 def turned_road(turn, lanes=2, length=400.0):
     """A straight road that points anywhere, and the directions along and across it."""
     along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    road = RoadBuilder()
-    road.edge([[0.0, 0.0], length * along], lanes, ("A", "B"))
+    road = RoadBuilder().edge([[0.0, 0.0], length * along], lanes, ("A", "B"))
     return road.built(), along, across

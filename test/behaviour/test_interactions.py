@@ -92,8 +92,7 @@ def test_l1_emv_changes_to_the_turning_lane_and_turns_right(lab):
 
 
 def test_s7_right_turn_by_way_of_the_shoulder(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [200, 0]], 3, ("W", "J"), shoulder=True)
+    road = lab.RoadBuilder().edge([[0, 0], [200, 0]], 3, ("W", "J"), shoulder=True)
     a = np.linspace(0.0, np.pi / 2.0, 8)
     road.edge(np.stack((200 + 12 * np.sin(a), -12 * (1 - np.cos(a))), axis=-1), 1, ("J", "J"), internal=True)
     road.edge([[212, -12], [212, -200]], 1, ("J", "S"))

@@ -22,12 +22,10 @@ def emv_at(lab, s=50.0):
 
 def shoulder_road(lab, width=3.3):
     """A shoulder (lane 0) and two lanes, from which the route (0, 1) turns right after 150 m."""
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [150, 0]], 3, ("W", "J"), shoulder=True)
+    road = lab.RoadBuilder().edge([[0, 0], [150, 0]], 3, ("W", "J"), shoulder=True)
     road.edge([[160, -10], [160, -200]], 2, ("J", "S"), shoulder=True)
     road.edge([[175, 0], [300, 0]], 3, ("J", "E"), shoulder=True)
-    road.connect(0, 3, direction="r")
-    road.connect(1, 4, direction="r")
+    road.connect(0, 3, direction="r").connect(1, 4, direction="r")
     for lane in (0, 1, 2):
         road.connect(lane, 5 + lane)
     network = road.built()

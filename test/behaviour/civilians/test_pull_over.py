@@ -87,8 +87,7 @@ def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a
 
 
 def test_a_vehicle_beside_a_shoulder_stays_before_the_stop_line(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], [150.0, 0.0]], 2, ("W", "J"), shoulder=True)
+    road = lab.RoadBuilder().edge([[0.0, 0.0], [150.0, 0.0]], 2, ("W", "J"), shoulder=True)
     road.edge([[150.0, 3.3], [175.0, 3.3]], 1, ("J", "J"), internal=True)
     road.edge([[175.0, 0.0], [400.0, 0.0]], 2, ("J", "E"), shoulder=True)
     road.connect(1, 4, via=(2,), signal=True)

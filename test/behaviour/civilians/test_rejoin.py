@@ -34,8 +34,7 @@ def view_at(lab, left, turned=0.0, speed=0.0, turn=0.0, s=100.0, length=400.0, k
     ],
 )
 def test_sumo_takes_over_at_once_who_is_in_the_lane_and_straight(lab, turn, left, degrees, back):
-    view, _, _ = view_at(lab, left, np.radians(degrees), turn=turn)
-    outcome = start_rejoin(UNIT, view.ego(0))
+    outcome = start_rejoin(UNIT, view_at(lab, left, np.radians(degrees), turn=turn)[0].ego(0))
     assert (outcome.unit is None) is back
     assert [event.kind.value for event in outcome.events] == (["yield_released"] if back else [])
 
@@ -103,8 +102,7 @@ def test_who_stands_at_an_angle_is_not_handed_back(lab):
 
 def test_at_the_end_of_its_path_and_in_its_lane_a_vehicle_is_handed_back(lab):
     unit, _ = rejoining(lab)
-    inside, _, _ = view_at(lab, -NEAR_M + 0.02, speed=3.0, s=110.0)
-    assert rejoin(unit, inside.ego(0)).unit is None
+    assert rejoin(unit, view_at(lab, -NEAR_M + 0.02, speed=3.0, s=110.0)[0].ego(0)).unit is None
     beside, _, _ = view_at(lab, -NEAR_M - 0.05, speed=3.0, s=110.0)
     assert rejoin(unit, beside.ego(0)).unit is not None
     at_end = replace(unit.navigator, progress_m=unit.navigator.path.length_m)
@@ -153,8 +151,7 @@ def test_who_stands_over_the_line_at_red_stays_there_until_green(lab, over_m):
         assert outcome.unit.phase is Mode.REJOIN
         assert (outcome.command, outcome.events) == (FULL_BRAKE, ())
         outcome = rejoin(outcome.unit, red.ego(0))
-    green, _ = over_the_line(lab, over_m, "G")
-    moved = rejoin(outcome.unit, green.ego(0))
+    moved = rejoin(outcome.unit, over_the_line(lab, over_m, "G")[0].ego(0))
     assert moved.unit is None or moved.command.throttle > 0.0, "on at green"
 
 
@@ -169,5 +166,4 @@ def test_only_who_stands_across_the_line_waits_there(lab):
     across = {-0.2: False, 0.2: True, length - 0.2: True, length + 0.2: False}
     assert {over: stands_over_red_line(over_the_line(lab, over, "r")[0].ego(0)) for over in across} == across
     assert not stands_over_red_line(over_the_line(lab, 2.0, "r", speed=1.0)[0].ego(0)), "who moves is on the way"
-    free, _, _ = view_at(lab, -0.7)
-    assert not stands_over_red_line(free.ego(0)), "no line ahead"
+    assert not stands_over_red_line(view_at(lab, -0.7)[0].ego(0)), "no line ahead"

@@ -167,12 +167,9 @@ def test_sumos_intent_as_a_side(lab, flags, intent):
 
 def astray_road(lab):
     """Three lanes of which the middle and the right one lead on."""
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [250, 0]], 3, ("A", "B"))
+    road = lab.RoadBuilder().edge([[0, 0], [250, 0]], 3, ("A", "B"))
     road.edge([[270, 0.0], [400, 0.0]], 2, ("B", "C"))
-    road.connect(0, 3, signal=True)
-    road.connect(1, 4, signal=True)
-    return road.built()
+    return road.connect(0, 3, signal=True).connect(1, 4, signal=True).built()
 
 
 def test_a_side_that_leads_on_comes_before_sumos_intent(lab):
@@ -359,8 +356,7 @@ def seeking(lab, step, deferred_step, seek):
 @pytest.mark.parametrize(("step", "again"), [(36, False), (37, True), (38, False), (67, True)])
 def test_the_driver_thinks_again_each_one_and_a_half_seconds_from_the_deferral_on(lab, step, again):
     """Deferred at step 7: 30 steps later, and 30 later again."""
-    outcome, _ = seeking(lab, step, 7, Seek.FALL_BACK)
-    assert outcome.unit.seek == (Seek.DRAW_AHEAD if again else Seek.FALL_BACK)
+    assert seeking(lab, step, 7, Seek.FALL_BACK)[0].unit.seek == (Seek.DRAW_AHEAD if again else Seek.FALL_BACK)
 
 
 def test_the_path_of_a_driver_who_seeks_a_gap_ends_with_a_stop(lab):

@@ -155,11 +155,9 @@ def test_lane_change_is_driven_at_the_papers_speed_and_at_most_at_half_the_limit
 
 
 def test_side_that_leads_on_comes_before_the_right_side(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [250, 0]], 3, ("A", "B"))
+    road = lab.RoadBuilder().edge([[0, 0], [250, 0]], 3, ("A", "B"))
     road.edge([[270, 3.3], [400, 3.3]], 2, ("B", "C"))
-    road.connect(1, 3, signal=True)
-    road.connect(2, 4, signal=True)
+    road.connect(1, 3, signal=True).connect(2, 4, signal=True)
     world = lab.world_of(road.built(), lab.L2)
     cars = [lab.Car(1, 1, 120, 10, (0, 1), AMBULANCE), lab.Car(2, 1, 150, 5, (0, 1))]
     assert steps(world, cars)[2][-1].detail["side"] == 1

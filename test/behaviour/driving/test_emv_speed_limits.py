@@ -295,8 +295,7 @@ def test_of_two_red_lights_the_nearer_one_ahead_limits(lab, front, ahead):
     road = lab.RoadBuilder()
     for begin, end in ((0, 100), (100, 120), (120, 160), (160, 180), (180, 400)):
         road.edge([[begin, 0], [end, 0]], 1, ("A", "B"), internal=begin in {100, 160})
-    road.connect(0, 2, via=(1,), signal=True)
-    road.connect(2, 4, via=(3,), signal=True)
+    road.connect(0, 2, via=(1,), signal=True).connect(2, 4, via=(3,), signal=True)
     network = road.built()
     cars = [
         lab.Car(

@@ -19,14 +19,10 @@ def route(*edges):
 
 def fork(lab):
     """Three lanes; the left one leads to edge 1, the middle and the right one to edge 2."""
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 3, ("A", "B"))
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 3, ("A", "B"))
     road.edge([[100, 6.6], [200, 60]], 1, ("B", "C"))
     road.edge([[100, 0], [200, 0]], 2, ("B", "D"))
-    road.connect(2, 3, direction="l")
-    road.connect(0, 4)
-    road.connect(1, 5)
-    return road.built()
+    return road.connect(2, 3, direction="l").connect(0, 4).connect(1, 5).built()
 
 
 @pytest.mark.parametrize(
@@ -108,8 +104,7 @@ def test_the_line_of_the_escape_search_begins_behind_the_rear_axle(lab):
 
 def test_the_edges_of_the_road_beside_a_line(lab):
     """Lanes 3.3 m wide, a shoulder on the right and an opposite road of two lanes on the left."""
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [300, 0]], 3, ("A", "B"), shoulder=True)
+    road = lab.RoadBuilder().edge([[0, 0], [300, 0]], 3, ("A", "B"), shoulder=True)
     road.edge([[300, 13.2], [0, 13.2]], 2, ("B", "A"))
     network = road.built()
     view = view_at(lab, network, 1, 100, (0,))
@@ -134,8 +129,7 @@ def test_an_emv_that_points_elsewhere_gets_a_path_from_its_own_pose(lab, turned,
 
 def test_lanes_that_only_an_emv_may_use_count_for_it(lab):
     """The turn to the right leads from the shoulder alone."""
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], [150.0, 0.0]], 3, ("W", "J"), shoulder=True)
+    road = lab.RoadBuilder().edge([[0.0, 0.0], [150.0, 0.0]], 3, ("W", "J"), shoulder=True)
     road.edge([[160.0, -10.0], [160.0, -100.0]], 1, ("J", "S"))
     road.connect(0, 3, direction="r")
     network = road.built()

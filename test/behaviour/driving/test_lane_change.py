@@ -88,8 +88,7 @@ def test_no_lane_change_on_or_right_before_a_junction(lab):
 
 
 def test_on_a_junction_that_nobody_crosses_lanes_are_changed_as_on_the_road(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [60, 0]], 2, ("W", "J"))
+    road = lab.RoadBuilder().edge([[0, 0], [60, 0]], 2, ("W", "J"))
     road.edge([[60, 0], [90, 0]], 2, ("J", "J"), internal=True)
     road.edge([[90, 0], [400, 0]], 2, ("J", "E"))
     for position in (0, 1):

@@ -58,8 +58,7 @@ def test_only_from_the_lane_next_to_the_shoulder(lab, lane, faster):
 
 def ending_shoulder(lab, leads_on=False):
     """An approach of 300 m whose shoulder ends at the line, unless it leads on."""
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], [300.0, 0.0]], 3, ("W", "J"), shoulder=True)
+    road = lab.RoadBuilder().edge([[0.0, 0.0], [300.0, 0.0]], 3, ("W", "J"), shoulder=True)
     road.edge([[310.0, 0.0], [510.0, 0.0]], 3, ("J", "E"), shoulder=True)
     for lane in range(0 if leads_on else 1, 3):
         road.connect(lane, 3 + lane)
@@ -101,8 +100,7 @@ def test_the_route_comes_before_the_shoulder_and_this_before_sumos_wish(lab):
 @pytest.mark.parametrize(("left_m", "wants"), [(199.0, True), (201.0, False)])
 def test_a_lane_that_leads_astray_is_left_from_200_m_before_its_end(lab, left_m, wants):
     """A long approach whose left lane does not turn right."""
-    road = lab.RoadBuilder()
-    road.edge([[0.0, 0.0], [400.0, 0.0]], 2, ("W", "J"))
+    road = lab.RoadBuilder().edge([[0.0, 0.0], [400.0, 0.0]], 2, ("W", "J"))
     road.edge([[410.0, -10.0], [410.0, -200.0]], 1, ("J", "S"))
     road.connect(0, 2, direction="r")
     view = view_at(lab, lane=1, network=road.built(), s=300.0, route=(0, 1), advice={"lane_change_intent": 1})

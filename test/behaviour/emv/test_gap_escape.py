@@ -21,8 +21,7 @@ def lines_of(space):
 
 
 def test_edges_are_those_of_the_shoulder_the_driving_lanes_and_the_opposite_ones(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 3, ("A", "B"), shoulder=True)
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 3, ("A", "B"), shoulder=True)
     road.edge([[100, 16.5], [0, 16.5]], 2, ("B", "A"))
     network = road.built()
     for lane, shift in ((1, 0.0), (2, -3.3)):
@@ -35,8 +34,7 @@ def test_edges_are_those_of_the_shoulder_the_driving_lanes_and_the_opposite_ones
 
 def test_a_road_that_widens_beyond_a_junction_is_bridged_evenly(lab):
     """One lane, 20 m of a junction, two lanes: the left edge goes from 1.65 m to 4.95 m."""
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 1, ("A", "J"))
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 1, ("A", "J"))
     road.edge([[100, 0], [120, 0]], 1, ("J", "J"), internal=True)
     road.edge([[120, 0], [200, 0]], 2, ("J", "B"))
     road.connect(0, 2, via=(1,))
@@ -149,8 +147,7 @@ def test_stop_timer_starts_again_after_moving(lab):
 
 
 def test_not_entered_without_a_blocker(lab):
-    unit, _ = run(EmvUnit(1), view_at(lab), 200)
-    assert not unit.gap_escape_active
+    assert not run(EmvUnit(1), view_at(lab), 200)[0].gap_escape_active
 
 
 def test_left_after_two_seconds_without_a_blocker(lab):
@@ -336,8 +333,7 @@ def test_an_escape_that_ends_leaves_neither_its_offset_nor_a_plan(lab):
 
 @pytest.mark.parametrize(("speed", "counts"), [(0.51, False), (0.5, True)])
 def test_stopped_is_up_to_the_papers_speed(lab, speed, counts):
-    unit, _ = run(EmvUnit(1, blocker_id=2), view_at(lab, speed=speed), 1)
-    assert (unit.stopped_s > 0.0) is counts
+    assert (run(EmvUnit(1, blocker_id=2), view_at(lab, speed=speed), 1)[0].stopped_s > 0.0) is counts
 
 
 @pytest.mark.parametrize(("gap", "blocks"), [(14.9, True), (15.1, False)])

@@ -112,14 +112,12 @@ def test_stays_on_the_road(lab):
 
 
 def test_before_a_right_turn_with_a_shoulder_the_corridor_is_the_shoulder(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [150, 0]], 3, ("W", "J"), shoulder=True)
+    road = lab.RoadBuilder().edge([[0, 0], [150, 0]], 3, ("W", "J"), shoulder=True)
     road.edge([[160, -10], [160, -200]], 1, ("J", "S"))
     road.edge([[175, 0], [300, 0]], 2, ("J", "E"))
     for lane in (0, 1):
         road.connect(lane, 3, direction="r")
-    road.connect(1, 4)
-    road.connect(2, 5)
+    road.connect(1, 4).connect(2, 5)
     network = road.built()
     assert corridor_lane(network, 2, np.array([0, 1], dtype=np.int32), 80.0) == 0
     assert corridor_lane(network, 2, np.array([0, 2], dtype=np.int32), 80.0) == 2
@@ -162,12 +160,9 @@ def test_straight_on_starts_from_the_offset_at_hand(lab):
 
 def pocket_road(lab):
     """Two lanes; at 150 m a third one begins on the left, so that SUMO's rescue lane moves one lane to the left."""
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [150, 0]], 2, ("A", "B"))
+    road = lab.RoadBuilder().edge([[0, 0], [150, 0]], 2, ("A", "B"))
     road.edge([[150, 0], [300, 0]], 3, ("B", "C"))
-    road.connect(0, 2)
-    road.connect(1, 3)
-    return road.built()
+    return road.connect(0, 2).connect(1, 3).built()
 
 
 @pytest.mark.parametrize(("where", "straight"), [(None, False), (0.75, True)], ids=["free", "closed"])

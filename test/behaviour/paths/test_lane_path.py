@@ -19,8 +19,7 @@ def test_changes_needed_counts_towards_the_turning_lane(lab):
 
 
 def test_changes_needed_looks_beyond_the_next_edge(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 3, ("A", "B"))
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 3, ("A", "B"))
     road.edge([[100, 0], [200, 0]], 3, ("B", "C"))
     road.edge([[200, 6.6], [300, 6.6]], 1, ("C", "D"))
     for position in range(3):
@@ -59,19 +58,16 @@ def test_from_inside_the_junction(lab):
 
 
 def test_plain_joints_do_not_stop_a_civilian(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [60, 0]], 2, ("A", "B"))
+    road = lab.RoadBuilder().edge([[0, 0], [60, 0]], 2, ("A", "B"))
     road.edge([[60, 0], [200, 0]], 2, ("B", "C"))
-    road.connect(0, 2)
-    road.connect(1, 3)
+    road.connect(0, 2).connect(1, 3)
     lanes, end = lane_path.lanes_along(road.built(), 0, 10.0, route(0, 1), 80.0, civilian=True, through_junctions=False)
     assert lanes == (0, 2)
     assert end is lane_path.LaneEnd.HORIZON
 
 
 def test_where_a_lane_fans_out_the_way_goes_straight_on(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [60, 0]], 1, ("A", "B"))
+    road = lab.RoadBuilder().edge([[0, 0], [60, 0]], 1, ("A", "B"))
     road.edge([[70, -3.3], [200, -3.3]], 3, ("B", "C"))
     for left in (-3.3, 0.0, 3.3):
         road.edge([[60, 0], [64, 0], [66, left], [70, left]], 1, ("B", "B"), internal=True)
@@ -106,13 +102,11 @@ def test_opposite_lane_is_found_by_the_junctions(lab):
 
 def test_an_internal_lane_belongs_to_the_movement_along_the_route_and_else_to_the_first(lab):
     """Two movements share the first of their lanes across the junction."""
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 1, ("W", "J"))
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 1, ("W", "J"))
     road.edge([[100, 0], [110, 0]], 1, ("J", "J"), internal=True)
     road.edge([[110, 0], [200, 0]], 1, ("J", "E"))
     road.edge([[110, 0], [110, 90]], 1, ("J", "N"))
-    road.connect(0, 2, via=(1,))
-    road.connect(0, 3, via=(1,), direction="l")
+    road.connect(0, 2, via=(1,)).connect(0, 3, via=(1,), direction="l")
     network = road.built()
     assert lane_path.connection_of_internal(network, 1, route(0, 2)).to_lane == 2
     assert lane_path.connection_of_internal(network, 1, route(0, 3)).to_lane == 3
@@ -126,8 +120,7 @@ def test_an_internal_lane_belongs_to_the_movement_along_the_route_and_else_to_th
 @pytest.mark.parametrize("civilian", [True, False])
 def test_a_lane_from_which_the_route_cannot_be_followed_is_missing(lab, civilian):
     """Lane 0 ends in nothing and may be left; on the third road nothing leads on at all."""
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 2, ("A", "B"))
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 2, ("A", "B"))
     road.edge([[100, 0], [200, 0]], 1, ("B", "C"))
     road.edge([[0, 50], [100, 50]], 1, ("D", "E"))
     road.connect(1, 2)
@@ -138,8 +131,7 @@ def test_a_lane_from_which_the_route_cannot_be_followed_is_missing(lab, civilian
 
 def test_of_several_movements_to_the_next_edge_the_fewest_changes_come_first_and_then_the_rightmost_lane(lab):
     """Two movements lead straight on from one lane; beyond, the route needs the left or any lane."""
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [60, 0]], 1, ("A", "B"))
+    road = lab.RoadBuilder().edge([[0, 0], [60, 0]], 1, ("A", "B"))
     road.edge([[60, 0], [120, 0]], 2, ("B", "C"))
     road.edge([[120, 3.3], [200, 3.3]], 1, ("C", "D"))
     for to in (2, 1):
@@ -177,8 +169,7 @@ def test_a_line_that_does_not_reach_the_end_of_its_lanes_ends_at_the_horizon(lab
 
 
 def test_the_opposite_road_is_as_wide_as_its_driving_lanes_and_the_nearest_of_them_is_the_leftmost(lab):
-    road = lab.RoadBuilder()
-    road.edge([[0, 0], [100, 0]], 2, ("A", "B"))
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 2, ("A", "B"))
     road.edge([[100, 30.0], [0, 30.0]], 3, ("B", "A"), shoulder=True, width=4.0)
     road.edge([[0, 60], [100, 60]], 1, ("A", "C"))
     network = road.built()

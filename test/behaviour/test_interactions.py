@@ -67,13 +67,12 @@ def test_at_l1_the_same_civilians_stay_nominal(lab):
     assert not loop.touching()
 
 
-def test_l1_emv_runs_the_red_light_and_lets_a_crossing_vehicle_pass(lab):
-    network = lab.junction_road()
-    crossing = len(network.lanes) - 1
-    free = lab.Loop(lab.world_of(network, lab.L1), [lab.Car(1, 0, 60, 13.9, (0, 2), AMBULANCE)]).run(200)
+def test_l1_emv_runs_the_red_light_and_lets_a_crossing_vehicle_pass(lab, junction):
+    crossing = len(junction.lanes) - 1
+    free = lab.Loop(lab.world_of(junction, lab.L1), [lab.Car(1, 0, 60, 13.9, (0, 2), AMBULANCE)]).run(200)
     assert min(row[1][3] for row in free.log) > 13.0
     cars = [lab.Car(1, 0, 60, 13.9, (0, 2), AMBULANCE), lab.Car(5, crossing, 40, 8, (5,), desired=8)]
-    loop = lab.Loop(lab.world_of(network, lab.L1), cars).run(260)
+    loop = lab.Loop(lab.world_of(junction, lab.L1), cars).run(260)
     assert loop.log[-1][1][0] > 200.0
     assert not loop.touching()
 

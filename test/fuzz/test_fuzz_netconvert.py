@@ -80,16 +80,11 @@ def test_the_documents_are_sound(name, refusal):
     assert not refusal(name, MAPS[name].encode())
 
 
+@pytest.mark.parametrize("name", ["city.osm", "town.xodr"])
 @FUZZED
-@given(data=changed(OSM))
-def test_any_openstreetmap_file(data, refusal):
-    assert is_one_line_about_the_map(refusal("city.osm", data), "city.osm")
-
-
-@FUZZED
-@given(data=changed(XODR))
-def test_any_opendrive_file(data, refusal):
-    assert is_one_line_about_the_map(refusal("town.xodr", data), "town.xodr")
+@given(data=st.data())
+def test_any_openstreetmap_or_opendrive_file(name, data, refusal):
+    assert is_one_line_about_the_map(refusal(name, data.draw(changed(MAPS[name]))), name)
 
 
 @settings(FUZZED, max_examples=100)

@@ -414,13 +414,7 @@ def test_where_the_way_on_is_short_the_approach_grows():
 
 
 def test_two_directions_of_a_street_are_a_reversal():
-    edges = (
-        Edge(0, "there", (0,), "a", "b", internal=False),
-        Edge(1, "back", (1,), "b", "a", internal=False),
-        Edge(2, "on", (2,), "b", "c", internal=False),
-        Edge(3, "same way", (3,), "a", "b", internal=False),
-    )
+    ends = (("there", "a", "b"), ("back", "b", "a"), ("on", "b", "c"), ("same way", "a", "b"))
+    edges = tuple(Edge(k, name, (k,), start, end, internal=False) for k, (name, start, end) in enumerate(ends))
     network = replace(NETWORK, edges=edges)
-    assert is_reversal(network, 0, 1)
-    assert not is_reversal(network, 0, 2)
-    assert not is_reversal(network, 0, 3)
+    assert [is_reversal(network, 0, other) for other in (1, 2, 3)] == [True, False, False]

@@ -26,13 +26,17 @@ def _town():
     return parse_road_network(compile_map(None).read_bytes())
 
 
+def assert_off_the_lanes(mount, town):
+    pole = shapely.Point(mount.x_m, mount.y_m)
+    for lane in town.lanes:
+        if lane.kind in {LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL}:
+            assert shapely.LineString(lane.centre.points).distance(pole) > lane.width_m / 2.0 + 0.7
+
+
 def test_at_a_junction_the_pole_is_off_the_lanes_and_faces_the_middle(town):
     for junction in [j for j in town.junctions.values() if j.kind is JunctionKind.SIGNAL]:
         mount = station_mount(Station(None), town, {"junction": junction.junction_id})
-        pole = shapely.Point(mount.x_m, mount.y_m)
-        for lane in town.lanes:
-            if lane.kind in {LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL}:
-                assert shapely.LineString(lane.centre.points).distance(pole) > lane.width_m / 2.0 + 0.7
+        assert_off_the_lanes(mount, town)
         middle = shapely.Polygon(junction.outline).centroid
         away = np.array([middle.x - mount.x_m, middle.y - mount.y_m])
         assert np.linalg.norm(away) < 40.0
@@ -50,10 +54,7 @@ def test_without_a_site_it_says_what_it_needs(town):
 def test_at_a_road_the_pole_stands_beside_it_half_way_along(town):
     edge = max(town.edges, key=lambda edge: town.lanes[edge.lanes[0]].length_m)
     mount = station_mount(Station(None), town, {"junction": "", "stretch": [edge.edge_id]})
-    pole = shapely.Point(mount.x_m, mount.y_m)
-    for lane in town.lanes:
-        if lane.kind in {LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL}:
-            assert shapely.LineString(lane.centre.points).distance(pole) > lane.width_m / 2.0 + 0.7
+    assert_off_the_lanes(mount, town)
     lane = town.lanes[edge.lanes[0]]
     assert np.linalg.norm(np.asarray(lane.centre.at(lane.length_m / 2.0)) - (mount.x_m, mount.y_m)) < 15.0
     assert abs(np.cos(mount.yaw_rad - float(lane.centre.heading_rad(lane.length_m / 2.0)))) < 0.2

@@ -151,6 +151,5 @@ def test_a_point_ahead_of_an_actor_heading_north_lies_north():
 
 
 def test_the_optical_frame_has_z_forward_x_right_y_down():
-    assert np.allclose(specification.OPTICAL_FROM_BODY @ [1.0, 0.0, 0.0], [0, 0, 1])
-    assert np.allclose(specification.OPTICAL_FROM_BODY @ [0.0, 1.0, 0.0], [-1, 0, 0])
-    assert np.allclose(specification.OPTICAL_FROM_BODY @ [0.0, 0.0, 1.0], [0, -1, 0])
+    forward, left, up = (specification.OPTICAL_FROM_BODY @ np.eye(3)).T
+    assert np.allclose([forward, left, up], [[0, 0, 1], [-1, 0, 0], [0, -1, 0]])

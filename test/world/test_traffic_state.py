@@ -1,7 +1,6 @@
 """Routes of one list for all vehicles, and the types of the columns."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,18 +10,15 @@ from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, Tra
 
 
 def test_each_row_has_its_own_part_of_the_routes():
-    columns: dict[str, Any] = {name: np.zeros(3, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
-    columns["route_offset"], columns["route_edges"] = (
-        np.array([0, 2, 2, 5], np.int32),
-        np.arange(10, 15, dtype=np.int32),
-    )
+    columns = {name: np.zeros(3, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
+    columns |= {"route_offset": np.array([0, 2, 2, 5], np.int32), "route_edges": np.arange(10, 15, dtype=np.int32)}
     state = TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
     assert [state.route_of_row(row).tolist() for row in range(3)] == [[10, 11], [], [12, 13, 14]]
     assert len(state) == 3
 
 
 def test_columns_have_the_types_of_the_message():
-    by_type: dict[Any, set[str]] = {}
+    by_type = {}
     for name, dtype in TRAFFIC_STATE_DTYPES.items():
         by_type.setdefault(dtype, set()).add(name)
     assert by_type[np.uint32] == {"removed", "actor_id"}

@@ -11,8 +11,6 @@ from siren_ros.world.actors import ActorClass, Mode
 UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1)
 NEAR = EmvView(0, passed=False, in_region=True, on_path=True, on_road=True)
 """The EMV is about, and has not passed."""
-
-
 steps = stepper(step_yield, YieldState())
 
 

@@ -22,16 +22,15 @@ def test_region_has_hysteresis(lab):
     assert (members(50.0, [2, 9]), members(50.1, [2])) == ([2], [])
 
 
-def test_way_is_along_the_emvs_path(lab):
-    network = lab.junction_road()
+def test_way_is_along_the_emvs_path(lab, junction):
     cars = [
         *[lab.Car(1, 0, 100, 8, (0, 4), AMBULANCE), lab.Car(2, 7, 20, 5, (0, 4))],
         *[lab.Car(3, 1, 130, 5, (0, 2)), lab.Car(4, 4, 20, 5, (2,))],
     ]
-    view = view_of(lab, cars, network)
+    view = view_of(lab, cars, junction)
     road = EmvRoad.ahead_of(view.ego(0), None)
     way = way_from_emv_m(view, 0, road.lane_start_m)
-    assert way[1] == pytest.approx(50.0 + network.lanes[6].length_m + 20.0 - 4.75 / 2.0 - 6.5 / 2.0, abs=0.05)
+    assert way[1] == pytest.approx(50.0 + junction.lanes[6].length_m + 20.0 - 4.75 / 2.0 - 6.5 / 2.0, abs=0.05)
     assert np.isinf(way[2:]).all()
     beside = way_from_emv_m(view, 0, road.road_start_m)
     assert beside[2] == pytest.approx(30.0 - 4.75 / 2.0 - 6.5 / 2.0, abs=0.01)

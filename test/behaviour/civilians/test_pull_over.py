@@ -41,9 +41,8 @@ def test_the_emv_waits_behind_where_it_stands_near_and_headed_for_the_vehicle(la
         *[(0.0, 0.0, 70.0, False), (0.0, 0.0, -70.0, False), (180.0, 0.0, 0.0, False)],
     ],
 )
-def test_behind_is_within_60_degrees_of_both_directions(lab, turn, bearing, own_yaw, other_yaw, waits):
+def test_behind_is_within_60_degrees_of_both_directions(lab, straight, turn, bearing, own_yaw, other_yaw, waits):
     """The vehicle is 12 m from the EMV in a direction; both look in their own; everything is turned."""
-    network = lab.straight_road()
     at = turn + np.radians(bearing)
     poses = np.array(
         [
@@ -52,7 +51,7 @@ def test_behind_is_within_60_degrees_of_both_directions(lab, turn, bearing, own_
         ]
     )
     cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 112, 0, (0,))]
-    assert pull_over.emv_waits_behind(lab.view(network, lab.L3, cars, poses=poses).ego(1), 0) is waits
+    assert pull_over.emv_waits_behind(lab.view(straight, lab.L3, cars, poses=poses).ego(1), 0) is waits
 
 
 def test_room_is_made_after_the_emv_has_waited_for_a_while(lab):
@@ -74,15 +73,14 @@ def test_goes_on_where_the_way_ahead_is_free(lab, unit, gap, goes):
     assert pull_over.may_go_on(unit, view.ego(0), 0) is goes
 
 
-def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a_standing_queue(lab):
-    network = lab.junction_road()
+def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a_standing_queue(lab, junction):
     half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
-    view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=network)
+    view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=junction)
     left, config = replace(UNIT, side=1), view.world.config.pull_over
     for unit, over in ((left, config.head_over_line_m), (replace(left, emv_waits_steps=30), config.room_over_line_m)):
         front = pull_over.pull_over_path(unit, view.ego(0), 1).curve.points[-1, 0] + half
         assert 150.0 + 0.5 * over < front < 150.0 + over + 0.5
-    rolling = view_of(lab, lab.Car(2, 1, 149.0 - half, 2.0, (0, 2)), network=network)
+    rolling = view_of(lab, lab.Car(2, 1, 149.0 - half, 2.0, (0, 2)), network=junction)
     assert pull_over.pull_over_path(left, rolling.ego(0), 1) is None
 
 

@@ -40,9 +40,8 @@ def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab
     assert dict(zip(commands.actor_id.tolist(), commands.mode.tolist(), strict=True))[2] == Mode.YIELD_PULL_OVER
 
 
-def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab):
-    network = lab.straight_road()
-    view = lab.view(network, lab.L3, [lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 120, 0, (0,), ActorClass.BUS)], 0)
+def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab, straight):
+    view = lab.view(straight, lab.L3, [lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 120, 0, (0,), ActorClass.BUS)], 0)
     car, bus = (aligned_within_rad(view.ego(row)) for row in range(2))
     assert car == pytest.approx(np.radians(8.0), rel=0.05)
     assert np.sin(bus) * view.seen.half_length_m[1] < 0.35

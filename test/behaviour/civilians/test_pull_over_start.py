@@ -107,17 +107,16 @@ def test_a_queue_that_stands_too_close_waits_for_the_one_ahead(lab):
     assert (kinds(mine), mine[1].detail["reason"]) == (["yield_requested", "yield_deferred"], "no_room")
 
 
-def test_a_pull_over_starts_where_the_way_of_a_stop_is_no_longer_than_the_path_and_a_little(lab):
+def test_a_pull_over_starts_where_the_way_of_a_stop_is_no_longer_than_the_path_and_a_little(lab, junction):
     """The path ends before the junction; from each place and speed the rule says whether it is long enough."""
-    network = lab.junction_road()
-    world = lab.world_of(network, lab.L3)
+    world = lab.world_of(junction, lab.L3)
     brake = world.config.civilian_navigator.comfort_brake_mps2
     unit = replace(UNIT, phase=Mode.YIELD_REACTING, side=-1)
     verdicts = set()
     for s in (100.0, 115.0, 125.0, 132.0, 138.0):
         for speed in (6.0, 8.0, 9.0, 10.0, 11.0, 12.5):
             cars = [lab.Car(1, 0, 60, 8, (0, 2), AMBULANCE), lab.Car(2, 0, s, speed, (0, 2))]
-            view = lab.view_of(world, lab.traffic_of(network, cars))
+            view = lab.view_of(world, lab.traffic_of(junction, cars))
             path = pull_over_path(unit, view.ego(1), 0)
             long_enough = path is not None and speed**2 / (2.0 * brake) <= path.length_m + 6.0
             starts = start_pull_over(unit, view.ego(1)).unit.phase is Mode.YIELD_PULL_OVER

@@ -92,14 +92,13 @@ def test_a_deferred_driver_falls_back_and_then_changes_lanes(lab):
     assert not loop.touching()
 
 
-def test_no_gap_is_sought_right_before_a_junction(lab):
-    network = lab.junction_road()
+def test_no_gap_is_sought_right_before_a_junction(lab, junction):
     cars = [
         lab.Car(1, 0, 90, 3, (0, 2), ActorClass.AMBULANCE),
         lab.Car(2, 0, 128, 3, (0, 2), desired=3),
         lab.Car(3, 1, 128, 3, (0, 2), desired=3),
     ]
-    loop = lab.Loop(lab.world_of(network, lab.L2), cars).run(40)
+    loop = lab.Loop(lab.world_of(junction, lab.L2), cars).run(40)
     assert loop.of("yield_deferred")
     assert all(row[2][4] == Owner.SUMO for row in loop.log)
 
@@ -368,11 +367,10 @@ def test_the_path_of_a_driver_who_seeks_a_gap_ends_with_a_stop(lab):
 
 
 @pytest.mark.parametrize(("spare", "verdict"), [(0.3, LanePath), (-0.3, Refusal)])
-def test_a_lane_change_ends_with_the_front_before_the_junction(lab, spare, verdict):
-    network = lab.junction_road()
+def test_a_lane_change_ends_with_the_front_before_the_junction(lab, junction, spare, verdict):
 
     def view_at(s):
-        return lab.view(network, lab.L2, [lab.Car(2, 0, s, 8, (0, 2))])
+        return lab.view(junction, lab.L2, [lab.Car(2, 0, s, 8, (0, 2))])
 
     def query(view):
         return LaneChangeQuery(view.ego(0), 0, 1, 8.0, civilian=True)

@@ -99,10 +99,9 @@ def test_the_delay_counts_from_the_step_at_which_the_driver_notices(lab, world, 
 
 
 @pytest.mark.parametrize("level", ["L2", "L3"])
-def test_the_av_under_test_and_other_emvs_are_asked_nothing(lab, level):
-    network = lab.straight_road()
+def test_the_av_under_test_and_other_emvs_are_asked_nothing(lab, straight, level):
     cars = [emv_at(lab), lab.Car(2, 0, 75, 5, (0,)), lab.Car(3, 0, 85, 5, (0,)), lab.Car(4, 0, 65, 5, (0,), AMBULANCE)]
-    _, _, events = steps(lab.world_of(network, getattr(lab, level), av_id=3), cars)
+    _, _, events = steps(lab.world_of(straight, getattr(lab, level), av_id=3), cars)
     assert {event.actor_id for event in events} == {2}
 
 
@@ -147,11 +146,10 @@ def test_sumos_intent_chooses_the_side(lab, wish, side):
 
 
 @pytest.mark.parametrize(("limit", "target"), [(13.9, 10.0 / 3.6), (4.0, 2.0)])
-def test_lane_change_is_driven_at_the_papers_speed_and_at_most_at_half_the_limit(lab, limit, target):
-    network = lab.straight_road()
-    lanes = tuple(replace(lane, speed_limit_mps=limit) for lane in network.lanes)
-    world = lab.world_of(replace(network, lanes=lanes), lab.L2)
-    assert yield_speed_mps(lab.view_of(world, lab.traffic_of(network, [emv_at(lab)])), 0) == pytest.approx(target)
+def test_lane_change_is_driven_at_the_papers_speed_and_at_most_at_half_the_limit(lab, straight, limit, target):
+    lanes = tuple(replace(lane, speed_limit_mps=limit) for lane in straight.lanes)
+    world = lab.world_of(replace(straight, lanes=lanes), lab.L2)
+    assert yield_speed_mps(lab.view_of(world, lab.traffic_of(straight, [emv_at(lab)])), 0) == pytest.approx(target)
 
 
 def test_side_that_leads_on_comes_before_the_right_side(lab):
@@ -214,12 +212,12 @@ def test_a_yield_with_a_free_lane_starts_although_the_emv_has_just_left_the_lane
     assert kinds(events) == ["yield_started"]
 
 
-def started(lab, world):
+@pytest.fixture
+def state(lab, world):
     return steps(world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))])[0]
 
 
-def test_completed_in_the_target_lane_then_kept_until_released(lab, world):
-    state = started(lab, world)
+def test_completed_in_the_target_lane_then_kept_until_released(lab, world, state):
     there = [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))]
     state, commands, events = steps(world, there, 1, state, 1)
     assert kinds(events) == ["yield_completed"]
@@ -233,8 +231,7 @@ def test_completed_in_the_target_lane_then_kept_until_released(lab, world):
     assert not state.units
 
 
-def test_cancelled_when_the_emv_passes_before_completion_and_led_to_a_lane(lab, world):
-    state = started(lab, world)
+def test_cancelled_when_the_emv_passes_before_completion_and_led_to_a_lane(lab, world, state):
     halfway = [emv_at(lab, 93.0), lab.Car(2, 0, 85, 3, (0,), left=1.6)]
     state, commands, events = steps(world, halfway, 1, state, 1)
     assert kinds(events) == ["yield_cancelled"]
@@ -244,8 +241,7 @@ def test_cancelled_when_the_emv_passes_before_completion_and_led_to_a_lane(lab, 
     assert len(commands) == 0
 
 
-def test_yields_again_when_the_emv_follows_into_the_new_lane(lab, world):
-    state = started(lab, world)
+def test_yields_again_when_the_emv_follows_into_the_new_lane(lab, world, state):
     state, _, _ = steps(world, [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))], 1, state, 1)
     _, _, events = steps(world, [emv_at(lab, 60.0, lane=1), lab.Car(2, 1, 90, 3, (0,))], 60, state, 2)
     assert kinds(events)[:3] == ["yield_requested", "yield_deferred", "yield_started"]
@@ -292,8 +288,7 @@ def test_kept_lane_is_left_a_second_after_the_emv_took_another_road_without_inte
         assert [event.detail["reason"] for event in (*events, *more)] == reasons
 
 
-def test_removed_civilian_is_forgotten(lab, world):
-    state = started(lab, world)
+def test_removed_civilian_is_forgotten(lab, world, state):
     gone = replace(
         lab.traffic_of(world.network, [emv_at(lab)], step=1, spawn=False), removed=np.array([2], dtype=np.uint32)
     )
@@ -308,9 +303,8 @@ def test_realistic_preset_draws_per_actor(lab):
     assert len({driver.delay_s for driver in state.drivers.values()}) == len(state.drivers) > 1
 
 
-def test_a_civilian_off_all_lanes_is_not_on_the_emvs_road(lab, world):
+def test_a_civilian_off_all_lanes_is_not_on_the_emvs_road(lab, world, state):
     """It has changed lanes and then leaves the road; a second later it is released."""
-    state = started(lab, world)
     there = [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))]
     state, _, _ = steps(world, there, 1, state, 1)
     grace = round(world.config.yielding.off_path_grace_s / 0.05)

@@ -48,10 +48,9 @@ def test_passed_when_the_rear_is_a_metre_ahead_of_the_front(lab, ahead, passed):
     assert emv_fully_passed(view.ego(1), 0) is passed
 
 
-def test_passing_is_measured_along_the_civilians_lane(lab):
-    network = lab.straight_road()
+def test_passing_is_measured_along_the_civilians_lane(lab, straight):
     cars = [lab.Car(1, 0, 107, 8, (0,), AMBULANCE), lab.Car(2, 1, 100, 2, (0,))]
-    view = lab.view(network, lab.L2, cars, poses=np.array([[107.0, 0.0, 0.0, 8.0], [100.0, 3.3, 0.5, 2.0]]))
+    view = lab.view(straight, lab.L2, cars, poses=np.array([[107.0, 0.0, 0.0, 8.0], [100.0, 3.3, 0.5, 2.0]]))
     assert emv_fully_passed(view.ego(1), 0)
 
 

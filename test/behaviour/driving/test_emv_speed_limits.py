@@ -66,15 +66,14 @@ def test_stops_before_a_vehicle_that_stands_on_the_path(lab):
     assert limit.speed_mps == pytest.approx(math.sqrt(2.0 * view.world.config.gap_escape.brake_mps2 * free))
 
 
-def test_vehicles_ahead_that_move_leave_way_and_crossing_ones_count_only_in_the_gap_escape(lab):
+def test_vehicles_ahead_that_move_leave_way_and_crossing_ones_count_only_in_the_gap_escape(lab, straight):
     standing, view = scene(lab, lab.Car(2, 0, 120, 0, (0,)))
     moving, moving_view = scene(lab, lab.Car(2, 0, 120, 6, (0,)))
     gain = free_way(moving, moving_view.ego(0)).free_m - free_way(standing, view.ego(0)).free_m
     assert gain == pytest.approx(6.0**2 / 8.0)
-    network = lab.straight_road()
     cars = [lab.Car(1, 0, 100, 5, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 115, 5, (0,))]
     poses = np.array([[100.0, 0.0, 0.0, 5.0], [115.0, -3.0, math.pi / 2.0, 5.0]])
-    crossing = lab.view(network, lab.L3, cars, poses=poses)
+    crossing = lab.view(straight, lab.L3, cars, poses=poses)
     assert math.isinf(free_way(standing, crossing.ego(0)).free_m)
     assert free_way(replace(standing, gap_escape_active=True), crossing.ego(0)).free_m < 12.0
 
@@ -98,10 +97,9 @@ def test_the_vehicle_that_cannot_be_passed_is_the_blocker(lab):
     assert blocker(SpeedLimit(9.0), UNLIMITED) == NO_ACTOR
 
 
-def test_road_space_bridges_a_junction(lab):
-    network = lab.junction_road()
-    view = lab.view(network, lab.L3, [lab.Car(1, 0, 140, 0, (0, 2), ActorClass.AMBULANCE)])
-    space = road_space(network, reference_line(view.ego(0), 0), np.arange(0.0, 40.0, 1.0))
+def test_road_space_bridges_a_junction(lab, junction):
+    view = lab.view(junction, lab.L3, [lab.Car(1, 0, 140, 0, (0, 2), ActorClass.AMBULANCE)])
+    space = road_space(junction, reference_line(view.ego(0), 0), np.arange(0.0, 40.0, 1.0))
     np.testing.assert_allclose(space.right_m, -1.65)
     np.testing.assert_allclose(space.left_m, 4.95)
     np.testing.assert_allclose(space.opposite_left_m, 4.95)
@@ -194,9 +192,8 @@ def test_a_vehicle_is_in_the_way_up_to_both_half_bodies_and_a_margin_aside(lab, 
         assert math.isfinite(anticipated(lab, network, cars, poses)) is counts
 
 
-def test_the_gap_is_between_the_bumpers_also_of_a_vehicle_at_an_angle(lab):
+def test_the_gap_is_between_the_bumpers_also_of_a_vehicle_at_an_angle(lab, straight):
     """The speed is that of the formula, unless easing off is harder than the EMV does for anticipation alone."""
-    network = lab.straight_road()
     sedan = lab.vehicles[ActorClass.SEDAN]
     cars = [lab.Car(1, 0, 100, 6, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 2, (0,))]
     for turned in (0.0, 0.3, -0.3):
@@ -204,16 +201,15 @@ def test_the_gap_is_between_the_bumpers_also_of_a_vehicle_at_an_angle(lab):
         reach = 0.5 * (sedan.length_m * np.cos(turned) + sedan.width_m * abs(np.sin(turned)))
         gap = 30.0 - reach - 0.5 * lab.vehicles[ActorClass.AMBULANCE].length_m
         expected = approach(gap, 2.0 * np.cos(turned))
-        assert anticipated(lab, network, cars, poses) == pytest.approx(expected, rel=1e-4)
+        assert anticipated(lab, straight, cars, poses) == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_who_turns_away_from_the_path_leaves_it_to_either_side(lab, side):
+def test_who_turns_away_from_the_path_leaves_it_to_either_side(lab, straight, side):
     """A car that stands 0.5 m aside and points away leaves; one that points back to the path stays."""
-    network = lab.straight_road()
     cars = [lab.Car(1, 0, 100, 3, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 3, (0,))]
     poses = {turned: [[100.0, 0.0, 0.0, 3.0], [130.0, 0.5 * side, side * turned, 3.0]] for turned in (0.3, -0.3)}
-    speeds = {turned: anticipated(lab, network, cars, placed) for turned, placed in poses.items()}
+    speeds = {turned: anticipated(lab, straight, cars, placed) for turned, placed in poses.items()}
     sedan, ambulance = lab.vehicles[ActorClass.SEDAN], lab.vehicles[ActorClass.AMBULANCE]
     cos, sin = np.cos(0.3), np.sin(0.3)
     gap = 30.0 - 0.5 * (sedan.length_m * cos + sedan.width_m * sin) - 0.5 * ambulance.length_m
@@ -243,13 +239,12 @@ def test_comes_to_the_entry_speed_at_the_line_by_constant_gentle_braking():
     assert np.allclose(np.diff(energy) / np.diff(way), 2.0 * ENTRY.brake_mps2)
 
 
-def test_red_counts_and_green_and_stop_signs_do_not(lab):
-    network = lab.junction_road()
-    assert limit(lab, network, 120.0, "r") == pytest.approx(approach_mps(30.0, ENTRY), abs=0.05)
-    assert math.isinf(limit(lab, network, 120.0, "G"))
-    assert math.isinf(limit(lab, network, 120.0, "g"))
-    signed = (replace(movement, signal_id=None, must_stop=True) for movement in network.connections)
-    assert math.isinf(limit(lab, replace(network, connections=tuple(signed)), 120.0, "G"))
+def test_red_counts_and_green_and_stop_signs_do_not(lab, junction):
+    assert limit(lab, junction, 120.0, "r") == pytest.approx(approach_mps(30.0, ENTRY), abs=0.05)
+    assert math.isinf(limit(lab, junction, 120.0, "G"))
+    assert math.isinf(limit(lab, junction, 120.0, "g"))
+    signed = (replace(movement, signal_id=None, must_stop=True) for movement in junction.connections)
+    assert math.isinf(limit(lab, replace(junction, connections=tuple(signed)), 120.0, "G"))
 
 
 @pytest.mark.parametrize(("red_mps", "least_mps"), [(0.0, ENTRY.speed_mps), (3.0, ENTRY.speed_mps), (11.0, 11.0)])
@@ -262,10 +257,9 @@ def test_inside_the_junction_the_limit_is_over(lab):
     assert math.isinf(limit(lab, lab.junction_road(), 151.0, "r"))
 
 
-def test_the_emv_drives_so_and_enters_without_stopping(lab, monkeypatch):
-    network = lab.junction_road()
+def test_the_emv_drives_so_and_enters_without_stopping(lab, junction, monkeypatch):
     monkeypatch.setattr(Outlook, "signals", {"J": "r"})
-    loop = lab.Loop(lab.world_of(network, lab.L1), [lab.Car(1, 0, 40.0, 13.0, (0, 2), ActorClass.AMBULANCE)]).run(300)
+    loop = lab.Loop(lab.world_of(junction, lab.L1), [lab.Car(1, 0, 40.0, 13.0, (0, 2), ActorClass.AMBULANCE)]).run(300)
     front = np.array([row[1][0] for row in loop.log]) + HALF_EMV
     speed = np.array([row[1][3] for row in loop.log])
     line = int(np.searchsorted(front, 150.0))
@@ -275,10 +269,9 @@ def test_the_emv_drives_so_and_enters_without_stopping(lab, monkeypatch):
     assert speed[-1] > 10.0
 
 
-def test_a_light_that_turns_red_late_asks_for_gentle_braking_only(lab):
-    network = lab.junction_road()
-    gain = lab.world_of(network, lab.L2).config.emv.navigator.speed_gain_1ps
-    assert limit(lab, network, 140.0, "r", speed=13.0) == pytest.approx(13.0 - ENTRY.ease_off_mps2 / gain)
+def test_a_light_that_turns_red_late_asks_for_gentle_braking_only(lab, junction):
+    gain = lab.world_of(junction, lab.L2).config.emv.navigator.speed_gain_1ps
+    assert limit(lab, junction, 140.0, "r", speed=13.0) == pytest.approx(13.0 - ENTRY.ease_off_mps2 / gain)
 
 
 @pytest.mark.parametrize(("front", "counts"), [(149.2, True), (149.9, True), (150.1, False)])

@@ -48,12 +48,11 @@ def view_at(lab, network, lane, s, edges, speed=8.0, left=0.0):
     return lab.view(network, lab.L1, [lab.Car(1, lane, s, speed, edges, AMBULANCE, left=left)], step=7)
 
 
-def test_a_plan_knows_its_edges_its_end_and_its_step(lab):
-    network = lab.junction_road()
-    plan, navigator = plan_route(view_at(lab, network, 0, 60, (0, 2)).ego(0), 0, NavigatorState())
+def test_a_plan_knows_its_edges_its_end_and_its_step(lab, junction):
+    plan, navigator = plan_route(view_at(lab, junction, 0, 60, (0, 2)).ego(0), 0, NavigatorState())
     assert (plan.edges, plan.end, plan.planned_step) == ((0, 2), LaneEnd.HORIZON, 7)
     assert navigator.left_m == pytest.approx(0.0, abs=1e-6)
-    plan, navigator = plan_route(view_at(lab, network, 1, 60, (0, 4)).ego(0), 1, NavigatorState())
+    plan, navigator = plan_route(view_at(lab, junction, 1, 60, (0, 4)).ego(0), 1, NavigatorState())
     assert plan.end is LaneEnd.ASTRAY
     assert navigator.path.curve.points[-1, 0] == pytest.approx(150.0 - 3.25 - 1.0)
     assert navigator.path.speed_cap_mps(navigator.path.length_m) < 0.1
@@ -79,19 +78,19 @@ def test_small_offsets_are_left_to_the_tracking_and_large_ones_get_a_path_of_the
     ("edges", "ahead", "agrees"),
     [
         *[((4, 5), (4, 5, 6), True), ((4, 5, 6), (5, 6), True), ((4, 5), (3, 4, 5), True), ((4, 5), (4, 7), False)],
-        *[((4, 5), (7, 8), False), ((4, 5), (), False), ((4, 5), (5,), True)],
+        *[((4, 5), (7, 8), False), ((4, 5), (8, 9), False), ((4, 5), (), False)],
+        *[((4, 5), (5,), True), ((4, 5), (5, 9), True)],
     ],
 )
 def test_a_plan_agrees_with_a_route_as_far_as_both_reach(edges, ahead, agrees):
     assert RoutePlan(edges, LaneEnd.HORIZON, 0).agrees_with(route(*ahead)) is agrees
 
 
-def test_the_present_lane_is_the_paths_while_it_is_on_the_route(lab):
-    network = lab.junction_road()
-    view = view_at(lab, network, 1, 60, (0, 2))
+def test_the_present_lane_is_the_paths_while_it_is_on_the_route(lab, junction):
+    view = view_at(lab, junction, 1, 60, (0, 2))
     _, navigator = plan_route(view.ego(0), 0, NavigatorState())
     assert (present_lane(view.ego(0), NavigatorState()), present_lane(view.ego(0), navigator)) == (1, 0)
-    assert present_lane(view_at(lab, network, 4, 10, (2,)).ego(0), navigator) == 4
+    assert present_lane(view_at(lab, junction, 4, 10, (2,)).ego(0), navigator) == 4
     assert NO_LANE == -1
 
 
@@ -119,11 +118,10 @@ def test_the_edges_of_the_road_beside_a_line(lab):
 @pytest.mark.parametrize(
     ("turned", "from_behind"), [(0.0, True), (0.29, True), (-0.29, True), (0.31, False), (-0.31, False), (np.pi, False)]
 )
-def test_an_emv_that_points_elsewhere_gets_a_path_from_its_own_pose(lab, turned, from_behind):
-    network = lab.straight_road()
+def test_an_emv_that_points_elsewhere_gets_a_path_from_its_own_pose(lab, straight, turned, from_behind):
     poses = np.array([[100.0, 0.0, turned, 5.0]])
-    traffic = lab.traffic_of(network, [lab.Car(1, 0, 100, 5, (0,), AMBULANCE)], poses=poses)
-    _, navigator = plan_route(lab.view_of(lab.world_of(network, lab.L1), traffic).ego(0), 0, NavigatorState())
+    traffic = lab.traffic_of(straight, [lab.Car(1, 0, 100, 5, (0,), AMBULANCE)], poses=poses)
+    _, navigator = plan_route(lab.view_of(lab.world_of(straight, lab.L1), traffic).ego(0), 0, NavigatorState())
     assert float(navigator.path.curve.points[0, 0]) == pytest.approx(90.0 if from_behind else 100.0, abs=0.01)
 
 

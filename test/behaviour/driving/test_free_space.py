@@ -118,9 +118,8 @@ def test_a_body_points_into_the_bend_of_its_path():
     assert ways[0].gap_m[0, 0] == pytest.approx(separation_m(corners[:1], corners[1:])[0], abs=0.02)
 
 
-def test_moving_vehicles_are_swept_along_their_motion(lab):
-    network = lab.straight_road()
-    seen = lab.view(network, lab.L3, [lab.Car(2, 0, 50, 10.0, (0,)), lab.Car(3, 0, 80, 0.0, (0,))]).seen
+def test_moving_vehicles_are_swept_along_their_motion(lab, straight):
+    seen = lab.view(straight, lab.L3, [lab.Car(2, 0, 50, 10.0, (0,)), lab.Car(3, 0, 80, 0.0, (0,))]).seen
     swept = Obstacles.swept(seen, np.array([0, 1]), np.array([2.0, 2.0]))
     half = seen.half_length_m[0]
     np.testing.assert_allclose(swept.x_m - swept.half_length_m, [50.0 - half, 80.0 - half])

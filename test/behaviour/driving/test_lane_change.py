@@ -79,11 +79,10 @@ def test_no_lane_and_no_shoulder_for_civilians(lab):
     assert isinstance(assess(query(view, lane=1, side=-1, civilian=False)), LanePath)
 
 
-def test_no_lane_change_on_or_right_before_a_junction(lab):
-    network = lab.junction_road()
-    view = lab.view(network, lab.L2, [lab.Car(1, 0, 140, 8, (0, 2))])
+def test_no_lane_change_on_or_right_before_a_junction(lab, junction):
+    view = lab.view(junction, lab.L2, [lab.Car(1, 0, 140, 8, (0, 2))])
     assert assess(query(view)) is Refusal.NO_ROOM
-    view = lab.view(network, lab.L2, [lab.Car(1, 2, 10, 8, (0, 2))])
+    view = lab.view(junction, lab.L2, [lab.Car(1, 2, 10, 8, (0, 2))])
     assert assess(query(view, lane=2)) is Refusal.JUNCTION
 
 
@@ -100,10 +99,9 @@ def test_on_a_junction_that_nobody_crosses_lanes_are_changed_as_on_the_road(lab)
         assert verdict.lanes[:2] == (3, 5)
 
 
-def test_lane_that_leads_astray_needs_room_to_come_back(lab):
-    network = lab.junction_road()
-    assert assess(query(lab.view(network, lab.L2, [lab.Car(1, 0, 90, 8, (0, 4))]))) is Refusal.ASTRAY
-    assert isinstance(assess(query(lab.view(network, lab.L2, [lab.Car(1, 0, 30, 8, (0, 4))]))), LanePath)
+def test_lane_that_leads_astray_needs_room_to_come_back(lab, junction):
+    assert assess(query(lab.view(junction, lab.L2, [lab.Car(1, 0, 90, 8, (0, 4))]))) is Refusal.ASTRAY
+    assert isinstance(assess(query(lab.view(junction, lab.L2, [lab.Car(1, 0, 30, 8, (0, 4))]))), LanePath)
 
 
 def test_path_starts_here_and_ends_in_the_target_lane(lab):
@@ -120,10 +118,9 @@ def test_entered_needs_the_whole_footprint(lab, left, expected):
 
 
 @pytest.mark.parametrize(("degrees", "expected"), [(7.5, True), (8.5, False), (-8.5, False)])
-def test_entered_needs_a_heading_within_eight_degrees(lab, degrees, expected):
-    network = lab.straight_road()
+def test_entered_needs_a_heading_within_eight_degrees(lab, straight, degrees, expected):
     poses = np.array([[100.0, 3.3, np.radians(degrees), 5.0]])
-    view = lab.view(network, lab.L2, [lab.Car(1, 1, 100, 5, (0,), ActorClass.HATCHBACK)], poses=poses)
+    view = lab.view(straight, lab.L2, [lab.Car(1, 1, 100, 5, (0,), ActorClass.HATCHBACK)], poses=poses)
     assert entered_lane(view.ego(0), 1) is expected
 
 

@@ -19,8 +19,6 @@ from siren_ros.scenario.presets import Attention
 from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 
 AMBULANCE = ActorClass.AMBULANCE
-
-
 steps = stepper(step_emv, EmvState())
 
 
@@ -178,9 +176,8 @@ def test_a_lane_change_that_the_route_needs_may_end_on_the_junction(lab, speed):
 
 
 @pytest.mark.parametrize(("radius", "kind"), [(25.0, "lane_change_deferred"), (200.0, "lane_change_started")])
-def test_no_lane_change_starts_while_the_emv_still_turns_onto_its_road(lab, radius, kind):
-    network = lab.straight_road()
-    view = lab.view(network, lab.L1, [lab.Car(1, 0, 50, 6, (0,), AMBULANCE)], advice={"lane_change_intent": 1})
+def test_no_lane_change_starts_while_the_emv_still_turns_onto_its_road(lab, straight, radius, kind):
+    view = lab.view(straight, lab.L1, [lab.Car(1, 0, 50, 6, (0,), AMBULANCE)], advice={"lane_change_intent": 1})
     angle = np.linspace(-20.0 / radius, 40.0 / radius, 60)
     arc = np.stack((50.0 + radius * np.sin(angle), radius * (1.0 - np.cos(angle))), axis=-1)
     path = TrackedPath.of(Curve.through(arc), view.ego(0).navigator_config, np.zeros(len(arc), np.int32))
@@ -236,15 +233,6 @@ def test_same_inputs_give_the_same_commands(lab, emv):
         return [tuple(row[1]) for row in loop.log], loop.events
 
     assert run() == run()
-
-
-def test_plan_agrees_with_the_route_also_on_the_junction_behind_its_first_edge():
-    plan = RoutePlan((4, 5), LaneEnd.HORIZON, 0)
-    assert plan.agrees_with(np.array([4, 5, 6], dtype=np.int32))
-    assert plan.agrees_with(np.array([3, 4, 5], dtype=np.int32))
-    assert plan.agrees_with(np.array([5, 9], dtype=np.int32))
-    assert not plan.agrees_with(np.array([4, 7], dtype=np.int32))
-    assert not plan.agrees_with(np.array([8, 9], dtype=np.int32))
 
 
 def test_plans_anew_when_the_route_changes(lab):

@@ -46,10 +46,9 @@ def test_a_road_that_widens_beyond_a_junction_is_bridged_evenly(lab):
     assert space.middle_m.tolist() == pytest.approx([0.0, 0.0, 0.825, 1.65, 1.65])
 
 
-def test_on_a_junction_alone_there_is_space_of_three_lanes(lab):
-    network = lab.junction_road()
-    reference = path_on_lanes(network, (2,), LaneEnd.HORIZON, 2.0, 20.0)
-    space = gap_escape.road_space(network, reference, np.array([0.0, 10.0]))
+def test_on_a_junction_alone_there_is_space_of_three_lanes(junction):
+    reference = path_on_lanes(junction, (2,), LaneEnd.HORIZON, 2.0, 20.0)
+    space = gap_escape.road_space(junction, reference, np.array([0.0, 10.0]))
     for line, widths in zip(lines_of(space), (-1.5, -1.5, 1.5, 1.5, 0.0), strict=True):
         assert line.tolist() == pytest.approx([3.3 * widths] * 2)
 
@@ -98,13 +97,12 @@ def test_stations_end_where_the_front_is_at_the_lines_end(lab, monkeypatch, beyo
     assert [len(road.s_m) for _, road, *_ in asked] == ([stations] if stations else [])
 
 
-def test_others_are_swept_for_as_long_as_they_may_go_and_longer_where_they_come_on(lab, monkeypatch):
+def test_others_are_swept_for_as_long_as_they_may_go_and_longer_where_they_come_on(lab, straight, monkeypatch):
     asked = []
     monkeypatch.setattr(escape_plan, "search_lattice", lambda *what: asked.append(what))
-    network = lab.straight_road()
     cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 120, 4, (0,)), lab.Car(3, 1, 130, 4, (0,))]
     poses = np.array([[100.0, 0.0, 0.0, 0.0], [120.0, 0.0, 0.1, 4.0], [130.0, 3.3, np.pi, 4.0]])
-    view = lab.view(network, lab.L3, cars, poses=poses)
+    view = lab.view(straight, lab.L3, cars, poses=poses)
     gap_escape.search_gap(gap_escape.reference_line(view.ego(0), 0), view.ego(0))
     obstacles, half = asked[0][3], 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     assert obstacles.actor_id.tolist() == [2, 3]

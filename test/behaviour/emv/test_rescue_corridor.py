@@ -208,17 +208,16 @@ def test_the_present_path_is_kept_for_less_where_the_emv_cannot_stop_gently_on_t
 
 
 @pytest.mark.parametrize("driven_m", [2.0, 10.0])
-def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, driven_m):
+def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, straight, driven_m):
     """Each path begins where the EMV is; planned from its speed anew, the corridor would be reached later each time."""
-    network = lab.straight_road()
-    world = lab.world_of(network, lab.L3)
+    world = lab.world_of(straight, lab.L3)
     cars = [lab.Car(1, 0, 100, 8, (0,), ActorClass.AMBULANCE)]
-    first = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, lab.traffic_of(network, cars)).ego(0))
+    first = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, lab.traffic_of(straight, cars)).ego(0))
     start, path = first.navigator.progress_m, first.navigator.path
     x, y = path.curve.at(np.array([start + driven_m]))[0]
     yaw = float(path.curve.heading_at(np.array([start + driven_m]))[0])
     cars = [replace(cars[0], s=float(x), speed=14.0)]
-    traffic = lab.traffic_of(network, cars, step=8, poses=np.array([[x, y, yaw, 14.0]]))
+    traffic = lab.traffic_of(straight, cars, step=8, poses=np.array([[x, y, yaw, 14.0]]))
     driving = replace(first, navigator=replace(first.navigator, progress_m=start + driven_m))
     again = corridor_path(driving, lab.view_of(world, traffic).ego(0))
     assert again.navigator.path is not path
@@ -228,10 +227,9 @@ def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, driven
 
 
 @pytest.mark.parametrize("turned_rad", [0.9, -0.9])
-def test_an_emv_that_points_far_off_begins_at_half_a_radian(lab, turned_rad):
-    network = lab.straight_road()
+def test_an_emv_that_points_far_off_begins_at_half_a_radian(lab, straight, turned_rad):
     car = lab.Car(1, 0, 100, 2, (0,), ActorClass.AMBULANCE, left=1.65)
-    view = lab.view(network, lab.L3, [car], poses=np.array([[100.0, 1.65, turned_rad, 2.0]]))
+    view = lab.view(straight, lab.L3, [car], poses=np.array([[100.0, 1.65, turned_rad, 2.0]]))
     curve = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path.curve
     assert curve.heading_at(np.array([0.0]))[0] == pytest.approx(np.sign(turned_rad) * 0.5, abs=0.05)
 
@@ -279,13 +277,12 @@ def test_the_body_stays_on_the_road_beside_a_wide_vehicle_on_the_left(lab):
     assert offsets(view_at(lab, [bus]), 0).min() == pytest.approx(-1.65 + 1.05, abs=1e-6)
 
 
-def test_the_line_between_two_lanes_goes_on_across_a_junction(lab):
-    network = lab.junction_road()
-    view = lab.view(network, lab.L3, [lab.Car(1, 0, 120, 8, (0, 2), ActorClass.AMBULANCE)])
-    reference = path_on_lanes(network, (0, 2, 4), LaneEnd.HORIZON, 118.0, 80.0)
+def test_the_line_between_two_lanes_goes_on_across_a_junction(lab, junction):
+    view = lab.view(junction, lab.L3, [lab.Car(1, 0, 120, 8, (0, 2), ActorClass.AMBULANCE)])
+    reference = path_on_lanes(junction, (0, 2, 4), LaneEnd.HORIZON, 118.0, 80.0)
     middle_m = corridor_offsets(reference, np.linspace(2.0, 78.0, 77), view.ego(0))
     np.testing.assert_allclose(middle_m, 1.65, atol=1e-6)
-    inside = path_on_lanes(network, (2,), LaneEnd.HORIZON, 2.0, 20.0)
+    inside = path_on_lanes(junction, (2,), LaneEnd.HORIZON, 2.0, 20.0)
     np.testing.assert_allclose(corridor_offsets(inside, np.linspace(2.0, 18.0, 17), view.ego(0)), 0.0)
 
 
@@ -307,17 +304,16 @@ def test_smoothing_is_a_weighted_mean_of_so_many_neighbours_and_leaves_short_lin
 
 
 @pytest.mark.parametrize(("left_m", "turned_rad"), [(1.2, 0.0), (1.9, 0.1), (0.6, -0.1)])
-def test_the_path_begins_as_the_emv_points_also_where_the_corridor_bends_at_once(lab, left_m, turned_rad):
+def test_the_path_begins_as_the_emv_points_also_where_the_corridor_bends_at_once(lab, straight, left_m, turned_rad):
     """Vehicles stand next to the EMV and just ahead, so that the corridor moves aside from its first metre on."""
-    network = lab.straight_road()
     cars = [
         lab.Car(1, 0, 100, 6, (0,), ActorClass.AMBULANCE),
         lab.Car(2, 0, 109, 0, (0,), left=-0.3),
         lab.Car(3, 1, 118, 0, (0,), left=1.0),
     ]
     poses = np.array([[100.0, left_m, turned_rad, 6.0], [109.0, -0.3, 0.0, 0.0], [118.0, 4.3, 0.0, 0.0]])
-    view = lab.view(network, lab.L3, cars, poses=poses)
-    reference = path_on_lanes(network, (0,), LaneEnd.HORIZON, 98.0, 82.0)
+    view = lab.view(straight, lab.L3, cars, poses=poses)
+    reference = path_on_lanes(straight, (0,), LaneEnd.HORIZON, 98.0, 82.0)
     target = corridor_offsets(reference, np.linspace(2.0, 82.0, 81), view.ego(0))
     assert abs(target[1] - target[0]) > 0.01
     curve = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path.curve

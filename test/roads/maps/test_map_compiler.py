@@ -178,14 +178,11 @@ def test_another_process_gets_the_same_bytes(town, tmp_path):
         "import sys, pathlib; from siren_ros.roads.maps.map_compiler import compile_map; "
         "print(compile_map(None, pathlib.Path(sys.argv[1])).sha256)"
     )
-    answer = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True, env=_environment()
-    )
+    folder = str(Path(map_compiler.__file__).parents[2])
+    environment = {"PYTHONPATH": folder, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"}
+    command = [sys.executable, "-c", program, str(tmp_path)]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert answer.stdout.strip() == town.sha256
-
-
-def _environment():
-    return {"PYTHONPATH": str(Path(map_compiler.__file__).parents[2]), "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"}
 
 
 NET = (

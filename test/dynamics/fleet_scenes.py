@@ -97,8 +97,12 @@ def kinds(events: Sequence[Event]) -> list[EventKind]:
     return [event.kind for event in events]
 
 
+def begun(*rows: tuple[float, float, float, float]) -> tuple[FleetState, ActorStates]:
+    """Sedans with ids from 1 on that stand at these rows at step 0."""
+    spawned = [description(i) for i in range(1, len(rows) + 1)]
+    traffic = traffic_of(0, dict(enumerate(rows, start=1)), spawned)
+    return step_fleet(FleetState.empty(PARAMETERS), traffic, ())[:2]
+
+
 def started(count: int = 1, speed_mps: float = 10.0) -> tuple[FleetState, ActorStates]:
-    rows = {i: (0.0, 50.0 * i, 0.0, speed_mps) for i in range(1, count + 1)}
-    spawned = [description(i) for i in range(1, count + 1)]
-    state, states, _ = step_fleet(FleetState.empty(PARAMETERS), traffic_of(0, rows, spawned), ())
-    return state, states
+    return begun(*((0.0, 50.0 * i, 0.0, speed_mps) for i in range(1, count + 1)))

@@ -1,5 +1,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,14 +28,13 @@ def _boxes(*rows: tuple[float, float, float, float, float], rate: tuple[float, .
 def test_two_boxes_meet_at_the_known_time_and_speed() -> None:
     gap_m, closing_mps, step_s = 10.0, 8.0, 0.05
     touching: tuple[tuple[int, int], ...] = ()
-    found = []
+    seen = []
     for step in range(60):
         rear_x = closing_mps * step * step_s
         boxes = _boxes((rear_x, 0.0, 0.0, closing_mps, 0.0), (LENGTH_M + gap_m, 0.3, 0.0, 0.0, 0.0))
         contacts, touching = find_contacts(boxes, touching)
-        found += [(step, contact) for contact in contacts]
-    assert len(found) == 1
-    step, contact = found[0]
+        seen += [(step, contact) for contact in contacts]
+    ((step, contact),) = seen
     assert step == int(np.ceil(gap_m / closing_mps / step_s))
     assert (contact.actor_id, contact.other_id) == (1, 2)
     assert contact.impact_speed_mps == pytest.approx(closing_mps)
@@ -42,32 +42,30 @@ def test_two_boxes_meet_at_the_known_time_and_speed() -> None:
     assert contact.y_m == pytest.approx(0.15)
 
 
-def test_rear_impact_with_small_sideways_overlap_has_the_longitudinal_speed() -> None:
-    boxes = _boxes((0.0, 0.0, 0.0, 12.0, 0.0), (3.5, 1.9, 0.0, 2.0, 0.0))
-    (contact,), _ = find_contacts(boxes, ())
-    assert contact.impact_speed_mps == pytest.approx(10.0)
-
-
-def test_side_swipe_has_only_the_lateral_speed() -> None:
-    boxes = _boxes((0.0, 0.0, 0.0, 10.0, 0.5), (0.5, 1.98, 0.0, 8.0, 0.0))
-    (contact,), _ = find_contacts(boxes, ())
-    assert contact.impact_speed_mps == pytest.approx(0.5)
+@pytest.mark.parametrize(
+    ("rear", "front", "speed_mps"),
+    [
+        ((0.0, 0.0, 0.0, 12.0, 0.0), (3.5, 1.9, 0.0, 2.0, 0.0), 10.0),
+        ((0.0, 0.0, 0.0, 10.0, 0.5), (0.5, 1.98, 0.0, 8.0, 0.0), 0.5),
+    ],
+    ids=["longitudinal at the rear with small sideways overlap", "lateral of a side swipe"],
+)
+def test_the_impact_speed_is_along_the_normal(rear: Any, front: Any, speed_mps: float) -> None:
+    (contact,), _ = find_contacts(_boxes(rear, front), ())
+    assert contact.impact_speed_mps == pytest.approx(speed_mps)
 
 
 def test_crossing_impact() -> None:
-    boxes = _boxes((0.0, 0.0, 0.0, 10.0, 0.0), (2.8, 0.0, np.pi / 2.0, 0.0, 6.0))
-    (contact,), _ = find_contacts(boxes, ())
+    (contact,), _ = find_contacts(_boxes((0.0, 0.0, 0.0, 10.0, 0.0), (2.8, 0.0, np.pi / 2.0, 0.0, 6.0)), ())
     assert contact.impact_speed_mps == pytest.approx(10.0)
     assert contact.x_m == pytest.approx(1.9)
     assert contact.y_m == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_turning_tail_hits_with_the_speed_of_its_corner() -> None:
-    boxes = _boxes((0.0, 0.0, 0.0, 0.0, 0.0), (3.9, 0.0, 0.0, 0.0, 0.0), rate=(0.0, 0.0))
-    (still,), _ = find_contacts(boxes, ())
+    (still,), _ = find_contacts(_boxes((0.0,) * 5, (3.9, 0.0, 0.0, 0.0, 0.0), rate=(0.0, 0.0)), ())
     assert still.impact_speed_mps == 0.0
-    boxes = _boxes((0.0, 0.0, 0.0, 0.0, 0.0), (1.9, 1.99, 0.0, 0.0, 0.0), rate=(0.0, 1.0))
-    (turning,), _ = find_contacts(boxes, ())
+    (turning,), _ = find_contacts(_boxes((0.0,) * 5, (1.9, 1.99, 0.0, 0.0, 0.0), rate=(0.0, 1.0)), ())
     assert turning.impact_speed_mps == pytest.approx(1.9 - turning.x_m, rel=1e-6)
     assert turning.impact_speed_mps > 0.5
 
@@ -98,8 +96,7 @@ def test_several_contacts_come_sorted() -> None:
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_few_vehicles_touch_nobody(count: int) -> None:
-    boxes = _boxes(*[(0.0, 0.0, 0.0, 0.0, 0.0)] * count)
-    assert find_contacts(boxes, ()) == ((), ())
+    assert find_contacts(_boxes(*[(0.0,) * 5] * count), ()) == ((), ())
 
 
 @settings(max_examples=60, deadline=None)
@@ -141,10 +138,6 @@ class Car:
     kind: ActorClass = ActorClass.SEDAN
 
 
-def table_of(cars: Sequence[Car]) -> ParameterTable:
-    return ParameterTable.of([car.kind for car in cars], VEHICLES)
-
-
 def turned(cars: Sequence[Car], angle: float) -> list[Car]:
     moved = []
     for car in cars:
@@ -155,15 +148,14 @@ def turned(cars: Sequence[Car], angle: float) -> list[Car]:
 
 def boxes_of(bodies: BodyState, table: ParameterTable) -> Footprints:
     vx, vy = bodies.velocity_mps(table)
-    n = len(bodies)
-    ids = np.arange(1, n + 1, dtype=np.uint32)
+    ids = np.arange(1, len(bodies) + 1, dtype=np.uint32)
     pose = bodies.x_m, bodies.y_m, bodies.yaw_rad
     return Footprints(ids, *pose, vx, vy, bodies.yaw_rate_radps, table.length_m, table.width_m)
 
 
 def struck(cars: Sequence[Car]) -> tuple[BodyState, BodyState, ParameterTable]:
     """Bodies before and after the impacts of one step, and their parameters."""
-    table = table_of(cars)
+    table = ParameterTable.of([car.kind for car in cars], VEHICLES)
     columns = np.array([(car.x, car.y, car.yaw, car.speed) for car in cars]).T
     bodies = BodyState.moving(*(column.copy() for column in columns))
     boxes = boxes_of(bodies, table)
@@ -232,8 +224,7 @@ def test_bodies_that_part_keep_their_velocities() -> None:
 
 
 def test_a_column_that_is_run_into_does_not_overlap_either() -> None:
-    cars = [Car(0.0, 0.0, 0.0, 10.0), Car(4.6, 0.0, 0.0, 0.0), Car(9.36, 0.0, 0.0, 0.0)]
-    _, after, table = struck(cars)
+    _, after, table = struck([Car(0.0, 0.0, 0.0, 10.0), Car(4.6, 0.0, 0.0, 0.0), Car(9.36, 0.0, 0.0, 0.0)])
     assert depth_m(after, table, 0, 1) < 0.3
     assert depth_m(after, table, 1, 2) < 0.3
 

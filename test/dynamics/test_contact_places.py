@@ -16,17 +16,8 @@ def boxes(place, turn, *rows):
     at = rotate(np.stack((x, y), axis=-1), turn) + place
     velocity = rotate(np.stack((vx, vy), axis=-1), turn)
     n = len(rows)
-    return Footprints(
-        actor_id=np.arange(1, n + 1, dtype=np.uint32),
-        x_m=at[:, 0],
-        y_m=at[:, 1],
-        yaw_rad=yaw + turn,
-        vx_mps=velocity[:, 0],
-        vy_mps=velocity[:, 1],
-        yaw_rate_radps=rate,
-        length_m=np.full(n, 4.0),
-        width_m=np.full(n, 2.0),
-    )
+    ids = np.arange(1, n + 1, dtype=np.uint32)
+    return Footprints(ids, *at.T, yaw + turn, *velocity.T, rate, length_m=np.full(n, 4.0), width_m=np.full(n, 2.0))
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -76,6 +67,5 @@ def test_of_pairs_that_touch_those_that_overlap_are_told_by_their_rows():
     """Actors 1 and 2 touch with a gap, 2 and 3 overlap, 1 and 4 are far apart."""
     rows = [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (4.01, 0.0, 0.0, 0.0, 0.0, 0.0)]
     rows += [(7.9, 0.5, 0.0, 0.0, 0.0, 0.0), (50.0, 50.0, 0.0, 0.0, 0.0, 0.0)]
-    found = overlapping(boxes((3.0, -4.0), 0.6, *rows), ((1, 2), (1, 4), (2, 3)))
-    assert found == ((1, 2),)
+    assert overlapping(boxes((3.0, -4.0), 0.6, *rows), ((1, 2), (1, 4), (2, 3))) == ((1, 2),)
     assert overlapping(boxes((3.0, -4.0), 0.6, *rows), ()) == ()

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dynamics.fleet_scenes import PARAMETERS, command_of, description, kinds, started, traffic_of
+from dynamics.fleet_scenes import PARAMETERS, begun, command_of, description, kinds, started, traffic_of
 
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.numerics.units import STEP_S
@@ -14,19 +14,15 @@ from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
 
 def test_collisions_become_events_once() -> None:
-    spawned = [description(1), description(2)]
-    state, states, _ = step_fleet(
-        FleetState.empty(PARAMETERS), traffic_of(0, {1: (0.0, 0.0, 0.0, 10.0), 2: (12.0, 0.0, 0.0, 0.0)}, spawned), ()
-    )
-    found: list[Event] = []
+    state, states = begun((0.0, 0.0, 0.0, 10.0), (12.0, 0.0, 0.0, 0.0))
+    collisions: list[Event] = []
     for step in range(1, 60):
-        rows = {i + 1: (float(states.x_m[i]), 0.0, 0.0, float(states.speed_mps[i])) for i in range(2)}
-        rows[2] = (12.0, 0.0, 0.0, 0.0)
+        rows = {1: (float(states.x_m[0]), 0.0, 0.0, float(states.speed_mps[0])), 2: (12.0, 0.0, 0.0, 0.0)}
         state, states, events = step_fleet(state, traffic_of(step, rows), [command_of(step, 1, throttle=0.05)])
-        found += [event for event in events if event.kind is EventKind.COLLISION]
+        collisions += [event for event in events if event.kind is EventKind.COLLISION]
         if states.x_m[0] > 11.0:
             break
-    (event,) = found
+    (event,) = collisions
     assert (event.actor_id, event.other_id) == (1, 2)
     gap = 12.0 - PARAMETERS[ActorClass.SEDAN].length_m
     assert event.step == pytest.approx(gap / 10.0 / STEP_S, abs=1.5)
@@ -74,11 +70,9 @@ def test_commands_cannot_move_who_was_in_contact() -> None:
 
 def test_after_a_contact_the_velocity_is_the_one_that_the_contact_left() -> None:
     length = PARAMETERS[ActorClass.SEDAN].length_m
-    begin = {1: (0.0, 0.0, 0.0, 10.0), 2: (length + 0.3, 0.0, 0.0, 0.0)}
-    spawned = [description(actor) for actor in begin]
-    state, _, _ = step_fleet(FleetState.empty(PARAMETERS), traffic_of(0, begin, spawned), ())
-    rows = {1: (0.5, 0.0, 0.0, 10.0), 2: (length + 0.3, 0.0, 0.0, 0.0)}
-    state, states, events = step_fleet(state, traffic_of(1, rows), ())
+    standing = (length + 0.3, 0.0, 0.0, 0.0)
+    state, _ = begun((0.0, 0.0, 0.0, 10.0), standing)
+    state, states, events = step_fleet(state, traffic_of(1, {1: (0.5, 0.0, 0.0, 10.0), 2: standing}), ())
     assert EventKind.COLLISION in kinds(events)
     vx, vy = state.bodies.velocity_mps(state.table)
     assert (states.vx_mps.tolist(), states.vy_mps.tolist()) == (vx.tolist(), vy.tolist())

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dynamics.fleet_scenes import PARAMETERS, command_of, description, kinds, started, traffic_of
+from dynamics.fleet_scenes import PARAMETERS, begun, command_of, description, kinds, started, traffic_of
 
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.numerics.units import STEP_S
@@ -23,13 +23,11 @@ def test_an_actor_may_belong_to_ros_from_its_first_step() -> None:
 def test_a_command_of_owner_sumo_only_shows() -> None:
     state, _ = started()
     command = command_of(1, 1, Owner.SUMO, throttle=1.0, steer=0.5, mode=Mode.YIELD_REACTING, lights=Lights.BEACON)
-    _, told, events = step_fleet(state, traffic_of(1, {1: (0.5, 50.0, 0.0, 10.0)}), [command])
+    _, shown, events = step_fleet(state, traffic_of(1, {1: (0.5, 50.0, 0.0, 10.0)}), [command])
     _, left, _ = step_fleet(state, traffic_of(1, {1: (0.5, 50.0, 0.0, 10.0)}), ())
     assert events == ()
-    assert told.mode[0] == Mode.YIELD_REACTING
-    assert told.lights[0] == Lights.BEACON
-    assert told.x_m[0] == left.x_m[0]
-    assert told.owner[0] == Owner.SUMO
+    assert (shown.mode[0], shown.lights[0], shown.owner[0]) == (Mode.YIELD_REACTING, Lights.BEACON, Owner.SUMO)
+    assert shown.x_m[0] == left.x_m[0]
 
 
 @pytest.mark.parametrize("mirror_delay", [0, 1])
@@ -54,10 +52,8 @@ def test_taking_over_and_handing_back_makes_no_jump(mirror_delay: int) -> None:
         changes += [(step, event.detail["owner"]) for event in events if event.kind is EventKind.OWNER_CHANGED]
         history.append(states)
     assert changes == [(40, "ROS"), (100, "SUMO")]
-    way_x = np.array([item.x_m[0] for item in history])
-    way_y = np.array([item.y_m[0] for item in history])
-    yaw_rad = np.array([item.yaw_rad[0] for item in history])
-    speeds = np.array([item.speed_mps[0] for item in history])
+    columns = [(item.x_m[0], item.y_m[0], item.yaw_rad[0], item.speed_mps[0]) for item in history]
+    way_x, way_y, yaw_rad, speeds = np.array(columns).T
     np.testing.assert_allclose(np.hypot(np.diff(way_x), np.diff(way_y)), speeds[1:] * STEP_S, atol=0.02)
     assert np.abs(np.diff(speeds)).max() < 10.0 * STEP_S
     assert np.abs(np.diff(yaw_rad)).max() < 0.05
@@ -78,9 +74,7 @@ def test_a_released_actor_rolls_on_at_the_step_of_release() -> None:
 
 
 def test_a_vehicle_brought_back_in_sumo_makes_no_jump() -> None:
-    fleet, _, _ = step_fleet(
-        FleetState.empty(PARAMETERS), traffic_of(0, {1: (0.0, 0.0, 0.0, 8.0)}, [description(1)]), []
-    )
+    fleet, _ = begun((0.0, 0.0, 0.0, 8.0))
     positions, x = [0.0], 0.0
     for step in range(1, 60):
         x += 8.0 * STEP_S
@@ -100,9 +94,7 @@ def test_a_vehicle_brought_back_in_sumo_makes_no_jump() -> None:
 def test_a_released_actor_rolls_on_whichever_way_it_points(yaw: float) -> None:
     """SUMO's pose is still the mirror of the step before; without a correction the actor would brake for it."""
     way = np.array([np.cos(yaw), np.sin(yaw)])
-    state, _, _ = step_fleet(
-        FleetState.empty(PARAMETERS), traffic_of(0, {1: (*(5.0 * way), yaw, 10.0)}, [description(1)]), ()
-    )
+    state, _ = begun((*(5.0 * way), yaw, 10.0))
     state, before, _ = step_fleet(
         state, traffic_of(1, {1: (*(5.5 * way), yaw, 10.0)}), [command_of(1, 1, throttle=0.2)]
     )
@@ -117,9 +109,7 @@ def test_a_released_actor_rolls_on_whichever_way_it_points(yaw: float) -> None:
 @pytest.mark.parametrize("yaw", np.radians([0.0, 50.0, 140.0, -100.0]))
 @pytest.mark.parametrize(("ahead", "left"), [(0.4, 0.3), (-0.5, -0.2)])
 def test_the_residual_is_the_distance_between_both_poses(yaw: float, ahead: float, left: float) -> None:
-    state, _, _ = step_fleet(
-        FleetState.empty(PARAMETERS), traffic_of(0, {1: (0.0, 0.0, yaw, 0.0)}, [description(1)]), ()
-    )
+    state, _ = begun((0.0, 0.0, yaw, 0.0))
     x, y = ahead * np.cos(yaw) - left * np.sin(yaw), ahead * np.sin(yaw) + left * np.cos(yaw)
     _, states, _ = step_fleet(state, traffic_of(1, {1: (x, y, yaw, 0.0)}), ())
     assert states.residual_m[0] == pytest.approx(np.hypot(x - states.x_m[0], y - states.y_m[0]))

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from dynamics.fleet_scenes import PARAMETERS, command_of, description, started, traffic_of
+from dynamics.fleet_scenes import PARAMETERS, begun, command_of, started, traffic_of
 
-from siren_ros.dynamics.fleet import FleetState, step_fleet
+from siren_ros.dynamics.fleet import step_fleet
 from siren_ros.world.actors import ActorClass, Lights
 from siren_ros.world.traffic_state import EventKind
 
@@ -37,13 +37,10 @@ def test_the_brake_light_is_the_vehicles_own() -> None:
 @pytest.mark.parametrize(("brake", "accel", "lit"), [(0.0, -1.2, False), (0.0, -1.4, True), (0.5, 0.0, True)])
 def test_the_brake_light_shows_the_pedal_or_the_deceleration(brake: float, accel: float, lit: bool) -> None:
     """Decelerations by drag alone: a command without a brake from a speed at which drag gives them."""
-    kind = ActorClass.SEDAN
-    vehicle = PARAMETERS[kind]
+    vehicle = PARAMETERS[ActorClass.SEDAN]
     speed = np.sqrt(-accel * vehicle.mass_kg / (0.5 * 1.225 * vehicle.drag_area_m2)) if accel else 10.0
     rolling = vehicle.rolling_resistance * 9.80665 * vehicle.mass_kg / (0.5 * 1.225 * vehicle.drag_area_m2)
     speed = float(np.sqrt(max(speed**2 - rolling, 1.0)))
-    state, _, _ = step_fleet(
-        FleetState.empty(PARAMETERS), traffic_of(0, {1: (0.0, 0.0, 0.0, speed)}, [description(1)]), ()
-    )
+    state, _ = begun((0.0, 0.0, 0.0, speed))
     _, states, _ = step_fleet(state, traffic_of(1, {1: (0.0, 0.0, 0.0, speed)}), [command_of(1, 1, brake=brake)])
     assert bool(states.lights[0] & Lights.BRAKE) is lit

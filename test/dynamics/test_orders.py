@@ -19,9 +19,8 @@ def test_each_command_lies_on_its_actors_row_and_the_others_are_sumos():
         command_of(3, 9, throttle=0.4, brake=0.1, steer=-0.2, mode=Mode.REJOIN, lights=Lights.BEACON),
         command_of(3, 2, throttle=0.7, brake=0.3, steer=0.1, mode=Mode.YIELD_HOLD, lights=Lights.SIREN),
     )
-    orders = merge_commands(
-        traffic_of(3, ROWS, lights=LIGHTS), [replace(command, hand_brake=np.array([0, 1], np.uint8))]
-    )
+    command = replace(command, hand_brake=np.array([0, 1], np.uint8))
+    orders = merge_commands(traffic_of(3, ROWS, lights=LIGHTS), [command])
     assert orders.owner.tolist() == [Owner.ROS, Owner.SUMO, Owner.ROS]
     assert orders.throttle.tolist() == [0.7, 0.0, 0.4]
     assert orders.brake.tolist() == [0.3, 0.0, 0.1]
@@ -62,15 +61,9 @@ def _empty(source):
 
 
 def test_who_was_in_contact_brakes_with_its_wheels_as_they_are_and_the_others_do_as_they_are_told():
-    commands = [
-        stacked(
-            *(
-                command_of(3, i, throttle=0.4, brake=0.1, steer=0.3, mode=Mode.ROUTE_FOLLOW, lights=Lights.SIREN)
-                for i in ROWS
-            )
-        )
-    ]
-    orders = replace(merge_commands(traffic_of(3, ROWS), commands), hand_brake=np.ones(3, bool))
+    asked = {"throttle": 0.4, "brake": 0.1, "steer": 0.3, "mode": Mode.ROUTE_FOLLOW, "lights": Lights.SIREN}
+    command = stacked(*(command_of(3, i, **asked) for i in ROWS))
+    orders = replace(merge_commands(traffic_of(3, ROWS), [command]), hand_brake=np.ones(3, bool))
     present = np.array([0.01, -0.02, 0.03])
     ids = np.array([2, 5, 9], np.uint32)
     stopped = stopped_orders(orders, ids, (5, 77), present)

@@ -50,7 +50,7 @@ def test_every_number_names_its_source() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "parts"),
     [
         ("mass_kg: 1560.0", "mass_kg: heavy", ("mass_kg", "heavy", "a number from 400 to 45000")),
         ("mass_kg: 1560.0", "mass_kg: -3.0", ("mass_kg", "-3.0", "a number from 400 to 45000")),
@@ -65,12 +65,12 @@ def test_every_number_names_its_source() -> None:
         ("mass_kg: 1560.0", "colour: 1.0\nmass_kg: 1560.0", ("colour", "1.0", "keys brake_lag_s")),
     ],
 )
-def test_bad_values_are_refused(folder: Path, old: str, new: str, told: tuple[str, str, str]) -> None:
+def test_bad_values_are_refused(folder: Path, old: str, new: str, parts: tuple[str, str, str]) -> None:
     file = _edit(folder, "sedan", old, new)
     with pytest.raises(InputError) as caught:
         read_vehicle_parameters(folder)
     assert str(file) in str(caught.value)
-    for part in told:
+    for part in parts:
         assert part in str(caught.value)
 
 

@@ -215,9 +215,7 @@ def test_any_reference_gives_usable_controls(
         body = following
 
 
-def test_tracker_rows_can_be_selected_joined_and_mixed(
-    parameters: Mapping[ActorClass, VehicleParameters],
-) -> None:
+def test_tracker_rows_can_be_selected_joined_and_mixed(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
     assert set(parameters) == set(PARAMETERS)
     state = TrackerState.at(np.arange(3.0), np.zeros(3), np.zeros(3))
     other = replace(state, x_m=state.x_m + 10.0)

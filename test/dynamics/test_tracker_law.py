@@ -20,7 +20,7 @@ REACH = VEHICLE.wheelbase_m - VEHICLE.centre_ahead_of_rear_axle_m
 """From the footprint's centre to the front axle."""
 
 
-def one(value):
+def row(value):
     return np.array([float(value)])
 
 
@@ -33,11 +33,10 @@ def tracked(turn=0.0, *, behind=0.0, right=0.0, turned=0.0, speed=8.0, sumo=8.0,
     start = np.array([20.0, 30.0])
     own = start - behind * along - right * left
     step = sumo * STEP_S * np.array([np.cos(turn + swerve), np.sin(turn + swerve)])
-    body = replace(BodyState.moving(one(own[0]), one(own[1]), one(turn + turned), one(speed)), **state)
-    tracker = TrackerState.at(one(start[0]), one(start[1]), one(turn))
-    reference = Reference(one(start[0] + step[0]), one(start[1] + step[1]), one(turn + swerve), one(sumo), one(accel))
-    controls, after = track(body, tracker, reference, TABLE, STEP_S)
-    return controls, after
+    body = replace(BodyState.moving(row(own[0]), row(own[1]), row(turn + turned), row(speed)), **state)
+    tracker = TrackerState.at(row(start[0]), row(start[1]), row(turn))
+    reference = Reference(row(start[0] + step[0]), row(start[1] + step[1]), row(turn + swerve), row(sumo), row(accel))
+    return track(body, tracker, reference, TABLE, STEP_S)
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -80,11 +79,16 @@ def test_the_reference_swings_no_farther_than_a_car_can(side):
     assert after.yaw_rad[0] == pytest.approx(side * 8.0 * STEP_S * np.sin(most) / pull)
 
 
-def settled(push, lag_s, most):
-    """The pedal whose mean over the step is the wanted force, from a pedal that gives none yet."""
+def led(share, present, lag_s):
+    """The pedal whose mean behind its lag is the share: the mean of w + (p - w) e^(-t/T) over the step."""
     lag_s /= GAINS.quickness
     kept = lag_s / STEP_S * (1.0 - np.exp(-STEP_S / lag_s))
-    return float(np.clip(np.clip(push / most, 0.0, 1.0) / (1.0 - kept), 0.0, 1.0))
+    return float(np.clip((np.clip(share, 0.0, 1.0) - kept * present) / (1.0 - kept), 0.0, 1.0))
+
+
+def settled(push, lag_s, most):
+    """The pedal whose mean over the step is a force, from a pedal that gives none yet."""
+    return led(push / most, 0.0, lag_s)
 
 
 def resistance(speed):
@@ -109,17 +113,12 @@ def test_pedals_close_the_distance_and_follow_sumos_acceleration(turn, behind, a
 
 @pytest.mark.parametrize(("behind", "most"), [(50.0, 3.0), (-50.0, -3.0)])
 def test_the_speed_is_corrected_by_no_more_than_its_limit(behind, most):
-    wide = replace_gain(along_most=most)
-    far, _ = tracked(behind=behind, speed=8.0 + most)
-    assert (far.throttle[0], far.brake[0]) == pytest.approx(wide, abs=1e-6)
-
-
-def replace_gain(along_most):
-    """Pedals of a vehicle at its corrected speed: only the resistances are overcome."""
-    push = resistance(8.0 + along_most)
-    speed = 8.0 + along_most
+    """The vehicle has its corrected speed: only the resistances are overcome."""
+    speed = 8.0 + most
+    far, _ = tracked(behind=behind, speed=speed)
     drive = min(VEHICLE.max_drive_accel_mps2, VEHICLE.drive_power_w / (VEHICLE.mass_kg * speed))
-    return settled(push, VEHICLE.throttle_lag_s, GAINS.drive_factor * drive), 0.0
+    throttle = settled(resistance(speed), VEHICLE.throttle_lag_s, GAINS.drive_factor * drive)
+    assert (far.throttle[0], far.brake[0]) == pytest.approx((throttle, 0.0), abs=1e-6)
 
 
 def test_who_shall_stand_is_held_with_the_brake():
@@ -129,10 +128,10 @@ def test_who_shall_stand_is_held_with_the_brake():
 
 @pytest.mark.parametrize(("share", "pace"), [(0.95, 0.95), (0.5, 0.85), (1.5, 1.1)])
 def test_the_pace_follows_how_far_the_centre_moves_within_what_a_vehicle_can_drive(share, pace):
-    tracker = TrackerState.at(one(0.0), one(0.0), one(0.3))
+    tracker = TrackerState.at(row(0.0), row(0.0), row(0.3))
     way = share * 10.0 * STEP_S
-    reference = Reference(one(way * np.cos(0.3)), one(way * np.sin(0.3)), one(0.3), one(10.0), one(0.0))
-    body = BodyState.moving(one(0.0), one(0.0), one(0.3), one(10.0))
+    reference = Reference(row(way * np.cos(0.3)), row(way * np.sin(0.3)), row(0.3), row(10.0), row(0.0))
+    body = BodyState.moving(row(0.0), row(0.0), row(0.3), row(10.0))
     _, after = track(body, tracker, reference, TABLE, STEP_S)
     kept = np.exp(-STEP_S / GAINS.pace_time_s)
     assert after.pace[0] == pytest.approx(kept + (1.0 - kept) * pace)
@@ -144,9 +143,9 @@ def test_in_a_turn_nobody_is_faster_than_the_grip_allows(kind, side):
     """SUMO's vehicle is far to one side, so that the wheels are turned as far as lock or grip let them."""
     vehicle = load_vehicle_parameters()[kind]
     table = ParameterTable.of([kind], load_vehicle_parameters())
-    body = BodyState.moving(one(0.0), one(-9.0 * side), one(0.0), one(5.0))
-    reference = Reference(one(8.0 * STEP_S), one(0.0), one(0.0), one(8.0), one(0.0))
-    controls, _ = track(body, TrackerState.at(one(0.0), one(0.0), one(0.0)), reference, table, STEP_S)
+    body = BodyState.moving(row(0.0), row(-9.0 * side), row(0.0), row(5.0))
+    reference = Reference(row(8.0 * STEP_S), row(0.0), row(0.0), row(8.0), row(0.0))
+    controls, _ = track(body, TrackerState.at(row(0.0), row(0.0), row(0.0)), reference, table, STEP_S)
     grip = GAINS.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
     steered = min(np.tan(vehicle.max_steer_rad) / vehicle.wheelbase_m, grip / 5.0**2)
     fastest = np.sqrt(grip / steered)
@@ -164,9 +163,9 @@ def test_in_a_turn_nobody_is_faster_than_the_grip_allows(kind, side):
 def test_who_hardly_moves_has_the_course_of_its_heading(turn, way_m, aside):
     """SUMO's vehicle points along the line and moves a little to one side; from 1 cm on that is its course."""
     cos, sin = np.cos(turn + aside), np.sin(turn + aside)
-    reference = Reference(one(way_m * cos), one(way_m * sin), one(turn + 0.1), one(way_m / STEP_S), one(0.0))
-    body = BodyState.moving(one(0.0), one(0.0), one(turn), one(0.2))
-    _, after = track(body, TrackerState.at(one(0.0), one(0.0), one(turn)), reference, TABLE, STEP_S)
+    reference = Reference(row(way_m * cos), row(way_m * sin), row(turn + 0.1), row(way_m / STEP_S), row(0.0))
+    body = BodyState.moving(row(0.0), row(0.0), row(turn), row(0.2))
+    _, after = track(body, TrackerState.at(row(0.0), row(0.0), row(turn)), reference, TABLE, STEP_S)
     swerve = aside if way_m > 0.01 else 0.1
     turned = way_m * np.sin(swerve) / VEHICLE.centre_ahead_of_rear_axle_m
     assert after.yaw_rad[0] == pytest.approx(turn + turned, abs=1e-12)
@@ -175,11 +174,11 @@ def test_who_hardly_moves_has_the_course_of_its_heading(turn, way_m, aside):
 LAWS = {
     "behind in a left bend": {"behind": 0.3, "right": 0.1, "turned": 0.05, "swerve": 0.03, "accel": 0.4},
     "ahead in a right bend": {"behind": -0.2, "right": -0.1, "turned": -0.04, "swerve": -0.03, "accel": -0.6},
-    "slower than SUMO's": {"speed": 6.0, "sumo": 8.0, "throttle": one(0.3), "accel": 0.8, "pace": 0.95},
+    "slower than SUMO's": {"speed": 6.0, "sumo": 8.0, "throttle": row(0.3), "accel": 0.8, "pace": 0.95},
     "faster than SUMO's": {
         "speed": 9.0,
         "sumo": 8.0,
-        "brake": one(0.2),
+        "brake": row(0.2),
         "accel": -1.0,
         "pace": 0.92,
         "last_accel": -0.5,
@@ -193,9 +192,9 @@ LAWS = {
         "behind": -0.02,
         "accel": -2.0,
         "last_accel": -2.0,
-        "brake": one(0.5),
+        "brake": row(0.5),
     },
-    "on the brake, and SUMO's goes": {"speed": 5.0, "sumo": 6.5, "brake": one(0.4), "throttle": one(0.1), "accel": 1.0},
+    "on the brake, and SUMO's goes": {"speed": 5.0, "sumo": 6.5, "brake": row(0.4), "throttle": row(0.1), "accel": 1.0},
 }
 
 
@@ -203,7 +202,7 @@ LAWS = {
 @pytest.mark.parametrize("name", list(LAWS))
 def test_the_whole_law_in_the_axes_of_the_line(name, turn):
     case = {"behind": 0.0, "right": 0.0, "turned": 0.0, "speed": 8.0, "sumo": 8.0, "accel": 0.0, "swerve": 0.0}
-    case |= {"throttle": one(0.0), "brake": one(0.0), "pace": 1.0, "last_accel": 0.0, **LAWS[name]}
+    case |= {"throttle": row(0.0), "brake": row(0.0), "pace": 1.0, "last_accel": 0.0, **LAWS[name]}
     along, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
     last = np.array([20.0, 30.0])
     own = last - case["behind"] * along - case["right"] * left
@@ -211,12 +210,11 @@ def test_the_whole_law_in_the_axes_of_the_line(name, turn):
     to = last + sumo * STEP_S * (np.cos(swerve) * along + np.sin(swerve) * left)
     yaw = np.arctan2(np.sin(turn + case["turned"]), np.cos(turn + case["turned"]))
     body = replace(
-        BodyState.moving(one(own[0]), one(own[1]), one(yaw), one(speed)), throttle=case["throttle"], brake=case["brake"]
+        BodyState.moving(row(own[0]), row(own[1]), row(yaw), row(speed)), throttle=case["throttle"], brake=case["brake"]
     )
-    tracker = TrackerState(one(last[0]), one(last[1]), one(turn), one(case["pace"]), one(case["last_accel"]))
-    reference = Reference(one(to[0]), one(to[1]), one(turn + swerve), one(sumo), one(case["accel"]))
+    tracker = TrackerState(row(last[0]), row(last[1]), row(turn), row(case["pace"]), row(case["last_accel"]))
+    reference = Reference(row(to[0]), row(to[1]), row(turn + swerve), row(sumo), row(case["accel"]))
     controls, after = track(body, tracker, reference, TABLE, STEP_S)
-
     moves = sumo * STEP_S > 0.01
     pull = VEHICLE.centre_ahead_of_rear_axle_m
     curvature = np.tan(swerve) / pull
@@ -238,20 +236,12 @@ def test_the_whole_law_in_the_axes_of_the_line(name, turn):
     assert (after.pace[0], after.accel_mps2[0]) == pytest.approx((pace, accel))
     assert (after.x_m[0], after.y_m[0]) == tuple(to)
     behind = case["behind"] * np.cos(swerve) + case["right"] * np.sin(swerve)
-    wanted = min(pace * sumo + np.clip(GAINS.along_per_s * behind, -3.0, 3.0), np.sqrt(grip / max(abs(steered), 1e-3)))
-    wanted = max(wanted, 0.0)
-    push = accel + (wanted - accel * STEP_S - speed) / GAINS.speed_time_s + resistance(speed)
+    fastest = np.sqrt(grip / max(abs(steered), 1e-3))
+    goal_mps = max(min(pace * sumo + np.clip(GAINS.along_per_s * behind, -3.0, 3.0), fastest), 0.0)
+    push = accel + (goal_mps - accel * STEP_S - speed) / GAINS.speed_time_s + resistance(speed)
     drive = min(VEHICLE.max_drive_accel_mps2, VEHICLE.drive_power_w / (VEHICLE.mass_kg * speed))
-    share = push / (GAINS.drive_factor * drive)
-    throttle = led(share, case["throttle"][0], VEHICLE.throttle_lag_s)
+    throttle = led(push / (GAINS.drive_factor * drive), case["throttle"][0], VEHICLE.throttle_lag_s)
     brake = led(-push / VEHICLE.max_brake_decel_mps2, case["brake"][0], VEHICLE.brake_lag_s)
-    if wanted < 0.05:
+    if goal_mps < 0.05:
         throttle, brake = 0.0, max(brake, 0.3)
     assert (controls.throttle[0], controls.brake[0]) == pytest.approx((throttle, brake), abs=1e-9)
-
-
-def led(wanted, present, lag_s):
-    """The pedal whose mean behind its lag is the wanted one: the mean of w + (p - w) e^(-t/T) over the step."""
-    lag_s /= GAINS.quickness
-    kept = lag_s / STEP_S * (1.0 - np.exp(-STEP_S / lag_s))
-    return float(np.clip((np.clip(wanted, 0.0, 1.0) - kept * present) / (1.0 - kept), 0.0, 1.0))

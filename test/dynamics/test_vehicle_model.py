@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from siren_ros.numerics.units import GRAVITY_MPS2, STEP_S
 from siren_ros.world.actors import ActorClass
 
 PARAMETERS = load_vehicle_parameters()
-STEP_S_in_body_loops = 0.01
+H_S = 0.01
 """One substep."""
 
 
@@ -30,7 +31,7 @@ class Case:
     steer: float = 0.0
     throttle: float = 0.0
     brake: float = 0.0
-    wanted: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    asked: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Throttle, brake, steering angle."""
     hand: bool = False
     quickness: float = 1.0
@@ -57,16 +58,16 @@ def secant_npr(stiffness: float, limit_n: float, tangent: float, cos: float) -> 
 
 def substep(p: VehicleParameters, case: Case) -> dict[str, float]:
     """Actuators, forces, and the implicit equations solved as a matrix."""
-    h, m, inertia = STEP_S_in_body_loops, p.mass_kg, p.yaw_inertia_kgm2
+    h, m, inertia = H_S, p.mass_kg, p.yaw_inertia_kgm2
     a, b = p.cg_to_front_axle_m, p.wheelbase_m - p.cg_to_front_axle_m
     u, v, w = case.u, case.v, case.w
-    pedal, brake, steer = (np.clip(case.wanted[0], 0, 1), np.clip(case.wanted[1], 0, 1), case.wanted[2])
+    pedal, brake, steer = np.clip(case.asked[0], 0, 1), np.clip(case.asked[1], 0, 1), case.asked[2]
     q = case.quickness
     throttle = pedal + (case.throttle - pedal) * np.exp(-h * q / p.throttle_lag_s)
     brake = brake + (case.brake - brake) * np.exp(-h * q / p.brake_lag_s)
     most = p.max_steer_rate_radps * h * q
-    wanted = np.clip(steer, -p.max_steer_rad, p.max_steer_rad)
-    steer = case.steer + np.clip((wanted - case.steer) * (1.0 - np.exp(-h * q / p.steer_lag_s)), -most, most)
+    target = np.clip(steer, -p.max_steer_rad, p.max_steer_rad)
+    steer = case.steer + np.clip((target - case.steer) * (1.0 - np.exp(-h * q / p.steer_lag_s)), -most, most)
     front_load, rear_load = loads_n(p, case.accel)
     drive = throttle * case.drive_factor * min(m * p.max_drive_accel_mps2, p.drive_power_w / max(u, 0.1))
     braking = brake * m * p.max_brake_decel_mps2
@@ -93,10 +94,7 @@ def substep(p: VehicleParameters, case: Case) -> dict[str, float]:
         ]
     )
     right = np.array(
-        [
-            speed * (m / h * v + left) + front * u * tan,
-            speed * (inertia / h * w + a * left) + a * front * u * tan,
-        ]
+        [speed * (m / h * v + left) + front * u * tan, speed * (inertia / h * w + a * left) + a * front * u * tan]
     )
     v_free, w_free = np.linalg.solve(matrix, right)
     front_n = np.clip(front * (u * tan - v_free - a * w_free) / speed, -limit[0] * cos, limit[0] * cos)
@@ -120,34 +118,19 @@ def substep(p: VehicleParameters, case: Case) -> dict[str, float]:
 
 
 def stepped(kind: ActorClass, case: Case, yaw: float = 0.3, count: int = 1) -> BodyState:
-    one = np.ones(1)
-    body = replace(
-        BodyState.moving(5.0 * one, -7.0 * one, yaw * one, case.u * one),
-        lateral_mps=case.v * one,
-        yaw_rate_radps=case.w * one,
-        accel_mps2=case.accel * one,
-        steer_rad=case.steer * one,
-        throttle=case.throttle * one,
-        brake=case.brake * one,
-    )
-    throttle, brake, steer = case.wanted
-    controls = Controls(
-        throttle * one,
-        brake * one,
-        steer * one,
-        np.full(1, case.hand),
-        case.quickness * one,
-        case.drive_factor * one,
-    )
-    return step_bodies(body, controls, ParameterTable.of([kind], PARAMETERS), count * STEP_S_in_body_loops)
+    columns = (5.0, -7.0, yaw, case.u, case.v, case.w, case.accel, 0.0, case.steer, case.throttle, case.brake)
+    body = BodyState(*(np.full(1, value) for value in columns))
+    drive = np.full(1, case.quickness), np.full(1, case.drive_factor)
+    controls = Controls(*(np.full(1, value) for value in case.asked), np.full(1, case.hand), *drive)
+    return step_bodies(body, controls, ParameterTable.of([kind], PARAMETERS), count * H_S)
 
 
 CASES = {
     "coasts": Case(12.0),
     "turns left": Case(9.0, 0.1, 0.2, 0.5, 0.06, 0.2, 0.0, (0.3, 0.0, 0.07)),
     "turns right": Case(9.0, -0.1, -0.2, 0.5, -0.06, 0.2, 0.0, (0.3, 0.0, -0.07)),
-    "steers as fast as it can": Case(7.0, steer=-0.1, wanted=(0.0, 0.0, 0.5)),
-    "steers back as fast as it can": Case(7.0, steer=0.1, wanted=(0.0, 0.0, -2.0), quickness=3.0),
+    "steers as fast as it can": Case(7.0, steer=-0.1, asked=(0.0, 0.0, 0.5)),
+    "steers back as fast as it can": Case(7.0, steer=0.1, asked=(0.0, 0.0, -2.0), quickness=3.0),
     "front tyres slide": Case(18.0, 0.0, 0.1, -1.0, 0.45, 0.0, 0.1, (0.0, 0.1, 0.45)),
     "front tyres slide to the right": Case(18.0, 0.0, -0.1, -1.0, -0.45, 0.0, 0.1, (0.0, 0.1, -0.45)),
     "rear tyres slide": Case(14.0, -4.0, 1.2, 0.0, -0.1, 0.1, 0.0, (0.1, 0.0, -0.1)),
@@ -180,12 +163,10 @@ def test_the_centre_moves_with_its_own_velocity_along_the_mean_heading(case: Cas
     p = PARAMETERS[ActorClass.FIRE_TRUCK]
     after = stepped(ActorClass.FIRE_TRUCK, case, yaw)
     u, v, w = (float(getattr(after, name)[0]) for name in ("forward_mps", "lateral_mps", "yaw_rate_radps"))
-    middle, left = yaw + 0.5 * STEP_S_in_body_loops * w, v + p.centre_ahead_of_cg_m * w
+    middle, left = yaw + 0.5 * H_S * w, v + p.centre_ahead_of_cg_m * w
     along, across = np.array([np.cos(middle), np.sin(middle)]), np.array([-np.sin(middle), np.cos(middle)])
-    assert np.array([after.x_m[0] - 5.0, after.y_m[0] + 7.0]) == pytest.approx(
-        STEP_S_in_body_loops * (u * along + left * across)
-    )
-    assert after.yaw_rad[0] == pytest.approx(yaw + STEP_S_in_body_loops * w)
+    assert np.array([after.x_m[0] - 5.0, after.y_m[0] + 7.0]) == pytest.approx(H_S * (u * along + left * across))
+    assert after.yaw_rad[0] == pytest.approx(yaw + H_S * w)
 
 
 @pytest.mark.parametrize(
@@ -203,20 +184,14 @@ def test_five_substeps_are_five_substeps_with_the_pedals_lag_counted_from_the_fi
     after = stepped(ActorClass.SEDAN, case, count=5)
     state, turned, moved = case, 0.3, np.array([5.0, -7.0])
     for _ in range(5):
-        found = substep(p, state)
-        state = replace(
-            state,
-            u=found["forward_mps"],
-            v=found["lateral_mps"],
-            w=found["yaw_rate_radps"],
-            steer=found["steer_rad"],
-            throttle=found["throttle"],
-            brake=found["brake"],
-        )
-        turned += STEP_S_in_body_loops * state.w
-        middle, left = turned - 0.5 * STEP_S_in_body_loops * state.w, state.v + p.centre_ahead_of_cg_m * state.w
+        after_h = substep(p, state)
+        names = {"u": "forward_mps", "v": "lateral_mps", "w": "yaw_rate_radps", "steer": "steer_rad"}
+        names |= {"throttle": "throttle", "brake": "brake"}
+        state = replace(state, **{name: after_h[column] for name, column in names.items()})
+        turned += H_S * state.w
+        middle, left = turned - 0.5 * H_S * state.w, state.v + p.centre_ahead_of_cg_m * state.w
         cos, sin = np.cos(middle), np.sin(middle)
-        moved += STEP_S_in_body_loops * np.array([state.u * cos - left * sin, state.u * sin + left * cos])
+        moved += H_S * np.array([state.u * cos - left * sin, state.u * sin + left * cos])
     # The drag is that of the first speed: 1e-4 m/s off after five substeps.
     assert (after.forward_mps[0], after.lateral_mps[0]) == pytest.approx((state.u, state.v), abs=5e-4)
     assert after.yaw_rate_radps[0] == pytest.approx(state.w, abs=1e-4)
@@ -235,11 +210,9 @@ def test_who_has_stopped_and_hardly_drifts_stands_still(v: float, w: float, stil
     """Wheels locked by the hand brake let a body turn on; the drift that is left after a substep decides."""
     slippery = replace(PARAMETERS[ActorClass.SEDAN], friction_coefficient=0.05)
     table = ParameterTable.of([ActorClass.SEDAN], {**PARAMETERS, ActorClass.SEDAN: slippery})
-    one = np.ones(1)
-    body = replace(
-        BodyState.moving(0.0 * one, 0.0 * one, 0.0 * one, 0.0 * one), lateral_mps=v * one, yaw_rate_radps=w * one
-    )
-    after = step_bodies(body, Controls(0 * one, 0 * one, 0 * one, np.ones(1, bool), one, one), table, 0.001)
+    body = BodyState(*(np.full(1, value) for value in (0.0, 0.0, 0.0, 0.0, v, w, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    off, unit = np.zeros(1), np.ones(1)
+    after = step_bodies(body, Controls(off, off, off, np.ones(1, bool), unit, unit), table, 0.001)
     assert ((after.lateral_mps[0], after.yaw_rate_radps[0]) == (0.0, 0.0)) is still
 
 
@@ -264,6 +237,13 @@ def _controls(
     return Controls(
         wide(throttle), wide(brake), wide(steer_rad), np.full(COUNT, hand_brake), np.ones(COUNT), np.ones(COUNT)
     )
+
+
+def _driven(state: BodyState, steps: int, *, table: ParameterTable = TABLE, **commands: Any) -> BodyState:
+    controls = _controls(**commands)
+    for _ in range(steps):
+        state = step_bodies(state, controls, table, STEP_S)
+    return state
 
 
 def _cruise(speed_mps: float, steer_rad: float, duration_s: float, table: ParameterTable = TABLE) -> BodyState:
@@ -297,9 +277,7 @@ def test_walking_pace_is_kinematic() -> None:
 
 @pytest.mark.parametrize("speed_mps", [5.0, 14.0, 30.0])
 def test_braking_distance(speed_mps: float) -> None:
-    state = _rolling(speed_mps)
-    for _ in range(400):
-        state = step_bodies(state, _controls(brake=1.0), TABLE, STEP_S)
+    state = _driven(_rolling(speed_mps), 400, brake=1.0)
     assert np.all(state.forward_mps == 0.0)
     shortest = speed_mps**2 / (2.0 * TABLE.friction_coefficient * GRAVITY_MPS2)
     longest = speed_mps**2 / (2.0 * 0.9 * TABLE.max_brake_decel_mps2) + speed_mps * TABLE.brake_lag_s
@@ -308,23 +286,17 @@ def test_braking_distance(speed_mps: float) -> None:
 
 
 def test_half_brake_pedal_gives_half_the_deceleration() -> None:
-    state = _rolling(25.0)
-    for _ in range(30):
-        state = step_bodies(state, _controls(brake=0.5), TABLE, STEP_S)
+    state = _driven(_rolling(25.0), 30, brake=0.5)
     drag = 0.5 * AIR_DENSITY_KGPM3 * TABLE.drag_area_m2 * state.forward_mps**2 / TABLE.mass_kg
     expected = 0.5 * TABLE.max_brake_decel_mps2 + TABLE.rolling_resistance * GRAVITY_MPS2 + drag
     np.testing.assert_allclose(-state.accel_mps2, expected, rtol=0.02)
 
 
 def test_top_speed_is_where_power_meets_resistance() -> None:
-    state = _rolling(30.0)
-    for _ in range(6000):
-        state = step_bodies(state, _controls(throttle=1.0), TABLE, STEP_S)
+    state = _driven(_rolling(30.0), 6000, throttle=1.0)
     speed = state.forward_mps
-    resistance = (
-        0.5 * AIR_DENSITY_KGPM3 * TABLE.drag_area_m2 * speed**2
-        + TABLE.rolling_resistance * TABLE.mass_kg * GRAVITY_MPS2
-    )
+    drag = 0.5 * AIR_DENSITY_KGPM3 * TABLE.drag_area_m2 * speed**2
+    resistance = drag + TABLE.rolling_resistance * TABLE.mass_kg * GRAVITY_MPS2
     np.testing.assert_allclose(resistance * speed, TABLE.drive_power_w, rtol=0.02)
     assert np.all((speed > 100.0 / 3.6) & (speed < 270.0 / 3.6))
 
@@ -333,9 +305,8 @@ def test_top_speed_is_where_power_meets_resistance() -> None:
 def test_rest_is_rest_to_the_last_bit(throttle: float, brake: float, steer: float) -> None:
     place = np.linspace(-1234.5678, 4321.1234, COUNT)
     yaw = np.linspace(-np.pi, np.pi, COUNT)
-    state = start = BodyState.moving(place, place[::-1].copy(), yaw, np.zeros(COUNT))
-    for _ in range(200):
-        state = step_bodies(state, _controls(throttle, brake, steer), TABLE, STEP_S)
+    start = BodyState.moving(place, place[::-1].copy(), yaw, np.zeros(COUNT))
+    state = _driven(start, 200, throttle=throttle, brake=brake, steer_rad=steer)
     for name in ("x_m", "y_m", "yaw_rad", "forward_mps", "lateral_mps", "yaw_rate_radps"):
         np.testing.assert_array_equal(getattr(state, name), getattr(start, name), err_msg=name)
 
@@ -352,27 +323,21 @@ def test_friction_caps_acceleration(speed_mps: float, steer_rad: float) -> None:
 
 
 def test_hard_steering_reaches_the_limit_of_grip() -> None:
-    state = _rolling(20.0)
-    for _ in range(40):
-        state = step_bodies(state, _controls(steer_rad=0.25), TABLE, STEP_S)
+    state = _driven(_rolling(20.0), 40, steer_rad=0.25)
     limit = TABLE.friction_coefficient * GRAVITY_MPS2
     assert np.all(np.hypot(state.lateral_accel_mps2, state.accel_mps2) > 0.7 * limit)
 
 
 def test_braking_in_a_turn_takes_from_the_lateral_force() -> None:
-    free = braked = _cruise(20.0, 0.05, 3.0)
-    for _ in range(6):
-        free = step_bodies(free, _controls(steer_rad=0.3), TABLE, STEP_S)
-        braked = step_bodies(braked, _controls(brake=1.0, steer_rad=0.3), TABLE, STEP_S)
+    start = _cruise(20.0, 0.05, 3.0)
+    free, braked = _driven(start, 6, steer_rad=0.3), _driven(start, 6, brake=1.0, steer_rad=0.3)
     assert np.all(np.abs(braked.lateral_accel_mps2) < np.abs(free.lateral_accel_mps2))
 
 
 def test_hand_brake_stops_and_holds() -> None:
-    state = _rolling(8.0)
-    for _ in range(200):
-        state = step_bodies(state, _controls(hand_brake=True), TABLE, STEP_S)
+    state = _driven(_rolling(8.0), 200, hand_brake=True)
     assert np.all(state.forward_mps == 0.0)
-    held = step_bodies(state, _controls(throttle=0.05, hand_brake=True), TABLE, STEP_S)
+    held = _driven(state, 1, throttle=0.05, hand_brake=True)
     np.testing.assert_array_equal(held.x_m, state.x_m)
 
 
@@ -387,28 +352,22 @@ def test_steering_keeps_rate_and_range() -> None:
 
 
 def test_pedals_lag_by_first_order() -> None:
-    state = step_bodies(_rolling(10.0), _controls(throttle=1.0), TABLE, STEP_S)
+    state = _driven(_rolling(10.0), 1, throttle=1.0)
     np.testing.assert_allclose(state.throttle, 1.0 - np.exp(-STEP_S / TABLE.throttle_lag_s))
-    state = step_bodies(_rolling(10.0), _controls(brake=7.0), TABLE, STEP_S)
+    state = _driven(_rolling(10.0), 1, brake=7.0)
     np.testing.assert_allclose(state.brake, 1.0 - np.exp(-STEP_S / TABLE.brake_lag_s))
 
 
 def test_motion_does_not_depend_on_place_or_direction() -> None:
     turned = 2.0
-    here, there = _rolling(10.0), _rolling(10.0, turned)
-    for _ in range(60):
-        here = step_bodies(here, _controls(0.3, 0.0, 0.05), TABLE, STEP_S)
-        there = step_bodies(there, _controls(0.3, 0.0, 0.05), TABLE, STEP_S)
+    here, there = (_driven(_rolling(10.0, yaw), 60, throttle=0.3, steer_rad=0.05) for yaw in (0.0, turned))
     np.testing.assert_allclose(there.x_m, here.x_m * np.cos(turned) - here.y_m * np.sin(turned), atol=1e-9)
     np.testing.assert_allclose(there.y_m, here.x_m * np.sin(turned) + here.y_m * np.cos(turned), atol=1e-9)
     assert np.all(np.abs(there.yaw_rad) <= np.pi)
 
 
 def test_left_and_right_mirror_each_other() -> None:
-    left, right = _rolling(12.0), _rolling(12.0)
-    for _ in range(40):
-        left = step_bodies(left, _controls(0.2, 0.0, 0.1), TABLE, STEP_S)
-        right = step_bodies(right, _controls(0.2, 0.0, -0.1), TABLE, STEP_S)
+    left, right = (_driven(_rolling(12.0), 40, throttle=0.2, steer_rad=steer) for steer in (0.1, -0.1))
     np.testing.assert_allclose(left.x_m, right.x_m, atol=1e-12)
     np.testing.assert_allclose(left.y_m, -right.y_m, atol=1e-12)
 
@@ -427,13 +386,13 @@ def test_rows_do_not_influence_each_other(parameters: Mapping[ActorClass, Vehicl
     alone = ParameterTable.of([ActorClass.BUS], parameters)
     row = list(ActorClass).index(ActorClass.BUS)
     many = _rolling(8.0)
-    one = many.select(np.array([row]))
+    bus = many.select(np.array([row]))
     command = _controls(0.4, 0.0, 0.2)
     single = Controls(*(getattr(command, field.name)[[row]] for field in fields(Controls)))
     for _ in range(30):
-        many, one = step_bodies(many, command, TABLE, STEP_S), step_bodies(one, single, alone, STEP_S)
+        many, bus = step_bodies(many, command, TABLE, STEP_S), step_bodies(bus, single, alone, STEP_S)
     for field in fields(BodyState):
-        np.testing.assert_allclose(getattr(one, field.name)[0], getattr(many, field.name)[row], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(getattr(bus, field.name)[0], getattr(many, field.name)[row], rtol=1e-12, atol=1e-12)
 
 
 COMMANDS = st.lists(
@@ -480,12 +439,7 @@ def test_motion_is_continuous_and_finite(
 
 
 @settings(max_examples=20, deadline=None)
-@given(
-    speed_mps=st.floats(0.0, 40.0),
-    brake=st.floats(0.05, 1.0),
-    grip_share=st.floats(-0.4, 0.4),
-    hand=st.booleans(),
-)
+@given(speed_mps=st.floats(0.0, 40.0), brake=st.floats(0.05, 1.0), grip_share=st.floats(-0.4, 0.4), hand=st.booleans())
 @example(speed_mps=2.0, brake=0.875, grip_share=0.25, hand=False)
 def test_braking_never_moves_backwards(speed_mps: float, brake: float, grip_share: float, hand: bool) -> None:
     """In turns within the tyres' grip: who spins may well end up rolling backwards."""

@@ -320,9 +320,7 @@ def test_config_refuses_a_resolution_of_zero() -> None:
         TrafficConfig(lateral_resolution_m=0.0)
 
 
-def test_after_a_failed_start_another_simulation_can_start(
-    town: tuple[CompiledMap, RoadNetwork, TrafficPlan],
-) -> None:
+def test_after_a_failed_start_another_simulation_can_start(town: tuple[CompiledMap, RoadNetwork, TrafficPlan]) -> None:
     compiled, network, plan = town
     astray = replace(plan, background=(replace(plan.background[0], route=("no_such_edge",)), *plan.background[1:]))
     with pytest.raises(EpisodeError, match="no_such_edge"):

@@ -228,12 +228,7 @@ def test_standing_rows_do_not_lie_on_the_emvs_way() -> None:
 def test_on_a_road_without_junction_rows_begin_at_the_emvs_front() -> None:
     road = replace(signal_site(), junction=None)
     found = group_rows(
-        NETWORK,
-        road,
-        start_at(90.0),
-        group(Placement.ADJACENT_LANE, GroupAnchor.EMV),
-        12.0,
-        np.random.default_rng(0),
+        NETWORK, road, start_at(90.0), group(Placement.ADJACENT_LANE, GroupAnchor.EMV), 12.0, np.random.default_rng(0)
     )
     (row,) = found
     assert row.chain.lanes[0] == A_RIGHT
@@ -332,10 +327,7 @@ def test_a_class_is_drawn_for_the_driving_lanes_of_its_row() -> None:
 
     class Listening(VehicleFactory):
         def draw_class(
-            self,
-            shares: tuple[tuple[ActorClass, float], ...],
-            rng: np.random.Generator,
-            lanes: tuple[int, ...] = (),
+            self, shares: tuple[tuple[ActorClass, float], ...], rng: np.random.Generator, lanes: tuple[int, ...] = ()
         ) -> ActorClass:
             asked.append(lanes)
             return super().draw_class(shares, rng, lanes)

@@ -83,9 +83,7 @@ def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_be
     """Fronts 0.5 m apart and 1.6 m aside; a third one is elsewhere, and two still wait to enter SUMO."""
     fronts = {"a": (10.0, 0.0), "b": (10.5, 1.6), "c": (30.0, 0.0), "d": (-1e9, -1e9), "e": (-1e9, -1e9)}
     vehicles = SimpleNamespace(
-        getLaneID=lambda name: "" if name in "de" else "lane",
-        getPosition=fronts.__getitem__,
-        getAngle=lambda _: 90.0,
+        getLaneID=lambda name: "" if name in "de" else "lane", getPosition=fronts.__getitem__, getAngle=lambda _: 90.0
     )
     monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles))
     network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0))

@@ -6,18 +6,7 @@ from typing import Any
 import libsumo
 import numpy as np
 import pytest
-from made_streets import (
-    A_LEFT,
-    A_RIGHT,
-    B_LEFT,
-    CAR_M,
-    NEAR,
-    group,
-    same_drivers,
-    signal_site,
-    streets,
-    template_with,
-)
+from made_streets import A_LEFT, A_RIGHT, B_LEFT, CAR_M, NEAR, group, same_drivers, signal_site, streets, template_with
 from traffic_helpers import DIMENSIONS
 
 from siren_ros.scenario.scenario import GroupAnchor, Placement

@@ -1,6 +1,6 @@
 """Courses along lanes and across junctions."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -22,6 +22,18 @@ def edges(*indices):
     return np.array(indices, dtype=np.int32)
 
 
+def road(index, name, lanes, internal=False):
+    return Edge(index, name, lanes, "from", "to", internal=internal)
+
+
+def movement(source, target, via=(), direction="s", junction="J"):
+    return Connection(source, target, via, direction, None, -1, must_stop=False, junction=junction)
+
+
+def roads(lanes, edges, *connections):
+    return RoadNetwork(tuple(lanes), tuple(edges), connections, {}, (0.0, 0.0), "!")
+
+
 @pytest.fixture
 def network():
     """Two lanes east, then a turn to the north from the left one and straight on from both."""
@@ -36,17 +48,13 @@ def network():
         lane(5, 4, [[130, 0], [300, 0]]),
     )
     edges = (
-        Edge(0, "west", (0, 1), "W", "J", internal=False),
-        Edge(1, ":J_0", (2,), "J", "J", internal=True),
-        Edge(2, "north", (3,), "J", "N", internal=False),
-        Edge(3, ":J_1", (4,), "J", "J", internal=True),
-        Edge(4, "east", (5,), "J", "E", internal=False),
+        road(0, "west", (0, 1)),
+        road(1, ":J_0", (2,), internal=True),
+        road(2, "north", (3,)),
+        road(3, ":J_1", (4,), internal=True),
+        road(4, "east", (5,)),
     )
-    connections = (
-        Connection(1, 3, (2,), "l", None, -1, must_stop=False, junction="J"),
-        Connection(0, 5, (4,), "s", None, -1, must_stop=False, junction="J"),
-    )
-    return RoadNetwork(lanes, edges, connections, {}, (0.0, 0.0), "!")
+    return roads(lanes, edges, movement(1, 3, (2,), "l"), movement(0, 5, (4,)))
 
 
 def test_a_turner_is_expected_along_its_turn(network):
@@ -107,13 +115,8 @@ def test_on_the_second_of_two_lanes_across_a_junction_only_the_rest_of_the_way_f
         lane(3, 3, [[75, 0], [200, 0]]),
         lane(4, 4, [[75, 0], [75, 100]]),
     )
-    ends = (("W", "J"), ("J", "J"), ("J", "J"), ("J", "E"), ("J", "N"))
-    parts = tuple(Edge(i, f"e{i}", (i,), *ends[i], internal=i in {1, 2}) for i in range(5))
-    movements = tuple(
-        Connection(0, to, (1, 2), direction, None, -1, must_stop=False, junction="J")
-        for to, direction in ((4, "l"), (3, "s"))
-    )
-    book = CourseBook(RoadNetwork(lanes, parts, movements, {}, (0.0, 0.0), "!"))
+    parts = [road(i, f"e{i}", (i,), internal=i in {1, 2}) for i in range(5)]
+    book = CourseBook(roads(lanes, parts, movement(0, 4, (1, 2), "l"), movement(0, 3, (1, 2))))
     course = book.along(2, edges(0, 3))
     assert course.points[0] == pytest.approx([60.0, 0.0])
     assert course.points[-1] == pytest.approx([155.0, 0.0], abs=1.0)
@@ -129,10 +132,7 @@ def test_limits_are_those_of_the_nearest_point(network, s, limit):
 
 
 def test_the_last_movement_that_has_begun_counts():
-    first, second = (
-        Entry(start, Connection(0, 1, (), "s", None, -1, must_stop=False, junction=name))
-        for start, name in ((10.0, "A"), (40.0, "B"))
-    )
+    first, second = Entry(10.0, movement(0, 1, junction="A")), Entry(40.0, movement(0, 1, junction="B"))
     course = Course(np.zeros((61, 2)), 1.0, np.full(61, 9.0), (first, second))
     assert [course.entry_at(s) for s in (9.9, 10.0, 39.9, 40.0, 60.0)] == [None, first, first, second, second]
 
@@ -158,19 +158,18 @@ def test_of_several_lanes_that_lead_on_the_nearest_is_taken(leading, present, ta
     """Whatever the order of the movements."""
     lanes = [lane(place, 0, [[0, 3.3 * place], [100, 3.3 * place]], position=place) for place in range(3)]
     lanes += [lane(3 + place, 1, [[100, 3.3 * place], [300, 3.3 * place]], position=place) for place in range(3)]
-    roads = (Edge(0, "a", (0, 1, 2), "A", "J", internal=False), Edge(1, "b", (3, 4, 5), "J", "B", internal=False))
-    movements = [Connection(one, 3 + one, (), "s", None, -1, must_stop=False, junction="J") for one in leading]
+    parts = road(0, "a", (0, 1, 2)), road(1, "b", (3, 4, 5))
+    movements = [movement(source, 3 + source) for source in leading]
     for connections in (movements, movements[::-1]):
-        three = RoadNetwork(tuple(lanes), roads, tuple(connections), {}, (0.0, 0.0), "!")
+        three = roads(lanes, parts, *connections)
         (entry,) = CourseBook(three).along(present, edges(0, 1)).entries
         assert entry.connection.from_lane == taken
 
 
 def test_the_limit_of_a_lane_begins_with_the_lane():
     lanes = (lane(0, 0, [[0, 0], [40, 0]], limit=10.0), lane(1, 1, [[40, 0], [80, 0]], limit=5.0))
-    roads = (Edge(0, "a", (0,), "A", "J", internal=False), Edge(1, "b", (1,), "J", "B", internal=False))
-    joint = Connection(0, 1, (), "s", None, -1, must_stop=False, junction="J")
-    course = CourseBook(RoadNetwork(lanes, roads, (joint,), {}, (0.0, 0.0), "!")).along(0, edges(0, 1))
+    network = roads(lanes, (road(0, "a", (0,)), road(1, "b", (1,))), movement(0, 1))
+    course = CourseBook(network).along(0, edges(0, 1))
     assert course.spacing_m == 1.0
     assert course.limit_mps.tolist() == [10.0] * 40 + [5.0] * 41
 
@@ -183,14 +182,12 @@ def network_of_outlook(turn=0.0, **control):
     """100 m, a junction of 20 m with a limit of 6 m/s, and 100 m; all straight on."""
     ways = ([[0.0, 0.0], [100.0, 0.0]], [[100.0, 0.0], [120.0, 0.0]], [[120.0, 0.0], [220.0, 0.0]])
     kinds = (LaneKind.DRIVING, LaneKind.INTERNAL, LaneKind.DRIVING)
-    lanes = tuple(
-        Lane(i, f"l{i}", i, 0, kind, Polyline.through(rotate(np.array(way), turn)), 3.3, limit, True, True)
+    lanes = [
+        lane(i, i, rotate(np.array(way), turn), limit, kind=kind)
         for i, (way, kind, limit) in enumerate(zip(ways, kinds, (14.0, 6.0, 9.0), strict=True))
-    )
-    edges = tuple(Edge(i, f"e{i}", (i,), f"J{i}", f"J{i + 1}", internal=i == 1) for i in range(3))
-    plain = {"signal_id": None, "signal_link": -1, "must_stop": False}
-    connection = Connection(0, 2, (1,), "s", junction="J", **{**plain, **control})
-    return RoadNetwork(lanes, edges, (connection,), {}, (0.0, 0.0), "!")
+    ]
+    parts = [road(i, f"e{i}", (i,), internal=i == 1) for i in range(3)]
+    return roads(lanes, parts, replace(movement(0, 2, (1,)), **control))
 
 
 @dataclass(frozen=True)

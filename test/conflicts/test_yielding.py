@@ -121,19 +121,10 @@ def test_who_has_no_right_of_way_waits_slowly_enough_to_stop():
     assert wait_for(zone, car(12.0), car(10.0, Rank.GIVES_WAY), CONFIG) is None
 
 
-@pytest.mark.parametrize(("other_in", "other_mps"), [(25.0, 0.0), (80.0, 8.0), (5.0, 14.0)])
-def test_nobody_waits_for_who_stands_comes_late_or_is_gone_in_time(other_in, other_mps):
-    assert wait_for(crossing(35.0, other_in), car(12.0, Rank.RED), car(other_mps), CONFIG) is None
-
-
 def test_who_cannot_stop_any_more_is_let_through_whatever_the_right_of_way():
     assert wait_for(crossing(14.0, 6.0), car(10.0), car(9.0, Rank.RED), CONFIG) is not None
     assert wait_for(Zone(6.0, 12.0, 30.0, 36.0, 0.0, INF), car(5.0, Rank.RED), car(14.0), CONFIG) is not None
     assert wait_for(crossing(6.0, 20.0), car(9.0, Rank.RED), car(10.0), CONFIG) is None
-
-
-def test_nobody_waits_for_who_can_stop_at_a_red_signal():
-    assert wait_for(crossing(35.0, 30.0), car(12.0, Rank.RED), car(10.0, Rank.RED), CONFIG) is None
 
 
 def test_who_stands_in_the_zone_leaves_it_unless_the_way_is_blocked():
@@ -243,15 +234,8 @@ def test_at_a_merge_who_is_ahead_goes_first_where_the_other_one_can_fall_in(own_
     """The other one, with 8 m to go at 5.8 m/s, cannot stop gently, but is behind already; or it is level."""
     other = car(5.8)
     assert stop_brake_mps2(5.8, 8.0 - CONFIG.standoff_m) > CONFIG.brake_mps2
-    found = wait_for(Zone(own_in, 16.0, 8.0, 22.0, 0.96, INF), car(5.0), other, CONFIG)
-    assert (found is not None) is waits
-
-
-@pytest.mark.parametrize(("own_in", "waits"), [(9.0, False), (10.5, True)])
-def test_who_would_have_to_brake_harder_than_3_mps2_to_fall_in_goes_first(own_in, waits):
-    """Both at 10 m/s, the other one with the right of way and 10 m to go: in 1 s a gap of 1.5 m can be opened."""
-    found = wait_for(Zone(own_in, 30.0, 10.0, 30.0, 1.0, INF), car(10.0, Rank.GIVES_WAY), car(10.0), CONFIG)
-    assert (found is not None) is waits
+    wait = wait_for(Zone(own_in, 16.0, 8.0, 22.0, 0.96, INF), car(5.0), other, CONFIG)
+    assert (wait is not None) is waits
 
 
 def test_behind_a_faster_one_nobody_brakes():
@@ -287,27 +271,6 @@ def test_waiting_speeds_in_closed_form():
     assert merging.brake_mps2 == pytest.approx(stop_brake_mps2(4.0, gap))
 
 
-@pytest.mark.parametrize(("own_in", "waits"), [(9.1, True), (9.9, True), (10.1, False)])
-def test_who_is_stopping_stops_at_the_distance_of_those_who_wait(own_in, waits):
-    """From 6 m/s with 2 m/s² the vehicle stands after 9 m: out of touch in each case, a metre away only in the last."""
-    found = wait_for(crossing(own_in, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), CONFIG)
-    assert (found is not None) == waits
-
-
-@pytest.mark.parametrize(("own_in", "waits"), [(23.9, False), (24.1, True)])
-def test_who_has_left_the_zone_a_second_before_the_other_one_comes_need_not_wait(own_in, waits):
-    """At 5 m/s the zone of 6 m is left after (own_in + 6) / 5 s; the other one comes after 7 s."""
-    found = wait_for(crossing(own_in, 70.0), car(5.0, Rank.RED), car(10.0), CONFIG)
-    assert (found is not None) is waits
-
-
-@pytest.mark.parametrize(("own_in", "waits"), [(29.9, True), (30.1, False)])
-def test_who_arrives_04_s_after_the_other_one_has_left_need_not_wait(own_in, waits):
-    """The other one leaves after (20 + 6) / 10 = 2.6 s; the own vehicle comes after own_in / 10 s."""
-    found = wait_for(crossing(own_in, 20.0), car(10.0, Rank.RED), car(10.0), CONFIG)
-    assert (found is not None) is waits
-
-
 @pytest.mark.parametrize(("way", "speed", "stops"), [(16.1, 9.0, True), (13.9, 9.0, False)])
 def test_who_would_have_to_brake_harder_than_3_mps2_goes_on(way, speed, stops):
     """From 9 m/s a stop at 3 m/s² takes 13.5 m, and a metre is kept."""
@@ -322,26 +285,6 @@ def test_who_would_have_to_brake_harder_than_3_mps2_goes_on(way, speed, stops):
 )
 def test_braking_to_be_later(way, speed, time, brake):
     assert later_brake_mps2(speed, way, time) == pytest.approx(brake)
-
-
-@pytest.mark.parametrize(("other_in", "waits"), [(0.0, True), (0.1, False), (5.0, False)])
-def test_who_stands_in_the_zone_is_waited_for_and_who_stands_before_it_is_not(other_in, waits):
-    """It leaves the zone at 0.5 m/s at the earliest; the own vehicle comes after 2.5 s."""
-    zone = Zone(25.0, 31.0, other_in, 6.0, 0.0, INF)
-    assert (wait_for(zone, car(10.0, Rank.RED), car(0.0), CONFIG) is not None) is waits
-
-
-@pytest.mark.parametrize(("own_in", "waits"), [(36.0, True), (37.0, False)])
-def test_who_is_faster_than_the_limit_is_taken_to_leave_at_the_limit(own_in, waits):
-    """20 m and 6 m at 8 m/s are over after 3.25 s and 0.4 s more; at 12 m/s they would be after 2.2 s."""
-    other = Approach(12.0, 8.0, 0.0, Rank.PRIORITY)
-    assert (wait_for(crossing(own_in, 20.0), car(10.0, Rank.RED), other, CONFIG) is not None) is waits
-
-
-@pytest.mark.parametrize(("way", "counts"), [(79.0, True), (81.0, False)])
-def test_who_comes_later_than_in_8_s_does_not_count_yet(way, counts):
-    found = wait_for(Zone(78.0, 86.0, way, way + 6.0, 0.0, INF), car(10.0, Rank.RED), car(10.0), CONFIG)
-    assert (found is not None) is counts
 
 
 @pytest.mark.parametrize(
@@ -361,13 +304,6 @@ def test_the_rank_decides_and_among_equals_who_comes_first(own, other, own_in, w
     assert (wait_for(crossing(own_in, 30.0), car(10.0, own), car(10.0, other), CONFIG) is not None) is waits
 
 
-@pytest.mark.parametrize(("own_in", "waits"), [(18.0, True), (20.0, False)])
-def test_who_creeps_out_of_the_zone_is_taken_to_leave_it_at_walking_pace(own_in, waits):
-    """0.75 m at 0.5 m/s, though the other one rolls at 0.1 m/s only: 1.5 s, and 0.4 s more."""
-    zone = Zone(own_in, own_in + 6.0, -1.0, 0.75, 0.0, INF)
-    assert (wait_for(zone, car(10.0, Rank.RED), car(0.1), CONFIG) is not None) is waits
-
-
 def test_who_merges_stays_behind_however_late_it_comes():
     """The other one leaves the place where the ways meet, but not the way."""
     for own_in in (30.0, 60.0, 100.0):
@@ -382,3 +318,45 @@ def test_nearer_than_the_distance_that_is_kept_one_waits_where_one_is(own_in):
     assert wait is not None
     assert (wait.speed_mps, wait.free_m) == (0.0, 0.0)
     assert wait.brake_mps2 == stop_brake_mps2(0.5, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("zone", "own", "other", "waits"),
+    [
+        # Nobody waits for a vehicle that stands, comes late, is gone in time or can stop at a red signal.
+        (crossing(35.0, 25.0), car(12.0, Rank.RED), car(0.0), False),
+        (crossing(35.0, 80.0), car(12.0, Rank.RED), car(8.0), False),
+        (crossing(35.0, 5.0), car(12.0, Rank.RED), car(14.0), False),
+        (crossing(35.0, 30.0), car(12.0, Rank.RED), car(10.0, Rank.RED), False),
+        # From 6 m/s with 2 m/s² a vehicle stands after 9 m: out of touch in each case, a metre away only in the last.
+        (crossing(9.1, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), True),
+        (crossing(9.9, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), True),
+        (crossing(10.1, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), False),
+        # At 5 m/s the zone of 6 m is left after 5.98 s or 6.02 s; the other vehicle comes after 7 s, a second is kept.
+        (crossing(23.9, 70.0), car(5.0, Rank.RED), car(10.0), False),
+        (crossing(24.1, 70.0), car(5.0, Rank.RED), car(10.0), True),
+        # The other vehicle leaves after (20 + 6) / 10 = 2.6 s; 0.4 s later nobody waits for it.
+        (crossing(29.9, 20.0), car(10.0, Rank.RED), car(10.0), True),
+        (crossing(30.1, 20.0), car(10.0, Rank.RED), car(10.0), False),
+        # A vehicle that stands in the zone leaves it at 0.5 m/s at the earliest, the own one comes after 2.5 s.
+        # One that stands before the zone stays there.
+        (Zone(25.0, 31.0, 0.0, 6.0, 0.0, INF), car(10.0, Rank.RED), car(0.0), True),
+        (Zone(25.0, 31.0, 0.1, 6.0, 0.0, INF), car(10.0, Rank.RED), car(0.0), False),
+        (Zone(25.0, 31.0, 5.0, 6.0, 0.0, INF), car(10.0, Rank.RED), car(0.0), False),
+        # Faster than the limit: 20 m and 6 m at the limit of 8 m/s take 3.25 s, and 0.4 s more; at 12 m/s 2.2 s.
+        (crossing(36.0, 20.0), car(10.0, Rank.RED), Approach(12.0, 8.0, 0.0, Rank.PRIORITY), True),
+        (crossing(37.0, 20.0), car(10.0, Rank.RED), Approach(12.0, 8.0, 0.0, Rank.PRIORITY), False),
+        # A vehicle that comes later than in 8 s does not count yet.
+        (Zone(78.0, 86.0, 79.0, 85.0, 0.0, INF), car(10.0, Rank.RED), car(10.0), True),
+        (Zone(78.0, 86.0, 81.0, 87.0, 0.0, INF), car(10.0, Rank.RED), car(10.0), False),
+        # A creeping vehicle leaves the zone at 0.5 m/s, though it rolls at 0.1 m/s: 0.75 m take 1.5 s, and 0.4 s more.
+        (Zone(18.0, 24.0, -1.0, 0.75, 0.0, INF), car(10.0, Rank.RED), car(0.1), True),
+        (Zone(20.0, 26.0, -1.0, 0.75, 0.0, INF), car(10.0, Rank.RED), car(0.1), False),
+        # Both merge at 10 m/s, the other vehicle has the right of way and 10 m to go. It goes first where it would
+        # have to brake harder than 3 m/s² to fall in: in 1 s a gap of 1.5 m can be opened.
+        (Zone(9.0, 30.0, 10.0, 30.0, 1.0, INF), car(10.0, Rank.GIVES_WAY), car(10.0), False),
+        (Zone(10.5, 30.0, 10.0, 30.0, 1.0, INF), car(10.0, Rank.GIVES_WAY), car(10.0), True),
+    ],
+)
+def test_waiting_in_time_and_space(zone, own, other, waits):
+    assert (wait_for(zone, own, other, CONFIG) is not None) is waits

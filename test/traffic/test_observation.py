@@ -1,5 +1,6 @@
 """The checks of every step."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -11,8 +12,9 @@ from made_streets import A_LEFT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, STRAIGHT, STR
 from traffic_helpers import load_map
 
 from siren_ros.errors import EpisodeError
+from siren_ros.numerics.arrays import Codes
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.road_network import Connection, LaneKind
+from siren_ros.roads.road_network import Connection, LaneKind, RoadNetwork
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.traffic import observation as reactions_module
 from siren_ros.traffic.config import RESIDUAL_LIMIT_M, TrafficConfig
@@ -67,38 +69,37 @@ def mover(lane: int) -> Mover:
     return Mover(actor_id=7, lane=lane, x_m=1.0, y_m=2.0, speed_mps=9.0)
 
 
+def events_on(
+    *lanes: int, signals: Mapping[str, str] | None = None, network: RoadNetwork = NETWORK
+) -> list[tuple[Event, ...]]:
+    """Events of a vehicle that is on one lane after the other, step by step."""
+    watch = CrossingWatch(network)
+    return [watch.watch(step, mover(lane), signals or {}) for step, lane in enumerate(lanes)]
+
+
 @pytest.mark.parametrize("letter", ["r", "G"])
 def test_crossing_at_a_signal_tells_its_state_and_leaving_the_junction(letter: str) -> None:
     connection = movement(signal=True)
     state = {str(connection.signal_id): "y" * connection.signal_link + letter + "y" * 40}
-    watch = CrossingWatch(NETWORK)
-    assert watch.watch(0, mover(connection.from_lane), state) == ()
-    (crossed,) = watch.watch(1, mover(connection.via[0]), state)
-    assert crossed.kind is EventKind.STOP_LINE_CROSSED
-    assert crossed.detail["signal_state"] == letter
-    assert crossed.detail["junction"] == connection.junction
-    assert crossed.detail["speed_mps"] == 9.0
-    assert watch.watch(2, mover(connection.via[0]), state) == ()
-    (left,) = watch.watch(3, mover(connection.to_lane), state)
-    assert left.kind is EventKind.JUNCTION_LEFT
-    assert left.detail["junction"] == connection.junction
-    assert watch.watch(4, mover(connection.to_lane), state) == ()
+    via, onward = connection.via[0], connection.to_lane
+    before, (crossed,), inside, (left,), after = events_on(
+        connection.from_lane, via, via, onward, onward, signals=state
+    )
+    assert before == inside == after == ()
+    assert (crossed.kind, left.kind) == (EventKind.STOP_LINE_CROSSED, EventKind.JUNCTION_LEFT)
+    assert (crossed.detail["signal_state"], crossed.detail["speed_mps"]) == (letter, 9.0)
+    assert crossed.detail["junction"] == left.detail["junction"] == connection.junction
 
 
 def test_crossing_a_stop_line_has_no_signal_state() -> None:
     connection = movement(signal=False)
-    watch = CrossingWatch(NETWORK)
-    watch.watch(0, mover(connection.from_lane), {})
-    (crossed,) = watch.watch(1, mover(connection.via[0]), {})
-    assert crossed.detail["must_stop"] == 1
-    assert crossed.detail["signal_state"] == ""
+    _, (crossed,) = events_on(connection.from_lane, connection.via[0])
+    assert (crossed.detail["must_stop"], crossed.detail["signal_state"]) == (1, "")
 
 
 def test_path_across_that_is_missed_between_two_steps_still_counts() -> None:
     connection = movement(signal=True)
-    watch = CrossingWatch(NETWORK)
-    watch.watch(0, mover(connection.from_lane), {})
-    (crossed,) = watch.watch(1, mover(connection.to_lane), {})
+    _, (crossed,) = events_on(connection.from_lane, connection.to_lane)
     assert crossed.kind is EventKind.STOP_LINE_CROSSED
 
 
@@ -112,23 +113,19 @@ def test_vehicle_first_seen_inside_a_junction_crosses_nothing() -> None:
 
 def test_a_lane_change_at_the_line_does_not_hide_the_crossing() -> None:
     """From one step to the next a vehicle leaves its lane and enters the path that begins at the lane next to it."""
-    state = dict.fromkeys({str(one.signal_id) for one in NETWORK.connections}, "G" * 60)
+    state = dict.fromkeys({str(connection.signal_id) for connection in NETWORK.connections}, "G" * 60)
     tried = 0
     for connection in NETWORK.connections:
         if connection.signal_id is None or not connection.via:
             continue
         for source in NETWORK.edges[NETWORK.lanes[connection.from_lane].edge].lanes:
             movements = NETWORK.connections_from.get(source, ())
-            own = any(connection.via[0] in one.via or connection.to_lane == one.to_lane for one in movements)
-            if source == connection.from_lane or own:
+            leads_there = any(connection.via[0] in way.via or connection.to_lane == way.to_lane for way in movements)
+            if source == connection.from_lane or leads_there:
                 continue
-            watch = CrossingWatch(NETWORK)
-            watch.watch(0, mover(source), state)
-            (crossed,) = watch.watch(1, mover(connection.via[0]), state)
-            assert crossed.kind is EventKind.STOP_LINE_CROSSED
+            _, (crossed,), (left,) = events_on(source, connection.via[0], connection.to_lane, signals=state)
+            assert (crossed.kind, left.kind) == (EventKind.STOP_LINE_CROSSED, EventKind.JUNCTION_LEFT)
             assert (crossed.detail["junction"], crossed.detail["signal_state"]) == (connection.junction, "G")
-            (left,) = watch.watch(2, mover(connection.to_lane), state)
-            assert left.kind is EventKind.JUNCTION_LEFT
             tried += 1
     assert tried > 5
 
@@ -136,14 +133,12 @@ def test_a_lane_change_at_the_line_does_not_hide_the_crossing() -> None:
 def test_the_letter_is_the_one_of_the_movement_that_was_taken() -> None:
     """Where two movements leave a lane, each has its own link."""
     for lane, movements in NETWORK.connections_from.items():
-        links = {one.signal_link for one in movements}
-        if len(links) < 2 or any(one.signal_id is None or not one.via for one in movements):
+        links = {connection.signal_link for connection in movements}
+        if len(links) < 2 or any(connection.signal_id is None or not connection.via for connection in movements):
             continue
         for connection in movements:
             letters = "".join("r" if link == connection.signal_link else "G" for link in range(60))
-            watch = CrossingWatch(NETWORK)
-            watch.watch(0, mover(lane), {})
-            (crossed,) = watch.watch(1, mover(connection.via[0]), {str(connection.signal_id): letters})
+            _, (crossed,) = events_on(lane, connection.via[0], signals={str(connection.signal_id): letters})
             assert (crossed.detail["signal_state"], crossed.detail["direction"]) == ("r", connection.direction)
         return
     pytest.fail("no lane with two movements")
@@ -151,9 +146,7 @@ def test_the_letter_is_the_one_of_the_movement_that_was_taken() -> None:
 
 def test_a_lane_change_on_the_road_crosses_nothing() -> None:
     edge = next(edge for edge in NETWORK.edges if len(edge.lanes) > 1 and not edge.internal)
-    watch = CrossingWatch(NETWORK)
-    watch.watch(0, mover(edge.lanes[0]), {})
-    assert watch.watch(1, mover(edge.lanes[1]), {}) == ()
+    assert events_on(*edge.lanes[:2])[1] == ()
 
 
 @pytest.mark.parametrize(("lane", "letter"), [(B_RIGHT, "r"), (B_LEFT, "G")])
@@ -165,9 +158,7 @@ def test_where_two_lanes_lead_into_one_the_letter_is_that_of_the_own_lane(lane: 
     network = replace(roads, connections=tuple(connections))
     letters = "".join("G" if link == connections[STRAIGHT_LEFT].signal_link else "r" for link in range(8))
     assert connections[STRAIGHT].to_lane == C_RIGHT
-    watch = CrossingWatch(network)
-    watch.watch(0, mover(lane), {})
-    (crossed,) = watch.watch(1, mover(C_RIGHT), {"J": letters})
+    _, (crossed,) = events_on(lane, C_RIGHT, signals={"J": letters}, network=network)
     assert crossed.detail["signal_state"] == letter
 
 
@@ -186,14 +177,13 @@ def test_who_left_inside_a_junction_has_not_been_in_it_when_the_number_comes_aga
 
 def test_a_junction_is_left_once() -> None:
     roads = streets()
-    watch = CrossingWatch(roads)
-    lanes = (B_LEFT, roads.connections[STRAIGHT_LEFT].via[0], C_LEFT, A_LEFT)
-    kinds = [event.kind for step, lane in enumerate(lanes) for event in watch.watch(step, mover(lane), {})]
-    assert kinds.count(EventKind.JUNCTION_LEFT) == 1
+    steps = events_on(B_LEFT, roads.connections[STRAIGHT_LEFT].via[0], C_LEFT, A_LEFT, network=roads)
+    assert [event.kind for events in steps for event in events].count(EventKind.JUNCTION_LEFT) == 1
 
 
 NETWORK_REACTIONS = crossing()
 CONFIG = TrafficConfig()
+WITHOUT_DEVICE = replace(CONFIG, bluelight_levels=frozenset())
 NEAR_M = CONFIG.advice_range_m - 1.0
 NAMES = ["emv0", "emv1", "by0", "by1", "between"]
 X_M = np.array([0.0, 1000.0, NEAR_M, 1000.0 - NEAR_M, 500.0])
@@ -207,52 +197,49 @@ def readings(lanes: list[int] | None = None) -> Any:
     return SimpleNamespace(x_m=X_M, y_m=np.zeros(count), yaw_rad=np.zeros(count), lane=lane)
 
 
+def flagged(flags: Codes, mask: int) -> list[str]:
+    return [name for name, flag in zip(NAMES, flags.tolist(), strict=True) if flag & mask]
+
+
+def reactions_to(*emvs: str, config: TrafficConfig = CONFIG) -> Reactions:
+    plan: Any = SimpleNamespace(emvs=tuple(SimpleNamespace(name=emv) for emv in emvs), response_distance_m=30.0)
+    return Reactions(NETWORK_REACTIONS, plan, EmergencyLevel.L2, config)
+
+
 @pytest.fixture(name="reactions")
 def _reactions(monkeypatch: pytest.MonkeyPatch) -> Reactions:
     """Two EMVs; everybody wants to the left."""
     assert CONFIG.advice_range_m < 490.0
     monkeypatch.setattr(reactions_module, "intent_flags", lambda _name: TrafficFlags.WANTS_LEFT)
-    plan: Any = SimpleNamespace(
-        emvs=(SimpleNamespace(name="emv0"), SimpleNamespace(name="emv1")), response_distance_m=30.0
-    )
-    return Reactions(NETWORK_REACTIONS, plan, EmergencyLevel.L2, CONFIG)
+    return reactions_to("emv0", "emv1")
 
 
 def test_wishes_are_told_near_each_emv(reactions: Reactions) -> None:
     flags = reactions.flags(NAMES, readings(), {"emv0": [], "emv1": []})
-    told = [name for name, flag in zip(NAMES, flags.tolist(), strict=True) if flag & TrafficFlags.WANTS_LEFT]
-    assert told == ["emv0", "emv1", "by0", "by1"]
+    assert flagged(flags, TrafficFlags.WANTS_LEFT) == ["emv0", "emv1", "by0", "by1"]
 
 
 def test_an_emv_that_has_left_tells_nobodys_wishes(reactions: Reactions) -> None:
-    there = readings()
-    names = ["gone", *NAMES[1:]]
-    flags = reactions.flags(names, there, {"emv0": [], "emv1": []})
-    told = [name for name, flag in zip(names, flags.tolist(), strict=True) if flag]
-    assert told == ["emv1", "by1"]
+    flags = reactions.flags(["gone", *NAMES[1:]], readings(), {"emv0": [], "emv1": []})
+    assert flagged(flags, 0xFF) == ["emv1", "by1"]
 
 
 def test_everybody_who_reacts_to_either_siren_has_the_flag(reactions: Reactions) -> None:
     flags = reactions.flags(NAMES, readings(), {"emv0": ["by0"], "emv1": ["by1", "between"]})
-    rescuing = [name for name, flag in zip(NAMES, flags.tolist(), strict=True) if flag & TrafficFlags.RESCUE_LANE]
-    assert rescuing == ["by0", "by1", "between"]
+    assert flagged(flags, TrafficFlags.RESCUE_LANE) == ["by0", "by1", "between"]
 
 
 def test_vehicles_on_paths_across_are_on_a_junction(reactions: Reactions) -> None:
-    lanes = [ROAD, PATH, -1, ROAD, PATH]
-    flags = reactions.flags(NAMES, readings(lanes), {"emv0": [], "emv1": []})
-    inside = [bool(flag & TrafficFlags.ON_JUNCTION) for flag in flags.tolist()]
-    assert inside == [False, True, False, False, True]
+    flags = reactions.flags(NAMES, readings([ROAD, PATH, -1, ROAD, PATH]), {"emv0": [], "emv1": []})
+    assert flagged(flags, TrafficFlags.ON_JUNCTION) == ["emv1", "between"]
 
 
 def listening(routes: list[list[int]], x_m: list[float]) -> list[str]:
     """Who hears an EMV at L1 (without SUMO's device) that drives east on edge 0."""
-    plan: Any = SimpleNamespace(emvs=(SimpleNamespace(name="emv0"),), response_distance_m=30.0)
-    reactions = Reactions(NETWORK_REACTIONS, plan, EmergencyLevel.L2, replace(CONFIG, bluelight_levels=frozenset()))
     count = len(x_m)
     there: Any = SimpleNamespace(x_m=np.array(x_m), y_m=np.zeros(count), yaw_rad=np.zeros(count))
     names = ["emv0", *(f"car{number}" for number in range(1, count))]
-    return reactions.rescued(names, there, routes)["emv0"]
+    return reactions_to("emv0", config=WITHOUT_DEVICE).rescued(names, there, routes)["emv0"]
 
 
 def test_who_is_ahead_on_the_emvs_route_within_reach_hears_it() -> None:
@@ -265,13 +252,10 @@ def test_a_vehicle_without_a_route_is_on_nobodys_way() -> None:
 
 
 def test_an_emv_on_the_way_of_another_one_is_none_that_makes_way() -> None:
-    plan: Any = SimpleNamespace(
-        emvs=(SimpleNamespace(name="emv0"), SimpleNamespace(name="emv1")), response_distance_m=30.0
-    )
-    reactions = Reactions(NETWORK_REACTIONS, plan, EmergencyLevel.L2, replace(CONFIG, bluelight_levels=frozenset()))
+    reactions = reactions_to("emv0", "emv1", config=WITHOUT_DEVICE)
     there: Any = SimpleNamespace(x_m=np.array([0.0, 10.0, 20.0]), y_m=np.zeros(3), yaw_rad=np.zeros(3))
-    found = reactions.rescued(["emv0", "emv1", "car"], there, [[0, 1]] * 3)
-    assert found == {"emv0": ["car"], "emv1": ["car"]}
+    reacting = reactions.rescued(["emv0", "emv1", "car"], there, [[0, 1]] * 3)
+    assert reacting == {"emv0": ["car"], "emv1": ["car"]}
 
 
 LENGTH = 4.0
@@ -283,7 +267,9 @@ def column(*values):
     return np.array(values, dtype=float)
 
 
-def found(moved, turn=0.0, swing=0.0, speeds=(8.0, 8.0), owners=(Owner.SUMO, Owner.SUMO), started=(), on_purpose=()):
+def teleports(
+    moved, turn=0.0, swing=0.0, speeds=(8.0, 8.0), owners=(Owner.SUMO, Owner.SUMO), started=(), on_purpose=()
+):
     """Events of actor 7, whose front moves along a direction, while its rod swings about the front."""
     then, now = turn, turn + swing
     front = np.array([30.0, -10.0])
@@ -301,25 +287,16 @@ def found(moved, turn=0.0, swing=0.0, speeds=(8.0, 8.0), owners=(Owner.SUMO, Own
     readings = SimpleNamespace(
         x_m=column(centre[0]), y_m=column(centre[1]), yaw_rad=column(now), speed_mps=column(speeds[1])
     )
-    return find_teleports(
-        12,
-        np.array([7], np.uint32),
-        readings,
-        column(LENGTH),
-        np.array([owners[1]], np.uint8),
-        started,
-        on_purpose,
-        last,
-        JUMP,
-    )
+    ids, owner = np.array([7], np.uint32), np.array([owners[1]], np.uint8)
+    return find_teleports(12, ids, readings, column(LENGTH), owner, started, on_purpose, last, JUMP)
 
 
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_front_that_moves_farther_than_the_speed_explains_has_jumped(turn, way):
     most = 8.0 * STEP_S + JUMP
-    assert found(way * (most - 0.01), turn) == []
-    (event,) = found(way * (most + 0.01), turn)
+    assert teleports(way * (most - 0.01), turn) == []
+    (event,) = teleports(way * (most + 0.01), turn)
     assert (event.kind, event.actor_id, event.step, event.detail["reason"]) == (EventKind.TELEPORT, 7, 12, "jump")
     front = np.array([30.0, -10.0]) + way * (most + 0.01) * np.array([np.cos(turn), np.sin(turn)])
     centre = front - 0.5 * LENGTH * np.array([np.cos(turn), np.sin(turn)])
@@ -328,28 +305,28 @@ def test_a_front_that_moves_farther_than_the_speed_explains_has_jumped(turn, way
 
 @pytest.mark.parametrize("swing", [1.5, -1.5])
 def test_a_rod_that_swings_behind_its_front_has_not_jumped(swing):
-    assert found(0.4, 0.6, swing) == []
+    assert teleports(0.4, 0.6, swing) == []
 
 
 @pytest.mark.parametrize("speeds", [(12.0, 2.0), (2.0, 12.0)])
 def test_the_larger_of_both_speeds_explains_the_way(speeds):
-    assert found(12.0 * STEP_S + JUMP - 0.01, speeds=speeds) == []
-    assert len(found(12.0 * STEP_S + JUMP + 0.01, speeds=speeds)) == 1
+    assert teleports(12.0 * STEP_S + JUMP - 0.01, speeds=speeds) == []
+    assert len(teleports(12.0 * STEP_S + JUMP + 0.01, speeds=speeds)) == 1
 
 
 @pytest.mark.parametrize("owners", [(Owner.ROS, Owner.SUMO), (Owner.SUMO, Owner.ROS), (Owner.ROS, Owner.ROS)])
 def test_only_vehicles_that_sumo_owned_before_and_after_can_jump(owners):
-    assert found(9.0, owners=owners) == []
+    assert teleports(9.0, owners=owners) == []
 
 
 def test_who_was_put_elsewhere_on_purpose_has_not_jumped():
-    assert found(9.0, on_purpose=(7,)) == []
-    assert len(found(9.0, on_purpose=(3,))) == 1
+    assert teleports(9.0, on_purpose=(7,)) == []
+    assert len(teleports(9.0, on_purpose=(3,))) == 1
 
 
 def test_what_sumo_calls_a_teleport_is_one_whether_or_not_the_vehicle_is_still_there():
-    assert [(event.actor_id, event.detail["reason"]) for event in found(9.0, started=(7,))] == [(7, "sumo")]
-    gone, present = found(0.4, started=(9, 7))[::-1]
+    assert [(event.actor_id, event.detail["reason"]) for event in teleports(9.0, started=(7,))] == [(7, "sumo")]
+    gone, present = teleports(0.4, started=(9, 7))[::-1]
     assert (present.actor_id, present.detail["reason"]) == (7, "sumo")
     assert (gone.actor_id, gone.x_m, gone.y_m) == (9, 0.0, 0.0)
 

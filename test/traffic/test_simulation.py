@@ -5,7 +5,7 @@ from itertools import pairwise
 import libsumo
 import numpy as np
 import pytest
-from traffic_helpers import TOWN10, load_map, plan_s2, states_of
+from traffic_helpers import MAPS, named_map, plan_s2, states_of
 
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.numerics.geometry import Polyline
@@ -21,21 +21,21 @@ from siren_ros.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CH
 from siren_ros.world.actors import ActorStates, Lights, Mode, Owner, rows_of_ids
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EventKind, TrafficFlags, TrafficState
 
+Town = tuple[CompiledMap, RoadNetwork, TrafficPlan]
+"""A map, the same parsed, and the plan of an episode of S2 on it."""
 EMV = 1
 SUMO_JUMP_M = 0.3
 """SUMO's own motion is not continuous where lanes bend; the simulated vehicle smooths it."""
 
 
-@pytest.fixture(scope="module", params=["town", "Town10HD_Opt"])
-def town(request: pytest.FixtureRequest) -> tuple[CompiledMap, RoadNetwork, TrafficPlan]:
-    if request.param == "Town10HD_Opt" and not TOWN10.is_file():
-        pytest.skip("shared/maps is not there")
-    compiled, network = load_map(TOWN10 if request.param == "Town10HD_Opt" else None)
+@pytest.fixture(scope="module", params=MAPS)
+def town(request: pytest.FixtureRequest) -> Town:
+    compiled, network = named_map(request.param)
     return compiled, network, plan_s2(network)[0]
 
 
 @pytest.fixture
-def sumo(town: tuple[CompiledMap, RoadNetwork, TrafficPlan]) -> Iterator[SumoSimulation]:
+def sumo(town: Town) -> Iterator[SumoSimulation]:
     with SumoSimulation(*town, EmergencyLevel.L2) as simulation:
         yield simulation
 
@@ -123,9 +123,7 @@ def path_of_emv(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
     return path_centre(network, route_path(network, edges, emv.spot.lane))
 
 
-def test_mirrored_emv_stays_where_it_is_put_for_25_seconds(
-    sumo: SumoSimulation, town: tuple[CompiledMap, RoadNetwork, TrafficPlan]
-) -> None:
+def test_mirrored_emv_stays_where_it_is_put_for_25_seconds(sumo: SumoSimulation, town: Town) -> None:
     _, network, plan = town
     route = {network.edge_by_id[edge].index for edge in plan.emvs[0].route}
     state = sumo.step(0, None)
@@ -152,9 +150,7 @@ def test_mirrored_emv_stays_where_it_is_put_for_25_seconds(
     assert any(event.kind is EventKind.JUNCTION_LEFT for event in events)
 
 
-def test_standing_emv_is_held_while_it_creeps_by_millimetres(
-    sumo: SumoSimulation, town: tuple[CompiledMap, RoadNetwork, TrafficPlan]
-) -> None:
+def test_standing_emv_is_held_while_it_creeps_by_millimetres(sumo: SumoSimulation, town: Town) -> None:
     _, network, plan = town
     state = sumo.step(0, None)
     follower = Follower(EMV, path_of_emv(network, plan), state)
@@ -170,9 +166,7 @@ def test_standing_emv_is_held_while_it_creeps_by_millimetres(
     assert len(places) == 1
 
 
-def test_emv_off_its_route_keeps_the_route(
-    sumo: SumoSimulation, town: tuple[CompiledMap, RoadNetwork, TrafficPlan]
-) -> None:
+def test_emv_off_its_route_keeps_the_route(sumo: SumoSimulation, town: Town) -> None:
     _, network, plan = town
     state = sumo.step(0, None)
     follower = Follower(EMV, path_of_emv(network, plan), state)
@@ -187,9 +181,7 @@ def test_emv_off_its_route_keeps_the_route(
     assert state.route_of_row(0).tolist() == first_route
 
 
-def test_release_goes_on_from_the_pose_at_the_speed(
-    sumo: SumoSimulation, town: tuple[CompiledMap, RoadNetwork, TrafficPlan]
-) -> None:
+def test_release_goes_on_from_the_pose_at_the_speed(sumo: SumoSimulation, town: Town) -> None:
     _, network, plan = town
     state = sumo.step(0, None)
     row = next(i for i, actor in enumerate(state.spawned) if actor.name == "platoon1")
@@ -214,7 +206,7 @@ def test_release_goes_on_from_the_pose_at_the_speed(
 
 
 def test_vehicle_that_cleared_the_lane_keeps_its_lane_at_its_own_speed_and_is_freed(
-    sumo: SumoSimulation, town: tuple[CompiledMap, RoadNetwork, TrafficPlan]
+    sumo: SumoSimulation, town: Town
 ) -> None:
     state = sumo.step(0, None)
     background = [actor.actor_id for actor in state.spawned if actor.name.startswith("background")]
@@ -222,7 +214,7 @@ def test_vehicle_that_cleared_the_lane_keeps_its_lane_at_its_own_speed_and_is_fr
     fastest = int(rows[np.argmax(state.sumo_speed_mps[rows])])
     actor_id = int(state.actor_id[fastest])
     name = next(actor.name for actor in state.spawned if actor.actor_id == actor_id)
-    own_factor = libsumo.vehicle.getSpeedFactor(name)
+    speed_factor = libsumo.vehicle.getSpeedFactor(name)
     lanes = []
     for step in range(1, 200):
         row = {"actor_id": actor_id, "owner": int(Owner.SUMO), "mode": int(Mode.YIELD_KEEP_LANE)}
@@ -230,20 +222,20 @@ def test_vehicle_that_cleared_the_lane_keeps_its_lane_at_its_own_speed_and_is_fr
         here = rows_of_ids(state.actor_id, np.array([actor_id], dtype=np.uint32))[0]
         lanes.append((town[1].lanes[state.lane[here]].edge, int(state.lane[here])))
     assert len({lane for _, lane in lanes}) == len({edge for edge, _ in lanes})
-    assert libsumo.vehicle.getSpeedFactor(name) == own_factor
+    assert libsumo.vehicle.getSpeedFactor(name) == speed_factor
     assert libsumo.vehicle.getLaneChangeMode(name) == KEEP_LANE_CHANGE_MODE
     row["mode"] = int(Mode.NOMINAL)
     sumo.step(200, states_of(199, [row]))
-    assert libsumo.vehicle.getSpeedFactor(name) == own_factor
+    assert libsumo.vehicle.getSpeedFactor(name) == speed_factor
     assert libsumo.vehicle.getLaneChangeMode(name) == DEFAULT_LANE_CHANGE_MODE
 
 
-def run(town: tuple[CompiledMap, RoadNetwork, TrafficPlan], level: EmergencyLevel, steps: int) -> list[TrafficState]:
+def run(town: Town, level: EmergencyLevel, steps: int) -> list[TrafficState]:
     with SumoSimulation(*town, level) as simulation:
         return [simulation.step(step, None if step == 0 else ActorStates.empty(step - 1)) for step in range(steps)]
 
 
-def test_two_runs_are_identical(town: tuple[CompiledMap, RoadNetwork, TrafficPlan]) -> None:
+def test_two_runs_are_identical(town: Town) -> None:
     for first, second in zip(run(town, EmergencyLevel.L3, 120), run(town, EmergencyLevel.L3, 120), strict=True):
         for name in TRAFFIC_STATE_DTYPES:
             assert np.array_equal(getattr(first, name), getattr(second, name)), name
@@ -256,7 +248,7 @@ def test_two_runs_are_identical(town: tuple[CompiledMap, RoadNetwork, TrafficPla
 
 
 def test_traffic_keeps_its_volume_and_moves_without_jumps_for_60_seconds(
-    town: tuple[CompiledMap, RoadNetwork, TrafficPlan],
+    town: Town,
 ) -> None:
     plan = town[2]
     states = run(town, EmergencyLevel.L2, 1200)
@@ -273,7 +265,7 @@ def test_traffic_keeps_its_volume_and_moves_without_jumps_for_60_seconds(
     assert np.mean(means) > 2.0
 
 
-def test_first_state_has_emv_platoon_and_siren(town: tuple[CompiledMap, RoadNetwork, TrafficPlan]) -> None:
+def test_first_state_has_emv_platoon_and_siren(town: Town) -> None:
     plan = town[2]
     state = run(town, EmergencyLevel.L2, 1)[0]
     assert state.spawned[0].is_emv
@@ -292,13 +284,13 @@ def test_first_state_has_emv_platoon_and_siren(town: tuple[CompiledMap, RoadNetw
 
 
 @pytest.mark.parametrize("level", [EmergencyLevel.L0, EmergencyLevel.L1])
-def test_without_siren_nobody_reacts(town: tuple[CompiledMap, RoadNetwork, TrafficPlan], level: EmergencyLevel) -> None:
+def test_without_siren_nobody_reacts(town: Town, level: EmergencyLevel) -> None:
     states = run(town, level, 60)
     assert all(not np.any(state.flags & TrafficFlags.RESCUE_LANE) for state in states)
     assert all(not state.lights[0] & (Lights.SIREN | Lights.BEACON) for state in states)
 
 
-def test_bluelight_device_forms_a_corridor_at_l3_alone(town: tuple[CompiledMap, RoadNetwork, TrafficPlan]) -> None:
+def test_bluelight_device_forms_a_corridor_at_l3_alone(town: Town) -> None:
     corridor, plain = run(town, EmergencyLevel.L3, 160)[-1], run(town, EmergencyLevel.L1, 160)[-1]
     assert corridor.emvs[0].rescue_count > 0
     reacting = (corridor.flags & TrafficFlags.RESCUE_LANE) != 0
@@ -306,9 +298,7 @@ def test_bluelight_device_forms_a_corridor_at_l3_alone(town: tuple[CompiledMap, 
     assert np.count_nonzero(plain.flags & TrafficFlags.RESCUE_LANE) == 0
 
 
-def test_steps_come_in_order_and_one_simulation_at_a_time(
-    sumo: SumoSimulation, town: tuple[CompiledMap, RoadNetwork, TrafficPlan]
-) -> None:
+def test_steps_come_in_order_and_one_simulation_at_a_time(sumo: SumoSimulation, town: Town) -> None:
     with pytest.raises(EpisodeError, match="step 3"):
         sumo.step(3, None)
     with pytest.raises(EpisodeError, match="already running"):
@@ -320,7 +310,7 @@ def test_config_refuses_a_resolution_of_zero() -> None:
         TrafficConfig(lateral_resolution_m=0.0)
 
 
-def test_after_a_failed_start_another_simulation_can_start(town: tuple[CompiledMap, RoadNetwork, TrafficPlan]) -> None:
+def test_after_a_failed_start_another_simulation_can_start(town: Town) -> None:
     compiled, network, plan = town
     astray = replace(plan, background=(replace(plan.background[0], route=("no_such_edge",)), *plan.background[1:]))
     with pytest.raises(EpisodeError, match="no_such_edge"):

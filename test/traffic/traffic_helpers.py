@@ -5,12 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from repository import SHARED
 
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.site_finder import require_site
+from siren_ros.roads.sites import Site
 from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.demand import plan_traffic
@@ -29,6 +31,24 @@ DIMENSIONS: Mapping[ActorClass, tuple[float, float, float]] = dict.fromkeys(Acto
 def load_map(source: Path | None) -> tuple[CompiledMap, RoadNetwork]:
     compiled = compile_map(source)
     return compiled, parse_road_network(compiled.read_bytes())
+
+
+MAPS = ("town", "Town10HD_Opt")
+
+
+def named_map(name: str) -> tuple[CompiledMap, RoadNetwork]:
+    """The own town, or one of CARLA's maps where it is there."""
+    source = None if name == "town" else SHARED / "maps" / f"{name}.xodr"
+    if source is not None and not source.is_file():
+        pytest.skip("shared/maps is not there")
+    return load_map(source)
+
+
+def plan_of(name: str, network: RoadNetwork, seed: int = 0) -> tuple[TrafficPlan, Template, Site]:
+    """A template's plan on a map, the template and its site."""
+    template = load_template(name)
+    site = require_site(network, template.site_kind)
+    return plan_traffic(network, site, template, seed, load_drivers(), DIMENSIONS), template, site
 
 
 def plan_s2(network: RoadNetwork, seed: int = 0, warm_up_s: float = 5.0) -> tuple[TrafficPlan, Template]:

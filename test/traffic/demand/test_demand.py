@@ -1,3 +1,4 @@
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ from made_streets import (
     streets,
     template_with,
 )
-from traffic_helpers import DIMENSIONS, TOWN10, load_map, plan_s2
+from traffic_helpers import DIMENSIONS, MAPS, load_map, named_map, plan_of, plan_s2
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.generation.episode_setup import set_up_episode
@@ -26,10 +27,9 @@ from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph
 from siren_ros.roads.site_finder import require_site
-from siren_ros.roads.sites import Site
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import EmergencyLevel
-from siren_ros.scenario.scenario import GroupAnchor, Placement, Template
+from siren_ros.scenario.scenario import GroupAnchor, Placement
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.demand import _Planner, _to_lane, av_way, choose_av, plan_traffic
@@ -38,11 +38,9 @@ from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, Tr
 from siren_ros.world.actors import ActorClass
 
 
-@pytest.fixture(scope="module", params=["town", "Town10HD_Opt"])
+@pytest.fixture(scope="module", params=MAPS)
 def network(request: pytest.FixtureRequest) -> RoadNetwork:
-    if request.param == "Town10HD_Opt" and not TOWN10.is_file():
-        pytest.skip("shared/maps is not there")
-    return load_map(TOWN10 if request.param == "Town10HD_Opt" else None)[1]
+    return named_map(request.param)[1]
 
 
 def plan(network: RoadNetwork, seed: int = 0) -> TrafficPlan:
@@ -118,14 +116,7 @@ def test_emvs_route_is_long_enough_for_the_episode(network: RoadNetwork) -> None
 
 
 def test_background_vehicles_do_not_overlap(network: RoadNetwork) -> None:
-    by_lane: dict[tuple[int, int], list[PlannedVehicle]] = {}
-    for seed in range(8):
-        for vehicle in plan(network, seed).background:
-            by_lane.setdefault((seed, vehicle.spot.lane), []).append(vehicle)
-    for vehicles in by_lane.values():
-        ordered = sorted(vehicles, key=lambda vehicle: vehicle.spot.front_m)
-        for behind, ahead in pairwise(ordered):
-            assert ahead.spot.front_m - ahead.length_m - behind.spot.front_m > 5.0
+    assert min(gap_m for seed in range(8) for gap_m in gaps_m(plan(network, seed).background)) > 5.0
 
 
 def test_reserve_stays_off_the_stage(network: RoadNetwork) -> None:
@@ -142,8 +133,8 @@ def test_drivers_and_classes_vary_as_the_population_says(network: RoadNetwork) -
     assert factors.mean() == pytest.approx(1.0, abs=0.03)
     assert factors.std() == pytest.approx(0.1, abs=0.03)
     for actor_class, share in template.demand.classes:
-        found = np.mean([vehicle.actor_class is actor_class for vehicle in vehicles])
-        assert found == pytest.approx(share, abs=0.08)
+        drawn = np.mean([vehicle.actor_class is actor_class for vehicle in vehicles])
+        assert drawn == pytest.approx(share, abs=0.08)
 
 
 def test_two_emvs_start_one_behind_the_other(network: RoadNetwork) -> None:
@@ -165,52 +156,44 @@ def test_start_before_the_site_lies_on_the_approach_at_the_distance(network: Roa
         emv_start(network, site, -5000.0)
 
 
-def planned(network: RoadNetwork, name: str, seed: int = 0) -> tuple[TrafficPlan, Template, Site]:
-    template = load_template(name)
-    site = require_site(network, template.site_kind)
-    return plan_traffic(network, site, template, seed, load_drivers(), DIMENSIONS), template, site
+def gaps_m(vehicles: Iterable[PlannedVehicle]) -> list[float]:
+    """Between vehicles of one lane, from each to the rear of the next one."""
+    by_lane: dict[int, list[PlannedVehicle]] = {}
+    for vehicle in sorted(vehicles, key=lambda vehicle: vehicle.spot.front_m):
+        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle)
+    pairs = [pair for row in by_lane.values() for pair in pairwise(row)]
+    return [ahead.spot.front_m - ahead.length_m - behind.spot.front_m for behind, ahead in pairs]
 
 
 @pytest.mark.parametrize("name", ["S1", "S3", "S4", "S5", "S6", "S7"])
 def test_every_template_has_its_volume_and_distinct_places(network: RoadNetwork, name: str) -> None:
-    traffic, template, _ = planned(network, name)
+    traffic, template, _ = plan_of(name, network)
     assert len(traffic.groups) + len(traffic.background) == template.demand.background_vehicles
-    by_lane: dict[int, list[PlannedVehicle]] = {}
-    for vehicle in (*traffic.emvs, *traffic.groups):
-        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle)
-    for vehicles in by_lane.values():
-        ordered = sorted(vehicles, key=lambda vehicle: vehicle.spot.front_m)
-        for behind, ahead in pairwise(ordered):
-            assert ahead.spot.front_m - ahead.length_m - behind.spot.front_m > 0.4
-    assert planned(network, name)[0] == traffic
+    assert all(gap_m > 0.4 for gap_m in gaps_m((*traffic.emvs, *traffic.groups)))
+    assert plan_of(name, network)[0] == traffic
 
 
 @pytest.mark.parametrize("name", ["S4", "S6"])
 def test_crossing_queues_stand_at_their_stop_lines_and_cross_the_emvs_way(network: RoadNetwork, name: str) -> None:
-    traffic, template, site = planned(network, name)
+    traffic, template, site = plan_of(name, network)
     crossing = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("crossing")]
     assert len(crossing) >= template.demand.groups[0].vehicles // 2
-    ways = {
-        (
-            network.lanes[network.connections[index].from_lane].edge,
-            network.lanes[network.connections[index].to_lane].edge,
-        )
-        for index in site.crossing
-    }
+    movements = [network.connections[index] for index in site.crossing]
+    ways = {(network.lanes[way.from_lane].edge, network.lanes[way.to_lane].edge) for way in movements}
     heads = []
     for vehicle in crossing:
         assert vehicle.spot.speed_mps == 0.0
         edges = [network.edge_by_id[edge].index for edge in vehicle.route]
         assert any(pair in ways for pair in pairwise(edges))
         lane = network.lanes[vehicle.spot.lane]
-        if any(lane.index == network.connections[index].from_lane for index in site.crossing):
+        if any(lane.index == way.from_lane for way in movements):
             heads.append(lane.length_m - vehicle.spot.front_m)
         assert any(area.lane == lane.index for area in traffic.stage)
     assert min(heads) == pytest.approx(template.demand.groups[0].first_gap_m, abs=0.1)
 
 
 def test_neighbours_of_s3_come_to_the_stop_line_ahead_of_the_emv(network: RoadNetwork) -> None:
-    traffic, template, site = planned(network, "S3")
+    traffic, template, site = plan_of("S3", network)
     start = emv_start(network, site, start_m_of(network, site, template.emv))
     arrival_s = unhindered_arrival_s(network, start, template.emv, DemandConfig())
     last = traffic.groups[0]
@@ -221,14 +204,15 @@ def test_neighbours_of_s3_come_to_the_stop_line_ahead_of_the_emv(network: RoadNe
     stream_mps = 0.93 * group.speed_mps
     lead_s = arrival_s - (lane.length_m - last.spot.front_m) / stream_mps
     assert lead_s == pytest.approx((group.first_gap_m + last.length_m) / stream_mps, abs=0.3)
-    assert {network.lanes[one.spot.lane].edge for one in traffic.groups} <= set(site.route[: site.site_position + 1])
+    edges = {network.lanes[vehicle.spot.lane].edge for vehicle in traffic.groups}
+    assert edges <= set(site.route[: site.site_position + 1])
     assert traffic.signal is not None
     assert template.signal is not None
     assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s)
 
 
 def test_queues_of_s7_stand_in_all_driving_lanes_the_emvs_among_them(network: RoadNetwork) -> None:
-    traffic, _, site = planned(network, "S7")
+    traffic, _, site = plan_of("S7", network)
     assert network.lanes[traffic.emvs[0].spot.lane].kind is LaneKind.DRIVING
     assert any(vehicle.name.startswith("ahead") for vehicle in traffic.groups)
     for vehicle in traffic.groups:
@@ -251,13 +235,12 @@ def test_missing_dimensions_and_too_many_vehicles_are_refused(network: RoadNetwo
 def test_standing_vehicles_leave_free_the_lanes_on_which_the_emv_comes(
     network: RoadNetwork, name: str, group: str
 ) -> None:
-    traffic, template, site = planned(network, name)
+    traffic, template, site = plan_of(name, network)
     start = emv_start(network, site, start_m_of(network, site, template.emv))
     waiting = [vehicle for vehicle in traffic.groups if vehicle.name.startswith(group)]
     assert waiting
     assert not {vehicle.spot.lane for vehicle in waiting} & set(start.lanes_to_site)
-    cleared = {area.lane for area in traffic.stage}
-    assert set(start.lanes_to_site) <= cleared
+    assert set(start.lanes_to_site) <= {area.lane for area in traffic.stage}
 
 
 def test_vehicles_stand_with_their_whole_length_on_their_lanes(network: RoadNetwork) -> None:
@@ -277,10 +260,10 @@ def test_the_stage_holds_the_junction_paths_on_which_others_turn_off_the_emvs_wa
     network: RoadNetwork,
 ) -> None:
     planner: Any = SimpleNamespace(_network=network)
-    way = max(network.connections, key=lambda one: len(network.connections_from[one.from_lane]))
-    found = _Planner._sharing_junction_paths(planner, [LaneInterval(way.via[0], 2.0, 5.0)])
-    whole = {area.lane: (area.from_m, area.to_m) for area in found}
-    ends = {(one.from_lane, one.to_lane) for lane in whole for one in network.connections_over[lane]}
+    way = max(network.connections, key=lambda way: len(network.connections_from[way.from_lane]))
+    paths = _Planner._sharing_junction_paths(planner, [LaneInterval(way.via[0], 2.0, 5.0)])
+    whole = {area.lane: (area.from_m, area.to_m) for area in paths}
+    ends = {(over.from_lane, over.to_lane) for lane in whole for over in network.connections_over[lane]}
     assert len(whole) > len(way.via), "others turn off there"
     assert all(start == way.from_lane or end == way.to_lane for start, end in ends)
     assert whole == {lane: (0.0, network.lanes[lane].length_m) for lane in whole}
@@ -313,8 +296,8 @@ def test_without_a_platoon_it_is_the_nearest_ahead_on_the_way(town: Any) -> None
     others = tuple(vehicle for vehicle in plan.groups if not vehicle.name.startswith("platoon"))
     chosen = next(vehicle for vehicle in others if vehicle.name == choose_av(network, replace(plan, groups=others)))
     emv = plan.emvs[0]
-    ahead = [one.spot.front_m for one in others if one.route[0] == emv.route[0] and one.spot.front_m > emv.spot.front_m]
-    assert chosen.spot.front_m == min(ahead)
+    fronts_m = [vehicle.spot.front_m for vehicle in others if vehicle.route[0] == emv.route[0]]
+    assert chosen.spot.front_m == min(front_m for front_m in fronts_m if front_m > emv.spot.front_m)
 
 
 def test_a_template_without_vehicles_around_its_emv_is_refused(town: Any) -> None:
@@ -360,21 +343,8 @@ def test_the_way_of_an_av_that_reaches_back_over_its_lane_begins_with_the_lane(t
 def test_a_lane_change_on_the_way_is_half_a_cosine(turn: float) -> None:
     """From 20 m of the right lane to the end of the left one, 3.5 m aside at 100 m."""
     along, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    lanes = [
-        Lane(
-            i,
-            f"l{i}",
-            0,
-            i,
-            LaneKind.DRIVING,
-            Polyline.through([i * 3.5 * left, 100.0 * along + i * 3.5 * left]),
-            3.5,
-            14.0,
-            True,
-            True,
-        )
-        for i in (0, 1)
-    ]
+    centres = [Polyline.through([i * 3.5 * left, 100.0 * along + i * 3.5 * left]) for i in (0, 1)]
+    lanes = [Lane(i, f"l{i}", 0, i, LaneKind.DRIVING, centres[i], 3.5, 14.0, True, True) for i in (0, 1)]
     for origin, target, start in ((0, 1, 0.0), (1, 0, 3.5)):
         way = _to_lane(lanes[origin], lanes[target], 20.0)
         s = (way.points - 20.0 * along) @ along
@@ -390,10 +360,10 @@ def chosen(*places: tuple[str, int, float]) -> str:
     """Of vehicles on two streets that cross; the EMV's front is 110 m after the beginning of its lane."""
     template = template_with(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1), start_m=-200.0)
     plan = plan_traffic(STREETS, signal_site(), template, 3, same_drivers(), DIMENSIONS)
-    (emv,), (one, *_) = plan.emvs, plan.groups
+    (emv,), (neighbour, *_) = plan.emvs, plan.groups
     assert emv.spot.lane == A_LEFT
     emv = replace(emv, spot=replace(emv.spot, front_m=110.0))
-    groups = tuple(replace(one, name=name, spot=Spot(lane, front_m, 5.0)) for name, lane, front_m in places)
+    groups = tuple(replace(neighbour, name=name, spot=Spot(lane, front_m, 5.0)) for name, lane, front_m in places)
     return choose_av(STREETS, replace(plan, emvs=(emv,), groups=groups))
 
 

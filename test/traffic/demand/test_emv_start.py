@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from traffic_helpers import TOWN10, load_map
+from traffic_helpers import MAPS, load_map, named_map
 
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.site_finder import require_site
@@ -60,22 +60,20 @@ def test_bends_take_longer_than_the_same_way_straight(town: RoadNetwork) -> None
 
 
 @pytest.mark.parametrize("kind", [SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION, SiteKind.QUEUED_APPROACH])
-@pytest.mark.parametrize("source", [None, TOWN10], ids=["town", "Town10HD_Opt"])
-def test_start_before_the_stop_line_is_as_far_back_as_wanted_or_as_the_approach_reaches(
-    kind: SiteKind, source: object
+@pytest.mark.parametrize("name", MAPS)
+def test_start_before_the_stop_line_is_as_far_back_as_the_template_says_or_as_the_approach_reaches(
+    kind: SiteKind, name: str
 ) -> None:
-    if source is TOWN10 and not TOWN10.is_file():
-        pytest.skip("shared/maps is not there")
-    _, network = load_map(TOWN10 if source is TOWN10 else None)
+    _, network = named_map(name)
     site = require_site(network, kind)
     ways = []
-    for wanted_m in range(10, 100, 10):
-        start = emv_start(network, site, start_m_of(network, site, demand(-wanted_m)))
+    for back_m in range(10, 100, 10):
+        start = emv_start(network, site, start_m_of(network, site, demand(-back_m)))
         ways.append(way_to_stop_line_m(network, start))
         across = (network.lanes[lane] for lane in start.lanes_to_site)
         junction_m = sum(lane.length_m for lane in across if lane.kind is LaneKind.INTERNAL)
         # A start inside a junction is put before it, 20 m at most.
-        assert min(wanted_m - 8.0, 0.6 * wanted_m) - 0.01 <= ways[-1] <= wanted_m + junction_m + 20.01
+        assert min(back_m - 8.0, 0.6 * back_m) - 0.01 <= ways[-1] <= back_m + junction_m + 20.01
         assert start.front_m > 0.0
     assert ways == sorted(ways)
     far = emv_start(network, site, start_m_of(network, site, demand(-500.0)))

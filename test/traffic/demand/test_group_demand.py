@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,26 +58,28 @@ NETWORK = streets()
 
 
 def rows(
-    wanted: DemandGroup, start: EmvStart | None = None, arrival_s: float = 12.0, network: RoadNetwork = NETWORK
+    group: DemandGroup,
+    start: EmvStart | None = None,
+    arrival_s: float = 12.0,
+    network: RoadNetwork = NETWORK,
+    **site: Any,
 ) -> list[GroupRow]:
-    return group_rows(network, signal_site(), start or start_at(90.0), wanted, arrival_s, np.random.default_rng(0))
+    where, rng = replace(signal_site(), **site), np.random.default_rng(0)
+    return group_rows(network, where, start or start_at(90.0), group, arrival_s, rng)
 
 
 def test_a_queue_grows_backwards_from_the_stop_line() -> None:
-    (own,) = rows(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE))
-    assert [lane for lane in own.chain.lanes if lane < 9] == [A_LEFT, B_LEFT, C_LEFT]
-    assert own.edges == (A, B, C)
-    assert own.anchor_m == pytest.approx(STOP_LINE_M)
-    assert not own.forwards
+    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE))
+    assert [lane for lane in row.chain.lanes if lane < 9] == [A_LEFT, B_LEFT, C_LEFT]
+    assert (row.edges, row.forwards) == ((A, B, C), False)
     # In the EMV's own lane nobody is put behind it: its front is 90 m after the beginning of the row.
-    assert own.least_m == pytest.approx(90.0)
-    assert own.chain.end_m == pytest.approx(530.0)
+    assert (row.anchor_m, row.least_m, row.chain.end_m) == pytest.approx((STOP_LINE_M, 90.0, 530.0))
     (next_to,) = rows(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE))
     assert [lane for lane in next_to.chain.lanes if lane < 9] == [A_RIGHT, B_RIGHT, C_RIGHT]
     assert (next_to.anchor_m, next_to.least_m) == (pytest.approx(STOP_LINE_M), 0.0)
 
 
-def shoulder_rows(wanted: DemandGroup, start: EmvStart, signal_before: bool, from_m: float = 0.0) -> list[GroupRow]:
+def shoulder_rows(group: DemandGroup, start: EmvStart, signal_before: bool, from_m: float = 0.0) -> list[GroupRow]:
     """The right lane of the approach is a shoulder; the junction K before it is a joint, or has a signal.
 
     The approach may be cut off at its beginning.
@@ -85,12 +88,11 @@ def shoulder_rows(wanted: DemandGroup, start: EmvStart, signal_before: bool, fro
     lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER, civilian_allowed=False)
     lanes[B_LEFT] = replace(lanes[B_LEFT], centre=lanes[B_LEFT].centre.cut(from_m, 100.0))
     connections = list(NETWORK.connections)
-    (into,) = (index for index, one in enumerate(connections) if one.to_lane == B_LEFT)
+    (into,) = (index for index, connection in enumerate(connections) if connection.to_lane == B_LEFT)
     if signal_before:
         connections[into] = replace(connections[into], signal_id="K", signal_link=0)
     network = replace(NETWORK, lanes=tuple(lanes), connections=tuple(connections))
-    site = replace(signal_site(), approach_lane=B_RIGHT)
-    return group_rows(network, site, start, wanted, 12.0, np.random.default_rng(0))
+    return rows(group, start, network=network, approach_lane=B_RIGHT)
 
 
 def test_a_queue_next_to_a_shoulder_leaves_the_way_onto_it() -> None:
@@ -111,18 +113,16 @@ def test_a_queue_next_to_a_shoulder_has_50_m_at_least() -> None:
 
 def test_a_row_begins_on_the_edge_of_the_emvs_start() -> None:
     start = EmvStart(B_LEFT, 30.0, (B, C), (B_LEFT,))
-    (own,) = rows(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE), start)
-    assert [lane for lane in own.chain.lanes if lane < 9] == [B_LEFT, C_LEFT]
-    assert (own.edges, own.anchor_m, own.least_m) == ((B, C), pytest.approx(100.0), pytest.approx(30.0))
+    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE), start)
+    assert [lane for lane in row.chain.lanes if lane < 9] == [B_LEFT, C_LEFT]
+    assert (row.edges, row.anchor_m, row.least_m) == ((B, C), pytest.approx(100.0), pytest.approx(30.0))
 
 
 def test_ahead_of_the_emv_the_row_grows_forwards() -> None:
-    (own,) = rows(group(Placement.EMV_LANE, GroupAnchor.EMV))
-    assert own.forwards
-    assert own.anchor_m == pytest.approx(90.0)
+    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.EMV))
+    assert (row.forwards, row.anchor_m) == (True, pytest.approx(90.0))
     (next_to,) = rows(group(Placement.OTHER_LANES, GroupAnchor.EMV))
-    assert next_to.chain.lanes[0] == A_RIGHT
-    assert next_to.anchor_m == pytest.approx(90.0)
+    assert (next_to.chain.lanes[0], next_to.anchor_m) == (A_RIGHT, pytest.approx(90.0))
 
 
 def test_a_stream_comes_to_the_stop_line_together_with_the_emv() -> None:
@@ -137,9 +137,8 @@ def test_a_stream_comes_to_the_stop_line_together_with_the_emv() -> None:
 
 
 def test_a_stream_that_the_emv_follows_keeps_its_distance_from_the_start_on() -> None:
-    (own,) = rows(group(Placement.EMV_LANE, GroupAnchor.ARRIVAL))
-    assert own.anchor_m == pytest.approx(90.0 - 6.0)
-    assert own.most_m == pytest.approx(STOP_LINE_M)
+    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.ARRIVAL))
+    assert (row.anchor_m, row.most_m) == pytest.approx((90.0 - 6.0, STOP_LINE_M))
 
 
 def test_a_bend_on_the_way_brings_the_stream_nearer() -> None:
@@ -192,12 +191,10 @@ def test_standing_neighbours_leave_the_emvs_lane_free() -> None:
     """With one lane in its direction an optional group is left out: the EMV could not pass."""
     (row,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.STOP_LINE, standing=True, optional=True))
     assert row.chain.lanes[0] == A_RIGHT
-    alone = replace(signal_site(), connections=(3,))
 
     def of(anchor: GroupAnchor, optional: bool) -> list[int]:
-        wanted = group(Placement.SAME_DIRECTION, anchor, optional=optional)
-        found = group_rows(NETWORK, alone, start_at(90.0), wanted, 12.0, np.random.default_rng(0))
-        return [row.chain.lanes[0] for row in found]
+        beside = rows(group(Placement.SAME_DIRECTION, anchor, optional=optional), connections=(3,))
+        return [row.chain.lanes[0] for row in beside]
 
     for anchor in GroupAnchor:
         assert of(anchor, optional=True) == []
@@ -217,20 +214,16 @@ def test_standing_rows_do_not_lie_on_the_emvs_way() -> None:
     """The EMV starts in the right lane; the row next to its approach lane begins there, too."""
     joined = with_connection(0, to_lane=B_LEFT)
     start = EmvStart(A_RIGHT, 90.0, (A, B, C), (A_RIGHT, 9, B_LEFT))
-    wanted = replace(group(Placement.OTHER_LANES, GroupAnchor.STOP_LINE, standing=True))
-    (kept,) = rows(wanted, start, network=joined)
+    queue = group(Placement.OTHER_LANES, GroupAnchor.STOP_LINE, standing=True)
+    (kept,) = rows(queue, start, network=joined)
     assert kept.chain.lanes[0] == B_RIGHT, "no lane leads to it"
     lane_of_all = replace(joined, connections=(*joined.connections, replace(NETWORK.connections[0])))
-    assert rows(wanted, start, network=lane_of_all) == []
-    assert rows(replace(wanted, standing=False), start, network=lane_of_all) != []
+    assert rows(queue, start, network=lane_of_all) == []
+    assert rows(replace(queue, standing=False), start, network=lane_of_all) != []
 
 
 def test_on_a_road_without_junction_rows_begin_at_the_emvs_front() -> None:
-    road = replace(signal_site(), junction=None)
-    found = group_rows(
-        NETWORK, road, start_at(90.0), group(Placement.ADJACENT_LANE, GroupAnchor.EMV), 12.0, np.random.default_rng(0)
-    )
-    (row,) = found
+    (row,) = rows(group(Placement.ADJACENT_LANE, GroupAnchor.EMV), junction=None)
     assert row.chain.lanes[0] == A_RIGHT
     assert (row.anchor_m, row.forwards, row.edges) == (pytest.approx(90.0), True, (A, B, C))
 
@@ -241,13 +234,9 @@ def test_of_two_adjacent_lanes_the_left_one_is_taken() -> None:
     third = replace(lanes[A_LEFT], index=len(lanes), lane_id="a_2", position=2)
     edges[A] = replace(edges[A], lanes=(*edges[A].lanes, third.index))
     wide = replace(NETWORK, lanes=(*lanes, third), edges=tuple(edges))
-    road = replace(signal_site(), junction=None)
-    wanted = group(Placement.ADJACENT_LANE, GroupAnchor.EMV)
-    (row,) = group_rows(wide, road, start_at(90.0), wanted, 12.0, np.random.default_rng(0))
-    assert row.chain.lanes[0] == third.index
-    others = group(Placement.OTHER_LANES, GroupAnchor.EMV)
-    found = group_rows(wide, road, start_at(90.0), others, 12.0, np.random.default_rng(0))
-    assert [one.chain.lanes[0] for one in found] == [A_RIGHT, third.index]
+    for placement, first in ((Placement.ADJACENT_LANE, [third.index]), (Placement.OTHER_LANES, [A_RIGHT, third.index])):
+        beside = rows(group(placement, GroupAnchor.EMV), network=wide, junction=None)
+        assert [row.chain.lanes[0] for row in beside] == first
 
 
 @pytest.mark.parametrize(("lane", "first"), [(C_LEFT, A_LEFT), (C_RIGHT, A_RIGHT)])
@@ -256,10 +245,8 @@ def test_a_row_before_the_site_reaches_back_over_several_edges(lane: int, first:
     roads = streets()
     start = EmvStart(A_LEFT, 30.0, (A, B, C), (A_LEFT,))
     row = _approach_row(roads, replace(signal_site(), site_edge=C), start, roads.lanes[lane])
-    assert row.chain.lanes[0] == first
-    assert row.chain.lanes[-1] == lane
-    assert row.anchor_m == pytest.approx(530.0)
-    assert row.edges == (A, B, C)
+    assert (row.chain.lanes[0], row.chain.lanes[-1]) == (first, lane)
+    assert (row.anchor_m, row.edges) == (pytest.approx(530.0), (A, B, C))
 
 
 def test_without_a_lane_that_leads_there_the_leftmost_one_is_before() -> None:
@@ -275,10 +262,10 @@ def test_of_two_lanes_that_lead_into_one_the_leftmost_is_before() -> None:
     merging = replace(roads.connections[0], to_lane=B_LEFT)
     for connections in ((*roads.connections, merging), (merging, *roads.connections)):
         network = replace(roads, connections=connections)
-        assert {one.from_lane for one in network.connections_to[B_LEFT]} == {A_LEFT, A_RIGHT}
-        found = _connection_from(network, B_LEFT, A)
-        assert found is not None
-        assert found.from_lane == A_LEFT
+        assert {connection.from_lane for connection in network.connections_to[B_LEFT]} == {A_LEFT, A_RIGHT}
+        before = _connection_from(network, B_LEFT, A)
+        assert before is not None
+        assert before.from_lane == A_LEFT
         assert _lane_before(network, network.lanes[B_LEFT], A)[0].index == A_LEFT
 
 
@@ -286,9 +273,11 @@ STARTS_M = {A_RIGHT: 0.0, A_LEFT: 0.0, B_RIGHT: 210.0, B_LEFT: 210.0, FAR: 0.0, 
 """Where lanes begin on the way to the stop line."""
 
 
-def planned(*groups: DemandGroup, start: EmvStart | None = None, config: DemandConfig = CONFIG) -> GroupPlan:
+def planned(
+    *groups: DemandGroup, start: EmvStart | None = None, config: DemandConfig = CONFIG, seed: int = 0
+) -> GroupPlan:
     factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, config)
-    return plan_groups(NETWORK, signal_site(), start or start_at(90.0), template_with(*groups), 0, factory, config)
+    return plan_groups(NETWORK, signal_site(), start or start_at(90.0), template_with(*groups), seed, factory, config)
 
 
 def platoon(vehicles: int = 3) -> DemandGroup:
@@ -346,8 +335,8 @@ def test_a_stream_next_to_the_emv_has_no_buses_that_cannot_follow_its_route() ->
     """They would have to turn off right behind the site. South the way is tight, straight on it is not."""
     shares = ((ActorClass.SEDAN, 1.0), (ActorClass.BUS, 9.0))
     factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, CONFIG)
-    assert [factory.can_follow(one, (A, B, D)) for one, _ in shares] == [True, False]
-    assert [factory.can_follow(one, (A, B, C)) for one, _ in shares] == [True, True]
+    assert [factory.can_follow(kind, (A, B, D)) for kind, _ in shares] == [True, False]
+    assert [factory.can_follow(kind, (A, B, C)) for kind, _ in shares] == [True, True]
     straight_on, south = signal_site(), replace(signal_site(), route=(A, B, D))
     for site, placement, buses in (
         (straight_on, Placement.SAME_DIRECTION, True),
@@ -358,7 +347,7 @@ def test_a_stream_next_to_the_emv_has_no_buses_that_cannot_follow_its_route() ->
         template = replace(template, demand=replace(template.demand, classes=shares))
         plan = plan_groups(NETWORK, site, start_at(90.0), template, 0, factory, CONFIG)
         assert plan.vehicles
-        assert any(one.actor_class is ActorClass.BUS for one in plan.vehicles) is buses
+        assert any(vehicle.actor_class is ActorClass.BUS for vehicle in plan.vehicles) is buses
 
 
 def test_a_queue_at_the_stop_line() -> None:
@@ -477,17 +466,17 @@ def test_nobody_wishes_for_more_than_the_limit_unless_the_stream_would_come_too_
     assert {vehicle.spot.speed_mps for vehicle in planned(fast).vehicles} == {LIMIT_MPS}
     assert {vehicle.driver.speed_factor for vehicle in planned(fast).vehicles} == {1.0}
     stream = replace(fast, anchor=GroupAnchor.ARRIVAL, placement=Placement.SAME_DIRECTION, speed_mps=15.4)
-    found = planned(stream, start=start_at(130.0)).vehicles
-    assert [vehicle.driver.speed_factor for vehicle in found] == pytest.approx([1.1] * 3)
-    assert [vehicle.spot.speed_mps for vehicle in found] == pytest.approx([15.4] * 3)
+    vehicles = planned(stream, start=start_at(130.0)).vehicles
+    assert [vehicle.driver.speed_factor for vehicle in vehicles] == pytest.approx([1.1] * 3)
+    assert [vehicle.spot.speed_mps for vehicle in vehicles] == pytest.approx([15.4] * 3)
     slow = replace(stream, speed_mps=7.0)
     assert {vehicle.driver.speed_factor for vehicle in planned(slow, start=start_at(130.0)).vehicles} == {1.0}
 
 
 def test_gaps_and_speeds_vary_as_much_as_the_config_says() -> None:
     config = replace(CONFIG, spacing_spread=0.2, speed_spread=0.1)
-    wanted = replace(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=9), spacing_m=5.0)
-    vehicles = planned(wanted, config=config).vehicles
+    queue = replace(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=9), spacing_m=5.0)
+    vehicles = planned(queue, config=config).vehicles
     here = [front for front in fronts_m(vehicles) if front > 215.0]
     gaps = -np.diff(here) - CAR_M
     assert 4.0 <= gaps.min() < 4.7
@@ -507,33 +496,17 @@ def test_routes_begin_at_the_lane_and_are_long_enough() -> None:
 
 
 def test_of_a_stream_of_several_vehicles_one_is_enough() -> None:
-    """Two are wanted and one fits: the stream has 12 m of road, its vehicles 4.6 m and a gap of 5 m."""
-    for placement, anchor in (
-        (Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL),
-        (Placement.CROSSING, GroupAnchor.STOP_LINE),
-    ):
-        wanted = replace(group(placement, anchor, vehicles=2), first_gap_m=7.0, spacing_m=400.0)
-        plan = planned(wanted)
-        assert len(plan.vehicles) == 1
+    """The group has two vehicles and one fits: the second one would be 400 m farther back."""
+    for where in ((Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), (Placement.CROSSING, GroupAnchor.STOP_LINE)):
+        assert len(planned(replace(group(*where, vehicles=2), first_gap_m=7.0, spacing_m=400.0)).vehicles) == 1
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.2])
 def test_speeds_vary_to_both_sides_evenly(spread: float) -> None:
     """From 8·(1 − spread) to 8·(1 + spread) m/s, whose middle is 8."""
     config = DemandConfig(spacing_spread=0.0, speed_spread=spread)
-    moving = [
-        vehicle.spot.speed_mps
-        for seed in range(40)
-        for vehicle in plan_groups(
-            NETWORK,
-            signal_site(),
-            start_at(90.0),
-            template_with(platoon(8)),
-            seed,
-            VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, config),
-            config,
-        ).vehicles
-    ]
+    plans = [planned(platoon(8), config=config, seed=seed) for seed in range(40)]
+    moving = [vehicle.spot.speed_mps for plan in plans for vehicle in plan.vehicles]
     low, high = 8.0 * (1.0 - spread), 8.0 * (1.0 + spread)
     assert min(moving) == pytest.approx(low, abs=0.1)
     assert max(moving) == pytest.approx(high, abs=0.1)

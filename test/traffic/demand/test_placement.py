@@ -30,7 +30,7 @@ from made_streets import (
 from traffic_helpers import DIMENSIONS
 
 from siren_ros.errors import MapError
-from siren_ros.roads.road_network import LaneKind
+from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.sites import Site, SiteKind
 from siren_ros.scenario.scenario import GroupAnchor, Placement, SignalDemand, StartReference
 from siren_ros.traffic.config import DemandConfig
@@ -69,7 +69,7 @@ def test_starts_before_and_on_the_sites_edge(start_m: float, lane: int, front_m:
     start = emv_start(NETWORK, signal_site(), start_m)
     assert (start.lane, start.front_m) == (lane, pytest.approx(front_m))
     assert start.route == ((A, B, C) if lane == A_LEFT else (B, C))
-    assert [one for one in start.lanes_to_site if one < 9] == ([A_LEFT, B_LEFT] if lane == A_LEFT else [B_LEFT])
+    assert [index for index in start.lanes_to_site if index < 9] == ([A_LEFT, B_LEFT] if lane == A_LEFT else [B_LEFT])
     assert way_to_stop_line_m(NETWORK, start) == pytest.approx(way_m)
 
 
@@ -82,6 +82,24 @@ def test_starts_beyond_the_sites_edge_are_on_the_way_on() -> None:
         emv_start(NETWORK, signal_site(), 330.0)
     with pytest.raises(MapError, match="more of road"):
         emv_start(NETWORK, signal_site(), -211.0)
+
+
+def edges_of(traffic: TrafficPlan, network: RoadNetwork = NETWORK) -> set[str]:
+    """Edges on which background and reserve start."""
+    lanes = {vehicle.spot.lane for vehicle in (*traffic.background, *traffic.reserve)}
+    return {network.edges[network.lanes[lane].edge].edge_id for lane in lanes}
+
+
+def with_cut(network: RoadNetwork, length_m: float, *lanes: int) -> RoadNetwork:
+    """The network with lanes that end after a length."""
+    cut = {lane: replace(network.lanes[lane], centre=network.lanes[lane].centre.cut(0.0, length_m)) for lane in lanes}
+    return replace(network, lanes=tuple(cut.get(lane.index, lane) for lane in network.lanes))
+
+
+def busy() -> RoadNetwork:
+    """The junction before the approach has traffic of its own."""
+    crossed = replace(NETWORK.connections[0], from_lane=6, to_lane=B_LEFT)
+    return replace(NETWORK, connections=(*NETWORK.connections, crossed))
 
 
 def road_site() -> Site:
@@ -98,8 +116,8 @@ def test_the_start_is_counted_from_the_sites_edge_or_from_the_stop_line() -> Non
 
 def test_an_approach_that_is_too_short_is_used_from_its_beginning() -> None:
     """210 m before the site's edge, of which the EMV's body takes 8 m."""
-    for wanted_m in (-500.0, -600.0, -2000.0):
-        assert start_m_of(NETWORK, road_site(), emv_demand(wanted_m)) == pytest.approx(-202.0)
+    for start_m in (-500.0, -600.0, -2000.0):
+        assert start_m_of(NETWORK, road_site(), emv_demand(start_m)) == pytest.approx(-202.0)
     assert emv_start(NETWORK, road_site(), -202.0).front_m == pytest.approx(8.0)
 
 
@@ -131,22 +149,22 @@ def test_a_second_emv_keeps_its_headway(plan: Plan) -> None:
     first, second = plan(count=2).emvs
     assert (first.spot.lane, first.spot.front_m) == (A_LEFT, pytest.approx(160.0))
     assert (second.spot.lane, second.spot.front_m) == (A_LEFT, pytest.approx(160.0 - 26.2))
-    assert [one.name for one in (first, second)] == ["emv0", "emv1"]
+    assert (first.name, second.name) == ("emv0", "emv1")
     assert first.driver.speed_factor == pytest.approx(10.0 / LIMIT_MPS)
     assert first.route == ("a", "b", "c")
 
 
 def test_the_stage_reaches_from_behind_the_last_emv_to_ahead_of_the_groups(plan: Plan) -> None:
     """The EMV's rear is at 153.8 m; 25 m behind that and 35 m ahead of the foremost front, on both lanes."""
-    found = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0))
-    (foremost,) = found.groups
+    traffic = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0))
+    (foremost,) = traffic.groups
     front_m = foremost.spot.front_m
     assert front_m == pytest.approx(160.0 + 12.0 + 4.6)
     rear_m = 160.0 - 6.2 - 25.0
-    assert LaneInterval(A_LEFT, pytest.approx(rear_m), pytest.approx(200.0)) in found.stage
-    assert LaneInterval(A_RIGHT, pytest.approx(rear_m), pytest.approx(200.0)) in found.stage
+    assert LaneInterval(A_LEFT, pytest.approx(rear_m), pytest.approx(200.0)) in traffic.stage
+    assert LaneInterval(A_RIGHT, pytest.approx(rear_m), pytest.approx(200.0)) in traffic.stage
     beyond_m = front_m + 35.0 - 210.0
-    assert LaneInterval(B_LEFT, 0.0, pytest.approx(beyond_m)) in found.stage
+    assert LaneInterval(B_LEFT, 0.0, pytest.approx(beyond_m)) in traffic.stage
     # Nobody of the groups in its lane: then its whole way to the stop line is kept free.
     free = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1, standing=True)).stage
     assert LaneInterval(B_LEFT, 0.0, pytest.approx(100.0)) in free
@@ -154,16 +172,16 @@ def test_the_stage_reaches_from_behind_the_last_emv_to_ahead_of_the_groups(plan:
 
 
 def test_volumes_and_steps(plan: Plan) -> None:
-    found = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=3))
-    assert (len(found.groups), len(found.background), len(found.reserve)) == (3, 7, 40)
-    assert found.civilians == 10
-    assert found.warm_up_steps == 100
+    traffic = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=3))
+    assert (len(traffic.groups), len(traffic.background), len(traffic.reserve)) == (3, 7, 40)
+    assert traffic.civilians == 10
+    assert traffic.warm_up_steps == 100
 
 
 def test_background_traffic_can_stop(plan: Plan) -> None:
     """At 0.7 of the limit, or so slow that it stops within 9 m, or before the end of its lane, at 2.5 m/s²."""
-    found = plan(config=replace(CONFIG, placement_gap_m=6.0))
-    for vehicle in (*found.background, *found.reserve):
+    traffic = plan(config=replace(CONFIG, placement_gap_m=6.0))
+    for vehicle in (*traffic.background, *traffic.reserve):
         lane = NETWORK.lanes[vehicle.spot.lane]
         free_m = min(6.0, lane.length_m - vehicle.spot.front_m)
         assert vehicle.spot.speed_mps == pytest.approx(min(0.7 * LIMIT_MPS, np.sqrt(2.0 * 2.5 * free_m)))
@@ -186,8 +204,8 @@ def test_background_vehicles_keep_their_gaps_on_a_full_map(plan: Plan) -> None:
 def test_the_signal_turns_red_before_the_emv_arrives(plan: Plan) -> None:
     """From 160 m, 150 m before the stop line at 10 m/s: 15 s. The left lane's movement has link 1."""
     crossing = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
-    found = plan(crossing, signal=SignalDemand(4.0)).signal
-    assert found == SignalTiming("J", 1, pytest.approx(11.0), (3,), ())
+    traffic = plan(crossing, signal=SignalDemand(4.0)).signal
+    assert traffic == SignalTiming("J", 1, pytest.approx(11.0), (3,), ())
     assert plan(crossing, signal=None).signal is None
     stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=2), name="stream")
     timing = plan(stream, crossing, signal=SignalDemand(4.0)).signal
@@ -199,17 +217,15 @@ def test_the_signal_turns_red_before_the_emv_arrives(plan: Plan) -> None:
 def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site(plan: Plan) -> None:
     """50 m beyond the site's edge the way ends with the edge that it has come to; the side road is 30 m away."""
     near = replace(CONFIG, neighbourhood_m=5.0, neighbourhood_after_m=50.0, background_spacing_m=10.0)
-    found = plan(config=replace(near, reserve_factor=8.0))
-    edges = {NETWORK.edges[NETWORK.lanes[one.spot.lane].edge].edge_id for one in (*found.background, *found.reserve)}
-    assert edges == {"a", "b"}, "from the last edge nobody can drive on"
+    traffic = plan(config=replace(near, reserve_factor=8.0))
+    assert edges_of(traffic) == {"a", "b"}, "from the last edge nobody can drive on"
     back = replace(NETWORK.connections[0], from_lane=C_LEFT, via=())
     looped = replace(NETWORK, connections=(*NETWORK.connections, back))
     template = template_with()
     emv = replace(template.emv, start_from=StartReference.SITE_START, start_m=-50.0)
     config = replace(near, reserve_factor=8.0)
     wide = plan_traffic(looped, signal_site(), replace(template, emv=emv), 3, same_drivers(), DIMENSIONS, config)
-    edges = {looped.edges[looped.lanes[one.spot.lane].edge].edge_id for one in (*wide.background, *wide.reserve)}
-    assert edges == {"a", "b", "c"}
+    assert edges_of(wide, looped) == {"a", "b", "c"}
 
 
 def test_next_to_a_shoulder_is_its_neighbour_on_either_side() -> None:
@@ -222,27 +238,23 @@ def test_next_to_a_shoulder_is_its_neighbour_on_either_side() -> None:
 
 
 def test_groups_ahead_are_counted_from_the_foremost_emv(plan: Plan) -> None:
-    found = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0), count=3)
-    assert [one.spot.front_m for one in found.emvs] == pytest.approx([160.0, 133.8, 107.6])
-    assert found.groups[0].spot.front_m == pytest.approx(160.0 + 12.0 + 4.6)
+    traffic = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0), count=3)
+    assert [emv.spot.front_m for emv in traffic.emvs] == pytest.approx([160.0, 133.8, 107.6])
+    assert traffic.groups[0].spot.front_m == pytest.approx(160.0 + 12.0 + 4.6)
 
 
 def test_a_lane_is_near_the_emvs_way_where_its_middle_is(plan: Plan) -> None:
     """The side road ends 12 m from the way, and its middle is 62 m away."""
     near = replace(CONFIG, neighbourhood_m=20.0, background_spacing_m=10.0, reserve_factor=8.0)
     for reach_m, edges in ((20.0, {"a", "b"}), (70.0, {"a", "b", "n"})):
-        found = plan(config=replace(near, neighbourhood_m=reach_m))
-        lanes = {NETWORK.lanes[one.spot.lane].edge for one in (*found.background, *found.reserve)}
-        assert {NETWORK.edges[edge].edge_id for edge in lanes} == edges
+        assert edges_of(plan(config=replace(near, neighbourhood_m=reach_m))) == edges
 
 
 def test_background_traffic_is_everywhere_where_the_lanes_near_the_way_are_too_short(plan: Plan) -> None:
     """Two lanes of 200 m and two of 100 m are near; ten civilians want 59 m or 61 m each."""
     config = replace(CONFIG, neighbourhood_m=5.0, reserve_factor=8.0)
     for spacing_m, wide in ((59.0, False), (61.0, True)):
-        found = plan(config=replace(config, background_spacing_m=spacing_m))
-        lanes = {NETWORK.lanes[one.spot.lane].edge for one in (*found.background, *found.reserve)}
-        assert ({"m", "n"} <= {NETWORK.edges[edge].edge_id for edge in lanes}) is wide
+        assert ({"m", "n"} <= edges_of(plan(config=replace(config, background_spacing_m=spacing_m)))) is wide
 
 
 def test_the_arrival_takes_the_rest_of_the_way_at_the_end() -> None:
@@ -259,9 +271,7 @@ def test_a_site_with_a_quiet_way_is_best_then_one_behind_a_junction_then_one_beh
     """From 60 m of quiet way on a conflict point is good; the road of 310 m before J has K in it, without traffic."""
     site = signal_site()
     assert approach_rank(NETWORK, site, emv_demand(-200.0), CONFIG) == 0
-    crossed = replace(NETWORK.connections[0], from_lane=6, to_lane=B_LEFT)
-    busy = replace(NETWORK, connections=(*NETWORK.connections, crossed))
-    assert approach_rank(busy, site, emv_demand(-200.0), CONFIG) in {0, 1}
+    assert approach_rank(busy(), site, emv_demand(-200.0), CONFIG) in {0, 1}
     assert approach_rank(NETWORK, replace(site, kind=SiteKind.QUEUED_APPROACH), emv_demand(-5000.0), CONFIG) == 0
     slow = replace(CONFIG, emv_accel_mps2=0.05)
     late = replace(emv_demand(-200.0, 20.0), depart_speed_mps=2.0)
@@ -271,12 +281,8 @@ def test_a_site_with_a_quiet_way_is_best_then_one_behind_a_junction_then_one_beh
 
 @pytest.mark.parametrize(("length_m", "rank"), [(14.9, 2), (15.1, 1)])
 def test_an_approach_without_space_for_two_cars_is_as_bad_as_a_sharp_bend(length_m: float, rank: int) -> None:
-    """The road up to the line is cut off; the junction before it has traffic of its own."""
-    lanes = list(NETWORK.lanes)
-    line = lanes[B_LEFT].centre
-    lanes[B_LEFT] = replace(lanes[B_LEFT], centre=line.cut(0.0, length_m))
-    crossed = replace(NETWORK.connections[0], from_lane=6, to_lane=B_LEFT)
-    short = replace(NETWORK, lanes=tuple(lanes), connections=(*NETWORK.connections, crossed))
+    """The road up to the line is cut off."""
+    short = with_cut(busy(), length_m, B_LEFT)
     assert approach_rank(short, signal_site(), emv_demand(-200.0), CONFIG) == rank
     assert approach_rank(short, replace(signal_site(), kind=SiteKind.QUEUED_APPROACH), emv_demand(-200.0), CONFIG) == 0
 
@@ -286,11 +292,9 @@ def test_a_shoulder_turn_with_space_for_a_queue_and_the_way_onto_the_shoulder_co
     length_m: float, rank: int
 ) -> None:
     """50 m for the queue and 40 m behind the junction before it."""
-    lanes = list(NETWORK.lanes)
+    lanes = list(with_cut(NETWORK, length_m, B_LEFT).lanes)
     lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER)
-    lanes[B_LEFT] = replace(lanes[B_LEFT], centre=lanes[B_LEFT].centre.cut(0.0, length_m))
-    crossed = replace(NETWORK.connections[0], from_lane=6, to_lane=B_LEFT)
-    short = replace(NETWORK, lanes=tuple(lanes), connections=(*NETWORK.connections, crossed))
+    short = replace(busy(), lanes=tuple(lanes))
     site = replace(signal_site(), kind=SiteKind.SHOULDER_RIGHT_TURN, approach_lane=B_RIGHT)
     assert approach_rank(short, site, emv_demand(-200.0), CONFIG) == rank
 
@@ -298,11 +302,9 @@ def test_a_shoulder_turn_with_space_for_a_queue_and_the_way_onto_the_shoulder_co
 @pytest.mark.parametrize(("length_m", "rank"), [(99.0, 2), (101.0, 0)])
 def test_a_site_with_hardly_any_road_behind_it_comes_last(length_m: float, rank: int) -> None:
     """The road behind the junction ends after so many metres."""
-    lanes = list(NETWORK.lanes)
-    for lane in (C_RIGHT, C_LEFT):
-        lanes[lane] = replace(lanes[lane], centre=lanes[lane].centre.cut(0.0, length_m))
-    short = replace(NETWORK, lanes=tuple(lanes))
-    assert approach_rank(short, signal_site(), emv_demand(-200.0), CONFIG) == rank
+    assert (
+        approach_rank(with_cut(NETWORK, length_m, C_RIGHT, C_LEFT), signal_site(), emv_demand(-200.0), CONFIG) == rank
+    )
 
 
 @pytest.mark.parametrize(
@@ -332,9 +334,10 @@ def test_an_emv_starts_no_faster_than_it_can_stop_behind_a_queue(
 def test_the_emv_of_a_plan_starts_at_that_speed(plan: Plan) -> None:
     """The queue reaches back over K to the road on which the EMV starts at 160 m; a short one leaves it its 10 m/s."""
     for vehicles, limited in ((14, True), (4, False)):
-        found = plan(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=vehicles, standing=True))
-        (emv,) = found.emvs
-        rear_m = min({A_LEFT: 0.0, B_LEFT: 210.0}[one.spot.lane] + one.spot.front_m - 4.6 for one in found.groups)
+        traffic = plan(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=vehicles, standing=True))
+        (emv,) = traffic.emvs
+        spots = [vehicle.spot for vehicle in traffic.groups]
+        rear_m = min({A_LEFT: 0.0, B_LEFT: 210.0}[spot.lane] + spot.front_m - 4.6 for spot in spots)
         expected_mps = min((5.0 * (rear_m - 160.0 - 4.0)) ** 0.5, 10.0)
         assert (expected_mps < 10.0) is limited
         assert emv.spot.speed_mps == pytest.approx(expected_mps)

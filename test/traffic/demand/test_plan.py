@@ -11,6 +11,7 @@ from siren_ros.errors import InputError
 from siren_ros.scenario.presets import TruncatedNormal
 from siren_ros.traffic.demand.plan import (
     ClassDriving,
+    DriverPopulation,
     LaneChain,
     LaneInterval,
     PlannedVehicle,
@@ -40,36 +41,32 @@ classes:
 """
 
 
-def load(tmp_path: Path, was: str = "", becomes: str = "") -> object:
+def load(tmp_path: Path, was: str = "Krauss", becomes: str = "Krauss") -> DriverPopulation:
     path = tmp_path / "drivers.yaml"
-    path.write_text(TEXT.replace(was, becomes) if was else TEXT)
+    path.write_text(TEXT.replace(was, becomes))
     return load_drivers(str(path))
 
 
 def test_every_number_has_its_place(tmp_path: Path) -> None:
-    path = tmp_path / "drivers.yaml"
-    path.write_text(TEXT)
-    found = load_drivers(str(path))
-    assert found.car_following == "Krauss"
-    assert found.speed_factor == TruncatedNormal(0.9, 0.0, 0.5, 1.5)
-    assert found.tau_s == TruncatedNormal(1.1, 0.0, 0.4, 4.0)
-    assert (found.max_lateral_speed_mps, found.speed_gain_eagerness, found.cooperation) == (1.3, 0.7, 0.6)
-    assert set(found.classes) == set(ActorClass)
+    drivers = load(tmp_path)
+    assert drivers.car_following == "Krauss"
+    assert drivers.speed_factor == TruncatedNormal(0.9, 0.0, 0.5, 1.5)
+    assert drivers.tau_s == TruncatedNormal(1.1, 0.0, 0.4, 4.0)
+    assert (drivers.max_lateral_speed_mps, drivers.speed_gain_eagerness, drivers.cooperation) == (1.3, 0.7, 0.6)
+    assert set(drivers.classes) == set(ActorClass)
     for member in ActorClass:
         expected = (1.0 + 0.1 * member, 2.0 + 0.1 * member, 3.0 + 0.1 * member, 40.0 + member)
-        assert found.classes[member] == ClassDriving(*(pytest.approx(value) for value in expected))
-    driver = found.draw(ActorClass.BUS, np.random.default_rng(0), 1.2)
+        assert drivers.classes[member] == ClassDriving(*(pytest.approx(value) for value in expected))
+    driver = drivers.draw(ActorClass.BUS, np.random.default_rng(0), 1.2)
     assert driver.speed_factor == pytest.approx(0.9 * 1.2)
     assert driver.tau_s == 1.1
-    assert driver.driving == found.classes[ActorClass.BUS]
+    assert driver.driving == drivers.classes[ActorClass.BUS]
     assert (driver.max_lateral_speed_mps, driver.speed_gain_eagerness, driver.cooperation) == (1.3, 0.7, 0.6)
     assert driver.car_following == "Krauss"
 
 
 def test_speed_and_headway_are_drawn_one_after_the_other(tmp_path: Path) -> None:
-    path = tmp_path / "drivers.yaml"
-    path.write_text(TEXT)
-    wide = replace(load_drivers(str(path)), speed_factor=TruncatedNormal(1.0, 0.1, 0.0, 2.0))
+    wide = replace(load(tmp_path), speed_factor=TruncatedNormal(1.0, 0.1, 0.0, 2.0))
     wide = replace(wide, tau_s=TruncatedNormal(1.0, 0.2, 0.0, 2.0))
     driver, rng = wide.draw(ActorClass.SEDAN, np.random.default_rng(5)), np.random.default_rng(5)
     assert (driver.speed_factor, driver.tau_s) == pytest.approx((rng.normal(1.0, 0.1), rng.normal(1.0, 0.2)))

@@ -22,7 +22,7 @@ from made_streets import (
     same_drivers,
     streets,
 )
-from traffic_helpers import DIMENSIONS, TOWN10, load_map
+from traffic_helpers import DIMENSIONS, MAPS, named_map
 
 from siren_ros.errors import InputError
 from siren_ros.numerics.geometry import Polyline
@@ -37,11 +37,9 @@ CAR_M, BUS_M = 4.5, 12.0
 CONFIG = DemandConfig()
 
 
-@pytest.fixture(scope="module", params=["town", "Town10HD_Opt"])
+@pytest.fixture(scope="module", params=MAPS)
 def network(request: pytest.FixtureRequest) -> RoadNetwork:
-    if request.param == "Town10HD_Opt" and not TOWN10.is_file():
-        pytest.skip("shared/maps is not there")
-    return load_map(TOWN10 if request.param == "Town10HD_Opt" else None)[1]
+    return named_map(request.param)[1]
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +54,8 @@ def chooser(network: RoadNetwork, graph: EdgeGraph) -> RouteChooser:
 
 def movements(network: RoadNetwork, edge: int, following: int) -> list[Connection]:
     """Movements of civilians from one edge to another."""
-    found = connections_between(network, edge, following)
-    return [one for one in found if network.lanes[one.from_lane].civilian_allowed]
+    ways = connections_between(network, edge, following)
+    return [way for way in ways if network.lanes[way.from_lane].civilian_allowed]
 
 
 def starts(network: RoadNetwork, graph: EdgeGraph) -> list[Lane]:
@@ -101,9 +99,9 @@ def test_every_route_can_be_driven_lane_by_lane(network: RoadNetwork, graph: Edg
 def test_the_first_way_is_one_of_the_lanes_own(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
     for number, lane in enumerate(starts(network, graph)):
         following = chooser.draw((lane.edge,), 5000.0, np.random.default_rng(number), CAR_M, lane.index)[1]
-        own = {one.to_lane for one in network.connections_from.get(lane.index, ())}
-        if any(network.lanes[target].civilian_allowed for target in own):
-            assert following in {network.lanes[target].edge for target in own}
+        targets = [network.lanes[way.to_lane] for way in network.connections_from.get(lane.index, ())]
+        if any(target.civilian_allowed for target in targets):
+            assert following in {target.edge for target in targets}
 
 
 def test_buses_take_a_tight_bend_only_where_there_is_no_other_way(
@@ -114,7 +112,7 @@ def test_buses_take_a_tight_bend_only_where_there_is_no_other_way(
         route = chooser.draw((lane.edge,), 1500.0, np.random.default_rng(number), BUS_M)
         for edge, following in pairwise(route):
             widest = {
-                way: max(radius_m(network, one) for one in movements(network, edge, way))
+                way: max(radius_m(network, movement) for movement in movements(network, edge, way))
                 for way in graph.successors[edge]
             }
             refused += sum(radius < CONFIG.long_vehicle_radius_m for radius in widest.values())
@@ -181,7 +179,7 @@ def test_most_drivers_go_straight_on(network: RoadNetwork, graph: EdgeGraph, cho
 def test_a_lane_fits_where_it_leads_to(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
     for edge in range(len(network.edges)):
         for following in graph.successors[edge]:
-            leading = {one.from_lane for one in movements(network, edge, following)}
+            leading = {movement.from_lane for movement in movements(network, edge, following)}
             for lane in driving_lanes(network, edge):
                 assert chooser.fits(edge, following, lane.index, CAR_M) == (lane.index in leading)
 
@@ -190,8 +188,8 @@ def test_the_radius_is_that_of_the_bend(network: RoadNetwork) -> None:
     straight = [lane for lane in network.lanes if lane.kind is LaneKind.DRIVING and len(lane.centre.points) == 2]
     assert straight
     assert all(tightest_radius_m(lane.centre) > 1e6 for lane in straight)
-    turns = [one for one in network.connections if one.direction in {"l", "r"} and one.via]
-    radii = [radius_m(network, one) for one in turns if network.lanes[one.from_lane].civilian_allowed]
+    turns = [movement for movement in network.connections if movement.direction in {"l", "r"} and movement.via]
+    radii = [radius_m(network, turn) for turn in turns if network.lanes[turn.from_lane].civilian_allowed]
     assert 4.0 < min(radii) < np.median(radii) < 25.0
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,20 +37,10 @@ class Car:
 
 def network(turn: float) -> RoadNetwork:
     ways = ([[0.0, 0.0], [200.0, 0.0]], [[100.0, -100.0], [100.0, 100.0]])
+    lines = [Polyline.through(rotate(np.array(way), turn)) for way in ways]
     lanes = tuple(
-        Lane(
-            i,
-            f"l{i}",
-            i,
-            0,
-            LaneKind.DRIVING,
-            Polyline.through(rotate(np.array(way), turn)),
-            3.3,
-            13.9,
-            emergency_allowed=True,
-            civilian_allowed=True,
-        )
-        for i, way in enumerate(ways)
+        Lane(i, f"l{i}", i, 0, LaneKind.DRIVING, line, 3.3, 13.9, emergency_allowed=True, civilian_allowed=True)
+        for i, line in enumerate(lines)
     )
     edges = tuple(Edge(i, f"e{i}", (i,), f"A{i}", f"B{i}", internal=False) for i in range(2))
     return RoadNetwork(lanes, edges, (), {}, (0.0, 0.0), "!")
@@ -87,13 +78,24 @@ def traffic_of(cars: list[Car], roads: RoadNetwork) -> TrafficState:
     )
 
 
+def seen(traffic: TrafficState, roads: RoadNetwork, *limits: Any) -> tuple[Caution, ...]:
+    n = len(traffic)
+    outlook = Outlook(traffic, CourseBook(roads), np.full(n, HALF_LENGTH), np.full(n, HALF_WIDTH))
+    return cautions(traffic, outlook, CautionConfig(), *limits)
+
+
+def two_vehicles(decel_mps2: float = 3.0, attentive: bool = True) -> Any:
+    """What cautious drivers read of SUMO's vehicles."""
+    driver = SimpleNamespace(driving=SimpleNamespace(decel_mps2=decel_mps2))
+    body = {"length_m": 2.0 * HALF_LENGTH, "width_m": 2.0 * HALF_WIDTH, "attentive": attentive, "driver": driver}
+    return {actor_id: SimpleNamespace(name=f"v{actor_id}", **body) for actor_id in (1, 2)}
+
+
 def cautious(
     cars: list[Car], turn: float = 0.0, waiting: tuple[int, ...] = (), inattentive: tuple[int, ...] = ()
 ) -> tuple[Caution, ...]:
-    roads, n = network(turn), len(cars)
-    traffic = traffic_of(cars, roads)
-    outlook = Outlook(traffic, CourseBook(roads), np.full(n, HALF_LENGTH), np.full(n, HALF_WIDTH))
-    return cautions(traffic, outlook, CautionConfig(), waiting, inattentive)
+    roads = network(turn)
+    return seen(traffic_of(cars, roads), roads, waiting, inattentive)
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -178,15 +180,8 @@ def test_imposed_speeds_brake_comfortably_where_that_is_enough_and_else_as_hard_
     """The leader at 2 m/s is 10 m or less ahead; the speed falls in one step by the deceleration."""
     cars = [Car(0, front_m, 10.0), Car(0, 80.0, 2.0, Owner.ROS)]
     (caution,) = cautious(cars)
-    driver = SimpleNamespace(driving=SimpleNamespace(decel_mps2=decel_mps2))
-    vehicles = {
-        key: SimpleNamespace(
-            name=f"v{key}", length_m=2.0 * HALF_LENGTH, width_m=2.0 * HALF_WIDTH, attentive=True, driver=driver
-        )
-        for key in (1, 2)
-    }
     drivers = CautiousDrivers(network(0.0), CautionConfig())
-    speeds = drivers._speeds(traffic_of(cars, network(0.0)), vehicles)  # type: ignore[arg-type] # what it reads
+    speeds = drivers._speeds(traffic_of(cars, network(0.0)), two_vehicles(decel_mps2))
     needed = caution.wait.brake_mps2
     expected = {None: max(needed, 0.0), "most": CautionConfig().most_brake_mps2}.get(brake_mps2, brake_mps2)  # type: ignore[arg-type]
     assert speeds == {"v1": pytest.approx(max(10.0 - float(expected) * STEP_S, 2.0))}
@@ -217,8 +212,7 @@ def test_the_tail_of_a_bus_that_changes_lanes_is_in_the_way(
     x[1], y[1], yaw[1] = place[0], place[1], turn + side * np.radians(20.0)
     traffic = replace(traffic, x_m=x, y_m=y, yaw_rad=yaw)
     outlook = Outlook(traffic, CourseBook(roads), np.array([HALF_LENGTH, 6.0]), np.array([HALF_WIDTH, 1.275]))
-    found = cautions(traffic, outlook, CautionConfig())
-    assert ([caution.actor_id for caution in found] == [1]) is waits
+    assert ([caution.actor_id for caution in cautions(traffic, outlook, CautionConfig())] == [1]) is waits
 
 
 @pytest.mark.parametrize(("apart_m", "owner", "waits"), [(27.5, Owner.SUMO, False), (27.5, Owner.ROS, True)])
@@ -231,7 +225,7 @@ def test_a_body_of_sumo_far_ahead_is_sumos_own_business(apart_m: float, owner: O
     assert cautious(near)
 
 
-class Told:
+class SumoVehicles:
     """libsumo's domain of vehicles, as far as cautious drivers use it."""
 
     def __init__(self) -> None:
@@ -252,8 +246,7 @@ def test_an_outside_vehicle_is_taken_to_go_at_its_simulated_speed(turn: float) -
     traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], roads)
     late = replace(traffic, sumo_speed_mps=np.array([13.0, 0.0]), speed_mps=np.array([0.0, 12.0]))
     for state in (traffic, late):
-        outlook = Outlook(state, CourseBook(roads), np.full(2, HALF_LENGTH), np.full(2, HALF_WIDTH))
-        (caution,) = cautions(state, outlook, CautionConfig())
+        (caution,) = seen(state, roads)
         assert (caution.actor_id, caution.other_id) == (1, 2)
 
 
@@ -270,39 +263,32 @@ def test_of_several_waits_the_strictest_is_kept(turn: float) -> None:
 
 @pytest.mark.parametrize(("attentive", "slowed"), [(True, {"v1"}), (False, set())])
 def test_the_drivers_who_do_not_look_out_are_the_inattentive_ones(attentive: bool, slowed: set[str]) -> None:
-    driver = SimpleNamespace(driving=SimpleNamespace(decel_mps2=3.0))
-    size = {"length_m": 2.0 * HALF_LENGTH, "width_m": 2.0 * HALF_WIDTH}
-    vehicles = {key: SimpleNamespace(name=f"v{key}", attentive=attentive, driver=driver, **size) for key in (1, 2)}
     drivers = CautiousDrivers(network(0.0), CautionConfig())
     traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], network(0.0))
-    assert set(drivers._speeds(traffic, vehicles)) == slowed  # type: ignore[arg-type] # what it reads
+    assert set(drivers._speeds(traffic, two_vehicles(attentive=attentive))) == slowed
 
 
 def test_who_need_not_wait_any_more_gets_its_own_speed_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    told = Told()
-    monkeypatch.setattr(caution_module, "libsumo", SimpleNamespace(vehicle=told))
-    driver = SimpleNamespace(driving=SimpleNamespace(decel_mps2=3.0))
-    vehicles = {
-        key: SimpleNamespace(name=f"v{key}", length_m=4.6, width_m=1.8, attentive=True, driver=driver) for key in (1, 2)
-    }
-    drivers = CautiousDrivers(network(0.0), CautionConfig())
+    sumo = SumoVehicles()
+    monkeypatch.setattr(caution_module, "libsumo", SimpleNamespace(vehicle=sumo))
+    vehicles, drivers = two_vehicles(), CautiousDrivers(network(0.0), CautionConfig())
     near = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], network(0.0))
     free = traffic_of([Car(0, 20.0, 10.0), Car(0, 180.0, 2.0, Owner.ROS)], network(0.0))
-    drivers.apply(None, vehicles)  # type: ignore[arg-type] # what it reads
-    assert told.speeds == {}
-    drivers.apply(near, vehicles)  # type: ignore[arg-type]
-    assert told.modes == {"v1": 27}
-    assert 0.0 < told.speeds["v1"] < 10.0
-    drivers.apply(free, vehicles)  # type: ignore[arg-type]
-    assert (told.speeds, told.modes) == ({"v1": -1.0}, {"v1": 31})
-    told.speeds.clear()
-    drivers.apply(free, vehicles)  # type: ignore[arg-type]
-    assert told.speeds == {}, "it is told once"
-    drivers.apply(near, vehicles)  # type: ignore[arg-type]
+    drivers.apply(None, vehicles)
+    assert sumo.speeds == {}
+    drivers.apply(near, vehicles)
+    assert sumo.modes == {"v1": 27}
+    assert 0.0 < sumo.speeds["v1"] < 10.0
+    drivers.apply(free, vehicles)
+    assert (sumo.speeds, sumo.modes) == ({"v1": -1.0}, {"v1": 31})
+    sumo.speeds.clear()
+    drivers.apply(free, vehicles)
+    assert sumo.speeds == {}, "it is set once"
+    drivers.apply(near, vehicles)
     drivers.forget("v1")
-    told.speeds.clear()
-    drivers.apply(free, vehicles)  # type: ignore[arg-type]
-    assert told.speeds == {}, "who has left, or is driven from outside, is not told anything"
+    sumo.speeds.clear()
+    drivers.apply(free, vehicles)
+    assert sumo.speeds == {}, "who has left, or is driven from outside, is left alone"
 
 
 @pytest.mark.parametrize("turn", TURNS)

@@ -83,31 +83,31 @@ def reading(lane: str, at_m: float, speed_mps: float = 0.0, index: int = 0) -> M
 
 
 class Drive:
-    """A vehicle with its limit, and how often it was told."""
+    """A vehicle with all limits that SUMO was given for it."""
 
     def __init__(self, *route: str, scale: float = 1.0) -> None:
         self._vehicles = {"car": car(*route)}
         self._limits = BendLimits(bend_ahead(), dict.fromkeys(LANES, scale))
-        self.told: list[float] = []
+        self.limits_mps: list[float] = []
 
     def limit_mps(self, *state: Any, mirrored: tuple[str, ...] = (), **more: Any) -> float:
         self._limits.apply({"car": reading(*state, **more)}, self._vehicles, mirrored)
-        return self.told[-1] if self.told else OWN_MPS
+        return self.limits_mps[-1] if self.limits_mps else OWN_MPS
 
     def leave(self) -> None:
         self._limits.apply({}, self._vehicles, ())
 
     def tell(self, name: str, speed_mps: float) -> None:
         assert name == "car"
-        self.told.append(speed_mps)
+        self.limits_mps.append(speed_mps)
 
 
 @pytest.fixture
 def drive(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Drive]:
     def begin(*route: str, scale: float = 1.0) -> Drive:
-        made = Drive(*route, scale=scale)
-        monkeypatch.setattr(libsumo.vehicle, "setMaxSpeed", made.tell)
-        return made
+        driven = Drive(*route, scale=scale)
+        monkeypatch.setattr(libsumo.vehicle, "setMaxSpeed", driven.tell)
+        return driven
 
     return begin
 
@@ -130,7 +130,7 @@ def test_the_bend_of_another_way_does_not_count(drive: Callable[..., Drive]) -> 
     straight_on = drive("a", "c")
     assert [straight_on.limit_mps("a_0", at_m) for at_m in (0.0, 60.0, 99.0)] == [OWN_MPS] * 3
     assert straight_on.limit_mps("ac_0", 10.0) == OWN_MPS
-    assert not straight_on.told
+    assert not straight_on.limits_mps
 
 
 @pytest.mark.parametrize(("index", "limited"), [(-1, True), (0, True), (1, False)])
@@ -165,13 +165,13 @@ def test_the_bend_holds_a_vehicle_until_its_rear_has_left(drive: Callable[..., D
 
 
 def test_a_vehicle_that_stands_in_a_bend_stays_held_and_another_of_its_name_is_not(drive: Callable[..., Drive]) -> None:
-    one = drive("a", "b")
+    standing = drive("a", "b")
     for _ in range(200):
-        one.limit_mps("ab_0", 10.0)
-    assert one.limit_mps("b_0", 0.0, 6.0, index=1) == pytest.approx(BEND_MPS, rel=0.02)
-    one.leave()
-    one.told.clear()
-    assert one.limit_mps("b_0", 0.5, 6.0, index=1) == OWN_MPS
+        standing.limit_mps("ab_0", 10.0)
+    assert standing.limit_mps("b_0", 0.0, 6.0, index=1) == pytest.approx(BEND_MPS, rel=0.02)
+    standing.leave()
+    standing.limits_mps.clear()
+    assert standing.limit_mps("b_0", 0.5, 6.0, index=1) == OWN_MPS
 
 
 def test_who_is_moved_from_outside_has_no_limit(drive: Callable[..., Drive]) -> None:
@@ -193,9 +193,9 @@ def test_sumo_is_told_of_changes_that_matter(drive: Callable[..., Drive]) -> Non
     slow = drive("a", "b", scale=0.5)
     for at_m in (0.0, 0.2, 0.5, 0.7):
         slow.limit_mps("a_0", at_m)
-    assert slow.told == [pytest.approx(0.5 * before_bend_mps(0.0), rel=0.01)]
+    assert slow.limits_mps == [pytest.approx(0.5 * before_bend_mps(0.0), rel=0.01)]
     slow.limit_mps("a_0", 1.0)
-    assert slow.told[1:] == [pytest.approx(0.5 * before_bend_mps(2.0), rel=0.01)]
+    assert slow.limits_mps[1:] == [pytest.approx(0.5 * before_bend_mps(2.0), rel=0.01)]
 
 
 def test_a_place_before_the_lane_is_its_beginning(drive: Callable[..., Drive]) -> None:
@@ -244,8 +244,7 @@ SCALE = {"e0_0": SUMO_LENGTH / NETWORK.lanes[0].length_m, "e0_1": 1.0, "e1_0": 1
 
 def result_at(lane, along, speed=8.0, lateral=0.3):
     """What SUMO says of a vehicle whose front is at an arc length of a lane."""
-    found = NETWORK.lane_by_id[lane]
-    x, y = found.centre.at(along)
+    x, y = NETWORK.lane_by_id[lane].centre.at(along)
     return {
         libsumo.VAR_LANE_ID: lane,
         libsumo.VAR_POSITION: (x + OFFSET[0], y + OFFSET[1]),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from traffic_helpers import load_map, states_of
 
 from siren_ros.numerics.geometry import Polyline
-from siren_ros.roads.road_network import NO_LANE, LaneKind
+from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.sumo import mirror as mirror_module
 from siren_ros.traffic.sumo.mirror import (
@@ -56,8 +56,8 @@ def test_paths_across_junctions_are_those_of_the_route(number: int, share: float
     match = LaneMatcher(NETWORK).match(
         (lane.edge, target), (float(x), float(y)), float(via.centre.heading_rad(arc)), via.index
     )
-    paths = [one for one in NETWORK.connections if NETWORK.lanes[one.to_lane].edge == target]
-    assert match.lane in {index for one in paths for index in one.via} | set(NETWORK.edges[target].lanes)
+    paths = [way.via for way in NETWORK.connections if NETWORK.lanes[way.to_lane].edge == target]
+    assert match.lane in {index for via in paths for index in via} | set(NETWORK.edges[target].lanes)
     assert abs(match.lateral_m) < 1.0
 
 
@@ -93,7 +93,7 @@ LINE_X_M = (LEFT_X_M + RIGHT_X_M) / 2.0
 
 
 @pytest.mark.parametrize(
-    ("past_the_line_m", "present", "found"),
+    ("past_the_line_m", "present", "lane"),
     [
         (0.03, RIGHT, RIGHT),
         (0.07, RIGHT, LEFT),
@@ -108,12 +108,12 @@ LINE_X_M = (LEFT_X_M + RIGHT_X_M) / 2.0
     ],
 )
 def test_a_vehicle_stays_in_its_lane_until_the_neighbour_is_nearer_by_a_margin(
-    past_the_line_m: float, present: int, found: int
+    past_the_line_m: float, present: int, lane: int
 ) -> None:
     """At d past the line between two equal lanes the neighbour is nearer by 2 d; the margin is 0.1 m."""
     match = LaneMatcher(CROSSING).match((S_IN.index,), (LINE_X_M - past_the_line_m, -70.0), np.pi / 2, present)
-    assert match.lane == found
-    centre_x_m = {RIGHT: RIGHT_X_M, LEFT: LEFT_X_M}[found]
+    assert match.lane == lane
+    centre_x_m = {RIGHT: RIGHT_X_M, LEFT: LEFT_X_M}[lane]
     assert match.lateral_m == pytest.approx(centre_x_m - (LINE_X_M - past_the_line_m))
     assert match.position_m == pytest.approx(50.0)
 
@@ -126,13 +126,13 @@ def test_lanes_of_another_edge_need_no_margin() -> None:
     assert match.lateral_m == pytest.approx(0.0)
 
 
-@pytest.mark.parametrize(("outside_m", "found"), [(1.19, True), (1.21, False)])
-def test_a_point_belongs_to_a_lane_up_to_1_2_m_outside_its_edge(outside_m: float, found: bool) -> None:
+@pytest.mark.parametrize(("outside_m", "belongs"), [(1.19, True), (1.21, False)])
+def test_a_point_belongs_to_a_lane_up_to_1_2_m_outside_its_edge(outside_m: float, belongs: bool) -> None:
     """To the left of the leftmost lane, whose half width is 1.75 m."""
     front = (LEFT_X_M - 1.75 - outside_m, -70.0)
     match = LaneMatcher(CROSSING).match((S_IN.index,), front, np.pi / 2, NO_LANE)
-    assert (match.lane == LEFT) is found
-    assert match.lateral_m == pytest.approx(1.75 + outside_m if found else 0.0)
+    assert (match.lane == LEFT) is belongs
+    assert match.lateral_m == pytest.approx(1.75 + outside_m if belongs else 0.0)
 
 
 @pytest.mark.parametrize("turned", [1.19, -1.19, 1.21, -1.21])
@@ -141,23 +141,22 @@ def test_lanes_count_up_to_1_2_rad_off_the_heading(turned: float) -> None:
     assert (match.lane != NO_LANE) is (abs(turned) < 1.2)
 
 
-NETWORK_MIRROR = crossing()
-S_IN_MIRROR = next(edge.index for edge in NETWORK_MIRROR.edges if edge.edge_id == "s_in")
 OWN_SPEED_FACTOR = 0.87
 NAME, ACTOR = "car", 5
+VEHICLE: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
+STANDING = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "owner": Owner.SUMO}
+
+
+def mirror_on(network: RoadNetwork, length_scale: float = 1.0) -> Mirror:
+    population: Any = SimpleNamespace(length_scale=defaultdict(lambda: length_scale))
+    return Mirror(network, TrafficConfig(), population)
 
 
 class FakeVehicles:
     """libsumo's domain of vehicles, as far as a mirror uses it: it stores what it is told."""
 
     def __init__(self) -> None:
-        self.settings: dict[str, Any] = {
-            "SpeedFactor": OWN_SPEED_FACTOR,
-            "LaneChangeMode": DEFAULT_LANE_CHANGE_MODE,
-            "SpeedMode": DEFAULT_SPEED_MODE,
-            "LateralAlignment": "center",
-            "Speed": -1.0,
-        }
+        self.settings = settings_in_mirror()
         self.previous_speed_mps = 0.0
         self.moved_to: list[tuple[Any, ...]] = []
 
@@ -191,29 +190,21 @@ class Driver:
     """Steps a mirror with one vehicle that drives north at 10 m/s."""
 
     def __init__(self) -> None:
-        population: Any = SimpleNamespace(length_scale=defaultdict(lambda: 1.0))
-        self.mirror = Mirror(NETWORK_MIRROR, TrafficConfig(), population)
+        self.mirror = mirror_on(CROSSING)
         self.step = 0
-        vehicle: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
-        self.vehicles = {ACTOR: vehicle}
+        self.vehicles = {ACTOR: VEHICLE}
 
     def __call__(self, owner: Owner, mode: Mode, residual_m: float = 0.0) -> None:
         x, y = Polyline.through(NORTHBOUND).at(20.0 + 0.5 * self.step)
         row = {"actor_id": ACTOR, "x_m": float(x), "y_m": float(y), "yaw_rad": 1.5707963267948966, "vy_mps": 10.0}
         states = states_of(self.step, [{**row, "owner": owner, "mode": mode, "residual_m": residual_m}])
-        self.mirror.apply(states, self.vehicles, {NAME: (S_IN_MIRROR,)})
+        self.mirror.apply(states, self.vehicles, {NAME: (S_IN.index,)})
         self.step += 1
 
 
 def settings_in_mirror(**changed: Any) -> dict[str, Any]:
-    own = {
-        "SpeedFactor": OWN_SPEED_FACTOR,
-        "LaneChangeMode": DEFAULT_LANE_CHANGE_MODE,
-        "SpeedMode": DEFAULT_SPEED_MODE,
-        "LateralAlignment": "center",
-        "Speed": -1.0,
-    }
-    return {**own, **changed}
+    modes = {"LaneChangeMode": DEFAULT_LANE_CHANGE_MODE, "SpeedMode": DEFAULT_SPEED_MODE}
+    return {"SpeedFactor": OWN_SPEED_FACTOR, **modes, "LateralAlignment": "center", "Speed": -1.0, **changed}
 
 
 @pytest.mark.parametrize(
@@ -314,7 +305,7 @@ def placed(sumo: FakeVehicles, **state: float) -> tuple[float, float, float]:
     drive = Driver()
     row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 1.5, "vx_mps": 0.6, "vy_mps": 8.0}
     states = states_of(0, [{**row, **state, "owner": Owner.ROS}])
-    drive.mirror.apply(states, drive.vehicles, {NAME: (S_IN_MIRROR,)})
+    drive.mirror.apply(states, drive.vehicles, {NAME: (S_IN.index,)})
     _, _, x, y, angle_deg, _ = sumo.moved_to[-1]
     return x, y, angle_deg
 
@@ -327,7 +318,7 @@ def test_a_pose_is_extrapolated_by_a_step_in_place_and_heading(sumo: FakeVehicle
     assert (x, y) == pytest.approx((RIGHT_X_M + 0.03 + 2.0 * np.cos(yaw), -100.0 + 0.4 + 2.0 * np.sin(yaw)))
 
 
-SHIFTED = replace(NETWORK_MIRROR, sumo_offset_m=(100.0, -40.0))
+SHIFTED = replace(CROSSING, sumo_offset_m=(100.0, -40.0))
 
 
 class Realigned(FakeVehicles):
@@ -360,15 +351,13 @@ def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
     place = (RIGHT_X_M + aside_m, -120.0 + 22.5 + ahead_m)
     vehicles = Realigned((place[0] + 100.0, place[1] - 40.0))
     monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
-    population: Any = SimpleNamespace(length_scale=defaultdict(lambda: 2.0))
-    mirror = Mirror(SHIFTED, TrafficConfig(), population)
-    vehicle: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
-    row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "vy_mps": 10.0}
-    other = {**row, "actor_id": 3, "residual_m": 9.0, "owner": Owner.SUMO}
+    mirror = mirror_on(SHIFTED, 2.0)
+    row = {**STANDING, "vy_mps": 10.0}
+    other = {**row, "actor_id": 3, "residual_m": 9.0}
     for residual_m, far in ((1.6, True), (1.4, False)):
         vehicles.back.clear()
-        states = states_of(0, [other, {**row, "owner": Owner.SUMO, "residual_m": residual_m}])
-        mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN_MIRROR,)})
+        states = states_of(0, [other, {**row, "residual_m": residual_m}])
+        mirror.apply(states, {ACTOR: VEHICLE}, {NAME: (S_IN.index,)})
         assert mirror.realigned == ({ACTOR: residual_m} if brought and far else {})
         assert vehicles.back == ([("s_in_1", pytest.approx(45.0))] if brought and far else [])
     assert vehicles.previous_speed_mps == (pytest.approx(20.0) if brought else 0.0)
@@ -391,12 +380,9 @@ def test_where_both_stand_sumos_vehicle_is_brought_to_where_the_simulated_one_st
     vehicles = Realigned((RIGHT_X_M, -98.0 - residual_m))
     vehicles.speed_mps = sumo_mps
     monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
-    population: Any = SimpleNamespace(length_scale=defaultdict(lambda: 1.0))
-    vehicle: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
-    row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "vy_mps": simulated_mps}
-    mirror = Mirror(NETWORK_MIRROR, TrafficConfig(), population)
-    states = states_of(0, [{**row, "owner": Owner.SUMO, "residual_m": residual_m}])
-    mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN_MIRROR,)})
+    mirror = mirror_on(CROSSING)
+    states = states_of(0, [{**STANDING, "vy_mps": simulated_mps, "residual_m": residual_m}])
+    mirror.apply(states, {ACTOR: VEHICLE}, {NAME: (S_IN.index,)})
     assert mirror.realigned == ({ACTOR: residual_m} if brought else {})
     assert vehicles.back == ([("s_in_1", pytest.approx(22.0))] if brought else [])
 
@@ -404,15 +390,10 @@ def test_where_both_stand_sumos_vehicle_is_brought_to_where_the_simulated_one_st
 def test_nobody_is_brought_back_onto_a_lane_that_is_closed_to_civilians(monkeypatch: pytest.MonkeyPatch) -> None:
     vehicles = Realigned((RIGHT_X_M + 5.0, -97.5))
     monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
-    population: Any = SimpleNamespace(length_scale=defaultdict(lambda: 1.0))
-    vehicle: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
-    row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "vy_mps": 10.0}
-    states = states_of(0, [{**row, "owner": Owner.SUMO, "residual_m": 9.0}])
-    closed = replace(
-        NETWORK_MIRROR, lanes=tuple(replace(lane, civilian_allowed=False) for lane in NETWORK_MIRROR.lanes)
-    )
-    for network, realigned in ((NETWORK_MIRROR, {ACTOR: 9.0}), (closed, {})):
-        mirror = Mirror(network, TrafficConfig(), population)
-        mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN_MIRROR,)})
+    states = states_of(0, [{**STANDING, "vy_mps": 10.0, "residual_m": 9.0}])
+    closed = replace(CROSSING, lanes=tuple(replace(lane, civilian_allowed=False) for lane in CROSSING.lanes))
+    for network, realigned in ((CROSSING, {ACTOR: 9.0}), (closed, {})):
+        mirror = mirror_on(network)
+        mirror.apply(states, {ACTOR: VEHICLE}, {NAME: (S_IN.index,)})
         assert mirror.realigned == realigned
     assert len(vehicles.back) == 1

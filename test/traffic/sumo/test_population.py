@@ -5,18 +5,15 @@ import libsumo
 import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
-from traffic_helpers import DIMENSIONS, TOWN10, load_map, plan_s2
+from traffic_helpers import MAPS, TOWN10, load_map, named_map, plan_of, plan_s2
 
 from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.numerics.geometry import footprint_corners, overlapping_pairs, separation_m
-from siren_ros.roads.site_finder import require_site
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import EmergencyLevel
-from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.config import TrafficConfig
-from siren_ros.traffic.demand.demand import plan_traffic
-from siren_ros.traffic.demand.plan import load_drivers, with_attention
+from siren_ros.traffic.demand.plan import with_attention
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo import population as population_module
 from siren_ros.traffic.sumo.population import Population, type_id, vehicle_types_xml
@@ -59,15 +56,11 @@ def test_every_vehicle_has_its_own_type_with_its_body_and_driver() -> None:
 TOWN04 = TOWN10.with_name("Town04.xodr")
 
 
-@pytest.mark.parametrize("name", ["town", "Town10HD_Opt"])
+@pytest.mark.parametrize("name", MAPS)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_nobody_overlaps_when_the_episode_begins(name: str, seed: int) -> None:
-    if name == "Town10HD_Opt" and not TOWN10.is_file():
-        pytest.skip("shared/maps is not there")
-    compiled, network = load_map(TOWN10 if name == "Town10HD_Opt" else None)
-    template = load_template("S6")
-    site = require_site(network, template.site_kind)
-    plan = plan_traffic(network, site, template, seed, load_drivers(), DIMENSIONS)
+    compiled, network = named_map(name)
+    plan, _, _ = plan_of("S6", network, seed)
     with SumoSimulation(compiled, network, plan, EmergencyLevel.L1, seed=seed) as simulation:
         state = simulation.step(0, None)
     assert len(state.actor_id) == len(plan.emvs) + plan.civilians
@@ -111,9 +104,7 @@ def test_nobody_touches_after_the_warm_up_on_a_crowded_map(template: str, seed: 
 
 def test_sumo_too_lets_inattentive_drivers_overlook_an_emv_on_the_junction() -> None:
     compiled, network = load_map(None)
-    template = load_template("S6")
-    site = require_site(network, template.site_kind)
-    plan = with_attention(plan_traffic(network, site, template, 1, load_drivers(), DIMENSIONS), 0.5, 3)
+    plan = with_attention(plan_of("S6", network, 1)[0], 0.5, 3)
     with SumoSimulation(compiled, network, plan, EmergencyLevel.L1, seed=1) as simulation:
         simulation.step(0, None)
         ignored = {

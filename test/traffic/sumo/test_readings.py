@@ -58,17 +58,17 @@ def test_motion_is_along_the_geometric_length_of_the_lane() -> None:
     lane_id = NETWORK.lanes[A_LEFT].lane_id
     results = {"on": result(lane_id, 90.0), "off": result("", 0.0)}
     scale = {lane_id: 2.0, NETWORK.lanes[NEAR].lane_id: 7.0}
-    found = read_vehicles(results, ["off", "on"], np.array([4.0, 6.0]), NETWORK, scale)
-    assert found.lane.tolist() == [NO_LANE, A_LEFT]
-    assert found.speed_mps.tolist() == [12.0, 6.0]
-    assert found.accel_mps2.tolist() == [-3.0, -1.5]
-    assert found.lane_position_m.tolist() == [0.0, 15.0]
-    assert found.lateral_m.tolist() == [0.0, -0.4]
-    assert found.lights.tolist() == [BRAKE, BRAKE]
-    assert found.route_index.tolist() == [2, 2]
-    assert found.x_m == pytest.approx([100.0, 97.0])
-    assert found.y_m == pytest.approx([48.0, 50.0])
-    assert found.yaw_rad == pytest.approx([np.pi / 2.0, 0.0])
+    readings = read_vehicles(results, ["off", "on"], np.array([4.0, 6.0]), NETWORK, scale)
+    assert readings.lane.tolist() == [NO_LANE, A_LEFT]
+    assert readings.speed_mps.tolist() == [12.0, 6.0]
+    assert readings.accel_mps2.tolist() == [-3.0, -1.5]
+    assert readings.lane_position_m.tolist() == [0.0, 15.0]
+    assert readings.lateral_m.tolist() == [0.0, -0.4]
+    assert readings.lights.tolist() == [BRAKE, BRAKE]
+    assert readings.route_index.tolist() == [2, 2]
+    assert readings.x_m == pytest.approx([100.0, 97.0])
+    assert readings.y_m == pytest.approx([48.0, 50.0])
+    assert readings.yaw_rad == pytest.approx([np.pi / 2.0, 0.0])
 
 
 def test_lists_of_different_lengths_become_one() -> None:
@@ -83,37 +83,37 @@ SUBLANE, UNKNOWN = 1 << 7, 1 << 30
 IDS = {"emv": 1, "leader": 7, "other": 9}
 
 
-@pytest.fixture(name="told")
-def _told(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+@pytest.fixture(name="sumo")
+def _sumo(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Wishes to the left and to the right, the leader with its gap, and the free speed."""
-    told: dict[str, Any] = {1: 0, -1: 0, "leader": None, "speed": 12.0}
-    monkeypatch.setattr(libsumo.vehicle, "getLaneChangeState", lambda _, side: (told[side], 0))
-    monkeypatch.setattr(libsumo.vehicle, "getLeader", lambda _, reach: told["leader"] if reach == 80.0 else None)
-    monkeypatch.setattr(libsumo.vehicle, "getSpeedWithoutTraCI", lambda _: told["speed"])
-    return told
+    sumo: dict[str, Any] = {1: 0, -1: 0, "leader": None, "speed": 12.0}
+    monkeypatch.setattr(libsumo.vehicle, "getLaneChangeState", lambda _, side: (sumo[side], 0))
+    monkeypatch.setattr(libsumo.vehicle, "getLeader", lambda _, reach: sumo["leader"] if reach == 80.0 else None)
+    monkeypatch.setattr(libsumo.vehicle, "getSpeedWithoutTraCI", lambda _: sumo["speed"])
+    return sumo
 
 
 @pytest.mark.parametrize("reason", [STRATEGIC, COOPERATIVE, SPEED_GAIN, KEEP_RIGHT])
-def test_a_wish_counts_on_its_side_with_a_reason(told: dict[str, Any], reason: int) -> None:
+def test_a_wish_counts_on_its_side_with_a_reason(sumo: dict[str, Any], reason: int) -> None:
     for side, bit, flag in ((1, LEFT_ADVICE, TrafficFlags.WANTS_LEFT), (-1, RIGHT_ADVICE, TrafficFlags.WANTS_RIGHT)):
-        for wish, found in (
+        for wish, intent in (
             (bit | reason, side),
             (bit, 0),
             (reason, 0),
             (bit | SUBLANE, 0),
             (bit | reason | UNKNOWN, 0),
         ):
-            told.update({1: 0, -1: 0, side: wish})
-            assert lane_change_intent("emv") == found
-            assert intent_flags("emv") == (flag if found else TrafficFlags.NONE)
-    told.update({1: RIGHT_ADVICE | reason, -1: LEFT_ADVICE | reason})
+            sumo.update({1: 0, -1: 0, side: wish})
+            assert lane_change_intent("emv") == intent
+            assert intent_flags("emv") == (flag if intent else TrafficFlags.NONE)
+    sumo.update({1: RIGHT_ADVICE | reason, -1: LEFT_ADVICE | reason})
     assert lane_change_intent("emv") == 0, "of a question about the left the right is no answer"
-    told.update({1: LEFT_ADVICE | reason, -1: RIGHT_ADVICE | reason})
+    sumo.update({1: LEFT_ADVICE | reason, -1: RIGHT_ADVICE | reason})
     assert lane_change_intent("emv") == 1
 
 
-def advised(told: dict[str, Any], leader: object, yielding: tuple[str, ...] = ()) -> Any:
-    told["leader"] = leader
+def advised(sumo: dict[str, Any], leader: object, yielding: tuple[str, ...] = ()) -> Any:
+    sumo["leader"] = leader
     return emv_advice("emv", IDS, yielding, 80.0, 2.5, 3)
 
 
@@ -130,22 +130,22 @@ def advised(told: dict[str, Any], leader: object, yielding: tuple[str, ...] = ()
     ],
 )
 def test_wishes_that_come_from_a_leader_count_while_it_holds_up_the_emv(
-    told: dict[str, Any], reason: int, leader: object, yielding: tuple[str, ...], counts: bool
+    sumo: dict[str, Any], reason: int, leader: object, yielding: tuple[str, ...], counts: bool
 ) -> None:
-    told[1] = LEFT_ADVICE | reason
-    assert advised(told, leader, yielding).lane_change_intent == int(counts)
-    for own in (STRATEGIC, COOPERATIVE):
-        told[1] = LEFT_ADVICE | own
-        assert advised(told, leader, yielding).lane_change_intent == 1, "the others need no leader"
+    sumo[1] = LEFT_ADVICE | reason
+    assert advised(sumo, leader, yielding).lane_change_intent == int(counts)
+    for other_reason in (STRATEGIC, COOPERATIVE):
+        sumo[1] = LEFT_ADVICE | other_reason
+        assert advised(sumo, leader, yielding).lane_change_intent == 1, "the others need no leader"
 
 
-def test_the_leaders_gap_is_from_bumper_to_bumper_and_without_one_the_range(told: dict[str, Any]) -> None:
-    found = advised(told, ("leader", 11.0))
-    assert (found.leader_id, found.leader_gap_m, found.speed_without_control_mps) == (7, 13.5, 12.0)
-    assert (found.actor_id, found.rescue_count) == (1, 3)
+def test_the_leaders_gap_is_from_bumper_to_bumper_and_without_one_the_range(sumo: dict[str, Any]) -> None:
+    advice = advised(sumo, ("leader", 11.0))
+    assert (advice.leader_id, advice.leader_gap_m, advice.speed_without_control_mps) == (7, 13.5, 12.0)
+    assert (advice.actor_id, advice.rescue_count) == (1, 3)
     for nobody in (None, ("stranger", 11.0)):
-        found = advised(told, nobody)
-        assert (found.leader_id, found.leader_gap_m) == (NO_ACTOR, 80.0)
+        advice = advised(sumo, nobody)
+        assert (advice.leader_id, advice.leader_gap_m) == (NO_ACTOR, 80.0)
 
 
 def test_who_reacts_to_which_emv_is_what_each_vehicle_says(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,8 +162,8 @@ def test_who_hears_the_siren_is_on_the_route_ahead_and_within_reach(turn: float)
     places = [(10.0, 0.0), (-10.0, 0.0), (39.0, 8.0), (40.1, 0.0), (-5.0, 30.0), (20.0, 3.0), (-0.1, 3.0), (0.1, -3.0)]
     edges = np.array([4, 4, 5, 5, 5, 9, 4, 4], dtype=np.int32)
     points = emv + np.array([ahead * along + aside * left for ahead, aside in places])
-    found = ahead_on_route(emv, turn, (4, 5, 6), points, edges, 40.0)
-    assert found.tolist() == [True, False, True, False, True, False, False, True]
+    hears = ahead_on_route(emv, turn, (4, 5, 6), points, edges, 40.0)
+    assert hears.tolist() == [True, False, True, False, True, False, False, True]
     assert not ahead_on_route(emv, turn, (), points, edges, 40.0).any()
 
 

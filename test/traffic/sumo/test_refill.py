@@ -12,21 +12,15 @@ from traffic_helpers import DIMENSIONS
 from siren_ros.scenario.scenario import GroupAnchor, Placement
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.demand import plan_traffic
-from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
+from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot
 from siren_ros.traffic.sumo.population import Population
 
 OFFSET = (500.0, -200.0)
 NETWORK = replace(streets(), sumo_offset_m=OFFSET)
 """A runs from (−310, −5.25) and (−310, −1.75) eastwards."""
 CONFIG = TrafficConfig(replacement_distance_m=50.0, replacement_gap_m=15.0)
-PLAN = plan_traffic(
-    NETWORK,
-    signal_site(),
-    template_with(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1)),
-    3,
-    same_drivers(),
-    DIMENSIONS,
-)
+TEMPLATE = template_with(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1))
+PLAN = plan_traffic(NETWORK, signal_site(), TEMPLATE, 3, same_drivers(), DIMENSIONS)
 
 
 class Sumo:
@@ -75,10 +69,9 @@ def vehicle(name: str, lane: int, front_m: float, **changes: Any) -> PlannedVehi
 
 
 def population(*reserve: PlannedVehicle, inside: tuple[PlannedVehicle, ...] = (), **plan: Any) -> Population:
-    changed: TrafficPlan = replace(PLAN, reserve=reserve, **plan)
-    found = Population(NETWORK, changed, CONFIG)
-    found.vehicles.update({one.name: one for one in inside})
-    return found
+    traffic = Population(NETWORK, replace(PLAN, reserve=reserve, **plan), CONFIG)
+    traffic.vehicles.update({vehicle.name: vehicle for vehicle in inside})
+    return traffic
 
 
 @pytest.mark.parametrize("direction", [(1, 0), (-1, 0), (0, 1), (0, -1), (0.6, 0.8), (-0.6, -0.8)])
@@ -129,28 +122,28 @@ def test_as_many_enter_as_are_missing_in_turn_and_who_finds_no_place_waits(sumo:
     reserve = [crowded, *(vehicle(f"r{k}", NEAR, 20.0 + 36.0 * k) for k in range(3))]
     sumo.put("other", A_LEFT, 100.0)
     emv = replace(PLAN.emvs[0], name="emv")
-    found = population(*reserve, inside=(vehicle("other", A_LEFT, 10.0), emv))
-    found.refill({}, 1)
+    traffic = population(*reserve, inside=(vehicle("other", A_LEFT, 10.0), emv))
+    traffic.refill({}, 1)
     assert sumo.added == [], "one civilian is there, and EMVs are none"
-    found.refill({}, 2)
+    traffic.refill({}, 2)
     assert sumo.added == ["r0"]
     del sumo.at["other"]
-    del found.vehicles["other"]
+    del traffic.vehicles["other"]
     sumo.put("r0", B_LEFT, 50.0)
     sumo.put("emv", B_LEFT, 90.0)
-    found.refill({}, 3)
+    traffic.refill({}, 3)
     assert sumo.added == ["r0", "r1", "r2"]
-    found.refill({}, 4)
+    traffic.refill({}, 4)
     assert sumo.added == ["r0", "r1", "r2", "crowded"]
-    found.refill({}, 9)
+    traffic.refill({}, 9)
     assert len(sumo.added) == 4, "the reserve is empty"
 
 
 def test_who_has_arrived_is_forgotten_and_named_in_order_of_entry(sumo: Sumo) -> None:
     del sumo
-    found = population(inside=tuple(vehicle(name, NEAR, 10.0) for name in ("a", "b", "c")))
-    assert found.drop_departed() == ("b",)
-    assert list(found.vehicles) == ["a", "c"]
+    traffic = population(inside=tuple(vehicle(name, NEAR, 10.0) for name in ("a", "b", "c")))
+    assert traffic.drop_departed() == ("b",)
+    assert list(traffic.vehicles) == ["a", "c"]
 
 
 @pytest.mark.parametrize(
@@ -167,15 +160,15 @@ def test_the_stage_is_cleared_of_whoever_is_on_it_with_any_part(
     sumo: Sumo, lane: int, front_m: float, cleared: bool
 ) -> None:
     """From 20 to 30 m; SUMO's lanes are twice as long as their centre lines."""
-    sumo.put("one", lane, front_m)
-    lane_id, at_m, angle, place = sumo.at["one"]
-    sumo.at["one"] = (lane_id, 2.0 * at_m, angle, place)
+    sumo.put("car", lane, front_m)
+    lane_id, at_m, angle, place = sumo.at["car"]
+    sumo.at["car"] = (lane_id, 2.0 * at_m, angle, place)
     stage = (LaneInterval(A_LEFT, 20.0, 30.0),)
     far = replace(PLAN.emvs[0], spot=Spot(NEAR, 20.0, 5.0))
-    found = population(inside=(vehicle("one", lane, front_m),), stage=stage, emvs=(far,), groups=(), civilians=0)
-    found.enter_stage()
-    assert sumo.removed == (["one"] if cleared else [])
-    assert ("one" in found.vehicles) is not cleared
+    traffic = population(inside=(vehicle("car", lane, front_m),), stage=stage, emvs=(far,), groups=(), civilians=0)
+    traffic.enter_stage()
+    assert sumo.removed == (["car"] if cleared else [])
+    assert ("car" in traffic.vehicles) is not cleared
 
 
 @pytest.mark.parametrize(("apart_m", "cleared"), [(-0.1, True), (0.1, False)])
@@ -186,19 +179,16 @@ def test_who_may_overlap_one_that_enters_makes_way_on_whatever_lane(
     """Their centres are as far apart as both half lengths together, an EMV of 6.2 m and a car, or a little more."""
     emv = replace(PLAN.emvs[0], spot=Spot(A_LEFT, 100.0, 5.0))
     reach = 0.5 * (emv.length_m + CAR_M) + apart_m
-    across = np.hypot(3.5, 0.0)
-    along = float(np.sqrt(reach**2 - across**2))
-    centre = 100.0 - 0.5 * emv.length_m + side * along
-    sumo.put("one", A_RIGHT, centre + 0.5 * CAR_M)
-    found = population(inside=(vehicle("one", A_RIGHT, 10.0),), stage=(), emvs=(emv,), groups=(), civilians=0)
-    found.enter_stage()
-    assert sumo.removed == (["one"] if cleared else [])
+    centre = 100.0 - 0.5 * emv.length_m + side * float(np.sqrt(reach**2 - 3.5**2))
+    sumo.put("car", A_RIGHT, centre + 0.5 * CAR_M)
+    traffic = population(inside=(vehicle("car", A_RIGHT, 10.0),), stage=(), emvs=(emv,), groups=(), civilians=0)
+    traffic.enter_stage()
+    assert sumo.removed == (["car"] if cleared else [])
     assert sumo.added == [emv.name]
 
 
 def test_vehicles_enter_at_their_place_in_sumos_length_no_faster_than_their_driver_may_go(sumo: Sumo) -> None:
-    found = population(vehicle("a", A_LEFT, 100.0), inside=())
-    found.refill({}, 1)
+    population(vehicle("a", A_LEFT, 100.0)).refill({}, 1)
     assert sumo.parameters["a"]["departPos"] == repr(200.0)
     assert sumo.parameters["a"]["departLane"] == "1"
     assert sumo.parameters["a"]["departSpeed"] == repr(5.0)

@@ -3,14 +3,10 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from traffic_helpers import DIMENSIONS, load_map
+from traffic_helpers import load_map, plan_of
 
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.site_finder import require_site
 from siren_ros.scenario.paper import EmergencyLevel
-from siren_ros.scenario.templates import load_template
-from siren_ros.traffic.demand.demand import plan_traffic
-from siren_ros.traffic.demand.plan import load_drivers
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo.signal_timing import (
     SignalPhase,
@@ -80,17 +76,15 @@ def test_red_begins_after_the_wanted_time(red_in_s: float, link: int) -> None:
     begin_s, _ = red_interval_s(PHASES, link) or (0.0, 0.0)
     phase, left_s = place_in_cycle(PHASES, begin_s, red_in_s)
     assert 0.0 < left_s <= PHASES[phase].duration_s + 1e-9
-    cycle_s = sum(one.duration_s for one in PHASES)
-    now_s = sum(one.duration_s for one in PHASES[: phase + 1]) - left_s
+    cycle_s = sum(phase.duration_s for phase in PHASES)
+    now_s = sum(passed.duration_s for passed in PHASES[: phase + 1]) - left_s
     off_s = (now_s + red_in_s - begin_s) % cycle_s
     assert min(off_s, cycle_s - off_s) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_signal_of_the_emvs_movement_turns_red_when_planned() -> None:
     compiled, network = load_map(None)
-    template = load_template("S3")
-    site = require_site(network, template.site_kind)
-    plan = plan_traffic(network, site, template, 0, load_drivers(), DIMENSIONS)
+    plan, _, _ = plan_of("S3", network)
     assert plan.signal is not None
     timing = replace(plan.signal, platoon=())
     plan = replace(plan, signal=timing)
@@ -98,7 +92,8 @@ def test_signal_of_the_emvs_movement_turns_red_when_planned() -> None:
     with SumoSimulation(compiled, network, plan, EmergencyLevel.L0, seed=0) as simulation:
         for step in range(round((timing.red_from_s + 1.0) / STEP_S)):
             state = simulation.step(step, None)
-            seen.append(next(one.state[timing.link] for one in state.signals if one.signal_id == timing.signal_id))
+            letters = {signal.signal_id: signal.state for signal in state.signals}[timing.signal_id]
+            seen.append(letters[timing.link])
     first_red = seen.index("r")
     assert first_red * STEP_S == pytest.approx(timing.red_from_s, abs=2.0 * STEP_S)
     assert set(seen[first_red:]) == {"r"}
@@ -122,9 +117,7 @@ def test_who_ends_the_green_drives_over_the_line_on_yellow(yellow_s: float) -> N
 @pytest.mark.parametrize("seed", [0, 2])
 def test_the_green_ends_behind_the_last_vehicle_of_the_stream(seed: int) -> None:
     compiled, network = load_map(None)
-    template = load_template("S3")
-    site = require_site(network, template.site_kind)
-    plan = plan_traffic(network, site, template, seed, load_drivers(), DIMENSIONS)
+    plan, _, site = plan_of("S3", network, seed)
     timing = plan.signal
     assert timing is not None
     assert set(timing.platoon) == {vehicle.name for vehicle in plan.groups}
@@ -132,11 +125,11 @@ def test_the_green_ends_behind_the_last_vehicle_of_the_stream(seed: int) -> None
     with SumoSimulation(compiled, network, plan, EmergencyLevel.L0) as simulation:
         for step in range(500):
             state = simulation.step(step, None)
-            ids |= {one.actor_id: one.name for one in state.spawned}
+            ids |= {actor.actor_id: actor.name for actor in state.spawned}
             for event in state.events:
                 if event.kind is EventKind.STOP_LINE_CROSSED and event.detail["junction"] == junction:
                     crossed[ids[event.actor_id]] = step * STEP_S
-            (letters,) = [one.state for one in state.signals if one.signal_id == timing.signal_id]
+            letters = {signal.signal_id: signal.state for signal in state.signals}[timing.signal_id]
             if letters[timing.link] == "r" and step > 20:
                 red_s = step * STEP_S
                 break

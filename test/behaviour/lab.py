@@ -27,9 +27,7 @@ L0, L1, L2, L3 = EmergencyLevel
 
 class RoadBuilder:
     def __init__(self):
-        self.lanes: list[Lane] = []
-        self.edges: list[Edge] = []
-        self.connections: list[Connection] = []
+        self.lanes, self.edges, self.connections = [], [], []
 
     def edge(self, points, count, ends, internal=False, shoulder=False, width=WIDTH):
         """Lanes from the line of the rightmost one to the left; with a shoulder, lane 0 is one."""
@@ -225,10 +223,7 @@ class Loop:
         first = traffic_of(self.world.network, self.cars)
         self.table = ParameterTable.of([car.kind for car in self.cars], vehicles)
         self.body = BodyState.moving(first.x_m.copy(), first.y_m.copy(), first.yaw_rad.copy(), first.speed_mps.copy())
-        self.lights: dict[int, int] = {}
-        self.owners: dict[int, int] = {}
-        self.modes: dict[int, int] = {}
-        self.corners: list[np.ndarray] = []
+        self.lights, self.owners, self.modes = {}, {}, {}
 
     def run(self, steps):
         for _ in range(steps):
@@ -333,5 +328,4 @@ def stepper(control, initial):
 def turned_road(turn, lanes=2, length=400.0):
     """A straight road that points anywhere, and the directions along and across it."""
     along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    road = RoadBuilder().edge([[0.0, 0.0], length * along], lanes, ("A", "B"))
-    return road.built(), along, across
+    return RoadBuilder().edge([[0.0, 0.0], length * along], lanes, ("A", "B")).built(), along, across

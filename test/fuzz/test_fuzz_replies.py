@@ -4,7 +4,6 @@ import json
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import pytest
 from evaluation.risk.vlm.chat_server import Behaviour, chat_server
@@ -16,7 +15,7 @@ from siren_ros.evaluation.risk.vlm.openai_server import OpenAiServer, reply_in
 from siren_ros.evaluation.risk.vlm.reading import class_in
 
 ASKED = Question("You judge.", "Which class?", (b"picture",))
-GOOD: dict[str, Any] = {
+GOOD = {
     "id": "1",
     "choices": [{"index": 0, "message": {"role": "assistant", "content": '{"class": "Normal"}'}}],
     "usage": {"prompt_tokens": 10, "completion_tokens": 2},

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -164,7 +163,7 @@ def test_sound_survives(round_trip):
 
 
 def labels():
-    values: dict[str, Any] = {name: np.array([1, 2], dtype) for name, dtype in CAMERA_TRUTH_DTYPES.items()}
+    values = {name: np.array([1, 2], dtype) for name, dtype in CAMERA_TRUTH_DTYPES.items()}
     values |= {
         "actor_class": np.array([int(ActorClass.BUS), int(ActorClass.AMBULANCE)], np.uint8),
         "u_min_px": np.array([9.5, 0.0]), "u_max_px": np.array([29.5, 0.0]), "v_min_px": np.array([-0.5, 0.0]),

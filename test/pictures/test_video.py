@@ -147,7 +147,7 @@ def test_a_camera_twice_as_fast_gives_every_second_image(tmp_path, typestore):
 )
 def test_frames_that_are_not_there_are_refused(bag, tmp_path, options, named):
     with pytest.raises(InputError, match=named):
-        save_video(bag, View.BIRDSEYE, tmp_path / "a.mp4", **options)  # type: ignore[arg-type] # by name
+        save_video(bag, View.BIRDSEYE, tmp_path / "a.mp4", **options)
     assert list(tmp_path.iterdir()) == []
 
 

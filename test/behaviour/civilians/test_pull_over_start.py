@@ -165,18 +165,12 @@ def before_the_junction(lab, emv_s, car_s, car_mps):
     return loop
 
 
-def test_stops_before_the_junction(lab):
-    loop = before_the_junction(lab, 100, 130, 4).run(200)
-    front = loop.body.x_m[1] + 4.75 / 2
-    assert loop.modes[2] == Mode.YIELD_HOLD
-    assert front < 150.0
-
-
-def test_the_head_of_a_queue_holds_with_its_front_over_the_line_and_never_on_the_junction(lab):
-    loop = before_the_junction(lab, 105, 146, 0).run(400)
-    front = loop.body.x_m[1] + 4.75 / 2
-    assert loop.modes[2] == Mode.YIELD_HOLD
-    assert 151.0 < front <= 150.0 + loop.world.config.pull_over.head_over_line_m + 0.1
+def test_stops_before_the_junction_and_the_head_of_a_queue_with_its_front_over_the_line_and_never_on_it(lab):
+    stopping = before_the_junction(lab, 100, 130, 4).run(200)
+    head = before_the_junction(lab, 105, 146, 0).run(400)
+    assert stopping.modes[2] == head.modes[2] == Mode.YIELD_HOLD
+    assert stopping.body.x_m[1] + 4.75 / 2 < 150.0
+    assert 151.0 < head.body.x_m[1] + 4.75 / 2 <= 150.0 + head.world.config.pull_over.head_over_line_m + 0.1
 
 
 @pytest.mark.parametrize(("lane", "side"), [(0, -1), (1, 1)])

@@ -9,12 +9,14 @@ from behaviour.lab import kinds
 
 from siren_ros.behaviour.civilians.yield_lane_change import yield_speed_mps
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.behaviour.config import BehaviourConfig
 from siren_ros.behaviour.driving.step_view import ActorTable
 from siren_ros.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
 from siren_ros.world.actors import ActorClass, Mode, Owner
 from siren_ros.world.traffic_state import TrafficFlags
 
 AMBULANCE = ActorClass.AMBULANCE
+GRACE = round(BehaviourConfig().yielding.off_path_grace_s / 0.05)
 
 
 def modes(commands):
@@ -184,15 +186,13 @@ def blocked_then(lab, world, *phases):
 
 
 def test_yield_is_dropped_a_second_after_the_emv_left_the_lane(lab, world):
-    grace = round(world.config.yielding.off_path_grace_s / 0.05)
-    assert not blocked_then(lab, world, (1, grace))
-    events = blocked_then(lab, world, (1, grace + 1))
+    assert not blocked_then(lab, world, (1, GRACE))
+    events = blocked_then(lab, world, (1, GRACE + 1))
     assert (kinds(events), events[0].detail["reason"]) == (["yield_cancelled"], "off_path")
 
 
 def test_the_second_off_the_path_begins_again_when_the_emv_comes_back(lab, world):
-    grace = round(world.config.yielding.off_path_grace_s / 0.05)
-    assert not blocked_then(lab, world, (1, grace), (0, 1), (1, grace))
+    assert not blocked_then(lab, world, (1, GRACE), (0, 1), (1, GRACE))
 
 
 @pytest.mark.parametrize(("emv_s", "reasons"), [(73.9, []), (78.9, []), (79.4, ["off_path"])])
@@ -200,8 +200,7 @@ def test_the_emv_is_on_the_path_until_its_front_is_ahead_of_the_civilians_front(
     """The civilian's front is at 82.375 m, the EMV's is 3.25 m ahead of its centre: ahead of it from 79.125 m on."""
     cars = [lab.Car(2, 0, 80, 5, (0,), left=-1.0), lab.Car(3, 1, 81, 5, (0,))]
     state, _, _ = steps(world, [emv_at(lab), *cars])
-    grace = round(world.config.yielding.off_path_grace_s / 0.05)
-    _, _, events = steps(world, [emv_at(lab, emv_s), *cars], grace + 5, state, 1)
+    _, _, events = steps(world, [emv_at(lab, emv_s), *cars], GRACE + 5, state, 1)
     assert [event.detail["reason"] for event in events if event.actor_id == 2] == reasons
 
 
@@ -276,15 +275,14 @@ def test_kept_lane_is_left_a_second_after_the_emv_took_another_road_without_inte
     there = lab.Car(2, 5, 5, 3, (2,))
     ahead, away = ((lab.Car(1, 0, 140, 5, route, AMBULANCE), there) for route in ((0, 2), (0, 4)))
     first = [ahead[0], lab.Car(2, 4, 5, 3, (2,))]
-    grace = round(world.config.yielding.off_path_grace_s / 0.05)
     for interruption, reasons in ((ahead, []), (away, ["emv_gone"])):
         state, _, _ = steps(world, first)
         state, _, events = steps(world, ahead, 1, state, 1)
         assert kinds(events) == ["yield_completed"]
-        state, _, events = steps(world, away, grace, state, 2)
+        state, _, events = steps(world, away, GRACE, state, 2)
         assert not events
-        state, _, events = steps(world, interruption, 1, state, 2 + grace)
-        more = steps(world, away, grace, state, 3 + grace)[2]
+        state, _, events = steps(world, interruption, 1, state, 2 + GRACE)
+        more = steps(world, away, GRACE, state, 3 + GRACE)[2]
         assert [event.detail["reason"] for event in (*events, *more)] == reasons
 
 
@@ -307,14 +305,13 @@ def test_a_civilian_off_all_lanes_is_not_on_the_emvs_road(lab, world, state):
     """It has changed lanes and then leaves the road; a second later it is released."""
     there = [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))]
     state, _, _ = steps(world, there, 1, state, 1)
-    grace = round(world.config.yielding.off_path_grace_s / 0.05)
     reasons = []
-    for step in range(2, 3 + grace):
+    for step in range(2, 3 + GRACE):
         observed = lab.traffic_of(world.network, there, step=step, spawn=False)
         lane = np.where(observed.actor_id == 2, -1, observed.lane).astype(np.int32)
         state, commands = step_yield(state, replace(observed, lane=lane), world)
         reasons += [(step, event.detail["reason"]) for event in commands.events]
-    assert reasons == [(2 + grace, "emv_gone")]
+    assert reasons == [(2 + GRACE, "emv_gone")]
 
 
 def test_with_two_emvs_everybody_yields_to_the_one_that_comes(lab, world):

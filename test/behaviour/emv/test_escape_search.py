@@ -28,13 +28,9 @@ def line(turn=0.0):
     return Curve.through(np.array([-10.0 * along, 60.0 * along]))
 
 
-def nobody():
-    return Obstacles(np.empty(0, np.uint32), *(np.empty(0) for _ in range(6)))
-
-
 def cars(turn, *rows):
     """Cars of 4.4 m by 1.8 m, ahead and to the left of the line's beginning, turned with the line."""
-    ahead, left, yaw = np.array(rows, dtype=float).T
+    ahead, left, yaw = np.array(rows, dtype=float).reshape(-1, 3).T
     cos, sin = np.cos(turn), np.sin(turn)
     n = len(ahead)
     return Obstacles(
@@ -50,7 +46,7 @@ def road(right=-1.75, driving=-1.75, left=5.25, opposite=5.25, middle=1.75):
 
 
 def lattice(space=None, start=START, obstacles=None, turn=0.0, curve=None):
-    return lattice_of(curve or line(turn), space or road(), start, obstacles or nobody(), CONFIG)
+    return lattice_of(curve or line(turn), space or road(), start, obstacles or cars(turn), CONFIG)
 
 
 def index_of(values, value):
@@ -161,32 +157,27 @@ def test_who_stands_over_the_edge_may_stay_as_far_over_it(side):
     assert clear[~over & (side * nodes.left_m > 0.0)].all()
 
 
-REAR_M_ESCAPE_SEARCH = 1.7
-LINE = Curve.through(np.array([[-10.0, 0.0], [60.0, 0.0]]))
+LINE = line()
 
 
 def boxes(*rows):
-    x, y, yaw, length, width = np.array(rows, dtype=float).reshape(-1, 5).T
-    return Obstacles(np.arange(2, 2 + len(x), dtype=np.uint32), x, y, np.cos(yaw), np.sin(yaw), length, width)
+    return cars(0.0, *rows)
 
 
 def car(x, y, yaw=0.0):
-    return (x, y, yaw, 2.2, 0.9)
+    return x, y, yaw
 
 
-def road_of_escape_search(right=-1.75, left=5.25, shoulder=0.0, opposite=0.0):
-    s = 10.0 + CONFIG.station_m * np.arange(21)
-    lines = (right - shoulder, right, left, left + opposite, 0.5 * (right + left))
-    return RoadSpace(s, *(np.full(21, line) for line in lines))
+def wide_road(shoulder=0.0, opposite=0.0):
+    return road(right=-1.75 - shoulder, opposite=5.25 + opposite)
 
 
 def search(obstacles, space=None, left=0.0, slope=0.0):
-    start = Start(left, slope, BODY, REAR_M_ESCAPE_SEARCH, 3.9, 0.16)
-    return search_lattice(LINE, space or road_of_escape_search(), start, obstacles, CONFIG)
+    return search_lattice(LINE, space or road(), replace(START, left_m=left, slope=slope), obstacles, CONFIG)
 
 
 def poses(path):
-    centre = path.centre_line(LINE, REAR_M_ESCAPE_SEARCH)
+    centre = path.centre_line(LINE, REAR_M)
     return centre, np.arctan2(*(centre - LINE.offset_at(path.s_m, path.left_m)).T[::-1])
 
 
@@ -222,10 +213,10 @@ def test_takes_a_tight_gap_with_a_smaller_margin_only_where_no_other_is_wide_eno
 
 def test_prefers_the_road_to_the_shoulder_and_the_shoulder_to_the_opposite_lane():
     both = boxes(car(20.0, 0.0), car(20.0, 3.5))
-    assert search(both, road_of_escape_search(shoulder=2.6, opposite=3.5)).left_m.min() < -1.9
-    assert search(both, road_of_escape_search(opposite=3.5)).left_m.max() > 4.8
-    assert search(both, road_of_escape_search()) is None or not search(both, road_of_escape_search()).complete
-    assert 2.0 < search(boxes(car(20.0, 0.0)), road_of_escape_search(shoulder=2.6, opposite=3.5)).left_m.max() < 4.3
+    assert search(both, wide_road(shoulder=2.6, opposite=3.5)).left_m.min() < -1.9
+    assert search(both, wide_road(opposite=3.5)).left_m.max() > 4.8
+    assert search(both, road()) is None or not search(both, road()).complete
+    assert 2.0 < search(boxes(car(20.0, 0.0)), wide_road(shoulder=2.6, opposite=3.5)).left_m.max() < 4.3
 
 
 def test_finds_nothing_right_behind_two_queues():
@@ -241,9 +232,7 @@ def test_a_path_that_ends_early_ends_along_the_road():
 
 def test_a_vehicle_beside_that_is_too_near_already_does_not_keep_the_emv_there():
     beside = boxes(car(2.0, 2.0))
-    assert separations_m(np.array(REAR_M_ESCAPE_SEARCH), np.array(0.0), np.array(0.0), BODY, beside)[
-        0
-    ] == pytest.approx(0.05)
+    assert separations_m(np.array(REAR_M), np.array(0.0), np.array(0.0), BODY, beside)[0] == pytest.approx(0.05)
     path = search(beside)
     assert path is not None
     assert path.complete
@@ -268,7 +257,7 @@ def test_leaves_a_shoulder_at_whose_edge_it_stands():
 def test_no_path_touches_anybody(cars, left, slope):
     obstacles = boxes(*(car(*item) for item in cars))
     yaw = math.atan(slope)
-    centre = np.array([REAR_M_ESCAPE_SEARCH * math.cos(yaw), left + REAR_M_ESCAPE_SEARCH * math.sin(yaw)])
+    centre = np.array([REAR_M * math.cos(yaw), left + REAR_M * math.sin(yaw)])
     assume(np.all(separations_m(centre[0], centre[1], np.array(yaw), BODY, obstacles) > 0.0))
     path = search(obstacles, left=left, slope=slope)
     if path is not None and cars:
@@ -312,7 +301,6 @@ def test_a_tight_margin_is_taken_for_as_much_way_as_it_costs(worth, clearance):
     """With 0.3 m the path ends before two cars; between them 0.08 m are left, two steps of 6 m dearer."""
     tight = boxes(car(18.0, -0.75), car(18.0, 3.45))
     config = replace(CONFIG, way_worth=worth)
-    start = Start(0.0, 0.0, BODY, REAR_M_ESCAPE_SEARCH, 3.9, 0.16)
-    nodes = search_lattice(LINE, road_of_escape_search(), start, tight, config)
+    nodes = search_lattice(LINE, road(), replace(START, left_m=0.0, slope=0.0), tight, config)
     assert nodes.clearance_m == clearance
     assert nodes.complete is (clearance < 0.1)

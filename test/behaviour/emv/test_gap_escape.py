@@ -8,7 +8,6 @@ from behaviour.lab import kinds
 
 from siren_ros.behaviour.driving.emv_unit import EmvUnit, RoutePlan
 from siren_ros.behaviour.emv import gap_escape
-from siren_ros.behaviour.emv import gap_escape as escape_plan
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.scenario.presets import load_preset
 from siren_ros.world.actors import ActorClass
@@ -60,7 +59,7 @@ def start_of(lab, monkeypatch, *, turn=0.0, left=0.0, turned=0.0, s=100.0, lengt
     def noted(curve, road, start, obstacles, config):
         asked.append((curve, road, start, obstacles, config))
 
-    monkeypatch.setattr(escape_plan, "search_lattice", noted)
+    monkeypatch.setattr(gap_escape, "search_lattice", noted)
     network, along, across = lab.turned_road(turn, length=length)
     poses = np.array([[*(s * along + left * across), turn + turned, 0.0]])
     view = lab.view(network, lab.L3, [lab.Car(1, 0, s, 0, (0,), AMBULANCE)], poses=poses)
@@ -99,7 +98,7 @@ def test_stations_end_where_the_front_is_at_the_lines_end(lab, monkeypatch, beyo
 
 def test_others_are_swept_for_as_long_as_they_may_go_and_longer_where_they_come_on(lab, straight, monkeypatch):
     asked = []
-    monkeypatch.setattr(escape_plan, "search_lattice", lambda *what: asked.append(what))
+    monkeypatch.setattr(gap_escape, "search_lattice", lambda *what: asked.append(what))
     cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 120, 4, (0,)), lab.Car(3, 1, 130, 4, (0,))]
     poses = np.array([[100.0, 0.0, 0.0, 0.0], [120.0, 0.0, 0.1, 4.0], [130.0, 3.3, np.pi, 4.0]])
     view = lab.view(straight, lab.L3, cars, poses=poses)

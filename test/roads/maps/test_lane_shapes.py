@@ -1,7 +1,6 @@
 """Paths across junctions leave and enter lanes without a corner."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -218,7 +217,7 @@ OSM = """<?xml version="1.0"?><osm version="0.6">
 @pytest.fixture(scope="module")
 def net(tmp_path_factory):
     folder = tmp_path_factory.mktemp("maps")
-    source: Path = folder / "wider.osm"
+    source = folder / "wider.osm"
     source.write_text(OSM)
     return compile_map(source, folder / "cache").read_bytes()
 

@@ -80,15 +80,14 @@ def test_knots_near_a_station_get_none_but_at_the_ends():
 
 
 def test_faces_know_their_band_side_and_place():
-    seen: list[tuple[solids.Band, float, int]] = []
-    ends: dict[str, set[tuple[solids.Band, int]]] = {"front": set(), "rear": set()}
+    seen, ends = [], {"front": set(), "rear": set()}
     materials = {1: Material.INDICATOR_LEFT_LAMP, -1: Material.INDICATOR_RIGHT_LAMP}
 
     def side(band, s_m, hand):
         seen.append((band, s_m, hand))
         return materials[hand], (1, 1, 1)
 
-    def end(name):  # type: ignore[no-untyped-def] # a finish
+    def end(name):
         def finish(band, zone):
             ends[name].add((band, zone))
             return (Material.PLATE, (1, 1, 1)) if zone == 2 else (Material.CAR_PAINT, (1, 1, 1))

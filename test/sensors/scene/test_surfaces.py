@@ -1,7 +1,6 @@
 import itertools
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -137,8 +136,7 @@ def test_unusable_numbers_are_named(name, value):
 @pytest.fixture
 def space():
     """Traffic between y = −5 and 5 m."""
-    surfaces: Any = SimpleNamespace(keep_clear=box(-100.0, -5.0, 100.0, 5.0))
-    return FreeSpace(surfaces)
+    return FreeSpace(SimpleNamespace(keep_clear=box(-100.0, -5.0, 100.0, 5.0)))
 
 
 def test_traffics_space_is_never_free(space):

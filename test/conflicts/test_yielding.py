@@ -83,6 +83,13 @@ def car(speed, rank=Rank.PRIORITY, accel=0.0):
     return Approach(speed, speed, accel, rank)
 
 
+def waiting(zone, own, other):
+    """The wait that there must be."""
+    wait = wait_for(zone, own, other, CONFIG)
+    assert wait is not None
+    return wait
+
+
 def test_times_of_uniform_accelerated_and_slowing_motion():
     assert time_to_go_s(20.0, 10.0, 10.0, 0.0) == pytest.approx(2.0)
     assert time_to_go_s(8.0, 0.0, 20.0, 4.0) == pytest.approx(2.0)
@@ -110,13 +117,11 @@ def test_who_brakes_to_be_later_is_at_the_place_when_the_time_is_over_or_stands_
 
 def test_who_has_no_right_of_way_waits_slowly_enough_to_stop():
     zone = crossing(30.0, 25.0)
-    wait = wait_for(zone, car(12.0, Rank.RED), car(10.0), CONFIG)
-    assert wait is not None
+    wait = waiting(zone, car(12.0, Rank.RED), car(10.0))
     assert wait.speed_mps >= math.sqrt(2.0 * CONFIG.brake_mps2 * (30.0 - CONFIG.standoff_m)) - 1e-9
     clear_s = 31.0 / 10.0 + CONFIG.after_s
     assert 12.0 * clear_s - 0.5 * wait.brake_mps2 * clear_s**2 == pytest.approx(29.0)
-    slow = wait_for(crossing(30.0, 5.0), car(12.0, Rank.RED), car(1.5), CONFIG)
-    assert slow is not None
+    slow = waiting(crossing(30.0, 5.0), car(12.0, Rank.RED), car(1.5))
     assert slow.brake_mps2 == pytest.approx(stop_brake_mps2(12.0, 29.0))
     assert wait_for(zone, car(12.0), car(10.0, Rank.GIVES_WAY), CONFIG) is None
 
@@ -130,26 +135,22 @@ def test_who_cannot_stop_any_more_is_let_through_whatever_the_right_of_way():
 def test_who_stands_in_the_zone_leaves_it_unless_the_way_is_blocked():
     other = car(6.0)
     assert wait_for(Zone(0.0, 5.0, 8.0, 14.0, 0.0, INF), car(2.0), other, CONFIG) is None
-    wait = wait_for(Zone(0.0, 8.0, 0.0, 6.0, 0.0, 4.0), car(2.0), other, CONFIG)
-    assert wait is not None
+    wait = waiting(Zone(0.0, 8.0, 0.0, 6.0, 0.0, 4.0), car(2.0), other)
     assert wait.free_m == pytest.approx(4.0 - CONFIG.standoff_m)
 
 
 def test_who_merges_behind_follows_at_the_other_ones_speed():
     zone = Zone(40.0, INF, 20.0, 60.0, 1.0, INF)
-    wait = wait_for(zone, car(12.0, Rank.GIVES_WAY), car(8.0), CONFIG)
-    assert wait is not None
+    wait = waiting(zone, car(12.0, Rank.GIVES_WAY), car(8.0))
     assert wait.speed_mps > 8.0
-    near = wait_for(Zone(22.0, INF, 20.0, 60.0, 1.0, INF), car(8.0, Rank.GIVES_WAY), car(8.0), CONFIG)
-    assert near is not None
+    near = waiting(Zone(22.0, INF, 20.0, 60.0, 1.0, INF), car(8.0, Rank.GIVES_WAY), car(8.0))
     assert near.speed_mps == pytest.approx(8.0)
 
 
 @pytest.mark.parametrize(("own_in", "slower"), [(21.5, 0.5), (21.0, 1.0), (20.5, 1.5)])
 def test_who_merges_falls_back_to_the_distance_that_is_kept(own_in, slower):
     """1 m behind the other one, at a metre in 1.5 s for each metre that is missing, also where both are level."""
-    wait = wait_for(Zone(own_in, INF, 20.0, 60.0, 1.0, INF), car(8.0, Rank.GIVES_WAY), car(8.0), CONFIG)
-    assert wait is not None
+    wait = waiting(Zone(own_in, INF, 20.0, 60.0, 1.0, INF), car(8.0, Rank.GIVES_WAY), car(8.0))
     assert wait.speed_mps == pytest.approx(8.0 - slower / 1.5)
     assert wait.free_m == pytest.approx(max(own_in - 21.0, 0.0))
 
@@ -239,8 +240,7 @@ def test_at_a_merge_who_is_ahead_goes_first_where_the_other_one_can_fall_in(own_
 
 
 def test_behind_a_faster_one_nobody_brakes():
-    wait = wait_for(Zone(13.0, INF, 10.0, 60.0, 1.0, INF), car(5.0, Rank.GIVES_WAY), car(8.0), CONFIG)
-    assert wait is not None
+    wait = waiting(Zone(13.0, INF, 10.0, 60.0, 1.0, INF), car(5.0, Rank.GIVES_WAY), car(8.0))
     assert wait.brake_mps2 == 0.0
 
 
@@ -314,8 +314,7 @@ def test_who_merges_stays_behind_however_late_it_comes():
 
 @pytest.mark.parametrize("own_in", [0.2, 0.9, 1.0])
 def test_nearer_than_the_distance_that_is_kept_one_waits_where_one_is(own_in):
-    wait = wait_for(crossing(own_in, 10.0), car(0.5, Rank.RED), car(8.0), CONFIG)
-    assert wait is not None
+    wait = waiting(crossing(own_in, 10.0), car(0.5, Rank.RED), car(8.0))
     assert (wait.speed_mps, wait.free_m) == (0.0, 0.0)
     assert wait.brake_mps2 == stop_brake_mps2(0.5, 0.0)
 

@@ -38,10 +38,7 @@ def test_straight_ways_that_cross_at_a_right_angle(turn, heading):
     other = way((30.0, -20.0 * np.sign(heading)), heading, turn=turn)
     zone = only(own, other)
     reach = LENGTH + WIDTH
-    assert zone.own_in_m == pytest.approx(30.0 - reach, abs=STEP_M)
-    assert zone.own_out_m == pytest.approx(30.0 + reach, abs=STEP_M)
-    assert zone.other_in_m == pytest.approx(20.0 - reach, abs=STEP_M)
-    assert zone.other_out_m == pytest.approx(20.0 + reach, abs=STEP_M)
+    assert zone[:4] == pytest.approx((30.0 - reach, 30.0 + reach, 20.0 - reach, 20.0 + reach), abs=STEP_M)
     assert zone.along == pytest.approx(0.0, abs=1e-6)
     assert np.isinf(zone.blocked_m)
     assert not zone.merges
@@ -113,9 +110,7 @@ def test_inside_the_zone_the_bodies_can_touch_and_before_it_they_cannot(angle, a
     zone = only(own, way(start, angle, turn=turn))
     reach = (LENGTH + WIDTH) / np.sin(angle) + LENGTH + STEP_M
     assert zone is not None
-    assert zone.own_in_m <= ahead
-    assert zone.own_out_m >= ahead
-    assert zone.own_in_m >= ahead - reach
+    assert ahead - reach <= zone.own_in_m <= ahead <= zone.own_out_m
     assert zone.other_in_m <= aside <= zone.other_out_m
 
 
@@ -142,10 +137,9 @@ def test_bodies_of_different_sizes_each_count_with_their_own(turn):
     own = way((0.0, 0.0), 0.0, turn=turn)
     other = way((30.0, -20.0), np.pi / 2.0, turn=turn)._replace(half_length_m=4.0, half_width_m=1.2)
     zone = only(own, other, margin=0.5)
-    assert zone.own_in_m == pytest.approx(30.0 - LENGTH - 1.2, abs=STEP_M)
-    assert zone.own_out_m == pytest.approx(30.0 + LENGTH + 1.2, abs=STEP_M)
-    assert zone.other_in_m == pytest.approx(20.0 - 4.0 - WIDTH - 0.5, abs=STEP_M)
-    assert zone.other_out_m == pytest.approx(20.0 + 4.0 + WIDTH + 0.5, abs=STEP_M)
+    own_reach, other_reach = LENGTH + 1.2, 4.0 + WIDTH + 0.5
+    expected = (30.0 - own_reach, 30.0 + own_reach, 20.0 - other_reach, 20.0 + other_reach)
+    assert zone[:4] == pytest.approx(expected, abs=STEP_M)
     narrow = way((0.0, 2.2), 0.0, turn=turn)._replace(half_width_m=1.2)
     assert only(own, narrow) is None
     assert only(own, narrow, margin=-0.2) is None
@@ -193,8 +187,7 @@ def test_an_oncoming_body_blocks_where_it_is_now_and_not_where_it_drives():
 
 
 def test_who_is_touched_now_is_blocked_at_once():
-    own = way((0.0, 0.0), 0.0)
-    zone = only(own, way((2.0, 1.0), 0.0, reach=0.0))
+    zone = only(way((0.0, 0.0), 0.0), way((2.0, 1.0), 0.0, reach=0.0))
     assert (zone.own_in_m, zone.blocked_m) == (pytest.approx(0.0), pytest.approx(0.0))
 
 

@@ -8,7 +8,7 @@ from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.world.traffic_state import Event, EventKind, TrafficState
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, EventKind, TrafficState
 
 PARAMETERS = load_vehicle_parameters()
 
@@ -32,33 +32,13 @@ def traffic_of(
     ids = sorted(rows)
     n = len(ids)
     x, y, yaw, speed = np.array([rows[i] for i in ids], dtype=np.float64).reshape(n, 4).T
-    zero, codes, indices = np.zeros(n), np.zeros(n, np.uint8), np.zeros(n, np.int32)
-    return TrafficState(
-        step=step,
-        spawned=tuple(spawned),
-        removed=np.array(removed, dtype=np.uint32),
-        actor_id=np.array(ids, dtype=np.uint32),
-        owner=codes,
-        sumo_x_m=x,
-        sumo_y_m=y,
-        sumo_yaw_rad=yaw,
-        sumo_speed_mps=speed,
-        sumo_accel_mps2=zero,
-        x_m=x,
-        y_m=y,
-        yaw_rad=yaw,
-        speed_mps=speed,
-        lane=indices,
-        lane_position_m=zero,
-        lateral_offset_m=zero,
-        lights=np.array([int((lights or {}).get(i, 0)) for i in ids], dtype=np.uint8),
-        flags=codes,
-        route_offset=np.zeros(n + 1, np.int32),
-        route_edges=np.empty(0, np.int32),
-        emvs=(),
-        signals=(),
-        events=events,
-    )
+    columns = {name: np.zeros(n, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
+    columns |= {"sumo_x_m": x, "sumo_y_m": y, "sumo_yaw_rad": yaw, "sumo_speed_mps": speed}
+    columns |= {"x_m": x, "y_m": y, "yaw_rad": yaw, "speed_mps": speed}
+    columns |= {"removed": np.array(removed, np.uint32), "actor_id": np.array(ids, np.uint32)}
+    columns |= {"route_offset": np.zeros(n + 1, np.int32), "route_edges": np.empty(0, np.int32)}
+    columns["lights"] = np.array([int((lights or {}).get(i, 0)) for i in ids], dtype=np.uint8)
+    return TrafficState(step=step, spawned=tuple(spawned), emvs=(), signals=(), events=events, **columns)
 
 
 def command_of(
@@ -73,19 +53,10 @@ def command_of(
     source: str = "emv_controller",
     events: tuple[Event, ...] = (),
 ) -> VehicleCommands:
-    return VehicleCommands(
-        step=step,
-        source=source,
-        actor_id=np.array([actor_id], np.uint32),
-        owner=np.array([owner], np.uint8),
-        throttle=np.array([throttle]),
-        brake=np.array([brake]),
-        steer_rad=np.array([steer]),
-        hand_brake=np.zeros(1, np.uint8),
-        mode=np.array([mode], np.uint8),
-        lights=np.array([lights], np.uint8),
-        events=events,
-    )
+    row = {"actor_id": actor_id, "owner": owner, "mode": mode, "lights": lights}
+    row |= {"throttle": throttle, "brake": brake, "steer_rad": steer}
+    columns = {name: np.array([row.get(name, 0)], dtype) for name, dtype in COMMAND_DTYPES.items()}
+    return VehicleCommands(step=step, source=source, events=events, **columns)
 
 
 def stacked(*commands: VehicleCommands) -> VehicleCommands:

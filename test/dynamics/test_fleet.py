@@ -240,6 +240,7 @@ def test_the_hand_brake_is_that_of_who_drives(owner: Owner) -> None:
     state, _ = started(1, 5.0)
     traffic = traffic_of(1, {1: (0.25, 50.0, 0.0, 5.0)})
     pulled = replace(command_of(1, 1, owner=owner), hand_brake=np.ones(1, np.uint8))
-    speeds = [step_fleet(state, traffic, [one])[1].speed_mps[0] for one in (command_of(1, 1, owner=owner), pulled)]
+    commands = (command_of(1, 1, owner=owner), pulled)
+    speeds = [step_fleet(state, traffic, [command])[1].speed_mps[0] for command in commands]
     assert bool(speeds[1] < speeds[0] - 0.1) is (owner is Owner.ROS)
     assert bool(speeds[1] == speeds[0]) is (owner is Owner.SUMO)

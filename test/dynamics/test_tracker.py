@@ -57,11 +57,11 @@ def _follow(kind: ActorClass, pose: tuple[Floats, Floats, Floats], speed_mps: Fl
     tracker = TrackerState.at(first.x_m, first.y_m, first.yaw_rad)
     rows = []
     for step in range(1, len(speed_mps)):
-        wanted = at(step)
-        controls, tracker = track(body, tracker, wanted, table, STEP_S)
+        goal = at(step)
+        controls, tracker = track(body, tracker, goal, table, STEP_S)
         body = step_bodies(body, controls, table, STEP_S)
-        dx, dy = body.x_m - wanted.x_m, body.y_m - wanted.y_m
-        along = dx * np.cos(wanted.yaw_rad) + dy * np.sin(wanted.yaw_rad)
+        dx, dy = body.x_m - goal.x_m, body.y_m - goal.y_m
+        along = dx * np.cos(goal.yaw_rad) + dy * np.sin(goal.yaw_rad)
         rows.append((np.hypot(dx, dy), along, body.forward_mps, body.x_m, body.y_m, body.steer_rad, body.brake))
     return Run(*np.array(rows)[:, :, 0].T)
 
@@ -165,9 +165,8 @@ def test_a_gap_along_the_path_closes_without_overshoot() -> None:
     gaps = []
     for step in range(1, 120):
         x = np.full(1, 2.0 + 0.4 * step)
-        controls, tracker = track(
-            body, tracker, Reference(x, np.zeros(1), np.zeros(1), np.full(1, 8.0), np.zeros(1)), table, STEP_S
-        )
+        reference = Reference(x, np.zeros(1), np.zeros(1), np.full(1, 8.0), np.zeros(1))
+        controls, tracker = track(body, tracker, reference, table, STEP_S)
         body = step_bodies(body, controls, table, STEP_S)
         gaps.append(float(x[0] - body.x_m[0]))
     assert min(gaps) > -0.15
@@ -197,13 +196,8 @@ def test_any_reference_gives_usable_controls(
     tracker = TrackerState.at(np.zeros(1), np.zeros(1), np.zeros(1))
     for step in range(1, 40):
         reach = jump_m + speed_mps * STEP_S * step
-        reference = Reference(
-            np.array([reach * np.cos(turn_rad)]),
-            np.array([reach * np.sin(turn_rad)]),
-            np.array([turn_rad]),
-            np.array([speed_mps]),
-            np.zeros(1),
-        )
+        pose = reach * np.cos(turn_rad), reach * np.sin(turn_rad), turn_rad
+        reference = Reference(*(np.full(1, value) for value in (*pose, speed_mps, 0.0)))
         controls, tracker = track(body, tracker, reference, table, STEP_S)
         assert 0.0 <= controls.throttle[0] <= 1.0
         assert 0.0 <= controls.brake[0] <= 1.0

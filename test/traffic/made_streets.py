@@ -83,20 +83,9 @@ def streets() -> RoadNetwork:
 
 def signal_site() -> Site:
     """The site at J: the EMV comes in the left lane."""
-    return Site(
-        kind=SiteKind.SIGNAL_JUNCTION,
-        name="J",
-        junction="J",
-        route=(A, B, C),
-        site_position=1,
-        site_edge=B,
-        stretch=(B,),
-        approach_lane=B_LEFT,
-        length_m=100.0,
-        connections=(STRAIGHT, STRAIGHT_LEFT),
-        crossing=(CROSSING,),
-        score=1.0,
-    )
+    route = {"route": (A, B, C), "site_position": 1, "site_edge": B, "stretch": (B,), "approach_lane": B_LEFT}
+    movements = {"connections": (STRAIGHT, STRAIGHT_LEFT), "crossing": (CROSSING,)}
+    return Site(SiteKind.SIGNAL_JUNCTION, "J", "J", **route, length_m=100.0, **movements, score=1.0)
 
 
 def start_at(front_m: float, lane: int = A_LEFT) -> EmvStart:

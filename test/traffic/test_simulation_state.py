@@ -27,17 +27,15 @@ ROUTE = ("a", "b", "c")
 
 
 def planned(name: str) -> Any:
-    return SimpleNamespace(
-        name=name,
-        is_emv=name == EMV,
-        actor_class=ActorClass.SEDAN,
-        length_m=CAR_M,
-        width_m=1.8,
-        height_m=1.5,
-        colour_rgb=(1, 2, 3),
-        route=ROUTE,
-        driver=SimpleNamespace(driving=SimpleNamespace(min_gap_m=2.0)),
-    )
+    body = {
+        "actor_class": ActorClass.SEDAN,
+        "length_m": CAR_M,
+        "width_m": 1.8,
+        "height_m": 1.5,
+        "colour_rgb": (1, 2, 3),
+    }
+    driver = SimpleNamespace(driving=SimpleNamespace(min_gap_m=2.0))
+    return SimpleNamespace(name=name, is_emv=name == EMV, route=ROUTE, driver=driver, **body)
 
 
 def place(lane: int, position_m: float = 50.0, lateral_m: float = 0.4) -> Place:
@@ -71,11 +69,11 @@ class Stage:
             TraCIException=libsumo.TraCIException,
         )
         monkeypatch.setattr(simulation_module, "libsumo", sumo)
-        monkeypatch.setattr(simulation_module, "emv_advice", lambda *given: given)
-        self.simulation = self._made()
+        monkeypatch.setattr(simulation_module, "emv_advice", lambda *arguments: arguments)
+        self.simulation = self._simulation()
 
-    def _made(self) -> SumoSimulation:
-        one = object.__new__(SumoSimulation)
+    def _simulation(self) -> SumoSimulation:
+        simulation = object.__new__(SumoSimulation)
         parts: dict[str, Any] = {
             "network": NETWORK,
             "plan": SimpleNamespace(emvs=(planned(EMV),), av=AV, civilians=2),
@@ -85,7 +83,7 @@ class Stage:
                 vehicles={name: planned(name) for name in (EMV, AV, CAR)},
                 length_scale=defaultdict(lambda: 1.0),
                 drop_departed=lambda: self.departed,
-                refill=lambda points, wanted: self.refills.append((dict(points), wanted)),
+                refill=lambda points, civilians: self.refills.append((dict(points), civilians)),
             ),
             "mirror": SimpleNamespace(
                 places={},
@@ -108,22 +106,19 @@ class Stage:
             "signal_ids": ("J",),
             "ids": {EMV: 1, AV: 2},
             "next_id": 3,
-            "reported": {},
-            "routes": {},
-            "route_ahead": {},
             "gap_out": None,
             "last": None,
-            "results": {},
+            **{name: {} for name in ("reported", "routes", "route_ahead", "results")},
         }
         for name, value in parts.items():
-            setattr(one, f"_{name}", value)
-        return one
+            setattr(simulation, f"_{name}", value)
+        return simulation
 
     def results(self) -> dict[str, dict[int, Any]]:
-        found = {}
+        results = {}
         for name, lane in self.lanes.items():
             x, y = (float(value) for value in NETWORK.lanes[lane].centre.at(self.front_m[name]))
-            found[name] = {
+            results[name] = {
                 libsumo.VAR_POSITION: (x, y),
                 libsumo.VAR_ANGLE: 90.0,
                 libsumo.VAR_SPEED: self.speed_mps,
@@ -134,7 +129,7 @@ class Stage:
                 libsumo.VAR_SIGNALS: 0,
                 libsumo.VAR_ROUTE_INDEX: self.index,
             }
-        return found
+        return results
 
     def step(self, step: int, states: ActorStates | None = None) -> Any:
         return self.simulation.step(step, states)
@@ -155,14 +150,14 @@ def driven(step: int, name: str = EMV, owner: Owner = Owner.ROS, **fields: float
 
 def test_the_first_step_describes_everybody_and_numbers_them_in_order_of_entry(stage: Stage) -> None:
     state = stage.step(0)
-    assert [one.name for one in state.spawned] == [EMV, AV, CAR]
+    assert [actor.name for actor in state.spawned] == [EMV, AV, CAR]
     assert state.actor_id.tolist() == [1, 2, 3]
     assert state.owner.tolist() == [Owner.SUMO] * 3
     assert state.x_m == pytest.approx([-310.0 + 100.0 - CAR_M / 2] * 3)
     stage.lanes[OTHER], stage.front_m[OTHER] = A_RIGHT, 20.0
     stage.private._population.vehicles[OTHER] = planned(OTHER)
     again = stage.step(1, ActorStates.empty(0))
-    assert [one.actor_id for one in again.spawned] == [4]
+    assert [actor.actor_id for actor in again.spawned] == [4]
 
 
 def test_siren_and_beacon_are_the_emvs_alone(stage: Stage) -> None:
@@ -211,11 +206,11 @@ def test_who_is_put_off_the_road_and_comes_back_has_crossed_nothing(stage: Stage
 def test_a_stop_line_that_is_passed_off_the_road_is_crossed(stage: Stage) -> None:
     """From the approach over the verge onto the path across."""
     stage.step(0)
-    found = []
+    events = []
     for step, lane in enumerate((B_LEFT, -1, -1, STRAIGHT_INSIDE), start=1):
         stage.private._mirror.places = {EMV: place(lane)}
-        found += [(step, event.kind) for event in stage.step(step, driven(step - 1)).events]
-    assert found == [(4, EventKind.STOP_LINE_CROSSED)]
+        events += [(step, event.kind) for event in stage.step(step, driven(step - 1)).events]
+    assert events == [(4, EventKind.STOP_LINE_CROSSED)]
 
 
 def test_whoever_was_brought_back_is_told_and_not_corrected_again(stage: Stage) -> None:

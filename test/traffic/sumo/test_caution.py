@@ -16,7 +16,7 @@ from siren_ros.traffic.config import CautionConfig
 from siren_ros.traffic.sumo import caution as caution_module
 from siren_ros.traffic.sumo.caution import Caution, CautiousDrivers, cautions
 from siren_ros.world.actors import Owner
-from siren_ros.world.traffic_state import TrafficFlags, TrafficState
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficFlags, TrafficState
 
 TURNS = np.radians([0.0, 30.0, 60.0])
 HALF_LENGTH, HALF_WIDTH = 2.3, 0.9
@@ -51,31 +51,17 @@ def traffic_of(cars: list[Car], roads: RoadNetwork) -> TrafficState:
     pose = np.array([roads.lanes[car.edge].centre.offset_points(car.front_m - HALF_LENGTH, car.left) for car in cars])
     yaw = np.array([float(roads.lanes[car.edge].centre.heading_rad(car.front_m)) for car in cars])
     speed = np.array([car.speed for car in cars])
-    return TrafficState(
-        step=0,
-        spawned=(),
-        removed=np.empty(0, np.uint32),
-        actor_id=np.arange(1, n + 1, dtype=np.uint32),
-        owner=np.array([car.owner for car in cars], np.uint8),
-        sumo_x_m=pose[:, 0],
-        sumo_y_m=pose[:, 1],
-        sumo_yaw_rad=yaw,
-        sumo_speed_mps=speed,
-        sumo_accel_mps2=np.array([car.accel for car in cars]),
-        x_m=pose[:, 0],
-        y_m=pose[:, 1],
-        yaw_rad=yaw,
-        speed_mps=speed,
-        lane=np.array([car.edge for car in cars], np.int32),
-        lane_position_m=np.array([car.front_m for car in cars]),
-        lateral_offset_m=np.zeros(n),
-        lights=np.zeros(n, np.uint8),
-        flags=np.array([int(car.flags) for car in cars], np.uint8),
-        route_offset=np.arange(n + 1, dtype=np.int32),
-        route_edges=np.array([car.edge for car in cars], np.int32),
-        emvs=(),
-        signals=(),
-    )
+    columns: dict[str, Any] = {name: np.zeros(n, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
+    columns |= {"x_m": pose[:, 0], "y_m": pose[:, 1], "yaw_rad": yaw, "speed_mps": speed}
+    columns |= {"sumo_x_m": pose[:, 0], "sumo_y_m": pose[:, 1], "sumo_yaw_rad": yaw, "sumo_speed_mps": speed}
+    columns |= {"removed": np.empty(0, np.uint32), "actor_id": np.arange(1, n + 1, dtype=np.uint32)}
+    columns |= {"owner": np.array([car.owner for car in cars], np.uint8)}
+    columns |= {"sumo_accel_mps2": np.array([car.accel for car in cars])}
+    columns |= {"lane": np.array([car.edge for car in cars], np.int32)}
+    columns |= {"lane_position_m": np.array([car.front_m for car in cars])}
+    columns |= {"flags": np.array([int(car.flags) for car in cars], np.uint8)}
+    columns |= {"route_offset": np.arange(n + 1, dtype=np.int32), "route_edges": columns["lane"]}
+    return TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
 
 
 def seen(traffic: TrafficState, roads: RoadNetwork, *limits: Any) -> tuple[Caution, ...]:

@@ -61,8 +61,7 @@ def test_a_turner_is_expected_along_its_turn(network):
     course = CourseBook(network).along(1, edges(0, 2))
     at = course.points[round((100.0 + 15.0 * np.pi / 2.0 + 20.0) / course.spacing_m)]
     assert at == pytest.approx([115.0, 38.3], abs=1.5)
-    assert course.entries[0].start_m == pytest.approx(100.0)
-    assert course.entries[0].connection.direction == "l"
+    assert (course.entries[0].start_m, course.entries[0].connection.direction) == (pytest.approx(100.0), "l")
     assert course.limit_at(50.0) == pytest.approx(13.89)
     assert course.limit_at(110.0) == pytest.approx(6.0)
 

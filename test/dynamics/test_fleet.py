@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dynamics.fleet_scenes import PARAMETERS, command_of, description, kinds, stacked, started, traffic_of
+from dynamics.fleet_scenes import PARAMETERS, begun, command_of, description, kinds, stacked, started, traffic_of
 
 from siren_ros.dynamics.fleet import FleetState, step_fleet, with_spawned, without_actors
 from siren_ros.dynamics.parameters import VehicleParameters
@@ -85,8 +85,7 @@ def test_spawned_actors_stand_at_sumos_pose() -> None:
     assert states.actor_id.tolist() == [3, 8]
     assert states.step == 4
     assert (states.x_m[0], states.y_m[0], states.yaw_rad[0]) == (5.0, -2.0, 0.7)
-    assert states.speed_mps[0] == pytest.approx(9.0)
-    assert states.vx_mps[0] == pytest.approx(9.0 * np.cos(0.7))
+    assert (states.speed_mps[0], states.vx_mps[0]) == (pytest.approx(9.0), pytest.approx(9.0 * np.cos(0.7)))
     assert states.residual_m.tolist() == [0.0, 0.0]
     assert states.lights.tolist() == [Lights.INDICATOR_LEFT, Lights.NONE]
     assert [(event.kind, event.actor_id, event.x_m) for event in events] == [
@@ -103,8 +102,7 @@ def test_sumo_actors_follow_sumo() -> None:
         state, states, events = step_fleet(state, traffic_of(step, {1: (x, 50.0, 0.0, 10.0)}), ())
         assert events == ()
     assert states.residual_m[0] < 0.05
-    assert states.owner[0] == Owner.SUMO
-    assert states.mode[0] == Mode.NOMINAL
+    assert (states.owner[0], states.mode[0]) == (Owner.SUMO, Mode.NOMINAL)
 
 
 def test_actors_come_and_go_in_the_middle_of_the_rows() -> None:
@@ -134,8 +132,7 @@ def test_commands_drive_and_are_shown() -> None:
     assert states.speed_mps[0] > 7.0
     assert states.owner.tolist() == [Owner.ROS, Owner.SUMO]
     assert states.mode.tolist() == [Mode.COPY_SUMO, Mode.NOMINAL]
-    assert states.lights[0] == Lights.SIREN | Lights.BEACON
-    assert states.residual_m[0] == 0.0
+    assert (states.lights[0], states.residual_m[0]) == (Lights.SIREN | Lights.BEACON, 0.0)
     assert states.residual_m[1] < 0.05
 
 
@@ -244,3 +241,40 @@ def test_the_hand_brake_is_that_of_who_drives(owner: Owner) -> None:
     speeds = [step_fleet(state, traffic, [command])[1].speed_mps[0] for command in commands]
     assert bool(speeds[1] < speeds[0] - 0.1) is (owner is Owner.ROS)
     assert bool(speeds[1] == speeds[0]) is (owner is Owner.SUMO)
+
+
+def test_a_siren_is_said_once_when_it_begins_and_ends() -> None:
+    state, _ = started(2)
+    rows = {1: (0.5, 50.0, 0.0, 10.0), 2: (0.5, 100.0, 0.0, 10.0)}
+    sounding, silent = {1: Lights.SIREN, 2: Lights.SIREN}, {2: Lights.SIREN}
+    said = []
+    for step, lights in enumerate((sounding, sounding, silent), start=1):
+        state, _, events = step_fleet(state, traffic_of(step, rows, lights=lights), ())
+        said += [(event.step, event.kind, event.actor_id) for event in events]
+    state, _, events = step_fleet(state, traffic_of(4, {1: rows[1]}, removed=[2]), ())
+    assert said == [(1, EventKind.SIREN_ON, 1), (1, EventKind.SIREN_ON, 2), (3, EventKind.SIREN_OFF, 1)]
+    assert [(event.kind, event.actor_id) for event in events] == [(EventKind.REMOVED, 2), (EventKind.SIREN_OFF, 2)]
+    assert [event.y_m for event in events] == pytest.approx([100.0, 100.0])
+    state, _, events = step_fleet(state, traffic_of(5, {1: rows[1]}), ())
+    assert events == ()
+
+
+def test_the_brake_light_is_the_vehicles_own() -> None:
+    state, states = started(1, 10.0)
+    traffic = traffic_of(1, {1: (0.5, 50.0, 0.0, 10.0)})
+    _, braked, _ = step_fleet(state, traffic, [command_of(1, 1, brake=0.5, lights=Lights.SIREN)])
+    assert braked.lights[0] == Lights.SIREN | Lights.BRAKE
+    assert braked.brake[0] > 0.02
+    assert states.lights[0] == Lights.NONE
+
+
+@pytest.mark.parametrize(("brake", "accel", "lit"), [(0.0, -1.2, False), (0.0, -1.4, True), (0.5, 0.0, True)])
+def test_the_brake_light_shows_the_pedal_or_the_deceleration(brake: float, accel: float, lit: bool) -> None:
+    """Decelerations by drag alone: a command without a brake from a speed at which drag gives them."""
+    vehicle = PARAMETERS[ActorClass.SEDAN]
+    speed = np.sqrt(-accel * vehicle.mass_kg / (0.5 * 1.225 * vehicle.drag_area_m2)) if accel else 10.0
+    rolling = vehicle.rolling_resistance * 9.80665 * vehicle.mass_kg / (0.5 * 1.225 * vehicle.drag_area_m2)
+    speed = float(np.sqrt(max(speed**2 - rolling, 1.0)))
+    state, _ = begun((0.0, 0.0, 0.0, speed))
+    _, states, _ = step_fleet(state, traffic_of(1, {1: (0.0, 0.0, 0.0, speed)}), [command_of(1, 1, brake=brake)])
+    assert bool(states.lights[0] & Lights.BRAKE) is lit

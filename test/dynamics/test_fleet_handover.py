@@ -15,8 +15,7 @@ from siren_ros.world.traffic_state import Event, EventKind
 def test_an_actor_may_belong_to_ros_from_its_first_step() -> None:
     traffic = traffic_of(0, {1: (0.0, 0.0, 0.0, 5.0)}, [description(1)])
     _, states, events = step_fleet(FleetState.empty(PARAMETERS), traffic, [command_of(0, 1, throttle=1.0)])
-    assert states.owner[0] == Owner.ROS
-    assert states.x_m[0] == 0.0
+    assert (states.owner[0], states.x_m[0]) == (Owner.ROS, 0.0)
     assert kinds(events) == [EventKind.SPAWNED, EventKind.OWNER_CHANGED]
 
 
@@ -67,8 +66,7 @@ def test_a_released_actor_rolls_on_at_the_step_of_release() -> None:
     before = states
     mirror = (float(states.x_m[0]), 50.0, 0.0, float(states.speed_mps[0]))
     _, states, _ = step_fleet(state, traffic_of(2, {1: mirror}), [command_of(2, 1, Owner.SUMO, mode=Mode.REJOIN)])
-    assert states.owner[0] == Owner.SUMO
-    assert states.mode[0] == Mode.REJOIN
+    assert (states.owner[0], states.mode[0]) == (Owner.SUMO, Mode.REJOIN)
     assert states.x_m[0] - before.x_m[0] == pytest.approx(before.speed_mps[0] * STEP_S, abs=0.01)
     assert states.residual_m[0] == 0.0
 

@@ -107,8 +107,7 @@ def test_pedals_close_the_distance_and_follow_sumos_acceleration(turn, behind, a
     brake = settled(-push, VEHICLE.brake_lag_s, VEHICLE.max_brake_decel_mps2)
     assert (controls.throttle[0], controls.brake[0]) == pytest.approx((throttle, brake), abs=1e-6)
     assert after.accel_mps2[0] == pytest.approx(smoothed)
-    assert controls.quickness[0] == GAINS.quickness
-    assert controls.drive_factor[0] == GAINS.drive_factor
+    assert (controls.quickness[0], controls.drive_factor[0]) == (GAINS.quickness, GAINS.drive_factor)
 
 
 @pytest.mark.parametrize(("behind", "most"), [(50.0, 3.0), (-50.0, -3.0)])

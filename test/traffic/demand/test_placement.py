@@ -174,8 +174,7 @@ def test_the_stage_reaches_from_behind_the_last_emv_to_ahead_of_the_groups(plan:
 def test_volumes_and_steps(plan: Plan) -> None:
     traffic = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=3))
     assert (len(traffic.groups), len(traffic.background), len(traffic.reserve)) == (3, 7, 40)
-    assert traffic.civilians == 10
-    assert traffic.warm_up_steps == 100
+    assert (traffic.civilians, traffic.warm_up_steps) == (10, 100)
 
 
 def test_background_traffic_can_stop(plan: Plan) -> None:

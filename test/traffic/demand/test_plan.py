@@ -49,8 +49,7 @@ def load(tmp_path: Path, was: str = "Krauss", becomes: str = "Krauss") -> Driver
 
 def test_every_number_has_its_place(tmp_path: Path) -> None:
     drivers = load(tmp_path)
-    assert drivers.car_following == "Krauss"
-    assert drivers.speed_factor == TruncatedNormal(0.9, 0.0, 0.5, 1.5)
+    assert (drivers.car_following, drivers.speed_factor) == ("Krauss", TruncatedNormal(0.9, 0.0, 0.5, 1.5))
     assert drivers.tau_s == TruncatedNormal(1.1, 0.0, 0.4, 4.0)
     assert (drivers.max_lateral_speed_mps, drivers.speed_gain_eagerness, drivers.cooperation) == (1.3, 0.7, 0.6)
     assert set(drivers.classes) == set(ActorClass)
@@ -58,8 +57,7 @@ def test_every_number_has_its_place(tmp_path: Path) -> None:
         expected = (1.0 + 0.1 * member, 2.0 + 0.1 * member, 3.0 + 0.1 * member, 40.0 + member)
         assert drivers.classes[member] == ClassDriving(*(pytest.approx(value) for value in expected))
     driver = drivers.draw(ActorClass.BUS, np.random.default_rng(0), 1.2)
-    assert driver.speed_factor == pytest.approx(0.9 * 1.2)
-    assert driver.tau_s == 1.1
+    assert (driver.speed_factor, driver.tau_s) == (pytest.approx(0.9 * 1.2), 1.1)
     assert driver.driving == drivers.classes[ActorClass.BUS]
     assert (driver.max_lateral_speed_mps, driver.speed_gain_eagerness, driver.cooperation) == (1.3, 0.7, 0.6)
     assert driver.car_following == "Krauss"

@@ -243,8 +243,7 @@ def test_of_several_waits_the_strictest_is_kept(turn: float) -> None:
     ahead = Car(0, 75.0 + 2.0 * HALF_LENGTH + 3.0, 0.0, Owner.ROS)
     for others in ([across, ahead], [ahead, across]):
         (caution,) = cautious([Car(0, 75.0, 13.0), *others], turn)
-        assert caution.other_id == 2 + others.index(ahead)
-        assert caution.wait.speed_mps == 0.0
+        assert (caution.other_id, caution.wait.speed_mps) == (2 + others.index(ahead), 0.0)
 
 
 @pytest.mark.parametrize(("attentive", "slowed"), [(True, {"v1"}), (False, set())])

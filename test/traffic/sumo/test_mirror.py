@@ -40,8 +40,7 @@ def test_points_on_a_lane_are_matched_to_it_at_their_place(number: int, share: f
     arc = share * lane.length_m
     x, y = lane.centre.offset_points(arc, left)
     match = matcher.match(edges, (float(x), float(y)), float(lane.centre.heading_rad(arc)), lane.index)
-    assert match.lane == lane.index
-    assert match.position_m == pytest.approx(arc, abs=1.0)
+    assert (match.lane, match.position_m) == (lane.index, pytest.approx(arc, abs=1.0))
     assert match.lateral_m == pytest.approx(left, abs=0.2)
 
 
@@ -256,8 +255,7 @@ def test_a_vehicle_that_ros_drove_is_handed_back_with_its_own_settings(sumo: Fak
     assert len(sumo.moved_to) == 1
     sumo.settings.update(Speed=3.0, SpeedMode=0, LateralAlignment="right", LaneChangeMode=0)
     drive(Owner.SUMO, Mode.REJOIN)
-    assert sumo.settings == settings_in_mirror()
-    assert sumo.previous_speed_mps == pytest.approx(10.0)
+    assert (sumo.settings, sumo.previous_speed_mps) == (settings_in_mirror(), pytest.approx(10.0))
     assert len(sumo.moved_to) == 1
 
 

@@ -94,8 +94,8 @@ def test_a_manoeuvre_of_a_second_is_that_of_the_equations(kind: ActorClass, mano
     expected = Reference(PARAMETERS[kind], pose, speed)
     table = ParameterTable.of([kind], PARAMETERS)
     body = BodyState.moving(*(np.array([value]) for value in (*pose, speed)))
-    one = np.ones(1)
-    controls = Controls(throttle * one, brake * one, steer * one, np.zeros(1, bool), one, one)
+    pedals_and_wheels = (np.full(1, value) for value in (throttle, brake, steer))
+    controls = Controls(*pedals_and_wheels, np.zeros(1, bool), np.ones(1), np.ones(1))
     for _ in range(20):
         expected.step(throttle, brake, steer)
         body = step_bodies(body, controls, table, STEP_S)
@@ -141,7 +141,7 @@ def test_the_attainable_acceleration_is_that_of_full_throttle(speed: float) -> N
     expected = drive - drag - 9.80665 * p.rolling_resistance
     assert p.attainable_accel_mps2(speed) == pytest.approx(expected)
     table = ParameterTable.of([ActorClass.AMBULANCE], PARAMETERS)
-    one = np.ones(1)
-    body = replace(BodyState.moving(*(value * one for value in (0.0, 0.0, 0.0, speed))), throttle=one)
-    after = step_bodies(body, Controls(one, 0.0 * one, 0.0 * one, np.zeros(1, bool), one, one), table, STEP_S)
+    full, zero = np.ones(1), np.zeros(1)
+    body = replace(BodyState.moving(zero, zero, zero, speed * full), throttle=full)
+    after = step_bodies(body, Controls(full, zero, zero, np.zeros(1, bool), full, full), table, STEP_S)
     assert after.accel_mps2[0] == pytest.approx(expected, rel=0.02)

@@ -73,13 +73,9 @@ def substep(p: VehicleParameters, case: Case) -> dict[str, float]:
     braking = brake * m * p.max_brake_decel_mps2
     braking_rear = 0.7 * braking * rear_load / (front_load + rear_load)
     grip = p.friction_coefficient * np.array([front_load, rear_load])
-    along = np.array(
-        [
-            p.drive_front_share * drive - braking + braking_rear,
-            (1.0 - p.drive_front_share) * drive - braking_rear - case.hand * m * p.hand_brake_decel_mps2,
-        ]
-    )
-    along = np.clip(along, -0.95 * grip, 0.95 * grip)
+    along_front = p.drive_front_share * drive - braking + braking_rear
+    along_rear = (1.0 - p.drive_front_share) * drive - braking_rear - case.hand * m * p.hand_brake_decel_mps2
+    along = np.clip([along_front, along_rear], -0.95 * grip, 0.95 * grip)
     limit = np.sqrt(grip**2 - along**2)
     cos, sin, tan = np.cos(steer), np.sin(steer), np.tan(steer)
     total = along[0] * cos + along[1]
@@ -87,16 +83,11 @@ def substep(p: VehicleParameters, case: Case) -> dict[str, float]:
     speed = np.sqrt(u * u + v * v + (a * w) ** 2) + 1e-9
     front = secant_npr(p.cornering_stiffness_front_npr, limit[0], abs(u * tan - v - a * w) / speed, cos)
     rear = secant_npr(p.cornering_stiffness_rear_npr, limit[1], abs(v - b * w) / speed, 1.0)
-    matrix = np.array(
-        [
-            [speed * m / h + front + rear, speed * m * u + front * a - rear * b],
-            [front * a - rear * b, speed * inertia / h + front * a * a + rear * b * b],
-        ]
-    )
-    right = np.array(
-        [speed * (m / h * v + left) + front * u * tan, speed * (inertia / h * w + a * left) + a * front * u * tan]
-    )
-    v_free, w_free = np.linalg.solve(matrix, right)
+    first_row = [speed * m / h + front + rear, speed * m * u + front * a - rear * b]
+    second_row = [front * a - rear * b, speed * inertia / h + front * a * a + rear * b * b]
+    right_v = speed * (m / h * v + left) + front * u * tan
+    right_w = speed * (inertia / h * w + a * left) + a * front * u * tan
+    v_free, w_free = np.linalg.solve([first_row, second_row], [right_v, right_w])
     front_n = np.clip(front * (u * tan - v_free - a * w_free) / speed, -limit[0] * cos, limit[0] * cos)
     rear_n = np.clip(rear * (b * w_free - v_free) / speed, -limit[1], limit[1])
     new_w = w + h * ((front_n + left) * a - rear_n * b) / inertia

@@ -47,6 +47,11 @@ def plan(network: RoadNetwork, seed: int = 0) -> TrafficPlan:
     return plan_s2(network, seed)[0]
 
 
+def s2(network: RoadNetwork) -> Any:
+    template = load_template("S2")
+    return template, require_site(network, template.site_kind)
+
+
 def everyone(traffic: TrafficPlan) -> tuple[PlannedVehicle, ...]:
     return (*traffic.emvs, *traffic.groups, *traffic.background, *traffic.reserve)
 
@@ -57,8 +62,7 @@ def test_same_seed_same_plan_other_seed_other_plan(network: RoadNetwork) -> None
 
 
 def test_level_changes_nothing(network: RoadNetwork) -> None:
-    template = load_template("S2")
-    site = require_site(network, template.site_kind)
+    template, site = s2(network)
     plans = [
         plan_traffic(network, site, replace(template, level=level), 1, load_drivers(), DIMENSIONS)
         for level in EmergencyLevel
@@ -138,8 +142,7 @@ def test_drivers_and_classes_vary_as_the_population_says(network: RoadNetwork) -
 
 
 def test_two_emvs_start_one_behind_the_other(network: RoadNetwork) -> None:
-    template = load_template("S2")
-    site = require_site(network, template.site_kind)
+    template, site = s2(network)
     pair = replace(template, emv=replace(template.emv, count=2, headway_s=2.0, start_m=60.0))
     first, second = plan_traffic(network, site, pair, 0, load_drivers(), DIMENSIONS).emvs
     points = [np.array(network.lanes[emv.spot.lane].centre.at(emv.spot.front_m)) for emv in (first, second)]
@@ -148,7 +151,7 @@ def test_two_emvs_start_one_behind_the_other(network: RoadNetwork) -> None:
 
 
 def test_start_before_the_site_lies_on_the_approach_at_the_distance(network: RoadNetwork) -> None:
-    site = require_site(network, load_template("S2").site_kind)
+    _, site = s2(network)
     start = emv_start(network, site, -30.0)
     assert start.route[-1] == site.route[-1]
     assert site.site_edge in start.route[1:]
@@ -222,8 +225,7 @@ def test_queues_of_s7_stand_in_all_driving_lanes_the_emvs_among_them(network: Ro
 
 
 def test_missing_dimensions_and_too_many_vehicles_are_refused(network: RoadNetwork) -> None:
-    template = load_template("S2")
-    site = require_site(network, template.site_kind)
+    template, site = s2(network)
     with pytest.raises(InputError, match="AMBULANCE"):
         plan_traffic(network, site, template, 0, load_drivers(), {ActorClass.SEDAN: (4.5, 1.8, 1.5)})
     crowded = replace(template, demand=replace(template.demand, background_vehicles=5000))

@@ -1,8 +1,8 @@
 """Starts of EMVs and places of background traffic on two streets that cross."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ from traffic_helpers import DIMENSIONS
 from siren_ros.errors import MapError
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.sites import Site, SiteKind
-from siren_ros.scenario.scenario import GroupAnchor, Placement, SignalDemand, StartReference
+from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement, SignalDemand, StartReference
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.emv_start import (
@@ -130,21 +130,16 @@ def test_departing_and_arriving_on_a_straight_way() -> None:
     assert depart_speed_mps(NETWORK, there, emv_demand(0.0, 10.0), CONFIG) == 10.0
 
 
-Plan = Callable[..., TrafficPlan]
+def plan(
+    *groups: DemandGroup, count: int = 1, config: DemandConfig = CONFIG, network: RoadNetwork = NETWORK, **changed: Any
+) -> TrafficPlan:
+    template = template_with(*groups)
+    emv = replace(template.emv, count=count, start_from=StartReference.SITE_START, start_m=-50.0)
+    template = replace(template, emv=emv, **changed)
+    return plan_traffic(network, signal_site(), template, 3, same_drivers(), DIMENSIONS, config)
 
 
-@pytest.fixture
-def plan() -> Plan:
-    def make(*groups: object, count: int = 1, config: DemandConfig = CONFIG, **changed: object) -> TrafficPlan:
-        template = template_with(*groups)  # type: ignore[arg-type] # forwarded
-        emv = replace(template.emv, count=count, start_from=StartReference.SITE_START, start_m=-50.0)
-        template = replace(template, emv=emv, **changed)  # type: ignore[arg-type] # forwarded
-        return plan_traffic(NETWORK, signal_site(), template, 3, same_drivers(), DIMENSIONS, config)
-
-    return make
-
-
-def test_a_second_emv_keeps_its_headway(plan: Plan) -> None:
+def test_a_second_emv_keeps_its_headway() -> None:
     """6.2 m of length and 2 s at 10 m/s."""
     first, second = plan(count=2).emvs
     assert (first.spot.lane, first.spot.front_m) == (A_LEFT, pytest.approx(160.0))
@@ -154,7 +149,7 @@ def test_a_second_emv_keeps_its_headway(plan: Plan) -> None:
     assert first.route == ("a", "b", "c")
 
 
-def test_the_stage_reaches_from_behind_the_last_emv_to_ahead_of_the_groups(plan: Plan) -> None:
+def test_the_stage_reaches_from_behind_the_last_emv_to_ahead_of_the_groups() -> None:
     """The EMV's rear is at 153.8 m; 25 m behind that and 35 m ahead of the foremost front, on both lanes."""
     traffic = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0))
     (foremost,) = traffic.groups
@@ -171,13 +166,13 @@ def test_the_stage_reaches_from_behind_the_last_emv_to_ahead_of_the_groups(plan:
     assert LaneInterval(A_LEFT, 0.0, pytest.approx(200.0)) in free
 
 
-def test_volumes_and_steps(plan: Plan) -> None:
+def test_volumes_and_steps() -> None:
     traffic = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=3))
     assert (len(traffic.groups), len(traffic.background), len(traffic.reserve)) == (3, 7, 40)
     assert (traffic.civilians, traffic.warm_up_steps) == (10, 100)
 
 
-def test_background_traffic_can_stop(plan: Plan) -> None:
+def test_background_traffic_can_stop() -> None:
     """At 0.7 of the limit, or so slow that it stops within 9 m, or before the end of its lane, at 2.5 m/s²."""
     traffic = plan(config=replace(CONFIG, placement_gap_m=6.0))
     for vehicle in (*traffic.background, *traffic.reserve):
@@ -187,7 +182,7 @@ def test_background_traffic_can_stop(plan: Plan) -> None:
         assert vehicle.length_m <= vehicle.spot.front_m <= lane.length_m
 
 
-def test_background_vehicles_keep_their_gaps_on_a_full_map(plan: Plan) -> None:
+def test_background_vehicles_keep_their_gaps_on_a_full_map() -> None:
     """Vehicles of one lane are 9 m apart or more, on either side."""
     template = template_with()
     crowded = replace(template.demand, background_vehicles=22)
@@ -200,7 +195,7 @@ def test_background_vehicles_keep_their_gaps_on_a_full_map(plan: Plan) -> None:
         assert (np.diff(sorted(fronts)) >= 9.0 + 4.6).all()
 
 
-def test_the_signal_turns_red_before_the_emv_arrives(plan: Plan) -> None:
+def test_the_signal_turns_red_before_the_emv_arrives() -> None:
     """From 160 m, 150 m before the stop line at 10 m/s: 15 s. The left lane's movement has link 1."""
     crossing = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
     traffic = plan(crossing, signal=SignalDemand(4.0)).signal
@@ -213,17 +208,14 @@ def test_the_signal_turns_red_before_the_emv_arrives(plan: Plan) -> None:
     assert STOP_LINE_M - 160.0 == 150.0
 
 
-def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site(plan: Plan) -> None:
+def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site() -> None:
     """50 m beyond the site's edge the way ends with the edge that it has come to; the side road is 30 m away."""
     near = replace(CONFIG, neighbourhood_m=5.0, neighbourhood_after_m=50.0, background_spacing_m=10.0)
     traffic = plan(config=replace(near, reserve_factor=8.0))
     assert edges_of(traffic) == {"a", "b"}, "from the last edge nobody can drive on"
     back = replace(NETWORK.connections[0], from_lane=C_LEFT, via=())
     looped = replace(NETWORK, connections=(*NETWORK.connections, back))
-    template = template_with()
-    emv = replace(template.emv, start_from=StartReference.SITE_START, start_m=-50.0)
-    config = replace(near, reserve_factor=8.0)
-    wide = plan_traffic(looped, signal_site(), replace(template, emv=emv), 3, same_drivers(), DIMENSIONS, config)
+    wide = plan(config=replace(near, reserve_factor=8.0), network=looped)
     assert edges_of(wide, looped) == {"a", "b", "c"}
 
 
@@ -236,20 +228,20 @@ def test_next_to_a_shoulder_is_its_neighbour_on_either_side() -> None:
     assert travel_lane(network, signal_site()).index == B_LEFT
 
 
-def test_groups_ahead_are_counted_from_the_foremost_emv(plan: Plan) -> None:
+def test_groups_ahead_are_counted_from_the_foremost_emv() -> None:
     traffic = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0), count=3)
     assert [emv.spot.front_m for emv in traffic.emvs] == pytest.approx([160.0, 133.8, 107.6])
     assert traffic.groups[0].spot.front_m == pytest.approx(160.0 + 12.0 + 4.6)
 
 
-def test_a_lane_is_near_the_emvs_way_where_its_middle_is(plan: Plan) -> None:
+def test_a_lane_is_near_the_emvs_way_where_its_middle_is() -> None:
     """The side road ends 12 m from the way, and its middle is 62 m away."""
     near = replace(CONFIG, neighbourhood_m=20.0, background_spacing_m=10.0, reserve_factor=8.0)
     for reach_m, edges in ((20.0, {"a", "b"}), (70.0, {"a", "b", "n"})):
         assert edges_of(plan(config=replace(near, neighbourhood_m=reach_m))) == edges
 
 
-def test_background_traffic_is_everywhere_where_the_lanes_near_the_way_are_too_short(plan: Plan) -> None:
+def test_background_traffic_is_everywhere_where_the_lanes_near_the_way_are_too_short() -> None:
     """Two lanes of 200 m and two of 100 m are near; ten civilians want 59 m or 61 m each."""
     config = replace(CONFIG, neighbourhood_m=5.0, reserve_factor=8.0)
     for spacing_m, wide in ((59.0, False), (61.0, True)):
@@ -330,7 +322,7 @@ def test_an_emv_starts_no_faster_than_it_can_stop_behind_a_queue(
     assert behind_queue_mps(NETWORK, start_at(start_m), [car], CONFIG) == pytest.approx(expected_mps)
 
 
-def test_the_emv_of_a_plan_starts_at_that_speed(plan: Plan) -> None:
+def test_the_emv_of_a_plan_starts_at_that_speed() -> None:
     """The queue reaches back over K to the road on which the EMV starts at 160 m; a short one leaves it its 10 m/s."""
     for vehicles, limited in ((14, True), (4, False)):
         traffic = plan(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=vehicles, standing=True))

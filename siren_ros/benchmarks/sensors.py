@@ -19,7 +19,7 @@ from siren_ros.sensors.camera.renderer import RenderedImage, Renderer
 from siren_ros.sensors.lidar.embree import RaycastWorld, RayHits, TriangleTree, tiles
 from siren_ros.sensors.lidar.lidar import Lidar
 from siren_ros.sensors.meshes.mesh import Mesh, StaticScene, VehicleShape
-from siren_ros.sensors.meshes.placement import Catalogue, Placement
+from siren_ros.sensors.meshes.placement import Catalogue, VehiclePlacement
 from siren_ros.sensors.scene.static_scene import static_scene
 from siren_ros.sensors.specification import map_from_base
 from siren_ros.sensors.suite import load_suite
@@ -73,7 +73,7 @@ def milliseconds(*works: Callable[[], object]) -> list[float]:
     return [1e3 * float(np.median(taken)) for taken in times]
 
 
-def whole_scene(static: StaticScene, shapes: dict[ActorClass, VehicleShape], placement: Placement) -> Mesh:
+def whole_scene(static: StaticScene, shapes: dict[ActorClass, VehicleShape], placement: VehiclePlacement) -> Mesh:
     """Static scene and vehicles as one mesh."""
     parts = [static.mesh]
     for row in range(len(placement)):

@@ -17,7 +17,7 @@ from siren_ros.sensors.lidar.embree import RaycastWorld
 from siren_ros.sensors.lidar.lidar import CarrierMotion, Lidar, LidarSweep
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
-from siren_ros.sensors.meshes.placement import Catalogue, Placement
+from siren_ros.sensors.meshes.placement import Catalogue, VehiclePlacement
 from siren_ros.sensors.navigation import Odometers
 from siren_ros.sensors.scene.static_scene import static_scene
 from siren_ros.sensors.scene.surfaces import SceneConfig
@@ -219,7 +219,7 @@ class SensorRig:
         self,
         frames: tuple[CameraFrame, ...],
         base: Matrix,
-        placement: Placement,
+        placement: VehiclePlacement,
         descriptions: Mapping[int, ActorDescription],
     ) -> dict[str, CameraTruth]:
         cameras = {spec.name: spec for spec in self.suite.cameras}
@@ -248,7 +248,7 @@ class SensorRig:
         return replace(truth, frame_id=self.truth_frame)
 
     def _sweeps(
-        self, step: int, base: Matrix, placement: Placement, motion: CarrierMotion
+        self, step: int, base: Matrix, placement: VehiclePlacement, motion: CarrierMotion
     ) -> Iterable[Callable[[], LidarSweep]]:
         for lidar in self._lidars:
             if step % lidar.spec.period_steps == 0:
@@ -259,7 +259,7 @@ class SensorRig:
                     yield partial(lidar.scan, step, pose, placement, motion)
 
     def _expose(
-        self, step: int, base: Matrix, placement: Placement, rolled_m: Floats, signals: Iterable[SignalState]
+        self, step: int, base: Matrix, placement: VehiclePlacement, rolled_m: Floats, signals: Iterable[SignalState]
     ) -> Iterable[Callable[[], CameraFrame]]:
         states = {signal.signal_id: signal.state for signal in signals}
         for camera in self._cameras or ():

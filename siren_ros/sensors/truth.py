@@ -18,7 +18,7 @@ from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.sensors.lidar.lidar import LidarSweep
 from siren_ros.sensors.meshes.mesh import VehicleShape
-from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.meshes.placement import VehiclePlacement
 from siren_ros.sensors.specification import inverse, optical_from_map
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, rows_of_ids
 from siren_ros.world.carrier import CameraTruth, GroundTruth
@@ -139,7 +139,7 @@ class ImageLabeller:
         step: int,
         camera: CameraIntrinsics,
         map_from_camera: Matrix,
-        placement: Placement,
+        placement: VehiclePlacement,
         instance: npt.NDArray[np.uint32],
         is_emv: Flags,
     ) -> CameraTruth:
@@ -173,7 +173,7 @@ class ImageLabeller:
         )
 
     def _outlines(
-        self, camera: CameraIntrinsics, optical_from_map_: Matrix, placement: Placement, rows: Rows
+        self, camera: CameraIntrinsics, optical_from_map_: Matrix, placement: VehiclePlacement, rows: Rows
     ) -> tuple[Floats, Floats]:
         """Area of each vehicle's convex outline, and of its part within the picture, in pixels, shape ``(R,)``."""
         points, owner = [np.empty((0, 2))], [np.empty(0, np.intp)]

@@ -21,7 +21,7 @@ from siren_ros.traffic.observation import CrossingWatch, Mover, Reactions, find_
 from siren_ros.traffic.sumo.caution import CautiousDrivers
 from siren_ros.traffic.sumo.driving_corrections import BendLimits, LaneContinuity, SidewaysLimits
 from siren_ros.traffic.sumo.mirror import Mirror
-from siren_ros.traffic.sumo.population import Population, route_id, vehicle_types_xml
+from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_types_xml
 from siren_ros.traffic.sumo.readings import Readings, emv_advice, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
@@ -62,7 +62,7 @@ class SumoSimulation:
         self._plan = plan
         self._level = level
         self._config = config or TrafficConfig()
-        self._population = Population(network, plan, self._config)
+        self._population = SumoPopulation(network, plan, self._config)
         self._mirror = Mirror(network, self._config, self._population)
         self._sideways = SidewaysLimits()
         self._cautious = CautiousDrivers(network, self._config.caution)

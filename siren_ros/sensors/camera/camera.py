@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
 from siren_ros.sensors.camera.renderer import RenderedImage, Renderer
-from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.meshes.placement import VehiclePlacement
 from siren_ros.sensors.specification import CameraSpec, sensor_generator
 from siren_ros.sensors.suite import LabelKinds
 from siren_ros.world.measurements import CameraIntrinsics
@@ -57,7 +57,7 @@ class Camera:
         self,
         step: int,
         map_from_camera: Matrix,
-        placement: Placement,
+        placement: VehiclePlacement,
         rolled_m: Floats,
         signals: Mapping[str, str],
         labels: LabelKinds,

@@ -14,7 +14,7 @@ from siren_ros.sensors.camera.static_geometry import StaticGeometry
 from siren_ros.sensors.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M, LIGHT_TEXELS
 from siren_ros.sensors.camera.vehicle_geometry import Casters, VehicleGeometry
 from siren_ros.sensors.meshes.mesh import Material, Mesh
-from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.meshes.placement import VehiclePlacement
 from siren_ros.world.actors import Lights
 
 UNIT_FROM_CLIP: Final = np.array(
@@ -113,7 +113,7 @@ class _Square:
     """Framebuffers."""
     shadow: ShadowMap | None = None
     unit_from_map: Matrix = field(default_factory=lambda: np.eye(4))
-    drawn: tuple[Placement, int] | None = None
+    drawn: tuple[VehiclePlacement, int] | None = None
     """Vehicles and step."""
     thrown: Casters = ()
 
@@ -134,10 +134,10 @@ class SquareLight(ABC):
         """Draw the light of all that stands still."""
 
     @abstractmethod
-    def _draw(self, square: _Square, placement: Placement, vehicles: VehicleGeometry, step: int) -> None:
+    def _draw(self, square: _Square, placement: VehiclePlacement, vehicles: VehicleGeometry, step: int) -> None:
         """Draw the light with the vehicles."""
 
-    def update(self, eye_m: Floats, placement: Placement, vehicles: VehicleGeometry, step: int) -> LightMap:
+    def update(self, eye_m: Floats, placement: VehiclePlacement, vehicles: VehicleGeometry, step: int) -> LightMap:
         """Set the light for a picture from a place; pictures of the same vehicles share it."""
         cell = cell_of(eye_m)
         square = self._squares.pop(cell, None)
@@ -224,7 +224,7 @@ class GroundLight(SquareLight):
         light.scissor = None
         self._context.copy_framebuffer(light, baked)
 
-    def _draw(self, square: _Square, placement: Placement, vehicles: VehicleGeometry, step: int) -> None:  # noqa: ARG002
+    def _draw(self, square: _Square, placement: VehiclePlacement, vehicles: VehicleGeometry, step: int) -> None:  # noqa: ARG002
         """Draw the vehicles' hulls onto the ground along the sun's rays.
 
         Hulls drawn before are drawn again with the baked shade: they cover the same texels, and nothing of them stays.
@@ -351,7 +351,7 @@ class LampLight(SquareLight):
             self._add_up(self._lamp_program, square.centre_m)
             self._lamps.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=self._lamp_count)
 
-    def _draw(self, square: _Square, placement: Placement, vehicles: VehicleGeometry, step: int) -> None:  # noqa: ARG002
+    def _draw(self, square: _Square, placement: VehiclePlacement, vehicles: VehicleGeometry, step: int) -> None:  # noqa: ARG002
         """Add the light of the vehicles, including the vehicle with the sensors."""
         self._context.copy_framebuffer(square.light, square.baked)
         near = placement.distance_m(*square.centre_m) < 1.5 * LIGHT_HALF_M

@@ -23,7 +23,7 @@ from siren_ros.sensors.meshes.mesh import (
     VehicleShape,
     semantic_class_of_actor,
 )
-from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.meshes.placement import VehiclePlacement
 from siren_ros.sensors.specification import inverse, map_from_base, optical_from_map
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.measurements import CameraIntrinsics
@@ -54,7 +54,7 @@ class RaycastRenderer:
         self,
         camera: CameraIntrinsics,
         map_from_camera: Matrix,
-        placement: Placement,
+        placement: VehiclePlacement,
         rolled_m: Floats,  # noqa: ARG002 - the interface of all renderers; wheels stand still here
         signals: Mapping[str, str],
         step: int,  # noqa: ARG002 - likewise; nothing blinks
@@ -102,7 +102,7 @@ class RaycastRenderer:
     def _vehicle(
         self,
         row: int,
-        placement: Placement,
+        placement: VehiclePlacement,
         rays: Floats32,
         depth: Floats32,
         surface: tuple[Floats, Floats, Floats],

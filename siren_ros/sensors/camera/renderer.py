@@ -27,7 +27,7 @@ from siren_ros.sensors.camera.surface_light import defined, preamble
 from siren_ros.sensors.camera.vehicle_geometry import VehicleGeometry
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import SemanticClass, StaticScene, VehicleShape
-from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.meshes.placement import VehiclePlacement
 from siren_ros.sensors.specification import optical_from_map
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.measurements import CameraIntrinsics
@@ -158,7 +158,7 @@ class Renderer:
             self._ground = GroundLight(context, self._static, self.look.towards_sun)
         self._vehicles = VehicleGeometry(context, shapes, constants)
         self._last: Callable[[Any], None] = lambda _plain: None
-        self._placed: tuple[Placement, Floats] | None = None
+        self._placed: tuple[VehiclePlacement, Floats] | None = None
         self._sky_program = context.program(
             vertex_shader=defined(sky_shaders.SKY_VERTEX, constants),
             fragment_shader=defined(sky_shaders.SKY_FRAGMENT, constants),
@@ -188,7 +188,7 @@ class Renderer:
         self,
         camera: CameraIntrinsics,
         map_from_camera: Matrix,
-        placement: Placement,
+        placement: VehiclePlacement,
         rolled_m: Floats,
         signals: Mapping[str, str],
         step: int,
@@ -233,7 +233,7 @@ class Renderer:
         camera: CameraIntrinsics,
         clip: Matrix,
         map_from_camera: Matrix,
-        placement: Placement,
+        placement: VehiclePlacement,
         rolled_m: Floats,
         step: int,
         exposure: float,
@@ -314,7 +314,7 @@ class Renderer:
         self._frame.write(np.concatenate([*columns, np.ravel(vectors)]).astype(np.float32).tobytes())
 
 
-def _nearest_in_view(clip_from_map: Matrix, eye_m: Floats, placement: Placement) -> Rows:
+def _nearest_in_view(clip_from_map: Matrix, eye_m: Floats, placement: VehiclePlacement) -> Rows:
     """Rows of the vehicles whose bounding sphere reaches into the view frustum, nearest first."""
     middle = placement.z_m + placement.size_m[:, 2] / 2.0
     centre = np.stack((placement.x_m, placement.y_m, middle, np.ones(len(placement))), axis=1)

@@ -17,7 +17,7 @@ from siren_ros.sensors.camera.shaders import included
 from siren_ros.sensors.camera.surface_light import defined
 from siren_ros.sensors.camera.vertices import VERTEX, IndexedMesh, index_mesh
 from siren_ros.sensors.meshes.mesh import SEMANTIC_CLASS_OF_MATERIAL, VehicleShape, semantic_class_of_actor
-from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.meshes.placement import VehiclePlacement
 from siren_ros.world.actors import ActorClass
 
 _VERTEX: Final = np.dtype([("base", VERTEX), ("hub", "<f2", 4)])
@@ -32,7 +32,7 @@ Casters = tuple[tuple[int, npt.NDArray[np.void]], ...]
 _SEMANTIC: Final = np.array([int(semantic_class_of_actor(kind)) for kind in ActorClass], np.float32)
 
 
-def model_rows(placement: Placement) -> Floats32:
+def model_rows(placement: VehiclePlacement) -> Floats32:
     """Rows of ``map_from_base`` with each shape's scale, shape ``(N, 3, 4)``."""
     cos, sin = np.cos(placement.yaw_rad), np.sin(placement.yaw_rad)
     zero = np.zeros(len(placement))
@@ -134,7 +134,7 @@ class VehicleGeometry:
         self._actor_class = np.empty(0, np.uint8)
         self._instances = np.empty(0, INSTANCE)
 
-    def place(self, placement: Placement, rolled_m: Floats) -> None:
+    def place(self, placement: VehiclePlacement, rolled_m: Floats) -> None:
         """Set the vehicles of the pictures to come."""
         instances = np.zeros(len(placement), INSTANCE)
         instances["rows"] = model_rows(placement)

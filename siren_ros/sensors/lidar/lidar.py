@@ -19,7 +19,7 @@ from siren_ros.sensors.lidar.embree import PacketTree, RaycastWorld, RayHits, ca
 from siren_ros.sensors.lidar.lidar_loops import select_candidates
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Material
-from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.meshes.placement import VehiclePlacement
 from siren_ros.sensors.specification import LidarSpec, inverse, sensor_generator
 
 LIDAR_POINT_DTYPE: Final = np.dtype(
@@ -242,7 +242,7 @@ class Lidar:
         return scratch.rays
 
     def scan(
-        self, step: int, map_from_lidar: Matrix, placement: Placement, motion: CarrierMotion | None = None
+        self, step: int, map_from_lidar: Matrix, placement: VehiclePlacement, motion: CarrierMotion | None = None
     ) -> LidarSweep:
         """One rotation that ends at ``step``, from a pose of the sensor (``(4, 4)``), with the vehicles placed.
 
@@ -257,7 +257,7 @@ class Lidar:
         self,
         step: int,
         map_from_lidar: Matrix,
-        placement: Placement,
+        placement: VehiclePlacement,
         motion: CarrierMotion | None,
         background: Executor,
     ) -> Callable[[], LidarSweep]:
@@ -279,7 +279,7 @@ class Lidar:
 
         return finish
 
-    def _rotation(self, step: int, map_from_lidar: Matrix, placement: Placement) -> Rotation:
+    def _rotation(self, step: int, map_from_lidar: Matrix, placement: VehiclePlacement) -> Rotation:
         """Inputs and output memory of one sweep."""
         reach = self.spec.range_m + placement.size_m.sum(axis=1) / 2.0
         near = np.flatnonzero(placement.distance_m(map_from_lidar[0, 3], map_from_lidar[1, 3]) < reach)
@@ -323,7 +323,7 @@ class Lidar:
         poses[:, :, 3] = base[:3, 3] + shift + rotation @ arm
         return poses
 
-    def _vehicles(self, placement: Placement, near: Rows) -> loops.Vehicles:
+    def _vehicles(self, placement: VehiclePlacement, near: Rows) -> loops.Vehicles:
         world = self._world
         shape = world.shape_rows(placement.actor_class[near])
         pose = np.stack((placement.x_m, placement.y_m, placement.z_m, placement.yaw_rad), axis=1)

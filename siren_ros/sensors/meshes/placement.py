@@ -24,7 +24,7 @@ class EgoVehicle:
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class VehiclePlacement:
     """Vehicles that can be seen, rows sorted by ``actor_id``; poses of ``base_link`` in the ``map`` frame.
 
     A shape is scaled per axis so that it fills its actor's described length, width and height exactly.
@@ -57,7 +57,7 @@ class Placement:
         return np.hypot(self.x_m - x_m, self.y_m - y_m)
 
 
-_OF_STATES: Final = tuple(field.name for field in fields(Placement) if field.name in ACTOR_STATE_DTYPES)
+_OF_STATES: Final = tuple(field.name for field in fields(VehiclePlacement) if field.name in ACTOR_STATE_DTYPES)
 
 
 class Catalogue:
@@ -71,14 +71,14 @@ class Catalogue:
 
     def place(
         self, states: ActorStates, descriptions: Mapping[int, ActorDescription], hidden_id: int = NO_ACTOR
-    ) -> Placement:
+    ) -> VehiclePlacement:
         """All actors of a step but ``hidden_id``, the vehicle with the sensors: mounts may lie in its bodywork."""
         visible = states.select(np.flatnonzero(states.actor_id != hidden_id))
         rows = rows_of_ids(self._actor_id, visible.actor_id)
         if np.any(rows < 0):
             self._add(descriptions, visible.actor_id)
             rows = rows_of_ids(self._actor_id, visible.actor_id)
-        return Placement(
+        return VehiclePlacement(
             **{name: getattr(visible, name) for name in _OF_STATES},
             actor_class=self._class[rows],
             scale=self._scale[rows],

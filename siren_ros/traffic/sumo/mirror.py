@@ -18,7 +18,7 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import NO_LANE, Lane, LaneKind, RoadNetwork
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle
-from siren_ros.traffic.sumo.population import Population, route_id
+from siren_ros.traffic.sumo.population import SumoPopulation, route_id
 from siren_ros.traffic.sumo.readings import sumo_from_map
 from siren_ros.world.actors import ActorStates, Mode, Owner
 
@@ -173,7 +173,7 @@ class Place:
 class Mirror:
     """Remembers which vehicles are moved from outside, and what has to be restored in SUMO afterwards."""
 
-    def __init__(self, network: RoadNetwork, config: TrafficConfig, population: Population) -> None:
+    def __init__(self, network: RoadNetwork, config: TrafficConfig, population: SumoPopulation) -> None:
         self._network = network
         self._population = population
         self._config = config

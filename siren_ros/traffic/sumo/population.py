@@ -122,7 +122,7 @@ def route_id(name: str) -> str:
     return f"route.{name}"
 
 
-class Population:
+class SumoPopulation:
     """The vehicles in SUMO by name, in order of entry."""
 
     def __init__(self, network: RoadNetwork, plan: TrafficPlan, config: TrafficConfig) -> None:

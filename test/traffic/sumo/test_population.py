@@ -16,7 +16,7 @@ from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import with_attention
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo import population as population_module
-from siren_ros.traffic.sumo.population import Population, type_id, vehicle_types_xml
+from siren_ros.traffic.sumo.population import SumoPopulation, type_id, vehicle_types_xml
 
 PLAN = plan_s2(load_map(None)[1])[0]
 
@@ -81,7 +81,7 @@ def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_be
     monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles))
     network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0))
     plan: Any = SimpleNamespace(reserve=())
-    population = Population(network, plan, TrafficConfig())
+    population = SumoPopulation(network, plan, TrafficConfig())
     car: Any = SimpleNamespace(length_m=4.0, width_m=1.8)
     population.vehicles = dict.fromkeys(fronts, car)
     assert population._overlapping() == ["b"]

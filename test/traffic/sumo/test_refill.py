@@ -13,7 +13,7 @@ from siren_ros.scenario.scenario import GroupAnchor, Placement
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot
-from siren_ros.traffic.sumo.population import Population
+from siren_ros.traffic.sumo.population import SumoPopulation
 
 OFFSET = (500.0, -200.0)
 NETWORK = replace(streets(), sumo_offset_m=OFFSET)
@@ -68,8 +68,8 @@ def vehicle(name: str, lane: int, front_m: float, **changes: Any) -> PlannedVehi
     return replace(PLAN.groups[0], name=name, spot=Spot(lane, front_m, 5.0), **changes)
 
 
-def population(*reserve: PlannedVehicle, inside: tuple[PlannedVehicle, ...] = (), **plan: Any) -> Population:
-    traffic = Population(NETWORK, replace(PLAN, reserve=reserve, **plan), CONFIG)
+def population(*reserve: PlannedVehicle, inside: tuple[PlannedVehicle, ...] = (), **plan: Any) -> SumoPopulation:
+    traffic = SumoPopulation(NETWORK, replace(PLAN, reserve=reserve, **plan), CONFIG)
     traffic.vehicles.update({vehicle.name: vehicle for vehicle in inside})
     return traffic
 

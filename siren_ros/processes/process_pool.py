@@ -164,13 +164,31 @@ class ProcessPool:
             lambda call: self._submit(function, call[1], None), enumerate(calls), 2 * self._processes, self._tell
         )
         for (number, _), future in finished:
-            results[number] = _answer(future)
+            results[number] = self._answer(future)
             done()
         return [results[number] for number in sorted(results)]
 
     def _tell(self) -> None:
         while self._reports is not None and self._reports.poll():
             self._progress(self._reports.recv())
+
+    def _answer(self, future: Future[Any]) -> Any:
+        """The result of a call; what happened to its process becomes a ``CrashError``."""
+        try:
+            return future.result()
+        except BrokenProcessPool as error:
+            if self._left:  # pebble may find its pipe closed before it cancels the calls
+                raise CancelledError from error
+            cause = type(error.__cause__ or error).__name__
+            raise CrashError(f"the server of new processes is gone ({cause})") from error
+        except pebble.ProcessExpired as error:
+            if error.exitcode == _SERVER_GONE:
+                with suppress(ProcessLookupError):  # nobody else watches it any more
+                    os.kill(error.pid, signal.SIGKILL)
+                raise CrashError("the server of its process was killed") from error
+            if error.exitcode < 0:
+                raise CrashError(f"its process was killed by {signal.Signals(-error.exitcode).name}") from error
+            raise CrashError(f"its process ended with exit code {error.exitcode}") from error
 
     def call(self, function: Callable[..., Result], *arguments: Any, timeout_s: float = TIMEOUT_S) -> Result:
         """Calls a function of a module in a process and waits for its answer. Threads may call at the same time.
@@ -183,7 +201,7 @@ class ProcessPool:
             CancelledError: The pool was stopped before there was an answer.
         """
         try:
-            result: Result = _answer(self._submit(function, arguments, timeout_s))
+            result: Result = self._answer(self._submit(function, arguments, timeout_s))
         except TimeoutError as error:
             raise CrashError(f"its process gave no answer for {timeout_s:g} s") from error
         return result
@@ -202,23 +220,6 @@ class ProcessPool:
                 reasons.append(str(error))
                 if len(reasons) > retries:
                     raise CrashError(f"{function.__name__}: {'; '.join(reasons)}") from error
-
-
-def _answer(future: Future[Any]) -> Any:
-    """The result of a call; what happened to its process becomes a ``CrashError``."""
-    try:
-        return future.result()
-    except BrokenProcessPool as error:
-        cause = type(error.__cause__ or error).__name__
-        raise CrashError(f"the server of new processes is gone ({cause})") from error
-    except pebble.ProcessExpired as error:
-        if error.exitcode == _SERVER_GONE:
-            with suppress(ProcessLookupError):  # nobody else watches it any more
-                os.kill(error.pid, signal.SIGKILL)
-            raise CrashError("the server of its process was killed") from error
-        if error.exitcode < 0:
-            raise CrashError(f"its process was killed by {signal.Signals(-error.exitcode).name}") from error
-        raise CrashError(f"its process ended with exit code {error.exitcode}") from error
 
 
 def _start_method() -> str:

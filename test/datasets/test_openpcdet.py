@@ -73,10 +73,7 @@ def test_frames_of_all_episodes_are_numbered_in_one_row(made_dataset):
         assert read.dtype == np.float32
         expected = np.stack([points[name] for name in ("x", "y", "z", "intensity")], axis=1)
         assert np.array_equal(read, expected)
-    assert json.loads((made_dataset / "dataset.json").read_text())["counts"] == {
-        "frames": 39,
-        "labels": 39,
-    }
+    assert json.loads((made_dataset / "dataset.json").read_text())["counts"] == {"frames": 39, "labels": 39}
 
 
 def test_a_label_is_centre_size_heading_and_name(made_dataset):

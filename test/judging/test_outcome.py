@@ -348,9 +348,7 @@ def test_events_and_residuals_are_counted_each_by_its_kind():
         EventKind.YIELD_REQUESTED,
     ]
     owned = with_states(
-        record,
-        residual_m=lambda state: np.array([0.01 * state.step]),
-        owner=lambda _: np.array([Owner.SUMO], np.uint8),
+        record, residual_m=lambda state: np.array([0.01 * state.step]), owner=lambda _: np.array([Owner.SUMO], np.uint8)
     )
     events = tuple(Event(step, kind, EMV, 2) for step, kind in enumerate(kinds))
     measures = outcome_of(replace(owned, events=events), CLOSING).measures

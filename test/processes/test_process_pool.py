@@ -9,7 +9,8 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -141,6 +142,16 @@ def test_who_waits_for_a_process_goes_on_when_the_pool_is_stopped(pool: ProcessP
     assert not runs(sleeping)
     with pytest.raises(CancelledError):
         pool.call(os.getpid)
+
+
+def test_a_pool_that_breaks_while_it_is_stopped_counts_as_stopped(pool):
+    broken = Future()
+    broken.set_exception(BrokenProcessPool())
+    with pytest.raises(CrashError, match="server of new processes is gone"):
+        pool._answer(broken)
+    pool.stop()
+    with pytest.raises(CancelledError):
+        pool._answer(broken)
 
 
 def fork_server() -> int:

@@ -247,9 +247,7 @@ def test_two_runs_are_identical(town: Town) -> None:
         )
 
 
-def test_traffic_keeps_its_volume_and_moves_without_jumps_for_60_seconds(
-    town: Town,
-) -> None:
+def test_traffic_keeps_its_volume_and_moves_without_jumps_for_60_seconds(town: Town) -> None:
     plan = town[2]
     states = run(town, EmergencyLevel.L2, 1200)
     kinds = {event.kind for state in states for event in state.events}

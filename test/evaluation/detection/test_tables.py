@@ -7,13 +7,7 @@ import pytest
 from made_detector_scores import detector_scores
 
 from siren_ros.evaluation.detection.scoring import DetectorScores, GroupScore
-from siren_ros.evaluation.detection.tables import (
-    MEAN,
-    PAPER,
-    paper_rows,
-    scores_as_json,
-    tables_of,
-)
+from siren_ros.evaluation.detection.tables import MEAN, PAPER, paper_rows, scores_as_json, tables_of
 from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.tables.interval import BLOCKS_MIN, Interval
 from siren_ros.tables.table import Table

@@ -5,7 +5,7 @@ Shapes and units stand where the arrays are used.
 
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any, Self, get_args, get_origin
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -33,10 +33,16 @@ def random_stream(seed: int, purpose: str, index: int = 0) -> np.random.Generato
     return np.random.default_rng(np.random.SeedSequence([seed, index, *purpose.encode()]))
 
 
+_ELEMENTS: Final[dict[Any, type[np.generic]]] = {
+    npt.NDArray[kind]: kind  # type: ignore[valid-type] # a value, not an annotation
+    for kind in (np.dtype(code).type for code in np.typecodes["All"])
+}
+"""Element type of each array type: what an array type is made of differs between versions of numpy."""
+
+
 def dtypes_of(kind: Any) -> dict[str, type[np.generic]]:
     """Element types of a dataclass's array fields as their annotations say, in declaration order."""
-    arrays = (field for field in fields(kind) if get_origin(field.type) is np.ndarray)
-    return {field.name: get_args(get_args(field.type)[1])[0] for field in arrays}
+    return {field.name: _ELEMENTS[field.type] for field in fields(kind) if field.type in _ELEMENTS}
 
 
 class Columns:

@@ -71,7 +71,8 @@ def may_go_on(unit: YieldUnit, ego: Ego, lane: int) -> bool:
     """Whether a driver who holds has the space to finish the pull-over, or to make room."""
     config = ego.config.pull_over
     reasons = ((unit.partial, config.resume_gap_m), (makes_room(unit, ego), config.room_gap_m))
-    return any(reason and gaps_in_lane(ego, lane).front_m > needed_m for reason, needed_m in reasons)
+    needed_m = min((gap_m for reason, gap_m in reasons if reason), default=math.inf)
+    return needed_m < math.inf and gaps_in_lane(ego, lane).front_m > needed_m
 
 
 def emv_takes_shoulder(ego: Ego, lane: int, emv_id: int) -> bool:
@@ -241,8 +242,8 @@ def hold(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Stands with full brake and hand brake. Goes on if the pull-over was cut short and there is space again."""
     if release_reason(emv):
         return _release(unit, ego, emv)
-    goes_on = _looks(unit, ego) and may_go_on(unit, ego, lane_of(unit, ego))
-    if goes_on and (path := pull_over_path(unit, ego, lane_of(unit, ego))) is not None:
+    goes_on = _looks(unit, ego) and may_go_on(unit, ego, lane := lane_of(unit, ego))
+    if goes_on and (path := pull_over_path(unit, ego, lane)) is not None:
         navigator = unit.navigator.following(path, *ego.place)
         unit = replace(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
         return _drive(unit, ego)

@@ -130,8 +130,8 @@ def start_lane_change(unit: YieldUnit, ego: Ego) -> YieldStep:
     query, reference = min(choices, key=lambda choice: (choice[1].end is LaneEnd.ASTRAY, choice[0].side != intent))
     path = lane_change_path(query, reference, stop_at_end=True)
     navigator, side = NavigatorState().following(path, *ego.place), query.side
-    unit = replace(unit, phase=Mode.YIELD_LANE_CHANGE, side=side, change_step=ego.step, deferred="", seek=0)
-    unit = replace(unit, navigator=navigator)
+    phase = Mode.YIELD_LANE_CHANGE
+    unit = replace(unit, phase=phase, side=side, change_step=ego.step, deferred="", seek=0, navigator=navigator)
     started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=side, from_lane=lane, to_lane=query.target)
     return drive(unit, ego, speed).preceded_by(started)
 
@@ -184,7 +184,7 @@ def _wait_for_gap(unit: YieldUnit, ego: Ego, refusals: list[tuple[int, Refusal]]
 
 def _has_it_soon(unit: YieldUnit, ego: Ego, side: int) -> bool:
     target = neighbour_lane(ego.network, lane_of(unit, ego), side)
-    if target == NO_LANE:
+    if unit.seek == Seek.NOT or target == NO_LANE:
         return False
     gaps, change = gaps_in_lane(ego, target), ego.config.civilian_lane_change
     margin = change.front_gap_m if unit.seek == Seek.FALL_BACK else change.rear_gap_m

@@ -203,7 +203,8 @@ def _step_unit(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> Yield
 def _before_start(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Reacting or deferred: cancelled if there is nobody left to yield to, otherwise started once the driver reacts."""
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
-    unit = replace(unit, off_path_steps=off_path)
+    if off_path != unit.off_path_steps:
+        unit = replace(unit, off_path_steps=off_path)
     grace = steps_from_s(ego.config.yielding.off_path_grace_s)
     reason = release_reason(emv) or ("off_path" if off_path > grace else "")
     if reason:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import cos, sin
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from siren_ros.conflicts.yielding import Rank, rank_inside, rank_of
 from siren_ros.conflicts.zones import TRACK_M, Ways
 from siren_ros.numerics.arrays import Floats, Rows
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import NO_LANE, Connection, RoadNetwork
 from siren_ros.world.traffic_state import Indices, TrafficState
@@ -74,19 +75,64 @@ class Course:
         return cls(points, SPACING_M, np.full(len(s), np.inf))
 
 
+@dataclass(frozen=True, eq=False)
+class CoursesOfStep:
+    """The courses of all vehicles of a ``TrafficState``; arrays of shape ``(N,)`` have its rows."""
+
+    traffic: TrafficState
+    courses: tuple[Course, ...]
+    points: npt.NDArray[np.float64]
+    """Points of these courses and of others, one after the other, shape ``(K, 2)``."""
+    first: Rows
+    """Where the points of each course begin in ``points``."""
+    last: Rows
+    """Where they end."""
+    spacing_m: Floats
+
+
 class CourseBook:
-    """The courses of a map, each worked out once: a memory of pure results."""
+    """The courses of a map, each worked out once: a memory of pure results.
+
+    It remembers the last step too: most vehicles have the course that they had there.
+    """
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
         self._courses: dict[tuple[int, bytes], Course] = {}
         self._points = np.empty((_FIRST_POINTS, 2))
         self._used = 0
+        self._step: CoursesOfStep | None = None
 
-    @property
-    def points(self) -> npt.NDArray[np.float64]:
-        """Points of all courses so far, one after the other, shape ``(K, 2)``."""
-        return self._points
+    def courses_of(self, traffic: TrafficState) -> CoursesOfStep:
+        """The courses of all vehicles; those off the road go straight on."""
+        last = self._step
+        if last is not None and last.traffic is traffic:
+            return last
+        kept = np.full(len(traffic), -1, np.intp)
+        if last is not None:
+            before = last.traffic
+            routes = before.route_offset, before.route_edges, traffic.route_offset, traffic.route_edges
+            _same_courses(before.actor_id, before.lane, traffic.actor_id, traffic.lane, *routes, kept)
+        known = () if last is None else last.courses
+        courses = tuple(known[at] if at >= 0 else self._course(traffic, row) for row, at in enumerate(kept.tolist()))
+        if last is not None and len(courses) == len(known) and (kept == np.arange(len(kept))).all():
+            self._step = replace(last, traffic=traffic, points=self._points)
+            return self._step
+        first = np.array([course.first for course in courses], dtype=np.intp)
+        counts = np.array([len(course.points) for course in courses], dtype=np.intp)
+        points, straight = self._points, [course.points for course in courses if course.first < 0]
+        if straight:
+            points = np.concatenate((self._points[: self._used], *straight))
+            first[first < 0] = self._used + np.cumsum([0, *map(len, straight[:-1])])
+        spacing = np.array([course.spacing_m for course in courses])
+        self._step = CoursesOfStep(traffic, courses, points, first, first + counts, spacing)
+        return self._step
+
+    def _course(self, traffic: TrafficState, row: int) -> Course:
+        lane = int(traffic.lane[row])
+        if lane == NO_LANE:
+            return Course.straight(float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row]))
+        return self.along(lane, traffic.route_of_row(row))
 
     def along(self, lane: int, route: Indices) -> Course:
         """The course from the start of a lane, which may cross a junction, to the end of the route.
@@ -107,6 +153,26 @@ class CourseBook:
             self._points = np.concatenate((self._points, np.empty((self._used, 2))))
         self._points[first : self._used] = points
         return first
+
+
+@compiled
+def _same_courses(
+    then_id: Any, then_lane: Any, now_id: Any, now_lane: Any,
+    then_offset: Any, then_edges: Any, now_offset: Any, now_edges: Any, kept: Any,
+) -> None:  # fmt: skip
+    """Fill in each vehicle's row at another step where its course is the same: lane and route have not changed."""
+    then = 0
+    for now in range(len(now_id)):
+        while then < len(then_id) and then_id[then] < now_id[now]:
+            then += 1
+        if then == len(then_id) or then_id[then] != now_id[now] or now_lane[now] < 0 or then_lane[then] != now_lane[now]:
+            continue
+        count = now_offset[now + 1] - now_offset[now]
+        same = count == then_offset[then + 1] - then_offset[then]
+        for k in range(count if same else 0):
+            same = same and then_edges[then_offset[then] + k] == now_edges[now_offset[now] + k]
+        if same:
+            kept[now] = then
 
 
 def _course(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Course:
@@ -178,24 +244,19 @@ class Outlook:
         self._book = book
         self.half_length_m = half_length_m
         self._half_width_m = half_width_m
-        self._courses: dict[int, Course] = {}
 
     @cached_property
     def signals(self) -> Mapping[str, str]:
         """State of each signal."""
         return {signal.signal_id: signal.state for signal in self._traffic.signals}
 
+    @cached_property
+    def _courses(self) -> CoursesOfStep:
+        return self._book.courses_of(self._traffic)
+
     def course(self, row: int) -> Course:
         """The course of the vehicle in a row."""
-        course = self._courses.get(row)
-        if course is None:
-            traffic, lane = self._traffic, int(self._traffic.lane[row])
-            if lane == NO_LANE:
-                course = Course.straight(float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row]))
-            else:
-                course = self._book.along(lane, traffic.route_of_row(row))
-            self._courses[row] = course
-        return course
+        return self._courses.courses[row]
 
     def centre_m(self, row: int) -> float:
         """Arc length of a vehicle's centre on its course."""
@@ -207,29 +268,23 @@ class Outlook:
         return self.centre_m(row) + float(self.half_length_m[row])
 
     @cached_property
-    def _bodies(self) -> npt.NDArray[np.float64]:
-        """``Ways.bodies`` of all vehicles, without spacing and reach."""
-        traffic, half_length = self._traffic, self.half_length_m
-        place = np.where(traffic.lane >= 0, traffic.lane_position_m - half_length, 0.0)
-        none, cut = np.zeros(len(place)), np.full(len(place), TRACK_M)
-        pose = traffic.x_m, traffic.y_m, traffic.yaw_rad
-        size = half_length, self._half_width_m
-        return np.stack((*pose, none, place, traffic.lateral_offset_m, none, *size, cut), axis=-1)
+    def ways(self) -> Ways:
+        """All vehicles on their courses, row by row, with a reach of 0."""
+        traffic, courses = self._traffic, self._courses
+        bodies = np.empty((len(traffic), 10))
+        on_road = traffic.lane >= 0
+        bodies[:, 0], bodies[:, 1], bodies[:, 2] = traffic.x_m, traffic.y_m, traffic.yaw_rad
+        bodies[:, 3], bodies[:, 4] = courses.spacing_m, np.where(on_road, traffic.lane_position_m - self.half_length_m, 0.0)
+        bodies[:, 5], bodies[:, 6] = traffic.lateral_offset_m, 0.0
+        bodies[:, 7], bodies[:, 8], bodies[:, 9] = self.half_length_m, self._half_width_m, TRACK_M
+        return Ways(courses.points, courses.first, courses.last, bodies)
 
-    def ways(self, rows: Rows, reach_m: Floats, margin_m: Floats | float = 0.0) -> Ways:
-        """Some vehicles on their courses, with how far ahead of each may be looked, and free space beside each."""
-        courses = [self.course(row) for row in rows.tolist()]
-        first = np.array([course.first for course in courses], dtype=np.intp)
-        counts = np.array([len(course.points) for course in courses], dtype=np.intp)
-        points = self._book.points
-        if (first < 0).any():
-            points = np.concatenate([course.points for course in courses])
-            first = np.cumsum(counts) - counts
-        bodies = self._bodies[rows]
-        bodies[:, 3] = [course.spacing_m for course in courses]
+    def ways_of(self, rows: Rows, reach_m: Floats) -> Ways:
+        """Some vehicles on their courses, with how far ahead of each may be looked."""
+        ways = self.ways
+        bodies = ways.bodies[rows]
         bodies[:, 6] = reach_m
-        bodies[:, 8] += margin_m
-        return Ways(points, first, first + counts, bodies)
+        return Ways(ways.points, ways.first[rows], ways.last[rows], bodies)
 
     def rank(self, row: int, way_m: float) -> Rank:
         """Right of way of a vehicle at a place, given by the way of its centre to it."""

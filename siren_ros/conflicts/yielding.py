@@ -46,7 +46,7 @@ def rank_inside(rank: Rank) -> Rank:
 
 
 # No parameters: they keep quotients finite.
-_LEAST_WAY_M: Final = 0.3
+LEAST_WAY_M: Final = 0.3
 _LEAST_TIME_S: Final = 0.1
 
 
@@ -130,7 +130,7 @@ def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: flo
 
 def stop_brake_mps2(speed_mps: float, way_m: float) -> float:
     """Constant deceleration that stops within a way."""
-    return needed_brake_mps2(speed_mps * speed_mps, max(way_m, _LEAST_WAY_M))
+    return needed_brake_mps2(speed_mps * speed_mps, max(way_m, LEAST_WAY_M))
 
 
 def later_brake_mps2(speed_mps: float, way_m: float, time_s: float) -> float:

@@ -20,6 +20,8 @@ _STRAIGHT_AFTER_M: Final = 6.0
 """Way in which a vehicle that looks elsewhere has turned into its course."""
 TRACK_M: Final = 2.5
 """Half the distance between the two points of a course that give a body's heading."""
+_CLOSE_M: Final = 1e-6
+"""Bodies that are this much nearer than they reach may touch; it covers rounding."""
 _REAR_M: Final = 1.25
 """From a body's centre back to the middle between these points: a body turns into a bend later than its centre."""
 
@@ -200,20 +202,56 @@ def _entry_m(ways: Any, n: int, k: int, theirs: Any, sizes: tuple[float, float, 
 
 
 @compiled
+def _around(poses: Any, begins: Any) -> Any:
+    """Least and greatest x and y of each body's poses, shape ``(W, 4)``; inverted for a body without poses."""
+    boxes = np.empty((begins.shape[0] - 1, 4))
+    for n in range(boxes.shape[0]):
+        boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = np.inf, -np.inf, np.inf, -np.inf
+        for at in range(begins[n], begins[n + 1]):
+            boxes[n, 0], boxes[n, 1] = min(boxes[n, 0], poses[at, 0]), max(boxes[n, 1], poses[at, 0])
+            boxes[n, 2], boxes[n, 3] = min(boxes[n, 2], poses[at, 1]), max(boxes[n, 3], poses[at, 1])
+    return boxes
+
+
+@compiled
 def _search(own: Any, others: Any, pairs: Any, out: Any) -> None:
     """Fill in one row per pair: whether they meet, then the fields of ``Zone``."""
     own_poses, own_begins = _poses(own, pairs[:, 0])
     their_poses, their_begins = _poses(others, pairs[:, 1])
+    _search_poses(own, (own_poses, own_begins), others, (their_poses, their_begins), pairs, out)
+
+
+@compiled
+def search_among(ways: Any, pairs: Any) -> Any:
+    """The search where both bodies of a pair are of the same ways: ``(P, 8)``, whether they meet and their ``Zone``."""
+    out = np.empty((pairs.shape[0], _COLUMNS))
+    poses = _poses(ways, pairs.ravel())
+    _search_poses(ways, poses, ways, poses, pairs, out)
+    return out
+
+
+@compiled
+def _search_poses(own: Any, own_poses: Any, others: Any, their_poses: Any, pairs: Any, out: Any) -> None:
+    """``_search`` with poses of both along their courses. Ways that stay apart as a whole are not looked at."""
+    ways, own_begins = own_poses
+    their_ways, their_begins = their_poses
+    own_box, their_box = _around(ways, own_begins), _around(their_ways, their_begins)
     for p in range(pairs.shape[0]):
         i, n = pairs[p, 0], pairs[p, 1]
-        ahead = own_poses[own_begins[i] : own_begins[i + 1]]
-        theirs = their_poses[their_begins[n] : their_begins[n + 1]]
+        ahead = ways[own_begins[i] : own_begins[i + 1]]
+        theirs = their_ways[their_begins[n] : their_begins[n + 1]]
         sizes = own.bodies[i, 7], own.bodies[i, 8], others.bodies[n, 7], others.bodies[n, 8]
+        far = _CLOSE_M + np.sqrt(sizes[0] ** 2 + sizes[1] ** 2) + np.sqrt(sizes[2] ** 2 + sizes[3] ** 2)
+        low_x, high_x = their_box[n, 0] - far, their_box[n, 1] + far
+        low_y, high_y = their_box[n, 2] - far, their_box[n, 3] + far
         met, s_in, s_out, q_in, q_out, course = 0.0, 0.0, np.inf, np.inf, 0.0, 0.0
         blocked, blocked_along = np.inf, 0.0
-        for k in range(ahead.shape[0]):
+        apart = own_box[i, 1] < low_x or own_box[i, 0] > high_x or own_box[i, 3] < low_y or own_box[i, 2] > high_y
+        for k in range(0 if apart else ahead.shape[0]):
             pose = ahead[k, 0], ahead[k, 1], ahead[k, 2], ahead[k, 3]
-            begin, end, along = _touches(pose, theirs, sizes)
+            begin, end, along = np.inf, 0.0, 0.0
+            if low_x <= pose[0] <= high_x and low_y <= pose[1] <= high_y:
+                begin, end, along = _touches(pose, theirs, sizes)
             if begin == np.inf:
                 if met > 0.0:
                     s_out = k * STEP_M

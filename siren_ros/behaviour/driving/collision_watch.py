@@ -98,7 +98,7 @@ class CollisionWatch:
             reaches = zip(rows.tolist(), reach_m.tolist(), strict=True)
             others = Ways.of([self._straight_way(*other) for other in reaches])
         else:
-            others = seen.outlook.ways(rows, reach_m)
+            others = seen.outlook.ways_of(rows, reach_m)
         pairs = np.stack((np.zeros_like(rows), np.arange(len(rows))), axis=-1)
         worst: SpeedLimit | None = None
         for other, zone in zip(rows.tolist(), meeting_zones(self._own_way(), others, pairs), strict=True):

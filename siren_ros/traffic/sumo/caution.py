@@ -5,7 +5,7 @@ moved from outside announces nothing, and one that runs a red signal is nobody's
 its drivers are slowed here by the same rule by which the outside ones are driven.
 """
 
-from collections.abc import Container, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -13,15 +13,15 @@ import libsumo
 import numpy as np
 
 from siren_ros.conflicts.course import CourseBook, Outlook
-from siren_ros.conflicts.yielding import Approach, Wait, YieldingConfig, stop_brake_mps2, wait_for
-from siren_ros.conflicts.zones import SAME_DIRECTION, Zone, meeting_zones
-from siren_ros.numerics.arrays import Floats
+from siren_ros.conflicts.yielding import LEAST_WAY_M, Approach, Wait, YieldingConfig, wait_for
+from siren_ros.conflicts.zones import SAME_DIRECTION, Zone, search_among
+from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.traffic.config import CautionConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle
-from siren_ros.world.actors import Owner
+from siren_ros.world.actors import Owner, rows_of_ids
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 
 # No parameters: SUMO's codes.
@@ -43,8 +43,8 @@ def cautions(
     traffic: TrafficState,
     outlook: Outlook,
     config: CautionConfig,
-    waiting: Container[int] = (),
-    inattentive: Container[int] = (),
+    waiting: Collection[int] = (),
+    inattentive: Collection[int] = (),
 ) -> tuple[Caution, ...]:
     """The waits of SUMO's drivers.
 
@@ -58,29 +58,42 @@ def cautions(
     """
     inside = traffic.owner == Owner.SUMO
     speed = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
-    held = np.array([actor in waiting for actor in traffic.actor_id.tolist()], dtype=np.bool_)
+    held, blind = _flags(traffic.actor_id, waiting), _flags(traffic.actor_id, inattentive)
     accel = np.where(held, np.maximum(traffic.sumo_accel_mps2, 0.0), traffic.sumo_accel_mps2)
     counts = ~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0)
+    ways = outlook.ways
+    bodies = ways.bodies.copy()
+    bodies[:, 6] = config.ahead_s * speed + config.more_m
+    bodies[~inside, 8] += config.margin_m
     poses = traffic.x_m, traffic.y_m, np.cos(traffic.yaw_rad), np.sin(traffic.yaw_rad)
-    limits = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
-    pairs = _near_pairs(poses, speed, outlook.half_length_m, inside, counts, limits)
-    if not len(pairs):
-        return ()
-    rows, places = np.unique(pairs, return_inverse=True)
-    margin_m = np.where(inside[rows], 0.0, config.margin_m)
-    ways = outlook.ways(rows, config.ahead_s * speed[rows] + config.more_m, margin_m)
-    met: dict[int, list[tuple[int, YieldingConfig, Zone]]] = {}
-    zones = meeting_zones(ways, ways, places.reshape(pairs.shape))
-    for (row, other), zone in zip(pairs.tolist(), zones, strict=True):
-        if zone is not None and (inside[other] or zone.leads or int(traffic.actor_id[row]) not in inattentive):
-            met.setdefault(row, []).append((other, config.among if inside[other] else config.yielding, zone))
-    slowed = []
-    for row, meetings in met.items():
-        waits = _waits(row, meetings, (speed, accel), outlook, bool(held[row]), config)
-        if waits:
-            other, wait = min(waits, key=lambda other_and_wait: other_and_wait[1].speed_mps)
-            slowed.append(Caution(int(traffic.actor_id[row]), int(traffic.actor_id[other]), wait))
-    return tuple(slowed)
+    near = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
+    late = config.behind_m, config.firm_mps2, config.gentle_mps2
+    drivers = speed, outlook.half_length_m, inside, counts, held, blind
+    pairs, zones, brakes = _meetings(poses, drivers, ways._replace(bodies=bodies), near, late)
+    strictest: dict[int, tuple[int, Wait]] = {}
+    for (row, other), values, brake_mps2 in zip(pairs.tolist(), zones.tolist(), brakes.tolist(), strict=True):
+        zone = Zone(*values[1:])
+        if zone.leads:
+            wait = Wait(float(speed[other]), brake_mps2, _free_behind_m(zone.blocked_m, config.behind_m))
+        else:
+            margins = config.among if inside[other] else config.yielding
+            crossing = _wait_across(row, other, zone, (speed, accel), outlook, config, margins)
+            if crossing is None:
+                continue
+            wait = crossing
+        if row not in strictest or wait.speed_mps < strictest[row][1].speed_mps:
+            strictest[row] = other, wait
+    ids = traffic.actor_id
+    return tuple(Caution(int(ids[row]), int(ids[other]), wait) for row, (other, wait) in strictest.items())
+
+
+def _flags(ids: Ids, members: Collection[int]) -> Flags:
+    """Which of the actors, sorted by id, are among some."""
+    flags = np.zeros(len(ids), np.bool_)
+    if members:
+        rows = rows_of_ids(ids, np.array(sorted(members), np.uint32))
+        flags[rows[rows >= 0]] = True
+    return flags
 
 
 @compiled
@@ -90,21 +103,37 @@ def _near_pairs(poses: Any, speed_mps: Any, half_length_m: Any, inside: Any, cou
     Long vehicles at an angle reach far aside: the tail of a bus that changes lanes.
     Maps have roads that cross before their junction begins; so crossing does not ask where it happens.
     ``poses`` holds x, y, and the yaw's cosine and sine; ``limits`` the fields of ``CautionConfig`` that count here.
+    Vehicles are looked at in the order of x, so that the work grows with the neighbours and not with all.
     """
     x_m, y_m, cos, sin = poses
     ahead_s, more_m, far_m, rolling_mps, beside_m = limits
     n = len(x_m)
-    pairs = np.empty((n * n, 2), np.intp)
+    order = np.argsort(x_m, kind="mergesort")
+    place = np.empty(n, np.intp)
+    for k in range(n):
+        place[order[k]] = k
+    widest = beside_m + (half_length_m.max() if n else 0.0)
+    pairs, begin = np.empty((8 * n + 8, 2), np.intp), 0
     count = 0
     for row in range(n):
         if not inside[row]:
             continue
-        for other in range(n):
+        farthest = max(far_m, speed_mps[row] + more_m + widest) + 1.0
+        first, last = place[row], place[row] + 1
+        while first > 0 and x_m[row] - x_m[order[first - 1]] < farthest:
+            first -= 1
+        while last < n and x_m[order[last]] - x_m[row] < farthest:
+            last += 1
+        begin = count
+        for k in range(first, last):
+            other = order[k]
             dx, dy = x_m[other] - x_m[row], y_m[other] - y_m[row]
+            if other == row or abs(dy) > farthest:
+                continue
             apart = np.hypot(dx, dy)
             reach = min(ahead_s * (speed_mps[row] + speed_mps[other]) + 2.0 * more_m, far_m)
             ahead = cos[row] * dx + sin[row] * dy
-            if other == row or (apart >= reach and not 0.0 < ahead < speed_mps[row] + more_m):
+            if apart >= reach and not 0.0 < ahead < speed_mps[row] + more_m:
                 continue
             along = abs(cos[row] * cos[other] + sin[row] * sin[other])
             moving = speed_mps[row] > rolling_mps and speed_mps[other] > rolling_mps
@@ -114,54 +143,76 @@ def _near_pairs(poses: Any, speed_mps: Any, half_length_m: Any, inside: Any, cou
                 beside = beside_m + half_length_m[other] * abs(cos[row] * sin[other] - sin[row] * cos[other])
                 near = abs(cos[row] * dy - sin[row] * dx) < beside
             if near:
+                if count == len(pairs):
+                    grown = np.empty((2 * count, 2), np.intp)
+                    grown[:count] = pairs
+                    pairs = grown
                 pairs[count, 0], pairs[count, 1] = row, other
                 count += 1
+        pairs[begin:count, 1].sort()
     return pairs[:count]
 
 
-def _behind(zone: Zone, own_mps: float, other_mps: float, waits: bool, config: CautionConfig) -> Wait | None:
-    """How to brake for a body ahead, None while braking gently later is enough; who brakes for it goes on braking."""
-    free = max(zone.blocked_m - config.behind_m, 0.0)
-    brake = stop_brake_mps2(max(own_mps - other_mps, 0.0), free)
-    late = free <= 0.0 or brake > (config.gentle_mps2 if waits else config.firm_mps2)
-    return Wait(other_mps, brake, free) if late else None
+@compiled
+def _meetings(poses: Any, drivers: Any, ways: Any, near: Any, late: Any) -> tuple[Any, Any, Any]:
+    """What SUMO's drivers may have to wait for: pairs ``(P, 2)`` as in ``_near_pairs``, zones, and braking.
+
+    Left out are vehicles that merge among themselves and those that lead while there is room, which SUMO handles, and
+    those from outside that come across the way of a driver who does not look. ``near`` and ``late`` are fields of
+    ``CautionConfig``, ``drivers`` arrays over all vehicles. The deceleration is that behind a body that leads.
+    """
+    speed_mps, half_length_m, inside, counts, held, blind = drivers
+    behind_m, firm_mps2, gentle_mps2 = late
+    pairs = _near_pairs(poses, speed_mps, half_length_m, inside, counts, near)
+    zones = search_among(ways, pairs)
+    brakes = np.zeros(len(pairs))
+    count = 0
+    for p in range(len(pairs)):
+        row, other = pairs[p, 0], pairs[p, 1]
+        leads, merges = zones[p, 7] > SAME_DIRECTION, zones[p, 5] > SAME_DIRECTION
+        if zones[p, 0] == 0.0 or not (inside[other] or leads or not blind[row]) or (merges and inside[other] and not leads):
+            continue
+        brake = 0.0
+        if leads:
+            free = _free_behind_m(zones[p, 6], behind_m)
+            closing = max(speed_mps[row] - speed_mps[other], 0.0)
+            brake = closing * closing / (2.0 * max(free, LEAST_WAY_M))
+            if free > 0.0 and brake <= (gentle_mps2 if held[row] else firm_mps2):
+                continue
+        pairs[count], zones[count], brakes[count] = pairs[p], zones[p], brake
+        count += 1
+    return pairs[:count], zones[:count], brakes[:count]
 
 
-def _waits(
+@compiled
+def _free_behind_m(blocked_m: float, behind_m: float) -> float:
+    """Way to a body ahead, without the distance that is kept from it."""
+    return max(blocked_m - behind_m, 0.0)
+
+
+def _wait_across(
     row: int,
-    met: list[tuple[int, YieldingConfig, Zone]],
+    other: int,
+    zone: Zone,
     motion: tuple[Floats, Floats],
     outlook: Outlook,
-    waits_already: bool,
     settings: CautionConfig,
-) -> list[tuple[int, Wait]]:
-    """Vehicles for which the driver in a row has to wait, and how.
+    margins: YieldingConfig,
+) -> Wait | None:
+    """How the driver in a row has to wait for another vehicle whose way it crosses or joins; None where it need not.
 
-    ``met`` holds rows, margins and zones of the vehicles that are met, ``motion`` the speeds and accelerations of all.
-    SUMO itself handles vehicles that merge among themselves, and those that lead while there is room.
+    ``motion`` holds the speeds and accelerations of all.
     """
     speed_mps, accel_mps2 = motion
-    own_mps, slowing = float(speed_mps[row]), float(accel_mps2[row])
-    waits = []
-    for other, config, zone in met:
-        if zone.leads:
-            behind = _behind(zone, own_mps, float(speed_mps[other]), waits_already, settings)
-            waits += [(other, behind)] if behind is not None else []
-            continue
-        if zone.merges and config is settings.among:
-            continue
-        top = max(outlook.limit_mps(row, zone.own_in_m), own_mps)
-        accel = slowing if slowing < settings.slowing_mps2 else settings.accel_mps2
-        other_mps = float(speed_mps[other])
-        wait = wait_for(
-            zone,
-            Approach(own_mps, top, accel, outlook.rank(row, zone.own_in_m)),
-            Approach(other_mps, other_mps, min(float(accel_mps2[other]), 0.0), outlook.rank(other, zone.other_in_m)),
-            config,
-        )
-        if wait is not None:
-            waits.append((other, wait))
-    return waits
+    own_mps, slowing, other_mps = float(speed_mps[row]), float(accel_mps2[row]), float(speed_mps[other])
+    top = max(outlook.limit_mps(row, zone.own_in_m), own_mps)
+    accel = slowing if slowing < settings.slowing_mps2 else settings.accel_mps2
+    return wait_for(
+        zone,
+        Approach(own_mps, top, accel, outlook.rank(row, zone.own_in_m)),
+        Approach(other_mps, other_mps, min(float(accel_mps2[other]), 0.0), outlook.rank(other, zone.other_in_m)),
+        margins,
+    )
 
 
 class CautiousDrivers:
@@ -170,7 +221,8 @@ class CautiousDrivers:
     def __init__(self, network: RoadNetwork, config: CautionConfig) -> None:
         self._book = CourseBook(network)
         self._config = config
-        self._slowed: set[str] = set()
+        self._slowed: dict[str, int] = {}
+        self._bodies: tuple[Ids, Floats, Floats] | None = None
 
     def apply(self, traffic: TrafficState | None, vehicles: Mapping[int, PlannedVehicle]) -> None:
         """Impose speeds for SUMO's next step, and free those who need not wait any more.
@@ -178,26 +230,34 @@ class CautiousDrivers:
         ``traffic`` is the state before that step, None before the first one.
         """
         slowed = {} if traffic is None else self._speeds(traffic, vehicles)
-        for name in sorted(self._slowed - slowed.keys()):
+        for name in sorted(self._slowed.keys() - slowed.keys()):
             libsumo.vehicle.setSpeed(name, -1.0)
             libsumo.vehicle.setSpeedMode(name, _FREE_MODE)
-        for name, speed_mps in slowed.items():
+        for name, (_, speed_mps) in slowed.items():
             libsumo.vehicle.setSpeedMode(name, _HARD_BRAKE_MODE)
             libsumo.vehicle.setSpeed(name, speed_mps)
-        self._slowed = set(slowed)
+        self._slowed = {name: actor_id for name, (actor_id, _) in slowed.items()}
 
     def forget(self, name: str) -> None:
         """Drop a vehicle that has left SUMO, or that is driven from outside from now on."""
-        self._slowed.discard(name)
+        self._slowed.pop(name, None)
 
-    def _speeds(self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle]) -> dict[str, float]:
-        known = [vehicles[int(actor_id)] for actor_id in traffic.actor_id]
-        half_length_m = np.array([0.5 * vehicle.length_m for vehicle in known])
-        outlook = Outlook(traffic, self._book, half_length_m, np.array([0.5 * vehicle.width_m for vehicle in known]))
+    def _sizes_m(self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]) -> tuple[Floats, Floats]:
+        """Half lengths and half widths of actors; those of the call before where these are the same actors."""
+        if self._bodies is None or not np.array_equal(self._bodies[0], actor_id):
+            known = [vehicles[actor] for actor in actor_id.tolist()]
+            half_length_m = np.array([0.5 * vehicle.length_m for vehicle in known])
+            self._bodies = actor_id, half_length_m, np.array([0.5 * vehicle.width_m for vehicle in known])
+        return self._bodies[1:]
+
+    def _speeds(
+        self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle]
+    ) -> dict[str, tuple[int, float]]:
+        """Actor and speed by the vehicle's name."""
+        outlook = Outlook(traffic, self._book, *self._sizes_m(traffic.actor_id, vehicles))
         speeds = {}
-        waiting = {actor_id for actor_id, vehicle in vehicles.items() if vehicle.name in self._slowed}
-        inattentive = {actor_id for actor_id, vehicle in vehicles.items() if not vehicle.attentive}
-        for caution in cautions(traffic, outlook, self._config, waiting, inattentive):
+        inattentive = [actor_id for actor_id, vehicle in vehicles.items() if not vehicle.attentive]
+        for caution in cautions(traffic, outlook, self._config, self._slowed.values(), inattentive):
             row = int(np.searchsorted(traffic.actor_id, caution.actor_id))
             speed = float(traffic.sumo_speed_mps[row])
             vehicle = vehicles[caution.actor_id]
@@ -205,5 +265,6 @@ class CautiousDrivers:
             if caution.wait.brake_mps2 > brake:
                 brake = min(caution.wait.brake_mps2, self._config.most_brake_mps2)
             if caution.wait.speed_mps < speed + self._config.accel_mps2 * STEP_S:
-                speeds[vehicle.name] = max(caution.wait.speed_mps, speed - brake * STEP_S, 0.0)
+                speed_mps = max(caution.wait.speed_mps, speed - brake * STEP_S, 0.0)
+                speeds[vehicle.name] = caution.actor_id, speed_mps
         return speeds

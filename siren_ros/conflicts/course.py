@@ -165,10 +165,11 @@ def _same_courses(
     for now in range(len(now_id)):
         while then < len(then_id) and then_id[then] < now_id[now]:
             then += 1
-        if then == len(then_id) or then_id[then] != now_id[now] or now_lane[now] < 0 or then_lane[then] != now_lane[now]:
+        if then == len(then_id) or then_id[then] != now_id[now]:
             continue
         count = now_offset[now + 1] - now_offset[now]
-        same = count == then_offset[then + 1] - then_offset[then]
+        same = now_lane[now] >= 0 and then_lane[then] == now_lane[now]
+        same = same and count == then_offset[then + 1] - then_offset[then]
         for k in range(count if same else 0):
             same = same and then_edges[then_offset[then] + k] == now_edges[now_offset[now] + k]
         if same:
@@ -272,9 +273,9 @@ class Outlook:
         """All vehicles on their courses, row by row, with a reach of 0."""
         traffic, courses = self._traffic, self._courses
         bodies = np.empty((len(traffic), 10))
-        on_road = traffic.lane >= 0
+        centre_m = np.where(traffic.lane >= 0, traffic.lane_position_m - self.half_length_m, 0.0)
         bodies[:, 0], bodies[:, 1], bodies[:, 2] = traffic.x_m, traffic.y_m, traffic.yaw_rad
-        bodies[:, 3], bodies[:, 4] = courses.spacing_m, np.where(on_road, traffic.lane_position_m - self.half_length_m, 0.0)
+        bodies[:, 3], bodies[:, 4] = courses.spacing_m, centre_m
         bodies[:, 5], bodies[:, 6] = traffic.lateral_offset_m, 0.0
         bodies[:, 7], bodies[:, 8], bodies[:, 9] = self.half_length_m, self._half_width_m, TRACK_M
         return Ways(courses.points, courses.first, courses.last, bodies)

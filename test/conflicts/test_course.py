@@ -1,9 +1,11 @@
 """Courses along lanes and across junctions."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from siren_ros.conflicts.course import SPACING_M, Course, CourseBook, Entry, Outlook
 from siren_ros.conflicts.yielding import Rank
@@ -200,9 +202,15 @@ class Traffic:
     y_m: np.ndarray
     yaw_rad: np.ndarray
     signals: tuple = ()
+    actor_id: np.ndarray = field(default_factory=lambda: np.array([1, 2], dtype=np.uint32))
+    route_offset: np.ndarray = field(default_factory=lambda: np.array([0, 2, 4], dtype=np.int32))
+    route_edges: np.ndarray = field(default_factory=lambda: np.array([0, 2, 0, 2], dtype=np.int32))
 
-    def route_of_row(self, _row):
-        return np.array([0, 2], dtype=np.int32)
+    def __len__(self):
+        return len(self.lane)
+
+    def route_of_row(self, row):
+        return self.route_edges[self.route_offset[row] : self.route_offset[row + 1]]
 
 
 def outlook_of(lane, front_m, turn=0.0, state="", left=0.4, **control):
@@ -220,9 +228,9 @@ def outlook_of(lane, front_m, turn=0.0, state="", left=0.4, **control):
     return Outlook(traffic, CourseBook(network_of_outlook(turn, **control)), HALF_LENGTH, HALF_WIDTH)
 
 
-def way_of(outlook, reach_m, margin_m=0.0):
+def way_of(outlook, reach_m):
     """Points and body of the second vehicle, which is asked for together with the first."""
-    ways = outlook.ways(np.array([0, 1]), np.array([5.0, reach_m]), np.array([0.0, margin_m]))
+    ways = outlook.ways_of(np.array([0, 1]), np.array([5.0, reach_m]))
     return ways.points[ways.first[1] : ways.last[1]], ways.bodies[1]
 
 
@@ -230,9 +238,9 @@ def way_of(outlook, reach_m, margin_m=0.0):
 def test_a_way_begins_at_the_bodys_centre_on_its_course(turn):
     outlook = outlook_of(0, 60.0, turn)
     assert outlook.centre_m(1) == pytest.approx(56.0)
-    points, body = way_of(outlook, 30.0, margin_m=0.5)
+    points, body = way_of(outlook, 30.0)
     assert body[:3] == pytest.approx((*rotate(np.array([56.0, 0.4]), turn), turn))
-    assert body[4:] == pytest.approx((56.0, 0.4, 30.0, 4.0, 1.2 + 0.5, TRACK_M))
+    assert body[4:] == pytest.approx((56.0, 0.4, 30.0, 4.0, 1.2, TRACK_M))
     np.testing.assert_allclose(points[round(150.0 / body[3])], rotate(np.array([150.0, 0.0]), turn), atol=0.6)
 
 
@@ -277,9 +285,9 @@ def test_a_book_keeps_the_points_of_many_courses(network):
     ends = [
         book.along(lane, edges(edge, *[2] * number)) for number in range(60) for lane, edge in ((0, 0), (1, 0), (3, 2))
     ]
-    assert len(book.points) >= sum(len(course.points) for course in ends) > 4096
+    assert len(book._points) >= sum(len(course.points) for course in ends) > 4096
     for course in ends:
-        np.testing.assert_array_equal(book.points[course.first : course.first + len(course.points)], course.points)
+        np.testing.assert_array_equal(book._points[course.first : course.first + len(course.points)], course.points)
 
 
 def test_a_course_is_worked_out_once_of_outlook():
@@ -287,3 +295,41 @@ def test_a_course_is_worked_out_once_of_outlook():
     assert outlook.course(1) is outlook.course(1)
     assert outlook.signals == {}
     assert outlook_of(0, 60.0, state="rG").signals == {"S": "rG"}
+
+
+def step_of(rows):
+    """A step with vehicles given by id, lane and route, 10 m apart."""
+    ids, lanes, routes = zip(*rows, strict=True)
+    n = len(rows)
+    place = 10.0 * np.arange(n)
+    return Traffic(
+        lane=np.array(lanes, np.int32),
+        lane_position_m=place,
+        lateral_offset_m=np.zeros(n),
+        x_m=place,
+        y_m=place,
+        yaw_rad=0.1 * np.arange(n),
+        actor_id=np.array(ids, np.uint32),
+        route_offset=np.array([0, *np.cumsum([len(route) for route in routes])], np.int32),
+        route_edges=np.array([edge for route in routes for edge in route], np.int32),
+    )
+
+
+LANES_AND_ROUTES = st.sampled_from([(0, (0, 2)), (0, (0,)), (1, (0, 2)), (2, (2,)), (2, (2, 0)), (NO_LANE, (0, 2))])
+STEPS = st.lists(st.dictionaries(st.integers(1, 6), LANES_AND_ROUTES, min_size=1), min_size=1, max_size=5)
+
+
+@given(STEPS)
+def test_a_book_that_remembers_the_last_step_gives_the_courses_of_a_new_one(steps):
+    network = network_of_outlook()
+    book = CourseBook(network)
+    for step in steps:
+        traffic = step_of([(actor_id, *step[actor_id]) for actor_id in sorted(step)])
+        kept, new = book.courses_of(traffic), CourseBook(network).courses_of(traffic)
+        assert book.courses_of(traffic) is kept
+        for row in range(len(traffic)):
+            ours, theirs = (each.points[each.first[row] : each.last[row]] for each in (kept, new))
+            np.testing.assert_array_equal(ours, theirs)
+            np.testing.assert_array_equal(ours, kept.courses[row].points)
+            assert kept.spacing_m[row] == new.spacing_m[row]
+            assert kept.courses[row].entries == new.courses[row].entries

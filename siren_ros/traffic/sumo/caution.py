@@ -100,13 +100,11 @@ def _flags(ids: Ids, members: Collection[int]) -> Flags:
 def _near_pairs(poses: Any, speed_mps: Any, half_length_m: Any, inside: Any, counts: Any, limits: Any) -> Any:
     """Pairs of a vehicle of SUMO and another one, shape ``(P, 2)``, that counts or crosses in reach, or is close ahead.
 
-    Long vehicles at an angle reach far aside: the tail of a bus that changes lanes.
-    Maps have roads that cross before their junction begins; so crossing does not ask where it happens.
     ``poses`` holds x, y, and the yaw's cosine and sine; ``limits`` the fields of ``CautionConfig`` that count here.
     Vehicles are looked at in the order of x, so that the work grows with the neighbours and not with all.
     """
     x_m, y_m, cos, sin = poses
-    ahead_s, more_m, far_m, rolling_mps, beside_m = limits
+    _, more_m, far_m, _, beside_m = limits
     n = len(x_m)
     order = np.argsort(x_m, kind="mergesort")
     place = np.empty(n, np.intp)
@@ -130,19 +128,8 @@ def _near_pairs(poses: Any, speed_mps: Any, half_length_m: Any, inside: Any, cou
             dx, dy = x_m[other] - x_m[row], y_m[other] - y_m[row]
             if other == row or abs(dy) > farthest:
                 continue
-            apart = np.hypot(dx, dy)
-            reach = min(ahead_s * (speed_mps[row] + speed_mps[other]) + 2.0 * more_m, far_m)
-            ahead = cos[row] * dx + sin[row] * dy
-            if apart >= reach and not 0.0 < ahead < speed_mps[row] + more_m:
-                continue
-            along = abs(cos[row] * cos[other] + sin[row] * sin[other])
-            moving = speed_mps[row] > rolling_mps and speed_mps[other] > rolling_mps
-            cross = moving and along < SAME_DIRECTION and ahead > -more_m
-            near = (counts[other] or cross) and apart < reach
-            if not near and 0.0 < ahead < speed_mps[row] + more_m:
-                beside = beside_m + half_length_m[other] * abs(cos[row] * sin[other] - sin[row] * cos[other])
-                near = abs(cos[row] * dy - sin[row] * dx) < beside
-            if near:
+            pose = dx, dy, cos[row], sin[row], cos[other], sin[other]
+            if _is_near(pose, speed_mps[row], speed_mps[other], half_length_m[other], counts[other], limits):
                 if count == len(pairs):
                     grown = np.empty((2 * count, 2), np.intp)
                     grown[:count] = pairs
@@ -151,6 +138,28 @@ def _near_pairs(poses: Any, speed_mps: Any, half_length_m: Any, inside: Any, cou
                 count += 1
         pairs[begin:count, 1].sort()
     return pairs[:count]
+
+
+@compiled
+def _is_near(pose: Any, own_mps: float, other_mps: float, half_length_m: float, counts: bool, limits: Any) -> bool:
+    """Whether a pair is near; ``pose`` holds the way to the other one, and the directions of both.
+
+    Long vehicles at an angle reach far aside: the tail of a bus that changes lanes. Maps have roads that cross before
+    their junction begins; so crossing does not ask where it happens.
+    """
+    dx, dy, cos, sin, other_cos, other_sin = pose
+    ahead_s, more_m, far_m, rolling_mps, beside_m = limits
+    apart = np.hypot(dx, dy)
+    reach = min(ahead_s * (own_mps + other_mps) + 2.0 * more_m, far_m)
+    ahead = cos * dx + sin * dy
+    if apart < reach:
+        along = abs(cos * other_cos + sin * other_sin)
+        cross = own_mps > rolling_mps and other_mps > rolling_mps and along < SAME_DIRECTION and ahead > -more_m
+        if counts or cross:
+            return True
+    if 0.0 < ahead < own_mps + more_m:
+        return abs(cos * dy - sin * dx) < beside_m + half_length_m * abs(cos * other_sin - sin * other_cos)
+    return False
 
 
 @compiled
@@ -170,7 +179,11 @@ def _meetings(poses: Any, drivers: Any, ways: Any, near: Any, late: Any) -> tupl
     for p in range(len(pairs)):
         row, other = pairs[p, 0], pairs[p, 1]
         leads, merges = zones[p, 7] > SAME_DIRECTION, zones[p, 5] > SAME_DIRECTION
-        if zones[p, 0] == 0.0 or not (inside[other] or leads or not blind[row]) or (merges and inside[other] and not leads):
+        if (
+            zones[p, 0] == 0.0
+            or not (inside[other] or leads or not blind[row])
+            or (merges and inside[other] and not leads)
+        ):
             continue
         brake = 0.0
         if leads:
@@ -250,9 +263,7 @@ class CautiousDrivers:
             self._bodies = actor_id, half_length_m, np.array([0.5 * vehicle.width_m for vehicle in known])
         return self._bodies[1:]
 
-    def _speeds(
-        self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle]
-    ) -> dict[str, tuple[int, float]]:
+    def _speeds(self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle]) -> dict[str, tuple[int, float]]:
         """Actor and speed by the vehicle's name."""
         outlook = Outlook(traffic, self._book, *self._sizes_m(traffic.actor_id, vehicles))
         speeds = {}

@@ -5,18 +5,20 @@
 * They move sideways by driving, also where a lane change is urgent.
 """
 
-from collections import deque
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import libsumo
 import numpy as np
 
+from siren_ros.numerics.arrays import Flags, Rows
 from siren_ros.numerics.braking import SAMPLE_M, bend_speeds_mps, with_braking
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.road_network import NO_LANE, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.traffic.demand.plan import PlannedVehicle, connection_onward
 
 # No parameters: they make SUMO's motion one that a car can follow, and are calibrated with the vehicle model.
@@ -36,15 +38,48 @@ Results: TypeAlias = Mapping[str, Mapping[int, Any]]
 """SUMO's subscription results by vehicle."""
 
 
+_BENDS: Final = itemgetter(libsumo.VAR_LANE_ID, libsumo.VAR_ROUTE_INDEX, libsumo.VAR_LANEPOSITION, libsumo.VAR_SPEED)
+_FRONTS: Final = itemgetter(libsumo.VAR_LANE_ID, libsumo.VAR_POSITION)
+
+
+class _Rows:
+    """The vehicles of SUMO's results, row by row, and where each was at the step before."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self._row_of: dict[str, int] = {}
+
+    def follow(self, results: Results) -> Rows | None:
+        """Takes the vehicles of these results; the row that each had before, −1 for a new one, None for no change."""
+        names = list(results)
+        if names == self.names:
+            return None
+        rows = np.array([self._row_of.get(name, -1) for name in names], dtype=np.intp)
+        self.names, self._row_of = names, {name: row for row, name in enumerate(names)}
+        return rows
+
+    def which(self, names: Iterable[str]) -> Flags:
+        """The rows of some vehicles, as flags; vehicles without a row are passed over."""
+        flags = np.zeros(len(self.names), np.bool_)
+        for name in names:
+            if name in self._row_of:
+                flags[self._row_of[name]] = True
+        return flags
+
+
 class _Profile(NamedTuple):
     """Speeds at each metre of a lane."""
 
     scale: float
     """SUMO's length of the lane over that of its centre line."""
-    bend_mps: Sequence[float]
-    """Of the place itself."""
-    allowed_mps: Sequence[float]
-    """From which a vehicle still slows down in time for what follows."""
+    first: int
+    """Where its speeds begin among those of all profiles."""
+    samples: int
+
+
+_NO_PROFILE: Final = _Profile(1.0, 0, 0)
+_MOST_PASSED: Final = 64
+"""Places with ascending speeds along a vehicle, which are at least a metre apart, or on lanes that are shorter."""
 
 
 class BendLimits:
@@ -58,56 +93,57 @@ class BendLimits:
         self._onward = dict(pair for lanes in lanes_of for pair in pairwise(lanes))
         """The lane that follows each internal lane."""
         self._profiles: dict[tuple[int, tuple[int, ...]], _Profile] = {}
+        self._speeds_mps = np.empty((2, 0))
+        """Of all profiles: that of the bend at a place, and that from which one still slows down for what follows."""
         self._routes: dict[str, tuple[int, ...]] = {}
-        self._present: dict[str, tuple[str, int, _Profile | None]] = {}
-        """Lane and place on the route of each vehicle, and its profile there."""
-        self._passed: dict[str, deque[tuple[float, float]]] = {}
+        self._rows = _Rows()
+        self._present: list[tuple[str, int]] = []
+        """Lane and place on the route of each vehicle, for which its profile holds."""
+        self._profile = np.empty((0, 3))
+        """Fields of ``_Profile`` by vehicle."""
+        self._passed = np.empty((0, _MOST_PASSED, 2))
         """Places where each front bumper was: distance driven until there, and the speed of the bend."""
-        self._limits: dict[str, float] = {}
+        self._passed_count = np.empty(0, np.intp)
+        self._bodies = np.empty((0, 2))
+        """Wished speed and length of each vehicle."""
+        self._limits_mps = np.empty(0)
 
-    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Container[str]) -> None:
+    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Iterable[str]) -> None:
         """Set the limits for SUMO's next step; ``mirrored`` vehicles are moved from outside and have no limit."""
-        limits = {}
-        for name, result in results.items():
-            vehicle = vehicles[name]
-            wished_mps = limit = vehicle.driver.driving.max_speed_mps
-            profile = None if name in mirrored else self._profile_of(name, vehicle, result)
-            if profile is not None:
-                scale, bend_mps, allowed_mps = profile
-                at = min(max(int(result[libsumo.VAR_LANEPOSITION] / scale / SAMPLE_M), 0), len(bend_mps) - 1)
-                held_mps = self._held(name, vehicle.length_m, result[libsumo.VAR_SPEED] / scale * STEP_S, bend_mps[at])
-                limit = min(wished_mps, scale * min(held_mps, allowed_mps[at]))
-            before = self._limits.get(name, wished_mps)
-            changed = abs(limit - before) >= _STEP_MPS or (limit != before and wished_mps in {limit, before})
-            limits[name] = limit if changed else before
-            if changed:
-                libsumo.vehicle.setMaxSpeed(name, limit)
-        self._limits = limits
-        if len(self._present) > len(results):
-            self._passed = {name: passed for name, passed in self._passed.items() if name in results}
-            self._present = {name: present for name, present in self._present.items() if name in results}
+        before = self._rows.follow(results)
+        if before is not None:
+            self._follow(before, vehicles)
+        if not results:
+            return
+        lanes, indices, at_m, speed_mps = zip(*map(_BENDS, results.values()), strict=True)
+        outside = self._rows.which(mirrored)
+        for row, present in enumerate(zip(lanes, indices, strict=True)):
+            if present != self._present[row] and not outside[row]:
+                self._present[row] = present
+                name = self._rows.names[row]
+                lane = self._network.lane_by_id.get(present[0])
+                edges = self._route_ahead(name, vehicles[name], present[1])
+                self._profile[row] = _NO_PROFILE if lane is None else self._profile_of(lane, edges)
+        motion = np.array(at_m), np.array(speed_mps), outside
+        passed = self._passed, self._passed_count
+        changed = _bend_limits(motion, self._bodies, self._profile, self._speeds_mps, passed, self._limits_mps)
+        for row in changed.tolist():
+            libsumo.vehicle.setMaxSpeed(self._rows.names[row], float(self._limits_mps[row]))
 
-    def _held(self, name: str, length_m: float, moved_m: float, bend_mps: float) -> float:
-        """The slowest bend that some part of a vehicle is in, when its front bumper has come to another place."""
-        passed = self._passed.setdefault(name, deque())
-        at_m = (passed[-1][0] if passed else 0.0) + moved_m
-        # Earlier places that are no slower leave the outline first and never count again: speeds ascend.
-        while passed and passed[-1][1] >= bend_mps:
-            passed.pop()
-        passed.append((at_m, bend_mps))
-        while passed[0][0] < at_m - length_m:
-            passed.popleft()
-        return passed[0][1]
-
-    def _profile_of(self, name: str, vehicle: PlannedVehicle, result: Mapping[int, Any]) -> _Profile | None:
-        """The speeds of the lane that a vehicle is on, None off the road."""
-        lane_id, index = result[libsumo.VAR_LANE_ID], result[libsumo.VAR_ROUTE_INDEX]
-        present = self._present.get(name)
-        if present is None or present[0] != lane_id or present[1] != index:
-            lane = self._network.lane_by_id.get(lane_id)
-            profile = None if lane is None else self._profile(lane, self._route_ahead(name, vehicle, index))
-            present = self._present[name] = (lane_id, index, profile)
-        return present[2]
+    def _follow(self, before: Rows, vehicles: Mapping[str, PlannedVehicle]) -> None:
+        """Brings what is remembered of vehicles into the order of the rows, given the rows that they had before."""
+        new = before < 0
+        self._present = [self._present[row] if row >= 0 else ("", -2) for row in before.tolist()]
+        known = [vehicles[name] for name in self._rows.names]
+        bodies = [(vehicle.driver.driving.max_speed_mps, vehicle.length_m) for vehicle in known]
+        self._bodies = np.array(bodies).reshape(-1, 2)
+        if not len(self._limits_mps):
+            self._profile, self._passed = np.zeros((1, 3)), np.zeros((1, _MOST_PASSED, 2))
+            self._passed_count, self._limits_mps = np.zeros(1, np.intp), np.zeros(1)
+        self._profile, self._passed = self._profile[before], self._passed[before]
+        self._passed_count, self._limits_mps = self._passed_count[before], self._limits_mps[before]
+        self._profile[new], self._passed_count[new] = _NO_PROFILE, 0
+        self._limits_mps[new] = self._bodies[new, 0]
 
     def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
         """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
@@ -115,15 +151,17 @@ class BendLimits:
             self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
         return self._routes[name][max(index, 0) :][:_EDGES_AHEAD]
 
-    def _profile(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
+    def _profile_of(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
         """The speeds of a lane, with regard to what follows it on the route."""
         key = (lane.index, edges)
         if key not in self._profiles:
             path = Polyline.joined([self._network.lanes[index].centre for index in self._lanes_ahead(lane, edges)])
             reach = path.cut(0.0, min(path.length_m, lane.length_m + _AHEAD_M))
             bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
-            speeds = (bend[:count].tolist(), with_braking(bend, BRAKING_MPS2)[:count].tolist())
-            self._profiles[key] = _Profile(self._length_scale[lane.lane_id], *speeds)
+            speeds = np.stack((bend[:count], with_braking(bend, BRAKING_MPS2)[:count]))
+            scale, first = self._length_scale[lane.lane_id], self._speeds_mps.shape[1]
+            self._profiles[key] = _Profile(scale, first, speeds.shape[1])
+            self._speeds_mps = np.concatenate((self._speeds_mps, speeds), axis=1)
         return self._profiles[key]
 
     def _lanes_ahead(self, lane: Lane, edges: Sequence[int]) -> list[int]:
@@ -144,6 +182,55 @@ class BendLimits:
         return lanes
 
 
+@compiled
+def _bend_limits(motion: Any, bodies: Any, profiles: Any, speeds_mps: Any, passed: Any, limits_mps: Any) -> Any:
+    """Sets the limit of every vehicle; rows of those that SUMO has to be told, which are all that change.
+
+    ``motion`` holds SUMO's lane positions, speeds and which vehicles are moved from outside; other arguments are as in
+    ``BendLimits``. What was passed is kept up as far as the vehicle is long.
+    """
+    positions_m, speeds, outside = motion
+    changed, count = np.empty(len(positions_m), np.intp), 0
+    for row in range(len(positions_m)):
+        wished, length_m = bodies[row, 0], bodies[row, 1]
+        scale, first, samples = profiles[row, 0], int(profiles[row, 1]), int(profiles[row, 2])
+        limit = wished
+        if samples > 0 and not outside[row]:
+            at = first + min(max(int(positions_m[row] / scale / SAMPLE_M), 0), samples - 1)
+            held = _slowest_held(passed, row, speeds[row] / scale * STEP_S, speeds_mps[0, at], length_m)
+            limit = min(wished, scale * min(held, speeds_mps[1, at]))
+        before = limits_mps[row]
+        if abs(limit - before) >= _STEP_MPS or (limit != before and wished in (limit, before)):
+            limits_mps[row] = limit
+            changed[count] = row
+            count += 1
+    return changed[:count]
+
+
+@compiled
+def _slowest_held(passed: Any, row: int, moved_m: float, bend_mps: float, length_m: float) -> float:
+    """The slowest bend that some part of a vehicle is in, when its front bumper has come to another place.
+
+    Earlier places that are no slower leave the outline first and never count again: speeds ascend.
+    """
+    places, counts = passed[0][row], passed[1]
+    count = counts[row]
+    at_m = (places[count - 1, 0] if count else 0.0) + moved_m
+    while count and places[count - 1, 1] >= bend_mps:
+        count -= 1
+    gone = 0
+    while gone < count and places[gone, 0] < at_m - length_m:
+        gone += 1
+    if gone == 0 and count == len(places):
+        gone = 1
+    for k in range(gone, count):
+        places[k - gone, 0], places[k - gone, 1] = places[k, 0], places[k, 1]
+    count += 1 - gone
+    places[count - 1, 0], places[count - 1, 1] = at_m, bend_mps
+    counts[row] = count
+    return places[0, 1]
+
+
 # No parameter: smaller jumps are rounding.
 _TOLERANCE_M: Final = 0.05
 
@@ -154,8 +241,10 @@ class LaneContinuity:
     def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
         self._network = network
         self._length_scale = length_scale
-        self._fronts: dict[str, tuple[int, float, float]] = {}
-        """Lane, x and y of each front bumper."""
+        self._rows = _Rows()
+        self._lanes: list[str] = []
+        self._fronts_m: list[tuple[float, float]] = []
+        """Lane and place of each front bumper, in SUMO's frame."""
 
     def correct(self, results: Mapping[str, dict[int, Any]], skip: Container[str]) -> None:
         """Put vehicles that changed lanes in the last step where their motion leads, in SUMO and in the results.
@@ -163,25 +252,28 @@ class LaneContinuity:
         In SUMO's results of this step, their position and lane position are replaced in place. Vehicles that are moved
         from outside (``skip``) stand right already.
         """
-        fronts = {}
+        before, rows = self._rows.follow(results), range(len(results))
+        lanes = [result[libsumo.VAR_LANE_ID] for result in results.values()]
+        fronts = [result[libsumo.VAR_POSITION] for result in results.values()]
+        known = zip(rows, rows if before is None else before.tolist(), strict=True)
         offset_x, offset_y = self._network.sumo_offset_m
-        for name, result in results.items():
-            lane = self._network.lane_by_id.get(result[libsumo.VAR_LANE_ID])
-            index = NO_LANE if lane is None else lane.index
-            before = self._fronts.get(name)
-            if before is not None and name not in skip and self._changed_beside(before[0], index):
-                self._correct_vehicle(name, before[1:], index, result)
-            x, y = result[libsumo.VAR_POSITION]
-            fronts[name] = (index, x - offset_x, y - offset_y)
-        self._fronts = fronts
+        for row, earlier in known:
+            if earlier < 0 or lanes[row] == self._lanes[earlier]:
+                continue
+            name = self._rows.names[row]
+            if name not in skip and self._beside(self._lanes[earlier], lanes[row]):
+                x, y = self._fronts_m[earlier]
+                lane = self._network.lane_by_id[lanes[row]]
+                self._correct_vehicle(name, (x - offset_x, y - offset_y), lane, results[name])
+                fronts[row] = results[name][libsumo.VAR_POSITION]
+        self._lanes, self._fronts_m = lanes, fronts
 
-    def _changed_beside(self, before: int, now: int) -> bool:
-        if NO_LANE in (before, now) or before == now:
-            return False
-        return self._network.lanes[before].edge == self._network.lanes[now].edge
+    def _beside(self, before: str, now: str) -> bool:
+        """Whether two lanes, by their ids, are lanes of one edge."""
+        first, second = self._network.lane_by_id.get(before), self._network.lane_by_id.get(now)
+        return first is not None and second is not None and first.edge == second.edge
 
-    def _correct_vehicle(self, name: str, front_m: tuple[float, float], now: int, result: dict[int, Any]) -> None:
-        lane = self._network.lanes[now]
+    def _correct_vehicle(self, name: str, front_m: tuple[float, float], lane: Lane, result: dict[int, Any]) -> None:
         scale = self._length_scale[lane.lane_id]
         along, _ = lane.centre.project(front_m)
         at_m = float(along) + result[libsumo.VAR_SPEED] / scale * STEP_S
@@ -208,16 +300,20 @@ class SidewaysLimits:
     """The limits that are in force in SUMO."""
 
     def __init__(self) -> None:
-        self._limits: dict[str, float] = {}
+        self._rows = _Rows()
+        self._wished_mps = self._limits_mps = np.empty(0)
 
-    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Container[str]) -> None:
+    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Iterable[str]) -> None:
         """Set the limits for SUMO's next step; ``mirrored`` vehicles are moved from outside."""
-        limits = {}
-        for name, result in results.items():
-            wished_mps = vehicles[name].driver.max_lateral_speed_mps
-            speed_mps = 0.0 if name in mirrored else result[libsumo.VAR_SPEED]
-            limit = _SIDEWAYS_STEP_MPS * int(SIDEWAYS_SHARE * speed_mps / _SIDEWAYS_STEP_MPS)
-            limits[name] = min(max(limit, _LEAST_MPS), wished_mps)
-            if limits[name] != self._limits.get(name, wished_mps):
-                libsumo.vehicle.setMaxSpeedLat(name, limits[name])
-        self._limits = limits
+        before = self._rows.follow(results)
+        if before is not None:
+            wished = [vehicles[name].driver.max_lateral_speed_mps for name in self._rows.names]
+            self._wished_mps, last = np.array(wished), np.append(self._limits_mps, 0.0)
+            self._limits_mps = np.where(before >= 0, last[before], self._wished_mps)
+        speed_mps = np.array([result[libsumo.VAR_SPEED] for result in results.values()])
+        speed_mps[self._rows.which(mirrored)] = 0.0
+        limits = _SIDEWAYS_STEP_MPS * np.trunc(SIDEWAYS_SHARE * speed_mps / _SIDEWAYS_STEP_MPS)
+        limits = np.minimum(np.maximum(limits, _LEAST_MPS), self._wished_mps)
+        for row in np.flatnonzero(limits != self._limits_mps).tolist():
+            libsumo.vehicle.setMaxSpeedLat(self._rows.names[row], float(limits[row]))
+        self._limits_mps = limits

@@ -170,7 +170,7 @@ def test_imposed_speeds_brake_comfortably_where_that_is_enough_and_else_as_hard_
     speeds = drivers._speeds(traffic_of(cars, network(0.0)), two_vehicles(decel_mps2))
     needed = caution.wait.brake_mps2
     expected = {None: max(needed, 0.0), "most": CautionConfig().most_brake_mps2}.get(brake_mps2, brake_mps2)  # type: ignore[arg-type]
-    assert speeds == {"v1": pytest.approx(max(10.0 - float(expected) * STEP_S, 2.0))}
+    assert speeds == {"v1": (1, pytest.approx(max(10.0 - float(expected) * STEP_S, 2.0)))}
     assert (needed > decel_mps2) is (brake_mps2 != 50.0)
 
 
@@ -281,3 +281,34 @@ def test_also_the_slow_look_24_m_around(turn: float) -> None:
     """Both creep at walking pace, 16 m from each other; the one from outside is about to cross."""
     (caution,) = cautious([Car(0, 86.0, 0.5), Car(1, 100.0, 0.5, Owner.ROS)], turn)
     assert (caution.actor_id, caution.other_id) == (1, 2)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_near_pairs_are_those_of_looking_at_all_pairs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = [0, 1, 30, 90, 90, 150][seed]
+    yaw = rng.uniform(-np.pi, np.pi, n)
+    poses = rng.uniform(0.0, 260.0, n), rng.uniform(0.0, 260.0, n), np.cos(yaw), np.sin(yaw)
+    speed, half_length = rng.choice([0.0, 0.2, 8.0, 38.0], n), rng.choice([2.3, 9.0], n)
+    inside, counts = rng.random(n) < 0.8, rng.random(n) < 0.3
+    config = CautionConfig()
+    limits = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
+    found = caution_module._near_pairs(poses, speed, half_length, inside, counts, limits)
+    pairs = [(a, b) for a in range(n) for b in range(n) if a != b and inside[a]]
+    expected = [pair for pair in pairs if is_near(*pair, poses, speed, half_length, counts, config)]
+    assert [tuple(pair) for pair in found.tolist()] == expected
+
+
+def is_near(row: int, other: int, poses: Any, speed: Any, half_length: Any, counts: Any, config: CautionConfig) -> bool:
+    x, y, cos, sin = poses
+    apart = np.array([x[other] - x[row], y[other] - y[row]])
+    own, theirs = np.array([cos[row], sin[row]]), np.array([cos[other], sin[other]])
+    ahead, left = own @ apart, own[0] * apart[1] - own[1] * apart[0]
+    reach = min(config.ahead_s * (speed[row] + speed[other]) + 2.0 * config.more_m, config.far_m)
+    if np.linalg.norm(apart) < reach and counts[other]:
+        return True
+    moving = min(speed[row], speed[other]) > config.rolling_mps
+    if np.linalg.norm(apart) < reach and moving and abs(own @ theirs) < 0.9 and ahead > -config.more_m:
+        return True
+    sideways = half_length[other] * abs(own[0] * theirs[1] - own[1] * theirs[0])
+    return bool(0.0 < ahead < speed[row] + config.more_m and abs(left) < config.beside_m + sideways)

@@ -7,9 +7,10 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from siren_ros.errors import EpisodeError
-from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import NO_LANE, Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
@@ -52,18 +53,25 @@ class CrossingWatch:
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
-        self._last_lane: dict[int, Lane] = {}
+        self._last_lane = np.full(1, NO_LANE, np.int32)
+        """Index of the lane by actor id."""
         self._inside: dict[int, str] = {}
 
     def forget(self, actor_id: int) -> None:
         """Drop a vehicle that has left."""
-        self._last_lane.pop(actor_id, None)
+        self._make_room(actor_id)
+        self._last_lane[actor_id] = NO_LANE
         self._inside.pop(actor_id, None)
 
-    def is_on(self, actor_id: int, lane: int) -> bool:
-        """Whether a vehicle was on this lane at the last call of ``watch``, so that nothing has happened."""
-        last = self._last_lane.get(actor_id)
-        return last is not None and last.index == lane
+    def elsewhere(self, actor_id: Ids, lane: npt.NDArray[np.int32]) -> Flags:
+        """Which vehicles, sorted by id, are not on the lane that they were on at the last call of ``watch``."""
+        self._make_room(int(actor_id[-1]) if len(actor_id) else 0)
+        return np.asarray(self._last_lane[actor_id] != lane)
+
+    def _make_room(self, actor_id: int) -> None:
+        more = actor_id + 1 - len(self._last_lane)
+        if more > 0:
+            self._last_lane = np.append(self._last_lane, np.full(2 * more, NO_LANE, np.int32))
 
     def watch(self, step: int, mover: Mover, signals: Mapping[str, str]) -> tuple[Event, ...]:
         """Events of a vehicle whose lane, which is on the road, has changed since the last call.
@@ -71,8 +79,10 @@ class CrossingWatch:
         ``signals`` holds the state strings of all signals by id.
         """
         lane = self._network.lanes[mover.lane]
-        last = self._last_lane.get(mover.actor_id)
-        self._last_lane[mover.actor_id] = lane
+        self._make_room(mover.actor_id)
+        before = int(self._last_lane[mover.actor_id])
+        last = None if before == NO_LANE else self._network.lanes[before]
+        self._last_lane[mover.actor_id] = lane.index
         if last is None or last.edge == lane.edge:
             return ()
         incidents: list[tuple[EventKind, dict[str, float | int | str]]] = []
@@ -129,14 +139,14 @@ class Reactions:
             return rescued_names(names, self._emvs)
         points = np.stack((readings.x_m, readings.y_m), axis=-1)
         present = np.array([route[0] if route else -1 for route in routes], dtype=np.int32)
-        civilian = np.array([name not in self._emvs for name in names])
         reacting: dict[str, list[str]] = {emv: [] for emv in self._emvs}
         for emv in self._emvs:
             if emv in names:
                 row = names.index(emv)
                 yaw = float(readings.yaw_rad[row])
                 hears = ahead_on_route(points[row], yaw, routes[row], points, present, self._reach_m)
-                reacting[emv] = [names[other] for other in np.flatnonzero(hears & civilian)]
+                heard = (names[other] for other in np.flatnonzero(hears))
+                reacting[emv] = [name for name in heard if name not in self._emvs]
         return reacting
 
     def flags(self, names: Sequence[str], readings: Readings, rescued: Mapping[str, Sequence[str]]) -> Codes:
@@ -145,10 +155,12 @@ class Reactions:
         on_junction = (readings.lane != NO_LANE) & self._internal[readings.lane]
         flags[on_junction] |= np.uint8(TrafficFlags.ON_JUNCTION)
         reacting = {name for listed in rescued.values() for name in listed}
-        flags[[name in reacting for name in names]] |= np.uint8(TrafficFlags.RESCUE_LANE)
+        if reacting:
+            flags[[name in reacting for name in names]] |= np.uint8(TrafficFlags.RESCUE_LANE)
         near = np.zeros(len(names), dtype=np.bool_)
-        for row, name in enumerate(names):
-            if name in self._emvs:
+        for emv in self._emvs:
+            if emv in names:
+                row = names.index(emv)
                 distance = np.hypot(readings.x_m - readings.x_m[row], readings.y_m - readings.y_m[row])
                 near |= distance <= self._advice_range_m
         for row in np.flatnonzero(near):

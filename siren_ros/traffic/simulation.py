@@ -2,6 +2,8 @@
 
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, Final, Self
@@ -10,7 +12,7 @@ import libsumo
 import numpy as np
 
 from siren_ros.errors import EpisodeError, MapError
-from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.maps.map_compiler import CompiledMap
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
@@ -25,9 +27,36 @@ from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_
 from siren_ros.traffic.sumo.readings import Readings, emv_advice, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
-from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, SignalState, TrafficState
+from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, Indices, SignalState, TrafficState
 
 _LARGEST_SEED: Final = 2**31 - 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """The vehicles that have ids, sorted by them."""
+
+    names: tuple[str, ...]
+    actor_id: Ids
+    length_m: Floats
+    is_emv: Flags
+
+    @classmethod
+    def of(cls, reported: Mapping[int, PlannedVehicle]) -> "_Table":
+        """The table of vehicles by actor id."""
+        ids = sorted(reported)
+        vehicles = tuple(reported[actor_id] for actor_id in ids)
+        return cls(
+            tuple(vehicle.name for vehicle in vehicles),
+            np.array(ids, dtype=np.uint32),
+            np.array([vehicle.length_m for vehicle in vehicles]),
+            np.array([vehicle.is_emv for vehicle in vehicles], dtype=np.bool_),
+        )
+
+    @cached_property
+    def row_of(self) -> Mapping[str, int]:
+        """Row of each vehicle by its name."""
+        return {name: row for row, name in enumerate(self.names)}
 
 
 class SumoSimulation:
@@ -73,7 +102,12 @@ class SumoSimulation:
         self._next_id = len(first) + 1
         self._reported: dict[int, PlannedVehicle] = {}
         self._routes: dict[str, tuple[int, ...]] = {}
-        self._route_ahead: dict[str, tuple[int, tuple[int, ...]]] = {}
+        self._reached: dict[str, int] = {}
+        """Place on its route that each vehicle has reached."""
+        self._ahead: dict[str, tuple[int, ...]] = {}
+        """Edges ahead of each vehicle from there on."""
+        self._table = _Table.of({})
+        self._route_rows: tuple[list[tuple[int, ...]], Indices, Indices] = ([], *joined_rows([]))
         self._gap_out = GapOut(plan.signal) if plan.signal is not None else None
         self._last: TrafficState | None = None
         self._results: Mapping[str, dict[int, Any]] = {}
@@ -123,9 +157,8 @@ class SumoSimulation:
         return self._last
 
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
-        ahead = {name: edges for name, (_, edges) in self._route_ahead.items()}
         self._cautious.apply(self._last, self._reported)
-        self._mirror.apply(states, self._reported, ahead)
+        self._mirror.apply(states, self._reported, self._ids, self._ahead)
         if self._last is not None:
             self._population.refill(self._emv_points(states), self._plan.civilians)
         if self._gap_out is not None:
@@ -182,7 +215,8 @@ class SumoSimulation:
         for name in self._population.drop_departed():
             self._mirror.forget(name)
             self._cautious.forget(name)
-            self._route_ahead.pop(name, None)
+            self._reached.pop(name, None)
+            self._ahead.pop(name, None)
             actor_id = self._ids.get(name)
             if actor_id in self._reported:
                 del self._reported[actor_id]
@@ -191,12 +225,11 @@ class SumoSimulation:
         return sorted(removed)
 
     def _emv_points(self, states: ActorStates) -> Mapping[str, tuple[float, float]]:
-        points = {}
-        for row in range(len(states)):
-            vehicle = self._reported.get(int(states.actor_id[row]))
-            if vehicle is not None and vehicle.is_emv:
-                points[vehicle.name] = (float(states.x_m[row]), float(states.y_m[row]))
-        return points
+        """Centres of the EMVs that are simulated, by name."""
+        emvs = [vehicle.name for vehicle in self._plan.emvs if self._ids[vehicle.name] in self._reported]
+        rows = rows_of_ids(states.actor_id, np.array([self._ids[name] for name in emvs], np.uint32)).tolist()
+        places = ((name, row) for name, row in zip(emvs, rows, strict=True) if row >= 0)
+        return {name: (float(states.x_m[row]), float(states.y_m[row])) for name, row in places}
 
     def _spawn(self) -> tuple[ActorDescription, ...]:
         """Describe the vehicles that are new in SUMO; ids in order of entry, the EMVs' first."""
@@ -220,18 +253,16 @@ class SumoSimulation:
 
     def _state(self, step: int, mirrored: ActorStates, removed: list[int]) -> TrafficState:
         spawned = self._spawn()
-        actor_ids = sorted(self._reported)
-        names = [self._reported[actor_id].name for actor_id in actor_ids]
-        lengths = np.array([self._reported[actor_id].length_m for actor_id in actor_ids])
+        if spawned or removed:
+            self._table = _Table.of(self._reported)
+        names, ids, lengths = self._table.names, self._table.actor_id, self._table.length_m
         moved = {self._reported[actor_id].name for actor_id in self._mirror.realigned if actor_id in self._reported}
         self._continuity.correct(self._results, {*self._mirror.places, *moved})
         readings = read_vehicles(self._results, names, lengths, self._network, self._population.length_scale)
-        self._place_mirrored(names, readings)
-        ids = np.array(actor_ids, dtype=np.uint32)
+        self._place_mirrored(readings)
         source = rows_of_ids(mirrored.actor_id, ids)
         known = source >= 0
-        routes = [self._route_of(name, int(index)) for name, index in zip(names, readings.route_index, strict=True)]
-        offsets, edges = joined_rows(routes)
+        routes, offsets, edges = self._routes_of(names, readings.route_index.tolist())
 
         def simulated(field: Floats, fallback: Floats) -> Floats:
             return np.where(known, field[source], fallback) if len(field) else fallback.copy()
@@ -241,8 +272,7 @@ class SumoSimulation:
         rescued = self._reactions.rescued(names, readings, routes)
         signals = {signal: libsumo.trafficlight.getRedYellowGreenState(signal) for signal in self._signal_ids}
         if LEVEL_POLICIES[self._level].siren:
-            emvs = [self._reported[actor_id].is_emv for actor_id in actor_ids]
-            readings.lights[emvs] |= np.uint8(Lights.BEACON | Lights.SIREN)
+            readings.lights[self._table.is_emv] |= np.uint8(Lights.BEACON | Lights.SIREN)
         speed = simulated(mirrored.speed_mps, readings.speed_mps)
         passing_mps = np.where(owner == Owner.ROS, speed, readings.speed_mps)
         events = self._events(step, ids, readings, lengths, passing_mps, owner.astype(np.uint8), signals)
@@ -284,14 +314,27 @@ class SumoSimulation:
             if self._ids[emv.name] in self._reported
         )
 
-    def _place_mirrored(self, names: list[str], readings: Readings) -> None:
+    def _place_mirrored(self, readings: Readings) -> None:
         """Replace SUMO's lane of vehicles that were put somewhere by the lane that they were put on."""
-        for row, name in enumerate(names):
-            place = self._mirror.places.get(name)
-            if place is not None:
+        for name, place in self._mirror.places.items():
+            row = self._table.row_of.get(name)
+            if row is not None:
                 readings.lane[row] = place.match.lane
                 readings.lane_position_m[row] = place.match.position_m
                 readings.lateral_m[row] = place.match.lateral_m
+
+    def _routes_of(
+        self, names: Sequence[str], route_index: list[int]
+    ) -> tuple[list[tuple[int, ...]], Indices, Indices]:
+        """Edges ahead of each vehicle, and the same as ``joined_rows``."""
+        places, reached = self._mirror.places, self._reached
+        routes = [
+            self._ahead[name] if name not in places and reached.get(name) == index else self._route_of(name, index)
+            for name, index in zip(names, route_index, strict=True)
+        ]
+        if routes != self._route_rows[0]:
+            self._route_rows = (routes, *joined_rows(routes))
+        return self._route_rows
 
     def _route_of(self, name: str, index: int) -> tuple[int, ...]:
         """Edges ahead: from SUMO's place on the route, or for a mirrored vehicle from the lane that it was matched to.
@@ -299,18 +342,18 @@ class SumoSimulation:
         SUMO gives a mirrored vehicle another route where it finds it on another lane, and may find it at a later part
         of the route.
         """
-        cached = self._route_ahead.get(name)
+        before, ahead = self._reached.get(name), self._ahead.get(name, ())
         place = self._mirror.places.get(name)
         reached = index
-        if cached is not None and place is not None:
+        if before is not None and place is not None:
             edge = NO_LANE if place.match.lane == NO_LANE else self._network.lanes[place.match.lane].edge
-            reached = cached[0] + (cached[1].index(edge) if edge in cached[1] else 0)
-        elif cached is not None and cached[0] != index and libsumo.vehicle.getRouteID(name) != route_id(name):
-            reached = cached[0]
-        if cached is None or cached[0] != reached:
-            cached = (reached, self._routes[name][max(reached, 0) :][: self._config.route_edges_ahead])
-            self._route_ahead[name] = cached
-        return cached[1]
+            reached = before + (ahead.index(edge) if edge in ahead else 0)
+        elif before is not None and before != index and libsumo.vehicle.getRouteID(name) != route_id(name):
+            reached = before
+        if before != reached:
+            self._reached[name] = reached
+            self._ahead[name] = self._routes[name][max(reached, 0) :][: self._config.route_edges_ahead]
+        return self._ahead[name]
 
     def _events(
         self,
@@ -326,9 +369,11 @@ class SumoSimulation:
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
         jump_m, back = self._config.jump_m, self._mirror.realigned
         events: list[Event] = find_teleports(step, ids, readings, lengths_m, owner, started, back, self._last, jump_m)
-        for row, (actor_id, lane) in enumerate(zip(ids.tolist(), readings.lane.tolist(), strict=True)):
-            if actor_id not in back and (lane == NO_LANE or self._crossings.is_on(actor_id, lane)):
-                continue
+        looked_at = (readings.lane != NO_LANE) & self._crossings.elsewhere(ids, readings.lane)
+        if back:
+            looked_at |= np.isin(ids, list(back))
+        for row in np.flatnonzero(looked_at).tolist():
+            actor_id, lane = int(ids[row]), int(readings.lane[row])
             x_m, y_m = float(readings.x_m[row]), float(readings.y_m[row])
             if actor_id in back:
                 detail: dict[str, float | int | str] = {"residual_m": back[actor_id]}

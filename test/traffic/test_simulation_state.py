@@ -17,6 +17,7 @@ from siren_ros.traffic.observation import CrossingWatch
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo.mirror import LaneMatch, Place
 from siren_ros.traffic.sumo.population import route_id
+from siren_ros.traffic.sumo.readings import joined_rows
 from siren_ros.world.actors import ActorClass, ActorStates, Lights, Owner
 from siren_ros.world.traffic_state import Event, EventKind
 
@@ -108,7 +109,9 @@ class Stage:
             "next_id": 3,
             "gap_out": None,
             "last": None,
-            **{name: {} for name in ("reported", "routes", "route_ahead", "results")},
+            "table": simulation_module._Table.of({}),
+            "route_rows": ([], *joined_rows([])),
+            **{name: {} for name in ("reported", "routes", "reached", "ahead", "results")},
         }
         for name, value in parts.items():
             setattr(simulation, f"_{name}", value)
@@ -223,10 +226,14 @@ def test_whoever_was_brought_back_is_told_and_not_corrected_again(stage: Stage) 
     assert (event.kind, event.actor_id, event.detail) == (EventKind.REALIGNED, 3, {"residual_m": 2.5})
 
 
+def is_elsewhere(stage: Stage, actor_id: int, lane: int) -> bool:
+    return bool(stage.private._crossings.elsewhere(np.array([actor_id], np.uint32), np.array([lane], np.int32))[0])
+
+
 def test_everything_of_a_vehicle_that_leaves_is_forgotten(stage: Stage) -> None:
     stage.lanes[CAR] = B_LEFT
     stage.step(0)
-    assert stage.private._crossings.is_on(3, B_LEFT)
+    assert not is_elsewhere(stage, 3, B_LEFT)
     stage.departed = (CAR, AV, "never seen")
     for name in (CAR, AV):
         del stage.lanes[name], stage.private._population.vehicles[name]
@@ -234,8 +241,8 @@ def test_everything_of_a_vehicle_that_leaves_is_forgotten(stage: Stage) -> None:
     assert state.removed.tolist() == [2, 3]
     assert state.actor_id.tolist() == [1]
     assert set(stage.forgotten) == {(part, name) for part in ("mirror", "cautious") for name in stage.departed}
-    assert set(stage.private._route_ahead) == {EMV}
-    assert not stage.private._crossings.is_on(3, B_LEFT)
+    assert set(stage.private._reached) == set(stage.private._ahead) == {EMV}
+    assert is_elsewhere(stage, 3, B_LEFT)
 
 
 def test_replacements_keep_away_from_the_emvs_alone(stage: Stage) -> None:
@@ -279,7 +286,7 @@ def test_a_vehicle_of_sumos_has_sumos_place_on_its_planned_route(stage: Stage) -
     stage.routes_in_sumo = {}
     assert edges_ahead(stage, CAR) == (C,)
     stage.index = -1
-    stage.private._route_ahead.clear()
+    stage.private._reached.clear()
     assert edges_ahead(stage, CAR) == (A, B, C), "before its first step"
 
 

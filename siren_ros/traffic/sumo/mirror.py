@@ -157,6 +157,7 @@ _STANDING_MPS: Final = 0.05
 _EDGES_TO_MATCH: Final = 3
 _BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
 """Phases of a yield in which SUMO drives, but not as the driver would."""
+_BINDING_CODES: Final = np.array(sorted(_BINDING_MODES), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -186,12 +187,16 @@ class Mirror:
         """Mode, and speed factor otherwise, of vehicles that drive differently for a yield."""
 
     def apply(
-        self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], routes: Mapping[str, Sequence[int]]
+        self,
+        states: ActorStates,
+        vehicles: Mapping[int, PlannedVehicle],
+        ids: Mapping[str, int],
+        routes: Mapping[str, Sequence[int]],
     ) -> None:
         """Give SUMO the simulated states of the step before, extrapolated by one step.
 
-        ``vehicles`` holds SUMO's vehicles by actor id; states of others (left meanwhile) are passed over. ``routes``
-        are the edges ahead of each vehicle, the present one first.
+        ``vehicles`` holds SUMO's vehicles by actor id; states of others (left meanwhile) are passed over. ``ids`` has
+        the actor id of each vehicle, ``routes`` the edges ahead of it, the present one first.
         """
         before, self.places = self.places, {}
         for row in np.flatnonzero(states.owner == Owner.ROS).tolist():
@@ -204,7 +209,11 @@ class Mirror:
                 self._move(vehicle.name, place)
                 self.places[vehicle.name] = place
         self._realign(states, vehicles, routes)
-        in_sumo = np.flatnonzero(states.owner == Owner.SUMO)
+        changes = np.isin(states.mode, _BINDING_CODES)
+        changed_ids = [ids[name] for name in (*before, *self._bound)]
+        if changed_ids:
+            changes |= np.isin(states.actor_id, changed_ids)
+        in_sumo = np.flatnonzero(changes & (states.owner == Owner.SUMO))
         columns = (states.actor_id, states.mode, states.speed_mps)
         for actor_id, mode, speed_mps in zip(*(column[in_sumo].tolist() for column in columns), strict=True):
             if actor_id in vehicles:

@@ -197,7 +197,7 @@ class Driver:
         x, y = Polyline.through(NORTHBOUND).at(20.0 + 0.5 * self.step)
         row = {"actor_id": ACTOR, "x_m": float(x), "y_m": float(y), "yaw_rad": 1.5707963267948966, "vy_mps": 10.0}
         states = states_of(self.step, [{**row, "owner": owner, "mode": mode, "residual_m": residual_m}])
-        self.mirror.apply(states, self.vehicles, {NAME: (S_IN.index,)})
+        self.mirror.apply(states, self.vehicles, {NAME: ACTOR}, {NAME: (S_IN.index,)})
         self.step += 1
 
 
@@ -303,7 +303,7 @@ def placed(sumo: FakeVehicles, **state: float) -> tuple[float, float, float]:
     drive = Driver()
     row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 1.5, "vx_mps": 0.6, "vy_mps": 8.0}
     states = states_of(0, [{**row, **state, "owner": Owner.ROS}])
-    drive.mirror.apply(states, drive.vehicles, {NAME: (S_IN.index,)})
+    drive.mirror.apply(states, drive.vehicles, {NAME: ACTOR}, {NAME: (S_IN.index,)})
     _, _, x, y, angle_deg, _ = sumo.moved_to[-1]
     return x, y, angle_deg
 
@@ -355,7 +355,7 @@ def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
     for residual_m, far in ((1.6, True), (1.4, False)):
         vehicles.back.clear()
         states = states_of(0, [other, {**row, "residual_m": residual_m}])
-        mirror.apply(states, {ACTOR: VEHICLE}, {NAME: (S_IN.index,)})
+        mirror.apply(states, {ACTOR: VEHICLE}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
         assert mirror.realigned == ({ACTOR: residual_m} if brought and far else {})
         assert vehicles.back == ([("s_in_1", pytest.approx(45.0))] if brought and far else [])
     assert vehicles.previous_speed_mps == (pytest.approx(20.0) if brought else 0.0)
@@ -380,7 +380,7 @@ def test_where_both_stand_sumos_vehicle_is_brought_to_where_the_simulated_one_st
     monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
     mirror = mirror_on(CROSSING)
     states = states_of(0, [{**STANDING, "vy_mps": simulated_mps, "residual_m": residual_m}])
-    mirror.apply(states, {ACTOR: VEHICLE}, {NAME: (S_IN.index,)})
+    mirror.apply(states, {ACTOR: VEHICLE}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
     assert mirror.realigned == ({ACTOR: residual_m} if brought else {})
     assert vehicles.back == ([("s_in_1", pytest.approx(22.0))] if brought else [])
 
@@ -392,6 +392,6 @@ def test_nobody_is_brought_back_onto_a_lane_that_is_closed_to_civilians(monkeypa
     closed = replace(CROSSING, lanes=tuple(replace(lane, civilian_allowed=False) for lane in CROSSING.lanes))
     for network, realigned in ((CROSSING, {ACTOR: 9.0}), (closed, {})):
         mirror = mirror_on(network)
-        mirror.apply(states, {ACTOR: VEHICLE}, {NAME: (S_IN.index,)})
+        mirror.apply(states, {ACTOR: VEHICLE}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
         assert mirror.realigned == realigned
     assert len(vehicles.back) == 1

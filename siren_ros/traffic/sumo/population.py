@@ -261,6 +261,9 @@ class SumoPopulation:
             ox, oy = libsumo.vehicle.getPosition(name)
             waits = ox == libsumo.INVALID_DOUBLE_VALUE
             point = self._point_of(other.spot) if waits else (ox - offset_x, oy - offset_y)
+            reach_m = around.length_m + other.length_m + gap + lane.width_m
+            if max(abs(point[0] - x), abs(point[1] - y)) > reach_m:
+                continue
             along, left = around.project(point)
             if -gap < along < around.length_m + other.length_m and abs(left) < lane.width_m:
                 return False

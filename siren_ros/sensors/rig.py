@@ -88,9 +88,11 @@ class SensorRig:
         self.suite = suite
         self._seed = seed if noise_seed is None else noise_seed
         self._look = look or Look()
-        self._shapes: Mapping[ActorClass, VehicleShape] = {kind: vehicle_shape(kind) for kind in ActorClass}
+        self._sees_bodies = bool(suite.lidars or suite.cameras)
+        kinds = ActorClass if self._sees_bodies else ()
+        self._shapes: Mapping[ActorClass, VehicleShape] = {kind: vehicle_shape(kind) for kind in kinds}
         self._static = scene
-        if self._static is None and (suite.lidars or suite.cameras):
+        if self._static is None and self._sees_bodies:
             self._static = static_scene(network, seed, config)
         self._lidars: tuple[Lidar, ...] = ()
         if self._static is not None and suite.lidars:
@@ -179,7 +181,7 @@ class SensorRig:
         """
         self.prepare()
         step = states.step
-        rolled_m = self._odometers.advance(states)
+        rolled_m = self._odometers.advance(states) if self.suite.cameras else np.zeros(len(states))
         hidden = NO_ACTOR if self.station is not None else carrier_id
         motion = self._motion(states, carrier_id)
         if motion is None:
@@ -187,8 +189,10 @@ class SensorRig:
             nothing = Observations(step, (), (), truth)
             return Sensing(under_way=False, finish=lambda: nothing)
         base, velocity = motion
-        placement = self._catalogue.place(states, descriptions, hidden_id=hidden)
-        exposed = tuple(self._expose(step, base, placement, rolled_m[states.actor_id != hidden], signals))
+        seen = states if self._sees_bodies else ActorStates.empty(step)
+        placement = self._catalogue.place(seen, descriptions, hidden_id=hidden)
+        rolled_m = rolled_m[states.actor_id != hidden]
+        exposed = tuple(self._expose(step, base, placement, rolled_m, signals))
         swept = tuple(self._sweeps(step, base, placement, velocity))
         view = CarrierView(states, base, _row_of(states, carrier_id))
         # Every sensor measures at every step, since some differentiate the motion.

@@ -77,14 +77,21 @@ class PublisherWatch:
             self._limit = self._total + max(0, self._known - self._current)
             if self._current > self._known:
                 self._tell(self._current - self._known)
-            self._names |= self._node_names()
+            self._names |= frozenset(self._publishers_when(lambda nodes: _UNNAMED not in nodes))
 
     def departed(self) -> frozenset[str]:
         """Nodes that published when the watch was bound, and do not any more."""
-        return self._names - self._node_names()
+        return self._names - frozenset(self._publishers())
 
-    def _node_names(self) -> frozenset[str]:
-        return frozenset(info.node_name for info in self._node.get_publishers_info_by_topic(self._topic.name))
+    def _publishers(self) -> list[str]:
+        return [info.node_name for info in self._node.get_publishers_info_by_topic(self._topic.name)]
+
+    def _publishers_when(self, is_enough: Callable[[list[str]], bool]) -> list[str]:
+        """Nodes of the publishers; discovery gets a moment to learn names until they are enough."""
+        until_s = time.monotonic() + _NAME_PATIENCE_S
+        while not is_enough(nodes := self._publishers()) and time.monotonic() < until_s:
+            time.sleep(_POLL_S)
+        return nodes
 
     def _on_matched(self, status: Any) -> None:
         left = status.current_count < self._current
@@ -100,7 +107,7 @@ class PublisherWatch:
         The executor may hand a message over before it tells of the publisher.
         """
         known = self._known if self._bound else max(self._known, self._current)
-        present = self._node.get_publishers_info_by_topic(self._topic.name)
+        present = self._publishers()
         return self._text(len(present) - known) if len(present) > known else ""
 
     def _tell(self, strangers: int) -> None:
@@ -116,15 +123,10 @@ class PublisherWatch:
         )
 
     def _strangers(self) -> str:
-        """What is known of the nodes that are too many; discovery gets a moment to learn their names."""
-        until_s = time.monotonic() + _NAME_PATIENCE_S
-        while True:
-            nodes = [info.node_name for info in self._node.get_publishers_info_by_topic(self._topic.name)]
-            names = {*nodes} - self._names - {_UNNAMED}
-            if names or len(nodes) <= self._known or time.monotonic() >= until_s:
-                break
-            time.sleep(_POLL_S)
-        names = names or ({*nodes} - {_UNNAMED} if len(nodes) > self._known else set())
+        """What is known of the nodes that are too many."""
+        known = {*self._names, _UNNAMED}
+        nodes = self._publishers_when(lambda nodes: len(nodes) <= self._known or not known.issuperset(nodes))
+        names = {*nodes} - known or ({*nodes} - {_UNNAMED} if len(nodes) > self._known else set())
         return ", ".join(f"node {name}" for name in sorted(names)) or "it has left again"
 
 

@@ -20,7 +20,7 @@ from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle
 from siren_ros.traffic.sumo.population import SumoPopulation, route_id
 from siren_ros.traffic.sumo.readings import sumo_from_map
-from siren_ros.world.actors import ActorStates, Mode, Owner
+from siren_ros.world.actors import ActorStates, Mode, Owner, rows_of_ids
 
 _DRIVABLE = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 
@@ -157,7 +157,8 @@ _STANDING_MPS: Final = 0.05
 _EDGES_TO_MATCH: Final = 3
 _BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
 """Phases of a yield in which SUMO drives, but not as the driver would."""
-_BINDING_CODES: Final = np.array(sorted(_BINDING_MODES), np.uint8)
+_BINDS: Final = np.array([code in _BINDING_MODES for code in range(256)])
+"""The same by code."""
 
 
 @dataclass(frozen=True)
@@ -209,10 +210,10 @@ class Mirror:
                 self._move(vehicle.name, place)
                 self.places[vehicle.name] = place
         self._realign(states, vehicles, routes)
-        changes = np.isin(states.mode, _BINDING_CODES)
-        changed_ids = [ids[name] for name in (*before, *self._bound)]
-        if changed_ids:
-            changes |= np.isin(states.actor_id, changed_ids)
+        changes = _BINDS[states.mode]
+        known = sorted(ids[name] for name in {*before, *self._bound})
+        rows = rows_of_ids(states.actor_id, np.array(known, np.uint32))
+        changes[rows[rows >= 0]] = True
         in_sumo = np.flatnonzero(changes & (states.owner == Owner.SUMO))
         columns = (states.actor_id, states.mode, states.speed_mps)
         for actor_id, mode, speed_mps in zip(*(column[in_sumo].tolist() for column in columns), strict=True):

@@ -221,7 +221,7 @@ def ahead_on_route(
     """
     relative = points - emv
     near = np.hypot(relative[:, 0], relative[:, 1]) <= reach_m
-    on_route = np.isin(edges, route)
+    on_route = (edges[:, np.newaxis] == np.array(route, dtype=np.int32)).any(axis=1)
     same = edges == (route[0] if len(route) else -1)
     forward = relative @ np.array([np.cos(emv_yaw_rad), np.sin(emv_yaw_rad)]) > 0.0
     return near & on_route & (forward | ~same)

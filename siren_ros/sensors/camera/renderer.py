@@ -21,6 +21,7 @@ from siren_ros.numerics.arrays import Floats, Floats32, Matrix, Rows
 from siren_ros.numerics.units import STEP_S
 from siren_ros.sensors.camera import shaders as sky_shaders
 from siren_ros.sensors.camera.ground_light import GroundLight, LampLight, LightMap
+from siren_ros.sensors.camera.occlusion import Horizon
 from siren_ros.sensors.camera.rain import Rain
 from siren_ros.sensors.camera.static_geometry import StaticGeometry
 from siren_ros.sensors.camera.surface_light import defined, preamble
@@ -206,7 +207,7 @@ class Renderer:
         self._drawing.use()  # other renderers of this thread have contexts of their own
         clip = camera.clip_from_optical(NEAR_M, FAR_M) @ optical_from_map(map_from_camera)
         textures = self._prepare(camera, clip, map_from_camera, placement, rolled_m, step, exposure)
-        rows = _nearest_in_view(clip, map_from_camera[:3, 3], placement)
+        rows = _nearest_in_view(clip, map_from_camera[:3, 3], placement, self._static.horizon)
         target = self._take_target(camera)
         (target.labelled if labels else target.instances if instances else target.plain).use()
         self._last = partial(self._draw, rows, textures, signals, step)
@@ -314,8 +315,8 @@ class Renderer:
         self._frame.write(np.concatenate([*columns, np.ravel(vectors)]).astype(np.float32).tobytes())
 
 
-def _nearest_in_view(clip_from_map: Matrix, eye_m: Floats, placement: VehiclePlacement) -> Rows:
-    """Rows of the vehicles whose bounding sphere reaches into the view frustum, nearest first."""
+def _nearest_in_view(clip_from_map: Matrix, eye_m: Floats, placement: VehiclePlacement, horizon: Horizon) -> Rows:
+    """Rows of the vehicles whose bounding sphere reaches into the view frustum and over the horizon, nearest first."""
     middle = placement.z_m + placement.size_m[:, 2] / 2.0
     centre = np.stack((placement.x_m, placement.y_m, middle, np.ones(len(placement))), axis=1)
     radius = np.linalg.norm(placement.size_m, axis=1) / 2.0
@@ -324,6 +325,9 @@ def _nearest_in_view(clip_from_map: Matrix, eye_m: Floats, placement: VehiclePla
     planes = clip_from_map[3] + _SIDES @ clip_from_map[:3]
     inside &= (centre @ planes.T > -radius[:, None] * np.linalg.norm(planes[:, :3], axis=1)).all(axis=1)
     rows = np.flatnonzero(inside)
+    top = placement.z_m + placement.size_m[:, 2]
+    circles = np.column_stack((centre[:, :2], radius, placement.z_m, top)).astype(np.float32)
+    rows = rows[horizon.visible(eye_m, circles[rows])]
     return rows[np.argsort(distance[rows], kind="stable")]
 
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.units import NS_PER_S, time_ns_of_step
 from siren_ros.sensors.camera import shaders
+from siren_ros.sensors.camera.occlusion import Horizon, bounding_circles
 from siren_ros.sensors.camera.surface_light import (
     STATIC_FORMAT,
     STATIC_NAMES,
@@ -58,7 +59,24 @@ _STYLE: Final = {
     Shading.FOLIAGE: _Style(shaders.FOLIAGE_FRAGMENT, ("SHADOW",), 300.0),
     Shading.PAVING: _Style(shaders.GROUND_FRAGMENT, ("NORMAL", "LIGHT"), near_focals=0.25),
     Shading.GROUND: _Style(shaders.GROUND_FRAGMENT, ("NORMAL", "LIGHT")),
+    Shading.BEDROCK: _Style(shaders.GROUND_FRAGMENT, ("NORMAL", "LIGHT")),
 }
+_DRAWN: Final = (
+    (Shading.DETAIL, False),
+    (Shading.FOLIAGE, False),
+    (Shading.WALL_SUNNY, True),
+    (Shading.WALL_SHADY, True),
+    (Shading.GLASS, True),
+    (Shading.WALL_SUNNY, False),
+    (Shading.WALL_SHADY, False),
+    (Shading.GLASS, False),
+    (Shading.PAVING, True),
+    (Shading.PAVING, False),
+    (Shading.GROUND, False),
+    (Shading.PLAIN, False),
+    (Shading.BEDROCK, False),
+)
+"""Shadings in drawing order, with their near details and without: first what hides most of the rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +103,10 @@ class StaticGeometry:
         empty = np.empty((0, 3))
         self._low = np.minimum.reduceat(corners.min(axis=1), starts, axis=0) if len(starts) else empty
         self._high = np.maximum.reduceat(corners.max(axis=1), starts, axis=0) if len(starts) else empty
+        self._circles = bounding_circles(corners.min(axis=1), corners.max(axis=1))
+        self._chunk_circles = bounding_circles(self._low, self._high)
+        self.horizon = Horizon(mesh)
+        """What walls hide from the eye of the last ``select``."""
         self._reach = np.array([_STYLE[Shading(code)].reach_m for code in self._shading])
         self._distance = np.empty(len(starts))
         normals = mesh.normals[order]
@@ -102,11 +124,7 @@ class StaticGeometry:
         self.shadow_program = context.program(
             vertex_shader=shaders.STATIC_SHADOW_VERTEX, fragment_shader=shaders.SHADOW_FRAGMENT
         )
-        self._draws = [
-            self._draw_of(shading, near, constants)
-            for shading in Shading
-            for near in ((True, False) if _STYLE[shading].near_focals else (False,))
-        ]
+        self._draws = [self._draw_of(shading, near, constants) for shading, near in _DRAWN]
         self._lamps = _Lamps(context, scene.signal_lamps, indexed, look, constants)
         self._ranges: list[tuple[_Draw, int, int]] = []
 
@@ -153,6 +171,8 @@ class StaticGeometry:
         planes = np.stack((w + x, w - x, w + y, w - y, w + z))
         eye = np.ascontiguousarray(eye_m)
         chunks_in_view(self._low, self._high, self._reach, planes, eye, self._distance)
+        smallest = _SMALLEST_PX / focal_px**2
+        self.horizon.look_from(eye, smallest, _STYLE[Shading.WALL_SUNNY].reach_m)
         seen = np.flatnonzero(np.isfinite(self._distance))
         seen = seen[np.argsort(self._distance[seen], kind="stable")]
         shading, distance = self._shading[seen], self._distance[seen]
@@ -170,8 +190,11 @@ class StaticGeometry:
                 self._planes,
                 self._area,
                 self._triangles,
+                self._circles,
+                self._chunk_circles,
+                self.horizon.slopes,
                 eye,
-                _SMALLEST_PX / focal_px**2,
+                smallest,
                 room,
             )
             if count:

@@ -17,7 +17,7 @@ from siren_ros.sensors.meshes.mesh import Material
 
 
 class Shading(IntEnum):
-    """Programs of the static scene, in drawing order: what hides most comes first, what is widest last."""
+    """Programs of the static scene."""
 
     GLASS = 0
     """Windows: not drawn where they are smaller than a pixel or two, like DETAIL."""
@@ -30,6 +30,8 @@ class Shading(IntEnum):
     FOLIAGE = 5
     PAVING = 6
     GROUND = 7
+    BEDROCK = 8
+    """The plane below everything, which shows only through cracks."""
 
 
 STATIC_VERTEX: Final = np.dtype([("position", "<f4", 3), ("sun", "<f2", 4), ("shade", "<f2", 4), ("normal", "<f2", 4)])
@@ -59,7 +61,7 @@ _DETAIL: Final = (
 _ROAD: Final = (Material.ASPHALT, Material.SHOULDER_ASPHALT)
 _GREEN: Final = (Material.GROUND, Material.GRASS, Material.MEDIAN)
 _MARKING: Final = (Material.MARKING_WHITE, Material.MARKING_YELLOW)
-_GROUND: Final = (*_ROAD, *_GREEN, *_MARKING, Material.KERB)
+_GROUND: Final = (*_ROAD, Material.GRASS, Material.MEDIAN, *_MARKING, Material.KERB)
 _LENS: Final = (Material.SIGNAL_RED, Material.SIGNAL_YELLOW, Material.SIGNAL_GREEN)
 _GREEN_BASE: Final = 0.72
 _OPEN_SKY: Final = 0.72
@@ -86,6 +88,7 @@ _SHADING: Final = _table(
     Shading.PLAIN,
     (_DETAIL, Shading.DETAIL),
     (_GROUND, Shading.GROUND),
+    ((Material.GROUND,), Shading.BEDROCK),
     ((Material.SIDEWALK,), Shading.PAVING),
     ((Material.BUILDING_GLASS,), Shading.GLASS),
     ((Material.BUILDING_WALL,), Shading.WALL_SUNNY),
@@ -152,7 +155,7 @@ def static_vertices(vertices: npt.NDArray[np.void], look: Look, *, lit: bool = F
     shading = _SHADING[material]
     sun = _direct(normals, look)
     sky = ambient_light(normals, look)
-    ground = ((shading == Shading.GROUND) | (shading == Shading.PAVING))[:, None]
+    ground = np.isin(shading, (Shading.GROUND, Shading.PAVING, Shading.BEDROCK))[:, None]
     foliage = shading == Shading.FOLIAGE
     out = np.zeros(len(vertices), STATIC_VERTEX)
     out["position"] = vertices["position"]

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.compiled import Array, compiled
+from siren_ros.sensors.camera.occlusion import is_hidden
 from siren_ros.sensors.meshes.mesh import Mesh
 
 VERTEX: Final = np.dtype([("position", "<f4", 3), ("normal_material", "<f2", 4), ("colour", "u1", 4)])
@@ -125,27 +126,34 @@ def visible_triangles(
     planes: Array,
     area: Array,
     triangles: Array,
+    circles: Array,
+    chunk_circles: Array,
+    slopes: Array,
     eye: Array,
     smallest: float,
     out: Array,
 ) -> int:
-    """Copy the triangles of chunks that turn their front to the eye and are large enough; returns how many.
+    """Copy the triangles that turn their front to the eye, are large enough and not hidden; returns how many.
 
     A triangle of area A whose plane lies h below the eye shows A h / d³ steradians at distance d; ``smallest`` is the
     least that is drawn. The chunk's distance stands for the triangle's, so that what is dropped is smaller than that.
     ``chunks`` are rows of ``first`` (int64), which holds the first triangle of each chunk and the end, int64 (K + 1,);
     ``distance`` from the eye to each chunk is float64 (K,). Of the triangles, ``planes`` are the outward normal and its
-    product with a corner, float32 (T, 4), ``area`` is float32 (T,), and ``triangles`` are vertices, uint32 (T, 3), as
-    in the result ``out``, which has room for all triangles of the chunks.
+    product with a corner, float32 (T, 4), ``area`` is float32 (T,), ``circles`` bound them (``occlusion``), and
+    ``triangles`` are vertices, uint32 (T, 3), as in the result ``out``, which has room for all triangles of the chunks.
+    ``slopes`` are those of the horizon around the eye; ``chunk_circles`` bound the chunks.
     """
     x, y, z = np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2])
     count = 0
     for c in range(chunks.shape[0]):
         chunk = chunks[c]
+        if is_hidden(slopes, eye, chunk_circles[chunk]):
+            continue
         least = np.float32(smallest * distance[chunk] ** 3)
         for t in range(first[chunk], first[chunk + 1]):
             above = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z - planes[t, 3]
-            if above > np.float32(-0.01) and area[t] * above >= least:
+            large = above > np.float32(-0.01) and area[t] * above >= least
+            if large and not is_hidden(slopes, eye, circles[t]):
                 out[count, 0] = triangles[t, 0]
                 out[count, 1] = triangles[t, 1]
                 out[count, 2] = triangles[t, 2]

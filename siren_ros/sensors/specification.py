@@ -179,6 +179,8 @@ class CameraSpec(SensorSpec):
     rate_hz: float = rate(10.0)
     jpeg_quality: int = number(1, 100, 90)
     exposure: float = number(0.05, 20.0, 1.0)
+    anti_aliasing: bool = True
+    """Whether stairs at the edges are smoothed; labels have one sample per pixel in any case."""
     noise_stddev: float = number(0.0, 50.0, 0.0)
     """Standard deviation of the noise added to each colour value, in steps of 1/255."""
     blur_px: float = number(0.0, 20.0, 0.0)

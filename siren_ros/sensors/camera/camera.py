@@ -12,6 +12,7 @@ import simplejpeg
 from scipy.ndimage import gaussian_filter
 
 from siren_ros.numerics.arrays import Floats, Matrix
+from siren_ros.sensors.camera.antialiasing import smooth_edges
 from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
 from siren_ros.sensors.camera.renderer import RenderedImage, Renderer
 from siren_ros.sensors.meshes.placement import VehiclePlacement
@@ -70,6 +71,8 @@ class Camera:
 
     def _develop(self, step: int, picture: Callable[[], RenderedImage]) -> CameraFrame:
         image, spec = picture(), self.spec
+        if spec.anti_aliasing:
+            smooth_edges(image.rgba)
         colours = image.rgba[..., :3]  # the lens and the noise leave the labels as they are
         if spec.blur_px > 0.0:
             blurred = gaussian_filter(colours.astype(np.float32), spec.blur_px, axes=(0, 1), truncate=3.0)

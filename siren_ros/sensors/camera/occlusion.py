@@ -139,8 +139,8 @@ def is_hidden(slopes: Array, eye: Array, circle: Array) -> bool:
     up = circle[4] - eye[2]
     slope = (up / near if up > 0.0 else up / (away + reach)) + _MARGIN
     middle, half = _way_around(x, y), 0.5 * np.pi * reach / away  # asin(a) <= a π / 2
-    begin = int((middle - half + 4.0) * (bins / 4))
-    for k in range(begin, int((middle + half + 4.0) * (bins / 4)) + 1):
+    begin, end = int((middle - half + 4.0) * (bins / 4)), int((middle + half + 4.0) * (bins / 4))
+    for k in range(begin, end + 1):  # noqa: SIM110 # a compiled loop
         if slopes[ring, k & (bins - 1)] <= slope:
             return False
     return True

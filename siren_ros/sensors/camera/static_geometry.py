@@ -79,16 +79,6 @@ _DRAWN: Final = (
 """Shadings in drawing order, with their near details and without: first what hides most of the rest."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Draw:
-    """A program, and which chunks it draws."""
-
-    shading: Shading
-    near: bool
-    program: Any
-    array: Any
-
-
 class StaticGeometry:
     """Static triangles sorted by program and chunk, and the signals' lamps that shine."""
 
@@ -97,7 +87,7 @@ class StaticGeometry:
         self._context = context
         mesh = scene.mesh
         shading = shading_of(mesh.material, mesh.normals, look)
-        order, self._first, self._shading = _chunked(mesh.vertices_m[mesh.triangles].mean(axis=1), shading)
+        order, self._first, shadings = _chunked(mesh.vertices_m[mesh.triangles].mean(axis=1), shading)
         corners = mesh.vertices_m[mesh.triangles[order]].astype(np.float64)
         starts = self._first[:-1]
         empty = np.empty((0, 3))
@@ -107,7 +97,7 @@ class StaticGeometry:
         self._chunk_circles = bounding_circles(self._low, self._high)
         self.horizon = Horizon(mesh)
         """What walls hide from the eye of the last ``select``."""
-        self._reach = np.array([_STYLE[Shading(code)].reach_m for code in self._shading])
+        self._reach = np.array([_STYLE[Shading(code)].reach_m for code in shadings])
         self._distance = np.empty(len(starts))
         normals = mesh.normals[order]
         offset = np.einsum("ij,ij->i", normals.astype(np.float64), corners[:, 0])
@@ -124,23 +114,28 @@ class StaticGeometry:
         self.shadow_program = context.program(
             vertex_shader=shaders.STATIC_SHADOW_VERTEX, fragment_shader=shaders.SHADOW_FRAGMENT
         )
-        self._draws = [self._draw_of(shading, near, constants) for shading, near in _DRAWN]
+        self._programs = [self._program_of(shading, near, constants) for shading, near in _DRAWN]
+        self._arrays = [_vertex_array(context, program, self._vertices, self._indices) for program in self._programs]
+        near, far = ({shading: row for row, (shading, close) in enumerate(_DRAWN) if close == n} for n in (True, False))
+        kinds = [Shading(code) for code in shadings]
+        self._near, self._far = np.array([near.get(kind, 0) for kind in kinds]), np.array([far[kind] for kind in kinds])
+        self._near_focals = np.array([_STYLE[kind].near_focals for kind in kinds])
+        self._counts = np.zeros(len(_DRAWN), np.int64)
+        """Triangles that each program draws next."""
         self._lamps = _Lamps(context, scene.signal_lamps, indexed, look, constants)
-        self._ranges: list[tuple[_Draw, int, int]] = []
 
-    def _draw_of(self, shading: Shading, near: bool, constants: str) -> _Draw:
+    def _program_of(self, shading: Shading, near: bool, constants: str) -> Any:
         style = _STYLE[shading]
         if style.far_fragment is not None and not near:
             fragment, names = style.far_fragment, style.far_defines
         else:
             fragment, names = style.fragment, (*style.defines, *(("NEAR",) if near else ()))
-        program = _program(self._context, fragment, constants, names)
-        return _Draw(shading, near, program, _vertex_array(self._context, program, self._vertices, self._indices))
+        return _program(self._context, fragment, constants, names)
 
     @property
     def all_programs(self) -> list[Any]:
         """Every program that needs the frame's uniforms."""
-        return [*(draw.program for draw in self._draws), self._lamps.program]
+        return [*self._programs, self._lamps.program]
 
     @property
     def heights_m(self) -> tuple[float, float]:
@@ -175,39 +170,34 @@ class StaticGeometry:
         self.horizon.look_from(eye, smallest, _STYLE[Shading.WALL_SUNNY].reach_m)
         seen = np.flatnonzero(np.isfinite(self._distance))
         seen = seen[np.argsort(self._distance[seen], kind="stable")]
-        shading, distance = self._shading[seen], self._distance[seen]
-        self._ranges, filled = [], 0
-        for draw in self._draws:
-            mine = shading == draw.shading
-            limit = _STYLE[draw.shading].near_focals * focal_px
-            if limit:
-                mine &= (distance < limit) == draw.near
-            room = self._chosen[filled:]
-            count = visible_triangles(
-                seen[mine],
-                self._first,
-                self._distance,
-                self._planes,
-                self._area,
-                self._triangles,
-                self._circles,
-                self._chunk_circles,
-                self.horizon.slopes,
-                eye,
-                smallest,
-                room,
-            )
-            if count:
-                self._ranges.append((draw, filled, count))
-                filled += count
+        draws = np.where(self._distance[seen] < focal_px * self._near_focals[seen], self._near[seen], self._far[seen])
+        filled = visible_triangles(
+            seen,
+            draws,
+            self._first,
+            self._distance,
+            self._planes,
+            self._area,
+            self._triangles,
+            self._circles,
+            self._chunk_circles,
+            self.horizon.slopes,
+            eye,
+            smallest,
+            self._chosen,
+            self._counts,
+        )
         self._indices.orphan()
         if filled:
             self._indices.write(self._chosen[:filled].data)
 
     def draw(self) -> None:
         """Draw the selected triangles."""
-        for draw, first, count in self._ranges:
-            draw.array.render(moderngl.TRIANGLES, vertices=3 * count, first=3 * first)
+        first = 0
+        for array, count in zip(self._arrays, 3 * self._counts, strict=True):
+            if count:
+                array.render(moderngl.TRIANGLES, vertices=int(count), first=first)
+            first += int(count)
 
     def draw_lamps(self, signals: Mapping[str, str], step: int) -> None:
         """Draw the lamps that shine, over their dark lenses."""
@@ -259,17 +249,17 @@ class _Lamps:
         self._indices = context.buffer(reserve=max(12, local.nbytes))
         self.program = _program(context, shaders.FLAT_FRAGMENT, constants)
         self._array = _vertex_array(context, self.program, buffer, self._indices)
-        self._shown: tuple[bool, ...] = ()
+        self._shown: tuple[bool, dict[str, str]] | None = None
         self._count = 0
 
     def draw(self, signals: Mapping[str, str], step: int) -> None:
         dark = time_ns_of_step(step) % _BLINK_PERIOD_NS >= _BLINK_PERIOD_NS // 2
-        states = [(lamp, signals.get(lamp.signal_id, "")) for lamp in self._lamps]
-        shown = tuple(lamp.is_lit(state) and not (dark and state[lamp.link] == "o") for lamp, state in states)
-        if shown != self._shown:
+        if self._shown != (dark, signals):
+            states = [(lamp, signals.get(lamp.signal_id, "")) for lamp in self._lamps]
+            shown = (lamp.is_lit(state) and not (dark and state[lamp.link] == "o") for lamp, state in states)
             lit = [part for part, shines in zip(self._parts, shown, strict=True) if shines]
             if lit:
                 self._indices.write(np.concatenate(lit).tobytes())
-            self._shown, self._count = shown, 3 * sum(len(part) for part in lit)
+            self._shown, self._count = (dark, dict(signals)), 3 * sum(len(part) for part in lit)
         if self._count:
             self._array.render(moderngl.TRIANGLES, vertices=self._count)

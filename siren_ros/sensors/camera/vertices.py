@@ -121,6 +121,7 @@ def chunks_in_view(low: Array, high: Array, reach: Array, planes: Array, eye: Ar
 @compiled
 def visible_triangles(
     chunks: Array,
+    draws: Array,
     first: Array,
     distance: Array,
     planes: Array,
@@ -132,30 +133,37 @@ def visible_triangles(
     eye: Array,
     smallest: float,
     out: Array,
+    counts: Array,
 ) -> int:
     """Copy the triangles that turn their front to the eye, are large enough and not hidden; returns how many.
 
+    The triangles of a draw stand together, in the order of the draws, and ``counts`` (D,) becomes how many each has.
+
     A triangle of area A whose plane lies h below the eye shows A h / d³ steradians at distance d; ``smallest`` is the
     least that is drawn. The chunk's distance stands for the triangle's, so that what is dropped is smaller than that.
-    ``chunks`` are rows of ``first`` (int64), which holds the first triangle of each chunk and the end, int64 (K + 1,);
-    ``distance`` from the eye to each chunk is float64 (K,). Of the triangles, ``planes`` are the outward normal and its
-    product with a corner, float32 (T, 4), ``area`` is float32 (T,), ``circles`` bound them (``occlusion``), and
+    ``chunks`` (C,) are rows of ``first`` (int64), which holds the first triangle of each chunk and the end (K + 1,);
+    ``draws`` (C,) are what draws them; ``distance`` from the eye to each chunk is float64 (K,). Of the triangles,
+    ``planes`` are the outward normal and its product with a corner, float32 (T, 4), ``area`` is float32 (T,), and
     ``triangles`` are vertices, uint32 (T, 3), as in the result ``out``, which has room for all triangles of the chunks.
-    ``slopes`` are those of the horizon around the eye; ``chunk_circles`` bound the chunks.
+    ``circles`` bound the triangles and ``chunk_circles`` the chunks, and ``slopes`` are those of the horizon around the
+    eye (``occlusion``).
     """
     x, y, z = np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2])
     count = 0
-    for c in range(chunks.shape[0]):
-        chunk = chunks[c]
-        if is_hidden(slopes, eye, chunk_circles[chunk]):
-            continue
-        least = np.float32(smallest * distance[chunk] ** 3)
-        for t in range(first[chunk], first[chunk + 1]):
-            above = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z - planes[t, 3]
-            large = above > np.float32(-0.01) and area[t] * above >= least
-            if large and not is_hidden(slopes, eye, circles[t]):
-                out[count, 0] = triangles[t, 0]
-                out[count, 1] = triangles[t, 1]
-                out[count, 2] = triangles[t, 2]
-                count += 1
+    for d in range(counts.shape[0]):
+        before = count
+        for c in range(chunks.shape[0]):
+            chunk = chunks[c]
+            if draws[c] != d or is_hidden(slopes, eye, chunk_circles[chunk]):
+                continue
+            least = np.float32(smallest * distance[chunk] ** 3)
+            for t in range(first[chunk], first[chunk + 1]):
+                above = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z - planes[t, 3]
+                large = above > np.float32(-0.01) and area[t] * above >= least
+                if large and not is_hidden(slopes, eye, circles[t]):
+                    out[count, 0] = triangles[t, 0]
+                    out[count, 1] = triangles[t, 1]
+                    out[count, 2] = triangles[t, 2]
+                    count += 1
+        counts[d] = count - before
     return count

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from siren_ros.sensors.camera.occlusion import Horizon
 from siren_ros.sensors.camera.vertices import chunks_in_view, index_mesh, visible_triangles
 from siren_ros.sensors.meshes.mesh import SEMANTIC_CLASS_OF_MATERIAL, Mesh
 
@@ -59,15 +60,24 @@ def test_a_box_with_a_corner_on_the_visible_side_of_all_planes_is_in_view(normal
             assert np.isfinite(distances((0.0, 0.0, 0.0), planes=planes)) is np.bool_(in_view)
 
 
+def nothing_hidden(triangles, chunks):
+    """Bounding circles of triangles and of chunks, and a horizon without walls."""
+    horizon = Horizon(Mesh.joined())
+    horizon.look_from(np.zeros(3), 0.0, 450.0)
+    return np.zeros((triangles, 5), np.float32), np.zeros((chunks, 5), np.float32), horizon.slopes
+
+
 def shown(normal, corner, eye, area=1.0, distance=5.0, smallest=0.0):
     """Whether a triangle of a plane with a normal through a corner is copied."""
     normal = np.array(normal, dtype=float) / np.linalg.norm(normal)
     planes = np.array([[*normal, normal @ np.array(corner)]], np.float32)
     out = np.zeros((1, 3), np.uint32)
-    chunk, triangle = (np.array([0]), np.array([0, 1]), np.array([distance])), np.array([[4, 5, 6]], np.uint32)
-    sizes, eye = np.array([area], np.float32), np.array(eye, dtype=float)
-    count = visible_triangles(*chunk, planes, sizes, triangle, eye, smallest, out)
+    chunk = (np.array([0]), np.array([0]), np.array([0, 1]), np.array([distance]))
+    sizes, eye, counts = np.array([area], np.float32), np.array(eye, dtype=float), np.zeros(1, np.int64)
+    triangle = np.array([[4, 5, 6]], np.uint32)
+    count = visible_triangles(*chunk, planes, sizes, triangle, *nothing_hidden(1, 1), eye, smallest, out, counts)
     assert count in {0, 1}
+    assert counts.tolist() == [count]
     assert out[0].tolist() == ([4, 5, 6] if count else [0, 0, 0])
     return bool(count)
 
@@ -86,10 +96,14 @@ def test_a_triangle_is_left_out_below_a_solid_angle(smallest, seen):
     assert shown((0, 0, 1), (0, 0, 0), (0, 0, 2), area=4.0, distance=10.0, smallest=0.008 * smallest) is seen
 
 
-def test_triangles_of_several_chunks_are_copied_in_order():
+def test_triangles_of_several_chunks_are_copied_in_the_order_of_the_draws():
     planes = np.array([[0, 0, 1, 0], [0, 0, -1, 0], [0, 0, 1, 0], [0, 0, 1, 0]], np.float32)
     triangles = np.arange(12, dtype=np.uint32).reshape(4, 3)
     out = np.zeros((4, 3), np.uint32)
-    chunks, eye = (np.array([1, 0]), np.array([0, 2, 4]), np.ones(2)), np.array([0.0, 0.0, 1.0])
-    count = visible_triangles(*chunks, planes, np.ones(4, np.float32), triangles, eye, 0.0, out)
-    assert out[:count].tolist() == triangles[[2, 3, 0]].tolist()
+    eye, counts = np.array([0.0, 0.0, 1.0]), np.zeros(3, np.int64)
+    for draws, order, drawn in (([2, 2], [2, 3, 0], [0, 0, 3]), ([1, 0], [0, 2, 3], [1, 2, 0])):
+        chunks = (np.array([1, 0]), np.array(draws), np.array([0, 2, 4]), np.ones(2))
+        sizes = planes, np.ones(4, np.float32), triangles
+        count = visible_triangles(*chunks, *sizes, *nothing_hidden(4, 2), eye, 0.0, out, counts)
+        assert out[:count].tolist() == triangles[order].tolist()
+        assert counts.tolist() == drawn

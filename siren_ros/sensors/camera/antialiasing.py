@@ -117,8 +117,10 @@ def _blend_run(drawn: Array, edges: Array, out: Array, line: int, start: int, st
 def _is_thin(edges: Array, line: int, start: int, stop: int, side: int, lies: bool) -> bool:
     """Whether a run that turns to one side at both ends is the side or the end of a line of one pixel, which stays."""
     other = line - side
-    if stop - start == 1 or not 0 <= other < (edges.shape[0] if lies else edges.shape[1]):
+    if stop - start == 1:
         return True
+    if other < 0:
+        return False
     if lies:
         return bool(edges[other, start] & edges[other, stop - 1] & _BELOW)
     return bool(edges[start, other] & edges[stop - 1, other] & _RIGHT)

@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import qmc
 
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import files_of_request, level_of, present_versions
@@ -78,6 +77,8 @@ def _sampled(plan: DrawPlan, template: Template) -> tuple[dict[str, float], ...]
     ranges = _ranges(plan, template)
     rng = random_stream(plan.seed, f"study/{template.template_id}")
     if plan.method is Method.LATIN_HYPERCUBE:
+        from scipy.stats import qmc  # noqa: PLC0415 - takes as long to load as everything else of a study
+
         unit = qmc.LatinHypercube(len(ranges), seed=rng).random(plan.samples)
     else:
         unit = rng.random((plan.samples, len(ranges)))

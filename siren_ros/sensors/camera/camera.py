@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import simplejpeg
-from scipy.ndimage import gaussian_filter
 
 from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.sensors.camera.antialiasing import smooth_edges
@@ -75,6 +74,8 @@ class Camera:
             smooth_edges(image.rgba)
         colours = image.rgba[..., :3]  # the lens and the noise leave the labels as they are
         if spec.blur_px > 0.0:
+            from scipy.ndimage import gaussian_filter  # noqa: PLC0415 - a tenth of the time that an episode needs to load
+
             blurred = gaussian_filter(colours.astype(np.float32), spec.blur_px, axes=(0, 1), truncate=3.0)
             colours[:] = np.rint(blurred).astype(np.uint8)
         if spec.noise_stddev > 0.0:

@@ -10,7 +10,6 @@ from typing import Any, Final
 import moderngl
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull
 
 from siren_ros.numerics.arrays import Flags, Floats, Floats32, Rows
 from siren_ros.sensors.camera.shaders import included
@@ -67,6 +66,8 @@ def _hull(shape: VehicleShape) -> Floats32:
     It spans the shape's extreme points in the 26 directions to a cube's corners, edges and faces. Its triangles turn
     counter-clockwise seen from outside: of both sides that cover the shadow one is drawn.
     """
+    from scipy.spatial import ConvexHull  # noqa: PLC0415 - a tenth of the time that an episode without cameras needs to load
+
     points = shape.at_rest.vertices_m.astype(np.float64)
     directions = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
     extreme = points[np.unique(np.argmax(directions @ points.T, axis=1))]

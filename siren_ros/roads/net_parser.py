@@ -14,7 +14,16 @@ from siren_ros.errors import MapError
 from siren_ros.numerics.arrays import Points
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.map_projection import geodetic_from_projected
-from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import (
+    MAPS_KEPT,
+    Connection,
+    Edge,
+    Junction,
+    JunctionKind,
+    Lane,
+    LaneKind,
+    RoadNetwork,
+)
 
 LONGEST_VIA: Final = 100
 """netconvert cuts a movement into two or three junction lanes."""
@@ -151,11 +160,9 @@ _GIVE_WAY_STATES: Final = frozenset({"m", "=", "w", "s"})
 """SUMO's link states of a movement without a signal that is not on the major road."""
 _PATH_FUNCTIONS: Final = frozenset({"internal", "crossing"})
 _LEFT_OUT_FUNCTIONS: Final = frozenset({"walkingarea"})
-_MAPS_KEPT: Final = 4
-"""Parsed maps that a process keeps."""
 
 
-@lru_cache(maxsize=_MAPS_KEPT)
+@lru_cache(maxsize=MAPS_KEPT)
 def parse_road_network(net_xml: bytes) -> RoadNetwork:
     """The road network of a SUMO net, in the ``map`` frame (``map = sumo − offset``).
 

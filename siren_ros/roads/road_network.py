@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -107,7 +107,11 @@ class Junction:
     y_m: float
 
 
-@dataclass(frozen=True)
+MAPS_KEPT: Final = 4
+"""Parsed maps that a process keeps, and what is derived from them."""
+
+
+@dataclass(frozen=True, eq=False)
 class RoadNetwork:
     """A whole map. Built by ``parse_road_network`` from a SUMO net, immutable afterwards."""
 

@@ -3,6 +3,7 @@
 import heapq
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import groupby, pairwise
 from typing import Final
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from siren_ros.errors import InputError
 from siren_ros.numerics.geometry import Polyline
-from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, Connection, Lane, LaneKind, RoadNetwork
 
 _TURNAROUND: Final = "t"
 """SUMO's letter of a movement back along the same street. Nets of users have some; no vehicle here turns round."""
@@ -20,7 +21,7 @@ _DRIFT_COST: Final = 1e-3
 """Cost of ending one lane away from the preferred one: keeps to it where the route allows."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EdgeGraph:
     """Which edges civilians may drive from which, by edge index; junction paths are left out."""
 
@@ -32,8 +33,9 @@ class EdgeGraph:
     """Length of each edge's rightmost driving lane; infinite for an edge without one."""
 
     @classmethod
+    @lru_cache(maxsize=MAPS_KEPT)
     def of(cls, network: RoadNetwork) -> "EdgeGraph":
-        """The graph of a network; build it once and hand it on."""
+        """The graph of a network."""
         ahead, behind = ([set[int]() for _ in network.edges] for _ in range(2))
         for connection in network.connections:
             source, target = network.lanes[connection.from_lane], network.lanes[connection.to_lane]

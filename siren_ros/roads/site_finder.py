@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from siren_ros.roads.movements import (
     quiet_reach_m,
     same_direction_connections,
 )
-from siren_ros.roads.road_network import Connection, JunctionKind, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, Connection, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, civilian_movements, driving_lanes
 from siren_ros.roads.sites import (
     APPROACH_M,
@@ -40,6 +41,7 @@ _CROSSING_LEAST_M: Final = 30.0
 _PLAIN_ENOUGH_M: Final = 150.0
 
 
+@lru_cache(maxsize=MAPS_KEPT * len(SiteKind))
 def find_sites(network: RoadNetwork, kind: SiteKind) -> tuple[Site, ...]:
     """All places of a kind on a map, best first; equal scores keep the order of the map's edges."""
     return tuple(sorted(_FINDERS[kind](EdgeGraph.of(network)), key=lambda site: -site.score))

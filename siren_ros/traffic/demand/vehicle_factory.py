@@ -5,6 +5,7 @@ At junctions civilians go mostly straight on, from their own lane, on bends that
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import Final
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from siren_ros.errors import InputError
 from siren_ros.numerics.geometry import Polyline, wrap_angle
-from siren_ros.roads.road_network import Connection, RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, Connection, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, civilian_movements
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.plan import DriverModel, DriverPopulation, PlannedVehicle, Spot
@@ -184,6 +185,11 @@ yearly colour popularity reports of automotive paint makers)."""
 _EMV_PAINT: Final = (240, 240, 236)
 
 
+@lru_cache(maxsize=MAPS_KEPT)
+def _route_chooser(network: RoadNetwork, config: DemandConfig) -> RouteChooser:
+    return RouteChooser(network, EdgeGraph.of(network), config)
+
+
 class VehicleFactory:
     """Draws vehicles for one network, population and table of dimensions."""
 
@@ -199,7 +205,7 @@ class VehicleFactory:
         self._dimensions = dimensions
         self._config = config
         self._graph = EdgeGraph.of(network)
-        self._routes = RouteChooser(network, self._graph, config)
+        self._routes = _route_chooser(network, config)
         self._suited: dict[tuple[ActorClass, tuple[int, ...]], tuple[int, ...]] = {}
 
     def leads_on(self, edge: int) -> bool:

@@ -5,7 +5,7 @@
 * They move sideways by driving, also where a lane change is urgent.
 """
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from itertools import pairwise
 from operator import itemgetter
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -48,6 +48,7 @@ class _Rows:
     def __init__(self) -> None:
         self.names: list[str] = []
         self._row_of: dict[str, int] = {}
+        self._none = np.zeros(0, np.bool_)
 
     def follow(self, results: Results) -> Rows | None:
         """Takes the vehicles of these results; the row that each had before, −1 for a new one, None for no change."""
@@ -56,11 +57,14 @@ class _Rows:
             return None
         rows = np.array([self._row_of.get(name, -1) for name in names], dtype=np.intp)
         self.names, self._row_of = names, {name: row for row, name in enumerate(names)}
+        self._none = np.zeros(len(names), np.bool_)
         return rows
 
-    def which(self, names: Iterable[str]) -> Flags:
+    def which(self, names: Collection[str]) -> Flags:
         """The rows of some vehicles, as flags; vehicles without a row are passed over."""
-        flags = np.zeros(len(self.names), np.bool_)
+        if not names:
+            return self._none
+        flags = self._none.copy()
         for name in names:
             if name in self._row_of:
                 flags[self._row_of[name]] = True
@@ -108,7 +112,7 @@ class BendLimits:
         """Wished speed and length of each vehicle."""
         self._limits_mps = np.empty(0)
 
-    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Iterable[str]) -> None:
+    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Collection[str]) -> None:
         """Set the limits for SUMO's next step; ``mirrored`` vehicles are moved from outside and have no limit."""
         before = self._rows.follow(results)
         if before is not None:
@@ -303,7 +307,7 @@ class SidewaysLimits:
         self._rows = _Rows()
         self._wished_mps = self._limits_mps = np.empty(0)
 
-    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Iterable[str]) -> None:
+    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Collection[str]) -> None:
         """Set the limits for SUMO's next step; ``mirrored`` vehicles are moved from outside."""
         before = self._rows.follow(results)
         if before is not None:
@@ -311,9 +315,21 @@ class SidewaysLimits:
             self._wished_mps, last = np.array(wished), np.append(self._limits_mps, 0.0)
             self._limits_mps = np.where(before >= 0, last[before], self._wished_mps)
         speed_mps = np.array([result[libsumo.VAR_SPEED] for result in results.values()])
-        speed_mps[self._rows.which(mirrored)] = 0.0
-        limits = _SIDEWAYS_STEP_MPS * np.trunc(SIDEWAYS_SHARE * speed_mps / _SIDEWAYS_STEP_MPS)
-        limits = np.minimum(np.maximum(limits, _LEAST_MPS), self._wished_mps)
-        for row in np.flatnonzero(limits != self._limits_mps).tolist():
-            libsumo.vehicle.setMaxSpeedLat(self._rows.names[row], float(limits[row]))
-        self._limits_mps = limits
+        changed = _sideways_limits(speed_mps, self._rows.which(mirrored), self._wished_mps, self._limits_mps)
+        for row in changed.tolist():
+            libsumo.vehicle.setMaxSpeedLat(self._rows.names[row], float(self._limits_mps[row]))
+
+
+@compiled
+def _sideways_limits(speeds_mps: Any, outside: Any, wished_mps: Any, limits_mps: Any) -> Any:
+    """Sets the limit of every vehicle; rows of those that change. ``outside`` are moved from outside."""
+    changed, count = np.empty(len(speeds_mps), np.intp), 0
+    for row in range(len(speeds_mps)):
+        speed = 0.0 if outside[row] else speeds_mps[row]
+        limit = _SIDEWAYS_STEP_MPS * np.trunc(SIDEWAYS_SHARE * speed / _SIDEWAYS_STEP_MPS)
+        limit = min(max(limit, _LEAST_MPS), wished_mps[row])
+        if limit != limits_mps[row]:
+            limits_mps[row] = limit
+            changed[count] = row
+            count += 1
+    return changed[:count]

@@ -171,7 +171,9 @@ class SumoPopulation:
 
     def drop_departed(self) -> tuple[str, ...]:
         """Forget vehicles that left SUMO in the last step; their names, in order of entry."""
-        arrived = set(libsumo.simulation.getArrivedIDList())
+        arrived = libsumo.simulation.getArrivedIDList()
+        if not arrived:
+            return ()
         gone = tuple(name for name in self.vehicles if name in arrived)
         for name in gone:
             del self.vehicles[name]

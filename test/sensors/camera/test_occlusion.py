@@ -75,7 +75,7 @@ def crosses(eye, points, walls):
     return through
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 100_000))
 def test_no_line_of_sight_leads_to_what_is_hidden(seed):
     rng = np.random.default_rng(seed)

@@ -170,6 +170,10 @@ class EpisodeSource:
         """The episode's tracks and events, without sensors; raises as ``OpenBag.record``."""
         return self.bag.record()
 
+    def tracks(self) -> EpisodeRecord:
+        """As ``record``, but without the controllers' commands and the events, in half the time."""
+        return self.bag.record(unread=(topics.EMV_COMMANDS.name, topics.YIELD_COMMANDS.name, topics.EVENTS.name))
+
 
 @contextmanager
 def open_source(path: Path) -> Iterator[EpisodeSource]:

@@ -183,14 +183,15 @@ class OpenBag:
         sec, nanosec = _STAMP.unpack_from(message.cdr, _ENCAPSULATION_BYTES)
         return int(sec) * 1_000_000_000 + int(nanosec)
 
-    def record(self, *, counted: bool = False) -> EpisodeRecord:
+    def record(self, *, counted: bool = False, unread: Collection[str] = ()) -> EpisodeRecord:
         """The record of the episode in the bag; all states are in memory.
 
-        With ``counted`` also the counts of the messages of all topics, which reads all of them. Raises BagError: the
+        With ``counted`` also the counts of the messages of all topics, which reads all of them. What the topics in
+        ``unread`` tell is missing from the record. Raises BagError: the
         bag is damaged, holds no SIREN episode, or lacks the map.
         """
         builder = RecordBuilder()
-        types = {topic.name: topic.type_name for topic in RECORD_TOPICS}
+        types = {topic.name: topic.type_name for topic in RECORD_TOPICS if topic.name not in unread}
         for topic, type_name in types.items():
             if self.type_names.get(topic, type_name) != type_name:
                 raise BagError(str(self.path), f"{topic} of type {type_name}, not {self.type_names[topic]}")

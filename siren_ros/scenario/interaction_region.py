@@ -7,7 +7,7 @@ import numpy as np
 
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.scenario.paper import PAPER_CONSTANTS, ControlConstants
-from siren_ros.world.actors import ActorStates
+from siren_ros.world.actors import ActorStates, rows_of_ids
 
 REGION_TEXT: Final = f"{PAPER_CONSTANTS.region_enter_m:g} m in, {PAPER_CONSTANTS.region_leave_m:g} m out"
 """How help texts and reports name the region."""
@@ -26,9 +26,9 @@ def region_members(before: Ids, states: ActorStates, emv_ids: Iterable[int]) -> 
 
     ``before`` are the members at the step before, sorted. Without an EMV the region is empty.
     """
-    is_emv = np.isin(states.actor_id, np.fromiter(emv_ids, dtype=np.uint32))
+    is_emv = (states.actor_id[:, None] == np.fromiter(emv_ids, dtype=np.uint32)).any(axis=1)
     if not is_emv.any():
         return np.empty(0, dtype=np.uint32)
     xy = np.stack((states.x_m, states.y_m), axis=-1)
     distance = np.hypot(*(xy[:, None] - xy[is_emv]).transpose(2, 0, 1)).min(axis=1)
-    return states.actor_id[in_region(distance, np.isin(states.actor_id, before)) | is_emv]
+    return states.actor_id[in_region(distance, rows_of_ids(before, states.actor_id) >= 0) | is_emv]

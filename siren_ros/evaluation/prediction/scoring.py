@@ -261,7 +261,7 @@ def _opened(
     with open_source(bag) as source:
         if job.recorded:
             submitted = {**submitted, job.recorded: read_recorded_predictions(source, job.allow_missing)}
-        return source.record(), predictors, submitted
+        return source.tracks(), predictors, submitted
 
 
 def _score_bag(bag: Path, job: ScoringJob, submitted: Mapping[str, EpisodePredictions]) -> BagResult:

@@ -171,7 +171,7 @@ class EpisodeSource:
         return self.bag.record()
 
     def tracks(self) -> EpisodeRecord:
-        """As ``record``, but without the controllers' commands and the events, in half the time."""
+        """As ``record``, but without the controllers' commands and the events, which take time to read."""
         return self.bag.record(unread=(topics.EMV_COMMANDS.name, topics.YIELD_COMMANDS.name, topics.EVENTS.name))
 
 

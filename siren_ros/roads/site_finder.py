@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Final, Literal
 
 import numpy as np
@@ -41,10 +41,15 @@ _CROSSING_LEAST_M: Final = 30.0
 _PLAIN_ENOUGH_M: Final = 150.0
 
 
-@lru_cache(maxsize=MAPS_KEPT * len(SiteKind))
 def find_sites(network: RoadNetwork, kind: SiteKind) -> tuple[Site, ...]:
     """All places of a kind on a map, best first; equal scores keep the order of the map's edges."""
-    return tuple(sorted(_FINDERS[kind](EdgeGraph.of(network)), key=lambda site: -site.score))
+    return _sites_on(network)(kind)
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def _sites_on(network: RoadNetwork) -> Callable[[SiteKind], tuple[Site, ...]]:
+    """The sites of a map, looked for once for each kind."""
+    return cache(lambda kind: tuple(sorted(_FINDERS[kind](EdgeGraph.of(network)), key=lambda site: -site.score)))
 
 
 def require_site(network: RoadNetwork, kind: SiteKind, shown_map: str = "this map") -> Site:

@@ -21,6 +21,7 @@ from siren_ros.errors import BagError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.messages import make_message
 from siren_ros.interfaces.topics import ACTORS, MAP
+from siren_ros.record.episode_source import open_source
 from siren_ros.recording import bag_reader
 from siren_ros.recording.bag_folder import METADATA_FILE
 from siren_ros.recording.bag_writer import EpisodeBagWriter
@@ -218,6 +219,20 @@ def test_a_bag_of_another_program_is_refused(tmp_path, typestore, topic, reason)
     writer.write(topic, "std_msgs/msg/String", bytes(typestore.serialize_cdr(message, message.__msgtype__)), 0)
     with pytest.raises(BagError, match=reason):
         bag_reader.read_episode(writer.finish().path)
+
+
+def test_topics_that_stay_unread_are_missing_from_the_record_and_change_nothing_else(recorded_bag):
+    with open_source(recorded_bag) as source:
+        whole, tracks = source.record(), source.tracks()
+    assert whole.commands
+    assert whole.state_hashes
+    assert not tracks.commands
+    assert not tracks.events
+    assert not tracks.state_hashes
+    assert (tracks.description, tracks.outcome, tracks.complete) == (whole.description, whole.outcome, whole.complete)
+    assert (tracks.steps, len(tracks.traffic)) == (whole.steps, len(whole.traffic))
+    for name in ACTOR_STATE_DTYPES:
+        assert np.array_equal(getattr(tracks.rows, name), getattr(whole.rows, name))
 
 
 def test_only_the_topics_that_are_asked_for_are_read(recorded_bag):

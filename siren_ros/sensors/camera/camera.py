@@ -74,7 +74,7 @@ class Camera:
             smooth_edges(image.rgba)
         colours = image.rgba[..., :3]  # the lens and the noise leave the labels as they are
         if spec.blur_px > 0.0:
-            from scipy.ndimage import gaussian_filter  # noqa: PLC0415 - a tenth of the time that an episode needs to load
+            from scipy.ndimage import gaussian_filter  # noqa: PLC0415 - loads slowly, and few suites need it
 
             blurred = gaussian_filter(colours.astype(np.float32), spec.blur_px, axes=(0, 1), truncate=3.0)
             colours[:] = np.rint(blurred).astype(np.uint8)

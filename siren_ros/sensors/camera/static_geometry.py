@@ -89,15 +89,16 @@ class StaticGeometry:
         shading = shading_of(mesh.material, mesh.normals, look)
         order, self._first, shadings = _chunked(mesh.vertices_m[mesh.triangles].mean(axis=1), shading)
         corners = mesh.vertices_m[mesh.triangles[order]].astype(np.float64)
+        low, high = corners.min(axis=1), corners.max(axis=1)
         starts = self._first[:-1]
-        empty = np.empty((0, 3))
-        self._low = np.minimum.reduceat(corners.min(axis=1), starts, axis=0) if len(starts) else empty
-        self._high = np.maximum.reduceat(corners.max(axis=1), starts, axis=0) if len(starts) else empty
-        self._circles = bounding_circles(corners.min(axis=1), corners.max(axis=1))
+        self._low = np.minimum.reduceat(low, starts, axis=0) if len(starts) else np.empty((0, 3))
+        self._high = np.maximum.reduceat(high, starts, axis=0) if len(starts) else np.empty((0, 3))
+        self._circles = bounding_circles(low, high)
         self._chunk_circles = bounding_circles(self._low, self._high)
         self.horizon = Horizon(mesh)
         """What walls hide from the eye of the last ``select``."""
-        self._reach = np.array([_STYLE[Shading(code)].reach_m for code in shadings])
+        kinds = [Shading(code) for code in shadings]
+        self._reach = np.array([_STYLE[kind].reach_m for kind in kinds])
         self._distance = np.empty(len(starts))
         normals = mesh.normals[order]
         offset = np.einsum("ij,ij->i", normals.astype(np.float64), corners[:, 0])
@@ -117,7 +118,6 @@ class StaticGeometry:
         self._programs = [self._program_of(shading, near, constants) for shading, near in _DRAWN]
         self._arrays = [_vertex_array(context, program, self._vertices, self._indices) for program in self._programs]
         near, far = ({shading: row for row, (shading, close) in enumerate(_DRAWN) if close == n} for n in (True, False))
-        kinds = [Shading(code) for code in shadings]
         self._near, self._far = np.array([near.get(kind, 0) for kind in kinds]), np.array([far[kind] for kind in kinds])
         self._near_focals = np.array([_STYLE[kind].near_focals for kind in kinds])
         self._counts = np.zeros(len(_DRAWN), np.int64)

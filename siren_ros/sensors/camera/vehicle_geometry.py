@@ -66,7 +66,7 @@ def _hull(shape: VehicleShape) -> Floats32:
     It spans the shape's extreme points in the 26 directions to a cube's corners, edges and faces. Its triangles turn
     counter-clockwise seen from outside: of both sides that cover the shadow one is drawn.
     """
-    from scipy.spatial import ConvexHull  # noqa: PLC0415 - a tenth of the time that an episode without cameras needs to load
+    from scipy.spatial import ConvexHull  # noqa: PLC0415 - loads slowly, and only cameras need it
 
     points = shape.at_rest.vertices_m.astype(np.float64)
     directions = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])

@@ -132,6 +132,8 @@ class SumoPopulation:
         self._reserve = deque(plan.reserve)
         self.vehicles: dict[str, PlannedVehicle] = {}
         """Vehicles that have entered and not left."""
+        self.civilians = 0
+        """How many of these are no EMVs."""
 
     @cached_property
     def length_scale(self) -> Mapping[str, float]:
@@ -158,7 +160,7 @@ class SumoPopulation:
 
     def refill(self, emv_points: Mapping[str, tuple[float, float]], civilians: int) -> None:
         """Enter replacements from the reserve, away from the EMVs' points, up to a number of civilians."""
-        missing = civilians - sum(not vehicle.is_emv for vehicle in self.vehicles.values())
+        missing = civilians - self.civilians
         for _ in range(len(self._reserve) if missing > 0 else 0):
             vehicle = self._reserve.popleft()
             if self._spot_is_free(vehicle, emv_points.values()):
@@ -176,8 +178,11 @@ class SumoPopulation:
             return ()
         gone = tuple(name for name in self.vehicles if name in arrived)
         for name in gone:
-            del self.vehicles[name]
+            self._forget(name)
         return gone
+
+    def _forget(self, name: str) -> None:
+        self.civilians -= not self.vehicles.pop(name).is_emv
 
     def _enter_all(self, vehicles: Iterable[PlannedVehicle]) -> None:
         for vehicle in vehicles:
@@ -199,11 +204,12 @@ class SumoPopulation:
                 libsumo.vehicle.setParameter(vehicle.name, "junctionModel.ignoreTypes", emvs)
             libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
             self.vehicles[vehicle.name] = vehicle
+            self.civilians += not vehicle.is_emv
 
     def _remove(self, name: str) -> None:
         libsumo.vehicle.unsubscribe(name)
         libsumo.vehicle.remove(name)
-        del self.vehicles[name]
+        self._forget(name)
 
     def _overlapping(self) -> list[str]:
         """The vehicles without which no two bodies overlap: of each such pair the one that entered later.

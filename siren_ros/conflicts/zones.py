@@ -99,9 +99,7 @@ def meeting_zones(own: Ways, others: Ways, pairs: npt.NDArray[np.intp]) -> list[
 
     A pair is an own and another body, shape ``(P, 2)``. A margin beside a body is part of its half width.
     """
-    out = np.empty((len(pairs), _COLUMNS))
-    _search(own, others, pairs, out)
-    return [Zone(*row[1:]) if row[0] > 0.0 else None for row in out.tolist()]
+    return [Zone(*row[1:]) if row[0] > 0.0 else None for row in zones_of(own, others, pairs).tolist()]
 
 
 @compiled
@@ -214,11 +212,13 @@ def _around(poses: Any, begins: Any) -> Any:
 
 
 @compiled
-def _search(own: Any, others: Any, pairs: Any, out: Any) -> None:
-    """Fill in one row per pair: whether they meet, then the fields of ``Zone``."""
+def zones_of(own: Any, others: Any, pairs: Any) -> Any:
+    """``meeting_zones`` as an array ``(P, 8)``: whether both meet, then the fields of ``Zone``."""
+    out = np.empty((pairs.shape[0], _COLUMNS))
     own_poses, own_begins = _poses(own, pairs[:, 0])
     their_poses, their_begins = _poses(others, pairs[:, 1])
     _search_poses(own, (own_poses, own_begins), others, (their_poses, their_begins), pairs, out)
+    return out
 
 
 @compiled
@@ -232,7 +232,7 @@ def search_among(ways: Any, pairs: Any) -> Any:
 
 @compiled
 def _search_poses(own: Any, own_poses: Any, others: Any, their_poses: Any, pairs: Any, out: Any) -> None:
-    """``_search`` with poses of both along their courses. Ways that stay apart as a whole are not looked at."""
+    """``zones_of`` with poses of both along their courses. Ways that stay apart as a whole are not looked at."""
     ways, own_begins = own_poses
     their_ways, their_begins = their_poses
     own_box, their_box = _around(ways, own_begins), _around(their_ways, their_begins)

@@ -83,6 +83,16 @@ class Surroundings:
     outlook: Outlook | None = None
     """Where everybody will go; straight on without it."""
 
+    @cached_property
+    def bodies(self) -> Floats:
+        """x, y, yaw, its cosine and sine, speed, half length and half width, and the speed's square, shape ``(9, N)``.
+
+        The square is as Python's ``v**2`` gives it.
+        """
+        poses, motion = (self.x_m, self.y_m, self.yaw_rad, self.cos, self.sin), self.speed_mps
+        squares = np.power(motion, np.full(len(motion), 2.0))
+        return np.array((*poses, motion, self.half_length_m, self.half_width_m, squares))
+
     @classmethod
     def seen(cls, traffic: TrafficState, table: ActorTable, book: CourseBook | None = None) -> "Surroundings":
         """The actors of a step, with an outlook on where they go where the courses of the map are given.
@@ -150,7 +160,7 @@ class BehaviourWorld:
         """How EMVs drive at this level: how early they count with crossing vehicles, how close they follow."""
         emv, horizon_s = self.config.emv, self.preset.attention.emv_horizon_s
         conflicts = emv.navigator.conflicts
-        nearer = replace(conflicts, horizon_s=min(conflicts.horizon_s, horizon_s))
+        nearer = conflicts._replace(horizon_s=min(conflicts.horizon_s, horizon_s))
         gap_m = emv.escape_gap_m if self.policy.corridor else emv.navigator.standstill_gap_m
         return replace(emv.navigator, conflicts=nearer, standstill_gap_m=gap_m)
 

@@ -52,6 +52,11 @@ class Curve:
         """Length of the whole curve."""
         return self.spacing_m * (len(self.points) - 1)
 
+    @property
+    def line(self) -> tuple[npt.NDArray[np.float64], Floats, Floats, float]:
+        """Points, headings, curvatures and spacing, as compiled loops take them."""
+        return self.points, self.heading_rad, self.curvature_1pm, self.spacing_m
+
     def place(self, s_m: float) -> tuple[float, float, float, float]:
         """``(x, y, heading, curvature)`` at an arc length; straight on before the start and after the end."""
         return curve_place(self.points, self.heading_rad, self.curvature_1pm, self.spacing_m, s_m)
@@ -81,8 +86,7 @@ class Curve:
         """
         s, left, nearest = np.empty(len(x_m)), np.empty(len(x_m)), np.empty(len(x_m), np.intp)
         end = len(self.points) if last is None else min(last, len(self.points))
-        line = self.points, self.heading_rad, self.curvature_1pm, self.spacing_m
-        _project(*line, x_m, y_m, first, end, s, left, nearest)
+        _project(self.line, x_m, y_m, first, end, s, left, nearest)
         return s, left, nearest
 
     def project_one(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -134,20 +138,24 @@ def _nearest(
 
 
 @compiled
-def _project(
-    points: Any, heading_rad: Any, curvature_1pm: Any, spacing_m: float, xs_m: Any, ys_m: Any, first: int, end: int,
-    s_m: Any, left_m: Any, nearest: Any,
-) -> None:  # fmt: skip
-    """Fill in arc length, offset and nearest curve point of each place; looks at the points ``first`` to ``end``."""
+def nearest_point(line: Any, x_m: float, y_m: float, first: int, end: int) -> tuple[float, float, int]:
+    """``Curve.project`` of one place for compiled loops; ``line`` is ``Curve.line``."""
+    points, heading_rad, curvature_1pm, spacing_m = line
+    best, best_square = first, np.inf
+    for k in range(first, end):
+        dx, dy = x_m - points[k, 0], y_m - points[k, 1]
+        square = dx * dx + dy * dy
+        if square < best_square:
+            best, best_square = k, square
+    dx, dy = x_m - points[best, 0], y_m - points[best, 1]
+    cos, sin = np.cos(heading_rad[best]), np.sin(heading_rad[best])
+    left = cos * dy - sin * dx
+    along = (cos * dx + sin * dy) / max(1.0 - curvature_1pm[best] * left, 0.2)
+    return best * spacing_m + along, left, best
+
+
+@compiled
+def _project(line: Any, xs_m: Any, ys_m: Any, first: int, end: int, s_m: Any, left_m: Any, nearest: Any) -> None:
+    """Fill in arc length, offset and nearest curve point of each place."""
     for n in range(nearest.shape[0]):
-        best, best_square = first, np.inf
-        for k in range(first, end):
-            dx, dy = xs_m[n] - points[k, 0], ys_m[n] - points[k, 1]
-            square = dx * dx + dy * dy
-            if square < best_square:
-                best, best_square = k, square
-        dx, dy = xs_m[n] - points[best, 0], ys_m[n] - points[best, 1]
-        cos, sin = np.cos(heading_rad[best]), np.sin(heading_rad[best])
-        left = cos * dy - sin * dx
-        along = (cos * dx + sin * dy) / max(1.0 - curvature_1pm[best] * left, 0.2)
-        s_m[n], left_m[n], nearest[n] = best * spacing_m + along, left, best
+        s_m[n], left_m[n], nearest[n] = nearest_point(line, xs_m[n], ys_m[n], first, end)

@@ -3,7 +3,7 @@
 Shapes and units stand where the arrays are used.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from typing import Any, Final, Self
 
@@ -31,6 +31,18 @@ def random_stream(seed: int, purpose: str, index: int = 0) -> np.random.Generato
     actor id for example. Seed and index are at least 0.
     """
     return np.random.default_rng(np.random.SeedSequence([seed, index, *purpose.encode()]))
+
+
+def chances(weights: Iterable[float]) -> Floats:
+    """Where the share of each choice ends between 0 and 1; for ``drawn``."""
+    shares = np.array([*weights])
+    ends = (shares / shares.sum()).cumsum()
+    return np.asarray(ends / ends[-1])
+
+
+def drawn(ends: Floats, rng: np.random.Generator) -> int:
+    """A choice by its chance; it takes from the generator what ``Generator.choice`` takes, and draws the same."""
+    return int(ends.searchsorted(rng.random(), side="right"))
 
 
 _ELEMENTS: Final[dict[Any, type[np.generic]]] = {

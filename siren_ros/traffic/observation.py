@@ -175,7 +175,8 @@ class Reactions:
         if reacting:
             flags[[name in reacting for name in names]] |= np.uint8(TrafficFlags.RESCUE_LANE)
         for row in near.tolist():
-            if intent := intent_flags(names[row]):
+            intent = intent_flags(names[row])
+            if intent is not TrafficFlags.NONE:
                 flags[row] |= np.uint8(intent)
         return flags
 

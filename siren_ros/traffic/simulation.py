@@ -12,7 +12,7 @@ import libsumo
 import numpy as np
 
 from siren_ros.errors import EpisodeError, MapError
-from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.maps.map_compiler import CompiledMap
@@ -31,6 +31,7 @@ from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner,
 from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, Indices, SignalState, TrafficState
 
 _LARGEST_SEED: Final = 2**31 - 1
+_SIREN: Final = int(Lights.BEACON | Lights.SIREN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,8 @@ class _Table:
     names: tuple[str, ...]
     actor_id: Ids
     length_m: Floats
-    is_emv: Flags
+    sirens: Codes
+    """Lights that EMVs with a siren show and sound."""
 
     @classmethod
     def of(cls, reported: Mapping[int, PlannedVehicle]) -> "_Table":
@@ -51,7 +53,7 @@ class _Table:
             tuple(vehicle.name for vehicle in vehicles),
             np.array(ids, dtype=np.uint32),
             np.array([vehicle.length_m for vehicle in vehicles]),
-            np.array([vehicle.is_emv for vehicle in vehicles], dtype=np.bool_),
+            np.array([_SIREN if vehicle.is_emv else 0 for vehicle in vehicles], dtype=np.uint8),
         )
 
     @cached_property
@@ -91,14 +93,17 @@ class SumoSimulation:
         self._network = network
         self._plan = plan
         self._level = level
+        self._siren = LEVEL_POLICIES[level].siren
         self._config = config or TrafficConfig()
         self._population = SumoPopulation(network, plan, self._config)
         self._mirror = Mirror(network, self._config, self._population)
-        self._sideways = SidewaysLimits()
+        self._sideways, self._bends = SidewaysLimits(), BendLimits(network)
         self._cautious = CautiousDrivers(network, self._config.caution)
         self._crossings = CrossingWatch(network)
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
+        self._keeping = frozenset(first)
+        """Vehicles that yield to nobody."""
         self._ids: dict[str, int] = {name: number for number, name in enumerate(first, start=1)}
         self._next_id = len(first) + 1
         self._reported: dict[int, PlannedVehicle] = {}
@@ -116,7 +121,6 @@ class SumoSimulation:
         try:
             self._start(compiled_map, seed)
             self._columns = SumoColumns(network, self._population.length_scale)
-            self._bends = BendLimits(network, self._population.length_scale)
             self._signal_ids = tuple(sorted(libsumo.trafficlight.getIDList()))
             self._warm_up()
         except BaseException as error:
@@ -273,8 +277,8 @@ class SumoSimulation:
         offsets, edges = self._routes_of(names, readings.route_index.tolist())
         rescued = self._reactions.rescued(names, readings, offsets, edges)
         signals = self._signal_states()
-        if LEVEL_POLICIES[self._level].siren:
-            readings.lights[self._table.is_emv] |= np.uint8(Lights.BEACON | Lights.SIREN)
+        if self._siren:
+            readings.lights[:] |= self._table.sirens
         return TrafficState(
             step=step,
             spawned=spawned,
@@ -311,8 +315,7 @@ class SumoSimulation:
 
     def _advice(self, rescued: Mapping[str, Sequence[str]]) -> tuple[EmvAdvice, ...]:
         """SUMO's advice for every EMV on the map; the civilians that ROS drives yield."""
-        keeping = {self._plan.av, *(vehicle.name for vehicle in self._plan.emvs)}
-        yielding = self._mirror.places.keys() - keeping
+        yielding = self._mirror.places.keys() - self._keeping
         reach_m = self._config.leader_range_m
         return tuple(
             emv_advice(emv.name, self._ids, yielding, reach_m, emv.driver.driving.min_gap_m, len(rescued[emv.name]))

@@ -6,6 +6,7 @@
 """
 
 from collections.abc import Container, Mapping, Sequence
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -17,7 +18,7 @@ from siren_ros.numerics.braking import SAMPLE_M, bend_speeds_mps, with_braking
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, Lane, LaneKind, RoadNetwork
 from siren_ros.traffic.demand.plan import PlannedVehicle, connection_onward
 from siren_ros.traffic.sumo.readings import ALONG, ASIDE, SPEED, SumoColumns, X, Y
 
@@ -53,110 +54,56 @@ class _Rows:
 class _Profile(NamedTuple):
     """Speeds at each metre of a lane."""
 
-    scale: float
-    """SUMO's length of the lane over that of its centre line."""
     first: int
     """Where its speeds begin among those of all profiles."""
     samples: int
 
 
-_NO_PROFILE: Final = _Profile(1.0, 0, 0)
+_NO_PROFILE: Final = _Profile(0, 0)
 _MOST_PASSED: Final = 64
 """Places with ascending speeds along a vehicle, which are at least a metre apart, or on lanes that are shorter."""
 
 
-class BendLimits:
-    """Sets the greatest speed of SUMO's vehicles, step by step, from the shapes of the lanes ahead."""
+class _Profiles:
+    """The speed profiles of a map's lanes, each worked out once: a memory of pure results."""
 
-    def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
-        """``length_scale`` is SUMO's length of each lane over that of its centre line."""
+    def __init__(self, network: RoadNetwork) -> None:
         self._network = network
-        self._length_scale = length_scale
         lanes_of = ((*connection.via, connection.to_lane) for connection in network.connections)
         self._onward = dict(pair for lanes in lanes_of for pair in pairwise(lanes))
         """The lane that follows each internal lane."""
-        self._profiles: dict[tuple[int, tuple[int, ...]], _Profile] = {}
-        self._speeds_mps = np.empty((2, 0))
+        self._of_route: dict[tuple[int, tuple[int, ...]], _Profile] = {}
+        self._of_lanes: dict[tuple[int, ...], _Profile] = {}
+        self._used = 0
+        self.speeds_mps = np.empty((2, 0))
         """Of all profiles: that of the bend at a place, and that from which one still slows down for what follows."""
-        self._routes: dict[str, tuple[int, ...]] = {}
-        self._rows = _Rows()
-        self._present: list[tuple[str, int]] = []
-        """Lane and place on the route of each vehicle, for which its profile holds."""
-        self._seen: tuple[tuple[str, ...], tuple[int, ...]] = (), ()
-        """The same as it was looked at last..."""
-        self._unseen = False
-        """...when vehicles that were moved from outside were passed over."""
-        self._profile = np.empty((0, 3))
-        """Fields of ``_Profile`` by vehicle."""
-        self._passed = np.empty((0, _MOST_PASSED, 2))
-        """Places where each front bumper was: distance driven until there, and the speed of the bend."""
-        self._passed_count = np.empty(0, np.intp)
-        self._bodies = np.empty((0, 2))
-        """Wished speed and length of each vehicle."""
-        self._limits_mps = np.empty(0)
 
-    def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
-        """Set the limits for SUMO's next step; vehicles that are moved from outside have none."""
-        before = self._rows.follow(columns)
-        if before is not None:
-            self._follow(before, columns.names, vehicles)
-        seen = columns.lane_ids, columns.route_index
-        if before is not None or self._unseen or seen[0] is not self._seen[0] or seen[1] is not self._seen[1]:
-            self._seen = seen
-            self._look_ahead(columns, vehicles, outside)
-        passed = self._passed, self._passed_count
-        states = self._bodies, self._profile, self._speeds_mps
-        for row in _bend_limits(columns.numbers, outside, states, passed, self._limits_mps).tolist():
-            libsumo.vehicle.setMaxSpeed(columns.names[row], float(self._limits_mps[row]))
+    @staticmethod
+    @lru_cache(maxsize=MAPS_KEPT)
+    def of_map(network: RoadNetwork) -> "_Profiles":
+        """The profiles of a map; those of other episodes on it are among them."""
+        return _Profiles(network)
 
-    def _look_ahead(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
-        """Finds the profiles of vehicles that have come to another lane or edge."""
-        self._unseen = False
-        for row, present in enumerate(zip(columns.lane_ids, columns.route_index, strict=True)):
-            if present == self._present[row]:
-                continue
-            if outside[row]:
-                self._unseen = True
-                continue
-            self._present[row] = present
-            name = columns.names[row]
-            lane = self._network.lane_by_id.get(present[0])
-            edges = self._route_ahead(name, vehicles[name], present[1])
-            self._profile[row] = _NO_PROFILE if lane is None else self._profile_of(lane, edges)
-
-    def _follow(self, before: Rows, names: Sequence[str], vehicles: Mapping[str, PlannedVehicle]) -> None:
-        """Brings what is remembered of vehicles into the order of the rows, given the rows that they had before."""
-        new = before < 0
-        self._present = [self._present[row] if row >= 0 else ("", -2) for row in before.tolist()]
-        known = [vehicles[name] for name in names]
-        bodies = [(vehicle.driver.driving.max_speed_mps, vehicle.length_m) for vehicle in known]
-        self._bodies = np.array(bodies).reshape(-1, 2)
-        if not len(self._limits_mps):
-            self._profile, self._passed = np.zeros((1, 3)), np.zeros((1, _MOST_PASSED, 2))
-            self._passed_count, self._limits_mps = np.zeros(1, np.intp), np.zeros(1)
-        self._profile, self._passed = self._profile[before], self._passed[before]
-        self._passed_count, self._limits_mps = self._passed_count[before], self._limits_mps[before]
-        self._profile[new], self._passed_count[new] = _NO_PROFILE, 0
-        self._limits_mps[new] = self._bodies[new, 0]
-
-    def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
-        """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
-        if name not in self._routes:
-            self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
-        return self._routes[name][max(index, 0) :][:_EDGES_AHEAD]
-
-    def _profile_of(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
+    def of(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
         """The speeds of a lane, with regard to what follows it on the route."""
         key = (lane.index, edges)
-        if key not in self._profiles:
-            path = Polyline.joined([self._network.lanes[index].centre for index in self._lanes_ahead(lane, edges)])
-            reach = path.cut(0.0, min(path.length_m, lane.length_m + _AHEAD_M))
-            bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
-            speeds = np.stack((bend[:count], with_braking(bend, BRAKING_MPS2)[:count]))
-            scale, first = self._length_scale[lane.lane_id], self._speeds_mps.shape[1]
-            self._profiles[key] = _Profile(scale, first, speeds.shape[1])
-            self._speeds_mps = np.concatenate((self._speeds_mps, speeds), axis=1)
-        return self._profiles[key]
+        if key not in self._of_route:
+            lanes = tuple(self._lanes_ahead(lane, edges))
+            if lanes not in self._of_lanes:
+                self._of_lanes[lanes] = self._profile(lane, lanes)
+            self._of_route[key] = self._of_lanes[lanes]
+        return self._of_route[key]
+
+    def _profile(self, lane: Lane, lanes: Sequence[int]) -> _Profile:
+        path = Polyline.joined([self._network.lanes[index].centre for index in lanes])
+        reach = path.cut(0.0, min(path.length_m, lane.length_m + _AHEAD_M))
+        bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
+        speeds = np.stack((bend[:count], with_braking(bend, BRAKING_MPS2)[:count]))
+        first, self._used = self._used, self._used + speeds.shape[1]
+        if self._used > self.speeds_mps.shape[1]:
+            self.speeds_mps = np.concatenate((self.speeds_mps, np.empty((2, self._used))), axis=1)
+        self.speeds_mps[:, first : self._used] = speeds
+        return _Profile(first, speeds.shape[1])
 
     def _lanes_ahead(self, lane: Lane, edges: Sequence[int]) -> list[int]:
         """The lane and those that follow it on the route, at least as far as a bend counts."""
@@ -176,18 +123,92 @@ class BendLimits:
         return lanes
 
 
+class BendLimits:
+    """Sets the greatest speed of SUMO's vehicles, step by step, from the shapes of the lanes ahead."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._network = network
+        self._profiles = _Profiles.of_map(network)
+        self._routes: dict[str, tuple[int, ...]] = {}
+        self._rows = _Rows()
+        self._present: list[tuple[str, int]] = []
+        """Lane and place on the route of each vehicle, for which its profile holds."""
+        self._seen: tuple[tuple[str, ...], tuple[int, ...]] = (), ()
+        """The same as it was looked at last..."""
+        self._unseen = False
+        """...when vehicles that were moved from outside were passed over."""
+        self._profile = np.empty((0, 2), np.intp)
+        """Fields of ``_Profile`` by vehicle."""
+        self._passed = np.empty((0, _MOST_PASSED, 2))
+        """Places where each front bumper was: distance driven until there, and the speed of the bend."""
+        self._passed_count = np.empty(0, np.intp)
+        self._bodies = np.empty((0, 2))
+        """Wished speed and length of each vehicle."""
+        self._limits_mps = np.empty(0)
+
+    def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
+        """Set the limits for SUMO's next step; vehicles that are moved from outside have none."""
+        before = self._rows.follow(columns)
+        if before is not None:
+            self._follow(before, columns.names, vehicles)
+        seen = columns.lane_ids, columns.route_index
+        if before is not None or self._unseen or seen[0] is not self._seen[0] or seen[1] is not self._seen[1]:
+            self._seen = seen
+            self._look_ahead(columns, vehicles, outside)
+        passed = self._passed, self._passed_count
+        states = self._bodies, columns.scale, self._profile, self._profiles.speeds_mps
+        for row in _bend_limits(columns.numbers, outside, states, passed, self._limits_mps).tolist():
+            libsumo.vehicle.setMaxSpeed(columns.names[row], float(self._limits_mps[row]))
+
+    def _look_ahead(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
+        """Finds the profiles of vehicles that have come to another lane or edge."""
+        self._unseen = False
+        for row, present in enumerate(zip(columns.lane_ids, columns.route_index, strict=True)):
+            if present == self._present[row]:
+                continue
+            if outside[row]:
+                self._unseen = True
+                continue
+            self._present[row] = present
+            name = columns.names[row]
+            lane = self._network.lane_by_id.get(present[0])
+            edges = self._route_ahead(name, vehicles[name], present[1])
+            self._profile[row] = _NO_PROFILE if lane is None else self._profiles.of(lane, edges)
+
+    def _follow(self, before: Rows, names: Sequence[str], vehicles: Mapping[str, PlannedVehicle]) -> None:
+        """Brings what is remembered of vehicles into the order of the rows, given the rows that they had before."""
+        new = before < 0
+        self._present = [self._present[row] if row >= 0 else ("", -2) for row in before.tolist()]
+        known = [vehicles[name] for name in names]
+        bodies = [(vehicle.driver.driving.max_speed_mps, vehicle.length_m) for vehicle in known]
+        self._bodies = np.array(bodies).reshape(-1, 2)
+        if not len(self._limits_mps):
+            self._profile, self._passed = np.zeros((1, 2), np.intp), np.zeros((1, _MOST_PASSED, 2))
+            self._passed_count, self._limits_mps = np.zeros(1, np.intp), np.zeros(1)
+        self._profile, self._passed = self._profile[before], self._passed[before]
+        self._passed_count, self._limits_mps = self._passed_count[before], self._limits_mps[before]
+        self._profile[new], self._passed_count[new] = _NO_PROFILE, 0
+        self._limits_mps[new] = self._bodies[new, 0]
+
+    def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
+        """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
+        if name not in self._routes:
+            self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
+        return self._routes[name][max(index, 0) :][:_EDGES_AHEAD]
+
+
 @compiled
 def _bend_limits(numbers: Any, outside: Any, states: Any, passed: Any, limits_mps: Any) -> Any:
     """Sets the limit of every vehicle; rows of those that SUMO has to be told, which are all that change.
 
-    ``states`` holds bodies, profiles and their speeds, as in ``BendLimits``. What was passed is kept up as far as the
-    vehicle is long.
+    ``states`` holds bodies, SUMO's scales, profiles and their speeds, as in ``BendLimits``. What was passed is kept up
+    as far as the vehicle is long.
     """
-    bodies, profiles, speeds_mps = states
+    bodies, scales, profiles, speeds_mps = states
     changed, count = np.empty(len(outside), np.intp), 0
     for row in range(len(outside)):
         wished, length_m = bodies[row, 0], bodies[row, 1]
-        scale, first, samples = profiles[row, 0], int(profiles[row, 1]), int(profiles[row, 2])
+        scale, first, samples = scales[row], profiles[row, 0], profiles[row, 1]
         limit = wished
         if samples > 0 and not outside[row]:
             at = first + min(max(int(numbers[ALONG, row] / scale / SAMPLE_M), 0), samples - 1)

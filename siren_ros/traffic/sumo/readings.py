@@ -132,7 +132,7 @@ _LIGHTS: Final = np.array(
     ],
     dtype=np.uint8,
 )
-"""Our light codes of these bits."""
+"""Our light codes of these bits; hazard lights are both indicators."""
 
 
 class Readings(NamedTuple):
@@ -156,16 +156,19 @@ def read_vehicles(columns: SumoColumns, rows: Rows, lengths_m: Floats, offset_m:
     SUMO moves along nominal lane lengths; positions, speeds and accelerations are converted to the
     lanes' geometric lengths, so that speed is the derivative of position.
     """
-    lights = lights_of(columns.numbers[SIGNALS].astype(np.int64))[rows]
-    values, lane, route_index = _readings(columns.numbers, columns.lane, columns.scale, rows, lengths_m, offset_m)
-    return Readings(*values, lane, lights, route_index)
+    lanes = columns.lane, columns.scale
+    values, lane, lights, index = _readings(columns.numbers, *lanes, rows, lengths_m, offset_m, _LIGHTS)
+    return Readings(*values, lane, lights, index)
 
 
 @compiled
-def _readings(numbers: Any, lane: Any, scale: Any, rows: Any, lengths_m: Any, offset_m: Any) -> tuple[Any, ...]:
-    """Values of ``Readings``, shape ``(7, N)``, lanes, and places on the route."""
+def _readings(
+    numbers: Any, lane: Any, scale: Any, rows: Any, lengths_m: Any, offset_m: Any, codes: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Values of ``Readings``, shape ``(7, N)``, lanes, lights (``codes`` by SUMO's bits), and places on the route."""
     n = len(rows)
-    out, lanes, indices = np.empty((7, n)), np.empty(n, np.int32), np.empty(n, np.int32)
+    out, lanes = np.empty((7, n)), np.empty(n, np.int32)
+    lights, indices = np.empty(n, np.uint8), np.empty(n, np.int32)
     for k in range(n):
         row = rows[k]
         yaw = wrapped_rad(np.radians(90.0 - numbers[ANGLE, row]))
@@ -177,13 +180,9 @@ def _readings(numbers: Any, lane: Any, scale: Any, rows: Any, lengths_m: Any, of
         lanes[k], out[5, k], out[6, k] = lane[row], 0.0, 0.0
         if lane[row] != NO_LANE:
             out[5, k], out[6, k] = numbers[ALONG, row] / scale[row], numbers[ASIDE, row]
+        lights[k] = codes[int(numbers[SIGNALS, row]) & (_SIGNALS - 1)]
         indices[k] = int(numbers[ROUTE_INDEX, row])
-    return out, lanes, indices
-
-
-def lights_of(signals: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
-    """Our light codes of SUMO's signal bits; hazard lights are both indicators."""
-    return _LIGHTS[signals & (_SIGNALS - 1)]
+    return out, lanes, lights, indices
 
 
 def joined_rows(routes: Sequence[Sequence[int]]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
@@ -201,20 +200,22 @@ _HELD_UP = (1 << 5) | (1 << 6)
 HELD_UP_M: Final = 40.0
 """A vehicle further ahead holds nobody up: 3 s at the paper's 50 km/h."""
 _UNKNOWN = 1 << 30
+_SIDES: Final = ((1, _LEFT), (-1, _RIGHT))
+_INTENTS: Final = {0: TrafficFlags.NONE, 1: TrafficFlags.WANTS_LEFT, -1: TrafficFlags.WANTS_RIGHT}
 
 
 def lane_change_intent(name: str, reasons: int = _REASONS) -> int:
     """+1 where SUMO's lane-change model wants the vehicle one lane to the left, −1 right, 0 neither."""
-    for side, bit in ((1, _LEFT), (-1, _RIGHT)):
+    for side, bit in _SIDES:
         wish, _ = libsumo.vehicle.getLaneChangeState(name, side)
-        if not wish & _UNKNOWN and wish & bit and wish & reasons:
+        if wish & bit and wish & reasons and not wish & _UNKNOWN:
             return side
     return 0
 
 
 def intent_flags(name: str) -> TrafficFlags:
     """The intent as flags."""
-    return (TrafficFlags.WANTS_RIGHT, TrafficFlags.NONE, TrafficFlags.WANTS_LEFT)[lane_change_intent(name) + 1]
+    return _INTENTS[lane_change_intent(name)]
 
 
 def emv_advice(

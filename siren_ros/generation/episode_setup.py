@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -15,9 +15,9 @@ from siren_ros.numerics.units import steps_from_s
 from siren_ros.params.input_files import FILES_ON_DISK, InputFile, InputFiles, NotedFiles, files_to_json
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map, with_speed_limit
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, RoadNetwork
 from siren_ros.roads.site_finder import find_sites
-from siren_ros.roads.sites import REQUIREMENTS, Site
+from siren_ros.roads.sites import REQUIREMENTS, Site, SiteKind
 from siren_ros.scenario.episode import (
     FILES_PARAMETER,
     MAP_SOURCE_PARAMETER,
@@ -27,7 +27,7 @@ from siren_ros.scenario.episode import (
 )
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.presets import DriverPreset, load_preset
-from siren_ros.scenario.scenario import Template
+from siren_ros.scenario.scenario import EmvDemand, Template
 from siren_ros.scenario.templates import load_template, realised
 from siren_ros.sensors.look import load_look
 from siren_ros.sensors.suite import load_suite
@@ -83,11 +83,11 @@ def plan_at_best_site(
     Raises:
         MapError: No site of the map will do. It says what the map lacks, and what the best site does.
     """
-    sites = find_sites(network, template.site_kind)
+    sites = _ranked_sites(network, template.site_kind, template.emv)
     if not sites:
         raise MapError(shown_map, REQUIREMENTS[template.site_kind])
     reasons = []
-    for site in sorted(sites, key=lambda site: _rank(network, site, template)):
+    for site in sites:
         try:
             return site, plan_traffic(network, site, template, seed, drivers, dimensions)
         except MapError as error:
@@ -97,9 +97,15 @@ def plan_at_best_site(
     raise MapError(shown_map, allowed)
 
 
-def _rank(network: RoadNetwork, site: Site, template: Template) -> int:
+@lru_cache(maxsize=MAPS_KEPT)
+def _ranked_sites(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[Site, ...]:
+    """The sites of a kind, best first."""
+    return tuple(sorted(find_sites(network, kind), key=lambda site: _rank(network, site, emv)))
+
+
+def _rank(network: RoadNetwork, site: Site, emv: EmvDemand) -> int:
     try:
-        return approach_rank(network, site, template.emv, DemandConfig())
+        return approach_rank(network, site, emv, DemandConfig())
     except MapError:
         return _UNREACHABLE
 

@@ -68,7 +68,7 @@ def cautions(
     limits = near, late, across, (config.yielding, config.among)
     pairs, waits = _strictest_waits(state, drivers, outlook.ways, outlook.rights, limits, 2.0)
     found = zip(ids[pairs].tolist(), waits.tolist(), strict=True) if len(pairs) else ()
-    return tuple(Caution(*actors, Wait(*wait)) for actors, wait in found)
+    return tuple(Caution(actor_id, other_id, Wait(*wait)) for (actor_id, other_id), wait in found)
 
 
 def _flags(ids: Ids, members: Collection[int]) -> Flags:

@@ -158,7 +158,7 @@ def read_vehicles(columns: SumoColumns, rows: Rows, lengths_m: Floats, offset_m:
     """
     lanes = columns.lane, columns.scale
     values, lane, lights, index = _readings(columns.numbers, *lanes, rows, lengths_m, offset_m, _LIGHTS)
-    return Readings(*values, lane, lights, index)
+    return Readings._make((*values, lane, lights, index))
 
 
 @compiled

@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from siren_ros.dynamics.collisions import Footprints, Pairs, collide, find_contacts, overlapping
 from siren_ros.dynamics.orders import Orders, merge_commands, stopped_orders
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters
-from siren_ros.dynamics.tracker import Reference, TrackerState, track
-from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.dynamics.tracker import DEFAULT_GAINS, TrackerState, follow
+from siren_ros.dynamics.vehicle_model import BodyState, advance, substeps
 from siren_ros.errors import EpisodeError
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids
+from siren_ros.numerics.changed import changed
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
@@ -56,9 +58,8 @@ class FleetState:
             owner=np.empty(0, np.uint8),
             touching=(),
         )
-        reference = Reference(none, none, none, none, none)
-        controls, _ = track(fleet.bodies, fleet.tracker, reference, fleet.table, STEP_S)
-        step_bodies(fleet.bodies, controls, fleet.table, STEP_S)
+        before, flags = (fleet.bodies.columns, fleet.tracker.columns, np.empty((5, 0))), np.empty(0, np.bool_)
+        _one_step(before, (none, none, none, flags), (flags, flags), fleet.table.records, DEFAULT_GAINS, _SUBSTEPS)
         return fleet
 
 
@@ -78,7 +79,7 @@ def with_spawned(fleet: FleetState, traffic: TrafficState) -> tuple[FleetState, 
     Raises:
         EpisodeError: the actors are then not those of ``traffic``.
     """
-    if not traffic.spawned and np.array_equal(fleet.actor_id, traffic.actor_id):
+    if not traffic.spawned and len(fleet.actor_id) == len(traffic) and (fleet.actor_id == traffic.actor_id).all():
         return fleet, np.zeros(len(traffic), dtype=bool)
     arrivals = tuple(sorted(traffic.spawned, key=lambda item: item.actor_id))
     ids = np.concatenate((fleet.actor_id, np.array([item.actor_id for item in arrivals], dtype=np.uint32)))
@@ -115,6 +116,7 @@ BRAKE_LIGHT_PEDAL: Final = 0.02
 """Brake pedal from which the brake light is on."""
 BRAKE_LIGHT_DECEL_MPS2: Final = 1.3
 """Deceleration from which the brake light is on whatever causes it (UN R13-H, 5.2.22.4)."""
+_SUBSTEPS: Final = substeps(STEP_S)
 _ROS: Final = np.uint8(Owner.ROS)
 _BRAKE_LIGHT: Final = np.uint8(Lights.BRAKE)
 _SIREN: Final = np.uint8(Lights.SIREN)
@@ -169,7 +171,7 @@ def step_fleet(
     )
     changes = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens
     reported = tuple(event for command in sorted(commands, key=lambda c: c.source) for event in command.events)
-    after = replace(
+    after = changed(
         fleet,
         step=traffic.step,
         bodies=bodies,
@@ -194,28 +196,43 @@ def _move(
     fleet: FleetState, traffic: TrafficState, orders: Orders, driven: Flags, handed_back: Flags
 ) -> tuple[BodyState, TrackerState]:
     """Bodies and tracker at this step."""
-    before, held = fleet.bodies, driven | handed_back
-    ahead = STEP_S * before.forward_mps
-    reference = Reference(
-        x_m=np.where(handed_back, before.x_m + ahead * np.cos(before.yaw_rad), traffic.sumo_x_m),
-        y_m=np.where(handed_back, before.y_m + ahead * np.sin(before.yaw_rad), traffic.sumo_y_m),
-        yaw_rad=np.where(handed_back, before.yaw_rad, traffic.sumo_yaw_rad),
-        speed_mps=np.where(handed_back, before.forward_mps, traffic.sumo_speed_mps),
-        accel_mps2=np.where(handed_back, 0.0, traffic.sumo_accel_mps2),
-    )
-    tracking, tracker = track(before, fleet.tracker, reference, fleet.table, STEP_S)
-    controls = Controls(
-        throttle=np.where(driven, orders.throttle, tracking.throttle),
-        brake=np.where(driven, orders.brake, tracking.brake),
-        steer_rad=np.where(driven, orders.steer_rad, tracking.steer_rad),
-        hand_brake=driven & orders.hand_brake,
-        quickness=np.where(driven, 1.0, tracking.quickness),
-        drive_factor=np.where(driven, 1.0, tracking.drive_factor),
-    )
-    bodies = step_bodies(before, controls, fleet.table, STEP_S)
-    if held.any():
-        tracker = TrackerState.where(held, TrackerState.at(bodies.x_m, bodies.y_m, bodies.yaw_rad), tracker)
-    return bodies, tracker
+    sumo = np.array((
+        *(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad, traffic.sumo_speed_mps, traffic.sumo_accel_mps2),
+    ))  # fmt: skip
+    asked = orders.throttle, orders.brake, orders.steer_rad, orders.hand_brake
+    before = fleet.bodies.columns, fleet.tracker.columns, sumo
+    bodies, tracker = _one_step(before, asked, (driven, handed_back), fleet.table.records, DEFAULT_GAINS, _SUBSTEPS)
+    return BodyState.of_columns(bodies), TrackerState.of_columns(tracker)
+
+
+@compiled
+def _one_step(before: Any, asked: Any, owned: Any, records: Any, gains: Any, count: int) -> tuple[Any, Any]:
+    """Columns of bodies and tracker one step later, in ``count`` substeps.
+
+    Those who are driven do what is asked of them. The others follow SUMO; those who have just been handed back roll on.
+    """
+    (bodies, tracker, reference), (throttle, brake, steer_rad, hand_brake), (driven, handed_back) = before, asked, owned
+    n, after, controls = len(records), np.empty_like(bodies), np.zeros((6, bodies.shape[1]))
+    for k in range(n):
+        if handed_back[k]:
+            ahead, yaw = STEP_S * bodies[3, k], bodies[2, k]
+            reference[0, k], reference[1, k] = bodies[0, k] + ahead * np.cos(yaw), bodies[1, k] + ahead * np.sin(yaw)
+            reference[2, k], reference[3, k], reference[4, k] = yaw, bodies[3, k], 0.0
+    follow(bodies, tracker, reference, records, STEP_S, gains, controls)
+    tracked = np.empty((5, n))
+    for k in range(n):
+        tracked[0, k], tracked[1, k] = reference[0, k], reference[1, k]
+        tracked[2, k], tracked[3, k], tracked[4, k] = controls[3, k], controls[4, k], controls[5, k]
+        controls[3, k], controls[4, k], controls[5, k] = 0.0, gains.quickness, gains.drive_factor
+        if driven[k]:
+            controls[0, k], controls[1, k], controls[2, k] = throttle[k], brake[k], steer_rad[k]
+            controls[3, k], controls[4, k], controls[5, k] = hand_brake[k], 1.0, 1.0
+    advance(bodies, controls, records, count, STEP_S / count, after)
+    for k in range(n):
+        if driven[k] or handed_back[k]:
+            tracked[0, k], tracked[1, k], tracked[2, k] = after[0, k], after[1, k], after[2, k]
+            tracked[3, k], tracked[4, k] = 1.0, 0.0
+    return after, tracked
 
 
 def _states(
@@ -226,8 +243,8 @@ def _states(
     velocity_mps: tuple[Floats, Floats],
     own_pose: Flags,
 ) -> ActorStates:
-    residual = np.hypot(traffic.sumo_x_m - bodies.x_m, traffic.sumo_y_m - bodies.y_m)
-    braking = (bodies.brake > BRAKE_LIGHT_PEDAL) | (bodies.accel_mps2 < -BRAKE_LIGHT_DECEL_MPS2)
+    sumo = traffic.sumo_x_m, traffic.sumo_y_m
+    lights, residual_m = _shown(bodies.columns, sumo, orders.lights, own_pose, _BRAKE_LIGHT)
     return ActorStates(
         step=traffic.step,
         actor_id=fleet.actor_id,
@@ -245,24 +262,40 @@ def _states(
         brake=bodies.brake,
         owner=orders.owner,
         mode=orders.mode,
-        lights=np.where(braking, orders.lights | _BRAKE_LIGHT, orders.lights),
-        residual_m=np.where(own_pose, 0.0, residual),
+        lights=lights,
+        residual_m=residual_m,
     )
 
 
+@compiled
+def _shown(bodies: Any, sumo: Any, lights: Any, own_pose: Any, brake_light: Any) -> tuple[Any, Any]:
+    """Lights with the brake light, and the distance from SUMO's pose, 0 for those whose pose SUMO mirrors."""
+    shown, residual_m, (x_m, y_m) = lights.copy(), np.zeros(len(lights)), sumo
+    for n in range(len(lights)):
+        if bodies[10, n] > BRAKE_LIGHT_PEDAL or bodies[6, n] < -BRAKE_LIGHT_DECEL_MPS2:
+            shown[n] |= brake_light
+        if not own_pose[n]:
+            residual_m[n] = np.hypot(x_m[n] - bodies[0, n], y_m[n] - bodies[1, n])
+    return shown, residual_m
+
+
 def _spawned(states: ActorStates, traffic: TrafficState) -> tuple[Event, ...]:
+    if not traffic.spawned:
+        return ()
     rows = rows_of_ids(states.actor_id, np.array(sorted(item.actor_id for item in traffic.spawned), dtype=np.uint32))
     return tuple(_event(states, states, traffic.step, EventKind.SPAWNED, row) for row in rows)
 
 
 def _removed(before: FleetState, traffic: TrafficState) -> tuple[Event, ...]:
     """Removals, each at the actor's last simulated place."""
+    if not len(traffic.removed):
+        return ()
     rows = rows_of_ids(before.actor_id, np.sort(traffic.removed))
     return tuple(_event(before, before.bodies, traffic.step, EventKind.REMOVED, row) for row in rows[rows >= 0])
 
 
 def _owner_changes(fleet: FleetState, states: ActorStates) -> tuple[Event, ...]:
-    rows = np.flatnonzero(states.owner != fleet.owner)
+    rows = (states.owner != fleet.owner).nonzero()[0]
     details = [{"owner": Owner(int(states.owner[row])).name} for row in rows]
     changed = zip(rows, details, strict=True)
     return tuple(_event(states, states, states.step, EventKind.OWNER_CHANGED, row, detail) for row, detail in changed)

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats, Points
+from siren_ros.numerics.compiled import compiled
 
 
 def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:
@@ -122,22 +124,10 @@ class Polyline:
         Before the start and past the end the first and last segments are extended.
         """
         query = np.asarray(points, dtype=np.float64)
-        start, delta = self.points[:-1], np.diff(self.points, axis=0)
-        relative = query[..., None, :] - start
-        fraction = np.einsum("...kj,kj->...k", relative, delta) / np.einsum("kj,kj->k", delta, delta)
-        low = np.zeros(len(start))
-        high = np.ones(len(start))
-        low[0], high[-1] = -np.inf, np.inf
-        fraction = np.clip(fraction, low, high)
-        miss = relative - fraction[..., None] * delta
-        best = np.argmin(np.einsum("...kj,...kj->...k", miss, miss), axis=-1)[..., None]
-        length = np.diff(self.arc_m)
-        fraction_best = np.take_along_axis(fraction, best, axis=-1)[..., 0]
-        best = best[..., 0]
-        miss_best = np.take_along_axis(miss, best[..., None, None], axis=-2)[..., 0, :]
-        d = delta[best]
-        left = (d[..., 0] * miss_best[..., 1] - d[..., 1] * miss_best[..., 0]) / length[best]
-        return self.arc_m[best] + fraction_best * length[best], left
+        places = np.empty((2, query.size // 2))
+        _project(self.points, self.arc_m, query.reshape(-1, 2), places)
+        s_m, left_m = places.reshape(2, *query.shape[:-1])
+        return s_m, left_m
 
     def cut(self, from_m: float, to_m: float) -> "Polyline":
         """The part between two arc lengths (extended straight on where they lie outside)."""
@@ -148,3 +138,28 @@ class Polyline:
         """The same curve through equally spaced points, at most ``spacing_m`` apart, ends kept."""
         count = max(2, int(np.ceil(self.length_m / spacing_m)) + 1)
         return Polyline.through(self.at(np.linspace(0.0, self.length_m, count)))
+
+
+@compiled
+def project_on(points: Any, arc_m: Any, x_m: float, y_m: float) -> tuple[float, float]:
+    """``Polyline.project`` of one point for compiled loops."""
+    last, least, s_m, left_m = len(points) - 2, np.inf, 0.0, 0.0
+    for k in range(last + 1):
+        dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        from_x, from_y = x_m - points[k, 0], y_m - points[k, 1]
+        fraction = (from_x * dx + from_y * dy) / (dx * dx + dy * dy)
+        fraction = max(fraction, 0.0) if k > 0 else fraction
+        fraction = min(fraction, 1.0) if k < last else fraction
+        miss_x, miss_y = from_x - fraction * dx, from_y - fraction * dy
+        square = miss_x * miss_x + miss_y * miss_y
+        if square < least:
+            length = arc_m[k + 1] - arc_m[k]
+            least, s_m = square, arc_m[k] + fraction * length
+            left_m = (dx * miss_y - dy * miss_x) / length
+    return s_m, left_m
+
+
+@compiled
+def _project(points: Any, arc_m: Any, queries: Any, places: Any) -> None:
+    for n in range(len(queries)):
+        places[0, n], places[1, n] = project_on(points, arc_m, queries[n, 0], queries[n, 1])

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,7 @@ from siren_ros.behaviour.driving.navigator import DriveCommand
 from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, Ego, StepView, Surroundings
 from siren_ros.behaviour.paths.lane_path import lanes_along
 from siren_ros.numerics.arrays import Flags, Floats, Ids
+from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.scenario.interaction_region import in_region
@@ -123,10 +124,9 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
         The next state, and one row per civilian in any phase of a yield: owned by ROS while the navigator drives,
         by SUMO while the driver reacts, waits for a gap or keeps its new lane.
     """
-    actors = state.actors.updated(traffic)
     if world.policy.response is CivilianResponse.NOMINAL:
-        return YieldState(actors=actors), VehicleCommands.empty(traffic.step, SOURCE)
-    view = StepView(world, traffic, Surroundings.seen(traffic, actors, world.courses), actors)
+        return YieldState(actors=state.actors.updated(traffic)), VehicleCommands.empty(traffic.step, SOURCE)
+    view = world.view(traffic, state.actors)
     regions, scenes = _regions(state, view)
     units, drivers = dict(state.units), dict(state.drivers)
     events = _notice(units, drivers, scenes, view)
@@ -142,7 +142,9 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
             left[actor_id] = outcome.unit
             if outcome.unit.phase is not Mode.NOMINAL:
                 rows.append(_command_row(outcome.unit, outcome.command))
-    return YieldState(left, drivers, regions, actors), VehicleCommands.of(traffic.step, SOURCE, rows, tuple(events))
+    return YieldState(left, drivers, regions, view.actors), VehicleCommands.of(
+        traffic.step, SOURCE, rows, tuple(events)
+    )
 
 
 def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad | None, Ids]], dict[int, _EmvScene]]:
@@ -196,7 +198,7 @@ def _step_unit(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> Yield
         return YieldStep(None if release_reason(emv) else unit)
     waits = not emv.passed and emv_waits_behind(ego, emv.row)
     if waits or unit.emv_waits_steps:
-        unit = replace(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
+        unit = changed(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
     return _PHASES.get(unit.phase, _before_start)(unit, ego, emv)
 
 
@@ -204,7 +206,7 @@ def _before_start(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Reacting or deferred: cancelled if there is nobody left to yield to, otherwise started once the driver reacts."""
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
     if off_path != unit.off_path_steps:
-        unit = replace(unit, off_path_steps=off_path)
+        unit = changed(unit, off_path_steps=off_path)
     grace = steps_from_s(ego.config.yielding.off_path_grace_s)
     reason = release_reason(emv) or ("off_path" if off_path > grace else "")
     if reason:

@@ -2,13 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats, Points
 from siren_ros.numerics.compiled import compiled
+
+_SAME_M: Final = 1e-6
+"""Points nearer than this are the same."""
 
 
 def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:
@@ -78,11 +81,9 @@ class Polyline:
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
             raise ValueError(f"points of shape (K, 2) are needed, not {array.shape}")
-        steps = np.linalg.norm(np.diff(array, axis=0), axis=1)
-        array = array[np.concatenate(([True], steps > 1e-6))]
+        array, arc = through_points(np.ascontiguousarray(array))
         if len(array) < 2:
             raise ValueError("a polyline needs two distinct points")
-        arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(array, axis=0), axis=1))))
         return cls(points=array, arc_m=arc)
 
     @classmethod
@@ -131,13 +132,62 @@ class Polyline:
 
     def cut(self, from_m: float, to_m: float) -> "Polyline":
         """The part between two arc lengths (extended straight on where they lie outside)."""
-        inside = (self.arc_m > from_m + 1e-6) & (self.arc_m < to_m - 1e-6)
-        return Polyline.through(np.concatenate((self.at([from_m]), self.points[inside], self.at([to_m]))))
+        return Polyline.through(cut_points(self.points, self.arc_m, from_m, to_m))
 
     def resampled(self, spacing_m: float) -> "Polyline":
         """The same curve through equally spaced points, at most ``spacing_m`` apart, ends kept."""
-        count = max(2, int(np.ceil(self.length_m / spacing_m)) + 1)
-        return Polyline.through(self.at(np.linspace(0.0, self.length_m, count)))
+        return Polyline(*resampled_points(self.points, self.arc_m, spacing_m))
+
+
+@compiled
+def through_points(points: Any) -> tuple[Any, Any]:
+    """Points without repeated ones, and the arc length at each, for ``Polyline.through``."""
+    kept, arc_m = np.empty((len(points), 2)), np.zeros(len(points))
+    count = 0
+    for k in range(len(points)):
+        if k > 0:
+            dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+            if np.sqrt(dx * dx + dy * dy) <= _SAME_M:
+                continue
+        kept[count, 0], kept[count, 1] = points[k, 0], points[k, 1]
+        if count > 0:
+            dx, dy = kept[count, 0] - kept[count - 1, 0], kept[count, 1] - kept[count - 1, 1]
+            arc_m[count] = arc_m[count - 1] + np.sqrt(dx * dx + dy * dy)
+        count += 1
+    return kept[:count].copy(), arc_m[:count].copy()
+
+
+@compiled
+def _point_at(points: Any, arc_m: Any, s_m: float) -> tuple[float, float]:
+    """``Polyline.at`` of one arc length."""
+    i = min(max(np.searchsorted(arc_m, s_m, side="right") - 1, 0), len(points) - 2)
+    fraction = (s_m - arc_m[i]) / (arc_m[i + 1] - arc_m[i])
+    x_m, y_m = points[i, 0], points[i, 1]
+    return x_m + fraction * (points[i + 1, 0] - x_m), y_m + fraction * (points[i + 1, 1] - y_m)
+
+
+@compiled
+def cut_points(points: Any, arc_m: Any, from_m: float, to_m: float) -> Any:
+    """The points of ``Polyline.cut``."""
+    kept = np.empty((len(points) + 2, 2))
+    kept[0, 0], kept[0, 1] = _point_at(points, arc_m, from_m)
+    count = 1
+    for k in range(len(points)):
+        if from_m + _SAME_M < arc_m[k] < to_m - _SAME_M:
+            kept[count, 0], kept[count, 1] = points[k, 0], points[k, 1]
+            count += 1
+    kept[count, 0], kept[count, 1] = _point_at(points, arc_m, to_m)
+    return kept[: count + 1]
+
+
+@compiled
+def resampled_points(points: Any, arc_m: Any, spacing_m: float) -> tuple[Any, Any]:
+    """Points and arc lengths of ``Polyline.resampled``."""
+    count = max(2, int(np.ceil(arc_m[-1] / spacing_m)) + 1)
+    even, step_m = np.empty((count, 2)), arc_m[-1] / (count - 1)
+    for k in range(count):
+        even[k, 0], even[k, 1] = _point_at(points, arc_m, arc_m[-1] if k == count - 1 else k * step_m)
+    return through_points(even)
 
 
 @compiled

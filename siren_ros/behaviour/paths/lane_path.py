@@ -6,7 +6,9 @@ The shoulder is an EMV's way where it leads into the next right turn; the other 
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -63,8 +65,21 @@ def changes_needed(network: RoadNetwork, route: Indices, civilian: bool) -> list
         For each of the first edges a mapping from lane index to the number of changes; lanes from which the route
         cannot be followed at all are missing.
     """
+    known, key = _CHANGES.setdefault(network, {}), (tuple(route[:_EDGES_AHEAD].tolist()), civilian)
+    if key not in known:
+        known[key] = _changes_needed(network, *key)
+    return known[key]
+
+
+_CHANGES: Final[WeakKeyDictionary[RoadNetwork, dict[tuple[tuple[int, ...], bool], list[dict[int, int]]]]] = (
+    WeakKeyDictionary()
+)
+"""A memory of pure results."""
+
+
+def _changes_needed(network: RoadNetwork, route: tuple[int, ...], civilian: bool) -> list[dict[int, int]]:
     needed: list[dict[int, int]] = []
-    for edge in reversed(route[:_EDGES_AHEAD].tolist()):
+    for edge in reversed(route):
         road = (network.lanes[lane] for lane in network.edges[edge].lanes)
         position = {
             lane.index: lane.position
@@ -163,15 +178,21 @@ def path_on_lanes(
 
     It begins at ``from_m`` on the first lane; a negative value extends it straight backwards.
     """
-    parts = [network.lanes[lane].centre for lane in lanes]
-    whole = Polyline.joined(parts)
-    lengths = np.array([part.length_m for part in parts])
-    starts = np.concatenate(([0.0], np.cumsum(lengths)[:-1])) * (whole.length_m / max(lengths.sum(), 1e-6))
+    whole, starts = _joined(tuple(network.lanes[lane].centre for lane in lanes))
     to_m = max(min(whole.length_m, from_m + ahead_m), from_m + 2.0)
     curve = Curve.through(whole.cut(from_m, to_m).points, SMOOTHING_M)
     scale = curve.length_m / (to_m - from_m)
     reached = to_m >= whole.length_m - 1e-6
     return LanePath(lanes, (starts - from_m) * scale, curve, end if reached else LaneEnd.HORIZON)
+
+
+@lru_cache(maxsize=256)
+def _joined(parts: tuple[Polyline, ...]) -> tuple[Polyline, Floats]:
+    """The centre lines of consecutive lanes as one, and where each begins on it."""
+    whole = Polyline.joined(parts)
+    lengths = np.array([part.length_m for part in parts])
+    starts = np.concatenate(([0.0], np.cumsum(lengths)[:-1])) * (whole.length_m / max(lengths.sum(), 1e-6))
+    return whole, starts
 
 
 def neighbour_lane(network: RoadNetwork, lane: int, side: int) -> int:

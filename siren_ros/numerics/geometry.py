@@ -160,7 +160,7 @@ def through_points(points: Any) -> tuple[Any, Any]:
 @compiled
 def _point_at(points: Any, arc_m: Any, s_m: float) -> tuple[float, float]:
     """``Polyline.at`` of one arc length."""
-    i = min(max(np.searchsorted(arc_m, s_m, side="right") - 1, 0), len(points) - 2)
+    i = min(max(int(np.searchsorted(arc_m, s_m, side="right")) - 1, 0), len(points) - 2)
     fraction = (s_m - arc_m[i]) / (arc_m[i + 1] - arc_m[i])
     x_m, y_m = points[i, 0], points[i, 1]
     return x_m + fraction * (points[i + 1, 0] - x_m), y_m + fraction * (points[i + 1, 1] - y_m)

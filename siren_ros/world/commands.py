@@ -50,10 +50,10 @@ class VehicleCommands:
         cls, step: int, source: str, rows: Sequence[CommandRow], events: tuple[Event, ...] = ()
     ) -> "VehicleCommands":
         """The commands of some actors, sorted by id."""
-        columns = zip(*rows, strict=True) if rows else ((),) * len(COMMAND_DTYPES)
-        named = zip(COMMAND_DTYPES.items(), columns, strict=True)
-        arrays: dict[str, Any] = {name: np.array(column, dtype) for (name, dtype), column in named}
-        return cls(step=step, source=source, events=events, **arrays)
+        if not rows:
+            return cls(step, source, *_NO_COMMANDS, events)
+        columns: Any = zip(COMMAND_DTYPES.values(), zip(*rows, strict=True), strict=True)
+        return cls(step, source, *(np.array(column, dtype) for dtype, column in columns), events)
 
     @classmethod
     def empty(cls, step: int, source: str, events: tuple[Event, ...] = ()) -> "VehicleCommands":
@@ -63,6 +63,7 @@ class VehicleCommands:
 
 COMMAND_DTYPES: Final = dtypes_of(VehicleCommands)
 """Array fields of VehicleCommands and their element types, in declaration order."""
+_NO_COMMANDS: Final[Any] = tuple(np.empty(0, dtype) for dtype in COMMAND_DTYPES.values())
 
 
 AV_SOURCE: Final = "av_controller"

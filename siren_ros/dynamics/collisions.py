@@ -71,6 +71,11 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
     return tuple(contacts), tuple(pairs)
 
 
+def any_close(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats) -> bool:
+    """Whether any two boxes are near enough to be in contact, as ``find_contacts`` sees it."""
+    return len(_find_close(x_m, y_m, yaw_rad, length_m, width_m, SEPARATION_GAP_M)) > 0
+
+
 def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
     """Rows of the pairs whose boxes overlap."""
     if not pairs:

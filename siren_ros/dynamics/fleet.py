@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.dynamics.collisions import Footprints, Pairs, collide, find_contacts, overlapping
+from siren_ros.dynamics.collisions import Contact, Footprints, Pairs, any_close, collide, find_contacts, overlapping
 from siren_ros.dynamics.orders import Orders, merge_commands, stopped_orders
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters
 from siren_ros.dynamics.tracker import DEFAULT_GAINS, TrackerState, follow
@@ -59,7 +59,8 @@ class FleetState:
             touching=(),
         )
         before, flags = (fleet.bodies.columns, fleet.tracker.columns, np.empty((5, 0))), np.empty(0, np.bool_)
-        _one_step(before, (none, none, none, flags), (flags, flags), fleet.table.records, DEFAULT_GAINS, _SUBSTEPS)
+        asked, owners = (none, none, none, flags), (fleet.owner, fleet.owner, flags)
+        _one_step(before, asked, owners, fleet.table.records, DEFAULT_GAINS, _SUBSTEPS)
         return fleet
 
 
@@ -79,7 +80,7 @@ def with_spawned(fleet: FleetState, traffic: TrafficState) -> tuple[FleetState, 
     Raises:
         EpisodeError: the actors are then not those of ``traffic``.
     """
-    if not traffic.spawned and len(fleet.actor_id) == len(traffic) and (fleet.actor_id == traffic.actor_id).all():
+    if not traffic.spawned and fleet.actor_id.tobytes() == traffic.actor_id.tobytes():
         return fleet, np.zeros(len(traffic), dtype=bool)
     arrivals = tuple(sorted(traffic.spawned, key=lambda item: item.actor_id))
     ids = np.concatenate((fleet.actor_id, np.array([item.actor_id for item in arrivals], dtype=np.uint32)))
@@ -145,25 +146,18 @@ def step_fleet(
     _check_steps(state, traffic, commands)
     fleet, fresh = with_spawned(without_actors(state, traffic.removed), traffic)
     orders = stopped_orders(merge_commands(traffic, commands), fleet.actor_id, fleet.stopped, fleet.bodies.steer_rad)
-    driven = orders.owner == _ROS
     realigned = [event.actor_id for event in traffic.events if event.kind is EventKind.REALIGNED]
-    brought_back = np.isin(fleet.actor_id, realigned) & ~driven if realigned else np.zeros(len(driven), dtype=np.bool_)
-    handed_back = ((fleet.owner == _ROS) & ~driven) | brought_back
-    bodies, tracker = _move(fleet, traffic, orders, driven, handed_back)
+    brought_back = np.isin(fleet.actor_id, realigned) if realigned else np.zeros(len(traffic), dtype=np.bool_)
+    owners = orders.owner, fleet.owner, brought_back & (orders.owner != _ROS)
+    bodies, tracker = _move(fleet, traffic, orders, owners)
     if realigned:
         theirs = TrackerState.at(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad)
-        tracker = TrackerState.where(brought_back, theirs, tracker)
+        tracker = TrackerState.where(owners[2], theirs, tracker)
     if traffic.spawned:
         bodies = BodyState.where(fresh, fleet.bodies, bodies)
         tracker = TrackerState.where(fresh, fleet.tracker, tracker)
-    velocity = bodies.velocity_mps(fleet.table)
-    places = bodies.x_m, bodies.y_m, bodies.yaw_rad
-    boxes = Footprints(fleet.actor_id, *places, *velocity, bodies.yaw_rate_radps, fleet.length_m, fleet.width_m)
-    contacts, touching = find_contacts(boxes, fleet.touching)
-    if touching:
-        bodies = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
-        velocity = bodies.velocity_mps(fleet.table)
-    states = _states(fleet, traffic, orders, bodies, velocity, driven | (handed_back & ~brought_back))
+    bodies, contacts, touching = _after_contacts(fleet, bodies)
+    states = _states(fleet, traffic, orders, bodies, owners)
     sirens, sounding = _siren_changes(state, states)
     collisions = tuple(
         Event(traffic.step, EventKind.COLLISION, *contact[:4], {"impact_speed_mps": contact.impact_speed_mps})
@@ -193,26 +187,28 @@ def _check_steps(state: FleetState, traffic: TrafficState, commands: Sequence[Ve
 
 
 def _move(
-    fleet: FleetState, traffic: TrafficState, orders: Orders, driven: Flags, handed_back: Flags
+    fleet: FleetState, traffic: TrafficState, orders: Orders, owners: tuple[Codes, Codes, Flags]
 ) -> tuple[BodyState, TrackerState]:
-    """Bodies and tracker at this step."""
+    """Bodies and tracker at this step; ``owners`` are those now and before, and whom SUMO was brought back to."""
     sumo = np.array((
         *(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad, traffic.sumo_speed_mps, traffic.sumo_accel_mps2),
     ))  # fmt: skip
     asked = orders.throttle, orders.brake, orders.steer_rad, orders.hand_brake
     before = fleet.bodies.columns, fleet.tracker.columns, sumo
-    bodies, tracker = _one_step(before, asked, (driven, handed_back), fleet.table.records, DEFAULT_GAINS, _SUBSTEPS)
+    bodies, tracker = _one_step(before, asked, owners, fleet.table.records, DEFAULT_GAINS, _SUBSTEPS)
     return BodyState.of_columns(bodies), TrackerState.of_columns(tracker)
 
 
 @compiled
-def _one_step(before: Any, asked: Any, owned: Any, records: Any, gains: Any, count: int) -> tuple[Any, Any]:
+def _one_step(before: Any, asked: Any, owners: Any, records: Any, gains: Any, count: int) -> tuple[Any, Any]:
     """Columns of bodies and tracker one step later, in ``count`` substeps.
 
     Those who are driven do what is asked of them. The others follow SUMO; those who have just been handed back roll on.
     """
-    (bodies, tracker, reference), (throttle, brake, steer_rad, hand_brake), (driven, handed_back) = before, asked, owned
-    n, after, controls = len(records), np.empty_like(bodies), np.zeros((6, bodies.shape[1]))
+    (bodies, tracker, reference), (throttle, brake, steer_rad, hand_brake) = before, asked
+    (owner, owner_before, brought_back), n = owners, len(records)
+    after, controls, driven = np.empty_like(bodies), np.zeros((6, n)), owner == _ROS
+    handed_back = ((owner_before == _ROS) & ~driven) | brought_back
     for k in range(n):
         if handed_back[k]:
             ahead, yaw = STEP_S * bodies[3, k], bodies[2, k]
@@ -235,16 +231,24 @@ def _one_step(before: Any, asked: Any, owned: Any, records: Any, gains: Any, cou
     return after, tracked
 
 
+def _after_contacts(fleet: FleetState, bodies: BodyState) -> tuple[BodyState, tuple[Contact, ...], Pairs]:
+    """Bodies after the impacts of a step, the contacts that begin at it, and the pairs that touch."""
+    places = bodies.x_m, bodies.y_m, bodies.yaw_rad
+    if not any_close(*places, fleet.length_m, fleet.width_m):
+        return bodies, (), ()
+    velocity = bodies.velocity_mps(fleet.table)
+    boxes = Footprints(fleet.actor_id, *places, *velocity, bodies.yaw_rate_radps, fleet.length_m, fleet.width_m)
+    contacts, touching = find_contacts(boxes, fleet.touching)
+    if touching:
+        bodies = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
+    return bodies, contacts, touching
+
+
 def _states(
-    fleet: FleetState,
-    traffic: TrafficState,
-    orders: Orders,
-    bodies: BodyState,
-    velocity_mps: tuple[Floats, Floats],
-    own_pose: Flags,
+    fleet: FleetState, traffic: TrafficState, orders: Orders, bodies: BodyState, owners: tuple[Codes, Codes, Flags]
 ) -> ActorStates:
-    sumo = traffic.sumo_x_m, traffic.sumo_y_m
-    lights, residual_m = _shown(bodies.columns, sumo, orders.lights, own_pose, _BRAKE_LIGHT)
+    sumo, columns = (traffic.sumo_x_m, traffic.sumo_y_m), bodies.columns
+    lights, vx_mps, vy_mps, residual_m = _shown(columns, sumo, orders.lights, owners, fleet.table.records, _BRAKE_LIGHT)
     return ActorStates(
         step=traffic.step,
         actor_id=fleet.actor_id,
@@ -252,8 +256,8 @@ def _states(
         y_m=bodies.y_m,
         z_m=np.zeros(len(bodies)),
         yaw_rad=bodies.yaw_rad,
-        vx_mps=velocity_mps[0],
-        vy_mps=velocity_mps[1],
+        vx_mps=vx_mps,
+        vy_mps=vy_mps,
         yaw_rate_radps=bodies.yaw_rate_radps,
         accel_mps2=bodies.accel_mps2,
         lateral_accel_mps2=bodies.lateral_accel_mps2,
@@ -268,15 +272,24 @@ def _states(
 
 
 @compiled
-def _shown(bodies: Any, sumo: Any, lights: Any, own_pose: Any, brake_light: Any) -> tuple[Any, Any]:
-    """Lights with the brake light, and the distance from SUMO's pose, 0 for those whose pose SUMO mirrors."""
-    shown, residual_m, (x_m, y_m) = lights.copy(), np.zeros(len(lights)), sumo
-    for n in range(len(lights)):
-        if bodies[10, n] > BRAKE_LIGHT_PEDAL or bodies[6, n] < -BRAKE_LIGHT_DECEL_MPS2:
-            shown[n] |= brake_light
-        if not own_pose[n]:
-            residual_m[n] = np.hypot(x_m[n] - bodies[0, n], y_m[n] - bodies[1, n])
-    return shown, residual_m
+def _shown(
+    bodies: Any, sumo: Any, lights: Any, owners: Any, records: Any, brake_light: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Lights with the brake light, velocities as ``BodyState.velocity_mps``, and the distances from SUMO's poses.
+
+    The distance is 0 for those whose pose SUMO mirrors.
+    """
+    shown, n, (owner, owner_before, brought_back) = lights.copy(), len(lights), owners
+    vx_mps, vy_mps, residual_m = np.empty(n), np.empty(n), np.zeros(n)
+    for k in range(n):
+        cos, sin = np.cos(bodies[2, k]), np.sin(bodies[2, k])
+        forward, left = bodies[3, k], bodies[4, k] + records[k].centre_ahead_of_cg_m * bodies[5, k]
+        vx_mps[k], vy_mps[k] = forward * cos - left * sin, forward * sin + left * cos
+        if bodies[10, k] > BRAKE_LIGHT_PEDAL or bodies[6, k] < -BRAKE_LIGHT_DECEL_MPS2:
+            shown[k] |= brake_light
+        if owner[k] != _ROS and (owner_before[k] != _ROS or brought_back[k]):
+            residual_m[k] = np.hypot(sumo[0][k] - bodies[0, k], sumo[1][k] - bodies[1, k])
+    return shown, vx_mps, vy_mps, residual_m
 
 
 def _spawned(states: ActorStates, traffic: TrafficState) -> tuple[Event, ...]:
@@ -295,7 +308,9 @@ def _removed(before: FleetState, traffic: TrafficState) -> tuple[Event, ...]:
 
 
 def _owner_changes(fleet: FleetState, states: ActorStates) -> tuple[Event, ...]:
-    rows = (states.owner != fleet.owner).nonzero()[0]
+    if states.owner.tobytes() == fleet.owner.tobytes():
+        return ()
+    rows = np.flatnonzero(states.owner != fleet.owner)
     details = [{"owner": Owner(int(states.owner[row])).name} for row in rows]
     changed = zip(rows, details, strict=True)
     return tuple(_event(states, states, states.step, EventKind.OWNER_CHANGED, row, detail) for row, detail in changed)

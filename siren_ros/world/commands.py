@@ -50,10 +50,11 @@ class VehicleCommands:
         cls, step: int, source: str, rows: Sequence[CommandRow], events: tuple[Event, ...] = ()
     ) -> "VehicleCommands":
         """The commands of some actors, sorted by id."""
-        if not rows:
-            return cls(step, source, *_NO_COMMANDS, events)
-        columns: Any = zip(COMMAND_DTYPES.values(), zip(*rows, strict=True), strict=True)
-        return cls(step, source, *(np.array(column, dtype) for dtype, column in columns), events)
+        arrays = _NO_COMMANDS
+        if rows:
+            named = zip(COMMAND_DTYPES.items(), zip(*rows, strict=True), strict=True)
+            arrays = {name: np.array(column, dtype) for (name, dtype), column in named}
+        return cls(step=step, source=source, events=events, **arrays)
 
     @classmethod
     def empty(cls, step: int, source: str, events: tuple[Event, ...] = ()) -> "VehicleCommands":
@@ -63,7 +64,7 @@ class VehicleCommands:
 
 COMMAND_DTYPES: Final = dtypes_of(VehicleCommands)
 """Array fields of VehicleCommands and their element types, in declaration order."""
-_NO_COMMANDS: Final[Any] = tuple(np.empty(0, dtype) for dtype in COMMAND_DTYPES.values())
+_NO_COMMANDS: Final[dict[str, Any]] = {name: np.empty(0, dtype) for name, dtype in COMMAND_DTYPES.items()}
 
 
 AV_SOURCE: Final = "av_controller"

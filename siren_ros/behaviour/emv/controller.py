@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-import numpy as np
-
 from siren_ros.behaviour.driving.emv_unit import EmvUnit, Guard, GuardResult, plan_route, present_lane
 from siren_ros.behaviour.driving.navigator import DriveCommand
 from siren_ros.behaviour.driving.speed_mechanisms import navigate
@@ -45,7 +43,7 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
     units: dict[int, EmvUnit] = {}
     rows: list[CommandRow] = []
     events: tuple[Event, ...] = ()
-    for row in np.flatnonzero(view.seen.is_emv).tolist():
+    for row in view.seen.is_emv.nonzero()[0].tolist():
         actor_id = int(traffic.actor_id[row])
         unit, command, happened = _step_unit(state.units.get(actor_id, EmvUnit(actor_id)), view.ego(row))
         units[actor_id] = unit

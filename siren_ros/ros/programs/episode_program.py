@@ -4,12 +4,14 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from importlib import import_module
 from typing import Any, Final
 
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 from tqdm import tqdm
 
 from siren_ros.datasets.kitti.live_export import LiveExport
@@ -33,6 +35,7 @@ from siren_ros.ros.transport.endpoints import PublisherWatch, create_input
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 SPIN_S: Final = 0.05
+"""How often the program looks beyond the messages: at signals, at processes that have ended."""
 STOP_S: Final = 10.0
 FIRST_EMV: Final = 1
 """Emergency vehicles have the first actor ids."""
@@ -60,7 +63,8 @@ class Cosim(Node):
     def _on_actors(self, cdr: bytes) -> None:
         if self.master.state.step % UPDATE_EVERY_STEPS == 0:
             with self.master.failing_on_error():
-                self.progress.show_states(from_actor_states(wire.decode(topics.ACTORS, cdr)), FIRST_EMV)
+                states = wire.content(from_actor_states, wire.decode(topics.ACTORS, cdr))
+                self.progress.show_states(states, FIRST_EMV)
 
     def _on_outcome(self, cdr: bytes) -> None:
         with self.master.failing_on_error():
@@ -103,9 +107,11 @@ def run_episode(
     waiting.ask = lambda: cosim.awaited(composition)
     limits = limits_s(cosim.master.config)
     watch = HangWatch(lambda: composition.hanging(limits), give_up)
+    over: Future[None] = Future()
+    cosim.master.on_closed = partial(over.set_result, None)
     try:
         while not cosim.master.closed:
-            executor.spin_once(timeout_sec=SPIN_S)
+            executor.spin_until_future_complete(over, SPIN_S)
             if interrupt:
                 cosim.master.interrupt(_stopped_by(interrupt))
             if failure := composition.failure():

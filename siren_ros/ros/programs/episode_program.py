@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial
 from importlib import import_module
@@ -30,6 +30,7 @@ from siren_ros.ros.programs.processes import Awaited, Interrupt, PreparationInte
 from siren_ros.ros.programs.program import start_ros
 from siren_ros.ros.programs.progress import UPDATE_EVERY_STEPS, ProgressDisplay, closing_summary, verdict
 from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.direct import direct
 from siren_ros.ros.transport.domain import check_alone, in_free_domain
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
@@ -71,6 +72,17 @@ class Cosim(Node):
             once(topics.OUTCOME, self.outcome)
             self.outcome = from_episode_outcome(wire.decode(topics.OUTCOME, cdr))
 
+    def connect_directly(self, executor: EventsExecutor, nodes: Sequence[Node]) -> None:
+        """Let the nodes of this process hand their messages to one another, from the first step to the last."""
+
+        def begin_step(step: int) -> None:
+            if step == 0:
+                direct.start(executor, (self, *nodes))
+            self.progress.begin_step(step)
+
+        self.master.on_step_begun = begin_step
+        self.master.on_ending = direct.stop
+
     def awaited(self, composition: Composition) -> Awaited:
         """What the episode waits for; nothing while a step is held back for the wall clock."""
         state = self.master.state
@@ -108,6 +120,8 @@ def run_episode(
     limits = limits_s(cosim.master.config)
     watch = HangWatch(lambda: composition.hanging(limits), give_up)
     over: Future[None] = Future()
+    if isinstance(composition, InProcess):
+        cosim.connect_directly(executor, composition.nodes)
     cosim.master.on_closed = partial(over.set_result, None)
     try:
         while not cosim.master.closed:
@@ -119,6 +133,7 @@ def run_episode(
             cosim.master.learn_closed(composition.closed())
     finally:
         watch.stop()
+        direct.stop()
         cosim.progress.close()
         composition.stop(STOP_S, cosim.master.state.late)
         executor.shutdown()

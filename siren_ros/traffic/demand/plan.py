@@ -37,6 +37,7 @@ class DriverPopulation:
     car_following: str
     speed_factor: TruncatedNormal
     tau_s: TruncatedNormal
+    accel_exponent: float
     max_lateral_speed_mps: float
     speed_gain_eagerness: float
     cooperation: float
@@ -46,7 +47,8 @@ class DriverPopulation:
         """One driver of a vehicle of the given class; ``speed_scale`` scales the wished speed."""
         speed_factor, tau_s = self.speed_factor.draw(rng) * speed_scale, self.tau_s.draw(rng)
         sideways = self.max_lateral_speed_mps, self.speed_gain_eagerness, self.cooperation
-        return DriverModel(self.car_following, speed_factor, tau_s, *sideways, self.classes[actor_class])
+        driving = self.classes[actor_class]
+        return DriverModel(self.car_following, speed_factor, tau_s, self.accel_exponent, *sideways, driving)
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class DriverModel:
     speed_factor: float
     """Wished speed over the speed limit."""
     tau_s: float
+    accel_exponent: float
+    """IDM's δ: the larger, the nearer to the wished speed the acceleration fades. Of no effect in other models."""
     max_lateral_speed_mps: float
     speed_gain_eagerness: float
     cooperation: float
@@ -76,6 +80,7 @@ def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK)
         car_following=top.text("car_following", CAR_FOLLOWING_MODELS),
         speed_factor=read_distribution(top.mapping("speed_factor"), 0.1, 2.0),
         tau_s=read_distribution(top.mapping("tau_s"), 0.3, 5.0),
+        accel_exponent=top.number("accel_exponent", 1.0, 20.0),
         max_lateral_speed_mps=top.number("max_lateral_speed_mps", 0.1, 3.0),
         speed_gain_eagerness=top.number("speed_gain_eagerness", 0.0, 10.0),
         cooperation=top.number("cooperation", 0.0, 1.0),

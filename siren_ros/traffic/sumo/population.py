@@ -78,6 +78,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "decel": driving.decel_mps2,
         "maxSpeed": driving.max_speed_mps,
         "tau": driver.tau_s,
+        "delta": driver.accel_exponent,
         "speedFactor": driver.speed_factor,
         "speedDev": 0.0,
         "maxSpeedLat": driver.max_lateral_speed_mps,

@@ -79,6 +79,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "maxSpeed": driving.max_speed_mps,
         "tau": driver.tau_s,
         "delta": driver.accel_exponent,
+        "sigmaleader": 0.0, "sigmagap": 0.0, "sigmaerror": 0.0,
         "speedFactor": driver.speed_factor,
         "speedDev": 0.0,
         "maxSpeedLat": driver.max_lateral_speed_mps,

@@ -14,7 +14,7 @@ from siren_ros.numerics.arrays import random_stream
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
-from siren_ros.scenario.presets import TruncatedNormal, read_distribution
+from siren_ros.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
 from siren_ros.world.actors import ActorClass
 
 CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
@@ -37,7 +37,6 @@ class DriverPopulation:
     car_following: str
     speed_factor: TruncatedNormal
     tau_s: TruncatedNormal
-    accel_exponent: float
     max_lateral_speed_mps: float
     speed_gain_eagerness: float
     cooperation: float
@@ -47,8 +46,7 @@ class DriverPopulation:
         """One driver of a vehicle of the given class; ``speed_scale`` scales the wished speed."""
         speed_factor, tau_s = self.speed_factor.draw(rng) * speed_scale, self.tau_s.draw(rng)
         sideways = self.max_lateral_speed_mps, self.speed_gain_eagerness, self.cooperation
-        driving = self.classes[actor_class]
-        return DriverModel(self.car_following, speed_factor, tau_s, self.accel_exponent, *sideways, driving)
+        return DriverModel(self.car_following, speed_factor, tau_s, *sideways, self.classes[actor_class])
 
 
 @dataclass(frozen=True)
@@ -59,8 +57,6 @@ class DriverModel:
     speed_factor: float
     """Wished speed over the speed limit."""
     tau_s: float
-    accel_exponent: float
-    """IDM's δ: the larger, the nearer to the wished speed the acceleration fades. Of no effect in other models."""
     max_lateral_speed_mps: float
     speed_gain_eagerness: float
     cooperation: float
@@ -80,7 +76,6 @@ def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK)
         car_following=top.text("car_following", CAR_FOLLOWING_MODELS),
         speed_factor=read_distribution(top.mapping("speed_factor"), 0.1, 2.0),
         tau_s=read_distribution(top.mapping("tau_s"), 0.3, 5.0),
-        accel_exponent=top.number("accel_exponent", 1.0, 20.0),
         max_lateral_speed_mps=top.number("max_lateral_speed_mps", 0.1, 3.0),
         speed_gain_eagerness=top.number("speed_gain_eagerness", 0.0, 10.0),
         cooperation=top.number("cooperation", 0.0, 1.0),
@@ -130,6 +125,8 @@ class PlannedVehicle:
     is_emv: bool = False
     attentive: bool = True
     """Whether the driver sees an EMV that comes across against a signal or sign."""
+    oncoming_share: float = 1.0
+    """Of the wished speed that the driver slows down to for an EMV that comes towards it; 1 for no reaction."""
 
 
 @dataclass(frozen=True)
@@ -180,14 +177,23 @@ class TrafficPlan:
     """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
 
 
-def with_attention(plan: TrafficPlan, share: float, seed: int) -> TrafficPlan:
-    """The plan with a share of attentive drivers; each driver has a draw of its own, whatever else is drawn."""
-    if share >= 1.0:
-        return plan
+def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> TrafficPlan:
+    """The plan with the preset's shares of attentive drivers and of those who react to an EMV that comes towards them.
+
+    Each driver has draws of its own, whatever else is drawn.
+    """
+    attentive, oncoming = preset.attention.civilians, preset.oncoming
+
+    def among(share: float, stream: str, index: int) -> bool:
+        return share >= 1.0 or (share > 0.0 and bool(random_stream(seed, stream, index).random() < share))
 
     def drawn(purpose: str) -> tuple[PlannedVehicle, ...]:
         return tuple(
-            replace(vehicle, attentive=bool(random_stream(seed, f"attention/{purpose}", index).random() < share))
+            replace(
+                vehicle,
+                attentive=among(attentive, f"attention/{purpose}", index),
+                oncoming_share=oncoming.speed_share if among(oncoming.share, f"oncoming/{purpose}", index) else 1.0,
+            )
             for index, vehicle in enumerate(getattr(plan, purpose))
         )
 

@@ -40,6 +40,8 @@ default of 0 the front of a waiting vehicle reaches into the way of others, whos
 _MIRRORS_M: Final = 0.4
 """Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
 other by widths alone, also where one stands at an angle to its lane."""
+_NOISE: Final = ("sigmaleader", "sigmagap", "sigmaerror")
+"""The EIDM's errors of perception, which would shake accelerations at each step."""
 _RUNS_RED_S: Final = 1000.0
 """``jmDriveAfterRedTime``: red for this long is still driven over."""
 
@@ -78,8 +80,6 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "decel": driving.decel_mps2,
         "maxSpeed": driving.max_speed_mps,
         "tau": driver.tau_s,
-        "delta": driver.accel_exponent,
-        "sigmaleader": 0.0, "sigmagap": 0.0, "sigmaerror": 0.0,
         "speedFactor": driver.speed_factor,
         "speedDev": 0.0,
         "maxSpeedLat": driver.max_lateral_speed_mps,
@@ -100,6 +100,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "latAlignment": "center",
         "color": ",".join(str(part) for part in vehicle.colour_rgb),
     }
+    numbers |= dict.fromkeys(_NOISE if driver.car_following == "EIDM" else (), 0.0)
     return texts | {name: f"{value:.6g}" for name, value in numbers.items()}
 
 

@@ -99,10 +99,10 @@ class _Planner:
         )
         emvs = self._emvs(groups)
         stage = self._stage(groups)
-        near = self._near_lanes
+        near, demand = self._near_lanes, self._template.demand
         taken = {lane.index for lane in near}
-        district = [lane for lane in self._lanes_within(self._config.district_m) if lane.index not in taken]
-        demand = self._template.demand
+        around_m = self._config.district_m if demand.district_per_lane_km else 0.0
+        district = [lane for lane in self._lanes_within(around_m) if lane.index not in taken]
         around = round(demand.district_per_lane_km * 1e-3 * sum(lane.length_m for lane in district))
         civilians = demand.background_vehicles + around
         spares = round(self._config.reserve_factor * civilians)

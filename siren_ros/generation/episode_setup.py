@@ -34,7 +34,7 @@ from siren_ros.sensors.suite import load_suite
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.demand import choose_av, plan_traffic
 from siren_ros.traffic.demand.emv_start import approach_rank
-from siren_ros.traffic.demand.plan import DriverPopulation, TrafficPlan, load_drivers, with_attention
+from siren_ros.traffic.demand.plan import DriverPopulation, TrafficPlan, load_drivers, with_responses
 from siren_ros.traffic.demand.vehicle_factory import Dimensions
 from siren_ros.world.actors import NO_ACTOR, ActorClass
 
@@ -202,7 +202,7 @@ def set_up_episode(
     }
     shown_map = request.map or compiled.name
     site, plan = plan_at_best_site(network, template, request.seed, load_drivers(files=noted), dimensions, shown_map)
-    plan = with_attention(plan, preset.attention.civilians, request.seed)
+    plan = with_responses(plan, preset, request.seed)
     if request.av:
         plan = replace(plan, av=choose_av(network, plan))
     av = {"actor_id": len(plan.emvs) + 1, "name": plan.av, "sensors": request.av_sensors}

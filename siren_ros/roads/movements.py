@@ -1,4 +1,4 @@
-"""How movements across one junction relate: which ones cross, which ones have the same direction."""
+"""How ways relate: movements that cross or have the same direction, and roads of opposite directions."""
 
 from typing import Final
 
@@ -6,10 +6,12 @@ import numpy as np
 
 from siren_ros.numerics.arrays import Floats, Points
 from siren_ros.numerics.geometry import Polyline, wrap_angle
-from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import NO_LANE, Connection, Edge, LaneKind, RoadNetwork
 
 _SIDE_STREET_RAD: Final = (np.pi / 4.0, 3.0 * np.pi / 4.0)
 """Angles between two approaches that belong to different streets."""
+_OPPOSITE_M: Final = 1.0
+"""Roads of opposite directions whose boundaries are nearer than this share a centre line: nothing divides them."""
 _SWERVE_RAD: Final = np.pi / 4.0
 """Sum of the turns to both sides on a way straight on from which one has to slow down."""
 END_TRIM_M: Final = 0.5
@@ -119,3 +121,20 @@ def _turn(a: Points, b: Points, c: Points) -> Floats:
 def _trimmed(path: Polyline) -> Points:
     trim_m = min(END_TRIM_M, path.length_m / 4.0)
     return path.cut(trim_m, path.length_m - trim_m).points
+
+
+def opposite_edges(network: RoadNetwork) -> dict[int, int]:
+    """For each road the one of the opposite direction that touches it, by edge index."""
+    pairs: dict[tuple[str, str], list[Edge]] = {}
+    for edge in network.edges:
+        if not edge.internal:
+            pairs.setdefault((edge.from_junction, edge.to_junction), []).append(edge)
+    opposite: dict[int, int] = {}
+    for (start, end), edges in pairs.items():
+        for edge in edges:
+            for other in pairs.get((end, start), []):
+                lane, facing = network.lanes[edge.lanes[-1]], network.lanes[other.lanes[-1]]
+                _, left = facing.centre.project(lane.centre.at(lane.length_m / 2))
+                if abs(abs(float(left)) - (lane.width_m + facing.width_m) / 2) < _OPPOSITE_M:
+                    opposite[edge.index] = other.index
+    return opposite

@@ -63,6 +63,16 @@ class Attention:
 
 
 @dataclass(frozen=True)
+class OncomingResponse:
+    """What drivers do when an EMV with a siren comes towards them on a road that nothing divides."""
+
+    share: float = 0.0
+    """Of the drivers who react: they keep right and slow down."""
+    speed_share: float = 1.0
+    """Of their wished speed that they slow down to."""
+
+
+@dataclass(frozen=True)
 class DriverPreset:
     """Distributions from which each civilian driver's response to a siren is drawn."""
 
@@ -76,6 +86,7 @@ class DriverPreset:
     """Distance between the two vehicles at which the driver notices the siren."""
     compliance: ComplianceShares
     attention: Attention = Attention()
+    oncoming: OncomingResponse = OncomingResponse()
 
     def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
         """The preset with the values of a scenario.
@@ -112,6 +123,7 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverP
         response_distance_m=read_distribution(top.mapping("response_distance_m"), 1.0, 300.0),
         compliance=_shares(top.mapping("compliance")),
         attention=_attention(top.mapping("attention")) if top.has("attention") else Attention(),
+        oncoming=_oncoming(top.mapping("oncoming")) if top.has("oncoming") else OncomingResponse(),
     )
     top.finish()
     return preset
@@ -122,6 +134,12 @@ def _attention(section: StrictMapping) -> Attention:
     red_mps = section.number("emv_red_mps", 0.0, 40.0) if section.has("emv_red_mps") else Attention.emv_red_mps
     section.finish()
     return Attention(civilians, horizon_s, red_mps)
+
+
+def _oncoming(section: StrictMapping) -> OncomingResponse:
+    response = OncomingResponse(section.number("share", 0.0, 1.0), section.number("speed_share", 0.1, 1.0))
+    section.finish()
+    return response
 
 
 def read_distribution(section: StrictMapping, low: float, high: float) -> TruncatedNormal:

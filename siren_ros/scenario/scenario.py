@@ -115,7 +115,7 @@ class Demand:
     """Civilian traffic of a template."""
 
     background_vehicles: int
-    """Civilians in the network, groups included (paper, table of templates: N_veh)."""
+    """Civilians near the EMV's way, groups included (paper, table of templates: N_veh)."""
     speed_limit_mps: float
     """Highest speed limit of the map's roads; higher ones are lowered to it."""
     speed_factor: float
@@ -123,6 +123,8 @@ class Demand:
     classes: tuple[tuple[ActorClass, float], ...]
     """Shares of the vehicle classes; they add up to 1."""
     groups: tuple[DemandGroup, ...]
+    district_per_lane_km: float = 0.0
+    """Further civilians per kilometre of lane in the streets around those of the volume."""
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,8 @@ _SHARE_TOLERANCE: Final = 1e-6
 _MAX_SPEED_MPS: Final = 60.0
 _MAX_VEHICLES: Final = 500
 _MAX_RED_S: Final = 120.0
+_MAX_PER_LANE_KM: Final = 60.0
+_DISTRICT: Final = "district_per_lane_km"
 
 
 def available_templates() -> tuple[str, ...]:
@@ -195,6 +197,9 @@ def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
         speed_factor=parameters.number(section, "speed_factor", 0.1, 2.0),
         classes=_classes(section.mapping("classes")),
         groups=tuple(_group(groups.mapping(name), name, parameters) for name in groups.values),
+        district_per_lane_km=parameters.number(section, _DISTRICT, 0.0, _MAX_PER_LANE_KM)
+        if section.has(_DISTRICT)
+        else 0.0,
     )
     return _finished(section, demand)
 

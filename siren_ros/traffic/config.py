@@ -20,6 +20,8 @@ class DemandConfig:
     neighbourhood_m: float = 150.0
     """Background traffic starts within this of the EMV's way to the site and through it, where there is road enough.
     The volume of the paper's table is that of a district of about 200 m by 200 m, whatever the size of the map."""
+    district_m: float = 300.0
+    """The streets around them, to this distance from that way, have the density of ``demand.district_per_lane_km``."""
     neighbourhood_after_m: float = 250.0
     """How far the EMV's way counts beyond the site."""
     background_spacing_m: float = 40.0

@@ -24,6 +24,7 @@ from siren_ros.traffic.observation import CrossingWatch, Mover, Reactions, find_
 from siren_ros.traffic.sumo.caution import CautiousDrivers
 from siren_ros.traffic.sumo.driving_corrections import BendLimits, LaneContinuity, SidewaysLimits
 from siren_ros.traffic.sumo.mirror import Mirror
+from siren_ros.traffic.sumo.oncoming import OncomingDrivers
 from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_types_xml
 from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
@@ -99,6 +100,8 @@ class SumoSimulation:
         self._mirror = Mirror(network, self._config, self._population)
         self._sideways, self._bends = SidewaysLimits(), BendLimits(network)
         self._cautious = CautiousDrivers(network, self._config.caution)
+        siren = LEVEL_POLICIES[level].siren
+        self._oncoming = OncomingDrivers(network, plan.response_distance_m) if siren else None
         self._crossings = CrossingWatch(network)
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
@@ -163,6 +166,8 @@ class SumoSimulation:
 
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
         self._cautious.apply(self._last, self._reported)
+        if self._oncoming is not None:
+            self._oncoming.apply(self._last, self._reported)
         self._mirror.apply(states, self._reported, self._ids, self._ahead)
         if self._last is not None and self._population.civilians < self._plan.civilians:
             self._population.refill(self._emv_points(states), self._plan.civilians)

@@ -109,7 +109,12 @@ def template_with(*groups: DemandGroup, start_m: float = -200.0) -> Template:
     """Sedans only, who wish for the limit; ten civilians in all."""
     template = load_template("S4")
     demand = replace(
-        template.demand, groups=groups, classes=((ActorClass.SEDAN, 1.0),), speed_factor=1.0, background_vehicles=10
+        template.demand,
+        groups=groups,
+        classes=((ActorClass.SEDAN, 1.0),),
+        speed_factor=1.0,
+        background_vehicles=10,
+        district_per_lane_km=0.0,
     )
     return replace(template, demand=demand, emv=emv_demand(start_m), warm_up_s=5.0, duration_s=20.0)
 

@@ -15,6 +15,7 @@ from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.site_finder import require_site
 from siren_ros.roads.sites import Site
+from siren_ros.scenario.presets import DriverPreset, OncomingResponse, load_preset
 from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.demand import plan_traffic
@@ -82,3 +83,10 @@ def states_of(step: int, rows: list[dict[str, float]]) -> ActorStates:
         name: np.array([row.get(name, 0) for row in ordered], dtype=dtype) for name, dtype in ACTOR_STATE_DTYPES.items()
     }
     return ActorStates(step=step, **arrays)
+
+
+def responding(attentive: float = 1.0, oncoming: float = 0.0) -> DriverPreset:
+    """The paper's preset with other shares of drivers who look out and who react to an EMV that comes towards them."""
+    preset = load_preset("paper")
+    attention = replace(preset.attention, civilians=attentive)
+    return replace(preset, attention=attention, oncoming=OncomingResponse(oncoming, 0.6))

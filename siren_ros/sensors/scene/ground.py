@@ -19,6 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import Polyline
+from siren_ros.roads.movements import opposite_edges
 from siren_ros.roads.road_network import Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.sensors.meshes.mesh import Material, Mesh
 from siren_ros.sensors.meshes.solids import Rgb, flat_polygons, walls
@@ -27,8 +28,6 @@ from siren_ros.sensors.scene.surfaces import SceneConfig, Surfaces, difference, 
 _ARROW_BEFORE_END_M: Final = 8.0
 _SIDE_GAP_M: Final = 0.15
 """Between a line at the edge of a lane and the lane's boundary."""
-_OPPOSITE_M: Final = 1.0
-"""Roads of opposite directions whose boundaries are nearer than this share a centre line."""
 _ONCOMING_M: Final = 14.0
 
 
@@ -73,7 +72,7 @@ class _Painter:
         self.centres = centres
         self.config = config
         self.roads = tuple(edge for edge in network.edges if not edge.internal)
-        self.opposite = _opposite_edges(network)
+        self.opposite = opposite_edges(network)
         self.divided = _edges_beside_oncoming(network)
 
     def driving(self, edge: Edge) -> list[Lane]:
@@ -205,23 +204,6 @@ def arrow(centre: Polyline, tip_m: float, letters: set[str]) -> Iterator[Polygon
     for letter in sorted({"l" if letter == "t" else letter for letter in letters} & set(_ARROWS)):
         corners = np.asarray(_ARROWS[letter].exterior.coords)
         yield Polygon(centre.offset_points(tip_m + corners[:, 0], corners[:, 1]))
-
-
-def _opposite_edges(network: RoadNetwork) -> dict[int, int]:
-    """For each road the one of the opposite direction that touches it, by edge index."""
-    pairs: dict[tuple[str, str], list[Edge]] = {}
-    for edge in network.edges:
-        if not edge.internal:
-            pairs.setdefault((edge.from_junction, edge.to_junction), []).append(edge)
-    opposite: dict[int, int] = {}
-    for (start, end), edges in pairs.items():
-        for edge in edges:
-            for other in pairs.get((end, start), []):
-                lane, facing = network.lanes[edge.lanes[-1]], network.lanes[other.lanes[-1]]
-                _, left = facing.centre.project(lane.centre.at(lane.length_m / 2))
-                if abs(abs(float(left)) - (lane.width_m + facing.width_m) / 2) < _OPPOSITE_M:
-                    opposite[edge.index] = other.index
-    return opposite
 
 
 def _edges_beside_oncoming(network: RoadNetwork) -> frozenset[int]:

@@ -101,13 +101,21 @@ class _Planner:
         )
         emvs = self._emvs(groups)
         stage = self._stage(groups)
-        civilians = self._template.demand.background_vehicles
+        near, demand = self._near_lanes, self._template.demand
+        taken = {lane.index for lane in near}
+        around_m = self._config.district_m if demand.district_per_lane_km else 0.0
+        district = [lane for lane in self._lanes_within(around_m) if lane.index not in taken]
+        around = round(demand.district_per_lane_km * 1e-3 * sum(lane.length_m for lane in district))
+        civilians = demand.background_vehicles + around
         spares = round(self._config.reserve_factor * civilians)
+        volume = demand.background_vehicles - len(groups.vehicles)
+        background = self._scattered("background", volume, near, (), disjoint=True)
+        background += self._scattered("district", around, district, (), disjoint=True)
         return TrafficPlan(
             emvs=emvs,
             groups=groups.vehicles,
-            background=self._scattered("background", civilians - len(groups.vehicles), (), disjoint=True),
-            reserve=self._scattered("reserve", spares, stage, disjoint=False),
+            background=background,
+            reserve=self._scattered("reserve", spares, [*near, *district], stage, disjoint=False),
             stage=stage,
             civilians=civilians,
             warm_up_steps=steps_from_s(self._template.warm_up_s),
@@ -180,14 +188,11 @@ class _Planner:
         return tuple(LaneInterval(lane, 0.0, self._network.lanes[lane].length_m) for lane in lanes)
 
     def _scattered(
-        self, purpose: str, count: int, keep_off: Sequence[LaneInterval], *, disjoint: bool
+        self, purpose: str, count: int, lanes: Sequence[Lane], keep_off: Sequence[LaneInterval], *, disjoint: bool
     ) -> tuple[PlannedVehicle, ...]:
-        """Vehicles at random places off some stretches; where ``disjoint``, at a distance from each other."""
+        """Vehicles at random places of lanes off some stretches; where ``disjoint``, at a distance from each other."""
         rng = random_stream(self._seed, f"demand/{purpose}")
         route_m = route_length_m(self._template, self._config)
-        lanes = self._background_lanes
-        if not lanes:
-            raise MapError("no driving lanes", "a map with connected driving lanes for civilians")
         by_index = {lane.index: lane for lane in lanes}
         candidates = tuple(by_index)
         occupied: dict[int, list[tuple[float, float]]] = {}
@@ -210,15 +215,25 @@ class _Planner:
         return tuple(vehicles)
 
     @cached_property
-    def _background_lanes(self) -> list[Lane]:
-        """Driving lanes that lead on, near the EMV's way; all of them where those near it are too short."""
-        network, config = self._network, self._config
-        edges = [edge for edge in range(len(network.edges)) if self._factory.leads_on(edge)]
-        lanes = [lane for edge in edges for lane in driving_lanes(network, edge)]
-        way = LineString(self._way_points()).buffer(config.neighbourhood_m)
-        near = [lane for lane in lanes if way.contains(Point(*lane.centre.at(0.5 * lane.length_m)))]
-        needed_m = self._template.demand.background_vehicles * config.background_spacing_m
-        return near if sum(lane.length_m for lane in near) >= needed_m else lanes
+    def _leading_on(self) -> list[Lane]:
+        """Driving lanes from which vehicles can drive on."""
+        edges = [edge for edge in range(len(self._network.edges)) if self._factory.leads_on(edge)]
+        lanes = [lane for edge in edges for lane in driving_lanes(self._network, edge)]
+        if not lanes:
+            raise MapError("no driving lanes", "a map with connected driving lanes for civilians")
+        return lanes
+
+    def _lanes_within(self, distance_m: float) -> list[Lane]:
+        """Those of them whose middle is within a distance of the EMV's way."""
+        around = LineString(self._way_points()).buffer(distance_m)
+        return [lane for lane in self._leading_on if around.contains(Point(*lane.centre.at(0.5 * lane.length_m)))]
+
+    @cached_property
+    def _near_lanes(self) -> list[Lane]:
+        """The lanes of the volume: those near the EMV's way, or all where these are too short."""
+        near = self._lanes_within(self._config.neighbourhood_m)
+        needed_m = self._template.demand.background_vehicles * self._config.background_spacing_m
+        return near if sum(lane.length_m for lane in near) >= needed_m else self._leading_on
 
     def _way_points(self) -> npt.NDArray[np.float64]:
         """Points of the EMV's way from its start to beyond the site, shape ``(N, 2)``."""

@@ -14,7 +14,7 @@ from siren_ros.numerics.arrays import random_stream
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
-from siren_ros.scenario.presets import TruncatedNormal, read_distribution
+from siren_ros.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
 from siren_ros.world.actors import ActorClass
 
 CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
@@ -125,6 +125,8 @@ class PlannedVehicle:
     is_emv: bool = False
     attentive: bool = True
     """Whether the driver sees an EMV that comes across against a signal or sign."""
+    oncoming_share: float = 1.0
+    """Of the wished speed that the driver slows down to for an EMV that comes towards it; 1 for no reaction."""
 
 
 @dataclass(frozen=True)
@@ -175,14 +177,23 @@ class TrafficPlan:
     """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
 
 
-def with_attention(plan: TrafficPlan, share: float, seed: int) -> TrafficPlan:
-    """The plan with a share of attentive drivers; each driver has a draw of its own, whatever else is drawn."""
-    if share >= 1.0:
-        return plan
+def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> TrafficPlan:
+    """The plan with the preset's shares of attentive drivers and of those who react to an EMV that comes towards them.
+
+    Each driver has draws of its own, whatever else is drawn.
+    """
+    attentive, oncoming = preset.attention.civilians, preset.oncoming
+
+    def among(share: float, stream: str, index: int) -> bool:
+        return share >= 1.0 or (share > 0.0 and bool(random_stream(seed, stream, index).random() < share))
 
     def drawn(purpose: str) -> tuple[PlannedVehicle, ...]:
         return tuple(
-            replace(vehicle, attentive=bool(random_stream(seed, f"attention/{purpose}", index).random() < share))
+            replace(
+                vehicle,
+                attentive=among(attentive, f"attention/{purpose}", index),
+                oncoming_share=oncoming.speed_share if among(oncoming.share, f"oncoming/{purpose}", index) else 1.0,
+            )
             for index, vehicle in enumerate(getattr(plan, purpose))
         )
 

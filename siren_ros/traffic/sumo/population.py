@@ -41,6 +41,8 @@ _MIRRORS_M: Final = 0.4
 """Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
 other by widths alone, also where one stands at an angle to its lane."""
 _ESCAPED: Final = '&<>"\n\r\t'
+_NOISE: Final = ("sigmaleader", "sigmagap", "sigmaerror")
+"""The EIDM's errors of perception, which would shake accelerations at each step."""
 _RUNS_RED_S: Final = 1000.0
 """``jmDriveAfterRedTime``: red for this long is still driven over."""
 
@@ -109,6 +111,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "latAlignment": "center",
         "color": ",".join(str(part) for part in vehicle.colour_rgb),
     }
+    numbers |= dict.fromkeys(_NOISE if driver.car_following == "EIDM" else (), 0.0)
     return texts | {name: f"{value:.6g}" for name, value in numbers.items()}
 
 

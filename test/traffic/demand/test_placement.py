@@ -219,6 +219,18 @@ def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site() -> None:
     assert edges_of(wide, looped) == {"a", "b", "c"}
 
 
+def test_the_streets_around_have_a_density_of_their_own() -> None:
+    """Beyond the lanes near the EMV's way, of 5 m, three lanes of 100 m lead on, of the roads m and n."""
+    dense = replace(template_with().demand, background_vehicles=2, district_per_lane_km=40.0)
+    near = replace(CONFIG, neighbourhood_m=5.0, background_spacing_m=10.0, reserve_factor=8.0)
+    for district_m, around in ((5.0, 0), (300.0, 12)):
+        traffic = plan(demand=dense, config=replace(near, district_m=district_m))
+        district = [vehicle for vehicle in traffic.background if vehicle.name.startswith("district")]
+        assert len(district) == around
+        assert {vehicle.route[0] for vehicle in district} <= {"m", "n"}
+        assert traffic.civilians == 2 + around
+
+
 def test_next_to_a_shoulder_is_its_neighbour_on_either_side() -> None:
     lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
     shoulder = replace(lanes[B_LEFT], index=len(lanes), lane_id="b_2", position=2, kind=LaneKind.SHOULDER)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, SOUTH, A, B, C, D, streets
+from traffic_helpers import responding
 
 from siren_ros.errors import InputError
 from siren_ros.scenario.presets import TruncatedNormal
@@ -20,7 +21,7 @@ from siren_ros.traffic.demand.plan import (
     chain_along,
     connection_onward,
     load_drivers,
-    with_attention,
+    with_responses,
 )
 from siren_ros.world.actors import ActorClass
 
@@ -102,21 +103,23 @@ def attentive(vehicles: tuple[PlannedVehicle, ...]) -> list[bool]:
 
 
 def test_by_default_everybody_is_attentive() -> None:
-    assert with_attention(plan(30), 1.0, 0) == plan(30)
+    assert with_responses(plan(30), responding(), 0) == plan(30)
 
 
 def test_the_share_is_met_and_the_emv_is_not_drawn() -> None:
-    drawn = with_attention(plan(2000, 5), 0.3, 0)
+    drawn = with_responses(plan(2000, 5), responding(0.3, 0.7), 0)
     assert 0.26 < sum(attentive(drawn.background)) / 2000 < 0.34
-    assert attentive(drawn.emvs) == [True]
-    assert attentive(with_attention(plan(50, 5), 0.0, 0).groups) == [False] * 5
+    assert 0.66 < sum(vehicle.oncoming_share == 0.6 for vehicle in drawn.background) / 2000 < 0.74
+    assert {vehicle.oncoming_share for vehicle in drawn.background} == {0.6, 1.0}
+    assert drawn.emvs == plan(2000, 5).emvs
+    assert attentive(with_responses(plan(50, 5), responding(0.0), 0).groups) == [False] * 5
 
 
 def test_each_driver_has_a_draw_of_its_own() -> None:
-    few, many = with_attention(plan(10, 3), 0.5, 4), with_attention(plan(30, 5), 0.5, 4)
+    few, many = with_responses(plan(10, 3), responding(0.5), 4), with_responses(plan(30, 5), responding(0.5), 4)
     assert attentive(many.background)[:10] == attentive(few.background)
     assert attentive(many.groups)[:3] == attentive(few.groups)
-    assert attentive(with_attention(plan(30), 0.5, 5).background) != attentive(many.background)
+    assert attentive(with_responses(plan(30), responding(0.5), 5).background) != attentive(many.background)
 
 
 NETWORK = streets()

@@ -5,7 +5,7 @@ import libsumo
 import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
-from traffic_helpers import MAPS, TOWN10, load_map, named_map, plan_of, plan_s2
+from traffic_helpers import MAPS, TOWN10, load_map, named_map, plan_of, plan_s2, responding
 
 from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.episode_setup import set_up_episode
@@ -13,7 +13,7 @@ from siren_ros.numerics.geometry import footprint_corners, overlapping_pairs, se
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.traffic.config import TrafficConfig
-from siren_ros.traffic.demand.plan import with_attention
+from siren_ros.traffic.demand.plan import with_responses
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo import population as population_module
 from siren_ros.traffic.sumo.population import SumoPopulation, type_id, vehicle_types_xml
@@ -104,7 +104,7 @@ def test_nobody_touches_after_the_warm_up_on_a_crowded_map(template: str, seed: 
 
 def test_sumo_too_lets_inattentive_drivers_overlook_an_emv_on_the_junction() -> None:
     compiled, network = load_map(None)
-    plan = with_attention(plan_of("S6", network, 1)[0], 0.5, 3)
+    plan = with_responses(plan_of("S6", network, 1)[0], responding(0.5), 3)
     with SumoSimulation(compiled, network, plan, EmergencyLevel.L1, seed=1) as simulation:
         simulation.step(0, None)
         ignored = {

@@ -23,6 +23,8 @@ _UNREACHABLE: Final = 3
 _LONG_ENOUGH_M: Final[Mapping[SiteKind, float]] = {SiteKind.MULTI_LANE_ROAD: 150.0, SiteKind.QUEUED_APPROACH: 120.0}
 """Least lengths of good sites. Road: 13 s at 45 km/h, to come up with five vehicles and to pass them. Approach: queues
 of eight vehicles with 8 m between them, and the EMV behind."""
+_JUNCTION_M: Final = 10.0
+"""Of the road behind a site, what its junction takes."""
 _BESIDE: Final = frozenset({Placement.SAME_DIRECTION, Placement.ADJACENT_LANE})
 _NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
 """Where the EMV needs others to make way; on a free shoulder it would pass them."""
@@ -47,9 +49,10 @@ def ranked_sites(network: RoadNetwork, template: Template) -> tuple[tuple[Site, 
 def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
     """The sites that have all that a template needs, best first.
 
-    The EMV drives up without a junction on the way and without sharp bends, and has road behind the site. Another lane
-    leads on beside its own, where vehicles of the template drive there. Roads and queues are long enough. For roads and
-    queues, sites without a shoulder are taken alone where there are any.
+    * The EMV drives up without a junction on the way and without sharp bends, and has road behind the site.
+    * Another lane leads on beside its own, where vehicles of the template drive there.
+    * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
+    * Roads and queues are long enough. Those without a shoulder are taken alone where there are any.
     """
     good = [site for site, rank in ranked_sites(network, template) if rank == 0 and _is_good(network, site, template)]
     if template.site_kind in _NO_SHOULDER:
@@ -67,12 +70,13 @@ def _is_good(network: RoadNetwork, site: Site, template: Template) -> bool:
     beside = any(group.placement in _BESIDE and not group.optional for group in template.demand.groups)
     after = site.route[site.route.index(site.stretch[-1]) + 1 :]
     exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in after)
-    long_enough = site.length_m >= _LONG_ENOUGH_M.get(site.kind, 0.0)
-    return long_enough and exit_m >= EXIT_M - _JUNCTION_M and len(site.connections) >= (2 if beside else 1)
-
-
-_JUNCTION_M: Final = 10.0
-"""Of the road behind a site, what its junction takes."""
+    by_turns = all(network.connections[index].must_stop for index in site.crossing)
+    return (
+        site.length_m >= _LONG_ENOUGH_M.get(site.kind, 0.0)
+        and exit_m >= EXIT_M - _JUNCTION_M
+        and len(site.connections) >= (2 if beside else 1)
+        and (by_turns or site.kind is not SiteKind.STOP_JUNCTION)
+    )
 
 
 def _rank(network: RoadNetwork, site: Site, template: Template) -> int:

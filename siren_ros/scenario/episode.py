@@ -161,6 +161,11 @@ class EpisodeDescription:
         return str(self.asked.get("values", ""))
 
     @property
+    def pinned(self) -> str:
+        """The pinned site and the values in place of the seed's own, for people; empty where the seed draws all."""
+        return " ".join(filter(None, (str(self.asked.get("site", "")), self.draw)))
+
+    @property
     def template_values(self) -> Mapping[str, float]:
         """Values of the template's parameters, by path; those alone that are numbers."""
         values = self.parameters.get("template")

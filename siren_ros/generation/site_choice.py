@@ -7,7 +7,7 @@ from typing import Final
 from siren_ros.errors import InputError, MapError
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.roads.routing import driving_lanes
+from siren_ros.roads.routing import EdgeGraph, driving_lanes
 from siren_ros.roads.site_finder import find_sites
 from siren_ros.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind
 from siren_ros.scenario.scenario import Placement, Template
@@ -52,7 +52,8 @@ def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
     * The EMV drives up without a junction on the way and without sharp bends, and has road behind the site.
     * Another lane leads on beside its own, where vehicles of the template drive there.
     * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
-    * Roads and queues are long enough. Those without a shoulder are taken alone where there are any.
+    * Roads and queues are long enough, and queues have no turning lane beside them, which would stay empty.
+    * Roads and queues without a shoulder are taken alone where there are any.
     """
     good = [site for site, rank in ranked_sites(network, template) if rank == 0 and _is_good(network, site, template)]
     if template.site_kind in _NO_SHOULDER:
@@ -72,11 +73,19 @@ def _is_good(network: RoadNetwork, site: Site, template: Template) -> bool:
     exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in after)
     by_turns = all(network.connections[index].must_stop for index in site.crossing)
     return (
-        site.length_m >= _LONG_ENOUGH_M.get(site.kind, 0.0)
+        _usable_m(network, site) >= _LONG_ENOUGH_M.get(site.kind, 0.0)
         and exit_m >= EXIT_M - _JUNCTION_M
         and len(site.connections) >= (2 if beside else 1)
         and (by_turns or site.kind is not SiteKind.STOP_JUNCTION)
     )
+
+
+def _usable_m(network: RoadNetwork, site: Site) -> float:
+    """Length of the stretch; of queues, where it has no more lanes than lead on."""
+    if site.kind is not SiteKind.QUEUED_APPROACH:
+        return site.length_m
+    plain = [edge for edge in site.stretch if len(driving_lanes(network, edge)) == len(site.connections)]
+    return EdgeGraph.of(network).route_length_m(plain)
 
 
 def _rank(network: RoadNetwork, site: Site, template: Template) -> int:

@@ -6,6 +6,7 @@ from typing import Final
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.numerics.arrays import random_stream
+from siren_ros.roads.movements import quiet_reach_m
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, driving_lanes
 from siren_ros.roads.site_finder import find_sites
@@ -52,7 +53,8 @@ def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
     * The EMV drives up without a junction on the way and without sharp bends, and has road behind the site.
     * Another lane leads on beside its own, where vehicles of the template drive there.
     * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
-    * Roads and queues are long enough, and queues have no turning lane beside them, which would stay empty.
+    * Roads are long enough and do not end at a stop sign, from which one vehicle after the other would go.
+    * Queues are on a road that is long enough without a junction and without a turning lane, which would stay empty.
     * Roads and queues without a shoulder are taken alone where there are any.
     """
     good = [site for site, rank in ranked_sites(network, template) if rank == 0 and _is_good(network, site, template)]
@@ -71,21 +73,23 @@ def _is_good(network: RoadNetwork, site: Site, template: Template) -> bool:
     beside = any(group.placement in _BESIDE and not group.optional for group in template.demand.groups)
     after = site.route[site.route.index(site.stretch[-1]) + 1 :]
     exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in after)
-    by_turns = all(network.connections[index].must_stop for index in site.crossing)
+    waiting = [network.connections[index].must_stop for index in site.crossing]
+    stopping = [network.connections[index].must_stop for index in site.connections]
     return (
         _usable_m(network, site) >= _LONG_ENOUGH_M.get(site.kind, 0.0)
         and exit_m >= EXIT_M - _JUNCTION_M
         and len(site.connections) >= (2 if beside else 1)
-        and (by_turns or site.kind is not SiteKind.STOP_JUNCTION)
+        and (all(waiting) or site.kind is not SiteKind.STOP_JUNCTION)
+        and not (any(stopping) and site.kind is SiteKind.MULTI_LANE_ROAD)
     )
 
 
 def _usable_m(network: RoadNetwork, site: Site) -> float:
-    """Length of the stretch; of queues, where it has no more lanes than lead on."""
+    """Length of the stretch; of queues, where it has no more lanes than lead on, and as far as no junction is there."""
     if site.kind is not SiteKind.QUEUED_APPROACH:
         return site.length_m
     plain = [edge for edge in site.stretch if len(driving_lanes(network, edge)) == len(site.connections)]
-    return EdgeGraph.of(network).route_length_m(plain)
+    return quiet_reach_m(network, site.approach_lane, EdgeGraph.of(network).route_length_m(plain))
 
 
 def _rank(network: RoadNetwork, site: Site, template: Template) -> int:

@@ -78,6 +78,22 @@ def test_vehicles_at_stop_signs_go_by_turns_only_where_all_stop(town: RoadNetwor
     assert {site.junction for site in on_priority} == {"oak_east", "oak_west"}
 
 
+def test_a_road_that_ends_at_a_stop_sign_is_no_place_to_clear_a_lane(town: RoadNetwork) -> None:
+    template = load_template("S2")
+    good, ranked = good_sites(town, template), [site for site, _ in ranked_sites(town, template)]
+    stopping = [site for site in ranked if any(town.connections[index].must_stop for index in site.connections)]
+    assert max(site.length_m for site in stopping) > 300.0
+    assert not set(stopping) & set(good)
+
+
+def test_a_queue_has_no_turning_lane_beside_it(town: RoadNetwork) -> None:
+    """The pocket of the southern approach is as long as the approach: two lanes lead on, and none has two alone."""
+    template = load_template("S1")
+    pocket = next(site for site, _ in ranked_sites(town, template) if site.name == "west_n_0..west_n_1")
+    assert len(driving_lanes(town, pocket.site_edge)) > len(pocket.connections)
+    assert pocket not in good_sites(town, template)
+
+
 def test_the_seed_draws_each_good_site(town: RoadNetwork) -> None:
     template = load_template("S5")
     first = {sites_to_try(town, template, seed, "", "town").sites[0] for seed in range(40)}

@@ -329,7 +329,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _tasks(options: argparse.Namespace, name: str, level: str) -> list[EpisodeTask]:
     return [
         EpisodeTask(
-            EpisodeRequest(name, level, seed, options.map, preset=options.preset, sensors="none"),
+            EpisodeRequest(name, level, seed, options.map, options.site, preset=options.preset, sensors="none"),
             timed=number == 0 and not options.compare,
             picture=options.pictures / f"{name}_{level or 'own'}_{seed}.png" if options.pictures else None,
         )
@@ -343,6 +343,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--templates", nargs="+", default=list(available_templates()), metavar="ID")
     parser.add_argument("--seeds", type=seeds_of_option, default=range(20), help="first:last, the last not included")
     parser.add_argument("--map", default="", help="map file; the built-in town by default")
+    parser.add_argument("--site", default="", help="a name that siren sites prints; each seed draws its own by default")
     parser.add_argument("--level", default="", choices=["", *levels], help="the template's own by default")
     parser.add_argument("--preset", default="paper", help="how drivers respond")
     parser.add_argument("--compare", nargs=2, choices=levels, metavar="LEVEL", help="compare travel times")

@@ -59,6 +59,7 @@ _MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
     "levels": levels_of,
     "seeds": seeds_of,
     "maps": tuple,
+    "sites": tuple,
     "preset": str,
     "sensors": str,
     "look": str,
@@ -76,11 +77,11 @@ def add_arguments(verb: Command) -> None:
         "`siren generate risk` makes a set of front-camera videos with risk labels; see `siren generate risk --help`."
     )
     verb.description = (
-        "Makes all episodes of a study: templates x levels x seeds x maps x draws of parameters. Each episode has its "
-        "own process. The same command continues a study: it keeps finished episodes whose hashes are correct, and "
-        "makes the others. DIR/manifest.parquet is the table of all episodes. Options of the matrix and of the draws "
-        "override the study file. The exit code is 1 if an episode is missing; with --strict also if an interaction "
-        "did not happen or vehicles collided."
+        "Makes all episodes of a study: templates x levels x seeds x maps x sites x draws of parameters. Each episode "
+        "has its own process. The same command continues a study: it keeps finished episodes whose hashes are correct, "
+        "and makes the others. DIR/manifest.parquet is the table of all episodes. Options of the matrix and of the "
+        "draws override the study file. The exit code is 1 if an episode is missing; with --strict also if an "
+        "interaction did not happen or vehicles collided."
     )
     verb.add_argument(
         "study", nargs="?", metavar="STUDY", help="study file (YAML), or a name in params/studies such as v1"
@@ -91,6 +92,7 @@ def add_arguments(verb: Command) -> None:
     matrix.add_argument("--levels", nargs="+", metavar="L", help="L0 to L3, or own (default)")
     matrix.add_argument("--seeds", nargs="+", metavar="N|A:B", help="seeds; 0:5 are 0 to 4 (default 0)")
     matrix.add_argument("--maps", nargs="+", metavar="FILE", help="map files, or town (default)")
+    matrix.add_argument("--sites", nargs="+", metavar="NAME", help="names that siren sites prints, or drawn (default)")
     matrix.add_argument("--preset", help="how civilians react (default paper)")
     matrix.add_argument("--sensors", help="suite of sensors (default none)")
     matrix.add_argument("--look", help="weather and time of day (default clear)")

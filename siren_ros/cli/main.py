@@ -17,6 +17,7 @@ VERBS: Final = {
         "make the episodes of a study: templates, levels, seeds, maps and parameters",
         "generate.add_arguments",
     ),
+    "sites": ("list the places of a map at which the templates can happen", "sites.add_arguments"),
     "info": ("show what an episode is and what its bag contains", "bags.add_info"),
     "verify": ("check that the interaction happened and that the record is sound", "bags.add_verify"),
     "recover": ("complete a bag whose writer was killed", "bags.add_recover"),

@@ -2,22 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
 from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.errors import MapError
+from siren_ros.generation.site_choice import plan_at_site, sites_to_try
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.params.input_files import FILES_ON_DISK, InputFile, InputFiles, NotedFiles, files_to_json
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map, with_speed_limit
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.roads.road_network import MAPS_KEPT, RoadNetwork
-from siren_ros.roads.site_finder import find_sites
-from siren_ros.roads.sites import REQUIREMENTS, Site, SiteKind
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.sites import Site
 from siren_ros.scenario.episode import (
     FILES_PARAMETER,
     MAP_SOURCE_PARAMETER,
@@ -27,16 +26,13 @@ from siren_ros.scenario.episode import (
 )
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.presets import DriverPreset, load_preset
-from siren_ros.scenario.scenario import EmvDemand, Template
+from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template, realised
 from siren_ros.sensors.look import load_look
 from siren_ros.sensors.suite import load_suite
-from siren_ros.traffic.config import DemandConfig
-from siren_ros.traffic.demand.demand import choose_av, plan_traffic
-from siren_ros.traffic.demand.emv_start import approach_rank
-from siren_ros.traffic.demand.plan import DriverPopulation, TrafficPlan, load_drivers, with_responses
-from siren_ros.traffic.demand.vehicle_factory import Dimensions
-from siren_ros.world.actors import NO_ACTOR, ActorClass
+from siren_ros.traffic.demand.demand import choose_av
+from siren_ros.traffic.demand.plan import TrafficPlan, load_drivers, with_responses
+from siren_ros.world.actors import NO_ACTOR
 
 
 def files_of_request(request: EpisodeRequest, files: InputFiles = FILES_ON_DISK) -> tuple[InputFile, ...]:
@@ -54,60 +50,6 @@ def files_of_request(request: EpisodeRequest, files: InputFiles = FILES_ON_DISK)
     load_vehicle_parameters(noted)
     load_drivers(files=noted)
     return noted.seen
-
-
-_UNREACHABLE: Final = 3
-"""Rank of sites whose approach is too short."""
-
-
-def plan_at_best_site(
-    network: RoadNetwork,
-    template: Template,
-    seed: int,
-    drivers: DriverPopulation,
-    dimensions: Mapping[ActorClass, Dimensions],
-    shown_map: str,
-) -> tuple[Site, TrafficPlan]:
-    """The best site of the template's kind at which its EMVs and groups can start, and the traffic there.
-
-    Sites up to which the EMV drives without a junction on the way come first, then those without sharp bends.
-
-    Args:
-        network: The map.
-        template: The scenario with its values.
-        seed: The episode's seed.
-        drivers: Population from which drivers are drawn.
-        dimensions: Length, width and height of each vehicle class in metres.
-        shown_map: What an error names as the map.
-
-    Raises:
-        MapError: No site of the map will do. It says what the map lacks, and what the best site does.
-    """
-    sites = _ranked_sites(network, template.site_kind, template.emv)
-    if not sites:
-        raise MapError(shown_map, REQUIREMENTS[template.site_kind])
-    reasons = []
-    for site in sites:
-        try:
-            return site, plan_traffic(network, site, template, seed, drivers, dimensions)
-        except MapError as error:
-            reasons.append(error.allowed)
-    places = "the only place of this kind" if len(sites) == 1 else f"the best of {len(sites)} places of this kind"
-    allowed = f"{REQUIREMENTS[template.site_kind]}, and that is {reasons[0]} ({places} is {sites[0].name})"
-    raise MapError(shown_map, allowed)
-
-
-@lru_cache(maxsize=MAPS_KEPT)
-def _ranked_sites(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[Site, ...]:
-    """The sites of a kind, best first."""
-    return tuple(sorted(find_sites(network, kind), key=lambda site: _rank(network, site, emv)))
-
-
-def _rank(network: RoadNetwork, site: Site, emv: EmvDemand) -> int:
-    try:
-        return approach_rank(network, site, emv, DemandConfig())
-    except MapError:
-        return _UNREACHABLE
 
 
 _version = cache(version)
@@ -185,8 +127,8 @@ def set_up_episode(
         InputError: Any part of the request cannot be used; the error names it.
     """
     noted = NotedFiles(files)
-    template = load_template(request.template, noted)
-    template = realised(template, random_stream(request.seed, "scenario/values"))
+    written = load_template(request.template, noted)
+    template = realised(written, random_stream(request.seed, "scenario/values"))
     template = template.with_values(values_of(request.values))
     level = level_of(request, template)
     preset = load_preset(request.preset, noted)
@@ -200,8 +142,8 @@ def set_up_episode(
         actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)
         for actor_class, vehicle in load_vehicle_parameters(noted).items()
     }
-    shown_map = request.map or compiled.name
-    site, plan = plan_at_best_site(network, template, request.seed, load_drivers(files=noted), dimensions, shown_map)
+    sites = sites_to_try(network, written, request.seed, request.site, request.map or compiled.name)
+    site, plan = plan_at_site(network, sites, template, request.seed, load_drivers(files=noted), dimensions)
     plan = with_responses(plan, preset, request.seed)
     if request.av:
         plan = replace(plan, av=choose_av(network, plan))

@@ -29,6 +29,7 @@ from siren_ros.roads.sites import (
     Site,
     SiteKind,
     lanes_through,
+    name_between,
     route_through,
     turn_of,
 )
@@ -78,11 +79,9 @@ def multi_lane_roads(graph: EdgeGraph) -> Iterator[Site]:
         route = route_through(graph, (*stretch, *straight_on[:1]))
         way_on = route.edges[route.start + len(stretch) :][:1]
         leading = civilian_movements(network, *stretch[:2]) if len(stretch) > 1 else ()
-        ids = " ".join(network.edges[edge].edge_id for edge in stretch)
-        street = network.edges[stretch[0]].name
         yield Site(
             kind=SiteKind.MULTI_LANE_ROAD,
-            name=f"{street} ({ids})" if street else ids,
+            name=name_between(network, stretch[0], last),
             junction=None,
             route=route.edges,
             site_position=route.start,
@@ -229,7 +228,7 @@ def _junction_site(graph: EdgeGraph, kind: SiteKind, movements: Sequence[Connect
     junction = movements[0].junction
     return Site(
         kind=kind,
-        name=f"{network.edges[edge].edge_id} to {network.edges[next_edge].edge_id} at {junction}",
+        name=name_between(network, edge, next_edge),
         junction=junction,
         route=route.edges,
         site_position=route.start + len(stretch) - 1,

@@ -42,7 +42,7 @@ class Site:
 
     kind: SiteKind
     name: str
-    """Edges and junction, for people."""
+    """Identifies it among its kind: the first and the last edge of a road, or the edges before and after a junction."""
     junction: str | None
     """The junction where it happens; None for a road."""
     route: tuple[int, ...]
@@ -69,6 +69,11 @@ class Site:
     def beyond(self) -> tuple[int, ...]:
         """Edges of the route after ``site_edge``."""
         return self.route[self.site_position + 1 :]
+
+
+def name_between(network: RoadNetwork, first: int, last: int) -> str:
+    """A site's name from two edges: ``west_s_3..main_w_3``; one name where they are the same."""
+    return "..".join(dict.fromkeys(network.edges[edge].edge_id for edge in (first, last)))
 
 
 REQUIREMENTS: Final[Mapping[SiteKind, str]] = {

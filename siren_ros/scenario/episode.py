@@ -18,7 +18,7 @@ DEFAULT_LOOK: Final = "clear"
 _LEVELS: Final = ("", *EmergencyLevel.__members__)
 _AV_KINDS: Final = ("", "civilian")
 MAX_SEED: Final = 2**31 - 1
-_LEFT_OUT: Final = frozenset({"values", "predictor", "detector"})
+_LEFT_OUT: Final = frozenset({"site", "values", "predictor", "detector"})
 """Fields that records do not have where they are empty, so that records of episodes without them stay the same."""
 
 
@@ -30,6 +30,9 @@ class EpisodeRequest:
     level: str = parameter("", "Emergency level; empty: the template's own.", choices=_LEVELS)
     seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=MAX_SEED)
     map: str = parameter("", "Path of a SUMO net, OpenDRIVE or OpenStreetMap file; empty: the built-in town.")
+    site: str = parameter(
+        "", "Where on the map it happens: a name that siren sites prints; empty: the seed draws one of the good sites."
+    )
     duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
     preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
     sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
@@ -118,7 +121,7 @@ class EpisodeDescription:
     """The request, the template's values, the predicate and the parameter files; JSON types only."""
     versions: Mapping[str, str] = field(default_factory=dict)
     site: Mapping[str, object] = field(default_factory=dict)
-    """The place that the site finder chose: kind, junction, approach lanes, route edges."""
+    """The place where it happens: kind, name, junction, route edges, stretch."""
 
     @property
     def files(self) -> InputFiles:
@@ -156,6 +159,11 @@ class EpisodeDescription:
     def draw(self) -> str:
         """Values of the template's parameters in place of the seed's own, as the request has them; empty without."""
         return str(self.asked.get("values", ""))
+
+    @property
+    def pinned(self) -> str:
+        """The pinned site and the values in place of the seed's own, for people; empty where the seed draws all."""
+        return " ".join(filter(None, (str(self.asked.get("site", "")), self.draw)))
 
     @property
     def template_values(self) -> Mapping[str, float]:

@@ -76,6 +76,8 @@ class EpisodeRow:
     metadata_sha256: str = ""
     map_sha256: str = ""
     """Of the compiled net."""
+    site: str = ""
+    """Where on the map it happened; the pinned site of an episode that was not made."""
     # How long it took.
     setup_s: float = 0.0
     run_s: float = 0.0
@@ -93,6 +95,7 @@ class EpisodeRow:
         """The row of a planned episode with what else is known of it."""
         known |= {name: getattr(episode.request, name) for name in _OF_REQUEST}
         known |= {name: getattr(episode, name) for name in ("group", "draw", "inputs_sha256")}
+        known = {"site": episode.request.site, **known}
         return cls(episode=episode.name, status=status, reason=reason, **known)
 
     @property
@@ -133,7 +136,7 @@ class EpisodeRow:
 
 
 _COLUMNS: Final = (
-    ("episode group template level map preset sensors look values", pa.string()),
+    ("episode group template level map site preset sensors look values", pa.string()),
     ("seed", pa.int64()),
     ("draw", pa.int32()),
     ("inputs_sha256 status reason", pa.string()),

@@ -1,7 +1,8 @@
-"""What a study asks for: a YAML file or options; templates × levels × seeds × maps × draws; its episodes."""
+"""What a study asks for: a YAML file or options; templates × levels × seeds × maps × sites × draws; its episodes."""
 
 import itertools
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -113,6 +114,8 @@ OWN_LEVEL: Final = "own"
 """Stands for the level in the template's file."""
 TOWN: Final = "town"
 """Stands for the built-in map."""
+DRAWN: Final = "drawn"
+"""Stands for the site that a seed draws."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,7 @@ class Study:
     levels: tuple[str, ...] = (OWN_LEVEL,)
     seeds: tuple[int, ...] = (0,)
     maps: tuple[str, ...] = (TOWN,)
+    sites: tuple[str, ...] = (DRAWN,)
     preset: str = "paper"
     sensors: str = "none"
     look: str = "clear"
@@ -146,7 +150,7 @@ class PlannedEpisode:
 
     name: str
     group: str
-    """Folder of the episodes that share template, level and map."""
+    """Folder of the episodes that share template, level, map and pinned site."""
     request: EpisodeRequest
     draw: int
     """Number of the draw; −1 where the study draws nothing."""
@@ -160,7 +164,7 @@ def plan_study(study: Study) -> tuple[PlannedEpisode, ...]:
     Raises:
         InputError: A template, level, map, preset, suite or draw that cannot be used; two maps of one name.
     """
-    for part in ("templates", "levels", "seeds", "maps"):
+    for part in ("templates", "levels", "seeds", "maps", "sites"):
         repeated = [value for value, count in Counter(getattr(study, part)).items() if count > 1]
         if repeated or not getattr(study, part):
             raise InputError(part, repeated[0] if repeated else "", "one or more, each of them once")
@@ -187,8 +191,10 @@ def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
             drawn = draws_of(study.draws, template)
             draws[name] = [(number, _with_draw(fixed, values)) for number, values in enumerate(drawn)]
     numbers = range(max(map(len, draws.values())))
-    for seed, number, map_, level in itertools.product(study.seeds, numbers, study.maps, study.levels):
+    axes = (study.seeds, numbers, study.maps, study.sites, study.levels)
+    for seed, number, map_, site, level in itertools.product(*axes):
         place = replace(base, seed=seed, map="" if map_ == TOWN else map_, level="" if level == OWN_LEVEL else level)
+        place = replace(place, site="" if site == DRAWN else site)
         for name, template in templates.items():
             if number < len(draws[name]):
                 draw, values = draws[name][number]
@@ -203,8 +209,13 @@ def _with_draw(fixed: Mapping[str, float], drawn: Mapping[str, float]) -> str:
     return text_of_values({**fixed, **drawn})
 
 
+_FOREIGN: Final = re.compile(r"[^\w.#-]")
+"""What names of folders do not hold."""
+
+
 def _named(request: EpisodeRequest, template_id: str, draw: int, inputs: "_Inputs") -> PlannedEpisode:
     group = f"{template_id}_{request.level}" + (f"_{name_of_map(Path(request.map))}" if request.map else "")
+    group += f"_{_FOREIGN.sub('-', request.site)}" if request.site else ""
     name = f"{group}_seed{request.seed}" + (f"_draw{draw}" if draw >= 0 else "")
     return PlannedEpisode(name, group, request, draw, inputs.sha256_of(request))
 
@@ -245,6 +256,7 @@ def read_study(file: Path) -> Study:
         "levels": lambda: levels_of(top.words("levels")),
         "seeds": lambda: seeds_of(top.words("seeds")),
         "maps": lambda: top.words("maps"),
+        "sites": lambda: top.words("sites"),
         **{name: partial(top.text, name) for name in ("preset", "sensors", "look", "values")},
         "duration_s": lambda: top.number("duration_s", 0.0, 3600.0),
         "risk_videos": lambda: top.integer("risk_videos", 0, MOST_SAMPLES),

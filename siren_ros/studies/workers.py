@@ -168,6 +168,7 @@ def attempt_episode(request: EpisodeRequest, bag: Path) -> dict[str, Any]:
         "mcap_sha256": mcap_sha256,
         "metadata_sha256": metadata_sha256,
         "map_sha256": setup.description.map_sha256,
+        "site": setup.site.name,
         "versions": dict(present_versions()),
         "setup_s": ready_s - began_s,
         "run_s": run_s,

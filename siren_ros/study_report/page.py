@@ -127,7 +127,7 @@ def quoted(path: Path) -> str:
 
 
 def _matrix(asked: Mapping[str, Any]) -> Iterator[str]:
-    for name in ("templates", "levels", "seeds", "maps", "preset", "sensors", "look"):
+    for name in ("templates", "levels", "seeds", "maps", "sites", "preset", "sensors", "look"):
         if value := asked.get(name):
             yield f"--{name} {' '.join(quote(str(word)) for word in ([value] if isinstance(value, str) else value))}"
     if asked.get("duration_s"):

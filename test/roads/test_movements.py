@@ -30,7 +30,7 @@ def approaches(town, indices):
 
 
 def test_straight_on_is_crossed_by_both_sides_and_by_the_oncoming_left_turn(town):
-    crossing = crossing_connections(town, movement(town, "main_e_2_3", "main_e_3_3"))
+    crossing = crossing_connections(town, movement(town, "main_e_2_3", "main_e_3_2"))
     assert approaches(town, crossing) == {("east_n_0", "s"), ("east_n_0", "l"), ("east_s_1", "s"), ("main_w_0", "l")}
 
 
@@ -46,7 +46,7 @@ def test_crossing_is_mutual(town):
 
 
 def test_same_direction_movements_share_both_edges(town):
-    same = same_direction_connections(town, movement(town, "main_e_2_3", "main_e_3_3"))
+    same = same_direction_connections(town, movement(town, "main_e_2_3", "main_e_3_2"))
     assert [town.lanes[town.connections[i].from_lane].lane_id for i in same] == ["main_e_2_2", "main_e_2_3"]
 
 

@@ -58,6 +58,14 @@ def test_a_record_of_a_request_without_values_is_as_it_was_before_there_were_any
     assert EpisodeRequest(**EpisodeRequest("S1", values="duration_s=30").to_json()).values == "duration_s=30"
 
 
+def test_a_site_is_recorded_where_it_is_pinned():
+    assert "site" not in EpisodeRequest("S1").to_json()
+    assert EpisodeRequest(**EpisodeRequest("S1", site="a..b").to_json()).site == "a..b"
+    assert described({"request": {"site": "a..b", "values": "x=1"}}).pinned == "a..b x=1"
+    assert described({"request": {"site": "a..b"}}).pinned == "a..b"
+    assert described({}).pinned == ""
+
+
 def described(parameters):
     return EpisodeDescription("S1", EmergencyLevel.L3, 0, "town", "", 10.0, "none", "paper", (1,), parameters)
 

@@ -190,12 +190,23 @@ def test_templates_change_first_then_levels_maps_draws_and_seeds_last(monkeypatc
     assert {episode.draw for episode in planned} == {0, 1}
 
 
+def test_sites_are_swept_between_maps_and_levels() -> None:
+    """A name's folder has no characters that folders cannot have; a drawn site has no name there."""
+    planned = plan_study(Study(("S3", "S4"), ("own", "L0"), sites=("drawn", "a/1..b#2")))
+    assert [episode.name for episode in planned[:5]] == [
+        *("S3_L1_seed0", "S4_L1_seed0", "S3_L0_seed0", "S4_L0_seed0"),
+        "S3_L1_a-1..b#2_seed0",
+    ]
+    assert [episode.request.site for episode in planned] == [""] * 4 + ["a/1..b#2"] * 4
+    assert len({episode.inputs_sha256 for episode in planned}) == 8
+
+
 def test_without_draws_none_is_counted() -> None:
     (planned,) = plan_study(Study(("S2",), ("L1",)))
     assert (planned.name, planned.draw, planned.request.values) == ("S2_L1_seed0", -1, "")
 
 
-@pytest.mark.parametrize("field", ["templates", "levels", "seeds", "maps"])
+@pytest.mark.parametrize("field", ["templates", "levels", "seeds", "maps", "sites"])
 def test_nothing_of_a_kind_is_no_study(field: str) -> None:
     with pytest.raises(InputError, match=field):
         plan_study(replace(STUDY, **{field: ()}))
@@ -206,6 +217,7 @@ templates: [S1, S2]
 levels: [L0, own]
 seeds: [0:3, 7]
 maps: [town, some.xodr]
+sites: [drawn, a..b]
 preset: realistic
 risk_videos: 2
 values: demand.background_vehicles=20,duration_s=40
@@ -228,6 +240,7 @@ def test_a_file_says_what_the_command_line_says(tmp_path: Path) -> None:
         levels=levels_of(["L0", "own"]),
         seeds=seeds_of(["0:3", "7"]),
         maps=("town", "some.xodr"),
+        sites=("drawn", "a..b"),
         preset="realistic",
         risk_videos=2,
         values="demand.background_vehicles=20,duration_s=40",

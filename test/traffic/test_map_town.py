@@ -27,8 +27,8 @@ def town(compiled):
 def test_what_the_town_has(town):
     kinds = Counter(junction.kind for junction in town.junctions.values())
     stops = kinds[JunctionKind.ALL_WAY_STOP], kinds[JunctionKind.PRIORITY_STOP]
-    assert (kinds[JunctionKind.SIGNAL], *stops, kinds[JunctionKind.DEAD_END]) == (3, 1, 2, 6)
-    assert len(town.crossings) == 17
+    assert (kinds[JunctionKind.SIGNAL], *stops, kinds[JunctionKind.DEAD_END]) == (3, 2, 2, 9)
+    assert len(town.crossings) == 22
     assert town.sumo_offset_m == (0.0, 0.0)
     assert "t" not in {connection.direction for connection in town.connections}
 
@@ -46,23 +46,27 @@ def test_lane_widths_and_limits(town):
 
 def test_the_middle_of_the_town_is_near_the_origin(town):
     points = np.concatenate([lane.centre.points for lane in town.lanes])
-    assert np.abs(points.min(axis=0) + points.max(axis=0)).max() < 10.0
+    assert np.abs(points.min(axis=0) + points.max(axis=0)).max() < 40.0
 
 
 def test_every_block_can_be_reached_from_every_entry(town):
     graph = EdgeGraph.of(town)
-    blocks = {
-        edge.index for edge in town.edges if driving_lanes(town, edge.index) and edge.index in graph.endless_edges()
-    }
-    entries = {edge for edge in blocks if not graph.predecessors[edge]}
-    assert len(entries) == 6
-    for entry in sorted(entries):
-        reached, front = {entry}, [entry]
+
+    def reached_from(start):
+        reached, front = set(), [start]
         while front:
             new = [way for way in graph.successors[front.pop()] if way not in reached]
             reached.update(new)
             front += new
-        assert blocks - entries <= reached
+        return reached
+
+    roads = [edge.index for edge in town.edges if driving_lanes(town, edge.index)]
+    blocks = {edge for edge in roads if edge in reached_from(edge)}
+    entries = [edge for edge in graph.endless_edges() if edge in roads and not graph.predecessors[edge]]
+    assert len(entries) == 9
+    assert len(blocks) == 22
+    for entry in entries:
+        assert blocks <= reached_from(entry)
 
 
 def test_signal_programs_never_give_green_to_two_crossing_straight_movements(compiled, town):

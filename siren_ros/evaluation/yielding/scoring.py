@@ -100,7 +100,7 @@ class ScoredEpisode:
         """The scores of a record with what names it."""
         described = record.description
         named = (described.template, described.level.name, described.seed, described.map_name)
-        return cls(bag, *named, described.draw, situation_sha256(record), scores)
+        return cls(bag, *named, described.pinned, situation_sha256(record), scores)
 
     @property
     def group(self) -> tuple[str, str, str]:

@@ -46,6 +46,8 @@ from siren_ros.traffic.demand.vehicle_factory import Dimensions, VehicleFactory
 from siren_ros.world.actors import ActorClass
 
 _PLACEMENT_TRIES: Final = 400
+_EMV: Final = "emv{}"
+"""Names of EMVs, the foremost one first."""
 
 
 def plan_traffic(
@@ -138,7 +140,8 @@ class _Planner:
         red_from_s = arrival_s - demand.red_before_arrival_s
         streams = tuple(g.name for g in self._template.demand.groups if g.anchor is GroupAnchor.ARRIVAL)
         platoon = tuple(vehicle.name for vehicle in groups.vehicles if streams and vehicle.name.startswith(streams))
-        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, platoon)
+        emv = _EMV.format(0)
+        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, platoon, emv)
 
     def _emvs(self, groups: GroupPlan) -> tuple[PlannedVehicle, ...]:
         rng = random_stream(self._seed, "demand/emv")
@@ -154,7 +157,7 @@ class _Planner:
                 behind_queue_mps(self._network, start, groups.vehicles, self._config),
             )
             spot = Spot(start.lane, start.front_m, depart_mps)
-            emvs.append(self._factory.emv(f"emv{number}", demand.actor_class, driver, route, spot))
+            emvs.append(self._factory.emv(_EMV.format(number), demand.actor_class, driver, route, spot))
         return tuple(emvs)
 
     def _stage(self, groups: GroupPlan) -> tuple[LaneInterval, ...]:

@@ -150,7 +150,9 @@ class SignalTiming:
     crossing: tuple[int, ...] = ()
     """Links of the movements that are to cross during this red. Where their green begins later, that counts."""
     platoon: tuple[str, ...] = ()
-    """Vehicles for which the green lasts: it ends when a detector has seen the last of them (gap-out control)."""
+    """Vehicles for which the green lasts: it ends when a detector has seen the last of them (gap-out control)…"""
+    emv: str = ""
+    """…or before this vehicle arrives."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Shifts a signal's programme so that a movement's red begins at a given time, or behind a platoon."""
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -20,6 +21,8 @@ _YELLOW_DRIVEN_S: Final = 2.2
 """A driver who sees the yellow this late drives on: 1 s to react, and too near to stop comfortably from 30 km/h."""
 _LONGEST_GREEN_S: Final = 10.0
 """How far a green is extended at most."""
+_BEFORE_EMV_S: Final = 0.4
+"""From the begin of the red to the EMV's arrival, at least: it comes to a red however late the platoon is."""
 _CREEP_MPS: Final = 1.0
 
 
@@ -129,7 +132,7 @@ class GapOut:
     """Ends a link's green behind a platoon, as a signal with detectors does: neither before nor long after it.
 
     The vehicles of the platoon arrive earlier or later than planned: bends and others delay them. The green waits for
-    the last of them for ``_LONGEST_GREEN_S`` at most.
+    the last of them for ``_LONGEST_GREEN_S`` at most, and not until the EMV is there.
     """
 
     def __init__(self, timing: SignalTiming) -> None:
@@ -153,11 +156,15 @@ class GapOut:
             yellow = yellow_after(phases, number, link)
             if yellow is None:
                 self._waiting = False
-            elif max(arrivals) <= detector_s(yellow[1]):
+            elif max(arrivals) <= detector_s(yellow[1]) or self._emv_s(present) <= yellow[1] + _BEFORE_EMV_S:
                 libsumo.trafficlight.setPhase(signal, yellow[0])
                 self._waiting = False
             elif libsumo.trafficlight.getNextSwitch(signal) - libsumo.simulation.getTime() <= STEP_S:
                 libsumo.trafficlight.setPhaseDuration(signal, 2.0 * STEP_S)
+
+    def _emv_s(self, present: Collection[str]) -> float:
+        arrivals = _arrivals_s(self._timing.emv, self._timing.signal_id) if self._timing.emv in present else []
+        return min(arrivals, default=math.inf)
 
 
 def _arrivals_s(name: str, signal: str) -> list[float]:

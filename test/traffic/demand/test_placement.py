@@ -199,7 +199,7 @@ def test_the_signal_turns_red_before_the_emv_arrives() -> None:
     """From 160 m, 150 m before the stop line at 10 m/s: 15 s. The left lane's movement has link 1."""
     crossing = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
     traffic = plan(crossing, signal=SignalDemand(4.0)).signal
-    assert traffic == SignalTiming("J", 1, pytest.approx(11.0), (3,), ())
+    assert traffic == SignalTiming("J", 1, pytest.approx(11.0), (3,), (), "emv0")
     assert plan(crossing, signal=None).signal is None
     stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=2), name="stream")
     timing = plan(stream, crossing, signal=SignalDemand(4.0)).signal

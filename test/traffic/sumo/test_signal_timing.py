@@ -181,7 +181,7 @@ def _signal(monkeypatch: pytest.MonkeyPatch) -> Signal:
 
 
 def gap_out(red_from_s: float = 5.0, platoon: tuple[str, ...] = ("a", "b")) -> GapOut:
-    return GapOut(SignalTiming(signal_id="s", link=1, red_from_s=red_from_s, crossing=(0,), platoon=platoon))
+    return GapOut(SignalTiming(signal_id="s", link=1, red_from_s=red_from_s, crossing=(0,), platoon=platoon, emv="e"))
 
 
 BOTH = {"a", "b"}
@@ -201,6 +201,19 @@ def test_the_green_ends_as_the_last_one_reaches_the_detector(
     signal.arrivals_s = {"a": 0.1, "b": 0.1}
     control.apply(BOTH)
     assert signal.asked == [("phase", 1)], "once only"
+
+
+@pytest.mark.parametrize(("emv_s", "asked"), [(3.41, []), (3.39, [("phase", 1)])])
+def test_a_late_platoon_does_not_keep_the_green_for_the_emv(
+    signal: Signal, emv_s: float, asked: list[tuple[str, float]]
+) -> None:
+    """Yellow lasts 3 s: the red begins 0.4 s before the EMV comes. An EMV that has left SUMO is not asked for."""
+    signal.arrivals_s = {"a": 1.0, "b": 9.0, "e": emv_s}
+    control = gap_out()
+    control.apply(BOTH)
+    assert not signal.asked
+    control.apply({*BOTH, "e"})
+    assert signal.asked == asked
 
 
 @pytest.mark.parametrize(("left_s", "holds"), [(STEP_S + 0.01, False), (0.5 * STEP_S, True), (0.0, True)])

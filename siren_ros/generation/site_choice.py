@@ -1,0 +1,162 @@
+"""Where an episode happens: the sites that have what a template needs, and the one of them that a seed draws."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+from siren_ros.errors import InputError, MapError
+from siren_ros.numerics.arrays import random_stream
+from siren_ros.roads.movements import quiet_reach_m
+from siren_ros.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
+from siren_ros.roads.routing import EdgeGraph, driving_lanes
+from siren_ros.roads.site_finder import find_sites
+from siren_ros.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind
+from siren_ros.scenario.scenario import EmvDemand, Placement, Template
+from siren_ros.traffic.config import DemandConfig
+from siren_ros.traffic.demand.demand import plan_traffic
+from siren_ros.traffic.demand.emv_start import approach_rank
+from siren_ros.traffic.demand.plan import DriverPopulation, TrafficPlan
+from siren_ros.traffic.demand.vehicle_factory import Dimensions
+from siren_ros.world.actors import ActorClass
+
+_UNREACHABLE: Final = 3
+"""Rank of sites whose approach is too short."""
+_LONG_ENOUGH_M: Final[Mapping[SiteKind, float]] = {SiteKind.MULTI_LANE_ROAD: 150.0, SiteKind.QUEUED_APPROACH: 120.0}
+"""Least lengths of good sites. Road: 13 s at 45 km/h, to come up with five vehicles and to pass them. Approach: queues
+of eight vehicles with 8 m between them, and the EMV behind."""
+_JUNCTION_M: Final = 10.0
+"""Of the road behind a site, what its junction takes."""
+_BESIDE: Final = frozenset({Placement.SAME_DIRECTION, Placement.ADJACENT_LANE})
+_NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
+"""Where the EMV needs others to make way; on a free shoulder it would pass them."""
+
+
+@dataclass(frozen=True)
+class SitesToTry:
+    """Sites in the order in which an episode tries them."""
+
+    sites: tuple[Site, ...]
+    best: Site
+    """Of all sites of the kind, the one that the finder rates best; an error names it."""
+    shown_map: str
+
+
+def ranked_sites(network: RoadNetwork, template: Template) -> tuple[tuple[Site, int], ...]:
+    """All sites of a template's kind with the rank of the approach (``approach_rank``), best first."""
+    return _ranked(network, template.site_kind, template.emv)
+
+
+def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
+    """The sites that have all that a template needs, best first.
+
+    * The EMV drives up without a junction on the way and without sharp bends, and has road behind the site.
+    * Another lane leads on beside its own, where vehicles of the template drive there.
+    * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
+    * Roads are long enough and do not end at a stop sign, from which one vehicle after the other would go.
+    * Queues are on a road that is long enough without a junction and without a turning lane, which would stay empty.
+    * Roads and queues without a shoulder are taken alone where there are any.
+    """
+    good = [site for site, rank in ranked_sites(network, template) if rank == 0 and _is_good(network, site, template)]
+    if template.site_kind in _NO_SHOULDER:
+        good = [site for site in good if not has_shoulder(network, site)] or good
+    return tuple(good)
+
+
+def has_shoulder(network: RoadNetwork, site: Site) -> bool:
+    """Whether a shoulder runs along a part of the site's stretch."""
+    lanes = (network.lanes[lane] for edge in site.stretch for lane in network.edges[edge].lanes)
+    return any(lane.kind is LaneKind.SHOULDER for lane in lanes)
+
+
+def _is_good(network: RoadNetwork, site: Site, template: Template) -> bool:
+    beside = any(group.placement in _BESIDE and not group.optional for group in template.demand.groups)
+    after = site.route[site.route.index(site.stretch[-1]) + 1 :]
+    exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in after)
+    waiting = [network.connections[index].must_stop for index in site.crossing]
+    stopping = [network.connections[index].must_stop for index in site.connections]
+    return (
+        _usable_m(network, site) >= _LONG_ENOUGH_M.get(site.kind, 0.0)
+        and exit_m >= EXIT_M - _JUNCTION_M
+        and len(site.connections) >= (2 if beside else 1)
+        and (all(waiting) or site.kind is not SiteKind.STOP_JUNCTION)
+        and not (any(stopping) and site.kind is SiteKind.MULTI_LANE_ROAD)
+    )
+
+
+def _usable_m(network: RoadNetwork, site: Site) -> float:
+    """Length of the stretch; of queues, where it has no more lanes than lead on, and as far as no junction is there."""
+    if site.kind is not SiteKind.QUEUED_APPROACH:
+        return site.length_m
+    plain = [edge for edge in site.stretch if len(driving_lanes(network, edge)) == len(site.connections)]
+    return quiet_reach_m(network, site.approach_lane, EdgeGraph.of(network).route_length_m(plain))
+
+
+@lru_cache(maxsize=MAPS_KEPT * len(SiteKind))
+def _ranked(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[tuple[Site, int], ...]:
+    ranked = [(site, _rank(network, site, emv)) for site in find_sites(network, kind)]
+    return tuple(sorted(ranked, key=lambda site_and_rank: site_and_rank[1]))
+
+
+def _rank(network: RoadNetwork, site: Site, emv: EmvDemand) -> int:
+    try:
+        return approach_rank(network, site, emv, DemandConfig())
+    except MapError:
+        return _UNREACHABLE
+
+
+def sites_to_try(network: RoadNetwork, template: Template, seed: int, pinned: str, shown_map: str) -> SitesToTry:
+    """The pinned site alone, or the good sites in an order that the seed draws, then the others, best first.
+
+    The level does not enter, nor do values that differ from the template's file.
+
+    Raises:
+        MapError: The map has no site of the template's kind.
+        InputError: No site has the pinned name.
+    """
+    ranked = [site for site, _ in ranked_sites(network, template)]
+    if not ranked:
+        raise MapError(shown_map, REQUIREMENTS[template.site_kind])
+    best = find_sites(network, template.site_kind)[0]
+    if pinned:
+        sites = tuple(site for site in ranked if site.name == pinned)
+        if not sites:
+            names = ", ".join(site.name for site in ranked)
+            raise InputError("site", pinned, f"a site of {template.template_id} on {shown_map}: {names}")
+        return SitesToTry(sites, sites[0], shown_map)
+    good = good_sites(network, template)
+    drawn = [good[place] for place in random_stream(seed, "site").permutation(len(good))]
+    return SitesToTry((*drawn, *(site for site in ranked if site not in good)), best, shown_map)
+
+
+def plan_at_site(
+    network: RoadNetwork,
+    to_try: SitesToTry,
+    template: Template,
+    seed: int,
+    drivers: DriverPopulation,
+    dimensions: Mapping[ActorClass, Dimensions],
+) -> tuple[Site, TrafficPlan]:
+    """The first site at which the template's EMVs and groups can start, and the traffic there.
+
+    Args:
+        network: The map.
+        to_try: Sites in order.
+        template: The scenario with its values.
+        seed: The episode's seed.
+        drivers: Population from which drivers are drawn.
+        dimensions: Length, width and height of each vehicle class in metres.
+
+    Raises:
+        MapError: No site will do. It says what the map lacks, and what the best site does.
+    """
+    reasons = {}
+    for site in to_try.sites:
+        try:
+            return site, plan_traffic(network, site, template, seed, drivers, dimensions)
+        except MapError as error:
+            reasons[site.name] = error.allowed
+    best, count = to_try.best.name, len(to_try.sites)
+    places = "the only place of this kind" if count == 1 else f"the best of {count} places of this kind"
+    allowed = f"{REQUIREMENTS[template.site_kind]}, and that is {reasons[best]} ({places} is {best})"
+    raise MapError(to_try.shown_map, allowed)

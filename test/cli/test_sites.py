@@ -1,0 +1,49 @@
+"""``siren sites``: what stands in the table, and what does not."""
+
+from pathlib import Path
+
+from repository import REPOSITORY
+
+from siren_ros.generation.site_choice import good_sites, ranked_sites
+from siren_ros.roads.maps.map_compiler import compile_map
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.scenario.templates import load_template
+
+TEMPLATE = load_template("S5")
+
+
+def rows(printed: str) -> list[list[str]]:
+    return [line.split() for line in printed.splitlines()[1:]]
+
+
+def test_the_good_sites_of_a_template_are_listed_and_all_where_asked(siren) -> None:
+    town = parse_road_network(compile_map(None).read_bytes())
+    good = [site.name for site in good_sites(town, TEMPLATE)]
+    listed = rows(siren(["sites", "--templates", "S5"]).out)
+    assert [row[:3] for row in listed] == [["S5", name, "yes"] for name in good]
+    everything = rows(siren(["sites", "--templates", "S5", "--all"]).out)
+    assert [row[1] for row in everything] == [site.name for site, _ in ranked_sites(town, TEMPLATE)]
+    assert {row[1] for row in everything if row[2] == "yes"} == set(good)
+
+
+def test_a_site_has_its_street_junction_length_and_lanes(siren) -> None:
+    line = next(line for line in siren(["sites", "--templates", "S1"]).out.splitlines() if "mill_e_1" in line)
+    assert line.split() == ["S1", "mill_e_1..north_e_0", "yes", "North", "Street", "north_west", "203", "2", "no"]
+
+
+def test_where_no_site_is_good_all_are_listed(siren) -> None:
+    """On this map every road ends at the map's end."""
+    file = str(REPOSITORY / "test" / "maps" / "bends.xodr")
+    network = parse_road_network(compile_map(Path(file)).read_bytes())
+    assert not good_sites(network, load_template("S2"))
+    listed = rows(siren(["sites", file, "--templates", "S2"]).out)
+    assert [row[:3] for row in listed] == [["S2", "-1..-2", "no"], ["S2", "2..1", "no"]]
+
+
+def test_a_template_without_a_site_has_no_line(siren) -> None:
+    file = str(REPOSITORY / "test" / "maps" / "signs.osm")
+    assert rows(siren(["sites", file, "--templates", "S7"]).out) == []
+
+
+def test_an_unknown_template_is_one_line(siren) -> None:
+    assert siren(["sites", "--templates", "S9"], 2).err.startswith("siren sites: template: 'S9' cannot be used")

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+from siren_ros.behaviour.civilians.junction_entry import junction_m, may_cross
 from siren_ros.behaviour.driving.civilian_unit import (
     YieldStep,
     YieldUnit,
@@ -16,7 +17,6 @@ from siren_ros.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
 from siren_ros.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.tracked_path import blend_length_m, path_onto
-from siren_ros.conflicts.yielding import Rank, rank_of
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Mode
@@ -26,10 +26,11 @@ from siren_ros.world.traffic_state import EventKind
 def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     """Hands the vehicle back to SUMO if it is in its lane. Otherwise gives it a path back to the lane's centre.
 
-    A driver who stands over the stop line of a red light waits for green first.
+    A driver who is over the stop line of a red light waits for green first.
     """
-    if stands_over_red_line(ego):
-        return YieldStep(replace(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0), FULL_BRAKE)
+    if is_over_red_line(ego):
+        unit = replace(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0)
+        return YieldStep(unit, FULL_BRAKE if standing(ego) else navigate(unit, ego, 0.0, ego.world.hold_navigator)[1])
     lane = lane_of(unit, ego)
     if lane == NO_LANE or _straight(ego, lane, ego.config.yielding.rejoin_offset_m):
         return _hand_back(unit, ego)
@@ -62,16 +63,19 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     return YieldStep(replace(unit, navigator=navigator, stopped_steps=stopped), command)
 
 
-def stands_over_red_line(ego: Ego) -> bool:
-    """Whether a vehicle stands across a stop line whose light is red for its movement: SUMO would let it go on."""
+def is_over_red_line(ego: Ego) -> bool:
+    """Whether a vehicle is beyond the stop line of a light that is red for it, and in nobody's way there.
+
+    SUMO would let it go on.
+    """
     outlook = ego.seen.outlook
-    if outlook is None or not standing(ego):
+    if outlook is None:
         return False
-    front = outlook.front_m(ego.row)
-    entry = outlook.course(ego.row).entry_at(front)
-    if entry is None or front - entry.start_m > 2.0 * ego.half_length_m:
+    front, course = outlook.front_m(ego.row), outlook.course(ego.row)
+    entry = course.entry_at(front)
+    if entry is None or course.entry_at(front - 2.0 * ego.half_length_m - junction_m(ego, entry.connection)) is entry:
         return False
-    return rank_of(entry.connection, outlook.signals) is Rank.RED
+    return not may_cross(ego, entry.connection, front - entry.start_m)
 
 
 def _straight(ego: Ego, lane: int, off_m: float = math.inf) -> bool:

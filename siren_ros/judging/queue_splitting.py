@@ -1,4 +1,4 @@
-"""Template S1: civilians in two queues pull over and hold, and the EMV passes between the queues."""
+"""Template S1: civilians in two queues pull over and hold, the EMV passes between them and crosses the stop line."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.judging.junction_traversal import find_traversals
 from siren_ros.judging.verdict import Verdict, at_least, closest_of, verdict_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S, steps_from_s
@@ -60,7 +61,8 @@ class Holding:
 def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
     """At least ``holding_min`` civilians pull over and hold; the EMV overtakes ``overtaken_min`` between two queues.
 
-    As it passes a vehicle, its centre is at most ``lateral_max_m`` from the boundary between the two lanes.
+    As it passes a vehicle, its centre is at most ``lateral_max_m`` from the boundary between the two lanes. It crosses
+    the stop line of the site: an EMV that stands trapped in the queues has not got through.
     """
     places = places_of(record, record.rows)
     standing = find_holding(record, places)
@@ -79,11 +81,26 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
             holding_part,
             at_least("overtaken", len(between), thresholds["overtaken_min"], detail),
             at_least("shorter_queue", min(left, right), QUEUE_MIN, f"{left} on the left, {right} on the right"),
+            at_least("crossed", *_crossed(record, emv_id)),
         )
-        text = f"{len(holding)} civilians pulled over and held, and the EMV passed {len(between)} between two queues"
+        text = (
+            f"{len(holding)} civilians pulled over and held, and the EMV passed {len(between)} between two queues "
+            f"and {'crossed' if parts[-1].holds else 'did not cross'} the stop line"
+        )
         verdicts.append(verdict_of(parts, text))
     overtaken_part = at_least("overtaken", 0, thresholds["overtaken_min"], "there is no EMV")
     return closest_of(verdicts) or verdict_of((holding_part, overtaken_part), "there is no EMV")
+
+
+def _crossed(record: EpisodeRecord, emv_id: int) -> tuple[int, int, str]:
+    """How often an EMV crosses the stop line of the site, how often it has to, and when."""
+    site = str(record.description.site.get("junction", ""))
+    crossed = [
+        traversal.enter_step
+        for traversal in find_traversals(record, [emv_id])
+        if record.network.connections[traversal.connection].junction == site
+    ]
+    return len(crossed), 1, ", ".join(f"{step * STEP_S:.1f} s" for step in crossed)
 
 
 def _joined(counted: str, name: str, others: str) -> str:

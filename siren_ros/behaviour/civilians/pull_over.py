@@ -18,6 +18,7 @@ from siren_ros.behaviour.civilians.junction_entry import (
     movement_from,
     on_junction,
     room_beyond_line_m,
+    way_inside_m,
 )
 from siren_ros.behaviour.civilians.rejoin import start_rejoin
 from siren_ros.behaviour.civilians.yield_lane_change import defer
@@ -224,7 +225,7 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
         movement = connection_of_internal(network, lane, route)
         to_line = -position
         if movement is not None:
-            to_line -= sum(network.lanes[item].length_m for item in movement.via[: movement.via.index(lane)])
+            to_line -= way_inside_m(ego, movement, lane)
     else:
         beside = neighbour_lane(network, road_lane_of(network, lane), unit.side)
         on_road = beside == NO_LANE or network.lanes[beside].civilian_allowed

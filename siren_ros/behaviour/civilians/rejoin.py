@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from siren_ros.behaviour.civilians.junction_entry import junction_m, may_cross
+from siren_ros.behaviour.civilians.junction_entry import may_cross, way_inside_m
 from siren_ros.behaviour.driving.civilian_unit import (
     YieldStep,
     YieldUnit,
@@ -17,6 +17,7 @@ from siren_ros.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
 from siren_ros.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.tracked_path import blend_length_m, path_onto
+from siren_ros.conflicts.yielding import Rank, rank_of
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Mode
@@ -71,11 +72,11 @@ def is_over_red_line(ego: Ego) -> bool:
     outlook = ego.seen.outlook
     if outlook is None:
         return False
-    front, course = outlook.front_m(ego.row), outlook.course(ego.row)
-    entry = course.entry_at(front)
-    if entry is None or course.entry_at(front - 2.0 * ego.half_length_m - junction_m(ego, entry.connection)) is entry:
+    front = outlook.front_m(ego.row)
+    entry = outlook.course(ego.row).entry_at(front)
+    if entry is None or rank_of(entry.connection, outlook.signals) is not Rank.RED:
         return False
-    return not may_cross(ego, entry.connection, front - entry.start_m)
+    return not may_cross(ego, entry.connection, front - entry.start_m + way_inside_m(ego, entry.connection, ego.lane))
 
 
 def _straight(ego: Ego, lane: int, off_m: float = math.inf) -> bool:

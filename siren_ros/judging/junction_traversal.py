@@ -47,8 +47,8 @@ class Traversal:
         return max(first, self.enter_step) < min(last, self.leave_step)
 
 
-def find_traversals(record: EpisodeRecord, actor_ids: Iterable[int] | None = None) -> tuple[Traversal, ...]:
-    """Every junction traversal whose stop line is crossed in the record, by actor (all without ids) and then by time.
+def find_traversals(record: EpisodeRecord) -> tuple[Traversal, ...]:
+    """Every junction traversal whose stop line is crossed in the record, by actor and then by time.
 
     The footprint's centre lay on the approach edge before and on the exit edge after. Where several movements join
     the two, the movement counts whose path held the centre longest. A vehicle that keeps no lane (between lanes, on
@@ -56,8 +56,7 @@ def find_traversals(record: EpisodeRecord, actor_ids: Iterable[int] | None = Non
     """
     places = places_of(record, record.rows)
     movements = _Movements(record.network)
-    actors = record.actors if actor_ids is None else actor_ids
-    drives = [_Drive(record, places, key, movements) for key in actors if len(record.rows_of(key))]
+    drives = [_Drive(record, places, key, movements) for key in record.actors if len(record.rows_of(key))]
     return tuple(traversal for drive in drives for traversal in drive.traversals())
 
 

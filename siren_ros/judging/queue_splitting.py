@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.judging.junction_traversal import find_traversals
 from siren_ros.judging.verdict import Verdict, at_least, closest_of, verdict_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S, steps_from_s
@@ -93,14 +92,21 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
 
 
 def _crossed(record: EpisodeRecord, emv_id: int) -> tuple[int, int, str]:
-    """How often an EMV crosses the stop line of the site, how often it has to, and when."""
-    site = str(record.description.site.get("junction", ""))
-    crossed = [
-        traversal.enter_step
-        for traversal in find_traversals(record, [emv_id])
-        if record.network.connections[traversal.connection].junction == site
-    ]
-    return len(crossed), 1, ", ".join(f"{step * STEP_S:.1f} s" for step in crossed)
+    """Whether an EMV's centre crosses the stop line of the site, how often it has to, and when it does.
+
+    Between the lanes it may be on none of them: its way is measured along the lane that is nearest to it.
+    """
+    stretch = record.description.site.get("stretch")
+    edge = record.network.edge_by_id.get(str(stretch[-1])) if isinstance(stretch, list | tuple) and stretch else None
+    emv = record.track(emv_id)
+    steps = np.zeros(0, dtype=np.intp)
+    for lane in (record.network.lanes[index] for index in (edge.lanes if edge else ())):
+        along_m, left_m = lane.centre.project(emv.xy_m)
+        near = np.abs(left_m) <= LATERAL_REACH_M
+        beyond = near & (along_m >= lane.length_m)
+        came = np.flatnonzero(beyond[1:] & near[:-1] & (along_m[:-1] < lane.length_m))
+        steps = np.union1d(steps, emv.step[came + 1])
+    return int(len(steps) > 0), 1, f"{steps[0] * STEP_S:.1f} s" if len(steps) else ""
 
 
 def _joined(counted: str, name: str, others: str) -> str:

@@ -44,13 +44,13 @@ def _queues(
     return at_site(hand_made(NETWORK, vehicles))
 
 
-def at_site(record: EpisodeRecord, junction: str = "J") -> EpisodeRecord:
-    return replace(record, description=replace(record.description, site={"junction": junction}))
+def at_site(record: EpisodeRecord, approach: str = "s_in") -> EpisodeRecord:
+    return replace(record, description=replace(record.description, site={"stretch": ["w_in", approach]}))
 
 
 def test_an_emv_that_stands_before_the_line_has_not_got_through():
-    """The line is at 100 m and the EMV 6 m long: its centre has to get onto the junction."""
-    for until_m, crossed in ((96.0, 0), (99.0, 0), (101.0, 1)):
+    """The line is at 100 m and the EMV 6 m long: its centre has to get over it."""
+    for until_m, crossed in ((96.0, 0), (99.9, 0), (100.1, 1)):
         verdict = queues_split(_queues(until_m=until_m), THRESHOLDS)
         assert verdict.measures()["crossed"] == crossed
         assert [part.name for part in verdict.failing] == ([] if crossed else ["crossed"])
@@ -58,7 +58,13 @@ def test_an_emv_that_stands_before_the_line_has_not_got_through():
 
 
 def test_only_the_line_of_the_site_counts():
-    assert [part.name for part in queues_split(at_site(_queues(), "K"), THRESHOLDS).failing] == ["crossed"]
+    for approach in ("n_in", "none"):
+        assert [part.name for part in queues_split(at_site(_queues(), approach), THRESHOLDS).failing] == ["crossed"]
+
+
+def test_an_emv_that_begins_beyond_the_line_has_not_crossed_it():
+    record = hand_made(NETWORK, {EMV: Driven(_northbound(LINE_X_M), at_speed(100.5, 7.0, 100))})
+    assert queues_split(at_site(record), THRESHOLDS).measures()["crossed"] == 0.0
 
 
 def test_passing_between_two_queues_that_hold():
@@ -173,7 +179,7 @@ def _with_the_queues_on_a_junction(*, turns_off: bool) -> EpisodeRecord:
 
 def test_a_junction_that_nobody_crosses_is_part_of_the_road():
     verdict = queues_split(_with_the_queues_on_a_junction(turns_off=False), THRESHOLDS)
-    assert [part.name for part in verdict.failing] == ["crossed"], "the line of the site is not there"
+    assert verdict.holds
     verdict = queues_split(_with_the_queues_on_a_junction(turns_off=True), THRESHOLDS)
     assert verdict.measures()["overtaken"] == 0.0
 

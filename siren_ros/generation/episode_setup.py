@@ -193,7 +193,8 @@ def set_up_episode(
         for actor_class, vehicle in load_vehicle_parameters(noted).items()
     }
     shown_map = request.map or compiled.name
-    site, plan = plan_at_best_site(network, template, request.seed, load_drivers(files=noted), dimensions, shown_map)
+    lasting = replace(template, duration_s=max(template.duration_s, request.duration_s))
+    site, plan = plan_at_best_site(network, lasting, request.seed, load_drivers(files=noted), dimensions, shown_map)
     plan = with_attention(plan, preset.attention.civilians, request.seed)
     if request.av:
         plan = replace(plan, av=choose_av(network, plan))

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.behaviour.paths.curve import SMOOTHING_M, Curve
+from siren_ros.behaviour.paths.sideways_jump import without_jumps
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.movements import is_plain_joint, movement_turn_rad
@@ -166,6 +167,7 @@ def path_on_lanes(
     whole = Polyline.joined(parts)
     lengths = np.array([part.length_m for part in parts])
     starts = np.concatenate(([0.0], np.cumsum(lengths)[:-1])) * (whole.length_m / max(lengths.sum(), 1e-6))
+    whole, starts = without_jumps(whole, starts)
     to_m = max(min(whole.length_m, from_m + ahead_m), from_m + 2.0)
     curve = Curve.through(whole.cut(from_m, to_m).points, SMOOTHING_M)
     scale = curve.length_m / (to_m - from_m)

@@ -48,6 +48,7 @@ class RouteChooser:
         self._config = config
         self._ways: dict[int, tuple[_Way, ...]] = {}
         self._lasting: dict[float, frozenset[int]] = {}
+        self._endless = graph.endless_edges()
 
     def leads_on(self, lane: int, vehicle_m: float) -> bool:
         """Whether a long vehicle that begins in a driving lane never comes to where all ways on are too tight for it.
@@ -76,12 +77,13 @@ class RouteChooser:
         lane: int | None = None,
         *,
         turn_weight: float | None = None,
+        lasting_m: float = 0.0,
     ) -> tuple[int, ...]:
         """A random route of at least ``length_m``, or to where the map ends.
 
-        At each junction a way is as likely as it has lanes, and turns less likely than straight on by
-        the weight of a turn. Long vehicles keep off tight bends, and off roads that lead to nothing else, as
-        bus lines and lorry routes do, wherever there is another way.
+        It leaves the map within ``lasting_m`` only where there is no other way. At each junction a way is as likely as
+        it has lanes, and turns less likely than straight on by the weight of a turn. Long vehicles keep off tight
+        bends, and off roads that lead to nothing else, as bus lines and lorry routes do, wherever there is another way.
 
         The length includes the given edges. The way on begins in ``lane`` of the last given edge, on which the vehicle
         stands, unless all its ways are too tight for the vehicle. Without a weight, turns have that of civilians.
@@ -93,11 +95,16 @@ class RouteChooser:
             ways = self._open_ways(route[-1], vehicle_m, lane)
             if not ways:
                 break
+            ways = tuple(way for way in ways if self._lasts(way.edge, lasting_m - driven_m)) or ways
             weights = np.array([len(way.lanes) * (turn_weight if way.turns else 1.0) for way in ways])
             route.append(ways[int(rng.choice(len(ways), p=weights / weights.sum()))].edge)
             driven_m += self._graph.length_m[route[-1]]
             lane = None
         return tuple(route)
+
+    def _lasts(self, edge: int, missing_m: float) -> bool:
+        """Whether a route can go on along an edge for as long as it is to last."""
+        return edge in self._endless or self._graph.length_m[edge] >= missing_m
 
     def _open_ways(self, edge: int, vehicle_m: float, lane: int | None) -> tuple[_Way, ...]:
         """The ways to choose from: wide enough and from the lane; where there is none, wide enough or from the lane."""
@@ -247,7 +254,8 @@ class VehicleFactory:
 
     def draw_way(self, start: Sequence[int], length_m: float, rng: np.random.Generator) -> tuple[int, ...]:
         """A random way for an EMV of at least ``length_m`` (or to a dead end) that begins with the given edges."""
-        return self._routes.draw(start, length_m, rng, 0.0, turn_weight=self._config.emv_turn_weight)
+        turn_weight = self._config.emv_turn_weight
+        return self._routes.draw(start, length_m, rng, 0.0, turn_weight=turn_weight, lasting_m=length_m)
 
     def draw_route(
         self, start: Sequence[int], length_m: float, rng: np.random.Generator, lane: int, actor_class: ActorClass
@@ -262,7 +270,8 @@ class VehicleFactory:
             if not self._routes.fits(edge, following, lane if len(kept) == 1 else None, vehicle_m):
                 break
             kept.append(following)
-        way = self._routes.draw(kept, length_m, rng, vehicle_m, lane if len(kept) == 1 else None)
+        first, lasting_m = lane if len(kept) == 1 else None, self._config.lasting_share * length_m
+        way = self._routes.draw(kept, length_m, rng, vehicle_m, first, lasting_m=lasting_m)
         return tuple(self._network.edges[edge].edge_id for edge in way)
 
     def civilian(

@@ -196,10 +196,17 @@ class PullOverConfig:
     """Free space ahead with which a driver goes on to make room."""
     room_standstill_gap_m: float = 1.0
     """Gap to the vehicle ahead at which the driver then stops."""
-    room_over_line_m: float = 4.0
-    """How far the front then reaches over the stop line."""
-    head_over_line_m: float = 2.5
+    room_over_line_m: float = 12.0
+    """How far the front then reaches over the stop line of a red light, at most: a car's length and the lateral move.
+    It stays clear of those who may come on the junction."""
+    head_over_line_m: float = 4.5
     """How far the front of the first one in a standing queue reaches over the stop line to have space for the move."""
+    beyond_junction_m: float = 2.0
+    """Way from the junction to the rear of a vehicle that has cleared it to make room."""
+    in_the_way_m: float = 2.0
+    """A vehicle that is farther in the way of others than this crosses the junction at a red light too."""
+    turned_off_m: float = 15.0
+    """Distance to an EMV whose way does not lead past a vehicle any more from which on that has nobody to yield to."""
     settle_length_m: float = 4.0
     """Straight piece after the lateral move, at least; long vehicles take their own length to come straight."""
     stick_out_m: float = 0.33

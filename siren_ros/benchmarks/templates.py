@@ -2,11 +2,12 @@
 
 ``python -m siren_ros.benchmarks.templates --templates S1 S3 --seeds 0:20`` runs the episodes without ROS and
 prints in how many the template's predicate holds, what failed in the others, contacts, teleports, violated checks,
-the greatest impact speed and overlap, the lateral acceleration of everybody (99.9th percentile) and the longitudinal
-one of the EMV (1st and 99th), the residual, the EMV's longest standstill and mean speed, the error of
-constant-velocity prediction, and the time of behaviour and dynamics per step. ``--compare L1 L3`` compares the EMV's
-travel time at two levels over the same seeds instead. Below each row stands how the seeds differ. ``--placebo``
-prints in how many seeds the predicate also holds at the levels at which its cause is absent.
+the greatest impact speed and overlap, the lateral acceleration of everybody (99.9th percentile), the longitudinal one
+of the EMV (1st and 99th) and of civilians that move (0.5th and 99.5th), the residual, the EMV's longest standstill and
+mean speed, the error of constant-velocity prediction, and the time of behaviour and dynamics per step.
+``--compare L1 L3`` compares the EMV's travel time at two levels over the same seeds instead. Below each row stands how
+the seeds differ. ``--placebo`` prints in how many seeds the predicate also holds at the levels at which its cause is
+absent.
 """
 
 import argparse
@@ -166,9 +167,10 @@ def median_step_ms(setup: EpisodeSetup, steps: Sequence[LoopStep]) -> float:
     return float(np.median(taken)) * 1e3
 
 
+_WHO: Final = ("emv", "civilian")
 _HEAD = (
     f"{'':<4}{'holds':>7}{'failed':>7}{'hits':>6}{'telep':>6}{'checks':>7}{'impact':>7}{'overlap':>8}"
-    f"{'a_lat':>6}{'EMV a':>11}  {'residual p50/p99/max m':<23}"
+    f"{'a_lat':>6}{'EMV a':>11}{'civ a':>11}  {'residual p50/p99/max m':<23}"
     f"{'still s':>8}{'EMV m/s':>8}{'CV ADE m':>9}{'ms/step':>8}"
 )
 
@@ -201,12 +203,12 @@ def row_of(name: str, episodes: Sequence[EpisodeFigures]) -> str:
         return f"{name:<4}{f'0/{len(episodes)}':>7}{len(episodes):>7}"
     row = json_row(name, episodes)
     residual = "/".join(f"{row[f'residual_{part}_m']:.2f}" for part in ("p50", "p99", "max"))
-    accelerations = f"{row['emv_accel_min_mps2']:.1f}/{row['emv_accel_max_mps2']:.1f}"
+    emv, civilian = (f"{row[f'{who}_accel_min_mps2']:.1f}/{row[f'{who}_accel_max_mps2']:.1f}" for who in _WHO)
     timed = [episode.step_ms for episode in ran if not np.isnan(episode.step_ms)]
     return (
         f"{name:<4}{row['holds']:>7}{row['failed']:>7}{row['contacts']:>6}{row['teleports']:>6}"
         f"{row['episodes_with_violations']:>7}{row['impact_max_mps']:>7.1f}{row['overlap_max_m']:>8.2f}"
-        f"{row['lateral_accel_max_mps2']:>6.1f}{accelerations:>11}  {residual:<23}"
+        f"{row['lateral_accel_max_mps2']:>6.1f}{emv:>11}{civilian:>11}  {residual:<23}"
         f"{row['standstill_max_s']:>8.1f}{row['emv_speed_mps']:>8.1f}"
         f"{np.nanmean([episode.cv_ade_m for episode in ran]):>9.2f}{max(timed, default=float('nan')):>8.2f}"
     )
@@ -265,6 +267,8 @@ def json_row(name: str, episodes: Sequence[EpisodeFigures]) -> dict[str, Any]:
         "lateral_accel_max_mps2": float(max(summary.lateral_accel_mps2 for summary in physics)),
         "emv_accel_min_mps2": float(min(summary.emv_accel_low_mps2 for summary in physics)),
         "emv_accel_max_mps2": float(max(summary.emv_accel_high_mps2 for summary in physics)),
+        "civilian_accel_min_mps2": float(min(summary.civilian_accel_low_mps2 for summary in physics)),
+        "civilian_accel_max_mps2": float(max(summary.civilian_accel_high_mps2 for summary in physics)),
         "residual_p50_m": float(np.median([episode.residual_p50_m for episode in ran])),
         "residual_p99_m": float(max(episode.residual_p99_m for episode in ran)),
         "residual_max_m": float(max(episode.residual_max_m for episode in ran)),

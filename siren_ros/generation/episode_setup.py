@@ -143,7 +143,8 @@ def set_up_episode(
         for actor_class, vehicle in load_vehicle_parameters(noted).items()
     }
     sites = sites_to_try(network, written, request.seed, request.site, request.map or compiled.name)
-    site, plan = plan_at_site(network, sites, template, request.seed, load_drivers(files=noted), dimensions)
+    lasting = replace(template, duration_s=max(template.duration_s, request.duration_s))
+    site, plan = plan_at_site(network, sites, lasting, request.seed, load_drivers(files=noted), dimensions)
     plan = with_responses(plan, preset, request.seed)
     if request.av:
         plan = replace(plan, av=choose_av(network, plan))

@@ -6,13 +6,17 @@ from typing import Final
 import numpy as np
 
 from siren_ros.judging.verdict import Part, at_least, at_most
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import overlapping_pairs
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import ActorStates
+from siren_ros.world.actors import ActorStates, Mode
 from siren_ros.world.traffic_state import EventKind
 
 LATERAL_PERCENTILE: Final = 99.9
 EMV_PERCENTILES: Final = (1.0, 99.0)
+CIVILIAN_PERCENTILES: Final = (0.5, 99.5)
+MOVING_MPS: Final = 0.3
+"""Slower vehicles stand: what holds them is no braking."""
 PAPER_PRESET: Final = "paper"
 """The preset in which every driver reacts."""
 
@@ -48,6 +52,13 @@ class VerifyLimits:
     """An EMV's, 1st percentile: what an anticipating driver brakes with (same source, urban roads)."""
     emv_accel_mps2: float = 2.5
     """An EMV's, 99th percentile: a brisk start of a van (same source)."""
+    civilian_brake_mps2: float = 4.0
+    """Of civilians that move, 0.5th percentile: what drivers brake with in traffic (same source); an emergency brake,
+    for a vehicle that cuts in, may be harder, but is rare."""
+    civilian_accel_mps2: float = 3.0
+    """The same, 99.5th percentile: a brisk start of a car (same source)."""
+    civilian_lateral_mps2: float = 5.0
+    """A civilian's at any time: half of what dry tyres give, more than drivers use anywhere but on a race track."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +76,12 @@ class PhysicsSummary:
     """1st percentile of the longitudinal acceleration of all EMVs."""
     emv_accel_high_mps2: float = 0.0
     """99th percentile of the same."""
+    civilian_accel_low_mps2: float = 0.0
+    """0.5th percentile of the longitudinal acceleration of civilians that move."""
+    civilian_accel_high_mps2: float = 0.0
+    """99.5th percentile of the same."""
+    civilian_lateral_mps2: float = 0.0
+    """Greatest lateral acceleration of civilians that move."""
 
 
 def summarise_physics(record: EpisodeRecord) -> PhysicsSummary:
@@ -72,16 +89,26 @@ def summarise_physics(record: EpisodeRecord) -> PhysicsSummary:
     rows = record.rows
     speeds = [float(event.detail["impact_speed_mps"]) for event in record.events_of(EventKind.COLLISION)]
     lateral = np.abs(rows.lateral_accel_mps2)
-    accel = rows.accel_mps2[np.isin(rows.actor_id, np.array(record.emv_ids, dtype=np.uint32))]
-    low, high = np.percentile(accel, EMV_PERCENTILES) if len(accel) else (0.0, 0.0)
+    is_emv = np.isin(rows.actor_id, np.array(record.emv_ids, dtype=np.uint32))
+    low, high = _extremes(rows.accel_mps2[is_emv], EMV_PERCENTILES)
+    driven = ~is_emv & (rows.speed_mps > MOVING_MPS) & (rows.mode != Mode.STOPPED)
+    civilian_low, civilian_high = _extremes(rows.accel_mps2[driven], CIVILIAN_PERCENTILES)
     return PhysicsSummary(
         contacts=len(speeds),
         impact_mps=max(speeds, default=0.0),
         overlap_m=max((overlap_m(state, record) for state in record.states), default=0.0),
         lateral_accel_mps2=float(np.percentile(lateral, LATERAL_PERCENTILE)) if len(lateral) else 0.0,
-        emv_accel_low_mps2=float(low),
-        emv_accel_high_mps2=float(high),
+        emv_accel_low_mps2=low,
+        emv_accel_high_mps2=high,
+        civilian_accel_low_mps2=civilian_low,
+        civilian_accel_high_mps2=civilian_high,
+        civilian_lateral_mps2=float(lateral[driven].max(initial=0.0)),
     )
+
+
+def _extremes(values: Floats, percentiles: tuple[float, float]) -> tuple[float, float]:
+    low, high = np.percentile(values, percentiles) if len(values) else (0.0, 0.0)
+    return float(low), float(high)
 
 
 def overlap_m(state: ActorStates, record: EpisodeRecord) -> float:
@@ -104,4 +131,7 @@ def check_physics(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ..
         at_most("lateral_accel_p99_9_mps2", summary.lateral_accel_mps2, limits.comfort_lateral_mps2),
         at_least("emv_accel_p1_mps2", summary.emv_accel_low_mps2, -limits.emv_brake_mps2),
         at_most("emv_accel_p99_mps2", summary.emv_accel_high_mps2, limits.emv_accel_mps2),
+        at_least("civilian_accel_p0_5_mps2", summary.civilian_accel_low_mps2, -limits.civilian_brake_mps2),
+        at_most("civilian_accel_p99_5_mps2", summary.civilian_accel_high_mps2, limits.civilian_accel_mps2),
+        at_most("civilian_lateral_mps2", summary.civilian_lateral_mps2, limits.civilian_lateral_mps2),
     )

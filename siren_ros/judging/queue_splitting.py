@@ -1,4 +1,4 @@
-"""Template S1: civilians in two queues pull over and hold, and the EMV passes between the queues."""
+"""Template S1: civilians in two queues pull over and hold, the EMV passes between them and crosses the stop line."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -60,7 +60,8 @@ class Holding:
 def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
     """At least ``holding_min`` civilians pull over and hold; the EMV overtakes ``overtaken_min`` between two queues.
 
-    As it passes a vehicle, its centre is at most ``lateral_max_m`` from the boundary between the two lanes.
+    As it passes a vehicle, its centre is at most ``lateral_max_m`` from the boundary between the two lanes. It crosses
+    the stop line of the site: an EMV that stands trapped in the queues has not got through.
     """
     places = places_of(record, record.rows)
     standing = find_holding(record, places)
@@ -79,11 +80,33 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
             holding_part,
             at_least("overtaken", len(between), thresholds["overtaken_min"], detail),
             at_least("shorter_queue", min(left, right), QUEUE_MIN, f"{left} on the left, {right} on the right"),
+            at_least("crossed", *_crossed(record, emv_id)),
         )
-        text = f"{len(holding)} civilians pulled over and held, and the EMV passed {len(between)} between two queues"
+        text = (
+            f"{len(holding)} civilians pulled over and held, and the EMV passed {len(between)} between two queues "
+            f"and {'crossed' if parts[-1].holds else 'did not cross'} the stop line"
+        )
         verdicts.append(verdict_of(parts, text))
     overtaken_part = at_least("overtaken", 0, thresholds["overtaken_min"], "there is no EMV")
     return closest_of(verdicts) or verdict_of((holding_part, overtaken_part), "there is no EMV")
+
+
+def _crossed(record: EpisodeRecord, emv_id: int) -> tuple[int, int, str]:
+    """Whether an EMV's centre crosses the stop line of the site, how often it has to, and when it does.
+
+    Between the lanes it may be on none of them: its way is measured along the lane that is nearest to it.
+    """
+    stretch = record.description.site.get("stretch")
+    edge = record.network.edge_by_id.get(str(stretch[-1])) if isinstance(stretch, list | tuple) and stretch else None
+    emv = record.track(emv_id)
+    steps = np.zeros(0, dtype=np.intp)
+    for lane in (record.network.lanes[index] for index in (edge.lanes if edge else ())):
+        along_m, left_m = lane.centre.project(emv.xy_m)
+        near = np.abs(left_m) <= LATERAL_REACH_M
+        beyond = near & (along_m >= lane.length_m)
+        came = np.flatnonzero(beyond[1:] & near[:-1] & (along_m[:-1] < lane.length_m))
+        steps = np.union1d(steps, emv.step[came + 1])
+    return int(len(steps) > 0), 1, f"{steps[0] * STEP_S:.1f} s" if len(steps) else ""
 
 
 def _joined(counted: str, name: str, others: str) -> str:

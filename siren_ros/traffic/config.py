@@ -33,6 +33,9 @@ class DemandConfig:
     route_slack_s: float = 20.0
     """Routes are this much longer than warm-up and episode take at ``route_speed_mps``."""
     route_speed_mps: float = 16.0
+    lasting_share: float = 0.5
+    """Part of a route within which it leaves the map only where there is no other way: what is driven at 30 km/h. Who
+    leaves the map earlier is gone before the EMV's eyes."""
     emv_route_slack_s: float = 5.0
     """The EMV's route is this much longer than the episode takes at its target speed."""
     reserve_factor: float = 4.0

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hand_made_record import CAR_LENGTH_M, EMV, EMV_LENGTH_M, NORTHBOUND, Driven, crossing, hand_made
 
-from siren_ros.judging.physics import PhysicsSummary, overlap_m, summarise_physics
+from siren_ros.judging.physics import PhysicsSummary, VerifyLimits, check_physics, overlap_m, summarise_physics
+from siren_ros.world.actors import Mode
 from siren_ros.world.traffic_state import Event, EventKind
 
 
@@ -74,6 +75,48 @@ def test_lateral_acceleration_to_both_sides_at_the_99_9th_percentile(side):
     lateral[:2] = side * np.array([5.0, 4.0])
     expected = np.percentile([5.0, 4.0, *[0.0] * 1000], 99.9)
     assert summarise_physics(accelerated(np.zeros(501), lateral)).lateral_accel_mps2 == pytest.approx(expected)
+
+
+def civilians(accel_mps2, lateral_mps2=0.0, speed_mps=5.0, mode=Mode.NOMINAL):
+    """A civilian's accelerations over the steps, at a speed and in a mode; those of the EMV beside it are extreme."""
+    record = record_of(count=len(accel_mps2))
+    lateral_mps2 = np.broadcast_to(lateral_mps2, len(accel_mps2))
+    states = tuple(
+        replace(
+            state,
+            accel_mps2=np.array([50.0, accel]),
+            lateral_accel_mps2=np.array([50.0, lateral]),
+            vx_mps=np.array([speed_mps, speed_mps]),
+            vy_mps=np.zeros(2),
+            mode=np.array([Mode.NOMINAL, mode], dtype=np.uint8),
+        )
+        for state, accel, lateral in zip(record.states, accel_mps2, lateral_mps2, strict=True)
+    )
+    return replace(record, states=states)
+
+
+def failing(record):
+    return [part.name for part in check_physics(record, VerifyLimits()) if not part.holds and "civilian" in part.name]
+
+
+def test_civilians_brake_and_accelerate_as_people_do_but_for_half_a_percent_of_the_time():
+    for share, low, high in ((0.004, [], []), (0.006, ["civilian_accel_p0_5_mps2"], ["civilian_accel_p99_5_mps2"])):
+        hard = round(share * 5000)
+        for accel, names in ((-9.0, low), (3.4, high)):
+            assert failing(civilians([accel] * hard + [0.0] * (5000 - hard))) == names
+    assert failing(civilians([-3.9] * 30 + [2.9] * 30)) == []
+
+
+def test_no_civilian_steers_as_on_a_race_track():
+    for side in (1.0, -1.0):
+        assert failing(civilians([0.0] * 4000, [side * 6.0] + [0.0] * 3999)) == ["civilian_lateral_mps2"]
+        assert failing(civilians([0.0] * 40, side * 4.9)) == []
+
+
+def test_who_stands_and_who_had_a_contact_does_not_count():
+    assert failing(civilians([-9.0] * 10, 9.0, speed_mps=0.2)) == []
+    assert failing(civilians([-9.0] * 10, 9.0, mode=Mode.STOPPED)) == []
+    assert len(failing(civilians([-9.0] * 10, 9.0))) == 2
 
 
 def test_the_summary_holds_the_numbers_and_zeros_where_there_is_nothing():

@@ -12,14 +12,14 @@ from siren_ros.world.actors import ACTOR_STATE_DTYPES, Mode
 
 NETWORK = crossing()
 THRESHOLDS = {"holding_min": 6, "overtaken_min": 6, "lateral_max_m": 1.0}
-STEPS = 240
+STEPS = 300
 LINE_X_M = (LEFT_X_M + RIGHT_X_M) / 2.0
 PULLED_M = 0.7
 """How far the vehicles of both queues stand off their lanes' centre lines, away from the line between them."""
 
 
 def _northbound(x_m: float) -> np.ndarray:
-    return line((x_m, -120.0), (x_m, -20.0))
+    return line((x_m, -120.0), (x_m, 110.0))
 
 
 def _modes(hold_from: int = 40) -> np.ndarray:
@@ -33,20 +33,44 @@ def _queues(
     speed_mps: float = 0.0,
     pulled_m: float = PULLED_M,
     mode: Mode | np.ndarray | None = None,
+    until_m: float = np.inf,
 ) -> EpisodeRecord:
-    """Vehicles in two lanes every 8 m from 30 m on; the EMV passes them at 7 m/s."""
-    vehicles = {EMV: Driven(_northbound(emv_x_m), at_speed(5.12, 7.0, STEPS))}
+    """Vehicles in two lanes every 8 m from 30 m on; the EMV passes them at 7 m/s and crosses the line, or stands."""
+    vehicles = {EMV: Driven(_northbound(emv_x_m), np.minimum(at_speed(5.12, 7.0, STEPS), until_m))}
     for count, x_m, first_id in ((left, LEFT_X_M - pulled_m, 10), (right, RIGHT_X_M + pulled_m, 20)):
         for number in range(count):
             places = at_speed(30.0 + 8.0 * number, speed_mps, STEPS)
             vehicles[first_id + number] = Driven(_northbound(x_m), places, _modes() if mode is None else mode)
-    return hand_made(NETWORK, vehicles)
+    return at_site(hand_made(NETWORK, vehicles))
+
+
+def at_site(record: EpisodeRecord, approach: str = "s_in") -> EpisodeRecord:
+    return replace(record, description=replace(record.description, site={"stretch": ["w_in", approach]}))
+
+
+def test_an_emv_that_stands_before_the_line_has_not_got_through():
+    """The line is at 100 m and the EMV 6 m long: its centre has to get over it."""
+    for until_m, crossed in ((96.0, 0), (99.9, 0), (100.1, 1)):
+        verdict = queues_split(_queues(until_m=until_m), THRESHOLDS)
+        assert verdict.measures()["crossed"] == crossed
+        assert [part.name for part in verdict.failing] == ([] if crossed else ["crossed"])
+        assert ("did not cross" in verdict.text) is not bool(crossed)
+
+
+def test_only_the_line_of_the_site_counts():
+    for approach in ("n_in", "none"):
+        assert [part.name for part in queues_split(at_site(_queues(), approach), THRESHOLDS).failing] == ["crossed"]
+
+
+def test_an_emv_that_begins_beyond_the_line_has_not_crossed_it():
+    record = hand_made(NETWORK, {EMV: Driven(_northbound(LINE_X_M), at_speed(100.5, 7.0, 100))})
+    assert queues_split(at_site(record), THRESHOLDS).measures()["crossed"] == 0.0
 
 
 def test_passing_between_two_queues_that_hold():
     verdict = queues_split(_queues(), THRESHOLDS)
     assert verdict.holds
-    assert verdict.measures() == {"holding": 8.0, "overtaken": 8.0, "shorter_queue": 4.0}
+    assert verdict.measures() == {"holding": 8.0, "overtaken": 8.0, "shorter_queue": 4.0, "crossed": 1.0}
     assert verdict.parts[0].detail.startswith("10 at 2.0 s (+0.70 m)")
     assert verdict.parts[2].detail == "4 on the left, 4 on the right"
 
@@ -154,7 +178,8 @@ def _with_the_queues_on_a_junction(*, turns_off: bool) -> EpisodeRecord:
 
 
 def test_a_junction_that_nobody_crosses_is_part_of_the_road():
-    assert queues_split(_with_the_queues_on_a_junction(turns_off=False), THRESHOLDS).holds
+    verdict = queues_split(_with_the_queues_on_a_junction(turns_off=False), THRESHOLDS)
+    assert verdict.holds
     verdict = queues_split(_with_the_queues_on_a_junction(turns_off=True), THRESHOLDS)
     assert verdict.measures()["overtaken"] == 0.0
 

@@ -1,13 +1,24 @@
 """L3: pull-over to the lane's edge, then braking hold (paper, Algorithm 2, ``npc_behavior_lvl = 2``).
 
-Civilians move up along the lane's edge if an EMV stands behind them, over the stop line if necessary. A civilian
-next to a shoulder on which an EMV comes stays where it is if the shoulder is free there.
+Civilians move up along the lane's edge if an EMV stands behind them: at a red light into the junction, as far as they
+stay clear of others there, and otherwise across it. A civilian next to a shoulder on which an EMV comes stays where it
+is if the shoulder is free there.
 """
 
 import math
 
 import numpy as np
 
+from siren_ros.behaviour.civilians.junction_entry import (
+    approach_lane_of,
+    is_held,
+    junction_m,
+    may_cross,
+    movement_from,
+    on_junction,
+    room_beyond_line_m,
+    way_inside_m,
+)
 from siren_ros.behaviour.civilians.rejoin import start_rejoin
 from siren_ros.behaviour.civilians.yield_lane_change import defer
 from siren_ros.behaviour.driving.civilian_unit import (
@@ -21,12 +32,13 @@ from siren_ros.behaviour.driving.civilian_unit import (
     yield_event,
 )
 from siren_ros.behaviour.driving.lane_change import Refusal, gaps_in_lane, offset_in_lane
-from siren_ros.behaviour.driving.navigator import FULL_BRAKE, DriveCommand, NavigatorState
+from siren_ros.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
 from siren_ros.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.lane_path import (
     LaneEnd,
     LanePath,
+    connection_of_internal,
     lanes_along,
     neighbour_lane,
     path_on_lanes,
@@ -70,6 +82,8 @@ def makes_room(unit: YieldUnit, ego: Ego) -> bool:
 def may_go_on(unit: YieldUnit, ego: Ego, lane: int) -> bool:
     """Whether a driver who holds has the space to finish the pull-over, or to make room."""
     config = ego.config.pull_over
+    if lane == NO_LANE:
+        return False
     reasons = ((unit.partial, config.resume_gap_m), (makes_room(unit, ego), config.room_gap_m))
     needed_m = min((gap_m for reason, gap_m in reasons if reason), default=math.inf)
     return needed_m < math.inf and gaps_in_lane(ego, lane).front_m > needed_m
@@ -142,11 +156,13 @@ def alignment_of(network: RoadNetwork, lane: int) -> int:
 def edge_offset_m(ego: Ego, lane: int, side: int) -> float:
     """Offset from the lane's centre line at which a vehicle stands at the lane's edge, left positive.
 
-    If that leaves too little width for an EMV on the inner side, the vehicle reaches over the edge. It does not where
-    the EMV comes on the shoulder and others stand in the lane on the left.
+    On a junction, what lies beside the lane before it counts, so that the way leads straight on. If too little width is
+    left for an EMV on the inner side, the vehicle reaches over the edge. It does not where the EMV comes on the
+    shoulder and others stand in the lane on the left.
     """
     network, config = ego.network, ego.config.pull_over
-    beside = neighbour_lane(network, road_lane_of(network, lane), side)
+    road = approach_lane_of(ego, lane)
+    beside = NO_LANE if road == NO_LANE else neighbour_lane(network, road, side)
     shoulder = beside != NO_LANE and network.lanes[beside].kind is LaneKind.SHOULDER
     most = config.shoulder_overhang_max_m if shoulder else config.overhang_max_m
     if side > 0 and beside != NO_LANE and network.lanes[beside].kind is LaneKind.DRIVING:
@@ -161,10 +177,11 @@ def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
     """``BuildPullOverWaypoints``: to the lane's edge, and to a stop there before the next junction.
 
     Returns:
-        The path, or None on a junction and where the lane ends before the vehicle can move sideways.
+        The path, or None where the lane ends before the vehicle can move sideways, and on a junction where the driver
+        makes no room.
     """
     config = ego.config.pull_over
-    if road_lane_of(ego.network, lane) == NO_LANE:
+    if approach_lane_of(ego, lane) == NO_LANE or (on_junction(ego, lane) and not makes_room(unit, ego)):
         return None
     position, left, _ = ego.place_on(lane)
     offset = edge_offset_m(ego, lane, unit.side)
@@ -189,7 +206,7 @@ def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
 
 
 def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: float, sideways_m: float) -> LanePath:
-    """The lane's centre line to the next junction, and a little beyond the stop line if the space is needed.
+    """The lane's centre line to the next junction, and beyond the stop line if the space is needed.
 
     The EMV needs it where it has been waiting; the driver at the head of a standing queue needs it to move sideways,
     and with it everybody behind. Vehicles that stand partly on a shoulder stop before the line: the shoulder does not
@@ -199,24 +216,47 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
     ``sideways_m`` the way that the lateral move takes.
     """
     network, route, config, (lane, position) = ego.network, ego.route, ego.config.pull_over, place
-    ahead = way_m + ego.half_length_m
+    ahead, room = way_m + ego.half_length_m, makes_room(unit, ego)
     lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True, through_junctions=False)
-    beside = neighbour_lane(network, road_lane_of(network, lane), unit.side)
-    on_road = beside == NO_LANE or network.lanes[beside].civilian_allowed
-    if end is LaneEnd.JUNCTION and on_road:
-        to_line = max(sum(network.lanes[item].length_m for item in lanes) - position, 0.0)
-        short = to_line - ego.half_length_m < sideways_m and ego.speed_mps < config.leader_stands_mps
-        over = config.room_over_line_m if makes_room(unit, ego) else config.head_over_line_m if short else 0.0
-        if over > 0.0:
-            ahead = min(ahead, to_line + over)
-            lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)
-    return path_on_lanes(network, lanes, end, position - 2.0, 2.0 + ahead)
+    to_line = sum(network.lanes[item].length_m for item in lanes) - position
+    short = to_line - ego.half_length_m < sideways_m and ego.speed_mps < config.leader_stands_mps
+    over = config.room_over_line_m if room else config.head_over_line_m if short else 0.0
+    if on_junction(ego, lane):
+        movement = connection_of_internal(network, lane, route)
+        to_line = -position
+        if movement is not None:
+            to_line -= way_inside_m(ego, movement, lane)
+    else:
+        beside = neighbour_lane(network, road_lane_of(network, lane), unit.side)
+        on_road = beside == NO_LANE or network.lanes[beside].civilian_allowed
+        movement = movement_from(ego, lanes[-1]) if end is LaneEnd.JUNCTION and on_road and over > 0.0 else None
+    if movement is not None:
+        if room and may_cross(ego, movement, ego.half_length_m - to_line):
+            ahead = to_line + junction_m(ego, movement) + 2.0 * ego.half_length_m + config.beyond_junction_m
+        else:
+            ahead = min(ahead, to_line + min(over, room_beyond_line_m(ego, movement)))
+        lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)
+    return path_on_lanes(network, lanes, end, position - 2.0, 2.0 + max(ahead, 0.0))
+
+
+def _crossing(unit: YieldUnit, ego: Ego) -> tuple[bool, bool]:
+    """Whether a driver's path leads across a junction, and whether the vehicle is on that already."""
+    path = unit.navigator.path
+    if path is None:
+        return False, False
+    rear, front = (path.index_at(unit.navigator.progress_m + side * ego.half_length_m) for side in (-1, 1))
+    inside = [on_junction(ego, lane) for lane in path.lane[rear:].tolist()]
+    return any(inside) and not inside[-1], any(inside[: front - rear + 1])
 
 
 def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
-    """Drives to the lane's edge. Holds when there and aligned, or when stopped behind another vehicle."""
-    if release_reason(emv):
-        return _release(unit, ego, emv)
+    """Drives to the lane's edge. Holds when there and aligned, or when stopped behind another vehicle.
+
+    A driver who crosses a junction to make room does not hold on it.
+    """
+    unit, over = _is_over(unit, ego, emv)
+    if over:
+        return _release(unit, ego, emv, over)
     config, lane, path = ego.config.pull_over, lane_of(unit, ego), unit.navigator.path
     offset, turned = offset_in_lane(ego, lane)
     aligned = abs(turned) <= aligned_within_rad(ego)
@@ -226,48 +266,66 @@ def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     if stopped != unit.stopped_steps:
         unit = changed(unit, stopped_steps=stopped)
-    going_on = makes_room(unit, ego) and not unit.navigator.done
+    crosses, inside = _crossing(unit, ego)
+    going_on = (makes_room(unit, ego) or (crosses and inside)) and not unit.navigator.done
     comes_straight = abs(turned) > config.straight_rad and stopped == 0 and not unit.navigator.done
     if reached and aligned and not going_on and not comes_straight:
         return _hold_now(unit, ego, offset, partial=False)
     if stopped >= steps_from_s(config.blocked_hold_s):
         return _hold_now(unit, ego, offset, partial=True)
     ends = unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0)
-    if ends and (extended := pull_over_path(unit, ego, lane)) is not None:
-        unit = changed(unit, navigator=unit.navigator.following(extended, *ego.place))
+    turns_red = crosses and not inside and is_held(ego, movement_from(ego, approach_lane_of(ego, lane)))
+    if (ends or turns_red) and (other := pull_over_path(unit, ego, lane)) is not None:
+        unit = changed(unit, navigator=unit.navigator.following(other, *ego.place))
+    elif turns_red:
+        return _hold_now(unit, ego, offset, partial=True)
     return _drive(unit, ego)
 
 
 def hold(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
-    """Stands with full brake and hand brake. Goes on if the pull-over was cut short and there is space again."""
-    if release_reason(emv):
-        return _release(unit, ego, emv)
+    """Brakes to a stand, and stands with full brake and hand brake.
+
+    Goes on if the pull-over was cut short and there is space again, or to make room for an EMV that waits behind.
+    """
+    unit, over = _is_over(unit, ego, emv)
+    if over:
+        return _release(unit, ego, emv, over)
     goes_on = _looks(unit, ego) and may_go_on(unit, ego, lane := lane_of(unit, ego))
     if goes_on and (path := pull_over_path(unit, ego, lane)) is not None:
         navigator = unit.navigator.following(path, *ego.place)
         unit = changed(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
         return _drive(unit, ego)
-    return YieldStep(unit, _braked(unit, ego))
+    return _braked(unit, ego)
 
 
 def _hold_now(unit: YieldUnit, ego: Ego, offset_m: float, partial: bool) -> YieldStep:
     unit = changed(unit, phase=Mode.YIELD_HOLD, partial=partial)
     held = yield_event(unit, ego, EventKind.YIELD_HELD, side=unit.side, offset_m=offset_m, partial=int(partial))
-    return YieldStep(unit, _braked(unit, ego), (held,))
+    return _braked(unit, ego).preceded_by(held)
 
 
-def _braked(unit: YieldUnit, ego: Ego) -> DriveCommand:
+def _braked(unit: YieldUnit, ego: Ego) -> YieldStep:
+    """A comfortable stop; the paper's full brake and hand brake keep the vehicle where it has come to a stand."""
     if standing(ego):
-        return FULL_BRAKE
-    _, command, _ = navigate(unit, ego, 0.0, ego.config.civilian_navigator)
-    return FULL_BRAKE._replace(steer_rad=command.steer_rad)
+        return YieldStep(unit, FULL_BRAKE)
+    navigator, command, _ = navigate(unit, ego, 0.0, ego.world.hold_navigator)
+    return YieldStep(changed(unit, navigator=navigator), command)
 
 
-def _release(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
+def _is_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> tuple[YieldUnit, str]:
+    """Why a yield has lost its purpose, empty while it has one: the EMV has passed, is gone, or has turned off."""
+    off_path = unit.off_path_steps + 1 if emv.turned_off else 0
+    if off_path != unit.off_path_steps:
+        unit = changed(unit, off_path_steps=off_path)
+    grace = steps_from_s(ego.config.yielding.off_path_grace_s)
+    return unit, release_reason(emv) or ("off_path" if off_path > grace else "")
+
+
+def _release(unit: YieldUnit, ego: Ego, emv: EmvView, reason: str) -> YieldStep:
     """Sends the vehicle back to its lane. A yield without a hold, or whose EMV is gone, counts as cancelled."""
     events: tuple[Event, ...] = ()
     if unit.phase is Mode.YIELD_PULL_OVER or not emv.passed:
-        events = (yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=release_reason(emv)),)
+        events = (yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=reason),)
     return start_rejoin(unit, ego).preceded_by(*events)
 
 

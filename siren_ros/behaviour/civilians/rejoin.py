@@ -2,6 +2,7 @@
 
 import math
 
+from siren_ros.behaviour.civilians.junction_entry import may_cross, way_inside_m
 from siren_ros.behaviour.driving.civilian_unit import (
     YieldStep,
     YieldUnit,
@@ -26,10 +27,11 @@ from siren_ros.world.traffic_state import EventKind
 def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     """Hands the vehicle back to SUMO if it is in its lane. Otherwise gives it a path back to the lane's centre.
 
-    A driver who stands over the stop line of a red light waits for green first.
+    A driver who is over the stop line of a red light waits for green first.
     """
-    if stands_over_red_line(ego):
-        return YieldStep(changed(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0), FULL_BRAKE)
+    if is_over_red_line(ego):
+        unit = changed(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0)
+        return YieldStep(unit, FULL_BRAKE if standing(ego) else navigate(unit, ego, 0.0, ego.world.hold_navigator)[1])
     lane = lane_of(unit, ego)
     if lane == NO_LANE or _straight(ego, lane, ego.config.yielding.rejoin_offset_m):
         return _hand_back(unit, ego)
@@ -62,16 +64,19 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     return YieldStep(changed(unit, navigator=navigator, stopped_steps=stopped), command)
 
 
-def stands_over_red_line(ego: Ego) -> bool:
-    """Whether a vehicle stands across a stop line whose light is red for its movement: SUMO would let it go on."""
+def is_over_red_line(ego: Ego) -> bool:
+    """Whether a vehicle is beyond the stop line of a light that is red for it, and in nobody's way there.
+
+    SUMO would let it go on.
+    """
     outlook = ego.seen.outlook
-    if outlook is None or not standing(ego):
+    if outlook is None:
         return False
     front = outlook.front_m(ego.row)
     entry = outlook.course(ego.row).entry_at(front)
-    if entry is None or front - entry.start_m > 2.0 * ego.half_length_m:
+    if entry is None or rank_of(entry.connection, outlook.signals) is not Rank.RED:
         return False
-    return rank_of(entry.connection, outlook.signals) is Rank.RED
+    return not may_cross(ego, entry.connection, front - entry.start_m + way_inside_m(ego, entry.connection, ego.lane))
 
 
 def _straight(ego: Ego, lane: int, off_m: float = math.inf) -> bool:

@@ -52,6 +52,8 @@ class EmvRoad:
     on_road: Flags
     """Whether each edge lies on the road: the edges ahead and those just left."""
     left_edges: tuple[int, ...]
+    edges_ahead: frozenset[int]
+    """The present edge and those ahead."""
 
     @classmethod
     def ahead_of(cls, ego: Ego, before: "EmvRoad | None") -> "EmvRoad | None":
@@ -70,13 +72,14 @@ class EmvRoad:
         on_road = np.zeros(len(network.edges), dtype=np.bool_)
         on_road[list(left)] = True
         way = 0.0
-        for item in lanes_along(network, lane, 0.0, ego.route, ahead_m)[0]:
+        lanes = lanes_along(network, lane, 0.0, ego.route, ahead_m)[0]
+        for item in lanes:
             edge = network.lanes[item].edge
             lane_start[item] = way
             road_start[list(network.edges[edge].lanes)] = way
             on_road[edge] = True
             way += network.lanes[item].length_m
-        return cls(key, lane_start, road_start, on_road, left)
+        return cls(key, lane_start, road_start, on_road, left, frozenset(network.lanes[item].edge for item in lanes))
 
 
 def way_from_emv_m(view: StepView, emv_row: int, starts_m: Floats) -> Floats:
@@ -144,6 +147,7 @@ class _EmvScene:
     way_m: list[float]
     """Along the lanes that the EMV will drive on (L2) or any lane of its road (L3); infinite elsewhere."""
     on_road: list[bool]
+    edges_ahead: frozenset[int]
 
 
 def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) -> tuple[YieldState, VehicleCommands]:
@@ -193,7 +197,7 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad
         way = way_from_emv_m(view, row, road.road_start_m if whole_road else road.lane_start_m)
         on_road = road.on_road[view.world.edge_of_lane[lane]] & (lane >= 0)
         near = frozenset(members.tolist()), _may_notice(way, seen.bodies, seen.is_emv).tolist()
-        scenes[emv_id] = _EmvScene(row, *near, way.tolist(), on_road.tolist())
+        scenes[emv_id] = _EmvScene(row, *near, way.tolist(), on_road.tolist(), road.edges_ahead)
     return regions, scenes
 
 
@@ -260,13 +264,15 @@ def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
     scene = scenes.get(unit.emv_id)
     if scene is None:
         return EmvView(-1, False, False, False, False)
-    way = scene.way_m[ego.row]
+    way, route = scene.way_m[ego.row], ego.route
+    away = ego.distance_m(scene.row) > ego.config.pull_over.turned_off_m
     return EmvView(
         row=scene.row,
         passed=emv_fully_passed(ego, scene.row),
         in_region=unit.actor_id in scene.members or _responds(unit, ego, scene.row),
         on_path=math.isfinite(way) and way > -2.0 * ego.half_length_m,
         on_road=scene.on_road[ego.row],
+        turned_off=away and len(route) > 0 and int(route[0]) not in scene.edges_ahead,
     )
 
 
@@ -275,8 +281,7 @@ def _responds(unit: YieldUnit, ego: Ego, emv_row: int) -> bool:
     seen, constants = ego.seen, ego.world.constants
     bumpers = ego.half_length_m + float(seen.half_length_m[emv_row])
     hysteresis = constants.region_leave_m - constants.region_enter_m
-    distance = math.hypot(*(float(axis[ego.row] - axis[emv_row]) for axis in (seen.x_m, seen.y_m)))
-    return distance <= unit.driver.response_distance_m + bumpers + hysteresis
+    return ego.distance_m(emv_row) <= unit.driver.response_distance_m + bumpers + hysteresis
 
 
 def _command_row(unit: YieldUnit, command: DriveCommand | None) -> CommandRow:

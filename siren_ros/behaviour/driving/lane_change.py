@@ -148,9 +148,9 @@ def assess(query: LaneChangeQuery) -> Refusal | LanePath:
     if road_lane_of(ego.network, query.lane) == NO_LANE:
         return Refusal.JUNCTION
     road = road_lane_of(ego.network, target)
-    lane = ego.network.lanes[road]
-    is_open = (lane.civilian_allowed and lane.kind is LaneKind.DRIVING) if query.civilian else lane.emergency_allowed
-    if road == NO_LANE or not is_open:
+    lane = None if road == NO_LANE else ego.network.lanes[road]
+    driving = lane is not None and lane.civilian_allowed and lane.kind is LaneKind.DRIVING
+    if lane is None or not (driving if query.civilian else lane.emergency_allowed):
         return Refusal.NO_LANE
     if refusal := refusal_of_gaps(gaps_in_lane(ego, target), ego.speed_mps, query.target_mps, config):
         return refusal

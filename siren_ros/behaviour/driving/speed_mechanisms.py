@@ -219,7 +219,7 @@ def _path(drive: Drive) -> SpeedLimit:
 
 def _collision(drive: Drive) -> SpeedLimit:
     unit, ego = drive.unit, drive.ego
-    if unit.gap_escape_active if isinstance(unit, EmvUnit) else unit.phase is Mode.YIELD_HOLD:
+    if isinstance(unit, EmvUnit) and unit.gap_escape_active:
         return UNLIMITED
     watch = CollisionWatch(drive.path, drive.progress_m, ego.row, drive.target_mps, ego.seen, drive.config)
     leaders = not (isinstance(unit, EmvUnit) and unit.corridor)

@@ -1,5 +1,6 @@
 """What every controller sees: the actors at one step, and the facts that hold for a whole episode."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from siren_ros.behaviour.config import BehaviourConfig, JunctionEntryConfig, NavigatorConfig
 from siren_ros.behaviour.paths.lane_path import LanePath, lanes_along, nearest_on_lane, path_on_lanes
 from siren_ros.conflicts.course import CourseBook, Outlook
+from siren_ros.conflicts.junction_room import JunctionRoom
 from siren_ros.dynamics.parameters import VehicleParameters
 from siren_ros.numerics.arrays import Floats, Ids, Rows
 from siren_ros.numerics.compiled import Array, compiled
@@ -157,6 +159,11 @@ class BehaviourWorld:
         return CourseBook(self.network)
 
     @cached_property
+    def junction_room(self) -> JunctionRoom:
+        """Where the ways of others begin on the junctions of the network."""
+        return JunctionRoom(self.network)
+
+    @cached_property
     def emv_navigator(self) -> NavigatorConfig:
         """How EMVs drive at this level: how early they count with crossing vehicles, how close they follow."""
         emv, horizon_s = self.config.emv, self.preset.attention.emv_horizon_s
@@ -201,6 +208,12 @@ class BehaviourWorld:
             actors = before.updated(traffic)
             last[:] = [(before, StepView(self, traffic, Surroundings.seen(traffic, actors, self.courses), actors))]
         return last[0][1]
+
+    @cached_property
+    def hold_navigator(self) -> NavigatorConfig:
+        """How a civilian who has pulled over brakes to the hold: comfortably."""
+        config = self.config.civilian_navigator
+        return replace(config, ease_off_mps2=config.comfort_brake_mps2)
 
     @property
     def cooldown_steps(self) -> int:
@@ -287,6 +300,10 @@ class Ego(StepView):
     def near(self, radius_m: float) -> Rows:
         """Rows of the other vehicles within a radius."""
         return self.seen.near(*self.place, radius_m, but=self.row)
+
+    def distance_m(self, row: int) -> float:
+        """Distance between the centres of this vehicle and the one in a row."""
+        return math.hypot(self.pose[0] - float(self.seen.x_m[row]), self.pose[1] - float(self.seen.y_m[row]))
 
     def place_on(self, lane: int) -> tuple[float, float, float]:
         """Arc length, offset (left positive) and heading at the nearest place of a lane's centre line."""

@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from siren_ros.behaviour.paths.curve import SMOOTHING_M, Curve
+from siren_ros.behaviour.paths.sideways_jump import without_jumps
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline
@@ -192,7 +193,7 @@ def _joined(parts: tuple[Polyline, ...]) -> tuple[Polyline, Floats]:
     whole = Polyline.joined(parts)
     lengths = np.array([part.length_m for part in parts])
     starts = np.concatenate(([0.0], np.cumsum(lengths)[:-1])) * (whole.length_m / max(lengths.sum(), 1e-6))
-    return whole, starts
+    return without_jumps(whole, starts)
 
 
 def neighbour_lane(network: RoadNetwork, lane: int, side: int) -> int:

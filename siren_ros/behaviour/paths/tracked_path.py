@@ -38,10 +38,13 @@ class TrackedPath:
         """Length of the path."""
         return self.curve.length_m
 
+    def index_at(self, s_m: float) -> int:
+        """The point of the curve that is nearest to an arc length."""
+        return min(max(round(s_m / self.curve.spacing_m), 0), len(self.lane) - 1)
+
     def lane_at(self, s_m: float) -> int:
         """Lane below an arc length."""
-        i = min(max(round(s_m / self.curve.spacing_m), 0), len(self.lane) - 1)
-        return int(self.lane[i])
+        return int(self.lane[self.index_at(s_m)])
 
     def speed_cap_mps(self, s_m: float) -> float:
         """Speed allowed at an arc length; beyond the end that of the end."""

@@ -74,7 +74,7 @@ def plan_traffic(
     headway_m = factory.size(emv.actor_class)[0] + emv.headway_s * emv.depart_speed_mps
     start_m = start_m_of(network, site, emv)
     starts = [emv_start(network, site, start_m - number * headway_m) for number in range(emv.count)]
-    needed_m = emv.speed_mps * (template.duration_s + config.emv_route_slack_s)
+    needed_m = starts[0].front_m + emv.speed_mps * (template.duration_s + config.emv_route_slack_s)
     way = starts[0].route
     route = long_enough_route(factory, way, site, needed_m, random_stream(seed, "demand/route"))
     starts = [replace(start, route=start.route[: len(start.route) - len(way)] + route) for start in starts]

@@ -170,7 +170,9 @@ def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -
     rows = []
     approaches = list(dict.fromkeys(network.lanes[lane].edge for lane in ways))
     for lane, movements in ways.items():
-        movement = movements[int(rng.integers(len(movements)))]
+        # Who leaves the map right behind the junction is gone before the EMV's eyes.
+        choices = [index for index in movements if _leads_on(network, network.connections[index].to_lane)] or movements
+        movement = choices[int(rng.integers(len(choices)))]
         lanes: tuple[int, ...] = (lane,)
         length_m = network.lanes[lane].length_m
         while length_m < CROSSING_REACH_M:
@@ -186,6 +188,12 @@ def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -
         anchor_m = length_m - (stands_back_m if network.connections[movement].must_stop else 0.0)
         rows.append(GroupRow(chain_of(network, lanes), way, anchor_m, forwards=False, movement=movement))
     return rows
+
+
+def _leads_on(network: RoadNetwork, lane: int) -> bool:
+    """Whether civilians can drive on from the edge of a lane."""
+    on_edge = network.edges[network.lanes[lane].edge].lanes
+    return any(network.is_civilian(way) for item in on_edge for way in network.connections_from.get(item, ()))
 
 
 def _connection_from(network: RoadNetwork, lane: int, edge: int) -> Connection | None:

@@ -49,9 +49,9 @@ class RouteChooser:
         self._config = config
         self._ways: dict[int, tuple[_Way, ...]] = {}
         self._lasting: dict[float, frozenset[int]] = {}
-        self._choices: dict[tuple[int, bool, int | None, float], tuple[tuple[int, ...], Floats]] = {}
-        """Edges to choose from and their chances: from an edge, for a long vehicle or not, from a lane, with a weight
-        of turns."""
+        self._choices: dict[tuple[int, bool, int | None, float], tuple[tuple[int, ...], list[float], Floats]] = {}
+        """Edges to choose from, weights and chances, by edge, whether the vehicle is long, lane, and weight of turns."""
+        self._endless = graph.endless_edges()
 
     def leads_on(self, lane: int, vehicle_m: float) -> bool:
         """Whether a long vehicle that begins in a driving lane never comes to where all ways on are too tight for it.
@@ -80,12 +80,13 @@ class RouteChooser:
         lane: int | None = None,
         *,
         turn_weight: float | None = None,
+        lasting_m: float = 0.0,
     ) -> tuple[int, ...]:
         """A random route of at least ``length_m``, or to where the map ends.
 
-        At each junction a way is as likely as it has lanes, and turns less likely than straight on by
-        the weight of a turn. Long vehicles keep off tight bends, and off roads that lead to nothing else, as
-        bus lines and lorry routes do, wherever there is another way.
+        It leaves the map within ``lasting_m`` only where there is no other way. At each junction a way is as likely as
+        it has lanes, and turns less likely than straight on by the weight of a turn. Long vehicles keep off tight
+        bends, and off roads that lead to nothing else, as bus lines and lorry routes do, wherever there is another way.
 
         The length includes the given edges. The way on begins in ``lane`` of the last given edge, on which the vehicle
         stands, unless all its ways are too tight for the vehicle. Without a weight, turns have that of civilians.
@@ -98,14 +99,21 @@ class RouteChooser:
             if key not in self._choices:
                 ways = self._open_ways(route[-1], vehicle_m, lane)
                 weights = [len(way.lanes) * (turn_weight if way.turns else 1.0) for way in ways]
-                self._choices[key] = tuple(way.edge for way in ways), chances(weights) if ways else np.empty(0)
-            edges, ends = self._choices[key]
+                self._choices[key] = tuple(way.edge for way in ways), weights, chances(weights) if ways else np.empty(0)
+            edges, weights, ends = self._choices[key]
             if not edges:
                 break
+            lasting = [place for place, edge in enumerate(edges) if self._lasts(edge, lasting_m - driven_m)]
+            if 0 < len(lasting) < len(edges):
+                edges, ends = tuple(edges[place] for place in lasting), chances([weights[place] for place in lasting])
             route.append(edges[drawn(ends, rng)])
             driven_m += self._graph.length_m[route[-1]]
             lane = None
         return tuple(route)
+
+    def _lasts(self, edge: int, missing_m: float) -> bool:
+        """Whether a route can go on along an edge for as long as it is to last."""
+        return edge in self._endless or self._graph.length_m[edge] >= missing_m
 
     def _open_ways(self, edge: int, vehicle_m: float, lane: int | None) -> tuple[_Way, ...]:
         """The ways to choose from: wide enough and from the lane; where there is none, wide enough or from the lane."""
@@ -260,7 +268,8 @@ class VehicleFactory:
 
     def draw_way(self, start: Sequence[int], length_m: float, rng: np.random.Generator) -> tuple[int, ...]:
         """A random way for an EMV of at least ``length_m`` (or to a dead end) that begins with the given edges."""
-        return self._routes.draw(start, length_m, rng, 0.0, turn_weight=self._config.emv_turn_weight)
+        turn_weight = self._config.emv_turn_weight
+        return self._routes.draw(start, length_m, rng, 0.0, turn_weight=turn_weight, lasting_m=length_m)
 
     def draw_route(
         self, start: Sequence[int], length_m: float, rng: np.random.Generator, lane: int, actor_class: ActorClass
@@ -275,7 +284,8 @@ class VehicleFactory:
             if not self._routes.fits(edge, following, lane if len(kept) == 1 else None, vehicle_m):
                 break
             kept.append(following)
-        way = self._routes.draw(kept, length_m, rng, vehicle_m, lane if len(kept) == 1 else None)
+        first, lasting_m = lane if len(kept) == 1 else None, self._config.lasting_share * length_m
+        way = self._routes.draw(kept, length_m, rng, vehicle_m, first, lasting_m=lasting_m)
         return tuple(self._network.edges[edge].edge_id for edge in way)
 
     def civilian(

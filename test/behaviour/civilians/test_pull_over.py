@@ -9,6 +9,7 @@ from behaviour.lab import kinds
 
 from siren_ros.behaviour.civilians import pull_over
 from siren_ros.world.actors import ActorClass, Mode
+from siren_ros.world.traffic_state import SignalState
 
 AMBULANCE = ActorClass.AMBULANCE
 WAITED = replace(UNIT, emv_waits_steps=30)
@@ -75,7 +76,9 @@ def test_goes_on_where_the_way_ahead_is_free(lab, unit, gap, goes):
 
 def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a_standing_queue(lab, junction):
     half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
-    view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=junction)
+    red = (SignalState("J", "r"),)
+    traffic = replace(lab.traffic_of(junction, [lab.Car(2, 1, 149.0 - half, 0, (0, 2))]), signals=red)
+    view = lab.view_of(lab.world_of(junction, lab.L3), traffic)
     left, config = replace(UNIT, side=1), view.world.config.pull_over
     for unit, over in ((left, config.head_over_line_m), (replace(left, emv_waits_steps=30), config.room_over_line_m)):
         front = pull_over.pull_over_path(unit, view.ego(0), 1).curve.points[-1, 0] + half

@@ -17,6 +17,7 @@ from siren_ros.behaviour.civilians.pull_over import (
 from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.behaviour.paths.tracked_path import PEAK_CURVATURE
 from siren_ros.world.actors import ActorClass, Mode, Owner
+from siren_ros.world.traffic_state import SignalState
 
 AMBULANCE = ActorClass.AMBULANCE
 
@@ -229,12 +230,16 @@ def test_beside_a_shoulder_a_wide_vehicle_reaches_a_metre_over_the_edge_at_most(
         assert edge_offset_m(view.ego(1), lane, -1) == pytest.approx(-(at_edge + most))
 
 
-@pytest.mark.parametrize(("before_m", "goes"), [(0.3, False), (0.6, True)])
-def test_to_make_room_the_front_goes_4_m_over_the_line_if_that_is_2_m_of_way(lab, before_m, goes):
-    """The centre is ``before_m`` from the line: the way is that, the 4 m and not the half length."""
-    view = lab.view(lab.junction_road(), lab.L3, [lab.Car(2, 1, 150.0 - before_m, 0, (0, 2))])
-    assert before_m + 4.0 - 0.5 * lab.vehicles[ActorClass.SEDAN].length_m == pytest.approx(2.0, abs=0.3)
-    assert (pull_over_path(replace(UNIT, side=1, emv_waits_steps=30), view.ego(0), 1) is not None) is goes
+@pytest.mark.parametrize(("before_m", "goes"), [(-7.9, False), (-7.3, True)])
+def test_to_make_room_the_front_goes_12_m_over_the_line_if_that_is_2_m_of_way(lab, before_m, goes):
+    """The centre is ``before_m`` from the line: the way is that, the 12 m and not the half length."""
+    network = lab.junction_road()
+    car = lab.Car(2, 1, 140.0, 0, (0, 2))
+    poses = np.array([[150.0 - before_m, 3.3, 0.0, 0.0]])
+    traffic = replace(lab.traffic_of(network, [car], poses=poses), signals=(SignalState("J", "r"),))
+    assert before_m + 12.0 - 0.5 * lab.vehicles[ActorClass.SEDAN].length_m == pytest.approx(2.0, abs=0.4)
+    ego = lab.view_of(lab.world_of(network, lab.L3), traffic).ego(0)
+    assert (pull_over_path(replace(UNIT, side=1, emv_waits_steps=30), ego, 3) is not None) is goes
 
 
 def driven(lab, world, s, speed, path, progress, *, left, degrees=0.0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from behaviour.civilians.civilian_steps import UNIT as HOLDING
 
-from siren_ros.behaviour.civilians.rejoin import rejoin, stands_over_red_line, start_rejoin
+from siren_ros.behaviour.civilians.rejoin import is_over_red_line, rejoin, start_rejoin
 from siren_ros.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
 from siren_ros.behaviour.paths.tracked_path import blend_length_m
 from siren_ros.dynamics.parameters import load_vehicle_parameters
@@ -157,13 +157,13 @@ def test_who_stands_over_the_line_at_red_stays_there_until_green(lab, over_m):
 
 def test_who_is_over_the_line_at_yellow_or_green_does_not_wait(lab):
     for state in "Ggy":
-        assert not stands_over_red_line(over_the_line(lab, 2.0, state)[0].ego(0))
-    assert stands_over_red_line(over_the_line(lab, 2.0, "r")[0].ego(0))
+        assert not is_over_red_line(over_the_line(lab, 2.0, state)[0].ego(0))
+    assert is_over_red_line(over_the_line(lab, 2.0, "r")[0].ego(0))
 
 
-def test_only_who_stands_across_the_line_waits_there(lab):
-    _, length = over_the_line(lab, 0.0, "r")
-    across = {-0.2: False, 0.2: True, length - 0.2: True, length + 0.2: False}
-    assert {over: stands_over_red_line(over_the_line(lab, over, "r")[0].ego(0)) for over in across} == across
-    assert not stands_over_red_line(over_the_line(lab, 2.0, "r", speed=1.0)[0].ego(0)), "who moves is on the way"
-    assert not stands_over_red_line(view_at(lab, -0.7)[0].ego(0)), "no line ahead"
+def test_only_who_is_over_the_line_waits_there(lab):
+    across = {-0.2: False, 0.2: True, 24.8: True, 25.2: False}
+    assert {over: is_over_red_line(over_the_line(lab, over, "r")[0].ego(0)) for over in across} == across
+    moving = over_the_line(lab, 2.0, "r", speed=1.0)[0].ego(0)
+    assert 0.0 < start_rejoin(UNIT, moving).command.brake < 0.5, "who moves brakes as people do"
+    assert not is_over_red_line(view_at(lab, -0.7)[0].ego(0)), "no line ahead"

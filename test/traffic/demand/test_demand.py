@@ -32,6 +32,7 @@ from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.scenario import GroupAnchor, Placement
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.config import DemandConfig
+from siren_ros.traffic.demand import demand
 from siren_ros.traffic.demand.demand import _Planner, _to_lane, av_way, choose_av, plan_traffic
 from siren_ros.traffic.demand.emv_start import emv_start, start_m_of, unhindered_arrival_s
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan, load_drivers
@@ -118,6 +119,23 @@ def test_emvs_route_is_long_enough_for_the_episode(network: RoadNetwork) -> None
     edges = [network.edge_by_id[edge].index for edge in traffic.emvs[0].route]
     driven_m = EdgeGraph.of(network).route_length_m(edges) - traffic.emvs[0].spot.front_m
     assert driven_m > template.emv.speed_mps * template.duration_s
+
+
+def test_the_part_of_the_first_edge_behind_the_emv_is_no_part_of_its_way(
+    network: RoadNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[float] = []
+
+    def noted(
+        _factory: object, route: tuple[int, ...], _site: object, needed_m: float, _rng: object
+    ) -> tuple[int, ...]:
+        asked.append(needed_m)
+        return route
+
+    monkeypatch.setattr(demand, "long_enough_route", noted)
+    traffic, template = plan_s2(network, seed=2)
+    least_m = template.emv.speed_mps * (template.duration_s + DemandConfig().emv_route_slack_s)
+    assert asked == pytest.approx([traffic.emvs[0].spot.front_m + least_m])
 
 
 def test_background_vehicles_do_not_overlap(network: RoadNetwork) -> None:

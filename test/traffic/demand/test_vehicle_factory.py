@@ -82,6 +82,21 @@ def test_routes_follow_the_roads_and_are_long_enough(
         assert graph.route_length_m(route) >= 600.0 or not graph.successors[route[-1]]
 
 
+def test_a_route_leaves_the_map_early_only_where_there_is_no_other_way(
+    network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
+) -> None:
+    endless, ended = graph.endless_edges(), 0
+    for number, lane in enumerate(starts(network, graph)):
+        route = chooser.draw((lane.edge,), 900.0, np.random.default_rng(number), CAR_M, lane.index, lasting_m=500.0)
+        if graph.route_length_m(route) < 500.0:
+            ended += 1
+            left = next(place for place, edge in enumerate(route) if edge not in endless)
+            onward = {graph.network.lanes[way.to_lane].edge for way in network.connections_from.get(lane.index, ())}
+            ways = onward if left == 1 else set(graph.successors[route[left - 1]]) if left else set()
+            assert not ways & endless
+    assert ended < 0.25 * len(starts(network, graph))
+
+
 def test_every_route_can_be_driven_lane_by_lane(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
     for number, start in enumerate(starts(network, graph)):
         route = chooser.draw((start.edge,), 900.0, np.random.default_rng(number), CAR_M)

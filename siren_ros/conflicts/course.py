@@ -211,10 +211,11 @@ class CourseBook:
 
     def rights_of(self, courses: CoursesOfStep, signals: Mapping[str, str]) -> Rights:
         """Right of way and limits on the courses of a step, by the state of each signal."""
-        if changed := [signal for signal, _ in signals.items() ^ self._states.items()]:
+        if signals != self._states:
+            changed = dict.fromkeys(signal for signal, _ in signals.items() ^ self._states.items())
             self._states = dict(signals)
             self._ranks.rows = self._ranks.rows.copy()
-            for signal in dict.fromkeys(changed):
+            for signal in changed:
                 for at in self._of_signal.get(signal, ()):
                     self._ranks.rows[at] = rank_of(self._movements[at], signals)
         return Rights(courses.limit_mps, *courses.ends[2:], self._starts.rows, self._ranks.rows)

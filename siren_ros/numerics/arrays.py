@@ -5,6 +5,7 @@ Shapes and units stand where the arrays are used.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
+from functools import cached_property
 from typing import Any, Final, Self
 
 import numpy as np
@@ -63,10 +64,17 @@ class Columns:
     def __len__(self) -> int:
         return len(getattr(self, _names(type(self))[0]))
 
-    @property
+    @cached_property
     def columns(self) -> Floats:
         """All fields in declaration order, shape ``(fields, N)``, as compiled loops take them."""
         return np.array([getattr(self, name) for name in _names(type(self))], dtype=np.float64)
+
+    @classmethod
+    def of_columns(cls, columns: Floats) -> Self:
+        """The items of an array as ``columns`` gives it."""
+        made = cls(*columns)
+        made.__dict__["columns"] = columns
+        return made
 
     def select(self, rows: Flags | Rows) -> Self:
         """The items of the given rows."""

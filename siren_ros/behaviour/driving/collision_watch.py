@@ -57,8 +57,8 @@ class CollisionWatch:
         sides = config.side_margin_m, config.drift_time_s, config.moving_mps, *angles
         keeps = config.standstill_gap_m, config.comfort_brake_mps2, config.headway_s
         own, known = (self.row, self.progress_m, self.target_mps, self.reach_m), seen.outlook is not None
-        worst, *limit, gap_m = _strictest_leader(seen.bodies, self.path.curve.line, own, known, sides, keeps)
-        return None if worst < 0 else SpeedLimit(*limit, int(seen.actor_id[worst]), gap_m)
+        worst, speed, brake, gap_m = _strictest_leader(seen.bodies, self.path.curve.line, own, known, sides, keeps)
+        return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), gap_m)
 
     def meetings(self, *, leaders: bool = True) -> SpeedLimit | None:
         """Limit by the most restrictive of the vehicles that the driver lets pass first; None without one.
@@ -73,10 +73,10 @@ class CollisionWatch:
         speeds = config.rolling_mps, config.own_accel_mps2, config.comfort_brake_mps2
         own = self.row, self.progress_m, self.target_mps, self.reach_m
         line = path.curve.points, path.curve.spacing_m, path.times_s
-        worst, *limit, free_m = _strictest_wait(
+        worst, speed, brake, free_m = _strictest_wait(
             seen.bodies, ways, rights, line, own, leaders, limits, speeds, config.conflicts
         )
-        return None if worst < 0 else SpeedLimit(*limit, int(seen.actor_id[worst]), free_m)
+        return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), free_m)
 
 
 def _straight_on(seen: Surroundings) -> tuple[Ways, Rights]:

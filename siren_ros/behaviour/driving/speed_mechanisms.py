@@ -12,7 +12,7 @@ SUMO's car-following model; ``traffic`` limits them further, in this order:
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -38,6 +38,7 @@ from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.conflicts.yielding import Rank
 from siren_ros.numerics.arrays import Flags, Rows
 from siren_ros.numerics.braking import braking_distance_m, safe_following_mps
+from siren_ros.numerics.changed import changed
 from siren_ros.numerics.compiled import compiled
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import NO_ACTOR, Mode
@@ -270,7 +271,7 @@ def navigate(
     state, speed = unit.navigator, ego.speed_mps
     if state.path is None:
         pedals = press_pedals(speed, 0.0, 0.0, 0.0, ego.vehicle, config)
-        return replace(state, integral_mps2=0.0), DriveCommand(0.0, pedals.brake, 0.0, False), NO_ACTOR
+        return changed(state, integral_mps2=0.0), DriveCommand(0.0, pedals.brake, 0.0, False), NO_ACTOR
     progress, left = state.path.curve.nearest_to(state.progress_m, *ego.place)
     drive = Drive(unit, ego, state.path, progress, target_mps, config)
     limits = [mechanism.limit(drive) for mechanism in mechanisms]

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import cast
 
 import numpy as np
@@ -53,6 +53,7 @@ class ActorTable:
         )
 
     @classmethod
+    @cache
     def empty(cls) -> "ActorTable":
         """No actors yet."""
         return cls.of({})
@@ -100,7 +101,7 @@ class Surroundings:
         Raises:
             KeyError: an actor of the step was never described.
         """
-        if len(table.actor_id) == len(traffic) and np.array_equal(table.actor_id, traffic.actor_id):
+        if len(table.actor_id) == len(traffic) and (table.actor_id == traffic.actor_id).all():
             rows: npt.NDArray[np.intp] | slice = slice(None)
         else:
             rows = rows_of_ids(table.actor_id, traffic.actor_id)
@@ -175,6 +176,32 @@ class BehaviourWorld:
         config = self.config.junction_entry
         return replace(config, speed_mps=max(config.speed_mps, self.preset.attention.emv_red_mps))
 
+    @cached_property
+    def drivers(self) -> Mapping[tuple[ActorClass, bool], NavigatorConfig]:
+        """The navigator's parameters by class and by whether it is an EMV, with the limit of the vehicle's steering."""
+        drivers = {}
+        for actor_class, vehicle in self.vehicles.items():
+            for is_emv in (False, True):
+                base = self.config.emv.navigator if is_emv else self.config.civilian_navigator
+                rate = base.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
+                drivers[actor_class, is_emv] = replace(base, curvature_rate_1pms=rate)
+        return drivers
+
+    @cached_property
+    def _last_view(self) -> list[tuple[ActorTable, "StepView"]]:
+        return []
+
+    def view(self, traffic: TrafficState, before: ActorTable) -> "StepView":
+        """The step as every guard sees it, with the actors that were there before it.
+
+        The last one is remembered: the controllers of EMVs and of civilians share it where they share the world.
+        """
+        last = self._last_view
+        if not (last and last[0][0] is before and last[0][1].traffic is traffic):
+            actors = before.updated(traffic)
+            last[:] = [(before, StepView(self, traffic, Surroundings.seen(traffic, actors, self.courses), actors))]
+        return last[0][1]
+
     @property
     def cooldown_steps(self) -> int:
         """Steps between two forced lane changes of one vehicle."""
@@ -208,10 +235,8 @@ class StepView:
     def ego(self, row: int) -> "Ego":
         """The step as the driver in a row sees it."""
         seen = self.seen
+        x, y, yaw, cos, sin, speed, *size, _ = seen.bodies[:, row].tolist()
         known = int(seen.actor_id[row]), bool(seen.is_emv[row]), int(self.traffic.lane[row])
-        columns = (seen.x_m, seen.y_m, seen.yaw_rad, seen.cos, seen.sin, seen.speed_mps)
-        x, y, yaw, cos, sin, speed = (float(column[row]) for column in columns)
-        size = float(seen.half_length_m[row]), float(seen.half_width_m[row])
         return Ego(self.world, self.traffic, seen, self.actors, row, *known, (x, y, yaw), (cos, sin), speed, *size)
 
 
@@ -249,17 +274,15 @@ class Ego(StepView):
         """Edges from the present one (or the one before the junction) on."""
         return self.traffic.route_of_row(self.row)
 
-    @cached_property
+    @property
     def vehicle(self) -> VehicleParameters:
         """Vehicle parameters."""
         return self.world.vehicles[self.actors.by_id[self.actor_id].actor_class]
 
-    @cached_property
+    @property
     def navigator_config(self) -> NavigatorConfig:
         """The navigator's parameters, with the limit of the vehicle's own steering."""
-        base = self.config.emv.navigator if self.is_emv else self.config.civilian_navigator
-        rate = base.steer_rate_share * self.vehicle.max_steer_rate_radps / self.vehicle.wheelbase_m
-        return replace(base, curvature_rate_1pms=rate)
+        return self.world.drivers[self.actors.by_id[self.actor_id].actor_class, self.is_emv]
 
     def near(self, radius_m: float) -> Rows:
         """Rows of the other vehicles within a radius."""

@@ -36,16 +36,10 @@ class Curve:
         Raises:
             ValueError: fewer than two distinct points.
         """
-        line = Polyline.through(points).resampled(SPACING_M)
-        if smoothing_m > 0.0 and len(line.points) > 3:
-            line = Polyline.through(_smoothed(line.points, smoothing_m)).resampled(SPACING_M)
-        even = line.points
-        spacing = line.length_m / (len(even) - 1)
-        delta = np.empty_like(even)
-        delta[1:-1] = even[2:] - even[:-2]
-        delta[0], delta[-1] = even[1] - even[0], even[-1] - even[-2]
-        heading = np.unwrap(np.arctan2(delta[:, 1], delta[:, 0]))
-        return cls(points=even, spacing_m=spacing, heading_rad=heading, curvature_1pm=np.gradient(heading, spacing))
+        even = Polyline.through(points).resampled(SPACING_M).points
+        if smoothing_m > 0.0 and len(even) > 3:
+            even = Polyline.through(_smoothed(even, smoothing_m)).resampled(SPACING_M).points
+        return cls(even, *_shape_of(even))
 
     @property
     def length_m(self) -> float:
@@ -104,8 +98,46 @@ def _smoothed(points: npt.NDArray[np.float64], sigma_m: float) -> npt.NDArray[np
     radius = min(int(np.ceil(3.0 * sigma_m / SPACING_M)), len(points) - 1)
     taps = np.exp(-0.5 * (np.arange(-radius, radius + 1) * SPACING_M / sigma_m) ** 2)
     taps /= taps.sum()
-    padded = np.pad(points, ((radius, radius), (0, 0)), mode="reflect", reflect_type="odd")
-    return np.stack([np.convolve(padded[:, axis], taps, mode="valid") for axis in (0, 1)], axis=-1)
+    padded = _reflected(points, radius)
+    return np.stack([np.convolve(padded[axis], taps, mode="valid") for axis in (0, 1)], axis=-1)
+
+
+@compiled
+def _reflected(points: Any, radius: int) -> Any:
+    """X and y of the points, shape ``(2, K)``, and of as many beyond both ends as the radius, mirrored at the ends."""
+    n = len(points)
+    padded = np.empty((2, n + 2 * radius))
+    for axis in range(2):
+        padded[axis, radius : radius + n] = points[:, axis]
+        for k in range(1, radius + 1):
+            padded[axis, radius - k] = 2.0 * points[0, axis] - points[k, axis]
+            padded[axis, radius + n - 1 + k] = 2.0 * points[n - 1, axis] - points[n - 1 - k, axis]
+    return padded
+
+
+@compiled
+def _shape_of(points: Any) -> tuple[float, Any, Any]:
+    """Spacing of evenly spaced points, heading and curvature at each."""
+    n, length = len(points), 0.0
+    heading, curvature, before = np.empty(n), np.empty(n), 0.0
+    for k in range(n):
+        if k > 0:
+            dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+            length += np.sqrt(dx * dx + dy * dy)
+        first, last = max(k - 1, 0), min(k + 1, n - 1)
+        heading[k] = np.arctan2(points[last, 1] - points[first, 1], points[last, 0] - points[first, 0])
+    spacing, turns, before = length / (n - 1), 0.0, heading[0]
+    for k in range(1, n):  # without jumps by a full turn
+        change = heading[k] - before
+        before = heading[k]
+        if abs(change) >= np.pi:
+            within = (change + np.pi) % (2.0 * np.pi) - np.pi
+            turns += (np.pi if within == -np.pi and change > 0.0 else within) - change
+        heading[k] += turns
+    for k in range(n):
+        first, last = max(k - 1, 0), min(k + 1, n - 1)
+        curvature[k] = (heading[last] - heading[first]) / ((last - first) * spacing)
+    return spacing, heading, curvature
 
 
 @compiled

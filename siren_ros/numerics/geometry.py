@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats, Points
+from siren_ros.numerics.compiled import compiled
 
 
 def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:
@@ -122,22 +123,8 @@ class Polyline:
         Before the start and past the end the first and last segments are extended.
         """
         query = np.asarray(points, dtype=np.float64)
-        start, delta = self.points[:-1], np.diff(self.points, axis=0)
-        relative = query[..., None, :] - start
-        fraction = np.einsum("...kj,kj->...k", relative, delta) / np.einsum("kj,kj->k", delta, delta)
-        low = np.zeros(len(start))
-        high = np.ones(len(start))
-        low[0], high[-1] = -np.inf, np.inf
-        fraction = np.clip(fraction, low, high)
-        miss = relative - fraction[..., None] * delta
-        best = np.argmin(np.einsum("...kj,...kj->...k", miss, miss), axis=-1)[..., None]
-        length = np.diff(self.arc_m)
-        fraction_best = np.take_along_axis(fraction, best, axis=-1)[..., 0]
-        best = best[..., 0]
-        miss_best = np.take_along_axis(miss, best[..., None, None], axis=-2)[..., 0, :]
-        d = delta[best]
-        left = (d[..., 0] * miss_best[..., 1] - d[..., 1] * miss_best[..., 0]) / length[best]
-        return self.arc_m[best] + fraction_best * length[best], left
+        arc, left = _projected(query.reshape(-1, 2), self.points, self.arc_m)
+        return arc.reshape(query.shape[:-1])[()], left.reshape(query.shape[:-1])[()]
 
     def cut(self, from_m: float, to_m: float) -> "Polyline":
         """The part between two arc lengths (extended straight on where they lie outside)."""
@@ -148,3 +135,28 @@ class Polyline:
         """The same curve through equally spaced points, at most ``spacing_m`` apart, ends kept."""
         count = max(2, int(np.ceil(self.length_m / spacing_m)) + 1)
         return Polyline.through(self.at(np.linspace(0.0, self.length_m, count)))
+
+
+@compiled
+def _projected(queries: Points, points: Points, arc_m: Floats) -> tuple[Floats, Floats]:
+    """``Polyline.project`` of points, shape ``(M, 2)``; of places at equal distances the first."""
+    arcs, lefts = np.empty(len(queries)), np.empty(len(queries))
+    last = len(points) - 2
+    for row in range(len(queries)):
+        least = np.inf
+        for segment in range(last + 1):
+            dx, dy = points[segment + 1, 0] - points[segment, 0], points[segment + 1, 1] - points[segment, 1]
+            x, y = queries[row, 0] - points[segment, 0], queries[row, 1] - points[segment, 1]
+            fraction = (x * dx + y * dy) / (dx * dx + dy * dy)
+            if segment > 0:
+                fraction = max(fraction, 0.0)
+            if segment < last:
+                fraction = min(fraction, 1.0)
+            x, y = x - fraction * dx, y - fraction * dy
+            away = x * x + y * y
+            if away < least:
+                least = away
+                length = arc_m[segment + 1] - arc_m[segment]
+                arcs[row] = arc_m[segment] + fraction * length
+                lefts[row] = (dx * y - dy * x) / length
+    return arcs, lefts

@@ -94,14 +94,6 @@ class Ways(NamedTuple):
         return cls(np.concatenate([way.points for way in ways]), ends[:-1], ends[1:], bodies)
 
 
-def meeting_zones(own: Ways, others: Ways, pairs: npt.NDArray[np.intp]) -> list[Zone | None]:
-    """The first zone in which the ways of each pair meet, None where they do not meet.
-
-    A pair is an own and another body, shape ``(P, 2)``. A margin beside a body is part of its half width.
-    """
-    return [Zone(*row[1:]) if row[0] > 0.0 else None for row in zones_of(own, others, pairs).tolist()]
-
-
 @compiled
 def _point(points: Any, first: int, last: int, place: float) -> tuple[float, float]:
     """X and y at a place of ``points[first:last]``, counted in their distance; straight on before and after them."""
@@ -250,7 +242,10 @@ def _near_each_other(own: Any, others: Any, pairs: Any) -> Any:
 
 @compiled
 def zones_of(own: Any, others: Any, pairs: Any) -> Any:
-    """``meeting_zones`` as an array ``(P, 8)``: whether both meet, then the fields of ``Zone``."""
+    """The first zone in which the ways of each pair meet: ``(P, 8)``, whether they meet, then the fields of ``Zone``.
+
+    A pair is an own and another body, shape ``(P, 2)``. A margin beside a body is part of its half width.
+    """
     out = np.empty((pairs.shape[0], _COLUMNS))
     near = _near_each_other(own, others, pairs)
     _search_poses(own, _poses(own, near[:, 0]), others, _poses(others, near[:, 1]), pairs, out)

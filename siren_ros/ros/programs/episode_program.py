@@ -4,7 +4,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from functools import partial
 from importlib import import_module
 from typing import Any, Final
 
@@ -32,7 +31,7 @@ from siren_ros.ros.programs.progress import UPDATE_EVERY_STEPS, ProgressDisplay,
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.direct import direct
 from siren_ros.ros.transport.domain import check_alone, in_free_domain
-from siren_ros.ros.transport.endpoints import PublisherWatch, create_input
+from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_wall_timer
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 SPIN_S: Final = 0.05
@@ -60,6 +59,17 @@ class Cosim(Node):
         self.master.on_step_begun = self.progress.begin_step
         create_input(self, topics.OUTCOME, self._on_outcome, PublisherWatch(self, topics.OUTCOME, self.master.fail))
         create_input(self, topics.ACTORS, self._on_actors)
+        self._pause: Future[None] = Future()
+        self.master.on_closed = self._end_spin
+        create_wall_timer(self, SPIN_S, self._end_spin)
+
+    def spin_a_while(self, executor: EventsExecutor) -> None:
+        """Run callbacks for ``SPIN_S`` or to the end of the episode; the executor keeps no timeout while it is busy."""
+        self._pause = Future()
+        executor.spin_until_future_complete(self._pause, SPIN_S)
+
+    def _end_spin(self) -> None:
+        self._pause.set_result(None)
 
     def _on_actors(self, cdr: bytes) -> None:
         if self.master.state.step % UPDATE_EVERY_STEPS == 0:
@@ -119,13 +129,11 @@ def run_episode(
     waiting.ask = lambda: cosim.awaited(composition)
     limits = limits_s(cosim.master.config)
     watch = HangWatch(lambda: composition.hanging(limits), give_up)
-    over: Future[None] = Future()
     if isinstance(composition, InProcess):
         cosim.connect_directly(executor, composition.nodes)
-    cosim.master.on_closed = partial(over.set_result, None)
     try:
         while not cosim.master.closed:
-            executor.spin_until_future_complete(over, SPIN_S)
+            cosim.spin_a_while(executor)
             if interrupt:
                 cosim.master.interrupt(_stopped_by(interrupt))
             if failure := composition.failure():

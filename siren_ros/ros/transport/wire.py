@@ -52,7 +52,9 @@ def encode_content(topic: Topic, step: int, content: Content, write: Callable[[C
     Nobody may change the content afterwards, nor its arrays.
     """
     cdr = encode(topic, write(content))
-    _known.setdefault(topic.name, deque(maxlen=KEPT)).append((cdr, Sent(step, content)))
+    if topic.name not in _known:
+        _known[topic.name] = deque(maxlen=KEPT)
+    _known[topic.name].append((cdr, Sent(step, content)))
     return cdr
 
 

@@ -215,6 +215,17 @@ def test_a_route_that_cannot_be_driven_on_has_no_bends_behind_the_break(drive: C
     assert drive("a", "b").limit_mps("a_0", 90.0) < OWN_MPS
 
 
+def test_another_episode_on_the_same_map_has_the_same_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Profiles are kept by map: what a first vehicle asked for does not change what a second one gets."""
+    network, told = bend_ahead(), []
+    monkeypatch.setattr(libsumo.vehicle, "setMaxSpeed", lambda _, speed_mps: told.append(speed_mps))
+    for route, lane in ((("a", "b"), "a_0"), (("a", "c"), "a_0"), (("a", "b"), "ab_0"), (("a", "b"), "a_0")):
+        columns = columns_of({"car": reading(lane, 5.0)}, network, dict.fromkeys(LANES, 1.0))
+        BendLimits(network).apply(columns, {"car": car(*route)}, columns.which(()))
+    assert told == [pytest.approx(limit, rel=0.02) for limit in (before_bend_mps(5.0), BEND_MPS, before_bend_mps(5.0))]
+    assert told[0] == told[2]
+
+
 RADIUS, WIDTH = 40.0, 4.0
 OFFSET = (100.0, 50.0)
 SUMO_LENGTH = RADIUS * np.pi / 2.0

@@ -47,7 +47,7 @@ class TrackerGains(NamedTuple):
     """Time constant of the ratio between the centre's speed and SUMO's speed of the front bumper."""
     accel_time_s: float = 0.2
     """Time constant by which SUMO's acceleration is smoothed before it is fed forward."""
-    grip_share: float = 0.8
+    grip_share: float = 0.45
     """Part of the tyres' grip that steering and speed may ask for in a turn."""
     standing_mps: float = 0.05
     """Wanted speeds below this mean: hold the vehicle with the brake."""

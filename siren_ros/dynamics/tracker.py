@@ -49,9 +49,9 @@ class TrackerGains(NamedTuple):
     """Time constant by which SUMO's acceleration is smoothed before it is fed forward."""
     grip_share: float = 0.8
     """Part of the tyres' grip that steering and speed may ask for in a turn."""
-    swerve_share: float = 0.45
+    swerve_share: float = 0.4
     """The same of the steering up to the speed of town traffic, where SUMO's path turns aside at once: a driver swerves
-    with half of what the tyres give at most."""
+    with less than half of what the tyres give."""
     town_mps: float = 14.0
     """50 km/h."""
     standing_mps: float = 0.05

@@ -205,6 +205,10 @@ class PullOverConfig:
     """Way from the junction to the rear of a vehicle that has cleared it to make room."""
     in_the_way_m: float = 2.0
     """A vehicle that is farther in the way of others than this crosses the junction at a red light too."""
+    stays_behind_m: float = 20.0
+    """Nearer to an EMV that has passed…"""
+    stays_behind_mps: float = 3.0
+    """…and is slower than this, a driver holds on: who drove on would pass it, and it may have to move aside."""
     turned_off_m: float = 15.0
     """Distance to an EMV whose way does not lead past a vehicle any more from which on that has nobody to yield to."""
     settle_length_m: float = 4.0

@@ -49,6 +49,11 @@ class TrackerGains(NamedTuple):
     """Time constant by which SUMO's acceleration is smoothed before it is fed forward."""
     grip_share: float = 0.8
     """Part of the tyres' grip that steering and speed may ask for in a turn."""
+    swerve_share: float = 0.4
+    """The same of the steering up to the speed of town traffic, where SUMO's path turns aside at once: a driver swerves
+    with less than half of what the tyres give."""
+    town_mps: float = 14.0
+    """50 km/h."""
     standing_mps: float = 0.05
     """Wanted speeds below this mean: hold the vehicle with the brake."""
     holding_brake: float = 0.3
@@ -71,7 +76,8 @@ def _steer(
     gap_y = goal_y - y_m + reach * (np.sin(goal_yaw) - np.sin(yaw))
     offset = gap_y * np.cos(heading) - gap_x * np.sin(heading)
     correction = np.arctan2(gains.lateral_per_s * offset, abs(speed) + gains.lateral_soft_mps)
-    grip = gains.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
+    share = gains.swerve_share if speed <= gains.town_mps else gains.grip_share
+    grip = share * GRAVITY_MPS2 * vehicle.friction_coefficient
     tightest = min(np.tan(vehicle.max_steer_rad) / wheelbase, grip / max(speed * speed, _SLOWEST_MPS * _SLOWEST_MPS))
     turn = within(wrapped_rad(heading - yaw) + correction, -_FULL_LOCK_RAD, _FULL_LOCK_RAD)
     steered = within(np.tan(turn) / wheelbase, -tightest, tightest)

@@ -8,6 +8,7 @@ import pytest
 from siren_ros.dynamics.parameters import ParameterTable, load_vehicle_parameters
 from siren_ros.dynamics.tracker import Reference, TrackerGains, TrackerState, track
 from siren_ros.dynamics.vehicle_model import BodyState
+from siren_ros.judging.physics import VerifyLimits
 from siren_ros.numerics.units import GRAVITY_MPS2, STEP_S
 from siren_ros.world.actors import ActorClass
 
@@ -62,13 +63,24 @@ def test_in_a_bend_the_angle_of_the_curve_and_the_front_tyres_slip_are_fed_forwa
     assert after.yaw_rad[0] == pytest.approx(turn + 8.0 * STEP_S * np.sin(swerve) / pull)
 
 
+def steering_share(speed):
+    return GAINS.swerve_share if speed <= GAINS.town_mps else GAINS.grip_share
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_steering_asks_for_no_more_than_lock_and_grip(side):
     slow, _ = tracked(right=side * 9.0, speed=1.0, sumo=1.0)
     assert slow.steer_rad[0] == pytest.approx(side * VEHICLE.max_steer_rad)
-    fast, _ = tracked(right=side * 9.0, speed=20.0, sumo=20.0)
-    grip = GAINS.grip_share * GRAVITY_MPS2 * VEHICLE.friction_coefficient
-    assert fast.steer_rad[0] == pytest.approx(side * np.arctan(VEHICLE.wheelbase_m * grip / 20.0**2))
+    for speed in (8.0, 14.0, 14.1, 20.0):
+        fast, _ = tracked(right=side * 9.0, speed=speed, sumo=speed)
+        grip = steering_share(speed) * GRAVITY_MPS2 * VEHICLE.friction_coefficient
+        assert fast.steer_rad[0] == pytest.approx(side * np.arctan(VEHICLE.wheelbase_m * grip / speed**2))
+
+
+def test_in_town_nobody_swerves_with_more_than_half_a_g():
+    """``siren verify`` allows 5 m/s²."""
+    for vehicle in load_vehicle_parameters().values():
+        assert GAINS.swerve_share * GRAVITY_MPS2 * vehicle.friction_coefficient < VerifyLimits().civilian_lateral_mps2
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -146,7 +158,8 @@ def test_in_a_turn_nobody_is_faster_than_the_grip_allows(kind, side):
     reference = Reference(row(8.0 * STEP_S), row(0.0), row(0.0), row(8.0), row(0.0))
     controls, _ = track(body, TrackerState.at(row(0.0), row(0.0), row(0.0)), reference, table, STEP_S)
     grip = GAINS.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
-    steered = min(np.tan(vehicle.max_steer_rad) / vehicle.wheelbase_m, grip / 5.0**2)
+    swerve = GAINS.swerve_share * GRAVITY_MPS2 * vehicle.friction_coefficient
+    steered = min(np.tan(vehicle.max_steer_rad) / vehicle.wheelbase_m, swerve / 5.0**2)
     fastest = np.sqrt(grip / steered)
     assert fastest < 8.0
     drag = 0.5 * 1.225 * vehicle.drag_area_m2 / vehicle.mass_kg * 5.0**2
@@ -223,7 +236,8 @@ def test_the_whole_law_in_the_axes_of_the_line(name, turn):
     offset = to_goal[1] * np.cos(heading) - to_goal[0] * np.sin(heading)
     asked = heading - case["turned"] + np.arctan2(GAINS.lateral_per_s * offset, speed + GAINS.lateral_soft_mps)
     grip = GAINS.grip_share * GRAVITY_MPS2 * VEHICLE.friction_coefficient
-    tightest = min(np.tan(VEHICLE.max_steer_rad) / VEHICLE.wheelbase_m, grip / max(speed, 0.1) ** 2)
+    steering = grip * steering_share(speed) / GAINS.grip_share
+    tightest = min(np.tan(VEHICLE.max_steer_rad) / VEHICLE.wheelbase_m, steering / max(speed, 0.1) ** 2)
     steered = np.clip(np.tan(asked) / VEHICLE.wheelbase_m, -tightest, tightest)
     rear_share = 1.0 - VEHICLE.cg_to_front_axle_m / VEHICLE.wheelbase_m
     slip = VEHICLE.mass_kg * rear_share / VEHICLE.cornering_stiffness_front_npr * speed**2 * curvature

@@ -305,19 +305,29 @@ def _hold_now(unit: YieldUnit, ego: Ego, offset_m: float, partial: bool) -> Yiel
 
 
 def _braked(unit: YieldUnit, ego: Ego) -> YieldStep:
-    """A comfortable stop; the paper's full brake and hand brake keep the vehicle where it has come to a stand."""
+    """A comfortable stop; the paper's full brake and hand brake keep the vehicle where it has come to a stand.
+
+    The target speed falls with the speed: who wants to stand at once looks at nobody ahead.
+    """
     if standing(ego):
         return YieldStep(unit, FULL_BRAKE)
-    navigator, command, _ = navigate(unit, ego, 0.0, ego.world.hold_navigator)
+    config = ego.world.hold_navigator
+    target_mps = max(ego.speed_mps - config.ease_off_mps2 / config.speed_gain_1ps, 0.0)
+    navigator, command, _ = navigate(unit, ego, target_mps, config)
     return YieldStep(changed(unit, navigator=navigator), command)
 
 
 def _is_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> tuple[YieldUnit, str]:
-    """Why a yield has lost its purpose, empty while it has one: the EMV has passed, is gone, or has turned off."""
+    """Why a yield has lost its purpose, empty while it has one: the EMV has passed, is gone, or has turned off.
+
+    An EMV that has passed and crawls right ahead has not got away yet.
+    """
     off_path = unit.off_path_steps + 1 if emv.turned_off else 0
     if off_path != unit.off_path_steps:
         unit = changed(unit, off_path_steps=off_path)
     grace = steps_from_s(ego.config.yielding.off_path_grace_s)
+    if emv.passed and emv.dawdles:
+        return unit, ""
     return unit, release_reason(emv) or ("off_path" if off_path > grace else "")
 
 

@@ -265,14 +265,16 @@ def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
     if scene is None:
         return EmvView(-1, False, False, False, False)
     way, route = scene.way_m[ego.row], ego.route
-    away = ego.distance_m(scene.row) > ego.config.pull_over.turned_off_m
+    config, apart_m = ego.config.pull_over, ego.distance_m(scene.row)
+    slow = float(ego.seen.speed_mps[scene.row]) < config.stays_behind_mps
     return EmvView(
         row=scene.row,
         passed=emv_fully_passed(ego, scene.row),
         in_region=unit.actor_id in scene.members or _responds(unit, ego, scene.row),
         on_path=math.isfinite(way) and way > -2.0 * ego.half_length_m,
         on_road=scene.on_road[ego.row],
-        turned_off=away and len(route) > 0 and int(route[0]) not in scene.edges_ahead,
+        dawdles=slow and apart_m < config.stays_behind_m,
+        turned_off=apart_m > config.turned_off_m and len(route) > 0 and int(route[0]) not in scene.edges_ahead,
     )
 
 

@@ -98,6 +98,8 @@ class EmvView:
     """Whether the civilian is on the lanes that the EMV will drive on (L2), or on any lane of its road (L3)."""
     on_road: bool
     """Whether the civilian is still on the EMV's road."""
+    dawdles: bool = False
+    """Whether the EMV is near and slow."""
     turned_off: bool = False
     """Whether the EMV is away and its way does not lead past the civilian any more."""
 

@@ -24,6 +24,30 @@ def test_holds_with_full_brake_and_hand_brake_when_reached_and_aligned(lab, worl
     assert (commands.brake[0], commands.throttle[0], commands.hand_brake[0]) == (1.0, 0.0, 1)
 
 
+def test_who_reaches_the_edge_in_motion_brakes_as_people_do_and_then_stands_with_the_hand_brake(lab):
+    cars = [lab.Car(1, 0, 40, 8, (0,), AMBULANCE), lab.Car(2, 0, 80, 7, (0,), desired=7.0)]
+    loop = lab.Loop(lab.world_of(lab.straight_road(), lab.L3), cars).run(200)
+    speed = np.array([row[2][3] for row in loop.log])
+    (held,) = [event for event in loop.of("yield_held") if event.actor_id == 2]
+    assert speed[held.step] > 2.0, "it moves as it begins to hold"
+    assert np.diff(speed).min() / 0.05 > -3.5
+    assert speed[held.step + 60] == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_driver_who_brakes_to_the_hold_keeps_clear_of_who_stands_ahead(lab, world):
+    """The edge is reached at 3 m/s, with a standing vehicle 1.5 m ahead: more than a comfortable stop is needed."""
+    unit = replace(UNIT, navigator=NavigatorState())
+    length = lab.vehicles[ActorClass.SEDAN].length_m
+    near, far = (
+        lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 80, 3.0, (0,)), lab.Car(3, 0, 80 + length + gap, 0, (0,))])
+        for gap in (1.5, 30.0)
+    )
+    path = pull_over_path(replace(UNIT, side=-1), far.ego(1), 0)
+    unit = replace(UNIT, navigator=NavigatorState().following(path, 80.0, 0.0))
+    brakes = [hold(unit, view.ego(1), NEAR).command.brake for view in (near, far)]
+    assert brakes[0] > 1.3 * brakes[1] > 0.0
+
+
 def behind_a_standing_vehicle(lab, world):
     """The state after the first step, and the vehicles where the civilian comes no farther."""
     emv, ahead = emv_at(lab), lab.Car(3, 0, 89.0, 0, (0,))
@@ -187,6 +211,14 @@ def test_a_held_vehicle_is_released_when_the_emv_has_gone_elsewhere(lab, world, 
     assert (commands.mode.tolist(), commands.lights.tolist()) == ([Mode.REJOIN], [light])
     assert commands.throttle[0] > 0.0
     assert (commands.hand_brake.tolist(), np.sign(commands.steer_rad[0])) == ([0], -np.sign(left))
+
+
+@pytest.mark.parametrize(("ahead_m", "speed", "released"), [(10.0, 2.9, False), (10.0, 3.1, True), (20.5, 0.0, True)])
+def test_nobody_drives_on_past_an_emv_that_crawls_right_ahead(lab, world, ahead_m, speed, released):
+    state, held = holding(lab, world)
+    emv = lab.Car(1, 0, 90.0 + ahead_m, speed, (0,), AMBULANCE)
+    _, commands, _ = steps(world, [emv, held], 1, state, 2)
+    assert commands.mode.tolist() == [Mode.REJOIN if released else Mode.YIELD_HOLD]
 
 
 def test_a_held_vehicle_is_released_when_the_emv_has_left_the_simulation(lab, world):

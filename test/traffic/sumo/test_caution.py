@@ -1,5 +1,6 @@
 """SUMO's drivers wait for vehicles that are driven from outside, on a crossing of two roads."""
 
+import math
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -9,10 +10,11 @@ import pytest
 
 from siren_ros.conflicts.course import CourseBook, Outlook
 from siren_ros.conflicts.yielding import YieldingConfig
+from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.numerics.geometry import Polyline, rotate
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.traffic.config import CautionConfig
+from siren_ros.traffic.config import CautionConfig, DemandConfig
 from siren_ros.traffic.sumo import caution as caution_module
 from siren_ros.traffic.sumo.caution import Caution, CautiousDrivers, cautions
 from siren_ros.world.actors import Owner
@@ -312,3 +314,10 @@ def is_near(row: int, other: int, poses: Any, speed: Any, half_length: Any, coun
         return True
     sideways = half_length[other] * abs(own[0] * theirs[1] - own[1] * theirs[0])
     return bool(0.0 < ahead < speed[row] + config.more_m and abs(left) < config.beside_m + sideways)
+
+
+def test_who_waits_stays_clear_of_the_tail_of_a_long_vehicle_in_its_tightest_bend():
+    """The centre of a long vehicle keeps to a circle; its heading is behind the circle's by what its rear axle lags."""
+    for vehicle in load_vehicle_parameters().values():
+        lag_rad = math.atan(vehicle.centre_ahead_of_rear_axle_m / DemandConfig().long_vehicle_radius_m)
+        assert CautionConfig().among.standoff_m > 0.5 * vehicle.length_m * math.sin(lag_rad)

@@ -304,9 +304,9 @@ class SumoSimulation:
         )
 
     def _advice(self, rescued: Mapping[str, Sequence[str]]) -> tuple[EmvAdvice, ...]:
-        """SUMO's advice for every EMV on the map; the civilians that ROS drives yield."""
+        """SUMO's advice for every EMV on the map; the civilians that ROS drives yield, and those who wait for a gap."""
         keeping = {self._plan.av, *(vehicle.name for vehicle in self._plan.emvs)}
-        yielding = self._mirror.places.keys() - keeping
+        yielding = (self._mirror.places.keys() | self._mirror.deferred()) - keeping
         reach_m = self._config.leader_range_m
         return tuple(
             emv_advice(emv.name, self._ids, yielding, reach_m, emv.driver.driving.min_gap_m, len(rescued[emv.name]))

@@ -6,12 +6,13 @@ import pytest
 
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import MapError
-from siren_ros.generation.episode_setup import plan_at_best_site
+from siren_ros.generation.episode_setup import plan_at_best_site, set_up_episode
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.site_finder import find_sites
 from siren_ros.roads.sites import Site
+from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.plan import TrafficPlan, load_drivers
@@ -62,3 +63,9 @@ def test_an_error_names_the_map_and_what_the_best_site_lacks(town: RoadNetwork) 
     assert "stop sign" in caught.value.allowed
     assert "60 vehicles on crossing roads" in caught.value.allowed
     assert find_sites(town, template.site_kind)[0].name in caught.value.allowed
+
+
+def test_nobody_drives_on_shoulders_where_the_template_says_that_they_are_in_use() -> None:
+    for name, free in (("S2", False), ("S7", True)):
+        network = set_up_episode(EpisodeRequest(name, "", 0, sensors="none")).network
+        assert any(lane.kind is LaneKind.SHOULDER and lane.emergency_allowed for lane in network.lanes) is free

@@ -144,6 +144,8 @@ class YieldConfig:
     """Least speed while a gap is sought."""
     seek_again_s: float = 1.5
     """Time after which the driver thinks again whether to draw ahead or to fall back."""
+    seek_pace: float = 1.2
+    """Share of the speed limit that a driver uses to draw ahead: nobody keeps to it with an EMV behind."""
     seek_room_m: float = 20.0
     """Road left before the next junction below which no gap is sought."""
     seek_free_m: float = 15.0
@@ -338,8 +340,14 @@ class GapEscapeConfig:
     """Time over which moving vehicles are swept ahead in the search."""
     watch_s: float = 0.8
     """The same for the watch on the path that is driven."""
-    oncoming_factor: float = 2.5
-    """By how much longer vehicles are swept that do not go in the EMV's direction."""
+    crossing_s: float = 3.75
+    """The same for vehicles that cross the EMV's direction."""
+    oncoming_s: float = 6.5
+    """The same for oncoming vehicles: the EMV's time to the horizon at its target speed, and one second."""
+    oncoming_watch_s: float = 3.0
+    """The same in the watch: two vehicles at 20 and 50 km/h can stop before each other in it."""
+    oncoming_m: float = 90.0
+    """How far beyond the horizon vehicles are looked for in the search: 50 km/h for that time."""
     brake_mps2: float = 2.5
     """Deceleration laid out for tight places and stops on the path."""
     bend_accel_mps2: float = 1.2
@@ -406,15 +414,28 @@ class AnticipationConfig:
 
 @dataclass(frozen=True)
 class JunctionEntryConfig:
-    """How the EMV comes to a red light."""
+    """How the EMV comes to a line without right of way: a red light, a stop sign, a give-way sign.
 
-    speed_mps: float = 20.0 / 3.6
-    """At the line: that of the paper's most careful mode, from which the EMV stops within 5 m at the navigator's
-    comfortable deceleration. Fire services ask for a stop (NFPA 1500); the paper's EMV runs red lights."""
+    Each driver has an own speed there (``Attention.emv_line_mps``).
+    """
+
+    speed_mps: float | None = None
+    """Of a calibrated driver, in place of the draw and of what the view allows."""
     brake_mps2: float = 1.2
     """Deceleration laid out for, as for vehicles ahead."""
     ease_off_mps2: float = 2.0
     """Greatest deceleration for it, as for vehicles ahead."""
+    stop_mps2: float = 3.0
+    """Deceleration for somebody who comes into view, the navigator's comfortable one."""
+    reaction_s: float = 0.5
+    """Of a driver who expects somebody, with the foot at the brake."""
+    standoff_m: float = 1.0
+    """Distance kept from the nearest lane of the street from the side, as from conflicts."""
+    least_mps: float = 2.5
+    """Speed with which a driver noses out where the view allows less: who comes can see the EMV then."""
+    view_m: float = 40.0
+    """Distance before the line from which on the view counts."""
+    view_step_m: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -443,7 +464,13 @@ class EmvConfig:
     """Standstill gap at levels with gap escape: room to pull out past the vehicle ahead without reversing."""
     stop_before_route_end_m: float = 3.0
     navigator: NavigatorConfig = field(
-        default_factory=lambda: NavigatorConfig(standstill_gap_m=4.0, comfort_accel_mps2=2.0, path_brake_mps2=2.0)
+        default_factory=lambda: NavigatorConfig(
+            standstill_gap_m=4.0,
+            comfort_accel_mps2=2.0,
+            path_brake_mps2=2.0,
+            # From here the EMV needs the time that it leaves behind others who have just crossed.
+            conflicts=YieldingConfig(standoff_m=2.0),
+        )
     )
     replan_s: float = 1.0
     """Least time between two plans where SUMO's route and the path disagree."""

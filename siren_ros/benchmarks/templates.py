@@ -5,7 +5,8 @@ prints in how many the template's predicate holds, what failed in the others, co
 the greatest impact speed and overlap, the lateral acceleration of everybody (99.9th percentile), the longitudinal one
 of the EMV (1st and 99th) and of civilians that move (0.5th and 99.5th), the residual, the EMV's longest standstill and
 mean speed, the error of constant-velocity prediction, and the time of behaviour and dynamics per step.
-``--compare L1 L3`` compares the EMV's travel time at two levels over the same seeds instead. Below each row stands how
+``--compare L1 L2 L3`` compares instead how far the EMV comes at each level and at the one before it in the same time,
+seed by seed. Below each row stands how
 the seeds differ. ``--placebo`` prints in how many seeds the predicate also holds at the levels at which its cause is
 absent.
 """
@@ -15,8 +16,9 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,6 +33,7 @@ from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import InputError, SirenError
 from siren_ros.evaluation.prediction.predictors import predictors_named
 from siren_ros.evaluation.prediction.scoring import score_episode
+from siren_ros.evaluation.statistics import BlockSums, interval_of_mean
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.generation.episode_setup import EpisodeSetup, plan_length, set_up_episode
@@ -292,14 +295,47 @@ def details_of(episodes: Iterable[EpisodeFigures]) -> Iterator[str]:
         yield f"     {text}"
 
 
-def comparison_of(name: str, first: Sequence[EpisodeFigures], second: Sequence[EpisodeFigures]) -> str:
-    """One template's row of ``--compare``: in how many seeds the second level is faster, and by how much."""
-    pairs = [(a, b) for a, b in zip(first, second, strict=True) if not a.error and not b.error]
+def compared_row(name: str, levels: tuple[str, str], runs: Sequence[Sequence[EpisodeFigures]]) -> dict[str, Any]:
+    """One template's row of ``--compare``: what the second level gains on the first, seed by seed.
+
+    ``distance`` is the gain of the EMV's way over the same time as a share, with its interval; ``time`` the share of
+    its travel time over the same way that is saved.
+    """
+    pairs = [(a, b) for a, b in zip(*runs, strict=True) if not a.error and not b.error]
     times = np.array([travel_times_s(a, b) for a, b in pairs]).reshape(-1, 2)
-    faster = int((times[:, 1] < times[:, 0]).sum())
-    change = float(np.median(1.0 - times[:, 1] / times[:, 0])) if len(times) else float("nan")
-    slower = [a.seed for (a, _), (before, after) in zip(pairs, times, strict=True) if after >= before]
-    return f"{name:<4}{faster:>4}/{len(first)}  median {100.0 * change:+.0f} %  not faster: {slower}"
+    gains = np.array([distance_gain(a, b) for a, b in pairs])
+    ones = np.ones(len(pairs))
+    worst = int(np.argmin(gains)) if pairs else -1
+    return {
+        "template": name,
+        "levels": [levels[1], levels[0]],
+        "seeds": len(pairs),
+        "failed": len(runs[0]) - len(pairs),
+        "distance": asdict(interval_of_mean(BlockSums(gains, ones, np.zeros(len(pairs), np.intp)))),
+        "farther": int((gains > 0.0).sum()),
+        "least": float(gains[worst]) if pairs else None,
+        "least_seed": pairs[worst][0].seed if pairs else None,
+        "time": float(np.median(1.0 - times[:, 1] / times[:, 0])) if pairs else None,
+        "not_farther": [a.seed for (a, _), gain in zip(pairs, gains, strict=True) if gain <= 0.0],
+    }
+
+
+def distance_gain(first: EpisodeFigures, second: EpisodeFigures) -> float:
+    """How much farther a second EMV comes in the same time, as a share."""
+    last = min(len(first.way_m), len(second.way_m)) - 1
+    return float(second.way_m[last] / first.way_m[last] - 1.0)
+
+
+def compared_text(row: Mapping[str, Any]) -> str:
+    """A row of ``--compare`` as it is printed."""
+    levels, between = "against".join(f" {level} " for level in row["levels"]), row["distance"]
+    if not row["seeds"]:
+        return f"{row['template']:<4}{levels}no episode ran"
+    return (
+        f"{row['template']:<4}{levels}distance {between['value']:+.0%} (95 %: {between['low']:+.0%} to "
+        f"{between['high']:+.0%}), farther in {row['farther']}/{row['seeds']}, least {row['least']:+.0%} "
+        f"(seed {row['least_seed']}), median of the time {-row['time']:+.0%}; not farther: {row['not_farther']}"
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -308,10 +344,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     rows: list[dict[str, Any]] = []
     for number, name in enumerate(options.templates):
         if options.compare:
-            first, second = (measure_all(_tasks(options, name, level), options.jobs) for level in options.compare)
-            if number == 0:
-                print(f"{'':<4}seeds in which the EMV is faster at {options.compare[1]} than at {options.compare[0]}")
-            print(comparison_of(name, first, second), flush=True)
+            runs = [measure_all(_tasks(options, name, level), options.jobs) for level in options.compare]
+            for pair, both in zip(pairwise(options.compare), pairwise(runs), strict=True):
+                rows.append(compared_row(name, pair, both))
+                print(compared_text(rows[-1]), flush=True)
             continue
         if options.placebo:
             levels = [level.name for level in placebo_levels(name)]
@@ -350,7 +386,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--site", default="", help="a name that siren sites prints; each seed draws its own by default")
     parser.add_argument("--level", default="", choices=["", *levels], help="the template's own by default")
     parser.add_argument("--preset", default="paper", help="how drivers respond")
-    parser.add_argument("--compare", nargs=2, choices=levels, metavar="LEVEL", help="compare travel times")
+    parser.add_argument("--compare", nargs="+", choices=levels, metavar="LEVEL", help="compare levels, two or more")
     parser.add_argument("--placebo", action="store_true", help="the levels at which the predicate must not hold")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--pictures", type=Path, help="folder for a picture of each episode")

@@ -62,7 +62,7 @@ PARAMETERS: Final[Mapping[str, Parameter]] = {
          "config.anticipation.brake_mps2"),
         ("controller.approach_gap_m", "standing distance to vehicles ahead", 3.0, 12.0,
          "config.anticipation.standstill_gap_m"),
-        ("controller.red_light_speed_mps", "speed at the line of a red light", 2.0, 12.0,
+        ("controller.red_light_speed_mps", "speed at red lights and other lines without right of way", 2.0, 12.0,
          "config.junction_entry.speed_mps"),
         ("sumo.speed_factor", "wished speed over the speed limit", 0.6, 1.0, "speed_factor"),
         ("sumo.tau_s", "time headway", 0.5, 2.5, "tau_s"),

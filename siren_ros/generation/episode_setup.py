@@ -13,7 +13,7 @@ from siren_ros.generation.site_choice import plan_at_site, sites_to_try
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.params.input_files import FILES_ON_DISK, InputFile, InputFiles, NotedFiles, files_to_json
-from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map, with_speed_limit
+from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map, with_shoulders_in_use, with_speed_limit
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites import Site
@@ -137,6 +137,8 @@ def set_up_episode(
     load_look(request.look, noted)
     compiled = compiled_map or compile_map(Path(request.map) if request.map else None)
     compiled = with_speed_limit(compiled, template.demand.speed_limit_mps)
+    if template.shoulders_in_use:
+        compiled = with_shoulders_in_use(compiled)
     network = parse_road_network(compiled.read_bytes())
     dimensions = {
         actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)

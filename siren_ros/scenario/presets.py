@@ -58,8 +58,10 @@ class Attention:
     """Share of the drivers who see an EMV that comes across their way against a signal or sign."""
     emv_horizon_s: float = 8.0
     """The EMV's driver counts with those who come to the crossing of the ways within this time."""
-    emv_red_mps: float = 0.0
-    """Speed down to which the EMV's driver brakes before a red light, where it is above that of the behaviour."""
+    emv_pet_s: float = 1.2
+    """Time that the EMV's driver means to leave behind those who cross its way (post-encroachment time)."""
+    emv_line_mps: TruncatedNormal = TruncatedNormal(5.556, 0.8, 4.0, 7.5)
+    """Speed of EMVs at a line at which others have the right of way, one draw per driver."""
 
 
 @dataclass(frozen=True)
@@ -130,10 +132,14 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverP
 
 
 def _attention(section: StrictMapping) -> Attention:
-    civilians, horizon_s = section.number("civilians", 0.0, 1.0), section.number("emv_horizon_s", 0.0, 60.0)
-    red_mps = section.number("emv_red_mps", 0.0, 40.0) if section.has("emv_red_mps") else Attention.emv_red_mps
+    attention = Attention(
+        section.number("civilians", 0.0, 1.0),
+        section.number("emv_horizon_s", 0.0, 60.0),
+        section.number("emv_pet_s", 0.0, 10.0),
+        read_distribution(section.mapping("emv_line_mps"), 0.0, 40.0),
+    )
     section.finish()
-    return Attention(civilians, horizon_s, red_mps)
+    return attention
 
 
 def _oncoming(section: StrictMapping) -> OncomingResponse:

@@ -164,6 +164,8 @@ class Template:
     predicate: PredicateDemand
     signal: SignalDemand | None = None
     """None where the signals run as they are."""
+    shoulders_in_use: bool = False
+    """Whether nobody can drive on the map's shoulders, as where vehicles park there."""
     ranges: Mapping[str, ValueRange] = field(default_factory=dict)
     """Range of each scenario parameter by its dotted path: ``emv.speed_mps``, ``demand.platoon.vehicles``."""
     drawn: Mapping[str, ValueRange] = field(default_factory=dict)

@@ -81,6 +81,7 @@ def _template(top: StrictMapping) -> Template:
         response=_response(top.mapping("response"), parameters),
         predicate=_predicate(top.mapping("predicate")),
         signal=_signal(top.mapping("signal"), parameters) if top.has("signal") else None,
+        shoulders_in_use=top.has("shoulders") and top.text("shoulders", ["free", "in_use"]) == "in_use",
         ranges=ranges,
         drawn=drawn,
     )

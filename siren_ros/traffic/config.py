@@ -78,8 +78,8 @@ class DemandConfig:
 class CautionConfig:
     """How SUMO's drivers wait for vehicles that are driven from outside."""
 
-    yielding: YieldingConfig = field(default_factory=YieldingConfig)
-    """Margins to vehicles that are driven from outside."""
+    yielding: YieldingConfig = field(default_factory=lambda: YieldingConfig(after_s=1.0))
+    """Margins to vehicles that are driven from outside: behind an EMV, too, nobody passes in less than a second."""
     among: YieldingConfig = field(default_factory=lambda: YieldingConfig(before_s=0.0, after_s=0.2, standoff_m=1.3))
     """Among themselves SUMO's drivers keep its own margins; only contact is avoided. The tail of a bus cuts a tight
     bend by 1.24 m, which its way along its lane does not show: who waits keeps this distance from it."""
@@ -137,9 +137,10 @@ class TrafficConfig:
     """Free space ahead of and behind a vehicle that replaces another one."""
     replacement_distance_m: float = 90.0
     """A replacement enters at least this far from every EMV, beyond the interaction region and the camera's care."""
-    deferred_speed_factor: float = 1.0
-    """Of the speed limit, at least, for a driver who waits for a gap to leave the EMV's lane. Drivers who have left it
-    are slower, so that gaps come up in the neighbouring lane."""
+    deferred_speed_factor: float = 1.2
+    """Of the speed limit, at least, for a driver who waits for a gap to leave the EMV's lane."""
+    cleared_speed_share: float = 0.7
+    """Share of the wished speed of a driver who has left it: so gaps come up for those who still have to leave it."""
     red_light_speed_mps: float = 5.56
     """SUMO's ``jmDriveRedSpeed`` of a privileged EMV (SUMO's default): SUMO's own advice on speed over red."""
     caution: CautionConfig = field(default_factory=CautionConfig)

@@ -319,8 +319,8 @@ class SumoSimulation:
         return self._signals
 
     def _advice(self, rescued: Mapping[str, Sequence[str]]) -> tuple[EmvAdvice, ...]:
-        """SUMO's advice for every EMV on the map; the civilians that ROS drives yield."""
-        yielding = self._mirror.places.keys() - self._keeping
+        """SUMO's advice for every EMV on the map; the civilians that ROS drives yield, and those who wait for a gap."""
+        yielding = (self._mirror.places.keys() | self._mirror.deferred()) - self._keeping
         reach_m = self._config.leader_range_m
         return tuple(
             emv_advice(emv.name, self._ids, yielding, reach_m, emv.driver.driving.min_gap_m, len(rescued[emv.name]))

@@ -6,7 +6,8 @@ import pytest
 
 from siren_ros.benchmarks.templates import (
     EpisodeFigures,
-    comparison_of,
+    compared_row,
+    compared_text,
     details_of,
     json_row,
     longest_standstill_s,
@@ -34,8 +35,23 @@ def test_longest_standstill_counts_one_unbroken_stop() -> None:
 def test_travel_times_compare_the_way_that_both_cover() -> None:
     slow, fast = figures(0, [1.0, 2.0, 3.0, 4.0]), figures(0, [2.0, 4.0, 6.0, 8.0])
     assert travel_times_s(slow, fast) == pytest.approx((0.15, 0.05))
-    assert "1/1" in comparison_of("S1", [slow], [fast])
-    assert "not faster: [0]" in comparison_of("S1", [fast], [slow])
+
+
+def test_levels_are_compared_by_the_way_in_the_same_time_with_an_interval() -> None:
+    """Gains of 100 %, 50 % and 0 %: the interval is Student's with two degrees of freedom."""
+    first = [figures(seed, [1.0, 2.0, 4.0]) for seed in (7, 8, 9)]
+    second = [figures(7, [2.0, 4.0, 8.0, 99.0]), figures(8, [1.0, 3.0, 6.0]), figures(9, [1.0, 3.0, 4.0])]
+    row = compared_row("S2", ("L1", "L2"), (first, second))
+    half = 4.3027 * 0.5 / np.sqrt(3.0)
+    interval = row["distance"]
+    assert (interval["value"], interval["low"]) == pytest.approx((0.5, 0.5 - half), abs=1e-4)
+    assert (row["farther"], row["least"], row["least_seed"], row["seeds"]) == (2, 0.0, 9, 3)
+    assert row["not_farther"] == [9]
+    assert "L2 against L1" in compared_text(row)
+    assert "+50 %" in compared_text(row).replace("%", " %")
+    lost = compared_row("S2", ("L1", "L2"), ([EpisodeFigures("S2", 0, error="no site")], second[:1]))
+    assert (lost["seeds"], lost["failed"]) == (0, 1)
+    assert compared_text(lost).endswith("no episode ran")
 
 
 def test_rows_count_what_holds_and_failures_are_named() -> None:

@@ -62,11 +62,15 @@ def test_unknown_preset_lists_the_presets():
 
 
 def test_everybody_looks_out_unless_a_preset_says_otherwise(tmp_path):
-    assert {load_preset(name).attention for name in ("paper", "realistic")} == {Attention()}
+    assert load_preset("paper").attention == Attention()
+    realistic = load_preset("realistic").attention
+    assert (realistic.civilians, realistic.emv_horizon_s) == (1.0, 8.0)
     assert Attention().civilians == 1.0
     text = (params_dir() / "presets" / "inattentive.yaml").read_text(encoding="utf-8")
-    assert load_preset("inattentive").attention == Attention(0.2, 1.0)
-    assert load_preset("reckless").attention == Attention(0.0, 0.2, 11.111)
+    careful = {load_preset(name).attention.emv_pet_s for name in ("paper", "realistic")}
+    assert min(careful) >= 1.0 > max(load_preset(name).attention.emv_pet_s for name in ("inattentive", "reckless"))
+    inattentive = load_preset("inattentive").attention
+    assert (inattentive.civilians, inattentive.emv_horizon_s) == (0.2, 1.0)
     file = tmp_path / "mine.yaml"
     file.write_text(text.replace("civilians: 0.2", "civilians: 1.2"), encoding="utf-8")
     with pytest.raises(InputError, match=r"mine\.yaml:\d+"):

@@ -202,3 +202,11 @@ def test_what_is_drawn_lies_within_the_range_and_is_not_the_duration(tmp_path):
     assert f":{line}:" in outside.parameter
     duration, _ = refused(tmp_path, "range: [25.0, 45.0]}", "range: [25.0, 45.0], draw: [30.0, 40.0]}")
     assert "duration_s.draw" in duration.parameter
+
+
+def test_shoulders_are_in_use_where_a_free_one_would_be_the_way_past_everybody(tmp_path):
+    assert {name for name in available_templates() if load_template(name).shoulders_in_use} == {"S1", "S2"}
+    wrong, line = refused(tmp_path, "shoulders: in_use", "shoulders: closed")
+    assert "shoulders" in wrong.parameter
+    assert f":{line}:" in wrong.parameter
+    assert "free, in_use" in str(wrong)

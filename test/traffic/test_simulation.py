@@ -205,7 +205,7 @@ def test_release_goes_on_from_the_pose_at_the_speed(sumo: SumoSimulation, town: 
         x, y = state.sumo_x_m[here], state.sumo_y_m[here]
 
 
-def test_vehicle_that_cleared_the_lane_keeps_its_lane_at_its_own_speed_and_is_freed(
+def test_vehicle_that_cleared_the_lane_keeps_its_lane_more_slowly_and_is_freed(
     sumo: SumoSimulation, town: Town
 ) -> None:
     state = sumo.step(0, None)
@@ -222,7 +222,7 @@ def test_vehicle_that_cleared_the_lane_keeps_its_lane_at_its_own_speed_and_is_fr
         here = rows_of_ids(state.actor_id, np.array([actor_id], dtype=np.uint32))[0]
         lanes.append((town[1].lanes[state.lane[here]].edge, int(state.lane[here])))
     assert len({lane for _, lane in lanes}) == len({edge for edge, _ in lanes})
-    assert libsumo.vehicle.getSpeedFactor(name) == speed_factor
+    assert libsumo.vehicle.getSpeedFactor(name) == pytest.approx(TrafficConfig().cleared_speed_share * speed_factor)
     assert libsumo.vehicle.getLaneChangeMode(name) == KEEP_LANE_CHANGE_MODE
     row["mode"] = int(Mode.NOMINAL)
     sumo.step(200, states_of(199, [row]))

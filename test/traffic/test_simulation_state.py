@@ -57,6 +57,7 @@ class Stage:
         self.departed: tuple[str, ...] = ()
         self.routes_in_sumo: dict[str, str] = {}
         self.leader: tuple[str, float] | None = None
+        self.deferred: set[str] = set()
         vehicles: Any = SimpleNamespace(
             getIDList=lambda: tuple(self.lanes),
             getRouteID=lambda name: self.routes_in_sumo.get(name, route_id(name)),
@@ -89,6 +90,7 @@ class Stage:
             ),
             "mirror": SimpleNamespace(
                 places={},
+                deferred=lambda: self.deferred,
                 realigned={},
                 forget=lambda name: self.forgotten.append(("mirror", name)),
                 apply=lambda *_: None,
@@ -264,6 +266,13 @@ def test_who_makes_way_is_a_civilian_that_ros_drives(stage: Stage) -> None:
     stage.private._mirror.places = {name: place(A_LEFT) for name in (EMV, AV, CAR)}
     ((name, ids, yielding, *_, min_gap_m, rescued),) = stage.step(1, driven(0)).emvs
     assert (name, ids[name], min_gap_m, rescued) == (EMV, 1, 2.0, 1)
+    assert yielding == {CAR}
+
+
+def test_who_waits_for_a_gap_makes_way_too(stage: Stage) -> None:
+    """Otherwise the EMV changes to the lane to which the vehicle ahead is about to go."""
+    stage.deferred = {CAR}
+    ((_, _, yielding, *_),) = stage.step(0).emvs
     assert yielding == {CAR}
 
 

@@ -63,7 +63,7 @@ def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
     if unit.navigator.remaining_m < max(stop, config.yielding.seek_room_m) or target == NO_LANE:
         return YieldStep(changed(unit, navigator=NavigatorState(), seek=Seek.NOT))
     gaps = gaps_in_lane(ego, target)
-    limit = ego.network.lanes[lane].speed_limit_mps
+    limit = config.yielding.seek_pace * ego.network.lanes[lane].speed_limit_mps
     again = (ego.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
     if unit.seek == Seek.NOT or again:
         seek = choose_seek(gaps, gaps_in_lane(ego, lane), refusal, config.yielding, limit)
@@ -75,12 +75,15 @@ def choose_seek(gaps: LaneGaps, present: LaneGaps, refusal: Refusal, config: Yie
     """Whether to fall back or to draw ahead.
 
     The driver draws ahead of a vehicle that is behind, or alongside and further back, if there is space in the present
-    lane (``present``) and the speed limit lets the driver gain on that vehicle. In all other cases the driver falls
-    back and lets the others pass. ``gaps`` are those in the adjacent lane.
+    lane (``present``) and the speed limit lets the driver gain on that vehicle. Ahead of one that is alongside and
+    further ahead the way is longer: the driver has to gain as much as by falling back. In all other cases the driver
+    falls back and lets the others pass. ``gaps`` are those in the adjacent lane.
     """
-    behind = refusal is Refusal.GAP_REAR or (refusal is Refusal.BESIDE and gaps.front_m > 0.0)
-    gains = limit_mps - gaps.rear_mps >= config.seek_gain_mps
-    return Seek.DRAW_AHEAD if behind and gains and present.front_m > config.seek_free_m else Seek.FALL_BACK
+    if refusal is Refusal.BESIDE and gaps.front_m <= 0.0:
+        gains = limit_mps - gaps.front_mps >= config.seek_speed_mps
+    else:
+        gains = refusal is not Refusal.GAP_FRONT and limit_mps - gaps.rear_mps >= config.seek_gain_mps
+    return Seek.DRAW_AHEAD if gains and present.front_m > config.seek_free_m else Seek.FALL_BACK
 
 
 def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: float) -> float:

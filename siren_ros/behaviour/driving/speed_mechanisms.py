@@ -23,6 +23,7 @@ from siren_ros.behaviour.driving.collision_watch import CollisionWatch, stricter
 from siren_ros.behaviour.driving.emv_unit import ROUTE, EmvUnit, present_lane
 from siren_ros.behaviour.driving.free_space import FreeWay, Obstacles, SpeedLimit
 from siren_ros.behaviour.driving.lane_change import gaps_in_lane
+from siren_ros.behaviour.driving.line_book import must_give_way
 from siren_ros.behaviour.driving.navigator import (
     DriveCommand,
     NavigatorState,
@@ -35,7 +36,6 @@ from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.curve import nearest_point
 from siren_ros.behaviour.paths.lane_path import neighbour_lane
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
-from siren_ros.conflicts.yielding import Rank
 from siren_ros.numerics.arrays import Flags, Rows
 from siren_ros.numerics.braking import braking_distance_m, safe_following_mps
 from siren_ros.numerics.changed import changed
@@ -44,7 +44,6 @@ from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import NO_ACTOR, Mode
 
 UNLIMITED: Final = SpeedLimit()
-_RED: Final = int(Rank.RED)
 _SIDEWAYS_MODES: Final = frozenset({Mode.YIELD_PULL_OVER, Mode.REJOIN})
 
 
@@ -79,7 +78,8 @@ def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
     speed = ego.seen.speed_mps[rows]
     counts = along | (speed < config.crossing_mps) | unit.gap_escape_active
     rows, along, speed = rows[counts], along[counts], speed[counts]
-    time_s = np.where(along, 0.0, config.watch_s)
+    against = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) < -config.along_cosine
+    time_s = np.where(against & unit.gap_escape_active, config.oncoming_watch_s, np.where(along, 0.0, config.watch_s))
     credit = np.where(along & (not unit.gap_escape_active), braking_distance_m(speed**2, config.leader_brake_mps2), 0.0)
     return free_way_of(navigator, ego, config.horizon_m, Obstacles.swept(ego.seen, rows, time_s), credit)
 
@@ -177,30 +177,22 @@ def approach_speed_mps(gap_m: float, lead_mps: float, overlap_m: float, leaving_
 
 
 def entry_limit(ego: Ego) -> SpeedLimit:
-    """Speed towards the red lights ahead; no limit where there is none.
+    """Speed towards the lines ahead at which others have the right of way; no limit where there is none.
 
-    Crossing traffic has green there and does not slow down. At a stop sign it starts from the line or is seen to come,
-    and the collision handling is enough, as inside the junction.
-
-    The EMV comes to the entry speed by gentle braking in good time. Where the light turns red late it slows down as
+    The EMV comes to its speed there by gentle braking in good time. Where the light turns red late it slows down as
     far as gentle braking gets it.
     """
-    outlook, config = ego.seen.outlook, ego.world.junction_entry
+    outlook, lines = ego.seen.outlook, ego.world.lines
     if outlook is None:
         return UNLIMITED
-    limit = _red_light_mps(outlook.ways, outlook.rights, ego.row, config.speed_mps**2, config.brake_mps2)
-    return _eased_off(limit, ego.speed_mps, config.ease_off_mps2, ego.config.emv.navigator)
-
-
-@compiled
-def _red_light_mps(ways: Any, rights: Any, row: int, entry_sq: float, brake_mps2: float) -> float:
-    """Speed from which a vehicle comes to the red lights ahead with a speed of that square; infinite without one."""
-    limit = np.inf
-    for at in range(rights.first[row], rights.last[row]):
-        ahead = rights.start_m[at] - (ways.bodies[row, 4] + ways.bodies[row, 7])
-        if ahead > 0.0 and rights.rank[at] == _RED:
-            limit = min(limit, math.sqrt(entry_sq + 2.0 * brake_mps2 * ahead))
-    return limit
+    front, length = outlook.front_m(ego.row), 2.0 * ego.half_length_m
+    limit = math.inf
+    for entry in outlook.course(ego.row).entries:
+        ahead = entry.start_m - front
+        if ahead > 0.0 and must_give_way(entry.connection, outlook.signals):
+            limit = min(limit, lines.approach_mps(ego.actor_id, length, entry.connection, ahead))
+    ease_off = ego.config.junction_entry.ease_off_mps2
+    return _eased_off(limit, ego.speed_mps, ease_off, ego.config.emv.navigator)
 
 
 @dataclass(frozen=True)
@@ -250,7 +242,11 @@ MECHANISMS: Final = (
     Mechanism(
         "anticipation", _emv_limit(anticipated_limit), "EMV elsewhere: vehicles ahead, with gentle braking in good time"
     ),
-    Mechanism("junction entry", _emv_limit(lambda _, ego: entry_limit(ego)), "EMV: red lights ahead"),
+    Mechanism(
+        "junction entry",
+        _emv_limit(lambda _, ego: entry_limit(ego)),
+        "EMV: lines ahead at which others have the right of way",
+    ),
     Mechanism("manoeuvring", _manoeuvring, "civilians who pull over or come back: space around the whole body"),
 )
 """Every mechanism that limits the speed of a vehicle that SUMO does not drive, in the order in which they act."""

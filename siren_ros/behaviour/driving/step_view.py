@@ -9,7 +9,8 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.behaviour.config import BehaviourConfig, JunctionEntryConfig, NavigatorConfig
+from siren_ros.behaviour.config import BehaviourConfig, NavigatorConfig
+from siren_ros.behaviour.driving.line_book import LineBook
 from siren_ros.behaviour.paths.lane_path import LanePath, lanes_along, nearest_on_lane, path_on_lanes
 from siren_ros.conflicts.course import CourseBook, Outlook
 from siren_ros.conflicts.junction_room import JunctionRoom
@@ -165,10 +166,11 @@ class BehaviourWorld:
 
     @cached_property
     def emv_navigator(self) -> NavigatorConfig:
-        """How EMVs drive at this level: how early they count with crossing vehicles, how close they follow."""
-        emv, horizon_s = self.config.emv, self.preset.attention.emv_horizon_s
+        """How EMVs drive at this level: how early they count with crossing vehicles, how close they follow and pass."""
+        emv, attention = self.config.emv, self.preset.attention
         conflicts = emv.navigator.conflicts
-        nearer = conflicts._replace(horizon_s=min(conflicts.horizon_s, horizon_s))
+        horizon_s = min(conflicts.horizon_s, attention.emv_horizon_s)
+        nearer = conflicts._replace(horizon_s=horizon_s, after_s=attention.emv_pet_s)
         gap_m = emv.escape_gap_m if self.policy.corridor else emv.navigator.standstill_gap_m
         return replace(emv.navigator, conflicts=nearer, standstill_gap_m=gap_m)
 
@@ -178,10 +180,9 @@ class BehaviourWorld:
         return replace(self.config.civilian_navigator, standstill_gap_m=self.config.pull_over.room_standstill_gap_m)
 
     @cached_property
-    def junction_entry(self) -> JunctionEntryConfig:
-        """How EMVs come to red lights, no slower than the preset's driver."""
-        config = self.config.junction_entry
-        return replace(config, speed_mps=max(config.speed_mps, self.preset.attention.emv_red_mps))
+    def lines(self) -> LineBook:
+        """How EMVs come to lines at which others have the right of way."""
+        return LineBook(self.network, self.config.junction_entry, self.preset.attention, self.seed)
 
     @cached_property
     def drivers(self) -> Mapping[tuple[ActorClass, bool], NavigatorConfig]:

@@ -10,7 +10,7 @@ import numpy as np
 from siren_ros.behaviour.driving.emv_unit import EmvUnit, GuardResult, advice_of, best_lane, event_of, present_lane
 from siren_ros.behaviour.driving.free_space import Obstacles
 from siren_ros.behaviour.driving.lane_change import gaps_in_lane
-from siren_ros.behaviour.driving.speed_mechanisms import free_way, rows_around
+from siren_ros.behaviour.driving.speed_mechanisms import free_way
 from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.emv.escape_search import EscapePath, RoadSpace, Start, search_lattice
 from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change
@@ -34,7 +34,8 @@ def reference_line(ego: Ego, lane: int) -> LanePath:
 def search_gap(reference: LanePath, ego: Ego) -> EscapePath | None:
     """The best path beside a reference line that the EMV's footprint clears with a margin.
 
-    Vehicles are swept along their motion, those that do not move in the EMV's direction for longer.
+    Vehicles are swept along their motion, those that cross the EMV's direction for longer. Oncoming ones are swept for
+    as long as the EMV needs to the end of the path: it takes their lane only if nobody comes there meanwhile.
 
     Returns:
         The path, or None where no path is long enough to be worth driving.
@@ -53,8 +54,11 @@ def search_gap(reference: LanePath, ego: Ego) -> EscapePath | None:
     sharpest = math.tan(config.steer_range_share * vehicle.max_steer_rad) / vehicle.wheelbase_m
     start = Start(left, slope, body, rear, vehicle.wheelbase_m, sharpest)
     road = road_space(ego.network, reference, s0 + config.station_m * np.arange(count))
-    rows, along = rows_around(ego)
-    obstacles = Obstacles.swept(ego.seen, rows, np.where(along, 1.0, config.oncoming_factor) * config.sweep_s)
+    rows = ego.near(config.horizon_m + config.oncoming_m)
+    ahead = np.cos(ego.seen.yaw_rad[rows] - yaw)
+    times = config.sweep_s, config.oncoming_s, config.crossing_s
+    sweep_s = np.select([ahead > config.along_cosine, ahead < -config.along_cosine], times[:2], times[2])
+    obstacles = Obstacles.swept(ego.seen, rows, sweep_s)
     return search_lattice(curve, road, start, obstacles, config)
 
 
@@ -98,11 +102,13 @@ def blocker_of(unit: EmvUnit, ego: Ego) -> int:
 
     A leader that drives faster than the escape's own target speed does not block. While the escape is active, the
     navigator's collision handling is off: the blocker is then the vehicle ahead in the EMV's lane, or one that closes
-    its path. A vehicle that a moving EMV would pass sideways does not block.
+    its path. A vehicle that a moving EMV would pass sideways does not block, unless the EMV is on the opposite lane: it
+    has to get past the vehicle before it can come back.
     """
     advice, passed = advice_of(ego, unit.actor_id), NO_ACTOR
     stopped = ego.speed_mps <= ego.world.constants.gap_escape.blocked_speed_mps
     lane = present_lane(ego, unit.navigator) if unit.gap_escape_active else NO_LANE
+    stopped = stopped or (lane != NO_LANE and on_opposite_lane(ego, lane))
     if advice is not None and advice.leader_id != NO_ACTOR:
         rows = np.flatnonzero(ego.seen.actor_id == advice.leader_id)
         slow = len(rows) == 0 or ego.seen.speed_mps[rows[0]] < ego.world.speeds.emv_gap_escape_mps
@@ -117,6 +123,14 @@ def blocker_of(unit: EmvUnit, ego: Ego) -> int:
             if stopped or in_the_way(ego, other, lane):
                 return gaps.front_id
     return unit.blocker_id
+
+
+def on_opposite_lane(ego: Ego, lane: int) -> bool:
+    """Whether the EMV reaches over the left edge of its direction's road, seen from a lane of that road."""
+    if ego.network.lanes[lane].kind is LaneKind.INTERNAL:
+        return False
+    road, left_m = road_limits(ego.network, lane), ego.place_on(lane)[1]
+    return road.opposite_m > 0.0 and left_m + ego.half_width_m > road.left_m + ego.config.gap_escape.edge_overhang_m
 
 
 def in_the_way(ego: Ego, other: int, lane: int) -> bool:

@@ -6,7 +6,7 @@ The speed limits of a compiled map can be lowered, so that a scenario has the sa
 import hashlib
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -39,6 +39,8 @@ _RECIPE: Final = "7"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
 _SLOWER_RECIPE: Final = "1"
 """The same for nets whose limits are lowered."""
+_IN_USE_RECIPE: Final = "shoulders 1"
+"""The same for nets whose shoulders are closed."""
 _COMMON: Final = (
     "--no-turnarounds",
     # Lateral acceleration in turns, m/s²: what passengers bear, and what every vehicle class can follow.
@@ -244,15 +246,40 @@ def with_speed_limit(compiled: CompiledMap, limit_mps: float) -> CompiledMap:
     Raises:
         InputError: The cache folder cannot be written.
     """
-    key = hashlib.sha256(f"{_SLOWER_RECIPE} {limit_mps:.2f} {compiled.sha256}".encode()).hexdigest()
+    return _changed(compiled, f"{_SLOWER_RECIPE} {limit_mps:.2f}", lambda net: lowered_limits(net, limit_mps))
+
+
+def with_shoulders_in_use(compiled: CompiledMap) -> CompiledMap:
+    """The map without shoulders that anybody may drive on; the map itself where it has none.
+
+    In a town vehicles park there. A template asks for it where a free shoulder would be the EMV's way past everybody.
+    Raises InputError as ``with_speed_limit`` does.
+    """
+    return _changed(compiled, _IN_USE_RECIPE, closed_shoulders)
+
+
+def _changed(compiled: CompiledMap, recipe: str, change: Callable[[bytes], bytes]) -> CompiledMap:
+    key = hashlib.sha256(f"{recipe} {compiled.sha256}".encode()).hexdigest()
     path = compiled.net_path.with_name(f"{compiled.name}-{key[:20]}.net.xml")
     try:
         net = path.read_bytes()
     except OSError:
-        net = lowered_limits(compiled.read_bytes(), limit_mps)
+        net = change(compiled.read_bytes())
         store_net(path, net)
     digest = hashlib.sha256(net).hexdigest()
     return compiled if digest == compiled.sha256 else replace(compiled, net_path=path, sha256=digest)
+
+
+def closed_shoulders(net: bytes) -> bytes:
+    """A SUMO net whose lanes for emergency vehicles alone are closed; the same bytes where there are none."""
+    root = fromstring(net)
+    shoulders = [lane for lane in root.iter("lane") if lane.get("allow") == "emergency"]
+    if not shoulders:
+        return net
+    for lane in shoulders:
+        del lane.attrib["allow"]
+        lane.set("disallow", "all")
+    return document(root)
 
 
 def lowered_limits(net: bytes, limit_mps: float) -> bytes:

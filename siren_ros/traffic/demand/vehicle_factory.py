@@ -50,7 +50,7 @@ class RouteChooser:
         self._ways: dict[int, tuple[_Way, ...]] = {}
         self._lasting: dict[float, frozenset[int]] = {}
         self._choices: dict[tuple[int, bool, int | None, float], tuple[tuple[int, ...], list[float], Floats]] = {}
-        """Edges to choose from, weights and chances, by edge, whether the vehicle is long, lane, and weight of turns."""
+        """Edges to choose from, weights, chances: by edge, whether the vehicle is long, lane, and weight of turns."""
         self._endless = graph.endless_edges()
 
     def leads_on(self, lane: int, vehicle_m: float) -> bool:

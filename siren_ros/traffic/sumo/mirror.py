@@ -249,6 +249,10 @@ class Mirror:
                     self._hand_back(name, before[name].match.lane, float(speeds_mps[row]))
                 self._bind(name, int(states.mode[row]))
 
+    def deferred(self) -> set[str]:
+        """Vehicles of SUMO that will leave the EMV's lane as soon as they can."""
+        return {name for name, (mode, _) in self._bound.items() if mode == Mode.YIELD_DEFERRED}
+
     def forget(self, name: str) -> None:
         """Drop a vehicle that has left SUMO."""
         self.places.pop(name, None)
@@ -362,7 +366,8 @@ class Mirror:
             self._bound[name] = (mode, factor)
             keeps = mode == Mode.YIELD_KEEP_LANE
             libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if keeps else DEFAULT_LANE_CHANGE_MODE)
-            libsumo.vehicle.setSpeedFactor(name, factor if keeps else max(factor, self._config.deferred_speed_factor))
+            cleared, waiting = self._config.cleared_speed_share * factor, self._config.deferred_speed_factor
+            libsumo.vehicle.setSpeedFactor(name, cleared if keeps else max(factor, waiting))
         elif factor is not None:
             del self._bound[name]
             libsumo.vehicle.setSpeedFactor(name, factor)

@@ -232,8 +232,8 @@ def emv_advice(
     SUMO, and SUMO knows nothing of yielding: behind a vehicle that leaves the lane it wants the lane next to it, which
     is the one that the vehicle goes to.
 
-    ``yielding`` holds the names of the vehicles that leave their lanes for an EMV, ``ids`` those of all vehicles;
-    ``rescue_count`` vehicles react to the EMV.
+    ``yielding`` holds the names of the vehicles that leave their lanes for an EMV or wait for a gap to do so, ``ids``
+    those of all vehicles; ``rescue_count`` vehicles react to the EMV.
     """
     leader = libsumo.vehicle.getLeader(name, leader_range_m)
     follows = leader is not None and leader[0] in ids

@@ -41,7 +41,10 @@ AHEAD = LaneGaps(1.0, 6.0, math.inf, 0.0)
         (BEHIND, 50.0, Refusal.GAP_REAR, 13.9, Seek.DRAW_AHEAD),
         (BEHIND, 5.0, Refusal.GAP_REAR, 13.9, Seek.FALL_BACK),
         (AHEAD, 50.0, Refusal.GAP_FRONT, 13.9, Seek.FALL_BACK),
-        (LaneGaps(-2.0, 6.0, math.inf, 0.0), 50.0, Refusal.BESIDE, 13.9, Seek.FALL_BACK),
+        # Ahead of who is alongside and further ahead the way is longer: 2.5 m/s must be gained.
+        (LaneGaps(-2.0, 6.0, math.inf, 0.0), 50.0, Refusal.BESIDE, 8.4, Seek.FALL_BACK),
+        (LaneGaps(-2.0, 6.0, math.inf, 0.0), 50.0, Refusal.BESIDE, 8.6, Seek.DRAW_AHEAD),
+        (LaneGaps(-2.0, 6.0, math.inf, 0.0), 5.0, Refusal.BESIDE, 8.6, Seek.FALL_BACK),
         (LaneGaps(math.inf, 0.0, -2.0, 6.0), 50.0, Refusal.BESIDE, 13.9, Seek.DRAW_AHEAD),
         # Who drives at the limit cannot be left behind.
         (BEHIND, 50.0, Refusal.GAP_REAR, 8.3, Seek.FALL_BACK),

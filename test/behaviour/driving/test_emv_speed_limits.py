@@ -7,6 +7,7 @@ import pytest
 from siren_ros.behaviour.config import AnticipationConfig, JunctionEntryConfig
 from siren_ros.behaviour.driving.emv_unit import ROUTE, EmvUnit, LateralRequest
 from siren_ros.behaviour.driving.free_space import SpeedLimit
+from siren_ros.behaviour.driving.line_book import LineBook
 from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.behaviour.driving.speed_mechanisms import (
     MECHANISMS,
@@ -25,9 +26,11 @@ from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.gap_escape import reference_line, road_space
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.conflicts.clear_view import Lookout, safe_mps, side_streets
 from siren_ros.conflicts.course import Outlook
+from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.braking import speed_before_mps
-from siren_ros.scenario.presets import Attention
+from siren_ros.scenario.presets import Attention, TruncatedNormal
 from siren_ros.world.actors import NO_ACTOR, ActorClass
 from siren_ros.world.traffic_state import SignalState
 
@@ -80,7 +83,7 @@ def test_vehicles_ahead_that_move_leave_way_and_crossing_ones_count_only_in_the_
 
 
 def approach_mps(ahead_m, config):
-    return speed_before_mps(config.speed_mps**2, config.brake_mps2, ahead_m)
+    return speed_before_mps(DRAWN_MPS**2, config.brake_mps2, ahead_m)
 
 
 def test_the_vehicle_that_cannot_be_passed_is_the_blocker(lab):
@@ -221,6 +224,8 @@ def test_who_turns_away_from_the_path_leaves_it_to_either_side(lab, straight, si
 
 
 ENTRY = JunctionEntryConfig()
+DRAWN_MPS = Attention().emv_line_mps.draw(random_stream(1, "emv at lines", 1))
+"""Of the driver of actor 1 with the seed of these tests."""
 HALF_EMV = 0.5 * 6.5
 
 
@@ -233,25 +238,66 @@ def limit(lab, network, front_m, state, speed=9.0, attention=None):
     return entry_limit(lab.view_of(world, traffic).ego(0)).speed_mps
 
 
-def test_comes_to_the_entry_speed_at_the_line_by_constant_gentle_braking():
-    assert approach_mps(0.0, ENTRY) == pytest.approx(20.0 / 3.6)
+def test_comes_to_the_drivers_speed_at_the_line_by_constant_gentle_braking(lab):
+    lines = lab.world_of(lab.junction_road(), lab.L2).lines
+    connection = lab.junction_road().connections[0]
     way = np.linspace(0.0, 60.0, 25)
-    energy = np.array([approach_mps(ahead, ENTRY) for ahead in way]) ** 2
+    energy = np.array([lines.approach_mps(1, 6.5, connection, ahead) for ahead in way]) ** 2
+    assert energy[0] == pytest.approx(DRAWN_MPS**2)
     assert np.allclose(np.diff(energy) / np.diff(way), 2.0 * ENTRY.brake_mps2)
 
 
-def test_red_counts_and_green_and_stop_signs_do_not(lab, junction):
-    assert limit(lab, junction, 120.0, "r") == pytest.approx(approach_mps(30.0, ENTRY), abs=0.05)
+def test_lines_at_which_others_have_the_right_of_way_count(lab, junction):
+    """Red, a stop sign and a give-way sign; neither green nor green that gives way to oncoming traffic."""
+    expected = pytest.approx(approach_mps(30.0, ENTRY), abs=0.05)
+    assert limit(lab, junction, 120.0, "r") == expected
     assert math.isinf(limit(lab, junction, 120.0, "G"))
     assert math.isinf(limit(lab, junction, 120.0, "g"))
-    signed = (replace(movement, signal_id=None, must_stop=True) for movement in junction.connections)
-    assert math.isinf(limit(lab, replace(junction, connections=tuple(signed)), 120.0, "G"))
+    for sign in ({"must_stop": True}, {"gives_way": True}):
+        signed = tuple(replace(movement, signal_id=None, **sign) for movement in junction.connections)
+        assert limit(lab, replace(junction, connections=signed), 120.0, "G") == expected
 
 
-@pytest.mark.parametrize(("red_mps", "least_mps"), [(0.0, ENTRY.speed_mps), (3.0, ENTRY.speed_mps), (11.0, 11.0)])
-def test_a_driver_who_does_not_look_out_hardly_slows_down(lab, red_mps, least_mps):
-    speed_limit = limit(lab, lab.junction_road(), 120.0, "r", attention=Attention(emv_red_mps=red_mps))
-    assert speed_limit == pytest.approx(math.sqrt(least_mps**2 + 2.0 * ENTRY.brake_mps2 * 30.0), abs=0.05)
+@pytest.mark.parametrize("mean_mps", [4.0, 11.0])
+def test_each_driver_has_an_own_speed_around_the_presets_mean(lab, mean_mps):
+    speeds = TruncatedNormal(mean_mps, 0.5, mean_mps - 1.0, mean_mps + 1.0)
+    world = lab.world_of(lab.junction_road(), lab.L2)
+    world = replace(world, preset=replace(world.preset, attention=Attention(emv_line_mps=speeds)))
+    drawn = [replace(world, seed=seed).lines.driver_mps(1) for seed in range(200)]
+    assert np.mean(drawn) == pytest.approx(mean_mps, abs=0.1)
+    assert np.std(drawn) == pytest.approx(0.44, abs=0.1)
+    assert replace(world, seed=3).lines.driver_mps(1) == drawn[3] != replace(world, seed=3).lines.driver_mps(2)
+    at_line = limit(lab, lab.junction_road(), 149.999, "r", speed=1.0, attention=Attention(emv_line_mps=speeds))
+    assert at_line == pytest.approx(world.lines.driver_mps(1), abs=0.01)
+
+
+def test_a_calibrated_driver_has_one_speed(lab):
+    lines = LineBook(lab.junction_road(), JunctionEntryConfig(speed_mps=3.0), Attention(), 5)
+    assert {lines.driver_mps(emv) for emv in range(5)} == {3.0}
+
+
+def test_where_the_view_is_closed_the_emv_comes_more_slowly(lab):
+    """A street from the right crosses 4 m behind the line; façades stand 3 m behind the roads."""
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 1, ("W", "J"))
+    road.edge([[100, 0], [110, 0]], 1, ("J", "J"), internal=True).edge([[110, 0], [300, 0]], 1, ("J", "E"))
+    road.edge([[104, -100], [104, -6]], 1, ("S", "J"))
+    road.edge([[104, -6], [104, 6]], 1, ("J", "J"), internal=True).edge([[104, 6], [104, 100]], 1, ("J", "N"))
+    network = road.connect(0, 2, via=(1,)).connect(3, 5, via=(4,)).built()
+    fast = Attention(emv_line_mps=TruncatedNormal(9.0, 0.0, 9.0, 9.0))
+    lines = LineBook(network, ENTRY, fast, 1)
+    connection = network.connections[0]
+    (street,) = side_streets(network, connection)
+    lookout = Lookout(8.0, 1.2, ENTRY.stop_mps2, ENTRY.reaction_s, ENTRY.standoff_m, 6.5)
+    at = np.arange(0.0, 6.0, 0.5)
+    slowest = int(np.argmin([safe_mps(street, before, lookout) for before in at]))
+    view_mps = safe_mps(street, float(at[slowest]), lookout)
+    assert view_mps < 5.0
+    assert lines.approach_mps(1, 6.5, connection, float(at[slowest]) + 1e-6) == pytest.approx(view_mps, abs=1e-3)
+    later = math.sqrt(view_mps**2 + 2.0 * ENTRY.brake_mps2 * 20.0)
+    assert lines.approach_mps(1, 6.5, connection, float(at[slowest]) + 20.0) == pytest.approx(later, abs=0.1)
+    assert lines.approach_mps(1, 6.5, connection, 0.1) == pytest.approx(9.0, abs=0.1)
+    blind = replace(fast, emv_horizon_s=0.2)
+    assert LineBook(network, ENTRY, blind, 1).approach_mps(1, 6.5, connection, 3.0) > 9.0
 
 
 def test_inside_the_junction_the_limit_is_over(lab):
@@ -264,8 +310,8 @@ def test_the_emv_drives_so_and_enters_without_stopping(lab, junction, monkeypatc
     front = np.array([row[1][0] for row in loop.log]) + HALF_EMV
     speed = np.array([row[1][3] for row in loop.log])
     line = int(np.searchsorted(front, 150.0))
-    assert speed[line] == pytest.approx(ENTRY.speed_mps, abs=0.4)
-    assert speed.min() > ENTRY.speed_mps - 0.5
+    assert speed[line] == pytest.approx(DRAWN_MPS, abs=0.4)
+    assert speed.min() > DRAWN_MPS - 0.5
     assert np.diff(speed[: line + 1]).min() / 0.05 > -1.6
     assert speed[-1] > 10.0
 

@@ -15,7 +15,7 @@ from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
-from siren_ros.scenario.presets import Attention
+from siren_ros.scenario.presets import Attention, load_preset
 from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -184,6 +184,13 @@ def test_no_lane_change_starts_while_the_emv_still_turns_onto_its_road(lab, stra
     plan = RoutePlan((0,), LaneEnd.HORIZON, 0)
     unit = EmvUnit(1, navigator=NavigatorState().following(path, 50.0, 0.0), plan=plan)
     assert kinds(forced_lane_change(unit, view.ego(0))[1]) == ["lane_change_requested", kind]
+
+
+def test_the_emv_leaves_the_presets_time_behind_those_who_cross(lab):
+    world = lab.world_of(lab.junction_road(), lab.L1)
+    for name, least_s, most_s in (("paper", 1.0, 2.0), ("realistic", 1.0, 2.0), ("reckless", 0.0, 0.9)):
+        conflicts = replace(world, preset=load_preset(name)).emv_navigator.conflicts
+        assert least_s < conflicts.after_s < most_s
 
 
 def test_the_emv_looks_out_as_far_ahead_as_the_preset_says(lab, monkeypatch):

@@ -105,7 +105,7 @@ def test_others_are_swept_for_as_long_as_they_may_go_and_longer_where_they_come_
     gap_escape.search_gap(gap_escape.reference_line(view.ego(0), 0), view.ego(0))
     obstacles, half = asked[0][3], 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     assert obstacles.actor_id.tolist() == [2, 3]
-    ways = np.array([4.0 * 1.5, 4.0 * 1.5 * 2.5])
+    ways = np.array([4.0 * 1.5, 4.0 * 6.5])
     assert obstacles.half_length_m == pytest.approx(half + 0.5 * ways)
     assert obstacles.x_m == pytest.approx([120.0 + 0.5 * ways[0] * np.cos(0.1), 130.0 - 0.5 * ways[1]])
 
@@ -359,3 +359,39 @@ def test_the_emv_would_meet_who_is_nearer_aside_than_both_bodies_and_a_margin(la
 def test_a_leader_of_sumo_that_nobody_knows_blocks_an_emv_under_way_too(lab, speed):
     view = view_at(lab, speed, advice={"leader_id": 99, "leader_gap_m": 20.0})
     assert gap_escape.blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 99
+
+
+def queue_beside_the_opposite_lane(lab, oncoming=(), level=None):
+    """Five vehicles that stand and do not make way, 20 m before the EMV, and some that come towards it."""
+    never = load_preset("paper").for_scenario(40.0, 0.0, 0.0)
+    world = lab.world_of(lab.two_way_road(), level or lab.L3, preset=never)
+    cars = [lab.Car(1, 0, 60, 5, (0,), AMBULANCE)]
+    cars += [lab.Car(2 + place, 0, 80 + 7.5 * place, 0, (0,), desired=0) for place in range(5)]
+    cars += [lab.Car(20 + number, 1, *car, (1,), desired=car[1]) for number, car in enumerate(oncoming)]
+    return lab.Loop(world, cars)
+
+
+def test_the_emv_passes_a_queue_on_the_free_opposite_lane_in_one_go(lab):
+    loop = queue_beside_the_opposite_lane(lab).run(600)
+    assert len(loop.of("gap_escape_entered")) == 1
+    entered = loop.of("gap_escape_entered")[0].step
+    passed = next(step for step, row in enumerate(loop.log) if row[1][0] > 120.0)
+    assert (passed - entered) * 0.05 < 20.0
+    assert min(row[1][3] for row in loop.log[entered + 60 : passed]) > 1.0
+    assert abs(loop.body.y_m[0]) < 0.5
+    assert not loop.touching()
+
+
+def test_at_levels_without_gap_escape_it_waits(lab):
+    loop = queue_beside_the_opposite_lane(lab, level=lab.L2).run(300)
+    assert loop.body.x_m[0] < 75.0
+    assert loop.body.forward_mps[0] < 0.05
+
+
+@pytest.mark.parametrize(("away_m", "free"), [(75.0, False), (120.0, True)])
+def test_nobody_may_come_towards_it_in_the_time_that_it_needs(lab, away_m, free):
+    """Over 30 m at 20 km/h, and a second more, an oncoming vehicle at 10 m/s comes 65 m nearer."""
+    cars = [lab.Car(2, 0, 112, 0, (0,)), lab.Car(3, 1, 300.0 - away_m, 10, (1,))]
+    view = view_at(lab, others=cars, network=lab.two_way_road())
+    path = gap_escape.search_gap(reference_of(view, 0), view.ego(0))
+    assert (path is not None) is free

@@ -13,7 +13,13 @@ from roads.conftest import TOWN10
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.roads.maps import map_compiler
-from siren_ros.roads.maps.map_compiler import compile_map, default_cache_dir, lowered_limits, with_speed_limit
+from siren_ros.roads.maps.map_compiler import (
+    compile_map,
+    default_cache_dir,
+    lowered_limits,
+    with_shoulders_in_use,
+    with_speed_limit,
+)
 from siren_ros.roads.maps.map_source import SourceKind
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import JunctionKind, LaneKind
@@ -208,6 +214,22 @@ def test_a_map_keeps_everything_but_its_limits(tmp_path):
     assert all(a.length_m == b.length_m for a, b in zip(before.lanes, after.lanes, strict=True))
     assert slow.sha256 != town.sha256
     assert (with_speed_limit(town, 8.333), with_speed_limit(town, 50.0)) == (slow, replace(town))
+
+
+def test_shoulders_in_use_are_open_to_nobody_and_all_else_stays(tmp_path):
+    town = compile_map(None, tmp_path)
+    taken = with_shoulders_in_use(town)
+    before, after = (parse_road_network(compiled.read_bytes()) for compiled in (town, taken))
+    shoulders = {lane.index for lane in before.lanes if lane.kind is LaneKind.SHOULDER}
+    assert shoulders
+    assert not any(after.lanes[index].emergency_allowed for index in shoulders)
+    assert {after.lanes[index].kind for index in shoulders} == {LaneKind.KERB}
+    driving = [lane.index for lane in before.lanes if lane.kind is LaneKind.DRIVING]
+    assert [lane.index for lane in after.lanes if lane.kind is LaneKind.DRIVING] == driving
+    assert not any({c.from_lane, c.to_lane} & shoulders for c in after.connections)
+    assert sum(map(before.is_civilian, before.connections)) == sum(map(after.is_civilian, after.connections))
+    assert with_shoulders_in_use(taken) == taken
+    assert with_shoulders_in_use(town) == taken
 
 
 def test_a_lowered_map_is_found_again_in_the_cache(tmp_path, monkeypatch):

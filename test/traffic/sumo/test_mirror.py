@@ -141,6 +141,7 @@ def test_lanes_count_up_to_1_2_rad_off_the_heading(turned: float) -> None:
 
 
 OWN_SPEED_FACTOR = 0.87
+CLEARED = TrafficConfig().cleared_speed_share * OWN_SPEED_FACTOR
 NAME, ACTOR = "car", 5
 VEHICLE: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
 STANDING = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "owner": Owner.SUMO}
@@ -230,13 +231,15 @@ def test_a_vehicle_gets_its_own_settings_back_after_a_yield(sumo: FakeVehicles, 
     assert sumo.settings == settings_in_mirror()
 
 
-def test_a_deferred_yield_hurries_and_a_cleared_lane_is_kept(sumo: FakeVehicles) -> None:
+def test_a_deferred_yield_hurries_and_a_cleared_lane_is_kept_at_less_speed(sumo: FakeVehicles) -> None:
     drive, factor = Driver(), TrafficConfig().deferred_speed_factor
     assert factor > OWN_SPEED_FACTOR
     drive(Owner.SUMO, Mode.YIELD_DEFERRED)
     assert sumo.settings == settings_in_mirror(SpeedFactor=factor)
+    assert drive.mirror.deferred() == {NAME}
     drive(Owner.SUMO, Mode.YIELD_KEEP_LANE)
-    assert sumo.settings == settings_in_mirror(LaneChangeMode=KEEP_LANE_CHANGE_MODE)
+    assert sumo.settings == settings_in_mirror(SpeedFactor=CLEARED, LaneChangeMode=KEEP_LANE_CHANGE_MODE)
+    assert drive.mirror.deferred() == set()
 
 
 def test_a_fast_driver_is_not_slowed_down_by_a_deferred_yield(sumo: FakeVehicles) -> None:
@@ -265,7 +268,7 @@ def test_a_binding_outlasts_a_stretch_in_which_ros_drives(sumo: FakeVehicles) ->
     for _ in range(3):
         drive(Owner.ROS, Mode.YIELD_LANE_CHANGE)
     drive(Owner.SUMO, Mode.YIELD_KEEP_LANE)
-    assert sumo.settings == settings_in_mirror(LaneChangeMode=KEEP_LANE_CHANGE_MODE)
+    assert sumo.settings == settings_in_mirror(SpeedFactor=CLEARED, LaneChangeMode=KEEP_LANE_CHANGE_MODE)
     drive(Owner.SUMO, Mode.NOMINAL)
     assert sumo.settings == settings_in_mirror()
 

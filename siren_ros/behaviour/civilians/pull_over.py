@@ -228,7 +228,7 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
             to_line -= way_inside_m(ego, movement, lane)
     else:
         beside = neighbour_lane(network, road_lane_of(network, lane), unit.side)
-        on_road = beside == NO_LANE or network.lanes[beside].civilian_allowed
+        on_road = beside == NO_LANE or network.lanes[beside].kind is not LaneKind.SHOULDER
         movement = movement_from(ego, lanes[-1]) if end is LaneEnd.JUNCTION and on_road and over > 0.0 else None
     if movement is not None:
         if room and may_cross(ego, movement, ego.half_length_m - to_line):

@@ -39,14 +39,15 @@ def turned(record, angle):
 
 
 def queues():
-    mode = np.where(np.arange(200) < 40, Mode.YIELD_PULL_OVER, Mode.YIELD_HOLD).astype(np.uint8)
-    vehicles = {hand.EMV: hand.Driven(hand.line((3.7, -120.0), (3.7, -20.0)), hand.at_speed(5.12, 7.0, 200))}
+    mode = np.where(np.arange(300) < 40, Mode.YIELD_PULL_OVER, Mode.YIELD_HOLD).astype(np.uint8)
+    vehicles = {hand.EMV: hand.Driven(hand.line((3.7, -120.0), (3.7, 110.0)), hand.at_speed(5.12, 7.0, 300))}
     for first, x in ((10, hand.LEFT_X_M - 0.7), (20, hand.RIGHT_X_M + 0.7)):
         for number in range(3):
             vehicles[first + number] = hand.Driven(
-                hand.line((x, -120.0), (x, -20.0)), np.full(200, 30.0 + 8.0 * number), mode
+                hand.line((x, -120.0), (x, -20.0)), np.full(300, 30.0 + 8.0 * number), mode
             )
-    return hand.hand_made(hand.crossing(), vehicles)
+    record = hand.hand_made(hand.crossing(), vehicles)
+    return replace(record, description=replace(record.description, site={"stretch": ["s_in"]}))
 
 
 def at_junction(kind=JunctionKind.SIGNAL):

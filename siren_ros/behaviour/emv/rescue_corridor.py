@@ -104,7 +104,9 @@ def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     heading = float(reference.curve.heading_at(np.array([s0]))[0])
     slope = math.tan(max(-0.5, min(0.5, math.remainder(ego.pose[2] - heading, 2.0 * math.pi))))
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
-    blend = blend_length_m(d0 - float(target[0]), ego.speed_mps, config.merge_s, 0.0, ego.navigator_config)
+    # Who points elsewhere has to turn back too: as much as from beside the place that the direction leads to.
+    aside = abs(d0 - float(target[0])) + config.merge_min_m * abs(slope)
+    blend = blend_length_m(aside, ego.speed_mps, config.merge_s, 0.0, ego.navigator_config)
     merge = max(config.merge_min_m, min(blend, _merging_m(unit, reference, s, target, config.same_offset_m)))
     offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
     curve = Curve.through(reference.curve.offset_at(s, offsets))

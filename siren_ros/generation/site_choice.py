@@ -22,9 +22,9 @@ from siren_ros.world.actors import ActorClass
 
 _UNREACHABLE: Final = 3
 """Rank of sites whose approach is too short."""
-_LONG_ENOUGH_M: Final[Mapping[SiteKind, float]] = {SiteKind.MULTI_LANE_ROAD: 150.0, SiteKind.QUEUED_APPROACH: 120.0}
-"""Least lengths of good sites. Road: 13 s at 45 km/h, to come up with five vehicles and to pass them. Approach: queues
-of eight vehicles with 8 m between them, and the EMV behind."""
+_LONG_ENOUGH_M: Final = 150.0
+"""Least length of good roads: 12 s at 45 km/h, to come up with five vehicles and to pass them. The same of queues:
+eight vehicles with 8 m between them, 30 m to the EMV, and some way on which they roll up to the line."""
 _JUNCTION_M: Final = 10.0
 """Of the road behind a site, what its junction takes."""
 _BESIDE: Final = frozenset({Placement.SAME_DIRECTION, Placement.ADJACENT_LANE})
@@ -51,6 +51,7 @@ def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
     """The sites that have all that a template needs, best first.
 
     * The EMV drives up without a junction on the way and without sharp bends, and has road behind the site.
+    * Under a signal it goes straight on. In a turn it meets oncoming vehicles, too, and waits for them inside.
     * Another lane leads on beside its own, where vehicles of the template drive there.
     * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
     * Roads are long enough and do not end at a stop sign, from which one vehicle after the other would go.
@@ -73,12 +74,14 @@ def _is_good(network: RoadNetwork, site: Site, template: Template) -> bool:
     beside = any(group.placement in _BESIDE and not group.optional for group in template.demand.groups)
     after = site.route[site.route.index(site.stretch[-1]) + 1 :]
     exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in after)
+    straight = {network.connections[index].direction for index in site.connections} <= {"s"}
     waiting = [network.connections[index].must_stop for index in site.crossing]
     stopping = [network.connections[index].must_stop for index in site.connections]
     return (
-        _usable_m(network, site) >= _LONG_ENOUGH_M.get(site.kind, 0.0)
+        (site.kind not in _NO_SHOULDER or _usable_m(network, site) >= _LONG_ENOUGH_M)
         and exit_m >= EXIT_M - _JUNCTION_M
         and len(site.connections) >= (2 if beside else 1)
+        and (straight or site.kind is not SiteKind.SIGNAL_JUNCTION)
         and (all(waiting) or site.kind is not SiteKind.STOP_JUNCTION)
         and not (any(stopping) and site.kind is SiteKind.MULTI_LANE_ROAD)
     )

@@ -15,7 +15,7 @@ from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.site_finder import find_sites
 from siren_ros.roads.sites import REQUIREMENTS, Site
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.scenario import Template
+from siren_ros.scenario.scenario import Placement, Template
 from siren_ros.scenario.templates import available_templates, load_template
 from siren_ros.traffic.demand.plan import TrafficPlan, load_drivers
 
@@ -63,11 +63,23 @@ def test_where_others_make_way_there_is_no_shoulder(town: RoadNetwork, name: str
     assert any(has_shoulder(town, site) and site.length_m > least_m for site in others)
 
 
-def test_a_stream_beside_the_emv_needs_a_lane_there(town: RoadNetwork) -> None:
-    s3, s4 = (good_sites(town, load_template(name)) for name in ("S3", "S4"))
-    assert min(len(site.connections) for site in s3) == 2
-    assert {site.name for site in s4} > {site.name for site in s3}
-    assert min(len(site.connections) for site in s4) == 1
+@pytest.mark.parametrize("name", ["S3", "S4"])
+def test_under_a_signal_the_emv_goes_straight_on(town: RoadNetwork, name: str) -> None:
+    template = load_template(name)
+    good = good_sites(town, template)
+    assert {town.connections[index].direction for site in good for index in site.connections} == {"s"}
+    turns = [site for site, rank in ranked_sites(town, template) if rank == 0 and site not in good]
+    assert "l" in {town.connections[index].direction for site in turns for index in site.connections}
+
+
+def test_a_stream_next_to_the_emv_needs_a_lane_there(town: RoadNetwork) -> None:
+    """A template whose stream is optional also happens where one lane leads on: the stop junctions have such."""
+    template = load_template("S5")
+    stream = replace(template.demand.groups[0], placement=Placement.SAME_DIRECTION)
+    with_stream = replace(template, demand=replace(template.demand, groups=(stream,)))
+    optional = replace(with_stream, demand=replace(template.demand, groups=(replace(stream, optional=True),)))
+    assert {len(site.connections) for site in good_sites(town, with_stream)} == {2}
+    assert {len(site.connections) for site in good_sites(town, optional)} == {1, 2}
 
 
 def test_vehicles_at_stop_signs_go_by_turns_only_where_all_stop(town: RoadNetwork) -> None:
@@ -158,3 +170,14 @@ def test_an_error_names_the_map_and_what_the_best_site_lacks(town: RoadNetwork, 
     assert "stop sign" in caught.value.allowed
     assert "60 vehicles on crossing roads" in caught.value.allowed
     assert (pinned or find_sites(town, template.site_kind)[0].name) in caught.value.allowed
+
+
+@pytest.mark.parametrize("seed", [6, 7])
+def test_the_green_that_counts_is_that_of_the_traffic_straight_on(town: RoadNetwork, seed: int) -> None:
+    """Main Street's left turns are green first; its queues go 12 s later, and the EMV from the avenue comes then."""
+    _, plan = choose(town, load_template("S4"), "east_n_0..east_n_1", seed)
+    assert plan.signal is not None
+    links = {c.signal_link: c.direction for c in town.connections if c.signal_id == plan.signal.signal_id}
+    assert {links[link] for link in plan.signal.crossing} == {"s"}
+    waiting = {vehicle.route[1] for vehicle in plan.groups if vehicle.name.startswith("crossing")}
+    assert {"main_w_1", "main_e_3"} <= waiting

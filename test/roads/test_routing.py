@@ -95,7 +95,7 @@ def test_a_start_lane_elsewhere_is_refused(town):
 
 def test_the_centre_of_a_path_is_continuous_and_as_long_as_the_road(town, graph):
     route = edges(town, "main_e_0 main_e_1 main_e_2 east_n_1")
-    centre = routing.path_centre(town, routing.route_path(town, route, town.lane_by_id["main_e_0_2"].index))
+    centre = routing.path_centre(town, routing.route_path(town, route, town.lane_by_id["main_e_0_1"].index))
     assert centre.length_m == pytest.approx(graph.route_length_m(route), rel=0.05)
     turns = np.abs(np.diff(np.unwrap(centre.resampled(2.0).heading_rad(np.arange(0.0, centre.length_m, 2.0)))))
     assert turns.max() < 0.35
@@ -108,7 +108,7 @@ def test_endless_edges_are_those_of_the_blocks(town, graph):
 
 
 def test_route_length_counts_the_ways_across_junctions(town, graph):
-    route = edges(town, "main_e_0 main_e_1 main_e_2 main_e_3")
+    route = edges(town, "main_e_in main_e_0 main_e_1 main_e_2 main_e_3")
     assert graph.route_length_m(route) == pytest.approx(1000.0, abs=0.5)
 
 

@@ -132,11 +132,11 @@ class _Planner:
         if demand is None or movement is None or movement.signal_id is None:
             return None
         arrival_s = unhindered_arrival_s(self._network, self._start, self._template.emv, self._config)
-        crossing = tuple(
-            self._network.connections[index].signal_link
-            for index in groups.crossing
-            if self._network.connections[index].signal_id == movement.signal_id
-        )
+        ways = (self._network.connections[index] for index in groups.crossing)
+        bound = [way for way in ways if way.signal_id == movement.signal_id]
+        # Where left turns are green first, most of the crossing queue still waits: the others count.
+        straight = [way for way in bound if way.direction == "s"]
+        crossing = tuple(way.signal_link for way in straight or bound)
         red_from_s = arrival_s - demand.red_before_arrival_s
         streams = tuple(g.name for g in self._template.demand.groups if g.anchor is GroupAnchor.ARRIVAL)
         platoon = tuple(vehicle.name for vehicle in groups.vehicles if streams and vehicle.name.startswith(streams))

@@ -125,6 +125,8 @@ class YieldConfig:
 
     standing_mps: float = 0.2
     """Slower civilians stand."""
+    queue_m: float = 80.0
+    """Distance to an EMV that stands, within which drivers who stand notice it: about a dozen vehicles of a queue."""
     off_path_grace_s: float = 1.0
     """Time off the EMV's path before a yield that has not started is dropped."""
     path_ahead_m: float = 120.0

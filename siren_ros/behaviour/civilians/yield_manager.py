@@ -204,10 +204,14 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad
 def _notice(
     units: dict[int, YieldUnit], drivers: dict[int, Driver], scenes: dict[int, _EmvScene], view: StepView
 ) -> list[Event]:
-    """Latches the civilians that notice an EMV at this step (adds to ``units`` and ``drivers``)."""
-    world, seen = view.world, view.seen
+    """Latches the civilians that notice an EMV at this step (adds to ``units`` and ``drivers``).
+
+    Where the EMV stands in a queue, all who stand in it notice it: without those at the queue's head nobody could move.
+    """
+    world, seen, config = view.world, view.seen, view.world.config.yielding
     events: list[Event] = []
     for emv_id, scene in scenes.items():
+        emv_stands = seen.speed_mps[scene.row] <= world.constants.gap_escape.blocked_speed_mps
         for row in scene.candidates:
             actor_id = int(seen.actor_id[row])
             if actor_id in units or actor_id == world.av_id:
@@ -215,12 +219,14 @@ def _notice(
             if actor_id not in drivers:
                 drivers[actor_id] = draw_driver(world.preset, world.seed, actor_id)
             driver = drivers[actor_id]
-            if scene.way_m[row] > driver.response_distance_m:
-                continue
+            if (way_m := scene.way_m[row]) > driver.response_distance_m:
+                if not (emv_stands and way_m <= config.queue_m and seen.speed_mps[row] <= config.standing_mps):
+                    continue
+                driver = changed(driver, response_distance_m=way_m)
             phase = Mode.NOMINAL if driver.compliance is Compliance.NEVER else Mode.YIELD_REACTING
             unit = YieldUnit(actor_id, emv_id, driver, view.step + steps_from_s(driver.delay_s), phase)
             units[actor_id] = unit
-            detail = {"way_m": scene.way_m[row], "compliance": driver.compliance.value}
+            detail = {"way_m": way_m, "compliance": driver.compliance.value}
             events.append(yield_event(unit, view.ego(row), EventKind.YIELD_REQUESTED, **detail))
     return events
 

@@ -471,7 +471,7 @@ class EmvConfig:
             comfort_accel_mps2=2.0,
             path_brake_mps2=2.0,
             # From here the EMV needs the time that it leaves behind others who have just crossed.
-            conflicts=YieldingConfig(standoff_m=2.0),
+            conflicts=YieldingConfig(room_m=2.0),
         )
     )
     replan_s: float = 1.0

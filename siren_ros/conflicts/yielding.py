@@ -77,6 +77,8 @@ class YieldingConfig(NamedTuple):
     """Acceleration that another vehicle may have up to the zone."""
     standoff_m: float = 1.0
     """Distance that a waiting vehicle keeps from the zone."""
+    room_m: float = 0.0
+    """More of it where that takes no hard braking: from there it is not in the zone before the other one is away."""
     horizon_s: float = 8.0
     """Vehicles that arrive later do not count yet."""
     standing_mps: float = 0.3
@@ -277,5 +279,6 @@ def _waiting(
         return speed, brake, max(gap, 0.0)
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
     free = max(way - config.standoff_m, 0.0)
-    speed = max(free / free_s, _speed_before_mps(0.0, config.brake_mps2, free))
+    wanted = max(free - config.room_m, 0.0)
+    speed = max(wanted / free_s, _speed_before_mps(0.0, config.brake_mps2, wanted))
     return speed, later_brake_mps2(own.speed_mps, free, free_s), free

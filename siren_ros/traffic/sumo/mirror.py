@@ -359,15 +359,15 @@ class Mirror:
     def _bind(self, name: str, mode: int) -> None:
         """Let a vehicle that SUMO drives keep to its phase of a yield; give it back to itself afterwards."""
         bound_mode, factor = self._bound.get(name, (None, None))
-        if bound_mode == mode:
-            return
         if mode in _BINDING_MODES:
             factor = float(libsumo.vehicle.getSpeedFactor(name)) if factor is None else factor
-            self._bound[name] = (mode, factor)
             keeps = mode == Mode.YIELD_KEEP_LANE
-            libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if keeps else DEFAULT_LANE_CHANGE_MODE)
             cleared, waiting = self._config.cleared_speed_share * factor, self._config.deferred_speed_factor
+            # At every step: SUMO's bluelight device gives who reacts a vehicle type with the speed factor of before.
             libsumo.vehicle.setSpeedFactor(name, cleared if keeps else max(factor, waiting))
+            if bound_mode != mode:
+                self._bound[name] = (mode, factor)
+                libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if keeps else DEFAULT_LANE_CHANGE_MODE)
         elif factor is not None:
             del self._bound[name]
             libsumo.vehicle.setSpeedFactor(name, factor)

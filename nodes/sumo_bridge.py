@@ -49,7 +49,7 @@ class SumoBridge(Participant[SumoBridgeConfig]):
             check_residual(states, self.config.residual_limit_m)
         traffic = self._simulation.step(step, states)
         check_no_teleport(traffic)
-        self.send(topics.TRAFFIC, to_traffic_state(traffic))
+        self.send_content(topics.TRAFFIC, step, traffic, to_traffic_state)
 
     def close(self, closing: EpisodeClosing) -> None:  # noqa: ARG002 - the interface of all nodes
         """End SUMO."""

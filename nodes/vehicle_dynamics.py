@@ -49,8 +49,9 @@ class VehicleDynamics(Participant[VehicleDynamicsConfig]):
             control = AvControl(step - 1) if answer is None else from_av_control(answer)
             commands.append(av_commands(control, step, self._av_id))
         self._fleet, states, events = step_fleet(self._fleet, traffic, commands)
-        self.send(topics.ACTORS, to_actor_states(states))
-        self.send(topics.EVENTS, to_events(step, hash_state(states, traffic.signals), events))
+        self.send_content(topics.ACTORS, step, states, to_actor_states)
+        happened = step, hash_state(states, traffic.signals), events
+        self.send_content(topics.EVENTS, step, happened, lambda content: to_events(*content))
 
 
 NODE = VehicleDynamics

@@ -28,11 +28,11 @@ class YieldManager(Participant[YieldManagerConfig]):
         self._world = behaviour_world(episode, map_xml)
         self._state = YieldState()
 
-    def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
+    def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Decide for this step."""
         traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
         self._state, commands = step_yield(self._state, traffic, self._world)
-        self.send(topics.YIELD_COMMANDS, to_vehicle_commands(commands))
+        self.send_content(topics.YIELD_COMMANDS, step, commands, to_vehicle_commands)
 
 
 NODE = YieldManager

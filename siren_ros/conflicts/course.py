@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import cos, sin
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,8 +25,12 @@ SPACING_M: Final = 1.0
 """Distance between the points of a course, at most."""
 _AHEAD_M: Final = 80.0
 """How far a course leads beyond the lane on which it begins."""
-_FIRST_POINTS: Final = 4096
-"""Room for points in a new book; it grows."""
+_FIRST_ROWS: Final = 256
+"""Room in a new book; it grows."""
+_STRAIGHT: Final = -1
+_UNKNOWN: Final = -2
+"""Numbers of courses that are in no book."""
+_PRIORITY: Final = int(Rank.PRIORITY)
 _STRAIGHT_M: Final = 60.0
 """Length of the course of a vehicle that is off the road."""
 
@@ -51,8 +55,6 @@ class Course:
     """Speed limit of the lane below each point, shape ``(K,)``."""
     entries: tuple[Entry, ...] = ()
     """In driving order."""
-    first: int = -1
-    """Where its points begin among those of its ``CourseBook``; −1 for a course of no book."""
 
     @property
     def length_m(self) -> float:
@@ -75,19 +77,52 @@ class Course:
         return cls(points, SPACING_M, np.full(len(s), np.inf))
 
 
+class Rights(NamedTuple):
+    """Right of way and speed limits on the courses of a step, as arrays for compiled loops."""
+
+    limit_mps: Floats
+    """At each point of ``Ways.points``."""
+    first: Rows
+    """Where the movements of each course begin among those of all, shape ``(N,)``."""
+    last: Rows
+    """Where they end."""
+    start_m: Floats
+    """Arc length on the course at which each movement begins."""
+    rank: npt.NDArray[np.intp]
+    """Present ``Rank`` of each movement."""
+
+
 @dataclass(frozen=True, eq=False)
 class CoursesOfStep:
     """The courses of all vehicles of a ``TrafficState``; arrays of shape ``(N,)`` have its rows."""
 
     traffic: TrafficState
-    courses: tuple[Course, ...]
+    number: Rows
+    """Of each course in its book; −1 straight on."""
     points: npt.NDArray[np.float64]
     """Points of these courses and of others, one after the other, shape ``(K, 2)``."""
-    first: Rows
-    """Where the points of each course begin in ``points``."""
-    last: Rows
-    """Where they end."""
+    limit_mps: Floats
+    """Speed limit at each point, shape ``(K,)``."""
+    ends: tuple[Rows, Rows, Rows, Rows]
+    """Where the points and then the movements of each course begin and end."""
     spacing_m: Floats
+
+
+class _Stack:
+    """An array that grows at its end."""
+
+    def __init__(self, *shape: int, dtype: npt.DTypeLike = np.float64) -> None:
+        self.rows: npt.NDArray[Any] = np.empty((_FIRST_ROWS, *shape), dtype)
+        self.used = 0
+
+    def add(self, rows: npt.ArrayLike) -> int:
+        """Add rows; where they begin."""
+        added = np.asarray(rows, self.rows.dtype)
+        first, self.used = self.used, self.used + len(added)
+        if self.used > len(self.rows):
+            self.rows = np.concatenate((self.rows, np.empty((self.used, *self.rows.shape[1:]), self.rows.dtype)))
+        self.rows[first : self.used] = added
+        return first
 
 
 class CourseBook:
@@ -98,9 +133,14 @@ class CourseBook:
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
-        self._courses: dict[tuple[int, bytes], Course] = {}
-        self._points = np.empty((_FIRST_POINTS, 2))
-        self._used = 0
+        self._numbers: dict[tuple[int, bytes], int] = {}
+        self._courses: list[Course] = []
+        self._points, self._limits = _Stack(2), _Stack()
+        self._ends, self._spacing = _Stack(4, dtype=np.intp), _Stack()
+        self._starts, self._ranks = _Stack(), _Stack(dtype=np.intp)
+        self._movements: list[Connection] = []
+        self._of_signal: dict[str | None, list[int]] = {}
+        self._states: Mapping[str, str] = {}
         self._step: CoursesOfStep | None = None
 
     def courses_of(self, traffic: TrafficState) -> CoursesOfStep:
@@ -108,72 +148,100 @@ class CourseBook:
         last = self._step
         if last is not None and last.traffic is traffic:
             return last
-        kept = np.full(len(traffic), -1, np.intp)
+        number = np.full(len(traffic), _UNKNOWN, np.intp)
         if last is not None:
             before = last.traffic
-            routes = before.route_offset, before.route_edges, traffic.route_offset, traffic.route_edges
-            _same_courses(before.actor_id, before.lane, traffic.actor_id, traffic.lane, *routes, kept)
-        known = () if last is None else last.courses
-        courses = tuple(known[at] if at >= 0 else self._course(traffic, row) for row, at in enumerate(kept.tolist()))
-        if last is not None and len(courses) == len(known) and (kept == np.arange(len(kept))).all():
-            self._step = replace(last, traffic=traffic, points=self._points)
-            return self._step
-        first = np.array([course.first for course in courses], dtype=np.intp)
-        counts = np.array([len(course.points) for course in courses], dtype=np.intp)
-        points, straight = self._points, [course.points for course in courses if course.first < 0]
-        if straight:
-            points = np.concatenate((self._points[: self._used], *straight))
-            first[first < 0] = self._used + np.cumsum([0, *map(len, straight[:-1])])
-        spacing = np.array([course.spacing_m for course in courses])
-        self._step = CoursesOfStep(traffic, courses, points, first, first + counts, spacing)
+            then = before.actor_id, before.lane, before.route_offset, before.route_edges, last.number
+            now = traffic.actor_id, traffic.lane, traffic.route_offset, traffic.route_edges
+            if _keep_courses(then, now, number) and len(before) == len(traffic):
+                self._step = replace(last, traffic=traffic)
+                return self._step
+        for row in (number == _UNKNOWN).nonzero()[0].tolist():
+            lane = int(traffic.lane[row])
+            number[row] = _STRAIGHT if lane == NO_LANE else self._number(lane, traffic.route_of_row(row))
+        self._step = self._joined(traffic, number)
         return self._step
 
-    def _course(self, traffic: TrafficState, row: int) -> Course:
-        lane = int(traffic.lane[row])
-        if lane == NO_LANE:
-            return Course.straight(float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row]))
-        return self.along(lane, traffic.route_of_row(row))
+    def _joined(self, traffic: TrafficState, number: Rows) -> CoursesOfStep:
+        ends, spacing = self._ends.rows[number].T.copy(), self._spacing.rows[number]
+        points, limits, used = self._points.rows, self._limits.rows, self._points.used
+        straight = (number == _STRAIGHT).nonzero()[0]
+        if len(straight):
+            poses = zip(traffic.x_m[straight], traffic.y_m[straight], traffic.yaw_rad[straight], strict=True)
+            courses = [Course.straight(float(x), float(y), float(yaw)) for x, y, yaw in poses]
+            points = np.concatenate((points[:used], *(course.points for course in courses)))
+            limits = np.concatenate((limits[:used], *(course.limit_mps for course in courses)))
+            counts = np.cumsum([0, *(len(course.points) for course in courses)])
+            ends[:, straight] = used + counts[:-1], used + counts[1:], 0 * straight, 0 * straight
+            spacing[straight] = SPACING_M
+        begin, end, first, last = ends
+        return CoursesOfStep(traffic, number, points, limits, (begin, end, first, last), spacing)
+
+    def course_of(self, traffic: TrafficState, row: int) -> Course:
+        """The course of the vehicle in a row."""
+        number = int(self.courses_of(traffic).number[row])
+        if number != _STRAIGHT:
+            return self._courses[number]
+        return Course.straight(float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row]))
 
     def along(self, lane: int, route: Indices) -> Course:
         """The course from the start of a lane, which may cross a junction, to the end of the route.
 
         The route begins with the present edge, or the one before the junction.
         """
-        key = (lane, route.tobytes())
-        course = self._courses.get(key)
-        if course is None:
-            course = _course(self._network, lane, tuple(route.tolist()))
-            course = self._courses[key] = replace(course, first=self._keep(course.points))
-        return course
+        return self._courses[self._number(lane, route)]
 
-    def _keep(self, points: npt.NDArray[np.float64]) -> int:
-        """Where points that are added to those of all courses begin."""
-        first, self._used = self._used, self._used + len(points)
-        if self._used > len(self._points):
-            self._points = np.concatenate((self._points, np.empty((self._used, 2))))
-        self._points[first : self._used] = points
-        return first
+    def _number(self, lane: int, route: Indices) -> int:
+        key = (lane, route.tobytes())
+        number = self._numbers.get(key)
+        if number is None:
+            course = _course(self._network, lane, tuple(route.tolist()))
+            number = self._numbers[key] = len(self._courses)
+            self._courses.append(course)
+            begin = self._points.add(course.points)
+            self._limits.add(course.limit_mps)
+            first = self._starts.add([entry.start_m for entry in course.entries])
+            self._ranks.add([rank_of(entry.connection, self._states) for entry in course.entries])
+            self._ends.add([(begin, self._points.used, first, self._starts.used)])
+            self._spacing.add([course.spacing_m])
+            for at, entry in enumerate(course.entries, start=first):
+                self._movements.append(entry.connection)
+                self._of_signal.setdefault(entry.connection.signal_id, []).append(at)
+        return number
+
+    def rights_of(self, courses: CoursesOfStep, signals: Mapping[str, str]) -> Rights:
+        """Right of way and limits on the courses of a step, by the state of each signal."""
+        if signals != self._states:
+            changed = dict.fromkeys(signal for signal, _ in signals.items() ^ self._states.items())
+            self._states = dict(signals)
+            self._ranks.rows = self._ranks.rows.copy()
+            for signal in changed:
+                for at in self._of_signal.get(signal, ()):
+                    self._ranks.rows[at] = rank_of(self._movements[at], signals)
+        return Rights(courses.limit_mps, *courses.ends[2:], self._starts.rows, self._ranks.rows)
 
 
 @compiled
-def _same_courses(
-    then_id: Any, then_lane: Any, now_id: Any, now_lane: Any,
-    then_offset: Any, then_edges: Any, now_offset: Any, now_edges: Any, kept: Any,
-) -> None:  # fmt: skip
-    """Fill in each vehicle's row at another step where its course is the same: lane and route have not changed."""
-    then = 0
-    for now in range(len(now_id)):
-        while then < len(then_id) and then_id[then] < now_id[now]:
-            then += 1
-        if then == len(then_id) or then_id[then] != now_id[now]:
-            continue
-        count = now_offset[now + 1] - now_offset[now]
-        same = now_lane[now] >= 0 and then_lane[then] == now_lane[now]
-        same = same and count == then_offset[then + 1] - then_offset[then]
+def _keep_courses(then: Any, now: Any, number: Any) -> bool:
+    """Fill in each vehicle's course where lane and route are those of another step; whether that is so for all.
+
+    Both steps hold ids, lanes, where routes begin, and their edges; the other one its courses too.
+    """
+    then_id, then_lane, then_offset, then_edges, then_number = then
+    now_id, now_lane, now_offset, now_edges = now
+    row, all_same = 0, True
+    for at in range(len(now_id)):
+        while row < len(then_id) and then_id[row] < now_id[at]:
+            row += 1
+        count = now_offset[at + 1] - now_offset[at]
+        same = row < len(then_id) and then_id[row] == now_id[at] and now_lane[at] >= 0
+        same = same and then_lane[row] == now_lane[at] and count == then_offset[row + 1] - then_offset[row]
         for k in range(count if same else 0):
-            same = same and then_edges[then_offset[then] + k] == now_edges[now_offset[now] + k]
+            same = same and then_edges[then_offset[row] + k] == now_edges[now_offset[at] + k]
         if same:
-            kept[now] = then
+            number[at] = then_number[row]
+        all_same = all_same and same
+    return all_same
 
 
 def _course(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Course:
@@ -251,18 +319,13 @@ class Outlook:
         """State of each signal."""
         return {signal.signal_id: signal.state for signal in self._traffic.signals}
 
-    @cached_property
-    def _courses(self) -> CoursesOfStep:
-        return self._book.courses_of(self._traffic)
-
     def course(self, row: int) -> Course:
         """The course of the vehicle in a row."""
-        return self._courses.courses[row]
+        return self._book.course_of(self._traffic, row)
 
     def centre_m(self, row: int) -> float:
         """Arc length of a vehicle's centre on its course."""
-        on_road = self._traffic.lane[row] >= 0
-        return float(self._traffic.lane_position_m[row] - self.half_length_m[row]) if on_road else 0.0
+        return float(self.ways.bodies[row, 4])
 
     def front_m(self, row: int) -> float:
         """Arc length of a vehicle's front on its course."""
@@ -271,31 +334,52 @@ class Outlook:
     @cached_property
     def ways(self) -> Ways:
         """All vehicles on their courses, row by row, with a reach of 0."""
-        traffic, courses = self._traffic, self._courses
-        bodies = np.empty((len(traffic), 10))
-        centre_m = np.where(traffic.lane >= 0, traffic.lane_position_m - self.half_length_m, 0.0)
-        bodies[:, 0], bodies[:, 1], bodies[:, 2] = traffic.x_m, traffic.y_m, traffic.yaw_rad
-        bodies[:, 3], bodies[:, 4] = courses.spacing_m, centre_m
-        bodies[:, 5], bodies[:, 6] = traffic.lateral_offset_m, 0.0
-        bodies[:, 7], bodies[:, 8], bodies[:, 9] = self.half_length_m, self._half_width_m, TRACK_M
-        return Ways(courses.points, courses.first, courses.last, bodies)
+        traffic, courses = self._traffic, self._book.courses_of(self._traffic)
+        places = traffic.lane, traffic.lane_position_m, traffic.lateral_offset_m
+        poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
+        bodies = _bodies_of(poses, places, courses.spacing_m, self.half_length_m, self._half_width_m)
+        return Ways(courses.points, *courses.ends[:2], bodies)
 
-    def ways_of(self, rows: Rows, reach_m: Floats) -> Ways:
-        """Some vehicles on their courses, with how far ahead of each may be looked."""
-        ways = self.ways
-        bodies = ways.bodies[rows]
-        bodies[:, 6] = reach_m
-        return Ways(ways.points, ways.first[rows], ways.last[rows], bodies)
+    @cached_property
+    def rights(self) -> Rights:
+        """Right of way and speed limits on all courses."""
+        return self._book.rights_of(self._book.courses_of(self._traffic), self.signals)
 
     def rank(self, row: int, way_m: float) -> Rank:
         """Right of way of a vehicle at a place, given by the way of its centre to it."""
-        front = self.front_m(row)
-        entry = self.course(row).entry_at(front + way_m)
-        if entry is None:
-            return Rank.PRIORITY
-        rank = rank_of(entry.connection, self.signals)
-        return rank_inside(rank) if front > entry.start_m else rank
+        return Rank(rank_at(self.ways, self.rights, row, way_m))
 
     def limit_mps(self, row: int, way_m: float) -> float:
         """Speed limit at a place of a vehicle's course."""
-        return self.course(row).limit_at(self.centre_m(row) + way_m)
+        return float(limit_at_mps(self.ways, self.rights, row, way_m))
+
+
+@compiled
+def _bodies_of(poses: Any, places: Any, spacing_m: Any, half_length_m: Any, half_width_m: Any) -> Any:
+    """``Ways.bodies`` of vehicles in traffic."""
+    (x_m, y_m, yaw_rad), (lane, front_m, left_m) = poses, places
+    bodies = np.zeros((len(x_m), 10))
+    for n in range(len(x_m)):
+        bodies[n, 0], bodies[n, 1], bodies[n, 2], bodies[n, 3] = x_m[n], y_m[n], yaw_rad[n], spacing_m[n]
+        bodies[n, 4] = front_m[n] - half_length_m[n] if lane[n] >= 0 else 0.0
+        bodies[n, 5] = left_m[n]
+        bodies[n, 7], bodies[n, 8], bodies[n, 9] = half_length_m[n], half_width_m[n], TRACK_M
+    return bodies
+
+
+@compiled
+def rank_at(ways: Any, rights: Any, row: int, way_m: float) -> int:
+    """``Outlook.rank`` for compiled loops."""
+    front_m = ways.bodies[row, 4] + ways.bodies[row, 7]
+    rank, start_m = _PRIORITY, np.inf
+    for at in range(rights.first[row], rights.last[row]):
+        if rights.start_m[at] <= front_m + way_m:
+            rank, start_m = rights.rank[at], rights.start_m[at]
+    return rank_inside(rank) if front_m > start_m else rank
+
+
+@compiled
+def limit_at_mps(ways: Any, rights: Any, row: int, way_m: float) -> float:
+    """``Outlook.limit_mps`` for compiled loops."""
+    place = int(np.rint((ways.bodies[row, 4] + way_m) / ways.bodies[row, 3]))
+    return rights.limit_mps[ways.first[row] + min(max(place, 0), ways.last[row] - ways.first[row] - 1)]

@@ -1,13 +1,16 @@
 """Yielding where two ways meet: by time windows, right of way, and the ability to stop."""
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from enum import IntEnum
-from typing import Final
+from typing import Any, Final, NamedTuple
 
-from siren_ros.conflicts.zones import STEP_M, Zone
-from siren_ros.numerics.braking import braking_distance_m, needed_brake_mps2, speed_before_mps
+import numpy as np
+
+from siren_ros.conflicts.zones import SAME_DIRECTION, STEP_M, Zone
+from siren_ros.numerics import braking
+from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.compiled import compiled
 from siren_ros.roads.road_network import Connection
 
 
@@ -40,9 +43,15 @@ def rank_of(connection: Connection, signals: Mapping[str, str]) -> Rank:
     return Rank.GIVES_WAY if connection.gives_way else Rank.PRIORITY
 
 
-def rank_inside(rank: Rank) -> Rank:
+_RED: Final = int(Rank.RED)
+_GIVES_WAY: Final = int(Rank.GIVES_WAY)
+_PRIORITY: Final = int(Rank.PRIORITY)
+
+
+@compiled
+def rank_inside(rank: int) -> int:
     """The rank of a vehicle on the junction: others leave it clear, unless the vehicle gives way on it."""
-    return rank if rank is Rank.GIVES_WAY else Rank.PRIORITY
+    return rank if rank == _GIVES_WAY else _PRIORITY
 
 
 # No parameters: they keep quotients finite.
@@ -50,8 +59,7 @@ LEAST_WAY_M: Final = 0.3
 _LEAST_TIME_S: Final = 0.1
 
 
-@dataclass(frozen=True)
-class YieldingConfig:
+class YieldingConfig(NamedTuple):
     """Margins and decelerations at conflicts."""
 
     before_s: float = 1.0
@@ -77,12 +85,20 @@ class YieldingConfig:
     """A vehicle that moves at all is taken to clear a zone at this speed or faster."""
 
 
-def _no_bends(way_m: float) -> float:  # noqa: ARG001 - stands for a function of the way
-    return 0.0
+class Bends(NamedTuple):
+    """How long the way along a path takes at the least because of its bends."""
+
+    times_s: Floats
+    """Time from the path's start to each of its points; empty without a path."""
+    spacing_m: float
+    place_m: float
+    """Where on the path the way begins. Beyond the path's end that of its end goes on."""
 
 
-@dataclass(frozen=True)
-class Approach:
+NO_BENDS: Final = Bends(np.empty(0), 1.0, 0.0)
+
+
+class Approach(NamedTuple):
     """One of two vehicles whose ways meet."""
 
     speed_mps: float
@@ -90,17 +106,11 @@ class Approach:
     """Speed that it will not exceed."""
     accel_mps2: float
     """Acceleration that it may have up to that speed; negative where it slows down anyway."""
-    rank: Rank
-    bend_time_s: Callable[[float], float] = _no_bends
-    """Time that a way takes at the least because of its bends."""
-
-    def time_s(self, way_m: float) -> float:
-        """Time for a way."""
-        return max(time_to_go_s(way_m, self.speed_mps, self.top_mps, self.accel_mps2), self.bend_time_s(way_m))
+    rank: int
+    bends: Bends = NO_BENDS
 
 
-@dataclass(frozen=True)
-class Wait:
+class Wait(NamedTuple):
     """The motion of a vehicle that lets another one pass first."""
 
     speed_mps: float
@@ -110,6 +120,12 @@ class Wait:
     """Way to the zone, or to the place of the vehicle that merges ahead."""
 
 
+_braking_distance_m = compiled(braking.braking_distance_m)
+_needed_brake_mps2 = compiled(braking.needed_brake_mps2)
+_speed_before_mps = compiled(braking.speed_before_mps)
+
+
+@compiled
 def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: float) -> float:
     """Time for a way from a speed with an acceleration up to a top speed; infinite where it is never reached."""
     if way_m <= 0.0:
@@ -122,17 +138,42 @@ def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: flo
         return (speed_mps - math.sqrt(square)) / -accel_mps2
     if accel_mps2 == 0.0 or speed_mps >= top:
         return way_m / speed_mps
-    to_top = braking_distance_m(top * top - speed_mps * speed_mps, accel_mps2)
+    to_top = _braking_distance_m(top * top - speed_mps * speed_mps, accel_mps2)
     if way_m <= to_top:
         return (math.sqrt(square) - speed_mps) / accel_mps2
     return (top - speed_mps) / accel_mps2 + (way_m - to_top) / top
 
 
+@compiled
+def _time_at_s(bends: Any, s_m: float) -> float:
+    place = max(s_m / bends.spacing_m, 0.0)
+    i = int(min(place, len(bends.times_s) - 2.0))
+    low, high = bends.times_s[i], bends.times_s[i + 1]
+    return low + (place - i) * (high - low)
+
+
+@compiled
+def bend_time_s(bends: Any, way_m: float) -> float:
+    """Time that a way takes at the least: at the speed that the path allows everywhere."""
+    if len(bends.times_s) == 0:
+        return 0.0
+    return _time_at_s(bends, bends.place_m + way_m) - _time_at_s(bends, bends.place_m)
+
+
+@compiled
+def approach_time_s(approach: Any, way_m: float) -> float:
+    """Time of an approach for a way."""
+    time_s = time_to_go_s(way_m, approach.speed_mps, approach.top_mps, approach.accel_mps2)
+    return max(time_s, bend_time_s(approach.bends, way_m))
+
+
+@compiled
 def stop_brake_mps2(speed_mps: float, way_m: float) -> float:
     """Constant deceleration that stops within a way."""
-    return needed_brake_mps2(speed_mps * speed_mps, max(way_m, LEAST_WAY_M))
+    return _needed_brake_mps2(speed_mps * speed_mps, max(way_m, LEAST_WAY_M))
 
 
+@compiled
 def later_brake_mps2(speed_mps: float, way_m: float, time_s: float) -> float:
     """Least constant deceleration with which a way is not covered before a time."""
     if 2.0 * way_m < speed_mps * time_s:  # stands before the time is over
@@ -141,57 +182,68 @@ def later_brake_mps2(speed_mps: float, way_m: float, time_s: float) -> float:
 
 
 def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig) -> Wait | None:
-    """How the own vehicle has to wait for the other one, None where it need not.
+    """How the own vehicle has to wait for the other one, None where it need not; as ``least_wait``."""
+    approaches = own._replace(rank=int(own.rank)), other._replace(rank=int(other.rank))
+    wait = Wait(*least_wait(zone, *approaches, other.speed_mps**2, config))
+    return None if math.isinf(wait.speed_mps) else wait
+
+
+@compiled
+def least_wait(zone: Any, own: Any, other: Any, other_sq: float, config: Any) -> tuple[float, float, float]:
+    """How the own vehicle has to wait for the other one, as a ``Wait``; of infinite speed where it need not.
 
     It need not where both are in the zone at different times; where it has the right of way, or arrives first among
     equals, and the other one can still stop; and where only the other one can. A vehicle that can stop at a red signal
-    does, and one that stands in the zone leaves it. ``zone`` is as the own vehicle sees it.
+    does, and one that stands in the zone leaves it. ``zone`` is as the own vehicle sees it. ``other_sq`` is the square
+    of the other one's speed.
     """
+    need_not = np.inf, 0.0, np.inf
+    merges = zone.along > SAME_DIRECTION
     if other.speed_mps < config.standing_mps and zone.other_in_m > 0.0:
-        return None
-    other_first = other.time_s(zone.other_in_m)
+        return need_not
+    other_first = approach_time_s(other, zone.other_in_m)
     if other_first > config.horizon_s:
-        return None
+        return need_not
     leaving = max(min(other.speed_mps, other.top_mps), config.clearing_mps)
-    other_last = math.inf if zone.merges else zone.other_out_m / leaving
-    stopping = own.accel_mps2 < 0.0 and not zone.merges  # keeps the distance of those who wait
-    own_first = own.time_s(zone.own_in_m - config.standoff_m if stopping else zone.own_in_m)
-    if zone.merges:
+    other_last = np.inf if merges else zone.other_out_m / leaving
+    stopping = own.accel_mps2 < 0.0 and not merges  # keeps the distance of those who wait
+    own_first = approach_time_s(own, zone.own_in_m - config.standoff_m if stopping else zone.own_in_m)
+    if merges:
         ahead = own_first + config.merge_s < other_first
     else:
-        ahead = own.time_s(zone.own_out_m) + config.before_s < other_first
+        ahead = approach_time_s(own, zone.own_out_m) + config.before_s < other_first
     if ahead or own_first > other_last + config.after_s:
-        return None
+        return need_not
     if _goes_first(zone, own, other, own_first < other_first, config):
-        return None
-    return _waiting(zone, own, other, other_last + config.after_s, config)
+        return need_not
+    return _waiting(zone, own, other.speed_mps, other_sq, other_last + config.after_s, config)
 
 
-def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, config: YieldingConfig) -> bool:
+@compiled
+def _goes_first(zone: Any, own: Any, other: Any, own_earlier: bool, config: Any) -> bool:
     if zone.own_in_m <= 0.0:
         return math.isinf(zone.blocked_m)
-    if _yield_brake_mps2((zone.other_in_m, other), (zone.own_in_m, own), zone.merges, config) > config.commit_mps2:
+    merges = zone.along > SAME_DIRECTION
+    if _yield_brake_mps2(zone.other_in_m, other, zone.own_in_m, own, merges, config) > config.commit_mps2:
         return False
-    if _yield_brake_mps2((zone.own_in_m, own), (zone.other_in_m, other), zone.merges, config) > config.commit_mps2:
+    if _yield_brake_mps2(zone.own_in_m, own, zone.other_in_m, other, merges, config) > config.commit_mps2:
         return True
-    return own.rank > other.rank or (own.rank == other.rank and (own_earlier or other.rank is Rank.RED))
+    return own.rank > other.rank or (own.rank == other.rank and (own_earlier or other.rank == _RED))
 
 
-def _yield_brake_mps2(
-    second: tuple[float, Approach], first: tuple[float, Approach], merges: bool, config: YieldingConfig
-) -> float:
+@compiled
+def _yield_brake_mps2(way_m: float, own: Any, first_way_m: float, first: Any, merges: bool, config: Any) -> float:
     """Deceleration with which a vehicle lets another one go first: by a stop, or by falling in behind it.
 
-    ``second`` and ``first`` hold the way to the zone and the approach of each.
+    Ways are those to the zone.
     """
-    way_m, own = second
     if not merges:
         return stop_brake_mps2(own.speed_mps, way_m - config.standoff_m)
-    first_way_m, other = first
     gap_m = _gap_m(way_m, first_way_m) - config.standoff_m
-    return fall_in_brake_mps2(own.speed_mps - other.speed_mps, gap_m, other.time_s(first_way_m))
+    return fall_in_brake_mps2(own.speed_mps - first.speed_mps, gap_m, approach_time_s(first, first_way_m))
 
 
+@compiled
 def fall_in_brake_mps2(closing_mps: float, gap_m: float, time_s: float) -> float:
     """Least constant deceleration with which a gap is kept behind another vehicle at a time.
 
@@ -206,20 +258,24 @@ def fall_in_brake_mps2(closing_mps: float, gap_m: float, time_s: float) -> float
     return max(2.0 * (closing_mps * time - gap_m) / (time * time), 0.0)
 
 
+@compiled
 def _gap_m(way_m: float, first_way_m: float) -> float:
     """Way that is left to the body that merges ahead, from both ways to the zone; negative beside it."""
     return way_m - first_way_m - STEP_M
 
 
-def _waiting(zone: Zone, own: Approach, other: Approach, free_s: float, config: YieldingConfig) -> Wait:
-    if zone.merges:
+@compiled
+def _waiting(
+    zone: Any, own: Any, other_mps: float, other_sq: float, free_s: float, config: Any
+) -> tuple[float, float, float]:
+    if zone.along > SAME_DIRECTION:
         gap = _gap_m(zone.own_in_m, zone.other_in_m)
         spare = gap - config.standoff_m
-        speed = speed_before_mps(other.speed_mps**2, config.brake_mps2, max(spare, 0.0))
+        speed = _speed_before_mps(other_sq, config.brake_mps2, max(spare, 0.0))
         speed = max(speed + min(spare, 0.0) / config.merge_s, 0.0)
-        brake = stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap)
-        return Wait(speed, brake, max(gap, 0.0))
+        brake = stop_brake_mps2(max(own.speed_mps - other_mps, 0.0), gap)
+        return speed, brake, max(gap, 0.0)
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
     free = max(way - config.standoff_m, 0.0)
-    speed = max(free / free_s, speed_before_mps(0.0, config.brake_mps2, free))
-    return Wait(speed, later_brake_mps2(own.speed_mps, free, free_s), free)
+    speed = max(free / free_s, _speed_before_mps(0.0, config.brake_mps2, free))
+    return speed, later_brake_mps2(own.speed_mps, free, free_s), free

@@ -94,16 +94,6 @@ class Ways(NamedTuple):
         return cls(np.concatenate([way.points for way in ways]), ends[:-1], ends[1:], bodies)
 
 
-def meeting_zones(own: Ways, others: Ways, pairs: npt.NDArray[np.intp]) -> list[Zone | None]:
-    """The first zone in which the ways of each pair meet, None where they do not meet.
-
-    A pair is an own and another body, shape ``(P, 2)``. A margin beside a body is part of its half width.
-    """
-    out = np.empty((len(pairs), _COLUMNS))
-    _search(own, others, pairs, out)
-    return [Zone(*row[1:]) if row[0] > 0.0 else None for row in out.tolist()]
-
-
 @compiled
 def _point(points: Any, first: int, last: int, place: float) -> tuple[float, float]:
     """X and y at a place of ``points[first:last]``, counted in their distance; straight on before and after them."""
@@ -214,25 +204,66 @@ def _around(poses: Any, begins: Any) -> Any:
 
 
 @compiled
-def _search(own: Any, others: Any, pairs: Any, out: Any) -> None:
-    """Fill in one row per pair: whether they meet, then the fields of ``Zone``."""
-    own_poses, own_begins = _poses(own, pairs[:, 0])
-    their_poses, their_begins = _poses(others, pairs[:, 1])
-    _search_poses(own, (own_poses, own_begins), others, (their_poses, their_begins), pairs, out)
+def _bounds(ways: Any, used: Any) -> Any:
+    """Least and greatest x and y to which the used bodies' edges can come on their ways, shape ``(W, 4)``."""
+    bounds = np.full((ways.first.shape[0], 4), np.nan)
+    for n in used:
+        if not np.isnan(bounds[n, 0]):
+            continue
+        first, last, body = ways.first[n], ways.last[n], ways.bodies[n]
+        x, y, cos, sin = _pose(ways.points, first, last, body[3], body[4], body[5], body[9])
+        aside = abs(cos * (body[1] - y) - sin * (body[0] - x)) + abs(body[5])
+        margin = aside + np.sqrt(body[7] ** 2 + body[8] ** 2) + _CLOSE_M
+        begin, end = (body[4] - body[9]) / body[3], (body[4] + body[6] + body[9]) / body[3]
+        low_x, low_y = _point(ways.points, first, last, begin)
+        high_x, high_y = low_x, low_y
+        x, y = _point(ways.points, first, last, end)
+        low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
+        for at in range(first + max(int(begin), 0), min(first + int(max(end, 0.0)) + 1, last)):
+            x, y = ways.points[at, 0], ways.points[at, 1]
+            low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
+        bounds[n, 0], bounds[n, 1] = low_x - margin, high_x + margin
+        bounds[n, 2], bounds[n, 3] = low_y - margin, high_y + margin
+    return bounds
+
+
+@compiled
+def _near_each_other(own: Any, others: Any, pairs: Any) -> Any:
+    """The pairs whose ways do not stay apart as a whole, by their bounds: only these need poses."""
+    a, b = _bounds(own, pairs[:, 0]), _bounds(others, pairs[:, 1])
+    near, count = np.empty_like(pairs), 0
+    for p in range(pairs.shape[0]):
+        i, n = pairs[p, 0], pairs[p, 1]
+        if a[i, 0] <= b[n, 1] and b[n, 0] <= a[i, 1] and a[i, 2] <= b[n, 3] and b[n, 2] <= a[i, 3]:
+            near[count, 0], near[count, 1] = i, n
+            count += 1
+    return near[:count]
+
+
+@compiled
+def zones_of(own: Any, others: Any, pairs: Any) -> Any:
+    """The first zone in which the ways of each pair meet: ``(P, 8)``, whether they meet, then the fields of ``Zone``.
+
+    A pair is an own and another body, shape ``(P, 2)``. A margin beside a body is part of its half width.
+    """
+    out = np.empty((pairs.shape[0], _COLUMNS))
+    near = _near_each_other(own, others, pairs)
+    _search_poses(own, _poses(own, near[:, 0]), others, _poses(others, near[:, 1]), pairs, out)
+    return out
 
 
 @compiled
 def search_among(ways: Any, pairs: Any) -> Any:
     """The search where both bodies of a pair are of the same ways: ``(P, 8)``, whether they meet and their ``Zone``."""
     out = np.empty((pairs.shape[0], _COLUMNS))
-    poses = _poses(ways, pairs.ravel())
+    poses = _poses(ways, _near_each_other(ways, ways, pairs).ravel())
     _search_poses(ways, poses, ways, poses, pairs, out)
     return out
 
 
 @compiled
 def _search_poses(own: Any, own_poses: Any, others: Any, their_poses: Any, pairs: Any, out: Any) -> None:
-    """``_search`` with poses of both along their courses. Ways that stay apart as a whole are not looked at."""
+    """``zones_of`` with poses of both along their courses. Ways that stay apart as a whole are not looked at."""
     ways, own_begins = own_poses
     their_ways, their_begins = their_poses
     own_box, their_box = _around(ways, own_begins), _around(their_ways, their_begins)

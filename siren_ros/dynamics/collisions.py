@@ -4,7 +4,7 @@ Two vehicles in contact go on together along the contact's normal, and do not ov
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias, cast
 
 import numpy as np
 import shapely
@@ -71,6 +71,11 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
     return tuple(contacts), tuple(pairs)
 
 
+def any_close(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats) -> bool:
+    """Whether any two boxes are near enough to be in contact, as ``find_contacts`` sees it."""
+    return len(_find_close(x_m, y_m, yaw_rad, length_m, width_m, SEPARATION_GAP_M)) > 0
+
+
 def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
     """Rows of the pairs whose boxes overlap."""
     if not pairs:
@@ -83,29 +88,35 @@ def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
 
 def _close_pairs(boxes: Footprints) -> Floats:
     """Rows of the pairs within the separation gap, the smaller row first, sorted, and the gap; shape ``(M, 3)``."""
-    count = len(boxes.x_m)
-    out = np.empty((count * (count - 1) // 2, 3))
-    columns = boxes.x_m, boxes.y_m, np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad), boxes.length_m, boxes.width_m
-    return out[: _find_close(np.array(columns), SEPARATION_GAP_M, out)]
+    poses = boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m
+    return cast("Floats", _find_close(*poses, SEPARATION_GAP_M))
 
 
 @compiled
-def _find_close(columns: Any, within_m: float, out: Any) -> int:
-    """Fill in ``out`` with the pairs whose boxes are nearer than a gap; their number."""
-    x, y, cos, sin, length, width = columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]
-    count = 0
-    for a in range(len(x)):
-        for b in range(a + 1, len(x)):
+def _find_close(x: Any, y: Any, yaw: Any, length: Any, width: Any, within_m: float) -> Any:
+    """The pairs whose boxes are nearer than a gap. Boxes are looked at in the order of x, each with those near it."""
+    n, count = len(x), 0
+    order, radius, found = np.argsort(x, kind="mergesort"), np.empty(n), np.empty((8, 3))
+    for a in range(n):
+        radius[a] = np.sqrt(length[a] ** 2 + width[a] ** 2)
+    widest = radius.max() if n else 0.0
+    for i in range(n):
+        for j in range(i + 1, n):
+            a, b = min(order[i], order[j]), max(order[i], order[j])
             dx, dy = x[b] - x[a], y[b] - y[a]
-            reach = within_m + 0.5 * (np.sqrt(length[a] ** 2 + width[a] ** 2) + np.sqrt(length[b] ** 2 + width[b] ** 2))
+            if abs(dx) > within_m + widest:
+                break
+            reach = within_m + 0.5 * (radius[a] + radius[b])
             if dx * dx + dy * dy >= reach * reach:
                 continue
-            pose, other = (x[a], y[a], cos[a], sin[a]), (x[b], y[b], cos[b], sin[b])
+            pose, other = (x[a], y[a], np.cos(yaw[a]), np.sin(yaw[a])), (x[b], y[b], np.cos(yaw[b]), np.sin(yaw[b]))
             gap = box_gap_m(pose, other, 0.5 * length[a], 0.5 * width[a], 0.5 * length[b], 0.5 * width[b])
             if gap < within_m:
-                out[count, 0], out[count, 1], out[count, 2] = a, b, gap
+                if count == len(found):
+                    found = np.concatenate((found, np.empty_like(found)))
+                found[count, 0], found[count, 1], found[count, 2] = a, b, gap
                 count += 1
-    return count
+    return found[:count][np.argsort(found[:count, 0] * n + found[:count, 1])]
 
 
 def _contact(boxes: Footprints, corners: Floats, a: int, b: int) -> Contact:

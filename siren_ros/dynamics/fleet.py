@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.dynamics.collisions import Footprints, Pairs, collide, find_contacts, overlapping
+from siren_ros.dynamics.collisions import Contact, Footprints, Pairs, any_close, collide, find_contacts, overlapping
 from siren_ros.dynamics.orders import Orders, merge_commands, stopped_orders
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters
-from siren_ros.dynamics.tracker import Reference, TrackerState, track
-from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.dynamics.tracker import DEFAULT_GAINS, TrackerState, follow
+from siren_ros.dynamics.vehicle_model import BodyState, advance, substeps
 from siren_ros.errors import EpisodeError
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids
+from siren_ros.numerics.changed import changed
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
@@ -56,9 +58,9 @@ class FleetState:
             owner=np.empty(0, np.uint8),
             touching=(),
         )
-        reference = Reference(none, none, none, none, none)
-        controls, _ = track(fleet.bodies, fleet.tracker, reference, fleet.table, STEP_S)
-        step_bodies(fleet.bodies, controls, fleet.table, STEP_S)
+        before, flags = (fleet.bodies.columns, fleet.tracker.columns, np.empty((5, 0))), np.empty(0, np.bool_)
+        asked, owners = (none, none, none, flags), (fleet.owner, fleet.owner, flags)
+        _one_step(before, asked, owners, fleet.table.records, DEFAULT_GAINS, _SUBSTEPS)
         return fleet
 
 
@@ -78,7 +80,7 @@ def with_spawned(fleet: FleetState, traffic: TrafficState) -> tuple[FleetState, 
     Raises:
         EpisodeError: the actors are then not those of ``traffic``.
     """
-    if not traffic.spawned and np.array_equal(fleet.actor_id, traffic.actor_id):
+    if not traffic.spawned and fleet.actor_id.tobytes() == traffic.actor_id.tobytes():
         return fleet, np.zeros(len(traffic), dtype=bool)
     arrivals = tuple(sorted(traffic.spawned, key=lambda item: item.actor_id))
     ids = np.concatenate((fleet.actor_id, np.array([item.actor_id for item in arrivals], dtype=np.uint32)))
@@ -115,6 +117,7 @@ BRAKE_LIGHT_PEDAL: Final = 0.02
 """Brake pedal from which the brake light is on."""
 BRAKE_LIGHT_DECEL_MPS2: Final = 1.3
 """Deceleration from which the brake light is on whatever causes it (UN R13-H, 5.2.22.4)."""
+_SUBSTEPS: Final = substeps(STEP_S)
 _ROS: Final = np.uint8(Owner.ROS)
 _BRAKE_LIGHT: Final = np.uint8(Lights.BRAKE)
 _SIREN: Final = np.uint8(Lights.SIREN)
@@ -143,25 +146,18 @@ def step_fleet(
     _check_steps(state, traffic, commands)
     fleet, fresh = with_spawned(without_actors(state, traffic.removed), traffic)
     orders = stopped_orders(merge_commands(traffic, commands), fleet.actor_id, fleet.stopped, fleet.bodies.steer_rad)
-    driven = orders.owner == _ROS
     realigned = [event.actor_id for event in traffic.events if event.kind is EventKind.REALIGNED]
-    brought_back = np.isin(fleet.actor_id, realigned) & ~driven if realigned else np.zeros(len(driven), dtype=np.bool_)
-    handed_back = ((fleet.owner == _ROS) & ~driven) | brought_back
-    bodies, tracker = _move(fleet, traffic, orders, driven, handed_back)
+    brought_back = np.isin(fleet.actor_id, realigned) if realigned else np.zeros(len(traffic), dtype=np.bool_)
+    owners = orders.owner, fleet.owner, brought_back & (orders.owner != _ROS)
+    bodies, tracker = _move(fleet, traffic, orders, owners)
     if realigned:
         theirs = TrackerState.at(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad)
-        tracker = TrackerState.where(brought_back, theirs, tracker)
+        tracker = TrackerState.where(owners[2], theirs, tracker)
     if traffic.spawned:
         bodies = BodyState.where(fresh, fleet.bodies, bodies)
         tracker = TrackerState.where(fresh, fleet.tracker, tracker)
-    velocity = bodies.velocity_mps(fleet.table)
-    places = bodies.x_m, bodies.y_m, bodies.yaw_rad
-    boxes = Footprints(fleet.actor_id, *places, *velocity, bodies.yaw_rate_radps, fleet.length_m, fleet.width_m)
-    contacts, touching = find_contacts(boxes, fleet.touching)
-    if touching:
-        bodies = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
-        velocity = bodies.velocity_mps(fleet.table)
-    states = _states(fleet, traffic, orders, bodies, velocity, driven | (handed_back & ~brought_back))
+    bodies, contacts, touching = _after_contacts(fleet, bodies)
+    states = _states(fleet, traffic, orders, bodies, owners)
     sirens, sounding = _siren_changes(state, states)
     collisions = tuple(
         Event(traffic.step, EventKind.COLLISION, *contact[:4], {"impact_speed_mps": contact.impact_speed_mps})
@@ -169,7 +165,7 @@ def step_fleet(
     )
     changes = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens
     reported = tuple(event for command in sorted(commands, key=lambda c: c.source) for event in command.events)
-    after = replace(
+    after = changed(
         fleet,
         step=traffic.step,
         bodies=bodies,
@@ -191,43 +187,68 @@ def _check_steps(state: FleetState, traffic: TrafficState, commands: Sequence[Ve
 
 
 def _move(
-    fleet: FleetState, traffic: TrafficState, orders: Orders, driven: Flags, handed_back: Flags
+    fleet: FleetState, traffic: TrafficState, orders: Orders, owners: tuple[Codes, Codes, Flags]
 ) -> tuple[BodyState, TrackerState]:
-    """Bodies and tracker at this step."""
-    before, held = fleet.bodies, driven | handed_back
-    ahead = STEP_S * before.forward_mps
-    reference = Reference(
-        x_m=np.where(handed_back, before.x_m + ahead * np.cos(before.yaw_rad), traffic.sumo_x_m),
-        y_m=np.where(handed_back, before.y_m + ahead * np.sin(before.yaw_rad), traffic.sumo_y_m),
-        yaw_rad=np.where(handed_back, before.yaw_rad, traffic.sumo_yaw_rad),
-        speed_mps=np.where(handed_back, before.forward_mps, traffic.sumo_speed_mps),
-        accel_mps2=np.where(handed_back, 0.0, traffic.sumo_accel_mps2),
-    )
-    tracking, tracker = track(before, fleet.tracker, reference, fleet.table, STEP_S)
-    controls = Controls(
-        throttle=np.where(driven, orders.throttle, tracking.throttle),
-        brake=np.where(driven, orders.brake, tracking.brake),
-        steer_rad=np.where(driven, orders.steer_rad, tracking.steer_rad),
-        hand_brake=driven & orders.hand_brake,
-        quickness=np.where(driven, 1.0, tracking.quickness),
-        drive_factor=np.where(driven, 1.0, tracking.drive_factor),
-    )
-    bodies = step_bodies(before, controls, fleet.table, STEP_S)
-    if held.any():
-        tracker = TrackerState.where(held, TrackerState.at(bodies.x_m, bodies.y_m, bodies.yaw_rad), tracker)
-    return bodies, tracker
+    """Bodies and tracker at this step; ``owners`` are those now and before, and whom SUMO was brought back to."""
+    sumo = np.array((
+        *(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad, traffic.sumo_speed_mps, traffic.sumo_accel_mps2),
+    ))  # fmt: skip
+    asked = orders.throttle, orders.brake, orders.steer_rad, orders.hand_brake
+    before = fleet.bodies.columns, fleet.tracker.columns, sumo
+    bodies, tracker = _one_step(before, asked, owners, fleet.table.records, DEFAULT_GAINS, _SUBSTEPS)
+    return BodyState.of_columns(bodies), TrackerState.of_columns(tracker)
+
+
+@compiled
+def _one_step(before: Any, asked: Any, owners: Any, records: Any, gains: Any, count: int) -> tuple[Any, Any]:
+    """Columns of bodies and tracker one step later, in ``count`` substeps.
+
+    Those who are driven do what is asked of them. The others follow SUMO; those who have just been handed back roll on.
+    """
+    (bodies, tracker, reference), (throttle, brake, steer_rad, hand_brake) = before, asked
+    (owner, owner_before, brought_back), n = owners, len(records)
+    after, controls, driven = np.empty_like(bodies), np.zeros((6, n)), owner == _ROS
+    handed_back = ((owner_before == _ROS) & ~driven) | brought_back
+    for k in range(n):
+        if handed_back[k]:
+            ahead, yaw = STEP_S * bodies[3, k], bodies[2, k]
+            reference[0, k], reference[1, k] = bodies[0, k] + ahead * np.cos(yaw), bodies[1, k] + ahead * np.sin(yaw)
+            reference[2, k], reference[3, k], reference[4, k] = yaw, bodies[3, k], 0.0
+    follow(bodies, tracker, reference, records, STEP_S, gains, controls)
+    tracked = np.empty((5, n))
+    for k in range(n):
+        tracked[0, k], tracked[1, k] = reference[0, k], reference[1, k]
+        tracked[2, k], tracked[3, k], tracked[4, k] = controls[3, k], controls[4, k], controls[5, k]
+        controls[3, k], controls[4, k], controls[5, k] = 0.0, gains.quickness, gains.drive_factor
+        if driven[k]:
+            controls[0, k], controls[1, k], controls[2, k] = throttle[k], brake[k], steer_rad[k]
+            controls[3, k], controls[4, k], controls[5, k] = hand_brake[k], 1.0, 1.0
+    advance(bodies, controls, records, count, STEP_S / count, after)
+    for k in range(n):
+        if driven[k] or handed_back[k]:
+            tracked[0, k], tracked[1, k], tracked[2, k] = after[0, k], after[1, k], after[2, k]
+            tracked[3, k], tracked[4, k] = 1.0, 0.0
+    return after, tracked
+
+
+def _after_contacts(fleet: FleetState, bodies: BodyState) -> tuple[BodyState, tuple[Contact, ...], Pairs]:
+    """Bodies after the impacts of a step, the contacts that begin at it, and the pairs that touch."""
+    places = bodies.x_m, bodies.y_m, bodies.yaw_rad
+    if not any_close(*places, fleet.length_m, fleet.width_m):
+        return bodies, (), ()
+    velocity = bodies.velocity_mps(fleet.table)
+    boxes = Footprints(fleet.actor_id, *places, *velocity, bodies.yaw_rate_radps, fleet.length_m, fleet.width_m)
+    contacts, touching = find_contacts(boxes, fleet.touching)
+    if touching:
+        bodies = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
+    return bodies, contacts, touching
 
 
 def _states(
-    fleet: FleetState,
-    traffic: TrafficState,
-    orders: Orders,
-    bodies: BodyState,
-    velocity_mps: tuple[Floats, Floats],
-    own_pose: Flags,
+    fleet: FleetState, traffic: TrafficState, orders: Orders, bodies: BodyState, owners: tuple[Codes, Codes, Flags]
 ) -> ActorStates:
-    residual = np.hypot(traffic.sumo_x_m - bodies.x_m, traffic.sumo_y_m - bodies.y_m)
-    braking = (bodies.brake > BRAKE_LIGHT_PEDAL) | (bodies.accel_mps2 < -BRAKE_LIGHT_DECEL_MPS2)
+    sumo, columns = (traffic.sumo_x_m, traffic.sumo_y_m), bodies.columns
+    lights, vx_mps, vy_mps, residual_m = _shown(columns, sumo, orders.lights, owners, fleet.table.records, _BRAKE_LIGHT)
     return ActorStates(
         step=traffic.step,
         actor_id=fleet.actor_id,
@@ -235,8 +256,8 @@ def _states(
         y_m=bodies.y_m,
         z_m=np.zeros(len(bodies)),
         yaw_rad=bodies.yaw_rad,
-        vx_mps=velocity_mps[0],
-        vy_mps=velocity_mps[1],
+        vx_mps=vx_mps,
+        vy_mps=vy_mps,
         yaw_rate_radps=bodies.yaw_rate_radps,
         accel_mps2=bodies.accel_mps2,
         lateral_accel_mps2=bodies.lateral_accel_mps2,
@@ -245,23 +266,50 @@ def _states(
         brake=bodies.brake,
         owner=orders.owner,
         mode=orders.mode,
-        lights=np.where(braking, orders.lights | _BRAKE_LIGHT, orders.lights),
-        residual_m=np.where(own_pose, 0.0, residual),
+        lights=lights,
+        residual_m=residual_m,
     )
 
 
+@compiled
+def _shown(
+    bodies: Any, sumo: Any, lights: Any, owners: Any, records: Any, brake_light: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Lights with the brake light, velocities as ``BodyState.velocity_mps``, and the distances from SUMO's poses.
+
+    The distance is 0 for those whose pose SUMO mirrors.
+    """
+    shown, n, (owner, owner_before, brought_back) = lights.copy(), len(lights), owners
+    vx_mps, vy_mps, residual_m = np.empty(n), np.empty(n), np.zeros(n)
+    for k in range(n):
+        cos, sin = np.cos(bodies[2, k]), np.sin(bodies[2, k])
+        forward, left = bodies[3, k], bodies[4, k] + records[k].centre_ahead_of_cg_m * bodies[5, k]
+        vx_mps[k], vy_mps[k] = forward * cos - left * sin, forward * sin + left * cos
+        if bodies[10, k] > BRAKE_LIGHT_PEDAL or bodies[6, k] < -BRAKE_LIGHT_DECEL_MPS2:
+            shown[k] |= brake_light
+        if owner[k] != _ROS and (owner_before[k] != _ROS or brought_back[k]):
+            residual_m[k] = np.hypot(sumo[0][k] - bodies[0, k], sumo[1][k] - bodies[1, k])
+    return shown, vx_mps, vy_mps, residual_m
+
+
 def _spawned(states: ActorStates, traffic: TrafficState) -> tuple[Event, ...]:
+    if not traffic.spawned:
+        return ()
     rows = rows_of_ids(states.actor_id, np.array(sorted(item.actor_id for item in traffic.spawned), dtype=np.uint32))
     return tuple(_event(states, states, traffic.step, EventKind.SPAWNED, row) for row in rows)
 
 
 def _removed(before: FleetState, traffic: TrafficState) -> tuple[Event, ...]:
     """Removals, each at the actor's last simulated place."""
+    if not len(traffic.removed):
+        return ()
     rows = rows_of_ids(before.actor_id, np.sort(traffic.removed))
     return tuple(_event(before, before.bodies, traffic.step, EventKind.REMOVED, row) for row in rows[rows >= 0])
 
 
 def _owner_changes(fleet: FleetState, states: ActorStates) -> tuple[Event, ...]:
+    if states.owner.tobytes() == fleet.owner.tobytes():
+        return ()
     rows = np.flatnonzero(states.owner != fleet.owner)
     details = [{"owner": Owner(int(states.owner[row])).name} for row in rows]
     changed = zip(rows, details, strict=True)

@@ -2,14 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import EpisodeError
 from siren_ros.numerics.arrays import Codes, Floats, Ids
-from siren_ros.world.actors import NO_ACTOR, Lights, Mode, Owner, rows_of_ids
+from siren_ros.numerics.compiled import compiled
+from siren_ros.world.actors import Lights, Mode, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.traffic_state import TrafficState
 
@@ -17,7 +18,6 @@ _HAZARD_LIGHTS: Final = Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT
 _SUMO: Final = np.uint8(Owner.SUMO)
 _NOMINAL: Final = np.uint8(Mode.NOMINAL)
 """numpy takes several times as long to fill an array with the member of an enumeration."""
-_TAKEN_OVER: Final = ("owner", "throttle", "brake", "steer_rad", "mode", "lights")
 
 
 @dataclass(frozen=True)
@@ -43,23 +43,41 @@ def merge_commands(traffic: TrafficState, commands: Sequence[VehicleCommands]) -
         EpisodeError: two commands for one actor, a command for an unknown actor, or one that is not finite.
     """
     n = len(traffic)
-    pedals_and_steer = np.zeros(n), np.zeros(n), np.zeros(n)
-    hand_brake, mode = np.zeros(n, dtype=bool), np.full(n, _NOMINAL)
-    orders = Orders(np.full(n, _SUMO), *pedals_and_steer, hand_brake, mode, traffic.lights.copy())
-    source_of = np.full(n, NO_ACTOR, np.intp)
+    pedals, codes, hand_brake = np.zeros((3, n)), np.zeros((3, n), np.uint8), np.zeros(n, np.bool_)
+    codes[0], codes[1], codes[2] = _SUMO, _NOMINAL, traffic.lights
+    source_of = np.zeros(n, np.intp)
     for number, command in enumerate(commands, start=1):
         if not len(command):
             continue
-        rows = rows_of_ids(traffic.actor_id, command.actor_id)
-        _check(traffic, commands, command, rows, source_of)
-        known = rows >= 0
-        if not known.all():
-            rows = rows[known]
-        source_of[rows] = number
-        orders.hand_brake[rows] = command.hand_brake[known] != 0
-        for name in _TAKEN_OVER:
-            getattr(orders, name)[rows] = getattr(command, name)[known]
-    return orders
+        asked = command.throttle, command.brake, command.steer_rad
+        told = command.hand_brake, command.owner, command.mode, command.lights
+        ids = traffic.actor_id, traffic.removed, command.actor_id
+        if not _take_over(number, ids, asked, told, pedals, codes, hand_brake, source_of):
+            _check(traffic, commands, command, source_of)
+    return Orders(codes[0], pedals[0], pedals[1], pedals[2], hand_brake, codes[1], codes[2])
+
+
+@compiled
+def _take_over(
+    number: int, ids: Any, asked: Any, told: Any, pedals: Any, codes: Any, hand_brake: Any, source_of: Any
+) -> bool:
+    """Put one controller's commands on the rows of their actors; False where something about them is wrong."""
+    (actor_id, removed, commanded), (throttle, brake, steer_rad), (hand, owner, mode, lights) = ids, asked, told
+    for n in range(len(commanded)):
+        if not np.isfinite(throttle[n] + brake[n] + steer_rad[n]):
+            return False
+        row = np.searchsorted(actor_id, commanded[n])
+        if row == len(actor_id) or actor_id[row] != commanded[n]:
+            if not (removed == commanded[n]).any() or (commanded[:n] == commanded[n]).any():
+                return False
+            continue
+        if source_of[row] != 0:
+            return False
+        source_of[row] = number
+        pedals[0, row], pedals[1, row], pedals[2, row] = throttle[n], brake[n], steer_rad[n]
+        codes[0, row], codes[1, row], codes[2, row] = owner[n], mode[n], lights[n]
+        hand_brake[row] = hand[n] != 0
+    return True
 
 
 def stopped_orders(orders: Orders, actor_id: Ids, stopped: Sequence[int], steer_rad: Floats) -> Orders:
@@ -82,20 +100,20 @@ def _check(
     traffic: TrafficState,
     commands: Sequence[VehicleCommands],
     command: VehicleCommands,
-    rows: npt.NDArray[np.intp],
     source_of: npt.NDArray[np.intp],
 ) -> None:
+    """Say what is wrong about a controller's commands; ``source_of`` holds the number of each actor's controller."""
+    rows = rows_of_ids(traffic.actor_id, command.actor_id)
     unknown = command.actor_id[rows < 0]
     if len(unknown) and not np.isin(unknown, traffic.removed).all():
         raise EpisodeError(f"{command.source} commands actors {unknown.tolist()}, unknown at step {traffic.step}")
     if len(frozenset(command.actor_id.tolist())) < len(command):
         raise EpisodeError(f"{command.source} commands an actor twice at step {traffic.step}")
-    taken = source_of[rows[rows >= 0]]
-    if taken.any():
-        other = commands[int(taken.max()) - 1].source
-        actor = int(command.actor_id[rows >= 0][np.argmax(taken > 0)])
-        raise EpisodeError(f"{command.source} and {other} both command actor {actor} at step {traffic.step}")
     finite = np.isfinite(command.throttle + command.brake + command.steer_rad)
     if not finite.all():
         actor = int(command.actor_id[np.argmin(finite)])
         raise EpisodeError(f"{command.source} commands actor {actor} by values that are not finite")
+    own = next(number for number, other in enumerate(commands, start=1) if other is command)
+    taken = np.where(source_of[rows] == own, 0, source_of[rows]) * (rows >= 0)
+    other, actor = commands[int(taken.max()) - 1].source, int(command.actor_id[np.argmax(taken > 0)])
+    raise EpisodeError(f"{command.source} and {other} both command actor {actor} at step {traffic.step}")

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import GRAVITY_MPS2
-from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
+from siren_ros.params.input_files import FILES_ON_DISK, InputFile, InputFiles
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.world.actors import ActorClass
 
@@ -117,7 +117,12 @@ def load_vehicle_parameters(files: InputFiles = FILES_ON_DISK) -> Mapping[ActorC
             line, key, value and what is allowed.
     """
     names = {kind: kind.name.lower() for kind in ActorClass}
-    return {kind: _parameters(files.read("vehicle", "vehicles", name).mapping()) for kind, name in names.items()}
+    return {kind: _parameters_in(files.read("vehicle", "vehicles", name)) for kind, name in names.items()}
+
+
+@lru_cache(maxsize=4 * len(ActorClass))
+def _parameters_in(file: InputFile) -> VehicleParameters:
+    return _parameters(file.mapping())
 
 
 def read_vehicle_parameters(folder: Path) -> Mapping[ActorClass, VehicleParameters]:

@@ -220,7 +220,11 @@ def step_bodies(state: BodyState, controls: Controls, table: ParameterTable, dt_
     The step is cut into equal substeps of at most ``SUBSTEP_S``. Controls beyond the actuators' ranges saturate. A
     vehicle at rest without throttle stays where it is to the last bit; brakes never move a vehicle backwards.
     """
-    count = max(1, math.ceil(dt_s / SUBSTEP_S - 1e-9))
-    after = np.empty_like(state.columns)
+    count, after = substeps(dt_s), np.empty_like(state.columns)
     advance(state.columns, controls.columns, table.records, count, dt_s / count, after)
-    return BodyState(*after)
+    return BodyState.of_columns(after)
+
+
+def substeps(dt_s: float) -> int:
+    """Number of equal substeps of a step."""
+    return max(1, math.ceil(dt_s / SUBSTEP_S - 1e-9))

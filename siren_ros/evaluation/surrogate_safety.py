@@ -5,6 +5,7 @@ time (PET): how long after one vehicle another one was at the same place.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Final
 
@@ -42,10 +43,15 @@ class Encounters:
         """The other actor of each pair."""
         return self.other.actor_id
 
-    @property
+    @cached_property
     def reach_m(self) -> Floats:
         """Distance of the centres beyond which the two footprints cannot touch, shape ``(N,)``."""
         return np.asarray(0.5 * (np.hypot(*self.subject_size_m) + np.hypot(*self.other_size_m.T)))
+
+    @cached_property
+    def fastest_mps(self) -> Floats:
+        """Sum of both speeds, shape ``(N,)``: the gap closes no faster."""
+        return np.asarray(self.subject.speed_mps + self.other.speed_mps)
 
     def select(self, pairs: Flags) -> "Encounters":
         """Some of the pairs."""
@@ -176,7 +182,7 @@ def predicted_contacts(encounters: Encounters) -> PredictedContacts:
     time[touching] = 0.0
     a, b = encounters.subject, encounters.other
     # Pairs that are near enough for a contact within the horizon, whatever way they turn.
-    reach_m = encounters.reach_m + (a.speed_mps + b.speed_mps) * HORIZON_S
+    reach_m = encounters.reach_m + encounters.fastest_mps * HORIZON_S
     candidates = np.flatnonzero(~touching & (np.hypot(a.x_m - b.x_m, a.y_m - b.y_m) <= reach_m))
     before = gap[candidates]
     for instant in np.arange(INTERVAL_S, HORIZON_S + 0.5 * INTERVAL_S, INTERVAL_S):
@@ -201,8 +207,7 @@ def _gaps(encounters: Encounters, rows: Rows, after_s: float, *, exact: bool = F
     """
     a, b = _moved(encounters.subject, rows, after_s), _moved(encounters.other, rows, after_s)
     gap = np.hypot(a[0] - b[0], a[1] - b[1]) - encounters.reach_m[rows]
-    speed = encounters.subject.speed_mps[rows] + encounters.other.speed_mps[rows]
-    near = np.flatnonzero(exact | (gap <= speed * INTERVAL_S + 1.0))
+    near = np.flatnonzero(exact | (gap <= encounters.fastest_mps[rows] * INTERVAL_S + 1.0))
     length, width = encounters.subject_size_m
     (ax, ay, a_yaw), (bx, by, b_yaw) = (tuple(part[near] for part in pose) for pose in (a, b))
     mine = footprint_corners(ax, ay, a_yaw, np.full(len(near), length), np.full(len(near), width))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -51,6 +52,7 @@ def files_of_request(request: EpisodeRequest, files: InputFiles = FILES_ON_DISK)
     return noted.seen
 
 
+_version = cache(version)
 _PACKAGES: Final = ("eclipse-sumo", "numpy", "embreex")
 
 
@@ -178,4 +180,4 @@ def set_up_episode(
 
 def present_versions() -> Mapping[str, str]:
     """Versions of this program and of the packages that an episode depends on."""
-    return {"siren_ros": __version__, **{package: version(package) for package in _PACKAGES}}
+    return {"siren_ros": __version__, **{package: _version(package) for package in _PACKAGES}}

@@ -2,16 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.roads.movements import quiet_reach_m
-from siren_ros.roads.road_network import LaneKind, RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, driving_lanes
 from siren_ros.roads.site_finder import find_sites
 from siren_ros.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind
-from siren_ros.scenario.scenario import Placement, Template
+from siren_ros.scenario.scenario import EmvDemand, Placement, Template
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.emv_start import approach_rank
@@ -43,7 +44,12 @@ class SitesToTry:
 
 def ranked_sites(network: RoadNetwork, template: Template) -> tuple[tuple[Site, int], ...]:
     """All sites of a template's kind with the rank of the approach (``approach_rank``), best first."""
-    ranked = [(site, _rank(network, site, template)) for site in find_sites(network, template.site_kind)]
+    return _ranked(network, template.site_kind, template.emv)
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def _ranked(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[tuple[Site, int], ...]:
+    ranked = [(site, _rank(network, site, emv)) for site in find_sites(network, kind)]
     return tuple(sorted(ranked, key=lambda site_and_rank: site_and_rank[1]))
 
 
@@ -95,9 +101,9 @@ def _usable_m(network: RoadNetwork, site: Site) -> float:
     return quiet_reach_m(network, site.approach_lane, EdgeGraph.of(network).route_length_m(plain))
 
 
-def _rank(network: RoadNetwork, site: Site, template: Template) -> int:
+def _rank(network: RoadNetwork, site: Site, emv: EmvDemand) -> int:
     try:
-        return approach_rank(network, site, template.emv, DemandConfig())
+        return approach_rank(network, site, emv, DemandConfig())
     except MapError:
         return _UNREACHABLE
 

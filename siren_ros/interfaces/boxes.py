@@ -5,17 +5,17 @@ boxes are a ``vision_msgs/Detection3DArray`` with confidences.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+from siren_ros.interfaces.cdr import STAMPED, CdrWriter, Layout, stamped, text
 from siren_ros.interfaces.messages import as_arrays, as_sequences, checks_content, header, make_message, step_of
 from siren_ros.interfaces.transforms import (
     from_quaternion,
     from_vector,
     quaternion_of_yaw,
     to_pose,
-    to_vector,
     yaw_of_quaternion,
 )
 from siren_ros.numerics.arrays import Floats
@@ -78,27 +78,25 @@ def boxes_of(truth: GroundTruth, frame_id: str) -> SpaceBoxes:
     )
 
 
-def to_boxes(boxes: SpaceBoxes) -> Any:
-    """``vision_msgs/Detection3DArray``; it has no place for velocities."""
-    shared = {"header": header(boxes.step, boxes.frame_id)}
-    return make_message(
-        "vision_msgs/msg/Detection3DArray",
-        detections=[_to_box(boxes, row, shared) for row in range(len(boxes.score))],
-        **shared,
-    )
+_ARRAY: Final = Layout(f"{STAMPED} I")
+_BOX: Final = Layout(f"{STAMPED} I s d 7d 36d 7d 3d s")
+_CERTAIN: Final = (0.0,) * 36
+"""A pose without a covariance."""
 
 
-def _to_box(boxes: SpaceBoxes, row: int, shared: dict[str, Any]) -> Any:
-    pose = to_pose(boxes.centre_m[row], quaternion_of_yaw(float(boxes.yaw_rad[row])))
-    name, score = boxes.class_names[row], float(boxes.score[row])
-    result = make_message(
-        "vision_msgs/msg/ObjectHypothesisWithPose",
-        hypothesis=make_message("vision_msgs/msg/ObjectHypothesis", class_id=name, score=score),
-        pose=make_message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+def to_boxes(boxes: SpaceBoxes) -> bytes:
+    """``vision_msgs/Detection3DArray`` as CDR; it has no place for velocities."""
+    writer = CdrWriter()
+    head = stamped(boxes.step, boxes.frame_id)
+    ids = boxes.ids or ("",) * len(boxes.score)
+    writer.put(_ARRAY, *head, len(boxes.score))
+    numbers = zip(
+        *(boxes.score.tolist(), boxes.centre_m.tolist(), boxes.size_m.tolist(), boxes.yaw_rad.tolist()), strict=True
     )
-    box = make_message("vision_msgs/msg/BoundingBox3D", center=pose, size=to_vector(boxes.size_m[row].tolist()))
-    box_id = "" if boxes.ids is None else boxes.ids[row]
-    return make_message("vision_msgs/msg/Detection3D", results=[result], bbox=box, id=box_id, **shared)
+    for name, box_id, (score, centre, size, yaw_rad) in zip(boxes.class_names, ids, numbers, strict=True):
+        pose = (*centre, *quaternion_of_yaw(yaw_rad))
+        writer.put(_BOX, *head, 1, text(name), score, *pose, *_CERTAIN, *pose, *size, text(box_id))
+    return writer.cdr()
 
 
 def from_boxes(message: Any) -> SpaceBoxes:

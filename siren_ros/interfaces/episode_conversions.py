@@ -5,10 +5,11 @@ Only the wall time in StepDone is not simulated data.
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+from siren_ros.interfaces.cdr import CdrWriter, Layout, text, text_once
 from siren_ros.interfaces.messages import (
     checks_content,
     from_plain_fields,
@@ -53,9 +54,15 @@ class EpisodeClosing:
     reason: str
 
 
-def to_step_done(report: StepReport) -> Any:
-    """``siren_msgs/StepDone``."""
-    return make_message("siren_msgs/msg/StepDone", **plain_fields(report))
+_STEP_DONE: Final = Layout("Q s B s d")
+
+
+def to_step_done(report: StepReport) -> bytes:
+    """``siren_msgs/StepDone`` as CDR."""
+    writer = CdrWriter()
+    names = text(report.participant), int(report.phase), text_once(report.error)
+    writer.put(_STEP_DONE, report.step, *names, report.busy_s)
+    return writer.cdr()
 
 
 @checks_content

@@ -5,18 +5,15 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Final
 
-import numpy as np
-
-from siren_ros.interfaces.messages import header, make_message, sequence, stamp
+from siren_ros.interfaces.cdr import COUNT, STAMPED, CdrWriter, Layout, stamped, text, text_once
 from siren_ros.interfaces.transforms import (
     Vector,
     from_quaternion,
     from_vector,
     quaternion_of_yaw,
-    to_pose,
-    to_vector,
     yaw_of_quaternion,
 )
+from siren_ros.numerics.units import NS_PER_S
 from siren_ros.world.actors import ActorDescription, ActorStates, Mode
 from siren_ros.world.carrier import MAP_FRAME
 
@@ -96,49 +93,30 @@ def _colour_of(actor: ActorDescription, mode: Mode) -> Colour:
     return MODE_COLOURS.get(mode, (red / 255.0, green / 255.0, blue / 255.0, 0.85))
 
 
-def to_markers(step: int, markers: Sequence[Marker]) -> Any:
-    """``visualization_msgs/MarkerArray`` of one step."""
-    shared = {
-        "header": header(step, MAP_FRAME),
-        "lifetime": make_message(
-            "builtin_interfaces/msg/Duration", sec=LIFETIME_NS // 10**9, nanosec=LIFETIME_NS % 10**9
-        ),
-        "texture": make_message(
-            "sensor_msgs/msg/CompressedImage",
-            header=make_message("std_msgs/msg/Header", stamp=stamp(0), frame_id=""),
-            format="",
-            data=sequence(np.empty(0, dtype=np.uint8)),
-        ),
-        "mesh_file": make_message(
-            "visualization_msgs/msg/MeshFile", filename="", data=sequence(np.empty(0, dtype=np.uint8))
-        ),
-    }
-    return make_message(
-        "visualization_msgs/msg/MarkerArray", markers=[_to_marker(marker, shared) for marker in markers]
-    )
+_MARKER: Final = Layout(f"{STAMPED} s i i i 7d 3d 4f i I ? I I s i I s s I I s s s I ?")
+"""Behind the lifetime: no points, no colours, no texture, and behind the text no mesh."""
 
 
-def _to_marker(marker: Marker, shared: dict[str, Any]) -> Any:
-    red, green, blue, opacity = marker.colour
-    return make_message(
-        "visualization_msgs/msg/Marker",
-        ns=marker.namespace,
-        id=marker.marker_id,
-        type=int(marker.shape),
-        action=0,
-        pose=to_pose(marker.centre_m, quaternion_of_yaw(marker.yaw_rad)),
-        scale=to_vector(marker.size_m),
-        color=make_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=opacity),
-        frame_locked=False,
-        points=[],
-        colors=[],
-        texture_resource="",
-        uv_coordinates=[],
-        text=marker.text,
-        mesh_resource="",
-        mesh_use_embedded_materials=False,
-        **shared,
-    )
+def to_markers(step: int, markers: Sequence[Marker]) -> bytes:
+    """``visualization_msgs/MarkerArray`` of one step, as CDR."""
+    writer = CdrWriter()
+    writer.put(COUNT, len(markers))
+    head, nothing = stamped(step, MAP_FRAME), text("")
+    lifetime = divmod(LIFETIME_NS, NS_PER_S)
+    bare = (False, 0, 0, nothing, 0, 0, nothing, nothing, 0, 0)
+    meshless = (nothing, nothing, 0, False)
+    for marker in markers:
+        writer.put(
+            _MARKER,
+            *head,
+            text(marker.namespace),
+            *(marker.marker_id, int(marker.shape), 0),
+            *(*marker.centre_m, *quaternion_of_yaw(marker.yaw_rad), *marker.size_m),
+            *(*marker.colour, *lifetime, *bare),
+            text_once(marker.text),
+            *meshless,
+        )
+    return writer.cdr()
 
 
 def from_markers(message: Any) -> tuple[Marker, ...]:

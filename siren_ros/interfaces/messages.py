@@ -202,8 +202,10 @@ def encode_cdr(store: Typestore, topic: Topic, message: Any) -> bytes:
     """CDR of a message, padded to whole words.
 
     DDS pads a payload between processes but not within a process. A payload of whole words is the same bytes
-    everywhere. Points and pictures are copied once.
+    everywhere. Points and pictures are copied once. What ``cdr`` has written already stays as it is.
     """
+    if isinstance(message, bytes):
+        return message
     after = _BYTES_AFTER_DATA.get(topic.type_name)
     if after is None:
         return _filled(store.serialize_cdr(message, topic.type_name, little_endian=True))

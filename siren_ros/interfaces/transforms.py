@@ -8,7 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.interfaces.messages import header, make_message, time_ns_of
+from siren_ros.interfaces.cdr import COUNT, STAMPED, CdrWriter, Layout, stamped, text
+from siren_ros.interfaces.messages import make_message, time_ns_of
 from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.world.carrier import BASE_FRAME, ODOM_FRAME, Odometry
 
@@ -86,24 +87,17 @@ def from_quaternion(message: Any) -> Quaternion:
     return float(message.x), float(message.y), float(message.z), float(message.w)
 
 
-def to_tf(step: int, transforms: Sequence[Transform]) -> Any:
-    """``tf2_msgs/TFMessage`` of transforms that hold at one step."""
-    return make_message(
-        "tf2_msgs/msg/TFMessage",
-        transforms=[
-            make_message(
-                "geometry_msgs/msg/TransformStamped",
-                header=header(step, transform.parent),
-                child_frame_id=transform.child,
-                transform=make_message(
-                    "geometry_msgs/msg/Transform",
-                    translation=to_vector(transform.translation_m),
-                    rotation=to_quaternion(transform.rotation_xyzw),
-                ),
-            )
-            for transform in transforms
-        ],
-    )
+_TRANSFORM: Final = Layout(f"{STAMPED} s 3d 4d")
+
+
+def to_tf(step: int, transforms: Sequence[Transform]) -> bytes:
+    """``tf2_msgs/TFMessage`` of transforms that hold at one step, as CDR."""
+    writer = CdrWriter()
+    writer.put(COUNT, len(transforms))
+    for item in transforms:
+        places = (*item.translation_m, *item.rotation_xyzw)
+        writer.put(_TRANSFORM, *stamped(step, item.parent), text(item.child), *places)
+    return writer.cdr()
 
 
 def from_tf(message: Any) -> tuple[Transform, ...]:
@@ -144,36 +138,34 @@ def matrix_between(transforms: Sequence[Transform], parent: str, child: str) -> 
 
 _CONSTRAINED_VARIANCE: Final = 1e-6
 """Of z, roll and pitch, (1 mm)² and (1 mrad)²: the world is flat, and filters want a matrix that can be inverted."""
+_CONSTRAINED: Final = np.eye(6) * _CONSTRAINED_VARIANCE
 _PLANAR: Final = np.ix_([0, 1, 5], [0, 1, 5])
 """x, y and yaw in a covariance of x, y, z and rotations about x, y, z."""
 
 
-def to_odometry(step: int, odometry: Odometry, parent: str = ODOM_FRAME, child: str = BASE_FRAME) -> Any:
-    """``nav_msgs/Odometry``: pose and its covariance in ``parent``, velocity and its covariance in ``child``."""
-    twist = make_message(
-        "geometry_msgs/msg/Twist",
-        linear=to_vector((odometry.forward_mps, odometry.left_mps, 0.0)),
-        angular=to_vector((0.0, 0.0, odometry.yaw_rate_radps)),
-    )
-    pose = to_pose((odometry.x_m, odometry.y_m, 0.0), quaternion_of_yaw(odometry.yaw_rad))
-    return make_message(
-        "nav_msgs/msg/Odometry",
-        header=header(step, parent),
-        child_frame_id=child,
-        pose=make_message(
-            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=_to_covariance(odometry.pose_covariance)
-        ),
-        twist=make_message(
-            "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=_to_covariance(odometry.twist_covariance)
-        ),
-    )
+_ODOMETRY: Final = Layout(f"{STAMPED} s 7d 36d 6d 36d")
 
 
-def _to_covariance(planar: Floats) -> Floats:
+def to_odometry(step: int, odometry: Odometry, parent: str = ODOM_FRAME, child: str = BASE_FRAME) -> bytes:
+    """``nav_msgs/Odometry`` as CDR: pose and its covariance in ``parent``, velocity and its covariance in ``child``."""
+    writer = CdrWriter()
+    writer.put(
+        _ODOMETRY,
+        *stamped(step, parent),
+        text(child),
+        *(odometry.x_m, odometry.y_m, 0.0, *quaternion_of_yaw(odometry.yaw_rad)),
+        *_to_covariance(odometry.pose_covariance),
+        *(odometry.forward_mps, odometry.left_mps, 0.0, 0.0, 0.0, odometry.yaw_rate_radps),
+        *_to_covariance(odometry.twist_covariance),
+    )
+    return writer.cdr()
+
+
+def _to_covariance(planar: Floats) -> list[float]:
     """The 36 elements, row by row, of a covariance of three planar quantities."""
-    full = np.eye(6) * _CONSTRAINED_VARIANCE
+    full = _CONSTRAINED.copy()
     full[_PLANAR] = planar
-    return full.reshape(-1)
+    return full.ravel().tolist()
 
 
 def from_odometry(message: Any) -> tuple[int, Odometry]:

@@ -3,8 +3,9 @@
 Shapes and units stand where the arrays are used.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
+from functools import cached_property
 from typing import Any, Final, Self
 
 import numpy as np
@@ -33,6 +34,18 @@ def random_stream(seed: int, purpose: str, index: int = 0) -> np.random.Generato
     return np.random.default_rng(np.random.SeedSequence([seed, index, *purpose.encode()]))
 
 
+def chances(weights: Iterable[float]) -> Floats:
+    """Where the share of each choice ends between 0 and 1; for ``drawn``."""
+    shares = np.array([*weights])
+    ends = (shares / shares.sum()).cumsum()
+    return np.asarray(ends / ends[-1])
+
+
+def drawn(ends: Floats, rng: np.random.Generator) -> int:
+    """A choice by its chance; it takes from the generator what ``Generator.choice`` takes, and draws the same."""
+    return int(ends.searchsorted(rng.random(), side="right"))
+
+
 _ELEMENTS: Final[dict[Any, type[np.generic]]] = {
     npt.NDArray[kind]: kind  # type: ignore[valid-type] # a value, not an annotation
     for kind in (np.dtype(code).type for code in np.typecodes["All"])
@@ -51,10 +64,17 @@ class Columns:
     def __len__(self) -> int:
         return len(getattr(self, _names(type(self))[0]))
 
-    @property
+    @cached_property
     def columns(self) -> Floats:
         """All fields in declaration order, shape ``(fields, N)``, as compiled loops take them."""
         return np.array([getattr(self, name) for name in _names(type(self))], dtype=np.float64)
+
+    @classmethod
+    def of_columns(cls, columns: Floats) -> Self:
+        """The items of an array as ``columns`` gives it."""
+        made = cls(*columns)
+        made.__dict__["columns"] = columns
+        return made
 
     def select(self, rows: Flags | Rows) -> Self:
         """The items of the given rows."""

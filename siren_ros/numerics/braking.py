@@ -9,6 +9,7 @@ from typing import Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline, wrap_angle
 
 SAMPLE_M: Final = 1.0
@@ -42,13 +43,14 @@ def speed_before_mps(slower_sq: float, brake_mps2: float, way_m: float) -> float
     return math.sqrt(slower_sq + 2.0 * brake_mps2 * way_m)
 
 
-def safe_following_mps(lead_mps: Speeds, free_m: Speeds, brake_mps2: float, reaction_s: float) -> Speeds:
-    """Krauss's safe speed (1998) behind others: ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``.
+@compiled
+def safe_following_mps(lead_mps: float, free_m: float, brake_mps2: float, reaction_s: float) -> float:
+    """Krauss's safe speed (1998) behind another vehicle: ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``.
 
-    The gap is ``free_m``: the free way to each vehicle, less the gap that is kept at standstill.
+    The gap is ``free_m``: the free way to that vehicle, less the gap that is kept at standstill.
     """
     keeps = brake_mps2 * reaction_s
-    return np.asarray(np.sqrt(keeps**2 + lead_mps * lead_mps + 2.0 * brake_mps2 * free_m) - keeps)
+    return math.sqrt(keeps**2 + lead_mps * lead_mps + 2.0 * brake_mps2 * free_m) - keeps
 
 
 def curvature_1pm(path: Polyline, s_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -70,10 +72,10 @@ def bend_speeds_mps(path: Polyline, lateral_accel_mps2: float) -> Speeds:
 
 def with_braking(speeds_mps: Speeds, decel_mps2: float) -> Speeds:
     """The profile of a vehicle that brakes with ``decel_mps2`` to keep to the speeds, sample by sample."""
-    reached = speeds_mps.copy()
+    reached = speeds_mps.tolist()  # Python's own numbers are faster one by one
     for at in range(len(reached) - 2, -1, -1):
         reached[at] = min(reached[at], speed_before_mps(reached[at + 1] ** 2, decel_mps2, SAMPLE_M))
-    return reached
+    return np.array(reached)
 
 
 def squares_with_braking(squares: Speeds, brake_mps2: float, spacing_m: float) -> Speeds:

@@ -2,11 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats, Points
+from siren_ros.numerics.compiled import compiled
+
+_SAME_M: Final = 1e-6
+"""Points nearer than this are the same."""
 
 
 def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:
@@ -76,11 +81,9 @@ class Polyline:
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
             raise ValueError(f"points of shape (K, 2) are needed, not {array.shape}")
-        steps = np.linalg.norm(np.diff(array, axis=0), axis=1)
-        array = array[np.concatenate(([True], steps > 1e-6))]
+        array, arc = through_points(np.ascontiguousarray(array))
         if len(array) < 2:
             raise ValueError("a polyline needs two distinct points")
-        arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(array, axis=0), axis=1))))
         return cls(points=array, arc_m=arc)
 
     @classmethod
@@ -122,29 +125,91 @@ class Polyline:
         Before the start and past the end the first and last segments are extended.
         """
         query = np.asarray(points, dtype=np.float64)
-        start, delta = self.points[:-1], np.diff(self.points, axis=0)
-        relative = query[..., None, :] - start
-        fraction = np.einsum("...kj,kj->...k", relative, delta) / np.einsum("kj,kj->k", delta, delta)
-        low = np.zeros(len(start))
-        high = np.ones(len(start))
-        low[0], high[-1] = -np.inf, np.inf
-        fraction = np.clip(fraction, low, high)
-        miss = relative - fraction[..., None] * delta
-        best = np.argmin(np.einsum("...kj,...kj->...k", miss, miss), axis=-1)[..., None]
-        length = np.diff(self.arc_m)
-        fraction_best = np.take_along_axis(fraction, best, axis=-1)[..., 0]
-        best = best[..., 0]
-        miss_best = np.take_along_axis(miss, best[..., None, None], axis=-2)[..., 0, :]
-        d = delta[best]
-        left = (d[..., 0] * miss_best[..., 1] - d[..., 1] * miss_best[..., 0]) / length[best]
-        return self.arc_m[best] + fraction_best * length[best], left
+        places = np.empty((2, query.size // 2))
+        _project(self.points, self.arc_m, query.reshape(-1, 2), places)
+        s_m, left_m = places.reshape(2, *query.shape[:-1])
+        return s_m, left_m
 
     def cut(self, from_m: float, to_m: float) -> "Polyline":
         """The part between two arc lengths (extended straight on where they lie outside)."""
-        inside = (self.arc_m > from_m + 1e-6) & (self.arc_m < to_m - 1e-6)
-        return Polyline.through(np.concatenate((self.at([from_m]), self.points[inside], self.at([to_m]))))
+        return Polyline.through(cut_points(self.points, self.arc_m, from_m, to_m))
 
     def resampled(self, spacing_m: float) -> "Polyline":
         """The same curve through equally spaced points, at most ``spacing_m`` apart, ends kept."""
-        count = max(2, int(np.ceil(self.length_m / spacing_m)) + 1)
-        return Polyline.through(self.at(np.linspace(0.0, self.length_m, count)))
+        return Polyline(*resampled_points(self.points, self.arc_m, spacing_m))
+
+
+@compiled
+def through_points(points: Any) -> tuple[Any, Any]:
+    """Points without repeated ones, and the arc length at each, for ``Polyline.through``."""
+    kept, arc_m = np.empty((len(points), 2)), np.zeros(len(points))
+    count = 0
+    for k in range(len(points)):
+        if k > 0:
+            dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+            if np.sqrt(dx * dx + dy * dy) <= _SAME_M:
+                continue
+        kept[count, 0], kept[count, 1] = points[k, 0], points[k, 1]
+        if count > 0:
+            dx, dy = kept[count, 0] - kept[count - 1, 0], kept[count, 1] - kept[count - 1, 1]
+            arc_m[count] = arc_m[count - 1] + np.sqrt(dx * dx + dy * dy)
+        count += 1
+    return kept[:count].copy(), arc_m[:count].copy()
+
+
+@compiled
+def _point_at(points: Any, arc_m: Any, s_m: float) -> tuple[float, float]:
+    """``Polyline.at`` of one arc length."""
+    i = min(max(int(np.searchsorted(arc_m, s_m, side="right")) - 1, 0), len(points) - 2)
+    fraction = (s_m - arc_m[i]) / (arc_m[i + 1] - arc_m[i])
+    x_m, y_m = points[i, 0], points[i, 1]
+    return x_m + fraction * (points[i + 1, 0] - x_m), y_m + fraction * (points[i + 1, 1] - y_m)
+
+
+@compiled
+def cut_points(points: Any, arc_m: Any, from_m: float, to_m: float) -> Any:
+    """The points of ``Polyline.cut``."""
+    kept = np.empty((len(points) + 2, 2))
+    kept[0, 0], kept[0, 1] = _point_at(points, arc_m, from_m)
+    count = 1
+    for k in range(len(points)):
+        if from_m + _SAME_M < arc_m[k] < to_m - _SAME_M:
+            kept[count, 0], kept[count, 1] = points[k, 0], points[k, 1]
+            count += 1
+    kept[count, 0], kept[count, 1] = _point_at(points, arc_m, to_m)
+    return kept[: count + 1]
+
+
+@compiled
+def resampled_points(points: Any, arc_m: Any, spacing_m: float) -> tuple[Any, Any]:
+    """Points and arc lengths of ``Polyline.resampled``."""
+    count = max(2, int(np.ceil(arc_m[-1] / spacing_m)) + 1)
+    even, step_m = np.empty((count, 2)), arc_m[-1] / (count - 1)
+    for k in range(count):
+        even[k, 0], even[k, 1] = _point_at(points, arc_m, arc_m[-1] if k == count - 1 else k * step_m)
+    return through_points(even)
+
+
+@compiled
+def project_on(points: Any, arc_m: Any, x_m: float, y_m: float) -> tuple[float, float]:
+    """``Polyline.project`` of one point for compiled loops."""
+    last, least, s_m, left_m = len(points) - 2, np.inf, 0.0, 0.0
+    for k in range(last + 1):
+        dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        from_x, from_y = x_m - points[k, 0], y_m - points[k, 1]
+        fraction = (from_x * dx + from_y * dy) / (dx * dx + dy * dy)
+        fraction = max(fraction, 0.0) if k > 0 else fraction
+        fraction = min(fraction, 1.0) if k < last else fraction
+        miss_x, miss_y = from_x - fraction * dx, from_y - fraction * dy
+        square = miss_x * miss_x + miss_y * miss_y
+        if square < least:
+            length = arc_m[k + 1] - arc_m[k]
+            least, s_m = square, arc_m[k] + fraction * length
+            left_m = (dx * miss_y - dy * miss_x) / length
+    return s_m, left_m
+
+
+@compiled
+def _project(points: Any, arc_m: Any, queries: Any, places: Any) -> None:
+    for n in range(len(queries)):
+        places[0, n], places[1, n] = project_on(points, arc_m, queries[n, 0], queries[n, 1])

@@ -49,14 +49,15 @@ def named_params_file(parameter: str, folder: str, name_or_path: str) -> Path:
     Raises:
         InputError: No such file; names the parameter that the user set, and lists the names that there are.
     """
-    available = names_in_params(folder)
-    if name_or_path in available:
-        return params_dir() / folder / f"{name_or_path}.yaml"
     with suppress(OSError, ValueError, RuntimeError):  # a name too long, a null character, an unknown user's home
+        path = params_dir() / folder / f"{name_or_path}.yaml"
+        if name_or_path == path.stem and path.is_file():
+            return path
         path = Path(name_or_path).expanduser()
         if path.suffix in {".yaml", ".yml"} and path.is_file():
             return path
-    raise InputError(parameter, name_or_path, f"one of {', '.join(available)}, or the path of a YAML file")
+    available = ", ".join(names_in_params(folder))
+    raise InputError(parameter, name_or_path, f"one of {available}, or the path of a YAML file")
 
 
 def names_in_params(folder: str) -> tuple[str, ...]:

@@ -42,7 +42,7 @@ def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -
     Footprint centres have the shape ``(M, 2)``, headings ``(M,)``. ``hint`` is the preferred lane where a pose lies in
     several ones, NO_LANE for none, shape ``(M,)``.
     """
-    count = len(xy_m)
+    count, x_m, y_m = len(xy_m), xy_m[:, 0].copy(), xy_m[:, 1].copy()
     lane = np.full(count, NO_LANE, dtype=np.int32)
     arc, offset, cost = np.zeros(count), np.zeros(count), np.full(count, np.inf)
     for candidate in network.lanes:
@@ -50,7 +50,7 @@ def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -
             continue
         low = candidate.centre.points.min(axis=0) - candidate.width_m
         high = candidate.centre.points.max(axis=0) + candidate.width_m
-        near = np.flatnonzero(((xy_m >= low) & (xy_m <= high)).all(axis=1))
+        near = np.flatnonzero((x_m >= low[0]) & (x_m <= high[0]) & (y_m >= low[1]) & (y_m <= high[1]))
         if len(near) == 0:
             continue
         s, left = candidate.centre.project(xy_m[near])

@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO, RawIOBase
-from typing import Final
+from typing import Final, NamedTuple
 
 import zstandard
 from mcap import records as mcap
@@ -34,8 +34,7 @@ _SMALL_LEVEL: Final = 3
 """zstd's default. It makes up for what small chunks cost: together they have the size of chunks of 1 MB at level −2."""
 
 
-@dataclass(frozen=True)
-class ChannelMessage:
+class ChannelMessage(NamedTuple):
     """One message of a chunk."""
 
     channel_id: int

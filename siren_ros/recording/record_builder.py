@@ -170,7 +170,7 @@ class RecordBuilder:
         self._states.append(states)
 
     def _take_events(self, message: Any) -> None:
-        step, state_hash, events = conversions.from_events(message)
+        step, state_hash, events = self._read(conversions.from_events, message)
         self._state_hashes[step] = state_hash
         self._events.extend(events)
 

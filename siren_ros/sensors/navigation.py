@@ -11,7 +11,7 @@ import numpy as np
 
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Floats, Matrix
-from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.numerics.compiled import wrapped_rad
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.map_projection import geodetic_from_projected
 from siren_ros.roads.road_network import RoadNetwork
@@ -226,6 +226,8 @@ class WheelOdometry:
         self._gyro_bias_radps = float(draws[1]) * spec.gyro_bias_stddev_radps
         self._before: tuple[int, VehicleMotion] | None = None
         self._pose = (0.0, 0.0, 0.0)
+        self._noise_of = 0.0, np.zeros((5, 5))
+        """The last covariance of ``_noise`` and its time."""
         constants = np.diag([0.0, 0.0, 0.0, spec.scale_stddev**2, spec.gyro_bias_stddev_radps**2])
         self._covariance = constants + self._noise(STEP_S)
         """Of the errors of x, y, yaw, scale and gyro bias. At first the noise of one step: invertible."""
@@ -234,37 +236,47 @@ class WheelOdometry:
         """The estimate at a step; call it at every step."""
         spec = self._spec
         draws = sensor_generator(self._seed, "odometry", step).standard_normal(3)
-        slip_mps = draws[:2] * spec.speed_noise_stddev_mps
+        slip_mps = float(draws[0]) * spec.speed_noise_stddev_mps, float(draws[1]) * spec.speed_noise_stddev_mps
         spin_radps = self._gyro_bias_radps + float(draws[2]) * spec.gyro_noise_stddev_radps
         if self._before is not None:
             self._integrate(self._before[1], now, (step - self._before[0]) * STEP_S, slip_mps, spin_radps)
         self._before = step, now
-        velocity = self._scale * np.array([now.forward_mps, now.left_mps]) + slip_mps
-        forward_mps, left_mps = velocity.tolist()
-        twist_covariance = np.zeros((3, 3))
-        twist_covariance[:2, :2] = np.outer(velocity, velocity) * spec.scale_stddev**2
-        twist_covariance[:2, :2] += np.eye(2) * spec.speed_noise_stddev_mps**2
-        twist_covariance[2, 2] = spec.gyro_bias_stddev_radps**2 + spec.gyro_noise_stddev_radps**2
+        forward_mps, left_mps = self._scale * now.forward_mps + slip_mps[0], self._scale * now.left_mps + slip_mps[1]
+        scale, noise = spec.scale_stddev**2, spec.speed_noise_stddev_mps**2
+        spin = spec.gyro_bias_stddev_radps**2 + spec.gyro_noise_stddev_radps**2
+        both = forward_mps * left_mps * scale + 0.0  # no -0.0
+        twist_covariance = np.array(
+            [
+                [forward_mps * forward_mps * scale + noise, both, 0.0],
+                [both, left_mps * left_mps * scale + noise, 0.0],
+                [0.0, 0.0, spin],
+            ]
+        )
         twist = (forward_mps, left_mps, now.yaw_rate_radps + spin_radps)
         return Odometry(*self._pose, *twist, self._covariance[:3, :3].copy(), twist_covariance)
 
     def _integrate(
-        self, before: VehicleMotion, now: VehicleMotion, elapsed_s: float, slip_mps: Floats, spin_radps: float
+        self,
+        before: VehicleMotion,
+        now: VehicleMotion,
+        elapsed_s: float,
+        slip_mps: tuple[float, float],
+        spin_radps: float,
     ) -> None:
         """Add the increment since the step before, in the axes of that step, and propagate the covariance.
 
         P ← F P Fᵀ + Q with the Jacobian F of the motion model (Siegwart and Nourbakhsh, Introduction to Autonomous
         Mobile Robots, section 5.2.4), here with scale and gyro bias as further, constant states.
         """
-        cos, sin = np.cos(before.yaw_rad), np.sin(before.yaw_rad)
+        cos, sin = float(np.cos(before.yaw_rad)), float(np.sin(before.yaw_rad))
         east, north = now.x_m - before.x_m, now.y_m - before.y_m
-        increment = np.array([cos * east + sin * north, cos * north - sin * east])
-        ahead, left = self._scale * increment + slip_mps * elapsed_s
-        turn = float(wrap_angle(now.yaw_rad - before.yaw_rad)) + spin_radps * elapsed_s
+        ahead = self._scale * (cos * east + sin * north) + slip_mps[0] * elapsed_s
+        left = self._scale * (cos * north - sin * east) + slip_mps[1] * elapsed_s
+        turn = wrapped_rad(now.yaw_rad - before.yaw_rad) + spin_radps * elapsed_s
         x_m, y_m, yaw_rad = self._pose
-        cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-        dx, dy = float(cos * ahead - sin * left), float(sin * ahead + cos * left)
-        self._pose = x_m + dx, y_m + dy, float(wrap_angle(yaw_rad + turn))
+        cos, sin = float(np.cos(yaw_rad)), float(np.sin(yaw_rad))
+        dx, dy = cos * ahead - sin * left, sin * ahead + cos * left
+        self._pose = x_m + dx, y_m + dy, wrapped_rad(yaw_rad + turn)
         jacobian = np.eye(5)
         jacobian[0, 2:4] = -dy, dx
         jacobian[1, 2:4] = dx, dy
@@ -274,8 +286,11 @@ class WheelOdometry:
 
     def _noise(self, elapsed_s: float) -> Floats:
         """Covariance that the white noise of one increment adds, shape ``(5, 5)``."""
+        if elapsed_s == self._noise_of[0]:  # every step but the first
+            return self._noise_of[1]
         slip, spin = self._spec.speed_noise_stddev_mps * elapsed_s, self._spec.gyro_noise_stddev_radps * elapsed_s
-        return np.diag([slip**2, slip**2, spin**2, 0.0, 0.0])
+        self._noise_of = elapsed_s, np.diag([slip**2, slip**2, spin**2, 0.0, 0.0])
+        return self._noise_of[1]
 
 
 class Odometers:

@@ -101,6 +101,7 @@ class SensorRig:
         self._background = ThreadPoolExecutor(1, "sweep") if in_background and self._lidars else None
         self._cameras: tuple[Camera, ...] | None = None
         self._catalogue = Catalogue(self._shapes)
+        self._nobody = self._catalogue.place(ActorStates.empty(), {})
         self._odometers = Odometers()
         self._label_kinds = label_kinds or partial(LabelKinds.of, suite)
         self._labeller = ImageLabeller(self._shapes)
@@ -181,22 +182,20 @@ class SensorRig:
         """
         self.prepare()
         step = states.step
-        rolled_m = self._odometers.advance(states) if self.suite.cameras else np.zeros(len(states))
         hidden = NO_ACTOR if self.station is not None else carrier_id
+        rolled_m = self._odometers.advance(states)[states.actor_id != hidden] if self.suite.cameras else np.empty(0)
         motion = self._motion(states, carrier_id)
         if motion is None:
             truth = self._truth(ActorStates.empty(step), descriptions, hidden, np.eye(4), ())
             nothing = Observations(step, (), (), truth)
             return Sensing(under_way=False, finish=lambda: nothing)
         base, velocity = motion
-        seen = states if self._sees_bodies else ActorStates.empty(step)
-        placement = self._catalogue.place(seen, descriptions, hidden_id=hidden)
-        rolled_m = rolled_m[states.actor_id != hidden]
+        placement = self._catalogue.place(states, descriptions, hidden_id=hidden) if self._sees_bodies else self._nobody
         exposed = tuple(self._expose(step, base, placement, rolled_m, signals))
         swept = tuple(self._sweeps(step, base, placement, velocity))
-        view = CarrierView(states, base, _row_of(states, carrier_id))
         # Every sensor measures at every step, since some differentiate the motion.
-        measured = [(spec, measure(view)) for spec, measure in self._others]
+        view = CarrierView(states, base, _row_of(states, carrier_id)) if self._others else None
+        measured = [(spec, measure(view)) for spec, measure in self._others if view is not None]
         others = tuple(item for item in measured if step % item[0].period_steps == 0)
 
         def finish() -> Observations:

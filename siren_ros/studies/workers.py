@@ -15,14 +15,11 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from siren_ros.dynamics.fleet import FleetState
-from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import EXIT_BAD_INPUT, SirenError
 from siren_ros.generation.episode_setup import present_versions, set_up_episode
 from siren_ros.generation.recorded_episode import record_episode
-from siren_ros.interfaces.messages import json_text, typestore
+from siren_ros.interfaces.messages import json_text
 from siren_ros.numerics.units import STEP_S
-from siren_ros.params.input_files import FILES_ON_DISK
 from siren_ros.processes.process_pool import CrashError, ProcessPool
 from siren_ros.processes.side_by_side import as_ready
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeRequest
@@ -79,8 +76,8 @@ class LocalWorkers:
 
 
 def attempt_processes(count: int) -> ProcessPool:
-    """Processes for attempts at episodes; they have loaded what every episode needs."""
-    return ProcessPool(count, fresh=True, preload=__name__)
+    """Processes for attempts at episodes; they have made a short one already."""
+    return ProcessPool(count, fresh=True, preload="siren_ros.studies.ready_worker")
 
 
 def make_episode(
@@ -174,12 +171,3 @@ def attempt_episode(request: EpisodeRequest, bag: Path) -> dict[str, Any]:
         "run_s": run_s,
         "cpu_s": time.process_time() - cpu_s,
     }
-
-
-def _load() -> None:
-    """What every episode needs: loaded once in the fork server, whose children then have it."""
-    typestore()
-    FleetState.empty(load_vehicle_parameters(FILES_ON_DISK))
-
-
-_load()

@@ -5,20 +5,25 @@ An episode that breaks a check fails.
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import EpisodeError
-from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import NO_LANE, Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.traffic.config import RESIDUAL_LIMIT_M, TrafficConfig
 from siren_ros.traffic.demand.plan import TrafficPlan
 from siren_ros.traffic.sumo.readings import Readings, ahead_on_route, intent_flags, rescued_names
-from siren_ros.world.actors import ActorStates, Owner, rows_of_ids
-from siren_ros.world.traffic_state import Event, EventKind, TrafficFlags, TrafficState
+from siren_ros.world.actors import ActorStates, Owner
+from siren_ros.world.traffic_state import Event, EventKind, Indices, TrafficFlags, TrafficState
+
+_BY_SUMO: Final = int(Owner.SUMO)
+_ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 
 
 def check_residual(states: ActorStates, limit_m: float = RESIDUAL_LIMIT_M) -> None:
@@ -63,10 +68,11 @@ class CrossingWatch:
         self._last_lane[actor_id] = NO_LANE
         self._inside.pop(actor_id, None)
 
-    def elsewhere(self, actor_id: Ids, lane: npt.NDArray[np.int32]) -> Flags:
-        """Which vehicles, sorted by id, are not on the lane that they were on at the last call of ``watch``."""
+    def elsewhere(self, actor_id: Ids, lane: npt.NDArray[np.int32]) -> list[int]:
+        """Rows of vehicles, sorted by id, that are on another lane than at the last call of ``watch``."""
         self._make_room(int(actor_id[-1]) if len(actor_id) else 0)
-        return np.asarray(self._last_lane[actor_id] != lane)
+        rows: list[int] = _elsewhere(self._last_lane, actor_id, lane).tolist()
+        return rows
 
     def _make_room(self, actor_id: int) -> None:
         more = actor_id + 1 - len(self._last_lane)
@@ -107,6 +113,17 @@ class CrossingWatch:
         return None
 
 
+@compiled
+def _elsewhere(last_lane: Any, actor_id: Any, lane: Any) -> Any:
+    """Rows of vehicles that are on the road, and not on their last lanes, which are given by actor id."""
+    rows, count = np.empty(len(lane), np.intp), 0
+    for row in range(len(lane)):
+        if lane[row] != NO_LANE and lane[row] != last_lane[actor_id[row]]:
+            rows[count] = row
+            count += 1
+    return rows[:count]
+
+
 def _detail(connection: Connection, speed_mps: float, signals: Mapping[str, str]) -> dict[str, float | int | str]:
     state = signals.get(connection.signal_id or "", "")
     return {
@@ -130,42 +147,55 @@ class Reactions:
         self._device = level in config.bluelight_levels
 
     def rescued(
-        self, names: Sequence[str], readings: Readings, routes: Sequence[Sequence[int]]
+        self, names: Sequence[str], readings: Readings, route_offset: Indices, route_edges: Indices
     ) -> dict[str, list[str]]:
-        """Vehicles that react to each EMV's siren: from SUMO's device, or by its criterion where it does not run."""
+        """Vehicles that react to each EMV's siren: from SUMO's device, or by its criterion where it does not run.
+
+        ``route_offset`` and ``route_edges`` hold the edges ahead of each vehicle, as in ``TrafficState``.
+        """
         if not self._siren:
             return {emv: [] for emv in self._emvs}
         if self._device:
             return rescued_names(names, self._emvs)
-        points = np.stack((readings.x_m, readings.y_m), axis=-1)
-        present = np.array([route[0] if route else -1 for route in routes], dtype=np.int32)
         reacting: dict[str, list[str]] = {emv: [] for emv in self._emvs}
+        poses = readings.x_m, readings.y_m, readings.yaw_rad
         for emv in self._emvs:
             if emv in names:
-                row = names.index(emv)
-                yaw = float(readings.yaw_rad[row])
-                hears = ahead_on_route(points[row], yaw, routes[row], points, present, self._reach_m)
-                heard = (names[other] for other in np.flatnonzero(hears))
+                rows = ahead_on_route(names.index(emv), poses, route_offset, route_edges, self._reach_m)
+                heard = (names[other] for other in rows.tolist())
                 reacting[emv] = [name for name in heard if name not in self._emvs]
         return reacting
 
     def flags(self, names: Sequence[str], readings: Readings, rescued: Mapping[str, Sequence[str]]) -> Codes:
         """Flags of every vehicle; lane-change wishes only near an EMV."""
-        flags = np.zeros(len(names), dtype=np.uint8)
-        on_junction = (readings.lane != NO_LANE) & self._internal[readings.lane]
-        flags[on_junction] |= np.uint8(TrafficFlags.ON_JUNCTION)
+        emvs = np.array([names.index(emv) for emv in self._emvs if emv in names], np.intp)
+        points = readings.x_m, readings.y_m
+        flags, near = _junctions_and_near(readings.lane, self._internal, points, emvs, self._advice_range_m)
         reacting = {name for listed in rescued.values() for name in listed}
         if reacting:
             flags[[name in reacting for name in names]] |= np.uint8(TrafficFlags.RESCUE_LANE)
-        near = np.zeros(len(names), dtype=np.bool_)
-        for emv in self._emvs:
-            if emv in names:
-                row = names.index(emv)
-                distance = np.hypot(readings.x_m - readings.x_m[row], readings.y_m - readings.y_m[row])
-                near |= distance <= self._advice_range_m
-        for row in np.flatnonzero(near):
-            flags[row] |= np.uint8(intent_flags(names[row]))
+        for row in near.tolist():
+            intent = intent_flags(names[row])
+            if intent is not TrafficFlags.NONE:
+                flags[row] |= np.uint8(intent)
         return flags
+
+
+@compiled
+def _junctions_and_near(lane: Any, internal: Any, points: Any, emvs: Any, range_m: float) -> tuple[Any, Any]:
+    """Flags of vehicles on junctions, and the rows of all vehicles within a distance of an EMV; ``emvs`` are rows."""
+    x_m, y_m = points
+    flags = np.zeros(len(lane), np.uint8)
+    near, count = np.empty(len(lane), np.intp), 0
+    for row in range(len(lane)):
+        if lane[row] != NO_LANE and internal[lane[row]]:
+            flags[row] = _ON_JUNCTION
+        for emv in emvs:
+            if np.hypot(x_m[row] - x_m[emv], y_m[row] - y_m[emv]) <= range_m:
+                near[count] = row
+                count += 1
+                break
+    return flags, near[:count]
 
 
 def find_teleports(
@@ -186,15 +216,11 @@ def find_teleports(
     """
     reasons = dict.fromkeys(started, "sumo")
     if last is not None:
-        rows = rows_of_ids(last.actor_id, ids)
-        now_x, now_y = _fronts(readings.x_m, readings.y_m, readings.yaw_rad, lengths_m)
-        then_x, then_y = _fronts(last.sumo_x_m[rows], last.sumo_y_m[rows], last.sumo_yaw_rad[rows], lengths_m)
-        moved = np.hypot(now_x - then_x, now_y - then_y)
-        explained = np.maximum(readings.speed_mps, last.sumo_speed_mps[rows]) * STEP_S
-        stayed = (rows >= 0) & (owner == Owner.SUMO) & (last.owner[rows] == Owner.SUMO)
-        for row in np.flatnonzero(stayed & (moved > explained + jump_m)):
-            if int(ids[row]) not in moved_on_purpose:
-                reasons.setdefault(int(ids[row]), "jump")
+        now = ids, owner, readings.x_m, readings.y_m, readings.yaw_rad, readings.speed_mps
+        then = last.actor_id, last.owner, last.sumo_x_m, last.sumo_y_m, last.sumo_yaw_rad, last.sumo_speed_mps
+        for actor_id in ids[_jumped(now, then, lengths_m, jump_m)].tolist():
+            if actor_id not in moved_on_purpose:
+                reasons.setdefault(actor_id, "jump")
     if not reasons:
         return []
     row_of = {int(actor_id): row for row, actor_id in enumerate(ids)}
@@ -206,5 +232,24 @@ def find_teleports(
     return events
 
 
-def _fronts(x_m: Floats, y_m: Floats, yaw_rad: Floats, lengths_m: Floats) -> tuple[Floats, Floats]:
-    return x_m + 0.5 * lengths_m * np.cos(yaw_rad), y_m + 0.5 * lengths_m * np.sin(yaw_rad)
+@compiled
+def _jumped(now: Any, then: Any, lengths_m: Any, jump_m: float) -> Any:
+    """Rows of vehicles that SUMO owned at two steps and that have moved further than they drove.
+
+    Both steps hold ids, which are sorted, owners, poses and speeds. Lengths have the rows of the present one.
+    """
+    ids, owner, x_m, y_m, yaw_rad, speed_mps = now
+    then_ids, then_owner, then_x_m, then_y_m, then_yaw_rad, then_mps = then
+    rows, count, k = np.empty(len(ids), np.intp), 0, 0
+    for row in range(len(ids)):
+        while k < len(then_ids) and then_ids[k] < ids[row]:
+            k += 1
+        if k == len(then_ids) or then_ids[k] != ids[row] or owner[row] != _BY_SUMO or then_owner[k] != _BY_SUMO:
+            continue
+        half = 0.5 * lengths_m[row]
+        dx = x_m[row] + half * np.cos(yaw_rad[row]) - (then_x_m[k] + half * np.cos(then_yaw_rad[k]))
+        dy = y_m[row] + half * np.sin(yaw_rad[row]) - (then_y_m[k] + half * np.sin(then_yaw_rad[k]))
+        if np.hypot(dx, dy) > max(speed_mps[row], then_mps[k]) * STEP_S + jump_m:
+            rows[count] = row
+            count += 1
+    return rows[:count]

@@ -12,7 +12,8 @@ import libsumo
 import numpy as np
 
 from siren_ros.errors import EpisodeError, MapError
-from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.maps.map_compiler import CompiledMap
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
@@ -24,12 +25,13 @@ from siren_ros.traffic.sumo.caution import CautiousDrivers
 from siren_ros.traffic.sumo.driving_corrections import BendLimits, LaneContinuity, SidewaysLimits
 from siren_ros.traffic.sumo.mirror import Mirror
 from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_types_xml
-from siren_ros.traffic.sumo.readings import Readings, emv_advice, joined_rows, read_vehicles
+from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, Indices, SignalState, TrafficState
 
 _LARGEST_SEED: Final = 2**31 - 1
+_SIREN: Final = int(Lights.BEACON | Lights.SIREN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,8 @@ class _Table:
     names: tuple[str, ...]
     actor_id: Ids
     length_m: Floats
-    is_emv: Flags
+    sirens: Codes
+    """Lights that EMVs with a siren show and sound."""
 
     @classmethod
     def of(cls, reported: Mapping[int, PlannedVehicle]) -> "_Table":
@@ -50,7 +53,7 @@ class _Table:
             tuple(vehicle.name for vehicle in vehicles),
             np.array(ids, dtype=np.uint32),
             np.array([vehicle.length_m for vehicle in vehicles]),
-            np.array([vehicle.is_emv for vehicle in vehicles], dtype=np.bool_),
+            np.array([_SIREN if vehicle.is_emv else 0 for vehicle in vehicles], dtype=np.uint8),
         )
 
     @cached_property
@@ -70,7 +73,7 @@ class SumoSimulation:
 
     def __init__(
         self,
-        compiled: CompiledMap,
+        compiled_map: CompiledMap,
         network: RoadNetwork,
         plan: TrafficPlan,
         level: EmergencyLevel,
@@ -90,14 +93,17 @@ class SumoSimulation:
         self._network = network
         self._plan = plan
         self._level = level
+        self._siren = LEVEL_POLICIES[level].siren
         self._config = config or TrafficConfig()
         self._population = SumoPopulation(network, plan, self._config)
         self._mirror = Mirror(network, self._config, self._population)
-        self._sideways = SidewaysLimits()
+        self._sideways, self._bends = SidewaysLimits(), BendLimits(network)
         self._cautious = CautiousDrivers(network, self._config.caution)
         self._crossings = CrossingWatch(network)
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
+        self._keeping = frozenset(first)
+        """Vehicles that yield to nobody."""
         self._ids: dict[str, int] = {name: number for number, name in enumerate(first, start=1)}
         self._next_id = len(first) + 1
         self._reported: dict[int, PlannedVehicle] = {}
@@ -107,15 +113,14 @@ class SumoSimulation:
         self._ahead: dict[str, tuple[int, ...]] = {}
         """Edges ahead of each vehicle from there on."""
         self._table = _Table.of({})
-        self._route_rows: tuple[list[tuple[int, ...]], Indices, Indices] = ([], *joined_rows([]))
+        self._route_rows: tuple[list[tuple[int, ...]], tuple[Indices, Indices]] = [], joined_rows([])
+        self._signals: tuple[SignalState, ...] = ()
         self._gap_out = GapOut(plan.signal) if plan.signal is not None else None
         self._last: TrafficState | None = None
-        self._results: Mapping[str, dict[int, Any]] = {}
-        """SUMO's answers of the last step, by vehicle."""
+        self._continuity = LaneContinuity(network)
         try:
-            self._start(compiled, seed)
-            self._continuity = LaneContinuity(network, self._population.length_scale)
-            self._bends = BendLimits(network, self._population.length_scale)
+            self._start(compiled_map, seed)
+            self._columns = SumoColumns(network, self._population.length_scale)
             self._signal_ids = tuple(sorted(libsumo.trafficlight.getIDList()))
             self._warm_up()
         except BaseException as error:
@@ -159,23 +164,22 @@ class SumoSimulation:
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
         self._cautious.apply(self._last, self._reported)
         self._mirror.apply(states, self._reported, self._ids, self._ahead)
-        if self._last is not None:
+        if self._last is not None and self._population.civilians < self._plan.civilians:
             self._population.refill(self._emv_points(states), self._plan.civilians)
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
-        self._step_sumo()
-        removed = self._drop_departed()
-        self._mirror.check_placed()
+        removed = self._removed(self._step_sumo())
+        self._mirror.check_placed(self._columns)
         return self._state(step, states, removed)
 
-    def _start(self, compiled: CompiledMap, seed: int) -> None:
+    def _start(self, compiled_map: CompiledMap, seed: int) -> None:
         vehicles = (*self._plan.emvs, *self._plan.groups, *self._plan.background, *self._plan.reserve)
         types = vehicle_types_xml(vehicles, self._level, self._plan.response_distance_m, self._config)
         with tempfile.TemporaryDirectory(prefix="siren-") as folder:
             types_file = Path(folder) / "types.add.xml"
             types_file.write_bytes(types)
             options = {
-                "--net-file": str(compiled.net_path),
+                "--net-file": str(compiled_map.net_path),
                 "--additional-files": str(types_file),
                 "--step-length": f"{STEP_S:g}",
                 "--lateral-resolution": f"{self._config.lateral_resolution_m:g}",
@@ -189,7 +193,7 @@ class SumoSimulation:
             try:
                 libsumo.start(["sumo", *(part for pair in options.items() for part in pair)])
             except (libsumo.TraCIException, RuntimeError) as error:
-                raise MapError(str(compiled.net_path), f"a net that SUMO can load ({error})") from error
+                raise MapError(str(compiled_map.net_path), f"a net that SUMO can load ({error})") from error
         SumoSimulation._running = True
 
     def _warm_up(self) -> None:
@@ -198,21 +202,27 @@ class SumoSimulation:
         self._population.enter_background()
         for _ in range(self._plan.warm_up_steps):
             self._step_sumo()
-            self._population.drop_departed()
             self._population.refill({}, len(self._plan.background))
         self._population.enter_stage()
+        self._columns.leave_out(self._columns.row_of.keys() - self._population.vehicles.keys())
 
-    def _step_sumo(self) -> None:
-        vehicles = self._population.vehicles
-        known = {name: result for name, result in self._results.items() if name in vehicles}
-        self._sideways.apply(known, vehicles, self._mirror.places)
-        self._bends.apply(known, vehicles, self._mirror.places)
+    def _step_sumo(self) -> Sequence[str]:
+        """One step of SUMO; the vehicles that have left in it."""
+        columns, vehicles = self._columns, self._population.vehicles
+        outside = columns.which(self._mirror.places)
+        self._sideways.apply(columns, vehicles, outside)
+        self._bends.apply(columns, vehicles, outside)
         libsumo.simulationStep()
-        self._results = libsumo.vehicle.getAllSubscriptionResults()
+        departed = self._population.drop_departed()
+        columns.take(libsumo.vehicle.getAllSubscriptionResults())
+        if departed:
+            columns.leave_out(departed)
+        return departed
 
-    def _drop_departed(self) -> list[int]:
+    def _removed(self, departed: Sequence[str]) -> list[int]:
+        """Forgets vehicles; the ids of those that had one."""
         removed = []
-        for name in self._population.drop_departed():
+        for name in departed:
             self._mirror.forget(name)
             self._cautious.forget(name)
             self._reached.pop(name, None)
@@ -256,32 +266,25 @@ class SumoSimulation:
         if spawned or removed:
             self._table = _Table.of(self._reported)
         names, ids, lengths = self._table.names, self._table.actor_id, self._table.length_m
-        moved = {self._reported[actor_id].name for actor_id in self._mirror.realigned if actor_id in self._reported}
-        self._continuity.correct(self._results, {*self._mirror.places, *moved})
-        readings = read_vehicles(self._results, names, lengths, self._network, self._population.length_scale)
+        moved = [self._reported[actor_id].name for actor_id in self._mirror.realigned if actor_id in self._reported]
+        self._continuity.correct(self._columns, {*self._mirror.places, *moved})
+        rows = np.array([self._columns.row_of[name] for name in names], np.intp)
+        readings = read_vehicles(self._columns, rows, lengths, self._network.sumo_offset_m)
         self._place_mirrored(readings)
-        source = rows_of_ids(mirrored.actor_id, ids)
-        known = source >= 0
-        routes, offsets, edges = self._routes_of(names, readings.route_index.tolist())
-
-        def simulated(field: Floats, fallback: Floats) -> Floats:
-            return np.where(known, field[source], fallback) if len(field) else fallback.copy()
-
-        owner = np.where(known, mirrored.owner[source], Owner.SUMO) if len(mirrored) else np.zeros(len(ids))
-        x, y = simulated(mirrored.x_m, readings.x_m), simulated(mirrored.y_m, readings.y_m)
-        rescued = self._reactions.rescued(names, readings, routes)
-        signals = {signal: libsumo.trafficlight.getRedYellowGreenState(signal) for signal in self._signal_ids}
-        if LEVEL_POLICIES[self._level].siren:
-            readings.lights[self._table.is_emv] |= np.uint8(Lights.BEACON | Lights.SIREN)
-        speed = simulated(mirrored.speed_mps, readings.speed_mps)
-        passing_mps = np.where(owner == Owner.ROS, speed, readings.speed_mps)
-        events = self._events(step, ids, readings, lengths, passing_mps, owner.astype(np.uint8), signals)
+        poses = readings.x_m, readings.y_m, readings.yaw_rad, readings.speed_mps
+        motion = mirrored.x_m, mirrored.y_m, mirrored.yaw_rad, mirrored.vx_mps, mirrored.vy_mps
+        (x, y, yaw, speed), owner = _simulated(ids, poses, mirrored.actor_id, mirrored.owner, motion)
+        offsets, edges = self._routes_of(names, readings.route_index.tolist())
+        rescued = self._reactions.rescued(names, readings, offsets, edges)
+        signals = self._signal_states()
+        if self._siren:
+            readings.lights[:] |= self._table.sirens
         return TrafficState(
             step=step,
             spawned=spawned,
             removed=np.array(removed, dtype=np.uint32),
             actor_id=ids,
-            owner=owner.astype(np.uint8),
+            owner=owner,
             sumo_x_m=readings.x_m,
             sumo_y_m=readings.y_m,
             sumo_yaw_rad=readings.yaw_rad,
@@ -289,7 +292,7 @@ class SumoSimulation:
             sumo_accel_mps2=readings.accel_mps2,
             x_m=x,
             y_m=y,
-            yaw_rad=simulated(mirrored.yaw_rad, readings.yaw_rad),
+            yaw_rad=yaw,
             speed_mps=speed,
             lane=readings.lane,
             lane_position_m=readings.lane_position_m,
@@ -299,14 +302,20 @@ class SumoSimulation:
             route_offset=offsets,
             route_edges=edges,
             emvs=self._advice(rescued),
-            signals=tuple(SignalState(signal, state) for signal, state in signals.items()),
-            events=events,
+            signals=signals,
+            events=self._events(step, readings, owner, speed),
         )
+
+    def _signal_states(self) -> tuple[SignalState, ...]:
+        """The states of all signals; the same object where none has changed."""
+        states = [libsumo.trafficlight.getRedYellowGreenState(signal) for signal in self._signal_ids]
+        if states != [signal.state for signal in self._signals]:
+            self._signals = tuple(map(SignalState, self._signal_ids, states))
+        return self._signals
 
     def _advice(self, rescued: Mapping[str, Sequence[str]]) -> tuple[EmvAdvice, ...]:
         """SUMO's advice for every EMV on the map; the civilians that ROS drives yield."""
-        keeping = {self._plan.av, *(vehicle.name for vehicle in self._plan.emvs)}
-        yielding = self._mirror.places.keys() - keeping
+        yielding = self._mirror.places.keys() - self._keeping
         reach_m = self._config.leader_range_m
         return tuple(
             emv_advice(emv.name, self._ids, yielding, reach_m, emv.driver.driving.min_gap_m, len(rescued[emv.name]))
@@ -323,18 +332,16 @@ class SumoSimulation:
                 readings.lane_position_m[row] = place.match.position_m
                 readings.lateral_m[row] = place.match.lateral_m
 
-    def _routes_of(
-        self, names: Sequence[str], route_index: list[int]
-    ) -> tuple[list[tuple[int, ...]], Indices, Indices]:
-        """Edges ahead of each vehicle, and the same as ``joined_rows``."""
+    def _routes_of(self, names: Sequence[str], route_index: list[int]) -> tuple[Indices, Indices]:
+        """Edges ahead of each vehicle, as in ``joined_rows``."""
         places, reached = self._mirror.places, self._reached
         routes = [
             self._ahead[name] if name not in places and reached.get(name) == index else self._route_of(name, index)
             for name, index in zip(names, route_index, strict=True)
         ]
         if routes != self._route_rows[0]:
-            self._route_rows = (routes, *joined_rows(routes))
-        return self._route_rows
+            self._route_rows = routes, joined_rows(routes)
+        return self._route_rows[1]
 
     def _route_of(self, name: str, index: int) -> tuple[int, ...]:
         """Edges ahead: from SUMO's place on the route, or for a mirrored vehicle from the lane that it was matched to.
@@ -355,30 +362,44 @@ class SumoSimulation:
             self._ahead[name] = self._routes[name][max(reached, 0) :][: self._config.route_edges_ahead]
         return self._ahead[name]
 
-    def _events(
-        self,
-        step: int,
-        ids: Ids,
-        readings: Readings,
-        lengths_m: Floats,
-        speed_mps: Floats,
-        owner: Codes,
-        signals: Mapping[str, str],
-    ) -> tuple[Event, ...]:
-        """Events of the step; ``speed_mps`` is SUMO's, and for vehicles that ROS drives the simulated one."""
+    def _events(self, step: int, readings: Readings, owner: Codes, speed_mps: Floats) -> tuple[Event, ...]:
+        """Events of the step, given the simulated speeds."""
+        ids, lengths_m = self._table.actor_id, self._table.length_m
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
         jump_m, back = self._config.jump_m, self._mirror.realigned
         events: list[Event] = find_teleports(step, ids, readings, lengths_m, owner, started, back, self._last, jump_m)
-        looked_at = (readings.lane != NO_LANE) & self._crossings.elsewhere(ids, readings.lane)
+        looked_at = self._crossings.elsewhere(ids, readings.lane)
         if back:
-            looked_at |= np.isin(ids, list(back))
-        for row in np.flatnonzero(looked_at).tolist():
+            looked_at = sorted({*looked_at, *np.flatnonzero(np.isin(ids, list(back))).tolist()})
+        signals = {signal.signal_id: signal.state for signal in self._signals} if looked_at else {}
+        for row in looked_at:
             actor_id, lane = int(ids[row]), int(readings.lane[row])
             x_m, y_m = float(readings.x_m[row]), float(readings.y_m[row])
             if actor_id in back:
                 detail: dict[str, float | int | str] = {"residual_m": back[actor_id]}
                 events.append(Event(step, EventKind.REALIGNED, actor_id, x_m=x_m, y_m=y_m, detail=detail))
             if lane != NO_LANE:
-                mover = Mover(actor_id, lane, x_m, y_m, float(speed_mps[row]))
+                passing_mps = speed_mps if owner[row] == Owner.ROS else readings.speed_mps
+                mover = Mover(actor_id, lane, x_m, y_m, float(passing_mps[row]))
                 events += self._crossings.watch(step, mover, signals)
         return tuple(events)
+
+
+@compiled
+def _simulated(ids: Any, poses: Any, known: Any, known_owner: Any, motion: Any) -> tuple[Any, Any]:
+    """x, y, yaw and speed of the simulated vehicles, SUMO's ``poses`` of others, shape ``(4, N)``; and owners.
+
+    ``known`` are the ids of simulated vehicles; both kinds of ids are sorted.
+    """
+    x_m, y_m, yaw_rad, vx_mps, vy_mps = motion
+    values, owner, k = np.empty((4, len(ids))), np.zeros(len(ids), np.uint8), 0
+    for row in range(len(ids)):
+        while k < len(known) and known[k] < ids[row]:
+            k += 1
+        if k < len(known) and known[k] == ids[row]:
+            values[0, row], values[1, row], values[2, row] = x_m[k], y_m[k], yaw_rad[k]
+            values[3, row], owner[row] = np.hypot(vx_mps[k], vy_mps[k]), known_owner[k]
+        else:
+            for column in range(4):
+                values[column, row] = poses[column][row]
+    return values, owner

@@ -50,9 +50,10 @@ class VehicleCommands:
         cls, step: int, source: str, rows: Sequence[CommandRow], events: tuple[Event, ...] = ()
     ) -> "VehicleCommands":
         """The commands of some actors, sorted by id."""
-        columns = zip(*rows, strict=True) if rows else ((),) * len(COMMAND_DTYPES)
-        named = zip(COMMAND_DTYPES.items(), columns, strict=True)
-        arrays: dict[str, Any] = {name: np.array(column, dtype) for (name, dtype), column in named}
+        arrays = _NO_COMMANDS
+        if rows:
+            named = zip(COMMAND_DTYPES.items(), zip(*rows, strict=True), strict=True)
+            arrays = {name: np.array(column, dtype) for (name, dtype), column in named}
         return cls(step=step, source=source, events=events, **arrays)
 
     @classmethod
@@ -63,6 +64,7 @@ class VehicleCommands:
 
 COMMAND_DTYPES: Final = dtypes_of(VehicleCommands)
 """Array fields of VehicleCommands and their element types, in declaration order."""
+_NO_COMMANDS: Final[dict[str, Any]] = {name: np.empty(0, dtype) for name, dtype in COMMAND_DTYPES.items()}
 
 
 AV_SOURCE: Final = "av_controller"

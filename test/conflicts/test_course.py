@@ -228,9 +228,9 @@ def outlook_of(lane, front_m, turn=0.0, state="", left=0.4, **control):
     return Outlook(traffic, CourseBook(network_of_outlook(turn, **control)), HALF_LENGTH, HALF_WIDTH)
 
 
-def way_of(outlook, reach_m):
-    """Points and body of the second vehicle, which is asked for together with the first."""
-    ways = outlook.ways_of(np.array([0, 1]), np.array([5.0, reach_m]))
+def way_of(outlook):
+    """Points and body of the second vehicle."""
+    ways = outlook.ways
     return ways.points[ways.first[1] : ways.last[1]], ways.bodies[1]
 
 
@@ -238,9 +238,9 @@ def way_of(outlook, reach_m):
 def test_a_way_begins_at_the_bodys_centre_on_its_course(turn):
     outlook = outlook_of(0, 60.0, turn)
     assert outlook.centre_m(1) == pytest.approx(56.0)
-    points, body = way_of(outlook, 30.0)
+    points, body = way_of(outlook)
     assert body[:3] == pytest.approx((*rotate(np.array([56.0, 0.4]), turn), turn))
-    assert body[4:] == pytest.approx((56.0, 0.4, 30.0, 4.0, 1.2, TRACK_M))
+    assert body[4:] == pytest.approx((56.0, 0.4, 0.0, 4.0, 1.2, TRACK_M))
     np.testing.assert_allclose(points[round(150.0 / body[3])], rotate(np.array([150.0, 0.0]), turn), atol=0.6)
 
 
@@ -248,7 +248,7 @@ def test_a_way_begins_at_the_bodys_centre_on_its_course(turn):
 def test_off_the_road_the_way_is_straight_ahead_from_the_pose(turn):
     outlook = outlook_of(NO_LANE, 60.0, turn)
     assert outlook.centre_m(1) == 0.0
-    points, body = way_of(outlook, 10.0)
+    points, body = way_of(outlook)
     np.testing.assert_allclose(points[0], body[:2])
     np.testing.assert_allclose(points[5], body[:2] + 5.0 * np.array([np.cos(turn), np.sin(turn)]))
     assert outlook.rank(1, 20.0) is Rank.PRIORITY
@@ -285,9 +285,9 @@ def test_a_book_keeps_the_points_of_many_courses(network):
     ends = [
         book.along(lane, edges(edge, *[2] * number)) for number in range(60) for lane, edge in ((0, 0), (1, 0), (3, 2))
     ]
-    assert len(book._points) >= sum(len(course.points) for course in ends) > 4096
-    for course in ends:
-        np.testing.assert_array_equal(book._points[course.first : course.first + len(course.points)], course.points)
+    assert book._points.used == sum(len(course.points) for course in ends) > 4096
+    for course, (begin, end) in zip(ends, book._ends.rows[:, :2].tolist(), strict=False):
+        np.testing.assert_array_equal(book._points.rows[begin:end], course.points)
 
 
 def test_a_course_is_worked_out_once_of_outlook():
@@ -325,11 +325,16 @@ def test_a_book_that_remembers_the_last_step_gives_the_courses_of_a_new_one(step
     book = CourseBook(network)
     for step in steps:
         traffic = step_of([(actor_id, *step[actor_id]) for actor_id in sorted(step)])
-        kept, new = book.courses_of(traffic), CourseBook(network).courses_of(traffic)
+        fresh = CourseBook(network)
+        kept, new = book.courses_of(traffic), fresh.courses_of(traffic)
         assert book.courses_of(traffic) is kept
         for row in range(len(traffic)):
-            ours, theirs = (each.points[each.first[row] : each.last[row]] for each in (kept, new))
+            ours, theirs = (each.points[each.ends[0][row] : each.ends[1][row]] for each in (kept, new))
             np.testing.assert_array_equal(ours, theirs)
-            np.testing.assert_array_equal(ours, kept.courses[row].points)
+            course = book.course_of(traffic, row)
+            np.testing.assert_array_equal(ours, course.points)
             assert kept.spacing_m[row] == new.spacing_m[row]
-            assert kept.courses[row].entries == new.courses[row].entries
+            starts = [entry.start_m for entry in course.entries]
+            for each, of_book in ((kept, book), (new, fresh)):
+                rights = of_book.rights_of(each, {})
+                assert rights.start_m[rights.first[row] : rights.last[row]].tolist() == starts

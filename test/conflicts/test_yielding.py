@@ -3,14 +3,17 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.conflicts.yielding import (
     Approach,
+    Bends,
     Rank,
     YieldingConfig,
+    approach_time_s,
     fall_in_brake_mps2,
     later_brake_mps2,
     rank_inside,
@@ -52,9 +55,9 @@ def test_signs_decide_without_a_signal():
 
 
 def test_the_junction_is_left_clear_for_who_is_on_it():
-    assert rank_inside(Rank.RED) is Rank.PRIORITY
-    assert rank_inside(Rank.STOP_SIGN) is Rank.PRIORITY
-    assert rank_inside(Rank.GIVES_WAY) is Rank.GIVES_WAY
+    assert rank_inside(int(Rank.RED)) == Rank.PRIORITY
+    assert rank_inside(int(Rank.STOP_SIGN)) == Rank.PRIORITY
+    assert rank_inside(int(Rank.GIVES_WAY)) == Rank.GIVES_WAY
 
 
 @pytest.mark.parametrize(
@@ -245,14 +248,14 @@ def test_behind_a_faster_one_nobody_brakes():
 
 
 def test_without_bends_the_time_is_that_of_the_speed():
-    assert car(10.0).time_s(5.0) == pytest.approx(0.5)
+    assert approach_time_s(car(10.0), 5.0) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(("bend_s", "waits"), [(1.0, False), (4.0, True)])
 def test_who_has_a_bend_ahead_arrives_later_than_its_speed_says(bend_s, waits):
     """30 m at 10 m/s and 35 m at 10 m/s, of equal rank: without the bend the own vehicle is first."""
-    own = Approach(10.0, 10.0, 0.0, Rank.PRIORITY, lambda way_m: bend_s * way_m / 30.0)
-    assert own.time_s(30.0) == pytest.approx(max(3.0, bend_s))
+    own = Approach(10.0, 10.0, 0.0, Rank.PRIORITY, Bends(np.array([0.0, bend_s / 30.0]), 1.0, 0.0))
+    assert approach_time_s(own, 30.0) == pytest.approx(max(3.0, bend_s))
     assert (wait_for(crossing(30.0, 35.0), own, car(10.0), CONFIG) is not None) is waits
 
 

@@ -5,11 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.conflicts.zones import STEP_M, Way, Ways, _pose, _pose_after, _touches, meeting_zones
+from siren_ros.conflicts.zones import STEP_M, Way, Ways, Zone, _bounds, _pose, _pose_after, _poses, _touches, zones_of
 from siren_ros.numerics.geometry import rotate
 
 TURNS = [0.0, np.radians(30.0), np.radians(45.0), np.radians(60.0)]
 LENGTH, WIDTH = 2.25, 0.9
+
+
+def meeting_zones(own, others, pairs):
+    """The zone of each pair, None where they do not meet."""
+    return [Zone(*row[1:]) if row[0] > 0.0 else None for row in zones_of(own, others, pairs).tolist()]
 
 
 def way(start, heading, reach=60.0, turn=0.0, left=0.0, length=120.0, look=0.0):
@@ -308,3 +313,27 @@ def test_who_is_ahead_leads_although_it_will_turn_off(turn, side):
     assert zone.leads
     assert zone.other_in_m == 0.0
     assert zone.blocked_m == pytest.approx(20.0 - 2.0 * LENGTH, abs=STEP_M / 4.0)
+
+
+@given(
+    turn=st.floats(-np.pi, np.pi),
+    left=st.floats(-3.0, 3.0),
+    look=st.floats(-1.0, 1.0),
+    place=st.floats(-10.0, 150.0),
+    bend_1pm=st.floats(-0.1, 0.1),
+)
+def test_no_edge_of_a_body_comes_beyond_the_bounds_of_its_way(turn, left, look, place, bend_1pm):
+    """On circles, also before their beginning and after their end, and beside them."""
+    angles = bend_1pm * np.arange(100.0)
+    points = np.cumsum(np.stack((np.cos(angles), np.sin(angles)), axis=-1), axis=0)
+    pose = *rotate(points[min(max(int(place), 0), 99)] + left, turn), look + turn
+    ways = Ways.of([Way(rotate(points, turn), 1.0, place, left, pose, 40.0, LENGTH, WIDTH)])
+    used = np.array([0])
+    (x, y, *_), (low_x, high_x, low_y, high_y) = _poses(ways, used)[0].T, _bounds(ways, used)[0]
+    radius = np.hypot(LENGTH, WIDTH)
+    assert low_x <= x.min() - radius
+    assert x.max() + radius <= high_x
+    assert low_y <= y.min() - radius
+    assert y.max() + radius <= high_y
+    aside = np.hypot(x[0] - x, y[0] - y).max() + 20.0
+    assert max(high_x - low_x, high_y - low_y) < 2.0 * aside + 60.0

@@ -18,7 +18,7 @@ from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_g
 from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traffic_state
 from siren_ros.interfaces.episode_conversions import to_episode_description, to_episode_outcome
 from siren_ros.interfaces.measurements import to_camera_info, to_compressed_image, to_point_cloud
-from siren_ros.interfaces.messages import make_message
+from siren_ros.interfaces.messages import encode_cdr, make_message
 from siren_ros.interfaces.topics import Topic
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, quaternion_of_yaw, to_tf
 from siren_ros.numerics.units import time_ns_of_step
@@ -225,6 +225,6 @@ def write_made_bag(
     for topic, step, message in messages_of(spec, described(spec)):
         if lacking(topic.name, step):
             continue
-        cdr = bytes(store.serialize_cdr(message, topic.type_name))
+        cdr = encode_cdr(store, topic, message)
         writer.write(topic.name, topic.type_name, cdr, time_ns_of_step(step))
     return writer.finish().path

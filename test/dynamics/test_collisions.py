@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from siren_ros.dynamics.collisions import SEPARATION_GAP_M, Footprints, collide, find_contacts, overlapping
+from siren_ros.dynamics.collisions import SEPARATION_GAP_M, Footprints, any_close, collide, find_contacts, overlapping
 from siren_ros.dynamics.parameters import ParameterTable, load_vehicle_parameters
 from siren_ros.dynamics.vehicle_model import BodyState
 from siren_ros.numerics.geometry import footprint_corners, rotate, separation_m
@@ -308,3 +308,13 @@ def test_of_pairs_that_touch_those_that_overlap_are_told_by_their_rows():
     rows += [(7.9, 0.5, 0.0, 0.0, 0.0, 0.0), (50.0, 50.0, 0.0, 0.0, 0.0, 0.0)]
     assert overlapping(placed_boxes((3.0, -4.0), 0.6, *rows), ((1, 2), (1, 4), (2, 3))) == ((1, 2),)
     assert overlapping(placed_boxes((3.0, -4.0), 0.6, *rows), ()) == ()
+
+
+@pytest.mark.parametrize(("apart_m", "close"), [(SEPARATION_GAP_M - 0.01, True), (SEPARATION_GAP_M + 0.01, False)])
+@pytest.mark.parametrize("yaw", [0.0, 2.0])
+def test_boxes_are_close_within_the_gap_wherever_the_others_are(apart_m, close, yaw):
+    """Three in a row with a far one between them in the order of x; only the last two may be close."""
+    along = np.array([np.cos(yaw), np.sin(yaw)])
+    places = np.stack((0.0 * along, 30.0 * along, (34.0 + apart_m) * along, np.array([5.0, 400.0])))
+    sizes = np.full(4, 4.0), np.full(4, 2.0)
+    assert any_close(places[:, 0].copy(), places[:, 1].copy(), np.full(4, yaw), *sizes) is close

@@ -1,7 +1,7 @@
 """Actors join and leave in the middle of the rows; everything that is known of the others stays theirs."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -21,8 +21,14 @@ ROWS = {i: (10.0 * i, 50.0 * i, 0.1 * i, 3.0 * i) for i in (1, 2, 3, 4)}
 def fleet_of_three():
     """Actors 1 to 3; each field of each row has its own value."""
     fleet, _ = started(3)
-    columns = {name: np.arange(3.0) + 10.0 * place for place, name in enumerate(vars(fleet.bodies), start=1)}
-    tracked = {name: np.arange(3.0) + 200.0 * place for place, name in enumerate(vars(fleet.tracker), start=1)}
+    columns = {
+        name: np.arange(3.0) + 10.0 * place
+        for place, name in enumerate((item.name for item in fields(fleet.bodies)), start=1)
+    }
+    tracked = {
+        name: np.arange(3.0) + 200.0 * place
+        for place, name in enumerate((item.name for item in fields(fleet.tracker)), start=1)
+    }
     owner = np.array([Owner.SUMO, Owner.ROS, Owner.SUMO], np.uint8)
     return replace(
         fleet, bodies=replace(fleet.bodies, **columns), tracker=replace(fleet.tracker, **tracked), owner=owner

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import SpaceBoxes, boxes_of, from_boxes, to_boxes
 from siren_ros.interfaces.markers import (
     EMV_COLOUR,
@@ -28,7 +29,7 @@ def _truth(count):
 @pytest.mark.parametrize("count", [0, 3])
 def test_boxes_come_back(round_trip, count):
     boxes = boxes_of(_truth(count), "lidar")
-    back = from_boxes(round_trip(to_boxes(boxes)))
+    back = from_boxes(round_trip(to_boxes(boxes), topics.BOXES.type_name))
     assert (back.step, back.frame_id, back.class_names) == (4, "lidar", ("van",) * count)
     assert back.ids == (tuple("123"[:count]) or None)
     for name in ("centre_m", "size_m", "yaw_rad", "score"):
@@ -60,7 +61,7 @@ def test_markers_show_the_emv_the_yielding_and_the_rest():
 
 def test_markers_come_back(round_trip):
     markers = vehicle_markers(_states([Mode.NOMINAL, Mode.YIELD_HOLD]), {1: _actor(1, is_emv=True), 2: _actor(2)})
-    back = from_markers(round_trip(to_markers(8, markers)))
+    back = from_markers(round_trip(to_markers(8, markers), topics.MARKERS.type_name))
     assert [marker.text for marker in back] == [marker.text for marker in markers]
     for read, marker in zip(back, markers, strict=True):
         assert (read.namespace, read.marker_id, read.shape) == (marker.namespace, marker.marker_id, marker.shape)
@@ -73,11 +74,12 @@ def test_every_yielding_mode_has_a_colour_of_its_own():
     assert len({MODE_COLOURS[mode] for mode in yielding}) == len(yielding)
 
 
-def test_a_box_is_turned_as_its_vehicle_and_a_text_is_upright_above_it():
+def test_a_box_is_turned_as_its_vehicle_and_a_text_is_upright_above_it(round_trip):
     states = replace(
         _states([Mode.NOMINAL]), x_m=np.array([3.0]), y_m=np.array([-4.0]), z_m=np.array([0.5]), yaw_rad=np.array([1.2])
     )
-    box, text = to_markers(8, vehicle_markers(states, {1: _actor(1, is_emv=True)})).markers
+    drawn = to_markers(8, vehicle_markers(states, {1: _actor(1, is_emv=True)}))
+    box, text = round_trip(drawn, topics.MARKERS.type_name).markers
     centre, turn = box.pose.position, box.pose.orientation
     assert (centre.x, centre.y, centre.z) == pytest.approx((3.0, -4.0, 0.5 + 0.7))
     assert (turn.x, turn.y, turn.z, turn.w) == pytest.approx((0.0, 0.0, np.sin(0.6), np.cos(0.6)))
@@ -101,7 +103,7 @@ def test_detections_come_back(round_trip, count):
         score=random.uniform(size=count), centre_m=random.normal(size=(count, 3)),
         size_m=random.uniform(1.0, 5.0, (count, 3)), yaw_rad=random.uniform(-3.0, 3.0, count),
     )  # fmt: skip
-    back = from_boxes(round_trip(to_boxes(boxes)))
+    back = from_boxes(round_trip(to_boxes(boxes), topics.BOXES.type_name))
     assert (back.step, back.frame_id, back.class_names, back.ids) == (40, "lidar", boxes.class_names, None)
     for name in ("score", "centre_m", "size_m", "yaw_rad"):
         assert getattr(back, name) == pytest.approx(getattr(boxes, name))

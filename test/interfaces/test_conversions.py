@@ -126,8 +126,9 @@ def test_round_trip(value):
     type_name, convert = PAIRS[type(value)]
     read = READERS[type_name]
     message = convert(value)
-    assert same(read(message), value)
-    cdr = bytes(STORE.serialize_cdr(message, type_name))
+    finished = isinstance(message, bytes)
+    assert finished or same(read(message), value)
+    cdr = message if finished else bytes(STORE.serialize_cdr(message, type_name))
     assert same(read(STORE.deserialize_cdr(cdr, type_name)), value)
     as_any_ros_program_reads_it = deserialize_message(cdr, message_class(type_name))
     assert same(read(as_any_ros_program_reads_it), value)

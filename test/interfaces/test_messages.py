@@ -121,10 +121,9 @@ def test_jpegs_are_encoded_as_the_store_would(typestore, frame, jpeg):
 
 
 @pytest.mark.parametrize("step", [0, 1, 400, 123_456])
-def test_the_step_of_a_sequence_is_that_of_its_first_element(typestore, step):
+def test_the_step_of_a_sequence_is_that_of_its_first_element(step):
     transform = Transform("map", "base", (1.0, 2.0, 3.0), quaternion_of_yaw(0.5))
-    message = to_tf(step, [transform, transform])
-    assert step_of_cdr(topics.TF, bytes(typestore.serialize_cdr(message, topics.TF.type_name))) == step
+    assert step_of_cdr(topics.TF, to_tf(step, [transform, transform])) == step
 
 
 def test_foreign_bytes_are_refused_by_the_topics_name(typestore):
@@ -166,6 +165,12 @@ TRUTH = GroundTruth(step=STEP, carrier_id=9, frame_id=FRAME, **ones(GROUND_TRUTH
 PICTURE = CameraTruth(step=STEP, **ones(CAMERA_TRUTH_DTYPES))
 STATES = ActorStates(step=STEP, **ones(ACTOR_STATE_DTYPES))
 ACTOR = ActorDescription(1, "v1", ActorClass.SEDAN, 4.6, 1.8, 1.4, (51, 102, 204), is_emv=True)
+
+
+def read(topic, cdr):
+    return decode_cdr(messages.typestore(), topic, cdr)
+
+
 MESSAGES = {
     "audio": measurements.to_audio(AudioChunk(STEP, FRAME, 16_000, np.zeros(4, np.int16))),
     "picture": measurements.to_image(STEP, FRAME, np.zeros((2, 2), np.uint8)),
@@ -173,13 +178,15 @@ MESSAGES = {
     "camera": measurements.to_camera_info(STEP, FRAME, CameraIntrinsics(8, 6, 3.0, 3.0, 4.0, 3.0)),
     "imu": measurements.to_imu(ImuSample(STEP, FRAME, np.zeros(3), np.zeros(3), 0.0, 0.0)),
     "fix": measurements.to_nav_sat_fix(GnssFix(STEP, FRAME, 49.0, 8.0, 1.0, np.ones(3))),
-    "odometry": to_odometry(STEP, Odometry(*[0.0] * 6, np.eye(3), np.eye(3)), FRAME, "base"),
+    "odometry": read(topics.ODOMETRY, to_odometry(STEP, Odometry(*[0.0] * 6, np.eye(3), np.eye(3)), FRAME, "base")),
     "labels in space": to_ground_truth(TRUTH),
-    "boxes in space": to_boxes(boxes_of(TRUTH, FRAME)),
+    "boxes in space": read(topics.BOXES, to_boxes(boxes_of(TRUTH, FRAME))),
     "labels of a picture": to_camera_truth(PICTURE, FRAME),
     "boxes in a picture": to_image_boxes(PICTURE, FRAME),
-    "transform": to_tf(STEP, (Transform(FRAME, "child", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),)).transforms[0],
-    "box": to_boxes(boxes_of(TRUTH, FRAME)).detections[0],
+    "transform": read(topics.TF, to_tf(STEP, [Transform(FRAME, "child", (0.0,) * 3, (0.0, 0.0, 0.0, 1.0))])).transforms[
+        0
+    ],
+    "box": read(topics.BOXES, to_boxes(boxes_of(TRUTH, FRAME))).detections[0],
     "box in a picture": to_image_boxes(PICTURE, FRAME).detections[0],
 }
 
@@ -195,7 +202,7 @@ def test_a_message_has_the_time_of_its_step_and_the_frame(name):
 
 
 def test_markers_have_the_time_of_their_step():
-    markers = to_markers(STEP, vehicle_markers(replace(STATES, step=STEP), {1: ACTOR})).markers
+    markers = read(topics.MARKERS, to_markers(STEP, vehicle_markers(replace(STATES, step=STEP), {1: ACTOR}))).markers
     drawn = [marker for marker in markers if marker.action == 0]
     assert drawn
     assert {time_of(marker) for marker in drawn} == {(1, 350_000_000)}

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
+from siren_ros.interfaces.topics import ODOMETRY, TF
 from siren_ros.interfaces.transforms import (
     Transform,
     from_odometry,
@@ -45,7 +46,7 @@ def test_transforms_come_back(round_trip):
         Transform("map", "base_link", (1.0, -2.0, 0.5), quaternion_of_yaw(0.3)),
         Transform("base_link", "lidar", (0.0, 0.0, 1.93), (0.0, 0.0, 0.0, 1.0)),
     )
-    message = round_trip(to_tf(3, transforms))
+    message = round_trip(to_tf(3, transforms), TF.type_name)
     assert (from_tf(message), message.transforms[0].header.stamp.nanosec) == (transforms, 150_000_000)
 
 
@@ -66,7 +67,7 @@ def test_transforms_are_chained_through_the_frames_between():
 def test_odometry_comes_back_with_its_time(round_trip):
     pose = np.array([[4.0, 0.1, 0.2], [0.1, 5.0, 0.3], [0.2, 0.3, 6.0]])
     odometry = Odometry(1.0, 2.0, -2.5, 13.9, -0.1, 0.2, pose, 0.1 * pose)
-    message = round_trip(to_odometry(41, odometry, "av/odom", "av/base_link"))
+    message = round_trip(to_odometry(41, odometry, "av/odom", "av/base_link"), ODOMETRY.type_name)
     time_ns, back = from_odometry(message)
     assert time_ns == 41 * 50_000_000
     assert (message.header.frame_id, message.child_frame_id) == ("av/odom", "av/base_link")

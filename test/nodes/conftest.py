@@ -1,6 +1,7 @@
 """Episodes run as a user runs them: the program cosim in a process of its own, with its own DDS domain."""
 
 import signal
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 from faulty_episodes import Episode, Start
 from live_episodes import Domain, Run, finish, wait_until
 
-DOMAIN = Domain()
+DOMAIN = Domain(subprocess.Popen)
 FAULTY_DOMAIN = Domain()
 
 

@@ -9,8 +9,10 @@ import time
 import uuid
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from live_episodes import Domain, without_waiting
+from preloaded_programs import PreloadedProgram
 
 from siren_ros.recording.bag_reader import read_episode
 
@@ -36,7 +38,14 @@ class Episode:
     """A running episode with its processes and its bag."""
 
     def __init__(
-        self, domain: Domain, folder: Path, *parameters: str, sensors: str = "none", prelude: str = "", **popen: object
+        self,
+        domain: Domain,
+        folder: Path,
+        *parameters: str,
+        sensors: str = "none",
+        prelude: str = "",
+        programs: "type[subprocess.Popen[Any]]" = PreloadedProgram,
+        **popen: object,
     ) -> None:
         self.folder = folder
         self.domain = domain
@@ -46,7 +55,7 @@ class Episode:
         self._out = folder / "out.txt"
         self._err = folder / "err.txt"
         with self._out.open("w") as out, self._err.open("w") as err:
-            self.process = subprocess.Popen(  # type: ignore[call-overload] # further arguments of the test's
+            self.process = programs(  # type: ignore[call-overload] # further arguments of the test's
                 [sys.executable, *program, "--ros-args", *flags],
                 env={**domain.environment, TAG: self.tag},
                 cwd=folder,

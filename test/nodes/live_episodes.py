@@ -11,9 +11,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import pytest
 from dds_domains import own_domain
+from preloaded_programs import PreloadedProgram
 from program_output import own_lines
 from repository import REPOSITORY
 
@@ -45,6 +47,10 @@ class Run:
 class Domain:
     """Where programs hear each other; no other test's programs are there."""
 
+    def __init__(self, programs: "type[subprocess.Popen[Any]]" = PreloadedProgram) -> None:
+        """``programs`` starts them: ``subprocess.Popen`` as users do."""
+        self._programs = programs
+
     @cached_property
     def number(self) -> int:
         return own_domain()
@@ -61,7 +67,7 @@ class Domain:
 
     def start(self, *arguments: str, cwd: Path | None = None) -> "subprocess.Popen[str]":
         """A Python program with pipes for its output."""
-        return subprocess.Popen(
+        return self._programs(
             [sys.executable, *arguments],
             env=self.environment,
             cwd=cwd,

@@ -1,12 +1,13 @@
 """Nodes that write files wait for an episode when they run alone with their defaults: they write nothing before it."""
 
 import signal
+import subprocess
 from contextlib import ExitStack
 from pathlib import Path
 
 from live_episodes import Domain, finish
 
-DOMAIN = Domain()
+DOMAIN = Domain(subprocess.Popen)
 NODES = ("recorder", "kitti_exporter", "detector")
 WAIT_FOR_NODES = """
 import sys, time

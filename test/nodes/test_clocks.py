@@ -1,6 +1,7 @@
 """Every stamp of every topic of a live episode is the simulated time of the step that made the message."""
 
 import json
+import subprocess
 from dataclasses import astuple
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from siren_ros.sensor_messages.sensor_topics import AV, recorded_topics, suite_t
 from siren_ros.sensors.camera.renderer import DrawingContext, RendererUnavailableError
 from siren_ros.sensors.suite import load_suite
 
-DOMAIN = Domain()
+DOMAIN = Domain(subprocess.Popen)
 STEPS = 30
 CAMERA = """
 cameras:

@@ -64,7 +64,7 @@ def test_who_waits_is_told_for_what_and_may_stop_before_the_first_step(start: St
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_before_anything_is_loaded(number: signal.Signals, start: Start) -> None:
-    episode = start()
+    episode = start(programs=subprocess.Popen)
     episode.wait_until_it_catches(signal.SIGTERM)
     episode.process.send_signal(number)
     assert episode.process.wait(90.0) == 1
@@ -168,7 +168,7 @@ def test_a_file_that_may_not_grow_is_named(start: Start) -> None:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, 4_000_000))
 
-    episode = start("realtime_factor:=0.0", sensors="lidar", preexec_fn=limit)
+    episode = start("realtime_factor:=0.0", sensors="lidar", programs=subprocess.Popen, preexec_fn=limit)
     episode.wait_until_recorded()
     episode.fault(lambda: None)
     episode.wait_until_gone(20.0)

@@ -1,6 +1,7 @@
 """Programs of others: those that take part in the lockstep are waited for, those that listen change nothing."""
 
 import signal
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -59,7 +60,8 @@ def test_listeners_change_nothing_also_when_they_hang(
     assert heard.code == 0, heard.err
 
 
-def test_a_participant_hears_every_step(domain: Domain, alone: dict[str, str], suite: str, tmp_path: Path) -> None:
+def test_a_participant_hears_every_step(alone: dict[str, str], suite: str, tmp_path: Path) -> None:
+    domain = Domain(subprocess.Popen)
     with (
         domain.episode(*short(suite, "external:=[my_stack]"), cwd=tmp_path) as episode,
         domain.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,

@@ -1,6 +1,7 @@
 """A predictor in the loop: its topic is recorded in lockstep and scored like a file."""
 
 import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from siren_ros.judging.verify import verify_episode
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.scenario.episode import EpisodeRequest
 
-DOMAIN = Domain()
+DOMAIN = Domain(subprocess.Popen)
 PREDICTOR = str(EXAMPLES / "live_predictor.py")
 STEPS = 190
 JUDGED = ("predictor:=my_predictor", "sensors:=none", "bag:=bag")

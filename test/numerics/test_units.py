@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from siren_ros.numerics import units
-from siren_ros.numerics.arrays import random_stream
+from siren_ros.numerics.arrays import chances, drawn, random_stream
 
 
 def test_never_lies_longer_before_a_start_than_an_episode_lasts():
@@ -49,3 +49,12 @@ def test_a_stream_depends_on_seed_purpose_and_index_alone():
     assert len({tuple(first(*key)) for key in keys}) == len(keys)
     assert first(3, "demand") == first(3, "demand", 0)
     assert np.mean(random_stream(1, "mean").random(10_000)) == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("weights", [(1.0,), (0.3, 0.0, 0.7), (5.0, 1.0, 2.5, 0.1), tuple(range(1, 30))])
+def test_choices_by_weight_are_those_of_numpy_and_take_as_much_from_the_generator(weights):
+    own, numpys = random_stream(7, "choice"), random_stream(7, "choice")
+    shares = np.array(weights) / np.sum(weights)
+    ends = chances(weights)
+    assert [drawn(ends, own) for _ in range(300)] == [numpys.choice(len(weights), p=shares) for _ in range(300)]
+    assert own.random() == numpys.random()

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.transforms import Transform
+from siren_ros.interfaces.messages import decode_cdr, typestore
+from siren_ros.interfaces.transforms import Transform, from_tf
 from siren_ros.sensor_messages.mounted_suite import TrailingSensing
 from siren_ros.sensor_messages.sensor_topics import AV, EMV, Carrier, row_of_carrier
 from siren_ros.sensors.rig import Observations, Sensing
@@ -134,7 +135,8 @@ def test_both_carriers_begin_before_either_is_waited_for():
     assert log == [("begin", 4)] * 2 + [("finish", 4)] * 2 + [("messages", 4)] * 2
     by_carrier = ["/emv/odom", "/av/odom", "/emv/ground_truth", "/av/ground_truth"]
     assert [topic.name for topic, _ in published] == ["/tf", "/siren/markers", *by_carrier]
-    assert [frame.child_frame_id for frame in published[0][1].transforms] == ["base_link", "av/base_link"]
+    frames = from_tf(decode_cdr(typestore(), topics.TF, published[0][1]))
+    assert [frame.child for frame in frames] == ["base_link", "av/base_link"]
 
 
 @pytest.mark.parametrize("trails", [False, True])

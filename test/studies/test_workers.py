@@ -12,7 +12,7 @@ from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.episode_row import Status
 from siren_ros.studies.matrix import PlannedEpisode, Study, plan_study
 from siren_ros.studies.study_folder import LocalFolder
-from siren_ros.studies.workers import LocalWorkers, WorkerOptions, make_episode
+from siren_ros.studies.workers import LocalWorkers, WorkerOptions, attempt_processes, make_episode
 
 PLANNED = PlannedEpisode("S2_L2_seed3", "S2_L2", EpisodeRequest("S2", "L2", 3), -1, "ab" * 32)
 
@@ -72,3 +72,11 @@ def test_a_study_that_is_stopped_leaves_no_row_of_what_was_under_way(tmp_path: P
     rows.close()
     assert not (tmp_path / "episodes" / endless[0].group).exists()
     assert not list(tmp_path.glob(".work/*"))
+
+
+LOOPS = "sum(bool(getattr(loop, 'signatures', 0)) for loop in vars(__import__('sys').modules['{}']).values())"
+
+
+def test_processes_of_attempts_begin_with_their_loops_at_hand() -> None:
+    with attempt_processes(1) as pool:
+        assert pool.call(eval, LOOPS.format("siren_ros.dynamics.vehicle_model")) > 0

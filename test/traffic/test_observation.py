@@ -26,6 +26,7 @@ from siren_ros.traffic.observation import (
     check_residual,
     find_teleports,
 )
+from siren_ros.traffic.sumo.readings import joined_rows
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import Event, EventKind, TrafficFlags
 
@@ -239,7 +240,7 @@ def listening(routes: list[list[int]], x_m: list[float]) -> list[str]:
     count = len(x_m)
     there: Any = SimpleNamespace(x_m=np.array(x_m), y_m=np.zeros(count), yaw_rad=np.zeros(count))
     names = ["emv0", *(f"car{number}" for number in range(1, count))]
-    return reactions_to("emv0", config=WITHOUT_DEVICE).rescued(names, there, routes)["emv0"]
+    return reactions_to("emv0", config=WITHOUT_DEVICE).rescued(names, there, *joined_rows(routes))["emv0"]
 
 
 def test_who_is_ahead_on_the_emvs_route_within_reach_hears_it() -> None:
@@ -254,7 +255,7 @@ def test_a_vehicle_without_a_route_is_on_nobodys_way() -> None:
 def test_an_emv_on_the_way_of_another_one_is_none_that_makes_way() -> None:
     reactions = reactions_to("emv0", "emv1", config=WITHOUT_DEVICE)
     there: Any = SimpleNamespace(x_m=np.array([0.0, 10.0, 20.0]), y_m=np.zeros(3), yaw_rad=np.zeros(3))
-    reacting = reactions.rescued(["emv0", "emv1", "car"], there, [[0, 1]] * 3)
+    reacting = reactions.rescued(["emv0", "emv1", "car"], there, *joined_rows([[0, 1]] * 3))
     assert reacting == {"emv0": ["car"], "emv1": ["car"]}
 
 

@@ -17,7 +17,7 @@ from siren_ros.traffic.observation import CrossingWatch
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo.mirror import LaneMatch, Place
 from siren_ros.traffic.sumo.population import route_id
-from siren_ros.traffic.sumo.readings import joined_rows
+from siren_ros.traffic.sumo.readings import SumoColumns, joined_rows
 from siren_ros.world.actors import ActorClass, ActorStates, Lights, Owner
 from siren_ros.world.traffic_state import Event, EventKind
 
@@ -83,6 +83,7 @@ class Stage:
             "population": SimpleNamespace(
                 vehicles={name: planned(name) for name in (EMV, AV, CAR)},
                 length_scale=defaultdict(lambda: 1.0),
+                civilians=1,
                 drop_departed=lambda: self.departed,
                 refill=lambda points, civilians: self.refills.append((dict(points), civilians)),
             ),
@@ -91,7 +92,7 @@ class Stage:
                 realigned={},
                 forget=lambda name: self.forgotten.append(("mirror", name)),
                 apply=lambda *_: None,
-                check_placed=lambda: None,
+                check_placed=lambda _columns: None,
             ),
             "cautious": SimpleNamespace(
                 forget=lambda name: self.forgotten.append(("cautious", name)), apply=lambda *_: None
@@ -103,15 +104,19 @@ class Stage:
                 rescued=lambda names, *_: {EMV: [name for name in names if name == CAR]},
                 flags=lambda names, *_: np.zeros(len(names), np.uint8),
             ),
-            "continuity": SimpleNamespace(correct=lambda _results, moved: self.corrected.append(set(moved))),
+            "continuity": SimpleNamespace(correct=lambda _columns, moved: self.corrected.append(set(moved))),
             "signal_ids": ("J",),
             "ids": {EMV: 1, AV: 2},
             "next_id": 3,
             "gap_out": None,
             "last": None,
             "table": simulation_module._Table.of({}),
-            "route_rows": ([], *joined_rows([])),
-            **{name: {} for name in ("reported", "routes", "reached", "ahead", "results")},
+            "route_rows": ([], joined_rows([])),
+            "columns": SumoColumns(NETWORK, defaultdict(lambda: 1.0)),
+            "siren": True,
+            "keeping": {EMV, AV},
+            "signals": (),
+            **{name: {} for name in ("reported", "routes", "reached", "ahead")},
         }
         for name, value in parts.items():
             setattr(simulation, f"_{name}", value)
@@ -227,7 +232,7 @@ def test_whoever_was_brought_back_is_told_and_not_corrected_again(stage: Stage) 
 
 
 def is_elsewhere(stage: Stage, actor_id: int, lane: int) -> bool:
-    return bool(stage.private._crossings.elsewhere(np.array([actor_id], np.uint32), np.array([lane], np.int32))[0])
+    return stage.private._crossings.elsewhere(np.array([actor_id], np.uint32), np.array([lane], np.int32)) == [0]
 
 
 def test_everything_of_a_vehicle_that_leaves_is_forgotten(stage: Stage) -> None:

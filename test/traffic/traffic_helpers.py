@@ -3,7 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import libsumo
 import numpy as np
 import pytest
 from repository import SHARED
@@ -17,6 +19,7 @@ from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.plan import TrafficPlan, load_drivers
+from siren_ros.traffic.sumo.readings import SUBSCRIBED, SumoColumns
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates
 
 TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"
@@ -55,6 +58,21 @@ def plan_s2(network: RoadNetwork, seed: int = 0, warm_up_s: float = 5.0) -> tupl
     template = replace(load_template("S2"), warm_up_s=warm_up_s)
     site = require_site(network, template.site_kind)
     return plan_traffic(network, site, template, seed, load_drivers(), DIMENSIONS), template
+
+
+def columns_of(
+    results: Mapping[str, Mapping[int, Any]], network: RoadNetwork, scale: Mapping[str, float]
+) -> SumoColumns:
+    """SUMO's results as columns; what a test leaves out is 0, and nowhere."""
+    columns = SumoColumns(network, scale)
+    columns.take({name: WITHOUT | result for name, result in results.items()})
+    return columns
+
+
+WITHOUT: Mapping[int, Any] = dict.fromkeys(SUBSCRIBED, 0) | {
+    libsumo.VAR_POSITION: (0.0, 0.0),
+    libsumo.VAR_LANE_ID: "",
+}
 
 
 def states_of(step: int, rows: list[dict[str, float]]) -> ActorStates:

@@ -5,7 +5,6 @@ next to a shoulder on which an EMV comes stays where it is if the shoulder is fr
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -35,6 +34,7 @@ from siren_ros.behaviour.paths.lane_path import (
 )
 from siren_ros.behaviour.paths.tracked_path import PEAK_CURVATURE, TrackedPath, blend_length_m, path_onto
 from siren_ros.numerics.braking import braking_distance_m
+from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
@@ -118,7 +118,7 @@ def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
     if road_lane_of(network, lane) == NO_LANE:
         return defer(unit, ego, Refusal.JUNCTION.value)
     shoulder = emv_takes_shoulder(ego, lane, unit.emv_id)
-    unit = replace(unit, side=unit.side or (1 if shoulder else alignment_of(network, lane)))
+    unit = changed(unit, side=unit.side or (1 if shoulder else alignment_of(network, lane)))
     if shoulder and ego.speed_mps < config.stays_below_mps and _leaves_shoulder_free(ego, lane):
         started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=unit.side, lane=lane)
         return _hold_now(unit, ego, offset_in_lane(ego, lane)[0], partial=False).preceded_by(started)
@@ -127,7 +127,7 @@ def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
     if path is None or stop > path.length_m + config.length_min_m:
         return defer(unit, ego, Refusal.NO_ROOM.value)
     navigator = NavigatorState().following(path, *ego.place)
-    unit = replace(unit, phase=Mode.YIELD_PULL_OVER, deferred="", stopped_steps=0, navigator=navigator)
+    unit = changed(unit, phase=Mode.YIELD_PULL_OVER, deferred="", stopped_steps=0, navigator=navigator)
     started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=unit.side, lane=lane)
     return _drive(unit, ego).preceded_by(started)
 
@@ -225,7 +225,7 @@ def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     reached = off_edge_m <= (config.reached_m if settled else config.at_edge_m)
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     if stopped != unit.stopped_steps:
-        unit = replace(unit, stopped_steps=stopped)
+        unit = changed(unit, stopped_steps=stopped)
     going_on = makes_room(unit, ego) and not unit.navigator.done
     comes_straight = abs(turned) > config.straight_rad and stopped == 0 and not unit.navigator.done
     if reached and aligned and not going_on and not comes_straight:
@@ -234,7 +234,7 @@ def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
         return _hold_now(unit, ego, offset, partial=True)
     ends = unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0)
     if ends and (extended := pull_over_path(unit, ego, lane)) is not None:
-        unit = replace(unit, navigator=unit.navigator.following(extended, *ego.place))
+        unit = changed(unit, navigator=unit.navigator.following(extended, *ego.place))
     return _drive(unit, ego)
 
 
@@ -245,13 +245,13 @@ def hold(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     goes_on = _looks(unit, ego) and may_go_on(unit, ego, lane := lane_of(unit, ego))
     if goes_on and (path := pull_over_path(unit, ego, lane)) is not None:
         navigator = unit.navigator.following(path, *ego.place)
-        unit = replace(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
+        unit = changed(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
         return _drive(unit, ego)
     return YieldStep(unit, _braked(unit, ego))
 
 
 def _hold_now(unit: YieldUnit, ego: Ego, offset_m: float, partial: bool) -> YieldStep:
-    unit = replace(unit, phase=Mode.YIELD_HOLD, partial=partial)
+    unit = changed(unit, phase=Mode.YIELD_HOLD, partial=partial)
     held = yield_event(unit, ego, EventKind.YIELD_HELD, side=unit.side, offset_m=offset_m, partial=int(partial))
     return YieldStep(unit, _braked(unit, ego), (held,))
 
@@ -278,4 +278,4 @@ def _drive(unit: YieldUnit, ego: Ego) -> YieldStep:
         config = ego.world.room_navigator
     target_mps = ego.config.pull_over.creep_mps if close else ego.world.speeds.civilian_pull_over_mps
     navigator, command, _ = navigate(unit, ego, target_mps, config)
-    return YieldStep(replace(unit, navigator=navigator), command)
+    return YieldStep(changed(unit, navigator=navigator), command)

@@ -1,7 +1,6 @@
 """After a yield: the navigator leads the vehicle back to its lane before SUMO takes over."""
 
 import math
-from dataclasses import replace
 
 from siren_ros.behaviour.driving.civilian_unit import (
     YieldStep,
@@ -17,6 +16,7 @@ from siren_ros.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.tracked_path import blend_length_m, path_onto
 from siren_ros.conflicts.yielding import Rank, rank_of
+from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Mode
@@ -29,7 +29,7 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     A driver who stands over the stop line of a red light waits for green first.
     """
     if stands_over_red_line(ego):
-        return YieldStep(replace(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0), FULL_BRAKE)
+        return YieldStep(changed(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0), FULL_BRAKE)
     lane = lane_of(unit, ego)
     if lane == NO_LANE or _straight(ego, lane, ego.config.yielding.rejoin_offset_m):
         return _hand_back(unit, ego)
@@ -45,7 +45,7 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     path = path_onto(reference, ego.pose, length, navigator_config, offset_m=offset, shorten_m=shorten)
     navigator = NavigatorState().following(path, *ego.place)
     side = 1 if left < 0.0 else -1
-    return rejoin(replace(unit, phase=Mode.REJOIN, navigator=navigator, stopped_steps=0, side=side), ego)
+    return rejoin(changed(unit, phase=Mode.REJOIN, navigator=navigator, stopped_steps=0, side=side), ego)
 
 
 def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
@@ -59,7 +59,7 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     if blocked or unit.navigator.done or lane == NO_LANE or _straight(ego, lane, config.rejoin_offset_m):
         return _hand_back(unit, ego)
     navigator, command, _ = navigate(unit, ego, config.rejoin_speed_mps, ego.config.civilian_navigator)
-    return YieldStep(replace(unit, navigator=navigator, stopped_steps=stopped), command)
+    return YieldStep(changed(unit, navigator=navigator, stopped_steps=stopped), command)
 
 
 def stands_over_red_line(ego: Ego) -> bool:

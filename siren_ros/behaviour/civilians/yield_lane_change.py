@@ -3,7 +3,6 @@
 A driver who finds no gap makes one, by falling back or drawing ahead in the present lane.
 """
 
-from dataclasses import replace
 from enum import IntEnum
 from typing import Final
 
@@ -34,6 +33,7 @@ from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
 from siren_ros.behaviour.paths.tracked_path import on_reference
 from siren_ros.numerics.braking import braking_distance_m
+from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE
@@ -61,13 +61,13 @@ def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
     lane = lane_of(unit, ego)
     target = neighbour_lane(ego.network, lane, unit.side)
     if unit.navigator.remaining_m < max(stop, config.yielding.seek_room_m) or target == NO_LANE:
-        return YieldStep(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
+        return YieldStep(changed(unit, navigator=NavigatorState(), seek=Seek.NOT))
     gaps = gaps_in_lane(ego, target)
     limit = ego.network.lanes[lane].speed_limit_mps
     again = (ego.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
     if unit.seek == Seek.NOT or again:
         seek = choose_seek(gaps, gaps_in_lane(ego, lane), refusal, config.yielding, limit)
-        unit = replace(unit, seek=seek, deferred=refusal.value)
+        unit = changed(unit, seek=seek, deferred=refusal.value)
     return drive(unit, ego, seek_speed_mps(Seek(unit.seek), gaps, config.yielding, limit))
 
 
@@ -108,7 +108,7 @@ def _with_path(unit: YieldUnit, ego: Ego) -> YieldUnit:
         return unit
     reference = ego.line_along(ego.lane, ego.config.yielding.seek_ahead_m, 2.0, civilian=True, through_junctions=False)
     path = on_reference(reference, ego.navigator_config, stop_at_end=True, shorten_m=ego.half_length_m + 1.0)
-    return replace(unit, navigator=NavigatorState().following(path, *ego.place))
+    return changed(unit, navigator=NavigatorState().following(path, *ego.place))
 
 
 def start_lane_change(unit: YieldUnit, ego: Ego) -> YieldStep:
@@ -131,7 +131,7 @@ def start_lane_change(unit: YieldUnit, ego: Ego) -> YieldStep:
     path = lane_change_path(query, reference, stop_at_end=True)
     navigator, side = NavigatorState().following(path, *ego.place), query.side
     phase = Mode.YIELD_LANE_CHANGE
-    unit = replace(unit, phase=phase, side=side, change_step=ego.step, deferred="", seek=0, navigator=navigator)
+    unit = changed(unit, phase=phase, side=side, change_step=ego.step, deferred="", seek=0, navigator=navigator)
     started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=side, from_lane=lane, to_lane=query.target)
     return drive(unit, ego, speed).preceded_by(started)
 
@@ -156,8 +156,8 @@ def defer(unit: YieldUnit, ego: Ego, reason: str) -> YieldStep:
     events: tuple[Event, ...] = ()
     if unit.phase is not Mode.YIELD_DEFERRED:
         events = (yield_event(unit, ego, EventKind.YIELD_DEFERRED, reason=reason),)
-        unit = replace(unit, deferred_step=ego.step)
-    waiting = replace(unit, phase=Mode.YIELD_DEFERRED, deferred=reason, navigator=NavigatorState(), seek=0)
+        unit = changed(unit, deferred_step=ego.step)
+    waiting = changed(unit, phase=Mode.YIELD_DEFERRED, deferred=reason, navigator=NavigatorState(), seek=0)
     return YieldStep(waiting, None, events)
 
 
@@ -173,13 +173,13 @@ def _wait_for_gap(unit: YieldUnit, ego: Ego, refusals: list[tuple[int, Refusal]]
         return defer(unit, ego, next(telling, Refusal.NO_LANE).value)
     side, refusal = next(((s, r) for s, r in in_the_way if s == unit.side), in_the_way[0])
     if unit.phase is not Mode.YIELD_DEFERRED:
-        return defer(replace(unit, side=side), ego, refusal.value)
+        return defer(changed(unit, side=side), ego, refusal.value)
     config = ego.config.yielding
     waited = ego.step - unit.deferred_step - steps_from_s(config.seek_after_s)
     seeks, pauses = steps_from_s(config.seek_for_s), steps_from_s(config.seek_pause_s)
     if waited < 0 or (waited % (seeks + pauses) >= seeks and not _has_it_soon(unit, ego, side)):
-        return YieldStep(replace(unit, side=side, deferred=refusal.value, navigator=NavigatorState(), seek=0))
-    return seek_gap(replace(unit, side=side), ego, refusal)
+        return YieldStep(changed(unit, side=side, deferred=refusal.value, navigator=NavigatorState(), seek=0))
+    return seek_gap(changed(unit, side=side), ego, refusal)
 
 
 def _has_it_soon(unit: YieldUnit, ego: Ego, side: int) -> bool:
@@ -194,7 +194,7 @@ def _has_it_soon(unit: YieldUnit, ego: Ego, side: int) -> bool:
 def drive(unit: YieldUnit, ego: Ego, target_mps: float) -> YieldStep:
     """One step along the planner's path."""
     navigator, command, _ = navigate(unit, ego, target_mps, ego.config.civilian_navigator)
-    return YieldStep(replace(unit, navigator=navigator), command)
+    return YieldStep(changed(unit, navigator=navigator), command)
 
 
 def change_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
@@ -202,13 +202,13 @@ def change_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     lane = lane_of(unit, ego)
     if entered_lane(ego, lane):
         done = yield_event(unit, ego, EventKind.YIELD_COMPLETED, lane=lane)
-        kept = replace(unit, phase=Mode.YIELD_KEEP_LANE, navigator=NavigatorState(), off_path_steps=0)
+        kept = changed(unit, phase=Mode.YIELD_KEEP_LANE, navigator=NavigatorState(), off_path_steps=0)
         return YieldStep(kept, None, (done,))
     ended = unit.navigator.done and standing(ego)
     if release_reason(emv) or ended:
         reason = "lane_ended" if ended and not emv.passed else release_reason(emv)
         cancelled = yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=reason)
-        return rejoin(replace(unit, phase=Mode.REJOIN, stopped_steps=0), ego).preceded_by(cancelled)
+        return rejoin(changed(unit, phase=Mode.REJOIN, stopped_steps=0), ego).preceded_by(cancelled)
     return drive(unit, ego, 0.0 if _others_come(ego, lane) else yield_speed_mps(ego, lane))
 
 
@@ -229,9 +229,9 @@ def keep_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
         reason = release_reason(emv) or "emv_gone"
         return YieldStep(None, None, (yield_event(unit, ego, EventKind.YIELD_RELEASED, reason=reason),))
     followed = unit.in_lane_steps + 1 if emv.on_path else 0
-    unit = replace(unit, in_lane_steps=followed, off_path_steps=0 if emv.on_road else unit.off_path_steps + 1)
+    unit = changed(unit, in_lane_steps=followed, off_path_steps=0 if emv.on_road else unit.off_path_steps + 1)
     if followed < steps_from_s(ego.config.yielding.followed_s):
         return YieldStep(unit)
     asked = yield_event(unit, ego, EventKind.YIELD_REQUESTED, reason="emv_followed")
-    again = replace(unit, phase=Mode.YIELD_REACTING, react_step=ego.step, in_lane_steps=0, off_path_steps=0)
+    again = changed(unit, phase=Mode.YIELD_REACTING, react_step=ego.step, in_lane_steps=0, off_path_steps=0)
     return YieldStep(again, None, (asked,))

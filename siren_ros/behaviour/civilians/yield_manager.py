@@ -1,9 +1,10 @@
 """The civilians' per-step yield control (paper, Algorithm 2): who notices an EMV, and what each one does about it."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -25,11 +26,12 @@ from siren_ros.behaviour.driving.navigator import DriveCommand
 from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, Ego, StepView, Surroundings
 from siren_ros.behaviour.paths.lane_path import lanes_along
 from siren_ros.numerics.arrays import Flags, Floats, Ids
+from siren_ros.numerics.changed import changed
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
-from siren_ros.scenario.interaction_region import in_region
 from siren_ros.scenario.paper import CivilianResponse, ControlConstants
-from siren_ros.world.actors import Lights, Mode, Owner, rows_of_ids
+from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.commands import CommandRow, VehicleCommands
 from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
@@ -83,15 +85,41 @@ def way_from_emv_m(view: StepView, emv_row: int, starts_m: Floats) -> Floats:
     ``starts_m`` says where each lane starts, measured from the start of the EMV's lane (``EmvRoad.lane_start_m``).
     """
     traffic = view.traffic
-    start = np.where(traffic.lane >= 0, starts_m[traffic.lane], np.inf)
-    rear = start + traffic.lane_position_m - 2.0 * view.seen.half_length_m
-    return np.asarray(rear - traffic.lane_position_m[emv_row], dtype=np.float64)
+    return cast("Floats", _ways_from(traffic.lane, traffic.lane_position_m, view.seen.bodies, starts_m, emv_row))
+
+
+@compiled
+def _ways_from(lane: Any, front_m: Any, bodies: Any, starts_m: Any, emv_row: int) -> Any:
+    way_m = np.full(len(lane), np.inf)
+    for n in range(len(lane)):
+        if lane[n] >= 0:
+            way_m[n] = starts_m[lane[n]] + front_m[n] - 2.0 * bodies[6, n] - front_m[emv_row]
+    return way_m
 
 
 def region_members(seen: Surroundings, emv_row: int, before: Ids, constants: ControlConstants) -> Ids:
     """Ids of the civilians in an EMV's interaction region, by those of the step before (``in_region``), both sorted."""
-    distance = np.hypot(seen.x_m - seen.x_m[emv_row], seen.y_m - seen.y_m[emv_row])
-    return seen.actor_id[in_region(distance, rows_of_ids(before, seen.actor_id) >= 0, constants) & ~seen.is_emv]
+    distances = constants.region_enter_m, constants.region_leave_m
+    return seen.actor_id[_in_region(seen.bodies, seen.actor_id, seen.is_emv, emv_row, before, distances)]
+
+
+@compiled
+def _in_region(bodies: Any, actor_id: Any, is_emv: Any, emv_row: int, before: Any, distances: Any) -> Any:
+    """Which actors are the civilians in an EMV's region."""
+    (enter_m, leave_m), inside = distances, np.zeros(len(actor_id), np.bool_)
+    for n in range(len(actor_id)):
+        distance = np.hypot(bodies[0, n] - bodies[0, emv_row], bodies[1, n] - bodies[1, emv_row])
+        if is_emv[n] or distance > leave_m:
+            continue
+        at = np.searchsorted(before, actor_id[n])
+        inside[n] = distance < enter_m or (at < len(before) and before[at] == actor_id[n])
+    return inside
+
+
+@compiled
+def _may_notice(way_m: Any, bodies: Any, is_emv: Any) -> Any:
+    """Rows of the civilians on an EMV's way that it has not passed."""
+    return np.flatnonzero(np.isfinite(way_m) & ~is_emv & (way_m > -2.0 * bodies[6]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,10 +138,12 @@ class _EmvScene:
     """One EMV at one step, with the distance from it to every vehicle."""
 
     row: int
-    members: Ids
-    way_m: Floats
+    members: frozenset[int]
+    candidates: list[int]
+    """Rows of the civilians that may notice it."""
+    way_m: list[float]
     """Along the lanes that the EMV will drive on (L2) or any lane of its road (L3); infinite elsewhere."""
-    on_road: Flags
+    on_road: list[bool]
 
 
 def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) -> tuple[YieldState, VehicleCommands]:
@@ -123,18 +153,18 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
         The next state, and one row per civilian in any phase of a yield: owned by ROS while the navigator drives,
         by SUMO while the driver reacts, waits for a gap or keeps its new lane.
     """
-    actors = state.actors.updated(traffic)
     if world.policy.response is CivilianResponse.NOMINAL:
-        return YieldState(actors=actors), VehicleCommands.empty(traffic.step, SOURCE)
-    view = StepView(world, traffic, Surroundings.seen(traffic, actors, world.courses), actors)
+        return YieldState(actors=state.actors.updated(traffic)), VehicleCommands.empty(traffic.step, SOURCE)
+    view = world.view(traffic, state.actors)
     regions, scenes = _regions(state, view)
     units, drivers = dict(state.units), dict(state.drivers)
     events = _notice(units, drivers, scenes, view)
     rows: list[CommandRow] = []
     left: dict[int, YieldUnit] = {}
-    ids = np.array(sorted(units), dtype=np.uint32)
-    for actor_id, row in zip(ids.tolist(), rows_of_ids(traffic.actor_id, ids).tolist(), strict=True):
-        if row < 0:
+    present = traffic.actor_id.tolist()
+    for actor_id in sorted(units):
+        row = bisect_left(present, actor_id)
+        if row == len(present) or present[row] != actor_id:
             continue
         outcome = _step_unit(units[actor_id], view.ego(row), scenes)
         events.extend(outcome.events)
@@ -142,7 +172,9 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
             left[actor_id] = outcome.unit
             if outcome.unit.phase is not Mode.NOMINAL:
                 rows.append(_command_row(outcome.unit, outcome.command))
-    return YieldState(left, drivers, regions, actors), VehicleCommands.of(traffic.step, SOURCE, rows, tuple(events))
+    return YieldState(left, drivers, regions, view.actors), VehicleCommands.of(
+        traffic.step, SOURCE, rows, tuple(events)
+    )
 
 
 def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad | None, Ids]], dict[int, _EmvScene]]:
@@ -150,7 +182,7 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad
     regions: dict[int, tuple[EmvRoad | None, Ids]] = {}
     scenes: dict[int, _EmvScene] = {}
     whole_road = view.world.policy.response is CivilianResponse.PULL_OVER
-    for row in np.flatnonzero(seen.is_emv).tolist():
+    for row in seen.is_emv.nonzero()[0].tolist():
         emv_id = int(seen.actor_id[row])
         road_before, known = state.regions.get(emv_id, (None, np.empty(0, dtype=np.uint32)))
         road = EmvRoad.ahead_of(view.ego(row), road_before)
@@ -159,8 +191,9 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad
         if road is None:
             continue
         way = way_from_emv_m(view, row, road.road_start_m if whole_road else road.lane_start_m)
-        on_road = np.where(lane >= 0, road.on_road[view.world.edge_of_lane[lane]], False)
-        scenes[emv_id] = _EmvScene(row, members, way, on_road)
+        on_road = road.on_road[view.world.edge_of_lane[lane]] & (lane >= 0)
+        near = frozenset(members.tolist()), _may_notice(way, seen.bodies, seen.is_emv).tolist()
+        scenes[emv_id] = _EmvScene(row, *near, way.tolist(), on_road.tolist())
     return regions, scenes
 
 
@@ -171,11 +204,9 @@ def _notice(
     world, seen = view.world, view.seen
     events: list[Event] = []
     for emv_id, scene in scenes.items():
-        candidates = np.isfinite(scene.way_m) & ~seen.is_emv
-        candidates &= (scene.way_m > -2.0 * seen.half_length_m) & (seen.actor_id != world.av_id)
-        for row in np.flatnonzero(candidates).tolist():
+        for row in scene.candidates:
             actor_id = int(seen.actor_id[row])
-            if actor_id in units:
+            if actor_id in units or actor_id == world.av_id:
                 continue
             if actor_id not in drivers:
                 drivers[actor_id] = draw_driver(world.preset, world.seed, actor_id)
@@ -185,7 +216,7 @@ def _notice(
             phase = Mode.NOMINAL if driver.compliance is Compliance.NEVER else Mode.YIELD_REACTING
             unit = YieldUnit(actor_id, emv_id, driver, view.step + steps_from_s(driver.delay_s), phase)
             units[actor_id] = unit
-            detail = {"way_m": float(scene.way_m[row]), "compliance": driver.compliance.value}
+            detail = {"way_m": scene.way_m[row], "compliance": driver.compliance.value}
             events.append(yield_event(unit, view.ego(row), EventKind.YIELD_REQUESTED, **detail))
     return events
 
@@ -196,7 +227,7 @@ def _step_unit(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> Yield
         return YieldStep(None if release_reason(emv) else unit)
     waits = not emv.passed and emv_waits_behind(ego, emv.row)
     if waits or unit.emv_waits_steps:
-        unit = replace(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
+        unit = changed(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
     return _PHASES.get(unit.phase, _before_start)(unit, ego, emv)
 
 
@@ -204,7 +235,7 @@ def _before_start(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Reacting or deferred: cancelled if there is nobody left to yield to, otherwise started once the driver reacts."""
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
     if off_path != unit.off_path_steps:
-        unit = replace(unit, off_path_steps=off_path)
+        unit = changed(unit, off_path_steps=off_path)
     grace = steps_from_s(ego.config.yielding.off_path_grace_s)
     reason = release_reason(emv) or ("off_path" if off_path > grace else "")
     if reason:
@@ -234,8 +265,8 @@ def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
         row=scene.row,
         passed=emv_fully_passed(ego, scene.row),
         in_region=unit.actor_id in scene.members or _responds(unit, ego, scene.row),
-        on_path=bool(np.isfinite(way) and way > -2.0 * ego.half_length_m),
-        on_road=bool(scene.on_road[ego.row]),
+        on_path=math.isfinite(way) and way > -2.0 * ego.half_length_m,
+        on_road=scene.on_road[ego.row],
     )
 
 

@@ -5,13 +5,14 @@ levels)"): a yield ends when the EMV has fully passed.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from siren_ros.behaviour.driving.navigator import DriveCommand, NavigatorState
 from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.lane_path import lane_heading
 from siren_ros.numerics.arrays import random_stream
+from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import NEVER
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.scenario.presets import DriverPreset
@@ -110,7 +111,7 @@ class YieldStep:
 
     def preceded_by(self, *events: Event) -> "YieldStep":
         """The same with events that happened before its own."""
-        return replace(self, events=(*events, *self.events))
+        return changed(self, events=(*events, *self.events))
 
 
 def yield_event(unit: YieldUnit, ego: Ego, kind: EventKind, **detail: float | str) -> Event:

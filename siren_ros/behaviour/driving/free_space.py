@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -95,8 +95,7 @@ def clearances_m(
     return np.asarray(gap.min(axis=-1, initial=np.inf), dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class SpeedLimit:
+class SpeedLimit(NamedTuple):
     """How fast one may drive, how hard one must brake, and for whom."""
 
     speed_mps: float = math.inf

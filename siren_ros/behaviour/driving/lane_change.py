@@ -3,14 +3,17 @@
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from siren_ros.behaviour.config import LaneChangeConfig
 from siren_ros.behaviour.driving.step_view import Ego
-from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
+from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, nearest_on_line, neighbour_lane
 from siren_ros.behaviour.paths.tracked_path import PEAK_CURVATURE, TrackedPath, blend_length_m, path_onto
 from siren_ros.numerics.braking import braking_distance_m
+from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.geometry import project_on
 from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.actors import NO_ACTOR
@@ -69,8 +72,7 @@ class LaneChangeQuery:
         return max(config.length_min_m, sharp, config.duration_s * speed, steerable)
 
 
-@dataclass(frozen=True)
-class LaneGaps:
+class LaneGaps(NamedTuple):
     """Free way to the vehicles in a lane, from bumper to bumper; infinite where there is none."""
 
     front_m: float
@@ -83,23 +85,38 @@ class LaneGaps:
 
 def gaps_in_lane(ego: Ego, lane: int) -> LaneGaps:
     """Gaps of a vehicle to those ahead and behind in any lane; negative while it is alongside one."""
-    seen = ego.seen
-    rows = ego.near(ego.config.lane_change.gap_range_m)
-    ego_s, _, heading = ego.place_on(lane)
-    s, left = ego.network.lanes[lane].centre.project(np.column_stack((seen.x_m[rows], seen.y_m[rows])))
-    turned = seen.yaw_rad[rows] - heading
-    cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-    side = cos * seen.half_width_m[rows] + sin * seen.half_length_m[rows]
-    inside = (np.abs(left) - side < ego.half_width_m + 0.1) & (cos > 0.5)
-    rows, s = rows[inside], s[inside]
-    if len(rows) == 0:
+    centre, seen = ego.network.lanes[lane].centre, ego.seen
+    front, rear, *gaps = _gaps(centre.points, centre.arc_m, seen.bodies, ego.row, ego.config.lane_change.gap_range_m)
+    if front < 0:
         return LaneGaps(math.inf, 0.0, math.inf, 0.0)
-    gap = np.abs(s - ego_s) - seen.half_length_m[rows] - ego.half_length_m
-    front, rear = np.where(s >= ego_s, gap, np.inf), np.where(s < ego_s, gap, np.inf)
-    f, r = int(np.argmin(front)), int(np.argmin(rear))
-    front_id = int(seen.actor_id[rows[f]]) if math.isfinite(front[f]) else NO_ACTOR
-    front_mps, rear_mps = seen.speed_mps[rows[[f, r]]].tolist()
-    return LaneGaps(float(front[f]), front_mps, float(rear[r]), rear_mps, front_id)
+    front_id = int(seen.actor_id[front]) if gaps[0] < math.inf else NO_ACTOR
+    return LaneGaps(gaps[0], float(seen.speed_mps[front]), gaps[1], float(seen.speed_mps[rear]), front_id)
+
+
+@compiled
+def _gaps(points: Any, arc_m: Any, bodies: Any, row: int, range_m: float) -> tuple[int, int, float, float]:
+    """Rows of the vehicles ahead and behind in a lane, the first of all where there is none, and the gaps; −1 alone."""
+    x_m, y_m, half_length_m, half_width_m = bodies[0, row], bodies[1, row], bodies[6, row], bodies[7, row]
+    own_s_m, _, heading = nearest_on_line(points, arc_m, x_m, y_m)
+    front, rear, front_m, rear_m = -1, -1, np.inf, np.inf
+    for other in range(bodies.shape[1]):
+        dx, dy = bodies[0, other] - x_m, bodies[1, other] - y_m
+        if other == row or dx * dx + dy * dy >= range_m * range_m:
+            continue
+        turned = bodies[2, other] - heading
+        cos, sin = abs(np.cos(turned)), abs(np.sin(turned))
+        s_m, left_m = project_on(points, arc_m, bodies[0, other], bodies[1, other])
+        side = cos * bodies[7, other] + sin * bodies[6, other]
+        if abs(left_m) - side >= half_width_m + 0.1 or cos <= 0.5:
+            continue
+        if front < 0:
+            front = rear = other
+        gap = abs(s_m - own_s_m) - bodies[6, other] - half_length_m
+        if s_m >= own_s_m and gap < front_m:
+            front, front_m = other, gap
+        if s_m < own_s_m and gap < rear_m:
+            rear, rear_m = other, gap
+    return front, rear, front_m, rear_m
 
 
 def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, target_mps: float, config: LaneChangeConfig) -> Refusal | None:

@@ -12,8 +12,8 @@ SUMO's car-following model; ``traffic`` limits them further, in this order:
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
@@ -32,15 +32,19 @@ from siren_ros.behaviour.driving.navigator import (
     steer_along,
 )
 from siren_ros.behaviour.driving.step_view import Ego
+from siren_ros.behaviour.paths.curve import nearest_point
 from siren_ros.behaviour.paths.lane_path import neighbour_lane
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
-from siren_ros.conflicts.yielding import Rank, rank_of
-from siren_ros.numerics.arrays import Flags, Floats, Rows
-from siren_ros.numerics.braking import braking_distance_m, safe_following_mps, speed_before_mps
+from siren_ros.conflicts.yielding import Rank
+from siren_ros.numerics.arrays import Flags, Rows
+from siren_ros.numerics.braking import braking_distance_m, safe_following_mps
+from siren_ros.numerics.changed import changed
+from siren_ros.numerics.compiled import compiled
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import NO_ACTOR, Mode
 
 UNLIMITED: Final = SpeedLimit()
+_RED: Final = int(Rank.RED)
 _SIDEWAYS_MODES: Final = frozenset({Mode.YIELD_PULL_OVER, Mode.REJOIN})
 
 
@@ -102,22 +106,37 @@ def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     In the corridor and during a gap escape the passage limit stands in its place.
     """
     path, config, seen = unit.navigator.path, ego.config.anticipation, ego.seen
-    rows = ego.near(ego.world.constants.leader_query_m)
-    if path is None or len(rows) == 0 or unit.between:
+    if path is None or unit.between:
         return UNLIMITED
-    s, left, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
-    turned = seen.yaw_rad[rows] - path.curve.heading_rad[nearest]
-    cos, sin = np.cos(turned), np.sin(turned)
-    half_length, half_width = seen.half_length_m[rows], seen.half_width_m[rows]
-    reach = np.abs(cos) * half_length + np.abs(sin) * half_width
-    gap = s - reach - unit.navigator.progress_m - ego.half_length_m
-    inside = np.abs(sin) * half_length + np.abs(cos) * half_width + ego.half_width_m + config.side_margin_m
-    overlap = inside - np.abs(left)
-    ahead = (cos > config.along_cosine) & (overlap > 0.0) & (gap > 0.0) & (s < path.length_m)
-    leaving = (seen.speed_mps[rows] * sin * np.sign(left))[ahead]
-    allowed = approach_speed_mps(gap[ahead], (seen.speed_mps[rows] * cos)[ahead], overlap[ahead], leaving, config)
-    least = min(float(allowed.min(initial=np.inf)), _needed_lane_mps(unit, ego))
+    own = ego.row, unit.navigator.progress_m, ego.world.constants.leader_query_m, config.side_margin_m
+    alone, allowed = _anticipated(seen.bodies, path.curve.line, own, config.along_cosine, _approach_limits(config))
+    if alone:
+        return UNLIMITED
+    least = min(allowed, _needed_lane_mps(unit, ego))
     return _eased_off(least, ego.speed_mps, config.ease_off_mps2, ego.config.emv.navigator)
+
+
+@compiled
+def _anticipated(bodies: Any, line: Any, own: Any, along_cosine: float, limits: Any) -> tuple[bool, float]:
+    """Whether nobody is near, and the least of ``approach_speed_mps`` towards those ahead on a path."""
+    points, heading_rad, _, spacing_m = line
+    row, progress_m, around_m, side_margin_m = own
+    alone, least = True, np.inf
+    for other in range(bodies.shape[1]):
+        dx, dy = bodies[0, other] - bodies[0, row], bodies[1, other] - bodies[1, row]
+        if other == row or dx * dx + dy * dy >= around_m * around_m:
+            continue
+        alone = False
+        s_m, left_m, nearest = nearest_point(line, bodies[0, other], bodies[1, other], 0, len(points))
+        turned = bodies[2, other] - heading_rad[nearest]
+        cos, sin, speed = np.cos(turned), np.sin(turned), bodies[5, other]
+        gap = s_m - (abs(cos) * bodies[6, other] + abs(sin) * bodies[7, other]) - progress_m - bodies[6, row]
+        inside = abs(sin) * bodies[6, other] + abs(cos) * bodies[7, other] + bodies[7, row] + side_margin_m
+        overlap = inside - abs(left_m)
+        if cos > along_cosine and overlap > 0.0 and gap > 0.0 and s_m < spacing_m * (len(points) - 1):
+            leaving = speed * sin * np.sign(left_m)
+            least = min(least, approach_speed_mps(gap, speed * cos, overlap, leaving, limits))
+    return alone, least
 
 
 def _eased_off(limit_mps: float, speed_mps: float, ease_off_mps2: float, config: NavigatorConfig) -> SpeedLimit:
@@ -132,25 +151,29 @@ def _needed_lane_mps(unit: EmvUnit, ego: Ego) -> float:
     gaps = gaps_in_lane(ego, target) if target != NO_LANE else None
     if gaps is None or not 0.0 < gaps.front_m < math.inf:
         return math.inf
-    gap, lead, overlap, leaving = np.array([[gaps.front_m], [gaps.front_mps], [1.0], [0.0]])
-    return float(approach_speed_mps(gap, lead, overlap, leaving, ego.config.anticipation)[0])
+    return approach_speed_mps(gaps.front_m, gaps.front_mps, 1.0, 0.0, _approach_limits(ego.config.anticipation))
 
 
-def approach_speed_mps(
-    gap_m: Floats, lead_mps: Floats, overlap_m: Floats, leaving_mps: Floats, config: AnticipationConfig
-) -> Floats:
-    """Speed towards each vehicle ahead.
+def _approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
+    gaps = config.standstill_gap_m, config.brake_mps2, config.headway_s
+    return *gaps, config.leaving_min_mps, config.leaving_mps
+
+
+@compiled
+def approach_speed_mps(gap_m: float, lead_mps: float, overlap_m: float, leaving_mps: float, limits: Any) -> float:
+    """Speed towards a vehicle ahead; ``limits`` are fields of ``AnticipationConfig``.
 
     The speed is Krauss's safe speed with a gentle deceleration. A vehicle that leaves the path sideways, with
     ``leaving_mps``, may be approached faster: with the mean speed that brings the EMV to the standstill gap behind it
     at the moment at which it has left. ``overlap_m`` is by how much it still overlaps the way of the EMV, ``gap_m`` the
     way from bumper to bumper.
     """
-    free = np.maximum(gap_m - config.standstill_gap_m, 0.0)
-    safe = safe_following_mps(lead_mps, free, config.brake_mps2, config.headway_s)
-    time_s = np.maximum(overlap_m / config.leaving_mps, config.headway_s)
-    cleared = np.where(leaving_mps > config.leaving_min_mps, lead_mps + free / time_s, 0.0)
-    return np.maximum(safe, cleared)
+    standstill_gap_m, brake_mps2, headway_s, leaving_min_mps, mean_leaving_mps = limits
+    free = max(gap_m - standstill_gap_m, 0.0)
+    safe = safe_following_mps(lead_mps, free, brake_mps2, headway_s)
+    if leaving_mps <= leaving_min_mps:
+        return max(safe, 0.0)
+    return max(safe, lead_mps + free / max(overlap_m / mean_leaving_mps, headway_s))
 
 
 def entry_limit(ego: Ego) -> SpeedLimit:
@@ -165,13 +188,19 @@ def entry_limit(ego: Ego) -> SpeedLimit:
     outlook, config = ego.seen.outlook, ego.world.junction_entry
     if outlook is None:
         return UNLIMITED
-    front = outlook.front_m(ego.row)
-    limit = math.inf
-    for entry in outlook.course(ego.row).entries:
-        ahead = entry.start_m - front
-        if ahead > 0.0 and rank_of(entry.connection, outlook.signals) is Rank.RED:
-            limit = min(limit, speed_before_mps(config.speed_mps**2, config.brake_mps2, ahead))
+    limit = _red_light_mps(outlook.ways, outlook.rights, ego.row, config.speed_mps**2, config.brake_mps2)
     return _eased_off(limit, ego.speed_mps, config.ease_off_mps2, ego.config.emv.navigator)
+
+
+@compiled
+def _red_light_mps(ways: Any, rights: Any, row: int, entry_sq: float, brake_mps2: float) -> float:
+    """Speed from which a vehicle comes to the red lights ahead with a speed of that square; infinite without one."""
+    limit = np.inf
+    for at in range(rights.first[row], rights.last[row]):
+        ahead = rights.start_m[at] - (ways.bodies[row, 4] + ways.bodies[row, 7])
+        if ahead > 0.0 and rights.rank[at] == _RED:
+            limit = min(limit, math.sqrt(entry_sq + 2.0 * brake_mps2 * ahead))
+    return limit
 
 
 @dataclass(frozen=True)
@@ -242,7 +271,7 @@ def navigate(
     state, speed = unit.navigator, ego.speed_mps
     if state.path is None:
         pedals = press_pedals(speed, 0.0, 0.0, 0.0, ego.vehicle, config)
-        return replace(state, integral_mps2=0.0), DriveCommand(0.0, pedals.brake, 0.0, False), NO_ACTOR
+        return changed(state, integral_mps2=0.0), DriveCommand(0.0, pedals.brake, 0.0, False), NO_ACTOR
     progress, left = state.path.curve.nearest_to(state.progress_m, *ego.place)
     drive = Drive(unit, ego, state.path, progress, target_mps, config)
     limits = [mechanism.limit(drive) for mechanism in mechanisms]

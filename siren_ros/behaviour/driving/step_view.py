@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import cast
 
 import numpy as np
@@ -53,6 +53,7 @@ class ActorTable:
         )
 
     @classmethod
+    @cache
     def empty(cls) -> "ActorTable":
         """No actors yet."""
         return cls.of({})
@@ -83,6 +84,16 @@ class Surroundings:
     outlook: Outlook | None = None
     """Where everybody will go; straight on without it."""
 
+    @cached_property
+    def bodies(self) -> Floats:
+        """x, y, yaw, its cosine and sine, speed, half length and half width, and the speed's square, shape ``(9, N)``.
+
+        The square is as Python's ``v**2`` gives it.
+        """
+        poses, motion = (self.x_m, self.y_m, self.yaw_rad, self.cos, self.sin), self.speed_mps
+        squares = np.power(motion, np.full(len(motion), 2.0))
+        return np.array((*poses, motion, self.half_length_m, self.half_width_m, squares))
+
     @classmethod
     def seen(cls, traffic: TrafficState, table: ActorTable, book: CourseBook | None = None) -> "Surroundings":
         """The actors of a step, with an outlook on where they go where the courses of the map are given.
@@ -90,7 +101,7 @@ class Surroundings:
         Raises:
             KeyError: an actor of the step was never described.
         """
-        if len(table.actor_id) == len(traffic) and np.array_equal(table.actor_id, traffic.actor_id):
+        if len(table.actor_id) == len(traffic) and (table.actor_id == traffic.actor_id).all():
             rows: npt.NDArray[np.intp] | slice = slice(None)
         else:
             rows = rows_of_ids(table.actor_id, traffic.actor_id)
@@ -150,7 +161,7 @@ class BehaviourWorld:
         """How EMVs drive at this level: how early they count with crossing vehicles, how close they follow."""
         emv, horizon_s = self.config.emv, self.preset.attention.emv_horizon_s
         conflicts = emv.navigator.conflicts
-        nearer = replace(conflicts, horizon_s=min(conflicts.horizon_s, horizon_s))
+        nearer = conflicts._replace(horizon_s=min(conflicts.horizon_s, horizon_s))
         gap_m = emv.escape_gap_m if self.policy.corridor else emv.navigator.standstill_gap_m
         return replace(emv.navigator, conflicts=nearer, standstill_gap_m=gap_m)
 
@@ -164,6 +175,32 @@ class BehaviourWorld:
         """How EMVs come to red lights, no slower than the preset's driver."""
         config = self.config.junction_entry
         return replace(config, speed_mps=max(config.speed_mps, self.preset.attention.emv_red_mps))
+
+    @cached_property
+    def drivers(self) -> Mapping[tuple[ActorClass, bool], NavigatorConfig]:
+        """The navigator's parameters by class and by whether it is an EMV, with the limit of the vehicle's steering."""
+        drivers = {}
+        for actor_class, vehicle in self.vehicles.items():
+            for is_emv in (False, True):
+                base = self.config.emv.navigator if is_emv else self.config.civilian_navigator
+                rate = base.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
+                drivers[actor_class, is_emv] = replace(base, curvature_rate_1pms=rate)
+        return drivers
+
+    @cached_property
+    def _last_view(self) -> list[tuple[ActorTable, "StepView"]]:
+        return []
+
+    def view(self, traffic: TrafficState, before: ActorTable) -> "StepView":
+        """The step as every guard sees it, with the actors that were there before it.
+
+        The last one is remembered: the controllers of EMVs and of civilians share it where they share the world.
+        """
+        last = self._last_view
+        if not (last and last[0][0] is before and last[0][1].traffic is traffic):
+            actors = before.updated(traffic)
+            last[:] = [(before, StepView(self, traffic, Surroundings.seen(traffic, actors, self.courses), actors))]
+        return last[0][1]
 
     @property
     def cooldown_steps(self) -> int:
@@ -198,10 +235,8 @@ class StepView:
     def ego(self, row: int) -> "Ego":
         """The step as the driver in a row sees it."""
         seen = self.seen
+        x, y, yaw, cos, sin, speed, *size, _ = seen.bodies[:, row].tolist()
         known = int(seen.actor_id[row]), bool(seen.is_emv[row]), int(self.traffic.lane[row])
-        columns = (seen.x_m, seen.y_m, seen.yaw_rad, seen.cos, seen.sin, seen.speed_mps)
-        x, y, yaw, cos, sin, speed = (float(column[row]) for column in columns)
-        size = float(seen.half_length_m[row]), float(seen.half_width_m[row])
         return Ego(self.world, self.traffic, seen, self.actors, row, *known, (x, y, yaw), (cos, sin), speed, *size)
 
 
@@ -239,17 +274,15 @@ class Ego(StepView):
         """Edges from the present one (or the one before the junction) on."""
         return self.traffic.route_of_row(self.row)
 
-    @cached_property
+    @property
     def vehicle(self) -> VehicleParameters:
         """Vehicle parameters."""
         return self.world.vehicles[self.actors.by_id[self.actor_id].actor_class]
 
-    @cached_property
+    @property
     def navigator_config(self) -> NavigatorConfig:
         """The navigator's parameters, with the limit of the vehicle's own steering."""
-        base = self.config.emv.navigator if self.is_emv else self.config.civilian_navigator
-        rate = base.steer_rate_share * self.vehicle.max_steer_rate_radps / self.vehicle.wheelbase_m
-        return replace(base, curvature_rate_1pms=rate)
+        return self.world.drivers[self.actors.by_id[self.actor_id].actor_class, self.is_emv]
 
     def near(self, radius_m: float) -> Rows:
         """Rows of the other vehicles within a radius."""

@@ -1,19 +1,18 @@
 """The EMV's per-step control (paper, Algorithm 1): guarded overrides, evaluated top to bottom over latched flags."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
-
-import numpy as np
 
 from siren_ros.behaviour.driving.emv_unit import EmvUnit, Guard, GuardResult, plan_route, present_lane
 from siren_ros.behaviour.driving.navigator import DriveCommand
 from siren_ros.behaviour.driving.speed_mechanisms import navigate
-from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, Ego, StepView, Surroundings
+from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, Ego
 from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change, complete_lane_change, forced_lane_change
 from siren_ros.behaviour.emv.gap_escape import escape_path, escape_speed_mps, gap_escape_mode
 from siren_ros.behaviour.emv.rescue_corridor import corridor_mode, corridor_path
 from siren_ros.behaviour.paths.lane_path import LaneEnd
+from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Lights, Mode, Owner
@@ -38,14 +37,13 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
         The next state, and one command row per EMV, owned by ROS. At a level without privilege (L0) SUMO drives the
         EMV and there are no rows.
     """
-    actors = state.actors.updated(traffic)
     if not world.policy.privileged:
-        return EmvState({}, actors), VehicleCommands.empty(traffic.step, SOURCE)
-    view = StepView(world, traffic, Surroundings.seen(traffic, actors, world.courses), actors)
+        return EmvState({}, state.actors.updated(traffic)), VehicleCommands.empty(traffic.step, SOURCE)
+    view = world.view(traffic, state.actors)
     units: dict[int, EmvUnit] = {}
     rows: list[CommandRow] = []
     events: tuple[Event, ...] = ()
-    for row in np.flatnonzero(view.seen.is_emv).tolist():
+    for row in view.seen.is_emv.nonzero()[0].tolist():
         actor_id = int(traffic.actor_id[row])
         unit, command, happened = _step_unit(state.units.get(actor_id, EmvUnit(actor_id)), view.ego(row))
         units[actor_id] = unit
@@ -53,7 +51,7 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
         lights |= Lights.BEACON | Lights.SIREN if world.policy.siren else Lights.NONE
         rows.append((actor_id, Owner.ROS, *command, mode_of(unit), int(lights)))
         events += happened
-    return EmvState(units, actors), VehicleCommands.of(traffic.step, SOURCE, rows, events)
+    return EmvState(units, view.actors), VehicleCommands.of(traffic.step, SOURCE, rows, events)
 
 
 def mode_of(unit: EmvUnit) -> Mode:
@@ -84,7 +82,7 @@ def _step_unit(unit: EmvUnit, ego: Ego) -> tuple[EmvUnit, DriveCommand, tuple[Ev
         unit, happened = guard(unit, ego)
         events += happened
     navigator, command, blocker_id = navigate(unit, ego, target_speed_mps(unit, ego), ego.world.emv_navigator)
-    return replace(unit, navigator=navigator, blocker_id=blocker_id), command, events
+    return changed(unit, navigator=navigator, blocker_id=blocker_id), command, events
 
 
 def waypoints(unit: EmvUnit, ego: Ego) -> GuardResult:
@@ -116,4 +114,4 @@ def follow_route(unit: EmvUnit, ego: Ego) -> GuardResult:
     if lane == NO_LANE:
         return unit, events
     plan, navigator = plan_route(ego, lane, navigator)
-    return replace(unit, plan=plan, navigator=navigator), events
+    return changed(unit, plan=plan, navigator=navigator), events

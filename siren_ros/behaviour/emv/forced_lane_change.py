@@ -1,6 +1,5 @@
 """Guard 3 of the EMV: forced lane changes by SUMO's lateral intent and by the route's own need."""
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -19,6 +18,7 @@ from siren_ros.behaviour.driving.emv_unit import (
 from siren_ros.behaviour.driving.lane_change import LaneChangeQuery, Refusal, assess, entered_lane, gaps_in_lane
 from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
+from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.traffic_state import EventKind
@@ -108,11 +108,11 @@ def forced_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
     if isinstance(verdict, Refusal):
         if request.deferred is None:
             events += (event_of(ego, EventKind.LANE_CHANGE_DEFERRED, side=request.side, reason=verdict.value),)
-        return replace(unit, request=replace(request, deferred=verdict)), events
+        return changed(unit, request=changed(request, deferred=verdict)), events
     plan, navigator = plan_route(ego, query.target, unit.navigator, merge_m=query.length_m)
     started = event_of(ego, EventKind.LANE_CHANGE_STARTED, side=request.side, reason=request.reason, lane=query.target)
-    unit = replace(unit, plan=plan, navigator=navigator, request=LateralRequest())
-    return replace(unit, change_side=request.side, change_step=ego.step), (*events, started)
+    unit = changed(unit, plan=plan, navigator=navigator, request=LateralRequest())
+    return changed(unit, change_side=request.side, change_step=ego.step), (*events, started)
 
 
 def complete_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
@@ -123,7 +123,7 @@ def complete_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
     if not unit.navigator.done and (lane == NO_LANE or not entered_lane(ego, lane)):
         return unit, ()
     done = event_of(ego, EventKind.LANE_CHANGE_COMPLETED, side=unit.change_side, lane=lane)
-    return replace(unit, change_side=0), (done,)
+    return changed(unit, change_side=0), (done,)
 
 
 def cancel_lane_change(unit: EmvUnit, ego: Ego, reason: str) -> GuardResult:
@@ -131,7 +131,7 @@ def cancel_lane_change(unit: EmvUnit, ego: Ego, reason: str) -> GuardResult:
     if not unit.lane_change_forced:
         return unit, ()
     cancelled = event_of(ego, EventKind.LANE_CHANGE_CANCELLED, side=unit.change_side, reason=reason)
-    return replace(unit, change_side=0, plan=None), (cancelled,)
+    return changed(unit, change_side=0, plan=None), (cancelled,)
 
 
 def _is_turning(unit: EmvUnit, ego: Ego, reference: LanePath) -> bool:
@@ -151,14 +151,14 @@ def _note_intent(unit: EmvUnit, ego: Ego) -> GuardResult:
             return unit, ()
         return _drop_request(unit, ego, "intent_gone")
     if side == request.side:
-        return replace(unit, request=replace(request, reason=reason, seen_step=ego.step)), ()
+        return changed(unit, request=changed(request, reason=reason, seen_step=ego.step)), ()
     unit, events = _drop_request(unit, ego, "intent_changed")
     asked = event_of(ego, EventKind.LANE_CHANGE_REQUESTED, side=side, reason=reason)
-    return replace(unit, request=LateralRequest(side, reason, ego.step)), (*events, asked)
+    return changed(unit, request=LateralRequest(side, reason, ego.step)), (*events, asked)
 
 
 def _drop_request(unit: EmvUnit, ego: Ego, reason: str) -> GuardResult:
     if unit.request.side == 0:
         return unit, ()
     dropped = event_of(ego, EventKind.LANE_CHANGE_CANCELLED, side=unit.request.side, reason=reason)
-    return replace(unit, request=LateralRequest()), (dropped,)
+    return changed(unit, request=LateralRequest()), (dropped,)

@@ -4,7 +4,6 @@ The search looks at the road beside the route and at the vehicles on it.
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LanePath, road_limits
 from siren_ros.behaviour.paths.tracked_path import along_reference
 from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import NEVER, STEP_S, steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import NO_ACTOR
@@ -81,15 +81,15 @@ def gap_escape_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
     blocker = blocker_of(unit, ego)
     stopped_s = unit.stopped_s + STEP_S if ego.speed_mps <= constants.blocked_speed_mps else 0.0
     free_s = 0.0 if blocker != NO_ACTOR else unit.blocker_free_s + STEP_S
-    unit = replace(unit, stopped_s=stopped_s, blocker_free_s=free_s)
+    unit = changed(unit, stopped_s=stopped_s, blocker_free_s=free_s)
     if unit.gap_escape_active and unit.blocker_free_s >= constants.blocker_grace_s - 0.5 * STEP_S:
-        unit = replace(unit, gap_escape_active=False, escape_offset_m=None, plan=None, corridor_planned_step=NEVER)
+        unit = changed(unit, gap_escape_active=False, escape_offset_m=None, plan=None, corridor_planned_step=NEVER)
         return unit, (event_of(ego, EventKind.GAP_ESCAPE_LEFT),)
     long_enough = unit.stopped_s >= constants.stop_before_entry_s - 0.5 * STEP_S
     if blocker == NO_ACTOR or not long_enough or unit.gap_escape_active:
         return unit, ()
     unit, cancelled = cancel_lane_change(unit, ego, "gap_escape")
-    unit = replace(unit, gap_escape_active=True, escape_offset_m=None, escape_planned_step=NEVER)
+    unit = changed(unit, gap_escape_active=True, escape_offset_m=None, escape_planned_step=NEVER)
     return unit, (*cancelled, event_of(ego, EventKind.GAP_ESCAPE_ENTERED, blocker))
 
 
@@ -140,7 +140,7 @@ def escape_path(unit: EmvUnit, ego: Ego) -> GuardResult:
     if lane == NO_LANE or ego.step - unit.escape_planned_step < steps_from_s(config.replan_s):
         return unit, ()
     first, driving = unit.escape_planned_step < 0, unit.escape_offset_m is not None
-    unit = replace(unit, escape_planned_step=ego.step, plan=None)
+    unit = changed(unit, escape_planned_step=ego.step, plan=None)
     way = free_way(unit, ego)
     ahead = min(way.free_m if way is not None else 0.0, unit.navigator.remaining_m)
     on_path = abs(unit.navigator.left_m) < config.off_path_m
@@ -153,18 +153,18 @@ def escape_path(unit: EmvUnit, ego: Ego) -> GuardResult:
     if driving and ahead > config.usable_m:
         return unit, ()
     waiting = (event_of(ego, EventKind.GAP_ESCAPE_WAITING),) if first or driving else ()
-    return replace(unit, escape_offset_m=None), waiting
+    return changed(unit, escape_offset_m=None), waiting
 
 
 def _following(unit: EmvUnit, escape: EscapePath, reference: LanePath, ego: Ego) -> GuardResult:
     config, base, ahead = ego.config.gap_escape, ego.navigator_config, ego.vehicle.centre_ahead_of_rear_axle_m
     curve = Curve.through(escape.centre_line(reference.curve, ahead), config.smoothing_m)
     rate_1pms = config.steer_share * base.curvature_rate_1pms
-    slowly = replace(base, lateral_accel_mps2=config.bend_accel_mps2, curvature_rate_1pms=rate_1pms)
+    slowly = changed(base, lateral_accel_mps2=config.bend_accel_mps2, curvature_rate_1pms=rate_1pms)
     path = along_reference(curve, reference, escape.s_m + ahead, slowly, escape.length_m, stop_at_end=True)
     before, left = unit.escape_offset_m, float(escape.left_m[-1])
     navigator = unit.navigator.following(path, *ego.place)
-    unit = replace(unit, navigator=navigator, escape_offset_m=left, escape_clearance_m=escape.clearance_m)
+    unit = changed(unit, navigator=navigator, escape_offset_m=left, escape_clearance_m=escape.clearance_m)
     if before is not None and abs(left - before) < config.same_offset_m:
         return unit, ()
     margin = escape.clearance_m

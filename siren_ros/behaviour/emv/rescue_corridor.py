@@ -1,7 +1,6 @@
 """Guard 2 of the EMV: ``copy_sumo``, the rescue corridor between the leftmost lane and its right neighbour."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, road_limits, 
 from siren_ros.behaviour.paths.tracked_path import along_reference, blend_length_m, quintic_offsets
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.braking import stops_within
+from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import NEVER, steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import Lights, Owner
@@ -27,14 +27,14 @@ def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
     """
     advice = advice_of(ego, unit.actor_id)
     if (advice is not None and advice.rescue_count > 0) or braking_ahead(unit, ego):
-        unit = replace(unit, corridor_seen_step=ego.step)
+        unit = changed(unit, corridor_seen_step=ego.step)
         if unit.corridor:
             return unit, ()
         unit, cancelled = cancel_lane_change(unit, ego, "corridor")
-        return replace(unit, corridor=True), (*cancelled, event_of(ego, EventKind.CORRIDOR_ENTERED))
+        return changed(unit, corridor=True), (*cancelled, event_of(ego, EventKind.CORRIDOR_ENTERED))
     patience = steps_from_s(ego.config.corridor.leave_after_s)
     if unit.corridor and ego.step - unit.corridor_seen_step >= patience:
-        left = replace(unit, corridor=False, plan=None, corridor_planned_step=NEVER)
+        left = changed(unit, corridor=False, plan=None, corridor_planned_step=NEVER)
         return left, (event_of(ego, EventKind.CORRIDOR_LEFT),)
     return unit, ()
 
@@ -79,7 +79,7 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
         stops = stops_within(ego.speed_mps * ego.speed_mps, ego.config.gap_escape.brake_mps2, open_m)
         gain_m = config.keep_gain_m if stops else 0.0
         if driven and _open_m(unit, ego) > open_m + gain_m:
-            return replace(unit, corridor_planned_step=ego.step)
+            return changed(unit, corridor_planned_step=ego.step)
         other = _along(unit, ego, lane, straight_on=True)
         if _open_m(other, ego) > open_m + config.straight_gain_m:
             return other
@@ -111,7 +111,7 @@ def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
     path = along_reference(curve, reference, s, ego.navigator_config, merge, stop)
     navigator = unit.navigator.following(path, *ego.place)
-    return replace(unit, navigator=navigator, plan=None, corridor_planned_step=ego.step)
+    return changed(unit, navigator=navigator, plan=None, corridor_planned_step=ego.step)
 
 
 def _merging_m(unit: EmvUnit, reference: LanePath, s_m: Floats, target_m: Floats, same_m: float) -> float:

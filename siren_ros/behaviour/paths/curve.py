@@ -36,21 +36,20 @@ class Curve:
         Raises:
             ValueError: fewer than two distinct points.
         """
-        line = Polyline.through(points).resampled(SPACING_M)
-        if smoothing_m > 0.0 and len(line.points) > 3:
-            line = Polyline.through(_smoothed(line.points, smoothing_m)).resampled(SPACING_M)
-        even = line.points
-        spacing = line.length_m / (len(even) - 1)
-        delta = np.empty_like(even)
-        delta[1:-1] = even[2:] - even[:-2]
-        delta[0], delta[-1] = even[1] - even[0], even[-1] - even[-2]
-        heading = np.unwrap(np.arctan2(delta[:, 1], delta[:, 0]))
-        return cls(points=even, spacing_m=spacing, heading_rad=heading, curvature_1pm=np.gradient(heading, spacing))
+        even = Polyline.through(points).resampled(SPACING_M).points
+        if smoothing_m > 0.0 and len(even) > 3:
+            even = Polyline.through(_smoothed(even, smoothing_m)).resampled(SPACING_M).points
+        return cls(even, *_shape_of(even))
 
     @property
     def length_m(self) -> float:
         """Length of the whole curve."""
         return self.spacing_m * (len(self.points) - 1)
+
+    @property
+    def line(self) -> tuple[npt.NDArray[np.float64], Floats, Floats, float]:
+        """Points, headings, curvatures and spacing, as compiled loops take them."""
+        return self.points, self.heading_rad, self.curvature_1pm, self.spacing_m
 
     def place(self, s_m: float) -> tuple[float, float, float, float]:
         """``(x, y, heading, curvature)`` at an arc length; straight on before the start and after the end."""
@@ -81,8 +80,7 @@ class Curve:
         """
         s, left, nearest = np.empty(len(x_m)), np.empty(len(x_m)), np.empty(len(x_m), np.intp)
         end = len(self.points) if last is None else min(last, len(self.points))
-        line = self.points, self.heading_rad, self.curvature_1pm, self.spacing_m
-        _project(*line, x_m, y_m, first, end, s, left, nearest)
+        _project(self.line, x_m, y_m, first, end, s, left, nearest)
         return s, left, nearest
 
     def project_one(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -100,8 +98,46 @@ def _smoothed(points: npt.NDArray[np.float64], sigma_m: float) -> npt.NDArray[np
     radius = min(int(np.ceil(3.0 * sigma_m / SPACING_M)), len(points) - 1)
     taps = np.exp(-0.5 * (np.arange(-radius, radius + 1) * SPACING_M / sigma_m) ** 2)
     taps /= taps.sum()
-    padded = np.pad(points, ((radius, radius), (0, 0)), mode="reflect", reflect_type="odd")
-    return np.stack([np.convolve(padded[:, axis], taps, mode="valid") for axis in (0, 1)], axis=-1)
+    padded = _reflected(points, radius)
+    return np.stack([np.convolve(padded[axis], taps, mode="valid") for axis in (0, 1)], axis=-1)
+
+
+@compiled
+def _reflected(points: Any, radius: int) -> Any:
+    """X and y of the points, shape ``(2, K)``, and of as many beyond both ends as the radius, mirrored at the ends."""
+    n = len(points)
+    padded = np.empty((2, n + 2 * radius))
+    for axis in range(2):
+        padded[axis, radius : radius + n] = points[:, axis]
+        for k in range(1, radius + 1):
+            padded[axis, radius - k] = 2.0 * points[0, axis] - points[k, axis]
+            padded[axis, radius + n - 1 + k] = 2.0 * points[n - 1, axis] - points[n - 1 - k, axis]
+    return padded
+
+
+@compiled
+def _shape_of(points: Any) -> tuple[float, Any, Any]:
+    """Spacing of evenly spaced points, heading and curvature at each."""
+    n, length = len(points), 0.0
+    heading, curvature, before = np.empty(n), np.empty(n), 0.0
+    for k in range(n):
+        if k > 0:
+            dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+            length += np.sqrt(dx * dx + dy * dy)
+        first, last = max(k - 1, 0), min(k + 1, n - 1)
+        heading[k] = np.arctan2(points[last, 1] - points[first, 1], points[last, 0] - points[first, 0])
+    spacing, turns, before = length / (n - 1), 0.0, heading[0]
+    for k in range(1, n):  # without jumps by a full turn
+        change = heading[k] - before
+        before = heading[k]
+        if abs(change) >= np.pi:
+            within = (change + np.pi) % (2.0 * np.pi) - np.pi
+            turns += (np.pi if within == -np.pi and change > 0.0 else within) - change
+        heading[k] += turns
+    for k in range(n):
+        first, last = max(k - 1, 0), min(k + 1, n - 1)
+        curvature[k] = (heading[last] - heading[first]) / ((last - first) * spacing)
+    return spacing, heading, curvature
 
 
 @compiled
@@ -134,20 +170,24 @@ def _nearest(
 
 
 @compiled
-def _project(
-    points: Any, heading_rad: Any, curvature_1pm: Any, spacing_m: float, xs_m: Any, ys_m: Any, first: int, end: int,
-    s_m: Any, left_m: Any, nearest: Any,
-) -> None:  # fmt: skip
-    """Fill in arc length, offset and nearest curve point of each place; looks at the points ``first`` to ``end``."""
+def nearest_point(line: Any, x_m: float, y_m: float, first: int, end: int) -> tuple[float, float, int]:
+    """``Curve.project`` of one place for compiled loops; ``line`` is ``Curve.line``."""
+    points, heading_rad, curvature_1pm, spacing_m = line
+    best, best_square = first, np.inf
+    for k in range(first, end):
+        dx, dy = x_m - points[k, 0], y_m - points[k, 1]
+        square = dx * dx + dy * dy
+        if square < best_square:
+            best, best_square = k, square
+    dx, dy = x_m - points[best, 0], y_m - points[best, 1]
+    cos, sin = np.cos(heading_rad[best]), np.sin(heading_rad[best])
+    left = cos * dy - sin * dx
+    along = (cos * dx + sin * dy) / max(1.0 - curvature_1pm[best] * left, 0.2)
+    return best * spacing_m + along, left, best
+
+
+@compiled
+def _project(line: Any, xs_m: Any, ys_m: Any, first: int, end: int, s_m: Any, left_m: Any, nearest: Any) -> None:
+    """Fill in arc length, offset and nearest curve point of each place."""
     for n in range(nearest.shape[0]):
-        best, best_square = first, np.inf
-        for k in range(first, end):
-            dx, dy = xs_m[n] - points[k, 0], ys_m[n] - points[k, 1]
-            square = dx * dx + dy * dy
-            if square < best_square:
-                best, best_square = k, square
-        dx, dy = xs_m[n] - points[best, 0], ys_m[n] - points[best, 1]
-        cos, sin = np.cos(heading_rad[best]), np.sin(heading_rad[best])
-        left = cos * dy - sin * dx
-        along = (cos * dx + sin * dy) / max(1.0 - curvature_1pm[best] * left, 0.2)
-        s_m[n], left_m[n], nearest[n] = best * spacing_m + along, left, best
+        s_m[n], left_m[n], nearest[n] = nearest_point(line, xs_m[n], ys_m[n], first, end)

@@ -6,12 +6,15 @@ The shoulder is an EMV's way where it leads into the next right turn; the other 
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from functools import lru_cache
+from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from siren_ros.behaviour.paths.curve import SMOOTHING_M, Curve
 from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.movements import is_plain_joint, movement_turn_rad
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
@@ -62,8 +65,21 @@ def changes_needed(network: RoadNetwork, route: Indices, civilian: bool) -> list
         For each of the first edges a mapping from lane index to the number of changes; lanes from which the route
         cannot be followed at all are missing.
     """
+    known, key = _CHANGES.setdefault(network, {}), (tuple(route[:_EDGES_AHEAD].tolist()), civilian)
+    if key not in known:
+        known[key] = _changes_needed(network, *key)
+    return known[key]
+
+
+_CHANGES: Final[WeakKeyDictionary[RoadNetwork, dict[tuple[tuple[int, ...], bool], list[dict[int, int]]]]] = (
+    WeakKeyDictionary()
+)
+"""A memory of pure results."""
+
+
+def _changes_needed(network: RoadNetwork, route: tuple[int, ...], civilian: bool) -> list[dict[int, int]]:
     needed: list[dict[int, int]] = []
-    for edge in reversed(route[:_EDGES_AHEAD].tolist()):
+    for edge in reversed(route):
         road = (network.lanes[lane] for lane in network.edges[edge].lanes)
         position = {
             lane.index: lane.position
@@ -162,15 +178,21 @@ def path_on_lanes(
 
     It begins at ``from_m`` on the first lane; a negative value extends it straight backwards.
     """
-    parts = [network.lanes[lane].centre for lane in lanes]
-    whole = Polyline.joined(parts)
-    lengths = np.array([part.length_m for part in parts])
-    starts = np.concatenate(([0.0], np.cumsum(lengths)[:-1])) * (whole.length_m / max(lengths.sum(), 1e-6))
+    whole, starts = _joined(tuple(network.lanes[lane].centre for lane in lanes))
     to_m = max(min(whole.length_m, from_m + ahead_m), from_m + 2.0)
     curve = Curve.through(whole.cut(from_m, to_m).points, SMOOTHING_M)
     scale = curve.length_m / (to_m - from_m)
     reached = to_m >= whole.length_m - 1e-6
     return LanePath(lanes, (starts - from_m) * scale, curve, end if reached else LaneEnd.HORIZON)
+
+
+@lru_cache(maxsize=256)
+def _joined(parts: tuple[Polyline, ...]) -> tuple[Polyline, Floats]:
+    """The centre lines of consecutive lanes as one, and where each begins on it."""
+    whole = Polyline.joined(parts)
+    lengths = np.array([part.length_m for part in parts])
+    starts = np.concatenate(([0.0], np.cumsum(lengths)[:-1])) * (whole.length_m / max(lengths.sum(), 1e-6))
+    return whole, starts
 
 
 def neighbour_lane(network: RoadNetwork, lane: int, side: int) -> int:
@@ -214,27 +236,41 @@ def nearest_on_lane(centre: Polyline, x_m: float, y_m: float) -> tuple[float, fl
 
     The first and last segments are extended straight on, as by ``Polyline.project``.
     """
-    points, arc = centre.points, centre.arc_m
-    start = points[:-1]
-    length = arc[1:] - arc[:-1]
-    along_x, along_y = (points[1:, 0] - start[:, 0]) / length, (points[1:, 1] - start[:, 1]) / length
-    dx, dy = x_m - start[:, 0], y_m - start[:, 1]
-    along = dx * along_x + dy * along_y
-    inside = np.minimum(np.maximum(along, 0.0), length)
-    inside[0] = min(along[0], inside[0])
-    inside[-1] = max(along[-1], inside[-1])
-    miss_x, miss_y = dx - inside * along_x, dy - inside * along_y
-    i = int((miss_x * miss_x + miss_y * miss_y).argmin())
-    tangent_x, tangent_y = float(along_x[i]), float(along_y[i])
-    left = tangent_x * float(miss_y[i]) - tangent_y * float(miss_x[i])
-    return float(arc[i] + inside[i]), left, math.atan2(tangent_y, tangent_x)
+    return nearest_on_line(centre.points, centre.arc_m, x_m, y_m)
+
+
+@compiled
+def nearest_on_line(points: Any, arc_m: Any, x_m: float, y_m: float) -> tuple[float, float, float]:
+    """``nearest_on_lane`` for compiled loops."""
+    last, least = len(points) - 2, np.inf
+    s_m, left_m, heading_x, heading_y = 0.0, 0.0, 1.0, 0.0
+    for i in range(last + 1):
+        length = arc_m[i + 1] - arc_m[i]
+        along_x, along_y = (points[i + 1, 0] - points[i, 0]) / length, (points[i + 1, 1] - points[i, 1]) / length
+        dx, dy = x_m - points[i, 0], y_m - points[i, 1]
+        along = dx * along_x + dy * along_y
+        inside = min(max(along, 0.0), length)
+        if i == 0:
+            inside = min(along, inside)
+        if i == last:
+            inside = max(along, inside)
+        miss_x, miss_y = dx - inside * along_x, dy - inside * along_y
+        square = miss_x * miss_x + miss_y * miss_y
+        if square < least:
+            least, s_m, left_m = square, arc_m[i] + inside, along_x * miss_y - along_y * miss_x
+            heading_x, heading_y = along_x, along_y
+    return s_m, left_m, math.atan2(heading_y, heading_x)
 
 
 def lane_heading(centre: Polyline, s_m: float) -> float:
     """Direction of a centre line at an arc length."""
-    i = min(max(int(centre.arc_m.searchsorted(s_m, side="right")) - 1, 0), len(centre.points) - 2)
-    (x0, y0), (x1, y1) = centre.points[i : i + 2].tolist()
-    return math.atan2(y1 - y0, x1 - x0)
+    return _heading_at(centre.points, centre.arc_m, s_m)
+
+
+@compiled
+def _heading_at(points: Any, arc_m: Any, s_m: float) -> float:
+    i = min(max(int(np.searchsorted(arc_m, s_m, side="right")) - 1, 0), len(points) - 2)
+    return math.atan2(points[i + 1, 1] - points[i, 1], points[i + 1, 0] - points[i, 0])
 
 
 _RIGHT_TURNS: Final = frozenset({"r", "R"})

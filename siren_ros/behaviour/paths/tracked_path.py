@@ -50,21 +50,8 @@ class TrackedPath:
         low, high = self.speed_cap_sq[i : i + 2].tolist()
         return float(max(low + (place - i) * (high - low), 0.0)) ** 0.5
 
-    def least_time_s(self, from_m: float, way_m: float) -> float:
-        """Time that a way takes at the least: at the speed that the path allows everywhere.
-
-        Beyond the path's end that of its end goes on.
-        """
-        return self._time_at(from_m + way_m) - self._time_at(from_m)
-
-    def _time_at(self, s_m: float) -> float:
-        times, place = self._times_s, max(s_m / self.curve.spacing_m, 0.0)
-        i = int(min(place, len(times) - 2.0))
-        low, high = times[i : i + 2].tolist()
-        return float(low + (place - i) * (high - low))
-
     @cached_property
-    def _times_s(self) -> Floats:
+    def times_s(self) -> Floats:
         """Time from the path's start to each point at the speed that is allowed there, shape ``(K,)``."""
         speed = np.sqrt(np.maximum(self.speed_cap_sq, _LEAST_MPS**2))
         slowness = 0.5 * (1.0 / speed[1:] + 1.0 / speed[:-1])

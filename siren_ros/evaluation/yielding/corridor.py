@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from siren_ros.evaluation.yielding.encounters import EmvLine, OnLine
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
 from siren_ros.numerics.arrays import Flags, Floats
+from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.recording.episode_record import EpisodeRecord, Steps
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
@@ -62,8 +62,12 @@ def corridor_series(record: EpisodeRecord, line: EmvLine, limits: YieldThreshold
         occupied = np.zeros_like(free)
         for other in others:
             at = int(np.searchsorted(other.track.step, step))
-            if at < len(other.track) and other.track.step[at] == step:
-                occupied |= _footprint(other, at, sizes[int(other.track.actor_id[at])], arc)
+            if at == len(other.track) or other.track.step[at] != step:
+                continue
+            size_m = sizes[int(other.track.actor_id[at])]
+            reach_m = sum(size_m) + 0.5
+            if arc[0] - reach_m < other.arc_m[at] < arc[-1] + reach_m:
+                occupied |= _footprint(other, at, size_m, arc)
         steps.append(step)
         contested.append(bool((occupied & free).any()))
         widths.append(widest_way_m(free & ~occupied, float(line.emv.left_m[row])))
@@ -84,10 +88,17 @@ def widest_way_m(free: Flags, start_m: float) -> float:
     right = np.minimum.accumulate(np.where(free, free.shape[1], cells)[:, ::-1], axis=1)[:, ::-1] - cells
     width = (2 * np.minimum(left, right) - 1).clip(0) * _CELL_M
     best = np.where(np.abs(_ACROSS_M - start_m) <= _START_M, width[0], 0.0)
-    reach = 2 * round(_SLOPE / _CELL_M) + 1
-    for here in width[1:]:
-        best = np.minimum(maximum_filter1d(best, reach, mode="constant"), here)
-    return float(best.max())
+    return float(_follow(best, width, round(_SLOPE / _CELL_M)).max())
+
+
+@compiled
+def _follow(best: Array, width: Array, reach: int) -> Array:
+    """The widest way to each cell of the last station; from one to the next it moves by at most ``reach`` cells."""
+    for station in range(1, len(width)):
+        before = best.copy()
+        for cell in range(len(best)):
+            best[cell] = min(before[max(cell - reach, 0) : cell + reach + 1].max(), width[station, cell])
+    return best
 
 
 def _footprint(other: OnLine, row: int, size_m: tuple[float, float], arc_m: Floats) -> Flags:

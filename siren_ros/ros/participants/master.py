@@ -99,6 +99,10 @@ class LockstepMaster:
         self.config = config
         self.state: LockstepState = lockstep.start_lockstep(config, time.monotonic())
         self.on_step_begun: Callable[[int], None] = lambda _step: None
+        self.on_ending: Callable[[], None] = lambda: None
+        """Called before everybody is told that the episode is over."""
+        self.on_closed: Callable[[], None] = lambda: None
+        """Called when the episode is ``closed``; may be called again."""
         self._pace_s = STEP_S / realtime_factor if realtime_factor > 0 else 0.0
         self._settle_s = settle_s
         self._next_wall_s = 0.0
@@ -156,9 +160,11 @@ class LockstepMaster:
 
     def _on_report(self, cdr: bytes) -> None:
         with self.failing_on_error():
-            report = from_step_done(wire.decode(topics.STEP_DONE, cdr))
+            report = wire.content(from_step_done, wire.decode(topics.STEP_DONE, cdr))
             name, error = shown_text(report.participant), shown_text(report.error)
-            self._take(replace(report, participant=name, error=error))
+            if (name, error) != (report.participant, report.error):
+                report = replace(report, participant=name, error=error)
+            self._take(report)
 
     def _take(self, report: StepReport) -> None:
         state, action = lockstep.on_report(self.state, report, self.config, time.monotonic())
@@ -186,6 +192,8 @@ class LockstepMaster:
 
     def _advance(self, result: tuple[LockstepState, lockstep.Action]) -> None:
         self.state, action = result
+        if self.closed:
+            self.on_closed()
         if isinstance(action, BeginStep):
             if action.step == 0:
                 self._next_wall_s = time.monotonic() + self._settle_s
@@ -195,6 +203,7 @@ class LockstepMaster:
                 self._begin(action)
         elif isinstance(action, EndEpisode):
             self._held = None
+            self.on_ending()
             closing = EpisodeClosing(action.steps, action.end, action.reason)
             self._end.publish(wire.encode(topics.EPISODE_END, to_episode_end(closing)))
             if self._av_proxy is not None:

@@ -29,6 +29,7 @@ from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, crea
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
 
 Config = TypeVar("Config", bound=ParticipantConfig)
+Content = TypeVar("Content")
 
 HOUSEKEEPING_S = 0.02
 
@@ -156,6 +157,10 @@ class Participant(Node, Generic[Config]):
         """Publish on a topic that was declared as output."""
         self._outputs[topic.name][1].publish(wire.encode(topic, message))
 
+    def send_content(self, topic: Topic, step: int, content: Content, write: Callable[[Content], Any]) -> None:
+        """Publish the message that ``write`` makes of a step's content; see ``wire.encode_content``."""
+        self._outputs[topic.name][1].publish(wire.encode_content(topic, step, content, write))
+
     def has_listeners(self, topic: Topic) -> bool:
         """Whether anybody subscribes to an output."""
         return bool(self._outputs[topic.name][1].get_subscription_count())
@@ -221,8 +226,8 @@ class Participant(Node, Generic[Config]):
 
     def report(self, phase: Phase, step: int, *, error: str = "", busy_s: float = 0.0) -> None:
         """Publish StepDone."""
-        message = to_step_done(StepReport(step, self._called, phase, error, busy_s))
-        self._report.publish(wire.encode(topics.STEP_DONE, message))
+        report = StepReport(step, self._called, phase, error, busy_s)
+        self._report.publish(wire.encode_content(topics.STEP_DONE, step, report, to_step_done))
 
     def _guarded(self, step: int, phase: Phase, action: Callable[[], None]) -> None:
         if self._failed and phase is not Phase.FINAL:

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from importlib import import_module
 from typing import Any, Final
@@ -10,6 +10,7 @@ from typing import Any, Final
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 from tqdm import tqdm
 
 from siren_ros.datasets.kitti.live_export import LiveExport
@@ -28,11 +29,13 @@ from siren_ros.ros.programs.processes import Awaited, Interrupt, PreparationInte
 from siren_ros.ros.programs.program import start_ros
 from siren_ros.ros.programs.progress import UPDATE_EVERY_STEPS, ProgressDisplay, closing_summary, verdict
 from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.direct import direct
 from siren_ros.ros.transport.domain import check_alone, in_free_domain
-from siren_ros.ros.transport.endpoints import PublisherWatch, create_input
+from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_wall_timer
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 SPIN_S: Final = 0.05
+"""How often the program looks beyond the messages: at signals, at processes that have ended."""
 STOP_S: Final = 10.0
 FIRST_EMV: Final = 1
 """Emergency vehicles have the first actor ids."""
@@ -56,16 +59,39 @@ class Cosim(Node):
         self.master.on_step_begun = self.progress.begin_step
         create_input(self, topics.OUTCOME, self._on_outcome, PublisherWatch(self, topics.OUTCOME, self.master.fail))
         create_input(self, topics.ACTORS, self._on_actors)
+        self._pause: Future[None] = Future()
+        self.master.on_closed = self._end_spin
+        create_wall_timer(self, SPIN_S, self._end_spin)
+
+    def spin_a_while(self, executor: EventsExecutor) -> None:
+        """Run callbacks for ``SPIN_S`` or to the end of the episode; the executor keeps no timeout while it is busy."""
+        self._pause = Future()
+        executor.spin_until_future_complete(self._pause, SPIN_S)
+
+    def _end_spin(self) -> None:
+        self._pause.set_result(None)
 
     def _on_actors(self, cdr: bytes) -> None:
         if self.master.state.step % UPDATE_EVERY_STEPS == 0:
             with self.master.failing_on_error():
-                self.progress.show_states(from_actor_states(wire.decode(topics.ACTORS, cdr)), FIRST_EMV)
+                states = wire.content(from_actor_states, wire.decode(topics.ACTORS, cdr))
+                self.progress.show_states(states, FIRST_EMV)
 
     def _on_outcome(self, cdr: bytes) -> None:
         with self.master.failing_on_error():
             once(topics.OUTCOME, self.outcome)
             self.outcome = from_episode_outcome(wire.decode(topics.OUTCOME, cdr))
+
+    def connect_directly(self, executor: EventsExecutor, nodes: Sequence[Node]) -> None:
+        """Let the nodes of this process hand their messages to one another, from the first step to the last."""
+
+        def begin_step(step: int) -> None:
+            if step == 0:
+                direct.start(executor, (self, *nodes))
+            self.progress.begin_step(step)
+
+        self.master.on_step_begun = begin_step
+        self.master.on_ending = direct.stop
 
     def awaited(self, composition: Composition) -> Awaited:
         """What the episode waits for; nothing while a step is held back for the wall clock."""
@@ -103,9 +129,11 @@ def run_episode(
     waiting.ask = lambda: cosim.awaited(composition)
     limits = limits_s(cosim.master.config)
     watch = HangWatch(lambda: composition.hanging(limits), give_up)
+    if isinstance(composition, InProcess):
+        cosim.connect_directly(executor, composition.nodes)
     try:
         while not cosim.master.closed:
-            executor.spin_once(timeout_sec=SPIN_S)
+            cosim.spin_a_while(executor)
             if interrupt:
                 cosim.master.interrupt(_stopped_by(interrupt))
             if failure := composition.failure():
@@ -113,6 +141,7 @@ def run_episode(
             cosim.master.learn_closed(composition.closed())
     finally:
         watch.stop()
+        direct.stop()
         cosim.progress.close()
         composition.stop(STOP_S, cosim.master.state.late)
         executor.shutdown()

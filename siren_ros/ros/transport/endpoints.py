@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from siren_ros.interfaces.topics import STEERED_FROM_OUTSIDE, STEP_DONE, Topic
+from siren_ros.ros.transport.direct import direct
 
 _NAME_PATIENCE_S: Final = 0.3
 """Discovery learns of a publisher a little before it learns the name of its node."""
@@ -155,9 +156,25 @@ def qos_of(topic: Topic) -> QoSProfile:
     )
 
 
-def create_output(node: Node, topic: Topic) -> Any:
+class Output:
     """The publisher of a topic; it takes encoded messages."""
-    return node.create_publisher(message_class(topic.type_name), topic.name, qos_of(topic))
+
+    def __init__(self, node: Node, topic: Topic) -> None:
+        """Create the publisher."""
+        self._publisher: Any = node.create_publisher(message_class(topic.type_name), topic.name, qos_of(topic))
+        self._name = "" if topic.latched else topic.name
+        self.get_subscription_count: Callable[[], int] = self._publisher.get_subscription_count
+        self.wait_for_all_acked: Callable[[Duration], bool] = self._publisher.wait_for_all_acked
+
+    def publish(self, cdr: bytes) -> None:
+        """Publish an encoded message."""
+        if not direct.take(self._name, cdr, self.get_subscription_count):
+            self._publisher.publish(cdr)
+
+
+def create_output(node: Node, topic: Topic) -> Output:
+    """The publisher of a topic."""
+    return Output(node, topic)
 
 
 def create_input(

@@ -8,13 +8,27 @@ there, so that bags would differ. And numpy arrays are not copied element by ele
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final, NamedTuple, TypeVar, cast
 
 from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.interfaces.messages import check_stamp, decode_cdr, encode_cdr, time_ns_of, typestore
 from siren_ros.interfaces.topics import Topic
 from siren_ros.numerics.units import STEP_NS
 
+
+class Sent(NamedTuple):
+    """Stands for a message that this process has sent: who receives it here needs no conversion."""
+
+    step: int
+    content: Any
+    """What it was made from, in the library's types."""
+
+
+KEPT: Final = 8
+"""Messages of a topic that are known, the last ones. Before one is received, so many others may be sent: each node of a
+process reports a step on the same topic."""
+_known: Final[dict[str, deque[tuple[bytes, Sent]]]] = {}
+"""By topic: what this process has sent, with its bytes."""
 _decoded: Final[dict[str, tuple[bytes, Any]]] = {}
 """The last message of each topic that was decoded, with its bytes."""
 _read: Final[dict[Callable[[Any], Any], deque[tuple[Any, Any]]]] = {}
@@ -32,14 +46,30 @@ def encode(topic: Topic, message: Any) -> bytes:
     return encode_cdr(typestore(), topic, message)
 
 
+def encode_content(topic: Topic, step: int, content: Content, write: Callable[[Content], Any]) -> bytes:
+    """CDR of the message that ``write`` makes; nodes of this process that receive it get the content itself.
+
+    Nobody may change the content afterwards, nor its arrays.
+    """
+    cdr = encode(topic, write(content))
+    if topic.name not in _known:
+        _known[topic.name] = deque(maxlen=KEPT)
+    _known[topic.name].append((cdr, Sent(step, content)))
+    return cdr
+
+
 def decode(topic: Topic, cdr: bytes) -> Any:
     """The message in a CDR; its arrays are views of the bytes, which nobody writes.
 
-    If several nodes of one process subscribe to a topic, the message is decoded once.
+    If several nodes of one process subscribe to a topic, the message is decoded once. One that this process has sent
+    is not decoded at all: it is ``Sent``, for ``content`` alone.
 
     Raises:
         EpisodeError: The bytes are no message of the topic's type; another program may have published them.
     """
+    for known, sent in _known.get(topic.name, ()):
+        if known == cdr:
+            return sent
     last = _decoded.get(topic.name)
     if last is not None and last[0] == cdr:
         return last[1]
@@ -58,6 +88,8 @@ def content(read: Callable[[Any], Content], message: Any) -> Content:
     Raises:
         InputError: As ``read``.
     """
+    if isinstance(message, Sent):
+        return cast("Content", message.content)
     known = _read.setdefault(read, deque(maxlen=2))
     for earlier, value in known:
         if earlier is message:

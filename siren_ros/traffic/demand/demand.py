@@ -4,7 +4,7 @@ One civilian becomes the AV under test where an episode has one.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import takewhile
 from typing import Final
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from shapely import LineString, Point
 
 from siren_ros.errors import InputError, MapError
-from siren_ros.numerics.arrays import random_stream
+from siren_ros.numerics.arrays import Floats, chances, drawn, random_stream
 from siren_ros.numerics.braking import speed_before_mps
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import steps_from_s
@@ -90,6 +90,8 @@ class _Planner:
     _seed: int
     _factory: VehicleFactory
     _config: DemandConfig
+    _lane_chances: dict[tuple[int, ...], Floats] = field(default_factory=dict)
+    """For ``drawn``, by the lanes."""
 
     @property
     def _start(self) -> EmvStart:
@@ -242,9 +244,11 @@ class _Planner:
         rng: np.random.Generator,
     ) -> tuple[Lane, float]:
         gap = self._config.placement_gap_m
-        weights = np.array([lane.length_m for lane in lanes])
+        key = tuple([lane.index for lane in lanes])
+        if key not in self._lane_chances:
+            self._lane_chances[key] = chances(lane.length_m for lane in lanes)
         for _ in range(_PLACEMENT_TRIES):
-            lane = lanes[int(rng.choice(len(lanes), p=weights / weights.sum()))]
+            lane = lanes[drawn(self._lane_chances[key], rng)]
             front = float(rng.uniform(0.0, lane.length_m))
             taken = occupied.get(lane.index, ())
             free = all(front + gap < rear or front - length_m - gap > other for rear, other in taken)

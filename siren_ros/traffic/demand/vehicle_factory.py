@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
+from siren_ros.numerics.arrays import Floats, chances, drawn
 from siren_ros.numerics.geometry import Polyline, wrap_angle
 from siren_ros.roads.road_network import MAPS_KEPT, Connection, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, civilian_movements
@@ -48,6 +49,9 @@ class RouteChooser:
         self._config = config
         self._ways: dict[int, tuple[_Way, ...]] = {}
         self._lasting: dict[float, frozenset[int]] = {}
+        self._choices: dict[tuple[int, bool, int | None, float], tuple[tuple[int, ...], Floats]] = {}
+        """Edges to choose from and their chances: from an edge, for a long vehicle or not, from a lane, with a weight
+        of turns."""
 
     def leads_on(self, lane: int, vehicle_m: float) -> bool:
         """Whether a long vehicle that begins in a driving lane never comes to where all ways on are too tight for it.
@@ -90,11 +94,15 @@ class RouteChooser:
         driven_m = self._graph.route_length_m(start)
         turn_weight = self._config.turn_weight if turn_weight is None else turn_weight
         while driven_m < length_m:
-            ways = self._open_ways(route[-1], vehicle_m, lane)
-            if not ways:
+            key = route[-1], vehicle_m > self._config.long_vehicle_m, lane, turn_weight
+            if key not in self._choices:
+                ways = self._open_ways(route[-1], vehicle_m, lane)
+                weights = [len(way.lanes) * (turn_weight if way.turns else 1.0) for way in ways]
+                self._choices[key] = tuple(way.edge for way in ways), chances(weights) if ways else np.empty(0)
+            edges, ends = self._choices[key]
+            if not edges:
                 break
-            weights = np.array([len(way.lanes) * (turn_weight if way.turns else 1.0) for way in ways])
-            route.append(ways[int(rng.choice(len(ways), p=weights / weights.sum()))].edge)
+            route.append(edges[drawn(ends, rng)])
             driven_m += self._graph.length_m[route[-1]]
             lane = None
         return tuple(route)
@@ -182,6 +190,7 @@ _PAINTS: Final = (
 )
 """Paints and their shares: white, black, grey, silver, blue, red, green, beige, orange (rounded from the
 yearly colour popularity reports of automotive paint makers)."""
+_PAINT_ENDS: Final = chances(share for _, share in _PAINTS)
 _EMV_PAINT: Final = (240, 240, 236)
 
 
@@ -207,6 +216,7 @@ class VehicleFactory:
         self._graph = EdgeGraph.of(network)
         self._routes = _route_chooser(network, config)
         self._suited: dict[tuple[ActorClass, tuple[int, ...]], tuple[int, ...]] = {}
+        self._classes: dict[tuple[Shares, tuple[int, ...]], tuple[list[ActorClass], Floats]] = {}
 
     def leads_on(self, edge: int) -> bool:
         """Whether civilians can drive on from an edge."""
@@ -233,9 +243,12 @@ class VehicleFactory:
 
     def draw_class(self, shares: Shares, rng: np.random.Generator, lanes: tuple[int, ...] = ()) -> ActorClass:
         """A vehicle class by its share, of those that suit one of the driving lanes; of all where none does."""
-        shares = [share for share in shares if self.suited_lanes(share[0], lanes)] or shares
-        weights = np.array([share for _, share in shares])
-        return shares[int(rng.choice(len(shares), p=weights / weights.sum()))][0]
+        key = tuple(shares), lanes
+        if key not in self._classes:
+            suited = [share for share in shares if self.suited_lanes(share[0], lanes)] or shares
+            self._classes[key] = [kind for kind, _ in suited], chances(share for _, share in suited)
+        classes, ends = self._classes[key]
+        return classes[drawn(ends, rng)]
 
     def draw_driver(self, actor_class: ActorClass, rng: np.random.Generator, speed_scale: float = 1.0) -> DriverModel:
         """A driver for a vehicle of the class."""
@@ -275,8 +288,7 @@ class VehicleFactory:
         rng: np.random.Generator,
     ) -> PlannedVehicle:
         """A civilian vehicle in a drawn paint."""
-        weights = np.array([share for _, share in _PAINTS])
-        paint = _PAINTS[int(rng.choice(len(_PAINTS), p=weights / weights.sum()))][0]
+        paint = _PAINTS[drawn(_PAINT_ENDS, rng)][0]
         return PlannedVehicle(name, actor_class, *self.size(actor_class), paint, driver, route, spot)
 
     def emv(

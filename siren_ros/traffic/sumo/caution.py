@@ -12,9 +12,9 @@ from typing import Any, Final
 import libsumo
 import numpy as np
 
-from siren_ros.conflicts.course import CourseBook, Outlook
-from siren_ros.conflicts.yielding import LEAST_WAY_M, Approach, Wait, YieldingConfig, wait_for
-from siren_ros.conflicts.zones import SAME_DIRECTION, Zone, search_among
+from siren_ros.conflicts.course import CourseBook, Outlook, limit_at_mps, rank_at
+from siren_ros.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Wait, least_wait
+from siren_ros.conflicts.zones import SAME_DIRECTION, Ways, Zone, search_among
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
@@ -28,6 +28,8 @@ from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 _HARD_BRAKE_MODE: Final = 27
 """SUMO's speed mode 31 without its limit of deceleration (https://sumo.dlr.de/docs/TraCI: speed mode)."""
 _FREE_MODE: Final = 31
+_BY_SUMO: Final = int(Owner.SUMO)
+_ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 
 
 @dataclass(frozen=True)
@@ -56,35 +58,17 @@ def cautions(
     Returns:
         The strictest wait of each, sorted by actor.
     """
-    inside = traffic.owner == Owner.SUMO
-    speed = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
-    held, blind = _flags(traffic.actor_id, waiting), _flags(traffic.actor_id, inattentive)
-    accel = np.where(held, np.maximum(traffic.sumo_accel_mps2, 0.0), traffic.sumo_accel_mps2)
-    counts = ~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0)
-    ways = outlook.ways
-    bodies = ways.bodies.copy()
-    bodies[:, 6] = config.ahead_s * speed + config.more_m
-    bodies[~inside, 8] += config.margin_m
-    poses = traffic.x_m, traffic.y_m, np.cos(traffic.yaw_rad), np.sin(traffic.yaw_rad)
+    ids = traffic.actor_id
+    drivers = outlook.half_length_m, _flags(ids, waiting), _flags(ids, inattentive)
+    speeds = traffic.speed_mps, traffic.sumo_speed_mps, traffic.sumo_accel_mps2
+    state = traffic.owner, traffic.flags, (traffic.x_m, traffic.y_m, traffic.yaw_rad), speeds
     near = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
     late = config.behind_m, config.firm_mps2, config.gentle_mps2
-    drivers = speed, outlook.half_length_m, inside, counts, held, blind
-    pairs, zones, brakes = _meetings(poses, drivers, ways._replace(bodies=bodies), near, late)
-    strictest: dict[int, tuple[int, Wait]] = {}
-    for (row, other), values, brake_mps2 in zip(pairs.tolist(), zones.tolist(), brakes.tolist(), strict=True):
-        zone = Zone(*values[1:])
-        if zone.leads:
-            wait = Wait(float(speed[other]), brake_mps2, _free_behind_m(zone.blocked_m, config.behind_m))
-        else:
-            margins = config.among if inside[other] else config.yielding
-            crossing = _wait_across(row, other, zone, (speed, accel), outlook, config, margins)
-            if crossing is None:
-                continue
-            wait = crossing
-        if row not in strictest or wait.speed_mps < strictest[row][1].speed_mps:
-            strictest[row] = other, wait
-    ids = traffic.actor_id
-    return tuple(Caution(int(ids[row]), int(ids[other]), wait) for row, (other, wait) in strictest.items())
+    across = config.margin_m, config.accel_mps2, config.slowing_mps2
+    limits = near, late, across, (config.yielding, config.among)
+    pairs, waits = _strictest_waits(state, drivers, outlook.ways, outlook.rights, limits, 2.0)
+    found = zip(ids[pairs].tolist(), waits.tolist(), strict=True) if len(pairs) else ()
+    return tuple(Caution(actor_id, other_id, Wait(*wait)) for (actor_id, other_id), wait in found)
 
 
 def _flags(ids: Ids, members: Collection[int]) -> Flags:
@@ -163,69 +147,62 @@ def _is_near(pose: Any, own_mps: float, other_mps: float, half_length_m: float, 
 
 
 @compiled
-def _meetings(poses: Any, drivers: Any, ways: Any, near: Any, late: Any) -> tuple[Any, Any, Any]:
-    """What SUMO's drivers may have to wait for: pairs ``(P, 2)`` as in ``_near_pairs``, zones, and braking.
+def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: Any, square: float) -> tuple[Any, Any]:
+    """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
 
     Left out are vehicles that merge among themselves and those that lead while there is room, which SUMO handles, and
-    those from outside that come across the way of a driver who does not look. ``near`` and ``late`` are fields of
-    ``CautionConfig``, ``drivers`` arrays over all vehicles. The deceleration is that behind a body that leads.
+    those from outside that come across the way of a driver who does not look.
+
+    ``state`` and ``drivers`` hold arrays over all vehicles, ``limits`` fields of ``CautionConfig``. ``square`` is 2: by
+    a constant, speeds would be squared with another last bit than Python's.
     """
-    speed_mps, half_length_m, inside, counts, held, blind = drivers
-    behind_m, firm_mps2, gentle_mps2 = late
-    pairs = _near_pairs(poses, speed_mps, half_length_m, inside, counts, near)
-    zones = search_among(ways, pairs)
-    brakes = np.zeros(len(pairs))
-    count = 0
+    owner, flags, (x_m, y_m, yaw_rad), (simulated_mps, sumo_mps, accel_mps2) = state
+    half_length_m, held, blind = drivers
+    near, (behind_m, firm_mps2, gentle_mps2), (margin_m, accelerating_mps2, slowing_mps2), margins = limits
+    n = len(owner)
+    inside, counts, speed_mps, accel = np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n), np.empty(n)
+    bodies = ways.bodies.copy()
+    for row in range(n):
+        inside[row] = owner[row] == _BY_SUMO
+        counts[row] = not inside[row] or (flags[row] & _ON_JUNCTION) != 0
+        speed_mps[row] = sumo_mps[row] if inside[row] else simulated_mps[row]
+        accel[row] = max(accel_mps2[row], 0.0) if held[row] else accel_mps2[row]
+        bodies[row, 6] = near[0] * speed_mps[row] + near[1]
+        if not inside[row]:
+            bodies[row, 8] += margin_m
+    pairs = _near_pairs((x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)), speed_mps, half_length_m, inside, counts, near)
+    zones = search_among(Ways(ways.points, ways.first, ways.last, bodies), pairs)
+    found, waits, count = np.empty((n, 2), np.intp), np.empty((n, 3)), 0
     for p in range(len(pairs)):
         row, other = pairs[p, 0], pairs[p, 1]
-        leads, merges = zones[p, 7] > SAME_DIRECTION, zones[p, 5] > SAME_DIRECTION
-        if (
-            zones[p, 0] == 0.0
-            or not (inside[other] or leads or not blind[row])
-            or (merges and inside[other] and not leads)
-        ):
+        met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
+        leads, merges = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION
+        if met == 0.0 or (not leads and ((blind[row] and not inside[other]) or (merges and inside[other]))):
             continue
-        brake = 0.0
         if leads:
-            free = _free_behind_m(zones[p, 6], behind_m)
+            free = max(blocked - behind_m, 0.0)
             closing = max(speed_mps[row] - speed_mps[other], 0.0)
-            brake = closing * closing / (2.0 * max(free, LEAST_WAY_M))
-            if free > 0.0 and brake <= (gentle_mps2 if held[row] else firm_mps2):
+            wait = speed_mps[other], closing * closing / (2.0 * max(free, LEAST_WAY_M)), free
+            if free > 0.0 and wait[1] <= (gentle_mps2 if held[row] else firm_mps2):
                 continue
-        pairs[count], zones[count], brakes[count] = pairs[p], zones[p], brake
-        count += 1
-    return pairs[:count], zones[:count], brakes[:count]
-
-
-@compiled
-def _free_behind_m(blocked_m: float, behind_m: float) -> float:
-    """Way to a body ahead, without the distance that is kept from it."""
-    return max(blocked_m - behind_m, 0.0)
-
-
-def _wait_across(
-    row: int,
-    other: int,
-    zone: Zone,
-    motion: tuple[Floats, Floats],
-    outlook: Outlook,
-    settings: CautionConfig,
-    margins: YieldingConfig,
-) -> Wait | None:
-    """How the driver in a row has to wait for another vehicle whose way it crosses or joins; None where it need not.
-
-    ``motion`` holds the speeds and accelerations of all.
-    """
-    speed_mps, accel_mps2 = motion
-    own_mps, slowing, other_mps = float(speed_mps[row]), float(accel_mps2[row]), float(speed_mps[other])
-    top = max(outlook.limit_mps(row, zone.own_in_m), own_mps)
-    accel = slowing if slowing < settings.slowing_mps2 else settings.accel_mps2
-    return wait_for(
-        zone,
-        Approach(own_mps, top, accel, outlook.rank(row, zone.own_in_m)),
-        Approach(other_mps, other_mps, min(float(accel_mps2[other]), 0.0), outlook.rank(other, zone.other_in_m)),
-        margins,
-    )
+        else:
+            zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
+            own_mps, other_mps, straight = speed_mps[row], speed_mps[other], Bends(np.empty(0), 1.0, 0.0)
+            top = max(limit_at_mps(ways, rights, row, own_in), own_mps)
+            gains = accel[row] if accel[row] < slowing_mps2 else accelerating_mps2
+            own = Approach(own_mps, top, gains, rank_at(ways, rights, row, own_in), straight)
+            rank = rank_at(ways, rights, other, other_in)
+            comes = Approach(other_mps, other_mps, min(accel[other], 0.0), rank, straight)
+            wait = least_wait(zone, own, comes, other_mps**square, margins[1] if inside[other] else margins[0])
+            if wait[0] == np.inf:
+                continue
+        if count == 0 or found[count - 1, 0] != row:
+            count += 1
+        elif wait[0] >= waits[count - 1, 0]:
+            continue
+        found[count - 1, 0], found[count - 1, 1] = row, other
+        waits[count - 1, 0], waits[count - 1, 1], waits[count - 1, 2] = wait
+    return found[:count], waits[:count]
 
 
 class CautiousDrivers:
@@ -235,7 +212,7 @@ class CautiousDrivers:
         self._book = CourseBook(network)
         self._config = config
         self._slowed: dict[str, int] = {}
-        self._bodies: tuple[Ids, Floats, Floats] | None = None
+        self._drivers: tuple[Ids, Floats, Floats, list[int]] | None = None
 
     def apply(self, traffic: TrafficState | None, vehicles: Mapping[int, PlannedVehicle]) -> None:
         """Impose speeds for SUMO's next step, and free those who need not wait any more.
@@ -255,19 +232,23 @@ class CautiousDrivers:
         """Drop a vehicle that has left SUMO, or that is driven from outside from now on."""
         self._slowed.pop(name, None)
 
-    def _sizes_m(self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]) -> tuple[Floats, Floats]:
-        """Half lengths and half widths of actors; those of the call before where these are the same actors."""
-        if self._bodies is None or not np.array_equal(self._bodies[0], actor_id):
+    def _drivers_of(
+        self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]
+    ) -> tuple[Ids, Floats, Floats, list[int]]:
+        """Actors, half lengths, half widths and who is inattentive; those of the call before for the same actors."""
+        if self._drivers is None or self._drivers[0] is not actor_id:
             known = [vehicles[actor] for actor in actor_id.tolist()]
             half_length_m = np.array([0.5 * vehicle.length_m for vehicle in known])
-            self._bodies = actor_id, half_length_m, np.array([0.5 * vehicle.width_m for vehicle in known])
-        return self._bodies[1:]
+            half_width_m = np.array([0.5 * vehicle.width_m for vehicle in known])
+            inattentive = [actor for actor in actor_id.tolist() if not vehicles[actor].attentive]
+            self._drivers = actor_id, half_length_m, half_width_m, inattentive
+        return self._drivers
 
     def _speeds(self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle]) -> dict[str, tuple[int, float]]:
         """Actor and speed by the vehicle's name."""
-        outlook = Outlook(traffic, self._book, *self._sizes_m(traffic.actor_id, vehicles))
+        _, half_length_m, half_width_m, inattentive = self._drivers_of(traffic.actor_id, vehicles)
+        outlook = Outlook(traffic, self._book, half_length_m, half_width_m)
         speeds = {}
-        inattentive = [actor_id for actor_id, vehicle in vehicles.items() if not vehicle.attentive]
         for caution in cautions(traffic, outlook, self._config, self._slowed.values(), inattentive):
             row = int(np.searchsorted(traffic.actor_id, caution.actor_id))
             speed = float(traffic.sumo_speed_mps[row])

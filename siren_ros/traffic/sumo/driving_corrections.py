@@ -5,21 +5,22 @@
 * They move sideways by driving, also where a lane change is urgent.
 """
 
-from collections.abc import Collection, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
+from functools import lru_cache
 from itertools import pairwise
-from operator import itemgetter
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import libsumo
 import numpy as np
 
-from siren_ros.numerics.arrays import Flags, Rows
+from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.numerics.braking import SAMPLE_M, bend_speeds_mps, with_braking
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, Lane, LaneKind, RoadNetwork
 from siren_ros.traffic.demand.plan import PlannedVehicle, connection_onward
+from siren_ros.traffic.sumo.readings import ALONG, ASIDE, SPEED, SumoColumns, X, Y
 
 # No parameters: they make SUMO's motion one that a car can follow, and are calibrated with the vehicle model.
 LATERAL_ACCEL_MPS2: Final = 3.0
@@ -34,139 +35,75 @@ _STEP_MPS: Final = 0.05
 """A limit is told to SUMO when it has changed by this much."""
 
 
-Results: TypeAlias = Mapping[str, Mapping[int, Any]]
-"""SUMO's subscription results by vehicle."""
-
-
-_BENDS: Final = itemgetter(libsumo.VAR_LANE_ID, libsumo.VAR_ROUTE_INDEX, libsumo.VAR_LANEPOSITION, libsumo.VAR_SPEED)
-_FRONTS: Final = itemgetter(libsumo.VAR_LANE_ID, libsumo.VAR_POSITION)
-
-
 class _Rows:
-    """The vehicles of SUMO's results, row by row, and where each was at the step before."""
+    """Where SUMO's vehicles were before."""
 
     def __init__(self) -> None:
-        self.names: list[str] = []
-        self._row_of: dict[str, int] = {}
-        self._none = np.zeros(0, np.bool_)
+        self._names: list[str] = []
+        self._row_of: Mapping[str, int] = {}
 
-    def follow(self, results: Results) -> Rows | None:
-        """Takes the vehicles of these results; the row that each had before, −1 for a new one, None for no change."""
-        names = list(results)
-        if names == self.names:
+    def follow(self, columns: SumoColumns) -> Rows | None:
+        """The row that each vehicle had before, −1 for a new one; None where the vehicles are the same."""
+        if columns.names is self._names:
             return None
-        rows = np.array([self._row_of.get(name, -1) for name in names], dtype=np.intp)
-        self.names, self._row_of = names, {name: row for row, name in enumerate(names)}
-        self._none = np.zeros(len(names), np.bool_)
+        rows = np.array([self._row_of.get(name, -1) for name in columns.names], dtype=np.intp)
+        self._names, self._row_of = columns.names, columns.row_of
         return rows
-
-    def which(self, names: Collection[str]) -> Flags:
-        """The rows of some vehicles, as flags; vehicles without a row are passed over."""
-        if not names:
-            return self._none
-        flags = self._none.copy()
-        for name in names:
-            if name in self._row_of:
-                flags[self._row_of[name]] = True
-        return flags
 
 
 class _Profile(NamedTuple):
     """Speeds at each metre of a lane."""
 
-    scale: float
-    """SUMO's length of the lane over that of its centre line."""
     first: int
     """Where its speeds begin among those of all profiles."""
     samples: int
 
 
-_NO_PROFILE: Final = _Profile(1.0, 0, 0)
+_NO_PROFILE: Final = _Profile(0, 0)
 _MOST_PASSED: Final = 64
 """Places with ascending speeds along a vehicle, which are at least a metre apart, or on lanes that are shorter."""
 
 
-class BendLimits:
-    """Sets the greatest speed of SUMO's vehicles, step by step, from the shapes of the lanes ahead."""
+class _Profiles:
+    """The speed profiles of a map's lanes, each worked out once: a memory of pure results."""
 
-    def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
-        """``length_scale`` is SUMO's length of each lane over that of its centre line."""
+    def __init__(self, network: RoadNetwork) -> None:
         self._network = network
-        self._length_scale = length_scale
         lanes_of = ((*connection.via, connection.to_lane) for connection in network.connections)
         self._onward = dict(pair for lanes in lanes_of for pair in pairwise(lanes))
         """The lane that follows each internal lane."""
-        self._profiles: dict[tuple[int, tuple[int, ...]], _Profile] = {}
-        self._speeds_mps = np.empty((2, 0))
+        self._of_route: dict[tuple[int, tuple[int, ...]], _Profile] = {}
+        self._of_lanes: dict[tuple[int, ...], _Profile] = {}
+        self._used = 0
+        self.speeds_mps = np.empty((2, 0))
         """Of all profiles: that of the bend at a place, and that from which one still slows down for what follows."""
-        self._routes: dict[str, tuple[int, ...]] = {}
-        self._rows = _Rows()
-        self._present: list[tuple[str, int]] = []
-        """Lane and place on the route of each vehicle, for which its profile holds."""
-        self._profile = np.empty((0, 3))
-        """Fields of ``_Profile`` by vehicle."""
-        self._passed = np.empty((0, _MOST_PASSED, 2))
-        """Places where each front bumper was: distance driven until there, and the speed of the bend."""
-        self._passed_count = np.empty(0, np.intp)
-        self._bodies = np.empty((0, 2))
-        """Wished speed and length of each vehicle."""
-        self._limits_mps = np.empty(0)
 
-    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Collection[str]) -> None:
-        """Set the limits for SUMO's next step; ``mirrored`` vehicles are moved from outside and have no limit."""
-        before = self._rows.follow(results)
-        if before is not None:
-            self._follow(before, vehicles)
-        if not results:
-            return
-        lanes, indices, at_m, speed_mps = zip(*map(_BENDS, results.values()), strict=True)
-        outside = self._rows.which(mirrored)
-        for row, present in enumerate(zip(lanes, indices, strict=True)):
-            if present != self._present[row] and not outside[row]:
-                self._present[row] = present
-                name = self._rows.names[row]
-                lane = self._network.lane_by_id.get(present[0])
-                edges = self._route_ahead(name, vehicles[name], present[1])
-                self._profile[row] = _NO_PROFILE if lane is None else self._profile_of(lane, edges)
-        motion = np.array(at_m), np.array(speed_mps), outside
-        passed = self._passed, self._passed_count
-        changed = _bend_limits(motion, self._bodies, self._profile, self._speeds_mps, passed, self._limits_mps)
-        for row in changed.tolist():
-            libsumo.vehicle.setMaxSpeed(self._rows.names[row], float(self._limits_mps[row]))
+    @staticmethod
+    @lru_cache(maxsize=MAPS_KEPT)
+    def of_map(network: RoadNetwork) -> "_Profiles":
+        """The profiles of a map; those of other episodes on it are among them."""
+        return _Profiles(network)
 
-    def _follow(self, before: Rows, vehicles: Mapping[str, PlannedVehicle]) -> None:
-        """Brings what is remembered of vehicles into the order of the rows, given the rows that they had before."""
-        new = before < 0
-        self._present = [self._present[row] if row >= 0 else ("", -2) for row in before.tolist()]
-        known = [vehicles[name] for name in self._rows.names]
-        bodies = [(vehicle.driver.driving.max_speed_mps, vehicle.length_m) for vehicle in known]
-        self._bodies = np.array(bodies).reshape(-1, 2)
-        if not len(self._limits_mps):
-            self._profile, self._passed = np.zeros((1, 3)), np.zeros((1, _MOST_PASSED, 2))
-            self._passed_count, self._limits_mps = np.zeros(1, np.intp), np.zeros(1)
-        self._profile, self._passed = self._profile[before], self._passed[before]
-        self._passed_count, self._limits_mps = self._passed_count[before], self._limits_mps[before]
-        self._profile[new], self._passed_count[new] = _NO_PROFILE, 0
-        self._limits_mps[new] = self._bodies[new, 0]
-
-    def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
-        """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
-        if name not in self._routes:
-            self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
-        return self._routes[name][max(index, 0) :][:_EDGES_AHEAD]
-
-    def _profile_of(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
+    def of(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
         """The speeds of a lane, with regard to what follows it on the route."""
         key = (lane.index, edges)
-        if key not in self._profiles:
-            path = Polyline.joined([self._network.lanes[index].centre for index in self._lanes_ahead(lane, edges)])
-            reach = path.cut(0.0, min(path.length_m, lane.length_m + _AHEAD_M))
-            bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
-            speeds = np.stack((bend[:count], with_braking(bend, BRAKING_MPS2)[:count]))
-            scale, first = self._length_scale[lane.lane_id], self._speeds_mps.shape[1]
-            self._profiles[key] = _Profile(scale, first, speeds.shape[1])
-            self._speeds_mps = np.concatenate((self._speeds_mps, speeds), axis=1)
-        return self._profiles[key]
+        if key not in self._of_route:
+            lanes = tuple(self._lanes_ahead(lane, edges))
+            if lanes not in self._of_lanes:
+                self._of_lanes[lanes] = self._profile(lane, lanes)
+            self._of_route[key] = self._of_lanes[lanes]
+        return self._of_route[key]
+
+    def _profile(self, lane: Lane, lanes: Sequence[int]) -> _Profile:
+        path = Polyline.joined([self._network.lanes[index].centre for index in lanes])
+        reach = path.cut(0.0, min(path.length_m, lane.length_m + _AHEAD_M))
+        bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
+        speeds = np.stack((bend[:count], with_braking(bend, BRAKING_MPS2)[:count]))
+        first, self._used = self._used, self._used + speeds.shape[1]
+        if self._used > self.speeds_mps.shape[1]:
+            self.speeds_mps = np.concatenate((self.speeds_mps, np.empty((2, self._used))), axis=1)
+        self.speeds_mps[:, first : self._used] = speeds
+        return _Profile(first, speeds.shape[1])
 
     def _lanes_ahead(self, lane: Lane, edges: Sequence[int]) -> list[int]:
         """The lane and those that follow it on the route, at least as far as a bend counts."""
@@ -186,22 +123,96 @@ class BendLimits:
         return lanes
 
 
+class BendLimits:
+    """Sets the greatest speed of SUMO's vehicles, step by step, from the shapes of the lanes ahead."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._network = network
+        self._profiles = _Profiles.of_map(network)
+        self._routes: dict[str, tuple[int, ...]] = {}
+        self._rows = _Rows()
+        self._present: list[tuple[str, int]] = []
+        """Lane and place on the route of each vehicle, for which its profile holds."""
+        self._seen: tuple[tuple[str, ...], tuple[int, ...]] = (), ()
+        """The same as it was looked at last..."""
+        self._unseen = False
+        """...when vehicles that were moved from outside were passed over."""
+        self._profile = np.empty((0, 2), np.intp)
+        """Fields of ``_Profile`` by vehicle."""
+        self._passed = np.empty((0, _MOST_PASSED, 2))
+        """Places where each front bumper was: distance driven until there, and the speed of the bend."""
+        self._passed_count = np.empty(0, np.intp)
+        self._bodies = np.empty((0, 2))
+        """Wished speed and length of each vehicle."""
+        self._limits_mps = np.empty(0)
+
+    def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
+        """Set the limits for SUMO's next step; vehicles that are moved from outside have none."""
+        before = self._rows.follow(columns)
+        if before is not None:
+            self._follow(before, columns.names, vehicles)
+        seen = columns.lane_ids, columns.route_index
+        if before is not None or self._unseen or seen[0] is not self._seen[0] or seen[1] is not self._seen[1]:
+            self._seen = seen
+            self._look_ahead(columns, vehicles, outside)
+        passed = self._passed, self._passed_count
+        states = self._bodies, columns.scale, self._profile, self._profiles.speeds_mps
+        for row in _bend_limits(columns.numbers, outside, states, passed, self._limits_mps).tolist():
+            libsumo.vehicle.setMaxSpeed(columns.names[row], float(self._limits_mps[row]))
+
+    def _look_ahead(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
+        """Finds the profiles of vehicles that have come to another lane or edge."""
+        self._unseen = False
+        for row, present in enumerate(zip(columns.lane_ids, columns.route_index, strict=True)):
+            if present == self._present[row]:
+                continue
+            if outside[row]:
+                self._unseen = True
+                continue
+            self._present[row] = present
+            name = columns.names[row]
+            lane = self._network.lane_by_id.get(present[0])
+            edges = self._route_ahead(name, vehicles[name], present[1])
+            self._profile[row] = _NO_PROFILE if lane is None else self._profiles.of(lane, edges)
+
+    def _follow(self, before: Rows, names: Sequence[str], vehicles: Mapping[str, PlannedVehicle]) -> None:
+        """Brings what is remembered of vehicles into the order of the rows, given the rows that they had before."""
+        new = before < 0
+        self._present = [self._present[row] if row >= 0 else ("", -2) for row in before.tolist()]
+        known = [vehicles[name] for name in names]
+        bodies = [(vehicle.driver.driving.max_speed_mps, vehicle.length_m) for vehicle in known]
+        self._bodies = np.array(bodies).reshape(-1, 2)
+        if not len(self._limits_mps):
+            self._profile, self._passed = np.zeros((1, 2), np.intp), np.zeros((1, _MOST_PASSED, 2))
+            self._passed_count, self._limits_mps = np.zeros(1, np.intp), np.zeros(1)
+        self._profile, self._passed = self._profile[before], self._passed[before]
+        self._passed_count, self._limits_mps = self._passed_count[before], self._limits_mps[before]
+        self._profile[new], self._passed_count[new] = _NO_PROFILE, 0
+        self._limits_mps[new] = self._bodies[new, 0]
+
+    def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
+        """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
+        if name not in self._routes:
+            self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
+        return self._routes[name][max(index, 0) :][:_EDGES_AHEAD]
+
+
 @compiled
-def _bend_limits(motion: Any, bodies: Any, profiles: Any, speeds_mps: Any, passed: Any, limits_mps: Any) -> Any:
+def _bend_limits(numbers: Any, outside: Any, states: Any, passed: Any, limits_mps: Any) -> Any:
     """Sets the limit of every vehicle; rows of those that SUMO has to be told, which are all that change.
 
-    ``motion`` holds SUMO's lane positions, speeds and which vehicles are moved from outside; other arguments are as in
-    ``BendLimits``. What was passed is kept up as far as the vehicle is long.
+    ``states`` holds bodies, SUMO's scales, profiles and their speeds, as in ``BendLimits``. What was passed is kept up
+    as far as the vehicle is long.
     """
-    positions_m, speeds, outside = motion
-    changed, count = np.empty(len(positions_m), np.intp), 0
-    for row in range(len(positions_m)):
+    bodies, scales, profiles, speeds_mps = states
+    changed, count = np.empty(len(outside), np.intp), 0
+    for row in range(len(outside)):
         wished, length_m = bodies[row, 0], bodies[row, 1]
-        scale, first, samples = profiles[row, 0], int(profiles[row, 1]), int(profiles[row, 2])
+        scale, first, samples = scales[row], profiles[row, 0], profiles[row, 1]
         limit = wished
         if samples > 0 and not outside[row]:
-            at = first + min(max(int(positions_m[row] / scale / SAMPLE_M), 0), samples - 1)
-            held = _slowest_held(passed, row, speeds[row] / scale * STEP_S, speeds_mps[0, at], length_m)
+            at = first + min(max(int(numbers[ALONG, row] / scale / SAMPLE_M), 0), samples - 1)
+            held = _slowest_held(passed, row, numbers[SPEED, row] / scale * STEP_S, speeds_mps[0, at], length_m)
             limit = min(wished, scale * min(held, speeds_mps[1, at]))
         before = limits_mps[row]
         if abs(limit - before) >= _STEP_MPS or (limit != before and wished in (limit, before)):
@@ -242,53 +253,45 @@ _TOLERANCE_M: Final = 0.05
 class LaneContinuity:
     """Remembers front bumpers of one step, and corrects the next one's where a lane change moved them."""
 
-    def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
+    def __init__(self, network: RoadNetwork) -> None:
         self._network = network
-        self._length_scale = length_scale
         self._rows = _Rows()
-        self._lanes: list[str] = []
-        self._fronts_m: list[tuple[float, float]] = []
-        """Lane and place of each front bumper, in SUMO's frame."""
+        self._lane_ids: tuple[str, ...] = ()
+        self._fronts_m = np.empty((2, 0))
+        """Place of each front bumper, in SUMO's frame."""
 
-    def correct(self, results: Mapping[str, dict[int, Any]], skip: Container[str]) -> None:
-        """Put vehicles that changed lanes in the last step where their motion leads, in SUMO and in the results.
+    def correct(self, columns: SumoColumns, skip: Container[str]) -> None:
+        """Put vehicles that changed lanes in the last step where their motion leads, in SUMO and in the columns.
 
-        In SUMO's results of this step, their position and lane position are replaced in place. Vehicles that are moved
-        from outside (``skip``) stand right already.
+        Their position and lane position are replaced in place. Vehicles that are moved from outside (``skip``) stand
+        right already.
         """
-        before, rows = self._rows.follow(results), range(len(results))
-        lanes = [result[libsumo.VAR_LANE_ID] for result in results.values()]
-        fronts = [result[libsumo.VAR_POSITION] for result in results.values()]
-        known = zip(rows, rows if before is None else before.tolist(), strict=True)
-        offset_x, offset_y = self._network.sumo_offset_m
-        for row, earlier in known:
-            if earlier < 0 or lanes[row] == self._lanes[earlier]:
-                continue
-            name = self._rows.names[row]
-            if name not in skip and self._beside(self._lanes[earlier], lanes[row]):
-                x, y = self._fronts_m[earlier]
-                lane = self._network.lane_by_id[lanes[row]]
-                self._correct_vehicle(name, (x - offset_x, y - offset_y), lane, results[name])
-                fronts[row] = results[name][libsumo.VAR_POSITION]
-        self._lanes, self._fronts_m = lanes, fronts
+        before = self._rows.follow(columns)
+        if before is not None or columns.lane_ids is not self._lane_ids:
+            rows = range(len(columns.names)) if before is None else before.tolist()
+            for row, (name, earlier) in enumerate(zip(columns.names, rows, strict=True)):
+                if earlier < 0 or columns.lane_ids[row] == self._lane_ids[earlier] or name in skip:
+                    continue
+                if self._beside(self._lane_ids[earlier], columns.lane_ids[row]):
+                    self._correct_vehicle(columns, row, self._fronts_m[:, earlier])
+        self._lane_ids, self._fronts_m = columns.lane_ids, columns.numbers[:2]
 
     def _beside(self, before: str, now: str) -> bool:
         """Whether two lanes, by their ids, are lanes of one edge."""
         first, second = self._network.lane_by_id.get(before), self._network.lane_by_id.get(now)
         return first is not None and second is not None and first.edge == second.edge
 
-    def _correct_vehicle(self, name: str, front_m: tuple[float, float], lane: Lane, result: dict[int, Any]) -> None:
-        scale = self._length_scale[lane.lane_id]
-        along, _ = lane.centre.project(front_m)
-        at_m = float(along) + result[libsumo.VAR_SPEED] / scale * STEP_S
-        jump = result[libsumo.VAR_LANEPOSITION] / scale - at_m
+    def _correct_vehicle(self, columns: SumoColumns, row: int, before_m: Floats) -> None:
+        lane = self._network.lane_by_id[columns.lane_ids[row]]
+        scale, numbers, offset_m = columns.scale[row], columns.numbers[:, row], self._network.sumo_offset_m
+        along, _ = lane.centre.project(before_m - offset_m)
+        at_m = float(along + numbers[SPEED] / scale * STEP_S)
+        jump = numbers[ALONG] / scale - at_m
         if abs(jump) < _TOLERANCE_M or not 0.0 < at_m < lane.length_m:
             return
-        libsumo.vehicle.moveTo(name, lane.lane_id, at_m * scale)
-        x, y = lane.centre.offset_points(at_m, result[libsumo.VAR_LANEPOSITION_LAT])
-        offset_x, offset_y = self._network.sumo_offset_m
-        result[libsumo.VAR_POSITION] = (float(x) + offset_x, float(y) + offset_y)
-        result[libsumo.VAR_LANEPOSITION] = at_m * scale
+        libsumo.vehicle.moveTo(columns.names[row], lane.lane_id, float(at_m * scale))
+        numbers[X], numbers[Y] = lane.centre.offset_points(at_m, numbers[ASIDE]) + np.array(offset_m)
+        numbers[ALONG] = at_m * scale
 
 
 # No parameters: see above.
@@ -307,25 +310,23 @@ class SidewaysLimits:
         self._rows = _Rows()
         self._wished_mps = self._limits_mps = np.empty(0)
 
-    def apply(self, results: Results, vehicles: Mapping[str, PlannedVehicle], mirrored: Collection[str]) -> None:
-        """Set the limits for SUMO's next step; ``mirrored`` vehicles are moved from outside."""
-        before = self._rows.follow(results)
+    def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
+        """Set the limits for SUMO's next step; some vehicles are moved from outside."""
+        before = self._rows.follow(columns)
         if before is not None:
-            wished = [vehicles[name].driver.max_lateral_speed_mps for name in self._rows.names]
+            wished = [vehicles[name].driver.max_lateral_speed_mps for name in columns.names]
             self._wished_mps, last = np.array(wished), np.append(self._limits_mps, 0.0)
             self._limits_mps = np.where(before >= 0, last[before], self._wished_mps)
-        speed_mps = np.array([result[libsumo.VAR_SPEED] for result in results.values()])
-        changed = _sideways_limits(speed_mps, self._rows.which(mirrored), self._wished_mps, self._limits_mps)
-        for row in changed.tolist():
-            libsumo.vehicle.setMaxSpeedLat(self._rows.names[row], float(self._limits_mps[row]))
+        for row in _sideways_limits(columns.numbers, outside, self._wished_mps, self._limits_mps).tolist():
+            libsumo.vehicle.setMaxSpeedLat(columns.names[row], float(self._limits_mps[row]))
 
 
 @compiled
-def _sideways_limits(speeds_mps: Any, outside: Any, wished_mps: Any, limits_mps: Any) -> Any:
+def _sideways_limits(numbers: Any, outside: Any, wished_mps: Any, limits_mps: Any) -> Any:
     """Sets the limit of every vehicle; rows of those that change. ``outside`` are moved from outside."""
-    changed, count = np.empty(len(speeds_mps), np.intp), 0
-    for row in range(len(speeds_mps)):
-        speed = 0.0 if outside[row] else speeds_mps[row]
+    changed, count = np.empty(len(outside), np.intp), 0
+    for row in range(len(outside)):
+        speed = 0.0 if outside[row] else numbers[SPEED, row]
         limit = _SIDEWAYS_STEP_MPS * np.trunc(SIDEWAYS_SHARE * speed / _SIDEWAYS_STEP_MPS)
         limit = min(max(limit, _LEAST_MPS), wished_mps[row])
         if limit != limits_mps[row]:

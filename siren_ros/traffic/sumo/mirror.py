@@ -3,10 +3,11 @@
 The lane of a vehicle on its route is found from its pose alone.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import libsumo
 import numpy as np
@@ -19,8 +20,8 @@ from siren_ros.roads.road_network import NO_LANE, Lane, LaneKind, RoadNetwork
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle
 from siren_ros.traffic.sumo.population import SumoPopulation, route_id
-from siren_ros.traffic.sumo.readings import sumo_from_map
-from siren_ros.world.actors import ActorStates, Mode, Owner, rows_of_ids
+from siren_ros.traffic.sumo.readings import SumoColumns, sumo_from_map
+from siren_ros.world.actors import ActorStates, Mode, Owner
 
 _DRIVABLE = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 
@@ -51,16 +52,11 @@ _STAY_M: Final = 0.1
 class _Corridor(NamedTuple):
     """All centre-line segments of some lanes."""
 
-    start: npt.NDArray[np.float64]
-    length_m: npt.NDArray[np.float64]
-    unit: npt.NDArray[np.float64]
-    """Direction of each segment."""
-    heading_rad: npt.NDArray[np.float64]
-    arc_m: npt.NDArray[np.float64]
-    lane: npt.NDArray[np.int32]
-    edge: npt.NDArray[np.int32]
-    reach_m: npt.NDArray[np.float64]
-    """Distance from the centre line up to which a point belongs to the lane."""
+    segments: npt.NDArray[np.float64]
+    """Start's x and y, length, direction's x and y, heading, arc length at the start, and the distance from the centre
+    line up to which a point belongs to the lane; shape ``(8, K)``."""
+    lanes: npt.NDArray[np.int32]
+    """Lane and edge of each segment, shape ``(2, K)``."""
 
 
 class LaneMatcher:
@@ -84,7 +80,7 @@ class LaneMatcher:
         best, along_m, lateral_m = _nearest(corridor, front_m, yaw_rad, edge, present_lane)
         if best < 0:
             return OFF_ROUTE
-        return LaneMatch(int(corridor.lane[best]), float(corridor.arc_m[best] + along_m), lateral_m)
+        return LaneMatch(int(corridor.lanes[0, best]), float(corridor.segments[6, best] + along_m), lateral_m)
 
     def _corridor(self, edges: tuple[int, ...]) -> _Corridor:
         indices: list[int] = []
@@ -102,16 +98,11 @@ class LaneMatcher:
         length = np.hypot(delta[:, 0], delta[:, 1])
         beside_m = _SIDEWAYS_M, _JUNCTION_SIDEWAYS_M
         reach_m = [lane.width_m / 2.0 + beside_m[lane.kind is LaneKind.INTERNAL] for lane in lanes]
-        return _Corridor(
-            start=np.concatenate([lane.centre.points[:-1] for lane in lanes]),
-            length_m=length,
-            unit=delta / length[:, None],
-            heading_rad=np.arctan2(delta[:, 1], delta[:, 0]),
-            arc_m=np.concatenate([lane.centre.arc_m[:-1] for lane in lanes]),
-            lane=np.repeat(np.array([lane.index for lane in lanes], dtype=np.int32), counts),
-            edge=np.repeat(np.array([lane.edge for lane in lanes], dtype=np.int32), counts),
-            reach_m=np.repeat(reach_m, counts),
-        )
+        start = np.concatenate([lane.centre.points[:-1] for lane in lanes])
+        unit, heading = delta / length[:, None], np.arctan2(delta[:, 1], delta[:, 0])
+        arc = np.concatenate([lane.centre.arc_m[:-1] for lane in lanes])
+        segments = np.stack((*start.T, length, *unit.T, heading, arc, np.repeat(reach_m, counts)))
+        return _Corridor(segments, np.repeat([[lane.index, lane.edge] for lane in lanes], counts, axis=0).T.copy())
 
 
 @compiled
@@ -122,15 +113,16 @@ def _nearest(
 
     ``edge`` and ``lane`` are the vehicle's present ones.
     """
+    segments, lanes = corridor
     best, best_m, best_along, best_left = -1, np.inf, 0.0, 0.0
-    for k in range(corridor.length_m.shape[0]):
-        x, y = front_m[0] - corridor.start[k, 0], front_m[1] - corridor.start[k, 1]
-        unit_x, unit_y = corridor.unit[k, 0], corridor.unit[k, 1]
-        along = within(x * unit_x + y * unit_y, 0.0, corridor.length_m[k])
+    for k in range(segments.shape[1]):
+        x, y = front_m[0] - segments[0, k], front_m[1] - segments[1, k]
+        unit_x, unit_y = segments[3, k], segments[4, k]
+        along = within(x * unit_x + y * unit_y, 0.0, segments[2, k])
         distance = np.hypot(x - along * unit_x, y - along * unit_y)
-        if distance > corridor.reach_m[k] or abs(wrapped_rad(corridor.heading_rad[k] - yaw_rad)) > _HEADING_LIMIT_RAD:
+        if distance > segments[7, k] or abs(wrapped_rad(segments[5, k] - yaw_rad)) > _HEADING_LIMIT_RAD:
             continue
-        if corridor.edge[k] == edge and corridor.lane[k] != lane:
+        if lanes[1, k] == edge and lanes[0, k] != lane:
             distance += _STAY_M
         if distance < best_m:
             best, best_m, best_along, best_left = k, distance, along, unit_x * y - unit_y * x
@@ -155,10 +147,40 @@ _LEAST_REALIGNED_M: Final = 1.0
 """A vehicle is not brought back by less: what is left then is its angle or its distance from the lane's middle."""
 _STANDING_MPS: Final = 0.05
 _EDGES_TO_MATCH: Final = 3
+_BY_ROS: Final = int(Owner.ROS)
 _BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
 """Phases of a yield in which SUMO drives, but not as the driver would."""
 _BINDS: Final = np.array([code in _BINDING_MODES for code in range(256)])
 """The same by code."""
+
+
+@compiled
+def _to_treat(owners: Any, columns: Any, limits_m: Any, binds: Any, known: Any) -> tuple[Any, Any, Any, Any]:
+    """Speeds of all vehicles, and the rows of those that have to be treated, of three kinds.
+
+    These are vehicles that ROS drives; those of SUMO that are farther from it than one of ``limits_m``, of standing and
+    of other vehicles, allows; and those of SUMO whose mode ``binds`` them or whose ids are ``known``.
+    """
+    actor_id, owner, mode = owners
+    vx_mps, vy_mps, residual_m = columns
+    n = len(actor_id)
+    speeds_mps, rows, counts = np.empty(n), np.empty((3, n), np.intp), np.zeros(3, np.intp)
+    for row in range(n):
+        speeds_mps[row] = np.hypot(vx_mps[row], vy_mps[row])
+        if owner[row] == _BY_ROS:
+            rows[0, counts[0]] = row
+            counts[0] += 1
+            continue
+        if residual_m[row] > (limits_m[0] if speeds_mps[row] < _STANDING_MPS else limits_m[1]):
+            rows[1, counts[1]] = row
+            counts[1] += 1
+        treated = binds[mode[row]]
+        for k in range(len(known)):
+            treated = treated or known[k] == actor_id[row]
+        if treated:
+            rows[2, counts[2]] = row
+            counts[2] += 1
+    return speeds_mps, rows[0, : counts[0]], rows[1, : counts[1]], rows[2, : counts[2]]
 
 
 @dataclass(frozen=True)
@@ -200,78 +222,72 @@ class Mirror:
         the actor id of each vehicle, ``routes`` the edges ahead of it, the present one first.
         """
         before, self.places = self.places, {}
-        for row in np.flatnonzero(states.owner == Owner.ROS).tolist():
+        known = np.array([ids[name] for name in {*before, *self._bound}], np.uint32)
+        owners = states.actor_id, states.owner, states.mode
+        limits_m = self._config.realign_standing_m, self._config.realign_m
+        columns = states.vx_mps, states.vy_mps, states.residual_m
+        speeds_mps, moved, lagging, changed = _to_treat(owners, columns, limits_m, _BINDS, known)
+        for row in moved.tolist():
             vehicle = vehicles.get(int(states.actor_id[row]))
             if vehicle is not None:
                 place = self._place(states, row, vehicle, routes[vehicle.name], before)
                 # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
-                self._set_speed(vehicle.name, place.match.lane, float(states.speed_mps[row]))
+                self._set_speed(vehicle.name, place.match.lane, float(speeds_mps[row]))
                 self._restore_route(vehicle)
                 self._move(vehicle.name, place)
                 self.places[vehicle.name] = place
-        self._realign(states, vehicles, routes)
-        changes = _BINDS[states.mode]
-        known = sorted(ids[name] for name in {*before, *self._bound})
-        rows = rows_of_ids(states.actor_id, np.array(known, np.uint32))
-        changes[rows[rows >= 0]] = True
-        in_sumo = np.flatnonzero(changes & (states.owner == Owner.SUMO))
-        columns = (states.actor_id, states.mode, states.speed_mps)
-        for actor_id, mode, speed_mps in zip(*(column[in_sumo].tolist() for column in columns), strict=True):
+        self.realigned = {}
+        for row in lagging.tolist():
+            vehicle = vehicles.get(int(states.actor_id[row]))
+            if vehicle is not None:
+                self._realign(states, row, float(speeds_mps[row]), vehicle, routes[vehicle.name])
+        for row in changed.tolist():
+            actor_id = int(states.actor_id[row])
             if actor_id in vehicles:
                 name = vehicles[actor_id].name
                 if name in before and name not in self.places:
-                    self._hand_back(name, before[name].match.lane, speed_mps)
-                self._bind(name, mode)
+                    self._hand_back(name, before[name].match.lane, float(speeds_mps[row]))
+                self._bind(name, int(states.mode[row]))
 
     def forget(self, name: str) -> None:
         """Drop a vehicle that has left SUMO."""
         self.places.pop(name, None)
         self._bound.pop(name, None)
 
-    def check_placed(self) -> None:
+    def check_placed(self, columns: SumoColumns) -> None:
         """Verify, after SUMO's step, that every mirrored vehicle stands where it was put.
 
         Raises:
             EpisodeError: SUMO moved one elsewhere; names it and the distance.
         """
         for name, place in self.places.items():
-            x, y = libsumo.vehicle.getPosition(name)
-            miss = float(np.hypot(x - place.x_m, y - place.y_m))
+            x, y = columns.numbers[:2, columns.row_of[name]].tolist()
+            miss = math.hypot(x - place.x_m, y - place.y_m)
             if miss > self._config.placed_m:
                 lane = libsumo.vehicle.getLaneID(name)
                 raise EpisodeError(f"SUMO put {name} {miss:.2f} m off the pose that it was given (lane {lane!r})")
 
     def _realign(
-        self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], routes: Mapping[str, Sequence[int]]
+        self, states: ActorStates, row: int, speed_mps: float, vehicle: PlannedVehicle, route: Sequence[int]
     ) -> None:
-        """Bring SUMO's vehicles back to simulated ones that cannot follow them, where these are on their route.
+        """Bring a vehicle of SUMO back to the simulated one that cannot follow it, where this is on its route.
 
-        That are those that are too far off, and those that have stopped elsewhere.
         SUMO's vehicle gets the place along its lane, not the pose: SUMO might find an exact pose off the lane's course
         on the lane of the other direction.
         """
-        self.realigned = {}
-        stands = states.speed_mps < _STANDING_MPS
-        most_m = np.where(stands, self._config.realign_standing_m, self._config.realign_m)
-        lagging = (states.owner == Owner.SUMO) & (states.residual_m > most_m)
-        for row in np.flatnonzero(lagging).tolist():
-            actor_id = int(states.actor_id[row])
-            if actor_id not in vehicles:
-                continue
-            vehicle = vehicles[actor_id]
-            far = states.residual_m[row] > self._config.realign_m
-            if not far and libsumo.vehicle.getSpeed(vehicle.name) > _STANDING_MPS:
-                continue
-            match = self._place(states, row, vehicle, routes[vehicle.name], {}).match
-            if match.lane == NO_LANE:
-                continue
-            lane = self._network.lanes[match.lane]
-            least_m = _LEAST_REALIGNED_M if far else self._config.realign_standing_m
-            if self._ahead_by_m(vehicle.name, lane, match.position_m) > least_m and lane.civilian_allowed:
-                at_m = min(match.position_m, lane.length_m) * self._population.length_scale[lane.lane_id]
-                libsumo.vehicle.moveTo(vehicle.name, lane.lane_id, at_m)
-                self._set_speed(vehicle.name, match.lane, float(states.speed_mps[row]))
-                self.realigned[actor_id] = float(states.residual_m[row])
+        far = states.residual_m[row] > self._config.realign_m
+        if not far and libsumo.vehicle.getSpeed(vehicle.name) > _STANDING_MPS:
+            return
+        match = self._place(states, row, vehicle, route, {}).match
+        if match.lane == NO_LANE:
+            return
+        lane = self._network.lanes[match.lane]
+        least_m = _LEAST_REALIGNED_M if far else self._config.realign_standing_m
+        if self._ahead_by_m(vehicle.name, lane, match.position_m) > least_m and lane.civilian_allowed:
+            at_m = min(match.position_m, lane.length_m) * self._population.length_scale[lane.lane_id]
+            libsumo.vehicle.moveTo(vehicle.name, lane.lane_id, at_m)
+            self._set_speed(vehicle.name, match.lane, speed_mps)
+            self.realigned[int(states.actor_id[row])] = float(states.residual_m[row])
 
     def _ahead_by_m(self, name: str, lane: Lane, position_m: float) -> float:
         """Distance of a vehicle's front in SUMO from a place on a lane: what bringing it back there would change."""
@@ -291,19 +307,19 @@ class Mirror:
         """Where a vehicle is one step after its state; ``places`` holds those of the step before."""
         before = places.get(vehicle.name)
         offset = self._network.sumo_offset_m
+        yaw = float(states.yaw_rad[row])
         x, y, angle = sumo_from_map(
-            states.x_m[row] + states.vx_mps[row] * STEP_S,
-            states.y_m[row] + states.vy_mps[row] * STEP_S,
-            states.yaw_rad[row] + states.yaw_rate_radps[row] * STEP_S,
+            float(states.x_m[row]) + float(states.vx_mps[row]) * STEP_S,
+            float(states.y_m[row]) + float(states.vy_mps[row]) * STEP_S,
+            yaw + float(states.yaw_rate_radps[row]) * STEP_S,
             vehicle.length_m,
             offset,
         )
-        if before is not None and np.hypot(x - before.x_m, y - before.y_m) < self._config.still_m:
+        if before is not None and math.hypot(x - before.x_m, y - before.y_m) < self._config.still_m:
             return before
-        front = (float(x) - offset[0], float(y) - offset[1])
         lane = before.match.lane if before is not None else NO_LANE
-        match = self._matcher.match(route[:_EDGES_TO_MATCH], front, float(states.yaw_rad[row]), lane)
-        return Place(float(x), float(y), float(angle), match)
+        match = self._matcher.match(route[:_EDGES_TO_MATCH], (x - offset[0], y - offset[1]), yaw, lane)
+        return Place(x, y, angle, match)
 
     def _restore_route(self, vehicle: PlannedVehicle) -> None:
         """Give a vehicle its planned route back, where SUMO made it another one for the lane that it found it on."""

@@ -2,15 +2,15 @@
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from functools import cached_property
+from functools import lru_cache
 from typing import Final
-from xml.etree.ElementTree import Element, SubElement, tostring
+from xml.sax.saxutils import quoteattr
 
 import libsumo
 import numpy as np
 
 from siren_ros.numerics.geometry import Polyline, overlapping_pairs
-from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, RoadNetwork
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
@@ -40,6 +40,7 @@ default of 0 the front of a waiting vehicle reaches into the way of others, whos
 _MIRRORS_M: Final = 0.4
 """Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
 other by widths alone, also where one stands at an angle to its lane."""
+_ESCAPED: Final = '&<>"\n\r\t'
 _RUNS_RED_S: Final = 1000.0
 """``jmDriveAfterRedTime``: red for this long is still driven over."""
 
@@ -57,14 +58,24 @@ def vehicle_types_xml(
     Civilians are of SUMO's class ``passenger`` whatever their body, so that one set of lanes is open to
     all of them. At L0 an EMV has no privilege: it keeps to the speed limit as well.
     """
-    root = Element("additional")
+    lines = ["<additional>"]
     for vehicle in vehicles:
-        element = SubElement(root, "vType", _attributes(vehicle))
-        if vehicle.is_emv and not LEVEL_POLICIES[level].privileged:
-            element.set("speedFactor", f"{min(vehicle.driver.speed_factor, 1.0):.6g}")
+        attributes = _attributes(vehicle)
+        parameters: dict[str, str] = {}
         if vehicle.is_emv:
-            _add_emv_parameters(element, level, response_distance_m, config)
-    return tostring(root, encoding="utf-8", xml_declaration=True)
+            if not LEVEL_POLICIES[level].privileged:
+                attributes["speedFactor"] = f"{min(vehicle.driver.speed_factor, 1.0):.6g}"
+            more, parameters = _of_emv(level, response_distance_m, config)
+            attributes |= more
+        words = "".join([f" {name}={_quoted(text)}" for name, text in attributes.items()])
+        inside = "".join(f'<param key="{key}" value="{value}"/>' for key, value in parameters.items())
+        lines.append(f"<vType{words}>{inside}</vType>")
+    return "\n".join([*lines, "</additional>"]).encode()
+
+
+def _quoted(text: str) -> str:
+    """As ``quoteattr``, which is slow where nothing has to be escaped."""
+    return quoteattr(text) if any(character in text for character in _ESCAPED) else f'"{text}"'
 
 
 def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
@@ -101,20 +112,36 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     return texts | {name: f"{value:.6g}" for name, value in numbers.items()}
 
 
-def _add_emv_parameters(
-    element: Element, level: EmergencyLevel, response_distance_m: float, config: TrafficConfig
-) -> None:
+def _of_emv(
+    level: EmergencyLevel, response_distance_m: float, config: TrafficConfig
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Further attributes of an EMV's type, and its parameters."""
     policy = LEVEL_POLICIES[level]
+    attributes, parameters = {}, {}
     if policy.privileged:
-        element.set("jmDriveAfterRedTime", f"{_RUNS_RED_S:g}")
-        element.set("jmDriveAfterYellowTime", f"{_RUNS_RED_S:g}")
-        element.set("jmDriveRedSpeed", f"{config.red_light_speed_mps:g}")
+        attributes = {
+            "jmDriveAfterRedTime": f"{_RUNS_RED_S:g}",
+            "jmDriveAfterYellowTime": f"{_RUNS_RED_S:g}",
+            "jmDriveRedSpeed": f"{config.red_light_speed_mps:g}",
+        }
     if policy.siren and level in config.bluelight_levels:
-        SubElement(element, "param", {"key": "has.bluelight.device", "value": "true"})
-        SubElement(element, "param", {"key": "device.bluelight.reactiondist", "value": f"{response_distance_m:g}"})
         # Who reacts, and after which delay, is drawn per driver; SUMO's own chance per second would come on top.
-        for reach in ("near", "far"):
-            SubElement(element, "param", {"key": f"device.bluelight.reaction-prob-{reach}", "value": "1"})
+        parameters = {
+            "has.bluelight.device": "true",
+            "device.bluelight.reactiondist": f"{response_distance_m:g}",
+            "device.bluelight.reaction-prob-near": "1",
+            "device.bluelight.reaction-prob-far": "1",
+        }
+    return attributes, parameters
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def length_scales(network: RoadNetwork) -> Mapping[str, float]:
+    """SUMO's length of each lane over the length of its centre line; maps from OpenDRIVE differ.
+
+    SUMO runs with the network's net where they are not known yet.
+    """
+    return {lane.lane_id: libsumo.lane.getLength(lane.lane_id) / lane.length_m for lane in network.lanes}
 
 
 def route_id(name: str) -> str:
@@ -132,12 +159,13 @@ class SumoPopulation:
         self._reserve = deque(plan.reserve)
         self.vehicles: dict[str, PlannedVehicle] = {}
         """Vehicles that have entered and not left."""
+        self.civilians = 0
+        """How many of these are no EMVs."""
 
-    @cached_property
+    @property
     def length_scale(self) -> Mapping[str, float]:
-        """SUMO's length of each lane over the length of its centre line; maps from OpenDRIVE differ."""
-        lanes = self._network.lanes
-        return {lane.lane_id: libsumo.lane.getLength(lane.lane_id) / lane.length_m for lane in lanes}
+        """As ``length_scales``."""
+        return length_scales(self._network)
 
     def enter_background(self) -> None:
         """Enter the vehicles of the warm-up."""
@@ -158,7 +186,7 @@ class SumoPopulation:
 
     def refill(self, emv_points: Mapping[str, tuple[float, float]], civilians: int) -> None:
         """Enter replacements from the reserve, away from the EMVs' points, up to a number of civilians."""
-        missing = civilians - sum(not vehicle.is_emv for vehicle in self.vehicles.values())
+        missing = civilians - self.civilians
         for _ in range(len(self._reserve) if missing > 0 else 0):
             vehicle = self._reserve.popleft()
             if self._spot_is_free(vehicle, emv_points.values()):
@@ -176,8 +204,11 @@ class SumoPopulation:
             return ()
         gone = tuple(name for name in self.vehicles if name in arrived)
         for name in gone:
-            del self.vehicles[name]
+            self._forget(name)
         return gone
+
+    def _forget(self, name: str) -> None:
+        self.civilians -= not self.vehicles.pop(name).is_emv
 
     def _enter_all(self, vehicles: Iterable[PlannedVehicle]) -> None:
         for vehicle in vehicles:
@@ -199,11 +230,12 @@ class SumoPopulation:
                 libsumo.vehicle.setParameter(vehicle.name, "junctionModel.ignoreTypes", emvs)
             libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
             self.vehicles[vehicle.name] = vehicle
+            self.civilians += not vehicle.is_emv
 
     def _remove(self, name: str) -> None:
         libsumo.vehicle.unsubscribe(name)
         libsumo.vehicle.remove(name)
-        del self.vehicles[name]
+        self._forget(name)
 
     def _overlapping(self) -> list[str]:
         """The vehicles without which no two bodies overlap: of each such pair the one that entered later.

@@ -4,16 +4,16 @@ Poses are converted between the ``map`` frame (footprint centre, yaw) and SUMO (
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, chain
 from operator import itemgetter
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import libsumo
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.numerics.compiled import compiled, wrapped_rad
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.actors import NO_ACTOR, Lights
@@ -23,15 +23,15 @@ Offset = tuple[float, float]
 """The net's ``netOffset``: ``map = sumo − offset``."""
 
 
+@compiled
 def sumo_from_map(
-    x_m: npt.ArrayLike, y_m: npt.ArrayLike, yaw_rad: npt.ArrayLike, length_m: npt.ArrayLike, offset_m: Offset
-) -> tuple[Floats, Floats, Floats]:
-    """Front bumper's x and y in SUMO's frame and SUMO's angle in degrees (0–360) of centre poses."""
-    yaw = np.asarray(yaw_rad, dtype=np.float64)
-    half = np.asarray(length_m, dtype=np.float64) / 2.0
-    x = np.asarray(x_m, dtype=np.float64) + half * np.cos(yaw) + offset_m[0]
-    y = np.asarray(y_m, dtype=np.float64) + half * np.sin(yaw) + offset_m[1]
-    return x, y, np.mod(90.0 - np.degrees(yaw), 360.0)
+    x_m: float, y_m: float, yaw_rad: float, length_m: float, offset_m: Offset
+) -> tuple[float, float, float]:
+    """Front bumper's x and y in SUMO's frame and SUMO's angle in degrees (0–360) of a centre pose."""
+    half = length_m / 2.0
+    x = x_m + half * np.cos(yaw_rad) + offset_m[0]
+    y = y_m + half * np.sin(yaw_rad) + offset_m[1]
+    return x, y, (90.0 - np.degrees(yaw_rad)) % 360.0
 
 
 def map_from_sumo(
@@ -45,20 +45,80 @@ def map_from_sumo(
     return x, y, yaw
 
 
-SUBSCRIBED = (
+SUBSCRIBED: Final = (
     libsumo.VAR_POSITION,
     libsumo.VAR_ANGLE,
     libsumo.VAR_SPEED,
     libsumo.VAR_ACCELERATION,
-    libsumo.VAR_LANE_ID,
     libsumo.VAR_LANEPOSITION,
     libsumo.VAR_LANEPOSITION_LAT,
     libsumo.VAR_SIGNALS,
     libsumo.VAR_ROUTE_INDEX,
+    libsumo.VAR_LANE_ID,
 )
 """Variables that every vehicle is subscribed for."""
 _IN_ORDER: Final = itemgetter(*SUBSCRIBED)
-_NONE: Final = ((),) * len(SUBSCRIBED)
+X, Y, ANGLE, SPEED, ACCEL, ALONG, ASIDE, SIGNALS, ROUTE_INDEX = range(9)
+"""Rows of ``SumoColumns.numbers``."""
+Results: TypeAlias = Mapping[str, Mapping[int, Any]]
+"""SUMO's subscription results by vehicle."""
+
+
+class SumoColumns:
+    """SUMO's subscription results of one step as columns; the vehicles are in SUMO's order."""
+
+    def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
+        """``length_scale`` is SUMO's length of each lane over that of its centre line."""
+        self._network = network
+        self._length_scale = length_scale
+        self._results: Results = {}
+        self.names: list[str] = []
+        """Another list where the vehicles have changed."""
+        self.row_of: Mapping[str, int] = {}
+        self.lane_ids: tuple[str, ...] = ()
+        """Another tuple where a vehicle has come to another lane."""
+        self.lane = np.empty(0, np.int32)
+        """Index of each lane; −1 off the road."""
+        self.scale = np.empty(0)
+        """Of each vehicle's lane; 1 off the road."""
+        self.route_index: tuple[int, ...] = ()
+        """Another tuple where a vehicle has come to another edge of its route."""
+        self.numbers = np.empty((9, 0))
+        """Front bumper's x and y, angle, speed, acceleration, place along and beside the lane, signals, route index."""
+        self._nobody = np.empty(0, np.bool_)
+
+    def take(self, results: Results) -> None:
+        """Read the results of a step."""
+        self._results = results
+        if list(results) != self.names:
+            self.names = list(results)
+            self.row_of = {name: row for row, name in enumerate(self.names)}
+            self._nobody = np.zeros(len(self.names), np.bool_)
+        columns = zip(*map(_IN_ORDER, results.values()), strict=True) if results else ((),) * len(SUBSCRIBED)
+        points, *numbers, lane_ids = columns
+        if numbers[-1] != self.route_index:
+            self.route_index = numbers[-1]
+        if lane_ids != self.lane_ids:
+            self.lane_ids = lane_ids
+            lanes = self._network.lane_by_id
+            self.lane = np.array([lanes[key].index if key in lanes else NO_LANE for key in lane_ids], np.int32)
+            self.scale = np.array([self._length_scale.get(key, 1.0) for key in lane_ids])
+        values = chain(*(zip(*points, strict=True) if points else ((), ())), *numbers)
+        self.numbers = np.array([*values], np.float64).reshape(9, -1)
+
+    def leave_out(self, names: Collection[str]) -> None:
+        """Forget vehicles that are not in SUMO any more."""
+        if not self.row_of.keys().isdisjoint(names):
+            self.take({name: result for name, result in self._results.items() if name not in names})
+
+    def which(self, names: Collection[str]) -> Flags:
+        """The rows of some vehicles, as flags; vehicles without a row are passed over."""
+        if not names:
+            return self._nobody
+        flags = self._nobody.copy()
+        flags[[self.row_of[name] for name in names if name in self.row_of]] = True
+        return flags
+
 
 _BLINK_RIGHT, _BLINK_LEFT, _HAZARD, _BRAKE = 1, 2, 4, 8
 """SUMO's vehicle signals, bits 0–3 (https://sumo.dlr.de/docs/TraCI/Vehicle_Signalling.html)."""
@@ -72,11 +132,10 @@ _LIGHTS: Final = np.array(
     ],
     dtype=np.uint8,
 )
-"""Our light codes of these bits."""
+"""Our light codes of these bits; hazard lights are both indicators."""
 
 
-@dataclass(frozen=True)
-class Readings:
+class Readings(NamedTuple):
     """Arrays over the vehicles, shape ``(N,)``, in the order asked for; poses are centres in the ``map`` frame."""
 
     x_m: Floats
@@ -84,53 +143,46 @@ class Readings:
     yaw_rad: Floats
     speed_mps: Floats
     accel_mps2: Floats
-    lane: npt.NDArray[np.int32]
     lane_position_m: Floats
     lateral_m: Floats
+    lane: npt.NDArray[np.int32]
     lights: npt.NDArray[np.uint8]
     route_index: npt.NDArray[np.int32]
 
 
-def read_vehicles(
-    results: Mapping[str, Mapping[int, Any]],
-    names: Sequence[str],
-    lengths_m: npt.NDArray[np.float64],
-    network: RoadNetwork,
-    length_scale: Mapping[str, float],
-) -> Readings:
-    """The present step's readings.
+def read_vehicles(columns: SumoColumns, rows: Rows, lengths_m: Floats, offset_m: Offset) -> Readings:
+    """The present step's readings of the vehicles in some rows.
 
     SUMO moves along nominal lane lengths; positions, speeds and accelerations are converted to the
     lanes' geometric lengths, so that speed is the derivative of position.
-
-    ``results`` are SUMO's subscription results by vehicle, ``names`` the subscribed vehicles that are in SUMO, and
-    ``length_scale`` is SUMO's length of each lane over that of its centre line.
     """
-    columns = zip(*(_IN_ORDER(results[name]) for name in names), strict=True) if names else _NONE
-    position, angle, speed, accel, lane_ids, along, left, signals, route_index = columns
-    points = np.array(position, dtype=np.float64).reshape(len(names), 2)
-    x, y, yaw = map_from_sumo(points[:, 0], points[:, 1], np.array(angle), lengths_m, network.sumo_offset_m)
-    indices = [network.lane_by_id[lane_id].index if lane_id in network.lane_by_id else NO_LANE for lane_id in lane_ids]
-    lane = np.array(indices, dtype=np.int32)
-    scale = np.array([length_scale.get(lane_id, 1.0) for lane_id in lane_ids], dtype=np.float64)
-    on_road = lane != NO_LANE
-    return Readings(
-        x_m=x,
-        y_m=y,
-        yaw_rad=yaw,
-        speed_mps=np.array(speed, dtype=np.float64) / scale,
-        accel_mps2=np.array(accel, dtype=np.float64) / scale,
-        lane=lane,
-        lane_position_m=np.where(on_road, np.array(along, dtype=np.float64) / scale, 0.0),
-        lateral_m=np.where(on_road, np.array(left, dtype=np.float64), 0.0),
-        lights=lights_of(np.array(signals, dtype=np.int64)),
-        route_index=np.array(route_index, dtype=np.int32),
-    )
+    lanes = columns.lane, columns.scale
+    values, lane, lights, index = _readings(columns.numbers, *lanes, rows, lengths_m, offset_m, _LIGHTS)
+    return Readings._make((*values, lane, lights, index))
 
 
-def lights_of(signals: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
-    """Our light codes of SUMO's signal bits; hazard lights are both indicators."""
-    return _LIGHTS[signals & (_SIGNALS - 1)]
+@compiled
+def _readings(
+    numbers: Any, lane: Any, scale: Any, rows: Any, lengths_m: Any, offset_m: Any, codes: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Values of ``Readings``, shape ``(7, N)``, lanes, lights (``codes`` by SUMO's bits), and places on the route."""
+    n = len(rows)
+    out, lanes = np.empty((7, n)), np.empty(n, np.int32)
+    lights, indices = np.empty(n, np.uint8), np.empty(n, np.int32)
+    for k in range(n):
+        row = rows[k]
+        yaw = wrapped_rad(np.radians(90.0 - numbers[ANGLE, row]))
+        half = lengths_m[k] / 2.0
+        out[0, k] = numbers[X, row] - half * np.cos(yaw) - offset_m[0]
+        out[1, k] = numbers[Y, row] - half * np.sin(yaw) - offset_m[1]
+        out[2, k] = yaw
+        out[3, k], out[4, k] = numbers[SPEED, row] / scale[row], numbers[ACCEL, row] / scale[row]
+        lanes[k], out[5, k], out[6, k] = lane[row], 0.0, 0.0
+        if lane[row] != NO_LANE:
+            out[5, k], out[6, k] = numbers[ALONG, row] / scale[row], numbers[ASIDE, row]
+        lights[k] = codes[int(numbers[SIGNALS, row]) & (_SIGNALS - 1)]
+        indices[k] = int(numbers[ROUTE_INDEX, row])
+    return out, lanes, lights, indices
 
 
 def joined_rows(routes: Sequence[Sequence[int]]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
@@ -148,20 +200,22 @@ _HELD_UP = (1 << 5) | (1 << 6)
 HELD_UP_M: Final = 40.0
 """A vehicle further ahead holds nobody up: 3 s at the paper's 50 km/h."""
 _UNKNOWN = 1 << 30
+_SIDES: Final = ((1, _LEFT), (-1, _RIGHT))
+_INTENTS: Final = {0: TrafficFlags.NONE, 1: TrafficFlags.WANTS_LEFT, -1: TrafficFlags.WANTS_RIGHT}
 
 
 def lane_change_intent(name: str, reasons: int = _REASONS) -> int:
     """+1 where SUMO's lane-change model wants the vehicle one lane to the left, −1 right, 0 neither."""
-    for side, bit in ((1, _LEFT), (-1, _RIGHT)):
+    for side, bit in _SIDES:
         wish, _ = libsumo.vehicle.getLaneChangeState(name, side)
-        if not wish & _UNKNOWN and wish & bit and wish & reasons:
+        if wish & bit and wish & reasons and not wish & _UNKNOWN:
             return side
     return 0
 
 
 def intent_flags(name: str) -> TrafficFlags:
     """The intent as flags."""
-    return (TrafficFlags.WANTS_RIGHT, TrafficFlags.NONE, TrafficFlags.WANTS_LEFT)[lane_change_intent(name) + 1]
+    return _INTENTS[lane_change_intent(name)]
 
 
 def emv_advice(
@@ -204,24 +258,27 @@ def rescued_names(names: Iterable[str], emv_names: Iterable[str]) -> dict[str, l
     return reacting
 
 
-def ahead_on_route(
-    emv: npt.NDArray[np.float64],
-    emv_yaw_rad: float,
-    route: Sequence[int],
-    points: npt.NDArray[np.float64],
-    edges: npt.NDArray[np.int32],
-    reach_m: float,
-) -> npt.NDArray[np.bool_]:
-    """Vehicles that hear an EMV come from behind: on its route's edges, ahead of it and within reach.
+@compiled
+def ahead_on_route(emv: int, poses: Any, route_offset: Any, route_edges: Any, reach_m: float) -> Any:
+    """Rows of vehicles that hear the EMV in a row come from behind: on its route's edges, ahead of it, within reach.
 
     The same criterion as that of SUMO's bluelight device (vehicles on the EMV's upcoming edges within
-    ``reactiondist``), for levels at which the device itself must not run. ``emv`` is its centre, ``points`` are the
-    centres of all vehicles, shape ``(N, 2)``, and ``edges`` their present edges. Inside a junction the edge before it
-    counts, also as the first one of ``route``.
+    ``reactiondist``), for levels at which the device itself must not run. ``poses`` are the centres' x and y and the
+    yaws of all vehicles; routes are as in ``joined_rows``. Inside a junction the edge before it counts, also as the
+    first one of a route.
     """
-    relative = points - emv
-    near = np.hypot(relative[:, 0], relative[:, 1]) <= reach_m
-    on_route = (edges[:, np.newaxis] == np.array(route, dtype=np.int32)).any(axis=1)
-    same = edges == (route[0] if len(route) else -1)
-    forward = relative @ np.array([np.cos(emv_yaw_rad), np.sin(emv_yaw_rad)]) > 0.0
-    return near & on_route & (forward | ~same)
+    x_m, y_m, yaw_rad = poses
+    cos, sin = np.cos(yaw_rad[emv]), np.sin(yaw_rad[emv])
+    rows, count = np.empty(len(x_m), np.intp), 0
+    begin, end = route_offset[emv], route_offset[emv + 1]
+    for row in range(len(x_m)):
+        dx, dy = x_m[row] - x_m[emv], y_m[row] - y_m[emv]
+        if route_offset[row] == route_offset[row + 1] or np.hypot(dx, dy) > reach_m:
+            continue
+        edge = route_edges[route_offset[row]]
+        for k in range(begin, end):
+            if edge == route_edges[k] and (edge != route_edges[begin] or dx * cos + dy * sin > 0.0):
+                rows[count] = row
+                count += 1
+                break
+    return rows[:count]

@@ -55,7 +55,7 @@ def test_speed_differs_from_the_vehicle_in_the_way_within_limits():
     assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, CONFIG, 13.9) == pytest.approx(10.5)
     assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, CONFIG, 9.0) == pytest.approx(9.0)
     assert seek_speed_mps(Seek.FALL_BACK, AHEAD, CONFIG, 13.9) == pytest.approx(3.5)
-    assert seek_speed_mps(Seek.FALL_BACK, replace(AHEAD, front_mps=1.0), CONFIG, 13.9) == CONFIG.seek_least_mps
+    assert seek_speed_mps(Seek.FALL_BACK, AHEAD._replace(front_mps=1.0), CONFIG, 13.9) == CONFIG.seek_least_mps
 
 
 @pytest.mark.parametrize(

@@ -148,7 +148,7 @@ def test_of_two_threats_the_lower_speed_and_the_harder_braking_count():
     first, second = (
         SpeedLimit(speed, brake, actor, gap) for actor, gap, speed, brake in ((2, 5.0, 4.0, 0.0), (3, 9.0, 6.0, 5.0))
     )
-    assert stricter(first, second) == stricter(second, first) == replace(first, brake_mps2=5.0)
+    assert stricter(first, second) == stricter(second, first) == first._replace(brake_mps2=5.0)
     assert stricter(None, second) is second
     assert stricter(first, None) is first
     assert stricter(None, None) is None

@@ -13,6 +13,7 @@ from siren_ros.behaviour.driving.speed_mechanisms import (
     UNLIMITED,
     Drive,
     Mechanism,
+    _approach_limits,
     anticipated_limit,
     approach_speed_mps,
     entry_limit,
@@ -111,7 +112,7 @@ HALF = 0.5 * (6.5 + 4.75)
 
 
 def approach(gap, lead, overlap=2.0, leaving=0.0):
-    return float(approach_speed_mps(*(np.array([value]) for value in (gap, lead, overlap, leaving)), CONFIG)[0])
+    return approach_speed_mps(gap, lead, overlap, leaving, _approach_limits(CONFIG))
 
 
 def anticipated(lab, network, cars, poses):

@@ -81,3 +81,14 @@ def test_emvs_and_civilians_have_their_own_navigator_with_the_limit_of_their_ste
     assert view.ego(0).navigator_config.standstill_gap_m == 4.0
     assert view.ego(1).navigator_config.standstill_gap_m == 2.0
     assert (view.ego(1).pose, view.world.edge_of_lane.tolist()) == (pytest.approx((90.0, 0.0, 0.0)), [0, 0])
+
+
+def test_both_controllers_share_their_view_of_a_step(lab):
+    world, cars = lab.world_of(lab.straight_road(), lab.L2), fleet(lab)
+    traffic, nobody = scene(lab, cars), ActorTable.empty()
+    view = world.view(traffic, nobody)
+    assert world.view(traffic, ActorTable.empty()) is view
+    assert view.actors.actor_id.tolist() == view.seen.actor_id.tolist() == traffic.actor_id.tolist()
+    later = scene(lab, cars)
+    assert world.view(later, nobody).traffic is later
+    assert world.view(later, nobody.updated(traffic)) is not world.view(later, nobody)

@@ -13,7 +13,7 @@ import libsumo
 import numpy as np
 import pytest
 from made_streets import CAR_M, same_drivers
-from traffic_helpers import load_map, plan_s2
+from traffic_helpers import WITHOUT, columns_of, load_map, plan_s2
 
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
@@ -30,6 +30,7 @@ from siren_ros.traffic.sumo.driving_corrections import (
     LaneContinuity,
     SidewaysLimits,
 )
+from siren_ros.traffic.sumo.readings import ALONG, X, Y
 from siren_ros.world.actors import ActorClass, Owner
 
 RADIUS_M = 12.0
@@ -87,15 +88,19 @@ class Drive:
 
     def __init__(self, *route: str, scale: float = 1.0) -> None:
         self._vehicles = {"car": car(*route)}
-        self._limits = BendLimits(bend_ahead(), dict.fromkeys(LANES, scale))
+        network = bend_ahead()
+        self._limits = BendLimits(network)
+        self._columns = columns_of({}, network, dict.fromkeys(LANES, scale))
         self.limits_mps: list[float] = []
 
     def limit_mps(self, *state: Any, mirrored: tuple[str, ...] = (), **more: Any) -> float:
-        self._limits.apply({"car": reading(*state, **more)}, self._vehicles, mirrored)
+        self._columns.take({"car": WITHOUT | reading(*state, **more)})
+        self._limits.apply(self._columns, self._vehicles, self._columns.which(mirrored))
         return self.limits_mps[-1] if self.limits_mps else OWN_MPS
 
     def leave(self) -> None:
-        self._limits.apply({}, self._vehicles, ())
+        self._columns.take({})
+        self._limits.apply(self._columns, self._vehicles, self._columns.which(()))
 
     def tell(self, name: str, speed_mps: float) -> None:
         assert name == "car"
@@ -210,6 +215,17 @@ def test_a_route_that_cannot_be_driven_on_has_no_bends_behind_the_break(drive: C
     assert drive("a", "b").limit_mps("a_0", 90.0) < OWN_MPS
 
 
+def test_another_episode_on_the_same_map_has_the_same_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Profiles are kept by map: what a first vehicle asked for does not change what a second one gets."""
+    network, told = bend_ahead(), []
+    monkeypatch.setattr(libsumo.vehicle, "setMaxSpeed", lambda _, speed_mps: told.append(speed_mps))
+    for route, lane in ((("a", "b"), "a_0"), (("a", "c"), "a_0"), (("a", "b"), "ab_0"), (("a", "b"), "a_0")):
+        columns = columns_of({"car": reading(lane, 5.0)}, network, dict.fromkeys(LANES, 1.0))
+        BendLimits(network).apply(columns, {"car": car(*route)}, columns.which(()))
+    assert told == [pytest.approx(limit, rel=0.02) for limit in (before_bend_mps(5.0), BEND_MPS, before_bend_mps(5.0))]
+    assert told[0] == told[2]
+
+
 RADIUS, WIDTH = 40.0, 4.0
 OFFSET = (100.0, 50.0)
 SUMO_LENGTH = RADIUS * np.pi / 2.0
@@ -255,10 +271,11 @@ def result_at(lane, along, speed=8.0, lateral=0.3):
 
 
 def after(before, now, skip=()):
-    continuity = LaneContinuity(NETWORK, SCALE)
-    continuity.correct({"v": before}, ())
-    continuity.correct({"v": now}, skip)
-    return now
+    continuity, columns = LaneContinuity(NETWORK), columns_of({"v": before}, NETWORK, SCALE)
+    continuity.correct(columns, ())
+    columns.take({"v": WITHOUT | now})
+    continuity.correct(columns, skip)
+    return columns.numbers[:, 0]
 
 
 @pytest.mark.parametrize(("origin", "target", "radii"), [("e0_1", "e0_0", 1.1), ("e0_0", "e0_1", 1.0 / 1.1)])
@@ -273,9 +290,9 @@ def test_a_lane_change_in_a_bend_goes_on_where_the_motion_leads(moved, origin, t
         ((name, lane, position),) = moved
         assert (name, lane) == ("v", target)
         assert position == pytest.approx(expected * SCALE[target], abs=0.02)
-        assert now[libsumo.VAR_LANEPOSITION] == position
+        assert now[ALONG] == position
         point = NETWORK.lane_by_id[target].centre.offset_points(position / SCALE[target], 0.3)
-        assert now[libsumo.VAR_POSITION] == pytest.approx((point[0] + OFFSET[0], point[1] + OFFSET[1]))
+        assert now[[X, Y]] == pytest.approx((point[0] + OFFSET[0], point[1] + OFFSET[1]))
 
 
 def test_a_lane_change_that_stands_right_is_left_alone(moved):
@@ -299,11 +316,21 @@ def test_vehicles_moved_from_outside_and_places_beyond_the_lane_are_left_alone(m
 
 
 def test_what_counts_is_the_step_before(moved):
-    continuity = LaneContinuity(NETWORK, SCALE)
-    continuity.correct({"v": result_at("e0_1", 30.0)}, ())
-    continuity.correct({}, ())
-    continuity.correct({"v": result_at("e0_0", 40.0)}, ())
+    continuity, columns = LaneContinuity(NETWORK), columns_of({}, NETWORK, SCALE)
+    for results in ({"v": result_at("e0_1", 30.0)}, {}, {"v": result_at("e0_0", 40.0)}):
+        columns.take({name: WITHOUT | result for name, result in results.items()})
+        continuity.correct(columns, ())
     assert moved == []
+
+
+def test_of_several_vehicles_the_one_that_changed_is_corrected_also_when_another_one_has_left(moved):
+    continuity = LaneContinuity(NETWORK)
+    stays, changed = result_at("e0_1", 10.0), result_at("e0_1", 30.0)
+    columns = columns_of({"a": stays, "gone": stays, "v": changed}, NETWORK, SCALE)
+    continuity.correct(columns, ())
+    columns.take({"a": WITHOUT | stays, "v": WITHOUT | result_at("e0_0", 40.0)})
+    continuity.correct(columns, ())
+    assert [name for name, _, _ in moved] == ["v"]
 
 
 COMPILED, NETWORK_SIDEWAYS = load_map(None)
@@ -323,11 +350,13 @@ def test_the_limit_follows_the_speed_and_mirrored_vehicles_are_held(sumo: SumoSi
     own = vehicles[fast].driver.max_lateral_speed_mps
     speeds = {slow: 1.0, fast: 10.0, mirrored: 10.0}
     limits = SidewaysLimits()
-    limits.apply({name: {libsumo.VAR_SPEED: speed} for name, speed in speeds.items()}, vehicles, {mirrored})
+    columns = columns_of({name: {libsumo.VAR_SPEED: speed} for name, speed in speeds.items()}, NETWORK_SIDEWAYS, {})
+    limits.apply(columns, vehicles, columns.which({mirrored}))
     assert 0.1 < libsumo.vehicle.getMaxSpeedLat(slow) <= SIDEWAYS_SHARE * 1.0
     assert libsumo.vehicle.getMaxSpeedLat(fast) == own
     assert libsumo.vehicle.getMaxSpeedLat(mirrored) < 0.01
-    limits.apply({name: {libsumo.VAR_SPEED: 10.0} for name in vehicles}, vehicles, set())
+    columns.take({name: WITHOUT | {libsumo.VAR_SPEED: 10.0} for name in vehicles})
+    limits.apply(columns, vehicles, columns.which(()))
     assert [libsumo.vehicle.getMaxSpeedLat(name) for name in vehicles] == [own] * 3
 
 

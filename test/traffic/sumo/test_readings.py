@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_streets import A_LEFT, NEAR, streets
+from traffic_helpers import columns_of
 
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.traffic.sumo.readings import (
@@ -17,7 +18,6 @@ from siren_ros.traffic.sumo.readings import (
     intent_flags,
     joined_rows,
     lane_change_intent,
-    lights_of,
     map_from_sumo,
     read_vehicles,
     rescued_names,
@@ -30,16 +30,7 @@ NETWORK = streets()
 LEFT, RIGHT, BRAKE = Lights.INDICATOR_LEFT, Lights.INDICATOR_RIGHT, Lights.BRAKE
 
 
-@pytest.mark.parametrize(
-    ("bits", "lights"),
-    [(0, 0), (1, RIGHT), (2, LEFT), (4, LEFT | RIGHT), (8, BRAKE), (9, BRAKE | RIGHT), (10, BRAKE | LEFT), (16, 0)],
-)
-def test_sumos_signals_are_our_lights(bits: int, lights: int) -> None:
-    """Bits of SUMO: 0 right, 1 left, 2 hazard, 3 brake; higher ones have no light of ours."""
-    assert lights_of(np.array([bits, 0])).tolist() == [lights, 0]
-
-
-def result(lane_id: str, angle_deg: float) -> Mapping[int, Any]:
+def result(lane_id: str, angle_deg: float, signals: int = 8) -> Mapping[int, Any]:
     return {
         libsumo.VAR_POSITION: (100.0, 50.0),
         libsumo.VAR_ANGLE: angle_deg,
@@ -48,7 +39,7 @@ def result(lane_id: str, angle_deg: float) -> Mapping[int, Any]:
         libsumo.VAR_LANE_ID: lane_id,
         libsumo.VAR_LANEPOSITION: 30.0,
         libsumo.VAR_LANEPOSITION_LAT: -0.4,
-        libsumo.VAR_SIGNALS: 8,
+        libsumo.VAR_SIGNALS: signals,
         libsumo.VAR_ROUTE_INDEX: 2,
     }
 
@@ -58,7 +49,9 @@ def test_motion_is_along_the_geometric_length_of_the_lane() -> None:
     lane_id = NETWORK.lanes[A_LEFT].lane_id
     results = {"on": result(lane_id, 90.0), "off": result("", 0.0)}
     scale = {lane_id: 2.0, NETWORK.lanes[NEAR].lane_id: 7.0}
-    readings = read_vehicles(results, ["off", "on"], np.array([4.0, 6.0]), NETWORK, scale)
+    columns = columns_of(results, NETWORK, scale)
+    rows = np.array([columns.row_of["off"], columns.row_of["on"]])
+    readings = read_vehicles(columns, rows, np.array([4.0, 6.0]), NETWORK.sumo_offset_m)
     assert readings.lane.tolist() == [NO_LANE, A_LEFT]
     assert readings.speed_mps.tolist() == [12.0, 6.0]
     assert readings.accel_mps2.tolist() == [-3.0, -1.5]
@@ -69,6 +62,35 @@ def test_motion_is_along_the_geometric_length_of_the_lane() -> None:
     assert readings.x_m == pytest.approx([100.0, 97.0])
     assert readings.y_m == pytest.approx([48.0, 50.0])
     assert readings.yaw_rad == pytest.approx([np.pi / 2.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("bits", "lights"),
+    [(0, 0), (1, RIGHT), (2, LEFT), (4, LEFT | RIGHT), (8, BRAKE), (9, BRAKE | RIGHT), (10, BRAKE | LEFT), (16, 0)],
+)
+def test_sumos_signals_are_our_lights(bits: int, lights: int) -> None:
+    """Bits of SUMO: 0 right, 1 left, 2 hazard, 3 brake; higher ones have no light of ours."""
+    columns = columns_of({"v": result("", 0.0, bits)}, NETWORK, {})
+    assert read_vehicles(columns, np.array([0]), np.array([4.0]), (0.0, 0.0)).lights.tolist() == [lights]
+
+
+def test_columns_are_the_same_objects_while_nothing_changes() -> None:
+    lane_id, other_id = NETWORK.lanes[A_LEFT].lane_id, NETWORK.lanes[NEAR].lane_id
+    columns = columns_of({"a": result(lane_id, 0.0), "b": result(lane_id, 0.0)}, NETWORK, {lane_id: 2.0})
+    names, lane_ids, indices = columns.names, columns.lane_ids, columns.route_index
+    columns.take({"a": result(lane_id, 9.0), "b": result(lane_id, 9.0)})
+    assert (columns.names is names, columns.lane_ids is lane_ids, columns.route_index is indices) == (True,) * 3
+    columns.take({"a": result(lane_id, 9.0), "b": result(other_id, 9.0)})
+    assert columns.lane.tolist() == [A_LEFT, NEAR]
+    assert columns.scale.tolist() == [2.0, 1.0]
+    assert columns.names is names
+    columns.leave_out(("a", "nobody"))
+    assert columns.names == ["b"]
+    assert columns.lane.tolist() == [NEAR]
+    assert columns.which({"b", "a"}).tolist() == [True]
+    assert columns.which(()).tolist() == [False]
+    columns.take({})
+    assert columns.numbers.shape == (9, 0)
 
 
 def test_lists_of_different_lengths_become_one() -> None:
@@ -161,10 +183,11 @@ def test_who_hears_the_siren_is_on_the_route_ahead_and_within_reach(turn: float)
     emv = np.array([30.0, -20.0])
     places = [(10.0, 0.0), (-10.0, 0.0), (39.0, 8.0), (40.1, 0.0), (-5.0, 30.0), (20.0, 3.0), (-0.1, 3.0), (0.1, -3.0)]
     edges = np.array([4, 4, 5, 5, 5, 9, 4, 4], dtype=np.int32)
-    points = emv + np.array([ahead * along + aside * left for ahead, aside in places])
-    hears = ahead_on_route(emv, turn, (4, 5, 6), points, edges, 40.0)
-    assert hears.tolist() == [True, False, True, False, True, False, False, True]
-    assert not ahead_on_route(emv, turn, (), points, edges, 40.0).any()
+    points = np.array([emv, *(emv + ahead * along + aside * left for ahead, aside in places), emv + along])
+    poses = (*points.T.copy(), np.full(len(points), turn))
+    routes = [[4, 5, 6], *([edge, 99] for edge in edges.tolist()), []]
+    assert ahead_on_route(0, poses, *joined_rows(routes), 40.0).tolist() == [1, 3, 5, 8]
+    assert ahead_on_route(0, poses, *joined_rows([[], *routes[1:]]), 40.0).tolist() == []
 
 
 @given(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-3.1, 3.1), st.floats(1.0, 20.0))

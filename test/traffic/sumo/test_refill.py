@@ -71,6 +71,7 @@ def vehicle(name: str, lane: int, front_m: float, **changes: Any) -> PlannedVehi
 def population(*reserve: PlannedVehicle, inside: tuple[PlannedVehicle, ...] = (), **plan: Any) -> SumoPopulation:
     traffic = SumoPopulation(NETWORK, replace(PLAN, reserve=reserve, **plan), CONFIG)
     traffic.vehicles.update({vehicle.name: vehicle for vehicle in inside})
+    traffic.civilians = sum(not vehicle.is_emv for vehicle in inside)
     return traffic
 
 
@@ -128,7 +129,7 @@ def test_as_many_enter_as_are_missing_in_turn_and_who_finds_no_place_waits(sumo:
     traffic.refill({}, 2)
     assert sumo.added == ["r0"]
     del sumo.at["other"]
-    del traffic.vehicles["other"]
+    traffic._forget("other")
     sumo.put("r0", B_LEFT, 50.0)
     sumo.put("emv", B_LEFT, 90.0)
     traffic.refill({}, 3)

@@ -47,6 +47,12 @@ def ranked_sites(network: RoadNetwork, template: Template) -> tuple[tuple[Site, 
     return _ranked(network, template.site_kind, template.emv)
 
 
+@lru_cache(maxsize=MAPS_KEPT)
+def _ranked(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[tuple[Site, int], ...]:
+    ranked = [(site, _rank(network, site, emv)) for site in find_sites(network, kind)]
+    return tuple(sorted(ranked, key=lambda site_and_rank: site_and_rank[1]))
+
+
 def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
     """The sites that have all that a template needs, best first.
 
@@ -93,12 +99,6 @@ def _usable_m(network: RoadNetwork, site: Site) -> float:
         return site.length_m
     plain = [edge for edge in site.stretch if len(driving_lanes(network, edge)) == len(site.connections)]
     return quiet_reach_m(network, site.approach_lane, EdgeGraph.of(network).route_length_m(plain))
-
-
-@lru_cache(maxsize=MAPS_KEPT * len(SiteKind))
-def _ranked(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[tuple[Site, int], ...]:
-    ranked = [(site, _rank(network, site, emv)) for site in find_sites(network, kind)]
-    return tuple(sorted(ranked, key=lambda site_and_rank: site_and_rank[1]))
 
 
 def _rank(network: RoadNetwork, site: Site, emv: EmvDemand) -> int:

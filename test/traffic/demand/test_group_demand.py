@@ -167,6 +167,17 @@ def test_crossing_rows_reach_back_over_plain_junctions() -> None:
     assert (row.forwards, row.movement) == (False, CROSSING)
 
 
+def test_crossing_rows_do_not_leave_the_map_behind_the_junction_where_another_way_leads_on() -> None:
+    """Of the ways south and east only the one east leads on: back to the first road."""
+    east = replace(NETWORK.connections[CROSSING], to_lane=C_RIGHT, direction="l")
+    back = replace(NETWORK.connections[STRAIGHT], from_lane=C_RIGHT, to_lane=A_RIGHT)
+    network = replace(NETWORK, connections=(*NETWORK.connections, east, back))
+    chosen = len(NETWORK.connections)
+    for crossing in ((CROSSING, chosen), (chosen, CROSSING)):
+        (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=network, crossing=crossing)
+        assert (row.movement, row.edges) == (chosen, (M, N, C))
+
+
 def with_connection(number: int, **changed: object) -> RoadNetwork:
     connections = list(NETWORK.connections)
     connections[number] = replace(connections[number], **changed)  # type: ignore[arg-type] # fields by name

@@ -1,24 +1,26 @@
 """The moving interaction region around the EMV: the vehicles that the paper's CARLA controls."""
 
 from collections.abc import Iterable
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.numerics.arrays import Flags, Floats, Ids
-from siren_ros.scenario.paper import PAPER_CONSTANTS, ControlConstants
+from siren_ros.numerics.arrays import Ids
+from siren_ros.numerics.compiled import compiled
+from siren_ros.scenario.paper import PAPER_CONSTANTS
 from siren_ros.world.actors import ActorStates, rows_of_ids
 
 REGION_TEXT: Final = f"{PAPER_CONSTANTS.region_enter_m:g} m in, {PAPER_CONSTANTS.region_leave_m:g} m out"
 """How help texts and reports name the region."""
 
 
-def in_region(distance_m: Floats, was_inside: Flags, constants: ControlConstants = PAPER_CONSTANTS) -> Flags:
-    """Whether vehicles are in the region after a step (paper, table of thresholds: hysteresis, EMV-centred), ``(N,)``.
+@compiled
+def in_region(distance_m: Any, was_inside: Any, enter_m: float, leave_m: float) -> Any:
+    """Whether vehicles are in the region after a step (paper, table of thresholds: hysteresis, EMV-centred).
 
-    ``distance_m`` is between the centres of each vehicle and of the nearest EMV; ``was_inside`` is of the step before.
+    ``distance_m`` is between the centres of a vehicle and of the nearest EMV; ``was_inside`` is of the step before.
     """
-    return (distance_m < constants.region_enter_m) | (was_inside & (distance_m <= constants.region_leave_m))
+    return (distance_m < enter_m) | (was_inside & (distance_m <= leave_m))
 
 
 def region_members(before: Ids, states: ActorStates, emv_ids: Iterable[int]) -> Ids:
@@ -31,4 +33,6 @@ def region_members(before: Ids, states: ActorStates, emv_ids: Iterable[int]) -> 
         return np.empty(0, dtype=np.uint32)
     xy = np.stack((states.x_m, states.y_m), axis=-1)
     distance = np.hypot(*(xy[:, None] - xy[is_emv]).transpose(2, 0, 1)).min(axis=1)
-    return states.actor_id[in_region(distance, rows_of_ids(before, states.actor_id) >= 0) | is_emv]
+    was_inside = rows_of_ids(before, states.actor_id) >= 0
+    inside = in_region(distance, was_inside, PAPER_CONSTANTS.region_enter_m, PAPER_CONSTANTS.region_leave_m)
+    return states.actor_id[inside | is_emv]

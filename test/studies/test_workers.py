@@ -79,4 +79,4 @@ LOOPS = "sum(bool(getattr(loop, 'signatures', 0)) for loop in vars(__import__('s
 
 def test_processes_of_attempts_begin_with_their_loops_at_hand() -> None:
     with attempt_processes(1) as pool:
-        assert pool.call(eval, LOOPS.format("siren_ros.dynamics.vehicle_model")) > 0
+        assert pool.call(eval, LOOPS.format("siren_ros.dynamics.fleet")) > 0

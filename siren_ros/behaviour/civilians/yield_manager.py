@@ -30,6 +30,7 @@ from siren_ros.numerics.changed import changed
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
+from siren_ros.scenario.interaction_region import in_region
 from siren_ros.scenario.paper import CivilianResponse, ControlConstants
 from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.commands import CommandRow, VehicleCommands
@@ -102,20 +103,20 @@ def _ways_from(lane: Any, front_m: Any, bodies: Any, starts_m: Any, emv_row: int
 
 def region_members(seen: Surroundings, emv_row: int, before: Ids, constants: ControlConstants) -> Ids:
     """Ids of the civilians in an EMV's interaction region, by those of the step before (``in_region``), both sorted."""
-    distances = constants.region_enter_m, constants.region_leave_m
-    return seen.actor_id[_in_region(seen.bodies, seen.actor_id, seen.is_emv, emv_row, before, distances)]
+    limits = constants.region_enter_m, constants.region_leave_m
+    return seen.actor_id[_in_region(seen.bodies, seen.actor_id, seen.is_emv, emv_row, before, limits)]
 
 
 @compiled
-def _in_region(bodies: Any, actor_id: Any, is_emv: Any, emv_row: int, before: Any, distances: Any) -> Any:
+def _in_region(bodies: Any, actor_id: Any, is_emv: Any, emv_row: int, before: Any, limits: Any) -> Any:
     """Which actors are the civilians in an EMV's region."""
-    (enter_m, leave_m), inside = distances, np.zeros(len(actor_id), np.bool_)
+    at, inside = 0, np.zeros(len(actor_id), np.bool_)
     for n in range(len(actor_id)):
+        while at < len(before) and before[at] < actor_id[n]:
+            at += 1
+        was_inside = at < len(before) and before[at] == actor_id[n]
         distance = np.hypot(bodies[0, n] - bodies[0, emv_row], bodies[1, n] - bodies[1, emv_row])
-        if is_emv[n] or distance > leave_m:
-            continue
-        at = np.searchsorted(before, actor_id[n])
-        inside[n] = distance < enter_m or (at < len(before) and before[at] == actor_id[n])
+        inside[n] = not is_emv[n] and in_region(distance, was_inside, limits[0], limits[1])
     return inside
 
 

@@ -12,7 +12,8 @@ from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 
-from siren_ros.interfaces.topics import AV_CONTROL, EPISODE, STEP_DONE, Topic
+from siren_ros.interfaces.topics import ACTORS, AV_CONTROL, EPISODE, STEP_DONE, Topic
+from siren_ros.ros.transport.direct import direct
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_output
 
 PATIENCE_S = 20.0
@@ -157,3 +158,38 @@ def test_each_participant_has_one_publisher_of_reports_and_one_that_is_gone_is_k
     assert (graph.left, watch.departed(), graph.told) == (1, {"my_stack"}, [])
     graph.meets(graph.publish_on(STEP_DONE, "my_stack"))
     assert graph.text, "it is bound: a second one under its name is not it"
+
+
+def test_a_new_listener_gets_all_that_is_published_after_it_was_met(graph: Graph) -> None:
+    """Before that the nodes of the process hand messages to one another; theirs lacks none and gets none twice."""
+    here: list[bytes] = []
+    there: list[bytes] = []
+    output = graph.publish_on(ACTORS, "listener")
+    create_input(graph.listener, ACTORS, here.append)
+    graph.meets(output)
+    direct.start(graph.executor, [graph.listener])
+    sent: list[bytes] = []
+
+    def publish() -> None:
+        sent.append(b"\0\1\0\0" + len(sent).to_bytes(4, "little"))
+        output.publish(sent[-1])
+        graph.spin_until(lambda: len(here) == len(sent))
+
+    try:
+        for _ in range(3):
+            publish()
+        recorder = graph.node("recorder")
+        executor = EventsExecutor(context=graph.contexts["recorder"])
+        executor.add_node(recorder)
+        create_input(recorder, ACTORS, there.append)
+        graph.spin_until(lambda: output.get_subscription_count() == 2)
+        for _ in range(3):
+            publish()
+        until_s = time.monotonic() + PATIENCE_S
+        while len(there) < 3 and time.monotonic() < until_s:
+            executor.spin_once(timeout_sec=0.02)
+        executor.shutdown()
+    finally:
+        direct.stop()
+    assert here == sent
+    assert there == sent[3:]

@@ -62,11 +62,15 @@ def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
     * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
     * Roads are long enough and do not end at a stop sign, from which one vehicle after the other would go.
     * Queues are on a road that is long enough without a junction and without a turning lane, which would stay empty.
-    * Roads and queues without a shoulder are taken alone where there are any.
+    * Roads and queues without a shoulder are taken alone where there are any; so are roads that are long enough without
+      a junction, from which others join and to which drivers who make way cannot turn.
     """
     good = [site for site, rank in ranked_sites(network, template) if rank == 0 and _is_good(network, site, template)]
     if template.site_kind in _NO_SHOULDER:
         good = [site for site in good if not has_shoulder(network, site)] or good
+    if template.site_kind is SiteKind.MULTI_LANE_ROAD:
+        quiet_m = {site.name: quiet_reach_m(network, site.approach_lane, _LONG_ENOUGH_M) for site in good}
+        good = [site for site in good if quiet_m[site.name] >= _LONG_ENOUGH_M] or good
     return tuple(good)
 
 

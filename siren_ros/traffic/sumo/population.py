@@ -43,6 +43,8 @@ other by widths alone, also where one stands at an angle to its lane."""
 _ESCAPED: Final = '&<>"\n\r\t'
 _NOISE: Final = ("sigmaleader", "sigmagap", "sigmaerror")
 """The EIDM's errors of perception, which would shake accelerations at each step."""
+_FULL_BRAKE_MPS2: Final = 6.0
+"""With which a vehicle stops in an emergency, its driver's start included."""
 _RUNS_RED_S: Final = 1000.0
 """``jmDriveAfterRedTime``: red for this long is still driven over."""
 
@@ -243,14 +245,18 @@ class SumoPopulation:
     def _overlapping(self) -> list[str]:
         """The vehicles without which no two bodies overlap: of each such pair the one that entered later.
 
-        SUMO's vehicles have the width of their lane: side by side, while one changes lanes, they may overlap.
+        SUMO's vehicles have the width of their lane: side by side, while one changes lanes, they may overlap. The way
+        on which a vehicle comes to a stand with full braking belongs to its body: nobody could stop before the other.
         """
         names = [name for name in self.vehicles if libsumo.vehicle.getLaneID(name)]  # not those that wait to enter
         if not names:
             return []
         poses = np.array([self._pose_of(name) for name in names])
-        sizes = np.array([(self.vehicles[name].length_m, self.vehicles[name].width_m) for name in names])
-        _, later, _ = overlapping_pairs(*poses.T, *sizes.T)
+        length_m, width_m = np.array([(self.vehicles[name].length_m, self.vehicles[name].width_m) for name in names]).T
+        stop_m = np.array([libsumo.vehicle.getSpeed(name) ** 2 for name in names]) / (2.0 * _FULL_BRAKE_MPS2)
+        x_m, y_m, yaw_rad = poses.T
+        x_m, y_m = x_m + 0.5 * stop_m * np.cos(yaw_rad), y_m + 0.5 * stop_m * np.sin(yaw_rad)
+        _, later, _ = overlapping_pairs(x_m, y_m, yaw_rad, length_m + stop_m, width_m)
         return [names[row] for row in dict.fromkeys(later.tolist())]
 
     def _pose_of(self, name: str) -> tuple[float, float, float]:

@@ -73,10 +73,19 @@ def test_nobody_overlaps_when_the_episode_begins(name: str, seed: int) -> None:
 def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_begins(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Fronts 0.5 m apart and 1.6 m aside; a third one is elsewhere, and two still wait to enter SUMO."""
-    fronts = {"a": (10.0, 0.0), "b": (10.5, 1.6), "c": (30.0, 0.0), "d": (-1e9, -1e9), "e": (-1e9, -1e9)}
+    """Fronts 0.5 m apart and 1.6 m aside; a third one is elsewhere, and two still wait to enter SUMO.
+
+    The third one is 15.5 m behind the fourth: from 12 m/s it needs 12 m to stop, from 14 m/s 16.3 m.
+    """
+    fronts = {"a": (10.0, 0.0), "b": (10.5, 1.6), "c": (30.0, 0.0), "f": (49.5, 0.0)} | dict.fromkeys(
+        "de", (-1e9, -1e9)
+    )
+    speeds = dict.fromkeys(fronts, 0.0)
     vehicles = SimpleNamespace(
-        getLaneID=lambda name: "" if name in "de" else "lane", getPosition=fronts.__getitem__, getAngle=lambda _: 90.0
+        getLaneID=lambda name: "" if name in "de" else "lane",
+        getPosition=fronts.__getitem__,
+        getAngle=lambda _: 90.0,
+        getSpeed=speeds.__getitem__,
     )
     monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles))
     network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0))
@@ -85,6 +94,9 @@ def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_be
     car: Any = SimpleNamespace(length_m=4.0, width_m=1.8)
     population.vehicles = dict.fromkeys(fronts, car)
     assert population._overlapping() == ["b"]
+    for speed_mps, leaves in ((12.0, []), (14.0, ["f"])):
+        speeds["c"] = speed_mps
+        assert population._overlapping() == ["b", *leaves]
     population.vehicles = dict.fromkeys("de", car)
     assert population._overlapping() == []
 

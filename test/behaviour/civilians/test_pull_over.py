@@ -8,6 +8,7 @@ from behaviour.civilians.civilian_steps import UNIT, shoulder_road, steps
 from behaviour.lab import kinds
 
 from siren_ros.behaviour.civilians import pull_over
+from siren_ros.roads.road_network import LaneKind
 from siren_ros.world.actors import ActorClass, Mode
 from siren_ros.world.traffic_state import SignalState
 
@@ -95,6 +96,22 @@ def test_a_vehicle_beside_a_shoulder_stays_before_the_stop_line(lab):
     half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=road.built())
     assert pull_over.pull_over_path(WAITED, view.ego(0), 1) is None
+
+
+@pytest.mark.parametrize("kind", [LaneKind.KERB, LaneKind.SIDEWALK])
+def test_a_vehicle_beside_a_strip_that_nobody_uses_goes_over_the_stop_line(lab, kind):
+    road = lab.RoadBuilder().edge([[0.0, 0.0], [150.0, 0.0]], 2, ("W", "J"), shoulder=True)
+    road.edge([[150.0, 3.3], [175.0, 3.3]], 1, ("J", "J"), internal=True)
+    road.edge([[175.0, 0.0], [400.0, 0.0]], 2, ("J", "E"), shoulder=True)
+    road.connect(1, 4, via=(2,), signal=True)
+    network = road.built()
+    lanes = tuple(
+        replace(lane, kind=kind, emergency_allowed=False) if lane.kind is LaneKind.SHOULDER else lane
+        for lane in network.lanes
+    )
+    half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
+    view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=replace(network, lanes=lanes))
+    assert pull_over.pull_over_path(WAITED, view.ego(0), 1).curve.points[-1, 0] + half > 151.0
 
 
 @pytest.mark.parametrize("unit", [UNIT, WAITED], ids=["at once", "an EMV waits"])

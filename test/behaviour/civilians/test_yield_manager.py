@@ -56,6 +56,25 @@ def test_only_vehicles_ahead_in_the_emvs_lane_within_the_response_distance(lab, 
     assert not events
 
 
+@pytest.mark.parametrize(
+    ("emv_mps", "mps", "s", "notices"),
+    [(0.5, 0.2, 130.0, True), (0.6, 0.2, 130.0, False), (0.5, 0.3, 130.0, False), (0.5, 0.2, 137.0, False)],
+    ids=["stands in the queue", "the EMV drives", "drives", "beyond the queue"],
+)
+def test_who_stands_in_a_queue_notices_an_emv_that_stands_in_it(lab, world, emv_mps, mps, s, notices):
+    """The EMV's front is at 53.1 m, the rear of a sedan at 130 m is 74.5 m ahead of it."""
+    emv = lab.Car(1, 0, 50.0, emv_mps, (0,), AMBULANCE)
+    _, _, events = steps(world, [emv, lab.Car(2, 0, s, mps, (0,))])
+    assert ("yield_requested" in kinds(events)) is notices
+
+
+def test_who_noticed_an_emv_in_a_queue_stays_attentive_as_it_moves_on(lab, world):
+    emv, head = lab.Car(1, 0, 50.0, 0.0, (0,), AMBULANCE), lab.Car(2, 0, 130.0, 0.0, (0,))
+    state, _, _ = steps(world, [emv, head])
+    _, _, events = steps(world, [replace(emv, speed=3.0), head], state=state, start=1)
+    assert "yield_cancelled" not in kinds(events)
+
+
 def test_response_distance_reaches_beyond_the_interaction_region(lab, world):
     far = replace(world, preset=world.preset.for_scenario(60.0, 0.0, 1.0))
     beyond = lab.Car(2, 0, 50 + 0.5 * (6.5 + 4.75) + 59.9, 5, (0,))

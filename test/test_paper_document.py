@@ -10,7 +10,6 @@ from repository import REPOSITORY
 from test_architecture import names_defined_in
 
 from docsite.code_tables import with_tables
-from siren_ros.behaviour.config import JunctionEntryConfig
 from siren_ros.evaluation.detection.tables import PAPER as PAPER_DETECTORS
 from siren_ros.evaluation.prediction.metrics import METRICS
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES
@@ -132,7 +131,8 @@ def test_levels_are_those_of_the_page() -> None:
 
 
 def test_speeds_and_brakes_are_those_of_the_page() -> None:
-    assert numbers_in(r"brakes gently towards (\d+) km/h at the line") == [JunctionEntryConfig().speed_mps * 3.6]
+    (around_kmh,) = numbers_in(r"drawn per driver, around (\d+) km/h, or less where it cannot see")
+    assert around_kmh == pytest.approx(3.6 * load_preset("paper").attention.emv_line_mps.mean, abs=0.01)
     assert numbers_in(r"their ways meet, with up to (\d+) m/s²") == [CautionConfig().most_brake_mps2]
 
 

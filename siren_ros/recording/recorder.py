@@ -13,7 +13,7 @@ from rosbags.typesys.store import Typestore
 from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.interfaces.episode_conversions import EpisodeClosing, to_episode_end, to_episode_outcome
 from siren_ros.interfaces.messages import decode_cdr, encode_cdr, step_of_cdr
-from siren_ros.interfaces.topics import EPISODE_END, OUTCOME, Topic
+from siren_ros.interfaces.topics import EPISODE_END, OUTCOME, STEERED_FROM_OUTSIDE, Topic
 from siren_ros.lockstep import MAX_STEPS_AHEAD
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import BagSummary, EpisodeBagWriter
@@ -201,6 +201,8 @@ class EpisodeRecorder:
             self.on_step_recorded(step)
 
     def _write(self, topic: Topic, step: int, cdr: bytes) -> None:
+        if topic.name in STEERED_FROM_OUTSIDE:  # another program's serialiser leaves what it found in the padding
+            cdr = encode_cdr(self._store, topic, decode_cdr(self._store, topic, cdr))
         if topic.name in _DECODED:
             self._builder.add(topic.name, self._decode(topic, cdr))
         self._bag.write(topic.name, topic.type_name, cdr, time_ns_of_step(step))

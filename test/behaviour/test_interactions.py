@@ -72,7 +72,7 @@ def test_l1_emv_runs_the_red_light_and_lets_a_crossing_vehicle_pass(lab, junctio
     free = lab.Loop(lab.world_of(junction, lab.L1), [lab.Car(1, 0, 60, 13.9, (0, 2), AMBULANCE)]).run(200)
     assert min(row[1][3] for row in free.log) > 13.0
     cars = [lab.Car(1, 0, 60, 13.9, (0, 2), AMBULANCE), lab.Car(5, crossing, 40, 8, (5,), desired=8)]
-    loop = lab.Loop(lab.world_of(junction, lab.L1), cars).run(260)
+    loop = lab.Loop(lab.world_of(junction, lab.L1), cars).run(280)
     assert loop.log[-1][1][0] > 200.0
     assert not loop.touching()
 

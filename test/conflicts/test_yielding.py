@@ -277,7 +277,7 @@ def test_waiting_speeds_in_closed_form():
 def test_more_room_is_kept_by_gentle_braking_alone():
     """The speed is that of a wait farther before the zone; how hard one must brake, and what is free, stay."""
     zone = crossing(30.0, 5.0)
-    near, far = (wait_for(zone, car(12.0, Rank.RED), car(4.0), replace(CONFIG, room_m=room)) for room in (0.0, 2.0))
+    near, far = (wait_for(zone, car(12.0, Rank.RED), car(4.0), CONFIG._replace(room_m=room)) for room in (0.0, 2.0))
     wanted, free_s = 28.0 - CONFIG.standoff_m, 11.0 / 4.0 + CONFIG.after_s
     assert far.speed_mps == pytest.approx(max(wanted / free_s, math.sqrt(2.0 * CONFIG.brake_mps2 * wanted)))
     assert (far.brake_mps2, far.free_m) == (near.brake_mps2, near.free_m)

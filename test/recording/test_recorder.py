@@ -1,6 +1,10 @@
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,8 +13,8 @@ from synthetic_episode import Scene, SyntheticEpisode
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.episode_conversions import EpisodeClosing, from_episode_end
-from siren_ros.interfaces.messages import decode_cdr, typestore
-from siren_ros.interfaces.topics import ACTORS, CLOCK, EPISODE, EPISODE_END, OUTCOME
+from siren_ros.interfaces.messages import decode_cdr, encode_cdr, typestore
+from siren_ros.interfaces.topics import ACTORS, CLOCK, EPISODE, EPISODE_END, OUTCOME, PREDICTIONS
 from siren_ros.numerics.units import STEP_NS
 from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.record_builder import RecordBuilder
@@ -238,3 +242,27 @@ def test_an_episode_that_ended_before_its_first_step_leaves_no_bag_and_no_folder
     outcome = closed(bags / "bag", 0, EpisodeClosing(0, EpisodeEnd.FAILED, "broken"))
     assert (outcome.end, outcome.reason, outcome.steps) == (EpisodeEnd.FAILED, "broken", 0)
     assert not bags.exists()
+
+
+def test_what_another_programs_serialiser_leaves_in_the_padding_is_not_recorded(tmp_path):
+    """Three actors: four bytes between their ids and the numbers of eight bytes."""
+    store, numbers = typestore(), np.arange(3.0)
+    stamp = store.types["builtin_interfaces/msg/Time"](0, 0)
+    ids = np.arange(3, dtype=np.uint32)
+    clean = encode_cdr(store, PREDICTIONS, store.types[PREDICTIONS.type_name](stamp, 0, ids, numbers, numbers, numbers))
+    recorder: Any = recorder_of(SyntheticEpisode(), tmp_path / "bag")
+    written: list[bytes] = []
+    recorder._writer = SimpleNamespace(write=lambda *row: written.append(row[2]))
+
+    def values(cdr: bytes) -> tuple[Any, ...]:
+        read = decode_cdr(store, PREDICTIONS, cdr)
+        arrays = (read.actor_id, read.probability, read.x_m, read.y_m)
+        return read.stamp, read.step, *(array.tobytes() for array in arrays)
+
+    for place in range(4, len(clean)):
+        dirty = clean[:place] + b"\x5a" + clean[place + 1 :]
+        with suppress(EpisodeError):
+            if values(dirty) == values(clean):
+                recorder._write(PREDICTIONS, 0, dirty)
+    assert len(written) >= 4
+    assert set(written) == {clean}

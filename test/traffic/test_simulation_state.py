@@ -96,6 +96,7 @@ class Stage:
                 apply=lambda *_: None,
                 check_placed=lambda _columns: None,
             ),
+            "oncoming": None,
             "cautious": SimpleNamespace(
                 forget=lambda name: self.forgotten.append(("cautious", name)), apply=lambda *_: None
             ),

@@ -48,6 +48,7 @@ def _sumo(monkeypatch: pytest.MonkeyPatch) -> Sumo:
         "getLaneID": lambda name: sumo.at[name][0] if name in sumo.at else "",
         "getLanePosition": lambda name: sumo.at[name][1],
         "getAngle": lambda name: sumo.at[name][2],
+        "getSpeed": lambda _: 0.0,
         "add": lambda name, *_, **more: (sumo.added.append(name), sumo.parameters.__setitem__(name, more)),
         "subscribe": lambda *_: None,
         "unsubscribe": lambda *_: None,

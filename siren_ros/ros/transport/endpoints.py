@@ -21,8 +21,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from siren_ros.interfaces.topics import STEERED_FROM_OUTSIDE, STEP_DONE, Topic
 from siren_ros.ros.transport.direct import direct
 
-_NAME_PATIENCE_S: Final = 0.3
-"""Discovery learns of a publisher a little before it learns the name of its node."""
+_NAME_PATIENCE_S: Final = 2.0
+"""Discovery learns of a publisher before it learns the name of its node: a little, or more on a busy machine."""
 _POLL_S: Final = 0.01
 _UNNAMED: Final = "_NODE_NAME_UNKNOWN_"
 """What the middleware says where it has not learned the name."""

@@ -18,7 +18,7 @@ from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRIC
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.judging.physics import VerifyLimits
 from siren_ros.judging.verify import CHECKS
-from siren_ros.reproduction.parts import read_parts, shown_minutes
+from siren_ros.reproduction.parts import inputs_sha256, read_parts, shown_minutes
 from siren_ros.reproduction.results import read_results
 from siren_ros.scenario import paper
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS
@@ -131,11 +131,14 @@ def reproduction_table() -> str:
     repository = _NODES_FILE.parents[1]
     parts = read_parts(repository / "params" / "reproduction.yaml", repository)
     results = read_results(repository / "docs" / "results.json")
-    rows = []
+    rows, present = [], {}
     for part in parts.values():
+        needed = [present[need] for need in part.needs]
+        present[part.name] = "" if part.missing(repository) else inputs_sha256(part, repository, needed)
         result = results.get(part.name)
         card = result.machine if result is not None else {}
-        sha = result.inputs_sha256[:8] if result is not None else ""
+        sha = result.inputs_sha256 if result is not None else ""
+        sha = "older code" if sha and present[part.name] not in {"", sha} else sha[:8]
         load = f"{card['load']} on {card['cores']} cores" if "load" in card else ""
         rows.append(f"| `{part.name}` | {part.about} | {shown_minutes(part.minutes)} | {sha} | {load} |")
     total = shown_minutes(sum(part.minutes for part in parts.values()))

@@ -1,5 +1,7 @@
 """How often an episode is tried, and what its row tells of it; its processes are stood in for."""
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,7 @@ from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.episode_row import Status
 from siren_ros.studies.matrix import PlannedEpisode, Study, plan_study
 from siren_ros.studies.study_folder import LocalFolder
-from siren_ros.studies.workers import LocalWorkers, WorkerOptions, attempt_processes, make_episode
+from siren_ros.studies.workers import LocalWorkers, WorkerOptions, make_episode
 
 PLANNED = PlannedEpisode("S2_L2_seed3", "S2_L2", EpisodeRequest("S2", "L2", 3), -1, "ab" * 32)
 
@@ -74,9 +76,18 @@ def test_a_study_that_is_stopped_leaves_no_row_of_what_was_under_way(tmp_path: P
     assert not list(tmp_path.glob(".work/*"))
 
 
-LOOPS = "sum(bool(getattr(loop, 'signatures', 0)) for loop in vars(__import__('sys').modules['{}']).values())"
+PROGRAM = """
+from siren_ros.studies.workers import attempt_processes
+loops = (
+    "sum(bool(getattr(one, 'signatures', 0)) for one in "
+    "vars(__import__('sys').modules['siren_ros.dynamics.fleet']).values())"
+)
+with attempt_processes(1) as pool:
+    print(pool.call(eval, loops))
+"""
 
 
 def test_processes_of_attempts_begin_with_their_loops_at_hand() -> None:
-    with attempt_processes(1) as pool:
-        assert pool.call(eval, LOOPS.format("siren_ros.dynamics.fleet")) > 0
+    """In a program of its own: a process has one server for all of its pools, with what the first of them asked for."""
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
+    assert int(done.stdout) > 0

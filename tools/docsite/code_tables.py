@@ -131,7 +131,8 @@ def reproduction_table() -> str:
     repository = _NODES_FILE.parents[1]
     parts = read_parts(repository / "params" / "reproduction.yaml", repository)
     results = read_results(repository / "docs" / "results.json")
-    rows, present = [], {}
+    rows: list[str] = []
+    present: dict[str, str] = {}
     for part in parts.values():
         needed = [present[need] for need in part.needs]
         present[part.name] = "" if part.missing(repository) else inputs_sha256(part, repository, needed)

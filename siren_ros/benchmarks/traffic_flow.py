@@ -22,6 +22,7 @@ from siren_ros.evaluation.traffic_flow import (
 )
 from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.judging.physics import CIVILIAN_PERCENTILES
 from siren_ros.numerics.arrays import Floats
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.processes.side_by_side import side_by_side
@@ -29,7 +30,6 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.templates import available_templates
 
-ACCEL_PERCENTILES: Final = (0.5, 99.5)
 ALL: Final = "all"
 NOMINAL_S: Final = 90.0
 
@@ -61,7 +61,7 @@ def summary(samples: Sequence[FlowSamples]) -> dict[str, float]:
     discharge, following, accel = (
         np.concatenate([getattr(episode, field.name) for episode in samples]) for field in fields(FlowSamples)
     )
-    low, high = np.percentile(accel, ACCEL_PERCENTILES) if len(accel) else (np.nan, np.nan)
+    low, high = np.percentile(accel, CIVILIAN_PERCENTILES) if len(accel) else (np.nan, np.nan)
     return {
         "discharge_s": float(np.mean(discharge)) if len(discharge) else np.nan,
         "discharged": float(len(discharge)),

@@ -10,10 +10,11 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.judging.physics import MOVING_MPS
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import Owner
+from siren_ros.world.actors import Mode, Owner
 from siren_ros.world.traffic_state import TrafficState
 
 START_LOST: Final = 3
@@ -98,7 +99,8 @@ def _lengths_m(record: EpisodeRecord, actor_id: Ids) -> Floats:
 
 
 def civilian_accelerations_mps2(record: EpisodeRecord) -> Floats:
-    """Longitudinal accelerations of civilians that move, all steps."""
+    """Longitudinal accelerations of civilians that move, all steps, as `siren verify` counts them."""
     rows = record.rows
-    moves = (rows.speed_mps > 0.1) & ~np.isin(rows.actor_id, np.array(record.emv_ids, dtype=np.uint32))
+    moves = (rows.speed_mps > MOVING_MPS) & (rows.mode != Mode.STOPPED)
+    moves &= ~np.isin(rows.actor_id, np.array(record.emv_ids, dtype=np.uint32))
     return rows.accel_mps2[moves]

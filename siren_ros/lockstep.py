@@ -49,6 +49,10 @@ class LockstepConfig:
     display_names: Mapping[str, str] = field(default_factory=dict)
     """Names of participants in errors, where the participant's name does not say which program it is."""
 
+    def step_limit_s(self, step: int) -> float:
+        """Wall time for a step. In the first one, programs may compile loops, as they do while they start."""
+        return self.step_timeout_s if step else max(self.step_timeout_s, self.start_timeout_s)
+
 
 class LockstepState(NamedTuple):
     """Progress of one episode. It changes with every report: a tuple is copied quickly."""
@@ -69,6 +73,11 @@ class LockstepState(NamedTuple):
     """Participants that had not reported when the episode ended; they may hang for ever."""
     busy_s: Mapping[str, float] = MappingProxyType({})
     """Wall time by participant, summed over the steps."""
+
+    @property
+    def late_step(self) -> int:
+        """The earliest step that somebody has not finished."""
+        return self.step - bool(self.owing)
 
     @property
     def steps_done(self) -> int:
@@ -173,7 +182,7 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
     """Notice a participant that does not answer; the error names it."""
     limit_s = {
         Stage.GATHERING: config.start_timeout_s,
-        Stage.STEPPING: config.step_timeout_s,
+        Stage.STEPPING: config.step_limit_s(state.late_step),
         Stage.CLOSING: config.late_close_timeout_s if state.waiting <= state.late else config.close_timeout_s,
     }.get(state.stage)
     if limit_s is None or now_s - state.since_s < limit_s:
@@ -184,7 +193,7 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
     if state.stage is Stage.CLOSING:
         reason = state.reason or f"{names}: did not close within {limit_s:g} s"
         return state._replace(stage=Stage.CLOSED, end=_end_with_fault(state), reason=reason), None
-    what = "was not ready" if gathering else f"did not finish step {state.step - bool(state.owing)}"
+    what = "was not ready" if gathering else f"did not finish step {state.late_step}"
     return _close(state._replace(late=late), EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
 
 

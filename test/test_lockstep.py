@@ -142,14 +142,14 @@ def test_an_error_ends_the_episode_under_the_participants_name() -> None:
 
 def test_a_participant_that_does_not_answer_is_named() -> None:
     state, _ = report(stepping(), "a", Phase.STEP, 0)
-    assert on_time(state, CONFIG, 4.9) == (state, None)
-    state, action = on_time(state, CONFIG, 5.0)
-    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: did not finish step 0 within 5 s")
-    state, action = report(state, "a", Phase.FINAL, 0, now_s=6.0)
+    assert on_time(state, CONFIG, 59.9) == (state, None), "it may compile loops, as it does while it starts"
+    state, action = on_time(state, CONFIG, 60.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: did not finish step 0 within 60 s")
+    state, action = report(state, "a", Phase.FINAL, 0, now_s=61.0)
     assert action is None
     state, action = on_time(state, CONFIG, 1000.0)
     assert (state.stage, action) == (Stage.CLOSED, None)
-    assert state.reason == "b: did not finish step 0 within 5 s"
+    assert state.reason == "b: did not finish step 0 within 60 s"
 
 
 def test_a_participant_that_never_becomes_ready_is_named() -> None:
@@ -175,7 +175,7 @@ def test_a_failure_outside_the_reports_ends_the_episode() -> None:
 
 
 def test_only_the_first_in_the_chain_is_blamed() -> None:
-    config = LockstepConfig(("sumo_bridge", "emv_controller", "vehicle_dynamics", "recorder"), 5, step_timeout_s=5.0)
+    config = LockstepConfig(("sumo_bridge", "emv_controller", "vehicle_dynamics", "recorder"), 5, 5.0, 5.0)
     state = start_lockstep(config, 0.0)
     for name in config.participants:
         state, _ = on_report(state, StepReport(0, name, Phase.READY), config, 0.0)
@@ -194,12 +194,12 @@ def test_a_participant_that_closes_before_the_end_fails_the_episode() -> None:
 
 def test_nobody_waits_long_for_a_participant_that_was_late_already() -> None:
     state, _ = report(stepping(), "a", Phase.STEP, 0)
-    state, _ = on_time(state, CONFIG, 5.0)
-    assert on_time(state, CONFIG, 5.0 + CONFIG.late_close_timeout_s) == (state, None), "a is not late and may close"
-    state, _ = report(state, "a", Phase.FINAL, 0, now_s=6.0)
-    state, _ = on_time(state, CONFIG, 5.0 + CONFIG.late_close_timeout_s)
+    state, _ = on_time(state, CONFIG, 60.0)
+    assert on_time(state, CONFIG, 60.0 + CONFIG.late_close_timeout_s) == (state, None), "a is not late and may close"
+    state, _ = report(state, "a", Phase.FINAL, 0, now_s=61.0)
+    state, _ = on_time(state, CONFIG, 60.0 + CONFIG.late_close_timeout_s)
     assert state.stage is Stage.CLOSED
-    assert state.reason == "b: did not finish step 0 within 5 s"
+    assert state.reason == "b: did not finish step 0 within 60 s"
 
 
 def test_nobody_waits_for_a_participant_that_is_gone() -> None:
@@ -275,8 +275,8 @@ def test_an_episode_ends_when_who_trails_has_finished_the_last_step() -> None:
 def test_who_trails_too_far_is_named_with_its_own_step() -> None:
     state, _ = trailing(stepping(), "a", 0)
     state, _ = trailing(state, "a", 1)
-    _, action = on_time(state, TRAILING, 5.0)
-    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: did not finish step 0 within 5 s")
+    _, action = on_time(state, TRAILING, 60.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: did not finish step 0 within 60 s")
 
 
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.integers(0, 2)), max_size=40))

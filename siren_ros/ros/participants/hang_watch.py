@@ -4,7 +4,7 @@ The executor cannot notice it: it waits for that callback.
 """
 
 import threading
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Final, NamedTuple
 
 from siren_ros.interfaces.episode_conversions import Phase
@@ -27,21 +27,18 @@ class Work(NamedTuple):
     """Wall time at which it began."""
 
 
-def limits_s(config: LockstepConfig) -> dict[Phase, float]:
-    """How long work of each phase may take."""
-    return {Phase.READY: config.start_timeout_s, Phase.STEP: config.step_timeout_s, Phase.FINAL: config.close_timeout_s}
-
-
-def overdue(works: Iterable[Work | None], limits: Mapping[Phase, float], now_s: float) -> str:
+def overdue(works: Iterable[Work | None], config: LockstepConfig, now_s: float) -> str:
     """Which participant did not return in time, in the lockstep's words; empty: none."""
     for work in works:
-        if work is not None and now_s - work.since_s > limits[work.phase] + GRACE_S:
-            what = {
-                Phase.READY: "was not ready",
-                Phase.STEP: f"did not finish step {work.step}",
-                Phase.FINAL: "did not close",
-            }
-            return f"{work.participant}: {what[work.phase]} within {limits[work.phase]:g} s"
+        if work is None:
+            continue
+        what, limit_s = {
+            Phase.READY: ("was not ready", config.start_timeout_s),
+            Phase.STEP: (f"did not finish step {work.step}", config.step_limit_s(work.step)),
+            Phase.FINAL: ("did not close", config.close_timeout_s),
+        }[work.phase]
+        if now_s - work.since_s > limit_s + GRACE_S:
+            return f"{work.participant}: {what} within {limit_s:g} s"
     return ""
 
 
@@ -99,7 +96,7 @@ def awaited_by(
     acts = [f"{_listed(shown)} {act}" for act, shown in by_act.items()]
     limit_s = {
         Stage.GATHERING: config.start_timeout_s,
-        Stage.STEPPING: config.step_timeout_s,
+        Stage.STEPPING: config.step_limit_s(state.late_step),
         Stage.CLOSING: config.close_timeout_s,
     }[state.stage]
     return f"{', '.join(acts)}, at most {limit_s:g} s"
@@ -112,7 +109,7 @@ def _listed(names: Sequence[str]) -> str:
 
 def _act_of(name: str, state: LockstepState, started: Collection[str]) -> str:
     if state.stage is Stage.STEPPING:
-        return f"to finish step {state.step - bool(state.owing)}"
+        return f"to finish step {state.late_step}"
     if state.stage is Stage.CLOSING:
         return "to close"
     if name == AV_SOURCE:

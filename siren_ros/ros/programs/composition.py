@@ -21,7 +21,6 @@ from rclpy.parameter import Parameter
 from siren_ros.datasets.kitti.live_export import Layout, LiveExport
 from siren_ros.errors import InputError, SirenError
 from siren_ros.generation.episode_setup import default_bag_path, default_kitti_path, plan_length
-from siren_ros.interfaces.episode_conversions import Phase
 from siren_ros.lockstep import LockstepConfig
 from siren_ros.params.parameter_field import Value
 from siren_ros.recording.bag_folder import check_new_bag
@@ -57,9 +56,9 @@ class Composition:
         """Participants that have closed in order."""
         raise NotImplementedError
 
-    def hanging(self, limits: Mapping[Phase, float]) -> str:
+    def hanging(self, config: LockstepConfig) -> str:
         """Which participant blocks the lockstep itself, and where; empty: none."""
-        return overdue(self.works(), limits, time.monotonic())
+        return overdue(self.works(), config, time.monotonic())
 
     def works(self) -> tuple[Work | None, ...]:
         """What the participants of this process are doing now."""

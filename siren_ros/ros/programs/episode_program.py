@@ -22,7 +22,7 @@ from siren_ros.lockstep import LockstepState, Stage, once
 from siren_ros.numerics.compiled import is_compiling
 from siren_ros.ros.node_configs import CosimConfig
 from siren_ros.ros.parameters import check_names, declare_config
-from siren_ros.ros.participants.hang_watch import HangWatch, awaited_by, limits_s
+from siren_ros.ros.participants.hang_watch import HangWatch, awaited_by
 from siren_ros.ros.participants.master import LockstepMaster
 from siren_ros.ros.programs.composition import Composition, EpisodePlan, InProcess, OutOfProcess, plan_episode
 from siren_ros.ros.programs.processes import Awaited, Interrupt, PreparationInterruptedError, Waiting
@@ -127,8 +127,7 @@ def run_episode(
     executor.add_node(cosim)
     composition = _composed(cosim, module_of, executor, interrupt, waiting)
     waiting.ask = lambda: cosim.awaited(composition)
-    limits = limits_s(cosim.master.config)
-    watch = HangWatch(lambda: composition.hanging(limits), give_up)
+    watch = HangWatch(lambda: composition.hanging(cosim.master.config), give_up)
     if isinstance(composition, InProcess):
         cosim.connect_directly(executor, composition.nodes)
     try:

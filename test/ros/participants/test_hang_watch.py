@@ -2,7 +2,7 @@
 
 from siren_ros.interfaces.episode_conversions import Phase
 from siren_ros.lockstep import LockstepConfig, LockstepState, Stage
-from siren_ros.ros.participants.hang_watch import Work, awaited_by
+from siren_ros.ros.participants.hang_watch import Work, awaited_by, overdue
 
 OWN = ("sumo_bridge", "emv_controller", "vehicle_dynamics", "recorder")
 CONFIG = LockstepConfig((*OWN, "my_stack", "av_controller"), 10)
@@ -42,3 +42,14 @@ def test_many_are_not_all_named() -> None:
     config = LockstepConfig(tuple("abcde"), 1)
     line = awaited_by(state(Stage.GATHERING, *"abcde"), config, tuple("abcde"))
     assert line == "a, b, c and 2 more to be ready, at most 120 s"
+
+
+def test_the_first_step_may_take_as_long_as_the_start() -> None:
+    works = [None, Work("recorder", Phase.STEP, 0, 0.0)]
+    assert overdue(works, CONFIG, 100.0) == "", "it may compile loops"
+    assert overdue(works, CONFIG, 122.0) == "recorder: did not finish step 0 within 120 s"
+    assert overdue([Work("recorder", Phase.STEP, 1, 0.0)], CONFIG, 22.0) == (
+        "recorder: did not finish step 1 within 20 s"
+    )
+    stepping = state(Stage.STEPPING, "recorder", step=0)
+    assert awaited_by(stepping, CONFIG, OWN) == "recorder to finish step 0, at most 120 s"

@@ -129,11 +129,13 @@ def test_mirrored_emv_stays_where_it_is_put_for_25_seconds(sumo: SumoSimulation,
     state = sumo.step(0, None)
     follower = Follower(EMV, path_of_emv(network, plan), state)
     events = []
+    off_m: list[float] = []
     for step in range(1, 500):
         row = follower.row()
         state = sumo.step(step, states_of(step - 1, [row]))
-        assert state.sumo_x_m[0] == pytest.approx(row["x_m"] + row["vx_mps"] * STEP_S, abs=1e-6)
-        assert state.sumo_y_m[0] == pytest.approx(row["y_m"] + row["vy_mps"] * STEP_S, abs=1e-6)
+        off_x_m = state.sumo_x_m[0] - row["x_m"] - row["vx_mps"] * STEP_S
+        off_y_m = state.sumo_y_m[0] - row["y_m"] - row["vy_mps"] * STEP_S
+        off_m.append(float(np.hypot(off_x_m, off_y_m)))
         assert state.x_m[0] == row["x_m"]
         assert state.owner[0] == Owner.ROS
         assert state.lane[0] != NO_LANE
@@ -143,6 +145,8 @@ def test_mirrored_emv_stays_where_it_is_put_for_25_seconds(sumo: SumoSimulation,
         assert state.route_of_row(0)[0] in route
         events += [event for event in state.events if event.actor_id == EMV]
         follower.advance(accel_mps2=1.0)
+    assert max(off_m) < 0.6
+    assert np.mean(np.array(off_m) > 1e-6) < 0.03, "only where two pieces of a road are joined"
     crossed = [event for event in events if event.kind is EventKind.STOP_LINE_CROSSED]
     assert crossed
     assert crossed[0].detail["signal_state"] in set("rygGuso")
@@ -278,7 +282,7 @@ def test_first_state_has_emv_platoon_and_siren(town: Town) -> None:
     assert "platoon0" in {names[int(actor_id)] for actor_id in reacting}
     assert state.emvs[0].rescue_count == len(reacting)
     assert names[state.emvs[0].leader_id] == "platoon0"
-    assert state.emvs[0].leader_gap_m == pytest.approx(30.0, abs=1.0)
+    assert state.emvs[0].leader_gap_m == pytest.approx(22.0, abs=1.0)
 
 
 @pytest.mark.parametrize("level", [EmergencyLevel.L0, EmergencyLevel.L1])
@@ -288,12 +292,12 @@ def test_without_siren_nobody_reacts(town: Town, level: EmergencyLevel) -> None:
     assert all(not state.lights[0] & (Lights.SIREN | Lights.BEACON) for state in states)
 
 
-def test_bluelight_device_forms_a_corridor_at_l3_alone(town: Town) -> None:
-    corridor, plain = run(town, EmergencyLevel.L3, 160)[-1], run(town, EmergencyLevel.L1, 160)[-1]
-    assert corridor.emvs[0].rescue_count > 0
-    reacting = (corridor.flags & TrafficFlags.RESCUE_LANE) != 0
-    assert np.max(np.abs(corridor.lateral_offset_m[reacting])) > 0.3
-    assert np.count_nonzero(plain.flags & TrafficFlags.RESCUE_LANE) == 0
+def test_sumo_itself_pushes_nobody_aside(town: Town) -> None:
+    """Its bluelight device would; who makes way, and how, is the yield manager's."""
+    heard = run(town, EmergencyLevel.L3, 160)[-1]
+    assert heard.emvs[0].rescue_count > 0
+    reacting = (heard.flags & TrafficFlags.RESCUE_LANE) != 0
+    assert np.median(np.abs(heard.lateral_offset_m[reacting])) < 0.3
 
 
 def test_steps_come_in_order_and_one_simulation_at_a_time(sumo: SumoSimulation, town: Town) -> None:

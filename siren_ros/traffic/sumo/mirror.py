@@ -43,6 +43,11 @@ _SIDEWAYS_M: Final = 1.2
 _JUNCTION_SIDEWAYS_M: Final = 5.0
 """The same on junctions, which are road between the paths too; libsumo 1.28 was seen to crash with a vehicle taken off
 the road there."""
+_SEAM_M: Final = 1.0
+"""Paths on junctions shorter than this only join two pieces of one road. libsumo 1.28 takes a slow vehicle off the road
+whose front is on one, and crashes when it looks for the vehicle beside its rear."""
+_CLEAR_M: Final = 0.1
+"""How far from such a path a front is put instead."""
 _HEADING_LIMIT_RAD: Final = 1.2
 """Lanes that run further off the vehicle's heading are left out."""
 _STAY_M: Final = 0.1
@@ -131,7 +136,7 @@ def _nearest(
 
 # No parameters: SUMO's codes, and tolerances of the mirror that no behaviour depends on.
 DEFAULT_LANE_CHANGE_MODE: Final = 1621
-"""SUMO's default; its bluelight device leaves 1605 behind for good."""
+"""SUMO's default."""
 KEEP_LANE_CHANGE_MODE: Final = 1536
 """All reasons for a lane change off; respecting others and alignment within the lane stay on."""
 DEFAULT_SPEED_MODE: Final = 31
@@ -147,6 +152,8 @@ _LEAST_REALIGNED_M: Final = 1.0
 """A vehicle is not brought back by less: what is left then is its angle or its distance from the lane's middle."""
 _STANDING_MPS: Final = 0.05
 _EDGES_TO_MATCH: Final = 3
+_EDGES_TO_FIND: Final = 10
+"""Where a vehicle was off its route, as on the opposite lane, SUMO's place on the route has stayed behind."""
 _BY_ROS: Final = int(Owner.ROS)
 _BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
 """Phases of a yield in which SUMO drives, but not as the driver would."""
@@ -322,8 +329,30 @@ class Mirror:
         if before is not None and math.hypot(x - before.x_m, y - before.y_m) < self._config.still_m:
             return before
         lane = before.match.lane if before is not None else NO_LANE
-        match = self._matcher.match(route[:_EDGES_TO_MATCH], (x - offset[0], y - offset[1]), yaw, lane)
+        front_m = x - offset[0], y - offset[1]
+        match = self._matcher.match(route[:_EDGES_TO_MATCH], front_m, yaw, lane)
+        if match.lane == NO_LANE:
+            match = self._matcher.match(route[:_EDGES_TO_FIND], front_m, yaw, lane)
+        if (aside_m := self._off_seam_m(match)) != 0.0:
+            x, y = x + aside_m * math.cos(yaw), y + aside_m * math.sin(yaw)
+            front_m = x - offset[0], y - offset[1]
+            match = self._matcher.match(route[:_EDGES_TO_MATCH], front_m, yaw, lane)
         return Place(x, y, angle, match)
+
+    def _off_seam_m(self, match: LaneMatch) -> float:
+        """The shorter way, forwards or backwards, off a path that only joins two pieces of a road; 0 off such paths."""
+        if match.lane == NO_LANE:
+            return 0.0
+        lane = self._network.lanes[match.lane]
+        if lane.kind is LaneKind.INTERNAL:
+            seam_m, into_m = lane.length_m, match.position_m
+        else:
+            ways = self._network.connections_from.get(match.lane, ())
+            seams = [self._network.lanes[index].length_m for way in ways for index in way.via[:1]]
+            seam_m, into_m = min(seams, default=math.inf), match.position_m - lane.length_m
+        if seam_m >= _SEAM_M or into_m <= -_CLEAR_M:
+            return 0.0
+        return seam_m + _CLEAR_M - into_m if into_m > 0.5 * seam_m else -_CLEAR_M - into_m
 
     def _restore_route(self, vehicle: PlannedVehicle) -> None:
         """Give a vehicle its planned route back, where SUMO made it another one for the lane that it found it on."""
@@ -363,10 +392,9 @@ class Mirror:
             factor = float(libsumo.vehicle.getSpeedFactor(name)) if factor is None else factor
             keeps = mode == Mode.YIELD_KEEP_LANE
             cleared, waiting = self._config.cleared_speed_share * factor, self._config.deferred_speed_factor
-            # At every step: SUMO's bluelight device gives who reacts a vehicle type with the speed factor of before.
-            libsumo.vehicle.setSpeedFactor(name, cleared if keeps else max(factor, waiting))
             if bound_mode != mode:
                 self._bound[name] = (mode, factor)
+                libsumo.vehicle.setSpeedFactor(name, cleared if keeps else max(factor, waiting))
                 libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if keeps else DEFAULT_LANE_CHANGE_MODE)
         elif factor is not None:
             del self._bound[name]

@@ -319,6 +319,40 @@ def test_a_pose_is_extrapolated_by_a_step_in_place_and_heading(sumo: FakeVehicle
     assert (x, y) == pytest.approx((RIGHT_X_M + 0.03 + 2.0 * np.cos(yaw), -100.0 + 0.4 + 2.0 * np.sin(yaw)))
 
 
+JOINED_M = 0.4
+
+
+def joined() -> RoadNetwork:
+    """The crossing, with a path of 0.4 m behind the northbound lane, which ends at −20 m."""
+    lanes = list(CROSSING.lanes)
+    for connection in CROSSING.connections_from[S_IN.lanes[1]]:
+        (via,) = connection.via
+        lanes[via] = replace(lanes[via], centre=Polyline.through([(RIGHT_X_M, -20.0), (RIGHT_X_M, -20.0 + JOINED_M)]))
+    return replace(CROSSING, lanes=tuple(lanes))
+
+
+@pytest.mark.parametrize(
+    ("front_m", "put_m"), [(-20.2, -20.2), (-20.05, -20.1), (-19.9, -20.1), (-19.7, -19.5)], ids=str
+)
+def test_no_front_is_put_where_two_pieces_of_a_road_are_joined(
+    sumo: FakeVehicles, front_m: float, put_m: float
+) -> None:
+    mirror, edges = mirror_on(joined()), (S_IN.index, CROSSING.edge_by_id["n_out"].index)
+    row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": front_m - 2.0, "yaw_rad": 0.5 * np.pi, "owner": Owner.ROS}
+    mirror.apply(states_of(0, [row]), {ACTOR: VEHICLE}, {NAME: ACTOR}, {NAME: edges})
+    assert sumo.moved_to[-1][2:4] == pytest.approx((RIGHT_X_M, put_m))
+
+
+def test_a_vehicle_is_found_again_beyond_the_edges_that_sumo_expects_it_on(sumo: FakeVehicles) -> None:
+    """On the opposite lane SUMO's place on the route stays behind."""
+    mirror, out = mirror_on(CROSSING), CROSSING.edge_by_id["n_out"]
+    x, y = CROSSING.lanes[out.lanes[-1]].centre.at(10.0)
+    row = {"actor_id": ACTOR, "x_m": float(x), "y_m": float(y), "yaw_rad": 0.5 * np.pi, "owner": Owner.ROS}
+    far = tuple(edge.index for edge in CROSSING.edges if edge.edge_id in {"e_in", "w_in", "e_out", "w_out"})[:3]
+    mirror.apply(states_of(0, [row]), {ACTOR: VEHICLE}, {NAME: ACTOR}, {NAME: (*far, out.index)})
+    assert sumo.moved_to[-1][0] == "n_out"
+
+
 SHIFTED = replace(CROSSING, sumo_offset_m=(100.0, -40.0))
 
 

@@ -139,9 +139,9 @@ def lanes_along(
 ) -> tuple[tuple[int, ...], LaneEnd]:
     """Lanes to drive on along a route from a place on a lane, which may be internal, as far as ``ahead_m``.
 
-    The route has the edges from the present one (or the one before the junction) on. With ``civilian``, only lanes open
-    to civilians are used; ``through_junctions`` says whether to go on beyond joints that are more than two pieces of
-    one road.
+    The route has the edges from the present one (or the one before the junction, or the one that follows) on. With
+    ``civilian``, only lanes open to civilians are used; ``through_junctions`` says whether to go on beyond joints that
+    are more than two pieces of one road.
     """
     lanes = [lane]
     left = network.lanes[lane].length_m - position_m
@@ -155,9 +155,7 @@ def lanes_along(
         left += sum(network.lanes[item].length_m for item in rest)
     while left < ahead_m:
         present = network.lanes[lanes[-1]].edge
-        if present not in edges:
-            return tuple(lanes), LaneEnd.ASTRAY
-        step = edges.index(present) + 1
+        step = edges.index(present) + 1 if present in edges else 0  # the front is on the next edge already
         if step >= len(edges):
             return tuple(lanes), LaneEnd.ROUTE
         edges, needed = edges[step:], needed[step:]

@@ -43,6 +43,13 @@ def test_lanes_lead_through_the_junction(lab):
     assert lane_path.lanes_along(network, 0, 100.0, route(0, 4), 120.0)[0] == (0, 6, 7)
 
 
+def test_the_lanes_of_who_has_the_front_on_the_next_edge_lead_there(lab):
+    """The route begins with the edge below the front, the lane is the one below the middle."""
+    network = lab.junction_road(2)
+    assert lane_path.lanes_along(network, 1, 149.0, route(2), 50.0) == ((1, 3, 5), lane_path.LaneEnd.HORIZON)
+    assert lane_path.lanes_along(network, 1, 149.0, route(4), 50.0) == ((1,), lane_path.LaneEnd.ASTRAY)
+
+
 def test_ends_say_why(lab):
     network = lab.junction_road(2)
     assert lane_path.lanes_along(network, 1, 0.0, route(0, 4), 500.0) == ((1,), lane_path.LaneEnd.ASTRAY)

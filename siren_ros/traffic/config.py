@@ -5,7 +5,7 @@ from typing import Final
 
 from siren_ros.conflicts.yielding import YieldingConfig
 from siren_ros.errors import InputError
-from siren_ros.scenario.paper import PAPER_CONSTANTS, EmergencyLevel
+from siren_ros.scenario.paper import PAPER_CONSTANTS
 
 RESIDUAL_LIMIT_M: Final = 20.0
 """A simulated vehicle this far from its pose in SUMO should have been brought back to it long before."""
@@ -115,9 +115,6 @@ class TrafficConfig:
 
     lateral_resolution_m: float = 0.6
     """Width of SUMO's sublanes; rescue corridors need the sublane model."""
-    bluelight_levels: frozenset[EmergencyLevel] = frozenset({EmergencyLevel.L3})
-    """Levels at which SUMO's own bluelight device runs. At L2 it would push civilians to their lane's side and
-    suppress lane changes, which is not what L2 asks for, so the rescue flags are then derived from geometry."""
     leader_range_m: float = PAPER_CONSTANTS.leader_query_m
     """How far ahead SUMO is asked for the EMV's leader."""
     advice_range_m: float = 80.0

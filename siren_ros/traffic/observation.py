@@ -18,7 +18,7 @@ from siren_ros.roads.road_network import NO_LANE, Connection, Lane, LaneKind, Ro
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.traffic.config import RESIDUAL_LIMIT_M, TrafficConfig
 from siren_ros.traffic.demand.plan import TrafficPlan
-from siren_ros.traffic.sumo.readings import Readings, ahead_on_route, intent_flags, rescued_names
+from siren_ros.traffic.sumo.readings import Readings, ahead_on_route, intent_flags
 from siren_ros.world.actors import ActorStates, Owner
 from siren_ros.world.traffic_state import Event, EventKind, Indices, TrafficFlags, TrafficState
 
@@ -144,19 +144,16 @@ class Reactions:
         self._reach_m = plan.response_distance_m
         self._advice_range_m = config.advice_range_m
         self._siren = LEVEL_POLICIES[level].siren
-        self._device = level in config.bluelight_levels
 
     def rescued(
         self, names: Sequence[str], readings: Readings, route_offset: Indices, route_edges: Indices
     ) -> dict[str, list[str]]:
-        """Vehicles that react to each EMV's siren: from SUMO's device, or by its criterion where it does not run.
+        """Vehicles that react to each EMV's siren: those ahead on its route and within reach.
 
         ``route_offset`` and ``route_edges`` hold the edges ahead of each vehicle, as in ``TrafficState``.
         """
         if not self._siren:
             return {emv: [] for emv in self._emvs}
-        if self._device:
-            return rescued_names(names, self._emvs)
         reacting: dict[str, list[str]] = {emv: [] for emv in self._emvs}
         poses = readings.x_m, readings.y_m, readings.yaw_rad
         for emv in self._emvs:

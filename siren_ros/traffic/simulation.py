@@ -83,7 +83,7 @@ class SumoSimulation:
     ) -> None:
         """Start SUMO, run the warm-up and place the EMVs and their groups.
 
-        The level sets the EMVs' privileges and SUMO's bluelight device; ``seed`` is SUMO's own.
+        The level sets the EMVs' privileges; ``seed`` is SUMO's own.
 
         Raises:
             EpisodeError: a simulation is already running in this process, or SUMO refuses a vehicle.
@@ -179,7 +179,7 @@ class SumoSimulation:
 
     def _start(self, compiled_map: CompiledMap, seed: int) -> None:
         vehicles = (*self._plan.emvs, *self._plan.groups, *self._plan.background, *self._plan.reserve)
-        types = vehicle_types_xml(vehicles, self._level, self._plan.response_distance_m, self._config)
+        types = vehicle_types_xml(vehicles, self._level, self._config)
         with tempfile.TemporaryDirectory(prefix="siren-") as folder:
             types_file = Path(folder) / "types.add.xml"
             types_file.write_bytes(types)

@@ -74,7 +74,7 @@ class TrafficFlags(IntFlag):
 
     NONE = 0
     RESCUE_LANE = 1
-    """SUMO's bluelight device lists an EMV for this vehicle (generic parameter ``rescueLane``)."""
+    """An EMV with a siren comes from behind, within its reach (the paper's ``rescueLane``)."""
     WANTS_LEFT = 2
     WANTS_RIGHT = 4
     ON_JUNCTION = 8

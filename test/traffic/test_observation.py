@@ -184,7 +184,6 @@ def test_a_junction_is_left_once() -> None:
 
 NETWORK_REACTIONS = crossing()
 CONFIG = TrafficConfig()
-WITHOUT_DEVICE = replace(CONFIG, bluelight_levels=frozenset())
 NEAR_M = CONFIG.advice_range_m - 1.0
 NAMES = ["emv0", "emv1", "by0", "by1", "between"]
 X_M = np.array([0.0, 1000.0, NEAR_M, 1000.0 - NEAR_M, 500.0])
@@ -236,11 +235,11 @@ def test_vehicles_on_paths_across_are_on_a_junction(reactions: Reactions) -> Non
 
 
 def listening(routes: list[list[int]], x_m: list[float]) -> list[str]:
-    """Who hears an EMV at L1 (without SUMO's device) that drives east on edge 0."""
+    """Who hears an EMV that drives east on edge 0."""
     count = len(x_m)
     there: Any = SimpleNamespace(x_m=np.array(x_m), y_m=np.zeros(count), yaw_rad=np.zeros(count))
     names = ["emv0", *(f"car{number}" for number in range(1, count))]
-    return reactions_to("emv0", config=WITHOUT_DEVICE).rescued(names, there, *joined_rows(routes))["emv0"]
+    return reactions_to("emv0").rescued(names, there, *joined_rows(routes))["emv0"]
 
 
 def test_who_is_ahead_on_the_emvs_route_within_reach_hears_it() -> None:
@@ -253,7 +252,7 @@ def test_a_vehicle_without_a_route_is_on_nobodys_way() -> None:
 
 
 def test_an_emv_on_the_way_of_another_one_is_none_that_makes_way() -> None:
-    reactions = reactions_to("emv0", "emv1", config=WITHOUT_DEVICE)
+    reactions = reactions_to("emv0", "emv1")
     there: Any = SimpleNamespace(x_m=np.array([0.0, 10.0, 20.0]), y_m=np.zeros(3), yaw_rad=np.zeros(3))
     reacting = reactions.rescued(["emv0", "emv1", "car"], there, *joined_rows([[0, 1]] * 3))
     assert reacting == {"emv0": ["car"], "emv1": ["car"]}

@@ -172,7 +172,7 @@ class TrafficPlan:
     """Number of civilians to keep in the network."""
     warm_up_steps: int
     response_distance_m: float
-    """Reach of the siren in SUMO's bluelight device."""
+    """Reach of the siren."""
     signal: SignalTiming | None = None
     """None where all signals run as the map says."""
     av: str = ""

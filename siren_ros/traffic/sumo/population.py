@@ -41,8 +41,11 @@ _MIRRORS_M: Final = 0.4
 """Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
 other by widths alone, also where one stands at an angle to its lane."""
 _ESCAPED: Final = '&<>"\n\r\t'
-_NOISE: Final = ("sigmaleader", "sigmagap", "sigmaerror")
-"""The EIDM's errors of perception, which would shake accelerations at each step."""
+_SMOOTH: Final[Mapping[str, Mapping[str, float]]] = {
+    "EIDM": {"sigmaleader": 0.0, "sigmagap": 0.0, "sigmaerror": 0.0},
+    "Krauss": {"sigma": 0.0},
+}
+"""By car-following model: errors of drivers, which would shake accelerations at each step, are off."""
 _FULL_BRAKE_MPS2: Final = 6.0
 """With which a vehicle stops in an emergency, its driver's start included."""
 _RUNS_RED_S: Final = 1000.0
@@ -54,9 +57,7 @@ def type_id(vehicle: PlannedVehicle) -> str:
     return f"type.{vehicle.name}"
 
 
-def vehicle_types_xml(
-    vehicles: Iterable[PlannedVehicle], level: EmergencyLevel, response_distance_m: float, config: TrafficConfig
-) -> bytes:
+def vehicle_types_xml(vehicles: Iterable[PlannedVehicle], level: EmergencyLevel, config: TrafficConfig) -> bytes:
     """The additional file with all types.
 
     Civilians are of SUMO's class ``passenger`` whatever their body, so that one set of lanes is open to
@@ -65,15 +66,12 @@ def vehicle_types_xml(
     lines = ["<additional>"]
     for vehicle in vehicles:
         attributes = _attributes(vehicle)
-        parameters: dict[str, str] = {}
         if vehicle.is_emv:
             if not LEVEL_POLICIES[level].privileged:
                 attributes["speedFactor"] = f"{min(vehicle.driver.speed_factor, 1.0):.6g}"
-            more, parameters = _of_emv(level, response_distance_m, config)
-            attributes |= more
+            attributes |= _of_emv(level, config)
         words = "".join([f" {name}={_quoted(text)}" for name, text in attributes.items()])
-        inside = "".join(f'<param key="{key}" value="{value}"/>' for key, value in parameters.items())
-        lines.append(f"<vType{words}>{inside}</vType>")
+        lines.append(f"<vType{words}/>")
     return "\n".join([*lines, "</additional>"]).encode()
 
 
@@ -113,31 +111,23 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "latAlignment": "center",
         "color": ",".join(str(part) for part in vehicle.colour_rgb),
     }
-    numbers |= dict.fromkeys(_NOISE if driver.car_following == "EIDM" else (), 0.0)
+    numbers |= _SMOOTH.get(driver.car_following, {})
     return texts | {name: f"{value:.6g}" for name, value in numbers.items()}
 
 
-def _of_emv(
-    level: EmergencyLevel, response_distance_m: float, config: TrafficConfig
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Further attributes of an EMV's type, and its parameters."""
-    policy = LEVEL_POLICIES[level]
-    attributes, parameters = {}, {}
-    if policy.privileged:
-        attributes = {
-            "jmDriveAfterRedTime": f"{_RUNS_RED_S:g}",
-            "jmDriveAfterYellowTime": f"{_RUNS_RED_S:g}",
-            "jmDriveRedSpeed": f"{config.red_light_speed_mps:g}",
-        }
-    if policy.siren and level in config.bluelight_levels:
-        # Who reacts, and after which delay, is drawn per driver; SUMO's own chance per second would come on top.
-        parameters = {
-            "has.bluelight.device": "true",
-            "device.bluelight.reactiondist": f"{response_distance_m:g}",
-            "device.bluelight.reaction-prob-near": "1",
-            "device.bluelight.reaction-prob-far": "1",
-        }
-    return attributes, parameters
+def _of_emv(level: EmergencyLevel, config: TrafficConfig) -> dict[str, str]:
+    """Further attributes of an EMV's type.
+
+    It has no bluelight device. Who reacts to the siren, and how, is the yield manager's; the device would also push
+    drivers to their lane's side for good, and give all that react new types at once, which resets their car-following.
+    """
+    if not LEVEL_POLICIES[level].privileged:
+        return {}
+    return {
+        "jmDriveAfterRedTime": f"{_RUNS_RED_S:g}",
+        "jmDriveAfterYellowTime": f"{_RUNS_RED_S:g}",
+        "jmDriveRedSpeed": f"{config.red_light_speed_mps:g}",
+    }
 
 
 @lru_cache(maxsize=MAPS_KEPT)

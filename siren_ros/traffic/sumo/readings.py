@@ -3,7 +3,7 @@
 Poses are converted between the ``map`` frame (footprint centre, yaw) and SUMO (front bumper, navigational angle).
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import accumulate, chain
 from operator import itemgetter
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -248,22 +248,12 @@ def emv_advice(
     )
 
 
-def rescued_names(names: Iterable[str], emv_names: Iterable[str]) -> dict[str, list[str]]:
-    """Of SUMO's bluelight device: the vehicles that react to each EMV."""
-    reacting: dict[str, list[str]] = {emv: [] for emv in emv_names}
-    for name in names:
-        for emv in libsumo.vehicle.getParameter(name, "rescueLane").split():
-            if emv in reacting:
-                reacting[emv].append(name)
-    return reacting
-
-
 @compiled
 def ahead_on_route(emv: int, poses: Any, route_offset: Any, route_edges: Any, reach_m: float) -> Any:
     """Rows of vehicles that hear the EMV in a row come from behind: on its route's edges, ahead of it, within reach.
 
-    The same criterion as that of SUMO's bluelight device (vehicles on the EMV's upcoming edges within
-    ``reactiondist``), for levels at which the device itself must not run. ``poses`` are the centres' x and y and the
+    The same criterion as that of SUMO's bluelight device: vehicles on the EMV's upcoming edges within
+    ``reactiondist``. ``poses`` are the centres' x and y and the
     yaws of all vehicles; routes are as in ``joined_rows``. Inside a junction the edge before it counts, also as the
     first one of a route.
     """

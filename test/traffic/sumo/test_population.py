@@ -22,26 +22,25 @@ PLAN = plan_s2(load_map(None)[1])[0]
 
 
 @pytest.mark.parametrize(
-    ("level", "device", "privileged"),
+    ("level", "privileged"),
     [
-        (EmergencyLevel.L0, False, False),
-        (EmergencyLevel.L1, False, True),
-        (EmergencyLevel.L2, False, True),
-        (EmergencyLevel.L3, True, True),
+        (EmergencyLevel.L0, False),
+        (EmergencyLevel.L1, True),
+        (EmergencyLevel.L2, True),
+        (EmergencyLevel.L3, True),
     ],
 )
-def test_emv_has_device_and_privileges_of_its_level(level: EmergencyLevel, device: bool, privileged: bool) -> None:
-    root = fromstring(vehicle_types_xml(PLAN.emvs, level, 37.0, TrafficConfig()))
+def test_emv_has_the_privileges_of_its_level(level: EmergencyLevel, privileged: bool) -> None:
+    """And never SUMO's bluelight device: nobody's type changes because of an EMV."""
+    root = fromstring(vehicle_types_xml(PLAN.emvs, level, TrafficConfig()))
     (emv,) = root.findall("vType")
-    parameters = {param.get("key"): param.get("value") for param in emv.findall("param")}
-    assert (parameters.get("has.bluelight.device") == "true") is device
-    assert (parameters.get("device.bluelight.reactiondist") == "37") is device
+    assert not list(emv)
     assert ("jmDriveAfterRedTime" in emv.attrib) is privileged
     assert emv.get("vClass") == "emergency"
 
 
 def test_every_vehicle_has_its_own_type_with_its_body_and_driver() -> None:
-    root = fromstring(vehicle_types_xml(PLAN.background, EmergencyLevel.L2, 40.0, TrafficConfig()))
+    root = fromstring(vehicle_types_xml(PLAN.background, EmergencyLevel.L2, TrafficConfig()))
     types = {element.get("id"): element for element in root.findall("vType")}
     assert set(types) == {type_id(vehicle) for vehicle in PLAN.background}
     for vehicle in PLAN.background:

@@ -20,7 +20,6 @@ from siren_ros.traffic.sumo.readings import (
     lane_change_intent,
     map_from_sumo,
     read_vehicles,
-    rescued_names,
     sumo_from_map,
 )
 from siren_ros.world.actors import NO_ACTOR, Lights
@@ -168,12 +167,6 @@ def test_the_leaders_gap_is_from_bumper_to_bumper_and_without_one_the_range(sumo
     for nobody in (None, ("stranger", 11.0)):
         advice = advised(sumo, nobody)
         assert (advice.leader_id, advice.leader_gap_m) == (NO_ACTOR, 80.0)
-
-
-def test_who_reacts_to_which_emv_is_what_each_vehicle_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    says = {"a": "emv0", "b": "", "c": "emv1 emv0", "d": "stranger"}
-    monkeypatch.setattr(libsumo.vehicle, "getParameter", lambda name, key: says[name] if key == "rescueLane" else "x")
-    assert rescued_names("abcd", ("emv0", "emv1", "emv2")) == {"emv0": ["a", "c"], "emv1": ["c"], "emv2": []}
 
 
 @pytest.mark.parametrize("turn", np.radians([0.0, 40.0, -120.0]))

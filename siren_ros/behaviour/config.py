@@ -126,7 +126,7 @@ class YieldConfig:
     standing_mps: float = 0.2
     """Slower civilians stand."""
     queue_m: float = 80.0
-    """Distance to an EMV that stands, within which drivers who stand notice it: about a dozen vehicles of a queue."""
+    """Distance to an EMV in their queue, within which drivers who stand notice it: about a dozen vehicles."""
     off_path_grace_s: float = 1.0
     """Time off the EMV's path before a yield that has not started is dropped."""
     path_ahead_m: float = 120.0
@@ -157,6 +157,9 @@ class YieldConfig:
     rejoin_speed_mps: float = 5.0
     rejoin_offset_m: float = 0.3
     """Distance from the lane's centre line at which a vehicle counts as back in its lane."""
+    rejoin_lengths: float = 1.5
+    """Way back to the lane's centre, at least, in lengths of the vehicle: a long one that turns in sharply comes near
+    to others beside it that come back as well."""
     rejoin_blocked_s: float = 2.0
     """Standstill while rejoining after which SUMO takes over at the present pose."""
     rejoin_ahead_m: float = 60.0
@@ -192,10 +195,12 @@ class PullOverConfig:
     """Standstill behind another vehicle after which a partly finished pull-over is held."""
     resume_gap_m: float = 3.5
     """Free space ahead with which a partly finished pull-over goes on."""
+    emv_crawls_mps: float = 1.5
+    """A slower EMV is held up."""
     room_after_s: float = 1.5
-    """Standstill of the EMV behind a vehicle after which its driver goes on along the edge to make room."""
-    room_range_m: float = 25.0
-    """Distance to the standing EMV within which a driver makes room."""
+    """Time for which the EMV is held up behind a vehicle after which its driver goes on along the edge to make room."""
+    room_range_m: float = 60.0
+    """Distance to that EMV within which a driver makes room."""
     room_gap_m: float = 2.5
     """Free space ahead with which a driver goes on to make room."""
     room_standstill_gap_m: float = 1.0
@@ -203,7 +208,7 @@ class PullOverConfig:
     room_over_line_m: float = 12.0
     """How far the front then reaches over the stop line of a red light, at most: a car's length and the lateral move.
     It stays clear of those who may come on the junction."""
-    head_over_line_m: float = 4.5
+    head_over_line_m: float = 9.0
     """How far the front of the first one in a standing queue reaches over the stop line to have space for the move."""
     beyond_junction_m: float = 2.0
     """Way from the junction to the rear of a vehicle that has cleared it to make room."""
@@ -325,7 +330,7 @@ class GapEscapeConfig:
     """Shortest free path worth driving."""
     usable_m: float = 1.0
     """Free way with which the present path is driven on where no other one is found."""
-    squeezes: tuple[tuple[float, float], ...] = ((0.3, 5.6), (0.15, 2.5), (0.08, 1.0))
+    squeezes: tuple[tuple[float, float], ...] = ((0.3, 5.6), (0.15, 1.8), (0.08, 0.8))
     """Margins around the footprint in metres, the wider first, and the speed with each in m/s."""
     squeeze_cost_m: float = 6.0
     """Way that a tighter margin must gain."""

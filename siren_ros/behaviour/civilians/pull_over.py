@@ -61,9 +61,9 @@ def _looks(unit: YieldUnit, ego: Ego) -> bool:
 
 
 def emv_waits_behind(ego: Ego, emv_row: int) -> bool:
-    """Whether an EMV stands close behind a vehicle and points towards it."""
+    """Whether an EMV stands or crawls close behind a vehicle and points towards it."""
     seen = ego.seen
-    if emv_row < 0 or float(seen.speed_mps[emv_row]) > ego.world.constants.gap_escape.blocked_speed_mps:
+    if emv_row < 0 or float(seen.speed_mps[emv_row]) > ego.config.pull_over.emv_crawls_mps:
         return False
     dx, dy = float(seen.x_m[ego.row] - seen.x_m[emv_row]), float(seen.y_m[ego.row] - seen.y_m[emv_row])
     distance = math.hypot(dx, dy)

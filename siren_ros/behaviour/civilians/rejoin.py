@@ -40,6 +40,7 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     _, left = reference.curve.project_one(*ego.place)
     speed = 0.5 * (ego.speed_mps + config.yielding.rejoin_speed_mps)
     merge = blend_length_m(left, speed, config.pull_over.duration_s, config.pull_over.length_min_m, navigator_config)
+    merge = max(merge, config.yielding.rejoin_lengths * 2.0 * half_length)
     room = reference.curve.length_m - 2.0 - half_length - 1.0
     # Too near the stop line to come straight in the middle of the lane: straight where it is.
     offset = 0.0 if merge + half_length <= room else left

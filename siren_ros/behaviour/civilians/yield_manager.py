@@ -207,21 +207,25 @@ def _notice(
 ) -> list[Event]:
     """Latches the civilians that notice an EMV at this step (adds to ``units`` and ``drivers``).
 
-    Where the EMV stands in a queue, all who stand in it notice it: without those at the queue's head nobody could move.
+    Where the EMV stands in a queue, or comes up to drivers who have noticed it and stand, all who stand in the queue
+    notice it: without those at the head nobody could move.
     """
     world, seen, config = view.world, view.seen, view.world.config.yielding
     events: list[Event] = []
     for emv_id, scene in scenes.items():
-        emv_stands = seen.speed_mps[scene.row] <= world.constants.gap_escape.blocked_speed_mps
-        for row in scene.candidates:
-            actor_id = int(seen.actor_id[row])
+        present = [(row, int(seen.actor_id[row])) for row in scene.candidates]
+        stands = seen.speed_mps <= config.standing_mps
+        in_queue = seen.speed_mps[scene.row] <= world.constants.gap_escape.blocked_speed_mps or any(
+            stands[row] for row, actor_id in present if actor_id in units
+        )
+        for row, actor_id in present:
             if actor_id in units or actor_id == world.av_id:
                 continue
             if actor_id not in drivers:
                 drivers[actor_id] = draw_driver(world.preset, world.seed, actor_id)
             driver = drivers[actor_id]
             if (way_m := scene.way_m[row]) > driver.response_distance_m:
-                if not (emv_stands and way_m <= config.queue_m and seen.speed_mps[row] <= config.standing_mps):
+                if not (in_queue and way_m <= config.queue_m and stands[row]):
                     continue
                 driver = changed(driver, response_distance_m=way_m)
             phase = Mode.NOMINAL if driver.compliance is Compliance.NEVER else Mode.YIELD_REACTING

@@ -24,11 +24,11 @@ def view_of(lab, *cars, network=None):
 @pytest.mark.parametrize(
     ("s", "lane", "speed", "waits"),
     [
-        *[(112.0, 0, 0.0, True), (112.0, 1, 0.0, True), (112.0, 0, 1.0, False)],
-        *[(140.0, 0, 0.0, False), (88.0, 0, 0.0, False), (101.0, 1, 0.0, False)],
+        *[(112.0, 0, 0.0, True), (112.0, 1, 0.0, True), (112.0, 0, 1.5, True), (112.0, 0, 1.6, False)],
+        *[(159.0, 0, 0.0, True), (161.0, 0, 0.0, False), (88.0, 0, 0.0, False), (101.0, 1, 0.0, False)],
     ],
 )
-def test_the_emv_waits_behind_where_it_stands_near_and_headed_for_the_vehicle(lab, s, lane, speed, waits):
+def test_the_emv_waits_behind_where_it_stands_or_crawls_near_and_headed_for_the_vehicle(lab, s, lane, speed, waits):
     view = view_of(lab, lab.Car(1, 0, 100, speed, (0,), AMBULANCE), lab.Car(2, lane, s, 0, (0,)))
     assert pull_over.emv_waits_behind(view.ego(1), 0) is waits
     assert not pull_over.emv_waits_behind(view.ego(1), -1)

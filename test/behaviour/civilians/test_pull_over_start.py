@@ -158,8 +158,10 @@ def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
 
 
 def before_the_junction(lab, emv_s, car_s, car_mps):
-    """An EMV that stands, and the civilian 2 ahead of it; the stop line is at 150 m."""
+    """An EMV that stands, and the civilian 2 ahead of it, who does not make room; the stop line is at 150 m."""
     world = lab.world_of(lab.junction_road(), lab.L3)
+    pull_over = replace(world.config.pull_over, room_after_s=1e3)
+    world = replace(world, config=replace(world.config, pull_over=pull_over))
     cars = [lab.Car(1, 0, emv_s, 0, (0, 2), AMBULANCE), lab.Car(2, 0, car_s, car_mps, (0, 2))]
     loop = lab.Loop(world, cars, lambda _: {})
     loop.world = replace(world, speeds=replace(world.speeds, emv_route_follow_mps=0.0, emv_copy_sumo_mps=0.0))

@@ -56,6 +56,13 @@ def test_the_path_leads_to_the_middle_of_the_lane_and_shows_that_side(lab, turn,
     assert outcome.command.throttle > 0.0
 
 
+def test_a_long_vehicle_comes_back_on_one_and_a_half_of_its_lengths(lab):
+    for kind in (ActorClass.BUS, ActorClass.SEDAN):
+        view, *_ = view_at(lab, -0.8, kind=kind)
+        path = start_rejoin(UNIT, view.ego(0)).unit.navigator.path
+        assert path.settled_m >= 3.0 * float(view.seen.half_length_m[0])
+
+
 @pytest.mark.parametrize(("room", "left_at_end"), [(30.0, 0.0), (5.0, -0.8)])
 def test_too_near_the_end_of_the_lane_it_comes_straight_where_it_is(lab, room, left_at_end):
     view, _, across = view_at(lab, -0.8, np.radians(10.0), s=100.0, length=100.0 + room)

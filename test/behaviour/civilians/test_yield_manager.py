@@ -68,6 +68,16 @@ def test_who_stands_in_a_queue_notices_an_emv_that_stands_in_it(lab, world, emv_
     assert ("yield_requested" in kinds(events)) is notices
 
 
+@pytest.mark.parametrize(("mps", "notices"), [(0.2, True), (0.3, False)])
+def test_who_stands_ahead_of_drivers_who_stand_and_have_noticed_an_emv_notices_it_too(lab, world, mps, notices):
+    """The EMV still drives; the driver in between is 19 m ahead of it."""
+    cars = [emv_at(lab), lab.Car(2, 0, 75.0, mps, (0,)), lab.Car(3, 0, 130.0, 0.0, (0,))]
+    state, _, events = steps(world, cars)
+    assert [event.actor_id for event in events if event.kind.value == "yield_requested"] == [2]
+    _, _, events = steps(world, cars, state=state, start=1)
+    assert (3 in [event.actor_id for event in events if event.kind.value == "yield_requested"]) is notices
+
+
 def test_who_noticed_an_emv_in_a_queue_stays_attentive_as_it_moves_on(lab, world):
     emv, head = lab.Car(1, 0, 50.0, 0.0, (0,), AMBULANCE), lab.Car(2, 0, 130.0, 0.0, (0,))
     state, _, _ = steps(world, [emv, head])

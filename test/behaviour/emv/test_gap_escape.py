@@ -255,7 +255,7 @@ def test_waits_where_the_path_ends_and_no_other_is_found(lab):
     assert not events
 
 
-@pytest.mark.parametrize(("clearance", "speed_mps"), [(0.3, 20.0 / 3.6), (0.15, 2.5), (0.08, 1.0)])
+@pytest.mark.parametrize(("clearance", "speed_mps"), [(0.3, 20.0 / 3.6), (0.15, 1.8), (0.08, 0.8)])
 def test_tight_paths_are_driven_slowly(lab, clearance, speed_mps):
     unit = EmvUnit(1, gap_escape_active=True, escape_offset_m=0.0, escape_clearance_m=clearance)
     assert gap_escape.escape_speed_mps(unit, view_at(lab)) == pytest.approx(speed_mps)

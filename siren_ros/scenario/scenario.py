@@ -50,6 +50,8 @@ class Placement(StrEnum):
     """In a neighbouring lane of the EMV's: one with the EMV's movement, or else the left one."""
     OTHER_LANES = "other_lanes"
     """In all other driving lanes of the EMV's approach, in turn."""
+    TURNING_LANES = "turning_lanes"
+    """In the driving lanes of the EMV's approach from which nobody follows its movement, in turn."""
     SAME_DIRECTION = "same_direction"
     """In the other lanes with the EMV's movement at the site's junction, in turn. Where there are none, in its own
     lane, unless the group is optional."""
@@ -84,10 +86,11 @@ class EmvDemand:
 
 @dataclass(frozen=True)
 class SignalDemand:
-    """How the EMV's arrival lies in the programme of the site's signal."""
+    """How the EMV's arrival lies in the programme of the signal at the site's junction, or at the end of its road."""
 
     red_before_arrival_s: float
-    """Time from the beginning of the red of the EMV's movement to the EMV's unhindered arrival at the stop line."""
+    """Time from the beginning of the red of the EMV's movement to the EMV's unhindered arrival at the stop line;
+    negative where the red comes after it."""
 
 
 @dataclass(frozen=True)

@@ -99,18 +99,17 @@ def _template(top: StrictMapping) -> Template:
 
 
 def _refuse_stop_line(top: StrictMapping, template: Template) -> None:
-    """A road has no junction to which starts, groups and signals could refer.
+    """A road has no junction to which starts and groups could refer.
 
     Raises:
         InputError: the template has one of these.
     """
-    junction_only = {Placement.SAME_DIRECTION, Placement.CROSSING}
+    junction_only = {Placement.SAME_DIRECTION, Placement.CROSSING, Placement.TURNING_LANES}
     groups = template.demand.groups
     wrong = [g.name for g in groups if g.anchor is not GroupAnchor.EMV or g.placement in junction_only]
     wrong += ["emv.start_from"] * (template.emv.start_from is StartReference.STOP_LINE)
-    wrong += ["signal"] * (template.signal is not None)
     if wrong:
-        allowed = "a site at a junction; start, groups or signal refer to a stop line: " + ", ".join(wrong)
+        allowed = "a site at a junction; start or groups refer to a stop line: " + ", ".join(wrong)
         raise InputError(top.where("site"), template.site_kind.value, allowed)
 
 
@@ -186,7 +185,7 @@ def _option(section: StrictMapping, key: str, default: StartReference | GroupAnc
 
 
 def _signal(section: StrictMapping, parameters: _Parameters) -> SignalDemand:
-    red_s = parameters.number(section, "red_before_arrival_s", 0.0, _MAX_RED_S)
+    red_s = parameters.number(section, "red_before_arrival_s", -_MAX_RED_S, _MAX_RED_S)
     return _finished(section, SignalDemand(red_s))
 
 

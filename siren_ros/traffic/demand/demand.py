@@ -126,12 +126,16 @@ class _Planner:
         )
 
     def _signal(self, groups: GroupPlan) -> SignalTiming | None:
-        """When the signal of the EMV's movement turns red, and whose green comes then."""
+        """When the signal of the EMV's movement, or at the end of its road, turns red, and whose green comes then."""
         demand, site = self._template.signal, self._site
         movement = next((self._network.connections[index] for index in reversed(site.connections)), None)
         if demand is None or movement is None or movement.signal_id is None:
             return None
         arrival_s = unhindered_arrival_s(self._network, self._start, self._template.emv, self._config)
+        if site.junction is None:
+            further = site.stretch[site.stretch.index(self._start.route[0]) + 1 :]
+            way_m = sum(driving_lanes(self._network, edge)[-1].length_m for edge in further)
+            arrival_s += way_m / self._template.emv.speed_mps
         ways = (self._network.connections[index] for index in groups.crossing)
         bound = [way for way in ways if way.signal_id == movement.signal_id]
         # Where left turns are green first, most of the crossing queue still waits: the others count.

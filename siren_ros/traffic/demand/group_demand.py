@@ -34,8 +34,6 @@ _FOLLOWING_M: Final = 6.0
 """By how much nearer to the EMV a stream is that it follows than one that it drives up to."""
 _COMING_UP_M: Final = 32.0
 """By how much farther ahead it is where the EMV comes up next to it on its last metres."""
-_IN_STREAM: Final = 0.93
-"""Mean speed in a stream over the speed that its drivers wish for: the intelligent driver model follows more slowly."""
 _IN_TURN_M: Final = 8.0
 """By how much farther back every other queue at a stop sign begins. Drivers who stop and go then drive by turns from
 the two sides, about 4 s apart, and do not leave the junction empty for as long between them."""
@@ -122,7 +120,7 @@ def _together_m(network: RoadNetwork, row: GroupRow, start: EmvStart, group: Dem
         lead_m = -_FOLLOWING_M if follows else _COMING_UP_M
         return row.anchor_m - way_to_stop_line_m(network, start) + lead_m
     way = Polyline.joined([network.lanes[lane].centre for lane in row.chain.lanes]).cut(0.0, row.anchor_m)
-    speed = np.minimum(_IN_STREAM * group.speed_mps, bend_speeds_mps(way, _LATERAL_MPS2))
+    speed = np.minimum(group.speed_mps, bend_speeds_mps(way, _LATERAL_MPS2))
     speed = with_braking(speed, _BRAKE_MPS2)
     left_s = np.cumsum((SAMPLE_M / speed)[::-1])[::-1]
     late = np.flatnonzero(left_s >= arrival_s)
@@ -138,6 +136,8 @@ def _chosen(
     if placement is Placement.ADJACENT_LANE:
         adjacent = [lane for lane in others if abs(lane.position - travelled.position) == 1]
         return sorted(adjacent, key=lambda lane: (lane.index not in same_direction, -lane.position))[:1]
+    if placement is Placement.TURNING_LANES:
+        return [lane for lane in others if lane.index not in same_direction]
     if placement is Placement.SAME_DIRECTION:
         return [lane for lane in others if lane.index in same_direction] or [travelled]
     return others
@@ -229,6 +229,7 @@ _WHERE: Final = {
     Placement.EMV_LANE: "in the EMV's lane",
     Placement.ADJACENT_LANE: "in the lane next to it",
     Placement.OTHER_LANES: "in the other lanes",
+    Placement.TURNING_LANES: "in the turning lanes",
     Placement.SAME_DIRECTION: "in the EMV's direction",
     Placement.CROSSING: "on crossing roads",
 }

@@ -224,14 +224,25 @@ def test_neighbours_of_s3_come_to_the_stop_line_ahead_of_the_emv(network: RoadNe
     assert lane.index in {network.connections[index].from_lane for index in site.connections}
     assert lane.index != site.approach_lane
     group = template.demand.groups[0]
-    stream_mps = 0.93 * group.speed_mps
-    lead_s = arrival_s - (lane.length_m - last.spot.front_m) / stream_mps
-    assert lead_s == pytest.approx((group.first_gap_m + last.length_m) / stream_mps, abs=0.3)
+    lead_s = arrival_s - (lane.length_m - last.spot.front_m) / group.speed_mps
+    assert lead_s == pytest.approx((group.first_gap_m + last.length_m) / group.speed_mps, abs=0.3)
     edges = {network.lanes[vehicle.spot.lane].edge for vehicle in traffic.groups}
     assert edges <= set(site.route[: site.site_position + 1])
     assert traffic.signal is not None
     assert template.signal is not None
     assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s)
+
+
+def test_the_signal_at_the_end_of_the_road_of_s2_turns_red_behind_the_emv(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network)
+    site, (emv,) = require_site(network, template.site_kind), traffic.emvs
+    movement = network.connections[site.connections[-1]]
+    assert traffic.signal is not None
+    assert template.signal is not None
+    assert (traffic.signal.signal_id, traffic.signal.link) == (movement.signal_id, movement.signal_link)
+    arrival_s = (site.length_m - emv.spot.front_m) / template.emv.speed_mps
+    assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s, abs=3.0)
+    assert traffic.signal.red_from_s > arrival_s + 10.0
 
 
 def test_queues_of_s7_stand_in_all_driving_lanes_the_emvs_among_them(network: RoadNetwork) -> None:

@@ -126,11 +126,11 @@ def test_ahead_of_the_emv_the_row_grows_forwards() -> None:
 
 
 def test_a_stream_comes_to_the_stop_line_together_with_the_emv() -> None:
-    """At 8 m/s a stream follows at 7.44 m/s: within 12 s it comes 89.3 m far."""
+    """At 8 m/s it comes 96 m far within 12 s."""
     (stream,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL))
     assert stream.chain.lanes[0] == A_RIGHT
     assert stream.forwards
-    assert STOP_LINE_M - stream.anchor_m == pytest.approx(0.93 * 8.0 * 12.0, abs=1.0)
+    assert STOP_LINE_M - stream.anchor_m == pytest.approx(8.0 * 12.0, abs=1.0)
     assert stream.most_m == pytest.approx(STOP_LINE_M)
     (early,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), arrival_s=100.0)
     assert early.anchor_m == pytest.approx(STOP_LINE_M - 800.0), "from before the row's beginning"
@@ -152,10 +152,10 @@ def test_a_bend_on_the_way_brings_the_stream_nearer() -> None:
     fast = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), speed_mps=12.0)
     (row,) = rows(fast, network=bent)
     (flat,) = rows(fast)
-    assert flat.most_m - flat.anchor_m == pytest.approx(0.93 * 12.0 * 12.0, abs=1.0)
+    assert flat.most_m - flat.anchor_m == pytest.approx(12.0 * 12.0, abs=1.0)
     way_m = row.most_m - row.anchor_m
-    # 18.85 m at 6 m/s, and before it braking from 11.16 m/s with 1.5 m/s²: (11.16² − 6²) / 3 = 29.5 m in 3.44 s.
-    expected_m = 18.85 + 29.5 + (12.0 - 18.85 / 6.0 - 3.44) * 0.93 * 12.0
+    # 18.85 m at 6 m/s, and before it braking from 12 m/s with 1.5 m/s²: (12² − 6²) / 3 = 36 m in 4 s.
+    expected_m = 18.85 + 36.0 + (12.0 - 18.85 / 6.0 - 4.0) * 12.0
     assert way_m == pytest.approx(expected_m, abs=3.0)
 
 
@@ -248,6 +248,15 @@ def test_of_two_adjacent_lanes_the_left_one_is_taken() -> None:
     for placement, first in ((Placement.ADJACENT_LANE, [third.index]), (Placement.OTHER_LANES, [A_RIGHT, third.index])):
         beside = rows(group(placement, GroupAnchor.EMV), network=wide, junction=None)
         assert [row.chain.lanes[0] for row in beside] == first
+
+
+def test_drivers_who_turn_wait_in_the_lanes_from_which_nobody_follows_the_emv() -> None:
+    """The connections of the site lead on from both lanes, or from the EMV's alone."""
+    turning = group(Placement.TURNING_LANES, GroupAnchor.STOP_LINE, standing=True, optional=True)
+    assert rows(turning) == []
+    (row,) = rows(turning, connections=(3,))
+    assert row.chain.lanes[0] == A_RIGHT
+    assert (row.anchor_m, row.forwards) == (pytest.approx(STOP_LINE_M), False)
 
 
 @pytest.mark.parametrize(("lane", "first"), [(C_LEFT, A_LEFT), (C_RIGHT, A_RIGHT)])

@@ -24,7 +24,7 @@ class Work(NamedTuple):
     phase: Phase
     step: int
     since_s: float
-    """Wall time at which it began."""
+    """Time of the working clock at which it began."""
 
 
 def overdue(works: Iterable[Work | None], config: LockstepConfig, now_s: float) -> str:

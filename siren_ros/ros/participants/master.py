@@ -18,6 +18,7 @@ from siren_ros.interfaces.episode_conversions import EpisodeClosing, Phase, Step
 from siren_ros.interfaces.messages import make_message, shown_text, stamp
 from siren_ros.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, Stage
 from siren_ros.numerics.units import STEP_S, time_ns_of_step
+from siren_ros.ros.participants.working_clock import working_s
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_output, create_wall_timer
 from siren_ros.scenario.episode import EpisodeEnd
@@ -97,7 +98,7 @@ class LockstepMaster:
                 their subscribers are connected; other programs may report it earlier, and need this time.
         """
         self.config = config
-        self.state: LockstepState = lockstep.start_lockstep(config, time.monotonic())
+        self.state: LockstepState = lockstep.start_lockstep(config, working_s())
         self.on_step_begun: Callable[[int], None] = lambda _step: None
         self.on_ending: Callable[[], None] = lambda: None
         """Called before everybody is told that the episode is over."""
@@ -127,11 +128,11 @@ class LockstepMaster:
 
     def interrupt(self, reason: str) -> None:
         """End the episode at the user's wish."""
-        self._advance(lockstep.on_interrupt(self.state, self.config, time.monotonic(), reason))
+        self._advance(lockstep.on_interrupt(self.state, self.config, working_s(), reason))
 
     def fail(self, reason: str, gone: Iterable[str] = ()) -> None:
         """End the episode for a reason that no report gives; participants that are gone get no more time."""
-        self._advance(lockstep.on_failure(self.state, self.config, time.monotonic(), reason, frozenset(gone)))
+        self._advance(lockstep.on_failure(self.state, self.config, working_s(), reason, frozenset(gone)))
 
     def learn_closed(self, names: Iterable[str]) -> None:
         """Take in that participants have closed, seen from outside; in a failed episode nobody waits for their word."""
@@ -155,8 +156,7 @@ class LockstepMaster:
 
     def _take_departure(self, gone: frozenset[str], what: str) -> None:
         names = ", ".join(self.config.display_names.get(name, name) for name in sorted(gone))
-        now_s = time.monotonic()
-        self._advance(lockstep.on_departure(self.state, self.config, now_s, gone, f"{names}: {what}"))
+        self._advance(lockstep.on_departure(self.state, self.config, working_s(), gone, f"{names}: {what}"))
 
     def _on_report(self, cdr: bytes) -> None:
         with self.failing_on_error():
@@ -167,7 +167,7 @@ class LockstepMaster:
             self._take(report)
 
     def _take(self, report: StepReport) -> None:
-        state, action = lockstep.on_report(self.state, report, self.config, time.monotonic())
+        state, action = lockstep.on_report(self.state, report, self.config, working_s())
         ends = isinstance(action, EndEpisode) and action.end is EpisodeEnd.FAILED
         proxy = self._av_proxy if report.participant == AV_SOURCE else None
         publishers = self._reporters if proxy is None else proxy.publishers
@@ -181,7 +181,7 @@ class LockstepMaster:
             if self.state.stage is Stage.GATHERING:
                 self.config = replace(self.config, display_names={AV_SOURCE: self._av_proxy.called})
             self._av_proxy.watch()
-        self._advance(lockstep.on_time(self.state, self.config, time.monotonic()))
+        self._advance(lockstep.on_time(self.state, self.config, working_s()))
 
     def _on_pace(self) -> None:
         if self._held is not None and time.monotonic() >= self._next_wall_s:

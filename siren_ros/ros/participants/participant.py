@@ -24,6 +24,7 @@ from siren_ros.lockstep import Input, TickJoin, once
 from siren_ros.ros.node_configs import ParticipantConfig
 from siren_ros.ros.parameters import declare_config
 from siren_ros.ros.participants.hang_watch import Work
+from siren_ros.ros.participants.working_clock import working_s
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_output, create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
@@ -232,7 +233,7 @@ class Participant(Node, Generic[Config]):
     def _guarded(self, step: int, phase: Phase, action: Callable[[], None]) -> None:
         if self._failed and phase is not Phase.FINAL:
             return
-        outer, self.work = self.work, Work(self._called, phase, step, time.monotonic())
+        outer, self.work = self.work, Work(self._called, phase, step, working_s())
         try:
             action()
         except (SirenError, OSError) as error:

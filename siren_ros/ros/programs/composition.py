@@ -26,6 +26,7 @@ from siren_ros.params.parameter_field import Value
 from siren_ros.recording.bag_folder import check_new_bag
 from siren_ros.ros.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS, CosimConfig
 from siren_ros.ros.participants.hang_watch import Work, overdue
+from siren_ros.ros.participants.working_clock import working_s
 from siren_ros.ros.programs.program import PARENT_VARIABLE
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.sensors.suite import EXPORTED_CAMERA, load_suite
@@ -58,7 +59,7 @@ class Composition:
 
     def hanging(self, config: LockstepConfig) -> str:
         """Which participant blocks the lockstep itself, and where; empty: none."""
-        return overdue(self.works(), config, time.monotonic())
+        return overdue(self.works(), config, working_s())
 
     def works(self) -> tuple[Work | None, ...]:
         """What the participants of this process are doing now."""

@@ -1,0 +1,36 @@
+"""The clock of time limits stands still while loops are compiled."""
+
+import time
+
+import numba
+import pytest
+
+from siren_ros.ros.participants.working_clock import _Compiling, working_s
+
+
+def test_it_goes_like_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, now = _Compiling(), [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    began_s = clock.working_s()
+    now[0] += 2.5
+    assert clock.working_s() - began_s == 2.5
+
+
+def test_it_stands_from_the_first_compilation_that_begins_to_the_last_that_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock, now = _Compiling(), [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    for seconds, what in ((1.0, clock.on_start), (2.0, clock.on_start), (4.0, clock.on_end), (8.0, clock.on_end)):
+        now[0] += seconds
+        what(None)
+        assert clock.working_s() == 101.0
+    now[0] += 16.0
+    assert clock.working_s() == 117.0
+
+
+def test_numba_tells_it() -> None:
+    began_s, began_working_s = time.monotonic(), working_s()
+    numba.njit(lambda x: x + 1)(1)
+    wall_s, counted_s = time.monotonic() - began_s, working_s() - began_working_s
+    assert counted_s < 0.5 * wall_s

@@ -13,7 +13,6 @@ from typing import Any, Final, TypeVar, cast
 import numba
 import numpy as np
 from numba import types
-from numba.core import event
 from numba.core.dispatcher import Dispatcher
 
 from siren_ros.user_folder import is_writable, user_folder
@@ -28,27 +27,6 @@ Array = Any
 Function = TypeVar("Function", bound=Callable[..., Any])
 _FROZEN: Final = (int, float, str, tuple, np.generic, types.ExternalFunction)
 """Kinds of values that compiled code holds as they were when it was compiled."""
-
-
-class _Compilations(event.Listener):
-    """Counts the compilations that are under way; what comes from the cache is none."""
-
-    under_way = 0
-
-    def on_start(self, _: event.Event) -> None:
-        self.under_way += 1
-
-    def on_end(self, _: event.Event) -> None:
-        self.under_way -= 1
-
-
-_COMPILATIONS: Final = _Compilations()
-event.register("numba:compile", _COMPILATIONS)  # type: ignore[no-untyped-call] # numba's own
-
-
-def is_compiling() -> bool:
-    """Whether a loop is being compiled now, in any thread of this process. Later processes have it from the cache."""
-    return _COMPILATIONS.under_way > 0
 
 
 def compiled(function: Function) -> Function:

@@ -67,29 +67,6 @@ def test_sums_stay_in_the_written_order():
     assert _sum(np.array([1e16, 1.0, -1e16, 1.0])) == 1.0
 
 
-def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cache(tmp_path):
-    program = """
-        from siren_ros.numerics import compiled as module
-
-        seen = []
-        start = module._Compilations.on_start
-        module._Compilations.on_start = lambda self, event: (start(self, event), seen.append(module.is_compiling()))
-
-        @module.compiled
-        def doubled(x: float) -> float:
-            return 2.0 * x
-
-        doubled(1.0)
-        print(seen, module.is_compiling())
-    """
-    (tmp_path / "program.py").write_text(textwrap.dedent(program))
-    for expected in ("[True] False", "[] False"):
-        run = subprocess.run(
-            [sys.executable, "program.py"], check=True, cwd=tmp_path, capture_output=True, text=True, timeout=120
-        )
-        assert run.stdout.strip() == expected
-
-
 @given(st.floats(-50.0, 50.0))
 def test_it_is_that_of_arrays(angle_rad):
     assert wrapped_rad(angle_rad) == wrap_angle(angle_rad)

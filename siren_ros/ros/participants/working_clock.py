@@ -10,8 +10,8 @@ from typing import Final
 from numba.core import event
 
 
-class _Compiling(event.Listener):
-    """Adds up the time in which at least one thread compiles; what comes from the cache takes none."""
+class _Compilations(event.Listener):
+    """Those that are under way in any thread, and the time that they have taken; what comes from the cache is none."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -31,6 +31,10 @@ class _Compiling(event.Listener):
             if self._under_way == 0:
                 self._total_s += time.monotonic() - self._began_s
 
+    def is_compiling(self) -> bool:
+        """Whether a loop is being compiled now, in any thread of this process. Later processes have it cached."""
+        return self._under_way > 0
+
     def working_s(self) -> float:
         """Seconds of wall time, from any origin, without those of compilations."""
         with self._lock:
@@ -38,6 +42,7 @@ class _Compiling(event.Listener):
             return now_s - self._total_s
 
 
-_COMPILING: Final = _Compiling()
-event.register("numba:compile", _COMPILING)  # type: ignore[no-untyped-call] # numba's own
-working_s: Final = _COMPILING.working_s
+_COMPILATIONS: Final = _Compilations()
+event.register("numba:compile", _COMPILATIONS)  # type: ignore[no-untyped-call] # numba's own
+is_compiling: Final = _COMPILATIONS.is_compiling
+working_s: Final = _COMPILATIONS.working_s

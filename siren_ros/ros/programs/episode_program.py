@@ -19,11 +19,11 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states
 from siren_ros.interfaces.episode_conversions import from_episode_outcome
 from siren_ros.lockstep import LockstepState, Stage, once
-from siren_ros.numerics.compiled import is_compiling
 from siren_ros.ros.node_configs import CosimConfig
 from siren_ros.ros.parameters import check_names, declare_config
 from siren_ros.ros.participants.hang_watch import HangWatch, awaited_by
 from siren_ros.ros.participants.master import LockstepMaster
+from siren_ros.ros.participants.working_clock import is_compiling
 from siren_ros.ros.programs.composition import Composition, EpisodePlan, InProcess, OutOfProcess, plan_episode
 from siren_ros.ros.programs.processes import Awaited, Interrupt, PreparationInterruptedError, Waiting
 from siren_ros.ros.programs.program import start_ros

@@ -1,15 +1,19 @@
 """The clock of time limits stands still while loops are compiled."""
 
+import subprocess
+import sys
+import textwrap
 import time
+from pathlib import Path
 
 import numba
 import pytest
 
-from siren_ros.ros.participants.working_clock import _Compiling, working_s
+from siren_ros.ros.participants.working_clock import _Compilations, working_s
 
 
 def test_it_goes_like_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock, now = _Compiling(), [100.0]
+    clock, now = _Compilations(), [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     began_s = clock.working_s()
     now[0] += 2.5
@@ -19,7 +23,7 @@ def test_it_goes_like_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_it_stands_from_the_first_compilation_that_begins_to_the_last_that_ends(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    clock, now = _Compiling(), [100.0]
+    clock, now = _Compilations(), [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     for seconds, what in ((1.0, clock.on_start), (2.0, clock.on_start), (4.0, clock.on_end), (8.0, clock.on_end)):
         now[0] += seconds
@@ -34,3 +38,27 @@ def test_numba_tells_it() -> None:
     numba.njit(lambda x: x + 1)(1)
     wall_s, counted_s = time.monotonic() - began_s, working_s() - began_working_s
     assert counted_s < 0.5 * wall_s
+
+
+def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cache(tmp_path: Path) -> None:
+    program = """
+        from siren_ros.numerics.compiled import compiled
+        from siren_ros.ros.participants import working_clock as module
+
+        seen = []
+        start = module._Compilations.on_start
+        module._Compilations.on_start = lambda self, event: (start(self, event), seen.append(module.is_compiling()))
+
+        @compiled
+        def doubled(x: float) -> float:
+            return 2.0 * x
+
+        doubled(1.0)
+        print(seen, module.is_compiling())
+    """
+    (tmp_path / "program.py").write_text(textwrap.dedent(program))
+    for expected in ("[True] False", "[] False"):
+        run = subprocess.run(
+            [sys.executable, "program.py"], check=True, cwd=tmp_path, capture_output=True, text=True, timeout=120
+        )
+        assert run.stdout.strip() == expected

@@ -329,14 +329,14 @@ class Mirror:
         if before is not None and math.hypot(x - before.x_m, y - before.y_m) < self._config.still_m:
             return before
         lane = before.match.lane if before is not None else NO_LANE
-        front_m = x - offset[0], y - offset[1]
-        match = self._matcher.match(route[:_EDGES_TO_MATCH], front_m, yaw, lane)
+        edges = route[:_EDGES_TO_MATCH]
+        match = self._matcher.match(edges, (x - offset[0], y - offset[1]), yaw, lane)
         if match.lane == NO_LANE:
-            match = self._matcher.match(route[:_EDGES_TO_FIND], front_m, yaw, lane)
+            edges = route[:_EDGES_TO_FIND]
+            match = self._matcher.match(edges, (x - offset[0], y - offset[1]), yaw, lane)
         if (aside_m := self._off_seam_m(match)) != 0.0:
             x, y = x + aside_m * math.cos(yaw), y + aside_m * math.sin(yaw)
-            front_m = x - offset[0], y - offset[1]
-            match = self._matcher.match(route[:_EDGES_TO_MATCH], front_m, yaw, lane)
+            match = self._matcher.match(edges, (x - offset[0], y - offset[1]), yaw, lane)
         return Place(x, y, angle, match)
 
     def _off_seam_m(self, match: LaneMatch) -> float:
@@ -389,13 +389,14 @@ class Mirror:
         """Let a vehicle that SUMO drives keep to its phase of a yield; give it back to itself afterwards."""
         bound_mode, factor = self._bound.get(name, (None, None))
         if mode in _BINDING_MODES:
+            if bound_mode == mode:
+                return
             factor = float(libsumo.vehicle.getSpeedFactor(name)) if factor is None else factor
             keeps = mode == Mode.YIELD_KEEP_LANE
             cleared, waiting = self._config.cleared_speed_share * factor, self._config.deferred_speed_factor
-            if bound_mode != mode:
-                self._bound[name] = (mode, factor)
-                libsumo.vehicle.setSpeedFactor(name, cleared if keeps else max(factor, waiting))
-                libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if keeps else DEFAULT_LANE_CHANGE_MODE)
+            self._bound[name] = (mode, factor)
+            libsumo.vehicle.setSpeedFactor(name, cleared if keeps else max(factor, waiting))
+            libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if keeps else DEFAULT_LANE_CHANGE_MODE)
         elif factor is not None:
             del self._bound[name]
             libsumo.vehicle.setSpeedFactor(name, factor)

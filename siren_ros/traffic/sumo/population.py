@@ -67,9 +67,7 @@ def vehicle_types_xml(vehicles: Iterable[PlannedVehicle], level: EmergencyLevel,
     for vehicle in vehicles:
         attributes = _attributes(vehicle)
         if vehicle.is_emv:
-            if not LEVEL_POLICIES[level].privileged:
-                attributes["speedFactor"] = f"{min(vehicle.driver.speed_factor, 1.0):.6g}"
-            attributes |= _of_emv(level, config)
+            attributes |= _of_emv(vehicle, level, config)
         words = "".join([f" {name}={_quoted(text)}" for name, text in attributes.items()])
         lines.append(f"<vType{words}/>")
     return "\n".join([*lines, "</additional>"]).encode()
@@ -115,14 +113,14 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     return texts | {name: f"{value:.6g}" for name, value in numbers.items()}
 
 
-def _of_emv(level: EmergencyLevel, config: TrafficConfig) -> dict[str, str]:
-    """Further attributes of an EMV's type.
+def _of_emv(vehicle: PlannedVehicle, level: EmergencyLevel, config: TrafficConfig) -> dict[str, str]:
+    """Attributes of an EMV's type that differ from other vehicles'.
 
     It has no bluelight device. Who reacts to the siren, and how, is the yield manager's; the device would also push
     drivers to their lane's side for good, and give all that react new types at once, which resets their car-following.
     """
     if not LEVEL_POLICIES[level].privileged:
-        return {}
+        return {"speedFactor": f"{min(vehicle.driver.speed_factor, 1.0):.6g}"}
     return {
         "jmDriveAfterRedTime": f"{_RUNS_RED_S:g}",
         "jmDriveAfterYellowTime": f"{_RUNS_RED_S:g}",

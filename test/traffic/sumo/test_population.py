@@ -1,3 +1,4 @@
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -37,6 +38,19 @@ def test_emv_has_the_privileges_of_its_level(level: EmergencyLevel, privileged: 
     assert not list(emv)
     assert ("jmDriveAfterRedTime" in emv.attrib) is privileged
     assert emv.get("vClass") == "emergency"
+
+
+@pytest.mark.parametrize(
+    ("model", "off"),
+    [("IDM", set()), ("EIDM", {"sigmaleader", "sigmagap", "sigmaerror"}), ("Krauss", {"sigma"}), ("ACC", set())],
+)
+def test_no_driver_shakes(model: str, off: set[str]) -> None:
+    """Where a car-following model has errors of drivers."""
+    drivers = [replace(vehicle, driver=replace(vehicle.driver, car_following=model)) for vehicle in PLAN.background]
+    for element in fromstring(vehicle_types_xml(drivers, EmergencyLevel.L2, TrafficConfig())):
+        assert element.get("carFollowModel") == model
+        assert {name for name in element.attrib if name.startswith("sigma")} == off
+        assert {element.get(name) for name in off} <= {"0"}
 
 
 def test_every_vehicle_has_its_own_type_with_its_body_and_driver() -> None:

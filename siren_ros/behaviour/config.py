@@ -459,14 +459,14 @@ class EmvConfig:
     """Offsets below it are left to the path tracking."""
     strategic_distance_m: float = 200.0
     """Distance before the end of a lane that leads astray at which the EMV wants to leave it."""
-    shoulder_from_m: float = 50.0
-    """Distance from slow traffic ahead at which the EMV looks for the shoulder."""
-    shoulder_below_mps: float = 3.0
+    pass_from_m: float = 50.0
+    """Distance from slow traffic ahead at which the EMV looks for a free lane or shoulder."""
+    slow_below_mps: float = 3.0
     """Speed of the vehicle ahead below which traffic counts as slow."""
-    shoulder_gain_m: float = 20.0
-    """Free road that the shoulder must gain."""
-    shoulder_return_m: float = 30.0
-    """Shoulder left ahead of the slow traffic, where it does not lead on: 4 s at 30 km/h for the way back."""
+    pass_gain_m: float = 20.0
+    """Free road that it must gain."""
+    pass_return_m: float = 30.0
+    """What is left of it ahead of the slow traffic, where it does not lead on: 4 s at 30 km/h for the way back."""
     escape_gap_m: float = 6.0
     """Standstill gap at levels with gap escape: room to pull out past the vehicle ahead without reversing."""
     stop_before_route_end_m: float = 3.0

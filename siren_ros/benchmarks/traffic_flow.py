@@ -17,7 +17,7 @@ from siren_ros.benchmarks.json_figures import add_json, write_json
 from siren_ros.benchmarks.templates import seeds_of_option
 from siren_ros.evaluation.traffic_flow import (
     civilian_accelerations_mps2,
-    discharge_headways_s,
+    discharge_headways,
     following_headways_s,
 )
 from siren_ros.generation.closed_loop import closed_loop, record_of
@@ -38,7 +38,8 @@ NOMINAL_S: Final = 90.0
 class FlowSamples:
     """What one episode gives."""
 
-    discharge_s: Floats
+    through_s: Floats
+    turning_s: Floats
     following_s: Floats
     accel_mps2: Floats
 
@@ -53,18 +54,23 @@ def record_at(request: EpisodeRequest, level: str = "") -> EpisodeRecord:
 def measure(request: EpisodeRequest) -> FlowSamples:
     """The samples of an episode."""
     own, nominal = record_at(request), record_at(request, "L0")
-    return FlowSamples(discharge_headways_s(nominal), following_headways_s(own), civilian_accelerations_mps2(own))
+    queues = discharge_headways(nominal)
+    through_s, turning_s = queues.headway_s[~queues.turns], queues.headway_s[queues.turns]
+    return FlowSamples(through_s, turning_s, following_headways_s(own), civilian_accelerations_mps2(own))
 
 
 def summary(samples: Sequence[FlowSamples]) -> dict[str, float]:
     """The figures over episodes; NaN without samples."""
-    discharge, following, accel = (
+    through, turning, following, accel = (
         np.concatenate([getattr(episode, field.name) for episode in samples]) for field in fields(FlowSamples)
     )
     low, high = np.percentile(accel, CIVILIAN_PERCENTILES) if len(accel) else (np.nan, np.nan)
     return {
-        "discharge_s": float(np.mean(discharge)) if len(discharge) else np.nan,
-        "discharged": float(len(discharge)),
+        "through_s": float(np.mean(through)) if len(through) else np.nan,
+        "through_median_s": float(np.median(through)) if len(through) else np.nan,
+        "through": float(len(through)),
+        "turning_s": float(np.mean(turning)) if len(turning) else np.nan,
+        "turning": float(len(turning)),
         "following_s": float(np.median(following)) if len(following) else np.nan,
         "followers": float(len(following)),
         "accel_low_mps2": float(low),
@@ -83,12 +89,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     with ProcessPool(options.jobs, preload="siren_ros.benchmarks.traffic_flow") as pool:
         calls = {request: partial(pool.call, measure, request) for request in requests}
         samples = side_by_side(calls, options.jobs, pool.stop)
-    print("       discharge s  vehicles  following s  samples  acceleration m/s2, p0.5 and p99.5")
+    print(
+        "     through s, mean  median  vehicles  turning s  vehicles  following s  samples  acceleration p0.5 and p99.5"
+    )
     figures = {}
     for name in (*options.templates, ALL):
         row = figures[name] = summary([samples[asked] for asked in requests if name in (asked.template, ALL)])
         print(
-            f"{name:<5}{row['discharge_s']:13.2f}{row['discharged']:10.0f}{row['following_s']:13.2f}"
+            f"{name:<5}{row['through_s']:15.2f}{row['through_median_s']:8.2f}{row['through']:10.0f}"
+            f"{row['turning_s']:11.2f}{row['turning']:10.0f}{row['following_s']:13.2f}"
             f"{row['followers']:9.0f}{row['accel_low_mps2']:10.2f}{row['accel_high_mps2']:7.2f}"
         )
     write_json(options.json, figures)

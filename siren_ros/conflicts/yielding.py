@@ -110,6 +110,8 @@ class Approach(NamedTuple):
     """Acceleration that it may have up to that speed; negative where it slows down anyway."""
     rank: int
     bends: Bends = NO_BENDS
+    length_m: float = 0.0
+    """Of its body: what follows the front that merges."""
 
 
 class Wait(NamedTuple):
@@ -218,7 +220,7 @@ def least_wait(zone: Any, own: Any, other: Any, other_sq: float, config: Any) ->
         return need_not
     if _goes_first(zone, own, other, own_first < other_first, config):
         return need_not
-    return _waiting(zone, own, other.speed_mps, other_sq, other_last + config.after_s, config)
+    return _waiting(zone, own, other, other_sq, other_last + config.after_s, config)
 
 
 @compiled
@@ -241,7 +243,7 @@ def _yield_brake_mps2(way_m: float, own: Any, first_way_m: float, first: Any, me
     """
     if not merges:
         return stop_brake_mps2(own.speed_mps, way_m - config.standoff_m)
-    gap_m = _gap_m(way_m, first_way_m) - config.standoff_m
+    gap_m = way_m - first_way_m - first.length_m - STEP_M - config.standoff_m
     return fall_in_brake_mps2(own.speed_mps - first.speed_mps, gap_m, approach_time_s(first, first_way_m))
 
 
@@ -261,21 +263,25 @@ def fall_in_brake_mps2(closing_mps: float, gap_m: float, time_s: float) -> float
 
 
 @compiled
-def _gap_m(way_m: float, first_way_m: float) -> float:
-    """Way that is left to the body that merges ahead, from both ways to the zone; negative beside it."""
-    return way_m - first_way_m - STEP_M
+def _gap_m(zone: Any, other: Any) -> float:
+    """Way that is left to the rear of the body that merges ahead; negative beside it.
+
+    Its front comes to the zone first. What of it follows is less the more it already is in line.
+    """
+    turns = min((1.0 - zone.blocked_along) / (1.0 - SAME_DIRECTION), 1.0)
+    return zone.own_in_m - zone.other_in_m - turns * other.length_m - STEP_M
 
 
 @compiled
 def _waiting(
-    zone: Any, own: Any, other_mps: float, other_sq: float, free_s: float, config: Any
+    zone: Any, own: Any, other: Any, other_sq: float, free_s: float, config: Any
 ) -> tuple[float, float, float]:
     if zone.along > SAME_DIRECTION:
-        gap = _gap_m(zone.own_in_m, zone.other_in_m)
+        gap = _gap_m(zone, other)
         spare = gap - config.standoff_m
         speed = _speed_before_mps(other_sq, config.brake_mps2, max(spare, 0.0))
         speed = max(speed + min(spare, 0.0) / config.merge_s, 0.0)
-        brake = stop_brake_mps2(max(own.speed_mps - other_mps, 0.0), gap)
+        brake = stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap)
         return speed, brake, max(gap, 0.0)
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
     free = max(way - config.standoff_m, 0.0)

@@ -13,6 +13,7 @@ STEP_M: Final = 1.0
 """Distance between the places that are looked at."""
 SAME_DIRECTION: Final = 0.9
 """Cosine above which two bodies go in one direction: less than about 25° apart."""
+_ALONG_COURSE: Final = 0.9945
 _COLUMNS: Final = 8
 _BISECTIONS: Final = 3
 """The entry into a zone is found to an eighth of a step."""
@@ -118,6 +119,15 @@ def _pose(
         ahead_x, ahead_y = _point(points, first, last, (s_m + cut_m) / spacing)
         x, y = 0.5 * (x + ahead_x), 0.5 * (y + ahead_y)
     return x - sin * left_m, y + cos * left_m, cos, sin
+
+
+@compiled
+def follows_course(ways: Any, row: int) -> bool:
+    """Whether a body points along its course, within 6°."""
+    x_m, y_m, yaw_rad, spacing_m, centre_m, left_m = ways.bodies[row, :6]
+    first, last = ways.first[row], ways.last[row]
+    _, _, cos, sin = _pose(ways.points, first, last, spacing_m, centre_m, left_m, ways.bodies[row, 9])
+    return np.cos(yaw_rad) * cos + np.sin(yaw_rad) * sin > _ALONG_COURSE
 
 
 @compiled

@@ -5,13 +5,14 @@ its fourth vehicle on, at the stop line.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from siren_ros.judging.physics import MOVING_MPS
-from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Mode, Owner
@@ -30,12 +31,19 @@ _GREEN: Final = frozenset("gG")
 _EVERY_STEPS: Final = 10
 
 
-def discharge_headways_s(record: EpisodeRecord) -> Floats:
-    """Times between the fronts of queued vehicles at the stop line after green begins, from the fourth vehicle on.
+@dataclass(frozen=True)
+class DischargeHeadways:
+    """Times between the fronts of queued vehicles at the stop line after green begins, from the fourth vehicle on."""
 
-    Lanes that lead straight on count: vehicles that turn are slower, by the bend.
-    """
+    headway_s: Floats
+    turns: Flags
+    """Whether the vehicle or the one before it turns: vehicles that turn are slower, by the bend (HCM 2010, 31-2)."""
+
+
+def discharge_headways(record: EpisodeRecord) -> DischargeHeadways:
+    """The headways of queues on lanes that lead straight on, also of the vehicles that turn off from these lanes."""
     headways: list[float] = []
+    turns: list[bool] = []
     for lane, movements in record.network.connections_from.items():
         straight = [movement for movement in movements if movement.direction == "s" and movement.signal_id is not None]
         if not straight:
@@ -47,15 +55,20 @@ def discharge_headways_s(record: EpisodeRecord) -> Floats:
         for begin in begins:
             rest = green[begin:]
             end = begin + (rest.index(False) if False in rest else len(rest))
-            crossings = list(_queue_crossings(record, lane, begin, end))
-            headways += [STEP_S * (after - before) for before, after in pairwise(crossings[START_LOST - 1 :])]
-    return np.array(headways)
+            crossings = list(_queue_crossings(record, lane, begin, end))[START_LOST - 1 :]
+            headways += [STEP_S * (after - before) for (before, _), (after, _) in pairwise(crossings)]
+            turns += [before or after for (_, before), (_, after) in pairwise(crossings)]
+    return DischargeHeadways(np.array(headways), np.array(turns, dtype=np.bool_))
 
 
-def _queue_crossings(record: EpisodeRecord, lane: int, begin: int, end: int) -> Iterator[int]:
-    """Steps at which the vehicles of the queue on a lane leave it over its end, one after the other."""
+def _queue_crossings(record: EpisodeRecord, lane: int, begin: int, end: int) -> Iterator[tuple[int, bool]]:
+    """Steps at which the vehicles of the queue on a lane leave it over its end, and whether they turn."""
     waiting: dict[int, bool] = {}
-    paths = {via for movement in record.network.connections_from[lane] for via in (*movement.via, movement.to_lane)}
+    paths = {
+        path: movement.direction != "s"
+        for movement in record.network.connections_from[lane]
+        for path in (*movement.via, movement.to_lane)
+    }
     edge = record.network.lanes[lane].edge
     for traffic in record.traffic[begin:end]:
         on_lane = dict(zip(traffic.actor_id[traffic.lane == lane].tolist(), _speeds(traffic, lane), strict=True))
@@ -67,7 +80,7 @@ def _queue_crossings(record: EpisodeRecord, lane: int, begin: int, end: int) -> 
                 continue
             if not waiting.pop(actor_id):
                 return
-            yield traffic.step
+            yield traffic.step, paths.get(here, False)
         for actor_id, speed_mps in on_lane.items():
             waiting[actor_id] = waiting.get(actor_id, False) or speed_mps < QUEUED_MPS
 

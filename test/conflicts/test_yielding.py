@@ -158,6 +158,25 @@ def test_who_merges_falls_back_to_the_distance_that_is_kept(own_in, slower):
     assert wait.free_m == pytest.approx(max(own_in - 21.0, 0.0))
 
 
+@pytest.mark.parametrize(
+    ("along", "missing_m"), [(0.0, 4.0), (0.9, 4.0), (0.95, 2.0), (1.0, 0.0)], ids=["turns", "25°", "18°", "in line"]
+)
+def test_who_merges_falls_in_behind_the_rear_of_the_other_one(along, missing_m):
+    """Its front is 6 m nearer to the zone, its rear 4 m behind this until it is in line; 1 m is the search's step."""
+    other = car(8.0)._replace(length_m=4.0)
+    wait = waiting(Zone(26.0, INF, 20.0, 60.0, 1.0, INF, along), car(8.0, Rank.GIVES_WAY), other)
+    assert wait.free_m == pytest.approx(5.0 - missing_m)
+    assert wait.speed_mps == pytest.approx(math.sqrt(8.0**2 + 2.0 * CONFIG.brake_mps2 * (4.0 - missing_m)))
+
+
+@pytest.mark.parametrize(("own_m", "waits"), [(0.0, False), (4.0, True)])
+def test_a_long_vehicle_does_not_merge_ahead_where_the_other_one_would_have_to_brake_hard(own_m, waits):
+    """6 m behind it, at 14 m/s instead of 8, brakes with 3.0 m/s2 in 2.5 s; behind its rear it would need more."""
+    own, other = car(8.0, Rank.PRIORITY)._replace(length_m=own_m), car(14.0, Rank.GIVES_WAY)
+    zone = Zone(20.0, INF, 20.0 + 9.0, 60.0, 1.0, INF)
+    assert (wait_for(zone, own, other, CONFIG) is not None) is waits
+
+
 def test_who_merges_brakes_to_the_other_ones_speed_and_need_not_be_able_to_stop():
     """From 10 to 8 m/s within 1 m: 2 m/s². A stop before the zone would take 3.6 m/s²."""
     own, other = car(10.0, Rank.GIVES_WAY), car(8.0)

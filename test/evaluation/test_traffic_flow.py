@@ -11,7 +11,7 @@ from hand_made_record import traffic_of
 
 from siren_ros.evaluation.traffic_flow import (
     civilian_accelerations_mps2,
-    discharge_headways_s,
+    discharge_headways,
     following_headways_s,
 )
 from siren_ros.roads.road_network import Connection
@@ -23,7 +23,7 @@ LENGTH_M = 4.6
 
 def network(direction: str = "s") -> Any:
     """An approach with a turning lane beside it, a way across the junction, and the road behind it."""
-    lanes = [SimpleNamespace(edge=edge) for edge in (0, 0, 1, 2)]
+    lanes = [SimpleNamespace(edge=edge) for edge in (0, 0, 1, 2, 3)]
     across = Connection(APPROACH, BEYOND, (INSIDE,), direction, "J", 0, must_stop=False, junction="J")
     return SimpleNamespace(connections_from={APPROACH: (across,)}, lanes=lanes)
 
@@ -58,7 +58,7 @@ STANDING = dict.fromkeys(range(2, 9), 0.0)
 
 
 def test_headways_count_from_the_fourth_vehicle_on() -> None:
-    assert discharge_headways_s(record_of(queue(), STANDING, RED_THEN_GREEN)) == pytest.approx([1.9, 1.8, 1.7])
+    assert discharge_headways(record_of(queue(), STANDING, RED_THEN_GREEN)).headway_s == pytest.approx([1.9, 1.8, 1.7])
 
 
 @pytest.mark.parametrize(
@@ -71,17 +71,28 @@ def test_headways_count_from_the_fourth_vehicle_on() -> None:
     ],
 )
 def test_only_green_on_straight_lanes_counts(signal: str, direction: str, left: int) -> None:
-    assert len(discharge_headways_s(record_of(queue(), STANDING, signal, direction))) == left
+    assert len(discharge_headways(record_of(queue(), STANDING, signal, direction)).headway_s) == left
 
 
 def test_a_vehicle_that_did_not_stand_ends_the_queue() -> None:
-    headways = discharge_headways_s(record_of(queue(), {**STANDING, 6: 7.0}, RED_THEN_GREEN))
+    headways = discharge_headways(record_of(queue(), {**STANDING, 6: 7.0}, RED_THEN_GREEN)).headway_s
     assert headways == pytest.approx([1.9])
 
 
 def test_a_vehicle_that_changes_lanes_is_no_part_of_the_queue() -> None:
     vehicles = queue() | {8: leaves(95, 300, TURN)}
-    assert discharge_headways_s(record_of(vehicles, STANDING, RED_THEN_GREEN)) == pytest.approx([1.9, 1.8, 1.7])
+    assert discharge_headways(record_of(vehicles, STANDING, RED_THEN_GREEN)).headway_s == pytest.approx([1.9, 1.8, 1.7])
+
+
+def test_a_vehicle_that_turns_makes_its_headway_and_the_next_one_turning() -> None:
+    vehicles = queue() | {5: leaves(int(np.cumsum([40, 50, 40, 38])[-1]), 300, BEYOND + 1)}
+    record = record_of(vehicles, STANDING, RED_THEN_GREEN)
+    right = Connection(APPROACH, BEYOND + 1, (), "r", "J", 0, must_stop=False, junction="J")
+    (across,) = record.network.connections_from[APPROACH]
+    record.network.connections_from[APPROACH] = (across, right)
+    headways = discharge_headways(record)
+    assert headways.headway_s == pytest.approx([1.9, 1.8, 1.7])
+    assert headways.turns.tolist() == [True, True, False]
 
 
 def following(gap_m: float = 10.0, speed_mps: float = 8.0, lead_mps: float = 8.0, **columns: Any) -> list[float]:

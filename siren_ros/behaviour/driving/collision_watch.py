@@ -1,7 +1,7 @@
 """Collision handling: who is ahead on the path, whose way meets it, and how fast a driver may go towards them."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from siren_ros.behaviour.paths.curve import nearest_point
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.conflicts.course import SPACING_M, Course, Rights, limit_at_mps, rank_at
 from siren_ros.conflicts.yielding import Approach, Bends, least_wait
-from siren_ros.conflicts.zones import SAME_DIRECTION, Way, Ways, Zone, zones_of
+from siren_ros.conflicts.zones import SAME_DIRECTION, Way, Ways, Zone, follows_course, zones_of
 from siren_ros.numerics.braking import braking_distance_m, safe_following_mps
 from siren_ros.numerics.compiled import compiled
 
@@ -56,8 +56,10 @@ class CollisionWatch:
         angles = config.crossing_cosine, config.drift_sine, config.turning_sine
         sides = config.side_margin_m, config.drift_time_s, config.moving_mps, *angles
         keeps = config.standstill_gap_m, config.comfort_brake_mps2, config.headway_s
-        own, known = (self.row, self.progress_m, self.target_mps, self.reach_m), seen.outlook is not None
-        worst, speed, brake, gap_m = _strictest_leader(seen.bodies, self.path.curve.line, own, known, sides, keeps)
+        own, ways = (self.row, self.progress_m, self.target_mps, self.reach_m), _UNKNOWN
+        if seen.outlook is not None:
+            ways = seen.outlook.ways
+        worst, speed, brake, gap_m = _strictest_leader(seen.bodies, self.path.curve.line, own, ways, sides, keeps)
         return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), gap_m)
 
     def meetings(self, *, leaders: bool = True) -> SpeedLimit | None:
@@ -90,13 +92,17 @@ def _straight_on(seen: Surroundings) -> tuple[Ways, Rights]:
     return ways, Rights(np.repeat(seen.speed_mps, ways.last - ways.first), none, none, never, never.astype(np.intp))
 
 
+_UNKNOWN: Final = Ways(np.empty((0, 2)), np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 10)))
+"""The ways where nobody's course is known."""
+
+
 @compiled
 def _strictest_leader(
-    bodies: Any, line: Any, own: Any, outlook: bool, sides: Any, keeps: Any
+    bodies: Any, line: Any, own: Any, ways: Any, sides: Any, keeps: Any
 ) -> tuple[int, float, float, float]:
     """Row of the vehicle that restricts most of those that lead on a path, safe speed, braking and gap; −1 without one.
 
-    ``sides`` and ``keeps`` are fields of ``NavigatorConfig``.
+    ``ways`` are the vehicles' ways, row by row, where their courses are known. ``sides`` and ``keeps`` are fields of ``NavigatorConfig``.
     """
     points, heading_rad, curvature_1pm, spacing_m = line
     row, progress_m, target_mps, reach_m = own
@@ -127,9 +133,12 @@ def _strictest_leader(
         inside = beside < corridor and (gap > -0.5 or beside < own_width)
         moving = speed > moving_mps
         crossing = abs(along) < crossing_cosine and moving
-        # A vehicle that comes on at an angle turns out of the way or into it: the outlook knows which.
+        # A vehicle that comes on at an angle turns out of the way or into it, and so does one that turns along its
+        # course: the outlook knows which.
+        turning = abs(across) > turning_sine and moving and len(ways.first) > 0
         drifting = drifted < corridor and abs(across) > drift_sine and gap > 0.0 and along > 0.0
-        known = along < 0.0 and abs(across) > turning_sine and moving and outlook
+        drifting = drifting and not (turning and follows_course(ways, other))
+        known = turning and along < 0.0
         if crossing or known or not (inside or drifting):
             continue
         approaching = speed * along
@@ -197,9 +206,11 @@ def _strictest_wait(
         zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
         top = max(limit_at_mps(ways, rights, other, other_in), rolling_mps)
         bends, no_bends = Bends(times_s, spacing_m, progress_m), Bends(np.empty(0), 1.0, 0.0)
-        driver = Approach(own_mps, target_mps, accel_mps2, rank_at(ways, rights, row, own_in), bends)
+        driver = Approach(
+            own_mps, target_mps, accel_mps2, rank_at(ways, rights, row, own_in), bends, 2.0 * half_length_m
+        )
         rank = rank_at(ways, rights, other, other_in)
-        approach = Approach(seen[5, other], top, config.early_mps2, rank, no_bends)
+        approach = Approach(seen[5, other], top, config.early_mps2, rank, no_bends, 2.0 * seen[6, other])
         speed, brake, free = least_wait(zone, driver, approach, seen[8, other], config)
         if speed == np.inf:
             continue

@@ -18,8 +18,10 @@ from siren_ros.world.actors import NO_ACTOR
 
 # No parameters: resolutions and tolerances of the measurement, which compiled loops hold as constants.
 _PATH_STEP_M: Final = 0.25
+_OFFSET_KEPT_M: Final = 2.0
+"""Way on which an offset from the path stays: in bends that are as tight as the wheels turn it may even grow."""
 _OFFSET_LENGTH_M: Final = 4.0
-"""Way over which the path tracking takes back most of an offset from the path."""
+"""Way over which the path tracking then takes back most of it."""
 _LEAST_WAY_M: Final = 0.2
 _RESERVE_M: Final = 1.0
 """Distance from an impassable place that braking keeps in any case."""
@@ -213,7 +215,7 @@ def _poses_ahead(
         course = heading - np.arctan(centre_ahead_m * curvature)
         if k == 0:
             turned = wrapped_rad(yaw_rad - course)
-        fading = np.exp(-way_m[k] / _OFFSET_LENGTH_M)
+        fading = np.exp(-max(way_m[k] - _OFFSET_KEPT_M, 0.0) / _OFFSET_LENGTH_M)
         poses[0, k] = x - left_m * fading * np.sin(heading)
         poses[1, k] = y + left_m * fading * np.cos(heading)
         course += turned * fading

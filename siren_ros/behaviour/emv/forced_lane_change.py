@@ -24,11 +24,12 @@ from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.traffic_state import EventKind
 
 SUMO: Final = "sumo"
-SHOULDER: Final = "shoulder"
+_REASONS: Final = {LaneKind.SHOULDER: "shoulder", LaneKind.DRIVING: "free_lane"}
+"""Kinds of lanes that the EMV takes past slow traffic, with the name of the request."""
 
 
 def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
-    """Side to which the EMV wants to go (+1 left, −1 right, 0 none) and why: the route first, then a free shoulder.
+    """Side to which the EMV wants to go (+1 left, −1 right, 0 none) and why: the route first, then past slow traffic.
 
     It wants no lane change before its first plan.
     """
@@ -37,45 +38,49 @@ def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     near = unit.navigator.remaining_m < ego.config.emv.strategic_distance_m
     if unit.plan.end is LaneEnd.ASTRAY and near:
         return strategic_side(ego.network, present_lane(ego, unit.navigator), ego.route), ROUTE
-    if shoulder_is_faster(unit, ego):
-        return -1, SHOULDER
+    side, reason = free_side(unit, ego)
+    if side != 0:
+        return side, reason
     advice = advice_of(ego, unit.actor_id)
     return (advice.lane_change_intent if advice is not None else 0), SUMO
 
 
-def shoulder_is_faster(unit: EmvUnit, ego: Ego) -> bool:
-    """Whether slow traffic ahead holds up the EMV while the shoulder next to its lane is free.
+def free_side(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
+    """Side of the lane or shoulder that is free where slow traffic ahead holds up the EMV, and its name; 0 for none.
 
-    A shoulder that does not lead on along the route is of use only where it leads past the slow traffic and some way
-    on. At a stop line at which it ends, the EMV would stand next to the first vehicle of the queue.
+    A lane that does not lead on along the route is of use only where it leads past the slow traffic and some way on. At
+    a stop line at which it ends, the EMV would stand next to the first vehicle of the queue.
     """
     network, config = ego.network, ego.config.emv
     lane = present_lane(ego, unit.navigator)
     if lane == NO_LANE or network.lanes[lane].kind is not LaneKind.DRIVING:
-        return False
-    shoulder = neighbour_lane(network, lane, -1)
-    if shoulder == NO_LANE or network.lanes[shoulder].kind is not LaneKind.SHOULDER:
-        return False
+        return 0, ""
     gaps = gaps_in_lane(ego, lane)
-    if gaps.front_m > config.shoulder_from_m or gaps.front_mps > config.shoulder_below_mps:
-        return False
-    free = gaps_in_lane(ego, shoulder).front_m > gaps.front_m + config.shoulder_gain_m
-    return free and _comes_back(ego, lane, shoulder)
+    if gaps.front_m > config.pass_from_m or gaps.front_mps > config.slow_below_mps:
+        return 0, ""
+    for side in (-1, 1):
+        beside = neighbour_lane(network, lane, side)
+        reason = _REASONS.get(network.lanes[beside].kind) if beside != NO_LANE else None
+        if reason is not None and _leads_past(ego, lane, beside, side, gaps.front_m + config.pass_gain_m):
+            return side, reason
+    return 0, ""
 
 
-def _comes_back(ego: Ego, lane: int, shoulder: int) -> bool:
-    """Whether the shoulder lasts, or leads past the slow traffic with enough of it left for the way back."""
+def _leads_past(ego: Ego, lane: int, beside: int, side: int, free_m: float) -> bool:
+    """Whether a lane is free that far, and lasts or leads past the slow traffic with enough left for the way back."""
     network, config, seen = ego.network, ego.config.emv, ego.seen
-    reference = ego.line_along(shoulder, config.path_ahead_m)
-    if reference.end is not LaneEnd.ASTRAY:
-        return True
+    reference = ego.line_along(beside, config.path_ahead_m)
     others = ego.near(config.path_ahead_m)
     s_m, left_m, _ = reference.curve.project(seen.x_m[others], seen.y_m[others])
-    edge_m = 0.5 * network.lanes[shoulder].width_m
-    slow = (seen.speed_mps[others] <= config.shoulder_below_mps) & (s_m > 0.0)
-    slow &= (left_m > edge_m) & (left_m < edge_m + network.lanes[lane].width_m)
-    head_m = float(np.max((s_m + seen.half_length_m[others])[slow], initial=0.0))
-    return reference.curve.length_m - head_m >= config.shoulder_return_m
+    half_m = seen.half_length_m[others]
+    apart_m, edge_m = -side * left_m, 0.5 * network.lanes[beside].width_m
+    inside = (np.abs(left_m) < edge_m) & (s_m + half_m > 0.0)
+    if float(np.min((s_m - half_m)[inside], initial=np.inf)) - seen.half_length_m[ego.row] <= free_m:
+        return False
+    slow = (seen.speed_mps[others] <= config.slow_below_mps) & (s_m > 0.0)
+    slow &= (apart_m > edge_m) & (apart_m < edge_m + network.lanes[lane].width_m)
+    head_m = float(np.max((s_m + half_m)[slow], initial=0.0))
+    return reference.end is not LaneEnd.ASTRAY or reference.curve.length_m - head_m >= config.pass_return_m
 
 
 def forced_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:

@@ -32,8 +32,9 @@ from siren_ros.traffic.demand.vehicle_factory import Shares, VehicleFactory
 # No parameters: the templates are laid out with these lengths, and their own values vary around them.
 _FOLLOWING_M: Final = 6.0
 """By how much nearer to the EMV a stream is that it follows than one that it drives up to."""
-_COMING_UP_M: Final = 32.0
-"""By how much farther ahead it is where the EMV comes up next to it on its last metres."""
+_INSIDE_M: Final = 8.0
+"""Length of a car and a margin: with its rear this far before the junction's end as the EMV comes to the line, it is
+inside."""
 _IN_TURN_M: Final = 8.0
 """By how much farther back every other queue at a stop sign begins. Drivers who stop and go then drive by turns from
 the two sides, about 4 s apart, and do not leave the junction empty for as long between them."""
@@ -102,29 +103,38 @@ def group_rows(
         most_m = (_OVERTAKEN - 1.0) * way_m if group.placement is Placement.SAME_DIRECTION else math.inf
         anchors_m = [row.anchor_m - way_m for row in rows]
     else:  # beyond the stop line a stream would only hold up its own vehicles that come after
-        most_m, anchors_m = 0.0, [_together_m(network, row, start, group, arrival_s) for row in rows]
+        most_m = 0.0
+        early_m = 0.0 if group.optional else max(group.first_gap_m - _inside_m(network, site), 0.0)
+        anchors_m = [_together_m(network, row, start, group.speed_mps, arrival_s, early_m) for row in rows]
     return [
         replace(row, anchor_m=anchor_m, forwards=True, most_m=row.anchor_m + most_m)
         for row, anchor_m in zip(rows, anchors_m, strict=True)
     ]
 
 
-def _together_m(network: RoadNetwork, row: GroupRow, start: EmvStart, group: DemandGroup, arrival_s: float) -> float:
-    """Place on a row from which a vehicle at the group's speed comes to the stop line together with the EMV.
+def _inside_m(network: RoadNetwork, site: Site) -> float:
+    """How far beyond the stop line the rear of a vehicle may be that is still inside the junction."""
+    paths_m = [sum(network.lanes[lane].length_m for lane in network.connections[way].via) for way in site.connections]
+    return max(paths_m) - _INSIDE_M
+
+
+def _together_m(
+    network: RoadNetwork, row: GroupRow, start: EmvStart, speed_mps: float, arrival_s: float, early_m: float
+) -> float:
+    """Place on a row from which a vehicle comes to the stop line together with the EMV, less ``early_m``.
 
     In the EMV's own lane the EMV follows that vehicle from the start on, at the distance that it keeps. Where the lane
-    fans out on the way, the EMV comes up next to it: the vehicle then starts farther ahead.
+    fans out on the way, the EMV comes up next to it before that distance is reached.
     """
-    if start.lane in row.chain.lanes:
-        follows = start.lanes_to_site[-1] in row.chain.lanes
-        lead_m = -_FOLLOWING_M if follows else _COMING_UP_M
-        return row.anchor_m - way_to_stop_line_m(network, start) + lead_m
+    if {start.lane, start.lanes_to_site[-1]} <= set(row.chain.lanes):
+        return row.anchor_m - way_to_stop_line_m(network, start) - _FOLLOWING_M
     way = Polyline.joined([network.lanes[lane].centre for lane in row.chain.lanes]).cut(0.0, row.anchor_m)
-    speed = np.minimum(group.speed_mps, bend_speeds_mps(way, _LATERAL_MPS2))
+    speed = np.minimum(speed_mps, bend_speeds_mps(way, _LATERAL_MPS2))
     speed = with_braking(speed, _BRAKE_MPS2)
     left_s = np.cumsum((SAMPLE_M / speed)[::-1])[::-1]
     late = np.flatnonzero(left_s >= arrival_s)
-    return float(late[-1]) * SAMPLE_M if len(late) else row.anchor_m - group.speed_mps * arrival_s
+    together_m = float(late[-1]) * SAMPLE_M if len(late) else row.anchor_m - speed_mps * arrival_s
+    return together_m - early_m
 
 
 def _chosen(
@@ -208,12 +218,14 @@ def _connection_from(network: RoadNetwork, lane: int, edge: int) -> Connection |
 
 
 def _plain_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
-    """The movement to a lane straight on from another road piece, with neither signal nor stop sign."""
-    for connection in network.connections_to.get(lane, ()):
-        free = connection.signal_id is None and not connection.must_stop and connection.direction == "s"
-        if free and network.lanes[connection.from_lane].kind is LaneKind.DRIVING:
-            return connection
-    return None
+    """The movement to a lane from another road piece, without signal and stop sign; straight on where there is one."""
+    free = [
+        connection
+        for connection in network.connections_to.get(lane, ())
+        if connection.signal_id is None and not connection.must_stop
+        if network.lanes[connection.from_lane].kind is LaneKind.DRIVING
+    ]
+    return min(free, key=lambda connection: connection.direction != "s", default=None)
 
 
 # No parameters: as above.
@@ -332,7 +344,8 @@ class _GroupPlanner:
         length = self.factory.size(actor_class)[0]
         spacing = group.spacing_m * (1.0 + self.config.spacing_spread * rng.uniform(-1.0, 1.0))
         speed = group.speed_mps * (1.0 + self.config.speed_spread * rng.uniform(-1.0, 1.0))
-        place = self._place(row, group.first_gap_m, spacing, length)
+        nearest = group.anchor is GroupAnchor.ARRIVAL
+        place = self._place(row, group.first_gap_m, spacing, length, nearest=nearest)
         if place is None:
             return None
         front_m, lane, front = place
@@ -344,6 +357,8 @@ class _GroupPlanner:
         limit = self.network.lanes[lane].speed_limit_mps
         if group.anchor is GroupAnchor.ARRIVAL:  # a stream that slow drivers hold up would come too late
             driver = replace(driver, speed_factor=max(driver.speed_factor, group.speed_mps / limit))
+        if group.placement is Placement.SAME_DIRECTION:  # in the EMV's lane a stream would hold it up
+            driver = replace(driver, speed_gain_eagerness=0.0)
         speed = min(speed, driver.speed_factor * limit)
         route = self.factory.draw_route(edges, route_length_m(self.template, self.config), rng, lane, actor_class)
         spot = Spot(lane, front, 0.0 if group.standing else speed)
@@ -369,15 +384,27 @@ class _GroupPlanner:
             self.crossing_stage += row.chain.intervals(self.network, behind_m, line_m)
 
     def _place(
-        self, row: GroupRow, first_gap_m: float, spacing_m: float, length_m: float
+        self, row: GroupRow, first_gap_m: float, spacing_m: float, length_m: float, *, nearest: bool
     ) -> tuple[float, int, float] | None:
-        """Place of the front on the row's chain, its lane and the place on that, clear of junctions."""
+        """Place of the front on the row's chain, its lane and the place on that, clear of junctions.
+
+        Where a junction is in the way, the row goes on behind it. With ``nearest`` its first vehicle is where it comes
+        nearest to its time, on either side.
+        """
         rear_m, reached_m = self._reached_m.get((row.chain.lanes, row.forwards), (math.inf, -math.inf))
         if row.forwards:
             front_m = max(row.anchor_m + first_gap_m + length_m, reached_m + spacing_m + length_m)
         else:
             front_m = min(row.anchor_m - first_gap_m, rear_m - spacing_m)
-        step_m = _SEARCH_STEP_M if row.forwards else -_SEARCH_STEP_M
+        found = self._first_place(row, front_m, length_m, _SEARCH_STEP_M if row.forwards else -_SEARCH_STEP_M)
+        if not nearest or not math.isinf(reached_m):
+            return found
+        before = self._first_place(row, front_m, length_m, -_SEARCH_STEP_M)
+        return min((place for place in (found, before) if place), key=lambda it: abs(it[0] - front_m), default=None)
+
+    def _first_place(
+        self, row: GroupRow, front_m: float, length_m: float, step_m: float
+    ) -> tuple[float, int, float] | None:
         least_m = row.least_m + self.config.emv_clearance_m if row.least_m > 0.0 else 0.0
         while front_m < min(row.chain.end_m, row.most_m) and front_m - length_m >= least_m:
             place = row.chain.place(self.network, front_m)

@@ -23,6 +23,8 @@ _LONGEST_GREEN_S: Final = 10.0
 """How far a green is extended at most."""
 _BEFORE_EMV_S: Final = 0.4
 """From the begin of the red to the EMV's arrival, at least: it comes to a red however late the platoon is."""
+_EMV_MPS2: Final = 2.0
+"""With which an ambulance accelerates where others leave its lane before the line."""
 _CREEP_MPS: Final = 1.0
 
 
@@ -163,11 +165,33 @@ class GapOut:
                 libsumo.trafficlight.setPhaseDuration(signal, 2.0 * STEP_S)
 
     def _emv_s(self, present: Collection[str]) -> float:
-        arrivals = _arrivals_s(self._timing.emv, self._timing.signal_id) if self._timing.emv in present else []
-        return min(arrivals, default=math.inf)
+        """Least time in which the EMV reaches the signal, behind vehicles at its speed; infinite once it has passed."""
+        name = self._timing.emv
+        gaps_m = _gaps_m(name, self._timing.signal_id) if name in present else []
+        if not gaps_m:
+            return math.inf
+        mps = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
+        leads = libsumo.vehicle.getLeader(name, gaps_m[0])
+        if leads and leads[0] and leads[1] < gaps_m[0]:
+            return gaps_m[0] / mps
+        most_mps = float(libsumo.vehicle.getAllowedSpeed(name))
+        return least_time_s(gaps_m[0], mps, max(most_mps, mps), _EMV_MPS2)
+
+
+def least_time_s(way_m: float, from_mps: float, most_mps: float, accel_mps2: float) -> float:
+    """Time for a way from a speed on, with an acceleration up to the most speed (at least ``from_mps``, above 0)."""
+    gaining_s = (most_mps - from_mps) / accel_mps2
+    gaining_m = 0.5 * (from_mps + most_mps) * gaining_s
+    if way_m < gaining_m:
+        return (math.sqrt(from_mps**2 + 2.0 * accel_mps2 * way_m) - from_mps) / accel_mps2
+    return gaining_s + (way_m - gaining_m) / most_mps
 
 
 def _arrivals_s(name: str, signal: str) -> list[float]:
     """Time in which a vehicle reaches a signal at its present speed; empty once it has passed."""
     speed = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
-    return [float(gap) / speed for ahead, _, gap, _ in libsumo.vehicle.getNextTLS(name)[:1] if ahead == signal]
+    return [gap_m / speed for gap_m in _gaps_m(name, signal)]
+
+
+def _gaps_m(name: str, signal: str) -> list[float]:
+    return [float(gap_m) for ahead, _, gap_m, _ in libsumo.vehicle.getNextTLS(name)[:1] if ahead == signal]

@@ -13,6 +13,8 @@ from siren_ros.behaviour.driving.free_space import SpeedLimit
 from siren_ros.behaviour.driving.step_view import Surroundings
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.conflicts.course import SPACING_M, Course
+from siren_ros.conflicts.zones import Way, Ways
 
 CONFIG = NavigatorConfig()
 TURNS = np.radians([0.0, 30.0, 60.0, -135.0])
@@ -34,9 +36,17 @@ def scene(turn, speed, *others):
     return path, seen
 
 
-def watch(turn, speed, *others, target=10.0, **more):
+def watch(turn, speed, *others, target=10.0, courses=None):
+    """``courses`` are the headings of all vehicles' courses, which are straight, where they are known."""
     path, seen = scene(turn, speed, *others)
-    return CollisionWatch(path, 10.0, 0, target, replace(seen, **more), CONFIG)
+    if courses is not None:
+        poses = zip(seen.x_m.tolist(), seen.y_m.tolist(), (turn + np.array(courses)).tolist(), strict=True)
+        lines = [Course.straight(*pose).points for pose in poses]
+        bodies = zip(seen.x_m, seen.y_m, seen.yaw_rad, strict=True)
+        size = HALF_LENGTH, HALF_WIDTH, 0.0
+        known = [Way(line, SPACING_M, 0.0, 0.0, pose, 0.0, *size) for line, pose in zip(lines, bodies, strict=True)]
+        seen = replace(seen, outlook=SimpleNamespace(ways=Ways.of(known)))
+    return CollisionWatch(path, 10.0, 0, target, seen, CONFIG)
 
 
 def watched(turn, speed, *others, target=15.0):
@@ -106,13 +116,27 @@ def test_towards_who_comes_along_the_path_the_gap_shrinks_by_their_way_in_one_an
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_who_comes_on_turning_is_left_to_the_outlook_where_there_is_one(turn, side):
     """15° to the path and 2.2 m aside: it goes on across. At 5°, or without its route, it is taken to come along."""
-    outlook = SimpleNamespace()
     for degrees, leads in ((15.0, False), (5.0, True)):
         other = (16.0, side * 2.2, np.pi + side * np.radians(degrees), 5.0)
         assert watch(turn, 8.0, other).leaders() is not None
-        assert (watch(turn, 8.0, other, outlook=outlook).leaders() is not None) is leads
+        assert (watch(turn, 8.0, other, courses=(0.0, other[2])).leaders() is not None) is leads
     other = (16.0, side * 2.2, np.pi + side * np.radians(15.0), 0.5)
-    assert watch(turn, 8.0, other, outlook=outlook).leaders() is not None
+    assert watch(turn, 8.0, other, courses=(0.0, other[2])).leaders() is not None
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("degrees", "course", "speed", "leads"),
+    [(20.0, 20.0, 5.0, False), (20.0, 15.0, 5.0, False), (20.0, 10.0, 5.0, True), (8.0, 8.0, 11.0, True)],
+    ids=["along its bend", "nearly", "out of its lane", "hardly"],
+)
+def test_who_turns_along_its_course_does_not_drift_and_who_leaves_it_does(turn, side, degrees, course, speed, leads):
+    """4 m aside and 8 m ahead, a vehicle points into the path: in the bend that leads it beside the path, or not."""
+    other = (8.0, side * 4.0, -side * np.radians(degrees), speed)
+    assert watch(turn, 8.0, other).leaders() is not None
+    known = watch(turn, 8.0, other, courses=(0.0, -side * np.radians(course)))
+    assert (known.leaders() is not None) is leads
 
 
 def test_the_slowest_of_several_leaders_counts_and_a_fast_one_is_no_threat():
@@ -182,7 +206,7 @@ def test_who_turns_in_beside_the_own_front_counts_unless_the_leaders_are_watched
     assert driver.leaders() is None
     threat = driver.meetings()
     assert threat.blocker_id == 2
-    assert 5.0 < threat.speed_mps < 6.0
+    assert 4.0 < threat.speed_mps < 6.0
     assert driver.meetings(leaders=False) is None
 
 
@@ -242,7 +266,7 @@ def test_who_is_alongside_leads_only_where_the_bodies_would_meet(turn, side, gap
 @pytest.mark.parametrize("degrees", [15.0, -15.0])
 def test_who_drives_ahead_at_an_angle_leads_although_its_way_is_known(degrees):
     """The outlook is for those who come on."""
-    known = watch(0.6, 8.0, (16.0, 0.3, np.radians(degrees), 5.0), outlook=SimpleNamespace()).leaders()
+    known = watch(0.6, 8.0, (16.0, 0.3, np.radians(degrees), 5.0), courses=(0.0, np.radians(degrees))).leaders()
     assert known.blocker_id == 2
     assert known.speed_mps == pytest.approx(krauss(known.free_m, 5.0 * np.cos(np.radians(degrees))))
 

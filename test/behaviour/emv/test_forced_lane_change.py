@@ -9,13 +9,12 @@ from siren_ros.behaviour.driving.emv_unit import EmvUnit, LateralRequest, RouteP
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.forced_lane_change import (
     ROUTE,
-    SHOULDER,
     SUMO,
     cancel_lane_change,
     complete_lane_change,
     forced_lane_change,
+    free_side,
     lateral_intent,
-    shoulder_is_faster,
 )
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.world.actors import ActorClass
@@ -36,6 +35,13 @@ def ahead(lab, gap, speed, lane=1, actor_id=2):
     return lab.Car(actor_id, lane, 100.0 + half + gap, speed, (0,))
 
 
+SHOULDER = (-1, "shoulder")
+
+
+def shoulder_is_faster(unit, ego):
+    return free_side(unit, ego) == SHOULDER
+
+
 @pytest.mark.parametrize(("gap", "speed", "faster"), [(49.9, 2.9, True), (50.1, 2.9, False), (49.9, 3.1, False)])
 def test_slow_traffic_within_50_m_makes_the_shoulder_faster(lab, gap, speed, faster):
     assert shoulder_is_faster(EmvUnit(1), view_at(lab, ahead(lab, gap, speed)).ego(0)) is faster
@@ -54,6 +60,31 @@ def test_only_from_the_lane_next_to_the_shoulder(lab, lane, faster):
     assert shoulder_is_faster(EmvUnit(1), view.ego(0)) is faster
     plain = view_at(lab, ahead(lab, 25.0, 1.0, lane=1), lane=1, network=lab.straight_road(3))
     assert not shoulder_is_faster(EmvUnit(1), plain.ego(0))
+
+
+@pytest.mark.parametrize(
+    ("lane", "others", "side"),
+    [(0, (), 1), (2, (), -1), (1, (), -1), (1, (0,), 1), (1, (0, 2), 0), (0, (1,), 0)],
+    ids=["left", "right", "right before left", "right is taken", "both are taken", "left is taken"],
+)
+def test_a_free_lane_leads_past_slow_traffic(lab, lane, others, side):
+    """Standing traffic 25 m ahead in the EMV's lane, and 30 m ahead in others."""
+    taken = [ahead(lab, 30.0, 0.0, lane=other, actor_id=3 + other) for other in others]
+    view = view_at(lab, ahead(lab, 25.0, 0.0, lane=lane), *taken, lane=lane, network=lab.straight_road(3))
+    assert free_side(EmvUnit(1), view.ego(0)) == ((side, "free_lane") if side else (0, ""))
+
+
+@pytest.mark.parametrize(("head_m", "side"), [(31.5, 1), (28.5, 0)])
+def test_a_free_lane_that_leads_astray_has_to_lead_30_m_beyond_the_queue(lab, head_m, side):
+    """Its left lane is for those who turn left; before the line is room to come back, or not."""
+    road = lab.RoadBuilder().edge([[0.0, 0.0], [300.0, 0.0]], 2, ("W", "J"))
+    road.edge([[310.0, 0.0], [510.0, 0.0]], 1, ("J", "E"))
+    road.connect(0, 2)
+    tail = lab.Car(2, 0, 240.0, 0.0, (0, 1))
+    view = view_at(
+        lab, tail, before_line(lab, head_m, 0.0, lane=0), lane=0, network=road.built(), s=220.0, route=(0, 1)
+    )
+    assert free_side(EmvUnit(1), view.ego(0))[0] == side
 
 
 def ending_shoulder(lab, leads_on=False):
@@ -89,7 +120,7 @@ def test_the_route_comes_before_the_shoulder_and_this_before_sumos_wish(lab):
     wish = {"lane_change_intent": 1}
     assert lateral_intent(EmvUnit(1), view_at(lab, slow, advice=wish).ego(0)) == (0, SUMO), "before the first plan"
     planned = EmvUnit(1, plan=PLAN)
-    assert lateral_intent(planned, view_at(lab, slow, advice=wish).ego(0)) == (-1, SHOULDER)
+    assert lateral_intent(planned, view_at(lab, slow, advice=wish).ego(0)) == SHOULDER
     assert lateral_intent(planned, view_at(lab, advice=wish).ego(0)) == (1, SUMO)
     assert lateral_intent(planned, view_at(lab).ego(0)) == (0, SUMO)
     view = view_at(lab, advice=wish)

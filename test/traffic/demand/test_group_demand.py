@@ -184,11 +184,25 @@ def with_connection(number: int, **changed: object) -> RoadNetwork:
     return replace(NETWORK, connections=tuple(connections))
 
 
-@pytest.mark.parametrize("changed", [{"signal_id": "L"}, {"must_stop": True}, {"direction": "r"}])
-def test_crossing_rows_end_at_signals_stop_signs_and_turns(changed: dict[str, object]) -> None:
+@pytest.mark.parametrize("changed", [{"signal_id": "L"}, {"must_stop": True}])
+def test_crossing_rows_end_at_signals_and_stop_signs(changed: dict[str, object]) -> None:
     (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=with_connection(6, **changed))
     assert row.chain.lanes == (NEAR,)
     assert row.edges == (N, D)
+
+
+def test_crossing_rows_go_back_straight_on_or_around_the_only_bend() -> None:
+    """Where a turn joins the way straight on, the row stays on this; alone the turn is the way."""
+    turn = {"direction": "r"}
+    joined = with_connection(6, **turn)
+    (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=joined)
+    bend = row.chain.lanes
+    assert bend[-1] == NEAR
+    assert len(bend) > 1
+    straight = replace(NETWORK.connections[6], from_lane=A_RIGHT)
+    for order in ((*joined.connections, straight), (straight, *joined.connections)):
+        (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=replace(joined, connections=order))
+        assert row.chain.lanes[-3] == A_RIGHT
 
 
 def test_long_side_roads_are_enough_by_themselves() -> None:
@@ -479,6 +493,13 @@ def test_crossing_rows_are_the_stage_from_behind_the_last_vehicle_on() -> None:
     assert plan.crossing_stage == (
         LaneInterval(NEAR, pytest.approx(rear_m - CONFIG.stage_behind_m - 200.0), pytest.approx(100.0)),
     )
+
+
+@pytest.mark.parametrize(("placement", "keeps"), [(Placement.SAME_DIRECTION, True), (Placement.CROSSING, False)])
+def test_drivers_of_a_stream_keep_their_lane(placement: Placement, keeps: bool) -> None:
+    stream = replace(group(placement, GroupAnchor.ARRIVAL), vehicles=2)
+    for vehicle in planned(stream).vehicles:
+        assert (vehicle.driver.speed_gain_eagerness == 0.0) is keeps
 
 
 def test_nobody_wishes_for_more_than_the_limit_unless_the_stream_would_come_too_late() -> None:

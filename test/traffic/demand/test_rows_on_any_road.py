@@ -44,8 +44,8 @@ class _Road:
         return RoadNetwork(tuple(self.lanes), tuple(self.edges), tuple(self.connections), {}, (0.0, 0.0), "!")
 
 
-def rows_of(road: _Road, site: Site, start: EmvStart, group: DemandGroup) -> list[GroupRow]:
-    return group_rows(road.built(), site, start, group, 8.0, np.random.default_rng(0))
+def rows_of(road: _Road, site: Site, start: EmvStart, group: DemandGroup, arrival_s: float = 8.0) -> list[GroupRow]:
+    return group_rows(road.built(), site, start, group, arrival_s, np.random.default_rng(0))
 
 
 def test_the_second_queue_of_s1_stands_in_one_lane_next_to_the_emvs() -> None:
@@ -62,20 +62,30 @@ def test_the_second_queue_of_s1_stands_in_one_lane_next_to_the_emvs() -> None:
     assert row.chain.lanes[0] == 1, "the lane on the left leads elsewhere"
 
 
-@pytest.mark.parametrize("approach_lane", [1, 2])
-def test_a_stream_that_the_emv_comes_up_next_to_starts_farther_ahead(approach_lane: int) -> None:
+def fanning_road() -> "_Road":
+    """One lane for 100 m, then a junction of 20 m and two lanes up to the site."""
     road = _Road()
     road.edge(0.0, 100.0, (0,))
     road.edge(120.0, 150.0, (0, 1))
     road.edge(150.0, 300.0, (0, 1))
     for source, target in ((0, 1), (0, 2), (1, 3), (2, 4)):
         road.connect(source, target)
-    group = load_template("S3").demand.groups[0]
+    return road
+
+
+@pytest.mark.parametrize("approach_lane", [1, 2])
+@pytest.mark.parametrize("arrival_s", [10.0, 20.0])
+def test_a_stream_that_the_emv_comes_up_next_to_starts_where_it_comes_with_the_emv(
+    approach_lane: int, arrival_s: float
+) -> None:
+    road, group = fanning_road(), load_template("S3").demand.groups[0]
     assert (group.placement, group.anchor) == (Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL)
     start = EmvStart(0, 10.0, (0, 1, 2), (0, approach_lane))
-    (row,) = rows_of(road, road.site((0, 1, 2), approach_lane, (2, 3)), start, group)
+    (row,) = rows_of(road, road.site((0, 1, 2), approach_lane, (2, 3)), start, group, arrival_s)
     assert approach_lane not in row.chain.lanes
-    assert row.anchor_m == pytest.approx(10.0 + 32.0), "from the EMV's front on"
+    line_m = sum(road.lanes[lane].length_m for lane in row.chain.lanes[:2])
+    early_m = group.first_gap_m - (0.0 - 8.0)  # its junctions have no paths
+    assert row.anchor_m == pytest.approx(line_m - group.speed_mps * arrival_s - early_m, abs=1.0)
 
 
 def test_a_stream_in_the_emvs_only_lane_is_followed() -> None:

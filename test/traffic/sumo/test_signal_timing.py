@@ -16,6 +16,7 @@ from siren_ros.traffic.sumo.signal_timing import (
     SignalPhase,
     crossing_begin_s,
     detector_s,
+    least_time_s,
     place_in_cycle,
     red_interval_s,
     yellow_after,
@@ -118,7 +119,7 @@ def test_who_ends_the_green_drives_over_the_line_on_yellow(yellow_s: float) -> N
     assert detector_s(8.0) == 2.2
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [0, 3])
 def test_the_green_ends_behind_the_last_vehicle_of_the_stream(seed: int) -> None:
     compiled, network = load_map(None)
     plan, _, site = plan_of("S3", network, seed)
@@ -147,11 +148,16 @@ PROGRAMME = [SignalPhase(10.0, "rG"), SignalPhase(3.0, "ry"), SignalPhase(20.0, 
 
 @dataclass
 class Signal:
-    """A stand-in for SUMO: state and arrivals of vehicles; link 1 is green in phase 0, link 0 in phase 2."""
+    """A stand-in for SUMO: state and arrivals of vehicles; link 1 is green in phase 0, link 0 in phase 2.
+
+    Vehicles drive with 10 m/s, of which all but the EMV wish for no more.
+    """
 
     phase: int = 0
     switch_s: float = 100.0
     arrivals_s: dict[str, float] = field(default_factory=dict)
+    leader: tuple[str, float] | None = None
+    emv_most_mps: float = 10.0
     phases: list[SignalPhase] = field(default_factory=lambda: list(PROGRAMME))
     asked: list[tuple[str, float]] = field(default_factory=list)
 
@@ -164,13 +170,16 @@ class Signal:
             setPhaseDuration=lambda _signal, duration_s: self.asked.append(("duration", duration_s)),
         )
         clock = SimpleNamespace(getTime=lambda: 50.0)
-        monkeypatch.setattr(signal_timing, "libsumo", SimpleNamespace(trafficlight=light, simulation=clock))
-        monkeypatch.setattr(signal_timing, "_programme", lambda _signal: self.phases)
-        monkeypatch.setattr(
-            signal_timing,
-            "_arrivals_s",
-            lambda name, _signal: [self.arrivals_s[name]] if name in self.arrivals_s else [],
+        vehicle = SimpleNamespace(
+            getSpeed=lambda _name: 10.0,
+            getAllowedSpeed=lambda _name: self.emv_most_mps,
+            getLeader=lambda _name, _range_m: self.leader,
+            getNextTLS=lambda name: [("s", 1, 10.0 * self.arrivals_s[name], "G")] if name in self.arrivals_s else [],
         )
+        monkeypatch.setattr(
+            signal_timing, "libsumo", SimpleNamespace(trafficlight=light, simulation=clock, vehicle=vehicle)
+        )
+        monkeypatch.setattr(signal_timing, "_programme", lambda _signal: self.phases)
 
 
 @pytest.fixture(name="signal")
@@ -214,6 +223,30 @@ def test_a_late_platoon_does_not_keep_the_green_for_the_emv(
     assert not signal.asked
     control.apply({*BOTH, "e"})
     assert signal.asked == asked
+
+
+@pytest.mark.parametrize(
+    ("leader", "asked"),
+    [(None, [("phase", 1)]), (("b", 20.0), []), (("", -1.0), [("phase", 1)]), (("b", 50.0), [("phase", 1)])],
+    ids=["alone", "behind another one", "nobody", "behind one beyond the line"],
+)
+def test_an_emv_that_can_accelerate_is_there_sooner(
+    signal: Signal, leader: tuple[str, float] | None, asked: list[tuple[str, float]]
+) -> None:
+    """40 m ahead: 4 s at its speed, 3.1 s with 2 m/s2."""
+    signal.arrivals_s, signal.emv_most_mps, signal.leader = {"a": 1.0, "b": 9.0, "e": 4.0}, 20.0, leader
+    gap_out().apply({*BOTH, "e"})
+    assert signal.asked == asked
+
+
+@pytest.mark.parametrize(
+    ("way_m", "time_s"),
+    [(0.0, 0.0), (11.0, 1.0), (24.0, 2.0), (24.0 + 14.0, 3.0)],
+    ids=["there", "gains", "is as fast as it wishes", "goes on"],
+)
+def test_the_least_time_is_that_of_an_acceleration_up_to_the_most_speed(way_m: float, time_s: float) -> None:
+    assert least_time_s(way_m, 10.0, 14.0, 2.0) == pytest.approx(time_s)
+    assert least_time_s(way_m, 10.0, 10.0, 2.0) == pytest.approx(way_m / 10.0)
 
 
 @pytest.mark.parametrize(("left_s", "holds"), [(STEP_S + 0.01, False), (0.5 * STEP_S, True), (0.0, True)])

@@ -228,10 +228,12 @@ def _goes_first(zone: Any, own: Any, other: Any, own_earlier: bool, config: Any)
     if zone.own_in_m <= 0.0:
         return math.isinf(zone.blocked_m)
     merges = zone.along > SAME_DIRECTION
-    if _yield_brake_mps2(zone.other_in_m, other, zone.own_in_m, own, merges, config) > config.commit_mps2:
+    theirs = _yield_brake_mps2(zone.other_in_m, other, zone.own_in_m, own, merges, config)
+    if theirs > config.commit_mps2 and not merges:
         return False
-    if _yield_brake_mps2(zone.own_in_m, own, zone.other_in_m, other, merges, config) > config.commit_mps2:
-        return True
+    mine = _yield_brake_mps2(zone.own_in_m, own, zone.other_in_m, other, merges, config)
+    if max(theirs, mine) > config.commit_mps2:
+        return mine > theirs and zone.other_in_m > 0.0
     return own.rank > other.rank or (own.rank == other.rank and (own_earlier or other.rank == _RED))
 
 
@@ -281,7 +283,10 @@ def _waiting(
         spare = gap - config.standoff_m
         speed = _speed_before_mps(other_sq, config.brake_mps2, max(spare, 0.0))
         speed = max(speed + min(spare, 0.0) / config.merge_s, 0.0)
-        brake = stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap)
+        closing, time = own.speed_mps - other.speed_mps, max(approach_time_s(other, zone.other_in_m), _LEAST_TIME_S)
+        brake = stop_brake_mps2(max(closing, 0.0), gap)
+        if 2.0 * gap < closing * time:  # by the time that the other one merges it may be slower than this
+            brake = min(brake, 2.0 * (closing * time - gap) / (time * time))
         return speed, brake, max(gap, 0.0)
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
     free = max(way - config.standoff_m, 0.0)

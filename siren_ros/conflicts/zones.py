@@ -124,7 +124,7 @@ def _pose(
 @compiled
 def follows_course(ways: Any, row: int) -> bool:
     """Whether a body points along its course, within 6°."""
-    x_m, y_m, yaw_rad, spacing_m, centre_m, left_m = ways.bodies[row, :6]
+    yaw_rad, spacing_m, centre_m, left_m = ways.bodies[row, 2:6]
     first, last = ways.first[row], ways.last[row]
     _, _, cos, sin = _pose(ways.points, first, last, spacing_m, centre_m, left_m, ways.bodies[row, 9])
     return np.cos(yaw_rad) * cos + np.sin(yaw_rad) * sin > _ALONG_COURSE

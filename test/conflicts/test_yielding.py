@@ -177,6 +177,33 @@ def test_a_long_vehicle_does_not_merge_ahead_where_the_other_one_would_have_to_b
     assert (wait_for(zone, own, other, CONFIG) is not None) is waits
 
 
+@pytest.mark.parametrize(
+    ("own_in", "own_mps", "brake"),
+    [
+        (40.0, 11.0, 3.0**2 / (2.0 * 19.0)),
+        (24.5, 11.0, 2.0 * (3.0 * 2.5 - 3.5) / 2.5**2),
+        (20.5, 11.0, 2.0 * (3.0 * 2.5 + 0.5) / 2.5**2),
+        (20.5, 7.0, 0.0),
+    ],
+    ids=["far", "near", "beside", "slower"],
+)
+def test_who_has_to_fall_in_brakes_until_the_other_one_merges(own_in, own_mps, brake):
+    """The other one, at 8 m/s, is 20 m from the zone: 2.5 s."""
+    wait = waiting(Zone(own_in, INF, 20.0, 60.0, 1.0, INF), car(own_mps, Rank.RED), car(8.0))
+    assert wait.brake_mps2 == pytest.approx(brake)
+
+
+@pytest.mark.parametrize(
+    ("own_m", "other_m", "waits"), [(4.0, 12.0, False), (12.0, 4.0, True), (4.0, 4.0, True)], ids=str
+)
+def test_of_two_long_vehicles_that_merge_side_by_side_the_one_that_needs_less_braking_falls_in(own_m, other_m, waits):
+    """Both would have to brake with more than 3 m/s2 to fall in: the longer the other one is, the harder."""
+    own, other = (car(12.0)._replace(length_m=length_m) for length_m in (own_m, other_m))
+    zone = Zone(15.0, INF, 15.0, 60.0, 1.0, INF)
+    assert (wait_for(zone, own, other, CONFIG) is not None) is waits
+    assert wait_for(Zone(15.0, INF, 0.0, 60.0, 1.0, INF), own, other, CONFIG) is not None, "it is there"
+
+
 def test_who_merges_brakes_to_the_other_ones_speed_and_need_not_be_able_to_stop():
     """From 10 to 8 m/s within 1 m: 2 m/s². A stop before the zone would take 3.6 m/s²."""
     own, other = car(10.0, Rank.GIVES_WAY), car(8.0)

@@ -102,7 +102,8 @@ def _strictest_leader(
 ) -> tuple[int, float, float, float]:
     """Row of the vehicle that restricts most of those that lead on a path, safe speed, braking and gap; −1 without one.
 
-    ``ways`` are the vehicles' ways, row by row, where their courses are known. ``sides`` and ``keeps`` are fields of ``NavigatorConfig``.
+    ``ways`` are the vehicles' ways, row by row, where their courses are known. ``sides`` and ``keeps`` are fields of
+    ``NavigatorConfig``.
     """
     points, heading_rad, curvature_1pm, spacing_m = line
     row, progress_m, target_mps, reach_m = own

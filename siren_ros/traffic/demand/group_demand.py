@@ -237,6 +237,8 @@ _LEAST_QUEUE: Final = 3
 """Vehicles that are a queue, however many there should be."""
 _THROUGH_M: Final = 60.0
 """Road behind the site on which vehicles next to the EMV follow its route: 7 s at 30 km/h."""
+_WITH_EMV: Final = frozenset({Placement.SAME_DIRECTION, Placement.EMV_LANE})
+"""Vehicles there drive over the site as the EMV does."""
 _WHERE: Final = {
     Placement.EMV_LANE: "in the EMV's lane",
     Placement.ADJACENT_LANE: "in the lane next to it",
@@ -368,10 +370,10 @@ class _GroupPlanner:
         """Classes to draw from.
 
         A stream next to the EMV has no vehicles that must turn off right after the site: on the way to their lane they
-        would change in front of the EMV and delay it.
+        would change in front of the EMV and delay it. Nor has the EMV's lane: they would not lead it over the junction.
         """
         shares = self.template.demand.classes
-        if group.placement is not Placement.SAME_DIRECTION:
+        if group.placement not in _WITH_EMV:
             return shares
         return [share for share in shares if self.factory.can_follow(share[0], self.through)] or shares
 

@@ -145,7 +145,8 @@ _MATCH_ON_ROAD: Final = 2
 stays."""
 _MATCH_ON_SHOULDER: Final = 6
 """The same on a lane that is closed to the vehicle (4). libsumo 1.28 was seen to crash without the 4 when a civilian
-was mirrored onto a shoulder, and with the 4 when SUMO matched a vehicle to a pedestrian crossing."""
+was mirrored onto a shoulder, and with the 4 when SUMO matched a vehicle to a pedestrian crossing. EMVs, to which
+shoulders are open, are mirrored without it."""
 _KEEP_ROUTE_OFF_ROAD: Final = 3
 """``keepRoute`` of moveToXY: exact place, also off the road; the route always stays."""
 _LEAST_REALIGNED_M: Final = 1.0
@@ -241,7 +242,7 @@ class Mirror:
                 # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
                 self._set_speed(vehicle.name, place.match.lane, float(speeds_mps[row]))
                 self._restore_route(vehicle)
-                self._move(vehicle.name, place)
+                self._move(vehicle, place)
                 self.places[vehicle.name] = place
         self.realigned = {}
         for row in lagging.tolist():
@@ -364,13 +365,15 @@ class Mirror:
             with suppress(libsumo.TraCIException):  # SUMO counts another edge as the vehicle's, which is not planned
                 libsumo.vehicle.setRouteID(vehicle.name, planned)
 
-    def _move(self, name: str, place: Place) -> None:
+    def _move(self, vehicle: PlannedVehicle, place: Place) -> None:
+        name = vehicle.name
         if place.match.lane == NO_LANE:
             libsumo.vehicle.moveToXY(name, "", -1, place.x_m, place.y_m, place.angle_deg, _KEEP_ROUTE_OFF_ROAD)
             return
         lane = self._network.lanes[place.match.lane]
         edge_id = self._network.edges[lane.edge].edge_id
-        keep = _MATCH_ON_ROAD if lane.civilian_allowed else _MATCH_ON_SHOULDER
+        is_open = lane.civilian_allowed or (vehicle.is_emv and lane.emergency_allowed)
+        keep = _MATCH_ON_ROAD if is_open else _MATCH_ON_SHOULDER
         libsumo.vehicle.moveToXY(name, edge_id, lane.position, place.x_m, place.y_m, place.angle_deg, keep)
 
     def _set_speed(self, name: str, lane: int, speed_mps: float) -> None:

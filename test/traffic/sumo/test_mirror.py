@@ -143,7 +143,7 @@ def test_lanes_count_up_to_1_2_rad_off_the_heading(turned: float) -> None:
 OWN_SPEED_FACTOR = 0.87
 CLEARED = TrafficConfig().cleared_speed_share * OWN_SPEED_FACTOR
 NAME, ACTOR = "car", 5
-VEHICLE: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
+VEHICLE: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"), is_emv=False)
 STANDING = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "owner": Owner.SUMO}
 
 
@@ -229,6 +229,23 @@ def test_a_vehicle_gets_its_own_settings_back_after_a_yield(sumo: FakeVehicles, 
     assert sumo.settings == settings_in_mirror()
     drive(Owner.SUMO, Mode.NOMINAL)
     assert sumo.settings == settings_in_mirror()
+
+
+@pytest.mark.parametrize(
+    ("lane", "is_emv", "keep"), [(RIGHT, False, 2), (RIGHT, True, 2), (SHOULDER, True, 2), (SHOULDER, False, 6)]
+)
+def test_only_a_civilian_on_a_shoulder_is_put_where_it_may_not_be(
+    sumo: FakeVehicles, lane: int, is_emv: bool, keep: int
+) -> None:
+    """SUMO looks for the lanes that are closed to a vehicle, pedestrian crossings among them, where it is told so."""
+    vehicle: Any = SimpleNamespace(**{**vars(VEHICLE), "is_emv": is_emv})
+    x, y = CROSSING.lanes[lane].centre.at(20.0)
+    row = {"actor_id": ACTOR, "x_m": float(x), "y_m": float(y), "yaw_rad": 0.5 * np.pi, "vy_mps": 10.0}
+    states = states_of(0, [{**row, "owner": Owner.ROS, "mode": Mode.ROUTE_FOLLOW, "residual_m": 0.0}])
+    mirror_on(CROSSING).apply(states, {ACTOR: vehicle}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
+    (place,) = sumo.moved_to
+    assert place[:2] == ("s_in", CROSSING.lanes[lane].position)
+    assert place[-1] == keep
 
 
 def test_a_deferred_yield_hurries_and_a_cleared_lane_is_kept_at_less_speed(sumo: FakeVehicles) -> None:

@@ -30,7 +30,7 @@ CONSTANTS: Final = {
     "docs/detection.md": {"0.11"},
     "docs/environment.md": {"17.7"},
     "docs/library.md": {"1.26"},
-    "docs/paper.md": {"0.68"},
+    "docs/paper.md": {"0.68", "1.29"},
     "docs/predictors.md": {"3.10"},
     "docs/sensors.md": {"0.67"},
 }
@@ -82,7 +82,7 @@ def test_documents_hold_no_measured_figure_as_text(results: dict[str, PartResult
 def test_every_part_of_the_results_is_a_part_of_the_reproduction(results: dict[str, PartResult]) -> None:
     parts = read_parts(REPOSITORY / "params" / "reproduction.yaml", REPOSITORY)
     assert set(results) <= set(parts)
-    assert set(parts) - set(results) == {"episodes", "pictures"}
+    assert set(parts) - set(results) <= {"episodes", "pictures"}, "these make no figures"
 
 
 def parameters_of_cosim() -> dict[str, str]:

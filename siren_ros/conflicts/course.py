@@ -252,14 +252,14 @@ def _course(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Course:
         if inside is not None:
             movements.append((0, inside))
             lanes += [*inside.via[inside.via.index(lane) + 1 :], inside.to_lane]
-    ahead = sum(network.lanes[item].length_m for item in lanes[1:])
+    ahead = network.length_m(lanes[1:])
     while ahead < _AHEAD_M:
         connection = _movement_from(network, lanes[-1], route)
         if connection is None:
             break
         movements.append((len(lanes), connection))
         lanes += [*connection.via, connection.to_lane]
-        ahead += sum(network.lanes[item].length_m for item in (*connection.via, connection.to_lane))
+        ahead += network.length_m((*connection.via, connection.to_lane))
     return _joined(network, lanes, movements)
 
 

@@ -91,7 +91,7 @@ def quiet_reach_m(network: RoadNetwork, lane: int, enough_m: float) -> float:
     before = quiet_connection_to(network, lane)
     while before is not None and before.from_lane not in seen and reach_m < enough_m:
         seen.add(before.from_lane)
-        reach_m += sum(network.lanes[index].length_m for index in (before.from_lane, *before.via))
+        reach_m += network.length_m((before.from_lane, *before.via))
         before = quiet_connection_to(network, before.from_lane)
     return reach_m
 

@@ -159,6 +159,10 @@ class RoadNetwork:
         """Movements across each junction, with their positions in ``connections``."""
         return _grouped((connection.junction, (index, connection)) for index, connection in enumerate(self.connections))
 
+    def length_m(self, lanes: Iterable[int]) -> float:
+        """Length of some lanes together, as of a way across a junction."""
+        return sum(self.lanes[lane].length_m for lane in lanes)
+
     def is_civilian(self, connection: Connection) -> bool:
         """Whether civilians may make a movement."""
         return self.lanes[connection.from_lane].civilian_allowed and self.lanes[connection.to_lane].civilian_allowed

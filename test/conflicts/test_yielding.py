@@ -105,6 +105,16 @@ def test_times_of_uniform_accelerated_and_slowing_motion():
     assert time_to_go_s(INF, 10.0, 10.0, 1.0) == INF
 
 
+@pytest.mark.parametrize(
+    ("way_m", "time_s"),
+    [(0.0, 0.0), (11.0, 1.0), (24.0, 2.0), (24.0 + 14.0, 3.0)],
+    ids=["there", "gains", "is as fast as it wishes", "goes on"],
+)
+def test_the_least_time_is_that_of_an_acceleration_up_to_the_most_speed(way_m, time_s):
+    assert time_to_go_s(way_m, 10.0, 14.0, 2.0) == pytest.approx(time_s)
+    assert time_to_go_s(way_m, 10.0, 10.0, 2.0) == pytest.approx(way_m / 10.0)
+
+
 def test_stopping_follows_from_the_work_of_the_brakes():
     assert stop_brake_mps2(10.0, 25.0) == pytest.approx(2.0)
 

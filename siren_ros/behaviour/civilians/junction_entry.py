@@ -55,10 +55,10 @@ def _signals(ego: Ego) -> Mapping[str, str]:
 
 def junction_m(ego: Ego, movement: Connection) -> float:
     """Length of a movement's way across its junction."""
-    return sum(ego.network.lanes[item].length_m for item in movement.via)
+    return ego.network.length_m(movement.via)
 
 
 def way_inside_m(ego: Ego, movement: Connection, lane: int) -> float:
     """From the stop line to the start of a lane of a movement; 0 where the lane is none of its own."""
     before = movement.via[: movement.via.index(lane)] if lane in movement.via else ()
-    return sum(ego.network.lanes[item].length_m for item in before)
+    return ego.network.length_m(before)

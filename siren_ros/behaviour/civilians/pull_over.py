@@ -218,7 +218,7 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
     network, route, config, (lane, position) = ego.network, ego.route, ego.config.pull_over, place
     ahead, room = way_m + ego.half_length_m, makes_room(unit, ego)
     lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True, through_junctions=False)
-    to_line = sum(network.lanes[item].length_m for item in lanes) - position
+    to_line = network.length_m(lanes) - position
     short = to_line - ego.half_length_m < sideways_m and ego.speed_mps < config.leader_stands_mps
     over = config.room_over_line_m if room else config.head_over_line_m if short else 0.0
     if on_junction(ego, lane):

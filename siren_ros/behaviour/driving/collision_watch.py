@@ -56,9 +56,8 @@ class CollisionWatch:
         angles = config.crossing_cosine, config.drift_sine, config.turning_sine
         sides = config.side_margin_m, config.drift_time_s, config.moving_mps, *angles
         keeps = config.standstill_gap_m, config.comfort_brake_mps2, config.headway_s
-        own, ways = (self.row, self.progress_m, self.target_mps, self.reach_m), _UNKNOWN
-        if seen.outlook is not None:
-            ways = seen.outlook.ways
+        own = self.row, self.progress_m, self.target_mps, self.reach_m
+        ways = _UNKNOWN if seen.outlook is None else seen.outlook.ways
         worst, speed, brake, gap_m = _strictest_leader(seen.bodies, self.path.curve.line, own, ways, sides, keeps)
         return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), gap_m)
 
@@ -207,10 +206,8 @@ def _strictest_wait(
         zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
         top = max(limit_at_mps(ways, rights, other, other_in), rolling_mps)
         bends, no_bends = Bends(times_s, spacing_m, progress_m), Bends(np.empty(0), 1.0, 0.0)
-        driver = Approach(
-            own_mps, target_mps, accel_mps2, rank_at(ways, rights, row, own_in), bends, 2.0 * half_length_m
-        )
-        rank = rank_at(ways, rights, other, other_in)
+        own_rank, rank = rank_at(ways, rights, row, own_in), rank_at(ways, rights, other, other_in)
+        driver = Approach(own_mps, target_mps, accel_mps2, own_rank, bends, 2.0 * half_length_m)
         approach = Approach(seen[5, other], top, config.early_mps2, rank, no_bends, 2.0 * seen[6, other])
         speed, brake, free = least_wait(zone, driver, approach, seen[8, other], config)
         if speed == np.inf:

@@ -152,7 +152,7 @@ def lanes_along(
             return tuple(lanes), LaneEnd.ASTRAY
         rest = (*inside.via[inside.via.index(lane) + 1 :], inside.to_lane)
         lanes.extend(rest)
-        left += sum(network.lanes[item].length_m for item in rest)
+        left += network.length_m(rest)
     while left < ahead_m:
         present = network.lanes[lanes[-1]].edge
         step = edges.index(present) + 1 if present in edges else 0  # the front is on the next edge already
@@ -166,7 +166,7 @@ def lanes_along(
             return tuple(lanes), LaneEnd.JUNCTION
         rest = (*connection.via, connection.to_lane)
         lanes.extend(rest)
-        left += sum(network.lanes[item].length_m for item in rest)
+        left += network.length_m(rest)
     return tuple(lanes), LaneEnd.HORIZON
 
 
@@ -320,7 +320,7 @@ def _edges_to_turn(
             return ()
         if movement.direction in _RIGHT_TURNS:
             return tuple(route[:ahead].tolist())
-        way_m += sum(network.lanes[item].length_m for item in (*movement.via, movement.to_lane))
+        way_m += network.length_m((*movement.via, movement.to_lane))
         rest = route[ahead:]
         movement = _onward(network, movement.to_lane, rest) if len(rest) > 1 else None
     return ()

@@ -74,7 +74,7 @@ def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
         if reach_m >= -wanted_m:
             break
         lane, via = _lane_before(network, lane, edge)
-        reach_m += lane.length_m + _length_m(network, via)
+        reach_m += lane.length_m + network.length_m(via)
     return max(wanted_m, _ENTRY_M - reach_m)
 
 
@@ -113,7 +113,7 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
         lane, via = _lane_before(network, lane, site.route[position])
         to_site = (lane.index, *via, *to_site)
         run_up_m = min(_RUN_UP_M, max(lane.length_m - _ENTRY_M, 0.0))
-        start_m = min(start_m + _length_m(network, via), -run_up_m) + lane.length_m
+        start_m = min(start_m + network.length_m(via), -run_up_m) + lane.length_m
     while start_m > lane.length_m and position + 1 < len(site.route):
         chain = chain_along(network, lane, site.route[position : position + 2])
         position, start_m = position + 1, start_m - (chain.start_m[-1] if len(chain.lanes) > 1 else lane.length_m)
@@ -138,11 +138,7 @@ def _lane_before(network: RoadNetwork, lane: Lane, edge: int) -> tuple[Lane, tup
 
 def way_to_stop_line_m(network: RoadNetwork, start: EmvStart) -> float:
     """Length of the way from the start to the end of the site's edge."""
-    return _length_m(network, start.lanes_to_site) - start.front_m
-
-
-def _length_m(network: RoadNetwork, lanes: Sequence[int]) -> float:
-    return sum(network.lanes[lane].length_m for lane in lanes)
+    return network.length_m(start.lanes_to_site) - start.front_m
 
 
 def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:

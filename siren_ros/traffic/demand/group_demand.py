@@ -114,8 +114,7 @@ def group_rows(
 
 def _inside_m(network: RoadNetwork, site: Site) -> float:
     """How far beyond the stop line the rear of a vehicle may be that is still inside the junction."""
-    paths_m = [sum(network.lanes[lane].length_m for lane in network.connections[way].via) for way in site.connections]
-    return max(paths_m) - _INSIDE_M
+    return max(network.length_m(network.connections[way].via) for way in site.connections) - _INSIDE_M
 
 
 def _together_m(
@@ -163,7 +162,7 @@ def _approach_row(network: RoadNetwork, site: Site, start: EmvStart, lane: Lane)
             break
         first -= 1
         lanes = (before.from_lane, *before.via, *lanes)
-    stop_line_m = sum(network.lanes[index].length_m for index in lanes)
+    stop_line_m = network.length_m(lanes)
     onward = chain_along(network, lane, start.route[position:])
     whole = chain_of(network, (*lanes, *onward.lanes[1:]))
     least_m = stop_line_m - way_to_stop_line_m(network, start) if start.lane in lanes else 0.0
@@ -190,7 +189,7 @@ def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -
             if before is None or before.from_lane in lanes:
                 break
             lanes = (before.from_lane, *before.via, *lanes)
-            length_m += sum(network.lanes[index].length_m for index in (before.from_lane, *before.via))
+            length_m += network.length_m((before.from_lane, *before.via))
         edges = [network.lanes[index].edge for index in lanes if network.lanes[index].kind is not LaneKind.INTERNAL]
         beyond = network.lanes[network.connections[movement].to_lane].edge
         way = (*dict.fromkeys(edges), beyond)

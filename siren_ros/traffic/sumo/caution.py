@@ -190,10 +190,10 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
             own_mps, other_mps, straight = speed_mps[row], speed_mps[other], Bends(np.empty(0), 1.0, 0.0)
             top = max(limit_at_mps(ways, rights, row, own_in), own_mps)
             gains = accel[row] if accel[row] < slowing_mps2 else accelerating_mps2
-            lengths_m = 2.0 * half_length_m[row], 2.0 * half_length_m[other]
-            own = Approach(own_mps, top, gains, rank_at(ways, rights, row, own_in), straight, lengths_m[0])
-            rank = rank_at(ways, rights, other, other_in)
-            comes = Approach(other_mps, other_mps, min(accel[other], 0.0), rank, straight, lengths_m[1])
+            own_rank, rank = rank_at(ways, rights, row, own_in), rank_at(ways, rights, other, other_in)
+            own = Approach(own_mps, top, gains, own_rank, straight, 2.0 * half_length_m[row])
+            gains = min(accel[other], 0.0)
+            comes = Approach(other_mps, other_mps, gains, rank, straight, 2.0 * half_length_m[other])
             wait = least_wait(zone, own, comes, other_mps**square, margins[1] if inside[other] else margins[0])
             if wait[0] == np.inf:
                 continue

@@ -119,7 +119,7 @@ class _Profiles:
                 break
             current = self._network.lanes[step.to_lane]
             lanes += [*step.via, current.index]
-            ahead_m += sum(self._network.lanes[index].length_m for index in (*step.via, current.index))
+            ahead_m += self._network.length_m((*step.via, current.index))
         return lanes
 
 

@@ -7,6 +7,7 @@ from typing import Final
 
 import libsumo
 
+from siren_ros.conflicts.yielding import time_to_go_s
 from siren_ros.errors import MapError
 from siren_ros.numerics.units import STEP_S
 from siren_ros.traffic.demand.plan import SignalTiming
@@ -175,16 +176,7 @@ class GapOut:
         if leads and leads[0] and leads[1] < gaps_m[0]:
             return gaps_m[0] / mps
         most_mps = float(libsumo.vehicle.getAllowedSpeed(name))
-        return least_time_s(gaps_m[0], mps, max(most_mps, mps), _EMV_MPS2)
-
-
-def least_time_s(way_m: float, from_mps: float, most_mps: float, accel_mps2: float) -> float:
-    """Time for a way from a speed on, with an acceleration up to the most speed (at least ``from_mps``, above 0)."""
-    gaining_s = (most_mps - from_mps) / accel_mps2
-    gaining_m = 0.5 * (from_mps + most_mps) * gaining_s
-    if way_m < gaining_m:
-        return (math.sqrt(from_mps**2 + 2.0 * accel_mps2 * way_m) - from_mps) / accel_mps2
-    return gaining_s + (way_m - gaining_m) / most_mps
+        return float(time_to_go_s(gaps_m[0], mps, most_mps, _EMV_MPS2))
 
 
 def _arrivals_s(name: str, signal: str) -> list[float]:

@@ -16,7 +16,6 @@ from siren_ros.traffic.sumo.signal_timing import (
     SignalPhase,
     crossing_begin_s,
     detector_s,
-    least_time_s,
     place_in_cycle,
     red_interval_s,
     yellow_after,
@@ -237,16 +236,6 @@ def test_an_emv_that_can_accelerate_is_there_sooner(
     signal.arrivals_s, signal.emv_most_mps, signal.leader = {"a": 1.0, "b": 9.0, "e": 4.0}, 20.0, leader
     gap_out().apply({*BOTH, "e"})
     assert signal.asked == asked
-
-
-@pytest.mark.parametrize(
-    ("way_m", "time_s"),
-    [(0.0, 0.0), (11.0, 1.0), (24.0, 2.0), (24.0 + 14.0, 3.0)],
-    ids=["there", "gains", "is as fast as it wishes", "goes on"],
-)
-def test_the_least_time_is_that_of_an_acceleration_up_to_the_most_speed(way_m: float, time_s: float) -> None:
-    assert least_time_s(way_m, 10.0, 14.0, 2.0) == pytest.approx(time_s)
-    assert least_time_s(way_m, 10.0, 10.0, 2.0) == pytest.approx(way_m / 10.0)
 
 
 @pytest.mark.parametrize(("left_s", "holds"), [(STEP_S + 0.01, False), (0.5 * STEP_S, True), (0.0, True)])

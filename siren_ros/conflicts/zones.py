@@ -140,40 +140,43 @@ def _poses(ways: Any, used: Any) -> tuple[Any, Any]:
         begins[n + 1] += begins[n]
     poses = np.empty((begins[-1], 4))
     for n in range(ways.first.shape[0]):
+        off = _off_course(ways, n) if begins[n] < begins[n + 1] else (0.0, 0.0)
         for k in range(begins[n + 1] - begins[n]):
-            pose = _pose_after(ways.points, ways.first[n], ways.last[n], ways.bodies[n], k * STEP_M)
+            pose = _pose_after(ways, n, off, k * STEP_M)
             at = begins[n] + k
             poses[at, 0], poses[at, 1], poses[at, 2], poses[at, 3] = pose
     return poses, begins
 
 
 @compiled
-def _pose_after(points: Any, first: int, last: int, body: Any, way_m: float) -> tuple[float, float, float, float]:
-    """Pose after a way: what the present one differs from the course, aside and in yaw, fades."""
-    x, y, cos, sin = _pose(points, first, last, body[3], body[4] + way_m, body[5], body[9])
+def _off_course(ways: Any, n: int) -> tuple[float, float]:
+    """What the present pose of a body differs from its course: to the left, and in yaw."""
+    body = ways.bodies[n]
+    x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[3], body[4], body[5], body[9])
+    return cos * (body[1] - y) - sin * (body[0] - x), wrapped_rad(body[2] - np.arctan2(sin, cos))
+
+
+@compiled
+def _pose_after(ways: Any, n: int, off: tuple[float, float], way_m: float) -> tuple[float, float, float, float]:
+    """Pose of a body after a way: what the present one differs from the course (``_off_course``) fades."""
+    body = ways.bodies[n]
+    x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[3], body[4] + way_m, body[5], body[9])
     if way_m > _STRAIGHT_AFTER_M:
         return x, y, cos, sin
-    here_x, here_y, here_cos, here_sin = _pose(points, first, last, body[3], body[4], body[5], body[9])
     left = 1.0 - way_m / _STRAIGHT_AFTER_M
-    aside = left * (here_cos * (body[1] - here_y) - here_sin * (body[0] - here_x))
-    turned = left * wrapped_rad(body[2] - np.arctan2(here_sin, here_cos))
+    aside, turned = left * off[0], left * off[1]
     c, s = np.cos(turned), np.sin(turned)
     return x - aside * sin, y + aside * cos, cos * c - sin * s, sin * c + cos * s
 
 
 @compiled
-def _touches(
-    own: tuple[float, float, float, float], theirs: Any, sizes: tuple[float, float, float, float]
-) -> tuple[float, float, float]:
-    """First and last place on another way at which a body in a pose is touched, and the cosine at the last one.
+def _next_touch(own: tuple[float, float, float, float], theirs: Any, sizes: Any, j: int) -> int:
+    """The first place on another way, from place ``j`` on, where it touches a body in a pose; its length without one.
 
-    Places that are too far away to matter are stepped over: the distance changes by no more than the way does. The
-    first place is infinite where there is none.
+    Places that are too far away to matter are stepped over: the distance changes by no more than the way does.
     """
     half_length, half_width, length, width = sizes
     around = np.sqrt(half_length**2 + half_width**2) + np.sqrt(length**2 + width**2)
-    begin, end, along = np.inf, 0.0, 0.0
-    j = 0
     while j < theirs.shape[0]:
         dx, dy = theirs[j, 0] - own[0], theirs[j, 1] - own[1]
         gap = np.sqrt(dx * dx + dy * dy) - around
@@ -181,20 +184,18 @@ def _touches(
             pose = theirs[j, 0], theirs[j, 1], theirs[j, 2], theirs[j, 3]
             gap = box_gap_m(own, pose, half_length, half_width, length, width)
             if gap <= 0.0:
-                begin, end = min(begin, j * STEP_M), j * STEP_M
-                along = own[2] * pose[2] + own[3] * pose[3]
+                return j
         j += max(int(gap / STEP_M), 1)
-    return begin, end, along
+    return theirs.shape[0]
 
 
 @compiled
 def _entry_m(ways: Any, n: int, k: int, theirs: Any, sizes: tuple[float, float, float, float]) -> float:
     """Way of a body until just before it would touch, between the places k − 1 and k, by bisection."""
-    low, high = max(k - 1, 0) * STEP_M, k * STEP_M
+    low, high, off = max(k - 1, 0) * STEP_M, k * STEP_M, _off_course(ways, n)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        pose = _pose_after(ways.points, ways.first[n], ways.last[n], ways.bodies[n], middle)
-        if _touches(pose, theirs, sizes)[0] == np.inf:
+        if _next_touch(_pose_after(ways, n, off, middle), theirs, sizes, 0) == theirs.shape[0]:
             low = middle
         else:
             high = middle
@@ -251,28 +252,29 @@ def _near_each_other(own: Any, others: Any, pairs: Any) -> Any:
 
 
 @compiled
-def zones_of(own: Any, others: Any, pairs: Any) -> Any:
+def zones_of(own: Any, others: Any, pairs: Any, leads: bool) -> Any:
     """The first zone in which the ways of each pair meet: ``(P, 8)``, whether they meet, then the fields of ``Zone``.
 
-    A pair is an own and another body, shape ``(P, 2)``. A margin beside a body is part of its half width.
+    A pair is an own and another body, shape ``(P, 2)``. A margin beside a body is part of its half width. Without
+    ``leads``, of a body that leads on the same way only ``blocked_m`` and ``blocked_along`` are right.
     """
     out = np.empty((pairs.shape[0], _COLUMNS))
     near = _near_each_other(own, others, pairs)
-    _search_poses(own, _poses(own, near[:, 0]), others, _poses(others, near[:, 1]), pairs, out)
+    _search_poses(own, _poses(own, near[:, 0]), others, _poses(others, near[:, 1]), pairs, leads, out)
     return out
 
 
 @compiled
-def search_among(ways: Any, pairs: Any) -> Any:
-    """The search where both bodies of a pair are of the same ways: ``(P, 8)``, whether they meet and their ``Zone``."""
+def search_among(ways: Any, pairs: Any, leads: bool) -> Any:
+    """``zones_of`` where both bodies of a pair are of the same ways."""
     out = np.empty((pairs.shape[0], _COLUMNS))
     poses = _poses(ways, _near_each_other(ways, ways, pairs).ravel())
-    _search_poses(ways, poses, ways, poses, pairs, out)
+    _search_poses(ways, poses, ways, poses, pairs, leads, out)
     return out
 
 
 @compiled
-def _search_poses(own: Any, own_poses: Any, others: Any, their_poses: Any, pairs: Any, out: Any) -> None:
+def _search_poses(own: Any, own_poses: Any, others: Any, their_poses: Any, pairs: Any, leads: bool, out: Any) -> None:
     """``zones_of`` with poses of both along their courses. Ways that stay apart as a whole are not looked at."""
     ways, own_begins = own_poses
     their_ways, their_begins = their_poses
@@ -290,19 +292,26 @@ def _search_poses(own: Any, own_poses: Any, others: Any, their_poses: Any, pairs
         apart = own_box[i, 1] < low_x or own_box[i, 0] > high_x or own_box[i, 3] < low_y or own_box[i, 2] > high_y
         for k in range(0 if apart else ahead.shape[0]):
             pose = ahead[k, 0], ahead[k, 1], ahead[k, 2], ahead[k, 3]
-            begin, end, along = np.inf, 0.0, 0.0
+            at = theirs.shape[0]
             if low_x <= pose[0] <= high_x and low_y <= pose[1] <= high_y:
-                begin, end, along = _touches(pose, theirs, sizes)
-            if begin == np.inf:
+                at = _next_touch(pose, theirs, sizes, 0)
+            if at == theirs.shape[0]:
                 if met > 0.0:
                     s_out = k * STEP_M
                     break
                 continue
-            if met == 0.0:
-                met, s_in = 1.0, _entry_m(own, i, k, theirs, sizes)
-            if begin == 0.0 and blocked == np.inf:
+            if at == 0 and blocked == np.inf:
                 blocked = _entry_m(own, i, k, theirs[:1], sizes)
                 blocked_along = pose[2] * theirs[0, 2] + pose[3] * theirs[0, 3]
-            q_in, q_out, course = min(q_in, begin), max(q_out, end), along
+                if not leads and blocked_along > SAME_DIRECTION:
+                    met = 1.0
+                    break
+            if met == 0.0:
+                met, s_in = 1.0, _entry_m(own, i, k, theirs, sizes)
+            q_in = min(q_in, at * STEP_M)
+            while at < theirs.shape[0]:
+                end, at = at, _next_touch(pose, theirs, sizes, at + 1)
+            q_out = max(q_out, end * STEP_M)
+            course = pose[2] * theirs[end, 2] + pose[3] * theirs[end, 3]
         out[p, 0], out[p, 1], out[p, 2], out[p, 3] = met, s_in, s_out, q_in
         out[p, 4], out[p, 5], out[p, 6], out[p, 7] = q_out + STEP_M, course, blocked, blocked_along

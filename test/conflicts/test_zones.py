@@ -5,16 +5,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.conflicts.zones import STEP_M, Way, Ways, Zone, _bounds, _pose, _pose_after, _poses, _touches, zones_of
+from siren_ros.conflicts.zones import (
+    STEP_M,
+    Way,
+    Ways,
+    Zone,
+    _bounds,
+    _next_touch,
+    _off_course,
+    _pose,
+    _pose_after,
+    _poses,
+    zones_of,
+)
 from siren_ros.numerics.geometry import rotate
 
 TURNS = [0.0, np.radians(30.0), np.radians(45.0), np.radians(60.0)]
 LENGTH, WIDTH = 2.25, 0.9
 
 
-def meeting_zones(own, others, pairs):
+def meeting_zones(own, others, pairs, leads=True):
     """The zone of each pair, None where they do not meet."""
-    return [Zone(*row[1:]) if row[0] > 0.0 else None for row in zones_of(own, others, pairs).tolist()]
+    return [Zone(*row[1:]) if row[0] > 0.0 else None for row in zones_of(own, others, pairs, leads).tolist()]
 
 
 def way(start, heading, reach=60.0, turn=0.0, left=0.0, length=120.0, look=0.0):
@@ -283,9 +295,9 @@ def test_what_a_body_differs_from_its_course_fades_within_6_m(turn, aside, look)
     points = rotate(np.stack((np.arange(60.0), np.zeros(60)), axis=-1), turn)
     place = rotate(np.array([10.0, aside]), turn)
     yaw = np.arctan2(np.sin(turn + look), np.cos(turn + look))
-    body = np.array([*place, yaw, 1.0, 10.0, 0.0, 30.0, LENGTH, WIDTH, 2.5])
+    ways = Ways.of([Way(points, 1.0, 10.0, 0.0, (*place, yaw), 30.0, LENGTH, WIDTH)])
     for way_m, left in ((0.0, 1.0), (1.5, 0.75), (3.0, 0.5), (5.99, 0.01 / 6.0), (6.01, 0.0), (20.0, 0.0)):
-        x, y, cos, sin = _pose_after(points, 0, len(points), body, way_m)
+        x, y, cos, sin = _pose_after(ways, 0, _off_course(ways, 0), way_m)
         assert rotate(np.array([x, y]), -turn) == pytest.approx((10.0 + way_m, left * aside), abs=1e-5)
         turned = np.arctan2(sin, cos) - turn
         assert np.arctan2(np.sin(turned), np.cos(turned)) == pytest.approx(left * look, abs=1e-5)
@@ -295,9 +307,24 @@ def test_what_a_body_differs_from_its_course_fades_within_6_m(turn, aside, look)
 def test_wide_bodies_touch_with_their_corners(ahead, aside, touches):
     """Two of 4 m by 2.6 m; nearer than their outer circles they are looked at as boxes."""
     theirs = np.array([[ahead, aside, 1.0, 0.0], [ahead + 30.0, aside, 1.0, 0.0]])
-    begin, end, along = _touches((0.0, 0.0, 1.0, 0.0), theirs, (2.0, 1.3, 2.0, 1.3))
-    assert (begin == 0.0) is touches
-    assert (end, along) == (0.0, 1.0 if touches else 0.0)
+    own, sizes = (0.0, 0.0, 1.0, 0.0), (2.0, 1.3, 2.0, 1.3)
+    assert _next_touch(own, theirs, sizes, 0) == (0 if touches else 2)
+    assert _next_touch(own, theirs, sizes, 1) == 2
+
+
+@pytest.mark.parametrize("aside", [0.0, 1.5, 40.0])
+def test_of_one_who_leads_only_the_place_counts_where_no_more_is_asked(aside):
+    """One ahead on the same way, one that crosses it, one far away: ``leads`` changes only what the first one's has."""
+    own = Ways.of([way((0.0, 0.0), 0.0)])
+    others = Ways.of([way((20.0, aside), 0.0), way((30.0, -30.0), np.pi / 2.0), way((200.0, 200.0), 0.0)])
+    pairs = np.array([[0, 0], [0, 1], [0, 2]])
+    full, short = meeting_zones(own, others, pairs), meeting_zones(own, others, pairs, leads=False)
+    assert full[1:] == short[1:]
+    assert (full[0] is None) == (short[0] is None) == (aside > 2.0)
+    if full[0] is not None:
+        assert full[0].leads
+        assert short[0][5:] == full[0][5:]
+        assert short[0].other_out_m != full[0].other_out_m
 
 
 @pytest.mark.parametrize("turn", TURNS)

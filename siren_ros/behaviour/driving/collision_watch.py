@@ -196,7 +196,7 @@ def _strictest_wait(
     half_width_m = seen[7, row] + limits[5]
     body = np.array([[x_m, y_m, yaw_rad, spacing_m, progress_m, 0.0, reach_m, half_length_m, half_width_m, 0.0]])
     path = Ways(points, np.zeros(1, np.intp), np.full(1, len(points)), body)
-    zones = zones_of(path, Ways(ways.points, ways.first, ways.last, bodies), pairs)
+    zones = zones_of(path, Ways(ways.points, ways.first, ways.last, bodies), pairs, leaders)
     for p in range(len(pairs)):
         other = pairs[p, 1]
         met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]

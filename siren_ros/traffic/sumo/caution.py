@@ -171,7 +171,7 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
         if not inside[row]:
             bodies[row, 8] += margin_m
     pairs = _near_pairs((x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)), speed_mps, half_length_m, inside, counts, near)
-    zones = search_among(Ways(ways.points, ways.first, ways.last, bodies), pairs)
+    zones = search_among(Ways(ways.points, ways.first, ways.last, bodies), pairs, False)
     found, waits, count = np.empty((n, 2), np.intp), np.empty((n, 3)), 0
     for p in range(len(pairs)):
         row, other = pairs[p, 0], pairs[p, 1]

@@ -6,12 +6,12 @@ One civilian becomes the AV under test where an episode has one.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import takewhile
+from itertools import compress, takewhile
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from shapely import LineString, Point
+from shapely import LineString, contains_xy
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.numerics.arrays import Floats, chances, drawn, random_stream
@@ -233,7 +233,8 @@ class _Planner:
     def _lanes_within(self, distance_m: float) -> list[Lane]:
         """Those of them whose middle is within a distance of the EMV's way."""
         around = LineString(self._way_points()).buffer(distance_m)
-        return [lane for lane in self._leading_on if around.contains(Point(*lane.centre.at(0.5 * lane.length_m)))]
+        middles = np.array([lane.centre.at(0.5 * lane.length_m) for lane in self._leading_on])
+        return [*compress(self._leading_on, contains_xy(around, *middles.T))]
 
     @cached_property
     def _near_lanes(self) -> list[Lane]:

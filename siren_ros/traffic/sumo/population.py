@@ -1,5 +1,6 @@
 """Puts planned vehicles into SUMO, each with its own vehicle type, and keeps the number of civilians."""
 
+import re
 from collections import deque
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
@@ -40,7 +41,7 @@ default of 0 the front of a waiting vehicle reaches into the way of others, whos
 _MIRRORS_M: Final = 0.4
 """Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
 other by widths alone, also where one stands at an angle to its lane."""
-_ESCAPED: Final = '&<>"\n\r\t'
+_ESCAPED: Final = re.compile(r'[&<>"\n\r\t]')
 _MODEL_PARAMETERS: Final[Mapping[str, Mapping[str, float]]] = {
     "EIDM": {"sigmaleader": 0.0, "sigmagap": 0.0, "sigmaerror": 0.0, "taccmax": 0.6, "jerkmax": 4.0},
     "Krauss": {"sigma": 0.0},
@@ -76,7 +77,7 @@ def vehicle_types_xml(vehicles: Iterable[PlannedVehicle], level: EmergencyLevel,
 
 def _quoted(text: str) -> str:
     """As ``quoteattr``, which is slow where nothing has to be escaped."""
-    return quoteattr(text) if any(character in text for character in _ESCAPED) else f'"{text}"'
+    return quoteattr(text) if _ESCAPED.search(text) else f'"{text}"'
 
 
 def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:

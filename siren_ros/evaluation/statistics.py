@@ -11,8 +11,8 @@ from itertools import permutations
 from typing import Final
 
 import numpy as np
-from scipy.stats import rankdata
-from scipy.stats import t as student
+import numpy.typing as npt
+from scipy.special import stdtr, stdtrit
 
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Flags, Floats, Rows
@@ -114,7 +114,7 @@ class Estimate:
             raise InputError("confidence", confidence, "between 0 and 1")
         if not self.scatter_known:
             return Interval(self.value, self.value, self.value, self.blocks, scatter_known=False)
-        half = float(student.ppf(0.5 * (1.0 + confidence), self.degrees)) * self.error
+        half = float(stdtrit(self.degrees, 0.5 * (1.0 + confidence))) * self.error
         return Interval(self.value, self.value - half, self.value + half, self.blocks)
 
     def draws(self, count: int, rng: np.random.Generator) -> Floats:
@@ -242,7 +242,7 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> RankCor
     count = len(first)
     if count < RANKED_MIN:
         return None
-    ranks, against = (rankdata(values) - (count + 1) / 2.0 for values in (first, second))
+    ranks, against = (_ranks(values) - (count + 1) / 2.0 for values in (first, second))
     spread = float(np.sqrt((ranks @ ranks) * (against @ against)))
     if spread == 0.0:
         return None
@@ -254,7 +254,7 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> RankCor
     elif abs(rho) >= 1.0:
         p_value = 0.0
     else:
-        p_value = float(2.0 * student.sf(abs(rho) * np.sqrt((count - 2) / (1.0 - rho**2)), count - 2))
+        p_value = float(2.0 * stdtr(count - 2, -abs(rho) * np.sqrt((count - 2) / (1.0 - rho**2))))
     return RankCorrelation(rho, p_value, count)
 
 
@@ -283,9 +283,16 @@ def ranking_interval(estimates: Sequence[Estimate], other: Sequence[float], conf
     return Interval(value, min(correlations), max(correlations), blocks)
 
 
+def _ranks(values: npt.ArrayLike) -> Floats:
+    """Ranks along the last axis, from 1 on; equal values share the mean of theirs."""
+    from scipy.stats import rankdata  # noqa: PLC0415 - takes half a second to load, and few tables need it
+
+    return np.asarray(rankdata(values, axis=-1), np.float64)
+
+
 def _rhos(values: Floats, other: Sequence[float]) -> Floats:
     """ρ between each row and the other side, shape ``(R,)``; 0 where all values of a side are equal."""
     centre = (len(other) + 1) / 2.0
-    ranks, against = rankdata(values, axis=1) - centre, rankdata(other) - centre
+    ranks, against = _ranks(values) - centre, _ranks(other) - centre
     spread = np.sqrt((ranks**2).sum(axis=1) * (against @ against))
     return np.asarray(ranks @ against / np.where(spread > 0.0, spread, 1.0), dtype=np.float64)

@@ -18,6 +18,7 @@ from mcap.reader import SeekingReader
 from mcap.summary import Summary
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, Nodetype
+from rosbags.rosbag2 import Reader
 from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import BagError, SirenError
@@ -38,8 +39,9 @@ _STAMPED_FIRST: Final = frozenset({"std_msgs/msg/Header", "builtin_interfaces/ms
 _STAMP: Final = struct.Struct("<iI")
 _ENCAPSULATION_BYTES: Final = 4
 _LITTLE_ENDIAN_CDR: Final = b"\x00\x01"
-_typestores: Final[dict[frozenset[tuple[str, str]], Typestore]] = {}
-"""By the definitions of a bag. A store compiles a reader for each type; bags of one version share their definitions."""
+_typestores: Final[dict[frozenset[tuple[str, str, str]], Typestore]] = {}
+"""By the definitions of a bag. A store parses them and compiles a reader for each type, which takes as long as reading
+a short bag; bags of one version share their definitions."""
 MAX_BURST_NS: Final = 4 * STEP_NS
 """Most simulated time that is published at once; a subscriber keeps 8 messages of a topic."""
 NS_PER_S: Final = 1_000_000_000
@@ -144,19 +146,20 @@ class BagMessage:
     def read(self) -> Any:
         """Decodes the message with the bag's definition; BagError where the two do not fit."""
         with damage_refused(self.bag.path):
-            return self.bag.reader.deserialize(self.cdr, self.type_name)
+            return self.bag.typestore.deserialize_cdr(self.cdr, self.type_name)
 
 
 class OpenBag:
     """A bag that is open for reading."""
 
-    def __init__(self, path: Path, reader: AnyReader) -> None:
+    def __init__(self, path: Path, reader: Reader) -> None:
         self.path = path
         self.reader = reader
+        self.typestore = _typestore_of(path, reader)
         self.type_names = {connection.topic: connection.msgtype for connection in reader.connections}
         self.latched = frozenset(item.topic for item in reader.connections if _is_latched(item))
         """Topics whose publishers were transient local."""
-        self._stamped = {name for name in set(self.type_names.values()) if _starts_with_stamp(reader.typestore, name)}
+        self._stamped = {name for name in set(self.type_names.values()) if _starts_with_stamp(self.typestore, name)}
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -206,6 +209,15 @@ class OpenBag:
         return builder.build(str(self.path))
 
 
+def _typestore_of(path: Path, reader: Reader) -> Typestore:
+    """Readers of the types in a bag; those of an earlier one with the same definitions."""
+    definitions = frozenset((item.msgtype, item.msgdef.data, item.digest) for item in reader.connections)
+    if definitions not in _typestores:
+        with AnyReader([path]) as parser:
+            _typestores[definitions] = parser.typestore
+    return _typestores[definitions]
+
+
 def _is_latched(connection: Connection) -> bool:
     offers = connection.ext.offered_qos_profiles if isinstance(connection.ext, ConnectionExtRosbag2) else []
     return any(offer.durability.name == "TRANSIENT_LOCAL" for offer in offers)
@@ -234,10 +246,8 @@ def open_bag(path: Path) -> Iterator[OpenBag]:
         raise BagError(str(path), allowed + cut_off)
     check_bag_files(path)
     with damage_refused(path):
-        reader = AnyReader([path])
+        reader = Reader(path)
         reader.open()
-        definitions = frozenset((item.msgtype, item.msgdef.data) for item in reader.connections)
-        reader.typestore = _typestores.setdefault(definitions, reader.typestore)
     try:
         with damage_refused(path):
             bag = OpenBag(path, reader)

@@ -13,7 +13,6 @@ from typing import Any, Final
 from tqdm import tqdm
 
 from siren_ros.cli.command import Command
-from siren_ros.cli.generate_risk import make_and_print
 from siren_ros.cli.options import add_processes, check_numbers
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.episode_setup import plan_length
@@ -34,8 +33,6 @@ from siren_ros.studies.matrix import (
     read_study,
     seeds_of,
 )
-from siren_ros.studies.risk_set.make_set import RiskSetRequest
-from siren_ros.studies.risk_set.search import papers_balance
 from siren_ros.studies.run_study import StudyObserver, run_study
 from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
 from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions, Workers
@@ -144,7 +141,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_numbers(arguments, _LIMITS)
     study = _study_of(arguments)
     folder = folder_at(arguments.out)
-    risk_set = _risk_set_of(study, folder, arguments.retries)
+    make_risk_set = _risk_set_of(study, folder, arguments)
     options = WorkerOptions(arguments.retries, arguments.timeout_s)
     with _workers(arguments) as workers, tqdm(unit="episode", desc="generate", disable=None) as bar:
         result = run_study(study, folder, workers, options, _Bar(bar))
@@ -158,18 +155,20 @@ def run(arguments: argparse.Namespace) -> int:
     lacking = [row for row in result.rows if row.status is Status.COMPLETE and row.shortcomings]
     for row in lacking[: _MOST_NAMED if arguments.strict else 0]:
         print(f"siren generate: {row.episode}: {' and '.join(row.shortcomings)}", file=sys.stderr)
-    complete = risk_set is None or make_and_print(risk_set, Path(folder.place) / RISK_VIDEOS, arguments.workers)
+    complete = make_risk_set()
     return EXIT_FAILED if missing or not complete or (arguments.strict and lacking) else EXIT_OK
 
 
-def _risk_set_of(study: Study, folder: StudyFolder, retries: int) -> RiskSetRequest | None:
-    """The videos with risk labels that a study asks for, like its first episodes but for preset and sensors.
+def _risk_set_of(study: Study, folder: StudyFolder, arguments: argparse.Namespace) -> Callable[[], bool]:
+    """Makes the videos with risk labels that a study asks for, like its first episodes but for preset and sensors.
+
+    What is returned says whether the set is complete.
 
     Raises:
         InputError: They are asked for on several maps, or behind a URL.
     """
     if study.risk_videos == 0:
-        return None
+        return lambda: True
     if not isinstance(folder, LocalFolder):
         raise InputError("risk_videos", f"in {folder.place}", "a local folder; then copy the set")
     if study.values:
@@ -177,8 +176,13 @@ def _risk_set_of(study: Study, folder: StudyFolder, retries: int) -> RiskSetRequ
     if len(study.maps) > 1:
         raise InputError("risk_videos", f"on {len(study.maps)} maps", "one map")
     map_file = "" if study.maps[0] == TOWN else study.maps[0]
-    balance = papers_balance(len(study.templates), study.risk_videos)
-    return RiskSetRequest(study.templates, balance, seed=study.seeds[0], map_file=map_file, retries=retries)
+    from siren_ros.cli.generate_risk import make_and_print  # noqa: PLC0415 - takes as long to load as all else here
+    from siren_ros.studies.risk_set.make_set import RiskSetRequest  # noqa: PLC0415 - as above
+    from siren_ros.studies.risk_set.search import papers_balance  # noqa: PLC0415 - as above
+
+    balance, seed = papers_balance(len(study.templates), study.risk_videos), study.seeds[0]
+    request = RiskSetRequest(study.templates, balance, seed=seed, map_file=map_file, retries=arguments.retries)
+    return lambda: make_and_print(request, Path(folder.place) / RISK_VIDEOS, arguments.workers)
 
 
 @contextmanager

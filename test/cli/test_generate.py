@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from siren_ros.cli import generate
+from siren_ros.cli import generate, generate_risk
 from siren_ros.cli.main import main
 from siren_ros.params.resources import named_params_file
 from siren_ros.recording.bag_reader import read_episode
@@ -152,7 +152,7 @@ def test_a_study_with_risk_videos_makes_them_after_its_episodes(whole, tmp_path,
         sets.append((request, out, workers, len(read_table(LocalFolder(tmp_path)))))
         return whole
 
-    monkeypatch.setattr(generate, "make_and_print", make)
+    monkeypatch.setattr(generate_risk, "make_and_print", make)
     words = ["--templates", "S2", "S4", "--seeds", "7", "--risk-videos", "21", "--retries", "5"]
     assert main(["generate", *words, "--out", str(tmp_path), *SHORT]) == (0 if whole else 1)
     expected = RiskSetRequest(("S2", "S4"), Balance((30, 10, 2), 21), seed=7, retries=5)
@@ -173,7 +173,7 @@ def test_the_command_line_stands_above_the_study_file(tmp_path, monkeypatch, cap
         return StudyResult(tuple(EpisodeRow.planned(episode, Status.COMPLETE) for episode in planned), 0)
 
     monkeypatch.setattr(generate, "run_study", run)
-    monkeypatch.setattr(generate, "make_and_print", lambda *_: pytest.fail("no videos were asked for"))
+    monkeypatch.setattr(generate_risk, "make_and_print", lambda *_: pytest.fail("no videos were asked for"))
     paper = read_study(named_params_file("study", "studies", "v1"))
     words = ["--maps", "maps/Town10HD_Opt.xodr", "--seeds", "3:5", "--risk-videos", "0", "--sensors", "none"]
     assert main(["generate", "v1", *words, "--lhs", "2", "--out", str(tmp_path)]) == 0

@@ -30,7 +30,8 @@ class TrackerGains(NamedTuple):
     """Tuning of the tracker."""
 
     lateral_per_s: float = 3.5
-    """Stanley gain: lateral error is worked off with this rate."""
+    """Stanley gain: lateral error is worked off with this rate, beyond the speed of town traffic with a lower one,
+    because long vehicles answer late to their steering."""
     lateral_soft_mps: float = 1.0
     """Added to the speed in the Stanley law, so that steering stays calm near standstill."""
     along_per_s: float = 2.0
@@ -39,7 +40,7 @@ class TrackerGains(NamedTuple):
     """Largest speed correction."""
     speed_time_s: float = 0.2
     """Time in which a difference of speeds is to be closed."""
-    quickness: float = 3.0
+    quickness: float = 2.0
     """How much quicker than a driver's the pedals and the steering are: SUMO's path is not known ahead."""
     drive_factor: float = 1.5
     """How much more than full throttle the drive may give: SUMO's acceleration knows no engine power."""
@@ -75,7 +76,8 @@ def _steer(
     gap_x = goal_x - x_m + reach * (np.cos(goal_yaw) - np.cos(yaw))
     gap_y = goal_y - y_m + reach * (np.sin(goal_yaw) - np.sin(yaw))
     offset = gap_y * np.cos(heading) - gap_x * np.sin(heading)
-    correction = np.arctan2(gains.lateral_per_s * offset, abs(speed) + gains.lateral_soft_mps)
+    rate = gains.lateral_per_s * min(gains.town_mps / max(abs(speed), _SLOWEST_MPS), 1.0)
+    correction = np.arctan2(rate * offset, abs(speed) + gains.lateral_soft_mps)
     share = gains.swerve_share if speed <= gains.town_mps else gains.grip_share
     grip = share * GRAVITY_MPS2 * vehicle.friction_coefficient
     tightest = min(np.tan(vehicle.max_steer_rad) / wheelbase, grip / max(speed * speed, _SLOWEST_MPS * _SLOWEST_MPS))

@@ -34,6 +34,7 @@ class Run:
     y_m: Floats
     steer_rad: Floats
     brake: Floats
+    lateral_mps2: Floats
 
 
 def _rod(
@@ -62,7 +63,8 @@ def _follow(kind: ActorClass, pose: tuple[Floats, Floats, Floats], speed_mps: Fl
         body = step_bodies(body, controls, table, STEP_S)
         dx, dy = body.x_m - goal.x_m, body.y_m - goal.y_m
         along = dx * np.cos(goal.yaw_rad) + dy * np.sin(goal.yaw_rad)
-        rows.append((np.hypot(dx, dy), along, body.forward_mps, body.x_m, body.y_m, body.steer_rad, body.brake))
+        driven = body.forward_mps, body.x_m, body.y_m, body.steer_rad, body.brake, body.lateral_accel_mps2
+        rows.append((np.hypot(dx, dy), along, *driven))
     return Run(*np.array(rows)[:, :, 0].T)
 
 
@@ -144,6 +146,20 @@ def test_heavy_vehicles_recover_from_a_turn_too_tight_for_them(kind: ActorClass)
     run = _follow(kind, _rod(_arc_turn(6.0, 5), _way(speed), PARAMETERS[kind].length_m), speed)
     assert run.residual_m.max() < 2.5
     assert run.residual_m[-20:].max() < 0.2
+
+
+@pytest.mark.parametrize("kind", CARS)
+@pytest.mark.parametrize(("speed_mps", "turn_deg"), [(4.0, 30.0), (6.0, 20.0)])
+def test_a_corner_of_a_lane_takes_no_more_than_half_of_the_grip(
+    kind: ActorClass, speed_mps: float, turn_deg: float
+) -> None:
+    """Lanes of maps have such corners where two roads join; SUMO turns there at once."""
+    ahead = 60.0 * np.array([np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))])
+    line = Polyline.through([[-50.0, 0.0], [30.0, 0.0], [30.0 + ahead[0], ahead[1]]])
+    speed = np.full(500, speed_mps)
+    run = _follow(kind, _rod(line, _way(speed), PARAMETERS[kind].length_m), speed)
+    assert np.abs(run.lateral_mps2).max() < 5.0
+    assert run.residual_m.max() < 0.5
 
 
 @pytest.mark.parametrize("speed_mps", [6.0, 14.0, 25.0])

@@ -314,6 +314,8 @@ class CorridorConfig:
     """Time of the lateral move into the corridor, at the present speed."""
     merge_min_m: float = 8.0
     """Least length of that move."""
+    line_smoothing_m: float = 5.0
+    """Way before and after the place where a lane begins over which the corridor's line moves aside, at least."""
     same_offset_m: float = 0.5
     """Two corridors that lie nearer to each other than this lead to the same place."""
 

@@ -159,7 +159,7 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     """
     config, seen = ego.config.corridor, ego.seen
     straight = None if straight_on_m is None else np.full(len(s_m), straight_on_m)
-    base = _boundary_offsets(reference, s_m, ego.network) if straight is None else straight
+    base = _boundary_offsets(reference, s_m, ego) if straight is None else straight
     rows = ego.near(config.length_m + 10.0)
     if len(rows) == 0:
         return base
@@ -186,9 +186,12 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     return _smooth(target, int(config.influence_m))
 
 
-def _boundary_offsets(reference: LanePath, s_m: Floats, network: RoadNetwork) -> Floats:
-    """Offset of the line between the two leftmost lanes, bridged across junctions; 0 on roads of one lane."""
-    lane_of = reference.lane_at(s_m)
+def _boundary_offsets(reference: LanePath, s_m: Floats, ego: Ego) -> Floats:
+    """Offset of the line between the two leftmost lanes, bridged across junctions; 0 on roads of one lane.
+
+    Where a lane begins or ends, the line moves aside over as long a way as a move into the corridor takes.
+    """
+    lane_of, network, config = reference.lane_at(s_m), ego.network, ego.config.corridor
     offset = np.full(len(s_m), np.nan)
     for lane in dict.fromkeys(lane_of.tolist()):
         if network.lanes[lane].kind is not LaneKind.INTERNAL:
@@ -196,7 +199,8 @@ def _boundary_offsets(reference: LanePath, s_m: Floats, network: RoadNetwork) ->
     known = np.isfinite(offset)
     if not known.any():
         return np.zeros(len(s_m))
-    return _smooth(np.interp(s_m, s_m[known], offset[known]), 5)
+    radius = max(config.line_smoothing_m, config.merge_s * ego.speed_mps) / float(s_m[1] - s_m[0])
+    return _smooth(np.interp(s_m, s_m[known], offset[known]), min(round(radius), (len(s_m) - 1) // 2))
 
 
 def _boundary_of(network: RoadNetwork, lane: int) -> float:

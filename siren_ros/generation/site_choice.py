@@ -1,6 +1,6 @@
 """Where an episode happens: the sites that have what a template needs, and the one of them that a seed draws."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -15,7 +15,7 @@ from siren_ros.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind
 from siren_ros.scenario.scenario import EmvDemand, Placement, Template
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.demand import plan_traffic
-from siren_ros.traffic.demand.emv_start import approach_rank
+from siren_ros.traffic.demand.emv_start import LITTLE_BEHIND, Approach, approach_to
 from siren_ros.traffic.demand.plan import DriverPopulation, TrafficPlan
 from siren_ros.traffic.demand.vehicle_factory import Dimensions
 from siren_ros.world.actors import ActorClass
@@ -43,18 +43,23 @@ class SitesToTry:
 
 
 def ranked_sites(network: RoadNetwork, template: Template) -> tuple[tuple[Site, int], ...]:
-    """All sites of a template's kind with the rank of the approach (``approach_rank``), best first."""
-    return _ranked(network, template.site_kind, template.emv)
+    """All sites of a template's kind with the rank of the approach (``Approach``), best first."""
+    return tuple((site, approach.rank) for site, approach in _approached(network, template.site_kind, template.emv))
 
 
 @lru_cache(maxsize=MAPS_KEPT)
-def _ranked(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[tuple[Site, int], ...]:
-    ranked = [(site, _rank(network, site, emv)) for site in find_sites(network, kind)]
-    return tuple(sorted(ranked, key=lambda site_and_rank: site_and_rank[1]))
+def _approached(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[tuple[Site, Approach], ...]:
+    sites = [(site, _approach(network, site, emv)) for site in find_sites(network, kind)]
+    return tuple(sorted(sites, key=lambda site_and_approach: site_and_approach[1].rank))
 
 
 def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
-    """The sites that have all that a template needs, best first.
+    """The sites that have all that a template needs, best first; the others are not drawn by a seed."""
+    return tuple(site for site, lacking in shortcomings(network, template).items() if not lacking)
+
+
+def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[str, ...]]:
+    """What each site of a template's kind lacks, best first; nothing for good ones.
 
     * The EMV drives up without a junction on the way and without sharp bends, and has road behind the site.
     * Under a signal it goes straight on. In a turn it meets oncoming vehicles, too, and waits for them inside.
@@ -65,13 +70,23 @@ def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
     * Roads and queues without a shoulder are taken alone where there are any; so are roads that are long enough without
       a junction, from which others join and to which drivers who make way cannot turn.
     """
-    good = [site for site, rank in ranked_sites(network, template) if rank == 0 and _is_good(network, site, template)]
+    found = {}
+    for site, approach in _approached(network, template.site_kind, template.emv):
+        lacking = (text for text, has in _CONDITIONS.items() if not has(network, site, template))
+        found[site] = tuple(dict.fromkeys(filter(None, (approach.flaw, *lacking))))
     if template.site_kind in _NO_SHOULDER:
-        good = [site for site in good if not has_shoulder(network, site)] or good
+        _prefer(found, _SHOULDER, lambda site: not has_shoulder(network, site))
     if template.site_kind is SiteKind.MULTI_LANE_ROAD:
-        quiet_m = {site.name: quiet_reach_m(network, site.approach_lane, _LONG_ENOUGH_M) for site in good}
-        good = [site for site in good if quiet_m[site.name] >= _LONG_ENOUGH_M] or good
-    return tuple(good)
+        enough_m = _LONG_ENOUGH_M
+        _prefer(found, _JOINED, lambda site: quiet_reach_m(network, site.approach_lane, enough_m) >= enough_m)
+    return found
+
+
+def _prefer(found: dict[Site, tuple[str, ...]], text: str, preferred: Callable[[Site], bool]) -> None:
+    """Notes a shortcoming of good sites that are not preferred, where one that is preferred is good."""
+    good = [(site, preferred(site)) for site, lacking in found.items() if not lacking]
+    if any(is_preferred for _, is_preferred in good):
+        found.update({site: (text,) for site, is_preferred in good if not is_preferred})
 
 
 def has_shoulder(network: RoadNetwork, site: Site) -> bool:
@@ -80,21 +95,46 @@ def has_shoulder(network: RoadNetwork, site: Site) -> bool:
     return any(lane.kind is LaneKind.SHOULDER for lane in lanes)
 
 
-def _is_good(network: RoadNetwork, site: Site, template: Template) -> bool:
-    beside = any(group.placement in _BESIDE and not group.optional for group in template.demand.groups)
+def _long_enough(network: RoadNetwork, site: Site, _: Template) -> bool:
+    return site.kind not in _NO_SHOULDER or _usable_m(network, site) >= _LONG_ENOUGH_M
+
+
+def _leads_on(network: RoadNetwork, site: Site, _: Template) -> bool:
     after = site.route[site.route.index(site.stretch[-1]) + 1 :]
-    exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in after)
+    return sum(driving_lanes(network, edge)[-1].length_m for edge in after) >= EXIT_M - _JUNCTION_M
+
+
+def _has_lanes(_: RoadNetwork, site: Site, template: Template) -> bool:
+    beside = any(group.placement in _BESIDE and not group.optional for group in template.demand.groups)
+    return len(site.connections) >= (2 if beside else 1)
+
+
+def _goes_straight_on(network: RoadNetwork, site: Site, _: Template) -> bool:
     straight = {network.connections[index].direction for index in site.connections} <= {"s"}
-    waiting = [network.connections[index].must_stop for index in site.crossing]
-    stopping = [network.connections[index].must_stop for index in site.connections]
-    return (
-        (site.kind not in _NO_SHOULDER or _usable_m(network, site) >= _LONG_ENOUGH_M)
-        and exit_m >= EXIT_M - _JUNCTION_M
-        and len(site.connections) >= (2 if beside else 1)
-        and (straight or site.kind is not SiteKind.SIGNAL_JUNCTION)
-        and (all(waiting) or site.kind is not SiteKind.STOP_JUNCTION)
-        and not (any(stopping) and site.kind is SiteKind.MULTI_LANE_ROAD)
-    )
+    return straight or site.kind is not SiteKind.SIGNAL_JUNCTION
+
+
+def _all_stop(network: RoadNetwork, site: Site, _: Template) -> bool:
+    waiting = (network.connections[index].must_stop for index in site.crossing)
+    return site.kind is not SiteKind.STOP_JUNCTION or all(waiting)
+
+
+def _ends_free(network: RoadNetwork, site: Site, _: Template) -> bool:
+    stopping = (network.connections[index].must_stop for index in site.connections)
+    return site.kind is not SiteKind.MULTI_LANE_ROAD or not any(stopping)
+
+
+_CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] = {
+    f"less than {_LONG_ENOUGH_M:.0f} m of road without a junction or a turning lane": _long_enough,
+    LITTLE_BEHIND: _leads_on,
+    "no second lane that leads on beside the EMV's": _has_lanes,
+    "a turn, where the EMV has to go straight on": _goes_straight_on,
+    "crossing traffic without a stop sign": _all_stop,
+    "a stop sign at its end": _ends_free,
+}
+"""What good sites have, by what they lack otherwise."""
+_SHOULDER: Final = "a shoulder, and others have none"
+_JOINED: Final = f"a junction in its first {_LONG_ENOUGH_M:.0f} m, and others have none"
 
 
 def _usable_m(network: RoadNetwork, site: Site) -> float:
@@ -105,11 +145,11 @@ def _usable_m(network: RoadNetwork, site: Site) -> float:
     return quiet_reach_m(network, site.approach_lane, EdgeGraph.of(network).route_length_m(plain))
 
 
-def _rank(network: RoadNetwork, site: Site, emv: EmvDemand) -> int:
+def _approach(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
     try:
-        return approach_rank(network, site, emv, DemandConfig())
-    except MapError:
-        return _UNREACHABLE
+        return approach_to(network, site, emv, DemandConfig())
+    except MapError as error:
+        return Approach(_UNREACHABLE, error.allowed)
 
 
 def sites_to_try(network: RoadNetwork, template: Template, seed: int, pinned: str, shown_map: str) -> SitesToTry:

@@ -26,6 +26,7 @@ from siren_ros.roads.sites import (
     SHORTEST_QUEUE_M,
     SHORTEST_ROAD_M,
     SHORTEST_SHOULDER_M,
+    NoSite,
     Site,
     SiteKind,
     lanes_through,
@@ -44,13 +45,27 @@ _PLAIN_ENOUGH_M: Final = 150.0
 
 def find_sites(network: RoadNetwork, kind: SiteKind) -> tuple[Site, ...]:
     """All places of a kind on a map, best first; equal scores keep the order of the map's edges."""
-    return _sites_on(network)(kind)
+    return _places_on(network)(kind)[0]
+
+
+def places_without_site(network: RoadNetwork, kind: SiteKind) -> tuple[NoSite, ...]:
+    """The roads or junctions of a map that are no place of a kind, in the order of the map's edges, and why."""
+    return _places_on(network)(kind)[1]
 
 
 @lru_cache(maxsize=MAPS_KEPT)
-def _sites_on(network: RoadNetwork) -> Callable[[SiteKind], tuple[Site, ...]]:
-    """The sites of a map, looked for once for each kind."""
-    return cache(lambda kind: tuple(sorted(_FINDERS[kind](EdgeGraph.of(network)), key=lambda site: -site.score)))
+def _places_on(network: RoadNetwork) -> Callable[[SiteKind], tuple[tuple[Site, ...], tuple[NoSite, ...]]]:
+    """The sites of a map and the places that are none, looked for once for each kind."""
+
+    @cache
+    def of_kind(kind: SiteKind) -> tuple[tuple[Site, ...], tuple[NoSite, ...]]:
+        places = [*_FINDERS[kind](EdgeGraph.of(network))]
+        sites = sorted((place for place in places if isinstance(place, Site)), key=lambda site: -site.score)
+        taken = {site.stretch[-1] for site in sites}
+        others = (place for place in places if isinstance(place, NoSite) and place.edge not in taken)
+        return tuple(sites), tuple(dict.fromkeys(others))
+
+    return of_kind
 
 
 def require_site(network: RoadNetwork, kind: SiteKind, shown_map: str = "this map") -> Site:
@@ -65,15 +80,20 @@ def require_site(network: RoadNetwork, kind: SiteKind, shown_map: str = "this ma
     return sites[0]
 
 
-def multi_lane_roads(graph: EdgeGraph) -> Iterator[Site]:
+def multi_lane_roads(graph: EdgeGraph) -> Iterator[Site | NoSite]:
     """Roads of two driving lanes or more in one direction, merged through junctions without signal or stop sign."""
     network = graph.network
     for last in range(len(network.edges)):
-        if len(driving_lanes(network, last)) < 2 or any(_runs_on(network, last, way) for way in graph.successors[last]):
+        if len(driving_lanes(network, last)) < 2:
+            if driving_lanes(network, last):
+                yield NoSite(last, "one driving lane")
             continue
+        if any(_runs_on(network, last, way) for way in graph.successors[last]):
+            continue  # its site is the road that it runs into
         stretch = wide_stretch_back(graph, last)
         length_m = graph.route_length_m(stretch)
         if length_m < SHORTEST_ROAD_M:
+            yield NoSite(last, f"less than {SHORTEST_ROAD_M:.0f} m with two lanes")
             continue
         straight_on = [way for way in graph.successors[last] if turn_of(network, last, way) == "s"]
         route = route_through(graph, (*stretch, *straight_on[:1]))
@@ -98,7 +118,7 @@ def multi_lane_roads(graph: EdgeGraph) -> Iterator[Site]:
         )
 
 
-def queued_approaches(graph: EdgeGraph) -> Iterator[Site]:
+def queued_approaches(graph: EdgeGraph) -> Iterator[Site | NoSite]:
     """Approaches of two lanes or more to a signal, where two lanes lead on in parallel.
 
     The better ones are long without turning lanes: the corridor opens beside the leftmost lane, so that a turning lane
@@ -107,34 +127,48 @@ def queued_approaches(graph: EdgeGraph) -> Iterator[Site]:
     network = graph.network
     for edge, way, movements in _directions(graph):
         through = lanes_through(network, edge, way)
-        if not _is_signalised(network, movements) or through < 2:
+        if not _is_signalised(network, movements):
+            yield NoSite(edge, _NO_SIGNAL)
+            continue
+        if through < 2:
+            yield NoSite(edge, "one lane leads on")
             continue
         site = _junction_site(graph, SiteKind.QUEUED_APPROACH, movements, wide_stretch_back(graph, edge))
-        if site.length_m >= SHORTEST_QUEUE_M:
-            plain_m = graph.route_length_m(
-                [edge for edge in site.stretch if len(driving_lanes(network, edge)) == through]
-            )
-            points = 4.0 * share(site.length_m) + 2.0 * (turn_of(network, edge, way) == "s")
-            yield replace(site, score=site.score + (points + 2.0 * share(plain_m, _PLAIN_ENOUGH_M)))
+        if site.length_m < SHORTEST_QUEUE_M:
+            yield NoSite(edge, f"less than {SHORTEST_QUEUE_M:.0f} m of room for queues")
+            continue
+        plain_m = graph.route_length_m([edge for edge in site.stretch if len(driving_lanes(network, edge)) == through])
+        points = 4.0 * share(site.length_m) + 2.0 * (turn_of(network, edge, way) == "s")
+        yield replace(site, score=site.score + (points + 2.0 * share(plain_m, _PLAIN_ENOUGH_M)))
 
 
-def signal_junctions(graph: EdgeGraph) -> Iterator[Site]:
+def signal_junctions(graph: EdgeGraph) -> Iterator[Site | NoSite]:
     """Movements under a signal that other movements cross."""
-    return _crossed(graph, SiteKind.SIGNAL_JUNCTION, lambda movements: _is_signalised(graph.network, movements))
+    kind = SiteKind.SIGNAL_JUNCTION
+    return _crossed(graph, kind, lambda movements: _is_signalised(graph.network, movements), _NO_SIGNAL)
 
 
-def stop_junctions(graph: EdgeGraph) -> Iterator[Site]:
+def stop_junctions(graph: EdgeGraph) -> Iterator[Site | NoSite]:
     """Movements behind a stop sign that other movements cross."""
-    return _crossed(graph, SiteKind.STOP_JUNCTION, lambda movements: all(c.must_stop for c in movements))
+    return _crossed(
+        graph, SiteKind.STOP_JUNCTION, lambda movements: all(c.must_stop for c in movements), "no stop sign"
+    )
 
 
-def shoulder_turns(graph: EdgeGraph) -> Iterator[Site]:
+def shoulder_turns(graph: EdgeGraph) -> Iterator[Site | NoSite]:
     """Right turns along a shoulder that begins before the turn and goes on after it."""
     network = graph.network
-    for connection in network.connections:
+    turns = [connection for connection in network.connections if connection.direction == "r"]
+    along = [turn for turn in turns if _on_shoulders(network, turn)]
+    edges = {network.lanes[turn.from_lane].edge for turn in along}
+    for connection in turns:
         source, target = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
-        turning = source.kind is LaneKind.SHOULDER and target.kind is LaneKind.SHOULDER and connection.direction == "r"
-        if not turning or min(source.length_m, target.length_m) < SHORTEST_SHOULDER_M:
+        if source.edge not in edges and network.is_civilian(connection):
+            yield NoSite(source.edge, "no shoulder along its right turn")
+        if connection not in along:
+            continue
+        if min(source.length_m, target.length_m) < SHORTEST_SHOULDER_M:
+            yield NoSite(source.edge, f"less than {SHORTEST_SHOULDER_M:.0f} m of shoulder before or after the turn")
             continue
         if movements := civilian_movements(network, source.edge, target.edge):
             site = _junction_site(graph, SiteKind.SHOULDER_RIGHT_TURN, movements, (source.edge,))
@@ -149,7 +183,13 @@ def shoulder_turns(graph: EdgeGraph) -> Iterator[Site]:
             )
 
 
-_FINDERS: Final[Mapping[SiteKind, Callable[[EdgeGraph], Iterator[Site]]]] = {
+def _on_shoulders(network: RoadNetwork, movement: Connection) -> bool:
+    ends = network.lanes[movement.from_lane], network.lanes[movement.to_lane]
+    return all(lane.kind is LaneKind.SHOULDER for lane in ends)
+
+
+_NO_SIGNAL: Final = "no signal"
+_FINDERS: Final[Mapping[SiteKind, Callable[[EdgeGraph], Iterator[Site | NoSite]]]] = {
     SiteKind.MULTI_LANE_ROAD: multi_lane_roads,
     SiteKind.QUEUED_APPROACH: queued_approaches,
     SiteKind.SIGNAL_JUNCTION: signal_junctions,
@@ -242,13 +282,18 @@ def _junction_site(graph: EdgeGraph, kind: SiteKind, movements: Sequence[Connect
     )
 
 
-def _crossed(graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Connection]], bool]) -> Iterator[Site]:
+def _crossed(
+    graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Connection]], bool], unbound: str
+) -> Iterator[Site | NoSite]:
     network = graph.network
     lasting = graph.endless_edges()
     for edge, way, movements in _directions(graph):
-        bound = movements if binding(movements) else ()
-        crossing = sorted({index for c in bound for index in crossing_connections(network, c)})
+        if not binding(movements):
+            yield NoSite(edge, unbound)
+            continue
+        crossing = sorted({index for c in movements for index in crossing_connections(network, c)})
         if not crossing:
+            yield NoSite(edge, "nobody crosses")
             continue
         sources = {index: network.connections[index].from_lane for index in crossing}
         from_side = [i for i in crossing if comes_from_the_side(network, movements[-1], network.connections[i])]

@@ -71,6 +71,15 @@ class Site:
         return self.route[self.site_position + 1 :]
 
 
+@dataclass(frozen=True)
+class NoSite:
+    """A place that is no site of a kind, and the first thing that it lacks."""
+
+    edge: int
+    """The road, or the edge before the junction."""
+    lacking: str
+
+
 def name_between(network: RoadNetwork, first: int, last: int) -> str:
     """A site's name from two edges: ``west_s_3..main_w_3``; one name where they are the same."""
     return "..".join(dict.fromkeys(network.edges[edge].edge_id for edge in (first, last)))

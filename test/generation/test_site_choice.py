@@ -7,7 +7,14 @@ import pytest
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import InputError, MapError
 from siren_ros.generation.episode_setup import set_up_episode
-from siren_ros.generation.site_choice import good_sites, has_shoulder, plan_at_site, ranked_sites, sites_to_try
+from siren_ros.generation.site_choice import (
+    good_sites,
+    has_shoulder,
+    plan_at_site,
+    ranked_sites,
+    shortcomings,
+    sites_to_try,
+)
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
@@ -49,6 +56,19 @@ def test_the_town_has_at_least_three_good_sites(town: RoadNetwork, name: str) ->
         after = site.route[site.route.index(site.stretch[-1]) + 1 :]
         assert sum(driving_lanes(town, edge)[-1].length_m for edge in after) >= 90.0, "the map does not end there"
         assert choose(town, template, site.name)[0] == site
+
+
+@pytest.mark.parametrize("name", available_templates())
+def test_every_site_that_no_seed_draws_says_what_it_lacks(town: RoadNetwork, name: str) -> None:
+    template = load_template(name)
+    lacking = shortcomings(town, template)
+    assert [*lacking] == [site for site, _ in ranked_sites(town, template)]
+    assert {site for site, texts in lacking.items() if not texts} == set(good_sites(town, template))
+    for site, texts in lacking.items():
+        assert len(set(texts)) == len(texts)
+        assert ("a shoulder, and others have none" in texts) <= has_shoulder(town, site)
+        turns = any(town.connections[index].direction != "s" for index in site.connections)
+        assert ("a turn, where the EMV has to go straight on" in texts) == (turns and name in {"S3", "S4"})
 
 
 @pytest.mark.parametrize(("name", "least_m"), [("S1", 120.0), ("S2", 150.0)])

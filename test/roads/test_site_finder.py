@@ -28,7 +28,7 @@ from siren_ros.roads import site_finder
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import Connection, Edge, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, driving_lanes, route_path
-from siren_ros.roads.sites import REQUIREMENTS, SiteKind, is_reversal, lanes_through, route_through, turn_of
+from siren_ros.roads.sites import REQUIREMENTS, Site, SiteKind, is_reversal, lanes_through, route_through, turn_of
 
 LONELY_ROAD = b"""<net><edge id="e" from="a" to="b">
 <lane id="e_0" index="0" disallow="pedestrian" speed="13.89" length="500" shape="0,0 500,0"/></edge>
@@ -127,6 +127,59 @@ def test_a_map_without_such_a_place_says_what_it_lacks(kind):
     assert "road.net.xml" in str(caught.value)
 
 
+def sites_by(find):
+    """A finder without the places that are no site."""
+    return lambda graph: [place for place in find(graph) if isinstance(place, Site)]
+
+
+multi_lane_roads = sites_by(site_finder.multi_lane_roads)
+queued_approaches = sites_by(site_finder.queued_approaches)
+signal_junctions = sites_by(site_finder.signal_junctions)
+stop_junctions = sites_by(site_finder.stop_junctions)
+shoulder_turns = sites_by(site_finder.shoulder_turns)
+
+
+def ways_of(network, edge):
+    return [c for lane in network.edges[edge].lanes for c in network.connections_from.get(lane, ())]
+
+
+LACKING = {
+    "one driving lane": lambda network, edge: len(driving_lanes(network, edge)) == 1,
+    "no signal": lambda network, edge: any(way.signal_id is None for way in ways_of(network, edge)),
+    "no stop sign": lambda network, edge: not all(way.must_stop for way in ways_of(network, edge)),
+    "one lane leads on": lambda network, edge: any(
+        lanes_through(network, edge, way) == 1 for way in EdgeGraph.of(network).successors[edge]
+    ),
+    "no shoulder along its right turn": lambda network, edge: (
+        not any(
+            way.direction == "r" and network.lanes[way.from_lane].kind is LaneKind.SHOULDER
+            for way in ways_of(network, edge)
+        )
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", SiteKind)
+def test_a_place_without_a_site_lacks_what_it_is_said_to_lack(town, kind):
+    """Each place is a site or says what it lacks; in the town no place lacks anything but this."""
+    sites, others = site_finder.find_sites(town, kind), site_finder.places_without_site(town, kind)
+    assert {site.stretch[-1] for site in sites}.isdisjoint(place.edge for place in others)
+    assert len(set(others)) == len(others) > 0
+    lengths = [place for place in others if place.lacking.startswith("less than")]
+    assert len(lengths) <= 2
+    for place in others:
+        assert place in lengths or LACKING[place.lacking](town, place.edge)
+
+
+def test_a_road_that_is_too_short_says_so(town):
+    """The town's two-lane roads, cut to 50 m."""
+    short = [replace(lane, centre=lane.centre.cut(0.0, min(lane.length_m, 50.0))) for lane in town.lanes]
+    places = site_finder.places_without_site(replace(town, lanes=tuple(short)), SiteKind.QUEUED_APPROACH)
+    assert "no signal" in {place.lacking for place in places}
+    wide = site_finder.places_without_site(replace(town, lanes=tuple(short)), SiteKind.MULTI_LANE_ROAD)
+    assert "less than 60 m with two lanes" in {place.lacking for place in wide}
+
+
 def test_the_town_has_the_straight_that_s1_and_s2_need(town):
     site = site_finder.require_site(town, SiteKind.MULTI_LANE_ROAD)
     assert town.edges[site.site_edge].name == "Main Street"
@@ -162,7 +215,7 @@ def test_shares_end_at_one():
 
 
 def test_a_crossed_junction_is_scored_by_what_it_offers():
-    site = between(list(site_finder.signal_junctions(GRAPH)), B, C)
+    site = between(list(signal_junctions(GRAPH)), B, C)
     assert (site.junction, site.route, site.site_position, site.stretch) == ("J", (A, B, C), 1, (B,))
     assert (site.approach_lane, site.length_m) == (B_LEFT, pytest.approx(100.0))
     assert (site.connections, site.crossing) == ((STRAIGHT, STRAIGHT_LEFT), (CROSSING,))
@@ -178,8 +231,8 @@ def test_a_side_street_without_road_lets_all_crossing_movements_count():
     """20 m are no queue; the turn from the side street's own street would count, too."""
     short = with_lane(NETWORK, NEAR, centre=Polyline.through([(10.0, 30.0), (10.0, 10.0)]))
     short = with_connections(short, [6], must_stop=True)
-    site = between(list(site_finder.signal_junctions(EdgeGraph.of(short))), B, C)
-    long = between(list(site_finder.signal_junctions(GRAPH)), B, C)
+    site = between(list(signal_junctions(EdgeGraph.of(short))), B, C)
+    long = between(list(signal_junctions(GRAPH)), B, C)
     assert (site.crossing, long.score - site.score) == ((CROSSING,), pytest.approx(1.0 - 20.0 / 60.0))
 
 
@@ -199,23 +252,23 @@ def test_oncoming_turners_count_where_the_side_street_has_no_queue(side_m, turne
     centre = Polyline.through([(10.0, 10.0 + side_m), (10.0, 10.0)])
     network = with_lane(with_oncoming_turners(NETWORK), NEAR, centre=centre)
     network = with_connections(network, [6], must_stop=True)
-    site = between(list(site_finder.signal_junctions(EdgeGraph.of(network))), B, C)
+    site = between(list(signal_junctions(EdgeGraph.of(network))), B, C)
     assert site.crossing == ((CROSSING, len(NETWORK.connections)) if turners_count else (CROSSING,))
 
 
 def test_only_signals_and_only_stop_signs():
-    assert list(site_finder.stop_junctions(GRAPH)) == []
+    assert list(stop_junctions(GRAPH)) == []
     signs = with_connections(NETWORK, [STRAIGHT, STRAIGHT_LEFT], signal_id=None, must_stop=True)
-    (site,) = site_finder.stop_junctions(EdgeGraph.of(signs))
+    (site,) = stop_junctions(EdgeGraph.of(signs))
     assert (site.site_edge, site.route) == (B, (A, B, C))
     one_lane = with_connections(signs, [STRAIGHT], must_stop=False)
-    assert list(site_finder.stop_junctions(EdgeGraph.of(one_lane))) == [], "a stop sign for one of the lanes is none"
+    assert list(stop_junctions(EdgeGraph.of(one_lane))) == [], "a stop sign for one of the lanes is none"
     priority = replace(NETWORK, junctions={"J": replace(NETWORK.junctions["J"], kind=JunctionKind.PRIORITY)})
-    assert list(site_finder.signal_junctions(EdgeGraph.of(priority))) == []
+    assert list(signal_junctions(EdgeGraph.of(priority))) == []
 
 
 def test_a_queued_approach_reaches_back_over_plain_junctions():
-    (site,) = site_finder.queued_approaches(GRAPH)
+    (site,) = queued_approaches(GRAPH)
     assert (site.stretch, site.route, site.site_position) == ((A, B), (A, B, C), 1)
     assert site.length_m == pytest.approx(310.0)
     # 310 m of approach and 200 m of way on; the whole stretch has as many lanes as lead on.
@@ -228,11 +281,11 @@ def test_turning_lanes_are_no_plain_road():
     extra = replace(lanes[B_LEFT], index=len(lanes), lane_id="b_2", position=2)
     edges[B] = replace(edges[B], lanes=(*edges[B].lanes, extra.index))
     wider = replace(NETWORK, lanes=(*lanes, extra), edges=tuple(edges))
-    (plain,), (site,) = site_finder.queued_approaches(GRAPH), site_finder.queued_approaches(EdgeGraph.of(wider))
+    (plain,), (site,) = queued_approaches(GRAPH), queued_approaches(EdgeGraph.of(wider))
     assert site.score == pytest.approx(plain.score), "200 m are as many as count"
     short = with_lane(wider, 0, centre=Polyline.through([(-185.0, -5.25), (-110.0, -5.25)]))
     short = with_lane(short, A_LEFT, centre=Polyline.through([(-185.0, -1.75), (-110.0, -1.75)]))
-    (site,) = site_finder.queued_approaches(EdgeGraph.of(short))
+    (site,) = queued_approaches(EdgeGraph.of(short))
     route = 2.0 + 1.0 + (WHOLE_M - 125.0) / 700.0
     assert site.score == pytest.approx(route + 4.0 * 185.0 / 250.0 + 2.0 + 2.0 * 75.0 / 150.0)
 
@@ -242,11 +295,11 @@ def test_a_short_queue_is_no_site():
         ends = [with_connections(NETWORK, [0, 1], must_stop=True)]
         for lane, y_m in ((B_RIGHT, -5.25), (B_LEFT, -1.75)):
             ends.append(with_lane(ends[-1], lane, centre=Polyline.through([(-length_m, y_m), (0.0, y_m)])))
-        assert len(list(site_finder.queued_approaches(EdgeGraph.of(ends[-1])))) == count
+        assert len(list(queued_approaches(EdgeGraph.of(ends[-1])))) == count
 
 
 def test_roads_of_two_lanes():
-    first, second = site_finder.multi_lane_roads(GRAPH)
+    first, second = multi_lane_roads(GRAPH)
     assert (first.stretch, first.route, first.site_position, first.site_edge) == ((A, B), (A, B, C), 0, A)
     assert (first.approach_lane, first.length_m) == (A_LEFT, pytest.approx(310.0))
     assert first.connections == (STRAIGHT, STRAIGHT_LEFT)
@@ -262,7 +315,7 @@ def test_bends_cost_points():
     corner = [(-310.0, 94.75), (-310.0, -5.25), (-110.0, -5.25)]
     left = Polyline.through([(-306.5, 98.25), (-306.5, -1.75), (-110.0, -1.75)])
     bent = with_lane(with_lane(NETWORK, 0, centre=Polyline.through(corner)), A_LEFT, centre=left)
-    site = next(iter(site_finder.multi_lane_roads(EdgeGraph.of(bent))))
+    site = next(iter(multi_lane_roads(EdgeGraph.of(bent))))
     longer = WHOLE_M + 100.0
     assert site.score == pytest.approx(4.0 + longer / 700.0 + 2.0 * longer / 700.0 - 1.0, abs=0.01)
 
@@ -293,7 +346,7 @@ def test_lanes_and_letters_between_edges():
 
 
 def test_a_turn_along_a_shoulder():
-    (site,) = site_finder.shoulder_turns(EdgeGraph.of(crossing()))
+    (site,) = shoulder_turns(EdgeGraph.of(crossing()))
     assert (site.approach_lane, site.connections, site.crossing) == (0, (SHOULDER_RIGHT,), (BESIDE,))
     assert site.length_m == pytest.approx(200.0)
     across_m = np.hypot(14.75, 14.75)
@@ -312,12 +365,10 @@ def test_a_shoulder_may_go_on_before_the_turn():
         connections.append(Connection(index, ahead, (), "s", None, -1, must_stop=False, junction="x"))
         ahead = index
     longer = replace(network, lanes=tuple(lanes), edges=tuple(edges), connections=tuple(connections))
-    (site,) = site_finder.shoulder_turns(EdgeGraph.of(longer))
+    (site,) = shoulder_turns(EdgeGraph.of(longer))
     assert site.length_m == pytest.approx(200.0 + 100.0)
     left = replace(connections[-2], direction="l")
-    (site,) = site_finder.shoulder_turns(
-        EdgeGraph.of(replace(longer, connections=(*connections[:-2], left, connections[-1])))
-    )
+    (site,) = shoulder_turns(EdgeGraph.of(replace(longer, connections=(*connections[:-2], left, connections[-1]))))
     assert site.length_m == pytest.approx(200.0)
 
 
@@ -390,7 +441,7 @@ def test_a_shoulder_turn_without_a_lane_beside_it_hides_no_other():
         edges.append(Edge(len(edges), name, (index,), f"{name}0", f"{name}1", internal=False))
     lonely = Connection(first, first + 1, (), "r", None, -1, must_stop=False, junction="x")
     more = replace(network, lanes=tuple(lanes), edges=tuple(edges), connections=(lonely, *network.connections))
-    (site,) = site_finder.shoulder_turns(EdgeGraph.of(more))
+    (site,) = shoulder_turns(EdgeGraph.of(more))
     assert site.connections == (1 + SHOULDER_RIGHT,)
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,7 @@ _LEAST_QUEUE_M: Final = 15.0
 """Road between the junction before and the stop line that holds two cars that wait at the line."""
 _LEAST_EXIT_M: Final = 100.0
 """Road behind the site without which the EMV soon stands at the end of its route: 7 s at 50 km/h."""
+LITTLE_BEHIND: Final = "hardly any road behind it"
 _CONFLICT_POINTS: Final = frozenset({SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION})
 
 
@@ -187,37 +188,47 @@ def _speeds_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: D
     return way.length_m, with_accelerating(speed, emv.depart_speed_mps, config.emv_accel_mps2)
 
 
-def approach_rank(network: RoadNetwork, site: Site, emv: EmvDemand, config: DemandConfig) -> int:
-    """How well an EMV can drive up to a site, 0 is best.
+class Approach(NamedTuple):
+    """How well an EMV can drive up to a site."""
+
+    rank: int = 0
+    """0 is best. 1: a way with junctions, or before a turn on a shoulder without space for a queue and the way onto
+    the shoulder. 2: sharp bends, no space for a queue, or hardly any road behind the site."""
+    flaw: str = ""
+    """What it lacks; empty for rank 0."""
+
+
+def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand, config: DemandConfig) -> Approach:
+    """How well an EMV can drive up to a site.
 
     At a junction before the site others delay the EMV, and in sharp bends it meets oncoming vehicles late. It then
     misses those whom it is to meet at a signal or a stop sign; elsewhere the vehicles that it meets wait. A queue that
     does not fit before the line waits at the junction before, and the EMV behind it. To a shoulder next to a queue the
     EMV changes behind the queue and after the junction before.
 
-    Returns:
-        0 for a way without junctions and sharp bends, 1 for one with junctions, 2 for one with sharp bends, without
-        space for a queue, or with hardly any road behind the site. Before a turn on a shoulder 0 with space for a
-        queue and the way onto the shoulder, else 1.
-
     Raises:
         MapError: the site's approach or the site itself is too short.
     """
     if site.kind is SiteKind.SHOULDER_RIGHT_TURN:
         needed_m = ONTO_SHOULDER_M + SHORT_QUEUE_M
-        return 0 if quiet_reach_m(network, travel_lane(network, site).index, needed_m) >= needed_m else 1
+        quiet_m = quiet_reach_m(network, travel_lane(network, site).index, needed_m)
+        return Approach() if quiet_m >= needed_m else Approach(1, f"a junction less than {needed_m:.0f} m before it")
     if site.kind not in _CONFLICT_POINTS:
-        return 0
+        return Approach()
     start = emv_start(network, site, start_m_of(network, site, emv))
     way_m = way_to_stop_line_m(network, start)
     pace_mps = way_m / max(unhindered_arrival_s(network, start, emv, config), SAMPLE_M)
     queue_m = quiet_reach_m(network, travel_lane(network, site).index, _LEAST_QUEUE_M)
     exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in site.beyond)
-    if queue_m < _LEAST_QUEUE_M or exit_m < _LEAST_EXIT_M:
-        return 2
-    if pace_mps < _LEAST_PACE * emv.speed_mps or start.front_m < min(_ENTRY_M, network.lanes[start.lane].length_m):
-        return 2
-    return 1 if _quiet_start(network, site, emv) is None else 0
+    at_entry = start.front_m < min(_ENTRY_M, network.lanes[start.lane].length_m)
+    flaws = (
+        (queue_m < _LEAST_QUEUE_M, Approach(2, f"a junction less than {_LEAST_QUEUE_M:.0f} m before it")),
+        (exit_m < _LEAST_EXIT_M, Approach(2, LITTLE_BEHIND)),
+        (pace_mps < _LEAST_PACE * emv.speed_mps, Approach(2, "sharp bends on the way to it")),
+        (at_entry, Approach(2, "an approach without space for the EMV at its start")),
+        (_quiet_start(network, site, emv) is None, Approach(1, "a junction on the way to it")),
+    )
+    return next((approach for is_so, approach in flaws if is_so), Approach())
 
 
 def long_enough_route(

@@ -36,7 +36,7 @@ from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement, Sig
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.emv_start import (
-    approach_rank,
+    approach_to,
     behind_queue_mps,
     depart_speed_mps,
     emv_start,
@@ -273,21 +273,23 @@ def test_the_arrival_takes_the_rest_of_the_way_at_the_end() -> None:
 def test_a_site_with_a_quiet_way_is_best_then_one_behind_a_junction_then_one_behind_a_sharp_bend() -> None:
     """From 60 m of quiet way on a conflict point is good; the road of 310 m before J has K in it, without traffic."""
     site = signal_site()
-    assert approach_rank(NETWORK, site, emv_demand(-200.0), CONFIG) == 0
-    assert approach_rank(busy(), site, emv_demand(-200.0), CONFIG) in {0, 1}
-    assert approach_rank(NETWORK, replace(site, kind=SiteKind.QUEUED_APPROACH), emv_demand(-5000.0), CONFIG) == 0
+    assert approach_to(NETWORK, site, emv_demand(-200.0), CONFIG).rank == 0
+    assert approach_to(busy(), site, emv_demand(-200.0), CONFIG).rank in {0, 1}
+    assert approach_to(NETWORK, replace(site, kind=SiteKind.QUEUED_APPROACH), emv_demand(-5000.0), CONFIG).rank == 0
     slow = replace(CONFIG, emv_accel_mps2=0.05)
     late = replace(emv_demand(-200.0, 20.0), depart_speed_mps=2.0)
-    assert approach_rank(NETWORK, site, late, slow) == 2
-    assert approach_rank(NETWORK, site, late, replace(CONFIG, emv_accel_mps2=8.0)) == 0
+    assert approach_to(NETWORK, site, late, slow).rank == 2
+    assert approach_to(NETWORK, site, late, replace(CONFIG, emv_accel_mps2=8.0)).rank == 0
 
 
 @pytest.mark.parametrize(("length_m", "rank"), [(14.9, 2), (15.1, 1)])
 def test_an_approach_without_space_for_two_cars_is_as_bad_as_a_sharp_bend(length_m: float, rank: int) -> None:
     """The road up to the line is cut off."""
     short = with_cut(busy(), length_m, B_LEFT)
-    assert approach_rank(short, signal_site(), emv_demand(-200.0), CONFIG) == rank
-    assert approach_rank(short, replace(signal_site(), kind=SiteKind.QUEUED_APPROACH), emv_demand(-200.0), CONFIG) == 0
+    assert approach_to(short, signal_site(), emv_demand(-200.0), CONFIG).rank == rank
+    assert (
+        approach_to(short, replace(signal_site(), kind=SiteKind.QUEUED_APPROACH), emv_demand(-200.0), CONFIG).rank == 0
+    )
 
 
 @pytest.mark.parametrize(("length_m", "rank"), [(89.0, 1), (91.0, 0)])
@@ -299,14 +301,15 @@ def test_a_shoulder_turn_with_space_for_a_queue_and_the_way_onto_the_shoulder_co
     lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER)
     short = replace(busy(), lanes=tuple(lanes))
     site = replace(signal_site(), kind=SiteKind.SHOULDER_RIGHT_TURN, approach_lane=B_RIGHT)
-    assert approach_rank(short, site, emv_demand(-200.0), CONFIG) == rank
+    assert approach_to(short, site, emv_demand(-200.0), CONFIG).rank == rank
 
 
 @pytest.mark.parametrize(("length_m", "rank"), [(99.0, 2), (101.0, 0)])
 def test_a_site_with_hardly_any_road_behind_it_comes_last(length_m: float, rank: int) -> None:
     """The road behind the junction ends after so many metres."""
     assert (
-        approach_rank(with_cut(NETWORK, length_m, C_RIGHT, C_LEFT), signal_site(), emv_demand(-200.0), CONFIG) == rank
+        approach_to(with_cut(NETWORK, length_m, C_RIGHT, C_LEFT), signal_site(), emv_demand(-200.0), CONFIG).rank
+        == rank
     )
 
 

@@ -18,6 +18,7 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.palette import CIVILIAN, EMV_EVENTS, EVENT_STYLES, FAINT_TEXT, STATE_NAMES, TEXT
 from siren_ros.pictures.plot_parts import (
     KMH,
+    Box,
     LabelPlacer,
     draw_path,
     draw_roads,
@@ -25,6 +26,7 @@ from siren_ros.pictures.plot_parts import (
     draw_speeds,
     draw_states,
     draw_vehicles,
+    frame_box,
     title_of,
     yielding_actors,
 )
@@ -41,9 +43,6 @@ _MIN_SIZE_M = (70.0, 40.0)
 _PADDING_STEPS = 40
 _CROSSING_STEPS = 100
 _TRAIL_STEPS = 40
-
-Box = tuple[float, float, float, float]
-"""x from, x to, y from, y to, in metres."""
 
 
 def interaction_steps(record: EpisodeRecord) -> tuple[int, int]:
@@ -106,21 +105,8 @@ def draw_episode(record: EpisodeRecord) -> Figure:
     return figure
 
 
-def _frame(axes: Axes, box: Box) -> None:
-    """Sets the axes to a box, grown about its centre to their shape, with equal scales."""
-    x0, x1, y0, y1 = box
-    shape = axes.bbox.width / axes.bbox.height
-    width = max(x1 - x0, (y1 - y0) * shape)
-    height = width / shape
-    axes.set_xlim((x0 + x1 - width) / 2.0, (x0 + x1 + width) / 2.0)
-    axes.set_ylim((y0 + y1 - height) / 2.0, (y0 + y1 + height) / 2.0)
-    axes.set_aspect("equal", adjustable="box")
-    axes.set(xticks=[], yticks=[])
-    axes.spines[:].set_color("#c4c8cd")
-
-
 def _draw_map(axes: Axes, record: EpisodeRecord, box: Box, speeds: Normalize, moments: list[int]) -> None:
-    _frame(axes, box)
+    frame_box(axes, box)
     draw_roads(axes, record.network, line_width=0.9)
     yielding = yielding_actors(record)
     for actor_id in record.actors:
@@ -186,7 +172,7 @@ def _draw_legends(axes: Axes, record: EpisodeRecord, kinds: list[Any]) -> None:
 def _draw_snapshot(axes: Axes, record: EpisodeRecord, step: int, number: int) -> None:
     """The vehicles at one step, around the EMV and the yielding civilians."""
     state = record.states[step]
-    _frame(axes, _snapshot_box(record, step))
+    frame_box(axes, _snapshot_box(record, step))
     draw_roads(axes, record.network, line_width=1.1)
     for emv_id in record.emv_ids:
         trail = record.track(emv_id)

@@ -38,6 +38,21 @@ _PAVED = (LaneKind.DRIVING, LaneKind.SHOULDER)
 _CHARACTER_WIDTH = 0.56
 """Mean width of a character relative to the font size."""
 KMH = 3.6
+Box = tuple[float, float, float, float]
+"""x from, x to, y from, y to, in metres."""
+
+
+def frame_box(axes: Axes, box: Box) -> None:
+    """Sets the axes to a box, grown about its centre to their shape, with equal scales."""
+    x0, x1, y0, y1 = box
+    shape = axes.bbox.width / axes.bbox.height
+    width = max(x1 - x0, (y1 - y0) * shape)
+    height = width / shape
+    axes.set_xlim((x0 + x1 - width) / 2.0, (x0 + x1 + width) / 2.0)
+    axes.set_ylim((y0 + y1 - height) / 2.0, (y0 + y1 + height) / 2.0)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_color("#c4c8cd")
 
 
 def draw_roads(axes: Axes, network: RoadNetwork, line_width: float) -> None:

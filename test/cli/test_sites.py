@@ -29,6 +29,15 @@ def test_the_good_sites_of_a_template_are_listed_and_all_where_asked(siren) -> N
 def test_a_site_has_its_street_junction_length_and_lanes(siren) -> None:
     line = next(line for line in siren(["sites", "--templates", "S1"]).out.splitlines() if "mill_e_1" in line)
     assert line.split() == ["S1", "mill_e_1..north_e_0", "yes", "North", "Street", "north_west", "203", "2", "no"]
+    printed = siren(["sites", "--templates", "S1", "--all"]).out.splitlines()
+    lacking = next(line for line in printed if "main_e_2" in line)
+    assert lacking.endswith("a shoulder, and others have none")
+
+
+def test_the_map_is_drawn_where_asked(siren, tmp_path: Path) -> None:
+    out = siren(["sites", "--templates", "S7", "--out", str(tmp_path / "sites.png")]).out
+    assert out.splitlines()[-1] == str(tmp_path / "sites.png")
+    assert (tmp_path / "sites.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_where_no_site_is_good_all_are_listed(siren) -> None:

@@ -41,9 +41,9 @@ def run(arguments: argparse.Namespace) -> int:
     rows = tuple(row for survey in found for row in _rows(network, *survey, lacking=arguments.all))
     print(*Table("sites", "", _HEAD, rows, specs={"length m": ".0f"}).text(), sep="\n")
     if arguments.out is not None:
-        from siren_ros.pictures.site_map import Survey, save_site_map  # noqa: PLC0415 - matplotlib takes as long as the table
+        from siren_ros.pictures.site_map import save_site_map  # noqa: PLC0415 - matplotlib takes as long as the table
 
-        print(save_site_map(network, [Survey(*survey) for survey in found], arguments.out))
+        print(save_site_map(network, found, arguments.out))
     return EXIT_OK
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from siren_ros.errors import InputError, SirenError, whole_file, writing
+from siren_ros.errors import InputError, SirenError
 from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.numerics.units import STEP_S
@@ -27,6 +27,7 @@ from siren_ros.pictures.plot_parts import (
     draw_states,
     draw_vehicles,
     frame_box,
+    save_png,
     title_of,
     yielding_actors,
 )
@@ -220,15 +221,5 @@ def _draw_title(figure: Figure, record: EpisodeRecord) -> None:
 
 
 def save_episode_picture(record: EpisodeRecord, path: Path) -> Path:
-    """Draws an episode into a PNG file; the same record gives the same bytes.
-
-    Raises InputError where the name does not end in .png, or the place cannot be written.
-    """
-    if path.suffix.lower() != ".png":
-        raise InputError("out", str(path), "a file name that ends in .png")
-    figure = draw_episode(record)
-    with writing(path, "place"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as file:
-            figure.savefig(file, format="png", metadata={"Software": None})
-    return path
+    """Draws an episode into a PNG file, as ``save_png``; the same record gives the same bytes."""
+    return save_png(path, lambda: draw_episode(record))

@@ -1,18 +1,21 @@
 """Parts of plots: roads, vehicles, annotations beside points, and the timeline of events."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.transforms import Bbox
 
+from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.numerics.arrays import Floats, Points
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.numerics.units import STEP_S
@@ -53,6 +56,21 @@ def frame_box(axes: Axes, box: Box) -> None:
     axes.set_aspect("equal", adjustable="box")
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_color("#c4c8cd")
+
+
+def save_png(path: Path, draw: Callable[[], Figure]) -> Path:
+    """Draws a figure into a PNG file; the same figure gives the same bytes.
+
+    Raises InputError where the name does not end in .png, or the place cannot be written.
+    """
+    if path.suffix.lower() != ".png":
+        raise InputError("out", str(path), "a file name that ends in .png")
+    figure = draw()
+    with writing(path, "place"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as file:
+            figure.savefig(file, format="png", metadata={"Software": None})
+    return path
 
 
 def draw_roads(axes: Axes, network: RoadNetwork, line_width: float) -> None:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,10 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.numerics.arrays import Points
 from siren_ros.pictures.palette import FAINT_TEXT, TEXT
-from siren_ros.pictures.plot_parts import Box, LabelPlacer, draw_roads, draw_scale_bar, frame_box
+from siren_ros.pictures.plot_parts import Box, LabelPlacer, draw_roads, draw_scale_bar, frame_box, save_png
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.site_finder import places_without_site
@@ -34,33 +33,20 @@ _DPI: Final = 120
 _MARGIN: Final = 0.03
 
 
-class Survey(NamedTuple):
-    """What was found on a map for a template."""
-
-    template: Template
-    sites: Mapping[Site, Sequence[str]]
-    """All sites of its kind, best first, and what each lacks; nothing for good ones."""
+Survey = tuple[Template, Mapping[Site, Sequence[str]]]
+"""A template, and all sites of its kind, best first, with what each lacks; nothing for good ones."""
 
 
 def save_site_map(network: RoadNetwork, surveys: Sequence[Survey], path: Path) -> Path:
-    """Draws the map once for each template into a PNG file; the same map gives the same bytes.
-
-    Raises InputError where the name does not end in .png, or the place cannot be written.
-    """
-    if path.suffix.lower() != ".png":
-        raise InputError("out", str(path), "a file name that ends in .png")
-    figure = draw_site_map(network, surveys)
-    with writing(path, "place"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as file:
-            figure.savefig(file, format="png", metadata={"Software": None})
-    return path
+    """Draws the map once for each template into a PNG file, as ``save_png``."""
+    return save_png(path, lambda: draw_site_map(network, surveys))
 
 
 def draw_site_map(network: RoadNetwork, surveys: Sequence[Survey]) -> Figure:
-    """One panel for each template: good sites with the numbers of ``siren sites``, other sites, and other places."""
+    """One panel for each template: good sites, numbered as ``siren sites`` lists them, others, and other places."""
     box = _box_around(network)
-    legends = [_legend(network, survey) for survey in surveys]
+    colours = [_colours(network, survey) for survey in surveys]
+    legends = [_legend(network, *each) for each in zip(surveys, colours, strict=True)]
     columns = min(_COLUMNS, len(surveys))
     rows = -(-len(surveys) // columns)
     shape = (box[3] - box[2]) / (box[1] - box[0])
@@ -69,24 +55,23 @@ def draw_site_map(network: RoadNetwork, surveys: Sequence[Survey]) -> Figure:
     size_in = np.array([columns * _PANEL_IN, rows * (map_in + text_in)])
     figure = Figure(figsize=(float(size_in[0]), float(size_in[1])), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
-    for place, (survey, legend) in enumerate(zip(surveys, legends, strict=True)):
+    for place, legend in enumerate(legends):
         row, column = divmod(place, columns)
         corner_in = np.array([column * _PANEL_IN, size_in[1] - row * (map_in + text_in) - _TITLE_IN - map_in])
         (left, bottom), (width, height) = corner_in / size_in, np.array([_PANEL_IN, map_in]) / size_in
         axes = figure.add_axes((left + _MARGIN * width, bottom, (1.0 - 2.0 * _MARGIN) * width, height))
-        _draw_panel(axes, network, survey, box)
+        _draw_panel(axes, network, surveys[place], colours[place], box)
         axes.legend(
             handles=legend, loc="upper left", bbox_to_anchor=(0.0, -0.01), fontsize=8, frameon=False, labelcolor=TEXT
         )
     return figure
 
 
-def _draw_panel(axes: Axes, network: RoadNetwork, survey: Survey, box: Box) -> None:
+def _draw_panel(axes: Axes, network: RoadNetwork, survey: Survey, colours: Mapping[str, str], box: Box) -> None:
     frame_box(axes, box)
     draw_roads(axes, network, line_width=0.3)
     template, found = survey
     good = [site for site, lacking in found.items() if not lacking]
-    colours = _colours(network, survey)
     for site, lacking in reversed([*found.items()]):
         colour, width = (colours[lacking[0]], 2.0) if lacking else (_GOOD, 4.0)
         axes.plot(*_way_of(network, site).T, color=colour, linewidth=width, solid_capstyle="butt", zorder=4)
@@ -110,9 +95,9 @@ def _way_of(network: RoadNetwork, site: Site) -> Points:
     return np.concatenate([driving_lanes(network, edge)[-1].centre.points for edge in site.stretch])
 
 
-def _legend(network: RoadNetwork, survey: Survey) -> list[Line2D]:
+def _legend(network: RoadNetwork, survey: Survey, colours: Mapping[str, str]) -> list[Line2D]:
     """What the colours mean, and how often each occurs."""
-    (template, found), colours = survey, _colours(network, survey)
+    template, found = survey
     good = sum(not lacking for lacking in found.values())
     handles = [Line2D([], [], color=_GOOD, linewidth=4.0, label=f"good: {good}")] if good else []
     sites = Counter(lacking[0] for lacking in found.values() if lacking)
@@ -127,8 +112,9 @@ def _legend(network: RoadNetwork, survey: Survey) -> list[Line2D]:
 
 def _colours(network: RoadNetwork, survey: Survey) -> dict[str, str]:
     """Colour by what is lacking."""
-    texts = [lacking[0] for lacking in survey.sites.values() if lacking]
-    texts += [place.lacking for place in places_without_site(network, survey.template.site_kind)]
+    template, found = survey
+    texts = [lacking[0] for lacking in found.values() if lacking]
+    texts += [place.lacking for place in places_without_site(network, template.site_kind)]
     return {text: _LACKING[place % len(_LACKING)] for place, text in enumerate(dict.fromkeys(texts))}
 
 

@@ -24,7 +24,7 @@ def network(request) -> RoadNetwork:
 
 
 def surveys(network: RoadNetwork, count: int = len(TEMPLATES)) -> list[Survey]:
-    return [Survey(template, shortcomings(network, template)) for template in TEMPLATES[:count]]
+    return [(template, shortcomings(network, template)) for template in TEMPLATES[:count]]
 
 
 def test_each_panel_counts_what_it_draws(network: RoadNetwork) -> None:

@@ -15,6 +15,7 @@ from siren_ros.interfaces.conversions import (
     to_events,
 )
 from siren_ros.lockstep import Input
+from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.ros.node_configs import VehicleDynamicsConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_program
@@ -32,9 +33,10 @@ class VehicleDynamics(Participant[VehicleDynamicsConfig]):
     inputs = (Input(topics.TRAFFIC), Input(topics.EMV_COMMANDS), Input(topics.YIELD_COMMANDS))
     outputs = (topics.ACTORS, topics.EVENTS)
 
-    def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
+    def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
         """Start with no vehicles; where there is an AV under test, its controller's answers are commands too."""
-        self._fleet = FleetState.empty(load_vehicle_parameters(episode.files))
+        left_hand = parse_road_network(map_xml).left_hand
+        self._fleet = FleetState.empty(load_vehicle_parameters(episode.files), left_hand=left_hand)
         self._av_id = episode.av_id
         if self._av_id != NO_ACTOR:
             self.join_more([Input(topics.AV_CONTROL, lag_steps=1)])

@@ -159,7 +159,8 @@ def median_step_ms(setup: EpisodeSetup, steps: Sequence[LoopStep]) -> float:
     """Median time of behaviour and dynamics, computed again from the recorded traffic."""
     world = behaviour_world(setup.description, setup.compiled_map.read_bytes())
     vehicles = load_vehicle_parameters(setup.description.files)
-    emv, civilians, fleet = EmvState(), YieldState(), FleetState.empty(vehicles)
+    emv, civilians = EmvState(), YieldState()
+    fleet = FleetState.empty(vehicles, left_hand=setup.network.left_hand)
     taken = []
     for step in steps:
         begin = time.perf_counter()

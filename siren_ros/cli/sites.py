@@ -8,6 +8,7 @@ from siren_ros.cli.command import Command
 from siren_ros.errors import EXIT_OK
 from siren_ros.generation.site_choice import has_shoulder, shortcomings
 from siren_ros.roads.maps.map_compiler import compile_map
+from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites import Site
@@ -37,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Prints the table; a template without a line has no site on the map."""
     network = parse_road_network(compile_map(Path(arguments.map) if arguments.map else None).read_bytes())
     templates = [load_template(name) for name in arguments.templates or available_templates()]
-    found = [(template, shortcomings(network, template)) for template in templates]
+    found = [(template, shortcomings(right_hand_image(network), template)) for template in templates]
     rows = tuple(row for survey in found for row in _rows(network, *survey, lacking=arguments.all))
     print(*Table("sites", "", _HEAD, rows, specs={"length m": ".0f"}).text(), sep="\n")
     if arguments.out is not None:

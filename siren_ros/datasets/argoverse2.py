@@ -57,6 +57,7 @@ def map_json(network: RoadNetwork) -> dict[str, Any]:
 def _segment(index: int, lane: GraphLane, graph: dict[int, GraphLane]) -> dict[str, Any]:
     count = max(_SEGMENT_POINTS, int(lane.lane.length_m / _SPACING_M) + 1)
     left, right = lane.left_neighbour, lane.right_neighbour
+    edges = ("SOLID_WHITE", "SOLID_YELLOW") if lane.left_hand else ("SOLID_YELLOW", "SOLID_WHITE")
     inside = lane.in_junction
     return {
         "id": index,
@@ -65,8 +66,8 @@ def _segment(index: int, lane: GraphLane, graph: dict[int, GraphLane]) -> dict[s
         "centerline": _points(resampled(lane.lane.centre.points, count)),
         "left_lane_boundary": _points(resampled(lane.left, count)),
         "right_lane_boundary": _points(resampled(lane.right, count)),
-        "left_lane_mark_type": "NONE" if inside else "SOLID_YELLOW" if left is None else "DASHED_WHITE",
-        "right_lane_mark_type": "NONE" if inside else "SOLID_WHITE" if right is None else "DASHED_WHITE",
+        "left_lane_mark_type": "NONE" if inside else edges[0] if left is None else "DASHED_WHITE",
+        "right_lane_mark_type": "NONE" if inside else edges[1] if right is None else "DASHED_WHITE",
         "successors": [other for other in lane.successors if other in graph],
         "predecessors": [other for other in lane.predecessors if other in graph],
         "left_neighbor_id": left,

@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from siren_ros.datasets.commonroad_mirror_image import mirror_commonroad
 from siren_ros.datasets.commonroad_surface import Bounds, border_strips, junction_surfaces, lanelet_bounds
 from siren_ros.datasets.files import FileWriter, child, children, document
 from siren_ros.datasets.formats import EpisodeReport, FilesExporter
@@ -217,7 +218,7 @@ class CommonRoadExporter(FilesExporter):
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
         """Writes the scenario; all tracks of the episode are in memory."""
-        record = source.record()
+        record = source.record().right_hand
         tracks = tracks_of(record)
         emv_id = min(record.emv_ids)
         emv = next((track for track in tracks if track.actor.actor_id == emv_id), None)
@@ -228,6 +229,8 @@ class CommonRoadExporter(FilesExporter):
         for track in others:
             _add_obstacle(root, track)
         _add_problem(root, emv)
+        if source.network.left_hand:
+            mirror_commonroad(root)
         files.write(f"{episode_id}.xml", document(root))
         types = Counter(obstacle_type(track.actor.actor_class) for track in others)
         return EpisodeReport({"scenarios": 1, "obstacles": len(others)}, dict(types))

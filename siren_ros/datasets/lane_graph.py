@@ -26,6 +26,13 @@ class GraphLane:
     left_neighbour: int | None
     """The lane to the left on the same edge, which runs in the same direction."""
     right_neighbour: int | None
+    left_hand: bool = False
+    """Whether traffic keeps left, so that oncoming traffic is on the right."""
+
+    @property
+    def inner(self) -> Points:
+        """The boundary towards oncoming traffic."""
+        return self.right if self.left_hand else self.left
 
     @property
     def outline(self) -> Points:
@@ -61,6 +68,7 @@ def lane_graph(network: RoadNetwork) -> dict[int, GraphLane]:
             predecessors=tuple(sorted(before[index] & driven)),
             left_neighbour=neighbour(lane, 1),
             right_neighbour=neighbour(lane, -1),
+            left_hand=network.left_hand,
         )
         for index in sorted(driven)
     }

@@ -105,7 +105,8 @@ def lane_numbers(network: RoadNetwork) -> dict[int, int]:
     numbers = {}
     for edge in network.edges:
         lanes = [index for index in edge.lanes if network.lanes[index].kind in DRIVEN_KINDS]
-        numbers.update({index: number for number, index in enumerate(reversed(lanes), start=1)})
+        from_left = lanes if network.left_hand else reversed(lanes)
+        numbers.update({index: number for number, index in enumerate(from_left, start=1)})
     return numbers
 
 

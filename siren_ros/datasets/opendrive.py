@@ -9,7 +9,10 @@ from defusedxml.ElementTree import fromstring
 from siren_ros.datasets.files import FileWriter, document
 from siren_ros.datasets.formats import EpisodeReport, FilesExporter
 from siren_ros.record.episode_source import EpisodeSource
+from siren_ros.roads.maps.mirrored_net import mirrored_net
+from siren_ros.roads.maps.mirrored_opendrive import mirrored_opendrive
 from siren_ros.roads.maps.netconvert import run_netconvert
+from siren_ros.roads.mirror_image import right_hand_image
 
 _HEADER: Final = {"revMajor": "1", "revMinor": "5", "date": "1970-01-01T00:00:00"}
 _OBJECT: Final = {
@@ -39,17 +42,21 @@ def opendrive_of(source: EpisodeSource) -> bytes:
     netconvert names its files 1.4, but the outlines of objects and the header's offset that it writes came with 1.5.
     Raises MapError: netconvert cannot write it.
     """
-    x_m, y_m = source.network.sumo_offset_m
+    left_hand, net = source.network.left_hand, source.net_xml.encode()
+    if left_hand:  # netconvert writes lanes as those of a map where traffic keeps right
+        net = mirrored_net(net)
+    x_m, y_m = right_hand_image(source.network).sumo_offset_m
     with tempfile.TemporaryDirectory() as folder:
-        net, output = Path(folder) / "map.net.xml", Path(folder) / "map.xodr"
-        net.write_text(source.net_xml, encoding="utf-8")
-        options = ["--sumo-net-file", str(net), "--opendrive-output", str(output)]
+        net_path, output = Path(folder) / "map.net.xml", Path(folder) / "map.xodr"
+        net_path.write_bytes(net)
+        options = ["--sumo-net-file", str(net_path), "--opendrive-output", str(output)]
         # SUMO's coordinates are those of the map frame plus the net's offset.
         moved = ["--offset.x", f"{-x_m:.6f}", "--offset.y", f"{-y_m:.6f}"]
         # Bends stay polygons: the curves that netconvert would fit leave the lanes by up to 0.4 m.
         plain = ["--opendrive-output.straight-threshold", "180"]
         run_netconvert([*options, *moved, *plain], Path(folder) / "again.net.xml", source.description.map_name)
-        root = fromstring(output.read_bytes())
+        drive = output.read_bytes()
+        root = fromstring(mirrored_opendrive(drive) if left_hand else drive)
     for header in root.iter("header"):
         header.attrib.update(_HEADER)
     for thing in root.iter("object"):

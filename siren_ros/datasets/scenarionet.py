@@ -141,10 +141,12 @@ def map_features(network: RoadNetwork) -> dict[str, Any]:
         }
         if lane.in_junction:
             continue
-        left_line = "ROAD_LINE_SOLID_SINGLE_YELLOW" if left is None else "ROAD_LINE_BROKEN_SINGLE_WHITE"
-        features[f"{index}_left"] = {"type": left_line, "polyline": _with_height(lane.left)}
-        if right is None:
-            features[f"{index}_right"] = {"type": "ROAD_EDGE_BOUNDARY", "polyline": _with_height(lane.right)}
+        sides = [("left", left, lane.left), ("right", right, lane.right)]
+        (inner, next_inner, inner_line), (outer, next_outer, outer_line) = sides[::-1] if lane.left_hand else sides
+        drawn = "ROAD_LINE_SOLID_SINGLE_YELLOW" if next_inner is None else "ROAD_LINE_BROKEN_SINGLE_WHITE"
+        features[f"{index}_{inner}"] = {"type": drawn, "polyline": _with_height(inner_line)}
+        if next_outer is None:
+            features[f"{index}_{outer}"] = {"type": "ROAD_EDGE_BOUNDARY", "polyline": _with_height(outer_line)}
     for number, outline in enumerate(network.crossings):
         features[f"crossing_{number}"] = {"type": "CROSSWALK", "polygon": outline.astype(np.float32)}
     return features

@@ -18,6 +18,7 @@ from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
 
@@ -40,9 +41,11 @@ class FleetState:
     """Actors that have been in contact, sorted: they brake to a standstill and stay."""
     sounding: tuple[int, ...] = ()
     """Actors whose siren sounds, sorted."""
+    left_hand: bool = False
+    """Whether traffic keeps left: the fleet is then the mirror image of the one on the map, to the last bit."""
 
     @classmethod
-    def empty(cls, parameters: Mapping[ActorClass, VehicleParameters]) -> "FleetState":
+    def empty(cls, parameters: Mapping[ActorClass, VehicleParameters], *, left_hand: bool = False) -> "FleetState":
         """The fleet before the first step; loads the compiled equations, which takes a while at first."""
         none = np.empty(0)
         fleet = cls(
@@ -57,6 +60,7 @@ class FleetState:
             tracker=TrackerState.at(none, none, none),
             owner=np.empty(0, np.uint8),
             touching=(),
+            left_hand=left_hand,
         )
         before, flags = (fleet.bodies.columns, fleet.tracker.columns, np.empty((5, 0))), np.empty(0, np.bool_)
         asked, owners = (none, none, none, flags), (fleet.owner, fleet.owner, flags)
@@ -143,6 +147,15 @@ def step_fleet(
         EpisodeError: steps do not match, actors are not those of ``traffic``, or commands contradict each other,
             name unknown actors or are not finite.
     """
+    if state.left_hand:
+        fleet, states, events = _step(state, mirror_image(traffic), [mirror_image(command) for command in commands])
+        return fleet, mirror_image(states), tuple(map(mirror_image, events))
+    return _step(state, traffic, commands)
+
+
+def _step(
+    state: FleetState, traffic: TrafficState, commands: Sequence[VehicleCommands]
+) -> tuple[FleetState, ActorStates, tuple[Event, ...]]:
     _check_steps(state, traffic, commands)
     fleet, fresh = with_spawned(without_actors(state, traffic.removed), traffic)
     orders = stopped_orders(merge_commands(traffic, commands), fleet.actor_id, fleet.stopped, fleet.bodies.steer_rad)

@@ -6,6 +6,7 @@ from typing import cast
 
 from siren_ros.behaviour.driving.step_view import BehaviourWorld
 from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.scenario.paper import LEVEL_POLICIES, PAPER_SPEEDS
@@ -28,12 +29,14 @@ def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWor
         values["response.response_distance_m"], values["response.extra_delay_s"], values["response.compliance"]
     )
     speed_mps = values["emv.speed_mps"]
+    network = parse_road_network(map_xml)
     return BehaviourWorld(
-        network=parse_road_network(map_xml),
+        network=right_hand_image(network),
         policy=LEVEL_POLICIES[episode.level],
         vehicles=load_vehicle_parameters(files),
         preset=preset,
         seed=episode.seed,
         av_id=episode.av_id,
         speeds=replace(PAPER_SPEEDS, emv_route_follow_mps=speed_mps, emv_lane_change_mps=speed_mps),
+        left_hand=network.left_hand,
     )

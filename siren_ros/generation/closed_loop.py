@@ -61,7 +61,8 @@ def closed_loop(
     """
     world = world or behaviour_world(setup.description, setup.compiled_map.read_bytes())
     vehicles = load_vehicle_parameters(setup.description.files)
-    emv, civilians, fleet = EmvState(), YieldState(), FleetState.empty(vehicles)
+    emv, civilians = EmvState(), YieldState()
+    fleet = FleetState.empty(vehicles, left_hand=setup.network.left_hand)
     states: ActorStates | None = None
     with SumoSimulation(
         setup.compiled_map, setup.network, setup.plan, setup.level, seed=setup.description.seed

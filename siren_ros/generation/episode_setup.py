@@ -14,6 +14,7 @@ from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.params.input_files import FILES_ON_DISK, InputFile, InputFiles, NotedFiles, files_to_json
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map, with_shoulders_in_use, with_speed_limit
+from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites import Site
@@ -140,16 +141,17 @@ def set_up_episode(
     if template.shoulders_in_use:
         compiled = with_shoulders_in_use(compiled)
     network = parse_road_network(compiled.read_bytes())
+    driven = right_hand_image(network)
     dimensions = {
         actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)
         for actor_class, vehicle in load_vehicle_parameters(noted).items()
     }
-    sites = sites_to_try(network, written, request.seed, request.site, request.map or compiled.name)
+    sites = sites_to_try(driven, written, request.seed, request.site, request.map or compiled.name)
     lasting = replace(template, duration_s=max(template.duration_s, request.duration_s))
-    site, plan = plan_at_site(network, sites, lasting, request.seed, load_drivers(files=noted), dimensions)
+    site, plan = plan_at_site(driven, sites, lasting, request.seed, load_drivers(files=noted), dimensions)
     plan = with_responses(plan, preset, request.seed)
     if request.av:
-        plan = replace(plan, av=choose_av(network, plan))
+        plan = replace(plan, av=choose_av(driven, plan))
     av = {"actor_id": len(plan.emvs) + 1, "name": plan.av, "sensors": request.av_sensors}
     description = EpisodeDescription(
         template=template.template_id,

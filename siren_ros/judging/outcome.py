@@ -58,7 +58,7 @@ class AvResponse:
     speed_drop_mps: float = 0.0
     """Speed at ``heard_s`` minus the lowest speed until the EMV had passed."""
     moved_right_m: float = 0.0
-    """Largest displacement to the right of the AV's line of travel at ``heard_s``."""
+    """Largest displacement to the right of the AV's line of travel at ``heard_s``; to the left in left-hand traffic."""
     closest_m: float = 0.0
     """Least distance between the two centres."""
     collisions: int = 0
@@ -74,6 +74,7 @@ def av_response(record: EpisodeRecord) -> AvResponse | None:
     av_id = record.description.av_id
     if av_id == NO_ACTOR or not record.emv_ids:
         return None
+    record = record.right_hand
     av, emv = common_rows(record.track(av_id), record.track(record.emv_ids[0]))
     collisions = sum(av_id in {event.actor_id, event.other_id} for event in record.events_of(EventKind.COLLISION))
     if not len(av):

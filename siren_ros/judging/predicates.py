@@ -13,7 +13,7 @@ from siren_ros.judging.junction_templates import (
 )
 from siren_ros.judging.lane_clearance import lane_cleared
 from siren_ros.judging.queue_splitting import queues_split
-from siren_ros.judging.verdict import Verdict
+from siren_ros.judging.verdict import Verdict, with_sides_exchanged
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario import scenario as declared
 from siren_ros.scenario.templates import load_template
@@ -57,6 +57,10 @@ def predicate_of(record: EpisodeRecord) -> tuple[str, Mapping[str, float]]:
 
 
 def evaluate_predicate(record: EpisodeRecord) -> Verdict:
-    """Whether the interaction of the episode's template happened; raises as ``predicate_of`` does."""
+    """Whether the interaction of the episode's template happened; raises as ``predicate_of`` does.
+
+    Where traffic keeps left, the mirror image is judged, and the verdict's words are mirrored again.
+    """
     name, thresholds = predicate_of(record)
-    return PREDICATES[name](record, thresholds)
+    verdict = PREDICATES[name](record.right_hand, thresholds)
+    return with_sides_exchanged(verdict) if record.network.left_hand else verdict

@@ -1,7 +1,9 @@
 """Results of checks on a record: conditions with their numbers, and verdicts of several conditions."""
 
+import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,21 @@ class Verdict:
 def verdict_of(parts: tuple[Part, ...], text: str) -> Verdict:
     """A verdict of some parts; it holds where all parts hold."""
     return Verdict(all(part.holds for part in parts), parts, text)
+
+
+_OTHER_SIDE: Final = {"left": "right", "right": "left"}
+_SIDE: Final = re.compile(r"(?:(?<=the )|(?<=turns )|(?<=turned ))(left|right)\b")
+"""A side, not the verb: "on the left", "turned right"."""
+
+
+def with_sides_exchanged(verdict: Verdict) -> Verdict:
+    """The verdict on a mirror image, said of the original: its words for left and right change places."""
+    parts = tuple(replace(part, detail=_exchanged(part.detail)) for part in verdict.parts)
+    return replace(verdict, parts=parts, text=_exchanged(verdict.text))
+
+
+def _exchanged(text: str) -> str:
+    return _SIDE.sub(lambda side: _OTHER_SIDE[side.group()], text)
 
 
 def closest_of(verdicts: Iterable[Verdict]) -> Verdict | None:

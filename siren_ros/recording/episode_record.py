@@ -1,7 +1,7 @@
 """The record of an episode: its bag's content in memory, for predicates, evaluation, pictures and exporters."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -10,10 +10,12 @@ import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Codes, Columns, Floats, Ids, Rows
 from siren_ros.numerics.units import STEP_S
+from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorDescription, ActorStates
 from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
 Steps = npt.NDArray[np.int64]
@@ -104,6 +106,20 @@ class EpisodeRecord:
     """Steps without actor states, before the last step or the end that the bag says was reached."""
     map_xml: bytes = b""
     """The compiled SUMO net; empty in a record that was made by hand."""
+
+    @cached_property
+    def right_hand(self) -> "EpisodeRecord":
+        """The record itself where traffic keeps right, else its mirror image: what is judged by sides sees this."""
+        if not self.network.left_hand:
+            return self
+        return replace(
+            self,
+            network=right_hand_image(self.network),
+            states=tuple(map(mirror_image, self.states)),
+            traffic=tuple(map(mirror_image, self.traffic)),
+            commands={source: tuple(map(mirror_image, rows)) for source, rows in self.commands.items()},
+            events=tuple(map(mirror_image, self.events)),
+        )
 
     @property
     def steps(self) -> int:

@@ -206,7 +206,13 @@ def _network(root: Element) -> RoadNetwork:
         origin_lat_lon_deg=origin_lat_lon_deg,
         projected_origin_m=projected_m,
         crossings=tuple(_crossings(root, offset_m)),
+        left_hand=is_left_hand(root),
     )
+
+
+def is_left_hand(net: Element) -> bool:
+    """Whether traffic keeps left on a net."""
+    return net.get("lefthand", "").lower() in {"true", "1", "yes"}
 
 
 _Pair = tuple[float, float]

@@ -47,7 +47,7 @@ class Lane:
     lane_id: str
     edge: int
     position: int
-    """SUMO's lane number on the edge, 0 at the right kerb."""
+    """SUMO's lane number on the edge, 0 at the outer kerb: the right one, or the left one with left-hand traffic."""
     kind: LaneKind
     centre: Polyline
     width_m: float
@@ -68,7 +68,7 @@ class Edge:
     index: int
     edge_id: str
     lanes: tuple[int, ...]
-    """Lane indices from the right kerb to the left."""
+    """Lane indices from the outer kerb inwards."""
     from_junction: str
     to_junction: str
     internal: bool
@@ -128,6 +128,8 @@ class RoadNetwork:
     """Coordinates of the map frame's origin in the projection."""
     crossings: tuple[npt.NDArray[np.float64], ...] = field(default=())
     """Outlines of pedestrian crossings, each ``(K, 2)``."""
+    left_hand: bool = False
+    """Whether traffic keeps left."""
 
     @cached_property
     def lane_by_id(self) -> Mapping[str, Lane]:
@@ -169,7 +171,7 @@ class RoadNetwork:
 
     def neighbour(self, lane: Lane, side: int) -> Lane | None:
         """The adjacent lane of the same edge: side +1 left, −1 right; None where there is none."""
-        position = lane.position + side
+        position = lane.position + (-side if self.left_hand else side)
         lanes = self.edges[lane.edge].lanes
         return self.lanes[lanes[position]] if 0 <= position < len(lanes) else None
 

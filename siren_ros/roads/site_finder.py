@@ -9,6 +9,7 @@ import numpy as np
 
 from siren_ros.errors import MapError
 from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.movements import (
     comes_from_the_side,
     crossing_connections,
@@ -56,10 +57,11 @@ def places_without_site(network: RoadNetwork, kind: SiteKind) -> tuple[NoSite, .
 @lru_cache(maxsize=MAPS_KEPT)
 def _places_on(network: RoadNetwork) -> Callable[[SiteKind], tuple[tuple[Site, ...], tuple[NoSite, ...]]]:
     """The sites of a map and the places that are none, looked for once for each kind."""
+    driven = right_hand_image(network)
 
     @cache
     def of_kind(kind: SiteKind) -> tuple[tuple[Site, ...], tuple[NoSite, ...]]:
-        places = [*_FINDERS[kind](EdgeGraph.of(network))]
+        places = [*_FINDERS[kind](EdgeGraph.of(driven))]
         sites = sorted((place for place in places if isinstance(place, Site)), key=lambda site: -site.score)
         taken = {site.stretch[-1] for site in sites}
         others = (place for place in places if isinstance(place, NoSite) and place.edge not in taken)

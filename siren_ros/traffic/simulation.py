@@ -15,7 +15,8 @@ from siren_ros.errors import EpisodeError, MapError
 from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.maps.map_compiler import CompiledMap
+from siren_ros.roads.maps.map_compiler import CompiledMap, mirrored_map
+from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.traffic.config import TrafficConfig
@@ -29,6 +30,7 @@ from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_
 from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
+from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, Indices, SignalState, TrafficState
 
 _LARGEST_SEED: Final = 2**31 - 1
@@ -91,6 +93,9 @@ class SumoSimulation:
         """
         if SumoSimulation._running:
             raise EpisodeError("a SUMO simulation is already running in this process; close it first")
+        self._left_hand = network.left_hand
+        if self._left_hand:
+            compiled_map, network = mirrored_map(compiled_map), right_hand_image(network)
         self._network = network
         self._plan = plan
         self._level = level
@@ -146,10 +151,10 @@ class SumoSimulation:
             SumoSimulation._running = False
             libsumo.close()
 
-    def step(self, step: int, mirrored: ActorStates | None) -> TrafficState:
+    def step(self, step: int, simulated: ActorStates | None) -> TrafficState:
         """Advance SUMO to a step, one more than at the call before, starting at 0.
 
-        ``mirrored`` is the simulated world at ``step − 1``; None at step 0.
+        ``simulated`` is the simulated world at ``step − 1``; None at step 0.
 
         Raises:
             EpisodeError: steps out of order, or SUMO moved a mirrored vehicle elsewhere.
@@ -157,12 +162,12 @@ class SumoSimulation:
         expected = 0 if self._last is None else self._last.step + 1
         if step != expected:
             raise EpisodeError(f"SUMO is asked for step {step}, but the next one is {expected}")
-        states = ActorStates.empty(step - 1) if mirrored is None else mirrored
+        states = ActorStates.empty(step - 1) if simulated is None else simulated
         try:
-            self._last = self._advance(step, states)
+            self._last = self._advance(step, mirror_image(states) if self._left_hand else states)
         except libsumo.TraCIException as error:
             raise EpisodeError(f"SUMO failed at step {step}: {error}") from error
-        return self._last
+        return mirror_image(self._last) if self._left_hand else self._last
 
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
         self._cautious.apply(self._last, self._reported)

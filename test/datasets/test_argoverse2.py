@@ -19,6 +19,7 @@ from siren_ros.cli.main import main
 from siren_ros.datasets import argoverse2
 from siren_ros.datasets.lane_graph import lane_graph
 from siren_ros.record.tracks import Track, whole_windows
+from siren_ros.roads.mirror_image import mirrored_network
 from siren_ros.roads.net_parser import parse_road_network
 
 DATASET = ("argoverse2", "tracked_bag", "--population", "all")
@@ -173,6 +174,19 @@ def test_each_scenario_has_the_map_of_its_episode(made_dataset):
     name = NAME.format(EMV, 49)
     archive = json.loads((made_dataset / "val" / name / f"log_map_archive_{name}.json").read_text())
     assert archive == json.loads(json.dumps(argoverse2.map_json(parse_road_network(NET_XML.encode()))))
+
+
+def test_where_traffic_keeps_left_the_yellow_line_is_on_the_right():
+    network = parse_road_network(NET_XML.encode())
+    kinds = [
+        {
+            side: [lane[f"{side}_lane_mark_type"] for lane in argoverse2.map_json(one)["lane_segments"].values()]
+            for side in ("left", "right")
+        }
+        for one in (network, mirrored_network(network))
+    ]
+    assert kinds[0]["left"] == kinds[1]["right"] == ["DASHED_WHITE", "SOLID_YELLOW"] * 2
+    assert kinds[0]["right"] == kinds[1]["left"] == ["SOLID_WHITE", "DASHED_WHITE"] * 2
 
 
 @pytest.mark.parametrize(("focal", "start"), [(EMV, 0), (CAR, 9), (BUS, 16)])

@@ -13,6 +13,8 @@ from hand_made_record import EAST, RIGHT, STRAIGHT
 from reader_environments import read_with
 
 from siren_ros.datasets.commonroad import _add_obstacle, _add_problem, _root, benchmark_id, lanelet_id, obstacle_type
+from siren_ros.datasets.commonroad_mirror_image import mirror_commonroad
+from siren_ros.datasets.files import document
 from siren_ros.record.tracks import Track
 from siren_ros.world.actors import EMERGENCY_CLASSES, ActorClass
 
@@ -226,3 +228,28 @@ def test_the_emv_is_the_planning_problem(read, tracks):
     assert read["start"] == pytest.approx((tracks[1].x_m[0], tracks[1].y_m[0]), abs=1e-4)
     assert read["goal"] == pytest.approx((tracks[1].x_m[-1], tracks[1].y_m[-1]), abs=1e-3)
     assert read["goal_reached_by"] == tracks[1].frame[-1]
+
+
+def test_where_traffic_keeps_left_the_scenario_is_the_mirror_image():
+    root = _root(RECORD, RECORD.description)
+    for track in made_tracks():
+        _add_obstacle(root, track)
+    text = document(root)
+    mirror_commonroad(root)
+    lane = next(lanelet for lanelet in root.findall("lanelet") if lanelet.get("id") == str(lanelet_id(LANE)))
+    assert points(lane.find("rightBound")) == [[3.5, 120.0], [3.5, 20.0]]
+    assert points(lane.find("leftBound")) == [[7.0, 120.0], [7.0, 20.0]]
+    assert (refs(lane, "adjacentLeft"), refs(lane, "adjacentRight")) == ([0], [2])
+    order = ["leftBound", "rightBound", "predecessor", "successor", "adjacentLeft", "adjacentRight", "stopLine"]
+    for lanelet in root.findall("lanelet"):
+        places = [order.index(child.tag) for child in lanelet if child.tag in order]
+        assert places == sorted(places), "the order of the schema"
+    for arm in root.iter("incoming"):
+        sides = [child.tag.removeprefix("outgoing") for child in arm if child.tag.startswith("outgoing")]
+        assert sides == sorted(sides, key=("Right", "Straight", "Left").index)
+    state = root.find("dynamicObstacle/initialState")
+    first = made_tracks()[0]
+    assert float(state.findtext("position/point/y")) == -first.xy_m[0][1]
+    assert float(state.findtext("orientation/exact")) == -first.yaw_rad[0]
+    mirror_commonroad(root)
+    assert document(root).replace(b">-0.0<", b">0.0<") == text.replace(b">-0.0<", b">0.0<")

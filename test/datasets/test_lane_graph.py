@@ -5,6 +5,7 @@ import pytest
 from hand_made_record import RIGHT, SHOULDER_RIGHT, STRAIGHT, crossing
 
 from siren_ros.datasets.lane_graph import lane_graph, offset_line
+from siren_ros.roads.mirror_image import MIRROR, mirrored_network
 from siren_ros.roads.road_network import LaneKind
 
 GRAPH = lane_graph(crossing())
@@ -24,6 +25,18 @@ def test_boundaries_lie_half_a_width_aside():
 def test_neighbours_are_of_the_same_edge():
     assert (GRAPH[RIGHT_LANE].left_neighbour, GRAPH[RIGHT_LANE].right_neighbour) == (LEFT_LANE, SHOULDER)
     assert (GRAPH[LEFT_LANE].left_neighbour, GRAPH[SHOULDER].right_neighbour) == (None, None)
+
+
+def test_where_traffic_keeps_left_left_and_right_change_places():
+    graph = lane_graph(mirrored_network(crossing()))
+    for index, lane in GRAPH.items():
+        assert graph[index].left == pytest.approx(lane.right * MIRROR)
+        assert (graph[index].left_neighbour, graph[index].right_neighbour) == (
+            lane.right_neighbour,
+            lane.left_neighbour,
+        )
+        assert graph[index].inner == pytest.approx(lane.inner * MIRROR)
+    assert GRAPH[LEFT_LANE].inner is GRAPH[LEFT_LANE].left
 
 
 def test_followers_lead_over_paths():

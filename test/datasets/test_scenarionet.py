@@ -11,6 +11,7 @@ from hand_made_record import crossing
 from reader_environments import read_with
 
 from siren_ros.datasets.scenarionet import description, map_features, summary_of
+from siren_ros.roads.mirror_image import mirrored_network
 
 FOUND = description(made_record(), made_tracks(), "one", 1)
 PATHS = 12
@@ -61,6 +62,16 @@ def test_lanes_have_their_lines_and_neighbours():
     assert f"{PATHS}_left" not in features
     assert features[str(PATHS)]["entry_lanes"] == ["1"]
     assert features[str(PATHS)]["exit_lanes"] == ["3"]
+
+
+def test_where_traffic_keeps_left_the_middle_of_the_road_is_on_the_right():
+    features = map_features(mirrored_network(crossing()))
+    assert features["2_right"]["type"] == "ROAD_LINE_SOLID_SINGLE_YELLOW"
+    assert features["1_right"]["type"] == "ROAD_LINE_BROKEN_SINGLE_WHITE"
+    assert "1_left" not in features
+    assert features["0_left"]["polyline"].tolist() == [[9.5, 120.0, 0.0], [9.5, 20.0, 0.0]]
+    lane = features[str(LANE)]
+    assert (lane["left_neighbor"], lane["right_neighbor"]) == (["0"], ["2"])
 
 
 def test_the_summary_counts_ways_and_vehicles():

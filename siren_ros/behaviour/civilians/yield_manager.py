@@ -158,6 +158,7 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
         The next state, and one row per civilian in any phase of a yield: owned by ROS while the navigator drives,
         by SUMO while the driver reacts, waits for a gap or keeps its new lane.
     """
+    traffic = world.seen(traffic)
     if world.policy.response is CivilianResponse.NOMINAL:
         return YieldState(actors=state.actors.updated(traffic)), VehicleCommands.empty(traffic.step, SOURCE)
     view = world.view(traffic, state.actors)
@@ -177,9 +178,8 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
             left[actor_id] = outcome.unit
             if outcome.unit.phase is not Mode.NOMINAL:
                 rows.append(_command_row(outcome.unit, outcome.command))
-    return YieldState(left, drivers, regions, view.actors), VehicleCommands.of(
-        traffic.step, SOURCE, rows, tuple(events)
-    )
+    commands = VehicleCommands.of(traffic.step, SOURCE, rows, tuple(events))
+    return YieldState(left, drivers, regions, view.actors), world.said(commands)
 
 
 def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad | None, Ids]], dict[int, _EmvScene]]:

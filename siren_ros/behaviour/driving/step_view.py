@@ -22,6 +22,8 @@ from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConstants, LevelPolicy, TargetSpeeds
 from siren_ros.scenario.presets import DriverPreset
 from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, rows_of_ids
+from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import Indices, TrafficState
 
 
@@ -148,6 +150,16 @@ class BehaviourWorld:
     constants: ControlConstants = PAPER_CONSTANTS
     speeds: TargetSpeeds = PAPER_SPEEDS
     config: BehaviourConfig = field(default_factory=BehaviourConfig)
+    left_hand: bool = False
+    """Whether traffic keeps left: ``network`` is then the map's mirror image, in which all drivers decide."""
+
+    def seen(self, traffic: TrafficState) -> TrafficState:
+        """Traffic as the drivers see it, given that of the map."""
+        return mirror_image(traffic) if self.left_hand else traffic
+
+    def said(self, commands: VehicleCommands) -> VehicleCommands:
+        """Commands in the frame of the map, given the drivers'."""
+        return mirror_image(commands) if self.left_hand else commands
 
     @cached_property
     def edge_of_lane(self) -> Indices:

@@ -37,6 +37,7 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
         The next state, and one command row per EMV, owned by ROS. At a level without privilege (L0) SUMO drives the
         EMV and there are no rows.
     """
+    traffic = world.seen(traffic)
     if not world.policy.privileged:
         return EmvState({}, state.actors.updated(traffic)), VehicleCommands.empty(traffic.step, SOURCE)
     view = world.view(traffic, state.actors)
@@ -51,7 +52,8 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
         lights |= Lights.BEACON | Lights.SIREN if world.policy.siren else Lights.NONE
         rows.append((actor_id, Owner.ROS, *command, mode_of(unit), int(lights)))
         events += happened
-    return EmvState(units, view.actors), VehicleCommands.of(traffic.step, SOURCE, rows, events)
+    commands = VehicleCommands.of(traffic.step, SOURCE, rows, events)
+    return EmvState(units, view.actors), world.said(commands)
 
 
 def mode_of(unit: EmvUnit) -> Mode:

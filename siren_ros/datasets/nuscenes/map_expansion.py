@@ -159,8 +159,9 @@ class _Map:
             if not lane.in_junction:
                 blocks.setdefault(lane.lane.edge, []).append(lane)
         for edge, lanes in blocks.items():
-            outline = _outline(lanes[-1].left, lanes[0].right)
-            ends = [np.array([lanes[-1].left[row], lanes[0].right[row]]) for row in (0, -1)]
+            leftmost, rightmost = (lanes[0], lanes[-1]) if lanes[0].left_hand else (lanes[-1], lanes[0])
+            outline = _outline(leftmost.left, rightmost.right)
+            ends = [np.array([leftmost.left[row], rightmost.right[row]]) for row in (0, -1)]
             row = {"polygon_token": self._polygon(outline, "edge", edge), "drivable_area_token": self._drivable}
             segment = self._add("road_segment", {**row, "is_intersection": False}, "edge", edge)
             edges = {
@@ -169,7 +170,7 @@ class _Map:
             }
             block = {"polygon_token": row["polygon_token"], **edges, "road_segment_token": segment}
             self._add("road_block", block, edge)
-            divider = {"line_token": self._line(lanes[-1].left, "road_divider", edge), "road_segment_token": segment}
+            divider = {"line_token": self._line(lanes[-1].inner, "road_divider", edge), "road_segment_token": segment}
             self._add("road_divider", divider, edge)
         self._lights()
 

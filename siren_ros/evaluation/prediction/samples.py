@@ -17,7 +17,9 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.record.tracks import LOG_PERIOD_STEPS, rows_in_region
 from siren_ros.record.vehicle_location import sumo_lanes
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.roads.mirror_image import MIRROR, right_hand_image
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.world.mirror_image import SIDES_EXCHANGED
 from siren_ros.world.traffic_state import Indices
 
 FRAME_PERIOD_S: Final = LOG_PERIOD_STEPS * STEP_S
@@ -141,6 +143,21 @@ class SampleBatch:
 
     def __len__(self) -> int:
         return len(self.target)
+
+    @property
+    def right_hand(self) -> "SampleBatch":
+        """The batch itself where traffic keeps right, else its mirror image, for what has learned from such traffic."""
+        if not self.network.left_hand:
+            return self
+        actors = self.actors
+        image = replace(
+            actors,
+            lights=SIDES_EXCHANGED[actors.lights],
+            xy_m=actors.xy_m * MIRROR,
+            velocity_mps=actors.velocity_mps * MIRROR,
+            yaw_rad=-actors.yaw_rad,
+        )
+        return replace(self, network=right_hand_image(self.network), actors=image)
 
     @property
     def sample_step(self) -> npt.NDArray[np.int64]:

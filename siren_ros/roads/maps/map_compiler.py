@@ -19,6 +19,8 @@ from siren_ros.params.resources import params_dir
 from siren_ros.roads.maps.lane_shapes import mended_lanes
 from siren_ros.roads.maps.map_checks import refuse_unusable_map
 from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source, shown_words
+from siren_ros.roads.maps.mirrored_net import mirrored_net
+from siren_ros.roads.maps.mirrored_opendrive import mirrored_opendrive
 from siren_ros.roads.maps.netconvert import (
     control_patches,
     document,
@@ -28,6 +30,7 @@ from siren_ros.roads.maps.netconvert import (
 )
 from siren_ros.roads.maps.opendrive import opendrive_patches, with_stated_limits
 from siren_ros.roads.maps.openstreetmap import drives_on, signed_edges, taper_patches
+from siren_ros.roads.maps.traffic_side import keeps_left, with_sides_exchanged
 from siren_ros.roads.net_parser import ALLOWED as NET_ALLOWED
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
@@ -41,6 +44,8 @@ _SLOWER_RECIPE: Final = "1"
 """The same for nets whose limits are lowered."""
 _IN_USE_RECIPE: Final = "shoulders 1"
 """The same for nets whose shoulders are closed."""
+_MIRRORED_RECIPE: Final = "mirrored 1"
+"""The same for mirror images."""
 _COMMON: Final = (
     "--no-turnarounds",
     # Lateral acceleration in turns, m/s²: what passengers bear, and what every vehicle class can follow.
@@ -121,8 +126,8 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
             ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``, or a temporary folder where there is no home.
 
     Raises:
-        MapError: The map is missing, unreadable, not a map, refused by netconvert, without roads, of a place where
-            traffic keeps left, or with counts that no real place has.
+        MapError: The map is missing, unreadable, not a map, refused by netconvert, without roads, or with counts that
+            no real place has.
         InputError: The cache folder cannot be written.
     """
     loaded = _town_source() if source is None else read_map_source(source)
@@ -203,16 +208,28 @@ def _compile(source: MapSource, shown: str) -> bytes:
             options, names = _ONE_RUN[source.kind]
             return run(options, dict(zip(names, source.content.split(b"\0"), strict=True)))
         first_options, second_options, option, complete = _TWO_RUNS[source.kind]
-        first_net = run(first_options, {option: source.content}, "first.net.xml")
-        second_options = (*second_options, "--sumo-net-file", str(folder / "first.net.xml"))
         try:
+            left_hand, content = _imported(source)
+            if left_hand and source.kind is SourceKind.OPENSTREETMAP:
+                first_options = (*first_options, "--lefthand")
+            first_net = run(first_options, {option: content}, "first.net.xml")
+            second_options = (*second_options, "--sumo-net-file", str(folder / "first.net.xml"))
             if source.kind is SourceKind.OPENDRIVE:
-                net = run(second_options, opendrive_patches(first_net, source.content, shown))
-                return with_stated_limits(net, source.content)
+                net = run(second_options, opendrive_patches(first_net, content, shown))
+                net = with_stated_limits(net, content)
+                return mirrored_net(net) if left_hand else net
             patches = _openstreetmap_patches(source.content, first_net, shown)
         except (KeyError, ValueError) as error:
             raise MapError(shown, f"{complete} are complete ({error!r})") from error
         return run(second_options, patches) if patches else first_net
+
+
+def _imported(source: MapSource) -> tuple[bool, bytes]:
+    """Whether traffic keeps left, and what netconvert imports: an OpenDRIVE map as if it kept right."""
+    if not keeps_left(source):
+        return False, source.content
+    exchange = mirrored_opendrive if source.kind is SourceKind.OPENDRIVE else with_sides_exchanged
+    return True, exchange(source.content)
 
 
 def _openstreetmap_patches(osm: bytes, first_net: bytes, shown: str) -> dict[str, bytes]:
@@ -256,6 +273,11 @@ def with_shoulders_in_use(compiled: CompiledMap) -> CompiledMap:
     Raises InputError as ``with_speed_limit`` does.
     """
     return _changed(compiled, _IN_USE_RECIPE, closed_shoulders)
+
+
+def mirrored_map(compiled: CompiledMap) -> CompiledMap:
+    """The mirror image of a map, with traffic on the other side; raises InputError as ``with_speed_limit`` does."""
+    return _changed(compiled, _MIRRORED_RECIPE, mirrored_net)
 
 
 def _changed(compiled: CompiledMap, recipe: str, change: Callable[[bytes], bytes]) -> CompiledMap:

@@ -11,6 +11,7 @@ import shapely
 from shapely.geometry import Polygon
 
 from siren_ros.numerics.arrays import Floats, random_stream
+from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.meshes.mesh import Material, Mesh, StaticScene
 from siren_ros.sensors.meshes.solids import Rgb, box, frustum, sphere_points
@@ -268,7 +269,13 @@ def _within(surfaces: Surfaces, x_m: float, y_m: float, margin_m: float) -> bool
 
 
 def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = None) -> StaticScene:
-    """The static world of a map; the same arguments give the same triangles. The seed varies buildings and trees."""
+    """The static world of a map; the same arguments give the same triangles. The seed varies buildings and trees.
+
+    Where traffic keeps left, it is the mirror image of that of the map's mirror image.
+    """
+    if network.left_hand:
+        image = static_scene(right_hand_image(network), seed, config)
+        return replace(image, mesh=image.mesh.transformed(np.diag((1.0, -1.0, 1.0))))
     numbers = SceneConfig() if config is None else config
     centres = drawn_centres(network, numbers.road_extension_m)
     surfaces = road_surfaces(network, centres, numbers)

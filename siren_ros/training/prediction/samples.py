@@ -89,7 +89,7 @@ def _make(planned: PlannedEpisode, path: Path) -> None:
 
 def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
     """The samples of a record: of a training episode a draw of all vehicles, else all of the interaction region."""
-    episode = record.description
+    episode, record = record.description, record.right_hand
     region = samples_of(record, HistoryWindow(), Population.REGION)
     parts, references = [(region, np.arange(len(region)))], _REFERENCES
     if split is Split.TRAIN:

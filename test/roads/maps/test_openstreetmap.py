@@ -4,12 +4,12 @@ Which edge a sign binds is shown by two streets that cross, in a plane that touc
 """
 
 import math
+import re
 
 import pytest
 from defusedxml.ElementTree import fromstring
 from repository import REPOSITORY
 
-from siren_ros.errors import MapError
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.maps.openstreetmap import drives_on, signed_edges
 from siren_ros.roads.net_parser import parse_road_network
@@ -83,9 +83,26 @@ def test_without_signs_nobody_has_to_stop(tmp_path):
     assert not any(movement.must_stop for movement in network.connections)
 
 
-def test_a_map_of_a_place_with_left_hand_traffic_is_refused(tmp_path):
-    with pytest.raises(MapError, match="keeps left"):
-        compiled(tmp_path, SIGNS.read_text(encoding="utf-8").replace('lon="13.', 'lon="-0.'))
+def test_where_traffic_keeps_left_the_map_has_the_same_roads_and_signs_on_the_other_side(tmp_path, signs):
+    """The same extract, with its longitudes mirrored and moved to London, where signs stand for the same traffic."""
+    west, middle = 13.4, 0.1
+    text = re.sub(
+        r'lon="([0-9.]+)"',
+        lambda found: f'lon="{middle - (float(found.group(1)) - west):.7f}"',
+        SIGNS.read_text(encoding="utf-8"),
+    )
+    _, network = compiled(tmp_path, text)
+    assert (network.left_hand, signs[1].left_hand) == (True, False)
+    assert {edge.edge_id for edge in network.edges if not edge.internal} == {
+        edge.edge_id for edge in signs[1].edges if not edge.internal
+    }
+    for junction in ("10", "13"):
+        assert stopping(network, junction) == stopping(signs[1], junction)
+    for edge in (edge for edge in network.edges if not edge.internal):
+        other = network.edge_by_id.get(edge.edge_id.removeprefix("-"))
+        if edge.edge_id.startswith("-") and other is not None:
+            mine, theirs = (network.lanes[one.lanes[0]].centre for one in (edge, other))
+            assert mine.project(theirs.at(0.5 * theirs.length_m))[1] < 0.0, "oncoming traffic is on the right"
 
 
 LAT, LON = 52.0, 13.0

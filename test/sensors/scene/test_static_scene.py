@@ -9,6 +9,7 @@ from shapely.geometry import LineString, Point, Polygon
 from solids import areas, gap_m2, volume
 
 from siren_ros.roads.maps.map_compiler import compile_map
+from siren_ros.roads.mirror_image import mirrored_network
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import LaneKind
 from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh
@@ -143,6 +144,14 @@ def test_whole_maps(source, tmp_path):
         pytest.skip("the paper's map is not beside this checkout")
     network = parse_road_network(compile_map(source, tmp_path).read_bytes())
     check(static_scene(network, seed=0), network)
+
+
+def test_where_traffic_keeps_left_the_scene_is_the_mirror_image(network):
+    scene, image = static_scene(network, seed=0), static_scene(mirrored_network(network), seed=0)
+    assert np.array_equal(image.mesh.vertices_m, scene.mesh.vertices_m * np.float32((1.0, -1.0, 1.0)))
+    assert np.array_equal(image.mesh.triangles, scene.mesh.triangles[:, ::-1])
+    assert np.array_equal(image.mesh.material, scene.mesh.material)
+    assert image.signal_lamps == scene.signal_lamps
 
 
 WIDTH_M, DEPTH_M = 16.0, 10.0

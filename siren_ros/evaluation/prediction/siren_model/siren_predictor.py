@@ -27,6 +27,7 @@ from siren_ros.evaluation.prediction.siren_model.columns import (
 from siren_ros.evaluation.prediction.siren_model.paths import PATH_POINTS, PATHS, choose_paths
 from siren_ros.numerics.arrays import Flags, Floats, Floats32, Rows
 from siren_ros.params.resources import params_dir
+from siren_ros.roads.mirror_image import MIRROR
 
 FEATURES_VERSION: Final = 1
 """Raised whenever a value changes its meaning: weights fit one version."""
@@ -185,12 +186,13 @@ class SirenPredictor:
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
         """The hypotheses of every sample."""
-        features, names = features_and_names(batch)
+        seen = batch.right_hand
+        features, names = features_and_names(seen)
         paths, probability = self.network.run(without(features, names, self.network.ablation))
-        cos, sin = (values[:, None, None] for values in (np.cos(batch.yaw_rad), np.sin(batch.yaw_rad)))
+        cos, sin = (values[:, None, None] for values in (np.cos(seen.yaw_rad), np.sin(seen.yaw_rad)))
         x, y = paths[..., 0], paths[..., 1]
-        moved = np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
-        return Hypotheses.ranked(batch.xy_m[:, None, None] + moved, probability)
+        xy_m = seen.xy_m[:, None, None] + np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
+        return Hypotheses.ranked(xy_m * MIRROR if batch.network.left_hand else xy_m, probability)
 
 
 def make(checkpoint: Path | None = None) -> SirenPredictor:

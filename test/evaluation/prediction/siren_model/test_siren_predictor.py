@@ -22,6 +22,7 @@ from siren_ros.evaluation.prediction.siren_model.siren_predictor import (
     without,
 )
 from siren_ros.params.resources import params_dir
+from siren_ros.roads.mirror_image import MIRROR, mirrored_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.world.actors import Lights
 
@@ -104,6 +105,20 @@ def test_predictions_turn_and_move_with_the_scene(crossroads) -> None:
     here, there = MODEL.predict(batch), MODEL.predict(moved(batch, angle, shift))
     assert there.probability == pytest.approx(here.probability, abs=1e-3)
     assert there.xy_m[:, 0] == pytest.approx(here.xy_m[:, 0] @ turn.T + shift, abs=0.02)
+
+
+def test_where_traffic_keeps_left_predictions_are_mirrored(crossroads) -> None:
+    batch = scene(crossroads)
+    actors = replace(
+        batch.actors,
+        xy_m=batch.actors.xy_m * MIRROR,
+        velocity_mps=batch.actors.velocity_mps * MIRROR,
+        yaw_rad=-batch.actors.yaw_rad,
+    )
+    image = replace(batch, network=mirrored_network(batch.network), actors=actors)
+    here, there = MODEL.predict(batch), MODEL.predict(image)
+    assert (there.xy_m == here.xy_m * MIRROR).all()
+    assert (there.probability == here.probability).all()
 
 
 def test_the_lane_that_the_simulator_knows_is_not_used(crossroads) -> None:

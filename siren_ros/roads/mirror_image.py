@@ -1,0 +1,55 @@
+"""A map with left-hand traffic as the mirror image of a map with right-hand traffic, and the other way round.
+
+Drivers decide and SUMO drives as where traffic keeps right. On a map with left-hand traffic they do so in its mirror
+image about the x axis of the ``map`` frame, as SUMO's netconvert builds such nets.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+
+from siren_ros.numerics.arrays import Points
+from siren_ros.numerics.geometry import Polyline
+from siren_ros.roads.road_network import MAPS_KEPT, RoadNetwork
+
+MIRROR: Final = np.array((1.0, -1.0))
+"""Factors of x and y."""
+OTHER_SIDE: Final[Mapping[str, str]] = {"l": "r", "r": "l", "L": "R", "R": "L"}
+"""SUMO's letters of directions that have a side, and the letters of their mirror images."""
+
+
+def right_hand_image(network: RoadNetwork) -> RoadNetwork:
+    """The map itself where traffic keeps right, else its mirror image. Indices and ids are the same in both."""
+    return mirrored_network(network) if network.left_hand else network
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def mirrored_network(network: RoadNetwork) -> RoadNetwork:
+    """The mirror image of a map, with traffic on the other side. Only its origin has a place on Earth."""
+    x_m, y_m = network.sumo_offset_m
+    lanes = (replace(lane, centre=Polyline.through(_mirrored(lane.centre.points))) for lane in network.lanes)
+    junctions = {
+        name: replace(junction, outline=_mirrored(junction.outline), y_m=-junction.y_m)
+        for name, junction in network.junctions.items()
+    }
+    return replace(
+        network,
+        lanes=tuple(lanes),
+        connections=tuple(
+            replace(movement, direction=OTHER_SIDE.get(movement.direction, movement.direction))
+            for movement in network.connections
+        ),
+        junctions=junctions,
+        sumo_offset_m=(x_m, -y_m),
+        projection="!",
+        projected_origin_m=(0.0, 0.0),
+        crossings=tuple(map(_mirrored, network.crossings)),
+        left_hand=not network.left_hand,
+    )
+
+
+def _mirrored(points: Points) -> Points:
+    return points * MIRROR

@@ -132,6 +132,9 @@ def _report(bag: Path, verification: Verification, quiet: bool) -> list[str]:
         shown = [part for part in parts if not (quiet and part.holds)]
         lines += [f"  {title}"] if shown and not quiet else []
         lines += [f"    {'ok  ' if part.holds else 'FAIL'}  {part}" for part in shown]
+    for emv_id, verdict in ({} if quiet else verification.others).items():
+        lines += [f"  EMV {emv_id}: {'holds' if verdict.holds else 'does not hold'}: {verdict.text}"]
+        lines += [f"    {'ok  ' if part.holds else 'no  '}  {part}" for part in verdict.parts]
     return lines
 
 

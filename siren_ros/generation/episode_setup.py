@@ -19,6 +19,7 @@ from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites import Site
 from siren_ros.scenario.episode import (
+    CROSSING_PARAMETER,
     FILES_PARAMETER,
     MAP_SOURCE_PARAMETER,
     EpisodeDescription,
@@ -153,6 +154,8 @@ def set_up_episode(
     if request.av:
         plan = replace(plan, av=choose_av(driven, plan))
     av = {"actor_id": len(plan.emvs) + 1, "name": plan.av, "sensors": request.av_sensors}
+    emv_ids = tuple(range(1, 1 + len(plan.emvs)))
+    crossing = {"junction": plan.crossed, "emv_ids": list(emv_ids[template.emv.count :])}
     description = EpisodeDescription(
         template=template.template_id,
         level=level,
@@ -162,12 +165,13 @@ def set_up_episode(
         duration_s=request.duration_s or template.duration_s,
         sensor_suite=request.sensors,
         preset=request.preset,
-        emv_ids=tuple(range(1, 1 + len(plan.emvs))),
+        emv_ids=emv_ids,
         parameters={
             "request": request.to_json(),
             "template": template.values(),
             "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
             **({"av": av} if plan.av else {}),
+            **({CROSSING_PARAMETER: crossing} if plan.crossed else {}),
             FILES_PARAMETER: files_to_json(noted.seen),
             MAP_SOURCE_PARAMETER: compiled.source_sha256,
         },

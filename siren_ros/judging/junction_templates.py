@@ -76,19 +76,19 @@ def stop_crossing(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Ver
 
 
 def _judge(record: EpisodeRecord, speed_min_mps: float | None, others: str) -> Verdict:
-    """The verdict on the EMV's traversal that comes closest to the predicate.
+    """The verdict on the first EMV's traversal that comes closest to the predicate.
 
     The least speed is that at a stop line, None for a junction with a signal; ``others`` names the part that counts the
     other vehicles inside.
     """
-    network, emv_ids = record.network, frozenset(record.emv_ids)
+    network = record.network
     traversals = find_traversals(record)
-    civilians = [traversal for traversal in traversals if traversal.actor_id not in emv_ids]
+    civilians = [traversal for traversal in traversals if traversal.actor_id not in record.emv_ids]
     verdicts = []
     for traversal in traversals:
         connection = network.connections[traversal.connection]
         applies = connection.signal_id is not None if speed_min_mps is None else connection.must_stop
-        if traversal.actor_id in emv_ids and applies:
+        if traversal.actor_id in record.emv_ids[:1] and applies:
             inside = _inside(network, traversal, civilians, crossing=others == "crossing_inside")
             parts = (_at_the_line(record, traversal, speed_min_mps), _count(others, inside))
             verdicts.append(verdict_of(parts, _sentence(record, parts, traversal)))
@@ -173,7 +173,7 @@ def shoulder_turn(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Ver
     verdicts = []
     for traversal in find_traversals(record):
         connection = record.network.connections[traversal.connection]
-        if traversal.actor_id in record.emv_ids and connection.direction in RIGHT_TURNS:
+        if traversal.actor_id in record.emv_ids[:1] and connection.direction in RIGHT_TURNS:
             verdicts.append(_of_turn(record, traversal, needed_s))
     turn_part = at_least("right_turn_deg", 0, TURN_MIN_DEG, "the EMV turns right nowhere")
     nowhere = (turn_part, at_least("shoulder_s", 0, needed_s))

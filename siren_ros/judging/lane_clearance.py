@@ -55,11 +55,11 @@ def lane_cleared(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
 
 
 def find_clearings(record: EpisodeRecord) -> tuple[LaneClearing, ...]:
-    """Every civilian's first lane change out of an EMV's lane, in the order of completion."""
+    """Every civilian's first lane change out of the first EMV's lane, in the order of completion."""
     places = places_of(record, record.rows)
     drives = {key: _Drive(record, places, key) for key in record.actors if len(record.rows_of(key))}
     civilians = [drive for drive in drives.values() if not drive.actor.is_emv]
-    changes = [civilian.clearing(drives[emv]) for emv in record.emv_ids if emv in drives for civilian in civilians]
+    changes = [civilian.clearing(drives[emv]) for emv in record.emv_ids[:1] if emv in drives for civilian in civilians]
     clearings = [change for change in changes if change is not None]
     return tuple(sorted(clearings, key=lambda clearing: (clearing.end_step, clearing.actor_id)))
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from siren_ros.errors import SirenError
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
-from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.predicates import evaluate_predicate, verdicts_of_others
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.record.vehicle_location import ahead_and_left_m, common_rows
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -70,7 +70,7 @@ class AvResponse:
 
 
 def av_response(record: EpisodeRecord) -> AvResponse | None:
-    """The response of the AV under test; None in episodes without one."""
+    """The response of the AV under test to the first EMV, which has to pass it; None in episodes without one."""
     av_id = record.description.av_id
     if av_id == NO_ACTOR or not record.emv_ids:
         return None
@@ -103,7 +103,7 @@ def av_response(record: EpisodeRecord) -> AvResponse | None:
 
 @dataclass(frozen=True)
 class Realisation:
-    """Figures of one episode that differ from seed to seed."""
+    """Figures of one episode that differ from seed to seed; the EMV is the first one."""
 
     arrival_s: float
     """Time at which the EMV is nearest to the site's conflict point; NaN where it never comes within 30 m."""
@@ -134,6 +134,15 @@ def realisation_of(record: EpisodeRecord) -> Realisation:
     )
 
 
+def _drive_of(record: EpisodeRecord, emv_id: int) -> dict[str, float]:
+    """Way and mean speed of an EMV; nothing where it was never there."""
+    emv = record.track(emv_id)
+    if not len(emv):
+        return {}
+    distance_m = float(np.sum(np.hypot(np.diff(emv.x_m), np.diff(emv.y_m))))
+    return {"distance_m": distance_m, "mean_speed_mps": float(np.mean(emv.speed_mps))}
+
+
 def judge(builder: RecordBuilder, closing: EpisodeClosing) -> EpisodeOutcome:
     """The outcome of an episode that has just ended; ``predicate_holds`` is None where it cannot be judged."""
     try:
@@ -157,10 +166,11 @@ def outcome_of(record: EpisodeRecord, closing: EpisodeClosing) -> EpisodeOutcome
         "residual_p99_m": residual.p99_m,
         "residual_max_m": residual.max_m,
     }
-    emv = record.track(record.emv_ids[0]) if record.emv_ids else None
-    if emv is not None and len(emv):
-        measures["emv_distance_m"] = float(np.sum(np.hypot(np.diff(emv.x_m), np.diff(emv.y_m))))
-        measures["emv_mean_speed_mps"] = float(np.mean(emv.speed_mps))
+    for emv_id in record.emv_ids[:1]:
+        measures |= {f"emv_{name}": value for name, value in _drive_of(record, emv_id).items()}
+    for emv_id, other in verdicts_of_others(record).items():
+        told = {"predicate": other.text, "predicate_holds": int(other.holds), **_drive_of(record, emv_id)}
+        measures |= {f"emv{emv_id}.{name}": value for name, value in told.items()}
     if (response := av_response(record)) is not None:
         measures.update(response.measures())
     return EpisodeOutcome(closing.end, closing.reason, closing.steps, verdict.holds, measures)

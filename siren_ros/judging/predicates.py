@@ -11,9 +11,11 @@ from siren_ros.judging.junction_templates import (
     stop_crossing,
     stop_same_direction,
 )
+from siren_ros.judging.junction_traversal import find_traversals
 from siren_ros.judging.lane_clearance import lane_cleared
 from siren_ros.judging.queue_splitting import queues_split
-from siren_ros.judging.verdict import Verdict, with_sides_exchanged
+from siren_ros.judging.verdict import Verdict, at_least, verdict_of, with_sides_exchanged
+from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario import scenario as declared
 from siren_ros.scenario.templates import load_template
@@ -59,8 +61,44 @@ def predicate_of(record: EpisodeRecord) -> tuple[str, Mapping[str, float]]:
 def evaluate_predicate(record: EpisodeRecord) -> Verdict:
     """Whether the interaction of the episode's template happened; raises as ``predicate_of`` does.
 
-    Where traffic keeps left, the mirror image is judged, and the verdict's words are mirrored again.
+    It has to happen to the first EMV. Those that cross its way have to pass the junction at which they do. Where traffic
+    keeps left, the mirror image is judged, and the verdict's words are mirrored again.
     """
     name, thresholds = predicate_of(record)
+    verdict = _judged(record, name, thresholds)
+    crossing = [_crossing(record, emv_id) for emv_id in record.description.crossed_junctions]
+    if not crossing:
+        return verdict
+    parts = (*verdict.parts, *(part for other in crossing for part in other.parts))
+    return verdict_of(parts, "; ".join((verdict.text, *(other.text for other in crossing))))
+
+
+def verdicts_of_others(record: EpisodeRecord) -> dict[int, Verdict]:
+    """What happened to each EMV but the first, by its id.
+
+    Of one that crosses the first one's way it is whether it passed the junction, of others the template's interaction.
+    """
+    name, thresholds = predicate_of(record)
+    crossed = record.description.crossed_junctions
+    return {
+        emv_id: _crossing(seen, emv_id) if emv_id in crossed else _judged(seen, name, thresholds)
+        for emv_id, seen in list(zip(record.emv_ids, record.by_emv(), strict=True))[1:]
+    }
+
+
+def _judged(record: EpisodeRecord, name: str, thresholds: Mapping[str, float]) -> Verdict:
     verdict = PREDICATES[name](record.right_hand, thresholds)
     return with_sides_exchanged(verdict) if record.network.left_hand else verdict
+
+
+def _crossing(record: EpisodeRecord, emv_id: int) -> Verdict:
+    """Whether an EMV has passed the junction at which it crosses the first one's way."""
+    junction = record.description.crossed_junctions[emv_id]
+    passed = [
+        traversal
+        for traversal in find_traversals(record)
+        if traversal.actor_id == emv_id and record.network.connections[traversal.connection].junction == junction
+    ]
+    when = ", ".join(f"from {one.enter_step * STEP_S:.1f} s to {one.leave_step * STEP_S:.1f} s" for one in passed)
+    part = at_least(f"crossing_emv_{emv_id}", len(passed), 1, when)
+    return verdict_of((part,), f"EMV {emv_id} {'passed' if passed else 'did not pass'} junction {junction}")

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.judging.verdict import Verdict, at_least, closest_of, verdict_of
+from siren_ros.judging.verdict import Verdict, at_least, verdict_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.record.vehicle_location import LanePlaces, ahead_and_left_m, in_same_direction, places_of
@@ -69,26 +69,26 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
     in_lane = [item for item in standing if not item.pulled_over]
     held = _joined(_held(holding), "not pulled over", _held(in_lane))
     holding_part = at_least("holding", len(holding), thresholds["holding_min"], held)
-    verdicts = []
-    for emv_id in record.emv_ids:
-        passed = find_overtakings(record, places, emv_id)
-        between = [item for item in passed if item.lateral_m <= thresholds["lateral_max_m"]]
-        aside = [item for item in passed if item.lateral_m > thresholds["lateral_max_m"]]
-        left, right = (sum(item.side == side for item in between) for side in (1, -1))
-        detail = _joined(_listed(between), "off the line", _listed(aside))
-        parts = (
-            holding_part,
-            at_least("overtaken", len(between), thresholds["overtaken_min"], detail),
-            at_least("shorter_queue", min(left, right), QUEUE_MIN, f"{left} on the left, {right} on the right"),
-            at_least("crossed", *_crossed(record, emv_id)),
-        )
-        text = (
-            f"{len(holding)} civilians pulled over and held, and the EMV passed {len(between)} between two queues "
-            f"and {'crossed' if parts[-1].holds else 'did not cross'} the stop line"
-        )
-        verdicts.append(verdict_of(parts, text))
-    overtaken_part = at_least("overtaken", 0, thresholds["overtaken_min"], "there is no EMV")
-    return closest_of(verdicts) or verdict_of((holding_part, overtaken_part), "there is no EMV")
+    if not record.emv_ids:
+        overtaken_part = at_least("overtaken", 0, thresholds["overtaken_min"], "there is no EMV")
+        return verdict_of((holding_part, overtaken_part), "there is no EMV")
+    emv_id = record.emv_ids[0]
+    passed = find_overtakings(record, places, emv_id)
+    between = [item for item in passed if item.lateral_m <= thresholds["lateral_max_m"]]
+    aside = [item for item in passed if item.lateral_m > thresholds["lateral_max_m"]]
+    left, right = (sum(item.side == side for item in between) for side in (1, -1))
+    detail = _joined(_listed(between), "off the line", _listed(aside))
+    parts = (
+        holding_part,
+        at_least("overtaken", len(between), thresholds["overtaken_min"], detail),
+        at_least("shorter_queue", min(left, right), QUEUE_MIN, f"{left} on the left, {right} on the right"),
+        at_least("crossed", *_crossed(record, emv_id)),
+    )
+    text = (
+        f"{len(holding)} civilians pulled over and held, and the EMV passed {len(between)} between two queues "
+        f"and {'crossed' if parts[-1].holds else 'did not cross'} the stop line"
+    )
+    return verdict_of(parts, text)
 
 
 def _crossed(record: EpisodeRecord, emv_id: int) -> tuple[int, int, str]:

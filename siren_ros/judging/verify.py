@@ -1,7 +1,7 @@
 """Checks of a recorded episode: continuity, ownership, message counts, stamps, hashes, and the predicate."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -11,7 +11,7 @@ from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
 from siren_ros.judging.outcome import summarise_residuals
 from siren_ros.judging.physics import VerifyLimits, check_physics
-from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.predicates import evaluate_predicate, verdicts_of_others
 from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
@@ -50,6 +50,8 @@ class Verification:
 
     verdict: Verdict
     checks: tuple[Part, ...]
+    others: Mapping[int, Verdict] = field(default_factory=dict)
+    """What happened to each EMV but the first, by its id. Of these only those that cross its way count."""
 
     @property
     def holds(self) -> bool:
@@ -211,4 +213,4 @@ def verify_episode(record: EpisodeRecord, limits: VerifyLimits | None = None) ->
         check_stamps(record),
         check_state_hashes(record),
     )
-    return Verification(verdict, checks)
+    return Verification(verdict, checks, verdicts_of_others(record))

@@ -1,6 +1,6 @@
 """The record of an episode: its bag's content in memory, for predicates, evaluation, pictures and exporters."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -133,8 +133,14 @@ class EpisodeRecord:
 
     @property
     def emv_ids(self) -> tuple[int, ...]:
-        """Emergency vehicles of the episode."""
+        """Emergency vehicles of the episode. The template's predicate judges the first one, which has the sensors."""
         return self.description.emv_ids or tuple(sorted(key for key, actor in self.actors.items() if actor.is_emv))
+
+    def by_emv(self) -> Iterator["EpisodeRecord"]:
+        """The record once for each EMV, with that one as the first, of which measures are."""
+        for emv_id in self.emv_ids:
+            ids = (emv_id, *(other for other in self.emv_ids if other != emv_id))
+            yield self if ids == self.emv_ids else replace(self, description=replace(self.description, emv_ids=ids))
 
     @cached_property
     def rows(self) -> StateRows:

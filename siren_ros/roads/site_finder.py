@@ -135,7 +135,7 @@ def queued_approaches(graph: EdgeGraph) -> Iterator[Site | NoSite]:
         if through < 2:
             yield NoSite(edge, "one lane leads on")
             continue
-        site = _junction_site(graph, SiteKind.QUEUED_APPROACH, movements, wide_stretch_back(graph, edge))
+        site = junction_site(graph, SiteKind.QUEUED_APPROACH, movements, wide_stretch_back(graph, edge))
         if site.length_m < SHORTEST_QUEUE_M:
             yield NoSite(edge, f"less than {SHORTEST_QUEUE_M:.0f} m of room for queues")
             continue
@@ -173,7 +173,7 @@ def shoulder_turns(graph: EdgeGraph) -> Iterator[Site | NoSite]:
             yield NoSite(source.edge, f"less than {SHORTEST_SHOULDER_M:.0f} m of shoulder before or after the turn")
             continue
         if movements := civilian_movements(network, source.edge, target.edge):
-            site = _junction_site(graph, SiteKind.SHOULDER_RIGHT_TURN, movements, (source.edge,))
+            site = junction_site(graph, SiteKind.SHOULDER_RIGHT_TURN, movements, (source.edge,))
             before_m, after_m = _shoulder_m(network, source, "from_lane"), _shoulder_m(network, target, "to_lane")
             yield replace(
                 site,
@@ -260,7 +260,7 @@ def _is_signalised(network: RoadNetwork, movements: Sequence[Connection]) -> boo
     return movements[0].signal_id is not None and network.junctions[movements[0].junction].kind is JunctionKind.SIGNAL
 
 
-def _junction_site(graph: EdgeGraph, kind: SiteKind, movements: Sequence[Connection], stretch: tuple[int, ...]) -> Site:
+def junction_site(graph: EdgeGraph, kind: SiteKind, movements: Sequence[Connection], stretch: tuple[int, ...]) -> Site:
     """A place at the junction after a stretch; its score is that of the route alone."""
     network = graph.network
     edge, next_edge = stretch[-1], network.lanes[movements[0].to_lane].edge
@@ -303,7 +303,7 @@ def _crossed(
         side_m = sum(quiet_reach_m(network, lane, _CROSSING_ENOUGH_M) for lane in side_lanes)
         if side_m < _CROSSING_LEAST_M:
             from_side += [index for index in crossing if index not in from_side]
-        site = _junction_site(graph, kind, movements, (edge,))
+        site = junction_site(graph, kind, movements, (edge,))
         quality = (
             2.0 * (turn_of(network, edge, way) == "s")
             + 2.0 * min(lanes_through(network, edge, way), 2)

@@ -162,11 +162,11 @@ def route_through(graph: EdgeGraph, stretch: Sequence[int]) -> SiteRoute:
     edges that lead into a loop (``EdgeGraph.endless_edges``); it may then pass an edge twice. Where the route has to
     leave the map soon, the approach becomes longer.
     """
-    approach = _approach(graph, stretch, APPROACH_M)
+    approach = way_back(graph, stretch, APPROACH_M)
     onward = (*stretch, *_exit(graph, (*approach, *stretch)))
     onward_m = graph.route_length_m(onward)
     if graph.route_length_m((*approach, *onward)) < LEAST_ROUTE_M:
-        approach = _approach(graph, stretch, LEAST_ROUTE_M - onward_m)
+        approach = way_back(graph, stretch, LEAST_ROUTE_M - onward_m)
     route = (*approach, *onward)
     approach_m = graph.route_length_m(route) - onward_m
     return SiteRoute(route, len(approach), approach_m, exit_m=onward_m - graph.route_length_m(stretch))
@@ -196,8 +196,8 @@ def _preference(graph: EdgeGraph, edge: int, next_edge: int, candidate: int) -> 
     return turn, -len(driving_lanes(graph.network, candidate)), -graph.length_m[candidate], candidate
 
 
-def _approach(graph: EdgeGraph, stretch: Sequence[int], least_m: float) -> tuple[int, ...]:
-    """Depth-first search: the first way back that is long enough, else the longest."""
+def way_back(graph: EdgeGraph, stretch: Sequence[int], least_m: float) -> tuple[int, ...]:
+    """Edges that lead to a stretch. Depth-first search: the first way back that is long enough, else the longest."""
     best_m, best = 0.0, tuple[int, ...]()
     trail = [best]
     while trail and best_m < least_m:

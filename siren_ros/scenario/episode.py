@@ -91,6 +91,8 @@ def text_of_values(values: Mapping[str, float]) -> str:
 
 FILES_PARAMETER: Final = "files"
 """Key of ``EpisodeDescription.parameters`` with the text and the hash of every parameter file."""
+CROSSING_PARAMETER: Final = "crossing"
+"""Key of the EMVs that cross the way of the others, and of the junction where they do, where there are some."""
 MAP_SOURCE_PARAMETER: Final = "map_source_sha256"
 """Key of the hash of the map file before it was compiled, unpacked where it was packed."""
 
@@ -138,6 +140,14 @@ class EpisodeDescription:
         """The civilian that an external controller drives; NO_ACTOR in episodes without one."""
         av = self.parameters.get("av")
         return int(av["actor_id"]) if isinstance(av, Mapping) else NO_ACTOR
+
+    @property
+    def crossed_junctions(self) -> Mapping[int, str]:
+        """The junction at which each EMV that crosses the way of the others does so, by its id."""
+        crossing = self.parameters.get(CROSSING_PARAMETER)
+        if not isinstance(crossing, Mapping):
+            return {}
+        return {int(emv_id): str(crossing["junction"]) for emv_id in crossing["emv_ids"]}
 
     @property
     def asked(self) -> Mapping[str, object]:

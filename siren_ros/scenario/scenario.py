@@ -74,6 +74,7 @@ class EmvDemand:
 
     actor_class: ActorClass
     count: int
+    """On one route, one behind the other."""
     start_m: float
     """Of the foremost one's front bumper, counted from ``start_from``; negative before it."""
     speed_mps: float
@@ -82,6 +83,10 @@ class EmvDemand:
     headway_s: float
     """Time between two EMVs on the same route; of no effect with one."""
     start_from: StartReference = StartReference.SITE_START
+    crossing: int = 0
+    """Further ones, from a side street of the site's junction, or of the first one behind its road."""
+    crossing_after_s: float = 0.0
+    """From the first EMV's unhindered arrival at that junction to theirs; of no effect without them."""
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,8 @@ _ID: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _SHARE_TOLERANCE: Final = 1e-6
 _MAX_SPEED_MPS: Final = 60.0
 _MAX_VEHICLES: Final = 500
+_MAX_EMVS: Final = 8
+_MAX_AFTER_S: Final = 60.0
 _MAX_RED_S: Final = 120.0
 _MAX_PER_LANE_KM: Final = 60.0
 _DISTRICT: Final = "district_per_lane_km"
@@ -169,12 +171,18 @@ def _emv(section: StrictMapping, parameters: _Parameters) -> EmvDemand:
     emergency = [member.name.lower() for member in ActorClass if member.is_emergency]
     emv = EmvDemand(
         actor_class=ActorClass[section.text("class", emergency).upper()],
-        count=section.integer("count", 1, 8),
+        count=parameters.integer(section, "count", 1, _MAX_EMVS)
+        if section.is_mapping("count")  # older templates, also those in bags, say only how many
+        else section.integer("count", 1, _MAX_EMVS),
         start_m=parameters.number(section, "start_m", -500.0, 500.0),
         speed_mps=parameters.number(section, "speed_mps", 1.0, _MAX_SPEED_MPS),
         depart_speed_mps=parameters.number(section, "depart_speed_mps", 0.0, _MAX_SPEED_MPS),
         headway_s=parameters.number(section, "headway_s", 0.5, 60.0),
         start_from=StartReference(_option(section, "start_from", StartReference.SITE_START)),
+        crossing=parameters.integer(section, "crossing", 0, 1) if section.has("crossing") else 0,
+        crossing_after_s=parameters.number(section, "crossing_after_s", -_MAX_AFTER_S, _MAX_AFTER_S)
+        if section.has("crossing_after_s")
+        else 0.0,
     )
     return _finished(section, emv)
 

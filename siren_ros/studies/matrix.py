@@ -26,8 +26,8 @@ from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.scenario import Template, ValueRange
 from siren_ros.scenario.templates import load_template
 
-_NOT_DRAWN: Final = frozenset({"duration_s"})
-"""How long an episode lasts is drawn only where the study names it."""
+_NOT_DRAWN: Final = frozenset({"duration_s", "emv.count", "emv.crossing", "emv.crossing_after_s"})
+"""How long an episode lasts, and how many EMVs come, is drawn only where the study names it."""
 
 
 class Method(StrEnum):

@@ -58,6 +58,34 @@ def test_s1_two_queues_open_a_corridor_and_the_emv_passes_between_them(lab):
     continuous(loop)
 
 
+def test_s1_the_corridor_stays_open_for_a_second_emv(lab):
+    """It follows 4 s behind the first one. Nobody comes back between the two, and the second passes without a stop."""
+    cars = [lab.Car(1, 0, 50, 11, (0,), AMBULANCE), lab.Car(2, 0, 10, 11, (0,), AMBULANCE)]
+    cars += [lab.Car(10 + i, 0, 90 + 9 * i, 2, (0,), desired=2) for i in range(4)]
+    cars += [lab.Car(20 + i, 1, 93 + 9 * i, 2, (0,), desired=2) for i in range(4)]
+    loop = lab.Loop(lab.world_of(lab.straight_road(2, 900.0), lab.L3), cars).run(500)
+    held = {event.actor_id for event in loop.of("yield_held")}
+    assert held == {10, 11, 12, 13, 20, 21, 22, 23}
+    for actor in held:
+        back = [step for step, row in enumerate(loop.log) if row[actor][5] == Mode.REJOIN]
+        first, second = (next(k for k, row in enumerate(loop.log) if row[emv][0] > row[actor][0]) for emv in (1, 2))
+        assert first < second < back[0]
+    standing = [step for step, row in enumerate(loop.log) if row[2][3] < 1.0]
+    assert not standing
+    assert not loop.touching()
+    continuous(loop)
+
+
+@pytest.mark.parametrize("later_m", [0.0, 8.0, -8.0])
+def test_l1_two_emvs_from_crossing_streets_do_not_meet(lab, junction, later_m):
+    """Both run their red lights."""
+    crossing = len(junction.lanes) - 1
+    cars = [lab.Car(1, 0, 60, 13.9, (0, 2), AMBULANCE), lab.Car(5, crossing, 0.1 + 30 + later_m, 12, (5,), AMBULANCE)]
+    loop = lab.Loop(lab.world_of(junction, lab.L1), cars).run(320)
+    assert loop.log[-1][1][0] > 200.0
+    assert not loop.touching()
+
+
 def test_at_l1_the_same_civilians_stay_nominal(lab):
     cars = [lab.Car(1, 0, 10, 11, (0,), AMBULANCE), lab.Car(2, 0, 45, 6, (0,), desired=6)]
     loop = lab.Loop(lab.world_of(lab.straight_road(2, 700.0), lab.L1), cars).run(200)

@@ -329,6 +329,19 @@ def test_way_and_mean_speed_are_those_of_the_first_emv():
         assert measures["actors"] == 2
 
 
+def test_every_emv_has_its_numbers_in_the_outcome():
+    record = hand_made(
+        crossing(), {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 101)), 2: Driven(NORTHBOUND, at_speed(60.0, 2.0, 101))}
+    )
+    changed = replace(record, description=replace(record.description, emv_ids=(EMV, 2)))
+    measures = outcome_of(changed, CLOSING).measures
+    assert measures["emv2.distance_m"] == pytest.approx(10.0)
+    assert measures["emv2.mean_speed_mps"] == pytest.approx(2.0)
+    assert measures["emv2.predicate_holds"] == 0
+    assert "a junction with a signal nowhere" in str(measures["emv2.predicate"])
+    assert not any(name.startswith("emv1.") for name in measures)
+
+
 @pytest.mark.parametrize("ids", [(), (9,)])
 def test_without_an_emv_there_is_no_way(ids):
     record = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(60.0, 2.0, 21))})

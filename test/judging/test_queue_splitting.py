@@ -213,8 +213,8 @@ def test_pulled_over_is_0_3_m_off_the_middle_to_either_side(offset_m, pulled):
     assert held.pulled_over is pulled
 
 
-def test_of_two_emvs_the_one_that_comes_closest_counts_and_neither_is_overtaken_as_a_civilian():
-    """The second one passes between the queues; the first one drives far from the line, and the second passes it."""
+def test_of_two_emvs_the_first_one_counts_and_neither_is_overtaken_as_a_civilian():
+    """One passes between the queues; the other one stands far from the line, and the first passes it."""
     record = _queues(emv_x_m=LINE_X_M)
     aside = Driven(_northbound(LEFT_X_M - 1.5), np.full(STEPS, 45.0))
     vehicles = {2: aside}
@@ -226,8 +226,8 @@ def test_of_two_emvs_the_one_that_comes_closest_counts_and_neither_is_overtaken_
         )
         for first, second in zip(record.states, both.states, strict=True)
     )
-    for ids in ((EMV, 2), (2, EMV)):
+    for ids, holds, overtaken in (((EMV, 2), True, 8.0), ((2, EMV), False, 0.0)):
         changed = replace(record, actors=actors, states=states, description=replace(record.description, emv_ids=ids))
         verdict = queues_split(changed, THRESHOLDS)
-        assert verdict.holds
-        assert verdict.measures()["overtaken"] == 8.0
+        assert verdict.holds is holds
+        assert verdict.measures()["overtaken"] == overtaken

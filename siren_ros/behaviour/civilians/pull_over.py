@@ -146,6 +146,22 @@ def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
     return _drive(unit, ego).preceded_by(started)
 
 
+def pull_over_again(unit: YieldUnit, ego: Ego) -> YieldStep | None:
+    """A driver on the way back to the lane pulls over from there, or stands still where that is not possible.
+
+    None while the vehicle moves and cannot: it goes on with its way back.
+    """
+    again = start_pull_over(changed(unit, side=0, deferred="", partial=False, emv_waits_steps=0), ego)
+    if again.command is not None:
+        return again
+    lane = lane_of(unit, ego)
+    if lane == NO_LANE or not standing(ego):
+        return None
+    return _hold_now(
+        changed(unit, side=alignment_of(ego.network, lane)), ego, offset_in_lane(ego, lane)[0], partial=True
+    )
+
+
 def alignment_of(network: RoadNetwork, lane: int) -> int:
     """Side to which the vehicles of a lane pull over: left from the leftmost of several lanes, else right."""
     beside = [neighbour_lane(network, road_lane_of(network, lane), side) for side in (1, -1)]

@@ -8,7 +8,13 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from siren_ros.behaviour.civilians.pull_over import emv_waits_behind, hold, pull_over, start_pull_over
+from siren_ros.behaviour.civilians.pull_over import (
+    emv_waits_behind,
+    hold,
+    pull_over,
+    pull_over_again,
+    start_pull_over,
+)
 from siren_ros.behaviour.civilians.rejoin import rejoin
 from siren_ros.behaviour.civilians.yield_lane_change import change_lane, keep_lane, start_lane_change
 from siren_ros.behaviour.driving.civilian_unit import (
@@ -149,6 +155,8 @@ class _EmvScene:
     """Along the lanes that the EMV will drive on (L2) or any lane of its road (L3); infinite elsewhere."""
     on_road: list[bool]
     edges_ahead: frozenset[int]
+    road_m: list[float]
+    """Along any lane of its road at all levels, where there are several EMVs."""
 
 
 def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) -> tuple[YieldState, VehicleCommands]:
@@ -187,7 +195,9 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad
     regions: dict[int, tuple[EmvRoad | None, Ids]] = {}
     scenes: dict[int, _EmvScene] = {}
     whole_road = view.world.policy.response is CivilianResponse.PULL_OVER
-    for row in seen.is_emv.nonzero()[0].tolist():
+    rows = seen.is_emv.nonzero()[0].tolist()
+    alone = len(rows) == 1
+    for row in rows:
         emv_id = int(seen.actor_id[row])
         road_before, known = state.regions.get(emv_id, (None, np.empty(0, dtype=np.uint32)))
         road = EmvRoad.ahead_of(view.ego(row), road_before)
@@ -197,8 +207,11 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad
             continue
         way = way_from_emv_m(view, row, road.road_start_m if whole_road else road.lane_start_m)
         on_road = road.on_road[view.world.edge_of_lane[lane]] & (lane >= 0)
-        near = frozenset(members.tolist()), _may_notice(way, seen.bodies, seen.is_emv).tolist()
-        scenes[emv_id] = _EmvScene(row, *near, way.tolist(), on_road.tolist(), road.edges_ahead)
+        near = _may_notice(way, seen.bodies, seen.is_emv).tolist()
+        beside = way if whole_road or alone else way_from_emv_m(view, row, road.road_start_m)
+        scenes[emv_id] = _EmvScene(
+            row, frozenset(members.tolist()), near, way.tolist(), on_road.tolist(), road.edges_ahead, beside.tolist()
+        )
     return regions, scenes
 
 
@@ -237,6 +250,45 @@ def _notice(
 
 
 def _step_unit(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> YieldStep:
+    other = None
+    if len(scenes) > 1 and unit.phase is not Mode.NOMINAL:
+        other = _nearer(unit, ego, scenes)
+    if other is None:
+        return _answer(unit, ego, scenes)
+    asked = yield_event(other, ego, EventKind.YIELD_REQUESTED, reason="another_emv")
+    if unit.phase is not Mode.REJOIN:
+        return _answer(other, ego, scenes).preceded_by(asked)
+    again = None
+    if ego.world.policy.response is CivilianResponse.PULL_OVER:
+        again = pull_over_again(other, ego)
+    return _answer(unit, ego, scenes) if again is None else again.preceded_by(asked)
+
+
+def _nearer(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> YieldUnit | None:
+    """A driver who turns to another EMV: of those that still come the nearest; None without a change.
+
+    Who makes way already hears an EMV on any lane of its road, as far as those do who stand in its queue. Who is on the
+    way back to the lane hears it as well, and so does one whose own EMV has passed.
+    """
+    waits = unit.phase in {Mode.YIELD_REACTING, Mode.YIELD_DEFERRED}
+    near_m = unit.driver.response_distance_m
+    if not waits:
+        near_m = max(near_m, ego.config.yielding.queue_m)
+    coming = [
+        (way_m, emv_id)
+        for emv_id, scene in scenes.items()
+        if -2.0 * ego.half_length_m < (way_m := (scene.way_m if waits else scene.road_m)[ego.row]) <= near_m
+        and not emv_fully_passed(ego, scene.row)
+    ]
+    way_m, emv_id = min(coming, default=(math.inf, unit.emv_id))
+    if emv_id == unit.emv_id:
+        return None
+    driver = changed(unit.driver, response_distance_m=max(unit.driver.response_distance_m, way_m))
+    return changed(unit, emv_id=emv_id, driver=driver, off_path_steps=0)
+
+
+def _answer(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> YieldStep:
+    """One step of a driver who answers its EMV."""
     emv = _emv_of(unit, ego, scenes)
     if unit.phase is Mode.NOMINAL:
         return YieldStep(None if release_reason(emv) else unit)

@@ -74,8 +74,9 @@ class CollisionWatch:
         speeds = config.rolling_mps, config.own_accel_mps2, config.comfort_brake_mps2
         own = self.row, self.progress_m, self.target_mps, self.reach_m
         line = path.curve.points, path.curve.spacing_m, path.times_s
+        who = seen.bodies, seen.is_emv
         worst, speed, brake, free_m = _strictest_wait(
-            seen.bodies, ways, rights, line, own, leaders, limits, speeds, config.conflicts
+            who, ways, rights, line, own, leaders, limits, speeds, config.conflicts
         )
         return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), free_m)
 
@@ -179,12 +180,15 @@ def _approaching(bodies: Any, own: Any, reach_m: Any, limits: Any) -> Any:
 
 @compiled
 def _strictest_wait(
-    seen: Any, ways: Any, rights: Any, line: Any, own: Any, leaders: bool, limits: Any, speeds: Any, config: Any
+    who: Any, ways: Any, rights: Any, line: Any, own: Any, leaders: bool, limits: Any, speeds: Any, config: Any
 ) -> tuple[int, float, float, float]:
     """Row of the vehicle that makes a driver wait most, speed, hardest braking of all, and free way; −1 without one.
 
-    ``limits`` and ``speeds`` are fields of ``NavigatorConfig``, ``line`` is the driver's path.
+    ``who`` are the bodies and which of them are EMVs, ``limits`` and ``speeds`` fields of ``NavigatorConfig``, ``line``
+    is the driver's path. No red light makes an EMV wait: of two with the same right of way the one in the first row
+    goes first.
     """
+    seen, is_emv = who
     (row, progress_m, target_mps, reach_m), (points, spacing_m, times_s) = own, line
     rolling_mps, accel_mps2, comfort_brake_mps2 = speeds
     worst, least, hardest, free_m = -1, np.inf, 0.0, np.inf
@@ -207,6 +211,8 @@ def _strictest_wait(
         top = max(limit_at_mps(ways, rights, other, other_in), rolling_mps)
         bends, no_bends = Bends(times_s, spacing_m, progress_m), Bends(np.empty(0), 1.0, 0.0)
         own_rank, rank = rank_at(ways, rights, row, own_in), rank_at(ways, rights, other, other_in)
+        if is_emv[row] and is_emv[other]:
+            own_rank, rank = 2 * own_rank + (row < other), 2 * rank + (other < row)
         driver = Approach(own_mps, target_mps, accel_mps2, own_rank, bends, 2.0 * half_length_m)
         approach = Approach(seen[5, other], top, config.early_mps2, rank, no_bends, 2.0 * seen[6, other])
         speed, brake, free = least_wait(zone, driver, approach, seen[8, other], config)

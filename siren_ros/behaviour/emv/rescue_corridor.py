@@ -150,6 +150,7 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
     to the middle of the space between the vehicles on both sides, or away from vehicles on one side. On a road of one
     lane it moves to the free side. The EMV passes a vehicle in its middle on the side that has more room.
+    It follows another EMV ahead, and does not pass it.
 
     ``s_m`` are increasing arc lengths on the reference line, shape ``(K,)``; ``straight_on_m`` is an offset to start
     from instead of that line.
@@ -167,7 +168,8 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     place, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows])
     turned = seen.yaw_rad[rows] - curve.heading_rad[nearest]
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-    near = (np.abs(left) < config.road_half_width_m) & (place > s_m[0]) & (place < s_m[-1])
+    followed = seen.is_emv[rows] & (np.cos(turned) > config.along_cosine)
+    near = (np.abs(left) < config.road_half_width_m) & (place > s_m[0]) & (place < s_m[-1]) & ~followed
     place, left = place[near], left[near]
     extent = (cos * seen.half_length_m[rows] + sin * seen.half_width_m[rows])[near] + config.influence_m
     side = (sin * seen.half_length_m[rows] + cos * seen.half_width_m[rows])[near]

@@ -27,11 +27,9 @@ from siren_ros.traffic.demand.emv_start import (
     EmvStart,
     behind_queue_mps,
     depart_speed_mps,
-    emv_start,
     long_enough_route,
-    start_m_of,
-    unhindered_arrival_s,
 )
+from siren_ros.traffic.demand.further_emvs import arrival_s, crossing_start, crossing_ways, following_starts
 from siren_ros.traffic.demand.group_demand import GroupPlan, plan_groups, route_length_m
 from siren_ros.traffic.demand.plan import (
     DriverPopulation,
@@ -46,8 +44,6 @@ from siren_ros.traffic.demand.vehicle_factory import Dimensions, VehicleFactory
 from siren_ros.world.actors import ActorClass
 
 _PLACEMENT_TRIES: Final = 400
-_EMV: Final = "emv{}"
-"""Names of EMVs, the foremost one first."""
 
 
 def plan_traffic(
@@ -72,8 +68,7 @@ def plan_traffic(
     factory = VehicleFactory(network, drivers, dimensions, config)
     emv = template.emv
     headway_m = factory.size(emv.actor_class)[0] + emv.headway_s * emv.depart_speed_mps
-    start_m = start_m_of(network, site, emv)
-    starts = [emv_start(network, site, start_m - number * headway_m) for number in range(emv.count)]
+    starts = following_starts(network, site, emv, headway_m)
     needed_m = starts[0].front_m + emv.speed_mps * (template.duration_s + config.emv_route_slack_s)
     way = starts[0].route
     route = long_enough_route(factory, way, site, needed_m, random_stream(seed, "demand/route"))
@@ -101,8 +96,10 @@ class _Planner:
         groups = plan_groups(
             self._network, self._site, self._start, self._template, self._seed, self._factory, self._config
         )
-        emvs = self._emvs(groups)
-        stage = self._stage(groups)
+        emvs = self._emvs(groups, self._starts)
+        crossing, crossed = self._crossing((*emvs, *groups.vehicles))
+        emvs += self._emvs(groups, crossing, "crossing_emv")
+        stage = self._stage(groups, crossing)
         near, demand = self._near_lanes, self._template.demand
         taken = {lane.index for lane in near}
         around_m = self._config.district_m if demand.district_per_lane_km else 0.0
@@ -123,6 +120,7 @@ class _Planner:
             warm_up_steps=steps_from_s(self._template.warm_up_s),
             response_distance_m=self._template.response.response_distance_m,
             signal=self._signal(groups),
+            crossed=crossed,
         )
 
     def _signal(self, groups: GroupPlan) -> SignalTiming | None:
@@ -131,27 +129,38 @@ class _Planner:
         movement = next((self._network.connections[index] for index in reversed(site.connections)), None)
         if demand is None or movement is None or movement.signal_id is None:
             return None
-        arrival_s = unhindered_arrival_s(self._network, self._start, self._template.emv, self._config)
-        if site.junction is None:
-            further = site.stretch[site.stretch.index(self._start.route[0]) + 1 :]
-            way_m = sum(driving_lanes(self._network, edge)[-1].length_m for edge in further)
-            arrival_s += way_m / self._template.emv.speed_mps
+        red_from_s = self._arrival_s(site.stretch[-1]) - demand.red_before_arrival_s
         ways = (self._network.connections[index] for index in groups.crossing)
         bound = [way for way in ways if way.signal_id == movement.signal_id]
         # Where left turns are green first, most of the crossing queue still waits: the others count.
         straight = [way for way in bound if way.direction == "s"]
         crossing = tuple(way.signal_link for way in straight or bound)
-        red_from_s = arrival_s - demand.red_before_arrival_s
         streams = tuple(g.name for g in self._template.demand.groups if g.anchor is GroupAnchor.ARRIVAL)
         platoon = tuple(vehicle.name for vehicle in groups.vehicles if streams and vehicle.name.startswith(streams))
-        emv = _EMV.format(0)
-        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, platoon, emv)
+        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, platoon, emv="emv0")
 
-    def _emvs(self, groups: GroupPlan) -> tuple[PlannedVehicle, ...]:
-        rng = random_stream(self._seed, "demand/emv")
+    def _arrival_s(self, edge: int) -> float:
+        """When the first EMV would come unhindered to the end of an edge of its way."""
+        return arrival_s(self._network, self._site, self._start, edge, self._template.emv, self._config)
+
+    def _crossing(self, placed: Sequence[PlannedVehicle]) -> tuple[list[EmvStart], str]:
+        """Starts of the EMVs that cross the first one's way, and the junction where they do."""
+        emv = self._template.emv
+        if not emv.crossing:
+            return [], ""
+        ways, edge = crossing_ways(self._network, self._site, self._start)
+        wanted_s = self._arrival_s(edge) + emv.crossing_after_s
+        way, start = crossing_start(self._network, ways, emv, wanted_s, placed, self._config)
+        needed_m = start.front_m + emv.speed_mps * (self._template.duration_s + self._config.emv_route_slack_s)
+        rng = random_stream(self._seed, "demand/crossing_route")
+        route = long_enough_route(self._factory, start.route, way, needed_m, rng)
+        return [replace(start, route=route)], way.junction or ""
+
+    def _emvs(self, groups: GroupPlan, starts: Sequence[EmvStart], name: str = "emv") -> tuple[PlannedVehicle, ...]:
+        rng = random_stream(self._seed, f"demand/{name}")
         demand = self._template.emv
         emvs = []
-        for number, start in enumerate(self._starts):
+        for number, start in enumerate(starts):
             route = tuple(self._network.edges[edge].edge_id for edge in start.route)
             driver = self._factory.draw_driver(demand.actor_class, rng)
             limit = self._network.lanes[start.lane].speed_limit_mps
@@ -161,11 +170,14 @@ class _Planner:
                 behind_queue_mps(self._network, start, groups.vehicles, self._config),
             )
             spot = Spot(start.lane, start.front_m, depart_mps)
-            emvs.append(self._factory.emv(_EMV.format(number), demand.actor_class, driver, route, spot))
+            emvs.append(self._factory.emv(f"{name}{number}", demand.actor_class, driver, route, spot))
         return tuple(emvs)
 
-    def _stage(self, groups: GroupPlan) -> tuple[LaneInterval, ...]:
-        """All lanes of the way from behind the rearmost EMV to ahead of the foremost vehicle, and the crossing rows."""
+    def _stage(self, groups: GroupPlan, crossing: Sequence[EmvStart]) -> tuple[LaneInterval, ...]:
+        """All lanes of the way from behind the rearmost EMV to ahead of the foremost vehicle, and the crossing rows.
+
+        Around EMVs that cross it is the road from behind to ahead of each.
+        """
         rearmost = self._starts[-1]
         between_m = self._factory.length_m(rearmost.route[: len(rearmost.route) - len(self._start.route)])
         rear = rearmost.front_m - self._factory.size(self._template.emv.actor_class)[0] - self._config.stage_behind_m
@@ -175,6 +187,10 @@ class _Planner:
         for lane in driving_lanes(self._network, rearmost.route[0]):
             stage += chain_along(self._network, lane, rearmost.route).intervals(self._network, rear, reach)
         stage += self._sharing_junction_paths(stage)
+        for start in crossing:
+            rear, reach = start.front_m - self._config.stage_behind_m, start.front_m + self._config.stage_ahead_m
+            for lane in driving_lanes(self._network, start.route[0]):
+                stage += chain_along(self._network, lane, start.route).intervals(self._network, rear, reach)
         return tuple(dict.fromkeys((*stage, *self._way_to_site(), *groups.crossing_stage)))
 
     def _sharing_junction_paths(self, stage: Sequence[LaneInterval]) -> list[LaneInterval]:

@@ -26,7 +26,7 @@ _ROUTE_TRIES: Final = 12
 _CREEP_MPS: Final = 1.0
 _LEAST_APPROACH_SHARE: Final = 0.6
 """Of the template's distance to the stop line, the least that is left where the EMV starts after a junction."""
-_ENTRY_M: Final = 8.0
+ENTRY_M: Final = 8.0
 """Road behind an EMV's front at the very beginning of its approach: its own length."""
 _RUN_UP_M: Final = 20.0
 """Road before a junction that an EMV has at its start: it does not begin at a stop line at full speed."""
@@ -76,12 +76,12 @@ def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
             break
         lane, via = _lane_before(network, lane, edge)
         reach_m += lane.length_m + network.length_m(via)
-    return max(wanted_m, _ENTRY_M - reach_m)
+    return max(wanted_m, ENTRY_M - reach_m)
 
 
 def _quiet_start(network: RoadNetwork, site: Site, emv: EmvDemand) -> float | None:
     """The start relative to the stop line after the junction before; None where the road from there is too short."""
-    quiet_m = quiet_reach_m(network, travel_lane(network, site).index, -emv.start_m) - _ENTRY_M
+    quiet_m = quiet_reach_m(network, travel_lane(network, site).index, -emv.start_m) - ENTRY_M
     needed_m = -_LEAST_APPROACH_SHARE * emv.start_m
     if site.kind in _CONFLICT_POINTS:
         needed_m = min(needed_m, _LEAST_QUIET_M)
@@ -113,7 +113,7 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
         position -= 1
         lane, via = _lane_before(network, lane, site.route[position])
         to_site = (lane.index, *via, *to_site)
-        run_up_m = min(_RUN_UP_M, max(lane.length_m - _ENTRY_M, 0.0))
+        run_up_m = min(_RUN_UP_M, max(lane.length_m - ENTRY_M, 0.0))
         start_m = min(start_m + network.length_m(via), -run_up_m) + lane.length_m
     while start_m > lane.length_m and position + 1 < len(site.route):
         chain = chain_along(network, lane, site.route[position : position + 2])
@@ -220,7 +220,7 @@ def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand, config: Demand
     pace_mps = way_m / max(unhindered_arrival_s(network, start, emv, config), SAMPLE_M)
     queue_m = quiet_reach_m(network, travel_lane(network, site).index, _LEAST_QUEUE_M)
     exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in site.beyond)
-    at_entry = start.front_m < min(_ENTRY_M, network.lanes[start.lane].length_m)
+    at_entry = start.front_m < min(ENTRY_M, network.lanes[start.lane].length_m)
     flaws = (
         (queue_m < _LEAST_QUEUE_M, Approach(2, f"a junction less than {_LEAST_QUEUE_M:.0f} m before it")),
         (exit_m < _LEAST_EXIT_M, Approach(2, LITTLE_BEHIND)),

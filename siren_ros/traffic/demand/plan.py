@@ -175,6 +175,8 @@ class TrafficPlan:
     """Reach of the siren."""
     signal: SignalTiming | None = None
     """None where all signals run as the map says."""
+    crossed: str = ""
+    """Junction at which the last EMVs cross the way of the others; empty where none do."""
     av: str = ""
     """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from behaviour.civilians.civilian_steps import steps
+from behaviour.civilians.civilian_steps import UNIT, steps
 from behaviour.lab import kinds
 
 from siren_ros.behaviour.civilians.yield_lane_change import yield_speed_mps
@@ -353,3 +353,82 @@ def test_with_two_emvs_everybody_yields_to_the_one_that_comes(lab, world):
     state, _, events = steps(world, [emv_at(lab, 110.0), second, *cars[2:]], 1, state, 1)
     assert {event.actor_id for event in events if event.kind.value in {"yield_cancelled", "yield_released"}} == {2}
     assert list(state.units) == [3]
+
+
+def second_at(lab, s, lane=0, speed=10.0):
+    """Another EMV."""
+    return lab.Car(9, lane, s, speed, (0,), AMBULANCE)
+
+
+@pytest.mark.parametrize(("second_s", "stays"), [(20.0, True), (1.0, False)], ids=["within hearing", "beyond"])
+def test_a_new_lane_is_kept_until_the_last_emv_within_hearing_has_passed(lab, world, state, second_s, stays):
+    """The civilian's rear is at 87.6 m; drivers in a queue hear an EMV up to 80 m behind them."""
+    there = lab.Car(2, 1, 90, 3, (0,))
+    state, _, _ = steps(world, [emv_at(lab), there, second_at(lab, 1.0)], 1, state, 0)
+    passed = [emv_at(lab, 98.0), there]
+    state, _, events = steps(world, [*passed, second_at(lab, second_s)], 1, state, 2)
+    assert (2 in state.units) is stays
+    assert [event.other_id for event in events if event.kind.value == "yield_requested"] == [9] * stays
+    if stays:
+        state, _, events = steps(world, [*passed, second_at(lab, 70.0)], 1, state, 3)
+        assert not events
+        state, _, events = steps(world, [*passed, second_at(lab, 98.0, lane=1)], 1, state, 4)
+        assert kinds(events) == ["yield_released"]
+
+
+@pytest.mark.parametrize("level", ["L2", "L3"])
+@pytest.mark.parametrize(("first_s", "second_s", "asked"), [(50.0, 60.0, 9), (60.0, 50.0, 1)])
+def test_of_two_emvs_that_come_drivers_answer_the_nearer_one(lab, straight, level, first_s, second_s, asked):
+    world = lab.world_of(straight, getattr(lab, level))
+    cars = [emv_at(lab, first_s), lab.Car(2, 0, 85, 5, (0,)), second_at(lab, second_s)]
+    state, _, _ = steps(world, cars)
+    assert state.units[2].emv_id == asked
+
+
+def holding(lab, network, *cars):
+    """The second civilian has pulled over for the first EMV and holds; all cars are known."""
+    return YieldState({2: UNIT}, actors=ActorTable.empty().updated(lab.traffic_of(network, cars)))
+
+
+def test_who_has_pulled_over_holds_until_the_last_emv_within_hearing_has_passed(lab, straight):
+    """The first EMV has passed. The civilian's rear is at 77.6 m, the second EMV's front 65 m behind it."""
+    world = lab.world_of(straight, lab.L3)
+    there, passed = lab.Car(2, 0, 80, 0, (0,), left=-0.7), emv_at(lab, 120.0)
+    state = holding(lab, straight, passed, there, second_at(lab, 9.0))
+    state, commands, events = steps(world, [passed, there, second_at(lab, 9.0)], 1, state, 1)
+    assert (modes(commands), state.units[2].emv_id) == ({2: Mode.YIELD_HOLD}, 9)
+    assert [event.detail["reason"] for event in events] == ["another_emv"]
+    state, commands, events = steps(world, [passed, there, second_at(lab, 60.0)], 20, state, 2)
+    assert modes(commands) == {2: Mode.YIELD_HOLD}
+    assert not events
+    state, commands, _ = steps(world, [passed, there, second_at(lab, 120.0)], 1, state, 22)
+    assert modes(commands) == {2: Mode.REJOIN}
+
+
+def test_who_is_on_the_way_back_and_hears_the_next_emv_pulls_over_again_from_there(lab, straight):
+    world = lab.world_of(straight, lab.L3)
+    passed, far = emv_at(lab, 200.0), second_at(lab, 5.0)
+    there, moved = lab.Car(2, 0, 100, 0, (0,), left=-0.7), lab.Car(2, 0, 105, 2, (0,), left=-0.5)
+    state = holding(lab, straight, passed, there, far)
+    state, commands, _ = steps(world, [passed, there, far], 1, state, 1)
+    assert modes(commands) == {2: Mode.REJOIN}
+    state, commands, events = steps(world, [passed, moved, second_at(lab, 60.0)], 1, state, 2)
+    assert (modes(commands), commands.owner.tolist()) == ({2: Mode.YIELD_PULL_OVER}, [Owner.ROS])
+    assert kinds(events) == ["yield_requested", "yield_started"]
+    unit = state.units[2]
+    assert (unit.emv_id, unit.side) == (9, -1)
+    assert unit.navigator.path.curve.points[0] == pytest.approx([105.0, -0.5]), "it begins where the vehicle is"
+
+
+@pytest.mark.parametrize(("speed", "mode"), [(0.0, Mode.YIELD_HOLD), (1.0, Mode.REJOIN)])
+def test_who_cannot_pull_over_again_stays_where_it_stands_and_goes_on_where_it_moves(lab, straight, speed, mode):
+    """A vehicle stands right ahead."""
+    world = lab.world_of(straight, lab.L3)
+    passed, far, ahead = emv_at(lab, 200.0), second_at(lab, 5.0), lab.Car(3, 0, 105.0, 0, (0,))
+    there = lab.Car(2, 0, 100, 0, (0,), left=-0.7)
+    state = holding(lab, straight, passed, there, ahead, far)
+    state, commands, _ = steps(world, [passed, there, ahead, far], 1, state, 1)
+    assert modes(commands)[2] is Mode.REJOIN
+    cars = [passed, replace(there, speed=speed), ahead, second_at(lab, 60.0)]
+    state, commands, _ = steps(world, cars, 1, state, 2)
+    assert (modes(commands)[2], state.units[2].partial) == (mode, mode is Mode.YIELD_HOLD)

@@ -13,7 +13,8 @@ from siren_ros.behaviour.driving.free_space import SpeedLimit
 from siren_ros.behaviour.driving.step_view import Surroundings
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
-from siren_ros.conflicts.course import SPACING_M, Course
+from siren_ros.conflicts.course import SPACING_M, Course, Rights
+from siren_ros.conflicts.yielding import Rank
 from siren_ros.conflicts.zones import Way, Ways
 
 CONFIG = NavigatorConfig()
@@ -186,6 +187,42 @@ def test_who_crosses_from_either_side_is_waited_for_and_who_has_crossed_is_not(t
     reach = HALF_LENGTH + HALF_WIDTH + CONFIG.side_margin_m
     assert threat.free_m == pytest.approx(30.0 - reach - CONFIG.conflicts.standoff_m, abs=1.0)
     assert watch(turn, 8.0, (30.0, side * 25.0, side * np.pi / 2.0, 8.0)).meetings() is None
+
+
+def crossing_watches(turn, side, rank, emvs):
+    """What two drivers see who come to the middle of a crossing from 20 m at 8 m/s, both with the same right of way."""
+    yaw = turn + np.array([0.0, side * np.pi / 2.0])
+    cos, sin, speed = np.cos(yaw), np.sin(yaw), np.full(2, 8.0)
+    poses = -20.0 * cos, -20.0 * sin, yaw, cos, sin, speed
+    sizes = np.full(2, HALF_LENGTH), np.full(2, HALF_WIDTH)
+    lines = [np.outer(np.arange(-60.0, 91.0), (np.cos(angle), np.sin(angle))) for angle in yaw]
+    bodies = zip(poses[0].tolist(), poses[1].tolist(), yaw.tolist(), strict=True)
+    size = HALF_LENGTH, HALF_WIDTH, 0.0
+    ways = Ways.of(
+        [Way(line, SPACING_M, 40.0, 0.0, pose, 0.0, *size) for line, pose in zip(lines, bodies, strict=True)]
+    )
+    at = np.arange(2)
+    rights = Rights(np.full(len(ways.points), 8.0), at, at + 1, np.full(2, 50.0), np.full(2, int(rank)))
+    outlook = SimpleNamespace(ways=ways, rights=rights)
+    seen = Surroundings(np.array([1, 2], dtype=np.uint32), *poses, *sizes, np.array(emvs), outlook=outlook)
+    paths = (TrackedPath.of(Curve.through(line[[0, -1]]), CONFIG, stop_at_end=False) for line in lines)
+    return [CollisionWatch(path, 40.0, row, 10.0, seen, CONFIG) for row, path in enumerate(paths)]
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("rank", [Rank.RED, Rank.STOP_SIGN, Rank.PRIORITY])
+def test_of_two_emvs_whose_ways_cross_with_equal_rights_the_second_waits_and_the_first_goes(turn, side, rank):
+    """No red light stops them, so that neither can count on the other one's stop."""
+    first, second = (watch.meetings() for watch in crossing_watches(turn, side, rank, (True, True)))
+    assert first is None
+    assert second.blocker_id == 1
+    assert second.speed_mps < 8.0
+
+
+@pytest.mark.parametrize("emvs", [(False, False), (True, False), (False, True)])
+def test_who_is_no_emv_is_expected_to_stop_at_red(emvs):
+    assert [watch.meetings() for watch in crossing_watches(0.6, 1.0, Rank.RED, emvs)] == [None, None]
 
 
 @pytest.mark.parametrize("turn", TURNS)

@@ -106,6 +106,17 @@ def test_keeps_clear_of_a_vehicle_on_one_side(lab):
     assert offsets(view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=0.5)]), 0)[40] - 1.05 - (0.5 + 0.915) > 0.1
 
 
+@pytest.mark.parametrize(
+    ("kind", "turned", "shapes"), [("AMBULANCE", 0.0, False), ("AMBULANCE", 3.1, True), ("VAN", 0.0, True)]
+)
+def test_another_emv_ahead_is_followed_and_does_not_shape_the_corridor(lab, kind, turned, shapes):
+    """It stands in the middle of the two lanes. One that comes towards this one is passed as others are."""
+    empty, other = view_at(lab), lab.Car(2, 0, 140, 0, (0,), ActorClass[kind])
+    poses = [[100.0, 0.0, 0.0, 8.0], [140.0, 1.65, turned, 0.0]]
+    offset = offsets(view_at(lab, [other], poses=np.array(poses)), 0)
+    assert bool(np.abs(offset - offsets(empty, 0)).max() > 0.5) is shapes
+
+
 def test_stays_on_the_road(lab):
     view = view_at(lab, [lab.Car(2, 1, 140, 0, (0,), left=-1.0), lab.Car(3, 0, 140, 0, (0,), left=-1.6)])
     assert offsets(view, 0).min() >= -1.65 + 1.05 - 1e-9

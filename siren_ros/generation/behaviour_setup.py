@@ -36,4 +36,5 @@ def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWor
         seed=episode.seed,
         av_id=episode.av_id,
         speeds=replace(PAPER_SPEEDS, emv_route_follow_mps=speed_mps, emv_lane_change_mps=speed_mps),
+        duty=bool(values.get("response.duty", 0)),
     )

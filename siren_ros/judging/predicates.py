@@ -13,6 +13,7 @@ from siren_ros.judging.junction_templates import (
 )
 from siren_ros.judging.lane_clearance import lane_cleared
 from siren_ros.judging.queue_splitting import queues_split
+from siren_ros.judging.rescue_lane import rescue_lane
 from siren_ros.judging.verdict import Verdict
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario import scenario as declared
@@ -28,6 +29,7 @@ PREDICATES: Final[dict[str, Predicate]] = {
     declared.STOP_SAME_DIRECTION.name: stop_same_direction,
     declared.STOP_CROSSING.name: stop_crossing,
     declared.SHOULDER_TURN.name: shoulder_turn,
+    declared.RESCUE_LANE.name: rescue_lane,
 }
 """By the name that a template's file gives."""
 PARAMETER: Final = "predicate"

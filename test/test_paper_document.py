@@ -18,9 +18,16 @@ from siren_ros.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
 from siren_ros.numerics.units import STEP_S, mps_from_kmh
 from siren_ros.reproduction.documents import filled
 from siren_ros.reproduction.results import read_results
-from siren_ros.scenario.paper import LEVEL_POLICIES, PAPER_CONSTANTS, PAPER_SPEEDS, CivilianResponse, EmergencyLevel
+from siren_ros.scenario.paper import (
+    LEVEL_POLICIES,
+    PAPER_CONSTANTS,
+    PAPER_SPEEDS,
+    TEMPLATES,
+    CivilianResponse,
+    EmergencyLevel,
+)
 from siren_ros.scenario.presets import load_preset
-from siren_ros.scenario.templates import available_templates, load_template
+from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.config import CautionConfig
 
 
@@ -76,7 +83,7 @@ def numbers_in(pattern: str) -> list[float]:
     return [float(number) for number in ([found] if isinstance(found, str) else found)]
 
 
-@pytest.mark.parametrize("name", available_templates())
+@pytest.mark.parametrize("name", TEMPLATES)
 def test_templates_have_the_numbers_of_the_page(name: str) -> None:
     template = load_template(name)
     vehicles = numbers_in(r"interaction, " + ", ".join([r"(\d+)"] * 7) + " background vehicles")
@@ -94,7 +101,7 @@ def test_templates_have_the_numbers_of_the_page(name: str) -> None:
     assert not same & template.drawn.keys(), "seeds draw what the page calls the paper's"
 
 
-@pytest.mark.parametrize("name", available_templates())
+@pytest.mark.parametrize("name", TEMPLATES)
 def test_seeds_draw_what_the_page_says(name: str) -> None:
     drawn = load_template(name).drawn
     speeds_kmh = numbers_in(r"draws a speed from (\d+) to (\d+) km/h")
@@ -156,7 +163,7 @@ def test_the_protocol_is_that_of_the_page() -> None:
 def test_the_balance_of_the_videos_is_that_of_the_page() -> None:
     assert tuple(numbers_in(r"(\d+) / (\d+) / (\d+) videos of the classes")) == PAPER_BALANCE
     videos, per_template = numbers_in(r"(\d+) videos of 190 frames, (\d+) of each template")
-    assert (videos, per_template) == (sum(PAPER_BALANCE), sum(PAPER_BALANCE) / len(available_templates()))
+    assert (videos, per_template) == (sum(PAPER_BALANCE), sum(PAPER_BALANCE) / len(TEMPLATES))
 
 
 def test_the_learned_models_of_the_paper_are_counted_right() -> None:

@@ -247,6 +247,12 @@ class PullOverConfig:
     """Speed on a way that is only as long as the lateral move: slow enough for the steering."""
     look_again_s: float = 0.5
     """Time between two looks of a driver who waits."""
+    mirror_m: float = 0.2
+    """Distance from the lane's edge at which a driver keeps a rescue lane open: the mirror stays inside."""
+    kept_within_m: float = 0.25
+    """Distance from there within which a driver has made way already."""
+    flows_mps: float = 8.3
+    """Faster traffic has no rescue lane: above 30 km/h it flows."""
 
 
 @dataclass(frozen=True)
@@ -460,7 +466,11 @@ class EmvConfig:
     rejoin_offset_m: float = 0.5
     """Offsets below it are left to the path tracking."""
     strategic_distance_m: float = 200.0
-    """Distance before the end of a lane that leads astray at which the EMV wants to leave it."""
+    """Distance before the end of a lane that leads astray at which the EMV wants to leave it…"""
+    strategic_s: float = 10.0
+    """…and the time before it, which is more above 72 km/h."""
+    far_brake_mps2: float = 1.8
+    """A fast EMV looks as far ahead as it takes to stop with this: above 61 km/h farther than the paper's 80 m."""
     pass_from_m: float = 50.0
     """Distance from slow traffic ahead at which the EMV looks for a free lane or shoulder."""
     slow_below_mps: float = 3.0

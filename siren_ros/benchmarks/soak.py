@@ -33,7 +33,7 @@ from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.ros.transport.shared_memory import abandoned_segments
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.templates import available_templates
+from siren_ros.scenario.paper import TEMPLATES
 
 FLAT_MB_PER_EPISODE: Final = 0.1
 """Growth below which memory counts as flat: 100 MB in a thousand episodes, far below what an episode needs."""
@@ -320,7 +320,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=100, help="cases; each is run twice (100)")
     parser.add_argument("--duration", type=float, default=10.0, metavar="S", help="simulated seconds of each (10)")
-    parser.add_argument("--templates", nargs="+", default=list(available_templates()), metavar="ID")
+    parser.add_argument("--templates", nargs="+", default=list(TEMPLATES), metavar="ID")
     parser.add_argument("--map", default="", help="another map, for every tenth case; the built-in town otherwise")
     parser.add_argument("--worker-episodes", type=int, default=100, help="episodes of the worker; 0 for none (100)")
     parser.add_argument("--keep", default="", metavar="FOLDER", help="where the bags of cases go that are wrong")

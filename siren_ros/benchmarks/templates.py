@@ -47,9 +47,9 @@ from siren_ros.processes.process_pool import CrashError, ProcessPool
 from siren_ros.processes.side_by_side import side_by_side
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
 from siren_ros.scenario.scenario import DECLARED_PREDICATES
-from siren_ros.scenario.templates import available_templates, load_template
+from siren_ros.scenario.templates import load_template
 from siren_ros.studies.matrix import seeds_of
 from siren_ros.world.traffic_state import EventKind
 
@@ -242,6 +242,10 @@ def placebo_levels(name: str) -> tuple[EmergencyLevel, ...]:
     return tuple(levels[: levels.index(needed)])
 
 
+WITHOUT_DUTY: Final = "response.duty=0"
+"""The placebo of templates whose interaction needs more than a level: drivers who open no rescue lane."""
+
+
 def placebo_row(name: str, by_level: Mapping[str, Sequence[EpisodeFigures]]) -> str:
     """One template's row of ``--placebo``."""
     texts = (f"{level} {sum(episode.holds for episode in ran)}/{len(ran)}" for level, ran in by_level.items())
@@ -353,6 +357,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.placebo:
             levels = [level.name for level in placebo_levels(name)]
             ran = {level: measure_all(_tasks(options, name, level), options.jobs) for level in levels}
+            if load_template(name).response.duty:
+                tasks = _tasks(options, name, options.level, WITHOUT_DUTY)
+                ran[WITHOUT_DUTY] = measure_all(tasks, options.jobs)
             print(placebo_row(name, ran), flush=True)
             rows += [{**json_row(name, episodes), "level": level} for level, episodes in ran.items()]
             continue
@@ -367,10 +374,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _tasks(options: argparse.Namespace, name: str, level: str) -> list[EpisodeTask]:
+def _tasks(options: argparse.Namespace, name: str, level: str, values: str = "") -> list[EpisodeTask]:
     return [
         EpisodeTask(
-            EpisodeRequest(name, level, seed, options.map, options.site, preset=options.preset, sensors="none"),
+            EpisodeRequest(
+                name, level, seed, options.map, options.site, preset=options.preset, sensors="none", values=values
+            ),
             timed=number == 0 and not options.compare,
             picture=options.pictures / f"{name}_{level or 'own'}_{seed}.png" if options.pictures else None,
         )
@@ -381,7 +390,7 @@ def _tasks(options: argparse.Namespace, name: str, level: str) -> list[EpisodeTa
 def _parser() -> argparse.ArgumentParser:
     levels = [level.name for level in EmergencyLevel]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--templates", nargs="+", default=list(available_templates()), metavar="ID")
+    parser.add_argument("--templates", nargs="+", default=list(TEMPLATES), metavar="ID")
     parser.add_argument("--seeds", type=seeds_of_option, default=range(20), help="first:last, the last not included")
     parser.add_argument("--map", default="", help="map file; the built-in town by default")
     parser.add_argument("--site", default="", help="a name that siren sites prints; each seed draws its own by default")

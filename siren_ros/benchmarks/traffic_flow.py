@@ -28,7 +28,7 @@ from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.processes.side_by_side import side_by_side
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.templates import available_templates
+from siren_ros.scenario.paper import TEMPLATES
 
 ALL: Final = "all"
 NOMINAL_S: Final = 90.0
@@ -106,7 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--templates", nargs="+", default=list(available_templates()), metavar="ID")
+    parser.add_argument("--templates", nargs="+", default=list(TEMPLATES), metavar="ID")
     parser.add_argument("--seeds", type=seeds_of_option, default=range(5), help="first:last, the last not included")
     parser.add_argument("--map", default="", help="map file; the built-in town by default")
     parser.add_argument("--preset", default="paper", help="how drivers respond")

@@ -18,7 +18,7 @@ from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.episode_setup import plan_length
 from siren_ros.params.resources import named_params_file
 from siren_ros.scenario.episode import MAX_SEED, EpisodeRequest
-from siren_ros.scenario.templates import available_templates
+from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.studies.dask_workers import DaskWorkers, connected, on_slurm
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import (
@@ -85,7 +85,7 @@ def add_arguments(verb: Command) -> None:
     )
     verb.add_argument("--out", required=True, metavar="DIR", help="folder or fsspec URL, new or of the same study")
     matrix = verb.add_argument_group("the matrix")
-    matrix.add_argument("--templates", nargs="+", metavar="ID", help="S1 to S7, or template files (default: all)")
+    matrix.add_argument("--templates", nargs="+", metavar="ID", help="S1 to S8, or template files (default: S1 to S7)")
     matrix.add_argument("--levels", nargs="+", metavar="L", help="L0 to L3, or own (default)")
     matrix.add_argument("--seeds", nargs="+", metavar="N|A:B", help="seeds; 0:5 are 0 to 4 (default 0)")
     matrix.add_argument("--maps", nargs="+", metavar="FILE", help="map files, or town (default)")
@@ -199,7 +199,7 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Workers]:
 def _study_of(arguments: argparse.Namespace) -> Study:
     """The study file's, or all templates, with what the command line says in its place."""
     named = arguments.study
-    study = Study(available_templates()) if named is None else read_study(named_params_file("study", "studies", named))
+    study = Study(TEMPLATES) if named is None else read_study(named_params_file("study", "studies", named))
     words = {name: getattr(arguments, name) for name in _MATRIX}
     asked = {name: _MATRIX[name](word) for name, word in words.items() if word is not None}
     return replace(study, **asked, draws=_draws_of(arguments) or study.draws)

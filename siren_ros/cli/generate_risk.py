@@ -14,7 +14,7 @@ from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, writing
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import read_set, write_set
 from siren_ros.scenario.episode import MAX_SEED
-from siren_ros.scenario.templates import available_templates
+from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.studies.risk_set.make_set import RiskSetRequest, SetObserver, make_set
 from siren_ros.studies.risk_set.search import PAPER_COUNTS, PAPER_PER_TEMPLATE, Balance, Counts, Search, papers_balance
 
@@ -91,8 +91,8 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "--templates",
         nargs="+",
         metavar="ID",
-        choices=available_templates(),
-        default=list(available_templates()),
+        choices=TEMPLATES,
+        default=list(TEMPLATES),
         help="S1 to S7 (default: all)",
     )
     verb.add_argument(

@@ -26,7 +26,7 @@ def add_arguments(verb: Command) -> None:
         "pins the site: -p site:=NAME, or siren generate --sites NAME. The last column says what the others lack."
     )
     verb.add_argument("map", nargs="?", default="", metavar="MAP", help="map file (default: the built-in town)")
-    verb.add_argument("--templates", nargs="+", metavar="ID", help="S1 to S7, or template files (default: all)")
+    verb.add_argument("--templates", nargs="+", metavar="ID", help="S1 to S8, or template files (default: all)")
     verb.add_argument("--all", action="store_true", help="also sites that lack something, which no seed draws")
     verb.add_argument(
         "--out", type=Path, metavar="FILE.png", help="also draw the map with its sites, and what places lack"

@@ -39,4 +39,5 @@ def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWor
         av_id=episode.av_id,
         speeds=replace(PAPER_SPEEDS, emv_route_follow_mps=speed_mps, emv_lane_change_mps=speed_mps),
         left_hand=network.left_hand,
+        duty=bool(values.get("response.duty", 0)),
     )

@@ -77,6 +77,12 @@ def level_of(request: EpisodeRequest, template: Template) -> EmergencyLevel:
     return EmergencyLevel[request.level] if request.level else template.level
 
 
+def map_of(request: EpisodeRequest, template: Template) -> Path | None:
+    """The map asked for, or the template's own; None is the built-in town."""
+    name = request.map or template.map_name
+    return Path(name) if name else None
+
+
 def plan_length(request: EpisodeRequest) -> int:
     """Number of steps of the episode.
 
@@ -137,7 +143,7 @@ def set_up_episode(
     for suite in (request.sensors, request.av_sensors):
         load_suite(suite, noted)
     load_look(request.look, noted)
-    compiled = compiled_map or compile_map(Path(request.map) if request.map else None)
+    compiled = compiled_map or compile_map(map_of(request, written))
     compiled = with_speed_limit(compiled, template.demand.speed_limit_mps)
     if template.shoulders_in_use:
         compiled = with_shoulders_in_use(compiled)

@@ -12,7 +12,7 @@ import numpy as np
 
 from siren_ros.errors import BagError, SirenError
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
-from siren_ros.generation.episode_setup import EpisodeSetup, present_versions, set_up_episode
+from siren_ros.generation.episode_setup import EpisodeSetup, map_of, present_versions, set_up_episode
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
 from siren_ros.interfaces.messages import json_object, json_text
 from siren_ros.interfaces.topics import ACTORS, EPISODE, EVENTS, OUTCOME, TRAFFIC
@@ -22,6 +22,7 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map, name_of_map, source_sha256_of
 from siren_ros.roads.maps.map_source import SourceKind
 from siren_ros.scenario.episode import FILES_PARAMETER, MAP_SOURCE_PARAMETER, EpisodeDescription, EpisodeRequest
+from siren_ros.scenario.templates import load_template
 from siren_ros.world.commands import AV_SOURCE
 from siren_ros.world.traffic_state import Event
 
@@ -162,7 +163,7 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
 def _recorded_map(record: EpisodeRecord, request: EpisodeRequest, scratch: Path) -> CompiledMap:
     """The record's own map as a file; for a record without it the request's map."""
     described = record.description
-    source = Path(request.map) if request.map else None
+    source = map_of(request, load_template(request.template, described.files))
     if record.map_xml:
         net_path = scratch / "recorded.net.xml"
         net_path.write_bytes(record.map_xml)
@@ -280,7 +281,7 @@ def notes_on(record: EpisodeRecord) -> Iterator[str]:
     if not record.map_xml or stored is None:
         return
     try:
-        same = source_sha256_of(Path(request.map) if request.map else None) == stored
+        same = source_sha256_of(map_of(request, load_template(request.template, described.files))) == stored
     except SirenError:
         yield f"the map {request.map} cannot be read here; the recorded net was used"
         return

@@ -25,6 +25,8 @@ _UNREACHABLE: Final = 3
 _LONG_ENOUGH_M: Final = 150.0
 """Least length of good roads: 12 s at 45 km/h, to come up with five vehicles and to pass them. The same of queues:
 eight vehicles with 8 m between them, 30 m to the EMV, and some way on which they roll up to the line."""
+_MOTORWAY_M: Final = 750.0
+"""The same of motorway stretches: a queue of 350 m, 250 m up to it and 150 m on which its head moves on."""
 _JUNCTION_M: Final = 10.0
 """Of the road behind a site, what its junction takes."""
 _BESIDE: Final = frozenset({Placement.SAME_DIRECTION, Placement.ADJACENT_LANE})
@@ -99,6 +101,10 @@ def _long_enough(network: RoadNetwork, site: Site, _: Template) -> bool:
     return site.kind not in _NO_SHOULDER or _usable_m(network, site) >= _LONG_ENOUGH_M
 
 
+def _motorway_long_enough(_: RoadNetwork, site: Site, __: Template) -> bool:
+    return site.kind is not SiteKind.MOTORWAY_STRETCH or site.length_m >= _MOTORWAY_M
+
+
 def _leads_on(network: RoadNetwork, site: Site, _: Template) -> bool:
     after = site.route[site.route.index(site.stretch[-1]) + 1 :]
     return sum(driving_lanes(network, edge)[-1].length_m for edge in after) >= EXIT_M - _JUNCTION_M
@@ -126,6 +132,7 @@ def _ends_free(network: RoadNetwork, site: Site, _: Template) -> bool:
 
 _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] = {
     f"less than {_LONG_ENOUGH_M:.0f} m of road without a junction or a turning lane": _long_enough,
+    f"less than {_MOTORWAY_M:.0f} m on which nobody joins or leaves": _motorway_long_enough,
     LITTLE_BEHIND: _leads_on,
     "no second lane that leads on beside the EMV's": _has_lanes,
     "a turn, where the EMV has to go straight on": _goes_straight_on,

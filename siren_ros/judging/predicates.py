@@ -14,6 +14,7 @@ from siren_ros.judging.junction_templates import (
 from siren_ros.judging.junction_traversal import find_traversals
 from siren_ros.judging.lane_clearance import lane_cleared
 from siren_ros.judging.queue_splitting import queues_split
+from siren_ros.judging.rescue_lane import rescue_lane
 from siren_ros.judging.verdict import Verdict, at_least, verdict_of, with_sides_exchanged
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -30,6 +31,7 @@ PREDICATES: Final[dict[str, Predicate]] = {
     declared.STOP_SAME_DIRECTION.name: stop_same_direction,
     declared.STOP_CROSSING.name: stop_crossing,
     declared.SHOULDER_TURN.name: shoulder_turn,
+    declared.RESCUE_LANE.name: rescue_lane,
 }
 """By the name that a template's file gives."""
 PARAMETER: Final = "predicate"

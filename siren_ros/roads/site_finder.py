@@ -22,11 +22,14 @@ from siren_ros.roads.sites import (
     APPROACH_M,
     ENOUGH_M,
     EXIT_M,
+    MOTORWAY_APPROACH_M,
     REQUIREMENTS,
     ROUTE_M,
+    SHORTEST_MOTORWAY_M,
     SHORTEST_QUEUE_M,
     SHORTEST_ROAD_M,
     SHORTEST_SHOULDER_M,
+    TOWN_LIMIT_MPS,
     NoSite,
     Site,
     SiteKind,
@@ -185,6 +188,56 @@ def shoulder_turns(graph: EdgeGraph) -> Iterator[Site | NoSite]:
             )
 
 
+def motorway_stretches(graph: EdgeGraph) -> Iterator[Site | NoSite]:
+    """Roads out of town of two driving lanes or more, as far as nobody joins or leaves and all lanes lead on."""
+    network = graph.network
+    for last in range(len(network.edges)):
+        lanes = driving_lanes(network, last)
+        if not lanes:
+            continue
+        if len(lanes) < 2 or lanes[-1].speed_limit_mps <= TOWN_LIMIT_MPS:
+            yield NoSite(last, "one driving lane" if len(lanes) < 2 else "a limit of a town")
+            continue
+        if any(_goes_on(graph, last, way) for way in graph.successors[last]):
+            continue  # its site is the road that it goes on to
+        stretch: tuple[int, ...] = (last,)
+        while ways := [
+            way for way in graph.predecessors[stretch[0]] if way not in stretch and _goes_on(graph, way, stretch[0])
+        ]:
+            stretch = (*ways, *stretch)
+        length_m = graph.route_length_m(stretch)
+        if length_m < SHORTEST_MOTORWAY_M:
+            yield NoSite(last, f"less than {SHORTEST_MOTORWAY_M:.0f} m on which nobody joins or leaves")
+            continue
+        onward = sorted(graph.successors[last], key=lambda way: -lanes_through(network, last, way))[:1]
+        route = route_through(graph, (*stretch, *onward), MOTORWAY_APPROACH_M)
+        yield Site(
+            kind=SiteKind.MOTORWAY_STRETCH,
+            name=name_between(network, stretch[0], last),
+            junction=None,
+            route=route.edges,
+            site_position=route.start,
+            site_edge=stretch[0],
+            stretch=stretch,
+            approach_lane=driving_lanes(network, stretch[0])[-1].index,
+            length_m=length_m,
+            connections=_indices(network, civilian_movements(network, last, onward[0]) if onward else ()),
+            crossing=(),
+            score=length_m / SHORTEST_MOTORWAY_M + _route_score(route.approach_m, route.exit_m, ROUTE_M),
+        )
+
+
+def _goes_on(graph: EdgeGraph, edge: int, way: int) -> bool:
+    """Whether an edge out of town leads to another one alone, each lane to a lane of its own, and nobody joins."""
+    network = graph.network
+    alone = len(graph.successors[edge]) == 1 and len(graph.predecessors[way]) == 1
+    lanes = driving_lanes(network, edge)
+    same = len(lanes) == len(driving_lanes(network, way)) == lanes_through(network, edge, way)
+    movements = civilian_movements(network, edge, way)
+    free = all(c.signal_id is None and not c.must_stop for c in movements)
+    return alone and same and free and lanes[-1].speed_limit_mps > TOWN_LIMIT_MPS
+
+
 def _on_shoulders(network: RoadNetwork, movement: Connection) -> bool:
     ends = network.lanes[movement.from_lane], network.lanes[movement.to_lane]
     return all(lane.kind is LaneKind.SHOULDER for lane in ends)
@@ -197,6 +250,7 @@ _FINDERS: Final[Mapping[SiteKind, Callable[[EdgeGraph], Iterator[Site | NoSite]]
     SiteKind.SIGNAL_JUNCTION: signal_junctions,
     SiteKind.STOP_JUNCTION: stop_junctions,
     SiteKind.SHOULDER_RIGHT_TURN: shoulder_turns,
+    SiteKind.MOTORWAY_STRETCH: motorway_stretches,
 }
 
 

@@ -22,6 +22,10 @@ SHORTEST_QUEUE_M: Final = 30.0
 """Least length of an approach for queues: four standing cars (7.5 m each) on each of two lanes."""
 SHORTEST_SHOULDER_M: Final = 10.0
 """Least length of a shoulder before and after a right turn."""
+SHORTEST_MOTORWAY_M: Final = 450.0
+"""Least length of a motorway stretch: a queue of 300 m and a way of 150 m up to it."""
+TOWN_LIMIT_MPS: Final = 17.0
+"""Roads with a higher limit lead out of town: towns have 50 km/h, and up to 60 km/h on their main roads."""
 ENOUGH_M: Final = 250.0
 """A site that is longer than this is not better for it."""
 
@@ -34,6 +38,7 @@ class SiteKind(StrEnum):
     SIGNAL_JUNCTION = "signal_junction"
     STOP_JUNCTION = "stop_junction"
     SHOULDER_RIGHT_TURN = "shoulder_right_turn"
+    MOTORWAY_STRETCH = "motorway_stretch"
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,10 @@ REQUIREMENTS: Final[Mapping[SiteKind, str]] = {
         "a map with a right turn that has a shoulder open to emergency vehicles before it, beside it and after it, at "
         f"least {SHORTEST_SHOULDER_M:.0f} m long"
     ),
+    SiteKind.MOTORWAY_STRETCH: (
+        f"a map with a road out of town, above {3.6 * TOWN_LIMIT_MPS:.0f} km/h, of two driving lanes or more, on which "
+        f"nobody joins or leaves for {SHORTEST_MOTORWAY_M:.0f} m"
+    ),
 }
 
 
@@ -133,6 +142,8 @@ def middle_of_site(network: RoadNetwork, site: Mapping[str, object]) -> npt.NDAr
 
 APPROACH_M: Final = 150.0
 """Length of road that an EMV drives before the place, where the map has it: about 11 s at 50 km/h."""
+MOTORWAY_APPROACH_M: Final = 2000.0
+"""The same before a motorway stretch: a second EMV comes up to 60 s later."""
 EXIT_M: Final = 100.0
 """Length of road after the place, where the map has it."""
 ROUTE_M: Final = 700.0
@@ -154,15 +165,15 @@ class SiteRoute:
     exit_m: float
 
 
-def route_through(graph: EdgeGraph, stretch: Sequence[int]) -> SiteRoute:
+def route_through(graph: EdgeGraph, stretch: Sequence[int], least_approach_m: float = APPROACH_M) -> SiteRoute:
     """A route with a long approach to a stretch of edges and a way on after it, without turning back.
 
-    The approach grows backwards until it is ``APPROACH_M`` long (the stretch not counted), the exit forwards until the
-    whole route is ``ROUTE_M`` long; both prefer straight on, then wide roads. The exit prefers
+    The approach grows backwards until it is ``least_approach_m`` long (the stretch not counted), the exit forwards
+    until the whole route is ``ROUTE_M`` long; both prefer straight on, then wide roads. The exit prefers
     edges that lead into a loop (``EdgeGraph.endless_edges``); it may then pass an edge twice. Where the route has to
     leave the map soon, the approach becomes longer.
     """
-    approach = way_back(graph, stretch, APPROACH_M)
+    approach = way_back(graph, stretch, least_approach_m)
     onward = (*stretch, *_exit(graph, (*approach, *stretch)))
     onward_m = graph.route_length_m(onward)
     if graph.route_length_m((*approach, *onward)) < LEAST_ROUTE_M:

@@ -29,7 +29,11 @@ class EpisodeRequest:
     template: str = parameter("S2", "Interaction template: an id such as S2 or the path of a template file.")
     level: str = parameter("", "Emergency level; empty: the template's own.", choices=_LEVELS)
     seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=MAX_SEED)
-    map: str = parameter("", "Path of a SUMO net, OpenDRIVE or OpenStreetMap file; empty: the built-in town.")
+    map: str = parameter(
+        "",
+        "Path of a SUMO net, OpenDRIVE or OpenStreetMap file, or town or motorway, which are built in; empty: the "
+        "template's own, the town for S1 to S7.",
+    )
     site: str = parameter(
         "", "Where on the map it happens: a name that siren sites prints; empty: the seed draws one of the good sites."
     )

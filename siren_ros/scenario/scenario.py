@@ -57,6 +57,9 @@ class Placement(StrEnum):
     lane, unless the group is optional."""
     CROSSING = "crossing"
     """In the lanes whose paths cross the EMV's at the site's junction, in turn."""
+    EVERY_LANE = "every_lane"
+    """In all driving lanes of the EMV's road, with the group's number of vehicles in each; they come on top of the
+    background volume."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,17 @@ class SignalDemand:
     red_before_arrival_s: float
     """Time from the beginning of the red of the EMV's movement to the EMV's unhindered arrival at the stop line;
     negative where the red comes after it."""
+
+
+@dataclass(frozen=True)
+class JamDemand:
+    """What holds up the foremost vehicles of the groups in every lane: they roll, stand, and may roll on in turn."""
+
+    moves: int
+    """Whether they go on after their first stop: 0 or 1."""
+    roll_s: float
+    roll_mps: float
+    stand_s: float
 
 
 @dataclass(frozen=True)
@@ -144,6 +158,8 @@ class CivilianResponseDemand:
     """Manoeuvre timing: added to each driver's reaction delay."""
     compliance: float
     """Factor on the shares that comply."""
+    duty: int = 0
+    """Whether drivers open a rescue lane in slow traffic out of town before they hear a siren: 0 or 1."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +188,10 @@ class Template:
     predicate: PredicateDemand
     signal: SignalDemand | None = None
     """None where the signals run as they are."""
+    jam: JamDemand | None = None
+    """None where nothing but traffic holds vehicles up."""
+    map_name: str = ""
+    """The built-in map on which it happens where nobody names a map; empty: the town."""
     shoulders_in_use: bool = False
     """Whether nobody can drive on the map's shoulders, as where vehicles park there."""
     ranges: Mapping[str, ValueRange] = field(default_factory=dict)
@@ -257,6 +277,17 @@ class PredicateDeclaration:
 
 _SPEED_MIN: Final = {"speed_min_mps": (0.1, 20.0)}
 
+RESCUE_LANE: Final = PredicateDeclaration(
+    "rescue_lane",
+    {
+        "open_share_min": (0.0, 1.0),
+        "ahead_m": (20.0, 300.0),
+        "side_m": (0.0, 1.0),
+        "through_min_m": (50.0, 2000.0),
+        "speed_min_mps": (0.1, 20.0),
+    },
+    EmergencyLevel.L3,
+)
 QUEUES_SPLIT: Final = PredicateDeclaration(
     "queues_split", {"holding_min": (1, 50), "overtaken_min": (1, 50), "lateral_max_m": (0.1, 5.0)}, EmergencyLevel.L3
 )
@@ -273,7 +304,7 @@ DECLARED_PREDICATES: Final[dict[str, PredicateDeclaration]] = {
     declared.name: declared
     for declared in (
         *(QUEUES_SPLIT, LANE_CLEARED, RED_SAME_DIRECTION, RED_CROSSING),
-        *(STOP_SAME_DIRECTION, STOP_CROSSING, SHOULDER_TURN),
+        *(STOP_SAME_DIRECTION, STOP_CROSSING, SHOULDER_TURN, RESCUE_LANE),
     )
 }
 """By name."""

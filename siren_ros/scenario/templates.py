@@ -9,6 +9,7 @@ from siren_ros.errors import InputError
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.params.resources import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
+from siren_ros.roads.maps.map_compiler import BUILT_IN_MAPS
 from siren_ros.roads.sites import SiteKind
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.scenario import (
@@ -19,6 +20,7 @@ from siren_ros.scenario.scenario import (
     DemandGroup,
     EmvDemand,
     GroupAnchor,
+    JamDemand,
     Placement,
     PredicateDemand,
     SignalDemand,
@@ -83,6 +85,8 @@ def _template(top: StrictMapping) -> Template:
         response=_response(top.mapping("response"), parameters),
         predicate=_predicate(top.mapping("predicate")),
         signal=_signal(top.mapping("signal"), parameters) if top.has("signal") else None,
+        jam=_jam(top.mapping("jam"), parameters) if top.has("jam") else None,
+        map_name=top.text("map", BUILT_IN_MAPS) if top.has("map") else "",
         shoulders_in_use=top.has("shoulders") and top.text("shoulders", ["free", "in_use"]) == "in_use",
         ranges=ranges,
         drawn=drawn,
@@ -90,7 +94,7 @@ def _template(top: StrictMapping) -> Template:
     top.finish()
     if "duration_s" in drawn:
         raise InputError(top.mapping("duration_s").where("draw"), "a range", "no draw: seeds differ in what happens")
-    if site_kind is SiteKind.MULTI_LANE_ROAD:
+    if site_kind in {SiteKind.MULTI_LANE_ROAD, SiteKind.MOTORWAY_STRETCH}:
         _refuse_stop_line(top, template)
     most = sum(int(ranges[f"demand.{group.name}.vehicles"].maximum) for group in template.demand.groups)
     least = ranges["demand.background_vehicles"].minimum
@@ -197,6 +201,16 @@ def _signal(section: StrictMapping, parameters: _Parameters) -> SignalDemand:
     return _finished(section, SignalDemand(red_s))
 
 
+def _jam(section: StrictMapping, parameters: _Parameters) -> JamDemand:
+    jam = JamDemand(
+        moves=parameters.integer(section, "moves", 0, 1),
+        roll_s=parameters.number(section, "roll_s", 0.0, 600.0),
+        roll_mps=parameters.number(section, "roll_mps", 0.0, _MAX_SPEED_MPS),
+        stand_s=parameters.number(section, "stand_s", 0.1, 600.0),
+    )
+    return _finished(section, jam)
+
+
 def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
     groups = section.mapping("groups")
     demand = Demand(
@@ -252,6 +266,7 @@ def _response(section: StrictMapping, parameters: _Parameters) -> CivilianRespon
         response_distance_m=parameters.number(section, "response_distance_m", 1.0, 300.0),
         extra_delay_s=parameters.number(section, "extra_delay_s", 0.0, 30.0),
         compliance=parameters.number(section, "compliance", 0.0, 1.0),
+        duty=parameters.integer(section, "duty", 0, 1) if section.has("duty") else 0,
     )
     return _finished(section, response)
 

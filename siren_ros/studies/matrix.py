@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import InputError
-from siren_ros.generation.episode_setup import files_of_request, level_of, present_versions
+from siren_ros.generation.episode_setup import files_of_request, level_of, map_of, present_versions
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.params.parameter_field import check_fields
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
@@ -225,7 +225,7 @@ class _Inputs:
 
     def __init__(self) -> None:
         self._files: dict[tuple[str, ...], str] = {}
-        self._maps: dict[str, str] = {}
+        self._maps: dict[Path | None, str] = {}
 
     @cached_property
     def _versions(self) -> dict[str, str]:
@@ -236,9 +236,10 @@ class _Inputs:
         if key not in self._files:
             files = [(file.folder, file.name, file.sha256) for file in files_of_request(request)]
             self._files[key] = _sha256(files)
-        if request.map not in self._maps:
-            self._maps[request.map] = source_sha256_of(Path(request.map) if request.map else None)
-        return _sha256([request.to_json(), self._files[key], self._maps[request.map], self._versions])
+        source = map_of(request, load_template(request.template))
+        if source not in self._maps:
+            self._maps[source] = source_sha256_of(source)
+        return _sha256([request.to_json(), self._files[key], self._maps[source], self._versions])
 
 
 def _sha256(content: object) -> str:

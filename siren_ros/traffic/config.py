@@ -5,6 +5,7 @@ from typing import Final
 
 from siren_ros.conflicts.yielding import YieldingConfig
 from siren_ros.errors import InputError
+from siren_ros.roads.sites import TOWN_LIMIT_MPS
 from siren_ros.scenario.paper import PAPER_CONSTANTS
 
 RESIDUAL_LIMIT_M: Final = 20.0
@@ -17,6 +18,8 @@ class DemandConfig:
 
     placement_gap_m: float = 9.0
     """Least gap between a vehicle's front and the rear of the next one at its first placement."""
+    fast_gap_s: float = 2.0
+    """On roads out of town the same gap is at least this time at the limit: nobody can be put right before another."""
     neighbourhood_m: float = 150.0
     """Background traffic starts within this of the EMV's way to the site and through it, where there is road enough.
     The volume of the paper's table is that of a district of about 200 m by 200 m, whatever the size of the map."""
@@ -72,6 +75,11 @@ class DemandConfig:
     long_vehicle_radius_m: float = 12.5
     """…take no bend tighter than this: the centre of a turning lane that a 12 m bus follows without swinging out
     (Directive 97/27/EC: outer turning radius of 12.5 m at most)."""
+
+    def gap_m(self, limit_mps: float) -> float:
+        """Least gap before and behind a vehicle that is put on a lane with a speed limit."""
+        fast_m = self.fast_gap_s * limit_mps if limit_mps > TOWN_LIMIT_MPS else 0.0
+        return max(self.placement_gap_m, fast_m)
 
 
 @dataclass(frozen=True)

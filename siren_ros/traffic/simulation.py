@@ -20,6 +20,7 @@ from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.traffic.config import TrafficConfig
+from siren_ros.traffic.demand.jam import JamHead
 from siren_ros.traffic.demand.plan import PlannedVehicle, TrafficPlan
 from siren_ros.traffic.observation import CrossingWatch, Mover, Reactions, find_teleports
 from siren_ros.traffic.sumo.caution import CautiousDrivers
@@ -28,6 +29,7 @@ from siren_ros.traffic.sumo.mirror import Mirror
 from siren_ros.traffic.sumo.oncoming import OncomingDrivers
 from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_types_xml
 from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
+from siren_ros.traffic.sumo.rescue_lane import RescueLane
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.mirror_image import mirror_image
@@ -107,6 +109,7 @@ class SumoSimulation:
         self._cautious = CautiousDrivers(network, self._config.caution)
         siren = LEVEL_POLICIES[level].siren
         self._oncoming = OncomingDrivers(network, plan.response_distance_m) if siren else None
+        self._rescue_lane = RescueLane(network) if plan.duty else None
         self._crossings = CrossingWatch(network)
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
@@ -178,9 +181,17 @@ class SumoSimulation:
             self._population.refill(self._emv_points(states), self._plan.civilians)
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
+        if self._plan.jam is not None:
+            self._hold_up(self._plan.jam, step)
         removed = self._removed(self._step_sumo())
         self._mirror.check_placed(self._columns)
         return self._state(step, states, removed)
+
+    def _hold_up(self, jam: JamHead, step: int) -> None:
+        """Impose the speeds of a jam's head for SUMO's next step."""
+        for name in jam.names:
+            if name in self._population.vehicles and name not in self._mirror.places:
+                libsumo.vehicle.setSpeed(name, jam.speed_mps(step))
 
     def _start(self, compiled_map: CompiledMap, seed: int) -> None:
         vehicles = (*self._plan.emvs, *self._plan.groups, *self._plan.background, *self._plan.reserve)
@@ -222,6 +233,8 @@ class SumoSimulation:
         outside = columns.which(self._mirror.places)
         self._sideways.apply(columns, vehicles, outside)
         self._bends.apply(columns, vehicles, outside)
+        if self._rescue_lane is not None:
+            self._rescue_lane.apply(columns, outside, [vehicle.name for vehicle in self._plan.emvs])
         libsumo.simulationStep()
         departed = self._population.drop_departed()
         columns.take(libsumo.vehicle.getAllSubscriptionResults())

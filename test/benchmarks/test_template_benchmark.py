@@ -79,6 +79,7 @@ def test_the_placebo_of_a_template_is_every_level_without_its_cause() -> None:
     assert names["S1"] == ["L0", "L1", "L2"]
     assert names["S2"] == ["L0", "L1"]
     assert all(names[f"S{number}"] == ["L0"] for number in range(3, 8))
+    assert names["S8"] == ["L0", "L1", "L2"]
     row = placebo_row("S2", {"L0": [figures(0, [1.0]), figures(1, [1.0], holds=True)], "L1": [figures(0, [1.0])]})
     assert row.endswith("L0 1/2, L1 0/1")
 

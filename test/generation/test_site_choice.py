@@ -1,6 +1,7 @@
 """Which sites are good enough, which one a seed draws, and what happens where a template finds no room."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -22,8 +23,9 @@ from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.site_finder import find_sites
 from siren_ros.roads.sites import REQUIREMENTS, Site
 from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.scenario.scenario import Placement, Template
-from siren_ros.scenario.templates import available_templates, load_template
+from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.plan import TrafficPlan, load_drivers
 
 DIMENSIONS = {
@@ -47,7 +49,7 @@ def choose(town: RoadNetwork, template: Template, pinned: str = "", seed: int = 
     return plan_at_site(town, sites, template, seed, load_drivers(), DIMENSIONS)
 
 
-@pytest.mark.parametrize("name", available_templates())
+@pytest.mark.parametrize("name", TEMPLATES)
 def test_the_town_has_at_least_three_good_sites(town: RoadNetwork, name: str) -> None:
     template = load_template(name)
     good = good_sites(town, template)
@@ -58,7 +60,7 @@ def test_the_town_has_at_least_three_good_sites(town: RoadNetwork, name: str) ->
         assert choose(town, template, site.name)[0] == site
 
 
-@pytest.mark.parametrize("name", available_templates())
+@pytest.mark.parametrize("name", TEMPLATES)
 def test_every_site_that_no_seed_draws_says_what_it_lacks(town: RoadNetwork, name: str) -> None:
     template = load_template(name)
     lacking = shortcomings(town, template)
@@ -201,3 +203,31 @@ def test_the_green_that_counts_is_that_of_the_traffic_straight_on(town: RoadNetw
     assert {links[link] for link in plan.signal.crossing} == {"s"}
     waiting = {vehicle.route[1] for vehicle in plan.groups if vehicle.name.startswith("crossing")}
     assert {"main_w_1", "main_e_3"} <= waiting
+
+
+def test_the_motorway_has_good_sites_of_two_three_and_four_lanes() -> None:
+    motorway = parse_road_network(compile_map(Path("motorway")).read_bytes())
+    template = load_template("S8")
+    good = good_sites(motorway, template)
+    assert {len(driving_lanes(motorway, site.site_edge)) for site in good} == {2, 3, 4}
+    assert len(good) == 8
+    for site in good:
+        chosen, plan = choose(motorway, template, site.name)
+        assert chosen == site
+        lanes = len(driving_lanes(motorway, site.site_edge))
+        assert len(plan.groups) == lanes * template.demand.groups[0].vehicles
+        assert plan.jam is not None
+        assert len(plan.jam.names) == lanes
+        assert plan.duty
+        rows = {motorway.lanes[vehicle.spot.lane].position for vehicle in plan.groups if vehicle.length_m > 8.0}
+        assert len(rows) <= 1, "long vehicles are in one lane"
+    lacking = shortcomings(motorway, template)
+    assert {texts[0] for site, texts in lacking.items() if site not in good} == {"hardly any road behind it"}
+
+
+def test_a_template_happens_on_its_own_map_unless_another_one_is_named() -> None:
+    assert set_up_episode(EpisodeRequest("S8", sensors="none")).compiled_map.name == "motorway"
+    assert set_up_episode(EpisodeRequest("S2", sensors="none")).compiled_map.name == "town"
+    assert set_up_episode(EpisodeRequest("S2", sensors="none", map="town")).compiled_map.name == "town"
+    with pytest.raises(MapError, match="a road out of town, above 61 km/h"):
+        set_up_episode(EpisodeRequest("S8", sensors="none", map="town"))

@@ -97,8 +97,8 @@ def test_a_map_source(followed: FollowedGuide) -> None:
 @of("template")
 def test_a_template(followed: FollowedGuide) -> None:
     output_of(followed)
-    rows = pq.read_table(followed.root / "studies" / "S8" / "manifest.parquet").to_pylist()
-    assert {(row["template"], row["level"]) for row in rows} == {("S8", "L1"), ("S8", "L0")}
+    rows = pq.read_table(followed.root / "studies" / "S9" / "manifest.parquet").to_pylist()
+    assert {(row["template"], row["level"]) for row in rows} == {("S9", "L1"), ("S9", "L0")}
 
 
 def test_a_diff_whose_lines_are_gone_is_refused(tmp_path: Path) -> None:

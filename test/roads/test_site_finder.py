@@ -1,5 +1,6 @@
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from made_streets import (
 from siren_ros.errors import MapError
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads import site_finder
+from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import Connection, Edge, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, driving_lanes, route_path
@@ -36,12 +38,15 @@ LONELY_ROAD = b"""<net><edge id="e" from="a" to="b">
 <junction id="b" type="dead_end" x="500" y="0" shape=""/></net>"""
 
 
+IN_TOWN = [kind for kind in SiteKind if kind is not SiteKind.MOTORWAY_STRETCH]
+
+
 @pytest.fixture(scope="module", params=["town", "town10"])
 def network(request):
     return request.getfixturevalue(request.param)
 
 
-@pytest.mark.parametrize("kind", list(SiteKind))
+@pytest.mark.parametrize("kind", IN_TOWN)
 def test_every_kind_is_found_best_first(network, kind):
     sites = site_finder.find_sites(network, kind)
     assert sites
@@ -51,7 +56,7 @@ def test_every_kind_is_found_best_first(network, kind):
     assert site_finder.require_site(network, kind) == sites[0]
 
 
-@pytest.mark.parametrize("kind", list(SiteKind))
+@pytest.mark.parametrize("kind", IN_TOWN)
 def test_the_best_place_has_a_route_for_a_whole_episode(network, kind):
     graph = EdgeGraph.of(network)
     site = site_finder.require_site(network, kind)
@@ -117,7 +122,7 @@ def test_a_shoulder_runs_on_round_the_right_turn(network):
         assert path == (turn.from_lane, *turn.via, turn.to_lane)
 
 
-@pytest.mark.parametrize("kind", list(SiteKind))
+@pytest.mark.parametrize("kind", IN_TOWN)
 def test_a_map_without_such_a_place_says_what_it_lacks(kind):
     network = parse_road_network(LONELY_ROAD)
     assert site_finder.find_sites(network, kind) == ()
@@ -145,6 +150,7 @@ def ways_of(network, edge):
 
 LACKING = {
     "one driving lane": lambda network, edge: len(driving_lanes(network, edge)) == 1,
+    "a limit of a town": lambda network, edge: driving_lanes(network, edge)[-1].speed_limit_mps < 17.0,
     "no signal": lambda network, edge: any(way.signal_id is None for way in ways_of(network, edge)),
     "no stop sign": lambda network, edge: not all(way.must_stop for way in ways_of(network, edge)),
     "one lane leads on": lambda network, edge: any(
@@ -470,3 +476,45 @@ def test_two_directions_of_a_street_are_a_reversal():
     edges = tuple(Edge(k, name, (k,), start, end, internal=False) for k, (name, start, end) in enumerate(ends))
     network = replace(NETWORK, edges=edges)
     assert [is_reversal(network, 0, other) for other in (1, 2, 3)] == [True, False, False]
+
+
+def test_motorway_stretches_are_as_long_as_nobody_joins_or_leaves():
+    motorway = parse_road_network(compile_map(Path("motorway")).read_bytes())
+    lanes = {}
+    for site in site_finder.find_sites(motorway, SiteKind.MOTORWAY_STRETCH):
+        graph = EdgeGraph.of(motorway)
+        lanes[site.name] = {len(driving_lanes(motorway, edge)) for edge in site.stretch}
+        for edge, way in pairwise(site.stretch):
+            assert graph.successors[edge] == (way,)
+            assert graph.predecessors[way] == (edge,)
+        assert site.approach_lane == driving_lanes(motorway, site.site_edge)[-1].index
+        assert site.junction is None
+        assert site.length_m == pytest.approx(graph.route_length_m(site.stretch))
+    assert lanes["e_b_off..e_b_on"] == {2}
+    assert lanes["e_c..e_c_on"] == {3}
+    assert lanes["w_d"] == {4}
+    assert sum(len(counts) for counts in lanes.values()) == len(lanes) == 10
+    others = site_finder.places_without_site(motorway, SiteKind.MOTORWAY_STRETCH)
+    assert {place.lacking for place in others} == {"one driving lane"}
+
+
+def test_a_town_has_no_motorway(network):
+    assert not site_finder.find_sites(network, SiteKind.MOTORWAY_STRETCH)
+    lacking = {place.lacking for place in site_finder.places_without_site(network, SiteKind.MOTORWAY_STRETCH)}
+    assert lacking <= {"one driving lane", "a limit of a town", "less than 450 m on which nobody joins or leaves"}
+
+
+@pytest.mark.parametrize("length_m", [440.0, 460.0])
+def test_a_motorway_stretch_has_room_for_a_jam(length_m):
+    lanes = "".join(
+        f'<lane id="m_{k}" index="{k}" disallow="pedestrian" speed="36" length="{length_m}" '
+        f'shape="0,{3.5 * k} {length_m},{3.5 * k}"/>'
+        for k in range(2)
+    )
+    net = f"""<net><edge id="m" from="a" to="b">{lanes}</edge>
+<junction id="a" type="dead_end" x="0" y="0" shape=""/>
+<junction id="b" type="dead_end" x="{length_m}" y="0" shape=""/></net>"""
+    network = parse_road_network(net.encode())
+    assert len(site_finder.find_sites(network, SiteKind.MOTORWAY_STRETCH)) == (length_m > 450.0)
+    slow = parse_road_network(net.replace('speed="36"', 'speed="16.67"').encode())
+    assert not site_finder.find_sites(slow, SiteKind.MOTORWAY_STRETCH)

@@ -21,7 +21,7 @@ from siren_ros.judging.verify import CHECKS
 from siren_ros.reproduction.parts import inputs_sha256, read_parts, shown_minutes
 from siren_ros.reproduction.results import read_results
 from siren_ros.scenario import paper
-from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS
+from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, TEMPLATES
 from siren_ros.scenario.templates import available_templates, load_template
 
 _PLAIN_TYPES: Final = re.compile(r" Allowed: (a string|a list of strings|true or false)\.$")
@@ -177,6 +177,5 @@ def with_tables(markdown: str) -> str:
 
 
 def with_rows(markdown: str) -> str:
-    """A document with a row for each template in place of a table's row that begins with ``|S*|``."""
-    names = available_templates()
-    return _ROW_OF_TEMPLATES.sub(lambda row: "".join(row[0].replace("S*", name) for name in names), markdown)
+    """A document with a row for each of the paper's templates in place of a table's row that begins with ``|S*|``."""
+    return _ROW_OF_TEMPLATES.sub(lambda row: "".join(row[0].replace("S*", name) for name in TEMPLATES), markdown)

@@ -3,6 +3,7 @@
 import math
 
 from siren_ros.behaviour.civilians.junction_entry import may_cross, way_inside_m
+from siren_ros.behaviour.civilians.rescue_lane import kept_offset_m
 from siren_ros.behaviour.driving.civilian_unit import (
     YieldStep,
     YieldUnit,
@@ -27,6 +28,7 @@ from siren_ros.world.traffic_state import EventKind
 def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     """Hands the vehicle back to SUMO if it is in its lane. Otherwise gives it a path back to the lane's centre.
 
+    Where a rescue lane is open, the vehicle keeps to the side.
     A driver who is over the stop line of a red light waits for green first.
     """
     if is_over_red_line(ego):
@@ -43,11 +45,11 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     merge = max(merge, config.yielding.rejoin_lengths * 2.0 * half_length)
     room = reference.curve.length_m - 2.0 - half_length - 1.0
     # Too near the stop line to come straight in the middle of the lane: straight where it is.
-    offset = 0.0 if merge + half_length <= room else left
+    offset = kept_offset_m(ego, lane) if merge + half_length <= room else left
     length, shorten = min(merge, max(room, 2.0)), half_length + 1.0
     path = path_onto(reference, ego.pose, length, navigator_config, offset_m=offset, shorten_m=shorten)
     navigator = NavigatorState().following(path, *ego.place)
-    side = 1 if left < 0.0 else -1
+    side = 1 if left < offset else -1
     return rejoin(changed(unit, phase=Mode.REJOIN, navigator=navigator, stopped_steps=0, side=side), ego)
 
 
@@ -81,12 +83,12 @@ def is_over_red_line(ego: Ego) -> bool:
 
 
 def _straight(ego: Ego, lane: int, off_m: float = math.inf) -> bool:
-    """Whether SUMO can take over without a jump, at most ``off_m`` beside the lane's centre line.
+    """Whether SUMO can take over without a jump, at most ``off_m`` beside the place in its lane.
 
     SUMO's standing vehicles always point along their lanes.
     """
     offset, turned = offset_in_lane(ego, lane)
-    return abs(offset) <= off_m and abs(turned) <= aligned_within_rad(ego)
+    return abs(offset - kept_offset_m(ego, lane)) <= off_m and abs(turned) <= aligned_within_rad(ego)
 
 
 def _hand_back(unit: YieldUnit, ego: Ego) -> YieldStep:

@@ -16,6 +16,7 @@ from siren_ros.behaviour.civilians.pull_over import (
     start_pull_over,
 )
 from siren_ros.behaviour.civilians.rejoin import rejoin
+from siren_ros.behaviour.civilians.rescue_lane import needs_no_siren
 from siren_ros.behaviour.civilians.yield_lane_change import change_lane, keep_lane, start_lane_change
 from siren_ros.behaviour.driving.civilian_unit import (
     Compliance,
@@ -232,7 +233,7 @@ def _notice(
             stands[row] for row, actor_id in present if actor_id in units
         )
         for row, actor_id in present:
-            if actor_id in units or actor_id == world.av_id:
+            if actor_id in units or actor_id == world.av_id or (world.duty and needs_no_siren(view.ego(row))):
                 continue
             if actor_id not in drivers:
                 drivers[actor_id] = draw_driver(world.preset, world.seed, actor_id)

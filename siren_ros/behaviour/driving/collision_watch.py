@@ -44,7 +44,8 @@ class CollisionWatch:
         """How far ahead of its centre the vehicle looks."""
         speed, config = float(self.seen.speed_mps[self.row]), self.config
         braking = braking_distance_m(speed * speed, config.comfort_brake_mps2)
-        return min(max(braking + 1.5 * max(speed, self.target_mps) + 10.0, config.watch_min_m), config.watch_max_m)
+        most_m = max(config.watch_max_m, braking + config.watch_min_m)
+        return min(max(braking + 1.5 * max(speed, self.target_mps) + 10.0, config.watch_min_m), most_m)
 
     def leaders(self) -> SpeedLimit | None:
         """Limit by the most restrictive actor ahead on the corridor that the vehicle sweeps; None on a free path.

@@ -49,7 +49,8 @@ def plan_route(
     ``merge_m`` is the length of the move onto the lane, by default what offset and speed ask for.
     """
     network, config = ego.network, ego.config.emv
-    ahead_m, behind_m = config.path_ahead_m, config.path_behind_m
+    ahead_m = max(config.path_ahead_m, 1.5 * ego.far_m(0.0))
+    behind_m = config.path_behind_m
     reference = ego.line_along(lane, ahead_m, behind_m, length_m=ahead_m + behind_m)
     before_m = {LaneEnd.ROUTE: config.stop_before_route_end_m, LaneEnd.ASTRAY: 1.0}.get(reference.end)
     shorten = 0.0 if before_m is None else before_m + ego.half_length_m

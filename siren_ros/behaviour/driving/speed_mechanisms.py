@@ -108,7 +108,7 @@ def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     path, config, seen = unit.navigator.path, ego.config.anticipation, ego.seen
     if path is None or unit.between:
         return UNLIMITED
-    own = ego.row, unit.navigator.progress_m, ego.world.constants.leader_query_m, config.side_margin_m
+    own = ego.row, unit.navigator.progress_m, ego.far_m(ego.world.constants.leader_query_m), config.side_margin_m
     alone, allowed = _anticipated(seen.bodies, path.curve.line, own, config.along_cosine, _approach_limits(config))
     if alone:
         return UNLIMITED

@@ -16,8 +16,10 @@ from siren_ros.conflicts.course import CourseBook, Outlook
 from siren_ros.conflicts.junction_room import JunctionRoom
 from siren_ros.dynamics.parameters import VehicleParameters
 from siren_ros.numerics.arrays import Floats, Ids, Rows
+from siren_ros.numerics.braking import braking_distance_m
 from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.numerics.units import steps_from_s
+from siren_ros.roads.rescue_lane import rescue_sides
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConstants, LevelPolicy, TargetSpeeds
 from siren_ros.scenario.presets import DriverPreset
@@ -149,6 +151,8 @@ class BehaviourWorld:
     """A civilian that an external controller drives: it does not yield by itself."""
     constants: ControlConstants = PAPER_CONSTANTS
     speeds: TargetSpeeds = PAPER_SPEEDS
+    duty: bool = False
+    """Whether drivers keep a rescue lane open in slow traffic out of town."""
     config: BehaviourConfig = field(default_factory=BehaviourConfig)
     left_hand: bool = False
     """Whether traffic keeps left: ``network`` is then the map's mirror image, in which all drivers decide."""
@@ -165,6 +169,11 @@ class BehaviourWorld:
     def edge_of_lane(self) -> Indices:
         """Edge of each lane of the network."""
         return np.array([lane.edge for lane in self.network.lanes], dtype=np.int32)
+
+    @cached_property
+    def rescue_sides(self) -> npt.NDArray[np.int8]:
+        """Side to which drivers in each lane keep for a rescue lane."""
+        return rescue_sides(self.network)
 
     @cached_property
     def courses(self) -> CourseBook:
@@ -309,6 +318,10 @@ class Ego(StepView):
     def navigator_config(self) -> NavigatorConfig:
         """The navigator's parameters, with the limit of the vehicle's own steering."""
         return self.world.drivers[self.actors.by_id[self.actor_id].actor_class, self.is_emv]
+
+    def far_m(self, least_m: float) -> float:
+        """How far ahead an EMV looks at its speed, at least some distance."""
+        return max(least_m, braking_distance_m(self.speed_mps * self.speed_mps, self.config.emv.far_brake_mps2))
 
     def near(self, radius_m: float) -> Rows:
         """Rows of the other vehicles within a radius."""

@@ -109,7 +109,7 @@ def follow_route(unit: EmvUnit, ego: Ego) -> GuardResult:
         lane = ego.lane
         unit, events = cancel_lane_change(unit, ego, "off_path")
     else:
-        ends = plan.end is LaneEnd.HORIZON and navigator.remaining_m < config.rebuild_below_m
+        ends = plan.end is LaneEnd.HORIZON and navigator.remaining_m < ego.far_m(config.rebuild_below_m)
         if not ends or navigator.progress_m <= path.settled_m:
             return unit, ()
         lane = present_lane(ego, navigator)

@@ -35,7 +35,8 @@ def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     """
     if unit.plan is None:
         return 0, SUMO
-    near = unit.navigator.remaining_m < ego.config.emv.strategic_distance_m
+    config = ego.config.emv
+    near = unit.navigator.remaining_m < max(config.strategic_distance_m, config.strategic_s * ego.speed_mps)
     if unit.plan.end is LaneEnd.ASTRAY and near:
         return strategic_side(ego.network, present_lane(ego, unit.navigator), ego.route), ROUTE
     side, reason = free_side(unit, ego)

@@ -16,6 +16,7 @@ from siren_ros.numerics.braking import stops_within
 from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import NEVER, steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.roads.sites import TOWN_LIMIT_MPS
 from siren_ros.world.actors import Lights, Owner
 from siren_ros.world.traffic_state import EventKind, Indices
 
@@ -23,10 +24,12 @@ from siren_ros.world.traffic_state import EventKind, Indices
 def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
     """Latches ``copy_sumo``: it begins when vehicles form a rescue lane or brake ahead of the EMV.
 
-    It ends when neither has been the case for a while. Entering cancels a forced lane change.
+    It ends when neither has been the case for a while. Entering cancels a forced lane change. Traffic that flows out of
+    town forms no rescue lane.
     """
     advice = advice_of(ego, unit.actor_id)
-    if (advice is not None and advice.rescue_count > 0) or braking_ahead(unit, ego):
+    forming = advice is not None and advice.rescue_count > 0 and not _flows(ego)
+    if forming or braking_ahead(unit, ego):
         unit = changed(unit, corridor_seen_step=ego.step)
         if unit.corridor:
             return unit, ()
@@ -37,6 +40,18 @@ def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
         left = changed(unit, corridor=False, plan=None, corridor_planned_step=NEVER)
         return left, (event_of(ego, EventKind.CORRIDOR_LEFT),)
     return unit, ()
+
+
+def _flows(ego: Ego) -> bool:
+    """Whether the EMV is on a road out of town, and is fast itself or has nobody slow near ahead."""
+    if ego.lane == NO_LANE or ego.world.rescue_sides[ego.lane] == 0:
+        return False
+    if ego.speed_mps > TOWN_LIMIT_MPS:
+        return True
+    rows, (cos, sin), (x, y) = ego.near(ego.config.corridor.length_m), ego.direction, ego.place
+    ahead_m = cos * (ego.seen.x_m[rows] - x) + sin * (ego.seen.y_m[rows] - y)
+    along = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ego.config.corridor.along_cosine
+    return not np.any(along & (ahead_m > 0.0) & (ego.seen.speed_mps[rows] < ego.config.pull_over.flows_mps))
 
 
 def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:

@@ -56,14 +56,20 @@ _COMMON: Final = (
     "never",
     "--no-warnings",
 )
-_TOWN_FILES: Final = (
-    ("--node-files", "town.nod.xml"),
-    ("--edge-files", "town.edg.xml"),
-    ("--type-files", "town.typ.xml"),
-    ("--connection-files", "town.con.xml"),
-    ("--tllogic-files", "town.tll.xml"),
-)
-_TOWN: Final = (*_COMMON, "--offset.disable-normalization", "--junctions.corner-detail", "8")
+_PARTS: Final = {
+    "nod": "--node-files",
+    "edg": "--edge-files",
+    "typ": "--type-files",
+    "con": "--connection-files",
+    "tll": "--tllogic-files",
+}
+"""Options that name the parts of a built-in map: of ``params/town``, ``town.nod.xml`` and so on."""
+BUILT_IN_MAPS: Final[Mapping[str, tuple[str, ...]]] = {
+    TOWN_NAME: ("nod", "edg", "typ", "con", "tll"),
+    "motorway": ("nod", "edg", "typ", "con"),
+}
+"""The parts of each map that a request may name in place of a file."""
+_BUILT_IN: Final = (*_COMMON, "--offset.disable-normalization", "--junctions.corner-detail", "8")
 _OPENDRIVE: Final = (*_COMMON, "--opendrive.import-all-lanes", "--offset.disable-normalization")
 _OPENDRIVE_SECOND: Final = (
     *_COMMON,
@@ -83,10 +89,8 @@ _OPENSTREETMAP: Final = (
     *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
 )
 _OPENSTREETMAP_SECOND: Final = (*_COMMON, "--offset.disable-normalization", "--output.street-names")
-_ONE_RUN: Final = {
-    SourceKind.TOWN: (_TOWN, tuple(option for option, _ in _TOWN_FILES)),
-}
-"""Kinds that netconvert compiles at once: its options, and the options that name the source's files."""
+_ONE_RUN: Final = {SourceKind.BUILT_IN: _BUILT_IN}
+"""Options of kinds that netconvert compiles at once."""
 _TWO_RUNS: Final = {
     SourceKind.OPENDRIVE: (_OPENDRIVE, _OPENDRIVE_SECOND, "--opendrive-files", "an OpenDRIVE map whose roads"),
     SourceKind.OPENSTREETMAP: (
@@ -121,7 +125,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
     """Compiles a map with netconvert, or finds it in the cache.
 
     Args:
-        source: A SUMO net, an OpenDRIVE or an OpenStreetMap file; None is the built-in town.
+        source: A SUMO net, an OpenDRIVE or an OpenStreetMap file, or the name of a built-in map; None is the town.
         cache_dir: Where compiled nets are kept; None is ``$SIREN_CACHE_DIR``, else
             ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``, or a temporary folder where there is no home.
 
@@ -130,7 +134,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
             no real place has.
         InputError: The cache folder cannot be written.
     """
-    loaded = _town_source() if source is None else read_map_source(source)
+    loaded = _source_of(source)
     shown = TOWN_NAME if source is None else str(source)
     net_path = (cache_dir or default_cache_dir()) / f"{loaded.name}-{_cache_key(loaded)[:20]}.net.xml"
     try:
@@ -158,7 +162,7 @@ def _parsed(net: bytes, shown: str) -> RoadNetwork:
 
 def source_sha256_of(source: Path | None) -> str:
     """``CompiledMap.source_sha256`` of a map, without compiling it; raises MapError as ``compile_map``."""
-    loaded = _town_source() if source is None else read_map_source(source)
+    loaded = _source_of(source)
     return hashlib.sha256(loaded.content).hexdigest()
 
 
@@ -175,17 +179,21 @@ def default_cache_dir() -> Path:
     return Path(shared) / "siren" if shared else user_folder(".cache/siren")
 
 
-def _town_source() -> MapSource:
-    folder = params_dir() / "town"
+def _source_of(source: Path | None) -> MapSource:
+    """The parts of the built-in map of a name, or a file; raises MapError where they cannot be read."""
+    name = name_of_map(source)
+    if source is not None and str(source) not in BUILT_IN_MAPS:
+        return read_map_source(source)
+    folder = params_dir() / name
     try:
-        parts = [(folder / name).read_bytes() for _, name in _TOWN_FILES]
+        parts = [(folder / f"{name}.{part}.xml").read_bytes() for part in BUILT_IN_MAPS[name]]
     except OSError as error:
-        raise MapError(TOWN_NAME, f"an installation with the built-in town in {folder} ({error.strerror})") from error
-    return MapSource(name=TOWN_NAME, kind=SourceKind.TOWN, content=b"\0".join(parts))
+        raise MapError(name, f"an installation with the built-in {name} in {folder} ({error.strerror})") from error
+    return MapSource(name=name, kind=SourceKind.BUILT_IN, content=b"\0".join(parts))
 
 
 def _cache_key(source: MapSource) -> str:
-    first, second, *_ = _TWO_RUNS.get(source.kind, (_ONE_RUN.get(source.kind, ((), ()))[0], ()))
+    first, second, *_ = _TWO_RUNS.get(source.kind, (_ONE_RUN.get(source.kind, ()), ()))
     parts = (_RECIPE, source.kind.value, netconvert_version(), *first, *second)
     return hashlib.sha256(b"".join(part.encode() + b"\0" for part in parts) + source.content).hexdigest()
 
@@ -205,8 +213,8 @@ def _compile(source: MapSource, shown: str) -> bytes:
             return run_netconvert(options, folder / name, shown)
 
         if source.kind in _ONE_RUN:
-            options, names = _ONE_RUN[source.kind]
-            return run(options, dict(zip(names, source.content.split(b"\0"), strict=True)))
+            names = [_PARTS[part] for part in BUILT_IN_MAPS[source.name]]
+            return run(_ONE_RUN[source.kind], dict(zip(names, source.content.split(b"\0"), strict=True)))
         first_options, second_options, option, complete = _TWO_RUNS[source.kind]
         try:
             left_hand, content = _imported(source)

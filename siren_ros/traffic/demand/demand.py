@@ -31,6 +31,7 @@ from siren_ros.traffic.demand.emv_start import (
 )
 from siren_ros.traffic.demand.further_emvs import arrival_s, crossing_start, crossing_ways, following_starts
 from siren_ros.traffic.demand.group_demand import GroupPlan, plan_groups, route_length_m
+from siren_ros.traffic.demand.jam import JamHead
 from siren_ros.traffic.demand.plan import (
     DriverPopulation,
     LaneInterval,
@@ -105,9 +106,9 @@ class _Planner:
         around_m = self._config.district_m if demand.district_per_lane_km else 0.0
         district = [lane for lane in self._lanes_within(around_m) if lane.index not in taken]
         around = round(demand.district_per_lane_km * 1e-3 * sum(lane.length_m for lane in district))
-        civilians = demand.background_vehicles + around
+        civilians = demand.background_vehicles + groups.on_top + around
         spares = round(self._config.reserve_factor * civilians)
-        volume = demand.background_vehicles - len(groups.vehicles)
+        volume = demand.background_vehicles + groups.on_top - len(groups.vehicles)
         background = self._scattered("background", volume, near, (), disjoint=True)
         background += self._scattered("district", around, district, (), disjoint=True)
         return TrafficPlan(
@@ -121,7 +122,13 @@ class _Planner:
             response_distance_m=self._template.response.response_distance_m,
             signal=self._signal(groups),
             crossed=crossed,
+            jam=self._jam(groups),
+            duty=bool(self._template.response.duty),
         )
+
+    def _jam(self, groups: GroupPlan) -> JamHead | None:
+        jam = self._template.jam
+        return None if jam is None else JamHead(groups.heads, bool(jam.moves), jam.roll_s, jam.roll_mps, jam.stand_s)
 
     def _signal(self, groups: GroupPlan) -> SignalTiming | None:
         """When the signal of the EMV's movement, or at the end of its road, turns red, and whose green comes then."""
@@ -231,7 +238,8 @@ class _Planner:
             route = self._factory.draw_route((lane.edge,), route_m, rng, lane.index, actor_class)
             wished = min(driver.speed_factor * lane.speed_limit_mps, driver.driving.max_speed_mps)
             # It can still stop before the lane's end, or behind another one at the least gap.
-            free_m = min(lane.length_m - front, self._config.placement_gap_m)
+            gap_m = self._config.gap_m(lane.speed_limit_mps)
+            free_m = gap_m if gap_m > self._config.placement_gap_m else min(lane.length_m - front, gap_m)
             stoppable = speed_before_mps(0.0, self._config.comfortable_decel_mps2, free_m)
             spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, stoppable))
             vehicles.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))
@@ -279,12 +287,12 @@ class _Planner:
         keep_off: Sequence[LaneInterval],
         rng: np.random.Generator,
     ) -> tuple[Lane, float]:
-        gap = self._config.placement_gap_m
         key = tuple([lane.index for lane in lanes])
         if key not in self._lane_chances:
             self._lane_chances[key] = chances(lane.length_m for lane in lanes)
         for _ in range(_PLACEMENT_TRIES):
             lane = lanes[drawn(self._lane_chances[key], rng)]
+            gap = self._config.gap_m(lane.speed_limit_mps)
             front = float(rng.uniform(0.0, lane.length_m))
             taken = occupied.get(lane.index, ())
             free = all(front + gap < rear or front - length_m - gap > other for rear, other in taken)
@@ -292,7 +300,8 @@ class _Planner:
             if front >= length_m and free and off:
                 return lane, front
         value = f"{self._template.demand.background_vehicles} civilians"
-        raise MapError(value, f"a map with room for them at gaps of {gap:g} m, or a smaller volume")
+        gap_m = self._config.placement_gap_m
+        raise MapError(value, f"a map with room for them at gaps of {gap_m:g} m, or a smaller volume")
 
 
 _SPACING_M: Final = 1.0

@@ -141,6 +141,8 @@ def _chosen(
 ) -> list[Lane]:
     if placement is Placement.EMV_LANE:
         return [travelled]
+    if placement is Placement.EVERY_LANE:
+        return list(driving_lanes(network, edge))
     others = [lane for lane in driving_lanes(network, edge) if lane.index != travelled.index]
     if placement is Placement.ADJACENT_LANE:
         adjacent = [lane for lane in others if abs(lane.position - travelled.position) == 1]
@@ -245,6 +247,7 @@ _WHERE: Final = {
     Placement.TURNING_LANES: "in the turning lanes",
     Placement.SAME_DIRECTION: "in the EMV's direction",
     Placement.CROSSING: "on crossing roads",
+    Placement.EVERY_LANE: "in every lane",
 }
 
 
@@ -259,6 +262,10 @@ class GroupPlan:
     """Lanes of the crossing rows, off the EMV's way."""
     crossing: tuple[int, ...] = ()
     """Indices of the movements of the vehicles in crossing rows."""
+    on_top: int = 0
+    """Number of vehicles that are not counted in the background volume."""
+    heads: tuple[str, ...] = ()
+    """The foremost vehicle of each row of the groups in every lane."""
 
 
 def plan_groups(
@@ -281,21 +288,31 @@ def plan_groups(
     planner = _GroupPlanner(network, start, template, factory, config, _through(network, site))
     vehicles: list[PlannedVehicle] = []
     crossing: dict[int, None] = {}
+    heads: dict[int, str] = {}
+    on_top = 0
     arrival_s = unhindered_arrival_s(network, start, template.emv, config)
     for group in template.demand.groups:
         rng = random_stream(seed, f"demand/group/{group.name}")
         rows = group_rows(network, site, start, group, arrival_s, rng)
-        for number in range(group.vehicles if rows else 0):
+        every = group.placement is Placement.EVERY_LANE
+        wanted = group.vehicles * (len(rows) if every else min(len(rows), 1))
+        before = len(vehicles)
+        for number in range(wanted):
             row = rows[number % len(rows)]
             vehicle = planner.vehicle(group, number, row, rng)
             if vehicle is not None:
                 vehicles.append(vehicle)
+                if every:
+                    heads[number % len(rows)] = vehicle.name
                 if row.movement is not None:
                     crossing[row.movement] = None
-        _check_room(group, len(rows), sum(vehicle.name.startswith(group.name) for vehicle in vehicles))
+        placed = len(vehicles) - before
+        on_top += placed if every else 0
+        _check_room(group, len(rows), placed // len(rows) if every else placed)
         if group.placement is Placement.CROSSING:
             planner.keep_crossing_free(rows)
-    return GroupPlan(tuple(vehicles), planner.foremost_m, tuple(planner.crossing_stage), tuple(crossing))
+    jam = on_top, tuple(heads.values())
+    return GroupPlan(tuple(vehicles), planner.foremost_m, tuple(planner.crossing_stage), tuple(crossing), *jam)
 
 
 def _through(network: RoadNetwork, site: Site) -> tuple[int, ...]:
@@ -341,7 +358,7 @@ class _GroupPlanner:
         """The next vehicle of a group in a row; None where the row is full."""
         kinds = {index: self.network.lanes[index].kind for index in row.chain.lanes}
         driving = tuple(index for index, kind in kinds.items() if kind is LaneKind.DRIVING)
-        actor_class = self.factory.draw_class(self._classes(group), rng, driving)
+        actor_class = self.factory.draw_class(self._classes(group, row), rng, driving)
         length = self.factory.size(actor_class)[0]
         spacing = group.spacing_m * (1.0 + self.config.spacing_spread * rng.uniform(-1.0, 1.0))
         speed = group.speed_mps * (1.0 + self.config.speed_spread * rng.uniform(-1.0, 1.0))
@@ -365,13 +382,19 @@ class _GroupPlanner:
         spot = Spot(lane, front, 0.0 if group.standing else speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
 
-    def _classes(self, group: DemandGroup) -> Shares:
+    def _classes(self, group: DemandGroup, row: GroupRow) -> Shares:
         """Classes to draw from.
 
         A stream next to the EMV has no vehicles that must turn off right after the site: on the way to their lane they
         would change in front of the EMV and delay it. Nor has the EMV's lane: they would not lead it over the junction.
+        In a jam long vehicles are in the rightmost lane.
         """
         shares = self.template.demand.classes
+        if group.placement is Placement.EVERY_LANE:
+            lane = self.network.lanes[row.chain.lanes[0]]
+            if lane != driving_lanes(self.network, lane.edge)[0]:
+                most_m = self.config.long_vehicle_m
+                return [share for share in shares if self.factory.size(share[0])[0] <= most_m] or shares
         if group.placement not in _WITH_EMV:
             return shares
         return [share for share in shares if self.factory.can_follow(share[0], self.through)] or shares

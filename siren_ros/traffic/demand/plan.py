@@ -15,6 +15,7 @@ from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
+from siren_ros.traffic.demand.jam import JamHead
 from siren_ros.world.actors import ActorClass
 
 CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
@@ -177,6 +178,10 @@ class TrafficPlan:
     """None where all signals run as the map says."""
     crossed: str = ""
     """Junction at which the last EMVs cross the way of the others; empty where none do."""
+    jam: JamHead | None = None
+    """None where nothing but traffic holds vehicles up."""
+    duty: bool = False
+    """Whether drivers open a rescue lane in slow traffic out of town."""
     av: str = ""
     """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
 

@@ -14,7 +14,7 @@ import libsumo
 import numpy as np
 
 from siren_ros.numerics.arrays import Flags, Floats, Rows
-from siren_ros.numerics.braking import SAMPLE_M, bend_speeds_mps, with_braking
+from siren_ros.numerics.braking import SAMPLE_M, bend_speeds_mps, braking_distance_m, with_braking
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
@@ -96,7 +96,7 @@ class _Profiles:
 
     def _profile(self, lane: Lane, lanes: Sequence[int]) -> _Profile:
         path = Polyline.joined([self._network.lanes[index].centre for index in lanes])
-        reach = path.cut(0.0, min(path.length_m, lane.length_m + _AHEAD_M))
+        reach = path.cut(0.0, min(path.length_m, lane.length_m + _ahead_m(lane)))
         bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
         speeds = np.stack((bend[:count], with_braking(bend, BRAKING_MPS2)[:count]))
         first, self._used = self._used, self._used + speeds.shape[1]
@@ -113,7 +113,7 @@ class _Profiles:
             lanes.append(current.index)
             ahead_m += current.length_m
         left = list(edges[edges.index(current.edge) + 1 :]) if current.edge in edges else []
-        while left and ahead_m < _AHEAD_M:
+        while left and ahead_m < _ahead_m(lane):
             step = connection_onward(self._network, current, left.pop(0))
             if step is None:
                 break
@@ -121,6 +121,11 @@ class _Profiles:
             lanes += [*step.via, current.index]
             ahead_m += self._network.length_m((*step.via, current.index))
         return lanes
+
+
+def _ahead_m(lane: Lane) -> float:
+    """How far ahead of a lane's end a bend counts: as far as it takes to stop from its limit, where that is more."""
+    return max(_AHEAD_M, braking_distance_m(lane.speed_limit_mps * lane.speed_limit_mps, BRAKING_MPS2))
 
 
 class BendLimits:

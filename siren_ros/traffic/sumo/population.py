@@ -13,7 +13,7 @@ import numpy as np
 from siren_ros.numerics.geometry import Polyline, overlapping_pairs
 from siren_ros.roads.road_network import MAPS_KEPT, RoadNetwork
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
-from siren_ros.traffic.config import TrafficConfig
+from siren_ros.traffic.config import DemandConfig, TrafficConfig
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
 from siren_ros.traffic.sumo.readings import SUBSCRIBED, map_from_sumo
 from siren_ros.world.actors import ActorClass
@@ -284,10 +284,11 @@ class SumoPopulation:
 
     def _spot_is_free(self, vehicle: PlannedVehicle, emv_points: Iterable[tuple[float, float]]) -> bool:
         x, y = self._point_of(vehicle.spot)
-        reach, gap = self._config.replacement_distance_m, self._config.replacement_gap_m
+        reach = self._config.replacement_distance_m
         if any((x - ex) ** 2 + (y - ey) ** 2 < reach**2 for ex, ey in emv_points):
             return False
         lane = self._network.lanes[vehicle.spot.lane]
+        gap = max(self._config.replacement_gap_m, DemandConfig().gap_m(lane.speed_limit_mps))
         offset_x, offset_y = self._network.sumo_offset_m
         around: Polyline = lane.centre.cut(vehicle.spot.front_m - vehicle.length_m - gap, vehicle.spot.front_m + gap)
         for name, other in self.vehicles.items():

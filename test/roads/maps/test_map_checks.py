@@ -29,7 +29,7 @@ def test_elements_inside_each_other(kind):
 
 def test_what_cannot_be_read_is_left_to_who_compiles_it():
     assert not refusal(SourceKind.OPENSTREETMAP, "<osm><way>")
-    assert not refusal(SourceKind.TOWN, "a\0b")
+    assert not refusal(SourceKind.BUILT_IN, "a\0b")
 
 
 @pytest.mark.parametrize("key", ["lanes", "lanes:forward", "lanes:backward", "lanes:both_ways"])

@@ -14,9 +14,12 @@ from roads.conftest import TOWN10
 from siren_ros.errors import InputError, MapError
 from siren_ros.roads.maps import map_compiler
 from siren_ros.roads.maps.map_compiler import (
+    BUILT_IN_MAPS,
     compile_map,
     default_cache_dir,
     lowered_limits,
+    name_of_map,
+    source_sha256_of,
     with_shoulders_in_use,
     with_speed_limit,
 )
@@ -41,7 +44,7 @@ def town(cache):
 
 def test_the_hash_is_that_of_the_file_and_the_second_time_is_the_cache(town, cache, monkeypatch):
     assert hashlib.sha256(town.net_path.read_bytes()).hexdigest() == town.sha256
-    assert (town.name, town.kind) == ("town", SourceKind.TOWN)
+    assert (town.name, town.kind) == ("town", SourceKind.BUILT_IN)
 
     def no_compilation(*_):
         pytest.fail("compiled again")
@@ -237,3 +240,16 @@ def test_a_lowered_map_is_found_again_in_the_cache(tmp_path, monkeypatch):
     slow = with_speed_limit(town, 8.333)
     monkeypatch.setattr("siren_ros.roads.maps.map_compiler.lowered_limits", None)
     assert with_speed_limit(town, 8.333) == slow
+
+
+@pytest.mark.parametrize("name", BUILT_IN_MAPS)
+def test_built_in_maps_have_names(name, cache):
+    compiled = compile_map(Path(name), cache)
+    assert (compiled.name, compiled.kind, name_of_map(Path(name))) == (name, SourceKind.BUILT_IN, name)
+    assert compiled.source_sha256 == source_sha256_of(Path(name))
+    assert (compiled == compile_map(None, cache)) == (name == "town")
+
+
+def test_a_name_that_is_no_built_in_map_is_a_file():
+    with pytest.raises(MapError, match="motorway for the built-in one"):
+        compile_map(Path("motorways"))

@@ -63,8 +63,8 @@ def predicate_of(record: EpisodeRecord) -> tuple[str, Mapping[str, float]]:
 def evaluate_predicate(record: EpisodeRecord) -> Verdict:
     """Whether the interaction of the episode's template happened; raises as ``predicate_of`` does.
 
-    It has to happen to the first EMV. Those that cross its way have to pass the junction at which they do. Where traffic
-    keeps left, the mirror image is judged, and the verdict's words are mirrored again.
+    It has to happen to the first EMV. Those that cross its way have to pass the junction at which they do. Where
+    traffic keeps left, the mirror image is judged, and the verdict's words are mirrored again.
     """
     name, thresholds = predicate_of(record)
     verdict = _judged(record, name, thresholds)

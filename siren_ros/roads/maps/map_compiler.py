@@ -16,6 +16,7 @@ from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.params.resources import params_dir
+from siren_ros.roads.maps.cycle_lanes import with_cycle_lanes
 from siren_ros.roads.maps.lane_shapes import mended_lanes
 from siren_ros.roads.maps.map_checks import refuse_unusable_map
 from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source, shown_words
@@ -34,6 +35,7 @@ from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.user_folder import user_folder
 
 TOWN_NAME: Final = "town"
+CITY_NAME: Final = "city"
 
 _RECIPE: Final = "7"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
@@ -58,6 +60,11 @@ _TOWN_FILES: Final = (
     ("--connection-files", "town.con.xml"),
     ("--tllogic-files", "town.tll.xml"),
 )
+BUILT_IN: Final[Mapping[str, Callable[[Mapping[str, bytes]], Mapping[str, bytes]]]] = {
+    TOWN_NAME: lambda files: files,
+    CITY_NAME: with_cycle_lanes,
+}
+"""Names of the built-in maps, and what each one makes of the town's files."""
 _TOWN: Final = (*_COMMON, "--offset.disable-normalization", "--junctions.corner-detail", "8")
 _OPENDRIVE: Final = (*_COMMON, "--opendrive.import-all-lanes", "--offset.disable-normalization")
 _OPENDRIVE_SECOND: Final = (
@@ -116,7 +123,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
     """Compiles a map with netconvert, or finds it in the cache.
 
     Args:
-        source: A SUMO net, an OpenDRIVE or an OpenStreetMap file; None is the built-in town.
+        source: A SUMO net, an OpenDRIVE or an OpenStreetMap file, or the name of a built-in map; None is the town.
         cache_dir: Where compiled nets are kept; None is ``$SIREN_CACHE_DIR``, else
             ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``, or a temporary folder where there is no home.
 
@@ -125,7 +132,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
             traffic keeps left, or with counts that no real place has.
         InputError: The cache folder cannot be written.
     """
-    loaded = _town_source() if source is None else read_map_source(source)
+    loaded = _loaded(source)
     shown = TOWN_NAME if source is None else str(source)
     net_path = (cache_dir or default_cache_dir()) / f"{loaded.name}-{_cache_key(loaded)[:20]}.net.xml"
     try:
@@ -153,7 +160,7 @@ def _parsed(net: bytes, shown: str) -> RoadNetwork:
 
 def source_sha256_of(source: Path | None) -> str:
     """``CompiledMap.source_sha256`` of a map, without compiling it; raises MapError as ``compile_map``."""
-    loaded = _town_source() if source is None else read_map_source(source)
+    loaded = _loaded(source)
     return hashlib.sha256(loaded.content).hexdigest()
 
 
@@ -170,13 +177,19 @@ def default_cache_dir() -> Path:
     return Path(shared) / "siren" if shared else user_folder(".cache/siren")
 
 
-def _town_source() -> MapSource:
+def _loaded(source: Path | None) -> MapSource:
+    """A map by its file or by its name."""
+    name = TOWN_NAME if source is None else str(source)
+    return _built_in(name) if name in BUILT_IN else read_map_source(Path(name))
+
+
+def _built_in(name: str) -> MapSource:
     folder = params_dir() / "town"
     try:
-        parts = [(folder / name).read_bytes() for _, name in _TOWN_FILES]
+        files = {option: (folder / file).read_bytes() for option, file in _TOWN_FILES}
     except OSError as error:
-        raise MapError(TOWN_NAME, f"an installation with the built-in town in {folder} ({error.strerror})") from error
-    return MapSource(name=TOWN_NAME, kind=SourceKind.TOWN, content=b"\0".join(parts))
+        raise MapError(name, f"an installation with the built-in town in {folder} ({error.strerror})") from error
+    return MapSource(name=name, kind=SourceKind.TOWN, content=b"\0".join(BUILT_IN[name](files).values()))
 
 
 def _cache_key(source: MapSource) -> str:

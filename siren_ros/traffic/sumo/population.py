@@ -16,9 +16,9 @@ from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
 from siren_ros.traffic.sumo.readings import SUBSCRIBED, map_from_sumo
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
-_SHAPES: Final = {
+_SHAPES: Final[Mapping[ActorClass, str]] = {
     ActorClass.HATCHBACK: "passenger/hatchback",
     ActorClass.SEDAN: "passenger/sedan",
     ActorClass.ESTATE: "passenger/wagon",
@@ -30,6 +30,8 @@ _SHAPES: Final = {
     ActorClass.AMBULANCE: "emergency",
     ActorClass.FIRE_TRUCK: "firebrigade",
     ActorClass.POLICE: "police",
+    ActorClass.MOTORCYCLE: "motorcycle",
+    ActorClass.BICYCLE: "bicycle",
 }
 # No parameters: properties of vehicles and drivers that SUMO lacks, the same for all.
 _YELLOW_REACTION_S: Final = 1.0
@@ -62,8 +64,9 @@ def type_id(vehicle: PlannedVehicle) -> str:
 def vehicle_types_xml(vehicles: Iterable[PlannedVehicle], level: EmergencyLevel, config: TrafficConfig) -> bytes:
     """The additional file with all types.
 
-    Civilians are of SUMO's class ``passenger`` whatever their body, so that one set of lanes is open to
-    all of them. At L0 an EMV has no privilege: it keeps to the speed limit as well.
+    Civilians in cars, lorries and buses are of SUMO's class ``passenger``, so that one set of lanes is open to
+    all of them. Motorcycles and bicycles have their own classes. At L0 an EMV has no privilege: it keeps to the speed
+    limit as well.
     """
     lines = ["<additional>"]
     for vehicle in vehicles:
@@ -82,14 +85,15 @@ def _quoted(text: str) -> str:
 
 def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     driver, driving = vehicle.driver, vehicle.driver.driving
+    ridden, cycles = vehicle.actor_class in TWO_WHEELED, vehicle.actor_class is ActorClass.BICYCLE
     numbers = {
         "length": vehicle.length_m,
-        "width": vehicle.width_m + (0.0 if vehicle.is_emv else _MIRRORS_M),
+        "width": vehicle.width_m + (0.0 if vehicle.is_emv or ridden else _MIRRORS_M),
         "height": vehicle.height_m,
         "minGap": driving.min_gap_m,
         "accel": driving.accel_mps2,
         "decel": driving.decel_mps2,
-        "maxSpeed": driving.max_speed_mps,
+        "maxSpeed": driving.max_speed_mps * (driver.speed_factor if cycles else 1.0),
         "tau": driver.tau_s,
         "speedFactor": driver.speed_factor,
         "speedDev": 0.0,
@@ -97,18 +101,18 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         # A vehicle moves sideways by driving: not at all when standing, by at most this share of its speed.
         "lcMaxSpeedLatStanding": 0.0,
         "lcMaxSpeedLatFactor": 0.3,
-        "lcSpeedGain": driver.speed_gain_eagerness,
+        "lcSpeedGain": 0.0 if cycles else driver.speed_gain_eagerness,
         "lcCooperative": driver.cooperation,
         "jmDriveAfterYellowTime": _YELLOW_REACTION_S,
         "jmStoplineGapMinor": _WAITING_GAP_M,
     }
     texts = {
         "id": type_id(vehicle),
-        "vClass": "emergency" if vehicle.is_emv else "passenger",
+        "vClass": _SHAPES[vehicle.actor_class] if ridden else "emergency" if vehicle.is_emv else "passenger",
         "guiShape": _SHAPES[vehicle.actor_class],
         "carFollowModel": driver.car_following,
         "laneChangeModel": "SL2015",
-        "latAlignment": "center",
+        "latAlignment": "right" if cycles else "center",
         "color": ",".join(str(part) for part in vehicle.colour_rgb),
     }
     numbers |= _MODEL_PARAMETERS.get(driver.car_following, {})

@@ -14,7 +14,7 @@ from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import GRAVITY_MPS2
 from siren_ros.params.input_files import FILES_ON_DISK, InputFile, InputFiles
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,8 @@ def load_vehicle_parameters(files: InputFiles = FILES_ON_DISK) -> Mapping[ActorC
             line, key, value and what is allowed.
     """
     names = {kind: kind.name.lower() for kind in ActorClass}
+    # Records of earlier episodes have no two wheels.
+    names = {kind: name for kind, name in names.items() if kind not in TWO_WHEELED or files.has("vehicles", name)}
     return {kind: _parameters_in(files.read("vehicle", "vehicles", name)) for kind, name in names.items()}
 
 

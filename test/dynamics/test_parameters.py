@@ -5,11 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters, read_vehicle_parameters
+from siren_ros.dynamics.parameters import (
+    ParameterTable,
+    VehicleParameters,
+    load_vehicle_parameters,
+    read_vehicle_parameters,
+)
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import GRAVITY_MPS2
+from siren_ros.params.input_files import FILES_ON_DISK, NotedFiles, RecordedFiles
 from siren_ros.params.resources import params_dir
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 
 @pytest.fixture
@@ -88,3 +94,14 @@ def test_table_rows_follow_the_list(parameters: Mapping[ActorClass, VehicleParam
     assert table.mass_kg.tolist() == [parameters[kind].mass_kg for kind in kinds]
     np.testing.assert_allclose(table.cg_to_front_axle_m + table.cg_to_rear_axle_m, table.wheelbase_m)
     assert len(ParameterTable.of((), parameters)) == 0
+
+
+def test_records_of_earlier_episodes_have_no_two_wheels() -> None:
+    """Their vehicles are read from the record nevertheless."""
+    noted = NotedFiles(FILES_ON_DISK)
+    load_vehicle_parameters(noted)
+    earlier = RecordedFiles(file for file in noted.seen if file.name not in {"bicycle", "motorcycle"})
+    assert set(load_vehicle_parameters(earlier)) == set(ActorClass) - TWO_WHEELED
+    without_bus = RecordedFiles(file for file in noted.seen if file.name != "bus")
+    with pytest.raises(InputError, match="bus"):
+        load_vehicle_parameters(without_bus)

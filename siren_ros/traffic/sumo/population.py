@@ -1,7 +1,7 @@
 """Puts planned vehicles into SUMO, each with its own vehicle type, and keeps the number of civilians."""
 
 import re
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Final
@@ -156,10 +156,12 @@ class SumoPopulation:
         self._plan = plan
         self._config = config
         self._reserve = deque(plan.reserve)
+        self._riders = deque(plan.riders)
+        self._riding: Counter[ActorClass] = Counter()
         self.vehicles: dict[str, PlannedVehicle] = {}
         """Vehicles that have entered and not left."""
         self.civilians = 0
-        """How many of these are no EMVs."""
+        """How many of these are neither EMVs nor riders."""
 
     @property
     def length_scale(self) -> Mapping[str, float]:
@@ -182,6 +184,7 @@ class SumoPopulation:
         self._enter_all(self._plan.groups)
         emv_points = {vehicle.name: self._point_of(vehicle.spot) for vehicle in self._plan.emvs}
         self.refill(emv_points, self._plan.civilians)
+        self.refill_riders({})
 
     def refill(self, emv_points: Mapping[str, tuple[float, float]], civilians: int) -> None:
         """Enter replacements from the reserve, away from the EMVs' points, up to a number of civilians."""
@@ -196,6 +199,18 @@ class SumoPopulation:
             else:
                 self._reserve.append(vehicle)
 
+    def refill_riders(self, emv_points: Mapping[str, tuple[float, float]]) -> None:
+        """Enter riders where those of their class are too few, away from the EMVs' points."""
+        if all(self._riding[kind] >= count for kind, count in self._plan.riders_kept.items()):
+            return
+        for _ in range(len(self._riders)):
+            rider = self._riders.popleft()
+            wanted = self._riding[rider.actor_class] < self._plan.riders_kept[rider.actor_class]
+            if wanted and self._spot_is_free(rider, emv_points.values()):
+                self._enter_all((rider,))
+            else:
+                self._riders.append(rider)
+
     def drop_departed(self) -> tuple[str, ...]:
         """Forget vehicles that left SUMO in the last step; their names, in order of entry."""
         arrived = libsumo.simulation.getArrivedIDList()
@@ -207,7 +222,13 @@ class SumoPopulation:
         return gone
 
     def _forget(self, name: str) -> None:
-        self.civilians -= not self.vehicles.pop(name).is_emv
+        self._count(self.vehicles.pop(name), -1)
+
+    def _count(self, vehicle: PlannedVehicle, more: int) -> None:
+        if vehicle.actor_class in self._plan.riders_kept:
+            self._riding[vehicle.actor_class] += more
+        elif not vehicle.is_emv:
+            self.civilians += more
 
     def _enter_all(self, vehicles: Iterable[PlannedVehicle]) -> None:
         for vehicle in vehicles:
@@ -229,7 +250,7 @@ class SumoPopulation:
                 libsumo.vehicle.setParameter(vehicle.name, "junctionModel.ignoreTypes", emvs)
             libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
             self.vehicles[vehicle.name] = vehicle
-            self.civilians += not vehicle.is_emv
+            self._count(vehicle, 1)
 
     def _remove(self, name: str) -> None:
         libsumo.vehicle.unsubscribe(name)

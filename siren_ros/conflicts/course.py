@@ -17,7 +17,7 @@ from siren_ros.conflicts.zones import TRACK_M, Ways
 from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline
-from siren_ros.roads.road_network import NO_LANE, Connection, RoadNetwork
+from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import Indices, TrafficState
 
 # No parameters: resolution and reach of courses, which compiled loops and memories of courses hold.
@@ -284,6 +284,10 @@ def _movement_from(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> C
     if edge not in route[:-1]:
         return None
     after = route[route.index(edge) + 1]
+    if network.lanes[lane].kind is LaneKind.CYCLE:
+        for connection in network.cycle_connections_from.get(lane, ()):
+            if network.lanes[connection.to_lane].edge == after:
+                return connection
     position = network.lanes[lane].position
     choices = [
         connection
@@ -296,7 +300,7 @@ def _movement_from(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> C
 
 def _movement_over(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Connection | None:
     """The movement that an internal lane belongs to, that along the route where several share the lane."""
-    choices = network.connections_over.get(lane, ())
+    choices = network.connections_over.get(lane) or network.cycle_connections_over.get(lane, ())
     along = (choice for choice in choices if network.lanes[choice.to_lane].edge in route)
     return next(along, choices[0] if choices else None)
 

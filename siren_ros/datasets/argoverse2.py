@@ -37,6 +37,12 @@ OBSERVED: Final = 50
 FOCAL, SCORED, UNSCORED, FRAGMENT = 3, 2, 1, 0
 """Argoverse 2's track categories: predicted, whole, with its present, without."""
 AV: Final = "AV"
+_TYPE_OF_CLASS: Final = {
+    ActorClass.BUS: "bus",
+    ActorClass.MOTORCYCLE: "motorcyclist",
+    ActorClass.BICYCLE: "cyclist",
+}
+"""Object types of av2; all others are ``vehicle``."""
 """Track id of the vehicle with the sensors."""
 _MAP_FILE: Final = "log_map_archive_{}.json"
 _NS_PER_S: Final = 1_000_000_000
@@ -170,7 +176,7 @@ def scenario_table(
     """Columns of a scenario's file: all vehicles that are there at one of its frames, their tracks cut to them."""
     counts = [len(track) for track in windows]
     ids = [AV if track.actor.actor_id == emv_id else str(track.actor.actor_id) for track in windows]
-    kinds = ["bus" if track.actor.actor_class is ActorClass.BUS else "vehicle" for track in windows]
+    kinds = [_TYPE_OF_CLASS.get(track.actor.actor_class, "vehicle") for track in windows]
     categories = [_category(track, focal_id, first) for track in windows]
     timestep = np.concatenate([track.frame for track in windows]) - first
     total = len(timestep)

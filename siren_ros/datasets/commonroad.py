@@ -37,7 +37,12 @@ _UNMARKED: Final = ("no_marking", "no_marking")
 _OPPOSITE_M: Final = 1.0
 """Left boundaries of opposite lanes that are this near each other are one line."""
 VERSION: Final = "2020a"
-_TYPE_OF_CLASS: Final = {ActorClass.TRUCK: "truck", ActorClass.BUS: "bus"}
+_TYPE_OF_CLASS: Final = {
+    ActorClass.TRUCK: "truck",
+    ActorClass.BUS: "bus",
+    ActorClass.MOTORCYCLE: "motorcycle",
+    ActorClass.BICYCLE: "bicycle",
+}
 _PROBLEM: Final = 5_000_000
 _OBSTACLES: Final = 6_000_000
 _GOAL_LENGTH_M: Final = 10.0

@@ -33,13 +33,13 @@ from siren_ros.record.tracks import LOG_PERIOD_STEPS, REGION, Track, tracks_of, 
 from siren_ros.record.vehicle_location import DRIVEN_KINDS, locate, sumo_lanes
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 from siren_ros.world.traffic_state import Indices
 
 FOOT_M: Final = 0.3048
 LANE_WIDTH_M: Final = 3.5
 """Of vehicles off the road."""
-_CAR, _TRUCK = 2, 3
+_MOTORCYCLE, _CAR, _TRUCK = 1, 2, 3
 _TRUCKS: Final = frozenset({ActorClass.TRUCK, ActorClass.BUS, ActorClass.FIRE_TRUCK})
 Numbers = npt.NDArray[np.int64]
 COLUMNS: Final = 3
@@ -67,7 +67,9 @@ _LONGITUDINAL: Final = {NORMAL: "normal", BRAKE: "brake", ACCELERATE: "accelerat
 
 
 def vehicle_class(actor_class: ActorClass) -> int:
-    """NGSIM's class of a vehicle: 2 a car, 3 a truck; 1 would be a motorcycle."""
+    """NGSIM's class of a vehicle: 1 a motorcycle or bicycle, 2 a car, 3 a truck."""
+    if actor_class in TWO_WHEELED:
+        return _MOTORCYCLE
     return _TRUCK if actor_class in _TRUCKS else _CAR
 
 

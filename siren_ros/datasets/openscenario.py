@@ -26,6 +26,8 @@ _CATEGORY: Final = {
     ActorClass.TRUCK: "truck",
     ActorClass.FIRE_TRUCK: "truck",
     ActorClass.BUS: "bus",
+    ActorClass.MOTORCYCLE: "motorbike",
+    ActorClass.BICYCLE: "bicycle",
 }
 _ROLE: Final = {
     ActorClass.AMBULANCE: "ambulance",

@@ -20,9 +20,12 @@ from siren_ros.record.episode_source import EpisodeSource
 from siren_ros.record.tracks import FRAME_S, LOG_PERIOD_STEPS, Track, tracks_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.world.actors import TWO_WHEELED
 
 VERSION: Final = "1.0"
 VEHICLE: Final = "VEHICLE"
+CYCLIST: Final = "CYCLIST"
+"""ScenarioNet's type of whoever rides on two wheels."""
 _LIGHT: Final = {
     "r": "LANE_STATE_STOP",
     "u": "LANE_STATE_STOP",
@@ -86,14 +89,15 @@ def _track(track: Track, length: int) -> dict[str, Any]:
         "valid": spread(there, np.bool_),
     }
     name = str(actor.actor_id)
+    kind = CYCLIST if actor.actor_class in TWO_WHEELED else VEHICLE
     metadata = {
-        "type": VEHICLE,
+        "type": kind,
         "track_length": length,
         "object_id": name,
         "class": actor.actor_class.name.lower(),
         "is_emv": actor.is_emv,
     }
-    return {"type": VEHICLE, "state": state, "metadata": metadata}
+    return {"type": kind, "state": state, "metadata": metadata}
 
 
 def _lights(record: EpisodeRecord, length: int) -> dict[str, Any]:
@@ -165,8 +169,9 @@ def summary_of(scenario: Mapping[str, Any]) -> dict[str, Any]:
         moved = float(np.hypot(*np.diff(track["state"]["position"][valid, :2], axis=0).T).sum())
         count = int(valid.sum())
         lengths = {"moving_distance": moved, "valid_length": count, "continuous_valid_length": count}
-        objects[name] = {"type": VEHICLE, "object_id": name, "track_length": scenario["length"], **lengths}
-    moving = sum(summary["moving_distance"] > 1.0 for summary in objects.values())
+        objects[name] = {"type": track["type"], "object_id": name, "track_length": scenario["length"], **lengths}
+    kinds = Counter(summary["type"] for summary in objects.values())
+    moving = Counter(summary["type"] for summary in objects.values() if summary["moving_distance"] > 1.0)
     metadata = {key: value for key, value in scenario["metadata"].items() if key != "ts"}
     return {
         **metadata,
@@ -174,10 +179,10 @@ def summary_of(scenario: Mapping[str, Any]) -> dict[str, Any]:
         "object_summary": objects,
         "number_summary": {
             "num_objects": len(tracks),
-            "object_types": [VEHICLE],
-            "num_objects_each_type": {VEHICLE: len(tracks)},
-            "num_moving_objects": moving,
-            "num_moving_objects_each_type": {VEHICLE: moving},
+            "object_types": [*kinds],
+            "num_objects_each_type": dict(kinds),
+            "num_moving_objects": moving.total(),
+            "num_moving_objects_each_type": {kind: moving[kind] for kind in kinds},
             "num_traffic_lights": len(scenario["dynamic_map_states"]),
             "num_map_features": len(scenario["map_features"]),
             "map_height_diff": 0.0,

@@ -14,7 +14,7 @@ from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import GRAVITY_MPS2
 from siren_ros.params.input_files import FILES_ON_DISK, InputFile, InputFiles
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 
 @dataclass(frozen=True)
@@ -82,22 +82,22 @@ AIR_DENSITY_KGPM3: Final = 1.225
 """International standard atmosphere at sea level (ISO 2533)."""
 
 _RANGES: Final[dict[str, tuple[float, float]]] = {
-    "length_m": (2.0, 20.0),
-    "width_m": (1.0, 3.0),
+    "length_m": (1.5, 20.0),
+    "width_m": (0.4, 3.0),
     "height_m": (1.0, 4.5),
-    "wheelbase_m": (1.2, 12.0),
+    "wheelbase_m": (0.9, 12.0),
     "front_overhang_m": (0.2, 4.0),
     "cg_to_front_axle_m": (0.4, 8.0),
     "cg_height_m": (0.2, 2.5),
-    "mass_kg": (400.0, 45_000.0),
-    "yaw_inertia_kgm2": (300.0, 1_000_000.0),
-    "cornering_stiffness_front_npr": (10_000.0, 2_000_000.0),
-    "cornering_stiffness_rear_npr": (10_000.0, 2_000_000.0),
+    "mass_kg": (60.0, 45_000.0),
+    "yaw_inertia_kgm2": (5.0, 1_000_000.0),
+    "cornering_stiffness_front_npr": (2_000.0, 2_000_000.0),
+    "cornering_stiffness_rear_npr": (2_000.0, 2_000_000.0),
     "friction_coefficient": (0.05, 1.5),
     "max_steer_rad": (0.2, 1.2),
     "max_steer_rate_radps": (0.1, 2.0),
     "steer_lag_s": (0.01, 0.5),
-    "drive_power_w": (10_000.0, 1_000_000.0),
+    "drive_power_w": (200.0, 1_000_000.0),
     "max_drive_accel_mps2": (0.5, 12.0),
     "drive_front_share": (0.0, 1.0),
     "max_brake_decel_mps2": (2.0, 12.0),
@@ -117,6 +117,8 @@ def load_vehicle_parameters(files: InputFiles = FILES_ON_DISK) -> Mapping[ActorC
             line, key, value and what is allowed.
     """
     names = {kind: kind.name.lower() for kind in ActorClass}
+    # Records of earlier episodes have no two wheels.
+    names = {kind: name for kind, name in names.items() if kind not in TWO_WHEELED or files.has("vehicles", name)}
     return {kind: _parameters_in(files.read("vehicle", "vehicles", name)) for kind, name in names.items()}
 
 

@@ -43,6 +43,9 @@ class InputFiles(Protocol):
             InputError: There is no such file, or it cannot be read; names the parameter that the user set.
         """
 
+    def has(self, folder: str, name: str) -> bool:
+        """Whether the source is to have a file; on disk there is every file that the program comes with."""
+
 
 class FilesOnDisk:
     """The files of ``params`` and of the user."""
@@ -51,6 +54,10 @@ class FilesOnDisk:
         """As ``InputFiles.read``."""
         path = named_params_file(parameter, folder, name)
         return InputFile(folder, name, read_input_text(path), str(path))
+
+    def has(self, folder: str, name: str) -> bool:  # noqa: ARG002 - the interface of all sources
+        """As ``InputFiles.has``."""
+        return True
 
 
 FILES_ON_DISK: Final = FilesOnDisk()
@@ -70,6 +77,10 @@ class RecordedFiles:
             raise InputError(parameter, name, f"a file of the record: {known}")
         return file
 
+    def has(self, folder: str, name: str) -> bool:
+        """As ``InputFiles.has``."""
+        return (folder, name) in self._files
+
 
 class NotedFiles:
     """Another source's files; it notes each one that is read."""
@@ -83,6 +94,10 @@ class NotedFiles:
         file = self._source.read(parameter, folder, name)
         self._seen[folder, name] = file
         return file
+
+    def has(self, folder: str, name: str) -> bool:
+        """As ``InputFiles.has``."""
+        return self._source.has(folder, name)
 
     @property
     def seen(self) -> tuple[InputFile, ...]:

@@ -15,6 +15,7 @@ LANE_FILL: Final = {
     LaneKind.DRIVING: "#c9cdd2",
     LaneKind.INTERNAL: "#c3c7cc",
     LaneKind.SHOULDER: "#d9d4c5",
+    LaneKind.CYCLE: "#dfc4b4",
     LaneKind.KERB: "#b9b3a6",
     LaneKind.SIDEWALK: "#e6e0d2",
     LaneKind.CROSSING: "#d7dade",

@@ -76,7 +76,7 @@ def save_png(path: Path, draw: Callable[[], Figure]) -> Path:
 def draw_roads(axes: Axes, network: RoadNetwork, line_width: float) -> None:
     """Draws lane surfaces, junctions, crossings and markings; ``line_width`` of the markings is in points."""
     axes.set_facecolor(GROUND)
-    order = (LaneKind.SIDEWALK, LaneKind.KERB, LaneKind.SHOULDER, LaneKind.DRIVING)
+    order = (LaneKind.SIDEWALK, LaneKind.KERB, LaneKind.CYCLE, LaneKind.SHOULDER, LaneKind.DRIVING)
     for level, kind in enumerate(order):
         outlines = [lane_outline(lane) for lane in network.lanes if lane.kind is kind]
         area = PolyCollection(outlines, facecolors=LANE_FILL[kind], edgecolors="none", zorder=1 + level / 10)

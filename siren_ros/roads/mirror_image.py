@@ -13,7 +13,7 @@ import numpy as np
 
 from siren_ros.numerics.arrays import Points
 from siren_ros.numerics.geometry import Polyline
-from siren_ros.roads.road_network import MAPS_KEPT, RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, Connection, RoadNetwork
 
 MIRROR: Final = np.array((1.0, -1.0))
 """Factors of x and y."""
@@ -38,10 +38,8 @@ def mirrored_network(network: RoadNetwork) -> RoadNetwork:
     return replace(
         network,
         lanes=tuple(lanes),
-        connections=tuple(
-            replace(movement, direction=OTHER_SIDE.get(movement.direction, movement.direction))
-            for movement in network.connections
-        ),
+        connections=_mirrored_movements(network.connections),
+        cycle_connections=_mirrored_movements(network.cycle_connections),
         junctions=junctions,
         sumo_offset_m=(x_m, -y_m),
         projection="!",
@@ -49,6 +47,11 @@ def mirrored_network(network: RoadNetwork) -> RoadNetwork:
         crossings=tuple(map(_mirrored, network.crossings)),
         left_hand=not network.left_hand,
     )
+
+
+def _mirrored_movements(movements: tuple[Connection, ...]) -> tuple[Connection, ...]:
+    letters = (OTHER_SIDE.get(movement.direction, movement.direction) for movement in movements)
+    return tuple(replace(movement, direction=letter) for movement, letter in zip(movements, letters, strict=True))
 
 
 def _mirrored(points: Points) -> Points:

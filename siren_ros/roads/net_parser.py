@@ -1,8 +1,10 @@
 """Reads a SUMO net (``.net.xml``) into a ``RoadNetwork``: lanes, who may use them, and the paths across junctions."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import compress
+from operator import not_
 from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 
@@ -85,6 +87,7 @@ class Permissions:
     """Passenger cars."""
     emergency: bool
     pedestrian: bool
+    bicycle: bool = False
     other_motor: bool = False
     """Some class of motor traffic, whether or not passenger cars are among it."""
 
@@ -109,6 +112,7 @@ def permissions_of(allow: str | None, disallow: str | None) -> Permissions:
         civilian=bool(open_to("passenger")),
         emergency=bool(open_to("emergency")),
         pedestrian=bool(open_to("pedestrian")),
+        bicycle=bool(open_to("bicycle")),
         other_motor=any(open_to(name) for name in sorted(_CIVILIAN_CLASSES)),
     )
 
@@ -126,7 +130,9 @@ def kind_of_lane(permissions: Permissions, lane_type: str) -> LaneKind:
         return LaneKind.DRIVING
     if permissions.emergency:
         return LaneKind.SHOULDER
-    return LaneKind.SIDEWALK if permissions.pedestrian else LaneKind.KERB
+    if permissions.pedestrian:
+        return LaneKind.SIDEWALK
+    return LaneKind.CYCLE if permissions.bicycle else LaneKind.KERB
 
 
 ALLOWED: Final = "a SUMO net as netconvert writes it (.net.xml)"
@@ -171,7 +177,7 @@ def parse_road_network(net_xml: bytes) -> RoadNetwork:
     The offset is the net's ``netOffset``, so that a map from OpenDRIVE keeps its own coordinates. A net in
     UTM coordinates would put the origin thousands of kilometres away; its origin is the centre of its
     boundary instead. Lanes, edges and connections keep the order of the file. Walking areas are left out,
-    and so are movements that neither civilians nor emergency vehicles may make.
+    and so are movements that neither civilians nor emergency vehicles nor cyclists on cycle lanes make.
 
     Raises:
         MapError: The bytes are not a SUMO net, or it has no lane that vehicles may drive on.
@@ -196,10 +202,12 @@ def parse_road_network(net_xml: bytes) -> RoadNetwork:
 def _network(root: Element) -> RoadNetwork:
     offset_m, projection, origin_lat_lon_deg, projected_m = _location(root)
     lanes, edges = _lanes_and_edges(root, offset_m)
+    connections = tuple(_connections(root, lanes, edges))
+    of_cyclists = [_on_cycle_lane(lanes, connection) for connection in connections]
     return RoadNetwork(
         lanes=lanes,
         edges=edges,
-        connections=tuple(_connections(root, lanes, edges)),
+        connections=tuple(compress(connections, map(not_, of_cyclists))),
         junctions=_junctions(root, offset_m),
         sumo_offset_m=offset_m,
         projection=projection,
@@ -207,12 +215,17 @@ def _network(root: Element) -> RoadNetwork:
         projected_origin_m=projected_m,
         crossings=tuple(_crossings(root, offset_m)),
         left_hand=is_left_hand(root),
+        cycle_connections=tuple(compress(connections, of_cyclists)),
     )
 
 
 def is_left_hand(net: Element) -> bool:
     """Whether traffic keeps left on a net."""
     return net.get("lefthand", "").lower() in {"true", "1", "yes"}
+
+
+def _on_cycle_lane(lanes: Sequence[Lane], connection: Connection) -> bool:
+    return LaneKind.CYCLE in {lanes[connection.from_lane].kind, lanes[connection.to_lane].kind}
 
 
 _Pair = tuple[float, float]
@@ -323,6 +336,7 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
         source, target = lanes[from_lane], lanes[to_lane]
         civilian = source.civilian_allowed and target.civilian_allowed
         usable = civilian or (source.emergency_allowed and target.emergency_allowed)
+        usable |= LaneKind.CYCLE in {source.kind, target.kind}
         if edges[source.edge].internal or edges[target.edge].internal or not usable:
             continue
 

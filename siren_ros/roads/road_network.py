@@ -19,6 +19,8 @@ class LaneKind(StrEnum):
 
     DRIVING = "driving"
     SHOULDER = "shoulder"
+    CYCLE = "cycle"
+    """For cyclists alone."""
     SIDEWALK = "sidewalk"
     KERB = "kerb"
     """A strip that nobody uses, between shoulder and sidewalk."""
@@ -130,6 +132,8 @@ class RoadNetwork:
     """Outlines of pedestrian crossings, each ``(K, 2)``."""
     left_hand: bool = False
     """Whether traffic keeps left."""
+    cycle_connections: tuple[Connection, ...] = field(default=())
+    """Movements from or to cycle lanes, which ``connections`` does not have."""
 
     @cached_property
     def lane_by_id(self) -> Mapping[str, Lane]:
@@ -145,6 +149,16 @@ class RoadNetwork:
     def connections_from(self) -> Mapping[int, tuple[Connection, ...]]:
         """Movements out of each lane."""
         return _grouped((connection.from_lane, connection) for connection in self.connections)
+
+    @cached_property
+    def cycle_connections_from(self) -> Mapping[int, tuple[Connection, ...]]:
+        """Movements of cyclists out of each lane from or to cycle lanes."""
+        return _grouped((connection.from_lane, connection) for connection in self.cycle_connections)
+
+    @cached_property
+    def cycle_connections_over(self) -> Mapping[int, tuple[Connection, ...]]:
+        """The same across each internal lane."""
+        return _grouped((lane, connection) for connection in self.cycle_connections for lane in connection.via)
 
     @cached_property
     def connections_to(self) -> Mapping[int, tuple[Connection, ...]]:

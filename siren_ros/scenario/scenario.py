@@ -1,7 +1,7 @@
 """Scenario templates: what is set up, how it may vary, and which predicate tells that it happened."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from typing import Any, Final
 
@@ -133,6 +133,18 @@ class DemandGroup:
 
 
 @dataclass(frozen=True)
+class PeopleDemand:
+    """Who is on the road besides cars, within 150 m of the EMV's way; not counted in the background volume."""
+
+    cyclists: int = 0
+    motorcycles: int = 0
+
+
+PEOPLE: Final = tuple(f"demand.people.{part.name}" for part in fields(PeopleDemand))
+"""Paths of these parameters, which every template has."""
+
+
+@dataclass(frozen=True)
 class Demand:
     """Civilian traffic of a template."""
 
@@ -147,6 +159,7 @@ class Demand:
     groups: tuple[DemandGroup, ...]
     district_per_lane_km: float = 0.0
     """Further civilians per kilometre of lane in the streets around those of the volume."""
+    people: PeopleDemand = field(default_factory=PeopleDemand)
 
 
 @dataclass(frozen=True)
@@ -239,7 +252,7 @@ def _replaced(section: Any, path: list[str], value: float) -> Any:
     if not path:
         return value
     head, *rest = path
-    if isinstance(section, Demand) and rest:
+    if isinstance(section, Demand) and head in {group.name for group in section.groups}:
         groups = tuple(_replaced(group, rest, value) if group.name == head else group for group in section.groups)
         return replace(section, groups=groups)
     return replace(section, **{head: _replaced(getattr(section, head), rest, value)})

@@ -1,7 +1,7 @@
 """Reading templates from YAML, strictly: every mistake is refused with file, line and what is allowed."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -21,6 +21,7 @@ from siren_ros.scenario.scenario import (
     EmvDemand,
     GroupAnchor,
     JamDemand,
+    PeopleDemand,
     Placement,
     PredicateDemand,
     SignalDemand,
@@ -30,7 +31,7 @@ from siren_ros.scenario.scenario import (
     draw_values,
     realised,
 )
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import EMERGENCY_CLASSES, TWO_WHEELED, ActorClass
 
 __all__ = ["Template", "available_templates", "draw_values", "load_template", "read_template", "realised"]
 
@@ -43,6 +44,7 @@ _MAX_AFTER_S: Final = 60.0
 _MAX_RED_S: Final = 120.0
 _MAX_PER_LANE_KM: Final = 60.0
 _DISTRICT: Final = "district_per_lane_km"
+_PEOPLE: Final = "people"
 
 
 def available_templates() -> tuple[str, ...]:
@@ -222,11 +224,29 @@ def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
         district_per_lane_km=parameters.number(section, _DISTRICT, 0.0, _MAX_PER_LANE_KM)
         if section.has(_DISTRICT)
         else 0.0,
+        people=_people(section, parameters),
     )
     return _finished(section, demand)
 
 
+def _people(demand: StrictMapping, parameters: _Parameters) -> PeopleDemand:
+    """The section ``people``; every template has its parameters, 0 where the file does not say so."""
+    section = demand.mapping(_PEOPLE) if demand.has(_PEOPLE) else None
+    values = {}
+    for name in (field.name for field in fields(PeopleDemand)):
+        if section is not None and section.has(name):
+            values[name] = parameters.integer(section, name, 0, _MAX_VEHICLES)
+        else:
+            values[name] = 0
+            parameters.ranges[f"demand.{_PEOPLE}.{name}"] = ValueRange(0, _MAX_VEHICLES, integer=True)
+    if section is not None:
+        section.finish()
+    return PeopleDemand(**values)
+
+
 def _group(section: StrictMapping, name: str, parameters: _Parameters) -> DemandGroup:
+    if name == _PEOPLE:
+        raise InputError(section.where("placement"), name, f"another name for a group: {_PEOPLE} are no group")
     section.path = f"demand.{name}"
     placement = Placement(section.text("placement", list(Placement)))
     crossing = placement is Placement.CROSSING
@@ -251,7 +271,8 @@ def _group(section: StrictMapping, name: str, parameters: _Parameters) -> Demand
 
 
 def _classes(section: StrictMapping) -> tuple[tuple[ActorClass, float], ...]:
-    civilian = [(member, member.name.lower()) for member in ActorClass if not member.is_emergency]
+    others = EMERGENCY_CLASSES | TWO_WHEELED
+    civilian = [(member, member.name.lower()) for member in ActorClass if member not in others]
     shares = tuple((member, section.number(name, 0.0, 1.0)) for member, name in civilian if section.has(name))
     section.finish()
     total = sum(share for _, share in shares)

@@ -179,6 +179,8 @@ class SumoSimulation:
         self._mirror.apply(states, self._reported, self._ids, self._ahead)
         if self._last is not None and self._population.civilians < self._plan.civilians:
             self._population.refill(self._emv_points(states), self._plan.civilians)
+        if self._last is not None and self._plan.riders:
+            self._population.refill_riders(self._emv_points(states))
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
         if self._plan.jam is not None:
@@ -194,7 +196,8 @@ class SumoSimulation:
                 libsumo.vehicle.setSpeed(name, jam.speed_mps(step))
 
     def _start(self, compiled_map: CompiledMap, seed: int) -> None:
-        vehicles = (*self._plan.emvs, *self._plan.groups, *self._plan.background, *self._plan.reserve)
+        plan = self._plan
+        vehicles = (*plan.emvs, *plan.groups, *plan.background, *plan.reserve, *plan.riders)
         types = vehicle_types_xml(vehicles, self._level, self._config)
         with tempfile.TemporaryDirectory(prefix="siren-") as folder:
             types_file = Path(folder) / "types.add.xml"

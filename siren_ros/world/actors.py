@@ -27,6 +27,8 @@ class ActorClass(IntEnum):
     AMBULANCE = 8
     FIRE_TRUCK = 9
     POLICE = 10
+    MOTORCYCLE = 11
+    BICYCLE = 12
 
     @property
     def is_emergency(self) -> bool:
@@ -35,6 +37,7 @@ class ActorClass(IntEnum):
 
 
 EMERGENCY_CLASSES: Final = frozenset({ActorClass.AMBULANCE, ActorClass.FIRE_TRUCK, ActorClass.POLICE})
+TWO_WHEELED: Final = frozenset({ActorClass.MOTORCYCLE, ActorClass.BICYCLE})
 
 
 class Owner(IntEnum):

@@ -338,3 +338,22 @@ def test_a_book_that_remembers_the_last_step_gives_the_courses_of_a_new_one(step
             for each, of_book in ((kept, book), (new, fresh)):
                 rights = of_book.rights_of(each, {})
                 assert rights.start_m[rights.first[row] : rights.last[row]].tolist() == starts
+
+
+def test_a_cyclist_crosses_the_junction_on_the_way_of_the_cycle_lane():
+    """Beside the cars' way, which is what the course would follow otherwise."""
+    lanes = (
+        lane(0, 0, [[0, -3], [100, -3]], kind=LaneKind.CYCLE),
+        lane(1, 0, [[0, 0], [100, 0]], position=1),
+        lane(2, 1, [[100, -3], [120, -3]], kind=LaneKind.INTERNAL),
+        lane(3, 2, [[100, 0], [120, 0]], kind=LaneKind.INTERNAL),
+        lane(4, 3, [[120, -3], [200, -3]], kind=LaneKind.CYCLE),
+        lane(5, 3, [[120, 0], [200, 0]], position=1),
+    )
+    ways = road(1, ":J_0", (2,), internal=True), road(2, ":J_1", (3,), internal=True)
+    network = roads(lanes, (road(0, "west", (0, 1)), *ways, road(3, "east", (4, 5))), movement(1, 5, (3,)))
+    network = replace(network, cycle_connections=(movement(0, 4, (2,)),))
+    book = CourseBook(network)
+    assert book.along(0, edges(0, 3)).points[:, 1] == pytest.approx(-3.0)
+    assert book.along(2, edges(0, 3)).points[:, 1] == pytest.approx(-3.0)
+    assert book.along(1, edges(0, 3)).points[:, 1] == pytest.approx(0.0)

@@ -157,6 +157,7 @@ def test_types_and_names():
     kinds = {kind: obstacle_type(kind) for kind in ActorClass}
     assert {kind for kind in kinds if kinds[kind] == "priorityVehicle"} == EMERGENCY_CLASSES
     assert [kinds[kind] for kind in (ActorClass.SEDAN, ActorClass.VAN, ActorClass.BUS)] == ["car", "car", "bus"]
+    assert [kinds[kind] for kind in (ActorClass.MOTORCYCLE, ActorClass.BICYCLE)] == ["motorcycle", "bicycle"]
     assert benchmark_id(RECORD.description) == "ZAM_SirenS2made-1_1_T-1"
 
 

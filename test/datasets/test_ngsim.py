@@ -18,7 +18,7 @@ from siren_ros.datasets import ngsim
 from siren_ros.record.tracks import tracks_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 DATASET = ("ngsim", "tracked_bag", "--population", "all")
 MADE_DATASET = ("ngsim", "made_drive", "--population", "all")
@@ -332,4 +332,5 @@ def test_cells_are_15_feet_long_and_a_lane_wide(lane, ahead_ft, cell):
 def test_trucks_are_those_that_are_as_long():
     trucks = {kind for kind in ActorClass if ngsim.vehicle_class(kind) == 3}
     assert trucks == {ActorClass.TRUCK, ActorClass.BUS, ActorClass.FIRE_TRUCK}
-    assert {ngsim.vehicle_class(kind) for kind in ActorClass} == {2, 3}
+    assert {kind for kind in ActorClass if ngsim.vehicle_class(kind) == 1} == TWO_WHEELED
+    assert {ngsim.vehicle_class(kind) for kind in ActorClass} == {1, 2, 3}

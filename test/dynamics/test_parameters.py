@@ -5,11 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters, read_vehicle_parameters
+from siren_ros.dynamics.parameters import (
+    ParameterTable,
+    VehicleParameters,
+    load_vehicle_parameters,
+    read_vehicle_parameters,
+)
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import GRAVITY_MPS2
+from siren_ros.params.input_files import FILES_ON_DISK, NotedFiles, RecordedFiles
 from siren_ros.params.resources import params_dir
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 
 @pytest.fixture
@@ -39,8 +45,9 @@ def test_classes_are_plausible(parameters: Mapping[ActorClass, VehicleParameters
     understeer_deg_per_g = np.degrees(vehicle.understeer_gradient_s2pm * GRAVITY_MPS2)
     assert 0.5 < understeer_deg_per_g < 4.0
     assert vehicle.max_brake_decel_mps2 < vehicle.friction_coefficient * GRAVITY_MPS2
-    assert vehicle.attainable_accel_mps2(50.0 / 3.6) > 0.5
-    assert 1.0 < vehicle.centre_ahead_of_rear_axle_m < vehicle.wheelbase_m
+    cruise_kmph = 18.0 if kind is ActorClass.BICYCLE else 50.0
+    assert vehicle.attainable_accel_mps2(cruise_kmph / 3.6) > 0.5
+    assert 0.35 * vehicle.wheelbase_m < vehicle.centre_ahead_of_rear_axle_m < vehicle.wheelbase_m
 
 
 def test_every_number_names_its_source() -> None:
@@ -52,9 +59,9 @@ def test_every_number_names_its_source() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "parts"),
     [
-        ("mass_kg: 1560.0", "mass_kg: heavy", ("mass_kg", "heavy", "a number from 400 to 45000")),
-        ("mass_kg: 1560.0", "mass_kg: -3.0", ("mass_kg", "-3.0", "a number from 400 to 45000")),
-        ("mass_kg: 1560.0", "mass_kg: .nan", ("mass_kg", "nan", "a number from 400 to 45000")),
+        ("mass_kg: 1560.0", "mass_kg: heavy", ("mass_kg", "heavy", "a number from 60 to 45000")),
+        ("mass_kg: 1560.0", "mass_kg: -3.0", ("mass_kg", "-3.0", "a number from 60 to 45000")),
+        ("mass_kg: 1560.0", "mass_kg: .nan", ("mass_kg", "nan", "a number from 60 to 45000")),
         ("mass_kg: 1560.0", "weight_kg: 1560.0", ("mass_kg", "None", "missing")),
         ("wheelbase_m: 2.8 ", "wheelbase_m: 4.5 ", ("wheelbase_m", "4.5", "less than length_m")),
         (
@@ -87,3 +94,14 @@ def test_table_rows_follow_the_list(parameters: Mapping[ActorClass, VehicleParam
     assert table.mass_kg.tolist() == [parameters[kind].mass_kg for kind in kinds]
     np.testing.assert_allclose(table.cg_to_front_axle_m + table.cg_to_rear_axle_m, table.wheelbase_m)
     assert len(ParameterTable.of((), parameters)) == 0
+
+
+def test_records_of_earlier_episodes_have_no_two_wheels() -> None:
+    """Their vehicles are read from the record nevertheless."""
+    noted = NotedFiles(FILES_ON_DISK)
+    load_vehicle_parameters(noted)
+    earlier = RecordedFiles(file for file in noted.seen if file.name not in {"bicycle", "motorcycle"})
+    assert set(load_vehicle_parameters(earlier)) == set(ActorClass) - TWO_WHEELED
+    without_bus = RecordedFiles(file for file in noted.seen if file.name != "bus")
+    with pytest.raises(InputError, match="bus"):
+        load_vehicle_parameters(without_bus)

@@ -13,7 +13,7 @@ from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable, Veh
 from siren_ros.dynamics.vehicle_model import SUBSTEP_S, BodyState, Controls, step_bodies
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import GRAVITY_MPS2, STEP_S
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 PARAMETERS = load_vehicle_parameters()
 H_S = 0.01
@@ -207,7 +207,8 @@ def test_who_has_stopped_and_hardly_drifts_stands_still(v: float, w: float, stil
     assert ((after.lateral_mps[0], after.yaw_rate_radps[0]) == (0.0, 0.0)) is still
 
 
-TABLE = ParameterTable.of(list(ActorClass), load_vehicle_parameters())
+FOUR_WHEELED = [kind for kind in ActorClass if kind not in TWO_WHEELED]
+TABLE = ParameterTable.of(FOUR_WHEELED, load_vehicle_parameters())
 COUNT = len(TABLE)
 
 
@@ -373,9 +374,26 @@ def test_finer_substeps_change_little() -> None:
     np.testing.assert_allclose(coarse.y_m, fine.y_m, atol=0.15)
 
 
+@pytest.mark.parametrize(("kind", "speed_mps"), [(ActorClass.BICYCLE, 6.0), (ActorClass.MOTORCYCLE, 12.0)])
+def test_two_wheels_turn_steadily_at_their_speeds(kind: ActorClass, speed_mps: float) -> None:
+    """They follow the single-track model's circle, and finer substeps change little."""
+    table = ParameterTable.of([kind], load_vehicle_parameters())
+    coarse = fine = BodyState.moving(*(np.array([value]) for value in (0.0, 0.0, 0.0, speed_mps)))
+    throttle, brake, steer_rad, one = (np.array([value]) for value in (0.1, 0.0, 0.06, 1.0))
+    turning = Controls(throttle, brake, steer_rad, np.array([False]), one, one)
+    for _ in range(60):
+        coarse = step_bodies(coarse, turning, table, STEP_S)
+        for _ in range(10):
+            fine = step_bodies(fine, turning, table, STEP_S / 10.0)
+    assert np.hypot(coarse.x_m - fine.x_m, coarse.y_m - fine.y_m)[0] < 0.15
+    speed, rate = float(coarse.forward_mps[0]), float(coarse.yaw_rate_radps[0])
+    slip_rad = 0.06 - float(table.understeer_gradient_s2pm[0]) * speed * rate
+    assert speed / rate == pytest.approx(float(table.wheelbase_m[0]) / np.tan(slip_rad), rel=0.06)
+
+
 def test_rows_do_not_influence_each_other(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
     alone = ParameterTable.of([ActorClass.BUS], parameters)
-    row = list(ActorClass).index(ActorClass.BUS)
+    row = FOUR_WHEELED.index(ActorClass.BUS)
     many = _rolling(8.0)
     bus = many.select(np.array([row]))
     command = _controls(0.4, 0.0, 0.2)

@@ -61,3 +61,11 @@ def test_noted_files_are_those_that_were_read(tmp_path: Path) -> None:
         noted.read("preset", "presets", name)
     assert [(file.folder, file.name) for file in noted.seen] == [("presets", str(mine)), ("presets", "paper")]
     assert noted.seen[0].text == "title: own\n"
+
+
+def test_a_source_says_whether_it_has_a_file() -> None:
+    noted = NotedFiles(RecordedFiles(FILES))
+    assert noted.has("presets", "paper")
+    assert not noted.has("looks", "paper")
+    assert not noted.seen
+    assert NotedFiles(FILES_ON_DISK).has("looks", "clear")

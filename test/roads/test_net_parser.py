@@ -229,7 +229,7 @@ def test_permissions(allow, disallow, civilian, emergency, pedestrian):
     ("allow", "lane_type", "kind"),
     [
         *[("bus", "", LaneKind.DRIVING), ("emergency authority", "", LaneKind.SHOULDER)],
-        *[("bicycle", "", LaneKind.KERB), ("bicycle pedestrian", "", LaneKind.SIDEWALK)],
+        *[("bicycle", "", LaneKind.CYCLE), ("rail", "", LaneKind.KERB), ("bicycle pedestrian", "", LaneKind.SIDEWALK)],
         *[(None, "sidewalk", LaneKind.SIDEWALK), ("tram", "", LaneKind.KERB)],
     ],
 )

@@ -7,7 +7,7 @@ from siren_ros.errors import InputError
 from siren_ros.params.resources import params_dir
 from siren_ros.roads.sites import SiteKind
 from siren_ros.scenario.paper import EmergencyLevel
-from siren_ros.scenario.scenario import GroupAnchor, StartReference
+from siren_ros.scenario.scenario import PEOPLE, GroupAnchor, PeopleDemand, StartReference, ValueRange
 from siren_ros.scenario.templates import available_templates, draw_values, load_template, read_template, realised
 from siren_ros.world.actors import ActorClass
 
@@ -210,3 +210,25 @@ def test_shoulders_are_in_use_where_a_free_one_would_be_the_way_past_everybody(t
     assert "shoulders" in wrong.parameter
     assert f":{line}:" in wrong.parameter
     assert "free, in_use" in str(wrong)
+
+
+@pytest.mark.parametrize("name", available_templates())
+def test_every_template_can_have_people_and_has_none_by_itself(name):
+    template = load_template(name)
+    assert template.demand.people == PeopleDemand(0, 0)
+    assert not set(PEOPLE) & template.drawn.keys()
+    changed = template.with_values({"demand.people.cyclists": 12.0})
+    assert changed.demand.people == PeopleDemand(cyclists=12, motorcycles=0)
+    assert changed.value("demand.people.cyclists") == 12.0
+    assert changed.demand.groups == template.demand.groups
+
+
+def test_people_are_read_from_the_file(tmp_path):
+    file = tmp_path / "people.yaml"
+    people = "  people:\n    cyclists: {default: 7, range: [2, 9], draw: [4, 8]}\n  groups:"
+    file.write_text(S2_TEXT.replace("  groups:", people), encoding="utf-8")
+    template = read_template(file)
+    assert template.demand.people == PeopleDemand(cyclists=7, motorcycles=0)
+    assert template.drawn["demand.people.cyclists"] == ValueRange(4, 8, integer=True)
+    assert template.ranges["demand.people.motorcycles"].minimum == 0
+    assert "another name for a group" in refused(tmp_path, "    platoon:", "    people:")[0].allowed

@@ -11,7 +11,8 @@ from siren_ros.generation.episode_setup import files_of_request, set_up_episode
 from siren_ros.params.input_files import files_from_json
 from siren_ros.params.resources import params_dir
 from siren_ros.roads.maps.map_compiler import name_of_map
-from siren_ros.scenario.episode import FILES_PARAMETER, EpisodeRequest
+from siren_ros.scenario.episode import FILES_PARAMETER, EpisodeRequest, values_of
+from siren_ros.scenario.scenario import PEOPLE
 from siren_ros.scenario.templates import load_template
 from siren_ros.studies import matrix
 from siren_ros.studies.matrix import (
@@ -59,6 +60,7 @@ def test_draws_depend_on_seed_and_template_alone(method: Method) -> None:
         "emv.count",
         "emv.crossing",
         "emv.crossing_after_s",
+        *PEOPLE,
     }
 
 
@@ -319,3 +321,22 @@ def test_words_that_are_no_seeds(word: str) -> None:
     with pytest.raises(InputError, match="seeds"):
         seeds_of([word])
     assert seeds_of([str(2**31 - 1)]) == (2**31 - 1,)
+
+
+def test_the_city_has_people_in_every_template() -> None:
+    planned = plan_study(read_study(params_dir() / "studies" / "city.yaml"))
+    assert {episode.request.template for episode in planned} == {f"S{number}" for number in range(1, 8)}
+    for episode in planned:
+        assert episode.request.map == "city"
+        people = load_template(episode.request.template).with_values(values_of(episode.request.values)).demand.people
+        assert people.cyclists >= 10
+        assert people.motorcycles >= 5
+
+
+def test_people_are_drawn_only_where_a_study_names_them() -> None:
+    path = "demand.people.cyclists"
+    template = load_template("S2")
+    assert path in template.ranges
+    assert all(path not in values for values in draws_of(DrawPlan(Method.RANDOM, samples=3), template))
+    named = draws_of(DrawPlan(Method.RANDOM, samples=3, ranges={path: (5.0, 9.0)}), template)
+    assert all(5.0 <= values[path] <= 9.0 for values in named)

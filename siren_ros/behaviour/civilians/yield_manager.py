@@ -39,7 +39,7 @@ from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.scenario.interaction_region import in_region
 from siren_ros.scenario.paper import CivilianResponse, ControlConstants
-from siren_ros.world.actors import Lights, Mode, Owner
+from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 from siren_ros.world.commands import CommandRow, VehicleCommands
 from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
@@ -219,7 +219,7 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad
 def _notice(
     units: dict[int, YieldUnit], drivers: dict[int, Driver], scenes: dict[int, _EmvScene], view: StepView
 ) -> list[Event]:
-    """Latches the civilians that notice an EMV at this step (adds to ``units`` and ``drivers``).
+    """Latches the civilians that notice an EMV at this step (adds to ``units`` and ``drivers``); cyclists ride on.
 
     Where the EMV stands in a queue, or comes up to drivers who have noticed it and stand, all who stand in the queue
     notice it: without those at the head nobody could move.
@@ -233,7 +233,10 @@ def _notice(
             stands[row] for row, actor_id in present if actor_id in units
         )
         for row, actor_id in present:
-            if actor_id in units or actor_id == world.av_id or (world.duty and needs_no_siren(view.ego(row))):
+            cycles = view.actors.by_id[actor_id].actor_class is ActorClass.BICYCLE
+            if actor_id in units or actor_id == world.av_id or cycles:
+                continue
+            if world.duty and needs_no_siren(view.ego(row)):
                 continue
             if actor_id not in drivers:
                 drivers[actor_id] = draw_driver(world.preset, world.seed, actor_id)

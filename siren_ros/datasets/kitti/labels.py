@@ -53,8 +53,10 @@ TYPE_OF_CLASS: Final = {
     ActorClass.TRUCK: "Truck",
     ActorClass.FIRE_TRUCK: "Truck",
     ActorClass.BUS: "Misc",
+    ActorClass.MOTORCYCLE: "Misc",
+    ActorClass.BICYCLE: "Cyclist",
 }
-"""KITTI has no class for buses: its ``Misc`` is what has none."""
+"""KITTI has no class for buses and motorcycles: its ``Misc`` is what has none."""
 UNKNOWN: Final = 3
 """KITTI's occlusion state of a box that nobody could see; here: no LiDAR point lies on it."""
 _FULLY_VISIBLE: Final = 0.8

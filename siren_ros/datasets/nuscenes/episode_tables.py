@@ -16,7 +16,7 @@ from siren_ros.interfaces.transforms import quaternion_of_matrix
 from siren_ros.numerics.arrays import Floats, Ids, Matrix
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.record.episode_source import EpisodeSource, MountedCamera
-from siren_ros.world.actors import EMERGENCY_CLASSES, ActorClass
+from siren_ros.world.actors import EMERGENCY_CLASSES, TWO_WHEELED, ActorClass
 from siren_ros.world.carrier import GroundTruth
 
 CAR: Final = "vehicle.car"
@@ -34,9 +34,11 @@ CATEGORY_OF_CLASS: Final = {
     ActorClass.AMBULANCE: "vehicle.emergency.ambulance",
     ActorClass.FIRE_TRUCK: "vehicle.emergency.fire_truck",
     ActorClass.POLICE: "vehicle.emergency.police",
+    ActorClass.MOTORCYCLE: "vehicle.motorcycle",
+    ActorClass.BICYCLE: "vehicle.bicycle",
 }
 """nuScenes counts vans and pick-ups among cars, and has no fire trucks."""
-ATTRIBUTES: Final = ("vehicle.moving", "vehicle.stopped", "vehicle.parked")
+ATTRIBUTES: Final = ("vehicle.moving", "vehicle.stopped", "vehicle.parked", "cycle.with_rider")
 VISIBILITIES: Final = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100"}
 _STOPPED_MPS: Final = 0.3
 LIDAR: Final = "LIDAR_TOP"
@@ -60,8 +62,10 @@ def category_of(actor_class: ActorClass, emergency: str, others: str = "nuscenes
     return CATEGORY_OF_CLASS[actor_class]
 
 
-def attribute_of(speed_mps: float) -> str:
-    """Whether a vehicle moves; no recorded vehicle is parked."""
+def attribute_of(actor_class: ActorClass, speed_mps: float) -> str:
+    """Whether a vehicle moves, no recorded vehicle is parked; of two wheels, that they have a rider."""
+    if actor_class in TWO_WHEELED:
+        return ATTRIBUTES[3]
     return ATTRIBUTES[0] if speed_mps > _STOPPED_MPS else ATTRIBUTES[1]
 
 
@@ -211,7 +215,8 @@ class EpisodeTables:
         nuScenes' global frame.
         """
         for row, actor_id in enumerate(truth.actor_id.tolist()):
-            category = category_of(ActorClass(int(truth.actor_class[row])), *self._categories)
+            kind = ActorClass(int(truth.actor_class[row]))
+            category = category_of(kind, *self._categories)
             self.classes[category] += 1
             centre = map_from_truth @ [truth.x_m[row], truth.y_m[row], truth.z_m[row], 1.0]
             cos, sin = np.cos(truth.yaw_rad[row]), np.sin(truth.yaw_rad[row])
@@ -223,7 +228,7 @@ class EpisodeTables:
                 "instance_token": token("instance", self._id, actor_id),
                 "visibility_token": visibility_of(float(visible[row])),
                 "attribute_tokens": [
-                    token("attribute", attribute_of(float(np.hypot(truth.vx_mps[row], truth.vy_mps[row]))))
+                    token("attribute", attribute_of(kind, float(np.hypot(truth.vx_mps[row], truth.vy_mps[row]))))
                 ],
                 "translation": centre[:3].tolist(),
                 "size": [float(values[row]) for values in (truth.width_m, truth.length_m, truth.height_m)],

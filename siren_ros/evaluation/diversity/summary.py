@@ -12,6 +12,7 @@ from scipy.special import gammaln
 from siren_ros.errors import SirenError
 from siren_ros.evaluation.diversity.profile import InteractionProfile, distance_matrix, event_distance, way_distance_m
 from siren_ros.numerics.arrays import Floats
+from siren_ros.scenario.scenario import PEOPLE
 from siren_ros.scenario.templates import load_template
 from siren_ros.tables.table import Row, Table
 
@@ -158,7 +159,11 @@ def drawn_ranges(profiles: Iterable[InteractionProfile]) -> dict[str, dict[str, 
         except SirenError:
             continue
         limits = (template.ranges if drawn else template.drawn).items()
-        ranges[name] = {path: DrawnRange(limit.minimum, limit.maximum, limit.integer) for path, limit in limits}
+        ranges[name] = {
+            path: DrawnRange(limit.minimum, limit.maximum, limit.integer)
+            for path, limit in limits
+            if path not in PEOPLE
+        }
     return ranges
 
 

@@ -16,6 +16,7 @@ from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.params.resources import params_dir
+from siren_ros.roads.maps.cycle_lanes import with_cycle_lanes
 from siren_ros.roads.maps.lane_shapes import mended_lanes
 from siren_ros.roads.maps.map_checks import refuse_unusable_map
 from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source, shown_words
@@ -64,11 +65,27 @@ _PARTS: Final = {
     "tll": "--tllogic-files",
 }
 """Options that name the parts of a built-in map: of ``params/town``, ``town.nod.xml`` and so on."""
-BUILT_IN_MAPS: Final[Mapping[str, tuple[str, ...]]] = {
-    TOWN_NAME: ("nod", "edg", "typ", "con", "tll"),
-    "motorway": ("nod", "edg", "typ", "con"),
+Files = Mapping[str, bytes]
+"""Plain XML by the option that names it."""
+
+
+@dataclass(frozen=True)
+class _BuiltIn:
+    """What a built-in map is made of."""
+
+    folder: str
+    parts: tuple[str, ...]
+    made_of: Callable[[Files], Files] = dict
+    """The map's files, from those of the folder."""
+
+
+_TOWN: Final = _BuiltIn("town", ("nod", "edg", "typ", "con", "tll"))
+BUILT_IN_MAPS: Final = {
+    TOWN_NAME: _TOWN,
+    "city": replace(_TOWN, made_of=with_cycle_lanes),
+    "motorway": _BuiltIn("motorway", ("nod", "edg", "typ", "con")),
 }
-"""The parts of each map that a request may name in place of a file."""
+"""The maps that a request may name in place of a file."""
 _BUILT_IN: Final = (*_COMMON, "--offset.disable-normalization", "--junctions.corner-detail", "8")
 _OPENDRIVE: Final = (*_COMMON, "--opendrive.import-all-lanes", "--offset.disable-normalization")
 _OPENDRIVE_SECOND: Final = (
@@ -180,16 +197,17 @@ def default_cache_dir() -> Path:
 
 
 def _source_of(source: Path | None) -> MapSource:
-    """The parts of the built-in map of a name, or a file; raises MapError where they cannot be read."""
-    name = name_of_map(source)
+    """A built-in map by its name, or a file; raises MapError where it cannot be read."""
     if source is not None and str(source) not in BUILT_IN_MAPS:
         return read_map_source(source)
-    folder = params_dir() / name
+    name = name_of_map(source)
+    built_in = BUILT_IN_MAPS[name]
+    folder = params_dir() / built_in.folder
     try:
-        parts = [(folder / f"{name}.{part}.xml").read_bytes() for part in BUILT_IN_MAPS[name]]
+        files = {_PARTS[part]: (folder / f"{built_in.folder}.{part}.xml").read_bytes() for part in built_in.parts}
     except OSError as error:
         raise MapError(name, f"an installation with the built-in {name} in {folder} ({error.strerror})") from error
-    return MapSource(name=name, kind=SourceKind.BUILT_IN, content=b"\0".join(parts))
+    return MapSource(name=name, kind=SourceKind.BUILT_IN, content=b"\0".join(built_in.made_of(files).values()))
 
 
 def _cache_key(source: MapSource) -> str:
@@ -213,7 +231,7 @@ def _compile(source: MapSource, shown: str) -> bytes:
             return run_netconvert(options, folder / name, shown)
 
         if source.kind in _ONE_RUN:
-            names = [_PARTS[part] for part in BUILT_IN_MAPS[source.name]]
+            names = [_PARTS[part] for part in BUILT_IN_MAPS[source.name].parts]
             return run(_ONE_RUN[source.kind], dict(zip(names, source.content.split(b"\0"), strict=True)))
         first_options, second_options, option, complete = _TWO_RUNS[source.kind]
         try:

@@ -17,7 +17,7 @@ from siren_ros.roads.net_parser import MAX_MAP_BYTES, MAX_TAGS
 
 ALLOWED: Final = (
     "a SUMO net (.net.xml, .net.xml.gz), an OpenDRIVE map (.xodr) or an OpenStreetMap extract (.osm, .osm.xml, "
-    "gzipped too), motorway for the built-in one, or no map for the built-in town"
+    "gzipped too), city or motorway for a built-in map, or no map for the built-in town"
 )
 _SHOWN_CHARACTERS: Final = 300
 _GZIP_MAGIC: Final = b"\x1f\x8b"

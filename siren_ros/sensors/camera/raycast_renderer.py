@@ -29,6 +29,8 @@ from siren_ros.world.actors import ActorClass
 from siren_ros.world.measurements import CameraIntrinsics
 
 _REACH_M: Final = 450.0
+_PAINTED: Final = (Material.CAR_PAINT, Material.CLOTHING)
+"""Materials that have the actor's colour."""
 _LENS_ALBEDO: Final = 0.1
 _LENSES: Final = (Material.SIGNAL_RED, Material.SIGNAL_YELLOW, Material.SIGNAL_GREEN)
 
@@ -135,7 +137,7 @@ class RaycastRenderer:
         albedo, glow, normal = surface
         semantic, actor = names
         depth[pixels] = hits_on_shapes.distance[nearer]
-        paint = (self._world.shape_material[triangle] == Material.CAR_PAINT)[:, None]
+        paint = np.isin(self._world.shape_material[triangle], _PAINTED)[:, None]
         colour = (self._shape_colour[triangle] / 255.0) ** 2
         albedo[pixels] = np.where(paint, colour * (placement.colour_rgb[row] / 255.0) ** 2, colour)
         glow[pixels] = 0.0

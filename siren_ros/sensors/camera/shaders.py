@@ -13,7 +13,7 @@ close is drawn by programs of its own (``NEAR``).
 import re
 from typing import Final
 
-from siren_ros.sensors.meshes.mesh import Material
+from siren_ros.sensors.meshes.mesh import Material, Swing
 from siren_ros.world.actors import Lights
 
 
@@ -42,8 +42,9 @@ vec2 corner() { return vec2(float(gl_VertexID & 1), float(gl_VertexID >> 1)); }
 CODES: Final = "".join(
     [f"const float {material.name} = {int(material)}.0;\n" for material in Material]
     + [f"const uint LIGHT_{light.name} = {int(light)}u;\n" for light in Lights]
+    + [f"const float {swing.name} = {int(swing)}.0;\n" for swing in Swing]
 )
-"""Of materials and lamps."""
+"""Of materials, lamps and limbs."""
 
 CLEAR: Final = """
 float clearness(vec3 position) { return exp2(-1.442695 * HAZE_PER_M * distance(position, eye.xyz)); }

@@ -45,9 +45,10 @@ def model_rows(placement: VehiclePlacement) -> Floats32:
 
 
 def _indexed(shape: VehicleShape) -> IndexedMesh:
-    """Body and wheels at rest as one indexed mesh; its vertices, dtype ``_VERTEX``, know their wheel's hub."""
+    """The shape at rest as one indexed mesh; its vertices, dtype ``_VERTEX``, know their wheel's hub or their joint."""
     wheels = [(w.mesh.translated(*w.hub_m), (*w.hub_m, 2.0 if w.steered else 1.0)) for w in shape.wheels]
-    parts = [(shape.body, (0.0, 0.0, 0.0, 0.0)), *wheels]
+    limbs = [(limb.mesh.translated(*limb.joint_m), (*limb.joint_m, float(limb.swing))) for limb in shape.limbs]
+    parts = [(shape.body, (0.0, 0.0, 0.0, 0.0)), *wheels, *limbs]
     blocks, triangles, first = [], [], 0
     for mesh, hub in parts:
         indexed = index_mesh(mesh, SEMANTIC_CLASS_OF_MATERIAL)
@@ -166,7 +167,7 @@ VEHICLE_VERTEX: Final = included("""#include HEAD CODES CLEAR LIGHT_PLACE
 in vec3 in_position;
 in vec4 in_normal;   // w: material
 in vec4 in_colour;
-in vec4 in_hub;      // centre of the wheel, w: 0 body, 1 wheel, 2 steered wheel
+in vec4 in_hub;      // centre of wheel or joint, w: 0 body, 1 wheel, 2 steered wheel, above: a limb's Swing
 in vec4 in_row_x;    // map_from_base, rows
 in vec4 in_row_y;
 in vec4 in_row_z;
@@ -205,11 +206,15 @@ void main() {
     vec3 n = in_normal.xyz;
     if (in_hub.w > 0.5) {
         float roll = in_motion.y / in_hub.z;
+        if (in_hub.w > 2.5) {  // amplitude in rad, and radians of the swing's phase per metre
+            vec2 swing = in_hub.w == PEDALLING_LEG ? vec2(0.24, 1.26) : vec2(in_hub.w == ARM ? -0.3 : 0.42, 4.2);
+            roll = sign(in_hub.y) * swing.x * sin(in_motion.y * swing.y);
+        }
         float c = cos(roll), s = sin(roll);
         vec3 q = p - in_hub.xyz;
         q = vec3(c * q.x + s * q.z, q.y, c * q.z - s * q.x);
         n = vec3(c * n.x + s * n.z, n.y, c * n.z - s * n.x);
-        if (in_hub.w > 1.5) {
+        if (in_hub.w == 2.0) {
             c = cos(in_motion.x); s = sin(in_motion.x);
             q = vec3(c * q.x - s * q.y, s * q.x + c * q.y, q.z);
             n = vec3(c * n.x - s * n.y, s * n.x + c * n.y, n.z);
@@ -224,7 +229,7 @@ void main() {
     n = normalize(vec3(dot(in_row_x.xyz, n), dot(in_row_y.xyz, n), dot(in_row_z.xyz, n)));
     float m = in_normal.w;
     vec3 colour = in_colour.rgb * in_colour.rgb;
-    if (m == CAR_PAINT) colour *= in_paint.rgb * in_paint.rgb;
+    if (m == CAR_PAINT || m == CLOTHING) colour *= in_paint.rgb * in_paint.rgb;
     bool paint = m == CAR_PAINT || m == FLEET_PAINT;
     float gloss = paint ? 0.20 : m == CAR_GLASS ? 0.55 : m == RIM ? 0.25 : m == LIVERY ? 0.15
         : m == HEAD_LAMP ? 0.4 : 0.03;

@@ -130,6 +130,8 @@ _REFLECTIVITY: Final[dict[Material, float]] = {
     Material.TYRE: 0.07,
     Material.RIM: 0.6,
     Material.PLASTIC: 0.12,
+    Material.CLOTHING: 0.4,
+    Material.SKIN: 0.55,
     Material.LIVERY: 1.0,
     Material.PLATE: 1.0,
 }

@@ -57,6 +57,9 @@ class Material(IntEnum):
     SHOULDER_ASPHALT = 34
     FLEET_PAINT = 35
     """Paint of emergency vehicles: keeps the mesh's colour, whatever the actor's ``colour_rgb``."""
+    CLOTHING = 36
+    """Of riders and walkers; white in the mesh, as paint is, where the actor's ``colour_rgb`` colours it."""
+    SKIN = 37
 
 
 class SemanticClass(IntEnum):
@@ -79,6 +82,8 @@ class SemanticClass(IntEnum):
     CAR = 14
     TRUCK = 15
     BUS = 16
+    MOTORCYCLE = 18
+    BICYCLE = 19
     ROAD_LINE = 24
     GROUND = 25
 
@@ -109,11 +114,13 @@ _ACTOR_CLASSES: Final = {
     ActorClass.BUS: SemanticClass.BUS,
     ActorClass.TRUCK: SemanticClass.TRUCK,
     ActorClass.FIRE_TRUCK: SemanticClass.TRUCK,
+    ActorClass.MOTORCYCLE: SemanticClass.MOTORCYCLE,
+    ActorClass.BICYCLE: SemanticClass.BICYCLE,
 }
 
 
 def semantic_class_of_actor(actor_class: ActorClass) -> SemanticClass:
-    """Semantic class of every triangle of a vehicle: BUS and TRUCK for those, otherwise CAR."""
+    """Semantic class of every triangle of a vehicle, its rider's too; CAR where the class has none of its own."""
     return _ACTOR_CLASSES.get(actor_class, SemanticClass.CAR)
 
 
@@ -218,6 +225,27 @@ class Wheel:
     steered: bool
 
 
+class Swing(IntEnum):
+    """How a limb swings: codes of the shader, which tells wheels (1, 2) from limbs by them."""
+
+    WALKING_LEG = 3
+    PEDALLING_LEG = 4
+    ARM = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Limb:
+    """A leg or arm that swings about the y axis through its joint with the way that its owner has moved.
+
+    Limbs on the left and on the right swing against each other.
+    """
+
+    mesh: Mesh
+    """About the joint, in its middle position."""
+    joint_m: tuple[float, float, float]
+    swing: Swing
+
+
 @dataclass(frozen=True, eq=False)
 class VehicleShape:
     """A vehicle in ``base_link``: x forward, y left, z up, origin at the footprint's centre on the ground.
@@ -231,11 +259,13 @@ class VehicleShape:
     length_m: float
     width_m: float
     height_m: float
+    limbs: tuple[Limb, ...] = ()
 
     @cached_property
     def at_rest(self) -> Mesh:
-        """Body and wheels, straight ahead, as one mesh in ``base_link``."""
-        return Mesh.joined(self.body, *(wheel.mesh.translated(*wheel.hub_m) for wheel in self.wheels))
+        """Body, wheels straight ahead and limbs in their middle positions as one mesh in ``base_link``."""
+        wheels = (wheel.mesh.translated(*wheel.hub_m) for wheel in self.wheels)
+        return Mesh.joined(self.body, *wheels, *(limb.mesh.translated(*limb.joint_m) for limb in self.limbs))
 
 
 @dataclass(frozen=True)

@@ -226,6 +226,7 @@ def _edges_beside_oncoming(network: RoadNetwork) -> frozenset[int]:
 
 ASPHALT_RGB: Final[Rgb] = (74, 75, 78)
 SHOULDER_RGB: Final[Rgb] = (92, 92, 93)
+CYCLE_RGB: Final[Rgb] = (128, 72, 60)
 WHITE_RGB: Final[Rgb] = (226, 226, 222)
 YELLOW_RGB: Final[Rgb] = (222, 176, 44)
 KERB_RGB: Final[Rgb] = (158, 156, 150)
@@ -249,7 +250,8 @@ def ground_mesh(surfaces: Surfaces, markings: Markings, config: SceneConfig) -> 
     top = config.kerb_height_m
     flat: tuple[tuple[BaseGeometry, float, Material, Rgb], ...] = (
         (difference(surfaces.carriageway, painted), 0.0, Material.ASPHALT, ASPHALT_RGB),
-        (difference(surfaces.shoulder, painted), 0.0, Material.SHOULDER_ASPHALT, SHOULDER_RGB),
+        (difference(surfaces.shoulder, painted, surfaces.cycle), 0.0, Material.SHOULDER_ASPHALT, SHOULDER_RGB),
+        (difference(surfaces.cycle, painted), 0.0, Material.SHOULDER_ASPHALT, CYCLE_RGB),
         (markings.white, 0.0, Material.MARKING_WHITE, WHITE_RGB),
         (markings.yellow, 0.0, Material.MARKING_YELLOW, YELLOW_RGB),
         (kerb, top, Material.KERB, KERB_RGB),

@@ -86,11 +86,14 @@ _SMALLEST_HOLE_M2: Final = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """Regions of the plane. ``keep_clear`` is the space of traffic; the others are disjoint."""
+    """Regions of the plane. ``keep_clear`` is the space of traffic; the others are disjoint but for ``cycle``."""
 
     carriageway: BaseGeometry
     """Driving lanes and the paved part of junctions."""
     shoulder: BaseGeometry
+    """Shoulders and cycle lanes."""
+    cycle: BaseGeometry
+    """The part of ``shoulder`` that is cycle lanes."""
     sidewalk: BaseGeometry
     median: BaseGeometry
     verge: BaseGeometry
@@ -196,8 +199,9 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
     )
     heart = _junction_carriageway(network, across, outlines)
     crossed = intersection(crossings, outlines)
-    seams = closed(union((driving, by_kind[LaneKind.SHOULDER])), 0.9)
-    bare = difference(by_kind[LaneKind.SHOULDER], driving, heart)
+    beside = union(area[x.index] for x in network.lanes if x.kind in {LaneKind.SHOULDER, LaneKind.CYCLE})
+    seams = closed(union((driving, beside)), 0.9)
+    bare = difference(beside, driving, heart)
     drawn = union((driving, heart, across, crossed, seams, bare))
     # Lanes and paths leave slivers between them, which are paved, too.
     rings = [
@@ -221,6 +225,7 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
     return Surfaces(
         carriageway=carriageway,
         shoulder=bare,
+        cycle=intersection(by_kind[LaneKind.CYCLE], bare),
         sidewalk=sidewalk,
         median=median,
         verge=verge,
@@ -234,7 +239,7 @@ def _junction_carriageway(network: RoadNetwork, across: BaseGeometry, outlines: 
     """The paved part of the junctions: paths across them and the ends of their lanes, gaps between these filled."""
     mouths: list[Polygon] = []
     for lane in network.lanes:
-        if lane.kind in {LaneKind.DRIVING, LaneKind.SHOULDER}:
+        if lane.kind in {LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.CYCLE}:
             reach = min(_MOUTH_M, lane.length_m / 2)
             ends = (lane.centre.cut(0.0, reach), lane.centre.cut(lane.length_m - reach, lane.length_m))
             mouths.extend(strip(end, lane.width_m) for end in ends)

@@ -9,8 +9,8 @@ import numpy as np
 
 from siren_ros.dynamics.parameters import VehicleParameters, load_vehicle_parameters
 from siren_ros.numerics.arrays import Floats, Floats32
-from siren_ros.sensors.meshes.mesh import VehicleShape, Wheel
-from siren_ros.sensors.vehicles import cars, large_vehicles
+from siren_ros.sensors.meshes.mesh import Limb, VehicleShape, Wheel
+from siren_ros.sensors.vehicles import cars, large_vehicles, two_wheels
 from siren_ros.sensors.vehicles.vehicle_parts import Drawn
 from siren_ros.world.actors import ActorClass
 
@@ -27,19 +27,29 @@ _DRAWINGS: Final[Mapping[ActorClass, Callable[[], Drawn]]] = {
     ActorClass.FIRE_TRUCK: large_vehicles.fire_truck,
     ActorClass.POLICE: cars.police,
 }
+_RIDDEN: Final[Mapping[ActorClass, Callable[[], two_wheels.Ridden]]] = {
+    ActorClass.MOTORCYCLE: two_wheels.motorcycle,
+    ActorClass.BICYCLE: two_wheels.bicycle,
+}
 
 
 @cache
 def vehicle_shape(actor_class: ActorClass) -> VehicleShape:
     """The shape of a vehicle class with the sizes and axles of ``params/vehicles``; InputError for an unusable file."""
-    return fitted(actor_class, _DRAWINGS[actor_class](), load_vehicle_parameters()[actor_class])
+    size = load_vehicle_parameters()[actor_class]
+    if actor_class in _RIDDEN:
+        body, wheels, limbs = _RIDDEN[actor_class]()
+        return fitted(actor_class, (body, wheels), size, limbs)
+    return fitted(actor_class, _DRAWINGS[actor_class](), size)
 
 
-def fitted(actor_class: ActorClass, drawn: Drawn, size: VehicleParameters) -> VehicleShape:
+def fitted(
+    actor_class: ActorClass, drawn: Drawn, size: VehicleParameters, limbs: tuple[Limb, ...] = ()
+) -> VehicleShape:
     """A drawn body stretched so that it fills the given size exactly and its axles lie where the parameters say.
 
     Around the axles the body is moved and not stretched, and below the arches' height it keeps its height, so that
-    the arches stay round. Wheels keep their drawn size.
+    the arches stay round. Wheels and limbs keep their drawn size.
     """
     body, wheels = drawn
     low, high = (bound.astype(np.float64) for bound in body.bounds_m)
@@ -70,6 +80,7 @@ def fitted(actor_class: ActorClass, drawn: Drawn, size: VehicleParameters) -> Ve
         length_m=size.length_m,
         width_m=size.width_m,
         height_m=size.height_m,
+        limbs=limbs,
     )
 
 

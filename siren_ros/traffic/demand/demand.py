@@ -18,7 +18,7 @@ from siren_ros.numerics.arrays import Floats, chances, drawn, random_stream
 from siren_ros.numerics.braking import speed_before_mps
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import steps_from_s
-from siren_ros.roads.road_network import Lane, RoadNetwork
+from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import driving_lanes, path_centre, route_path
 from siren_ros.roads.sites import Site
 from siren_ros.scenario.scenario import GroupAnchor, Placement, Template
@@ -124,11 +124,41 @@ class _Planner:
             crossed=crossed,
             jam=self._jam(groups),
             duty=bool(self._template.response.duty),
+            riders=self._riders(stage),
+            riders_kept=self._wanted,
         )
 
     def _jam(self, groups: GroupPlan) -> JamHead | None:
         jam = self._template.jam
         return None if jam is None else JamHead(groups.heads, bool(jam.moves), jam.roll_s, jam.roll_mps, jam.stand_s)
+
+    @property
+    def _wanted(self) -> Mapping[ActorClass, int]:
+        people = self._template.demand.people
+        return {ActorClass.BICYCLE: people.cyclists, ActorClass.MOTORCYCLE: people.motorcycles}
+
+    def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
+        """Cyclists and motorcyclists near the EMV's way, more than enter at once."""
+        near = self._lanes_within(self._config.neighbourhood_m) or self._leading_on
+        lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
+        return tuple(
+            rider
+            for kind, count in self._wanted.items()
+            for rider in self._scattered(
+                *(f"{kind.name.lower()}", round((1.0 + self._config.reserve_factor) * count), lanes[kind], stage),
+                disjoint=False,
+                kind=kind,
+            )
+        )
+
+    def _cycled(self, near: Sequence[Lane]) -> list[Lane]:
+        """The cycle lanes of some lanes' edges, and the rightmost driving lanes where there are none."""
+        lanes: list[Lane] = []
+        for edge in dict.fromkeys(lane.edge for lane in near):
+            on_edge = [self._network.lanes[index] for index in self._network.edges[edge].lanes]
+            cycle = [lane for lane in on_edge if lane.kind is LaneKind.CYCLE]
+            lanes += cycle or driving_lanes(self._network, edge)[:1]
+        return lanes
 
     def _signal(self, groups: GroupPlan) -> SignalTiming | None:
         """When the signal of the EMV's movement, or at the end of its road, turns red, and whose green comes then."""
@@ -218,9 +248,19 @@ class _Planner:
         return tuple(LaneInterval(lane, 0.0, self._network.lanes[lane].length_m) for lane in lanes)
 
     def _scattered(
-        self, purpose: str, count: int, lanes: Sequence[Lane], keep_off: Sequence[LaneInterval], *, disjoint: bool
+        self,
+        purpose: str,
+        count: int,
+        lanes: Sequence[Lane],
+        keep_off: Sequence[LaneInterval],
+        *,
+        disjoint: bool,
+        kind: ActorClass | None = None,
     ) -> tuple[PlannedVehicle, ...]:
-        """Vehicles at random places of lanes off some stretches; where ``disjoint``, at a distance from each other."""
+        """Vehicles at random places of lanes off some stretches; where ``disjoint``, at a distance from each other.
+
+        Their class is drawn from the template's shares, unless it is given.
+        """
         rng = random_stream(self._seed, f"demand/{purpose}")
         route_m = route_length_m(self._template, self._config)
         by_index = {lane.index: lane for lane in lanes}
@@ -228,7 +268,7 @@ class _Planner:
         occupied: dict[int, list[tuple[float, float]]] = {}
         vehicles = []
         for number in range(count):
-            actor_class = self._factory.draw_class(self._template.demand.classes, rng, candidates)
+            actor_class = kind or self._factory.draw_class(self._template.demand.classes, rng, candidates)
             length = self._factory.size(actor_class)[0]
             wide = [by_index[index] for index in self._factory.suited_lanes(actor_class, candidates)]
             lane, front = self._free_spot(wide or lanes, length, occupied, keep_off, rng)

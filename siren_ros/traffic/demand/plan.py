@@ -4,7 +4,7 @@ The lanes along a route are addressed by one distance.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from typing import Final
 
@@ -16,7 +16,7 @@ from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
 from siren_ros.traffic.demand.jam import JamHead
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
 
@@ -80,7 +80,11 @@ def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK)
         max_lateral_speed_mps=top.number("max_lateral_speed_mps", 0.1, 3.0),
         speed_gain_eagerness=top.number("speed_gain_eagerness", 0.0, 10.0),
         cooperation=top.number("cooperation", 0.0, 1.0),
-        classes={member: _class_driving(classes.mapping(member.name.lower())) for member in ActorClass},
+        classes={
+            member: _class_driving(classes.mapping(member.name.lower()))
+            for member in ActorClass
+            if member not in TWO_WHEELED or classes.has(member.name.lower())  # records of earlier episodes have none
+        },
     )
     classes.finish()
     top.finish()
@@ -182,6 +186,10 @@ class TrafficPlan:
     """None where nothing but traffic holds vehicles up."""
     duty: bool = False
     """Whether drivers open a rescue lane in slow traffic out of town."""
+    riders: tuple[PlannedVehicle, ...] = ()
+    """Cyclists and motorcyclists: the first ones whose spots are free enter at step 0, others when one leaves."""
+    riders_kept: Mapping[ActorClass, int] = field(default_factory=dict)
+    """How many of each class to keep in the network."""
     av: str = ""
     """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
 

@@ -36,6 +36,8 @@ class _Way:
     """Driving lanes that lead there."""
     turns: bool
     """Whether it is a turn, not the way straight on."""
+    left: bool
+    """Whether that is a left turn."""
     radius_m: float
     """Radius of the tightest bend, on the widest of the paths."""
 
@@ -49,8 +51,9 @@ class RouteChooser:
         self._config = config
         self._ways: dict[int, tuple[_Way, ...]] = {}
         self._lasting: dict[float, frozenset[int]] = {}
-        self._choices: dict[tuple[int, bool, int | None, float], tuple[tuple[int, ...], list[float], Floats]] = {}
-        """Edges to choose from, weights, chances: by edge, whether the vehicle is long, lane, and weight of turns."""
+        self._choices: dict[tuple[int, bool, int | None, float, bool], tuple[tuple[int, ...], list[float], Floats]] = {}
+        """Edges to choose from, weights, chances: by edge, whether the vehicle is long, lane, weight of turns, and
+        whether left turns are among them."""
         self._endless = graph.endless_edges()
 
     def leads_on(self, lane: int, vehicle_m: float) -> bool:
@@ -81,6 +84,7 @@ class RouteChooser:
         *,
         turn_weight: float | None = None,
         lasting_m: float = 0.0,
+        turns_left: bool = True,
     ) -> tuple[int, ...]:
         """A random route of at least ``length_m``, or to where the map ends.
 
@@ -89,15 +93,17 @@ class RouteChooser:
         bends, and off roads that lead to nothing else, as bus lines and lorry routes do, wherever there is another way.
 
         The length includes the given edges. The way on begins in ``lane`` of the last given edge, on which the vehicle
-        stands, unless all its ways are too tight for the vehicle. Without a weight, turns have that of civilians.
+        stands, unless all its ways are too tight for the vehicle. Without a weight, turns have that of civilians. Who
+        does not turn left does so only where there is no other way.
         """
         route = list(start)
         driven_m = self._graph.route_length_m(start)
         turn_weight = self._config.turn_weight if turn_weight is None else turn_weight
         while driven_m < length_m:
-            key = route[-1], vehicle_m > self._config.long_vehicle_m, lane, turn_weight
+            key = route[-1], vehicle_m > self._config.long_vehicle_m, lane, turn_weight, turns_left
             if key not in self._choices:
                 ways = self._open_ways(route[-1], vehicle_m, lane)
+                ways = tuple(way for way in ways if turns_left or not way.left) or ways
                 weights = [len(way.lanes) * (turn_weight if way.turns else 1.0) for way in ways]
                 self._choices[key] = tuple(way.edge for way in ways), weights, chances(weights) if ways else np.empty(0)
             edges, weights, ends = self._choices[key]
@@ -162,7 +168,7 @@ class RouteChooser:
         movements = civilian_movements(self._network, edge, following)
         lanes = tuple(dict.fromkeys(movement.from_lane for movement in movements))
         radius_m = max(self._radius_m(movement) for movement in movements)
-        return _Way(following, lanes, movements[0].direction in _TURNS, radius_m)
+        return _Way(following, lanes, movements[0].direction in _TURNS, movements[0].direction == "l", radius_m)
 
     def _radius_m(self, movement: Connection) -> float:
         before, after = (self._network.lanes[lane].centre for lane in (movement.from_lane, movement.to_lane))
@@ -276,7 +282,8 @@ class VehicleFactory:
     ) -> tuple[str, ...]:
         """Edge ids of a civilian's route from a lane.
 
-        Of the edges that it should begin with, it keeps those to which the lane leads and the vehicle fits.
+        Of the edges that it should begin with, it keeps those to which the lane leads and the vehicle fits. Cyclists,
+        who keep to the right, do not turn left where they can go on otherwise.
         """
         vehicle_m = self.size(actor_class)[0]
         kept = list(start[:1])
@@ -285,7 +292,8 @@ class VehicleFactory:
                 break
             kept.append(following)
         first, lasting_m = lane if len(kept) == 1 else None, self._config.lasting_share * length_m
-        way = self._routes.draw(kept, length_m, rng, vehicle_m, first, lasting_m=lasting_m)
+        left = actor_class is not ActorClass.BICYCLE
+        way = self._routes.draw(kept, length_m, rng, vehicle_m, first, lasting_m=lasting_m, turns_left=left)
         return tuple(self._network.edges[edge].edge_id for edge in way)
 
     def civilian(

@@ -1,7 +1,7 @@
 """Puts planned vehicles into SUMO, each with its own vehicle type, and keeps the number of civilians."""
 
 import re
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Final
@@ -16,9 +16,9 @@ from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.traffic.config import DemandConfig, TrafficConfig
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
 from siren_ros.traffic.sumo.readings import SUBSCRIBED, map_from_sumo
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
-_SHAPES: Final = {
+_SHAPES: Final[Mapping[ActorClass, str]] = {
     ActorClass.HATCHBACK: "passenger/hatchback",
     ActorClass.SEDAN: "passenger/sedan",
     ActorClass.ESTATE: "passenger/wagon",
@@ -30,6 +30,8 @@ _SHAPES: Final = {
     ActorClass.AMBULANCE: "emergency",
     ActorClass.FIRE_TRUCK: "firebrigade",
     ActorClass.POLICE: "police",
+    ActorClass.MOTORCYCLE: "motorcycle",
+    ActorClass.BICYCLE: "bicycle",
 }
 # No parameters: properties of vehicles and drivers that SUMO lacks, the same for all.
 _YELLOW_REACTION_S: Final = 1.0
@@ -62,8 +64,9 @@ def type_id(vehicle: PlannedVehicle) -> str:
 def vehicle_types_xml(vehicles: Iterable[PlannedVehicle], level: EmergencyLevel, config: TrafficConfig) -> bytes:
     """The additional file with all types.
 
-    Civilians are of SUMO's class ``passenger`` whatever their body, so that one set of lanes is open to
-    all of them. At L0 an EMV has no privilege: it keeps to the speed limit as well.
+    Civilians in cars, lorries and buses are of SUMO's class ``passenger``, so that one set of lanes is open to
+    all of them. Motorcycles and bicycles have their own classes. At L0 an EMV has no privilege: it keeps to the speed
+    limit as well.
     """
     lines = ["<additional>"]
     for vehicle in vehicles:
@@ -82,14 +85,15 @@ def _quoted(text: str) -> str:
 
 def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     driver, driving = vehicle.driver, vehicle.driver.driving
+    ridden, cycles = vehicle.actor_class in TWO_WHEELED, vehicle.actor_class is ActorClass.BICYCLE
     numbers = {
         "length": vehicle.length_m,
-        "width": vehicle.width_m + (0.0 if vehicle.is_emv else _MIRRORS_M),
+        "width": vehicle.width_m + (0.0 if vehicle.is_emv or ridden else _MIRRORS_M),
         "height": vehicle.height_m,
         "minGap": driving.min_gap_m,
         "accel": driving.accel_mps2,
         "decel": driving.decel_mps2,
-        "maxSpeed": driving.max_speed_mps,
+        "maxSpeed": driving.max_speed_mps * (driver.speed_factor if cycles else 1.0),
         "tau": driver.tau_s,
         "speedFactor": driver.speed_factor,
         "speedDev": 0.0,
@@ -97,18 +101,18 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         # A vehicle moves sideways by driving: not at all when standing, by at most this share of its speed.
         "lcMaxSpeedLatStanding": 0.0,
         "lcMaxSpeedLatFactor": 0.3,
-        "lcSpeedGain": driver.speed_gain_eagerness,
+        "lcSpeedGain": 0.0 if cycles else driver.speed_gain_eagerness,
         "lcCooperative": driver.cooperation,
         "jmDriveAfterYellowTime": _YELLOW_REACTION_S,
         "jmStoplineGapMinor": _WAITING_GAP_M,
     }
     texts = {
         "id": type_id(vehicle),
-        "vClass": "emergency" if vehicle.is_emv else "passenger",
+        "vClass": _SHAPES[vehicle.actor_class] if ridden else "emergency" if vehicle.is_emv else "passenger",
         "guiShape": _SHAPES[vehicle.actor_class],
         "carFollowModel": driver.car_following,
         "laneChangeModel": "SL2015",
-        "latAlignment": "center",
+        "latAlignment": "right" if cycles else "center",
         "color": ",".join(str(part) for part in vehicle.colour_rgb),
     }
     numbers |= _MODEL_PARAMETERS.get(driver.car_following, {})
@@ -152,10 +156,12 @@ class SumoPopulation:
         self._plan = plan
         self._config = config
         self._reserve = deque(plan.reserve)
+        self._riders = deque(plan.riders)
+        self._riding: Counter[ActorClass] = Counter()
         self.vehicles: dict[str, PlannedVehicle] = {}
         """Vehicles that have entered and not left."""
         self.civilians = 0
-        """How many of these are no EMVs."""
+        """How many of these are neither EMVs nor riders."""
 
     @property
     def length_scale(self) -> Mapping[str, float]:
@@ -178,6 +184,7 @@ class SumoPopulation:
         self._enter_all(self._plan.groups)
         emv_points = {vehicle.name: self._point_of(vehicle.spot) for vehicle in self._plan.emvs}
         self.refill(emv_points, self._plan.civilians)
+        self.refill_riders({})
 
     def refill(self, emv_points: Mapping[str, tuple[float, float]], civilians: int) -> None:
         """Enter replacements from the reserve, away from the EMVs' points, up to a number of civilians."""
@@ -192,6 +199,18 @@ class SumoPopulation:
             else:
                 self._reserve.append(vehicle)
 
+    def refill_riders(self, emv_points: Mapping[str, tuple[float, float]]) -> None:
+        """Enter riders where those of their class are too few, away from the EMVs' points."""
+        if all(self._riding[kind] >= count for kind, count in self._plan.riders_kept.items()):
+            return
+        for _ in range(len(self._riders)):
+            rider = self._riders.popleft()
+            wanted = self._riding[rider.actor_class] < self._plan.riders_kept[rider.actor_class]
+            if wanted and self._spot_is_free(rider, emv_points.values()):
+                self._enter_all((rider,))
+            else:
+                self._riders.append(rider)
+
     def drop_departed(self) -> tuple[str, ...]:
         """Forget vehicles that left SUMO in the last step; their names, in order of entry."""
         arrived = libsumo.simulation.getArrivedIDList()
@@ -203,7 +222,13 @@ class SumoPopulation:
         return gone
 
     def _forget(self, name: str) -> None:
-        self.civilians -= not self.vehicles.pop(name).is_emv
+        self._count(self.vehicles.pop(name), -1)
+
+    def _count(self, vehicle: PlannedVehicle, more: int) -> None:
+        if vehicle.actor_class in self._plan.riders_kept:
+            self._riding[vehicle.actor_class] += more
+        elif not vehicle.is_emv:
+            self.civilians += more
 
     def _enter_all(self, vehicles: Iterable[PlannedVehicle]) -> None:
         for vehicle in vehicles:
@@ -225,7 +250,7 @@ class SumoPopulation:
                 libsumo.vehicle.setParameter(vehicle.name, "junctionModel.ignoreTypes", emvs)
             libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
             self.vehicles[vehicle.name] = vehicle
-            self.civilians += not vehicle.is_emv
+            self._count(vehicle, 1)
 
     def _remove(self, name: str) -> None:
         libsumo.vehicle.unsubscribe(name)

@@ -126,5 +126,6 @@ def test_every_class_has_kittis_nearest_one():
         "Car": {"HATCHBACK", "SEDAN", "ESTATE", "SUV", "PICKUP", "POLICE"},
         "Van": {"VAN", "AMBULANCE"},
         "Truck": {"TRUCK", "FIRE_TRUCK"},
-        "Misc": {"BUS"},
+        "Misc": {"BUS", "MOTORCYCLE"},
+        "Cyclist": {"BICYCLE"},
     }

@@ -38,7 +38,9 @@ def test_levels_of_visibility(fraction, level):
 
 
 def test_who_is_slower_than_a_foot_per_second_stands():
-    assert (episode_tables.attribute_of(0.31), episode_tables.attribute_of(0.29)) == (
+    assert episode_tables.attribute_of(ActorClass.BICYCLE, 0.31) == "cycle.with_rider"
+    car = ActorClass.SEDAN
+    assert (episode_tables.attribute_of(car, 0.31), episode_tables.attribute_of(car, 0.29)) == (
         "vehicle.moving",
         "vehicle.stopped",
     )

@@ -78,7 +78,7 @@ def test_opendrive_and_sumo_nets_say_it_themselves():
         (SourceKind.OPENDRIVE, '<OpenDRIVE><road id="1" rule="LHT"/></OpenDRIVE>', True),
         (SourceKind.SUMO, "<net/>", False),
         (SourceKind.SUMO, '<net lefthand="true"/>', True),
-        (SourceKind.TOWN, "", False),
+        (SourceKind.BUILT_IN, "", False),
         (SourceKind.OPENSTREETMAP, "<osm>", False),
         (SourceKind.OPENSTREETMAP, "<osm/>", False),
     ):

@@ -40,7 +40,9 @@ def test_materials_keep_their_areas_places_and_colours(actor_class):
         assert measured[material] == pytest.approx(values, rel=1e-3, abs=2e-3), material
 
 
-@pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda kind: kind.name.lower())
+@pytest.mark.parametrize(
+    "actor_class", [kind for kind in ActorClass if kind is not ActorClass.BICYCLE], ids=lambda kind: kind.name.lower()
+)
 def test_indicators_are_as_large_on_both_sides(actor_class):
     measured = figures(actor_class)
     assert measured["indicator_left_lamp"] == pytest.approx(measured["indicator_right_lamp"], abs=2e-3)

@@ -6,11 +6,16 @@ import pytest
 from solids import one_sidedness, volume
 
 from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.sensors.meshes.mesh import Material
+from siren_ros.sensors.meshes.mesh import Material, Swing
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 CARS = [ActorClass.HATCHBACK, ActorClass.SEDAN, ActorClass.ESTATE, ActorClass.SUV, ActorClass.VAN, ActorClass.PICKUP]
+TWO = sorted(TWO_WHEELED)
+cars_and_larger = pytest.mark.parametrize(
+    "actor_class", [kind for kind in ActorClass if kind not in TWO_WHEELED], ids=lambda c: c.name.lower()
+)
+two_wheels = pytest.mark.parametrize("actor_class", TWO, ids=lambda c: c.name.lower())
 every_class = pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda c: c.name.lower())
 
 
@@ -35,7 +40,7 @@ def test_body_and_wheels_fill_exactly_the_parameters_box(actor_class):
 @every_class
 def test_wheels_stand_on_the_axles(actor_class):
     shape, size = vehicle_shape(actor_class), load_vehicle_parameters()[actor_class]
-    assert len(shape.wheels) == 4
+    assert len(shape.wheels) == (2 if actor_class in TWO_WHEELED else 4)
     front = size.length_m / 2 - size.front_overhang_m
     for wheel in shape.wheels:
         expected = front if wheel.steered else front - size.wheelbase_m
@@ -55,12 +60,12 @@ def test_rays_from_outside_meet_front_faces_only(actor_class):
     distance, triangle = cast(mesh, np.concatenate((target - 30.0 * direction, direction), axis=1))
     hit = np.isfinite(distance)
     facing = np.einsum("ij,ij->i", mesh.normals[triangle[hit]], direction[hit])
-    assert hit.sum() > 3000
+    assert hit.sum() > (2000 if actor_class in TWO_WHEELED else 3000)  # much of a bicycle is air
     # Grazing rays may slip through the edge between two faces.
     assert (facing > 1e-3).mean() < 0.002
 
 
-@every_class
+@cars_and_larger
 def test_budget_and_materials(actor_class):
     mesh = vehicle_shape(actor_class).at_rest
     assert len(mesh) <= (1500 if actor_class in CARS else 2500)
@@ -96,11 +101,19 @@ def test_beacons_on_the_roof_are_above_the_body(actor_class):
 
 
 @every_class
-def test_lamps_look_where_they_should(actor_class):
+def test_lamps_shine_ahead_and_behind(actor_class):
     body = vehicle_shape(actor_class).body
     middle = body.vertices_m[body.triangles].mean(axis=1)
     assert (middle[body.material == Material.HEAD_LAMP, 0] > 0).all()
     assert (middle[body.material == Material.BRAKE_LAMP, 0] < 0).all()
+
+
+@pytest.mark.parametrize(
+    "actor_class", [kind for kind in ActorClass if kind is not ActorClass.BICYCLE], ids=lambda c: c.name.lower()
+)
+def test_indicators_are_on_their_sides_in_front_and_behind(actor_class):
+    body = vehicle_shape(actor_class).body
+    middle = body.vertices_m[body.triangles].mean(axis=1)
     assert (middle[body.material == Material.INDICATOR_LEFT_LAMP, 1] > 0).all()
     assert (middle[body.material == Material.INDICATOR_RIGHT_LAMP, 1] < 0).all()
     for lamp in (Material.INDICATOR_LEFT_LAMP, Material.INDICATOR_RIGHT_LAMP):
@@ -116,7 +129,7 @@ def test_cars_are_their_own_mirror_images(actor_class):
     assert {Material(key).name: round(share, 3) for key, share in unlike.items() if share > 0.03} == {}
 
 
-@every_class
+@cars_and_larger
 def test_wheels_are_in_pairs_inside_the_body(actor_class):
     shape = vehicle_shape(actor_class)
     hubs = sorted(wheel.hub_m for wheel in shape.wheels)
@@ -130,3 +143,32 @@ def test_wheels_are_in_pairs_inside_the_body(actor_class):
         assert np.sign(rim[..., 1].mean()) == np.sign(wheel.hub_m[1]), "rims face outward"
         assert volume(wheel.mesh) > 0.0
         assert wheel.steered == (wheel.hub_m[0] > 0.0)
+
+
+@two_wheels
+def test_two_wheels_carry_a_rider(actor_class):
+    """The rider's clothes have the actor's colour, the head is the highest part, and the wheels run in line."""
+    shape = vehicle_shape(actor_class)
+    mesh = shape.at_rest
+    assert len(mesh) <= 1500
+    middle = mesh.vertices_m[mesh.triangles].mean(axis=1)
+    head = middle[mesh.material == Material.SKIN]
+    assert head[:, 2].max() > 0.8 * shape.height_m
+    jacket = (mesh.material == Material.CLOTHING) & (mesh.colour_rgb == 255).all(axis=1)
+    assert 0.85 < np.median(middle[jacket, 2]) < 1.4
+    assert np.abs(middle[mesh.material == Material.SKIN, 1]).max() < shape.width_m / 2
+    assert [wheel.steered for wheel in shape.wheels] == [True, False]
+    for wheel in shape.wheels:
+        assert wheel.hub_m[1] == 0.0
+        assert volume(wheel.mesh) > 0.0
+
+
+def test_legs_of_a_cyclist_swing_about_the_hips():
+    shape = vehicle_shape(ActorClass.BICYCLE)
+    assert [limb.swing for limb in shape.limbs] == [Swing.PEDALLING_LEG, Swing.PEDALLING_LEG]
+    assert [np.sign(limb.joint_m[1]) for limb in shape.limbs] == [1.0, -1.0]
+    for limb in shape.limbs:
+        lowest = limb.mesh.bounds_m[0][2] + limb.joint_m[2]
+        assert 0.1 < lowest < 0.4  # between the lowest and the highest place of a pedal
+        assert limb.mesh.bounds_m[1][2] < 0.15  # nothing but the hip is above the joint
+    assert vehicle_shape(ActorClass.MOTORCYCLE).limbs == ()

@@ -1,6 +1,7 @@
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -421,3 +422,47 @@ def chosen(*places: tuple[str, int, float]) -> str:
 )
 def test_the_emvs_lane_comes_first_then_its_way_then_the_nearest(places: Any, name: str) -> None:
     assert chosen(*places) == name
+
+
+CITY = load_map(Path("city"))[1]
+RIDERS = {"demand.people.cyclists": 8.0, "demand.people.motorcycles": 3.0}
+
+
+def with_riders(network: RoadNetwork, seed: int = 0) -> TrafficPlan:
+    template, site = s2(network)
+    return plan_traffic(network, site, template.with_values(RIDERS), seed, load_drivers(), DIMENSIONS)
+
+
+def test_riders_change_nothing_else(network: RoadNetwork) -> None:
+    template, site = s2(network)
+    plain = plan_traffic(network, site, template, 0, load_drivers(), DIMENSIONS)
+    assert plain.riders == ()
+    assert everyone(with_riders(network)) == everyone(plain)
+
+
+def test_there_are_riders_of_each_kind_with_enough_in_reserve(network: RoadNetwork) -> None:
+    traffic = with_riders(network)
+    assert traffic.riders_kept == {ActorClass.BICYCLE: 8, ActorClass.MOTORCYCLE: 3}
+    kinds = [rider.actor_class for rider in traffic.riders]
+    assert (kinds.count(ActorClass.BICYCLE), kinds.count(ActorClass.MOTORCYCLE)) == (40, 15)
+    assert len({rider.name for rider in traffic.riders}) == 55
+    for rider in traffic.riders:
+        stage = [area for area in traffic.stage if area.lane == rider.spot.lane]
+        assert not any(area.from_m <= rider.spot.front_m <= area.to_m for area in stage)
+        assert rider.driver.driving == load_drivers().classes[rider.actor_class]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_cyclists_start_on_cycle_lanes_or_on_the_right_of_streets_without(seed: int) -> None:
+    cyclists = [rider for rider in with_riders(CITY, seed).riders if rider.actor_class is ActorClass.BICYCLE]
+    kinds = set()
+    for rider in cyclists:
+        lane = CITY.lanes[rider.spot.lane]
+        kinds.add(lane.kind)
+        right = CITY.neighbour(lane, -1)
+        assert right is not None
+        assert right.kind is LaneKind.SIDEWALK
+        edges = [CITY.edge_by_id[edge].index for edge in rider.route]
+        assert edges[0] == lane.edge
+        assert all(later in EdgeGraph.of(CITY).successors[edge] for edge, later in pairwise(edges))
+    assert LaneKind.CYCLE in kinds

@@ -311,3 +311,16 @@ def test_a_way_is_as_long_as_its_edges() -> None:
 def test_a_civilians_route_begins_where_it_should(lane: int) -> None:
     route = FACTORY.draw_route((A, B), 10.0, np.random.default_rng(0), lane, ActorClass.SEDAN)
     assert route == (NETWORK.edges[A].edge_id, NETWORK.edges[B].edge_id)
+
+
+def test_who_does_not_turn_left_goes_on_otherwise_where_there_is_a_way(
+    network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
+) -> None:
+    lefts = 0
+    for number, lane in enumerate(starts(network, graph)):
+        rng = np.random.default_rng(number)
+        for edge, following in pairwise(chooser.draw((lane.edge,), 1000.0, rng, CAR_M, turns_left=False)):
+            directions = {way: movements(network, edge, way)[0].direction for way in graph.successors[edge]}
+            lefts += directions[following] == "l"
+            assert directions[following] != "l" or set(directions.values()) == {"l"}
+    assert lefts == 0 or "l" in {movement.direction for movement in network.connections}

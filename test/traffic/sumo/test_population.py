@@ -1,3 +1,4 @@
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -14,10 +15,11 @@ from siren_ros.numerics.geometry import footprint_corners, overlapping_pairs, se
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.traffic.config import TrafficConfig
-from siren_ros.traffic.demand.plan import with_responses
+from siren_ros.traffic.demand.plan import load_drivers, with_responses
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo import population as population_module
 from siren_ros.traffic.sumo.population import SumoPopulation, type_id, vehicle_types_xml
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 PLAN = plan_s2(load_map(None)[1])[0]
 
@@ -66,6 +68,47 @@ def test_every_vehicle_has_its_own_type_with_its_body_and_driver() -> None:
         assert float(element.get("jmDriveAfterYellowTime")) == 1.0
 
 
+def test_two_wheels_have_sumos_own_classes_and_keep_their_width() -> None:
+    """A cyclist keeps right, does not overtake and wishes for an own speed."""
+    sedan = next(vehicle for vehicle in PLAN.background if vehicle.actor_class is ActorClass.SEDAN)
+    drivers = load_drivers()
+
+    def of(kind: ActorClass) -> Any:
+        driver = replace(sedan.driver, driving=drivers.classes[kind], speed_factor=0.9)
+        vehicle = replace(sedan, actor_class=kind, width_m=0.64, driver=driver)
+        (element,) = fromstring(vehicle_types_xml([vehicle], EmergencyLevel.L2, TrafficConfig()))
+        return element
+
+    bicycle, motorcycle, car = of(ActorClass.BICYCLE), of(ActorClass.MOTORCYCLE), of(ActorClass.SEDAN)
+    assert [element.get("vClass") for element in (bicycle, motorcycle, car)] == ["bicycle", "motorcycle", "passenger"]
+    assert [float(element.get("width")) for element in (bicycle, motorcycle)] == [0.64, 0.64]
+    assert float(car.get("width")) == pytest.approx(1.04)
+    assert float(bicycle.get("maxSpeed")) == pytest.approx(0.9 * 5.56, rel=1e-3)
+    assert float(motorcycle.get("maxSpeed")) == 45.0
+    assert (bicycle.get("latAlignment"), bicycle.get("lcSpeedGain")) == ("right", "0")
+    assert motorcycle.get("latAlignment") == "center"
+
+
+@pytest.mark.parametrize(("cyclists", "motorcycles"), [(12, 4)])
+def test_riders_are_kept_in_the_network_beside_the_other_civilians(cyclists: int, motorcycles: int) -> None:
+    values = f"demand.people.cyclists={cyclists},demand.people.motorcycles={motorcycles}"
+    counts = {}
+    for text in ("", values):
+        setup = set_up_episode(EpisodeRequest("S2", map="city", values=text, sensors="none"))
+        kinds: dict[int, ActorClass] = {}
+        for step in closed_loop(setup, 200):
+            kinds |= {actor.actor_id: actor.actor_class for actor in step.traffic.spawned}
+            for actor_id in step.traffic.removed.tolist():
+                del kinds[actor_id]
+        counts[text] = Counter(kind if kind in TWO_WHEELED else None for kind in kinds.values())
+    assert set(counts[""]) == {None}
+    riding = counts[values]
+    # one who has just left is followed by another one where a spot is free
+    assert cyclists - 1 <= riding[ActorClass.BICYCLE] <= cyclists
+    assert motorcycles - 1 <= riding[ActorClass.MOTORCYCLE] <= motorcycles
+    assert abs(riding[None] - counts[""][None]) <= 1
+
+
 TOWN04 = TOWN10.with_name("Town04.xodr")
 
 
@@ -102,7 +145,7 @@ def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_be
     )
     monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles))
     network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0))
-    plan: Any = SimpleNamespace(reserve=())
+    plan: Any = SimpleNamespace(reserve=(), riders=())
     population = SumoPopulation(network, plan, TrafficConfig())
     car: Any = SimpleNamespace(length_m=4.0, width_m=1.8)
     population.vehicles = dict.fromkeys(fronts, car)

@@ -78,7 +78,8 @@ class Stage:
         simulation = object.__new__(SumoSimulation)
         parts: dict[str, Any] = {
             "network": NETWORK,
-            "plan": SimpleNamespace(emvs=(planned(EMV),), av=AV, civilians=2),
+            "left_hand": False,
+            "plan": SimpleNamespace(emvs=(planned(EMV),), av=AV, civilians=2, jam=None),
             "level": EmergencyLevel.L2,
             "config": TrafficConfig(),
             "population": SimpleNamespace(
@@ -97,6 +98,7 @@ class Stage:
                 check_placed=lambda _columns: None,
             ),
             "oncoming": None,
+            "rescue_lane": None,
             "cautious": SimpleNamespace(
                 forget=lambda name: self.forgotten.append(("cautious", name)), apply=lambda *_: None
             ),

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 from defusedxml.ElementTree import fromstring
 
@@ -41,7 +43,7 @@ def test_lanes_and_movements_shift_and_those_of_cyclists_are_added():
 
 @pytest.fixture(scope="module")
 def nets(cache):
-    return [parse_road_network(compile_map(name, cache).read_bytes()) for name in (None, "city")]
+    return [parse_road_network(compile_map(name, cache).read_bytes()) for name in (None, Path("city"))]
 
 
 def test_the_city_has_the_lanes_and_movements_of_the_town_and_cycle_lanes(nets):

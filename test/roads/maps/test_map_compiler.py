@@ -251,5 +251,5 @@ def test_built_in_maps_have_names(name, cache):
 
 
 def test_a_name_that_is_no_built_in_map_is_a_file():
-    with pytest.raises(MapError, match="motorway for the built-in one"):
+    with pytest.raises(MapError, match="city or motorway for a built-in map"):
         compile_map(Path("motorways"))

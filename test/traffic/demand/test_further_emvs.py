@@ -15,7 +15,8 @@ from siren_ros.roads.routing import EdgeGraph, civilian_movements
 from siren_ros.roads.site_finder import require_site
 from siren_ros.roads.sites import SiteKind
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.templates import available_templates, load_template
+from siren_ros.scenario.paper import TEMPLATES
+from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.emv_start import emv_start, start_m_of, unhindered_arrival_s
 from siren_ros.traffic.demand.further_emvs import (
@@ -33,7 +34,14 @@ def set_up(template: str, values: str, seed: int = 0) -> EpisodeSetup:
     return set_up_episode(EpisodeRequest(template, seed=seed, sensors="none", values=values))
 
 
-@pytest.mark.parametrize("name", available_templates())
+def test_a_jam_on_a_motorway_takes_more_emvs_and_none_that_crosses() -> None:
+    setup = set_up("S8", "emv.count=2,emv.headway_s=20")
+    assert [emv.name for emv in setup.plan.emvs] == ["emv0", "emv1"]
+    with pytest.raises(InputError, match=r"emv\.crossing"):
+        set_up("S8", "emv.crossing=1")
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
 def test_every_template_takes_more_emvs_and_one_that_crosses(name: str) -> None:
     setup = set_up(name, "emv.count=3,emv.crossing=1,emv.headway_s=4")
     assert [emv.name for emv in setup.plan.emvs] == ["emv0", "emv1", "emv2", "crossing_emv0"]

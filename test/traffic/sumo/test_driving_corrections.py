@@ -29,6 +29,7 @@ from siren_ros.traffic.sumo.driving_corrections import (
     BendLimits,
     LaneContinuity,
     SidewaysLimits,
+    _ahead_m,
 )
 from siren_ros.traffic.sumo.readings import ALONG, X, Y
 from siren_ros.world.actors import ActorClass, Owner
@@ -39,6 +40,7 @@ BEND_MPS = np.sqrt(LATERAL_ACCEL_MPS2 * RADIUS_M)
 FULL_BEND_M = 102.0
 """On lane a, then through the bend: from here on all of a vehicle's wheelbase is in the bend."""
 OWN_MPS = 30.0
+LIMIT_MPS = 13.9
 LANES = ("z_0", "a_0", "b_0", "c_0", "za_0", "ab_0", "ac_0")
 
 
@@ -58,7 +60,7 @@ def bend_ahead() -> RoadNetwork:
     for index, (name, points) in enumerate(zip(LANES, lines, strict=True)):
         internal = index > 3
         kind = LaneKind.INTERNAL if internal else LaneKind.DRIVING
-        lanes.append(Lane(index, name, index, 0, kind, Polyline.through(points), 3.5, OWN_MPS, True, True))
+        lanes.append(Lane(index, name, index, 0, kind, Polyline.through(points), 3.5, LIMIT_MPS, True, True))
         edges.append(Edge(index, name[:-2], (index,), "from", "to", internal))
     connections = tuple(
         Connection(source, target, (via,), direction, None, -1, must_stop=False, junction="J")
@@ -150,6 +152,12 @@ def test_a_bend_counts_from_90_m_behind_a_lanes_end_on(drive: Callable[..., Driv
     assert far.limit_mps("z_0", 99.0) == OWN_MPS
     assert far.limit_mps("za_0", 5.0) == OWN_MPS
     assert far.limit_mps("a_0", 1.0, index=1) == pytest.approx(before_bend_mps(1.0), rel=0.01)
+
+
+def test_where_the_limit_is_high_a_bend_counts_from_as_far_as_it_takes_to_stop() -> None:
+    lane = bend_ahead().lanes[0]
+    assert _ahead_m(lane) == 90.0
+    assert _ahead_m(replace(lane, speed_limit_mps=30.0)) == pytest.approx(30.0**2 / (2.0 * BRAKING_MPS2))
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])

@@ -79,7 +79,7 @@ class Stage:
         parts: dict[str, Any] = {
             "network": NETWORK,
             "left_hand": False,
-            "plan": SimpleNamespace(emvs=(planned(EMV),), av=AV, civilians=2, jam=None),
+            "plan": SimpleNamespace(emvs=(planned(EMV),), av=AV, civilians=2, jam=None, riders=()),
             "level": EmergencyLevel.L2,
             "config": TrafficConfig(),
             "population": SimpleNamespace(

@@ -94,12 +94,13 @@ def _judged(record: EpisodeRecord, name: str, thresholds: Mapping[str, float]) -
 
 
 def _crossing(record: EpisodeRecord, emv_id: int) -> Verdict:
-    """Whether an EMV has passed the junction at which it crosses the first one's way."""
-    junction = record.description.crossed_junctions[emv_id]
+    """Whether an EMV has passed the junction at which it crosses the first one's way, and is out of it again."""
+    junction, last = record.description.crossed_junctions[emv_id], record.states[-1].step if record.states else 0
     passed = [
-        traversal
-        for traversal in find_traversals(record)
-        if traversal.actor_id == emv_id and record.network.connections[traversal.connection].junction == junction
+        one
+        for one in find_traversals(record)
+        if one.actor_id == emv_id and record.network.connections[one.connection].junction == junction
+        if one.leave_step <= last
     ]
     when = ", ".join(f"from {one.enter_step * STEP_S:.1f} s to {one.leave_step * STEP_S:.1f} s" for one in passed)
     part = at_least(f"crossing_emv_{emv_id}", len(passed), 1, when)

@@ -1,7 +1,9 @@
 """Sections of the page about the episodes: what was generated, and a picture and a short film of each template."""
 
+import json
+import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -38,6 +40,7 @@ from siren_ros.world.traffic_state import EventKind
 
 _NAMED_MAX: Final = 50
 """Most missing episodes that the page names."""
+_VERDICT: Final = re.compile(r"emv(\d+)\.predicate_holds")
 
 
 def generated_section(study: StudyRows, measures: StudyMeasures) -> Section:
@@ -87,6 +90,9 @@ def _tables(study: StudyRows, measures: StudyMeasures) -> Iterator[Table]:
         specs={"predicate holds": ".0%", "simulated s": ".0f", "CPU s per simulated s": ".3f"},
         folded=len(groups) > 12,
     )
+    if further := tuple(_further_emvs(study.rows)):
+        head = ("template", "level", "EMV", "interaction, or junction crossed", "mean speed m/s")
+        yield Table("further_emvs", "EMVs besides the first", head, further)
     yield _asked(study)
     missing = [row for row in study.rows if row.status is not Status.COMPLETE]
     if missing:
@@ -114,6 +120,21 @@ def _group_row(template: str, level: str, map_name: str, rows: Sequence[EpisodeR
         float(np.mean(cpu)) if cpu else None,
         sum(row.attempts - 1 for row in rows),
     )
+
+
+def _further_emvs(rows: Iterable[EpisodeRow]) -> Iterator[Row]:
+    """By template, level and EMV: in how many episodes its own verdict holds, and its mean speed over all of them."""
+    found: dict[tuple[str, str, int], list[tuple[bool, float]]] = {}
+    for row in rows:
+        measures = json.loads(row.measures)
+        for name in measures:
+            if match := _VERDICT.fullmatch(name):
+                emv = int(match[1])
+                speed_mps = float(measures.get(f"emv{emv}.mean_speed_mps", "nan"))
+                found.setdefault((row.template, row.level, emv), []).append((bool(measures[name]), speed_mps))
+    for group, emvs in sorted(found.items()):
+        holds, speeds_mps = zip(*emvs, strict=True)
+        yield *group, f"{sum(holds)} of {len(holds)}", float(np.mean(speeds_mps))
 
 
 def own_level(template: str) -> str:

@@ -82,7 +82,7 @@ def test_every_episode_is_told_and_what_is_missing_has_its_reason(made: SimpleNa
 
 def test_what_is_measured_is_what_the_commands_measure(made: SimpleNamespace) -> None:
     one = made.measures.bags[0]
-    scored = score_bag(one.bag)
+    (scored,) = score_bag(one.bag)
     assert isinstance(scored, ScoredEpisode)
     assert scored.row() == one.yielding.row()
     (result,) = score_bags(ScoringJob(("cv", "idm")), [one.bag])

@@ -1,5 +1,6 @@
 """Counts of made rows."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -123,3 +124,20 @@ def test_lines_that_others_cross_are_no_events_of_the_interaction() -> None:
 def test_a_short_episode_is_shown_whole() -> None:
     found = film_steps(record(told(30), steps=61), 10.0)
     assert (found.start, found.stop) == (0, 61)
+
+
+def test_emvs_besides_the_first_have_a_table_where_there_are_some() -> None:
+    """Two episodes with a second EMV, one of them with a third."""
+    second = {"emv2.predicate_holds": 1, "emv2.mean_speed_mps": 8.0}
+    third = {
+        "emv2.predicate_holds": 0,
+        "emv2.mean_speed_mps": 4.0,
+        "emv3.predicate_holds": 1,
+        "emv3.mean_speed_mps": 5.0,
+    }
+    rows = tuple(row("L2", seed, measures=json.dumps(told)) for seed, told in enumerate((second, third, {"actors": 3})))
+    section = generated_section(StudyRows(Path("s"), {}, rows, ""), StudyMeasures((), ()))
+    (table,) = [table for table in section.tables if table.key == "further_emvs"]
+    assert table.cells() == [("S2", "L2", "2", "1 of 2", "6.00"), ("S2", "L2", "3", "1 of 1", "5.00")]
+    plain = generated_section(StudyRows(Path("s"), {}, (row("L2", 0),), ""), StudyMeasures((), ()))
+    assert "further_emvs" not in {table.key for table in plain.tables}

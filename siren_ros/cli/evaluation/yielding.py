@@ -16,7 +16,7 @@ from siren_ros.evaluation.diversity.profile import InteractionProfile, profile_o
 from siren_ros.evaluation.diversity.summary import diversity, diversity_as_json, diversity_tables, drawn_ranges
 from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effect_tables, effects
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
-from siren_ros.evaluation.yielding.scoring import ScoredEpisode, score_yielding, under_test_tables, yield_tables
+from siren_ros.evaluation.yielding.scoring import ScoredEpisode, under_test_tables, yield_tables
 from siren_ros.recording.bag_reader import bags_among, read_episode
 from siren_ros.tables.table import text_of
 
@@ -31,7 +31,9 @@ def add_yield(verb: argparse.ArgumentParser) -> None:
     width = max(len(metric.name) for metric in EPISODE_METRICS)
     verb.epilog = "\n".join(["marks:", *(f"  {metric.name:{width}}  {metric.meaning}" for metric in EPISODE_METRICS)])
     add_bags(verb)
-    verb.add_argument("--out", type=Path, metavar="FILE", help="file for one row per episode: .parquet or .json")
+    verb.add_argument(
+        "--out", type=Path, metavar="FILE", help="file for one row per episode and EMV: .parquet or .json"
+    )
     verb.add_argument("--drivers", type=Path, metavar="FILE", help="file for one row per driver: .parquet or .json")
     add_processes(verb)
     verb.set_defaults(run=evaluate_yield)
@@ -54,16 +56,16 @@ def scored_episodes(
 ) -> tuple[list[ScoredEpisode], int]:
     """The scores of all bags that can be read, and the worst exit code; standard error says what is wrong with others.
 
-    ``names`` are the metrics of the episodes, where not all are needed and no drivers.
+    A bag has scores for each EMV. ``names`` are the metrics of the episodes, where not all are needed and no drivers.
     """
-    episodes, worst = of_each_bag(partial(score_bag, names=names), bags, jobs)
-    return sorted(episodes, key=lambda episode: (episode.group, episode.seed, episode.draw, episode.bag)), worst
+    scored, worst = of_each_bag(partial(score_bag, names=names), bags, jobs)
+    episodes = [episode for of_bag in scored for episode in of_bag]
+    return sorted(episodes, key=lambda one: (one.group, one.seed, one.draw, one.bag, one.emv)), worst
 
 
-def score_bag(bag: Path, names: Collection[str] | None = None) -> ScoredEpisode:
-    """The scores of a bag; ``names`` as ``scored_episodes`` has them."""
-    record = read_episode(bag)
-    return ScoredEpisode.of(str(bag), record, score_yielding(record, names=names))
+def score_bag(bag: Path, names: Collection[str] | None = None) -> tuple[ScoredEpisode, ...]:
+    """The scores of a bag for each EMV; ``names`` as ``scored_episodes`` has them."""
+    return ScoredEpisode.of_each_emv(str(bag), read_episode(bag), names)
 
 
 def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:

@@ -91,7 +91,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Moments:
-    """Pairs of the EMV and a seen civilian on a collision course; arrays of shape ``(N,)`` sorted by actor and step."""
+    """Pairs of the EMV and a seen vehicle on a collision course; arrays of shape ``(N,)`` sorted by actor and step."""
 
     step: Steps
     actor_id: Ids
@@ -110,7 +110,7 @@ class Moments:
 
 @dataclass(frozen=True)
 class SeenEncroachment:
-    """The least PET of the EMV and a seen civilian."""
+    """The least PET of the EMV and a seen vehicle."""
 
     actor_id: int
     step: int
@@ -119,7 +119,7 @@ class SeenEncroachment:
 
 @dataclass(frozen=True)
 class SeenContact:
-    """A contact of the EMV with a seen civilian."""
+    """A contact of the EMV with a seen vehicle."""
 
     actor_id: int
     step: int
@@ -145,7 +145,9 @@ class Evidence:
 
 
 def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple[int, int]) -> Evidence:
-    """The conflicts between an EMV and the civilians in its camera's view, within a window of an episode.
+    """The conflicts between an EMV and the others in its camera's view, within a window of an episode.
+
+    Others are civilians and further EMVs.
 
     The window is given by its first step and the one after its last.
 
@@ -239,7 +241,7 @@ class RiskLabel:
     risk: RiskClass
     reason: Reason = Reason.NOTHING
     actor_id: int = 0
-    """The civilian; 0 without a conflict."""
+    """The other vehicle; 0 without a conflict."""
     step: int = 0
     """Of the episode; 0 without a conflict."""
     value: float = 0.0

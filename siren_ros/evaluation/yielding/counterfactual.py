@@ -108,9 +108,12 @@ def _row(effect: Effect) -> Row:
 
 
 def pairs_of(episodes: Iterable[ScoredEpisode]) -> Mapping[Pair, Mapping[str, ScoredEpisode]]:
-    """Episodes by template, map, seed and draw, then by level; raises InputError as ``effects`` does."""
+    """Episodes by template, map, seed and draw, then by level; of several EMVs the first one.
+
+    Raises InputError as ``effects`` does.
+    """
     pairs: dict[Pair, dict[str, ScoredEpisode]] = {}
-    for episode in episodes:
+    for episode in (episode for episode in episodes if episode.emv == 1):
         levels = pairs.setdefault((episode.template, episode.map_name, episode.seed, episode.draw), {})
         if episode.level in levels:
             allowed = f"one episode of each level and seed; {levels[episode.level].bag} is one"

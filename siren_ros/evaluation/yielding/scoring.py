@@ -51,7 +51,7 @@ class YieldScores:
 def score_yielding(
     record: EpisodeRecord, limits: YieldThresholds | None = None, names: Collection[str] | None = None
 ) -> YieldScores:
-    """All yield metrics of an episode; where the EMV does not move none has a value.
+    """All yield metrics of an episode and its first EMV; where that does not move none has a value.
 
     With ``names``, these metrics of the episode alone and no drivers: corridor and encounters are most of the work.
 
@@ -82,7 +82,7 @@ def _marks(scene: YieldScene, encounter: Encounter) -> DriverMarks:
 
 @dataclass(frozen=True)
 class ScoredEpisode:
-    """An episode with its scores."""
+    """An episode with its scores, of one of its EMVs."""
 
     bag: str
     template: str
@@ -94,13 +94,22 @@ class ScoredEpisode:
     situation_sha256: str
     """Of all that levels of one seed have in common before the first step."""
     scores: YieldScores
+    emv: int = 1
+    """Which of the episode's EMVs, in the order of their ids."""
+
+    @classmethod
+    def of_each_emv(cls, bag: str, record: EpisodeRecord, names: Collection[str] | None = None) -> tuple[Self, ...]:
+        """The scores of a record for each of its EMVs, the first one first; ``names`` as for ``score_yielding``."""
+        records = (*record.by_emv(),) or (record,)
+        return tuple(cls.of(bag, seen, score_yielding(seen, names=names)) for seen in records)
 
     @classmethod
     def of(cls, bag: str, record: EpisodeRecord, scores: YieldScores) -> Self:
-        """The scores of a record with what names it."""
+        """The scores of a record's first EMV with what names them."""
         described = record.description
         named = (described.template, described.level.name, described.seed, described.map_name)
-        return cls(bag, *named, described.pinned, situation_sha256(record), scores)
+        emv = sum(emv_id <= record.emv_ids[0] for emv_id in record.emv_ids)
+        return cls(bag, *named, described.pinned, situation_sha256(record), scores, emv)
 
     @property
     def group(self) -> tuple[str, str, str]:
@@ -121,7 +130,7 @@ class ScoredEpisode:
 
     @property
     def _names(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in ("bag", "template", "level", "seed")}
+        return {name: getattr(self, name) for name in ("bag", "template", "level", "seed", "emv")}
 
 
 def situation_sha256(record: EpisodeRecord) -> str:
@@ -157,8 +166,19 @@ def _mean(measures: Sequence[Measure]) -> Interval:
 
 
 def yield_tables(episodes: Sequence[ScoredEpisode]) -> tuple[Table, ...]:
-    """A table for each template and map: the metrics as rows, the levels as columns."""
+    """A table for each template and map: the metrics as rows, the levels as columns.
+
+    Further EMVs have tables of their own: two of one episode are not independent.
+    """
+    tables = []
+    for emv in sorted({episode.emv for episode in episodes}):
+        tables += _tables_of([episode for episode in episodes if episode.emv == emv], emv)
+    return tuple(tables)
+
+
+def _tables_of(episodes: Sequence[ScoredEpisode], emv: int) -> list[Table]:
     means = group_means(episodes)
+    which = "" if emv == 1 else f", EMV {emv}"
     places = dict.fromkeys((template, map_name) for template, _, map_name in means)
     several_maps = len({map_name for _, map_name in places}) > 1
     tables = []
@@ -170,15 +190,15 @@ def yield_tables(episodes: Sequence[ScoredEpisode]) -> tuple[Table, ...]:
             (metric.name, *(metrics[metric.name] for metrics in of_levels.values()), metric.meaning)
             for metric in EPISODE_METRICS
         )
-        key = f"{template}_{map_name}" if several_maps else template
-        caption = f"Yield metrics of {template}{f' on {map_name}' if several_maps else ''}"
+        key = "_".join((template, *([map_name] if several_maps else []), *([f"emv{emv}"] if which else [])))
+        caption = f"Yield metrics of {template}{f' on {map_name}' if several_maps else ''}{which}"
         tables.append(Table(key, caption, ("metric", *of_levels, "meaning"), rows, folded=True))
-    return tuple(tables)
+    return tables
 
 
 def under_test_tables(episodes: Sequence[ScoredEpisode]) -> Iterator[Table]:
-    """A table for each AV under test: its marks, with the reason where there is no value."""
-    for episode in episodes:
+    """A table for each AV under test: its marks towards the first EMV, with the reason where there is no value."""
+    for episode in (episode for episode in episodes if episode.emv == 1):
         for driver in episode.scores.drivers:
             if driver.under_test:
                 named = f"{episode.bag}: the AV under test (actor {driver.actor_id}), from {driver.began_s:.2f} s on"

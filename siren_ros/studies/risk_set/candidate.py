@@ -123,14 +123,38 @@ def simulated(request: EpisodeRequest) -> EpisodeRecord:
     return record_of(setup, list(closed_loop(setup, plan_length(request))))
 
 
-def assessed(request: EpisodeRequest, record: EpisodeRecord, thresholds: RiskThresholds) -> Candidate | Rejected:
-    """Chooses the window of a record and labels it."""
-    emv_id = record.emv_ids[0]
-    steps = record.track(emv_id).step
-    if not len(steps) or steps[-1] - steps[0] + 1 < WINDOW_STEPS:
-        return Rejected(request, f"the EMV is there for less than {VIDEO_FRAMES} frames")
+def seen_by_most_at_risk(record: EpisodeRecord, thresholds: RiskThresholds) -> EpisodeRecord:
+    """The record with that EMV as the first one whose camera saw the most severe conflict; of equal ones the earliest.
+
+    EMVs that are there for less than a video do not count, unless all are.
+    """
+    if len(record.emv_ids) < 2:
+        return record
+
+    def rank(seen: EpisodeRecord) -> tuple[bool, int, int]:
+        label = label_of(evidence_of(seen, seen.emv_ids[0], _camera(), (0, seen.steps)), thresholds)
+        return not _lasts(seen), -label.risk, label.step
+
+    return min((seen for seen in record.by_emv() if len(seen.track(seen.emv_ids[0]))), key=rank, default=record)
+
+
+def _lasts(record: EpisodeRecord) -> bool:
+    """Whether the first EMV is there for a video."""
+    steps = record.track(record.emv_ids[0]).step
+    return len(steps) > 0 and bool(steps[-1] - steps[0] + 1 >= WINDOW_STEPS)
+
+
+def _camera() -> Camera:
     spec = front_camera()
-    camera = Camera(spec.mount, spec.horizontal_fov_rad)
+    return Camera(spec.mount, spec.horizontal_fov_rad)
+
+
+def assessed(request: EpisodeRequest, record: EpisodeRecord, thresholds: RiskThresholds) -> Candidate | Rejected:
+    """Chooses the window of a record, as its first EMV's camera sees it, and labels it."""
+    emv_id, camera = record.emv_ids[0], _camera()
+    if not _lasts(record):
+        return Rejected(request, f"the EMV is there for less than {VIDEO_FRAMES} frames")
+    steps = record.track(emv_id).step
     label = label_of(evidence_of(record, emv_id, camera, (0, record.steps)), thresholds)
     moment = label.step if label.risk is not RiskClass.NORMAL else _closest_step(record, emv_id)
     first = window_start(moment, int(steps[0]), int(steps[-1]) + 1, request.seed)

@@ -24,6 +24,7 @@ from siren_ros.studies.risk_set.candidate import (
     Rejected,
     assessed,
     front_camera,
+    seen_by_most_at_risk,
     simulated_or_rejected,
 )
 from siren_ros.studies.risk_set.search import outcome_as_json
@@ -135,6 +136,7 @@ def try_candidate(
     record = simulated_or_rejected(request)
     if isinstance(record, Rejected):
         return record
+    record = seen_by_most_at_risk(record, thresholds)
     outcome = assessed(request, record, thresholds)
     if isinstance(outcome, Rejected) or outcome.label.risk not in drawn:
         return outcome
@@ -149,7 +151,12 @@ def make_video(place: VideoPlace, candidate: Candidate, thresholds: RiskThreshol
         EpisodeError: The episode is not the one that was labelled: something differs between the two runs.
     """
     record = simulated_or_rejected(candidate.request)
-    again = record if isinstance(record, Rejected) else assessed(candidate.request, record, thresholds)
+    again: Candidate | Rejected
+    if isinstance(record, Rejected):
+        again = record
+    else:
+        record = seen_by_most_at_risk(record, thresholds)
+        again = assessed(candidate.request, record, thresholds)
     if isinstance(record, Rejected) or outcome_as_json(again) != outcome_as_json(candidate):
         raise EpisodeError(f"{place.video_id}: simulated again, the episode differs from the one that was labelled")
     return _draw(place, candidate, record)

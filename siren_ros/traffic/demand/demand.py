@@ -99,6 +99,7 @@ class _Planner:
         )
         emvs = self._emvs(groups, self._starts)
         crossing, crossed = self._crossing((*emvs, *groups.vehicles))
+        groups = self._without_queues_before(crossing, groups)
         emvs += self._emvs(groups, crossing, "crossing_emv")
         stage = self._stage(groups, crossing)
         near, demand = self._near_lanes, self._template.demand
@@ -187,11 +188,23 @@ class _Planner:
             return [], ""
         ways, edge = crossing_ways(self._network, self._site, self._start)
         wanted_s = self._arrival_s(edge) + emv.crossing_after_s
-        way, start = crossing_start(self._network, ways, emv, wanted_s, placed, self._config)
+        others = [vehicle for vehicle in placed if not vehicle.name.startswith(self._crossing_groups)]
+        way, start = crossing_start(self._network, ways, emv, wanted_s, others, self._config)
         needed_m = start.front_m + emv.speed_mps * (self._template.duration_s + self._config.emv_route_slack_s)
         rng = random_stream(self._seed, "demand/crossing_route")
         route = long_enough_route(self._factory, start.route, way, needed_m, rng)
         return [replace(start, route=route)], way.junction or ""
+
+    @property
+    def _crossing_groups(self) -> tuple[str, ...]:
+        """How names of vehicles in crossing groups begin."""
+        return tuple(g.name for g in self._template.demand.groups if g.placement is Placement.CROSSING)
+
+    def _without_queues_before(self, crossing: Sequence[EmvStart], groups: GroupPlan) -> GroupPlan:
+        """The groups without crossing ones in the lanes of EMVs that cross: they would wait behind them."""
+        lanes = {lane for start in crossing for lane in start.lanes_to_site}
+        kept = (v for v in groups.vehicles if v.spot.lane not in lanes or not v.name.startswith(self._crossing_groups))
+        return replace(groups, vehicles=tuple(kept))
 
     def _emvs(self, groups: GroupPlan, starts: Sequence[EmvStart], name: str = "emv") -> tuple[PlannedVehicle, ...]:
         rng = random_stream(self._seed, f"demand/{name}")

@@ -12,9 +12,16 @@ from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, line_of, p
 
 from siren_ros.evaluation.yielding import metrics as marks
 from siren_ros.evaluation.yielding.corridor import corridor_continuity, corridor_width_m
+from siren_ros.evaluation.yielding.counterfactual import pairs_of
 from siren_ros.evaluation.yielding.encounters import Encounter
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, YieldScene, of_drivers
-from siren_ros.evaluation.yielding.scoring import ScoredEpisode, group_means, score_yielding, situation_sha256
+from siren_ros.evaluation.yielding.scoring import (
+    ScoredEpisode,
+    group_means,
+    score_yielding,
+    situation_sha256,
+    yield_tables,
+)
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.traffic_state import Event, EventKind
@@ -74,8 +81,8 @@ def test_a_row_of_an_episode_says_which_it_is_and_what_is_a_bound() -> None:
     scored = ScoredEpisode.of("a/bag", record, score_yielding(record))
     row, (driver,) = scored.row(), scored.driver_rows()
     for found in (row, driver):
-        assert [found[name] for name in ("bag", "template", "level", "seed")] == [
-            "a/bag", record.description.template, record.description.level.name, record.description.seed
+        assert [found[name] for name in ("bag", "template", "level", "seed", "emv")] == [
+            "a/bag", record.description.template, record.description.level.name, record.description.seed, 1
         ]  # fmt: skip
     assert row["map"] == record.description.map_name
     assert (row["clearance_time_s_at_least"], row["clearance_time_s_lack"]) == (True, "")
@@ -83,6 +90,41 @@ def test_a_row_of_an_episode_says_which_it_is_and_what_is_a_bound() -> None:
     assert driver["passing_gap_m"] is None
     assert driver["compliance"] == 0.0
     assert scored.group == (record.description.template, record.description.level.name, record.description.map_name)
+
+
+def with_two_emvs() -> EpisodeRecord:
+    """The driver of ``passing`` is an EMV as well."""
+    record = passing()
+    actors = {**record.actors, CAR: replace(record.actors[CAR], is_emv=True)}
+    return replace(record, actors=actors, description=replace(record.description, emv_ids=(EMV, CAR)))
+
+
+def test_every_emv_of_an_episode_has_a_row_of_its_own() -> None:
+    """Each is measured as if it were the only one, and neither is a driver who makes way."""
+    record = with_two_emvs()
+    first, second = ScoredEpisode.of_each_emv("a/bag", record)
+    assert [one.row()["emv"] for one in (first, second)] == [first.emv, second.emv] == [1, 2]
+    assert first.scores == score_yielding(record)
+    swapped = replace(record, description=replace(record.description, emv_ids=(CAR, EMV)))
+    assert second.scores == score_yielding(swapped)
+    assert first.scores.metrics["emv_delay_s"] != second.scores.metrics["emv_delay_s"]
+    assert first.scores.drivers == second.scores.drivers == ()
+    assert second.situation_sha256 == first.situation_sha256
+    (alone,) = ScoredEpisode.of_each_emv("b/bag", passing())
+    assert (alone.emv, alone.scores) == (1, score_yielding(passing()))
+    assert {row["emv"] for row in alone.driver_rows()} == {1}
+
+
+def test_further_emvs_have_tables_of_their_own_and_no_effects() -> None:
+    two, one = ScoredEpisode.of_each_emv("a", with_two_emvs()), ScoredEpisode.of_each_emv("b", passing())
+    template = passing().description.template
+    assert [table.caption for table in yield_tables([*two, *one])] == [
+        f"Yield metrics of {template}",
+        f"Yield metrics of {template}, EMV 2",
+    ]
+    assert [table.key for table in yield_tables(two)] == [template, f"{template}_emv2"]
+    (levels,) = pairs_of(two).values()
+    assert [episode.emv for episode in levels.values()] == [1]
 
 
 def test_the_av_under_test_is_told() -> None:

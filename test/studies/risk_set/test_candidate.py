@@ -21,6 +21,7 @@ from siren_ros.studies.risk_set.candidate import (
     Candidate,
     assessed,
     candidate_request,
+    seen_by_most_at_risk,
     window_start,
 )
 from siren_ros.world.traffic_state import Event, EventKind
@@ -134,3 +135,46 @@ def test_an_emv_that_never_moves_is_shown_in_the_middle_of_its_time() -> None:
     still = moving(0.0, -5.25, 0.0, is_emv=True, steps=401)
     episode = episode_of({EMV: still, CAR: moving(50.0, -5.25, 0.0, steps=401)})
     assert candidate_of(episode, 2).first_step == window_start(200, 0, 401, 2)
+
+
+OTHER = 3
+
+
+def with_two_emvs(*events: Event, steps: int = 510, first_step: int = 0) -> EpisodeRecord:
+    """A second EMV 60 m behind the first one on the same way, which stands 3 m beside the car 200 m ahead of it."""
+    episode = record(*events)
+    tracks = {
+        EMV: moving(0.0, -5.25, 10.0, is_emv=True, steps=500, first_step=10),
+        CAR: moving(200.0, -2.25, 0.0, steps=510),
+        OTHER: moving(-60.0, -5.25, 10.0, is_emv=True, steps=steps, first_step=first_step),
+    }
+    both = episode_of(tracks, events)
+    return replace(both, description=replace(episode.description, emv_ids=(EMV, OTHER)))
+
+
+def contact_of(emv_id: int, step: int = 385) -> Event:
+    return Event(step, EventKind.COLLISION, emv_id, CAR, detail={"impact_speed_mps": 3.0})
+
+
+@pytest.mark.parametrize(
+    ("events", "first"),
+    [
+        ((), EMV),
+        ((contact_of(EMV),), EMV),
+        ((contact_of(OTHER, 480),), OTHER),
+        ((contact_of(EMV, 390), contact_of(OTHER, 380)), OTHER),
+    ],
+    ids=["nothing happens", "the first", "the other", "the earlier"],
+)
+def test_a_video_is_seen_from_the_emv_with_the_most_severe_conflict(events, first) -> None:
+    seen = seen_by_most_at_risk(with_two_emvs(*events), LIMITS)
+    assert seen.emv_ids[0] == first
+    assert set(seen.emv_ids) == {EMV, OTHER}
+    assert candidate_of(seen).label.risk is (RiskClass.COLLISION if events else RiskClass.NORMAL)
+
+
+def test_an_emv_that_is_there_for_less_than_a_video_shows_none() -> None:
+    short = with_two_emvs(contact_of(OTHER, 480), steps=300, first_step=210)
+    assert seen_by_most_at_risk(short, LIMITS).emv_ids[0] == EMV
+    alone = record(contact_of(EMV))
+    assert seen_by_most_at_risk(alone, LIMITS) is alone

@@ -10,7 +10,7 @@ from traffic_helpers import MAPS, load_map, named_map
 from siren_ros.errors import InputError, MapError
 from siren_ros.generation.episode_setup import EpisodeSetup, set_up_episode
 from siren_ros.roads.movements import comes_from_the_side
-from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, civilian_movements
 from siren_ros.roads.site_finder import require_site
 from siren_ros.roads.sites import SiteKind
@@ -26,6 +26,7 @@ from siren_ros.traffic.demand.further_emvs import (
     following_starts,
     prolonged,
 )
+from siren_ros.traffic.demand.plan import chain_along
 
 CONFIG = DemandConfig()
 
@@ -64,10 +65,9 @@ def test_the_crossing_emv_comes_from_the_side_to_the_first_ones_junction_in_time
     start = emv_start(network, site, start_m_of(network, site, template.emv))
     ways, edge = crossing_ways(network, site, start)
     wanted_s = arrival_s(network, site, start, edge, template.emv, CONFIG) + after_s
-    way, across = crossing_start(
-        network, ways, template.emv, wanted_s, (*setup.plan.emvs[:-1], *setup.plan.groups), CONFIG
-    )
-    # It starts a run-up of 20 m before junctions on the way, and not where the crossing queue stands.
+    others = [vehicle for vehicle in setup.plan.groups if not vehicle.name.startswith("crossing")]
+    way, across = crossing_start(network, ways, template.emv, wanted_s, (*setup.plan.emvs[:-1], *others), CONFIG)
+    # It starts a run-up of 20 m before junctions on the way.
     assert abs(unhindered_arrival_s(network, across, template.emv, CONFIG) - wanted_s) < 5.0
     assert network.edges[edge].to_junction == way.junction == setup.plan.crossed
     own = civilian_movements(network, edge, start.route[start.route.index(edge) + 1])[-1]
@@ -75,6 +75,21 @@ def test_the_crossing_emv_comes_from_the_side_to_the_first_ones_junction_in_time
     assert setup.plan.emvs[-1].spot.lane == across.lane
     assert setup.plan.emvs[-1].spot.front_m == across.front_m
     assert any(area.lane == across.lane and area.from_m < across.front_m < area.to_m for area in setup.plan.stage)
+
+
+@pytest.mark.parametrize("name", ["S4", "S6"])
+def test_no_crossing_queue_stands_in_the_lane_of_an_emv_that_crosses(name: str) -> None:
+    """The other lanes keep theirs, and the volume stays."""
+    setup, alone = set_up(name, "emv.crossing=1"), set_up(name, "")
+    crossing = setup.plan.emvs[-1]
+    edges = [setup.network.edge_by_id[edge].index for edge in crossing.route]
+    chain = chain_along(setup.network, setup.network.lanes[crossing.spot.lane], edges).lanes
+    before = chain[: next(at for at, lane in enumerate(chain) if setup.network.lanes[lane].kind is LaneKind.INTERNAL)]
+    queue = [vehicle for vehicle in setup.plan.groups if vehicle.name.startswith("crossing")]
+    assert queue
+    assert len(queue) < sum(vehicle.name.startswith("crossing") for vehicle in alone.plan.groups)
+    assert not {vehicle.spot.lane for vehicle in queue} & set(before)
+    assert setup.plan.civilians == alone.plan.civilians
 
 
 def test_at_a_junction_only_its_own_side_streets_count_and_on_a_road_those_of_the_first_behind_it() -> None:

@@ -271,8 +271,8 @@ def _step_unit(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> Yield
 def _nearer(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> YieldUnit | None:
     """A driver who turns to another EMV: of those that still come the nearest; None without a change.
 
-    Who makes way already hears an EMV on any lane of its road, as far as those do who stand in its queue. Who is on the
-    way back to the lane hears it as well, and so does one whose own EMV has passed.
+    A driver who makes way already hears an EMV on any lane of its road, as far as those do who stand in its queue. A
+    driver on the way back to the lane hears it as well, and so does one whose own EMV has passed.
     """
     waits = unit.phase in {Mode.YIELD_REACTING, Mode.YIELD_DEFERRED}
     near_m = unit.driver.response_distance_m

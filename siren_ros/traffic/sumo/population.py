@@ -122,7 +122,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
 def _of_emv(vehicle: PlannedVehicle, level: EmergencyLevel, config: TrafficConfig) -> dict[str, str]:
     """Attributes of an EMV's type that differ from other vehicles'.
 
-    It has no bluelight device. Who reacts to the siren, and how, is the yield manager's; the device would also push
+    It has no bluelight device: the yield manager decides who reacts to the siren, and how. The device would also push
     drivers to their lane's side for good, and give all that react new types at once, which resets their car-following.
     """
     if not LEVEL_POLICIES[level].privileged:

@@ -1,7 +1,7 @@
 """Compares episodes with left-hand traffic with their mirror images: ``python -m siren_ros.benchmarks.left_hand``.
 
-Every episode runs on a map and on its mirror image, where traffic keeps left. Prints for each template how far positions
-differ from the mirror image, and in how many episodes events do.
+Every episode runs on a map and on its mirror image, where traffic keeps left. Prints for each template how far
+positions are from those of the mirror image, and in how many episodes events differ.
 """
 
 import argparse

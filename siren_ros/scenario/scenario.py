@@ -68,6 +68,10 @@ class ValueRange:
     integer: bool = False
 
 
+DRAWN_BY_NAME: Final = frozenset({"duration_s", "emv.count", "emv.crossing", "emv.crossing_after_s"})
+"""How long an episode lasts, and how many EMVs come, is drawn only where a study names it."""
+
+
 @dataclass(frozen=True)
 class EmvDemand:
     """The emergency vehicle of a template."""

@@ -103,7 +103,8 @@ class SumoSimulation:
         self._cautious = CautiousDrivers(network, self._config.caution)
         siren = LEVEL_POLICIES[level].siren
         self._oncoming = OncomingDrivers(network, plan.response_distance_m) if siren else None
-        self._standoff = StandOff(tuple(emv.name for emv in plan.emvs)) if len(plan.emvs) > 1 else None
+        several = len(plan.emvs) > 1 and LEVEL_POLICIES[level].privileged
+        self._standoff = StandOff(tuple(emv.name for emv in plan.emvs)) if several else None
         self._crossings = CrossingWatch(network)
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))

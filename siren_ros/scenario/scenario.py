@@ -142,6 +142,8 @@ class PeopleDemand:
 
 PEOPLE: Final = tuple(f"demand.people.{part.name}" for part in fields(PeopleDemand))
 """Paths of these parameters, which every template has."""
+DRAWN_BY_NAME: Final = frozenset({"duration_s", "emv.count", "emv.crossing", "emv.crossing_after_s", *PEOPLE})
+"""How long an episode lasts, and how many EMVs and people there are, is drawn only where a study names it."""
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,8 @@ from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.roads.maps.map_compiler import name_of_map, source_sha256_of
 from siren_ros.scenario.episode import MAX_SEED, EpisodeRequest, text_of_values, values_of
 from siren_ros.scenario.paper import EmergencyLevel
-from siren_ros.scenario.scenario import PEOPLE, Template, ValueRange
+from siren_ros.scenario.scenario import DRAWN_BY_NAME, Template, ValueRange
 from siren_ros.scenario.templates import load_template
-
-_NOT_DRAWN: Final = frozenset({"duration_s", "emv.count", "emv.crossing", "emv.crossing_after_s", *PEOPLE})
-"""How long an episode lasts, and how many EMVs and people there are, is drawn only where the study names it."""
 
 
 class Method(StrEnum):
@@ -89,7 +86,7 @@ def _sampled(plan: DrawPlan, template: Template) -> tuple[dict[str, float], ...]
 
 def _ranges(plan: DrawPlan, template: Template) -> dict[str, ValueRange]:
     if not plan.ranges:
-        return {path: limits for path, limits in template.ranges.items() if path not in _NOT_DRAWN}
+        return {path: limits for path, limits in template.ranges.items() if path not in DRAWN_BY_NAME}
     ranges = {}
     for path, (low, high) in plan.ranges.items():
         limits = template.ranges.get(path)

@@ -31,6 +31,7 @@ from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_
 from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.rescue_lane import RescueLane
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
+from siren_ros.traffic.sumo.standoff import StandOff
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, Indices, SignalState, TrafficState
@@ -110,6 +111,8 @@ class SumoSimulation:
         siren = LEVEL_POLICIES[level].siren
         self._oncoming = OncomingDrivers(network, plan.response_distance_m) if siren else None
         self._rescue_lane = RescueLane(network) if plan.duty else None
+        several = len(plan.emvs) > 1 and LEVEL_POLICIES[level].privileged
+        self._standoff = StandOff(tuple(emv.name for emv in plan.emvs)) if several else None
         self._crossings = CrossingWatch(network)
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
@@ -176,6 +179,8 @@ class SumoSimulation:
         self._cautious.apply(self._last, self._reported)
         if self._oncoming is not None:
             self._oncoming.apply(self._last, self._reported)
+        if self._standoff is not None:
+            self._standoff.apply(self._last, self._reported)
         self._mirror.apply(states, self._reported, self._ids, self._ahead)
         if self._last is not None and self._population.civilians < self._plan.civilians:
             self._population.refill(self._emv_points(states), self._plan.civilians)

@@ -204,6 +204,31 @@ def test_what_is_drawn_lies_within_the_range_and_is_not_the_duration(tmp_path):
     assert "duration_s.draw" in duration.parameter
 
 
+def test_templates_of_earlier_versions_say_only_how_many_emvs_come(tmp_path):
+    """Bags hold such templates, and are read and repeated."""
+    keys = "  count: {default: 1, range: [1, 3]}", "  crossing: {default: 0, range: [0, 1]}"
+    after = "  crossing_after_s: {default: 1.0, range: [-10.0, 20.0]}"
+    old = S2_TEXT.replace(keys[0], "  count: 2").replace(f"{keys[1]}\n", "").replace(f"{after}\n", "")
+    file = tmp_path / "old.yaml"
+    file.write_text("\n".join(line for line in old.splitlines() if not line.startswith("  # s from the first EMV's")))
+    template = read_template(file)
+    assert (template.emv.count, template.emv.crossing, template.emv.crossing_after_s) == (2, 0, 0.0)
+    assert not {"emv.count", "emv.crossing", "emv.crossing_after_s"} & set(template.ranges)
+
+
+@pytest.mark.parametrize("name", available_templates())
+def test_every_template_takes_one_emv_to_three_and_one_that_crosses(name):
+    template = load_template(name)
+    assert (template.emv.count, template.emv.crossing) == (1, 0)
+    more = template.with_values(
+        {"emv.count": 3, "emv.crossing": 1, "emv.crossing_after_s": -4.0, "emv.headway_s": 15.0}
+    )
+    assert (more.emv.count, more.emv.crossing, more.emv.crossing_after_s) == (3, 1, -4.0)
+    for path, value in (("emv.count", 4), ("emv.count", 0), ("emv.count", 1.5), ("emv.crossing", 2)):
+        with pytest.raises(InputError, match=path):
+            template.with_values({path: value})
+
+
 def test_shoulders_are_in_use_where_a_free_one_would_be_the_way_past_everybody(tmp_path):
     assert {name for name in available_templates() if load_template(name).shoulders_in_use} == {"S1", "S2"}
     wrong, line = refused(tmp_path, "shoulders: in_use", "shoulders: closed")

@@ -99,6 +99,7 @@ class Stage:
             ),
             "oncoming": None,
             "rescue_lane": None,
+            "standoff": None,
             "cautious": SimpleNamespace(
                 forget=lambda name: self.forgotten.append(("cautious", name)), apply=lambda *_: None
             ),

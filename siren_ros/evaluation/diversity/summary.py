@@ -12,7 +12,7 @@ from scipy.special import gammaln
 from siren_ros.errors import SirenError
 from siren_ros.evaluation.diversity.profile import InteractionProfile, distance_matrix, event_distance, way_distance_m
 from siren_ros.numerics.arrays import Floats
-from siren_ros.scenario.scenario import PEOPLE
+from siren_ros.scenario.scenario import DRAWN_BY_NAME
 from siren_ros.scenario.templates import load_template
 from siren_ros.tables.table import Row, Table
 
@@ -158,12 +158,10 @@ def drawn_ranges(profiles: Iterable[InteractionProfile]) -> dict[str, dict[str, 
             template = load_template(name)
         except SirenError:
             continue
-        limits = (template.ranges if drawn else template.drawn).items()
-        ranges[name] = {
-            path: DrawnRange(limit.minimum, limit.maximum, limit.integer)
-            for path, limit in limits
-            if path not in PEOPLE
-        }
+        limits = template.drawn
+        if drawn:
+            limits = {path: limit for path, limit in template.ranges.items() if path not in DRAWN_BY_NAME}
+        ranges[name] = {path: DrawnRange(one.minimum, one.maximum, one.integer) for path, one in limits.items()}
     return ranges
 
 

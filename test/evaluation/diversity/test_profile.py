@@ -81,6 +81,7 @@ def test_ranges_are_those_that_seeds_draw_from() -> None:
     whole_ranges = drawn_ranges([drawn])["S2"]
     assert whole_ranges["emv.speed_mps"] == DrawnRange(11.0, 16.7, whole=False)
     assert whole_ranges["demand.platoon.vehicles"].whole
+    assert not {"duration_s", "emv.count"} & set(whole_ranges), "studies do not draw these by themselves"
 
 
 def test_the_way_is_ahead_and_to_the_left_of_the_first_pose(straight_road: RoadNetwork) -> None:

@@ -176,11 +176,7 @@ class SumoSimulation:
         return mirror_image(self._last) if self._left_hand else self._last
 
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
-        self._cautious.apply(self._last, self._reported)
-        if self._oncoming is not None:
-            self._oncoming.apply(self._last, self._reported)
-        if self._standoff is not None:
-            self._standoff.apply(self._last, self._reported)
+        self._impose_caution()
         self._mirror.apply(states, self._reported, self._ids, self._ahead)
         if self._last is not None and self._population.civilians < self._plan.civilians:
             self._population.refill(self._emv_points(states), self._plan.civilians)
@@ -194,16 +190,42 @@ class SumoSimulation:
         self._mirror.check_placed(self._columns)
         return self._state(step, states, removed)
 
+    def _impose_caution(self) -> None:
+        """Impose the speeds of drivers who wait for others, before SUMO's next step."""
+        self._cautious.apply(self._last, self._reported)
+        if self._oncoming is not None:
+            self._oncoming.apply(self._last, self._reported)
+        if self._standoff is not None:
+            self._standoff.apply(self._last, self._reported)
+
+    def _correct_motion(self) -> None:
+        """Tell SUMO how its vehicles move in its next step: sideways, in bends, and at the side of their lanes."""
+        columns, vehicles = self._columns, self._population.vehicles
+        outside = columns.which(self._mirror.places)
+        self._sideways.apply(columns, vehicles, outside)
+        self._bends.apply(columns, vehicles, outside)
+        if self._rescue_lane is not None:
+            self._rescue_lane.apply(columns, outside, [vehicle.name for vehicle in self._plan.emvs])
+
+    def _types(self, vehicles: Sequence[PlannedVehicle]) -> bytes:
+        """The vehicle types that SUMO loads."""
+        return vehicle_types_xml(vehicles, self._level, self._config)
+
+    def _more_options(self) -> Mapping[str, str]:
+        """Further options of SUMO."""
+        return {}
+
     def _hold_up(self, jam: JamHead, step: int) -> None:
-        """Impose the speeds of a jam's head for SUMO's next step."""
+        """Impose the speeds of a jam's head for SUMO's next step, and take back the last one once the jam is over."""
+        if step > 0 and jam.speed_mps(step - 1) < 0.0:
+            return
         for name in jam.names:
             if name in self._population.vehicles and name not in self._mirror.places:
                 libsumo.vehicle.setSpeed(name, jam.speed_mps(step))
 
     def _start(self, compiled_map: CompiledMap, seed: int) -> None:
         plan = self._plan
-        vehicles = (*plan.emvs, *plan.groups, *plan.background, *plan.reserve, *plan.riders)
-        types = vehicle_types_xml(vehicles, self._level, self._config)
+        types = self._types((*plan.emvs, *plan.groups, *plan.background, *plan.reserve, *plan.riders))
         with tempfile.TemporaryDirectory(prefix="siren-") as folder:
             types_file = Path(folder) / "types.add.xml"
             types_file.write_bytes(types)
@@ -218,6 +240,7 @@ class SumoSimulation:
                 "--insertion-checks": "none",
                 "--no-step-log": "true",
                 "--no-warnings": "true",
+                **self._more_options(),
             }
             try:
                 libsumo.start(["sumo", *(part for pair in options.items() for part in pair)])
@@ -237,12 +260,8 @@ class SumoSimulation:
 
     def _step_sumo(self) -> Sequence[str]:
         """One step of SUMO; the vehicles that have left in it."""
-        columns, vehicles = self._columns, self._population.vehicles
-        outside = columns.which(self._mirror.places)
-        self._sideways.apply(columns, vehicles, outside)
-        self._bends.apply(columns, vehicles, outside)
-        if self._rescue_lane is not None:
-            self._rescue_lane.apply(columns, outside, [vehicle.name for vehicle in self._plan.emvs])
+        columns = self._columns
+        self._correct_motion()
         libsumo.simulationStep()
         departed = self._population.drop_departed()
         columns.take(libsumo.vehicle.getAllSubscriptionResults())

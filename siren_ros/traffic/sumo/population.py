@@ -40,7 +40,7 @@ yellow times are computed (ITE, Traffic Engineering Handbook). Without it SUMO b
 _WAITING_GAP_M: Final = 1.2
 """``jmStoplineGapMinor``: distance kept from the place at which a driver gives way, also inside a junction. With SUMO's
 default of 0 the front of a waiting vehicle reaches into the way of others, whose bodies are wider than their paths."""
-_MIRRORS_M: Final = 0.4
+MIRRORS_M: Final = 0.4
 """Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
 other by widths alone, also where one stands at an angle to its lane."""
 _ESCAPED: Final = re.compile(r'[&<>"\n\r\t]')
@@ -88,7 +88,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     ridden, cycles = vehicle.actor_class in TWO_WHEELED, vehicle.actor_class is ActorClass.BICYCLE
     numbers = {
         "length": vehicle.length_m,
-        "width": vehicle.width_m + (0.0 if vehicle.is_emv or ridden else _MIRRORS_M),
+        "width": vehicle.width_m + (0.0 if vehicle.is_emv or ridden else MIRRORS_M),
         "height": vehicle.height_m,
         "minGap": driving.min_gap_m,
         "accel": driving.accel_mps2,

@@ -14,26 +14,49 @@ from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.roads.rescue_lane import rescue_sides
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE
-from siren_ros.traffic.sumo.readings import SPEED, SumoColumns
+from siren_ros.traffic.sumo.readings import ANGLE, SPEED, SumoColumns, X, Y
 
 Sides = npt.NDArray[np.int8]
 
 # No parameters: the law says at which pace the corridor has to be open.
-FORMS_BELOW_MPS: Final = 5.5
-"""Drivers who slow down to 20 km/h expect to come to walking pace, at which the corridor has to be open; a vehicle
-moves sideways only while it drives."""
-ENDS_ABOVE_MPS: Final = 8.3
-"""Above 30 km/h traffic flows again: vehicles go back to the middle of their lanes."""
+FORMS_BELOW_MPS: Final = 11.1
+"""Drivers who slow down to 40 km/h out of town come to a jam, in which the corridor has to be open at walking pace; a
+vehicle moves sideways only while it drives."""
+ENDS_ABOVE_MPS: Final = 16.7
+"""Above 60 km/h traffic flows again: vehicles go back to the middle of their lanes."""
+COMES_WITHIN_M: Final = 150.0
+"""Faster drivers who have such vehicles this near ahead do the same, and stay in their lane: nobody drives past the end
+of a jam into the corridor. From 130 km/h one comes to a stand within it at 4.3 m/s²."""
+_ROAD_M: Final = 15.0
+"""Vehicles farther aside are on another carriageway, or far behind a bend."""
 _ALIGNMENTS: Final = {1: "left", -1: "right", 0: "center"}
 
 
-def kept_sides(side: Sides, before: Sides, speed_mps: Floats) -> Sides:
+def kept_sides(side: Sides, before: Sides, speed_mps: Floats, comes: Flags) -> Sides:
     """The side to which each driver keeps: that of its lane in slow traffic, and as before between the two speeds.
 
-    ``side`` is that of each driver's lane, ``before`` the one kept at the step before; 0 is the middle.
+    ``side`` is that of each driver's lane, ``before`` the one kept at the step before; 0 is the middle. ``comes`` says
+    who has a jam close ahead.
     """
     slow = speed_mps < np.where(before != 0, ENDS_ABOVE_MPS, FORMS_BELOW_MPS)
-    return np.where(slow, side, np.int8(0))
+    return np.where(slow | comes, side, np.int8(0))
+
+
+def coming_to_jam(x_m: Floats, y_m: Floats, angle_deg: Floats, speed_mps: Floats, on_road: Flags) -> Flags:
+    """Which vehicles have a slow one close ahead on their road; ``on_road`` is who is on a road with the duty.
+
+    Angles are SUMO's: clockwise from north.
+    """
+    slow = np.flatnonzero(on_road & (speed_mps < FORMS_BELOW_MPS))
+    fast = np.flatnonzero(on_road & (speed_mps >= FORMS_BELOW_MPS))
+    dx, dy = x_m[slow] - x_m[fast, None], y_m[slow] - y_m[fast, None]
+    sin, cos = np.sin(np.radians(angle_deg[fast, None])), np.cos(np.radians(angle_deg[fast, None]))
+    ahead_m, aside_m = sin * dx + cos * dy, cos * dx - sin * dy
+    same = np.cos(np.radians(angle_deg[slow] - angle_deg[fast, None])) > 0.5
+    near = same & (ahead_m > 0.0) & (ahead_m < COMES_WITHIN_M) & (np.abs(aside_m) < _ROAD_M)
+    comes = np.zeros(len(x_m), np.bool_)
+    comes[fast] = np.any(near, axis=1)
+    return comes
 
 
 class RescueLane:
@@ -53,7 +76,9 @@ class RescueLane:
         names, kept = columns.names, self._kept
         before = np.array([kept.get(name, 0) for name in names], np.int8)
         side = self._side_of_lane[np.where(columns.lane == NO_LANE, -1, columns.lane)]
-        sides = kept_sides(side, before, columns.numbers[SPEED])
+        numbers = columns.numbers
+        comes = coming_to_jam(numbers[X], numbers[Y], numbers[ANGLE], numbers[SPEED], side != 0)
+        sides = kept_sides(side, before, numbers[SPEED], comes)
         sides[outside | columns.which(emvs)] = 0
         for row in np.flatnonzero(sides != before).tolist():
             name, now = names[row], int(sides[row])

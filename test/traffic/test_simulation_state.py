@@ -97,6 +97,7 @@ class Stage:
                 check_placed=lambda _columns: None,
             ),
             "oncoming": None,
+            "standoff": None,
             "cautious": SimpleNamespace(
                 forget=lambda name: self.forgotten.append(("cautious", name)), apply=lambda *_: None
             ),

@@ -47,6 +47,10 @@ _LEFT_TO_RIGHT: Final = "tlLsRr"
 _GLASS: Final = (255, 255, 255, 190)
 _TRAIL: Final = (212, 26, 31, 80)
 _PANEL: Final = (255, 255, 255, 225)
+_ON_ONE_LINE: Final = 2
+"""EMVs whose states fit beside the title."""
+_LINE_PX: Final = 24
+"""Height of each line where there are more."""
 
 
 def rgb_of(colour: str | Sequence[float]) -> Colour:
@@ -226,22 +230,26 @@ class BirdseyeFilm:
                 draw.text(place, number, _OUTLINE, font(12), anchor="mb", stroke_width=2, stroke_fill="white")
 
     def _write(self, picture: Image.Image, step: int) -> None:
-        """Title and time at the top, each EMV's state below them, the colours at the bottom."""
+        """Title, each EMV's state and time at the top, the colours at the bottom; more than two EMVs have lines."""
         record, state = self._record, self._record.states[step]
         draw = ImageDraw.Draw(picture, "RGBA")
-        draw.rectangle((0, 0, SIZE_PX[0], 40), fill=_PANEL)
+        emvs = np.flatnonzero(np.isin(state.actor_id, record.emv_ids))
+        line_px = _LINE_PX if len(emvs) > _ON_ONE_LINE else 0
+        draw.rectangle((0, 0, SIZE_PX[0], 40 + max(len(emvs) - 1, 0) * line_px), fill=_PANEL)
         draw.text((16, 20), title_of(record), _OUTLINE, font(18, bold=True), anchor="lm")
         draw.text((SIZE_PX[0] - 16, 20), f"{state.step * STEP_S:5.1f} s", _OUTLINE, font(18, bold=True), anchor="rm")
         right = SIZE_PX[0] - 130.0
-        for row in np.flatnonzero(np.isin(state.actor_id, record.emv_ids))[::-1]:
+        for number, row in reversed([*enumerate(emvs)]):
+            middle = 20 + number * line_px
             mode = Mode(int(state.mode[row]))
             siren = "siren" if int(state.lights[row]) & Lights.SIREN else "no siren"
             name = mode.name.lower().replace("_", " ")
             text = f"EMV {state.actor_id[row]}: {state.speed_mps[row] * 3.6:3.0f} km/h, {name}, {siren}"
-            draw.text((right, 20), text, _OUTLINE, font(16), anchor="rm")
-            right -= draw.textlength(text, font(16))
-            draw.rectangle((right - 20, 13, right - 7, 27), fill=rgb_of(EMV_MODE_COLOURS.get(mode, TEXT)))
-            right -= 40.0
+            draw.text((right, middle), text, _OUTLINE, font(16), anchor="rm")
+            left = right - draw.textlength(text, font(16))
+            mark = left - 20, middle - 7, left - 7, middle + 7
+            draw.rectangle(mark, fill=rgb_of(EMV_MODE_COLOURS.get(mode, TEXT)))
+            right = right if line_px else left - 40.0
         picture.paste(self._legend, (0, SIZE_PX[1] - self._legend.height))
         _scale_bar(draw, self._map.px_per_m)
 

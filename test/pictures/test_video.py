@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from io import BytesIO
 
 import av
@@ -21,6 +22,7 @@ from siren_ros.pictures.moving_birdseye import SIZE_PX, BirdseyeFilm, paint_poly
 from siren_ros.pictures.video import CELL_PX, Coding, View, grid_places, ordered_cameras, save_video, write_video
 from siren_ros.record.episode_source import MountedCamera
 from siren_ros.recording.bag_writer import EpisodeBagWriter
+from siren_ros.world.actors import Mode
 from siren_ros.world.measurements import CameraIntrinsics
 
 FRONT = IMAGE_COMPRESSED.of_sensor("camera_front", 2)
@@ -216,6 +218,23 @@ def test_the_emv_stays_in_the_middle_of_the_picture():
         assert len(rows) > 500
         assert abs(np.median(rows) + 60 - SIZE_PX[1] / 2.0) < OFF_CENTRE_PX
         assert abs(np.median(columns) - SIZE_PX[0] / 2.0) < OFF_CENTRE_PX
+
+
+@pytest.mark.parametrize(("count", "lines"), [(1, 1), (2, 1), (3, 3), (4, 4)])
+def test_more_than_two_emvs_have_a_line_each_and_the_title_stays_clear(count, lines):
+    vehicles = {
+        number: Driven(NORTHBOUND, at_speed(20.0 * number, 1.0, 3), Mode.ROUTE_FOLLOW) for number in range(1, count + 1)
+    }
+    record = hand_made(crossing(), vehicles)
+    ids = tuple(vehicles)
+    record = replace(record, description=replace(record.description, emv_ids=ids))
+    frame = np.asarray(BirdseyeFilm(record, range(1)).frame(0)).astype(int)
+    # A mark in the mode's colour before each text: 14 px high, on the panel.
+    colour = frame[20, np.flatnonzero(np.ptp(frame[20], axis=-1) > 60)[0]]
+    marks = (np.abs(frame[:130] - colour).max(axis=-1) <= 4).sum(axis=1) >= 13
+    assert np.count_nonzero(np.diff(np.concatenate(([0], marks, [0]))) == 1) == lines
+    marked = np.flatnonzero(np.abs(frame[20] - colour).max(axis=-1) <= 4)
+    assert marked.min() > 300
 
 
 def test_signals_show_their_state():

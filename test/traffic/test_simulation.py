@@ -18,6 +18,7 @@ from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import TrafficPlan
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE
+from siren_ros.traffic.sumo.standoff import StandOff
 from siren_ros.world.actors import ActorStates, Lights, Mode, Owner, rows_of_ids
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EventKind, TrafficFlags, TrafficState
 
@@ -319,3 +320,21 @@ def test_after_a_failed_start_another_simulation_can_start(town: Town) -> None:
         SumoSimulation(compiled, network, astray, EmergencyLevel.L2)
     with SumoSimulation(compiled, network, plan, EmergencyLevel.L2) as simulation:
         assert len(simulation.step(0, None).actor_id) > 0
+
+
+@pytest.mark.parametrize(
+    ("count", "level", "looked_at"),
+    [(1, EmergencyLevel.L1, False), (2, EmergencyLevel.L1, True), (2, EmergencyLevel.L0, False)],
+)
+def test_stand_offs_are_looked_at_where_several_emvs_run_red_lights(
+    town: Town, monkeypatch: pytest.MonkeyPatch, count: int, level: EmergencyLevel, looked_at: bool
+) -> None:
+    compiled, network, plan = town
+    first = plan.emvs[0]
+    behind = replace(first, name="emv1", spot=replace(first.spot, front_m=first.spot.front_m - first.length_m - 1.0))
+    steps: list[int | None] = []
+    monkeypatch.setattr(StandOff, "apply", lambda _, traffic, __: steps.append(traffic and traffic.step))
+    with SumoSimulation(compiled, network, replace(plan, emvs=(first, behind)[:count]), level) as simulation:
+        simulation.step(0, None)
+        simulation.step(1, None)
+    assert steps == [None, 0] * looked_at

@@ -81,14 +81,18 @@ def crossing_ways(network: RoadNetwork, site: Site, start: EmvStart) -> tuple[tu
 
 
 def _side_streets(network: RoadNetwork, site: Site, own: Connection) -> Iterator[Site]:
-    """Movements from the side whose way crosses another one, or leads to the same road; straight on first."""
+    """Movements from the side whose way crosses another one, or leads to the same road.
+
+    Of them those straight on come first, then those that do not lead off the map soon.
+    """
     crossing, exit_edge = crossing_connections(network, own), network.lanes[own.to_lane].edge
-    ways: dict[tuple[int, int], tuple[bool, bool, int]] = {}
+    lasting = EdgeGraph.of(network).endless_edges()
+    ways: dict[tuple[int, int], tuple[bool, bool, bool, int]] = {}
     for index, way in network.connections_at[own.junction]:
         ends = network.lanes[way.from_lane].edge, network.lanes[way.to_lane].edge
         from_side = network.is_civilian(way) and comes_from_the_side(network, own, way) and way.direction != "t"
         if from_side and (index in crossing or ends[1] == exit_edge):
-            ways.setdefault(ends, (index not in crossing, way.direction != "s", index))
+            ways.setdefault(ends, (index not in crossing, way.direction != "s", ends[1] not in lasting, index))
     for edge, following in sorted(ways, key=lambda ends: ways[ends]):
         movements = civilian_movements(network, edge, following)
         yield junction_site(EdgeGraph.of(network), site.kind, movements, (edge,))

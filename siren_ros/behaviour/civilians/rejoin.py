@@ -45,11 +45,12 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     merge = max(merge, config.yielding.rejoin_lengths * 2.0 * half_length)
     room = reference.curve.length_m - 2.0 - half_length - 1.0
     # Too near the stop line to come straight in the middle of the lane: straight where it is.
-    offset = kept_offset_m(ego, lane) if merge + half_length <= room else left
+    kept = kept_offset_m(ego, lane)
+    offset = kept if merge + half_length <= room else left
     length, shorten = min(merge, max(room, 2.0)), half_length + 1.0
     path = path_onto(reference, ego.pose, length, navigator_config, offset_m=offset, shorten_m=shorten)
     navigator = NavigatorState().following(path, *ego.place)
-    side = 1 if left < offset else -1
+    side = 1 if left < kept else -1
     return rejoin(changed(unit, phase=Mode.REJOIN, navigator=navigator, stopped_steps=0, side=side), ego)
 
 

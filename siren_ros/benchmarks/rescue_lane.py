@@ -19,7 +19,7 @@ from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.generation.episode_setup import EpisodeSetup, set_up_episode
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.judging.rescue_lane import RoadView, bodies_at, free_width_m, road_of
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.geometry import overlapping_pairs
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -118,7 +118,7 @@ def figures_of(record: EpisodeRecord, jam: frozenset[str]) -> RescueFigures:
     )
 
 
-def _tracks(record: EpisodeRecord, road: RoadView, ids: Sequence[int]) -> tuple[Floats, Floats, Floats]:
+def _tracks(record: EpisodeRecord, road: RoadView, ids: Sequence[int]) -> tuple[Rows, Floats, Floats]:
     """Indices of states, and where on the road some actors are then, NaN while they are not in traffic."""
     times = np.arange(0, record.steps, _EACH_STEPS)
     along, left = np.full((2, len(ids), len(times)), np.nan)
@@ -131,7 +131,7 @@ def _tracks(record: EpisodeRecord, road: RoadView, ids: Sequence[int]) -> tuple[
     return times, along, left
 
 
-def _open_after(record: EpisodeRecord, road: RoadView, times: Floats, emv_m: Floats, first: int, last: int) -> float:
+def _open_after(record: EpisodeRecord, road: RoadView, times: Rows, emv_m: Floats, first: int, last: int) -> float:
     emv, margin_m = record.actors[record.emv_ids[0]], 0.2
     widths = []
     for column in range(first, last):

@@ -15,7 +15,7 @@ from shapely import LineString, contains_xy
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.numerics.arrays import Floats, chances, drawn, random_stream
-from siren_ros.numerics.braking import speed_before_mps
+from siren_ros.numerics.braking import bend_speeds_mps, speed_before_mps, with_braking
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
@@ -30,7 +30,7 @@ from siren_ros.traffic.demand.emv_start import (
     long_enough_route,
 )
 from siren_ros.traffic.demand.further_emvs import arrival_s, crossing_start, crossing_ways, following_starts
-from siren_ros.traffic.demand.group_demand import GroupPlan, plan_groups, route_length_m
+from siren_ros.traffic.demand.group_demand import BRAKE_MPS2, LATERAL_MPS2, GroupPlan, plan_groups, route_length_m
 from siren_ros.traffic.demand.jam import JamHead
 from siren_ros.traffic.demand.plan import (
     DriverPopulation,
@@ -45,6 +45,8 @@ from siren_ros.traffic.demand.vehicle_factory import Dimensions, VehicleFactory
 from siren_ros.world.actors import ActorClass
 
 _PLACEMENT_TRIES: Final = 400
+_EDGES_AHEAD: Final = 4
+"""Of a vehicle's route, whose bends count for its first speed."""
 
 
 def plan_traffic(
@@ -290,13 +292,26 @@ class _Planner:
             driver = self._factory.draw_driver(actor_class, rng, self._template.demand.speed_factor)
             route = self._factory.draw_route((lane.edge,), route_m, rng, lane.index, actor_class)
             wished = min(driver.speed_factor * lane.speed_limit_mps, driver.driving.max_speed_mps)
-            # It can still stop before the lane's end, or behind another one at the least gap.
-            gap_m = self._config.gap_m(lane.speed_limit_mps)
-            free_m = gap_m if gap_m > self._config.placement_gap_m else min(lane.length_m - front, gap_m)
-            stoppable = speed_before_mps(0.0, self._config.comfortable_decel_mps2, free_m)
-            spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, stoppable))
+            safe_mps = self._safe_mps(lane, front, route)
+            spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, safe_mps))
             vehicles.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))
         return tuple(vehicles)
+
+    def _safe_mps(self, lane: Lane, front_m: float, route: Sequence[str]) -> float:
+        """The largest speed of a vehicle that is put on a lane.
+
+        It can still stop before the lane's end, or behind another one at the least gap. Out of town it goes on beyond
+        the lane's end, and can brake for the bends ahead.
+        """
+        gap_m, network = self._config.gap_m(lane.speed_limit_mps), self._network
+        fast = gap_m > self._config.placement_gap_m
+        free_m = gap_m if fast else min(lane.length_m - front_m, gap_m)
+        stoppable_mps = speed_before_mps(0.0, self._config.comfortable_decel_mps2, free_m)
+        if not fast:
+            return stoppable_mps
+        lanes = chain_along(network, lane, [network.edge_by_id[edge].index for edge in route[:_EDGES_AHEAD]]).lanes
+        ahead = Polyline.joined([network.lanes[item].centre for item in lanes]).cut(front_m, front_m + 2.0 * gap_m)
+        return min(stoppable_mps, float(with_braking(bend_speeds_mps(ahead, LATERAL_MPS2), BRAKE_MPS2)[0]))
 
     @cached_property
     def _leading_on(self) -> list[Lane]:

@@ -41,8 +41,8 @@ the two sides, about 4 s apart, and do not leave the junction empty for as long 
 _OVERTAKEN: Final = 1.0 / 3.0
 """Part of the EMV's way to the stop line on which those start who drive next to it: at 30 km/h instead of 50 they do
 not come to a queue at red before the EMV has passed them, and change into its lane."""
-_LATERAL_MPS2: Final = 3.0
-_BRAKE_MPS2: Final = 1.5
+LATERAL_MPS2: Final = 3.0
+BRAKE_MPS2: Final = 1.5
 """With which traffic drives through bends and brakes before them (``traffic/sumo/driving_corrections.py``)."""
 CROSSING_REACH_M: Final = 120.0
 """How far back from the stop line crossing traffic may be placed."""
@@ -128,8 +128,8 @@ def _together_m(
     if {start.lane, start.lanes_to_site[-1]} <= set(row.chain.lanes):
         return row.anchor_m - way_to_stop_line_m(network, start) - _FOLLOWING_M
     way = Polyline.joined([network.lanes[lane].centre for lane in row.chain.lanes]).cut(0.0, row.anchor_m)
-    speed = np.minimum(speed_mps, bend_speeds_mps(way, _LATERAL_MPS2))
-    speed = with_braking(speed, _BRAKE_MPS2)
+    speed = np.minimum(speed_mps, bend_speeds_mps(way, LATERAL_MPS2))
+    speed = with_braking(speed, BRAKE_MPS2)
     left_s = np.cumsum((SAMPLE_M / speed)[::-1])[::-1]
     late = np.flatnonzero(left_s >= arrival_s)
     together_m = float(late[-1]) * SAMPLE_M if len(late) else row.anchor_m - speed_mps * arrival_s

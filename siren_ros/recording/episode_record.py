@@ -12,7 +12,7 @@ from siren_ros.numerics.arrays import Codes, Columns, Floats, Ids, Rows
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
-from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorDescription, ActorStates
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
@@ -119,6 +119,12 @@ class EpisodeRecord:
     def emv_ids(self) -> tuple[int, ...]:
         """Emergency vehicles of the episode."""
         return self.description.emv_ids or tuple(sorted(key for key, actor in self.actors.items() if actor.is_emv))
+
+    @cached_property
+    def walker_ids(self) -> Ids:
+        """People on foot."""
+        walks = (key for key, actor in self.actors.items() if actor.actor_class is ActorClass.PEDESTRIAN)
+        return np.array(sorted(walks), np.uint32)
 
     @cached_property
     def rows(self) -> StateRows:

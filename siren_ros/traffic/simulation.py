@@ -22,12 +22,13 @@ from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle, TrafficPlan
 from siren_ros.traffic.observation import CrossingWatch, Mover, Reactions, find_teleports
 from siren_ros.traffic.sumo.caution import CautiousDrivers
-from siren_ros.traffic.sumo.driving_corrections import BendLimits, LaneContinuity, SidewaysLimits
+from siren_ros.traffic.sumo.driving_corrections import BendLimits, CyclistsSide, LaneContinuity, SidewaysLimits
 from siren_ros.traffic.sumo.mirror import Mirror
 from siren_ros.traffic.sumo.oncoming import OncomingDrivers
 from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_types_xml
 from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
+from siren_ros.traffic.sumo.walkers import Walkers, walker_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, Indices, SignalState, TrafficState
 
@@ -103,6 +104,8 @@ class SumoSimulation:
         siren = LEVEL_POLICIES[level].siren
         self._oncoming = OncomingDrivers(network, plan.response_distance_m) if siren else None
         self._crossings = CrossingWatch(network)
+        self._cyclists = CyclistsSide(network) if plan.riders else None
+        self._walkers = Walkers(network, plan) if plan.walkers else None
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
         self._keeping = frozenset(first)
@@ -120,6 +123,7 @@ class SumoSimulation:
         self._signals: tuple[SignalState, ...] = ()
         self._gap_out = GapOut(plan.signal) if plan.signal is not None else None
         self._last: TrafficState | None = None
+        """Without the people on foot."""
         self._continuity = LaneContinuity(network)
         try:
             self._start(compiled_map, seed)
@@ -162,7 +166,7 @@ class SumoSimulation:
             self._last = self._advance(step, states)
         except libsumo.TraCIException as error:
             raise EpisodeError(f"SUMO failed at step {step}: {error}") from error
-        return self._last
+        return self._last if self._walkers is None else self._walkers.joined(self._last, states, self._take_id)
 
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
         self._cautious.apply(self._last, self._reported)
@@ -173,6 +177,9 @@ class SumoSimulation:
             self._population.refill(self._emv_points(states), self._plan.civilians)
         if self._last is not None and self._plan.riders:
             self._population.refill_riders(self._emv_points(states))
+        if self._walkers is not None:
+            self._walkers.refill()
+            self._walkers.wait_for_bodies(states, self._reported)
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
         removed = self._removed(self._step_sumo())
@@ -182,7 +189,7 @@ class SumoSimulation:
     def _start(self, compiled_map: CompiledMap, seed: int) -> None:
         plan = self._plan
         vehicles = (*plan.emvs, *plan.groups, *plan.background, *plan.reserve, *plan.riders)
-        types = vehicle_types_xml(vehicles, self._level, self._config)
+        types = vehicle_types_xml(vehicles, self._level, self._config, walker_types_xml(plan.walkers))
         with tempfile.TemporaryDirectory(prefix="siren-") as folder:
             types_file = Path(folder) / "types.add.xml"
             types_file.write_bytes(types)
@@ -220,8 +227,12 @@ class SumoSimulation:
         outside = columns.which(self._mirror.places)
         self._sideways.apply(columns, vehicles, outside)
         self._bends.apply(columns, vehicles, outside)
+        if self._cyclists is not None:
+            self._cyclists.apply(columns, vehicles)
         libsumo.simulationStep()
         departed = self._population.drop_departed()
+        if self._walkers is not None:
+            self._walkers.drop_arrived()
         columns.take(libsumo.vehicle.getAllSubscriptionResults())
         if departed:
             columns.leave_out(departed)
@@ -259,8 +270,7 @@ class SumoSimulation:
             if name not in in_sumo or self._ids.get(name) in self._reported:
                 continue
             if name not in self._ids:
-                self._ids[name] = self._next_id
-                self._next_id += 1
+                self._ids[name] = self._take_id()
             actor_id = self._ids[name]
             self._reported[actor_id] = vehicle
             self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
@@ -268,6 +278,10 @@ class SumoSimulation:
             looks = vehicle.colour_rgb, vehicle.is_emv
             spawned.append(ActorDescription(actor_id, name, vehicle.actor_class, *size, *looks))
         return tuple(sorted(spawned, key=lambda description: description.actor_id))
+
+    def _take_id(self) -> int:
+        self._next_id += 1
+        return self._next_id - 1
 
     def _state(self, step: int, mirrored: ActorStates, removed: list[int]) -> TrafficState:
         spawned = self._spawn()

@@ -33,6 +33,7 @@ from siren_ros.traffic.demand.emv_start import (
     unhindered_arrival_s,
 )
 from siren_ros.traffic.demand.group_demand import GroupPlan, plan_groups, route_length_m
+from siren_ros.traffic.demand.pedestrians import plan_walkers
 from siren_ros.traffic.demand.plan import (
     DriverPopulation,
     LaneInterval,
@@ -125,7 +126,15 @@ class _Planner:
             signal=self._signal(groups),
             riders=self._riders(stage),
             riders_kept=self._wanted,
+            walkers=plan_walkers(
+                self._network, self._around_way(), self._template.demand.people.pedestrians, self._seed, self._factory
+            ),
+            walkers_kept=self._template.demand.people.pedestrians,
         )
+
+    def _around_way(self) -> list[Lane]:
+        """The driving lanes near the EMV's way."""
+        return self._lanes_within(self._config.neighbourhood_m) or self._leading_on
 
     @property
     def _wanted(self) -> Mapping[ActorClass, int]:
@@ -134,7 +143,7 @@ class _Planner:
 
     def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
         """Cyclists and motorcyclists near the EMV's way, more than enter at once."""
-        near = self._lanes_within(self._config.neighbourhood_m) or self._leading_on
+        near = self._around_way()
         lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
         return tuple(
             rider

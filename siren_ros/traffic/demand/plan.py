@@ -15,7 +15,7 @@ from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
-from siren_ros.world.actors import TWO_WHEELED, ActorClass
+from siren_ros.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
 
 CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
 
@@ -81,7 +81,7 @@ def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK)
         cooperation=top.number("cooperation", 0.0, 1.0),
         classes={
             member: _class_driving(classes.mapping(member.name.lower()))
-            for member in ActorClass
+            for member in VEHICLE_CLASSES
             if member not in TWO_WHEELED or classes.has(member.name.lower())  # records of earlier episodes have none
         },
     )
@@ -134,6 +134,24 @@ class PlannedVehicle:
 
 
 @dataclass(frozen=True)
+class PlannedWalker:
+    """Somebody who walks: body, place of entry and where to go."""
+
+    name: str
+    length_m: float
+    width_m: float
+    height_m: float
+    colour_rgb: tuple[int, int, int]
+    """Of the clothes."""
+    speed_mps: float
+    edge: str
+    place_m: float
+    """Along the edge."""
+    goals: tuple[str, ...]
+    """Edges with a sidewalk, to be reached one after the other."""
+
+
+@dataclass(frozen=True)
 class LaneInterval:
     """A stretch of a lane, from and to in metres along its centre line."""
 
@@ -183,6 +201,9 @@ class TrafficPlan:
     """Cyclists and motorcyclists: the first ones whose spots are free enter at step 0, others when one leaves."""
     riders_kept: Mapping[ActorClass, int] = field(default_factory=dict)
     """How many of each class to keep in the network."""
+    walkers: tuple[PlannedWalker, ...] = ()
+    """The first ``walkers_kept`` enter at step 0, others when one has arrived."""
+    walkers_kept: int = 0
     av: str = ""
     """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
 

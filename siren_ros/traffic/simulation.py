@@ -169,7 +169,10 @@ class SumoSimulation:
         return self._last if self._walkers is None else self._walkers.joined(self._last, states, self._take_id)
 
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
-        self._cautious.apply(self._last, self._reported)
+        if self._walkers is None:
+            self._cautious.apply(self._last, self._reported)
+        else:
+            self._cautious.apply(self._walkers.on_crossings, {**self._reported, **self._walkers.by_id})
         if self._oncoming is not None:
             self._oncoming.apply(self._last, self._reported)
         self._mirror.apply(states, self._reported, self._ids, self._ahead)

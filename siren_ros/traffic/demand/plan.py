@@ -149,6 +149,8 @@ class PlannedWalker:
     """Along the edge."""
     goals: tuple[str, ...]
     """Edges with a sidewalk, to be reached one after the other."""
+    attentive: bool = True
+    """As of a driver."""
 
 
 @dataclass(frozen=True)

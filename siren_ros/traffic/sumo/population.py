@@ -90,7 +90,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     ridden, cycles = vehicle.actor_class in TWO_WHEELED, vehicle.actor_class is ActorClass.BICYCLE
     numbers = {
         "length": vehicle.length_m,
-        "width": vehicle.width_m + (0.0 if vehicle.is_emv or ridden else _MIRRORS_M),
+        "width": vehicle.width_m + (0.0 if vehicle.is_emv or cycles else _MIRRORS_M),
         "height": vehicle.height_m,
         "minGap": driving.min_gap_m,
         "accel": driving.accel_mps2,

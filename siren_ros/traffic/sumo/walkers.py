@@ -139,6 +139,8 @@ class Walkers:
         self._present: dict[str, PlannedWalker] = {}
         self._ids: dict[str, int] = {}
         self._arrived: list[str] = []
+        self.on_crossings: TrafficState | None = None
+        """The last state with those on crossings alone, as driven from outside: SUMO's drivers wait for such."""
         self._standing: set[str] = set()
         """Those who stand still because of a vehicle."""
 
@@ -168,14 +170,12 @@ class Walkers:
 
     def wait_for_bodies(self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle]) -> None:
         """Who would step into a vehicle stands still; ``states`` is the simulated world at the step before."""
-        rows = np.flatnonzero(np.isin(states.actor_id, np.fromiter(vehicles, np.uint32, len(vehicles))))
-        sizes = [(vehicles[key].length_m, vehicles[key].width_m) for key in states.actor_id[rows].tolist()]
-        bodies = states.x_m[rows], states.y_m[rows], states.yaw_rad[rows], np.array(sizes).reshape(-1, 2)
-        for name, actor_id in self._ids.items():
-            row = int(np.searchsorted(states.actor_id, actor_id))
-            if name not in self._present or row == len(states) or states.actor_id[row] != actor_id:
-                continue
-            stands = _steps_into((states.x_m[row], states.y_m[row], states.yaw_rad[row]), bodies)
+        names = [name for name in self._present if name in self._ids]
+        mine = rows_of_ids(states.actor_id, np.array([self._ids[name] for name in names], np.uint32))
+        driven = np.array([vehicles[key].length_m if key in vehicles else 0.0 for key in states.actor_id.tolist()])
+        wide = np.array([vehicles[key].width_m if key in vehicles else 0.0 for key in states.actor_id.tolist()])
+        stand = _step_into(mine, (states.x_m, states.y_m, states.yaw_rad), (driven, wide)).tolist()
+        for name, stands in zip(names, stand, strict=True):
             if stands != (name in self._standing):
                 libsumo.person.setSpeed(name, _STANDING_MPS if stands else self._present[name].speed_mps)
                 (self._standing.add if stands else self._standing.discard)(name)
@@ -204,6 +204,9 @@ class Walkers:
         x_m, y_m, yaw_rad = map_from_sumo(values[:, 0], values[:, 1], values[:, 2], _SPACE_M, self._offset_m)
         crossing = np.array([bool(_CROSSED.match(results[name][libsumo.VAR_ROAD_ID])) for name in names], np.bool_)
         sumo = *self._kerbs.kept_off(x_m, y_m, crossing), yaw_rad, values[:, 3]
+        simulated = _simulated(ids, sumo, mirrored)
+        across = tuple(column[crossing] for column in sumo), tuple(column[crossing] for column in simulated)
+        self.on_crossings = _merged(state, ids[crossing], *across, Owner.ROS) if crossing.any() else state
         return _merged(
             replace(
                 state,
@@ -212,21 +215,36 @@ class Walkers:
             ),
             ids,
             sumo,
-            _simulated(ids, sumo, mirrored),
+            simulated,
         )
+
+    @property
+    def by_id(self) -> Mapping[int, PlannedWalker]:
+        """Those who have ids."""
+        return {self._ids[name]: walker for name, walker in self._present.items() if name in self._ids}
 
 
 @compiled
-def _steps_into(walker: Any, bodies: Any) -> bool:
-    """Whether a vehicle's body is right before somebody, with room on both sides of the shoulders."""
-    (x, y, yaw), (xs, ys, yaws, sizes) = walker, bodies
-    for k in range(len(xs)):
-        dx, dy = x + _STEP_M * np.cos(yaw) - xs[k], y + _STEP_M * np.sin(yaw) - ys[k]
-        cos, sin = np.cos(yaws[k]), np.sin(yaws[k])
-        ahead, left = abs(dx * cos + dy * sin), abs(dy * cos - dx * sin)
-        if ahead < 0.5 * sizes[k, 0] + _BESIDE_M and left < 0.5 * sizes[k, 1] + _BESIDE_M:
-            return True
-    return False
+def _step_into(walkers: Any, poses: Any, sizes: Any) -> Any:
+    """Whether a vehicle's body is right before each of some people, with room on both sides of the shoulders.
+
+    ``walkers`` are their rows among the actors, −1 for who is not there; the size of who is no vehicle is 0.
+    """
+    (x_m, y_m, yaw_rad), (length_m, width_m), found = poses, sizes, np.zeros(len(walkers), np.bool_)
+    for number in range(len(walkers)):
+        row = walkers[number]
+        if row < 0:
+            continue
+        x, y = x_m[row] + _STEP_M * np.cos(yaw_rad[row]), y_m[row] + _STEP_M * np.sin(yaw_rad[row])
+        for k in range(len(x_m)):
+            dx, dy = x - x_m[k], y - y_m[k]
+            if length_m[k] == 0.0 or abs(dx) + abs(dy) > length_m[k] + width_m[k]:
+                continue
+            cos, sin = np.cos(yaw_rad[k]), np.sin(yaw_rad[k])
+            ahead, left = abs(dx * cos + dy * sin), abs(dy * cos - dx * sin)
+            if ahead < 0.5 * length_m[k] + _BESIDE_M and left < 0.5 * width_m[k] + _BESIDE_M:
+                found[number] = True
+    return found
 
 
 def _values(result: Mapping[int, Any]) -> tuple[float, float, float, float]:
@@ -250,12 +268,14 @@ def _simulated(ids: Ids, sumo: Poses, mirrored: ActorStates) -> Poses:
     return x, y, yaw, speed
 
 
-def _merged(state: TrafficState, ids: Ids, sumo: Poses, simulated: Poses) -> TrafficState:
-    """The state with further rows for some actors, sorted by id."""
+def _merged(
+    state: TrafficState, ids: Ids, sumo: tuple[Floats, ...], simulated: tuple[Floats, ...], owner: Owner = Owner.SUMO
+) -> TrafficState:
+    """The state with further rows for some actors, sorted by id; x, y, yaw and speed in SUMO and simulated."""
     order = np.argsort(np.append(state.actor_id, ids), kind="stable")
     names = ("sumo_x_m", "sumo_y_m", "sumo_yaw_rad", "sumo_speed_mps", "x_m", "y_m", "yaw_rad", "speed_mps")
     theirs: dict[str, Any] = {**dict(zip(names, (*sumo, *simulated), strict=True)), "actor_id": ids}
-    theirs["lane"], theirs["owner"] = np.full(len(ids), NO_LANE, np.int32), np.full(len(ids), Owner.SUMO, np.uint8)
+    theirs["lane"], theirs["owner"] = np.full(len(ids), NO_LANE, np.int32), np.full(len(ids), owner, np.uint8)
     merged: dict[str, Any] = {}
     for name, kind in TRAFFIC_STATE_DTYPES.items():
         if name not in {"removed", "route_offset", "route_edges"}:

@@ -14,8 +14,9 @@ from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.traffic.sumo.walkers import Kerbs, _merged, _steps_into
-from siren_ros.world.actors import ActorClass, Owner
+from siren_ros.traffic.simulation import SumoSimulation
+from siren_ros.traffic.sumo.walkers import Kerbs, _merged, _step_into
+from siren_ros.world.actors import ActorClass, ActorStates, Owner
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
 PEOPLE = 40
@@ -107,11 +108,11 @@ def test_kerbs_move_who_is_on_the_road_and_on_no_crossing() -> None:
     ("place", "blocked"),
     [((1.4, 0.0), True), ((3.5, 0.0), False), ((1.4, 1.5), False), ((-3.0, 0.0), False)],
 )
-def test_nobody_steps_into_a_vehicle_ahead(place: tuple[float, float], blocked: bool) -> None:
+def test_nobody_step_into_a_vehicle_ahead(place: tuple[float, float], blocked: bool) -> None:
     """A vehicle of 4 m by 1.8 m across the way, its middle at a place before somebody who looks east."""
-    turn = np.array([np.pi / 2.0])
-    bodies = np.array([place[0]]), np.array([place[1] * 2.0]), turn, np.array([[4.0, 1.8]])
-    assert _steps_into((0.0, 0.0, 0.0), bodies) is blocked
+    poses = np.array([0.0, place[0]]), np.array([0.0, 2.0 * place[1]]), np.array([0.0, np.pi / 2.0])
+    sizes = np.array([0.0, 4.0]), np.array([0.0, 1.8])
+    assert _step_into(np.array([0, -1]), poses, sizes).tolist() == [blocked, False]
 
 
 def test_rows_are_merged_by_id() -> None:
@@ -130,3 +131,25 @@ def test_rows_are_merged_by_id() -> None:
     assert [merged.route_of_row(row).tolist() for row in range(3)] == [[7, 8], [], [9]]
     for name, kind in TRAFFIC_STATE_DTYPES.items():
         assert getattr(merged, name).dtype == kind, name
+
+
+def test_those_on_crossings_are_as_driven_from_outside_for_sumos_drivers() -> None:
+    """So that who has entered a junction still waits for them."""
+    setup = set_up_episode(EpisodeRequest("S2", map="city", sensors="none", values="demand.people.pedestrians=60"))
+    crossings = shapely.union_all([shapely.Polygon(outline).buffer(1.5) for outline in CITY.crossings])
+    crossed = 0
+    with SumoSimulation(setup.compiled_map, setup.network, setup.plan, setup.level, seed=0) as simulation:
+        state, seen = simulation.step(0, None), 0
+        people = {actor.actor_id for actor in state.spawned if actor.actor_class is ActorClass.PEDESTRIAN}
+        assert simulation._walkers is not None
+        for step in range(1, 500):
+            mirrored = ActorStates.empty(step - 1)
+            state = simulation.step(step, mirrored)
+            among = simulation._walkers.on_crossings
+            assert among is not None
+            rows = np.isin(among.actor_id, list(people))
+            assert (among.owner[rows] == Owner.ROS).all()
+            assert shapely.contains_xy(crossings, among.x_m[rows], among.y_m[rows]).all()
+            crossed, seen = max(crossed, int(rows.sum())), seen + len(among)
+    assert 0 < crossed < 60
+    assert seen > 0

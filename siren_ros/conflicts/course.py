@@ -33,6 +33,8 @@ _UNKNOWN: Final = -2
 _PRIORITY: Final = int(Rank.PRIORITY)
 _STRAIGHT_M: Final = 60.0
 """Length of the course of a vehicle that is off the road."""
+_WALK_M: Final = 10.0
+"""The same of somebody who walks, who has no route: the width of a street, or seven seconds."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +72,9 @@ class Course:
         return next((entry for entry in reversed(self.entries) if entry.start_m <= s_m), None)
 
     @classmethod
-    def straight(cls, x_m: float, y_m: float, yaw_rad: float) -> "Course":
+    def straight(cls, x_m: float, y_m: float, yaw_rad: float, length_m: float = _STRAIGHT_M) -> "Course":
         """The way straight ahead of a point."""
-        s = np.arange(0.0, _STRAIGHT_M, SPACING_M)
+        s = np.arange(0.0, length_m, SPACING_M)
         points = np.stack((x_m + s * cos(yaw_rad), y_m + s * sin(yaw_rad)), axis=-1)
         return cls(points, SPACING_M, np.full(len(s), np.inf))
 
@@ -125,6 +127,23 @@ class _Stack:
         return first
 
 
+def _straight_of(traffic: TrafficState, row: int) -> Course:
+    walks = traffic.route_offset[row] == traffic.route_offset[row + 1]
+    pose = float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row])
+    return Course.straight(*pose, _WALK_M if walks else _STRAIGHT_M)
+
+
+def _straight_ways(traffic: TrafficState, rows: Rows) -> tuple[npt.NDArray[np.float64], Rows]:
+    """Points of the courses of ``_straight_of``, ``(K, 2)``, and where each begins and the last one ends."""
+    walks = traffic.route_offset[rows] == traffic.route_offset[rows + 1]
+    lengths = np.where(walks, round(_WALK_M / SPACING_M), round(_STRAIGHT_M / SPACING_M))
+    counts = np.append(0, np.cumsum(lengths))
+    s = SPACING_M * (np.arange(counts[-1]) - np.repeat(counts[:-1], lengths))
+    yaws = traffic.yaw_rad[rows].tolist()  # by Python's functions, as one course is made
+    ways = (traffic.x_m[rows], [cos(yaw) for yaw in yaws]), (traffic.y_m[rows], [sin(yaw) for yaw in yaws])
+    return np.stack([np.repeat(at, lengths) + s * np.repeat(unit, lengths) for at, unit in ways], axis=-1), counts
+
+
 class CourseBook:
     """The courses of a map, each worked out once: a memory of pure results.
 
@@ -167,11 +186,9 @@ class CourseBook:
         points, limits, used = self._points.rows, self._limits.rows, self._points.used
         straight = (number == _STRAIGHT).nonzero()[0]
         if len(straight):
-            poses = zip(traffic.x_m[straight], traffic.y_m[straight], traffic.yaw_rad[straight], strict=True)
-            courses = [Course.straight(float(x), float(y), float(yaw)) for x, y, yaw in poses]
-            points = np.concatenate((points[:used], *(course.points for course in courses)))
-            limits = np.concatenate((limits[:used], *(course.limit_mps for course in courses)))
-            counts = np.cumsum([0, *(len(course.points) for course in courses)])
+            ahead, counts = _straight_ways(traffic, straight)
+            points = np.concatenate((points[:used], ahead))
+            limits = np.concatenate((limits[:used], np.full(len(ahead), np.inf)))
             ends[:, straight] = used + counts[:-1], used + counts[1:], 0 * straight, 0 * straight
             spacing[straight] = SPACING_M
         begin, end, first, last = ends
@@ -182,7 +199,7 @@ class CourseBook:
         number = int(self.courses_of(traffic).number[row])
         if number != _STRAIGHT:
             return self._courses[number]
-        return Course.straight(float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row]))
+        return _straight_of(traffic, row)
 
     def along(self, lane: int, route: Indices) -> Course:
         """The course from the start of a lane, which may cross a junction, to the end of the route.

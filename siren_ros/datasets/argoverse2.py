@@ -41,6 +41,7 @@ _TYPE_OF_CLASS: Final = {
     ActorClass.BUS: "bus",
     ActorClass.MOTORCYCLE: "motorcyclist",
     ActorClass.BICYCLE: "cyclist",
+    ActorClass.PEDESTRIAN: "pedestrian",
 }
 """Object types of av2; all others are ``vehicle``."""
 """Track id of the vehicle with the sensors."""

@@ -42,6 +42,7 @@ _TYPE_OF_CLASS: Final = {
     ActorClass.BUS: "bus",
     ActorClass.MOTORCYCLE: "motorcycle",
     ActorClass.BICYCLE: "bicycle",
+    ActorClass.PEDESTRIAN: "pedestrian",
 }
 _PROBLEM: Final = 5_000_000
 _OBSTACLES: Final = 6_000_000

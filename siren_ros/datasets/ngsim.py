@@ -225,7 +225,8 @@ class NgsimExporter:
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
         """Writes the samples of one episode; all of its tracks are in memory."""
         record = source.record()
-        roads = [_on_road(record, track) for track in tracks_of(record)]
+        vehicles = (track for track in tracks_of(record) if track.actor.actor_class is not ActorClass.PEDESTRIAN)
+        roads = [_on_road(record, track) for track in vehicles]
         samples = list(self._samples(record, roads))
         rows = np.array([row for row, _ in samples]).reshape(-1, 10 + CELLS)
         buffer = io.BytesIO()

@@ -47,9 +47,18 @@ def entity_name(actor: ActorDescription) -> str:
 
 
 def add_vehicle(entities: Element, actor: ActorDescription) -> None:
-    """Adds an entity with its vehicle."""
+    """Adds an entity with its vehicle; the middle of somebody who walks is the entity's origin."""
     entity = child(entities, "ScenarioObject", name=entity_name(actor))
     kind = actor.actor_class
+    if kind is ActorClass.PEDESTRIAN:
+        walker = child(
+            entity, "Pedestrian", name="pedestrian", pedestrianCategory="pedestrian", mass=75.0, model="adult"
+        )
+        box = child(walker, "BoundingBox")
+        child(box, "Center", x=0.0, y=0.0, z=actor.height_m / 2.0)
+        child(box, "Dimensions", length=actor.length_m, width=actor.width_m, height=actor.height_m)
+        child(walker, "Properties")
+        return
     category, role = _CATEGORY.get(kind, "car"), _ROLE.get(kind, "civil")
     vehicle = child(entity, "Vehicle", name=kind.name.lower(), vehicleCategory=category, role=role, mass=1500.0)
     box = child(vehicle, "BoundingBox")
@@ -146,7 +155,7 @@ def _time_trigger(trigger: Element, name: str, time_s: float) -> None:
 
 def rear_axle(track: Track) -> Floats:
     """x, y, z, heading of the reference point over the frames, shape ``(K, 4)``."""
-    behind = REAR_AXLE * track.actor.length_m
+    behind = 0.0 if track.actor.actor_class is ActorClass.PEDESTRIAN else REAR_AXLE * track.actor.length_m
     x_m = track.x_m - behind * np.cos(track.yaw_rad)
     y_m = track.y_m - behind * np.sin(track.yaw_rad)
     return np.stack((x_m, y_m, track.z_m, track.yaw_rad), axis=-1)

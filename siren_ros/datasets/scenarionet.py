@@ -20,10 +20,11 @@ from siren_ros.record.episode_source import EpisodeSource
 from siren_ros.record.tracks import FRAME_S, LOG_PERIOD_STEPS, Track, tracks_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.world.actors import TWO_WHEELED
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 VERSION: Final = "1.0"
 VEHICLE: Final = "VEHICLE"
+PEDESTRIAN: Final = "PEDESTRIAN"
 CYCLIST: Final = "CYCLIST"
 """ScenarioNet's type of whoever rides on two wheels."""
 _LIGHT: Final = {
@@ -89,7 +90,8 @@ def _track(track: Track, length: int) -> dict[str, Any]:
         "valid": spread(there, np.bool_),
     }
     name = str(actor.actor_id)
-    kind = CYCLIST if actor.actor_class in TWO_WHEELED else VEHICLE
+    ridden, walks = actor.actor_class in TWO_WHEELED, actor.actor_class is ActorClass.PEDESTRIAN
+    kind = PEDESTRIAN if walks else CYCLIST if ridden else VEHICLE
     metadata = {
         "type": kind,
         "track_length": length,

@@ -32,11 +32,12 @@ FILE_NAME: Final = "trajectory.csv"
 
 
 def type_id_of(actor_class: ActorClass) -> str:
-    """A name in the form of CARLA's blueprint ids: ``vehicle.siren.ambulance``.
+    """A name in the form of CARLA's blueprint ids: ``vehicle.siren.ambulance``, ``walker.siren.pedestrian``.
 
     CARLA's ids name car models; these actors are none of them.
     """
-    return f"vehicle.siren.{actor_class.name.lower()}"
+    kind = "walker" if actor_class is ActorClass.PEDESTRIAN else "vehicle"
+    return f"{kind}.siren.{actor_class.name.lower()}"
 
 
 def trajectory_csv(record: EpisodeRecord) -> str:

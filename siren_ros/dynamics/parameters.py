@@ -109,6 +109,14 @@ _RANGES: Final[dict[str, tuple[float, float]]] = {
 }
 
 
+_WALKER_RANGES: Final = {
+    "length_m": (0.2, 1.0),
+    "width_m": (0.2, 1.0),
+    "height_m": (0.5, 2.3),
+    "mass_kg": (10.0, 200.0),
+}
+
+
 def load_vehicle_parameters(files: InputFiles = FILES_ON_DISK) -> Mapping[ActorClass, VehicleParameters]:
     """Parameters of every actor class from the files ``vehicles/<class>.yaml`` (``sedan``, ``fire_truck``, …).
 
@@ -117,8 +125,9 @@ def load_vehicle_parameters(files: InputFiles = FILES_ON_DISK) -> Mapping[ActorC
             line, key, value and what is allowed.
     """
     names = {kind: kind.name.lower() for kind in ActorClass}
-    # Records of earlier episodes have no two wheels.
-    names = {kind: name for kind, name in names.items() if kind not in TWO_WHEELED or files.has("vehicles", name)}
+    # Records of earlier episodes have no two wheels and nobody who walks.
+    later = {*TWO_WHEELED, ActorClass.PEDESTRIAN}
+    names = {kind: name for kind, name in names.items() if kind not in later or files.has("vehicles", name)}
     return {kind: _parameters_in(files.read("vehicle", "vehicles", name)) for kind, name in names.items()}
 
 
@@ -133,6 +142,8 @@ def read_vehicle_parameters(folder: Path) -> Mapping[ActorClass, VehicleParamete
 
 
 def _parameters(mapping: StrictMapping) -> VehicleParameters:
+    if not mapping.has("wheelbase_m"):
+        return _of_walker(mapping)
     parameters = VehicleParameters(**{name: mapping.number(name, *limits) for name, limits in _RANGES.items()})
     mapping.finish()
     space = parameters.length_m - parameters.front_overhang_m
@@ -144,6 +155,16 @@ def _parameters(mapping: StrictMapping) -> VehicleParameters:
         if value >= most:
             raise InputError(mapping.where(name), value, f"less than {text} ({most:g})")
     return parameters
+
+
+def _of_walker(mapping: StrictMapping) -> VehicleParameters:
+    """Somebody who walks has a body and a mass; the vehicle model, which needs the rest, does not move them."""
+    sizes = {name: mapping.number(name, *limits) for name, limits in _WALKER_RANGES.items()}
+    mapping.finish()
+    length_m, inertia = sizes["length_m"], sizes["mass_kg"] * (sizes["length_m"] ** 2 + sizes["width_m"] ** 2) / 12.0
+    middle = {"wheelbase_m": length_m / 2.0, "front_overhang_m": length_m / 4.0, "cg_to_front_axle_m": length_m / 4.0}
+    rest = {name: low for name, (low, _) in _RANGES.items() if name not in {*sizes, *middle}}
+    return VehicleParameters(**{**rest, **sizes, **middle, "yaw_inertia_kgm2": inertia})
 
 
 @dataclass(frozen=True)

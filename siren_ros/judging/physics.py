@@ -33,6 +33,8 @@ class VerifyLimits:
     """Largest road-wheel angle of any class (40°)."""
     wheelbase_share: float = 0.5
     """Smallest wheelbase of any class as a share of its length: that of buses and fire engines."""
+    walker_turn_radps: float = 4.5
+    """Of somebody who walks: a turn on the spot within a step."""
     lateral_accel_mps2: float = 12.0
     """Dry tyres give 1 g, plus a margin for the transient."""
     speed_error_mps: float = 0.5
@@ -91,7 +93,8 @@ def summarise_physics(record: EpisodeRecord) -> PhysicsSummary:
     lateral = np.abs(rows.lateral_accel_mps2)
     is_emv = np.isin(rows.actor_id, np.array(record.emv_ids, dtype=np.uint32))
     low, high = _extremes(rows.accel_mps2[is_emv], EMV_PERCENTILES)
-    driven = ~is_emv & (rows.speed_mps > MOVING_MPS) & (rows.mode != Mode.STOPPED)
+    walks = np.isin(rows.actor_id, record.walker_ids)
+    driven = ~is_emv & ~walks & (rows.speed_mps > MOVING_MPS) & (rows.mode != Mode.STOPPED)
     civilian_low, civilian_high = _extremes(rows.accel_mps2[driven], CIVILIAN_PERCENTILES)
     return PhysicsSummary(
         contacts=len(speeds),
@@ -112,13 +115,17 @@ def _extremes(values: Floats, percentiles: tuple[float, float]) -> tuple[float, 
 
 
 def overlap_m(state: ActorStates, record: EpisodeRecord) -> float:
-    """Greatest penetration depth of two footprints at a step, 0 where none overlap (separating axis theorem)."""
+    """Greatest penetration depth of two footprints at a step, 0 where none overlap (separating axis theorem).
+
+    People who pass each other on foot do not count: they turn their shoulders.
+    """
     sizes = np.array([(record.actors[int(i)].length_m, record.actors[int(i)].width_m) for i in state.actor_id])
     if len(sizes) < 2:
         return 0.0
     length, width = sizes.T
-    _, _, depth_m = overlapping_pairs(state.x_m, state.y_m, state.yaw_rad, length, width)
-    return float(depth_m.max(initial=0.0))
+    first, second, depth_m = overlapping_pairs(state.x_m, state.y_m, state.yaw_rad, length, width)
+    walks = np.isin(state.actor_id, record.walker_ids)
+    return float(depth_m[~(walks[first] & walks[second])].max(initial=0.0))
 
 
 def check_physics(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...]:

@@ -84,7 +84,8 @@ def check_motion(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, Par
     error_x = moved_x / STEP_S - (before.vx_mps + after.vx_mps) / 2.0
     error_y = moved_y / STEP_S - (before.vy_mps + after.vy_mps) / 2.0
     jump_m = np.hypot(moved_x, moved_y) - speed_mps * STEP_S
-    turn_rad = turned - np.minimum(by_steering, by_grip) * STEP_S
+    walking = np.isin(after.actor_id, record.walker_ids)
+    turn_rad = turned - np.where(walking, limits.walker_turn_radps, np.minimum(by_steering, by_grip)) * STEP_S
     error_mps = np.hypot(error_x, error_y) - 0.5 * _velocity_jumps(before, after, record)
 
     def worst(name: str, values: Floats, limit: float) -> Part:

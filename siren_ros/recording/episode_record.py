@@ -13,7 +13,7 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
-from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorDescription, ActorStates
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import Event, EventKind, TrafficState
@@ -141,6 +141,12 @@ class EpisodeRecord:
         for emv_id in self.emv_ids:
             ids = (emv_id, *(other for other in self.emv_ids if other != emv_id))
             yield self if ids == self.emv_ids else replace(self, description=replace(self.description, emv_ids=ids))
+
+    @cached_property
+    def walker_ids(self) -> Ids:
+        """People on foot."""
+        walks = (key for key, actor in self.actors.items() if actor.actor_class is ActorClass.PEDESTRIAN)
+        return np.array(sorted(walks), np.uint32)
 
     @cached_property
     def rows(self) -> StateRows:

@@ -136,6 +136,7 @@ class DemandGroup:
 class PeopleDemand:
     """Who is on the road besides cars, within 150 m of the EMV's way; not counted in the background volume."""
 
+    pedestrians: int = 0
     cyclists: int = 0
     motorcycles: int = 0
 

@@ -271,7 +271,7 @@ def _group(section: StrictMapping, name: str, parameters: _Parameters) -> Demand
 
 
 def _classes(section: StrictMapping) -> tuple[tuple[ActorClass, float], ...]:
-    others = EMERGENCY_CLASSES | TWO_WHEELED
+    others = EMERGENCY_CLASSES | TWO_WHEELED | {ActorClass.PEDESTRIAN}
     civilian = [(member, member.name.lower()) for member in ActorClass if member not in others]
     shares = tuple((member, section.number(name, 0.0, 1.0)) for member, name in civilian if section.has(name))
     section.finish()

@@ -24,7 +24,7 @@ from siren_ros.traffic.demand.jam import JamHead
 from siren_ros.traffic.demand.plan import PlannedVehicle, TrafficPlan
 from siren_ros.traffic.observation import CrossingWatch, Mover, Reactions, find_teleports
 from siren_ros.traffic.sumo.caution import CautiousDrivers
-from siren_ros.traffic.sumo.driving_corrections import BendLimits, LaneContinuity, SidewaysLimits
+from siren_ros.traffic.sumo.driving_corrections import BendLimits, CyclistsSide, LaneContinuity, SidewaysLimits
 from siren_ros.traffic.sumo.mirror import Mirror
 from siren_ros.traffic.sumo.oncoming import OncomingDrivers
 from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_types_xml
@@ -32,6 +32,7 @@ from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, j
 from siren_ros.traffic.sumo.rescue_lane import RescueLane
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
 from siren_ros.traffic.sumo.standoff import StandOff
+from siren_ros.traffic.sumo.walkers import Walkers, walker_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, Indices, SignalState, TrafficState
@@ -114,6 +115,8 @@ class SumoSimulation:
         several = len(plan.emvs) > 1 and LEVEL_POLICIES[level].privileged
         self._standoff = StandOff(tuple(emv.name for emv in plan.emvs)) if several else None
         self._crossings = CrossingWatch(network)
+        self._cyclists = CyclistsSide(network) if plan.riders else None
+        self._walkers = Walkers(network, plan) if plan.walkers else None
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
         self._keeping = frozenset(first)
@@ -131,6 +134,7 @@ class SumoSimulation:
         self._signals: tuple[SignalState, ...] = ()
         self._gap_out = GapOut(plan.signal) if plan.signal is not None else None
         self._last: TrafficState | None = None
+        """Without the people on foot."""
         self._continuity = LaneContinuity(network)
         try:
             self._start(compiled_map, seed)
@@ -169,11 +173,13 @@ class SumoSimulation:
         if step != expected:
             raise EpisodeError(f"SUMO is asked for step {step}, but the next one is {expected}")
         states = ActorStates.empty(step - 1) if simulated is None else simulated
+        states = mirror_image(states) if self._left_hand else states
         try:
-            self._last = self._advance(step, mirror_image(states) if self._left_hand else states)
+            self._last = self._advance(step, states)
         except libsumo.TraCIException as error:
             raise EpisodeError(f"SUMO failed at step {step}: {error}") from error
-        return mirror_image(self._last) if self._left_hand else self._last
+        joined = self._last if self._walkers is None else self._walkers.joined(self._last, states, self._take_id)
+        return mirror_image(joined) if self._left_hand else joined
 
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
         self._impose_caution()
@@ -182,6 +188,9 @@ class SumoSimulation:
             self._population.refill(self._emv_points(states), self._plan.civilians)
         if self._last is not None and self._plan.riders:
             self._population.refill_riders(self._emv_points(states))
+        if self._walkers is not None:
+            self._walkers.refill()
+            self._walkers.wait_for_bodies(states, self._reported)
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
         if self._plan.jam is not None:
@@ -192,7 +201,10 @@ class SumoSimulation:
 
     def _impose_caution(self) -> None:
         """Impose the speeds of drivers who wait for others, before SUMO's next step."""
-        self._cautious.apply(self._last, self._reported)
+        if self._walkers is None:
+            self._cautious.apply(self._last, self._reported)
+        else:
+            self._cautious.apply(self._walkers.on_crossings, {**self._reported, **self._walkers.by_id})
         if self._oncoming is not None:
             self._oncoming.apply(self._last, self._reported)
         if self._standoff is not None:
@@ -204,12 +216,14 @@ class SumoSimulation:
         outside = columns.which(self._mirror.places)
         self._sideways.apply(columns, vehicles, outside)
         self._bends.apply(columns, vehicles, outside)
+        if self._cyclists is not None:
+            self._cyclists.apply(columns, vehicles)
         if self._rescue_lane is not None:
             self._rescue_lane.apply(columns, outside, [vehicle.name for vehicle in self._plan.emvs])
 
     def _types(self, vehicles: Sequence[PlannedVehicle]) -> bytes:
         """The vehicle types that SUMO loads."""
-        return vehicle_types_xml(vehicles, self._level, self._config)
+        return vehicle_types_xml(vehicles, self._level, self._config, walker_types_xml(self._plan.walkers))
 
     def _more_options(self) -> Mapping[str, str]:
         """Further options of SUMO."""
@@ -264,6 +278,8 @@ class SumoSimulation:
         self._correct_motion()
         libsumo.simulationStep()
         departed = self._population.drop_departed()
+        if self._walkers is not None:
+            self._walkers.drop_arrived()
         columns.take(libsumo.vehicle.getAllSubscriptionResults())
         if departed:
             columns.leave_out(departed)
@@ -301,8 +317,7 @@ class SumoSimulation:
             if name not in in_sumo or self._ids.get(name) in self._reported:
                 continue
             if name not in self._ids:
-                self._ids[name] = self._next_id
-                self._next_id += 1
+                self._ids[name] = self._take_id()
             actor_id = self._ids[name]
             self._reported[actor_id] = vehicle
             self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
@@ -310,6 +325,10 @@ class SumoSimulation:
             looks = vehicle.colour_rgb, vehicle.is_emv
             spawned.append(ActorDescription(actor_id, name, vehicle.actor_class, *size, *looks))
         return tuple(sorted(spawned, key=lambda description: description.actor_id))
+
+    def _take_id(self) -> int:
+        self._next_id += 1
+        return self._next_id - 1
 
     def _state(self, step: int, mirrored: ActorStates, removed: list[int]) -> TrafficState:
         spawned = self._spawn()

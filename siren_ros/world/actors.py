@@ -29,6 +29,7 @@ class ActorClass(IntEnum):
     POLICE = 10
     MOTORCYCLE = 11
     BICYCLE = 12
+    PEDESTRIAN = 13
 
     @property
     def is_emergency(self) -> bool:
@@ -38,6 +39,7 @@ class ActorClass(IntEnum):
 
 EMERGENCY_CLASSES: Final = frozenset({ActorClass.AMBULANCE, ActorClass.FIRE_TRUCK, ActorClass.POLICE})
 TWO_WHEELED: Final = frozenset({ActorClass.MOTORCYCLE, ActorClass.BICYCLE})
+VEHICLE_CLASSES: Final = tuple(member for member in ActorClass if member is not ActorClass.PEDESTRIAN)
 
 
 class Owner(IntEnum):

@@ -12,7 +12,7 @@ from siren_ros.conflicts.yielding import Rank
 from siren_ros.conflicts.zones import TRACK_M
 from siren_ros.numerics.geometry import Polyline, rotate
 from siren_ros.roads.road_network import NO_LANE, Connection, Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.world.traffic_state import SignalState
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
 
 
 def lane(index, edge, points, limit=13.89, position=0, kind=LaneKind.DRIVING):
@@ -357,3 +357,28 @@ def test_a_cyclist_crosses_the_junction_on_the_way_of_the_cycle_lane():
     assert book.along(0, edges(0, 3)).points[:, 1] == pytest.approx(-3.0)
     assert book.along(2, edges(0, 3)).points[:, 1] == pytest.approx(-3.0)
     assert book.along(1, edges(0, 3)).points[:, 1] == pytest.approx(0.0)
+
+
+def test_who_has_no_route_walks_ten_metres_straight_on(network):
+    """Vehicles off the road go on for sixty; the courses of a step are those that are made one by one."""
+    columns = {name: np.zeros(3, kind) for name, kind in TRAFFIC_STATE_DTYPES.items()}
+    columns |= {"actor_id": np.array([1, 2, 3], np.uint32), "lane": np.array([NO_LANE, NO_LANE, 0], np.int32)}
+    columns |= {
+        "x_m": np.array([3.0, 50.0, 20.0]),
+        "y_m": np.array([9.0, 8.0, 0.0]),
+        "yaw_rad": np.array([1.1, -2.0, 0.0]),
+    }
+    columns |= {"removed": np.empty(0, np.uint32), "lane_position_m": np.array([0.0, 0.0, 22.0])}
+    columns |= {"route_offset": np.array([0, 0, 2, 4], np.int32), "route_edges": edges(0, 4, 0, 4)}
+    traffic = TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
+    book = CourseBook(network)
+    found = book.courses_of(traffic)
+    for row, count in ((0, 10), (1, 60)):
+        begin, end = found.ends[0][row], found.ends[1][row]
+        one = book.course_of(traffic, row)
+        assert len(one.points) == end - begin == count
+        np.testing.assert_array_equal(found.points[begin:end], one.points)
+        np.testing.assert_array_equal(found.limit_mps[begin:end], one.limit_mps)
+        reach = one.points[-1] - one.points[0]
+        assert np.arctan2(reach[1], reach[0]) == pytest.approx(traffic.yaw_rad[row])
+    assert found.number[2] >= 0

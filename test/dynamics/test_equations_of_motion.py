@@ -8,7 +8,7 @@ import pytest
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable, VehicleParameters, load_vehicle_parameters
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
 from siren_ros.numerics.units import GRAVITY_MPS2, STEP_S
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import VEHICLE_CLASSES, ActorClass
 
 PARAMETERS = load_vehicle_parameters()
 FINE_S = 5e-4
@@ -123,7 +123,7 @@ def test_the_centres_velocity_is_that_of_a_point_ahead_of_the_centre_of_gravity(
     assert (vx[0], vy[0]) == pytest.approx(tuple(9.0 * along + (0.4 + 0.3 * ahead) * left))
 
 
-@pytest.mark.parametrize("kind", list(ActorClass))
+@pytest.mark.parametrize("kind", VEHICLE_CLASSES)
 def test_distances_of_a_class_add_up(kind: ActorClass) -> None:
     p = PARAMETERS[kind]
     rear_axle = p.length_m - p.front_overhang_m - p.wheelbase_m

@@ -15,7 +15,7 @@ from siren_ros.errors import InputError
 from siren_ros.numerics.units import GRAVITY_MPS2
 from siren_ros.params.input_files import FILES_ON_DISK, NotedFiles, RecordedFiles
 from siren_ros.params.resources import params_dir
-from siren_ros.world.actors import TWO_WHEELED, ActorClass
+from siren_ros.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_every_class_has_parameters(parameters: Mapping[ActorClass, VehicleParam
     assert set(parameters) == set(ActorClass)
 
 
-@pytest.mark.parametrize("kind", list(ActorClass))
+@pytest.mark.parametrize("kind", VEHICLE_CLASSES)
 def test_classes_are_plausible(parameters: Mapping[ActorClass, VehicleParameters], kind: ActorClass) -> None:
     vehicle = parameters[kind]
     radius_of_gyration_m = np.sqrt(vehicle.yaw_inertia_kgm2 / vehicle.mass_kg)
@@ -96,12 +96,12 @@ def test_table_rows_follow_the_list(parameters: Mapping[ActorClass, VehicleParam
     assert len(ParameterTable.of((), parameters)) == 0
 
 
-def test_records_of_earlier_episodes_have_no_two_wheels() -> None:
+def test_records_of_earlier_episodes_have_no_two_wheels_and_nobody_on_foot() -> None:
     """Their vehicles are read from the record nevertheless."""
     noted = NotedFiles(FILES_ON_DISK)
     load_vehicle_parameters(noted)
-    earlier = RecordedFiles(file for file in noted.seen if file.name not in {"bicycle", "motorcycle"})
-    assert set(load_vehicle_parameters(earlier)) == set(ActorClass) - TWO_WHEELED
+    earlier = RecordedFiles(file for file in noted.seen if file.name not in {"bicycle", "motorcycle", "pedestrian"})
+    assert set(load_vehicle_parameters(earlier)) == set(ActorClass) - TWO_WHEELED - {ActorClass.PEDESTRIAN}
     without_bus = RecordedFiles(file for file in noted.seen if file.name != "bus")
     with pytest.raises(InputError, match="bus"):
         load_vehicle_parameters(without_bus)

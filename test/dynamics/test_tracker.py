@@ -14,7 +14,7 @@ from siren_ros.dynamics.vehicle_model import BodyState, step_bodies
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import VEHICLE_CLASSES, ActorClass
 
 REFERENCE_FIELDS = tuple(field.name for field in fields(Reference))
 PARAMETERS = load_vehicle_parameters()
@@ -110,7 +110,7 @@ def test_heavy_vehicles_keep_up(kind: ActorClass) -> None:
     assert abs(run.along_m[-1]) < 0.15
 
 
-@pytest.mark.parametrize("kind", list(ActorClass))
+@pytest.mark.parametrize("kind", VEHICLE_CLASSES)
 def test_emergency_stop_does_not_reach_the_leader(kind: ActorClass) -> None:
     speed = _speeds((-4.5, 4.0), (0.0, 4.0), start_mps=13.9)
     run = _follow(kind, _rod(_straight(), _way(speed), PARAMETERS[kind].length_m), speed)
@@ -202,7 +202,7 @@ def test_sideways_slide_at_standstill_moves_nothing() -> None:
     jump_m=st.floats(-3.0, 3.0),
     turn_rad=st.floats(-1.5, 1.5),
     speed_mps=st.floats(0.0, 15.0),
-    kind=st.sampled_from(list(ActorClass)),
+    kind=st.sampled_from(VEHICLE_CLASSES),
 )
 def test_any_reference_gives_usable_controls(
     jump_m: float, turn_rad: float, speed_mps: float, kind: ActorClass

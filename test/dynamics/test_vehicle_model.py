@@ -13,7 +13,7 @@ from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable, Veh
 from siren_ros.dynamics.vehicle_model import SUBSTEP_S, BodyState, Controls, step_bodies
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import GRAVITY_MPS2, STEP_S
-from siren_ros.world.actors import TWO_WHEELED, ActorClass
+from siren_ros.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
 
 PARAMETERS = load_vehicle_parameters()
 H_S = 0.01
@@ -207,7 +207,7 @@ def test_who_has_stopped_and_hardly_drifts_stands_still(v: float, w: float, stil
     assert ((after.lateral_mps[0], after.yaw_rate_radps[0]) == (0.0, 0.0)) is still
 
 
-FOUR_WHEELED = [kind for kind in ActorClass if kind not in TWO_WHEELED]
+FOUR_WHEELED = [kind for kind in VEHICLE_CLASSES if kind not in TWO_WHEELED]
 TABLE = ParameterTable.of(FOUR_WHEELED, load_vehicle_parameters())
 COUNT = len(TABLE)
 

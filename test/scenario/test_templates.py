@@ -240,7 +240,7 @@ def test_shoulders_are_in_use_where_a_free_one_would_be_the_way_past_everybody(t
 @pytest.mark.parametrize("name", available_templates())
 def test_every_template_can_have_people_and_has_none_by_itself(name):
     template = load_template(name)
-    assert template.demand.people == PeopleDemand(0, 0)
+    assert template.demand.people == PeopleDemand(0, 0, 0)
     assert not set(PEOPLE) & template.drawn.keys()
     changed = template.with_values({"demand.people.cyclists": 12.0})
     assert changed.demand.people == PeopleDemand(cyclists=12, motorcycles=0)

@@ -329,6 +329,7 @@ def test_the_city_has_people_in_every_template() -> None:
     for episode in planned:
         assert episode.request.map == "city"
         people = load_template(episode.request.template).with_values(values_of(episode.request.values)).demand.people
+        assert people.pedestrians >= 30
         assert people.cyclists >= 10
         assert people.motorcycles >= 5
 

@@ -55,6 +55,7 @@ TYPE_OF_CLASS: Final = {
     ActorClass.BUS: "Misc",
     ActorClass.MOTORCYCLE: "Misc",
     ActorClass.BICYCLE: "Cyclist",
+    ActorClass.PEDESTRIAN: "Pedestrian",
 }
 """KITTI has no class for buses and motorcycles: its ``Misc`` is what has none."""
 UNKNOWN: Final = 3
@@ -64,12 +65,13 @@ _PARTLY_VISIBLE: Final = 0.4
 
 
 def label_text(truth: GroundTruth) -> str:
-    """Label lines of all boxes within range, in the order of actor ids; empty where there are none.
+    """Label lines of all vehicles within range, in the order of actor ids; empty where there are none.
 
     Truncation and occlusion are 0 and the image box is all zeros: these labels are the LiDAR's. ``alpha``
     is the heading as seen along the line of sight.
     """
-    near = np.flatnonzero(np.hypot(truth.x_m, truth.y_m) <= RANGE_M)
+    vehicles = truth.actor_class != ActorClass.PEDESTRIAN
+    near = np.flatnonzero(vehicles & (np.hypot(truth.x_m, truth.y_m) <= RANGE_M))
     heading = wrap_angle(truth.yaw_rad)
     alpha = wrap_angle(heading - np.arctan2(truth.y_m, truth.x_m))
     lines = []

@@ -36,9 +36,17 @@ CATEGORY_OF_CLASS: Final = {
     ActorClass.POLICE: "vehicle.emergency.police",
     ActorClass.MOTORCYCLE: "vehicle.motorcycle",
     ActorClass.BICYCLE: "vehicle.bicycle",
+    ActorClass.PEDESTRIAN: "human.pedestrian.adult",
 }
 """nuScenes counts vans and pick-ups among cars, and has no fire trucks."""
-ATTRIBUTES: Final = ("vehicle.moving", "vehicle.stopped", "vehicle.parked", "cycle.with_rider")
+ATTRIBUTES: Final = (
+    "vehicle.moving",
+    "vehicle.stopped",
+    "vehicle.parked",
+    "cycle.with_rider",
+    "pedestrian.moving",
+    "pedestrian.standing",
+)
 VISIBILITIES: Final = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100"}
 _STOPPED_MPS: Final = 0.3
 LIDAR: Final = "LIDAR_TOP"
@@ -57,16 +65,17 @@ def category_of(actor_class: ActorClass, emergency: str, others: str = "nuscenes
     """
     if actor_class in EMERGENCY_CLASSES and emergency != EMERGENCY:
         return CAR
-    if actor_class not in EMERGENCY_CLASSES and others == CAR:
+    if actor_class not in {*EMERGENCY_CLASSES, ActorClass.PEDESTRIAN} and others == CAR:
         return CAR
     return CATEGORY_OF_CLASS[actor_class]
 
 
 def attribute_of(actor_class: ActorClass, speed_mps: float) -> str:
-    """Whether a vehicle moves, no recorded vehicle is parked; of two wheels, that they have a rider."""
+    """Whether somebody moves, no recorded vehicle is parked; of two wheels, that they have a rider."""
     if actor_class in TWO_WHEELED:
         return ATTRIBUTES[3]
-    return ATTRIBUTES[0] if speed_mps > _STOPPED_MPS else ATTRIBUTES[1]
+    moving, standing = ATTRIBUTES[4:] if actor_class is ActorClass.PEDESTRIAN else ATTRIBUTES[:2]
+    return moving if speed_mps > _STOPPED_MPS else standing
 
 
 def visibility_of(fraction: float) -> str:

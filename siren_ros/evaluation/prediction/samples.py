@@ -223,7 +223,8 @@ class ScoredSamples:
 def samples_of(record: EpisodeRecord, window: HistoryWindow, population: Population) -> ScoredSamples:
     """One sample for each vehicle, EMV included, and each frame at which its whole window was logged.
 
-    With the population of the region only states within it count as logged, those of neighbours too.
+    With the population of the region only states within it count as logged, those of neighbours too. People on foot are
+    no vehicles: they are neither samples nor neighbours.
 
     The stride is one frame, so that the windows overlap (paper, "Trajectory prediction"): a gapless track of F
     frames gives F − 80 samples with the default window.
@@ -232,7 +233,7 @@ def samples_of(record: EpisodeRecord, window: HistoryWindow, population: Populat
         BagError: The record holds states of an actor that it does not describe.
     """
     rows = record.rows
-    logged = rows.step % LOG_PERIOD_STEPS == 0
+    logged = (rows.step % LOG_PERIOD_STEPS == 0) & ~np.isin(rows.actor_id, record.walker_ids)
     if population is Population.REGION:
         logged &= rows_in_region(record)
     rows = rows.select(logged)

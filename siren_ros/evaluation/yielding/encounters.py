@@ -13,7 +13,7 @@ from siren_ros.numerics.geometry import Polyline, wrap_angle
 from siren_ros.record.vehicle_location import places_of
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.world.actors import Lights, rows_of_ids
+from siren_ros.world.actors import ActorClass, Lights, rows_of_ids
 
 REACH_M: Final = 45.0
 """More than a vehicle's length and the corridor's look-ahead."""
@@ -221,7 +221,8 @@ def encounters_of(record: EpisodeRecord, line: EmvLine, limits: YieldThresholds)
     most ``beside_m`` from its line.
     """
     for actor_id, actor in record.actors.items():
-        if not actor.is_emv and (encounter := _encounter(record, line, actor_id, limits)) is not None:
+        drives = not actor.is_emv and actor.actor_class is not ActorClass.PEDESTRIAN
+        if drives and (encounter := _encounter(record, line, actor_id, limits)) is not None:
             yield encounter
 
 

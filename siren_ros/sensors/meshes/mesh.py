@@ -79,6 +79,7 @@ class SemanticClass(IntEnum):
     VEGETATION = 9
     TERRAIN = 10
     SKY = 11
+    PEDESTRIAN = 12
     CAR = 14
     TRUCK = 15
     BUS = 16
@@ -116,6 +117,7 @@ _ACTOR_CLASSES: Final = {
     ActorClass.FIRE_TRUCK: SemanticClass.TRUCK,
     ActorClass.MOTORCYCLE: SemanticClass.MOTORCYCLE,
     ActorClass.BICYCLE: SemanticClass.BICYCLE,
+    ActorClass.PEDESTRIAN: SemanticClass.PEDESTRIAN,
 }
 
 

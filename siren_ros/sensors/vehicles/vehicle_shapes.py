@@ -10,7 +10,7 @@ import numpy as np
 from siren_ros.dynamics.parameters import VehicleParameters, load_vehicle_parameters
 from siren_ros.numerics.arrays import Floats, Floats32
 from siren_ros.sensors.meshes.mesh import Limb, VehicleShape, Wheel
-from siren_ros.sensors.vehicles import cars, large_vehicles, two_wheels
+from siren_ros.sensors.vehicles import cars, large_vehicles, people, two_wheels
 from siren_ros.sensors.vehicles.vehicle_parts import Drawn
 from siren_ros.world.actors import ActorClass
 
@@ -37,6 +37,8 @@ _RIDDEN: Final[Mapping[ActorClass, Callable[[], two_wheels.Ridden]]] = {
 def vehicle_shape(actor_class: ActorClass) -> VehicleShape:
     """The shape of a vehicle class with the sizes and axles of ``params/vehicles``; InputError for an unusable file."""
     size = load_vehicle_parameters()[actor_class]
+    if actor_class is ActorClass.PEDESTRIAN:
+        return people.walker(size.length_m, size.width_m, size.height_m)
     if actor_class in _RIDDEN:
         body, wheels, limbs = _RIDDEN[actor_class]()
         return fitted(actor_class, (body, wheels), size, limbs)

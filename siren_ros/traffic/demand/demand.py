@@ -32,6 +32,7 @@ from siren_ros.traffic.demand.emv_start import (
 from siren_ros.traffic.demand.further_emvs import arrival_s, crossing_start, crossing_ways, following_starts
 from siren_ros.traffic.demand.group_demand import BRAKE_MPS2, LATERAL_MPS2, GroupPlan, plan_groups, route_length_m
 from siren_ros.traffic.demand.jam import JamHead
+from siren_ros.traffic.demand.pedestrians import plan_walkers
 from siren_ros.traffic.demand.plan import (
     DriverPopulation,
     LaneInterval,
@@ -129,11 +130,19 @@ class _Planner:
             duty=bool(self._template.response.duty),
             riders=self._riders(stage),
             riders_kept=self._wanted,
+            walkers=plan_walkers(
+                self._network, self._around_way(), self._template.demand.people.pedestrians, self._seed, self._factory
+            ),
+            walkers_kept=self._template.demand.people.pedestrians,
         )
 
     def _jam(self, groups: GroupPlan) -> JamHead | None:
         jam = self._template.jam
         return None if jam is None else JamHead(groups.heads, bool(jam.moves), jam.roll_s, jam.roll_mps, jam.stand_s)
+
+    def _around_way(self) -> list[Lane]:
+        """The driving lanes near the EMV's way."""
+        return self._lanes_within(self._config.neighbourhood_m) or self._leading_on
 
     @property
     def _wanted(self) -> Mapping[ActorClass, int]:
@@ -142,7 +151,7 @@ class _Planner:
 
     def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
         """Cyclists and motorcyclists near the EMV's way, more than enter at once."""
-        near = self._lanes_within(self._config.neighbourhood_m) or self._leading_on
+        near = self._around_way()
         lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
         return tuple(
             rider

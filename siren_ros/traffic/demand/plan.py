@@ -16,7 +16,7 @@ from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
 from siren_ros.traffic.demand.jam import JamHead
-from siren_ros.world.actors import TWO_WHEELED, ActorClass
+from siren_ros.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
 
 CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
 
@@ -82,7 +82,7 @@ def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK)
         cooperation=top.number("cooperation", 0.0, 1.0),
         classes={
             member: _class_driving(classes.mapping(member.name.lower()))
-            for member in ActorClass
+            for member in VEHICLE_CLASSES
             if member not in TWO_WHEELED or classes.has(member.name.lower())  # records of earlier episodes have none
         },
     )
@@ -132,6 +132,26 @@ class PlannedVehicle:
     """Whether the driver sees an EMV that comes across against a signal or sign."""
     oncoming_share: float = 1.0
     """Of the wished speed that the driver slows down to for an EMV that comes towards it; 1 for no reaction."""
+
+
+@dataclass(frozen=True)
+class PlannedWalker:
+    """Somebody who walks: body, place of entry and where to go."""
+
+    name: str
+    length_m: float
+    width_m: float
+    height_m: float
+    colour_rgb: tuple[int, int, int]
+    """Of the clothes."""
+    speed_mps: float
+    edge: str
+    place_m: float
+    """Along the edge."""
+    goals: tuple[str, ...]
+    """Edges with a sidewalk, to be reached one after the other."""
+    attentive: bool = True
+    """As of a driver."""
 
 
 @dataclass(frozen=True)
@@ -190,6 +210,9 @@ class TrafficPlan:
     """Cyclists and motorcyclists: the first ones whose spots are free enter at step 0, others when one leaves."""
     riders_kept: Mapping[ActorClass, int] = field(default_factory=dict)
     """How many of each class to keep in the network."""
+    walkers: tuple[PlannedWalker, ...] = ()
+    """The first ``walkers_kept`` enter at step 0, others when one has arrived."""
+    walkers_kept: int = 0
     av: str = ""
     """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
 

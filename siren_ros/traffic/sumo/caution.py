@@ -1,5 +1,7 @@
 """SUMO's drivers wait for vehicles that are driven from outside, where their ways meet.
 
+People on crossings are such, too: SUMO's drivers heed them before they enter a junction, and not inside.
+
 SUMO lets its drivers give way by the time at which others have announced to arrive at a junction. A vehicle that is
 moved from outside announces nothing, and one that runs a red signal is nobody's foe: SUMO would drive through it. So
 its drivers are slowed here by the same rule by which the outside ones are driven.
@@ -7,7 +9,7 @@ its drivers are slowed here by the same rule by which the outside ones are drive
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import libsumo
 import numpy as np
@@ -20,7 +22,7 @@ from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.traffic.config import CautionConfig
-from siren_ros.traffic.demand.plan import PlannedVehicle
+from siren_ros.traffic.demand.plan import PlannedVehicle, PlannedWalker
 from siren_ros.world.actors import Owner, rows_of_ids
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 
@@ -30,6 +32,10 @@ _HARD_BRAKE_MODE: Final = 27
 _FREE_MODE: Final = 31
 _BY_SUMO: Final = int(Owner.SUMO)
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
+
+
+Bodies: TypeAlias = Mapping[int, PlannedVehicle | PlannedWalker]
+"""Vehicles, and people on crossings, by actor id."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +221,7 @@ class CautiousDrivers:
         self._slowed: dict[str, int] = {}
         self._drivers: tuple[Ids, Floats, Floats, list[int]] | None = None
 
-    def apply(self, traffic: TrafficState | None, vehicles: Mapping[int, PlannedVehicle]) -> None:
+    def apply(self, traffic: TrafficState | None, vehicles: Bodies) -> None:
         """Impose speeds for SUMO's next step, and free those who need not wait any more.
 
         ``traffic`` is the state before that step, None before the first one.
@@ -233,9 +239,7 @@ class CautiousDrivers:
         """Drop a vehicle that has left SUMO, or that is driven from outside from now on."""
         self._slowed.pop(name, None)
 
-    def _drivers_of(
-        self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]
-    ) -> tuple[Ids, Floats, Floats, list[int]]:
+    def _drivers_of(self, actor_id: Ids, vehicles: Bodies) -> tuple[Ids, Floats, Floats, list[int]]:
         """Actors, half lengths, half widths and who is inattentive; those of the call before for the same actors."""
         if self._drivers is None or self._drivers[0] is not actor_id:
             known = [vehicles[actor] for actor in actor_id.tolist()]
@@ -245,7 +249,7 @@ class CautiousDrivers:
             self._drivers = actor_id, half_length_m, half_width_m, inattentive
         return self._drivers
 
-    def _speeds(self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle]) -> dict[str, tuple[int, float]]:
+    def _speeds(self, traffic: TrafficState, vehicles: Bodies) -> dict[str, tuple[int, float]]:
         """Actor and speed by the vehicle's name."""
         _, half_length_m, half_width_m, inattentive = self._drivers_of(traffic.actor_id, vehicles)
         outlook = Outlook(traffic, self._book, half_length_m, half_width_m)
@@ -254,6 +258,8 @@ class CautiousDrivers:
             row = int(np.searchsorted(traffic.actor_id, caution.actor_id))
             speed = float(traffic.sumo_speed_mps[row])
             vehicle = vehicles[caution.actor_id]
+            if isinstance(vehicle, PlannedWalker):
+                continue
             brake = vehicle.driver.driving.decel_mps2
             if caution.wait.brake_mps2 > brake:
                 brake = min(caution.wait.brake_mps2, self._config.most_brake_mps2)

@@ -3,6 +3,7 @@
 * They slow down for bends: SUMO knows a lane's speed limit, not its shape.
 * They stay where they are when they change to a lane of another length.
 * They move sideways by driving, also where a lane change is urgent.
+* Cyclists ride in the middle of a cycle lane, and on the right of wider lanes.
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -18,9 +19,10 @@ from siren_ros.numerics.braking import SAMPLE_M, bend_speeds_mps, braking_distan
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.road_network import MAPS_KEPT, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, NO_LANE, Lane, LaneKind, RoadNetwork
 from siren_ros.traffic.demand.plan import PlannedVehicle, connection_onward
 from siren_ros.traffic.sumo.readings import ALONG, ASIDE, SPEED, SumoColumns, X, Y
+from siren_ros.world.actors import ActorClass
 
 # No parameters: they make SUMO's motion one that a car can follow, and are calibrated with the vehicle model.
 LATERAL_ACCEL_MPS2: Final = 3.0
@@ -339,3 +341,30 @@ def _sideways_limits(numbers: Any, outside: Any, wished_mps: Any, limits_mps: An
             changed[count] = row
             count += 1
     return changed[:count]
+
+
+_CYCLE_LANE_M: Final = 2.5
+"""Greatest width of lanes in whose middle cyclists ride (RASt 06: cycle lanes have 1.5 to 2.25 m)."""
+_RIGHT: Final = "right"
+
+
+class CyclistsSide:
+    """Which side of their lanes cyclists keep to in SUMO."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._narrow = [lane.width_m < _CYCLE_LANE_M for lane in network.lanes]
+        self._lane_ids: tuple[str, ...] = ()
+        self._sides: dict[str, str] = {}
+
+    def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle]) -> None:
+        """Tell SUMO about cyclists who have come to a lane of another kind."""
+        if columns.lane_ids is self._lane_ids:
+            return
+        self._lane_ids = columns.lane_ids
+        for name, lane in zip(columns.names, columns.lane.tolist(), strict=True):
+            if vehicles[name].actor_class is not ActorClass.BICYCLE or lane == NO_LANE:
+                continue
+            side = "center" if self._narrow[lane] else _RIGHT
+            if self._sides.get(name, _RIGHT) != side:
+                libsumo.vehicle.setLateralAlignment(name, side)
+                self._sides[name] = side

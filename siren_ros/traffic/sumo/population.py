@@ -61,8 +61,10 @@ def type_id(vehicle: PlannedVehicle) -> str:
     return f"type.{vehicle.name}"
 
 
-def vehicle_types_xml(vehicles: Iterable[PlannedVehicle], level: EmergencyLevel, config: TrafficConfig) -> bytes:
-    """The additional file with all types.
+def vehicle_types_xml(
+    vehicles: Iterable[PlannedVehicle], level: EmergencyLevel, config: TrafficConfig, others: str = ""
+) -> bytes:
+    """The additional file with all types; ``others`` are elements of types that are not vehicles'.
 
     Civilians in cars, lorries and buses are of SUMO's class ``passenger``, so that one set of lanes is open to
     all of them. Motorcycles and bicycles have their own classes. At L0 an EMV has no privilege: it keeps to the speed
@@ -75,7 +77,7 @@ def vehicle_types_xml(vehicles: Iterable[PlannedVehicle], level: EmergencyLevel,
             attributes |= _of_emv(vehicle, level, config)
         words = "".join([f" {name}={_quoted(text)}" for name, text in attributes.items()])
         lines.append(f"<vType{words}/>")
-    return "\n".join([*lines, "</additional>"]).encode()
+    return "\n".join([*lines, f"{others}</additional>"]).encode()
 
 
 def _quoted(text: str) -> str:
@@ -88,7 +90,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     ridden, cycles = vehicle.actor_class in TWO_WHEELED, vehicle.actor_class is ActorClass.BICYCLE
     numbers = {
         "length": vehicle.length_m,
-        "width": vehicle.width_m + (0.0 if vehicle.is_emv or ridden else MIRRORS_M),
+        "width": vehicle.width_m + (0.0 if vehicle.is_emv or cycles else MIRRORS_M),
         "height": vehicle.height_m,
         "minGap": driving.min_gap_m,
         "accel": driving.accel_mps2,

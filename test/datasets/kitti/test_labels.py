@@ -128,4 +128,5 @@ def test_every_class_has_kittis_nearest_one():
         "Truck": {"TRUCK", "FIRE_TRUCK"},
         "Misc": {"BUS", "MOTORCYCLE"},
         "Cyclist": {"BICYCLE"},
+        "Pedestrian": {"PEDESTRIAN"},
     }

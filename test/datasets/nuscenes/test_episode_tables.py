@@ -26,6 +26,8 @@ def test_emergency_vehicles_are_cars_unless_they_have_their_own():
         if member.is_emergency:
             assert (plain, emergency, paper) == (episode_tables.CAR, category, category)
             assert category.startswith("vehicle.emergency.")
+        elif member is ActorClass.PEDESTRIAN:
+            assert {plain, emergency, paper} == {"human.pedestrian.adult"}
         else:
             assert (plain, emergency, paper) == (category, category, episode_tables.CAR)
 
@@ -39,6 +41,11 @@ def test_levels_of_visibility(fraction, level):
 
 def test_who_is_slower_than_a_foot_per_second_stands():
     assert episode_tables.attribute_of(ActorClass.BICYCLE, 0.31) == "cycle.with_rider"
+    walks = ActorClass.PEDESTRIAN
+    assert (episode_tables.attribute_of(walks, 0.31), episode_tables.attribute_of(walks, 0.29)) == (
+        "pedestrian.moving",
+        "pedestrian.standing",
+    )
     car = ActorClass.SEDAN
     assert (episode_tables.attribute_of(car, 0.31), episode_tables.attribute_of(car, 0.29)) == (
         "vehicle.moving",

@@ -8,15 +8,15 @@ from solids import one_sidedness, volume
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.sensors.meshes.mesh import Material, Swing
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
-from siren_ros.world.actors import TWO_WHEELED, ActorClass
+from siren_ros.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
 
 CARS = [ActorClass.HATCHBACK, ActorClass.SEDAN, ActorClass.ESTATE, ActorClass.SUV, ActorClass.VAN, ActorClass.PICKUP]
 TWO = sorted(TWO_WHEELED)
 cars_and_larger = pytest.mark.parametrize(
-    "actor_class", [kind for kind in ActorClass if kind not in TWO_WHEELED], ids=lambda c: c.name.lower()
+    "actor_class", [kind for kind in VEHICLE_CLASSES if kind not in TWO_WHEELED], ids=lambda c: c.name.lower()
 )
 two_wheels = pytest.mark.parametrize("actor_class", TWO, ids=lambda c: c.name.lower())
-every_class = pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda c: c.name.lower())
+every_class = pytest.mark.parametrize("actor_class", VEHICLE_CLASSES, ids=lambda c: c.name.lower())
 
 
 def cast(mesh, rays):
@@ -109,7 +109,7 @@ def test_lamps_shine_ahead_and_behind(actor_class):
 
 
 @pytest.mark.parametrize(
-    "actor_class", [kind for kind in ActorClass if kind is not ActorClass.BICYCLE], ids=lambda c: c.name.lower()
+    "actor_class", [kind for kind in VEHICLE_CLASSES if kind is not ActorClass.BICYCLE], ids=lambda c: c.name.lower()
 )
 def test_indicators_are_on_their_sides_in_front_and_behind(actor_class):
     body = vehicle_shape(actor_class).body
@@ -172,3 +172,19 @@ def test_legs_of_a_cyclist_swing_about_the_hips():
         assert 0.1 < lowest < 0.4  # between the lowest and the highest place of a pedal
         assert limb.mesh.bounds_m[1][2] < 0.15  # nothing but the hip is above the joint
     assert vehicle_shape(ActorClass.MOTORCYCLE).limbs == ()
+
+
+def test_somebody_who_walks_has_the_size_of_the_parameters_and_swings_arms_and_legs():
+    shape, size = vehicle_shape(ActorClass.PEDESTRIAN), load_vehicle_parameters()[ActorClass.PEDESTRIAN]
+    assert (shape.length_m, shape.width_m, shape.height_m) == (size.length_m, size.width_m, size.height_m)
+    low, high = shape.at_rest.bounds_m
+    assert high[2] == pytest.approx(size.height_m, abs=0.03)
+    assert low[2] == pytest.approx(0.0, abs=0.01)
+    assert (np.abs([low[:2], high[:2]]).max(axis=0) <= np.array([size.length_m, size.width_m]) / 2.0).all()
+    assert sorted(limb.swing for limb in shape.limbs) == [Swing.WALKING_LEG] * 2 + [Swing.ARM] * 2
+    for limb in shape.limbs:
+        leg = limb.swing is Swing.WALKING_LEG
+        lowest = float(limb.mesh.bounds_m[0][2]) + limb.joint_m[2]
+        assert lowest == pytest.approx(0.0, abs=0.01) if leg else 0.6 < lowest < 0.9
+    materials = {Material(int(code)) for code in np.unique(shape.at_rest.material)}
+    assert materials == {Material.CLOTHING, Material.SKIN, Material.PLASTIC}

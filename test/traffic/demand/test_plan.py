@@ -23,12 +23,12 @@ from siren_ros.traffic.demand.plan import (
     load_drivers,
     with_responses,
 )
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import VEHICLE_CLASSES, ActorClass
 
 CLASSES = "\n".join(
     f"  {member.name.lower()}: {{accel_mps2: {1.0 + 0.1 * member}, decel_mps2: {2.0 + 0.1 * member}, "
     f"min_gap_m: {3.0 + 0.1 * member}, max_speed_mps: {40.0 + member}}}"
-    for member in ActorClass
+    for member in VEHICLE_CLASSES
 )
 TEXT = f"""title: made
 car_following: Krauss
@@ -53,8 +53,8 @@ def test_every_number_has_its_place(tmp_path: Path) -> None:
     assert (drivers.car_following, drivers.speed_factor) == ("Krauss", TruncatedNormal(0.9, 0.0, 0.5, 1.5))
     assert drivers.tau_s == TruncatedNormal(1.1, 0.0, 0.4, 4.0)
     assert (drivers.max_lateral_speed_mps, drivers.speed_gain_eagerness, drivers.cooperation) == (1.3, 0.7, 0.6)
-    assert set(drivers.classes) == set(ActorClass)
-    for member in ActorClass:
+    assert set(drivers.classes) == set(VEHICLE_CLASSES)
+    for member in VEHICLE_CLASSES:
         expected = (1.0 + 0.1 * member, 2.0 + 0.1 * member, 3.0 + 0.1 * member, 40.0 + member)
         assert drivers.classes[member] == ClassDriving(*(pytest.approx(value) for value in expected))
     driver = drivers.draw(ActorClass.BUS, np.random.default_rng(0), 1.2)

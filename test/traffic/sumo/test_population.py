@@ -68,7 +68,7 @@ def test_every_vehicle_has_its_own_type_with_its_body_and_driver() -> None:
         assert float(element.get("jmDriveAfterYellowTime")) == 1.0
 
 
-def test_two_wheels_have_sumos_own_classes_and_keep_their_width() -> None:
+def test_two_wheels_have_sumos_own_classes() -> None:
     """A cyclist keeps right, does not overtake and wishes for an own speed."""
     sedan = next(vehicle for vehicle in PLAN.background if vehicle.actor_class is ActorClass.SEDAN)
     drivers = load_drivers()
@@ -81,8 +81,7 @@ def test_two_wheels_have_sumos_own_classes_and_keep_their_width() -> None:
 
     bicycle, motorcycle, car = of(ActorClass.BICYCLE), of(ActorClass.MOTORCYCLE), of(ActorClass.SEDAN)
     assert [element.get("vClass") for element in (bicycle, motorcycle, car)] == ["bicycle", "motorcycle", "passenger"]
-    assert [float(element.get("width")) for element in (bicycle, motorcycle)] == [0.64, 0.64]
-    assert float(car.get("width")) == pytest.approx(1.04)
+    assert [float(element.get("width")) for element in (bicycle, motorcycle, car)] == pytest.approx([0.64, 1.04, 1.04])
     assert float(bicycle.get("maxSpeed")) == pytest.approx(0.9 * 5.56, rel=1e-3)
     assert float(motorcycle.get("maxSpeed")) == 45.0
     assert (bicycle.get("latAlignment"), bicycle.get("lcSpeedGain")) == ("right", "0")

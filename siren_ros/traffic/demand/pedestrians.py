@@ -1,0 +1,69 @@
+"""Plans people on foot: they start on sidewalks near the EMV's way and walk from one of them to the next."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from siren_ros.errors import MapError
+from siren_ros.numerics.arrays import chances, drawn, random_stream
+from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
+from siren_ros.scenario.presets import TruncatedNormal
+from siren_ros.traffic.demand.plan import PlannedWalker
+from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
+from siren_ros.world.actors import ActorClass
+
+PACE_MPS: Final = TruncatedNormal(mean=1.34, std=0.26, minimum=0.7, maximum=2.0)
+"""Free walking speeds (Weidmann 1993: 1.34 m/s with a standard deviation of 0.26 m/s)."""
+_GOALS: Final = 12
+"""Streets that somebody walks to, one after the other, where a simple way leads there: more than an episode lasts."""
+_RESERVE: Final = 1
+"""Further people for each one, who enter when others have arrived."""
+_CLOTHES: Final = (
+    (44, 52, 74),
+    (122, 40, 44),
+    (60, 92, 70),
+    (196, 186, 164),
+    (92, 92, 98),
+    (188, 132, 52),
+    (32, 34, 38),
+)
+
+
+def plan_walkers(
+    network: RoadNetwork, near: Sequence[Lane], count: int, seed: int, factory: VehicleFactory
+) -> tuple[PlannedWalker, ...]:
+    """People on the sidewalks beside some driving lanes, evenly along them.
+
+    Raises:
+        MapError: No street there has a sidewalk.
+    """
+    if count == 0:
+        return ()
+    edges = dict.fromkeys(lane.edge for lane in near)
+    beside = [network.lanes[index] for edge in edges for index in network.edges[edge].lanes]
+    walks = [lane for lane in beside if lane.kind is LaneKind.SIDEWALK]
+    if not walks:
+        raise MapError(f"{count} pedestrians", "a map with sidewalks near the EMV's way")
+    rng = random_stream(seed, "demand/pedestrians")
+    ends, size = chances(lane.length_m for lane in walks), factory.size(ActorClass.PEDESTRIAN)
+    return tuple(
+        _walker(network, walks, ends, f"pedestrian{number}", size, rng) for number in range((1 + _RESERVE) * count)
+    )
+
+
+def _walker(
+    network: RoadNetwork,
+    walks: Sequence[Lane],
+    ends: np.ndarray[tuple[int], np.dtype[np.float64]],
+    name: str,
+    size: tuple[float, float, float],
+    rng: np.random.Generator,
+) -> PlannedWalker:
+    lane = walks[drawn(ends, rng)]
+    place_m = float(rng.uniform(0.0, lane.length_m))
+    goals = (network.edges[walks[drawn(ends, rng)].edge].edge_id for _ in range(_GOALS))
+    clothes = _CLOTHES[int(rng.integers(len(_CLOTHES)))]
+    return PlannedWalker(
+        name, *size, clothes, PACE_MPS.draw(rng), network.edges[lane.edge].edge_id, place_m, tuple(goals)
+    )

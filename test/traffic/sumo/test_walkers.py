@@ -1,0 +1,155 @@
+"""People on foot in SUMO: where they walk, and how they come into the state of a step."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from traffic_helpers import load_map
+
+from siren_ros.generation.closed_loop import closed_loop
+from siren_ros.generation.episode_setup import set_up_episode
+from siren_ros.numerics.units import STEP_S
+from siren_ros.roads.road_network import NO_LANE, LaneKind
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.traffic.simulation import SumoSimulation
+from siren_ros.traffic.sumo.walkers import Kerbs, _merged, _step_into
+from siren_ros.world.actors import ActorClass, ActorStates, Owner
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
+
+PEOPLE = 40
+CITY = load_map(Path("city"))[1]
+
+
+@pytest.fixture(scope="module")
+def loops() -> Any:
+    """The same steps without and with people."""
+    return {
+        count: list(
+            closed_loop(
+                set_up_episode(
+                    EpisodeRequest("S2", map="city", sensors="none", values=f"demand.people.pedestrians={count}")
+                ),
+                300,
+            )
+        )
+        for count in (0, PEOPLE)
+    }
+
+
+def walkers_of(steps: Any) -> dict[int, Any]:
+    found = (actor for step in steps for actor in step.traffic.spawned)
+    return {actor.actor_id: actor for actor in found if actor.actor_class is ActorClass.PEDESTRIAN}
+
+
+def test_there_are_as_many_as_asked_for_and_sumo_owns_them(loops: Any) -> None:
+    people = walkers_of(loops[PEOPLE])
+    assert not walkers_of(loops[0])
+    for step in loops[PEOPLE]:
+        walks = np.isin(step.traffic.actor_id, list(people))
+        assert walks.sum() == PEOPLE
+        assert (step.traffic.lane[walks] == NO_LANE).all()
+        assert (step.states.owner[walks] == Owner.SUMO).all()
+        assert (np.diff(step.traffic.route_offset)[walks] == 0).all()
+        assert (np.diff(step.traffic.actor_id.astype(np.int64)) > 0).all()
+
+
+def test_they_have_the_ids_after_everybody_who_was_there_before(loops: Any) -> None:
+    first = [loops[count][0].traffic.spawned for count in (0, PEOPLE)]
+    assert first[1][: len(first[0])] == first[0]
+    assert {actor.actor_class for actor in first[1][len(first[0]) :]} == {ActorClass.PEDESTRIAN}
+
+
+def test_people_walk_and_follow_sumo(loops: Any) -> None:
+    """At the paces of people, without jumps, near SUMO's places."""
+    people, way, before = walkers_of(loops[PEOPLE]), Counter[int](), None
+    for step in loops[PEOPLE]:
+        states = step.states.select(np.isin(step.states.actor_id, list(people)))
+        assert states.residual_m.max() < 2.0
+        if before is not None and np.array_equal(before.actor_id, states.actor_id):
+            moved = np.hypot(states.x_m - before.x_m, states.y_m - before.y_m)
+            assert moved.max() <= 3.0 * STEP_S
+            way.update(dict(zip(states.actor_id.tolist(), moved.tolist(), strict=True)))
+        before = states
+    assert np.median(list(way.values())) > 8.0  # 15 s at 1.3 m/s, some wait at signals
+
+
+def test_people_keep_off_the_road_but_for_crossings(loops: Any) -> None:
+    lanes = [lane for lane in CITY.lanes if lane.kind in {LaneKind.DRIVING, LaneKind.CYCLE, LaneKind.SHOULDER}]
+    road = shapely.union_all([shapely.LineString(x.centre.points).buffer(x.width_m / 2, cap_style=2) for x in lanes])
+    crossings = shapely.union_all([shapely.Polygon(outline).buffer(1.0) for outline in CITY.crossings])
+    road = road.buffer(0.2).difference(crossings)
+    people = walkers_of(loops[PEOPLE])
+    for step in loops[PEOPLE][20::10]:
+        states = step.states.select(np.isin(step.states.actor_id, list(people)))
+        assert not shapely.contains_xy(road, states.x_m, states.y_m).any()
+
+
+def test_others_drive_as_they_would_without_people_until_they_meet_them(loops: Any) -> None:
+    alone, together = (loops[count][0].states for count in (0, PEOPLE))
+    shared = np.isin(together.actor_id, alone.actor_id)
+    np.testing.assert_array_equal(together.x_m[shared], alone.x_m)
+
+
+def test_kerbs_move_who_is_on_the_road_and_on_no_crossing() -> None:
+    lane = next(lane for lane in CITY.lanes if lane.kind is LaneKind.CYCLE and lane.length_m > 60.0)
+    s, half = 30.0, lane.width_m / 2.0
+    offsets = (-half + 0.3, -half - 0.2, -half - 1.0)
+    x_m, y_m = np.array([lane.centre.offset_points(np.array([s]), side)[0] for side in offsets]).T
+    for crossing, expected in ((False, (-half - 0.45, -half - 0.45, -half - 1.0)), (True, offsets)):
+        moved = np.stack(Kerbs(CITY).kept_off(x_m, y_m, np.full(3, crossing)), axis=-1)
+        _, left = lane.centre.project(moved)
+        np.testing.assert_allclose(left, expected, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("place", "blocked"),
+    [((1.4, 0.0), True), ((3.5, 0.0), False), ((1.4, 1.5), False), ((-3.0, 0.0), False)],
+)
+def test_nobody_step_into_a_vehicle_ahead(place: tuple[float, float], blocked: bool) -> None:
+    """A vehicle of 4 m by 1.8 m across the way, its middle at a place before somebody who looks east."""
+    poses = np.array([0.0, place[0]]), np.array([0.0, 2.0 * place[1]]), np.array([0.0, np.pi / 2.0])
+    sizes = np.array([0.0, 4.0]), np.array([0.0, 1.8])
+    assert _step_into(np.array([0, -1]), poses, sizes).tolist() == [blocked, False]
+
+
+def test_rows_are_merged_by_id() -> None:
+    columns = {name: np.zeros(2, kind) for name, kind in TRAFFIC_STATE_DTYPES.items()}
+    columns |= {"actor_id": np.array([1, 5], np.uint32), "lane": np.array([3, 4], np.int32)}
+    columns |= {"removed": np.empty(0, np.uint32)}
+    columns |= {"route_offset": np.array([0, 2, 3], np.int32), "route_edges": np.array([7, 8, 9], np.int32)}
+    state = TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
+    one = np.array([4.0])
+    merged = _merged(state, np.array([3], np.uint32), (one, one, one, one), (2 * one, one, one, one))
+    assert merged.actor_id.tolist() == [1, 3, 5]
+    assert merged.lane.tolist() == [3, NO_LANE, 4]
+    assert merged.sumo_x_m.tolist() == [0.0, 4.0, 0.0]
+    assert merged.x_m.tolist() == [0.0, 8.0, 0.0]
+    assert merged.route_offset.tolist() == [0, 2, 2, 3]
+    assert [merged.route_of_row(row).tolist() for row in range(3)] == [[7, 8], [], [9]]
+    for name, kind in TRAFFIC_STATE_DTYPES.items():
+        assert getattr(merged, name).dtype == kind, name
+
+
+def test_those_on_crossings_are_as_driven_from_outside_for_sumos_drivers() -> None:
+    """So that who has entered a junction still waits for them."""
+    setup = set_up_episode(EpisodeRequest("S2", map="city", sensors="none", values="demand.people.pedestrians=60"))
+    crossings = shapely.union_all([shapely.Polygon(outline).buffer(1.5) for outline in CITY.crossings])
+    crossed = 0
+    with SumoSimulation(setup.compiled_map, setup.network, setup.plan, setup.level, seed=0) as simulation:
+        state, seen = simulation.step(0, None), 0
+        people = {actor.actor_id for actor in state.spawned if actor.actor_class is ActorClass.PEDESTRIAN}
+        assert simulation._walkers is not None
+        for step in range(1, 500):
+            mirrored = ActorStates.empty(step - 1)
+            state = simulation.step(step, mirrored)
+            among = simulation._walkers.on_crossings
+            assert among is not None
+            rows = np.isin(among.actor_id, list(people))
+            assert (among.owner[rows] == Owner.ROS).all()
+            assert shapely.contains_xy(crossings, among.x_m[rows], among.y_m[rows]).all()
+            crossed, seen = max(crossed, int(rows.sum())), seen + len(among)
+    assert 0 < crossed < 60
+    assert seen > 0

@@ -100,17 +100,14 @@ class SumoSimulation:
         self._left_hand = network.left_hand
         if self._left_hand:
             compiled_map, network = mirrored_map(compiled_map), right_hand_image(network)
-        self._network = network
-        self._plan = plan
-        self._level = level
+        self._network, self._plan, self._level = network, plan, level
         self._siren = LEVEL_POLICIES[level].siren
         self._config = config or TrafficConfig()
         self._population = SumoPopulation(network, plan, self._config)
         self._mirror = Mirror(network, self._config, self._population)
         self._sideways, self._bends = SidewaysLimits(), BendLimits(network)
         self._cautious = CautiousDrivers(network, self._config.caution)
-        siren = LEVEL_POLICIES[level].siren
-        self._oncoming = OncomingDrivers(network, plan.response_distance_m) if siren else None
+        self._oncoming = OncomingDrivers(network, plan.response_distance_m) if self._siren else None
         self._rescue_lane = RescueLane(network) if plan.duty else None
         several = len(plan.emvs) > 1 and LEVEL_POLICIES[level].privileged
         self._standoff = StandOff(tuple(emv.name for emv in plan.emvs)) if several else None

@@ -78,7 +78,7 @@ class Stage:
         simulation = object.__new__(SumoSimulation)
         parts: dict[str, Any] = {
             "network": NETWORK,
-            "plan": SimpleNamespace(emvs=(planned(EMV),), av=AV, civilians=2),
+            "plan": SimpleNamespace(emvs=(planned(EMV),), av=AV, civilians=2, riders=()),
             "level": EmergencyLevel.L2,
             "config": TrafficConfig(),
             "population": SimpleNamespace(
@@ -97,6 +97,8 @@ class Stage:
                 check_placed=lambda _columns: None,
             ),
             "oncoming": None,
+            "walkers": None,
+            "cyclists": None,
             "cautious": SimpleNamespace(
                 forget=lambda name: self.forgotten.append(("cautious", name)), apply=lambda *_: None
             ),

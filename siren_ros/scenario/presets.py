@@ -89,6 +89,8 @@ class DriverPreset:
     compliance: ComplianceShares
     attention: Attention = Attention()
     oncoming: OncomingResponse = OncomingResponse()
+    pedestrian_distance_m: TruncatedNormal = TruncatedNormal(0.0, 0.0, 0.0, 0.0)
+    """Distance to an EMV with a siren at which a pedestrian waits at the kerb, or hurries over a crossing."""
 
     def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
         """The preset with the values of a scenario.
@@ -127,6 +129,9 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverP
         attention=_attention(top.mapping("attention")) if top.has("attention") else Attention(),
         oncoming=_oncoming(top.mapping("oncoming")) if top.has("oncoming") else OncomingResponse(),
     )
+    if top.has("pedestrian_distance_m"):
+        distance = read_distribution(top.mapping("pedestrian_distance_m"), 0.0, 300.0)
+        preset = replace(preset, pedestrian_distance_m=distance)
     top.finish()
     return preset
 

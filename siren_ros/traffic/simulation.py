@@ -187,7 +187,8 @@ class SumoSimulation:
             self._population.refill_riders(self._emv_points(states))
         if self._walkers is not None:
             self._walkers.refill()
-            self._walkers.wait_for_bodies(states, self._reported)
+            sirens = [self._ids[emv.name] for emv in self._plan.emvs] if self._siren else []
+            self._walkers.heed(states, self._reported, np.array(sirens, np.uint32))
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
         if self._plan.jam is not None:

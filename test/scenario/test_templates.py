@@ -216,8 +216,8 @@ def test_templates_of_earlier_versions_say_only_how_many_emvs_come(tmp_path):
     assert not {"emv.count", "emv.crossing", "emv.crossing_after_s"} & set(template.ranges)
 
 
-@pytest.mark.parametrize("name", available_templates())
-def test_every_template_takes_one_emv_to_three_and_one_that_crosses(name):
+@pytest.mark.parametrize("name", [name for name in available_templates() if name != "S8"])
+def test_every_template_but_that_of_the_motorway_takes_one_emv_to_three_and_one_that_crosses(name):
     template = load_template(name)
     assert (template.emv.count, template.emv.crossing) == (1, 0)
     more = template.with_values(

@@ -100,6 +100,8 @@ class Stage:
             "oncoming": None,
             "rescue_lane": None,
             "standoff": None,
+            "walkers": None,
+            "cyclists": None,
             "cautious": SimpleNamespace(
                 forget=lambda name: self.forgotten.append(("cautious", name)), apply=lambda *_: None
             ),

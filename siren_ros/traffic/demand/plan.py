@@ -150,6 +150,8 @@ class PlannedWalker:
     """Along the edge."""
     goals: tuple[str, ...]
     """Edges with a sidewalk, to be reached one after the other."""
+    notice_m: float = 0.0
+    """Distance at which they heed an EMV with a siren."""
     attentive: bool = True
     """As of a driver."""
 
@@ -220,6 +222,8 @@ class TrafficPlan:
 def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> TrafficPlan:
     """The plan with the preset's shares of attentive drivers and of those who react to an EMV that comes towards them.
 
+    And with the distances at which pedestrians heed one.
+
     Each driver has draws of its own, whatever else is drawn.
     """
     attentive, oncoming = preset.attention.civilians, preset.oncoming
@@ -237,7 +241,13 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
             for index, vehicle in enumerate(getattr(plan, purpose))
         )
 
-    return replace(plan, groups=drawn("groups"), background=drawn("background"), reserve=drawn("reserve"))
+    distance = preset.pedestrian_distance_m
+    walkers = tuple(
+        replace(walker, notice_m=distance.draw(random_stream(seed, "siren/pedestrians", index)))
+        for index, walker in enumerate(plan.walkers)
+    )
+    background, reserve = drawn("background"), drawn("reserve")
+    return replace(plan, groups=drawn("groups"), background=background, reserve=reserve, walkers=walkers)
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ import re
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import Any, Final
 
 import libsumo
 import numpy as np
 import shapely
 
-from siren_ros.numerics.arrays import Flags, Floats, Ids
+from siren_ros.numerics.arrays import Flags, Floats, Ids, Rows
 from siren_ros.numerics.compiled import compiled
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.traffic.demand.plan import PlannedVehicle, PlannedWalker, TrafficPlan
@@ -39,6 +39,10 @@ _STEP_M: Final = 0.6
 """How far ahead somebody looks for a vehicle in the way…"""
 _BESIDE_M: Final = 0.35
 """…and how near it may be beside that place."""
+_HURRY: Final = 1.5
+"""Of their pace, with which people hurry: brisk walking (Weidmann 1993: up to 2 m/s)."""
+_KERB_AHEAD_M: Final = 1.3
+"""How far ahead the road begins for those who wait at the kerb."""
 _STANDING_MPS: Final = 0.01
 """SUMO's persons need a speed."""
 _END_M: Final = 1.0
@@ -125,6 +129,11 @@ class Kerbs:
         x_m[rows], y_m[rows] = shapely.get_coordinates(places).T
         return x_m, y_m
 
+    def ahead(self, x_m: Floats, y_m: Floats, yaw_rad: Floats) -> Flags:
+        """Whether the road begins right before people at some places, in the direction in which they look."""
+        x_m, y_m = x_m + _KERB_AHEAD_M * np.cos(yaw_rad), y_m + _KERB_AHEAD_M * np.sin(yaw_rad)
+        return np.asarray(shapely.contains_xy(self._road, x_m, y_m), np.bool_)
+
 
 class Walkers:
     """The people on foot, by name in order of entry."""
@@ -141,8 +150,10 @@ class Walkers:
         self._arrived: list[str] = []
         self.on_crossings: TrafficState | None = None
         """The last state with those on crossings alone, as driven from outside: SUMO's drivers wait for such."""
-        self._standing: set[str] = set()
-        """Those who stand still because of a vehicle."""
+        self._crossing: frozenset[str] = frozenset()
+        """Those on crossings."""
+        self._paces: dict[str, float] = {}
+        """Speeds that SUMO was told last."""
 
     def refill(self) -> None:
         """Let people enter until there are as many as there should be."""
@@ -168,17 +179,38 @@ class Walkers:
         libsumo.person.subscribe(walker.name, _SUBSCRIBED)
         self._present[walker.name] = walker
 
-    def wait_for_bodies(self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle]) -> None:
-        """Who would step into a vehicle stands still; ``states`` is the simulated world at the step before."""
+    def heed(self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], sirens: Ids) -> None:
+        """Who would step into a vehicle stands still, as does who would step on a road on which an EMV comes.
+
+        Who is on a crossing then hurries. ``states`` is the simulated world at the step before, ``sirens`` are EMVs.
+        """
         names = [name for name in self._present if name in self._ids]
         mine = rows_of_ids(states.actor_id, np.array([self._ids[name] for name in names], np.uint32))
         driven = np.array([vehicles[key].length_m if key in vehicles else 0.0 for key in states.actor_id.tolist()])
         wide = np.array([vehicles[key].width_m if key in vehicles else 0.0 for key in states.actor_id.tolist()])
-        stand = _step_into(mine, (states.x_m, states.y_m, states.yaw_rad), (driven, wide)).tolist()
-        for name, stands in zip(names, stand, strict=True):
-            if stands != (name in self._standing):
-                libsumo.person.setSpeed(name, _STANDING_MPS if stands else self._present[name].speed_mps)
-                (self._standing.add if stands else self._standing.discard)(name)
+        stand = _step_into(mine, (states.x_m, states.y_m, states.yaw_rad), (driven, wide))
+        warned = self._warned(states, names, mine, sirens)
+        crossing = np.array([name in self._crossing for name in names], np.bool_)
+        rows = np.flatnonzero(warned & ~crossing)
+        place = states.x_m[mine[rows]], states.y_m[mine[rows]], states.yaw_rad[mine[rows]]
+        stand[rows] |= self._kerbs.ahead(*place)
+        hurry = warned & crossing
+        for name, stands, hurries in zip(names, stand.tolist(), hurry.tolist(), strict=True):
+            pace = _STANDING_MPS if stands else self._present[name].speed_mps * (_HURRY if hurries else 1.0)
+            if self._paces.get(name, self._present[name].speed_mps) != pace:
+                libsumo.person.setSpeed(name, pace)
+                self._paces[name] = pace
+
+    def _warned(self, states: ActorStates, names: Sequence[str], rows: Rows, sirens: Ids) -> Flags:
+        """Whether an EMV with a siren comes towards each of some people, within the distance at which they heed it."""
+        warned = np.zeros(len(names), np.bool_)
+        notice_m = np.array([self._present[name].notice_m for name in names])
+        for emv in rows_of_ids(states.actor_id, sirens).tolist():
+            if emv >= 0:
+                dx, dy = states.x_m[rows] - states.x_m[emv], states.y_m[rows] - states.y_m[emv]
+                ahead = np.cos(states.yaw_rad[emv]) * dx + np.sin(states.yaw_rad[emv]) * dy
+                warned |= (rows >= 0) & (ahead > 0.0) & (np.hypot(dx, dy) < notice_m)
+        return warned
 
     def drop_arrived(self) -> None:
         """Forget those who arrived in the last step."""
@@ -204,6 +236,7 @@ class Walkers:
         x_m, y_m, yaw_rad = map_from_sumo(values[:, 0], values[:, 1], values[:, 2], _SPACE_M, self._offset_m)
         crossing = np.array([bool(_CROSSED.match(results[name][libsumo.VAR_ROAD_ID])) for name in names], np.bool_)
         sumo = *self._kerbs.kept_off(x_m, y_m, crossing), yaw_rad, values[:, 3]
+        self._crossing = frozenset(compress(names, crossing))
         simulated = _simulated(ids, sumo, mirrored)
         across = tuple(column[crossing] for column in sumo), tuple(column[crossing] for column in simulated)
         self.on_crossings = _merged(state, ids[crossing], *across, Owner.ROS) if crossing.any() else state

@@ -9,13 +9,14 @@ from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, SOUTH, A, B, 
 from traffic_helpers import responding
 
 from siren_ros.errors import InputError
-from siren_ros.scenario.presets import TruncatedNormal
+from siren_ros.scenario.presets import TruncatedNormal, load_preset
 from siren_ros.traffic.demand.plan import (
     ClassDriving,
     DriverPopulation,
     LaneChain,
     LaneInterval,
     PlannedVehicle,
+    PlannedWalker,
     Spot,
     TrafficPlan,
     chain_along,
@@ -176,3 +177,15 @@ def test_stretches_between_two_distances() -> None:
     assert chain.intervals(NETWORK, -30.0, 20.0) == (LaneInterval(A_LEFT, 0.0, pytest.approx(20.0)),)
     assert chain.intervals(NETWORK, 530.0, 600.0) == ()
     assert chain.intervals(NETWORK, 50.0, 50.0) == ()
+
+
+def test_pedestrians_heed_sirens_at_distances_that_the_preset_draws() -> None:
+    walker = PlannedWalker("w", 0.6, 0.6, 1.75, (0, 0, 0), 1.3, "e", 0.0, ())
+    walked = replace(plan(0), walkers=(walker,) * 50)
+    fixed = with_responses(walked, load_preset("paper"), seed=3).walkers
+    assert {walker.notice_m for walker in fixed} == {40.0}
+    drawn = [walker.notice_m for walker in with_responses(walked, load_preset("realistic"), seed=3).walkers]
+    assert drawn == [walker.notice_m for walker in with_responses(walked, load_preset("realistic"), seed=3).walkers]
+    assert len(set(drawn)) == 50
+    assert 10.0 <= min(drawn) < 30.0
+    assert 50.0 < max(drawn) <= 80.0

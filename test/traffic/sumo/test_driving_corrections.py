@@ -17,7 +17,7 @@ from traffic_helpers import WITHOUT, columns_of, load_map, plan_s2
 
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import NO_LANE, Connection, Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.traffic.demand.plan import PlannedVehicle, Spot
 from siren_ros.traffic.simulation import SumoSimulation
@@ -382,3 +382,25 @@ def test_nobody_slides_sideways_while_standing(sumo: SumoSimulation) -> None:
         stood += int(standing.sum())
         before = state
     assert stood > 100
+
+
+def test_cyclists_ride_in_the_middle_of_narrow_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
+    network: Any = SimpleNamespace(lanes=[SimpleNamespace(width_m=width) for width in (1.85, 3.4)])
+    said: list[tuple[str, str]] = []
+    vehicle = SimpleNamespace(setLateralAlignment=lambda name, side: said.append((name, side)))
+    monkeypatch.setattr(lane_continuity, "libsumo", SimpleNamespace(vehicle=vehicle))
+    kinds = {"b": ActorClass.BICYCLE, "c": ActorClass.SEDAN}
+    vehicles: Any = {name: SimpleNamespace(actor_class=kind) for name, kind in kinds.items()}
+    side = lane_continuity.CyclistsSide(network)
+
+    def on(lane: int, other: int = 0) -> list[tuple[str, str]]:
+        said.clear()
+        columns: Any = SimpleNamespace(names=["b", "c"], lane=np.array([lane, other]), lane_ids=(str(lane), str(other)))
+        side.apply(columns, vehicles)
+        return list(said)
+
+    assert on(1) == []  # as its type says
+    assert on(0) == [("b", "center")]
+    assert on(0, other=1) == []
+    assert on(NO_LANE) == []
+    assert on(1) == [("b", "right")]

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,11 @@ from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.traffic.demand.plan import PlannedWalker
 from siren_ros.traffic.simulation import SumoSimulation
-from siren_ros.traffic.sumo.walkers import Kerbs, _merged, _step_into
-from siren_ros.world.actors import ActorClass, ActorStates, Owner
+from siren_ros.traffic.sumo import walkers as walkers_module
+from siren_ros.traffic.sumo.walkers import Kerbs, Walkers, _merged, _step_into
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates, Owner
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
 PEOPLE = 40
@@ -153,3 +156,46 @@ def test_those_on_crossings_are_as_driven_from_outside_for_sumos_drivers() -> No
             crossed, seen = max(crossed, int(rows.sum())), seen + len(among)
     assert 0 < crossed < 60
     assert seen > 0
+
+
+def at_a_crossing(distance_m: float, notice_m: float, *, behind: bool = False) -> Any:
+    """SUMO's speeds of somebody at a kerb who looks at the road, and of somebody on a crossing, with an EMV near."""
+    lane = next(
+        lane for lane in CITY.lanes if lane.kind is LaneKind.DRIVING and CITY.edges[lane.edge].edge_id == "oak_e_0"
+    )
+    middle, heading = lane.centre.at(60.0), float(lane.centre.heading_rad(60.0))
+    ahead, right = np.array([np.cos(heading), np.sin(heading)]), np.array([np.sin(heading), -np.cos(heading)])
+    kerb = middle + (lane.width_m / 2.0 + 0.6) * right
+    places = np.array([middle + (distance_m if behind else -distance_m) * ahead, kerb, middle])
+    walker = PlannedWalker("w", 0.6, 0.6, 1.75, (0, 0, 0), 1.3, "oak_e_0", 60.0, (), notice_m)
+    plan: Any = SimpleNamespace(walkers_kept=2, walkers=())
+    walkers = Walkers(CITY, plan)
+    walkers._present = {"kerb": walker, "crosses": walker}
+    walkers._ids, walkers._crossing = {"kerb": 2, "crosses": 3}, frozenset({"crosses"})
+    columns = {name: np.zeros(3, kind) for name, kind in ACTOR_STATE_DTYPES.items()}
+    columns |= {"actor_id": np.array([1, 2, 3], np.uint32), "x_m": places[:, 0], "y_m": places[:, 1]}
+    columns |= {"yaw_rad": np.array([heading, heading + np.pi / 2.0, heading + np.pi / 2.0])}
+    return walkers, ActorStates(step=0, **columns)
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "notice_m", "behind", "paces"),
+    [
+        (30.0, 40.0, False, {"kerb": 0.01, "crosses": 1.95}),
+        (50.0, 40.0, False, {}),
+        (30.0, 40.0, True, {}),
+        (30.0, 0.0, False, {}),
+    ],
+)
+def test_people_wait_or_hurry_where_a_siren_comes(
+    monkeypatch: pytest.MonkeyPatch, distance_m: float, notice_m: float, behind: bool, paces: dict[str, float]
+) -> None:
+    said: dict[str, float] = {}
+    person = SimpleNamespace(setSpeed=said.__setitem__)
+    monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person))
+    walkers, states = at_a_crossing(distance_m, notice_m, behind=behind)
+    walkers.heed(states, {}, np.array([1], np.uint32))
+    assert said == pytest.approx(paces)
+    said.clear()
+    walkers.heed(states, {}, np.empty(0, np.uint32))  # the siren is off
+    assert said == dict.fromkeys(paces, 1.3)

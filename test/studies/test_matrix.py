@@ -314,3 +314,11 @@ def test_words_that_are_no_seeds(word: str) -> None:
     with pytest.raises(InputError, match="seeds"):
         seeds_of([word])
     assert seeds_of([str(2**31 - 1)]) == (2**31 - 1,)
+
+
+def test_a_template_with_its_own_map_is_made_on_it_unless_another_one_is_named() -> None:
+    def maps_of(asked: str) -> list[str]:
+        return [episode.request.map for episode in plan_study(Study(("S8", "S2"), maps=(asked,)))]
+
+    assert maps_of("town") == ["motorway", ""]
+    assert maps_of("motorway") == ["motorway", "motorway"]

@@ -110,7 +110,7 @@ def _scaled(unit: npt.NDArray[np.float64], limits: ValueRange) -> npt.NDArray[np
 OWN_LEVEL: Final = "own"
 """Stands for the level in the template's file."""
 TOWN: Final = "town"
-"""Stands for the built-in map."""
+"""Stands for the built-in map that a template happens on."""
 DRAWN: Final = "drawn"
 """Stands for the site that a seed draws."""
 
@@ -195,7 +195,8 @@ def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
         for name, template in templates.items():
             if number < len(draws[name]):
                 draw, values = draws[name][number]
-                request = replace(place, template=name, values=values)
+                own_map = place.map or template.map_name
+                request = replace(place, template=name, values=values, map=own_map)
                 yield replace(request, level=level_of(request, template).name), template.template_id, draw
 
 

@@ -341,3 +341,11 @@ def test_people_are_drawn_only_where_a_study_names_them() -> None:
     assert all(path not in values for values in draws_of(DrawPlan(Method.RANDOM, samples=3), template))
     named = draws_of(DrawPlan(Method.RANDOM, samples=3, ranges={path: (5.0, 9.0)}), template)
     assert all(5.0 <= values[path] <= 9.0 for values in named)
+
+
+def test_a_template_with_its_own_map_is_made_on_it_unless_another_one_is_named() -> None:
+    def maps_of(asked: str) -> list[str]:
+        return [episode.request.map for episode in plan_study(Study(("S8", "S2"), maps=(asked,)))]
+
+    assert maps_of("town") == ["motorway", ""]
+    assert maps_of("motorway") == ["motorway", "motorway"]

@@ -164,7 +164,7 @@ def test_who_is_only_within_the_margin_is_slowed_for_but_not_braked_for_hard(sid
 
 @pytest.mark.parametrize(
     ("speed", "target", "reach"),
-    [(0.0, 0.0, 20.0), (9.0, 10.0, 81.0 / 6.0 + 25.0), (15.0, 15.0, 70.0), (30.0, 30.0, 170.0)],
+    [(0.0, 0.0, 20.0), (9.0, 10.0, 81.0 / 6.0 + 25.0), (17.0, 17.0, 70.0), (30.0, 30.0, 900.0 / 6.0 + 20.0)],
 )
 def test_looks_ahead_by_the_way_of_a_stop_and_one_and_a_half_seconds(speed, target, reach):
     assert watch(0.6, speed, target=target).reach_m == pytest.approx(reach)

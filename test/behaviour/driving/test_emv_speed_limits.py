@@ -350,3 +350,11 @@ def test_of_two_red_lights_the_nearer_one_ahead_limits(lab, front, ahead):
     traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", "r"),))
     speed_limit = entry_limit(lab.view_of(lab.world_of(network, lab.L2), traffic).ego(0)).speed_mps
     assert speed_limit == pytest.approx(approach_mps(ahead, ENTRY), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "far_m"), [(0.0, 80.0), (16.9, 80.0), (20.0, 400.0 / 3.6), (36.1, 36.1**2 / 3.6)]
+)
+def test_a_fast_emv_looks_as_far_ahead_as_it_takes_to_stop(lab, speed_mps, far_m):
+    emv = lab.Car(1, 1, 20.0, speed_mps, (0,), ActorClass.AMBULANCE)
+    assert lab.view(lab.straight_road(), lab.L1, [emv]).ego(0).far_m(80.0) == pytest.approx(far_m)

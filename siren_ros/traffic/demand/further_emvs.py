@@ -18,7 +18,7 @@ from siren_ros.traffic.demand.emv_start import ENTRY_M, EmvStart, emv_start, sta
 from siren_ros.traffic.demand.plan import PlannedVehicle
 
 _NO_CROSSING: Final = "a side street at its junction with enough road for another EMV (emv.crossing is above 0)"
-_NEXT_WAY_S: Final = 0.5
+_NEXT_WAY_S: Final = 2.0
 _MOST_OFF_S: Final = 5.0
 """An EMV that would come to the junction this much too early or late does not meet the first one there."""
 
@@ -110,7 +110,7 @@ def crossing_start(
 
     Args:
         network: The map.
-        sites: Ways over the junction, best first: a later one has to come nearer by half a second.
+        sites: Ways over the junction, best first: a later one has to come nearer by two seconds.
         emv: Speeds of the EMV.
         wanted_s: Time from step 0.
         placed: Vehicles that are there already; the EMV starts clear of them.
@@ -125,10 +125,11 @@ def crossing_start(
         for start in _starts_back(network, way, config):
             late_s = unhindered_arrival_s(network, start, emv, config) - wanted_s
             if start.front_m >= ENTRY_M and _is_clear(start, placed, config):
-                found.append((abs(late_s) + _NEXT_WAY_S * number, len(found), way, start))
+                if abs(late_s) < _MOST_OFF_S:
+                    found.append((abs(late_s) + _NEXT_WAY_S * number, len(found), way, start))
                 if late_s > 0.0:
                     break
-    if not found or min(found)[0] >= _MOST_OFF_S:
+    if not found:
         raise MapError(sites[0].name, _NO_CROSSING)
     return min(found)[2:]
 

@@ -6,9 +6,10 @@ flows again. The figures come from the positions of all vehicles, with the funct
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
@@ -191,12 +192,19 @@ _HEAD: Final = (
 )
 
 
-def row_of(name: str, figures: RescueFigures) -> str:
+def means_of(found: Sequence[RescueFigures]) -> dict[str, float]:
+    """The mean of each figure over the drives that have it; NaN where none has."""
+    columns = {part.name: [float(getattr(figures, part.name)) for figures in found] for part in fields(RescueFigures)}
+    known = {name: [value for value in values if not math.isnan(value)] for name, values in columns.items()}
+    return {name: sum(values) / len(values) if values else math.nan for name, values in known.items()}
+
+
+def row_of(name: str, figures: Mapping[str, float]) -> str:
     """A row of the printed table."""
     return (
-        f"{name:<16}{figures.open_before:>12.2f}{figures.open_after:>11.2f}{figures.through_s:>10.1f}"
-        f"{figures.jam_m:>9.0f}{figures.overlaps:>9}{figures.emv_overlaps:>7}{figures.overtaking:>9}"
-        f"{figures.off_middle:>11.2f}"
+        f"{name:<16}{figures['open_before']:>12.2f}{figures['open_after']:>11.2f}{figures['through_s']:>10.1f}"
+        f"{figures['jam_m']:>9.0f}{figures['overlaps']:>9.3g}{figures['emv_overlaps']:>7.3g}"
+        f"{figures['overtaking']:>9.3g}{figures['off_middle']:>11.2f}"
     )
 
 
@@ -213,8 +221,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         request = EpisodeRequest("S8", seed=seed, map=options.map, sensors="none", duration_s=DURATION_S)
         for name, figures in compare(request).items():
             rows.setdefault(name, []).append(figures)
-            print(row_of(f"{seed} {name}", figures), flush=True)
-    write_json(options.json, {name: [asdict(figures) for figures in found] for name, found in rows.items()})
+            print(row_of(f"{seed} {name}", asdict(figures)), flush=True)
+    means = {name: means_of(found) for name, found in rows.items()}
+    for name, mean in means.items():
+        print(row_of(f"mean {name}", mean))
+    write_json(options.json, {name: {"drives": len(rows[name]), **mean} for name, mean in means.items()})
     return 0
 
 

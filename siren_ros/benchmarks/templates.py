@@ -359,13 +359,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             ran = {level: measure_all(_tasks(options, name, level), options.jobs) for level in levels}
             if load_template(name).response.duty:
                 tasks = _tasks(options, name, options.level, WITHOUT_DUTY)
-                ran[WITHOUT_DUTY] = measure_all(tasks, options.jobs)
+                ran["without_duty"] = measure_all(tasks, options.jobs)
             print(placebo_row(name, ran), flush=True)
             rows += [{**json_row(name, episodes), "level": level} for level, episodes in ran.items()]
             continue
         if number == 0:
             print(_HEAD)
-        episodes = measure_all(_tasks(options, name, options.level), options.jobs)
+        episodes = measure_all(_tasks(options, name, options.level, options.values), options.jobs)
         rows.append(json_row(name, episodes))
         print(row_of(name, episodes))
         print(spread_of(episodes))
@@ -396,6 +396,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--site", default="", help="a name that siren sites prints; each seed draws its own by default")
     parser.add_argument("--level", default="", choices=["", *levels], help="the template's own by default")
     parser.add_argument("--preset", default="paper", help="how drivers respond")
+    parser.add_argument("--values", default="", help="scenario parameters: response.duty=0")
     parser.add_argument("--compare", nargs="+", choices=levels, metavar="LEVEL", help="compare levels, two or more")
     parser.add_argument("--placebo", action="store_true", help="the levels at which the predicate must not hold")
     parser.add_argument("--jobs", type=int, default=2, help="processes")

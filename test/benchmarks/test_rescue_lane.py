@@ -1,13 +1,13 @@
 """The figures beside SUMO's bluelight device, on records made by hand, and SUMO's own drive."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from hand_made_record import EMV, Driven, hand_made
 from made_jam import AT_SIDE_M, LENGTH_M, WIDTH_M, at, jam
 
-from siren_ros.benchmarks.rescue_lane import AFTER_S, bluelight_steps, figures_of, row_of
+from siren_ros.benchmarks.rescue_lane import AFTER_S, RescueFigures, bluelight_steps, figures_of, means_of, row_of
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.numerics.units import STEP_S
 from siren_ros.scenario.episode import EpisodeRequest
@@ -34,7 +34,7 @@ def test_an_open_lane_is_driven_through_in_the_time_that_its_length_takes():
     assert figures.jam_m == pytest.approx(way_m, abs=4.0)
     assert (figures.overlaps, figures.emv_overlaps, figures.overtaking) == (0, 0, 0)
     assert np.isnan(figures.off_middle), "nobody of the jam flows"
-    assert row_of("0 SIREN", figures).split()[:4] == ["0", "SIREN", "1.00", "1.00"]
+    assert row_of("0 SIREN", asdict(figures)).split()[:4] == ["0", "SIREN", "1.00", "1.00"]
 
 
 def test_an_emv_that_stays_in_the_jam_has_no_time():
@@ -82,3 +82,12 @@ def test_sumo_drives_everybody_alone():
     speeds_mps = [float(step.states.speed_mps[row]) for step, row in zip(steps[1:], emv[1:], strict=True)]
     assert np.array(ways_m) / STEP_S == pytest.approx(speeds_mps, abs=0.5)
     assert min(speeds_mps) > 20.0
+
+
+def test_means_leave_out_what_a_drive_does_not_have():
+    one = RescueFigures(1.0, 0.5, 40.0, 300.0, 2, 1, 0, 0.1)
+    other = RescueFigures(0.5, np.nan, np.nan, 100.0, 5, 0, 3, 0.3)
+    means = means_of([one, other])
+    assert (means["open_before"], means["open_after"], means["through_s"]) == (0.75, 0.5, 40.0)
+    assert (means["overlaps"], means["overtaking"], means["off_middle"]) == (3.5, 1.5, pytest.approx(0.2))
+    assert np.isnan(means_of([other])["open_after"])

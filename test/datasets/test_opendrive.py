@@ -64,7 +64,7 @@ def test_a_map_with_a_place_on_earth_keeps_it(tmp_path):
     place = 'netOffset="-561653.57,-4185149.03" convBoundary="0.00,-7.00,320.00,7.00"'
     utm = "+proj=utm +zone=10 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
     net = re.sub(r"<location [^>]*>", f'<location {place} origBoundary="0,0,1,1" projParameter="{utm}"/>', NET_XML)
-    network = SimpleNamespace(sumo_offset_m=(100.0, 20.0))
+    network = SimpleNamespace(sumo_offset_m=(100.0, 20.0), left_hand=False)
     source: Any = SimpleNamespace(net_xml=net, network=network, description=SimpleNamespace(map_name="far"))
     file = tmp_path / "far.xodr"
     file.write_bytes(opendrive_of(source))

@@ -24,7 +24,7 @@ from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.statistics import Estimate, jackknife
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.tables.interval import NOTHING, Interval
-from siren_ros.world.actors import ActorClass, Mode
+from siren_ros.world.actors import VEHICLE_CLASSES, ActorClass, Mode
 
 _HELD: Final = (Mode.YIELD_HOLD, Mode.STOPPED)
 _YIELDING: Final = (*(mode for mode in Mode if mode.is_yielding and mode not in _HELD), Mode.REJOIN)
@@ -137,7 +137,7 @@ _DRAWS: Final = 1000
 _NAMED: Final = "found by name"
 VEHICLE_NAMES: Final = frozenset(
     {"car", "van", "truck", "bus", "trailer", "construction_vehicle", "misc", "vehicle", "emergency_vehicle"}
-    | {member.name.lower() for member in ActorClass}
+    | {member.name.lower() for member in VEHICLE_CLASSES}
 )
 """Class names that count as the one class of vehicles, in lower case."""
 

@@ -106,8 +106,10 @@ _OPENSTREETMAP: Final = (
     *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
 )
 _OPENSTREETMAP_SECOND: Final = (*_COMMON, "--offset.disable-normalization", "--output.street-names")
-_ONE_RUN: Final = {SourceKind.BUILT_IN: _BUILT_IN}
-"""Options of kinds that netconvert compiles at once."""
+_ONE_RUN: Final = {
+    SourceKind.BUILT_IN: (_BUILT_IN, tuple(_PARTS.values())),
+}
+"""Kinds that netconvert compiles at once: its options, and the options that name the source's files, in their order."""
 _TWO_RUNS: Final = {
     SourceKind.OPENDRIVE: (_OPENDRIVE, _OPENDRIVE_SECOND, "--opendrive-files", "an OpenDRIVE map whose roads"),
     SourceKind.OPENSTREETMAP: (
@@ -211,7 +213,7 @@ def _source_of(source: Path | None) -> MapSource:
 
 
 def _cache_key(source: MapSource) -> str:
-    first, second, *_ = _TWO_RUNS.get(source.kind, (_ONE_RUN.get(source.kind, ()), ()))
+    first, second, *_ = _TWO_RUNS.get(source.kind, (_ONE_RUN.get(source.kind, ((), ()))[0], ()))
     parts = (_RECIPE, source.kind.value, netconvert_version(), *first, *second)
     return hashlib.sha256(b"".join(part.encode() + b"\0" for part in parts) + source.content).hexdigest()
 
@@ -231,8 +233,8 @@ def _compile(source: MapSource, shown: str) -> bytes:
             return run_netconvert(options, folder / name, shown)
 
         if source.kind in _ONE_RUN:
-            names = [_PARTS[part] for part in BUILT_IN_MAPS[source.name].parts]
-            return run(_ONE_RUN[source.kind], dict(zip(names, source.content.split(b"\0"), strict=True)))
+            options, names = _ONE_RUN[source.kind]
+            return run(options, dict(zip(names, source.content.split(b"\0"), strict=False)))
         first_options, second_options, option, complete = _TWO_RUNS[source.kind]
         try:
             left_hand, content = _imported(source)

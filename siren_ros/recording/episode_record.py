@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Codes, Columns, Floats, Ids, Rows
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.mirror_image import right_hand_image
+from siren_ros.roads.mirror_image import mirrored_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
@@ -110,11 +110,13 @@ class EpisodeRecord:
     @cached_property
     def right_hand(self) -> "EpisodeRecord":
         """The record itself where traffic keeps right, else its mirror image: what is judged by sides sees this."""
-        if not self.network.left_hand:
-            return self
+        return self.mirrored() if self.network.left_hand else self
+
+    def mirrored(self) -> "EpisodeRecord":
+        """The mirror image about the x axis of the ``map`` frame, with traffic on the other side."""
         return replace(
             self,
-            network=right_hand_image(self.network),
+            network=mirrored_network(self.network),
             states=tuple(map(mirror_image, self.states)),
             traffic=tuple(map(mirror_image, self.traffic)),
             commands={source: tuple(map(mirror_image, rows)) for source, rows in self.commands.items()},

@@ -6,7 +6,6 @@ import hand_made_record as hand
 import numpy as np
 import pytest
 from judging.test_turned_records import at_junction, queues
-from mirrored_record import mirrored_record
 
 from siren_ros.judging.outcome import av_response
 from siren_ros.judging.predicates import evaluate_predicate
@@ -27,7 +26,7 @@ def judged_by(record, name):
 )
 def test_verdicts_are_the_same(record, name):
     own = judged_by(record, name)
-    verdict, image = evaluate_predicate(own), evaluate_predicate(mirrored_record(own))
+    verdict, image = evaluate_predicate(own), evaluate_predicate(own.mirrored())
     assert image.measures() == verdict.measures()
     assert image.holds is verdict.holds
 
@@ -35,7 +34,7 @@ def test_verdicts_are_the_same(record, name):
 def test_a_turn_to_the_left_on_the_shoulder_counts_where_traffic_keeps_left():
     way = np.arange(600) * 0.25
     record = hand.hand_made(hand.crossing(), {hand.EMV: hand.Driven(hand.ON_SHOULDER, way)})
-    verdict = evaluate_predicate(judged_by(mirrored_record(record), "shoulder_turn"))
+    verdict = evaluate_predicate(judged_by(record.mirrored(), "shoulder_turn"))
     assert verdict.holds
     assert "to the left" in verdict.text
     assert verdict.measures() == evaluate_predicate(judged_by(record, "shoulder_turn")).measures()
@@ -58,4 +57,4 @@ def test_the_avs_way_to_the_kerb_is_to_the_left():
     record = hand.hand_made(hand.crossing(), vehicles)
     record = replace(record, description=replace(record.description, parameters={"av": {"actor_id": 2, "name": "v2"}}))
     assert av_response(record).moved_right_m > 0.5
-    assert av_response(mirrored_record(record)) == av_response(record)
+    assert av_response(record.mirrored()) == av_response(record)

@@ -244,20 +244,20 @@ def _pose(source: EpisodeSource, held: Mapping[str, BagMessage]) -> Matrix:
 def _labelled(frame: int, truth: GroundTruth, map_from_lidar: Matrix, visible: Floats, mode: Codes) -> TruthBoxes:
     turn, shift = map_from_lidar[:3, :3], map_from_lidar[:3, 3]
     speeds = np.stack((truth.vx_mps, truth.vy_mps), axis=-1)
-    vehicles = truth.actor_class != ActorClass.PEDESTRIAN  # the one class is that of vehicles
-    return TruthBoxes(
-        frame=np.full(int(vehicles.sum()), frame, dtype=np.intp),
-        centre_m=np.stack((truth.x_m, truth.y_m, truth.z_m), axis=-1)[vehicles] @ turn.T + shift,
-        size_m=np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1)[vehicles],
-        yaw_rad=truth.yaw_rad[vehicles] + np.arctan2(turn[1, 0], turn[0, 0]),
-        velocity_mps=speeds[vehicles],
-        attribute=attributes_of(speeds[vehicles]),
-        actor_id=truth.actor_id[vehicles],
-        actor_class=truth.actor_class[vehicles],
-        lidar_points=truth.lidar_points[vehicles],
-        visible=visible[vehicles],
-        mode=mode[vehicles],
+    boxes = TruthBoxes(
+        frame=np.full(len(truth), frame, dtype=np.intp),
+        centre_m=np.stack((truth.x_m, truth.y_m, truth.z_m), axis=-1) @ turn.T + shift,
+        size_m=np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1),
+        yaw_rad=truth.yaw_rad + np.arctan2(turn[1, 0], turn[0, 0]),
+        velocity_mps=speeds,
+        attribute=attributes_of(speeds),
+        actor_id=truth.actor_id,
+        actor_class=truth.actor_class,
+        lidar_points=truth.lidar_points,
+        visible=visible,
+        mode=mode,
     )
+    return boxes.at(truth.actor_class != ActorClass.PEDESTRIAN)  # the one class is that of vehicles
 
 
 def _modes(actor_id: Ids, message: BagMessage | None) -> Codes:

@@ -119,12 +119,18 @@ class _Stack:
 
     def add(self, rows: npt.ArrayLike) -> int:
         """Add rows; where they begin."""
-        added = np.asarray(rows, self.rows.dtype)
-        first, self.used = self.used, self.used + len(added)
-        if self.used > len(self.rows):
-            self.rows = np.concatenate((self.rows, np.empty((self.used, *self.rows.shape[1:]), self.rows.dtype)))
-        self.rows[first : self.used] = added
+        first = self.used
+        self.used += self.lay(rows)
         return first
+
+    def lay(self, rows: npt.ArrayLike) -> int:
+        """Put rows behind the others, until further ones are added; how many."""
+        laid = np.asarray(rows, self.rows.dtype)
+        end = self.used + len(laid)
+        if end > len(self.rows):
+            self.rows = np.concatenate((self.rows, np.empty((end, *self.rows.shape[1:]), self.rows.dtype)))
+        self.rows[self.used : end] = laid
+        return len(laid)
 
 
 def _straight_of(traffic: TrafficState, row: int) -> Course:
@@ -183,16 +189,14 @@ class CourseBook:
 
     def _joined(self, traffic: TrafficState, number: Rows) -> CoursesOfStep:
         ends, spacing = self._ends.rows[number].T.copy(), self._spacing.rows[number]
-        points, limits, used = self._points.rows, self._limits.rows, self._points.used
-        straight = (number == _STRAIGHT).nonzero()[0]
+        straight, used = (number == _STRAIGHT).nonzero()[0], self._points.used
         if len(straight):
             ahead, counts = _straight_ways(traffic, straight)
-            points = np.concatenate((points[:used], ahead))
-            limits = np.concatenate((limits[:used], np.full(len(ahead), np.inf)))
+            self._points.lay(ahead)
+            self._limits.lay(np.full(len(ahead), np.inf))
             ends[:, straight] = used + counts[:-1], used + counts[1:], 0 * straight, 0 * straight
             spacing[straight] = SPACING_M
-        begin, end, first, last = ends
-        return CoursesOfStep(traffic, number, points, limits, (begin, end, first, last), spacing)
+        return CoursesOfStep(traffic, number, self._points.rows, self._limits.rows, tuple(ends), spacing)
 
     def course_of(self, traffic: TrafficState, row: int) -> Course:
         """The course of the vehicle in a row."""

@@ -43,6 +43,8 @@ class DemandConfig:
     """The EMV's route is this much longer than the episode takes at its target speed."""
     reserve_factor: float = 4.0
     """Replacement vehicles in reserve, per civilian of the volume."""
+    people_reserve_factor: float = 10.0
+    """Pedestrians and riders in reserve, per one that is kept near the EMV: they start along its whole way."""
     depart_speed_share: float = 0.7
     """Speed at the first placement, as a share of the wished speed."""
     comfortable_decel_mps2: float = 2.5
@@ -142,6 +144,11 @@ class TrafficConfig:
     """Free space ahead of and behind a vehicle that replaces another one."""
     replacement_distance_m: float = 90.0
     """A replacement enters at least this far from every EMV, beyond the interaction region and the camera's care."""
+    people_within_m: float = 180.0
+    """Pedestrians, cyclists and motorcyclists that the demand asks for are within this of an EMV or the AV under test:
+    beyond the distances at which sensors tell them apart…"""
+    people_margin_m: float = 15.0
+    """…they enter nearer than that by this much, so that they stay for a while."""
     deferred_speed_factor: float = 1.2
     """Of the speed limit, at least, for a driver who waits for a gap to leave the EMV's lane."""
     cleared_speed_share: float = 0.7

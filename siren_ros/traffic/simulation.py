@@ -26,6 +26,7 @@ from siren_ros.traffic.observation import CrossingWatch, Mover, Reactions, find_
 from siren_ros.traffic.sumo.caution import CautiousDrivers
 from siren_ros.traffic.sumo.driving_corrections import BendLimits, CyclistsSide, LaneContinuity, SidewaysLimits
 from siren_ros.traffic.sumo.mirror import Mirror
+from siren_ros.traffic.sumo.nearby import Point
 from siren_ros.traffic.sumo.oncoming import OncomingDrivers
 from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_types_xml
 from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
@@ -38,6 +39,8 @@ from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, Indices, SignalState, TrafficState
 
 _LARGEST_SEED: Final = 2**31 - 1
+_EXCHANGE_STEPS: Final = round(2.0 / STEP_S)
+"""So often people enter and leave."""
 _SIREN: Final = int(Lights.BEACON | Lights.SIREN)
 
 
@@ -113,7 +116,7 @@ class SumoSimulation:
         self._standoff = StandOff(tuple(emv.name for emv in plan.emvs)) if several else None
         self._crossings = CrossingWatch(network)
         self._cyclists = CyclistsSide(network) if plan.riders else None
-        self._walkers = Walkers(network, plan) if plan.walkers else None
+        self._walkers = Walkers(network, plan, self._config) if plan.walkers else None
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
         self._keeping = frozenset(first)
@@ -182,20 +185,31 @@ class SumoSimulation:
         self._impose_caution()
         self._mirror.apply(states, self._reported, self._ids, self._ahead)
         if self._last is not None and self._population.civilians < self._plan.civilians:
-            self._population.refill(self._emv_points(states), self._plan.civilians)
-        if self._last is not None and self._plan.riders:
-            self._population.refill_riders(self._emv_points(states))
+            emvs = [emv.name for emv in self._plan.emvs]
+            self._population.refill(self._points(states, emvs), self._plan.civilians)
+        left = self._exchange_people(states) if step % _EXCHANGE_STEPS == 0 else []
         if self._walkers is not None:
-            self._walkers.refill()
             sirens = [self._ids[emv.name] for emv in self._plan.emvs] if self._siren else []
             self._walkers.heed(states, self._reported, np.array(sirens, np.uint32))
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
         if self._plan.jam is not None:
             self._hold_up(self._plan.jam, step)
-        removed = self._removed(self._step_sumo())
+        removed = self._removed((*left, *self._step_sumo()))
         self._mirror.check_placed(self._columns)
         return self._state(step, states, removed)
+
+    def _exchange_people(self, states: ActorStates) -> list[str]:
+        """Let people enter near the EMVs and the AV under test, and leave far from them; the riders who left."""
+        first = self._last is None
+        points = self._population.emv_starts if first else self._points(states, sorted(self._keeping))
+        if not points:
+            return []
+        if self._walkers is not None:
+            self._walkers.exchange(points, 0.0 if first else self._config.replacement_distance_m)
+        left = self._population.exchange_riders(points) if self._plan.riders and not first else []
+        self._columns.leave_out(left)
+        return left
 
     def _impose_caution(self) -> None:
         """Impose the speeds of drivers who wait for others, before SUMO's next step."""
@@ -298,12 +312,11 @@ class SumoSimulation:
                 removed.append(actor_id)
         return sorted(removed)
 
-    def _emv_points(self, states: ActorStates) -> Mapping[str, tuple[float, float]]:
-        """Centres of the EMVs that are simulated, by name."""
-        emvs = [vehicle.name for vehicle in self._plan.emvs if self._ids[vehicle.name] in self._reported]
-        rows = rows_of_ids(states.actor_id, np.array([self._ids[name] for name in emvs], np.uint32)).tolist()
-        places = ((name, row) for name, row in zip(emvs, rows, strict=True) if row >= 0)
-        return {name: (float(states.x_m[row]), float(states.y_m[row])) for name, row in places}
+    def _points(self, states: ActorStates, names: Sequence[str]) -> list[Point]:
+        """Centres of those of some vehicles that are simulated."""
+        there = [name for name in names if self._ids[name] in self._reported]
+        rows = rows_of_ids(states.actor_id, np.array([self._ids[name] for name in there], np.uint32)).tolist()
+        return [(float(states.x_m[row]), float(states.y_m[row])) for row in rows if row >= 0]
 
     def _spawn(self) -> tuple[ActorDescription, ...]:
         """Describe the vehicles that are new in SUMO; ids in order of entry, the EMVs' first."""

@@ -86,8 +86,9 @@ class Stage:
                 vehicles={name: planned(name) for name in (EMV, AV, CAR)},
                 length_scale=defaultdict(lambda: 1.0),
                 civilians=1,
+                emv_starts=[],
                 drop_departed=lambda: self.departed,
-                refill=lambda points, civilians: self.refills.append((dict(points), civilians)),
+                refill=lambda points, civilians: self.refills.append((points, civilians)),
             ),
             "mirror": SimpleNamespace(
                 places={},
@@ -263,7 +264,7 @@ def test_replacements_keep_away_from_the_emvs_alone(stage: Stage) -> None:
     assert stage.refills == []
     states = states_of(0, [{"actor_id": number, "x_m": 10.0 * number, "y_m": -number} for number in (1, 2, 3, 9)])
     stage.step(1, states)
-    assert stage.refills == [({EMV: (10.0, -1.0)}, 2)]
+    assert stage.refills == [([(10.0, -1.0)], 2)]
 
 
 def test_who_makes_way_is_a_civilian_that_ros_drives(stage: Stage) -> None:

@@ -131,7 +131,11 @@ class _Planner:
             riders=self._riders(stage),
             riders_kept=self._wanted,
             walkers=plan_walkers(
-                self._network, self._around_way(), self._template.demand.people.pedestrians, self._seed, self._factory
+                self._network,
+                self._around_way,
+                self._with_people_reserve(self._template.demand.people.pedestrians),
+                self._seed,
+                self._factory,
             ),
             walkers_kept=self._template.demand.people.pedestrians,
         )
@@ -140,9 +144,11 @@ class _Planner:
         jam = self._template.jam
         return None if jam is None else JamHead(groups.heads, bool(jam.moves), jam.roll_s, jam.roll_mps, jam.stand_s)
 
+    @cached_property
     def _around_way(self) -> list[Lane]:
-        """The driving lanes near the EMV's way."""
-        return self._lanes_within(self._config.neighbourhood_m) or self._leading_on
+        """The driving lanes near the whole way that the EMV may take during the episode."""
+        way_m = self._template.emv.speed_mps * self._template.duration_s
+        return self._lanes_within(self._config.neighbourhood_m, way_m) or self._leading_on
 
     @property
     def _wanted(self) -> Mapping[ActorClass, int]:
@@ -151,17 +157,20 @@ class _Planner:
 
     def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
         """Cyclists and motorcyclists near the EMV's way, more than enter at once."""
-        near = self._around_way()
+        near = self._around_way
         lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
         return tuple(
             rider
             for kind, count in self._wanted.items()
             for rider in self._scattered(
-                *(f"{kind.name.lower()}", round((1.0 + self._config.reserve_factor) * count), lanes[kind], stage),
+                *(f"{kind.name.lower()}", self._with_people_reserve(count), lanes[kind], stage),
                 disjoint=False,
                 kind=kind,
             )
         )
+
+    def _with_people_reserve(self, count: int) -> int:
+        return round((1.0 + self._config.people_reserve_factor) * count)
 
     def _cycled(self, near: Sequence[Lane]) -> list[Lane]:
         """The cycle lanes of some lanes' edges, and the rightmost driving lanes where there are none."""
@@ -331,9 +340,10 @@ class _Planner:
             raise MapError("no driving lanes", "a map with connected driving lanes for civilians")
         return lanes
 
-    def _lanes_within(self, distance_m: float) -> list[Lane]:
-        """Those of them whose middle is within a distance of the EMV's way."""
-        around = LineString(self._way_points()).buffer(distance_m)
+    def _lanes_within(self, distance_m: float, beyond_m: float | None = None) -> list[Lane]:
+        """Those of them whose middle is within a distance of the EMV's way to the site and beyond."""
+        after_m = self._config.neighbourhood_after_m if beyond_m is None else beyond_m
+        around = LineString(self._way_points(after_m)).buffer(distance_m)
         middles = np.array([lane.centre.at(0.5 * lane.length_m) for lane in self._leading_on])
         return [*compress(self._leading_on, contains_xy(around, *middles.T))]
 
@@ -344,7 +354,7 @@ class _Planner:
         needed_m = self._template.demand.background_vehicles * self._config.background_spacing_m
         return near if sum(lane.length_m for lane in near) >= needed_m else self._leading_on
 
-    def _way_points(self) -> npt.NDArray[np.float64]:
+    def _way_points(self, after_m: float) -> npt.NDArray[np.float64]:
         """Points of the EMV's way from its start to beyond the site, shape ``(N, 2)``."""
         route, points, beyond_m = self._start.route, [], 0.0
         through = route.index(self._site.site_edge) if self._site.site_edge in route else 0
@@ -352,7 +362,7 @@ class _Planner:
             centre = driving_lanes(self._network, edge)[-1].centre
             points.append(centre.points)
             beyond_m += centre.length_m if position > through else 0.0
-            if beyond_m > self._config.neighbourhood_after_m:
+            if beyond_m > after_m:
                 break
         return np.concatenate(points)
 

@@ -15,10 +15,8 @@ from siren_ros.world.actors import ActorClass
 
 PACE_MPS: Final = TruncatedNormal(mean=1.34, std=0.26, minimum=0.7, maximum=2.0)
 """Free walking speeds (Weidmann 1993: 1.34 m/s with a standard deviation of 0.26 m/s)."""
-_GOALS: Final = 12
+_GOALS: Final = 5
 """Streets that somebody walks to, one after the other, where a simple way leads there: more than an episode lasts."""
-_RESERVE: Final = 1
-"""Further people for each one, who enter when others have arrived."""
 _CLOTHES: Final = (
     (44, 52, 74),
     (122, 40, 44),
@@ -47,9 +45,7 @@ def plan_walkers(
         raise MapError(f"{count} pedestrians", "a map with sidewalks near the EMV's way")
     rng = random_stream(seed, "demand/pedestrians")
     ends, size = chances(lane.length_m for lane in walks), factory.size(ActorClass.PEDESTRIAN)
-    return tuple(
-        _walker(network, walks, ends, f"pedestrian{number}", size, rng) for number in range((1 + _RESERVE) * count)
-    )
+    return tuple(_walker(network, walks, ends, f"pedestrian{number}", size, rng) for number in range(count))
 
 
 def _walker(

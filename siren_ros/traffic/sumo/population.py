@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import lru_cache
 from typing import Final
 from xml.sax.saxutils import quoteattr
@@ -11,10 +11,12 @@ import libsumo
 import numpy as np
 
 from siren_ros.numerics.geometry import Polyline, overlapping_pairs
+from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import MAPS_KEPT, RoadNetwork
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.traffic.config import DemandConfig, TrafficConfig
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
+from siren_ros.traffic.sumo.nearby import Point, Reserve, nearest_m
 from siren_ros.traffic.sumo.readings import SUBSCRIBED, map_from_sumo
 from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
@@ -50,6 +52,8 @@ _MODEL_PARAMETERS: Final[Mapping[str, Mapping[str, float]]] = {
 }
 """By car-following model. Errors of drivers, which would shake accelerations at each step, are off. Drivers of the EIDM
 come to their full acceleration in 0.6 s (SUMO: 1.2 s, 3 m/s3), as those do who wait for green."""
+_RIDER_STEP_S: Final = 2.0 * STEP_S
+"""Riders decide at every second step: two-wheelers are half of the traffic near people, and cost as much as cars."""
 _FULL_BRAKE_MPS2: Final = 6.0
 """With which a vehicle stops in an emergency, its driver's start included."""
 _RUNS_RED_S: Final = 1000.0
@@ -117,6 +121,8 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "latAlignment": "right" if cycles else "center",
         "color": ",".join(str(part) for part in vehicle.colour_rgb),
     }
+    if ridden:
+        numbers["actionStepLength"] = _RIDER_STEP_S
     numbers |= _MODEL_PARAMETERS.get(driver.car_following, {})
     return texts | {name: f"{value:.6g}" for name, value in numbers.items()}
 
@@ -158,7 +164,7 @@ class SumoPopulation:
         self._plan = plan
         self._config = config
         self._reserve = deque(plan.reserve)
-        self._riders = deque(plan.riders)
+        self._riders = Reserve(plan.riders, [self._point_of(rider.spot) for rider in plan.riders])
         self._riding: Counter[ActorClass] = Counter()
         self.vehicles: dict[str, PlannedVehicle] = {}
         """Vehicles that have entered and not left."""
@@ -184,16 +190,20 @@ class SumoPopulation:
             self._remove(name)
         self._enter_all(self._plan.emvs)
         self._enter_all(self._plan.groups)
-        emv_points = {vehicle.name: self._point_of(vehicle.spot) for vehicle in self._plan.emvs}
-        self.refill(emv_points, self._plan.civilians)
-        self.refill_riders({})
+        self.refill(self.emv_starts, self._plan.civilians)
+        self._enter_riders(self.emv_starts, 0.0)
 
-    def refill(self, emv_points: Mapping[str, tuple[float, float]], civilians: int) -> None:
+    @property
+    def emv_starts(self) -> list[Point]:
+        """Where the EMVs enter."""
+        return [self._point_of(emv.spot) for emv in self._plan.emvs]
+
+    def refill(self, emv_points: Collection[Point], civilians: int) -> None:
         """Enter replacements from the reserve, away from the EMVs' points, up to a number of civilians."""
         missing = civilians - self.civilians
         for _ in range(len(self._reserve) if missing > 0 else 0):
             vehicle = self._reserve.popleft()
-            if self._spot_is_free(vehicle, emv_points.values()):
+            if self._spot_is_free(vehicle, emv_points):
                 self._enter_all((vehicle,))
                 missing -= 1
                 if missing <= 0:
@@ -201,17 +211,36 @@ class SumoPopulation:
             else:
                 self._reserve.append(vehicle)
 
-    def refill_riders(self, emv_points: Mapping[str, tuple[float, float]]) -> None:
-        """Enter riders where those of their class are too few, away from the EMVs' points."""
-        if all(self._riding[kind] >= count for kind, count in self._plan.riders_kept.items()):
-            return
-        for _ in range(len(self._riders)):
-            rider = self._riders.popleft()
-            wanted = self._riding[rider.actor_class] < self._plan.riders_kept[rider.actor_class]
-            if wanted and self._spot_is_free(rider, emv_points.values()):
-                self._enter_all((rider,))
-            else:
-                self._riders.append(rider)
+    def exchange_riders(self, points: Collection[Point]) -> list[str]:
+        """Remove riders who are far from all points, and enter others out of sight of them, up to the numbers to keep.
+
+        Returns:
+            The names of those who left.
+        """
+        riding = [name for name, vehicle in self.vehicles.items() if vehicle.actor_class in self._plan.riders_kept]
+        left = [name for name in riding if self._is_far(name, points)]
+        for name in left:
+            self._remove(name)
+        self._enter_riders(points, self._config.replacement_distance_m)
+        return left
+
+    def _is_far(self, name: str, points: Collection[Point]) -> bool:
+        (x, y), (offset_x, offset_y) = libsumo.vehicle.getPosition(name), self._network.sumo_offset_m
+        waits = x == libsumo.INVALID_DOUBLE_VALUE
+        return not waits and nearest_m((x - offset_x, y - offset_y), points) > self._config.people_within_m
+
+    def _enter_riders(self, points: Collection[Point], least_m: float) -> None:
+        wanted = self._plan.riders_kept
+
+        def enter(rider: PlannedVehicle) -> bool:
+            if self._riding[rider.actor_class] >= wanted[rider.actor_class] or not self._spot_is_free(rider, ()):
+                return False
+            self._enter_all((rider,))
+            return True
+
+        if any(self._riding[kind] < count for kind, count in wanted.items()):
+            most_m = self._config.people_within_m - self._config.people_margin_m
+            self._riders.let_in(points, least_m, most_m, enter)
 
     def drop_departed(self) -> tuple[str, ...]:
         """Forget vehicles that left SUMO in the last step; their names, in order of entry."""
@@ -305,14 +334,13 @@ class SumoPopulation:
         half = 0.5 * vehicle.length_m
         return x - half * np.cos(yaw), y - half * np.sin(yaw), vehicle.length_m
 
-    def _point_of(self, spot: Spot) -> tuple[float, float]:
+    def _point_of(self, spot: Spot) -> Point:
         x, y = self._network.lanes[spot.lane].centre.at(spot.front_m)
         return float(x), float(y)
 
-    def _spot_is_free(self, vehicle: PlannedVehicle, emv_points: Iterable[tuple[float, float]]) -> bool:
+    def _spot_is_free(self, vehicle: PlannedVehicle, emv_points: Collection[Point]) -> bool:
         x, y = self._point_of(vehicle.spot)
-        reach = self._config.replacement_distance_m
-        if any((x - ex) ** 2 + (y - ey) ** 2 < reach**2 for ex, ey in emv_points):
+        if nearest_m((x, y), emv_points) < self._config.replacement_distance_m:
             return False
         lane = self._network.lanes[vehicle.spot.lane]
         gap = max(self._config.replacement_gap_m, DemandConfig().gap_m(lane.speed_limit_mps))

@@ -4,25 +4,29 @@ In the state of a step they are rows without lane and route; SUMO owns them.
 """
 
 import re
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from itertools import compress, pairwise
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+from operator import itemgetter
 from typing import Any, Final
 
 import libsumo
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 
-from siren_ros.numerics.arrays import Flags, Floats, Ids, Rows
-from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.arrays import Flags, Floats, Ids
+from siren_ros.numerics.compiled import compiled, within, wrapped_rad
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle, PlannedWalker, TrafficPlan
-from siren_ros.traffic.sumo.readings import map_from_sumo
+from siren_ros.traffic.sumo.nearby import Point, Reserve, nearest_m
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Owner, rows_of_ids
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
 _SUBSCRIBED: Final = (libsumo.VAR_POSITION, libsumo.VAR_ANGLE, libsumo.VAR_SPEED, libsumo.VAR_ROAD_ID)
+_IN_ORDER: Final = itemgetter(*_SUBSCRIBED)
 _SPACE_M: Final = 1.0
 """Length of a person for SUMO: who waits at a kerb stands with the middle half of it behind the kerb, because vehicles
 that turn reach over it."""
@@ -35,6 +39,8 @@ _CROSSED: Final = re.compile(r"^:.+_c\d+$")
 _DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.CYCLE, LaneKind.SHOULDER, LaneKind.INTERNAL})
 _FROM_KERB_M: Final = 0.45
 """Least distance from the middle of somebody to the road: half a body and the mirrors of vehicles."""
+_KERB_SPACING_M: Final = 0.5
+"""Longest piece of the line along which people are kept."""
 _STEP_M: Final = 0.6
 """How far ahead somebody looks for a vehicle in the way…"""
 _BESIDE_M: Final = 0.35
@@ -111,23 +117,18 @@ class Kerbs:
         ]
         self._road = shapely.union_all(driven).buffer(_FROM_KERB_M)
         shapely.prepare(self._road)
-        ends, ring = shapely.get_coordinates(self._road.boundary), shapely.get_parts(self._road.boundary)
+        edge = shapely.segmentize(self._road.boundary, _KERB_SPACING_M)
+        ends, ring = shapely.get_coordinates(edge), shapely.get_parts(edge)
         of_ring = np.repeat(np.arange(len(ring)), shapely.get_num_coordinates(ring))
-        pairs = np.stack((ends[:-1], ends[1:]), axis=1)[of_ring[:-1] == of_ring[1:]]
-        self._edges = shapely.linestrings(pairs)
-        self._tree = shapely.STRtree(self._edges)
+        joined = of_ring[:-1] == of_ring[1:]
+        self._from_m, self._along_m = ends[:-1][joined], np.diff(ends, axis=0)[joined]
+        self._middles = cKDTree(self._from_m + 0.5 * self._along_m)
 
-    def kept_off(self, x_m: Floats, y_m: Floats, crossing: Flags) -> tuple[Floats, Floats]:
-        """The places, those on the road and on no crossing moved to its edge."""
-        rows = np.flatnonzero(shapely.contains_xy(self._road, x_m, y_m) & ~crossing)
-        if not len(rows):
-            return x_m, y_m
-        points = shapely.points(x_m[rows], y_m[rows])
-        nearest = self._edges[self._tree.nearest(points)]
-        places = shapely.line_interpolate_point(nearest, shapely.line_locate_point(nearest, points))
-        x_m, y_m = x_m.copy(), y_m.copy()
-        x_m[rows], y_m[rows] = shapely.get_coordinates(places).T
-        return x_m, y_m
+    def keep_off(self, poses: Floats, crossing: Flags) -> None:
+        """Move those on the road and on no crossing to its edge; poses are x and y first, shape ``(2 or more, N)``."""
+        rows = np.flatnonzero(shapely.contains_xy(self._road, *poses[:2]) & ~crossing)
+        if len(rows):
+            _move_to(poses, rows, self._middles.query(poses[:2, rows].T)[1], self._from_m, self._along_m)
 
     def ahead(self, x_m: Floats, y_m: Floats, yaw_rad: Floats) -> Flags:
         """Whether the road begins right before people at some places, in the direction in which they look."""
@@ -135,32 +136,84 @@ class Kerbs:
         return np.asarray(shapely.contains_xy(self._road, x_m, y_m), np.bool_)
 
 
+@compiled
+def _move_to(poses: Any, rows: Any, pieces: Any, from_m: Any, along_m: Any) -> None:
+    """Move some of the points to the nearest places on pieces of a line."""
+    for number in range(len(rows)):
+        row, piece = rows[number], pieces[number]
+        (ax, ay), (dx, dy) = from_m[piece], along_m[piece]
+        share = within(((poses[0, row] - ax) * dx + (poses[1, row] - ay) * dy) / (dx * dx + dy * dy), 0.0, 1.0)
+        poses[0, row], poses[1, row] = ax + share * dx, ay + share * dy
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Those who are in the state, in order of their ids."""
+
+    names: tuple[str, ...]
+    actor_id: Ids
+    notice_m: Floats
+    speed_mps: Floats
+    told_mps: Floats
+    """Speeds that SUMO was told last, or their own."""
+
+    @classmethod
+    def of(cls, ids: Mapping[str, int], walkers: Mapping[str, PlannedWalker], last: "_Table | None") -> "_Table":
+        """The table of those with ids; speeds as they were told last."""
+        names = tuple(name for name in walkers if name in ids)
+        said = dict(zip(last.names, last.told_mps.tolist(), strict=True)) if last else {}
+        columns = np.array(
+            [(ids[name], walkers[name].notice_m, walkers[name].speed_mps) for name in names], np.float64
+        ).reshape(-1, 3)
+        told_mps = np.array([said.get(name, walkers[name].speed_mps) for name in names])
+        return cls(names, columns[:, 0].astype(np.uint32), columns[:, 1], columns[:, 2], told_mps)
+
+
+@lru_cache
+def _is_crossing(road: str) -> bool:
+    """Whether a road of SUMO is a crossing."""
+    return bool(_CROSSED.match(road))
+
+
 class Walkers:
     """The people on foot, by name in order of entry."""
 
-    def __init__(self, network: RoadNetwork, plan: TrafficPlan) -> None:
+    def __init__(self, network: RoadNetwork, plan: TrafficPlan, config: TrafficConfig) -> None:
         self._network = network
+        self._config = config
         self._corners: Corners | None = None
         self._kerbs = Kerbs(network)
         self._offset_m = network.sumo_offset_m
         self._kept = plan.walkers_kept
-        self._reserve = deque(plan.walkers)
+        sidewalks = (network.lane_by_id[f"{walker.edge}_0"].centre for walker in plan.walkers)
+        places = [line.at(walker.place_m) for line, walker in zip(sidewalks, plan.walkers, strict=True)]
+        self._reserve = Reserve(plan.walkers, [(float(x), float(y)) for x, y in places])
         self._present: dict[str, PlannedWalker] = {}
         self._ids: dict[str, int] = {}
+        """Actor ids of those who are in the state, in order of these."""
         self._arrived: list[str] = []
         self.on_crossings: TrafficState | None = None
         """The last state with those on crossings alone, as driven from outside: SUMO's drivers wait for such."""
-        self._crossing: frozenset[str] = frozenset()
-        """Those on crossings."""
-        self._paces: dict[str, float] = {}
-        """Speeds that SUMO was told last."""
+        self._table = _Table.of({}, {}, None)
+        self._crossing = np.empty(0, np.bool_)
+        """Who of the table is on a crossing."""
+        self._sized, self._sizes = np.empty(0, np.uint32), (np.empty(0), np.empty(0))
+        """Actors of the last step, and lengths and widths of their bodies: 0 for those that are no vehicles."""
 
-    def refill(self) -> None:
-        """Let people enter until there are as many as there should be."""
-        while self._reserve and len(self._present) < self._kept:
-            self._enter(self._reserve.popleft())
+    def exchange(self, points: Collection[Point], least_m: float) -> None:
+        """Remove those who are far from all points; let others enter at least so far from each."""
+        offset_x, offset_y = self._offset_m
+        for name in self._ids:
+            x, y = libsumo.person.getPosition(name)
+            if nearest_m((x - offset_x, y - offset_y), points) > self._config.people_within_m:
+                libsumo.person.removeStages(name)
+        if len(self._present) < self._kept:
+            most_m = self._config.people_within_m - self._config.people_margin_m
+            self._reserve.let_in(points, least_m, most_m, self._enter)
 
-    def _enter(self, walker: PlannedWalker) -> None:
+    def _enter(self, walker: PlannedWalker) -> bool:
+        if len(self._present) >= self._kept:
+            return False
         length_m = float(libsumo.lane.getLength(f"{walker.edge}_0"))
         start_m = min(max(walker.place_m, _END_M), max(length_m - _END_M, 0.0))
         libsumo.person.add(walker.name, walker.edge, start_m, typeID=_type_id(walker))
@@ -178,39 +231,30 @@ class Walkers:
             libsumo.person.appendWalkingStage(walker.name, [walker.edge], max(length_m - start_m, _END_M))
         libsumo.person.subscribe(walker.name, _SUBSCRIBED)
         self._present[walker.name] = walker
+        return True
 
     def heed(self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], sirens: Ids) -> None:
-        """Who would step into a vehicle stands still, as does who would step on a road on which an EMV comes.
+        """Let people stand before vehicles, and before a road on which an EMV comes; on crossings they hurry then.
 
-        Who is on a crossing then hurries. ``states`` is the simulated world at the step before, ``sirens`` are EMVs.
+        ``states`` is the simulated world at the step before, ``sirens`` are EMVs.
         """
-        names = [name for name in self._present if name in self._ids]
-        mine = rows_of_ids(states.actor_id, np.array([self._ids[name] for name in names], np.uint32))
-        driven = np.array([vehicles[key].length_m if key in vehicles else 0.0 for key in states.actor_id.tolist()])
-        wide = np.array([vehicles[key].width_m if key in vehicles else 0.0 for key in states.actor_id.tolist()])
-        stand = _step_into(mine, (states.x_m, states.y_m, states.yaw_rad), (driven, wide))
-        warned = self._warned(states, names, mine, sirens)
-        crossing = np.array([name in self._crossing for name in names], np.bool_)
-        rows = np.flatnonzero(warned & ~crossing)
-        place = states.x_m[mine[rows]], states.y_m[mine[rows]], states.yaw_rad[mine[rows]]
-        stand[rows] |= self._kerbs.ahead(*place)
-        hurry = warned & crossing
-        for name, stands, hurries in zip(names, stand.tolist(), hurry.tolist(), strict=True):
-            pace = _STANDING_MPS if stands else self._present[name].speed_mps * (_HURRY if hurries else 1.0)
-            if self._paces.get(name, self._present[name].speed_mps) != pace:
-                libsumo.person.setSpeed(name, pace)
-                self._paces[name] = pace
-
-    def _warned(self, states: ActorStates, names: Sequence[str], rows: Rows, sirens: Ids) -> Flags:
-        """Whether an EMV with a siren comes towards each of some people, within the distance at which they heed it."""
-        warned = np.zeros(len(names), np.bool_)
-        notice_m = np.array([self._present[name].notice_m for name in names])
-        for emv in rows_of_ids(states.actor_id, sirens).tolist():
-            if emv >= 0:
-                dx, dy = states.x_m[rows] - states.x_m[emv], states.y_m[rows] - states.y_m[emv]
-                ahead = np.cos(states.yaw_rad[emv]) * dx + np.sin(states.yaw_rad[emv]) * dy
-                warned |= (rows >= 0) & (ahead > 0.0) & (np.hypot(dx, dy) < notice_m)
-        return warned
+        table = self._table
+        rows = rows_of_ids(states.actor_id, table.actor_id)
+        if not np.array_equal(self._sized, states.actor_id):
+            bodies = [vehicles.get(key) for key in states.actor_id.tolist()]
+            sizes = [(body.length_m, body.width_m) if body else (0.0, 0.0) for body in bodies]
+            self._sized, self._sizes = states.actor_id, (*np.array(sizes).reshape(-1, 2).T.copy(),)
+        poses = states.x_m, states.y_m, states.yaw_rad
+        emvs = rows_of_ids(states.actor_id, sirens)
+        stand, warned = _before_vehicles(rows, table.notice_m, emvs, poses, self._sizes)
+        wait = np.flatnonzero(warned & ~self._crossing)
+        if len(wait):
+            stand[wait] |= self._kerbs.ahead(*(values[rows[wait]] for values in poses))
+        paces_mps = np.where(warned & self._crossing, _HURRY, 1.0) * table.speed_mps
+        paces_mps[stand] = _STANDING_MPS
+        for row in np.flatnonzero(paces_mps != table.told_mps).tolist():
+            libsumo.person.setSpeed(table.names[row], paces_mps[row])
+        table.told_mps[:] = paces_mps
 
     def drop_arrived(self) -> None:
         """Forget those who arrived in the last step."""
@@ -223,51 +267,55 @@ class Walkers:
         results: Mapping[str, Mapping[int, Any]] = libsumo.person.getAllSubscriptionResults()
         removed = [self._ids.pop(name) for name in self._arrived if name in self._ids]
         self._arrived.clear()
-        spawned = []
-        for name, walker in self._present.items():
-            if name in results and name not in self._ids:
-                self._ids[name] = next_id()
-                size = walker.length_m, walker.width_m, walker.height_m
-                colour = walker.colour_rgb
-                spawned.append(ActorDescription(self._ids[name], name, ActorClass.PEDESTRIAN, *size, colour))
-        names = sorted((name for name in self._present if name in self._ids), key=self._ids.__getitem__)
-        ids = np.array([self._ids[name] for name in names], np.uint32)
-        values = np.array([_values(results[name]) for name in names]).reshape(-1, 4)
-        x_m, y_m, yaw_rad = map_from_sumo(values[:, 0], values[:, 1], values[:, 2], _SPACE_M, self._offset_m)
-        crossing = np.array([bool(_CROSSED.match(results[name][libsumo.VAR_ROAD_ID])) for name in names], np.bool_)
-        sumo = *self._kerbs.kept_off(x_m, y_m, crossing), yaw_rad, values[:, 3]
-        self._crossing = frozenset(compress(names, crossing))
-        simulated = _simulated(ids, sumo, mirrored)
-        across = tuple(column[crossing] for column in sumo), tuple(column[crossing] for column in simulated)
-        self.on_crossings = _merged(state, ids[crossing], *across, Owner.ROS) if crossing.any() else state
-        return _merged(
-            replace(
-                state,
-                spawned=tuple(sorted((*state.spawned, *spawned), key=lambda actor: actor.actor_id)),
-                removed=np.sort(np.append(state.removed, np.array(removed, np.uint32))),
-            ),
-            ids,
-            sumo,
-            simulated,
-        )
+        entered = [name for name in self._present if name not in self._ids and name in results]
+        self._ids.update((name, next_id()) for name in entered)
+        if entered or removed:
+            self._table = _Table.of(self._ids, self._present, self._table)
+        found = [_IN_ORDER(results[name]) for name in self._table.names]
+        values = np.array([(*place, angle, speed) for place, angle, speed, _ in found]).reshape(-1, 4)
+        poses = mirrored.x_m, mirrored.y_m, mirrored.yaw_rad, mirrored.speed_mps
+        ids = self._table.actor_id
+        sumo, simulated = _poses(values, self._offset_m, rows_of_ids(mirrored.actor_id, ids), poses)
+        self._crossing = np.array([_is_crossing(road) for *_, road in found], np.bool_)
+        self._kerbs.keep_off(sumo, self._crossing)
+        self.on_crossings = state
+        if (crossing := self._crossing).any():
+            self.on_crossings = _merged(state, ids[crossing], sumo[:, crossing], simulated[:, crossing], Owner.ROS)
+        spawned = *state.spawned, *(self._described(name) for name in entered)
+        removed_ids = np.sort(np.append(state.removed, np.array(removed, np.uint32)))
+        state = replace(state, spawned=spawned, removed=removed_ids) if entered or removed else state
+        return _merged(state, ids, sumo, simulated)
+
+    def _described(self, name: str) -> ActorDescription:
+        walker = self._present[name]
+        size = walker.length_m, walker.width_m, walker.height_m
+        return ActorDescription(self._ids[name], name, ActorClass.PEDESTRIAN, *size, walker.colour_rgb)
 
     @property
     def by_id(self) -> Mapping[int, PlannedWalker]:
         """Those who have ids."""
-        return {self._ids[name]: walker for name, walker in self._present.items() if name in self._ids}
+        return {self._ids[name]: self._present[name] for name in self._table.names}
 
 
 @compiled
-def _step_into(walkers: Any, poses: Any, sizes: Any) -> Any:
-    """Whether a vehicle's body is right before each of some people, with room on both sides of the shoulders.
+def _before_vehicles(walkers: Any, notice_m: Any, emvs: Any, poses: Any, sizes: Any) -> tuple[Any, Any]:
+    """Whether a vehicle's body is right before each of some people, and whether an EMV comes towards them.
 
-    ``walkers`` are their rows among the actors, −1 for who is not there; the size of who is no vehicle is 0.
+    There is room for the shoulders beside the body; an EMV counts within the distance at which they notice it.
+    ``walkers`` are their rows among the actors, −1 for somebody who is not there; those who are no vehicles have no
+    size. ``emvs`` are rows too.
     """
-    (x_m, y_m, yaw_rad), (length_m, width_m), found = poses, sizes, np.zeros(len(walkers), np.bool_)
+    (x_m, y_m, yaw_rad), (length_m, width_m) = poses, sizes
+    stand, warned = np.zeros(len(walkers), np.bool_), np.zeros(len(walkers), np.bool_)
     for number in range(len(walkers)):
         row = walkers[number]
         if row < 0:
             continue
+        for emv in emvs:
+            if emv >= 0:
+                dx, dy = x_m[row] - x_m[emv], y_m[row] - y_m[emv]
+                ahead = np.cos(yaw_rad[emv]) * dx + np.sin(yaw_rad[emv]) * dy
+                warned[number] |= ahead > 0.0 and np.hypot(dx, dy) < notice_m[number]
         x, y = x_m[row] + _STEP_M * np.cos(yaw_rad[row]), y_m[row] + _STEP_M * np.sin(yaw_rad[row])
         for k in range(len(x_m)):
             dx, dy = x - x_m[k], y - y_m[k]
@@ -276,44 +324,48 @@ def _step_into(walkers: Any, poses: Any, sizes: Any) -> Any:
             cos, sin = np.cos(yaw_rad[k]), np.sin(yaw_rad[k])
             ahead, left = abs(dx * cos + dy * sin), abs(dy * cos - dx * sin)
             if ahead < 0.5 * length_m[k] + _BESIDE_M and left < 0.5 * width_m[k] + _BESIDE_M:
-                found[number] = True
-    return found
+                stand[number] = True
+    return stand, warned
 
 
-def _values(result: Mapping[int, Any]) -> tuple[float, float, float, float]:
-    (x, y), angle, speed, _ = (result[key] for key in _SUBSCRIBED)
-    return x, y, angle, speed
+@compiled
+def _poses(values: Any, offset_m: Any, rows: Any, simulated: Any) -> tuple[Any, Any]:
+    """Poses in the ``map`` frame of some people: SUMO's, and the simulated ones; shape ``(4, N)`` each.
+
+    ``values`` are SUMO's x, y, angle and speed, ``rows`` the people's among the simulated actors: those who are new
+    have none, and SUMO's poses.
+    """
+    sumo = np.empty((4, len(rows)))
+    before = np.empty((4, len(rows)))
+    for k in range(len(rows)):
+        yaw = wrapped_rad(np.radians(90.0 - values[k, 2]))
+        sumo[0, k] = values[k, 0] - 0.5 * _SPACE_M * np.cos(yaw) - offset_m[0]
+        sumo[1, k] = values[k, 1] - 0.5 * _SPACE_M * np.sin(yaw) - offset_m[1]
+        sumo[2, k], sumo[3, k] = yaw, values[k, 3]
+        before[:, k] = sumo[:, k]
+        if rows[k] >= 0:
+            x_m, y_m, yaw_rad, speed_mps = simulated
+            before[0, k], before[1, k] = x_m[rows[k]], y_m[rows[k]]
+            before[2, k], before[3, k] = yaw_rad[rows[k]], speed_mps[rows[k]]
+    return sumo, before
 
 
-Poses = tuple[Floats, Floats, Floats, Floats]
-"""x, y, yaw and speed."""
+_OF_POSES: Final = ("sumo_x_m", "sumo_y_m", "sumo_yaw_rad", "sumo_speed_mps", "x_m", "y_m", "yaw_rad", "speed_mps")
+_NOT_BY_ROW: Final = frozenset({"removed", "route_offset", "route_edges"})
 
 
-def _simulated(ids: Ids, sumo: Poses, mirrored: ActorStates) -> Poses:
-    """The simulated poses at the step before; SUMO's of those who are new."""
-    rows = rows_of_ids(mirrored.actor_id, ids)
-    known = rows >= 0
-    columns = mirrored.x_m, mirrored.y_m, mirrored.yaw_rad, mirrored.speed_mps
-    x, y, yaw, speed = (
-        np.where(known, column[rows] if len(column) else theirs, theirs)
-        for column, theirs in zip(columns, sumo, strict=True)
-    )
-    return x, y, yaw, speed
-
-
-def _merged(
-    state: TrafficState, ids: Ids, sumo: tuple[Floats, ...], simulated: tuple[Floats, ...], owner: Owner = Owner.SUMO
-) -> TrafficState:
+def _merged(state: TrafficState, ids: Ids, sumo: Floats, simulated: Floats, owner: Owner = Owner.SUMO) -> TrafficState:
     """The state with further rows for some actors, sorted by id; x, y, yaw and speed in SUMO and simulated."""
-    order = np.argsort(np.append(state.actor_id, ids), kind="stable")
-    names = ("sumo_x_m", "sumo_y_m", "sumo_yaw_rad", "sumo_speed_mps", "x_m", "y_m", "yaw_rad", "speed_mps")
-    theirs: dict[str, Any] = {**dict(zip(names, (*sumo, *simulated), strict=True)), "actor_id": ids}
-    theirs["lane"], theirs["owner"] = np.full(len(ids), NO_LANE, np.int32), np.full(len(ids), owner, np.uint8)
+    rows = np.empty(len(state) + len(ids), np.intp)
+    rows[np.argsort(np.concatenate((state.actor_id, ids)), kind="stable")] = np.arange(len(rows))
+    theirs: dict[str, Any] = {**dict(zip(_OF_POSES, (*sumo, *simulated), strict=True)), "actor_id": ids}
+    theirs |= {"lane": NO_LANE, "owner": owner}
+    of_state, of_theirs = rows[: len(state)], rows[len(state) :]
     merged: dict[str, Any] = {}
     for name, kind in TRAFFIC_STATE_DTYPES.items():
-        if name not in {"removed", "route_offset", "route_edges"}:
-            more = theirs.get(name, np.zeros(len(ids), kind))
-            merged[name] = np.append(getattr(state, name), more)[order].astype(kind, copy=False)
-    edges = np.append(np.diff(state.route_offset), np.zeros(len(ids), np.int32))[order]
-    offset = np.append(np.zeros(1, np.int32), np.cumsum(edges)).astype(np.int32)
-    return replace(state, **merged, route_offset=offset)
+        if name not in _NOT_BY_ROW:
+            merged[name] = column = np.empty(len(rows), kind)
+            column[of_state], column[of_theirs] = getattr(state, name), theirs.get(name, 0)
+    offset = np.zeros(len(rows) + 1, np.int32)
+    offset[1 + of_state] = np.diff(state.route_offset)
+    return replace(state, **merged, route_offset=np.cumsum(offset, dtype=np.int32))

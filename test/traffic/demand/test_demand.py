@@ -444,8 +444,8 @@ def test_there_are_riders_of_each_kind_with_enough_in_reserve(network: RoadNetwo
     traffic = with_riders(network)
     assert traffic.riders_kept == {ActorClass.BICYCLE: 8, ActorClass.MOTORCYCLE: 3}
     kinds = [rider.actor_class for rider in traffic.riders]
-    assert (kinds.count(ActorClass.BICYCLE), kinds.count(ActorClass.MOTORCYCLE)) == (40, 15)
-    assert len({rider.name for rider in traffic.riders}) == 55
+    assert (kinds.count(ActorClass.BICYCLE), kinds.count(ActorClass.MOTORCYCLE)) == (88, 33)
+    assert len({rider.name for rider in traffic.riders}) == 121
     for rider in traffic.riders:
         stage = [area for area in traffic.stage if area.lane == rider.spot.lane]
         assert not any(area.from_m <= rider.spot.front_m <= area.to_m for area in stage)

@@ -20,10 +20,10 @@ def planned(count: int, seed: int = 0, near: list[Lane] = STREETS) -> tuple[Plan
     return plan_walkers(CITY, near, count, seed, VehicleFactory(CITY, load_drivers(), DIMENSIONS, DemandConfig()))
 
 
-def test_there_are_as_many_again_in_reserve_and_the_seed_decides() -> None:
+def test_there_are_as_many_as_asked_for_and_the_seed_decides() -> None:
     people = planned(30)
-    assert len(people) == 60
-    assert len({walker.name for walker in people}) == 60
+    assert len(people) == 30
+    assert len({walker.name for walker in people}) == 30
     assert planned(30) == people
     assert planned(30, seed=1) != people
     assert planned(0) == ()

@@ -14,6 +14,7 @@ from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot
 from siren_ros.traffic.sumo.population import SumoPopulation
+from siren_ros.world.actors import ActorClass
 
 OFFSET = (500.0, -200.0)
 NETWORK = replace(streets(), sumo_offset_m=OFFSET)
@@ -83,7 +84,7 @@ def test_a_replacement_enters_50_m_from_every_emv_or_more(
 ) -> None:
     x, y = NETWORK.lanes[A_LEFT].centre.at(100.0)
     emv = (float(x) + direction[0] * away_m, float(y) + direction[1] * away_m)
-    population(vehicle("a", A_LEFT, 100.0)).refill({"far": (5000.0, 0.0), "emv": emv}, 1)
+    population(vehicle("a", A_LEFT, 100.0)).refill(((5000.0, 0.0), emv), 1)
     assert sumo.added == (["a"] if enters else [])
 
 
@@ -108,14 +109,14 @@ def test_a_replacement_keeps_its_gap_to_fronts_and_rears_in_its_lane(
     other = vehicle("other", A_LEFT, front_m if not known else 10.0)
     if known:
         sumo.put("other", A_LEFT, front_m)
-    population(vehicle("a", A_LEFT, 100.0), inside=(other,)).refill({}, 2)
+    population(vehicle("a", A_LEFT, 100.0), inside=(other,)).refill((), 2)
     assert (sumo.added == ["a"]) is free
 
 
 @pytest.mark.parametrize(("left_m", "free"), [(3.4, False), (-3.4, False), (3.6, True), (-3.6, True)])
 def test_a_replacement_looks_a_lanes_width_to_both_sides(sumo: Sumo, left_m: float, free: bool) -> None:
     sumo.put("other", A_LEFT, 100.0, left_m)
-    population(vehicle("a", A_LEFT, 100.0), inside=(vehicle("other", A_LEFT, 10.0),)).refill({}, 2)
+    population(vehicle("a", A_LEFT, 100.0), inside=(vehicle("other", A_LEFT, 10.0),)).refill((), 2)
     assert (sumo.added == ["a"]) is free
 
 
@@ -125,19 +126,19 @@ def test_as_many_enter_as_are_missing_in_turn_and_who_finds_no_place_waits(sumo:
     sumo.put("other", A_LEFT, 100.0)
     emv = replace(PLAN.emvs[0], name="emv")
     traffic = population(*reserve, inside=(vehicle("other", A_LEFT, 10.0), emv))
-    traffic.refill({}, 1)
+    traffic.refill((), 1)
     assert sumo.added == [], "one civilian is there, and EMVs are none"
-    traffic.refill({}, 2)
+    traffic.refill((), 2)
     assert sumo.added == ["r0"]
     del sumo.at["other"]
     traffic._forget("other")
     sumo.put("r0", B_LEFT, 50.0)
     sumo.put("emv", B_LEFT, 90.0)
-    traffic.refill({}, 3)
+    traffic.refill((), 3)
     assert sumo.added == ["r0", "r1", "r2"]
-    traffic.refill({}, 4)
+    traffic.refill((), 4)
     assert sumo.added == ["r0", "r1", "r2", "crowded"]
-    traffic.refill({}, 9)
+    traffic.refill((), 9)
     assert len(sumo.added) == 4, "the reserve is empty"
 
 
@@ -190,12 +191,35 @@ def test_who_may_overlap_one_that_enters_makes_way_on_whatever_lane(
 
 
 def test_vehicles_enter_at_their_place_in_sumos_length_no_faster_than_their_driver_may_go(sumo: Sumo) -> None:
-    population(vehicle("a", A_LEFT, 100.0)).refill({}, 1)
+    population(vehicle("a", A_LEFT, 100.0)).refill((), 1)
     assert sumo.parameters["a"]["departPos"] == repr(200.0)
     assert sumo.parameters["a"]["departLane"] == "1"
     assert sumo.parameters["a"]["departSpeed"] == repr(5.0)
     fast = replace(vehicle("b", A_RIGHT, 100.0), spot=Spot(A_RIGHT, 100.0, 99.0), attentive=False)
-    population(fast).refill({}, 1)
+    population(fast).refill((), 1)
     assert sumo.parameters["b"]["departSpeed"] == repr(NETWORK.lanes[A_RIGHT].speed_limit_mps)
     assert ("b", "junctionModel.ignoreTypes") in sumo.parameters
     assert ("a", "junctionModel.ignoreTypes") not in sumo.parameters
+
+
+def riders(*fronts_m: float) -> dict[str, Any]:
+    """A plan that keeps two cyclists."""
+    kind = ActorClass.BICYCLE
+    cyclists = tuple(vehicle(f"c{k}", A_LEFT, front_m, actor_class=kind) for k, front_m in enumerate(fronts_m))
+    return {"riders": cyclists, "riders_kept": {kind: 2}}
+
+
+def test_riders_enter_out_of_sight_near_an_emv_and_leave_far_from_it(sumo: Sumo, monkeypatch: Any) -> None:
+    """Within 180 m; they enter at least 50 m from it, which these tests say."""
+    removed: list[str] = []
+    monkeypatch.setattr(libsumo.vehicle, "unsubscribe", lambda _: None)
+    monkeypatch.setattr(libsumo.vehicle, "remove", removed.append)
+    traffic = population(**riders(20.0, 60.0, 100.0, 140.0))
+    x, y = (float(value) for value in NETWORK.lanes[A_LEFT].centre.at(0.0))
+    assert traffic.exchange_riders([(x, y)]) == []
+    assert sumo.added == ["c1", "c2"], "the first one is too near, and two are enough"
+    for name, front_m in (("c1", 60.0), ("c2", 100.0)):
+        sumo.put(name, A_LEFT, front_m)
+    far = NETWORK.lanes[A_LEFT].centre.offset_points(np.array([60.0]), 179.0)[0]
+    assert traffic.exchange_riders([(float(far[0]), float(far[1]))]) == removed == ["c2"]
+    assert traffic.civilians == 0, "riders are on top"

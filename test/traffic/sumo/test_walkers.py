@@ -15,10 +15,11 @@ from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedWalker
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo import walkers as walkers_module
-from siren_ros.traffic.sumo.walkers import Kerbs, Walkers, _merged, _step_into
+from siren_ros.traffic.sumo.walkers import Kerbs, Walkers, _before_vehicles, _merged, _Table
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates, Owner
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
@@ -52,7 +53,7 @@ def test_there_are_as_many_as_asked_for_and_sumo_owns_them(loops: Any) -> None:
     assert not walkers_of(loops[0])
     for step in loops[PEOPLE]:
         walks = np.isin(step.traffic.actor_id, list(people))
-        assert walks.sum() == PEOPLE
+        assert PEOPLE - 3 <= walks.sum() <= PEOPLE, "others enter every two seconds"
         assert (step.traffic.lane[walks] == NO_LANE).all()
         assert (step.states.owner[walks] == Owner.SUMO).all()
         assert (np.diff(step.traffic.route_offset)[walks] == 0).all()
@@ -102,8 +103,9 @@ def test_kerbs_move_who_is_on_the_road_and_on_no_crossing() -> None:
     offsets = (-half + 0.3, -half - 0.2, -half - 1.0)
     x_m, y_m = np.array([lane.centre.offset_points(np.array([s]), side)[0] for side in offsets]).T
     for crossing, expected in ((False, (-half - 0.45, -half - 0.45, -half - 1.0)), (True, offsets)):
-        moved = np.stack(Kerbs(CITY).kept_off(x_m, y_m, np.full(3, crossing)), axis=-1)
-        _, left = lane.centre.project(moved)
+        poses = np.stack((x_m, y_m))
+        Kerbs(CITY).keep_off(poses, np.full(3, crossing))
+        _, left = lane.centre.project(poses.T)
         np.testing.assert_allclose(left, expected, atol=0.02)
 
 
@@ -111,11 +113,13 @@ def test_kerbs_move_who_is_on_the_road_and_on_no_crossing() -> None:
     ("place", "blocked"),
     [((1.4, 0.0), True), ((3.5, 0.0), False), ((1.4, 1.5), False), ((-3.0, 0.0), False)],
 )
-def test_nobody_step_into_a_vehicle_ahead(place: tuple[float, float], blocked: bool) -> None:
+def test_nobody_steps_into_a_vehicle_ahead(place: tuple[float, float], blocked: bool) -> None:
     """A vehicle of 4 m by 1.8 m across the way, its middle at a place before somebody who looks east."""
     poses = np.array([0.0, place[0]]), np.array([0.0, 2.0 * place[1]]), np.array([0.0, np.pi / 2.0])
     sizes = np.array([0.0, 4.0]), np.array([0.0, 1.8])
-    assert _step_into(np.array([0, -1]), poses, sizes).tolist() == [blocked, False]
+    stand, warned = _before_vehicles(np.array([0, -1]), np.zeros(2), np.array([-1]), poses, sizes)
+    assert stand.tolist() == [blocked, False]
+    assert not warned.any()
 
 
 def test_rows_are_merged_by_id() -> None:
@@ -124,8 +128,8 @@ def test_rows_are_merged_by_id() -> None:
     columns |= {"removed": np.empty(0, np.uint32)}
     columns |= {"route_offset": np.array([0, 2, 3], np.int32), "route_edges": np.array([7, 8, 9], np.int32)}
     state = TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
-    one = np.array([4.0])
-    merged = _merged(state, np.array([3], np.uint32), (one, one, one, one), (2 * one, one, one, one))
+    one = np.full((4, 1), 4.0)
+    merged = _merged(state, np.array([3], np.uint32), one, 2.0 * one)
     assert merged.actor_id.tolist() == [1, 3, 5]
     assert merged.lane.tolist() == [3, NO_LANE, 4]
     assert merged.sumo_x_m.tolist() == [0.0, 4.0, 0.0]
@@ -169,9 +173,10 @@ def at_a_crossing(distance_m: float, notice_m: float, *, behind: bool = False) -
     places = np.array([middle + (distance_m if behind else -distance_m) * ahead, kerb, middle])
     walker = PlannedWalker("w", 0.6, 0.6, 1.75, (0, 0, 0), 1.3, "oak_e_0", 60.0, (), notice_m)
     plan: Any = SimpleNamespace(walkers_kept=2, walkers=())
-    walkers = Walkers(CITY, plan)
+    walkers = Walkers(CITY, plan, TrafficConfig())
     walkers._present = {"kerb": walker, "crosses": walker}
-    walkers._ids, walkers._crossing = {"kerb": 2, "crosses": 3}, frozenset({"crosses"})
+    walkers._ids, walkers._crossing = {"kerb": 2, "crosses": 3}, np.array([False, True])
+    walkers._table = _Table.of(walkers._ids, walkers._present, None)
     columns = {name: np.zeros(3, kind) for name, kind in ACTOR_STATE_DTYPES.items()}
     columns |= {"actor_id": np.array([1, 2, 3], np.uint32), "x_m": places[:, 0], "y_m": places[:, 1]}
     columns |= {"yaw_rad": np.array([heading, heading + np.pi / 2.0, heading + np.pi / 2.0])}

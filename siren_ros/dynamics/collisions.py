@@ -11,7 +11,7 @@ import shapely
 
 from siren_ros.dynamics.parameters import ParameterTable
 from siren_ros.dynamics.vehicle_model import BodyState
-from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.compiled import box_gap_m, compiled
 from siren_ros.numerics.geometry import footprint_corners, separation_m
 
@@ -36,6 +36,8 @@ class Footprints:
     yaw_rate_radps: Floats
     length_m: Floats
     width_m: Floats
+    walks: Flags
+    """Who is a pedestrian: two of them who pass each other touch nobody."""
 
 
 class Contact(NamedTuple):
@@ -71,9 +73,9 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
     return tuple(contacts), tuple(pairs)
 
 
-def any_close(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats) -> bool:
+def any_close(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats, walks: Flags) -> bool:
     """Whether any two boxes are near enough to be in contact, as ``find_contacts`` sees it."""
-    return len(_find_close(x_m, y_m, yaw_rad, length_m, width_m, SEPARATION_GAP_M)) > 0
+    return len(_find_close(x_m, y_m, yaw_rad, length_m, width_m, walks, SEPARATION_GAP_M)) > 0
 
 
 def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
@@ -89,12 +91,15 @@ def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
 def _close_pairs(boxes: Footprints) -> Floats:
     """Rows of the pairs within the separation gap, the smaller row first, sorted, and the gap; shape ``(M, 3)``."""
     poses = boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m
-    return cast("Floats", _find_close(*poses, SEPARATION_GAP_M))
+    return cast("Floats", _find_close(*poses, boxes.walks, SEPARATION_GAP_M))
 
 
 @compiled
-def _find_close(x: Any, y: Any, yaw: Any, length: Any, width: Any, within_m: float) -> Any:
-    """The pairs whose boxes are nearer than a gap. Boxes are looked at in the order of x, each with those near it."""
+def _find_close(x: Any, y: Any, yaw: Any, length: Any, width: Any, walks: Any, within_m: float) -> Any:
+    """The pairs whose boxes are nearer than a gap, but for those of two who walk.
+
+    Boxes are looked at in the order of x, each with those near it.
+    """
     n, count = len(x), 0
     order, radius, found = np.argsort(x, kind="mergesort"), np.empty(n), np.empty((8, 3))
     for a in range(n):
@@ -107,7 +112,7 @@ def _find_close(x: Any, y: Any, yaw: Any, length: Any, width: Any, within_m: flo
             if abs(dx) > within_m + widest:
                 break
             reach = within_m + 0.5 * (radius[a] + radius[b])
-            if dx * dx + dy * dy >= reach * reach:
+            if dx * dx + dy * dy >= reach * reach or (walks[a] and walks[b]):
                 continue
             pose, other = (x[a], y[a], np.cos(yaw[a]), np.sin(yaw[a])), (x[b], y[b], np.cos(yaw[b]), np.sin(yaw[b]))
             gap = box_gap_m(pose, other, 0.5 * length[a], 0.5 * width[a], 0.5 * length[b], 0.5 * width[b])

@@ -13,7 +13,7 @@ from siren_ros.dynamics.tracker import DEFAULT_GAINS, TrackerState, follow
 from siren_ros.dynamics.vehicle_model import BodyState, advance, substeps
 from siren_ros.dynamics.walkers import walk
 from siren_ros.errors import EpisodeError
-from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Rows
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids
 from siren_ros.numerics.changed import changed
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
@@ -38,8 +38,8 @@ class FleetState:
     tracker: TrackerState
     owner: Codes
     touching: Pairs
-    walking: Rows
-    """Rows of people who walk."""
+    walks: Flags
+    """Who is a pedestrian."""
     stopped: tuple[int, ...] = ()
     """Actors that have been in contact, sorted: they brake to a standstill and stay."""
     sounding: tuple[int, ...] = ()
@@ -64,11 +64,11 @@ class FleetState:
             owner=np.empty(0, np.uint8),
             touching=(),
             left_hand=left_hand,
-            walking=np.empty(0, np.intp),
+            walks=np.empty(0, np.bool_),
         )
         before, flags = (fleet.bodies.columns, fleet.tracker.columns, np.empty((5, 0))), np.empty(0, np.bool_)
         asked, owners = (none, none, none, flags), (fleet.owner, fleet.owner, flags)
-        _one_step(before, asked, owners, fleet.table.records, (DEFAULT_GAINS, _SUBSTEPS, fleet.walking))
+        _one_step(before, asked, owners, fleet.table.records, (DEFAULT_GAINS, _SUBSTEPS, fleet.walks))
         return fleet
 
 
@@ -118,7 +118,7 @@ def _described(fleet: FleetState, descriptions: tuple[ActorDescription, ...]) ->
         length_m=np.array([item.length_m for item in descriptions], dtype=np.float64),
         width_m=np.array([item.width_m for item in descriptions], dtype=np.float64),
         table=ParameterTable.of([item.actor_class for item in descriptions], fleet.parameters),
-        walking=np.flatnonzero([item.actor_class is ActorClass.PEDESTRIAN for item in descriptions]),
+        walks=np.array([item.actor_class is ActorClass.PEDESTRIAN for item in descriptions], np.bool_),
     )
 
 
@@ -213,7 +213,7 @@ def _move(
     ))  # fmt: skip
     asked = orders.throttle, orders.brake, orders.steer_rad, orders.hand_brake
     before = fleet.bodies.columns, fleet.tracker.columns, sumo
-    how = DEFAULT_GAINS, _SUBSTEPS, fleet.walking
+    how = DEFAULT_GAINS, _SUBSTEPS, fleet.walks
     bodies, tracker = _one_step(before, asked, owners, fleet.table.records, how)
     return BodyState.of_columns(bodies), TrackerState.of_columns(tracker)
 
@@ -224,7 +224,7 @@ def _one_step(before: Any, asked: Any, owners: Any, records: Any, how: Any) -> t
 
     Those who are driven do what is asked of them. The others follow SUMO; those who have just been handed back roll on.
     """
-    gains, count, walking = how
+    gains, count, walks = how
     (bodies, tracker, reference), (throttle, brake, steer_rad, hand_brake) = before, asked
     (owner, owner_before, brought_back), n = owners, len(records)
     after, controls, driven = np.empty_like(bodies), np.zeros((6, n)), owner == _ROS
@@ -234,7 +234,7 @@ def _one_step(before: Any, asked: Any, owners: Any, records: Any, how: Any) -> t
             ahead, yaw = STEP_S * bodies[3, k], bodies[2, k]
             reference[0, k], reference[1, k] = bodies[0, k] + ahead * np.cos(yaw), bodies[1, k] + ahead * np.sin(yaw)
             reference[2, k], reference[3, k], reference[4, k] = yaw, bodies[3, k], 0.0
-    follow(bodies, tracker, reference, records, STEP_S, gains, controls)
+    follow(bodies, tracker, reference, records, walks, STEP_S, gains, controls)
     tracked = np.empty((5, n))
     for k in range(n):
         tracked[0, k], tracked[1, k] = reference[0, k], reference[1, k]
@@ -243,8 +243,8 @@ def _one_step(before: Any, asked: Any, owners: Any, records: Any, how: Any) -> t
         if driven[k]:
             controls[0, k], controls[1, k], controls[2, k] = throttle[k], brake[k], steer_rad[k]
             controls[3, k], controls[4, k], controls[5, k] = hand_brake[k], 1.0, 1.0
-    advance(bodies, controls, records, count, STEP_S / count, after)
-    walk(bodies, reference, walking, STEP_S, after)
+    advance(bodies, controls, records, walks, count, STEP_S / count, after)
+    walk(bodies, reference, walks, STEP_S, after)
     for k in range(n):
         if driven[k] or handed_back[k]:
             tracked[0, k], tracked[1, k], tracked[2, k] = after[0, k], after[1, k], after[2, k]
@@ -255,27 +255,21 @@ def _one_step(before: Any, asked: Any, owners: Any, records: Any, how: Any) -> t
 def _after_contacts(fleet: FleetState, bodies: BodyState) -> tuple[BodyState, tuple[Contact, ...], Pairs]:
     """Bodies after the impacts of a step, the contacts that begin at it, and the pairs that touch."""
     places = bodies.x_m, bodies.y_m, bodies.yaw_rad
-    if not any_close(*places, fleet.length_m, fleet.width_m):
+    if not any_close(*places, fleet.length_m, fleet.width_m, fleet.walks):
         return bodies, (), ()
     velocity = bodies.velocity_mps(fleet.table)
-    boxes = Footprints(fleet.actor_id, *places, *velocity, bodies.yaw_rate_radps, fleet.length_m, fleet.width_m)
+    motion = *velocity, bodies.yaw_rate_radps
+    boxes = Footprints(fleet.actor_id, *places, *motion, fleet.length_m, fleet.width_m, fleet.walks)
     contacts, touching = find_contacts(boxes, fleet.touching)
-    if len(fleet.walking):  # people who pass each other touch nobody
-        walkers = frozenset(fleet.actor_id[fleet.walking].tolist())
-        contacts = tuple(contact for contact in contacts if not walkers.issuperset(contact[:2]))
-        touching = tuple(pair for pair in touching if not walkers.issuperset(pair))
-    walks, before = fleet.walking, bodies
-    if touching:
-        bodies = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
-        if len(walks):  # they are moved by SUMO alone
-            theirs = np.isin(np.arange(len(bodies)), walks)
-            bodies = BodyState.where(theirs, before, bodies)
+    if touching:  # those who walk are moved by SUMO alone
+        after = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
+        bodies = BodyState.where(fleet.walks, bodies, after) if fleet.walks.any() else after
     return bodies, contacts, touching
 
 
 def _struck(fleet: FleetState, contacts: tuple[Contact, ...]) -> set[int]:
     """The vehicles of some contacts; people go on as SUMO says."""
-    walkers = fleet.actor_id[fleet.walking].tolist() if contacts else ()
+    walkers = fleet.actor_id[fleet.walks].tolist() if contacts else ()
     return {actor for contact in contacts for actor in contact[:2]}.difference(walkers)
 
 
@@ -284,7 +278,7 @@ def _states(
 ) -> ActorStates:
     sumo, columns = (traffic.sumo_x_m, traffic.sumo_y_m), bodies.columns
     lights, vx_mps, vy_mps, residual_m = _shown(columns, sumo, orders.lights, owners, fleet.table.records, _BRAKE_LIGHT)
-    lights[fleet.walking] = 0
+    lights[fleet.walks] = 0
     return ActorStates(
         step=traffic.step,
         actor_id=fleet.actor_id,

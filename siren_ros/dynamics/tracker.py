@@ -117,15 +117,17 @@ def _pedals(
 
 @compiled
 def follow(
-    bodies: Array, tracker: Array, reference: Array, records: Array, dt_s: float, gains: Any, out: Array
+    bodies: Array, tracker: Array, reference: Array, records: Array, walks: Array, dt_s: float, gains: Any, out: Array
 ) -> None:
-    """The controls of all vehicles for one step, from the columns of ``BodyState``, ``TrackerState`` and ``Reference``.
+    """The controls of all vehicles, and of nobody who walks, for one step.
 
-    Result in ``out``: throttle, brake, steering angle, and the tracker's yaw, pace and acceleration at the end of the
-    step, shape ``(6, N)``.
+    They follow from the columns of ``BodyState``, ``TrackerState`` and ``Reference``. Result in ``out``: throttle,
+    brake, steering angle, and the tracker's yaw, pace and acceleration at the end of the step, shape ``(6, N)``.
     """
     pace_share, accel_share = -np.expm1(-dt_s / gains.pace_time_s), -np.expm1(-dt_s / gains.accel_time_s)
     for n in range(records.shape[0]):
+        if walks[n]:
+            continue
         vehicle = records[n]
         x_m, y_m, yaw, speed = bodies[0, n], bodies[1, n], bodies[2, n], bodies[3, n]
         last_x, last_y, last_yaw = tracker[0, n], tracker[1, n], tracker[2, n]
@@ -199,7 +201,8 @@ def track(
     """
     n = len(state)
     out = np.empty((6, n))
-    follow(state.columns, tracker.columns, reference.columns, table.records, dt_s, gains, out)
+    walks = np.zeros(n, np.bool_)
+    follow(state.columns, tracker.columns, reference.columns, table.records, walks, dt_s, gains, out)
     throttle, brake, steer, yaw, pace, accel = out
     controls = Controls(
         throttle=throttle,

@@ -117,13 +117,15 @@ def _tyre_forces_n(
 
 
 @compiled
-def advance(before: Array, controls: Array, records: Array, count: int, h: float, after: Array) -> None:
-    """Move all vehicles by ``count`` substeps of ``h`` seconds.
+def advance(before: Array, controls: Array, records: Array, walks: Array, count: int, h: float, after: Array) -> None:
+    """Move all vehicles, and nobody who walks, by ``count`` substeps of ``h`` seconds.
 
     ``before`` and the result, ``after``, are ``BodyState.columns``, shape ``(11, N)``; ``controls`` are
     ``Controls.columns``, shape ``(6, N)``, and ``records`` those of ``ParameterTable``.
     """
     for n in range(records.shape[0]):
+        if walks[n]:
+            continue
         vehicle = records[n]
         x_m, y_m, start_yaw = before[0, n], before[1, n], before[2, n]
         u, v, w = before[3, n], before[4, n], before[5, n]
@@ -221,7 +223,8 @@ def step_bodies(state: BodyState, controls: Controls, table: ParameterTable, dt_
     vehicle at rest without throttle stays where it is to the last bit; brakes never move a vehicle backwards.
     """
     count, after = substeps(dt_s), np.empty_like(state.columns)
-    advance(state.columns, controls.columns, table.records, count, dt_s / count, after)
+    nobody = np.zeros(len(state), np.bool_)
+    advance(state.columns, controls.columns, table.records, nobody, count, dt_s / count, after)
     return BodyState.of_columns(after)
 
 

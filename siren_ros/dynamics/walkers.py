@@ -23,12 +23,14 @@ _STEADY_MPS: Final = 0.4
 
 
 @compiled
-def walk(bodies: Any, sumo: Any, rows: Any, step_s: float, after: Any) -> None:
-    """Move the people in some rows by one step: from ``bodies`` towards SUMO's x, y, yaw and speed into ``after``.
+def walk(bodies: Any, sumo: Any, walks: Any, step_s: float, after: Any) -> None:
+    """Move those who walk by one step: from ``bodies`` towards SUMO's x, y, yaw and speed into ``after``.
 
     Bodies have the columns of ``BodyState``: pose, speed ahead and to the left, turn rate and accelerations first.
     """
-    for k in rows:
+    for k in range(len(walks)):
+        if not walks[k]:
+            continue
         yaw, ahead, left = bodies[2, k], bodies[3, k], bodies[4, k]
         vx, vy = ahead * np.cos(yaw) - left * np.sin(yaw), ahead * np.sin(yaw) + left * np.cos(yaw)
         ux, uy = sumo[3, k] * np.cos(sumo[2, k]), sumo[3, k] * np.sin(sumo[2, k])

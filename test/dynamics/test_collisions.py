@@ -22,7 +22,7 @@ def _boxes(*rows: tuple[float, float, float, float, float], rate: tuple[float, .
     n = len(x)
     rates = np.zeros(n) if rate is None else np.array(rate)
     ids = np.arange(1, n + 1, dtype=np.uint32)
-    return Footprints(ids, x, y, yaw, vx, vy, rates, np.full(n, LENGTH_M), np.full(n, WIDTH_M))
+    return Footprints(ids, x, y, yaw, vx, vy, rates, np.full(n, LENGTH_M), np.full(n, WIDTH_M), np.zeros(n, bool))
 
 
 def test_two_boxes_meet_at_the_known_time_and_speed() -> None:
@@ -149,7 +149,8 @@ def boxes_of(bodies: BodyState, table: ParameterTable) -> Footprints:
     vx, vy = bodies.velocity_mps(table)
     ids = np.arange(1, len(bodies) + 1, dtype=np.uint32)
     pose = bodies.x_m, bodies.y_m, bodies.yaw_rad
-    return Footprints(ids, *pose, vx, vy, bodies.yaw_rate_radps, table.length_m, table.width_m)
+    walks = np.zeros(len(bodies), bool)
+    return Footprints(ids, *pose, vx, vy, bodies.yaw_rate_radps, table.length_m, table.width_m, walks)
 
 
 def struck(cars: Sequence[Car]) -> tuple[BodyState, BodyState, ParameterTable]:
@@ -256,7 +257,7 @@ def placed_boxes(place, turn, *rows):
     velocity = rotate(np.stack((vx, vy), axis=-1), turn)
     n = len(rows)
     ids = np.arange(1, n + 1, dtype=np.uint32)
-    return Footprints(ids, *at.T, yaw + turn, *velocity.T, rate, length_m=np.full(n, 4.0), width_m=np.full(n, 2.0))
+    return Footprints(ids, *at.T, yaw + turn, *velocity.T, rate, np.full(n, 4.0), np.full(n, 2.0), np.zeros(n, bool))
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -317,4 +318,11 @@ def test_boxes_are_close_within_the_gap_wherever_the_others_are(apart_m, close, 
     along = np.array([np.cos(yaw), np.sin(yaw)])
     places = np.stack((0.0 * along, 30.0 * along, (34.0 + apart_m) * along, np.array([5.0, 400.0])))
     sizes = np.full(4, 4.0), np.full(4, 2.0)
-    assert any_close(places[:, 0].copy(), places[:, 1].copy(), np.full(4, yaw), *sizes) is close
+    assert any_close(places[:, 0].copy(), places[:, 1].copy(), np.full(4, yaw), *sizes, np.zeros(4, bool)) is close
+
+
+def test_two_who_walk_touch_nobody() -> None:
+    pair = _boxes((0.0, 0.0, 0.0, 1.0, 0.0), (1.0, 0.0, 0.0, 0.0, 0.0))
+    for walks, count in (((True, True), 0), ((True, False), 1), ((False, False), 1)):
+        contacts, touching = find_contacts(replace(pair, walks=np.array(walks)), ())
+        assert len(contacts) == len(touching) == count

@@ -14,7 +14,7 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import ActorClass, ActorStates, Lights, Owner
 from siren_ros.world.traffic_state import EventKind
 
-ONE = np.array([0], np.intp)
+ONE = np.array([True])
 
 
 def walked(targets: list[tuple[float, float, float, float]], start: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Any:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
 from siren_ros.judging.outcome import summarise_residuals
+from siren_ros.judging.people import check_people
 from siren_ros.judging.physics import VerifyLimits, check_physics
 from siren_ros.judging.predicates import evaluate_predicate, verdicts_of_others
 from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals
@@ -37,6 +38,8 @@ CHECKS: Final = {
     "civilian_accel_p0_5_mps2": "Civilians that move brake no harder than drivers in traffic (0.5th percentile)",
     "civilian_accel_p99_5_mps2": "Civilians accelerate no harder than a car's brisk start (99.5th percentile)",
     "civilian_lateral_mps2": "No civilian's lateral acceleration is more than half of what dry tyres give",
+    "contacts_with_people": "With the preset `paper` no vehicle touches a pedestrian, a cyclist or a motorcyclist",
+    "speed_near_people_mps": "With somebody on a crossing within 2 m of its way no vehicle is there faster than 2 m/s",
     "topics_with_lost_messages": "Each topic has one message at each step of its rate; no core topic is missing",
     "topics_with_wrong_stamps": "Stamps are simulated time on the 20 Hz grid; a message's own stamp is the bag's",
     "wrong_state_hashes": "Each step has its recorded `state_hash`: BLAKE2b of every actor and traffic light",
@@ -130,7 +133,8 @@ def check_owners(record: EpisodeRecord) -> Part:
 def check_states(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...]:
     """The checks that need no topics; they also apply to an episode that was simulated and not recorded.
 
-    Beside motion, owners and physics: SUMO teleported no vehicle, and the residuals of actors that SUMO owns are small.
+    Beside motion, owners, physics and people: SUMO teleported no vehicle, and the residuals of actors that SUMO
+    owns are small.
     """
     teleports = record.events_of(EventKind.TELEPORT)
     places = ", ".join(f"actor {event.actor_id} at step {event.step}" for event in teleports)
@@ -142,6 +146,7 @@ def check_states(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...
         at_most("residual_p99_m", residuals.p99_m, limits.residual_p99_m, f"median {residuals.median_m:.3f} m"),
         at_most("residual_max_m", residuals.max_m, limits.residual_max_m),
         *check_physics(record, limits),
+        *check_people(record),
     )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from defusedxml.ElementTree import parse
 
 from siren_ros.errors import EXIT_OK, MapError
-from siren_ros.evaluation.surrogate_safety import HORIZON_S, Encounters, predicted_contacts
+from siren_ros.judging.surrogate_safety import HORIZON_S, Encounters, predicted_contacts
 from siren_ros.numerics.arrays import Floats, random_stream
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import StateRows

@@ -265,6 +265,8 @@ def _summary(rows: Iterable[EpisodeRow]) -> Iterator[str]:
         parts += [f"predicate holds in {holds}/{len(complete) - cut}"] if len(complete) > cut else []
         parts += [f"{cut} cut short by duration_s"] if cut else []
         parts += [f"collisions in {collided}"] if collided else []
+        people = [row.people["met"] > 0 for row in complete if row.people]
+        parts += [f"people met in {sum(people)}/{len(people)}"] if people else []
         times = [row.process_s / row.simulated_s for row in complete if row.simulated_s]
         cpu = [row.cpu_s / row.simulated_s for row in complete if row.simulated_s]
         parts += [f"at most {max(times):.2f} s for a simulated second ({max(cpu):.2f} s of CPU)"] if times else []

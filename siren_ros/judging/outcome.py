@@ -7,6 +7,7 @@ import numpy as np
 
 from siren_ros.errors import SirenError
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.judging.people import people_measures
 from siren_ros.judging.predicates import evaluate_predicate, verdicts_of_others
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.record.vehicle_location import ahead_and_left_m, common_rows
@@ -173,4 +174,5 @@ def outcome_of(record: EpisodeRecord, closing: EpisodeClosing) -> EpisodeOutcome
         measures |= {f"emv{emv_id}.{name}": value for name, value in told.items()}
     if (response := av_response(record)) is not None:
         measures.update(response.measures())
+    measures |= people_measures(record)
     return EpisodeOutcome(closing.end, closing.reason, closing.steps, verdict.holds, measures)

@@ -1,121 +1,136 @@
-"""How vehicles treat people: contacts with those whom nothing protects, and speeds near people on crossings."""
+"""People in an episode: pedestrians, cyclists and motorcyclists, how many come near, and how many have to do with it.
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, Final
+A person *meets* a driver where their ways cross with a post-encroachment time (PET) of at most 5 s, or where they
+would touch within 1.5 s if both went on as they do now (TTC). These are the limits of the surrogate safety
+assessment model (Gettman et al., FHWA-HRT-08-051, 2008); PETs up to 5 s are also the interactions of Zangenehpour et
+al., Accident Analysis and Prevention 86 (2016) 161. An encounter counts with an EMV, and with a civilian while that
+one makes way.
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Final, Self
 
 import numpy as np
-import shapely
 
-from siren_ros.judging.physics import PAPER_PRESET
-from siren_ros.judging.verdict import Part, at_most
-from siren_ros.numerics.arrays import Points, Rows
-from siren_ros.numerics.compiled import compiled
-from siren_ros.numerics.geometry import footprint_corners
-from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import TWO_WHEELED, ActorClass
-from siren_ros.world.traffic_state import Event, EventKind
+from siren_ros.judging.surrogate_safety import encounters_of, post_encroachment, predicted_contacts
+from siren_ros.numerics.arrays import Floats, Ids, Points
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.world.actors import ActorClass, Mode, rows_of_ids
 
-WALKING_PACE_MPS: Final = 2.0
-"""7 km/h: the greatest speed at which vehicles pass people on a crossing."""
-NEAR_WAY_M: Final = 2.0
-"""Distance from a vehicle's swept path on a crossing within which somebody on the crossing is near it."""
-UNPROTECTED: Final = TWO_WHEELED | {ActorClass.PEDESTRIAN}
+NAMES: Final = {
+    ActorClass.PEDESTRIAN: "pedestrians",
+    ActorClass.BICYCLE: "cyclists",
+    ActorClass.MOTORCYCLE: "motorcycles",
+}
+"""Classes of people as the demand of a template names them."""
+NEAR_M: Final = 150.0
+"""Distance of the centres up to which a person is near an EMV: as far as the demand puts people."""
+_BODIES_M: Final = 10.0
+"""More than half the diagonals of two bodies together."""
+PET_MAX_S: Final = 5.0
+TTC_MAX_S: Final = 1.5
 
 
 @dataclass(frozen=True)
-class NearPass:
-    """A vehicle on a crossing with somebody near its way: the step at which it was fastest."""
+class PeopleOfClass:
+    """Numbers of people of one class in an episode."""
 
-    actor_id: int
-    walker_id: int
-    step: int
-    speed_mps: float
-
-
-def contacts_with_people(record: EpisodeRecord) -> tuple[Event, ...]:
-    """Contacts of vehicles with pedestrians, cyclists and motorcyclists."""
-    people = {key for key, actor in record.actors.items() if actor.actor_class in UNPROTECTED}
-    return tuple(event for event in record.events_of(EventKind.COLLISION) if {event.actor_id, event.other_id} & people)
-
-
-def near_passes(record: EpisodeRecord) -> tuple[NearPass, ...]:
-    """Every passage of a vehicle over a crossing on which somebody walks within 2 m of what it sweeps there."""
-    if not len(record.walker_ids):
-        return ()
-    rows = record.rows
-    walks = np.isin(rows.actor_id, record.walker_ids)
-    walkers, vehicles = np.flatnonzero(walks), np.flatnonzero(~walks)
-    half_m = np.array([(0.5 * actor.length_m, 0.5 * actor.width_m) for actor in record.actors.values()])
-    sizes_m = half_m[np.searchsorted(np.array(list(record.actors), np.uint32), rows.actor_id)]
-    found: list[NearPass | None] = []
-    for outline in record.network.crossings:
-        area = shapely.Polygon(outline)
-        across = walkers[shapely.contains_xy(area, rows.x_m[walkers], rows.y_m[walkers])]
-        across = across[np.argsort(rows.step[across], kind="stable")]
-        passages = _passages(record, area, vehicles, sizes_m) if len(across) else ()
-        found += [_fastest(record, passage, across, sizes_m) for passage in passages]
-    return tuple(near for near in found if near is not None)
+    near: int
+    """Come within ``NEAR_M`` of an EMV."""
+    near_median: int
+    """Are there at once: the median over the steps."""
+    with_emv: int
+    """Meet an EMV."""
+    with_yielding: int
+    """Meet a civilian who makes way."""
+    met: int
+    """Meet one or the other."""
 
 
-def _passages(record: EpisodeRecord, area: shapely.Polygon, vehicles: Rows, sizes_m: Points) -> Iterator[Rows]:
-    """Rows of each vehicle's consecutive steps on a crossing."""
-    rows, (half_length, half_width) = record.rows, sizes_m[vehicles].T
-    west, south, east, north = area.bounds
-    around = np.hypot(half_length, half_width)
-    x, y = rows.x_m[vehicles], rows.y_m[vehicles]
-    inside = (x > west - around) & (x < east + around) & (y > south - around) & (y < north + around)
-    near = vehicles[inside]
-    corners = footprint_corners(rows.x_m[near], rows.y_m[near], rows.yaw_rad[near], *(2.0 * sizes_m[near].T))
-    shapely.prepare(area)
-    near = near[shapely.intersects(area, shapely.polygons(corners))]
-    same = (np.diff(rows.actor_id[near]) == 0) & (np.diff(rows.step[near]) == 1)
-    yield from np.split(near, np.flatnonzero(~same) + 1) if len(near) else ()
+def people_of(record: EpisodeRecord) -> dict[ActorClass, PeopleOfClass]:
+    """The numbers by class; empty for an episode without people."""
+    people = _People.of(record)
+    if people is None:
+        return {}
+    with_emv, with_yielding = set[int](), set[int]()
+    near = np.zeros((len(people.ids), record.steps), np.bool_)
+    for emv_id in record.emv_ids:
+        if len(track := record.track(emv_id)):
+            pairs = encounters_of(record, emv_id, people.ids.tolist())
+            close = pairs.select(pairs.distance_m <= NEAR_M)
+            near[rows_of_ids(people.ids, close.actor_id), close.step - record.states[0].step] = True
+            with_emv |= people.met_by(emv_id, track)
+    for actor_id in sorted(record.actors.keys() - set(record.emv_ids)):
+        track = record.track(actor_id)
+        yields = (track.mode >= Mode.YIELD_REACTING) & (track.mode <= Mode.YIELD_HOLD)
+        if yields.any():
+            with_yielding |= people.met_by(actor_id, track.select(yields))
+    found = {}
+    for kind in NAMES:
+        of_kind = np.array([record.actors[key].actor_class is kind for key in people.ids.tolist()])
+        own = set(people.ids[of_kind].tolist())
+        found[kind] = PeopleOfClass(
+            near=int(near[of_kind].any(axis=1).sum()),
+            near_median=int(np.median(near[of_kind].sum(axis=0))),
+            with_emv=len(own & with_emv),
+            with_yielding=len(own & with_yielding),
+            met=len(own & (with_emv | with_yielding)),
+        )
+    return found
 
 
-def _fastest(record: EpisodeRecord, passage: Rows, across: Rows, sizes_m: Points) -> NearPass | None:
-    """The fastest step of a passage with somebody near; ``across`` are people on the crossing, by step."""
-    rows = record.rows
-    first, last = np.searchsorted(rows.step[across], (rows.step[passage[0]], rows.step[passage[-1]] + 1))
-    people = across[first:last]
-    poses = rows.x_m[passage], rows.y_m[passage], np.cos(rows.yaw_rad[passage]), np.sin(rows.yaw_rad[passage])
-    half_length_m, half_width_m = sizes_m[passage[0]].tolist()
-    near = _near(np.stack(poses), rows.xy_m[people], half_length_m, half_width_m, NEAR_WAY_M)
-    if not near.any():
-        return None
-    people = people[near]
-    at = passage[rows.step[people] - rows.step[passage[0]]]
-    most = int(np.argmax(rows.speed_mps[at]))
-    ids = int(rows.actor_id[at[most]]), int(rows.actor_id[people[most]])
-    return NearPass(*ids, int(rows.step[at[most]]), float(rows.speed_mps[at[most]]))
+def people_measures(record: EpisodeRecord) -> dict[str, int]:
+    """The numbers as an episode's outcome stores them; nothing for an episode without people."""
+    found = people_of(record)
+    measures = {f"people.{NAMES[kind]}.{name}": n for kind, own in found.items() for name, n in asdict(own).items()}
+    return measures | ({"people.met": sum(own.met for own in found.values())} if found else {})
 
 
-@compiled
-def _near(poses: Any, points: Any, half_length_m: float, half_width_m: float, near_m: float) -> Any:
-    """Which points ``(P, 2)`` are near a box in one of some poses: x, y and the yaw's cosine and sine, ``(4, K)``."""
-    near = np.zeros(len(points), np.bool_)
-    for p in range(len(points)):
-        for k in range(poses.shape[1]):
-            dx, dy = points[p, 0] - poses[0, k], points[p, 1] - poses[1, k]
-            ahead = max(abs(dx * poses[2, k] + dy * poses[3, k]) - half_length_m, 0.0)
-            left = max(abs(dy * poses[2, k] - dx * poses[3, k]) - half_width_m, 0.0)
-            if ahead * ahead + left * left <= near_m * near_m:
-                near[p] = True
-                break
-    return near
+@dataclass(frozen=True)
+class _People:
+    """All people of a record, with the box around the places of each and its top speed."""
+
+    record: EpisodeRecord
+    ids: Ids
+    low_m: Points
+    high_m: Points
+    top_mps: Floats
+
+    @classmethod
+    def of(cls, record: EpisodeRecord) -> Self | None:
+        """None where nobody is there."""
+        known = np.array([key for key, actor in record.actors.items() if actor.actor_class in NAMES], np.uint32)
+        rows = record.rows.select(np.flatnonzero(np.isin(record.rows.actor_id, known)))
+        ids, first = np.unique(rows.actor_id, return_index=True)
+        if not len(ids):
+            return None
+        low, high = (function.reduceat(rows.xy_m, first) for function in (np.minimum, np.maximum))
+        return cls(record, ids, low, high, np.maximum.reduceat(rows.speed_mps, first))
+
+    def met_by(self, subject_id: int, mine: StateRows) -> set[int]:
+        """The people whom a driver meets on a part of its own track."""
+        body = self.record.actors[subject_id]
+        size_m, xy = (body.length_m, body.width_m), mine.xy_m
+        gap_m = np.maximum(xy.min(axis=0) - self.high_m, self.low_m - xy.max(axis=0)).max(axis=1)
+        way_m = (self.top_mps + mine.speed_mps.max()) * TTC_MAX_S
+        around = (gap_m <= _BODIES_M + way_m) & (self.ids != subject_id)
+        if not around.any():
+            return set()
+        pairs = encounters_of(self.record, subject_id, self.ids[around].tolist())
+        on_course = pairs.distance_m <= pairs.reach_m + pairs.fastest_mps * TTC_MAX_S
+        course = pairs.select(on_course & np.isin(pairs.step, mine.step))
+        met = set(course.actor_id[predicted_contacts(course).time_s <= TTC_MAX_S].tolist())
+        moves = _moving(mine)
+        for actor_id in set(self.ids[around & (gap_m <= _BODIES_M)].tolist()) - met:
+            other = self.record.actors[actor_id]
+            track = _moving(self.record.track(actor_id))
+            pet = post_encroachment(moves, track, size_m, (other.length_m, other.width_m))
+            if pet is not None and pet.time_s <= PET_MAX_S:
+                met.add(actor_id)
+        return met
 
 
-def check_people(record: EpisodeRecord) -> tuple[Part, Part]:
-    """No contact with somebody unprotected, and walking pace near people on crossings; drawn drivers may crash."""
-    contacts = contacts_with_people(record)
-    places = ", ".join(f"actors {event.actor_id} and {event.other_id} at step {event.step}" for event in contacts)
-    passes = near_passes(record)
-    worst = max(passes, key=lambda item: item.speed_mps, default=NearPass(0, 0, 0, 0.0))
-    faster = sum(item.speed_mps > WALKING_PACE_MPS for item in passes)
-    detail = f"actor {worst.actor_id} near {worst.walker_id} at step {worst.step}, {faster} of {len(passes)} passes"
-    return (
-        at_most(
-            "contacts_with_people", len(contacts), 0 if record.description.preset == PAPER_PRESET else np.inf, places
-        ),
-        at_most("speed_near_people_mps", worst.speed_mps, WALKING_PACE_MPS, detail if passes else ""),
-    )
+def _moving(track: StateRows) -> StateRows:
+    """A track without the inner steps of each standstill, which add no place."""
+    moved = np.hypot(np.diff(track.x_m), np.diff(track.y_m)) > 0.0
+    return track.select(np.append(True, moved) | np.append(moved, True))

@@ -114,6 +114,12 @@ class EpisodeRow:
         return int(json.loads(self.measures).get("collisions", 0))
 
     @property
+    def people(self) -> dict[str, int]:
+        """What the outcome says of people, by ``pedestrians.near`` and so on; empty for an episode without them."""
+        named = json.loads(self.measures).items()
+        return {name.removeprefix("people."): int(value) for name, value in named if name.startswith("people.")}
+
+    @property
     def path(self) -> str:
         """Where the episode's bag belongs, relative to the study's folder."""
         return path_of(self.group, self.episode)

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import SirenError
+from siren_ros.judging.people import NAMES
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.birdseye import draw_episode, interaction_steps
 from siren_ros.pictures.moving_birdseye import BirdseyeFilm
@@ -40,6 +41,14 @@ from siren_ros.world.traffic_state import EventKind
 
 _NAMED_MAX: Final = 50
 """Most missing episodes that the page names."""
+_PEOPLE_CAPTION: Final = (
+    "People within 150 m of an EMV, over the episode and at once (median), and how many of them meet an EMV or a "
+    "driver who makes way: means over the episodes; the last column has the episodes in which somebody is met"
+)
+_PEOPLE_HEAD: Final = (
+    *("template", "level", "people", "within 150 m", "at once"),
+    *("meet an EMV", "meet a driver who makes way", "episodes"),
+)
 _VERDICT: Final = re.compile(r"emv(\d+)\.predicate_holds")
 
 
@@ -93,6 +102,8 @@ def _tables(study: StudyRows, measures: StudyMeasures) -> Iterator[Table]:
     if further := tuple(_further_emvs(study.rows)):
         head = ("template", "level", "EMV", "interaction, or junction crossed", "mean speed m/s")
         yield Table("further_emvs", "EMVs besides the first", head, further)
+    if people := tuple(_people(study.rows)):
+        yield Table("people", _PEOPLE_CAPTION, _PEOPLE_HEAD, people, spec=".1f")
     yield _asked(study)
     missing = [row for row in study.rows if row.status is not Status.COMPLETE]
     if missing:
@@ -135,6 +146,22 @@ def _further_emvs(rows: Iterable[EpisodeRow]) -> Iterator[Row]:
     for group, emvs in sorted(found.items()):
         holds, speeds_mps = zip(*emvs, strict=True)
         yield *group, f"{sum(holds)} of {len(holds)}", float(np.mean(speeds_mps))
+
+
+def _people(rows: Iterable[EpisodeRow]) -> Iterator[Row]:
+    """By template, level and class: means over the episodes, and in how many of them somebody is met."""
+    groups: dict[tuple[str, str], list[dict[str, int]]] = {}
+    for row in rows:
+        if row.people:
+            groups.setdefault((row.template, row.level), []).append(row.people)
+    for group, episodes in sorted(groups.items()):
+        for kind in NAMES.values():
+            columns = ("near", "near_median", "with_emv", "with_yielding")
+            means = (float(np.mean([people[f"{kind}.{name}"] for people in episodes])) for name in columns)
+            met = sum(people[f"{kind}.met"] > 0 for people in episodes)
+            yield *group, kind, *means, f"{met} of {len(episodes)}"
+        met = sum(people["met"] > 0 for people in episodes)
+        yield *group, "all", None, None, None, None, f"{met} of {len(episodes)}"
 
 
 def own_level(template: str) -> str:

@@ -128,6 +128,17 @@ def test_the_table_says_how_many_hold_and_how_many_could_not(judged, summary, tm
     assert siren(["generate", "--templates", "S2", "--out", str(tmp_path)]).out.splitlines()[0] == f"S2_L2  {summary}"
 
 
+def test_the_table_says_in_how_many_episodes_somebody_is_met(tmp_path, monkeypatch, siren) -> None:
+    """One of three has nobody, one has people and none of them is met."""
+    (episode,) = plan_study(Study(("S2",)))
+    told = ("{}", '{"people.met": 0}', '{"people.met": 3}')
+    known = {"predicate_holds": True, "steps": WHOLE}
+    rows = tuple(EpisodeRow.planned(episode, Status.COMPLETE, **known, measures=measures) for measures in told)
+    monkeypatch.setattr(generate, "run_study", lambda *_: StudyResult(rows, 0))
+    lines = siren(["generate", "--templates", "S2", "--out", str(tmp_path)]).out.splitlines()
+    assert lines[0] == "S2_L2  3/3 complete, predicate holds in 3/3, people met in 1/2"
+
+
 @pytest.mark.parametrize(
     ("judged", "code", "line"),
     [

@@ -84,6 +84,25 @@ def test_what_the_episodes_share() -> None:
     assert rows["SHA-256 of manifest.parquet"] == "cd" * 32
 
 
+def test_people_have_a_table_where_there_are_some() -> None:
+    def told(*met: int) -> str:
+        kinds = zip(("pedestrians", "cyclists", "motorcycles"), met, strict=True)
+        of_kind = {f"people.{kind}.met": number for kind, number in kinds}
+        columns = ("near", "near_median", "with_emv", "with_yielding")
+        all_ten = {f"people.{name}.{column}": 10 for name in ("cyclists", "motorcycles") for column in columns}
+        walking = {f"people.pedestrians.{column}": at * met[0] for at, column in enumerate(columns, 1)}
+        return json.dumps({"collisions": 0, **of_kind, **all_ten, **walking, "people.met": sum(met)})
+
+    assert "people" not in tables_of(ROWS)
+    rows = (row("L2", 0, measures=told(1, 0, 0)), row("L2", 1, measures=told(0, 0, 0)), row("L0", 0))
+    assert tables_of(rows)["people"].cells() == [
+        ("S2", "L2", "pedestrians", "0.5", "1.0", "1.5", "2.0", "1 of 2"),
+        ("S2", "L2", "cyclists", "10.0", "10.0", "10.0", "10.0", "0 of 2"),
+        ("S2", "L2", "motorcycles", "10.0", "10.0", "10.0", "10.0", "0 of 2"),
+        ("S2", "L2", "all", "–", "–", "–", "–", "1 of 2"),
+    ]
+
+
 @pytest.mark.parametrize(("template", "level"), [("S2", "L2"), ("S1", "L3"), ("mine", "")])
 def test_own_levels(template: str, level: str) -> None:
     assert own_level(template) == level

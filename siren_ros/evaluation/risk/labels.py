@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.surrogate_safety import Encounters, conflict_series, longest_run_s, post_encroachment
+from siren_ros.judging.surrogate_safety import Encounters, conflict_series, longest_run_s, post_encroachment
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows, Steps

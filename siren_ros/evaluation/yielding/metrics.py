@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.evaluation.surrogate_safety import HORIZON_S, PairMeasures, conflict_series, pair_measures
 from siren_ros.evaluation.yielding.corridor import (
     CorridorSeries,
     corridor_continuity,
@@ -16,6 +15,7 @@ from siren_ros.evaluation.yielding.corridor import (
 )
 from siren_ros.evaluation.yielding.encounters import EmvLine, Encounter, encounters_of
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
+from siren_ros.judging.surrogate_safety import HORIZON_S, PairMeasures, conflict_series, pair_measures
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.vehicle_location import places_of, sumo_lanes

@@ -17,9 +17,9 @@ from siren_ros.evaluation.risk.labels import (
     label_of,
 )
 from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES
-from siren_ros.evaluation.surrogate_safety import encounters_of
 from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.judging.surrogate_safety import encounters_of
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord

@@ -25,7 +25,7 @@ from siren_ros.evaluation.risk.labels import (
     risk_class,
 )
 from siren_ros.evaluation.risk.vlm.question import SYSTEM
-from siren_ros.evaluation.surrogate_safety import encounters_of
+from siren_ros.judging.surrogate_safety import encounters_of
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.specification import Mount
 from siren_ros.world.traffic_state import Event, EventKind

@@ -9,11 +9,11 @@ import pytest
 from hand_made_record import CAR_LENGTH_M, EMV, EMV_LENGTH_M, NORTHBOUND, Driven, crossing, hand_made, line
 from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, encounters_in, line_of, passing, record_of
 
-from siren_ros.evaluation.surrogate_safety import Encroachment, Extreme, PairMeasures
 from siren_ros.evaluation.yielding import metrics as marks
 from siren_ros.evaluation.yielding.encounters import EmvLine, Encounter
 from siren_ros.evaluation.yielding.metrics import civilian_delay_s, recovery_time_s, wake_duration_s, wake_length_m
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
+from siren_ros.judging.surrogate_safety import Encroachment, Extreme, PairMeasures
 from siren_ros.numerics.arrays import Points
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord

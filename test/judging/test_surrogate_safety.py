@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import hand_made_record as hand
 import numpy as np
 import pytest
 from evaluation.made_records import Track, moving, record_with
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from shapely import Polygon
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.surrogate_safety import (
+from siren_ros.judging.surrogate_safety import (
     HORIZON_S,
     Encroachment,
     PredictedContacts,
@@ -23,6 +24,12 @@ from siren_ros.evaluation.surrogate_safety import (
 )
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.roads.road_network import RoadNetwork
+
+
+@pytest.fixture(scope="session")
+def straight_road() -> RoadNetwork:
+    """Any map: the measures do not look at it."""
+    return hand.crossing()
 
 
 def test_each_other_actor_has_its_extremes(straight_road) -> None:

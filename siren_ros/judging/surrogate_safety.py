@@ -4,6 +4,7 @@ Time to collision (TTC): when two footprints would touch if both drivers went on
 time (PET): how long after one vehicle another one was at the same place.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -49,6 +50,11 @@ class Encounters:
         return np.asarray(0.5 * (np.hypot(*self.subject_size_m) + np.hypot(*self.other_size_m.T)))
 
     @cached_property
+    def distance_m(self) -> Floats:
+        """Distance of the centres, shape ``(N,)``."""
+        return np.asarray(np.hypot(self.subject.x_m - self.other.x_m, self.subject.y_m - self.other.y_m))
+
+    @cached_property
     def fastest_mps(self) -> Floats:
         """Sum of both speeds, shape ``(N,)``: the gap closes no faster."""
         return np.asarray(self.subject.speed_mps + self.other.speed_mps)
@@ -59,8 +65,8 @@ class Encounters:
         return Encounters(subject, other, self.subject_size_m, self.other_size_m[pairs])
 
 
-def encounters_of(record: EpisodeRecord, subject_id: int) -> Encounters:
-    """One actor together with every other actor at every step at which both are there.
+def encounters_of(record: EpisodeRecord, subject_id: int, others: Iterable[int] | None = None) -> Encounters:
+    """One actor together with others, or every other actor, at every step at which both are there.
 
     Raises:
         InputError: The record has no state of the subject, or does not describe it.
@@ -69,16 +75,17 @@ def encounters_of(record: EpisodeRecord, subject_id: int) -> Encounters:
     mine = record.rows_of(subject_id)
     if not len(mine) or subject_id not in record.actors:
         raise InputError("actor", subject_id, "an actor of the episode")
-    others = np.flatnonzero(np.isin(rows.actor_id, [key for key in record.actors if key != subject_id]))
-    place = np.searchsorted(rows.step[mine], rows.step[others])
+    wanted = [key for key in (record.actors if others is None else others) if key != subject_id]
+    theirs = np.flatnonzero(np.isin(rows.actor_id, wanted))
+    place = np.searchsorted(rows.step[mine], rows.step[theirs])
     together = place < len(mine)
-    together[together] = rows.step[mine][place[together]] == rows.step[others[together]]
-    others, place = others[together], place[together]
-    ids, column = np.unique(rows.actor_id[others], return_inverse=True)
+    together[together] = rows.step[mine][place[together]] == rows.step[theirs[together]]
+    theirs, place = theirs[together], place[together]
+    ids, column = np.unique(rows.actor_id[theirs], return_inverse=True)
     subject, *actors = (record.actors[key] for key in (subject_id, *ids.tolist()))
     sizes_m = np.array([(actor.length_m, actor.width_m) for actor in actors], dtype=np.float64).reshape(-1, 2)
     size_m = subject.length_m, subject.width_m
-    return Encounters(rows.select(mine[place]), rows.select(others), size_m, sizes_m[column])
+    return Encounters(rows.select(mine[place]), rows.select(theirs), size_m, sizes_m[column])
 
 
 CROSSING_MIN_RAD: Final = float(np.radians(30.0))
@@ -180,10 +187,9 @@ def predicted_contacts(encounters: Encounters) -> PredictedContacts:
     gap = _gaps(encounters, np.arange(count), 0.0, exact=True)
     touching = gap <= 0.0
     time[touching] = 0.0
-    a, b = encounters.subject, encounters.other
     # Pairs that are near enough for a contact within the horizon, whatever way they turn.
     reach_m = encounters.reach_m + encounters.fastest_mps * HORIZON_S
-    candidates = np.flatnonzero(~touching & (np.hypot(a.x_m - b.x_m, a.y_m - b.y_m) <= reach_m))
+    candidates = np.flatnonzero(~touching & (encounters.distance_m <= reach_m))
     before = gap[candidates]
     for instant in np.arange(INTERVAL_S, HORIZON_S + 0.5 * INTERVAL_S, INTERVAL_S):
         if not len(candidates):

@@ -143,7 +143,9 @@ def set_up_episode(
     for suite in (request.sensors, request.av_sensors):
         load_suite(suite, noted)
     load_look(request.look, noted)
-    compiled = compiled_map or compile_map(map_of(request, written))
+    people = template.demand.people
+    for_people = bool(people.pedestrians or people.cyclists)
+    compiled = compiled_map or compile_map(map_of(request, written), for_people=for_people)
     compiled = with_speed_limit(compiled, template.demand.speed_limit_mps)
     if template.shoulders_in_use:
         compiled = with_shoulders_in_use(compiled)

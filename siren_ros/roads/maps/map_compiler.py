@@ -27,11 +27,13 @@ from siren_ros.roads.maps.netconvert import (
     document,
     netconvert_version,
     run_netconvert,
+    sumo_home,
     without_header,
 )
 from siren_ros.roads.maps.opendrive import opendrive_patches, with_stated_limits
 from siren_ros.roads.maps.openstreetmap import drives_on, signed_edges, taper_patches
 from siren_ros.roads.maps.traffic_side import keeps_left, with_sides_exchanged
+from siren_ros.roads.maps.ways_for_people import lacks_corners, people_options, with_sidewalks_on_streets
 from siren_ros.roads.net_parser import ALLOWED as NET_ALLOWED
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
@@ -41,6 +43,8 @@ TOWN_NAME: Final = "town"
 
 _RECIPE: Final = "7"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
+_PEOPLE_RECIPE: Final = f"{_RECIPE} people 1"
+"""The same for maps with ways for people."""
 _SLOWER_RECIPE: Final = "1"
 """The same for nets whose limits are lowered."""
 _IN_USE_RECIPE: Final = "shoulders 1"
@@ -108,6 +112,7 @@ _OPENSTREETMAP: Final = (
 _OPENSTREETMAP_SECOND: Final = (*_COMMON, "--offset.disable-normalization", "--output.street-names")
 _ONE_RUN: Final = {
     SourceKind.BUILT_IN: (_BUILT_IN, tuple(_PARTS.values())),
+    SourceKind.SUMO: ((*_COMMON, "--offset.disable-normalization"), ("--sumo-net-file",)),
 }
 """Kinds that netconvert compiles at once: its options, and the options that name the source's files, in their order."""
 _TWO_RUNS: Final = {
@@ -140,13 +145,14 @@ class CompiledMap:
         return self.net_path.read_bytes()
 
 
-def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledMap:
+def compile_map(source: Path | None, cache_dir: Path | None = None, *, for_people: bool = False) -> CompiledMap:
     """Compiles a map with netconvert, or finds it in the cache.
 
     Args:
         source: A SUMO net, an OpenDRIVE or an OpenStreetMap file, or the name of a built-in map; None is the town.
         cache_dir: Where compiled nets are kept; None is ``$SIREN_CACHE_DIR``, else
             ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``, or a temporary folder where there is no home.
+        for_people: With crossings, corners of sidewalks and cycle lanes (``ways_for_people``); built-in maps have them.
 
     Raises:
         MapError: The map is missing, unreadable, not a map, refused by netconvert, without roads, or with counts that
@@ -155,12 +161,14 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
     """
     loaded = _source_of(source)
     shown = TOWN_NAME if source is None else str(source)
-    net_path = (cache_dir or default_cache_dir()) / f"{loaded.name}-{_cache_key(loaded)[:20]}.net.xml"
+    for_people = for_people and loaded.kind is not SourceKind.BUILT_IN
+    recipe = _PEOPLE_RECIPE if for_people else _RECIPE
+    net_path = (cache_dir or default_cache_dir()) / f"{loaded.name}-{_cache_key(loaded, recipe)[:20]}.net.xml"
     try:
         net = net_path.read_bytes()
     except OSError:
         refuse_unusable_map(loaded, shown)
-        net = _compile(loaded, shown)
+        net = _compile(loaded, shown, for_people=for_people)
         _parsed(net, shown)  # a net of which a road network can be made
         try:
             net = mended_lanes(net)
@@ -212,14 +220,14 @@ def _source_of(source: Path | None) -> MapSource:
     return MapSource(name=name, kind=SourceKind.BUILT_IN, content=b"\0".join(built_in.made_of(files).values()))
 
 
-def _cache_key(source: MapSource) -> str:
+def _cache_key(source: MapSource, recipe: str) -> str:
     first, second, *_ = _TWO_RUNS.get(source.kind, (_ONE_RUN.get(source.kind, ((), ()))[0], ()))
-    parts = (_RECIPE, source.kind.value, netconvert_version(), *first, *second)
+    parts = (recipe, source.kind.value, netconvert_version(), *first, *second)
     return hashlib.sha256(b"".join(part.encode() + b"\0" for part in parts) + source.content).hexdigest()
 
 
-def _compile(source: MapSource, shown: str) -> bytes:
-    if source.kind is SourceKind.SUMO:
+def _compile(source: MapSource, shown: str, *, for_people: bool) -> bytes:
+    if source.kind is SourceKind.SUMO and not (for_people and lacks_corners(source.content)):
         return without_header(source.content)
     with tempfile.TemporaryDirectory(prefix="siren-map-") as scratch:
         folder = Path(scratch)
@@ -232,18 +240,22 @@ def _compile(source: MapSource, shown: str) -> bytes:
                 options = (*options, option, str(path))
             return run_netconvert(options, folder / name, shown)
 
+        more = people_options(source.kind, sumo_home()) if for_people else ((), ())
         if source.kind in _ONE_RUN:
             options, names = _ONE_RUN[source.kind]
-            return run(options, dict(zip(names, source.content.split(b"\0"), strict=False)))
+            return run((*options, *more[1]), dict(zip(names, source.content.split(b"\0"), strict=False)))
         first_options, second_options, option, complete = _TWO_RUNS[source.kind]
+        first_options, second_options = (*first_options, *more[0]), (*second_options, *more[1])
         try:
             left_hand, content = _imported(source)
+            if for_people and source.kind is SourceKind.OPENSTREETMAP:
+                content = with_sidewalks_on_streets(content)
             if left_hand and source.kind is SourceKind.OPENSTREETMAP:
                 first_options = (*first_options, "--lefthand")
             first_net = run(first_options, {option: content}, "first.net.xml")
             second_options = (*second_options, "--sumo-net-file", str(folder / "first.net.xml"))
             if source.kind is SourceKind.OPENDRIVE:
-                net = run(second_options, opendrive_patches(first_net, content, shown))
+                net = run(second_options, opendrive_patches(first_net, content, shown, for_people=for_people))
                 net = with_stated_limits(net, content)
                 return mirrored_net(net) if left_hand else net
             patches = _openstreetmap_patches(source.content, first_net, shown)

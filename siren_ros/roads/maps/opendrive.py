@@ -35,10 +35,12 @@ _SAME_MPS: Final = 0.01
 _UNIT_MPS: Final[Mapping[str, float]] = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
 
 
-def opendrive_patches(first_net: bytes, xodr: bytes, shown_source: str) -> dict[str, bytes]:
+def opendrive_patches(
+    first_net: bytes, xodr: bytes, shown_source: str, *, for_people: bool = False
+) -> dict[str, bytes]:
     """Patches for lane permissions, shoulder movements and sign-controlled junctions.
 
-    ``first_net`` is what netconvert's first run wrote, with all lane types imported.
+    ``first_net`` is what netconvert's first run wrote, with all lane types imported. Cycle lanes are open ``for_people``.
 
     Returns:
         Plain XML documents for netconvert's second run, by the option that names the document.
@@ -58,7 +60,7 @@ def opendrive_patches(first_net: bytes, xodr: bytes, shown_source: str) -> dict[
     nodes, priorities = control_patches(net, stopping, yielding, lambda edge: bool(_motor_lanes(edge)))
     return {
         "--node-files": document("nodes", nodes),
-        "--edge-files": document("edges", _edge_patches(net, priorities)),
+        "--edge-files": document("edges", _edge_patches(net, priorities, for_people=for_people)),
         "--connection-files": document("connections", _shoulder_connections(net)),
     }
 
@@ -113,7 +115,7 @@ def _open_shoulders(edge: Element) -> frozenset[int]:
     )
 
 
-def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Element]:
+def _edge_patches(net: Element, priorities: Mapping[str, int], *, for_people: bool) -> Iterator[Element]:
     for edge in normal_edges(net):
         patch = Element("edge", id=edge.attrib["id"])
         if edge.attrib["id"] in priorities:
@@ -127,6 +129,8 @@ def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Eleme
             change = {"disallow": "all"}
             if lane_type == "sidewalk":
                 change = {"allow": "pedestrian", "speed": str(WALKING_SPEED_MPS)}
+            elif for_people and lane_type == "biking":
+                change = {"allow": "bicycle"}
             elif int(lane.attrib["index"]) in shoulders:
                 change = {"allow": "emergency", "speed": str(limit_mps)}
             SubElement(patch, "lane", {"index": lane.attrib["index"], **change})

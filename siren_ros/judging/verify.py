@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
-from siren_ros.judging.outcome import summarise_residuals
 from siren_ros.judging.near_people import check_people
+from siren_ros.judging.outcome import summarise_residuals
 from siren_ros.judging.physics import VerifyLimits, check_physics
 from siren_ros.judging.predicates import evaluate_predicate, verdicts_of_others
 from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals

@@ -1,11 +1,10 @@
 """What netconvert imports for people on foot and on bicycles, where an episode has some: other maps stay as they are.
 
-Sidewalks get corners where they meet, and crossings: those of the map, and at junctions those that join the sidewalks of
-both sides of a street.
+Sidewalks get corners where they meet, and crossings: those of the map, and at junctions those that join the sidewalks
+of both sides of a street.
 """
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 

@@ -64,13 +64,15 @@ Results: TypeAlias = Mapping[str, Mapping[int, Any]]
 """SUMO's subscription results by vehicle."""
 
 
+_OFF_ROAD: Final = (float(NO_LANE), 1.0)
+
+
 class SumoColumns:
     """SUMO's subscription results of one step as columns; the vehicles are in SUMO's order."""
 
     def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
         """``length_scale`` is SUMO's length of each lane over that of its centre line."""
-        self._network = network
-        self._length_scale = length_scale
+        self._lanes = {key: (float(lane.index), length_scale.get(key, 1.0)) for key, lane in network.lane_by_id.items()}
         self._results: Results = {}
         self.names: list[str] = []
         """Another list where the vehicles have changed."""
@@ -100,11 +102,10 @@ class SumoColumns:
             self.route_index = numbers[-1]
         if lane_ids != self.lane_ids:
             self.lane_ids = lane_ids
-            lanes = self._network.lane_by_id
-            self.lane = np.array([lanes[key].index if key in lanes else NO_LANE for key in lane_ids], np.int32)
-            self.scale = np.array([self._length_scale.get(key, 1.0) for key in lane_ids])
+            lanes = np.array([self._lanes.get(key, _OFF_ROAD) for key in lane_ids]).reshape(-1, 2)
+            self.lane, self.scale = lanes[:, 0].astype(np.int32), lanes[:, 1].copy()
         values = chain(*(zip(*points, strict=True) if points else ((), ())), *numbers)
-        self.numbers = np.array([*values], np.float64).reshape(9, -1)
+        self.numbers = np.fromiter(values, np.float64, 9 * len(lane_ids)).reshape(9, -1)
 
     def leave_out(self, names: Collection[str]) -> None:
         """Forget vehicles that are not in SUMO any more."""

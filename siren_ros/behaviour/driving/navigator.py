@@ -127,6 +127,10 @@ class NavigatorState:
     left_m: float = 0.0
     """Offset from the path at the last step."""
     integral_mps2: float = 0.0
+    target_mps: float = 0.0
+    """Speed that the mode asked for at the last step."""
+    limits: tuple[SpeedLimit, ...] = ()
+    """What each mechanism asked for then, in their order."""
 
     def following(self, path: TrackedPath, x_m: float, y_m: float) -> "NavigatorState":
         """The state after ``SetWaypoints``: a new path, entered at the place nearest to a point."""

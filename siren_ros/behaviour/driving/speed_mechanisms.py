@@ -270,13 +270,13 @@ def navigate(
         return changed(state, integral_mps2=0.0), DriveCommand(0.0, pedals.brake, 0.0, False), NO_ACTOR
     progress, left = state.path.curve.nearest_to(state.progress_m, *ego.place)
     drive = Drive(unit, ego, state.path, progress, target_mps, config)
-    limits = [mechanism.limit(drive) for mechanism in mechanisms]
+    limits = tuple([mechanism.limit(drive) for mechanism in mechanisms])
     must_brake = max(limit.brake_mps2 for limit in limits) if speed > config.rolling_mps else 0.0
     lowest = min(limit.speed_mps for limit in limits)
     pedals = press_pedals(speed, lowest, must_brake, state.integral_mps2, ego.vehicle, config)
     steer = steer_along(state.path, progress, left, ego.pose[2], speed, ego.vehicle, config)
     return (
-        NavigatorState(state.path, progress, left, pedals.integral_mps2),
+        NavigatorState(state.path, progress, left, pedals.integral_mps2, target_mps, limits),
         DriveCommand(pedals.throttle, pedals.brake, steer, False),
         next((limit.blocker_id for limit in limits if limit.blocker_id != NO_ACTOR), NO_ACTOR),
     )

@@ -21,7 +21,7 @@ from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle
 from siren_ros.traffic.sumo.population import SumoPopulation, route_id
 from siren_ros.traffic.sumo.readings import SumoColumns, sumo_from_map
-from siren_ros.world.actors import ActorStates, Mode, Owner
+from siren_ros.world.actors import ActorClass, ActorStates, Mode, Owner
 
 _DRIVABLE = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 
@@ -290,16 +290,28 @@ class Mirror:
         far = states.residual_m[row] > self._config.realign_m
         if not far and libsumo.vehicle.getSpeed(vehicle.name) > _STANDING_MPS:
             return
-        match = self._place(states, row, vehicle, route, {}).match
+        place = self._place(states, row, vehicle, route, {})
+        match = place.match
+        if vehicle.actor_class is ActorClass.BICYCLE:  # vehicles are placed on lanes of cars, beside the cycle lane
+            match = self._match_in(libsumo.vehicle.getLaneID(vehicle.name), place)
         if match.lane == NO_LANE:
             return
         lane = self._network.lanes[match.lane]
         least_m = _LEAST_REALIGNED_M if far else self._config.realign_standing_m
-        if self._ahead_by_m(vehicle.name, lane, match.position_m) > least_m and lane.civilian_allowed:
+        is_open = lane.civilian_allowed or lane.kind is LaneKind.CYCLE
+        if is_open and self._ahead_by_m(vehicle.name, lane, match.position_m) > least_m:
             at_m = min(match.position_m, lane.length_m) * self._population.length_scale[lane.lane_id]
             libsumo.vehicle.moveTo(vehicle.name, lane.lane_id, at_m)
             self._set_speed(vehicle.name, match.lane, speed_mps)
             self.realigned[int(states.actor_id[row])] = float(states.residual_m[row])
+
+    def _match_in(self, lane_id: str, place: Place) -> LaneMatch:
+        """A place on a lane, by SUMO's id, even where the vehicle stands beside it."""
+        lane, (offset_x, offset_y) = self._network.lane_by_id.get(lane_id), self._network.sumo_offset_m
+        if lane is None:
+            return place.match
+        along_m, left_m = lane.centre.project((place.x_m - offset_x, place.y_m - offset_y))
+        return LaneMatch(lane.index, float(np.clip(along_m, 0.0, lane.length_m)), float(left_m))
 
     def _ahead_by_m(self, name: str, lane: Lane, position_m: float) -> float:
         """Distance of a vehicle's front in SUMO from a place on a lane: what bringing it back there would change."""

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_made_record import LEFT_X_M, NORTHBOUND, RIGHT_X_M, crossing
+from hand_made_record import LEFT_X_M, NORTHBOUND, RIGHT_X_M, SHOULDER_X_M, crossing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from traffic_helpers import load_map, states_of
@@ -21,7 +21,7 @@ from siren_ros.traffic.sumo.mirror import (
     LaneMatcher,
     Mirror,
 )
-from siren_ros.world.actors import Mode, Owner
+from siren_ros.world.actors import ActorClass, Mode, Owner
 
 NETWORK = load_map(None)[1]
 WAYS = [
@@ -143,7 +143,9 @@ def test_lanes_count_up_to_1_2_rad_off_the_heading(turned: float) -> None:
 OWN_SPEED_FACTOR = 0.87
 CLEARED = TrafficConfig().cleared_speed_share * OWN_SPEED_FACTOR
 NAME, ACTOR = "car", 5
-VEHICLE: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"), is_emv=False)
+VEHICLE: Any = SimpleNamespace(
+    name=NAME, length_m=4.0, route=("s_in", "n_out"), is_emv=False, actor_class=ActorClass.SEDAN
+)
 STANDING = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "owner": Owner.SUMO}
 
 
@@ -385,6 +387,9 @@ class Realigned(FakeVehicles):
     def getSpeed(self, _name: str) -> float:  # noqa: N802 - libsumo's name
         return self.speed_mps
 
+    def getLaneID(self, _name: str) -> str:  # noqa: N802 - libsumo's name
+        return "s_in_0"
+
     def getPosition(self, _name: str) -> tuple[float, float]:  # noqa: N802 - libsumo's name
         return self.front
 
@@ -449,3 +454,17 @@ def test_nobody_is_brought_back_onto_a_lane_that_is_closed_to_civilians(monkeypa
         mirror.apply(states, {ACTOR: VEHICLE}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
         assert mirror.realigned == realigned
     assert len(vehicles.back) == 1
+
+
+def test_a_cyclist_is_brought_back_in_the_cycle_lane_which_is_no_lane_of_cars(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The simulated front is 22 m after the lane's beginning, beside its middle."""
+    cycle = replace(CROSSING.lanes[S_IN.lanes[0]], kind=LaneKind.CYCLE, civilian_allowed=False)
+    network = replace(CROSSING, lanes=(cycle, *CROSSING.lanes[1:]))
+    cyclist = SimpleNamespace(**{**vars(VEHICLE), "actor_class": ActorClass.BICYCLE})
+    states = states_of(0, [{**STANDING, "residual_m": 0.5, "x_m": SHOULDER_X_M - 1.6}])
+    for vehicle, lane in ((cyclist, "s_in_0"), (VEHICLE, "s_in_1")):
+        vehicles = Realigned((SHOULDER_X_M, -97.0))
+        vehicles.speed_mps = 0.0
+        monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+        mirror_on(network).apply(states, {ACTOR: vehicle}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
+        assert vehicles.back == [(lane, pytest.approx(22.0))]

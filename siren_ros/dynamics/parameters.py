@@ -14,7 +14,7 @@ from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import GRAVITY_MPS2
 from siren_ros.params.input_files import FILES_ON_DISK, InputFile, InputFiles
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
-from siren_ros.world.actors import TWO_WHEELED, ActorClass
+from siren_ros.world.actors import PEOPLE_CLASSES, ActorClass
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,7 @@ def load_vehicle_parameters(files: InputFiles = FILES_ON_DISK) -> Mapping[ActorC
     """
     names = {kind: kind.name.lower() for kind in ActorClass}
     # Records of earlier episodes have no two wheels and nobody who walks.
-    later = {*TWO_WHEELED, ActorClass.PEDESTRIAN}
-    names = {kind: name for kind, name in names.items() if kind not in later or files.has("vehicles", name)}
+    names = {kind: name for kind, name in names.items() if kind not in PEOPLE_CLASSES or files.has("vehicles", name)}
     return {kind: _parameters_in(files.read("vehicle", "vehicles", name)) for kind, name in names.items()}
 
 

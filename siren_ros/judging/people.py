@@ -99,8 +99,7 @@ class _People:
     @classmethod
     def of(cls, record: EpisodeRecord) -> Self | None:
         """None where nobody is there."""
-        known = np.array([key for key, actor in record.actors.items() if actor.actor_class in NAMES], np.uint32)
-        rows = record.rows.select(np.flatnonzero(np.isin(record.rows.actor_id, known)))
+        rows = record.rows.select(np.isin(record.rows.actor_id, record.people_ids))
         ids, first = np.unique(rows.actor_id, return_index=True)
         if not len(ids):
             return None

@@ -64,15 +64,18 @@ class Track:
         return Track(actor=self.actor, **arrays)
 
 
-def rows_in_region(record: EpisodeRecord) -> Flags:
-    """Which of ``record.rows`` are of vehicles in the interaction region at that step (not people), shape ``(M,)``."""
+def rows_in_region(record: EpisodeRecord, *, walkers: bool = False) -> Flags:
+    """Which of ``record.rows`` are in the interaction region at that step, shape ``(M,)``.
+
+    They are of vehicles, or also of people on foot (``walkers``).
+    """
     members, inside = np.empty(0, dtype=np.uint32), [np.empty(0, dtype=np.int64)]
     for state in sorted(record.states, key=lambda state: state.step):
         members = region_members(members, state, record.emv_ids)
         inside.append(_row_keys(members, state.step))
     rows = record.rows
-    walks = np.isin(rows.actor_id, record.walker_ids)
-    return ~walks & np.isin(_row_keys(rows.actor_id, rows.step), np.concatenate(inside))
+    left_out = np.isin(rows.actor_id, [] if walkers else record.walker_ids)
+    return ~left_out & np.isin(_row_keys(rows.actor_id, rows.step), np.concatenate(inside))
 
 
 def _row_keys(actor_id: Ids, step: Any) -> npt.NDArray[np.int64]:

@@ -13,7 +13,7 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.mirror_image import mirrored_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
-from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, PEOPLE_CLASSES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import Event, EventKind, TrafficState
@@ -149,6 +149,12 @@ class EpisodeRecord:
         """People on foot."""
         walks = (key for key, actor in self.actors.items() if actor.actor_class is ActorClass.PEDESTRIAN)
         return np.array(sorted(walks), np.uint32)
+
+    @cached_property
+    def people_ids(self) -> Ids:
+        """People on foot and on two wheels."""
+        people = (key for key, actor in self.actors.items() if actor.actor_class in PEOPLE_CLASSES)
+        return np.array(sorted(people), np.uint32)
 
     @cached_property
     def rows(self) -> StateRows:

@@ -31,7 +31,7 @@ from siren_ros.scenario.scenario import (
     draw_values,
     realised,
 )
-from siren_ros.world.actors import EMERGENCY_CLASSES, TWO_WHEELED, ActorClass
+from siren_ros.world.actors import EMERGENCY_CLASSES, PEOPLE_CLASSES, ActorClass
 
 __all__ = ["Template", "available_templates", "draw_values", "load_template", "read_template", "realised"]
 
@@ -271,7 +271,7 @@ def _group(section: StrictMapping, name: str, parameters: _Parameters) -> Demand
 
 
 def _classes(section: StrictMapping) -> tuple[tuple[ActorClass, float], ...]:
-    others = EMERGENCY_CLASSES | TWO_WHEELED | {ActorClass.PEDESTRIAN}
+    others = EMERGENCY_CLASSES | PEOPLE_CLASSES
     civilian = [(member, member.name.lower()) for member in ActorClass if member not in others]
     shares = tuple((member, section.number(name, 0.0, 1.0)) for member, name in civilian if section.has(name))
     section.finish()

@@ -39,6 +39,8 @@ class ActorClass(IntEnum):
 
 EMERGENCY_CLASSES: Final = frozenset({ActorClass.AMBULANCE, ActorClass.FIRE_TRUCK, ActorClass.POLICE})
 TWO_WHEELED: Final = frozenset({ActorClass.MOTORCYCLE, ActorClass.BICYCLE})
+PEOPLE_CLASSES: Final = frozenset({*TWO_WHEELED, ActorClass.PEDESTRIAN})
+"""Classes that the demand of a template has as people, and that scores have in rows of their own."""
 VEHICLE_CLASSES: Final = tuple(member for member in ActorClass if member is not ActorClass.PEDESTRIAN)
 
 

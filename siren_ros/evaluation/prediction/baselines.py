@@ -16,6 +16,7 @@ from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.geometry import Polyline, wrap_angle
 from siren_ros.record.vehicle_location import LanePlaces, locate
 from siren_ros.roads.road_network import NO_LANE, Connection, Lane, RoadNetwork
+from siren_ros.world.actors import ActorClass
 from siren_ros.world.traffic_state import Indices
 
 
@@ -52,6 +53,8 @@ class Idm:
     """Largest distance to a leader."""
     off_lane_limit_mps: float = 50.0 / 3.6
     """Speed limit of vehicles in no lane: that of an urban road."""
+    standing_mps: float = 0.1
+    """Least desired speed of people on foot and on bicycles, for whom no speed limit tells how fast they like to go."""
     least_gap_m: float = 0.1
     """Least gap that the model gets; the measured gap is negative where the bumpers overlap."""
 
@@ -229,6 +232,8 @@ def _straight_ahead(actors: ObservedActors, follower: Rows, other: Rows) -> tupl
 class IdmPredictor:
     """Car following on the lane's path, the leader at constant velocity, the desired speed max(v, speed limit).
 
+    People on foot and on bicycles desire their present speed.
+
     A vehicle keeps its present offset from the lane's centre line, so that the prediction starts at its position.
     A vehicle in no lane goes straight ahead. The predictor knows neither routes nor signals.
     """
@@ -248,6 +253,8 @@ class IdmPredictor:
         speed = batch.speed_mps
         # NO_LANE is −1 and takes the last limit, that of vehicles in no lane.
         desired = np.maximum(speed, np.array([*limits, idm.off_lane_limit_mps])[lane])
+        unmotorised = np.isin(actors.actor_class[batch.target], (ActorClass.PEDESTRIAN, ActorClass.BICYCLE))
+        desired[unmotorised] = np.maximum(speed[unmotorised], idm.standing_mps)
         travelled = idm.travel(speed, desired, gap_m, leader_mps, future_times_s())
         heading = np.stack((np.cos(batch.yaw_rad), np.sin(batch.yaw_rad)), axis=-1)
         path = batch.xy_m[:, None] + travelled[..., None] * heading[:, None]

@@ -220,11 +220,14 @@ class ScoredSamples:
         return ScoredSamples(replace(self.batch, target=self.batch.target[samples]), self.future_xy_m[samples])
 
 
-def samples_of(record: EpisodeRecord, window: HistoryWindow, population: Population) -> ScoredSamples:
+def samples_of(
+    record: EpisodeRecord, window: HistoryWindow, population: Population, *, people: bool = False
+) -> ScoredSamples:
     """One sample for each vehicle, EMV included, and each frame at which its whole window was logged.
 
-    With the population of the region only states within it count as logged, those of neighbours too. People on foot are
-    no vehicles: they are neither samples nor neighbours.
+    With the population of the region only states within it count as logged, those of neighbours too. People on foot and
+    on two wheels have samples of their own (``people``), with everybody as neighbours. Samples of vehicles have no
+    neighbours on foot.
 
     The stride is one frame, so that the windows overlap (paper, "Trajectory prediction"): a gapless track of F
     frames gives F − 80 samples with the default window.
@@ -233,15 +236,17 @@ def samples_of(record: EpisodeRecord, window: HistoryWindow, population: Populat
         BagError: The record holds states of an actor that it does not describe.
     """
     rows = record.rows
-    logged = (rows.step % LOG_PERIOD_STEPS == 0) & ~np.isin(rows.actor_id, record.walker_ids)
+    logged = rows.step % LOG_PERIOD_STEPS == 0
+    if not people:
+        logged &= ~np.isin(rows.actor_id, record.walker_ids)
     if population is Population.REGION:
-        logged &= rows_in_region(record)
+        logged &= rows_in_region(record, walkers=people)
     rows = rows.select(logged)
     ids = np.unique(rows.actor_id)
     missing = [key for key in ids.tolist() if key not in record.actors]
     if missing:
         raise BagError(record.description.template, f"an episode that describes its actors; {missing} are not")
-    table = _row_table(rows, ids)
+    table, wanted = _row_table(rows, ids), np.isin(ids, record.people_ids) == people
     past, future = window.offsets, future_offsets()
     needed = np.union1d(future, np.arange(future[-1] + 1, window.future_frames + 1))
     present = _present_frames(table, np.concatenate((past, needed)))
@@ -254,7 +259,7 @@ def samples_of(record: EpisodeRecord, window: HistoryWindow, population: Populat
         step=frames * LOG_PERIOD_STEPS,
         frame_offset=np.searchsorted(frame, np.arange(len(frames) + 1)),
         actors=_observed(record, rows, there, frame, ids),
-        target=np.flatnonzero(present[actor, frames[frame]]),
+        target=np.flatnonzero((present & wanted[:, None])[actor, frames[frame]]),
         signals=_signals(record, frames * LOG_PERIOD_STEPS),
     )
     truth = _points(table, actor[batch.target], frames[frame[batch.target]], future)

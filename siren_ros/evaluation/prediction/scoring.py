@@ -4,7 +4,7 @@ A sample has a category: what its vehicle does in the window.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
@@ -70,7 +70,7 @@ class ModelScores:
     """The present of each sample, shape ``(N,)``."""
     actor_id: Ids
     category: Codes
-    """``Category`` of each sample."""
+    """``Category`` of each sample; of people their ``ActorClass``."""
     moved_m: Floats
     """Distance between the true places at the present and at the horizon, shape ``(N,)``."""
     values: Mapping[str, Floats]
@@ -104,6 +104,8 @@ class EpisodeScores:
     parameters: Mapping[str, float]
     """The template's numbers: ``emv.speed_mps``."""
     models: Mapping[str, ModelScores]
+    people: Mapping[str, ModelScores] = field(default_factory=dict)
+    """The same models on people on foot and on two wheels; empty for an episode without them."""
 
     @property
     def samples(self) -> int:
@@ -118,7 +120,7 @@ def score_episode(
     population: Population = Population.REGION,
     submitted: Mapping[str, EpisodePredictions] | None = None,
 ) -> EpisodeScores:
-    """Scores every predictor, and every submission, on an episode.
+    """Scores every predictor, and every submission, on an episode: on its vehicles, and apart on its people.
 
     Predictors, and what other programs predicted in this episode (``submitted``), are by the names of the models; the
     name of the episode is for reports.
@@ -126,22 +128,30 @@ def score_episode(
     Raises:
         InputError: The record does not describe its actors, or a model's hypotheses cannot be scored.
     """
-    models: dict[str, ModelScores] = {}
-    for answers in _answers_of(record, predictors, population, submitted or {}):
-        hypotheses, batch, truth = answers.hypotheses, answers.samples.batch, answers.samples.future_xy_m
-        models[answers.model] = ModelScores(
-            step=batch.sample_step,
-            actor_id=batch.actors.actor_id[batch.target],
-            category=categories_of(record, batch),
-            moved_m=np.hypot(*(truth[:, -1] - batch.xy_m).T),
-            values={metric.name: metric.of_samples(hypotheses, answers.samples) for metric in METRICS},
-            distance_sum_m=distances(hypotheses.xy_m[:, :1], truth)[:, 0].sum(axis=0),
-            reliability=reliability_of(hypotheses, truth),
-            population_size=answers.population_size,
+    models, people = (
+        {answers.model: _scores_of(record, answers, people) for answers in answered}
+        for people, answered in (
+            (False, _answers_of(record, predictors, population, submitted or {})),
+            (True, _answers_of(record, predictors, population, submitted or {}, people=True)),
         )
+    )
     about = record.description
     of_template = about.template, about.level, about.seed, about.map_name
-    return EpisodeScores(name, *of_template, population, about.template_values, models)
+    return EpisodeScores(name, *of_template, population, about.template_values, models, people)
+
+
+def _scores_of(record: EpisodeRecord, answers: "Answers", people: bool) -> ModelScores:
+    hypotheses, batch, truth = answers.hypotheses, answers.samples.batch, answers.samples.future_xy_m
+    return ModelScores(
+        step=batch.sample_step,
+        actor_id=batch.actors.actor_id[batch.target],
+        category=batch.actors.actor_class[batch.target] if people else categories_of(record, batch),
+        moved_m=np.hypot(*(truth[:, -1] - batch.xy_m).T),
+        values={metric.name: metric.of_samples(hypotheses, answers.samples) for metric in METRICS},
+        distance_sum_m=distances(hypotheses.xy_m[:, :1], truth)[:, 0].sum(axis=0),
+        reliability=reliability_of(hypotheses, truth),
+        population_size=answers.population_size,
+    )
 
 
 @dataclass(frozen=True)
@@ -162,15 +172,25 @@ def _answers_of(
     predictors: Mapping[str, Predictor],
     population: Population,
     submitted: Mapping[str, EpisodePredictions],
+    *,
+    people: bool = False,
 ) -> Iterator[Answers]:
-    """The hypotheses of all models, one model after the other; arguments and errors as those of ``score_episode``."""
-    samples_with = cache(lambda window: samples_of(record, window, population))
+    """The hypotheses of all models, one model after the other; arguments and errors as those of ``score_episode``.
+
+    Those for people are what a submission has of them.
+    """
+    if people and not len(record.people_ids):
+        return
+    samples_with = cache(lambda window: samples_of(record, window, population, people=people))
     for model, predictor in predictors.items():
         samples = samples_with(predictor.window)
         yield Answers(model, samples, checked(model, predictor.predict(samples.batch), len(samples)), len(samples))
     for model, predictions in submitted.items():
         samples = samples_with(predictions.window)
-        rows, hypotheses = predictions.meet(samples.batch)
+        answered = predictions.select(np.flatnonzero(np.isin(predictions.actor_id, record.people_ids) == people))
+        if people:
+            answered = replace(answered, allow_missing=True, allow_unknown=True)
+        rows, hypotheses = answered.meet(samples.batch)
         yield Answers(model, samples.select(rows), hypotheses, len(samples))
 
 

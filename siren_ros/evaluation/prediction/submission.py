@@ -103,6 +103,11 @@ class EpisodePredictions:
     def __len__(self) -> int:
         return len(self.step)
 
+    def select(self, samples: Rows) -> "EpisodePredictions":
+        """Some of the samples, given as increasing indices."""
+        chosen = self.actor_id[samples], self.step[samples], self.hypotheses.select(samples)
+        return EpisodePredictions(self.source, self.window, *chosen, self.allow_missing, self.allow_unknown)
+
     def meet(self, batch: SampleBatch) -> tuple[Rows, Hypotheses]:
         """The samples of an episode that are predicted, and their hypotheses.
 

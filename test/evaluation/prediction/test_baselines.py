@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_records import Track, moving, samples_in
+from made_records import Track, moving, record_with, samples_in
 from scenes import with_lines
 
 from siren_ros.evaluation.prediction.baselines import (
@@ -16,9 +16,10 @@ from siren_ros.evaluation.prediction.baselines import (
     straight_successors,
 )
 from siren_ros.evaluation.prediction.metrics import ade, fde
-from siren_ros.evaluation.prediction.samples import SampleBatch
+from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, SampleBatch, samples_of
 from siren_ros.record.vehicle_location import locate
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.actors import ActorClass
 
 IDM = Idm()
 LONG_S = np.arange(1, 1201) * 0.1
@@ -195,6 +196,17 @@ def test_on_a_free_lane_the_limit_is_kept(straight_road) -> None:
     paths = predicted({1: moving(0.0, -5.25, 13.89), 2: moving(0.0, -1.75, 20.0)}, straight_road)
     for actor, speed in ((1, 13.89), (2, 20.0)):
         assert np.allclose(np.diff(paths[actor][:, 0]), 0.2 * speed), "v0 = max(v, speed limit)"
+
+
+@pytest.mark.parametrize(
+    ("kind", "speed_mps", "after_5_s_m"),
+    [(ActorClass.PEDESTRIAN, 1.4, 7.0), (ActorClass.BICYCLE, 4.0, 20.0)],
+)
+def test_people_without_a_motor_keep_their_speed(straight_road, kind, speed_mps, after_5_s_m) -> None:
+    record = record_with({1: moving(0.0, -5.25, speed_mps, actor_class=kind)}, straight_road)
+    batch = samples_of(record, HistoryWindow(), Population.ALL, people=True).batch
+    path_m = MODEL.predict(batch).xy_m[0, 0] - batch.xy_m[0]
+    assert path_m[-1] == pytest.approx((after_5_s_m, 0.0), abs=0.05)
 
 
 def test_it_starts_where_the_vehicle_is_and_keeps_the_offset(straight_road) -> None:

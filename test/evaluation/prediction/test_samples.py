@@ -116,6 +116,23 @@ def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_
     assert (batch.actors.xy_m[short][:, :13] == 0.0).all()
 
 
+def test_people_have_samples_of_their_own(straight_road) -> None:
+    """Samples of vehicles see cyclists and nobody on foot; samples of people see everybody."""
+    kinds = {1: ActorClass.SEDAN, 2: ActorClass.PEDESTRIAN, 3: ActorClass.BICYCLE, 4: ActorClass.MOTORCYCLE}
+    tracks = {key: moving(4.0 * key, -5.25, 1.0, steps=201, actor_class=kind) for key, kind in kinds.items()}
+    record = record_with(tracks, straight_road)
+    record = replace(record, description=replace(record.description, emv_ids=(1,)))
+    for population in Population:
+        vehicles, people = (
+            samples_of(record, HistoryWindow(), population, people=people).batch for people in (False, True)
+        )
+        assert set(vehicles.actor_id.tolist()) == {1}
+        assert set(vehicles.actors.actor_id.tolist()) == {1, 3, 4}
+        assert set(people.actor_id.tolist()) == {2, 3, 4}
+        assert set(people.actors.actor_id.tolist()) == {1, 2, 3, 4}
+        assert len(people) == 3 * len(vehicles)
+
+
 def test_a_short_episode_gives_no_samples(straight_road) -> None:
     scored = samples_in({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
     assert len(scored) == 0

@@ -28,7 +28,7 @@ from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.world.actors import ActorStates, Mode
+from siren_ros.world.actors import ActorClass, ActorStates, Mode
 
 
 def with_modes(record: EpisodeRecord, actor_id: int, modes: dict[Mode, range]) -> EpisodeRecord:
@@ -164,6 +164,36 @@ def test_scores_of_a_bag_are_those_of_its_record(tmp_path, write_bag, record_of)
     from_bag = score_episode("bag", read_episode(bag), models, Population.ALL)
     assert same(from_bag, score_episode("bag", record_of(duration_s=9.0), models, Population.ALL))
     assert from_bag.samples == 5 * (90 - 80)
+
+
+def test_people_are_scored_apart(straight_road) -> None:
+    """The car keeps its speed; the walker gains 0.1 m/s in each second, 1.25 m in five."""
+    car = moving(0.0, -5.25, 5.0)
+    walker = moving(9.0, -9.0, 1.0, accel_mps2=0.1, actor_class=ActorClass.PEDESTRIAN)
+    models = predictors_named(["cv"])
+    alone = score_episode("alone", record_with({1: car}, straight_road), models, Population.ALL)
+    scores = score_episode("both", record_with({1: car, 2: walker}, straight_road), models, Population.ALL)
+    assert alone.people == {}
+    assert same(alone, scores)
+    assert scores.people["cv"]["fde_m"].value == pytest.approx(1.25)
+    assert set(scores.people["cv"].category.tolist()) == {ActorClass.PEDESTRIAN}
+
+
+@pytest.mark.parametrize("of_walker", [True, False])
+def test_a_submission_may_leave_people_out(straight_road, of_walker) -> None:
+    walker = moving(9.0, -9.0, 1.0, actor_class=ActorClass.PEDESTRIAN)
+    record = record_with({1: moving(0.0, -5.25, 5.0), 2: walker}, straight_road)
+    both = [samples_of(record, HistoryWindow(), Population.ALL, people=people) for people in (False, True)]
+    given = both if of_walker else both[:1]
+    actor = np.concatenate([samples.batch.actor_id for samples in given])
+    step = np.concatenate([samples.batch.sample_step for samples in given])
+    order = np.lexsort((actor, step))
+    paths = Hypotheses.certain(np.concatenate([samples.future_xy_m for samples in given])[order])
+    submitted = {"mine": EpisodePredictions("file", HistoryWindow(), actor[order], step[order], paths)}
+    scores = score_episode("both", record, {}, Population.ALL, submitted)
+    assert scores.models["mine"]["fde_m"].value == 0.0
+    assert len(scores.people["mine"]) == len(both[1]) * of_walker
+    assert scores.people["mine"].population_size == len(both[1])
 
 
 def test_models_with_other_histories_have_their_own_samples(straight_road) -> None:

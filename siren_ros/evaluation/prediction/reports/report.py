@@ -59,7 +59,7 @@ def prediction_tables(
         _bags(scores),
         *(_by_template(scores, key, compare_paper) for key in BY_TEMPLATE),
         _metrics(scores),
-        *(_by_group(scores, kind) for kind in (GroupKind.CATEGORY, GroupKind.LEVEL)),
+        *(_by_group(scores, kind) for kind in (GroupKind.CATEGORY, GroupKind.LEVEL, GroupKind.PEOPLE)),
         _paired(pairs),
     )
     return tuple(table for table in tables if table.rows)

@@ -19,6 +19,7 @@ from siren_ros.evaluation.statistics import (
     interval_of_mean,
     paired_difference,
 )
+from siren_ros.judging.people import NAMES
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.tables.interval import Interval
 
@@ -35,6 +36,7 @@ class GroupKind(StrEnum):
     TEMPLATE = "template"
     CATEGORY = "category"
     LEVEL = "level"
+    PEOPLE = "people"
     PARAMETER = "parameter"
 
 
@@ -47,19 +49,20 @@ class Group:
     """``S2``, ``held``, ``L3``, ``S2 emv.speed_mps 8.3 to 11.2``."""
     episodes: Flags
     """Which episodes belong to it, shape ``(B,)``."""
-    category: Category | None = None
-    """Of the samples; None for all."""
+    category: int | None = None
+    """Of the samples; None for all; the class of people."""
 
 
 def groups_of(scores: Sequence[EpisodeScores]) -> tuple[Group, ...]:
     """Every group of some episodes, in the order of reports."""
-    everything = np.ones(len(scores), dtype=np.bool_)
+    everything, with_people = np.ones(len(scores), dtype=np.bool_), any(episode.people for episode in scores)
     templates, levels = ([getattr(episode, kind) for episode in scores] for kind in ("template", "level"))
     return (
         Group(GroupKind.ALL, "all", everything),
         *(Group(GroupKind.TEMPLATE, name, np.array(templates) == name) for name in sorted(set(templates))),
         *(Group(GroupKind.CATEGORY, category.name.lower(), everything, category) for category in Category),
         *(Group(GroupKind.LEVEL, level.name, np.array(levels) == level) for level in sorted(set(levels))),
+        *(Group(GroupKind.PEOPLE, name, everything, kind) for kind, name in NAMES.items() if with_people),
         *_by_parameter(scores),
     )
 
@@ -105,20 +108,21 @@ class SampleTable(ModelScores):
         return len(self) / self.population_size if self.population_size else 1.0
 
 
-def sample_table(scores: Sequence[EpisodeScores], model: str) -> SampleTable:
-    """The samples of one model."""
-    parts = [episode.models[model] for episode in scores]
+def sample_table(parts: Mapping[int, ModelScores]) -> SampleTable:
+    """The samples of one model, from its scores by the position of the episode; at least one."""
     columns: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts])
+        name: np.concatenate([getattr(part, name) for part in parts.values()])
         for name in ("step", "actor_id", "category", "moved_m")
     }
     return SampleTable(
         **columns,
-        values={metric.name: np.concatenate([part.values[metric.name] for part in parts]) for metric in METRICS},
-        distance_sum_m=sum((part.distance_sum_m for part in parts), np.zeros(FUTURE_POINTS)),
-        reliability=sum((part.reliability for part in parts), np.zeros((3, BINS))),
-        population_size=sum(part.population_size for part in parts),
-        episode=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
+        values={
+            metric.name: np.concatenate([part.values[metric.name] for part in parts.values()]) for metric in METRICS
+        },
+        distance_sum_m=sum((part.distance_sum_m for part in parts.values()), np.zeros(FUTURE_POINTS)),
+        reliability=sum((part.reliability for part in parts.values()), np.zeros((3, BINS))),
+        population_size=sum(part.population_size for part in parts.values()),
+        episode=np.repeat(list(parts), [len(part) for part in parts.values()]),
     )
 
 
@@ -160,12 +164,15 @@ class ScoreTable:
 def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
     """All scores of some episodes: at least one, all with the same models."""
     models = tuple(scores[0].models)
-    samples = {model: sample_table(scores, model) for model in models}
+    samples = {model: sample_table({n: one.models[model] for n, one in enumerate(scores)}) for model in models}
+    with_people = {n: one.people for n, one in enumerate(scores) if one.people}
+    people = {model: sample_table({n: of[model] for n, of in with_people.items()}) for model in models if with_people}
     groups = groups_of(scores)
     stratum = strata(scores)
     cells: dict[tuple[str, str, str], Score] = {}
-    for model, table in samples.items():
+    for model in models:
         for group in groups:
+            table = people[model] if group.kind is GroupKind.PEOPLE else samples[model]
             chosen = group.episodes[table.episode]
             if group.category is not None:
                 chosen &= table.category == group.category

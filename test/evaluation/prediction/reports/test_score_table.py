@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_scores import episode_scores, five_episodes, model_scores
@@ -14,6 +16,7 @@ from siren_ros.evaluation.prediction.reports.score_table import (
 )
 from siren_ros.evaluation.prediction.scoring import Category, EpisodeScores
 from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
+from siren_ros.world.actors import ActorClass
 
 ONE = {"cv": model_scores(np.ones(3))}
 
@@ -163,8 +166,28 @@ def test_three_models_are_three_tests() -> None:
 def test_rows_of_common_samples_are_in_the_same_order() -> None:
     counts = ({"a": 3, "b": 2}, {"a": 1, "b": 4})
     models = [{model: model_scores(np.arange(float(count))) for model, count in pair.items()} for pair in counts]
-    scores = [episode_scores("S1", of_seed, seed) for seed, of_seed in enumerate(models)]
-    first, second = sample_table(scores, "a"), sample_table(scores, "b")
+    first, second = (
+        sample_table({place: of_seed[name] for place, of_seed in enumerate(models)}) for name in ("a", "b")
+    )
     of_first, of_second = common_rows(first, second)
     assert (of_first.tolist(), of_second.tolist()) == ([0, 1, 3], [0, 1, 2])
     assert np.array_equal(first.step[of_first], second.step[of_second])
+
+
+def test_people_have_rows_of_their_own_and_count_nowhere_else() -> None:
+    """Two episodes; the second has two walkers and a cyclist."""
+    ridden = model_scores(np.array([9.0]), category=ActorClass.BICYCLE)
+    people = model_scores(np.array([2.0, 4.0]), category=ActorClass.PEDESTRIAN)
+    joined = replace(
+        people,
+        **{name: np.append(getattr(people, name), getattr(ridden, name)) for name in ("step", "actor_id", "category")},
+        values={metric: np.append(values, ridden.values[metric]) for metric, values in people.values.items()},
+    )
+    alone = episode_scores("S1", {"a": model_scores(np.array([1.0]))}, 0)
+    with_people = replace(episode_scores("S1", {"a": model_scores(np.array([3.0]))}, 1), people={"a": joined})
+    table = score_table([alone, with_people])
+    assert [group.name for group in table.of_kind(GroupKind.PEOPLE)] == ["pedestrians", "cyclists", "motorcycles"]
+    names = ("pedestrians", "cyclists", "motorcycles", "all", "S1", "other")
+    assert [table.value("a", name, "ade_m") for name in names] == [3.0, 9.0, None, 2.0, 2.0, 2.0]
+    assert table.cells["a", "pedestrians", "ade_m"].samples == 2
+    assert score_table([alone]).of_kind(GroupKind.PEOPLE) == ()

@@ -3,11 +3,12 @@
 A scenario with left-hand traffic is written as the mirror image of one with right-hand traffic.
 """
 
-from collections.abc import Mapping
 from typing import Final
 from xml.etree.ElementTree import Element
 
-_OTHER_SIDE: Final[Mapping[str, str]] = {"left": "right", "right": "left", "Left": "Right", "Right": "Left"}
+from siren_ros.roads.mirror_image import OTHER_SIDE, negated
+
+_SIDES: Final = ("left", "right", "Left", "Right")
 _LANELET: Final = ("leftBound", "rightBound", "predecessor", "successor", "adjacentLeft", "adjacentRight")
 """Tags below a lanelet in the order of the schema; the others come after them."""
 _ARMS: Final = ("incomingLanelet", "Right", "Straight", "Left")
@@ -19,9 +20,9 @@ def mirror_commonroad(root: Element) -> None:
     for tag in ("y", "orientation", "orientation/exact"):
         for number in root.iterfind(f".//{tag}"):
             if number.text and number.text.strip():
-                number.text = number.text[1:] if number.text.startswith("-") else f"-{number.text}"
+                number.text = negated(number.text)
     for direction in root.iter("direction"):
-        direction.text = _OTHER_SIDE.get(direction.text or "", direction.text)
+        direction.text = OTHER_SIDE.get(direction.text or "", direction.text)
     for lanelet in root.iter("lanelet"):
         for child in lanelet:
             child.tag = _exchanged(child.tag)
@@ -33,8 +34,8 @@ def mirror_commonroad(root: Element) -> None:
 
 
 def _exchanged(tag: str) -> str:
-    side = next((side for side in _OTHER_SIDE if tag.startswith(side) or tag.endswith(side)), "")
-    return tag.replace(side, _OTHER_SIDE[side]) if side else tag
+    side = next((side for side in _SIDES if tag.startswith(side) or tag.endswith(side)), "")
+    return tag.replace(side, OTHER_SIDE[side]) if side else tag
 
 
 def _rank(order: tuple[str, ...], tag: str) -> int:

@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
+from siren_ros.roads.mirror_image import OTHER_SIDE
+
 
 @dataclass(frozen=True)
 class Part:
@@ -68,7 +70,6 @@ def verdict_of(parts: tuple[Part, ...], text: str) -> Verdict:
     return Verdict(all(part.holds for part in parts), parts, text)
 
 
-_OTHER_SIDE: Final = {"left": "right", "right": "left"}
 _SIDE: Final = re.compile(r"(?:(?<=the )|(?<=turns )|(?<=turned ))(left|right)\b")
 """A side, not the verb: "on the left", "turned right"."""
 
@@ -80,7 +81,7 @@ def with_sides_exchanged(verdict: Verdict) -> Verdict:
 
 
 def _exchanged(text: str) -> str:
-    return _SIDE.sub(lambda side: _OTHER_SIDE[side.group()], text)
+    return _SIDE.sub(lambda side: OTHER_SIDE[side.group()], text)
 
 
 def closest_of(verdicts: Iterable[Verdict]) -> Verdict | None:

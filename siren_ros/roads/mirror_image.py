@@ -17,8 +17,15 @@ from siren_ros.roads.road_network import MAPS_KEPT, Connection, RoadNetwork
 
 MIRROR: Final = np.array((1.0, -1.0))
 """Factors of x and y."""
-OTHER_SIDE: Final[Mapping[str, str]] = {"l": "r", "r": "l", "L": "R", "R": "L"}
-"""SUMO's letters of directions that have a side, and the letters of their mirror images."""
+_SIDES: Final = (("l", "r"), ("L", "R"), ("left", "right"), ("Left", "Right"))
+OTHER_SIDE: Final[Mapping[str, str]] = {**dict(_SIDES), **{right: left for left, right in _SIDES}}
+"""The other side of each side, by its word or by SUMO's letter of a direction."""
+
+
+def negated(number: str) -> str:
+    """A number with the other sign and the same digits; zero has no sign."""
+    digits = number.lstrip("+-")
+    return digits if number.startswith("-") or not float(digits) else f"-{digits}"
 
 
 def right_hand_image(network: RoadNetwork) -> RoadNetwork:

@@ -6,7 +6,7 @@ from xml.etree.ElementTree import Element
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.roads.maps.netconvert import document
-from siren_ros.roads.mirror_image import OTHER_SIDE
+from siren_ros.roads.mirror_image import OTHER_SIDE, negated
 from siren_ros.roads.net_parser import is_left_hand
 
 _SHAPES: Final = ("shape", "outlineShape", "customShape")
@@ -30,7 +30,7 @@ def mirrored_net(net: bytes) -> bytes:
             if name in element.attrib:
                 element.set(name, " ".join(map(_mirrored_point, element.attrib[name].split())))
         if element.tag == "junction":
-            element.set("y", _negated(element.attrib["y"]))
+            element.set("y", negated(element.attrib["y"]))
         if element.tag == "connection" and "dir" in element.attrib:
             element.set("dir", OTHER_SIDE.get(element.attrib["dir"], element.attrib["dir"]))
     return document(root)
@@ -40,15 +40,9 @@ def _mirror_location(location: Element) -> None:
     """The boundary and the offset of the image. Its projection stays, though it is that of the net."""
     location.set("netOffset", _mirrored_point(location.get("netOffset", "0,0")))
     west, south, east, north = location.get("convBoundary", "0,0,0,0").split(",")
-    location.set("convBoundary", ",".join((west, _negated(north), east, _negated(south))))
+    location.set("convBoundary", ",".join((west, negated(north), east, negated(south))))
 
 
 def _mirrored_point(point: str) -> str:
     x, y, *rest = point.split(",")
-    return ",".join((x, _negated(y), *rest))
-
-
-def _negated(number: str) -> str:
-    """A number with the other sign and the same digits; zero has no sign."""
-    digits = number.lstrip("-")
-    return digits if number.startswith("-") or not float(digits) else f"-{digits}"
+    return ",".join((x, negated(y), *rest))

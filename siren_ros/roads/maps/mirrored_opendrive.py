@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.roads.maps.netconvert import document
+from siren_ros.roads.mirror_image import OTHER_SIDE, negated
 
 _ABCD: Final = ("a", "b", "c", "d")
 _NEGATED: Final[Mapping[str, tuple[str, ...]]] = {
@@ -31,7 +32,6 @@ _NEGATED: Final[Mapping[str, tuple[str, ...]]] = {
     "laneLink": ("from", "to"),
 }
 """Numbers that are positive to the left or counter-clockwise, and numbers of lanes."""
-_OTHER_SIDE: Final[Mapping[str, str]] = {"left": "right", "right": "left"}
 _ORDER: Final = ("left", "center", "right")
 
 
@@ -52,14 +52,14 @@ def mirrored_opendrive(xodr: bytes) -> bytes:
     for element in drive.iter():
         for name in _NEGATED.get(element.tag, ()):
             if name in element.attrib:
-                element.set(name, _negated(element.attrib[name]))
+                element.set(name, negated(element.attrib[name]))
     return document(drive)
 
 
 def _mirror_section(section: Element) -> None:
     """Exchange the sides. Lanes stand from left to right, so those with the largest number come first."""
     for side in section:
-        side.tag = _OTHER_SIDE.get(side.tag, side.tag)
+        side.tag = OTHER_SIDE.get(side.tag, side.tag)
         lanes = side.findall("lane")
         for lane in lanes:
             links = (lane.find("link/predecessor"), lane.find("link/successor"))
@@ -69,7 +69,3 @@ def _mirror_section(section: Element) -> None:
         side.extend(sorted(lanes, key=lambda lane: -int(lane.attrib["id"])))
     ordered = sorted(section, key=lambda side: _ORDER.index(side.tag) if side.tag in _ORDER else len(_ORDER))
     section[:] = ordered
-
-
-def _negated(number: str) -> str:
-    return number[1:] if number.startswith("-") else f"-{number.lstrip('+')}"

@@ -19,11 +19,11 @@ from siren_ros.params.resources import params_dir
 from siren_ros.roads.maps.map_source import MapSource, SourceKind
 from siren_ros.roads.maps.netconvert import document
 from siren_ros.roads.maps.openstreetmap import tags_of
+from siren_ros.roads.mirror_image import OTHER_SIDE
 from siren_ros.roads.net_parser import is_left_hand
 
 _SIDED_KEYS: Final = ("sidewalk", "cycleway", "busway", "parking")
 """Keys of OpenStreetMap by whose sides netconvert adds lanes."""
-_OTHER_SIDE: Final[Mapping[str, str]] = {"left": "right", "right": "left"}
 
 
 def keeps_left(source: MapSource) -> bool:
@@ -95,6 +95,6 @@ def with_sides_exchanged(osm: bytes) -> bytes:
     for tag in root.iter("tag"):
         key = tag.get("k", "").split(":")
         if key[0] in _SIDED_KEYS:
-            tag.set("k", ":".join(_OTHER_SIDE.get(part, part) for part in key))
-            tag.set("v", _OTHER_SIDE.get(tag.get("v", ""), tag.get("v", "")))
+            tag.set("k", ":".join(OTHER_SIDE.get(part, part) for part in key))
+            tag.set("v", OTHER_SIDE.get(tag.get("v", ""), tag.get("v", "")))
     return document(root)

@@ -32,9 +32,11 @@ _AREA: Final = re.compile(r":.+_w\d+_0")
 _CROSSING: Final = re.compile(r":.+_c\d+_0")
 _CROSSED: Final = re.compile(r"^:.+_c\d+$")
 """SUMO's ids of the lanes where sidewalks meet and of crossings, and of the edges of crossings."""
-_DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.CYCLE, LaneKind.SHOULDER, LaneKind.INTERNAL})
+_DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.CYCLE, LaneKind.SHOULDER})
 _FROM_KERB_M: Final = 0.45
 """Least distance from the middle of somebody to the road: half a body and the mirrors of vehicles."""
+_AT_EDGE_M: Final = 1.6
+"""Who is farther inside the road walks across it: half a lane."""
 _STEP_M: Final = 0.6
 """How far ahead somebody looks for a vehicle in the way…"""
 _BESIDE_M: Final = 0.35
@@ -104,10 +106,11 @@ class Kerbs:
     """Keeps people who are on no crossing a step away from where vehicles drive: SUMO's stand and walk on its edge."""
 
     def __init__(self, network: RoadNetwork) -> None:
+        across = network.connections_over.keys() | network.cycle_connections_over.keys()
         driven = [
             shapely.LineString(lane.centre.points).buffer(lane.width_m / 2.0, cap_style="flat")
             for lane in network.lanes
-            if lane.kind in _DRIVEN
+            if lane.kind in _DRIVEN or lane.index in across
         ]
         self._road = shapely.union_all(driven).buffer(_FROM_KERB_M)
         shapely.prepare(self._road)
@@ -117,17 +120,22 @@ class Kerbs:
         self._edges = shapely.linestrings(pairs)
         self._tree = shapely.STRtree(self._edges)
 
-    def kept_off(self, x_m: Floats, y_m: Floats, crossing: Flags) -> tuple[Floats, Floats]:
-        """The places, those on the road and on no crossing moved to its edge."""
+    def kept_off(self, x_m: Floats, y_m: Floats, crossing: Flags) -> tuple[Floats, Floats, Flags]:
+        """The places, those on the road and on no crossing moved to its edge where it is near, and who crosses.
+
+        Where a sidewalk leads across the mouth of a side street, people cross without a crossing.
+        """
         rows = np.flatnonzero(shapely.contains_xy(self._road, x_m, y_m) & ~crossing)
         if not len(rows):
-            return x_m, y_m
+            return x_m, y_m, crossing
         points = shapely.points(x_m[rows], y_m[rows])
         nearest = self._edges[self._tree.nearest(points)]
         places = shapely.line_interpolate_point(nearest, shapely.line_locate_point(nearest, points))
-        x_m, y_m = x_m.copy(), y_m.copy()
-        x_m[rows], y_m[rows] = shapely.get_coordinates(places).T
-        return x_m, y_m
+        near = shapely.distance(points, places) < _AT_EDGE_M
+        x_m, y_m, crossing = x_m.copy(), y_m.copy(), crossing.copy()
+        x_m[rows[near]], y_m[rows[near]] = shapely.get_coordinates(places[near]).T
+        crossing[rows[~near]] = True
+        return x_m, y_m, crossing
 
     def ahead(self, x_m: Floats, y_m: Floats, yaw_rad: Floats) -> Flags:
         """Whether the road begins right before people at some places, in the direction in which they look."""
@@ -235,7 +243,8 @@ class Walkers:
         values = np.array([_values(results[name]) for name in names]).reshape(-1, 4)
         x_m, y_m, yaw_rad = map_from_sumo(values[:, 0], values[:, 1], values[:, 2], _SPACE_M, self._offset_m)
         crossing = np.array([bool(_CROSSED.match(results[name][libsumo.VAR_ROAD_ID])) for name in names], np.bool_)
-        sumo = *self._kerbs.kept_off(x_m, y_m, crossing), yaw_rad, values[:, 3]
+        x_m, y_m, crossing = self._kerbs.kept_off(x_m, y_m, crossing)
+        sumo = x_m, y_m, yaw_rad, values[:, 3]
         self._crossing = frozenset(compress(names, crossing))
         simulated = _simulated(ids, sumo, mirrored)
         across = tuple(column[crossing] for column in sumo), tuple(column[crossing] for column in simulated)

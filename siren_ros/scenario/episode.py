@@ -31,8 +31,8 @@ class EpisodeRequest:
     seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=MAX_SEED)
     map: str = parameter(
         "",
-        "Path of a SUMO net, OpenDRIVE or OpenStreetMap file, or town or motorway, which are built in; empty: the "
-        "template's own, the town for S1 to S7.",
+        "Path of a SUMO net, OpenDRIVE or OpenStreetMap file, or town, city or motorway, which are built in; empty: "
+        "the template's own, the town for S1 to S7.",
     )
     site: str = parameter(
         "", "Where on the map it happens: a name that siren sites prints; empty: the seed draws one of the good sites."

@@ -27,13 +27,17 @@ from siren_ros.roads.maps.netconvert import (
     document,
     netconvert_version,
     run_netconvert,
-    sumo_home,
     without_header,
 )
 from siren_ros.roads.maps.opendrive import opendrive_patches, with_stated_limits
 from siren_ros.roads.maps.openstreetmap import drives_on, signed_edges, taper_patches
 from siren_ros.roads.maps.traffic_side import keeps_left, with_sides_exchanged
-from siren_ros.roads.maps.ways_for_people import lacks_corners, people_options, with_sidewalks_on_streets
+from siren_ros.roads.maps.ways_for_people import (
+    crossing_places,
+    cycle_options,
+    has_corners,
+    with_sidewalks_on_streets,
+)
 from siren_ros.roads.net_parser import ALLOWED as NET_ALLOWED
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
@@ -43,7 +47,7 @@ TOWN_NAME: Final = "town"
 
 _RECIPE: Final = "7"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
-_PEOPLE_RECIPE: Final = f"{_RECIPE} people 1"
+_PEOPLE_RECIPE: Final = f"{_RECIPE} people 2"
 """The same for maps with ways for people."""
 _SLOWER_RECIPE: Final = "1"
 """The same for nets whose limits are lowered."""
@@ -110,9 +114,9 @@ _OPENSTREETMAP: Final = (
     *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
 )
 _OPENSTREETMAP_SECOND: Final = (*_COMMON, "--offset.disable-normalization", "--output.street-names")
+_JOINED_SIDEWALKS: Final = (*_COMMON, "--offset.disable-normalization", "--crossings.guess", "--walkingareas")
 _ONE_RUN: Final = {
     SourceKind.BUILT_IN: (_BUILT_IN, tuple(_PARTS.values())),
-    SourceKind.SUMO: ((*_COMMON, "--offset.disable-normalization"), ("--sumo-net-file",)),
 }
 """Kinds that netconvert compiles at once: its options, and the options that name the source's files, in their order."""
 _TWO_RUNS: Final = {
@@ -227,41 +231,47 @@ def _cache_key(source: MapSource, recipe: str) -> str:
 
 
 def _compile(source: MapSource, shown: str, *, for_people: bool) -> bytes:
-    if source.kind is SourceKind.SUMO and not (for_people and lacks_corners(source.content)):
-        return without_header(source.content)
     with tempfile.TemporaryDirectory(prefix="siren-map-") as scratch:
         folder = Path(scratch)
 
-        def run(options: Sequence[str], files: Mapping[str, bytes], name: str = "out.net.xml") -> bytes:
+        def run(options: Sequence[str], files: Mapping[str, bytes]) -> bytes:
             """Runs netconvert on files, each by the option that names it."""
             for option, content in files.items():
                 path = folder / f"file{option}.xml"
                 path.write_bytes(content)
                 options = (*options, option, str(path))
-            return run_netconvert(options, folder / name, shown)
+            return run_netconvert(options, folder / "out.net.xml", shown)
 
-        more = people_options(source.kind, sumo_home()) if for_people else ((), ())
-        if source.kind in _ONE_RUN:
-            options, names = _ONE_RUN[source.kind]
-            return run((*options, *more[1]), dict(zip(names, source.content.split(b"\0"), strict=False)))
-        first_options, second_options, option, complete = _TWO_RUNS[source.kind]
-        first_options, second_options = (*first_options, *more[0]), (*second_options, *more[1])
-        try:
-            left_hand, content = _imported(source)
-            if for_people and source.kind is SourceKind.OPENSTREETMAP:
-                content = with_sidewalks_on_streets(content)
-            if left_hand and source.kind is SourceKind.OPENSTREETMAP:
-                first_options = (*first_options, "--lefthand")
-            first_net = run(first_options, {option: content}, "first.net.xml")
-            second_options = (*second_options, "--sumo-net-file", str(folder / "first.net.xml"))
-            if source.kind is SourceKind.OPENDRIVE:
-                net = run(second_options, opendrive_patches(first_net, content, shown, for_people=for_people))
-                net = with_stated_limits(net, content)
-                return mirrored_net(net) if left_hand else net
-            patches = _openstreetmap_patches(source.content, first_net, shown)
-        except (KeyError, ValueError) as error:
-            raise MapError(shown, f"{complete} are complete ({error!r})") from error
-        return run(second_options, patches) if patches else first_net
+        net = _streets(source, shown, run, for_people=for_people)
+        if not for_people or has_corners(net):
+            return net
+        places = crossing_places(source, fromstring(net))
+        return run(_JOINED_SIDEWALKS, {"--sumo-net-file": net, "--connection-files": document("connections", places)})
+
+
+def _streets(source: MapSource, shown: str, run: Callable[[Sequence[str], Files], bytes], *, for_people: bool) -> bytes:
+    """The net of a map; its sidewalks have crossings only where the source is a net that has them."""
+    if source.kind is SourceKind.SUMO:
+        return without_header(source.content)
+    if source.kind in _ONE_RUN:
+        options, names = _ONE_RUN[source.kind]
+        return run(options, dict(zip(names, source.content.split(b"\0"), strict=False)))
+    first_options, second_options, option, complete = _TWO_RUNS[source.kind]
+    try:
+        left_hand, content = _imported(source)
+        if source.kind is SourceKind.OPENSTREETMAP:
+            first_options = (*first_options, *(("--lefthand",) if left_hand else ()))
+            if for_people:
+                first_options, content = (*first_options, *cycle_options()), with_sidewalks_on_streets(content)
+        first_net = run(first_options, {option: content})
+        if source.kind is SourceKind.OPENDRIVE:
+            patches = opendrive_patches(first_net, content, shown, for_people=for_people)
+            net = with_stated_limits(run(second_options, {"--sumo-net-file": first_net, **patches}), content)
+            return mirrored_net(net) if left_hand else net
+        patches = _openstreetmap_patches(source.content, first_net, shown)
+    except (KeyError, ValueError) as error:
+        raise MapError(shown, f"{complete} are complete ({error!r})") from error
+    return run(second_options, {"--sumo-net-file": first_net, **patches}) if patches else first_net
 
 
 def _imported(source: MapSource) -> tuple[bool, bytes]:

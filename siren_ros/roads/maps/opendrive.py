@@ -40,7 +40,7 @@ def opendrive_patches(
 ) -> dict[str, bytes]:
     """Patches for lane permissions, shoulder movements and sign-controlled junctions.
 
-    ``first_net`` is what netconvert's first run wrote, with all lane types imported. ``for_people`` opens cycle lanes.
+    ``first_net`` is what netconvert's first run wrote, with all lane types imported; cycle lanes open ``for_people``.
 
     Returns:
         Plain XML documents for netconvert's second run, by the option that names the document.

@@ -36,9 +36,11 @@ _AREA: Final = re.compile(r":.+_w\d+_0")
 _CROSSING: Final = re.compile(r":.+_c\d+_0")
 _CROSSED: Final = re.compile(r"^:.+_c\d+$")
 """SUMO's ids of the lanes where sidewalks meet and of crossings, and of the edges of crossings."""
-_DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.CYCLE, LaneKind.SHOULDER, LaneKind.INTERNAL})
+_DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.CYCLE, LaneKind.SHOULDER})
 _FROM_KERB_M: Final = 0.45
 """Least distance from the middle of somebody to the road: half a body and the mirrors of vehicles."""
+_AT_EDGE_M: Final = 1.6
+"""Those farther inside the road walk across it: half a lane."""
 _KERB_SPACING_M: Final = 0.5
 """Longest piece of the line along which people are kept."""
 _STEP_M: Final = 0.6
@@ -110,10 +112,11 @@ class Kerbs:
     """Keeps people who are on no crossing a step away from where vehicles drive: SUMO's stand and walk on its edge."""
 
     def __init__(self, network: RoadNetwork) -> None:
+        across = network.connections_over.keys() | network.cycle_connections_over.keys()
         driven = [
             shapely.LineString(lane.centre.points).buffer(lane.width_m / 2.0, cap_style="flat")
             for lane in network.lanes
-            if lane.kind in _DRIVEN
+            if lane.kind in _DRIVEN or lane.index in across
         ]
         self._road = shapely.union_all(driven).buffer(_FROM_KERB_M)
         shapely.prepare(self._road)
@@ -125,10 +128,15 @@ class Kerbs:
         self._middles = cKDTree(self._from_m + 0.5 * self._along_m)
 
     def keep_off(self, poses: Floats, crossing: Flags) -> None:
-        """Move those on the road and on no crossing to its edge; poses are x and y first, shape ``(2 or more, N)``."""
+        """Move those on the road and on no crossing to its edge, where it is near; the others cross, too, from now on.
+
+        Where a sidewalk leads across the mouth of a side street, people cross without a crossing. ``poses`` are x and
+        y first, shape ``(2 or more, N)``.
+        """
         rows = np.flatnonzero(shapely.contains_xy(self._road, *poses[:2]) & ~crossing)
         if len(rows):
-            _move_to(poses, rows, self._middles.query(poses[:2, rows].T)[1], self._from_m, self._along_m)
+            pieces = self._middles.query(poses[:2, rows].T)[1]
+            _move_to_edge(poses, crossing, rows, pieces, (self._from_m, self._along_m))
 
     def ahead(self, x_m: Floats, y_m: Floats, yaw_rad: Floats) -> Flags:
         """Whether the road begins right before people at some places, in the direction in which they look."""
@@ -137,13 +145,18 @@ class Kerbs:
 
 
 @compiled
-def _move_to(poses: Any, rows: Any, pieces: Any, from_m: Any, along_m: Any) -> None:
-    """Move some of the points to the nearest places on pieces of a line."""
+def _move_to_edge(poses: Any, crossing: Any, rows: Any, pieces: Any, edge: Any) -> None:
+    """Move some of the points to the nearest places on pieces of the road's edge; those far from it cross."""
+    from_m, along_m = edge
     for number in range(len(rows)):
         row, piece = rows[number], pieces[number]
         (ax, ay), (dx, dy) = from_m[piece], along_m[piece]
         share = within(((poses[0, row] - ax) * dx + (poses[1, row] - ay) * dy) / (dx * dx + dy * dy), 0.0, 1.0)
-        poses[0, row], poses[1, row] = ax + share * dx, ay + share * dy
+        x, y = ax + share * dx, ay + share * dy
+        if np.hypot(poses[0, row] - x, poses[1, row] - y) < _AT_EDGE_M:
+            poses[0, row], poses[1, row] = x, y
+        else:
+            crossing[row] = True
 
 
 @dataclass(frozen=True, eq=False)

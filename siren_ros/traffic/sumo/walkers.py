@@ -14,6 +14,7 @@ import libsumo
 import numpy as np
 import shapely
 
+from siren_ros.conflicts.people import NOBODY, outlines_of, people_at
 from siren_ros.numerics.arrays import Flags, Floats, Ids, Rows
 from siren_ros.numerics.compiled import compiled
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
@@ -39,6 +40,14 @@ _STEP_M: Final = 0.6
 """How far ahead somebody looks for a vehicle in the way…"""
 _BESIDE_M: Final = 0.35
 """…and how near it may be beside that place."""
+_AWAY_M: Final = 2.3
+"""Distance that people on crossings keep from the way of a vehicle that cannot stop any more…"""
+_STOPPING_MPS2: Final = 3.0
+"""…with this deceleration…"""
+_PACE_MPS: Final = 1.9
+"""…and that is faster than this."""
+_INTO_M: Final = 0.5
+"""Who is nearer to its way has to leave it."""
 _HURRY: Final = 1.5
 """Of their pace, with which people hurry: brisk walking (Weidmann 1993: up to 2 m/s)."""
 _KERB_AHEAD_M: Final = 1.3
@@ -148,10 +157,13 @@ class Walkers:
         self._present: dict[str, PlannedWalker] = {}
         self._ids: dict[str, int] = {}
         self._arrived: list[str] = []
-        self.on_crossings: TrafficState | None = None
-        """The last state with those on crossings alone, as driven from outside: SUMO's drivers wait for such."""
+        self._outlines = outlines_of(network)
+        self.people = NOBODY
+        """Those of the last state, as ``people_at`` gives them: SUMO's drivers wait for them."""
         self._crossing: frozenset[str] = frozenset()
         """Those on crossings."""
+        self._held: dict[str, tuple[float, float] | None] = {}
+        """Places of those who stand, None before their first step of it: SUMO's go on changing stripes."""
         self._paces: dict[str, float] = {}
         """Speeds that SUMO was told last."""
 
@@ -180,7 +192,7 @@ class Walkers:
         self._present[walker.name] = walker
 
     def heed(self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], sirens: Ids) -> None:
-        """Who would step into a vehicle stands still, as does who would step on a road on which an EMV comes.
+        """Who would step into a vehicle stands still, or near one that cannot stop, or on a road on which an EMV comes.
 
         Who is on a crossing then hurries. ``states`` is the simulated world at the step before, ``sirens`` are EMVs.
         """
@@ -188,13 +200,16 @@ class Walkers:
         mine = rows_of_ids(states.actor_id, np.array([self._ids[name] for name in names], np.uint32))
         driven = np.array([vehicles[key].length_m if key in vehicles else 0.0 for key in states.actor_id.tolist()])
         wide = np.array([vehicles[key].width_m if key in vehicles else 0.0 for key in states.actor_id.tolist()])
-        stand = _step_into(mine, (states.x_m, states.y_m, states.yaw_rad), (driven, wide))
+        bodies = (states.x_m, states.y_m, states.yaw_rad), (driven, wide)
+        stand, comes = _step_into(mine, bodies, np.hypot(states.vx_mps, states.vy_mps))
         warned = self._warned(states, names, mine, sirens)
         crossing = np.array([name in self._crossing for name in names], np.bool_)
-        rows = np.flatnonzero(warned & ~crossing)
+        rows = np.flatnonzero((warned | comes) & ~crossing)
         place = states.x_m[mine[rows]], states.y_m[mine[rows]], states.yaw_rad[mine[rows]]
         stand[rows] |= self._kerbs.ahead(*place)
+        stand |= comes & crossing
         hurry = warned & crossing
+        self._held = {name: self._held.get(name) for name in compress(names, stand)}
         for name, stands, hurries in zip(names, stand.tolist(), hurry.tolist(), strict=True):
             pace = _STANDING_MPS if stands else self._present[name].speed_mps * (_HURRY if hurries else 1.0)
             if self._paces.get(name, self._present[name].speed_mps) != pace:
@@ -235,11 +250,12 @@ class Walkers:
         values = np.array([_values(results[name]) for name in names]).reshape(-1, 4)
         x_m, y_m, yaw_rad = map_from_sumo(values[:, 0], values[:, 1], values[:, 2], _SPACE_M, self._offset_m)
         crossing = np.array([bool(_CROSSED.match(results[name][libsumo.VAR_ROAD_ID])) for name in names], np.bool_)
-        sumo = *self._kerbs.kept_off(x_m, y_m, crossing), yaw_rad, values[:, 3]
+        x_m, y_m = self._kerbs.kept_off(x_m, y_m, crossing)
+        self._hold(names, x_m, y_m)
+        sumo = x_m, y_m, yaw_rad, values[:, 3]
         self._crossing = frozenset(compress(names, crossing))
         simulated = _simulated(ids, sumo, mirrored)
-        across = tuple(column[crossing] for column in sumo), tuple(column[crossing] for column in simulated)
-        self.on_crossings = _merged(state, ids[crossing], *across, Owner.ROS) if crossing.any() else state
+        self.people = people_at(ids, simulated, self._outlines)
         return _merged(
             replace(
                 state,
@@ -251,19 +267,26 @@ class Walkers:
             simulated,
         )
 
-    @property
-    def by_id(self) -> Mapping[int, PlannedWalker]:
-        """Those who have ids."""
-        return {self._ids[name]: walker for name, walker in self._present.items() if name in self._ids}
+    def _hold(self, names: Sequence[str], x_m: Floats, y_m: Floats) -> None:
+        """Leave those who stand where they stood first, in place."""
+        for row in np.flatnonzero([name in self._held for name in names]).tolist():
+            place = self._held[names[row]]
+            if place is None:
+                self._held[names[row]] = float(x_m[row]), float(y_m[row])
+            else:
+                x_m[row], y_m[row] = place
 
 
 @compiled
-def _step_into(walkers: Any, poses: Any, sizes: Any) -> Any:
+def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
     """Whether a vehicle's body is right before each of some people, with room on both sides of the shoulders.
+
+    And whether the next metre brings them nearer to the way of a vehicle that cannot stop.
 
     ``walkers`` are their rows among the actors, −1 for who is not there; the size of who is no vehicle is 0.
     """
-    (x_m, y_m, yaw_rad), (length_m, width_m), found = poses, sizes, np.zeros(len(walkers), np.bool_)
+    (x_m, y_m, yaw_rad), (length_m, width_m) = bodies
+    found, comes = np.zeros(len(walkers), np.bool_), np.zeros(len(walkers), np.bool_)
     for number in range(len(walkers)):
         row = walkers[number]
         if row < 0:
@@ -271,13 +294,20 @@ def _step_into(walkers: Any, poses: Any, sizes: Any) -> Any:
         x, y = x_m[row] + _STEP_M * np.cos(yaw_rad[row]), y_m[row] + _STEP_M * np.sin(yaw_rad[row])
         for k in range(len(x_m)):
             dx, dy = x - x_m[k], y - y_m[k]
-            if length_m[k] == 0.0 or abs(dx) + abs(dy) > length_m[k] + width_m[k]:
+            stopping = speed_mps[k] * speed_mps[k] / (2.0 * _STOPPING_MPS2) if speed_mps[k] > _PACE_MPS else 0.0
+            if length_m[k] == 0.0 or abs(dx) + abs(dy) > length_m[k] + width_m[k] + 2.0 * (stopping + _AWAY_M):
                 continue
             cos, sin = np.cos(yaw_rad[k]), np.sin(yaw_rad[k])
-            ahead, left = abs(dx * cos + dy * sin), abs(dy * cos - dx * sin)
+            ahead, left = dx * cos + dy * sin, abs(dy * cos - dx * sin)
+            now = abs((y_m[row] - y_m[k]) * cos - (x_m[row] - x_m[k]) * sin) - 0.5 * width_m[k]
+            reached = -0.5 * length_m[k] < ahead < 0.5 * length_m[k] + stopping + _STEP_M
+            nearer = now > _INTO_M and left - 0.5 * width_m[k] < min(_AWAY_M, now)
+            if stopping > 0.0 and reached and nearer:
+                comes[number] = True
+            ahead = abs(ahead)
             if ahead < 0.5 * length_m[k] + _BESIDE_M and left < 0.5 * width_m[k] + _BESIDE_M:
                 found[number] = True
-    return found
+    return found, comes
 
 
 def _values(result: Mapping[int, Any]) -> tuple[float, float, float, float]:
@@ -301,14 +331,12 @@ def _simulated(ids: Ids, sumo: Poses, mirrored: ActorStates) -> Poses:
     return x, y, yaw, speed
 
 
-def _merged(
-    state: TrafficState, ids: Ids, sumo: tuple[Floats, ...], simulated: tuple[Floats, ...], owner: Owner = Owner.SUMO
-) -> TrafficState:
+def _merged(state: TrafficState, ids: Ids, sumo: Poses, simulated: Poses) -> TrafficState:
     """The state with further rows for some actors, sorted by id; x, y, yaw and speed in SUMO and simulated."""
     order = np.argsort(np.append(state.actor_id, ids), kind="stable")
     names = ("sumo_x_m", "sumo_y_m", "sumo_yaw_rad", "sumo_speed_mps", "x_m", "y_m", "yaw_rad", "speed_mps")
     theirs: dict[str, Any] = {**dict(zip(names, (*sumo, *simulated), strict=True)), "actor_id": ids}
-    theirs["lane"], theirs["owner"] = np.full(len(ids), NO_LANE, np.int32), np.full(len(ids), owner, np.uint8)
+    theirs["lane"], theirs["owner"] = np.full(len(ids), NO_LANE, np.int32), np.full(len(ids), Owner.SUMO, np.uint8)
     merged: dict[str, Any] = {}
     for name, kind in TRAFFIC_STATE_DTYPES.items():
         if name not in {"removed", "route_offset", "route_edges"}:

@@ -96,7 +96,7 @@ class Ways(NamedTuple):
 
 
 @compiled
-def _point(points: Any, first: int, last: int, place: float) -> tuple[float, float]:
+def way_point(points: Any, first: int, last: int, place: float) -> tuple[float, float]:
     """X and y at a place of ``points[first:last]``, counted in their distance; straight on before and after them."""
     i = min(max(int(place), 0), last - first - 2) + first
     f = place - (i - first)
@@ -109,14 +109,14 @@ def _pose(
     points: Any, first: int, last: int, spacing: float, s_m: float, left_m: float, cut_m: float
 ) -> tuple[float, float, float, float]:
     """x, y and the direction's cosine and sine of a body whose centre is at an arc length of ``points[first:last]``."""
-    xs, ys = _point(points, first, last, (s_m - _REAR_M - TRACK_M) / spacing)
-    xe, ye = _point(points, first, last, (s_m - _REAR_M + TRACK_M) / spacing)
+    xs, ys = way_point(points, first, last, (s_m - _REAR_M - TRACK_M) / spacing)
+    xe, ye = way_point(points, first, last, (s_m - _REAR_M + TRACK_M) / spacing)
     dx, dy = xe - xs, ye - ys
     norm = np.sqrt(dx * dx + dy * dy) + 1e-9
     cos, sin = dx / norm, dy / norm
-    x, y = _point(points, first, last, (s_m - cut_m) / spacing)
+    x, y = way_point(points, first, last, (s_m - cut_m) / spacing)
     if cut_m > 0.0:
-        ahead_x, ahead_y = _point(points, first, last, (s_m + cut_m) / spacing)
+        ahead_x, ahead_y = way_point(points, first, last, (s_m + cut_m) / spacing)
         x, y = 0.5 * (x + ahead_x), 0.5 * (y + ahead_y)
     return x - sin * left_m, y + cos * left_m, cos, sin
 
@@ -226,9 +226,9 @@ def _bounds(ways: Any, used: Any) -> Any:
         aside = abs(cos * (body[1] - y) - sin * (body[0] - x)) + abs(body[5])
         margin = aside + np.sqrt(body[7] ** 2 + body[8] ** 2) + _CLOSE_M
         begin, end = (body[4] - body[9]) / body[3], (body[4] + body[6] + body[9]) / body[3]
-        low_x, low_y = _point(ways.points, first, last, begin)
+        low_x, low_y = way_point(ways.points, first, last, begin)
         high_x, high_y = low_x, low_y
-        x, y = _point(ways.points, first, last, end)
+        x, y = way_point(ways.points, first, last, end)
         low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
         for at in range(first + max(int(begin), 0), min(first + int(max(end, 0.0)) + 1, last)):
             x, y = ways.points[at, 0], ways.points[at, 1]

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Final, Self
 import libsumo
 import numpy as np
 
+from siren_ros.conflicts.people import NOBODY
 from siren_ros.errors import EpisodeError, MapError
 from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.numerics.compiled import compiled
@@ -213,10 +214,8 @@ class SumoSimulation:
 
     def _impose_caution(self) -> None:
         """Impose the speeds of drivers who wait for others, before SUMO's next step."""
-        if self._walkers is None:
-            self._cautious.apply(self._last, self._reported)
-        else:
-            self._cautious.apply(self._walkers.on_crossings, {**self._reported, **self._walkers.by_id})
+        people = NOBODY if self._walkers is None else self._walkers.people
+        self._cautious.apply(self._last, self._reported, people)
         if self._oncoming is not None:
             self._oncoming.apply(self._last, self._reported)
         if self._standoff is not None:

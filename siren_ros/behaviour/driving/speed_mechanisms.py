@@ -6,7 +6,8 @@ SUMO's car-following model; ``traffic`` limits them further, in this order:
 1. ``roads.maps.map_compiler.with_speed_limit``: the map's speed limits, lowered to the template's.
 2. ``traffic.demand.plan.DriverPopulation``: the wished speed, by each driver's factor on the limit.
 3. ``traffic.sumo.driving_corrections.BendLimits``: bends ahead, by their lateral acceleration.
-4. ``traffic.sumo.caution.CautiousDrivers``: vehicles that are driven from outside, where the ways meet.
+4. ``traffic.sumo.caution.CautiousDrivers``: vehicles that are driven from outside, where the ways meet, and people on
+   crossings.
 5. ``traffic.sumo.driving_corrections.SidewaysLimits``: the speed sideways, as a share of the speed.
 """
 
@@ -36,6 +37,7 @@ from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.curve import nearest_point
 from siren_ros.behaviour.paths.lane_path import neighbour_lane
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.conflicts.people import least_wait_for_people
 from siren_ros.numerics.arrays import Flags, Rows
 from siren_ros.numerics.braking import braking_distance_m, safe_following_mps
 from siren_ros.numerics.changed import changed
@@ -223,6 +225,24 @@ def _emv_limit(limit: Callable[[EmvUnit, Ego], SpeedLimit]) -> Callable[[Drive],
     return lambda drive: limit(drive.unit, drive.ego) if isinstance(drive.unit, EmvUnit) else UNLIMITED
 
 
+_PAST_KERB_MPS: Final = 30.0 / 3.6
+"""An EMV's past people who stand at a crossing, beside its way."""
+
+
+def _people(drive: Drive) -> SpeedLimit:
+    ego, curve, people = drive.ego, drive.path.curve, drive.ego.seen.people
+    if not people.shape[1]:
+        return UNLIMITED
+    way = curve.points, 0, len(curve.points), curve.spacing_m
+    sizes = ego.half_length_m, ego.half_width_m, ego.speed_mps, _PAST_KERB_MPS if ego.is_emv else math.inf
+    own = drive.progress_m, 0.0, *sizes
+    worst, speed, brake, free = least_wait_for_people(way, own, people, ego.world.crossings)
+    if worst < 0:
+        return UNLIMITED
+    must_brake = brake if brake > drive.config.comfort_brake_mps2 else 0.0
+    return SpeedLimit(speed, must_brake, int(people[6, worst]), free)
+
+
 def _manoeuvring(drive: Drive) -> SpeedLimit:
     sideways = isinstance(drive.unit, YieldUnit) and drive.unit.phase in _SIDEWAYS_MODES
     return manoeuvring_limit(drive.unit.navigator, drive.ego) if sideways else UNLIMITED
@@ -247,6 +267,7 @@ MECHANISMS: Final = (
         _emv_limit(lambda _, ego: entry_limit(ego)),
         "EMV: lines ahead at which others have the right of way",
     ),
+    Mechanism("people", _people, "people on crossings: walking pace past them, a stop before those in the way"),
     Mechanism("manoeuvring", _manoeuvring, "civilians who pull over or come back: space around the whole body"),
 )
 """Every mechanism that limits the speed of a vehicle that SUMO does not drive, in the order in which they act."""

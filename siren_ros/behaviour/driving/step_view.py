@@ -14,6 +14,7 @@ from siren_ros.behaviour.driving.line_book import LineBook
 from siren_ros.behaviour.paths.lane_path import LanePath, lanes_along, nearest_on_lane, path_on_lanes
 from siren_ros.conflicts.course import CourseBook, Outlook
 from siren_ros.conflicts.junction_room import JunctionRoom
+from siren_ros.conflicts.people import NOBODY, Outlines, outlines_of, people_at
 from siren_ros.dynamics.parameters import VehicleParameters
 from siren_ros.numerics.arrays import Floats, Ids, Rows
 from siren_ros.numerics.braking import braking_distance_m
@@ -46,6 +47,7 @@ class ActorTable:
     length_m: Floats
     width_m: Floats
     is_emv: npt.NDArray[np.bool_]
+    walks: npt.NDArray[np.bool_]
 
     @classmethod
     def of(cls, descriptions: Mapping[int, ActorDescription]) -> "ActorTable":
@@ -57,6 +59,7 @@ class ActorTable:
             length_m=np.array([row.length_m for row in rows], dtype=np.float64),
             width_m=np.array([row.width_m for row in rows], dtype=np.float64),
             is_emv=np.array([row.is_emv for row in rows], dtype=np.bool_),
+            walks=np.array([row.actor_class is ActorClass.PEDESTRIAN for row in rows], dtype=np.bool_),
         )
 
     @classmethod
@@ -90,6 +93,8 @@ class Surroundings:
     is_emv: npt.NDArray[np.bool_]
     outlook: Outlook | None = None
     """Where everybody will go; straight on without it."""
+    people: Floats = field(default_factory=lambda: NOBODY)
+    """People on foot, as ``people_at`` gives them."""
 
     @cached_property
     def bodies(self) -> Floats:
@@ -102,8 +107,16 @@ class Surroundings:
         return np.array((*poses, motion, self.half_length_m, self.half_width_m, squares))
 
     @classmethod
-    def seen(cls, traffic: TrafficState, table: ActorTable, book: CourseBook | None = None) -> "Surroundings":
+    def seen(
+        cls,
+        traffic: TrafficState,
+        table: ActorTable,
+        book: CourseBook | None = None,
+        crossings: Outlines | None = None,
+    ) -> "Surroundings":
         """The actors of a step, with an outlook on where they go where the courses of the map are given.
+
+        People on foot count where the crossings are given.
 
         Raises:
             KeyError: an actor of the step was never described.
@@ -117,9 +130,13 @@ class Surroundings:
         half_length, half_width = 0.5 * table.length_m[rows], 0.5 * table.width_m[rows]
         poses = (traffic.x_m, traffic.y_m, traffic.yaw_rad, np.cos(traffic.yaw_rad), np.sin(traffic.yaw_rad))
         outlook = None if book is None else Outlook(traffic, book, half_length, half_width)
-        return cls(
-            traffic.actor_id, *poses, traffic.speed_mps, half_length, half_width, table.is_emv[rows], outlook=outlook
-        )
+        people, (walkers,) = NOBODY, np.nonzero(table.walks[rows])
+        if crossings is not None and len(walkers):
+            walking = traffic.x_m, traffic.y_m, traffic.yaw_rad, traffic.speed_mps
+            x_m, y_m, yaw_rad, speed_mps = (column[walkers] for column in walking)
+            people = people_at(traffic.actor_id[walkers], (x_m, y_m, yaw_rad, speed_mps), crossings)
+        sizes = half_length, half_width, table.is_emv[rows]
+        return cls(traffic.actor_id, *poses, traffic.speed_mps, *sizes, outlook=outlook, people=people)
 
     def near(self, x_m: float, y_m: float, radius_m: float, but: int = -1) -> npt.NDArray[np.intp]:
         """Rows of the actors within a radius, without row ``but``."""
@@ -181,6 +198,11 @@ class BehaviourWorld:
         return CourseBook(self.network)
 
     @cached_property
+    def crossings(self) -> Outlines:
+        """Outlines of the crossings of the network."""
+        return outlines_of(self.network)
+
+    @cached_property
     def junction_room(self) -> JunctionRoom:
         """Where the ways of others begin on the junctions of the network."""
         return JunctionRoom(self.network)
@@ -228,7 +250,8 @@ class BehaviourWorld:
         last = self._last_view
         if not (last and last[0][0] is before and last[0][1].traffic is traffic):
             actors = before.updated(traffic)
-            last[:] = [(before, StepView(self, traffic, Surroundings.seen(traffic, actors, self.courses), actors))]
+            seen = Surroundings.seen(traffic, actors, self.courses, self.crossings)
+            last[:] = [(before, StepView(self, traffic, seen, actors))]
         return last[0][1]
 
     @cached_property

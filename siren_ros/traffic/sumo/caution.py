@@ -1,6 +1,6 @@
-"""SUMO's drivers wait for vehicles that are driven from outside, where their ways meet.
+"""SUMO's drivers wait for vehicles that are driven from outside, where their ways meet, and for people on crossings.
 
-People on crossings are such, too: SUMO's drivers heed them before they enter a junction, and not inside.
+SUMO's own model heeds people before its drivers enter a junction, and not inside.
 
 SUMO lets its drivers give way by the time at which others have announced to arrive at a junction. A vehicle that is
 moved from outside announces nothing, and one that runs a red signal is nobody's foe: SUMO would drive through it. So
@@ -9,12 +9,13 @@ its drivers are slowed here by the same rule by which the outside ones are drive
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import libsumo
 import numpy as np
 
 from siren_ros.conflicts.course import CourseBook, Outlook, limit_at_mps, rank_at
+from siren_ros.conflicts.people import NOBODY, least_wait_for_people, outlines_of
 from siren_ros.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Wait, least_wait
 from siren_ros.conflicts.zones import SAME_DIRECTION, Ways, Zone, search_among
 from siren_ros.numerics.arrays import Flags, Floats, Ids
@@ -22,7 +23,7 @@ from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.traffic.config import CautionConfig
-from siren_ros.traffic.demand.plan import PlannedVehicle, PlannedWalker
+from siren_ros.traffic.demand.plan import PlannedVehicle
 from siren_ros.world.actors import Owner, rows_of_ids
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 
@@ -32,10 +33,6 @@ _HARD_BRAKE_MODE: Final = 27
 _FREE_MODE: Final = 31
 _BY_SUMO: Final = int(Owner.SUMO)
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
-
-
-Bodies: TypeAlias = Mapping[int, PlannedVehicle | PlannedWalker]
-"""Vehicles, and people on crossings, by actor id."""
 
 
 @dataclass(frozen=True)
@@ -216,17 +213,19 @@ class CautiousDrivers:
     """The speeds that are imposed on SUMO's drivers."""
 
     def __init__(self, network: RoadNetwork, config: CautionConfig) -> None:
-        self._book = CourseBook(network)
+        self._book, self._crossings = CourseBook(network), outlines_of(network)
         self._config = config
         self._slowed: dict[str, int] = {}
         self._drivers: tuple[Ids, Floats, Floats, list[int]] | None = None
 
-    def apply(self, traffic: TrafficState | None, vehicles: Bodies) -> None:
+    def apply(
+        self, traffic: TrafficState | None, vehicles: Mapping[int, PlannedVehicle], people: Floats = NOBODY
+    ) -> None:
         """Impose speeds for SUMO's next step, and free those who need not wait any more.
 
-        ``traffic`` is the state before that step, None before the first one.
+        ``traffic`` is the state before that step, None before the first one; ``people`` are those on foot at it.
         """
-        slowed = {} if traffic is None else self._speeds(traffic, vehicles)
+        slowed = {} if traffic is None else self._speeds(traffic, vehicles, people)
         for name in sorted(self._slowed.keys() - slowed.keys()):
             libsumo.vehicle.setSpeed(name, -1.0)
             libsumo.vehicle.setSpeedMode(name, _FREE_MODE)
@@ -239,7 +238,9 @@ class CautiousDrivers:
         """Drop a vehicle that has left SUMO, or that is driven from outside from now on."""
         self._slowed.pop(name, None)
 
-    def _drivers_of(self, actor_id: Ids, vehicles: Bodies) -> tuple[Ids, Floats, Floats, list[int]]:
+    def _drivers_of(
+        self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]
+    ) -> tuple[Ids, Floats, Floats, list[int]]:
         """Actors, half lengths, half widths and who is inattentive; those of the call before for the same actors."""
         if self._drivers is None or self._drivers[0] is not actor_id:
             known = [vehicles[actor] for actor in actor_id.tolist()]
@@ -249,21 +250,52 @@ class CautiousDrivers:
             self._drivers = actor_id, half_length_m, half_width_m, inattentive
         return self._drivers
 
-    def _speeds(self, traffic: TrafficState, vehicles: Bodies) -> dict[str, tuple[int, float]]:
+    def _speeds(
+        self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle], people: Floats = NOBODY
+    ) -> dict[str, tuple[int, float]]:
         """Actor and speed by the vehicle's name."""
         _, half_length_m, half_width_m, inattentive = self._drivers_of(traffic.actor_id, vehicles)
         outlook = Outlook(traffic, self._book, half_length_m, half_width_m)
-        speeds = {}
-        for caution in cautions(traffic, outlook, self._config, self._slowed.values(), inattentive):
+        speeds: dict[str, tuple[int, float]] = {}
+        found = cautions(traffic, outlook, self._config, self._slowed.values(), inattentive)
+        if people.shape[1]:
+            found = *found, *self._for_people(traffic, outlook, people)
+        for caution in found:
             row = int(np.searchsorted(traffic.actor_id, caution.actor_id))
             speed = float(traffic.sumo_speed_mps[row])
             vehicle = vehicles[caution.actor_id]
-            if isinstance(vehicle, PlannedWalker):
-                continue
             brake = vehicle.driver.driving.decel_mps2
             if caution.wait.brake_mps2 > brake:
                 brake = min(caution.wait.brake_mps2, self._config.most_brake_mps2)
             if caution.wait.speed_mps < speed + self._config.accel_mps2 * STEP_S:
                 speed_mps = max(caution.wait.speed_mps, speed - brake * STEP_S, 0.0)
-                speeds[vehicle.name] = caution.actor_id, speed_mps
+                _, other_mps = speeds.get(vehicle.name, (0, np.inf))
+                speeds[vehicle.name] = caution.actor_id, min(speed_mps, other_mps)
         return speeds
+
+    def _for_people(self, traffic: TrafficState, outlook: Outlook, people: Floats) -> list[Caution]:
+        """The waits for people on crossings."""
+        drivers = traffic.owner, traffic.sumo_speed_mps
+        rows, others, waits = _waits_for_people(*drivers, outlook.ways, people, self._crossings)
+        ids = traffic.actor_id[rows].tolist()
+        found = zip(ids, people[6, others].astype(int).tolist(), waits.tolist(), strict=True)
+        return [Caution(actor_id, other_id, Wait(*wait)) for actor_id, other_id, wait in found]
+
+
+@compiled
+def _waits_for_people(owner: Any, speed_mps: Any, ways: Any, people: Any, outlines: Any) -> tuple[Any, Any, Any]:
+    """Rows of SUMO's drivers who wait for people, columns of these, and the waits, ``(P, 3)``."""
+    rows, others, waits = np.empty(len(owner), np.intp), np.empty(len(owner), np.intp), np.empty((len(owner), 3))
+    count = 0
+    for row in range(len(owner)):
+        if owner[row] != _BY_SUMO:
+            continue
+        body = ways.bodies[row]
+        way = ways.points, ways.first[row], ways.last[row], body[3]
+        own = body[4], body[5], body[7], body[8], speed_mps[row], np.inf
+        worst, speed, brake, free = least_wait_for_people(way, own, people, outlines)
+        if worst >= 0:
+            rows[count], others[count] = row, worst
+            waits[count, 0], waits[count, 1], waits[count, 2] = speed, brake, free
+            count += 1
+    return rows[:count], others[:count], waits[:count]

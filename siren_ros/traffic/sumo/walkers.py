@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
+from siren_ros.conflicts.people import NOBODY, outlines_of, people_at
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.compiled import compiled, within, wrapped_rad
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
@@ -47,6 +48,14 @@ _STEP_M: Final = 0.6
 """How far ahead somebody looks for a vehicle in the way…"""
 _BESIDE_M: Final = 0.35
 """…and how near it may be beside that place."""
+_AWAY_M: Final = 2.3
+"""Distance that people on crossings keep from the way of a vehicle that cannot stop any more…"""
+_STOPPING_MPS2: Final = 3.0
+"""…with this deceleration…"""
+_PACE_MPS: Final = 1.9
+"""…and that is faster than this."""
+_INTO_M: Final = 0.5
+"""Who is nearer to its way has to leave it."""
 _HURRY: Final = 1.5
 """Of their pace, with which people hurry: brisk walking (Weidmann 1993: up to 2 m/s)."""
 _KERB_AHEAD_M: Final = 1.3
@@ -159,6 +168,10 @@ def _move_to_edge(poses: Any, crossing: Any, rows: Any, pieces: Any, edge: Any) 
             crossing[row] = True
 
 
+def _nowhere(names: Sequence[str]) -> Floats:
+    return np.full((2, len(names)), np.nan)
+
+
 @dataclass(frozen=True, eq=False)
 class _Table:
     """Those who are in the state, in order of their ids."""
@@ -169,17 +182,35 @@ class _Table:
     speed_mps: Floats
     told_mps: Floats
     """Speeds that SUMO was told last, or their own."""
+    stands: Flags
+    """Who was told to stand."""
+    held_m: Floats
+    """Where they stood first, x and y, shape ``(2, N)``; NaN for the others."""
 
     @classmethod
     def of(cls, ids: Mapping[str, int], walkers: Mapping[str, PlannedWalker], last: "_Table | None") -> "_Table":
         """The table of those with ids; speeds as they were told last."""
         names = tuple(name for name in walkers if name in ids)
-        said = dict(zip(last.names, last.told_mps.tolist(), strict=True)) if last else {}
+        before = {name: row for row, name in enumerate(last.names)} if last else {}
         columns = np.array(
             [(ids[name], walkers[name].notice_m, walkers[name].speed_mps) for name in names], np.float64
         ).reshape(-1, 3)
-        told_mps = np.array([said.get(name, walkers[name].speed_mps) for name in names])
-        return cls(names, columns[:, 0].astype(np.uint32), columns[:, 1], columns[:, 2], told_mps)
+        ids_of, notice_m, speed_mps = columns[:, 0].astype(np.uint32), columns[:, 1], columns[:, 2]
+        table = cls(
+            names, ids_of, notice_m, speed_mps, speed_mps.copy(), np.zeros(len(names), np.bool_), _nowhere(names)
+        )
+        if last is not None:
+            kept = [(row, before[name]) for row, name in enumerate(names) if name in before]
+            now, then = np.array(kept, np.intp).reshape(-1, 2).T
+            table.told_mps[now], table.stands[now] = last.told_mps[then], last.stands[then]
+            table.held_m[:, now] = last.held_m[:, then]
+        return table
+
+    def hold(self, poses: Floats) -> None:
+        """Leave those who stand where they stood first, in place: SUMO's go on changing stripes."""
+        held, first = self.held_m, np.isnan(self.held_m[0])
+        held[:, self.stands & first] = poses[:2, self.stands & first]
+        poses[:2, self.stands] = held[:, self.stands]
 
 
 @lru_cache
@@ -205,8 +236,9 @@ class Walkers:
         self._ids: dict[str, int] = {}
         """Actor ids of those who are in the state, in order of these."""
         self._arrived: list[str] = []
-        self.on_crossings: TrafficState | None = None
-        """The last state with those on crossings alone, as driven from outside: SUMO's drivers wait for such."""
+        self._outlines = outlines_of(network)
+        self.people = NOBODY
+        """Those of the last state, as ``people_at`` gives them: SUMO's drivers wait for them."""
         self._table = _Table.of({}, {}, None)
         self._crossing = np.empty(0, np.bool_)
         """Who of the table is on a crossing."""
@@ -247,8 +279,9 @@ class Walkers:
         return True
 
     def heed(self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], sirens: Ids) -> None:
-        """Let people stand before vehicles, and before a road on which an EMV comes; on crossings they hurry then.
+        """Let people stand before vehicles, and before a road on which an EMV, or a vehicle that cannot stop, comes.
 
+        On crossings they hurry before an EMV, and stand for a vehicle that cannot stop.
         ``states`` is the simulated world at the step before, ``sirens`` are EMVs.
         """
         table = self._table
@@ -257,12 +290,15 @@ class Walkers:
             bodies = [vehicles.get(key) for key in states.actor_id.tolist()]
             sizes = [(body.length_m, body.width_m) if body else (0.0, 0.0) for body in bodies]
             self._sized, self._sizes = states.actor_id, (*np.array(sizes).reshape(-1, 2).T.copy(),)
-        poses = states.x_m, states.y_m, states.yaw_rad
-        emvs = rows_of_ids(states.actor_id, sirens)
-        stand, warned = _before_vehicles(rows, table.notice_m, emvs, poses, self._sizes)
-        wait = np.flatnonzero(warned & ~self._crossing)
+        poses, speed_mps = (states.x_m, states.y_m, states.yaw_rad), np.hypot(states.vx_mps, states.vy_mps)
+        stand, comes = _step_into(rows, (poses, self._sizes), speed_mps)
+        warned = _warned(rows, table.notice_m, rows_of_ids(states.actor_id, sirens), poses)
+        wait = np.flatnonzero((warned | comes) & ~self._crossing)
         if len(wait):
             stand[wait] |= self._kerbs.ahead(*(values[rows[wait]] for values in poses))
+        stand |= comes & self._crossing
+        table.held_m[:, ~stand] = np.nan
+        table.stands[:] = stand
         paces_mps = np.where(warned & self._crossing, _HURRY, 1.0) * table.speed_mps
         paces_mps[stand] = _STANDING_MPS
         for row in np.flatnonzero(paces_mps != table.told_mps).tolist():
@@ -291,9 +327,8 @@ class Walkers:
         sumo, simulated = _poses(values, self._offset_m, rows_of_ids(mirrored.actor_id, ids), poses)
         self._crossing = np.array([_is_crossing(road) for *_, road in found], np.bool_)
         self._kerbs.keep_off(sumo, self._crossing)
-        self.on_crossings = state
-        if (crossing := self._crossing).any():
-            self.on_crossings = _merged(state, ids[crossing], sumo[:, crossing], simulated[:, crossing], Owner.ROS)
+        self._table.hold(sumo)
+        self.people = people_at(ids, simulated, self._outlines)
         spawned = *state.spawned, *(self._described(name) for name in entered)
         removed_ids = np.sort(np.append(state.removed, np.array(removed, np.uint32)))
         state = replace(state, spawned=spawned, removed=removed_ids) if entered or removed else state
@@ -304,41 +339,51 @@ class Walkers:
         size = walker.length_m, walker.width_m, walker.height_m
         return ActorDescription(self._ids[name], name, ActorClass.PEDESTRIAN, *size, walker.colour_rgb)
 
-    @property
-    def by_id(self) -> Mapping[int, PlannedWalker]:
-        """Those who have ids."""
-        return {self._ids[name]: self._present[name] for name in self._table.names}
+
+@compiled
+def _warned(walkers: Any, notice_m: Any, emvs: Any, poses: Any) -> Any:
+    """Whether an EMV with a siren comes towards each of some people, within the distance at which they heed it."""
+    x_m, y_m, yaw_rad = poses
+    warned = np.zeros(len(walkers), np.bool_)
+    for number in range(len(walkers)):
+        row = walkers[number]
+        for emv in emvs:
+            if row >= 0 and emv >= 0:
+                dx, dy = x_m[row] - x_m[emv], y_m[row] - y_m[emv]
+                ahead = np.cos(yaw_rad[emv]) * dx + np.sin(yaw_rad[emv]) * dy
+                warned[number] |= ahead > 0.0 and np.hypot(dx, dy) < notice_m[number]
+    return warned
 
 
 @compiled
-def _before_vehicles(walkers: Any, notice_m: Any, emvs: Any, poses: Any, sizes: Any) -> tuple[Any, Any]:
-    """Whether a vehicle's body is right before each of some people, and whether an EMV comes towards them.
+def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
+    """Whether a vehicle's body is right before each of some people, with room on both sides of the shoulders.
 
-    There is room for the shoulders beside the body; an EMV counts within the distance at which they notice it.
-    ``walkers`` are their rows among the actors, −1 for somebody who is not there; those who are no vehicles have no
-    size. ``emvs`` are rows too.
+    And whether the next metre brings them nearer to the way of a vehicle that cannot stop. ``walkers`` are their rows
+    among the actors, −1 for somebody who is not there; those who are no vehicles have no size.
     """
-    (x_m, y_m, yaw_rad), (length_m, width_m) = poses, sizes
-    stand, warned = np.zeros(len(walkers), np.bool_), np.zeros(len(walkers), np.bool_)
+    (x_m, y_m, yaw_rad), (length_m, width_m) = bodies
+    found, comes = np.zeros(len(walkers), np.bool_), np.zeros(len(walkers), np.bool_)
     for number in range(len(walkers)):
         row = walkers[number]
         if row < 0:
             continue
-        for emv in emvs:
-            if emv >= 0:
-                dx, dy = x_m[row] - x_m[emv], y_m[row] - y_m[emv]
-                ahead = np.cos(yaw_rad[emv]) * dx + np.sin(yaw_rad[emv]) * dy
-                warned[number] |= ahead > 0.0 and np.hypot(dx, dy) < notice_m[number]
         x, y = x_m[row] + _STEP_M * np.cos(yaw_rad[row]), y_m[row] + _STEP_M * np.sin(yaw_rad[row])
         for k in range(len(x_m)):
             dx, dy = x - x_m[k], y - y_m[k]
-            if length_m[k] == 0.0 or abs(dx) + abs(dy) > length_m[k] + width_m[k]:
+            stopping = speed_mps[k] * speed_mps[k] / (2.0 * _STOPPING_MPS2) if speed_mps[k] > _PACE_MPS else 0.0
+            if length_m[k] == 0.0 or abs(dx) + abs(dy) > length_m[k] + width_m[k] + 2.0 * (stopping + _AWAY_M):
                 continue
             cos, sin = np.cos(yaw_rad[k]), np.sin(yaw_rad[k])
-            ahead, left = abs(dx * cos + dy * sin), abs(dy * cos - dx * sin)
-            if ahead < 0.5 * length_m[k] + _BESIDE_M and left < 0.5 * width_m[k] + _BESIDE_M:
-                stand[number] = True
-    return stand, warned
+            ahead, left = dx * cos + dy * sin, abs(dy * cos - dx * sin)
+            now = abs((y_m[row] - y_m[k]) * cos - (x_m[row] - x_m[k]) * sin) - 0.5 * width_m[k]
+            reached = -0.5 * length_m[k] < ahead < 0.5 * length_m[k] + stopping + _STEP_M
+            nearer = now > _INTO_M and left - 0.5 * width_m[k] < min(_AWAY_M, now)
+            if stopping > 0.0 and reached and nearer:
+                comes[number] = True
+            if abs(ahead) < 0.5 * length_m[k] + _BESIDE_M and left < 0.5 * width_m[k] + _BESIDE_M:
+                found[number] = True
+    return found, comes
 
 
 @compiled
@@ -367,12 +412,12 @@ _OF_POSES: Final = ("sumo_x_m", "sumo_y_m", "sumo_yaw_rad", "sumo_speed_mps", "x
 _NOT_BY_ROW: Final = frozenset({"removed", "route_offset", "route_edges"})
 
 
-def _merged(state: TrafficState, ids: Ids, sumo: Floats, simulated: Floats, owner: Owner = Owner.SUMO) -> TrafficState:
+def _merged(state: TrafficState, ids: Ids, sumo: Floats, simulated: Floats) -> TrafficState:
     """The state with further rows for some actors, sorted by id; x, y, yaw and speed in SUMO and simulated."""
     rows = np.empty(len(state) + len(ids), np.intp)
     rows[np.argsort(np.concatenate((state.actor_id, ids)), kind="stable")] = np.arange(len(rows))
     theirs: dict[str, Any] = {**dict(zip(_OF_POSES, (*sumo, *simulated), strict=True)), "actor_id": ids}
-    theirs |= {"lane": NO_LANE, "owner": owner}
+    theirs |= {"lane": NO_LANE, "owner": Owner.SUMO}
     of_state, of_theirs = rows[: len(state)], rows[len(state) :]
     merged: dict[str, Any] = {}
     for name, kind in TRAFFIC_STATE_DTYPES.items():

@@ -28,6 +28,7 @@ from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.conflicts.clear_view import Lookout, safe_mps, side_streets
 from siren_ros.conflicts.course import Outlook
+from siren_ros.conflicts.people import Outlines, people_at
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.braking import speed_before_mps
 from siren_ros.scenario.presets import Attention, TruncatedNormal
@@ -58,6 +59,25 @@ def test_between_others_the_footprint_limits_the_speed_and_elsewhere_anticipatio
     drive = Drive(replace(unit, **mode), view.ego(0), unit.navigator.path, 100.0, 13.0, view.ego(0).navigator_config)
     limits = {mechanism.name: mechanism.limit(drive) for mechanism in MECHANISMS}
     assert [name for name in ("anticipation", "passage") if limits[name] != UNLIMITED] == [used]
+
+
+@pytest.mark.parametrize(("beside_m", "limited"), [(1.5, True), (3.0, False)])
+def test_people_on_a_crossing_beside_the_path_limit_the_speed(lab, beside_m, limited):
+    """The crossing begins 16 m ahead of the EMV's centre."""
+    unit, view = scene(lab, corridor=False)
+    ego, corners = view.ego(0), np.array([(116.0, -9.0), (120.0, -9.0), (120.0, 9.0), (116.0, 9.0)])
+    outlines = Outlines(corners, np.array([0, 4]))
+    place = np.array([118.0]), np.array([ego.half_width_m + beside_m]), np.zeros(1), np.zeros(1)
+    world = replace(ego.world)
+    vars(world)["crossings"] = outlines
+    ego = replace(ego, world=world, seen=replace(ego.seen, people=people_at([7], place, outlines)))
+    limits = {
+        item.name: item.limit(Drive(unit, ego, unit.navigator.path, 5.0, 13.0, ego.navigator_config))
+        for item in MECHANISMS
+    }
+    found = limits["people"]
+    assert (found.blocker_id == 7) is limited
+    assert found.speed_mps == (pytest.approx(math.sqrt(1.6**2 + 4.0 * found.free_m)) if limited else math.inf)
 
 
 def test_stops_before_a_vehicle_that_stands_on_the_path(lab):

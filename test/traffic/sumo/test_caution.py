@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from siren_ros.conflicts.course import CourseBook, Outlook
+from siren_ros.conflicts.people import outlines_of, people_at
 from siren_ros.conflicts.yielding import YieldingConfig
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.numerics.geometry import Polyline, rotate
@@ -246,6 +247,19 @@ def test_of_several_waits_the_strictest_is_kept(turn: float) -> None:
     for others in ([across, ahead], [ahead, across]):
         (caution,) = cautious([Car(0, 75.0, 13.0), *others], turn)
         assert (caution.other_id, caution.wait.speed_mps) == (2 + others.index(ahead), 0.0)
+
+
+@pytest.mark.parametrize(("owner", "at_m", "slowed"), [(0, 95.0, True), (0, 115.0, False), (1, 95.0, False)])
+def test_sumos_drivers_come_to_people_on_a_crossing_at_walking_pace(owner: int, at_m: float, *, slowed: bool) -> None:
+    """The crossing begins 12 m ahead of the front; on it somebody stands 1.5 m beside the way."""
+    corners = np.array([(92.0, -5.0), (98.0, -5.0), (98.0, 5.0), (92.0, 5.0)])
+    roads = replace(network(0.0), crossings=(corners,))
+    pose = (np.array([at_m]), np.array([HALF_WIDTH + 1.5]), np.zeros(1), np.zeros(1))
+    people = people_at([9], pose, outlines_of(roads))
+    drivers = CautiousDrivers(roads, CautionConfig())
+    cars = [Car(0, 80.0, 8.0, Owner(owner)), Car(1, 10.0, 0.0)]
+    speeds = drivers._speeds(traffic_of(cars, roads), two_vehicles(3.0), people)
+    assert speeds == ({"v1": (1, pytest.approx(8.0 - 3.0 * STEP_S, abs=0.05))} if slowed else {})
 
 
 @pytest.mark.parametrize(("attentive", "slowed"), [(True, {"v1"}), (False, set())])

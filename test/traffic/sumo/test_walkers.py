@@ -19,7 +19,7 @@ from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedWalker
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo import walkers as walkers_module
-from siren_ros.traffic.sumo.walkers import Kerbs, Walkers, _before_vehicles, _merged, _Table
+from siren_ros.traffic.sumo.walkers import Kerbs, Walkers, _merged, _step_into, _Table
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates, Owner
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
@@ -117,9 +117,43 @@ def test_nobody_steps_into_a_vehicle_ahead(place: tuple[float, float], blocked: 
     """A vehicle of 4 m by 1.8 m across the way, its middle at a place before somebody who looks east."""
     poses = np.array([0.0, place[0]]), np.array([0.0, 2.0 * place[1]]), np.array([0.0, np.pi / 2.0])
     sizes = np.array([0.0, 4.0]), np.array([0.0, 1.8])
-    stand, warned = _before_vehicles(np.array([0, -1]), np.zeros(2), np.array([-1]), poses, sizes)
-    assert stand.tolist() == [blocked, False]
-    assert not warned.any()
+    found, comes = _step_into(np.array([0, -1]), (poses, sizes), np.zeros(2))
+    assert found.tolist() == [blocked, False]
+    assert not comes.any()
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "beside_m", "speed_mps", "yaw_rad", "comes"),
+    [
+        (10.0, 2.5, 9.0, 0.5 * np.pi, True),
+        (10.0, 2.5, 9.0, -0.5 * np.pi, False),
+        (10.0, 3.0, 9.0, 0.5 * np.pi, False),
+        (10.0, 0.4, 9.0, 0.5 * np.pi, False),
+        (17.0, 2.5, 9.0, 0.5 * np.pi, False),
+        (-3.5, 2.5, 9.0, 0.5 * np.pi, False),
+        (3.0, 2.5, 1.8, 0.5 * np.pi, False),
+    ],
+    ids=["comes nearer", "goes away", "far enough", "in the way", "it can stop", "behind it", "walking pace"],
+)
+def test_people_keep_away_from_a_vehicle_that_cannot_stop(
+    ahead_m: float, beside_m: float, speed_mps: float, yaw_rad: float, *, comes: bool
+) -> None:
+    """A vehicle of 4 m by 2 m goes east: 9 m/s take 13.5 m; somebody stands to the right of its way."""
+    poses = np.array([0.0, ahead_m]), np.array([0.0, -1.0 - beside_m]), np.array([0.0, yaw_rad])
+    sizes = np.array([4.0, 0.0]), np.array([2.0, 0.0])
+    _, found = _step_into(np.array([1]), (poses, sizes), np.array([speed_mps, 0.0]))
+    assert found.tolist() == [comes]
+
+
+def test_those_who_stand_stay_where_they_stood_first() -> None:
+    walker = PlannedWalker("w", 0.6, 0.6, 1.75, (0, 0, 0), 1.3, "oak_e_0", 60.0, ())
+    table = _Table.of({"a": 1, "b": 2}, {"a": walker, "b": walker}, None)
+    table.stands[1] = True
+    for at_m in (5.0, 6.0):
+        poses = np.array([[at_m, at_m], [1.0, 2.0 * at_m]])
+        table.hold(poses)
+        assert poses.tolist() == [[at_m, 5.0], [1.0, 10.0]]
+        table = _Table.of({"b": 2, "c": 3, "a": 1}, {"a": walker, "b": walker}, table)  # others have entered or left
 
 
 def test_rows_are_merged_by_id() -> None:
@@ -140,26 +174,21 @@ def test_rows_are_merged_by_id() -> None:
         assert getattr(merged, name).dtype == kind, name
 
 
-def test_those_on_crossings_are_as_driven_from_outside_for_sumos_drivers() -> None:
-    """So that who has entered a junction still waits for them."""
+def test_people_of_the_last_state_are_known_with_their_crossings() -> None:
     setup = set_up_episode(EpisodeRequest("S2", map="city", sensors="none", values="demand.people.pedestrians=60"))
-    crossings = shapely.union_all([shapely.Polygon(outline).buffer(1.5) for outline in CITY.crossings])
-    crossed = 0
+    outlines, crossed = [shapely.Polygon(outline) for outline in CITY.crossings], 0
     with SumoSimulation(setup.compiled_map, setup.network, setup.plan, setup.level, seed=0) as simulation:
-        state, seen = simulation.step(0, None), 0
-        people = {actor.actor_id for actor in state.spawned if actor.actor_class is ActorClass.PEDESTRIAN}
+        simulation.step(0, None)
         assert simulation._walkers is not None
-        for step in range(1, 500):
-            mirrored = ActorStates.empty(step - 1)
-            state = simulation.step(step, mirrored)
-            among = simulation._walkers.on_crossings
-            assert among is not None
-            rows = np.isin(among.actor_id, list(people))
-            assert (among.owner[rows] == Owner.ROS).all()
-            assert shapely.contains_xy(crossings, among.x_m[rows], among.y_m[rows]).all()
-            crossed, seen = max(crossed, int(rows.sum())), seen + len(among)
+        for step in range(1, 400):
+            state, people = simulation.step(step, ActorStates.empty(step - 1)), simulation._walkers.people
+            rows = np.searchsorted(state.actor_id, people[6])
+            np.testing.assert_array_equal(people[:2], (state.x_m[rows], state.y_m[rows]))
+            across = people[:, people[5] > 0.0]
+            for x_m, y_m, crossing in across[[0, 1, 4]].T.tolist():
+                assert shapely.contains_xy(outlines[int(crossing)], x_m, y_m)
+            crossed = max(crossed, across.shape[1])
     assert 0 < crossed < 60
-    assert seen > 0
 
 
 def at_a_crossing(distance_m: float, notice_m: float, *, behind: bool = False) -> Any:

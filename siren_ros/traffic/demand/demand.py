@@ -115,6 +115,9 @@ class _Planner:
         volume = demand.background_vehicles + groups.on_top - len(groups.vehicles)
         background = self._scattered("background", volume, near, (), disjoint=True)
         background += self._scattered("district", around, district, (), disjoint=True)
+        walkers, walkers_kept = plan_walkers(
+            self._network, self._around_way(), demand.people.pedestrians, self._seed, self._factory
+        )
         return TrafficPlan(
             emvs=emvs,
             groups=groups.vehicles,
@@ -130,10 +133,8 @@ class _Planner:
             duty=bool(self._template.response.duty),
             riders=self._riders(stage),
             riders_kept=self._wanted,
-            walkers=plan_walkers(
-                self._network, self._around_way(), self._template.demand.people.pedestrians, self._seed, self._factory
-            ),
-            walkers_kept=self._template.demand.people.pedestrians,
+            walkers=walkers,
+            walkers_kept=walkers_kept,
         )
 
     def _jam(self, groups: GroupPlan) -> JamHead | None:

@@ -19,6 +19,8 @@ _GOALS: Final = 12
 """Streets that somebody walks to, one after the other, where a simple way leads there: more than an episode lasts."""
 _RESERVE: Final = 1
 """Further people for each one, who enter when others have arrived."""
+_ROOM_M: Final = 4.0
+"""Sidewalk for each one at least: on a map with few sidewalks fewer people walk."""
 _CLOTHES: Final = (
     (44, 52, 74),
     (122, 40, 44),
@@ -32,14 +34,14 @@ _CLOTHES: Final = (
 
 def plan_walkers(
     network: RoadNetwork, near: Sequence[Lane], count: int, seed: int, factory: VehicleFactory
-) -> tuple[PlannedWalker, ...]:
-    """People on the sidewalks beside some driving lanes, evenly along them.
+) -> tuple[tuple[PlannedWalker, ...], int]:
+    """People on the sidewalks beside some driving lanes, evenly along them, and how many of them walk at once.
 
     Raises:
         MapError: No street there has a sidewalk.
     """
     if count == 0:
-        return ()
+        return (), 0
     edges = dict.fromkeys(lane.edge for lane in near)
     beside = [network.lanes[index] for edge in edges for index in network.edges[edge].lanes]
     walks = [lane for lane in beside if lane.kind is LaneKind.SIDEWALK]
@@ -47,9 +49,9 @@ def plan_walkers(
         raise MapError(f"{count} pedestrians", "a map with sidewalks near the EMV's way")
     rng = random_stream(seed, "demand/pedestrians")
     ends, size = chances(lane.length_m for lane in walks), factory.size(ActorClass.PEDESTRIAN)
-    return tuple(
-        _walker(network, walks, ends, f"pedestrian{number}", size, rng) for number in range((1 + _RESERVE) * count)
-    )
+    kept = min(count, max(1, int(sum(lane.length_m for lane in walks) / _ROOM_M)))
+    names = (f"pedestrian{number}" for number in range((1 + _RESERVE) * kept))
+    return tuple(_walker(network, walks, ends, name, size, rng) for name in names), kept
 
 
 def _walker(

@@ -1,6 +1,7 @@
 from pathlib import Path
 
 import pytest
+import shapely
 from defusedxml.ElementTree import fromstring
 from repository import SHARED
 
@@ -104,3 +105,12 @@ def test_carlas_crosswalks_are_the_crossings(tmp_path):
     assert LaneKind.CROSSING not in plain
     assert peopled.pop(LaneKind.CROSSING) == Path(path).read_text(encoding="utf-8").count('type="crosswalk"') == 16
     assert peopled == plain
+
+
+def test_crossings_are_as_wide_as_their_lanes(tmp_path):
+    network = parse_road_network(
+        compile_map(SHARED / "maps" / "Town10HD_Opt.xodr", tmp_path, for_people=True).read_bytes()
+    )
+    lengths_m = [lane.length_m for lane in network.lanes if lane.kind is LaneKind.CROSSING]
+    areas_m2 = [shapely.Polygon(outline).area for outline in network.crossings]
+    assert areas_m2 == pytest.approx([4.0 * length_m for length_m in lengths_m], rel=0.02)

@@ -5,8 +5,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
+import shapely
+
 from siren_ros.errors import InputError, MapError
 from siren_ros.numerics.arrays import random_stream
+from siren_ros.roads.bridges import bridges
 from siren_ros.roads.movements import quiet_reach_m
 from siren_ros.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, driving_lanes
@@ -27,6 +30,8 @@ _LONG_ENOUGH_M: Final = 150.0
 eight vehicles with 8 m between them, 30 m to the EMV, and some way on which they roll up to the line."""
 _MOTORWAY_M: Final = 750.0
 """The same of motorway stretches: a queue of 350 m, 250 m up to it and 150 m on which its head moves on."""
+_NO_BRIDGE_M: Final = 300.0
+"""Around motorway stretches: as far away as traffic starts (``DemandConfig.district_m``)."""
 _JUNCTION_M: Final = 10.0
 """Of the road behind a site, what its junction takes."""
 _BESIDE: Final = frozenset({Placement.SAME_DIRECTION, Placement.ADJACENT_LANE})
@@ -67,6 +72,7 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[s
     * Under a signal it goes straight on. In a turn it meets oncoming vehicles, too, and waits for them inside.
     * Another lane leads on beside its own, where vehicles of the template drive there.
     * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
+    * No other road crosses a motorway on a bridge nearby: vehicles of both would meet, since the world is flat.
     * Roads are long enough and do not end at a stop sign, from which one vehicle after the other would go.
     * Queues are on a road that is long enough without a junction and without a turning lane, which would stay empty.
     * Roads and queues without a shoulder are taken alone where there are any; so are roads that are long enough without
@@ -105,6 +111,14 @@ def _motorway_long_enough(_: RoadNetwork, site: Site, __: Template) -> bool:
     return site.kind is not SiteKind.MOTORWAY_STRETCH or site.length_m >= _MOTORWAY_M
 
 
+def _far_from_bridges(network: RoadNetwork, site: Site, _: Template) -> bool:
+    if site.kind is not SiteKind.MOTORWAY_STRETCH:
+        return True
+    lanes = (driving_lanes(network, edge)[-1] for edge in site.stretch)
+    stretch = shapely.union_all([shapely.LineString(lane.centre.points) for lane in lanes])
+    return not shapely.dwithin(stretch, shapely.points(bridges(network)), _NO_BRIDGE_M).any()
+
+
 def _leads_on(network: RoadNetwork, site: Site, _: Template) -> bool:
     after = site.route[site.route.index(site.stretch[-1]) + 1 :]
     return sum(driving_lanes(network, edge)[-1].length_m for edge in after) >= EXIT_M - _JUNCTION_M
@@ -133,6 +147,7 @@ def _ends_free(network: RoadNetwork, site: Site, _: Template) -> bool:
 _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] = {
     f"less than {_LONG_ENOUGH_M:.0f} m of road without a junction or a turning lane": _long_enough,
     f"less than {_MOTORWAY_M:.0f} m on which nobody joins or leaves": _motorway_long_enough,
+    f"a bridge, less than {_NO_BRIDGE_M:.0f} m away, where traffic of both roads meets": _far_from_bridges,
     LITTLE_BEHIND: _leads_on,
     "no second lane that leads on beside the EMV's": _has_lanes,
     "a turn, where the EMV has to go straight on": _goes_straight_on,

@@ -181,7 +181,7 @@ class SensorRig:
         station always measures. ``descriptions`` say by id what the actors are, ``signals`` are the traffic lights.
         """
         self.prepare()
-        step = states.step
+        step, states = states.step, self._on_ground(states, descriptions)
         hidden = NO_ACTOR if self.station is not None else carrier_id
         rolled_m = self._odometers.advance(states)[states.actor_id != hidden] if self.suite.cameras else np.empty(0)
         motion = self._motion(states, carrier_id)
@@ -206,6 +206,14 @@ class SensorRig:
             return Observations(step, sweeps, frames, truth, labels, others)
 
         return Sensing(under_way=bool(exposed or swept), finish=finish)
+
+    def _on_ground(self, states: ActorStates, descriptions: Mapping[int, ActorDescription]) -> ActorStates:
+        """The states with people on foot on the surface of sidewalks, where the scene raises these."""
+        kinds = (descriptions[number].actor_class for number in states.actor_id.tolist())
+        walking = np.array([kind is ActorClass.PEDESTRIAN for kind in kinds], np.bool_)
+        if self._static is None or not walking.any():
+            return states
+        return replace(states, z_m=np.where(walking, self._static.ground_m(states.x_m, states.y_m), states.z_m))
 
     def _motion(self, states: ActorStates, carrier_id: int) -> tuple[Matrix, CarrierMotion] | None:
         """Pose and motion of the vehicle or station with the sensors; None where the vehicle has left the map."""

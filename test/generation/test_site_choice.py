@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from repository import SHARED
 
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import InputError, MapError
@@ -231,3 +232,10 @@ def test_a_template_happens_on_its_own_map_unless_another_one_is_named() -> None
     assert set_up_episode(EpisodeRequest("S2", sensors="none", map="town")).compiled_map.name == "town"
     with pytest.raises(MapError, match="a road out of town, above 61 km/h"):
         set_up_episode(EpisodeRequest("S8", sensors="none", map="town"))
+
+
+def test_no_road_crosses_a_good_motorway_on_a_bridge() -> None:
+    carla = parse_road_network(compile_map(SHARED / "maps" / "Town04.xodr").read_bytes())
+    lacking = {site.name: texts for site, texts in shortcomings(carla, load_template("S8")).items()}
+    assert {name for name, texts in lacking.items() if texts} == {"46..41"}
+    assert "bridge" in lacking["46..41"][0]

@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from PIL import Image
 
 from siren_ros.roads.road_network import RoadNetwork
@@ -114,6 +115,16 @@ def test_an_empty_suite_still_labels(traffic):
     assert (seen.sweeps, seen.frames) == ((), ())
     assert rig.truth_frame == "base_link"
     assert seen.truth.z_m[0] == pytest.approx(descriptions[2].height_m / 2)
+
+
+def test_people_alone_stand_on_the_sidewalk(boxes, traffic):
+    states, descriptions = traffic
+    static = replace(boxes.scene(), raised=shapely.box(5.0, -5.0, 20.0, 5.0), raised_m=0.13)
+    for kind, high_m in ((ActorClass.PEDESTRIAN, 0.13), (ActorClass.SEDAN, 0.0)):
+        actors = {**descriptions, 2: described(2, kind, False)}
+        seen = SensorRig(SUITE, NETWORK, 0, scene=static).observe(states, actors, (), 1)
+        above_lidar_m = high_m + actors[2].height_m / 2 - LIDAR.mount.z_m
+        assert seen.truth.z_m[0] == pytest.approx(above_lidar_m, abs=1e-6)
 
 
 def test_odometers_count_from_where_an_actor_was_first_seen(boxes):

@@ -37,6 +37,7 @@ from siren_ros.roads.maps.ways_for_people import (
     cycle_options,
     has_corners,
     with_sidewalks_on_streets,
+    without_outlines,
 )
 from siren_ros.roads.net_parser import ALLOWED as NET_ALLOWED
 from siren_ros.roads.net_parser import parse_road_network
@@ -47,7 +48,7 @@ TOWN_NAME: Final = "town"
 
 _RECIPE: Final = "7"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
-_PEOPLE_RECIPE: Final = f"{_RECIPE} people 2"
+_PEOPLE_RECIPE: Final = f"{_RECIPE} people 3"
 """The same for maps with ways for people."""
 _SLOWER_RECIPE: Final = "1"
 """The same for nets whose limits are lowered."""
@@ -246,7 +247,8 @@ def _compile(source: MapSource, shown: str, *, for_people: bool) -> bytes:
         if not for_people or has_corners(net):
             return net
         places = crossing_places(source, fromstring(net))
-        return run(_JOINED_SIDEWALKS, {"--sumo-net-file": net, "--connection-files": document("connections", places)})
+        files = {"--sumo-net-file": net, "--connection-files": document("connections", places)}
+        return without_outlines(run(_JOINED_SIDEWALKS, files))
 
 
 def _streets(source: MapSource, shown: str, run: Callable[[Sequence[str], Files], bytes], *, for_people: bool) -> bytes:

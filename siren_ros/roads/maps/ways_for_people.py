@@ -18,6 +18,7 @@ _TYPES: Final = ("osmNetconvert", "osmNetconvertBicycle")
 _SEPARATE: Final = re.compile(rb"""(k=["']sidewalk(:both|:left|:right)?["']\s+v=["'])separate(["'])""")
 """A sidewalk that is drawn as an own way, too. netconvert does not import such ways where it keeps streets alone."""
 _LEAST_ARMS: Final = 3
+_OUTLINE: Final = re.compile(rb' outlineShape="[^"]*"')
 
 
 def cycle_options() -> tuple[str, ...]:
@@ -38,6 +39,11 @@ def with_sidewalks_on_streets(osm: bytes) -> bytes:
 def has_corners(net: bytes) -> bool:
     """Whether the sidewalks of a net meet at junctions."""
     return b'function="walkingarea"' in net
+
+
+def without_outlines(net: bytes) -> bytes:
+    """A net whose crossings are as wide as their lanes: netconvert's outlines go on around corners of sidewalks."""
+    return _OUTLINE.sub(b"", net)
 
 
 def real_junctions(net: Element) -> frozenset[str]:

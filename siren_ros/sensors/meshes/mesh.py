@@ -1,14 +1,17 @@
 """Triangles, the materials of their surfaces, and what is made of them: meshes, vehicle shapes and the static scene."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+import shapely
+from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
 
-from siren_ros.numerics.arrays import Floats32
+from siren_ros.numerics.arrays import Floats, Floats32
 from siren_ros.world.actors import ActorClass
 
 
@@ -292,3 +295,11 @@ class StaticScene:
 
     mesh: Mesh
     signal_lamps: tuple[SignalLamp, ...]
+    raised: BaseGeometry = field(default_factory=Polygon)
+    """Sidewalks and medians…"""
+    raised_m: float = 0.0
+    """…and their height above the road."""
+
+    def ground_m(self, x_m: Floats, y_m: Floats) -> Floats:
+        """Height of the ground at some places."""
+        return np.where(shapely.contains_xy(self.raised, x_m, y_m), self.raised_m, 0.0)

@@ -275,7 +275,10 @@ def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = N
     """
     if network.left_hand:
         image = static_scene(right_hand_image(network), seed, config)
-        return replace(image, mesh=image.mesh.transformed(np.diag((1.0, -1.0, 1.0))))
+        mirrored = image.mesh.transformed(np.diag((1.0, -1.0, 1.0)))
+        raised = shapely.transform(image.raised, lambda points: points * (1.0, -1.0))
+        shapely.prepare(raised)
+        return replace(image, mesh=mirrored, raised=raised)
     numbers = SceneConfig() if config is None else config
     centres = drawn_centres(network, numbers.road_extension_m)
     surfaces = road_surfaces(network, centres, numbers)
@@ -286,10 +289,13 @@ def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = N
     trees = street_trees(surfaces, space, numbers, random_stream(seed, "scene trees"))
     houses = street_buildings(surfaces, space, numbers, random_stream(seed, "scene buildings"))
     park = parkland(surfaces, space, numbers, random_stream(seed, "scene park"))
-    first = len(ground)
+    first, raised = len(ground), surfaces.raised
+    shapely.prepare(raised)
     return StaticScene(
         mesh=Mesh.joined(ground, controls.mesh, lamps, trees, houses, park),
         signal_lamps=tuple(
             replace(lamp, start=lamp.start + first, stop=lamp.stop + first) for lamp in controls.signal_lamps
         ),
+        raised=raised,
+        raised_m=numbers.kerb_height_m,
     )

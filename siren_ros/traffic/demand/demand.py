@@ -115,6 +115,10 @@ class _Planner:
         volume = demand.background_vehicles + groups.on_top - len(groups.vehicles)
         background = self._scattered("background", volume, near, (), disjoint=True)
         background += self._scattered("district", around, district, (), disjoint=True)
+        walkers, walkers_kept = plan_walkers(
+            *(self._network, self._around_way, demand.people.pedestrians),
+            *(self._config.people_reserve_factor, self._seed, self._factory),
+        )
         return TrafficPlan(
             emvs=emvs,
             groups=groups.vehicles,
@@ -130,14 +134,8 @@ class _Planner:
             duty=bool(self._template.response.duty),
             riders=self._riders(stage),
             riders_kept=self._wanted,
-            walkers=plan_walkers(
-                self._network,
-                self._around_way,
-                self._with_people_reserve(self._template.demand.people.pedestrians),
-                self._seed,
-                self._factory,
-            ),
-            walkers_kept=self._template.demand.people.pedestrians,
+            walkers=walkers,
+            walkers_kept=walkers_kept,
         )
 
     def _jam(self, groups: GroupPlan) -> JamHead | None:
@@ -158,19 +156,22 @@ class _Planner:
     def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
         """Cyclists and motorcyclists near the EMV's way, more than enter at once."""
         near = self._around_way
+        places = 1.0 + self._config.people_reserve_factor
         lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
         return tuple(
             rider
             for kind, count in self._wanted.items()
             for rider in self._scattered(
-                *(f"{kind.name.lower()}", self._with_people_reserve(count), lanes[kind], stage),
+                *(
+                    f"{kind.name.lower()}",
+                    round((1.0 + self._config.people_reserve_factor) * count),
+                    lanes[kind],
+                    stage,
+                ),
                 disjoint=False,
                 kind=kind,
             )
         )
-
-    def _with_people_reserve(self, count: int) -> int:
-        return round((1.0 + self._config.people_reserve_factor) * count)
 
     def _cycled(self, near: Sequence[Lane]) -> list[Lane]:
         """The cycle lanes of some lanes' edges, and the rightmost driving lanes where there are none."""

@@ -17,6 +17,8 @@ PACE_MPS: Final = TruncatedNormal(mean=1.34, std=0.26, minimum=0.7, maximum=2.0)
 """Free walking speeds (Weidmann 1993: 1.34 m/s with a standard deviation of 0.26 m/s)."""
 _GOALS: Final = 5
 """Streets that somebody walks to, one after the other, where a simple way leads there: more than an episode lasts."""
+_ROOM_M: Final = 4.0
+"""Sidewalk for each one at least: on a map with few sidewalks fewer people walk."""
 _CLOTHES: Final = (
     (44, 52, 74),
     (122, 40, 44),
@@ -29,15 +31,17 @@ _CLOTHES: Final = (
 
 
 def plan_walkers(
-    network: RoadNetwork, near: Sequence[Lane], count: int, seed: int, factory: VehicleFactory
-) -> tuple[PlannedWalker, ...]:
-    """People on the sidewalks beside some driving lanes, evenly along them.
+    network: RoadNetwork, near: Sequence[Lane], count: int, spares: float, seed: int, factory: VehicleFactory
+) -> tuple[tuple[PlannedWalker, ...], int]:
+    """People on the sidewalks beside some driving lanes, evenly along them, and how many of them walk at once.
+
+    There are ``spares`` more for each of these.
 
     Raises:
         MapError: No street there has a sidewalk.
     """
     if count == 0:
-        return ()
+        return (), 0
     edges = dict.fromkeys(lane.edge for lane in near)
     beside = [network.lanes[index] for edge in edges for index in network.edges[edge].lanes]
     walks = [lane for lane in beside if lane.kind is LaneKind.SIDEWALK]
@@ -45,7 +49,9 @@ def plan_walkers(
         raise MapError(f"{count} pedestrians", "a map with sidewalks near the EMV's way")
     rng = random_stream(seed, "demand/pedestrians")
     ends, size = chances(lane.length_m for lane in walks), factory.size(ActorClass.PEDESTRIAN)
-    return tuple(_walker(network, walks, ends, f"pedestrian{number}", size, rng) for number in range(count))
+    kept = min(count, max(1, int(sum(lane.length_m for lane in walks) / _ROOM_M)))
+    names = (f"pedestrian{number}" for number in range(round((1.0 + spares) * kept)))
+    return tuple(_walker(network, walks, ends, name, size, rng) for name in names), kept
 
 
 def _walker(

@@ -40,8 +40,8 @@ def patches(*roads, junction_type="priority"):
     return opendrive_patches(net(junction_type), f"<OpenDRIVE>{''.join(roads)}</OpenDRIVE>".encode(), "map.xodr")
 
 
-def lane_patches(net_xml):
-    edges = opendrive_patches(net_xml, b"<OpenDRIVE/>", "map.xodr")["--edge-files"]
+def lane_patches(net_xml, *, for_people=False):
+    edges = opendrive_patches(net_xml, b"<OpenDRIVE/>", "map.xodr", for_people=for_people)["--edge-files"]
     return {lane.get("index"): dict(lane.attrib) for lane in fromstring(edges).find("edge").iterfind("lane")}
 
 
@@ -52,6 +52,12 @@ def test_permissions_by_lane_type_and_width():
     assert lanes["1"] == {"index": "1", "disallow": "all"}
     assert (lanes["2"]["allow"], float(lanes["2"]["speed"])) == ("emergency", 13.89)
     assert lanes["4"] == {"index": "4", "disallow": "all"}
+
+
+def test_cycle_lanes_are_open_where_there_are_cyclists():
+    cycled = net().replace(b'width="0.6" type="shoulder"', b'width="1.6" type="biking"')
+    assert lane_patches(cycled)["1"] == {"index": "1", "disallow": "all"}
+    assert lane_patches(cycled, for_people=True)["1"] == {"index": "1", "allow": "bicycle"}
 
 
 def test_the_shoulder_follows_right_turns_only():

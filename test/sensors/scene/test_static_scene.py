@@ -103,6 +103,7 @@ def test_sidewalks_stand_a_kerb_above_the_road(scene, network):
     ground = np.isin(material, GROUND)
     assert ground.mean() > 0.9
     np.testing.assert_allclose(height[ground], SceneConfig().kerb_height_m, atol=1e-5)
+    np.testing.assert_allclose(scene.ground_m(*places[ground].T), height[ground], atol=1e-5)
 
 
 def test_no_ray_falls_through_the_ground(scene):
@@ -152,6 +153,8 @@ def test_where_traffic_keeps_left_the_scene_is_the_mirror_image(network):
     assert np.array_equal(image.mesh.triangles, scene.mesh.triangles[:, ::-1])
     assert np.array_equal(image.mesh.material, scene.mesh.material)
     assert image.signal_lamps == scene.signal_lamps
+    x_m, y_m = shapely.get_coordinates(scene.raised.representative_point()).T
+    assert image.ground_m(x_m, -y_m) == scene.ground_m(x_m, y_m) == scene.raised_m > 0.0
 
 
 WIDTH_M, DEPTH_M = 16.0, 10.0

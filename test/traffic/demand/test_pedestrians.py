@@ -17,16 +17,24 @@ STREETS = [lane for edge in CITY.edges for lane in driving_lanes(CITY, edge.inde
 
 
 def planned(count: int, seed: int = 0, near: list[Lane] = STREETS) -> tuple[PlannedWalker, ...]:
-    return plan_walkers(CITY, near, count, seed, VehicleFactory(CITY, load_drivers(), DIMENSIONS, DemandConfig()))
+    factory = VehicleFactory(CITY, load_drivers(), DIMENSIONS, DemandConfig())
+    people, kept = plan_walkers(CITY, near, count, 1.0, seed, factory)
+    assert len(people) == 2 * kept
+    return people
 
 
-def test_there_are_as_many_as_asked_for_and_the_seed_decides() -> None:
+def test_there_are_as_many_again_in_reserve_and_the_seed_decides() -> None:
     people = planned(30)
-    assert len(people) == 30
-    assert len({walker.name for walker in people}) == 30
+    assert len(people) == 60
+    assert len({walker.name for walker in people}) == 60
     assert planned(30) == people
     assert planned(30, seed=1) != people
     assert planned(0) == ()
+
+
+def test_a_few_sidewalks_have_room_for_few() -> None:
+    walks = [CITY.lanes[CITY.edges[STREETS[0].edge].lanes[0]]]
+    assert len(planned(400, near=STREETS[:1])) == 2 * int(walks[0].length_m / 4.0)
 
 
 def test_people_start_and_end_on_sidewalks_of_the_streets() -> None:

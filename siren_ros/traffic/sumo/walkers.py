@@ -58,6 +58,10 @@ _INTO_M: Final = 0.5
 """Who is nearer to its way has to leave it."""
 _HURRY: Final = 1.5
 """Of their pace, with which people hurry: brisk walking (Weidmann 1993: up to 2 m/s)."""
+_HELD_UP_MPS: Final = 5.0
+"""A slower EMV is held up by traffic."""
+_IN_QUEUE_M: Final = 80.0
+"""As far ahead of it drivers in a queue hear it (``YieldingConfig.queue_m``)."""
 _KERB_AHEAD_M: Final = 1.3
 """How far ahead the road begins for those who wait at the kerb."""
 _STANDING_MPS: Final = 0.01
@@ -168,10 +172,6 @@ def _move_to_edge(poses: Any, crossing: Any, rows: Any, pieces: Any, edge: Any) 
             crossing[row] = True
 
 
-def _nowhere(names: Sequence[str]) -> Floats:
-    return np.full((2, len(names)), np.nan)
-
-
 @dataclass(frozen=True, eq=False)
 class _Table:
     """Those who are in the state, in order of their ids."""
@@ -196,9 +196,8 @@ class _Table:
             [(ids[name], walkers[name].notice_m, walkers[name].speed_mps) for name in names], np.float64
         ).reshape(-1, 3)
         ids_of, notice_m, speed_mps = columns[:, 0].astype(np.uint32), columns[:, 1], columns[:, 2]
-        table = cls(
-            names, ids_of, notice_m, speed_mps, speed_mps.copy(), np.zeros(len(names), np.bool_), _nowhere(names)
-        )
+        nobody, nowhere = np.zeros(len(names), np.bool_), np.full((2, len(names)), np.nan)
+        table = cls(names, ids_of, notice_m, speed_mps, speed_mps.copy(), nobody, nowhere)
         if last is not None:
             kept = [(row, before[name]) for row, name in enumerate(names) if name in before]
             now, then = np.array(kept, np.intp).reshape(-1, 2).T
@@ -292,7 +291,7 @@ class Walkers:
             self._sized, self._sizes = states.actor_id, (*np.array(sizes).reshape(-1, 2).T.copy(),)
         poses, speed_mps = (states.x_m, states.y_m, states.yaw_rad), np.hypot(states.vx_mps, states.vy_mps)
         stand, comes = _step_into(rows, (poses, self._sizes), speed_mps)
-        warned = _warned(rows, table.notice_m, rows_of_ids(states.actor_id, sirens), poses)
+        warned = _warned(rows, table.notice_m, rows_of_ids(states.actor_id, sirens), poses, speed_mps)
         wait = np.flatnonzero((warned | comes) & ~self._crossing)
         if len(wait):
             stand[wait] |= self._kerbs.ahead(*(values[rows[wait]] for values in poses))
@@ -341,8 +340,12 @@ class Walkers:
 
 
 @compiled
-def _warned(walkers: Any, notice_m: Any, emvs: Any, poses: Any) -> Any:
-    """Whether an EMV with a siren comes towards each of some people, within the distance at which they heed it."""
+def _warned(walkers: Any, notice_m: Any, emvs: Any, poses: Any, speed_mps: Any) -> Any:
+    """Whether an EMV with a siren comes towards each of some people, within the distance at which they heed it.
+
+    People ahead of an EMV that traffic holds up hear it as far as the drivers of a queue do: those at the queue's head
+    may wait for them.
+    """
     x_m, y_m, yaw_rad = poses
     warned = np.zeros(len(walkers), np.bool_)
     for number in range(len(walkers)):
@@ -351,7 +354,8 @@ def _warned(walkers: Any, notice_m: Any, emvs: Any, poses: Any) -> Any:
             if row >= 0 and emv >= 0:
                 dx, dy = x_m[row] - x_m[emv], y_m[row] - y_m[emv]
                 ahead = np.cos(yaw_rad[emv]) * dx + np.sin(yaw_rad[emv]) * dy
-                warned[number] |= ahead > 0.0 and np.hypot(dx, dy) < notice_m[number]
+                reach = max(notice_m[number], _IN_QUEUE_M) if speed_mps[emv] < _HELD_UP_MPS else notice_m[number]
+                warned[number] |= ahead > 0.0 and notice_m[number] > 0.0 and np.hypot(dx, dy) < reach
     return warned
 
 

@@ -32,10 +32,8 @@ def test_a_vehicle_moves_above_three_tenths_of_a_metre_a_second(turn_rad: float)
 def test_people_have_attributes_of_their_own() -> None:
     """A rider sits on two wheels at any speed, known or not."""
     speed = np.array([[0.31, 0.0], [0.29, 0.0], [np.nan, np.nan]])
-    walking, riding = (
-        [ATTRIBUTES[code] for code in attributes_of(speed, kind)]
-        for kind in (ActorClass.PEDESTRIAN, ActorClass.BICYCLE)
-    )
+    kinds = ActorClass.PEDESTRIAN, ActorClass.BICYCLE
+    walking, riding = ([ATTRIBUTES[code] for code in attributes_of(speed, kind)] for kind in kinds)
     assert walking == ["pedestrian.moving", "pedestrian.standing", ""]
     assert riding == ["cycle.with_rider"] * 3
     mixed = np.array([ActorClass.SEDAN, ActorClass.PEDESTRIAN, ActorClass.MOTORCYCLE], dtype=np.uint8)

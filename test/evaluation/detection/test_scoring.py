@@ -248,7 +248,7 @@ def with_people() -> tuple[Frames, FoundBoxes]:
 def test_people_count_by_their_own_names_and_ranges() -> None:
     frames, boxes = with_people()
     wanted, near = counted_boxes(frames, found_set(boxes, frames), VEHICLE_NAMES)
-    assert wanted.actor_class.tolist() == [ActorClass.SEDAN]
+    assert wanted.actor_class.tolist() == [ActorClass.HATCHBACK]
     assert near.frame.tolist() == [0, 1], "the cyclist is no car"
     walkers, found = counted_people(frames, found_set(boxes, frames), ActorClass.PEDESTRIAN)
     assert (len(walkers), found.label.tolist()) == (1, ["pedestrian"])

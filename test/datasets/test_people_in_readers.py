@@ -75,7 +75,7 @@ def test_metadrive(exported: Export, drives: list[Path]) -> None:
 
 
 def test_open3d_ml(exported: Export, sensed: list[Path]) -> None:
-    """The front camera sees the person in the car's place. A motorcycle is ``Misc``, which this reader calls ``DontCare``."""
+    """The front camera sees the person in the car's place. A motorcycle is ``Misc``; this reader says ``DontCare``."""
     seen, written = [], set()
     for bag in sensed:
         folder = exported("kitti", bag) / "training"

@@ -217,15 +217,16 @@ def wake_length_m(encounters: Sequence[Encounter], limits: YieldThresholds) -> M
 def civilian_delay_s(record: EpisodeRecord) -> Measure:
     """Vehicle-seconds that the civilians lost against the speed limit: the sum of ∫ (1 − v / v_limit) dt.
 
-    Of those who are there at the first step: they are the same at all levels of a seed. As SUMO's time loss, with the
-    limit of the lane and not the driver's own wish, which the record does not hold. Most of it is queues and signals;
-    what counts is the difference between levels.
+    Of those who are there at the first step: they are the same at all levels of a seed. People on two wheels do not
+    count: no limit says how fast they go. As SUMO's time loss, with the limit of the lane and not the driver's own
+    wish, which the record does not hold. Most of it is queues and signals; what counts is the difference between
+    levels.
     """
     if not record.states:
         return Measure.lacking("the record has no step")
     rows = record.rows
     present = np.isin(rows.actor_id, record.states[0].actor_id)
-    rows = rows.select(present & ~np.isin(rows.actor_id, record.emv_ids))
+    rows = rows.select(present & ~np.isin(rows.actor_id, [*record.emv_ids, *record.people_ids]))
     lane = sumo_lanes(record, rows)
     known = lane != NO_LANE
     if not known.any():

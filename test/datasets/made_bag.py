@@ -60,14 +60,18 @@ class BagSpec:
     """Without its outcome."""
     boxes_frame: str = "lidar"
     """Frame of the labels as ``Detection3DArray``, whose numbers are the same in any."""
+    kinds: tuple[ActorClass, ActorClass] = (ActorClass.SEDAN, ActorClass.BUS)
+    """What the car and the bus are."""
 
 
-def made_tracks_of(steps: int) -> EpisodeRecord:
+def made_tracks_of(steps: int, kinds: tuple[ActorClass, ActorClass] = BagSpec.kinds) -> EpisodeRecord:
     """The EMV at 10 m/s; a car that comes at step 10 and gains speed; a bus in the lane beside that leaves."""
     tracks = {
         EMV: moving(20.0, RIGHT_Y_M, 10.0, steps=steps, is_emv=True, actor_class=ActorClass.AMBULANCE, length_m=6.0),
-        CAR: moving(60.0, RIGHT_Y_M, 6.0, accel_mps2=0.2, steps=steps - 10, first_step=10, length_m=4.0),
-        BUS: moving(40.0, LEFT_Y_M, 9.0, steps=steps - 5, actor_class=ActorClass.BUS, length_m=12.0),
+        CAR: moving(
+            60.0, RIGHT_Y_M, 6.0, accel_mps2=0.2, steps=steps - 10, first_step=10, length_m=4.0, actor_class=kinds[0]
+        ),
+        BUS: moving(40.0, LEFT_Y_M, 9.0, steps=steps - 5, actor_class=kinds[1], length_m=12.0),
     }
     return record_with(tracks, parse_road_network(NET_XML.encode()))
 
@@ -94,11 +98,11 @@ def sweep_of(step: int) -> npt.NDArray[np.void]:
     return points
 
 
-def truth_of(step: int) -> GroundTruth:
+def truth_of(step: int, kinds: tuple[ActorClass, ActorClass] = BagSpec.kinds) -> GroundTruth:
     """The car ahead to the left, which moves, and the bus behind to the right, which stands and has no return."""
     columns: dict[str, Any] = {
         "actor_id": np.array([CAR, BUS], dtype=np.uint32),
-        "actor_class": np.array([ActorClass.SEDAN, ActorClass.BUS], dtype=np.uint8),
+        "actor_class": np.array(kinds, dtype=np.uint8),
         "is_emv": np.zeros(2, dtype=np.bool_),
         "x_m": np.array([12.0, -15.0 + 0.1 * step]),
         "y_m": np.array([3.0, -4.0]),
@@ -115,9 +119,9 @@ def truth_of(step: int) -> GroundTruth:
     return GroundTruth(step=step, carrier_id=EMV, **columns)
 
 
-def image_truth_of(step: int, camera: str) -> CameraTruth:
+def image_truth_of(step: int, camera: str, kinds: tuple[ActorClass, ActorClass] = BagSpec.kinds) -> CameraTruth:
     """The front camera shows the car, half of it beyond the edge; the other one the bus, nearly whole."""
-    actor, kind, seen, cut = (CAR, ActorClass.SEDAN, 0.9, 0.5) if camera == FRONT else (BUS, ActorClass.BUS, 0.9, 0.0)
+    actor, kind, seen, cut = (CAR, kinds[0], 0.9, 0.5) if camera == FRONT else (BUS, kinds[1], 0.9, 0.0)
     edges = {name: np.array([value]) for name, value in zip(("u_min_px", "v_min_px"), (3.0, 4.0), strict=True)}
     return CameraTruth(
         step=step,
@@ -186,21 +190,21 @@ def _sensed(spec: BagSpec, step: int) -> Iterator[tuple[Topic, int, Any]]:
     yield topics.TF, step, to_tf(step, pose)
     if step % 2 or step < FIRST_SENSED:
         return
-    yield topics.GROUND_TRUTH, step, to_ground_truth(truth_of(step))
-    yield topics.BOXES, step, to_boxes(boxes_of(truth_of(step), spec.boxes_frame))
+    yield topics.GROUND_TRUTH, step, to_ground_truth(truth_of(step, spec.kinds))
+    yield topics.BOXES, step, to_boxes(boxes_of(truth_of(step, spec.kinds), spec.boxes_frame))
     yield topics.LIDAR.of_sensor("lidar", 2), step, to_point_cloud(step, "lidar", sweep_of(step))
     for camera, frame in ((FRONT, "front_frame"), (REAR, "rear_frame")):
         yield topics.CAMERA_INFO.of_sensor(camera, 2), step, to_camera_info(step, frame, MODEL)
         picture = to_compressed_image(step, frame, jpeg_of(step, camera))
         yield topics.IMAGE_COMPRESSED.of_sensor(camera, 2), step, picture
         if spec.image_labels:
-            labels = to_camera_truth(image_truth_of(step, camera), frame)
+            labels = to_camera_truth(image_truth_of(step, camera, spec.kinds), frame)
             yield topics.IMAGE_TRUTH.of_sensor(camera, 2), step, labels
 
 
 def described(spec: BagSpec) -> EpisodeRecord:
     """The record whose messages a bag holds."""
-    record = made_tracks_of(spec.steps)
+    record = made_tracks_of(spec.steps, spec.kinds)
     description = replace(
         record.description,
         seed=spec.seed,

@@ -1,17 +1,25 @@
-"""Boxes of vehicles as arrays: labels and detections, nuScenes' attributes, and the class names that count."""
+"""Boxes as arrays: labels and detections, nuScenes' attributes, and the class names that count."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import Final, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Rows
-from siren_ros.world.actors import EMERGENCY_CLASSES
+from siren_ros.world.actors import EMERGENCY_CLASSES, TWO_WHEELED, ActorClass
 
-ATTRIBUTES: Final = ("", "vehicle.moving", "vehicle.stopped", "vehicle.parked")
-"""nuScenes' attributes of vehicles by code; 0 says nothing."""
+ATTRIBUTES: Final = (
+    *("", "vehicle.moving", "vehicle.stopped", "vehicle.parked"),
+    *("cycle.with_rider", "cycle.without_rider"),
+    *("pedestrian.moving", "pedestrian.standing", "pedestrian.sitting_lying_down"),
+)
+"""nuScenes' attributes by code; 0 says nothing."""
+_WITH_RIDER, _WALKS, _STANDS = (
+    ATTRIBUTES.index(name) for name in ("cycle.with_rider", "pedestrian.moving", "pedestrian.standing")
+)
 MOVING_MPS: Final = 0.3
 """Above this speed a vehicle moves, as in the nuScenes export."""
 
@@ -43,7 +51,7 @@ class Boxes:
 
 @dataclass(frozen=True)
 class TruthBoxes(Boxes):
-    """Labelled vehicles. All further arrays have shape ``(N,)``."""
+    """Labelled vehicles and people. All further arrays have shape ``(N,)``."""
 
     actor_id: Ids
     actor_class: Codes
@@ -80,16 +88,32 @@ def joined(parts: Sequence[Kind]) -> Kind:
     return type(parts[0])(**{name: np.concatenate(arrays) for name, arrays in columns.items()})
 
 
-def attributes_of(velocity_mps: Floats) -> Codes:
-    """Attributes from velocities of shape ``(N, 2)``: moving above 0.3 m/s, else stopped; none without a velocity."""
+def attributes_of(velocity_mps: Floats, actor_class: Codes | ActorClass = ActorClass.SEDAN) -> Codes:
+    """Attributes from velocities of shape ``(N, 2)``: moving above 0.3 m/s, else stopped; none without a velocity.
+
+    Two wheels have a rider at any speed. The class is one for all, or of shape ``(N,)``.
+    """
     speed = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1])
-    return np.select([np.isnan(speed), speed > MOVING_MPS], [0, 1], 2).astype(np.uint8)
+    walks, rides = np.isin(actor_class, ActorClass.PEDESTRIAN), np.isin(actor_class, [*TWO_WHEELED])
+    moving, standing = np.where(walks, _WALKS, 1), np.where(walks, _STANDS, 2)
+    codes = np.where(np.isnan(speed), 0, np.where(speed > MOVING_MPS, moving, standing))
+    return np.where(rides, _WITH_RIDER, codes).astype(np.uint8)
 
 
 CAR: Final = "car"
 _EMERGENCY: Final = {member.name.lower(): member for member in sorted(EMERGENCY_CLASSES)}
 CLASS_NAMES: Final = (CAR, *_EMERGENCY)
 """Names that a detection can have: ``car`` for every civilian vehicle, as in the paper, and the emergency vehicles."""
+
+
+PERSON_NAMES: Final = MappingProxyType(
+    {
+        ActorClass.PEDESTRIAN: ("pedestrian", "person"),
+        ActorClass.BICYCLE: ("bicycle", "cyclist"),
+        ActorClass.MOTORCYCLE: ("motorcycle", "motorcyclist"),
+    }
+)
+"""Names that a detection of a person can have: nuScenes' first, and those of other formats."""
 
 
 def labels_named(truth: TruthBoxes, name: str) -> Flags:

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.boxes import ATTRIBUTES, Boxes, FoundBoxes, TruthBoxes
+from siren_ros.evaluation.detection.boxes import ATTRIBUTES, CAR, Boxes, FoundBoxes, TruthBoxes
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.numerics.compiled import compiled
 
@@ -129,7 +129,6 @@ ERRORS: Final = MappingProxyType(
 )
 """The devkit's names of the true-positive errors: metres, 1 − IoU, radians, m/s, 1 − share of right attributes."""
 _MODULES: Final = ("common.config", "common.data_classes", "detection.algo", "detection.data_classes")
-_CLASS: Final = "car"
 _CONFIG: Final = "detection_cvpr_2019"
 
 
@@ -149,29 +148,31 @@ class DevkitScore:
     """At the recalls 0, 0.01, … 1, shape ``(4, 101)``: one row for each distance."""
 
 
-def devkit_score(truth: TruthBoxes, detected: FoundBoxes) -> DevkitScore:
+def devkit_score(truth: TruthBoxes, detected: FoundBoxes, name: str = CAR) -> DevkitScore:
     """Scores detections of one class. Both tables hold only what counts: near boxes, labels with LiDAR points.
+
+    The class has nuScenes' name.
 
     Raises:
         InputError: nuscenes-devkit is not installed.
     """
     kit = _devkit()
-    labels, detections = _eval_boxes(truth, kit), _eval_boxes(detected, kit)
+    labels, detections = _eval_boxes(truth, kit, name), _eval_boxes(detected, kit, name)
     config = kit["config_factory"](_CONFIG)
-    metrics = kit["DetectionMetrics"](_of_one_class(config))
+    metrics = kit["DetectionMetrics"](_of_one_class(config, name))
     curves = []
     for distance_m in config.dist_ths:
-        data = kit["accumulate"](labels, detections, _CLASS, _centre_distance, distance_m)
+        data = kit["accumulate"](labels, detections, name, _centre_distance, distance_m)
         curves.append(data.precision)
-        metrics.add_label_ap(_CLASS, distance_m, kit["calc_ap"](data, config.min_recall, config.min_precision))
+        metrics.add_label_ap(name, distance_m, kit["calc_ap"](data, config.min_recall, config.min_precision))
         if distance_m == config.dist_th_tp:
-            for name in ERRORS.values():
-                metrics.add_label_tp(_CLASS, name, kit["calc_tp"](data, config.min_recall, name))
+            for error in ERRORS.values():
+                metrics.add_label_tp(name, error, kit["calc_tp"](data, config.min_recall, error))
     return DevkitScore(
         labels=len(truth),
         detections=len(detected),
-        average_precision={distance: float(metrics.get_label_ap(_CLASS, distance)) for distance in DISTANCES_M},
-        errors={short: float(metrics.get_label_tp(_CLASS, name)) for short, name in ERRORS.items()},
+        average_precision={distance: float(metrics.get_label_ap(name, distance)) for distance in DISTANCES_M},
+        errors={short: float(metrics.get_label_tp(name, error)) for short, error in ERRORS.items()},
         mean_average_precision=metrics.mean_ap,
         nds=float(metrics.nd_score),
         precision=np.array(curves),
@@ -189,10 +190,19 @@ def _devkit() -> dict[str, Any]:
         raise InputError("task", "detection", f"{command}, which installs nuscenes-devkit") from error
 
 
-def _of_one_class(config: Any) -> Any:
-    """The devkit's configuration averages over ten classes; here all vehicles are one."""
+def class_range_m(name: str) -> float:
+    """NuScenes' range of a class.
+
+    Raises:
+        InputError: nuscenes-devkit is not installed.
+    """
+    return float(_devkit()["config_factory"](_CONFIG).class_range[name])
+
+
+def _of_one_class(config: Any, name: str) -> Any:
+    """The devkit's configuration averages over ten classes; here all vehicles are one, and people are apart."""
     single = copy(config)
-    single.class_range = {_CLASS: config.class_range[_CLASS]}
+    single.class_range = {name: config.class_range[name]}
     single.class_names = single.class_range.keys()
     return single
 
@@ -203,7 +213,7 @@ def _centre_distance(label: Any, detection: Any) -> float:
     return math.hypot(first[0] - second[0], first[1] - second[1])
 
 
-def _eval_boxes(boxes: Boxes, kit: dict[str, Any]) -> Any:
+def _eval_boxes(boxes: Boxes, kit: dict[str, Any], name: str) -> Any:
     converted = kit["EvalBoxes"]()
     scores = boxes.score.tolist() if isinstance(boxes, FoundBoxes) else [-1.0] * len(boxes)
     half = boxes.yaw_rad / 2.0
@@ -225,7 +235,7 @@ def _eval_boxes(boxes: Boxes, kit: dict[str, Any]) -> Any:
             size=tuple(size),
             rotation=(cos, 0.0, 0.0, sin),
             velocity=tuple(velocity),
-            detection_name=_CLASS,
+            detection_name=name,
             detection_score=score,
             attribute_name=ATTRIBUTES[attribute],
         )

@@ -24,7 +24,7 @@ from siren_ros.record.bag_survey import BagSurvey
 from siren_ros.record.episode_source import EpisodeSource, LidarFrame, lidar_of, open_source
 from siren_ros.recording.bag_reader import BagMessage, damage_refused
 from siren_ros.sensors.look import look_of
-from siren_ros.world.actors import ActorClass, Mode
+from siren_ros.world.actors import Mode
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, GroundTruth
 
 RANGE_M: Final = 50.0
@@ -244,20 +244,19 @@ def _pose(source: EpisodeSource, held: Mapping[str, BagMessage]) -> Matrix:
 def _labelled(frame: int, truth: GroundTruth, map_from_lidar: Matrix, visible: Floats, mode: Codes) -> TruthBoxes:
     turn, shift = map_from_lidar[:3, :3], map_from_lidar[:3, 3]
     speeds = np.stack((truth.vx_mps, truth.vy_mps), axis=-1)
-    boxes = TruthBoxes(
+    return TruthBoxes(
         frame=np.full(len(truth), frame, dtype=np.intp),
         centre_m=np.stack((truth.x_m, truth.y_m, truth.z_m), axis=-1) @ turn.T + shift,
         size_m=np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1),
         yaw_rad=truth.yaw_rad + np.arctan2(turn[1, 0], turn[0, 0]),
         velocity_mps=speeds,
-        attribute=attributes_of(speeds),
+        attribute=attributes_of(speeds, truth.actor_class),
         actor_id=truth.actor_id,
         actor_class=truth.actor_class,
         lidar_points=truth.lidar_points,
         visible=visible,
         mode=mode,
     )
-    return boxes.at(truth.actor_class != ActorClass.PEDESTRIAN)  # the one class is that of vehicles
 
 
 def _modes(actor_id: Ids, message: BagMessage | None) -> Codes:

@@ -1,7 +1,7 @@
 """Scores of one detector, on parts of the labels, too: nuScenes' code for the tables, the jackknife for intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Final, Self
@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.evaluation.detection.boxes import (
+    CAR,
     CLASS_NAMES,
+    PERSON_NAMES,
     Boxes,
     FoundBoxes,
     TruthBoxes,
@@ -18,13 +20,20 @@ from siren_ros.evaluation.detection.boxes import (
     labels_named,
     names_kinds,
 )
-from siren_ros.evaluation.detection.devkit_score import DISTANCES_M, DevkitScore, Matches, average_precision, match
+from siren_ros.evaluation.detection.devkit_score import (
+    DISTANCES_M,
+    DevkitScore,
+    Matches,
+    average_precision,
+    class_range_m,
+    match,
+)
 from siren_ros.evaluation.detection.frames import RANGE_M, Frames
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.statistics import Estimate, jackknife
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.tables.interval import NOTHING, Interval
-from siren_ros.world.actors import VEHICLE_CLASSES, ActorClass, Mode
+from siren_ros.world.actors import PEOPLE_CLASSES, VEHICLE_CLASSES, ActorClass, Mode
 
 _HELD: Final = (Mode.YIELD_HOLD, Mode.STOPPED)
 _YIELDING: Final = (*(mode for mode in Mode if mode.is_yielding and mode not in _HELD), Mode.REJOIN)
@@ -137,13 +146,13 @@ _DRAWS: Final = 1000
 _NAMED: Final = "found by name"
 VEHICLE_NAMES: Final = frozenset(
     {"car", "van", "truck", "bus", "trailer", "construction_vehicle", "misc", "vehicle", "emergency_vehicle"}
-    | {member.name.lower() for member in VEHICLE_CLASSES}
+    | {member.name.lower() for member in VEHICLE_CLASSES if member not in PEOPLE_CLASSES}
 )
 """Class names that count as the one class of vehicles, in lower case."""
 
 Names = npt.NDArray[np.str_]
-Run = Callable[[Sequence[tuple[TruthBoxes, FoundBoxes]]], Sequence[DevkitScore]]
-"""Scores several tables by nuScenes' code, side by side where there are processors."""
+Run = Callable[[Sequence[tuple[TruthBoxes, FoundBoxes, str]]], Sequence[DevkitScore]]
+"""Scores several tables, each with its class's name, by nuScenes' code, side by side where there are processors."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +162,14 @@ class GroupScore:
     group: str
     name: str
     labels: int
+    mean_ap: Interval
+
+
+@dataclass(frozen=True)
+class PersonScore:
+    """One class of people, over all episodes."""
+
+    score: DevkitScore
     mean_ap: Interval
 
 
@@ -178,6 +195,8 @@ class DetectorScores:
     found: FoundBoxes
     """Detections that count."""
     matches: Matches
+    people: Mapping[str, PersonScore] = field(default_factory=dict)
+    """By nuScenes' name, those of whom there is a label; they count in no other score."""
 
     @property
     def mean_nds(self) -> float:
@@ -187,11 +206,31 @@ class DetectorScores:
 
 def counted_boxes(frames: Frames, detected: FoundSet, names: frozenset[str]) -> tuple[TruthBoxes, FoundBoxes]:
     """Boxes that count by nuScenes' protocol: within 50 m; labels with at least one LiDAR point; vehicles."""
-    truth, boxes = frames.truth, detected.boxes
+    return _near(frames, detected, frames.truth.at(~np.isin(frames.truth.actor_class, [*PEOPLE_CLASSES])), names)
+
+
+def counted_people(frames: Frames, detected: FoundSet, kind: ActorClass) -> tuple[TruthBoxes, FoundBoxes]:
+    """The same of a class of people, within nuScenes' range of it.
+
+    Raises:
+        InputError: nuscenes-devkit is not installed.
+    """
     if not detected.has_attributes:
-        truth = replace(truth, attribute=attributes_of(truth.velocity_mps))
-    counted = (frames.distance_m(truth) < RANGE_M) & (truth.lidar_points > 0) & detected.scored[truth.frame]
-    near = (frames.distance_m(boxes) < RANGE_M) & detected.scored[boxes.frame]
+        attribute = attributes_of(detected.boxes.velocity_mps, kind)
+        detected = replace(detected, boxes=replace(detected.boxes, attribute=attribute))
+    names = PERSON_NAMES[kind]
+    labels = frames.truth.at(frames.truth.actor_class == kind)
+    return _near(frames, detected, labels, frozenset(names), class_range_m(names[0]))
+
+
+def _near(
+    frames: Frames, detected: FoundSet, truth: TruthBoxes, names: frozenset[str], range_m: float = RANGE_M
+) -> tuple[TruthBoxes, FoundBoxes]:
+    boxes = detected.boxes
+    if not detected.has_attributes:
+        truth = replace(truth, attribute=attributes_of(truth.velocity_mps, truth.actor_class))
+    counted = (frames.distance_m(truth) < range_m) & (truth.lidar_points > 0) & detected.scored[truth.frame]
+    near = (frames.distance_m(boxes) < range_m) & detected.scored[boxes.frame]
     return truth.at(counted), boxes.at(near & np.isin(boxes.label, sorted(names)))
 
 
@@ -201,7 +240,9 @@ def score_detector(frames: Frames, detected: FoundSet, names: frozenset[str], ru
     of_episode = np.array([episode.template for episode in frames.episodes])
     of_frame = of_episode[frames.episode]
     templates = sorted(set(of_episode.tolist()))
-    tables = [(truth.at(of_frame[truth.frame] == name), boxes.at(of_frame[boxes.frame] == name)) for name in templates]
+    tables = [
+        (truth.at(of_frame[truth.frame] == name), boxes.at(of_frame[boxes.frame] == name), CAR) for name in templates
+    ]
     scores = dict(zip(templates, run(tables), strict=True))
     jackknifed = _Jackknifed(frames, truth, boxes, of_episode)
     left_out = {name: jackknifed.mean_ap(of_frame, name) for name in templates}
@@ -230,7 +271,20 @@ def score_detector(frames: Frames, detected: FoundSet, names: frozenset[str], ru
         truth=truth,
         found=boxes,
         matches=jackknifed.matches,
+        people=_people(frames, detected, of_episode, run),
     )
+
+
+def _people(frames: Frames, detected: FoundSet, template: Names, run: Run) -> dict[str, PersonScore]:
+    """By nuScenes' name, each class of people with a label."""
+    there = [kind for kind in PERSON_NAMES if (frames.truth.actor_class == kind).any()]
+    counted = [(*counted_people(frames, detected, kind), PERSON_NAMES[kind][0]) for kind in there]
+    tables = [table for table in counted if len(table[0])]
+    scores = run(tables) if tables else ()
+    found = {}
+    for (truth, boxes, name), score in zip(tables, scores, strict=True):
+        found[name] = PersonScore(score, _Jackknifed(frames, truth, boxes, template).whole("people", name).mean_ap)
+    return found
 
 
 def _mean(values: Mapping[str, float], left_out: Mapping[str, Floats], templates: Sequence[str]) -> Estimate:
@@ -286,9 +340,12 @@ class _Jackknifed:
         if not len(truth):
             return GroupScore(_NAMED, name, 0, NOTHING)
         boxes = self._given.at(self._given.label == name)
-        alone = _Jackknifed(self._frames, truth, boxes, self._template)
-        labels, counted = (np.ones(len(table), dtype=np.bool_) for table in (truth, boxes))
-        return alone._scored(_NAMED, name, labels, [counted] * len(DISTANCES_M))
+        return _Jackknifed(self._frames, truth, boxes, self._template).whole(_NAMED, name)
+
+    def whole(self, group: str, name: str) -> GroupScore:
+        """Of all labels and detections."""
+        labels, counted = (np.ones(len(table), dtype=np.bool_) for table in (self._truth, self._boxes))
+        return self._scored(group, name, labels, [counted] * len(DISTANCES_M))
 
     def _scored(self, group: str, name: str, labels: Flags, counted: Sequence[Flags]) -> GroupScore:
         episodes = np.unique(self._episode_of_label[labels])

@@ -63,7 +63,10 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
     tables of the terminal.
     """
     paper = list({row.name: row for name in content for row in paper_rows(name)}.values()) if compare_paper else []
-    tables = [_by_template(content, paper), _errors(content, paper), _errors_by_template(content), _parts(content)]
+    tables = (
+        *(_by_template(content, paper), _errors(content, paper)),
+        *(_people(content), _errors_by_template(content), _parts(content)),
+    )
     return tuple(table for table in tables if table.rows)
 
 
@@ -100,6 +103,20 @@ def _errors(content: Mapping[str, Any], paper: Sequence[PaperDetector]) -> Table
         ),
         spec=".3f",
         reference=tuple((f"{row.name} (paper)", *(row.errors[error] for error in ERRORS)) for row in paper),
+    )
+
+
+def _people(content: Mapping[str, Any]) -> Table:
+    return Table(
+        "people",
+        "mAP, with the interval of 95 %, and true-positive errors of people, over all episodes",
+        ("detector", "class", "labels", "mAP", *_ERROR_TITLES),
+        tuple(
+            (name, kind, score["labels"], interval_of_json(score["mAP"]), *map(score["errors"].get, ERRORS))
+            for name, scores in content.items()
+            for kind, score in scores.get("people", {}).items()
+        ),
+        spec=".3f",
     )
 
 
@@ -155,6 +172,7 @@ def scores_as_json(scores: Sequence[DetectorScores]) -> dict[str, Any]:
 
 
 def _detector(scores: DetectorScores) -> dict[str, Any]:
+    people = {name: {**_score(of.score), "mAP": _interval(of.mean_ap)} for name, of in scores.people.items()}
     return {
         "format": scores.format,
         "velocity_known": scores.has_velocity,
@@ -163,6 +181,7 @@ def _detector(scores: DetectorScores) -> dict[str, Any]:
             name: {"frames": scores.frames[name], **_score(score), "mAP": _interval(scores.template_ap[name])}
             for name, score in scores.templates.items()
         },
+        **({"people": people} if people else {}),
         "families": {name: _interval(value) for name, value in scores.families.items()},
         "order_of_families_share": None if scores.order is None else scores.order.whole,
         "order_of_families_steps": None if scores.order is None else dict(scores.order.steps),

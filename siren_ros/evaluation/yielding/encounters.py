@@ -221,7 +221,7 @@ def encounters_of(record: EpisodeRecord, line: EmvLine, limits: YieldThresholds)
     most ``beside_m`` from its line.
     """
     for actor_id, actor in record.actors.items():
-        drives = not actor.is_emv and actor.actor_class is not ActorClass.PEDESTRIAN
+        drives = not actor.is_emv and actor.actor_class not in {ActorClass.PEDESTRIAN, ActorClass.BICYCLE}
         if drives and (encounter := _encounter(record, line, actor_id, limits)) is not None:
             yield encounter
 

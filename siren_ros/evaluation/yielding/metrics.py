@@ -15,6 +15,7 @@ from siren_ros.evaluation.yielding.corridor import (
 )
 from siren_ros.evaluation.yielding.encounters import EmvLine, Encounter, encounters_of
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
+from siren_ros.judging.people import NAMES
 from siren_ros.judging.surrogate_safety import HORIZON_S, PairMeasures, conflict_series, pair_measures
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.units import STEP_S
@@ -23,7 +24,7 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.roads.sites import middle_of_site
 from siren_ros.scenario.paper import PAPER_SPEEDS
-from siren_ros.world.actors import Mode
+from siren_ros.world.actors import ActorClass, Mode
 from siren_ros.world.traffic_state import EventKind
 
 _NOT_IN_THE_WAY = "the driver was not in the EMV's way"
@@ -216,15 +217,16 @@ def wake_length_m(encounters: Sequence[Encounter], limits: YieldThresholds) -> M
 def civilian_delay_s(record: EpisodeRecord) -> Measure:
     """Vehicle-seconds that the civilians lost against the speed limit: the sum of ∫ (1 − v / v_limit) dt.
 
-    Of those who are there at the first step: they are the same at all levels of a seed. As SUMO's time loss, with the
-    limit of the lane and not the driver's own wish, which the record does not hold. Most of it is queues and signals;
-    what counts is the difference between levels.
+    Of those who are there at the first step: they are the same at all levels of a seed. People on two wheels do not
+    count: no limit says how fast they go. As SUMO's time loss, with the limit of the lane and not the driver's own
+    wish, which the record does not hold. Most of it is queues and signals; what counts is the difference between
+    levels.
     """
     if not record.states:
         return Measure.lacking("the record has no step")
     rows = record.rows
     present = np.isin(rows.actor_id, record.states[0].actor_id)
-    rows = rows.select(present & ~np.isin(rows.actor_id, record.emv_ids))
+    rows = rows.select(present & ~np.isin(rows.actor_id, [*record.emv_ids, *record.people_ids]))
     lane = sumo_lanes(record, rows)
     known = lane != NO_LANE
     if not known.any():
@@ -333,6 +335,30 @@ def of_drivers(
     return Measure(value, at_least=any(measure.at_least for measure in known))
 
 
+def _with(scene: YieldScene, kind: ActorClass) -> tuple[PairMeasures, ...]:
+    """The EMV with the people of a class."""
+    return tuple(pair for pair in scene.conflicts_of() if scene.record.actors[pair.actor_id].actor_class is kind)
+
+
+def max_drac_mps2(conflicts: Sequence[PairMeasures]) -> Measure:
+    """Greatest required deceleration."""
+    needed = [pair.required_deceleration_mps2.value for pair in conflicts if pair.required_deceleration_mps2]
+    if np.inf in needed:
+        return Measure.lacking("they touched")
+    return Measure(max(needed)) if needed else Measure.lacking(f"no contact was ahead within {HORIZON_S:g} s")
+
+
+_MEASURES_WITH: Final = (
+    ("min_ttc_s", "least TTC of the EMV", min_ttc_s),
+    ("max_drac_mps2", "greatest DRAC of the EMV", max_drac_mps2),
+    ("min_pet_s", "least PET of the EMV", min_pet_s),
+)
+PEOPLE_METRICS: Final = tuple(
+    Metric(f"{name}_{people}", f"{meaning} with {people}", lambda scene, k=kind, m=measure: m(_with(scene, k)))
+    for kind, people in NAMES.items()
+    for name, meaning, measure in _MEASURES_WITH
+)
+"""Tables have those that have a value."""
 EPISODE_METRICS: Final = (
     Metric("site_time_s", "time until the EMV is at the middle of its site", _of_emv(site_time_s)),
     Metric("emv_delay_s", "time that the EMV lost against free flow", _of_emv(emv_delay_s)),
@@ -384,4 +410,5 @@ EPISODE_METRICS: Final = (
     Metric("min_ttc_s", "least TTC of the EMV", lambda scene: min_ttc_s(scene.conflicts_of())),
     Metric("min_pet_s", "least PET of the EMV", lambda scene: min_pet_s(scene.conflicts_of())),
     Metric("collisions", "collisions of all vehicles", lambda scene: collisions(scene.record)),
+    *PEOPLE_METRICS,
 )

@@ -10,7 +10,7 @@ import numpy as np
 
 from siren_ros.evaluation.statistics import block_sums, interval_of_mean
 from siren_ros.evaluation.yielding.encounters import EmvLine, Encounter
-from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, YieldScene
+from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, PEOPLE_METRICS, YieldScene
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.tables.interval import Interval
@@ -189,6 +189,7 @@ def _tables_of(episodes: Sequence[ScoredEpisode], emv: int) -> list[Table]:
         rows: tuple[Row, ...] = tuple(
             (metric.name, *(metrics[metric.name] for metrics in of_levels.values()), metric.meaning)
             for metric in EPISODE_METRICS
+            if metric not in PEOPLE_METRICS or any(metrics[metric.name].valid for metrics in of_levels.values())
         )
         key = "_".join((template, *([map_name] if several_maps else []), *([f"emv{emv}"] if which else [])))
         caption = f"Yield metrics of {template}{f' on {map_name}' if several_maps else ''}{which}"

@@ -19,6 +19,7 @@ from siren_ros.record.episode_source import lidar_frames, lidar_of, open_source
 from siren_ros.recording.bag_folder import METADATA_FILE
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.training.data_files import write_arrays
+from siren_ros.world.actors import PEOPLE_CLASSES
 from siren_ros.world.carrier import GroundTruth
 
 FRAME_PERIOD_STEPS: Final = STEPS_PER_S // 2
@@ -104,7 +105,8 @@ def about_episode(bag: Path) -> dict[str, Any]:
 
 
 def boxes_of_truth(truth: GroundTruth) -> Floats32:
-    """The labels of one step, shape ``(B, 11)``."""
+    """The labels of the vehicles at one step, shape ``(B, 11)``; people are none, and belong to the background."""
+    vehicles = ~np.isin(truth.actor_class, [*PEOPLE_CLASSES])
     classes = [class_of(int(code)) for code in truth.actor_class]
     columns = (
         *(truth.x_m, truth.y_m, truth.z_m),
@@ -112,7 +114,7 @@ def boxes_of_truth(truth: GroundTruth) -> Floats32:
         *(truth.yaw_rad, truth.vx_mps, truth.vy_mps),
         *(classes, truth.lidar_points),
     )
-    return np.stack([np.asarray(column, dtype=np.float32) for column in columns], axis=-1)
+    return np.stack([np.asarray(column, dtype=np.float32) for column in columns], axis=-1)[vehicles]
 
 
 def joined_frames(about: dict[str, Any], points: Sequence[Floats32], boxes: Sequence[Floats32]) -> BagFrames:

@@ -40,6 +40,7 @@ answer = {
     "places": places.tolist(),
     "headings": [state.heading for state in focal.object_states],
     "categories": {track.track_id: int(track.category.value) for track in scenario.tracks},
+    "type_of": {track.track_id: track.object_type.name for track in scenario.tracks},
     "types": sorted({track.object_type.value for track in scenario.tracks}),
     "period_s": float(np.diff(scenario.timestamps_ns).mean() / 1e9),
     "lanes": len(segments),

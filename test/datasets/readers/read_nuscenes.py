@@ -81,6 +81,7 @@ answer = {
     "points": cloud.nbr_points(),
     "sweeps": len(set(np.round(times[0], 3).tolist())),
     "history_s": float(times.max()),
+    "names": sorted({box["detection_name"] for boxes in results.values() for box in boxes}),
     "car_ap": metrics.serialize()["mean_dist_aps"]["car"],
     "car_errors": metrics.serialize()["label_tp_errors"]["car"],
     "on_road": bool(mask.is_on_mask(ego["translation"][0], ego["translation"][1])[0]),

@@ -27,6 +27,12 @@ for group in act.maneuvergroup:
 answer = {
     "errors": errors[:10],
     "entities": [entity.name for entity in scenario.entities.scenario_objects],
+    "kinds": {
+        entity.name: [type(entity.entityobject).__name__, getattr(entity.entityobject, kind).name]
+        for entity in scenario.entities.scenario_objects
+        for kind in ("vehicle_type", "category")
+        if hasattr(entity.entityobject, kind)
+    },
     "road": scenario.roadnetwork.road_file,
     "init": len(scenario.storyboard.init.initactions),
     "paths": paths,

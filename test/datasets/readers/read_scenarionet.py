@@ -59,6 +59,7 @@ answer = {
     "scenarios": len(names),
     "length": scenario["length"],
     "tracks": len(scenario["tracks"]),
+    "types": {name: track["type"] for name, track in scenario["tracks"].items()},
     "features": len(scenario["map_features"]),
     "lights": len(scenario["dynamic_map_states"]),
     "steps": len(places),

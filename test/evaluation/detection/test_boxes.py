@@ -8,6 +8,7 @@ from detection_boxes import made_boxes, truth_boxes
 from evaluation.made_frames import columns_ahead, made_frames
 
 from siren_ros.evaluation.detection.boxes import (
+    ATTRIBUTES,
     CLASS_NAMES,
     TruthBoxes,
     attributes_of,
@@ -26,6 +27,21 @@ def test_a_vehicle_moves_above_three_tenths_of_a_metre_a_second(turn_rad: float)
     codes = attributes_of(speed * np.array([np.cos(turn_rad), np.sin(turn_rad)]))
     assert codes.tolist() == [2, 2, 1, 1]
     assert attributes_of(np.array([[0.0, np.nan], [np.nan, 5.0]])).tolist() == [0, 0]
+
+
+def test_people_have_attributes_of_their_own() -> None:
+    """A rider sits on two wheels at any speed, known or not."""
+    speed = np.array([[0.31, 0.0], [0.29, 0.0], [np.nan, np.nan]])
+    kinds = ActorClass.PEDESTRIAN, ActorClass.BICYCLE
+    walking, riding = ([ATTRIBUTES[code] for code in attributes_of(speed, kind)] for kind in kinds)
+    assert walking == ["pedestrian.moving", "pedestrian.standing", ""]
+    assert riding == ["cycle.with_rider"] * 3
+    mixed = np.array([ActorClass.SEDAN, ActorClass.PEDESTRIAN, ActorClass.MOTORCYCLE], dtype=np.uint8)
+    assert [ATTRIBUTES[code] for code in attributes_of(speed[:1].repeat(3, axis=0), mixed)] == [
+        "vehicle.moving",
+        "pedestrian.moving",
+        "cycle.with_rider",
+    ]
 
 
 def test_tables_are_joined_in_their_order_and_rows_keep_together() -> None:

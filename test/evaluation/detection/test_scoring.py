@@ -8,7 +8,7 @@ import pytest
 from detection_boxes import found_boxes, random_boxes, truth_boxes
 from evaluation.made_frames import STEPS, columns_ahead, made_frames
 
-from siren_ros.evaluation.detection.boxes import FoundBoxes, TruthBoxes, joined
+from siren_ros.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes, TruthBoxes, joined
 from siren_ros.evaluation.detection.devkit_score import devkit_score
 from siren_ros.evaluation.detection.frames import Frames, frames_of
 from siren_ros.evaluation.detection.inputs.formats import labels_as_detections
@@ -18,6 +18,7 @@ from siren_ros.evaluation.detection.scoring import (
     DetectorScores,
     GroupScore,
     counted_boxes,
+    counted_people,
     score_detector,
     subsets_of_episodes,
 )
@@ -234,6 +235,40 @@ def test_detections_count_within_fifty_metres_and_with_a_vehicles_name() -> None
     frames = frames_with(labels())
     _, near = counted_boxes(frames, found_set(boxes, frames), VEHICLE_NAMES)
     assert list(zip(near.frame.tolist(), near.label.tolist(), strict=True)) == [(1, "car"), (6, "fire_truck")]
+
+
+def with_people() -> tuple[Frames, FoundBoxes]:
+    """A car, a walker at 39.9 m and one at 40.1 m, a cyclist; each is found by its name, the cyclist as a car, too."""
+    truth = labels((0, 10.0), (0, 39.9), (0, 40.1), (1, 20.0))
+    truth.actor_class[1:] = (ActorClass.PEDESTRIAN, ActorClass.PEDESTRIAN, ActorClass.BICYCLE)
+    boxes = detections((0, 10.0), (0, 39.9), (0, 40.1), (1, 20.0), (1, 20.0))
+    return frames_with(truth), replace(boxes, label=np.array(["car", "pedestrian", "person", "cyclist", "car"]))
+
+
+def test_people_count_by_their_own_names_and_ranges() -> None:
+    frames, boxes = with_people()
+    wanted, near = counted_boxes(frames, found_set(boxes, frames), VEHICLE_NAMES)
+    assert wanted.actor_class.tolist() == [ActorClass.HATCHBACK]
+    assert near.frame.tolist() == [0, 1], "the cyclist is no car"
+    walkers, found = counted_people(frames, found_set(boxes, frames), ActorClass.PEDESTRIAN)
+    assert (len(walkers), found.label.tolist()) == (1, ["pedestrian"])
+    assert {ATTRIBUTES[code] for code in (*walkers.attribute, *found.attribute)} == {"pedestrian.standing"}
+    riders, found = counted_people(frames, found_set(boxes, frames), ActorClass.BICYCLE)
+    assert (len(riders), found.label.tolist()) == (1, ["cyclist"])
+
+
+def test_people_have_rows_of_their_own() -> None:
+    frames, boxes = with_people()
+    scores = scored(frames, boxes)
+    assert list(scores.people) == ["pedestrian", "bicycle"]
+    for person in scores.people.values():
+        assert person.score.mean_average_precision == person.mean_ap.value == pytest.approx(1.0)
+        assert person.score.errors["AAE"] == 0.0
+    (table,) = (table for table in tables_of(scores_as_json([scores])) if table.key == "people")
+    assert [row[1:3] for row in table.rows] == [("pedestrian", 1), ("bicycle", 1)]
+    without = scores_as_json([scored(frames_with(labels((0, 10.0))), detections((0, 10.0)))])
+    assert all("people" not in of for of in without.values())
+    assert "people" not in {table.key for table in tables_of(without)}
 
 
 def test_frames_that_the_format_lacks_do_not_count() -> None:

@@ -28,6 +28,7 @@ from siren_ros.evaluation.risk.vlm.question import SYSTEM
 from siren_ros.judging.surrogate_safety import encounters_of
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.specification import Mount
+from siren_ros.world.actors import ActorClass
 from siren_ros.world.traffic_state import Event, EventKind
 
 
@@ -280,6 +281,17 @@ def test_a_vehicle_that_crosses_just_before(straight_road: RoadNetwork) -> None:
     (encroachment,) = found.encroachments
     assert encroachment.actor_id == 5
     assert 0.3 < encroachment.time_s < 1.3
+
+
+@pytest.mark.parametrize("kind", [ActorClass.PEDESTRIAN, ActorClass.BICYCLE, ActorClass.MOTORCYCLE])
+def test_people_are_civilians(straight_road: RoadNetwork, kind: ActorClass) -> None:
+    """One crosses just before the EMV; then they touch."""
+    crossing = moving(30.0, -12.8, 10.0, yaw_rad=np.pi / 2.0, steps=81, length_m=0.6, actor_class=kind)
+    record = record_with({EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}, straight_road)
+    label = label_of(evidence_of(record, EMV, FRONT, (0, 81)), LIMITS)
+    assert (label.risk, label.actor_id) == (RiskClass.NEAR_MISS, 5)
+    touched = replace(record, events=(touch(30),))
+    assert label_of(evidence_of(touched, EMV, FRONT, (0, 81)), LIMITS).reason is Reason.CONTACT
 
 
 def test_numbers_of_a_moment(straight_road: RoadNetwork) -> None:

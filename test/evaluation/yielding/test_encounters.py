@@ -22,7 +22,7 @@ from siren_ros.numerics.arrays import Points
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.world.actors import Lights
+from siren_ros.world.actors import ActorClass, Lights
 
 N_OUT, E_OUT = 1, 2
 """Indices of the edges behind the crossing."""
@@ -344,3 +344,12 @@ def test_a_car_that_is_gone_before_the_emv_comes_is_not_met() -> None:
 def test_each_driver_once_and_no_emv() -> None:
     record = record_of(arc((10.0, 12.0)), {CAR: standing(3.0), CAR + 1: standing(0.0, at_m=90.0)})
     assert [one.actor_id for one in encounters_in(record)] == [CAR, CAR + 1]
+
+
+@pytest.mark.parametrize(
+    ("kind", "met"), [(ActorClass.PEDESTRIAN, False), (ActorClass.BICYCLE, False), (ActorClass.MOTORCYCLE, True)]
+)
+def test_those_who_do_not_make_way_are_no_drivers(kind: ActorClass, *, met: bool) -> None:
+    record = record_of(arc((10.0, 12.0)), {CAR: standing(3.0)})
+    record = replace(record, actors={**record.actors, CAR: replace(record.actors[CAR], actor_class=kind)})
+    assert bool(encounters_in(record)) == met

@@ -17,7 +17,7 @@ from siren_ros.judging.surrogate_safety import Encroachment, Extreme, PairMeasur
 from siren_ros.numerics.arrays import Points
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import Mode
+from siren_ros.world.actors import ActorClass, Mode
 from siren_ros.world.traffic_state import Event, EventKind
 
 LIMITS = YieldThresholds()
@@ -343,6 +343,13 @@ def test_civilians_lose_time_against_the_limit_of_their_lane() -> None:
     }
     record = on_lanes(record_of(arc((10.0, 2.95)), cars), {EMV: 1, CAR: 1, CAR + 1: 7, CAR + 2: 1, CAR + 3: -1})
     assert civilian_delay_s(record).value == pytest.approx(3.0 * (1.0 - 5.0 / 13.9) + 3.0)
+
+
+def test_people_lose_no_time() -> None:
+    record = on_lanes(record_of(arc((10.0, 1.0)), {CAR: Driven(IN_LANE, arc((5.0, 1.0)))}), {EMV: 1, CAR: 1})
+    assert civilian_delay_s(record).valid
+    rides = replace(record.actors[CAR], actor_class=ActorClass.BICYCLE)
+    assert not civilian_delay_s(replace(record, actors={**record.actors, CAR: rides})).valid
 
 
 def test_nobody_on_a_lane_loses_time() -> None:

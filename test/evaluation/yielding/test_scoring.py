@@ -7,14 +7,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_made_record import EMV, Driven
+from evaluation.made_records import moving, record_with
+from hand_made_record import EMV, Driven, crossing
 from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, line_of, passing, record_of
 
 from siren_ros.evaluation.yielding import metrics as marks
 from siren_ros.evaluation.yielding.corridor import corridor_continuity, corridor_width_m
 from siren_ros.evaluation.yielding.counterfactual import pairs_of
 from siren_ros.evaluation.yielding.encounters import Encounter
-from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, YieldScene, of_drivers
+from siren_ros.evaluation.yielding.metrics import (
+    DRIVER_METRICS,
+    EPISODE_METRICS,
+    PEOPLE_METRICS,
+    YieldScene,
+    of_drivers,
+)
 from siren_ros.evaluation.yielding.scoring import (
     ScoredEpisode,
     group_means,
@@ -24,6 +31,7 @@ from siren_ros.evaluation.yielding.scoring import (
 )
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.actors import ActorClass
 from siren_ros.world.traffic_state import Event, EventKind
 
 
@@ -256,7 +264,37 @@ def test_metrics_of_the_episode(scene: YieldScene) -> None:
     assert found["clearance_time_s"].at_least, "two stay in the way until the end"
     assert found["compliance"].value == pytest.approx(np.mean(values("compliance")))
     assert found["held_up_s"].value == pytest.approx(sum(values("held_up_s")))
-    assert set(found) == {*expected, "response_time_s", "clearance_time_s", "compliance", "held_up_s"}
+    people = {metric.name for metric in PEOPLE_METRICS}
+    assert set(found) == {*expected, "response_time_s", "clearance_time_s", "compliance", "held_up_s", *people}
+    assert not any(found[name].valid for name in people), "nobody is there"
+
+
+def test_safety_with_people_is_measured_by_class() -> None:
+    """An EMV at 10 m/s comes up to a standing cyclist; a walker was in its way before it, a motorcycle is far."""
+    walks = {"yaw_rad": np.pi / 2.0, "length_m": 0.6, "actor_class": ActorClass.PEDESTRIAN}
+    tracks = {
+        EMV: moving(0.0, 0.0, 10.0, steps=61, is_emv=True),
+        2: moving(44.6, 0.0, 0.0, steps=61, actor_class=ActorClass.BICYCLE),
+        3: moving(20.0, -1.0, 3.0, steps=61, **walks),
+        4: moving(0.0, 50.0, 0.0, steps=61, actor_class=ActorClass.MOTORCYCLE),
+    }
+    record = record_with(tracks, crossing())
+    record = replace(record, description=replace(record.description, emv_ids=(EMV,)))
+    scores = score_yielding(record)
+    found = {metric.name: scores.metrics[metric.name] for metric in PEOPLE_METRICS}
+    # 10 m are left at the end: 1 s, and 10 / (2 · 1) m/s².
+    assert found["min_ttc_s_cyclists"].value == pytest.approx(1.0)
+    assert found["max_drac_mps2_cyclists"].value == pytest.approx(5.0)
+    assert found["min_pet_s_pedestrians"].valid
+    assert not found["min_pet_s_cyclists"].valid
+    assert not any(found[f"{name}_motorcycles"].valid for name in ("min_ttc_s", "max_drac_mps2", "min_pet_s"))
+    (table,) = yield_tables([ScoredEpisode.of("bag", record, scores)])
+    shown = {str(row[0]) for row in table.rows}
+    assert {"min_ttc_s_cyclists", "min_pet_s_pedestrians"} <= shown
+    assert "min_ttc_s_motorcycles" not in shown
+    touching = {**tracks, 2: moving(30.0, 0.0, 0.0, steps=61, actor_class=ActorClass.BICYCLE)}
+    touched = score_yielding(replace(record_with(touching, crossing()), description=record.description))
+    assert touched.metrics["max_drac_mps2_cyclists"].lack == "they touched"
 
 
 def test_the_scene_is_worked_out_once(scene: YieldScene) -> None:

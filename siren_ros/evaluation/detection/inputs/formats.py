@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.boxes import Boxes, FoundBoxes
+from siren_ros.evaluation.detection.boxes import CAR, PERSON_NAMES, Boxes, FoundBoxes
 from siren_ros.evaluation.detection.frames import Frames
 from siren_ros.evaluation.detection.inputs.kitti_results import read_kitti, write_kitti
 from siren_ros.evaluation.detection.inputs.nuscenes_results import read_nuscenes, write_nuscenes
@@ -20,6 +20,7 @@ from siren_ros.evaluation.detection.inputs.openpcdet_results import openpcdet_en
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.inputs.topic_results import TOPIC_PREFIX, read_topic
 from siren_ros.interfaces.topics import BOXES
+from siren_ros.world.actors import ActorClass
 
 _READERS: Final[dict[str, Callable[[str, Path, Frames], FoundSet]]] = {
     ".json": read_nuscenes,
@@ -50,7 +51,9 @@ def labels_as_detections(frames: Frames) -> FoundBoxes:
     """Every label with a LiDAR point as a detection; nearer ones are more confident, so that confidences differ."""
     truth = frames.truth.at(frames.truth.lidar_points > 0)
     shared = {name: getattr(truth, name) for name in Boxes.__dataclass_fields__}
-    return FoundBoxes(**shared, score=1.0 / (1.0 + 0.01 * frames.distance_m(truth)), label=np.full(len(truth), "car"))
+    names = [PERSON_NAMES[kind][0] if kind in PERSON_NAMES else CAR for kind in map(ActorClass, truth.actor_class)]
+    label = np.array(names, dtype=np.str_)
+    return FoundBoxes(**shared, score=1.0 / (1.0 + 0.01 * frames.distance_m(truth)), label=label)
 
 
 def self_test_sets(frames: Frames, folder: Path) -> list[FoundSet]:
@@ -67,7 +70,7 @@ def self_test_sets(frames: Frames, folder: Path) -> list[FoundSet]:
         write_kitti(folder / "kitti", labels, frames)
         sets.append(read_kitti("labels, KITTI", folder / "kitti", frames))
     topic = read_topic("labels, topic", BOXES.name, frames)
-    # The topic holds vehicles without a LiDAR point, too: nuScenes' protocol takes them for false alarms.
+    # The topic holds those without a LiDAR point, too: nuScenes' protocol takes them for false alarms.
     order = np.argsort(frames.truth.frame, kind="stable")
     if len(topic.boxes) == len(order):
         sets.append(replace(topic, boxes=topic.boxes.at(frames.truth.lidar_points[order] > 0)))

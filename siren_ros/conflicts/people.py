@@ -27,6 +27,8 @@ _GENTLE_MPS2: Final = 2.0
 """Deceleration that a driver plans with…"""
 _FIRM_MPS2: Final = 4.0
 """…and the hardest for somebody who is only near."""
+_FASTER_MPS: Final = 1.5
+"""By so much faster a driver may come to the crossing."""
 _MORE_M: Final = 15.0
 """How much farther than that takes a driver looks."""
 _LONGEST_S: Final = 6.0
@@ -165,7 +167,7 @@ def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tup
             continue
         drift = cos * people[3, p] - sin * people[2, p]
         mean = max(speed, _PACE_MPS)
-        begin = min(max(enters - _STANDOFF_M, 0.0) / mean, _LONGEST_S)
+        begin = min(max(enters - _STANDOFF_M, 0.0) / (mean + _FASTER_MPS), _LONGEST_S)
         end = min(leaves / mean, begin + _LONGEST_S)
         at_begin, at_end = left + drift * begin, left + drift * end
         apart = 0.0 if at_begin * at_end <= 0.0 else min(abs(at_begin), abs(at_end))

@@ -27,6 +27,8 @@ _GENTLE_MPS2: Final = 2.0
 """Deceleration that a driver plans with…"""
 _FIRM_MPS2: Final = 4.0
 """…and the hardest for somebody who is only near."""
+_FASTER_MPS: Final = 1.5
+"""By so much faster a driver may come to the crossing."""
 _MORE_M: Final = 15.0
 """How much farther than that takes a driver looks."""
 _LONGEST_S: Final = 6.0
@@ -82,18 +84,28 @@ def _find_crossings(people: Any, points: Any, begins: Any) -> None:
 
 
 @compiled
-def _apart_m(outline: Any, x_m: float, y_m: float) -> float:
-    """Distance of a point from an outline, 0 inside."""
-    inside, least = False, np.inf
+def _is_inside(outline: Any, x_m: float, y_m: float) -> bool:
+    inside = False
     for k in range(len(outline)):
         ax, ay, bx, by = outline[k - 1, 0], outline[k - 1, 1], outline[k, 0], outline[k, 1]
-        dx, dy = bx - ax, by - ay
-        if (ay > y_m) != (by > y_m) and x_m < ax + (y_m - ay) / dy * dx:
+        if (ay > y_m) != (by > y_m) and x_m < ax + (y_m - ay) / (by - ay) * (bx - ax):
             inside = not inside
+    return inside
+
+
+@compiled
+def _apart_m(outline: Any, x_m: float, y_m: float) -> float:
+    """Distance of a point from an outline, 0 inside."""
+    if _is_inside(outline, x_m, y_m):
+        return 0.0
+    least = np.inf
+    for k in range(len(outline)):
+        ax, ay = outline[k - 1, 0], outline[k - 1, 1]
+        dx, dy = outline[k, 0] - ax, outline[k, 1] - ay
         part = ((x_m - ax) * dx + (y_m - ay) * dy) / max(dx * dx + dy * dy, 1e-12)
         part = min(max(part, 0.0), 1.0)
         least = min(least, np.hypot(ax + part * dx - x_m, ay + part * dy - y_m))
-    return 0.0 if inside else least
+    return least
 
 
 @compiled
@@ -128,7 +140,7 @@ def _over_crossing(way: Any, own: Any, reach_m: float, outline: Any) -> tuple[fl
         x, y, inside = 0.5 * (xs + xe), 0.5 * (ys + ye), False
         for side in (-1.0, 0.0, 1.0):
             aside = left_m + side * half_width
-            inside = inside or _apart_m(outline, x - aside * (ye - ys), y + aside * (xe - xs)) <= 0.0
+            inside = inside or _is_inside(outline, x - aside * (ye - ys), y + aside * (xe - xs))
         if inside:
             enters = min(enters, max(at_m - _STEP_M - centre_m - half_length, 0.0))
             leaves = at_m + _STEP_M - centre_m + half_length
@@ -157,15 +169,15 @@ def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tup
         if np.hypot(people[0, p] - x, people[1, p] - y) > reach_m + half_length + _MORE_M:
             continue
         place_m, left, cos, sin = _beside_way(way, own, reach_m, people[0, p], people[1, p])
-        if abs(left) - half_width > _MORE_M:
+        drift = cos * people[3, p] - sin * people[2, p]
+        if abs(left) - half_width > _NEAR_M + abs(drift) * 2.0 * _LONGEST_S:
             continue
         c = int(people[4, p])
         enters, leaves = _over_crossing(way, own, reach_m, corners[begins[c] : begins[c + 1]])
         if enters == np.inf:
             continue
-        drift = cos * people[3, p] - sin * people[2, p]
         mean = max(speed, _PACE_MPS)
-        begin = min(max(enters - _STANDOFF_M, 0.0) / mean, _LONGEST_S)
+        begin = min(max(enters - _STANDOFF_M, 0.0) / (mean + _FASTER_MPS), _LONGEST_S)
         end = min(leaves / mean, begin + _LONGEST_S)
         at_begin, at_end = left + drift * begin, left + drift * end
         apart = 0.0 if at_begin * at_end <= 0.0 else min(abs(at_begin), abs(at_end))

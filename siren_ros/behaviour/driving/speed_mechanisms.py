@@ -243,6 +243,29 @@ def _people(drive: Drive) -> SpeedLimit:
     return SpeedLimit(speed, must_brake, int(people[6, worst]), free)
 
 
+_STRAYS: Final = 0.5
+"""Of its distance from the path, what the EMV may stray more before it comes back."""
+
+
+def riders_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
+    """How fast the EMV goes off its path past cyclists and motorcyclists who stand: so that the body touches nobody.
+
+    The collision handling expects it on its path. In the corridor and in a gap escape the passage limit stands here.
+    """
+    riders, config = ego.seen.riders, ego.config.manoeuvring
+    if not len(riders) or unit.between or unit.navigator.path is None:
+        return UNLIMITED
+    reach_m = ego.far_m(config.reach_m)
+    apart = np.hypot(ego.seen.x_m[riders] - ego.place[0], ego.seen.y_m[riders] - ego.place[1])
+    riders = riders[(apart < reach_m + 2.0 * ego.half_length_m) & (ego.seen.speed_mps[riders] < config.still_mps)]
+    if not len(riders):
+        return UNLIMITED
+    still = np.zeros(len(riders))
+    way = free_way_of(unit.navigator, ego, reach_m, Obstacles.swept(ego.seen, riders, still), still)
+    clearance_m = max(config.clearance_m, _STRAYS * abs(unit.navigator.left_m))
+    return way.limit(ego.speed_mps, config.squeezes, config.stop_short_m, config.brake_mps2, clearance_m)
+
+
 def _manoeuvring(drive: Drive) -> SpeedLimit:
     sideways = isinstance(drive.unit, YieldUnit) and drive.unit.phase in _SIDEWAYS_MODES
     return manoeuvring_limit(drive.unit.navigator, drive.ego) if sideways else UNLIMITED
@@ -268,6 +291,7 @@ MECHANISMS: Final = (
         "EMV: lines ahead at which others have the right of way",
     ),
     Mechanism("people", _people, "people on crossings: walking pace past them, a stop before those in the way"),
+    Mechanism("riders", _emv_limit(riders_limit), "EMV off its path elsewhere: cyclists and motorcyclists who stand"),
     Mechanism("manoeuvring", _manoeuvring, "civilians who pull over or come back: space around the whole body"),
 )
 """Every mechanism that limits the speed of a vehicle that SUMO does not drive, in the order in which they act."""

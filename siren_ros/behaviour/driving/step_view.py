@@ -24,7 +24,7 @@ from siren_ros.roads.rescue_lane import rescue_sides
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConstants, LevelPolicy, TargetSpeeds
 from siren_ros.scenario.presets import DriverPreset
-from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, rows_of_ids
+from siren_ros.world.actors import NO_ACTOR, TWO_WHEELED, ActorClass, ActorDescription, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import Indices, TrafficState
@@ -48,6 +48,8 @@ class ActorTable:
     width_m: Floats
     is_emv: npt.NDArray[np.bool_]
     walks: npt.NDArray[np.bool_]
+    rides: npt.NDArray[np.bool_]
+    """Cyclists and motorcyclists."""
 
     @classmethod
     def of(cls, descriptions: Mapping[int, ActorDescription]) -> "ActorTable":
@@ -59,6 +61,7 @@ class ActorTable:
             length_m=np.array([row.length_m for row in rows], dtype=np.float64),
             width_m=np.array([row.width_m for row in rows], dtype=np.float64),
             is_emv=np.array([row.is_emv for row in rows], dtype=np.bool_),
+            rides=np.array([row.actor_class in TWO_WHEELED for row in rows], dtype=np.bool_),
             walks=np.array([row.actor_class is ActorClass.PEDESTRIAN for row in rows], dtype=np.bool_),
         )
 
@@ -95,6 +98,8 @@ class Surroundings:
     """Where everybody will go; straight on without it."""
     people: Floats = field(default_factory=lambda: NOBODY)
     """People on foot, as ``people_at`` gives them."""
+    riders: Rows = field(default_factory=lambda: np.empty(0, np.intp))
+    """Rows of cyclists and motorcyclists."""
 
     @cached_property
     def bodies(self) -> Floats:
@@ -136,7 +141,9 @@ class Surroundings:
             x_m, y_m, yaw_rad, speed_mps = (column[walkers] for column in walking)
             people = people_at(traffic.actor_id[walkers], (x_m, y_m, yaw_rad, speed_mps), crossings)
         sizes = half_length, half_width, table.is_emv[rows]
-        return cls(traffic.actor_id, *poses, traffic.speed_mps, *sizes, outlook=outlook, people=people)
+        return cls(
+            traffic.actor_id, *poses, traffic.speed_mps, *sizes, outlook, people, np.flatnonzero(table.rides[rows])
+        )
 
     def near(self, x_m: float, y_m: float, radius_m: float, but: int = -1) -> npt.NDArray[np.intp]:
         """Rows of the actors within a radius, without row ``but``."""

@@ -21,6 +21,7 @@ from siren_ros.behaviour.driving.speed_mechanisms import (
     free_way,
     navigate,
     passage_limit,
+    riders_limit,
 )
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.gap_escape import reference_line, road_space
@@ -78,6 +79,21 @@ def test_people_on_a_crossing_beside_the_path_limit_the_speed(lab, beside_m, lim
     found = limits["people"]
     assert (found.blocker_id == 7) is limited
     assert found.speed_mps == (pytest.approx(math.sqrt(1.6**2 + 4.0 * found.free_m)) if limited else math.inf)
+
+
+@pytest.mark.parametrize(
+    ("kind", "speed_mps", "limited"),
+    [(ActorClass.MOTORCYCLE, 0.0, True), (ActorClass.MOTORCYCLE, 2.0, False), (ActorClass.SEDAN, 0.0, False)],
+)
+def test_off_its_path_the_emv_stops_before_riders_who_stand(lab, kind, speed_mps, limited):
+    """The path lies 1.5 m to the right of the EMV; what stands 1.2 m to its left is no leader on the path."""
+    _, view = scene(lab, replace(lab.Car(2, 0, 106, speed_mps, (0,), kind), left=1.2), corridor=False)
+    path = TrackedPath.of(Curve.through(np.array([[95.0, -1.5], [180.0, -1.5]])), view.ego(0).navigator_config)
+    unit = EmvUnit(1, NavigatorState().following(path, 100.0, 0.0))
+    limit = riders_limit(unit, view.ego(0))
+    assert (limit.blocker_id == 2) is limited
+    assert (limit.brake_mps2 > 2.0) is limited
+    assert riders_limit(replace(unit, corridor=True), view.ego(0)) == UNLIMITED
 
 
 def test_stops_before_a_vehicle_that_stands_on_the_path(lab):

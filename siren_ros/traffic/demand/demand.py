@@ -155,19 +155,13 @@ class _Planner:
 
     def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
         """Cyclists and motorcyclists near the EMV's way, more than enter at once."""
-        near = self._around_way
-        places = 1.0 + self._config.people_reserve_factor
+        near, spares = self._around_way, 1.0 + self._config.people_reserve_factor
         lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
         return tuple(
             rider
             for kind, count in self._wanted.items()
             for rider in self._scattered(
-                *(
-                    f"{kind.name.lower()}",
-                    round((1.0 + self._config.people_reserve_factor) * count),
-                    lanes[kind],
-                    stage,
-                ),
+                *(kind.name.lower(), round(spares * count), lanes[kind], stage),
                 disjoint=False,
                 kind=kind,
             )

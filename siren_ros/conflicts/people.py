@@ -29,6 +29,10 @@ _FIRM_MPS2: Final = 4.0
 """…and the hardest for somebody who is only near."""
 _FASTER_MPS: Final = 1.5
 """By so much faster a driver may come to the crossing."""
+_SETS_OFF_MPS: Final = 5.0
+"""Slower drivers who find a gap in time set off…"""
+_SETS_OFF_MPS2: Final = 1.5
+"""…with this acceleration."""
 _MORE_M: Final = 15.0
 """How much farther than that takes a driver looks."""
 _LONGEST_S: Final = 6.0
@@ -178,7 +182,10 @@ def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tup
             continue
         mean = max(speed, _PACE_MPS)
         begin = min(max(enters - _STANDOFF_M, 0.0) / (mean + _FASTER_MPS), _LONGEST_S)
-        end = min(leaves / mean, begin + _LONGEST_S)
+        going_s = leaves / mean
+        if speed < _SETS_OFF_MPS:
+            going_s = min(going_s, (np.sqrt(speed * speed + 2.0 * _SETS_OFF_MPS2 * leaves) - speed) / _SETS_OFF_MPS2)
+        end = min(going_s, begin + _LONGEST_S)
         at_begin, at_end = left + drift * begin, left + drift * end
         apart = 0.0 if at_begin * at_end <= 0.0 else min(abs(at_begin), abs(at_end))
         apart -= half_width

@@ -42,9 +42,9 @@ yellow times are computed (ITE, Traffic Engineering Handbook). Without it SUMO b
 _WAITING_GAP_M: Final = 1.2
 """``jmStoplineGapMinor``: distance kept from the place at which a driver gives way, also inside a junction. With SUMO's
 default of 0 the front of a waiting vehicle reaches into the way of others, whose bodies are wider than their paths."""
-_CROSSING_GAP_M: Final = 4.0
-"""``jmCrossingGap``: drivers let somebody pass who is that near to their way on a crossing, a lane away (SUMO: 10 m).
-US law asks for the own half of the road and what is close to it (Uniform Vehicle Code, 11-502)."""
+_CROSSING_GAP_M: Final = 0.5
+"""``jmCrossingGap``: how near to a driver's way somebody on a crossing lets SUMO's driver wait. SUMO's 10 m take no
+account of time; ``conflicts.people`` does, and holds drivers before."""
 MIRRORS_M: Final = 0.4
 """Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
 other by widths alone, also where one stands at an angle to its lane."""

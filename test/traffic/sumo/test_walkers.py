@@ -191,7 +191,7 @@ def test_people_of_the_last_state_are_known_with_their_crossings() -> None:
     assert 0 < crossed < 60
 
 
-def at_a_crossing(distance_m: float, notice_m: float, *, behind: bool = False) -> Any:
+def at_a_crossing(distance_m: float, notice_m: float, speed_mps: float, *, behind: bool = False) -> Any:
     """SUMO's speeds of somebody at a kerb who looks at the road, and of somebody on a crossing, with an EMV near."""
     lane = next(
         lane for lane in CITY.lanes if lane.kind is LaneKind.DRIVING and CITY.edges[lane.edge].edge_id == "oak_e_0"
@@ -209,25 +209,33 @@ def at_a_crossing(distance_m: float, notice_m: float, *, behind: bool = False) -
     columns = {name: np.zeros(3, kind) for name, kind in ACTOR_STATE_DTYPES.items()}
     columns |= {"actor_id": np.array([1, 2, 3], np.uint32), "x_m": places[:, 0], "y_m": places[:, 1]}
     columns |= {"yaw_rad": np.array([heading, heading + np.pi / 2.0, heading + np.pi / 2.0])}
+    columns |= {"vx_mps": np.array([speed_mps, 0.0, 0.0])}
     return walkers, ActorStates(step=0, **columns)
 
 
 @pytest.mark.parametrize(
-    ("distance_m", "notice_m", "behind", "paces"),
+    ("distance_m", "notice_m", "speed_mps", "behind", "paces"),
     [
-        (30.0, 40.0, False, {"kerb": 0.01, "crosses": 1.95}),
-        (50.0, 40.0, False, {}),
-        (30.0, 40.0, True, {}),
-        (30.0, 0.0, False, {}),
+        (30.0, 40.0, 10.0, False, {"kerb": 0.01, "crosses": 1.95}),
+        (50.0, 40.0, 10.0, False, {}),
+        (50.0, 40.0, 2.0, False, {"kerb": 0.01, "crosses": 1.95}),  # held up: heard as far as in a queue
+        (90.0, 40.0, 2.0, False, {}),
+        (30.0, 40.0, 10.0, True, {}),
+        (30.0, 0.0, 2.0, False, {}),
     ],
 )
 def test_people_wait_or_hurry_where_a_siren_comes(
-    monkeypatch: pytest.MonkeyPatch, distance_m: float, notice_m: float, behind: bool, paces: dict[str, float]
+    monkeypatch: pytest.MonkeyPatch,
+    distance_m: float,
+    notice_m: float,
+    speed_mps: float,
+    behind: bool,
+    paces: dict[str, float],
 ) -> None:
     said: dict[str, float] = {}
     person = SimpleNamespace(setSpeed=said.__setitem__)
     monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person))
-    walkers, states = at_a_crossing(distance_m, notice_m, behind=behind)
+    walkers, states = at_a_crossing(distance_m, notice_m, speed_mps, behind=behind)
     walkers.heed(states, {}, np.array([1], np.uint32))
     assert said == pytest.approx(paces)
     said.clear()

@@ -4,25 +4,24 @@ In the state of a step they are rows without lane and route; SUMO owns them.
 """
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
 from operator import itemgetter
 from typing import Any, Final
 
 import libsumo
 import numpy as np
-import shapely
-from scipy.spatial import cKDTree
 
 from siren_ros.conflicts.people import NOBODY, outlines_of, people_at
 from siren_ros.numerics.arrays import Flags, Floats, Ids
-from siren_ros.numerics.compiled import compiled, within, wrapped_rad
-from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.numerics.compiled import compiled, wrapped_rad
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle, PlannedWalker, TrafficPlan
+from siren_ros.traffic.sumo.kerbs import Kerbs
 from siren_ros.traffic.sumo.nearby import Point, Reserve, nearest_m
+from siren_ros.traffic.sumo.sidewalks import Corners
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Owner, rows_of_ids
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
@@ -33,17 +32,8 @@ _SPACE_M: Final = 1.0
 that turn reach over it."""
 _WIDTH_M: Final = 0.5
 """Width for SUMO: without the reach of the arms, so that two pass each other on a sidewalk of 1.5 m."""
-_AREA: Final = re.compile(r":.+_w\d+_0")
-_CROSSING: Final = re.compile(r":.+_c\d+_0")
 _CROSSED: Final = re.compile(r"^:.+_c\d+$")
-"""SUMO's ids of the lanes where sidewalks meet and of crossings, and of the edges of crossings."""
-_DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.CYCLE, LaneKind.SHOULDER})
-_FROM_KERB_M: Final = 0.45
-"""Least distance from the middle of somebody to the road: half a body and the mirrors of vehicles."""
-_AT_EDGE_M: Final = 1.6
-"""Those farther inside the road walk across it: half a lane."""
-_KERB_SPACING_M: Final = 0.5
-"""Longest piece of the line along which people are kept."""
+"""SUMO's ids of the edges of crossings."""
 _STEP_M: Final = 0.6
 """How far ahead somebody looks for a vehicle in the way…"""
 _BESIDE_M: Final = 0.35
@@ -62,8 +52,6 @@ _HELD_UP_MPS: Final = 5.0
 """A slower EMV is held up by traffic."""
 _IN_QUEUE_M: Final = 80.0
 """As far ahead of it drivers in a queue hear it (``YieldingConfig.queue_m``)."""
-_KERB_AHEAD_M: Final = 1.3
-"""How far ahead the road begins for those who wait at the kerb."""
 _STANDING_MPS: Final = 0.01
 """SUMO's persons need a speed."""
 _END_M: Final = 1.0
@@ -81,95 +69,6 @@ def walker_types_xml(walkers: tuple[PlannedWalker, ...]) -> str:
 
 def _type_id(walker: PlannedWalker) -> str:
     return f"type.{walker.name}"
-
-
-class Corners:
-    """Which sidewalks meet at a corner of a junction, and which corners a crossing joins; SUMO runs.
-
-    SUMO 1.28 moves who has to cross two streets at a signal from the corner where they wait to another crossing that
-    has green, 15 m in one step. So nobody here walks such a way.
-    """
-
-    def __init__(self, network: RoadNetwork) -> None:
-        self._network = network
-        self._at: dict[tuple[str, str], str] = {}
-        """Corner of an edge at a junction."""
-        beside: dict[str, set[str]] = {}
-        for lane in libsumo.lane.getIDList():
-            for link in libsumo.lane.getLinks(lane):
-                target = link[0]
-                for area, other in ((lane, target), (target, lane)):
-                    if not _AREA.fullmatch(area):
-                        continue
-                    if _CROSSING.fullmatch(other):
-                        beside.setdefault(other, set()).add(area)
-                    elif not other.startswith(":"):
-                        self._at[other.rpartition("_")[0], area[1:].rpartition("_w")[0]] = area
-        self._joined = frozenset(frozenset(areas) for areas in beside.values())
-
-    def leads_simply(self, edges: Sequence[str]) -> bool:
-        """Whether a walk along some edges crosses at most one street at each junction."""
-        return all(self._meet(before, after) for before, after in pairwise(edges))
-
-    def _meet(self, before: str, after: str) -> bool:
-        one, two = (self._network.edge_by_id[edge] for edge in (before, after))
-        shared = {one.from_junction, one.to_junction} & {two.from_junction, two.to_junction}
-        return any(
-            first == second or frozenset((first, second)) in self._joined
-            for junction in shared
-            if (first := self._at.get((before, junction))) and (second := self._at.get((after, junction)))
-        )
-
-
-class Kerbs:
-    """Keeps people who are on no crossing a step away from where vehicles drive: SUMO's stand and walk on its edge."""
-
-    def __init__(self, network: RoadNetwork) -> None:
-        across = network.connections_over.keys() | network.cycle_connections_over.keys()
-        driven = [
-            shapely.LineString(lane.centre.points).buffer(lane.width_m / 2.0, cap_style="flat")
-            for lane in network.lanes
-            if lane.kind in _DRIVEN or lane.index in across
-        ]
-        self._road = shapely.union_all(driven).buffer(_FROM_KERB_M)
-        shapely.prepare(self._road)
-        edge = shapely.segmentize(self._road.boundary, _KERB_SPACING_M)
-        ends, ring = shapely.get_coordinates(edge), shapely.get_parts(edge)
-        of_ring = np.repeat(np.arange(len(ring)), shapely.get_num_coordinates(ring))
-        joined = of_ring[:-1] == of_ring[1:]
-        self._from_m, self._along_m = ends[:-1][joined], np.diff(ends, axis=0)[joined]
-        self._middles = cKDTree(self._from_m + 0.5 * self._along_m)
-
-    def keep_off(self, poses: Floats, crossing: Flags) -> None:
-        """Move those on the road and on no crossing to its edge, where it is near; the others cross, too, from now on.
-
-        Where a sidewalk leads across the mouth of a side street, people cross without a crossing. ``poses`` are x and
-        y first, shape ``(2 or more, N)``.
-        """
-        rows = np.flatnonzero(shapely.contains_xy(self._road, *poses[:2]) & ~crossing)
-        if len(rows):
-            pieces = self._middles.query(poses[:2, rows].T)[1]
-            _move_to_edge(poses, crossing, rows, pieces, (self._from_m, self._along_m))
-
-    def ahead(self, x_m: Floats, y_m: Floats, yaw_rad: Floats) -> Flags:
-        """Whether the road begins right before people at some places, in the direction in which they look."""
-        x_m, y_m = x_m + _KERB_AHEAD_M * np.cos(yaw_rad), y_m + _KERB_AHEAD_M * np.sin(yaw_rad)
-        return np.asarray(shapely.contains_xy(self._road, x_m, y_m), np.bool_)
-
-
-@compiled
-def _move_to_edge(poses: Any, crossing: Any, rows: Any, pieces: Any, edge: Any) -> None:
-    """Move some of the points to the nearest places on pieces of the road's edge; those far from it cross."""
-    from_m, along_m = edge
-    for number in range(len(rows)):
-        row, piece = rows[number], pieces[number]
-        (ax, ay), (dx, dy) = from_m[piece], along_m[piece]
-        share = within(((poses[0, row] - ax) * dx + (poses[1, row] - ay) * dy) / (dx * dx + dy * dy), 0.0, 1.0)
-        x, y = ax + share * dx, ay + share * dy
-        if np.hypot(poses[0, row] - x, poses[1, row] - y) < _AT_EDGE_M:
-            poses[0, row], poses[1, row] = x, y
-        else:
-            crossing[row] = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedWalker
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo import walkers as walkers_module
-from siren_ros.traffic.sumo.walkers import Kerbs, Walkers, _merged, _step_into, _Table
+from siren_ros.traffic.sumo.walkers import Walkers, _merged, _step_into, _Table
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates, Owner
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
@@ -95,18 +95,6 @@ def test_others_drive_as_they_would_without_people_until_they_meet_them(loops: A
     alone, together = (loops[count][0].states for count in (0, PEOPLE))
     shared = np.isin(together.actor_id, alone.actor_id)
     np.testing.assert_array_equal(together.x_m[shared], alone.x_m)
-
-
-def test_kerbs_move_who_is_on_the_road_and_on_no_crossing() -> None:
-    lane = next(lane for lane in CITY.lanes if lane.kind is LaneKind.CYCLE and lane.length_m > 60.0)
-    s, half = 30.0, lane.width_m / 2.0
-    offsets = (-half + 0.3, -half - 0.2, -half - 1.0)
-    x_m, y_m = np.array([lane.centre.offset_points(np.array([s]), side)[0] for side in offsets]).T
-    for crossing, expected in ((False, (-half - 0.45, -half - 0.45, -half - 1.0)), (True, offsets)):
-        poses = np.stack((x_m, y_m))
-        Kerbs(CITY).keep_off(poses, np.full(3, crossing))
-        _, left = lane.centre.project(poses.T)
-        np.testing.assert_allclose(left, expected, atol=0.02)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,52 @@
+"""Which sidewalks people can walk along, one after the other."""
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Final
+
+import libsumo
+
+from siren_ros.roads.road_network import RoadNetwork
+
+_AREA: Final = re.compile(r":.+_w\d+_0")
+_CROSSING: Final = re.compile(r":.+_c\d+_0")
+"""SUMO's ids of the lanes where sidewalks meet, and of crossings."""
+
+
+class Corners:
+    """Which sidewalks meet at a corner of a junction, and which corners a crossing joins; SUMO runs.
+
+    SUMO 1.28 moves who has to cross two streets at a signal from the corner where they wait to another crossing that
+    has green, 15 m in one step. So nobody here walks such a way.
+    """
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._network = network
+        self._at: dict[tuple[str, str], str] = {}
+        """Corner of an edge at a junction."""
+        beside: dict[str, set[str]] = {}
+        for lane in libsumo.lane.getIDList():
+            for link in libsumo.lane.getLinks(lane):
+                target = link[0]
+                for area, other in ((lane, target), (target, lane)):
+                    if not _AREA.fullmatch(area):
+                        continue
+                    if _CROSSING.fullmatch(other):
+                        beside.setdefault(other, set()).add(area)
+                    elif not other.startswith(":"):
+                        self._at[other.rpartition("_")[0], area[1:].rpartition("_w")[0]] = area
+        self._joined = frozenset(frozenset(areas) for areas in beside.values())
+
+    def leads_simply(self, edges: Sequence[str]) -> bool:
+        """Whether a walk along some edges crosses at most one street at each junction."""
+        return all(self._meet(before, after) for before, after in pairwise(edges))
+
+    def _meet(self, before: str, after: str) -> bool:
+        one, two = (self._network.edge_by_id[edge] for edge in (before, after))
+        shared = {one.from_junction, one.to_junction} & {two.from_junction, two.to_junction}
+        return any(
+            first == second or frozenset((first, second)) in self._joined
+            for junction in shared
+            if (first := self._at.get((before, junction))) and (second := self._at.get((after, junction)))
+        )

@@ -35,7 +35,9 @@ _WIDTH_M: Final = 0.5
 _CROSSED: Final = re.compile(r"^:.+_c\d+$")
 """SUMO's ids of the edges of crossings."""
 _STEP_M: Final = 0.6
-"""How far ahead somebody looks for a vehicle in the way…"""
+"""How far ahead of the place at which they can stop, and on the way there, people look for a vehicle in the way…"""
+_HALT_MPS2: Final = 2.5
+"""With which they stop (``dynamics.walkers``)."""
 _BESIDE_M: Final = 0.35
 """…and how near it may be beside that place."""
 _AWAY_M: Final = 2.3
@@ -272,6 +274,7 @@ def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
         if row < 0:
             continue
         x, y = x_m[row] + _STEP_M * np.cos(yaw_rad[row]), y_m[row] + _STEP_M * np.sin(yaw_rad[row])
+        halt_m = speed_mps[row] * speed_mps[row] / (2.0 * _HALT_MPS2)
         for k in range(len(x_m)):
             dx, dy = x - x_m[k], y - y_m[k]
             stopping = speed_mps[k] * speed_mps[k] / (2.0 * _STOPPING_MPS2) if speed_mps[k] > _PACE_MPS else 0.0
@@ -284,8 +287,11 @@ def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
             nearer = now > _INTO_M and left - 0.5 * width_m[k] < min(_AWAY_M, now)
             if stopping > 0.0 and reached and nearer:
                 comes[number] = True
-            if abs(ahead) < 0.5 * length_m[k] + _BESIDE_M and left < 0.5 * width_m[k] + _BESIDE_M:
-                found[number] = True
+            turned = yaw_rad[row] - yaw_rad[k]
+            for way_m in (0.0, halt_m):
+                along, across = ahead + way_m * np.cos(turned), dy * cos - dx * sin + way_m * np.sin(turned)
+                if abs(along) < 0.5 * length_m[k] + _BESIDE_M and abs(across) < 0.5 * width_m[k] + _BESIDE_M:
+                    found[number] = True
     return found, comes
 
 

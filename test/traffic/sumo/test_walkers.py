@@ -110,6 +110,15 @@ def test_nobody_steps_into_a_vehicle_ahead(place: tuple[float, float], blocked: 
     assert not comes.any()
 
 
+def test_fast_walkers_look_as_far_as_they_need_to_stop() -> None:
+    """1.8 m/s take 0.65 m: a vehicle whose side is 1.4 m ahead stops them, those who stand it does not."""
+    poses = np.array([0.0, 2.3]), np.array([0.0, 0.0]), np.array([0.0, np.pi / 2.0])
+    sizes = np.array([0.0, 4.0]), np.array([0.0, 1.8])
+    for speed_mps, stops in ((1.8, True), (0.0, False)):
+        found, _ = _step_into(np.array([0]), (poses, sizes), np.array([speed_mps, 0.0]))
+        assert found.tolist() == [stops]
+
+
 @pytest.mark.parametrize(
     ("ahead_m", "beside_m", "speed_mps", "yaw_rad", "comes"),
     [

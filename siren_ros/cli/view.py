@@ -2,9 +2,10 @@
 
 import argparse
 import tempfile
+import webbrowser
 from pathlib import Path
 
-from siren_ros.episode_page.build import episode_page, show
+from siren_ros.episode_page.build import episode_page
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 from siren_ros.recording.bag_reader import read_episode
 
@@ -18,7 +19,7 @@ def add_view(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     verb.add_argument("--time", type=float, metavar="S", help="simulated time (default: where the interaction begins)")
     verb.add_argument("--actor", type=int, metavar="ID", help="vehicle to follow (default: the first EMV)")
-    verb.add_argument("--no-browser", action="store_true", help="print where the page is instead of opening it")
+    verb.add_argument("--no-browser", action="store_true", help="only print the address of the page")
     verb.set_defaults(run=view)
 
 
@@ -29,8 +30,10 @@ def view(arguments: argparse.Namespace) -> int:
     write_text(path, content)
     asked = {"t": arguments.time, "v": arguments.actor}
     moment = "&".join(f"{name}={value:g}" for name, value in asked.items() if value is not None)
-    if arguments.no_browser or not show(path, moment):
-        print(path.as_uri() + (f"#{moment}" if moment else ""))
+    address = path.as_uri() + (f"#{moment}" if moment else "")
+    print(address)
+    if not arguments.no_browser:
+        webbrowser.open(address)
     return EXIT_OK
 
 

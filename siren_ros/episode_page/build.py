@@ -2,9 +2,7 @@
 
 import base64
 import hashlib
-import webbrowser
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.episode_page.columns import ColumnFile
@@ -68,11 +66,6 @@ def episode_page(record: EpisodeRecord, reasons: Iterable[Reasons] = ()) -> str:
         style_hash=_hash(style),
         script_hash=_hash(script),
     )
-
-
-def show(path: Path, moment: str = "") -> bool:
-    """Opens a page in the browser; says whether there is one. ``moment`` is the part of a link after ``#``."""
-    return webbrowser.open(path.resolve().as_uri() + (f"#{moment}" if moment else ""))
 
 
 def title_of(record: EpisodeRecord) -> str:

@@ -77,15 +77,16 @@ export class Cameras {
   update(index: number, actor: Actor | undefined, pose: Pose | undefined): boolean {
     const { camera, controls, last } = this;
     if (pose && index !== this.followed) {
+      // Around and from above, another actor is seen as the one before was.
+      const kept = this.followed >= 0 && (this.name === "orbit" || this.name === "above");
       this.followed = index;
-      this.use(this.name, pose);
+      if (kept) this.shift(new Vector3(pose.x, pose.y, pose.z).sub(controls.target));
+      else this.use(this.name, pose);
     } else if (pose && last && this.name !== "driver") {
       if (this.name === "follow") {
         camera.position.sub(controls.target).applyAxisAngle(UP, pose.yaw - last.yaw).add(controls.target);
       }
-      const moved = new Vector3(pose.x - last.x, pose.y - last.y, pose.z - last.z);
-      camera.position.add(moved);
-      controls.target.add(moved);
+      this.shift(new Vector3(pose.x - last.x, pose.y - last.y, pose.z - last.z));
     }
     if (pose) this.last = { ...pose };
     if (this.name === "driver" && pose && actor) {
@@ -93,6 +94,19 @@ export class Cameras {
       return false;
     }
     return controls.enabled && controls.update();
+  }
+
+  private shift(by: Vector3): void {
+    this.camera.position.add(by);
+    this.controls.target.add(by);
+  }
+
+  /** Turns the camera around what it looks at, and brings it nearer by a factor; for the keyboard. */
+  move(turn: number, nearer: number): void {
+    if (this.name === "driver") this.look.yaw += turn;
+    const offset = this.camera.position.clone().sub(this.controls.target).multiplyScalar(nearer);
+    if (this.name !== "above") offset.applyAxisAngle(UP, turn);
+    this.camera.position.copy(this.controls.target).add(offset);
   }
 
   private sit(actor: Actor, pose: Pose): void {

@@ -47,6 +47,7 @@ export class Panel {
       this.cells.set(row, cell);
       list.append(element("dt", {}, row), cell);
     }
+    byId("go-there").addEventListener("click", () => actions.seek(tracks.times[tracks.actors[this.index].first]));
     this.fillVerdict();
     const facts = [...head.facts, ["ended", head.ended]];
     byId("facts").append(...facts.flatMap(([name, text]) => [element("dt", {}, name), element("dd", {}, text)]));

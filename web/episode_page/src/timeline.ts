@@ -80,7 +80,7 @@ export class Timeline {
     const every = [0.5, 1, 2, 5, 10, 20, 60, 120].find((seconds) => x(seconds) > 46) ?? 300;
     for (let time = 0; time <= tracks.end; time += every) context.fillRect(x(time), 0, 1, height);
     this.drawMarks(context, x, colour("--faint"));
-    if (this.index >= 0) this.drawActor(context, x, height, colour("--ink"), colour("--faint"));
+    if (this.index >= 0) this.drawActor(context, x, height, ["--ink", "--faint", "--page"].map(colour));
     context.fillStyle = colour("--faint");
     for (let time = 0; time <= tracks.end; time += every) context.fillText(`${time} s`, x(time) + 3, height - 2);
   }
@@ -106,8 +106,7 @@ export class Timeline {
     context: CanvasRenderingContext2D,
     x: (time: number) => number,
     height: number,
-    ink: string,
-    faint: string,
+    [ink, faint, page]: string[],
   ): void {
     const { tracks, index } = this;
     const { first, frames } = tracks.actors[index];
@@ -148,7 +147,11 @@ export class Timeline {
     context.stroke();
     context.fillStyle = faint;
     context.textAlign = "right";
-    context.fillText(`${high.toFixed(metric.digits)} ${metric.unit}`, context.canvas.clientWidth - 4, top + 8);
+    const most = `${high.toFixed(metric.digits)} ${metric.unit}`;
+    context.strokeStyle = page;
+    context.lineWidth = 4;
+    context.strokeText(most, context.canvas.clientWidth - 4, top + 8);
+    context.fillText(most, context.canvas.clientWidth - 4, top + 8);
     context.textAlign = "left";
   }
 }

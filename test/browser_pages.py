@@ -76,6 +76,6 @@ def running_browser() -> Iterator[PageBrowser]:
         pytest.skip("needs Chromium; as root, ./env installs it with the extra dev")
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable, args=WEBGL_WITHOUT_GPU)
-        context = browser.new_context(offline=True, viewport={"width": 1280, "height": 900})
+        context = browser.new_context(offline=True, has_touch=True, viewport={"width": 1280, "height": 900})
         yield PageBrowser(context)
         browser.close()

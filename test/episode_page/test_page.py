@@ -136,6 +136,13 @@ def test_a_click_selects_the_vehicle_that_is_there(opened: OpenedPage, record: E
     assert cells[2] == f"{3.6 * speed:.1f} km/h"
 
 
+def test_a_tap_selects_as_a_click_does(opened: OpenedPage) -> None:
+    opened.page.evaluate("() => { episodePage.seek(0.5); episodePage.useCamera('above'); }")
+    opened.page.touchscreen.tap(*opened.page.evaluate("episodePage.onScreen(3)"))
+    pictures(opened)
+    assert moment(opened)["actor"] == 3
+
+
 def test_a_click_beside_all_vehicles_changes_nothing(opened: OpenedPage) -> None:
     opened.page.evaluate("() => episodePage.useCamera('above')")
     x, y = opened.page.evaluate("episodePage.onScreen(1)")

@@ -16,7 +16,7 @@ def add_view(verb: argparse.ArgumentParser) -> None:
         "Opens an episode in the browser: the scene in 3-D, a timeline with its events, and what each vehicle does. "
         "The page is a file in the folder for temporary files; siren export html keeps it."
     )
-    verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
+    _add_bags(verb)
     verb.add_argument("--time", type=float, metavar="S", help="simulated time (default: where the interaction begins)")
     verb.add_argument("--actor", type=int, metavar="ID", help="vehicle to follow (default: the first EMV)")
     verb.add_argument("--no-browser", action="store_true", help="only print the address of the page")
@@ -25,7 +25,7 @@ def add_view(verb: argparse.ArgumentParser) -> None:
 
 def view(arguments: argparse.Namespace) -> int:
     """Writes the page and opens it."""
-    content = episode_page(read_episode(arguments.bag))
+    content = _page_of(arguments)
     path = Path(tempfile.mkdtemp(prefix="siren_view_")) / "episode.html"
     write_text(path, content)
     asked = {"t": arguments.time, "v": arguments.actor}
@@ -37,10 +37,22 @@ def view(arguments: argparse.Namespace) -> int:
     return EXIT_OK
 
 
+def _add_bags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
+    parser.add_argument(
+        "--against", type=Path, metavar="BAG", help="another episode on the same map, drawn where it differs"
+    )
+
+
+def _page_of(arguments: argparse.Namespace) -> str:
+    against = read_episode(arguments.against) if arguments.against else None
+    return episode_page(read_episode(arguments.bag), against=against)
+
+
 def add_page(parser: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     parser.description = "Writes an episode as one HTML file: in 3-D, with a timeline and what each vehicle does."
-    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
+    _add_bags(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.html", help="page to write")
     parser.set_defaults(run=page)
 
@@ -50,7 +62,7 @@ def page(arguments: argparse.Namespace) -> int:
     out: Path = arguments.out
     if out.suffix.lower() not in {".html", ".htm"}:
         raise InputError("out", str(out), "a file name that ends in .html")
-    content = episode_page(read_episode(arguments.bag))
+    content = _page_of(arguments)
     with writing(out):
         out.parent.mkdir(parents=True, exist_ok=True)
     write_text(out, content)

@@ -29,10 +29,20 @@ _FORMAT: Final = 1
 """Of the embedded data; the script refuses another one."""
 
 
-def episode_data(record: EpisodeRecord, reasons: Iterable[Reasons] = ()) -> bytes:
-    """What the page knows of an episode, compressed; InputError for a record without states."""
-    if not record.states or len(record.rows) == 0:
-        raise InputError("bag", record.description.template, "an episode with at least one recorded actor state")
+def episode_data(record: EpisodeRecord, reasons: Iterable[Reasons] = (), against: EpisodeRecord | None = None) -> bytes:
+    """What the page knows of an episode, compressed.
+
+    Args:
+        record: The episode.
+        reasons: Why its actors drive as they do, where that is known.
+        against: Another episode on the same map, to be compared with.
+
+    Raises:
+        InputError: A record without states, or another map.
+    """
+    for one in (record, *([against] if against else ())):
+        if not one.states or len(one.rows) == 0:
+            raise InputError("bag", title_of(one), "an episode with at least one recorded actor state")
     file = ColumnFile()
     actors = add_motion(file, record)
     scene = static_scene(record.network, record.description.seed)
@@ -46,18 +56,19 @@ def episode_data(record: EpisodeRecord, reasons: Iterable[Reasons] = ()) -> byte
         "events": _events(record),
         **add_static_scene(file, record, scene),
         **add_reasons(file, reasons),
+        **(_other(file, record, against) if against else {}),
     }
     return file.packed(head)
 
 
-def episode_page(record: EpisodeRecord, reasons: Iterable[Reasons] = ()) -> str:
-    """The whole page in one file; raises as ``episode_data``.
+def episode_page(record: EpisodeRecord, reasons: Iterable[Reasons] = (), against: EpisodeRecord | None = None) -> str:
+    """The whole page in one file; arguments and errors as of ``episode_data``.
 
     Its security policy allows this script and these styles alone, by their hashes. The data is base64, so nothing in it
     can end its element.
     """
     style, script = page_part(_PAGE, "page.css"), page_part(_PAGE, "page.js")
-    data = base64.b64encode(episode_data(record, reasons)).decode()
+    data = base64.b64encode(episode_data(record, reasons, against)).decode()
     return page_template(_PAGE, trim_blocks=True).render(
         title=title_of(record),
         style=style,
@@ -66,6 +77,14 @@ def episode_page(record: EpisodeRecord, reasons: Iterable[Reasons] = ()) -> str:
         style_hash=_hash(style),
         script_hash=_hash(script),
     )
+
+
+def _other(file: ColumnFile, record: EpisodeRecord, against: EpisodeRecord) -> dict[str, Any]:
+    """Adds the motion of another episode; what the head says of it."""
+    if against.description.map_sha256 != record.description.map_sha256:
+        raise InputError("against", title_of(against), f"an episode on the map of {title_of(record)}")
+    actors = add_motion(file, against, "against.")
+    return {"against": {"title": title_of(against), "actors": actors, "emvs": list(against.emv_ids)}}
 
 
 def title_of(record: EpisodeRecord) -> str:

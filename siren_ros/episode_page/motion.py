@@ -27,11 +27,14 @@ _UNITS: Final[Mapping[str, tuple[float, int]]] = {
 """Unit and order (``ColumnFile.add``) of each column."""
 
 
-def add_motion(file: ColumnFile, record: EpisodeRecord) -> list[dict[str, Any]]:
-    """Adds the columns ``frame.step`` and ``motion.*``; the actors for the head, in the order of the columns."""
+def add_motion(file: ColumnFile, record: EpisodeRecord, prefix: str = "") -> list[dict[str, Any]]:
+    """Adds the columns ``frame.step`` and ``motion.*``; the actors for the head, in the order of the columns.
+
+    The columns' names begin with ``prefix``.
+    """
     rows = record.rows
     steps = np.array([state.step for state in record.states], np.int64)
-    file.add("frame.step", steps)
+    file.add(f"{prefix}frame.step", steps)
     frame = np.searchsorted(steps, rows.step)
     actors, gathered, absent = [], [], []
     for actor_id in np.unique(rows.actor_id).tolist():
@@ -48,7 +51,7 @@ def add_motion(file: ColumnFile, record: EpisodeRecord) -> list[dict[str, Any]]:
         values: npt.NDArray[Any] = getattr(rows, name)[row]
         if name == "yaw_rad":
             values = np.unwrap(values)
-        file.add(f"motion.{name}", np.where(hidden, ABSENT, values) if name == "mode" else values, unit, order)
+        file.add(f"{prefix}motion.{name}", np.where(hidden, ABSENT, values) if name == "mode" else values, unit, order)
     return actors
 
 

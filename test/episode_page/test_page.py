@@ -237,6 +237,62 @@ def test_reasons_stand_there_where_they_are_known(opened: OpenedPage) -> None:
     assert not opened.page.locator("#why").is_visible()
 
 
+@pytest.fixture(scope="module")
+def compared(
+    record: EpisodeRecord, record_of: RecordOf, browser: PageBrowser, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[OpenedPage, EpisodeRecord]]:
+    """The page of the record against one of six seconds in which nobody changes lanes."""
+    other = record_of(duration_s=6.0, changing=0)
+    actors = {key: replace(other.actors[key], name=actor.name) for key, actor in record.actors.items()}
+    other = replace(other, actors=actors)
+    path = tmp_path_factory.mktemp("compared") / "episode.html"
+    path.write_text(episode_page(record, against=other), encoding="utf-8")
+    with browser.opened(path) as page:
+        until(page, "window.episodePage !== undefined")
+        yield page, other
+
+
+def test_another_episode_is_drawn_where_it_differs(
+    compared: tuple[OpenedPage, EpisodeRecord], record: EpisodeRecord
+) -> None:
+    page, other = compared
+    for step in (0, 60, 100, 119):
+        script = "time => { episodePage.seek(time); return episodePage.drawnOther(); }"
+        drawn = {row["id"]: (row["x"], row["y"]) for row in page.page.evaluate(script, step * STEP_S)}
+        here, there = record.states[step], other.states[step]
+        apart = np.hypot(here.x_m - there.x_m, here.y_m - there.y_m) >= 0.5
+        assert sorted(drawn) == there.actor_id[apart].tolist()
+        for row in np.flatnonzero(apart):
+            assert drawn[there.actor_id[row]] == pytest.approx((there.x_m[row], there.y_m[row]), abs=0.01)
+    assert apart.any()
+    assert page.page.evaluate("() => { episodePage.seek(10); return episodePage.drawnOther(); }") == []
+    assert page.problems == []
+
+
+def test_the_panel_says_where_a_vehicle_is_in_the_other_episode(
+    compared: tuple[OpenedPage, EpisodeRecord], record: EpisodeRecord
+) -> None:
+    page, other = compared
+    page.page.evaluate("() => { episodePage.select(2); episodePage.seek(5.5); }")
+    pictures(page)
+    here, there = record.states[110], other.states[110]
+    row = here.actor_id.tolist().index(2)
+    aside = here.y_m[row] - there.y_m[row]
+    assert aside > 1.0
+    text = page.page.locator("#facts-of-actor dd").nth(7).inner_text()
+    assert text == f"{3.6 * there.speed_mps[row]:.1f} km/h, {aside:.1f} m to the right"
+    page.page.keyboard.press("o")
+    assert page.page.evaluate("episodePage.drawnOther()") == []
+    page.page.click("#against")
+    assert page.page.evaluate("episodePage.drawnOther().length") > 0
+
+
+def test_an_episode_on_another_map_cannot_be_compared(record: EpisodeRecord) -> None:
+    other = replace(record, description=replace(record.description, map_sha256="1" * 64))
+    with pytest.raises(InputError, match="an episode on the map of"):
+        episode_page(record, against=other)
+
+
 @pytest.mark.parametrize(("width", "height"), [(360, 740), (1920, 1080)])
 def test_the_page_fits_narrow_and_wide_windows(opened: OpenedPage, width: int, height: int) -> None:
     opened.page.set_viewport_size({"width": width, "height": height})

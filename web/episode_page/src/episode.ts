@@ -26,6 +26,13 @@ export type EpisodeEvent = [step: number, kind: string, actor: number, other: nu
 /** Signal, link in its state, colour, number of corners of the lens. */
 export type Lamp = [signal: string, link: number, colour: "red" | "yellow" | "green", corners: number];
 
+/** Another episode on the same map. */
+export interface Against {
+  title: string;
+  actors: Actor[];
+  emvs: number[];
+}
+
 interface ColumnEntry {
   name: string;
   length: number;
@@ -51,6 +58,7 @@ interface Head {
   lamps: Lamp[];
   lamp_letters: Record<string, string>;
   why?: { mechanisms: string[]; guards: string[] };
+  against?: Against;
   columns: ColumnEntry[];
 }
 

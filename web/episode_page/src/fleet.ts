@@ -27,7 +27,7 @@ const MARK_M = 0.45;
 const REACH_M = 0.25;
 
 /** Instances of one geometry, and which actor each of them is. */
-class Instances {
+export class Instances {
   readonly mesh: InstancedMesh;
   readonly actors: Int32Array;
   readonly triangles: number;
@@ -68,7 +68,7 @@ class Instances {
 }
 
 /** A body with a narrower cabin, one unit long, wide and high. */
-function plainBody(): BufferGeometry {
+export function plainBody(): BufferGeometry {
   const places: number[] = [];
   const tint: number[] = [];
   const index: number[] = [];

@@ -5,6 +5,7 @@ import { CAMERAS, Cameras, type CameraName } from "./cameras";
 import { byId, element, say, words } from "./dom";
 import { readEpisode, type Episode } from "./episode";
 import { Fleet } from "./fleet";
+import { Ghosts } from "./ghosts";
 import { Glows } from "./glows";
 import { readMoment, writeMoment } from "./link";
 import { Panel } from "./panel";
@@ -33,6 +34,7 @@ class EpisodePage {
   private readonly fleet: Fleet;
   private readonly world: World;
   private readonly glows: Glows;
+  private readonly ghosts: Ghosts | undefined;
   private readonly cameras: Cameras;
   private readonly timeline: Timeline;
   private readonly panel: Panel;
@@ -49,12 +51,14 @@ class EpisodePage {
   constructor(private readonly episode: Episode) {
     this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: true, powerPreference: "high-performance" });
     this.renderer.outputColorSpace = SRGBColorSpace;
-    this.tracks = new Tracks(episode);
+    const { actors, emvs, against } = episode.head;
+    this.tracks = new Tracks(episode, actors, emvs);
     this.world = new World(episode, this.scene);
     this.fleet = new Fleet(episode, this.tracks, this.scene);
+    this.ghosts = against && new Ghosts(episode, against, this.tracks, this.scene);
     this.glows = new Glows(this.tracks, episode.head.lamps.length, this.scene);
     this.cameras = new Cameras(this.canvas, episode.head.left_hand, !this.calm.matches);
-    this.timeline = new Timeline(episode, this.tracks, this.fleet, (time) => this.seek(time));
+    this.timeline = new Timeline(episode, this.tracks, this.fleet, this.ghosts, (time) => this.seek(time));
     this.panel = new Panel(episode, this.tracks, {
       select: (id) => this.select(id),
       seek: (time) => this.seek(time),
@@ -81,6 +85,9 @@ class EpisodePage {
     press("ahead", () => this.step(1));
     press("previous-actor", () => this.selectNext(-1));
     press("next-actor", () => this.selectNext(1));
+    byId("against").hidden = !this.ghosts;
+    say(byId("against"), `against ${this.episode.head.against?.title ?? ""}`);
+    press("against", () => this.showOther(!this.ghosts?.shown));
     for (const name of CAMERAS) press(`camera-${name}`, () => this.useCamera(name));
     this.cameras.controls.addEventListener("change", () => (this.changed = true));
     new ResizeObserver(() => this.resize()).observe(this.canvas);
@@ -146,6 +153,14 @@ class EpisodePage {
     this.remember();
   }
 
+  /** Shows or hides the other episode, where there is one. */
+  showOther(shown: boolean): void {
+    if (!this.ghosts) return;
+    this.ghosts.shown = shown;
+    byId("against").setAttribute("aria-pressed", String(shown));
+    this.changed = true;
+  }
+
   play(playing: boolean): void {
     if (playing && this.time >= this.tracks.end - 1e-6) this.seek(0);
     this.playing = playing;
@@ -198,6 +213,7 @@ class EpisodePage {
       End: () => this.seek(this.tracks.end),
       n: () => this.selectNext(1),
       p: () => this.selectNext(-1),
+      o: () => this.showOther(!this.ghosts?.shown),
       a: () => this.cameras.move(-0.1, 1),
       d: () => this.cameras.move(0.1, 1),
       w: () => this.cameras.move(0, 0.9),
@@ -254,14 +270,25 @@ class EpisodePage {
     this.world.setView(camera, this.cameras.controls.target, this.cameras.distance);
     const hidden = name === "driver" ? this.selected : -1;
     this.fleet.place(camera.position, this.selected, hidden);
+    this.ghosts?.place(this.time, this.fleet.poses);
     const [indicator, beacon] = [this.fleet.indicator.value, this.fleet.beacon.value];
     this.glows.place(this.fleet.poses, hidden, this.world.lit, indicator, beacon, this.cameras.size[1] / 2);
     this.renderer.render(this.scene, camera);
     this.placeLabels();
     this.timeline.show(this.time, frame);
     const row = this.tracks.rowAt(this.selected, frame);
-    this.panel.show(frame, row < 0 ? undefined : this.fleet.modeColour(this.selected, row));
+    this.panel.show(frame, row < 0 ? undefined : this.fleet.modeColour(this.selected, row), this.otherText());
     say(byId("clock"), `${this.time.toFixed(2)} / ${this.tracks.end.toFixed(2)} s`);
+  }
+
+  /** What the selected actor does in the other episode. */
+  private otherText(): string {
+    const pose = this.fleet.poses[this.selected];
+    const twin = pose && this.ghosts?.twinSeenFrom(this.selected, pose);
+    if (!twin || !this.ghosts) return "not there";
+    const apart = Math.hypot(twin.ahead, twin.left);
+    const where = apart < 0.05 ? "same place" : `${apart.toFixed(1)} m ${direction(twin.ahead, twin.left)}`;
+    return `${(this.ghosts.tracks.speed[twin.row] * KMH).toFixed(1)} km/h, ${where}`;
   }
 
   /** Names the EMVs and the selected actor in the picture. */
@@ -298,6 +325,12 @@ class EpisodePage {
     return this.fleet.drawn();
   }
 
+  /** The same of the other episode, where it differs. */
+  drawnOther() {
+    this.draw();
+    return this.ghosts?.drawn() ?? [];
+  }
+
   /** Where an actor's middle is in the window, in pixels. */
   onScreen(id: number): [number, number] {
     const index = this.tracks.indexOf(id);
@@ -315,6 +348,11 @@ class EpisodePage {
     const { calls, triangles } = this.renderer.info.render;
     return { calls, triangles, scriptMs: [...this.scriptMs] };
   }
+}
+
+function direction(ahead: number, left: number): string {
+  if (Math.abs(ahead) >= Math.abs(left)) return ahead > 0 ? "ahead" : "behind";
+  return left > 0 ? "to the left" : "to the right";
 }
 
 declare global {

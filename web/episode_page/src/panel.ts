@@ -13,7 +13,7 @@ const LIGHTS: [number, string][] = [
   [BEACON, "beacon"],
   [SIREN, "siren"],
 ];
-const ROWS = ["class", "mode", "speed", "acceleration", "driven by", "residual", "to the EMV", "lights"] as const;
+const ROWS = ["class", "mode", "speed", "acceleration", "driven by", "residual", "to the EMV", "in the other", "lights"] as const;
 const MOST_EVENTS = 400;
 
 export interface Actions {
@@ -43,6 +43,7 @@ export class Panel {
     this.choice.addEventListener("change", () => actions.select(Number(this.choice.value)));
     const list = byId("facts-of-actor");
     for (const row of ROWS) {
+      if (row === "in the other" && !head.against) continue;
       const cell = element("dd");
       this.cells.set(row, cell);
       list.append(element("dt", {}, row), cell);
@@ -105,7 +106,7 @@ export class Panel {
   }
 
   /** Shows the selected actor in a frame. */
-  show(frame: number, modeColour: string | undefined): void {
+  show(frame: number, modeColour: string | undefined, other: string): void {
     const { tracks, index } = this;
     const row = index < 0 ? -1 : tracks.rowAt(index, frame);
     const set = (name: (typeof ROWS)[number], text: string) => say(this.cells.get(name) as HTMLElement, row < 0 ? "–" : text);
@@ -124,6 +125,7 @@ export class Panel {
     if (mode.textContent !== name) mode.replaceChildren(this.swatch, name);
     this.swatch.hidden = !modeColour;
     this.swatch.style.background = modeColour ?? "";
+    if (this.episode.head.against) set("in the other", other);
     const time = tracks.times[frame];
     const latest = this.ownEvents.findLast((event) => event.time <= time + 1e-9);
     for (const event of this.ownEvents) event.item.classList.toggle("latest", event === latest);

@@ -3,6 +3,7 @@
 import { byId, say } from "./dom";
 import type { Episode } from "./episode";
 import type { Fleet } from "./fleet";
+import type { Ghosts } from "./ghosts";
 import type { Tracks } from "./tracks";
 
 const KMH = 3.6;
@@ -12,7 +13,7 @@ const MARKS_PX = 16;
 interface Metric {
   unit: string;
   digits: number;
-  value(row: number, index: number, frame: number): number;
+  value(tracks: Tracks, row: number, index: number, frame: number): number;
 }
 
 export class Timeline {
@@ -27,13 +28,18 @@ export class Timeline {
     private readonly episode: Episode,
     private readonly tracks: Tracks,
     private readonly fleet: Fleet,
+    private readonly ghosts: Ghosts | undefined,
     seek: (time: number) => void,
   ) {
     this.metrics = {
-      speed: { unit: "km/h", digits: 0, value: (row) => tracks.speed[row] * KMH },
-      acceleration: { unit: "m/s²", digits: 1, value: (row) => tracks.accel[row] },
-      "distance to the EMV": { unit: "m", digits: 0, value: (_, index, frame) => tracks.distanceToEmv(index, frame) },
-      residual: { unit: "m", digits: 2, value: (row) => tracks.residual[row] },
+      speed: { unit: "km/h", digits: 0, value: (tracks, row) => tracks.speed[row] * KMH },
+      acceleration: { unit: "m/s²", digits: 1, value: (tracks, row) => tracks.accel[row] },
+      "distance to the EMV": {
+        unit: "m",
+        digits: 0,
+        value: (tracks, _, index, frame) => tracks.distanceToEmv(index, frame),
+      },
+      residual: { unit: "m", digits: 2, value: (tracks, row) => tracks.residual[row] },
     };
     for (const name of Object.keys(this.metrics)) this.choice.add(new Option(name));
     this.choice.addEventListener("change", () => this.draw());
@@ -59,7 +65,7 @@ export class Timeline {
     this.cursor.style.transform = `translateX(${((time / this.tracks.end) * this.canvas.clientWidth).toFixed(1)}px)`;
     const row = this.index < 0 ? -1 : this.tracks.rowAt(this.index, frame);
     const metric = this.metrics[this.choice.value];
-    const value = row < 0 ? NaN : metric.value(row, this.index, frame);
+    const value = row < 0 ? NaN : metric.value(this.tracks, row, this.index, frame);
     say(this.reading, Number.isNaN(value) ? "–" : `${value.toFixed(metric.digits)} ${metric.unit}`);
   }
 
@@ -80,7 +86,7 @@ export class Timeline {
     const every = [0.5, 1, 2, 5, 10, 20, 60, 120].find((seconds) => x(seconds) > 46) ?? 300;
     for (let time = 0; time <= tracks.end; time += every) context.fillRect(x(time), 0, 1, height);
     this.drawMarks(context, x, colour("--faint"));
-    if (this.index >= 0) this.drawActor(context, x, height, ["--ink", "--faint", "--page"].map(colour));
+    if (this.index >= 0) this.drawActor(context, x, height, ["--ink", "--faint", "--page", "--link"].map(colour));
     context.fillStyle = colour("--faint");
     for (let time = 0; time <= tracks.end; time += every) context.fillText(`${time} s`, x(time) + 3, height - 2);
   }
@@ -106,45 +112,48 @@ export class Timeline {
     context: CanvasRenderingContext2D,
     x: (time: number) => number,
     height: number,
-    [ink, faint, page]: string[],
+    [ink, faint, page, other]: string[],
   ): void {
-    const { tracks, index } = this;
-    const { first, frames } = tracks.actors[index];
+    const { tracks, index, fleet } = this;
     const metric = this.metrics[this.choice.value];
-    const values = new Float64Array(frames).fill(NaN);
-    let [low, high] = [0, 0];
-    for (let i = 0; i < frames; i++) {
-      const row = tracks.rowAt(index, first + i);
-      if (row < 0) continue;
-      values[i] = metric.value(row, index, first + i);
-      if (values[i] < low) low = values[i];
-      if (values[i] > high) high = values[i];
-      const colour = this.fleet.modeColour(index, row);
-      if (colour) {
-        context.fillStyle = colour;
-        const begin = x(tracks.times[first + i]);
-        context.fillRect(begin, 0, x(tracks.times[first + i + 1] ?? tracks.end) - begin + 0.6, BAND_PX);
-      }
+    const { first, frames } = tracks.actors[index];
+    for (let frame = first; frame < first + frames; frame++) {
+      const row = tracks.rowAt(index, frame);
+      const colour = row < 0 ? undefined : fleet.modeColour(index, row);
+      if (!colour) continue;
+      context.fillStyle = colour;
+      const begin = x(tracks.times[frame]);
+      context.fillRect(begin, 0, x(tracks.times[frame + 1] ?? tracks.end) - begin + 0.6, BAND_PX);
     }
-    if (high - low < 1e-3) high = low + 1;
+    const lines = [valuesOf(tracks, index, metric)];
+    const twin = this.ghosts?.twinOf(index) ?? -1;
+    if (this.ghosts && twin >= 0) lines.unshift(valuesOf(this.ghosts.tracks, twin, metric));
+    const known = lines.flat().map(([, value]) => value).filter((value) => !Number.isNaN(value));
+    const low = known.reduce((least, value) => Math.min(least, value), 0);
+    const high = Math.max(known.reduce((most, value) => Math.max(most, value), 0), low + 1e-3);
     const top = BAND_PX + MARKS_PX + 3;
     const y = (value: number) => top + (1 - (value - low) / (high - low)) * (height - 13 - top);
     context.strokeStyle = faint;
     context.lineWidth = 0.5;
     context.strokeRect(0, y(0), context.canvas.width, 0);
-    context.strokeStyle = ink;
     context.lineWidth = 1.5;
-    context.beginPath();
-    let pen = false;
-    for (let i = 0; i < frames; i++) {
-      if (Number.isNaN(values[i])) pen = false;
-      else if (pen) context.lineTo(x(tracks.times[first + i]), y(values[i]));
-      else {
-        context.moveTo(x(tracks.times[first + i]), y(values[i]));
-        pen = true;
+    lines.forEach((line, place) => {
+      const own = place === lines.length - 1;
+      context.strokeStyle = own ? ink : other;
+      context.setLineDash(own ? [] : [5, 3]);
+      context.beginPath();
+      let pen = false;
+      for (const [time, value] of line) {
+        if (Number.isNaN(value)) pen = false;
+        else if (pen) context.lineTo(x(time), y(value));
+        else {
+          context.moveTo(x(time), y(value));
+          pen = true;
+        }
       }
-    }
-    context.stroke();
+      context.stroke();
+    });
+    context.setLineDash([]);
     context.fillStyle = faint;
     context.textAlign = "right";
     const most = `${high.toFixed(metric.digits)} ${metric.unit}`;
@@ -154,4 +163,13 @@ export class Timeline {
     context.fillText(most, context.canvas.clientWidth - 4, top + 8);
     context.textAlign = "left";
   }
+}
+
+/** An actor's times and values; no number where it is not there. */
+function valuesOf(tracks: Tracks, index: number, metric: Metric): [time: number, value: number][] {
+  const { first, frames } = tracks.actors[index];
+  return Array.from({ length: frames }, (_, i) => {
+    const row = tracks.rowAt(index, first + i);
+    return [tracks.times[first + i], row < 0 ? NaN : metric.value(tracks, row, index, first + i)];
+  });
 }

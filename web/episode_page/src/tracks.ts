@@ -19,7 +19,6 @@ export const BEACON = 8;
 export const SIREN = 16;
 
 export class Tracks {
-  readonly actors: Actor[];
   /** Time of each frame, in seconds. */
   readonly times: Float64Array;
   readonly speed: Float64Array;
@@ -38,22 +37,27 @@ export class Tracks {
   private frame = 0;
   private share = 0;
 
-  constructor(episode: Episode) {
-    this.actors = episode.head.actors;
-    this.times = episode.numbers("frame.step").map((step) => step * episode.head.step_s);
-    const column = (name: string) => episode.numbers(`motion.${name}`);
+  /** The columns' names begin with `prefix`. */
+  constructor(
+    episode: Episode,
+    readonly actors: Actor[],
+    emvs: number[],
+    prefix = "",
+  ) {
+    this.times = episode.numbers(`${prefix}frame.step`).map((step) => step * episode.head.step_s);
+    const column = (name: string) => episode.numbers(`${prefix}motion.${name}`);
     [this.x, this.y, this.z, this.yaw] = [column("x_m"), column("y_m"), column("z_m"), column("yaw_rad")];
     [this.speed, this.accel, this.residual] = [column("speed_mps"), column("accel_mps2"), column("residual_m")];
-    this.owner = episode.counts("motion.owner");
-    this.lights = episode.counts("motion.lights");
-    this.mode = episode.counts("motion.mode");
+    this.owner = episode.counts(`${prefix}motion.owner`);
+    this.lights = episode.counts(`${prefix}motion.lights`);
+    this.mode = episode.counts(`${prefix}motion.mode`);
     let row = 0;
     this.actors.forEach((actor, index) => {
       this.indices.set(actor.id, index);
       this.firstRow.push(row);
       row += actor.frames;
     });
-    this.emvs = episode.head.emvs.map((id) => this.indexOf(id)).filter((index) => index >= 0);
+    this.emvs = emvs.map((id) => this.indexOf(id)).filter((index) => index >= 0);
   }
 
   get end(): number {
@@ -77,9 +81,9 @@ export class Tracks {
     return low;
   }
 
-  /** Sets the time that `pose` answers for. */
+  /** Sets the time that `pose` answers for; after the end nobody is there. */
   setTime(time: number): void {
-    this.frame = this.frameAt(time);
+    this.frame = time > this.end + 0.1 ? this.times.length : this.frameAt(time);
     const [before, after] = [this.times[this.frame], this.times[this.frame + 1] ?? Infinity];
     this.share = Math.min(Math.max((time - before) / (after - before), 0), 1);
   }

@@ -3,11 +3,10 @@
 A page takes reasons where somebody has them; it shows none where they are missing.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
-
-import numpy as np
 
 from siren_ros.episode_page.columns import ColumnFile
 from siren_ros.world.actors import NO_ACTOR
@@ -28,15 +27,25 @@ class SpeedLimit:
 
 
 @dataclass(frozen=True)
+class Guard:
+    """One guard of an algorithm: whether it acted, and why or why not."""
+
+    name: str
+    acts: bool
+    why: str = ""
+
+
+@dataclass(frozen=True)
 class Reasons:
     """The decision of one actor at one step."""
 
     step: int
     actor_id: int
     target_mps: float
+    """NaN where it has no target, because SUMO drives."""
     limits: tuple[SpeedLimit, ...] = ()
-    guards: tuple[str, ...] = ()
-    """Guards that acted, in the order in which they were tried."""
+    guards: tuple[Guard, ...] = ()
+    """In the order in which they were tried."""
 
 
 def add_reasons(file: ColumnFile, reasons: Iterable[Reasons]) -> Mapping[str, Any]:
@@ -46,7 +55,9 @@ def add_reasons(file: ColumnFile, reasons: Iterable[Reasons]) -> Mapping[str, An
         return {}
     limits = [limit for row in rows for limit in row.limits]
     guards = [guard for row in rows for guard in row.guards]
-    mechanisms, guard_names = (sorted(set(names)) for names in ((limit.mechanism for limit in limits), guards))
+    mechanisms = sorted({limit.mechanism for limit in limits})
+    texts = sorted({text for guard in guards for text in (guard.name, guard.why)})
+    numbers = {text: number for number, text in enumerate(texts)}
     file.add("why.actor", [row.actor_id for row in rows])
     file.add("why.step", [row.step for row in rows])
     file.add("why.target_mps", [_bounded(row.target_mps) for row in rows], _SPEED_UNIT_MPS)
@@ -55,9 +66,12 @@ def add_reasons(file: ColumnFile, reasons: Iterable[Reasons]) -> Mapping[str, An
     file.add("limit.mechanism", [mechanisms.index(limit.mechanism) for limit in limits])
     file.add("limit.speed_mps", [_bounded(limit.speed_mps) for limit in limits], _SPEED_UNIT_MPS)
     file.add("limit.blocker", [limit.blocker_id for limit in limits])
-    file.add("guard.name", [guard_names.index(guard) for guard in guards])
-    return {"why": {"mechanisms": mechanisms, "guards": guard_names}}
+    file.add("guard.name", [numbers[guard.name] for guard in guards])
+    file.add("guard.acts", [guard.acts for guard in guards])
+    file.add("guard.why", [numbers[guard.why] for guard in guards])
+    return {"why": {"mechanisms": mechanisms, "texts": texts}}
 
 
 def _bounded(speed_mps: float) -> float:
-    return float(np.clip(speed_mps, 0.0, _FASTEST_MPS))
+    """A speed that a column can hold; -1 for none."""
+    return -1.0 if math.isnan(speed_mps) else min(max(speed_mps, 0.0), _FASTEST_MPS)

@@ -11,7 +11,7 @@ import pytest
 from browser_pages import OpenedPage, PageBrowser
 
 from siren_ros.episode_page.build import episode_page, title_of
-from siren_ros.episode_page.reasons import Reasons, SpeedLimit
+from siren_ros.episode_page.reasons import Guard, Reasons, SpeedLimit
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -19,7 +19,9 @@ from siren_ros.recording.episode_record import EpisodeRecord
 RecordOf = Callable[..., EpisodeRecord]
 HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"><b>"
 WHY = (
-    Reasons(100, 2, 5.0, (SpeedLimit("path", 9.0), SpeedLimit("leader", 5.0, 3)), ("no gap",)),
+    Reasons(
+        100, 2, 5.0, (SpeedLimit("path", 9.0), SpeedLimit("leader", 5.0, 3)), (Guard("gap", False, "none is free"),)
+    ),
     Reasons(101, 2, 5.0, (SpeedLimit("leader", 5.0, 1),)),
 )
 
@@ -230,7 +232,7 @@ def test_reasons_stand_there_where_they_are_known(opened: OpenedPage) -> None:
     assert opened.page.locator("#why").is_visible()
     rows = opened.page.locator("#why-limits tr").all_inner_texts()
     assert [row.split("\t") for row in rows] == [["leader", "18.0 km/h", "sedan 3"], ["path", "32.4 km/h", ""]]
-    assert opened.page.locator("#why-guards li").all_inner_texts() == ["no gap"]
+    assert opened.page.locator("#why-guards li").all_inner_texts() == ["– gap\nnone is free"]
     opened.page.locator("#why-limits button").click()
     pictures(opened)
     assert moment(opened)["actor"] == 3

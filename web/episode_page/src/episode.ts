@@ -57,7 +57,7 @@ interface Head {
   events: EpisodeEvent[];
   lamps: Lamp[];
   lamp_letters: Record<string, string>;
-  why?: { mechanisms: string[]; guards: string[] };
+  why?: { mechanisms: string[]; texts: string[] };
   against?: Against;
   columns: ColumnEntry[];
 }

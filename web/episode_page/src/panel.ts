@@ -138,7 +138,8 @@ export class Panel {
     const key = JSON.stringify(reasons ?? null);
     if (!reasons || key === this.shownReasons) return;
     this.shownReasons = key;
-    say(byId("why-target"), `${(reasons.target * KMH).toFixed(1)} km/h`);
+    say(byId("why-target"), reasons.target < 0 ? "none: SUMO drives" : `${(reasons.target * KMH).toFixed(1)} km/h`);
+    byId("why-table").hidden = reasons.limits.length === 0;
     byId("why-limits").replaceChildren(
       ...reasons.limits.map(({ mechanism, speed, blocker }, place) => {
         const select = () => this.actions.select(blocker);
@@ -152,7 +153,10 @@ export class Panel {
         );
       }),
     );
-    byId("why-guards").replaceChildren(...reasons.guards.map((guard) => element("li", {}, guard)));
+    byId("why-guards").replaceChildren(
+      ...reasons.guards.map(({ name, acts, why }) =>
+        element("li", acts ? { class: "acts" } : {}, `${acts ? "✓" : "–"} ${name}`, element("span", {}, why))),
+    );
     byId("why-guards-head").hidden = reasons.guards.length === 0;
   }
 }

@@ -9,11 +9,18 @@ export interface Limit {
   blocker: number;
 }
 
+export interface Guard {
+  name: string;
+  acts: boolean;
+  why: string;
+}
+
 export interface Reasons {
+  /** Negative where there is none. */
   target: number;
   /** The lowest first. */
   limits: Limit[];
-  guards: string[];
+  guards: Guard[];
 }
 
 export class Why {
@@ -24,7 +31,9 @@ export class Why {
   private readonly mechanism: Int32Array;
   private readonly speed: Float64Array;
   private readonly blocker: Int32Array;
-  private readonly guard: Int32Array;
+  private readonly guardName: Int32Array;
+  private readonly guardActs: Int32Array;
+  private readonly guardWhy: Int32Array;
 
   constructor(private readonly episode: Episode) {
     const steps = episode.counts("why.step");
@@ -35,7 +44,9 @@ export class Why {
     this.mechanism = episode.counts("limit.mechanism");
     this.speed = episode.numbers("limit.speed_mps");
     this.blocker = episode.counts("limit.blocker");
-    this.guard = episode.counts("guard.name");
+    this.guardName = episode.counts("guard.name");
+    this.guardActs = episode.counts("guard.acts");
+    this.guardWhy = episode.counts("guard.why");
   }
 
   /** The reasons of an actor at a step; undefined where there are none. */
@@ -47,12 +58,12 @@ export class Why {
     for (let i = this.limitEnds[row - 1] ?? 0; i < this.limitEnds[row]; i++) {
       limits.push({ mechanism: names.mechanisms[this.mechanism[i]], speed: this.speed[i], blocker: this.blocker[i] });
     }
-    const guards = Array.from(this.guard.subarray(this.guardEnds[row - 1] ?? 0, this.guardEnds[row]));
-    return {
-      target: this.target[row],
-      limits: limits.sort((a, b) => a.speed - b.speed),
-      guards: guards.map((guard) => names.guards[guard]),
-    };
+    const guards: Guard[] = [];
+    for (let i = this.guardEnds[row - 1] ?? 0; i < this.guardEnds[row]; i++) {
+      const [name, why] = [names.texts[this.guardName[i]], names.texts[this.guardWhy[i]]];
+      guards.push({ name, acts: this.guardActs[i] === 1, why });
+    }
+    return { target: this.target[row], limits: limits.sort((a, b) => a.speed - b.speed), guards };
   }
 }
 

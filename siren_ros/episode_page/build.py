@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from siren_ros.episode_page.columns import ColumnFile
-from siren_ros.episode_page.motion import add_motion
+from siren_ros.episode_page.motion import add_motion, check_motion
 from siren_ros.episode_page.reasons import Reasons, add_reasons
 from siren_ros.episode_page.shapes import add_shapes, add_static_scene
 from siren_ros.errors import InputError, SirenError
@@ -38,11 +38,9 @@ def episode_data(record: EpisodeRecord, reasons: Iterable[Reasons] = (), against
         against: Another episode on the same map, to be compared with.
 
     Raises:
-        InputError: A record without states, or another map.
+        InputError: Another map; or a record without states, or with states that are no numbers or of unknown actors.
     """
-    for one in (record, *([against] if against else ())):
-        if not one.states or len(one.rows) == 0:
-            raise InputError("bag", title_of(one), "an episode with at least one recorded actor state")
+    check_motion(record)
     file = ColumnFile()
     actors = add_motion(file, record)
     scene = static_scene(record.network, record.description.seed)
@@ -83,6 +81,7 @@ def _other(file: ColumnFile, record: EpisodeRecord, against: EpisodeRecord) -> d
     """Adds the motion of another episode; what the head says of it."""
     if against.description.map_sha256 != record.description.map_sha256:
         raise InputError("against", title_of(against), f"an episode on the map of {title_of(record)}")
+    check_motion(against)
     actors = add_motion(file, against, "against.")
     return {"against": {"title": title_of(against), "actors": actors, "emvs": list(against.emv_ids)}}
 

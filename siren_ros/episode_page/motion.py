@@ -7,9 +7,12 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.episode_page.columns import ColumnFile
+from siren_ros.errors import InputError
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorDescription
 
+_FARTHEST_M: Final = 2e6
+"""What a column of 32 bits holds in millimetres."""
 ABSENT: Final = 255
 """Mode of a frame in which an actor is not there, between frames in which it is."""
 _UNITS: Final[Mapping[str, tuple[float, int]]] = {
@@ -25,6 +28,27 @@ _UNITS: Final[Mapping[str, tuple[float, int]]] = {
     "mode": (1.0, 1),
 }
 """Unit and order (``ColumnFile.add``) of each column."""
+
+
+def check_motion(record: EpisodeRecord) -> None:
+    """Refuses a record that cannot be shown, such as that of a damaged bag.
+
+    Raises:
+        InputError: No states, states that are no numbers or far away, or actors without a description.
+    """
+    rows, template = record.rows, record.description.template
+    if len(rows) == 0:
+        raise InputError("bag", template, "an episode with at least one recorded actor state")
+    known = all(
+        actor_id in record.actors and all(0.0 < size < _FARTHEST_M for size in _size_m(record.actors[actor_id]))
+        for actor_id in np.unique(rows.actor_id).tolist()
+    )
+    if not known or not all((np.abs(getattr(rows, name)) < _FARTHEST_M).all() for name in _UNITS):
+        raise InputError("bag", template, "an episode whose states and sizes are numbers within 2,000 km")
+
+
+def _size_m(actor: ActorDescription) -> tuple[float, float, float]:
+    return actor.length_m, actor.width_m, actor.height_m
 
 
 def add_motion(file: ColumnFile, record: EpisodeRecord, prefix: str = "") -> list[dict[str, Any]]:
@@ -61,7 +85,7 @@ def _actor(actor: ActorDescription) -> dict[str, Any]:
         "id": actor.actor_id,
         "name": actor.name,
         "class": actor.actor_class.name,
-        "size_m": [round(size, 4) for size in (actor.length_m, actor.width_m, actor.height_m)],
+        "size_m": [round(size, 4) for size in _size_m(actor)],
         "rgb": (red << 16) + (green << 8) + blue,
         "emv": actor.is_emv,
     }

@@ -4,10 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from episode_page.unpacked import unpacked
 
 from siren_ros.episode_page.columns import ColumnFile
-from siren_ros.episode_page.motion import ABSENT, add_motion
+from siren_ros.episode_page.motion import ABSENT, add_motion, check_motion
+from siren_ros.errors import InputError
 from siren_ros.recording.episode_record import EpisodeRecord
 
 RecordOf = Callable[..., EpisodeRecord]
@@ -50,3 +52,23 @@ def test_turns_through_west_do_not_jump(record_of: RecordOf) -> None:
     add_motion(file, replace(record, states=turned))
     _, columns = unpacked(file.packed({}))
     assert np.abs(np.diff(columns["motion.yaw_rad"][: record.steps])).max() < 0.004
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 2.1e6])
+def test_states_that_are_no_places_are_refused(record_of: RecordOf, value: float) -> None:
+    record = record_of(duration_s=0.5)
+    check_motion(record)
+    broken = replace(record.states[3], y_m=np.full(len(record.states[3]), value))
+    with pytest.raises(InputError, match="numbers within 2,000 km"):
+        check_motion(replace(record, states=(*record.states[:3], broken)))
+
+
+def test_unknown_actors_and_sizes_that_are_none_are_refused(record_of: RecordOf) -> None:
+    record = record_of(duration_s=0.5)
+    for actors in (
+        {key: actor for key, actor in record.actors.items() if key != 2},
+        {key: replace(actor, width_m=0.0 if key == 2 else 2.0) for key, actor in record.actors.items()},
+        {key: replace(actor, width_m=np.nan if key == 2 else 2.0) for key, actor in record.actors.items()},
+    ):
+        with pytest.raises(InputError, match="numbers within 2,000 km"):
+            check_motion(replace(record, actors=actors))

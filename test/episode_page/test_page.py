@@ -11,6 +11,7 @@ import pytest
 from browser_pages import OpenedPage, PageBrowser
 
 from siren_ros.episode_page.build import episode_page, title_of
+from siren_ros.episode_page.nearest import nearest_of_emvs
 from siren_ros.episode_page.reasons import Guard, Reasons, SpeedLimit
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import STEP_S
@@ -205,6 +206,18 @@ def test_the_line_of_time_seeks_where_it_is_pressed(opened: OpenedPage) -> None:
     box = opened.page.locator("#chart").bounding_box()
     opened.page.mouse.click(box["x"] + 0.25 * box["width"], box["y"] + 50)
     assert moment(opened)["time"] == pytest.approx(0.25 * 11.95, abs=0.05)
+
+
+def test_the_chart_reads_what_is_chosen(opened: OpenedPage, record: EpisodeRecord) -> None:
+    ttc_s, gap_m = (values[record.rows_of(1)][40] for values in nearest_of_emvs(record))
+    assert ttc_s < 3.0 < gap_m
+    opened.page.evaluate("episodePage.seek(2.0)")
+    readings = {}
+    for metric in ("gap of the EMV", "time to collision of the EMV", "speed"):
+        opened.page.select_option("#metric", metric)
+        pictures(opened)
+        readings[metric] = opened.page.locator("#reading").inner_text()
+    assert list(readings.values()) == [f"{gap_m:.1f} m", f"{ttc_s:.2f} s", "50 km/h"]
 
 
 def test_an_event_leads_to_its_moment_and_vehicle(opened: OpenedPage, record: EpisodeRecord) -> None:

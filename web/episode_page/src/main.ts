@@ -58,7 +58,8 @@ class EpisodePage {
     this.ghosts = against && new Ghosts(episode, against, this.tracks, this.scene);
     this.glows = new Glows(this.tracks, episode.head.lamps.length, this.scene);
     this.cameras = new Cameras(this.canvas, episode.head.left_hand, !this.calm.matches);
-    this.timeline = new Timeline(episode, this.tracks, this.fleet, this.ghosts, (time) => this.seek(time));
+    const [seek, changed] = [(time: number) => this.seek(time), () => void (this.changed = true)];
+    this.timeline = new Timeline(episode, this.tracks, this.fleet, this.ghosts, seek, changed);
     this.panel = new Panel(episode, this.tracks, {
       select: (id) => this.select(id),
       seek: (time) => this.seek(time),

@@ -30,6 +30,7 @@ export class Timeline {
     private readonly fleet: Fleet,
     private readonly ghosts: Ghosts | undefined,
     seek: (time: number) => void,
+    changed: () => void,
   ) {
     this.metrics = {
       speed: { unit: "km/h", digits: 0, value: (tracks, row) => tracks.speed[row] * KMH },
@@ -39,10 +40,15 @@ export class Timeline {
         digits: 0,
         value: (tracks, _, index, frame) => tracks.distanceToEmv(index, frame),
       },
+      "gap of the EMV": { unit: "m", digits: 1, value: (tracks, row) => tracks.gap[row] },
+      "time to collision of the EMV": { unit: "s", digits: 2, value: (tracks, row) => tracks.ttc[row] },
       residual: { unit: "m", digits: 2, value: (tracks, row) => tracks.residual[row] },
     };
     for (const name of Object.keys(this.metrics)) this.choice.add(new Option(name));
-    this.choice.addEventListener("change", () => this.draw());
+    this.choice.addEventListener("change", () => {
+      this.draw();
+      changed();
+    });
     const move = (event: PointerEvent) => {
       const box = this.canvas.getBoundingClientRect();
       seek(Math.min(Math.max((event.clientX - box.left) / box.width, 0), 1) * tracks.end);

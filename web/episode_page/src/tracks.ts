@@ -12,6 +12,7 @@ export interface Pose {
 }
 
 const ABSENT = 255;
+const NOTHING = 9998;
 export const BRAKE = 1;
 export const INDICATOR_LEFT = 2;
 export const INDICATOR_RIGHT = 4;
@@ -24,6 +25,9 @@ export class Tracks {
   readonly speed: Float64Array;
   readonly accel: Float64Array;
   readonly residual: Float64Array;
+  /** Of EMVs: least time to collision and least gap to another actor; no number where there is none. */
+  readonly ttc: Float64Array;
+  readonly gap: Float64Array;
   readonly owner: Int32Array;
   readonly lights: Int32Array;
   readonly mode: Int32Array;
@@ -48,6 +52,8 @@ export class Tracks {
     const column = (name: string) => episode.numbers(`${prefix}motion.${name}`);
     [this.x, this.y, this.z, this.yaw] = [column("x_m"), column("y_m"), column("z_m"), column("yaw_rad")];
     [this.speed, this.accel, this.residual] = [column("speed_mps"), column("accel_mps2"), column("residual_m")];
+    const orNone = (value: number) => (value >= NOTHING ? NaN : value);
+    [this.ttc, this.gap] = [column("ttc_s").map(orNone), column("gap_m").map(orNone)];
     this.owner = episode.counts(`${prefix}motion.owner`);
     this.lights = episode.counts(`${prefix}motion.lights`);
     this.mode = episode.counts(`${prefix}motion.mode`);

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
+WEBGL_WITHOUT_GPU = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PLAY_VIDEOS = """async () => {
     const failed = [];
     for (const video of document.querySelectorAll("video")) {
@@ -74,7 +75,7 @@ def running_browser() -> Iterator[PageBrowser]:
     if executable is None:
         pytest.skip("needs Chromium; as root, ./env installs it with the extra dev")
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=executable)
-        context = browser.new_context(offline=True, viewport={"width": 1280, "height": 900})
+        browser = playwright.chromium.launch(executable_path=executable, args=WEBGL_WITHOUT_GPU)
+        context = browser.new_context(offline=True, has_touch=True, viewport={"width": 1280, "height": 900})
         yield PageBrowser(context)
         browser.close()

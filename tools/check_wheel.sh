@@ -60,6 +60,7 @@ use() { # ENVIRONMENT: the library and the command, from a folder of their own; 
             apart "$siren" evaluate yield study &&
             apart "$siren" export openpcdet bag --out openpcdet &&
             apart "$siren" plot bag --out plot.png &&
+            apart "$siren" export html bag --out episode.html &&
             apart "$siren" report study --out report.html &&
             apart "$siren" train --help &&
             [[ -s report.html ]]

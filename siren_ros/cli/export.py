@@ -1,19 +1,24 @@
-"""``siren export FORMAT BAG… --out DIR``: episodes as datasets that other programs read."""
+"""``siren export FORMAT BAG… --out DIR``: episodes as datasets that other programs read, or as a page for people."""
 
 import argparse
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from tqdm import tqdm
 
 from siren_ros.cli.options import add_bags, add_processes, processes_of, steps_of
+from siren_ros.cli.view import add_page
 from siren_ros.datasets.export_job import AUTO, SPLITS, ExportJob, run_export
 from siren_ros.datasets.formats import FORMATS, Format
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
+from siren_ros.record.bag_survey import Need
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.tables.table import Table, counted
+
+_PAGE: Final = "html"
+_PAGE_SUMMARY: Final = "One page for people: an episode in 3-D that any browser shows without a network"
 
 
 class _ListFormats(argparse.Action):
@@ -46,6 +51,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
                 meaning += f" (default {option.default})"
                 parser.add_argument(name, default=option.default, choices=option.allowed or None, help=meaning)
         parser.set_defaults(run=run, format=dataset)
+    add_page(formats.add_parser(_PAGE, help=_PAGE_SUMMARY))
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -85,6 +91,7 @@ def _splits_text(card: Mapping[str, Any], *, automatic: bool) -> str:
 
 def _table() -> list[str]:
     rows = tuple((dataset.name, ", ".join(dataset.needs), dataset.summary) for dataset in FORMATS.values())
+    rows += ((_PAGE, f"{Need.TRACKS}, {Need.MAP}", _PAGE_SUMMARY),)
     return Table("formats", "", ("format", "needs", "what it is"), rows).text() + [
         f"{dataset.name} runs as ./env --with {dataset.extra} siren export {dataset.name} …"
         for dataset in FORMATS.values()

@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from hashlib import file_digest
 from itertools import pairwise
@@ -15,7 +15,7 @@ from siren_ros.record.episode_source import EpisodeSource, open_source
 from siren_ros.recording.bag_folder import METADATA_FILE
 from siren_ros.recording.bag_reader import storage_files
 from siren_ros.recording.recover import recover_bag
-from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeRequest
 
 
 class Need(StrEnum):
@@ -58,6 +58,10 @@ def check_needs(source: EpisodeSource, format_name: str, needs: Sequence[Need]) 
         raise BagError(str(source.path), f"an episode with {what}, for {format_name}; `{command}` records one")
 
 
+_FURTHER: Final = ("site", "values", "look", "av", "av_sensors", "predictor", "detector")
+"""Fields of a request that the command names where they differ from their defaults."""
+
+
 def recording_command(description: EpisodeDescription, sensors: str) -> str:
     """The command that records an episode again, with a suite of sensors."""
     values = {
@@ -70,6 +74,9 @@ def recording_command(description: EpisodeDescription, sensors: str) -> str:
     }
     if (path := str(description.parameters.get("map", ""))) or description.map_name != "town":
         values["map"] = path or description.map_name
+    defaults = {field.name: field.default for field in fields(EpisodeRequest)}
+    further = {name: description.asked.get(name, defaults[name]) for name in _FURTHER}
+    values |= {name: str(value) for name, value in further.items() if value != defaults[name]}
     arguments = " ".join(f"-p {name}:={shlex.quote(value)}" for name, value in values.items())
     return f"ros2 run siren_ros cosim --ros-args {arguments}"
 

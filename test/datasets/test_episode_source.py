@@ -170,3 +170,6 @@ def test_a_recording_is_told_with_its_map_unless_it_is_the_default():
     assert recording_command(replace(description, map_name="other"), "full") == f"{command} -p map:=other"
     from_file = replace(description, parameters={"map": "/maps/my town.xodr"})
     assert recording_command(from_file, "full") == f"{command} -p map:='/maps/my town.xodr'"
+    asked = {"site": "north", "values": "emv.speed_mps=12.5", "look": "clear", "av": "", "seed": 9}
+    drawn = replace(description, parameters={"request": asked})
+    assert recording_command(drawn, "full") == f"{command} -p site:=north -p values:=emv.speed_mps=12.5"

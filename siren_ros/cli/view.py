@@ -1,0 +1,70 @@
+"""``siren view`` and ``siren export html``: an episode as one page that any browser shows without a network."""
+
+import argparse
+import tempfile
+import webbrowser
+from pathlib import Path
+
+from siren_ros.episode_page.build import episode_page
+from siren_ros.errors import EXIT_OK, InputError, write_text, writing
+from siren_ros.recording.bag_reader import read_episode
+
+
+def add_view(verb: argparse.ArgumentParser) -> None:
+    """Adds the description and the options of the command."""
+    verb.description = (
+        "Opens an episode in the browser: the scene in 3-D, a timeline with its events, and what each vehicle does. "
+        "The page is a file in the folder for temporary files; siren export html keeps it."
+    )
+    _add_bags(verb)
+    verb.add_argument("--time", type=float, metavar="S", help="simulated time (default: where the interaction begins)")
+    verb.add_argument("--actor", type=int, metavar="ID", help="vehicle to follow (default: the first EMV)")
+    verb.add_argument("--no-browser", action="store_true", help="only print the address of the page")
+    verb.set_defaults(run=view)
+
+
+def view(arguments: argparse.Namespace) -> int:
+    """Writes the page and opens it."""
+    content = _page_of(arguments)
+    path = Path(tempfile.mkdtemp(prefix="siren_view_")) / "episode.html"
+    write_text(path, content)
+    asked = {"t": arguments.time, "v": arguments.actor}
+    moment = "&".join(f"{name}={value:g}" for name, value in asked.items() if value is not None)
+    address = path.as_uri() + (f"#{moment}" if moment else "")
+    print(address)
+    if not arguments.no_browser:
+        webbrowser.open(address)
+    return EXIT_OK
+
+
+def _add_bags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
+    parser.add_argument(
+        "--against", type=Path, metavar="BAG", help="another episode on the same map, drawn where it differs"
+    )
+
+
+def _page_of(arguments: argparse.Namespace) -> str:
+    against = read_episode(arguments.against) if arguments.against else None
+    return episode_page(read_episode(arguments.bag), against=against)
+
+
+def add_page(parser: argparse.ArgumentParser) -> None:
+    """Adds the description and the options of the command."""
+    parser.description = "Writes an episode as one HTML file: in 3-D, with a timeline and what each vehicle does."
+    _add_bags(parser)
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.html", help="page to write")
+    parser.set_defaults(run=page)
+
+
+def page(arguments: argparse.Namespace) -> int:
+    """Writes the page."""
+    out: Path = arguments.out
+    if out.suffix.lower() not in {".html", ".htm"}:
+        raise InputError("out", str(out), "a file name that ends in .html")
+    content = _page_of(arguments)
+    with writing(out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+    write_text(out, content)
+    print(f"{out}: {len(content.encode()) / 1e6:.1f} MB")
+    return EXIT_OK

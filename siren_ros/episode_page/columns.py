@@ -1,0 +1,41 @@
+"""Columns of whole numbers as few bytes, which the page's script reads back.
+
+A file is the length of its head, the head as JSON, and the columns, all through zlib. A column holds differences of
+neighbours, once or twice, as 32-bit numbers that wrap around. Its bytes are sorted by significance: what changes little
+is then almost all zeros.
+"""
+
+import json
+import zlib
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+_LEVEL: Final = 9
+
+
+class ColumnFile:
+    """Collects columns by name."""
+
+    def __init__(self) -> None:
+        """No columns."""
+        self._entries: list[dict[str, Any]] = []
+        self._bytes: list[bytes] = []
+
+    def add(self, name: str, values: npt.ArrayLike, unit: float = 1.0, order: int = 1) -> None:
+        """Appends a column of any shape, rounded to whole multiples of a unit.
+
+        ``order`` is how often neighbours are subtracted: twice for what changes evenly, such as a position.
+        """
+        numbers = np.rint(np.asarray(values, np.float64).ravel() / unit).astype(np.int64).astype(np.uint32)
+        for _ in range(order):
+            numbers = np.diff(numbers, prepend=np.uint32(0))
+        self._entries.append({"name": name, "length": len(numbers), "unit": unit, "order": order})
+        self._bytes.append(numbers.astype("<u4").view(np.uint8).reshape(-1, 4).T.tobytes())
+
+    def packed(self, head: Mapping[str, Any]) -> bytes:
+        """The whole file; ``head`` is of JSON types, and the list of columns is added to it."""
+        text = json.dumps({**head, "columns": self._entries}, allow_nan=False, separators=(",", ":")).encode()
+        return zlib.compress(b"".join((len(text).to_bytes(4, "little"), text, *self._bytes)), _LEVEL)

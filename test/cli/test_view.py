@@ -1,0 +1,68 @@
+"""``siren view`` and ``siren export html``: where the page is written, and what opens it."""
+
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+import pytest
+
+from siren_ros.cli.main import main
+
+WriteBag = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def bag(write_bag: WriteBag, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_bag(tmp_path_factory.mktemp("viewed") / "bag", duration_s=1.0)
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
+    """Addresses that a browser was asked to open."""
+    addresses: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: bool(addresses.append(address)))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    return addresses
+
+
+def test_view_opens_a_page_of_the_episode_at_a_moment(
+    bag: Path, opened: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(bag), "--time", "0.5", "--actor", "2"]) == 0
+    assert capsys.readouterr().out.split() == opened
+    parts = urlsplit(opened[0])
+    assert parts.fragment == "t=0.5&v=2"
+    assert Path(url2pathname(parts.path)).read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+def test_without_a_browser_the_address_is_printed(
+    bag: Path, opened: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(bag), "--no-browser"]) == 0
+    assert opened == []
+    (address,) = capsys.readouterr().out.split()
+    assert urlsplit(address).scheme == "file"
+    assert "#" not in address
+
+
+def test_the_page_is_written_to_a_new_folder_and_the_same_episode_gives_the_same_bytes(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pages = [tmp_path / "new" / name for name in ("a.html", "b.html")]
+    for page in pages:
+        assert main(["export", "html", str(bag), "--out", str(page)]) == 0
+    assert pages[0].read_bytes() == pages[1].read_bytes()
+    assert f"{pages[0]}: " in capsys.readouterr().out
+
+
+def test_a_file_of_another_kind_is_refused(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", "html", str(bag), "--out", str(tmp_path / "page.pdf")]) == 2
+    assert "a file name that ends in .html" in capsys.readouterr().err
+
+
+def test_the_list_of_formats_names_the_page(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["export", "--list"])
+    assert "html" in [line.split()[0] for line in capsys.readouterr().out.splitlines() if line]

@@ -1,0 +1,41 @@
+"""Reasons as columns."""
+
+import numpy as np
+import pytest
+from episode_page.unpacked import unpacked
+
+from siren_ros.episode_page.columns import ColumnFile
+from siren_ros.episode_page.reasons import Guard, Reasons, SpeedLimit, add_reasons
+
+
+def test_reasons_are_sorted_by_actor_and_step_with_their_limits() -> None:
+    file = ColumnFile()
+    head = add_reasons(
+        file,
+        [
+            Reasons(
+                4, 2, 5.0, (SpeedLimit("leader", 5.0, 7), SpeedLimit("path", np.inf)), (Guard("gap", True, "is free"),)
+            ),
+            Reasons(3, 2, 6.0, (SpeedLimit("path", 6.0),)),
+            Reasons(9, 1, np.nan),
+        ],
+    )
+    _, columns = unpacked(file.packed({}))
+    assert head == {"why": {"mechanisms": ["leader", "path"], "texts": ["gap", "is free"]}}
+    assert columns["why.actor"].tolist() == [1, 2, 2]
+    assert columns["why.step"].tolist() == [9, 3, 4]
+    assert columns["why.limits"].tolist() == [0, 1, 2]
+    assert columns["limit.mechanism"].tolist() == [1, 0, 1]
+    assert columns["limit.speed_mps"] == pytest.approx([6.0, 5.0, 1000.0])
+    assert columns["limit.blocker"].tolist() == [0, 7, 0]
+    assert columns["why.target_mps"] == pytest.approx([-1.0, 6.0, 5.0])
+    assert columns["why.guards"].tolist() == [0, 0, 1]
+    assert columns["guard.name"].tolist() == [0]
+    assert columns["guard.acts"].tolist() == [1]
+    assert columns["guard.why"].tolist() == [1]
+
+
+def test_without_reasons_nothing_is_said() -> None:
+    file = ColumnFile()
+    assert add_reasons(file, []) == {}
+    assert unpacked(file.packed({}))[0]["columns"] == []

@@ -1,0 +1,112 @@
+/** What the page knows of an episode: the head as the exporter wrote it, and columns of numbers by name. */
+
+export interface Actor {
+  id: number;
+  name: string;
+  class: string;
+  /** Length, width, height. */
+  size_m: [number, number, number];
+  rgb: number;
+  emv: boolean;
+  /** First frame in which the actor is there, and the number of frames up to its last one. */
+  first: number;
+  frames: number;
+}
+
+export interface Mode {
+  name: string;
+  /** Colour of a civilian in this mode; empty where it is like any other. */
+  colour: string;
+  emv_colour: string;
+}
+
+/** Step, kind, actor, other actor (0: none), details, colour of the mark (empty: no mark). */
+export type EpisodeEvent = [step: number, kind: string, actor: number, other: number, details: string, colour: string];
+
+/** Signal, link in its state, colour, number of corners of the lens. */
+export type Lamp = [signal: string, link: number, colour: "red" | "yellow" | "green", corners: number];
+
+/** Another episode on the same map. */
+export interface Against {
+  title: string;
+  actors: Actor[];
+  emvs: number[];
+}
+
+interface ColumnEntry {
+  name: string;
+  length: number;
+  unit: number;
+  order: number;
+}
+
+interface Head {
+  format: number;
+  title: string;
+  step_s: number;
+  begin_s: number;
+  emvs: number[];
+  left_hand: boolean;
+  ended: string;
+  verdict: { holds: boolean; text: string; parts: { holds: boolean; text: string }[] } | null;
+  command: string;
+  facts: [string, string][];
+  actors: Actor[];
+  modes: Mode[];
+  signals: Record<string, [frame: number, state: string][]>;
+  events: EpisodeEvent[];
+  lamps: Lamp[];
+  lamp_letters: Record<string, string>;
+  why?: { mechanisms: string[]; texts: string[] };
+  against?: Against;
+  columns: ColumnEntry[];
+}
+
+const FORMAT = 1;
+
+export class Episode {
+  private readonly offsets = new Map<string, [number, ColumnEntry]>();
+
+  constructor(
+    readonly head: Head,
+    private readonly bytes: Uint8Array,
+    start: number,
+  ) {
+    for (const entry of head.columns) {
+      this.offsets.set(entry.name, [start, entry]);
+      start += 4 * entry.length;
+    }
+  }
+
+  /** A column as the whole numbers that it counts in. */
+  counts(name: string): Int32Array {
+    const [start, { length, order }] = this.offsets.get(name) ?? [0, { length: 0, order: 0 }];
+    const bytes = this.bytes;
+    const values = new Int32Array(length);
+    for (let i = 0, at = start; i < length; i++, at++) {
+      values[i] =
+        bytes[at] | (bytes[at + length] << 8) | (bytes[at + 2 * length] << 16) | (bytes[at + 3 * length] << 24);
+    }
+    for (let k = 0; k < order; k++) {
+      for (let i = 1; i < length; i++) values[i] = (values[i] + values[i - 1]) | 0;
+    }
+    return values;
+  }
+
+  /** A column in its unit. */
+  numbers(name: string): Float64Array {
+    const unit = this.offsets.get(name)?.[1].unit ?? 1;
+    return Float64Array.from(this.counts(name), (count) => count * unit);
+  }
+}
+
+/** Reads what the exporter wrote: base64 of zlib of the length of the head, the head, and the columns. */
+export async function readEpisode(text: string): Promise<Episode> {
+  const packed = Uint8Array.from(atob(text.trim()), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const length = new DataView(bytes.buffer).getUint32(0, true);
+  const head = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + length))) as Head;
+  if (head.format !== FORMAT) throw new Error(`data of format ${head.format}; this page reads format ${FORMAT}`);
+  return new Episode(head, bytes, 4 + length);
+}

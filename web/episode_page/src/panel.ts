@@ -1,0 +1,182 @@
+/** What the page tells of the episode and of the selected actor. */
+
+import { byId, element, say, words } from "./dom";
+import type { Actor, Episode, EpisodeEvent } from "./episode";
+import { BEACON, BRAKE, INDICATOR_LEFT, INDICATOR_RIGHT, SIREN, type Tracks } from "./tracks";
+import { Why } from "./why";
+
+const KMH = 3.6;
+const LIGHTS: [number, string][] = [
+  [BRAKE, "brake"],
+  [INDICATOR_LEFT, "left indicator"],
+  [INDICATOR_RIGHT, "right indicator"],
+  [BEACON, "beacon"],
+  [SIREN, "siren"],
+];
+const ROWS = ["class", "mode", "speed", "acceleration", "driven by", "residual", "to the EMV", "in the other", "lights"] as const;
+const MOST_EVENTS = 400;
+
+export interface Actions {
+  select(id: number): void;
+  seek(time: number): void;
+  link(): string;
+}
+
+export class Panel {
+  private readonly cells = new Map<string, HTMLElement>();
+  private readonly swatch = element("span", { class: "swatch" });
+  private readonly choice = byId<HTMLSelectElement>("actor");
+  private readonly own = byId("own-events");
+  private readonly why: Why | undefined;
+  private ownEvents: { time: number; item: HTMLElement }[] = [];
+  private shownReasons = "";
+  private index = -1;
+
+  constructor(
+    private readonly episode: Episode,
+    private readonly tracks: Tracks,
+    private readonly actions: Actions,
+  ) {
+    const { head } = episode;
+    this.why = head.why && new Why(episode);
+    for (const actor of tracks.actors) this.choice.add(new Option(nameOf(actor), String(actor.id)));
+    this.choice.addEventListener("change", () => actions.select(Number(this.choice.value)));
+    const list = byId("facts-of-actor");
+    for (const row of ROWS) {
+      if (row === "in the other" && !head.against) continue;
+      const cell = element("dd");
+      this.cells.set(row, cell);
+      list.append(element("dt", {}, row), cell);
+    }
+    byId("go-there").addEventListener("click", () => actions.seek(tracks.times[tracks.actors[this.index].first]));
+    this.fillVerdict();
+    const facts = [...head.facts, ["ended", head.ended]];
+    byId("facts").append(...facts.flatMap(([name, text]) => [element("dt", {}, name), element("dd", {}, text)]));
+    byId("command").textContent = head.command;
+    copies(byId("copy-command"), () => head.command);
+    copies(byId("copy-link"), () => actions.link());
+    const shown = head.events.filter((event) => event[5]).slice(0, MOST_EVENTS);
+    byId("all-events").append(...shown.map((event) => this.item(event, true)));
+  }
+
+  private fillVerdict(): void {
+    const { verdict } = this.episode.head;
+    const badge = byId("verdict");
+    badge.textContent = !verdict ? "not judged" : verdict.holds ? "interaction verified" : "interaction not found";
+    badge.className = !verdict ? "badge" : verdict.holds ? "badge good" : "badge bad";
+    byId("verdict-text").textContent = verdict?.text ?? "";
+    const parts = verdict?.parts ?? [];
+    byId("verdict-parts").append(
+      ...parts.map(({ holds, text }) => element("li", { class: holds ? "good" : "bad" }, `${holds ? "✓" : "✗"} ${text}`)),
+    );
+    byId("verdict-details").hidden = parts.length === 0;
+  }
+
+  private item([step, kind, actor, other, details, colour]: EpisodeEvent, named: boolean): HTMLElement {
+    const time = step * this.episode.head.step_s;
+    const who = [named && this.shortName(actor), other && this.shortName(other)].filter(Boolean).join(" – ");
+    const press = () => {
+      this.actions.seek(time);
+      if (named) this.actions.select(actor);
+    };
+    const dot = element("span", { class: "dot" });
+    if (colour) dot.style.background = colour;
+    const text = [words(kind), who, details].filter(Boolean).join(" · ");
+    const moment = element("span", { class: "moment" }, `${time.toFixed(2)} s`);
+    return element("li", {}, element("button", { type: "button", click: press }, moment, dot, element("span", {}, text)));
+  }
+
+  private shortName(id: number): string {
+    const index = this.tracks.indexOf(id);
+    if (index < 0) return `#${id}`;
+    return this.tracks.actors[index].emv ? `EMV ${id}` : `${words(this.tracks.actors[index].class)} ${id}`;
+  }
+
+  select(index: number): void {
+    this.index = index;
+    const actor = this.tracks.actors[index];
+    this.choice.value = actor ? String(actor.id) : "";
+    const mine = this.episode.head.events.filter((event) => actor && (event[2] === actor.id || event[3] === actor.id));
+    this.ownEvents = mine.slice(0, MOST_EVENTS).map((event) => ({
+      time: event[0] * this.episode.head.step_s,
+      item: this.item(event, event[2] !== actor.id),
+    }));
+    this.own.replaceChildren(...this.ownEvents.map(({ item }) => item));
+    byId("nothing-happened").hidden = mine.length > 0;
+  }
+
+  /** Shows the selected actor in a frame. */
+  show(frame: number, modeColour: string | undefined, other: string): void {
+    const { tracks, index } = this;
+    const row = index < 0 ? -1 : tracks.rowAt(index, frame);
+    const set = (name: (typeof ROWS)[number], text: string) => say(this.cells.get(name) as HTMLElement, row < 0 ? "–" : text);
+    const actor = tracks.actors[index];
+    byId("gone").hidden = row >= 0;
+    set("speed", `${(tracks.speed[row] * KMH).toFixed(1)} km/h`);
+    set("acceleration", `${signed(tracks.accel[row])} m/s²`);
+    set("driven by", tracks.owner[row] === 1 ? "ROS" : "SUMO");
+    set("residual", `${tracks.residual[row]?.toFixed(2)} m`);
+    const distance = row < 0 ? NaN : tracks.distanceToEmv(index, frame);
+    set("to the EMV", Number.isNaN(distance) ? "–" : `${distance.toFixed(1)} m`);
+    set("lights", LIGHTS.filter(([bit]) => tracks.lights[row] & bit).map(([, name]) => name).join(", ") || "none");
+    say(this.cells.get("class") as HTMLElement, actor ? `${words(actor.class)}${actor.emv ? " (EMV)" : ""}` : "–");
+    const mode = this.cells.get("mode") as HTMLElement;
+    const name = row < 0 ? "–" : (this.episode.head.modes[tracks.mode[row]]?.name ?? String(tracks.mode[row]));
+    if (mode.textContent !== name) mode.replaceChildren(this.swatch, name);
+    this.swatch.hidden = !modeColour;
+    this.swatch.style.background = modeColour ?? "";
+    if (this.episode.head.against) set("in the other", other);
+    const time = tracks.times[frame];
+    const latest = this.ownEvents.findLast((event) => event.time <= time + 1e-9);
+    for (const event of this.ownEvents) event.item.classList.toggle("latest", event === latest);
+    if (this.why) this.showWhy(this.why, actor, time);
+  }
+
+  private showWhy(why: Why, actor: Actor | undefined, time: number): void {
+    const reasons = actor && why.of(actor.id, Math.round(time / this.episode.head.step_s));
+    byId("why").hidden = !reasons;
+    const key = JSON.stringify(reasons ?? null);
+    if (!reasons || key === this.shownReasons) return;
+    this.shownReasons = key;
+    say(byId("why-target"), reasons.target < 0 ? "none: SUMO drives" : `${(reasons.target * KMH).toFixed(1)} km/h`);
+    byId("why-table").hidden = reasons.limits.length === 0;
+    byId("why-limits").replaceChildren(
+      ...reasons.limits.map(({ mechanism, speed, blocker }, place) => {
+        const select = () => this.actions.select(blocker);
+        const link = blocker ? element("button", { type: "button", click: select }, this.shortName(blocker)) : "";
+        return element(
+          "tr",
+          place === 0 ? { class: "lowest" } : {},
+          element("th", { scope: "row" }, mechanism),
+          element("td", {}, `${(speed * KMH).toFixed(1)} km/h`),
+          element("td", {}, link),
+        );
+      }),
+    );
+    byId("why-guards").replaceChildren(
+      ...reasons.guards.map(({ name, acts, why }) =>
+        element("li", acts ? { class: "acts" } : {}, `${acts ? "✓" : "–"} ${name}`, element("span", {}, why))),
+    );
+    byId("why-guards-head").hidden = reasons.guards.length === 0;
+  }
+}
+
+function signed(value: number | undefined): string {
+  return value === undefined ? "" : `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(2)}`;
+}
+
+function nameOf(actor: Actor): string {
+  return `${actor.id} · ${words(actor.class)}${actor.emv ? " (EMV)" : ""} · ${actor.name}`;
+}
+
+/** Makes a button copy a text; where the browser refuses, the text is shown to be copied by hand. */
+function copies(button: HTMLElement, text: () => string): void {
+  const label = button.textContent ?? "";
+  button.addEventListener("click", () => {
+    const done = () => {
+      button.textContent = "Copied";
+      setTimeout(() => (button.textContent = label), 1500);
+    };
+    (navigator.clipboard?.writeText(text()) ?? Promise.reject()).then(done, () => window.prompt(label, text()));
+  });
+}

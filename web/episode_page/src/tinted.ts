@@ -1,0 +1,97 @@
+/** The material of everything solid: colours at the vertices, paint of each instance, and lamps that shine. */
+
+import {
+  BufferAttribute,
+  BufferGeometry,
+  MeshLambertMaterial,
+  type IUniform,
+  type Vector3,
+  type WebGLProgramParametersWithUniforms,
+} from "three";
+import type { Episode } from "./episode";
+
+/** Red, green, blue and the code of the surface at each vertex, sRGB. */
+export function geometryOf(episode: Episode, name: string): BufferGeometry {
+  const xyz = episode.numbers(`${name}.xyz`);
+  const rgb = episode.counts(`${name}.rgb`);
+  const surface = episode.counts(`${name}.surface`);
+  const count = rgb.length;
+  const places = new Float32Array(3 * count);
+  const tint = new Uint8Array(4 * count);
+  for (let i = 0; i < count; i++) {
+    for (let axis = 0; axis < 3; axis++) places[3 * i + axis] = xyz[axis * count + i];
+    tint.set([rgb[i] >> 16, (rgb[i] >> 8) & 255, rgb[i] & 255, surface[i] ?? 0], 4 * i);
+  }
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(places, 3));
+  geometry.setAttribute("tint", new BufferAttribute(tint, 4, true));
+  geometry.setIndex(new BufferAttribute(new Uint32Array(episode.counts(`${name}.triangles`)), 1));
+  return geometry;
+}
+
+/** Whether lamps that flash are in the bright part of their period. */
+export interface Flashing {
+  indicator: IUniform<number>;
+  beacon: IUniform<number>;
+}
+
+const VERTEX_HEAD = `
+attribute vec4 tint;
+varying vec3 vTint;
+varying vec3 vGlow;
+varying float vHeight;
+#ifdef INSTANCES
+attribute vec3 paint;
+attribute float lights;
+uniform float indicator;
+uniform float beacon;
+#endif
+void main() {
+  vTint = pow(tint.rgb, vec3(2.2));
+  vGlow = vec3(0.0);
+  vHeight = position.z;
+  #ifdef INSTANCES
+  int surface = int(tint.a * 255.0 + 0.5);
+  int lit = int(lights + 0.5);
+  if (surface == 1) vTint *= pow(paint, vec3(2.2));
+  if (surface == 2 && (lit & 1) != 0) vGlow = vec3(2.2, 0.05, 0.05);
+  if (surface == 3 && (lit & 2) != 0) vGlow = vec3(2.0, 0.8, 0.05) * indicator;
+  if (surface == 4 && (lit & 4) != 0) vGlow = vec3(2.0, 0.8, 0.05) * indicator;
+  if (surface == 5 && (lit & 8) != 0) vGlow = vec3(0.1, 0.4, 3.0) * beacon;
+  if (surface == 6 && (lit & 8) != 0) vGlow = vec3(3.0, 0.1, 0.1) * (1.25 - beacon);
+  #endif`;
+
+/** What stands higher than the road between the camera and this place, in the camera's frame, is cut away; at the origin, nothing is. */
+export interface Focus {
+  focus: IUniform<Vector3>;
+}
+
+const FRAGMENT_HEAD = `
+varying vec3 vTint;
+varying vec3 vGlow;
+varying float vHeight;
+#ifndef INSTANCES
+uniform vec3 focus;
+#endif
+void main() {
+  #ifndef INSTANCES
+  float along = dot(-vViewPosition, focus) / max(dot(focus, focus), 1e-6);
+  float aside = length(-vViewPosition - along * focus);
+  if (dot(focus, focus) > 0.0 && vHeight > 0.4 && along < 0.94 && aside < 9.0 * along) discard;
+  #endif`;
+
+export function tintedMaterial(uniforms: Flashing | Focus): MeshLambertMaterial {
+  const instances = "beacon" in uniforms;
+  const material = new MeshLambertMaterial({ flatShading: true });
+  if (instances) material.defines = { INSTANCES: "" };
+  material.onBeforeCompile = (shader: WebGLProgramParametersWithUniforms) => {
+    Object.assign(shader.uniforms, uniforms);
+    shader.vertexShader = shader.vertexShader.replace("void main() {", VERTEX_HEAD);
+    shader.fragmentShader = shader.fragmentShader
+      .replace("void main() {", FRAGMENT_HEAD)
+      .replace("#include <color_fragment>", "diffuseColor.rgb *= vTint;")
+      .replace("#include <emissivemap_fragment>", "totalEmissiveRadiance += vGlow;");
+  };
+  material.customProgramCacheKey = () => (instances ? "instances" : "static");
+  return material;
+}

@@ -1,12 +1,14 @@
 """``siren view`` and ``siren export html``: an episode as one page that any browser shows without a network."""
 
 import argparse
+import sys
 import tempfile
 import webbrowser
 from pathlib import Path
 
 from siren_ros.episode_page.build import episode_page
-from siren_ros.errors import EXIT_OK, InputError, write_text, writing
+from siren_ros.errors import EXIT_OK, InputError, SirenError, write_text, writing
+from siren_ros.generation.decisions import decisions_of
 from siren_ros.recording.bag_reader import read_episode
 
 
@@ -46,7 +48,13 @@ def _add_bags(parser: argparse.ArgumentParser) -> None:
 
 def _page_of(arguments: argparse.Namespace) -> str:
     against = read_episode(arguments.against) if arguments.against else None
-    return episode_page(read_episode(arguments.bag), against=against)
+    record = read_episode(arguments.bag)
+    try:
+        decisions = list(decisions_of(record))
+    except SirenError as error:
+        print(f"siren {arguments.verb}: the page does not say why vehicles drive as they do: {error}", file=sys.stderr)
+        decisions = []
+    return episode_page(record, decisions, against)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:

@@ -2,12 +2,11 @@
 
 import base64
 import hashlib
-from collections.abc import Iterable
 from typing import Any, Final
 
 from siren_ros.episode_page.columns import ColumnFile
 from siren_ros.episode_page.motion import add_motion, check_motion
-from siren_ros.episode_page.reasons import Reasons, add_reasons
+from siren_ros.episode_page.reasons import Decisions, add_reasons
 from siren_ros.episode_page.shapes import add_shapes, add_static_scene
 from siren_ros.errors import InputError, SirenError
 from siren_ros.interfaces.markers import MODE_COLOURS
@@ -29,12 +28,12 @@ _FORMAT: Final = 1
 """Of the embedded data; the script refuses another one."""
 
 
-def episode_data(record: EpisodeRecord, reasons: Iterable[Reasons] = (), against: EpisodeRecord | None = None) -> bytes:
+def episode_data(record: EpisodeRecord, decisions: Decisions = (), against: EpisodeRecord | None = None) -> bytes:
     """What the page knows of an episode, compressed.
 
     Args:
         record: The episode.
-        reasons: Why its actors drive as they do, where that is known.
+        decisions: Why its actors drive as they do, where that is known (``decisions_of``).
         against: Another episode on the same map, to be compared with.
 
     Raises:
@@ -53,20 +52,20 @@ def episode_data(record: EpisodeRecord, reasons: Iterable[Reasons] = (), against
         "signals": _signals(record),
         "events": _events(record),
         **add_static_scene(file, record, scene),
-        **add_reasons(file, reasons),
+        **add_reasons(file, decisions),
         **(_other(file, record, against) if against else {}),
     }
     return file.packed(head)
 
 
-def episode_page(record: EpisodeRecord, reasons: Iterable[Reasons] = (), against: EpisodeRecord | None = None) -> str:
+def episode_page(record: EpisodeRecord, decisions: Decisions = (), against: EpisodeRecord | None = None) -> str:
     """The whole page in one file; arguments and errors as of ``episode_data``.
 
     Its security policy allows this script and these styles alone, by their hashes. The data is base64, so nothing in it
     can end its element.
     """
     style, script = page_part(_PAGE, "page.css"), page_part(_PAGE, "page.js")
-    data = base64.b64encode(episode_data(record, reasons, against)).decode()
+    data = base64.b64encode(episode_data(record, decisions, against)).decode()
     return page_template(_PAGE, trim_blocks=True).render(
         title=title_of(record),
         style=style,

@@ -55,8 +55,11 @@ def decisions_of(record: EpisodeRecord) -> Iterator[tuple[int, Mapping[int, Deci
     """Each step with the decisions at it, by actor.
 
     Raises:
-        EpisodeError: The present code decides otherwise than the record says: another version made the episode.
+        EpisodeError: The record does not hold its template's values, or the present code decides otherwise than the
+            record says: another version made the episode.
     """
+    if not record.description.template_values:
+        raise EpisodeError("the record does not hold the values of its template")
     world = behaviour_world(record.description, record.map_xml)
     recorded = {
         source: {commands.step: commands for commands in record.commands.get(source, ())} for source in _SOURCES

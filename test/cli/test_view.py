@@ -66,3 +66,9 @@ def test_the_list_of_formats_names_the_page(capsys: pytest.CaptureFixture[str]) 
     with pytest.raises(SystemExit):
         main(["export", "--list"])
     assert "html" in [line.split()[0] for line in capsys.readouterr().out.splitlines() if line]
+
+
+def test_a_page_without_reasons_says_why(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The synthetic episode has no template."""
+    assert main(["export", "html", str(bag), "--out", str(tmp_path / "page.html")]) == 0
+    assert "the page does not say why vehicles drive as they do" in capsys.readouterr().err

@@ -2,22 +2,23 @@
 
 import numpy as np
 import pytest
+from episode_page.made_decisions import GAP, decision
 from episode_page.unpacked import unpacked
 
 from siren_ros.episode_page.columns import ColumnFile
-from siren_ros.episode_page.reasons import Guard, Reasons, SpeedLimit, add_reasons
+from siren_ros.episode_page.reasons import add_reasons
+from siren_ros.generation.decisions import Limit
 
 
 def test_reasons_are_sorted_by_actor_and_step_with_their_limits() -> None:
     file = ColumnFile()
+    limits = (Limit("leader", 5.0, 0.0, 7), Limit("path", np.inf, 0.0, 0))
     head = add_reasons(
         file,
         [
-            Reasons(
-                4, 2, 5.0, (SpeedLimit("leader", 5.0, 7), SpeedLimit("path", np.inf)), (Guard("gap", True, "is free"),)
-            ),
-            Reasons(3, 2, 6.0, (SpeedLimit("path", 6.0),)),
-            Reasons(9, 1, np.nan),
+            (3, {2: decision(6.0, (Limit("path", 6.0, 0.0, 0),))}),
+            (4, {2: decision(5.0, limits, (GAP,))}),
+            (9, {1: decision(np.nan)}),
         ],
     )
     _, columns = unpacked(file.packed({}))

@@ -91,6 +91,8 @@ class DriverPreset:
     oncoming: OncomingResponse = OncomingResponse()
     pedestrian_distance_m: TruncatedNormal = TruncatedNormal(0.0, 0.0, 0.0, 0.0)
     """Distance to an EMV with a siren at which a pedestrian waits at the kerb, or hurries over a crossing."""
+    filtering: float = 0.0
+    """Share of the motorcyclists who follow an EMV through the rescue lane."""
 
     def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
         """The preset with the values of a scenario.
@@ -132,6 +134,8 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverP
     if top.has("pedestrian_distance_m"):
         distance = read_distribution(top.mapping("pedestrian_distance_m"), 0.0, 300.0)
         preset = replace(preset, pedestrian_distance_m=distance)
+    if top.has("filtering"):
+        preset = replace(preset, filtering=top.number("filtering", 0.0, 1.0))
     top.finish()
     return preset
 

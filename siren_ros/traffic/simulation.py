@@ -230,7 +230,7 @@ class SumoSimulation:
         if self._cyclists is not None:
             self._cyclists.apply(columns, vehicles)
         if self._rescue_lane is not None:
-            self._rescue_lane.apply(columns, outside, [vehicle.name for vehicle in self._plan.emvs])
+            self._rescue_lane.apply(columns, vehicles, outside, [vehicle.name for vehicle in self._plan.emvs])
 
     def _types(self, vehicles: Sequence[PlannedVehicle]) -> bytes:
         """The vehicle types that SUMO loads."""

@@ -115,3 +115,8 @@ def test_distributions_lie_within_limits_that_are_allowed_themselves(tmp_path, s
         else:
             with pytest.raises(InputError, match=section):
                 load_preset(str(file))
+
+
+def test_only_in_the_paper_does_no_motorcyclist_filter():
+    shares = {name: load_preset(name).filtering for name in available_presets()}
+    assert shares == {"paper": 0.0, "realistic": 0.3, "inattentive": 0.3, "reckless": 0.6}

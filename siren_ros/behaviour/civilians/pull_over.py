@@ -6,6 +6,7 @@ is if the shoulder is free there.
 """
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -119,11 +120,37 @@ def _leaves_shoulder_free(ego: Ego, lane: int) -> bool:
     return network.lanes[right].width_m + beyond >= ego.config.pull_over.shoulder_free_m
 
 
+_RIDER_S: Final = 3.0
+"""A pull-over takes about as long: riders who are beside a vehicle until then go first."""
+_RIDER_CLEAR_M: Final = 0.3
+"""Kept to their bodies."""
+
+
+def rider_comes_up(ego: Ego, side: int, shift_m: float) -> bool:
+    """Whether a cyclist or motorcyclist is beside a vehicle that is to move sideways, or comes up from behind.
+
+    Those count who are where the body moves to, by ``shift_m`` to its ``side``, and not all behind it.
+    """
+    rows, seen, (cos, sin) = ego.seen.riders, ego.seen, ego.direction
+    rows = rows[rows != ego.row]
+    if not len(rows):
+        return False
+    dx, dy, half_m = seen.x_m[rows] - ego.place[0], seen.y_m[rows] - ego.place[1], seen.half_width_m[rows]
+    ahead_m, aside_m = cos * dx + sin * dy, side * (cos * dy - sin * dx)
+    lengths_m = ego.half_length_m + seen.half_length_m[rows]
+    slowed_mps = min(ego.speed_mps, ego.world.speeds.civilian_pull_over_mps)
+    way_m = lengths_m + _RIDER_S * np.maximum(seen.speed_mps[rows] - slowed_mps, 0.0)
+    there = (aside_m + half_m > ego.half_width_m) & (aside_m - half_m < ego.half_width_m + shift_m + _RIDER_CLEAR_M)
+    along = cos * seen.cos[rows] + sin * seen.sin[rows] > ego.config.manoeuvring.along_cosine
+    return bool(np.any(there & along & (ahead_m < lengths_m) & (ahead_m > -way_m)))
+
+
 def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
     """Starts the pull-over.
 
-    It is deferred on a junction, where the vehicle cannot stop before the next one, and in a queue that stands too
-    close. A driver looks again every half second. A vehicle that leaves the EMV's way on the shoulder free stays there.
+    It is deferred on a junction, where the vehicle cannot stop before the next one, in a queue that stands too close,
+    and while a rider comes up on that side. A driver looks again every half second. A vehicle that leaves the EMV's way
+    on the shoulder free stays there.
     """
     network, config = ego.network, ego.config.pull_over
     if unit.deferred and not _looks(unit, ego) and standing(ego):
@@ -140,6 +167,9 @@ def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
     stop = braking_distance_m(ego.speed_mps * ego.speed_mps, ego.config.civilian_navigator.comfort_brake_mps2)
     if path is None or stop > path.length_m + config.length_min_m:
         return defer(unit, ego, Refusal.NO_ROOM.value)
+    shift_m = unit.side * (edge_offset_m(ego, lane, unit.side) - offset_in_lane(ego, lane)[0])
+    if rider_comes_up(ego, unit.side, shift_m):
+        return defer(unit, ego, Refusal.BESIDE.value)
     navigator = NavigatorState().following(path, *ego.place)
     unit = changed(unit, phase=Mode.YIELD_PULL_OVER, deferred="", stopped_steps=0, navigator=navigator)
     started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=unit.side, lane=lane)

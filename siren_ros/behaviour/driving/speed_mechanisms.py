@@ -9,6 +9,7 @@ SUMO's car-following model; ``traffic`` limits them further, in this order:
 4. ``traffic.sumo.caution.CautiousDrivers``: vehicles that are driven from outside, where the ways meet, and people on
    crossings.
 5. ``traffic.sumo.driving_corrections.SidewaysLimits``: the speed sideways, as a share of the speed.
+6. ``traffic.sumo.filtering.FilteringRiders``: motorcyclists who follow an EMV through the rescue lane.
 """
 
 import math

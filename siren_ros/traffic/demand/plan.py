@@ -132,6 +132,8 @@ class PlannedVehicle:
     """Whether the driver sees an EMV that comes across against a signal or sign."""
     oncoming_share: float = 1.0
     """Of the wished speed that the driver slows down to for an EMV that comes towards it; 1 for no reaction."""
+    filters: bool = False
+    """Whether a motorcyclist follows an EMV through the rescue lane."""
 
 
 @dataclass(frozen=True)
@@ -222,11 +224,11 @@ class TrafficPlan:
 def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> TrafficPlan:
     """The plan with the preset's shares of attentive drivers and of those who react to an EMV that comes towards them.
 
-    And with the distances at which pedestrians heed one.
+    And with the distances at which pedestrians heed one, and the share of motorcyclists who filter behind one.
 
     Each driver has draws of its own, whatever else is drawn.
     """
-    attentive, oncoming = preset.attention.civilians, preset.oncoming
+    attentive, oncoming, filtering = preset.attention.civilians, preset.oncoming, preset.filtering
 
     def among(share: float, stream: str, index: int) -> bool:
         return share >= 1.0 or (share > 0.0 and bool(random_stream(seed, stream, index).random() < share))
@@ -241,13 +243,18 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
             for index, vehicle in enumerate(getattr(plan, purpose))
         )
 
+    riders = tuple(
+        replace(rider, filters=rider.actor_class is ActorClass.MOTORCYCLE and among(filtering, "filtering", index))
+        for index, rider in enumerate(plan.riders)
+    )
     distance = preset.pedestrian_distance_m
     walkers = tuple(
         replace(walker, notice_m=distance.draw(random_stream(seed, "siren/pedestrians", index)))
         for index, walker in enumerate(plan.walkers)
     )
     background, reserve = drawn("background"), drawn("reserve")
-    return replace(plan, groups=drawn("groups"), background=background, reserve=reserve, walkers=walkers)
+    plan = replace(plan, walkers=walkers, riders=riders)
+    return replace(plan, groups=drawn("groups"), background=background, reserve=reserve)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """Drivers who open a rescue lane in slow traffic, before any siren, and keep it open.
 
-SUMO drives them: they keep to the side of their lane, and do not change lanes across the corridor.
+SUMO drives them: they keep to the side of their lane, and do not change lanes across the corridor. Motorcyclists who
+filter keep to the other side of theirs, behind an EMV.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import libsumo
@@ -13,6 +14,8 @@ import numpy.typing as npt
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.roads.rescue_lane import rescue_sides
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.traffic.demand.plan import PlannedVehicle
+from siren_ros.traffic.sumo.filtering import FilteringRiders
 from siren_ros.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE
 from siren_ros.traffic.sumo.readings import ANGLE, SPEED, SumoColumns, X, Y
 
@@ -67,8 +70,11 @@ class RescueLane:
         """By lane; the last one is that off the road."""
         self._kept: dict[str, int] = {}
         """The side of the drivers who keep to one."""
+        self._riders = FilteringRiders(network)
 
-    def apply(self, columns: SumoColumns, outside: Flags, emvs: Sequence[str]) -> None:
+    def apply(
+        self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags, emvs: Sequence[str]
+    ) -> None:
         """Move those to the side who come to a slow pace, and those back to the middle who drive on.
 
         Vehicles that are moved from outside, and EMVs, are left alone; whoever comes back from there is told again.
@@ -80,6 +86,8 @@ class RescueLane:
         comes = coming_to_jam(numbers[X], numbers[Y], numbers[ANGLE], numbers[SPEED], side != 0)
         sides = kept_sides(side, before, numbers[SPEED], comes)
         sides[outside | columns.which(emvs)] = 0
+        filters = self._riders.apply(columns, vehicles, sides != 0, emvs)
+        sides = np.where(filters, -sides, sides)
         for row in np.flatnonzero(sides != before).tolist():
             name, now = names[row], int(sides[row])
             if not outside[row]:

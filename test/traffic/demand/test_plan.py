@@ -189,3 +189,19 @@ def test_pedestrians_heed_sirens_at_distances_that_the_preset_draws() -> None:
     assert len(set(drawn)) == 50
     assert 10.0 <= min(drawn) < 30.0
     assert 50.0 < max(drawn) <= 80.0
+
+
+def test_a_share_of_the_motorcyclists_filters_and_no_cyclist_does() -> None:
+    car = plan(1).background[0]
+    kinds = [ActorClass.MOTORCYCLE, ActorClass.BICYCLE] * 500
+    ridden = replace(plan(3), riders=tuple(replace(car, actor_class=kind) for kind in kinds))
+
+    def filtering(share: float, seed: int = 0) -> list[bool]:
+        drawn = with_responses(ridden, replace(load_preset("paper"), filtering=share), seed).riders
+        assert not any(rider.filters for rider in drawn[1::2])
+        return [rider.filters for rider in drawn[::2]]
+
+    assert filtering(0.0) == [False] * 500
+    assert filtering(1.0) == [True] * 500
+    assert 0.34 < sum(filtering(0.4)) / 500 < 0.46
+    assert filtering(0.4) == filtering(0.4) != filtering(0.4, 1)

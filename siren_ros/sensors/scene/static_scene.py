@@ -37,9 +37,9 @@ _CURTAIN_RGB: Final = np.array([(138, 134, 122), (148, 138, 116), (126, 122, 114
 _CURTAINED: Final = 0.4
 _STOREY_M: Final = 3.2
 _RAIL_ASIDE_M: Final = 0.7
-"""Between the paved road and a guard rail."""
+"""Between the paved road and a crash barrier."""
 _RAIL_M: Final = 0.44, 0.75
-"""Heights of the lower and the upper edge of a guard rail."""
+"""Heights of the lower and the upper edge of a crash barrier."""
 _RAIL_RGB: Final[Rgb] = (158, 162, 166)
 _POST_M: Final = 0.05
 """Half the thickness of rails and posts."""
@@ -262,7 +262,7 @@ def street_buildings(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, 
     return Mesh.joined(*parts)
 
 
-def guard_rails(surfaces: Surfaces, config: SceneConfig) -> Mesh:
+def crash_barriers(surfaces: Surfaces, config: SceneConfig) -> Mesh:
     """Rails on posts along the roads out of town, outside the space of traffic."""
     edge = surfaces.keep_clear.buffer(_RAIL_ASIDE_M, quad_segs=4)
     places, _ = ring_samples(edge, config.rail_spacing_m)
@@ -327,7 +327,7 @@ def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = N
     trees = street_trees(surfaces, space, numbers, random_stream(seed, "scene trees"))
     houses = street_buildings(surfaces, space, numbers, random_stream(seed, "scene buildings"))
     park = parkland(surfaces, space, numbers, random_stream(seed, "scene park"))
-    rails = guard_rails(surfaces, numbers)
+    rails = crash_barriers(surfaces, numbers)
     first, raised = len(ground), surfaces.raised
     shapely.prepare(raised)
     return StaticScene(

@@ -53,7 +53,7 @@ class SceneConfig:
     open_country_m: float = 80.0
     """Beside roads out of town there are no street's lamps, trees and houses within this distance."""
     rail_spacing_m: float = 4.0
-    """Between the posts of the guard rails along roads out of town."""
+    """Between the posts of the crash barriers along roads out of town."""
     clearance_m: float = 4.6
     """Nothing hangs lower than this over lanes, shoulders and junctions (StVO: 4.5 m headroom)."""
     tile_m: float = 30.0

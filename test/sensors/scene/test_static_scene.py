@@ -148,7 +148,7 @@ def test_whole_maps(source, tmp_path):
 
 
 def rails_of(scene):
-    """Outlines in the plane of the faces of guard rails, which lie between their two heights."""
+    """Outlines in the plane of the faces of crash barriers, which lie between their two heights."""
     corners = scene.mesh.vertices_m[scene.mesh.triangles]
     rows = np.isclose(corners[:, :, 2, None], (0.44, 0.75)).any(axis=2).all(axis=1)
     return shapely.convex_hull(shapely.multipoints(corners[rows, :, :2].astype(float)))

@@ -215,6 +215,12 @@ def hexahedron(corners: npt.ArrayLike, material: Material, colour: Rgb) -> Mesh:
     return Mesh.uniform(corners, _BOX_TRIANGLES, material, colour)
 
 
+def hexahedra(corners: Floats, material: Material, colour: Rgb) -> Mesh:
+    """Many boxes with free corners, ``(N, 8, 3)``, each in the order of ``hexahedron``."""
+    first = 8 * np.arange(len(corners))[:, None, None]
+    return Mesh.uniform(corners.reshape(-1, 3), (first + _BOX_TRIANGLES).reshape(-1, 3), material, colour)
+
+
 def frustum(
     base: Point3, height_m: float, radii_m: tuple[float, float], sides: int, material: Material, colour: Rgb
 ) -> Mesh:

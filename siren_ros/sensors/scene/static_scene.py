@@ -10,11 +10,11 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from siren_ros.numerics.arrays import Floats, random_stream
+from siren_ros.numerics.arrays import Floats, Points, random_stream
 from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.meshes.mesh import Material, Mesh, StaticScene
-from siren_ros.sensors.meshes.solids import Rgb, box, frustum, sphere_points
+from siren_ros.sensors.meshes.solids import Rgb, box, frustum, hexahedra, sphere_points
 from siren_ros.sensors.scene.ground import ground_mesh, road_markings
 from siren_ros.sensors.scene.signals import junction_controls, street_lamp, turned
 from siren_ros.sensors.scene.surfaces import (
@@ -36,6 +36,13 @@ _CURTAIN_RGB: Final = np.array([(138, 134, 122), (148, 138, 116), (126, 122, 114
 """Panes with curtains behind them; at night, rooms with a light on."""
 _CURTAINED: Final = 0.4
 _STOREY_M: Final = 3.2
+_RAIL_ASIDE_M: Final = 0.7
+"""Between the paved road and a crash barrier."""
+_RAIL_M: Final = 0.44, 0.75
+"""Heights of the lower and the upper edge of a crash barrier."""
+_RAIL_RGB: Final[Rgb] = (158, 162, 166)
+_POST_M: Final = 0.05
+"""Half the thickness of rails and posts."""
 _PROUD_M: Final = 0.03
 """Window panes stand this far in front of the wall."""
 
@@ -193,7 +200,7 @@ def street_lamps(surfaces: Surfaces, space: FreeSpace, config: SceneConfig) -> M
     lamp = street_lamp(config.lamp_height_m)
     parts = []
     for (x, y), (tx, ty) in zip(places, tangents, strict=True):
-        if _within(surfaces, x, y, 0.0) and space.place_disc(x, y, 0.2):
+        if _is_built_up(surfaces, x, y, 0.0) and space.place_disc(x, y, 0.2):
             # The road lies left of the ring's direction.
             parts.append(turned(lamp, x, y, 0.0, float(np.arctan2(tx, -ty))))
     return Mesh.joined(*parts)
@@ -206,7 +213,7 @@ def street_trees(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng:
     places, _ = ring_samples(row, config.tree_spacing_m)
     for x, y in places:
         radius = float(rng.uniform(1.4, 2.2))
-        if rng.random() < 0.72 and _within(surfaces, x, y, 10.0) and space.place_disc(x, y, radius):
+        if rng.random() < 0.72 and _is_built_up(surfaces, x, y, 10.0) and space.place_disc(x, y, radius):
             parts.append(broadleaf(x, y, radius, rng))
     return Mesh.joined(*parts)
 
@@ -248,11 +255,41 @@ def street_buildings(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, 
             area = footprint(lot)
             # On the outside of bends a lot may reach over the building line by a sliver.
             off_street = not front.intersects(area) or front.intersection(area).area < 0.06 * area.area
-            if _within(surfaces, lot.x_m, lot.y_m, config.skyline_m) and off_street and space.is_clear(area):
+            if _is_built_up(surfaces, lot.x_m, lot.y_m, config.skyline_m) and off_street and space.is_clear(area):
                 space.occupy(area.buffer(0.6))
                 parts.append(building(lot, rng, detailed=detailed))
                 next_position = position + int((width + rng.uniform(0.5, 7.0)) / 2.0)
     return Mesh.joined(*parts)
+
+
+def crash_barriers(surfaces: Surfaces, config: SceneConfig) -> Mesh:
+    """Rails on posts along the roads out of town, outside the space of traffic."""
+    edge = surfaces.keep_clear.buffer(_RAIL_ASIDE_M, quad_segs=4)
+    places, _ = ring_samples(edge, config.rail_spacing_m)
+    west, south, east, north = surfaces.bounds_m
+    x, y = places.T
+    on_map = (west <= x) & (x <= east) & (south <= y) & (y <= north)
+    beside = on_map & np.asarray(shapely.contains_xy(surfaces.country, x, y), np.bool_)
+    step = np.roll(places, -1, axis=0) - places
+    length = np.linalg.norm(step, axis=1)
+    rails = shapely.linestrings(np.stack((places, places + step), axis=1))
+    clear = (length < 1.5 * config.rail_spacing_m) & ~shapely.dwithin(rails, surfaces.keep_clear, _RAIL_ASIDE_M / 2)
+    first = np.flatnonzero(beside & np.roll(beside, -1) & clear)
+    along = step[first] / length[first, None]
+    start, end = places[first], places[first] + step[first]
+    return Mesh.joined(
+        _bars(start, end, along, _RAIL_M), _bars(start - along * _POST_M, start + along * _POST_M, along, (0.0, 0.72))
+    )
+
+
+def _bars(start: Points, end: Points, along: Points, heights_m: tuple[float, float]) -> Mesh:
+    """Upright bars between places, each of shape ``(N, 2)``."""
+    aside = np.stack((along[:, 1], -along[:, 0]), axis=-1) * _POST_M
+    ring = np.stack((start + aside, end + aside, end - aside, start - aside), axis=1)
+    corners = np.empty((len(ring), 2, 4, 3))
+    corners[..., :2] = ring[:, None]
+    corners[..., 2] = np.array(heights_m)[:, None]
+    return hexahedra(corners.reshape(-1, 8, 3), Material.METAL_POLE, _RAIL_RGB)
 
 
 def footprint(lot: Lot) -> Polygon:
@@ -263,9 +300,10 @@ def footprint(lot: Lot) -> Polygon:
     return Polygon(corners @ np.array([[c, s], [-s, c]]) + (lot.x_m, lot.y_m))
 
 
-def _within(surfaces: Surfaces, x_m: float, y_m: float, margin_m: float) -> bool:
+def _is_built_up(surfaces: Surfaces, x_m: float, y_m: float, margin_m: float) -> bool:
     west, south, east, north = surfaces.bounds_m
-    return west - margin_m <= x_m <= east + margin_m and south - margin_m <= y_m <= north + margin_m
+    on_map = west - margin_m <= x_m <= east + margin_m and south - margin_m <= y_m <= north + margin_m
+    return on_map and not shapely.contains_xy(surfaces.country, x_m, y_m)
 
 
 def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = None) -> StaticScene:
@@ -289,10 +327,11 @@ def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = N
     trees = street_trees(surfaces, space, numbers, random_stream(seed, "scene trees"))
     houses = street_buildings(surfaces, space, numbers, random_stream(seed, "scene buildings"))
     park = parkland(surfaces, space, numbers, random_stream(seed, "scene park"))
+    rails = crash_barriers(surfaces, numbers)
     first, raised = len(ground), surfaces.raised
     shapely.prepare(raised)
     return StaticScene(
-        mesh=Mesh.joined(ground, controls.mesh, lamps, trees, houses, park),
+        mesh=Mesh.joined(ground, controls.mesh, lamps, trees, houses, park, rails),
         signal_lamps=tuple(
             replace(lamp, start=lamp.start + first, stop=lamp.stop + first) for lamp in controls.signal_lamps
         ),

@@ -16,6 +16,7 @@ from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Flags, Points
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import JunctionKind, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.sites import TOWN_LIMIT_MPS
 
 
 @dataclass(frozen=True)
@@ -49,13 +50,24 @@ class SceneConfig:
     building_height_m: tuple[float, float] = (6.0, 25.0)
     skyline_m: float = 90.0
     """How far behind the road the second row of buildings reaches."""
+    open_country_m: float = 80.0
+    """Beside roads out of town there are no street's lamps, trees and houses within this distance."""
+    rail_spacing_m: float = 4.0
+    """Between the posts of the crash barriers along roads out of town."""
     clearance_m: float = 4.6
     """Nothing hangs lower than this over lanes, shoulders and junctions (StVO: 4.5 m headroom)."""
     tile_m: float = 30.0
     """Surfaces are cut to tiles of this size, so that ray casting finds compact triangles."""
 
     def __post_init__(self) -> None:
-        for name in ("ground_margin_m", "road_extension_m", "kerb_height_m", "verge_width_m", "skyline_m"):
+        for name in (
+            "ground_margin_m",
+            "road_extension_m",
+            "kerb_height_m",
+            "verge_width_m",
+            "skyline_m",
+            "open_country_m",
+        ):
             if getattr(self, name) < 0:
                 raise InputError(name, getattr(self, name), "a number of metres, at least 0")
         for name in (
@@ -64,6 +76,7 @@ class SceneConfig:
             "dash_gap_m",
             "lamp_spacing_m",
             "tree_spacing_m",
+            "rail_spacing_m",
             "tile_m",
             "zebra_stripe_m",
         ):
@@ -101,6 +114,8 @@ class Surfaces:
     keep_clear: BaseGeometry
     """Driving lanes, shoulders, junctions' outlines and crossings: nothing may stand here."""
     junctions: BaseGeometry
+    country: BaseGeometry
+    """Roads out of town and the land beside them: their limit is no town's, and they have no sidewalk."""
     bounds_m: tuple[float, float, float, float]
 
     @property
@@ -220,6 +235,10 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
     corners = closed(union((walks, paved, outlines)), 0.5) if has_walks else walks
     sidewalk = difference(corners, paved, median) if has_walks else difference(walks, paved, median)
     verge = MultiPolygon() if has_walks else difference(paved.buffer(config.verge_width_m), paved, median, sidewalk)
+    with_walks = {lane.edge for lane in network.lanes if lane.kind is LaneKind.SIDEWALK}
+    fast = (x.index for x in network.lanes if x.speed_limit_mps > TOWN_LIMIT_MPS and x.edge not in with_walks)
+    country = union(area[index] for index in fast).buffer(config.open_country_m, quad_segs=4)
+    shapely.prepare(country)
     points = np.concatenate([lane.centre.points for lane in network.lanes])
     (west, south), (east, north) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     return Surfaces(
@@ -231,6 +250,7 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
         verge=verge,
         keep_clear=union((paved, outlines, crossings)),
         junctions=outlines,
+        country=country,
         bounds_m=(west, south, east, north),
     )
 

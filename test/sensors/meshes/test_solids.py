@@ -168,6 +168,8 @@ def test_a_box_with_free_corners_may_be_a_roof():
     """A base of 4 m by 2 m below a ridge of 4 m in the middle, 1 m above."""
     corners = [(0, 0, 0), (4, 0, 0), (4, 2, 0), (0, 2, 0), (0, 1, 1), (4, 1, 1), (4, 1, 1), (0, 1, 1)]
     assert volume(solids.hexahedron(corners, Material.KERB, GREY)) == pytest.approx(4.0)
+    two = np.array((corners, corners)) + np.array([[[0.0, 0.0, 0.0]], [[9.0, 0.0, 0.0]]])
+    assert volume(solids.hexahedra(two, Material.KERB, GREY)) == pytest.approx(8.0)
 
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 2.0), (2.0, 1.0), (0.5, 1.5)], ids=["cylinder", "cone", "funnel"])

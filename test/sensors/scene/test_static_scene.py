@@ -147,6 +147,34 @@ def test_whole_maps(source, tmp_path):
     check(static_scene(network, seed=0), network)
 
 
+def rails_of(scene):
+    """Outlines in the plane of the faces of crash barriers, which lie between their two heights."""
+    corners = scene.mesh.vertices_m[scene.mesh.triangles]
+    rows = np.isclose(corners[:, :, 2, None], (0.44, 0.75)).any(axis=2).all(axis=1)
+    return shapely.convex_hull(shapely.multipoints(corners[rows, :, :2].astype(float)))
+
+
+def test_out_of_town_rails_stand_beside_the_road_and_no_houses_trees_or_lamps(scene, network):
+    kinds = {LaneKind.SIDEWALK: LaneKind.KERB}
+    lanes = [replace(x, speed_limit_mps=25.0, kind=kinds.get(x.kind, x.kind)) for x in network.lanes]
+    country = static_scene(replace(network, lanes=tuple(lanes)), seed=3)
+    road = shapely.union_all([LineString(x.centre.points) for x in network.lanes if x.kind is LaneKind.DRIVING])
+    corners = country.mesh.vertices_m[country.mesh.triangles][:, :, :2].astype(float)
+    houses, crowns, lamps = (
+        corners[country.mesh.material == kind]
+        for kind in (Material.BUILDING_WALL, Material.FOLIAGE, Material.STREET_LAMP)
+    )
+    assert shapely.distance(shapely.points(houses), road).min(initial=100.0) > 60.0
+    assert shapely.distance(shapely.points(crowns), road).min(initial=100.0) > 8.0
+    assert not len(lamps)
+    rails = rails_of(country)
+    apart_m = shapely.distance(rails, traffic_space(network))
+    assert len(rails) > 500
+    assert apart_m.min() > 0.25
+    assert np.median(apart_m) < 0.8
+    assert not len(rails_of(scene))
+
+
 def test_where_traffic_keeps_left_the_scene_is_the_mirror_image(network):
     scene, image = static_scene(network, seed=0), static_scene(mirrored_network(network), seed=0)
     assert np.array_equal(image.mesh.vertices_m, scene.mesh.vertices_m * np.float32((1.0, -1.0, 1.0)))

@@ -90,7 +90,7 @@ def plan_length(request: EpisodeRequest) -> int:
         InputError: The template cannot be used.
     """
     template = load_template(request.template).with_values(values_of(request.values))
-    return max(1, steps_from_s(request.duration_s or template.duration_s))
+    return max(1, steps_from_s(request.duration_s or template.lasting_s))
 
 
 def default_bag_path(request: EpisodeRequest) -> Path:
@@ -156,7 +156,7 @@ def set_up_episode(
         for actor_class, vehicle in load_vehicle_parameters(noted).items()
     }
     sites = sites_to_try(driven, written, request.seed, request.site, request.map or compiled.name)
-    lasting = replace(template, duration_s=max(template.duration_s, request.duration_s))
+    lasting = replace(template, duration_s=max(template.lasting_s, request.duration_s))
     site, plan = plan_at_site(driven, sites, lasting, request.seed, load_drivers(files=noted), dimensions)
     plan = with_responses(plan, preset, request.seed)
     if request.av:
@@ -170,7 +170,7 @@ def set_up_episode(
         seed=request.seed,
         map_name=compiled.name,
         map_sha256=compiled.sha256,
-        duration_s=request.duration_s or template.duration_s,
+        duration_s=request.duration_s or template.lasting_s,
         sensor_suite=request.sensors,
         preset=request.preset,
         emv_ids=emv_ids,

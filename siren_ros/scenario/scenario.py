@@ -224,6 +224,11 @@ class Template:
         """Present values of all scenario parameters, for the episode's description."""
         return {path: self.value(path) for path in self.ranges}
 
+    @property
+    def lasting_s(self) -> float:
+        """The duration until the last EMV has had as long as the first one."""
+        return self.duration_s + (self.emv.count - 1) * self.emv.headway_s
+
     def with_values(self, values: Mapping[str, float]) -> "Template":
         """The template with other values of scenario parameters.
 

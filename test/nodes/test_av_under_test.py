@@ -89,7 +89,7 @@ def test_a_controller_that_does_not_answer_is_named(tmp_path: Path) -> None:
         DOMAIN.episode(*DRIVEN, "step_timeout_s:=2.0", "duration_s:=60.0", cwd=tmp_path) as episode,
         DOMAIN.running(POLICY, cwd=tmp_path) as policy,
     ):
-        wait_until(recording(tmp_path, 100_000), episode)
+        wait_until(recording(tmp_path, 300_000), episode)
         policy.send_signal(signal.SIGSTOP)
         run = finish(episode)
     assert run.code == 1

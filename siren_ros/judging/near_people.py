@@ -13,14 +13,12 @@ from siren_ros.numerics.arrays import Points, Rows
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import TWO_WHEELED, ActorClass
 from siren_ros.world.traffic_state import Event, EventKind
 
 WALKING_PACE_MPS: Final = 2.0
 """7 km/h: the greatest speed at which vehicles pass people on a crossing."""
 NEAR_WAY_M: Final = 2.0
 """Distance from a vehicle's swept path on a crossing within which somebody on the crossing is near it."""
-UNPROTECTED: Final = TWO_WHEELED | {ActorClass.PEDESTRIAN}
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class NearPass:
 
 def contacts_with_people(record: EpisodeRecord) -> tuple[Event, ...]:
     """Contacts of vehicles with pedestrians, cyclists and motorcyclists."""
-    people = {key for key, actor in record.actors.items() if actor.actor_class in UNPROTECTED}
+    people = set(record.people_ids.tolist())
     return tuple(event for event in record.events_of(EventKind.COLLISION) if {event.actor_id, event.other_id} & people)
 
 

@@ -112,7 +112,8 @@ class SumoSimulation:
         self._sideways, self._bends = SidewaysLimits(), BendLimits(network)
         self._cautious = CautiousDrivers(network, self._config.caution)
         self._oncoming = OncomingDrivers(network, plan.response_distance_m) if self._siren else None
-        self._rescue_lane = RescueLane(network) if plan.duty else None
+        filtering = any(vehicle.filters for vehicle in (*plan.groups, *plan.riders))
+        self._rescue_lane = RescueLane(network, filtering=filtering) if plan.duty else None
         several = len(plan.emvs) > 1 and LEVEL_POLICIES[level].privileged
         self._standoff = StandOff(tuple(emv.name for emv in plan.emvs)) if several else None
         self._crossings = CrossingWatch(network)

@@ -313,8 +313,7 @@ class SumoPopulation:
         """Centre and yaw of a vehicle that is in SUMO, in the ``map`` frame."""
         front, angle_deg = libsumo.vehicle.getPosition(name), libsumo.vehicle.getAngle(name)
         length_m, offset_m = self.vehicles[name].length_m, self._network.sumo_offset_m
-        x, y, yaw = map_from_sumo(front[0], front[1], angle_deg, length_m, offset_m)
-        return float(x), float(y), float(yaw)
+        return map_from_sumo(front[0], front[1], angle_deg, length_m, offset_m)
 
     def _on_stage(self, name: str, stage: Iterable[LaneInterval]) -> bool:
         lane = self._network.lane_by_id.get(libsumo.vehicle.getLaneID(name))

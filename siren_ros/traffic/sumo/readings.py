@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.numerics.compiled import compiled, wrapped_rad
-from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.actors import NO_ACTOR, Lights
 from siren_ros.world.traffic_state import EmvAdvice, TrafficFlags
@@ -34,15 +33,14 @@ def sumo_from_map(
     return x, y, (90.0 - np.degrees(yaw_rad)) % 360.0
 
 
+@compiled
 def map_from_sumo(
-    x_m: npt.ArrayLike, y_m: npt.ArrayLike, angle_deg: npt.ArrayLike, length_m: npt.ArrayLike, offset_m: Offset
-) -> tuple[Floats, Floats, Floats]:
-    """Footprint centre's x and y and the yaw in (−π, π] in the ``map`` frame of SUMO's poses."""
-    yaw = wrap_angle(np.radians(90.0 - np.asarray(angle_deg, dtype=np.float64)))
-    half = np.asarray(length_m, dtype=np.float64) / 2.0
-    x = np.asarray(x_m, dtype=np.float64) - half * np.cos(yaw) - offset_m[0]
-    y = np.asarray(y_m, dtype=np.float64) - half * np.sin(yaw) - offset_m[1]
-    return x, y, yaw
+    x_m: float, y_m: float, angle_deg: float, length_m: float, offset_m: Offset
+) -> tuple[float, float, float]:
+    """Footprint centre's x and y and the yaw in (−π, π] in the ``map`` frame of one of SUMO's poses."""
+    yaw = wrapped_rad(np.radians(90.0 - angle_deg))
+    half = length_m / 2.0
+    return x_m - half * np.cos(yaw) - offset_m[0], y_m - half * np.sin(yaw) - offset_m[1], yaw
 
 
 SUBSCRIBED: Final = (
@@ -172,11 +170,8 @@ def _readings(
     lights, indices = np.empty(n, np.uint8), np.empty(n, np.int32)
     for k in range(n):
         row = rows[k]
-        yaw = wrapped_rad(np.radians(90.0 - numbers[ANGLE, row]))
-        half = lengths_m[k] / 2.0
-        out[0, k] = numbers[X, row] - half * np.cos(yaw) - offset_m[0]
-        out[1, k] = numbers[Y, row] - half * np.sin(yaw) - offset_m[1]
-        out[2, k] = yaw
+        front = numbers[X, row], numbers[Y, row], numbers[ANGLE, row]
+        out[0, k], out[1, k], out[2, k] = map_from_sumo(*front, lengths_m[k], offset_m)
         out[3, k], out[4, k] = numbers[SPEED, row] / scale[row], numbers[ACCEL, row] / scale[row]
         lanes[k], out[5, k], out[6, k] = lane[row], 0.0, 0.0
         if lane[row] != NO_LANE:

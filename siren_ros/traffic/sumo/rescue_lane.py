@@ -65,12 +65,13 @@ def coming_to_jam(x_m: Floats, y_m: Floats, angle_deg: Floats, speed_mps: Floats
 class RescueLane:
     """Tells SUMO which drivers keep to the side."""
 
-    def __init__(self, network: RoadNetwork) -> None:
+    def __init__(self, network: RoadNetwork, *, filtering: bool) -> None:
+        """``filtering`` says whether a motorcyclist of the episode may filter."""
         self._side_of_lane = np.append(rescue_sides(network), np.int8(0))
         """By lane; the last one is that off the road."""
         self._kept: dict[str, int] = {}
         """The side of the drivers who keep to one."""
-        self._riders = FilteringRiders(network)
+        self._riders = FilteringRiders(network) if filtering else None
 
     def apply(
         self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags, emvs: Sequence[str]
@@ -86,8 +87,8 @@ class RescueLane:
         comes = coming_to_jam(numbers[X], numbers[Y], numbers[ANGLE], numbers[SPEED], side != 0)
         sides = kept_sides(side, before, numbers[SPEED], comes)
         sides[outside | columns.which(emvs)] = 0
-        filters = self._riders.apply(columns, vehicles, sides != 0, emvs)
-        sides = np.where(filters, -sides, sides)
+        if self._riders is not None:
+            sides = np.where(self._riders.apply(columns, vehicles, sides != 0, emvs), -sides, sides)
         for row in np.flatnonzero(sides != before).tolist():
             name, now = names[row], int(sides[row])
             if not outside[row]:

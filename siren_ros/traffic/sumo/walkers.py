@@ -15,12 +15,13 @@ import numpy as np
 
 from siren_ros.conflicts.people import NOBODY, outlines_of, people_at
 from siren_ros.numerics.arrays import Flags, Floats, Ids
-from siren_ros.numerics.compiled import compiled, wrapped_rad
+from siren_ros.numerics.compiled import compiled
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle, PlannedWalker, TrafficPlan
 from siren_ros.traffic.sumo.kerbs import Kerbs
 from siren_ros.traffic.sumo.nearby import Point, Reserve, nearest_m
+from siren_ros.traffic.sumo.readings import map_from_sumo
 from siren_ros.traffic.sumo.sidewalks import Corners
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Owner, rows_of_ids
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
@@ -305,10 +306,8 @@ def _poses(values: Any, offset_m: Any, rows: Any, simulated: Any) -> tuple[Any, 
     sumo = np.empty((4, len(rows)))
     before = np.empty((4, len(rows)))
     for k in range(len(rows)):
-        yaw = wrapped_rad(np.radians(90.0 - values[k, 2]))
-        sumo[0, k] = values[k, 0] - 0.5 * _SPACE_M * np.cos(yaw) - offset_m[0]
-        sumo[1, k] = values[k, 1] - 0.5 * _SPACE_M * np.sin(yaw) - offset_m[1]
-        sumo[2, k], sumo[3, k] = yaw, values[k, 3]
+        x, y, yaw = map_from_sumo(values[k, 0], values[k, 1], values[k, 2], _SPACE_M, offset_m)
+        sumo[0, k], sumo[1, k], sumo[2, k], sumo[3, k] = x, y, yaw, values[k, 3]
         before[:, k] = sumo[:, k]
         if rows[k] >= 0:
             x_m, y_m, yaw_rad, speed_mps = simulated

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+from collections.abc import Iterator
 from typing import Any, Final
 
 from siren_ros.episode_page.columns import ColumnFile
@@ -11,7 +12,8 @@ from siren_ros.episode_page.shapes import add_shapes, add_static_scene
 from siren_ros.errors import InputError, SirenError
 from siren_ros.interfaces.markers import MODE_COLOURS
 from siren_ros.interfaces.messages import shown_text
-from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.predicates import PARAMETER, evaluate_predicate
+from siren_ros.judging.verdict import Part, Verdict
 from siren_ros.numerics.units import STEP_S
 from siren_ros.params.page_files import page_part, page_template
 from siren_ros.pictures.birdseye import interaction_steps
@@ -19,13 +21,16 @@ from siren_ros.pictures.palette import EMV_EVENTS, EMV_MODE_COLOURS, EVENT_STYLE
 from siren_ros.record.bag_survey import recording_command
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.sensors.scene.static_scene import static_scene
-from siren_ros.world.actors import Mode
-from siren_ros.world.traffic_state import Event
+from siren_ros.world.actors import NO_ACTOR, Mode
+from siren_ros.world.traffic_state import Event, EventKind
 
 _PAGE: Final = "episode"
 _UNITS: Final = {"m": "m", "s": "s", "mps": "m/s"}
 _FORMAT: Final = 1
 """Of the embedded data; the script refuses another one."""
+_MARKS: Final = {kind: colour for kind, (_, colour, _) in EVENT_STYLES.items()} | {EventKind.YIELD_RELEASED: "#7d8894"}
+_JUDGED: Final = {True: "#b7791f", False: "#d40000"}
+"""Colours of the predicate's moments, by whether its part holds."""
 
 
 def episode_data(record: EpisodeRecord, decisions: Decisions = (), against: EpisodeRecord | None = None) -> bytes:
@@ -43,14 +48,16 @@ def episode_data(record: EpisodeRecord, decisions: Decisions = (), against: Epis
     file = ColumnFile()
     actors = add_motion(file, record)
     scene = static_scene(record.network, record.description.seed)
+    verdict = _verdict_of(record)
     add_shapes(file, sorted({actor.actor_class for actor in record.actors.values()}))
     head = {
         "format": _FORMAT,
         **_description(record),
+        "verdict": _told(verdict) if verdict else None,
         "actors": actors,
         "modes": _modes(),
         "signals": _signals(record),
-        "events": _events(record),
+        "events": _events(record, verdict),
         **add_static_scene(file, record, scene),
         **add_reasons(file, decisions),
         **(_other(file, record, against) if against else {}),
@@ -104,7 +111,6 @@ def _description(record: EpisodeRecord) -> dict[str, Any]:
         "emvs": list(record.emv_ids),
         "left_hand": record.network.left_hand,
         "ended": "cut off" if outcome is None else outcome.end.value,
-        "verdict": _verdict(record),
         "command": recording_command(episode, episode.sensor_suite),
         "facts": [
             ["template", episode.template],
@@ -119,13 +125,21 @@ def _description(record: EpisodeRecord) -> dict[str, Any]:
     }
 
 
-def _verdict(record: EpisodeRecord) -> dict[str, Any] | None:
+def _verdict_of(record: EpisodeRecord) -> Verdict | None:
     """The verdict of the episode's predicate; None where it cannot be judged."""
     try:
-        verdict = evaluate_predicate(record)
+        return evaluate_predicate(record)
     except SirenError:
         return None
-    parts = [{"holds": part.holds, "text": str(part)} for part in verdict.parts]
+
+
+def _told(verdict: Verdict) -> dict[str, Any]:
+    """A verdict; each part with step and actor of the moment that decides it, where there is one."""
+    moments = [part.decisive for part in verdict.parts]
+    parts = [
+        {"holds": part.holds, "text": str(part), "at": [moment.step, moment.actor_id] if moment else None}
+        for part, moment in zip(verdict.parts, moments, strict=True)
+    ]
     return {"holds": verdict.holds, "text": verdict.text, "parts": parts}
 
 
@@ -157,12 +171,25 @@ def _signals(record: EpisodeRecord) -> dict[str, list[tuple[int, str]]]:
     return changes
 
 
-def _events(record: EpisodeRecord) -> list[list[Any]]:
-    """Step, kind, actor, other actor, details, and the colour of its mark; no colour for what has no mark."""
-    return [
+def _events(record: EpisodeRecord, verdict: Verdict | None) -> list[list[Any]]:
+    """Step, kind, actor, other actor, details, and the colour of its mark; no colour for what has no mark.
+
+    The predicate's moments are among them, by time.
+    """
+    happened = [
         [event.step, event.kind.value, event.actor_id, event.other_id, _details(event), _mark(record, event)]
         for event in record.events
     ]
+    judged = [moment for part in verdict.parts for moment in _moments(part)] if verdict else []
+    return sorted([*happened, *judged], key=lambda event: int(event[0]))
+
+
+def _moments(part: Part) -> Iterator[list[Any]]:
+    counts = part.value == len(part.moments)
+    for number, moment in enumerate(part.moments, 1):
+        found = f"{number if counts else part.value:.4g} (needs {part.relation} {part.threshold:.4g})"
+        details = f"{found}, {moment.note}" if moment.note else found
+        yield [moment.step, f"{PARAMETER}.{part.name}", moment.actor_id, NO_ACTOR, details, _JUDGED[part.holds]]
 
 
 def _details(event: Event) -> str:
@@ -177,5 +204,5 @@ def _detail(name: str, value: float | str) -> str:
 
 
 def _mark(record: EpisodeRecord, event: Event) -> str:
-    shown = event.kind in EVENT_STYLES and (event.kind not in EMV_EVENTS or event.actor_id in record.emv_ids)
-    return EVENT_STYLES[event.kind][1] if shown else ""
+    shown = event.kind not in EMV_EVENTS or event.actor_id in record.emv_ids
+    return _MARKS.get(event.kind, "") if shown else ""

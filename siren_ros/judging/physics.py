@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.judging.verdict import Part, at_least, at_most
+from siren_ros.judging.verdict import Part, at_least, at_most, moments_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import overlapping_pairs
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -132,9 +132,13 @@ def check_physics(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ..
     """The summary against its limits; drawn drivers may crash at any speed."""
     summary = summarise_physics(record)
     impact_mps = limits.impact_speed_mps if record.description.preset == PAPER_PRESET else np.inf
+    contacts = record.events_of(EventKind.COLLISION)
+    hardest = sorted(contacts, key=lambda event: float(event.detail["impact_speed_mps"]))[-1:]
     return (
         at_most("overlap_m", summary.overlap_m, limits.overlap_m),
-        at_most("impact_speed_mps", summary.impact_mps, impact_mps, f"{summary.contacts} contacts"),
+        at_most(
+            "impact_speed_mps", summary.impact_mps, impact_mps, f"{summary.contacts} contacts", *moments_of(hardest)
+        ),
         at_most("lateral_accel_p99_9_mps2", summary.lateral_accel_mps2, limits.comfort_lateral_mps2),
         at_least("emv_accel_p1_mps2", summary.emv_accel_low_mps2, -limits.emv_brake_mps2),
         at_most("emv_accel_p99_mps2", summary.emv_accel_high_mps2, limits.emv_accel_mps2),

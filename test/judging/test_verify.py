@@ -8,7 +8,7 @@ import pytest
 from hand_made_record import CAR_LENGTH_M, NORTHBOUND, Driven, at_speed, crossing, hand_made, line, with_states
 
 from siren_ros.errors import EpisodeError
-from siren_ros.judging.verdict import Part, verdict_of
+from siren_ros.judging.verdict import Moment, Part, verdict_of
 from siren_ros.judging.verify import (
     CHECKS,
     Verification,
@@ -63,6 +63,7 @@ def test_a_jump_is_found_with_its_actor_and_step(record):
     (jump,) = [part for part in verification.checks if part.name == "position_jump_m"]
     assert jump.value == pytest.approx(0.3, abs=0.01)
     assert jump.detail.startswith("actor 2 at step 100")
+    assert jump.decisive == Moment(100, 2)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,14 @@ export interface Mode {
   emv_colour: string;
 }
 
-/** Step, kind, actor, other actor (0: none), details, colour of the mark (empty: no mark). */
+/** A condition of the predicate, with step and actor of the moment that decides it. */
+export interface JudgedPart {
+  holds: boolean;
+  text: string;
+  at: [step: number, actor: number] | null;
+}
+
+/** Step, kind (`predicate.…`: a moment of that part), actor, other actor (0: none), details, colour of the mark (empty: no mark). */
 export type EpisodeEvent = [step: number, kind: string, actor: number, other: number, details: string, colour: string];
 
 /** Signal, link in its state, colour, number of corners of the lens. */
@@ -48,7 +55,7 @@ interface Head {
   emvs: number[];
   left_hand: boolean;
   ended: string;
-  verdict: { holds: boolean; text: string; parts: { holds: boolean; text: string }[] } | null;
+  verdict: { holds: boolean; text: string; parts: JudgedPart[] } | null;
   command: string;
   facts: [string, string][];
   actors: Actor[];

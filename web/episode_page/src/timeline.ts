@@ -99,7 +99,7 @@ export class Timeline {
 
   private drawMarks(context: CanvasRenderingContext2D, x: (time: number) => number, faint: string): void {
     const selected = this.tracks.actors[this.index]?.id;
-    for (const [step, , actor, other, , colour] of this.episode.head.events) {
+    for (const [step, kind, actor, other, , colour] of this.episode.head.events) {
       if (!colour) continue;
       const mine = actor === selected || other === selected;
       const at = x(step * this.episode.head.step_s);
@@ -107,7 +107,9 @@ export class Timeline {
       context.fillStyle = colour;
       context.strokeStyle = faint;
       context.beginPath();
-      context.arc(at, BAND_PX + MARKS_PX / 2, mine ? 5 : 3.5, 0, 2 * Math.PI);
+      const [middle, size] = [BAND_PX + MARKS_PX / 2, mine ? 5 : 3.5];
+      if (kind.startsWith("predicate.")) diamond(context, at, middle, 1.3 * size);
+      else context.arc(at, middle, size, 0, 2 * Math.PI);
       context.fill();
       context.stroke();
     }
@@ -169,6 +171,14 @@ export class Timeline {
     context.fillText(most, context.canvas.clientWidth - 4, top + 8);
     context.textAlign = "left";
   }
+}
+
+function diamond(context: CanvasRenderingContext2D, x: number, y: number, size: number): void {
+  context.moveTo(x, y - size);
+  context.lineTo(x + size, y);
+  context.lineTo(x, y + size);
+  context.lineTo(x - size, y);
+  context.closePath();
 }
 
 /** An actor's times and values; no number where it is not there. */

@@ -13,7 +13,7 @@ from episode_page.made_decisions import NO_GAP, decision
 from episode_page.unpacked import unpacked
 
 from siren_ros.episode_page.build import episode_data, episode_page, title_of
-from siren_ros.episode_page.nearest import nearest_of_emvs
+from siren_ros.episode_page.emv_measures import measures_of_emvs
 from siren_ros.errors import InputError
 from siren_ros.generation.decisions import Limit
 from siren_ros.judging.predicates import evaluate_predicate
@@ -211,15 +211,15 @@ def test_the_line_of_time_seeks_where_it_is_pressed(opened: OpenedPage) -> None:
 
 
 def test_the_chart_reads_what_is_chosen(opened: OpenedPage, record: EpisodeRecord) -> None:
-    ttc_s, gap_m = (values[record.rows_of(1)][40] for values in nearest_of_emvs(record))
+    ttc_s, gap_m, delay_s = (values[record.rows_of(1)][40] for values in measures_of_emvs(record))
     assert ttc_s < 3.0 < gap_m
     opened.page.evaluate("episodePage.seek(2.0)")
     readings = {}
-    for metric in ("gap of the EMV", "time to collision of the EMV", "speed"):
+    for metric in ("gap of the EMV", "time to collision of the EMV", "delay of the EMV", "speed"):
         opened.page.select_option("#metric", metric)
         pictures(opened)
         readings[metric] = opened.page.locator("#reading").inner_text()
-    assert list(readings.values()) == [f"{gap_m:.1f} m", f"{ttc_s:.2f} s", "50 km/h"]
+    assert list(readings.values()) == [f"{gap_m:.1f} m", f"{ttc_s:.2f} s", f"{delay_s:.1f} s", "50 km/h"]
 
 
 def test_an_event_leads_to_its_moment_and_vehicle(opened: OpenedPage, record: EpisodeRecord) -> None:

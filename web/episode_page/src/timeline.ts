@@ -42,6 +42,7 @@ export class Timeline {
       },
       "gap of the EMV": { unit: "m", digits: 1, value: (tracks, row) => tracks.gap[row] },
       "time to collision of the EMV": { unit: "s", digits: 2, value: (tracks, row) => tracks.ttc[row] },
+      "delay of the EMV": { unit: "s", digits: 1, value: (tracks, row) => tracks.delay[row] },
       residual: { unit: "m", digits: 2, value: (tracks, row) => tracks.residual[row] },
     };
     for (const name of Object.keys(this.metrics)) this.choice.add(new Option(name));
@@ -102,13 +103,14 @@ export class Timeline {
     for (const [step, kind, actor, other, , colour] of this.episode.head.events) {
       if (!colour) continue;
       const mine = actor === selected || other === selected;
+      const judged = kind.startsWith("predicate.");
       const at = x(step * this.episode.head.step_s);
-      context.globalAlpha = mine ? 1 : 0.55;
+      context.globalAlpha = mine || judged ? 1 : 0.55;
       context.fillStyle = colour;
       context.strokeStyle = faint;
       context.beginPath();
       const [middle, size] = [BAND_PX + MARKS_PX / 2, mine ? 5 : 3.5];
-      if (kind.startsWith("predicate.")) diamond(context, at, middle, 1.3 * size);
+      if (judged) diamond(context, at, middle, 1.3 * size);
       else context.arc(at, middle, size, 0, 2 * Math.PI);
       context.fill();
       context.stroke();

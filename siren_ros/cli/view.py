@@ -6,10 +6,8 @@ import tempfile
 import webbrowser
 from pathlib import Path
 
-from siren_ros.episode_page.build import episode_page
-from siren_ros.errors import EXIT_OK, InputError, SirenError, write_text, writing
-from siren_ros.generation.decisions import decisions_of
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.episode_page.of_bag import page_of_bag
+from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 
 
 def add_view(verb: argparse.ArgumentParser) -> None:
@@ -47,14 +45,10 @@ def _add_bags(parser: argparse.ArgumentParser) -> None:
 
 
 def _page_of(arguments: argparse.Namespace) -> str:
-    against = read_episode(arguments.against) if arguments.against else None
-    record = read_episode(arguments.bag)
-    try:
-        decisions = list(decisions_of(record))
-    except SirenError as error:
-        print(f"siren {arguments.verb}: the page does not say why vehicles drive as they do: {error}", file=sys.stderr)
-        decisions = []
-    return episode_page(record, decisions, against)
+    def complain(text: str) -> None:
+        print(f"siren {arguments.verb}: {text}", file=sys.stderr)
+
+    return page_of_bag(arguments.bag, arguments.against, complain)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:

@@ -352,7 +352,7 @@ def test_calm_readers_see_no_flashing(file: Path, browser: PageBrowser) -> None:
         page.page.emulate_media(reduced_motion="reduce")
         page.page.reload()
         until(page, "window.episodePage !== undefined")
-        script = "t => { episodePage.seek(t); episodePage.drawn(); return episodePage.fleet.beacon.value; }"
+        script = "t => { episodePage.seek(t); episodePage.drawn(); return episodePage.stage.fleet.beacon.value; }"
         levels = [page.page.evaluate(script, time_s) for time_s in (0.0, 0.1, 0.2, 0.3, 0.4)]
         assert len(set(levels)) == 1
 

@@ -7,6 +7,7 @@ import { tintedMaterial } from "./tinted";
 import { Tracks, type Pose } from "./tracks";
 
 const APART_M = 0.5;
+const KMH = 3.6;
 const PAINT = new Color("#8fd0ff");
 
 export class Ghosts {
@@ -55,13 +56,15 @@ export class Ghosts {
     return this.there[index] ?? -1;
   }
 
-  /** Where the actor of the same name is at the time of the latest picture, as seen by an actor of this episode. */
-  twinSeenFrom(index: number, own: Pose): { row: number; ahead: number; left: number } | undefined {
+  /** What the actor of the same name does at the time of the latest picture, as seen by an actor of this episode. */
+  description(index: number, own: Pose | undefined): string {
     const twin = this.twinOf(index);
-    if (twin < 0 || !this.tracks.pose(twin, this.pose)) return undefined;
+    if (twin < 0 || !own || !this.tracks.pose(twin, this.pose)) return "not there";
     const [dx, dy] = [this.pose.x - own.x, this.pose.y - own.y];
     const [c, s] = [Math.cos(own.yaw), Math.sin(own.yaw)];
-    return { row: this.pose.row, ahead: c * dx + s * dy, left: c * dy - s * dx };
+    const apart = Math.hypot(dx, dy);
+    const where = apart < 0.05 ? "same place" : `${apart.toFixed(1)} m ${direction(c * dx + s * dy, c * dy - s * dx)}`;
+    return `${(this.tracks.speed[this.pose.row] * KMH).toFixed(1)} km/h, ${where}`;
   }
 
   /** Ids of the bodies that are drawn, with their places. */
@@ -71,4 +74,9 @@ export class Ghosts {
       return { id: this.tracks.actors[this.bodies.actors[i]].id, x: place[0], y: place[1] };
     });
   }
+}
+
+function direction(ahead: number, left: number): string {
+  if (Math.abs(ahead) >= Math.abs(left)) return ahead > 0 ? "ahead" : "behind";
+  return left > 0 ? "to the left" : "to the right";
 }

@@ -9,7 +9,7 @@ export interface Moment {
 }
 
 /** Reads `#t=12.5&v=3&c=above`; what is missing or no value is left out. */
-export function readMoment(hash: string): Moment {
+function readMoment(hash: string): Moment {
   const parts = new URLSearchParams(hash.replace(/^#/, ""));
   const number = (name: string) => (parts.has(name) ? Number(parts.get(name) || NaN) : NaN);
   const [time, actor] = [number("t"), number("v")];
@@ -21,6 +21,31 @@ export function readMoment(hash: string): Moment {
   };
 }
 
-export function writeMoment(time: number, actor: number, camera: CameraName): string {
-  return `#t=${time.toFixed(2)}&v=${actor}&c=${camera}`;
+export class Link {
+  private own = "";
+
+  /** `go` shows the moment of an address that another wrote. */
+  constructor(
+    private readonly moment: () => Required<Moment>,
+    private readonly go: (moment: Moment) => void,
+  ) {
+    addEventListener("hashchange", () => location.hash !== this.own && this.apply());
+  }
+
+  apply(): void {
+    this.go(readMoment(location.hash));
+  }
+
+  /** Puts the moment into the address, without an entry in the history. */
+  remember(): void {
+    const { time, actor, camera } = this.moment();
+    this.own = `#t=${time.toFixed(2)}&v=${actor}&c=${camera}`;
+    location.replace(this.own);
+  }
+
+  /** The page's address at the present moment. */
+  get address(): string {
+    this.remember();
+    return location.href;
+  }
 }

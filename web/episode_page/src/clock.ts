@@ -1,7 +1,6 @@
 /** The time that is shown, and what plays, steps and scrubs through it. */
 
 import { byId, say } from "./dom";
-import type { Tracks } from "./tracks";
 
 const RATES = [0.1, 0.25, 0.5, 1, 2, 4, 8];
 
@@ -13,10 +12,10 @@ export class Clock {
   private readonly choice = byId<HTMLSelectElement>("rate");
   private readonly text = byId("clock");
 
-  /** `moved` hears of each new time, `rested` of each at which the clock stays. */
+  /** `end` is the last time that there is now. `moved` hears of each new time, `rested` of each at which the clock stays. */
   constructor(
-    private readonly tracks: Tracks,
-    step_s: number,
+    private readonly step_s: number,
+    private readonly end: () => number,
     private readonly moved: () => void,
     private readonly rested: () => void,
   ) {
@@ -30,30 +29,25 @@ export class Clock {
     return Number(this.choice.value);
   }
 
-  get frame(): number {
-    return this.tracks.frameAt(this.time);
-  }
-
   seek(time: number): void {
     if (!Number.isFinite(time)) return;
-    this.time = Math.min(Math.max(time, 0), this.tracks.end);
+    this.time = Math.min(Math.max(time, 0), this.end());
     this.moved();
   }
 
   play(playing: boolean): void {
-    if (playing && this.time >= this.tracks.end - 1e-6) this.seek(0);
+    if (playing && this.time >= this.end() - 1e-6) this.seek(0);
     this.playing = playing;
     say(this.button, playing ? "❚❚" : "▶");
     this.button.setAttribute("aria-label", playing ? "Pause" : "Play");
     if (!playing) this.rested();
   }
 
-  /** Goes to a frame before or after the present one. */
+  /** Goes to the step before or after the present moment. */
   step(by: number): void {
     this.play(false);
-    const { times, end } = this.tracks;
-    const between = by < 0 && this.time - times[this.frame] > 1e-6;
-    this.seek(times[this.frame + (between ? 0 : by)] ?? (by < 0 ? 0 : end));
+    const steps = this.time / this.step_s;
+    this.seek((by < 0 ? Math.ceil(steps - 1e-6) - 1 : Math.floor(steps + 1e-6) + 1) * this.step_s);
     this.rested();
   }
 
@@ -65,12 +59,12 @@ export class Clock {
   tick(passed: number): void {
     if (!this.playing) return;
     this.seek(this.time + passed * this.rate);
-    if (this.time >= this.tracks.end) this.play(false);
+    if (this.time >= this.end()) this.play(false);
   }
 
   show(): void {
-    const [time, end] = [this.time.toFixed(2), this.tracks.end.toFixed(2)];
-    this.scrub.max = String(this.tracks.end);
+    const [time, end] = [this.time.toFixed(2), this.end().toFixed(2)];
+    this.scrub.max = String(this.end());
     this.scrub.value = String(this.time);
     this.scrub.setAttribute("aria-valuetext", `${time} seconds`);
     say(this.text, `${time} / ${end} s`);

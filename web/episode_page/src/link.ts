@@ -1,4 +1,4 @@
-/** The part of the address after `#`: time, actor and camera, so that people can send each other a moment. */
+/** The part of the address after `#`: time, actor, camera and whether episodes are side by side, so that people can send each other a moment. */
 
 import { CAMERAS, type CameraName } from "./cameras";
 
@@ -6,6 +6,8 @@ export interface Moment {
   time?: number;
   actor?: number;
   camera?: CameraName;
+  /** Whether the episodes are beside each other. */
+  beside?: boolean;
 }
 
 /** Reads `#t=12.5&v=3&c=above`; what is missing or no value is left out. */
@@ -18,6 +20,7 @@ function readMoment(hash: string): Moment {
     ...(Number.isFinite(time) ? { time } : {}),
     ...(Number.isInteger(actor) ? { actor } : {}),
     ...(camera ? { camera } : {}),
+    ...(parts.has("b") ? { beside: parts.get("b") === "1" } : {}),
   };
 }
 
@@ -38,8 +41,8 @@ export class Link {
 
   /** Puts the moment into the address, without an entry in the history. */
   remember(): void {
-    const { time, actor, camera } = this.moment();
-    this.own = `#t=${time.toFixed(2)}&v=${actor}&c=${camera}`;
+    const { time, actor, camera, beside } = this.moment();
+    this.own = `#t=${time.toFixed(2)}&v=${actor}&c=${camera}${beside ? "&b=1" : ""}`;
     location.replace(this.own);
   }
 

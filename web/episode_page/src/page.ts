@@ -1,23 +1,29 @@
 /** The page: what is selected and shown, the loop that draws it, and the wiring of its parts. */
 
-import { SRGBColorSpace, Vector3, WebGLRenderer } from "three";
-import { CAMERAS, Cameras, type CameraName } from "./cameras";
+import { Vector3 } from "three";
+import { CAMERAS, Cameras, newCamera, type CameraName } from "./cameras";
 import { Clock } from "./clock";
-import { byId, say } from "./dom";
+import { byId } from "./dom";
 import type { Episode } from "./episode";
+import { Ghosts } from "./ghosts";
 import { listenToKeys, type Keys } from "./keyboard";
 import { Link, type Moment } from "./link";
+import { Other } from "./other";
 import { Panel } from "./panel";
 import { listenToClicks, placeInWindow, rayThrough } from "./picking";
 import { Stage } from "./stage";
 import { Timeline } from "./timeline";
 import { Tracks } from "./tracks";
+import { Views } from "./views";
 
 export class EpisodePage {
   private readonly canvas = byId<HTMLCanvasElement>("scene");
-  private readonly renderer: WebGLRenderer;
   private readonly tracks: Tracks;
+  private readonly others: Other[];
   private readonly stage: Stage;
+  /** Those of the other episodes, which are made when they are first shown. */
+  private readonly sides: Stage[] = [];
+  private readonly views: Views;
   private readonly cameras: Cameras;
   private readonly clock: Clock;
   private readonly timeline: Timeline;
@@ -30,43 +36,51 @@ export class EpisodePage {
   private before = 0;
   private readonly scriptMs: number[] = [];
 
-  constructor(episode: Episode) {
-    this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: true, powerPreference: "high-performance" });
-    this.renderer.outputColorSpace = SRGBColorSpace;
-    const { actors, emvs, left_hand, step_s, begin_s } = episode.head;
-    this.tracks = new Tracks(episode, actors, emvs);
-    this.stage = new Stage(episode, this.tracks, byId("labels"));
-    this.cameras = new Cameras(this.canvas, left_hand, !this.calm.matches);
+  constructor(private readonly episode: Episode) {
+    const { head } = episode;
+    this.tracks = new Tracks(episode, head);
+    this.others = head.against.map((part, place) => new Other(episode, part, this.tracks, place + 2));
+    this.cameras = new Cameras(this.canvas, head.left_hand, !this.calm.matches);
+    this.stage = new Stage(episode, head, this.tracks, this.cameras.camera, this.cameras.controls.target);
+    for (const other of this.others) if (other.near) this.stage.ghosts.push(new Ghosts(other, this.stage.scene));
+    this.views = new Views(this.canvas, this.cameras);
     this.link = new Link(() => this.moment, (moment) => this.go(moment));
     const [seek, redraw] = [(time: number) => this.seek(time), () => this.redraw()];
-    this.clock = new Clock(this.tracks, step_s, () => this.moved(), () => this.remember());
-    this.timeline = new Timeline(episode, this.tracks, this.stage.fleet, this.stage.ghosts, seek, redraw);
-    this.panel = new Panel(episode, this.tracks, { select: (id) => this.select(id), seek, link: () => this.link.address });
-    this.prepareButtons(episode.head.against?.title ?? "");
+    this.clock = new Clock(head.step_s, () => this.end, () => this.moved(), () => this.remember());
+    this.timeline = new Timeline(episode, this.tracks, this.others, () => this.end, seek, redraw);
+    const actions = { select: (id: number) => this.select(id), seek, link: () => this.link.address };
+    this.panel = new Panel(episode, this.tracks, this.others, actions);
+    this.prepareButtons();
     listenToKeys(this.keys());
     listenToClicks(this.canvas, (event) => this.click(event));
     this.cameras.controls.addEventListener("change", redraw);
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     this.dark.addEventListener("change", () => this.applyScheme());
-    this.resize();
+    this.showBeside(this.others.length > this.stage.ghosts.length);
     this.applyScheme();
-    this.seek(begin_s);
-    this.select(emvs[0] ?? actors[0].id);
+    this.seek(head.begin_s);
+    this.select(head.emvs[0] ?? head.actors[0].id);
     this.useCamera("follow");
     this.link.apply();
     requestAnimationFrame((now) => this.nextPicture(now));
   }
 
-  private prepareButtons(other: string): void {
+  /** The last time of all episodes. */
+  private get end(): number {
+    return Math.max(this.tracks.end, ...this.others.map(({ tracks }) => tracks.end));
+  }
+
+  private prepareButtons(): void {
     const press = (id: string, action: () => void) => byId(id).addEventListener("click", action);
     press("play", () => this.play(!this.clock.playing));
     press("back", () => this.clock.step(-1));
     press("ahead", () => this.clock.step(1));
     press("previous-actor", () => this.selectNext(-1));
     press("next-actor", () => this.selectNext(1));
-    byId("against").hidden = !this.stage.ghosts;
-    say(byId("against"), `against ${other}`);
-    press("against", () => this.showOther(!this.stage.ghosts?.shown));
+    byId("overlay").hidden = this.stage.ghosts.length === 0;
+    byId("side").hidden = this.others.length === 0;
+    press("overlay", () => this.showOthers(!this.stage.ghosts[0]?.shown));
+    press("side", () => this.showBeside(!this.beside));
     for (const name of CAMERAS) press(`camera-${name}`, () => this.useCamera(name));
   }
 
@@ -81,10 +95,11 @@ export class EpisodePage {
       ArrowLeft: (shift) => (shift ? this.seek(clock.time - 1) : clock.step(-1)),
       ArrowRight: (shift) => (shift ? this.seek(clock.time + 1) : clock.step(1)),
       Home: () => this.seek(0),
-      End: () => this.seek(this.tracks.end),
+      End: () => this.seek(this.end),
       n: () => this.selectNext(1),
       p: () => this.selectNext(-1),
-      o: () => this.showOther(!this.stage.ghosts?.shown),
+      o: () => this.showOthers(!this.stage.ghosts[0]?.shown),
+      b: () => this.showBeside(!this.beside),
       a: turn(-0.1, 1),
       d: turn(0.1, 1),
       w: turn(0, 0.9),
@@ -97,16 +112,12 @@ export class EpisodePage {
   }
 
   private resize(): void {
-    const [width, height] = this.cameras.size;
-    if (width === 0 || height === 0) return;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    this.renderer.setSize(width, height, false);
-    this.cameras.resize(width, height);
+    this.views.layOut();
     this.redraw();
   }
 
   private applyScheme(): void {
-    this.stage.world.setDark(this.dark.matches);
+    for (const { world } of [this.stage, ...this.sides]) world.setDark(this.dark.matches);
     this.timeline.draw();
     this.redraw();
   }
@@ -116,7 +127,8 @@ export class EpisodePage {
   }
 
   private moved(): void {
-    this.stage.seek(this.clock.time);
+    for (const { tracks } of this.others) tracks.setTime(this.clock.time);
+    for (const stage of this.views.shown) stage.seek(this.clock.time);
     this.redraw();
   }
 
@@ -133,6 +145,7 @@ export class EpisodePage {
     const index = this.tracks.indexOf(id);
     if (index < 0) return;
     this.selected = index;
+    this.sides.forEach((stage, place) => (stage.wanted = this.others[place].there[index]));
     this.timeline.select(index);
     this.panel.select(index);
     this.redraw();
@@ -155,15 +168,35 @@ export class EpisodePage {
     this.remember();
   }
 
-  /** Shows or hides the other episode, where there is one. */
-  showOther(shown: boolean): void {
-    if (!this.stage.ghosts) return;
-    this.stage.ghosts.shown = shown;
-    byId("against").setAttribute("aria-pressed", String(shown));
+  /** Shows or hides the bodies of the other episodes on this map. */
+  showOthers(shown: boolean): void {
+    for (const ghosts of this.stage.ghosts) ghosts.shown = shown;
+    byId("overlay").setAttribute("aria-pressed", String(shown));
     this.redraw();
   }
 
-  private go({ time, actor, camera }: Moment): void {
+  private get beside(): boolean {
+    return this.views.shown.length > 1;
+  }
+
+  /** Shows all episodes beside each other, or this one alone. */
+  showBeside(shown: boolean): void {
+    if (shown && this.sides.length === 0) {
+      for (const { part, tracks, label, there } of this.others) {
+        const stage = new Stage(this.episode, part, tracks, newCamera(), new Vector3(), label);
+        stage.world.setDark(this.dark.matches);
+        stage.wanted = there[this.selected] ?? -1;
+        this.sides.push(stage);
+      }
+    }
+    this.views.show([this.stage, ...(shown ? this.sides : [])]);
+    byId("side").setAttribute("aria-pressed", String(shown));
+    this.moved();
+    this.remember();
+  }
+
+  private go({ time, actor, camera, beside }: Moment): void {
+    if (beside !== undefined) this.showBeside(beside);
     if (time !== undefined) this.seek(time);
     if (actor !== undefined) this.select(actor);
     if (camera !== undefined) this.useCamera(camera);
@@ -174,9 +207,13 @@ export class EpisodePage {
   }
 
   private click(event: PointerEvent): void {
-    const box = this.canvas.getBoundingClientRect();
-    const index = this.stage.fleet.hit(rayThrough(event.clientX, event.clientY, box, this.cameras.camera));
-    if (index >= 0) this.select(this.tracks.actors[index].id);
+    const stage = this.views.at(event.clientX, event.clientY);
+    const index = stage?.fleet.hit(rayThrough(event.clientX, event.clientY, this.views.boxOf(stage), stage.camera)) ?? -1;
+    if (!stage || index < 0) return;
+    const own = stage === this.stage ? index : this.others[this.sides.indexOf(stage)].here[index];
+    if (own >= 0) this.select(this.tracks.actors[own].id);
+    else stage.wanted = index;
+    this.redraw();
   }
 
   private nextPicture(now: number): void {
@@ -195,45 +232,44 @@ export class EpisodePage {
 
   private draw(): void {
     const { clock, stage, selected, tracks } = this;
-    const frame = clock.frame;
-    stage.draw(this.renderer, this.cameras, selected, clock.rate, this.calm.matches);
+    const frame = tracks.frameAt(clock.time);
+    this.views.draw(selected, clock.rate, this.calm.matches);
     clock.show();
     this.timeline.show(clock.time, frame);
-    const row = tracks.rowAt(selected, frame);
-    const other = stage.ghosts?.description(selected, stage.fleet.poses[selected]) ?? "";
-    this.panel.show(frame, row < 0 ? undefined : stage.fleet.modeColour(selected, row), other);
+    this.panel.show(frame, stage.fleet.poses[selected]);
   }
 
   /** For programs that drive or check the page: the present moment. */
   get moment() {
     const actor = this.tracks.actors[this.selected]?.id ?? 0;
-    return { time: this.clock.time, actor, camera: this.cameras.name, playing: this.clock.playing };
+    const { time, playing } = this.clock;
+    return { time, actor, camera: this.cameras.name, playing, beside: this.beside };
   }
 
-  /** Poses as they were given to the graphics card for the present moment. */
-  drawn() {
+  /** Poses as they were given to the graphics card for the present moment, in the first or another picture. */
+  drawn(picture = 0) {
     this.draw();
-    return this.stage.fleet.drawn();
+    return this.views.shown[picture].fleet.drawn();
   }
 
-  /** The same of the other episode, where it differs. */
-  drawnOther() {
+  /** Bodies of the other episodes, where they differ. */
+  drawnOthers() {
     this.draw();
-    return this.stage.ghosts?.drawn() ?? [];
+    return this.stage.ghosts.map((ghosts) => ghosts.drawn());
   }
 
-  /** Where an actor's middle is in the window, in pixels. */
-  onScreen(id: number): [number, number] {
-    const index = this.tracks.indexOf(id);
-    const pose = this.stage.fleet.poses[index];
+  /** Where the middle of a picture's actor is in the window, in pixels. */
+  onScreen(id: number, picture = 0): [number, number] {
+    const stage = this.views.shown[picture];
+    const index = stage.tracks.indexOf(id);
+    const pose = stage.fleet.poses[index];
     if (!pose) return [NaN, NaN];
-    const middle = new Vector3(pose.x, pose.y, pose.z + this.tracks.actors[index].size_m[2] / 2);
-    return placeInWindow(middle, this.canvas.getBoundingClientRect(), this.cameras.camera);
+    const middle = new Vector3(pose.x, pose.y, pose.z + stage.tracks.actors[index].size_m[2] / 2);
+    return placeInWindow(middle, this.views.boxOf(stage), stage.camera);
   }
 
   /** Draw calls and triangles of the latest picture, and the script's times of the latest ones. */
   statistics() {
-    const { calls, triangles } = this.renderer.info.render;
-    return { calls, triangles, scriptMs: [...this.scriptMs] };
+    return { ...this.views.counts, scriptMs: [...this.scriptMs] };
   }
 }

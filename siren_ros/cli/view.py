@@ -40,7 +40,12 @@ def view(arguments: argparse.Namespace) -> int:
 def _add_bags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     parser.add_argument(
-        "--against", type=Path, metavar="BAG", help="another episode on the same map, drawn where it differs"
+        "--against",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="BAG",
+        help="another episode, beside the first and, on the same map, drawn where it differs; up to three times",
     )
 
 

@@ -1,6 +1,6 @@
 """The page of a recorded episode, with why its actors drive as they do wherever that is known."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from siren_ros.episode_page.build import episode_page
@@ -9,17 +9,17 @@ from siren_ros.generation.decisions import decisions_of
 from siren_ros.recording.bag_reader import read_episode
 
 
-def page_of_bag(bag: Path, against: Path | None = None, complain: Callable[[str], None] = lambda _: None) -> str:
-    """The page of a bag, compared with another one; says where the decisions are not known.
+def page_of_bag(bag: Path, against: Sequence[Path] = (), complain: Callable[[str], None] = lambda _: None) -> str:
+    """The page of a bag, compared with others; says where the decisions are not known.
 
     Raises:
         SirenError: A bag cannot be read, or as ``episode_page``.
     """
-    other = read_episode(against) if against else None
+    others = [read_episode(other) for other in against]
     record = read_episode(bag)
     try:
         decisions = list(decisions_of(record))
     except SirenError as error:
         complain(f"the page does not say why vehicles drive as they do: {error}")
         decisions = []
-    return episode_page(record, decisions, other)
+    return episode_page(record, decisions, others)

@@ -6,7 +6,9 @@ import tempfile
 import webbrowser
 from pathlib import Path
 
+from siren_ros.cli.options import check_numbers, names_in
 from siren_ros.episode_page.of_bag import page_of_bag
+from siren_ros.episode_page.sensed import ALL, MOST_MB, NOTHING, sensed_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 
 
@@ -47,13 +49,31 @@ def _add_bags(parser: argparse.ArgumentParser) -> None:
         metavar="BAG",
         help="another episode, beside the first and, on the same map, drawn where it differs; up to three times",
     )
+    parser.add_argument(
+        "--sensors",
+        default="",
+        metavar="NAMES",
+        help=f"LiDAR and cameras to show, by commas, such as lidar,camera_front, or {ALL} (default: none)",
+    )
+    parser.add_argument(
+        "--at-most-mb",
+        type=float,
+        default=MOST_MB,
+        metavar="MB",
+        help="size by which sensor data may make the page larger; more is thinned in time (default %(default)g)",
+    )
 
 
 def _page_of(arguments: argparse.Namespace) -> str:
     def complain(text: str) -> None:
         print(f"siren {arguments.verb}: {text}", file=sys.stderr)
 
-    return page_of_bag(arguments.bag, arguments.against, complain)
+    check_numbers(arguments, {"at_most_mb": (0.0, 1000.0)})
+    sensors = names_in(arguments.sensors)
+    sensed = sensed_of(arguments.bag, sensors, arguments.at_most_mb) if sensors else NOTHING
+    for name, note in sensed.notes:
+        complain(f"{name}: {note}")
+    return page_of_bag(arguments.bag, arguments.against, complain, sensed)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:

@@ -8,6 +8,7 @@ from typing import Any, Final
 from siren_ros.episode_page.columns import ColumnFile
 from siren_ros.episode_page.parts import add_parts, title_of
 from siren_ros.episode_page.reasons import Decisions, add_reasons
+from siren_ros.episode_page.sensed import NOTHING, Sensed, add_sensed
 from siren_ros.episode_page.shapes import add_shapes
 from siren_ros.errors import SirenError
 from siren_ros.interfaces.markers import MODE_COLOURS
@@ -31,13 +32,16 @@ _JUDGED: Final = {True: "#b7791f", False: "#d40000"}
 """Colours of the predicate's moments, by whether its part holds."""
 
 
-def episode_data(record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = ()) -> bytes:
+def episode_data(
+    record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = (), sensed: Sensed = NOTHING
+) -> bytes:
     """What the page knows of an episode, compressed.
 
     Args:
         record: The episode.
         decisions: Why its actors drive as they do, where that is known (``decisions_of``).
         against: Other episodes that it is compared with.
+        sensed: What its sensors measured.
 
     Raises:
         InputError: Too many others, or a record without states or with states that are no numbers or of unknown actors.
@@ -48,24 +52,27 @@ def episode_data(record: EpisodeRecord, decisions: Decisions = (), against: Sequ
     add_shapes(file, sorted({actor.actor_class for each in (record, *against) for actor in each.actors.values()}))
     head = {
         "format": _FORMAT,
-        **_description(record),
+        **_description(record, sensed),
         "verdict": _told(verdict) if verdict else None,
         **parts,
         "modes": _modes(),
         "events": _events(record, verdict),
         **add_reasons(file, decisions),
+        **add_sensed(file, sensed),
     }
     return file.packed(head)
 
 
-def episode_page(record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = ()) -> str:
+def episode_page(
+    record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = (), sensed: Sensed = NOTHING
+) -> str:
     """The whole page in one file; arguments and errors as of ``episode_data``.
 
     Its security policy allows this script and these styles alone, by their hashes. The data is base64, so nothing in it
     can end its element.
     """
     style, script = page_part(_PAGE, "page.css"), page_part(_PAGE, "page.js")
-    data = base64.b64encode(episode_data(record, decisions, against)).decode()
+    data = base64.b64encode(episode_data(record, decisions, against, sensed)).decode()
     return page_template(_PAGE, trim_blocks=True).render(
         title=title_of(record),
         style=style,
@@ -80,7 +87,7 @@ def _hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
-def _description(record: EpisodeRecord) -> dict[str, Any]:
+def _description(record: EpisodeRecord, sensed: Sensed) -> dict[str, Any]:
     episode, outcome = record.description, record.outcome
     return {
         "step_s": STEP_S,
@@ -96,6 +103,7 @@ def _description(record: EpisodeRecord) -> dict[str, Any]:
             ["sensors", episode.sensor_suite],
             ["duration", f"{record.duration_s:.2f} s"],
             *([["pinned", episode.pinned]] if episode.pinned else []),
+            *map(list, sensed.notes),
         ],
     }
 

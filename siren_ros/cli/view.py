@@ -47,7 +47,7 @@ def _add_bags(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="BAG",
-        help="another episode, beside the first and, on the same map, drawn where it differs; up to three times",
+        help="another episode, next to the first and, on the same map, drawn where it differs; up to three times",
     )
     parser.add_argument(
         "--sensors",

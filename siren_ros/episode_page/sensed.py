@@ -7,6 +7,7 @@ thinned.
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
@@ -69,7 +70,7 @@ class Sweep:
     measured: int
     """Number of points before they were thinned."""
 
-    @property
+    @cached_property
     def size_bytes(self) -> int:
         """Of its own columns, compressed."""
         file = ColumnFile()

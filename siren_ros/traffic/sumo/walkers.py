@@ -50,6 +50,8 @@ _STOPPING_MPS2: Final = 3.0
 """…with this deceleration…"""
 _PACE_MPS: Final = 1.9
 """…and that is faster than this."""
+_BEHIND_M: Final = 4.0
+"""A vehicle that is so far past somebody is still on the crossing."""
 _INTO_M: Final = 0.5
 """Who is nearer to its way has to leave it."""
 _HURRY: Final = 1.5
@@ -168,16 +170,9 @@ class Walkers:
         libsumo.person.add(walker.name, walker.edge, start_m, typeID=_type_id(walker))
         if self._corners is None:
             self._corners = Corners(self._network)
-        present, stages, entry = walker.edge, 0, frozenset[str]()
-        for goal in walker.goals:
-            for stage in libsumo.simulation.findIntermodalRoute(present, goal) if goal != present else ():
-                turns_back = bool(entry & self._corners.met_at(*stage.edges[:2]))
-                if turns_back or not self._corners.leads_simply(stage.edges):
-                    continue
-                entry = self._corners.met_at(*stage.edges[-2:])
-                middle_m = 0.5 * float(libsumo.lane.getLength(f"{goal}_0"))
-                libsumo.person.appendWalkingStage(walker.name, stage.edges, middle_m)
-                present, stages = goal, stages + 1
+        stages = self._corners.walks(walker.edge, walker.goals)
+        for edges in stages:
+            libsumo.person.appendWalkingStage(walker.name, edges, 0.5 * float(libsumo.lane.getLength(f"{edges[-1]}_0")))
         if not stages:  # on a street from which no sidewalk leads on
             libsumo.person.appendWalkingStage(walker.name, [walker.edge], max(length_m - start_m, _END_M))
         libsumo.person.subscribe(walker.name, _SUBSCRIBED)
@@ -289,7 +284,7 @@ def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
             cos, sin = np.cos(yaw_rad[k]), np.sin(yaw_rad[k])
             ahead, left = dx * cos + dy * sin, abs(dy * cos - dx * sin)
             now = abs((y_m[row] - y_m[k]) * cos - (x_m[row] - x_m[k]) * sin) - 0.5 * width_m[k]
-            reached = -0.5 * length_m[k] < ahead < 0.5 * length_m[k] + stopping + _STEP_M
+            reached = -0.5 * length_m[k] - _BEHIND_M < ahead < 0.5 * length_m[k] + stopping + _STEP_M
             nearer = now > _INTO_M and left - 0.5 * width_m[k] < min(_AWAY_M, now)
             if stopping > 0.0 and reached and nearer:
                 comes[number] = True

@@ -133,6 +133,16 @@ def test_in_a_bend_the_lateral_acceleration_is_the_limit(drive: Callable[..., Dr
     assert drive("a", "b").limit_mps("ab_0", at_m) == pytest.approx(BEND_MPS, rel=0.02)
 
 
+@pytest.mark.parametrize("kind", [ActorClass.BICYCLE, ActorClass.MOTORCYCLE])
+def test_riders_take_bends_with_four_fifths_of_the_speed(monkeypatch: pytest.MonkeyPatch, kind: ActorClass) -> None:
+    network, told = bend_ahead(), list[float]()
+    monkeypatch.setattr(libsumo.vehicle, "setMaxSpeed", lambda _, speed_mps: told.append(speed_mps))
+    columns = columns_of({"car": reading("ab_0", 10.0)}, network, dict.fromkeys(LANES, 1.0))
+    rider = replace(car("a", "b"), actor_class=kind)
+    BendLimits(network).apply(columns, {"car": rider}, columns.which(()))
+    assert told == [pytest.approx(0.8 * BEND_MPS, rel=0.02)]
+
+
 def test_the_bend_of_another_way_does_not_count(drive: Callable[..., Drive]) -> None:
     straight_on = drive("a", "c")
     assert [straight_on.limit_mps("a_0", at_m) for at_m in (0.0, 60.0, 99.0)] == [OWN_MPS] * 3

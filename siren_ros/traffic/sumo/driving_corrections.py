@@ -349,13 +349,15 @@ def _sideways_limits(numbers: Any, outside: Any, wished_mps: Any, limits_mps: An
 _CYCLE_LANE_M: Final = 2.5
 """Greatest width of lanes in whose middle cyclists ride (RASt 06: cycle lanes have 1.5 to 2.25 m)."""
 _RIGHT: Final = "right"
+_FROM_EDGE_M: Final = 0.3
+"""Kept from the right edge of wider lanes: people who wait stand at the kerb."""
 
 
 class CyclistsSide:
     """Which side of their lanes cyclists keep to in SUMO."""
 
     def __init__(self, network: RoadNetwork) -> None:
-        self._narrow = [lane.width_m < _CYCLE_LANE_M for lane in network.lanes]
+        self._widths_m = [lane.width_m for lane in network.lanes]
         self._lane_ids: tuple[str, ...] = ()
         self._sides: dict[str, str] = {}
 
@@ -367,7 +369,8 @@ class CyclistsSide:
         for name, lane in zip(columns.names, columns.lane.tolist(), strict=True):
             if vehicles[name].actor_class is not ActorClass.BICYCLE or lane == NO_LANE:
                 continue
-            side = "center" if self._narrow[lane] else _RIGHT
+            edge_m = 0.5 * (self._widths_m[lane] - vehicles[name].width_m) - _FROM_EDGE_M
+            side = "center" if self._widths_m[lane] < _CYCLE_LANE_M else f"{-edge_m:.2f}"
             if self._sides.get(name, _RIGHT) != side:
                 libsumo.vehicle.setLateralAlignment(name, side)
                 self._sides[name] = side

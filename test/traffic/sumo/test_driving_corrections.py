@@ -394,13 +394,15 @@ def test_nobody_slides_sideways_while_standing(sumo: SumoSimulation) -> None:
     assert stood > 100
 
 
-def test_cyclists_ride_in_the_middle_of_narrow_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
-    network: Any = SimpleNamespace(lanes=[SimpleNamespace(width_m=width) for width in (1.85, 3.4)])
+def test_cyclists_ride_in_the_middle_of_narrow_lanes_and_30_cm_from_the_edge_of_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    network: Any = SimpleNamespace(lanes=[SimpleNamespace(width_m=width) for width in (1.85, 3.4, 3.0)])
     said: list[tuple[str, str]] = []
     vehicle = SimpleNamespace(setLateralAlignment=lambda name, side: said.append((name, side)))
     monkeypatch.setattr(lane_continuity, "libsumo", SimpleNamespace(vehicle=vehicle))
     kinds = {"b": ActorClass.BICYCLE, "c": ActorClass.SEDAN}
-    vehicles: Any = {name: SimpleNamespace(actor_class=kind) for name, kind in kinds.items()}
+    vehicles: Any = {name: SimpleNamespace(actor_class=kind, width_m=0.6) for name, kind in kinds.items()}
     side = lane_continuity.CyclistsSide(network)
 
     def on(lane: int, other: int = 0) -> list[tuple[str, str]]:
@@ -409,8 +411,8 @@ def test_cyclists_ride_in_the_middle_of_narrow_lanes(monkeypatch: pytest.MonkeyP
         side.apply(columns, vehicles)
         return list(said)
 
-    assert on(1) == []  # as its type says
+    assert on(1) == [("b", "-1.10")]
     assert on(0) == [("b", "center")]
     assert on(0, other=1) == []
     assert on(NO_LANE) == []
-    assert on(1) == [("b", "right")]
+    assert on(2) == [("b", "-0.90")]

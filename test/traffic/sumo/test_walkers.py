@@ -1,6 +1,7 @@
 """People on foot in SUMO: where they walk, and how they come into the state of a step."""
 
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -271,3 +272,15 @@ def test_people_wait_or_hurry_where_a_siren_comes(
     said.clear()
     walkers.heed(states, {}, np.empty(0, np.uint32))  # the siren is off
     assert said == dict.fromkeys(paces, 1.3)
+
+
+@pytest.mark.parametrize(("behind_m", "paces"), [(0.25, {}), (0.35, {"kerb": 0.3 * 1.3, "crosses": 0.3 * 1.3})])
+def test_sumo_waits_for_those_whom_it_has_left_behind(
+    monkeypatch: pytest.MonkeyPatch, behind_m: float, paces: dict[str, float]
+) -> None:
+    said: dict[str, float] = {}
+    person = SimpleNamespace(setSpeed=said.__setitem__)
+    monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person))
+    walkers, states = at_a_crossing(90.0, 0.0, 2.0, behind=False)
+    walkers.heed(replace(states, residual_m=np.full(3, behind_m)), {}, np.empty(0, np.uint32))
+    assert said == pytest.approx(paces)

@@ -30,6 +30,7 @@ export class Panel {
   private readonly own = byId("own-events");
   private readonly why: Why | undefined;
   private ownEvents: { time: number; item: HTMLElement }[] = [];
+  private latest: HTMLElement | undefined;
   private shownReasons = "";
   private index = -1;
 
@@ -149,7 +150,11 @@ export class Panel {
     for (const other of this.others) say(this.cells.get(rowOf(other)) as HTMLElement, other.description(index, pose));
     const time = tracks.times[frame];
     const latest = this.ownEvents.findLast((event) => event.time <= time + 1e-9);
-    for (const event of this.ownEvents) event.item.classList.toggle("latest", event === latest);
+    if (latest?.item !== this.latest) {
+      this.latest?.classList.remove("latest");
+      this.latest = latest?.item;
+      this.latest?.classList.add("latest");
+    }
     if (this.why) this.showWhy(this.why, actor, time);
   }
 

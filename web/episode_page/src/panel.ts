@@ -67,8 +67,9 @@ export class Panel {
   /** Another episode, with the moment at which it first differs. */
   private entryOf({ label, colour, difference, near }: Other): HTMLElement {
     const entry = element("li", {}, swatch(`var(${colour})`), label);
-    if (!difference) entry.append(element("span", {}, near ? "differs from the begin on, or never" : "on another map"));
-    if (difference) {
+    const text = !near ? "on another map" : difference ? "differs from the begin on" : "the same at all steps of both";
+    if (!difference?.frame) entry.append(element("span", {}, text));
+    else {
       const [time, { id }] = [this.tracks.times[difference.frame], this.tracks.actors[difference.index]];
       const press = () => {
         this.actions.seek(time);

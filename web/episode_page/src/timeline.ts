@@ -137,7 +137,7 @@ export class Timeline {
   /** The moments at which the other episodes first differ. */
   private drawDifferences(context: CanvasRenderingContext2D, x: Scale, height: number, colour: Colours): void {
     for (const other of this.others) {
-      if (!other.difference) continue;
+      if (!other.difference?.frame) continue;
       context.fillStyle = colour(other.colour);
       const at = x(this.tracks.times[other.difference.frame]);
       context.fillRect(at - 0.75, 0, 1.5, height);

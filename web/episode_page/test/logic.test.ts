@@ -61,6 +61,8 @@ test("episodes first differ where an actor is elsewhere", () => {
   assert.deepEqual(other.difference, { frame: 2, index: 1 });
   assert.equal(other.apart(1, 3), 1);
   assert.equal(new Other(episode(), part("1."), tracksOf(), 2).difference, undefined);
+  const late = { "1.motion.mode": [0, 0, 0, 0, 0, ABSENT, 0, 0] };
+  assert.deepEqual(new Other(episode(late), part("1."), tracksOf(), 2).difference, { frame: 1, index: 1 });
 });
 
 test("nothing is far from a place on another map, or from one that is over", () => {

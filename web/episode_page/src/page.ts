@@ -19,6 +19,8 @@ import { Tracks } from "./tracks";
 import { Views } from "./views";
 
 const SENSORS = ["sweeps", "pictures"] as const;
+/** Texts that change faster than this cannot be read, and cost time. */
+const TEXTS_MS = 100;
 
 export class EpisodePage {
   private readonly canvas = byId<HTMLCanvasElement>("scene");
@@ -40,6 +42,7 @@ export class EpisodePage {
   private selected = -1;
   private changed = true;
   private before = 0;
+  private told = 0;
   private readonly scriptMs: number[] = [];
 
   constructor(private readonly episode: Episode) {
@@ -52,7 +55,7 @@ export class EpisodePage {
     this.views = new Views(this.canvas, this.cameras);
     this.link = new Link(() => this.moment, (moment) => this.go(moment));
     const [seek, redraw] = [(time: number) => this.seek(time), () => this.redraw()];
-    this.clock = new Clock(head.step_s, () => this.end, () => this.moved(), () => this.remember());
+    this.clock = new Clock(head.step_s, () => this.end, () => this.moved(), () => this.rested());
     this.timeline = new Timeline(episode, this.tracks, this.others, () => this.end, seek, redraw);
     const actions = { select: (id: number) => this.select(id), seek, link: () => this.link.address };
     this.panel = new Panel(episode, this.tracks, this.others, actions);
@@ -152,6 +155,11 @@ export class EpisodePage {
   private moved(): void {
     for (const { tracks } of this.others) tracks.setTime(this.clock.time);
     for (const stage of this.views.shown) stage.seek(this.clock.time);
+    this.redraw();
+  }
+
+  private rested(): void {
+    this.remember();
     this.redraw();
   }
 
@@ -260,7 +268,12 @@ export class EpisodePage {
     this.pictures?.show(clock.time);
     this.views.draw(selected, clock.rate, this.calm.matches);
     clock.show();
-    this.timeline.show(clock.time, frame);
+    this.timeline.show(clock.time);
+    const now = performance.now();
+    if (clock.playing && now - this.told < TEXTS_MS) return;
+    this.told = now;
+    clock.tell();
+    this.timeline.tell(frame);
     this.panel.show(frame, stage.fleet.poses[selected]);
   }
 

@@ -5,7 +5,7 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from siren_ros.episode_page.columns import ColumnFile
+from siren_ros.episode_page.columns import QUICK, SMALL, ColumnFile
 from siren_ros.episode_page.parts import add_parts, title_of
 from siren_ros.episode_page.reasons import Decisions, add_reasons
 from siren_ros.episode_page.sensed import NOTHING, Sensed, add_sensed
@@ -60,7 +60,7 @@ def episode_data(
         **add_reasons(file, decisions),
         **add_sensed(file, sensed),
     }
-    return file.packed(head)
+    return file.packed(head, QUICK if sensed.sweeps else SMALL)
 
 
 def episode_page(

@@ -1,8 +1,8 @@
 """Columns of whole numbers as few bytes, which the page's script reads back.
 
 A file is the length of its head, the head as JSON, and the columns, all through zlib. A column holds differences of
-neighbours, once or twice, as 32-bit numbers that wrap around. Its bytes are sorted by significance: what changes little
-is then almost all zeros.
+neighbours, once or twice, as numbers of 32 or 16 bits that wrap around. Its bytes are sorted by significance: what
+changes little is then almost all zeros.
 """
 
 import json
@@ -13,7 +13,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-_LEVEL: Final = 9
+SMALL: Final = 9
+QUICK: Final = 6
+"""Levels of zlib: on noise the first takes ten times as long, and saves 4 %."""
 
 
 class ColumnFile:
@@ -24,23 +26,27 @@ class ColumnFile:
         self._entries: list[dict[str, Any]] = []
         self._bytes: list[bytes] = []
 
-    def add(self, name: str, values: npt.ArrayLike, unit: float = 1.0, order: int = 1) -> None:
+    def add(self, name: str, values: npt.ArrayLike, unit: float = 1.0, order: int = 1, *, width: int = 4) -> None:
         """Appends a column of any shape, rounded to whole multiples of a unit.
 
-        ``order`` is how often neighbours are subtracted: twice for what changes evenly, such as a position.
+        def add(
+            self, name: str, values: npt.ArrayLike, unit: float = 1.0, order: int = 1, *, width: int = 4
+        ) -> None:
+            the number of bytes of a number, 4 or 2.
         """
         numbers = np.rint(np.asarray(values, np.float64).ravel() / unit).astype(np.int64).astype(np.uint32)
         for _ in range(order):
             numbers = np.diff(numbers, prepend=np.uint32(0))
-        self._entries.append({"name": name, "length": len(numbers), "unit": unit, "order": order})
-        self._bytes.append(numbers.astype("<u4").view(np.uint8).reshape(-1, 4).T.tobytes())
+        narrow = {} if width == 4 else {"bytes": width}
+        self._entries.append({"name": name, "length": len(numbers), "unit": unit, "order": order, **narrow})
+        self._bytes.append(numbers.astype(f"<u{width}").view(np.uint8).reshape(-1, width).T.tobytes())
 
     def add_bytes(self, name: str, content: bytes) -> None:
         """Appends bytes as they are, such as pictures."""
         self._entries.append({"name": name, "length": len(content), "bytes": 1})
         self._bytes.append(content)
 
-    def packed(self, head: Mapping[str, Any]) -> bytes:
+    def packed(self, head: Mapping[str, Any], level: int = SMALL) -> bytes:
         """The whole file; ``head`` is of JSON types, and the list of columns is added to it."""
         text = json.dumps({**head, "columns": self._entries}, allow_nan=False, separators=(",", ":")).encode()
-        return zlib.compress(b"".join((len(text).to_bytes(4, "little"), text, *self._bytes)), _LEVEL)
+        return zlib.compress(b"".join((len(text).to_bytes(4, "little"), text, *self._bytes)), level)

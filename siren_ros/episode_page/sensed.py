@@ -16,7 +16,7 @@ import numpy.typing as npt
 import simplejpeg
 from PIL import Image
 
-from siren_ros.episode_page.columns import ColumnFile
+from siren_ros.episode_page.columns import QUICK, ColumnFile
 from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
 from siren_ros.interfaces.messages import shown_text
@@ -35,7 +35,8 @@ PERIODS_STEPS: Final = (4, 10, 20, 40, 100, 200)
 CUBE_M: Final = 0.3
 UNIT_M: Final = 0.01
 """Of a point's place."""
-_FARTHEST_M: Final = 1000.0
+_FARTHEST_M: Final = 320.0
+"""What a column of 16 bits holds in centimetres."""
 _WIDTH_PX: Final = 480
 _QUALITY: Final = 75
 _LARGEST_PX: Final = 8192
@@ -75,7 +76,7 @@ class Sweep:
         """Of its own columns, compressed."""
         file = ColumnFile()
         _add_points(file, [self])
-        return round(_IN_PAGE * len(file.packed({})))
+        return round(_IN_PAGE * len(file.packed({}, QUICK)))
 
 
 @dataclass(frozen=True)
@@ -244,4 +245,4 @@ def add_sensed(file: ColumnFile, sensed: Sensed) -> dict[str, Any]:
 def _add_points(file: ColumnFile, sweeps: Sequence[Sweep]) -> None:
     counts = np.concatenate([sweep.counts for sweep in sweeps]) if sweeps else np.empty((0, 3))
     for axis, values in zip("xyz", counts.T, strict=True):
-        file.add(f"sweep.{axis}", values * UNIT_M, UNIT_M)
+        file.add(f"sweep.{axis}", values * UNIT_M, UNIT_M, width=2)

@@ -20,6 +20,18 @@ def test_columns_come_back_to_half_a_unit(order: int) -> None:
     assert columns["codes"].tolist() == [3, 255, 0]
 
 
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_narrow_columns_and_bytes_come_back(order: int) -> None:
+    file = ColumnFile()
+    file.add("places", [0.0, 327.67, -327.68, 5.0], 0.01, order, width=2)
+    file.add_bytes("picture", b"\xff\xd8\x00")
+    file.add("after", [7, -1])
+    _, columns = unpacked(file.packed({}))
+    assert columns["places"] == pytest.approx([0.0, 327.67, -327.68, 5.0])
+    assert bytes(columns["picture"]) == b"\xff\xd8\x00"
+    assert columns["after"].tolist() == [7, -1]
+
+
 def test_what_changes_evenly_takes_hardly_any_bytes() -> None:
     sizes = []
     for order in (0, 2):

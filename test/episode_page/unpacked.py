@@ -16,16 +16,17 @@ def unpacked(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.floa
     start, columns = 4 + length, {}
     for entry in head["columns"]:
         count = entry["length"]
-        if entry.get("bytes") == 1:
+        width = entry.get("bytes", 4)
+        if width == 1:
             columns[entry["name"]] = np.frombuffer(content, np.uint8, count, start)
             start += count
             continue
-        planes = np.frombuffer(content, np.uint8, 4 * count, start).reshape(4, count)
-        values = sum(planes[k].astype(np.int64) << (8 * k) for k in range(4))
+        planes = np.frombuffer(content, np.uint8, width * count, start).reshape(width, count)
+        values, whole = sum(planes[k].astype(np.int64) << (8 * k) for k in range(width)), 2 ** (8 * width)
         for _ in range(entry["order"]):
-            values = np.cumsum(values) % 2**32
-        values = np.where(values >= 2**31, values - 2**32, values)
+            values = np.cumsum(values) % whole
+        values = np.where(values >= whole // 2, values - whole, values)
         columns[entry["name"]] = values * entry["unit"]
-        start += 4 * count
+        start += width * count
     assert start == len(content)
     return head, columns

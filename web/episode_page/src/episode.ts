@@ -95,15 +95,16 @@ export class Episode {
 
   /** A column as the whole numbers that it counts in. */
   counts(name: string): Int32Array {
-    const [start, { length, order }] = this.offsets.get(name) ?? [0, { length: 0, order: 0 }];
+    const [start, { length, order, bytes: width = 4 }] = this.offsets.get(name) ?? [0, { length: 0, order: 0 }];
     const bytes = this.bytes;
     const values = new Int32Array(length);
-    for (let i = 0, at = start; i < length; i++, at++) {
-      values[i] =
-        bytes[at] | (bytes[at + length] << 8) | (bytes[at + 2 * length] << 16) | (bytes[at + 3 * length] << 24);
+    for (let k = 0, at = start; k < width; k++) {
+      for (let i = 0; i < length; i++, at++) values[i] |= bytes[at] << (8 * k);
     }
+    const unused = 32 - 8 * width;
+    for (let i = 0; i < length; i++) values[i] = (values[i] << unused) >> unused;
     for (let k = 0; k < order; k++) {
-      for (let i = 1; i < length; i++) values[i] = (values[i] + values[i - 1]) | 0;
+      for (let i = 1; i < length; i++) values[i] = ((values[i] + values[i - 1]) << unused) >> unused;
     }
     return values;
   }

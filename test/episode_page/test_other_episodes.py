@@ -9,7 +9,6 @@ from browser_pages import OpenedPage, PageBrowser
 from episode_page.looked_at import moment, pictures, until
 
 from siren_ros.episode_page.build import episode_page
-from siren_ros.errors import InputError
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 
@@ -170,8 +169,3 @@ def test_pictures_stand_above_each_other_where_it_is_narrow(compared: OpenedPage
     places = [compared.page.evaluate("k => episodePage.onScreen(3, k)", k) for k in range(3)]
     assert [int((y - canvas["y"]) / (canvas["height"] / 3)) for _, y in places] == [0, 1, 2]
     assert compared.page.evaluate("document.documentElement.scrollWidth") <= 360
-
-
-def test_only_so_many_episodes_can_be_compared(record: EpisodeRecord, other: EpisodeRecord) -> None:
-    with pytest.raises(InputError, match="at most 3 other episodes"):
-        episode_page(record, against=4 * [other])

@@ -29,10 +29,8 @@ class ColumnFile:
     def add(self, name: str, values: npt.ArrayLike, unit: float = 1.0, order: int = 1, *, width: int = 4) -> None:
         """Appends a column of any shape, rounded to whole multiples of a unit.
 
-        def add(
-            self, name: str, values: npt.ArrayLike, unit: float = 1.0, order: int = 1, *, width: int = 4
-        ) -> None:
-            the number of bytes of a number, 4 or 2.
+        ``order`` is how often neighbours are subtracted: twice for what changes evenly, such as a position. Numbers
+        have ``width`` bytes, 4 or 2.
         """
         numbers = np.rint(np.asarray(values, np.float64).ravel() / unit).astype(np.int64).astype(np.uint32)
         for _ in range(order):

@@ -154,8 +154,9 @@ class _Planner:
         return {ActorClass.BICYCLE: people.cyclists, ActorClass.MOTORCYCLE: people.motorcycles}
 
     def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
-        """Cyclists and motorcyclists near the EMV's way, more than enter at once."""
+        """Cyclists and motorcyclists near the EMV's way, more than enter at once; none before the stage's vehicles."""
         near, spares = self._around_way, 1.0 + self._config.people_reserve_factor
+        stage = [replace(area, to_m=self._network.lanes[area.lane].length_m) for area in stage]
         lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
         return tuple(
             rider

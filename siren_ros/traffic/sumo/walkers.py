@@ -311,7 +311,7 @@ def _poses(values: Any, offset_m: Any, rows: Any, simulated: Any, facing: Any) -
     """Poses in the ``map`` frame of some people: SUMO's, and the simulated ones; shape ``(4, N)`` each.
 
     ``values`` are SUMO's x, y, angle and speed, ``rows`` the people's among the simulated actors: those who are new
-    have none, and SUMO's poses. ``facing`` is SUMO's yaw at the step before, NaN at first, and afterwards the present one.
+    have none, and SUMO's poses. ``facing`` is SUMO's yaw at the step before, NaN at first; it is set.
     """
     sumo = np.empty((4, len(rows)))
     before = np.empty((4, len(rows)))

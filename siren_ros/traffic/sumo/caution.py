@@ -157,8 +157,8 @@ def _is_near(pose: Any, own_mps: float, other_mps: float, half_length_m: float, 
 def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: Any, square: float) -> tuple[Any, Any]:
     """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
 
-    Left out are vehicles that merge among themselves but for riders, and those that lead while there is room, which SUMO handles, and
-    those from outside that come across the way of a driver who does not look.
+    Left out are vehicles that merge among themselves but for riders, and those that lead while there is room, which
+    SUMO handles, and those from outside that come across the way of a driver who does not look.
 
     ``state`` and ``drivers`` hold arrays over all vehicles, ``limits`` fields of ``CautionConfig``. ``square`` is 2: by
     a constant, speeds would be squared with another last bit than Python's.

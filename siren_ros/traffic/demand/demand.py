@@ -154,8 +154,9 @@ class _Planner:
         return {ActorClass.BICYCLE: people.cyclists, ActorClass.MOTORCYCLE: people.motorcycles}
 
     def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
-        """Cyclists and motorcyclists near the EMV's way, more than enter at once."""
+        """Cyclists and motorcyclists near the EMV's way, more than enter at once; none before the stage's vehicles."""
         near, spares = self._around_way, 1.0 + self._config.people_reserve_factor
+        stage = [replace(area, to_m=self._network.lanes[area.lane].length_m) for area in stage]
         lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
         return tuple(
             rider
@@ -168,13 +169,16 @@ class _Planner:
         )
 
     def _cycled(self, near: Sequence[Lane]) -> list[Lane]:
-        """The cycle lanes of some lanes' edges, and the rightmost driving lanes where there are none."""
+        """The cycle lanes of some lanes' edges, and the rightmost driving lanes where there are none.
+
+        Not on the way to the site: cyclists would stand ahead of its queue, and do not make way.
+        """
         lanes: list[Lane] = []
         for edge in dict.fromkeys(lane.edge for lane in near):
             on_edge = [self._network.lanes[index] for index in self._network.edges[edge].lanes]
             cycle = [lane for lane in on_edge if lane.kind is LaneKind.CYCLE]
-            lanes += cycle or driving_lanes(self._network, edge)[:1]
-        return lanes
+            lanes += cycle or ([] if edge in self._site.stretch else driving_lanes(self._network, edge)[:1])
+        return lanes or list(near)
 
     def _signal(self, groups: GroupPlan) -> SignalTiming | None:
         """When the signal of the EMV's movement, or at the end of its road, turns red, and whose green comes then."""

@@ -157,8 +157,8 @@ def _is_near(pose: Any, own_mps: float, other_mps: float, half_length_m: float, 
 def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: Any, square: float) -> tuple[Any, Any]:
     """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
 
-    Left out are vehicles that merge among themselves and those that lead while there is room, which SUMO handles, and
-    those from outside that come across the way of a driver who does not look.
+    Left out are vehicles that merge among themselves but for riders, and those that lead while there is room, which
+    SUMO handles, and those from outside that come across the way of a driver who does not look.
 
     ``state`` and ``drivers`` hold arrays over all vehicles, ``limits`` fields of ``CautionConfig``. ``square`` is 2: by
     a constant, speeds would be squared with another last bit than Python's.
@@ -184,8 +184,10 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
         row, other = pairs[p, 0], pairs[p, 1]
         met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
         leads, merges = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION
-        leads = leads or (merges and blocked < np.inf and (rides[row] or rides[other]))
-        if met == 0.0 or (not leads and ((blind[row] and not inside[other]) or (merges and inside[other]))):
+        ridden = rides[row] or rides[other]
+        leads = leads or (merges and blocked < np.inf and ridden)
+        sumos = merges and inside[other] and not ridden
+        if met == 0.0 or (not leads and ((blind[row] and not inside[other]) or sumos)):
             continue
         if leads:
             free = max(blocked - behind_m, 0.0)

@@ -67,6 +67,8 @@ _IN_QUEUE_M: Final = 80.0
 """As far ahead of it drivers in a queue hear it (``YieldingConfig.queue_m``)."""
 _STANDING_MPS: Final = 0.01
 """SUMO's persons need a speed."""
+_TURNS_MPS: Final = 0.1
+"""Slower people turn round in SUMO, for a step or two, where they are pushed back by a millimetre."""
 _END_M: Final = 1.0
 """Nobody enters or stops nearer than this to the end of a street."""
 
@@ -98,6 +100,8 @@ class _Table:
     """Who was told to stand."""
     held_m: Floats
     """Where they stood first, x and y, shape ``(2, N)``; NaN for the others."""
+    facing: Floats
+    """SUMO's yaw at the last step, NaN at first."""
 
     @classmethod
     def of(cls, ids: Mapping[str, int], walkers: Mapping[str, PlannedWalker], last: "_Table | None") -> "_Table":
@@ -108,13 +112,13 @@ class _Table:
             [(ids[name], walkers[name].notice_m, walkers[name].speed_mps) for name in names], np.float64
         ).reshape(-1, 3)
         ids_of, notice_m, speed_mps = columns[:, 0].astype(np.uint32), columns[:, 1], columns[:, 2]
-        nobody, nowhere = np.zeros(len(names), np.bool_), np.full((2, len(names)), np.nan)
-        table = cls(names, ids_of, notice_m, speed_mps, speed_mps.copy(), nobody, nowhere)
+        nobody, nowhere = np.zeros(len(names), np.bool_), np.full((3, len(names)), np.nan)
+        table = cls(names, ids_of, notice_m, speed_mps, speed_mps.copy(), nobody, nowhere[:2], nowhere[2])
         if last is not None:
             kept = [(row, before[name]) for row, name in enumerate(names) if name in before]
             now, then = np.array(kept, np.intp).reshape(-1, 2).T
             table.told_mps[now], table.stands[now] = last.told_mps[then], last.stands[then]
-            table.held_m[:, now] = last.held_m[:, then]
+            table.held_m[:, now], table.facing[now] = last.held_m[:, then], last.facing[then]
         return table
 
     def hold(self, poses: Floats) -> None:
@@ -231,7 +235,7 @@ class Walkers:
         values = np.array([(*place, angle, speed) for place, angle, speed, _ in found]).reshape(-1, 4)
         poses = mirrored.x_m, mirrored.y_m, mirrored.yaw_rad, mirrored.speed_mps
         ids = self._table.actor_id
-        sumo, simulated = _poses(values, self._offset_m, rows_of_ids(mirrored.actor_id, ids), poses)
+        sumo, simulated = _poses(values, self._offset_m, rows_of_ids(mirrored.actor_id, ids), poses, self._table.facing)
         self._crossing = np.array([_is_crossing(road) for *_, road in found], np.bool_)
         self._kerbs.keep_off(sumo, self._crossing)
         self._table.hold(sumo)
@@ -303,16 +307,19 @@ def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
 
 
 @compiled
-def _poses(values: Any, offset_m: Any, rows: Any, simulated: Any) -> tuple[Any, Any]:
+def _poses(values: Any, offset_m: Any, rows: Any, simulated: Any, facing: Any) -> tuple[Any, Any]:
     """Poses in the ``map`` frame of some people: SUMO's, and the simulated ones; shape ``(4, N)`` each.
 
     ``values`` are SUMO's x, y, angle and speed, ``rows`` the people's among the simulated actors: those who are new
-    have none, and SUMO's poses.
+    have none, and SUMO's poses. ``facing`` is SUMO's yaw at the step before, NaN at first; it is set.
     """
     sumo = np.empty((4, len(rows)))
     before = np.empty((4, len(rows)))
     for k in range(len(rows)):
         x, y, yaw = map_from_sumo(values[k, 0], values[k, 1], values[k, 2], _SPACE_M, offset_m)
+        if values[k, 3] < _TURNS_MPS and np.cos(yaw - facing[k]) < 0.0:
+            x, y, yaw = map_from_sumo(values[k, 0], values[k, 1], values[k, 2] + 180.0, _SPACE_M, offset_m)
+        facing[k] = yaw
         sumo[0, k], sumo[1, k], sumo[2, k], sumo[3, k] = x, y, yaw, values[k, 3]
         before[:, k] = sumo[:, k]
         if rows[k] >= 0:

@@ -440,6 +440,19 @@ def test_riders_change_nothing_else(network: RoadNetwork) -> None:
     assert everyone(with_riders(network)) == everyone(plain)
 
 
+def test_no_cyclist_starts_on_the_road_to_the_site(network: RoadNetwork) -> None:
+    _, site = s2(network)
+    edges = {
+        kind: {
+            network.lanes[rider.spot.lane].edge for rider in with_riders(network).riders if rider.actor_class is kind
+        }
+        for kind in (ActorClass.BICYCLE, ActorClass.MOTORCYCLE)
+    }
+    cycled = {lane.edge for lane in network.lanes if lane.kind is LaneKind.CYCLE}
+    assert not edges[ActorClass.BICYCLE] & set(site.stretch) - cycled
+    assert edges[ActorClass.BICYCLE]
+
+
 def test_there_are_riders_of_each_kind_with_enough_in_reserve(network: RoadNetwork) -> None:
     traffic = with_riders(network)
     assert traffic.riders_kept == {ActorClass.BICYCLE: 8, ActorClass.MOTORCYCLE: 3}
@@ -448,7 +461,7 @@ def test_there_are_riders_of_each_kind_with_enough_in_reserve(network: RoadNetwo
     assert len({rider.name for rider in traffic.riders}) == 121
     for rider in traffic.riders:
         stage = [area for area in traffic.stage if area.lane == rider.spot.lane]
-        assert not any(area.from_m <= rider.spot.front_m <= area.to_m for area in stage)
+        assert not any(area.from_m <= rider.spot.front_m for area in stage), "nor ahead of its vehicles"
         assert rider.driver.driving == load_drivers().classes[rider.actor_class]
 
 

@@ -217,6 +217,19 @@ def test_riders_and_others_follow_who_stands_at_an_angle_on_the_same_way(turn: f
     assert [caution.actor_id for caution in found] == ([1] if riders else [])
 
 
+@pytest.mark.parametrize("riders", [(), (1,), (2,)])
+def test_riders_and_others_give_way_where_they_merge(riders: tuple[int, ...]) -> None:
+    """The second one turns into the way of the first one, 12 m ahead, as SUMO lets it do: cars are SUMO's business."""
+    lines = ([[0.0, 0.0], [200.0, 0.0]], [[70.0, -30.0], [100.0, -6.0], [112.0, 0.0], [200.0, 0.0]])
+    roads = network(0.0)
+    lanes = tuple(replace(lane, centre=Polyline.through(line)) for lane, line in zip(roads.lanes, lines, strict=True))
+    roads = replace(roads, lanes=lanes)
+    inside = TrafficFlags.ON_JUNCTION
+    traffic = traffic_of([Car(0, 90.0, 8.0, flags=inside), Car(1, 30.0, 6.0, flags=inside)], roads)
+    found = seen(traffic, roads, (), (), riders)
+    assert bool(found) is bool(riders)
+
+
 @pytest.mark.parametrize(("kind", "apart_m"), [(ActorClass.SEDAN, 1.8), (ActorClass.BICYCLE, 2.2)])
 def test_riders_are_passed_and_pass_with_a_space(kind: ActorClass, apart_m: float) -> None:
     """Half widths of 0.9 m each, and 0.2 m on both of two riders."""

@@ -22,7 +22,7 @@ from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedWalker
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo import walkers as walkers_module
-from siren_ros.traffic.sumo.walkers import Walkers, _merged, _step_into, _Table
+from siren_ros.traffic.sumo.walkers import Walkers, _merged, _poses, _step_into, _Table
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates, Owner
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
@@ -203,6 +203,16 @@ def test_rows_are_merged_by_id() -> None:
     assert [merged.route_of_row(row).tolist() for row in range(3)] == [[7, 8], [], [9]]
     for name, kind in TRAFFIC_STATE_DTYPES.items():
         assert getattr(merged, name).dtype == kind, name
+
+
+@pytest.mark.parametrize(("speed_mps", "turned"), [(0.0, False), (0.2, True)])
+def test_nobody_turns_round_who_is_pushed_back_while_standing(speed_mps: float, turned: bool) -> None:
+    """SUMO's angle is reversed: 90 is east."""
+    walks, ids = np.array([[5.0, 2.0, 270.0, speed_mps]]), np.array([-1])
+    facing, nobody = np.zeros(1), tuple(np.empty(0) for _ in range(4))
+    sumo, _ = _poses(walks, (0.0, 0.0), ids, nobody, facing)
+    assert sumo[:, 0] == pytest.approx([5.5, 2.0, np.pi, speed_mps] if turned else [4.5, 2.0, 0.0, speed_mps])
+    assert facing == pytest.approx([np.pi if turned else 0.0])
 
 
 def test_people_of_the_last_state_are_known_with_their_crossings() -> None:

@@ -19,7 +19,7 @@ from siren_ros.pictures.palette import EMV_EVENTS, EMV_MODE_COLOURS, EVENT_STYLE
 from siren_ros.record.bag_survey import recording_command
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.sensors.scene.static_scene import static_scene
-from siren_ros.world.actors import Mode
+from siren_ros.world.actors import ActorClass, Mode
 from siren_ros.world.traffic_state import Event
 
 _PAGE: Final = "episode"
@@ -28,13 +28,16 @@ _FORMAT: Final = 1
 """Of the embedded data; the script refuses another one."""
 
 
-def episode_data(record: EpisodeRecord, decisions: Decisions = (), against: EpisodeRecord | None = None) -> bytes:
+def episode_data(
+    record: EpisodeRecord, decisions: Decisions = (), against: EpisodeRecord | None = None, *, live: bool = False
+) -> bytes:
     """What the page knows of an episode, compressed.
 
     Args:
         record: The episode.
         decisions: Why its actors drive as they do, where that is known (``decisions_of``).
         against: Another episode on the same map, to be compared with.
+        live: Whether the episode is under way: it has no verdict yet, and actors of any class may come.
 
     Raises:
         InputError: Another map; or a record without states, or with states that are no numbers or of unknown actors.
@@ -43,17 +46,18 @@ def episode_data(record: EpisodeRecord, decisions: Decisions = (), against: Epis
     file = ColumnFile()
     actors = add_motion(file, record)
     scene = static_scene(record.network, record.description.seed)
-    add_shapes(file, sorted({actor.actor_class for actor in record.actors.values()}))
+    add_shapes(file, ActorClass if live else sorted({actor.actor_class for actor in record.actors.values()}))
     head = {
         "format": _FORMAT,
         **_description(record),
         "actors": actors,
         "modes": _modes(),
-        "signals": _signals(record),
-        "events": _events(record),
+        "signals": signals_of(record),
+        "events": events_of(record),
         **add_static_scene(file, record, scene),
         **add_reasons(file, decisions),
         **(_other(file, record, against) if against else {}),
+        **({"verdict": None, "ended": "not yet"} if live else {}),
     }
     return file.packed(head)
 
@@ -64,13 +68,23 @@ def episode_page(record: EpisodeRecord, decisions: Decisions = (), against: Epis
     Its security policy allows this script and these styles alone, by their hashes. The data is base64, so nothing in it
     can end its element.
     """
-    style, script = page_part(_PAGE, "page.css"), page_part(_PAGE, "page.js")
     data = base64.b64encode(episode_data(record, decisions, against)).decode()
+    return _page(title_of(record), data, live=False)
+
+
+def live_page() -> str:
+    """The page of the episodes that run, without data: its script asks for the stream beside it."""
+    return _page("SIREN live", "", live=True)
+
+
+def _page(title: str, data: str, *, live: bool) -> str:
+    style, script = page_part(_PAGE, "page.css"), page_part(_PAGE, "page.js")
     return page_template(_PAGE, trim_blocks=True).render(
-        title=title_of(record),
+        title=title,
         style=style,
         script=script,
         data=data,
+        live=live,
         style_hash=_hash(style),
         script_hash=_hash(script),
     )
@@ -145,7 +159,7 @@ def _hex(colour: tuple[float, float, float, float]) -> str:
     return "#" + "".join(f"{round(255 * part):02x}" for part in colour[:3])
 
 
-def _signals(record: EpisodeRecord) -> dict[str, list[tuple[int, str]]]:
+def signals_of(record: EpisodeRecord) -> dict[str, list[tuple[int, str]]]:
     """By signal the frames at which its state changes, with the new state."""
     changes: dict[str, list[tuple[int, str]]] = {}
     frames = {state.step: frame for frame, state in enumerate(record.states)}
@@ -157,7 +171,7 @@ def _signals(record: EpisodeRecord) -> dict[str, list[tuple[int, str]]]:
     return changes
 
 
-def _events(record: EpisodeRecord) -> list[list[Any]]:
+def events_of(record: EpisodeRecord) -> list[list[Any]]:
     """Step, kind, actor, other actor, details, and the colour of its mark; no colour for what has no mark."""
     return [
         [event.step, event.kind.value, event.actor_id, event.other_id, _details(event), _mark(record, event)]

@@ -11,9 +11,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.episode_page.build import episode_data, events_of, signals_of
+from siren_ros.episode_page.build import FORMAT, episode_data, events_of
 from siren_ros.episode_page.columns import ColumnFile
 from siren_ros.episode_page.motion import add_motion
+from siren_ros.episode_page.parts import signals_of
 from siren_ros.interfaces import topics
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RecordBuilder
@@ -89,7 +90,12 @@ class LiveEpisode:
             return self._begin
         record, reached = self._part(place)
         file = ColumnFile()
-        head = {"actors": add_motion(file, record), "events": events_of(record), "signals": signals_of(record)}
+        head = {
+            "format": FORMAT,
+            "actors": add_motion(file, record),
+            "events": events_of(record),
+            "signals": signals_of(record),
+        }
         return file.packed({**head, **_end_of(record)}), reached
 
     def _part(self, place: Place) -> tuple[EpisodeRecord, Place]:

@@ -107,9 +107,7 @@ def test_a_browser_gets_the_beginning_and_then_what_is_new(feed: LiveFeed, serve
     assert frames(next(late)[1]) == [10]
 
 
-def test_a_slow_browser_gets_more_at_once_and_delays_nobody(
-    feed: LiveFeed, server: LiveServer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_slow_browser_gets_more_at_once_and_delays_nobody(feed: LiveFeed, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_server, "BATCH_S", 0.0)
     tell(feed, 0, 0)
     source = feed.events()
@@ -145,5 +143,3 @@ def test_waiting_readers_get_signs_of_life_and_the_end(feed: LiveFeed, monkeypat
     assert next(source) == ("", b"")
     feed.close()
     assert list(source) == []
-
-

@@ -165,6 +165,15 @@ export class Fleet {
     for (const each of this.all()) scene.add(each.mesh);
   }
 
+  /** Takes the actors out of the scene. */
+  dispose(): void {
+    for (const { mesh, geometry } of this.all()) {
+      mesh.removeFromParent();
+      mesh.dispose();
+      geometry.dispose();
+    }
+  }
+
   private *all(): Iterable<Instances> {
     yield* this.kinds.values();
     yield this.plain;

@@ -47,15 +47,17 @@ def episode_data(
     parts = add_parts(file, record, against)
     classes = {actor.actor_class for each in (record, *against) for actor in each.actors.values()}
     add_shapes(file, ActorClass if live else sorted(classes))
-    head = {
+    head: dict[str, Any] = {
         "format": FORMAT,
         **_description(record),
         **parts,
         "modes": _modes(),
         "events": events_of(record),
         **add_reasons(file, decisions),
-        **({"verdict": None, "ended": NOT_YET} if live else {}),
     }
+    if live:
+        facts = [fact for fact in head["facts"] if fact[0] != "duration"]
+        head |= {"verdict": None, "ended": NOT_YET, "facts": facts}
     return file.packed(head)
 
 

@@ -78,7 +78,7 @@ class LiveEpisode:
         return min(self._latest.values()) if ready else -1, topics.OUTCOME.name in self._heard
 
     def since(self, place: Place) -> tuple[bytes, Place]:
-        """What is new for a reader, and where it is then; from the default place on, all of the episode.
+        """What is new for a reader, and where it is then; from the default place on, all of the episode but its end.
 
         Call it where ``progress`` is beyond the place.
         """
@@ -86,7 +86,7 @@ class LiveEpisode:
             with self._beginning:
                 if self._begin is None:
                     record, reached = self._part(place)
-                    self._begin = episode_data(record, live=True), reached
+                    self._begin = episode_data(record, live=True), replace(reached, judged=False)
             return self._begin
         record, reached = self._part(place)
         file = ColumnFile()

@@ -104,6 +104,19 @@ def test_nothing_is_shown_before_map_and_description(messages: Messages) -> None
         assert episode.progress[0] == -1
 
 
+def test_the_end_of_a_whole_episode_is_told_by_itself(messages: Messages, record: EpisodeRecord) -> None:
+    episode = LiveEpisode()
+    for topic, _, message in messages:
+        episode.add(topic.name, message)
+    begin, place = episode.since(Place())
+    assert unpacked(begin)[0]["ended"] == "not yet"
+    assert not place.judged
+    end, place = episode.since(place)
+    assert unpacked(end)[0]["ended"] == record.outcome.end.value
+    assert place.judged
+    assert rows_of([end]) == []
+
+
 def late(messages: Messages, from_step: int) -> Messages:
     """What somebody hears who comes later: latched messages, and the steps from then on."""
     return [row for row in messages if row[0].latched or row[1] >= from_step]

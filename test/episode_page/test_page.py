@@ -86,6 +86,15 @@ def test_between_two_steps_vehicles_are_between_their_places(opened: OpenedPage,
         assert abs(found[actor_id]["x"] - (0.75 * before.x_m[row] + 0.25 * after.x_m[row])) < 0.01
 
 
+def test_wheels_have_rolled_the_way_and_steer_as_recorded(opened: OpenedPage, record: EpisodeRecord) -> None:
+    drawn = opened.page.evaluate("() => { episodePage.seek(5.0); return episodePage.drawn(); }")
+    rows = {row["id"]: row for row in drawn}
+    mine = record.rows_of(1)[:101]
+    way_m = np.hypot(np.diff(record.rows.x_m[mine]), np.diff(record.rows.y_m[mine])).sum()
+    assert rows[1]["rolled"] == pytest.approx(way_m, abs=0.05)
+    assert rows[1]["steer"] == pytest.approx(record.rows.steer_rad[mine[-1]], abs=0.003)
+
+
 def test_nothing_is_complained_of_or_asked_for(opened: OpenedPage) -> None:
     for camera in ("follow", "orbit", "above", "driver"):
         opened.page.click(f"#camera-{camera}")

@@ -18,7 +18,7 @@ import {
 } from "three";
 import type { Episode } from "./episode";
 import { geometryOf, tintedMaterial } from "./tinted";
-import type { Pose, Tracks } from "./tracks";
+import { newPose, type Pose, type Tracks } from "./tracks";
 
 const DETAILED_TRIANGLES = 90_000;
 const DETAILED_WITHIN_M = 300;
@@ -42,7 +42,7 @@ export class Instances {
   ) {
     const geometry = (this.geometry = new BufferGeometry().setIndex(shape.index));
     for (const [name, attribute] of Object.entries(shape.attributes)) geometry.setAttribute(name, attribute);
-    for (const [name, width] of [["paint", 3], ["lights", 1]] as const) {
+    for (const [name, width] of [["paint", 3], ["state", 3]] as const) {
       const attribute = new InstancedBufferAttribute(new Float32Array(width * capacity), width);
       geometry.setAttribute(name, attribute.setUsage(DynamicDrawUsage));
     }
@@ -53,12 +53,13 @@ export class Instances {
     this.triangles = (geometry.index?.count ?? 0) / 3;
   }
 
-  add(actor: number, matrix: Matrix4, paint: Color, lights: number): void {
+  /** `state` is what lamps, wheels and limbs need, or the kind of a mark. */
+  add(actor: number, matrix: Matrix4, paint: Color, state: number, steer = 0, rolled = 0): void {
     const at = this.mesh.count++;
     this.actors[at] = actor;
     this.mesh.setMatrixAt(at, matrix);
     this.geometry.getAttribute("paint").setXYZ(at, paint.r, paint.g, paint.b);
-    this.geometry.getAttribute("lights").setX(at, lights);
+    this.geometry.getAttribute("state").setXYZ(at, state, steer, rolled);
   }
 
   /** Hands the instances to the graphics card. */
@@ -66,7 +67,7 @@ export class Instances {
     this.mesh.visible = this.mesh.count > 0;
     this.mesh.instanceMatrix.needsUpdate = true;
     this.geometry.getAttribute("paint").needsUpdate = true;
-    this.geometry.getAttribute("lights").needsUpdate = true;
+    this.geometry.getAttribute("state").needsUpdate = true;
   }
 }
 
@@ -90,6 +91,7 @@ export function plainBody(): BufferGeometry {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(new Float32Array(places), 3));
   geometry.setAttribute("tint", new BufferAttribute(new Uint8Array(tint), 4, true));
+  geometry.setAttribute("hub", new BufferAttribute(new Float32Array((4 / 3) * places.length), 4));
   geometry.setIndex(index);
   return geometry;
 }
@@ -98,14 +100,14 @@ export function plainBody(): BufferGeometry {
 const MARK = {
   vertexShader: `
     attribute vec3 paint;
-    attribute float lights;
+    attribute vec3 state;
     varying vec2 vPlace;
     varying vec2 vHalf;
     varying vec4 vFrame;
     void main() {
       vHalf = vec2(length(instanceMatrix[0].xyz), length(instanceMatrix[1].xyz)) * 0.5;
       vPlace = position.xy * 2.0 * vHalf;
-      vFrame = vec4(paint, lights);
+      vFrame = vec4(paint, state.x);
       gl_Position = projectionMatrix * modelViewMatrix * instanceMatrix * vec4(position, 1.0);
     }`,
   fragmentShader: `
@@ -160,7 +162,7 @@ export class Fleet {
       new Color((actor.rgb >> 16) / 255, ((actor.rgb >> 8) & 255) / 255, (actor.rgb & 255) / 255));
     this.order = actors.map((_, index) => index);
     this.distances = new Float64Array(actors.length);
-    this.store = actors.map(() => ({ x: 0, y: 0, z: 0, yaw: 0, row: 0 }));
+    this.store = actors.map(newPose);
     this.poses = actors.map(() => undefined);
     for (const each of this.all()) scene.add(each.mesh);
   }
@@ -206,7 +208,7 @@ export class Fleet {
       const [length, width, height] = this.tracks.actors[index].size_m;
       const lights = this.tracks.lights[pose.row];
       this.turn(pose, length / shape.size.x, width / shape.size.y, height / shape.size.z, 0);
-      shape.add(index, this.matrix, this.paints[index], lights);
+      shape.add(index, this.matrix, this.paints[index], lights, pose.steer, pose.rolled);
       const colour = index === selected ? "#ffffff" : this.tracks.modeColour(index, pose.row);
       this.turn(pose, length + 4 * MARK_M, width + 4 * MARK_M, 1, 0.03);
       this.marks.add(index, this.matrix, FRAME.setStyle(colour ?? "#000000", ""), index === selected ? 2 : colour ? 1 : 0);
@@ -244,14 +246,16 @@ export class Fleet {
     return best;
   }
 
-  /** What was given to the graphics card: id, place and heading of every actor. */
-  drawn(): { id: number; x: number; y: number; z: number; yaw: number }[] {
-    const found: { id: number; x: number; y: number; z: number; yaw: number }[] = [];
+  /** What was given to the graphics card: id and pose of every actor. */
+  drawn() {
+    const found = [];
     for (const each of [...this.kinds.values(), this.plain]) {
       for (let i = 0; i < each.mesh.count; i++) {
         const m = each.mesh.instanceMatrix.array.subarray(16 * i, 16 * i + 16);
         const id = this.tracks.actors[each.actors[i]].id;
-        found.push({ id, x: m[12], y: m[13], z: m[14], yaw: Math.atan2(m[1], m[0]) });
+        const state = each.geometry.getAttribute("state");
+        const [steer, rolled] = [state.getY(i), state.getZ(i)];
+        found.push({ id, x: m[12], y: m[13], z: m[14], yaw: Math.atan2(m[1], m[0]), steer, rolled });
       }
     }
     return found;

@@ -4,7 +4,7 @@ import { Color, Matrix4, Vector3, type Scene } from "three";
 import { Instances, plainBody } from "./fleet";
 import type { Other } from "./other";
 import { tintedMaterial } from "./tinted";
-import type { Pose } from "./tracks";
+import { newPose, type Pose } from "./tracks";
 
 const APART_M = 0.5;
 const PAINTS = ["#8fd0ff", "#d3b4ff", "#ffd98a"];
@@ -13,7 +13,7 @@ export class Ghosts {
   shown = true;
   private readonly bodies: Instances;
   private readonly paint: Color;
-  private readonly pose: Pose = { x: 0, y: 0, z: 0, yaw: 0, row: 0 };
+  private readonly pose = newPose();
   private readonly matrix = new Matrix4();
 
   constructor(

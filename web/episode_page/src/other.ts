@@ -1,7 +1,7 @@
 /** Another episode on the same clock: which of its actors are those of this one, and how far they are apart. */
 
 import type { Episode, Part } from "./episode";
-import { Tracks, type Pose } from "./tracks";
+import { newPose, Tracks, type Pose } from "./tracks";
 
 const KMH = 3.6;
 /** Columns count millimetres. */
@@ -16,7 +16,7 @@ export class Other {
   readonly near: boolean;
   /** The frame and the actor with which the episodes first differ; undefined where they do not, or from the begin on. */
   readonly difference: { frame: number; index: number } | undefined;
-  private readonly pose: Pose = { x: 0, y: 0, z: 0, yaw: 0, row: 0 };
+  private readonly pose = newPose();
 
   constructor(
     private readonly episode: Episode,

@@ -7,6 +7,10 @@ export interface Pose {
   y: number;
   z: number;
   yaw: number;
+  /** Angle of the front wheels, left positive. */
+  steer: number;
+  /** Way that it has gone since it was first there. */
+  rolled: number;
   /** Row of the columns: the frame at or before the time. */
   row: number;
 }
@@ -18,6 +22,10 @@ export const INDICATOR_LEFT = 2;
 export const INDICATOR_RIGHT = 4;
 export const BEACON = 8;
 export const SIREN = 16;
+
+export function newPose(): Pose {
+  return { x: 0, y: 0, z: 0, yaw: 0, steer: 0, rolled: 0, row: 0 };
+}
 
 /** Columns may have room for more rows than there are. */
 export class Tracks {
@@ -36,6 +44,8 @@ export class Tracks {
   y: Float64Array = new Float64Array();
   private z: Float64Array = new Float64Array();
   private yaw: Float64Array = new Float64Array();
+  private steer: Float64Array = new Float64Array();
+  private rolled: Float64Array = new Float64Array();
   private count = 0;
   /** Of each actor, from its first frame on: its row, -1 where it is not there. */
   private readonly rows: number[][] = [];
@@ -62,6 +72,7 @@ export class Tracks {
     this.y = extended(this.y, this.count, column("y_m"));
     this.z = extended(this.z, this.count, column("z_m"));
     this.yaw = extended(this.yaw, this.count, column("yaw_rad"));
+    this.steer = extended(this.steer, this.count, column("steer_rad"));
     this.speed = extended(this.speed, this.count, column("speed_mps"));
     this.accel = extended(this.accel, this.count, column("accel_mps2"));
     this.residual = extended(this.residual, this.count, column("residual_m"));
@@ -70,6 +81,7 @@ export class Tracks {
     this.owner = extended(this.owner, this.count, more.counts(`${prefix}motion.owner`));
     this.lights = extended(this.lights, this.count, more.counts(`${prefix}motion.lights`));
     this.mode = extended(this.mode, this.count, more.counts(`${prefix}motion.mode`));
+    this.rolled = extended(this.rolled, this.count, new Float64Array(more.counts(`${prefix}motion.mode`).length));
     for (const actor of actors) this.admit(actor, begin + actor.first);
     this.emvs = this.part.emvs.map((id) => this.indexOf(id)).filter((index) => index >= 0);
   }
@@ -84,8 +96,18 @@ export class Tracks {
     }
     const [known, rows] = [this.actors[index], this.rows[index]];
     while (known.first + rows.length < first) rows.push(-1);
-    for (let frame = 0; frame < actor.frames; frame++) rows.push(this.count++);
+    let before = rows.at(-1) ?? -1;
+    for (let frame = 0; frame < actor.frames; frame++) {
+      const row = this.count++;
+      if (before >= 0) this.roll(before, row);
+      rows.push((before = row));
+    }
     known.frames = rows.length;
+  }
+
+  private roll(before: number, row: number): void {
+    const [dx, dy, yaw] = [this.x[row] - this.x[before], this.y[row] - this.y[before], this.yaw[row]];
+    this.rolled[row] = this.rolled[before] + Math.cos(yaw) * dx + Math.sin(yaw) * dy;
   }
 
   get end(): number {
@@ -140,6 +162,8 @@ export class Tracks {
     pose.x = this.x[row] + share * (this.x[after] - this.x[row]);
     pose.y = this.y[row] + share * (this.y[after] - this.y[row]);
     pose.z = this.z[row] + share * (this.z[after] - this.z[row]);
+    pose.steer = this.steer[row] + share * (this.steer[after] - this.steer[row]);
+    pose.rolled = this.rolled[row] + share * (this.rolled[after] - this.rolled[row]);
     const turn = this.yaw[after] - this.yaw[row];
     pose.yaw = this.yaw[row] + share * Math.atan2(Math.sin(turn), Math.cos(turn));
     return true;

@@ -41,7 +41,8 @@ class Live {
 
   /** Shows from the begin what the server has now, with the same camera. */
   private anew(): void {
-    location.hash = this.page ? `#c=${this.page.moment.camera}` : "";
+    this.page?.play(false); // a page that plays would still write its moment into the address, and so stay
+    if (this.page) history.replaceState(null, "", `#c=${this.page.moment.camera}`);
     location.reload();
   }
 

@@ -35,7 +35,7 @@ class Live {
   /** Another episode has begun: who stayed with the end goes on to it. */
   replace(): void {
     this.replaced = true;
-    if (!this.page || this.page.atEnd) this.anew();
+    if (!this.page || this.page.following || this.page.atEnd) this.anew();
     this.tell("ended");
   }
 

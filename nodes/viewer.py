@@ -1,9 +1,10 @@
 """``viewer``: shows a running episode in the browser; also ``siren view --live``."""
 
+import os
 import sys
 import webbrowser
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 from rclpy.node import Node
 
@@ -18,6 +19,10 @@ from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input
 
 
+LESS_URGENT: Final = 10
+"""Added to the process's nice value: where processors are short, the episode goes first."""
+
+
 class Viewer(Node):
     """Hears an episode and serves its page; it publishes nothing, and no participant waits for it."""
 
@@ -28,6 +33,7 @@ class Viewer(Node):
             InputError: A parameter, or a port that is taken.
         """
         super().__init__(name, **node_options)
+        os.nice(LESS_URGENT)
         config = declare_config(self, ViewerConfig)
         self.finished = False
         self._feed = LiveFeed()

@@ -5,7 +5,7 @@ import hashlib
 from collections.abc import Sequence
 from typing import Any, Final
 
-from siren_ros.episode_page.columns import ColumnFile
+from siren_ros.episode_page.columns import QUICK, SMALL, ColumnFile
 from siren_ros.episode_page.parts import add_parts, title_of
 from siren_ros.episode_page.reasons import Decisions, add_reasons
 from siren_ros.episode_page.shapes import add_shapes
@@ -58,7 +58,7 @@ def episode_data(
     if live:
         facts = [fact for fact in head["facts"] if fact[0] != "duration"]
         head |= {"verdict": None, "ended": NOT_YET, "facts": facts}
-    return file.packed(head)
+    return file.packed(head, QUICK if live else SMALL)
 
 
 def episode_page(record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = ()) -> str:

@@ -13,7 +13,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-_LEVEL: Final = 9
+SMALL: Final = 9
+QUICK: Final = 1
+"""Levels of zlib: the former takes seconds for a town."""
 
 
 class ColumnFile:
@@ -35,7 +37,7 @@ class ColumnFile:
         self._entries.append({"name": name, "length": len(numbers), "unit": unit, "order": order})
         self._bytes.append(numbers.astype("<u4").view(np.uint8).reshape(-1, 4).T.tobytes())
 
-    def packed(self, head: Mapping[str, Any]) -> bytes:
+    def packed(self, head: Mapping[str, Any], level: int = SMALL) -> bytes:
         """The whole file; ``head`` is of JSON types, and the list of columns is added to it."""
         text = json.dumps({**head, "columns": self._entries}, allow_nan=False, separators=(",", ":")).encode()
-        return zlib.compress(b"".join((len(text).to_bytes(4, "little"), text, *self._bytes)), _LEVEL)
+        return zlib.compress(b"".join((len(text).to_bytes(4, "little"), text, *self._bytes)), level)

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.episode_page.build import FORMAT, episode_data, events_of
-from siren_ros.episode_page.columns import ColumnFile
+from siren_ros.episode_page.columns import QUICK, ColumnFile
 from siren_ros.episode_page.motion import add_motion
 from siren_ros.episode_page.parts import signals_of
 from siren_ros.interfaces import topics
@@ -96,7 +96,7 @@ class LiveEpisode:
             "events": events_of(record),
             "signals": signals_of(record),
         }
-        return file.packed({**head, **_end_of(record)}), reached
+        return file.packed({**head, **_end_of(record)}, QUICK), reached
 
     def _part(self, place: Place) -> tuple[EpisodeRecord, Place]:
         """The record of what is new."""

@@ -18,7 +18,6 @@ from siren_ros.ros.programs.program import run_program
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input
 
-
 LESS_URGENT: Final = 10
 """Added to the process's nice value: where processors are short, the episode goes first."""
 

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,6 +28,9 @@ _VIEWER: Final = (sys.executable, "-m", "siren_nodes.viewer", "--ros-args", "-p"
 _DOMAIN: Final = "79"
 """Where the user names none: both programs need the same."""
 _SHORT: Final = "duration_s:=0.05"
+_BEGIN_BYTES: Final = 100_000
+"""The client has the scene. A short episode has ended before."""
+_PATIENCE_S: Final = 60.0
 
 
 @contextmanager
@@ -49,6 +53,9 @@ def run_once(parameters: Sequence[str], folder: Path, *, viewed: bool) -> tuple[
         return figures["real_time_factor"], figures["processor_s"], 0
     with reading_viewer() as read:
         figures, _ = measure("none", parameters, folder)
+        until_s = time.monotonic() + _PATIENCE_S
+        while sum(read) < _BEGIN_BYTES and time.monotonic() < until_s:
+            time.sleep(0.1)
     return figures["real_time_factor"], figures["processor_s"], sum(read)
 
 

@@ -97,7 +97,7 @@ def _add_mesh(
     rows: npt.NDArray[np.intp],
     surface: npt.NDArray[np.intp] | None = None,
 ) -> npt.NDArray[np.intp]:
-    """Adds some triangles, at each vertex with a colour and, where it is given, a surface; those vertices in the mesh."""
+    """Adds some triangles, at each vertex with a colour and, where given, a surface; the mesh's vertices."""
     corners, colour = mesh.triangles[rows], _packed_rgb(mesh.colour_rgb[rows])
     code = colour if surface is None else colour + (surface[rows] << 24)
     vertex, code, triangles = _split_by_code(corners, code)

@@ -12,18 +12,18 @@ from browser_pages import OpenedPage, PageBrowser
 from episode_page.looked_at import moment, pictures, until
 from episode_page.made_decisions import NO_GAP, decision
 
+from siren_ros.behaviour.driving.free_space import SpeedLimit
 from siren_ros.episode_page.build import episode_page, title_of
 from siren_ros.episode_page.nearest import nearest_of_emvs
 from siren_ros.errors import InputError
-from siren_ros.generation.decisions import Limit
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 
 RecordOf = Callable[..., EpisodeRecord]
 HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"><b>"
 WHY = [
-    (100, {2: decision(5.0, (Limit("path", 9.0, 0.0, 0), Limit("leader", 5.0, 0.0, 3)), (NO_GAP,))}),
-    (101, {2: decision(5.0, (Limit("leader", 5.0, 0.0, 1),))}),
+    (100, {2: decision(5.0, (NO_GAP,), path=SpeedLimit(9.0), leader=SpeedLimit(5.0, blocker_id=3))}),
+    (101, {2: decision(5.0, leader=SpeedLimit(5.0, blocker_id=1))}),
 ]
 
 

@@ -24,13 +24,15 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.traffic.config import CautionConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle
-from siren_ros.world.actors import Owner, rows_of_ids
+from siren_ros.world.actors import TWO_WHEELED, Owner, rows_of_ids
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 
 # No parameters: SUMO's codes.
 _HARD_BRAKE_MODE: Final = 27
 """SUMO's speed mode 31 without its limit of deceleration (https://sumo.dlr.de/docs/TraCI: speed mode)."""
 _FREE_MODE: Final = 31
+_SPACE_M: Final = 0.2
+"""Kept free on both sides of riders: in bends SUMO's lanes are not as far from each other as it takes them to be."""
 _BY_SUMO: Final = int(Owner.SUMO)
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 
@@ -50,19 +52,21 @@ def cautions(
     config: CautionConfig,
     waiting: Collection[int] = (),
     inattentive: Collection[int] = (),
+    riders: Collection[int] = (),
 ) -> tuple[Caution, ...]:
     """The waits of SUMO's drivers.
 
     They wait for vehicles that are driven from outside, and, where their bodies would touch, for each other on
     junctions: SUMO's waiting places there reach into the ways of others. Into bodies ahead they do not drive anywhere:
-    SUMO knows of no corner that reaches into the next lane. Actors who waited at the step before (``waiting``) would go
+    SUMO knows of no corner that reaches into the next lane. Of ``riders`` and others, who stands out of a bend leads as
+    well: SUMO's lanes are parallel. Actors who waited at the step before (``waiting``) would go
     on if they need not; ``inattentive`` ones do not see vehicles from outside that come across their way.
 
     Returns:
         The strictest wait of each, sorted by actor.
     """
     ids = traffic.actor_id
-    drivers = outlook.half_length_m, _flags(ids, waiting), _flags(ids, inattentive)
+    drivers = outlook.half_length_m, _flags(ids, waiting), _flags(ids, inattentive), _flags(ids, riders)
     speeds = traffic.speed_mps, traffic.sumo_speed_mps, traffic.sumo_accel_mps2
     state = traffic.owner, traffic.flags, (traffic.x_m, traffic.y_m, traffic.yaw_rad), speeds
     near = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
@@ -160,7 +164,7 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
     a constant, speeds would be squared with another last bit than Python's.
     """
     owner, flags, (x_m, y_m, yaw_rad), (simulated_mps, sumo_mps, accel_mps2) = state
-    half_length_m, held, blind = drivers
+    half_length_m, held, blind, rides = drivers
     near, (behind_m, firm_mps2, gentle_mps2), (margin_m, accelerating_mps2, slowing_mps2), margins = limits
     n = len(owner)
     inside, counts, speed_mps, accel = np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n), np.empty(n)
@@ -180,6 +184,7 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
         row, other = pairs[p, 0], pairs[p, 1]
         met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
         leads, merges = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION
+        leads = leads or (merges and blocked < np.inf and (rides[row] or rides[other]))
         if met == 0.0 or (not leads and ((blind[row] and not inside[other]) or (merges and inside[other]))):
             continue
         if leads:
@@ -216,7 +221,7 @@ class CautiousDrivers:
         self._book, self._crossings = CourseBook(network), outlines_of(network)
         self._config = config
         self._slowed: dict[str, int] = {}
-        self._drivers: tuple[Ids, Floats, Floats, list[int]] | None = None
+        self._drivers: tuple[Ids, Floats, Floats, list[int], list[int]] | None = None
 
     def apply(
         self, traffic: TrafficState | None, vehicles: Mapping[int, PlannedVehicle], people: Floats = NOBODY
@@ -240,24 +245,25 @@ class CautiousDrivers:
 
     def _drivers_of(
         self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]
-    ) -> tuple[Ids, Floats, Floats, list[int]]:
-        """Actors, half lengths, half widths and who is inattentive; those of the call before for the same actors."""
+    ) -> tuple[Ids, Floats, Floats, list[int], list[int]]:
+        """Actors, half lengths, half widths, who is inattentive, and riders; as before for the same actors."""
         if self._drivers is None or self._drivers[0] is not actor_id:
             known = [vehicles[actor] for actor in actor_id.tolist()]
             half_length_m = np.array([0.5 * vehicle.length_m for vehicle in known])
-            half_width_m = np.array([0.5 * vehicle.width_m for vehicle in known])
+            ridden = np.array([vehicle.actor_class in TWO_WHEELED for vehicle in known], np.bool_)
+            half_width_m = np.array([0.5 * vehicle.width_m for vehicle in known]) + np.where(ridden, _SPACE_M, 0.0)
             inattentive = [actor for actor in actor_id.tolist() if not vehicles[actor].attentive]
-            self._drivers = actor_id, half_length_m, half_width_m, inattentive
+            self._drivers = actor_id, half_length_m, half_width_m, inattentive, actor_id[ridden].tolist()
         return self._drivers
 
     def _speeds(
         self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle], people: Floats = NOBODY
     ) -> dict[str, tuple[int, float]]:
         """Actor and speed by the vehicle's name."""
-        _, half_length_m, half_width_m, inattentive = self._drivers_of(traffic.actor_id, vehicles)
+        _, half_length_m, half_width_m, inattentive, riders = self._drivers_of(traffic.actor_id, vehicles)
         outlook = Outlook(traffic, self._book, half_length_m, half_width_m)
         speeds: dict[str, tuple[int, float]] = {}
-        found = cautions(traffic, outlook, self._config, self._slowed.values(), inattentive)
+        found = cautions(traffic, outlook, self._config, self._slowed.values(), inattentive, riders)
         if people.shape[1]:
             found = *found, *self._for_people(traffic, outlook, people)
         for caution in found:

@@ -9,6 +9,7 @@ import {
   type WebGLProgramParametersWithUniforms,
 } from "three";
 import type { Episode } from "./episode";
+import { PLACED } from "./instances";
 
 const made = new Map<string, BufferGeometry>();
 
@@ -50,8 +51,7 @@ varying vec3 vTint;
 varying vec3 vGlow;
 varying float vHeight;
 #ifdef INSTANCES
-attribute vec3 paint;
-attribute vec3 state;
+${PLACED}
 attribute vec4 hub;
 uniform float indicator;
 uniform float beacon;
@@ -62,8 +62,8 @@ void main() {
   vHeight = position.z;
   #ifdef INSTANCES
   int surface = int(tint.a * 255.0 + 0.5);
-  int lit = int(state.x + 0.5);
-  if (surface == 1) vTint *= pow(paint, vec3(2.2));
+  int lit = int(scale.w + 0.5);
+  if (surface == 1) vTint *= pow(paint.rgb, vec3(2.2));
   if (surface == 2 && (lit & 1) != 0) vGlow = vec3(2.2, 0.05, 0.05);
   if (surface == 3 && (lit & 2) != 0) vGlow = vec3(2.0, 0.8, 0.05) * indicator;
   if (surface == 4 && (lit & 4) != 0) vGlow = vec3(2.0, 0.8, 0.05) * indicator;
@@ -76,17 +76,18 @@ const VERTEX_PLACE = `
 vec3 transformed = position;
 #ifdef INSTANCES
 if (hub.w > 0.5) {
-  float roll = state.z / hub.z;
+  float roll = rolled / hub.z;
   if (hub.w > 2.5) {
     vec2 swing = hub.w > 4.5 ? vec2(-0.3, 4.2) : hub.w > 3.5 ? vec2(0.24, 1.26) : vec2(0.42, 4.2);
-    roll = sign(hub.y) * swing.x * sin(state.z * swing.y);
+    roll = sign(hub.y) * swing.x * sin(rolled * swing.y);
   }
   vec3 arm = position - hub.xyz;
   arm.xz = mat2(cos(roll), -sin(roll), sin(roll), cos(roll)) * arm.xz;
-  float steer = hub.w > 1.5 && hub.w < 2.5 ? state.y : 0.0;
+  float steer = hub.w > 1.5 && hub.w < 2.5 ? paint.w : 0.0;
   arm.xy = mat2(cos(steer), sin(steer), -sin(steer), cos(steer)) * arm.xy;
   transformed = hub.xyz + arm;
 }
+transformed = placed(transformed);
 #endif`;
 
 /** What stands higher than the road between the camera and this place, in the camera's frame, is cut away; at the origin, nothing is. */

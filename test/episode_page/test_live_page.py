@@ -144,7 +144,7 @@ def test_the_next_episode_is_shown_or_offered(running: Running, looks_back: bool
     running.go_on(0, STEPS)
     running.until("window.episodePage && episodePage.atEnd")
     if looks_back:
-        running.page.page.evaluate("episodePage.seek(0.5)")
+        running.page.page.evaluate("() => { episodePage.play(false); episodePage.seek(0.5); }")
     running.go_on(0, 10, seed=1)
     if looks_back:
         running.until("document.getElementById('live').textContent === 'Next episode'")

@@ -1,10 +1,10 @@
 """How much a viewer slows a running episode: ``python -m siren_ros.benchmarks.live_view``.
 
 It runs template S2 without sensors in turns alone and with ``siren view --live``, from which a client reads everything
-and draws nothing. It prints the real-time factor from the first step to the last and the processor time of the episode's
-program. At the end come the median of the rounds' ratios of wall time, and the ratio of the least processor times of the
-steps, because what else a machine does only adds to them. The steps' time is that of the program without what it needs to
-start, which runs of one step tell.
+and draws nothing. It prints the real-time factor from the first step to the last and the processor time of the
+episode's program. At the end come the median of the rounds' ratios of wall time, and the ratio of the least processor
+times of the steps, because what else a machine does only adds to them. The steps' time is that of the program without
+what it needs to start, which runs of one step tell.
 """
 
 import argparse

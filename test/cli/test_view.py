@@ -9,6 +9,8 @@ from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import pytest
+from datasets.made_bag import write_made_bag
+from rosbags.typesys.store import Typestore
 
 from siren_ros.cli.main import main
 
@@ -104,3 +106,16 @@ def test_live_becomes_the_viewer(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_bag_or_live_but_not_both(options: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", *options]) == 2
     assert named in capsys.readouterr().err
+
+
+def test_sensors_are_a_choice_and_the_command_says_what_is_there(
+    typestore: Typestore, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, page = write_made_bag(tmp_path / "bag", typestore), str(tmp_path / "page.html")
+    assert main(["export", "html", str(bag), "--out", page, "--sensors", "lidar"]) == 0
+    assert "siren export: lidar: a sweep every 0.2 s" in capsys.readouterr().err
+    assert main(["export", "html", str(bag), "--out", page, "--sensors", "lidar", "--at-most-mb", "0"]) == 0
+    assert "siren export: lidar: left out: more than 0 MB" in capsys.readouterr().err
+    assert main(["export", "html", str(bag), "--out", page, "--sensors", "sonar"]) == 2
+    assert "of those of the bag: lidar, camera_front, camera_rear" in capsys.readouterr().err
+    assert main(["export", "html", str(bag), "--out", page, "--at-most-mb", "-1"]) == 2

@@ -1,6 +1,6 @@
 /** Where actors are at any time: between two frames on the straight line, with the shorter turn. */
 
-import type { Actor, Episode, Part } from "./episode";
+import { NOT_YET, type Actor, type Episode, type Part } from "./episode";
 
 export interface Pose {
   x: number;
@@ -37,6 +37,8 @@ export class Tracks {
   /** Of EMVs: least time to collision and least gap to another actor; no number where there is none. */
   ttc: Float64Array = new Float64Array();
   gap: Float64Array = new Float64Array();
+  /** Of EMVs: the time lost against free flow since the begin; no number while an episode runs. */
+  delay: Float64Array = new Float64Array();
   owner: Int32Array = new Int32Array();
   lights: Int32Array = new Int32Array();
   mode: Int32Array = new Int32Array();
@@ -78,6 +80,8 @@ export class Tracks {
     this.residual = extended(this.residual, this.count, column("residual_m"));
     this.ttc = extended(this.ttc, this.count, column("ttc_s").map(orNone));
     this.gap = extended(this.gap, this.count, column("gap_m").map(orNone));
+    const delay = column("delay_s").map(this.episode.head.ended === NOT_YET ? () => NaN : orNone);
+    this.delay = extended(this.delay, this.count, delay);
     this.owner = extended(this.owner, this.count, more.counts(`${prefix}motion.owner`));
     this.lights = extended(this.lights, this.count, more.counts(`${prefix}motion.lights`));
     this.mode = extended(this.mode, this.count, more.counts(`${prefix}motion.mode`));

@@ -21,6 +21,7 @@ NODES = [
     "kitti_exporter",
     "detector",
     "player",
+    "viewer",
 ]
 
 INTERFACES = {"siren_msgs": "msg_defs/msg", "vision_msgs": "tools/environment/interfaces/vision_msgs/msg"}

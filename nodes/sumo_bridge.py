@@ -1,6 +1,7 @@
 """``sumo_bridge``: makes the episode, runs SUMO, and mirrors the vehicles that ROS drives into it."""
 
 import sys
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,6 +19,7 @@ from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.traffic.demand.demand import av_way
 from siren_ros.traffic.observation import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
+from siren_ros.world.actors import ActorDescription
 
 
 class SumoBridge(Participant[SumoBridgeConfig]):
@@ -25,7 +27,7 @@ class SumoBridge(Participant[SumoBridgeConfig]):
 
     config_type = SumoBridgeConfig
     inputs = (Input(topics.CLOCK), Input(topics.ACTORS, lag_steps=1))
-    outputs = (topics.EPISODE, topics.MAP, topics.TRAFFIC)
+    outputs = (topics.EPISODE, topics.MAP, topics.TRAFFIC, topics.ROSTER)
     needs_episode = False
 
     def __init__(self, name: str, **node_options: Any) -> None:
@@ -34,6 +36,7 @@ class SumoBridge(Participant[SumoBridgeConfig]):
         self._simulation = SumoSimulation(
             setup.compiled_map, setup.network, setup.plan, setup.level, seed=setup.description.seed
         )
+        self._roster: tuple[ActorDescription, ...] = ()
         map_xml = setup.compiled_map.read_bytes().decode()
         self.send(topics.EPISODE, to_episode_description(setup.description))
         self.send(topics.MAP, make_message(topics.MAP.type_name, data=map_xml))
@@ -50,6 +53,9 @@ class SumoBridge(Participant[SumoBridgeConfig]):
         traffic = self._simulation.step(step, states)
         check_no_teleport(traffic)
         self.send_content(topics.TRAFFIC, step, traffic, to_traffic_state)
+        if traffic.spawned:
+            self._roster += traffic.spawned
+            self.send(topics.ROSTER, to_traffic_state(replace(traffic, spawned=self._roster)))
 
     def close(self, closing: EpisodeClosing) -> None:  # noqa: ARG002 - the interface of all nodes
         """End SUMO."""

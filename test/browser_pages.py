@@ -66,6 +66,18 @@ class PageBrowser:
         yield opened
         page.close()
 
+    @contextmanager
+    def served(self, address: str) -> Iterator[OpenedPage]:
+        """The page at an address of this machine, whose requests are kept, in a browser that has a network."""
+        browser = self._context.browser
+        assert browser is not None
+        context = browser.new_context(viewport={"width": 1280, "height": 900})
+        page = context.new_page()
+        opened = OpenedPage(page)
+        page.goto(address, wait_until="load")
+        yield opened
+        context.close()
+
 
 @contextmanager
 def running_browser() -> Iterator[PageBrowser]:

@@ -1,9 +1,11 @@
 """``siren view`` and ``siren export html``: an episode as one page that any browser shows without a network."""
 
 import argparse
+import os
 import sys
 import tempfile
 import webbrowser
+from importlib.util import find_spec
 from pathlib import Path
 
 from siren_ros.cli.options import check_numbers, names_in
@@ -16,9 +18,12 @@ def add_view(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
         "Opens an episode in the browser: the scene in 3-D, a timeline with its events, and what each vehicle does. "
-        "The page is a file in the folder for temporary files; siren export html keeps it."
+        "The page is a file in the folder for temporary files; siren export html keeps it. With --live, it follows the "
+        "episodes that run in the DDS domain, from the present moment on, until Ctrl-C."
     )
-    _add_bags(verb)
+    _add_bags(verb, nargs="?")
+    verb.add_argument("--live", action="store_true", help="follow running episodes; no BAG")
+    verb.add_argument("--port", type=int, metavar="N", help="with --live: port on this machine (default: a free one)")
     verb.add_argument("--time", type=float, metavar="S", help="simulated time (default: where the interaction begins)")
     verb.add_argument("--actor", type=int, metavar="ID", help="vehicle to follow (default: the first EMV)")
     verb.add_argument("--no-browser", action="store_true", help="only print the address of the page")
@@ -26,7 +31,11 @@ def add_view(verb: argparse.ArgumentParser) -> None:
 
 
 def view(arguments: argparse.Namespace) -> int:
-    """Writes the page and opens it."""
+    """Writes the page and opens it, or becomes the viewer of running episodes."""
+    if arguments.live:
+        return _follow(arguments)
+    if arguments.bag is None:
+        raise InputError("bag", "", "a folder of a recorded episode, or --live")
     content = _page_of(arguments)
     path = Path(tempfile.mkdtemp(prefix="siren_view_")) / "episode.html"
     write_text(path, content)
@@ -39,8 +48,20 @@ def view(arguments: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def _add_bags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
+def _follow(arguments: argparse.Namespace) -> int:
+    for name in ("bag", "against", "sensors", "time", "actor"):
+        if given := getattr(arguments, name):
+            raise InputError(name, str(given), "nothing with --live")
+    if find_spec("rclpy") is None:
+        raise InputError("live", True, "a ROS 2 environment; a recorded episode needs none")
+    values = {"browser": str(not arguments.no_browser).lower(), "port": arguments.port or 0}
+    flags = [part for name, value in values.items() for part in ("-p", f"{name}:={value}")]
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, "-m", "siren_nodes.viewer", "--ros-args", *flags])  # noqa: S606 - our own
+
+
+def _add_bags(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
+    parser.add_argument("bag", type=Path, nargs=nargs, metavar="BAG", help="folder of a recorded episode")
     parser.add_argument(
         "--against",
         type=Path,

@@ -5,7 +5,7 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from siren_ros.episode_page.columns import QUICK, SMALL, ColumnFile
+from siren_ros.episode_page.columns import MEDIUM, QUICK, SMALL, ColumnFile
 from siren_ros.episode_page.parts import add_parts, title_of
 from siren_ros.episode_page.reasons import Decisions, add_reasons
 from siren_ros.episode_page.sensed import NOTHING, Sensed, add_sensed
@@ -20,20 +20,27 @@ from siren_ros.pictures.birdseye import interaction_steps
 from siren_ros.pictures.palette import EMV_EVENTS, EMV_MODE_COLOURS, EVENT_STYLES, STATE_NAMES
 from siren_ros.record.bag_survey import recording_command
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import NO_ACTOR, Mode
+from siren_ros.world.actors import NO_ACTOR, ActorClass, Mode
 from siren_ros.world.traffic_state import Event, EventKind
 
 _PAGE: Final = "episode"
 _UNITS: Final = {"m": "m", "s": "s", "mps": "m/s"}
-_FORMAT: Final = 2
+FORMAT: Final = 2
 """Of the embedded data; the script refuses another one."""
+NOT_YET: Final = "not yet"
+"""How an episode has ended that is under way."""
 _MARKS: Final = {kind: colour for kind, (_, colour, _) in EVENT_STYLES.items()} | {EventKind.YIELD_RELEASED: "#7d8894"}
 _JUDGED: Final = {True: "#b7791f", False: "#d40000"}
 """Colours of the predicate's moments, by whether its part holds."""
 
 
 def episode_data(
-    record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = (), sensed: Sensed = NOTHING
+    record: EpisodeRecord,
+    decisions: Decisions = (),
+    against: Sequence[EpisodeRecord] = (),
+    sensed: Sensed = NOTHING,
+    *,
+    live: bool = False,
 ) -> bytes:
     """What the page knows of an episode, compressed.
 
@@ -42,25 +49,30 @@ def episode_data(
         decisions: Why its actors drive as they do, where that is known (``decisions_of``).
         against: Other episodes that it is compared with.
         sensed: What its sensors measured.
+        live: Whether the episode is under way: it has no verdict yet, and actors of any class may come.
 
     Raises:
         InputError: Too many others, or a record without states or with states that are no numbers or of unknown actors.
     """
     file = ColumnFile()
-    verdict = _verdict_of(record)
+    verdict = None if live else _verdict_of(record)
     parts = add_parts(file, record, against)
-    add_shapes(file, sorted({actor.actor_class for each in (record, *against) for actor in each.actors.values()}))
-    head = {
-        "format": _FORMAT,
+    classes = {actor.actor_class for each in (record, *against) for actor in each.actors.values()}
+    add_shapes(file, ActorClass if live else sorted(classes))
+    head: dict[str, Any] = {
+        "format": FORMAT,
         **_description(record, sensed),
         "verdict": _told(verdict) if verdict else None,
         **parts,
         "modes": _modes(),
-        "events": _events(record, verdict),
+        "events": events_of(record, verdict),
         **add_reasons(file, decisions),
         **add_sensed(file, sensed),
     }
-    return file.packed(head, QUICK if sensed.sweeps else SMALL)
+    if live:
+        facts = [fact for fact in head["facts"] if fact[0] != "duration"]
+        head |= {"ended": NOT_YET, "facts": facts}
+    return file.packed(head, QUICK if live else MEDIUM if sensed.sweeps else SMALL)
 
 
 def episode_page(
@@ -71,13 +83,23 @@ def episode_page(
     Its security policy allows this script and these styles alone, by their hashes. The data is base64, so nothing in it
     can end its element.
     """
-    style, script = page_part(_PAGE, "page.css"), page_part(_PAGE, "page.js")
     data = base64.b64encode(episode_data(record, decisions, against, sensed)).decode()
+    return _page(title_of(record), data, live=False)
+
+
+def live_page() -> str:
+    """The page of the episodes that run, without data: its script asks for the stream beside it."""
+    return _page("SIREN live", "", live=True)
+
+
+def _page(title: str, data: str, *, live: bool) -> str:
+    style, script = page_part(_PAGE, "page.css"), page_part(_PAGE, "page.js")
     return page_template(_PAGE, trim_blocks=True).render(
-        title=title_of(record),
+        title=title,
         style=style,
         script=script,
         data=data,
+        live=live,
         style_hash=_hash(style),
         script_hash=_hash(script),
     )
@@ -142,7 +164,7 @@ def _hex(colour: tuple[float, float, float, float]) -> str:
     return "#" + "".join(f"{round(255 * part):02x}" for part in colour[:3])
 
 
-def _events(record: EpisodeRecord, verdict: Verdict | None) -> list[list[Any]]:
+def events_of(record: EpisodeRecord, verdict: Verdict | None = None) -> list[list[Any]]:
     """Step, kind, actor, other actor, details, and the colour of its mark; no colour for what has no mark.
 
     The predicate's moments are among them, by time.

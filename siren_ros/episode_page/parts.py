@@ -57,11 +57,11 @@ def _part(file: ColumnFile, record: EpisodeRecord, prefix: str) -> dict[str, Any
         "actors": add_motion(file, record, prefix),
         "emvs": list(record.emv_ids),
         "left_hand": record.network.left_hand,
-        "signals": _signals(record),
+        "signals": signals_of(record),
     }
 
 
-def _signals(record: EpisodeRecord) -> dict[str, list[tuple[int, str]]]:
+def signals_of(record: EpisodeRecord) -> dict[str, list[tuple[int, str]]]:
     """By signal the frames at which its state changes, with the new state."""
     changes: dict[str, list[tuple[int, str]]] = {}
     frames = {state.step: frame for frame, state in enumerate(record.states)}

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import simplejpeg
 from PIL import Image
 
-from siren_ros.episode_page.columns import QUICK, ColumnFile
+from siren_ros.episode_page.columns import MEDIUM, ColumnFile
 from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
 from siren_ros.interfaces.messages import shown_text
@@ -76,7 +76,7 @@ class Sweep:
         """Of its own columns, compressed."""
         file = ColumnFile()
         _add_points(file, [self])
-        return round(_IN_PAGE * len(file.packed({}, QUICK)))
+        return round(_IN_PAGE * len(file.packed({}, MEDIUM)))
 
 
 @dataclass(frozen=True)

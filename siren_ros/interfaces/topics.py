@@ -73,6 +73,8 @@ TRAFFIC: Final = Topic(
     "/siren/traffic_state", "siren_msgs/msg/TrafficState", "sumo_bridge", (*_CONTROLLERS, "sensor_sim", "recorder")
 )
 """SUMO's vehicles and signals, SUMO's advice to the EMV."""
+ROSTER: Final = Topic("/siren/roster", "siren_msgs/msg/TrafficState", "sumo_bridge", period_steps=ONCE)
+"""The last state in which an actor is new, with all actors so far in ``spawned``: for programs that come later."""
 EMV_COMMANDS: Final = Topic(
     "/siren/emv_commands", "siren_msgs/msg/VehicleCommands", "emv_controller", ("vehicle_dynamics", "recorder")
 )
@@ -160,6 +162,13 @@ DETECTIONS: Final = Topic(
 """Boxes of vehicles in the frame of the first LiDAR, with class and confidence."""
 DETECTION_LATENCY: Final = Topic("/emv/detections/latency", "std_msgs/msg/Float64", "detector", (), LABEL_PERIOD_STEPS)
 """Wall time that they took, in seconds. Not recorded: bags of the same episode have the same bytes."""
+
+OBSERVED: Final = {
+    topic.name: replace(topic, name=topic.name.replace("/siren/", "/siren/observed/"), subscribers=())
+    for topic in (TRAFFIC, ACTORS, EVENTS)
+}
+"""By the name of a topic its copy for programs that only watch. A listener of the topic itself would make DDS bring it
+to the lockstep's nodes as well, which slows them (``siren_ros/ros/transport/direct.py``)."""
 
 DECISIVE_TOPICS: Final = frozenset(
     topic.name

@@ -118,6 +118,7 @@ class RecordBuilder:
             topics.EPISODE.name: self._take_description,
             topics.MAP.name: self._take_map,
             topics.TRAFFIC.name: self._take_traffic,
+            topics.ROSTER.name: self._take_roster,
             topics.EMV_COMMANDS.name: self._take_commands,
             topics.YIELD_COMMANDS.name: self._take_commands,
             topics.AV_CONTROL.name: self._take_av_control,
@@ -128,7 +129,7 @@ class RecordBuilder:
         }
 
     def add(self, topic: str, message: Any) -> None:
-        """Takes a decoded message, of rclpy or of rosbags; ignores topics outside ``RECORD_TOPICS``."""
+        """Takes a decoded message, of rclpy or of rosbags; ignores topics beyond ``RECORD_TOPICS`` and the roster."""
         if topic in self._takers:
             self._takers[topic](message)
 
@@ -153,6 +154,10 @@ class RecordBuilder:
         check_traffic(traffic)
         self._traffic.append(traffic)
         self._actors.update({actor.actor_id: actor for actor in traffic.spawned})
+
+    def _take_roster(self, message: Any) -> None:
+        known = map(conversions.from_actor_description, message.spawned)
+        self._actors.update({actor.actor_id: actor for actor in known})
 
     def _take_commands(self, message: Any) -> None:
         commands = self._read(conversions.from_vehicle_commands, message)

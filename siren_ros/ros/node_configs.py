@@ -103,6 +103,17 @@ class PlayerConfig:
 
 
 @dataclass(frozen=True)
+class ViewerConfig:
+    """``viewer``."""
+
+    port: int = parameter(0, "Port on this machine for the browser; 0: a free one.", minimum=0, maximum=65535)
+    browser: bool = parameter(True, "Open the page in the browser; its address is printed in any case.")
+    depth: int = parameter(
+        1000, "Messages of a topic that wait while the viewer is busy; the oldest are lost.", minimum=8, maximum=100000
+    )
+
+
+@dataclass(frozen=True)
 class CosimConfig(EpisodeRequest):
     """``cosim``: one episode, all nodes."""
 

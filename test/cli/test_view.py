@@ -1,5 +1,7 @@
 """``siren view`` and ``siren export html``: where the page is written, and what opens it."""
 
+import os
+import sys
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
@@ -74,6 +76,36 @@ def test_a_page_without_reasons_says_why(bag: Path, tmp_path: Path, capsys: pyte
     """The synthetic episode has no template."""
     assert main(["export", "html", str(bag), "--out", str(tmp_path / "page.html")]) == 0
     assert "the page does not say why vehicles drive as they do" in capsys.readouterr().err
+
+
+def test_live_becomes_the_viewer(monkeypatch: pytest.MonkeyPatch) -> None:
+    became: list[str] = []
+
+    def execute(_program: str, arguments: list[str]) -> None:
+        became.extend(arguments)
+        raise SystemExit(0)
+
+    monkeypatch.setattr(os, "execv", execute)
+    with pytest.raises(SystemExit):
+        main(["view", "--live", "--no-browser", "--port", "8123"])
+    assert became == [
+        sys.executable,
+        "-m",
+        "siren_nodes.viewer",
+        "--ros-args",
+        *("-p", "browser:=false"),
+        "-p",
+        "port:=8123",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [(["--live", "bag"], "bag: 'bag'"), (["--live", "--actor", "2"], "actor: '2'"), ([], "bag: ''")],
+)
+def test_a_bag_or_live_but_not_both(options: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", *options]) == 2
+    assert named in capsys.readouterr().err
 
 
 def test_sensors_are_a_choice_and_the_command_says_what_is_there(

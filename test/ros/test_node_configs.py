@@ -12,7 +12,7 @@ from siren_ros.ros.parameters import allowed_text, defaults_of
 PARAMS = yaml.safe_load((REPOSITORY / "params" / "nodes.yaml").read_text(encoding="utf-8"))
 CONFIGS = {
     "".join(part.capitalize() for part in node.split("_")): node
-    for node in (*node_configs.DEFAULT_PARTICIPANTS, "kitti_exporter", "detector", "player", "cosim")
+    for node in (*node_configs.DEFAULT_PARTICIPANTS, "kitti_exporter", "detector", "player", "viewer", "cosim")
 }
 
 

@@ -14,6 +14,7 @@ SECTIONS: Final = {
         "EPISODE",
         "MAP",
         "TRAFFIC",
+        "ROSTER",
         "EMV_COMMANDS",
         "YIELD_COMMANDS",
         "ACTORS",

@@ -18,7 +18,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from siren_ros.interfaces.topics import STEERED_FROM_OUTSIDE, STEP_DONE, Topic
+from siren_ros.interfaces.topics import OBSERVED, STEERED_FROM_OUTSIDE, STEP_DONE, Topic
 from siren_ros.ros.transport.direct import direct
 
 _NAME_PATIENCE_S: Final = 2.0
@@ -135,7 +135,7 @@ STREAM_DEPTH: Final = 8
 """The lockstep keeps at most two steps in flight, so a participant can never miss one. A passive
 subscriber that falls behind loses its own oldest messages and slows nobody."""
 REPORT_DEPTH: Final = 64
-"""Of StepDone: every participant may report at once."""
+"""Of StepDone: every participant may report at once. Also of the copies for programs that only watch."""
 
 
 @cache
@@ -147,7 +147,7 @@ def message_class(type_name: str) -> Any:
 
 def qos_of(topic: Topic) -> QoSProfile:
     """Everything is reliable; what is said once is kept for late subscribers."""
-    depth = REPORT_DEPTH if topic == STEP_DONE else STREAM_DEPTH
+    depth = REPORT_DEPTH if topic in {STEP_DONE, *OBSERVED.values()} else STREAM_DEPTH
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=1 if topic.latched else depth,
@@ -163,6 +163,8 @@ class Output:
         """Create the publisher."""
         self._publisher: Any = node.create_publisher(message_class(topic.type_name), topic.name, qos_of(topic))
         self._name = "" if topic.latched else topic.name
+        copy = OBSERVED.get(topic.name)
+        self._copy: Any = copy and node.create_publisher(message_class(copy.type_name), copy.name, qos_of(copy))
         self.get_subscription_count: Callable[[], int] = self._publisher.get_subscription_count
         self.wait_for_all_acked: Callable[[Duration], bool] = self._publisher.wait_for_all_acked
 
@@ -170,6 +172,8 @@ class Output:
         """Publish an encoded message."""
         if not direct.take(self._name, cdr, self.get_subscription_count):
             self._publisher.publish(cdr)
+        if self._copy and self._copy.get_subscription_count():
+            self._copy.publish(cdr)
 
 
 def create_output(node: Node, topic: Topic) -> Output:
@@ -178,11 +182,15 @@ def create_output(node: Node, topic: Topic) -> Output:
 
 
 def create_input(
-    node: Node, topic: Topic, callback: Callable[[bytes], None], watch: PublisherWatch | None = None
+    node: Node, topic: Topic, callback: Callable[[bytes], None], watch: PublisherWatch | None = None, depth: int = 0
 ) -> Any:
-    """A subscription to a topic; the callback gets the encoded message, and the watch learns of the publishers."""
+    """A subscription to a topic; the callback gets the encoded message, and the watch learns of the publishers.
+
+    A depth is the number of messages that may wait, in place of the table's.
+    """
     callbacks = None if watch is None else watch.callbacks
     kind, quality = message_class(topic.type_name), qos_of(topic)
+    quality.depth = depth or quality.depth
     return node.create_subscription(kind, topic.name, callback, quality, raw=True, event_callbacks=callbacks)
 
 

@@ -3,10 +3,15 @@
 import { byId, say } from "./dom";
 
 const RATES = [0.1, 0.25, 0.5, 1, 2, 4, 8];
+/** Of a running episode: what is new is shown evenly over about this time. */
+const FOLLOW_S = 0.15;
 
 export class Clock {
   time = 0;
   playing = false;
+  /** Whether the end still moves; then whoever comes to it stays with it. */
+  live = false;
+  private stays = false;
   private readonly scrub = byId<HTMLInputElement>("scrub");
   private readonly button = byId<HTMLButtonElement>("play");
   private readonly choice = byId<HTMLSelectElement>("rate");
@@ -29,14 +34,35 @@ export class Clock {
     return Number(this.choice.value);
   }
 
+  /** Whether it plays at the end of a running episode. */
+  get following(): boolean {
+    return this.playing && this.stays;
+  }
+
+  get atEnd(): boolean {
+    return this.time >= this.end() - 1e-3;
+  }
+
+  /** Goes to the end of a running episode and stays with it. */
+  follow(): void {
+    this.seek(this.end());
+    this.play(true);
+  }
+
   seek(time: number): void {
+    this.stays = false;
+    this.go(time);
+  }
+
+  private go(time: number): void {
     if (!Number.isFinite(time)) return;
     this.time = Math.min(Math.max(time, 0), this.end());
     this.moved();
   }
 
   play(playing: boolean): void {
-    if (playing && this.time >= this.end() - 1e-6) this.seek(0);
+    if (playing && this.atEnd && !this.live) this.seek(0);
+    this.stays = playing && this.atEnd && this.live;
     this.playing = playing;
     say(this.button, playing ? "❚❚" : "▶");
     this.button.setAttribute("aria-label", playing ? "Pause" : "Play");
@@ -58,8 +84,10 @@ export class Clock {
   /** Plays on; `passed` is the reader's time since the picture before. */
   tick(passed: number): void {
     if (!this.playing) return;
-    this.seek(this.time + passed * this.rate);
-    if (this.time >= this.end()) this.play(false);
+    const left = this.end() - this.time;
+    this.go(this.time + (this.stays ? left * Math.min(passed / FOLLOW_S, 1) : passed * this.rate));
+    if (this.live) this.stays ||= this.time >= this.end();
+    else if (this.atEnd) this.play(false);
   }
 
   /** Shows the time without words. */

@@ -78,6 +78,8 @@ interface Head extends Part {
 }
 
 const FORMAT = 2;
+/** How an episode has ended that is under way. */
+export const NOT_YET = "not yet";
 
 export class Episode {
   private readonly offsets = new Map<string, [number, ColumnEntry]>();

@@ -87,6 +87,14 @@ export class Fleet {
     for (const each of this.all()) scene.add(each.mesh);
   }
 
+  /** Takes the actors out of the scene. */
+  dispose(): void {
+    for (const { mesh } of this.all()) {
+      mesh.removeFromParent();
+      mesh.geometry.dispose();
+    }
+  }
+
   private *all(): Iterable<Instances> {
     yield* this.kinds.values();
     yield this.plain;

@@ -50,6 +50,12 @@ export class Glows {
     scene.add(this.points);
   }
 
+  /** Takes the light out of the scene. */
+  dispose(): void {
+    this.points.removeFromParent();
+    this.points.geometry.dispose();
+  }
+
   private add(x: number, y: number, z: number, rgb: readonly number[], size: number): void {
     this.places.setXYZ(this.count, x, y, z);
     this.tints.setXYZW(this.count, rgb[0], rgb[1], rgb[2], size);

@@ -45,7 +45,8 @@ export class EpisodePage {
   private told = 0;
   private readonly scriptMs: number[] = [];
 
-  constructor(private readonly episode: Episode) {
+  /** `live` says whether more comes by `append`. */
+  constructor(private readonly episode: Episode, live = false) {
     const { head } = episode;
     this.tracks = new Tracks(episode, head);
     this.others = head.against.map((part, place) => new Other(episode, part, this.tracks, place + 2));
@@ -72,6 +73,8 @@ export class EpisodePage {
     this.seek(head.begin_s);
     this.select(head.emvs[0] ?? head.actors[0].id);
     this.useCamera("follow");
+    this.clock.live = live;
+    if (live) this.clock.follow();
     this.link.apply();
     requestAnimationFrame((now) => this.nextPicture(now));
   }
@@ -169,6 +172,47 @@ export class EpisodePage {
 
   play(playing: boolean): void {
     this.clock.play(playing);
+  }
+
+  /** Takes what is new of a running episode. */
+  append(more: Episode): void {
+    const { head } = this.episode;
+    const [frames, known] = [this.tracks.times.length, this.tracks.actors.length];
+    this.tracks.append(more, more.head.actors);
+    for (const [signal, changes] of Object.entries(more.head.signals)) {
+      const before = (head.signals[signal] ??= []);
+      for (const [frame, state] of changes) {
+        if (before.at(-1)?.[1] !== state) before.push([frames + frame, state]);
+      }
+    }
+    head.events.push(...more.head.events);
+    if (this.tracks.actors.length > known) this.stage.admit();
+    this.panel.append(known, more.head.events);
+    if (more.head.ended) {
+      [head.ended, head.verdict, this.clock.live] = [more.head.ended, more.head.verdict, false];
+      this.panel.showEnd();
+    }
+    this.timeline.draw();
+    this.redraw();
+  }
+
+  /** Whether more is to come. */
+  get live(): boolean {
+    return this.clock.live;
+  }
+
+  /** Whether it stays with the end of a running episode. */
+  get following(): boolean {
+    return this.clock.following;
+  }
+
+  get atEnd(): boolean {
+    return this.clock.atEnd;
+  }
+
+  /** Goes to the end of a running episode and stays there. */
+  follow(): void {
+    this.clock.follow();
   }
 
   /** Selects an actor by its id; an unknown one changes nothing. */

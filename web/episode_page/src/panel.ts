@@ -1,7 +1,7 @@
 /** What the page tells of the episode and of the selected actor. */
 
 import { byId, element, say, words } from "./dom";
-import type { Actor, Episode, EpisodeEvent } from "./episode";
+import { NOT_YET, type Actor, type Episode, type EpisodeEvent } from "./episode";
 import type { Other } from "./other";
 import { BEACON, BRAKE, INDICATOR_LEFT, INDICATOR_RIGHT, SIREN, type Pose, type Tracks } from "./tracks";
 import { Why } from "./why";
@@ -28,6 +28,7 @@ export class Panel {
   private readonly swatch = swatch("");
   private readonly choice = byId<HTMLSelectElement>("actor");
   private readonly own = byId("own-events");
+  private readonly ended = element("dd");
   private readonly why: Why | undefined;
   private ownEvents: { time: number; item: HTMLElement }[] = [];
   private latest: HTMLElement | undefined;
@@ -42,7 +43,6 @@ export class Panel {
   ) {
     const { head } = episode;
     this.why = head.why && new Why(episode);
-    for (const actor of tracks.actors) this.choice.add(new Option(nameOf(actor), String(actor.id)));
     this.choice.addEventListener("change", () => actions.select(Number(this.choice.value)));
     const list = byId("facts-of-actor");
     const inOthers = others.map((other) => [rowOf(other), other.colour] as const);
@@ -54,14 +54,22 @@ export class Panel {
     byId("others").hidden = others.length === 0;
     byId("other-list").append(...others.map((other) => this.entryOf(other)));
     byId("go-there").addEventListener("click", () => actions.seek(tracks.times[tracks.actors[this.index].first]));
-    this.fillVerdict();
-    const facts = [...head.facts, ["ended", head.ended]];
-    byId("facts").append(...facts.flatMap(([name, text]) => [element("dt", {}, name), element("dd", {}, text)]));
+    this.showEnd();
+    byId("facts").append(...head.facts.flatMap(([name, text]) => [element("dt", {}, name), element("dd", {}, text)]));
+    byId("facts").append(element("dt", {}, "ended"), this.ended);
     byId("command").textContent = head.command;
     copies(byId("copy-command"), () => head.command);
     copies(byId("copy-link"), () => actions.link());
-    const shown = head.events.filter((event) => event[5]).slice(0, MOST_EVENTS);
-    byId("all-events").append(...shown.map((event) => this.item(event, true)));
+    this.append(0, head.events);
+  }
+
+  /** Takes the tracks' actors from a place on, and events. */
+  append(first: number, events: EpisodeEvent[]): void {
+    for (const actor of this.tracks.actors.slice(first)) this.choice.add(new Option(nameOf(actor), String(actor.id)));
+    const [list, marked] = [byId("all-events"), events.filter((event) => event[5])];
+    list.append(...marked.slice(0, MOST_EVENTS - list.childElementCount).map((event) => this.item(event, true)));
+    const own = this.tracks.actors[this.index]?.id;
+    if (events.some((event) => event[2] === own || event[3] === own)) this.select(this.index);
   }
 
   /** Another episode, with the moment at which it first differs. */
@@ -81,14 +89,17 @@ export class Panel {
     return entry;
   }
 
-  private fillVerdict(): void {
-    const { verdict } = this.episode.head;
+  /** How the episode ended, and its verdict. */
+  showEnd(): void {
+    const { verdict, ended } = this.episode.head;
     const badge = byId("verdict");
+    say(this.ended, ended);
+    badge.hidden = ended === NOT_YET;
     badge.textContent = !verdict ? "not judged" : verdict.holds ? "interaction verified" : "interaction not found";
     badge.className = !verdict ? "badge" : verdict.holds ? "badge good" : "badge bad";
     byId("verdict-text").textContent = verdict?.text ?? "";
     const parts = verdict?.parts ?? [];
-    byId("verdict-parts").append(
+    byId("verdict-parts").replaceChildren(
       ...parts.map(({ holds, text, at }) => {
         const said = `${holds ? "✓" : "✗"} ${text}`;
         const press = () => at && this.goTo(...at);

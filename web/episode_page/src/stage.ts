@@ -17,7 +17,7 @@ const FLASHES_HZ = { indicator: 1.5, beacon: 2 };
 const ABOVE_PX = 38;
 
 export class Stage {
-  readonly fleet: Fleet;
+  fleet: Fleet;
   readonly world: World;
   readonly scene = new Scene();
   readonly ghosts: Ghosts[] = [];
@@ -25,13 +25,13 @@ export class Stage {
   wanted = -1;
   /** Where its picture is: left, top, width and height within the canvas. */
   box: [number, number, number, number] = [0, 0, 1, 1];
-  private readonly glows: Glows;
+  private glows: Glows;
   private readonly labels: Labels;
   private readonly sheet: HTMLElement;
   private time = 0;
 
   constructor(
-    episode: Episode,
+    private readonly episode: Episode,
     private readonly part: Part,
     readonly tracks: Tracks,
     readonly camera: PerspectiveCamera,
@@ -43,6 +43,14 @@ export class Stage {
     this.glows = new Glows(tracks, episode.lampsOf(part).length, this.scene);
     this.sheet = byId("labels").appendChild(element("div", {}, ...(title ? [element("b", {}, title)] : [])));
     this.labels = new Labels(tracks, this.sheet);
+  }
+
+  /** Draws the actors that the tracks have now. */
+  admit(): void {
+    for (const part of [this.fleet, this.glows]) part.dispose();
+    this.fleet = new Fleet(this.episode, this.tracks, this.scene);
+    this.glows = new Glows(this.tracks, this.episode.lampsOf(this.part).length, this.scene);
+    this.seek(this.time);
   }
 
   seek(time: number): void {

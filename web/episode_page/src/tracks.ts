@@ -1,6 +1,6 @@
 /** Where actors are at any time: between two frames on the straight line, with the shorter turn. */
 
-import type { Actor, Episode, Part } from "./episode";
+import { NOT_YET, type Actor, type Episode, type Part } from "./episode";
 
 export interface Pose {
   x: number;
@@ -27,62 +27,91 @@ export function newPose(): Pose {
   return { x: 0, y: 0, z: 0, yaw: 0, steer: 0, rolled: 0, row: 0 };
 }
 
+/** Columns may have room for more rows than there are. */
 export class Tracks {
   /** Time of each frame, in seconds. */
-  readonly times: Float64Array;
-  readonly speed: Float64Array;
-  readonly accel: Float64Array;
-  readonly residual: Float64Array;
+  times: Float64Array = new Float64Array();
+  speed: Float64Array = new Float64Array();
+  accel: Float64Array = new Float64Array();
+  residual: Float64Array = new Float64Array();
   /** Of EMVs: least time to collision and least gap to another actor; no number where there is none. */
-  readonly ttc: Float64Array;
-  readonly gap: Float64Array;
-  /** Of EMVs: the time lost against free flow since the begin. */
-  readonly delay: Float64Array;
-  readonly owner: Int32Array;
-  readonly lights: Int32Array;
-  readonly mode: Int32Array;
-  readonly x: Float64Array;
-  readonly y: Float64Array;
-  private readonly z: Float64Array;
-  private readonly yaw: Float64Array;
-  private readonly steer: Float64Array;
-  private readonly rolled: Float64Array;
-  private readonly firstRow: number[] = [];
+  ttc: Float64Array = new Float64Array();
+  gap: Float64Array = new Float64Array();
+  /** Of EMVs: the time lost against free flow since the begin; no number while an episode runs. */
+  delay: Float64Array = new Float64Array();
+  owner: Int32Array = new Int32Array();
+  lights: Int32Array = new Int32Array();
+  mode: Int32Array = new Int32Array();
+  x: Float64Array = new Float64Array();
+  y: Float64Array = new Float64Array();
+  private z: Float64Array = new Float64Array();
+  private yaw: Float64Array = new Float64Array();
+  private steer: Float64Array = new Float64Array();
+  private rolled: Float64Array = new Float64Array();
+  private count = 0;
+  /** Of each actor, from its first frame on: its row, -1 where it is not there. */
+  private readonly rows: number[][] = [];
   private readonly indices = new Map<number, number>();
   /** Places in `actors`. */
-  readonly emvs: number[];
+  emvs: number[] = [];
   private frame = 0;
   private share = 0;
 
-  readonly actors: Actor[];
+  readonly actors: Actor[] = [];
 
-  constructor(private readonly episode: Episode, { actors, emvs, prefix }: Part) {
-    this.actors = actors;
-    this.times = episode.numbers(`${prefix}frame.step`).map((step) => step * episode.head.step_s);
-    const column = (name: string) => episode.numbers(`${prefix}motion.${name}`);
-    [this.x, this.y, this.z, this.yaw] = [column("x_m"), column("y_m"), column("z_m"), column("yaw_rad")];
-    [this.speed, this.accel, this.residual] = [column("speed_mps"), column("accel_mps2"), column("residual_m")];
-    this.steer = column("steer_rad");
+  constructor(private readonly episode: Episode, private readonly part: Part) {
+    this.append(episode, part.actors);
+  }
+
+  /** Takes frames that follow those that are there; the actors' first frames count from the first of these. */
+  append(more: Episode, actors: Actor[]): void {
+    const [prefix, begin] = [this.part.prefix, this.times.length];
+    const column = (name: string) => more.numbers(`${prefix}motion.${name}`);
     const orNone = (value: number) => (value >= NOTHING ? NaN : value);
-    [this.ttc, this.gap, this.delay] = ["ttc_s", "gap_m", "delay_s"].map((name) => column(name).map(orNone));
-    this.owner = episode.counts(`${prefix}motion.owner`);
-    this.lights = episode.counts(`${prefix}motion.lights`);
-    this.mode = episode.counts(`${prefix}motion.mode`);
-    let row = 0;
-    this.actors.forEach((actor, index) => {
+    const steps = more.numbers(`${prefix}frame.step`);
+    this.times = joined(this.times, steps.map((step) => step * this.episode.head.step_s));
+    this.x = extended(this.x, this.count, column("x_m"));
+    this.y = extended(this.y, this.count, column("y_m"));
+    this.z = extended(this.z, this.count, column("z_m"));
+    this.yaw = extended(this.yaw, this.count, column("yaw_rad"));
+    this.steer = extended(this.steer, this.count, column("steer_rad"));
+    this.speed = extended(this.speed, this.count, column("speed_mps"));
+    this.accel = extended(this.accel, this.count, column("accel_mps2"));
+    this.residual = extended(this.residual, this.count, column("residual_m"));
+    this.ttc = extended(this.ttc, this.count, column("ttc_s").map(orNone));
+    this.gap = extended(this.gap, this.count, column("gap_m").map(orNone));
+    const delay = column("delay_s").map(this.episode.head.ended === NOT_YET ? () => NaN : orNone);
+    this.delay = extended(this.delay, this.count, delay);
+    this.owner = extended(this.owner, this.count, more.counts(`${prefix}motion.owner`));
+    this.lights = extended(this.lights, this.count, more.counts(`${prefix}motion.lights`));
+    this.mode = extended(this.mode, this.count, more.counts(`${prefix}motion.mode`));
+    this.rolled = extended(this.rolled, this.count, new Float64Array(more.counts(`${prefix}motion.mode`).length));
+    for (const actor of actors) this.admit(actor, begin + actor.first);
+    this.emvs = this.part.emvs.map((id) => this.indexOf(id)).filter((index) => index >= 0);
+  }
+
+  /** Gives an actor the next rows, from a frame on. */
+  private admit(actor: Actor, first: number): void {
+    let index = this.indexOf(actor.id);
+    if (index < 0) {
+      index = this.actors.push({ ...actor, first, frames: 0 }) - 1;
       this.indices.set(actor.id, index);
-      this.firstRow.push(row);
-      row += actor.frames;
-    });
-    this.rolled = new Float64Array(this.x.length);
-    this.actors.forEach(({ frames }, index) => {
-      const first = this.firstRow[index];
-      for (let row = first + 1; row < first + frames; row++) {
-        const [dx, dy, yaw] = [this.x[row] - this.x[row - 1], this.y[row] - this.y[row - 1], this.yaw[row]];
-        this.rolled[row] = this.rolled[row - 1] + Math.cos(yaw) * dx + Math.sin(yaw) * dy;
-      }
-    });
-    this.emvs = emvs.map((id) => this.indexOf(id)).filter((index) => index >= 0);
+      this.rows.push([]);
+    }
+    const [known, rows] = [this.actors[index], this.rows[index]];
+    while (known.first + rows.length < first) rows.push(-1);
+    let before = rows.at(-1) ?? -1;
+    for (let frame = 0; frame < actor.frames; frame++) {
+      const row = this.count++;
+      if (before >= 0) this.roll(before, row);
+      rows.push((before = row));
+    }
+    known.frames = rows.length;
+  }
+
+  private roll(before: number, row: number): void {
+    const [dx, dy, yaw] = [this.x[row] - this.x[before], this.y[row] - this.y[before], this.yaw[row]];
+    this.rolled[row] = this.rolled[before] + Math.cos(yaw) * dx + Math.sin(yaw) * dy;
   }
 
   get end(): number {
@@ -117,7 +146,7 @@ export class Tracks {
   rowAt(index: number, frame: number): number {
     const local = frame - this.actors[index].first;
     if (local < 0 || local >= this.actors[index].frames) return -1;
-    const row = this.firstRow[index] + local;
+    const row = this.rows[index][local];
     return this.mode[row] === ABSENT ? -1 : row;
   }
 
@@ -156,4 +185,24 @@ export class Tracks {
     }
     return nearest;
   }
+}
+
+function joined(before: Float64Array, added: Float64Array): Float64Array {
+  const all = new Float64Array(before.length + added.length);
+  all.set(before);
+  all.set(added, before.length);
+  return all;
+}
+
+/** The first `count` values and those that are added, in a column that is replaced where it is full. */
+function extended<T extends Float64Array | Int32Array>(column: T, count: number, added: T): T {
+  if (count === 0) return added;
+  const most = count + added.length;
+  let held = column;
+  if (most > column.length) {
+    held = new (column.constructor as new (length: number) => T)(2 * most);
+    held.set(column.subarray(0, count));
+  }
+  held.set(added, count);
+  return held;
 }

@@ -56,6 +56,28 @@ test("an actor that is away for a step is not drawn into that step", () => {
   assert.ok(!tracks.pose(0, pose));
 });
 
+test("of a running episode frames follow, actors come, and who was away comes back", () => {
+  const tracks = tracksOf();
+  const actor = (id: number, first: number, frames: number) => ({ ...part("").actors[0], id, first, frames });
+  const more = { "frame.step": [4, 5], "motion.x_m": [4, 5, 16, 30, 31], "motion.mode": [0, 0, 0, 0, 0] };
+  tracks.append(episode(more), [actor(1, 0, 2), actor(2, 1, 1), actor(3, 0, 2)]);
+  assert.ok(Math.abs(tracks.end - 5 * STEP_S) < 1e-9);
+  assert.deepEqual(tracks.actors.map(({ id, first, frames }) => [id, first, frames]), [[1, 0, 6], [2, 0, 6], [3, 4, 2]]);
+  const places = (step: number) =>
+    [0, 1, 2].map((index) => {
+      const pose = newPose();
+      tracks.setTime(step * STEP_S);
+      return tracks.pose(index, pose) ? pose.x : undefined;
+    });
+  assert.deepEqual([3, 4, 5].map(places), [[3, 13, undefined], [4, undefined, 30], [5, 16, 31]]);
+  const pose = newPose();
+  assert.ok(tracks.pose(0, pose));
+  assert.equal(pose.rolled, 5);
+  tracks.append(episode({ "frame.step": [6], "motion.x_m": [6], "motion.mode": [0] }), [actor(1, 0, 1)]);
+  assert.deepEqual(places(6), [6, undefined, undefined]);
+  assert.deepEqual(places(5), [5, 16, 31]);
+});
+
 test("episodes first differ where an actor is elsewhere", () => {
   const columns = { "1.motion.x_m": [0, 1, 2, 3, 10, 11, 12.5, 14] };
   const other = new Other(episode(columns), part("1."), tracksOf(), 2);

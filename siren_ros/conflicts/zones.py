@@ -158,13 +158,18 @@ def _off_course(ways: Any, n: int) -> tuple[float, float]:
 
 @compiled
 def _pose_after(ways: Any, n: int, off: tuple[float, float], way_m: float) -> tuple[float, float, float, float]:
-    """Pose of a body after a way: what the present one differs from the course (``_off_course``) fades."""
+    """Pose of a body after a way: what the present one differs from the course (``_off_course``) fades.
+
+    While it turns into its course it moves on where it looks, so it ends beside its present offset: the driver of a
+    vehicle that changes lanes goes on with it.
+    """
     body = ways.bodies[n]
     x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[3], body[4] + way_m, body[5], body[9])
     if way_m > _STRAIGHT_AFTER_M:
-        return x, y, cos, sin
+        aside = 0.5 * _STRAIGHT_AFTER_M * np.sin(off[1])
+        return x - aside * sin, y + aside * cos, cos, sin
     left = 1.0 - way_m / _STRAIGHT_AFTER_M
-    aside, turned = left * off[0], left * off[1]
+    aside, turned = left * off[0] + 0.5 * (1.0 + left) * way_m * np.sin(off[1]), left * off[1]
     c, s = np.cos(turned), np.sin(turned)
     return x - aside * sin, y + aside * cos, cos * c - sin * s, sin * c + cos * s
 
@@ -224,7 +229,8 @@ def _bounds(ways: Any, used: Any) -> Any:
         first, last, body = ways.first[n], ways.last[n], ways.bodies[n]
         x, y, cos, sin = _pose(ways.points, first, last, body[3], body[4], body[5], body[9])
         aside = abs(cos * (body[1] - y) - sin * (body[0] - x)) + abs(body[5])
-        margin = aside + np.sqrt(body[7] ** 2 + body[8] ** 2) + _CLOSE_M
+        drift = 0.5 * _STRAIGHT_AFTER_M * abs(np.sin(body[2] - np.arctan2(sin, cos)))
+        margin = aside + drift + np.sqrt(body[7] ** 2 + body[8] ** 2) + _CLOSE_M
         begin, end = (body[4] - body[9]) / body[3], (body[4] + body[6] + body[9]) / body[3]
         low_x, low_y = way_point(ways.points, first, last, begin)
         high_x, high_y = low_x, low_y

@@ -42,12 +42,17 @@ def view(arguments: argparse.Namespace) -> int:
 def _add_bags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     parser.add_argument(
-        "--against", type=Path, metavar="BAG", help="another episode on the same map, drawn where it differs"
+        "--against",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="BAG",
+        help="another episode, beside the first and, on the same map, drawn where it differs; up to three times",
     )
 
 
 def _page_of(arguments: argparse.Namespace) -> str:
-    against = read_episode(arguments.against) if arguments.against else None
+    against = [read_episode(path) for path in arguments.against]
     record = read_episode(arguments.bag)
     try:
         decisions = list(decisions_of(record))

@@ -2,15 +2,15 @@
 
 import base64
 import hashlib
+from collections.abc import Sequence
 from typing import Any, Final
 
 from siren_ros.episode_page.columns import ColumnFile
-from siren_ros.episode_page.motion import add_motion, check_motion
+from siren_ros.episode_page.parts import add_parts, title_of
 from siren_ros.episode_page.reasons import Decisions, add_reasons
-from siren_ros.episode_page.shapes import add_shapes, add_static_scene
-from siren_ros.errors import InputError, SirenError
+from siren_ros.episode_page.shapes import add_shapes
+from siren_ros.errors import SirenError
 from siren_ros.interfaces.markers import MODE_COLOURS
-from siren_ros.interfaces.messages import shown_text
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.numerics.units import STEP_S
 from siren_ros.params.page_files import page_part, page_template
@@ -18,47 +18,41 @@ from siren_ros.pictures.birdseye import interaction_steps
 from siren_ros.pictures.palette import EMV_EVENTS, EMV_MODE_COLOURS, EVENT_STYLES, STATE_NAMES
 from siren_ros.record.bag_survey import recording_command
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.sensors.scene.static_scene import static_scene
 from siren_ros.world.actors import Mode
 from siren_ros.world.traffic_state import Event
 
 _PAGE: Final = "episode"
 _UNITS: Final = {"m": "m", "s": "s", "mps": "m/s"}
-_FORMAT: Final = 1
+_FORMAT: Final = 2
 """Of the embedded data; the script refuses another one."""
 
 
-def episode_data(record: EpisodeRecord, decisions: Decisions = (), against: EpisodeRecord | None = None) -> bytes:
+def episode_data(record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = ()) -> bytes:
     """What the page knows of an episode, compressed.
 
     Args:
         record: The episode.
         decisions: Why its actors drive as they do, where that is known (``decisions_of``).
-        against: Another episode on the same map, to be compared with.
+        against: Other episodes that it is compared with.
 
     Raises:
-        InputError: Another map; or a record without states, or with states that are no numbers or of unknown actors.
+        InputError: Too many others, or a record without states or with states that are no numbers or of unknown actors.
     """
-    check_motion(record)
     file = ColumnFile()
-    actors = add_motion(file, record)
-    scene = static_scene(record.network, record.description.seed)
-    add_shapes(file, sorted({actor.actor_class for actor in record.actors.values()}))
+    parts = add_parts(file, record, against)
+    add_shapes(file, sorted({actor.actor_class for each in (record, *against) for actor in each.actors.values()}))
     head = {
         "format": _FORMAT,
         **_description(record),
-        "actors": actors,
+        **parts,
         "modes": _modes(),
-        "signals": _signals(record),
         "events": _events(record),
-        **add_static_scene(file, record, scene),
         **add_reasons(file, decisions),
-        **(_other(file, record, against) if against else {}),
     }
     return file.packed(head)
 
 
-def episode_page(record: EpisodeRecord, decisions: Decisions = (), against: EpisodeRecord | None = None) -> str:
+def episode_page(record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = ()) -> str:
     """The whole page in one file; arguments and errors as of ``episode_data``.
 
     Its security policy allows this script and these styles alone, by their hashes. The data is base64, so nothing in it
@@ -76,21 +70,6 @@ def episode_page(record: EpisodeRecord, decisions: Decisions = (), against: Epis
     )
 
 
-def _other(file: ColumnFile, record: EpisodeRecord, against: EpisodeRecord) -> dict[str, Any]:
-    """Adds the motion of another episode; what the head says of it."""
-    if against.description.map_sha256 != record.description.map_sha256:
-        raise InputError("against", title_of(against), f"an episode on the map of {title_of(record)}")
-    check_motion(against)
-    actors = add_motion(file, against, "against.")
-    return {"against": {"title": title_of(against), "actors": actors, "emvs": list(against.emv_ids)}}
-
-
-def title_of(record: EpisodeRecord) -> str:
-    """``S2 at L2, seed 0, on town``."""
-    episode = record.description
-    return shown_text(f"{episode.template} at {episode.level.name}, seed {episode.seed}, on {episode.map_name}")
-
-
 def _hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
@@ -98,11 +77,8 @@ def _hash(text: str) -> str:
 def _description(record: EpisodeRecord) -> dict[str, Any]:
     episode, outcome = record.description, record.outcome
     return {
-        "title": title_of(record),
         "step_s": STEP_S,
         "begin_s": interaction_steps(record)[0] * STEP_S,
-        "emvs": list(record.emv_ids),
-        "left_hand": record.network.left_hand,
         "ended": "cut off" if outcome is None else outcome.end.value,
         "verdict": _verdict(record),
         "command": recording_command(episode, episode.sensor_suite),
@@ -143,18 +119,6 @@ def _modes() -> list[dict[str, Any]]:
 
 def _hex(colour: tuple[float, float, float, float]) -> str:
     return "#" + "".join(f"{round(255 * part):02x}" for part in colour[:3])
-
-
-def _signals(record: EpisodeRecord) -> dict[str, list[tuple[int, str]]]:
-    """By signal the frames at which its state changes, with the new state."""
-    changes: dict[str, list[tuple[int, str]]] = {}
-    frames = {state.step: frame for frame, state in enumerate(record.states)}
-    for traffic in record.traffic:
-        for signal in traffic.signals if traffic.step in frames else ():
-            known = changes.setdefault(signal.signal_id, [])
-            if not known or known[-1][1] != signal.state:
-                known.append((frames[traffic.step], signal.state))
-    return changes
 
 
 def _events(record: EpisodeRecord) -> list[list[Any]]:

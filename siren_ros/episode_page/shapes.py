@@ -1,6 +1,6 @@
 """What the page draws, as columns of triangles: the static scene around the EMV's way, signals, and the actors."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -38,14 +38,20 @@ _SURFACE_OF: Final = np.array([_SURFACES.get(material, _PLAIN) for material in M
 _CLOTHES: Final = (255, 255, 255)
 
 
-def add_static_scene(file: ColumnFile, record: EpisodeRecord, scene: StaticScene) -> dict[str, Any]:
-    """Adds the mesh without the lenses of signals, and the lenses; says for the head what the lamps are."""
+def add_static_scene(
+    file: ColumnFile, records: Sequence[EpisodeRecord], scene: StaticScene, prefix: str = "", pictures: int = 1
+) -> dict[str, Any]:
+    """Adds the mesh without the lenses of signals, and the lenses; says for the head what the lamps are.
+
+    ``records`` are the episodes in it. The columns' names begin with ``prefix``.
+    """
     mesh = scene.mesh
     lenses = np.isin(mesh.material, LENSES)
-    _add_mesh(file, "static", mesh, _nearest(record, mesh, np.flatnonzero(~lenses)))
+    kept = _nearest(records, mesh, np.flatnonzero(~lenses), STATIC_TRIANGLES // pictures)
+    _add_mesh(file, f"{prefix}static", mesh, kept)
     chosen = [np.arange(lamp.start, lamp.stop) for lamp in scene.signal_lamps]
     corners = np.concatenate([mesh.triangles[rows].ravel() for rows in chosen]) if chosen else np.empty(0, np.uint32)
-    file.add("lamp.corners", mesh.vertices_m[corners], _UNIT_M)
+    file.add(f"{prefix}lamp.corners", mesh.vertices_m[corners], _UNIT_M)
     return {
         "lamps": [
             [lamp.signal_id, lamp.link, lamp.colour.value, 3 * (lamp.stop - lamp.start)] for lamp in scene.signal_lamps
@@ -54,17 +60,18 @@ def add_static_scene(file: ColumnFile, record: EpisodeRecord, scene: StaticScene
     }
 
 
-def _nearest(record: EpisodeRecord, mesh: Mesh, candidates: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+def _nearest(
+    records: Sequence[EpisodeRecord], mesh: Mesh, candidates: npt.NDArray[np.intp], most: int
+) -> npt.NDArray[np.intp]:
     """The triangles that are kept, in their order: all, or those nearest to the EMVs' ways."""
-    if len(candidates) <= STATIC_TRIANGLES:
+    if len(candidates) <= most:
         return candidates
-    rows = record.rows
-    ways = rows.xy_m[np.isin(rows.actor_id, record.emv_ids)]
-    tree = cKDTree((ways if len(ways) else rows.xy_m)[::5])
+    ways = [each.rows.xy_m[np.isin(each.rows.actor_id, each.emv_ids)] for each in records]
+    tree = cKDTree(np.concatenate(ways if any(map(len, ways)) else [each.rows.xy_m for each in records])[::5])
     centres = mesh.vertices_m[mesh.triangles[candidates]].mean(axis=1)[:, :2]
     distance_m, _ = tree.query(centres)
     distance_m[np.isin(mesh.material[candidates], _GROUND)] *= _GROUND_FIRST
-    kept = np.argsort(distance_m, kind="stable")[:STATIC_TRIANGLES]
+    kept = np.argsort(distance_m, kind="stable")[:most]
     return np.sort(candidates[kept])
 
 

@@ -34,7 +34,7 @@ from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, j
 from siren_ros.traffic.sumo.rescue_lane import RescueLane
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
 from siren_ros.traffic.sumo.standoff import StandOff
-from siren_ros.traffic.sumo.walkers import Walkers, walker_types_xml
+from siren_ros.traffic.sumo.walkers import WALKING_OPTIONS, Walkers, walker_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, Indices, SignalState, TrafficState
@@ -266,6 +266,7 @@ class SumoSimulation:
                 "--insertion-checks": "none",
                 "--no-step-log": "true",
                 "--no-warnings": "true",
+                **(WALKING_OPTIONS if self._walkers is not None else {}),
                 **self._more_options(),
             }
             try:

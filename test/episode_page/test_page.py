@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser_pages import OpenedPage, PageBrowser
+from episode_page.looked_at import moment, pictures, until
 from episode_page.made_decisions import NO_GAP, decision
 
 from siren_ros.episode_page.build import episode_page, title_of
@@ -46,12 +47,6 @@ def file(content: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def until(opened: OpenedPage, condition: str) -> None:
-    """Waits for a condition; playwright's own wait evaluates texts, which the page's security policy refuses."""
-    look = f"const look = () => ({condition}) ? done() : requestAnimationFrame(look); look();"
-    opened.page.evaluate(f"() => new Promise(done => {{ {look} }})")
-
-
 @pytest.fixture(scope="module")
 def shared(file: Path, browser: PageBrowser) -> Iterator[OpenedPage]:
     with browser.opened(file) as page:
@@ -68,15 +63,6 @@ def opened(shared: OpenedPage) -> OpenedPage:
     )
     shared.page.locator("#scene").focus()
     return shared
-
-
-def moment(opened: OpenedPage) -> dict[str, object]:
-    return opened.page.evaluate("episodePage.moment")
-
-
-def pictures(opened: OpenedPage) -> None:
-    """Waits until the next pictures have been drawn."""
-    opened.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 
 def test_drawn_places_are_those_of_the_record_to_a_centimetre(opened: OpenedPage, record: EpisodeRecord) -> None:
@@ -251,62 +237,6 @@ def test_reasons_stand_there_where_they_are_known(opened: OpenedPage) -> None:
     assert not opened.page.locator("#why").is_visible()
 
 
-@pytest.fixture(scope="module")
-def compared(
-    record: EpisodeRecord, record_of: RecordOf, browser: PageBrowser, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[tuple[OpenedPage, EpisodeRecord]]:
-    """The page of the record against one of six seconds in which nobody changes lanes."""
-    other = record_of(duration_s=6.0, changing=0)
-    actors = {key: replace(other.actors[key], name=actor.name) for key, actor in record.actors.items()}
-    other = replace(other, actors=actors)
-    path = tmp_path_factory.mktemp("compared") / "episode.html"
-    path.write_text(episode_page(record, against=other), encoding="utf-8")
-    with browser.opened(path) as page:
-        until(page, "window.episodePage !== undefined")
-        yield page, other
-
-
-def test_another_episode_is_drawn_where_it_differs(
-    compared: tuple[OpenedPage, EpisodeRecord], record: EpisodeRecord
-) -> None:
-    page, other = compared
-    for step in (0, 60, 100, 119):
-        script = "time => { episodePage.seek(time); return episodePage.drawnOther(); }"
-        drawn = {row["id"]: (row["x"], row["y"]) for row in page.page.evaluate(script, step * STEP_S)}
-        here, there = record.states[step], other.states[step]
-        apart = np.hypot(here.x_m - there.x_m, here.y_m - there.y_m) >= 0.5
-        assert sorted(drawn) == there.actor_id[apart].tolist()
-        for row in np.flatnonzero(apart):
-            assert drawn[there.actor_id[row]] == pytest.approx((there.x_m[row], there.y_m[row]), abs=0.01)
-    assert apart.any()
-    assert page.page.evaluate("() => { episodePage.seek(10); return episodePage.drawnOther(); }") == []
-    assert page.problems == []
-
-
-def test_the_panel_says_where_a_vehicle_is_in_the_other_episode(
-    compared: tuple[OpenedPage, EpisodeRecord], record: EpisodeRecord
-) -> None:
-    page, other = compared
-    page.page.evaluate("() => { episodePage.select(2); episodePage.seek(5.5); }")
-    pictures(page)
-    here, there = record.states[110], other.states[110]
-    row = here.actor_id.tolist().index(2)
-    aside = here.y_m[row] - there.y_m[row]
-    assert aside > 1.0
-    text = page.page.locator("#facts-of-actor dd").nth(7).inner_text()
-    assert text == f"{3.6 * there.speed_mps[row]:.1f} km/h, {aside:.1f} m to the right"
-    page.page.keyboard.press("o")
-    assert page.page.evaluate("episodePage.drawnOther()") == []
-    page.page.click("#against")
-    assert page.page.evaluate("episodePage.drawnOther().length") > 0
-
-
-def test_an_episode_on_another_map_cannot_be_compared(record: EpisodeRecord) -> None:
-    other = replace(record, description=replace(record.description, map_sha256="1" * 64))
-    with pytest.raises(InputError, match="an episode on the map of"):
-        episode_page(record, against=other)
-
-
 @pytest.mark.parametrize(("width", "height"), [(360, 740), (1920, 1080)])
 def test_the_page_fits_narrow_and_wide_windows(opened: OpenedPage, width: int, height: int) -> None:
     opened.page.set_viewport_size({"width": width, "height": height})
@@ -327,7 +257,7 @@ def luminance(colour: str) -> float:
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_texts_have_the_contrast_of_aa(opened: OpenedPage, scheme: str) -> None:
     opened.page.emulate_media(color_scheme=scheme)
-    names = ("ink", "faint", "good", "bad", "link")
+    names = ("ink", "faint", "good", "bad", "link", "other-2", "other-3", "other-4")
     script = "name => getComputedStyle(document.documentElement).getPropertyValue('--' + name).trim()"
     colours = {name: opened.page.evaluate(script, name) for name in (*names, "page", "band")}
     long = {
@@ -352,7 +282,7 @@ def test_calm_readers_see_no_flashing(file: Path, browser: PageBrowser) -> None:
         page.page.emulate_media(reduced_motion="reduce")
         page.page.reload()
         until(page, "window.episodePage !== undefined")
-        script = "t => { episodePage.seek(t); episodePage.drawn(); return episodePage.fleet.beacon.value; }"
+        script = "t => { episodePage.seek(t); episodePage.drawn(); return episodePage.stage.fleet.beacon.value; }"
         levels = [page.page.evaluate(script, time_s) for time_s in (0.0, 0.1, 0.2, 0.3, 0.4)]
         assert len(set(levels)) == 1
 

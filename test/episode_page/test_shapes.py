@@ -53,7 +53,7 @@ def boxes(count: int) -> Mesh:
 def test_of_a_large_scene_the_triangles_near_the_emv_stay(record_of: RecordOf, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shapes, "STATIC_TRIANGLES", 36)
     file = ColumnFile()
-    head = shapes.add_static_scene(file, record_of(duration_s=6.0), StaticScene(boxes(5), ()))
+    head = shapes.add_static_scene(file, [record_of(duration_s=6.0)], StaticScene(boxes(5), ()))
     _, columns = unpacked(file.packed({}))
     places, _ = corners_of(columns, "static")
     assert len(places) == 3 * 36
@@ -63,6 +63,6 @@ def test_of_a_large_scene_the_triangles_near_the_emv_stay(record_of: RecordOf, m
 
 def test_of_a_small_scene_everything_stays(record_of: RecordOf) -> None:
     file = ColumnFile()
-    shapes.add_static_scene(file, record_of(duration_s=1.0), StaticScene(boxes(2), ()))
+    shapes.add_static_scene(file, [record_of(duration_s=1.0)], StaticScene(boxes(2), ()))
     _, columns = unpacked(file.packed({}))
     assert len(columns["static.triangles"]) == 3 * 24

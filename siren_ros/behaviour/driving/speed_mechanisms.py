@@ -72,7 +72,8 @@ def rows_around(ego: Ego) -> tuple[Rows, Flags]:
 def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
     """How near the EMV's footprint comes to others along its path; None without a path.
 
-    In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once.
+    In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once. Riders who
+    come from behind, or pass the EMV, go on.
     """
     navigator, config = unit.navigator, ego.config.gap_escape
     if navigator.path is None:
@@ -84,7 +85,17 @@ def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
     against = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) < -config.along_cosine
     time_s = np.where(against & unit.gap_escape_active, config.oncoming_watch_s, np.where(along, 0.0, config.watch_s))
     credit = np.where(along & (not unit.gap_escape_active), braking_distance_m(speed**2, config.leader_brake_mps2), 0.0)
+    passing = along & _passes(ego, rows)
+    time_s, credit = np.where(passing, config.oncoming_watch_s, time_s), np.where(passing, 0.0, credit)
     return free_way_of(navigator, ego, config.horizon_m, Obstacles.swept(ego.seen, rows, time_s), credit)
+
+
+def _passes(ego: Ego, rows: Rows) -> Flags:
+    """Which vehicles are cyclists and motorcyclists who are faster, and behind the EMV or beside it."""
+    seen, (cos, sin), (x, y) = ego.seen, ego.direction, ego.place
+    ahead_m = cos * (seen.x_m[rows] - x) + sin * (seen.y_m[rows] - y)
+    behind = ahead_m < ego.half_length_m + seen.half_length_m[rows]
+    return np.asarray(np.isin(rows, seen.riders) & behind & (seen.speed_mps[rows] > ego.speed_mps), np.bool_)
 
 
 def passage_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:

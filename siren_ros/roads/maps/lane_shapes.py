@@ -26,6 +26,8 @@ _LARGEST_SHIFT_M: Final = 0.3
 _ONE_LENGTH_SHARE: Final = 0.05
 """Lanes of one edge keep one length, their mean, while none differs from it by more than this share. SUMO expects equal
 lengths when vehicles change lanes; a lane that differs more has its own."""
+_STEP_BACK_M: Final = 1.0
+"""A longer side leads somewhere."""
 _LEAST_SIDE_M: Final = 0.05
 _SHORTEST_M: Final = 0.1
 """netconvert's own least length of a lane."""
@@ -67,6 +69,8 @@ def _mend_edge(edge: Element) -> None:
     for lane in edge.iterfind("lane"):
         if lane.get("shape"):
             points = points_of(lane.attrib["shape"])
+            if not permissions_on(lane).any_motor:
+                points = without_steps_back(points)
             if len(points) > 2:
                 lane.set("shape", text_of(rounded(points)))
             lengths_m[lane] = _length_m(points_of(lane.attrib["shape"]))
@@ -76,6 +80,20 @@ def _mend_edge(edge: Element) -> None:
     for lane, length_m in lengths_m.items():
         alike = is_normal and abs(length_m - mean_m) <= _ONE_LENGTH_SHARE * mean_m
         lane.set("length", f"{max(mean_m if alike or lane not in driven else length_m, _SHORTEST_M):.3f}")
+
+
+def without_steps_back(points: Points) -> Points:
+    """A polyline, shape ``(K, 2)`` or more, without short sides on which it goes back; its ends stay.
+
+    netconvert leaves some where the inner side of a bend is drawn: on them SUMO's people turn round twice, and jump to
+    the other side of the sidewalk.
+    """
+    side = np.diff(points[:, :2], axis=0)
+    short = np.linalg.norm(side, axis=1) < _STEP_BACK_M
+    back = ((side[1:] * side[:-1]).sum(axis=1) < 0.0) & (short[1:] | short[:-1])
+    if not back.any():
+        return points
+    return without_steps_back(np.delete(points, int(np.argmax(back)) + 1, axis=0))
 
 
 def rounded(points: Points) -> Points:

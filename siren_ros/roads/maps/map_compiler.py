@@ -48,7 +48,7 @@ TOWN_NAME: Final = "town"
 
 _RECIPE: Final = "7"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
-_PEOPLE_RECIPE: Final = f"{_RECIPE} people 3"
+_PEOPLE_RECIPE: Final = f"{_RECIPE} people 4"
 """The same for maps with ways for people."""
 _SLOWER_RECIPE: Final = "1"
 """The same for nets whose limits are lowered."""

@@ -40,13 +40,17 @@ class Corners:
 
     def leads_simply(self, edges: Sequence[str]) -> bool:
         """Whether a walk along some edges crosses at most one street at each junction."""
-        return all(self._meet(before, after) for before, after in pairwise(edges))
+        return all(self.met_at(before, after) for before, after in pairwise(edges))
 
-    def _meet(self, before: str, after: str) -> bool:
+    def met_at(self, before: str, after: str) -> frozenset[str]:
+        """The junctions at which a walk from one edge to another crosses at most one street.
+
+        Nobody leaves a street where he came from: SUMO moves those who turn back to the other side of the sidewalk.
+        """
         one, two = (self._network.edge_by_id[edge] for edge in (before, after))
-        shared = {one.from_junction, one.to_junction} & {two.from_junction, two.to_junction}
-        return any(
-            first == second or frozenset((first, second)) in self._joined
-            for junction in shared
+        return frozenset(
+            junction
+            for junction in {one.from_junction, one.to_junction} & {two.from_junction, two.to_junction}
             if (first := self._at.get((before, junction))) and (second := self._at.get((after, junction)))
+            if first == second or frozenset((first, second)) in self._joined
         )

@@ -28,6 +28,9 @@ from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
 _SUBSCRIBED: Final = (libsumo.VAR_POSITION, libsumo.VAR_ANGLE, libsumo.VAR_SPEED, libsumo.VAR_ROAD_ID)
 _IN_ORDER: Final = itemgetter(*_SUBSCRIBED)
+WALKING_OPTIONS: Final[Mapping[str, str]] = {"--pedestrian.striping.walkingarea-detail": "16"}
+"""SUMO's options for people: on a wide sidewalk who walks at its edge jumps at each vertex of a corner's way. SUMO's 4
+vertices are up to 70 degrees each."""
 _SPACE_M: Final = 1.0
 """Length of a person for SUMO: who waits at a kerb stands with the middle half of it behind the kerb, because vehicles
 that turn reach over it."""
@@ -165,11 +168,13 @@ class Walkers:
         libsumo.person.add(walker.name, walker.edge, start_m, typeID=_type_id(walker))
         if self._corners is None:
             self._corners = Corners(self._network)
-        present, stages = walker.edge, 0
+        present, stages, entry = walker.edge, 0, frozenset[str]()
         for goal in walker.goals:
             for stage in libsumo.simulation.findIntermodalRoute(present, goal) if goal != present else ():
-                if not self._corners.leads_simply(stage.edges):
+                turns_back = bool(entry & self._corners.met_at(*stage.edges[:2]))
+                if turns_back or not self._corners.leads_simply(stage.edges):
                     continue
+                entry = self._corners.met_at(*stage.edges[-2:])
                 middle_m = 0.5 * float(libsumo.lane.getLength(f"{goal}_0"))
                 libsumo.person.appendWalkingStage(walker.name, stage.edges, middle_m)
                 present, stages = goal, stages + 1

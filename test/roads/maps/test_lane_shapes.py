@@ -7,7 +7,7 @@ import pytest
 from defusedxml.ElementTree import fromstring
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, streets
 
-from siren_ros.roads.maps.lane_shapes import mend_junction_paths, mended_lanes, points_of, rounded, text_of
+from siren_ros.roads.maps.lane_shapes import mend_junction_paths, mended_lanes, points_of, rounded, text_of, without_steps_back
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.maps.openstreetmap import _only_joins, taper_patches
 from siren_ros.roads.movements import movement_turn_rad
@@ -196,6 +196,28 @@ def test_straight_lines_and_repeated_points_stay():
     assert np.array_equal(rounded(line), line)
     doubled = np.array([[0.0, 0.0], [0.0, 0.0], [5.0, 0.0]])
     assert np.array_equal(rounded(doubled), doubled)
+
+
+@pytest.mark.parametrize(
+    ("line", "kept"),
+    [
+        ([(0, 0), (5, 0), (4.9, 0.05), (10, 0)], [(0, 0), (4.9, 0.05), (10, 0)]),
+        ([(0, 0), (0, 5), (0.02, 4.9), (0, 5.1), (0, 4.8), (0, 9)], [(0, 0), (0, 4.8), (0, 9)]),
+        ([(0, 0), (5, 0), (3, 0.1), (10, 0)], None),
+        ([(0, 0), (5, 0), (5, 0.5), (10, 0.5)], None),
+    ],
+    ids=["a short step back", "two of them along y", "a long way back leads somewhere", "a right angle"],
+)
+def test_short_steps_back_are_left_out(line, kept):
+    assert without_steps_back(np.array(line, float)).tolist() == np.array(kept or line, float).tolist()
+
+
+@pytest.mark.parametrize(("permission", "points"), [('allow="pedestrian"', 3), ('disallow="pedestrian"', 4)])
+def test_sidewalks_alone_lose_their_steps_back(permission, points):
+    net = f'<net><edge id="a"><lane id="a_0" {permission} shape="0,0 5,0 4.4,0 10,0"/></edge></net>'
+    shape = points_of(fromstring(mended_lanes(net.encode())).find(".//lane").attrib["shape"])
+    goes_back = bool((np.diff(shape[:, 0]) < 0.0).any())
+    assert goes_back == (points == 4)
 
 
 def test_what_is_no_net_is_given_back():

@@ -14,8 +14,14 @@ const HIGH_M = 7;
 const ABOVE_M = 95;
 const AROUND = new Vector3(-26, -34, 24);
 
+export function newCamera(): PerspectiveCamera {
+  const camera = new PerspectiveCamera(50, 1, 0.15, 6000);
+  camera.up.copy(UP);
+  return camera;
+}
+
 export class Cameras {
-  readonly camera = new PerspectiveCamera(50, 1, 0.15, 6000);
+  readonly camera = newCamera();
   readonly controls: OrbitControls;
   name: CameraName = "follow";
   private followed = -1;
@@ -23,11 +29,10 @@ export class Cameras {
   private look = { yaw: 0, pitch: 0 };
 
   constructor(
-    private readonly canvas: HTMLCanvasElement,
+    canvas: HTMLCanvasElement,
     private readonly leftHand: boolean,
     smooth: boolean,
   ) {
-    this.camera.up.copy(UP);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enableDamping = smooth;
     this.controls.minDistance = 4;
@@ -90,7 +95,7 @@ export class Cameras {
     }
     if (pose) this.last = { ...pose };
     if (this.name === "driver" && pose && actor) {
-      this.sit(actor, pose);
+      this.sit(camera, controls.target, actor, pose, this.leftHand);
       return false;
     }
     return controls.enabled && controls.update();
@@ -109,31 +114,41 @@ export class Cameras {
     this.camera.position.copy(this.controls.target).add(offset);
   }
 
-  private sit(actor: Actor, pose: Pose): void {
+  /** Turns a camera of another episode, with the place that it looks at, to an actor as this one is turned to its own. */
+  match(camera: PerspectiveCamera, target: Vector3, actor: Actor, pose: Pose, leftHand: boolean): void {
+    [camera.fov, camera.aspect] = [this.camera.fov, this.camera.aspect];
+    camera.updateProjectionMatrix();
+    if (this.name === "driver") return this.sit(camera, target, actor, pose, leftHand);
+    const { x, y, z, yaw } = this.last ?? pose;
+    const turn = this.name === "follow" ? pose.yaw - yaw : 0;
+    const moved = (from: Vector3, to: Vector3) =>
+      to.set(from.x - x, from.y - y, from.z - z).applyAxisAngle(UP, turn).add(pose);
+    moved(this.camera.position, camera.position);
+    moved(this.controls.target, target);
+    camera.quaternion.setFromAxisAngle(UP, turn).multiply(this.camera.quaternion);
+  }
+
+  private sit(camera: PerspectiveCamera, target: Vector3, actor: Actor, pose: Pose, leftHand: boolean): void {
     const [length, width, height] = actor.size_m;
     const walks = actor.class === "PEDESTRIAN" || actor.class === "BICYCLE" || actor.class === "MOTORCYCLE";
     const large = actor.class === "BUS" || actor.class === "TRUCK" || actor.class === "FIRE_TRUCK";
     const ahead = walks ? 0 : large ? length / 2 - 1.1 : Math.min(0.12 * length, length / 2 - 1.6);
-    const left = walks ? 0 : (this.leftHand ? -1 : 1) * 0.2 * width;
+    const left = walks ? 0 : (leftHand ? -1 : 1) * 0.2 * width;
     const up = walks ? 0.95 * height : large ? 0.72 * height : Math.min(0.82 * height, 1.95);
     const [c, s] = [Math.cos(pose.yaw), Math.sin(pose.yaw)];
-    this.camera.position.set(pose.x + c * ahead - s * left, pose.y + s * ahead + c * left, pose.z + up);
+    camera.position.set(pose.x + c * ahead - s * left, pose.y + s * ahead + c * left, pose.z + up);
     const [yaw, flat] = [pose.yaw + this.look.yaw, Math.cos(this.look.pitch)];
-    this.camera.lookAt(
-      this.camera.position.x + Math.cos(yaw) * flat,
-      this.camera.position.y + Math.sin(yaw) * flat,
-      this.camera.position.z - 0.06 - Math.sin(this.look.pitch),
+    camera.lookAt(
+      camera.position.x + Math.cos(yaw) * flat,
+      camera.position.y + Math.sin(yaw) * flat,
+      camera.position.z - 0.06 - Math.sin(this.look.pitch),
     );
-    this.camera.updateMatrixWorld();
-    this.controls.target.set(pose.x, pose.y, pose.z + 1.2);
+    camera.updateMatrixWorld();
+    target.set(pose.x, pose.y, pose.z + 1.2);
   }
 
   /** From the camera to what it looks at. */
   get distance(): number {
     return this.name === "driver" ? 0 : this.camera.position.distanceTo(this.controls.target);
-  }
-
-  get size(): [number, number] {
-    return [this.canvas.clientWidth, this.canvas.clientHeight];
   }
 }

@@ -26,11 +26,17 @@ export type EpisodeEvent = [step: number, kind: string, actor: number, other: nu
 /** Signal, link in its state, colour, number of corners of the lens. */
 export type Lamp = [signal: string, link: number, colour: "red" | "yellow" | "green", corners: number];
 
-/** Another episode on the same map. */
-export interface Against {
+/** One of the page's episodes. The names of its columns begin with `prefix`, those of its map's scene with `scene`. */
+export interface Part {
   title: string;
+  prefix: string;
+  scene: string;
   actors: Actor[];
   emvs: number[];
+  left_hand: boolean;
+  signals: Record<string, [frame: number, state: string][]>;
+  /** Of its map; an episode on the map of the first has those of the first. */
+  lamps?: Lamp[];
 }
 
 interface ColumnEntry {
@@ -40,29 +46,24 @@ interface ColumnEntry {
   order: number;
 }
 
-interface Head {
+interface Head extends Part {
   format: number;
-  title: string;
   step_s: number;
   begin_s: number;
-  emvs: number[];
-  left_hand: boolean;
   ended: string;
   verdict: { holds: boolean; text: string; parts: { holds: boolean; text: string }[] } | null;
   command: string;
   facts: [string, string][];
-  actors: Actor[];
   modes: Mode[];
-  signals: Record<string, [frame: number, state: string][]>;
   events: EpisodeEvent[];
-  lamps: Lamp[];
   lamp_letters: Record<string, string>;
   why?: { mechanisms: string[]; texts: string[] };
-  against?: Against;
+  /** The episodes that this one is compared with. */
+  against: Part[];
   columns: ColumnEntry[];
 }
 
-const FORMAT = 1;
+const FORMAT = 2;
 
 export class Episode {
   private readonly offsets = new Map<string, [number, ColumnEntry]>();
@@ -91,6 +92,11 @@ export class Episode {
       for (let i = 1; i < length; i++) values[i] = (values[i] + values[i - 1]) | 0;
     }
     return values;
+  }
+
+  /** The lenses of the map of one of the episodes. */
+  lampsOf({ scene }: Part): Lamp[] {
+    return [this.head, ...this.head.against].find(({ prefix }) => prefix === scene)?.lamps ?? [];
   }
 
   /** A column in its unit. */

@@ -29,16 +29,19 @@ const REACH_M = 0.25;
 /** Instances of one geometry, and which actor each of them is. */
 export class Instances {
   readonly mesh: InstancedMesh;
+  readonly geometry: BufferGeometry;
   readonly actors: Int32Array;
   readonly triangles: number;
 
   constructor(
-    readonly geometry: BufferGeometry,
+    shape: BufferGeometry,
     material: Material,
     capacity: number,
     /** Size of the geometry, to which actors' sizes are compared. */
     readonly size: Vector3,
   ) {
+    const geometry = (this.geometry = new BufferGeometry().setIndex(shape.index));
+    for (const [name, attribute] of Object.entries(shape.attributes)) geometry.setAttribute(name, attribute);
     for (const [name, width] of [["paint", 3], ["lights", 1]] as const) {
       const attribute = new InstancedBufferAttribute(new Float32Array(width * capacity), width);
       geometry.setAttribute(name, attribute.setUsage(DynamicDrawUsage));
@@ -135,7 +138,7 @@ export class Fleet {
   readonly beacon: IUniform<number> = { value: 1 };
 
   constructor(
-    private readonly episode: Episode,
+    episode: Episode,
     private readonly tracks: Tracks,
     scene: Scene,
   ) {
@@ -175,14 +178,8 @@ export class Fleet {
     });
   }
 
-  /** Colour of an actor's mode; undefined where there is nothing to show. */
-  modeColour(index: number, row: number): string | undefined {
-    const mode = this.episode.head.modes[this.tracks.mode[row]];
-    return (this.tracks.actors[index].emv ? mode?.emv_colour : mode?.colour) || undefined;
-  }
-
-  /** Places the instances for a camera. */
-  place(eye: Vector3, selected: number, hidden: number): void {
+  /** Places the instances for a camera, with `share` of the triangles. */
+  place(eye: Vector3, selected: number, hidden: number, share: number): void {
     for (const each of this.all()) each.mesh.count = 0;
     this.poses.forEach((pose, index) => {
       this.distances[index] = pose ? (pose.x - eye.x) ** 2 + (pose.y - eye.y) ** 2 + (pose.z - eye.z) ** 2 : Infinity;
@@ -194,14 +191,14 @@ export class Fleet {
       if (!pose) break;
       if (index === hidden) continue;
       const kind = this.kinds.get(this.tracks.actors[index].class) ?? this.plain;
-      const near = this.distances[index] < DETAILED_WITHIN_M ** 2 && triangles + kind.triangles <= DETAILED_TRIANGLES;
+      const near = this.distances[index] < DETAILED_WITHIN_M ** 2 && triangles + kind.triangles <= share * DETAILED_TRIANGLES;
       const shape = near ? kind : this.plain;
       triangles += near ? kind.triangles : 0;
       const [length, width, height] = this.tracks.actors[index].size_m;
       const lights = this.tracks.lights[pose.row];
       this.turn(pose, length / shape.size.x, width / shape.size.y, height / shape.size.z, 0);
       shape.add(index, this.matrix, this.paints[index], lights);
-      const colour = index === selected ? "#ffffff" : this.modeColour(index, pose.row);
+      const colour = index === selected ? "#ffffff" : this.tracks.modeColour(index, pose.row);
       this.turn(pose, length + 4 * MARK_M, width + 4 * MARK_M, 1, 0.03);
       this.marks.add(index, this.matrix, FRAME.setStyle(colour ?? "#000000", ""), index === selected ? 2 : colour ? 1 : 0);
     }

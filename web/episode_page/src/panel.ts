@@ -2,7 +2,8 @@
 
 import { byId, element, say, words } from "./dom";
 import type { Actor, Episode, EpisodeEvent } from "./episode";
-import { BEACON, BRAKE, INDICATOR_LEFT, INDICATOR_RIGHT, SIREN, type Tracks } from "./tracks";
+import type { Other } from "./other";
+import { BEACON, BRAKE, INDICATOR_LEFT, INDICATOR_RIGHT, SIREN, type Pose, type Tracks } from "./tracks";
 import { Why } from "./why";
 
 const KMH = 3.6;
@@ -13,7 +14,7 @@ const LIGHTS: [number, string][] = [
   [BEACON, "beacon"],
   [SIREN, "siren"],
 ];
-const ROWS = ["class", "mode", "speed", "acceleration", "driven by", "residual", "to the EMV", "in the other", "lights"] as const;
+const ROWS = ["class", "mode", "speed", "acceleration", "driven by", "residual", "to the EMV", "lights"];
 const MOST_EVENTS = 400;
 
 export interface Actions {
@@ -24,7 +25,7 @@ export interface Actions {
 
 export class Panel {
   private readonly cells = new Map<string, HTMLElement>();
-  private readonly swatch = element("span", { class: "swatch" });
+  private readonly swatch = swatch("");
   private readonly choice = byId<HTMLSelectElement>("actor");
   private readonly own = byId("own-events");
   private readonly why: Why | undefined;
@@ -35,6 +36,7 @@ export class Panel {
   constructor(
     private readonly episode: Episode,
     private readonly tracks: Tracks,
+    private readonly others: Other[],
     private readonly actions: Actions,
   ) {
     const { head } = episode;
@@ -42,12 +44,14 @@ export class Panel {
     for (const actor of tracks.actors) this.choice.add(new Option(nameOf(actor), String(actor.id)));
     this.choice.addEventListener("change", () => actions.select(Number(this.choice.value)));
     const list = byId("facts-of-actor");
-    for (const row of ROWS) {
-      if (row === "in the other" && !head.against) continue;
-      const cell = element("dd");
+    const inOthers = others.map((other) => [rowOf(other), other.colour] as const);
+    for (const [row, colour] of [...ROWS.slice(0, -1).map((row) => [row, ""]), ...inOthers, ["lights", ""]]) {
+      const cell = element("dd", colour ? { class: "elsewhere" } : {});
       this.cells.set(row, cell);
-      list.append(element("dt", {}, row), cell);
+      list.append(element("dt", {}, ...(colour ? [swatch(`var(${colour})`)] : []), row), cell);
     }
+    byId("others").hidden = others.length === 0;
+    byId("other-list").append(...others.map((other) => this.entryOf(other)));
     byId("go-there").addEventListener("click", () => actions.seek(tracks.times[tracks.actors[this.index].first]));
     this.fillVerdict();
     const facts = [...head.facts, ["ended", head.ended]];
@@ -57,6 +61,22 @@ export class Panel {
     copies(byId("copy-link"), () => actions.link());
     const shown = head.events.filter((event) => event[5]).slice(0, MOST_EVENTS);
     byId("all-events").append(...shown.map((event) => this.item(event, true)));
+  }
+
+  /** Another episode, with the moment at which it first differs. */
+  private entryOf({ label, colour, difference, near }: Other): HTMLElement {
+    const entry = element("li", {}, swatch(`var(${colour})`), label);
+    if (!difference) entry.append(element("span", {}, near ? "differs from the begin on, or never" : "on another map"));
+    if (difference) {
+      const [time, { id }] = [this.tracks.times[difference.frame], this.tracks.actors[difference.index]];
+      const press = () => {
+        this.actions.seek(time);
+        this.actions.select(id);
+      };
+      const text = `first differs at ${time.toFixed(2)} s: ${this.shortName(id)}`;
+      entry.append(element("button", { type: "button", click: press }, text));
+    }
+    return entry;
   }
 
   private fillVerdict(): void {
@@ -106,10 +126,10 @@ export class Panel {
   }
 
   /** Shows the selected actor in a frame. */
-  show(frame: number, modeColour: string | undefined, other: string): void {
+  show(frame: number, pose: Pose | undefined): void {
     const { tracks, index } = this;
     const row = index < 0 ? -1 : tracks.rowAt(index, frame);
-    const set = (name: (typeof ROWS)[number], text: string) => say(this.cells.get(name) as HTMLElement, row < 0 ? "–" : text);
+    const set = (name: string, text: string) => say(this.cells.get(name) as HTMLElement, row < 0 ? "–" : text);
     const actor = tracks.actors[index];
     byId("gone").hidden = row >= 0;
     set("speed", `${(tracks.speed[row] * KMH).toFixed(1)} km/h`);
@@ -123,9 +143,10 @@ export class Panel {
     const mode = this.cells.get("mode") as HTMLElement;
     const name = row < 0 ? "–" : (this.episode.head.modes[tracks.mode[row]]?.name ?? String(tracks.mode[row]));
     if (mode.textContent !== name) mode.replaceChildren(this.swatch, name);
+    const modeColour = row < 0 ? undefined : tracks.modeColour(index, row);
     this.swatch.hidden = !modeColour;
     this.swatch.style.background = modeColour ?? "";
-    if (this.episode.head.against) set("in the other", other);
+    for (const other of this.others) say(this.cells.get(rowOf(other)) as HTMLElement, other.description(index, pose));
     const time = tracks.times[frame];
     const latest = this.ownEvents.findLast((event) => event.time <= time + 1e-9);
     for (const event of this.ownEvents) event.item.classList.toggle("latest", event === latest);
@@ -159,6 +180,16 @@ export class Panel {
     );
     byId("why-guards-head").hidden = reasons.guards.length === 0;
   }
+}
+
+function rowOf({ number }: Other): string {
+  return `in ${number}`;
+}
+
+function swatch(colour: string): HTMLElement {
+  const made = element("span", { class: "swatch" });
+  made.style.background = colour;
+  return made;
 }
 
 function signed(value: number | undefined): string {

@@ -10,8 +10,12 @@ import {
 } from "three";
 import type { Episode } from "./episode";
 
-/** Red, green, blue and the code of the surface at each vertex, sRGB. */
+const made = new Map<string, BufferGeometry>();
+
+/** Red, green, blue and the code of the surface at each vertex, sRGB. The page's episodes share it. */
 export function geometryOf(episode: Episode, name: string): BufferGeometry {
+  const known = made.get(name);
+  if (known) return known;
   const xyz = episode.numbers(`${name}.xyz`);
   const rgb = episode.counts(`${name}.rgb`);
   const surface = episode.counts(`${name}.surface`);
@@ -26,6 +30,7 @@ export function geometryOf(episode: Episode, name: string): BufferGeometry {
   geometry.setAttribute("position", new BufferAttribute(places, 3));
   geometry.setAttribute("tint", new BufferAttribute(tint, 4, true));
   geometry.setIndex(new BufferAttribute(new Uint32Array(episode.counts(`${name}.triangles`)), 1));
+  made.set(name, geometry);
   return geometry;
 }
 

@@ -1,6 +1,6 @@
 /** Where actors are at any time: between two frames on the straight line, with the shorter turn. */
 
-import type { Actor, Episode } from "./episode";
+import type { Actor, Episode, Part } from "./episode";
 
 export interface Pose {
   x: number;
@@ -31,23 +31,21 @@ export class Tracks {
   readonly owner: Int32Array;
   readonly lights: Int32Array;
   readonly mode: Int32Array;
-  private readonly x: Float64Array;
-  private readonly y: Float64Array;
+  readonly x: Float64Array;
+  readonly y: Float64Array;
   private readonly z: Float64Array;
   private readonly yaw: Float64Array;
   private readonly firstRow: number[] = [];
   private readonly indices = new Map<number, number>();
-  private readonly emvs: number[];
+  /** Places in `actors`. */
+  readonly emvs: number[];
   private frame = 0;
   private share = 0;
 
-  /** The columns' names begin with `prefix`. */
-  constructor(
-    episode: Episode,
-    readonly actors: Actor[],
-    emvs: number[],
-    prefix = "",
-  ) {
+  readonly actors: Actor[];
+
+  constructor(private readonly episode: Episode, { actors, emvs, prefix }: Part) {
+    this.actors = actors;
     this.times = episode.numbers(`${prefix}frame.step`).map((step) => step * episode.head.step_s);
     const column = (name: string) => episode.numbers(`${prefix}motion.${name}`);
     [this.x, this.y, this.z, this.yaw] = [column("x_m"), column("y_m"), column("z_m"), column("yaw_rad")];
@@ -100,6 +98,12 @@ export class Tracks {
     if (local < 0 || local >= this.actors[index].frames) return -1;
     const row = this.firstRow[index] + local;
     return this.mode[row] === ABSENT ? -1 : row;
+  }
+
+  /** Colour of an actor's mode; undefined where there is nothing to show. */
+  modeColour(index: number, row: number): string | undefined {
+    const mode = this.episode.head.modes[this.mode[row]];
+    return (this.actors[index].emv ? mode?.emv_colour : mode?.colour) || undefined;
   }
 
   /** Where an actor is at the time that was set; false where it is not there. */

@@ -13,7 +13,7 @@ import {
   type Camera,
   type Scene,
 } from "three";
-import type { Episode, Lamp } from "./episode";
+import type { Episode, Lamp, Part } from "./episode";
 import { geometryOf, tintedMaterial } from "./tinted";
 
 const LENS = { red: [1, 0.08, 0.05], yellow: [1, 0.65, 0.04], green: [0.05, 0.9, 0.45] } as const;
@@ -34,21 +34,24 @@ export class World {
   private readonly lenses: Mesh<BufferGeometry, MeshBasicMaterial>;
   private readonly centres: [number, number, number][] = [];
   private readonly focus = { value: new Vector3() };
+  private readonly lamps: Lamp[];
   private shown = "";
 
   constructor(
     private readonly episode: Episode,
+    private readonly part: Part,
     scene: Scene,
   ) {
-    const ground = new Mesh(geometryOf(episode, "static"), tintedMaterial({ focus: this.focus }));
+    const ground = new Mesh(geometryOf(episode, `${part.scene}static`), tintedMaterial({ focus: this.focus }));
     ground.matrixAutoUpdate = false;
-    const corners = episode.numbers("lamp.corners");
+    const corners = episode.numbers(`${part.scene}lamp.corners`);
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(new Float32Array(corners), 3));
     geometry.setAttribute("color", new BufferAttribute(new Float32Array(corners.length), 3));
     this.lenses = new Mesh(geometry, new MeshBasicMaterial({ vertexColors: true, toneMapped: false }));
     let first = 0;
-    for (const [, , , count] of episode.head.lamps) {
+    this.lamps = episode.lampsOf(part);
+    for (const [, , , count] of this.lamps) {
       const mean = (axis: number) => {
         let sum = 0;
         for (let i = first; i < first + count; i++) sum += corners[3 * i + axis];
@@ -84,7 +87,7 @@ export class World {
   /** Shows the signals as they are in a frame. */
   setFrame(frame: number): void {
     const states = new Map<string, string>();
-    for (const [signal, changes] of Object.entries(this.episode.head.signals)) {
+    for (const [signal, changes] of Object.entries(this.part.signals)) {
       let state = "";
       for (const [since, next] of changes) {
         if (since > frame) break;
@@ -98,7 +101,7 @@ export class World {
     this.lit = [];
     const colours = this.lenses.geometry.getAttribute("color");
     let corner = 0;
-    this.episode.head.lamps.forEach((lamp, index) => {
+    this.lamps.forEach((lamp, index) => {
       const lit = this.isLit(lamp, states.get(lamp[0]) ?? "");
       const rgb = LENS[lamp[2]];
       if (lit) this.lit.push({ place: this.centres[index], rgb });

@@ -127,7 +127,7 @@ class SyntheticEpisode:
         actors = {EMV: emv}
         for number in range(self.scene.civilians):
             key = number + 2
-            paint = (40 + 30 * number, 90, 160)
+            paint = ((40 + 30 * number) % 256, 90, 160)
             actors[key] = ActorDescription(key, f"civ{number}", ActorClass.SEDAN, 4.6, 1.8, 1.45, paint)
         return actors
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Builds the script of an episode's page from web/episode_page: checks the types, bundles it with three.js, and writes
-# params/pages/episode/page.js. Needs Node.js 18 or later with npm, which root installs from Debian where they are missing, and a
+# Builds the script of an episode's page from web/episode_page: checks the types, runs the tests that need no browser, bundles
+# it with three.js, and writes params/pages/episode/page.js. Needs Node.js 18 or later with npm, which root installs from Debian where they are missing, and a
 # network where the packages are not in npm's cache. The versions are those of package-lock.json.
 #
 #   tools/build_episode_page.sh            write the file
@@ -23,6 +23,7 @@ fi
 
 npm ci --no-audit --no-fund --ignore-scripts --loglevel=error
 npx --no-install tsc
+npx --no-install esbuild test/logic.test.ts --bundle --platform=node --log-level=warning | node --test-reporter=dot - >&2
 built=$(mktemp --suffix .js)
 trap 'rm -f "$built"' EXIT
 npx --no-install esbuild src/main.ts --bundle --minify --format=iife --target=es2022 --charset=utf8 --legal-comments=none \

@@ -23,6 +23,7 @@ _UNITS: Final[Mapping[str, tuple[float, int]]] = {
     "yaw_rad": (0.0002, 2),
     "speed_mps": (0.01, 1),
     "accel_mps2": (0.01, 1),
+    "steer_rad": (0.005, 1),
     "residual_m": (0.001, 1),
     "owner": (1.0, 1),
     "lights": (1.0, 1),

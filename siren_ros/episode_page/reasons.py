@@ -19,9 +19,9 @@ def add_reasons(file: ColumnFile, decisions: Decisions) -> Mapping[str, Any]:
     rows = sorted(by_step, key=lambda row: row[:2])
     if not rows:
         return {}
-    limits = [limit for _, _, decision in rows for limit in decision.limits]
+    limits = [limit for _, _, decision in rows for limit in decision.limits.items()]
     guards = [guard for _, _, decision in rows for guard in decision.guards]
-    mechanisms = sorted({limit.mechanism for limit in limits})
+    mechanisms = sorted({mechanism for mechanism, _ in limits})
     texts = sorted({text for guard in guards for text in (guard.name, guard.why)})
     numbers = {text: number for number, text in enumerate(texts)}
     file.add("why.actor", [actor for actor, _, _ in rows])
@@ -29,9 +29,9 @@ def add_reasons(file: ColumnFile, decisions: Decisions) -> Mapping[str, Any]:
     file.add("why.target_mps", [_bounded(decision.target_mps) for _, _, decision in rows], _SPEED_UNIT_MPS)
     file.add("why.limits", [len(decision.limits) for _, _, decision in rows])
     file.add("why.guards", [len(decision.guards) for _, _, decision in rows])
-    file.add("limit.mechanism", [mechanisms.index(limit.mechanism) for limit in limits])
-    file.add("limit.speed_mps", [_bounded(limit.speed_mps) for limit in limits], _SPEED_UNIT_MPS)
-    file.add("limit.blocker", [limit.blocker_id for limit in limits])
+    file.add("limit.mechanism", [mechanisms.index(mechanism) for mechanism, _ in limits])
+    file.add("limit.speed_mps", [_bounded(limit.speed_mps) for _, limit in limits], _SPEED_UNIT_MPS)
+    file.add("limit.blocker", [limit.blocker_id for _, limit in limits])
     file.add("guard.name", [numbers[guard.name] for guard in guards])
     file.add("guard.acts", [guard.acts for guard in guards])
     file.add("guard.why", [numbers[guard.why] for guard in guards])

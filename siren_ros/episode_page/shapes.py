@@ -76,13 +76,18 @@ def _nearest(
 
 
 def add_shapes(file: ColumnFile, classes: Iterable[ActorClass]) -> None:
-    """Adds the shape of each class, as it stands still, in ``base_link``."""
+    """Adds the shape of each class at rest in ``base_link``, and the parts that move (``VehicleShape.parts``)."""
     for actor_class in classes:
-        mesh = vehicle_shape(actor_class).at_rest
+        shape = vehicle_shape(actor_class)
+        mesh = shape.at_rest
         surface = _SURFACE_OF[mesh.material]
         rgb = np.where((surface == _PAINT)[:, None], _CLOTHES, mesh.colour_rgb).astype(np.uint8)
         painted = Mesh(mesh.vertices_m, mesh.triangles, mesh.material, rgb)
-        _add_mesh(file, f"shape.{actor_class.name}", painted, np.arange(len(mesh)), surface)
+        name = f"shape.{actor_class.name}"
+        vertex = _add_mesh(file, name, painted, np.arange(len(mesh)), surface)
+        ends = np.cumsum([len(part.vertices_m) for part, _ in shape.parts])
+        file.add(f"{name}.part", np.searchsorted(ends, vertex, side="right"))
+        file.add(f"{name}.hubs", [hub for _, hub in shape.parts], _UNIT_M, order=0)
 
 
 def _add_mesh(
@@ -91,16 +96,17 @@ def _add_mesh(
     mesh: Mesh,
     rows: npt.NDArray[np.intp],
     surface: npt.NDArray[np.intp] | None = None,
-) -> None:
-    """Adds some triangles with a colour, and where it is given a surface, at each vertex."""
+) -> npt.NDArray[np.intp]:
+    """Adds some triangles, at each vertex with a colour and, where given, a surface; the mesh's vertices."""
     corners, colour = mesh.triangles[rows], _packed_rgb(mesh.colour_rgb[rows])
     code = colour if surface is None else colour + (surface[rows] << 24)
-    vertex, triangles = _split_by_code(corners, code)
-    file.add(f"{name}.xyz", mesh.vertices_m[vertex[:, 0].astype(np.intp)].T, _UNIT_M)
+    vertex, code, triangles = _split_by_code(corners, code)
+    file.add(f"{name}.xyz", mesh.vertices_m[vertex].T, _UNIT_M)
     file.add(f"{name}.triangles", triangles)
-    file.add(f"{name}.rgb", vertex[:, 1] & 0xFFFFFF)
+    file.add(f"{name}.rgb", code & 0xFFFFFF)
     if surface is not None:
-        file.add(f"{name}.surface", vertex[:, 1] >> 24)
+        file.add(f"{name}.surface", code >> 24)
+    return vertex
 
 
 def _packed_rgb(colour_rgb: Bytes) -> npt.NDArray[np.int64]:
@@ -109,9 +115,9 @@ def _packed_rgb(colour_rgb: Bytes) -> npt.NDArray[np.int64]:
 
 def _split_by_code(
     corners: Triangles, code: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]:
-    """Vertices with one code each: their old indices and codes, shape ``(V, 2)``, and the corners as their indices."""
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.int64], npt.NDArray[np.intp]]:
+    """Vertices with one code each: their old indices, their codes, and the corners as indices of them."""
     codes, code_index = np.unique(code, return_inverse=True)
     key = corners.astype(np.int64) * len(codes) + code_index.reshape(-1, 1)
     keys, triangles = np.unique(key.ravel(), return_inverse=True)
-    return np.stack((keys // max(len(codes), 1), codes[keys % max(len(codes), 1)]), axis=1), triangles
+    return (keys // max(len(codes), 1)).astype(np.intp), codes[keys % max(len(codes), 1)], triangles

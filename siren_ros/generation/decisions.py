@@ -7,6 +7,7 @@ from typing import Final
 
 from siren_ros.behaviour.civilians.yield_manager import SOURCE as YIELD_SOURCE
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.behaviour.driving.free_space import SpeedLimit
 from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.behaviour.driving.speed_mechanisms import MECHANISMS
 from siren_ros.behaviour.emv.controller import SOURCE as EMV_SOURCE
@@ -23,32 +24,15 @@ _SOURCES: Final = (EMV_SOURCE, YIELD_SOURCE)
 
 
 @dataclass(frozen=True)
-class Limit:
-    """What one mechanism allowed (``MECHANISMS``)."""
-
-    mechanism: str
-    speed_mps: float
-    brake_mps2: float
-    """Deceleration that it needs at least."""
-    blocker_id: int
-    """Of the vehicle for which it is; 0 for none."""
-
-
-@dataclass(frozen=True)
 class Decision:
     """Why one EMV or one civilian who makes way did at a step what it did."""
 
     mode: Mode
     target_mps: float
     """Speed that the mode asked for; NaN where SUMO drives."""
-    limits: tuple[Limit, ...]
-    """Limits in the order of the mechanisms, those that limit nothing left out; empty where SUMO drives."""
+    limits: Mapping[str, SpeedLimit]
+    """What the mechanisms (``MECHANISMS``) allowed, those that limit nothing left out; empty where SUMO drives."""
     guards: tuple[GuardState, ...]
-
-    @property
-    def strictest(self) -> Limit | None:
-        """The limit with the lowest speed, the first of equals."""
-        return min(self.limits, key=lambda limit: limit.speed_mps, default=None)
 
 
 def decisions_of(record: EpisodeRecord) -> Iterator[tuple[int, Mapping[int, Decision]]]:
@@ -88,11 +72,8 @@ def decisions_of(record: EpisodeRecord) -> Iterator[tuple[int, Mapping[int, Deci
 
 
 def _decision(mode: Mode, navigator: NavigatorState, guards: tuple[GuardState, ...]) -> Decision:
-    limits = tuple(
-        Limit(mechanism.name, limit.speed_mps, limit.brake_mps2, limit.blocker_id)
-        for mechanism, limit in zip(MECHANISMS, navigator.limits, strict=False)
-        if limit.speed_mps < math.inf
-    )
+    allowed = zip(MECHANISMS, navigator.limits, strict=False)
+    limits = {mechanism.name: limit for mechanism, limit in allowed if limit.speed_mps < math.inf}
     return Decision(mode, navigator.target_mps if navigator.limits else math.nan, limits, guards)
 
 

@@ -12,18 +12,18 @@ from browser_pages import OpenedPage, PageBrowser
 from episode_page.looked_at import moment, pictures, until
 from episode_page.made_decisions import NO_GAP, decision
 
+from siren_ros.behaviour.driving.free_space import SpeedLimit
 from siren_ros.episode_page.build import episode_page, title_of
 from siren_ros.episode_page.nearest import nearest_of_emvs
 from siren_ros.errors import InputError
-from siren_ros.generation.decisions import Limit
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 
 RecordOf = Callable[..., EpisodeRecord]
 HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"><b>"
 WHY = [
-    (100, {2: decision(5.0, (Limit("path", 9.0, 0.0, 0), Limit("leader", 5.0, 0.0, 3)), (NO_GAP,))}),
-    (101, {2: decision(5.0, (Limit("leader", 5.0, 0.0, 1),))}),
+    (100, {2: decision(5.0, (NO_GAP,), path=SpeedLimit(9.0), leader=SpeedLimit(5.0, blocker_id=3))}),
+    (101, {2: decision(5.0, leader=SpeedLimit(5.0, blocker_id=1))}),
 ]
 
 
@@ -84,6 +84,15 @@ def test_between_two_steps_vehicles_are_between_their_places(opened: OpenedPage,
     found = {row["id"]: row for row in drawn}
     for row, actor_id in enumerate(before.actor_id.tolist()):
         assert abs(found[actor_id]["x"] - (0.75 * before.x_m[row] + 0.25 * after.x_m[row])) < 0.01
+
+
+def test_wheels_have_rolled_the_way_and_steer_as_recorded(opened: OpenedPage, record: EpisodeRecord) -> None:
+    drawn = opened.page.evaluate("() => { episodePage.seek(5.0); return episodePage.drawn(); }")
+    rows = {row["id"]: row for row in drawn}
+    mine = record.rows_of(1)[:101]
+    way_m = np.hypot(np.diff(record.rows.x_m[mine]), np.diff(record.rows.y_m[mine])).sum()
+    assert rows[1]["rolled"] == pytest.approx(way_m, abs=0.05)
+    assert rows[1]["steer"] == pytest.approx(record.rows.steer_rad[mine[-1]], abs=0.003)
 
 
 def test_nothing_is_complained_of_or_asked_for(opened: OpenedPage) -> None:

@@ -5,19 +5,19 @@ import pytest
 from episode_page.made_decisions import GAP, decision
 from episode_page.unpacked import unpacked
 
+from siren_ros.behaviour.driving.free_space import SpeedLimit
 from siren_ros.episode_page.columns import ColumnFile
 from siren_ros.episode_page.reasons import add_reasons
-from siren_ros.generation.decisions import Limit
 
 
 def test_reasons_are_sorted_by_actor_and_step_with_their_limits() -> None:
     file = ColumnFile()
-    limits = (Limit("leader", 5.0, 0.0, 7), Limit("path", np.inf, 0.0, 0))
+    limits = {"leader": SpeedLimit(5.0, blocker_id=7), "path": SpeedLimit()}
     head = add_reasons(
         file,
         [
-            (3, {2: decision(6.0, (Limit("path", 6.0, 0.0, 0),))}),
-            (4, {2: decision(5.0, limits, (GAP,))}),
+            (3, {2: decision(6.0, path=SpeedLimit(6.0))}),
+            (4, {2: decision(5.0, (GAP,), **limits)}),
             (9, {1: decision(np.nan)}),
         ],
     )

@@ -40,6 +40,19 @@ def test_a_shape_keeps_its_triangles_colours_and_lamps() -> None:
     assert np.array_equal(lit == 5, mesh.material == Material.BEACON_BLUE)
 
 
+def test_wheels_and_limbs_know_what_they_turn_about() -> None:
+    file = ColumnFile()
+    shapes.add_shapes(file, [ActorClass.BICYCLE])
+    _, columns = unpacked(file.packed({}))
+    parts = vehicle_shape(ActorClass.BICYCLE).parts
+    assert np.abs(columns["shape.BICYCLE.hubs"].reshape(-1, 4) - [hub for _, hub in parts]).max() <= 0.0005
+    part, places = columns["shape.BICYCLE.part"].astype(int), columns["shape.BICYCLE.xyz"].reshape(3, -1).T
+    for number, (mesh, _) in enumerate(parts):
+        low, high = mesh.bounds_m
+        assert places[part == number].min(axis=0) == pytest.approx(low, abs=0.001)
+        assert places[part == number].max(axis=0) == pytest.approx(high, abs=0.001)
+
+
 def boxes(count: int) -> Mesh:
     """Boxes of twelve triangles, each 10 m farther from the synthetic road's way."""
     return Mesh.joined(

@@ -245,7 +245,7 @@ def _compile(source: MapSource, shown: str, *, for_people: bool) -> bytes:
 
         net = _streets(source, shown, run, for_people=for_people)
         if not for_people or has_corners(net):
-            return net
+            return without_outlines(net) if for_people else net
         places = crossing_places(source, fromstring(net))
         files = {"--sumo-net-file": net, "--connection-files": document("connections", places)}
         return without_outlines(run(_JOINED_SIDEWALKS, files))

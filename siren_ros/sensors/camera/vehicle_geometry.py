@@ -46,11 +46,8 @@ def model_rows(placement: VehiclePlacement) -> Floats32:
 
 def _indexed(shape: VehicleShape) -> IndexedMesh:
     """The shape at rest as one indexed mesh; its vertices, dtype ``_VERTEX``, know their wheel's hub or their joint."""
-    wheels = [(w.mesh.translated(*w.hub_m), (*w.hub_m, 2.0 if w.steered else 1.0)) for w in shape.wheels]
-    limbs = [(limb.mesh.translated(*limb.joint_m), (*limb.joint_m, float(limb.swing))) for limb in shape.limbs]
-    parts = [(shape.body, (0.0, 0.0, 0.0, 0.0)), *wheels, *limbs]
     blocks, triangles, first = [], [], 0
-    for mesh, hub in parts:
+    for mesh, hub in shape.parts:
         indexed = index_mesh(mesh, SEMANTIC_CLASS_OF_MATERIAL)
         block = np.zeros(len(indexed.vertices), _VERTEX)
         block["base"] = indexed.vertices

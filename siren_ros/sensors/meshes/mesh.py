@@ -267,10 +267,19 @@ class VehicleShape:
     limbs: tuple[Limb, ...] = ()
 
     @cached_property
+    def parts(self) -> tuple[tuple[Mesh, tuple[float, float, float, float]], ...]:
+        """Body, wheels straight ahead and limbs in their middle positions in ``base_link``.
+
+        Each has its hub or joint, and how it moves: 0 with the body, 1 a wheel, 2 a steered wheel, above a ``Swing``.
+        """
+        wheels = ((w.mesh.translated(*w.hub_m), (*w.hub_m, 2.0 if w.steered else 1.0)) for w in self.wheels)
+        limbs = ((limb.mesh.translated(*limb.joint_m), (*limb.joint_m, float(limb.swing))) for limb in self.limbs)
+        return (self.body, (0.0, 0.0, 0.0, 0.0)), *wheels, *limbs
+
+    @cached_property
     def at_rest(self) -> Mesh:
-        """Body, wheels straight ahead and limbs in their middle positions as one mesh in ``base_link``."""
-        wheels = (wheel.mesh.translated(*wheel.hub_m) for wheel in self.wheels)
-        return Mesh.joined(self.body, *wheels, *(limb.mesh.translated(*limb.joint_m) for limb in self.limbs))
+        """The parts as one mesh."""
+        return Mesh.joined(*(mesh for mesh, _ in self.parts))
 
 
 @dataclass(frozen=True)

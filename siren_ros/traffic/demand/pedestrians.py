@@ -16,7 +16,7 @@ from siren_ros.world.actors import ActorClass
 PACE_MPS: Final = TruncatedNormal(mean=1.34, std=0.26, minimum=0.7, maximum=2.0)
 """Free walking speeds (Weidmann 1993: 1.34 m/s with a standard deviation of 0.26 m/s)."""
 _GOALS: Final = 5
-"""Streets that somebody walks to, one after the other, where a simple way leads there: more than an episode lasts."""
+"""Streets that somebody walks to, one after the other, where a way leads: more than an episode lasts."""
 _ROOM_M: Final = 4.0
 """Sidewalk for each one at least: on a map with few sidewalks fewer people walk."""
 _CLOTHES: Final = (

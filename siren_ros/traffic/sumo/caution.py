@@ -24,7 +24,7 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.traffic.config import CautionConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle
-from siren_ros.world.actors import Owner, rows_of_ids
+from siren_ros.world.actors import TWO_WHEELED, Owner, rows_of_ids
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 
 # No parameters: SUMO's codes.
@@ -33,6 +33,8 @@ _HARD_BRAKE_MODE: Final = 27
 _FREE_MODE: Final = 31
 _AS_DRAWN: Final[Mapping[str, float]] = {}
 """Every lane is as long for SUMO as its centre line."""
+_SPACE_M: Final = 0.2
+"""Kept free on both sides of riders: in bends SUMO's lanes are not as far from each other as it takes them to be."""
 _BY_SUMO: Final = int(Owner.SUMO)
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 
@@ -52,19 +54,21 @@ def cautions(
     config: CautionConfig,
     waiting: Collection[int] = (),
     inattentive: Collection[int] = (),
+    riders: Collection[int] = (),
 ) -> tuple[Caution, ...]:
     """The waits of SUMO's drivers.
 
     They wait for vehicles that are driven from outside, and, where their bodies would touch, for each other on
     junctions: SUMO's waiting places there reach into the ways of others. Into bodies ahead they do not drive anywhere:
-    SUMO knows of no corner that reaches into the next lane. Actors who waited at the step before (``waiting``) would go
+    SUMO knows of no corner that reaches into the next lane. Of ``riders`` and others, who stands out of a bend leads as
+    well: SUMO's lanes are parallel. Actors who waited at the step before (``waiting``) would go
     on if they need not; ``inattentive`` ones do not see vehicles from outside that come across their way.
 
     Returns:
         The strictest wait of each, sorted by actor.
     """
     ids = traffic.actor_id
-    drivers = outlook.half_length_m, _flags(ids, waiting), _flags(ids, inattentive)
+    drivers = outlook.half_length_m, _flags(ids, waiting), _flags(ids, inattentive), _flags(ids, riders)
     speeds = traffic.speed_mps, traffic.sumo_speed_mps, traffic.sumo_accel_mps2
     state = traffic.owner, traffic.flags, (traffic.x_m, traffic.y_m, traffic.yaw_rad), speeds
     near = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
@@ -162,7 +166,7 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
     a constant, speeds would be squared with another last bit than Python's.
     """
     owner, flags, (x_m, y_m, yaw_rad), (simulated_mps, sumo_mps, accel_mps2) = state
-    half_length_m, held, blind = drivers
+    half_length_m, held, blind, rides = drivers
     near, (behind_m, firm_mps2, gentle_mps2), (margin_m, accelerating_mps2, slowing_mps2), margins = limits
     n = len(owner)
     inside, counts, speed_mps, accel = np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n), np.empty(n)
@@ -182,6 +186,7 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
         row, other = pairs[p, 0], pairs[p, 1]
         met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
         leads, merges = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION
+        leads = leads or (merges and blocked < np.inf and (rides[row] or rides[other]))
         if met == 0.0 or (not leads and ((blind[row] and not inside[other]) or (merges and inside[other]))):
             continue
         if leads:
@@ -218,7 +223,7 @@ class CautiousDrivers:
         self._book, self._crossings = CourseBook(network), outlines_of(network)
         self._config, self._lanes = config, network.lanes
         self._slowed: dict[str, int] = {}
-        self._drivers: tuple[Ids, Floats, Floats, list[int]] | None = None
+        self._drivers: tuple[Ids, Floats, Floats, list[int], list[int]] | None = None
 
     def apply(
         self,
@@ -247,14 +252,15 @@ class CautiousDrivers:
 
     def _drivers_of(
         self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]
-    ) -> tuple[Ids, Floats, Floats, list[int]]:
-        """Actors, half lengths, half widths and who is inattentive; those of the call before for the same actors."""
+    ) -> tuple[Ids, Floats, Floats, list[int], list[int]]:
+        """Actors, half lengths, half widths, who is inattentive, and riders; as before for the same actors."""
         if self._drivers is None or self._drivers[0] is not actor_id:
             known = [vehicles[actor] for actor in actor_id.tolist()]
             half_length_m = np.array([0.5 * vehicle.length_m for vehicle in known])
-            half_width_m = np.array([0.5 * vehicle.width_m for vehicle in known])
+            ridden = np.array([vehicle.actor_class in TWO_WHEELED for vehicle in known], np.bool_)
+            half_width_m = np.array([0.5 * vehicle.width_m for vehicle in known]) + np.where(ridden, _SPACE_M, 0.0)
             inattentive = [actor for actor in actor_id.tolist() if not vehicles[actor].attentive]
-            self._drivers = actor_id, half_length_m, half_width_m, inattentive
+            self._drivers = actor_id, half_length_m, half_width_m, inattentive, actor_id[ridden].tolist()
         return self._drivers
 
     def _speeds(
@@ -266,9 +272,11 @@ class CautiousDrivers:
     ) -> dict[str, tuple[int, float]]:
         """Actor and SUMO's speed by the vehicle's name."""
         _, half_length_m, half_width_m, inattentive = self._drivers_of(traffic.actor_id, vehicles)
+        """Actor and speed by the vehicle's name."""
+        _, half_length_m, half_width_m, inattentive, riders = self._drivers_of(traffic.actor_id, vehicles)
         outlook = Outlook(traffic, self._book, half_length_m, half_width_m)
         speeds: dict[str, tuple[int, float]] = {}
-        found = cautions(traffic, outlook, self._config, self._slowed.values(), inattentive)
+        found = cautions(traffic, outlook, self._config, self._slowed.values(), inattentive, riders)
         if people.shape[1]:
             found = *found, *self._for_people(traffic, outlook, people)
         for caution in found:

@@ -22,12 +22,14 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import MAPS_KEPT, NO_LANE, Lane, LaneKind, RoadNetwork
 from siren_ros.traffic.demand.plan import PlannedVehicle, connection_onward
 from siren_ros.traffic.sumo.readings import ALONG, ASIDE, SPEED, SumoColumns, X, Y
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import TWO_WHEELED, ActorClass
 
 # No parameters: they make SUMO's motion one that a car can follow, and are calibrated with the vehicle model.
 LATERAL_ACCEL_MPS2: Final = 3.0
 """With which drivers take bends: the 85th percentile of drivers in urban turns is 2.5 to 3 m/s² (AASHTO, A Policy on
 Geometric Design, side friction at low speeds); the drivers of the behaviour model have the same limit."""
+_RIDERS_SHARE: Final = 0.8
+"""Of these speeds, with which riders take bends: a lean of 11 degrees in the lane's middle, of 15 at its outer edge."""
 BRAKING_MPS2: Final = 1.5
 """With which they slow down before a bend (Treiber and Kesting, comfortable deceleration of the IDM in towns)."""
 _AHEAD_M: Final = 90.0
@@ -149,8 +151,8 @@ class BendLimits:
         self._passed = np.empty((0, _MOST_PASSED, 2))
         """Places where each front bumper was: distance driven until there, and the speed of the bend."""
         self._passed_count = np.empty(0, np.intp)
-        self._bodies = np.empty((0, 2))
-        """Wished speed and length of each vehicle."""
+        self._bodies = np.empty((0, 3))
+        """Wished speed and length of each vehicle, and its share of a bend's speed."""
         self._limits_mps = np.empty(0)
 
     def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
@@ -187,8 +189,9 @@ class BendLimits:
         new = before < 0
         self._present = [self._present[row] if row >= 0 else ("", -2) for row in before.tolist()]
         known = [vehicles[name] for name in names]
+        shares = [_RIDERS_SHARE if vehicle.actor_class in TWO_WHEELED else 1.0 for vehicle in known]
         bodies = [(vehicle.driver.driving.max_speed_mps, vehicle.length_m) for vehicle in known]
-        self._bodies = np.array(bodies).reshape(-1, 2)
+        self._bodies = np.column_stack((np.array(bodies).reshape(-1, 2), shares))
         if not len(self._limits_mps):
             self._profile, self._passed = np.zeros((1, 2), np.intp), np.zeros((1, _MOST_PASSED, 2))
             self._passed_count, self._limits_mps = np.zeros(1, np.intp), np.zeros(1)
@@ -220,7 +223,7 @@ def _bend_limits(numbers: Any, outside: Any, states: Any, passed: Any, limits_mp
         if samples > 0 and not outside[row]:
             at = first + min(max(int(numbers[ALONG, row] / scale / SAMPLE_M), 0), samples - 1)
             held = _slowest_held(passed, row, numbers[SPEED, row] / scale * STEP_S, speeds_mps[0, at], length_m)
-            limit = min(wished, scale * min(held, speeds_mps[1, at]))
+            limit = min(wished, bodies[row, 2] * scale * min(held, speeds_mps[1, at]))
         before = limits_mps[row]
         if abs(limit - before) >= _STEP_MPS or (limit != before and wished in (limit, before)):
             limits_mps[row] = limit
@@ -346,13 +349,15 @@ def _sideways_limits(numbers: Any, outside: Any, wished_mps: Any, limits_mps: An
 _CYCLE_LANE_M: Final = 2.5
 """Greatest width of lanes in whose middle cyclists ride (RASt 06: cycle lanes have 1.5 to 2.25 m)."""
 _RIGHT: Final = "right"
+_FROM_EDGE_M: Final = 0.3
+"""Kept from the right edge of wider lanes: people who wait stand at the kerb."""
 
 
 class CyclistsSide:
     """Which side of their lanes cyclists keep to in SUMO."""
 
     def __init__(self, network: RoadNetwork) -> None:
-        self._narrow = [lane.width_m < _CYCLE_LANE_M for lane in network.lanes]
+        self._widths_m = [lane.width_m for lane in network.lanes]
         self._lane_ids: tuple[str, ...] = ()
         self._sides: dict[str, str] = {}
 
@@ -364,7 +369,8 @@ class CyclistsSide:
         for name, lane in zip(columns.names, columns.lane.tolist(), strict=True):
             if vehicles[name].actor_class is not ActorClass.BICYCLE or lane == NO_LANE:
                 continue
-            side = "center" if self._narrow[lane] else _RIGHT
+            edge_m = 0.5 * (self._widths_m[lane] - vehicles[name].width_m) - _FROM_EDGE_M
+            side = "center" if self._widths_m[lane] < _CYCLE_LANE_M else f"{-edge_m:.2f}"
             if self._sides.get(name, _RIGHT) != side:
                 libsumo.vehicle.setLateralAlignment(name, side)
                 self._sides[name] = side

@@ -55,10 +55,14 @@ _MODEL_PARAMETERS: Final[Mapping[str, Mapping[str, float]]] = {
 }
 """By car-following model. Errors of drivers, which would shake accelerations at each step, are off. Drivers of the EIDM
 come to their full acceleration in 0.6 s (SUMO: 1.2 s, 3 m/s3), as those do who wait for green."""
+_RIDERS_ACCEL_MPS2: Final = 2.5
+"""Riders in a town start no faster than the cars around them, whatever the motorcycle can do."""
 _RIDER_STEP_S: Final = 2.0 * STEP_S
 """Riders decide at every second step: two-wheelers are half of the traffic near people, and cost as much as cars."""
 _FULL_BRAKE_MPS2: Final = 6.0
 """With which a vehicle stops in an emergency, its driver's start included."""
+_APART_M: Final = 80.0
+"""Vehicles farther apart than this can stop before each other in a town."""
 _RUNS_RED_S: Final = 1000.0
 """``jmDriveAfterRedTime``: red for this long is still driven over."""
 
@@ -100,7 +104,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "width": vehicle.width_m + (0.0 if vehicle.is_emv or cycles else MIRRORS_M),
         "height": vehicle.height_m,
         "minGap": driving.min_gap_m,
-        "accel": driving.accel_mps2,
+        "accel": min(driving.accel_mps2, _RIDERS_ACCEL_MPS2) if ridden else driving.accel_mps2,
         "decel": driving.decel_mps2,
         "maxSpeed": driving.max_speed_mps * (driver.speed_factor if cycles else 1.0),
         "tau": driver.tau_s,
@@ -237,7 +241,8 @@ class SumoPopulation:
         wanted = self._plan.riders_kept
 
         def enter(rider: PlannedVehicle) -> bool:
-            if self._riding[rider.actor_class] >= wanted[rider.actor_class] or not self._spot_is_free(rider, ()):
+            enough = self._riding[rider.actor_class] >= wanted[rider.actor_class]
+            if enough or not self._spot_is_free(rider, ()) or self._overlapping(rider):
                 return False
             self._enter_all((rider,))
             return True
@@ -292,22 +297,36 @@ class SumoPopulation:
         libsumo.vehicle.remove(name)
         self._forget(name)
 
-    def _overlapping(self) -> list[str]:
+    def _overlapping(self, entering: PlannedVehicle | None = None) -> list[str]:
         """The vehicles without which no two bodies overlap: of each such pair the one that entered later.
 
-        SUMO's vehicles have the width of their lane: side by side, while one changes lanes, they may overlap. The way
-        on which a vehicle comes to a stand with full braking belongs to its body: nobody could stop before the other.
+        With one that is to enter: its name, where it would overlap. SUMO's vehicles have the width of their lane: side
+        by side, while one changes lanes, they may overlap. The way on which a vehicle comes to a stand with full
+        braking belongs to its body: nobody could stop before the other.
         """
         names = [name for name in self.vehicles if libsumo.vehicle.getLaneID(name)]  # not those that wait to enter
+        if entering is not None:
+            names = [name for name in names if not self._is_apart(name, self._point_of(entering.spot))]
+        poses = [(*self._pose_of(name), libsumo.vehicle.getSpeed(name)) for name in names]
+        bodies = [self.vehicles[name] for name in names]
+        if entering is not None:
+            heading = float(self._network.lanes[entering.spot.lane].centre.heading_rad(entering.spot.front_m))
+            names.append(entering.name)
+            poses.append((*self._centre_of(entering)[:2], heading, entering.spot.speed_mps))
+            bodies.append(entering)
         if not names:
             return []
-        poses = np.array([self._pose_of(name) for name in names])
-        length_m, width_m = np.array([(self.vehicles[name].length_m, self.vehicles[name].width_m) for name in names]).T
-        stop_m = np.array([libsumo.vehicle.getSpeed(name) ** 2 for name in names]) / (2.0 * _FULL_BRAKE_MPS2)
-        x_m, y_m, yaw_rad = poses.T
+        length_m, width_m = np.array([(body.length_m, body.width_m) for body in bodies]).T
+        x_m, y_m, yaw_rad, speed_mps = np.array(poses).T
+        stop_m = np.array([speed**2 for speed in speed_mps.tolist()]) / (2.0 * _FULL_BRAKE_MPS2)
         x_m, y_m = x_m + 0.5 * stop_m * np.cos(yaw_rad), y_m + 0.5 * stop_m * np.sin(yaw_rad)
         _, later, _ = overlapping_pairs(x_m, y_m, yaw_rad, length_m + stop_m, width_m)
-        return [names[row] for row in dict.fromkeys(later.tolist())]
+        found = [names[row] for row in dict.fromkeys(later.tolist())]
+        return found if entering is None else [name for name in found if name == entering.name]
+
+    def _is_apart(self, name: str, point: Point) -> bool:
+        (x, y), (offset_x, offset_y) = libsumo.vehicle.getPosition(name), self._network.sumo_offset_m
+        return max(abs(x - offset_x - point[0]), abs(y - offset_y - point[1])) > _APART_M
 
     def _pose_of(self, name: str) -> tuple[float, float, float]:
         """Centre and yaw of a vehicle that is in SUMO, in the ``map`` frame."""

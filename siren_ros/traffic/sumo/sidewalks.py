@@ -38,9 +38,30 @@ class Corners:
                         self._at[other.rpartition("_")[0], area[1:].rpartition("_w")[0]] = area
         self._joined = frozenset(frozenset(areas) for areas in beside.values())
 
+    def walks(self, start: str, goals: Sequence[str]) -> list[Sequence[str]]:
+        """Edges of a walk's parts: each leads to the next goal, or, where no simple way does, to some street ahead."""
+        present, entry, found = start, frozenset[str](), list[Sequence[str]]()
+        for goal in goals:
+            routes = libsumo.simulation.findIntermodalRoute(present, goal) if goal != present else ()
+            ways = [route.edges for route in routes if self.leads_simply(route.edges)]
+            ways = [edges for edges in ways if not entry & self.met_at(*edges[:2])]
+            if not ways and (ahead := self.onward(present, entry)):
+                ways = [(present, ahead[self._network.edge_by_id[goal].index % len(ahead)])]
+            for edges in ways[:1]:
+                found.append(edges)
+                present, entry = edges[-1], self.met_at(*edges[-2:])
+        return found
+
     def leads_simply(self, edges: Sequence[str]) -> bool:
         """Whether a walk along some edges crosses at most one street at each junction."""
         return all(self.met_at(before, after) for before, after in pairwise(edges))
+
+    def onward(self, edge: str, entry: frozenset[str]) -> tuple[str, ...]:
+        """The streets to which a walk simply leads on from one that was entered at a junction, sorted."""
+        here = self._network.edge_by_id[edge]
+        ends = {here.from_junction, here.to_junction} - entry
+        beside = {other for other, junction in self._at if junction in ends and other != edge}
+        return tuple(sorted(other for other in beside if len(at := self.met_at(edge, other)) == 1 and not at & entry))
 
     def met_at(self, before: str, after: str) -> frozenset[str]:
         """The junctions at which a walk from one edge to another crosses at most one street.

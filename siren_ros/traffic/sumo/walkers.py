@@ -28,7 +28,7 @@ from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
 _SUBSCRIBED: Final = (libsumo.VAR_POSITION, libsumo.VAR_ANGLE, libsumo.VAR_SPEED, libsumo.VAR_ROAD_ID)
 _IN_ORDER: Final = itemgetter(*_SUBSCRIBED)
-WALKING_OPTIONS: Final[Mapping[str, str]] = {"--pedestrian.striping.walkingarea-detail": "16"}
+WALKING_OPTIONS: Final[Mapping[str, str]] = {"--pedestrian.striping.walkingarea-detail": "64"}
 """SUMO's options for people: on a wide sidewalk who walks at its edge jumps at each vertex of a corner's way. SUMO's 4
 vertices are up to 70 degrees each."""
 _SPACE_M: Final = 1.0
@@ -50,10 +50,17 @@ _STOPPING_MPS2: Final = 3.0
 """…with this deceleration…"""
 _PACE_MPS: Final = 1.9
 """…and that is faster than this."""
+_BEHIND_M: Final = 4.0
+"""A vehicle that is so far past somebody is still on the crossing."""
 _INTO_M: Final = 0.5
 """Who is nearer to its way has to leave it."""
 _HURRY: Final = 1.5
 """Of their pace, with which people hurry: brisk walking (Weidmann 1993: up to 2 m/s)."""
+_LAG_M: Final = 0.3
+"""Those whom SUMO has left behind by more catch up: on the outer side of a corner SUMO's people go as fast as in its
+middle…"""
+_SLOWER: Final = 0.3
+"""…and wait, with this share of their pace."""
 _HELD_UP_MPS: Final = 5.0
 """A slower EMV is held up by traffic."""
 _IN_QUEUE_M: Final = 80.0
@@ -168,16 +175,9 @@ class Walkers:
         libsumo.person.add(walker.name, walker.edge, start_m, typeID=_type_id(walker))
         if self._corners is None:
             self._corners = Corners(self._network)
-        present, stages, entry = walker.edge, 0, frozenset[str]()
-        for goal in walker.goals:
-            for stage in libsumo.simulation.findIntermodalRoute(present, goal) if goal != present else ():
-                turns_back = bool(entry & self._corners.met_at(*stage.edges[:2]))
-                if turns_back or not self._corners.leads_simply(stage.edges):
-                    continue
-                entry = self._corners.met_at(*stage.edges[-2:])
-                middle_m = 0.5 * float(libsumo.lane.getLength(f"{goal}_0"))
-                libsumo.person.appendWalkingStage(walker.name, stage.edges, middle_m)
-                present, stages = goal, stages + 1
+        stages = self._corners.walks(walker.edge, walker.goals)
+        for edges in stages:
+            libsumo.person.appendWalkingStage(walker.name, edges, 0.5 * float(libsumo.lane.getLength(f"{edges[-1]}_0")))
         if not stages:  # on a street from which no sidewalk leads on
             libsumo.person.appendWalkingStage(walker.name, [walker.edge], max(length_m - start_m, _END_M))
         libsumo.person.subscribe(walker.name, _SUBSCRIBED)
@@ -205,7 +205,8 @@ class Walkers:
         stand |= comes & self._crossing
         table.held_m[:, ~stand] = np.nan
         table.stands[:] = stand
-        paces_mps = np.where(warned & self._crossing, _HURRY, 1.0) * table.speed_mps
+        behind = (rows >= 0) & (states.residual_m[rows] > _LAG_M) if len(states) else stand
+        paces_mps = np.where(warned & self._crossing, _HURRY, np.where(behind, _SLOWER, 1.0)) * table.speed_mps
         paces_mps[stand] = _STANDING_MPS
         for row in np.flatnonzero(paces_mps != table.told_mps).tolist():
             libsumo.person.setSpeed(table.names[row], paces_mps[row])
@@ -289,7 +290,7 @@ def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
             cos, sin = np.cos(yaw_rad[k]), np.sin(yaw_rad[k])
             ahead, left = dx * cos + dy * sin, abs(dy * cos - dx * sin)
             now = abs((y_m[row] - y_m[k]) * cos - (x_m[row] - x_m[k]) * sin) - 0.5 * width_m[k]
-            reached = -0.5 * length_m[k] < ahead < 0.5 * length_m[k] + stopping + _STEP_M
+            reached = -0.5 * length_m[k] - _BEHIND_M < ahead < 0.5 * length_m[k] + stopping + _STEP_M
             nearer = now > _INTO_M and left - 0.5 * width_m[k] < min(_AWAY_M, now)
             if stopping > 0.0 and reached and nearer:
                 comes[number] = True

@@ -7,7 +7,14 @@ import pytest
 from defusedxml.ElementTree import fromstring
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, streets
 
-from siren_ros.roads.maps.lane_shapes import mend_junction_paths, mended_lanes, points_of, rounded, text_of, without_steps_back
+from siren_ros.roads.maps.lane_shapes import (
+    mend_junction_paths,
+    mended_lanes,
+    points_of,
+    rounded,
+    text_of,
+    without_steps_back,
+)
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.maps.openstreetmap import _only_joins, taper_patches
 from siren_ros.roads.movements import movement_turn_rad

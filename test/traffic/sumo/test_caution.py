@@ -18,7 +18,7 @@ from siren_ros.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.traffic.config import CautionConfig, DemandConfig
 from siren_ros.traffic.sumo import caution as caution_module
 from siren_ros.traffic.sumo.caution import Caution, CautiousDrivers, cautions
-from siren_ros.world.actors import Owner
+from siren_ros.world.actors import ActorClass, Owner
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficFlags, TrafficState
 
 TURNS = np.radians([0.0, 30.0, 60.0])
@@ -77,6 +77,7 @@ def two_vehicles(decel_mps2: float = 3.0, attentive: bool = True) -> Any:
     """What cautious drivers read of SUMO's vehicles."""
     driver = SimpleNamespace(driving=SimpleNamespace(decel_mps2=decel_mps2))
     body = {"length_m": 2.0 * HALF_LENGTH, "width_m": 2.0 * HALF_WIDTH, "attentive": attentive, "driver": driver}
+    body["actor_class"] = ActorClass.SEDAN
     return {actor_id: SimpleNamespace(name=f"v{actor_id}", **body) for actor_id in (1, 2)}
 
 
@@ -202,6 +203,29 @@ def test_the_tail_of_a_bus_that_changes_lanes_is_in_the_way(
     traffic = replace(traffic, x_m=x, y_m=y, yaw_rad=yaw)
     outlook = Outlook(traffic, CourseBook(roads), np.array([HALF_LENGTH, 6.0]), np.array([HALF_WIDTH, 1.275]))
     assert ([caution.actor_id for caution in cautions(traffic, outlook, CautionConfig())] == [1]) is waits
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("riders", [(), (1,), (2,)])
+def test_riders_and_others_follow_who_stands_at_an_angle_on_the_same_way(turn: float, riders: tuple[int, ...]) -> None:
+    """At 35 degrees, as in a bend: drivers of cars leave it to SUMO."""
+    roads = network(turn)
+    traffic = traffic_of([Car(0, 72.0, 8.0), Car(0, 84.0, 0.0)], roads)
+    yaw = traffic.yaw_rad.copy()
+    yaw[1] += np.radians(35.0)
+    found = seen(replace(traffic, yaw_rad=yaw), roads, (), (), riders)
+    assert [caution.actor_id for caution in found] == ([1] if riders else [])
+
+
+@pytest.mark.parametrize(("kind", "apart_m"), [(ActorClass.SEDAN, 1.8), (ActorClass.BICYCLE, 2.2)])
+def test_riders_are_passed_and_pass_with_a_space(kind: ActorClass, apart_m: float) -> None:
+    """Half widths of 0.9 m each, and 0.2 m on both of two riders."""
+    roads, vehicles = network(0.0), two_vehicles()
+    for vehicle in vehicles.values():
+        vehicle.actor_class = kind
+    for more_m, waits in ((-0.05, True), (0.05, False)):
+        traffic = traffic_of([Car(0, 72.0, 8.0), Car(0, 80.0, 0.0, left=apart_m + more_m)], roads)
+        assert bool(CautiousDrivers(roads, CautionConfig())._speeds(traffic, vehicles)) is waits
 
 
 @pytest.mark.parametrize(("apart_m", "owner", "waits"), [(27.5, Owner.SUMO, False), (27.5, Owner.ROS, True)])

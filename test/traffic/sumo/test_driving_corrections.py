@@ -133,6 +133,16 @@ def test_in_a_bend_the_lateral_acceleration_is_the_limit(drive: Callable[..., Dr
     assert drive("a", "b").limit_mps("ab_0", at_m) == pytest.approx(BEND_MPS, rel=0.02)
 
 
+@pytest.mark.parametrize("kind", [ActorClass.BICYCLE, ActorClass.MOTORCYCLE])
+def test_riders_take_bends_with_four_fifths_of_the_speed(monkeypatch: pytest.MonkeyPatch, kind: ActorClass) -> None:
+    network, told = bend_ahead(), list[float]()
+    monkeypatch.setattr(libsumo.vehicle, "setMaxSpeed", lambda _, speed_mps: told.append(speed_mps))
+    columns = columns_of({"car": reading("ab_0", 10.0)}, network, dict.fromkeys(LANES, 1.0))
+    rider = replace(car("a", "b"), actor_class=kind)
+    BendLimits(network).apply(columns, {"car": rider}, columns.which(()))
+    assert told == [pytest.approx(0.8 * BEND_MPS, rel=0.02)]
+
+
 def test_the_bend_of_another_way_does_not_count(drive: Callable[..., Drive]) -> None:
     straight_on = drive("a", "c")
     assert [straight_on.limit_mps("a_0", at_m) for at_m in (0.0, 60.0, 99.0)] == [OWN_MPS] * 3
@@ -384,13 +394,15 @@ def test_nobody_slides_sideways_while_standing(sumo: SumoSimulation) -> None:
     assert stood > 100
 
 
-def test_cyclists_ride_in_the_middle_of_narrow_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
-    network: Any = SimpleNamespace(lanes=[SimpleNamespace(width_m=width) for width in (1.85, 3.4)])
+def test_cyclists_ride_in_the_middle_of_narrow_lanes_and_30_cm_from_the_edge_of_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    network: Any = SimpleNamespace(lanes=[SimpleNamespace(width_m=width) for width in (1.85, 3.4, 3.0)])
     said: list[tuple[str, str]] = []
     vehicle = SimpleNamespace(setLateralAlignment=lambda name, side: said.append((name, side)))
     monkeypatch.setattr(lane_continuity, "libsumo", SimpleNamespace(vehicle=vehicle))
     kinds = {"b": ActorClass.BICYCLE, "c": ActorClass.SEDAN}
-    vehicles: Any = {name: SimpleNamespace(actor_class=kind) for name, kind in kinds.items()}
+    vehicles: Any = {name: SimpleNamespace(actor_class=kind, width_m=0.6) for name, kind in kinds.items()}
     side = lane_continuity.CyclistsSide(network)
 
     def on(lane: int, other: int = 0) -> list[tuple[str, str]]:
@@ -399,8 +411,8 @@ def test_cyclists_ride_in_the_middle_of_narrow_lanes(monkeypatch: pytest.MonkeyP
         side.apply(columns, vehicles)
         return list(said)
 
-    assert on(1) == []  # as its type says
+    assert on(1) == [("b", "-1.10")]
     assert on(0) == [("b", "center")]
     assert on(0, other=1) == []
     assert on(NO_LANE) == []
-    assert on(1) == [("b", "right")]
+    assert on(2) == [("b", "-0.90")]

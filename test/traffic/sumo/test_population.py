@@ -11,11 +11,11 @@ from traffic_helpers import MAPS, TOWN10, load_map, named_map, plan_of, plan_s2,
 
 from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.episode_setup import set_up_episode
-from siren_ros.numerics.geometry import footprint_corners, overlapping_pairs, separation_m
+from siren_ros.numerics.geometry import Polyline, footprint_corners, overlapping_pairs, separation_m
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.traffic.config import TrafficConfig
-from siren_ros.traffic.demand.plan import load_drivers, with_responses
+from siren_ros.traffic.demand.plan import Spot, load_drivers, with_responses
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo import population as population_module
 from siren_ros.traffic.sumo.population import SumoPopulation, type_id, vehicle_types_xml
@@ -86,6 +86,7 @@ def test_two_wheels_have_sumos_own_classes() -> None:
     assert float(motorcycle.get("maxSpeed")) == 45.0
     assert (bicycle.get("latAlignment"), bicycle.get("lcSpeedGain")) == ("right", "0")
     assert motorcycle.get("latAlignment") == "center"
+    assert [float(element.get("accel")) for element in (bicycle, motorcycle, car)] == [1.2, 2.5, 2.4]
 
 
 @pytest.mark.parametrize(("cyclists", "motorcycles"), [(12, 4)])
@@ -154,6 +155,31 @@ def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_be
         assert population._overlapping() == ["b", *leaves]
     population.vehicles = dict.fromkeys("de", car)
     assert population._overlapping() == []
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "others_mps", "away_m", "refused"),
+    [(8.0, 5.0, 0.0, True), (8.0, 0.0, 0.0, False), (6.0, 5.0, 0.0, False), (8.0, 5.0, 100.0, False)],
+)
+def test_no_rider_enters_where_one_of_two_could_not_stop(
+    monkeypatch: pytest.MonkeyPatch, speed_mps: float, others_mps: float, away_m: float, refused: bool
+) -> None:
+    """The rider goes north at x = 12 m from y = -5 m, the car east from x = 10 m: 8 m/s take 5.3 m, 5 m/s 2.1 m."""
+    vehicles = SimpleNamespace(
+        getLaneID=lambda _: "lane",
+        getPosition=lambda _: (10.0 - away_m, 0.0),
+        getAngle=lambda _: 90.0,
+        getSpeed=lambda _: others_mps,
+    )
+    monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    lane = SimpleNamespace(centre=Polyline.through([[12.0, -50.0], [12.0, 50.0]]))
+    network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0), lanes=[lane])
+    plan: Any = SimpleNamespace(reserve=(), riders=())
+    population = SumoPopulation(network, plan, TrafficConfig())
+    car: Any = SimpleNamespace(length_m=4.0, width_m=1.8)
+    population.vehicles = {"car": car}
+    rider: Any = SimpleNamespace(name="rider", length_m=2.0, width_m=0.8, spot=Spot(0, 45.0, speed_mps))
+    assert population._overlapping(rider) == (["rider"] if refused else [])
 
 
 @pytest.mark.parametrize(("template", "seed"), [("S2", 3), ("S3", 0)])

@@ -1,10 +1,13 @@
 """People on foot in SUMO: where they walk, and how they come into the state of a step."""
 
 from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import libsumo
 import numpy as np
 import pytest
 import shapely
@@ -127,10 +130,20 @@ def test_fast_walkers_look_as_far_as_they_need_to_stop() -> None:
         (10.0, 3.0, 9.0, 0.5 * np.pi, False),
         (10.0, 0.4, 9.0, 0.5 * np.pi, False),
         (17.0, 2.5, 9.0, 0.5 * np.pi, False),
-        (-3.5, 2.5, 9.0, 0.5 * np.pi, False),
+        (-3.5, 2.5, 9.0, 0.5 * np.pi, True),
+        (-6.5, 2.5, 9.0, 0.5 * np.pi, False),
         (3.0, 2.5, 1.8, 0.5 * np.pi, False),
     ],
-    ids=["comes nearer", "goes away", "far enough", "in the way", "it can stop", "behind it", "walking pace"],
+    ids=[
+        "comes nearer",
+        "goes away",
+        "far enough",
+        "in the way",
+        "it can stop",
+        "it leaves",
+        "behind it",
+        "walking pace",
+    ],
 )
 def test_people_keep_away_from_a_vehicle_that_cannot_stop(
     ahead_m: float, beside_m: float, speed_mps: float, yaw_rad: float, *, comes: bool
@@ -140,6 +153,27 @@ def test_people_keep_away_from_a_vehicle_that_cannot_stop(
     sizes = np.array([4.0, 0.0]), np.array([2.0, 0.0])
     _, found = _step_into(np.array([1]), (poses, sizes), np.array([speed_mps, 0.0]))
     assert found.tolist() == [comes]
+
+
+def test_nobody_leaves_a_street_at_the_end_where_they_came_in() -> None:
+    values = f"demand.people.pedestrians={PEOPLE}"
+    steps = closed_loop(set_up_episode(EpisodeRequest("S2", map="city", sensors="none", values=values)), 2)
+    next(steps)
+
+    def between(before: str, after: str) -> set[str]:
+        ends = [{edge.from_junction, edge.to_junction} for edge in map(CITY.edge_by_id.__getitem__, (before, after))]
+        return ends[0] & ends[1]
+
+    goals = 0
+    for name in libsumo.person.getIDList():
+        stages = range(libsumo.person.getRemainingStages(name))
+        walks = [edges for stage in stages if len(edges := libsumo.person.getStage(name, stage).edges) > 1]
+        for came, goes in pairwise(walks):
+            entry, exit_ = between(*came[-2:]), between(*goes[:2])
+            assert entry != exit_ or len(entry) > 1
+            goals += 1
+    steps.close()
+    assert goals > PEOPLE
 
 
 def test_those_who_stand_stay_where_they_stood_first() -> None:
@@ -238,3 +272,15 @@ def test_people_wait_or_hurry_where_a_siren_comes(
     said.clear()
     walkers.heed(states, {}, np.empty(0, np.uint32))  # the siren is off
     assert said == dict.fromkeys(paces, 1.3)
+
+
+@pytest.mark.parametrize(("behind_m", "paces"), [(0.25, {}), (0.35, {"kerb": 0.3 * 1.3, "crosses": 0.3 * 1.3})])
+def test_sumo_waits_for_those_whom_it_has_left_behind(
+    monkeypatch: pytest.MonkeyPatch, behind_m: float, paces: dict[str, float]
+) -> None:
+    said: dict[str, float] = {}
+    person = SimpleNamespace(setSpeed=said.__setitem__)
+    monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person))
+    walkers, states = at_a_crossing(90.0, 0.0, 2.0, behind=False)
+    walkers.heed(replace(states, residual_m=np.full(3, behind_m)), {}, np.empty(0, np.uint32))
+    assert said == pytest.approx(paces)

@@ -62,7 +62,12 @@ export class Clock {
     if (this.time >= this.end()) this.play(false);
   }
 
+  /** Shows the time without words. */
   show(): void {
+    this.scrub.value = String(this.time);
+  }
+
+  tell(): void {
     const [time, end] = [this.time.toFixed(2), this.end().toFixed(2)];
     this.scrub.max = String(this.end());
     this.scrub.value = String(this.time);

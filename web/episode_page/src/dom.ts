@@ -24,9 +24,13 @@ export function byId<T extends HTMLElement = HTMLElement>(id: string): T {
   return found as T;
 }
 
-/** Sets a text where it changes, so that nothing is laid out again for nothing. */
+const said = new WeakMap<HTMLElement, string>();
+
+/** Sets the text of an element that nobody else writes to, where it changes, so that nothing is laid out for nothing. */
 export function say(target: HTMLElement, text: string): void {
-  if (target.textContent !== text) target.textContent = text;
+  if (said.get(target) === text) return;
+  said.set(target, text);
+  target.textContent = text;
 }
 
 export function words(code: string): string {

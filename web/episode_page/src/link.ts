@@ -11,7 +11,7 @@ export interface Moment {
 }
 
 /** Reads `#t=12.5&v=3&c=above`; what is missing or no value is left out. */
-function readMoment(hash: string): Moment {
+export function readMoment(hash: string): Moment {
   const parts = new URLSearchParams(hash.replace(/^#/, ""));
   const number = (name: string) => (parts.has(name) ? Number(parts.get(name) || NaN) : NaN);
   const [time, actor] = [number("t"), number("v")];

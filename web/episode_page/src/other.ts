@@ -1,7 +1,7 @@
 /** Another episode on the same clock: which of its actors are those of this one, and how far they are apart. */
 
 import type { Episode, Part } from "./episode";
-import { Tracks, type Pose } from "./tracks";
+import { newPose, Tracks, type Pose } from "./tracks";
 
 const KMH = 3.6;
 /** Columns count millimetres. */
@@ -14,9 +14,9 @@ export class Other {
   readonly there: number[];
   /** Whether both are on one map, so that they can be drawn into one another. */
   readonly near: boolean;
-  /** The frame and the actor with which the episodes first differ; undefined where they do not, or from the begin on. */
+  /** The frame and the actor of this episode with which they first differ while both last; undefined where they do not. */
   readonly difference: { frame: number; index: number } | undefined;
-  private readonly pose: Pose = { x: 0, y: 0, z: 0, yaw: 0, row: 0 };
+  private readonly pose = newPose();
 
   constructor(
     private readonly episode: Episode,
@@ -57,9 +57,13 @@ export class Other {
 
   private firstDifference(): { frame: number; index: number } | undefined {
     const { times, actors } = this.main;
-    for (let frame = 0; frame < times.length; frame++) {
-      const index = actors.findIndex((_, index) => this.apart(index, frame) > DIFFERENT_M);
-      if (index >= 0) return frame > 0 ? { frame, index } : undefined;
+    for (let frame = 0; this.near && frame < times.length && times[frame] <= this.tracks.end + 1e-6; frame++) {
+      const index = actors.findIndex((_, index) => {
+        const twin = this.there[index];
+        const there = twin >= 0 && this.rowAt(twin, times[frame]) >= 0;
+        return there !== this.main.rowAt(index, frame) >= 0 || this.apart(index, frame) > DIFFERENT_M;
+      });
+      if (index >= 0) return { frame, index };
     }
     return undefined;
   }

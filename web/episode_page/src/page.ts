@@ -16,6 +16,9 @@ import { Timeline } from "./timeline";
 import { Tracks } from "./tracks";
 import { Views } from "./views";
 
+/** Texts that change faster than this cannot be read, and cost time. */
+const TEXTS_MS = 100;
+
 export class EpisodePage {
   private readonly canvas = byId<HTMLCanvasElement>("scene");
   private readonly tracks: Tracks;
@@ -34,6 +37,7 @@ export class EpisodePage {
   private selected = -1;
   private changed = true;
   private before = 0;
+  private told = 0;
   private readonly scriptMs: number[] = [];
 
   constructor(private readonly episode: Episode) {
@@ -46,7 +50,7 @@ export class EpisodePage {
     this.views = new Views(this.canvas, this.cameras);
     this.link = new Link(() => this.moment, (moment) => this.go(moment));
     const [seek, redraw] = [(time: number) => this.seek(time), () => this.redraw()];
-    this.clock = new Clock(head.step_s, () => this.end, () => this.moved(), () => this.remember());
+    this.clock = new Clock(head.step_s, () => this.end, () => this.moved(), () => this.rested());
     this.timeline = new Timeline(episode, this.tracks, this.others, () => this.end, seek, redraw);
     const actions = { select: (id: number) => this.select(id), seek, link: () => this.link.address };
     this.panel = new Panel(episode, this.tracks, this.others, actions);
@@ -129,6 +133,11 @@ export class EpisodePage {
   private moved(): void {
     for (const { tracks } of this.others) tracks.setTime(this.clock.time);
     for (const stage of this.views.shown) stage.seek(this.clock.time);
+    this.redraw();
+  }
+
+  private rested(): void {
+    this.remember();
     this.redraw();
   }
 
@@ -235,7 +244,12 @@ export class EpisodePage {
     const frame = tracks.frameAt(clock.time);
     this.views.draw(selected, clock.rate, this.calm.matches);
     clock.show();
-    this.timeline.show(clock.time, frame);
+    this.timeline.show(clock.time);
+    const now = performance.now();
+    if (clock.playing && now - this.told < TEXTS_MS) return;
+    this.told = now;
+    clock.tell();
+    this.timeline.tell(frame);
     this.panel.show(frame, stage.fleet.poses[selected]);
   }
 

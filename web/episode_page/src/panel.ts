@@ -30,6 +30,7 @@ export class Panel {
   private readonly own = byId("own-events");
   private readonly why: Why | undefined;
   private ownEvents: { time: number; item: HTMLElement }[] = [];
+  private latest: HTMLElement | undefined;
   private shownReasons = "";
   private index = -1;
 
@@ -66,8 +67,9 @@ export class Panel {
   /** Another episode, with the moment at which it first differs. */
   private entryOf({ label, colour, difference, near }: Other): HTMLElement {
     const entry = element("li", {}, swatch(`var(${colour})`), label);
-    if (!difference) entry.append(element("span", {}, near ? "differs from the begin on, or never" : "on another map"));
-    if (difference) {
+    const text = !near ? "on another map" : difference ? "differs from the begin on" : "the same at all steps of both";
+    if (!difference?.frame) entry.append(element("span", {}, text));
+    else {
       const [time, { id }] = [this.tracks.times[difference.frame], this.tracks.actors[difference.index]];
       const press = () => {
         this.actions.seek(time);
@@ -149,7 +151,11 @@ export class Panel {
     for (const other of this.others) say(this.cells.get(rowOf(other)) as HTMLElement, other.description(index, pose));
     const time = tracks.times[frame];
     const latest = this.ownEvents.findLast((event) => event.time <= time + 1e-9);
-    for (const event of this.ownEvents) event.item.classList.toggle("latest", event === latest);
+    if (latest?.item !== this.latest) {
+      this.latest?.classList.remove("latest");
+      this.latest = latest?.item;
+      this.latest?.classList.add("latest");
+    }
     if (this.why) this.showWhy(this.why, actor, time);
   }
 

@@ -29,6 +29,8 @@ export class Timeline {
   private readonly choice = byId<HTMLSelectElement>("metric");
   private readonly metrics: Record<string, Metric>;
   private index = -1;
+  /** Of the chart; to ask for it again would lay out the page in each picture. */
+  private width = 0;
 
   constructor(
     private readonly episode: Episode,
@@ -73,9 +75,13 @@ export class Timeline {
     this.draw();
   }
 
-  /** Shows a moment. */
-  show(time: number, frame: number): void {
-    this.cursor.style.transform = `translateX(${((time / this.end()) * this.canvas.clientWidth).toFixed(1)}px)`;
+  /** Shows a moment without words. */
+  show(time: number): void {
+    this.cursor.style.transform = `translateX(${((time / this.end()) * this.width).toFixed(1)}px)`;
+  }
+
+  /** Reads the chart in a frame. */
+  tell(frame: number): void {
     const row = this.index < 0 ? -1 : this.tracks.rowAt(this.index, frame);
     const metric = this.metrics[this.choice.value];
     const values =
@@ -91,6 +97,7 @@ export class Timeline {
     const { canvas } = this;
     const end = this.end();
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    this.width = width;
     canvas.width = Math.round(width * devicePixelRatio);
     canvas.height = Math.round(height * devicePixelRatio);
     const context = canvas.getContext("2d");
@@ -130,7 +137,7 @@ export class Timeline {
   /** The moments at which the other episodes first differ. */
   private drawDifferences(context: CanvasRenderingContext2D, x: Scale, height: number, colour: Colours): void {
     for (const other of this.others) {
-      if (!other.difference) continue;
+      if (!other.difference?.frame) continue;
       context.fillStyle = colour(other.colour);
       const at = x(this.tracks.times[other.difference.frame]);
       context.fillRect(at - 0.75, 0, 1.5, height);

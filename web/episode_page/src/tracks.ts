@@ -7,6 +7,10 @@ export interface Pose {
   y: number;
   z: number;
   yaw: number;
+  /** Angle of the front wheels, left positive. */
+  steer: number;
+  /** Way that it has gone since it was first there. */
+  rolled: number;
   /** Row of the columns: the frame at or before the time. */
   row: number;
 }
@@ -18,6 +22,10 @@ export const INDICATOR_LEFT = 2;
 export const INDICATOR_RIGHT = 4;
 export const BEACON = 8;
 export const SIREN = 16;
+
+export function newPose(): Pose {
+  return { x: 0, y: 0, z: 0, yaw: 0, steer: 0, rolled: 0, row: 0 };
+}
 
 export class Tracks {
   /** Time of each frame, in seconds. */
@@ -35,6 +43,8 @@ export class Tracks {
   readonly y: Float64Array;
   private readonly z: Float64Array;
   private readonly yaw: Float64Array;
+  private readonly steer: Float64Array;
+  private readonly rolled: Float64Array;
   private readonly firstRow: number[] = [];
   private readonly indices = new Map<number, number>();
   /** Places in `actors`. */
@@ -50,6 +60,7 @@ export class Tracks {
     const column = (name: string) => episode.numbers(`${prefix}motion.${name}`);
     [this.x, this.y, this.z, this.yaw] = [column("x_m"), column("y_m"), column("z_m"), column("yaw_rad")];
     [this.speed, this.accel, this.residual] = [column("speed_mps"), column("accel_mps2"), column("residual_m")];
+    this.steer = column("steer_rad");
     const orNone = (value: number) => (value >= NOTHING ? NaN : value);
     [this.ttc, this.gap] = [column("ttc_s").map(orNone), column("gap_m").map(orNone)];
     this.owner = episode.counts(`${prefix}motion.owner`);
@@ -60,6 +71,14 @@ export class Tracks {
       this.indices.set(actor.id, index);
       this.firstRow.push(row);
       row += actor.frames;
+    });
+    this.rolled = new Float64Array(this.x.length);
+    this.actors.forEach(({ frames }, index) => {
+      const first = this.firstRow[index];
+      for (let row = first + 1; row < first + frames; row++) {
+        const [dx, dy, yaw] = [this.x[row] - this.x[row - 1], this.y[row] - this.y[row - 1], this.yaw[row]];
+        this.rolled[row] = this.rolled[row - 1] + Math.cos(yaw) * dx + Math.sin(yaw) * dy;
+      }
     });
     this.emvs = emvs.map((id) => this.indexOf(id)).filter((index) => index >= 0);
   }
@@ -116,6 +135,8 @@ export class Tracks {
     pose.x = this.x[row] + share * (this.x[after] - this.x[row]);
     pose.y = this.y[row] + share * (this.y[after] - this.y[row]);
     pose.z = this.z[row] + share * (this.z[after] - this.z[row]);
+    pose.steer = this.steer[row] + share * (this.steer[after] - this.steer[row]);
+    pose.rolled = this.rolled[row] + share * (this.rolled[after] - this.rolled[row]);
     const turn = this.yaw[after] - this.yaw[row];
     pose.yaw = this.yaw[row] + share * Math.atan2(Math.sin(turn), Math.cos(turn));
     return true;

@@ -8,6 +8,8 @@ const NARROW_PX = 600;
 
 export class Views {
   shown: Stage[] = [];
+  /** Of the canvas; to ask for it again would lay out the page in each picture. */
+  private height = 0;
   private readonly renderer: WebGLRenderer;
 
   constructor(
@@ -31,6 +33,7 @@ export class Views {
   layOut(): void {
     const { clientWidth, clientHeight } = this.canvas;
     if (clientWidth === 0 || clientHeight === 0) return;
+    this.height = clientHeight;
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.setSize(clientWidth, clientHeight, false);
     const count = this.shown.length;
@@ -47,7 +50,7 @@ export class Views {
     this.renderer.info.reset();
     this.shown.forEach((stage, place) => {
       const [left, top, width, height] = stage.box;
-      const below = this.canvas.clientHeight - top - height;
+      const below = this.height - top - height;
       this.renderer.setViewport(left, below, width, height);
       this.renderer.setScissor(left, below, width, height);
       if (place > 0) stage.match(this.cameras);

@@ -4,10 +4,12 @@ import argparse
 import sys
 from collections import Counter
 from pathlib import Path
+from shlex import quote
 
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.interfaces.messages import shown_text
 from siren_ros.judging.verify import Verification, verify_episode
+from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
 from siren_ros.recording.recover import recover_bag
@@ -131,7 +133,11 @@ def _report(bag: Path, verification: Verification, quiet: bool) -> list[str]:
     for title, parts in (("interaction", verification.verdict.parts), ("record", verification.checks)):
         shown = [part for part in parts if not (quiet and part.holds)]
         lines += [f"  {title}"] if shown and not quiet else []
-        lines += [f"    {'ok  ' if part.holds else 'FAIL'}  {part}" for part in shown]
+        for part in shown:
+            lines.append(f"    {'ok  ' if part.holds else 'FAIL'}  {part}")
+            if (moment := part.decisive) and not part.holds:
+                seconds = f"{moment.step * STEP_S:g}"
+                lines.append(f"          siren view {quote(str(bag))} --time {seconds} --actor {moment.actor_id}")
     for emv_id, verdict in ({} if quiet else verification.others).items():
         lines += [f"  EMV {emv_id}: {'holds' if verdict.holds else 'does not hold'}: {verdict.text}"]
         lines += [f"    {'ok  ' if part.holds else 'no  '}  {part}" for part in verdict.parts]

@@ -6,10 +6,10 @@ import tempfile
 import webbrowser
 from pathlib import Path
 
-from siren_ros.episode_page.build import episode_page
-from siren_ros.errors import EXIT_OK, InputError, SirenError, write_text, writing
-from siren_ros.generation.decisions import decisions_of
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.cli.options import check_numbers, names_in
+from siren_ros.episode_page.of_bag import page_of_bag
+from siren_ros.episode_page.sensed import ALL, MOST_MB, NOTHING, sensed_of
+from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 
 
 def add_view(verb: argparse.ArgumentParser) -> None:
@@ -47,19 +47,33 @@ def _add_bags(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="BAG",
-        help="another episode, beside the first and, on the same map, drawn where it differs; up to three times",
+        help="another episode, next to the first and, on the same map, drawn where it differs; up to three times",
+    )
+    parser.add_argument(
+        "--sensors",
+        default="",
+        metavar="NAMES",
+        help=f"LiDAR and cameras to show, by commas, such as lidar,camera_front, or {ALL} (default: none)",
+    )
+    parser.add_argument(
+        "--at-most-mb",
+        type=float,
+        default=MOST_MB,
+        metavar="MB",
+        help="size by which sensor data may make the page larger; more is thinned in time (default %(default)g)",
     )
 
 
 def _page_of(arguments: argparse.Namespace) -> str:
-    against = [read_episode(path) for path in arguments.against]
-    record = read_episode(arguments.bag)
-    try:
-        decisions = list(decisions_of(record))
-    except SirenError as error:
-        print(f"siren {arguments.verb}: the page does not say why vehicles drive as they do: {error}", file=sys.stderr)
-        decisions = []
-    return episode_page(record, decisions, against)
+    def complain(text: str) -> None:
+        print(f"siren {arguments.verb}: {text}", file=sys.stderr)
+
+    check_numbers(arguments, {"at_most_mb": (0.0, 1000.0)})
+    sensors = names_in(arguments.sensors)
+    sensed = sensed_of(arguments.bag, sensors, arguments.at_most_mb) if sensors else NOTHING
+    for name, note in sensed.notes:
+        complain(f"{name}: {note}")
+    return page_of_bag(arguments.bag, arguments.against, complain, sensed)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:

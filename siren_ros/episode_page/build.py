@@ -2,64 +2,77 @@
 
 import base64
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from siren_ros.episode_page.columns import ColumnFile
 from siren_ros.episode_page.parts import add_parts, title_of
 from siren_ros.episode_page.reasons import Decisions, add_reasons
+from siren_ros.episode_page.sensed import NOTHING, Sensed, add_sensed
 from siren_ros.episode_page.shapes import add_shapes
 from siren_ros.errors import SirenError
 from siren_ros.interfaces.markers import MODE_COLOURS
-from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.predicates import PARAMETER, evaluate_predicate
+from siren_ros.judging.verdict import Part, Verdict
 from siren_ros.numerics.units import STEP_S
 from siren_ros.params.page_files import page_part, page_template
 from siren_ros.pictures.birdseye import interaction_steps
 from siren_ros.pictures.palette import EMV_EVENTS, EMV_MODE_COLOURS, EVENT_STYLES, STATE_NAMES
 from siren_ros.record.bag_survey import recording_command
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import Mode
-from siren_ros.world.traffic_state import Event
+from siren_ros.world.actors import NO_ACTOR, Mode
+from siren_ros.world.traffic_state import Event, EventKind
 
 _PAGE: Final = "episode"
 _UNITS: Final = {"m": "m", "s": "s", "mps": "m/s"}
 _FORMAT: Final = 2
 """Of the embedded data; the script refuses another one."""
+_MARKS: Final = {kind: colour for kind, (_, colour, _) in EVENT_STYLES.items()} | {EventKind.YIELD_RELEASED: "#7d8894"}
+_JUDGED: Final = {True: "#b7791f", False: "#d40000"}
+"""Colours of the predicate's moments, by whether its part holds."""
 
 
-def episode_data(record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = ()) -> bytes:
+def episode_data(
+    record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = (), sensed: Sensed = NOTHING
+) -> bytes:
     """What the page knows of an episode, compressed.
 
     Args:
         record: The episode.
         decisions: Why its actors drive as they do, where that is known (``decisions_of``).
         against: Other episodes that it is compared with.
+        sensed: What its sensors measured.
 
     Raises:
         InputError: Too many others, or a record without states or with states that are no numbers or of unknown actors.
     """
     file = ColumnFile()
+    verdict = _verdict_of(record)
     parts = add_parts(file, record, against)
     add_shapes(file, sorted({actor.actor_class for each in (record, *against) for actor in each.actors.values()}))
     head = {
         "format": _FORMAT,
-        **_description(record),
+        **_description(record, sensed),
+        "verdict": _told(verdict) if verdict else None,
         **parts,
         "modes": _modes(),
-        "events": _events(record),
+        "events": _events(record, verdict),
         **add_reasons(file, decisions),
+        **add_sensed(file, sensed),
     }
     return file.packed(head)
 
 
-def episode_page(record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = ()) -> str:
+def episode_page(
+    record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = (), sensed: Sensed = NOTHING
+) -> str:
     """The whole page in one file; arguments and errors as of ``episode_data``.
 
     Its security policy allows this script and these styles alone, by their hashes. The data is base64, so nothing in it
     can end its element.
     """
     style, script = page_part(_PAGE, "page.css"), page_part(_PAGE, "page.js")
-    data = base64.b64encode(episode_data(record, decisions, against)).decode()
+    data = base64.b64encode(episode_data(record, decisions, against, sensed)).decode()
     return page_template(_PAGE, trim_blocks=True).render(
         title=title_of(record),
         style=style,
@@ -74,13 +87,12 @@ def _hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
-def _description(record: EpisodeRecord) -> dict[str, Any]:
+def _description(record: EpisodeRecord, sensed: Sensed) -> dict[str, Any]:
     episode, outcome = record.description, record.outcome
     return {
         "step_s": STEP_S,
         "begin_s": interaction_steps(record)[0] * STEP_S,
         "ended": "cut off" if outcome is None else outcome.end.value,
-        "verdict": _verdict(record),
         "command": recording_command(episode, episode.sensor_suite),
         "facts": [
             ["template", episode.template],
@@ -91,17 +103,26 @@ def _description(record: EpisodeRecord) -> dict[str, Any]:
             ["sensors", episode.sensor_suite],
             ["duration", f"{record.duration_s:.2f} s"],
             *([["pinned", episode.pinned]] if episode.pinned else []),
+            *map(list, sensed.notes),
         ],
     }
 
 
-def _verdict(record: EpisodeRecord) -> dict[str, Any] | None:
+def _verdict_of(record: EpisodeRecord) -> Verdict | None:
     """The verdict of the episode's predicate; None where it cannot be judged."""
     try:
-        verdict = evaluate_predicate(record)
+        return evaluate_predicate(record)
     except SirenError:
         return None
-    parts = [{"holds": part.holds, "text": str(part)} for part in verdict.parts]
+
+
+def _told(verdict: Verdict) -> dict[str, Any]:
+    """A verdict; each part with step and actor of the moment that decides it, where there is one."""
+    moments = [part.decisive for part in verdict.parts]
+    parts = [
+        {"holds": part.holds, "text": str(part), "at": [moment.step, moment.actor_id] if moment else None}
+        for part, moment in zip(verdict.parts, moments, strict=True)
+    ]
     return {"holds": verdict.holds, "text": verdict.text, "parts": parts}
 
 
@@ -121,12 +142,25 @@ def _hex(colour: tuple[float, float, float, float]) -> str:
     return "#" + "".join(f"{round(255 * part):02x}" for part in colour[:3])
 
 
-def _events(record: EpisodeRecord) -> list[list[Any]]:
-    """Step, kind, actor, other actor, details, and the colour of its mark; no colour for what has no mark."""
-    return [
+def _events(record: EpisodeRecord, verdict: Verdict | None) -> list[list[Any]]:
+    """Step, kind, actor, other actor, details, and the colour of its mark; no colour for what has no mark.
+
+    The predicate's moments are among them, by time.
+    """
+    happened = [
         [event.step, event.kind.value, event.actor_id, event.other_id, _details(event), _mark(record, event)]
         for event in record.events
     ]
+    judged = [moment for part in verdict.parts for moment in _moments(part)] if verdict else []
+    return sorted([*happened, *judged], key=lambda event: int(event[0]))
+
+
+def _moments(part: Part) -> Iterator[list[Any]]:
+    counts = part.value == len(part.moments)
+    for number, moment in enumerate(part.moments, 1):
+        found = f"{number if counts else part.value:.4g} (needs {part.relation} {part.threshold:.4g})"
+        details = f"{found}, {moment.note}" if moment.note else found
+        yield [moment.step, f"{PARAMETER}.{part.name}", moment.actor_id, NO_ACTOR, details, _JUDGED[part.holds]]
 
 
 def _details(event: Event) -> str:
@@ -141,5 +175,5 @@ def _detail(name: str, value: float | str) -> str:
 
 
 def _mark(record: EpisodeRecord, event: Event) -> str:
-    shown = event.kind in EVENT_STYLES and (event.kind not in EMV_EVENTS or event.actor_id in record.emv_ids)
-    return EVENT_STYLES[event.kind][1] if shown else ""
+    shown = event.kind not in EMV_EVENTS or event.actor_id in record.emv_ids
+    return _MARKS.get(event.kind, "") if shown else ""

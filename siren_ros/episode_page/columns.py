@@ -35,6 +35,11 @@ class ColumnFile:
         self._entries.append({"name": name, "length": len(numbers), "unit": unit, "order": order})
         self._bytes.append(numbers.astype("<u4").view(np.uint8).reshape(-1, 4).T.tobytes())
 
+    def add_bytes(self, name: str, content: bytes) -> None:
+        """Appends bytes as they are, such as pictures."""
+        self._entries.append({"name": name, "length": len(content), "bytes": 1})
+        self._bytes.append(content)
+
     def packed(self, head: Mapping[str, Any]) -> bytes:
         """The whole file; ``head`` is of JSON types, and the list of columns is added to it."""
         text = json.dumps({**head, "columns": self._entries}, allow_nan=False, separators=(",", ":")).encode()

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.episode_page.columns import ColumnFile
-from siren_ros.episode_page.nearest import nearest_of_emvs
+from siren_ros.episode_page.emv_measures import measures_of_emvs
 from siren_ros.errors import InputError
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorDescription
@@ -78,8 +78,8 @@ def add_motion(file: ColumnFile, record: EpisodeRecord, prefix: str = "") -> lis
         if name == "yaw_rad":
             values = np.unwrap(values)
         file.add(f"{prefix}motion.{name}", np.where(hidden, ABSENT, values) if name == "mode" else values, unit, order)
-    for name, nearest in zip(("ttc_s", "gap_m"), nearest_of_emvs(record), strict=True):
-        file.add(f"{prefix}motion.{name}", nearest[row], 0.01)
+    for name, of_emvs in zip(("ttc_s", "gap_m", "delay_s"), measures_of_emvs(record), strict=True):
+        file.add(f"{prefix}motion.{name}", of_emvs[row], 0.01)
     return actors
 
 

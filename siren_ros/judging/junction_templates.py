@@ -1,13 +1,23 @@
 """Templates S3 to S7 at junctions: passing a red signal or a stop sign, and turning off from the shoulder."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.judging.junction_traversal import Traversal, find_traversals
-from siren_ros.judging.verdict import Part, Verdict, at_least, closest_of, more_than, verdict_of
+from siren_ros.judging.verdict import (
+    Moment,
+    Part,
+    Verdict,
+    at_least,
+    closest_of,
+    first_reaching,
+    more_than,
+    verdict_of,
+)
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
@@ -90,7 +100,7 @@ def _judge(record: EpisodeRecord, speed_min_mps: float | None, others: str) -> V
         applies = connection.signal_id is not None if speed_min_mps is None else connection.must_stop
         if traversal.actor_id in record.emv_ids[:1] and applies:
             inside = _inside(network, traversal, civilians, crossing=others == "crossing_inside")
-            parts = (_at_the_line(record, traversal, speed_min_mps), _count(others, inside))
+            parts = (_at_the_line(record, traversal, speed_min_mps), _count(others, traversal, inside))
             verdicts.append(verdict_of(parts, _sentence(record, parts, traversal)))
     nowhere = f"the EMV crosses {'a junction with a signal' if speed_min_mps is None else 'a stop line'} nowhere"
     line_part = (
@@ -108,11 +118,12 @@ def _at_the_line(record: EpisodeRecord, traversal: Traversal, speed_min_mps: flo
     """
     junction = record.network.connections[traversal.connection].junction
     enter_s, leave_s = traversal.enter_step * STEP_S, traversal.leave_step * STEP_S
+    entry = Moment(traversal.enter_step, traversal.actor_id)
     where = f"EMV {traversal.actor_id} in junction {junction} from {enter_s:.1f} s to {leave_s:.1f} s"
     if speed_min_mps is None:
         letter = signal_letter(record, traversal)
-        return at_least("against_red", letter in RED, 1, f"{where} on {letter or 'no signal'}")
-    return more_than("stop_line_mps", least_free_speed_mps(record, traversal), speed_min_mps, where)
+        return at_least("against_red", letter in RED, 1, f"{where} on {letter or 'no signal'}", entry)
+    return more_than("stop_line_mps", least_free_speed_mps(record, traversal), speed_min_mps, where, entry)
 
 
 def _inside(network: RoadNetwork, traversal: Traversal, civilians: list[Traversal], crossing: bool) -> list[Traversal]:
@@ -147,10 +158,13 @@ def signal_letter(record: EpisodeRecord, traversal: Traversal) -> str:
     return state[connection.signal_link] if 0 <= connection.signal_link < len(state) else ""
 
 
-def _count(name: str, inside: list[Traversal]) -> Part:
+def _count(name: str, traversal: Traversal, inside: list[Traversal]) -> Part:
+    """How many vehicles are inside; each one counts from the step at which both it and the EMV are there."""
     spans = [(other.actor_id, *(step * STEP_S for step in other.centre_steps)) for other in inside]
     detail = ", ".join(f"{actor_id} from {first_s:.1f} s to {last_s:.1f} s" for actor_id, first_s, last_s in spans)
-    return at_least(name, len({other.actor_id for other in inside}), 1, detail)
+    came = sorted(Moment(max(other.centre_steps[0], traversal.enter_step), other.actor_id) for other in inside)
+    first = {moment.actor_id: moment for moment in reversed(came)}
+    return at_least(name, len(first), 1, detail, *sorted(first.values()))
 
 
 def _sentence(record: EpisodeRecord, parts: tuple[Part, Part], traversal: Traversal) -> str:
@@ -182,24 +196,27 @@ def shoulder_turn(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Ver
 
 def _of_turn(record: EpisodeRecord, traversal: Traversal, needed_s: float) -> Verdict:
     rows = _turn_rows(record, traversal)
-    turned_deg = float(np.degrees(turned_right_rad(rows.yaw_rad)))
+    course_deg = np.degrees(turned_right_rad(rows.yaw_rad))
+    turned_deg = float(course_deg[-1])
     on_shoulder = on_shoulder_area(record.network, rows)
-    shoulder_s = float(on_shoulder.sum()) * STEP_S
+    so_far_s = np.cumsum(on_shoulder) * STEP_S
+    shoulder_s = float(so_far_s[-1])
+    reached = partial(first_reaching, rows.step, traversal.actor_id)
     junction = record.network.connections[traversal.connection].junction
     first_s, last_s = rows.step[0] * STEP_S, rows.step[-1] * STEP_S
     where = f"EMV {traversal.actor_id} at junction {junction} from {first_s:.1f} s to {last_s:.1f} s"
     parts = (
-        at_least("right_turn_deg", turned_deg, TURN_MIN_DEG, where),
-        at_least("shoulder_s", shoulder_s, needed_s, _stretches(rows, on_shoulder)),
+        at_least("right_turn_deg", turned_deg, TURN_MIN_DEG, where, *reached(course_deg, TURN_MIN_DEG)),
+        at_least("shoulder_s", shoulder_s, needed_s, _stretches(rows, on_shoulder), *reached(so_far_s, needed_s)),
     )
     text = f"the EMV was on the shoulder for {shoulder_s:.1f} s of its turn by {turned_deg:.0f}° to the right"
     return verdict_of(parts, text)
 
 
-def turned_right_rad(yaw_rad: Floats) -> float:
-    """The largest turn to the right within a course of headings. Bends to the left before and after it do not count."""
+def turned_right_rad(yaw_rad: Floats) -> Floats:
+    """The largest turn to the right so far, at each of a course of headings; bends to the left before do not count."""
     turned = np.concatenate(([0.0], np.cumsum(wrap_angle(np.diff(yaw_rad)))))
-    return float((np.maximum.accumulate(turned) - turned).max())
+    return np.maximum.accumulate(np.maximum.accumulate(turned) - turned)
 
 
 def _turn_rows(record: EpisodeRecord, traversal: Traversal) -> StateRows:

@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.judging.verdict import Verdict, at_least, verdict_of
+from siren_ros.judging.verdict import Moment, Verdict, at_least, listed, verdict_of
 from siren_ros.numerics.geometry import wrap_angle
-from siren_ros.numerics.units import STEP_S
 from siren_ros.record.vehicle_location import Drive, ahead_and_left_m, in_same_direction, lanes_ahead, places_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import NO_LANE
@@ -43,12 +42,11 @@ class LaneClearing:
 def lane_cleared(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
     """At least ``lane_changes_min`` civilians leave the EMV's lane, and it passes ``passed_min`` in that lane."""
     clearings = find_clearings(record)
-    passes = [(clearing.actor_id, clearing.passed_step) for clearing in clearings if clearing.passed_step is not None]
-    names = ", ".join(f"{clearing.actor_id} at {clearing.end_step * STEP_S:.1f} s" for clearing in clearings)
-    passed_names = ", ".join(f"{actor_id} at {step * STEP_S:.1f} s" for actor_id, step in passes)
+    changes = [Moment(clearing.end_step, clearing.actor_id) for clearing in clearings]
+    passes = [Moment(item.passed_step, item.actor_id) for item in clearings if item.passed_step is not None]
     parts = (
-        at_least("lane_changes", len(clearings), thresholds["lane_changes_min"], names),
-        at_least("passed", len(passes), thresholds["passed_min"], passed_names),
+        at_least("lane_changes", len(changes), thresholds["lane_changes_min"], listed(changes), *changes),
+        at_least("passed", len(passes), thresholds["passed_min"], listed(passes), *sorted(passes)),
     )
     text = f"{len(clearings)} civilians left the EMV's lane while the siren was on, and it passed {len(passes)} there"
     return verdict_of(parts, text)

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from siren_ros.judging.physics import PAPER_PRESET
-from siren_ros.judging.verdict import Part, at_most
+from siren_ros.judging.verdict import Moment, Part, at_most, moments_of
 from siren_ros.numerics.arrays import Points, Rows
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import footprint_corners
@@ -111,9 +111,9 @@ def check_people(record: EpisodeRecord) -> tuple[Part, Part]:
     worst = max(passes, key=lambda item: item.speed_mps, default=NearPass(0, 0, 0, 0.0))
     faster = sum(item.speed_mps > WALKING_PACE_MPS for item in passes)
     detail = f"actor {worst.actor_id} near {worst.walker_id} at step {worst.step}, {faster} of {len(passes)} passes"
+    allowed = 0 if record.description.preset == PAPER_PRESET else np.inf
+    fastest = (Moment(worst.step, worst.actor_id),) if passes else ()
     return (
-        at_most(
-            "contacts_with_people", len(contacts), 0 if record.description.preset == PAPER_PRESET else np.inf, places
-        ),
-        at_most("speed_near_people_mps", worst.speed_mps, WALKING_PACE_MPS, detail if passes else ""),
+        at_most("contacts_with_people", len(contacts), allowed, places, *moments_of(contacts)),
+        at_most("speed_near_people_mps", worst.speed_mps, WALKING_PACE_MPS, detail if passes else "", *fastest),
     )

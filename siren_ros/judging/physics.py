@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.judging.verdict import Part, at_least, at_most
+from siren_ros.judging.verdict import Moment, Part, at_least, at_most, moments_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import overlapping_pairs
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -72,6 +72,8 @@ class PhysicsSummary:
     """Greatest impact speed."""
     overlap_m: float = 0.0
     """Greatest penetration of two footprints."""
+    overlap_moment: Moment | None = None
+    """When and of whom."""
     lateral_accel_mps2: float = 0.0
     """99.9th percentile over all vehicles."""
     emv_accel_low_mps2: float = 0.0
@@ -93,13 +95,16 @@ def summarise_physics(record: EpisodeRecord) -> PhysicsSummary:
     lateral = np.abs(rows.lateral_accel_mps2)
     is_emv = np.isin(rows.actor_id, np.array(record.emv_ids, dtype=np.uint32))
     low, high = _extremes(rows.accel_mps2[is_emv], EMV_PERCENTILES)
+    overlaps = (deepest_overlap(state, record) for state in record.states)
+    overlap_m, overlap_moment = max(overlaps, key=lambda overlap: overlap[0], default=(0.0, None))
     walks = np.isin(rows.actor_id, record.walker_ids)
     driven = ~is_emv & ~walks & (rows.speed_mps > MOVING_MPS) & (rows.mode != Mode.STOPPED)
     civilian_low, civilian_high = _extremes(rows.accel_mps2[driven], CIVILIAN_PERCENTILES)
     return PhysicsSummary(
         contacts=len(speeds),
         impact_mps=max(speeds, default=0.0),
-        overlap_m=max((overlap_m(state, record) for state in record.states), default=0.0),
+        overlap_m=overlap_m,
+        overlap_moment=overlap_moment,
         lateral_accel_mps2=float(np.percentile(lateral, LATERAL_PERCENTILE)) if len(lateral) else 0.0,
         emv_accel_low_mps2=low,
         emv_accel_high_mps2=high,
@@ -114,27 +119,35 @@ def _extremes(values: Floats, percentiles: tuple[float, float]) -> tuple[float, 
     return float(low), float(high)
 
 
-def overlap_m(state: ActorStates, record: EpisodeRecord) -> float:
-    """Greatest penetration depth of two footprints at a step, 0 where none overlap (separating axis theorem).
+def deepest_overlap(state: ActorStates, record: EpisodeRecord) -> tuple[float, Moment | None]:
+    """Greatest penetration depth of two footprints at a step, 0 where none overlap (separating axis theorem); of whom.
 
     People who pass each other on foot do not count: they turn their shoulders.
     """
     sizes = np.array([(record.actors[int(i)].length_m, record.actors[int(i)].width_m) for i in state.actor_id])
     if len(sizes) < 2:
-        return 0.0
+        return 0.0, None
     length, width = sizes.T
     first, second, depth_m = overlapping_pairs(state.x_m, state.y_m, state.yaw_rad, length, width)
     walks = np.isin(state.actor_id, record.walker_ids)
-    return float(depth_m[~(walks[first] & walks[second])].max(initial=0.0))
+    counts = ~(walks[first] & walks[second])
+    if not counts.any():
+        return 0.0, None
+    deepest = int(np.argmax(np.where(counts, depth_m, -np.inf)))
+    return float(depth_m[deepest]), Moment(state.step, int(state.actor_id[first[deepest]]))
 
 
 def check_physics(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...]:
     """The summary against its limits; drawn drivers may crash at any speed."""
     summary = summarise_physics(record)
     impact_mps = limits.impact_speed_mps if record.description.preset == PAPER_PRESET else np.inf
+    contacts = record.events_of(EventKind.COLLISION)
+    hardest = sorted(contacts, key=lambda event: float(event.detail["impact_speed_mps"]))[-1:]
     return (
-        at_most("overlap_m", summary.overlap_m, limits.overlap_m),
-        at_most("impact_speed_mps", summary.impact_mps, impact_mps, f"{summary.contacts} contacts"),
+        at_most("overlap_m", summary.overlap_m, limits.overlap_m, "", *filter(None, [summary.overlap_moment])),
+        at_most(
+            "impact_speed_mps", summary.impact_mps, impact_mps, f"{summary.contacts} contacts", *moments_of(hardest)
+        ),
         at_most("lateral_accel_p99_9_mps2", summary.lateral_accel_mps2, limits.comfort_lateral_mps2),
         at_least("emv_accel_p1_mps2", summary.emv_accel_low_mps2, -limits.emv_brake_mps2),
         at_most("emv_accel_p99_mps2", summary.emv_accel_high_mps2, limits.emv_accel_mps2),

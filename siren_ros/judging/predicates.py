@@ -15,7 +15,7 @@ from siren_ros.judging.junction_traversal import find_traversals
 from siren_ros.judging.lane_clearance import lane_cleared
 from siren_ros.judging.queue_splitting import queues_split
 from siren_ros.judging.rescue_lane import rescue_lane
-from siren_ros.judging.verdict import Verdict, at_least, verdict_of, with_sides_exchanged
+from siren_ros.judging.verdict import Moment, Verdict, at_least, verdict_of, with_sides_exchanged
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario import scenario as declared
@@ -103,5 +103,6 @@ def _crossing(record: EpisodeRecord, emv_id: int) -> Verdict:
         if one.leave_step <= last
     ]
     when = ", ".join(f"from {one.enter_step * STEP_S:.1f} s to {one.leave_step * STEP_S:.1f} s" for one in passed)
-    part = at_least(f"crossing_emv_{emv_id}", len(passed), 1, when)
+    out = [Moment(one.leave_step, emv_id) for one in passed]
+    part = at_least(f"crossing_emv_{emv_id}", len(out), 1, when, *out)
     return verdict_of((part,), f"EMV {emv_id} {'passed' if passed else 'did not pass'} junction {junction}")

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.judging.verdict import Verdict, at_least, verdict_of
+from siren_ros.judging.verdict import Moment, Part, Verdict, at_least, listed, verdict_of
 from siren_ros.numerics.arrays import Floats
-from siren_ros.numerics.units import STEP_S, steps_from_s
+from siren_ros.numerics.units import steps_from_s
 from siren_ros.record.vehicle_location import LanePlaces, ahead_and_left_m, in_same_direction, places_of
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.movements import road_lane_of
@@ -40,6 +40,11 @@ class Overtaking:
     lateral_m: float
     """Distance of the EMV's centre from that boundary."""
 
+    @property
+    def moment(self) -> Moment:
+        """Who is overtaken when."""
+        return Moment(self.step, self.actor_id, f"{self.lateral_m:.2f} m")
+
 
 @dataclass(frozen=True)
 class Holding:
@@ -56,6 +61,11 @@ class Holding:
         """Whether it stands to one side of its lane."""
         return abs(self.offset_m) >= OFF_CENTRE_M
 
+    @property
+    def moment(self) -> Moment:
+        """Who begins to stand when."""
+        return Moment(self.step, self.actor_id, f"{self.offset_m:+.2f} m")
+
 
 def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
     """At least ``holding_min`` civilians pull over and hold; the EMV overtakes ``overtaken_min`` between two queues.
@@ -65,24 +75,29 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
     """
     places = places_of(record, record.rows)
     standing = find_holding(record, places)
-    holding = [item for item in standing if item.pulled_over]
-    in_lane = [item for item in standing if not item.pulled_over]
-    held = _joined(_held(holding), "not pulled over", _held(in_lane))
-    holding_part = at_least("holding", len(holding), thresholds["holding_min"], held)
+    holding = [item.moment for item in standing if item.pulled_over]
+    in_lane = [item.moment for item in standing if not item.pulled_over]
+    held = _joined(listed(holding), "not pulled over", listed(in_lane))
+    holding_part = at_least("holding", len(holding), thresholds["holding_min"], held, *holding)
     if not record.emv_ids:
         overtaken_part = at_least("overtaken", 0, thresholds["overtaken_min"], "there is no EMV")
         return verdict_of((holding_part, overtaken_part), "there is no EMV")
     emv_id = record.emv_ids[0]
     passed = find_overtakings(record, places, emv_id)
     between = [item for item in passed if item.lateral_m <= thresholds["lateral_max_m"]]
-    aside = [item for item in passed if item.lateral_m > thresholds["lateral_max_m"]]
-    left, right = (sum(item.side == side for item in between) for side in (1, -1))
-    detail = _joined(_listed(between), "off the line", _listed(aside))
+    aside = [item.moment for item in passed if item.lateral_m > thresholds["lateral_max_m"]]
+    overtaken = [item.moment for item in between]
     parts = (
         holding_part,
-        at_least("overtaken", len(between), thresholds["overtaken_min"], detail),
-        at_least("shorter_queue", min(left, right), QUEUE_MIN, f"{left} on the left, {right} on the right"),
-        at_least("crossed", *_crossed(record, emv_id)),
+        at_least(
+            "overtaken",
+            len(between),
+            thresholds["overtaken_min"],
+            _joined(listed(overtaken), "off the line", listed(aside)),
+            *overtaken,
+        ),
+        _shorter_queue(between),
+        _crossed(record, emv_id),
     )
     text = (
         f"{len(holding)} civilians pulled over and held, and the EMV passed {len(between)} between two queues "
@@ -91,8 +106,16 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
     return verdict_of(parts, text)
 
 
-def _crossed(record: EpisodeRecord, emv_id: int) -> tuple[int, int, str]:
-    """Whether an EMV's centre crosses the stop line of the site, how often it has to, and when it does.
+def _shorter_queue(between: list[Overtaking]) -> Part:
+    """Overtaken vehicles of the side with fewer of them; the other side has as many or more at each of its moments."""
+    left, right = ([item.moment for item in between if item.side == side] for side in (1, -1))
+    both = [max(pair, key=lambda moment: moment.step) for pair in zip(left, right, strict=False)]
+    detail = f"{len(left)} on the left, {len(right)} on the right"
+    return at_least("shorter_queue", len(both), QUEUE_MIN, detail, *both)
+
+
+def _crossed(record: EpisodeRecord, emv_id: int) -> Part:
+    """Whether an EMV's centre crosses the stop line of the site.
 
     Between the lanes it may be on none of them: its way is measured along the lane that is nearest to it.
     """
@@ -106,20 +129,13 @@ def _crossed(record: EpisodeRecord, emv_id: int) -> tuple[int, int, str]:
         beyond = near & (along_m >= lane.length_m)
         came = np.flatnonzero(beyond[1:] & near[:-1] & (along_m[:-1] < lane.length_m))
         steps = np.union1d(steps, emv.step[came + 1])
-    return int(len(steps) > 0), 1, f"{steps[0] * STEP_S:.1f} s" if len(steps) else ""
+    first = [Moment(int(step), emv_id) for step in steps[:1]]
+    return at_least("crossed", len(first), 1, listed(first), *first)
 
 
 def _joined(counted: str, name: str, others: str) -> str:
     """What counts, and behind a name what does not."""
     return "; ".join(text for text in (counted, f"{name}: {others}" if others else "") if text)
-
-
-def _held(holding: list[Holding]) -> str:
-    return ", ".join(f"{item.actor_id} at {item.step * STEP_S:.1f} s ({item.offset_m:+.2f} m)" for item in holding)
-
-
-def _listed(overtakings: list[Overtaking]) -> str:
-    return ", ".join(f"{item.actor_id} at {item.step * STEP_S:.1f} s ({item.lateral_m:.2f} m)" for item in overtakings)
 
 
 def find_holding(record: EpisodeRecord, places: LanePlaces) -> tuple[Holding, ...]:

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Final
 
 import numpy as np
 
 from siren_ros.judging.queue_splitting import STANDING_MPS
-from siren_ros.judging.verdict import Verdict, at_least, at_most, verdict_of
+from siren_ros.judging.verdict import Moment, Verdict, at_least, at_most, first_reaching, verdict_of
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.geometry import Polyline, wrap_angle
 from siren_ros.numerics.units import STEP_S, mps_from_kmh
@@ -114,14 +115,15 @@ def _in_jam(bodies: Bodies, at_m: float, road: RoadView) -> bool:
     return bool(np.any(near & on_left) and np.any(near & ~on_left))
 
 
-def _on_shoulder(seen: Mapping[int, Bodies], road: RoadView) -> list[int]:
-    """Ids of the civilians that stand on the hard shoulder at some time."""
-    found: dict[int, None] = {}
-    for bodies in seen.values():
+def _on_shoulder(seen: Mapping[int, Bodies], road: RoadView, first_step: int) -> list[Moment]:
+    """The civilians that stand on the hard shoulder at some time, by their ids, and when each one is first seen."""
+    found: dict[int, Moment] = {}
+    for index, bodies in seen.items():
         beyond = (bodies.right_m < road.outer_m - ON_SHOULDER_M) & (bodies.speed_mps <= STANDING_MPS)
         beside = [(bodies.to_m > first) & (bodies.from_m < last) for first, last in road.shoulders_m]
-        found.update(dict.fromkeys(bodies.actor_id[beyond & np.any(beside, axis=0)].tolist()))
-    return sorted(found)
+        for actor_id in bodies.actor_id[beyond & np.any(beside, axis=0)].tolist():
+            found.setdefault(actor_id, Moment(first_step + index, actor_id))
+    return [found[actor_id] for actor_id in sorted(found)]
 
 
 def rescue_lane(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
@@ -150,26 +152,30 @@ def _verdict(
     rows = [row for row, step in enumerate((track.step - first).tolist()) if step in seen]
     jammed = [row for row in rows if _in_jam(seen[int(track.step[row]) - first], float(along_m[row]), road)]
     ends = [min(row + _EACH_STEPS, len(along_m) - 1) for row in jammed]
-    way_m = float(sum(along_m[end] - along_m[row] for row, end in zip(jammed, ends, strict=True)))
+    ways_m = [0.0, *accumulate(along_m[end] - along_m[row] for row, end in zip(jammed, ends, strict=True))]
+    way_m = float(ways_m[-1])
     time_s = STEP_S * sum(end - row for row, end in zip(jammed, ends, strict=True))
     places = [np.arange(along_m[row], along_m[end], STATION_M) for row, end in zip(jammed, ends, strict=True)]
     front_m = along_m + (0.5 * emv.length_m if emv else 0.0) + thresholds["ahead_m"]
     needed_m = (emv.width_m if emv else 0.0) + 2.0 * thresholds["side_m"]
-    looked, widths = 0, []
+    widths = []
     for place_m in np.concatenate(places).tolist() if places else ():
         row = max(int(np.argmax(front_m >= place_m)) - 1, 0)
         bodies = seen.get((int(track.step[row]) - first) // _EACH_STEPS * _EACH_STEPS)
         if front_m[0] < place_m and bodies is not None:
-            looked += 1
-            widths.append(float(free_width_m(bodies, np.array([place_m]), road)[0]))
-    share = float(np.mean(np.array(widths) >= needed_m)) if looked else 0.0
-    on_shoulder = _on_shoulder(seen, road)
-    narrowest = f"narrowest {min(widths):.2f} m, {needed_m:.2f} m are needed" if widths else ""
+            widths.append((float(free_width_m(bodies, np.array([place_m]), road)[0]), int(track.step[row])))
+    share = float(np.mean([width_m >= needed_m for width_m, _ in widths])) if widths else 0.0
+    on_shoulder = _on_shoulder(seen, road, first)
+    narrowest = f"narrowest {min(widths)[0]:.2f} m, {needed_m:.2f} m are needed" if widths else ""
+    worst = (Moment(min(widths)[1], emv_id),) if widths else ()
+    driven = first_reaching(track.step[ends], emv_id, ways_m[1:], thresholds["through_min_m"])
+    out = tuple(Moment(int(track.step[end]), emv_id) for end in ends[-1:])
+    ids = ", ".join(str(moment.actor_id) for moment in on_shoulder)
     parts = (
-        at_least("open_share", share, thresholds["open_share_min"], narrowest),
-        at_least("through_m", way_m, thresholds["through_min_m"]),
-        at_least("speed_mps", way_m / time_s if time_s > 0.0 else 0.0, thresholds["speed_min_mps"]),
-        at_most("on_shoulder", len(on_shoulder), 0, ", ".join(map(str, on_shoulder))),
+        at_least("open_share", share, thresholds["open_share_min"], narrowest, *worst),
+        at_least("through_m", way_m, thresholds["through_min_m"], "", *driven),
+        at_least("speed_mps", way_m / time_s if time_s > 0.0 else 0.0, thresholds["speed_min_mps"], "", *out),
+        at_most("on_shoulder", len(on_shoulder), 0, ids, *on_shoulder),
     )
     text = f"the rescue lane was open on {share:.0%} of the jam, and EMV {emv_id} drove {way_m:.0f} m through it"
     return verdict_of(parts, text)

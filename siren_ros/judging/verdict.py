@@ -1,11 +1,48 @@
 """Results of checks on a record: conditions with their numbers, and verdicts of several conditions."""
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.mirror_image import OTHER_SIDE
+from siren_ros.world.traffic_state import Event
+
+
+@dataclass(frozen=True, order=True)
+class Moment:
+    """A step at which something happened to an actor."""
+
+    step: int
+    actor_id: int
+    note: str = ""
+
+    def __str__(self) -> str:
+        text = f"{self.actor_id} at {self.step * STEP_S:.1f} s"
+        return f"{text} ({self.note})" if self.note else text
+
+
+def first_reaching(
+    steps: npt.NDArray[Any], actor_id: int, values: npt.ArrayLike, threshold: float
+) -> tuple[Moment, ...]:
+    """The first of some steps at which an actor's value has reached a threshold; nothing where it never does."""
+    reached = steps[np.asarray(values) >= threshold]
+    return tuple(Moment(int(step), actor_id) for step in reached[:1])
+
+
+def listed(moments: Iterable[Moment]) -> str:
+    """Moments as text."""
+    return ", ".join(map(str, moments))
+
+
+def moments_of(events: Iterable[Event]) -> tuple[Moment, ...]:
+    """When events happened."""
+    return tuple(Moment(event.step, event.actor_id) for event in events)
 
 
 @dataclass(frozen=True)
@@ -20,30 +57,41 @@ class Part:
     """Required relation of value to threshold: ``>=``, ``>``, ``<=`` or ``=``."""
     detail: str = ""
     """Step and actor of the worst case, or names of what is missing."""
+    moments: tuple[Moment, ...] = ()
+    """When each thing happened that a count counts; when another value reached its threshold, or was worst."""
+
+    @property
+    def decisive(self) -> Moment | None:
+        """The moment that made the condition come true, or broke it; the last one where too few happened."""
+        if not self.moments:
+            return None
+        needed = min(self.threshold, len(self.moments))
+        place = math.ceil(needed) - 1 if self.relation.startswith(">") else math.floor(needed)
+        return self.moments[min(max(place, 0), len(self.moments) - 1)]
 
     def __str__(self) -> str:
         text = f"{self.name}: {self.value:.4g} (needs {self.relation} {self.threshold:.4g})"
         return f"{text}, {self.detail}" if self.detail else text
 
 
-def at_least(name: str, value: float, threshold: float, detail: str = "") -> Part:
+def at_least(name: str, value: float, threshold: float, detail: str = "", *moments: Moment) -> Part:
     """The condition ``value >= threshold``."""
-    return Part(name, float(value), float(threshold), bool(value >= threshold), ">=", detail)
+    return Part(name, float(value), float(threshold), bool(value >= threshold), ">=", detail, moments)
 
 
-def more_than(name: str, value: float, threshold: float, detail: str = "") -> Part:
+def more_than(name: str, value: float, threshold: float, detail: str = "", *moments: Moment) -> Part:
     """The condition ``value > threshold``."""
-    return Part(name, float(value), float(threshold), bool(value > threshold), ">", detail)
+    return Part(name, float(value), float(threshold), bool(value > threshold), ">", detail, moments)
 
 
-def at_most(name: str, value: float, threshold: float, detail: str = "") -> Part:
+def at_most(name: str, value: float, threshold: float, detail: str = "", *moments: Moment) -> Part:
     """The condition ``value <= threshold``; a value that is not a number fails."""
-    return Part(name, float(value), float(threshold), bool(value <= threshold), "<=", detail)
+    return Part(name, float(value), float(threshold), bool(value <= threshold), "<=", detail, moments)
 
 
-def equals(name: str, value: float, threshold: float, detail: str = "") -> Part:
+def equals(name: str, value: float, threshold: float, detail: str = "", *moments: Moment) -> Part:
     """The condition ``value = threshold``."""
-    return Part(name, float(value), float(threshold), bool(value == threshold), "=", detail)
+    return Part(name, float(value), float(threshold), bool(value == threshold), "=", detail, moments)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from siren_ros.judging.near_people import check_people
 from siren_ros.judging.outcome import summarise_residuals
 from siren_ros.judging.physics import VerifyLimits, check_physics
 from siren_ros.judging.predicates import evaluate_predicate, verdicts_of_others
-from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals
+from siren_ros.judging.verdict import Moment, Part, Verdict, at_least, at_most, equals, listed, moments_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_NS, STEP_S
@@ -96,7 +96,8 @@ def check_motion(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, Par
             return at_most(name, 0.0, limit)
         row = int(np.argmax(values))
         changed = " as its owner changes" if before.owner[row] != after.owner[row] else ""
-        return at_most(name, values[row], limit, f"actor {after.actor_id[row]} at step {after.step[row]}{changed}")
+        moment = Moment(int(after.step[row]), int(after.actor_id[row]))
+        return at_most(name, values[row], limit, f"actor {moment.actor_id} at step {moment.step}{changed}", moment)
 
     return (
         worst("position_jump_m", jump_m, limits.jump_m),
@@ -138,13 +139,16 @@ def check_states(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...
     """
     teleports = record.events_of(EventKind.TELEPORT)
     places = ", ".join(f"actor {event.actor_id} at step {event.step}" for event in teleports)
-    residuals = summarise_residuals(record)
+    residuals, rows = summarise_residuals(record), record.rows
+    from_sumo = np.flatnonzero(rows.owner == Owner.SUMO)
+    farthest = rows.select(from_sumo[np.argsort(rows.residual_m[from_sumo], kind="stable")[-1:]])
+    worst = [Moment(int(step), int(actor)) for step, actor in zip(farthest.step, farthest.actor_id, strict=True)]
     return (
         *check_motion(record, limits),
         check_owners(record),
-        equals("teleports", len(teleports), 0, places),
+        equals("teleports", len(teleports), 0, places, *moments_of(teleports)),
         at_most("residual_p99_m", residuals.p99_m, limits.residual_p99_m, f"median {residuals.median_m:.3f} m"),
-        at_most("residual_max_m", residuals.max_m, limits.residual_max_m),
+        at_most("residual_max_m", residuals.max_m, limits.residual_max_m, listed(worst), *worst),
         *check_physics(record, limits),
         *check_people(record),
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final, TypeVar
 
-from siren_ros.errors import InputError
+from siren_ros.errors import InputError, SirenError
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.params.resources import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
@@ -60,6 +60,14 @@ def load_template(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> Templ
             of the wrong type, or no predicate: names file, line, key, value and what is allowed.
     """
     return _template(files.read("template", "templates", name_or_path).mapping())
+
+
+def own_level(template: str) -> str:
+    """The level in a template's file; empty where the template is not ours."""
+    try:
+        return load_template(template).level.name
+    except SirenError:
+        return ""
 
 
 def read_template(file: Path) -> Template:

@@ -24,8 +24,11 @@ from siren_ros.evaluation.yielding.counterfactual import effect_tables, effects
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import yield_tables
 from siren_ros.recording.bag_reader import bags_among
+from siren_ros.scenario.templates import own_level
 from siren_ros.study_report.charts import draw_coverage, draw_drivers, draw_forest, draw_metric
-from siren_ros.study_report.episode_sections import generated_section, own_level, scenes_section
+from siren_ros.study_report.episode_pages import EpisodePages
+from siren_ros.study_report.episode_sections import generated_section, scenes_section
+from siren_ros.study_report.moments import moments_section
 from siren_ros.study_report.page import Page, Picture, Section, command, figure_uri, quoted
 from siren_ros.study_report.study import PageOptions, StudyMeasures, StudyRows, measure_study, read_rows, stored_tables
 from siren_ros.tables.table import UNBOUNDED_NOTE, counted
@@ -191,8 +194,8 @@ def build_page(
     options: PageOptions,
     plan: Callable[[int], None] = lambda _: None,
     done: Callable[[], None] = lambda: None,
-) -> Page:
-    """The page of a study.
+) -> tuple[Page, EpisodePages]:
+    """The page of a study, and the pages of episodes that it leads to, not yet written.
 
     Args:
         folder: What ``siren generate`` made.
@@ -211,11 +214,14 @@ def build_page(
     return assembled(study, measures, options)
 
 
-def assembled(study: StudyRows, measures: StudyMeasures, options: PageOptions) -> Page:
-    """The page from what was read and measured."""
+def assembled(study: StudyRows, measures: StudyMeasures, options: PageOptions) -> tuple[Page, EpisodePages]:
+    """The page and the pages of episodes, from what was read and measured."""
+    pages = EpisodePages(options.pages_folder, options.pages, {bag.bag for bag in measures.bags if bag.moments})
+    moments = moments_section(((bag.bag, moment) for bag in measures.bags for moment in bag.moments), pages)
     sections: list[Section | None] = [
         generated_section(study, measures),
-        scenes_section(study, options.jobs, options.film_s),
+        scenes_section(study, options.jobs, options.film_s, pages),
+        moments,
         making_way_section(study, measures),
         effects_section(study, measures),
         prediction_section(study, score_table(measures.prediction)),
@@ -228,6 +234,6 @@ def assembled(study: StudyRows, measures: StudyMeasures, options: PageOptions) -
         ", ".join(sorted({getattr(row, name) for row in study.rows})) for name in ("template", "level", "map_name")
     )
     episodes = f"{counted(len(study.rows), 'episode')} of {templates} at {levels} on {maps}"
-    lead = f"{episodes}. This page is one file and needs no network. {UNBOUNDED_NOTE}."
+    lead = f"{episodes}. This page needs no network. {UNBOUNDED_NOTE}."
     title = f"SIREN study {study.folder.resolve().name}"
-    return Page(title, lead, [section for section in sections if section is not None])
+    return Page(title, lead, [section for section in sections if section is not None]), pages

@@ -19,12 +19,14 @@ from siren_ros.pictures.video import FRAME_RATE_HZ, FRAME_STEPS, Coding
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.scenario.templates import load_template
+from siren_ros.scenario.templates import load_template, own_level
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import TOWN
 from siren_ros.study_report.charts import draw_outcomes
+from siren_ros.study_report.episode_pages import EpisodePages
 from siren_ros.study_report.page import (
     Clip,
+    Link,
     Picture,
     Section,
     drawn_uri,
@@ -164,14 +166,6 @@ def _people(rows: Iterable[EpisodeRow]) -> Iterator[Row]:
         yield *group, "all", None, None, None, None, f"{met} of {len(episodes)}"
 
 
-def own_level(template: str) -> str:
-    """The level in a template's file; empty where the template is not ours."""
-    try:
-        return load_template(template).level.name
-    except SirenError:
-        return ""
-
-
 def _asked(study: StudyRows) -> Table:
     """What the episodes share or differ in."""
     texts = {"map": {"": TOWN}, "draw": {"-1": "none"}}
@@ -192,10 +186,10 @@ _FILMED: Final = EMV_EVENTS | {EventKind.YIELD_STARTED, EventKind.YIELD_COMPLETE
 """The film shows the middle of these events."""
 
 
-def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
+def scenes_section(study: StudyRows, jobs: int, film_s: float, pages: EpisodePages) -> Section:
     """An episode of each template: at its own level if there is one, with a predicate that holds if there is one."""
     chosen = chosen_episodes(study.rows)
-    figures, clips, commands = [], [], []
+    figures, clips, commands, links = [], [], [], []
     with ProcessPool(min(jobs, len(chosen))) as pool:
         shown = pool.map(show_episode, [(study.folder / row.bag, film_s) for row in chosen])
     for row, drawn in zip(chosen, shown, strict=True):
@@ -204,6 +198,8 @@ def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
         picture, film, poster, from_s = drawn
         bag = quoted(study.folder / row.bag)
         title = f"{row.template} {row.level}, seed {row.seed}: {_title(row.template)}"
+        if address := pages.address(study.folder / row.bag, from_s):
+            links.append(Link(f"{row.template} {row.level}, seed {row.seed}, to look into", address))
         clips.append(Clip(f"film_{row.template}", f"{title}. From {from_s:.1f} s on.", film, poster))
         caption = f"{title}. {row.predicate[:1].upper()}{row.predicate[1:]}."
         figures.append(Picture(f"picture_{row.template}", caption, picture))
@@ -216,7 +212,9 @@ def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
         "are paths coloured by speed, numbers mark the EMV at the three moments below the map, and the bars say who "
         "did what when."
     )
-    return Section("scenes", "The templates", (text,), tuple(figures), tuple(clips), commands=tuple(commands))
+    return Section(
+        "scenes", "The templates", (text,), tuple(figures), tuple(clips), links=tuple(links), commands=tuple(commands)
+    )
 
 
 def chosen_episodes(rows: Sequence[EpisodeRow]) -> tuple[EpisodeRow, ...]:

@@ -42,6 +42,17 @@ class Clip:
 
 
 @dataclass(frozen=True)
+class Link:
+    """A moment of an episode."""
+
+    text: str
+    address: str
+    """Relative to the page; empty where the episode has no page."""
+    command: str = ""
+    """It shows the moment where there is no page."""
+
+
+@dataclass(frozen=True)
 class Section:
     """One part of the page."""
 
@@ -52,6 +63,7 @@ class Section:
     figures: tuple[Picture, ...] = ()
     clips: tuple[Clip, ...] = ()
     tables: tuple[Table, ...] = ()
+    links: tuple[Link, ...] = ()
     commands: tuple[str, ...] = ()
     """They make the section's numbers again."""
 

@@ -18,6 +18,7 @@ from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.studies.episode_row import EpisodeRow
 from siren_ros.studies.study_folder import MANIFEST, STUDY, LocalFolder, read_table
+from siren_ros.study_report.moments import Notable, notable_moments
 from siren_ros.tables.table import Table
 
 
@@ -56,6 +57,7 @@ MODELS: Final = ("cv", "idm", "siren")
 DETECTION: Final = "detection"
 RISK: Final = "risk"
 FILM_S: Final = 10.0
+PAGES: Final = 8
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,10 @@ class PageOptions:
     jobs: int = 1
     film_s: float = FILM_S
     """Length of the films."""
+    pages: int = PAGES
+    """Most episodes that get a page of their own."""
+    pages_folder: Path = Path("pages")
+    """Where these pages are: a folder next to the report."""
 
     def detection_in(self, folder: Path) -> Path:
         """Folder of the detectors' scores of a study."""
@@ -112,6 +118,7 @@ class BagMeasures:
     yielding: ScoredEpisode
     prediction: EpisodeScores
     profile: InteractionProfile
+    moments: tuple[Notable, ...]
 
 
 @dataclass(frozen=True)
@@ -161,7 +168,7 @@ def measure_bag(bag: Path, models: tuple[str, ...]) -> BagMeasures | tuple[Path,
         record = read_episode(bag)
         yielding = ScoredEpisode.of(str(bag), record, score_yielding(record))
         prediction = score_episode(str(bag), record, _predictors(models))
-        return BagMeasures(bag, yielding, prediction, profile_of(str(bag), record))
+        return BagMeasures(bag, yielding, prediction, profile_of(str(bag), record), notable_moments(record))
     except SirenError as error:
         return bag, str(error)
 

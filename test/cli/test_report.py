@@ -4,7 +4,13 @@ import pytest
 
 
 @pytest.mark.parametrize(
-    "options", [["--out", "page.pdf"], ["--out", "page.html", "--jobs", "0"], ["--out", "page.html", "--models", ","]]
+    "options",
+    [
+        ["--out", "page.pdf"],
+        ["--out", "page.html", "--jobs", "0"],
+        ["--out", "page.html", "--models", ","],
+        ["--out", "page.html", "--pages", "-1"],
+    ],
 )
 def test_bad_options_are_refused(tmp_path: Path, options: list[str], siren) -> None:
     assert siren(["report", str(tmp_path), *options], 2).err.count("\n") == 1

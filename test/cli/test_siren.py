@@ -42,6 +42,8 @@ def test_verify_names_what_fails(failing_bag: Path, siren) -> None:
     assert f"{failing_bag}: FAILS" in out
     assert "FAIL  lane_changes: 1 (needs >= 3)" in out
     assert "ok" not in out.split()
+    seconds, actor_id = re.search(r"siren view \S+seed1 --time (\S+) --actor (\d+)", out).groups()
+    assert f"{actor_id} at {float(seconds):.1f} s" in out, "of the one lane change"
 
 
 def test_verify_goes_on_after_a_bag_that_cannot_be_read(bag, tmp_path, siren) -> None:

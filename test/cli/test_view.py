@@ -7,6 +7,8 @@ from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import pytest
+from datasets.made_bag import write_made_bag
+from rosbags.typesys.store import Typestore
 
 from siren_ros.cli.main import main
 
@@ -72,3 +74,16 @@ def test_a_page_without_reasons_says_why(bag: Path, tmp_path: Path, capsys: pyte
     """The synthetic episode has no template."""
     assert main(["export", "html", str(bag), "--out", str(tmp_path / "page.html")]) == 0
     assert "the page does not say why vehicles drive as they do" in capsys.readouterr().err
+
+
+def test_sensors_are_a_choice_and_the_command_says_what_is_there(
+    typestore: Typestore, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, page = write_made_bag(tmp_path / "bag", typestore), str(tmp_path / "page.html")
+    assert main(["export", "html", str(bag), "--out", page, "--sensors", "lidar"]) == 0
+    assert "siren export: lidar: a sweep every 0.2 s" in capsys.readouterr().err
+    assert main(["export", "html", str(bag), "--out", page, "--sensors", "lidar", "--at-most-mb", "0"]) == 0
+    assert "siren export: lidar: left out: more than 0 MB" in capsys.readouterr().err
+    assert main(["export", "html", str(bag), "--out", page, "--sensors", "sonar"]) == 2
+    assert "of those of the bag: lidar, camera_front, camera_rear" in capsys.readouterr().err
+    assert main(["export", "html", str(bag), "--out", page, "--at-most-mb", "-1"]) == 2

@@ -9,7 +9,6 @@ from browser_pages import OpenedPage, PageBrowser
 from episode_page.looked_at import moment, pictures, until
 
 from siren_ros.episode_page.build import episode_page
-from siren_ros.errors import InputError
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 
@@ -37,9 +36,10 @@ def other(record_of: RecordOf) -> EpisodeRecord:
 
 
 @pytest.fixture(scope="module")
-def elsewhere(other: EpisodeRecord) -> EpisodeRecord:
-    """The same on another map."""
-    return replace(other, description=replace(other.description, map_sha256="1" * 64, map_name="moon"))
+def elsewhere(record_of: RecordOf) -> EpisodeRecord:
+    """The same on another map, with one vehicle more."""
+    made = record_of(duration_s=6.0, changing=0, civilians=5)
+    return replace(made, description=replace(made.description, map_sha256="1" * 64, map_name="moon"))
 
 
 @pytest.fixture(scope="module")
@@ -111,11 +111,27 @@ def test_all_cameras_see_the_vehicle_of_the_same_name(compared: OpenedPage, came
         assert places[k][1] == pytest.approx(places[0][1], abs=1.0)
 
 
-def test_a_click_into_another_picture_selects_the_vehicle_of_that_name(compared: OpenedPage) -> None:
+@pytest.mark.parametrize("tap", [False, True])
+def test_a_click_or_tap_into_another_picture_selects_the_vehicle_of_that_name(compared: OpenedPage, tap: bool) -> None:
     compared.page.evaluate("episodePage.seek(0.5)")
     pictures(compared)
-    compared.page.mouse.click(*compared.page.evaluate("episodePage.onScreen(3, 1)"))
+    press = compared.page.touchscreen.tap if tap else compared.page.mouse.click
+    press(*compared.page.evaluate("episodePage.onScreen(3, 1)"))
     assert moment(compared)["actor"] == 3
+
+
+def test_a_vehicle_of_another_episode_alone_is_followed_there(compared: OpenedPage) -> None:
+    compared.page.evaluate("() => { episodePage.seek(0.5); episodePage.select(5); }")
+    pictures(compared)
+    before = compared.page.evaluate("episodePage.onScreen(5, 0)")
+    compared.page.mouse.click(*compared.page.evaluate("episodePage.onScreen(6, 2)"))
+    pictures(compared)
+    assert moment(compared)["actor"] == 5
+    assert compared.page.evaluate("episodePage.onScreen(5, 0)") == pytest.approx(before, abs=1.0)
+    canvas = compared.page.locator("#scene").bounding_box()
+    x, y = compared.page.evaluate("episodePage.onScreen(6, 2)")
+    assert x - before[0] == pytest.approx(2.0 * canvas["width"] / 3.0, abs=1.0)
+    assert y == pytest.approx(before[1], abs=1.0)
 
 
 def test_keys_and_buttons_choose_how_episodes_are_compared(compared: OpenedPage) -> None:
@@ -170,8 +186,3 @@ def test_pictures_stand_above_each_other_where_it_is_narrow(compared: OpenedPage
     places = [compared.page.evaluate("k => episodePage.onScreen(3, k)", k) for k in range(3)]
     assert [int((y - canvas["y"]) / (canvas["height"] / 3)) for _, y in places] == [0, 1, 2]
     assert compared.page.evaluate("document.documentElement.scrollWidth") <= 360
-
-
-def test_only_so_many_episodes_can_be_compared(record: EpisodeRecord, other: EpisodeRecord) -> None:
-    with pytest.raises(InputError, match="at most 3 other episodes"):
-        episode_page(record, against=4 * [other])

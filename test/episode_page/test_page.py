@@ -11,13 +11,16 @@ import pytest
 from browser_pages import OpenedPage, PageBrowser
 from episode_page.looked_at import moment, pictures, until
 from episode_page.made_decisions import NO_GAP, decision
+from episode_page.unpacked import unpacked
 
 from siren_ros.behaviour.driving.free_space import SpeedLimit
-from siren_ros.episode_page.build import episode_page, title_of
-from siren_ros.episode_page.nearest import nearest_of_emvs
+from siren_ros.episode_page.build import episode_data, episode_page, title_of
+from siren_ros.episode_page.emv_measures import measures_of_emvs
 from siren_ros.errors import InputError
+from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.traffic_state import Event, EventKind
 
 RecordOf = Callable[..., EpisodeRecord]
 HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"><b>"
@@ -203,15 +206,15 @@ def test_the_line_of_time_seeks_where_it_is_pressed(opened: OpenedPage) -> None:
 
 
 def test_the_chart_reads_what_is_chosen(opened: OpenedPage, record: EpisodeRecord) -> None:
-    ttc_s, gap_m = (values[record.rows_of(1)][40] for values in nearest_of_emvs(record))
+    ttc_s, gap_m, delay_s = (values[record.rows_of(1)][40] for values in measures_of_emvs(record))
     assert ttc_s < 3.0 < gap_m
     opened.page.evaluate("episodePage.seek(2.0)")
     readings = {}
-    for metric in ("gap of the EMV", "time to collision of the EMV", "speed"):
+    for metric in ("gap of the EMV", "time to collision of the EMV", "delay of the EMV", "speed"):
         opened.page.select_option("#metric", metric)
         pictures(opened)
         readings[metric] = opened.page.locator("#reading").inner_text()
-    assert list(readings.values()) == [f"{gap_m:.1f} m", f"{ttc_s:.2f} s", "50 km/h"]
+    assert list(readings.values()) == [f"{gap_m:.1f} m", f"{ttc_s:.2f} s", f"{delay_s:.1f} s", "50 km/h"]
 
 
 def test_an_event_leads_to_its_moment_and_vehicle(opened: OpenedPage, record: EpisodeRecord) -> None:
@@ -220,6 +223,29 @@ def test_an_event_leads_to_its_moment_and_vehicle(opened: OpenedPage, record: Ep
     opened.page.locator("#all-events button").first.click()
     assert moment(opened)["time"] == pytest.approx(event.step * STEP_S)
     assert moment(opened)["actor"] == event.actor_id
+
+
+def test_the_predicates_moments_are_marked_and_lead_there(opened: OpenedPage, record: EpisodeRecord) -> None:
+    changes = evaluate_predicate(record).parts[0]
+    moments = [[moment.step, moment.actor_id] for moment in changes.moments]
+    script = (
+        "episodePage.episode.head.events.filter(e => e[1] === 'predicate.lane_changes' && e[5]).map(e => [e[0], e[2]])"
+    )
+    assert opened.page.evaluate(script) == moments
+    assert changes.decisive is not None
+    opened.page.locator("#verdict-details").evaluate("details => { details.open = true; }")
+    opened.page.locator("#verdict-parts button").first.click()
+    now = moment(opened)
+    assert (now["time"], now["actor"]) == (pytest.approx(changes.decisive.step * STEP_S), changes.decisive.actor_id)
+    assert "predicate: lane changes · 3 (needs >= 3)" in opened.page.locator("#own-events").inner_text()
+
+
+def test_contacts_and_releases_are_marked(record: EpisodeRecord) -> None:
+    kinds = (EventKind.COLLISION, EventKind.YIELD_RELEASED, EventKind.YIELD_REQUESTED)
+    happened = tuple(Event(20 + step, kind, 2, 3) for step, kind in enumerate(kinds))
+    head, _ = unpacked(episode_data(replace(record, events=happened)))
+    marks = {kind: colour for _, kind, _, _, _, colour in head["events"]}
+    assert [bool(marks[kind]) for kind in kinds] == [True, True, False]
 
 
 def test_a_link_carries_time_vehicle_and_camera(opened: OpenedPage) -> None:

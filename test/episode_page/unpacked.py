@@ -16,6 +16,10 @@ def unpacked(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.floa
     start, columns = 4 + length, {}
     for entry in head["columns"]:
         count = entry["length"]
+        if entry.get("bytes") == 1:
+            columns[entry["name"]] = np.frombuffer(content, np.uint8, count, start)
+            start += count
+            continue
         planes = np.frombuffer(content, np.uint8, 4 * count, start).reshape(4, count)
         values = sum(planes[k].astype(np.int64) << (8 * k) for k in range(4))
         for _ in range(entry["order"]):

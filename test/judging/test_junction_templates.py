@@ -45,7 +45,7 @@ from siren_ros.judging.junction_templates import (
     turned_right_rad,
 )
 from siren_ros.judging.junction_traversal import find_traversals
-from siren_ros.judging.verdict import Verdict
+from siren_ros.judging.verdict import Moment, Verdict
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import JunctionKind
 
@@ -165,6 +165,8 @@ def test_red_with_a_vehicle_beside_holds_and_names_it():
     line_part, others = verdict.parts
     assert line_part.detail == "EMV 1 in junction J from 2.7 s to 6.3 s on r"
     assert others.detail == "2 from 1.6 s to 7.6 s"
+    assert line_part.moments == (Moment(54, EMV),)
+    assert others.moments == (Moment(54, 2),), "the EMV came later"
     assert verdict.text == "the EMV entered junction J against red with 1 vehicles of its direction inside"
 
 
@@ -335,12 +337,17 @@ def test_a_right_turn_on_the_shoulder_holds_with_its_times():
     # 50 m before the line, the quarter circle, 50 m after it, at 8 m/s; the EMV's length is part of the traversal
     assert shoulder.value == pytest.approx((100.0 + 6.0 + 11.75 * np.pi / 2.0) / 8.0, abs=0.1)
     assert " s to " in shoulder.detail
+    begin_s = float(shoulder.detail.split(" s to ")[0])
+    (reached,) = shoulder.moments
+    assert reached.step * 0.05 == pytest.approx(begin_s + THRESHOLDS["shoulder_min_s"], abs=0.1)
+    (half_turned,) = turned.moments
+    assert begin_s < half_turned.step * 0.05 < begin_s + shoulder.value
 
 
 def test_a_right_turn_in_the_driving_lane_fails_on_the_shoulder_alone():
     verdict = _verdict(IN_TURN_LANE)
     assert [part.name for part in verdict.failing] == ["shoulder_s"]
-    assert verdict.failing[0].value == 0.0
+    assert (verdict.failing[0].value, verdict.failing[0].moments) == (0.0, ())
 
 
 def test_straight_ahead_is_no_right_turn():
@@ -378,10 +385,11 @@ def test_the_wrong_way_along_a_shoulder_is_not_on_it():
 
 def test_the_turn_is_measured_alone_and_not_summed_with_a_bend_to_the_left():
     left, right = np.linspace(0.0, 0.9, 20), np.linspace(0.9, -0.45, 30)
-    assert turned_right_rad(np.concatenate((left, right))) == pytest.approx(1.35)
-    assert turned_right_rad(np.concatenate((left, right, right[::-1]))) == pytest.approx(1.35)
-    assert turned_right_rad(np.linspace(-3.0, -3.6, 10)) == pytest.approx(0.6), "across π"
-    assert turned_right_rad(left) == 0.0
+    turned_rad = turned_right_rad(np.concatenate((left, right)))
+    assert turned_rad[:20] == pytest.approx(0.0)
+    assert turned_rad[20:] == pytest.approx(0.9 - right)
+    assert turned_right_rad(np.concatenate((left, right, right[::-1])))[-1] == pytest.approx(1.35)
+    assert turned_right_rad(np.linspace(-3.0, -3.6, 10))[-1] == pytest.approx(0.6), "across π"
 
 
 @pytest.mark.parametrize(

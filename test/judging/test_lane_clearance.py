@@ -43,6 +43,9 @@ def test_four_of_four_leave_and_are_passed(record_of):
     changes, passed = (part.detail for part in verdict.parts)
     assert changes == ", ".join(f"{item.actor_id} at {0.05 * item.end_step:.1f} s" for item in clearings)
     assert passed == ", ".join(f"{item.actor_id} at {0.05 * (item.passed_step or 0):.1f} s" for item in clearings)
+    times = [[(moment.actor_id, moment.step) for moment in part.moments] for part in verdict.parts]
+    assert times[0] == [(item.actor_id, item.end_step) for item in clearings]
+    assert times[1] == sorted(((item.actor_id, item.passed_step) for item in clearings), key=lambda pair: pair[1])
 
 
 def test_completion_and_pass_lie_where_the_poses_put_them(record_of):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hand_made_record import CAR_LENGTH_M, EMV, EMV_LENGTH_M, NORTHBOUND, Driven, crossing, hand_made
 
-from siren_ros.judging.physics import PhysicsSummary, VerifyLimits, check_physics, overlap_m, summarise_physics
+from siren_ros.judging.physics import PhysicsSummary, VerifyLimits, check_physics, deepest_overlap, summarise_physics
 from siren_ros.world.actors import Mode
 from siren_ros.world.traffic_state import Event, EventKind
 
@@ -39,15 +39,18 @@ def test_overlap_is_the_depth_along_the_nearest_axis_whichever_way_they_point(ah
     cos, sin = np.cos(turn), np.sin(turn)
     other = (5.0 + cos * ahead - sin * left, -3.0 + sin * ahead + cos * left, turn + yaw)
     record = record_of()
-    assert overlap_m(placed(record, (5.0, -3.0, turn), other), record) == pytest.approx(overlap, abs=1e-9)
-    assert overlap_m(placed(record, other, (5.0, -3.0, turn)), record_of()) >= 0.0
+    assert deepest_overlap(placed(record, (5.0, -3.0, turn), other), record)[0] == pytest.approx(overlap, abs=1e-9)
+    assert deepest_overlap(placed(record, other, (5.0, -3.0, turn)), record_of())[0] >= 0.0
 
 
 def test_the_deepest_of_several_overlaps_counts():
     record = record_of(cars=(2, 3))
     state = placed(record, (0.0, 0.0, 0.0), (4.9, 0.0, 0.0), (-4.6, 0.0, 0.0))
-    assert overlap_m(state, record) == pytest.approx(0.4)
-    assert overlap_m(placed(record_of(cars=()), (0.0, 0.0, 0.0)), record_of(cars=())) == 0.0
+    depth_m, moment = deepest_overlap(state, record)
+    assert depth_m == pytest.approx(0.4)
+    assert moment is not None
+    assert moment.step == state.step
+    assert deepest_overlap(placed(record_of(cars=()), (0.0, 0.0, 0.0)), record_of(cars=())) == (0.0, None)
 
 
 def accelerated(accel_mps2, lateral_mps2):

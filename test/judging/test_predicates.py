@@ -78,6 +78,7 @@ def test_an_emv_that_crosses_has_to_pass_its_junction(speed_mps, passes):
     assert f"EMV 2 {'passed' if passes else 'did not pass'} junction J" in verdict.text
     (other,) = verdicts_of_others(record).values()
     assert (other.holds, len(other.parts)) == (passes, 1)
+    assert [moment.actor_id for moment in other.parts[0].moments] == [2] * passes
     elsewhere = several(Driven(EASTBOUND, at_speed(20.0, 10.0, 200)), crossing={"junction": "K", "emv_ids": [2]})
     assert not evaluate_predicate(elsewhere).holds
 

@@ -73,6 +73,12 @@ def test_passing_between_two_queues_that_hold():
     assert verdict.measures() == {"holding": 8.0, "overtaken": 8.0, "shorter_queue": 4.0, "crossed": 1.0}
     assert verdict.parts[0].detail.startswith("10 at 2.0 s (+0.70 m)")
     assert verdict.parts[2].detail == "4 on the left, 4 on the right"
+    passed = [int(np.ceil((30.0 + 8.0 * k - 5.12) / 0.35)) for k in range(4)]
+    holding, overtaken, shorter, crossed = ([moment.step for moment in part.moments] for part in verdict.parts)
+    assert holding == [40] * 8
+    assert overtaken == sorted(2 * passed)
+    assert shorter == passed
+    assert [f"{EMV} at {0.05 * step:.1f} s" for step in crossed] == [verdict.parts[3].detail]
 
 
 def test_overtakings_lie_where_the_centres_are_abreast():

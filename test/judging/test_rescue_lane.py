@@ -24,6 +24,8 @@ def test_an_open_lane_that_the_emv_drives_through_holds():
     assert measures["through_m"] == pytest.approx(152.0 + 30.0 + CAR_LENGTH_M, abs=4.0)
     free_m = WIDTH_M + 2.0 * AT_SIDE_M - CAR_WIDTH_M
     assert f"narrowest {free_m:.2f} m" in verdict.parts[0].detail
+    through, out = verdict.parts[1].decisive.step, verdict.parts[2].decisive.step
+    assert (out - through) * 0.05 == pytest.approx((measures["through_m"] - 100.0) / 8.0, abs=0.5)
 
 
 @pytest.mark.parametrize(("offset_m", "is_open"), [(0.5 * (NEEDED_M - WIDTH_M + CAR_WIDTH_M), True)])
@@ -62,6 +64,7 @@ def test_nobody_stands_on_the_hard_shoulder(beyond_m, counted):
     verdict = rescue_lane(jam(more=[(350.0, edge_m - beyond_m + 0.5 * CAR_WIDTH_M)]), THRESHOLDS)
     assert verdict.measures()["on_shoulder"] == counted
     assert verdict.holds == (counted == 0)
+    assert [moment.step for moment in verdict.parts[3].moments] == [0] * counted
 
 
 def test_a_short_way_and_a_slow_one_do_not_hold():

@@ -1,8 +1,18 @@
 """Conditions as they are printed, and on both sides of their thresholds."""
 
+import numpy as np
 import pytest
 
-from siren_ros.judging.verdict import at_least, at_most, closest_of, equals, more_than, verdict_of
+from siren_ros.judging.verdict import (
+    Moment,
+    at_least,
+    at_most,
+    closest_of,
+    equals,
+    first_reaching,
+    more_than,
+    verdict_of,
+)
 
 
 @pytest.mark.parametrize(
@@ -42,3 +52,41 @@ def test_the_closest_verdict_has_the_most_parts_and_then_the_largest_values():
     assert closest_of([none, second, whole, first]) is whole
     assert closest_of([none, second, first]) is first
     assert closest_of([]) is None
+
+
+MOMENTS = tuple(Moment(10 * number, number) for number in (1, 2, 3))
+
+
+@pytest.mark.parametrize(
+    ("make", "threshold", "step"),
+    [
+        (at_least, 2, 20),
+        (at_least, 1.5, 20),
+        (at_least, 3, 30),
+        (at_least, 4, 30),
+        (at_least, 0, 10),
+        (more_than, 1.2, 20),
+        (equals, 0, 10),
+        (at_most, 0, 10),
+        (at_most, 1, 20),
+        (at_most, np.inf, 30),
+    ],
+)
+def test_the_decisive_moment_fulfils_or_breaks_a_count(make, threshold, step):
+    assert make("n", 3, threshold, "", *MOMENTS).decisive.step == step
+
+
+def test_a_single_moment_decides_and_without_one_nothing_does():
+    assert at_least("way_m", 120.0, 100.0, "", MOMENTS[1]).decisive is MOMENTS[1]
+    assert at_most("overlap_m", 0.4, 0.3).decisive is None
+
+
+def test_a_moment_names_actor_and_time():
+    assert str(Moment(25, 7)) == "7 at 1.2 s"
+    assert str(Moment(26, 7, "0.40 m")) == "7 at 1.3 s (0.40 m)"
+
+
+def test_a_threshold_is_reached_at_the_first_step_with_its_value():
+    steps = np.array([4, 5, 6, 7])
+    assert first_reaching(steps, 3, [0.0, 1.0, 0.5, 2.0], 1.0) == (Moment(5, 3),)
+    assert first_reaching(steps, 3, [0.0, 1.0, 0.5, 2.0], 2.1) == ()

@@ -8,7 +8,7 @@ import pytest
 from hand_made_record import CAR_LENGTH_M, NORTHBOUND, Driven, at_speed, crossing, hand_made, line, with_states
 
 from siren_ros.errors import EpisodeError
-from siren_ros.judging.verdict import Part, verdict_of
+from siren_ros.judging.verdict import Moment, Part, verdict_of
 from siren_ros.judging.verify import (
     CHECKS,
     Verification,
@@ -63,6 +63,7 @@ def test_a_jump_is_found_with_its_actor_and_step(record):
     (jump,) = [part for part in verification.checks if part.name == "position_jump_m"]
     assert jump.value == pytest.approx(0.3, abs=0.01)
     assert jump.detail.startswith("actor 2 at step 100")
+    assert jump.decisive == Moment(100, 2)
 
 
 @pytest.mark.parametrize(
@@ -165,6 +166,9 @@ def test_a_teleport_is_found(record):
 def test_a_large_residual_is_found(record):
     far = with_states(record, residual_m=lambda state: state.residual_m + 3.0)
     assert _failing(verify_episode(far)) == ["residual_p99_m", "residual_max_m"]
+    once = with_states(record, lambda step: step == 40, residual_m=lambda state: 5.0 * (state.actor_id == 3))
+    (residual,) = [part for part in verify_episode(once).failing if part.name == "residual_max_m"]
+    assert residual.decisive == Moment(40, 3)
 
 
 def with_topic(record: EpisodeRecord, name: str, **changes: Any) -> EpisodeRecord:
@@ -234,7 +238,8 @@ def _colliding(record: EpisodeRecord, speed_mps: float) -> EpisodeRecord:
 
 def test_an_impact_at_speed_is_found_with_the_papers_drivers_alone(record):
     assert _failing(verify_episode(_colliding(record, 1.5))) == []
-    assert _failing(verify_episode(_colliding(record, 2.5))) == ["impact_speed_mps"]
+    (impact,) = verify_episode(_colliding(_colliding(record, 2.5), 1.5)).failing
+    assert (impact.name, impact.decisive) == ("impact_speed_mps", Moment(100, 2))
     drawn = replace(record, description=replace(record.description, preset="realistic"))
     assert _failing(verify_episode(_colliding(drawn, 2.5))) == []
 
@@ -250,7 +255,8 @@ def test_bodies_in_each_other_are_found(record):
     x_m, y_m = state.x_m.copy(), state.y_m.copy()
     x_m[2], y_m[2] = x_m[1] + 1.0, y_m[1]
     changed = with_states(record, lambda step: step == 50, x_m=lambda _: x_m, y_m=lambda _: y_m)
-    assert "overlap_m" in _failing(verify_episode(changed))
+    (overlap,) = [part for part in verify_episode(changed).failing if part.name == "overlap_m"]
+    assert overlap.decisive == Moment(50, int(state.actor_id[1]))
 
 
 @pytest.mark.parametrize(

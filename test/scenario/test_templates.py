@@ -8,7 +8,14 @@ from siren_ros.params.resources import params_dir
 from siren_ros.roads.sites import SiteKind
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.scenario import PEOPLE, GroupAnchor, PeopleDemand, StartReference, ValueRange
-from siren_ros.scenario.templates import available_templates, draw_values, load_template, read_template, realised
+from siren_ros.scenario.templates import (
+    available_templates,
+    draw_values,
+    load_template,
+    own_level,
+    read_template,
+    realised,
+)
 from siren_ros.world.actors import ActorClass
 
 S2_TEXT = (params_dir() / "templates" / "S2.yaml").read_text(encoding="utf-8")
@@ -257,3 +264,8 @@ def test_people_are_read_from_the_file(tmp_path):
     assert template.drawn["demand.people.cyclists"] == ValueRange(4, 8, integer=True)
     assert template.ranges["demand.people.motorcycles"].minimum == 0
     assert "another name for a group" in refused(tmp_path, "    platoon:", "    people:")[0].allowed
+
+
+@pytest.mark.parametrize(("template", "level"), [("S2", "L2"), ("S1", "L3"), ("mine", "")])
+def test_own_levels(template, level):
+    assert own_level(template) == level

@@ -75,8 +75,10 @@ def made(study: Path, tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespa
     """The page's content and file, and the measures behind it."""
     rows = read_rows(study)
     measures = measure_study([study / row.bag for row in rows.rows if row.bag], ("cv", "idm"), 1)
-    page = assembled(rows, measures, PageOptions(("cv", "idm"), film_s=1.0))
     file = tmp_path_factory.mktemp("page") / "page.html"
+    options = PageOptions(("cv", "idm"), film_s=1.0, pages=2, pages_folder=file.with_name("my #1 pages"))
+    page, pages = assembled(rows, measures, options)
     file.write_text(html_of(page), encoding="utf-8")
+    assert pages.write(1) == (2, sum(path.stat().st_size for path in options.pages_folder.iterdir()), ())
     tables = {f"{section.key}_{table.key}": table for section in page.sections for table in section.tables}
     return SimpleNamespace(rows=rows, measures=measures, page=page, file=file, tables=tables)

@@ -46,7 +46,7 @@ def test_what_is_written_into_the_page_stays_text(made: SimpleNamespace) -> None
     content = made.file.read_text(encoding="utf-8")
     assert "no site on &lt;this&gt; map" in content
     assert "<this>" not in content
-    assert not re.search(r"(?:src|href)=\"(?!data:|#)", content), "everything is inside the file"
+    assert not re.search(r"(?:src|href)=\"(?!data:|#|my%20%231%20pages/)", content), "the rest is inside the file"
 
 
 def test_the_page_names_the_map_of_its_figures(made: SimpleNamespace) -> None:
@@ -57,8 +57,8 @@ def test_the_page_names_the_map_of_its_figures(made: SimpleNamespace) -> None:
 
 def test_the_sections_are_in_the_order_of_a_reader(made: SimpleNamespace) -> None:
     keys = [section.key for section in made.page.sections]
-    assert keys[:4] == ["generated", "scenes", "making_way", "effects"]
-    assert keys[4:] == ["prediction", "detection", "risk", "next_to_the_paper", "diversity"]
+    assert keys[:5] == ["generated", "scenes", "moments", "making_way", "effects"]
+    assert keys[5:] == ["prediction", "detection", "risk", "next_to_the_paper", "diversity"]
 
 
 def test_the_paper_is_held_against_the_episodes_at_their_own_level(made: SimpleNamespace) -> None:

@@ -13,7 +13,7 @@ from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode
-from siren_ros.study_report.episode_sections import film_steps, generated_section, own_level
+from siren_ros.study_report.episode_sections import film_steps, generated_section
 from siren_ros.study_report.study import StudyMeasures, StudyRows
 from siren_ros.tables.table import Table
 from siren_ros.world.traffic_state import Event, EventKind
@@ -101,11 +101,6 @@ def test_people_have_a_table_where_there_are_some() -> None:
         ("S2", "L2", "motorcycles", "10.0", "10.0", "10.0", "10.0", "0 of 2"),
         ("S2", "L2", "all", "–", "–", "–", "–", "1 of 2"),
     ]
-
-
-@pytest.mark.parametrize(("template", "level"), [("S2", "L2"), ("S1", "L3"), ("mine", "")])
-def test_own_levels(template: str, level: str) -> None:
-    assert own_level(template) == level
 
 
 EMV, CAR = 1, 5

@@ -149,13 +149,17 @@ def free_speed_mps(record: EpisodeRecord) -> Floats:
     return free
 
 
-def emv_delay_s(record: EpisodeRecord, line: EmvLine, _limits: YieldThresholds) -> Measure:
-    """Time that the EMV lost against free flow over the way that it drove: the integral of 1 − v / v_free.
+def lost_shares(record: EpisodeRecord) -> Floats:
+    """The share of each step that the EMV loses against free flow, 1 − v / v_free; negative where it is faster."""
+    return np.asarray(1.0 - record.track(record.emv_ids[0]).speed_mps / free_speed_mps(record))
+
+
+def emv_delay_s(record: EpisodeRecord, _line: EmvLine, _limits: YieldThresholds) -> Measure:
+    """Time that the EMV lost against free flow over the way that it drove: the integral of the shares.
 
     As SUMO's time loss. The acceleration from its start counts, at all levels alike.
     """
-    speed = line.emv.track.speed_mps
-    return Measure(float(np.sum(1.0 - speed / free_speed_mps(record)) * STEP_S))
+    return Measure(float(np.sum(lost_shares(record)) * STEP_S))
 
 
 def emv_stops(_record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> Measure:

@@ -33,6 +33,7 @@ export function say(target: HTMLElement, text: string): void {
   target.textContent = text;
 }
 
+/** `predicate.lane_changes` as `predicate: lane changes`. */
 export function words(code: string): string {
-  return code.toLowerCase().replaceAll("_", " ");
+  return code.toLowerCase().replaceAll("_", " ").replace(".", ": ");
 }

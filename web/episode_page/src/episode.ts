@@ -20,7 +20,14 @@ export interface Mode {
   emv_colour: string;
 }
 
-/** Step, kind, actor, other actor (0: none), details, colour of the mark (empty: no mark). */
+/** A condition of the predicate, with step and actor of the moment that decides it. */
+export interface JudgedPart {
+  holds: boolean;
+  text: string;
+  at: [step: number, actor: number] | null;
+}
+
+/** Step, kind (`predicate.…`: a moment of that part), actor, other actor (0: none), details, colour of the mark (empty: no mark). */
 export type EpisodeEvent = [step: number, kind: string, actor: number, other: number, details: string, colour: string];
 
 /** Signal, link in its state, colour, number of corners of the lens. */
@@ -44,20 +51,27 @@ interface ColumnEntry {
   length: number;
   unit: number;
   order: number;
+  /** Of one number; 4 where it is missing. */
+  bytes?: number;
 }
+
+/** A sweep: its step, the number of its points, and the place in the map that they are counted from. */
+export type SweepEntry = [step: number, count: number, x: number, y: number, z: number];
 
 interface Head extends Part {
   format: number;
   step_s: number;
   begin_s: number;
   ended: string;
-  verdict: { holds: boolean; text: string; parts: { holds: boolean; text: string }[] } | null;
+  verdict: { holds: boolean; text: string; parts: JudgedPart[] } | null;
   command: string;
   facts: [string, string][];
   modes: Mode[];
   events: EpisodeEvent[];
   lamp_letters: Record<string, string>;
   why?: { mechanisms: string[]; texts: string[] };
+  /** What its sensors measured; of a picture its step and the number of its bytes. */
+  sensed?: { sweeps: SweepEntry[]; pictures: { name: string; shots: [step: number, length: number][] }[] };
   /** The episodes that this one is compared with. */
   against: Part[];
   columns: ColumnEntry[];
@@ -70,12 +84,12 @@ export class Episode {
 
   constructor(
     readonly head: Head,
-    private readonly bytes: Uint8Array,
+    private readonly bytes: Uint8Array<ArrayBuffer>,
     start: number,
   ) {
     for (const entry of head.columns) {
       this.offsets.set(entry.name, [start, entry]);
-      start += 4 * entry.length;
+      start += (entry.bytes ?? 4) * entry.length;
     }
   }
 
@@ -92,6 +106,12 @@ export class Episode {
       for (let i = 1; i < length; i++) values[i] = (values[i] + values[i - 1]) | 0;
     }
     return values;
+  }
+
+  /** Bytes that were added as they are. */
+  bytesOf(name: string): Uint8Array<ArrayBuffer> {
+    const [start, { length }] = this.offsets.get(name) ?? [0, { length: 0 }];
+    return this.bytes.subarray(start, start + length);
   }
 
   /** The lenses of the map of one of the episodes. */

@@ -11,11 +11,14 @@ import { Link, type Moment } from "./link";
 import { Other } from "./other";
 import { Panel } from "./panel";
 import { listenToClicks, placeInWindow, rayThrough } from "./picking";
+import { Pictures } from "./pictures";
 import { Stage } from "./stage";
+import { Sweeps } from "./sweeps";
 import { Timeline } from "./timeline";
 import { Tracks } from "./tracks";
 import { Views } from "./views";
 
+const SENSORS = ["sweeps", "pictures"] as const;
 /** Texts that change faster than this cannot be read, and cost time. */
 const TEXTS_MS = 100;
 
@@ -32,6 +35,8 @@ export class EpisodePage {
   private readonly timeline: Timeline;
   private readonly panel: Panel;
   private readonly link: Link;
+  private readonly sweeps: Sweeps | undefined;
+  private readonly pictures: Pictures | undefined;
   private readonly calm = matchMedia("(prefers-reduced-motion: reduce)");
   private readonly dark = matchMedia("(prefers-color-scheme: dark)");
   private selected = -1;
@@ -54,6 +59,8 @@ export class EpisodePage {
     this.timeline = new Timeline(episode, this.tracks, this.others, () => this.end, seek, redraw);
     const actions = { select: (id: number) => this.select(id), seek, link: () => this.link.address };
     this.panel = new Panel(episode, this.tracks, this.others, actions);
+    if (head.sensed?.sweeps.length) this.sweeps = new Sweeps(episode, head.sensed.sweeps, this.stage.scene);
+    if (head.sensed?.pictures.length) this.pictures = new Pictures(episode, head.sensed.pictures, redraw);
     this.prepareButtons();
     listenToKeys(this.keys());
     listenToClicks(this.canvas, (event) => this.click(event));
@@ -86,6 +93,19 @@ export class EpisodePage {
     press("overlay", () => this.showOthers(!this.stage.ghosts[0]?.shown));
     press("side", () => this.showBeside(!this.beside));
     for (const name of CAMERAS) press(`camera-${name}`, () => this.useCamera(name));
+    for (const name of SENSORS) {
+      byId(`show-${name}`).hidden = !this[name];
+      press(`show-${name}`, () => this.toggle(name));
+    }
+  }
+
+  /** Shows or hides what sensors measured, where the page has it. */
+  private toggle(name: (typeof SENSORS)[number]): void {
+    const sensor = this[name];
+    if (!sensor) return;
+    sensor.shown = !sensor.shown;
+    byId(`show-${name}`).setAttribute("aria-pressed", String(sensor.shown));
+    this.redraw();
   }
 
   private keys(): Keys {
@@ -104,6 +124,8 @@ export class EpisodePage {
       p: () => this.selectNext(-1),
       o: () => this.showOthers(!this.stage.ghosts[0]?.shown),
       b: () => this.showBeside(!this.beside),
+      l: () => this.toggle("sweeps"),
+      c: () => this.toggle("pictures"),
       a: turn(-0.1, 1),
       d: turn(0.1, 1),
       w: turn(0, 0.9),
@@ -242,6 +264,8 @@ export class EpisodePage {
   private draw(): void {
     const { clock, stage, selected, tracks } = this;
     const frame = tracks.frameAt(clock.time);
+    this.sweeps?.place(clock.time);
+    this.pictures?.show(clock.time);
     this.views.draw(selected, clock.rate, this.calm.matches);
     clock.show();
     this.timeline.show(clock.time);
@@ -270,6 +294,12 @@ export class EpisodePage {
   drawnOthers() {
     this.draw();
     return this.stage.ghosts.map((ghosts) => ghosts.drawn());
+  }
+
+  /** Places of the LiDAR points of the present moment. */
+  drawnPoints() {
+    this.draw();
+    return this.sweeps?.drawn() ?? [];
   }
 
   /** Where the middle of a picture's actor is in the window, in pixels. */

@@ -89,7 +89,15 @@ export class Panel {
     byId("verdict-text").textContent = verdict?.text ?? "";
     const parts = verdict?.parts ?? [];
     byId("verdict-parts").append(
-      ...parts.map(({ holds, text }) => element("li", { class: holds ? "good" : "bad" }, `${holds ? "✓" : "✗"} ${text}`)),
+      ...parts.map(({ holds, text, at }) => {
+        const said = `${holds ? "✓" : "✗"} ${text}`;
+        const press = () => at && this.goTo(...at);
+        return element(
+          "li",
+          { class: holds ? "good" : "bad" },
+          at ? element("button", { type: "button", click: press }, said) : said,
+        );
+      }),
     );
     byId("verdict-details").hidden = parts.length === 0;
   }
@@ -97,15 +105,17 @@ export class Panel {
   private item([step, kind, actor, other, details, colour]: EpisodeEvent, named: boolean): HTMLElement {
     const time = step * this.episode.head.step_s;
     const who = [named && this.shortName(actor), other && this.shortName(other)].filter(Boolean).join(" – ");
-    const press = () => {
-      this.actions.seek(time);
-      if (named) this.actions.select(actor);
-    };
+    const press = () => (named ? this.goTo(step, actor) : this.actions.seek(time));
     const dot = element("span", { class: "dot" });
     if (colour) dot.style.background = colour;
     const text = [words(kind), who, details].filter(Boolean).join(" · ");
     const moment = element("span", { class: "moment" }, `${time.toFixed(2)} s`);
     return element("li", {}, element("button", { type: "button", click: press }, moment, dot, element("span", {}, text)));
+  }
+
+  private goTo(step: number, actor: number): void {
+    this.actions.seek(step * this.episode.head.step_s);
+    this.actions.select(actor);
   }
 
   private shortName(id: number): string {

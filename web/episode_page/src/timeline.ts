@@ -50,6 +50,7 @@ export class Timeline {
       },
       "gap of the EMV": { unit: "m", digits: 1, value: (tracks, row) => tracks.gap[row] },
       "time to collision of the EMV": { unit: "s", digits: 2, value: (tracks, row) => tracks.ttc[row] },
+      "delay of the EMV": { unit: "s", digits: 1, value: (tracks, row) => tracks.delay[row] },
       residual: { unit: "m", digits: 2, value: (tracks, row) => tracks.residual[row] },
     };
     if (others.some(({ near }) => near)) this.metrics[APART] = { unit: "m", digits: 1, value: () => NaN };
@@ -119,15 +120,18 @@ export class Timeline {
 
   private drawMarks(context: CanvasRenderingContext2D, x: (time: number) => number, faint: string): void {
     const selected = this.tracks.actors[this.index]?.id;
-    for (const [step, , actor, other, , colour] of this.episode.head.events) {
+    for (const [step, kind, actor, other, , colour] of this.episode.head.events) {
       if (!colour) continue;
       const mine = actor === selected || other === selected;
+      const judged = kind.startsWith("predicate.");
       const at = x(step * this.episode.head.step_s);
-      context.globalAlpha = mine ? 1 : 0.55;
+      context.globalAlpha = mine || judged ? 1 : 0.55;
       context.fillStyle = colour;
       context.strokeStyle = faint;
       context.beginPath();
-      context.arc(at, this.bandsPx + MARKS_PX / 2, mine ? 5 : 3.5, 0, 2 * Math.PI);
+      const [middle, size] = [this.bandsPx + MARKS_PX / 2, mine ? 5 : 3.5];
+      if (judged) diamond(context, at, middle, 1.3 * size);
+      else context.arc(at, middle, size, 0, 2 * Math.PI);
       context.fill();
       context.stroke();
     }
@@ -187,6 +191,14 @@ export class Timeline {
     context.fillText(most, context.canvas.clientWidth - 4, top + 8);
     context.textAlign = "left";
   }
+}
+
+function diamond(context: CanvasRenderingContext2D, x: number, y: number, size: number): void {
+  context.moveTo(x, y - size);
+  context.lineTo(x + size, y);
+  context.lineTo(x, y + size);
+  context.lineTo(x - size, y);
+  context.closePath();
 }
 
 /** An actor's modes as a band of their colours. */

@@ -36,6 +36,8 @@ export class Tracks {
   /** Of EMVs: least time to collision and least gap to another actor; no number where there is none. */
   readonly ttc: Float64Array;
   readonly gap: Float64Array;
+  /** Of EMVs: the time lost against free flow since the begin. */
+  readonly delay: Float64Array;
   readonly owner: Int32Array;
   readonly lights: Int32Array;
   readonly mode: Int32Array;
@@ -62,7 +64,7 @@ export class Tracks {
     [this.speed, this.accel, this.residual] = [column("speed_mps"), column("accel_mps2"), column("residual_m")];
     this.steer = column("steer_rad");
     const orNone = (value: number) => (value >= NOTHING ? NaN : value);
-    [this.ttc, this.gap] = [column("ttc_s").map(orNone), column("gap_m").map(orNone)];
+    [this.ttc, this.gap, this.delay] = ["ttc_s", "gap_m", "delay_s"].map((name) => column(name).map(orNone));
     this.owner = episode.counts(`${prefix}motion.owner`);
     this.lights = episode.counts(`${prefix}motion.lights`);
     this.mode = episode.counts(`${prefix}motion.mode`);

@@ -5,6 +5,7 @@ import test from "node:test";
 import type { Episode, Part } from "../src/episode";
 import { readMoment } from "../src/link";
 import { Other } from "../src/other";
+import { latest } from "../src/sweeps";
 import { newPose, Tracks } from "../src/tracks";
 
 const STEP_S = 0.05;
@@ -76,4 +77,9 @@ test("nothing is far from a place on another map, or from one that is over", () 
 test("an address gives what it has and can be understood", () => {
   assert.deepEqual(readMoment("#t=12.5&v=3&c=above&b=1"), { time: 12.5, actor: 3, camera: "above", beside: true });
   assert.deepEqual(readMoment("#t=&v=x&c=moon"), {});
+});
+
+test("the latest sweep is the last one at or before a time", () => {
+  const times = [0.2, 0.4, 0.8];
+  assert.deepEqual([0.1, 0.2, 0.39, 0.4, 0.3999999999, 9].map((time) => latest(times, time)), [-1, 0, 0, 1, 1, 2]);
 });

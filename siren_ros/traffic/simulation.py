@@ -192,7 +192,7 @@ class SumoSimulation:
         left = self._exchange_people(states) if step % _EXCHANGE_STEPS == 0 else []
         if self._walkers is not None:
             sirens = [self._ids[emv.name] for emv in self._plan.emvs] if self._siren else []
-            self._walkers.heed(states, self._reported, np.array(sirens, np.uint32))
+            self._walkers.heed(states, self._reported, np.array(sirens, np.uint32), self._columns.names)
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
         if self._plan.jam is not None:

@@ -108,7 +108,7 @@ def _leads(
     ``from_middle_m`` says which part of the vehicle is looked at, as a vehicle of its own: 0 is all of it, by its
     middle. The path is looked at between two of its points, the ``window``.
     """
-    (points, heading_rad, curvature_1pm, spacing_m), (progress_m, own_length, own_width) = line, own
+    (_, heading_rad, curvature_1pm, _), (progress_m, own_length, own_width) = line, own
     side_margin_m, drift_time_s, moving_mps, crossing_cosine, drift_sine, turning_sine = sides
     x_m = bodies[0, other] + from_middle_m * bodies[3, other]
     y_m = bodies[1, other] + from_middle_m * bodies[4, other]

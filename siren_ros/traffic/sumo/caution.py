@@ -271,8 +271,6 @@ class CautiousDrivers:
         length_scale: Mapping[str, float] = _AS_DRAWN,
     ) -> dict[str, tuple[int, float]]:
         """Actor and SUMO's speed by the vehicle's name."""
-        _, half_length_m, half_width_m, inattentive = self._drivers_of(traffic.actor_id, vehicles)
-        """Actor and speed by the vehicle's name."""
         _, half_length_m, half_width_m, inattentive, riders = self._drivers_of(traffic.actor_id, vehicles)
         outlook = Outlook(traffic, self._book, half_length_m, half_width_m)
         speeds: dict[str, tuple[int, float]] = {}

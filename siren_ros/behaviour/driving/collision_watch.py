@@ -147,7 +147,7 @@ def _strictest_leader(
     ``ways`` are the vehicles' ways, row by row, where their courses are known. ``sides`` and ``keeps`` are fields of
     ``NavigatorConfig``.
     """
-    points, heading_rad, curvature_1pm, spacing_m = line
+    points, _, _, spacing_m = line
     row, progress_m, target_mps, reach_m = own
     own_speed, own_length, own_width = bodies[5, row], bodies[6, row], bodies[7, row]
     own_body, drift_time_s = (progress_m, own_length, own_width), sides[1]

@@ -192,7 +192,7 @@ class SumoSimulation:
         left = self._exchange_people(states) if step % _EXCHANGE_STEPS == 0 else []
         if self._walkers is not None:
             sirens = [self._ids[emv.name] for emv in self._plan.emvs] if self._siren else []
-            self._walkers.heed(states, self._reported, np.array(sirens, np.uint32))
+            self._walkers.heed(states, self._reported, np.array(sirens, np.uint32), self._columns.names)
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
         if self._plan.jam is not None:
@@ -216,7 +216,7 @@ class SumoSimulation:
     def _impose_caution(self) -> None:
         """Impose the speeds of drivers who wait for others, before SUMO's next step."""
         people = NOBODY if self._walkers is None else self._walkers.people
-        self._cautious.apply(self._last, self._reported, people)
+        self._cautious.apply(self._last, self._reported, people, self._population.length_scale)
         if self._oncoming is not None:
             self._oncoming.apply(self._last, self._reported)
         if self._standoff is not None:

@@ -93,8 +93,49 @@ def _straight_on(seen: Surroundings) -> tuple[Ways, Rights]:
     return ways, Rights(np.repeat(seen.speed_mps, ways.last - ways.first), none, none, never, never.astype(np.intp))
 
 
+_PART_HALF_LENGTH_M: Final = 2.5
+"""Half the length of a car: of a longer vehicle, the part of this size at its nearer end is looked at, too."""
 _UNKNOWN: Final = Ways(np.empty((0, 2)), np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 10)))
 """The ways where nobody's course is known."""
+
+
+@compiled
+def _leads(
+    bodies: Any, other: int, from_middle_m: float, line: Any, window: Any, own: Any, ways: Any, sides: Any
+) -> tuple[bool, float, float, bool]:
+    """Whether a vehicle is ahead on the corridor that another sweeps; gap, speed along the path, whether they meet.
+
+    ``from_middle_m`` says which part of the vehicle is looked at, as a vehicle of its own: 0 is all of it, by its
+    middle. The path is looked at between two of its points, the ``window``.
+    """
+    (_, heading_rad, curvature_1pm, _), (progress_m, own_length, own_width) = line, own
+    side_margin_m, drift_time_s, moving_mps, crossing_cosine, drift_sine, turning_sine = sides
+    x_m = bodies[0, other] + from_middle_m * bodies[3, other]
+    y_m = bodies[1, other] + from_middle_m * bodies[4, other]
+    s_m, left_m, nearest = nearest_point(line, x_m, y_m, window[0], window[1])
+    if s_m <= progress_m:
+        return False, 0.0, 0.0, False
+    speed, half_length, half_width = bodies[5, other], bodies[6, other] - abs(from_middle_m), bodies[7, other]
+    turned = bodies[2, other] - heading_rad[nearest]
+    along, across = np.cos(turned), np.sin(turned)
+    extent = abs(along) * half_length + abs(across) * half_width
+    side = abs(across) * half_length + abs(along) * half_width
+    swept = own_width + 0.5 * abs(curvature_1pm[nearest]) * own_length**2
+    corridor = swept + side_margin_m
+    gap = s_m - extent - (progress_m + own_length)
+    beside = abs(left_m) - side
+    drifted = abs(left_m + drift_time_s * speed * across) - side
+    inside = beside < corridor and (gap > -0.5 or beside < own_width)
+    moving = speed > moving_mps
+    crossing = abs(along) < crossing_cosine and moving
+    # A vehicle that comes on at an angle turns out of the way or into it, and so does one that turns along its
+    # course: the outlook knows which.
+    turning = abs(across) > turning_sine and moving and len(ways.first) > 0
+    drifting = drifted < corridor and abs(across) > drift_sine and gap > 0.0 and along > 0.0
+    drifting = drifting and not (turning and follows_course(ways, other))
+    known = turning and along < 0.0
+    leads = not (crossing or known) and (inside or drifting)
+    return leads, gap, speed * along, drifting or beside < swept
 
 
 @compiled
@@ -106,10 +147,10 @@ def _strictest_leader(
     ``ways`` are the vehicles' ways, row by row, where their courses are known. ``sides`` and ``keeps`` are fields of
     ``NavigatorConfig``.
     """
-    points, heading_rad, curvature_1pm, spacing_m = line
+    points, _, _, spacing_m = line
     row, progress_m, target_mps, reach_m = own
     own_speed, own_length, own_width = bodies[5, row], bodies[6, row], bodies[7, row]
-    side_margin_m, drift_time_s, moving_mps, crossing_cosine, drift_sine, turning_sine = sides
+    own_body, drift_time_s = (progress_m, own_length, own_width), sides[1]
     standstill_gap_m, brake_mps2, headway_s = keeps
     first = min(max(int(progress_m / spacing_m) - 2, 0), len(points) - 2)
     end = min(first + int(reach_m / spacing_m) + 12, len(points))
@@ -119,36 +160,18 @@ def _strictest_leader(
         dx, dy = bodies[0, other] - bodies[0, row], bodies[1, other] - bodies[1, row]
         if other == row or dx * dx + dy * dy >= around_m * around_m:
             continue
-        s_m, left_m, nearest = nearest_point(line, bodies[0, other], bodies[1, other], first, end)
-        if s_m <= progress_m:
+        beyond = bodies[6, other] - _PART_HALF_LENGTH_M
+        leads, gap, approaching, meets = _leads(bodies, other, 0.0, line, (first, end), own_body, ways, sides)
+        if not leads and beyond > 0.0:
+            nearer = -beyond if dx * bodies[3, other] + dy * bodies[4, other] > 0.0 else beyond
+            leads, gap, approaching, meets = _leads(bodies, other, nearer, line, (first, end), own_body, ways, sides)
+        if not leads:
             continue
-        speed, half_length, half_width = bodies[5, other], bodies[6, other], bodies[7, other]
-        turned = bodies[2, other] - heading_rad[nearest]
-        along, across = np.cos(turned), np.sin(turned)
-        extent = abs(along) * half_length + abs(across) * half_width
-        side = abs(across) * half_length + abs(along) * half_width
-        swept = own_width + 0.5 * abs(curvature_1pm[nearest]) * own_length**2
-        corridor = swept + side_margin_m
-        gap = s_m - extent - (progress_m + own_length)
-        beside = abs(left_m) - side
-        drifted = abs(left_m + drift_time_s * speed * across) - side
-        inside = beside < corridor and (gap > -0.5 or beside < own_width)
-        moving = speed > moving_mps
-        crossing = abs(along) < crossing_cosine and moving
-        # A vehicle that comes on at an angle turns out of the way or into it, and so does one that turns along its
-        # course: the outlook knows which.
-        turning = abs(across) > turning_sine and moving and len(ways.first) > 0
-        drifting = drifted < corridor and abs(across) > drift_sine and gap > 0.0 and along > 0.0
-        drifting = drifting and not (turning and follows_course(ways, other))
-        known = turning and along < 0.0
-        if crossing or known or not (inside or drifting):
-            continue
-        approaching = speed * along
         gap, lead = max(gap + drift_time_s * min(approaching, 0.0), 0.0), max(approaching, 0.0)
         safe = safe_following_mps(lead, max(gap - standstill_gap_m, 0.0), brake_mps2, headway_s)
         if safe < least:
             worst, least, least_gap = other, safe, gap
-        if drifting or beside < swept:  # they would meet
+        if meets:
             closing = max(own_speed - lead, 0.0)
             needed = max(needed, closing * closing / (2.0 * max(gap - 1.0, 0.3)))
     if least >= target_mps:

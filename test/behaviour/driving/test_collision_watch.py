@@ -326,3 +326,17 @@ def test_who_has_time_to_wait_for_who_crosses_needs_no_hard_braking_and_who_is_l
     )
     assert early == 0.0
     assert late > CONFIG.comfort_brake_mps2
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("half_length_m", "leads"), [(6.0, True), (2.5, False)])
+def test_the_rear_of_a_long_vehicle_leads_where_the_path_has_not_left_its_lane_yet(side, half_length_m, leads):
+    """The path changes lanes from 6 to 18 m ahead; there the middle of the other one is beside it."""
+    _, seen = scene(0.0, 5.0, (18.0, 0.0, 0.0, 0.0))
+    line = np.array([[0.0, 0.0], [16.0, 0.0], [28.0, -3.4 * side], [150.0, -3.4 * side]])
+    path = TrackedPath.of(Curve.through(line, 1.5), CONFIG, stop_at_end=False)
+    seen = replace(seen, half_length_m=np.array([HALF_LENGTH, half_length_m]))
+    limit = CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).leaders()
+    assert (limit is not None) is leads
+    if limit is not None:
+        assert limit.free_m == pytest.approx(18.0 - half_length_m - HALF_LENGTH, abs=1.0)

@@ -286,6 +286,14 @@ def test_of_several_waits_the_strictest_is_kept(turn: float) -> None:
         assert (caution.other_id, caution.wait.speed_mps) == (2 + others.index(ahead), 0.0)
 
 
+def test_imposed_speeds_are_along_sumos_length_of_the_lane() -> None:
+    """A lane that SUMO takes for shorter than it is: its speeds are lower."""
+    drivers, roads = CautiousDrivers(network(0.0), CautionConfig()), network(0.0)
+    traffic = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], roads)
+    ((_, speed_mps),) = drivers._speeds(traffic, two_vehicles(3.0)).values()
+    assert drivers._speeds(traffic, two_vehicles(3.0), length_scale={"l0": 0.9}) == {"v1": (1, 0.9 * speed_mps)}
+
+
 @pytest.mark.parametrize(("owner", "at_m", "slowed"), [(0, 95.0, True), (0, 115.0, False), (1, 95.0, False)])
 def test_sumos_drivers_come_to_people_on_a_crossing_at_walking_pace(owner: int, at_m: float, *, slowed: bool) -> None:
     """The crossing begins 12 m ahead of the front; on it somebody stands 1.5 m beside the way."""

@@ -153,14 +153,14 @@ def _off_course(ways: Any, n: int) -> tuple[float, float, float]:
     """What the present pose of a body differs from its course, to the left and in yaw; how far aside it will end.
 
     While it turns into its course it moves on where it looks: the driver of a vehicle that changes lanes goes on with
-    it. One who is beside the course and looks towards it ends on it.
+    it. One whose front is beside the course and looks towards it ends on it.
     """
     body = ways.bodies[n]
     x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[3], body[4], body[5], body[9])
     aside, turned = cos * (body[1] - y) - sin * (body[0] - x), wrapped_rad(body[2] - np.arctan2(sin, cos))
-    drift = 0.5 * _STRAIGHT_AFTER_M * np.sin(turned)
-    if drift * aside < 0.0:
-        drift = max(abs(drift) - abs(aside), 0.0) * np.sign(drift)
+    drift, front = 0.5 * _STRAIGHT_AFTER_M * np.sin(turned), aside + body[7] * np.sin(turned)
+    if drift * front < 0.0:
+        drift = max(abs(drift) - abs(front), 0.0) * np.sign(drift)
     return aside, turned, drift
 
 

@@ -291,11 +291,20 @@ def test_a_body_turns_into_a_corner_late_and_cuts_it_or_not(turn, left, spacing,
 @pytest.mark.parametrize("turn", [*TURNS, 3.0, -2.0])
 @pytest.mark.parametrize(
     ("aside", "look", "drift"),
-    [(0.9, 0.4, 3.0 * np.sin(0.4)), (-0.9, -0.4, -3.0 * np.sin(0.4)), (0.9, -0.3, 0.0), (0.0, 0.2, 3.0 * np.sin(0.2))],
+    [
+        (0.9, 0.4, 3.0 * np.sin(0.4)),
+        (-0.9, -0.4, -3.0 * np.sin(0.4)),
+        (2.0, -0.3, 0.0),
+        (LENGTH * np.sin(0.2), -0.2, -3.0 * np.sin(0.2)),
+        (0.0, 0.2, 3.0 * np.sin(0.2)),
+    ],
 )
 def test_what_a_body_differs_from_its_course_fades_within_6_m(turn, aside, look, drift):
-    """Evenly with the way, also for a yaw that is given within half a turn. Where it looks away from the course it
-    goes on aside while it turns back: by half of 6 m times the sine of its angle."""
+    """Evenly with the way, also for a yaw that is given within half a turn.
+
+    Where it looks away from the course it goes on aside while it turns back: by half of 6 m times the sine of its
+    angle. SUMO's vehicles have their front on the course, and not their middle.
+    """
     points = rotate(np.stack((np.arange(60.0), np.zeros(60)), axis=-1), turn)
     place = rotate(np.array([10.0, aside]), turn)
     yaw = np.arctan2(np.sin(turn + look), np.cos(turn + look))

@@ -140,7 +140,7 @@ def _poses(ways: Any, used: Any) -> tuple[Any, Any]:
         begins[n + 1] += begins[n]
     poses = np.empty((begins[-1], 4))
     for n in range(ways.first.shape[0]):
-        off = _off_course(ways, n) if begins[n] < begins[n + 1] else (0.0, 0.0, 0.0)
+        off = _off_course(ways, n) if begins[n] < begins[n + 1] else (0.0, 0.0)
         for k in range(begins[n + 1] - begins[n]):
             pose = _pose_after(ways, n, off, k * STEP_M)
             at = begins[n] + k
@@ -149,30 +149,22 @@ def _poses(ways: Any, used: Any) -> tuple[Any, Any]:
 
 
 @compiled
-def _off_course(ways: Any, n: int) -> tuple[float, float, float]:
-    """What the present pose of a body differs from its course, to the left and in yaw; how far aside it will end.
-
-    While it turns into its course it moves on where it looks: the driver of a vehicle that changes lanes goes on with
-    it. One whose front is beside the course and looks towards it ends on it.
-    """
+def _off_course(ways: Any, n: int) -> tuple[float, float]:
+    """What the present pose of a body differs from its course: to the left, and in yaw."""
     body = ways.bodies[n]
     x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[3], body[4], body[5], body[9])
-    aside, turned = cos * (body[1] - y) - sin * (body[0] - x), wrapped_rad(body[2] - np.arctan2(sin, cos))
-    drift, front = 0.5 * _STRAIGHT_AFTER_M * np.sin(turned), aside + body[7] * np.sin(turned)
-    if drift * front < 0.0:
-        drift = max(abs(drift) - abs(front), 0.0) * np.sign(drift)
-    return aside, turned, drift
+    return cos * (body[1] - y) - sin * (body[0] - x), wrapped_rad(body[2] - np.arctan2(sin, cos))
 
 
 @compiled
-def _pose_after(ways: Any, n: int, off: tuple[float, float, float], way_m: float) -> tuple[float, float, float, float]:
+def _pose_after(ways: Any, n: int, off: tuple[float, float], way_m: float) -> tuple[float, float, float, float]:
     """Pose of a body after a way: what the present one differs from the course (``_off_course``) fades."""
     body = ways.bodies[n]
     x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[3], body[4] + way_m, body[5], body[9])
     if way_m > _STRAIGHT_AFTER_M:
-        return x - off[2] * sin, y + off[2] * cos, cos, sin
+        return x, y, cos, sin
     left = 1.0 - way_m / _STRAIGHT_AFTER_M
-    aside, turned = left * off[0] + (1.0 - left * left) * off[2], left * off[1]
+    aside, turned = left * off[0], left * off[1]
     c, s = np.cos(turned), np.sin(turned)
     return x - aside * sin, y + aside * cos, cos * c - sin * s, sin * c + cos * s
 
@@ -232,8 +224,7 @@ def _bounds(ways: Any, used: Any) -> Any:
         first, last, body = ways.first[n], ways.last[n], ways.bodies[n]
         x, y, cos, sin = _pose(ways.points, first, last, body[3], body[4], body[5], body[9])
         aside = abs(cos * (body[1] - y) - sin * (body[0] - x)) + abs(body[5])
-        drift = 0.5 * _STRAIGHT_AFTER_M * abs(np.sin(body[2] - np.arctan2(sin, cos)))
-        margin = aside + drift + np.sqrt(body[7] ** 2 + body[8] ** 2) + _CLOSE_M
+        margin = aside + np.sqrt(body[7] ** 2 + body[8] ** 2) + _CLOSE_M
         begin, end = (body[4] - body[9]) / body[3], (body[4] + body[6] + body[9]) / body[3]
         low_x, low_y = way_point(ways.points, first, last, begin)
         high_x, high_y = low_x, low_y

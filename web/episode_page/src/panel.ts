@@ -58,6 +58,10 @@ export class Panel {
     byId("facts").append(...head.facts.flatMap(([name, text]) => [element("dt", {}, name), element("dd", {}, text)]));
     byId("facts").append(element("dt", {}, "ended"), this.ended);
     byId("command").textContent = head.command;
+    const coloured = (colour: string, name: string) => (colour ? [element("li", {}, swatch(colour), name)] : []);
+    const modes = [...head.modes.flatMap(({ emv_colour, name }) => coloured(emv_colour, `EMV: ${name}`)),
+      ...head.modes.flatMap(({ colour, name }) => coloured(colour, name))];
+    byId("colours").append(...modes);
     copies(byId("copy-command"), () => head.command);
     copies(byId("copy-link"), () => actions.link());
     this.append(0, head.events);

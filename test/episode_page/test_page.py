@@ -295,6 +295,14 @@ def test_a_link_carries_time_vehicle_and_camera(opened: OpenedPage) -> None:
     assert moment(opened) == {**now, "time": 4.55}
 
 
+@pytest.mark.parametrize("key", ["End", "Shift+ArrowRight"])
+def test_every_moment_at_which_it_rests_comes_into_the_address(opened: OpenedPage, key: str) -> None:
+    opened.page.keyboard.press(key)
+    time = moment(opened)["time"]
+    assert time >= 1.0
+    until(opened, f"location.hash.startsWith('#t={time:.2f}&')")
+
+
 def test_reasons_stand_there_where_they_are_known(opened: OpenedPage) -> None:
     opened.page.evaluate("() => { episodePage.select(2); episodePage.seek(5.0); }")
     pictures(opened)

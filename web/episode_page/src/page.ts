@@ -21,6 +21,8 @@ import { Views } from "./views";
 const SENSORS = ["sweeps", "pictures"] as const;
 /** Texts that change faster than this cannot be read, and cost time. */
 const TEXTS_MS = 100;
+/** A moment that is shown for so long goes into the address; browsers refuse more than a few changes a second. */
+const SETTLED_MS = 300;
 
 export class EpisodePage {
   private readonly canvas = byId<HTMLCanvasElement>("scene");
@@ -43,6 +45,7 @@ export class EpisodePage {
   private changed = true;
   private before = 0;
   private told = 0;
+  private settling = 0;
   private readonly scriptMs: number[] = [];
 
   /** `live` says whether more comes by `append`. */
@@ -158,6 +161,8 @@ export class EpisodePage {
   private moved(): void {
     for (const { tracks } of this.others) tracks.setTime(this.clock.time);
     for (const stage of this.views.shown) stage.seek(this.clock.time);
+    clearTimeout(this.settling);
+    if (this.before > 0 && !this.clock.playing) this.settling = setTimeout(() => this.remember(), SETTLED_MS);
     this.redraw();
   }
 

@@ -187,7 +187,9 @@ export class Timeline {
     const most = `${high.toFixed(metric.digits)} ${metric.unit}`;
     const wide = context.measureText(most).width + 8;
     context.fillStyle = colour("--page");
+    context.globalAlpha = 0.75;
     context.fillRect(context.canvas.clientWidth - wide, top - 1, wide, 12);
+    context.globalAlpha = 1;
     context.fillStyle = colour("--faint");
     context.fillText(most, context.canvas.clientWidth - 4, top + 8);
     context.textAlign = "left";

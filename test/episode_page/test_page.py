@@ -20,6 +20,7 @@ from siren_ros.errors import InputError
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import Event, EventKind
 
 RecordOf = Callable[..., EpisodeRecord]
@@ -27,6 +28,7 @@ HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"><b>"
 WHY = [
     (100, {2: decision(5.0, (NO_GAP,), path=SpeedLimit(9.0), leader=SpeedLimit(5.0, blocker_id=3))}),
     (101, {2: decision(5.0, leader=SpeedLimit(5.0, blocker_id=1))}),
+    (102, {1: decision(np.nan), 2: decision(np.nan)}),
 ]
 
 
@@ -314,6 +316,17 @@ def test_reasons_stand_there_where_they_are_known(opened: OpenedPage) -> None:
     pictures(opened)
     assert moment(opened)["actor"] == 3
     assert not opened.page.locator("#why").is_visible()
+
+
+def test_without_a_target_speed_it_says_who_drives(opened: OpenedPage, record: EpisodeRecord) -> None:
+    told = {Owner.ROS: "none: it holds the brake", Owner.SUMO: "none: SUMO drives"}
+    state = record.states[102]
+    owners = dict(zip(state.actor_id.tolist(), map(Owner, state.owner.tolist()), strict=True))
+    assert {owners[1], owners[2]} == set(told)
+    for actor in (1, 2):
+        opened.page.evaluate("id => { episodePage.select(id); episodePage.seek(5.1); }", actor)
+        pictures(opened)
+        assert opened.page.locator("#why-target").inner_text() == told[owners[actor]]
 
 
 @pytest.mark.parametrize(("width", "height"), [(360, 740), (1920, 1080)])

@@ -12,6 +12,7 @@ from siren_ros.episode_page.sensed import NOTHING, Sensed, add_sensed
 from siren_ros.episode_page.shapes import add_shapes
 from siren_ros.errors import SirenError
 from siren_ros.interfaces.markers import MODE_COLOURS
+from siren_ros.interfaces.messages import shown_text
 from siren_ros.judging.predicates import PARAMETER, evaluate_predicate
 from siren_ros.judging.verdict import Part, Verdict
 from siren_ros.numerics.units import STEP_S
@@ -117,15 +118,18 @@ def _description(record: EpisodeRecord, sensed: Sensed) -> dict[str, Any]:
         "ended": "cut off" if outcome is None else outcome.end.value,
         "command": recording_command(episode, episode.sensor_suite),
         "facts": [
-            ["template", episode.template],
-            ["level", episode.level.name],
-            ["seed", str(episode.seed)],
-            ["map", f"{episode.map_name} ({episode.map_sha256[:12]}…)"],
-            ["preset", episode.preset],
-            ["sensors", episode.sensor_suite],
-            ["duration", f"{record.duration_s:.2f} s"],
-            *([["pinned", episode.pinned]] if episode.pinned else []),
-            *map(list, sensed.notes),
+            [name, shown_text(text)]
+            for name, text in (
+                ("template", episode.template),
+                ("level", episode.level.name),
+                ("seed", str(episode.seed)),
+                ("map", f"{episode.map_name} ({episode.map_sha256[:12]}…)"),
+                ("preset", episode.preset),
+                ("sensors", episode.sensor_suite),
+                ("duration", f"{record.duration_s:.2f} s"),
+                *([("pinned", episode.pinned)] if episode.pinned else []),
+                *sensed.notes,
+            )
         ],
     }
 
@@ -186,7 +190,7 @@ def _moments(part: Part) -> Iterator[list[Any]]:
 
 
 def _details(event: Event) -> str:
-    return ", ".join(_detail(name, value) for name, value in event.detail.items())
+    return shown_text(", ".join(_detail(name, value) for name, value in event.detail.items() if value != ""))
 
 
 def _detail(name: str, value: float | str) -> str:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from siren_ros.episode_page.columns import ColumnFile
 from siren_ros.episode_page.emv_measures import measures_of_emvs
 from siren_ros.errors import InputError
+from siren_ros.interfaces.messages import shown_text
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorDescription
 
@@ -87,7 +88,7 @@ def _actor(actor: ActorDescription) -> dict[str, Any]:
     red, green, blue = actor.colour_rgb
     return {
         "id": actor.actor_id,
-        "name": actor.name,
+        "name": shown_text(actor.name),
         "class": actor.actor_class.name,
         "size_m": [round(size, 4) for size in _size_m(actor)],
         "rgb": (red << 16) + (green << 8) + blue,

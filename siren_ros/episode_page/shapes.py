@@ -23,6 +23,8 @@ _GROUND: Final = (
 _GROUND_FIRST: Final = 0.25
 """The ground counts as this much nearer than it is, because distant roads tell more than distant trees."""
 _PLAIN, _PAINT = 0, 1
+_SLENDER: Final = (Material.SIGNAL_HOUSING, Material.METAL_POLE, Material.STOP_SIGN)
+"""Hides little, so that the page cuts nothing out of it: a signal keeps its housing."""
 _SURFACES: Final = {
     Material.CAR_PAINT: _PAINT,
     Material.CLOTHING: _PAINT,
@@ -48,7 +50,7 @@ def add_static_scene(
     mesh = scene.mesh
     lenses = np.isin(mesh.material, LENSES)
     kept = _nearest(records, mesh, np.flatnonzero(~lenses), STATIC_TRIANGLES // pictures)
-    _add_mesh(file, f"{prefix}static", mesh, kept)
+    _add_mesh(file, f"{prefix}static", mesh, kept, np.isin(mesh.material, _SLENDER).astype(np.intp))
     chosen = [np.arange(lamp.start, lamp.stop) for lamp in scene.signal_lamps]
     corners = np.concatenate([mesh.triangles[rows].ravel() for rows in chosen]) if chosen else np.empty(0, np.uint32)
     file.add(f"{prefix}lamp.corners", mesh.vertices_m[corners], _UNIT_M)
@@ -95,17 +97,15 @@ def _add_mesh(
     name: str,
     mesh: Mesh,
     rows: npt.NDArray[np.intp],
-    surface: npt.NDArray[np.intp] | None = None,
+    surface: npt.NDArray[np.intp],
 ) -> npt.NDArray[np.intp]:
-    """Adds some triangles, at each vertex with a colour and, where given, a surface; the mesh's vertices."""
-    corners, colour = mesh.triangles[rows], _packed_rgb(mesh.colour_rgb[rows])
-    code = colour if surface is None else colour + (surface[rows] << 24)
-    vertex, code, triangles = _split_by_code(corners, code)
+    """Adds some triangles, at each vertex with a colour and a surface; the mesh's vertices."""
+    code = _packed_rgb(mesh.colour_rgb[rows]) + (surface[rows] << 24)
+    vertex, code, triangles = _split_by_code(mesh.triangles[rows], code)
     file.add(f"{name}.xyz", mesh.vertices_m[vertex].T, _UNIT_M)
     file.add(f"{name}.triangles", triangles)
     file.add(f"{name}.rgb", code & 0xFFFFFF)
-    if surface is not None:
-        file.add(f"{name}.surface", code >> 24)
+    file.add(f"{name}.surface", code >> 24)
     return vertex
 
 

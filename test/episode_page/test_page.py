@@ -20,6 +20,7 @@ from siren_ros.errors import InputError
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import Event, EventKind
 
 RecordOf = Callable[..., EpisodeRecord]
@@ -27,6 +28,7 @@ HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"><b>"
 WHY = [
     (100, {2: decision(5.0, (NO_GAP,), path=SpeedLimit(9.0), leader=SpeedLimit(5.0, blocker_id=3))}),
     (101, {2: decision(5.0, leader=SpeedLimit(5.0, blocker_id=1))}),
+    (102, {1: decision(np.nan), 2: decision(np.nan)}),
 ]
 
 
@@ -114,6 +116,23 @@ def test_names_stay_text(opened: OpenedPage, content: str, record: EpisodeRecord
     assert HOSTILE[:20] in opened.page.locator("#facts").inner_text()
 
 
+def test_texts_are_one_line_without_control_characters(record: EpisodeRecord) -> None:
+    event = Event(
+        3, EventKind.LANE_CHANGE_STARTED, 1, detail={"reason": "a\u202eb\n", "signal_state": "", "way_m": 2.0}
+    )
+    actors = {key: replace(actor, name="\u202ecar") for key, actor in record.actors.items()}
+    head, _ = unpacked(episode_data(replace(record, events=(event,), actors=actors)))
+    assert next(row[4] for row in head["events"] if row[1] == "lane_change_started") == "reason a\\u202eb\\n, way 2 m"
+    assert {actor["name"] for actor in head["actors"]} == {"\\u202ecar"}
+
+
+def test_the_page_says_what_the_colours_mean(opened: OpenedPage) -> None:
+    opened.page.locator("#colours").evaluate("list => { list.parentElement.open = true; }")
+    texts = opened.page.locator("#colours li").all_inner_texts()
+    assert {"EMV: route follow", "holding", "lane cleared"} <= set(texts)
+    assert "nominal" not in texts
+
+
 def test_scripts_that_are_not_the_pages_own_do_not_run(file: Path, browser: PageBrowser, tmp_path: Path) -> None:
     text = file.read_text(encoding="utf-8")
     path = tmp_path / "added.html"
@@ -134,6 +153,25 @@ def test_a_click_selects_the_vehicle_that_is_there(opened: OpenedPage, record: E
     cells = opened.page.locator("#facts-of-actor dd").all_inner_texts()
     assert cells[0] == "sedan"
     assert cells[2] == f"{3.6 * speed:.1f} km/h"
+
+
+def test_what_a_ray_hits_comes_before_what_it_almost_hits(opened: OpenedPage, record: EpisodeRecord) -> None:
+    opened.page.evaluate("() => episodePage.seek(0.5)")
+    ids, *place = (getattr(record.states[10], name).tolist() for name in ("actor_id", "x_m", "y_m", "yaw_rad"))
+    poses = dict(zip(ids, zip(*place, strict=True), strict=True))
+    (x, y, yaw), (far_x, far_y, _) = poses[2], poses[3]
+    side_m = -record.actors[2].width_m / 2 - 0.24
+    beside = (x - np.sin(yaw) * side_m, y + np.cos(yaw) * side_m)
+    assert np.hypot(far_x - x, far_y - y) > 10.0
+    way = (far_x - beside[0], far_y - beside[1])
+    ray = {
+        "origin": {"x": beside[0] - 0.1 * way[0], "y": beside[1] - 0.1 * way[1], "z": 0.7},
+        "direction": {"x": way[0], "y": way[1], "z": 1e-6},
+    }
+    hit = "ray => episodePage.tracks.actors[episodePage.stage.fleet.hit(ray)]?.id"
+    assert opened.page.evaluate(hit, ray) == 3
+    ray = {"origin": {"x": beside[0], "y": beside[1], "z": 10.0}, "direction": {"x": 1e-6, "y": 1e-6, "z": -1.0}}
+    assert opened.page.evaluate(hit, ray) == 2
 
 
 def test_a_tap_selects_as_a_click_does(opened: OpenedPage) -> None:
@@ -259,6 +297,14 @@ def test_a_link_carries_time_vehicle_and_camera(opened: OpenedPage) -> None:
     assert moment(opened) == {**now, "time": 4.55}
 
 
+@pytest.mark.parametrize("key", ["End", "Shift+ArrowRight"])
+def test_every_moment_at_which_it_rests_comes_into_the_address(opened: OpenedPage, key: str) -> None:
+    opened.page.keyboard.press(key)
+    time = moment(opened)["time"]
+    assert time >= 1.0
+    until(opened, f"location.hash.startsWith('#t={time:.2f}&')")
+
+
 def test_reasons_stand_there_where_they_are_known(opened: OpenedPage) -> None:
     opened.page.evaluate("() => { episodePage.select(2); episodePage.seek(5.0); }")
     pictures(opened)
@@ -270,6 +316,17 @@ def test_reasons_stand_there_where_they_are_known(opened: OpenedPage) -> None:
     pictures(opened)
     assert moment(opened)["actor"] == 3
     assert not opened.page.locator("#why").is_visible()
+
+
+def test_without_a_target_speed_it_says_who_drives(opened: OpenedPage, record: EpisodeRecord) -> None:
+    told = {Owner.ROS: "none: it holds the brake", Owner.SUMO: "none: SUMO drives"}
+    state = record.states[102]
+    owners = dict(zip(state.actor_id.tolist(), map(Owner, state.owner.tolist()), strict=True))
+    assert {owners[1], owners[2]} == set(told)
+    for actor in (1, 2):
+        opened.page.evaluate("id => { episodePage.select(id); episodePage.seek(5.1); }", actor)
+        pictures(opened)
+        assert opened.page.locator("#why-target").inner_text() == told[owners[actor]]
 
 
 @pytest.mark.parametrize(("width", "height"), [(360, 740), (1920, 1080)])

@@ -10,9 +10,9 @@ from siren_ros.episode_page.columns import ColumnFile
 from siren_ros.episode_page.reasons import add_reasons
 
 
-def test_reasons_are_sorted_by_actor_and_step_with_their_limits() -> None:
+def test_reasons_are_sorted_by_actor_and_step_with_the_limits_that_limit() -> None:
     file = ColumnFile()
-    limits = {"leader": SpeedLimit(5.0, blocker_id=7), "path": SpeedLimit()}
+    limits = {"leader": SpeedLimit(5.0, blocker_id=7), "path": SpeedLimit(), "target": SpeedLimit(70.0)}
     head = add_reasons(
         file,
         [
@@ -25,10 +25,10 @@ def test_reasons_are_sorted_by_actor_and_step_with_their_limits() -> None:
     assert head == {"why": {"mechanisms": ["leader", "path"], "texts": ["gap", "is free"]}}
     assert columns["why.actor"].tolist() == [1, 2, 2]
     assert columns["why.step"].tolist() == [9, 3, 4]
-    assert columns["why.limits"].tolist() == [0, 1, 2]
-    assert columns["limit.mechanism"].tolist() == [1, 0, 1]
-    assert columns["limit.speed_mps"] == pytest.approx([6.0, 5.0, 1000.0])
-    assert columns["limit.blocker"].tolist() == [0, 7, 0]
+    assert columns["why.limits"].tolist() == [0, 1, 1]
+    assert columns["limit.mechanism"].tolist() == [1, 0]
+    assert columns["limit.speed_mps"] == pytest.approx([6.0, 5.0])
+    assert columns["limit.blocker"].tolist() == [0, 7]
     assert columns["why.target_mps"] == pytest.approx([-1.0, 6.0, 5.0])
     assert columns["why.guards"].tolist() == [0, 0, 1]
     assert columns["guard.name"].tolist() == [0]

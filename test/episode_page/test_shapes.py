@@ -74,6 +74,15 @@ def test_of_a_large_scene_the_triangles_near_the_emv_stay(record_of: RecordOf, m
     assert head["lamps"] == []
 
 
+def test_signals_keep_their_housings_and_poles_where_buildings_are_cut(record_of: RecordOf) -> None:
+    file = ColumnFile()
+    slender = box((0.0, 0.0, 3.0), (0.2, 0.2, 4.0), Material.SIGNAL_HOUSING, (7, 7, 7))
+    shapes.add_static_scene(file, [record_of(duration_s=1.0)], StaticScene(Mesh.joined(boxes(1), slender), ()))
+    _, columns = unpacked(file.packed({}))
+    heights = columns["static.xyz"].reshape(3, -1)[2]
+    assert np.array_equal(columns["static.surface"] > 0, heights >= 3.0)
+
+
 def test_of_a_small_scene_everything_stays(record_of: RecordOf) -> None:
     file = ColumnFile()
     shapes.add_static_scene(file, [record_of(duration_s=1.0)], StaticScene(boxes(2), ()))

@@ -142,16 +142,21 @@ export class Fleet {
     return known;
   }
 
-  /** The nearest actor that a ray hits; -1 for none. */
+  /** The nearest actor that a ray hits or, without any, that it almost hits; -1 for none. */
   hit(ray: Ray): number {
-    const { origin, direction } = ray;
+    const exact = this.nearest(ray, 0);
+    return exact < 0 ? this.nearest(ray, 1) : exact;
+  }
+
+  /** With `share` of the reach around footprints. */
+  private nearest({ origin, direction }: Ray, share: number): number {
     let [best, nearest] = [-1, Infinity];
     this.poses.forEach((pose, index) => {
       if (!pose) return;
       const [c, s] = [Math.cos(pose.yaw), Math.sin(pose.yaw)];
       const [dx, dy] = [origin.x - pose.x, origin.y - pose.y];
       const [length, width, height] = this.tracks.actors[index].size_m;
-      const reach = REACH_M + 0.004 * Math.hypot(dx, dy, origin.z - pose.z);
+      const reach = share * (REACH_M + 0.004 * Math.hypot(dx, dy, origin.z - pose.z));
       const start = [c * dx + s * dy, c * dy - s * dx, origin.z - pose.z];
       const along = [c * direction.x + s * direction.y, c * direction.y - s * direction.x, direction.z];
       const low = [-length / 2 - reach, -width / 2 - reach, 0];

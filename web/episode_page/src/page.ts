@@ -18,9 +18,10 @@ import { Timeline } from "./timeline";
 import { Tracks } from "./tracks";
 import { Views } from "./views";
 
-const SENSORS = ["sweeps", "pictures"] as const;
 /** Texts that change faster than this cannot be read, and cost time. */
 const TEXTS_MS = 100;
+/** A moment that is shown for so long goes into the address; browsers refuse more than a few changes a second. */
+const SETTLED_MS = 300;
 
 export class EpisodePage {
   private readonly canvas = byId<HTMLCanvasElement>("scene");
@@ -43,6 +44,7 @@ export class EpisodePage {
   private changed = true;
   private before = 0;
   private told = 0;
+  private settling = 0;
   private readonly scriptMs: number[] = [];
 
   /** `live` says whether more comes by `append`. */
@@ -62,8 +64,7 @@ export class EpisodePage {
     this.panel = new Panel(episode, this.tracks, this.others, actions);
     if (head.sensed?.sweeps.length) this.sweeps = new Sweeps(episode, head.sensed.sweeps, this.stage.scene);
     if (head.sensed?.pictures.length) this.pictures = new Pictures(episode, head.sensed.pictures, redraw);
-    this.prepareButtons();
-    listenToKeys(this.keys());
+    this.bindControls();
     listenToClicks(this.canvas, (event) => this.click(event));
     this.cameras.controls.addEventListener("change", redraw);
     new ResizeObserver(() => this.resize()).observe(this.canvas);
@@ -84,51 +85,16 @@ export class EpisodePage {
     return Math.max(this.tracks.end, ...this.others.map(({ tracks }) => tracks.end));
   }
 
-  private prepareButtons(): void {
-    const press = (id: string, action: () => void) => byId(id).addEventListener("click", action);
-    press("play", () => this.play(!this.clock.playing));
-    press("back", () => this.clock.step(-1));
-    press("ahead", () => this.clock.step(1));
-    press("previous-actor", () => this.selectNext(-1));
-    press("next-actor", () => this.selectNext(1));
-    byId("overlay").hidden = this.stage.ghosts.length === 0;
-    byId("side").hidden = this.others.length === 0;
-    press("overlay", () => this.showOthers(!this.stage.ghosts[0]?.shown));
-    press("side", () => this.showBeside(!this.beside));
-    for (const name of CAMERAS) press(`camera-${name}`, () => this.useCamera(name));
-    for (const name of SENSORS) {
-      byId(`show-${name}`).hidden = !this[name];
-      press(`show-${name}`, () => this.toggle(name));
-    }
-  }
-
-  /** Shows or hides what sensors measured, where the page has it. */
-  private toggle(name: (typeof SENSORS)[number]): void {
-    const sensor = this[name];
-    if (!sensor) return;
-    sensor.shown = !sensor.shown;
-    byId(`show-${name}`).setAttribute("aria-pressed", String(sensor.shown));
-    this.redraw();
-  }
-
-  private keys(): Keys {
+  /** What buttons and keys do. */
+  private bindControls(): void {
     const { clock } = this;
     const turn = (turn: number, nearer: number) => () => {
       this.cameras.move(turn, nearer);
       this.redraw();
     };
     const keys: Keys = {
-      " ": () => this.play(!clock.playing),
-      ArrowLeft: (shift) => (shift ? this.seek(clock.time - 1) : clock.step(-1)),
-      ArrowRight: (shift) => (shift ? this.seek(clock.time + 1) : clock.step(1)),
       Home: () => this.seek(0),
       End: () => this.seek(this.end),
-      n: () => this.selectNext(1),
-      p: () => this.selectNext(-1),
-      o: () => this.showOthers(!this.stage.ghosts[0]?.shown),
-      b: () => this.showBeside(!this.beside),
-      l: () => this.toggle("sweeps"),
-      c: () => this.toggle("pictures"),
       a: turn(-0.1, 1),
       d: turn(0.1, 1),
       w: turn(0, 0.9),
@@ -136,8 +102,34 @@ export class EpisodePage {
       "+": () => clock.faster(1),
       "-": () => clock.faster(-1),
     };
-    CAMERAS.forEach((name, place) => (keys[String(place + 1)] = () => this.useCamera(name)));
-    return keys;
+    const bind = (id: string, key: string, action: (shift: boolean) => void) => {
+      byId(id).addEventListener("click", () => action(false));
+      keys[key] = action;
+    };
+    bind("play", " ", () => this.play(!clock.playing));
+    bind("back", "ArrowLeft", (shift) => (shift ? this.seek(clock.time - 1) : clock.step(-1)));
+    bind("ahead", "ArrowRight", (shift) => (shift ? this.seek(clock.time + 1) : clock.step(1)));
+    bind("previous-actor", "p", () => this.selectNext(-1));
+    bind("next-actor", "n", () => this.selectNext(1));
+    bind("overlay", "o", () => this.showOthers(!this.stage.ghosts[0]?.shown));
+    bind("side", "b", () => this.showBeside(!this.beside));
+    bind("show-sweeps", "l", () => this.toggle("sweeps"));
+    bind("show-pictures", "c", () => this.toggle("pictures"));
+    CAMERAS.forEach((name, place) => bind(`camera-${name}`, String(place + 1), () => this.useCamera(name)));
+    byId("overlay").hidden = this.stage.ghosts.length === 0;
+    byId("side").hidden = this.others.length === 0;
+    byId("show-sweeps").hidden = !this.sweeps;
+    byId("show-pictures").hidden = !this.pictures;
+    listenToKeys(keys);
+  }
+
+  /** Shows or hides what sensors measured, where the page has it. */
+  private toggle(name: "sweeps" | "pictures"): void {
+    const sensor = this[name];
+    if (!sensor) return;
+    sensor.shown = !sensor.shown;
+    byId(`show-${name}`).setAttribute("aria-pressed", String(sensor.shown));
+    this.redraw();
   }
 
   private resize(): void {
@@ -158,6 +150,8 @@ export class EpisodePage {
   private moved(): void {
     for (const { tracks } of this.others) tracks.setTime(this.clock.time);
     for (const stage of this.views.shown) stage.seek(this.clock.time);
+    clearTimeout(this.settling);
+    if (this.before > 0 && !this.clock.playing) this.settling = setTimeout(() => this.remember(), SETTLED_MS);
     this.redraw();
   }
 

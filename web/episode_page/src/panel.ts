@@ -58,6 +58,10 @@ export class Panel {
     byId("facts").append(...head.facts.flatMap(([name, text]) => [element("dt", {}, name), element("dd", {}, text)]));
     byId("facts").append(element("dt", {}, "ended"), this.ended);
     byId("command").textContent = head.command;
+    const coloured = (colour: string, name: string) => (colour ? [element("li", {}, swatch(colour), name)] : []);
+    const modes = [...head.modes.flatMap(({ emv_colour, name }) => coloured(emv_colour, `EMV: ${name}`)),
+      ...head.modes.flatMap(({ colour, name }) => coloured(colour, name))];
+    byId("colours").append(...modes);
     copies(byId("copy-command"), () => head.command);
     copies(byId("copy-link"), () => actions.link());
     this.append(0, head.events);
@@ -177,16 +181,17 @@ export class Panel {
       this.latest = latest?.item;
       this.latest?.classList.add("latest");
     }
-    if (this.why) this.showWhy(this.why, actor, time);
+    if (this.why) this.showWhy(this.why, actor, time, tracks.owner[row] === 1 ? "none: it holds the brake" : "none: SUMO drives");
   }
 
-  private showWhy(why: Why, actor: Actor | undefined, time: number): void {
+  /** `none` says what there is in place of a target speed. */
+  private showWhy(why: Why, actor: Actor | undefined, time: number, none: string): void {
     const reasons = actor && why.of(actor.id, Math.round(time / this.episode.head.step_s));
     byId("why").hidden = !reasons;
-    const key = JSON.stringify(reasons ?? null);
+    const key = JSON.stringify([reasons, none]);
     if (!reasons || key === this.shownReasons) return;
     this.shownReasons = key;
-    say(byId("why-target"), reasons.target < 0 ? "none: SUMO drives" : `${(reasons.target * KMH).toFixed(1)} km/h`);
+    say(byId("why-target"), reasons.target < 0 ? none : `${(reasons.target * KMH).toFixed(1)} km/h`);
     byId("why-table").hidden = reasons.limits.length === 0;
     byId("why-limits").replaceChildren(
       ...reasons.limits.map(({ mechanism, speed, blocker }, place) => {

@@ -185,9 +185,12 @@ export class Timeline {
     context.setLineDash([]);
     context.textAlign = "right";
     const most = `${high.toFixed(metric.digits)} ${metric.unit}`;
-    context.strokeStyle = colour("--page");
-    context.lineWidth = 4;
-    context.strokeText(most, context.canvas.clientWidth - 4, top + 8);
+    const wide = context.measureText(most).width + 8;
+    context.fillStyle = colour("--page");
+    context.globalAlpha = 0.75;
+    context.fillRect(context.canvas.clientWidth - wide, top - 1, wide, 12);
+    context.globalAlpha = 1;
+    context.fillStyle = colour("--faint");
     context.fillText(most, context.canvas.clientWidth - 4, top + 8);
     context.textAlign = "left";
   }

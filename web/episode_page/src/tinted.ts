@@ -59,7 +59,7 @@ uniform float beacon;
 void main() {
   vTint = pow(tint.rgb, vec3(2.2));
   vGlow = vec3(0.0);
-  vHeight = position.z;
+  vHeight = tint.a > 0.0 ? 0.0 : position.z;
   #ifdef INSTANCES
   int surface = int(tint.a * 255.0 + 0.5);
   int lit = int(scale.w + 0.5);
@@ -90,7 +90,10 @@ if (hub.w > 0.5) {
 transformed = placed(transformed);
 #endif`;
 
-/** What stands higher than the road between the camera and this place, in the camera's frame, is cut away; at the origin, nothing is. */
+/**
+ * What stands higher than the road between the camera and this place, in the camera's frame, is cut away, but for what has
+ * a surface of its own; at the origin, nothing is.
+ */
 export interface Focus {
   focus: IUniform<Vector3>;
 }

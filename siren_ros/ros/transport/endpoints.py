@@ -147,7 +147,8 @@ def message_class(type_name: str) -> Any:
 
 def qos_of(topic: Topic) -> QoSProfile:
     """Everything is reliable; what is said once is kept for late subscribers."""
-    depth = REPORT_DEPTH if topic in {STEP_DONE, *OBSERVED.values()} else STREAM_DEPTH
+    many = topic == STEP_DONE or topic in OBSERVED.values()
+    depth = REPORT_DEPTH if many else STREAM_DEPTH
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=1 if topic.latched else depth,

@@ -216,7 +216,7 @@ class SumoSimulation:
     def _impose_caution(self) -> None:
         """Impose the speeds of drivers who wait for others, before SUMO's next step."""
         people = NOBODY if self._walkers is None else self._walkers.people
-        self._cautious.apply(self._last, self._reported, people, self._population.length_scale)
+        self._cautious.apply(self._last, self._reported, people, self._population.scale_of)
         if self._oncoming is not None:
             self._oncoming.apply(self._last, self._reported)
         if self._standoff is not None:

@@ -151,6 +151,7 @@ def test_the_next_episode_is_shown_or_offered(running: Running, looks_back: bool
         running.page.page.click("#live")
     running.page.page.locator("h1", has_text="seed 1").wait_for()
     running.until("window.episodePage && episodePage.following")
+    assert "seed 1" in running.text("h1")
 
 
 def test_names_stay_text(running: Running) -> None:

@@ -85,6 +85,7 @@ class Stage:
             "population": SimpleNamespace(
                 vehicles={name: planned(name) for name in (EMV, AV, CAR)},
                 length_scale=defaultdict(lambda: 1.0),
+                scale_of=lambda _: 1.0,
                 civilians=1,
                 emv_starts=[],
                 drop_departed=lambda: self.departed,

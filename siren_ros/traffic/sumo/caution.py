@@ -7,7 +7,7 @@ moved from outside announces nothing, and one that runs a red signal is nobody's
 its drivers are slowed here by the same rule by which the outside ones are driven.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -21,7 +21,7 @@ from siren_ros.conflicts.zones import SAME_DIRECTION, Ways, Zone, search_among
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.traffic.config import CautionConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle
 from siren_ros.world.actors import TWO_WHEELED, Owner, rows_of_ids
@@ -31,8 +31,6 @@ from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 _HARD_BRAKE_MODE: Final = 27
 """SUMO's speed mode 31 without its limit of deceleration (https://sumo.dlr.de/docs/TraCI: speed mode)."""
 _FREE_MODE: Final = 31
-_AS_DRAWN: Final[Mapping[str, float]] = {}
-"""Every lane is as long for SUMO as its centre line."""
 _SPACE_M: Final = 0.2
 """Kept free on both sides of riders: in bends SUMO's lanes are not as far from each other as it takes them to be."""
 _BY_SUMO: Final = int(Owner.SUMO)
@@ -223,7 +221,7 @@ class CautiousDrivers:
 
     def __init__(self, network: RoadNetwork, config: CautionConfig) -> None:
         self._book, self._crossings = CourseBook(network), outlines_of(network)
-        self._config, self._lanes = config, network.lanes
+        self._config = config
         self._slowed: dict[str, int] = {}
         self._drivers: tuple[Ids, Floats, Floats, list[int], list[int]] | None = None
 
@@ -232,14 +230,14 @@ class CautiousDrivers:
         traffic: TrafficState | None,
         vehicles: Mapping[int, PlannedVehicle],
         people: Floats = NOBODY,
-        length_scale: Mapping[str, float] = _AS_DRAWN,
+        scale_of: Callable[[int], float] = lambda _: 1.0,
     ) -> None:
         """Impose speeds for SUMO's next step, and free those who need not wait any more.
 
         ``traffic`` is the state before that step, None before the first one; ``people`` are those on foot at it.
-        ``length_scale`` is SUMO's length of each lane over that of its centre line: SUMO's speeds are along the first.
+        ``scale_of`` a lane is as ``SumoPopulation.scale_of``.
         """
-        slowed = {} if traffic is None else self._speeds(traffic, vehicles, people, length_scale)
+        slowed = {} if traffic is None else self._speeds(traffic, vehicles, people, scale_of)
         for name in sorted(self._slowed.keys() - slowed.keys()):
             libsumo.vehicle.setSpeed(name, -1.0)
             libsumo.vehicle.setSpeedMode(name, _FREE_MODE)
@@ -270,7 +268,7 @@ class CautiousDrivers:
         traffic: TrafficState,
         vehicles: Mapping[int, PlannedVehicle],
         people: Floats = NOBODY,
-        length_scale: Mapping[str, float] = _AS_DRAWN,
+        scale_of: Callable[[int], float] = lambda _: 1.0,
     ) -> dict[str, tuple[int, float]]:
         """Actor and SUMO's speed by the vehicle's name."""
         _, half_length_m, half_width_m, inattentive, riders = self._drivers_of(traffic.actor_id, vehicles)
@@ -287,8 +285,7 @@ class CautiousDrivers:
             if caution.wait.brake_mps2 > brake:
                 brake = min(caution.wait.brake_mps2, self._config.most_brake_mps2)
             if caution.wait.speed_mps < speed + self._config.accel_mps2 * STEP_S:
-                lane = int(traffic.lane[row])
-                scale = 1.0 if lane == NO_LANE else length_scale.get(self._lanes[lane].lane_id, 1.0)
+                scale = scale_of(int(traffic.lane[row]))
                 speed_mps = scale * max(caution.wait.speed_mps, speed - brake * STEP_S, 0.0)
                 _, other_mps = speeds.get(vehicle.name, (0, np.inf))
                 speeds[vehicle.name] = caution.actor_id, min(speed_mps, other_mps)

@@ -390,8 +390,7 @@ class Mirror:
 
     def _set_speed(self, name: str, lane: int, speed_mps: float) -> None:
         """Tell SUMO the vehicle's speed, along the nominal length of its lane."""
-        scale = 1.0 if lane == NO_LANE else self._population.length_scale[self._network.lanes[lane].lane_id]
-        libsumo.vehicle.setPreviousSpeed(name, speed_mps * scale)
+        libsumo.vehicle.setPreviousSpeed(name, speed_mps * self._population.scale_of(lane))
 
     def _hand_back(self, name: str, lane: int, speed_mps: float) -> None:
         self._set_speed(name, lane, speed_mps)

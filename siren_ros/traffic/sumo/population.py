@@ -12,7 +12,7 @@ import numpy as np
 
 from siren_ros.numerics.geometry import Polyline, overlapping_pairs
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.road_network import MAPS_KEPT, RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, NO_LANE, RoadNetwork
 from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.traffic.config import DemandConfig, TrafficConfig
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
@@ -183,6 +183,10 @@ class SumoPopulation:
     def length_scale(self) -> Mapping[str, float]:
         """As ``length_scales``."""
         return length_scales(self._network)
+
+    def scale_of(self, lane: int) -> float:
+        """The same of one lane, 1 off the road: SUMO's speeds are along its own lengths."""
+        return 1.0 if lane == NO_LANE else self.length_scale[self._network.lanes[lane].lane_id]
 
     def enter_background(self) -> None:
         """Enter the vehicles of the warm-up."""

@@ -291,7 +291,9 @@ def test_imposed_speeds_are_along_sumos_length_of_the_lane() -> None:
     drivers, roads = CautiousDrivers(network(0.0), CautionConfig()), network(0.0)
     traffic = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], roads)
     ((_, speed_mps),) = drivers._speeds(traffic, two_vehicles(3.0)).values()
-    assert drivers._speeds(traffic, two_vehicles(3.0), length_scale={"l0": 0.9}) == {"v1": (1, 0.9 * speed_mps)}
+    assert drivers._speeds(traffic, two_vehicles(3.0), scale_of=lambda lane: {0: 0.9}[lane]) == {
+        "v1": (1, 0.9 * speed_mps)
+    }
 
 
 @pytest.mark.parametrize(("owner", "at_m", "slowed"), [(0, 95.0, True), (0, 115.0, False), (1, 95.0, False)])

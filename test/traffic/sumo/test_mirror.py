@@ -150,7 +150,7 @@ STANDING = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 *
 
 
 def mirror_on(network: RoadNetwork, length_scale: float = 1.0) -> Mirror:
-    population: Any = SimpleNamespace(length_scale=defaultdict(lambda: length_scale))
+    population: Any = SimpleNamespace(length_scale=defaultdict(lambda: length_scale), scale_of=lambda _: length_scale)
     return Mirror(network, TrafficConfig(), population)
 
 

@@ -40,7 +40,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         parser.add_argument("--out", type=Path, metavar="DIR", required=True, help="dataset to write; new or empty")
         add_processes(parser)
         parser.add_argument(
-            "--split", choices=(AUTO, *SPLITS), default=AUTO, help="split of all episodes (default: by seed and map)"
+            "--split",
+            choices=(AUTO, *SPLITS),
+            default=AUTO,
+            help="split of all episodes (default: by params/splits.yaml)",
         )
         parser.add_argument("--licence", metavar="TEXT", default="", help="licence that the dataset's card states")
         for option in dataset.options:
@@ -84,8 +87,8 @@ def _splits_text(card: Mapping[str, Any], *, automatic: bool) -> str:
     if not automatic or not empty:
         return splits
     return (
-        f"{splits}; {' and '.join(empty)} stay empty because episodes of one seed on one map stay together: val needs "
-        "two seeds or maps, test three. --split puts all episodes into one split"
+        f"{splits}; {', '.join(empty)} stay empty because an episode's map, template, seed and parameters fix its "
+        "split (params/splits.yaml). --split puts all episodes into one split"
     )
 
 

@@ -161,7 +161,7 @@ class Argoverse2Exporter:
             (folder / split).mkdir()
         for part in parts:
             for path in sorted((part.folder / "scenarios").glob("*.parquet")):
-                home = folder / part.split / path.stem
+                home = folder / part.subset / path.stem
                 link(path, home / f"scenario_{path.name}")
                 link(part.folder / "map.json", home / _MAP_FILE.format(path.stem))
 

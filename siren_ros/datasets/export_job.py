@@ -1,6 +1,5 @@
 """Exports many bags at once as one dataset, with splits and a card that says what it was made of."""
 
-import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -15,37 +14,17 @@ from siren_ros.errors import BagError, EpisodeError, writing
 from siren_ros.processes.process_pool import ProcessPool, Progress, simulated_time
 from siren_ros.record.bag_survey import BagSurvey, in_dataset_order, recovered, survey_bag
 from siren_ros.record.episode_source import open_source
+from siren_ros.scenario.splits import Split, split_of
 
 SPLITS: Final = ("train", "val", "test")
 AUTO: Final = "auto"
-_SHARE: Final = {"test": 0.15, "val": 0.15}
-_LEAST_GROUPS: Final = {"test": 3, "val": 2}
-"""With fewer groups than these a split stays empty, so that training always has something."""
+"""Each episode in the split that ``siren_ros.scenario.splits`` fixes for it."""
 CARD_FILE: Final = "dataset.json"
 README_FILE: Final = "README.md"
 NO_LICENCE: Final = (
     "not stated by whoever made this dataset (--licence states it); SIREN is Apache-2.0, and a map that was not made "
     "by SIREN keeps its own licence"
 )
-
-
-def split_of_groups(groups: Sequence[tuple[str, int]], split_of_all: str = AUTO) -> dict[tuple[str, int], str]:
-    """The split of each group of episodes that share map (its hash) and seed; for all the same one unless ``auto``.
-
-    Groups are ordered by a hash of map and seed. The first 15 % are for test, the next 15 % for validation, at least
-    one group each from three and two groups on; the others are for training. The same groups always give the same
-    answer, in whatever order they come.
-    """
-    ordered = sorted(set(groups), key=lambda group: hashlib.sha256(f"{group[0]}/{group[1]}".encode()).digest())
-    if split_of_all != AUTO:
-        return dict.fromkeys(ordered, split_of_all)
-    count, splits, first = len(ordered), {}, 0
-    for split, share in _SHARE.items():
-        size = max(1, round(share * count)) if count >= _LEAST_GROUPS[split] else 0
-        splits.update(dict.fromkeys(ordered[first : first + size], split))
-        first += size
-    splits.update(dict.fromkeys(ordered[first:], "train"))
-    return splits
 
 
 def card(
@@ -82,7 +61,10 @@ def card(
             }
             for survey, part in zip(surveys, parts, strict=True)
         ],
-        "splits": {split: [part.episode_id for part in parts if part.split == split] for split in SPLITS},
+        "splits": {
+            split: [part.episode_id for part in parts if part.split == split]
+            for split in dict.fromkeys([*(split.value for split in Split), *(part.split for part in parts)])
+        },
         "counts": dict(counts),
         "classes": dict(sorted(classes.items())),
     }
@@ -113,7 +95,7 @@ def readme(content: Mapping[str, Any]) -> str:
         blocks.append("\n".join(["| class | labels |", "|---|---|", *labels]))
     blocks += [
         "## Splits",
-        "Whole episodes; those of one seed on one map are in one split.",
+        "Whole episodes. An episode's map, template, seed and parameters fix its split; all levels of a seed share it.",
         "\n".join(f"* {split}: {', '.join(names) or 'none'}" for split, names in content["splits"].items()),
         "## Episodes",
         "\n".join(["| episode | map (SHA-256) | suite | ended | bag (SHA-256) |", "|---|---|---|---|---|", *rows]),
@@ -181,7 +163,6 @@ def run_export(
         surveys = pool.map(survey_bag, [(bag, job.format.name, needs, staging.path / "recovered") for bag in job.bags])
         announce(sum(float(survey.episode["planned_duration_s"]) for survey in surveys))
         episodes = in_dataset_order(surveys)
-        splits = split_of_groups([survey.group for survey in surveys], job.split)
         todo = [
             (job, survey, episode_id, staging, index)
             for index, (survey, episode_id) in enumerate(episodes)
@@ -197,7 +178,8 @@ def run_export(
             exported.append(replace(survey, note=note))
             notes += [f"{survey.bag}: exported as far as it goes; {note}"] if note else []
             report = EpisodeReport(finished["counts"], finished["classes"])
-            parts.append(EpisodePart(episode_id, index, splits[survey.group], staging.part(index), report))
+            split = split_of(survey.identity).value if job.split == AUTO else job.split
+            parts.append(EpisodePart(episode_id, index, split, staging.part(index), report))
         content = card(job.format, job.options, exported, parts, job.licence)
         with writing(staging.path, "place"):
             folder = staging.new(staging.dataset)

@@ -75,9 +75,14 @@ class EpisodePart:
     index: int
     """Place in the order of the dataset."""
     split: str
-    """``train``, ``val`` or ``test``."""
+    """A ``Split``, or ``test`` where the user put all episodes there."""
     folder: Path
     report: EpisodeReport
+
+    @property
+    def subset(self) -> str:
+        """Its name in the format's files: ``train``, ``val`` or ``test``."""
+        return self.split.partition("-")[0]
 
 
 class Exporter(Protocol):
@@ -105,7 +110,7 @@ class FilesExporter:
         """Links the files."""
         for part in parts:
             for path in sorted(part.folder.iterdir()):
-                link(path, folder / (part.split if self.by_split else "") / path.name)
+                link(path, folder / (part.subset if self.by_split else "") / path.name)
 
 
 FORMATS: Final = {

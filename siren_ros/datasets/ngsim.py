@@ -281,7 +281,7 @@ class NgsimExporter:
         for layout in ("csp", "stdan"):
             (folder / layout).mkdir()
         for split, name in _SETS.items():
-            rows, tracks = _joined([part for part in parts if part.split == split])
+            rows, tracks = _joined([part for part in parts if part.subset == split])
             numbers = np.arange(1, len(rows) + 1, dtype=np.float64)[:, None]
             stdan = np.hstack((numbers, rows))
             csp = np.delete(stdan, [5, 6, 8], axis=1)

@@ -60,7 +60,7 @@ class OpenPcdetExporter:
                     link(path, folder / kind / f"{int(path.stem) + first:06d}.{suffix}")
             lines = (part.folder / _FRAMES).read_text(encoding="utf-8").splitlines(keepends=True)
             table += [f"{int(line[:6]) + first:06d}{line[6:]}" for line in lines]
-            sets[part.split] += range(first, first + len(lines))
+            sets[part.subset] += range(first, first + len(lines))
             first += len(lines)
         write_image_sets(folder, sets)
         (folder / _FRAMES).write_text("".join(table), encoding="utf-8")

@@ -207,9 +207,9 @@ class ScenarioNetExporter:
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
         """Writes the summary and the mapping of each split."""
-        for split in sorted({part.split for part in parts}):
+        for split in sorted({part.subset for part in parts}):
             summary: dict[str, Any] = {}
-            for part in [part for part in parts if part.split == split]:
+            for part in [part for part in parts if part.subset == split]:
                 name = _FILE.format(part.episode_id)
                 link(part.folder / name, folder / split / name)
                 summary[name] = pickle.loads((part.folder / "summary.pkl").read_bytes())  # noqa: S301 - written by this export

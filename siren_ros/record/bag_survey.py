@@ -16,6 +16,7 @@ from siren_ros.recording.bag_folder import METADATA_FILE
 from siren_ros.recording.bag_reader import storage_files
 from siren_ros.recording.recover import recover_bag
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeRequest
+from siren_ros.scenario.splits import EpisodeIdentity
 
 
 class Need(StrEnum):
@@ -97,9 +98,10 @@ class BagSurvey:
     """What the card says of the episode."""
 
     @property
-    def group(self) -> tuple[str, int]:
-        """Map and seed: episodes that share both stay in one split."""
-        return str(self.episode["map_sha256"]), int(self.episode["seed"])
+    def identity(self) -> EpisodeIdentity:
+        """What decides the episode's split."""
+        map_name, template, values = (str(self.episode[key]) for key in ("map", "template", "values"))
+        return EpisodeIdentity(map_name, template, int(self.episode["seed"]), values)
 
     @property
     def name(self) -> str:
@@ -134,7 +136,7 @@ def survey_bag(bag: Path, format_name: str, needs: Sequence[Need], scratch: Path
 
     Raises BagError: no episode, nothing that could be recovered, or not what the format needs.
     """
-    sha256 = _sha256(bag)
+    sha256 = bag_sha256(bag)
 
     def survey(readable: Path, lost: str) -> BagSurvey:
         with open_source(readable) as source:
@@ -160,6 +162,7 @@ def _episode(source: EpisodeSource) -> dict[str, Any]:
         "template": description.template,
         "level": description.level.name,
         "seed": description.seed,
+        "values": description.draw,
         "map": description.map_name,
         "map_sha256": description.map_sha256,
         "planned_duration_s": description.duration_s,
@@ -171,7 +174,8 @@ def _episode(source: EpisodeSource) -> dict[str, Any]:
     }
 
 
-def _sha256(bag: Path) -> str:
+def bag_sha256(bag: Path) -> str:
+    """SHA-256 of a bag's storage file; BagError where there is none."""
     files = storage_files(bag)
     if len(files) != 1:
         raise BagError(str(bag), "a folder of a recorded episode, with one .mcap file")
@@ -187,7 +191,7 @@ def recovered(bag: Path, scratch: Path) -> tuple[Path, str]:
 
     Raises BagError: nothing can be saved.
     """
-    target = scratch / f"{_sha256(bag)}.recovered"
+    target = scratch / f"{bag_sha256(bag)}.recovered"
     with writing(scratch, "place"):
         scratch.mkdir(parents=True, exist_ok=True)
     if target.exists():

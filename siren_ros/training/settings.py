@@ -1,27 +1,14 @@
-"""What the three trainings share: splits of their data, settings of the fittings, and networks as files with cards."""
+"""What the three trainings share: settings of the fittings, and networks as files with cards."""
 
 import hashlib
 import platform
 from dataclasses import asdict, dataclass, field
-from enum import StrEnum
 from importlib.metadata import version
 from typing import Any, Final
 
 from siren_ros.evaluation.risk.labels import RiskThresholds
 
 _PACKAGES: Final = ("siren_ros", "eclipse-sumo", "numpy", "onnxruntime")
-
-
-class Split(StrEnum):
-    """What an episode is for. Seeds of two splits are never the same."""
-
-    TRAIN = "train"
-    VALIDATION = "validation"
-    """Looked at during training; chooses nothing."""
-    TEST_SEEDS = "test_seeds"
-    """Maps of the training, other seeds."""
-    TEST_MAPS = "test_maps"
-    """Maps that were not trained on."""
 
 
 @dataclass(frozen=True)

@@ -6,28 +6,24 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import siren_ros
 from siren_ros.cli.main import main
 from siren_ros.datasets import export_job
 from siren_ros.datasets.export_job import (
     NO_LICENCE,
-    SPLITS,
     ExportJob,
     card,
     readme,
     run_export,
-    split_of_groups,
     write_card,
 )
 from siren_ros.datasets.files import FileWriter
 from siren_ros.datasets.formats import FORMATS, EpisodePart, EpisodeReport, Format, Option, format_named, load_exporter
 from siren_ros.errors import InputError
 from siren_ros.record.bag_survey import BagSurvey, Need, episode_name, in_dataset_order
+from siren_ros.scenario.splits import EpisodeIdentity
 
-GROUPS = st.lists(st.tuples(st.sampled_from(["map a", "map b"]), st.integers(0, 400)), min_size=1, max_size=60)
 FORMAT = Format(
     "made",
     "Frames of formulas",
@@ -37,37 +33,12 @@ FORMAT = Format(
 )
 
 
-@given(GROUPS, st.randoms())
-def test_order_and_repetition_change_nothing(groups, random):
-    shuffled = [*groups, *groups]
-    random.shuffle(shuffled)
-    assert split_of_groups(groups) == split_of_groups(shuffled)
-
-
-@given(GROUPS)
-def test_training_always_has_something(groups):
-    splits = list(split_of_groups(groups).values())
-    assert splits.count("train") >= 1
-    count = len(set(groups))
-    assert (splits.count("val") > 0) == (count >= 2)
-    assert (splits.count("test") > 0) == (count >= 3)
-    assert splits.count("train") >= 0.6 * count - 1
-
-
-def test_shares_are_70_15_15():
-    splits = list(split_of_groups([("map", seed) for seed in range(100)]).values())
-    assert [splits.count(split) for split in SPLITS] == [70, 15, 15]
-
-
-def test_one_split_for_all():
-    assert set(split_of_groups([("map", 1), ("map", 2)], "val").values()) == {"val"}
-
-
 def survey(seed: int, sha256: str, note: str = "", map_name: str = "town") -> BagSurvey:
     episode = {
         "template": "S2",
         "level": "L1",
         "seed": seed,
+        "values": "",
         "map": map_name,
         "map_sha256": "5e" * 32,
         "planned_duration_s": 20.0,
@@ -97,7 +68,13 @@ def test_counts_are_summed_over_episodes():
         ("episode0", 1, "aa"),
         ("episode1", 2, "bb"),
     ]
-    assert card_content["splits"] == {"train": ["episode0"], "val": ["episode1"], "test": []}
+    assert card_content["splits"] == {
+        "train": ["episode0"],
+        "val": ["episode1"],
+        "test-seed": [],
+        "test-map": [],
+        "test-template": [],
+    }
     assert card_content["made_with"] == {
         "command": "siren export made --layout wide BAG… --out DIR",
         "siren_ros": siren_ros.__version__,
@@ -121,7 +98,7 @@ def test_people_read_the_same():
         "| car | 7 |",
         "* train: episode0",
         "* val: episode1",
-        "* test: none",
+        "* test-seed: none",
         "| episode0 | town (5e5e5e5e5e5e…) | full | complete | aaaaaaaaaaaa… |",
         "    ros2 run siren_ros cosim --ros-args -p seed:=1",
     ):
@@ -170,7 +147,7 @@ def test_episodes_are_ordered_by_name_and_namesakes_told_apart_by_their_hash():
         ("bb", "S2_L1_seed1_town-bbbbbbbb"),
         ("cc", "S2_L1_seed2_town"),
     ]
-    assert surveys[0].group == ("5e" * 32, 2)
+    assert surveys[0].identity == EpisodeIdentity("town", "S2", 2)
     with pytest.raises(InputError, match="/bags/1 is the same one"):
         in_dataset_order([survey(3, "aa" * 32), survey(1, "aa" * 32)])
 
@@ -218,11 +195,14 @@ def test_a_folder_of_bags_is_all_its_bags(bags, tmp_path):
 def test_how_the_episodes_are_split_is_said_with_what_is_empty_and_why(bags, tmp_path, capsys):
     assert export("csv", bags, tmp_path / "auto", "--jobs", "1") == 0
     line = capsys.readouterr().out.splitlines()[-1]
-    assert line.startswith("episodes by split: train 3 (240 rows), val 0, test 0; val and test stay empty because ")
-    assert "two seeds or maps" in line
+    start = "episodes by split: train 3 (240 rows), val 0, test-seed 0, test-map 0, test-template 0; val, test-seed, "
+    assert line.startswith(start)
+    assert "params/splits.yaml" in line
     assert "--split" in line
     assert export("csv", bags, tmp_path / "all", "--jobs", "1", "--split", "val") == 0
-    assert capsys.readouterr().out.splitlines()[-1] == "episodes by split: train 0, val 3 (240 rows), test 0"
+    assert capsys.readouterr().out.splitlines()[-1] == (
+        "episodes by split: train 0, val 3 (240 rows), test-seed 0, test-map 0, test-template 0"
+    )
 
 
 def test_the_licence_is_stated(bags, tmp_path):

@@ -182,13 +182,13 @@ class KittiExporter:
                 place = path.relative_to(part.folder)
                 if len(path.stem) == len("000000") and path.stem.isdigit():
                     target = place.with_name(f"{int(path.stem) + first:06d}{path.suffix}")
-                    if part.split == "test" and target.parts[0] == TRAINING:
+                    if part.subset == "test" and target.parts[0] == TRAINING:
                         target = Path(_TESTING, *target.parts[1:])
                     link(path, folder / target)
             _append_table(part, folder / FRAMES_FILE, first, episode=True)
             _append_table(part, folder / OBJECTS_FILE, first, episode=False)
             count = part.report.counts["frames"]
-            sets[part.split] += range(first, first + count)
+            sets[part.subset] += range(first, first + count)
             first += count
         if self._layout is Layout.PAPER:
             (folder / "README.md").write_bytes((parts[0].folder / "README.md").read_bytes())

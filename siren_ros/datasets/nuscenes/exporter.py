@@ -136,7 +136,7 @@ class NuscenesExporter:
         _write_table(home / "map.json", iter(maps))
         _write_table(home / "sensor.json", iter(_sensors(folder)))
         splits = {
-            _SPLIT.format(split=split): [part.episode_id for part in parts if part.split == split]
+            _SPLIT.format(split=split): [part.episode_id for part in parts if part.subset == split]
             for split in ("train", "val", "test")
         }
         (home / "splits.json").write_text(json.dumps(splits, indent=2) + "\n", encoding="utf-8")

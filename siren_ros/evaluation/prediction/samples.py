@@ -144,6 +144,21 @@ class SampleBatch:
     def __len__(self) -> int:
         return len(self.target)
 
+    def between(self, first: int, end: int) -> "SampleBatch":
+        """The frames ``first:end`` with their samples, in memory of their own: nothing of the others can be reached."""
+        rows = slice(int(self.frame_offset[first]), int(self.frame_offset[end]))
+        actors = {name: values[rows].copy() for name, values in vars(self.actors).items()}
+        actors["frame"] = actors["frame"] - first
+        inside = (self.target >= rows.start) & (self.target < rows.stop)
+        return replace(
+            self,
+            step=self.step[first:end].copy(),
+            frame_offset=self.frame_offset[first : end + 1] - rows.start,
+            actors=ObservedActors(**actors),
+            target=self.target[inside] - rows.start,
+            signals={name: states[first:end].copy() for name, states in self.signals.items()},
+        )
+
     @property
     def right_hand(self) -> "SampleBatch":
         """The batch itself where traffic keeps right, else its mirror image, for what has learned from such traffic."""

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import SirenError
+from siren_ros.evaluation.prediction.causality import causal_answer
 from siren_ros.evaluation.prediction.metrics import METRIC_OF, METRICS, MetricValue, distances, reliability_of
-from siren_ros.evaluation.prediction.predictors import Hypotheses, Predictor, checked, predictors_named
+from siren_ros.evaluation.prediction.predictors import Hypotheses, Predictor, predictors_named
 from siren_ros.evaluation.prediction.samples import (
     LAST_FUTURE_STEP,
     Population,
@@ -29,6 +30,7 @@ from siren_ros.record.bag_survey import episode_name
 from siren_ros.record.episode_source import open_source
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.splits import EpisodeIdentity, Split
 from siren_ros.world.actors import Mode
 
 
@@ -106,6 +108,10 @@ class EpisodeScores:
     models: Mapping[str, ModelScores]
     people: Mapping[str, ModelScores] = field(default_factory=dict)
     """The same models on people on foot and on two wheels; empty for an episode without them."""
+    standing: Mapping[str, Split] = field(default_factory=dict)
+    """How the episode stands to what each trained model has seen; without models that do not say what they saw."""
+    causal_frames: Mapping[str, int] = field(default_factory=dict)
+    """Frames on which each model was asked again without the later ones; 0 for submissions, which cannot be asked."""
 
     @property
     def samples(self) -> int:
@@ -127,17 +133,31 @@ def score_episode(
 
     Raises:
         InputError: The record does not describe its actors, or a model's hypotheses cannot be scored.
+        CausalityError: A predictor looks at later frames.
     """
-    models, people = (
-        {answers.model: _scores_of(record, answers, people) for answers in answered}
-        for people, answered in (
-            (False, _answers_of(record, predictors, population, submitted or {})),
-            (True, _answers_of(record, predictors, population, submitted or {}, people=True)),
-        )
-    )
+    models: dict[str, ModelScores] = {}
+    causal_frames: dict[str, int] = {}
+    for answers in _answers_of(record, predictors, population, submitted or {}):
+        models[answers.model] = _scores_of(record, answers, people=False)
+        causal_frames[answers.model] = answers.causal_frames
+    of_people = _answers_of(record, predictors, population, submitted or {}, people=True)
+    people = {answers.model: _scores_of(record, answers, people=True) for answers in of_people}
     about = record.description
-    of_template = about.template, about.level, about.seed, about.map_name
-    return EpisodeScores(name, *of_template, population, about.template_values, models, people)
+    identity = EpisodeIdentity.of(about)
+    seen = {model: getattr(predictor, "seen", None) for model, predictor in predictors.items()}
+    return EpisodeScores(
+        name,
+        about.template,
+        about.level,
+        about.seed,
+        about.map_name,
+        population,
+        about.template_values,
+        models,
+        people,
+        standing={model: episodes.split_of(identity) for model, episodes in seen.items() if episodes is not None},
+        causal_frames=causal_frames,
+    )
 
 
 def _scores_of(record: EpisodeRecord, answers: "Answers", people: bool) -> ModelScores:
@@ -165,6 +185,8 @@ class Answers:
     """One row for each sample."""
     population_size: int
     """Number of samples of the population."""
+    causal_frames: int = 0
+    """Frames on which they were checked against those without the later frames."""
 
 
 def _answers_of(
@@ -184,7 +206,8 @@ def _answers_of(
     samples_with = cache(lambda window: samples_of(record, window, population, people=people))
     for model, predictor in predictors.items():
         samples = samples_with(predictor.window)
-        yield Answers(model, samples, checked(model, predictor.predict(samples.batch), len(samples)), len(samples))
+        hypotheses, frames = causal_answer(model, predictor, samples.batch)
+        yield Answers(model, samples, hypotheses, len(samples), frames)
     for model, predictions in submitted.items():
         samples = samples_with(predictions.window)
         answered = predictions.select(np.flatnonzero(np.isin(predictions.actor_id, record.people_ids) == people))

@@ -1,43 +1,60 @@
 """Which episodes a predictor is trained on, watched on and judged on, and with which inputs.
 
-The splits differ by seed; the last one also by map.
+``siren_ros.scenario.splits`` fixes the split of each episode.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import count, islice, product
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import Ablation
+from siren_ros.record.bag_survey import bag_sha256, episode_name
+from siren_ros.record.episode_source import open_source
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
-from siren_ros.training.settings import Split
+from siren_ros.scenario.splits import EpisodeIdentity, Split, split_of, split_rule
 
 _LEVELS: Final = ("", "L0", "", "L1", "", "L0", "", "L2", "", "L3")
 """Half of the training episodes at the template's own level, a fifth without emergency driving."""
 
 
-FIRST_SEED: Final = {Split.TRAIN: 100, Split.VALIDATION: 900, Split.TEST_SEEDS: 1000, Split.TEST_MAPS: 1000}
-
-_SEEDS_APART: Final = 3
-"""Of one template on one map; the next map begins one seed later, so that maps seldom share one."""
+FIRST_SEED: Final = {Split.TRAIN: 100, Split.VAL: 900, Split.TEST_SEED: 1000, Split.TEST_MAP: 1000}
+"""From here on, each template and map has its seeds where ``split_of`` says so."""
 
 
 @dataclass(frozen=True)
 class PlannedEpisode:
-    """One episode of the data."""
+    """One episode of the data: to be simulated, or recorded."""
 
     split: Split
     request: EpisodeRequest
+    bag: Path | None = None
+    """Of a recorded episode."""
+    label: str = ""
+    """Name of a recorded episode."""
+
+    @property
+    def identity(self) -> EpisodeIdentity:
+        """What fixes its split."""
+        request = self.request
+        return EpisodeIdentity(_map_name(request.map), request.template, request.seed, request.values)
 
     @property
     def name(self) -> str:
         """Name of its file."""
         request = self.request
-        map_name = Path(request.map).name.split(".")[0] if request.map else "town"
-        return f"{request.template}_{request.level or 'own'}_{map_name}_seed{request.seed}"
+        return self.label or f"{request.template}_{request.level or 'own'}_{_map_name(request.map)}_seed{request.seed}"
+
+
+def _map_name(file: str) -> str:
+    return Path(file).name.split(".")[0] if file else _TOWN
+
+
+_TOWN: Final = "town"
 
 
 @dataclass(frozen=True)
@@ -52,19 +69,50 @@ class PlanSize:
 def plan_episodes(maps: Sequence[str], held_out: Sequence[str], size: PlanSize) -> tuple[PlannedEpisode, ...]:
     """All episodes, so that any first part of the training episodes has all templates, maps and levels.
 
-    Maps to train on and held-out maps, which only judge, are files; "" is the built-in town.
+    Maps to train on and held-out maps, which only judge, are files; "" is the built-in town. The seeds of a template on
+    a map are the first ones that are fixed for the split.
+
+    Raises:
+        InputError: A map to train on is one that never trains, or also held out.
     """
+    for file in maps:
+        if _map_name(file) in split_rule().test_maps or file in held_out:
+            raise InputError("maps", file, "maps that are not held out, here and in params/splits.yaml")
     episodes = []
     for split, files, turns in (
         (Split.TRAIN, maps, size.train),
-        (Split.VALIDATION, maps, size.validation),
-        (Split.TEST_SEEDS, maps, size.test),
-        (Split.TEST_MAPS, held_out, size.test),
+        (Split.VAL, maps, size.validation),
+        (Split.TEST_SEED, maps, size.test),
+        (Split.TEST_MAP, held_out, size.test),
     ):
         for turn, (place, file), (number, template) in product(range(turns), enumerate(files), enumerate(TEMPLATES)):
-            seed = FIRST_SEED[split] + _SEEDS_APART * turn + place
+            seed = _seed(split, _map_name(file), template, turn)
             level = _LEVELS[(turn + 3 * number + 7 * place) % len(_LEVELS)] if split is Split.TRAIN else ""
             episodes.append(PlannedEpisode(split, EpisodeRequest(template, level, seed, file, sensors="none")))
+    return tuple(episodes)
+
+
+def _seed(split: Split, map_name: str, template: str, turn: int) -> int:
+    """The seed with the number ``turn``; those of maps that are held out for one training alone are consecutive."""
+    if split is Split.TEST_MAP:
+        return FIRST_SEED[split] + turn
+    fixed = (seed for seed in count(FIRST_SEED[split]) if split_of(EpisodeIdentity(map_name, template, seed)) is split)
+    return next(islice(fixed, turn, None))
+
+
+def plan_bags(bags: Sequence[Path]) -> tuple[PlannedEpisode, ...]:
+    """Recorded episodes, each in the split that is fixed for it.
+
+    Raises:
+        BagError: One is no recorded episode.
+    """
+    episodes = []
+    for bag in bags:
+        with open_source(bag) as source:
+            about = source.description
+        name = f"{episode_name(about.template, about.level.name, about.seed, about.map_name)}-{bag_sha256(bag)[:8]}"
+        request = EpisodeRequest(about.template, about.level.name, about.seed, about.map_name, values=about.draw)
+        episodes.append(PlannedEpisode(split_of(EpisodeIdentity.of(about)), request, bag, name))
     return tuple(episodes)
 
 

@@ -26,9 +26,9 @@ from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
 from siren_ros.numerics.arrays import Floats32, Rows, random_stream
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles, make_files, write_arrays
 from siren_ros.training.prediction.plan import PlannedEpisode
-from siren_ros.training.settings import Split
 
 REGION_SAMPLES: Final = 400
 """Samples of a training episode in the interaction region, drawn at random: the others overlap with them."""

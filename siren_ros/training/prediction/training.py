@@ -12,10 +12,11 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.network_file import write_network
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import FEATURES_VERSION, TrainedNetwork, load_network
 from siren_ros.numerics.arrays import Floats, Floats32
+from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.prediction.plan import VARIANTS, PlannedEpisode, is_ordinary
 from siren_ros.training.prediction.samples import EpisodeKey, SampleStore, read_store
-from siren_ros.training.settings import FitConfig, FittedNetwork, Split
+from siren_ros.training.settings import FitConfig, FittedNetwork
 
 MEAN: Final = "mean"
 _MODEL_ERRORS: Final = ("siren", "siren_min6", "siren_fde")
@@ -97,7 +98,7 @@ def _rounded(table: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, fl
 
 
 Fitter = Callable[[SampleStore, FitConfig, Callable[[str], None]], FittedNetwork]
-_JUDGED: Final = (Split.VALIDATION, Split.TEST_SEEDS, Split.TEST_MAPS)
+_JUDGED: Final[tuple[Split, ...]] = tuple(split for split in Split if split is not Split.TRAIN)
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,8 @@ def _training_files(name: str, data: MadeFiles[PlannedEpisode]) -> list[tuple[Pl
 def _data_json(data: MadeFiles[PlannedEpisode]) -> dict[str, Any]:
     splits = {}
     for split in Split:
-        requests = [planned.request for planned, _ in data.files if planned.split is split]
+        planned_episodes = [planned for planned, _ in data.files if planned.split is split]
+        requests = [planned.request for planned in planned_episodes]
         left_out = []
         for planned, reason in data.missing:
             if planned.split is split:
@@ -197,6 +199,7 @@ def _data_json(data: MadeFiles[PlannedEpisode]) -> dict[str, Any]:
             "episodes": len(requests),
             "maps": sorted({Path(request.map).name or "town" for request in requests}),
             "seeds": [min(seeds), max(seeds)] if seeds else [],
+            "keys": sorted({planned.identity.text for planned in planned_episodes}),
             "left_out": sorted(left_out),
         }
     return splits

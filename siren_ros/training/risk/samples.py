@@ -18,6 +18,7 @@ from siren_ros.evaluation.risk.sequence_model import EVERY, SmallFrames, reduced
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import TEMPLATES
+from siren_ros.scenario.splits import Split
 from siren_ros.scenario.templates import load_template
 from siren_ros.sensors.look import load_look
 from siren_ros.sensors.rig import SensorRig
@@ -25,9 +26,8 @@ from siren_ros.sensors.suite import SensorSuite
 from siren_ros.studies.risk_set.candidate import FRAME_STEPS, Candidate, candidate_request, front_camera, simulated
 from siren_ros.studies.risk_set.search import outcome_as_json, outcome_of_json
 from siren_ros.training.data_files import MadeFiles, make_files, write_arrays
-from siren_ros.training.settings import Split
 
-FIRST_SEED: Final = {Split.TRAIN: 500, Split.VALIDATION: 900}
+FIRST_SEED: Final = {Split.TRAIN: 500, Split.VAL: 900}
 """Seeds of the draws. ``siren generate risk`` draws with seed 0 unless it is given another one."""
 _LOOKS_FOR: Final = (RiskClass.NORMAL, RiskClass.NEAR_MISS, RiskClass.COLLISION, RiskClass.COLLISION)
 _COLLISIONS_IN: Final = "S4"
@@ -73,7 +73,7 @@ def plan_films(size: FilmPlanSize, templates: Sequence[str] = TEMPLATES) -> tupl
     """
     films = []
     for number in range(max(size.train, size.validation)):
-        for split, count in ((Split.TRAIN, size.train), (Split.VALIDATION, size.validation)):
+        for split, count in ((Split.TRAIN, size.train), (Split.VAL, size.validation)):
             if number < count:
                 films += [PlannedFilm(split, template, number) for template in templates]
                 films.append(PlannedFilm(split, _COLLISIONS_IN, _FURTHER + number))

@@ -12,10 +12,11 @@ from siren_ros.evaluation.network_file import write_network
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.evaluation.risk.scoring import accuracy, confusion, macro_f1
 from siren_ros.evaluation.risk.sequence_model import FRAMES_VERSION, SequenceModel, load_sequence_model
+from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.risk.batches import LabelledFilm, labelled, validation_clips
 from siren_ros.training.risk.samples import FIRST_SEED, PlannedFilm, read_film
-from siren_ros.training.settings import FilmFitConfig, FittedNetwork, Split
+from siren_ros.training.settings import FilmFitConfig, FittedNetwork
 
 Fitter = Callable[[Sequence[LabelledFilm], Sequence[LabelledFilm], FilmFitConfig, Callable[[str], None]], FittedNetwork]
 
@@ -32,21 +33,21 @@ def train_sequence_model(
     """
     splits = {
         split: [labelled(read_film(file), config) for planned, file in films.files if planned.split is split]
-        for split in (Split.TRAIN, Split.VALIDATION)
+        for split in (Split.TRAIN, Split.VAL)
     }
     for split, part in splits.items():
         if not part:
             raise InputError("films", split.value, "at least one that could be made")
         report(f"{split.value}: {len(part)} films, pictures of {' / '.join(TITLES)}: {_pictures(part)}")
     wall, processor = time.monotonic(), time.process_time()
-    fitted = fitter(splits[Split.TRAIN], splits[Split.VALIDATION], config, report)
+    fitted = fitter(splits[Split.TRAIN], splits[Split.VAL], config, report)
     card = fitted.card(config, model="sequence", task="risk", frames_version=FRAMES_VERSION)
     card["films"] = {split.value: _split_json(part, films, split) for split, part in splits.items()}
     card["fitting_wall_s"] = round(time.monotonic() - wall)
     card["fitting_processor_s"] = round(time.process_time() - processor)
     write_network(path, fitted.onnx, card)
     model = load_sequence_model(path)
-    card["validation"] = _figures(model, splits[Split.VALIDATION], config)
+    card["validation"] = _figures(model, splits[Split.VAL], config)
     write_network(path, fitted.onnx, card)
     return load_sequence_model(path)
 

@@ -15,6 +15,7 @@ from siren_ros.evaluation.prediction.predictors import checked
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, Population, future_times_s, samples_of
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, Features, make
 from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.fitting.prediction import (
     MODES,
@@ -29,7 +30,7 @@ from siren_ros.training.fitting.prediction import (
 from siren_ros.training.prediction.plan import PlannedEpisode
 from siren_ros.training.prediction.samples import read_store
 from siren_ros.training.prediction.training import train_variant, with_ablations
-from siren_ros.training.settings import FitConfig, Split
+from siren_ros.training.settings import FitConfig
 
 CONFIG = FitConfig(epochs=3, batch=64, width=16, layers=1)
 
@@ -144,7 +145,7 @@ def test_a_trained_variant_can_be_used_as_a_predictor(data, tmp_path) -> None:
     trained = train_variant("full", data, tmp_path, SMALL, fitted_network, lines.append)
     assert len(lines) == 1 + SMALL.epochs
     card = json.loads((tmp_path / "full.json").read_text())
-    assert card["figures"]["test_seeds"]["samples"] > 0
+    assert card["figures"]["test-seed"]["samples"] > 0
     assert card["training"]["episodes"] == 6
     assert card["data"]["train"]["left_out"] == ["S2_own_town_seed99: map: no site"]
     batch = samples_of(made_record(30), HistoryWindow(), Population.REGION).batch
@@ -152,7 +153,7 @@ def test_a_trained_variant_can_be_used_as_a_predictor(data, tmp_path) -> None:
     checked("siren", predicted, len(batch))
     assert predicted.xy_m.shape[1] == 6
     # The file and the network in memory answer alike: the same errors again.
-    assert trained.errors[Split.TEST_SEEDS][0].samples > 0
+    assert trained.errors[Split.TEST_SEED][0].samples > 0
 
 
 def test_variants_train_on_what_they_say(data, tmp_path) -> None:
@@ -163,7 +164,7 @@ def test_variants_train_on_what_they_say(data, tmp_path) -> None:
     with_ablations(full, others)
     card = json.loads((tmp_path / "full.json").read_text())
     assert set(card["ablations"]) == {"ordinary", "few"}
-    assert np.isfinite(card["ablations"]["few"]["test_seeds"]["mean"]["siren"])
+    assert np.isfinite(card["ablations"]["few"]["test-seed"]["mean"]["siren"])
 
 
 def test_without_an_episode_nothing_can_be_trained(data, tmp_path) -> None:

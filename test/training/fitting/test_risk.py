@@ -10,12 +10,13 @@ pytest.importorskip("onnx", reason="the extra models is not installed")
 
 from siren_ros.evaluation.risk.labels import RiskClass
 from siren_ros.evaluation.risk.sequence_model import HEIGHT, WIDTH
+from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.fitting.risk import FilmNetwork, fitted_film_network
 from siren_ros.training.risk.batches import labelled
 from siren_ros.training.risk.samples import PlannedFilm, write_film
 from siren_ros.training.risk.training import train_sequence_model
-from siren_ros.training.settings import FilmFitConfig, Split
+from siren_ros.training.settings import FilmFitConfig
 
 CONFIG = FilmFitConfig(epochs=1, steps=2, batch=3, clip_frames=12)
 
@@ -36,7 +37,7 @@ def test_a_moment_is_found_wherever_it_is() -> None:
 
 
 def test_a_model_is_trained_and_written_with_its_card(tmp_path: Path) -> None:
-    plan = [PlannedFilm(split, "S4", kind) for split in (Split.TRAIN, Split.VALIDATION) for kind in RiskClass]
+    plan = [PlannedFilm(split, "S4", kind) for split in (Split.TRAIN, Split.VAL) for kind in RiskClass]
     files = [(planned, tmp_path / f"{planned.name}.npz") for planned in plan]
     for planned, path in files:
         write_film(path, hand_made_film(RiskClass(planned.number), seed=planned.number))

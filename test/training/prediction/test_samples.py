@@ -7,12 +7,12 @@ from hand_made import made_record
 from siren_ros.evaluation.prediction.baselines import ConstantVelocity
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import Ablation, Features
+from siren_ros.scenario.splits import Split
 from siren_ros.training.prediction.samples import features_of_record, read_features, read_store, write_features
-from siren_ros.training.settings import Split
 
 
 def test_what_is_written_is_read_again(tmp_path) -> None:
-    written = features_of_record(made_record(1), Split.TEST_MAPS)
+    written = features_of_record(made_record(1), Split.TEST_MAP)
     write_features(tmp_path / "new" / "one.npz", written)
     read = read_features(tmp_path / "new" / "one.npz")
     assert (read.episode, read.split, read.names) == (written.episode, written.split, written.names)
@@ -26,14 +26,14 @@ def test_what_is_written_is_read_again(tmp_path) -> None:
 
 
 def test_the_truth_is_seen_from_the_vehicle() -> None:
-    truth_m = features_of_record(made_record(1), Split.TEST_SEEDS).truth_m
+    truth_m = features_of_record(made_record(1), Split.TEST_SEED).truth_m
     assert (truth_m[:, -1, 0] > 0.0).all()
     assert truth_m[..., 1] == pytest.approx(0.0, abs=1e-4)
 
 
 def test_reference_errors_are_those_of_the_protocol() -> None:
     record = made_record(2)
-    errors_m = features_of_record(record, Split.TEST_SEEDS).reference_ade_m
+    errors_m = features_of_record(record, Split.TEST_SEED).reference_ade_m
     samples = samples_of(record, HistoryWindow(), Population.REGION)
     miss = ConstantVelocity().predict(samples.batch).xy_m[:, 0] - samples.future_xy_m
     assert errors_m["cv"] == pytest.approx(np.hypot(miss[..., 0], miss[..., 1]).mean(axis=1), abs=1e-5)
@@ -61,7 +61,7 @@ def test_samples_stand_in_the_order_of_their_files(episode_files) -> None:
 
 
 def test_reference_errors_come_with_episodes_that_judge_and_an_ablation_hides_its_input(episode_files) -> None:
-    assert set(read_store(episode_files[Split.TEST_SEEDS]).reference_ade_m) == {"cv", "idm"}
+    assert set(read_store(episode_files[Split.TEST_SEED]).reference_ade_m) == {"cv", "idm"}
     store = read_store(episode_files[Split.TRAIN], Ablation.MAP)
     assert store.reference_ade_m == {}
     assert not store.features.path_there.any()

@@ -3,6 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from siren_ros.scenario.splits import Split
 from siren_ros.training.prediction.samples import EpisodeKey, read_store
 from siren_ros.training.prediction.training import (
     MEAN,
@@ -13,7 +14,6 @@ from siren_ros.training.prediction.training import (
     errors_json,
     table_lines,
 )
-from siren_ros.training.settings import Split
 
 
 def errors(template: str, map_name: str, siren: float, samples: int = 10) -> EpisodeErrors:
@@ -38,7 +38,7 @@ def test_the_table_shows_gains_over_constant_velocity() -> None:
 
 
 def test_the_error_of_the_most_probable_and_of_the_best_hypothesis(episode_files) -> None:
-    store = read_store(episode_files[Split.TEST_SEEDS])
+    store = read_store(episode_files[Split.TEST_SEED])
 
     def run(features):
         # One hypothesis 1 m to the side, one exact; the first is called the more probable in every second sample.

@@ -8,6 +8,7 @@ from training.risk.hand_made_films import FIRST_STEP, hand_made_film
 
 from siren_ros.errors import EpisodeError
 from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds
+from siren_ros.scenario.splits import Split
 from siren_ros.training import data_files
 from siren_ros.training.risk.samples import (
     FilmPlanSize,
@@ -18,7 +19,6 @@ from siren_ros.training.risk.samples import (
     read_film,
     write_film,
 )
-from siren_ros.training.settings import Split
 
 
 def test_a_film_is_read_as_it_was_written(tmp_path: Path) -> None:
@@ -64,8 +64,8 @@ def test_films_that_are_there_are_not_made_again_and_failures_are_named(tmp_path
 
 def test_every_template_and_split_has_its_films_and_no_episode_twice() -> None:
     plan = plan_films(FilmPlanSize(train=4, validation=2))
-    count = {split: sum(film.split is split for film in plan) for split in (Split.TRAIN, Split.VALIDATION)}
-    assert count == {Split.TRAIN: 32, Split.VALIDATION: 16}
+    count = {split: sum(film.split is split for film in plan) for split in (Split.TRAIN, Split.VAL)}
+    assert count == {Split.TRAIN: 32, Split.VAL: 16}
     assert len({film.name for film in plan}) == len(plan)
     assert len({(film.request.template, film.request.seed) for film in plan}) == len(plan)
 
@@ -75,7 +75,7 @@ def test_a_longer_plan_begins_with_the_shorter_one() -> None:
     assert short < long
     first = plan_films(FilmPlanSize(train=5, validation=2))[:16]
     assert {film.template for film in first} == {f"S{number}" for number in range(1, 8)}
-    assert {film.split for film in first} == {Split.TRAIN, Split.VALIDATION}
+    assert {film.split for film in first} == {Split.TRAIN, Split.VAL}
 
 
 def test_a_film_is_drawn_like_a_candidate_of_each_class_in_turn() -> None:

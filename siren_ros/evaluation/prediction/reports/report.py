@@ -22,6 +22,7 @@ from siren_ros.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.evaluation.statistics import RANKED_MIN
 from siren_ros.scenario.interaction_region import REGION_TEXT
 from siren_ros.scenario.paper import TEMPLATES
+from siren_ros.scenario.splits import Split
 from siren_ros.tables.interval import CONFIDENCE, Bounds
 from siren_ros.tables.table import Cell, Row, Table, csv_text, text_of
 
@@ -61,6 +62,7 @@ def prediction_tables(
         _metrics(scores),
         *(_by_group(scores, kind) for kind in (GroupKind.CATEGORY, GroupKind.LEVEL, GroupKind.PEOPLE)),
         _paired(pairs),
+        _seen(scores),
     )
     return tuple(table for table in tables if table.rows)
 
@@ -73,7 +75,41 @@ def text_report(scores: ScoreTable, tables: Sequence[Table], *, compare_paper: b
         "",
         *text_of([table for table in tables if not table.folded]),
     ]
+    lines += [*warnings_of(scores), *_causality_lines(scores)]
     return [*lines, "", *_paper_lines(scores)] if compare_paper else lines
+
+
+def _seen(scores: ScoreTable) -> Table:
+    """How the scored episodes stand to what each trained model has seen."""
+    rows: list[Row] = [(model, *counts.values()) for model, counts in _standings(scores).items()]
+    caption = "scored episodes by what the model's card says of them: train are its own training episodes"
+    return Table("prediction_seen", caption, ("model", *(split.value for split in Split)), tuple(rows), folded=True)
+
+
+def _standings(scores: ScoreTable) -> dict[str, dict[Split, int]]:
+    known = {model: [of.standing[model] for of in scores.episodes if model in of.standing] for model in scores.models}
+    return {model: {split: of.count(split) for split in Split} for model, of in known.items() if of}
+
+
+def warnings_of(scores: ScoreTable) -> list[str]:
+    """A line for each model that is scored on episodes of its own training."""
+    lines = []
+    for model, counts in _standings(scores).items():
+        inside, total = counts[Split.TRAIN], sum(counts.values())
+        if inside:
+            lines.append(f"WARNING: {model} was trained on {inside} of these {total} episodes: its scores say too much")
+    return lines
+
+
+def _causality_lines(scores: ScoreTable) -> list[str]:
+    """Which models were asked again without the later frames, and which cannot be."""
+    known = [model for model in scores.models if any(model in of.causal_frames for of in scores.episodes)]
+    frames = {model: sum(of.causal_frames.get(model, 0) for of in scores.episodes) for model in known}
+    parts = [
+        f"{model} {count} frames" if count else f"{model} not: nobody can ask it again"
+        for model, count in frames.items()
+    ]
+    return [f"asked again without the later frames, with the same answer: {', '.join(parts)}"] if parts else []
 
 
 def _bags(scores: ScoreTable) -> Table:
@@ -206,6 +242,7 @@ def json_report(table: ScoreTable, pairs: Sequence[Difference]) -> dict[str, Any
         "intervals": {"confidence": CONFIDENCE, "method": "jackknife", "block": "episode", "stratum": "template"},
         "episodes": [_episode(episode) for episode in table.episodes],
         "models": {model: _model(table, model) for model in table.models},
+        "warnings": warnings_of(table),
         "differences": [
             {
                 "metric": pair.metric,
@@ -256,6 +293,8 @@ def _model(table: ScoreTable, model: str) -> dict[str, Any]:
         "samples": len(samples),
         "wanted": samples.population_size,
         "coverage": samples.coverage,
+        "seen": {split.value: count for split, count in _standings(table).get(model, {}).items()},
+        "causal_frames": sum(of.causal_frames.get(model, 0) for of in table.episodes),
         "calibration_error": calibration_error(samples.reliability).value,
         "distance_over_time_m": _over_time(samples),
         "rows": rows,

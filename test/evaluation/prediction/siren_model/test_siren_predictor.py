@@ -156,7 +156,7 @@ def test_the_card_says_which_errors_were_reached() -> None:
     card = json.loads(card_path(params_dir() / SHIPPED).read_text())
     assert card["variant"] == "full"
     assert (params_dir() / SHIPPED).stat().st_size < 5e6
-    for split in ("test_seeds", "test_maps"):
+    for split in ("test-seed", "test-map"):
         figures = card["figures"][split]["by_template"]
         assert figures["mean"]["siren"] <= 0.8 * figures["mean"]["cv"]
         assert figures["mean"]["siren_min6"] <= 0.6 * figures["mean"]["cv"]

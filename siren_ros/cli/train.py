@@ -13,10 +13,11 @@ from tqdm import tqdm
 
 from siren_ros.cli.options import add_processes, check_numbers, positive, processes_of, steps_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.recording.bag_reader import bags_among
 from siren_ros.scenario.episode import MAX_SEED
 from siren_ros.training.data_files import MadeFiles, Planned
 from siren_ros.training.detection.training import DetectorTraining, train_detector
-from siren_ros.training.prediction.plan import FULL, VARIANTS, PlanSize, plan_episodes
+from siren_ros.training.prediction.plan import FULL, VARIANTS, PlanSize, plan_bags, plan_episodes
 from siren_ros.training.prediction.samples import make_samples
 from siren_ros.training.prediction.training import (
     TrainedVariant,
@@ -94,7 +95,8 @@ _print: Final = partial(print, flush=True)
 def _add_prediction(task: argparse.ArgumentParser) -> None:
     task.description = (
         "Simulates episodes without sensors, trains the trajectory predictor on them, evaluates it on other seeds and "
-        "on maps that the training did not see, and writes DIR/full.onnx with its card DIR/full.json. It needs torch: "
+        "on maps that the training did not see, and writes DIR/full.onnx with its card DIR/full.json. After Ctrl-C, "
+        "the same command goes on from its checkpoint. It needs torch: "
         "./env --with models siren train prediction. The exit code is 1 if an episode failed, unless the map has no "
         "site for its template."
     )
@@ -104,6 +106,14 @@ def _add_prediction(task: argparse.ArgumentParser) -> None:
     )
     task.add_argument(
         "--maps", nargs="+", default=[_TOWN], metavar="FILE", help="maps to train on; town is built in (default)"
+    )
+    task.add_argument(
+        "--bags",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="BAG",
+        help="recorded episodes, or folders with bags, in place of simulated ones; params/splits.yaml says which train",
     )
     task.add_argument("--held-out-maps", nargs="+", default=[], metavar="FILE", help="maps for evaluation only")
     config = FitConfig()
@@ -128,7 +138,8 @@ def train_prediction(arguments: argparse.Namespace, fitter: Any) -> int:
         ["" if name == _TOWN else name for name in names] for names in (arguments.maps, arguments.held_out_maps)
     )
     cache = arguments.cache or arguments.out / "cache"
-    data = _with_bar(make_samples, plan_episodes(maps, held_out, size), cache, processes_of(arguments), "episode")
+    plan = plan_bags(bags_among(arguments.bags)) if arguments.bags else plan_episodes(maps, held_out, size)
+    data = _with_bar(make_samples, plan, cache, processes_of(arguments), "episode")
     config = FitConfig(seed=arguments.seed, epochs=arguments.epochs, device=arguments.device)
     trained: dict[str, TrainedVariant] = {}
     for name in dict.fromkeys(arguments.variants):

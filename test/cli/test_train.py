@@ -7,8 +7,12 @@ import pytest
 from siren_ros.cli import train
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK
 from siren_ros.evaluation.network_file import NetworkFile
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import load_network
 from siren_ros.evaluation.risk.sequence_model import SequenceModel
+from siren_ros.record.episode_source import open_source
+from siren_ros.scenario.splits import EpisodeIdentity, Split
 from siren_ros.training.data_files import MadeFiles
+from siren_ros.training.prediction import plan
 from siren_ros.training.risk.samples import PlannedFilm
 from siren_ros.training.settings import FilmFitConfig
 
@@ -47,6 +51,22 @@ def test_without_torch_the_command_says_what_brings_it(monkeypatch, siren, tmp_p
 def test_the_part_with_torch_is_found_by_its_names(task: str) -> None:
     pytest.importorskip("torch", reason="the extra models is not installed")
     assert train.fitter_of(task).__name__ == train.FITTERS[task]
+
+
+def test_a_predictor_is_trained_on_own_bags(monkeypatch, siren, tmp_path, write_bag) -> None:
+    pytest.importorskip("torch", reason="the extra models is not installed")
+    bag = write_bag(tmp_path / "bags" / "one", duration_s=9.0)
+    with open_source(bag) as source:
+        identity = EpisodeIdentity.of(source.description)
+    monkeypatch.setattr(plan, "split_of", lambda _: Split.TRAIN)
+    words = ["--bags", str(tmp_path / "bags"), "--epochs", "1", "--jobs", "1"]
+    siren(["train", "prediction", "--out", str(tmp_path / "trained"), *words], EXIT_OK)
+    network = load_network(tmp_path / "trained" / "full.onnx")
+    assert network.seen.trained == {identity.text}
+    assert network.card["training"]["episodes"] == 1
+    monkeypatch.setattr(plan, "split_of", lambda _: Split.TEST_SEED)
+    said = siren(["train", "prediction", "--out", str(tmp_path / "nothing"), *words], EXIT_BAD_INPUT).err
+    assert "at least one that could be made for training" in said
 
 
 @pytest.mark.parametrize(("missing", "code"), [((), EXIT_OK), (("no site",), EXIT_FAILED)])

@@ -24,6 +24,7 @@ from siren_ros.evaluation.prediction.reports.score_table import differences, sco
 from siren_ros.evaluation.prediction.samples import Population
 from siren_ros.evaluation.prediction.scoring import EpisodeScores, ScoringJob, score_bags
 from siren_ros.evaluation.prediction.submission import submission
+from siren_ros.evaluation.prediction.track_noise import NOISES
 from siren_ros.interfaces.topics import PREDICTIONS
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.scenario.interaction_region import REGION_TEXT
@@ -57,6 +58,12 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         default=Population.REGION.value,
         help=f"vehicles to score: those in the interaction region ({REGION_TEXT}), as in the paper, or all "
         "(default %(default)s)",
+    )
+    task.add_argument(
+        "--noise",
+        choices=list(NOISES),
+        default="",
+        help="tracks with errors for the models: a tracker's, or of velocities alone (default: the logged states)",
     )
     task.add_argument("--compare-paper", action="store_true", help="also print the paper's nine rows")
     task.add_argument("--out", type=Path, metavar="DIR", help="write the report there: text, JSON, CSV, LaTeX")
@@ -116,6 +123,7 @@ def _job(arguments: argparse.Namespace) -> ScoringJob:
         recorded=next(iter(recorded), ""),
         allow_missing=arguments.allow_missing,
         population=Population(arguments.population),
+        noise=arguments.noise,
         processes=processes_of(arguments),
     )
 

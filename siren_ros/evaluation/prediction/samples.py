@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import BagError
-from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Rows
+from siren_ros.evaluation.prediction.track_noise import TrackNoise, tracked
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Rows, random_stream
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.tracks import LOG_PERIOD_STEPS, rows_in_region
 from siren_ros.record.vehicle_location import sumo_lanes
@@ -236,13 +237,20 @@ class ScoredSamples:
 
 
 def samples_of(
-    record: EpisodeRecord, window: HistoryWindow, population: Population, *, people: bool = False
+    record: EpisodeRecord,
+    window: HistoryWindow,
+    population: Population,
+    *,
+    people: bool = False,
+    noise: TrackNoise | None = None,
 ) -> ScoredSamples:
     """One sample for each vehicle, EMV included, and each frame at which its whole window was logged.
 
     With the population of the region only states within it count as logged, those of neighbours too. People on foot and
     on two wheels have samples of their own (``people``), with everybody as neighbours. Samples of vehicles have no
     neighbours on foot.
+
+    With ``noise`` the batch has what a tracker would report, without SUMO's lanes; samples and truth are the same.
 
     The stride is one frame, so that the windows overlap (paper, "Trajectory prediction"): a gapless track of F
     frames gives F − 80 samples with the default window.
@@ -268,12 +276,19 @@ def samples_of(
     frames = np.flatnonzero(present.any(axis=0))
     frame, actor = np.nonzero(table[:, frames].T >= 0)
     there = _points(table, actor, frames[frame], past)
+    lanes, seen = sumo_lanes(record, rows), rows
+    if noise is not None:
+        about = record.description
+        random = random_stream(about.seed, f"track_noise/{about.template}/{about.level.name}")
+        reported = tracked(rows, table, noise, random)
+        seen, lanes = reported.rows, np.full_like(lanes, NO_LANE)
+        there = reported.points(there, table, actor, frames[frame], past)
     batch = SampleBatch(
         network=record.network,
         window=window,
         step=frames * LOG_PERIOD_STEPS,
         frame_offset=np.searchsorted(frame, np.arange(len(frames) + 1)),
-        actors=_observed(record, rows, there, frame, ids),
+        actors=_observed(record, seen, there, frame, ids, lanes),
         target=np.flatnonzero((present & wanted[:, None])[actor, frames[frame]]),
         signals=_signals(record, frames * LOG_PERIOD_STEPS),
     )
@@ -310,7 +325,9 @@ def _points(table: Rows, actor: Rows, frame: Rows, offsets: npt.NDArray[np.int64
     return np.where(inside, rows, -1)
 
 
-def _observed(record: EpisodeRecord, rows: StateRows, points: Rows, frame: Rows, ids: Ids) -> ObservedActors:
+def _observed(
+    record: EpisodeRecord, rows: StateRows, points: Rows, frame: Rows, ids: Ids, lanes: Indices
+) -> ObservedActors:
     observed = points >= 0
     present = rows.select(points[:, -1])
     actors = [record.actors[key] for key in ids.tolist()]
@@ -329,7 +346,7 @@ def _observed(record: EpisodeRecord, rows: StateRows, points: Rows, frame: Rows,
         velocity_mps=np.where(observed[..., None], velocity[points], 0.0),
         yaw_rad=np.where(observed, rows.yaw_rad[points], 0.0),
         accel_mps2=np.where(observed, rows.accel_mps2[points], 0.0),
-        past_sumo_lane=np.where(observed, sumo_lanes(record, rows)[points], NO_LANE),
+        past_sumo_lane=np.where(observed, lanes[points], NO_LANE),
     )
 
 

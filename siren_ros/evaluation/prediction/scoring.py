@@ -24,6 +24,7 @@ from siren_ros.evaluation.prediction.samples import (
     samples_of,
 )
 from siren_ros.evaluation.prediction.submission import EpisodePredictions, Submission, read_recorded_predictions
+from siren_ros.evaluation.prediction.track_noise import NOISES
 from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.record.bag_survey import episode_name
@@ -110,6 +111,8 @@ class EpisodeScores:
     """The same models on people on foot and on two wheels; empty for an episode without them."""
     standing: Mapping[str, Split] = field(default_factory=dict)
     """How the episode stands to what each trained model has seen; without models that do not say what they saw."""
+    noise: str = ""
+    """What the predictors got: a name of ``NOISES``, empty for the logged states."""
     causal_frames: Mapping[str, int] = field(default_factory=dict)
     """Frames on which each model was asked again without the later ones; 0 for submissions, which cannot be asked."""
 
@@ -125,8 +128,11 @@ def score_episode(
     predictors: Mapping[str, Predictor],
     population: Population = Population.REGION,
     submitted: Mapping[str, EpisodePredictions] | None = None,
+    noise: str = "",
 ) -> EpisodeScores:
     """Scores every predictor, and every submission, on an episode: on its vehicles, and apart on its people.
+
+    With ``noise``, a name of ``NOISES``, predictors get what a tracker would report; the truth stays.
 
     Predictors, and what other programs predicted in this episode (``submitted``), are by the names of the models; the
     name of the episode is for reports.
@@ -137,10 +143,10 @@ def score_episode(
     """
     models: dict[str, ModelScores] = {}
     causal_frames: dict[str, int] = {}
-    for answers in _answers_of(record, predictors, population, submitted or {}):
+    for answers in _answers_of(record, predictors, population, submitted or {}, noise=noise):
         models[answers.model] = _scores_of(record, answers, people=False)
         causal_frames[answers.model] = answers.causal_frames
-    of_people = _answers_of(record, predictors, population, submitted or {}, people=True)
+    of_people = _answers_of(record, predictors, population, submitted or {}, people=True, noise=noise)
     people = {answers.model: _scores_of(record, answers, people=True) for answers in of_people}
     about = record.description
     identity = EpisodeIdentity.of(about)
@@ -156,6 +162,7 @@ def score_episode(
         models,
         people,
         standing={model: episodes.split_of(identity) for model, episodes in seen.items() if episodes is not None},
+        noise=noise,
         causal_frames=causal_frames,
     )
 
@@ -196,6 +203,7 @@ def _answers_of(
     submitted: Mapping[str, EpisodePredictions],
     *,
     people: bool = False,
+    noise: str = "",
 ) -> Iterator[Answers]:
     """The hypotheses of all models, one model after the other; arguments and errors as those of ``score_episode``.
 
@@ -204,9 +212,11 @@ def _answers_of(
     if people and not len(record.people_ids):
         return
     samples_with = cache(lambda window: samples_of(record, window, population, people=people))
+    seen_with = cache(lambda window: samples_of(record, window, population, people=people, noise=NOISES[noise]).batch)
     for model, predictor in predictors.items():
         samples = samples_with(predictor.window)
-        hypotheses, frames = causal_answer(model, predictor, samples.batch)
+        seen = seen_with(predictor.window) if noise else samples.batch
+        hypotheses, frames = causal_answer(model, predictor, seen)
         yield Answers(model, samples, hypotheses, len(samples), frames)
     for model, predictions in submitted.items():
         samples = samples_with(predictions.window)
@@ -229,6 +239,8 @@ class ScoringJob:
     allow_missing: bool = False
     """Of the recorded ones; submissions say it themselves."""
     population: Population = Population.REGION
+    noise: str = ""
+    """Name of what a tracker adds to the tracks, among ``NOISES``; empty for the logged states."""
     processes: int = 1
 
 
@@ -272,7 +284,10 @@ def answers_for(job: ScoringJob, bag: Path, models: Collection[str]) -> tuple[Ep
     job = replace(job, recorded=job.recorded if job.recorded in models else "")
     record, predictors, submitted = _opened(job, bag, _parts(submissions, _names(bag)))
     predictors = {model: predictor for model, predictor in predictors.items() if model in models}
-    return record, {answers.model: answers for answers in _answers_of(record, predictors, job.population, submitted)}
+    return record, {
+        answers.model: answers
+        for answers in _answers_of(record, predictors, job.population, submitted, noise=job.noise)
+    }
 
 
 def _names(bag: Path) -> tuple[str, ...]:
@@ -310,6 +325,6 @@ def _opened(
 def _score_bag(bag: Path, job: ScoringJob, submitted: Mapping[str, EpisodePredictions]) -> BagResult:
     try:
         record, predictors, submitted = _opened(job, bag, submitted)
-        return BagResult(bag, score_episode(str(bag), record, predictors, job.population, submitted))
+        return BagResult(bag, score_episode(str(bag), record, predictors, job.population, submitted, job.noise))
     except SirenError as error:
         return BagResult(bag, None, error)

@@ -1,8 +1,10 @@
 """The predictor's network and its fitting: the same samples, settings and seed give the same weights on one machine."""
 
+import hashlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -10,8 +12,10 @@ import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
+from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, future_times_s
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, SHAPES, Features
+from siren_ros.processes.interrupts import deferred_interrupts
 from siren_ros.training.fitting.descent import Descent, exported
 from siren_ros.training.prediction.samples import SampleStore
 from siren_ros.training.settings import FitConfig, FittedNetwork
@@ -203,8 +207,32 @@ class EpochMeans:
     seconds: float
 
 
-def fit(store: SampleStore, config: FitConfig, report: Callable[[EpochMeans], None]) -> PathNetwork:
-    """Trains a network from scratch; ``report`` is called after each epoch."""
+@dataclass
+class Fitting:
+    """A training under way, or at its end."""
+
+    network: PathNetwork
+    """At the end the one to keep."""
+    epoch: int = 0
+    batch: int = 0
+    """Batches of the epoch that are done."""
+    sums: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    """Losses of the epoch."""
+    processor_s: float = 0.0
+    """Since the first step, over all programs that went on from a checkpoint."""
+
+
+def fit(
+    store: SampleStore, config: FitConfig, report: Callable[[EpochMeans], None], checkpoint: Path | None = None
+) -> Fitting:
+    """Trains a network, from its checkpoint where there is one; ``report`` is called after each epoch.
+
+    The checkpoint is written after each epoch, and when the program is interrupted. A training that goes on from it
+    gives the same weights as one that was not interrupted. At the end it is removed.
+
+    Raises:
+        InputError: The checkpoint is of other samples, settings or another seed, or none at all.
+    """
     torch.manual_seed(config.seed)
     device = torch.device(config.device)
     network = _new_network(store, config).to(device)
@@ -213,21 +241,66 @@ def fit(store: SampleStore, config: FitConfig, report: Callable[[EpochMeans], No
     descent = Descent(
         network, config, config.epochs * batches, rising=0.1, gradient_max=5.0, averaging=config.averaging
     )
-    order = np.random.default_rng(config.seed)
-    start = time.monotonic()
-    for epoch in range(config.epochs):
-        network.train()
-        shuffled = order.permutation(len(store))
-        sums = torch.zeros(3, device=device)
-        for number in range(batches):
-            rows = np.sort(shuffled[number * size : (number + 1) * size])
-            parts = losses(network(*tensors(store.batch(rows), device)), _tensor(store.truth_m[rows], device), config)
-            descent.step(parts[0])
-            sums += torch.stack([part.detach() for part in parts])
-        loss, ade, least = (sums / batches).tolist()
-        report(EpochMeans(epoch, loss, ade, least, time.monotonic() - start))
-    result: PathNetwork = descent.result()
-    return result
+    run, digest = Fitting(network), _digest(store, config)
+    if checkpoint is not None and checkpoint.exists():
+        _restore(run, descent, _read(checkpoint, digest), batches)
+    order, start = np.random.default_rng(config.seed), time.monotonic()
+    spent_s = run.processor_s - time.process_time()
+    for _ in range(run.epoch):
+        order.permutation(len(store))
+    with deferred_interrupts() as interrupted:
+        while run.epoch < config.epochs and not interrupted():
+            network.train()
+            shuffled = order.permutation(len(store))
+            while run.batch < batches and not interrupted():
+                rows = np.sort(shuffled[run.batch * size : (run.batch + 1) * size])
+                parts = losses(
+                    network(*tensors(store.batch(rows), device)), _tensor(store.truth_m[rows], device), config
+                )
+                descent.step(parts[0])
+                run.batch += 1
+                run.sums = [total + float(part.detach()) for total, part in zip(run.sums, parts, strict=True)]
+            if run.batch == batches:
+                loss, ade, least = (total / batches for total in run.sums)
+                report(EpochMeans(run.epoch, loss, ade, least, time.monotonic() - start))
+                run.epoch, run.batch, run.sums = run.epoch + 1, 0, [0.0, 0.0, 0.0]
+            run.processor_s = spent_s + time.process_time()
+            if checkpoint is not None:
+                _write(checkpoint, digest, run, descent)
+    if checkpoint is not None:
+        checkpoint.unlink(missing_ok=True)
+    run.network = descent.result()
+    return run
+
+
+def _digest(store: SampleStore, config: FitConfig) -> str:
+    samples = hashlib.sha256(store.truth_m.tobytes() + store.features.target.tobytes()).hexdigest()
+    return repr((samples, config))
+
+
+def _write(checkpoint: Path, digest: str, run: Fitting, descent: Descent) -> None:
+    numbers = {"epoch": run.epoch, "batch": run.batch, "sums": run.sums, "processor_s": run.processor_s}
+    with writing(checkpoint, "place", "checkpoint"):
+        checkpoint.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(checkpoint) as new:
+            torch.save({"digest": digest, **numbers, "random": torch.get_rng_state(), **descent.state()}, new)
+
+
+def _read(checkpoint: Path, digest: str) -> dict[str, Any]:
+    try:
+        state: dict[str, Any] = torch.load(checkpoint, weights_only=True, map_location="cpu")
+    except Exception as error:  # torch has no common class of its errors
+        raise InputError("checkpoint", str(checkpoint), f"a checkpoint of this training ({error})") from error
+    if state.get("digest") != digest:
+        raise InputError("checkpoint", str(checkpoint), "one of the same samples, settings and seed, or none")
+    return state
+
+
+def _restore(run: Fitting, descent: Descent, state: dict[str, Any], batches: int) -> None:
+    run.epoch, run.batch, run.sums = state["epoch"], state["batch"], state["sums"]
+    run.processor_s = state["processor_s"]
+    descent.go_on(state, run.epoch * batches + run.batch)
+    torch.set_rng_state(state["random"])
 
 
 def losses(answer: tuple[Tensor, Tensor], truth_m: Tensor, config: FitConfig) -> tuple[Tensor, Tensor, Tensor]:
@@ -307,7 +380,9 @@ def export(network: PathNetwork) -> FittedNetwork:
     return exported(network, _Answer(network), example, names, OUTPUTS, dict.fromkeys([*names, *OUTPUTS], "samples"))
 
 
-def fitted_network(store: SampleStore, config: FitConfig, report: Callable[[str], None]) -> FittedNetwork:
+def fitted_network(
+    store: SampleStore, config: FitConfig, checkpoint: Path, report: Callable[[str], None]
+) -> FittedNetwork:
     """Fits a network and exports it; ``report`` is called with a line after each epoch."""
 
     def report_means(progress: EpochMeans) -> None:
@@ -316,4 +391,5 @@ def fitted_network(store: SampleStore, config: FitConfig, report: Callable[[str]
             f"minADE6 {progress.min_ade_m:.3f} m, {progress.seconds:.0f} s"
         )
 
-    return export(fit(store, config, report_means))
+    run = fit(store, config, report_means, checkpoint)
+    return replace(export(run.network), processor_s=run.processor_s)

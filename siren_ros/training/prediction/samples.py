@@ -12,7 +12,13 @@ import numpy.typing as npt
 from siren_ros import __version__
 from siren_ros.evaluation.prediction.baselines import ConstantVelocity, IdmPredictor
 from siren_ros.evaluation.prediction.predictors import Predictor
-from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, ScoredSamples, samples_of
+from siren_ros.evaluation.prediction.samples import (
+    HistoryWindow,
+    Population,
+    SampleBatch,
+    ScoredSamples,
+    samples_of,
+)
 from siren_ros.evaluation.prediction.siren_model.columns import in_frame_of
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import (
     FEATURES_VERSION,
@@ -22,9 +28,11 @@ from siren_ros.evaluation.prediction.siren_model.siren_predictor import (
     features_and_names,
     without,
 )
+from siren_ros.evaluation.prediction.track_noise import TrackNoise
 from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
 from siren_ros.numerics.arrays import Floats32, Rows, random_stream
+from siren_ros.record.episode_source import open_source
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles, make_files, write_arrays
@@ -64,9 +72,13 @@ class EpisodeFeatures:
         return len(self.truth_m)
 
 
+_FORM: Final = 2
+"""Raised whenever other samples are drawn or the files change."""
+
+
 def features_path(folder: Path, planned: PlannedEpisode) -> Path:
-    """Where the features of an episode are kept; another version of features or package has another place."""
-    return folder / f"v{FEATURES_VERSION}_{__version__}" / planned.split.value / f"{planned.name}.npz"
+    """Where the features of an episode are kept; another version of features, samples or package has another place."""
+    return folder / f"v{FEATURES_VERSION}_{_FORM}_{__version__}" / planned.split.value / f"{planned.name}.npz"
 
 
 def make_samples(
@@ -77,49 +89,63 @@ def make_samples(
 
 
 def _make(planned: PlannedEpisode, path: Path) -> None:
-    """Runs an episode without ROS and without sensors, and keeps its samples.
+    """Takes a recorded episode, or runs one without ROS and without sensors, and keeps its samples.
 
     Raises:
-        SirenError: The map has no site for the template, or the episode fails.
+        SirenError: The map has no site for the template, the episode fails, or the bag cannot be read.
     """
+    write_features(path, features_of_record(_record_of(planned), planned.split))
+
+
+def _record_of(planned: PlannedEpisode) -> EpisodeRecord:
+    if planned.bag is not None:
+        with open_source(planned.bag) as source:
+            return source.tracks()
     setup = set_up_episode(planned.request)
-    record = record_of(setup, list(closed_loop(setup, plan_length(planned.request))))
-    write_features(path, features_of_record(record, planned.split))
+    return record_of(setup, list(closed_loop(setup, plan_length(planned.request))))
 
 
 def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
-    """The samples of a record: of a training episode a draw of all vehicles, else all of the interaction region."""
+    """The samples of a record: of a training episode a draw of all vehicles, else all of the interaction region.
+
+    Half of the drawn samples are seen as a tracker would report them (``TrackNoise``); their truth begins at the
+    reported pose.
+    """
     episode, record = record.description, record.right_hand
     region = samples_of(record, HistoryWindow(), Population.REGION)
-    parts, references = [(region, np.arange(len(region)))], _REFERENCES
+    parts, references = [_seen(region.batch, region)], _REFERENCES
     if split is Split.TRAIN:
         random = random_stream(episode.seed, f"training/{episode.template}/{episode.level.name}")
-        whole_map = samples_of(record, HistoryWindow(), Population.ALL)
-        parts = [
-            (samples, np.sort(random.permutation(len(samples))[:most]))
-            for samples, most in ((region, REGION_SAMPLES), (whole_map, OTHER_SAMPLES))
-        ]
-        references = {}
-    named = [features_and_names(samples.batch) for samples, _ in parts]
+        parts, references = [], {}
+        for population, most in ((Population.REGION, REGION_SAMPLES), (Population.ALL, OTHER_SAMPLES)):
+            logged = samples_of(record, HistoryWindow(), population)
+            rows = random.permutation(len(logged))[:most]
+            tracks = samples_of(record, HistoryWindow(), population, noise=TrackNoise())
+            half = len(rows) // 2
+            for seen, of in ((tracks, rows[:half]), (logged, rows[half:])):
+                chosen = np.sort(of)
+                parts.append(_seen(seen.select(chosen).batch, logged.select(chosen)))
     return EpisodeFeatures(
         EpisodeKey(episode.template, episode.level.name, episode.seed, episode.map_name),
         split,
-        names=named[0][1],
-        features=joined([features.select(rows) for (features, _), (_, rows) in zip(named, parts, strict=True)]),
-        truth_m=np.concatenate([_truth(samples)[rows] for samples, rows in parts]),
+        names=parts[0][1],
+        features=joined([features for features, _, _ in parts]),
+        truth_m=np.concatenate([truth_m for _, _, truth_m in parts]),
         reference_ade_m={name: _ade(model, region) for name, model in references.items()},
     )
+
+
+def _seen(batch: SampleBatch, samples: ScoredSamples) -> tuple[Features, FeatureNames, Floats32]:
+    """Features of a batch, and the truth of the same samples in its frames."""
+    features, names = features_and_names(batch)
+    truth_m = in_frame_of(batch, samples.future_xy_m - batch.xy_m[:, None])
+    return features, names, truth_m.astype(np.float32)
 
 
 def joined(parts: Sequence[Features]) -> Features:
     """The samples of all parts, one after the other."""
     names = [field.name for field in fields(Features)]
     return Features(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
-
-def _truth(samples: ScoredSamples) -> Floats32:
-    batch = samples.batch
-    return in_frame_of(batch, samples.future_xy_m - batch.xy_m[:, None]).astype(np.float32)
 
 
 def _ade(model: Predictor, samples: ScoredSamples) -> Floats32:

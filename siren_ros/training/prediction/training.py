@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +11,7 @@ import numpy as np
 from siren_ros.errors import InputError
 from siren_ros.evaluation.network_file import write_network
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import FEATURES_VERSION, TrainedNetwork, load_network
+from siren_ros.evaluation.prediction.track_noise import TrackNoise
 from siren_ros.numerics.arrays import Floats, Floats32
 from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles
@@ -97,7 +98,7 @@ def _rounded(table: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, fl
     return {name: {key: round(value, 3) for key, value in row.items()} for name, row in table.items()}
 
 
-Fitter = Callable[[SampleStore, FitConfig, Callable[[str], None]], FittedNetwork]
+Fitter = Callable[[SampleStore, FitConfig, Path, Callable[[str], None]], FittedNetwork]
 _JUDGED: Final[tuple[Split, ...]] = tuple(split for split in Split if split is not Split.TRAIN)
 
 
@@ -131,8 +132,8 @@ def train_variant(
         raise InputError("episodes", name, "at least one that could be made for training")
     store = read_store([path for _, path in training_files], variant.ablation)
     report(f"{name} ({variant.summary}): {len(store)} samples of {len(store.episodes)} episodes")
-    wall, processor = time.monotonic(), time.process_time()
-    fitted = fitter(store, config, report)
+    path, wall = folder / f"{name}.onnx", time.monotonic()
+    fitted = fitter(store, config, path.with_suffix(".checkpoint.pt"), report)
     card = fitted.card(
         config,
         model="siren",
@@ -144,11 +145,12 @@ def train_variant(
     card["training"] = {
         "episodes": len(store.episodes),
         "samples": len(store),
+        "noise": asdict(TrackNoise()),
+        "noisy_share": 0.5,
         "wall_s": round(time.monotonic() - wall),
-        "processor_s": round(time.process_time() - processor),
+        "processor_s": round(fitted.processor_s),
     }
     card["data"] = _data_json(data)
-    path = folder / f"{name}.onnx"
     write_network(path, fitted.onnx, card)
     network = load_network(path)
     judged = {split: [file for planned, file in data.files if planned.split is split] for split in _JUDGED}

@@ -1,5 +1,7 @@
 import json
+import signal
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import onnxruntime
@@ -17,6 +19,7 @@ from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS,
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles
+from siren_ros.training.fitting import prediction
 from siren_ros.training.fitting.prediction import (
     MODES,
     NetworkSize,
@@ -57,12 +60,13 @@ def answers(network, features):
         return [value.numpy() for value in network(*tensors(features))]
 
 
-def test_before_training_a_vehicle_keeps_its_speed_along_the_road(store) -> None:
+def test_before_training_a_vehicle_keeps_its_speed_along_the_road(episode_files) -> None:
+    store = read_store(episode_files[Split.TEST_SEED])
     features = store.features
     size = NetworkSize(features.target.shape[1], features.neighbours.shape[2], features.paths.shape[2])
-    xy_m, _ = answers(PathNetwork(size).eval(), store.batch(slice(0, 50)))
-    expected = features.speed_mps[:50, None] * future_times_s()
-    assert xy_m.shape == (50, MODES, FUTURE_POINTS, 2)
+    xy_m, _ = answers(PathNetwork(size).eval(), store.batch(slice(0, 40)))
+    expected = features.speed_mps[:40, None] * future_times_s()
+    assert xy_m.shape == (40, MODES, FUTURE_POINTS, 2)
     assert xy_m[..., 0] == pytest.approx(np.repeat(expected[:, None], MODES, axis=1), abs=0.05)
     assert xy_m[..., 1] == pytest.approx(0.0, abs=0.05)
 
@@ -104,13 +108,57 @@ def test_onnx_answers_as_torch_does(store, network) -> None:
 
 def test_the_same_seed_gives_the_same_weights_and_the_loss_falls(store) -> None:
     reports, again = [], []
-    first = fit(store, replace(CONFIG, epochs=4), reports.append)
-    second = fit(store, replace(CONFIG, epochs=4), again.append)
+    first = fit(store, replace(CONFIG, epochs=4), reports.append).network
+    second = fit(store, replace(CONFIG, epochs=4), again.append).network
     assert [progress.loss for progress in reports] == [progress.loss for progress in again]
     assert all(torch.equal(a, b) for a, b in zip(first.parameters(), second.parameters(), strict=True))
     assert reports[-1].loss < 0.9 * reports[0].loss
-    different = fit(store, replace(CONFIG, epochs=1, seed=5), lambda _: None)
+    different = fit(store, replace(CONFIG, epochs=1, seed=5), lambda _: None).network
     assert not all(torch.equal(a, b) for a, b in zip(first.parameters(), different.parameters(), strict=True))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_training_goes_on_and_gives_the_same_weights(store, tmp_path, monkeypatch, number) -> None:
+    """The signal comes within the second epoch."""
+    checkpoint, steps = tmp_path / "new" / "one.pt", []
+    taken = prediction.Descent.step
+
+    def step(descent, loss) -> None:
+        taken(descent, loss)
+        steps.append(loss)
+        if len(steps) == batches + 1:
+            signal.raise_signal(number)
+
+    batches = len(store) // CONFIG.batch
+    assert batches > 2
+    whole = fit(store, CONFIG, lambda _: None)
+    monkeypatch.setattr(prediction.Descent, "step", step)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            fit(store, CONFIG, lambda _: None, checkpoint)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert len(steps) == batches + 1
+    assert checkpoint.exists()
+    reports = []
+    rest = fit(store, CONFIG, reports.append, checkpoint)
+    assert len(steps) == CONFIG.epochs * batches, "no step is taken twice"
+    assert [progress.epoch for progress in reports] == [1, 2]
+    assert all(torch.equal(a, b) for a, b in zip(whole.network.parameters(), rest.network.parameters(), strict=True))
+    assert rest.processor_s > 0.0
+    assert not checkpoint.exists()
+
+
+def test_a_checkpoint_of_another_training_is_refused(store, tmp_path, monkeypatch) -> None:
+    checkpoint = tmp_path / "one.pt"
+    monkeypatch.setattr(Path, "unlink", lambda *_, **__: None)
+    fit(store, replace(CONFIG, epochs=1), lambda _: None, checkpoint)
+    with pytest.raises(InputError, match="same samples, settings and seed"):
+        fit(store, replace(CONFIG, epochs=1, seed=2), lambda _: None, checkpoint)
+    checkpoint.write_bytes(b"nothing")
+    with pytest.raises(InputError, match="a checkpoint of this training"):
+        fit(store, replace(CONFIG, epochs=1), lambda _: None, checkpoint)
 
 
 def test_the_loss_counts_the_nearest_and_the_most_probable_hypothesis() -> None:

@@ -70,13 +70,18 @@ def prediction_tables(
 def text_report(scores: ScoreTable, tables: Sequence[Table], *, compare_paper: bool = False) -> list[str]:
     """The lines that a terminal shows: what was scored, the tables, and in words how far we are from the paper."""
     lines = [
-        POPULATION_TEXT[scores.episodes[0].population],
+        POPULATION_TEXT[scores.episodes[0].population] + _noise_text(scores),
         f"{len(scores.episodes)} episodes; [{CONFIDENCE:.0%} intervals] over whole episodes",
         "",
         *text_of([table for table in tables if not table.folded]),
     ]
     lines += [*warnings_of(scores), *_causality_lines(scores)]
     return [*lines, "", *_paper_lines(scores)] if compare_paper else lines
+
+
+def _noise_text(scores: ScoreTable) -> str:
+    noise = scores.episodes[0].noise
+    return f"; tracks with errors: {noise}" if noise else ""
 
 
 def _seen(scores: ScoreTable) -> Table:
@@ -239,6 +244,7 @@ def json_report(table: ScoreTable, pairs: Sequence[Difference]) -> dict[str, Any
     return {
         "task": "prediction",
         "population": table.episodes[0].population.value,
+        "noise": table.episodes[0].noise,
         "intervals": {"confidence": CONFIDENCE, "method": "jackknife", "block": "episode", "stratum": "template"},
         "episodes": [_episode(episode) for episode in table.episodes],
         "models": {model: _model(table, model) for model in table.models},

@@ -62,6 +62,7 @@ def model_scores(
         step=2 * np.arange(count, dtype=np.int64),
         actor_id=np.ones(count, dtype=np.uint32),
         category=np.full(count, category, dtype=np.uint8),
+        traits=np.zeros(count, dtype=np.uint8),
         moved_m=np.full(count, 10.0),
         values={metric.name: np.asarray(by_metric.get(metric.name, nothing)) for metric in METRICS},
         distance_sum_m=np.full(25, float(np.nansum(by_metric.get("ade_m", np.zeros(1))))),

@@ -12,7 +12,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from siren_ros.evaluation.prediction.feasibility import infeasible
+from siren_ros.evaluation.prediction.joint import world_min_ade_6, world_min_fde_6
 from siren_ros.evaluation.prediction.predictors import Hypotheses
+from siren_ros.evaluation.prediction.road_use import off_road, wrong_way
 from siren_ros.evaluation.prediction.samples import SampleBatch, ScoredSamples
 from siren_ros.evaluation.statistics import identity
 from siren_ros.numerics.arrays import Flags, Floats
@@ -37,6 +40,8 @@ class Metric:
     """A value for each sample, shape ``(N,)``; NaN for a sample that the metric says nothing about."""
     of_mean: Callable[[Floats], Floats] = identity
     """What is done to the mean over samples: the root, of squares."""
+    of_frames: bool = False
+    """Whether it says something of all vehicles of a frame together, and nothing of some of them."""
 
     def value(self, of_samples: Floats) -> MetricValue:
         """The metric over some samples, from their values."""
@@ -209,6 +214,14 @@ def _by_truth(function: Callable[[Hypotheses, Floats], Floats]) -> Callable[[Hyp
     return lambda hypotheses, samples: function(hypotheses, samples.future_xy_m)
 
 
+SCENE_METRICS: Final = (
+    Metric("world_min_ade_6_m", "world minADE6", world_min_ade_6, of_frames=True),
+    Metric("world_min_fde_6_m", "world minFDE6", world_min_fde_6, of_frames=True),
+    Metric("off_road_rate", "off road", off_road),
+    Metric("wrong_way_rate", "wrong way", wrong_way),
+    Metric("infeasible_rate", "infeasible", infeasible),
+)
+"""Of frames as a whole, of the road, and of what a vehicle can do."""
 METRICS: Final = (
     Metric("ade_m", "ADE", _by_truth(ade)),
     Metric("fde_m", "FDE", _by_truth(fde)),
@@ -219,6 +232,7 @@ METRICS: Final = (
     Metric("brier_min_fde_6_m", "b-minFDE6", _by_truth(brier_min_fde_6)),
     Metric("brier_score", "Brier", _by_truth(brier_score)),
     Metric("path_collision_rate", "collisions", lambda hypotheses, samples: colliding(hypotheses, samples.batch)),
+    *SCENE_METRICS,
 )
 """Every metric of the evaluation, in the order of reports."""
 METRIC_OF: Final = {metric.name: metric for metric in METRICS}

@@ -5,9 +5,10 @@ A sample has a category: what its vehicle does in the window.
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from functools import cache
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -25,11 +26,11 @@ from siren_ros.evaluation.prediction.samples import (
 )
 from siren_ros.evaluation.prediction.submission import EpisodePredictions, Submission, read_recorded_predictions
 from siren_ros.evaluation.prediction.track_noise import NOISES
-from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Floats, Ids, Rows
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.record.bag_survey import episode_name
 from siren_ros.record.episode_source import open_source
-from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.splits import EpisodeIdentity, Split
 from siren_ros.world.actors import Mode
@@ -46,23 +47,56 @@ class Category(IntEnum):
     OTHER = 3
 
 
+class Trait(IntFlag):
+    """A sample has any of these."""
+
+    MOVING = 1
+    """Faster than ``MOVING_MPS`` at the present."""
+    BEGINS = 2
+    """A yield response, or the way back from one, begins after the present and within the horizon."""
+
+
+MOVING_MPS: Final = 1.0
+
+
 def categories_of(record: EpisodeRecord, batch: SampleBatch) -> Codes:
     """Category of each sample of an episode, shape ``(N,)``; from the recorded modes, present and future."""
     rows = record.rows
     category = np.full(len(batch), Category.OTHER, dtype=np.uint8)
     if not len(batch):
         return category
-    actor, step = batch.actor_id, batch.sample_step
-    span = int(rows.step.max()) + LAST_FUTURE_STEP + 1
-    keys = rows.actor_id.astype(np.int64) * span + rows.step
-    now = np.searchsorted(keys, actor * span + step)
-    end = np.searchsorted(keys, actor * span + step + LAST_FUTURE_STEP, side="right")
+    now, end = _window_rows(rows, batch)
     yielding = (rows.mode >= Mode.YIELD_REACTING) & (rows.mode <= Mode.YIELD_HOLD)
     before = np.concatenate(([0], np.cumsum(yielding)))
     category[before[end] > before[now]] = Category.YIELDING
     category[rows.mode[now] == Mode.YIELD_HOLD] = Category.HELD
     category[batch.actors.is_emv[batch.target]] = Category.EMV
     return category
+
+
+def traits_of(record: EpisodeRecord, batch: SampleBatch) -> Codes:
+    """``Trait`` of each sample of an episode, shape ``(N,)``; from recorded speeds and modes, present and future."""
+    rows = record.rows
+    traits = np.zeros(len(batch), dtype=np.uint8)
+    if not len(batch):
+        return traits
+    now, end = _window_rows(rows, batch)
+    yielding = (rows.mode >= Mode.YIELD_REACTING) & (rows.mode <= Mode.YIELD_HOLD)
+    phase = np.where(yielding, 1, np.where(rows.mode == Mode.REJOIN, 2, 0))
+    begins = np.concatenate(([False], (phase[1:] > 0) & (phase[1:] != phase[:-1])))
+    before = np.concatenate(([0], np.cumsum(begins)))
+    traits[before[end] > before[now + 1]] |= Trait.BEGINS
+    traits[rows.speed_mps[now] > MOVING_MPS] |= Trait.MOVING
+    return traits
+
+
+def _window_rows(rows: StateRows, batch: SampleBatch) -> tuple[Rows, Rows]:
+    """Of each sample, at least one, the row of its present, and the row after its horizon."""
+    actor, step = batch.actor_id, batch.sample_step
+    span = int(rows.step.max()) + LAST_FUTURE_STEP + 1
+    keys = rows.actor_id.astype(np.int64) * span + rows.step
+    now = np.searchsorted(keys, actor * span + step)
+    return now, np.searchsorted(keys, actor * span + step + LAST_FUTURE_STEP, side="right")
 
 
 @dataclass(frozen=True)
@@ -74,6 +108,8 @@ class ModelScores:
     actor_id: Ids
     category: Codes
     """``Category`` of each sample; of people their ``ActorClass``."""
+    traits: Codes
+    """``Trait`` of each sample; 0 for people."""
     moved_m: Floats
     """Distance between the true places at the present and at the horizon, shape ``(N,)``."""
     values: Mapping[str, Floats]
@@ -173,6 +209,7 @@ def _scores_of(record: EpisodeRecord, answers: "Answers", people: bool) -> Model
         step=batch.sample_step,
         actor_id=batch.actors.actor_id[batch.target],
         category=batch.actors.actor_class[batch.target] if people else categories_of(record, batch),
+        traits=np.zeros(len(batch), dtype=np.uint8) if people else traits_of(record, batch),
         moved_m=np.hypot(*(truth[:, -1] - batch.xy_m).T),
         values={metric.name: metric.of_samples(hypotheses, answers.samples) for metric in METRICS},
         distance_sum_m=distances(hypotheses.xy_m[:, :1], truth)[:, 0].sum(axis=0),

@@ -16,10 +16,12 @@ from siren_ros.evaluation.prediction.scoring import (
     Category,
     EpisodeScores,
     ScoringJob,
+    Trait,
     answers_for,
     categories_of,
     score_bags,
     score_episode,
+    traits_of,
 )
 from siren_ros.evaluation.prediction.submission import EpisodePredictions, Submission
 from siren_ros.generation.closed_loop import closed_loop
@@ -84,9 +86,33 @@ def test_an_emv_is_an_emv_whatever_it_does(straight_road) -> None:
     assert set(categories(record)) == {Category.EMV}
 
 
+def traits(record: EpisodeRecord) -> np.ndarray:
+    return traits_of(record, samples_of(record, HistoryWindow(), Population.ALL).batch)
+
+
+def test_manoeuvres_begin_within_the_horizon(straight_road) -> None:
+    """Presents at steps 60 to 98. A yield from 60 to 69 has begun; the way back begins at 70 and a yield at 180."""
+    record = record_with({1: moving(0.0, -5.25, 5.0, steps=199), 2: moving(30.0, -5.25, 5.0, steps=199)}, straight_road)
+    back = {Mode.YIELD_PULL_OVER: range(50, 70), Mode.REJOIN: range(70, 80)}
+    for modes, steps in ((back, range(60, 70)), ({Mode.YIELD_REACTING: range(180, 190)}, range(80, 99))):
+        changed = with_modes(record, 2, modes)
+        batch = samples_of(changed, HistoryWindow(), Population.ALL).batch
+        begins = traits_of(changed, batch) & Trait.BEGINS > 0
+        assert not begins[batch.actor_id == 1].any()
+        own = batch.actor_id == 2
+        assert batch.sample_step[own & begins].tolist() == [step for step in range(60, 100, 2) if step in steps]
+
+
+def test_vehicles_that_stand_or_creep_do_not_move(straight_road) -> None:
+    speeds_mps = {1: 0.0, 2: 0.9, 3: 1.1, 4: 8.0}
+    tracks = {actor: moving(30.0 * actor, -5.25, speed, steps=163) for actor, speed in speeds_mps.items()}
+    assert (traits(record_with(tracks, straight_road)) & Trait.MOVING > 0).tolist() == [False, False, True, True] * 2
+
+
 def test_no_sample_no_category(straight_road) -> None:
     record = record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
     assert categories(record).shape == (0,)
+    assert traits(record).shape == (0,)
 
 
 STEPS = 180

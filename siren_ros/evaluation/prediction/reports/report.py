@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.errors import whole_file, writing
-from siren_ros.evaluation.prediction.metrics import BINS, METRICS, calibration_error
+from siren_ros.evaluation.prediction.metrics import BINS, METRICS, SCENE_METRICS, calibration_error
 from siren_ros.evaluation.prediction.predictors import LABEL
 from siren_ros.evaluation.prediction.reports.paper_results import (
     PAPER_NAMES,
@@ -16,7 +16,13 @@ from siren_ros.evaluation.prediction.reports.paper_results import (
     paper_row,
     paper_value,
 )
-from siren_ros.evaluation.prediction.reports.score_table import Difference, GroupKind, SampleTable, ScoreTable
+from siren_ros.evaluation.prediction.reports.score_table import (
+    Difference,
+    GroupKind,
+    SampleTable,
+    ScoreTable,
+    calibration_interval,
+)
 from siren_ros.evaluation.prediction.samples import Population, future_times_s
 from siren_ros.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.evaluation.statistics import RANKED_MIN
@@ -47,6 +53,7 @@ BY_TEMPLATE: Final[Mapping[str, tuple[Sequence[str], str]]] = {
 }
 """Metrics and captions of the tables that are like the paper's, by the keys of the tables."""
 _ALL: Final = GroupKind.ALL.value
+_GROUPED: Final = (GroupKind.CATEGORY, GroupKind.SUBSET, GroupKind.LEVEL, GroupKind.PEOPLE)
 
 
 def prediction_tables(
@@ -60,7 +67,8 @@ def prediction_tables(
         _bags(scores),
         *(_by_template(scores, key, compare_paper) for key in BY_TEMPLATE),
         _metrics(scores),
-        *(_by_group(scores, kind) for kind in (GroupKind.CATEGORY, GroupKind.LEVEL, GroupKind.PEOPLE)),
+        _scene(scores),
+        *(_by_group(scores, kind) for kind in _GROUPED),
         _paired(pairs),
         _seen(scores),
     )
@@ -149,10 +157,23 @@ def _by_template(scores: ScoreTable, key: str, compare_paper: bool) -> Table:
 def _metrics(scores: ScoreTable) -> Table:
     rows = []
     for model, samples in scores.samples.items():
-        values = (scores.value(model, _ALL, metric.name) for metric in METRICS)
+        values = (scores.value(model, _ALL, metric.name) for metric in _OF_SAMPLES)
         rows.append((model, *values, calibration_error(samples.reliability).value))
-    head = ("model", *(metric.label for metric in METRICS), "calibration error")
-    return Table("prediction_metrics", "all metrics, mean over the templates", head, tuple(rows))
+    head = ("model", *(metric.label for metric in _OF_SAMPLES), "calibration error")
+    return Table("prediction_metrics", "metrics of samples, mean over the templates", head, tuple(rows))
+
+
+_OF_SAMPLES: Final = tuple(metric for metric in METRICS if metric not in SCENE_METRICS)
+
+
+def _scene(scores: ScoreTable) -> Table:
+    rows: list[Row] = [
+        (model, *(_mean(scores, model, _ALL, (metric.name,)) for metric in SCENE_METRICS))
+        for model in scores.models
+        if any(scores.value(model, _ALL, metric.name) is not None for metric in SCENE_METRICS)
+    ]
+    caption = "metrics of frames, of the road and of what vehicles can do, [intervals]"
+    return Table("prediction_scene", caption, ("model", *(metric.label for metric in SCENE_METRICS)), tuple(rows))
 
 
 def _by_group(scores: ScoreTable, kind: GroupKind) -> Table:
@@ -302,6 +323,7 @@ def _model(table: ScoreTable, model: str) -> dict[str, Any]:
         "seen": {split.value: count for split, count in _standings(table).get(model, {}).items()},
         "causal_frames": sum(of.causal_frames.get(model, 0) for of in table.episodes),
         "calibration_error": calibration_error(samples.reliability).value,
+        "calibration_interval": calibration_interval(table, model).json(),
         "distance_over_time_m": _over_time(samples),
         "rows": rows,
         "paper": {

@@ -1,6 +1,6 @@
 """Scores of all models in all groups of samples, with intervals over the episodes, and the differences of models."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
@@ -8,20 +8,21 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.evaluation.prediction.metrics import BINS, METRIC_OF, METRICS, Metric
+from siren_ros.evaluation.prediction.metrics import BINS, METRIC_OF, METRICS, Metric, calibration_error
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS
-from siren_ros.evaluation.prediction.scoring import Category, EpisodeScores, ModelScores
+from siren_ros.evaluation.prediction.scoring import Category, EpisodeScores, ModelScores, Trait
 from siren_ros.evaluation.statistics import (
     BlockSums,
     PairedDifference,
     block_sums,
     holm,
     interval_of_mean,
+    jackknife,
     paired_difference,
 )
 from siren_ros.judging.people import NAMES
 from siren_ros.numerics.arrays import Flags, Floats, Rows
-from siren_ros.tables.interval import Interval
+from siren_ros.tables.interval import NOTHING, Interval
 
 _PARTS: Final = 3
 """Ranges of a parameter with many values: low, middle, high, with equally many episodes."""
@@ -35,6 +36,8 @@ class GroupKind(StrEnum):
     ALL = "all"
     TEMPLATE = "template"
     CATEGORY = "category"
+    SUBSET = "subset"
+    """Of civilians; a sample may be in several."""
     LEVEL = "level"
     PEOPLE = "people"
     PARAMETER = "parameter"
@@ -51,6 +54,21 @@ class Group:
     """Which episodes belong to it, shape ``(B,)``."""
     category: int | None = None
     """Of the samples; None for all; the class of people."""
+    members: Callable[[ModelScores], Flags] | None = None
+    """Which samples belong to it; None for all."""
+
+
+def _civilians(scores: ModelScores) -> Flags:
+    return np.asarray(scores.category != Category.EMV)
+
+
+SUBSETS: Final[Mapping[str, Callable[[ModelScores], Flags]]] = {
+    "civilians": _civilians,
+    "moving civilians": lambda scores: _civilians(scores) & (scores.traits & Trait.MOVING > 0),
+    "yield or hold": lambda scores: np.isin(scores.category, (Category.YIELDING, Category.HELD)),
+    "manoeuvre begins": lambda scores: _civilians(scores) & (scores.traits & Trait.BEGINS > 0),
+}
+"""Civilians, by what a model has to know of them; the last ones begin to yield, or to drive on, within the horizon."""
 
 
 def groups_of(scores: Sequence[EpisodeScores]) -> tuple[Group, ...]:
@@ -61,6 +79,7 @@ def groups_of(scores: Sequence[EpisodeScores]) -> tuple[Group, ...]:
         Group(GroupKind.ALL, "all", everything),
         *(Group(GroupKind.TEMPLATE, name, np.array(templates) == name) for name in sorted(set(templates))),
         *(Group(GroupKind.CATEGORY, category.name.lower(), everything, category) for category in Category),
+        *(Group(GroupKind.SUBSET, name, everything, members=members) for name, members in SUBSETS.items()),
         *(Group(GroupKind.LEVEL, level.name, np.array(levels) == level) for level in sorted(set(levels))),
         *(Group(GroupKind.PEOPLE, name, everything, kind) for kind, name in NAMES.items() if with_people),
         *_by_parameter(scores),
@@ -112,7 +131,7 @@ def sample_table(parts: Mapping[int, ModelScores]) -> SampleTable:
     """The samples of one model, from its scores by the position of the episode; at least one."""
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts.values()])
-        for name in ("step", "actor_id", "category", "moved_m")
+        for name in ("step", "actor_id", "category", "traits", "moved_m")
     }
     return SampleTable(
         **columns,
@@ -126,6 +145,7 @@ def sample_table(parts: Mapping[int, ModelScores]) -> SampleTable:
     )
 
 
+_OF_SOME_VEHICLES: Final = (GroupKind.CATEGORY, GroupKind.SUBSET, GroupKind.PEOPLE)
 _PARAMETER_METRICS: Final = frozenset({"ade_m", "fde_m"})
 """Of the many rows by parameter."""
 
@@ -176,12 +196,27 @@ def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
             chosen = group.episodes[table.episode]
             if group.category is not None:
                 chosen &= table.category == group.category
+            if group.members is not None:
+                chosen &= group.members(table)
             for metric in METRICS:
                 if group.kind is GroupKind.PARAMETER and metric.name not in _PARAMETER_METRICS:
+                    continue
+                if metric.of_frames and group.kind in _OF_SOME_VEHICLES:
                     continue
                 sums = sums_of(table, metric, chosen, stratum)
                 cells[model, group.name, metric.name] = Score(interval_of_mean(sums), int(sums.count.sum()))
     return ScoreTable(tuple(scores), models, groups, samples, cells)
+
+
+def calibration_interval(table: ScoreTable, model: str) -> Interval:
+    """A model's calibration error, with the interval of the jackknife over episodes."""
+    counts = np.array([episode.models[model].reliability for episode in table.episodes])
+    error = calibration_error(counts.sum(axis=0)).value
+    if error is None:
+        return NOTHING
+    left_out = [calibration_error(counts.sum(axis=0) - of_episode).value for of_episode in counts]
+    values = np.array([np.nan if value is None else value for value in left_out])
+    return jackknife(error, values, strata(table.episodes)).interval()
 
 
 def strata(scores: Sequence[EpisodeScores]) -> Rows:

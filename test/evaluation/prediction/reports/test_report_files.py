@@ -12,6 +12,7 @@ import pytest
 from made_scores import episode_scores, five_episodes, model_scores, reported_scores
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.prediction.metrics import METRICS
 from siren_ros.evaluation.prediction.reports.report import (
     csv_files,
     json_report,
@@ -54,7 +55,7 @@ def test_episodes(files) -> None:
     assert lines[1] == "S1_seed0,S1,L3,0,town,cv,ade_m,1.5,2"
     assert "S1_seed1,S1,L3,1,town,net:v_1,fde_m,12.0,2" in lines
     assert "S2_seed0,S2,L2,0,town,cv,brier_score,,0" in lines
-    assert len(lines) == 1 + 4 * 2 * 9
+    assert len(lines) == 1 + 4 * 2 * len(METRICS)
 
 
 def test_differences(files) -> None:

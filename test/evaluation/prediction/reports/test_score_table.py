@@ -4,17 +4,19 @@ import numpy as np
 import pytest
 from made_scores import episode_scores, five_episodes, model_scores
 
+from siren_ros.evaluation.prediction.metrics import BINS
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER, compare_with_paper
 from siren_ros.evaluation.prediction.reports.score_table import (
     Difference,
     GroupKind,
+    calibration_interval,
     common_rows,
     differences,
     groups_of,
     sample_table,
     score_table,
 )
-from siren_ros.evaluation.prediction.scoring import Category, EpisodeScores
+from siren_ros.evaluation.prediction.scoring import Category, EpisodeScores, Trait
 from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
 from siren_ros.world.actors import ActorClass
 
@@ -23,6 +25,23 @@ ONE = {"cv": model_scores(np.ones(3))}
 
 def names(scores: list[EpisodeScores], kind: GroupKind) -> dict[str, list[bool]]:
     return {group.name: group.episodes.tolist() for group in groups_of(scores) if group.kind is kind}
+
+
+def test_subsets_are_those_of_civilians() -> None:
+    """Samples: an EMV, a civilian that holds, one that moves and begins to yield, one that stands."""
+    scores = replace(
+        model_scores(np.array([1.0, 2.0, 4.0, 8.0])),
+        category=np.array([Category.EMV, Category.HELD, Category.YIELDING, Category.OTHER], dtype=np.uint8),
+        traits=np.array([Trait.MOVING | Trait.BEGINS, 0, Trait.MOVING | Trait.BEGINS, 0], dtype=np.uint8),
+    )
+    table = score_table([episode_scores("S1", {"cv": scores})])
+    found = {group.name: table.value("cv", group.name, "ade_m") for group in table.of_kind(GroupKind.SUBSET)}
+    assert found == {
+        "civilians": pytest.approx(14.0 / 3.0),
+        "moving civilians": 4.0,
+        "yield or hold": 3.0,
+        "manoeuvre begins": 4.0,
+    }
 
 
 def test_templates_and_levels_part_the_episodes() -> None:
@@ -191,3 +210,17 @@ def test_people_have_rows_of_their_own_and_count_nowhere_else() -> None:
     assert [table.value("a", name, "ade_m") for name in names] == [3.0, 9.0, None, 2.0, 2.0, 2.0]
     assert table.cells["a", "pedestrians", "ade_m"].samples == 2
     assert score_table([alone]).of_kind(GroupKind.PEOPLE) == ()
+
+
+def test_the_calibration_error_has_an_interval_over_the_episodes() -> None:
+    """Ten hypotheses of 0.25 in each episode, of which 1 to 5 are the best: the error is |0.25 − 0.3|."""
+    episodes = []
+    for seed, best in enumerate((1, 2, 3, 4, 5)):
+        reliability = np.zeros((3, BINS))
+        reliability[:, 2] = (10.0, 2.5, best)
+        episodes.append(episode_scores("S1", {"net": replace(model_scores(np.ones(2)), reliability=reliability)}, seed))
+    interval = calibration_interval(score_table(episodes), "net")
+    # The mean of 0.1 to 0.5 has the standard error 0.0707, and Student's t of 4 degrees of freedom is 2.7764.
+    assert (interval.value, interval.high - interval.value) == pytest.approx((0.05, 2.7764 * 0.0707), abs=1e-4)
+    single = score_table([episode_scores("S1", {"cv": model_scores(np.ones(2))})])
+    assert not calibration_interval(single, "cv").valid

@@ -30,7 +30,7 @@ model    S1          S2          own          mean            samples  coverage
 cv       2.10/6.30   4.00/12.00  8.00/24.00   4.70/14.10 [–]  10       all
 net:v_1  3.33/10.00  6.00/18.00  16.00/48.00  8.44/25.33 [–]  6        60.0%
 
-all metrics, mean over the templates
+metrics of samples, mean over the templates
 model    ADE   FDE    minADE6  minFDE6  RMSE@5s  MR6   b-minFDE6  Brier  collisions  calibration error
 cv       4.70  14.10  2.35     7.05     19.45    0.87  –          –      –           –
 net:v_1  8.44  25.33  4.22     12.67    34.51    1.00  –          –      –           0.25
@@ -39,6 +39,10 @@ ADE/FDE in m by category, [ADE's interval]
 category  samples  cv              net:v_1
 emv       6        4.67/14.00 [–]  7.50/22.50 [–]
 other     4        4.75/14.25 [–]  6.50/19.50 [–]
+
+ADE/FDE in m by subset, [ADE's interval]
+subset     samples  cv              net:v_1
+civilians  4        4.75/14.25 [–]  6.50/19.50 [–]
 
 ADE/FDE in m by level, [ADE's interval]
 level  samples  cv              net:v_1

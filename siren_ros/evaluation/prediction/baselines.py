@@ -187,6 +187,21 @@ def paths_from(network: RoadNetwork, lanes: npt.NDArray[np.int32], reach_m: floa
     return LanePaths(path_of_lane, tuple(curves), start_m)
 
 
+def drive_along(batch: SampleBatch, places: LanePlaces, paths: LanePaths, travelled_m: Floats) -> Floats:
+    """Places after distances, shape ``(N, T)``: along the path from the sample's lane, straight ahead in none.
+
+    Arguments as of ``leaders_of``; returns shape ``(N, T, 2)``.
+    """
+    lane = places.lane[batch.target]
+    in_lane = lane != NO_LANE
+    heading = np.stack((np.cos(batch.yaw_rad), np.sin(batch.yaw_rad)), axis=-1)
+    path = batch.xy_m[:, None] + travelled_m[..., None] * heading[:, None]
+    rows = batch.target[in_lane]
+    arc_m = places.arc_m[rows, None] + travelled_m[in_lane]
+    path[in_lane] = paths.points(paths.path_of_lane[lane[in_lane]], arc_m, places.offset_m[rows])
+    return path
+
+
 def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m: float) -> tuple[Floats, Floats]:
     """The nearest vehicle of each sample whose centre is ahead within the range.
 
@@ -256,9 +271,4 @@ class IdmPredictor:
         unmotorised = np.isin(actors.actor_class[batch.target], (ActorClass.PEDESTRIAN, ActorClass.BICYCLE))
         desired[unmotorised] = np.maximum(speed[unmotorised], idm.standing_mps)
         travelled = idm.travel(speed, desired, gap_m, leader_mps, future_times_s())
-        heading = np.stack((np.cos(batch.yaw_rad), np.sin(batch.yaw_rad)), axis=-1)
-        path = batch.xy_m[:, None] + travelled[..., None] * heading[:, None]
-        rows = batch.target[in_lane]
-        arc_m = places.arc_m[rows, None] + travelled[in_lane]
-        path[in_lane] = paths.points(paths.path_of_lane[lane[in_lane]], arc_m, places.offset_m[rows])
-        return Hypotheses.certain(path)
+        return Hypotheses.certain(drive_along(batch, places, paths, travelled))

@@ -136,12 +136,19 @@ class PredictorKind:
         return predictor
 
 
-_BASELINES: Final = "siren_ros.evaluation.prediction.baselines"
+_HERE: Final = "siren_ros.evaluation.prediction"
+_BASELINES: Final = f"{_HERE}.baselines"
 _SIREN: Final = "siren_ros.evaluation.prediction.siren_model.siren_predictor:make"
 _PUBLISHED: Final = "siren_ros.evaluation.prediction.published.predictors"
 PREDICTORS: Final[Mapping[str, PredictorKind]] = {
     "cv": PredictorKind("constant velocity", f"{_BASELINES}:ConstantVelocity"),
     "idm": PredictorKind("Intelligent Driver Model along the lane", f"{_BASELINES}:IdmPredictor"),
+    "ca": PredictorKind("constant acceleration", f"{_HERE}.kinematic:make_ca"),
+    "ctra": PredictorKind("constant turn rate and acceleration", f"{_HERE}.kinematic:make_ctra"),
+    "cv_lane": PredictorKind("constant speed along the lane", f"{_HERE}.lane_following:make_cv_lane"),
+    "ca_lane": PredictorKind("constant acceleration along the lane", f"{_HERE}.lane_following:make_ca_lane"),
+    "decay_lane": PredictorKind("the same, decaying over 1 s", f"{_HERE}.lane_following:make_decay_lane"),
+    "imm": PredictorKind("Kalman filter of two interacting models", f"{_HERE}.kalman:ImmPredictor"),
     "siren": PredictorKind("SIREN's own, trained on its episodes", _SIREN, Checkpoint.OPTIONAL),
     "csp": PredictorKind("convolutional social pooling", f"{_PUBLISHED}:make_csp", Checkpoint.REQUIRED, "models"),
     "stdan": PredictorKind("dynamic attention", f"{_PUBLISHED}:make_stdan", Checkpoint.REQUIRED, "models"),

@@ -29,7 +29,7 @@ from siren_ros.training.prediction.training import (
 )
 from siren_ros.training.risk.samples import FilmPlanSize, make_films, plan_films
 from siren_ros.training.risk.training import train_sequence_model
-from siren_ros.training.settings import DetectionFit, FilmFitConfig, FitConfig
+from siren_ros.training.settings import ARCHITECTURES, DetectionFit, FilmFitConfig, FitConfig
 
 FITTERS: Final = {"prediction": "fitted_network", "detection": "fitted_detector", "risk": "fitted_film_network"}
 """Functions of the modules ``siren_ros.training.fitting.TASK``, loaded by name because they need torch."""
@@ -124,6 +124,12 @@ def _add_prediction(task: argparse.ArgumentParser) -> None:
     task.add_argument(
         "--epochs", type=int, default=config.epochs, metavar="N", help="passes over the samples (default %(default)s)"
     )
+    task.add_argument(
+        "--architecture",
+        choices=ARCHITECTURES,
+        default=config.architecture,
+        help="network: SIREN's own along the roads, or a baseline without a map (default %(default)s)",
+    )
     task.add_argument("--device", default=config.device, metavar="NAME", help="cpu (default) or cuda")
     meaning = f"variants to train: {', '.join(f'{name} ({variant.summary})' for name, variant in VARIANTS.items())}"
     task.add_argument("--variants", nargs="+", default=[FULL], choices=list(VARIANTS), help=meaning)
@@ -140,7 +146,12 @@ def train_prediction(arguments: argparse.Namespace, fitter: Any) -> int:
     cache = arguments.cache or arguments.out / "cache"
     plan = plan_bags(bags_among(arguments.bags)) if arguments.bags else plan_episodes(maps, held_out, size)
     data = _with_bar(make_samples, plan, cache, processes_of(arguments), "episode")
-    config = FitConfig(seed=arguments.seed, epochs=arguments.epochs, device=arguments.device)
+    config = FitConfig(
+        seed=arguments.seed,
+        epochs=arguments.epochs,
+        device=arguments.device,
+        architecture=arguments.architecture,
+    )
     trained: dict[str, TrainedVariant] = {}
     for name in dict.fromkeys(arguments.variants):
         trained[name] = train_variant(name, data, arguments.out, config, fitter, _print)

@@ -22,9 +22,15 @@ class FitSettings:
     """Of AdamW."""
 
 
+ARCHITECTURES: Final = ("paths", "lstm", "transformer")
+"""Networks of the prediction task: SIREN's own along the roads, and two baselines without a map."""
+
+
 @dataclass(frozen=True)
 class FitConfig(FitSettings):
     """How the predictor's network is fitted."""
+
+    architecture: str = ARCHITECTURES[0]
 
     epochs: int = 16
     batch: int = 512

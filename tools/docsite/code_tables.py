@@ -14,6 +14,8 @@ from docsite.template_tables import entries
 from docsite.topic_tables import SECTIONS, texts_of, topic_table
 from siren_ros.calibration.parameters import PARAMETERS
 from siren_ros.datasets.formats import FORMATS
+from siren_ros.evaluation.prediction.predictors import PREDICTORS
+from siren_ros.evaluation.prediction.track_noise import TrackNoise
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.judging.physics import VerifyLimits
@@ -147,6 +149,40 @@ def reproduction_table() -> str:
     return "\n".join([*head, *rows, f"| all | | {total} | | |"])
 
 
+_MODEL_FIGURES: Final = {
+    "ADE": "{}.ade_m",
+    "with a tracker's errors": "tracker.{}.ade_m",
+    "EMV": "{}.emv.ade_m",
+    "civilians": "{}.civilians.ade_m",
+    "moving": "{}.moving_civilians.ade_m",
+    "yield or hold": "{}.yield_or_hold.ade_m",
+    "manoeuvre begins": "{}.manoeuvre_begins.ade_m",
+    "world minFDE₆": "{}.world_min_fde_6_m",
+    "off road": "{}.off_road_rate",
+    "wrong way": "{}.wrong_way_rate",
+    "infeasible": "{}.infeasible_rate",
+}
+"""Columns of the table of predictors, and the figures of the part ``prediction`` in them."""
+
+
+def prediction_table() -> str:
+    """The predictors that the part ``prediction`` has scored as Markdown; a figure that it has not made is empty."""
+    figures = read_results(_NODES_FILE.parents[1] / "docs" / "results.json")["prediction"].figures
+    models = [name for name in PREDICTORS if f"{name}.ade_m" in figures]
+    rows = []
+    for model in models:
+        values = [figures.get(name.format(model)) for name in _MODEL_FIGURES.values()]
+        cells = ["" if value is None else f"{value:.2f}" for value in values]
+        rows.append(f"| `{model}` | {' | '.join(cells)} |")
+    return "\n".join([f"| | {' | '.join(_MODEL_FIGURES)} |", "|---" * (1 + len(_MODEL_FIGURES)) + "|", *rows])
+
+
+def predictors_table() -> str:
+    """The table of predictors as Markdown: name, what it is, whether it needs weights."""
+    rows = [f"| `{name}` | {kind.summary} | {kind.checkpoint.value} |" for name, kind in PREDICTORS.items()]
+    return "\n".join(["| model | what it is | checkpoint |", "|---|---|---|", *rows])
+
+
 TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "nodes": nodes_table,
     "cosim": partial(node_table, "cosim"),
@@ -160,6 +196,9 @@ TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "library": library_table,
     "paper": paper_table,
     "reproduction": reproduction_table,
+    "prediction_models": prediction_table,
+    "predictors": predictors_table,
+    "track_noise": partial(values_table, TrackNoise()),
     **{f"{section}_topics": partial(topic_table, section) for section in SECTIONS},
 }
 """What stands for ``<!-- table of NAME -->`` in a document, by name."""

@@ -22,7 +22,7 @@ _REACH_M: Final = 250.0
 
 @dataclass(frozen=True)
 class LaneFollowing:
-    """Drives along the lane with the acceleration a₀ of the last second, a(t) = a₀ exp(−t / decay), at most to a stop."""
+    """Along the lane with the acceleration a₀ of the last second, a(t) = a₀ exp(−t / decay), at most to a stop."""
 
     decay_s: float
     """0 for constant speed, inf for constant acceleration."""

@@ -17,7 +17,7 @@ from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.prediction.plan import VARIANTS, PlannedEpisode, is_ordinary
 from siren_ros.training.prediction.samples import EpisodeKey, SampleStore, read_store
-from siren_ros.training.settings import FitConfig, FittedNetwork
+from siren_ros.training.settings import ARCHITECTURES, FitConfig, FittedNetwork
 
 MEAN: Final = "mean"
 _MODEL_ERRORS: Final = ("siren", "siren_min6", "siren_fde")
@@ -136,7 +136,7 @@ def train_variant(
     fitted = fitter(store, config, path.with_suffix(".checkpoint.pt"), report)
     card = fitted.card(
         config,
-        model="siren",
+        model="siren" if config.architecture == ARCHITECTURES[0] else config.architecture,
         variant=name,
         summary=variant.summary,
         ablation=variant.ablation.value,

@@ -15,15 +15,14 @@ from hand_made import made_record
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.predictors import checked
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, Population, future_times_s, samples_of
-from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, Features, make
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, Features, TrainedNetwork, make
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.fitting import prediction
+from siren_ros.training.fitting.path_network import MODES, NetworkSize, PathNetwork
 from siren_ros.training.fitting.prediction import (
-    MODES,
-    NetworkSize,
-    PathNetwork,
+    NETWORKS,
     export,
     fit,
     fitted_network,
@@ -33,7 +32,7 @@ from siren_ros.training.fitting.prediction import (
 from siren_ros.training.prediction.plan import PlannedEpisode
 from siren_ros.training.prediction.samples import read_store
 from siren_ros.training.prediction.training import train_variant, with_ablations
-from siren_ros.training.settings import FitConfig
+from siren_ros.training.settings import ARCHITECTURES, FitConfig
 
 CONFIG = FitConfig(epochs=3, batch=64, width=16, layers=1)
 
@@ -69,6 +68,43 @@ def test_before_training_a_vehicle_keeps_its_speed_along_the_road(episode_files)
     assert xy_m.shape == (40, MODES, FUTURE_POINTS, 2)
     assert xy_m[..., 0] == pytest.approx(np.repeat(expected[:, None], MODES, axis=1), abs=0.05)
     assert xy_m[..., 1] == pytest.approx(0.0, abs=0.05)
+
+
+def test_every_architecture_has_a_network() -> None:
+    assert tuple(NETWORKS) == ARCHITECTURES
+
+
+@pytest.mark.parametrize("name", ["lstm", "transformer"])
+def test_a_baseline_keeps_the_velocity_before_training_and_learns(episode_files, name, tmp_path) -> None:
+    logged = read_store(episode_files[Split.TEST_SEED])
+    size = NetworkSize(*(getattr(logged.features, part).shape[-1] for part in ("target", "neighbours", "paths")))
+    xy_m, _ = answers(NETWORKS[name](size).eval(), logged.batch(slice(0, 40)))
+    expected = logged.features.speed_mps[:40, None] * future_times_s()
+    assert xy_m[..., 0] == pytest.approx(np.repeat(expected[:, None], MODES, axis=1), abs=0.05)
+    assert xy_m[..., 1] == pytest.approx(0.0, abs=0.05)
+    store, reports = read_store(episode_files[Split.TRAIN]), []
+    run = fit(store, replace(CONFIG, epochs=4, architecture=name), reports.append)
+    assert reports[-1].loss < 0.9 * reports[0].loss
+    path = tmp_path / "one.onnx"
+    path.write_bytes(export(run.network).onnx)
+    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    for rows in (slice(0, 1), slice(0, 130)):
+        features = store.batch(rows)
+        answered, _ = TrainedNetwork(session, {}).run(features)
+        assert answered == pytest.approx(answers(run.network, features)[0], abs=1e-4)
+
+
+@pytest.mark.parametrize(("name", "alone"), [("lstm", True), ("transformer", False), ("paths", False)])
+def test_the_lstm_alone_does_not_see_the_neighbours(store, name, alone) -> None:
+    torch.manual_seed(2)
+    size = NetworkSize(*(getattr(store.features, part).shape[-1] for part in ("target", "neighbours", "paths")))
+    network = NETWORKS[name](size).eval()
+    with torch.no_grad():
+        for weights in network.drive.parameters():
+            weights.normal_(0.0, 0.1)
+    features = store.batch(slice(0, 20))
+    away = replace(features, neighbours=features.neighbours + 1.0)
+    assert np.allclose(*(answers(network, each)[0] for each in (features, away)), atol=1e-6) is alone
 
 
 def test_what_is_not_there_does_not_change_the_answer(store, network) -> None:

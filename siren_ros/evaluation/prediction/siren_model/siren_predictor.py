@@ -6,7 +6,7 @@ The network is an ONNX file with its card next to it. Training and prediction sh
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -154,10 +154,13 @@ class TrainedNetwork(NetworkFile):
 
     def run(self, features: Features) -> tuple[Floats, Floats]:
         """Paths in the samples' frames, ``(N, k, FUTURE_POINTS, 2)``, and probabilities, ``(N, k)``; not sorted."""
-        parts = [
-            self.session.run(OUTPUTS, vars(features.select(slice(start, start + _SAMPLES_AT_ONCE))))
-            for start in range(0, len(features), _SAMPLES_AT_ONCE)
-        ]
+        used = [given.name for given in self.session.get_inputs()]  # a network without a map takes none
+
+        def inputs(start: int) -> dict[str, Any]:
+            part = features.select(slice(start, start + _SAMPLES_AT_ONCE))
+            return {name: getattr(part, name) for name in used}
+
+        parts = [self.session.run(OUTPUTS, inputs(start)) for start in range(0, len(features), _SAMPLES_AT_ONCE)]
         if not parts:
             return np.empty((0, 1, FUTURE_POINTS, 2)), np.empty((0, 1))
         xy_m, probability = (np.concatenate(arrays).astype(np.float64) for arrays in zip(*parts, strict=True))

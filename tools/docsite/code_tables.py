@@ -24,6 +24,7 @@ from siren_ros.reproduction.parts import inputs_sha256, read_parts, shown_minute
 from siren_ros.reproduction.results import read_results
 from siren_ros.scenario import paper
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, TEMPLATES
+from siren_ros.scenario.splits import Split
 from siren_ros.scenario.templates import available_templates, load_template
 
 _PLAIN_TYPES: Final = re.compile(r" Allowed: (a string|a list of strings|true or false)\.$")
@@ -177,6 +178,20 @@ def prediction_table() -> str:
     return "\n".join([f"| | {' | '.join(_MODEL_FIGURES)} |", "|---" * (1 + len(_MODEL_FIGURES)) + "|", *rows])
 
 
+def train_prediction_table() -> str:
+    """Errors by map when the predictor was trained as Markdown, from the part ``train_prediction``."""
+    figures = read_results(_NODES_FILE.parents[1] / "docs" / "results.json")["train_prediction"].figures
+    rows = []
+    for split in (Split.TEST_SEED, Split.TEST_MAP):
+        for name in sorted(figures):
+            if name.startswith(f"{split.value}.") and name.endswith(".cv"):
+                head = name.removesuffix("cv")
+                errors = " | ".join(f"{figures[head + model]:.2f}" for model in ("cv", "idm", "siren", "siren_min6"))
+                place = head.split(".")[1]
+                rows.append(f"| `{place}` | {split.value} | {figures[head + 'episodes']:.0f} | {errors} |")
+    return "\n".join(["| | | episodes | cv | idm | siren | minADE₆ |", "|---|---|---|---|---|---|---|", *rows])
+
+
 def predictors_table() -> str:
     """The table of predictors as Markdown: name, what it is, whether it needs weights."""
     rows = [f"| `{name}` | {kind.summary} | {kind.checkpoint.value} |" for name, kind in PREDICTORS.items()]
@@ -197,6 +212,7 @@ TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "paper": paper_table,
     "reproduction": reproduction_table,
     "prediction_models": prediction_table,
+    "train_prediction": train_prediction_table,
     "predictors": predictors_table,
     "track_noise": partial(values_table, TrackNoise()),
     **{f"{section}_topics": partial(topic_table, section) for section in SECTIONS},

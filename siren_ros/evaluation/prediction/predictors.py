@@ -147,7 +147,7 @@ PREDICTORS: Final[Mapping[str, PredictorKind]] = {
     "ctra": PredictorKind("constant turn rate and acceleration", f"{_HERE}.kinematic:make_ctra"),
     "cv_lane": PredictorKind("constant speed along the lane", f"{_HERE}.lane_following:make_cv_lane"),
     "ca_lane": PredictorKind("constant acceleration along the lane", f"{_HERE}.lane_following:make_ca_lane"),
-    "decay_lane": PredictorKind("the same, decaying over 1 s", f"{_HERE}.lane_following:make_decay_lane"),
+    "decay_lane": PredictorKind("along the lane, acceleration that decays", f"{_HERE}.lane_following:make_decay_lane"),
     "imm": PredictorKind("Kalman filter of two interacting models", f"{_HERE}.kalman:ImmPredictor"),
     "siren": PredictorKind("SIREN's own, trained on its episodes", _SIREN, Checkpoint.OPTIONAL),
     "csp": PredictorKind("convolutional social pooling", f"{_PUBLISHED}:make_csp", Checkpoint.REQUIRED, "models"),

@@ -39,6 +39,7 @@ class TrackNoise:
     velocity_mps: float = 0.24
     """Of each axis."""
     yaw_rad: float = 0.1
+    """Of the heading."""
     correlation_s: float = 0.5
     """The errors' correlation falls to 1/e in this time, as behind a Kalman filter."""
     dropouts_per_s: float = 0.05

@@ -12,7 +12,7 @@ _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def deferred_interrupts() -> Iterator[Callable[[], bool]]:
-    """Notes SIGINT and SIGTERM in place of acting on them; the second one acts at once.
+    """Notes SIGINT and SIGTERM in place of acting on them; the second one acts at once. Ignored ones stay ignored.
 
     Gives a function that says whether one has come. A noted signal acts when the context ends. Outside the main thread,
     which gets no signals, the function always says no.
@@ -21,7 +21,8 @@ def deferred_interrupts() -> Iterator[Callable[[], bool]]:
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return
-    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    handlers = {number: signal.getsignal(number) for number in _SIGNALS}
+    before = {number: handler for number, handler in handlers.items() if handler is not signal.SIG_IGN}
 
     def restore() -> None:
         for number, handler in before.items():
@@ -31,7 +32,7 @@ def deferred_interrupts() -> Iterator[Callable[[], bool]]:
         noted.append(number)
         restore()
 
-    for number in _SIGNALS:
+    for number in before:
         signal.signal(number, note)
     try:
         yield lambda: bool(noted)

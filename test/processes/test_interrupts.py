@@ -63,3 +63,14 @@ def test_other_threads_get_no_signals() -> None:
     thread.start()
     thread.join()
     assert said == [False]
+
+
+def test_a_signal_that_is_ignored_stays_ignored() -> None:
+    """As SIGINT in a program that a script runs in the background."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with deferred_interrupts() as interrupted:
+            signal.raise_signal(signal.SIGINT)
+            assert not interrupted()
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -65,6 +65,7 @@ def fit(
 
     Raises:
         InputError: The checkpoint is of other samples, settings or another seed, or none at all.
+        KeyboardInterrupt: SIGINT or SIGTERM came.
     """
     torch.manual_seed(config.seed)
     device = torch.device(config.device)
@@ -100,6 +101,8 @@ def fit(
             run.processor_s = spent_s + time.process_time()
             if checkpoint is not None:
                 _write(checkpoint, digest, run, descent)
+    if run.epoch < config.epochs:
+        raise KeyboardInterrupt  # whatever the program does with the signal, the training is not at its end
     if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
     run.network = descent.result()

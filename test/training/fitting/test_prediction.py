@@ -1,5 +1,6 @@
 import json
 import signal
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -184,6 +185,16 @@ def test_an_interrupted_training_goes_on_and_gives_the_same_weights(store, tmp_p
     assert all(torch.equal(a, b) for a, b in zip(whole.network.parameters(), rest.network.parameters(), strict=True))
     assert rest.processor_s > 0.0
     assert not checkpoint.exists()
+
+
+def test_a_training_whose_interrupt_does_nothing_does_not_end_as_if_it_were_whole(store, tmp_path, monkeypatch) -> None:
+    @contextmanager
+    def at_once():
+        yield lambda: True
+
+    monkeypatch.setattr(prediction, "deferred_interrupts", at_once)
+    with pytest.raises(KeyboardInterrupt):
+        fit(store, CONFIG, lambda _: None, tmp_path / "one.pt")
 
 
 def test_a_checkpoint_of_another_training_is_refused(store, tmp_path, monkeypatch) -> None:

@@ -34,7 +34,7 @@ _SHORTEST_M: Final = 0.1
 _CORNER_RAD: Final = 0.17
 """Change of direction from which the end of a path across a junction is a corner (10°)."""
 _SHORTEST_PATH_M: Final = 2.0
-"""Shorter paths across junctions stay as they are."""
+"""Shorter paths across junctions stay as they are, unless they lead back."""
 _HANDLE: Final = 0.39
 """Length of a Bézier curve's handles over its chord: a quarter turn becomes nearly a circle."""
 _POINTS: Final = 17
@@ -148,6 +148,11 @@ def _mend_path(source: Element, path: list[Element], target: Element) -> None:
     start, end = shapes[0][0], shapes[-1][-1]
     corners = _turn_rad(enters, _direction(shapes[0])), _turn_rad(_direction(shapes[-1][-2:]), leaves)
     chord_m = float(np.hypot(*(end - start)[:2]))
+    if chord_m < _SHORTEST_PATH_M and len(path) == 1 and enters @ (end - start)[:2] < 0.0 < enters @ leaves:
+        # Roads of an OpenDRIVE map overlap by some centimetres. SUMO would turn vehicles round on the way back.
+        begin = np.append(end[:2] - _SHORTEST_M * leaves, end[2:])
+        path[0].set("shape", text_of(np.stack((begin, end))))
+        return
     if chord_m < _SHORTEST_PATH_M or max(corners) < _CORNER_RAD:
         return
     share = np.linspace(0.0, 1.0, _POINTS)[:, None]

@@ -57,6 +57,20 @@ def test_paths_without_corners_and_short_ones_stay(path):
     assert shapes_of(path)[":J_0_0"] == pytest.approx(points_of(path))
 
 
+@pytest.mark.parametrize(("begins_m", "path"), [(-0.09, "-0.19,0,4 -0.09,0,4"), (0.09, "0,0,1 0.09,0,4")])
+def test_a_joint_leads_ahead_where_its_roads_overlap(begins_m, path):
+    """A short way back would turn SUMO's vehicles round, and put who drives on the right there on the left."""
+    net = fromstring(
+        f"""<net><edge id=":J_0" function="internal"><lane id=":J_0_0" shape="0,0,1 {begins_m},0,4"/></edge>
+        <edge id="a"><lane id="a_0" shape="-50,0,1 0,0,1"/></edge>
+        <edge id="b"><lane id="b_0" shape="{begins_m},0,4 50,0,4"/></edge>
+        <connection from="a" to="b" fromLane="0" toLane="0" via=":J_0_0"/></net>"""
+    )
+    mend_junction_paths(net)
+    shape = points_of(net.find(".//lane").attrib["shape"])
+    assert shape == pytest.approx(points_of(path))
+
+
 @pytest.mark.parametrize(
     ("path", "rest", "mended"),
     [

@@ -23,9 +23,10 @@ _FARTHEST_CUT_M: Final = 6.0
 """A rounded corner begins at most this far before the vertex."""
 _LARGEST_SHIFT_M: Final = 0.3
 """A rounded corner passes its vertex at most at this distance: a tenth of a lane's width."""
-_ONE_LENGTH_SHARE: Final = 0.05
-"""Lanes of one edge keep one length, their mean, while none differs from it by more than this share. SUMO expects equal
-lengths when vehicles change lanes; a lane that differs more has its own."""
+_ONE_LENGTH_SHARE: Final = 0.1
+"""Lanes of one edge keep one length, their mean, while none differs from it by more than this share: where vehicles
+change lanes, SUMO takes places with equal lengths for places side by side. A lane that differs more has its own: on it
+a bus of 12 m would become shorter, for SUMO, by most of the 2 m that it keeps behind it."""
 _STEP_BACK_M: Final = 1.0
 """A longer side leads somewhere."""
 _LEAST_SIDE_M: Final = 0.05

@@ -151,8 +151,8 @@ def _mend_path(source: Element, path: list[Element], target: Element) -> None:
     chord_m = float(np.hypot(*(end - start)[:2]))
     if chord_m < _SHORTEST_PATH_M and len(path) == 1 and enters @ (end - start)[:2] < 0.0 < enters @ leaves:
         # Roads of an OpenDRIVE map overlap by some centimetres. SUMO would turn vehicles round on the way back.
-        begin = np.append(end[:2] - _SHORTEST_M * leaves, end[2:])
-        path[0].set("shape", text_of(np.stack((begin, end))))
+        ahead = np.append(end[:2] - _SHORTEST_M * leaves, end[2:])
+        path[0].set("shape", text_of(np.stack((ahead, end))))
         return
     if chord_m < _SHORTEST_PATH_M or max(corners) < _CORNER_RAD:
         return

@@ -4,7 +4,6 @@ from typing import Any, Final
 
 import numpy as np
 import shapely
-from scipy.spatial import cKDTree
 
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.compiled import compiled, within
@@ -30,6 +29,8 @@ class Kerbs:
     """Keeps people who are on no crossing a step away from where vehicles drive: SUMO's stand and walk on its edge."""
 
     def __init__(self, network: RoadNetwork) -> None:
+        from scipy.spatial import cKDTree  # noqa: PLC0415 - loads slowly, and traffic without people does not need it
+
         across = network.connections_over.keys() | network.cycle_connections_over.keys()
         driven = [
             shapely.LineString(lane.centre.points).buffer(lane.width_m / 2.0, cap_style="flat")

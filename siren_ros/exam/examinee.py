@@ -1,6 +1,6 @@
 """The driver who is examined: what it did at each step, and which emergency vehicles asked it to make way."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -31,9 +31,9 @@ class Call:
 
     emv_id: int
     gap_m: Floats
-    """From the EMV's front to the driver's rear along the driver's heading; negative beside it and ahead."""
+    """From the EMV's front to the driver's rear along the road; negative beside it and ahead."""
     left_m: Floats
-    """Of the EMV's centre from the driver's, left positive."""
+    """Of the EMV's centre from the driver's, across the road, left positive."""
     speed_mps: Floats
     """Of the EMV."""
     siren: Flags
@@ -103,6 +103,15 @@ class Examinee:
         return gaps
 
     @cached_property
+    def along_road(self) -> StateRows:
+        """The driver's rows with the heading of its lane in place of its own, which turns as it moves aside."""
+        yaw = self.track.yaw_rad.copy()
+        for lane in set(self.places.lane.tolist()) - {NO_LANE}:
+            rows = self.places.lane == lane
+            yaw[rows] = self.record.network.lanes[lane].centre.heading_rad(self.places.arc_m[rows])
+        return replace(self.track, yaw_rad=yaw)
+
+    @cached_property
     def calls(self) -> tuple[Call, ...]:
         """Every EMV that comes from behind with its siren while the driver is there."""
         found = (self._call(emv_id) for emv_id in self.record.emv_ids)
@@ -110,7 +119,7 @@ class Examinee:
 
     def _call(self, emv_id: int) -> Call:
         emv_track = self.record.track(emv_id)
-        own, emv = common_rows(self.track, emv_track)
+        own, emv = common_rows(self.along_road, emv_track)
         there = np.isin(self.track.step, own.step)
         ahead, left = ahead_and_left_m(own, emv)
         reach = 0.5 * (self.actor.length_m + self.record.actors[emv_id].length_m)

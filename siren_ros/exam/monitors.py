@@ -327,15 +327,20 @@ def on_shoulder(examinee: Examinee, _numbers: Numbers) -> Finding:
     return Finding(Measure(longest_run_s(there, examinee.track.step)), _first_step(examinee, there))
 
 
-def blocked_way_after_passing(examinee: Examinee, numbers: Numbers) -> Finding:
-    """Longest time for which the driver is back in the way of an EMV that calls, after it had left it."""
+def back_in_the_way(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Longest time for which the driver is back in the way of an EMV that calls, after it had left it.
+
+    It is back where it has moved across the road by ``moved_m`` since then: an EMV may change its own way.
+    """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
     worst = np.zeros(len(examinee.track), np.bool_)
     for call in examinee.calls:
         apart = 0.5 * (examinee.actor.width_m + examinee.record.actors[call.emv_id].width_m) + numbers["margin_m"]
         aside = call.calls & (np.abs(call.left_m) > apart)
-        worst |= since(call.calls, aside) & call.calls & ~aside & (call.gap_m > 0.0)
+        left_at = np.maximum.accumulate(np.where(aside, np.arange(len(aside)), 0))
+        moved = np.abs(examinee.offsets.lateral_m - examinee.offsets.lateral_m[left_at]) > numbers["moved_m"]
+        worst |= since(call.calls, aside) & call.calls & ~aside & moved & (call.gap_m > 0.0)
     return Finding(Measure(longest_run_s(worst, examinee.track.step)), _first_step(examinee, worst))
 
 
@@ -397,6 +402,6 @@ MONITORS: Final[Mapping[str, Monitor]] = {
         {"width_m": _M, "pace_mps": _MPS, "settle_s": _S},
     ),
     "on_shoulder": Monitor(on_shoulder, "s", "time on a shoulder", {}),
-    "back_in_the_way": Monitor(blocked_way_after_passing, "s", "time back in the EMV's way", {"margin_m": _M}),
+    "back_in_the_way": Monitor(back_in_the_way, "s", "time back in the EMV's way", {"margin_m": _M, "moved_m": _M}),
 }
 """The monitors by the names that rulebooks use."""

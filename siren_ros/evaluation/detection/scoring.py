@@ -30,6 +30,7 @@ from siren_ros.evaluation.detection.devkit_score import (
 )
 from siren_ros.evaluation.detection.frames import RANGE_M, Frames
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.evaluation.detection.tracking import TrackingScore
 from siren_ros.evaluation.statistics import Estimate, jackknife
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.tables.interval import NOTHING, Interval
@@ -197,6 +198,8 @@ class DetectorScores:
     matches: Matches
     people: Mapping[str, PersonScore] = field(default_factory=dict)
     """By nuScenes' name, those of whom there is a label; they count in no other score."""
+    tracking: Mapping[str, TrackingScore] = field(default_factory=dict)
+    """By class (``score_tracking``), where tracks are scored."""
 
     @property
     def mean_nds(self) -> float:

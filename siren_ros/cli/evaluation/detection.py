@@ -12,7 +12,7 @@ import numpy as np
 from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 from siren_ros.evaluation.detection.boxes import joined
-from siren_ros.evaluation.detection.detectors.table import DETECTORS, run_detector
+from siren_ros.evaluation.detection.detectors.table import DETECTORS, TRAINED_ON, run_detector
 from siren_ros.evaluation.detection.devkit_score import devkit_score
 from siren_ros.evaluation.detection.devkit_tracking import devkit_tracking
 from siren_ros.evaluation.detection.frames import Frames, frames_of, read_frames
@@ -138,7 +138,8 @@ def _detected(name: str, weights: Path | None, frames: Frames, pool: ProcessPool
     parts = pool.map(run_detector, [(name, episode, weights) for episode in frames.episodes])
     boxes = [replace(part, frame=part.frame + first) for (part, _), first in zip(parts, frames.first, strict=False)]
     cost_s = sum(processor_s for _, processor_s in parts) / len(frames)
-    return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True), cost_s
+    known = TRAINED_ON[name](weights) if name in TRAINED_ON else frozenset()
+    return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True, trained_on=known), cost_s
 
 
 def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[str, float]) -> list[str]:

@@ -58,6 +58,7 @@ class EpisodeFrames:
     """Weather and time of day."""
     suite: str = ""
     """The sensors."""
+    map_name: str = ""
 
     def __len__(self) -> int:
         return len(self.step)
@@ -229,6 +230,7 @@ def read_frames(survey: BagSurvey, episode_id: str) -> EpisodeFrames:
             truth=boxes,
             look=look_of(described),
             suite=described.sensor_suite,
+            map_name=described.map_name,
         )
 
 

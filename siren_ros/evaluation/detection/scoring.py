@@ -28,7 +28,7 @@ from siren_ros.evaluation.detection.devkit_score import (
     class_range_m,
     match,
 )
-from siren_ros.evaluation.detection.frames import RANGE_M, Frames
+from siren_ros.evaluation.detection.frames import RANGE_M, EpisodeFrames, Frames
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.tracking import TrackingScore
 from siren_ros.evaluation.statistics import Estimate, jackknife
@@ -76,13 +76,31 @@ def _of_visibility(low: float, high: float) -> Subset:
     return Subset("visible", name, lambda _, truth: (truth.visible >= low) & (truth.visible < high))
 
 
-def subsets_of_episodes(frames: Frames) -> tuple[Subset, ...]:
-    """Rows for the looks and for the suites of sensors, where there are several of them."""
-    looks = np.array([episode.look for episode in frames.episodes])
-    suites = np.array([episode.suite for episode in frames.episodes])
+def _novelty(episode: EpisodeFrames, detected: FoundSet) -> str:
+    known = {True: "known from the training", False: "new to the detector"}
+    return known[episode.map_name in detected.trained_on] if detected.trained_on else ""
+
+
+EPISODE_GROUPS: Final[Mapping[str, Callable[[EpisodeFrames, FoundSet], str]]] = MappingProxyType(
+    {
+        "weather": lambda episode, _: episode.look,
+        "sensors": lambda episode, _: episode.suite,
+        "map": lambda episode, _: episode.map_name,
+        "maps that are": _novelty,
+    }
+)
+"""What episodes are told apart by, each with what it is of an episode."""
+
+
+def subsets_of_episodes(frames: Frames, detected: FoundSet) -> tuple[Subset, ...]:
+    """Rows for each of ``EPISODE_GROUPS``, where the episodes differ in it."""
+    groups = {
+        group: np.array([kind_of(episode, detected) for episode in frames.episodes])
+        for group, kind_of in EPISODE_GROUPS.items()
+    }
     return tuple(
         _of_episodes(group, kind, of_episode == kind)
-        for group, of_episode in (("weather", looks), ("sensors", suites))
+        for group, of_episode in groups.items()
         for kind in sorted(set(of_episode.tolist()))
         if not (of_episode == kind).all()
     )
@@ -268,7 +286,7 @@ def score_detector(frames: Frames, detected: FoundSet, names: frozenset[str], ru
         if mean.bounded
         else None,
         groups=(
-            *(jackknifed.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames))),
+            *(jackknifed.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames, detected))),
             *(jackknifed.named(name) for name in (CLASS_NAMES if names_kinds(boxes) else ())),
         ),
         truth=truth,

@@ -67,6 +67,16 @@ def load_detector(path: Path) -> DetectorNetwork:
     return DetectorNetwork(network.session, card, grid, tuple(card["class_names"]))
 
 
+def maps_of_training(weights: Path | None = None) -> frozenset[str]:
+    """Names of the maps in a detector's training, by its card; weights as of ``detect_pillars``.
+
+    Raises:
+        InputError: The weights cannot be used.
+    """
+    training = load_detector(weights or detector_file(SHIPPED_DETECTOR)).card.get("training", {})
+    return frozenset(training.get("seeds_by_map", {}))
+
+
 _OWN_HALF_M: Final = (4.2, 1.35)
 """Half length and half width of a box that holds every emergency vehicle: returns inside come from the carrier."""
 

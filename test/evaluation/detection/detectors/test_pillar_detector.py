@@ -22,6 +22,7 @@ from siren_ros.evaluation.detection.detectors.pillar_detector import (
     detect_pillars,
     detector_file,
     load_detector,
+    maps_of_training,
 )
 from siren_ros.evaluation.detection.detectors.pillars import (
     FEATURES,
@@ -366,3 +367,7 @@ def test_the_more_confident_of_near_boxes_stays() -> None:
 
 def test_nothing_stays_of_nothing() -> None:
     assert apart(np.zeros((0, 2)), np.zeros(0), 1.0).shape == (0,)
+
+
+def test_the_maps_of_the_training_are_those_of_the_card() -> None:
+    assert maps_of_training() == {"town", "Town04"}

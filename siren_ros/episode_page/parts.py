@@ -9,6 +9,7 @@ from siren_ros.episode_page.shapes import add_static_scene
 from siren_ros.errors import InputError
 from siren_ros.interfaces.messages import shown_text
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.sensors.scene.kerbside import scene_config_of
 from siren_ros.sensors.scene.static_scene import static_scene
 
 MOST_OTHERS: Final = 3
@@ -40,7 +41,7 @@ def add_parts(file: ColumnFile, record: EpisodeRecord, others: Sequence[EpisodeR
         part = _part(file, each, _prefix(place)) | {"scene": _prefix(first)}
         if first == place:
             sharing = [other for other, sha256 in zip(records, maps, strict=True) if sha256 == maps[place]]
-            scene = static_scene(each.network, each.description.seed)
+            scene = static_scene(each.network, each.description.seed, scene_config_of(each.description.template_values))
             part |= add_static_scene(file, sharing, scene, _prefix(place), pictures=len(records))
         parts.append(part)
     return {**parts[0], "against": parts[1:]}

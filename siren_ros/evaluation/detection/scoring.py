@@ -9,6 +9,7 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.evaluation.detection.boxes import (
     CAR,
     CLASS_NAMES,
@@ -34,7 +35,7 @@ from siren_ros.evaluation.detection.tracking import TrackingScore
 from siren_ros.evaluation.statistics import Estimate, jackknife
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.tables.interval import NOTHING, Interval
-from siren_ros.world.actors import PEOPLE_CLASSES, VEHICLE_CLASSES, ActorClass, Mode
+from siren_ros.world.actors import FIRST_PARKED_ID, PEOPLE_CLASSES, VEHICLE_CLASSES, ActorClass, Mode
 
 _HELD: Final = (Mode.YIELD_HOLD, Mode.STOPPED)
 _YIELDING: Final = (*(mode for mode in Mode if mode.is_yielding and mode not in _HELD), Mode.REJOIN)
@@ -54,8 +55,23 @@ class Subset:
     """Detections that can be false alarms of this subset; None for all."""
 
 
+def _parked(truth: TruthBoxes) -> Flags:
+    return np.asarray(truth.actor_id >= FIRST_PARKED_ID)
+
+
 def _of_modes(name: str, modes: tuple[Mode, ...]) -> Subset:
-    return Subset("behaviour", name, lambda _, truth: np.isin(truth.mode, modes))
+    return Subset("behaviour", name, lambda _, truth: np.isin(truth.mode, modes) & ~_parked(truth))
+
+
+_SIZE_M: Final = 0.02
+
+
+def _of_class_size(truth: TruthBoxes) -> Flags:
+    """Whether labels have exactly the size of their class, as all vehicles have in episodes without ``size_spread``."""
+    known = load_vehicle_parameters()
+    sizes = {kind: (one.length_m, one.width_m, one.height_m) for kind, one in known.items()}
+    own = np.array([sizes[ActorClass(kind)] for kind in truth.actor_class.tolist()]).reshape(-1, 3)
+    return np.asarray((abs(truth.size_m - own) < _SIZE_M).all(axis=1))
 
 
 def _of_distance(low_m: float, high_m: float) -> Subset:
@@ -122,6 +138,9 @@ SUBSETS: Final = (
     _of_modes("nominal", tuple(mode for mode in Mode if mode not in (*_HELD, *_YIELDING))),
     _of_modes("yielding", _YIELDING),
     _of_modes("held", _HELD),
+    Subset("behaviour", "parked", lambda _, truth: _parked(truth)),
+    Subset("size", "of their class", lambda _, truth: _of_class_size(truth)),
+    Subset("size", "another one", lambda _, truth: ~_of_class_size(truth)),
     *(_of_distance(low, high) for low, high in pairwise(_DISTANCES_M)),
     *(_of_points(low, high) for low, high in pairwise(_POINTS)),
     *(_of_visibility(low, high) for low, high in pairwise(_VISIBLE)),

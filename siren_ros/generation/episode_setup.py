@@ -181,7 +181,7 @@ def set_up_episode(
         emv_ids=emv_ids,
         parameters={
             "request": request.to_json(),
-            "template": template.values(),
+            "template": template.recorded_values(),
             "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
             **({"av": av} if plan.av else {}),
             **({CROSSING_PARAMETER: crossing} if plan.crossed else {}),

@@ -238,9 +238,12 @@ class Template:
         return float(getattr(owner, name))
 
     def values(self) -> dict[str, float]:
-        """Present values of all scenario parameters, for the episode's description; of variety only what is not 0."""
-        values = {path: self.value(path) for path in self.ranges}
-        return {path: value for path, value in values.items() if value or path not in VARIETY}
+        """Present values of all scenario parameters."""
+        return {path: self.value(path) for path in self.ranges}
+
+    def recorded_values(self) -> dict[str, float]:
+        """The same for a record; of variety only what is not 0, so that records without it stay the same."""
+        return {path: value for path, value in self.values().items() if value or path not in VARIETY}
 
     @property
     def lasting_s(self) -> float:

@@ -25,6 +25,8 @@ LESS_URGENT: Final = 10
 class Viewer(Node):
     """Hears an episode and serves its page; it publishes nothing, and no participant waits for it."""
 
+    ends_by_signal = True
+
     def __init__(self, name: str, **node_options: Any) -> None:
         """Listen to episodes and to browsers.
 

@@ -9,6 +9,8 @@ import pytest
 
 BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 WEBGL_WITHOUT_GPU = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+PATIENCE_MS = 120_000
+"""Where several programs share the processors, a page needs more than playwright's 30 s."""
 PLAY_VIDEOS = """async () => {
     const failed = [];
     for (const video of document.querySelectorAll("video")) {
@@ -26,6 +28,7 @@ class OpenedPage:
 
     def __init__(self, page: "Page") -> None:  # noqa: F821 - playwright's, which is imported where it is there
         self.page = page
+        page.set_default_timeout(PATIENCE_MS)
         self.problems: list[str] = []
         self.requests: list[str] = []
         page.on("console", lambda said: said.type in {"error", "warning"} and self.problems.append(said.text))

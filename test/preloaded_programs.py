@@ -1,9 +1,9 @@
 """Programs that begin in a copy of a process that has loaded their modules, which takes seconds otherwise.
 
-A server has loaded the modules and nothing else: neither ROS nor SUMO has begun, and there is one thread. It forks for
-each program. A program looks as if it had been executed: it is the child of who started it, it has its own arguments,
-variables, folder, streams and session, and ends as Python ends. All copies share the seed of Python's hashes; tests of
-what may depend on it start their programs the usual way.
+A server has loaded the modules and has made a short episode without ROS, which loads the compiled loops. There is one
+thread, and neither ROS nor SUMO is under way. It forks for each program. A program looks as if it had been executed: it
+is the child of who started it, it has its own arguments, variables, folder, streams and session, and ends as Python
+ends. All copies share the seed of Python's hashes; tests of what may depend on it start their programs the usual way.
 """
 
 import array
@@ -27,10 +27,12 @@ from types import SimpleNamespace
 from typing import Any, Final
 
 LOADED: Final = (
-    *("siren_ros.generation.recorded_episode", "siren_ros.datasets.kitti.live_export"),
+    *("siren_ros.studies.ready_worker", "siren_ros.datasets.kitti.live_export"),
     *("siren_ros.datasets.kitti.exporter", "siren_ros.cli.main", "siren_ros.evaluation.detection.boxes"),
 )
-"""Most of what programs import; rclpy is not among it, which starts threads."""
+"""Most of what programs import, and first what makes the episode; rclpy is not among it, which starts threads."""
+_WITHOUT_THREAD: Final = {"JE_ARROW_MALLOC_CONF": "background_thread:false"}
+"""The allocator of SUMO's Arrow would start one."""
 _IN_PROCESSES: Final = "processes:=true"
 _ROOM_BYTES: Final = 1 << 16
 """Of arguments and of variables that ``/proc`` shows of a program."""
@@ -88,7 +90,7 @@ def _server() -> Server:
     command = [sys.executable, "-c", _SERVE, str(its.fileno()), "." * _ROOM_BYTES]
     process = subprocess.Popen(
         command,
-        env={**os.environ, "PYTHONPATH": path, **room},
+        env={**os.environ, "PYTHONPATH": path, **_WITHOUT_THREAD, **room},
         pass_fds=(its.fileno(),),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
@@ -127,9 +129,10 @@ class PreloadedProgram(subprocess.Popen[Any]):
 def main() -> None:
     """The server; in its copies the programs."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threshold = gc.get_threshold()
     for name in LOADED:
         import_module(name)
-    import_module("siren_ros.interfaces.messages").typestore()
+    gc.set_threshold(*threshold)  # a study's processes have their own
     if len(os.listdir("/proc/self/task")) > 1:  # noqa: PTH208 - a count
         raise RuntimeError("a module has started a thread: its copies would lack it")
     gc.collect()

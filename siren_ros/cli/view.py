@@ -19,7 +19,7 @@ def add_view(verb: argparse.ArgumentParser) -> None:
     verb.description = (
         "Opens an episode in the browser: the scene in 3-D, a timeline with its events, and what each vehicle does. "
         "The page is a file in the folder for temporary files; siren export html keeps it. With --live, it follows the "
-        "episodes that run in the DDS domain, from the present moment on, until Ctrl-C."
+        "episodes that run or are played in the DDS domain, from the present moment on, until Ctrl-C."
     )
     _add_bags(verb, nargs="?")
     verb.add_argument("--live", action="store_true", help="follow running episodes; no BAG")
@@ -74,7 +74,7 @@ def _add_bags(parser: argparse.ArgumentParser, nargs: str | None = None) -> None
         "--sensors",
         default="",
         metavar="NAMES",
-        help=f"LiDAR and cameras to show, by commas, such as lidar,camera_front, or {ALL} (default: none)",
+        help=f"LiDAR and cameras to show, by commas, such as lidar,camera_front,av/lidar, or {ALL} (default: none)",
     )
     parser.add_argument(
         "--at-most-mb",

@@ -23,6 +23,8 @@ TRACK_M: Final = 2.5
 """Half the distance between the two points of a course that give a body's heading."""
 _CLOSE_M: Final = 1e-6
 """Bodies that are this much nearer than they reach may touch; it covers rounding."""
+_STRAIGHT_STEP_M: Final = 0.25
+"""Distance between the places that are looked at straight ahead."""
 _REAR_M: Final = 1.25
 """From a body's centre back to the middle between these points: a body turns into a bend later than its centre."""
 
@@ -128,6 +130,21 @@ def follows_course(ways: Any, row: int) -> bool:
     first, last = ways.first[row], ways.last[row]
     _, _, cos, sin = _pose(ways.points, first, last, spacing_m, centre_m, left_m, ways.bodies[row, 9])
     return np.cos(yaw_rad) * cos + np.sin(yaw_rad) * sin > _ALONG_COURSE
+
+
+@compiled
+def straight_to_m(ways: Any, own: int, other: int, reach_m: float) -> float:
+    """Way of a body straight ahead, as it points, until it would touch another one where that is; infinite without."""
+    x, y, yaw_rad = ways.bodies[own, :3]
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    theirs = ways.bodies[other]
+    pose = theirs[0], theirs[1], np.cos(theirs[2]), np.sin(theirs[2])
+    for k in range(1, int(reach_m / _STRAIGHT_STEP_M) + 1):
+        way_m = k * _STRAIGHT_STEP_M
+        ahead = x + way_m * cos, y + way_m * sin, cos, sin
+        if box_gap_m(ahead, pose, ways.bodies[own, 7], ways.bodies[own, 8], theirs[7], theirs[8]) <= 0.0:
+            return way_m - _STRAIGHT_STEP_M
+    return np.inf
 
 
 @compiled

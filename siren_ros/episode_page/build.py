@@ -18,16 +18,18 @@ from siren_ros.judging.verdict import Part, Verdict
 from siren_ros.numerics.units import STEP_S
 from siren_ros.params.page_files import page_part, page_template
 from siren_ros.pictures.birdseye import interaction_steps
-from siren_ros.pictures.palette import EMV_EVENTS, EMV_MODE_COLOURS, EVENT_STYLES, STATE_NAMES
+from siren_ros.pictures.palette import EMV_EVENTS, EMV_MODE_COLOURS, EVENT_STYLES, MODE_NAMES
 from siren_ros.record.bag_survey import recording_command
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.sensors.meshes.mesh import StaticScene
 from siren_ros.world.actors import NO_ACTOR, ActorClass, Mode
 from siren_ros.world.traffic_state import Event, EventKind
 
 _PAGE: Final = "episode"
 _UNITS: Final = {"m": "m", "s": "s", "mps": "m/s"}
-FORMAT: Final = 2
+FORMAT: Final = 3
 """Of the embedded data; the script refuses another one."""
+NO_DECISIONS: Final = "SIREN decided for no vehicle in this episode."
 NOT_YET: Final = "not yet"
 """How an episode has ended that is under way."""
 _MARKS: Final = {kind: colour for kind, (_, colour, _) in EVENT_STYLES.items()} | {EventKind.YIELD_RELEASED: "#7d8894"}
@@ -37,27 +39,27 @@ _JUDGED: Final = {True: "#b7791f", False: "#d40000"}
 
 def episode_data(
     record: EpisodeRecord,
-    decisions: Decisions = (),
+    decisions: Decisions | str = (),
     against: Sequence[EpisodeRecord] = (),
     sensed: Sensed = NOTHING,
     *,
-    live: bool = False,
+    live: StaticScene | None = None,
 ) -> bytes:
     """What the page knows of an episode, compressed.
 
     Args:
         record: The episode.
-        decisions: Why its actors drive as they do, where that is known (``decisions_of``).
+        decisions: Why its actors drive as they do (``decisions_of``), or a text: why that is not known.
         against: Other episodes that it is compared with.
         sensed: What its sensors measured.
-        live: Whether the episode is under way: it has no verdict yet, and actors of any class may come.
+        live: The scene of an episode under way, which has no verdict yet and where actors of any class may come.
 
     Raises:
         InputError: Too many others, or a record without states or with states that are no numbers or of unknown actors.
     """
     file = ColumnFile()
     verdict = None if live else _verdict_of(record)
-    parts = add_parts(file, record, against)
+    parts = add_parts(file, record, against, live)
     classes = {actor.actor_class for each in (record, *against) for actor in each.actors.values()}
     add_shapes(file, ActorClass if live else sorted(classes))
     head: dict[str, Any] = {
@@ -67,17 +69,23 @@ def episode_data(
         **parts,
         "modes": _modes(),
         "events": events_of(record, verdict),
-        **add_reasons(file, decisions),
+        **add_reasons(file, () if isinstance(decisions, str) else decisions),
+        "no_why": shown_text(decisions) if isinstance(decisions, str) and decisions else NO_DECISIONS,
         **add_sensed(file, sensed),
     }
     if live:
-        facts = [fact for fact in head["facts"] if fact[0] != "duration"]
+        first_s = record.states[0].step * STEP_S
+        seen = [["seen", f"from {first_s:.2f} s on; events before are not known"]] if first_s else []
+        facts = [fact for fact in head["facts"] if fact[0] != "duration"] + seen
         head |= {"ended": NOT_YET, "facts": facts}
     return file.packed(head, QUICK if live else MEDIUM if sensed.sweeps else SMALL)
 
 
 def episode_page(
-    record: EpisodeRecord, decisions: Decisions = (), against: Sequence[EpisodeRecord] = (), sensed: Sensed = NOTHING
+    record: EpisodeRecord,
+    decisions: Decisions | str = (),
+    against: Sequence[EpisodeRecord] = (),
+    sensed: Sensed = NOTHING,
 ) -> str:
     """The whole page in one file; arguments and errors as of ``episode_data``.
 
@@ -153,10 +161,11 @@ def _told(verdict: Verdict) -> dict[str, Any]:
 
 
 def _modes() -> list[dict[str, Any]]:
-    """Name and colour of each mode, by its code; an empty colour where a civilian in it is like any other."""
+    """Names and colour of each mode, by its number; an empty colour where a civilian in it is like any other."""
     return [
         {
-            "name": STATE_NAMES.get(mode, mode.name.lower().replace("_", " ")),
+            "name": MODE_NAMES[mode],
+            "code": mode.name.lower(),
             "colour": _hex(MODE_COLOURS[mode]) if mode in MODE_COLOURS else "",
             "emv_colour": EMV_MODE_COLOURS.get(mode, ""),
         }

@@ -1,7 +1,8 @@
 """An episode under way as the page's data: first all that is known of it, then what is new.
 
 Both are files of the format that the page of a recorded episode holds. A file of what is new has rows of the new frames
-alone, and counts frames from its own first one.
+alone, and counts frames from its own first one. Frames may be more than a step apart: not all steps are heard
+(``siren_ros/ros/transport/copies.py``).
 """
 
 import threading
@@ -18,9 +19,13 @@ from siren_ros.episode_page.parts import signals_of
 from siren_ros.interfaces import topics
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RecordBuilder
+from siren_ros.sensors.meshes.mesh import StaticScene
+from siren_ros.sensors.scene.kerbside import scene_config_of
+from siren_ros.sensors.scene.static_scene import static_scene
 from siren_ros.world.actors import ActorStates
 
 _SETTING: Final = (topics.EPISODE.name, topics.MAP.name)
+NO_WHY: Final = "Not known while an episode runs; the page of its bag says it."
 LIVE_TOPICS: Final = topics.OBSERVED | {
     topic.name: topic for topic in (topics.EPISODE, topics.MAP, topics.ROSTER, topics.EPISODE_END, topics.OUTCOME)
 }
@@ -33,7 +38,6 @@ class Place:
 
     step: int = -1
     """The last step that it has."""
-    events: int = 0
     judged: bool = False
     """Whether it knows the outcome."""
 
@@ -47,7 +51,8 @@ class LiveEpisode:
         self._latest: dict[str, int] = dict.fromkeys(topics.OBSERVED, -1)
         self._heard: set[str] = set()
         self._from_start = False
-        self._adding, self._beginning = threading.Lock(), threading.Lock()
+        self._adding, self._preparing = threading.Lock(), threading.Lock()
+        self._scene: StaticScene | None = None
         self._begin: tuple[bytes, Place] | None = None
 
     def belongs(self, topic: str) -> bool:
@@ -68,14 +73,30 @@ class LiveEpisode:
                 self._from_start |= message.step == 0
 
     @property
+    def is_set(self) -> bool:
+        """Whether its description and its map are known."""
+        return self._heard.issuperset(_SETTING)
+
+    @property
     def progress(self) -> tuple[int, bool]:
         """The last step of which everything is known, and whether the outcome is; -1 before there is anything to show.
 
         DDS keeps the order of a topic's messages, and not that of different topics.
         """
         introduced = self._from_start or topics.ROSTER.name in self._heard
-        ready = introduced and self._heard.issuperset(_SETTING)
-        return min(self._latest.values()) if ready else -1, topics.OUTCOME.name in self._heard
+        return min(self._latest.values()) if introduced and self.is_set else -1, topics.OUTCOME.name in self._heard
+
+    def prepare(self) -> None:
+        """Makes the scene, which takes seconds in a town; otherwise the first reader waits for it.
+
+        Raises:
+            BagError: Before description and map are known.
+        """
+        with self._preparing:
+            if self._scene is None:
+                setting = self._part(range(0))
+                config = scene_config_of(setting.description.template_values)
+                self._scene = static_scene(setting.network, setting.description.seed, config)
 
     def since(self, place: Place) -> tuple[bytes, Place]:
         """What is new for a reader, and where it is then; from the default place on, all of the episode but its end.
@@ -83,12 +104,15 @@ class LiveEpisode:
         Call it where ``progress`` is beyond the place.
         """
         if place.step < 0:
-            with self._beginning:
+            self.prepare()
+            with self._preparing:
                 if self._begin is None:
-                    record, reached = self._part(place)
-                    self._begin = episode_data(record, live=True), replace(reached, judged=False)
+                    last, _ = self.progress
+                    part = self._part(range(last + 1))
+                    self._begin = episode_data(part, NO_WHY, live=self._scene), Place(last)
             return self._begin
-        record, reached = self._part(place)
+        last, judged = self.progress
+        record = self._part(range(place.step + 1, last + 1))
         file = ColumnFile()
         head = {
             "format": FORMAT,
@@ -96,18 +120,13 @@ class LiveEpisode:
             "events": events_of(record),
             "signals": signals_of(record),
         }
-        return file.packed({**head, **_end_of(record)}, QUICK), reached
+        return file.packed({**head, **(_end_of(record) if judged else {})}, QUICK), Place(last, judged)
 
-    def _part(self, place: Place) -> tuple[EpisodeRecord, Place]:
-        """The record of what is new."""
+    def _part(self, steps: range) -> EpisodeRecord:
+        """What was heard of some steps."""
         with self._adding:
-            last, judged = self.progress
-            record = self._builder.build()
-        events = tuple(event for event in record.events if event.step <= last)
-        states = tuple(_known(state, record.actors) for state in record.states if place.step < state.step <= last)
-        traffic = tuple(traffic for traffic in record.traffic if place.step < traffic.step <= last)
-        part = replace(record, states=states, traffic=traffic, events=events[place.events :])
-        return part, Place(last, len(events), judged)
+            record = self._builder.build(steps=steps)
+        return replace(record, states=tuple(_known(state, record.actors) for state in record.states))
 
 
 def _known(state: ActorStates, actors: Collection[int]) -> ActorStates:

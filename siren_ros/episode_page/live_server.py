@@ -50,7 +50,10 @@ class LiveFeed:
         with self._changed:
             if not self._episode.belongs(topic):
                 self._episode = LiveEpisode()
+            was_set = self._episode.is_set
             self._episode.add(topic, message)
+            if self._episode.is_set and not was_set:
+                threading.Thread(target=self._episode.prepare, daemon=True).start()
             self._changed.notify_all()
 
     def close(self) -> None:

@@ -1,12 +1,12 @@
 """The page of a recorded episode, with why its actors drive as they do wherever that is known."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from siren_ros.episode_page.build import episode_page
 from siren_ros.episode_page.sensed import NOTHING, Sensed
 from siren_ros.errors import SirenError
-from siren_ros.generation.decisions import decisions_of
+from siren_ros.generation.decisions import Decision, decisions_of
 from siren_ros.recording.bag_reader import read_episode
 
 
@@ -23,9 +23,10 @@ def page_of_bag(
     """
     others = [read_episode(other) for other in against]
     record = read_episode(bag)
+    decisions: list[tuple[int, Mapping[int, Decision]]] | str
     try:
         decisions = list(decisions_of(record))
     except SirenError as error:
         complain(f"the page does not say why vehicles drive as they do: {error}")
-        decisions = []
+        decisions = f"Not known: {error}."
     return episode_page(record, decisions, others, sensed)

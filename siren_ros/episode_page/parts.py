@@ -9,6 +9,7 @@ from siren_ros.episode_page.shapes import add_static_scene
 from siren_ros.errors import InputError
 from siren_ros.interfaces.messages import shown_text
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.sensors.meshes.mesh import StaticScene
 from siren_ros.sensors.scene.kerbside import scene_config_of
 from siren_ros.sensors.scene.static_scene import static_scene
 
@@ -22,10 +23,13 @@ def title_of(record: EpisodeRecord) -> str:
     return shown_text(f"{episode.template} at {episode.level.name}, seed {episode.seed}, on {episode.map_name}")
 
 
-def add_parts(file: ColumnFile, record: EpisodeRecord, others: Sequence[EpisodeRecord]) -> dict[str, Any]:
+def add_parts(
+    file: ColumnFile, record: EpisodeRecord, others: Sequence[EpisodeRecord], scene: StaticScene | None = None
+) -> dict[str, Any]:
     """Adds an episode and those it is compared with; what the head says of them.
 
-    Episodes on the same map share its scene. Its triangles are fewer where there are more pictures to draw.
+    ``scene`` is that of the first episode, where it has been made already. Episodes on the same map share its scene.
+    Its triangles are fewer where there are more pictures to draw.
 
     Raises:
         InputError: Too many others, or a record that ``check_motion`` refuses.
@@ -41,8 +45,9 @@ def add_parts(file: ColumnFile, record: EpisodeRecord, others: Sequence[EpisodeR
         part = _part(file, each, _prefix(place)) | {"scene": _prefix(first)}
         if first == place:
             sharing = [other for other, sha256 in zip(records, maps, strict=True) if sha256 == maps[place]]
-            scene = static_scene(each.network, each.description.seed, scene_config_of(each.description.template_values))
-            part |= add_static_scene(file, sharing, scene, _prefix(place), pictures=len(records))
+            config = scene_config_of(each.description.template_values)
+            made = scene if scene and not place else static_scene(each.network, each.description.seed, config)
+            part |= add_static_scene(file, sharing, made, _prefix(place), pictures=len(records))
         parts.append(part)
     return {**parts[0], "against": parts[1:]}
 
@@ -63,12 +68,11 @@ def _part(file: ColumnFile, record: EpisodeRecord, prefix: str) -> dict[str, Any
 
 
 def signals_of(record: EpisodeRecord) -> dict[str, list[tuple[int, str]]]:
-    """By signal the frames at which its state changes, with the new state."""
+    """By signal the steps at which its state changes, with the new state."""
     changes: dict[str, list[tuple[int, str]]] = {}
-    frames = {state.step: frame for frame, state in enumerate(record.states)}
     for traffic in record.traffic:
-        for signal in traffic.signals if traffic.step in frames else ():
+        for signal in traffic.signals:
             known = changes.setdefault(signal.signal_id, [])
             if not known or known[-1][1] != signal.state:
-                known.append((frames[traffic.step], signal.state))
+                known.append((traffic.step, signal.state))
     return changes

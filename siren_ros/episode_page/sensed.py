@@ -8,6 +8,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
@@ -26,6 +27,7 @@ from siren_ros.numerics.arrays import Matrix, Points
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.episode_source import EpisodeSource, MountedSensor, open_source
 from siren_ros.recording.bag_reader import BagMessage, damage_refused
+from siren_ros.sensor_messages.sensor_topics import AV, EMV
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME
 
 ALL: Final = "all"
@@ -96,7 +98,8 @@ class Shot:
 class Sensed:
     """What a page shows of an episode's sensors."""
 
-    sweeps: tuple[Sweep, ...] = ()
+    sweeps: Mapping[str, tuple[Sweep, ...]] = field(default_factory=dict)
+    """By the LiDAR's name."""
     pictures: Mapping[str, tuple[Shot, ...]] = field(default_factory=dict)
     """By the camera's name."""
     notes: tuple[tuple[str, str], ...] = ()
@@ -111,7 +114,7 @@ def sensed_of(path: Path, names: Sequence[str], most_mb: float = MOST_MB) -> Sen
 
     Args:
         path: The bag.
-        names: Of its first LiDAR and of cameras, or ``ALL``.
+        names: Of the first LiDARs and of cameras of the EMV and of the AV under test, or ``ALL``.
         most_mb: The size that the page may grow by.
 
     Raises:
@@ -125,17 +128,23 @@ def sensed_of(path: Path, names: Sequence[str], most_mb: float = MOST_MB) -> Sen
     for period in PERIODS_STEPS:
         sensed = replace(
             sensed,
-            sweeps=thinned(sensed.sweeps, period),
+            sweeps={name: thinned(sweeps, period) for name, sweeps in sensed.sweeps.items()},
             pictures={name: thinned(shots, period) for name, shots in sensed.pictures.items()},
         )
-        items = [*sensed.sweeps, *(shot for shots in sensed.pictures.values() for shot in shots)]
+        items = [*chain(*sensed.sweeps.values()), *chain(*sensed.pictures.values())]
         if sum(item.size_bytes for item in items) <= 1e6 * most_mb:
             return replace(sensed, notes=tuple(_notes(sensed, sensors, period, most_mb)))
     return Sensed(notes=tuple((shown_text(sensor.name), f"left out: more than {most_mb:g} MB") for sensor in sensors))
 
 
+def _lidars(source: EpisodeSource) -> list[MountedSensor]:
+    lidars = (source.lidar_on(carrier) for carrier in (EMV, AV))
+    return [lidar for lidar in lidars if lidar]
+
+
 def _chosen(source: EpisodeSource, names: Sequence[str]) -> tuple[MountedSensor, ...]:
-    known = {sensor.name: sensor for sensor in (*((source.lidar,) if source.lidar else ()), *source.cameras)}
+    cameras = [camera for carrier in (EMV, AV) for camera in source.cameras_on(carrier)]
+    known = {sensor.name: sensor for sensor in (*_lidars(source), *cameras)}
     wanted = tuple(known) if ALL in names else tuple(dict.fromkeys(names))
     for name in wanted:
         if name not in known:
@@ -145,34 +154,39 @@ def _chosen(source: EpisodeSource, names: Sequence[str]) -> tuple[MountedSensor,
 
 
 def _read(source: EpisodeSource, sensors: Iterable[MountedSensor]) -> Sensed:
-    lidar = next((sensor for sensor in sensors if source.lidar and sensor.topic == source.lidar.topic), None)
-    cameras = [sensor for sensor in sensors if sensor is not lidar]
-    due = dict.fromkeys((sensor.topic for sensor in sensors), 0)
-    sweeps: list[Sweep] = []
-    pictures: dict[str, list[Shot]] = {camera.name: [] for camera in cameras}
-    for step, held in source.messages_by_step({TF.name, *due}):
-        now = {topic for topic, next_step in due.items() if topic in held and step >= next_step}
-        due.update(dict.fromkeys(now, _after(step, PERIODS_STEPS[0])))
+    """The first sweep or picture of each sensor in each of the shortest periods."""
+    lidars = {lidar.topic for lidar in _lidars(source)}
+    sweeps: dict[str, list[Sweep]] = {sensor.name: [] for sensor in sensors if sensor.topic in lidars}
+    pictures: dict[str, list[Shot]] = {sensor.name: [] for sensor in sensors if sensor.topic not in lidars}
+    read: dict[str, int] = {}
+    for step, held in source.messages_by_step({TF.name, *(sensor.topic for sensor in sensors)}):
         with damage_refused(source.path):
-            if lidar is not None and lidar.topic in now:
-                place = _place(source, held)
-                points = from_point_cloud(held[lidar.topic].read())
-                xyz = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=-1)
-                sweeps.append(sweep_of(step, xyz, place, place @ lidar.base_from_sensor))
-            for camera in cameras:
-                if camera.topic in now:
-                    jpeg = smaller(from_compressed_image(held[camera.topic].read()))
-                    pictures[camera.name].append(Shot(step, jpeg))
-    return Sensed(tuple(sweeps), {name: tuple(shots) for name, shots in pictures.items()})
+            for sensor in sensors:
+                period = step // PERIODS_STEPS[0]
+                if sensor.topic not in held or read.get(sensor.topic) == period:
+                    continue
+                read[sensor.topic] = period
+                message = held[sensor.topic].read()
+                if sensor.name in pictures:
+                    pictures[sensor.name].append(Shot(step, smaller(from_compressed_image(message))))
+                else:
+                    place = _place(source, sensor, held)
+                    points = from_point_cloud(message)
+                    xyz = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+                    sweeps[sensor.name].append(sweep_of(step, xyz, place, place @ sensor.base_from_sensor))
+    return Sensed(
+        {name: tuple(items) for name, items in sweeps.items()},
+        {name: tuple(shots) for name, shots in pictures.items()},
+    )
 
 
-def _place(source: EpisodeSource, held: Mapping[str, BagMessage]) -> Matrix:
-    """The carrier in the map."""
-    if source.station is not None:
+def _place(source: EpisodeSource, sensor: MountedSensor, held: Mapping[str, BagMessage]) -> Matrix:
+    """A sensor's carrier in the map."""
+    if source.station is not None and sensor.base_frame == BASE_FRAME:
         return source.station
     if TF.name not in held:
         raise BagError(str(source.path), f"an episode with the sensors' pose on {TF.name} at each sweep")
-    return matrix_between(from_tf(held[TF.name].read()), MAP_FRAME, BASE_FRAME)
+    return matrix_between(from_tf(held[TF.name].read()), MAP_FRAME, sensor.base_frame)
 
 
 def sweep_of(step: int, xyz_m: Points, map_from_base: Matrix, map_from_lidar: Matrix) -> Sweep:
@@ -200,17 +214,9 @@ def smaller(jpeg: bytes) -> bytes:
     return out.getvalue()
 
 
-def _after(step: int, period: int) -> int:
-    return step // period * period + period
-
-
 def thinned(items: Iterable[Item], period: int) -> tuple[Item, ...]:
     """The first item of each period."""
-    kept: list[Item] = []
-    for item in items:
-        if not kept or item.step >= _after(kept[-1].step, period):
-            kept.append(item)
-    return tuple(kept)
+    return tuple(next(those) for _, those in groupby(items, lambda item: item.step // period))
 
 
 def _notes(sensed: Sensed, sensors: Iterable[MountedSensor], period: int, most_mb: float) -> Iterable[tuple[str, str]]:
@@ -218,8 +224,9 @@ def _notes(sensed: Sensed, sensors: Iterable[MountedSensor], period: int, most_m
     for sensor in sensors:
         shots = sensed.pictures.get(sensor.name)
         if shots is None:
-            kept = np.mean([len(sweep.counts) for sweep in sensed.sweeps] or [0])
-            measured = np.mean([sweep.measured for sweep in sensed.sweeps] or [0])
+            sweeps = sensed.sweeps[sensor.name]
+            kept = np.mean([len(sweep.counts) for sweep in sweeps] or [0])
+            measured = np.mean([sweep.measured for sweep in sweeps] or [0])
             points = f"{kept:,.0f} of {measured:,.0f} points, one in {CUBE_M:g} m"
             yield shown_text(sensor.name), f"a sweep every {period * STEP_S:g} s{why}, {points}"
         else:
@@ -231,18 +238,20 @@ def _notes(sensed: Sensed, sensors: Iterable[MountedSensor], period: int, most_m
 
 def add_sensed(file: ColumnFile, sensed: Sensed) -> dict[str, Any]:
     """Adds the columns ``sweep.*`` and ``pictures.*``; what the head says of them, nothing without any."""
-    if not sensed.sweeps and not any(sensed.pictures.values()):
+    if not any(sensed.sweeps.values()) and not any(sensed.pictures.values()):
         return {}
-    _add_points(file, sensed.sweeps)
-    pictures = []
+    lidars, cameras = [], []
+    for place, (name, sweeps) in enumerate(sensed.sweeps.items()):
+        _add_points(file, sweeps, f"sweep.{place}")
+        rows = [[sweep.step, len(sweep.counts), *sweep.origin_m] for sweep in sweeps]
+        lidars.append({"name": shown_text(name), "sweeps": rows})
     for place, (name, shots) in enumerate(sensed.pictures.items()):
         file.add_bytes(f"pictures.{place}", b"".join(shot.jpeg for shot in shots))
-        pictures.append({"name": name, "shots": [[shot.step, len(shot.jpeg)] for shot in shots]})
-    sweeps = [[sweep.step, len(sweep.counts), *sweep.origin_m] for sweep in sensed.sweeps]
-    return {"sensed": {"sweeps": sweeps, "pictures": pictures}}
+        cameras.append({"name": shown_text(name), "shots": [[shot.step, len(shot.jpeg)] for shot in shots]})
+    return {"sensed": {"lidars": lidars, "cameras": cameras}}
 
 
-def _add_points(file: ColumnFile, sweeps: Sequence[Sweep]) -> None:
+def _add_points(file: ColumnFile, sweeps: Sequence[Sweep], name: str = "") -> None:
     counts = np.concatenate([sweep.counts for sweep in sweeps]) if sweeps else np.empty((0, 3))
     for axis, values in zip("xyz", counts.T, strict=True):
-        file.add(f"sweep.{axis}", values * UNIT_M, UNIT_M, width=2)
+        file.add(f"{name}.{axis}", values * UNIT_M, UNIT_M, width=2)

@@ -11,7 +11,6 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Flags, Floats, Ids, Rows
@@ -117,6 +116,8 @@ def post_encroachment(
     so that long vehicles and shallow angles count as they are. Sizes are length and width. Below the angle
     ``crossing_min_rad`` between the two headings the two follow each other.
     """
+    from scipy.spatial import cKDTree  # noqa: PLC0415 - loads slowly, and episodes without people do not need it
+
     if not len(subject) or not len(other):
         return None
     reach = 0.5 * float(np.hypot(*subject_size_m) + np.hypot(*other_size_m))

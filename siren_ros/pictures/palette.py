@@ -27,7 +27,12 @@ FAINT_TEXT: Final = "#6b7178"
 SPEED_MAP: Final = "plasma"
 CIVILIAN: Final[Rgba] = (0.42, 0.46, 0.51, 1.0)
 
-STATE_NAMES: Final = {
+MODE_NAMES: Final = {
+    Mode.NOMINAL: "driving in traffic",
+    Mode.ROUTE_FOLLOW: "following its route",
+    Mode.FORCED_LANE_CHANGE: "forcing a lane change",
+    Mode.COPY_SUMO: "in the corridor",
+    Mode.GAP_ESCAPE: "escaping through a gap",
     Mode.YIELD_REACTING: "reacting",
     Mode.YIELD_DEFERRED: "deferred",
     Mode.YIELD_LANE_CHANGE: "changing lane",
@@ -35,8 +40,12 @@ STATE_NAMES: Final = {
     Mode.YIELD_PULL_OVER: "pulling over",
     Mode.YIELD_HOLD: "holding",
     Mode.REJOIN: "rejoining",
+    Mode.EXTERNAL: "driven by the AV's program",
     Mode.STOPPED: "stopped after contact",
 }
+"""What pictures and pages call each mode."""
+STATE_NAMES: Final = {mode: name for mode, name in MODE_NAMES.items() if mode in MODE_COLOURS}
+"""Of the modes in which a civilian has a colour of its own."""
 EMV_MODE_COLOURS: Final = {
     Mode.NOMINAL: "#b9bec4",
     Mode.ROUTE_FOLLOW: "#e9a3a3",

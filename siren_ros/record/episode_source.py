@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
@@ -26,6 +26,7 @@ from siren_ros.recording.record_builder import outcome_of_what_is_held
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
+from siren_ros.sensor_messages.sensor_topics import EMV, Carrier
 from siren_ros.sensors.suite import EXPORTED_CAMERA
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, STATION_FRAME, CameraTruth, GroundTruth
 from siren_ros.world.measurements import CameraIntrinsics
@@ -35,12 +36,15 @@ FRONT_CAMERA: Final = EXPORTED_CAMERA
 
 @dataclass(frozen=True)
 class MountedSensor:
-    """A LiDAR or a camera of the EMV."""
+    """A LiDAR or a camera of the EMV, or of the AV under test."""
 
     name: str
+    """That of the suite; behind ``av/`` on the AV."""
     topic: str
     base_from_sensor: Matrix
     """Points in ``base_link`` from points in the sensor's frame (a camera's optical frame), shape ``(4, 4)``."""
+    base_frame: str = field(default=BASE_FRAME, kw_only=True)
+    """Its carrier's ``base_link``, as ``/tf`` names it."""
 
 
 @dataclass(frozen=True)
@@ -118,9 +122,9 @@ class EpisodeSource:
         """Where a roadside suite stands, in the ``map`` frame, shape ``(4, 4)``; None for sensors on a vehicle."""
         return self._mounts.get(STATION_FRAME)
 
-    def _sensors(self, topic: Topic) -> dict[str, str]:
-        """Names of the sensors that publish on a kind of topic, with the topics."""
-        head, tail = topic.name.split("{sensor}")
+    def _sensors(self, topic: Topic, carrier: Carrier) -> dict[str, str]:
+        """Names of a carrier's sensors that publish on a kind of topic, with the topics."""
+        head, tail = topic.of_carrier(carrier.name).name.split("{sensor}")
         names = {
             name[len(head) : len(name) - len(tail)]: name
             for name, kind in self.bag.type_names.items()
@@ -131,26 +135,36 @@ class EpisodeSource:
     @cached_property
     def lidar(self) -> MountedSensor | None:
         """The EMV's first LiDAR; None without one."""
-        for name, topic in self._sensors(topics.LIDAR).items():
+        return self.lidar_on(EMV)
+
+    def lidar_on(self, carrier: Carrier) -> MountedSensor | None:
+        """A carrier's first LiDAR; None without one."""
+        for name, topic in self._sensors(topics.LIDAR, carrier).items():
             message = next(self.bag.messages({topic}), None)
             if message is not None:
-                frame = str(message.read().header.frame_id)
-                return MountedSensor(name, topic, self._mounts.get(frame, np.eye(4)))
+                mount = self._mounts.get(str(message.read().header.frame_id), np.eye(4))
+                return MountedSensor(carrier.frame(name), topic, mount, base_frame=carrier.frame(BASE_FRAME))
         return None
 
     @cached_property
     def cameras(self) -> tuple[MountedCamera, ...]:
         """The EMV's cameras with recorded pictures, in the order of their names."""
+        return self.cameras_on(EMV)
+
+    def cameras_on(self, carrier: Carrier) -> tuple[MountedCamera, ...]:
+        """A carrier's cameras with recorded pictures, in the order of their names."""
         cameras = []
-        for name, topic in self._sensors(topics.IMAGE_COMPRESSED).items():
-            info = self._first(topics.CAMERA_INFO.of_sensor(name, 1).name)
+        for name, topic in self._sensors(topics.IMAGE_COMPRESSED, carrier).items():
+            info = self._first(topics.CAMERA_INFO.of_carrier(carrier.name).of_sensor(name, 1).name)
             if info is None or str(info.header.frame_id) not in self._mounts:
                 continue
-            truth = topics.IMAGE_TRUTH.of_sensor(name, 1).name
+            truth = topics.IMAGE_TRUTH.of_carrier(carrier.name).of_sensor(name, 1).name
             with damage_refused(self.path):
                 model = from_camera_info(info)
             mount = self._mounts[str(info.header.frame_id)]
-            cameras.append(MountedCamera(name, topic, mount, model, truth if truth in self.bag.type_names else ""))
+            truth = truth if truth in self.bag.type_names else ""
+            base = carrier.frame(BASE_FRAME)
+            cameras.append(MountedCamera(carrier.frame(name), topic, mount, model, truth, base_frame=base))
         return tuple(cameras)
 
     @property

@@ -42,6 +42,7 @@ _LITTLE_ENDIAN_CDR: Final = b"\x00\x01"
 _typestores: Final[dict[frozenset[tuple[str, str, str]], Typestore]] = {}
 """By the definitions of a bag. A store parses them and compiles a reader for each type, which takes as long as reading
 a short bag; bags of one version share their definitions."""
+_NO_END: Final = "the file has no end; `siren recover` completes a bag that was cut off"
 MAX_BURST_NS: Final = 4 * STEP_NS
 """Most simulated time that is published at once; a subscriber keeps 8 messages of a topic."""
 NS_PER_S: Final = 1_000_000_000
@@ -111,10 +112,10 @@ def _check_end(stream: BinaryIO, size: int) -> None:
     stream.seek(max(0, size - _FOOTER.size))
     end = stream.read()
     if len(end) < _FOOTER.size:
-        raise DamageError("the file has no end")
+        raise DamageError(_NO_END)
     code, length, start, _, crc, magic = _FOOTER.unpack(end)
     if code != Opcode.FOOTER or length != _FOOTER_FIELDS_BYTES or magic != MAGIC or not 0 < start < size:
-        raise DamageError("the file has no end")
+        raise DamageError(_NO_END)
     if size - start > MAX_SUMMARY_BYTES:
         raise DamageError(f"a summary of {size - start} bytes; {MAX_SUMMARY_BYTES} are allowed")
     stream.seek(start)

@@ -4,9 +4,10 @@ The messages are checked before they are used, because a bag may come from an un
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -82,6 +83,22 @@ def outcome_of_what_is_held(
 def read_anew(read: Callable[[Any], Any], message: Any) -> Any:
     """Converts a message, without a memory of earlier conversions."""
     return read(message)
+
+
+class _Stepped(Protocol):
+    @property
+    def step(self) -> int: ...
+
+
+Item = TypeVar("Item", bound=_Stepped)
+
+
+def _of_steps(items: Sequence[Item], steps: range | None) -> tuple[Item, ...]:
+    """The items of some steps, from a sequence in the order of steps; all of any sequence without steps."""
+    if steps is None:
+        return tuple(items)
+    first, end = (bisect_left(items, step, key=lambda item: item.step) for step in (steps.start, steps.stop))
+    return tuple(items[first:end])
 
 
 class _TopicCounter:
@@ -185,29 +202,34 @@ class RecordBuilder:
     def _take_outcome(self, message: Any) -> None:
         self._outcome = episode_conversions.from_episode_outcome(message)
 
-    def build(self, name: str = "episode") -> EpisodeRecord:
-        """The record of all messages so far; BagError with this name where the description or the map is missing."""
+    def build(self, name: str = "episode", steps: range | None = None) -> EpisodeRecord:
+        """The record of all messages so far; BagError with this name where the description or the map is missing.
+
+        With ``steps``, states, traffic and events are those of these steps alone, which came in order, and the outcome
+        is as it was told.
+        """
         if self._description is None:
             raise BagError(name, f"a bag with an episode's description on {topics.EPISODE.name}")
         if self._network is None:
             raise BagError(name, f"a bag with the episode's map on {topics.MAP.name}")
-        steps = [state.step for state in self._states]
-        outcome = outcome_of_what_is_held(self._outcome, self._closing, steps)
+        states = _of_steps(self._states, steps)
+        numbers = [state.step for state in states]
+        held = outcome_of_what_is_held(self._outcome, self._closing, numbers) if steps is None else self._outcome
         ended = self._closing is not None and self._closing.end is EpisodeEnd.COMPLETE
         closed = self._closing.steps if self._closing is not None and ended else 0
-        closed = max([closed, *(step + 1 for step in steps)])
+        closed = max([closed, *(step + 1 for step in numbers)])
         return EpisodeRecord(
             description=self._description,
             network=self._network,
             map_xml=self._map_xml,
             actors=dict(sorted(self._actors.items())),
-            states=tuple(self._states),
-            traffic=tuple(self._traffic),
+            states=states,
+            traffic=_of_steps(self._traffic, steps),
             commands={source: tuple(rows) for source, rows in sorted(self._commands.items())},
-            events=tuple(self._events),
-            outcome=outcome,
-            complete=outcome is not None and outcome.end is EpisodeEnd.COMPLETE,
-            lost_steps=closed - len(set(steps)),
+            events=_of_steps(self._events, steps),
+            outcome=held,
+            complete=held is not None and held.end is EpisodeEnd.COMPLETE,
+            lost_steps=closed - len(set(numbers)),
             topics={topic: counter.record(topic) for topic, counter in sorted(self._counters.items())},
             state_hashes=dict(self._state_hashes),
         )

@@ -19,6 +19,7 @@ from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traf
 from siren_ros.interfaces.episode_conversions import to_episode_description, to_episode_outcome
 from siren_ros.interfaces.measurements import to_camera_info, to_compressed_image, to_point_cloud
 from siren_ros.interfaces.messages import encode_cdr, make_message
+from siren_ros.interfaces.topics import IMAGE_COMPRESSED as IMAGE
 from siren_ros.interfaces.topics import Topic
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, quaternion_of_yaw, to_tf
 from siren_ros.numerics.units import time_ns_of_step
@@ -26,6 +27,8 @@ from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
+from siren_ros.sensor_messages.sensor_topics import AV, Carrier
+from siren_ros.sensor_messages.sensor_topics import EMV as EMV_CARRIER
 from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, ODOM_FRAME, CameraTruth, GroundTruth
@@ -54,6 +57,8 @@ class BagSpec:
     steps: int = 42
     sensed: bool = True
     image_labels: bool = True
+    av: bool = False
+    """With a LiDAR and a front camera on an AV, as on the EMV but at another place."""
     seed: int = 0
     map_name: str = "straight"
     cut_off: bool = False
@@ -84,6 +89,12 @@ def yaw_of(step: int) -> float:
 def place_of(step: int) -> tuple[float, float, float]:
     """Of the transforms."""
     return 20.0 + 0.5 * step, RIGHT_Y_M + 0.02 * step, 0.25
+
+
+def av_place_of(step: int) -> tuple[float, float, float]:
+    """Of the AV's transforms, whose yaw is a right angle less than that of the EMV's."""
+    x_m, y_m, z_m = place_of(step)
+    return x_m + 30.0, y_m - 2.0, z_m
 
 
 def sweep_of(step: int) -> npt.NDArray[np.void]:
@@ -144,13 +155,14 @@ def jpeg_of(step: int, camera: str) -> bytes:
     return simplejpeg.encode_jpeg(np.full((MODEL.height, MODEL.width, 3), colour, dtype=np.uint8))
 
 
-def mounts() -> tuple[Transform, ...]:
+def mounts(carrier: Carrier = EMV_CARRIER) -> tuple[Transform, ...]:
     """LiDAR, front camera, and one that looks back."""
+    base = carrier.frame(BASE_FRAME)
     back = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
     return (
-        Transform(BASE_FRAME, "lidar", LIDAR_M, (0.0, 0.0, 0.0, 1.0)),
-        Transform(BASE_FRAME, "front_frame", FRONT_M, quaternion_of_matrix(_OPTICAL)),
-        Transform(BASE_FRAME, "rear_frame", REAR_M, quaternion_of_matrix(back @ _OPTICAL)),
+        Transform(base, carrier.frame("lidar"), LIDAR_M, (0.0, 0.0, 0.0, 1.0)),
+        Transform(base, carrier.frame("front_frame"), FRONT_M, quaternion_of_matrix(_OPTICAL)),
+        Transform(base, carrier.frame("rear_frame"), REAR_M, quaternion_of_matrix(back @ _OPTICAL)),
     )
 
 
@@ -159,7 +171,7 @@ def messages_of(spec: BagSpec, record: EpisodeRecord) -> Iterator[tuple[Topic, i
     yield topics.EPISODE, 0, to_episode_description(record.description)
     yield topics.MAP, 0, make_message("std_msgs/msg/String", data=NET_XML)
     if spec.sensed:
-        yield topics.TF_STATIC, 0, to_tf(0, mounts())
+        yield topics.TF_STATIC, 0, to_tf(0, (*mounts(), *(mounts(AV) if spec.av else ())))
     known: set[int] = set()
     for states in record.states:
         step, there = states.step, states.actor_id.tolist()
@@ -187,16 +199,31 @@ def _sensed(spec: BagSpec, step: int) -> Iterator[tuple[Topic, int, Any]]:
         Transform(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
         Transform(ODOM_FRAME, BASE_FRAME, place_of(step), quaternion_of_yaw(yaw_of(step))),
     )
+    if spec.av:
+        pose += (
+            Transform(MAP_FRAME, AV.frame(ODOM_FRAME), av_place_of(step), (0.0, 0.0, 0.0, 1.0)),
+            Transform(
+                AV.frame(ODOM_FRAME),
+                AV.frame(BASE_FRAME),
+                (0.0, 0.0, 0.0),
+                quaternion_of_yaw(yaw_of(step) - 0.5 * np.pi),
+            ),
+        )
     yield topics.TF, step, to_tf(step, pose)
     if step % 2 or step < FIRST_SENSED:
         return
     yield topics.GROUND_TRUTH, step, to_ground_truth(truth_of(step, spec.kinds))
     yield topics.BOXES, step, to_boxes(boxes_of(truth_of(step, spec.kinds), spec.boxes_frame))
     yield topics.LIDAR.of_sensor("lidar", 2), step, to_point_cloud(step, "lidar", sweep_of(step))
+    if spec.av:
+        lidar, info, picture = (topic.of_carrier(AV.name) for topic in (topics.LIDAR, topics.CAMERA_INFO, IMAGE))
+        yield lidar.of_sensor("lidar", 2), step, to_point_cloud(step, AV.frame("lidar"), sweep_of(step))
+        frame = AV.frame("front_frame")
+        yield info.of_sensor(FRONT, 2), step, to_camera_info(step, frame, MODEL)
+        yield picture.of_sensor(FRONT, 2), step, to_compressed_image(step, frame, jpeg_of(step, REAR))
     for camera, frame in ((FRONT, "front_frame"), (REAR, "rear_frame")):
         yield topics.CAMERA_INFO.of_sensor(camera, 2), step, to_camera_info(step, frame, MODEL)
-        picture = to_compressed_image(step, frame, jpeg_of(step, camera))
-        yield topics.IMAGE_COMPRESSED.of_sensor(camera, 2), step, picture
+        yield IMAGE.of_sensor(camera, 2), step, to_compressed_image(step, frame, jpeg_of(step, camera))
         if spec.image_labels:
             labels = to_camera_truth(image_truth_of(step, camera, spec.kinds), frame)
             yield topics.IMAGE_TRUTH.of_sensor(camera, 2), step, labels

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,13 @@ from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.episode_page.live import LIVE_TOPICS, LiveEpisode, Place
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.conversions import to_actor_description
+from siren_ros.interfaces.conversions import to_actor_description, to_traffic_state
 from siren_ros.interfaces.topics import Topic
+from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RecordBuilder
+from siren_ros.ros.transport.copies import StepCopies, happens
+from siren_ros.world.traffic_state import SignalState
 
 Messages = list[tuple[Topic, int, Any]]
 
@@ -27,6 +31,10 @@ def messages() -> Messages:
 
 @pytest.fixture(scope="module")
 def record(messages: Messages) -> EpisodeRecord:
+    return record_of(messages)
+
+
+def record_of(messages: Messages) -> EpisodeRecord:
     builder = RecordBuilder()
     for topic, _, message in messages:
         builder.add(topic.name, message)
@@ -110,11 +118,71 @@ def test_the_end_of_a_whole_episode_is_told_by_itself(messages: Messages, record
         episode.add(topic.name, message)
     begin, place = episode.since(Place())
     assert unpacked(begin)[0]["ended"] == "not yet"
+    assert "seen" not in [name for name, _ in unpacked(begin)[0]["facts"]]
     assert not place.judged
     end, place = episode.since(place)
     assert unpacked(end)[0]["ended"] == record.outcome.end.value
     assert place.judged
     assert rows_of([end]) == []
+
+
+def thinned(messages: Messages, period_s: float, step_s: float) -> Messages:
+    """What a viewer hears of an episode whose steps take so much wall time."""
+    heard: Messages = []
+    now_s = 0.0
+    copies = StepCopies(period_s, lambda: now_s)
+    before: dict[str, Any] = {}
+    for row in messages:
+        topic, step, message = row
+        now_s = step * step_s
+        if topic.name not in topics.OBSERVED:
+            if topic == topics.OUTCOME:
+                copies.send_held()
+            heard.append(row)
+            continue
+        content = (step, 0, message.events) if topic == topics.EVENTS else message
+        happening = happens(topic.name, content, before.get(topic.name))
+        before[topic.name] = content
+        copies.take(step, happening, lambda row=row: heard.append(row))
+    return heard
+
+
+@pytest.mark.parametrize("every", [1, 11])
+def test_of_a_fast_episode_steps_are_left_out_and_nothing_that_happens(every: int) -> None:
+    """Eight seconds, of which the viewer hears about every twelfth step; signals change at a step of their own."""
+    messages = [row for row in SyntheticEpisode(Scene(duration_s=8.0)).messages() if row[0].name in LIVE_TOPICS]
+    messages = [(topic, step, with_signal(topic, step, message)) for topic, step, message in messages]
+    record = record_of(messages)
+    heard = thinned(messages, STEP_S, STEP_S / 12.0)
+    steps = [step for topic, step, _ in heard if topic == topics.ACTORS]
+    parts, episode = told(heard, every)
+    parts.append(episode.since(Place(max(step for step, *_ in rows_of(parts))))[0])
+    heads = [unpacked(part)[0] for part in parts]
+    assert len(steps) < record.steps / 5
+    rows = record.rows.select(np.isin(record.rows.step, steps))
+    found = np.array(rows_of(parts))
+    order = np.lexsort((rows.actor_id, rows.step))
+    assert found[:, 0].tolist() == rows.step[order].tolist()
+    assert found[:, 1].tolist() == rows.actor_id[order].tolist()
+    assert np.abs(found[:, 2:] - rows.xy_m[order]).max() <= 0.0005 + 1e-9
+    told_events = [(event[0], event[1], event[2]) for head in heads for event in head["events"]]
+    assert told_events == [(event.step, event.kind.value, event.actor_id) for event in record.events]
+    assert len(told_events) > 5
+    changes = [change for head in heads for change in head["signals"].get("J", ())]
+    assert [change for before, change in pairwise([[-1, ""], *changes]) if change[1] != before[1]] == [
+        [0, "r"],
+        [47, "G"],
+    ]
+    assert heads[-1]["ended"] == "complete"
+    assert steps[-1] == record.steps - 1
+
+
+def with_signal(topic: Topic, step: int, message: Any) -> Any:
+    """The message, with a signal that changes at step 47."""
+    if topic != topics.TRAFFIC:
+        return message
+    template = to_traffic_state(replace(SyntheticEpisode().traffic(0), signals=(SignalState("J", "r"),)))
+    return replace(message, signals=[replace(template.signals[0], state="r" if step < 47 else "G")])
 
 
 def late(messages: Messages, from_step: int) -> Messages:
@@ -130,7 +198,10 @@ def test_who_comes_late_needs_the_roster(messages: Messages, record: EpisodeReco
     traffic = next(message for topic, _, message in messages if topic == topics.TRAFFIC)
     everybody = [to_actor_description(actor) for actor in record.actors.values()]
     episode.add(topics.ROSTER.name, replace(traffic, spawned=everybody))
-    rows = rows_of([episode.since(Place())[0]])
+    begin, place = episode.since(Place())
+    rows = rows_of([begin])
+    assert ["seen", "from 1.00 s on; events before are not known"] in unpacked(begin)[0]["facts"]
+    assert unpacked(episode.since(place)[0])[0]["ended"] == "complete"
     assert {step for step, *_ in rows} == set(range(20, record.steps))
     assert {actor for _, actor, *_ in rows} == set(record.rows.actor_id[record.rows.step >= 20].tolist())
 

@@ -161,7 +161,7 @@ def test_the_panel_says_what_a_vehicle_does_in_the_other_episodes(
     aside = here.y_m[row] - there.y_m[row]
     assert aside > 1.0
     texts = compared.page.locator("#facts-of-actor .elsewhere").all_inner_texts()
-    does = f"{3.6 * there.speed_mps[row]:.1f} km/h, nominal"
+    does = f"{3.6 * there.speed_mps[row]:.1f} km/h, driving in traffic"
     assert texts == [f"{does}, {aside:.1f} m to the right", does]
     assert compared.page.locator("#reading").inner_text() == f"{aside:.1f} m"
 

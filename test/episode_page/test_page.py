@@ -20,7 +20,7 @@ from siren_ros.errors import InputError
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import Owner
+from siren_ros.world.actors import Mode, Owner
 from siren_ros.world.traffic_state import Event, EventKind
 
 RecordOf = Callable[..., EpisodeRecord]
@@ -129,8 +129,12 @@ def test_texts_are_one_line_without_control_characters(record: EpisodeRecord) ->
 def test_the_page_says_what_the_colours_mean(opened: OpenedPage) -> None:
     opened.page.locator("#colours").evaluate("list => { list.parentElement.open = true; }")
     texts = opened.page.locator("#colours li").all_inner_texts()
-    assert {"EMV: route follow", "holding", "lane cleared"} <= set(texts)
-    assert "nominal" not in texts
+    assert {"EMV: following its route route_follow", "EMV: in the corridor copy_sumo"} <= set(texts)
+    assert "holding yield_hold" in texts
+    swatches = opened.page.locator("#colours li", has_text="external").locator(".swatch")
+    assert swatches.count() == 0
+    codes = opened.page.locator("#colours code").all_inner_texts()
+    assert set(codes) == {mode.name.lower() for mode in Mode}
 
 
 def test_scripts_that_are_not_the_pages_own_do_not_run(file: Path, browser: PageBrowser, tmp_path: Path) -> None:
@@ -308,14 +312,15 @@ def test_every_moment_at_which_it_rests_comes_into_the_address(opened: OpenedPag
 def test_reasons_stand_there_where_they_are_known(opened: OpenedPage) -> None:
     opened.page.evaluate("() => { episodePage.select(2); episodePage.seek(5.0); }")
     pictures(opened)
-    assert opened.page.locator("#why").is_visible()
+    assert not opened.page.locator("#why-not").is_visible()
     rows = opened.page.locator("#why-limits tr").all_inner_texts()
     assert [row.split("\t") for row in rows] == [["leader", "18.0 km/h", "sedan 3"], ["path", "32.4 km/h", ""]]
     assert opened.page.locator("#why-guards li").all_inner_texts() == ["– gap\nnone is free"]
     opened.page.locator("#why-limits button").click()
     pictures(opened)
     assert moment(opened)["actor"] == 3
-    assert not opened.page.locator("#why").is_visible()
+    assert not opened.page.locator("#why-known").is_visible()
+    assert opened.page.locator("#why-not").inner_text().startswith("SIREN does not decide for it now")
 
 
 def test_without_a_target_speed_it_says_who_drives(opened: OpenedPage, record: EpisodeRecord) -> None:

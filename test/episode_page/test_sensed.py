@@ -14,6 +14,8 @@ from datasets.made_bag import (
     LIDAR_M,
     MODEL,
     REAR,
+    BagSpec,
+    av_place_of,
     jpeg_of,
     place_of,
     sweep_of,
@@ -38,29 +40,56 @@ def bag(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> Path:
     return write_made_bag(tmp_path_factory.mktemp("sensed") / "bag", typestore)
 
 
-def points_in_map(step: int) -> np.ndarray:
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> Path:
+    """With sensors on the EMV and on an AV."""
+    return write_made_bag(tmp_path_factory.mktemp("both") / "bag", typestore, BagSpec(av=True))
+
+
+def points_in_map(step: int, place_m: tuple[float, float, float], yaw_rad: float) -> np.ndarray:
     """The returns of a made sweep, shape ``(6, 3)``."""
     points = sweep_of(step)
     x, y = points["x"] + LIDAR_M[0], points["y"] + LIDAR_M[1]
-    cos, sin = np.cos(yaw_of(step)), np.sin(yaw_of(step))
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     places = np.stack((cos * x - sin * y, sin * x + cos * y, points["z"] + LIDAR_M[2]), axis=-1)
-    return places + place_of(step)
+    return places + place_m
 
 
-def check_points(found: np.ndarray, step: int) -> None:
-    """Each found point is one of the sweep's, and one is found near each of the sweep's."""
-    apart = found[:, None, :] - points_in_map(step)[None, :, :]
+def on_emv(step: int) -> np.ndarray:
+    return points_in_map(step, place_of(step), yaw_of(step))
+
+
+def on_av(step: int) -> np.ndarray:
+    return points_in_map(step, av_place_of(step), yaw_of(step) - 0.5 * np.pi)
+
+
+def check_points(found: np.ndarray, wanted: np.ndarray) -> None:
+    """Each found point is one of those wanted, and one is found near each of those."""
+    apart = found[:, None, :] - wanted[None, :, :]
     assert np.abs(apart).max(axis=2).min(axis=1).max() <= 0.5 * UNIT_M + 1e-5
     assert np.abs(apart).max(axis=2).min(axis=0).max() <= CUBE_M
 
 
 def test_points_stand_where_they_were_measured(bag: Path) -> None:
     sensed = sensed_of(bag, ["lidar"])
-    assert [sweep.step for sweep in sensed.sweeps] == STEPS
+    assert [sweep.step for sweep in sensed.sweeps["lidar"]] == STEPS
     assert sensed.pictures == {}
-    for sweep in sensed.sweeps:
-        check_points(sweep.counts * UNIT_M + sweep.origin_m, sweep.step)
+    for sweep in sensed.sweeps["lidar"]:
+        check_points(sweep.counts * UNIT_M + sweep.origin_m, on_emv(sweep.step))
         assert sweep.measured == 6
+
+
+def test_the_av_has_sensors_of_its_own(both: Path) -> None:
+    sensed = sensed_of(both, ["av/lidar", f"av/{FRONT}"])
+    assert list(sensed.sweeps) == ["av/lidar"]
+    for sweep in sensed.sweeps["av/lidar"]:
+        check_points(sweep.counts * UNIT_M + sweep.origin_m, on_av(sweep.step))
+    for shot in sensed.pictures[f"av/{FRONT}"]:
+        pixels = simplejpeg.decode_jpeg(shot.jpeg).astype(int)
+        assert np.abs(pixels - simplejpeg.decode_jpeg(jpeg_of(shot.step, REAR))).max() <= 6
+    everything = sensed_of(both, [ALL])
+    assert list(everything.sweeps) == ["lidar", "av/lidar"]
+    assert list(everything.pictures) == [FRONT, REAR, f"av/{FRONT}"]
 
 
 def test_one_point_stays_in_each_cube() -> None:
@@ -78,13 +107,13 @@ def test_one_point_stays_in_each_cube() -> None:
 
 def test_a_station_stands_where_it_is(bag: Path) -> None:
     """The pose of what carries the sensors is that of the transforms at each step."""
-    origins = [sweep.origin_m for sweep in sensed_of(bag, ["lidar"]).sweeps]
+    origins = [sweep.origin_m for sweep in sensed_of(bag, ["lidar"]).sweeps["lidar"]]
     assert origins == [pytest.approx(place_of(step), abs=0.006) for step in STEPS]
 
 
 def test_pictures_are_those_of_the_camera(bag: Path) -> None:
     sensed = sensed_of(bag, [REAR])
-    assert (sensed.sweeps, list(sensed.pictures)) == ((), [REAR])
+    assert (sensed.sweeps, list(sensed.pictures)) == ({}, [REAR])
     assert [shot.step for shot in sensed.pictures[REAR]] == STEPS
     for shot in sensed.pictures[REAR]:
         pixels = simplejpeg.decode_jpeg(shot.jpeg).astype(int)
@@ -127,16 +156,16 @@ def test_large_pictures_get_smaller() -> None:
 
 def test_time_is_thinned_until_it_fits(bag: Path) -> None:
     whole = sensed_of(bag, [ALL])
-    items = [*whole.sweeps, *(shot for shots in whole.pictures.values() for shot in shots)]
+    items = [*whole.sweeps["lidar"], *(shot for shots in whole.pictures.values() for shot in shots)]
     size_mb = sum(item.size_bytes for item in items) / 1e6
     assert whole.notes[0] == ("lidar", "a sweep every 0.2 s, 6 of 6 points, one in 0.3 m")
-    assert len(sensed_of(bag, [ALL], size_mb).sweeps) == len(STEPS)
+    assert len(sensed_of(bag, [ALL], size_mb).sweeps["lidar"]) == len(STEPS)
     less = sensed_of(bag, [ALL], 0.99 * size_mb)
-    assert [sweep.step for sweep in less.sweeps] == [4, 12, 20, 32, 40]
+    assert [sweep.step for sweep in less.sweeps["lidar"]] == [4, 12, 20, 32, 40]
     assert [shot.step for shot in less.pictures[FRONT]] == [4, 12, 20, 32, 40]
     assert less.notes[1][1].startswith(f"a picture every 0.5 s, so that they fit into {0.99 * size_mb:g} MB")
     none = sensed_of(bag, [ALL], 1e-5)
-    assert (none.sweeps, none.pictures) == ((), {})
+    assert (none.sweeps, none.pictures) == ({}, {})
     assert none.notes == tuple((name, "left out: more than 1e-05 MB") for name in ("lidar", FRONT, REAR))
 
 
@@ -148,17 +177,18 @@ def test_the_first_of_each_period_stays(bag: Path) -> None:
 def test_the_page_has_bytes_and_points_as_they_are(bag: Path) -> None:
     sensed = sensed_of(bag, [ALL])
     head, columns = unpacked(episode_data(read_episode(bag), sensed=sensed))
-    assert [entry[:2] for entry in head["sensed"]["sweeps"]] == [[s.step, len(s.counts)] for s in sensed.sweeps]
-    assert columns["sweep.y"] == pytest.approx(np.concatenate([s.counts[:, 1] for s in sensed.sweeps]) * UNIT_M)
+    (lidar,), sweeps = head["sensed"]["lidars"], sensed.sweeps["lidar"]
+    assert [entry[:2] for entry in lidar["sweeps"]] == [[sweep.step, len(sweep.counts)] for sweep in sweeps]
+    assert columns["sweep.0.y"] == pytest.approx(np.concatenate([sweep.counts[:, 1] for sweep in sweeps]) * UNIT_M)
     assert columns["pictures.1"].tobytes() == b"".join(shot.jpeg for shot in sensed.pictures[REAR])
     assert ["lidar", sensed.notes[0][1]] in head["facts"]
     assert "sensed" not in unpacked(episode_data(read_episode(bag)))[0]
 
 
 @pytest.fixture(scope="module")
-def opened(bag: Path, browser: PageBrowser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[OpenedPage]:
+def opened(both: Path, browser: PageBrowser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[OpenedPage]:
     path = tmp_path_factory.mktemp("page") / "episode.html"
-    path.write_text(episode_page(read_episode(bag), sensed=sensed_of(bag, [ALL])), encoding="utf-8")
+    path.write_text(episode_page(read_episode(both), sensed=sensed_of(both, [ALL])), encoding="utf-8")
     with browser.opened(path) as page:
         page.page.locator("#wait").wait_for(state="hidden")
         yield page
@@ -167,7 +197,7 @@ def opened(bag: Path, browser: PageBrowser, tmp_path_factory: pytest.TempPathFac
 @pytest.mark.parametrize(("time_s", "step"), [(0.2, 4), (0.39, 4), (0.4, 8), (1.33, 24), (2.05, 40)])
 def test_the_points_that_are_drawn_are_those_of_the_bag(opened: OpenedPage, time_s: float, step: int) -> None:
     drawn = opened.page.evaluate("time => { episodePage.seek(time); return episodePage.drawnPoints(); }", time_s)
-    check_points(np.array(drawn), step)
+    check_points(np.array(drawn), np.concatenate((on_emv(step), on_av(step))))
 
 
 def test_before_the_first_sweep_there_are_no_points(opened: OpenedPage) -> None:
@@ -177,7 +207,7 @@ def test_before_the_first_sweep_there_are_no_points(opened: OpenedPage) -> None:
 def colour_of_picture(opened: OpenedPage, wanted: str) -> list[int]:
     """The colour in the middle, once a camera's picture is shown."""
     wait = f"""() => new Promise(done => {{
-        const look = () => episodePage.pictures.drawn === '{wanted}' ? done() : requestAnimationFrame(look);
+        const look = () => episodePage.sensors.pictures.drawn === '{wanted}' ? done() : requestAnimationFrame(look);
         look();
     }})"""
     opened.page.evaluate(wait)
@@ -207,7 +237,7 @@ def test_points_and_picture_can_be_hidden(opened: OpenedPage) -> None:
     before = opened.page.evaluate(calls)
     opened.page.locator("#scene").focus()
     opened.page.keyboard.press("l")
-    assert opened.page.evaluate(calls) == before - 1, "one draw call"
+    assert opened.page.evaluate(calls) == before - 2, "one draw call for each LiDAR"
     assert opened.page.locator("#show-sweeps").get_attribute("aria-pressed") == "false"
     opened.page.click("#show-sweeps")
     assert opened.page.evaluate(calls) == before

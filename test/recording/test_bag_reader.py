@@ -81,7 +81,7 @@ def test_metadata_that_leads_elsewhere_is_refused(bag, values, reason):
 
 def test_a_file_without_an_end_is_refused(bag):
     rewrite(bag, lambda data: data.pop())
-    with pytest.raises(BagError, match="the file has no end"):
+    with pytest.raises(BagError, match="the file has no end; `siren recover` completes a bag that was cut off"):
         bag_reader.check_bag_files(bag)
 
 

@@ -162,14 +162,15 @@ def free_way_of(state: NavigatorState, ego: Ego, reach_m: float, obstacles: Obst
     return FreeWay.along(state.path, pose, rear, reach_m, ego.body, obstacles, credit_m)
 
 
-def manoeuvring_limit(state: NavigatorState, ego: Ego) -> SpeedLimit:
-    """How fast a driver may go sideways between others so that the body touches nobody.
+def manoeuvring_limit(state: NavigatorState, ego: Ego, *, emvs_only: bool = False) -> SpeedLimit:
+    """How fast a driver may go sideways between others, or between EMVs alone, so that the body touches nobody.
 
     The collision handling watches the strip ahead of the vehicle. Ends that swing out towards a vehicle at the side,
     and vehicles at the side that come on, are seen here.
     """
     seen, config = ego.seen, ego.config.manoeuvring
     rows = ego.near(config.reach_m + 2.0 * ego.half_length_m + config.watch_m)
+    rows = rows[seen.is_emv[rows]] if emvs_only else rows
     if state.path is None or len(rows) == 0:
         return SpeedLimit()
     speed = seen.speed_mps[rows]

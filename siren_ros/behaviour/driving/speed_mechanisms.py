@@ -279,8 +279,10 @@ def riders_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
 
 
 def _manoeuvring(drive: Drive) -> SpeedLimit:
-    sideways = isinstance(drive.unit, YieldUnit) and drive.unit.phase in _SIDEWAYS_MODES
-    return manoeuvring_limit(drive.unit.navigator, drive.ego) if sideways else UNLIMITED
+    unit = drive.unit
+    emv = isinstance(unit, EmvUnit)
+    sideways = unit.lane_change_forced if isinstance(unit, EmvUnit) else unit.phase in _SIDEWAYS_MODES
+    return manoeuvring_limit(unit.navigator, drive.ego, emvs_only=emv) if sideways else UNLIMITED
 
 
 MECHANISMS: Final = (
@@ -304,7 +306,11 @@ MECHANISMS: Final = (
     ),
     Mechanism("people", _people, "people on crossings: walking pace past them, a stop before those in the way"),
     Mechanism("riders", _emv_limit(riders_limit), "EMV off its path elsewhere: cyclists and motorcyclists who stand"),
-    Mechanism("manoeuvring", _manoeuvring, "civilians who pull over or come back: space around the whole body"),
+    Mechanism(
+        "manoeuvring",
+        _manoeuvring,
+        "civilians who pull over or come back, EMVs that change lanes beside EMVs: space around the whole body",
+    ),
 )
 """Every mechanism that limits the speed of a vehicle that SUMO does not drive, in the order in which they act."""
 

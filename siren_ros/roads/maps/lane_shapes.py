@@ -23,9 +23,10 @@ _FARTHEST_CUT_M: Final = 6.0
 """A rounded corner begins at most this far before the vertex."""
 _LARGEST_SHIFT_M: Final = 0.3
 """A rounded corner passes its vertex at most at this distance: a tenth of a lane's width."""
-_ONE_LENGTH_SHARE: Final = 0.05
-"""Lanes of one edge keep one length, their mean, while none differs from it by more than this share. SUMO expects equal
-lengths when vehicles change lanes; a lane that differs more has its own."""
+_ONE_LENGTH_SHARE: Final = 0.1
+"""Lanes of one edge keep one length, their mean, while none differs from it by more than this share: where vehicles
+change lanes, SUMO takes places with equal lengths for places side by side. A lane that differs more has its own: on it
+a bus of 12 m would become shorter, for SUMO, by most of the 2 m that it keeps behind it."""
 _STEP_BACK_M: Final = 1.0
 """A longer side leads somewhere."""
 _LEAST_SIDE_M: Final = 0.05
@@ -34,7 +35,7 @@ _SHORTEST_M: Final = 0.1
 _CORNER_RAD: Final = 0.17
 """Change of direction from which the end of a path across a junction is a corner (10°)."""
 _SHORTEST_PATH_M: Final = 2.0
-"""Shorter paths across junctions stay as they are."""
+"""Shorter paths across junctions stay as they are, unless they lead back."""
 _HANDLE: Final = 0.39
 """Length of a Bézier curve's handles over its chord: a quarter turn becomes nearly a circle."""
 _POINTS: Final = 17
@@ -148,6 +149,11 @@ def _mend_path(source: Element, path: list[Element], target: Element) -> None:
     start, end = shapes[0][0], shapes[-1][-1]
     corners = _turn_rad(enters, _direction(shapes[0])), _turn_rad(_direction(shapes[-1][-2:]), leaves)
     chord_m = float(np.hypot(*(end - start)[:2]))
+    if chord_m < _SHORTEST_PATH_M and len(path) == 1 and enters @ (end - start)[:2] < 0.0 < enters @ leaves:
+        # Roads of an OpenDRIVE map overlap by some centimetres. SUMO would turn vehicles round on the way back.
+        ahead = np.append(end[:2] - _SHORTEST_M * leaves, end[2:])
+        path[0].set("shape", text_of(np.stack((ahead, end))))
+        return
     if chord_m < _SHORTEST_PATH_M or max(corners) < _CORNER_RAD:
         return
     share = np.linspace(0.0, 1.0, _POINTS)[:, None]

@@ -46,7 +46,7 @@ from siren_ros.user_folder import user_folder
 
 TOWN_NAME: Final = "town"
 
-_RECIPE: Final = "7"
+_RECIPE: Final = "8"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
 _PEOPLE_RECIPE: Final = f"{_RECIPE} people 4"
 """The same for maps with ways for people."""

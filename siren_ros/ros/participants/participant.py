@@ -26,6 +26,7 @@ from siren_ros.ros.parameters import declare_config
 from siren_ros.ros.participants.hang_watch import Work
 from siren_ros.ros.participants.working_clock import working_s
 from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.copies import Copy, step_copies
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_output, create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
 
@@ -59,6 +60,7 @@ class Participant(Node, Generic[Config]):
         self._join = TickJoin(self.inputs)
         self._watches: list[PublisherWatch] = []
         self._outputs: dict[str, tuple[Topic, Any]] = {}
+        self._copies: dict[str, Copy] = {}
         for topic in self.outputs:
             self.add_output(topic)
         self._report = create_output(self, topics.STEP_DONE)
@@ -108,6 +110,8 @@ class Participant(Node, Generic[Config]):
         """Create the publisher of a topic."""
         wire.get_ready(topic)
         self._outputs[topic.name] = (topic, create_output(self, topic))
+        if topic.name in topics.OBSERVED:
+            self._copies[topic.name] = Copy(self, topic)
 
     def add_input(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         """Subscribe to a topic; the callback gets the message, and its errors become this node's report."""
@@ -160,7 +164,10 @@ class Participant(Node, Generic[Config]):
 
     def send_content(self, topic: Topic, step: int, content: Content, write: Callable[[Content], Any]) -> None:
         """Publish the message that ``write`` makes of a step's content; see ``wire.encode_content``."""
-        self._outputs[topic.name][1].publish(wire.encode_content(topic, step, content, write))
+        cdr = wire.encode_content(topic, step, content, write)
+        self._outputs[topic.name][1].publish(cdr)
+        if topic.name in self._copies:
+            self._copies[topic.name].take(step, content, cdr)
 
     def has_listeners(self, topic: Topic) -> bool:
         """Whether anybody subscribes to an output."""
@@ -184,6 +191,8 @@ class Participant(Node, Generic[Config]):
         deadline_s = time.monotonic() + timeout_s
         for publisher in (self._report, *(publisher for _, publisher in self._outputs.values())):
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline_s - time.monotonic())))
+        for copy in self._copies.values():
+            copy.wait_acknowledged(max(0.0, deadline_s - time.monotonic()))
 
     # The protocol.
 
@@ -257,5 +266,6 @@ class Participant(Node, Generic[Config]):
     def _end(self, cdr: bytes) -> None:
         closing = from_episode_end(wire.decode(topics.EPISODE_END, cdr))
         self.finished = True
+        step_copies.send_held()
         self.close(closing)
         self.report(Phase.FINAL, max(closing.steps - 1, 0))

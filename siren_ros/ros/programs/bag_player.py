@@ -20,6 +20,7 @@ from siren_ros.interfaces.topics import CLOCK, EVERY_STEP, ONCE, Topic
 from siren_ros.recording.bag_reader import NS_PER_S, BagMessage, Playhead, messages_from, open_bag
 from siren_ros.ros.node_configs import PlayerConfig
 from siren_ros.ros.parameters import declare_config
+from siren_ros.ros.programs.played_copies import PlayedCopies
 from siren_ros.ros.transport.domain import check_alone, claimed_domain
 from siren_ros.ros.transport.endpoints import PATIENCE_S, AcknowledgedOutput, create_wall_timer
 
@@ -82,6 +83,7 @@ class BagPlayer(Node):
         if CLOCK.name not in self._bag.type_names:
             raise BagError(self.config.bag, f"an episode with {CLOCK.name}")
         self._outputs = {topic: self._output(topic, self._bag.type_names[topic]) for topic in self._chosen_topics()}
+        self._copies = PlayedCopies(self, self._bag, self._outputs)
         check_alone(self, began_s)
         self._go_to(self._start_ns)
         begin_s = time.monotonic() + self.config.delay_s
@@ -111,6 +113,7 @@ class BagPlayer(Node):
 
     def _go_to(self, time_ns: int) -> None:
         """Read on from a time, with the messages that are latched then."""
+        self._copies.forget()
         end_ns = self._start_ns + round(self.config.playback_duration_s * NS_PER_S)
         self._messages = (
             message
@@ -190,6 +193,7 @@ class BagPlayer(Node):
     def _publish_next(self) -> None:
         if self._next is not None:
             self._outputs[self._next.topic].publish(bytes(self._next.cdr))
+            self._copies.take(self._next)
             self._large_under_way = len(self._next.cdr) > LARGE_BYTES
             self._next = next(self._messages, None)
 
@@ -217,6 +221,7 @@ class BagPlayer(Node):
         Raises:
             BagError: It ended early, where the bag is damaged.
         """
+        self._copies.flush(timeout_s)
         deadline_s = time.monotonic() + max(timeout_s, PATIENCE_S)
         for output in self._outputs.values():
             output.wait_acknowledged(0.0 if output.deaf else max(0.0, deadline_s - time.monotonic()))

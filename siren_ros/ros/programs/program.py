@@ -124,7 +124,8 @@ def run_program(make_node: Callable[[str], Any], name: str) -> int:
     """Run one node as a program of its own until it is done or interrupted; returns the exit code.
 
     A node that has ``finished`` is asked to ``flush(timeout_s)``, until its subscribers have everything; one that
-    is interrupted to ``close_early(reason)``, which saves what there is to save.
+    is interrupted to ``close_early(reason)``, which saves what there is to save. For a node of a class in which
+    ``ends_by_signal`` is true, an interruption is the usual end.
     The process ends at most ``SHUTDOWN_S`` later, also if DDS does not shut down. The caller does nothing after it.
     """
     interrupt = Interrupt(name)
@@ -139,7 +140,7 @@ def run_program(make_node: Callable[[str], Any], name: str) -> int:
         return error.exit_code
     executor = EventsExecutor()
     executor.add_node(node)
-    stopped = ""
+    stopped, usual = "", getattr(node, "ends_by_signal", False)
     code = EXIT_OK
     try:
         while not node.finished and not stopped:
@@ -148,7 +149,8 @@ def run_program(make_node: Callable[[str], Any], name: str) -> int:
                 stopped = "the end of the program that started it"
             stopped = stopped or interrupt.signal_name
         if stopped:
-            print(f"{name}: stopped by {stopped}", file=sys.stderr)
+            if not usual:
+                print(f"{name}: stopped by {stopped}", file=sys.stderr)
             node.close_early(f"{name}: stopped by {stopped}")
         else:
             node.flush(FLUSH_S)
@@ -160,4 +162,4 @@ def run_program(make_node: Callable[[str], Any], name: str) -> int:
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-    return EXIT_FAILED if stopped else code
+    return EXIT_FAILED if stopped and not usual else code

@@ -164,8 +164,6 @@ class Output:
         """Create the publisher."""
         self._publisher: Any = node.create_publisher(message_class(topic.type_name), topic.name, qos_of(topic))
         self._name = "" if topic.latched else topic.name
-        copy = OBSERVED.get(topic.name)
-        self._copy: Any = copy and node.create_publisher(message_class(copy.type_name), copy.name, qos_of(copy))
         self.get_subscription_count: Callable[[], int] = self._publisher.get_subscription_count
         self.wait_for_all_acked: Callable[[Duration], bool] = self._publisher.wait_for_all_acked
 
@@ -173,8 +171,6 @@ class Output:
         """Publish an encoded message."""
         if not direct.take(self._name, cdr, self.get_subscription_count):
             self._publisher.publish(cdr)
-        if self._copy and self._copy.get_subscription_count():
-            self._copy.publish(cdr)
 
 
 def create_output(node: Node, topic: Topic) -> Output:

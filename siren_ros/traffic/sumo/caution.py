@@ -17,7 +17,7 @@ import numpy as np
 from siren_ros.conflicts.course import CourseBook, Outlook, limit_at_mps, rank_at
 from siren_ros.conflicts.people import NOBODY, least_wait_for_people, outlines_of
 from siren_ros.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Wait, least_wait
-from siren_ros.conflicts.zones import SAME_DIRECTION, Ways, Zone, search_among
+from siren_ros.conflicts.zones import SAME_DIRECTION, Ways, Zone, follows_course, search_among, straight_to_m
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
@@ -33,6 +33,8 @@ _HARD_BRAKE_MODE: Final = 27
 _FREE_MODE: Final = 31
 _SPACE_M: Final = 0.2
 """Kept free on both sides of riders: in bends SUMO's lanes are not as far from each other as it takes them to be."""
+_LOOK_M: Final = 1.0
+"""How much farther than it takes to stop drivers look where they point."""
 _BY_SUMO: Final = int(Owner.SUMO)
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 
@@ -58,9 +60,10 @@ def cautions(
 
     They wait for vehicles that are driven from outside, and, where their bodies would touch, for each other on
     junctions: SUMO's waiting places there reach into the ways of others. Into bodies ahead they do not drive anywhere:
-    SUMO knows of no corner that reaches into the next lane. Of ``riders`` and others, who stands out of a bend leads as
-    well: SUMO's lanes are parallel. Actors who waited at the step before (``waiting``) would go
-    on if they need not; ``inattentive`` ones do not see vehicles from outside that come across their way.
+    SUMO knows of no corner that reaches into the next lane. Drivers who change lanes look where they point, too, for
+    vehicles that are driven from outside: these may stand at an angle. Of ``riders`` and others, who stands out of a
+    bend leads as well: SUMO's lanes are parallel. Actors who waited at the step before (``waiting``) would go on if
+    they need not; ``inattentive`` ones do not see vehicles from outside that come across their way.
 
     Returns:
         The strictest wait of each, sorted by actor.
@@ -154,6 +157,21 @@ def _is_near(pose: Any, own_mps: float, other_mps: float, half_length_m: float, 
 
 
 @compiled
+def _look_where_they_point(ways: Any, pairs: Any, zones: Any, inside: Any, reach_m: Any) -> None:
+    """Lets a vehicle from outside lead a driver who changes lanes and points at it within ``reach_m``, in ``zones``.
+
+    The way along the present lane leads past it.
+    """
+    for p in range(len(pairs)):
+        row, other = pairs[p, 0], pairs[p, 1]
+        passed = zones[p, 6] == np.inf and not inside[other]
+        if passed and np.cos(ways.bodies[other, 2] - ways.bodies[row, 2]) > 0.0 and not follows_course(ways, row):
+            blocked_m = straight_to_m(ways, row, other, reach_m[row])
+            if blocked_m < np.inf:
+                zones[p, 0], zones[p, 6], zones[p, 7] = 1.0, blocked_m, 1.0
+
+
+@compiled
 def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: Any, square: float) -> tuple[Any, Any]:
     """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
 
@@ -166,9 +184,8 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
     owner, flags, (x_m, y_m, yaw_rad), (simulated_mps, sumo_mps, accel_mps2) = state
     half_length_m, held, blind, rides = drivers
     near, (behind_m, firm_mps2, gentle_mps2), (margin_m, accelerating_mps2, slowing_mps2), margins = limits
-    n = len(owner)
+    n, bodies = len(owner), ways.bodies.copy()
     inside, counts, speed_mps, accel = np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n), np.empty(n)
-    bodies = ways.bodies.copy()
     for row in range(n):
         inside[row] = owner[row] == _BY_SUMO
         counts[row] = not inside[row] or (flags[row] & _ON_JUNCTION) != 0
@@ -178,13 +195,15 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
         if not inside[row]:
             bodies[row, 8] += margin_m
     pairs = _near_pairs((x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)), speed_mps, half_length_m, inside, counts, near)
-    zones = search_among(Ways(ways.points, ways.first, ways.last, bodies), pairs, False)
+    widened = Ways(ways.points, ways.first, ways.last, bodies)
+    zones = search_among(widened, pairs, False)
+    _look_where_they_point(widened, pairs, zones, inside, speed_mps**square / (2.0 * firm_mps2) + behind_m + _LOOK_M)
     found, waits, count = np.empty((n, 2), np.intp), np.empty((n, 3)), 0
     for p in range(len(pairs)):
         row, other = pairs[p, 0], pairs[p, 1]
         met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
-        leads, merges = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION
         ridden = rides[row] or rides[other]
+        leads, merges = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION
         leads = leads or (merges and blocked < np.inf and ridden)
         sumos = merges and inside[other] and not ridden
         if met == 0.0 or (not leads and ((blind[row] and not inside[other]) or sumos)):

@@ -4,7 +4,6 @@ from typing import Any, Final
 
 import numpy as np
 import shapely
-from scipy.spatial import cKDTree
 
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.compiled import compiled, within
@@ -13,8 +12,13 @@ from siren_ros.roads.road_network import LaneKind, RoadNetwork
 _DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.CYCLE, LaneKind.SHOULDER})
 _FROM_KERB_M: Final = 0.45
 """Least distance from the middle of somebody to the road: half a body and the mirrors of vehicles."""
-_AT_EDGE_M: Final = 1.6
-"""Those farther inside the road walk across it: half a lane."""
+_STEPS_OUT_M: Final = 0.9
+"""Those who walk into the road, and are farther inside, walk across it: half a step more than it takes to wait with
+the toes on the kerb."""
+_ALONG_M: Final = 3.2
+"""The same of those who walk along it: where a sidewalk leads around a junction, it lies on a lane of the road."""
+_INTO: Final = 0.7
+"""Sine of the angle to the kerb from which people walk into the road (45°)."""
 _KERB_SPACING_M: Final = 0.5
 """Longest piece of the line along which people are kept."""
 _KERB_AHEAD_M: Final = 1.3
@@ -25,6 +29,8 @@ class Kerbs:
     """Keeps people who are on no crossing a step away from where vehicles drive: SUMO's stand and walk on its edge."""
 
     def __init__(self, network: RoadNetwork) -> None:
+        from scipy.spatial import cKDTree  # noqa: PLC0415 - loads slowly, and traffic without people does not need it
+
         across = network.connections_over.keys() | network.cycle_connections_over.keys()
         driven = [
             shapely.LineString(lane.centre.points).buffer(lane.width_m / 2.0, cap_style="flat")
@@ -43,8 +49,8 @@ class Kerbs:
     def keep_off(self, poses: Floats, crossing: Flags) -> None:
         """Move those on the road and on no crossing to its edge, where it is near; the others cross, too, from now on.
 
-        Where a sidewalk leads across the mouth of a side street, people cross without a crossing. ``poses`` are x and
-        y first, shape ``(2 or more, N)``.
+        Where a sidewalk leads across the mouth of a side street, people cross without a crossing. ``poses`` are x, y
+        and yaw first, shape ``(3 or more, N)``.
         """
         rows = np.flatnonzero(shapely.contains_xy(self._road, *poses[:2]) & ~crossing)
         if len(rows):
@@ -66,7 +72,9 @@ def _move_to_edge(poses: Any, crossing: Any, rows: Any, pieces: Any, edge: Any) 
         (ax, ay), (dx, dy) = from_m[piece], along_m[piece]
         share = within(((poses[0, row] - ax) * dx + (poses[1, row] - ay) * dy) / (dx * dx + dy * dy), 0.0, 1.0)
         x, y = ax + share * dx, ay + share * dy
-        if np.hypot(poses[0, row] - x, poses[1, row] - y) < _AT_EDGE_M:
+        sine = (np.cos(poses[2, row]) * dy - np.sin(poses[2, row]) * dx) / np.hypot(dx, dy)
+        reach_m = _STEPS_OUT_M if abs(sine) > _INTO else _ALONG_M
+        if np.hypot(poses[0, row] - x, poses[1, row] - y) < reach_m:
             poses[0, row], poses[1, row] = x, y
         else:
             crossing[row] = True

@@ -68,7 +68,9 @@ _IN_QUEUE_M: Final = 80.0
 _STANDING_MPS: Final = 0.01
 """SUMO's persons need a speed."""
 _TURNS_MPS: Final = 0.1
-"""Slower people turn round in SUMO, for a step or two, where they are pushed back by a millimetre."""
+"""Slower people turn round in SUMO, for a step or two, where they are pushed back by a millimetre…"""
+_TURNED: Final = 0.7
+"""…or look elsewhere, by more than 45 degrees as the cosine says: they would swing round their toes into the road."""
 _END_M: Final = 1.0
 """Nobody enters or stops nearer than this to the end of a street."""
 
@@ -326,14 +328,16 @@ def _poses(values: Any, offset_m: Any, rows: Any, simulated: Any, facing: Any) -
     """Poses in the ``map`` frame of some people: SUMO's, and the simulated ones; shape ``(4, N)`` each.
 
     ``values`` are SUMO's x, y, angle and speed, ``rows`` the people's among the simulated actors: those who are new
-    have none, and SUMO's poses. ``facing`` is SUMO's yaw at the step before, NaN at first; it is set.
+    have none, and SUMO's poses. ``facing`` is the yaw at the step before, NaN at first; it is set. Those
+    who stand keep it.
     """
     sumo = np.empty((4, len(rows)))
     before = np.empty((4, len(rows)))
     for k in range(len(rows)):
         x, y, yaw = map_from_sumo(values[k, 0], values[k, 1], values[k, 2], _SPACE_M, offset_m)
-        if values[k, 3] < _TURNS_MPS and np.cos(yaw - facing[k]) < 0.0:
-            x, y, yaw = map_from_sumo(values[k, 0], values[k, 1], values[k, 2] + 180.0, _SPACE_M, offset_m)
+        if values[k, 3] < _TURNS_MPS and np.cos(yaw - facing[k]) < _TURNED:
+            angle_deg = 90.0 - np.degrees(facing[k])
+            x, y, yaw = map_from_sumo(values[k, 0], values[k, 1], angle_deg, _SPACE_M, offset_m)
         facing[k] = yaw
         sumo[0, k], sumo[1, k], sumo[2, k], sumo[3, k] = x, y, yaw, values[k, 3]
         before[:, k] = sumo[:, k]

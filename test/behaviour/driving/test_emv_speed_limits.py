@@ -418,3 +418,22 @@ def test_of_two_red_lights_the_nearer_one_ahead_limits(lab, front, ahead):
 def test_a_fast_emv_looks_as_far_ahead_as_it_takes_to_stop(lab, speed_mps, far_m):
     emv = lab.Car(1, 1, 20.0, speed_mps, (0,), ActorClass.AMBULANCE)
     assert lab.view(lab.straight_road(), lab.L1, [emv]).ego(0).far_m(80.0) == pytest.approx(far_m)
+
+
+@pytest.mark.parametrize(("change_side", "other", "limited"), [(1, 1, True), (0, 1, False), (1, 2, False)])
+def test_in_a_lane_change_an_emv_minds_emvs_at_its_side_alone(lab, change_side, other, limited):
+    """Civilians make way; an EMV that came up at its side, while the change stood half done, does not."""
+    view = lab.view(
+        lab.straight_road(),
+        lab.L3,
+        [lab.Car(3, 0, 100.0, 1.0, (0,), ActorClass.AMBULANCE), lab.Car(other, 1, 101.0, 1.0, (0,), left=-0.5)],
+    )
+    ego = view.ego(1)
+    points = np.array([[100.0 + s, 0.2 * s] for s in np.arange(0.0, 30.0, 0.5)])
+    path = TrackedPath.of(Curve.through(points), ego.navigator_config)
+    unit = EmvUnit(3, NavigatorState().following(path, *ego.place), change_side=change_side)
+    seen = replace(ego.seen, is_emv=ego.seen.actor_id != 2)
+    drive = Drive(unit, replace(ego, seen=seen), path, 0.0, 5.0, ego.navigator_config)
+    limit = next(item.limit(drive) for item in MECHANISMS if item.name == "manoeuvring")
+    assert limit.blocker_id == (1 if limited else NO_ACTOR)
+    assert math.isfinite(limit.speed_mps) is limited

@@ -57,6 +57,20 @@ def test_paths_without_corners_and_short_ones_stay(path):
     assert shapes_of(path)[":J_0_0"] == pytest.approx(points_of(path))
 
 
+@pytest.mark.parametrize(("begins_m", "path"), [(-0.09, "-0.19,0,4 -0.09,0,4"), (0.09, "0,0,1 0.09,0,4")])
+def test_a_joint_leads_ahead_where_its_roads_overlap(begins_m, path):
+    """A short way back would turn SUMO's vehicles round, and put who drives on the right there on the left."""
+    net = fromstring(
+        f"""<net><edge id=":J_0" function="internal"><lane id=":J_0_0" shape="0,0,1 {begins_m},0,4"/></edge>
+        <edge id="a"><lane id="a_0" shape="-50,0,1 0,0,1"/></edge>
+        <edge id="b"><lane id="b_0" shape="{begins_m},0,4 50,0,4"/></edge>
+        <connection from="a" to="b" fromLane="0" toLane="0" via=":J_0_0"/></net>"""
+    )
+    mend_junction_paths(net)
+    shape = points_of(net.find(".//lane").attrib["shape"])
+    assert shape == pytest.approx(points_of(path))
+
+
 @pytest.mark.parametrize(
     ("path", "rest", "mended"),
     [
@@ -120,6 +134,9 @@ NET_LANE_SHAPES = b"""<?xml version="1.0" encoding="UTF-8"?>
     <lane id="alike_1" index="1" speed="9" length="77" shape="0,3 102,3"/></edge>
   <edge id="unlike" from="a" to="b"><lane id="unlike_0" index="0" speed="9" length="60" shape="0,0 40,0"/>
     <lane id="unlike_1" index="1" speed="9" length="60" shape="0,3 86,3"/></edge>
+  <edge id="bend" from="a" to="b"><lane id="bend_0" index="0" speed="9" length="60" shape="0,0 92,0"/>
+    <lane id="bend_1" index="1" speed="9" length="60" shape="0,3 100,3"/>
+    <lane id="bend_2" index="2" speed="9" length="60" shape="0,6 108,6"/></edge>
   <edge id="walked" from="a" to="b">
     <lane id="walked_0" index="0" allow="pedestrian" speed="1" length="60" shape="0,0 80,0"/>
     <lane id="walked_1" index="1" speed="9" length="60" shape="0,3 100,3"/></edge>
@@ -133,9 +150,10 @@ def lengths_of(net):
 
 
 def test_lengths_are_those_of_the_shapes():
+    """But for the lanes of one edge that are nearly as long: places side by side on them are so for SUMO, too."""
     assert lengths_of(mended_lanes(NET_LANE_SHAPES)) == {
-        "alike_0": 101.0, "alike_1": 101.0, "unlike_0": 40.0, "unlike_1": 86.0, "walked_0": 100.0,
-        "walked_1": 100.0, ":b_w0_0": 5.0,
+        "alike_0": 101.0, "alike_1": 101.0, "unlike_0": 40.0, "unlike_1": 86.0,
+        "bend_0": 100.0, "bend_1": 100.0, "bend_2": 100.0, "walked_0": 100.0, "walked_1": 100.0, ":b_w0_0": 5.0,
     }  # fmt: skip
 
 

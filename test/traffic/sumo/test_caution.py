@@ -36,6 +36,8 @@ class Car:
     flags: TrafficFlags = TrafficFlags.NONE
     left: float = 0.0
     """Of the lane's middle."""
+    turned: float = 0.0
+    """Off the lane's direction."""
 
 
 def network(turn: float) -> RoadNetwork:
@@ -52,7 +54,7 @@ def network(turn: float) -> RoadNetwork:
 def traffic_of(cars: list[Car], roads: RoadNetwork) -> TrafficState:
     n = len(cars)
     pose = np.array([roads.lanes[car.edge].centre.offset_points(car.front_m - HALF_LENGTH, car.left) for car in cars])
-    yaw = np.array([float(roads.lanes[car.edge].centre.heading_rad(car.front_m)) for car in cars])
+    yaw = np.array([float(roads.lanes[car.edge].centre.heading_rad(car.front_m)) + car.turned for car in cars])
     speed = np.array([car.speed for car in cars])
     columns: dict[str, Any] = {name: np.zeros(n, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
     columns |= {"x_m": pose[:, 0], "y_m": pose[:, 1], "yaw_rad": yaw, "speed_mps": speed}
@@ -117,6 +119,27 @@ def test_an_inattentive_driver_sees_who_is_ahead_and_not_who_comes_across(turn: 
 def test_an_outside_vehicle_that_stands_in_the_way_is_not_driven_into() -> None:
     (caution,) = cautious([Car(0, 75.0, 10.0), Car(1, 102.0, 0.0, Owner.ROS)])
     assert 100.0 - HALF_WIDTH - 75.0 - 3.0 < caution.wait.free_m < 100.0 - HALF_WIDTH - 75.0
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_changes_lanes_looks_where_the_vehicle_points(turn: float, side: float) -> None:
+    """A body ahead, in the lane that the driver goes to, is 0.4 m or more aside of the way that leads straight on."""
+
+    def waits(changing: Car, there: Car) -> tuple[Caution, ...]:
+        roads = network(turn)
+        traffic = traffic_of([changing, there], roads)
+        return seen(replace(traffic, lateral_offset_m=np.array([changing.left, there.left])), roads)
+
+    changing = Car(0, 75.0, 4.5, left=2.4 * side, turned=-0.2 * side)
+    there = Car(0, 82.0, 0.0, Owner.ROS)
+    (caution,) = waits(changing, there)
+    assert (caution.actor_id, caution.wait.speed_mps) == (1, 0.0)
+    assert 0.5 < caution.wait.free_m < 2.5
+    assert waits(replace(changing, turned=0.0), there) == (), "it leads past"
+    for other in (replace(there, left=-3.0 * side), replace(there, owner=Owner.SUMO), replace(there, front_m=90.0)):
+        assert waits(changing, other) == ()
+    assert waits(replace(changing, speed=2.0), there) == (), "there is time to brake"
 
 
 @pytest.mark.parametrize("owner", Owner)

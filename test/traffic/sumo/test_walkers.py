@@ -205,14 +205,26 @@ def test_rows_are_merged_by_id() -> None:
         assert getattr(merged, name).dtype == kind, name
 
 
-@pytest.mark.parametrize(("speed_mps", "turned"), [(0.0, False), (0.2, True)])
-def test_nobody_turns_round_who_is_pushed_back_while_standing(speed_mps: float, turned: bool) -> None:
-    """SUMO's angle is reversed: 90 is east."""
-    walks, ids = np.array([[5.0, 2.0, 270.0, speed_mps]]), np.array([-1])
+@pytest.mark.parametrize(
+    ("angle_deg", "speed_mps", "pose"),
+    [
+        (270.0, 0.0, (4.5, 2.0, 0.0)),
+        (0.0, 0.0, (4.5, 2.0, 0.0)),
+        (270.0, 0.2, (5.5, 2.0, np.pi)),
+        (0.0, 0.2, (5.0, 1.5, 0.5 * np.pi)),
+        (60.0, 0.0, (5.0 - 0.5 * np.sqrt(0.75), 1.75, np.pi / 6.0)),
+    ],
+    ids=["stands, reversed", "stands, aside", "walks back", "walks aside", "stands, a little aside"],
+)
+def test_those_who_stand_do_not_swing_round_their_toes(
+    angle_deg: float, speed_mps: float, pose: tuple[float, float, float]
+) -> None:
+    """SUMO's place is that of the toes; 90 degrees is east, to which they looked before."""
+    walks, ids = np.array([[5.0, 2.0, angle_deg, speed_mps]]), np.array([-1])
     facing, nobody = np.zeros(1), tuple(np.empty(0) for _ in range(4))
     sumo, _ = _poses(walks, (0.0, 0.0), ids, nobody, facing)
-    assert sumo[:, 0] == pytest.approx([5.5, 2.0, np.pi, speed_mps] if turned else [4.5, 2.0, 0.0, speed_mps])
-    assert facing == pytest.approx([np.pi if turned else 0.0])
+    assert sumo[:, 0] == pytest.approx([*pose, speed_mps])
+    assert facing == pytest.approx([pose[2]])
 
 
 def test_people_of_the_last_state_are_known_with_their_crossings() -> None:

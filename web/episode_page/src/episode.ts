@@ -15,6 +15,8 @@ export interface Actor {
 
 export interface Mode {
   name: string;
+  /** What bags call it. */
+  code: string;
   /** Colour of a civilian in this mode; empty where it is like any other. */
   colour: string;
   emv_colour: string;
@@ -41,7 +43,7 @@ export interface Part {
   actors: Actor[];
   emvs: number[];
   left_hand: boolean;
-  signals: Record<string, [frame: number, state: string][]>;
+  signals: Record<string, [since: number, state: string][]>;
   /** Of its map; an episode on the map of the first has those of the first. */
   lamps?: Lamp[];
 }
@@ -70,14 +72,19 @@ interface Head extends Part {
   events: EpisodeEvent[];
   lamp_letters: Record<string, string>;
   why?: { mechanisms: string[]; texts: string[] };
+  /** What the page says where it has no `why`. */
+  no_why: string;
   /** What its sensors measured; of a picture its step and the number of its bytes. */
-  sensed?: { sweeps: SweepEntry[]; pictures: { name: string; shots: [step: number, length: number][] }[] };
+  sensed?: {
+    lidars: { name: string; sweeps: SweepEntry[] }[];
+    cameras: { name: string; shots: [step: number, length: number][] }[];
+  };
   /** The episodes that this one is compared with. */
   against: Part[];
   columns: ColumnEntry[];
 }
 
-const FORMAT = 2;
+const FORMAT = 3;
 /** How an episode has ended that is under way. */
 export const NOT_YET = "not yet";
 
@@ -120,6 +127,16 @@ export class Episode {
   /** The lenses of the map of one of the episodes. */
   lampsOf({ scene }: Part): Lamp[] {
     return [this.head, ...this.head.against].find(({ prefix }) => prefix === scene)?.lamps ?? [];
+  }
+
+  /** Takes the signals, events and end of what is new of a running episode; its motion is for `Tracks.append`. */
+  append({ head: { signals, events, ended, verdict } }: Episode): void {
+    for (const [signal, changes] of Object.entries(signals)) {
+      const before = (this.head.signals[signal] ??= []);
+      before.push(...changes.filter(([, state], place) => place > 0 || before.at(-1)?.[1] !== state));
+    }
+    this.head.events.push(...events);
+    if (ended) [this.head.ended, this.head.verdict] = [ended, verdict];
   }
 
   /** A column in its unit. */

@@ -3,17 +3,16 @@
 import { Vector3 } from "three";
 import { CAMERAS, Cameras, newCamera, type CameraName } from "./cameras";
 import { Clock } from "./clock";
+import { bindControls } from "./controls";
 import { byId } from "./dom";
 import type { Episode } from "./episode";
 import { Ghosts } from "./ghosts";
-import { listenToKeys, type Keys } from "./keyboard";
 import { Link, type Moment } from "./link";
 import { Other } from "./other";
 import { Panel } from "./panel";
 import { listenToClicks, placeInWindow, rayThrough } from "./picking";
-import { Pictures } from "./pictures";
+import { Sensors, type SensorKind } from "./sensors";
 import { Stage } from "./stage";
-import { Sweeps } from "./sweeps";
 import { Timeline } from "./timeline";
 import { Tracks } from "./tracks";
 import { Views } from "./views";
@@ -32,12 +31,11 @@ export class EpisodePage {
   private readonly sides: Stage[] = [];
   private readonly views: Views;
   private readonly cameras: Cameras;
-  private readonly clock: Clock;
+  readonly clock: Clock;
   private readonly timeline: Timeline;
   private readonly panel: Panel;
   private readonly link: Link;
-  private readonly sweeps: Sweeps | undefined;
-  private readonly pictures: Pictures | undefined;
+  private readonly sensors: Sensors;
   private readonly calm = matchMedia("(prefers-reduced-motion: reduce)");
   private readonly dark = matchMedia("(prefers-color-scheme: dark)");
   private selected = -1;
@@ -62,9 +60,10 @@ export class EpisodePage {
     this.timeline = new Timeline(episode, this.tracks, this.others, () => this.end, seek, redraw);
     const actions = { select: (id: number) => this.select(id), seek, link: () => this.link.address };
     this.panel = new Panel(episode, this.tracks, this.others, actions);
-    if (head.sensed?.sweeps.length) this.sweeps = new Sweeps(episode, head.sensed.sweeps, this.stage.scene);
-    if (head.sensed?.pictures.length) this.pictures = new Pictures(episode, head.sensed.pictures, redraw);
-    this.bindControls();
+    this.sensors = new Sensors(episode, this.stage.scene, redraw);
+    byId("overlay").hidden = this.stage.ghosts.length === 0;
+    byId("side").hidden = this.others.length === 0;
+    bindControls(this);
     listenToClicks(this.canvas, (event) => this.click(event));
     this.cameras.controls.addEventListener("change", redraw);
     new ResizeObserver(() => this.resize()).observe(this.canvas);
@@ -81,55 +80,8 @@ export class EpisodePage {
   }
 
   /** The last time of all episodes. */
-  private get end(): number {
+  get end(): number {
     return Math.max(this.tracks.end, ...this.others.map(({ tracks }) => tracks.end));
-  }
-
-  /** What buttons and keys do. */
-  private bindControls(): void {
-    const { clock } = this;
-    const turn = (turn: number, nearer: number) => () => {
-      this.cameras.move(turn, nearer);
-      this.redraw();
-    };
-    const keys: Keys = {
-      Home: () => this.seek(0),
-      End: () => this.seek(this.end),
-      a: turn(-0.1, 1),
-      d: turn(0.1, 1),
-      w: turn(0, 0.9),
-      s: turn(0, 1 / 0.9),
-      "+": () => clock.faster(1),
-      "-": () => clock.faster(-1),
-    };
-    const bind = (id: string, key: string, action: (shift: boolean) => void) => {
-      byId(id).addEventListener("click", () => action(false));
-      keys[key] = action;
-    };
-    bind("play", " ", () => this.play(!clock.playing));
-    bind("back", "ArrowLeft", (shift) => (shift ? this.seek(clock.time - 1) : clock.step(-1)));
-    bind("ahead", "ArrowRight", (shift) => (shift ? this.seek(clock.time + 1) : clock.step(1)));
-    bind("previous-actor", "p", () => this.selectNext(-1));
-    bind("next-actor", "n", () => this.selectNext(1));
-    bind("overlay", "o", () => this.showOthers(!this.stage.ghosts[0]?.shown));
-    bind("side", "b", () => this.showBeside(!this.beside));
-    bind("show-sweeps", "l", () => this.toggle("sweeps"));
-    bind("show-pictures", "c", () => this.toggle("pictures"));
-    CAMERAS.forEach((name, place) => bind(`camera-${name}`, String(place + 1), () => this.useCamera(name)));
-    byId("overlay").hidden = this.stage.ghosts.length === 0;
-    byId("side").hidden = this.others.length === 0;
-    byId("show-sweeps").hidden = !this.sweeps;
-    byId("show-pictures").hidden = !this.pictures;
-    listenToKeys(keys);
-  }
-
-  /** Shows or hides what sensors measured, where the page has it. */
-  private toggle(name: "sweeps" | "pictures"): void {
-    const sensor = this[name];
-    if (!sensor) return;
-    sensor.shown = !sensor.shown;
-    byId(`show-${name}`).setAttribute("aria-pressed", String(sensor.shown));
-    this.redraw();
   }
 
   private resize(): void {
@@ -170,20 +122,13 @@ export class EpisodePage {
 
   /** Takes what is new of a running episode. */
   append(more: Episode): void {
-    const { head } = this.episode;
-    const [frames, known] = [this.tracks.times.length, this.tracks.actors.length];
+    const known = this.tracks.actors.length;
+    this.episode.append(more);
     this.tracks.append(more, more.head.actors);
-    for (const [signal, changes] of Object.entries(more.head.signals)) {
-      const before = (head.signals[signal] ??= []);
-      for (const [frame, state] of changes) {
-        if (before.at(-1)?.[1] !== state) before.push([frames + frame, state]);
-      }
-    }
-    head.events.push(...more.head.events);
     if (this.tracks.actors.length > known) this.stage.admit();
     this.panel.append(known, more.head.events);
     if (more.head.ended) {
-      [head.ended, head.verdict, this.clock.live] = [more.head.ended, more.head.verdict, false];
+      this.clock.live = false;
       this.panel.showEnd();
     }
     this.timeline.draw();
@@ -222,7 +167,7 @@ export class EpisodePage {
   }
 
   /** The next actor that is there. */
-  private selectNext(by: number): void {
+  selectNext(by: number): void {
     const count = this.tracks.actors.length;
     for (let k = 1; k <= count; k++) {
       const index = (this.selected + by * k + count * k) % count;
@@ -235,6 +180,20 @@ export class EpisodePage {
     for (const each of CAMERAS) byId(`camera-${each}`).setAttribute("aria-pressed", String(each === name));
     this.redraw();
     this.remember();
+  }
+
+  moveCamera(turn: number, nearer: number): void {
+    this.cameras.move(turn, nearer);
+    this.redraw();
+  }
+
+  toggleSensor(kind: SensorKind): void {
+    this.sensors.toggle(kind);
+  }
+
+  /** Whether the other episodes' bodies are shown. */
+  get overlaid(): boolean {
+    return this.stage.ghosts[0]?.shown ?? false;
   }
 
   /** Shows or hides the bodies of the other episodes on this map. */
@@ -302,8 +261,7 @@ export class EpisodePage {
   private draw(): void {
     const { clock, stage, selected, tracks } = this;
     const frame = tracks.frameAt(clock.time);
-    this.sweeps?.place(clock.time);
-    this.pictures?.show(clock.time);
+    this.sensors.show(clock.time);
     this.views.draw(selected, clock.rate, this.calm.matches);
     clock.show();
     this.timeline.show(clock.time);
@@ -337,7 +295,7 @@ export class EpisodePage {
   /** Places of the LiDAR points of the present moment. */
   drawnPoints() {
     this.draw();
-    return this.sweeps?.drawn() ?? [];
+    return this.sensors.drawn();
   }
 
   /** Where the middle of a picture's actor is in the window, in pixels. */

@@ -4,7 +4,7 @@ import { byId, element, say, words } from "./dom";
 import { NOT_YET, type Actor, type Episode, type EpisodeEvent } from "./episode";
 import type { Other } from "./other";
 import { BEACON, BRAKE, INDICATOR_LEFT, INDICATOR_RIGHT, SIREN, type Pose, type Tracks } from "./tracks";
-import { Why } from "./why";
+import { WhySection } from "./why_section";
 
 const KMH = 3.6;
 const LIGHTS: [number, string][] = [
@@ -29,10 +29,9 @@ export class Panel {
   private readonly choice = byId<HTMLSelectElement>("actor");
   private readonly own = byId("own-events");
   private readonly ended = element("dd");
-  private readonly why: Why | undefined;
+  private readonly why: WhySection;
   private ownEvents: { time: number; item: HTMLElement }[] = [];
   private latest: HTMLElement | undefined;
-  private shownReasons = "";
   private index = -1;
 
   constructor(
@@ -42,7 +41,7 @@ export class Panel {
     private readonly actions: Actions,
   ) {
     const { head } = episode;
-    this.why = head.why && new Why(episode);
+    this.why = new WhySection(episode, actions.select, (id) => this.shortName(id));
     this.choice.addEventListener("change", () => actions.select(Number(this.choice.value)));
     const list = byId("facts-of-actor");
     const inOthers = others.map((other) => [rowOf(other), other.colour] as const);
@@ -58,10 +57,14 @@ export class Panel {
     byId("facts").append(...head.facts.flatMap(([name, text]) => [element("dt", {}, name), element("dd", {}, text)]));
     byId("facts").append(element("dt", {}, "ended"), this.ended);
     byId("command").textContent = head.command;
-    const coloured = (colour: string, name: string) => (colour ? [element("li", {}, swatch(colour), name)] : []);
-    const modes = [...head.modes.flatMap(({ emv_colour, name }) => coloured(emv_colour, `EMV: ${name}`)),
-      ...head.modes.flatMap(({ colour, name }) => coloured(colour, name))];
-    byId("colours").append(...modes);
+    const entry = (colour: string, name: string, code: string) =>
+      element("li", {}, ...(colour ? [swatch(colour)] : []), `${name} `, element("code", {}, code));
+    const coloured = head.modes.filter(({ colour }) => colour);
+    const plain = head.modes.filter(({ colour, emv_colour }) => !colour && !emv_colour);
+    byId("colours").append(
+      ...head.modes.flatMap(({ emv_colour, name, code }) => (emv_colour ? [entry(emv_colour, `EMV: ${name}`, code)] : [])),
+      ...[...coloured, ...plain].map(({ colour, name, code }) => entry(colour, name, code)),
+    );
     copies(byId("copy-command"), () => head.command);
     copies(byId("copy-link"), () => actions.link());
     this.append(0, head.events);
@@ -181,36 +184,7 @@ export class Panel {
       this.latest = latest?.item;
       this.latest?.classList.add("latest");
     }
-    if (this.why) this.showWhy(this.why, actor, time, tracks.owner[row] === 1 ? "none: it holds the brake" : "none: SUMO drives");
-  }
-
-  /** `none` says what there is in place of a target speed. */
-  private showWhy(why: Why, actor: Actor | undefined, time: number, none: string): void {
-    const reasons = actor && why.of(actor.id, Math.round(time / this.episode.head.step_s));
-    byId("why").hidden = !reasons;
-    const key = JSON.stringify([reasons, none]);
-    if (!reasons || key === this.shownReasons) return;
-    this.shownReasons = key;
-    say(byId("why-target"), reasons.target < 0 ? none : `${(reasons.target * KMH).toFixed(1)} km/h`);
-    byId("why-table").hidden = reasons.limits.length === 0;
-    byId("why-limits").replaceChildren(
-      ...reasons.limits.map(({ mechanism, speed, blocker }, place) => {
-        const select = () => this.actions.select(blocker);
-        const link = blocker ? element("button", { type: "button", click: select }, this.shortName(blocker)) : "";
-        return element(
-          "tr",
-          place === 0 ? { class: "lowest" } : {},
-          element("th", { scope: "row" }, mechanism),
-          element("td", {}, `${(speed * KMH).toFixed(1)} km/h`),
-          element("td", {}, link),
-        );
-      }),
-    );
-    byId("why-guards").replaceChildren(
-      ...reasons.guards.map(({ name, acts, why }) =>
-        element("li", acts ? { class: "acts" } : {}, `${acts ? "✓" : "–"} ${name}`, element("span", {}, why))),
-    );
-    byId("why-guards-head").hidden = reasons.guards.length === 0;
+    this.why.show(actor?.id ?? 0, time, tracks.owner[row] === 1 ? "none: it holds the brake" : "none: SUMO drives");
   }
 }
 

@@ -85,7 +85,7 @@ export class Stage {
     const phase = (hertz: number) => (calm || ((time * hertz) / Math.max(rate, 1)) % 1 < 0.5 ? 1 : 0);
     fleet.indicator.value = phase(FLASHES_HZ.indicator);
     fleet.beacon.value = calm ? 0.6 : phase(FLASHES_HZ.beacon);
-    world.setFrame(this.tracks.frameAt(time));
+    world.setStep(Math.floor(time / this.episode.head.step_s + 1e-6));
     world.setView(camera, this.target, cameras.distance);
     const hidden = cameras.name === "driver" ? selected : -1;
     fleet.place(camera.position, selected, hidden, share);

@@ -35,11 +35,12 @@ export class Sweeps {
 
   constructor(
     episode: Episode,
+    lidar: number,
     private readonly entries: SweepEntry[],
     scene: Scene,
   ) {
     this.times = entries.map(([step]) => step * episode.head.step_s);
-    this.columns = ["x", "y", "z"].map((axis) => episode.counts(`sweep.${axis}`));
+    this.columns = ["x", "y", "z"].map((axis) => episode.counts(`sweep.${lidar}.${axis}`));
     let most = 0;
     let first = 0;
     for (const [, count] of entries) {

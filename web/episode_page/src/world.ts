@@ -84,13 +84,13 @@ export class World {
     this.fog.far = 900 + 5 * distance;
   }
 
-  /** Shows the signals as they are in a frame. */
-  setFrame(frame: number): void {
+  /** Shows the signals as they are from a step on. */
+  setStep(step: number): void {
     const states = new Map<string, string>();
     for (const [signal, changes] of Object.entries(this.part.signals)) {
       let state = "";
       for (const [since, next] of changes) {
-        if (since > frame) break;
+        if (since > step) break;
         state = next;
       }
       states.set(signal, state);

@@ -34,6 +34,8 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "scenariogeneration": ("scenariogeneration==0.16.7", "xmlschema"),
     "metadrive": ("metadrive-simulator==0.4.3",),
     "carla": ("carla==0.9.16",),
+    # The reference code of HOTA.
+    "trackeval": ("trackeval==1.3.0",),
     # Also writes the recordings: it runs the export.
     "rerun": ("--no-deps", "rerun-sdk>=0.23,<0.24"),
 }  # fmt: skip

@@ -117,7 +117,9 @@ def _described(fleet: FleetState, descriptions: tuple[ActorDescription, ...]) ->
         actor_id=np.array([item.actor_id for item in descriptions], dtype=np.uint32),
         length_m=np.array([item.length_m for item in descriptions], dtype=np.float64),
         width_m=np.array([item.width_m for item in descriptions], dtype=np.float64),
-        table=ParameterTable.of([item.actor_class for item in descriptions], fleet.parameters),
+        table=ParameterTable.of_rows(
+            [fleet.parameters[one.actor_class].sized(one.length_m, one.width_m, one.height_m) for one in descriptions]
+        ),
         walks=np.array([item.actor_class is ActorClass.PEDESTRIAN for item in descriptions], np.bool_),
     )
 

@@ -1,7 +1,7 @@
 """Vehicle parameters of each actor class: read from ``params/vehicles/``, one YAML file per class."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Final
@@ -71,6 +71,12 @@ class VehicleParameters:
         front = self.mass_kg * (1.0 - rear_share) / self.cornering_stiffness_front_npr
         return front - self.mass_kg * rear_share / self.cornering_stiffness_rear_npr
 
+    def sized(self, length_m: float, width_m: float, height_m: float) -> "VehicleParameters":
+        """The parameters of a vehicle of another size: axles move with the length, and its mass stays the same."""
+        if (length_m, width_m, height_m) == (self.length_m, self.width_m, self.height_m):
+            return self
+        return _sized(self, length_m, width_m, height_m)
+
     def attainable_accel_mps2(self, speed_mps: float) -> float:
         """Largest acceleration on a level road at a speed, by traction, power, drag and rolling resistance."""
         drive = min(self.max_drive_accel_mps2, self.drive_power_w / (self.mass_kg * max(speed_mps, 1e-3)))
@@ -107,6 +113,21 @@ _RANGES: Final[dict[str, tuple[float, float]]] = {
     "drag_area_m2": (0.1, 15.0),
     "rolling_resistance": (0.001, 0.05),
 }
+
+
+@lru_cache(maxsize=4096)
+def _sized(own: VehicleParameters, length_m: float, width_m: float, height_m: float) -> VehicleParameters:
+    longer = length_m / own.length_m
+    return replace(
+        own,
+        length_m=length_m,
+        width_m=width_m,
+        height_m=height_m,
+        wheelbase_m=longer * own.wheelbase_m,
+        front_overhang_m=longer * own.front_overhang_m,
+        cg_to_front_axle_m=longer * own.cg_to_front_axle_m,
+        yaw_inertia_kgm2=longer**2 * own.yaw_inertia_kgm2,
+    )
 
 
 _WALKER_RANGES: Final = {
@@ -200,7 +221,11 @@ class ParameterTable:
     @classmethod
     def of(cls, classes: Sequence[ActorClass], parameters: Mapping[ActorClass, VehicleParameters]) -> "ParameterTable":
         """The table whose row i holds the parameters of ``classes[i]``."""
-        rows = [parameters[kind] for kind in classes]
+        return cls.of_rows([parameters[kind] for kind in classes])
+
+    @classmethod
+    def of_rows(cls, rows: Sequence[VehicleParameters]) -> "ParameterTable":
+        """The table with these rows."""
         names = [field.name for field in fields(cls) if field.name != "cg_to_rear_axle_m"]
         columns = {name: np.array([getattr(row, name) for row in rows], dtype=np.float64) for name in names}
         rear = columns["wheelbase_m"] - columns["cg_to_front_axle_m"]

@@ -10,6 +10,7 @@ from siren_ros.errors import InputError
 from siren_ros.interfaces.messages import shown_text
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.sensors.meshes.mesh import StaticScene
+from siren_ros.sensors.scene.kerbside import scene_config_of
 from siren_ros.sensors.scene.static_scene import static_scene
 
 MOST_OTHERS: Final = 3
@@ -44,7 +45,8 @@ def add_parts(
         part = _part(file, each, _prefix(place)) | {"scene": _prefix(first)}
         if first == place:
             sharing = [other for other, sha256 in zip(records, maps, strict=True) if sha256 == maps[place]]
-            made = scene if scene and not place else static_scene(each.network, each.description.seed)
+            config = scene_config_of(each.description.template_values)
+            made = scene if scene and not place else static_scene(each.network, each.description.seed, config)
             part |= add_static_scene(file, sharing, made, _prefix(place), pictures=len(records))
         parts.append(part)
     return {**parts[0], "against": parts[1:]}

@@ -34,6 +34,7 @@ from siren_ros.sensors.look import load_look
 from siren_ros.sensors.suite import load_suite
 from siren_ros.traffic.demand.demand import choose_av
 from siren_ros.traffic.demand.plan import TrafficPlan, load_drivers, with_responses
+from siren_ros.traffic.demand.sizes import largest, with_sizes
 from siren_ros.world.actors import NO_ACTOR
 
 
@@ -157,7 +158,11 @@ def set_up_episode(
     }
     sites = sites_to_try(driven, written, request.seed, request.site, request.map or compiled.name)
     lasting = replace(template, duration_s=max(template.lasting_s, request.duration_s))
-    site, plan = plan_at_site(driven, sites, lasting, request.seed, load_drivers(files=noted), dimensions)
+    spread = template.demand.variety.size_spread
+    planned_for = largest(dimensions, spread) if spread else dimensions
+    site, plan = plan_at_site(driven, sites, lasting, request.seed, load_drivers(files=noted), planned_for)
+    if spread:
+        plan = with_sizes(plan, dimensions, spread, request.seed)
     plan = with_responses(plan, preset, request.seed)
     if request.av:
         plan = replace(plan, av=choose_av(driven, plan))
@@ -176,7 +181,7 @@ def set_up_episode(
         emv_ids=emv_ids,
         parameters={
             "request": request.to_json(),
-            "template": template.values(),
+            "template": template.recorded_values(),
             "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
             **({"av": av} if plan.av else {}),
             **({CROSSING_PARAMETER: crossing} if plan.crossed else {}),

@@ -18,6 +18,7 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.sensors.lidar.lidar import LidarSweep
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.rig import Observations, SensorRig
+from siren_ros.sensors.scene.kerbside import scene_config_of
 from siren_ros.sensors.specification import Mount, optical_from_map
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.world.measurements import CameraIntrinsics
@@ -51,7 +52,9 @@ def observe_at(
     carrier = record.emv_ids[0] if carrier_id is None else carrier_id
     if suite.station is None and carrier not in states.actor_id:
         raise InputError("carrier", carrier, f"an actor that is on the map at {time_s:g} s")
-    rig = SensorRig(suite, record.network, record.description.seed, look=look, site=record.description.site)
+    described = record.description
+    config = scene_config_of(described.template_values)
+    rig = SensorRig(suite, record.network, described.seed, config, look=look, site=described.site)
     return rig.observe(states, record.actors, traffic.signals, carrier)
 
 

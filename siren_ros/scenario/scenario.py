@@ -143,8 +143,24 @@ class PeopleDemand:
 
 PEOPLE: Final = tuple(f"demand.people.{part.name}" for part in fields(PeopleDemand))
 """Paths of these parameters, which every template has."""
-DRAWN_BY_NAME: Final = frozenset({"duration_s", "emv.count", "emv.crossing", "emv.crossing_after_s", *PEOPLE})
-"""How long an episode lasts, and how many EMVs and people there are, is drawn only where a study names it."""
+
+
+@dataclass(frozen=True)
+class VarietyDemand:
+    """What makes the scene harder to learn by heart. With 0 everything is as in the paper's episodes."""
+
+    size_spread: float = 0.0
+    """Lengths, widths and heights of vehicles differ from those of their class by up to this share, by seed."""
+    parked_share: float = 0.0
+    """Share of the places along the carriageway in which a vehicle is parked, off the space of traffic."""
+    clutter_per_100_m: float = 0.0
+    """Bins, benches, boxes, cabinets and the like on 100 m of the carriageway's edge."""
+
+
+VARIETY: Final = tuple(f"demand.variety.{part.name}" for part in fields(VarietyDemand))
+"""Paths of these parameters, which every template has, and which a record has where they are not 0."""
+DRAWN_BY_NAME: Final = frozenset({"duration_s", "emv.count", "emv.crossing", "emv.crossing_after_s", *PEOPLE, *VARIETY})
+"""Length of an episode, numbers of EMVs and people, and variety: drawn only where a study names them."""
 
 
 @dataclass(frozen=True)
@@ -163,6 +179,7 @@ class Demand:
     district_per_lane_km: float = 0.0
     """Further civilians per kilometre of lane in the streets around those of the volume."""
     people: PeopleDemand = field(default_factory=PeopleDemand)
+    variety: VarietyDemand = field(default_factory=VarietyDemand)
 
 
 @dataclass(frozen=True)
@@ -221,8 +238,12 @@ class Template:
         return float(getattr(owner, name))
 
     def values(self) -> dict[str, float]:
-        """Present values of all scenario parameters, for the episode's description."""
+        """Present values of all scenario parameters."""
         return {path: self.value(path) for path in self.ranges}
+
+    def recorded_values(self) -> dict[str, float]:
+        """The same for a record; of variety only what is not 0, so that records without it stay the same."""
+        return {path: value for path, value in self.values().items() if value or path not in VARIETY}
 
     @property
     def lasting_s(self) -> float:

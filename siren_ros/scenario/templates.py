@@ -28,6 +28,7 @@ from siren_ros.scenario.scenario import (
     StartReference,
     Template,
     ValueRange,
+    VarietyDemand,
     draw_values,
     realised,
 )
@@ -45,6 +46,7 @@ _MAX_RED_S: Final = 120.0
 _MAX_PER_LANE_KM: Final = 60.0
 _DISTRICT: Final = "district_per_lane_km"
 _PEOPLE: Final = "people"
+_VARIETY: Final = "variety"
 
 
 def available_templates() -> tuple[str, ...]:
@@ -233,6 +235,7 @@ def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
         if section.has(_DISTRICT)
         else 0.0,
         people=_people(section, parameters),
+        variety=_variety(section, parameters),
     )
     return _finished(section, demand)
 
@@ -252,9 +255,26 @@ def _people(demand: StrictMapping, parameters: _Parameters) -> PeopleDemand:
     return PeopleDemand(**values)
 
 
+_MOST_VARIETY: Final = {"size_spread": 0.15, "parked_share": 1.0, "clutter_per_100_m": 50.0}
+
+
+def _variety(demand: StrictMapping, parameters: _Parameters) -> VarietyDemand:
+    """The section ``variety``; every template has its parameters, 0 where the file does not say so."""
+    section = demand.mapping(_VARIETY) if demand.has(_VARIETY) else None
+    values = dict.fromkeys(_MOST_VARIETY, 0.0)
+    for name, most in _MOST_VARIETY.items():
+        if section is not None and section.has(name):
+            values[name] = parameters.number(section, name, 0.0, most)
+        else:
+            parameters.ranges[f"demand.{_VARIETY}.{name}"] = ValueRange(0.0, most)
+    if section is not None:
+        section.finish()
+    return VarietyDemand(**values)
+
+
 def _group(section: StrictMapping, name: str, parameters: _Parameters) -> DemandGroup:
-    if name == _PEOPLE:
-        raise InputError(section.where("placement"), name, f"another name for a group: {_PEOPLE} are no group")
+    if name in {_PEOPLE, _VARIETY}:
+        raise InputError(section.where("placement"), name, f"another name for a group: {name} is no group")
     section.path = f"demand.{name}"
     placement = Placement(section.text("placement", list(Placement)))
     crossing = placement is Placement.CROSSING

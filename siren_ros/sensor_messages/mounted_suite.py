@@ -28,6 +28,7 @@ from siren_ros.sensor_messages.sensor_topics import (
 from siren_ros.sensors.look import load_look, look_of
 from siren_ros.sensors.navigation import WheelOdometry
 from siren_ros.sensors.rig import Observations, Sensing, SensorRig
+from siren_ros.sensors.scene.kerbside import scene_config_of
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.traffic_state import SignalState
 
@@ -73,6 +74,7 @@ def mounted_suites(
             suite,
             network,
             episode.seed,
+            scene_config_of(episode.template_values),
             look=look,
             scene=scene,
             noise_seed=noise_seed(episode.seed, carrier),

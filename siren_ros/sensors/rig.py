@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -27,9 +27,19 @@ from siren_ros.sensors.station import check_outdoors, station_mount
 from siren_ros.sensors.suite import LabelKinds, SensorSuite
 from siren_ros.sensors.truth import ImageLabeller, label_boxes
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
-from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
+from siren_ros.world.actors import (
+    ACTOR_STATE_DTYPES,
+    NO_ACTOR,
+    ActorClass,
+    ActorDescription,
+    ActorStates,
+    rows_of_ids,
+)
 from siren_ros.world.carrier import BASE_FRAME, LABEL_PERIOD_STEPS, STATION_FRAME, CameraTruth, GroundTruth
 from siren_ros.world.traffic_state import SignalState
+
+_PARKED_M: Final = 150.0
+"""Vehicles that are parked farther away are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +200,8 @@ class SensorRig:
             nothing = Observations(step, (), (), truth)
             return Sensing(under_way=False, finish=lambda: nothing)
         base, velocity = motion
+        states, descriptions = self._with_parked(states, descriptions, base)
+        rolled_m = np.append(rolled_m, np.zeros(len(states) - (hidden in states.actor_id) - len(rolled_m)))
         placement = self._catalogue.place(states, descriptions, hidden_id=hidden) if self._sees_bodies else self._nobody
         exposed = tuple(self._expose(step, base, placement, rolled_m, signals))
         swept = tuple(self._sweeps(step, base, placement, velocity))
@@ -214,6 +226,21 @@ class SensorRig:
         if self._static is None or not walking.any():
             return states
         return replace(states, z_m=np.where(walking, self._static.ground_m(states.x_m, states.y_m), states.z_m))
+
+    def _with_parked(
+        self, states: ActorStates, descriptions: Mapping[int, ActorDescription], base: Matrix
+    ) -> tuple[ActorStates, Mapping[int, ActorDescription]]:
+        """The actors with the vehicles that are parked near the carrier, which the sensors see like all others."""
+        if self._static is None or not self._static.parked:
+            return states, descriptions
+        near = [one for one in self._static.parked if np.hypot(one.x_m - base[0, 3], one.y_m - base[1, 3]) < _PARKED_M]
+        poses = {name: np.array([getattr(one, name) for one in near]) for name in ("x_m", "y_m", "z_m", "yaw_rad")}
+        poses["actor_id"] = np.array([one.actor.actor_id for one in near], np.uint32)
+        columns = {
+            name: np.concatenate((getattr(states, name), poses.get(name, np.zeros(len(near))).astype(dtype)))
+            for name, dtype in ACTOR_STATE_DTYPES.items()
+        }
+        return ActorStates(states.step, **columns), {**descriptions, **{one.actor.actor_id: one.actor for one in near}}
 
     def _motion(self, states: ActorStates, carrier_id: int) -> tuple[Matrix, CarrierMotion] | None:
         """Pose and motion of the vehicle or station with the sensors; None where the vehicle has left the map."""

@@ -11,6 +11,10 @@ from siren_ros.numerics.arrays import Codes, Floats, Ids, dtypes_of
 
 NO_ACTOR: Final = 0
 """Actor ids start at 1, so that 0 can say "none" (a LiDAR return on the static scene, no leader)."""
+FIRST_PARKED_ID: Final = 50_000
+"""Ids from here on are vehicles parked in the scene: sensors see and label them, traffic does not know them.
+
+Points and pictures have ids of 16 bits."""
 
 
 class ActorClass(IntEnum):

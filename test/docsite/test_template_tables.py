@@ -4,7 +4,7 @@ import pytest
 from repository import REPOSITORY
 
 from docsite.template_tables import Entry, entries, template_table
-from siren_ros.scenario.scenario import PEOPLE
+from siren_ros.scenario.scenario import PEOPLE, VARIETY
 from siren_ros.scenario.templates import load_template
 
 TEXT = """# heading
@@ -60,6 +60,6 @@ def test_a_templates_table_has_the_parameters_that_the_library_reads(name: str) 
     table = template_table(REPOSITORY / "params" / "templates" / f"{name}.yaml")
     template = load_template(name)
     assert {row.split("`")[1] for row in table.splitlines() if row.startswith("| `") and row.split("|")[2].strip()} == {
-        *(template.ranges.keys() - set(PEOPLE)),
+        *(template.ranges.keys() - {*PEOPLE, *VARIETY}),
         *(f"predicate.{threshold}" for threshold in template.predicate.thresholds),
     }

@@ -105,3 +105,17 @@ def test_records_of_earlier_episodes_have_no_two_wheels_and_nobody_on_foot() -> 
     without_bus = RecordedFiles(file for file in noted.seen if file.name != "bus")
     with pytest.raises(InputError, match="bus"):
         load_vehicle_parameters(without_bus)
+
+
+@pytest.mark.parametrize("kind", [ActorClass.SEDAN, ActorClass.BUS])
+def test_a_longer_vehicle_has_its_axles_in_the_same_shares(
+    parameters: Mapping[ActorClass, VehicleParameters], kind: ActorClass
+) -> None:
+    own = parameters[kind]
+    assert own.sized(own.length_m, own.width_m, own.height_m) is own
+    longer = own.sized(1.1 * own.length_m, own.width_m, 0.9 * own.height_m)
+    assert (longer.length_m, longer.width_m, longer.height_m) == (1.1 * own.length_m, own.width_m, 0.9 * own.height_m)
+    for name in ("wheelbase_m", "front_overhang_m", "cg_to_front_axle_m", "centre_ahead_of_rear_axle_m"):
+        assert getattr(longer, name) == pytest.approx(1.1 * getattr(own, name))
+    assert longer.yaw_inertia_kgm2 == pytest.approx(1.21 * own.yaw_inertia_kgm2)
+    assert longer.understeer_gradient_s2pm == pytest.approx(own.understeer_gradient_s2pm)

@@ -7,7 +7,15 @@ from siren_ros.errors import InputError
 from siren_ros.params.resources import params_dir
 from siren_ros.roads.sites import SiteKind
 from siren_ros.scenario.paper import EmergencyLevel
-from siren_ros.scenario.scenario import PEOPLE, GroupAnchor, PeopleDemand, StartReference, ValueRange
+from siren_ros.scenario.scenario import (
+    PEOPLE,
+    VARIETY,
+    GroupAnchor,
+    PeopleDemand,
+    StartReference,
+    ValueRange,
+    VarietyDemand,
+)
 from siren_ros.scenario.templates import (
     available_templates,
     draw_values,
@@ -264,6 +272,25 @@ def test_people_are_read_from_the_file(tmp_path):
     assert template.drawn["demand.people.cyclists"] == ValueRange(4, 8, integer=True)
     assert template.ranges["demand.people.motorcycles"].minimum == 0
     assert "another name for a group" in refused(tmp_path, "    platoon:", "    people:")[0].allowed
+
+
+@pytest.mark.parametrize("name", available_templates())
+def test_variety_is_nothing_and_not_recorded_until_a_study_asks_for_it(name):
+    template = load_template(name)
+    assert template.demand.variety == VarietyDemand(0.0, 0.0, 0.0)
+    assert not set(VARIETY) & {*template.recorded_values(), *template.drawn}
+    changed = template.with_values({"demand.variety.size_spread": 0.1})
+    assert changed.demand.variety == VarietyDemand(size_spread=0.1)
+    assert changed.recorded_values() == {**template.recorded_values(), "demand.variety.size_spread": 0.1}
+
+
+def test_variety_is_read_from_the_file(tmp_path):
+    file = tmp_path / "varied.yaml"
+    section = "  variety:\n    parked_share: {default: 0.4, range: [0.2, 0.6]}\n  groups:"
+    file.write_text(S2_TEXT.replace("  groups:", section), encoding="utf-8")
+    assert read_template(file).demand.variety == VarietyDemand(parked_share=0.4)
+    assert read_template(file).ranges["demand.variety.parked_share"] == ValueRange(0.2, 0.6)
+    assert "another name for a group" in refused(tmp_path, "    platoon:", "    variety:")[0].allowed
 
 
 @pytest.mark.parametrize(("template", "level"), [("S2", "L2"), ("S1", "L3"), ("mine", "")])

@@ -7,12 +7,13 @@ import shapely
 from PIL import Image
 
 from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.sensors.meshes.mesh import ParkedVehicle
 from siren_ros.sensors.navigation import Odometers
 from siren_ros.sensors.rig import SensorRig
 from siren_ros.sensors.specification import CameraSpec, LidarSpec, Mount
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
-from siren_ros.world.actors import ActorClass, ActorDescription
+from siren_ros.world.actors import FIRST_PARKED_ID, ActorClass, ActorDescription
 from siren_ros.world.traffic_state import SignalState
 
 LIDAR = LidarSpec("lidar", Mount(0.0, 0.0, 1.93), channels=16, points_per_second=16 * 360 * 20)
@@ -125,6 +126,31 @@ def test_people_alone_stand_on_the_sidewalk(boxes, traffic):
         seen = SensorRig(SUITE, NETWORK, 0, scene=static).observe(states, actors, (), 1)
         above_lidar_m = high_m + actors[2].height_m / 2 - LIDAR.mount.z_m
         assert seen.truth.z_m[0] == pytest.approx(above_lidar_m, abs=1e-6)
+
+
+def test_parked_vehicles_are_seen_and_labelled_though_no_actor_is_there(boxes, traffic):
+    states, descriptions = traffic
+    places = [(6.0, 6.0), (-8.0, 0.0), (400.0, 0.0)]
+    parked = [
+        ParkedVehicle(described(FIRST_PARKED_ID + number, ActorClass.SEDAN, False), x, y, 0.0, 0.3)
+        for number, (x, y) in enumerate(places)
+    ]
+    static = replace(boxes.scene(), parked=tuple(parked))
+    rig = SensorRig(SUITE, NETWORK, 0, scene=static)
+    for step in range(2):
+        seen = rig.observe(replace(states, step=step), descriptions, (), 1)
+    seen = rig.observe(replace(states, step=20), descriptions, (), 1)
+    near = [2, FIRST_PARKED_ID, FIRST_PARKED_ID + 1]
+    assert seen.truth.actor_id.tolist() == near, "the third is too far away"
+    instance = seen.sweeps[0].points["instance"]
+    assert set(np.unique(instance)) == {0, *near}
+    assert seen.truth.lidar_points.tolist() == [int((instance == one).sum()) for one in near]
+    assert (seen.truth.vx_mps[1:], seen.truth.vy_mps[1:]) == (pytest.approx(0.0), pytest.approx(0.0))
+    assert seen.truth.x_m[1:] == pytest.approx([6.0, -8.0])
+    assert FIRST_PARKED_ID in np.unique(seen.frames[0].image.instance)
+    assert SensorRig(SUITE, NETWORK, 0, scene=boxes.scene()).observe(
+        states, descriptions, (), 1
+    ).truth.actor_id.tolist() == [2]
 
 
 def test_odometers_count_from_where_an_actor_was_first_seen(boxes):

@@ -12,7 +12,7 @@ from siren_ros.params.input_files import files_from_json
 from siren_ros.params.resources import params_dir
 from siren_ros.roads.maps.map_compiler import name_of_map
 from siren_ros.scenario.episode import FILES_PARAMETER, EpisodeRequest, values_of
-from siren_ros.scenario.scenario import PEOPLE
+from siren_ros.scenario.scenario import PEOPLE, VARIETY
 from siren_ros.scenario.templates import load_template
 from siren_ros.studies import matrix
 from siren_ros.studies.matrix import (
@@ -61,6 +61,7 @@ def test_draws_depend_on_seed_and_template_alone(method: Method) -> None:
         "emv.crossing",
         "emv.crossing_after_s",
         *PEOPLE,
+        *VARIETY,
     }
 
 

@@ -342,7 +342,8 @@ class Ego(StepView):
     @property
     def vehicle(self) -> VehicleParameters:
         """Vehicle parameters."""
-        return self.world.vehicles[self.actors.by_id[self.actor_id].actor_class]
+        own = self.actors.by_id[self.actor_id]
+        return self.world.vehicles[own.actor_class].sized(own.length_m, own.width_m, own.height_m)
 
     @property
     def navigator_config(self) -> NavigatorConfig:

@@ -7,17 +7,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 from siren_ros.evaluation.detection.boxes import joined
-from siren_ros.evaluation.detection.detectors.table import DETECTORS, run_detector
+from siren_ros.evaluation.detection.detectors.table import DETECTORS, TRAINED_ON, run_detector
 from siren_ros.evaluation.detection.devkit_score import devkit_score
+from siren_ros.evaluation.detection.devkit_tracking import devkit_tracking
 from siren_ros.evaluation.detection.frames import Frames, frames_of, read_frames
 from siren_ros.evaluation.detection.inputs.formats import read_detections, self_test_sets
+from siren_ros.evaluation.detection.inputs.nuscenes_results import write_nuscenes_tracks
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.pictures import draw_curves, draw_worst_frame
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, DetectorScores, score_detector
 from siren_ros.evaluation.detection.tables import scores_as_json, tables_of
+from siren_ros.evaluation.detection.tracking import score_tracking, tracks_of
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.record.bag_survey import Need, in_dataset_order, survey_bag
 from siren_ros.recording.bag_reader import bags_among
@@ -56,6 +61,9 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         default="",
         help="class names that count as vehicles, separated by commas (default: every name of a vehicle)",
     )
+    task.add_argument(
+        "--tracking", action="store_true", help="also follow the vehicles of each detector, and score the tracks"
+    )
     task.add_argument("--compare-paper", action="store_true", help="also print the paper's rows")
     task.add_argument("--out", type=Path, metavar="DIR", help="write tables, scores.json, curves and pictures there")
     add_processes(task)
@@ -64,19 +72,8 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Scores every detector on all bags."""
-    named = [_named(text) for text in arguments.detections]
-    detectors = list(names_in(arguments.detectors))
-    for unknown in set(detectors) - set(DETECTORS):
-        raise InputError("detectors", unknown, f"one of {', '.join(DETECTORS)}")
-    if not named and not detectors and not arguments.self_test:
-        raise InputError("detections", "", "NAME=FILE at least once, or --detectors, or --self-test")
-    weights = dict(arguments.checkpoint)
-    for unknown in set(weights) - set(detectors):
-        raise InputError("checkpoint", unknown, f"one of --detectors: {', '.join(detectors) or 'none is given'}")
-    rows = [*(name for name, _ in named), *detectors]
-    if len(set(rows)) < len(rows):
-        raise InputError("detections", ", ".join(rows), "each name once")
-    names = frozenset(names_in(arguments.names.lower())) or VEHICLE_NAMES
+    named, weights = _asked(arguments)
+    detectors, names = names_in(arguments.detectors), frozenset(names_in(arguments.names.lower())) or VEHICLE_NAMES
     with ProcessPool(processes_of(arguments)) as pool, tempfile.TemporaryDirectory() as scratch:
         needs = (Need.LIDAR, Need.MAP)
         surveys = pool.map(survey_bag, [(bag, "detection", needs, Path(scratch)) for bag in bags_among(arguments.bags)])
@@ -90,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
             sets += self_test_sets(frames, Path(scratch))
         for detections in sets:
             _check_names(detections, names)
-        scores = [score_detector(frames, part, names, lambda tables: pool.map(devkit_score, tables)) for part in sets]
+        scores = [_scored(frames, part, names, pool, tracking=arguments.tracking) for part in sets]
     content = scores_as_json(scores)
     tables = tables_of(content, compare_paper=arguments.compare_paper)
     print("\n".join([*text_of(tables), "", *_remarks(frames, scores, costs)]))
@@ -99,7 +96,26 @@ def run(arguments: argparse.Namespace) -> int:
         for table in tables:
             files |= {f"{table.key}.csv": table.csv(), f"{table.key}.tex": table.latex()}
         _write(arguments.out, files, frames, scores)
+        if arguments.tracking:
+            _write_tracks(arguments.out, sets, names, frames)
     return EXIT_OK
+
+
+def _asked(arguments: argparse.Namespace) -> tuple[list[tuple[str, str]], dict[str, Path]]:
+    """Detections of files, and weights by detector; InputError where they do not fit together."""
+    named = [_named(text) for text in arguments.detections]
+    detectors = list(names_in(arguments.detectors))
+    for unknown in set(detectors) - set(DETECTORS):
+        raise InputError("detectors", unknown, f"one of {', '.join(DETECTORS)}")
+    if not named and not detectors and not arguments.self_test:
+        raise InputError("detections", "", "NAME=FILE at least once, or --detectors, or --self-test")
+    weights = dict(arguments.checkpoint)
+    for unknown in set(weights) - set(detectors):
+        raise InputError("checkpoint", unknown, f"one of --detectors: {', '.join(detectors) or 'none is given'}")
+    rows = [*(name for name, _ in named), *detectors]
+    if len(set(rows)) < len(rows):
+        raise InputError("detections", ", ".join(rows), "each name once")
+    return named, weights
 
 
 def _named(text: str) -> tuple[str, str]:
@@ -122,7 +138,8 @@ def _detected(name: str, weights: Path | None, frames: Frames, pool: ProcessPool
     parts = pool.map(run_detector, [(name, episode, weights) for episode in frames.episodes])
     boxes = [replace(part, frame=part.frame + first) for (part, _), first in zip(parts, frames.first, strict=False)]
     cost_s = sum(processor_s for _, processor_s in parts) / len(frames)
-    return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True), cost_s
+    known = TRAINED_ON[name](weights) if name in TRAINED_ON else frozenset()
+    return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True, trained_on=known), cost_s
 
 
 def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[str, float]) -> list[str]:
@@ -140,13 +157,36 @@ def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[st
     return lines + [f"{score.name}: {score.order.sentence()}" for score in scores if score.order is not None]
 
 
+def _scored(
+    frames: Frames, part: FoundSet, names: frozenset[str], pool: ProcessPool, *, tracking: bool
+) -> DetectorScores:
+    score = score_detector(frames, part, names, lambda tables: pool.map(devkit_score, tables))
+    if not tracking:
+        return score
+    return replace(
+        score, tracking=score_tracking(frames, part, names, lambda tables: pool.map(devkit_tracking, tables))
+    )
+
+
+def _write_tracks(out: Path, sets: Sequence[FoundSet], names: frozenset[str], frames: Frames) -> None:
+    with writing(out, "place"):
+        for part in sets:
+            tracks = tracks_of(frames, part.boxes.at(np.isin(part.boxes.label, sorted(names))))
+            write_nuscenes_tracks(out / f"tracks_{_stem(part.name)}.json", tracks.boxes, tracks.track, frames)
+
+
+def _stem(name: str) -> str:
+    """A detector's name as a part of names of files."""
+    return "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
+
+
 def _write(out: Path, files: Mapping[str, str], frames: Frames, scores: Sequence[DetectorScores]) -> None:
     with writing(out, "place"):
         out.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
             write_text(out / name, text)
         for score in scores:
-            stem = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in score.name)
+            stem = _stem(score.name)
             draw_curves(score, out / f"curves_{stem}.png")
             for template in score.templates:
                 draw_worst_frame(score, frames, template, out / f"birdseye_{stem}_{template}.png")

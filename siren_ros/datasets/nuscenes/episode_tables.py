@@ -16,7 +16,7 @@ from siren_ros.interfaces.transforms import quaternion_of_matrix
 from siren_ros.numerics.arrays import Floats, Ids, Matrix
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.record.episode_source import EpisodeSource, MountedCamera
-from siren_ros.world.actors import EMERGENCY_CLASSES, TWO_WHEELED, ActorClass
+from siren_ros.world.actors import EMERGENCY_CLASSES, FIRST_PARKED_ID, TWO_WHEELED, ActorClass
 from siren_ros.world.carrier import GroundTruth
 
 CAR: Final = "vehicle.car"
@@ -47,6 +47,7 @@ ATTRIBUTES: Final = (
     "pedestrian.moving",
     "pedestrian.standing",
 )
+_PARKED: Final = ATTRIBUTES[2]
 VISIBILITIES: Final = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100"}
 _STOPPED_MPS: Final = 0.3
 LIDAR: Final = "LIDAR_TOP"
@@ -71,7 +72,7 @@ def category_of(actor_class: ActorClass, emergency: str, others: str = "nuscenes
 
 
 def attribute_of(actor_class: ActorClass, speed_mps: float) -> str:
-    """Whether somebody moves, no recorded vehicle is parked; of two wheels, that they have a rider."""
+    """Whether somebody in traffic moves; of two wheels, that they have a rider."""
     if actor_class in TWO_WHEELED:
         return ATTRIBUTES[3]
     moving, standing = ATTRIBUTES[4:] if actor_class is ActorClass.PEDESTRIAN else ATTRIBUTES[:2]
@@ -231,14 +232,13 @@ class EpisodeTables:
             cos, sin = np.cos(truth.yaw_rad[row]), np.sin(truth.yaw_rad[row])
             turned = map_from_truth[:3, :3] @ [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
             name = token("sample_annotation", self._id, actor_id, step)
+            attribute = attribute_of(kind, float(np.hypot(truth.vx_mps[row], truth.vy_mps[row])))
             annotation = {
                 "token": name,
                 "sample_token": self.samples[-1],
                 "instance_token": token("instance", self._id, actor_id),
                 "visibility_token": visibility_of(float(visible[row])),
-                "attribute_tokens": [
-                    token("attribute", attribute_of(kind, float(np.hypot(truth.vx_mps[row], truth.vy_mps[row]))))
-                ],
+                "attribute_tokens": [token("attribute", _PARKED if actor_id >= FIRST_PARKED_ID else attribute)],
                 "translation": centre[:3].tolist(),
                 "size": [float(values[row]) for values in (truth.width_m, truth.length_m, truth.height_m)],
                 "rotation": rotation_wxyz(turned),

@@ -17,6 +17,7 @@ ATTRIBUTES: Final = (
     *("pedestrian.moving", "pedestrian.standing", "pedestrian.sitting_lying_down"),
 )
 """nuScenes' attributes by code; 0 says nothing."""
+PARKED: Final = ATTRIBUTES.index("vehicle.parked")
 _WITH_RIDER, _WALKS, _STANDS = (
     ATTRIBUTES.index(name) for name in ("cycle.with_rider", "pedestrian.moving", "pedestrian.standing")
 )

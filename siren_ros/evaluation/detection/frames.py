@@ -12,7 +12,7 @@ from siren_ros.datasets.nuscenes.episode_tables import token
 from siren_ros.datasets.nuscenes.exporter import KEYFRAME_STEPS, visible_fractions
 from siren_ros.datasets.nuscenes.map_expansion import map_corners
 from siren_ros.errors import BagError
-from siren_ros.evaluation.detection.boxes import Boxes, TruthBoxes, attributes_of, joined
+from siren_ros.evaluation.detection.boxes import PARKED, Boxes, TruthBoxes, attributes_of, joined
 from siren_ros.interfaces.boxes import from_camera_truth, from_ground_truth
 from siren_ros.interfaces.conversions import from_actor_states
 from siren_ros.interfaces.measurements import from_point_cloud
@@ -24,7 +24,7 @@ from siren_ros.record.bag_survey import BagSurvey
 from siren_ros.record.episode_source import EpisodeSource, LidarFrame, lidar_of, open_source
 from siren_ros.recording.bag_reader import BagMessage, damage_refused
 from siren_ros.sensors.look import look_of
-from siren_ros.world.actors import Mode
+from siren_ros.world.actors import FIRST_PARKED_ID, Mode
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, GroundTruth
 
 RANGE_M: Final = 50.0
@@ -58,6 +58,7 @@ class EpisodeFrames:
     """Weather and time of day."""
     suite: str = ""
     """The sensors."""
+    map_name: str = ""
 
     def __len__(self) -> int:
         return len(self.step)
@@ -229,6 +230,7 @@ def read_frames(survey: BagSurvey, episode_id: str) -> EpisodeFrames:
             truth=boxes,
             look=look_of(described),
             suite=described.sensor_suite,
+            map_name=described.map_name,
         )
 
 
@@ -250,7 +252,9 @@ def _labelled(frame: int, truth: GroundTruth, map_from_lidar: Matrix, visible: F
         size_m=np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1),
         yaw_rad=truth.yaw_rad + np.arctan2(turn[1, 0], turn[0, 0]),
         velocity_mps=speeds,
-        attribute=attributes_of(speeds, truth.actor_class),
+        attribute=np.where(truth.actor_id >= FIRST_PARKED_ID, PARKED, attributes_of(speeds, truth.actor_class)).astype(
+            np.uint8
+        ),
         actor_id=truth.actor_id,
         actor_class=truth.actor_class,
         lidar_points=truth.lidar_points,

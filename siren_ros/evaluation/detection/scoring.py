@@ -9,6 +9,7 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.evaluation.detection.boxes import (
     CAR,
     CLASS_NAMES,
@@ -28,12 +29,13 @@ from siren_ros.evaluation.detection.devkit_score import (
     class_range_m,
     match,
 )
-from siren_ros.evaluation.detection.frames import RANGE_M, Frames
+from siren_ros.evaluation.detection.frames import RANGE_M, EpisodeFrames, Frames
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.evaluation.detection.tracking import TrackingScore
 from siren_ros.evaluation.statistics import Estimate, jackknife
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.tables.interval import NOTHING, Interval
-from siren_ros.world.actors import PEOPLE_CLASSES, VEHICLE_CLASSES, ActorClass, Mode
+from siren_ros.world.actors import FIRST_PARKED_ID, PEOPLE_CLASSES, VEHICLE_CLASSES, ActorClass, Mode
 
 _HELD: Final = (Mode.YIELD_HOLD, Mode.STOPPED)
 _YIELDING: Final = (*(mode for mode in Mode if mode.is_yielding and mode not in _HELD), Mode.REJOIN)
@@ -53,8 +55,23 @@ class Subset:
     """Detections that can be false alarms of this subset; None for all."""
 
 
+def _parked(truth: TruthBoxes) -> Flags:
+    return np.asarray(truth.actor_id >= FIRST_PARKED_ID)
+
+
 def _of_modes(name: str, modes: tuple[Mode, ...]) -> Subset:
-    return Subset("behaviour", name, lambda _, truth: np.isin(truth.mode, modes))
+    return Subset("behaviour", name, lambda _, truth: np.isin(truth.mode, modes) & ~_parked(truth))
+
+
+_SIZE_M: Final = 0.02
+
+
+def _of_class_size(truth: TruthBoxes) -> Flags:
+    """Whether labels have exactly the size of their class, as all vehicles have in episodes without ``size_spread``."""
+    known = load_vehicle_parameters()
+    sizes = {kind: (one.length_m, one.width_m, one.height_m) for kind, one in known.items()}
+    own = np.array([sizes[ActorClass(kind)] for kind in truth.actor_class.tolist()]).reshape(-1, 3)
+    return np.asarray((abs(truth.size_m - own) < _SIZE_M).all(axis=1))
 
 
 def _of_distance(low_m: float, high_m: float) -> Subset:
@@ -75,13 +92,31 @@ def _of_visibility(low: float, high: float) -> Subset:
     return Subset("visible", name, lambda _, truth: (truth.visible >= low) & (truth.visible < high))
 
 
-def subsets_of_episodes(frames: Frames) -> tuple[Subset, ...]:
-    """Rows for the looks and for the suites of sensors, where there are several of them."""
-    looks = np.array([episode.look for episode in frames.episodes])
-    suites = np.array([episode.suite for episode in frames.episodes])
+def _novelty(episode: EpisodeFrames, detected: FoundSet) -> str:
+    known = {True: "known from the training", False: "new to the detector"}
+    return known[episode.map_name in detected.trained_on] if detected.trained_on else ""
+
+
+EPISODE_GROUPS: Final[Mapping[str, Callable[[EpisodeFrames, FoundSet], str]]] = MappingProxyType(
+    {
+        "weather": lambda episode, _: episode.look,
+        "sensors": lambda episode, _: episode.suite,
+        "map": lambda episode, _: episode.map_name,
+        "maps that are": _novelty,
+    }
+)
+"""What episodes are told apart by, each with what it is of an episode."""
+
+
+def subsets_of_episodes(frames: Frames, detected: FoundSet) -> tuple[Subset, ...]:
+    """Rows for each of ``EPISODE_GROUPS``, where the episodes differ in it."""
+    groups = {
+        group: np.array([kind_of(episode, detected) for episode in frames.episodes])
+        for group, kind_of in EPISODE_GROUPS.items()
+    }
     return tuple(
         _of_episodes(group, kind, of_episode == kind)
-        for group, of_episode in (("weather", looks), ("sensors", suites))
+        for group, of_episode in groups.items()
         for kind in sorted(set(of_episode.tolist()))
         if not (of_episode == kind).all()
     )
@@ -103,6 +138,9 @@ SUBSETS: Final = (
     _of_modes("nominal", tuple(mode for mode in Mode if mode not in (*_HELD, *_YIELDING))),
     _of_modes("yielding", _YIELDING),
     _of_modes("held", _HELD),
+    Subset("behaviour", "parked", lambda _, truth: _parked(truth)),
+    Subset("size", "of their class", lambda _, truth: _of_class_size(truth)),
+    Subset("size", "another one", lambda _, truth: ~_of_class_size(truth)),
     *(_of_distance(low, high) for low, high in pairwise(_DISTANCES_M)),
     *(_of_points(low, high) for low, high in pairwise(_POINTS)),
     *(_of_visibility(low, high) for low, high in pairwise(_VISIBLE)),
@@ -197,6 +235,8 @@ class DetectorScores:
     matches: Matches
     people: Mapping[str, PersonScore] = field(default_factory=dict)
     """By nuScenes' name, those of whom there is a label; they count in no other score."""
+    tracking: Mapping[str, TrackingScore] = field(default_factory=dict)
+    """By class (``score_tracking``), where tracks are scored."""
 
     @property
     def mean_nds(self) -> float:
@@ -265,7 +305,7 @@ def score_detector(frames: Frames, detected: FoundSet, names: frozenset[str], ru
         if mean.bounded
         else None,
         groups=(
-            *(jackknifed.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames))),
+            *(jackknifed.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames, detected))),
             *(jackknifed.named(name) for name in (CLASS_NAMES if names_kinds(boxes) else ())),
         ),
         truth=truth,

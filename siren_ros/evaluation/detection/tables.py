@@ -9,6 +9,7 @@ import numpy as np
 
 from siren_ros.evaluation.detection.devkit_score import ERRORS, DevkitScore
 from siren_ros.evaluation.detection.scoring import DetectorScores
+from siren_ros.evaluation.detection.tracking import TrackingScore
 from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.tables.interval import Bounds, Interval, interval_of_json
 from siren_ros.tables.table import Row, Table
@@ -65,7 +66,7 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
     paper = list({row.name: row for name in content for row in paper_rows(name)}.values()) if compare_paper else []
     tables = (
         *(_by_template(content, paper), _errors(content, paper)),
-        *(_people(content), _errors_by_template(content), _parts(content)),
+        *(_people(content), _tracking(content), _errors_by_template(content), _parts(content)),
     )
     return tuple(table for table in tables if table.rows)
 
@@ -115,6 +116,44 @@ def _people(content: Mapping[str, Any]) -> Table:
             (name, kind, score["labels"], interval_of_json(score["mAP"]), *map(score["errors"].get, ERRORS))
             for name, scores in content.items()
             for kind, score in scores.get("people", {}).items()
+        ),
+        spec=".3f",
+    )
+
+
+_TRACKING: Final = MappingProxyType(
+    {
+        "AMOTA": "AMOTA",
+        "AMOTP": "AMOTP m",
+        "HOTA": "HOTA",
+        "DetA": "DetA",
+        "AssA": "AssA",
+        "MOTA": "MOTA",
+        "switches": "changes of numbers",
+        "labels": "labelled tracks",
+    }
+)
+"""Names of the figures of tracks in ``scores.json`` and in the table."""
+
+
+def _tracking(content: Mapping[str, Any]) -> Table:
+    """Kinds of emergency vehicles have columns of their own: nuScenes' list of tracked classes does not have them."""
+    tracking = {name: scores.get("tracking", {}) for name, scores in content.items()}
+    classes = list(dict.fromkeys(kind for of_detector in tracking.values() for kind in of_detector))
+
+    def cell(score: Mapping[str, Any] | None, figure: str) -> Any:
+        value = score and score[figure]
+        return interval_of_json(value) if isinstance(value, dict) else value
+
+    return Table(
+        "tracking",
+        "Tracks by class, over all episodes: AMOTA, AMOTP and MOTA by nuScenes' code, HOTA, with intervals of 95 %",
+        ("detector", "figure", *classes),
+        tuple(
+            (name, title, *(cell(of_detector.get(kind), figure) for kind in classes))
+            for name, of_detector in tracking.items()
+            if of_detector
+            for figure, title in _TRACKING.items()
         ),
         spec=".3f",
     )
@@ -173,6 +212,7 @@ def scores_as_json(scores: Sequence[DetectorScores]) -> dict[str, Any]:
 
 def _detector(scores: DetectorScores) -> dict[str, Any]:
     people = {name: {**_score(of.score), "mAP": _interval(of.mean_ap)} for name, of in scores.people.items()}
+    tracking = {name: _tracked(score) for name, score in scores.tracking.items()}
     return {
         "format": scores.format,
         "velocity_known": scores.has_velocity,
@@ -182,6 +222,7 @@ def _detector(scores: DetectorScores) -> dict[str, Any]:
             for name, score in scores.templates.items()
         },
         **({"people": people} if people else {}),
+        **({"tracking": tracking} if tracking else {}),
         "families": {name: _interval(value) for name, value in scores.families.items()},
         "order_of_families_share": None if scores.order is None else scores.order.whole,
         "order_of_families_steps": None if scores.order is None else dict(scores.order.steps),
@@ -200,6 +241,20 @@ def _score(score: DevkitScore) -> Mapping[str, Any]:
         "AP": {f"{distance_m:g}": value for distance_m, value in score.average_precision.items()},
         "errors": dict(score.errors),
         "precision_at_recall_0_to_1": score.precision.round(6).tolist(),
+    }
+
+
+def _tracked(score: TrackingScore) -> Mapping[str, Any]:
+    return {
+        "AMOTA": _interval(score.amota),
+        "AMOTP": _interval(score.amotp_m),
+        "HOTA": _interval(score.hota),
+        "DetA": score.detection,
+        "AssA": score.association,
+        "MOTA": score.devkit.mota,
+        "switches": None if np.isnan(score.devkit.switches) else int(score.devkit.switches),
+        "labels": score.devkit.labels,
+        "confidence": score.devkit.confidence,
     }
 
 

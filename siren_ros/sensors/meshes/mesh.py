@@ -12,7 +12,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from siren_ros.numerics.arrays import Floats, Floats32
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import ActorClass, ActorDescription
 
 
 class Material(IntEnum):
@@ -299,6 +299,17 @@ class SignalLamp:
 
 
 @dataclass(frozen=True, eq=False)
+class ParkedVehicle:
+    """A vehicle that stands in the scene for the whole episode; the pose of its ``base_link`` in the ``map`` frame."""
+
+    actor: ActorDescription
+    x_m: float
+    y_m: float
+    z_m: float
+    yaw_rad: float
+
+
+@dataclass(frozen=True, eq=False)
 class StaticScene:
     """Everything that does not move, in the ``map`` frame, and which of its triangles are signal lamps."""
 
@@ -308,6 +319,8 @@ class StaticScene:
     """Sidewalks and medians…"""
     raised_m: float = 0.0
     """…and their height above the road."""
+    parked: tuple[ParkedVehicle, ...] = ()
+    """Not in the mesh: to the sensors they are actors."""
 
     def ground_m(self, x_m: Floats, y_m: Floats) -> Floats:
         """Height of the ground at some places."""

@@ -13,9 +13,10 @@ from shapely.geometry import Polygon
 from siren_ros.numerics.arrays import Floats, Points, random_stream
 from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.sensors.meshes.mesh import Material, Mesh, StaticScene
+from siren_ros.sensors.meshes.mesh import Material, Mesh, ParkedVehicle, StaticScene
 from siren_ros.sensors.meshes.solids import Rgb, box, frustum, hexahedra, sphere_points
 from siren_ros.sensors.scene.ground import ground_mesh, road_markings
+from siren_ros.sensors.scene.kerbside import clutter, mirrored, parked_vehicles
 from siren_ros.sensors.scene.signals import junction_controls, street_lamp, turned
 from siren_ros.sensors.scene.surfaces import (
     FreeSpace,
@@ -313,10 +314,10 @@ def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = N
     """
     if network.left_hand:
         image = static_scene(right_hand_image(network), seed, config)
-        mirrored = image.mesh.transformed(np.diag((1.0, -1.0, 1.0)))
+        mirror = image.mesh.transformed(np.diag((1.0, -1.0, 1.0)))
         raised = shapely.transform(image.raised, lambda points: points * (1.0, -1.0))
         shapely.prepare(raised)
-        return replace(image, mesh=mirrored, raised=raised)
+        return replace(image, mesh=mirror, raised=raised, parked=mirrored(image.parked))
     numbers = SceneConfig() if config is None else config
     centres = drawn_centres(network, numbers.road_extension_m)
     surfaces = road_surfaces(network, centres, numbers)
@@ -324,17 +325,24 @@ def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = N
     space = FreeSpace(surfaces)
     controls = junction_controls(network, space, numbers)
     lamps = street_lamps(surfaces, space, numbers)
+    parked: tuple[ParkedVehicle, ...] = ()
+    if numbers.parked_share:
+        parked = parked_vehicles(surfaces, space, numbers, seed, random_stream(seed, "scene parked"))
     trees = street_trees(surfaces, space, numbers, random_stream(seed, "scene trees"))
     houses = street_buildings(surfaces, space, numbers, random_stream(seed, "scene buildings"))
     park = parkland(surfaces, space, numbers, random_stream(seed, "scene park"))
     rails = crash_barriers(surfaces, numbers)
+    things = Mesh.joined()
+    if numbers.clutter_per_100_m:
+        things = Mesh.joined(*clutter(surfaces, space, numbers, random_stream(seed, "scene clutter")))
     first, raised = len(ground), surfaces.raised
     shapely.prepare(raised)
     return StaticScene(
-        mesh=Mesh.joined(ground, controls.mesh, lamps, trees, houses, park, rails),
+        mesh=Mesh.joined(ground, controls.mesh, lamps, trees, houses, park, rails, things),
         signal_lamps=tuple(
             replace(lamp, start=lamp.start + first, stop=lamp.stop + first) for lamp in controls.signal_lamps
         ),
         raised=raised,
         raised_m=numbers.kerb_height_m,
+        parked=parked,
     )

@@ -56,6 +56,12 @@ class SceneConfig:
     """Between the posts of the crash barriers along roads out of town."""
     clearance_m: float = 4.6
     """Nothing hangs lower than this over lanes, shoulders and junctions (StVO: 4.5 m headroom)."""
+    parked_share: float = 0.0
+    """Share of the places along the roads in which a vehicle is parked."""
+    size_spread: float = 0.0
+    """Up to which share sizes of parked vehicles differ from those of their class."""
+    clutter_per_100_m: float = 0.0
+    """Pieces of furniture and clutter on 100 m of the roads' edges, where there is space."""
     tile_m: float = 30.0
     """Surfaces are cut to tiles of this size, so that ray casting finds compact triangles."""
 
@@ -67,9 +73,12 @@ class SceneConfig:
             "verge_width_m",
             "skyline_m",
             "open_country_m",
+            "parked_share",
+            "size_spread",
+            "clutter_per_100_m",
         ):
             if getattr(self, name) < 0:
-                raise InputError(name, getattr(self, name), "a number of metres, at least 0")
+                raise InputError(name, getattr(self, name), "a number that is at least 0")
         for name in (
             "line_width_m",
             "dash_m",

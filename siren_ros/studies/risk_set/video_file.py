@@ -17,6 +17,7 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.sensors.look import load_look
 from siren_ros.sensors.rig import SensorRig
+from siren_ros.sensors.scene.kerbside import scene_config_of
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.studies.risk_set.candidate import (
     FRAME_STEPS,
@@ -73,7 +74,8 @@ def _pictures(
     """Colours, actors and step of each frame."""
     camera = replace(front_camera(), instance=True, rate_hz=10.0)
     suite = SensorSuite("risk", cameras=(camera,))
-    rig = SensorRig(suite, record.network, record.description.seed, look=load_look(candidate.request.look))
+    config = scene_config_of(record.description.template_values)
+    rig = SensorRig(suite, record.network, record.description.seed, config, look=load_look(candidate.request.look))
     for row in range(candidate.first_step, candidate.first_step + VIDEO_FRAMES * FRAME_STEPS, FRAME_STEPS):
         seen = rig.observe(record.states[row], record.actors, record.traffic[row].signals, record.emv_ids[0])
         frame = seen.frames[0]

@@ -205,6 +205,13 @@ _PAINTS: Final = (
 """Paints and their shares: white, black, grey, silver, blue, red, green, beige, orange (rounded from the
 yearly colour popularity reports of automotive paint makers)."""
 _PAINT_ENDS: Final = chances(share for _, share in _PAINTS)
+
+
+def draw_paint(rng: np.random.Generator) -> tuple[int, int, int]:
+    """A paint by its share."""
+    return _PAINTS[drawn(_PAINT_ENDS, rng)][0]
+
+
 _EMV_PAINT: Final = (240, 240, 236)
 
 
@@ -306,7 +313,7 @@ class VehicleFactory:
         rng: np.random.Generator,
     ) -> PlannedVehicle:
         """A civilian vehicle in a drawn paint."""
-        paint = _PAINTS[drawn(_PAINT_ENDS, rng)][0]
+        paint = draw_paint(rng)
         return PlannedVehicle(name, actor_class, *self.size(actor_class), paint, driver, route, spot)
 
     def emv(

@@ -22,6 +22,7 @@ from siren_ros.scenario.splits import Split
 from siren_ros.scenario.templates import load_template
 from siren_ros.sensors.look import load_look
 from siren_ros.sensors.rig import SensorRig
+from siren_ros.sensors.scene.kerbside import scene_config_of
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.studies.risk_set.candidate import FRAME_STEPS, Candidate, candidate_request, front_camera, simulated
 from siren_ros.studies.risk_set.search import outcome_as_json, outcome_of_json
@@ -127,7 +128,8 @@ def film_of(request: EpisodeRequest, record: EpisodeRecord) -> Film:
     """The film of a request's record."""
     emv_id, spec = record.emv_ids[0], front_camera()
     suite = SensorSuite("film", cameras=(replace(spec, width=_SIZE[0], height=_SIZE[1], rate_hz=10.0),))
-    rig = SensorRig(suite, record.network, record.description.seed, look=load_look(request.look))
+    config = scene_config_of(record.description.template_values)
+    rig = SensorRig(suite, record.network, record.description.seed, config, look=load_look(request.look))
     there = record.track(emv_id).step
     first = -(-int(there[0]) // FRAME_STEPS) * FRAME_STEPS
     frames = []

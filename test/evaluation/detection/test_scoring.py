@@ -167,10 +167,10 @@ def test_tables_have_the_papers_rows_where_asked() -> None:
 
 def test_weather_and_sensors_have_rows_where_there_are_several() -> None:
     frames, found = _episodes(["S1", "S1", "S2"])
-    assert subsets_of_episodes(frames) == ()
+    assert subsets_of_episodes(frames, found) == ()
     looks = [replace(one, look=look, suite="lidar") for one, look in zip(frames.episodes, "rrc", strict=True)]
     changed = frames_of(looks)
-    rows = subsets_of_episodes(changed)
+    rows = subsets_of_episodes(changed, found)
     assert [(row.group, row.name) for row in rows] == [("weather", "c"), ("weather", "r")]
     clear = rows[0].labels(changed, changed.truth)
     assert clear.tolist() == (changed.truth.frame >= 2 * FRAMES).tolist()
@@ -180,6 +180,18 @@ def test_weather_and_sensors_have_rows_where_there_are_several() -> None:
     (row,) = (group for group in scores.groups if group.name == "c")
     assert row.mean_ap.value == pytest.approx(alone.mean_ap.value, abs=1e-6)
     assert row.labels == len(alone.truth)
+
+
+def test_maps_that_a_detector_did_not_learn_have_a_row() -> None:
+    frames, found = _episodes(["S1", "S1", "S2"])
+    maps = [replace(one, map_name=name) for one, name in zip(frames.episodes, ("town", "b", "c"), strict=True)]
+    changed = frames_of(maps)
+    rows = [(row.group, row.name) for row in subsets_of_episodes(changed, found)]
+    assert rows == [("map", "b"), ("map", "c"), ("map", "town")], "nothing is learned"
+    learned = subsets_of_episodes(changed, replace(found, trained_on=frozenset({"town", "d"})))
+    by_name = {row.name: row.labels(changed, changed.truth).tolist() for row in learned if row.group != "map"}
+    first = (changed.truth.frame < FRAMES).tolist()
+    assert by_name == {"known from the training": first, "new to the detector": [not one for one in first]}
 
 
 Place = tuple[int, float]

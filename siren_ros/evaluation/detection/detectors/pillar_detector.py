@@ -19,6 +19,7 @@ from siren_ros.evaluation.detection.detectors.pillars import (
     pillars_of,
 )
 from siren_ros.evaluation.detection.frames import EpisodeFrames
+from siren_ros.evaluation.detection.tracker import Tracker
 from siren_ros.evaluation.network_file import open_network
 from siren_ros.numerics.arrays import Flags, Floats, Floats32, Matrix
 from siren_ros.numerics.units import STEP_S
@@ -66,6 +67,16 @@ def load_detector(path: Path) -> DetectorNetwork:
     return DetectorNetwork(network.session, card, grid, tuple(card["class_names"]))
 
 
+def maps_of_training(weights: Path | None = None) -> frozenset[str]:
+    """Names of the maps in a detector's training, by its card; weights as of ``detect_pillars``.
+
+    Raises:
+        InputError: The weights cannot be used.
+    """
+    training = load_detector(weights or detector_file(SHIPPED_DETECTOR)).card.get("training", {})
+    return frozenset(training.get("seeds_by_map", {}))
+
+
 _OWN_HALF_M: Final = (4.2, 1.35)
 """Half length and half width of a box that holds every emergency vehicle: returns inside come from the carrier."""
 
@@ -96,6 +107,11 @@ class SweepMemory:
         own = (abs(xyzi[:, 0]) < _OWN_HALF_M[0]) & (abs(xyzi[:, 1]) < _OWN_HALF_M[1])
         self._held.insert(0, _Sweep(step, xyzi[~own], map_from_lidar))
         del self._held[self.sweeps :]
+
+    @property
+    def newest(self) -> tuple[int, Matrix] | None:
+        """Step of the newest sweep, and its transform ``map_from_lidar``; None without a sweep."""
+        return (self._held[0].step, self._held[0].map_from_lidar) if self._held else None
 
     def points(self) -> Floats32:
         """All points in the frame of the newest sweep, newest sweep first: x, y, z, intensity, age in seconds."""
@@ -130,18 +146,21 @@ def detector_file(name: str) -> Path:
 
 @dataclass
 class PillarDetector:
-    """Finds vehicles in the sweeps of one LiDAR, each with those before it."""
+    """Finds vehicles in the sweeps of one LiDAR, each with those before it, and follows them for their velocities."""
 
     network: DetectorNetwork
     height_m: float = SENSOR_HEIGHT_M
     """Of the LiDAR above the ground."""
     memory: SweepMemory = field(init=False)
+    tracker: Tracker = field(default_factory=Tracker)
 
     def __post_init__(self) -> None:
         self.memory = SweepMemory(self.network.grid.sweeps)
 
     def add(self, step: int, points: npt.NDArray[np.void], map_from_lidar: Matrix) -> None:
         """Takes the sweep of a step; see ``SweepMemory.add``."""
+        if self.memory.newest is not None and step <= self.memory.newest[0]:
+            self.tracker = Tracker(step=step)
         self.memory.add(step, points, map_from_lidar)
 
     def boxes(self) -> FoundBoxes:
@@ -154,16 +173,26 @@ class PillarDetector:
         kept = (score >= _LEAST_SCORE) & np.isfinite(table).all(axis=1)
         kept[kept] = apart(table[kept, :2], score[kept], _APART_M)
         table = table[kept]
+        velocity = self._velocities(table[:, :3], table[:, 8:10])
         return FoundBoxes(
             frame=np.zeros(len(table), dtype=np.intp),
             centre_m=table[:, :3],
             size_m=table[:, 3:6],
             yaw_rad=np.arctan2(table[:, 6], table[:, 7]),
-            velocity_mps=table[:, 8:10],
-            attribute=attributes_of(table[:, 8:10]),
+            velocity_mps=velocity,
+            attribute=attributes_of(velocity),
             score=score[kept],
             label=names[share[kept].argmax(axis=1)],
         )
+
+    def _velocities(self, centre_m: Floats, stated_mps: Floats) -> Floats:
+        """What the tracker makes of the network's velocities, in the LiDAR's frame of reference."""
+        if self.memory.newest is None:
+            return stated_mps
+        step, map_from_lidar = self.memory.newest
+        turn = map_from_lidar[:2, :2]
+        place_m = (centre_m @ map_from_lidar[:3, :3].T + map_from_lidar[:3, 3])[:, :2]
+        return self.tracker.follow(step, place_m, STEP_S, stated_mps @ turn.T).velocity_mps @ turn
 
 
 def apart(centre_m: Floats, score: Floats, least_m: float) -> Flags:

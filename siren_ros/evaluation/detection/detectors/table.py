@@ -9,7 +9,7 @@ from typing import Final
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.boxes import FoundBoxes
 from siren_ros.evaluation.detection.detectors.classical import detect_classical
-from siren_ros.evaluation.detection.detectors.pillar_detector import detect_pillars
+from siren_ros.evaluation.detection.detectors.pillar_detector import detect_pillars, maps_of_training
 from siren_ros.evaluation.detection.frames import EpisodeFrames
 
 Detect = Callable[[EpisodeFrames, Path | None], FoundBoxes]
@@ -28,6 +28,11 @@ DETECTORS: Final[Mapping[str, Detect]] = MappingProxyType(
         "pillars": detect_pillars,
     }
 )
+
+TRAINED_ON: Final[Mapping[str, Callable[[Path | None], frozenset[str]]]] = MappingProxyType(
+    {"pillars": maps_of_training}
+)
+"""Maps in the training of the detectors that learn, by their weights."""
 
 
 def run_detector(name: str, episode: EpisodeFrames, weights: Path | None) -> tuple[FoundBoxes, float]:

@@ -4,7 +4,7 @@ Source: nuscenes-devkit, ``python-sdk/nuscenes/eval/detection/README.md``, "Resu
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes
 from siren_ros.evaluation.detection.frames import Frames
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet, StatedBoxes, check_boxes, in_map
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Floats, Rows
 
 _FORMAT = "nuScenes results"
 
@@ -83,6 +83,28 @@ def _columns(path: Path, frames: Frames, rows: list[tuple[int, Any]]) -> StatedB
 
 def write_nuscenes(path: Path, boxes: FoundBoxes, frames: Frames) -> None:
     """Writes boxes of keyframes as such a file."""
+    rows = {
+        "detection_name": boxes.label.tolist(),
+        "detection_score": boxes.score.tolist(),
+        "attribute_name": [ATTRIBUTES[code] for code in boxes.attribute.tolist()],
+    }
+    _write(path, boxes, frames, rows)
+
+
+def write_nuscenes_tracks(path: Path, boxes: FoundBoxes, track: Rows, frames: Frames) -> None:
+    """Writes tracks as a file of nuScenes' tracking task; ``track`` has the number of each box's, shape ``(N,)``.
+
+    Source: nuscenes-devkit, ``python-sdk/nuscenes/eval/tracking/README.md``, "Results format".
+    """
+    rows = {
+        "tracking_id": [str(number) for number in track.tolist()],
+        "tracking_name": boxes.label.tolist(),
+        "tracking_score": boxes.score.tolist(),
+    }
+    _write(path, boxes, frames, rows)
+
+
+def _write(path: Path, boxes: FoundBoxes, frames: Frames, more: Mapping[str, Sequence[str | float]]) -> None:
     results: dict[str, list[dict[str, Any]]] = {token: [] for token in frames.by_token}
     tokens = {frame: token for token, frame in frames.by_token.items()}
     for row, frame in enumerate(boxes.frame.tolist()):
@@ -98,9 +120,7 @@ def write_nuscenes(path: Path, boxes: FoundBoxes, frames: Frames) -> None:
                 "size": boxes.size_m[row, [1, 0, 2]].tolist(),
                 "rotation": [float(np.cos(half)), 0.0, 0.0, float(np.sin(half))],
                 "velocity": np.nan_to_num(boxes.velocity_mps[row]).tolist(),
-                "detection_name": str(boxes.label[row]),
-                "detection_score": float(boxes.score[row]),
-                "attribute_name": ATTRIBUTES[boxes.attribute[row]],
+                **{key: values[row] for key, values in more.items()},
             }
         )
     meta = {"use_lidar": True, **dict.fromkeys(("use_camera", "use_radar", "use_map", "use_external"), False)}

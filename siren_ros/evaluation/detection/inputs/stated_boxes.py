@@ -26,6 +26,8 @@ class FoundSet:
     """Whether velocities are known; without them the devkit takes 1 m/s as the velocity error."""
     has_attributes: bool = False
     """Whether the format states attributes; else those of labels and detections follow from their velocities."""
+    trained_on: frozenset[str] = frozenset()
+    """Names of the maps on which the detector was trained; empty where nothing is known or learned."""
 
 
 MOST_BOXES: Final = 500

@@ -22,6 +22,7 @@ from siren_ros.evaluation.detection.detectors.pillar_detector import (
     detect_pillars,
     detector_file,
     load_detector,
+    maps_of_training,
 )
 from siren_ros.evaluation.detection.detectors.pillars import (
     FEATURES,
@@ -352,8 +353,9 @@ def test_boxes_of_labelled_sweeps_come_in_the_map(monkeypatch: pytest.MonkeyPatc
     assert found.centre_m[1, :2] == pytest.approx(np.array([100.0, 50.0]) + (5.0 + 1.0) * ahead + 2.0 * left)
     assert found.centre_m[1, 2] == pytest.approx(-1.0 - HIGHER_M + SENSOR_HEIGHT_M + HIGHER_M)
     assert np.exp(1j * found.yaw_rad[1]) == pytest.approx(np.exp(1j * (TURNED_RAD + yaw)))
-    assert found.velocity_mps[1] == pytest.approx(3.0 * ahead - 4.0 * left)
-    assert found.attribute.tolist() == [1, 1], "they move"
+    assert found.velocity_mps[0] == pytest.approx(3.0 * ahead - 4.0 * left), "a track begins as the network says"
+    assert found.velocity_mps[1] == pytest.approx([0.0, 0.0], abs=1e-9), "and goes on as its boxes say"
+    assert found.attribute.tolist() == [1, 2]
     assert session.asked[0][0, 0, 2] == pytest.approx((-1.0 + HIGHER_M) / 2.0)
 
 
@@ -365,3 +367,7 @@ def test_the_more_confident_of_near_boxes_stays() -> None:
 
 def test_nothing_stays_of_nothing() -> None:
     assert apart(np.zeros((0, 2)), np.zeros(0), 1.0).shape == (0,)
+
+
+def test_the_maps_of_the_training_are_those_of_the_card() -> None:
+    assert maps_of_training() == {"town", "Town04"}

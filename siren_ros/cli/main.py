@@ -22,6 +22,8 @@ VERBS: Final = {
     "verify": ("check that the interaction happened and that the record is sound", "bags.add_verify"),
     "recover": ("complete a bag whose writer was killed", "bags.add_recover"),
     "export": ("write episodes as a dataset in another format", "export.add_arguments"),
+    "pack": ("write samples for training as one file", "pack.add_arguments"),
+    "check": ("check a copy of a dataset against its hashes", "pack.add_check"),
     "view": ("open an episode in the browser, in 3-D with a timeline", "view.add_view"),
     "plot": ("draw an episode from above", "pictures.add_plot"),
     "sense": ("draw what sensors see at one time of an episode", "pictures.add_sense"),

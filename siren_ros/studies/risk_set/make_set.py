@@ -7,12 +7,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from siren_ros import __version__
+from siren_ros.datasets.publication import datasheet, write_croissant
 from siren_ros.errors import InputError, write_text, writing
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import EVIDENCE_FILE, SET_FILE, VIDEO_FRAMES, RiskVideo, VideoSet, write_set
 from siren_ros.generation.episode_setup import present_versions
 from siren_ros.processes.process_pool import ProcessPool, Result
 from siren_ros.processes.side_by_side import side_by_side
+from siren_ros.record.licences import LICENCE, licence_of_map
 from siren_ros.roads.maps.map_compiler import name_of_map
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.templates import load_template
@@ -43,17 +46,20 @@ from siren_ros.studies.risk_set.video_file import (
 from siren_ros.studies.workers import attempt_processes
 
 
-def _card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_name: str) -> dict[str, Any]:
+def _card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_file: str) -> dict[str, Any]:
     """The set's card as JSON types; counts are Normal, Near-Miss, Collision."""
     counts = {name: [0, 0, 0] for name in searches}
+    map_name = name_of_map(Path(map_file) if map_file else None)
     for video in videos.videos.values():
         counts[video.template][video.label.risk] += 1
     return {
         "name": "SIREN risk videos",
+        "what": "Videos of the front camera of an emergency vehicle: Normal, Near-Miss or Collision",
         "videos": len(videos.videos),
         "frames": VIDEO_FRAMES,
         "rate_hz": 10,
         "map": map_name,
+        "map_licence": licence_of_map(map_name, map_file),
         "classes": list(TITLES),
         "asked_for": list(balance.total),
         "counts": [sum(row[risk] for row in counts.values()) for risk in RiskClass],
@@ -63,7 +69,7 @@ def _card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, ma
         },
         "thresholds": asdict(videos.thresholds),
         "versions": dict(present_versions()),
-        "license": "Apache-2.0",
+        "licence": LICENCE,
     }
 
 
@@ -91,7 +97,8 @@ def _readme(content: Mapping[str, Any]) -> str:
     )
     table = ["| template | Normal | Near-Miss | Collision | candidates | found |", "|---|---|---|---|---|---|", *rows]
     values = ["| threshold | value |", "|---|---|", *limits]
-    parts = [[f"# {content['name']}"], [about], [made], table, [files], values, [f"Licence: {content['license']}."]]
+    parts = [[f"# {content['name']}"], [about], [made], table, [files], values, [f"Licence: {content['licence']}."]]
+    parts.append([datasheet(content)])
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
 
 
@@ -184,10 +191,10 @@ class _SetMaker:
         entries = {key: self._as_video(key, candidate) for key, candidate in sorted(chosen.items())}
         videos = VideoSet(self.out, entries, self.request.thresholds)
         write_set(videos)
-        map_file = self.request.map_file
-        card = _card(videos, searches, self.request.balance, name_of_map(Path(map_file) if map_file else None))
+        card = _card(videos, searches, self.request.balance, self.request.map_file)
         write_text(self.out / "dataset.json", json.dumps(card, indent=1, sort_keys=True) + "\n")
         write_text(self.out / "README.md", _readme(card))
+        write_croissant(self.out, card, __version__)
         return videos, searches
 
     def _side_by_side(self, tasks: Mapping[str, Callable[[], Result]]) -> dict[str, Result]:

@@ -31,6 +31,7 @@ VERBS: Final = {
     "replay": ("play an episode on its topics, or simulate it again and compare", "replay.add_arguments"),
     "label": ("derive the labels of risk videos again, with other thresholds", "generate_risk.add_label"),
     "evaluate": ("score models, traffic and AVs on episodes", "evaluate.add_arguments"),
+    "leaderboard": ("rank the submissions in a folder, with paired tests", "leaderboard.add_arguments"),
     "report": (
         "write a study as one HTML page: episodes, measurements, and the commands that repeat them",
         "report.add_arguments",

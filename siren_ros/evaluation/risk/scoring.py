@@ -20,6 +20,7 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.labels import RiskClass, label_of, risk_class
 from siren_ros.evaluation.risk.sequence_model import load_sequence_model
 from siren_ros.evaluation.risk.video_set import VideoSet, missing_files
+from siren_ros.evaluation.statistics import BlockSums
 from siren_ros.tables.interval import Interval, mean_of_intervals, share_interval
 
 Answers = Mapping[str, RiskClass | None]
@@ -173,6 +174,16 @@ SCORES: Final[Mapping[str, Callable[[Confusion], Interval]]] = {
     },
 }
 """Every score by its name in tables and files."""
+
+
+def correct_by_class(videos: VideoSet, answers: Answers) -> BlockSums:
+    """Right answers as sums over videos, with the classes as strata: their mean is the balanced accuracy.
+
+    ``answers`` has one for each video of the set.
+    """
+    labels = [(key, video.label.risk) for key, video in sorted(videos.videos.items())]
+    right = np.array([float(answers[key] is risk) for key, risk in labels])
+    return BlockSums(right, np.ones(len(right)), np.array([risk for _, risk in labels], dtype=np.intp))
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ VERBS: Final = {
     "video": ("make a video of an episode, from above or from its cameras", "pictures.add_video"),
     "replay": ("play an episode on its topics, or simulate it again and compare", "replay.add_arguments"),
     "label": ("derive the labels of risk videos again, with other thresholds", "generate_risk.add_label"),
+    "rate": ("write a page on which a person labels risk videos", "evaluation.risk.add_rate"),
     "evaluate": ("score models, traffic and AVs on episodes", "evaluate.add_arguments"),
     "leaderboard": ("rank the submissions in a folder, with paired tests", "leaderboard.add_arguments"),
     "report": (

@@ -28,6 +28,7 @@ from siren_ros.studies.risk_set.search import (
     Outcome,
     Search,
     Trial,
+    balanced,
     continue_search,
     quotas,
     settled,
@@ -170,7 +171,7 @@ class _SetMaker:
         while True:
             searches = self._all_searched()
             found = {name: search.found for name, search in searches.items()}
-            counts = settled(self.quotas, found, self.request.balance.per_template)
+            counts = self._settled(found)
             numbers = {
                 video_id(name, number): (name, number, candidate)
                 for name, search in searches.items()
@@ -197,6 +198,11 @@ class _SetMaker:
         write_croissant(self.out, card, __version__)
         return videos, searches
 
+    def _settled(self, found: Mapping[str, Counts]) -> Mapping[str, Counts]:
+        if self.request.balance.within:
+            return balanced(self.quotas, found)
+        return settled(self.quotas, found, self.request.balance.per_template)
+
     def _side_by_side(self, tasks: Mapping[str, Callable[[], Result]]) -> dict[str, Result]:
         return side_by_side(tasks, self.workers, self.pool.stop)
 
@@ -206,7 +212,7 @@ class _SetMaker:
         for patience in (_FIRST_PATIENCE, PATIENCE):
             searches = self._searched_in_rounds(patience)
             found = {name: search.found for name, search in searches.items()}
-            counts = settled(self.quotas, found, balance.per_template)
+            counts = self._settled(found)
             if all(sum(share[risk] for share in counts.values()) >= balance.total[risk] for risk in RiskClass):
                 break
         return searches
@@ -222,6 +228,8 @@ class _SetMaker:
                 name: (search.found, frozenset(RiskClass) if len(search.trials) >= search.budget else search.given_up)
                 for name, search in searches.items()
             }
+            if self.request.balance.within:
+                return searches
             shares = shifted(shares, findings, self.request.balance)
             if shares in tried:
                 return searches

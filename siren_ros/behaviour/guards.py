@@ -34,8 +34,8 @@ def emv_guards(unit: EmvUnit, step: int, world: BehaviourWorld) -> tuple[GuardSt
 
 def _of_escape(unit: EmvUnit, world: BehaviourWorld) -> str:
     constants = world.constants.gap_escape
-    if not world.policy.corridor:
-        return _ONLY_L3
+    if not (world.policy.corridor or unit.between or unit.lane_change_forced):
+        return "at this level only from a lane change that stands still"
     if unit.gap_escape_active:
         free = f"{unit.blocker_free_s:.1f} of {constants.blocker_grace_s:g} s free"
         return "no free path yet" if unit.escape_offset_m is None else f"drives past the blocker; {free}"

@@ -33,6 +33,7 @@ VERBS: Final = {
     "rate": ("write a page on which a person labels risk videos", "evaluation.risk.add_rate"),
     "evaluate": ("score models, traffic and AVs on episodes", "evaluate.add_arguments"),
     "leaderboard": ("rank the submissions in a folder, with paired tests", "leaderboard.add_arguments"),
+    "exam": ("grade how a driver makes way, by a rulebook", "exam.add_arguments"),
     "report": (
         "write a study as one HTML page: episodes, measurements, and the commands that repeat them",
         "report.add_arguments",

@@ -16,6 +16,7 @@ from siren_ros.calibration.parameters import PARAMETERS
 from siren_ros.datasets.formats import FORMATS
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
+from siren_ros.exam.monitors import MONITORS
 from siren_ros.judging.physics import VerifyLimits
 from siren_ros.judging.verify import CHECKS
 from siren_ros.reproduction.parts import inputs_sha256, read_parts, shown_minutes
@@ -89,6 +90,20 @@ def yield_table() -> str:
     return "\n".join([*heads[0], *rows, *heads[1], *driver_rows])
 
 
+def monitors_table() -> str:
+    """The monitors of the exam as Markdown: name, the first sentence of what they do, unit, and a clause's numbers."""
+    rows = [
+        f"| `{name}` | {_sentences(monitor.find)} | {monitor.unit} | {', '.join(map('`{}`'.format, monitor.numbers))} |"
+        for name, monitor in MONITORS.items()
+    ]
+    return "\n".join(["| monitor | value | unit | numbers |", "|---|---|---|---|", *rows])
+
+
+def _sentences(function: Callable[..., object]) -> str:
+    """The docstring of a function in one line."""
+    return " ".join(str(inspect.getdoc(function)).split()).replace("``", "`")
+
+
 def values_table(parameters: object) -> str:
     """The fields of a dataclass as Markdown: name, value, meaning, with the unit in the name."""
     kind = type(parameters)
@@ -155,6 +170,7 @@ TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "calibrate": calibration_table,
     "yield": yield_table,
     "yield_thresholds": partial(values_table, YieldThresholds()),
+    "monitors": monitors_table,
     "checks": checks_table,
     "check_limits": partial(values_table, VerifyLimits()),
     "library": library_table,

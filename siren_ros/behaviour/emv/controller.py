@@ -9,7 +9,7 @@ from siren_ros.behaviour.driving.navigator import DriveCommand
 from siren_ros.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, Ego
 from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change, complete_lane_change, forced_lane_change
-from siren_ros.behaviour.emv.gap_escape import escape_path, escape_speed_mps, gap_escape_mode
+from siren_ros.behaviour.emv.gap_escape import escape_path, escape_speed_mps, gap_escape_mode, lane_change_stuck
 from siren_ros.behaviour.emv.rescue_corridor import corridor_mode, corridor_path
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.numerics.changed import changed
@@ -77,8 +77,7 @@ def target_speed_mps(unit: EmvUnit, ego: Ego) -> float:
 
 def _step_unit(unit: EmvUnit, ego: Ego) -> tuple[EmvUnit, DriveCommand, tuple[Event, ...]]:
     guards: tuple[Guard, ...] = (forced_lane_change, waypoints, complete_lane_change)
-    if ego.world.policy.corridor:
-        guards = (gap_escape_mode, corridor_mode, *guards)
+    guards = (gap_escape_mode, corridor_mode, *guards) if ego.world.policy.corridor else (lane_change_stuck, *guards)
     events: tuple[Event, ...] = ()
     for guard in guards:
         unit, happened = guard(unit, ego)

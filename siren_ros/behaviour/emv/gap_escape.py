@@ -97,6 +97,16 @@ def gap_escape_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
     return unit, (*cancelled, event_of(ego, EventKind.GAP_ESCAPE_ENTERED, blocker))
 
 
+def lane_change_stuck(unit: EmvUnit, ego: Ego) -> GuardResult:
+    """Where no corridor opens, an EMV escapes only from a forced lane change that stands still.
+
+    It may stand too close behind a vehicle for the path of a lane change, with a free lane beside it.
+    """
+    if unit.lane_change_forced or unit.gap_escape_active:
+        return gap_escape_mode(unit, ego)
+    return (changed(unit, stopped_s=0.0) if unit.stopped_s else unit), ()
+
+
 def blocker_of(unit: EmvUnit, ego: Ego) -> int:
     """The actor that blocks the EMV: SUMO's leader within the query range, else the navigator's blocker.
 

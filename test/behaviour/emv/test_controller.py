@@ -252,16 +252,19 @@ def test_plans_anew_when_the_route_changes(lab):
     assert after.curve.points[-1, 1] < -10.0
 
 
-@pytest.mark.parametrize(("level", "first"), [("L1", []), ("L2", []), ("L3", ["gap_escape_mode", "corridor_mode"])])
+@pytest.mark.parametrize(
+    ("level", "first"),
+    [("L1", ["lane_change_stuck"]), ("L2", ["lane_change_stuck"]), ("L3", ["gap_escape_mode", "corridor_mode"])],
+)
 def test_guards_are_evaluated_in_the_papers_order(lab, monkeypatch, level, first):
-    """The gap escape has the highest priority; it and the corridor belong to levels with a corridor."""
+    """The gap escape has the highest priority; without a corridor it only ends lane changes that stand still."""
     asked = []
     always = ["forced_lane_change", "waypoints", "complete_lane_change"]
 
     def noted(name, guard):
         return lambda unit, ego: asked.append(name) or guard(unit, ego)
 
-    for name in ("gap_escape_mode", "corridor_mode", *always):
+    for name in ("gap_escape_mode", "corridor_mode", "lane_change_stuck", *always):
         monkeypatch.setattr(controller, name, noted(name, getattr(controller, name)))
     steps(lab.world_of(lab.straight_road(), getattr(lab, level)), [lab.Car(1, 0, 50, 8, (0,), AMBULANCE)], 2)
     assert asked == 2 * [*first, *always]

@@ -172,6 +172,24 @@ def test_preempts_a_forced_lane_change(lab):
     assert kinds(events) == ["lane_change_cancelled", "gap_escape_entered"]
 
 
+def test_without_a_corridor_only_a_lane_change_that_stands_still_leads_to_it(lab):
+    """An EMV that stands too close behind a vehicle for a lane change would stand there for ever."""
+
+    def after(unit, count):
+        for _ in range(count):
+            unit, _ = gap_escape.lane_change_stuck(unit, view_at(lab).ego(0))
+        return unit
+
+    assert not after(EmvUnit(1, blocker_id=2), 200).gap_escape_active
+    changing = EmvUnit(1, blocker_id=2, change_side=1)
+    assert not after(changing, 59).gap_escape_active
+    escaping = after(changing, 60)
+    assert escaping.gap_escape_active
+    assert not escaping.lane_change_forced
+    assert not after(replace(escaping, blocker_id=0), 40).gap_escape_active
+    assert after(replace(changing, change_side=0, stopped_s=2.0), 1).stopped_s == 0.0
+
+
 @pytest.mark.parametrize(("gap", "speed", "blocks"), [(79.0, 0.0, True), (81.0, 0.0, False), (30.0, 8.0, False)])
 def test_sumos_leader_blocks_within_the_query_range_unless_it_drives_away(lab, gap, speed, blocks):
     view = view_at(lab, others=[lab.Car(9, 0, 130, speed, (0,))], advice={"leader_id": 9, "leader_gap_m": gap})

@@ -1,0 +1,197 @@
+"""The certificate of an exam: tables and moments as a page, the same as JSON, and as JUnit XML for a CI."""
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree as ET
+
+from siren_ros import __version__
+from siren_ros.exam.grading import Grade, Mark, Sitting, worst_of
+from siren_ros.exam.monitors import MONITORS
+from siren_ros.exam.rulebook import Rulebook
+from siren_ros.numerics.units import STEP_S
+from siren_ros.study_report.page import Link, Page, Section, quoted
+from siren_ros.tables.interval import share_interval
+from siren_ros.tables.table import Row, Table
+
+_BEFORE_S: Final = 2.0
+"""A link to a moment begins this long before it."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """An exam: a rulebook, and a driver's sittings in order."""
+
+    driver: str
+    rulebook: Rulebook
+    sittings: tuple[Sitting, ...]
+
+    @property
+    def grade(self) -> Grade:
+        """The worst grade of all sittings."""
+        return worst_of([sitting.grade for sitting in self.sittings])
+
+    @property
+    def passed(self) -> bool:
+        """Whether no clause was violated gravely, and at least one was applicable."""
+        return self.grade in {Grade.PASS, Grade.MINOR}
+
+    def summary(self) -> Table:
+        """How often each clause was kept, with the share of violations among the episodes that it applies to."""
+        rows: list[Row] = []
+        for number, clause in enumerate(self.rulebook.clauses):
+            counts = Counter(sitting.marks[number].grade for sitting in self.sittings)
+            violated = counts[Grade.MINOR] + counts[Grade.MAJOR]
+            share = share_interval(violated, violated + counts[Grade.PASS])
+            rows.append((clause.title, *(counts[grade] for grade in _SHOWN), share, clause.source))
+        head = ("clause", *(str(grade) for grade in _SHOWN), "violated", "source")
+        return Table("clauses", "Clauses, by number of episodes", head, tuple(rows), specs={"violated": ".0%"})
+
+
+_SHOWN: Final = (Grade.PASS, Grade.MINOR, Grade.MAJOR, Grade.NOT_APPLICABLE)
+
+
+def as_json(certificate: Certificate) -> str:
+    """The certificate as JSON; the same exam gives the same bytes."""
+    book = certificate.rulebook
+    content = {
+        "siren": __version__,
+        "driver": certificate.driver,
+        "rulebook": book.name,
+        "passed": certificate.passed,
+        "grade": certificate.grade,
+        "clauses": [
+            {"id": one.clause_id, "title": one.title, "text": one.text, "source": one.source} for one in book.clauses
+        ],
+        "episodes": [
+            {
+                "episode": sitting.episode,
+                "bag": sitting.bag,
+                "actor_id": sitting.actor_id,
+                "grade": sitting.grade,
+                "marks": [_mark_as_json(mark) for mark in sitting.marks],
+            }
+            for sitting in certificate.sittings
+        ],
+    }
+    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def _mark_as_json(mark: Mark) -> dict[str, Any]:
+    measure, step = mark.finding.measure, mark.finding.step
+    return {
+        "clause": mark.clause.clause_id,
+        "grade": mark.grade,
+        "value": round(measure.value, 6) if measure.valid else None,
+        "unit": MONITORS[mark.clause.monitor].unit,
+        "reason": measure.lack,
+        "time_s": None if step is None else round(step * STEP_S, 3),
+    }
+
+
+def as_junit(certificate: Certificate) -> str:
+    """The certificate as JUnit XML: a suite for each episode, a case for each clause.
+
+    A grave violation is a failure, a clause that does not apply is skipped. A minor violation passes; its text is in
+    the case's output.
+    """
+    root = ET.Element("testsuites", name=f"siren exam {certificate.rulebook.name}")
+    for sitting in certificate.sittings:
+        counts = Counter(mark.grade for mark in sitting.marks)
+        suite = ET.SubElement(
+            root,
+            "testsuite",
+            name=sitting.episode,
+            tests=str(len(sitting.marks)),
+            failures=str(counts[Grade.MAJOR]),
+            errors="0",
+            skipped=str(counts[Grade.NOT_APPLICABLE]),
+        )
+        for mark in sitting.marks:
+            case = ET.SubElement(suite, "testcase", classname=sitting.episode, name=mark.clause.clause_id, time="0")
+            if mark.grade is Grade.NOT_APPLICABLE:
+                ET.SubElement(case, "skipped", message=mark.finding.measure.lack)
+            elif mark.grade is Grade.MAJOR:
+                failure = ET.SubElement(case, "failure", message=told(mark), type=mark.clause.clause_id)
+                failure.text = f"{mark.clause.text}\n{mark.clause.source}\n{shown_again(sitting, mark)}"
+            elif mark.grade is Grade.MINOR:
+                ET.SubElement(case, "system-out").text = f"minor: {told(mark)}"
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def told(mark: Mark) -> str:
+    """What was found, with the limit that decides, as text."""
+    measure, unit = mark.finding.measure, MONITORS[mark.clause.monitor].unit
+    if not measure.valid:
+        return measure.lack
+    limit = mark.clause.major if mark.grade is Grade.MAJOR else mark.clause.minor
+    side = "at most" if mark.clause.major > mark.clause.minor else "at least"
+    when = "" if mark.finding.step is None else f" at {mark.finding.step * STEP_S:.1f} s"
+    meaning = MONITORS[mark.clause.monitor].meaning
+    return f"{meaning}: {'at least ' * measure.at_least}{measure.value:.2f} {unit}{when}, allowed {side} {limit:g}"
+
+
+def shown_again(sitting: Sitting, mark: Mark) -> str:
+    """The command that opens the moment which decided a mark."""
+    time_s = max((mark.finding.step or 0) * STEP_S - _BEFORE_S, 0.0)
+    return f"siren view {quoted(Path(sitting.bag))} --time {time_s:g} --actor {sitting.actor_id}"
+
+
+def page_of(certificate: Certificate, command: str) -> Page:
+    """The certificate as a page.
+
+    Args:
+        certificate: The exam.
+        command: It makes the certificate again.
+    """
+    book, sittings = certificate.rulebook, certificate.sittings
+    counts = Counter(sitting.grade for sitting in sittings)
+    verdict = "passes" if certificate.passed else "does not pass"
+    told_counts = ", ".join(f"{counts[grade]} {grade}" for grade in _SHOWN if counts[grade])
+    lead = f"{certificate.driver} {verdict}. Episodes by their worst clause: {told_counts or 'none'}."
+    duties = Table(
+        "duties",
+        "The rulebook",
+        ("clause", "duty", "measured", "minor beyond", "major beyond", "source"),
+        tuple(
+            (
+                one.title,
+                one.text,
+                f"{MONITORS[one.monitor].meaning}, {MONITORS[one.monitor].unit}",
+                f"{one.minor:g}",
+                f"{one.major:g}",
+                one.source,
+            )
+            for one in book.clauses
+        ),
+        folded=True,
+    )
+    summary = Section(
+        "summary",
+        "Clauses",
+        ("The interval of the share of violations is Wilson's, over the episodes to which the clause applies.",),
+        tables=(certificate.summary(), duties),
+        commands=(command,),
+    )
+    return Page(f"Exam: {book.title}", lead, (summary, _violations(sittings), *map(_section, sittings)))
+
+
+def _violations(sittings: Sequence[Sitting]) -> Section:
+    links = [
+        Link(f"{sitting.episode}: {mark.grade}, {mark.clause.title}: {told(mark)}", "", shown_again(sitting, mark))
+        for grade in (Grade.MAJOR, Grade.MINOR)
+        for sitting in sittings
+        for mark in sitting.marks
+        if mark.grade is grade
+    ]
+    return Section("violations", "Violations", () if links else ("There is none.",), links=tuple(links))
+
+
+def _section(sitting: Sitting) -> Section:
+    rows = tuple((mark.clause.title, str(mark.grade), told(mark)) for mark in sitting.marks)
+    table = Table("marks", f"{sitting.episode}: {sitting.grade}", ("clause", "grade", "found"), rows, folded=True)
+    return Section(f"episode_{sitting.episode}", sitting.episode, tables=(table,))

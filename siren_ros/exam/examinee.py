@@ -1,0 +1,153 @@
+"""The driver who is examined: what it did at each step, and which emergency vehicles asked it to make way."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from siren_ros.behaviour.paths.lane_path import road_limits
+from siren_ros.errors import InputError
+from siren_ros.evaluation.yielding.encounters import LaneOffsets, lane_offsets
+from siren_ros.judging.surrogate_safety import PairMeasures, conflict_series, pair_measures
+from siren_ros.numerics.arrays import Flags, Floats
+from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.numerics.units import steps_from_s
+from siren_ros.record.vehicle_location import ALIGNED_RAD, LanePlaces, ahead_and_left_m, common_rows, places_of
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.roads.road_network import NO_LANE, LaneKind
+from siren_ros.world.actors import Lights
+
+ASIDE_M: Final = 8.0
+"""An EMV farther to the side is on another road, or beyond two lanes."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """An EMV that comes from behind with its siren; arrays of shape ``(M,)``, one value for each of the driver's rows.
+
+    Where the EMV is not there the distances are infinite.
+    """
+
+    emv_id: int
+    gap_m: Floats
+    """From the EMV's front to the driver's rear along the driver's heading; negative beside it and ahead."""
+    left_m: Floats
+    """Of the EMV's centre from the driver's, left positive."""
+    speed_mps: Floats
+    """Of the EMV."""
+    siren: Flags
+    calls: Flags
+    """Whether it is heard from behind, or beside the driver: it has not passed."""
+    beside: Flags
+    passed: Flags
+    """Whether it has passed the driver before, or now."""
+
+
+class Examinee:
+    """A driver of a record, where traffic keeps right: records of left-hand traffic are examined as mirror images."""
+
+    def __init__(self, record: EpisodeRecord, actor_id: int, heard_m: float, reaction_s: float) -> None:
+        """Selects the driver.
+
+        Args:
+            record: The episode.
+            actor_id: The driver.
+            heard_m: Gap at which a driver has to notice the siren of an EMV behind it.
+            reaction_s: Time after which the driver has to respond.
+
+        Raises:
+            InputError: The episode has no such civilian vehicle, or no state of it.
+        """
+        record = record.right_hand
+        actor = record.actors.get(actor_id)
+        if actor is None or actor.is_emv or actor_id in record.walker_ids:
+            raise InputError("actor", actor_id, "a civilian vehicle of the episode")
+        self.record, self.actor = record, actor
+        self.heard_m, self.reaction_steps = heard_m, steps_from_s(reaction_s)
+        self.track: StateRows = record.track(actor_id)
+        if not len(self.track):
+            raise InputError("actor", actor_id, "a vehicle with states in the record")
+
+    @cached_property
+    def places(self) -> LanePlaces:
+        """The driver's lanes."""
+        return places_of(self.record, self.track)
+
+    @cached_property
+    def offsets(self) -> LaneOffsets:
+        """Where the driver is across its lane and its road."""
+        return lane_offsets(self.record, self.track)
+
+    @cached_property
+    def lane_kinds(self) -> np.ndarray[tuple[int], np.dtype[np.object_]]:
+        """Kind of the lane at each row; None off the lanes."""
+        lanes = self.record.network.lanes
+        return np.array([None if lane == NO_LANE else lanes[lane].kind for lane in self.places.lane], object)
+
+    @cached_property
+    def in_junction(self) -> Flags:
+        """Whether the driver's centre is on a path across a junction."""
+        return np.asarray(self.lane_kinds == LaneKind.INTERNAL, np.bool_)
+
+    @cached_property
+    def to_right_edge_m(self) -> Floats:
+        """From the driver's right side to the road's right edge, shoulder included; NaN in junctions and off lanes."""
+        gaps = np.full(len(self.track), np.nan)
+        limits = {
+            lane: road_limits(self.record.network, lane).right_m for lane in set(self.places.lane.tolist()) - {NO_LANE}
+        }
+        for row in np.flatnonzero(~self.in_junction & (self.places.lane != NO_LANE)).tolist():
+            edge = limits[int(self.places.lane[row])]
+            gaps[row] = self.places.offset_m[row] - 0.5 * self.actor.width_m - edge
+        return gaps
+
+    @cached_property
+    def calls(self) -> tuple[Call, ...]:
+        """Every EMV that comes from behind with its siren while the driver is there."""
+        found = (self._call(emv_id) for emv_id in self.record.emv_ids)
+        return tuple(call for call in found if call.calls.any())
+
+    def _call(self, emv_id: int) -> Call:
+        emv_track = self.record.track(emv_id)
+        own, emv = common_rows(self.track, emv_track)
+        there = np.isin(self.track.step, own.step)
+        ahead, left = ahead_and_left_m(own, emv)
+        reach = 0.5 * (self.actor.length_m + self.record.actors[emv_id].length_m)
+        aligned = np.abs(wrap_angle(emv.yaw_rad - own.yaw_rad)) < ALIGNED_RAD
+        near_line = np.abs(left) < ASIDE_M
+        gap, passed = -ahead - reach, np.maximum.accumulate(aligned & near_line & (ahead > reach))
+        siren = (emv.lights & Lights.SIREN) != 0
+        calls = siren & aligned & near_line & (gap <= self.heard_m) & ~passed & (ahead <= reach)
+
+        def spread(values: Floats | Flags, missing: float | bool) -> np.ndarray[tuple[int], np.dtype[np.generic]]:
+            whole = np.full(len(self.track), missing)
+            whole[there] = values
+            return whole
+
+        return Call(
+            emv_id,
+            np.asarray(spread(gap, np.inf), np.float64),
+            np.asarray(spread(left, np.inf), np.float64),
+            np.asarray(spread(emv.speed_mps, 0.0), np.float64),
+            np.asarray(spread(siren, False), np.bool_),
+            np.asarray(spread(calls, False), np.bool_),
+            np.asarray(spread(calls & (gap <= 0.0), False), np.bool_),
+            np.maximum.accumulate(np.asarray(spread(passed, False), np.bool_)),
+        )
+
+    @cached_property
+    def called(self) -> Flags:
+        """Whether an EMV calls."""
+        return np.asarray(np.any([call.calls for call in self.calls], axis=0) & np.ones(len(self.track), np.bool_))
+
+    @cached_property
+    def nearest_gap_m(self) -> Floats:
+        """Gap to the nearest EMV that calls; infinite where none does."""
+        gaps = [np.where(call.calls, np.maximum(call.gap_m, 0.0), np.inf) for call in self.calls]
+        return np.min([*gaps, np.full(len(self.track), np.inf)], axis=0)
+
+    @cached_property
+    def conflicts(self) -> tuple[PairMeasures, ...]:
+        """Surrogate safety measures with everybody else."""
+        return pair_measures(*conflict_series(self.record, self.actor.actor_id))

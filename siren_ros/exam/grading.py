@@ -1,0 +1,76 @@
+"""Grades of a driver in an episode: how it kept each clause of a rulebook, and what decides that."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from siren_ros.exam.examinee import Examinee
+from siren_ros.exam.monitors import MONITORS, Finding
+from siren_ros.exam.rulebook import Clause, Rulebook
+from siren_ros.recording.episode_record import EpisodeRecord
+
+
+class Grade(StrEnum):
+    """How a clause was kept; the worst one last."""
+
+    NOT_APPLICABLE = "not applicable"
+    PASS = "pass"  # noqa: S105 - no password
+    MINOR = "minor"
+    MAJOR = "major"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A clause with its grade and what decided it."""
+
+    clause: Clause
+    grade: Grade
+    finding: Finding
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """One episode of an exam: the driver's marks, in the order of the rulebook."""
+
+    bag: str
+    episode: str
+    """Its name: template, level, seed and map."""
+    actor_id: int
+    marks: tuple[Mark, ...]
+
+    @property
+    def grade(self) -> Grade:
+        """The worst grade."""
+        return worst_of([mark.grade for mark in self.marks])
+
+
+def worst_of(grades: Sequence[Grade]) -> Grade:
+    """The worst of some grades."""
+    return max(grades, key=[*Grade].index, default=Grade.NOT_APPLICABLE)
+
+
+def grade_of(clause: Clause, finding: Finding) -> Grade:
+    """The grade for what a clause's monitor found."""
+    if not finding.measure.valid:
+        return Grade.NOT_APPLICABLE
+    sign = 1.0 if clause.major > clause.minor else -1.0
+    value = sign * finding.measure.value
+    if value > sign * clause.major:
+        return Grade.MAJOR
+    return Grade.MINOR if value > sign * clause.minor else Grade.PASS
+
+
+def examine(record: EpisodeRecord, actor_id: int, rulebook: Rulebook, bag: str = "") -> Sitting:
+    """The marks of a driver in an episode.
+
+    Raises:
+        InputError: The episode has no such civilian vehicle.
+    """
+    examinee = Examinee(record, actor_id, rulebook.heard_m, rulebook.reaction_s)
+    marks = []
+    for clause in rulebook.clauses:
+        finding = MONITORS[clause.monitor].find(examinee, clause.numbers)
+        marks.append(Mark(clause, grade_of(clause, finding), finding))
+    described = record.description
+    name = f"{described.template}_{described.level.name}_seed{described.seed}_{described.map_name}"
+    return Sitting(bag, name, actor_id, tuple(marks))

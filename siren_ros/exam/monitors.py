@@ -1,0 +1,402 @@
+"""The monitors: one number of a driver's conduct for each clause of a rulebook, with the moment that decides it.
+
+A monitor takes the driver and the clause's numbers, and gives a value or the reason why the clause does not apply.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.evaluation.yielding.thresholds import Measure
+from siren_ros.exam.examinee import Examinee
+from siren_ros.exam.past_time import held_for, once, rises, since
+from siren_ros.judging.surrogate_safety import longest_run_s
+from siren_ros.numerics.arrays import Flags, Floats
+from siren_ros.numerics.units import STEP_S, steps_from_s
+from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind
+from siren_ros.roads.sites import TOWN_LIMIT_MPS
+from siren_ros.world.actors import Lights
+from siren_ros.world.traffic_state import Event, EventKind
+
+Numbers = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a monitor found."""
+
+    measure: Measure
+    step: int | None = None
+    """The step that decides: the worst one, or the first of the worst stretch."""
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """A monitor and the numbers that a clause has to give it, with their least and greatest values."""
+
+    find: Callable[[Examinee, Numbers], Finding]
+    unit: str
+    meaning: str
+    numbers: Mapping[str, tuple[float, float]]
+
+
+_NOBODY_CALLED: Final = "no emergency vehicle with a siren came from behind"
+_STANDS_MPS: Final = 0.5
+"""A vehicle that is slower stands (``YieldThresholds.stop_mps``)."""
+
+
+def contact(examinee: Examinee, _numbers: Numbers) -> Finding:
+    """Greatest speed with which the driver and somebody else touched; below 0 where nobody did."""
+    own = examinee.actor.actor_id
+    events = [
+        event for event in examinee.record.events_of(EventKind.COLLISION) if own in {event.actor_id, event.other_id}
+    ]
+    hardest = max(events, key=_impact_mps, default=None)
+    return Finding(Measure(-1.0)) if hardest is None else Finding(Measure(_impact_mps(hardest)), hardest.step)
+
+
+def _impact_mps(event: Event) -> float:
+    return float(event.detail["impact_speed_mps"])
+
+
+def response(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Longest time from an EMV's call to the driver's first response: slower, or to the side; or until it has passed.
+
+    A driver who stands already, or whose way the EMV does not need (``aside_m``), need not respond.
+    """
+    track, worst = examinee.track, Finding(Measure.lacking(_NOBODY_CALLED))
+    for call in examinee.calls:
+        begin = int(np.argmax(call.calls))
+        if track.speed_mps[begin] < _STANDS_MPS or abs(call.left_m[begin]) > numbers["aside_m"]:
+            if not worst.measure.valid:
+                worst = Finding(Measure.lacking("the driver stood, or the way was free"))
+            continue
+        until = slice(begin, begin + int(np.argmax(call.passed[begin:])) if call.passed.any() else None)
+        shift = np.abs(examinee.offsets.lateral_m[until] - examinee.offsets.lateral_m[begin])
+        slower = track.speed_mps[until] <= track.speed_mps[begin] - numbers["slower_mps"]
+        responded = (shift >= numbers["shift_m"]) | slower
+        rows = int(np.argmax(responded)) if responded.any() else len(responded)
+        if not worst.measure.valid or rows * STEP_S > worst.measure.value:
+            worst = Finding(Measure(rows * STEP_S), int(track.step[begin]))
+    return worst
+
+
+def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Time for which an EMV stood or crept closely behind the driver, who was in its way."""
+    if not examinee.calls:
+        return Finding(Measure.lacking(_NOBODY_CALLED))
+    held = np.zeros(len(examinee.track), np.bool_)
+    for call in examinee.calls:
+        apart = 0.5 * (examinee.actor.width_m + examinee.record.actors[call.emv_id].width_m)
+        close = call.calls & (call.gap_m <= numbers["gap_m"]) & (call.gap_m > 0.0)
+        held |= close & (np.abs(call.left_m) < apart) & (call.speed_mps < numbers["slow_mps"])
+    return Finding(Measure(float(held.sum()) * STEP_S), _first_step(examinee, held))
+
+
+def right_edge(examinee: Examinee, _numbers: Numbers) -> Finding:
+    """Greatest distance between the driver's right side and the right edge of the road while an EMV passes it."""
+    beside = np.any([call.beside for call in examinee.calls], axis=0) if examinee.calls else np.zeros(0, np.bool_)
+    if not beside.any():
+        return Finding(
+            Measure.lacking("no emergency vehicle with a siren passed" if examinee.calls else _NOBODY_CALLED)
+        )
+    gaps = np.where(beside, examinee.to_right_edge_m, np.nan)
+    if np.isnan(gaps).all():
+        return Finding(Measure.lacking("it passed in a junction"))
+    worst = int(np.nanargmax(gaps))
+    return Finding(Measure(float(gaps[worst])), int(examinee.track.step[worst]))
+
+
+def stands_until_passed(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Greatest speed while an EMV is near behind the driver or beside it, after the time to respond and to stop.
+
+    In a junction, and where it has just left one, a driver clears it first.
+    """
+    if not examinee.calls:
+        return Finding(Measure.lacking(_NOBODY_CALLED))
+    near = examinee.called & (examinee.nearest_gap_m <= numbers["gap_m"])
+    settled = held_for(examinee.called, examinee.reaction_steps + steps_from_s(numbers["stop_s"]))
+    clear = ~once(examinee.in_junction, steps_from_s(numbers["stop_s"]))
+    return _greatest(examinee, examinee.track.speed_mps, near & settled & clear, "the siren sounded too briefly")
+
+
+def stands_in_junction(examinee: Examinee, _numbers: Numbers) -> Finding:
+    """Longest time for which the driver stands in a junction while an EMV calls."""
+    if not examinee.calls:
+        return Finding(Measure.lacking(_NOBODY_CALLED))
+    stands = examinee.called & examinee.in_junction & (examinee.track.speed_mps < _STANDS_MPS)
+    return Finding(Measure(longest_run_s(stands, examinee.track.step)), _first_step(examinee, stands))
+
+
+def moves_off_before_the_last(examinee: Examinee, _numbers: Numbers) -> Finding:
+    """Way that the driver drives after an EMV has passed it while another one calls."""
+    passed = [call.passed for call in examinee.calls]
+    if not passed or not np.any(passed):
+        return Finding(Measure.lacking("no emergency vehicle with a siren passed" if passed else _NOBODY_CALLED))
+    between = np.any(passed, axis=0) & examinee.called & ~examinee.in_junction
+    if not between.any():
+        return Finding(Measure.lacking("no other one followed"))
+    moved = np.diff(examinee.track.driven_m, append=examinee.track.driven_m[-1:])
+    # What it needs to stop again does not count.
+    counts = between & held_for(examinee.called, examinee.reaction_steps)
+    return Finding(Measure(float(moved[counts].sum())), _first_step(examinee, counts & (moved > _STANDS_MPS * STEP_S)))
+
+
+def beyond_red_line(examinee: Examinee, _numbers: Numbers) -> Finding:
+    """Greatest way that the driver's front goes beyond a stop line while the signal is red for its movement."""
+    own = [e for e in examinee.record.events_of(EventKind.STOP_LINE_CROSSED) if e.actor_id == examinee.actor.actor_id]
+    signalled = [(event, connection) for event in own if (connection := _movement(examinee, event)) is not None]
+    if not signalled:
+        return Finding(Measure.lacking("the driver crossed no line with a signal"))
+    worst = Finding(Measure(0.0))
+    for event, connection in signalled:
+        states = examinee.record.signal_states(str(connection.signal_id))
+        first = int(np.searchsorted(examinee.track.step, event.step))
+        row = first
+        while row < len(examinee.track) and _is_red(states.get(int(examinee.track.step[row]), ""), connection):
+            row += 1
+        way = examinee.track.driven_m[min(row, len(examinee.track) - 1)] - examinee.track.driven_m[first]
+        if row > first and way > worst.measure.value:
+            worst = Finding(Measure(float(way)), event.step)
+    return worst
+
+
+def _movement(examinee: Examinee, event: Event) -> Connection | None:
+    """The signalled movement of the driver that an event is about; None without a signal."""
+    asked = str(event.detail.get("junction", "")), str(event.detail.get("direction", ""))
+    row = min(int(np.searchsorted(examinee.track.step, event.step)), len(examinee.track) - 1)
+    lanes = set(examinee.places.lane[max(row - 20, 0) : row + 1].tolist())
+    found = [
+        connection
+        for _, connection in examinee.record.network.connections_at.get(asked[0], ())
+        if connection.direction == asked[1] and connection.signal_id is not None
+    ]
+    return max(found, key=lambda connection: connection.from_lane in lanes, default=None)
+
+
+def _is_red(state: str, connection: Connection) -> bool:
+    return len(state) > connection.signal_link >= 0 and state[connection.signal_link] in "rR"
+
+
+def without_indicator(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Number of moves to the side, on the road, without the indicator of that side before or as they began."""
+    lateral = examinee.offsets.lateral_m
+    rate = np.gradient(lateral, STEP_S) if len(lateral) > 1 else np.zeros(len(lateral))
+    missed, first, seen = 0, None, False
+    for side, light in ((1.0, Lights.INDICATOR_LEFT), (-1.0, Lights.INDICATOR_RIGHT)):
+        moves = (side * rate > numbers["least_mps"]) & ~examinee.in_junction
+        shown = once((examinee.track.lights & light) != 0, steps_from_s(numbers["before_s"]))
+        for begin, end in _stretches(moves):
+            if side * (lateral[end - 1] - lateral[begin]) < numbers["least_m"]:
+                continue
+            seen, late = True, min(end, begin + steps_from_s(numbers["late_s"]))
+            if not shown[begin : late + 1].any():
+                missed += 1
+                first = (
+                    int(examinee.track.step[begin]) if first is None else min(first, int(examinee.track.step[begin]))
+                )
+    return Finding(Measure(float(missed)), first) if seen else Finding(Measure.lacking("the driver did not move aside"))
+
+
+def braking(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Hardest deceleration that lasts for ``lasting_s``; of the whole drive."""
+    kernel = max(1, steps_from_s(numbers["lasting_s"]))
+    accel = examinee.track.accel_mps2
+    if len(accel) < kernel:
+        return Finding(Measure.lacking("the drive was too short"))
+    least = np.convolve(-accel, np.full(kernel, 1.0 / kernel), mode="valid")
+    worst = int(np.argmax(least))
+    return Finding(Measure(max(float(least[worst]), 0.0)), int(examinee.track.step[worst]))
+
+
+def time_to_collision(examinee: Examinee, _numbers: Numbers) -> Finding:
+    """Least time to collision with anybody, within the horizon of 3 s."""
+    times = [pair.time_to_collision_s for pair in examinee.conflicts if pair.time_to_collision_s is not None]
+    least = min(times, key=lambda time: time.value, default=None)
+    return Finding(Measure.lacking("nobody was near")) if least is None else Finding(Measure(least.value), least.step)
+
+
+def encroachment(examinee: Examinee, _numbers: Numbers) -> Finding:
+    """Least time for which somebody else had left the place that the driver then came to (post-encroachment time)."""
+    found = [
+        pair.encroachment
+        for pair in examinee.conflicts
+        if pair.encroachment is not None and not pair.encroachment.subject_first
+    ]
+    least = min(found, key=lambda one: one.time_s, default=None)
+    if least is None:
+        return Finding(Measure.lacking("nobody crossed its way before it"))
+    return Finding(Measure(least.time_s), least.step)
+
+
+def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Time from the last EMV's passing until the driver is in the middle of a lane and drives.
+
+    Where the record ends before, the time until there, if that is longer than ``waits_s``.
+    """
+    if not any(call.passed.any() for call in examinee.calls):
+        return Finding(
+            Measure.lacking("no emergency vehicle with a siren passed" if examinee.calls else _NOBODY_CALLED)
+        )
+    last = max(int(np.argmax(call.passed)) for call in examinee.calls if call.passed.any())
+    aside = np.abs(examinee.offsets.offset_m) > numbers["offset_m"]
+    stands = examinee.track.speed_mps < _STANDS_MPS
+    back = ~(aside | stands)[last:]
+    back &= ~examinee.called[last:]
+    if back.any():
+        return Finding(Measure(float(np.argmax(back)) * STEP_S), int(examinee.track.step[last]))
+    left_s = float(len(back)) * STEP_S
+    if left_s < numbers["waits_s"]:
+        return Finding(Measure.lacking("the episode ended before"))
+    return Finding(Measure(left_s, at_least=True), int(examinee.track.step[last]))
+
+
+def following(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Longest time for which the driver drives close behind an EMV with a siren that has passed it."""
+    passed = [call for call in examinee.calls if call.passed.any()]
+    if not passed:
+        return Finding(
+            Measure.lacking("no emergency vehicle with a siren passed" if examinee.calls else _NOBODY_CALLED)
+        )
+    follows = np.zeros(len(examinee.track), np.bool_)
+    for call in passed:
+        lengths = examinee.actor.length_m + examinee.record.actors[call.emv_id].length_m
+        behind = -call.gap_m - lengths
+        near = call.passed & call.siren & (behind > 0.0) & (behind < numbers["gap_m"])
+        follows |= (
+            near & (np.abs(call.left_m) < numbers["aside_m"]) & (examinee.track.speed_mps > numbers["faster_mps"])
+        )
+    return Finding(Measure(longest_run_s(follows, examinee.track.step)), _first_step(examinee, follows))
+
+
+def wrong_side(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Greatest move to the wrong side while an EMV calls.
+
+    With ``by_lane`` 1, drivers in the leftmost of several lanes move left and all others right; with 0 all move right.
+    """
+    if not examinee.calls:
+        return Finding(Measure.lacking(_NOBODY_CALLED))
+    lateral, counts = examinee.offsets.lateral_m, examinee.called & ~examinee.in_junction
+    begin = np.maximum.accumulate(np.where(rises(examinee.called), np.arange(len(lateral)), 0))
+    moved = lateral - lateral[begin]
+    side = np.array([_side(examinee, lane, by_lane=numbers["by_lane"] > 0.0) for lane in examinee.places.lane[begin]])
+    return _greatest(examinee, np.maximum(-side * moved, 0.0), counts, "the siren sounded in a junction only")
+
+
+def _side(examinee: Examinee, lane: int, *, by_lane: bool) -> float:
+    """The side to which a driver in a lane makes way, left +1."""
+    if not by_lane or lane == NO_LANE:
+        return -1.0
+    lanes = examinee.record.network.lanes
+    edge = examinee.record.network.edges[lanes[lane].edge]
+    driving = [item for item in edge.lanes if lanes[item].kind is LaneKind.DRIVING]
+    return 1.0 if len(driving) > 1 and driving[-1] == lane else -1.0
+
+
+def closed_corridor(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Share of the time at walking pace, out of town on several lanes, at which the driver's body closes the corridor.
+
+    The corridor is the strip of ``width_m`` around the line between the leftmost lane and its right neighbour. The
+    first ``settle_s`` at that pace do not count.
+    """
+    network, places = examinee.record.network, examinee.places
+    gap = np.full(len(examinee.track), np.nan)
+    for row in np.flatnonzero(places.lane != NO_LANE).tolist():
+        lane = network.lanes[int(places.lane[row])]
+        driving = [
+            network.lanes[k] for k in network.edges[lane.edge].lanes if network.lanes[k].kind is LaneKind.DRIVING
+        ]
+        if len(driving) < 2 or lane.kind is not LaneKind.DRIVING or lane.speed_limit_mps <= TOWN_LIMIT_MPS:
+            continue
+        between = sum(item.width_m for item in driving if lane.position < item.position < driving[-1].position)
+        line_m = -0.5 * lane.width_m if lane is driving[-1] else 0.5 * lane.width_m + between
+        gap[row] = abs(places.offset_m[row] - line_m) - 0.5 * examinee.actor.width_m
+    slow = held_for(examinee.track.speed_mps < numbers["pace_mps"], steps_from_s(numbers["settle_s"]))
+    counts = slow & np.isfinite(gap)
+    if not counts.any():
+        return Finding(Measure.lacking("no traffic at walking pace on several lanes out of town"))
+    closes = counts & (gap < 0.5 * numbers["width_m"])
+    return Finding(Measure(float(closes.sum() / counts.sum())), _first_step(examinee, closes))
+
+
+def on_shoulder(examinee: Examinee, _numbers: Numbers) -> Finding:
+    """Longest time for which the driver's centre is on a shoulder."""
+    there = np.asarray(examinee.lane_kinds == LaneKind.SHOULDER, np.bool_)
+    return Finding(Measure(longest_run_s(there, examinee.track.step)), _first_step(examinee, there))
+
+
+def blocked_way_after_passing(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Longest time for which the driver is back in the way of an EMV that calls, after it had left it."""
+    if not examinee.calls:
+        return Finding(Measure.lacking(_NOBODY_CALLED))
+    worst = np.zeros(len(examinee.track), np.bool_)
+    for call in examinee.calls:
+        apart = 0.5 * (examinee.actor.width_m + examinee.record.actors[call.emv_id].width_m) + numbers["margin_m"]
+        aside = call.calls & (np.abs(call.left_m) > apart)
+        worst |= since(call.calls, aside) & call.calls & ~aside & (call.gap_m > 0.0)
+    return Finding(Measure(longest_run_s(worst, examinee.track.step)), _first_step(examinee, worst))
+
+
+def _greatest(examinee: Examinee, values: Floats, counts: Flags, lack: str) -> Finding:
+    if not counts.any():
+        return Finding(Measure.lacking(lack))
+    worst = int(np.argmax(np.where(counts, values, -np.inf)))
+    return Finding(Measure(float(values[worst])), int(examinee.track.step[worst]))
+
+
+def _first_step(examinee: Examinee, holds: Flags) -> int | None:
+    return int(examinee.track.step[int(np.argmax(holds))]) if holds.any() else None
+
+
+def _stretches(holds: Flags) -> list[tuple[int, int]]:
+    """First rows, and rows after the last, of the stretches on which a condition holds."""
+    begins, ends = np.flatnonzero(rises(holds)), np.flatnonzero(rises(holds[::-1])[::-1]) + 1
+    return [*zip(begins.tolist(), ends.tolist(), strict=True)]
+
+
+_M: Final = (0.0, 100.0)
+_S: Final = (0.0, 60.0)
+_MPS: Final = (0.0, 40.0)
+MONITORS: Final[Mapping[str, Monitor]] = {
+    "contact": Monitor(contact, "m/s", "speed of the hardest contact", {}),
+    "response": Monitor(
+        response, "s", "time to the first response", {"shift_m": _M, "slower_mps": _MPS, "aside_m": _M}
+    ),
+    "obstruction": Monitor(
+        obstruction, "s", "time for which the EMV was stuck behind", {"gap_m": _M, "slow_mps": _MPS}
+    ),
+    "right_edge": Monitor(right_edge, "m", "distance from the right edge of the road as the EMV passes", {}),
+    "stands_until_passed": Monitor(
+        stands_until_passed, "m/s", "greatest speed while the EMV is near", {"gap_m": _M, "stop_s": _S}
+    ),
+    "stands_in_junction": Monitor(stands_in_junction, "s", "time standing in a junction", {}),
+    "moves_off": Monitor(moves_off_before_the_last, "m", "way driven between two EMVs", {}),
+    "red_line": Monitor(beyond_red_line, "m", "way beyond a stop line at red", {}),
+    "indicator": Monitor(
+        without_indicator,
+        "moves",
+        "moves to the side without an indicator",
+        {"least_m": _M, "least_mps": _MPS, "before_s": _S, "late_s": _S},
+    ),
+    "braking": Monitor(braking, "m/s²", "hardest deceleration", {"lasting_s": (0.05, 10.0)}),
+    "time_to_collision": Monitor(time_to_collision, "s", "least time to collision", {}),
+    "encroachment": Monitor(encroachment, "s", "least time behind somebody who crossed", {}),
+    "return_to_lane": Monitor(
+        return_to_lane, "s", "time until it drives on in its lane", {"offset_m": _M, "waits_s": _S}
+    ),
+    "following": Monitor(
+        following, "s", "time close behind the EMV", {"gap_m": (0.0, 500.0), "aside_m": _M, "faster_mps": _MPS}
+    ),
+    "wrong_side": Monitor(wrong_side, "m", "move to the wrong side", {"by_lane": (0.0, 1.0)}),
+    "closed_corridor": Monitor(
+        closed_corridor,
+        "of the time",
+        "body in the corridor at walking pace",
+        {"width_m": _M, "pace_mps": _MPS, "settle_s": _S},
+    ),
+    "on_shoulder": Monitor(on_shoulder, "s", "time on a shoulder", {}),
+    "back_in_the_way": Monitor(blocked_way_after_passing, "s", "time back in the EMV's way", {"margin_m": _M}),
+}
+"""The monitors by the names that rulebooks use."""

@@ -158,8 +158,7 @@ def risk_section(folder: Path) -> Section | None:
         return None
     text = (
         "Each video is normal, a near-miss or a collision. Values are percentages, intervals 95 % over "
-        "videos. The rows majority, template_prior and oracle answer the commonest class, that of the template, and "
-        "the label itself."
+        "videos. The rows majority and oracle answer the commonest class and the label itself."
     )
     call = f"./env siren evaluate risk SET --predictions NAME=FILE --out {quoted(folder)}"
     return Section("risk", "Task: risk understanding", (text,), tables=tables, commands=(call,))

@@ -1,19 +1,19 @@
 """The reference detector without learning: ground removal, clusters, fitted boxes, and a tracker for the velocity."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.boxes import FoundBoxes, attributes_of
-from siren_ros.evaluation.detection.detectors.tracker import Tracker
 from siren_ros.evaluation.detection.frames import EpisodeFrames
 from siren_ros.interfaces.measurements import from_point_cloud
-from siren_ros.numerics.arrays import Floats, Matrix
+from siren_ros.numerics.arrays import Floats, Matrix, Rows
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.episode_source import lidar_of, open_source
 
@@ -72,8 +72,58 @@ def fit_box(points: Floats, ground_m: float) -> FittedBox:
     return FittedBox(centre, np.array([*grown, height]), yaw, seen)
 
 
+_GATE_M: Final = 2.5
+"""A box farther from where a track is expected belongs to another one."""
+_FORGET_STEPS: Final = 20
+_GAIN_PLACE: Final = 0.5
+_GAIN_VELOCITY: Final = 0.15
 _TURNING_MPS: Final = 1.0
 """From this speed on a vehicle's front is where it moves."""
+
+
+@dataclass
+class Tracker:
+    """An alpha-beta filter for each vehicle, in the ``map`` frame."""
+
+    place_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    velocity_mps: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    sweeps: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Number of sweeps that each track has been seen in."""
+    last_step: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    step: int = 0
+
+    def follow(self, step: int, place_m: Floats, step_s: float) -> tuple[Floats, Rows]:
+        """Takes the boxes of a step's sweep by their centres, shape ``(N, 2)``.
+
+        Returns velocities, shape ``(N, 2)``, and the number of sweeps that each vehicle has been seen in, ``(N,)``.
+        """
+        passed_s = (step - self.step) * step_s
+        self.step = step
+        kept = step - self.last_step <= _FORGET_STEPS
+        self.velocity_mps = self.velocity_mps[kept]
+        self.place_m = self.place_m[kept] + self.velocity_mps * passed_s
+        self.sweeps, self.last_step = self.sweeps[kept], self.last_step[kept]
+        track, box, away = self._pairs(place_m)
+        if passed_s > 0.0:
+            self.place_m[track] += _GAIN_PLACE * away
+            self.velocity_mps[track] += _GAIN_VELOCITY * away / passed_s
+        self.sweeps[track] += 1
+        self.last_step[track] = step
+        new = np.setdiff1d(np.arange(len(place_m)), box)
+        rows = np.zeros(len(place_m), dtype=np.intp)
+        rows[box], rows[new] = track, len(self.sweeps) + np.arange(len(new))
+        self.place_m = np.vstack((self.place_m, place_m[new]))
+        self.velocity_mps = np.vstack((self.velocity_mps, np.zeros((len(new), 2))))
+        self.sweeps = np.r_[self.sweeps, np.ones(len(new), dtype=np.intp)]
+        self.last_step = np.r_[self.last_step, np.full(len(new), step, dtype=np.intp)]
+        return self.velocity_mps[rows], self.sweeps[rows]
+
+    def _pairs(self, place_m: Floats) -> tuple[Rows, Rows, Floats]:
+        way = place_m[None] - self.place_m[:, None]
+        distance = np.hypot(way[..., 0], way[..., 1])
+        track, box = linear_sum_assignment(np.minimum(distance, _GATE_M))
+        near = distance[track, box] < _GATE_M
+        return track[near], box[near], way[track[near], box[near]]
 
 
 def directed_yaw(yaw_rad: Floats, velocity_mps: Floats) -> Floats:

@@ -18,7 +18,6 @@ from siren_ros.evaluation.detection.detectors.pillars import (
     Pillars,
     pillars_of,
 )
-from siren_ros.evaluation.detection.detectors.tracker import Tracker
 from siren_ros.evaluation.detection.frames import EpisodeFrames
 from siren_ros.evaluation.network_file import open_network
 from siren_ros.numerics.arrays import Flags, Floats, Floats32, Matrix
@@ -187,7 +186,7 @@ def detect_pillars(episode: EpisodeFrames, weights: Path | None = None) -> Found
         BagError: The bag is damaged.
     """
     network = load_detector(weights or detector_file(SHIPPED_DETECTOR))
-    frame_of_step, tracker = episode.frame_of_step, Tracker()
+    frame_of_step = episode.frame_of_step
     parts = [FoundBoxes.none()]
     with open_source(Path(episode.bag)) as source:
         base_from_lidar = lidar_of(source).base_from_sensor
@@ -198,15 +197,8 @@ def detect_pillars(episode: EpisodeFrames, weights: Path | None = None) -> Found
             map_from_lidar = frame.map_from_base @ base_from_lidar
             detector.add(frame.step, frame.points, map_from_lidar)
             if frame.step in frame_of_step:
-                boxes = _in_map(frame_of_step[frame.step], detector.boxes(), map_from_lidar)
-                parts.append(_followed(boxes, frame.step, tracker))
+                parts.append(_in_map(frame_of_step[frame.step], detector.boxes(), map_from_lidar))
     return joined(parts)
-
-
-def _followed(boxes: FoundBoxes, step: int, tracker: Tracker) -> FoundBoxes:
-    """Boxes with velocities from their tracks, which begin with the network's own."""
-    velocity, _ = tracker.follow(step, boxes.centre_m[:, :2], STEP_S, boxes.velocity_mps)
-    return replace(boxes, velocity_mps=velocity, attribute=attributes_of(velocity))
 
 
 def _in_map(frame: int, boxes: FoundBoxes, map_from_lidar: Matrix) -> FoundBoxes:

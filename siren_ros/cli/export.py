@@ -14,6 +14,7 @@ from siren_ros.datasets.export_job import AUTO, SPLITS, ExportJob, run_export
 from siren_ros.datasets.formats import FORMATS, Format
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.record.bag_survey import Need
+from siren_ros.record.licences import LICENCE
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.tables.table import Table, counted
 
@@ -36,29 +37,42 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     formats = verb.add_subparsers(title="formats", metavar="FORMAT", required=True)
     for dataset in FORMATS.values():
         parser = formats.add_parser(dataset.name, help=dataset.summary, description=f"{dataset.summary}.")
-        add_bags(parser)
-        parser.add_argument("--out", type=Path, metavar="DIR", required=True, help="dataset to write; new or empty")
-        add_processes(parser)
-        parser.add_argument(
-            "--split",
-            choices=(AUTO, *SPLITS),
-            default=AUTO,
-            help="split of all episodes (default: by params/splits.yaml)",
-        )
-        parser.add_argument("--licence", metavar="TEXT", default="", help="licence that the dataset's card states")
-        for option in dataset.options:
-            name, meaning = f"--{option.name}", option.help.replace("%", "%%")
-            if option.is_flag:
-                parser.add_argument(name, action="store_const", const="yes", default="no", help=meaning)
-            else:
-                meaning += f" (default {option.default})"
-                parser.add_argument(name, default=option.default, choices=option.allowed or None, help=meaning)
-        parser.set_defaults(run=run, format=dataset)
+        add_dataset_options(parser, dataset)
+        parser.set_defaults(run=run)
     add_page(formats.add_parser(_PAGE, help=_PAGE_SUMMARY))
+
+
+def add_dataset_options(parser: argparse.ArgumentParser, dataset: Format) -> None:
+    """Adds the bags of a format that takes bags, and the options that every dataset has."""
+    if dataset.exporter:
+        add_bags(parser)
+        add_processes(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR", required=True, help="dataset to write; new or empty")
+    parser.add_argument(
+        "--split",
+        choices=(AUTO, *SPLITS),
+        default=AUTO,
+        help="split of all episodes (default: by params/splits.yaml)",
+    )
+    meaning = f"licence that the dataset's card states (default {LICENCE})"
+    parser.add_argument("--licence", metavar="TEXT", default="", help=meaning)
+    for option in dataset.options:
+        name, meaning = f"--{option.name}", option.help.replace("%", "%%")
+        if option.is_flag:
+            parser.add_argument(name, action="store_const", const="yes", default="no", help=meaning)
+        else:
+            meaning += f" (default {option.default})"
+            parser.add_argument(name, default=option.default, choices=option.allowed or None, help=meaning)
+    parser.set_defaults(format=dataset)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Exports the bags; exit code 1 where one of them is not whole."""
+    return exported(arguments)[1]
+
+
+def exported(arguments: argparse.Namespace) -> tuple[Mapping[str, Any], int]:
+    """Exports the bags, says what was written, and returns the card and the exit code."""
     dataset: Format = arguments.format
     jobs, bags = processes_of(arguments), bags_among(arguments.bags)
     options = {option.name: getattr(arguments, option.name.replace("-", "_")) for option in dataset.options}
@@ -72,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     counts = ", ".join(f"{count} {name}" for name, count in result.card["counts"].items())
     print(f"{arguments.out}: {counted(len(result.card['episodes']), 'episode')}, {counts}")
     print(_splits_text(result.card, automatic=arguments.split == AUTO))
-    return EXIT_FAILED if result.notes else EXIT_OK
+    return result.card, EXIT_FAILED if result.notes else EXIT_OK
 
 
 def _splits_text(card: Mapping[str, Any], *, automatic: bool) -> str:

@@ -11,12 +11,14 @@ from tqdm import tqdm
 
 from siren_ros.cli.options import add_processes, check_numbers, positive
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, writing
-from siren_ros.evaluation.risk.labels import TITLES, RiskClass, RiskThresholds
+from siren_ros.evaluation.risk.labels import DEFINITIONS, TITLES, RiskClass, RiskThresholds
+from siren_ros.evaluation.risk.tables import table_of_changes
 from siren_ros.evaluation.risk.video_set import read_set, write_set
 from siren_ros.scenario.episode import MAX_SEED
 from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.studies.risk_set.make_set import RiskSetRequest, SetObserver, make_set
 from siren_ros.studies.risk_set.search import PAPER_COUNTS, PAPER_PER_TEMPLATE, Balance, Counts, Search, papers_balance
+from siren_ros.tables.table import text_of
 
 _MEANINGS: Final = {
     "time_to_collision_s": "near-miss: a TTC below this",
@@ -25,6 +27,8 @@ _MEANINGS: Final = {
     "post_encroachment_s": "near-miss: a PET below this",
     "required_deceleration_mps2": "near-miss: a required deceleration above this",
     "gap_m": "near-miss: a gap below this, together with the deceleration",
+    "braked_mps2": "near-miss: with the PET, braking of one of the two from this on",
+    "needed_mps2": "near-miss: or braking from this on that would have been needed",
 }
 
 
@@ -34,6 +38,11 @@ def add_thresholds(verb: argparse.ArgumentParser) -> None:
     for limit in fields(RiskThresholds):
         option = f"--{limit.name.replace('_', '-')}"
         group.add_argument(option, type=float, metavar="X", help=f"{_MEANINGS[limit.name]} (default {limit.default:g})")
+    group.add_argument(
+        "--near-miss",
+        choices=list(DEFINITIONS),
+        help="all thresholds at once: paper (every short PET counts, the default), near_crash (no controlled passing)",
+    )
 
 
 def thresholds_of(arguments: argparse.Namespace, base: RiskThresholds | None = None) -> RiskThresholds:
@@ -42,6 +51,8 @@ def thresholds_of(arguments: argparse.Namespace, base: RiskThresholds | None = N
     for name, value in values.items():
         if not 0.0 < value < float("inf"):
             raise InputError(name, value, "a positive number")
+    if arguments.near_miss is not None:
+        base = DEFINITIONS[arguments.near_miss]
     return replace(base or RiskThresholds(), **values)
 
 
@@ -53,6 +64,9 @@ def add_label(verb: argparse.ArgumentParser) -> None:
     )
     verb.add_argument("set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
     verb.add_argument("--out", type=Path, metavar="DIR", help="folder for the files with the new labels")
+    verb.add_argument(
+        "--table", action="store_true", help="print how the labels change with each threshold, and nothing else"
+    )
     add_thresholds(verb)
     verb.set_defaults(run=label)
 
@@ -60,6 +74,9 @@ def add_label(verb: argparse.ArgumentParser) -> None:
 def label(arguments: argparse.Namespace) -> int:
     """Derives the labels, and says what changes."""
     videos = read_set(arguments.set)
+    if arguments.table:
+        print("\n".join(text_of((table_of_changes(videos),))))
+        return EXIT_OK
     again = videos.relabelled(thresholds_of(arguments, videos.thresholds))
     for key, video in sorted(again.videos.items()):
         before, after = videos.videos[key].label, video.label
@@ -100,6 +117,12 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     )
     verb.add_argument(
         "--balance", type=_counts, metavar="N,N,N", help=f"{', '.join(TITLES)} in the whole set (default {_PAPER})"
+    )
+    verb.add_argument(
+        "--within-templates",
+        action="store_true",
+        help="each template has the same balance, so that the template tells nothing about the class; a template that "
+        "cannot find a class has fewer videos of the others, too",
     )
     verb.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search (default 0)")
     verb.add_argument("--map", default="", metavar="FILE", help="map file (default: the town)")
@@ -159,8 +182,8 @@ def balance_of(arguments: argparse.Namespace) -> Balance:
     count = len(set(arguments.templates))
     if arguments.balance is not None:
         per_template = arguments.per_template or max(1, sum(arguments.balance) // count)
-        return Balance(arguments.balance, per_template)
-    return papers_balance(count, arguments.per_template or PAPER_PER_TEMPLATE)
+        return Balance(arguments.balance, per_template, within=arguments.within_templates)
+    return papers_balance(count, arguments.per_template or PAPER_PER_TEMPLATE, within=arguments.within_templates)
 
 
 class _Bars(SetObserver):

@@ -10,21 +10,17 @@ from typing import Any, Final
 import siren_ros
 from siren_ros.datasets.files import FileWriter, Staging
 from siren_ros.datasets.formats import EpisodePart, EpisodeReport, Format, load_exporter
+from siren_ros.datasets.publication import CARD_FILE, ORIGIN, README_FILE, datasheet, write_croissant
 from siren_ros.errors import BagError, EpisodeError, writing
 from siren_ros.processes.process_pool import ProcessPool, Progress, simulated_time
 from siren_ros.record.bag_survey import BagSurvey, in_dataset_order, recovered, survey_bag
 from siren_ros.record.episode_source import open_source
+from siren_ros.record.licences import LICENCE
 from siren_ros.scenario.splits import Split, split_of
 
 SPLITS: Final = ("train", "val", "test")
 AUTO: Final = "auto"
 """Each episode in the split that ``siren_ros.scenario.splits`` fixes for it."""
-CARD_FILE: Final = "dataset.json"
-README_FILE: Final = "README.md"
-NO_LICENCE: Final = (
-    "not stated by whoever made this dataset (--licence states it); SIREN is Apache-2.0, and a map that was not made "
-    "by SIREN keeps its own licence"
-)
 
 
 def card(
@@ -42,14 +38,16 @@ def card(
         counts.update(part.report.counts)
         classes.update(part.report.classes)
     return {
+        "name": f"SIREN {dataset_format.name}",
         "format": dataset_format.name,
         "what": dataset_format.summary,
         "made_with": {
-            "command": " ".join(["siren export", dataset_format.name, *words, "BAG…", "--out", "DIR"]),
+            "command": " ".join([dataset_format.command, dataset_format.name, *words, "BAG…", "--out", "DIR"]),
             "siren_ros": siren_ros.__version__,
             "options": dict(options),
         },
-        "licence": licence or NO_LICENCE,
+        "licence": licence or LICENCE,
+        "map_licences": {survey.episode["map"]: survey.episode["map_licence"] for survey in surveys},
         "episodes": [
             {
                 "id": part.episode_id,
@@ -70,22 +68,38 @@ def card(
     }
 
 
+_Columns = Mapping[str, Callable[[Mapping[str, Any]], str]]
+_BAG_COLUMNS: Final[_Columns] = {
+    "episode": lambda episode: episode["id"],
+    "map (SHA-256)": lambda episode: f"{episode['map']} ({episode['map_sha256'][:12]}…)",
+    "suite": lambda episode: episode["sensor_suite"],
+    "ended": lambda episode: episode["ended"],
+    "bag (SHA-256)": lambda episode: f"{episode['bag_sha256'][:12]}…",
+}
+_VIDEO_COLUMNS: Final[_Columns] = {
+    "video": lambda episode: episode["id"],
+    "template": lambda episode: episode["template"],
+    "seed": lambda episode: str(episode["seed"]),
+    "map": lambda episode: episode["map"],
+    "class": lambda episode: episode["label"],
+}
+
+
+def _episode_rows(episodes: Sequence[Mapping[str, Any]]) -> str:
+    """The episodes as a table: of bags, or of videos."""
+    columns = _BAG_COLUMNS if "bag_sha256" in episodes[0] else _VIDEO_COLUMNS
+    head = [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
+    return "\n".join([*head, *(f"| {' | '.join(show(item) for show in columns.values())} |" for item in episodes)])
+
+
 def readme(content: Mapping[str, Any]) -> str:
     """The same for people."""
-    rows = [
-        f"| {episode['id']} | {episode['map']} ({episode['map_sha256'][:12]}…) | {episode['sensor_suite']} | "
-        f"{episode['ended']} | {episode['bag_sha256'][:12]}… |"
-        for episode in content["episodes"]
-    ]
     counts = {"episodes": len(content["episodes"]), **content["counts"]}
     made_with = f"Made by SIREN {content['made_with']['siren_ros']} with `{content['made_with']['command']}`."
-    origin = (
-        "The episodes are recorded simulations of an emergency vehicle in traffic, not measurements of real traffic."
-    )
     blocks = [
         f"# SIREN dataset, format {content['format']}",
         f"{content['what']}.",
-        f"{made_with}\n{origin}",
+        f"{made_with}\n{ORIGIN}",
         f"Licence: {content['licence']}.",
         "## Counts",
         "\n".join(["| | |", "|---|---|", *(f"| {name} | {count} |" for name, count in counts.items())]),
@@ -98,24 +112,28 @@ def readme(content: Mapping[str, Any]) -> str:
         "Whole episodes. An episode's map, template, seed and parameters fix its split; all levels of a seed share it.",
         "\n".join(f"* {split}: {', '.join(names) or 'none'}" for split, names in content["splits"].items()),
         "## Episodes",
-        "\n".join(["| episode | map (SHA-256) | suite | ended | bag (SHA-256) |", "|---|---|---|---|---|", *rows]),
-        "The first episode is recorded again with",
-        f"    {content['episodes'][0]['recorded_with']}",
-        f"`{CARD_FILE}` holds all of this for programs, with whole hashes, versions and every command.",
+        _episode_rows(content["episodes"]),
     ]
-    lost = [f"* {episode['id']}: {episode['lost']}" for episode in content["episodes"] if episode["lost"]]
+    if "recorded_with" in content["episodes"][0]:
+        blocks += ["The first episode is recorded again with", f"    {content['episodes'][0]['recorded_with']}"]
+    blocks += [
+        f"`{CARD_FILE}` holds all of this for programs, with whole hashes, versions and every command.",
+        datasheet(content),
+    ]
+    lost = [f"* {episode['id']}: {episode['lost']}" for episode in content["episodes"] if episode.get("lost")]
     if lost:
         blocks += ["## Not whole", "\n".join(lost)]
     return "\n\n".join(blocks) + "\n"
 
 
 def write_card(folder: Path, content: Mapping[str, Any]) -> None:
-    """Writes both files into a dataset's folder; a README that the format wrote there stays at its head."""
+    """Writes card, README and metadata into a dataset's folder; a README of the format stays at its head."""
     (folder / CARD_FILE).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     file = folder / README_FILE
     head = file.read_text(encoding="utf-8") + "\n" if file.exists() else ""
     file.unlink(missing_ok=True)
     file.write_text(head + readme(content), encoding="utf-8")
+    write_croissant(folder, content, siren_ros.__version__)
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,8 @@ class Format:
     options: tuple[Option, ...] = ()
     extra: str = ""
     """Extra of the package that brings what the writer imports; empty where nothing more is needed."""
+    command: str = "siren export"
+    """The command that writes it, which the dataset's card names."""
 
     def needs_with(self, options: Mapping[str, str]) -> tuple[Need, ...]:
         """What a bag must hold for a set of options."""

@@ -12,6 +12,7 @@ from typing import Any, Final
 from siren_ros.errors import BagError, InputError, writing
 from siren_ros.interfaces.topics import ACTORS, GROUND_TRUTH, MAP
 from siren_ros.record.episode_source import EpisodeSource, open_source
+from siren_ros.record.licences import licence_of_map
 from siren_ros.recording.bag_folder import METADATA_FILE
 from siren_ros.recording.bag_reader import storage_files
 from siren_ros.recording.recover import recover_bag
@@ -165,6 +166,7 @@ def _episode(source: EpisodeSource) -> dict[str, Any]:
         "values": description.draw,
         "map": description.map_name,
         "map_sha256": description.map_sha256,
+        "map_licence": licence_of_map(description.map_name, str(description.asked.get("map", ""))),
         "planned_duration_s": description.duration_s,
         "sensor_suite": description.sensor_suite,
         "preset": description.preset,

@@ -1,6 +1,7 @@
 """``siren generate risk``: its options, a small set, and going on after an interruption."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from processes.stand_in import processes_of
 
 from siren_ros.cli.generate_risk import balance_of
 from siren_ros.cli.main import main, parser
-from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds
+from siren_ros.evaluation.risk.labels import DEFINITIONS, RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import read_set, write_set
 from siren_ros.evaluation.risk.vlm.question import masks_of, video_frames
 from siren_ros.studies.risk_set import make_set
@@ -86,3 +87,24 @@ def test_labels_are_derived_again(tmp_path: Path, siren) -> None:
     assert other.thresholds.time_to_collision_s == 0.8
     assert other.videos["S6_005"].file == "../videos/S6_005.mp4"
     assert main(["label", str(tmp_path), "--time-to-collision-s", "-1"]) == 2
+
+
+def test_a_definition_sets_all_thresholds(tmp_path: Path, siren) -> None:
+    write_set(small_video_set(tmp_path))
+    words = ["label", str(tmp_path), "--near-miss", "near_crash", "--gap-m", "7", "--out", str(tmp_path / "other")]
+    siren(words)
+    assert read_set(tmp_path / "other").thresholds == replace(DEFINITIONS["near_crash"], gap_m=7.0)
+
+
+def test_the_table_of_thresholds_changes_nothing(tmp_path: Path, siren) -> None:
+    write_set(small_video_set(tmp_path))
+    before = (tmp_path / "videos.json").read_bytes()
+    lines = siren(["label", str(tmp_path), "--table"]).out.splitlines()
+    (row,) = [line.split() for line in lines if line.startswith("time_to_collision_s") and " 0.75 " in line]
+    assert row[1:] == ["0.75", "5", "0", "1", "2"]
+    assert (tmp_path / "videos.json").read_bytes() == before
+
+
+def test_templates_with_one_balance() -> None:
+    words = ["generate", "risk", "--out", "x", "--balance", "126,112,63", "--within-templates"]
+    assert balance_of(parser().parse_args(words)) == Balance((126, 112, 63), 43, within=True)

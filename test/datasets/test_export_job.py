@@ -11,7 +11,6 @@ import siren_ros
 from siren_ros.cli.main import main
 from siren_ros.datasets import export_job
 from siren_ros.datasets.export_job import (
-    NO_LICENCE,
     ExportJob,
     card,
     readme,
@@ -23,6 +22,7 @@ from siren_ros.datasets.formats import FORMATS, EpisodePart, EpisodeReport, Form
 from siren_ros.errors import InputError
 from siren_ros.record.bag_survey import BagSurvey, Need, episode_name, in_dataset_order
 from siren_ros.scenario.splits import EpisodeIdentity
+from siren_ros.record.licences import LICENCE
 
 FORMAT = Format(
     "made",
@@ -41,6 +41,7 @@ def survey(seed: int, sha256: str, note: str = "", map_name: str = "town") -> Ba
         "values": "",
         "map": map_name,
         "map_sha256": "5e" * 32,
+        "map_licence": "its own",
         "planned_duration_s": 20.0,
         "sensor_suite": "full",
         "ended": "complete",
@@ -83,7 +84,7 @@ def test_counts_are_summed_over_episodes():
     assert (card_content["format"], card_content["what"], card_content["licence"]) == (
         "made",
         "Frames of formulas",
-        NO_LICENCE,
+        LICENCE,
     )
 
 
@@ -92,7 +93,7 @@ def test_people_read_the_same():
     assert lines[0] == "# SIREN dataset, format made"
     for line in (
         "Frames of formulas.",
-        f"Licence: {NO_LICENCE}.",
+        f"Licence: {LICENCE}.",
         "| episodes | 2 |",
         "| frames | 7 |",
         "| car | 7 |",

@@ -50,7 +50,9 @@ def test_commonroad_has_the_emv_as_problem_and_the_others_as_obstacles(exported,
 
 def test_openscenario_drives_on_the_map_that_comes_with_it(exported, made_drive):
     out = exported("openscenario", made_drive)
-    assert sorted(path.name for path in out.iterdir()) == sorted([f"{ID}.xosc", ROAD, "README.md", "dataset.json"])
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        [f"{ID}.xosc", ROAD, "README.md", "croissant.json", "dataset.json"]
+    )
     root = parse(out / f"{ID}.xosc").getroot()
     header = root.find("FileHeader")
     assert (header.attrib["revMajor"], header.attrib["revMinor"]) == ("1", "2")

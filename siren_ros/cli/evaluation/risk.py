@@ -10,6 +10,8 @@ from tqdm import tqdm
 
 from siren_ros.cli.options import add_named_paths, check_numbers, positive, steps_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
+from siren_ros.evaluation.risk.controls import CHANGES, Control, sequence_answers
+from siren_ros.evaluation.risk.people import PEOPLE, agreement, consensus, read_rating, write_rating_page
 from siren_ros.evaluation.risk.risk_page import save_confusions, write_page
 from siren_ros.evaluation.risk.scoring import (
     REFERENCES,
@@ -19,7 +21,16 @@ from siren_ros.evaluation.risk.scoring import (
     read_answers,
     score_answers,
 )
-from siren_ros.evaluation.risk.tables import csv_of_scores, scores_as_json, tables_of
+from siren_ros.evaluation.risk.sequence_model import load_sequence_model
+from siren_ros.evaluation.risk.severity import read_severities
+from siren_ros.evaluation.risk.tables import (
+    csv_of_scores,
+    scores_as_json,
+    table_of_agreement,
+    table_of_changes,
+    table_of_severity,
+    tables_of,
+)
 from siren_ros.evaluation.risk.video_set import VideoSet, missing_files, read_set
 from siren_ros.evaluation.risk.vlm.clients import CLIENTS
 from siren_ros.evaluation.risk.vlm.model import ReplyCache, VisionLanguageModel
@@ -43,6 +54,14 @@ def add_asking(task: argparse.ArgumentParser) -> None:
     both = task.add_argument_group("asking any model")
     both.add_argument(
         "--concurrency", type=positive, default=4, metavar="N", help="questions at the same time (default 4)"
+    )
+    both.add_argument(
+        "--controls",
+        nargs="*",
+        choices=[control.value for control in Control],
+        default=[],
+        help="also ask with less: grey pictures, pictures in another order, the middle one alone, none; a row for each "
+        "model and control, and for the reference sequence",
     )
     both.add_argument("--raw", action="store_true", help="pictures without outlines of the vehicles")
     both.add_argument("--cache", type=Path, metavar="DIR", help="folder of the replies (default: SET/replies)")
@@ -72,7 +91,9 @@ def models_asked(arguments: argparse.Namespace) -> Iterator[VisionLanguageModel]
         yield from client.models(vars(arguments))
 
 
-def ask(arguments: argparse.Namespace, videos: VideoSet, model: VisionLanguageModel) -> Answers:
+def ask(
+    arguments: argparse.Namespace, videos: VideoSet, model: VisionLanguageModel, control: Control | None = None
+) -> Answers:
     """Asks a model about every video; what it answered is kept even if the run is interrupted."""
     if missing := missing_files(videos):
         raise InputError("set", f"{len(missing)} videos without their file, first {missing[0]}", "a complete set")
@@ -80,13 +101,25 @@ def ask(arguments: argparse.Namespace, videos: VideoSet, model: VisionLanguageMo
     with tqdm(total=len(videos.videos), desc=model.name, unit="video", disable=None) as bar:
         step = steps_of(bar)
         answers = ask_about_all(
-            videos, model, cache, marked=not arguments.raw, concurrency=arguments.concurrency, progress=lambda _: step()
+            videos,
+            model,
+            cache,
+            marked=not arguments.raw,
+            concurrency=arguments.concurrency,
+            control=control,
+            progress=lambda _: step(),
         )
-    print("\n".join(account(model.name, answers.values(), arguments.price)))
+    name = row_name(model.name, control)
+    print("\n".join(account(name, answers.values(), arguments.price)))
     if arguments.out is not None:
         arguments.out.mkdir(parents=True, exist_ok=True)
-        write_answers(arguments.out / f"answers_{file_name(model.name)}.json", answers)
+        write_answers(arguments.out / f"answers_{file_name(name)}.json", answers)
     return {key: answer.final for key, answer in answers.items()}
+
+
+def row_name(model: str, control: Control | None) -> str:
+    """What the tables call a model that was asked with a control."""
+    return model if control is None else f"{model} ({control.value})"
 
 
 def file_name(model: str) -> str:
@@ -113,6 +146,9 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         help=f"rows to compare with (default {' '.join(REFERENCES)})",
     )
     add_asking(task)
+    task.add_argument(
+        "--people", type=Path, nargs="*", default=[], metavar="FILE", help="answers that pages of `siren rate` saved"
+    )
     task.add_argument("--allow-missing", action="store_true", help="score only the videos that have an answer")
     task.add_argument("--compare-paper", action="store_true", help="also print the paper's rows")
     task.add_argument("--out", type=Path, metavar="DIR", help="write CSV, LaTeX, JSON and pictures there")
@@ -125,18 +161,20 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Scores every file of answers."""
     videos = read_set(arguments.set)
-    answers: dict[str, Answers] = {name: REFERENCES[name](videos) for name in dict.fromkeys(arguments.references)}
-    for name, path in arguments.predictions:
-        if name in {*answers, *REFERENCES}:
-            raise InputError("predictions", name, "each name once, and none of " + ", ".join(REFERENCES))
-        answers[name] = checked_answers(read_answers(path), videos.videos, allow_missing=arguments.allow_missing)
-    for model in models_asked(arguments):
-        if model.name in answers:
-            raise InputError("model", model.name, "each name once")
-        answers[model.name] = ask(arguments, videos, model)
+    answers = _answers(arguments, videos)
+    ratings = _ratings(arguments.people, videos)
+    if ratings:
+        answers |= {PEOPLE: consensus(list(ratings.values())), **ratings}
     models = [score_answers(name, videos, given) for name, given in answers.items()]
     content = scores_as_json(models)
-    tables = tables_of(content, compare_paper=arguments.compare_paper)
+    numbers = {name: given for name, path in arguments.predictions if (given := read_severities(path))}
+    kappas = agreement(videos, ratings) if ratings else {}
+    tables = (
+        *tables_of(content, compare_paper=arguments.compare_paper),
+        table_of_severity(videos, numbers),
+        table_of_changes(videos),
+        *((table_of_agreement(kappas),) if kappas else ()),
+    )
     print("\n".join(text_of(tables)))
     if arguments.out is not None:
         files = {
@@ -151,6 +189,37 @@ def run(arguments: argparse.Namespace) -> int:
     return EXIT_OK
 
 
+def _answers(arguments: argparse.Namespace, videos: VideoSet) -> dict[str, Answers]:
+    """Of references, files and models, with and without controls, by the name of the row."""
+    answers: dict[str, Answers] = {name: REFERENCES[name](videos) for name in dict.fromkeys(arguments.references)}
+    controls = [Control(name) for name in dict.fromkeys(arguments.controls)]
+    if "sequence" in answers:
+        for control in controls:
+            if control in CHANGES:
+                answers[row_name("sequence", control)] = sequence_answers(videos, load_sequence_model(), control)
+    for name, path in arguments.predictions:
+        if name in {*answers, *REFERENCES}:
+            raise InputError("predictions", name, "each name once, and none of " + ", ".join(REFERENCES))
+        answers[name] = checked_answers(read_answers(path), videos.videos, allow_missing=arguments.allow_missing)
+    for model in models_asked(arguments):
+        if model.name in answers:
+            raise InputError("model", model.name, "each name once")
+        answers[model.name] = ask(arguments, videos, model)
+        for control in controls:
+            answers[row_name(model.name, control)] = ask(arguments, videos, model, control)
+    return answers
+
+
+def _ratings(paths: Sequence[Path], videos: VideoSet) -> dict[str, Answers]:
+    ratings: dict[str, Answers] = {}
+    for path in paths:
+        rater, given = read_rating(path, videos)
+        if rater in ratings:
+            raise InputError("people", str(path), f"each person once, unlike {rater}")
+        ratings[rater] = given
+    return ratings
+
+
 def _write(folder: Path, files: Mapping[str, str], models: Sequence[ModelScores]) -> None:
     with writing(folder, "folder"):
         folder.mkdir(parents=True, exist_ok=True)
@@ -158,3 +227,25 @@ def _write(folder: Path, files: Mapping[str, str], models: Sequence[ModelScores]
             write_text(folder / name, text)
         for model in models:
             save_confusions(model, folder / f"confusion_{file_name(model.name)}.png")
+
+
+def add_rate(verb: argparse.ArgumentParser) -> None:
+    """Adds the description and the options of the command."""
+    verb.description = (
+        "Writes a page on which a person labels the videos of a set: blind, in an order of its own, without a network. "
+        "The browser keeps the answers; the page saves them as a file for `siren evaluate risk --people`."
+    )
+    verb.add_argument("set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
+    verb.add_argument(
+        "--rater", required=True, metavar="NAME", help="the person; decides names and order of the videos"
+    )
+    verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the page; new or empty")
+    verb.add_argument("--key-frames", action="store_true", help="show the nine key frames in place of the video")
+    verb.set_defaults(run=rate)
+
+
+def rate(arguments: argparse.Namespace) -> int:
+    """Writes the page."""
+    videos = read_set(arguments.set)
+    print(write_rating_page(videos, arguments.rater, arguments.out, pictures=arguments.key_frames))
+    return EXIT_OK

@@ -274,6 +274,16 @@ def _near(
     return truth.at(counted), boxes.at(near & np.isin(boxes.label, sorted(names)))
 
 
+def mean_ap_of_episodes(frames: Frames, detected: FoundSet, names: frozenset[str]) -> Floats:
+    """The mAP of each episode alone, shape ``(E,)``; NaN where it has no label. Arguments as of ``score_detector``."""
+    truth, boxes = counted_boxes(frames, detected, names)
+    matches, count = match(truth, boxes), len(frames.episodes)
+    labels = np.bincount(frames.episode[truth.frame], minlength=count).astype(np.float64)
+    episode = frames.episode[boxes.at(matches.order).frame]
+    each = [average_precision(matched >= 0, episode, labels, np.eye(count)) for matched in matches.label]
+    return np.asarray(np.mean(each, axis=0))
+
+
 def score_detector(frames: Frames, detected: FoundSet, names: frozenset[str], run: Run) -> DetectorScores:
     """All scores of one detector; ``names`` are the class names that count."""
     truth, boxes = counted_boxes(frames, detected, names)

@@ -8,9 +8,16 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.judging.surrogate_safety import Encounters, conflict_series, longest_run_s, post_encroachment
+from siren_ros.judging.surrogate_safety import (
+    Encounters,
+    Encroachment,
+    conflict_series,
+    longest_run_s,
+    post_encroachment,
+)
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.geometry import footprint_corners
+from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows, Steps
 from siren_ros.sensors.specification import Mount
 from siren_ros.world.traffic_state import EventKind
@@ -75,6 +82,8 @@ def in_view(encounters: Encounters, mount: Mount, horizontal_fov_rad: float, ran
     return np.asarray((within & (np.hypot(ahead, aside) <= range_m)).any(axis=1))
 
 
+MOST_MPS2: Final = 100.0
+"""Stands for a deceleration that nothing reaches; JSON has no infinity."""
 VIEW_RANGE_M: Final = 80.0
 """Beyond this a car is a few pixels wide in a picture of 800 pixels and 100 degrees."""
 SEEN_BEFORE_STEPS: Final = 40
@@ -115,6 +124,10 @@ class SeenEncroachment:
     actor_id: int
     step: int
     time_s: float
+    braked_mps2: float | None = None
+    """Hardest braking of the two in the two seconds before the second one came; None in sets of earlier versions."""
+    needed_mps2: float | None = None
+    """Braking with which the second one would have stopped short of the place when the first one left it."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +199,22 @@ def _encroachments(
         track, other_size_m = way(actor_id)
         pet = post_encroachment(emv, track, size_m, other_size_m)
         if pet is not None and (actor_id, pet.step) in seen_at:
-            yield SeenEncroachment(actor_id, pet.step, pet.time_s)
+            second = track if pet.subject_first else emv
+            braked = max(_hardest_braking(way, pet.step) for way in (emv, track))
+            yield SeenEncroachment(actor_id, pet.step, pet.time_s, braked, _needed_to_stop(second, pet))
+
+
+def _hardest_braking(way: StateRows, until_step: int) -> float:
+    late = (way.step <= until_step) & (way.step > until_step - SEEN_BEFORE_STEPS)
+    return float(max(0.0, -way.accel_mps2[late].min(initial=0.0)))
+
+
+def _needed_to_stop(second: StateRows, pet: Encroachment) -> float:
+    """v² / (2·s), with the speed when the first one left and the way from there to where both were."""
+    between = second.select((second.step >= pet.step - round(pet.time_s / STEP_S)) & (second.step <= pet.step))
+    way_m = float(np.hypot(*np.diff(between.xy_m, axis=0).T).sum())
+    speed_mps = float(between.speed_mps[0])
+    return min(speed_mps**2 / (2.0 * way_m), MOST_MPS2) if way_m > 0.0 else MOST_MPS2 * (speed_mps > 0.0)
 
 
 def _contacts(
@@ -222,6 +250,27 @@ class RiskThresholds:
     """DRAC above which a driver brakes uncomfortably (AASHTO Green Book: 3.4 m/s² is what most drivers accept)."""
     gap_m: float = 10.0
     """Farther away a high DRAC still leaves a way out."""
+    braked_mps2: float = 0.0
+    """A short PET counts where one of the two braked at least so hard; 0: always."""
+    needed_mps2: float = 0.0
+    """It also counts where the second one could not have stopped short of the place with less than this; 0: always."""
+
+    def counts(self, pet: SeenEncroachment) -> bool:
+        """Whether a PET makes a near-miss: it is short, and the passing was not a controlled one."""
+        evaded = pet.braked_mps2 is None or pet.braked_mps2 >= self.braked_mps2
+        by_chance = pet.needed_mps2 is None or pet.needed_mps2 >= self.needed_mps2
+        return pet.time_s < self.post_encroachment_s and (evaded or by_chance)
+
+
+DEFINITIONS: Final = {"paper": RiskThresholds(), "near_crash": RiskThresholds(braked_mps2=3.4, needed_mps2=8.45)}
+"""What a near-miss is.
+
+``paper``: each short PET is one; the set of 105 videos has these labels. ``near_crash``: a driver had to brake hard (a
+near-crash takes a rapid evasive manoeuvre: T. Dingus et al., The 100-Car Naturalistic Driving Study, DOT HS 810 593,
+2006; 3.4 m/s² as for DRAC), or chance alone kept the two apart, because not even full braking on a dry road would have
+(8.45 m/s²: F. Cunto, F. Saccomanno, Accid. Anal. Prev. 40 (2008) 1171). Who waits for another vehicle and drives on
+right behind it passes in a controlled way, which is normal.
+"""
 
 
 class Reason(StrEnum):
@@ -259,7 +308,7 @@ def label_of(evidence: Evidence, thresholds: RiskThresholds) -> RiskLabel:
         *(
             RiskLabel(RiskClass.NEAR_MISS, Reason.POST_ENCROACHMENT, pet.actor_id, pet.step, pet.time_s)
             for pet in evidence.encroachments
-            if pet.time_s < thresholds.post_encroachment_s
+            if thresholds.counts(pet)
         ),
         *_hard_decelerations(evidence.moments, thresholds),
     ]

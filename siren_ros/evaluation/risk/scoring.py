@@ -20,6 +20,7 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.labels import RiskClass, label_of, risk_class
 from siren_ros.evaluation.risk.sequence_model import load_sequence_model
 from siren_ros.evaluation.risk.video_set import VideoSet, missing_files
+from siren_ros.evaluation.statistics import BlockSums
 from siren_ros.tables.interval import Interval, mean_of_intervals, share_interval
 
 Answers = Mapping[str, RiskClass | None]
@@ -71,9 +72,15 @@ def checked_answers(answers: Answers, videos: Collection[str], *, allow_missing:
 
 def _json_pairs(text: str) -> list[tuple[str, str]]:
     pairs = json.loads(text, object_pairs_hook=lambda items: items)
-    if not isinstance(pairs, list) or not all(isinstance(title, str) for _, title in pairs):
-        raise ValueError("no object of video and class")
-    return [(str(video), title) for video, title in pairs]
+    if not isinstance(pairs, list):
+        raise ValueError("no object of video and class")  # noqa: TRY004 - what is in a file, not a call
+    titles = []
+    for video, value in pairs:
+        title = dict(value).get("class") if isinstance(value, list) else value  # a list is an object's pairs here
+        if not isinstance(title, str):
+            raise ValueError("no object of video and class")  # noqa: TRY004 - what is in a file, not a call
+        titles.append((str(video), title))
+    return titles
 
 
 def _csv_pairs(text: str) -> list[tuple[str, str]]:
@@ -90,6 +97,15 @@ def majority(videos: VideoSet) -> Answers:
     return dict.fromkeys(videos.videos, answer)
 
 
+def template_prior(videos: VideoSet) -> Answers:
+    """The most frequent class of each template in the set: what who knows the template alone can answer."""
+    answers: dict[str, RiskClass | None] = {}
+    for template in {video.template for video in videos.videos.values()}:
+        of_template = {key: video for key, video in videos.videos.items() if video.template == template}
+        answers |= majority(replace(videos, videos=of_template))
+    return answers
+
+
 def oracle(videos: VideoSet) -> Answers:
     """The class that the recorded measures give: the upper bound, which sees the simulator's state."""
     return {key: label_of(video.evidence, videos.thresholds).risk for key, video in videos.videos.items()}
@@ -104,6 +120,7 @@ def sequence(videos: VideoSet) -> Answers:
 
 REFERENCES: Final[Mapping[str, Callable[[VideoSet], Answers]]] = {
     "majority": majority,
+    "template_prior": template_prior,
     "sequence": sequence,
     "oracle": oracle,
 }
@@ -173,6 +190,16 @@ SCORES: Final[Mapping[str, Callable[[Confusion], Interval]]] = {
     },
 }
 """Every score by its name in tables and files."""
+
+
+def correct_by_class(videos: VideoSet, answers: Answers) -> BlockSums:
+    """Right answers as sums over videos, with the classes as strata: their mean is the balanced accuracy.
+
+    ``answers`` has one for each video of the set.
+    """
+    labels = [(key, video.label.risk) for key, video in sorted(videos.videos.items())]
+    right = np.array([float(answers[key] is risk) for key, risk in labels])
+    return BlockSums(right, np.ones(len(right)), np.array([risk for _, risk in labels], dtype=np.intp))
 
 
 @dataclass(frozen=True)

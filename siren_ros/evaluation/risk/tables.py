@@ -5,7 +5,9 @@ from typing import Any, Final
 
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.evaluation.risk.scoring import SCORES, ModelScores
-from siren_ros.tables.interval import interval_of_json
+from siren_ros.evaluation.risk.severity import MEASURES, Severities, score_severities, template_means
+from siren_ros.evaluation.risk.video_set import VideoSet, changes_of_labels
+from siren_ros.tables.interval import Interval, interval_of_json
 from siren_ros.tables.table import Cell, Row, Table, csv_text
 
 _PAPER_COLUMNS: Final = (
@@ -35,7 +37,7 @@ _OF_CLASSES: Final = {
 }
 """Title and score of the columns."""
 _PAPER_VIDEOS: Final = "105"
-_TRIVIAL: Final = frozenset({"majority", "oracle"})
+_TRIVIAL: Final = frozenset({"majority", "template_prior", "oracle"})
 """References whose matrices follow from the labels."""
 
 
@@ -97,6 +99,30 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
         ),
     )
     return tuple(table for table in tables if table.rows)
+
+
+def table_of_changes(videos: VideoSet) -> Table:
+    """How the labels of a set change with their thresholds."""
+    rows = changes_of_labels(videos)
+    head = ("threshold", "value", *TITLES, "changed")
+    shown = tuple((row.name, None if row.value == 1.0 else row.value, *row.counts, row.changed) for row in rows)
+    return Table("thresholds", "Labels by other thresholds", head, shown)
+
+
+def table_of_severity(videos: VideoSet, given: Mapping[str, Severities]) -> Table:
+    """How well the numbers are guessed, by model; the mean of each template is a guess, too."""
+    rows = []
+    for name, guesses in ({"template_prior": template_means(videos)} | dict(given)).items():
+        scores = score_severities(videos, guesses)
+        rows.append((name, *(part for score in scores.values() for part in (score.error, score.rank_correlation))))
+    titles = [title for measure in MEASURES.values() for title in (f"error of {measure}", f"ρ of {measure}")]
+    return Table("severity", "Severity: mean absolute error and rank correlation", ("model", *titles), tuple(rows))
+
+
+def table_of_agreement(kappas: Mapping[tuple[str, str], Interval]) -> Table:
+    """How far people agree with each other and with the labels."""
+    rows = tuple((*pair, kappa) for pair, kappa in kappas.items())
+    return Table("agreement", "Agreement (Cohen's κ)", ("first", "second", "κ"), rows)
 
 
 def _percent(model: Mapping[str, Any], columns: Mapping[str, str]) -> Iterator[Cell]:

@@ -14,9 +14,11 @@ import pyarrow.parquet as pq
 
 from siren_ros.errors import InputError, whole_file
 from siren_ros.evaluation.risk.labels import (
+    DEFINITIONS,
     Evidence,
     Moments,
     Reason,
+    RiskClass,
     RiskLabel,
     RiskThresholds,
     SeenContact,
@@ -80,6 +82,42 @@ class VideoSet:
         """The same videos with the labels that other thresholds give."""
         videos = {key: replace(video, label=label_of(video.evidence, thresholds)) for key, video in self.videos.items()}
         return replace(self, videos=videos, thresholds=thresholds)
+
+
+_SHARES: Final = (0.5, 0.75, 1.25, 1.5)
+"""Of a threshold that the table of changes tries."""
+
+
+@dataclass(frozen=True)
+class ChangedLabels:
+    """The labels of a set with one other threshold."""
+
+    name: str
+    value: float
+    counts: tuple[int, ...]
+    """Normal, Near-Miss, Collision."""
+    changed: int
+    """Videos with another class."""
+
+
+def changes_of_labels(videos: VideoSet) -> tuple[ChangedLabels, ...]:
+    """How the labels change with each threshold, half to one and a half of it, and with each definition."""
+    limits = asdict(videos.thresholds)
+    tried = [(f"near-miss: {name}", 1.0, thresholds) for name, thresholds in DEFINITIONS.items()]
+    tried += [
+        (name, share * value, replace(videos.thresholds, **{name: share * value}))
+        for name, value in limits.items()
+        for share in _SHARES
+        if value > 0.0
+    ]
+    rows = [_changed(videos, name, value, videos.relabelled(thresholds)) for name, value, thresholds in tried]
+    return (_changed(videos, "as they are", 1.0, videos), *rows)
+
+
+def _changed(videos: VideoSet, name: str, value: float, again: VideoSet) -> ChangedLabels:
+    risks = [video.label.risk for video in again.videos.values()]
+    changed = sum(again.videos[key].label.risk is not video.label.risk for key, video in videos.videos.items())
+    return ChangedLabels(name, value, tuple(risks.count(risk) for risk in RiskClass), changed)
 
 
 def write_set(videos: VideoSet) -> None:

@@ -7,12 +7,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from siren_ros import __version__
+from siren_ros.datasets.publication import datasheet, write_croissant
 from siren_ros.errors import InputError, write_text, writing
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import EVIDENCE_FILE, SET_FILE, VIDEO_FRAMES, RiskVideo, VideoSet, write_set
 from siren_ros.generation.episode_setup import present_versions
 from siren_ros.processes.process_pool import ProcessPool, Result
 from siren_ros.processes.side_by_side import side_by_side
+from siren_ros.record.licences import LICENCE, licence_of_map
 from siren_ros.roads.maps.map_compiler import name_of_map
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.templates import load_template
@@ -25,6 +28,7 @@ from siren_ros.studies.risk_set.search import (
     Outcome,
     Search,
     Trial,
+    balanced,
     continue_search,
     quotas,
     settled,
@@ -43,17 +47,20 @@ from siren_ros.studies.risk_set.video_file import (
 from siren_ros.studies.workers import attempt_processes
 
 
-def _card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_name: str) -> dict[str, Any]:
+def _card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_file: str) -> dict[str, Any]:
     """The set's card as JSON types; counts are Normal, Near-Miss, Collision."""
     counts = {name: [0, 0, 0] for name in searches}
+    map_name = name_of_map(Path(map_file) if map_file else None)
     for video in videos.videos.values():
         counts[video.template][video.label.risk] += 1
     return {
         "name": "SIREN risk videos",
+        "what": "Videos of the front camera of an emergency vehicle: Normal, Near-Miss or Collision",
         "videos": len(videos.videos),
         "frames": VIDEO_FRAMES,
         "rate_hz": 10,
         "map": map_name,
+        "map_licence": licence_of_map(map_name, map_file),
         "classes": list(TITLES),
         "asked_for": list(balance.total),
         "counts": [sum(row[risk] for row in counts.values()) for risk in RiskClass],
@@ -63,7 +70,7 @@ def _card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, ma
         },
         "thresholds": asdict(videos.thresholds),
         "versions": dict(present_versions()),
-        "license": "Apache-2.0",
+        "licence": LICENCE,
     }
 
 
@@ -91,7 +98,8 @@ def _readme(content: Mapping[str, Any]) -> str:
     )
     table = ["| template | Normal | Near-Miss | Collision | candidates | found |", "|---|---|---|---|---|---|", *rows]
     values = ["| threshold | value |", "|---|---|", *limits]
-    parts = [[f"# {content['name']}"], [about], [made], table, [files], values, [f"Licence: {content['license']}."]]
+    parts = [[f"# {content['name']}"], [about], [made], table, [files], values, [f"Licence: {content['licence']}."]]
+    parts.append([datasheet(content)])
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
 
 
@@ -163,7 +171,7 @@ class _SetMaker:
         while True:
             searches = self._all_searched()
             found = {name: search.found for name, search in searches.items()}
-            counts = settled(self.quotas, found, self.request.balance.per_template)
+            counts = self._settled(found)
             numbers = {
                 video_id(name, number): (name, number, candidate)
                 for name, search in searches.items()
@@ -184,11 +192,16 @@ class _SetMaker:
         entries = {key: self._as_video(key, candidate) for key, candidate in sorted(chosen.items())}
         videos = VideoSet(self.out, entries, self.request.thresholds)
         write_set(videos)
-        map_file = self.request.map_file
-        card = _card(videos, searches, self.request.balance, name_of_map(Path(map_file) if map_file else None))
+        card = _card(videos, searches, self.request.balance, self.request.map_file)
         write_text(self.out / "dataset.json", json.dumps(card, indent=1, sort_keys=True) + "\n")
         write_text(self.out / "README.md", _readme(card))
+        write_croissant(self.out, card, __version__)
         return videos, searches
+
+    def _settled(self, found: Mapping[str, Counts]) -> Mapping[str, Counts]:
+        if self.request.balance.within:
+            return balanced(self.quotas, found)
+        return settled(self.quotas, found, self.request.balance.per_template)
 
     def _side_by_side(self, tasks: Mapping[str, Callable[[], Result]]) -> dict[str, Result]:
         return side_by_side(tasks, self.workers, self.pool.stop)
@@ -199,7 +212,7 @@ class _SetMaker:
         for patience in (_FIRST_PATIENCE, PATIENCE):
             searches = self._searched_in_rounds(patience)
             found = {name: search.found for name, search in searches.items()}
-            counts = settled(self.quotas, found, balance.per_template)
+            counts = self._settled(found)
             if all(sum(share[risk] for share in counts.values()) >= balance.total[risk] for risk in RiskClass):
                 break
         return searches
@@ -215,6 +228,8 @@ class _SetMaker:
                 name: (search.found, frozenset(RiskClass) if len(search.trials) >= search.budget else search.given_up)
                 for name, search in searches.items()
             }
+            if self.request.balance.within:
+                return searches
             shares = shifted(shares, findings, self.request.balance)
             if shares in tried:
                 return searches

@@ -37,6 +37,8 @@ class Balance:
 
     total: Counts
     per_template: int
+    within: bool = False
+    """Whether each template has the same classes, as equal as whole numbers and the findings allow."""
 
     @property
     def videos(self) -> int:
@@ -44,11 +46,11 @@ class Balance:
         return sum(self.total)
 
 
-def papers_balance(templates: int, per_template: int = PAPER_PER_TEMPLATE) -> Balance:
+def papers_balance(templates: int, per_template: int = PAPER_PER_TEMPLATE, *, within: bool = False) -> Balance:
     """The paper's shares of the classes, in whole numbers, for some templates with some videos of each."""
     videos, all_counts = templates * per_template, sum(PAPER_COUNTS)
     near_miss, collision = (round(PAPER_COUNTS[risk] * videos / all_counts) for risk in (1, 2))
-    return Balance((videos - near_miss - collision, near_miss, collision), per_template)
+    return Balance((videos - near_miss - collision, near_miss, collision), per_template, within)
 
 
 def quotas(balance: Balance, templates: Sequence[str]) -> Mapping[str, Counts]:
@@ -122,6 +124,21 @@ def settled(shares: Mapping[str, Counts], found: Mapping[str, Counts], per_templ
         key: (min(found[key][0], per_template - counts[1] - counts[2]), counts[1], counts[2])
         for key, counts in given.items()
     }
+
+
+def balanced(shares: Mapping[str, Counts], found: Mapping[str, Counts]) -> Mapping[str, Counts]:
+    """What each template contributes so that every one has the classes in the proportions of its quota.
+
+    A template that has found too few of a class has fewer of the others, too: the class with the smallest share of its
+    quota decides. One that has found none of a class has no videos.
+    """
+    given = {}
+    for key, quota in shares.items():
+        wanted = [(have, want) for have, want in zip(found[key], quota, strict=True) if want]
+        share = min((min(1.0, have / want) for have, want in wanted), default=0.0)
+        normal, near_miss, collision = (int(share * want + 1e-9) for want in quota)
+        given[key] = (normal, near_miss, collision)
+    return given
 
 
 def _exchange(given: dict[str, list[int]], found: Mapping[str, Counts], per_template: int) -> None:

@@ -34,7 +34,7 @@ def test_rows_files_and_pictures(folder: Path, answers: Path, siren) -> None:
     assert "70.48" in lines["Qwen3.5-9B"]
     scores = json.loads(out.joinpath("scores.json").read_text())["models"]
     assert scores["mine"]["confusion"] == [[1, 1, 0, 1], [0, 1, 1, 0], [0, 0, 1, 0]]
-    pictures = {f"confusion_{name}.png" for name in ("mine", "majority", "sequence", "oracle")}
+    pictures = {f"confusion_{name}.png" for name in ("mine", "majority", "template_prior", "sequence", "oracle")}
     assert {path.name for path in out.iterdir()} == {"scores.csv", "scores.tex", "scores.json", *pictures}
 
 

@@ -19,6 +19,7 @@ from siren_ros.evaluation.detection.scoring import (
     GroupScore,
     counted_boxes,
     counted_people,
+    mean_ap_of_episodes,
     score_detector,
     subsets_of_episodes,
 )
@@ -384,3 +385,17 @@ def test_labels_as_detections_are_those_with_a_return_the_nearer_the_surer() -> 
     assert found.score == pytest.approx([1.0 / 1.1, 1.0 / 1.3])
     assert found.label.tolist() == ["car", "car"]
     assert found.centre_m == pytest.approx(truth.centre_m[[0, 2]])
+
+
+def test_the_map_of_each_episode_is_that_of_the_episode_alone() -> None:
+    """Three episodes, one of them without a label that counts."""
+    frames, detected = _episodes(["S1", "S1", "S2"])
+    bare = replace(frames.episodes[2], truth=frames.episodes[2].truth.at(np.zeros(len(frames.episodes[2].truth), bool)))
+    frames = frames_of([*frames.episodes[:2], bare])
+    values = mean_ap_of_episodes(frames, detected, VEHICLE_NAMES)
+    for number in (0, 1):
+        own = detected.boxes.frame // FRAMES == number
+        boxes = replace(detected.boxes.at(own), frame=detected.boxes.frame[own] - number * FRAMES)
+        alone = frames_of([frames.episodes[number]])
+        assert values[number] == pytest.approx(scored_set(alone, found_set(boxes, alone)).mean_ap.value)
+    assert np.isnan(values[2])

@@ -25,6 +25,7 @@ from siren_ros.studies.risk_set.search import (
     Outcome,
     Search,
     Trial,
+    balanced,
     continue_search,
     outcome_as_json,
     outcome_of_json,
@@ -285,3 +286,20 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
     path.write_text('{"number": 1}\n')
     with pytest.raises(InputError, match=r"S4\.jsonl"):
         Journal(path).read()
+
+
+def test_balanced_templates_have_the_same_shares() -> None:
+    """What a template lacks of one class costs it the others; the template then tells nothing about the class."""
+    shares = {"A": (6, 4, 2), "B": (6, 4, 2), "C": (6, 4, 2)}
+    found = {"A": (9, 9, 9), "B": (9, 9, 1), "C": (9, 9, 0)}
+    assert balanced(shares, found) == {"A": (6, 4, 2), "B": (3, 2, 1), "C": (0, 0, 0)}
+
+
+@given(st.lists(st.tuples(*[st.integers(0, 12)] * 3), min_size=2, max_size=4))
+def test_balanced_takes_no_more_than_was_found(found: list[tuple[int, int, int]]) -> None:
+    names = [str(number) for number in range(len(found))]
+    given_to = balanced(dict.fromkeys(names, (6, 4, 2)), dict(zip(names, found, strict=True)))
+    for name, have in zip(names, found, strict=True):
+        assert all(part <= least for part, least in zip(given_to[name], have, strict=True))
+        share = min(1.0, *(part / want for part, want in zip(have, (6, 4, 2), strict=True)))
+        assert given_to[name] == tuple(int(share * want + 1e-9) for want in (6, 4, 2))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from siren_ros.errors import whole_file
+from siren_ros.evaluation.risk.controls import CHANGES, Control
 from siren_ros.evaluation.risk.labels import RiskClass
 from siren_ros.evaluation.risk.scoring import UNREADABLE
 from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet, batches, key_frames
@@ -35,10 +36,13 @@ class VideoAnswer:
         return final_class(self.predictions)
 
 
-def questions_about(folder: Path, video: RiskVideo, *, marked: bool) -> tuple[Question, ...]:
+def questions_about(
+    folder: Path, video: RiskVideo, *, marked: bool, control: Control | None = None
+) -> tuple[Question, ...]:
     """The questions about a video of the set in a folder: eight key frames, and the last one.
 
-    Where ``marked``, vehicles are outlined from the simulator's own masks.
+    Where ``marked``, vehicles are outlined from the simulator's own masks. A control changes the pictures or
+    leaves them out; with one frame there is one question.
 
     Raises:
         InputError: The video or its masks are missing or of another length.
@@ -49,6 +53,15 @@ def questions_about(folder: Path, video: RiskVideo, *, marked: bool) -> tuple[Qu
         masks = question.masks_of(folder / "masks" / f"{video.video_id}.npz", frames)
         numbers = question.numbers_of(masks)
         pictures = [question.outlined(*pair, numbers) for pair in zip(pictures, masks, strict=True)]
+    if control is not None and control in CHANGES:
+        pictures = CHANGES[control](pictures, video.video_id)
+    if control is Control.ONE_FRAME:
+        frames = frames[len(frames) // 2 :][:1]
+        pictures = pictures[:1]
+    if control is Control.TEXT_ONLY:
+        return tuple(
+            Question(question.SYSTEM, question.question(batch, marked=marked), ()) for batch in batches(frames)
+        )
     encoded = dict(zip(frames, map(question.as_jpeg, pictures), strict=True))
     return tuple(
         Question(question.SYSTEM, question.question(batch, marked=marked), tuple(encoded[frame] for frame in batch))
@@ -57,7 +70,13 @@ def questions_about(folder: Path, video: RiskVideo, *, marked: bool) -> tuple[Qu
 
 
 def ask_about(
-    folder: Path, video: RiskVideo, model: VisionLanguageModel, cache: ReplyCache, *, marked: bool
+    folder: Path,
+    video: RiskVideo,
+    model: VisionLanguageModel,
+    cache: ReplyCache,
+    *,
+    marked: bool,
+    control: Control | None = None,
 ) -> VideoAnswer:
     """The model's answer to one video; replies go through the cache.
 
@@ -65,7 +84,7 @@ def ask_about(
         ModelUnavailableError: A question got no reply. Replies before it are kept.
     """
     replies, cached = [], 0
-    for asked in questions_about(folder, video, marked=marked):
+    for asked in questions_about(folder, video, marked=marked, control=control):
         reply = cache.get(model.name, asked)
         cached += reply is not None
         if reply is None:
@@ -82,6 +101,7 @@ def ask_about_all(
     *,
     marked: bool,
     concurrency: int,
+    control: Control | None = None,
     progress: Callable[[VideoAnswer], None] = lambda _: None,
 ) -> dict[str, VideoAnswer]:
     """The model's answers to all videos of a set.
@@ -92,7 +112,7 @@ def ask_about_all(
     """
 
     def ask(video: RiskVideo) -> VideoAnswer:
-        answer = ask_about(videos.folder, video, model, cache, marked=marked)
+        answer = ask_about(videos.folder, video, model, cache, marked=marked, control=control)
         progress(answer)
         return answer
 

@@ -1,0 +1,141 @@
+"""``siren leaderboard TASK FOLDER``: submissions ranked on the same episodes or videos, with paired tests."""
+
+import argparse
+import json
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.cli.options import add_bags, add_processes, processes_of
+from siren_ros.errors import EXIT_OK, InputError, write_text
+from siren_ros.evaluation.detection.frames import frames_of, read_frames
+from siren_ros.evaluation.detection.inputs.formats import read_detections
+from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, mean_ap_of_episodes
+from siren_ros.evaluation.leaderboard import Standing, standings, table_of
+from siren_ros.evaluation.prediction.prediction_file import read_prediction_file
+from siren_ros.evaluation.prediction.scoring import ScoringJob, score_bags
+from siren_ros.evaluation.prediction.submission import submission
+from siren_ros.evaluation.risk.scoring import checked_answers, correct_by_class, read_answers
+from siren_ros.evaluation.risk.video_set import read_set
+from siren_ros.evaluation.statistics import BlockSums, block_sums
+from siren_ros.processes.process_pool import ProcessPool
+from siren_ros.record.bag_survey import Need, in_dataset_order, survey_bag
+from siren_ros.recording.bag_reader import bags_among
+from siren_ros.tables.table import text_of
+
+Submissions = Mapping[str, Path]
+
+
+def _risk(arguments: argparse.Namespace, files: Submissions) -> dict[str, BlockSums]:
+    videos = read_set(arguments.set)
+    answers = {
+        name: checked_answers(read_answers(path), videos.videos, allow_missing=False) for name, path in files.items()
+    }
+    return {name: correct_by_class(videos, given) for name, given in answers.items()}
+
+
+def _prediction(arguments: argparse.Namespace, files: Submissions) -> dict[str, BlockSums]:
+    submitted = {name: submission(read_prediction_file(path)) for name, path in files.items()}
+    job = ScoringJob((), submissions=submitted, processes=processes_of(arguments))
+    results = score_bags(job, bags_among(arguments.bags), lambda: None)
+    for result in results:
+        if result.error is not None:
+            raise result.error
+    episodes = [result.scores for result in results if result.scores is not None]
+    stratum = np.unique([episode.template for episode in episodes], return_inverse=True)[1]
+    errors = {name: [episode.models[name].values["ade_m"] for episode in episodes] for name in files}
+    return {
+        name: block_sums(np.concatenate(parts), np.repeat(np.arange(len(parts)), [*map(len, parts)]), stratum)
+        for name, parts in errors.items()
+    }
+
+
+def _detection(arguments: argparse.Namespace, files: Submissions) -> dict[str, BlockSums]:
+    with ProcessPool(processes_of(arguments)) as pool, tempfile.TemporaryDirectory() as scratch:
+        needs = (Need.LIDAR, Need.MAP)
+        surveys = pool.map(survey_bag, [(bag, "detection", needs, Path(scratch)) for bag in bags_among(arguments.bags)])
+        frames = frames_of(pool.map(read_frames, in_dataset_order(surveys)))
+    stratum = np.unique([episode.template for episode in frames.episodes], return_inverse=True)[1]
+    sums = {}
+    for name, path in files.items():
+        values = mean_ap_of_episodes(frames, read_detections(name, str(path), frames), VEHICLE_NAMES)
+        sums[name] = block_sums(values, np.arange(len(values)), stratum)
+    return sums
+
+
+@dataclass(frozen=True)
+class _Task:
+    """How the submissions of a task are found and scored."""
+
+    score: str
+    blocks: str
+    suffixes: tuple[str, ...]
+    """Of submissions; empty for a folder."""
+    less_is_better: bool
+    sums: Callable[[argparse.Namespace, Submissions], dict[str, BlockSums]]
+
+
+TASKS: Final = {
+    "prediction": _Task("ADE in metres", "episodes", (".parquet",), less_is_better=True, sums=_prediction),
+    "detection": _Task("mAP of episodes", "episodes", (".json", ".pkl", ""), less_is_better=False, sums=_detection),
+    "risk": _Task("balanced accuracy", "videos", (".json", ".csv"), less_is_better=False, sums=_risk),
+}
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Adds the description and the options of the command."""
+    verb.description = (
+        "Ranks the submissions in a folder, one file each, named as the row shall be. All are scored on the same "
+        "episodes or videos; each is compared with the best one by a test that exchanges the two within episodes."
+    )
+    tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
+    for name, task in TASKS.items():
+        line = tasks.add_parser(name, help=f"by {task.score}", description=f"Ranks submissions by {task.score}.")
+        kinds = ", ".join(suffix or "folders of KITTI text files" for suffix in task.suffixes)
+        line.add_argument("folder", type=Path, metavar="FOLDER", help=f"submissions: {kinds}")
+        if name == "risk":
+            line.add_argument("set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
+        else:
+            add_bags(line)
+            add_processes(line)
+        line.add_argument("--out", type=Path, metavar="FILE.json", help="write the standings there, too")
+        line.set_defaults(run=run, task=name)
+
+
+def submissions_in(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
+    """The submissions by their names, without hidden files.
+
+    Raises:
+        InputError: No submission, or two of one name.
+    """
+    paths = sorted(path for path in folder.glob("*") if not path.name.startswith("."))
+    found: dict[str, Path] = {}
+    for path in paths:
+        if path.suffix in suffixes if path.is_file() else "" in suffixes:
+            if path.stem in found:
+                raise InputError("folder", str(path), f"each name once, unlike {found[path.stem].name}")
+            found[path.stem] = path
+    if not found:
+        raise InputError("folder", str(folder), f"a folder with submissions ({', '.join(filter(None, suffixes))})")
+    return found
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Scores and ranks every submission."""
+    task = TASKS[arguments.task]
+    sums = task.sums(arguments, submissions_in(arguments.folder, task.suffixes))
+    rows = standings(sums, less_is_better=task.less_is_better)
+    print("\n".join(text_of((table_of(rows, task.score, task.blocks),))))
+    if arguments.out is not None:
+        content = {"task": arguments.task, "score": task.score, "standings": [_as_json(row) for row in rows]}
+        write_text(arguments.out, json.dumps(content, indent=1) + "\n")
+    return EXIT_OK
+
+
+def _as_json(row: Standing) -> dict[str, Any]:
+    compared = None if row.to_best is None else asdict(row.to_best) | {"difference": row.to_best.difference.json()}
+    return {"name": row.name, "value": row.value.json(), "to_best": compared, "p_adjusted": row.p_adjusted}

@@ -21,8 +21,8 @@ from siren_ros.datasets.files import FileWriter
 from siren_ros.datasets.formats import FORMATS, EpisodePart, EpisodeReport, Format, Option, format_named, load_exporter
 from siren_ros.errors import InputError
 from siren_ros.record.bag_survey import BagSurvey, Need, episode_name, in_dataset_order
-from siren_ros.scenario.splits import EpisodeIdentity
 from siren_ros.record.licences import LICENCE
+from siren_ros.scenario.splits import EpisodeIdentity
 
 FORMAT = Format(
     "made",

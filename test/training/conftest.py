@@ -12,9 +12,9 @@ from evaluation.made_video_sets import draw_films, small_video_set
 from hand_made import made_record
 from rosbags.typesys.store import Typestore
 
-from siren_ros.scenario.splits import Split
 from siren_ros.cli.main import main
 from siren_ros.evaluation.risk.video_set import write_set
+from siren_ros.scenario.splits import Split
 from siren_ros.training.prediction.samples import features_of_record, write_features
 
 # CUDA builds of torch import triton with the first optimizer. Its LLVM crashes where Mesa's is loaded already, as by

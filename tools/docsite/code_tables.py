@@ -193,6 +193,22 @@ def prediction_table() -> str:
     return "\n".join([f"| | {' | '.join(_MODEL_FIGURES)} |", "|---" * (1 + len(_MODEL_FIGURES)) + "|", *rows])
 
 
+def claims_table() -> str:
+    """``siren`` against the best simple baseline of each template as Markdown; without rows until it has been made."""
+    figures = read_results(_NODES_FILE.parents[1] / "docs" / "results.json")["prediction"].figures
+    rows = []
+    for name, head in (*((name, f"claims.{name}.siren.ade_m") for name in TEMPLATES), ("mean", "claims.siren.ade_m")):
+        if head in figures:
+            best, error, share, chance = (figures[f"{head}.{key}"] for key in _CLAIM)
+            rows.append(f"| {name} | `{best}` | {error:.2f} | {figures[head]:+.2f} | {share:+.0%} | {chance:.2g} |")
+    return "\n".join(
+        ["| | best simple | its ADE | siren minus it | share | p (Holm) |", "|---|---|---|---|---|---|", *rows]
+    )
+
+
+_CLAIM: Final = ("best_simple", "best_simple_value", "share", "p_holm")
+
+
 def train_prediction_table() -> str:
     """Errors by map when the predictor was trained as Markdown, from the part ``train_prediction``."""
     figures = read_results(_NODES_FILE.parents[1] / "docs" / "results.json")["train_prediction"].figures
@@ -228,6 +244,7 @@ TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "paper": paper_table,
     "reproduction": reproduction_table,
     "prediction_models": prediction_table,
+    "prediction_claims": claims_table,
     "train_prediction": train_prediction_table,
     "predictors": predictors_table,
     "track_noise": partial(values_table, TrackNoise()),

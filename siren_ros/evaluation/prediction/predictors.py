@@ -113,6 +113,8 @@ class PredictorKind:
     checkpoint: Checkpoint = Checkpoint.NONE
     extra: str = ""
     """Extra of the package that brings what the constructor imports; empty where nothing more is needed."""
+    simple: bool = False
+    """Whether nothing of it is learned. Claims are made against the best of these."""
 
     def make(self, name: str, checkpoint: Path | None = None) -> Predictor:
         """The predictor.
@@ -140,21 +142,33 @@ _HERE: Final = "siren_ros.evaluation.prediction"
 _BASELINES: Final = f"{_HERE}.baselines"
 _SIREN: Final = "siren_ros.evaluation.prediction.siren_model.siren_predictor:make"
 _PUBLISHED: Final = "siren_ros.evaluation.prediction.published.predictors"
+
+
+def _simple(summary: str, maker: str) -> PredictorKind:
+    return PredictorKind(summary, maker, simple=True)
+
+
 PREDICTORS: Final[Mapping[str, PredictorKind]] = {
-    "cv": PredictorKind("constant velocity", f"{_BASELINES}:ConstantVelocity"),
-    "idm": PredictorKind("Intelligent Driver Model along the lane", f"{_BASELINES}:IdmPredictor"),
-    "ca": PredictorKind("constant acceleration", f"{_HERE}.kinematic:make_ca"),
-    "ctra": PredictorKind("constant turn rate and acceleration", f"{_HERE}.kinematic:make_ctra"),
-    "cv_lane": PredictorKind("constant speed along the lane", f"{_HERE}.lane_following:make_cv_lane"),
-    "ca_lane": PredictorKind("constant acceleration along the lane", f"{_HERE}.lane_following:make_ca_lane"),
-    "decay_lane": PredictorKind("along the lane, acceleration that decays", f"{_HERE}.lane_following:make_decay_lane"),
-    "imm": PredictorKind("Kalman filter of two interacting models", f"{_HERE}.kalman:ImmPredictor"),
+    "cv": _simple("constant velocity", f"{_BASELINES}:ConstantVelocity"),
+    "idm": _simple("Intelligent Driver Model along the lane", f"{_BASELINES}:IdmPredictor"),
+    "ca": _simple("constant acceleration", f"{_HERE}.kinematic:make_ca"),
+    "ctra": _simple("constant turn rate and acceleration", f"{_HERE}.kinematic:make_ctra"),
+    "cv_lane": _simple("constant speed along the lane", f"{_HERE}.lane_following:make_cv_lane"),
+    "ca_lane": _simple("constant acceleration along the lane", f"{_HERE}.lane_following:make_ca_lane"),
+    "decay_lane": _simple("along the lane, acceleration that decays", f"{_HERE}.lane_following:make_decay_lane"),
+    "imm": _simple("Kalman filter of two interacting models", f"{_HERE}.kalman:ImmPredictor"),
     "siren": PredictorKind("SIREN's own, trained on its episodes", _SIREN, Checkpoint.OPTIONAL),
     "csp": PredictorKind("convolutional social pooling", f"{_PUBLISHED}:make_csp", Checkpoint.REQUIRED, "models"),
     "stdan": PredictorKind("dynamic attention", f"{_PUBLISHED}:make_stdan", Checkpoint.REQUIRED, "models"),
     "bat": PredictorKind("behaviour-aware", f"{_PUBLISHED}:make_bat", Checkpoint.REQUIRED, "models"),
 }
 """Every predictor, by the user's name for it."""
+
+
+def is_simple(model: str) -> bool:
+    """Whether a model, with or without a label, is a simple baseline; what other programs predicted is none."""
+    kind = PREDICTORS.get(model.partition(LABEL)[0])
+    return kind is not None and kind.simple
 
 
 def predictors_named(names: Sequence[str], checkpoints: Mapping[str, Path] | None = None) -> dict[str, Predictor]:

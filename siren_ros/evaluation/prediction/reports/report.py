@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from siren_ros.errors import whole_file, writing
 from siren_ros.evaluation.prediction.metrics import BINS, METRICS, SCENE_METRICS, calibration_error
-from siren_ros.evaluation.prediction.predictors import LABEL
+from siren_ros.evaluation.prediction.predictors import LABEL, is_simple
 from siren_ros.evaluation.prediction.reports.paper_results import (
     PAPER_NAMES,
     compare_with_paper,
@@ -69,6 +69,7 @@ def prediction_tables(
         _metrics(scores),
         _scene(scores),
         *(_by_group(scores, kind) for kind in _GROUPED),
+        _claims(scores),
         _paired(pairs),
         _seen(scores),
     )
@@ -193,14 +194,35 @@ def _mean(scores: ScoreTable, model: str, group: str, metrics: Sequence[str]) ->
 
 
 def _paired(pairs: Sequence[Difference]) -> Table:
+    """Pairs of simple baselines are left out where other models were scored."""
+    shown = [pair for pair in pairs if pair.metric == SHOWN[0] and pair.group == _ALL and pair.difference.valid]
+    others = [pair for pair in shown if not (is_simple(pair.first) and is_simple(pair.second))]
     rows = tuple(
         (f"{pair.first} - {pair.second}", pair.difference, pair.adjusted_p_value, pair.samples)
-        for pair in pairs
-        if pair.metric == SHOWN[0] and pair.group == _ALL and pair.difference.valid
+        for pair in others or shown
     )
     caption = "differences of ADE in m, on the samples that both models have"
     head = ("models", "difference", "p (Holm)", "common samples")
     return Table("prediction_differences", caption, head, rows, specs={"difference": "+.2f", "p (Holm)": ".3g"})
+
+
+def _claims(scores: ScoreTable) -> Table:
+    rows = tuple(
+        (
+            claim.model,
+            claim.group,
+            claim.best_simple,
+            claim.best_simple_value,
+            claim.difference,
+            f"{claim.share:+.0%}",
+            claim.adjusted_p_value,
+        )
+        for claim in scores.claims
+        if claim.metric == SHOWN[0]
+    )
+    caption = "ADE in m against the best simple baseline: the model minus the baseline, [interval]"
+    head = ("model", "template", "best simple", "its ADE", "difference", "share", "p (Holm)")
+    return Table("prediction_claims", caption, head, rows, specs={"difference": "+.2f", "p (Holm)": ".3g"})
 
 
 def _paper_lines(scores: ScoreTable) -> Iterator[str]:
@@ -222,10 +244,12 @@ def _paper_lines(scores: ScoreTable) -> Iterator[str]:
 def csv_files(table: ScoreTable, pairs: Sequence[Difference]) -> dict[str, str]:
     """Content by file name: one line for each value, so that any program can make its own tables of them."""
     kinds = {group.name: group.kind for group in table.groups}
+    compared = ("difference", "low", "high", "p", "p_holm", "samples")
     files: dict[str, list[Sequence[Any]]] = {
         "scores": [("model", "rows", "name", "metric", "value", "low", "high", "samples", "episodes", "paper")],
         "episodes": [("episode", "template", "level", "seed", "map", "model", "metric", "value", "samples")],
-        "differences": [("metric", "name", "first", "second", "difference", "low", "high", "p", "p_holm", "samples")],
+        "differences": [("metric", "name", "first", "second", *compared)],
+        "claims": [("metric", "name", "model", "best_simple", "best_simple_value", *compared)],
         "horizon": [("model", "time_s", "distance_m")],
         "calibration": [("model", "from", "to", "hypotheses", "mean_probability", "share_best")],
     }
@@ -243,6 +267,10 @@ def csv_files(table: ScoreTable, pairs: Sequence[Difference]) -> dict[str, str]:
         models = pair.first, pair.second
         p_values = pair.p_value, pair.adjusted_p_value
         files["differences"].append((pair.metric, pair.group, *models, *bounds, *p_values, pair.samples))
+    for claim in table.claims:
+        *bounds, _ = claim.difference.json().values()
+        about_claim = claim.metric, claim.group, claim.model, claim.best_simple, claim.best_simple_value
+        files["claims"].append((*about_claim, *bounds, claim.p_value, claim.adjusted_p_value, claim.samples))
     for model, samples in table.samples.items():
         files["horizon"] += [(model, time_s, distance_m) for time_s, distance_m in _over_time(samples).items()]
         for place, (count, probability, best) in enumerate(samples.reliability.T.tolist()):
@@ -282,6 +310,21 @@ def json_report(table: ScoreTable, pairs: Sequence[Difference]) -> dict[str, Any
                 "samples": pair.samples,
             }
             for pair in pairs
+        ],
+        "claims": [
+            {
+                "metric": claim.metric,
+                "name": claim.group,
+                "model": claim.model,
+                "best_simple": claim.best_simple,
+                "best_simple_value": claim.best_simple_value,
+                **claim.difference.json(),
+                "share": claim.share,
+                "p": claim.p_value,
+                "p_holm": claim.adjusted_p_value,
+                "samples": claim.samples,
+            }
+            for claim in table.claims
         ],
     }
 

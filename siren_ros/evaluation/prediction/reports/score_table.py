@@ -3,12 +3,14 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache, cached_property
 from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
 
 from siren_ros.evaluation.prediction.metrics import BINS, METRIC_OF, METRICS, Metric, calibration_error
+from siren_ros.evaluation.prediction.predictors import is_simple
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS
 from siren_ros.evaluation.prediction.scoring import Category, EpisodeScores, ModelScores, Trait
 from siren_ros.evaluation.statistics import (
@@ -180,6 +182,16 @@ class ScoreTable:
         cell = self.cells.get((model, group, metric))
         return cell.interval.value if cell is not None and cell.interval.valid else None
 
+    @cached_property
+    def claims(self) -> tuple["Claim", ...]:
+        """Each model that is not simple against the best simple baseline, over all templates and in each.
+
+        The best is the one with the least error on these very samples, which favours the baseline.
+        """
+        simple = [model for model in self.models if is_simple(model)]
+        others = [model for model in self.models if model not in simple]
+        return tuple(claim for model in others for claim in _claims_of(self, model, simple))
+
 
 def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
     """All scores of some episodes: at least one, all with the same models."""
@@ -250,29 +262,75 @@ class Difference:
 
 def differences(table: ScoreTable, seed: int = 0) -> tuple[Difference, ...]:
     """All pairs of models, with all compared metrics, over all templates and in each."""
-    stratum = strata(table.episodes)
     pairs = list(combinations(table.models, 2))
     common = {pair: common_rows(*(table.samples[model] for model in pair)) for pair in pairs}
-
-    def compared(pair: tuple[str, str], metric: str, group: Group) -> tuple[PairedDifference, int]:
-        sums = []
-        for model, rows in zip(pair, common[pair], strict=True):
-            samples = table.samples[model]
-            chosen = rows[group.episodes[samples.episode[rows]]]
-            sums.append(sums_of(samples, METRIC_OF[metric], chosen, stratum))
-        first, second = sums
-        return paired_difference(first, second, np.random.default_rng(seed)), int(first.count.sum())
-
     rows: list[Difference] = []
     for metric in COMPARED:
         for group in (*table.of_kind(GroupKind.ALL), *table.of_kind(GroupKind.TEMPLATE)):
-            results = [compared(pair, metric, group) for pair in pairs]
+            results = [_compared(table, pair, common[pair], metric, group, seed) for pair in pairs]
             adjusted = holm([result.p_value for result, _ in results])
             rows += [
                 Difference(metric, group.name, *pair, result.difference, result.p_value, together, samples)
                 for pair, (result, samples), together in zip(pairs, results, adjusted, strict=True)
             ]
     return tuple(rows)
+
+
+def _compared(
+    table: ScoreTable, pair: tuple[str, str], common: tuple[Rows, Rows], metric: str, group: Group, seed: int
+) -> tuple[PairedDifference, int]:
+    """The difference of two models on their common samples of a group, and the number of these."""
+    sums = []
+    for model, rows in zip(pair, common, strict=True):
+        samples = table.samples[model]
+        chosen = rows[group.episodes[samples.episode[rows]]]
+        sums.append(sums_of(samples, METRIC_OF[metric], chosen, strata(table.episodes)))
+    first, second = sums
+    return paired_difference(first, second, np.random.default_rng(seed)), int(first.count.sum())
+
+
+CLAIMED: Final = ("ade_m", "fde_m")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A model against the best simple baseline."""
+
+    metric: str
+    group: str
+    """``all`` or a template."""
+    model: str
+    best_simple: str
+    best_simple_value: float
+    """Of the baseline, over all its samples."""
+    difference: Interval
+    """The model minus the baseline, on their common samples; negative where the model is better."""
+    p_value: float
+    adjusted_p_value: float
+    """By Holm's correction over the groups of one model and metric."""
+    samples: int
+
+    @property
+    def share(self) -> float:
+        """The difference as a share of the baseline's error: −0.2 is a fifth less."""
+        return self.difference.value / self.best_simple_value if self.best_simple_value else 0.0
+
+
+def _claims_of(table: ScoreTable, model: str, simple: Sequence[str], seed: int = 0) -> Iterator[Claim]:
+    common = cache(lambda best: common_rows(table.samples[model], table.samples[best]))
+    for metric in CLAIMED:
+        found = []
+        for group in (*table.of_kind(GroupKind.ALL), *table.of_kind(GroupKind.TEMPLATE)):
+            errors = {name: error for name in simple if (error := table.value(name, group.name, metric)) is not None}
+            if errors:
+                best = min(errors, key=errors.__getitem__)
+                result, samples = _compared(table, (model, best), common(best), metric, group, seed)
+                found.append((group.name, best, errors[best], result, samples))
+        found = [row for row in found if row[3].difference.valid]
+        adjusted = holm([result.p_value for *_, result, _ in found])
+        for (group_name, best, error, result, samples), together in zip(found, adjusted, strict=True):
+            compared = result.difference, result.p_value, together
+            yield Claim(metric, group_name, model, best, error, *compared, samples)
 
 
 def common_rows(first: SampleTable, second: SampleTable) -> tuple[Rows, Rows]:

@@ -70,6 +70,17 @@ def test_differences(files) -> None:
     assert [rows["ade_m", "own"][name] for name in ("difference", "low", "high", "p")] == ["-8.0", "", "", "1.0"]
 
 
+def test_claims(files, report) -> None:
+    rows = {(row["metric"], row["name"]): row for row in rows_of(files["claims.csv"])}
+    assert len(rows) == 2 * 4
+    row = rows["fde_m", "S1"]
+    assert (row["model"], row["best_simple"], row["samples"]) == ("net:v_1", "cv", "3")
+    assert (float(row["best_simple_value"]), float(row["difference"])) == pytest.approx((6.3, 5.0))
+    claim = next(claim for claim in report["claims"] if (claim["metric"], claim["name"]) == ("fde_m", "S1"))
+    assert (claim["model"], claim["best_simple"]) == ("net:v_1", "cv")
+    assert (claim["value"], claim["share"], claim["p"]) == pytest.approx((5.0, 5.0 / 6.3, 0.5))
+
+
 def test_five_episodes_have_bounds() -> None:
     table = score_table(five_episodes())
     files = csv_files(table, differences(table))

@@ -111,6 +111,47 @@ def test_categories_count_their_samples_alone() -> None:
     assert table.value("cv", Category.EMV.name.lower(), "ade_m") is None
 
 
+def with_models(**errors: float) -> list[EpisodeScores]:
+    """Six episodes of S1 and of S2, with a sample each: of S2 the errors are all 1 m more and those of ``idm`` 5 m."""
+    episodes = []
+    for template, more in (("S1", 0.0), ("S2", 1.0)):
+        for seed in range(6):
+            of_model = {name: error + more + 0.1 * seed for name, error in errors.items()}
+            of_model["idm"] += 4.0 * more
+            scores = {name: model_scores(np.array([error])) for name, error in of_model.items()}
+            episodes.append(episode_scores(template, scores, seed))
+    return episodes
+
+
+def test_claims_are_against_the_best_simple_baseline_of_each_template() -> None:
+    table = score_table(with_models(cv=3.0, idm=2.0, siren=1.0, csp=0.5))
+    claims = {(claim.model, claim.group): claim for claim in table.claims if claim.metric == "ade_m"}
+    assert set(claims) == {(model, group) for model in ("siren", "csp") for group in ("all", "S1", "S2")}
+    assert {group: claims["siren", group].best_simple for group in ("all", "S1", "S2")} == {
+        "all": "cv", "S1": "idm", "S2": "cv"
+    }  # fmt: skip
+    of_s1 = claims["siren", "S1"]
+    assert (of_s1.best_simple_value, of_s1.difference.value) == pytest.approx((2.25, -1.0))
+    assert of_s1.share == pytest.approx(-1.0 / 2.25)
+    # The errors of six episodes can be exchanged in 64 ways, of which two are as far apart; three groups are tested.
+    assert of_s1.p_value == pytest.approx(2.0 / 64.0)
+    assert of_s1.adjusted_p_value == pytest.approx(2.0 * 2.0 / 64.0)
+    assert of_s1.samples == 6
+    assert claims["siren", "all"].difference.value == pytest.approx(-2.0)
+
+
+def test_simple_models_claim_nothing_and_nothing_is_claimed_without_them() -> None:
+    assert score_table(with_models(cv=3.0, idm=2.0)).claims == ()
+    table = score_table([episode_scores("S1", {"siren": model_scores(np.ones(2)), "csp": model_scores(np.ones(2))})])
+    assert table.claims == ()
+
+
+def test_a_worse_model_is_said_to_be_worse() -> None:
+    (claim, *_) = score_table(with_models(idm=2.0, siren=6.0)).claims
+    assert claim.group == "all"
+    assert claim.share > 0.0
+
+
 def test_an_episode_without_samples_does_not_count() -> None:
     table = score_table([with_ade("S1"), with_ade("S2", 2.0)])
     assert table.value("cv", "S1", "ade_m") is None

@@ -49,6 +49,13 @@ level  samples  cv              net:v_1
 L2     5        6.00/18.00 [–]  11.00/33.00 [–]
 L3     5        2.10/6.30 [–]   3.33/10.00 [–]
 
+ADE in m against the best simple baseline: the model minus the baseline, [interval]
+model    template  best simple  its ADE  difference  share  p (Holm)
+net:v_1  all       cv           4.70     +4.22 [–]   +90%   0.5
+net:v_1  S1        cv           2.10     +1.67 [–]   +79%   1
+net:v_1  S2        cv           4.00     +3.00 [–]   +75%   1
+net:v_1  own       cv           8.00     +8.00 [–]   +100%  1
+
 differences of ADE in m, on the samples that both models have
 models        difference  p (Holm)  common samples
 cv - net:v_1  -4.22 [–]   0.125     6
@@ -131,6 +138,18 @@ def test_a_model_with_all_samples_covers_all(population_size, coverage) -> None:
     """A population of one sample more is not covered."""
     scores = episode_scores("S1", {"cv": model_scores(np.ones(3), population_size=population_size)})
     assert tables_of([scores])["prediction"].rows[0][-2:] == (3, coverage)
+
+
+@pytest.mark.parametrize(
+    ("models", "pairs"),
+    [
+        (("cv", "idm", "net"), ["cv - net", "idm - net"]),
+        (("cv", "idm:slow", "imm"), ["cv - idm:slow", "cv - imm", "idm:slow - imm"]),
+    ],
+)
+def test_pairs_of_simple_baselines_are_shown_where_there_are_no_others(models, pairs) -> None:
+    scores = [episode_scores("S1", {name: model_scores(np.full(2, float(len(name)))) for name in models})]
+    assert [row[0] for row in tables_of(scores)["prediction_differences"].rows] == pairs
 
 
 def test_without_common_samples_no_difference_is_shown() -> None:

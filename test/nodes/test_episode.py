@@ -186,7 +186,7 @@ def refusals(tmp_path_factory: pytest.TempPathFactory) -> Path:
     work.mkdir()
     (work / "notes.xodr").write_text("no map", encoding="utf-8")
     with Domain().running("-c", ONE_PROCESS_EACH, *(parameter for parameter, _, _ in BAD_INPUTS), cwd=work) as process:
-        run = finish(process, timeout_s=180.0)
+        run = finish(process, timeout_s=300.0)
     assert (run.code, run.err) == (0, "")
     return folder
 

@@ -134,8 +134,7 @@ def test_missing_predictions_are_refused_or_shown_as_coverage(bag, predictions, 
     words = ["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}", "--population=all"]
     assert "5 of 50 samples have no prediction; the first is actor" in siren(words, 2).err
     lines = siren([*words, "--allow-missing"]).out.splitlines()
-    (row,) = [line.split() for line in lines if line.startswith("mine ") and "%" in line]
-    assert row[-2:] == ["45", "90.0%"]
+    assert ["45", "90.0%"] in [line.split()[-2:] for line in lines if line.startswith("mine ")]
 
 
 @pytest.mark.parametrize(

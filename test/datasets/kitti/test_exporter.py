@@ -156,6 +156,7 @@ def test_the_layout_is_the_benchmarks(dataset):
     assert sorted(path.name for path in dataset.iterdir()) == [
         "ImageSets",
         "README.md",
+        "croissant.json",
         "dataset.json",
         "frames.csv",
         "objects.csv",

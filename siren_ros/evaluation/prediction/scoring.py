@@ -85,8 +85,8 @@ def traits_of(record: EpisodeRecord, batch: SampleBatch) -> Codes:
     phase = np.where(yielding, 1, np.where(rows.mode == Mode.REJOIN, 2, 0))
     begins = np.concatenate(([False], (phase[1:] > 0) & (phase[1:] != phase[:-1])))
     before = np.concatenate(([0], np.cumsum(begins)))
-    traits[before[end] > before[now + 1]] |= Trait.BEGINS
-    traits[rows.speed_mps[now] > MOVING_MPS] |= Trait.MOVING
+    traits[before[end] > before[now + 1]] |= int(Trait.BEGINS)
+    traits[rows.speed_mps[now] > MOVING_MPS] |= int(Trait.MOVING)
     return traits
 
 

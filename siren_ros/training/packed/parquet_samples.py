@@ -221,5 +221,5 @@ def _one(values: pa.Array | pa.ChunkedArray) -> pa.Array:
 
 def _column(field: pa.Field, about: Mapping[str, Any]) -> Column:
     flat = field.type.value_type if pa.types.is_list(field.type) else field.type
-    kind: type[Any] = str if pa.types.is_string(flat) else np.dtype(flat.to_pandas_dtype()).type
+    kind: type[Any] = str if pa.types.is_string(flat) else pa.array([], flat).to_numpy(zero_copy_only=False).dtype.type
     return Column(kind, tuple(about["shape"]), about["meaning"], tuple(about["names"]))

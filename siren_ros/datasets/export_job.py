@@ -31,38 +31,50 @@ def card(
     licence: str,
 ) -> dict[str, Any]:
     """The card as JSON types. No time, no host, no path: the same bags give the same card."""
-    words = [f"--{name} {value}" for name, value in options.items()]
     counts: Counter[str] = Counter()
     classes: Counter[str] = Counter()
     for part in parts:
         counts.update(part.report.counts)
         classes.update(part.report.classes)
+    episodes = [
+        {
+            "id": part.episode_id,
+            "split": part.split,
+            **survey.episode,
+            "bag_sha256": survey.sha256,
+            "lost": survey.note,
+            "counts": dict(part.report.counts),
+        }
+        for survey, part in zip(surveys, parts, strict=True)
+    ]
+    return card_of(dataset_format, "BAG…", options, episodes, counts, classes, licence)
+
+
+def card_of(
+    dataset_format: Format,
+    sources: str,
+    options: Mapping[str, str],
+    episodes: Sequence[Mapping[str, Any]],
+    counts: Mapping[str, int],
+    classes: Mapping[str, int],
+    licence: str,
+) -> dict[str, Any]:
+    """A card of episodes that each have an id, a split, a map and its licence; ``sources`` stands in the command."""
+    words = [f"--{name} {value}" for name, value in options.items()]
+    splits = dict.fromkeys([*(split.value for split in Split), *(episode["split"] for episode in episodes)])
     return {
         "name": f"SIREN {dataset_format.name}",
         "format": dataset_format.name,
         "what": dataset_format.summary,
         "made_with": {
-            "command": " ".join([dataset_format.command, dataset_format.name, *words, "BAG…", "--out", "DIR"]),
+            "command": " ".join([dataset_format.command, dataset_format.name, *words, sources, "--out", "DIR"]),
             "siren_ros": siren_ros.__version__,
             "options": dict(options),
         },
         "licence": licence or LICENCE,
-        "map_licences": {survey.episode["map"]: survey.episode["map_licence"] for survey in surveys},
-        "episodes": [
-            {
-                "id": part.episode_id,
-                "split": part.split,
-                **survey.episode,
-                "bag_sha256": survey.sha256,
-                "lost": survey.note,
-                "counts": dict(part.report.counts),
-            }
-            for survey, part in zip(surveys, parts, strict=True)
-        ],
-        "splits": {
-            split: [part.episode_id for part in parts if part.split == split]
-            for split in dict.fromkeys([*(split.value for split in Split), *(part.split for part in parts)])
-        },
+        "map_licences": {episode["map"]: episode["map_licence"] for episode in episodes},
+        "episodes": list(episodes),
+        "splits": {split: [episode["id"] for episode in episodes if episode["split"] == split] for split in splits},
         "counts": dict(counts),
         "classes": dict(sorted(classes.items())),
     }

@@ -148,7 +148,7 @@ class Examinee:
     @cached_property
     def called(self) -> Flags:
         """Whether an EMV calls."""
-        return np.asarray(np.any([call.calls for call in self.calls], axis=0) & np.ones(len(self.track), np.bool_))
+        return np.any([np.zeros(len(self.track), np.bool_), *(call.calls for call in self.calls)], axis=0)
 
     @cached_property
     def nearest_gap_m(self) -> Floats:

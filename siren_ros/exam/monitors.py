@@ -15,8 +15,9 @@ from siren_ros.exam.past_time import held_for, once, rises, since
 from siren_ros.judging.surrogate_safety import longest_run_s
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.units import STEP_S, steps_from_s
+from siren_ros.roads.rescue_lane import rescue_boundary_m, rescue_sides
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind
-from siren_ros.roads.sites import TOWN_LIMIT_MPS
+from siren_ros.roads.routing import driving_lanes
 from siren_ros.world.actors import Lights
 from siren_ros.world.traffic_state import Event, EventKind
 
@@ -289,10 +290,9 @@ def _side(examinee: Examinee, lane: int, *, by_lane: bool) -> float:
     """The side to which a driver in a lane makes way, left +1."""
     if not by_lane or lane == NO_LANE:
         return -1.0
-    lanes = examinee.record.network.lanes
-    edge = examinee.record.network.edges[lanes[lane].edge]
-    driving = [item for item in edge.lanes if lanes[item].kind is LaneKind.DRIVING]
-    return 1.0 if len(driving) > 1 and driving[-1] == lane else -1.0
+    network = examinee.record.network
+    driving = driving_lanes(network, network.lanes[lane].edge)
+    return 1.0 if len(driving) > 1 and driving[-1].index == lane else -1.0
 
 
 def closed_corridor(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -303,16 +303,12 @@ def closed_corridor(examinee: Examinee, numbers: Numbers) -> Finding:
     """
     network, places = examinee.record.network, examinee.places
     gap = np.full(len(examinee.track), np.nan)
-    for row in np.flatnonzero(places.lane != NO_LANE).tolist():
-        lane = network.lanes[int(places.lane[row])]
-        driving = [
-            network.lanes[k] for k in network.edges[lane.edge].lanes if network.lanes[k].kind is LaneKind.DRIVING
-        ]
-        if len(driving) < 2 or lane.kind is not LaneKind.DRIVING or lane.speed_limit_mps <= TOWN_LIMIT_MPS:
-            continue
-        between = sum(item.width_m for item in driving if lane.position < item.position < driving[-1].position)
-        line_m = -0.5 * lane.width_m if lane is driving[-1] else 0.5 * lane.width_m + between
-        gap[row] = abs(places.offset_m[row] - line_m) - 0.5 * examinee.actor.width_m
+    duty = rescue_sides(network) != 0
+    for row in np.flatnonzero((places.lane != NO_LANE) & ~examinee.in_junction).tolist():
+        lane = int(places.lane[row])
+        if duty[lane]:
+            line_m = rescue_boundary_m(network, lane)
+            gap[row] = abs(places.offset_m[row] - line_m) - 0.5 * examinee.actor.width_m
     slow = held_for(examinee.track.speed_mps < numbers["pace_mps"], steps_from_s(numbers["settle_s"]))
     counts = slow & np.isfinite(gap)
     if not counts.any():

@@ -7,7 +7,7 @@ soon as traffic goes at walking pace or stands: between the leftmost lane and th
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.sites import TOWN_LIMIT_MPS
 
@@ -26,3 +26,20 @@ def rescue_sides(network: RoadNetwork) -> npt.NDArray[np.int8]:
     for connection in network.connections:
         sides[list(connection.via)] = sides[connection.from_lane]
     return sides
+
+
+def rescue_boundary_m(network: RoadNetwork, lane: int) -> float:
+    """Offset of the line between the leftmost lane and its right neighbour from a lane's centre, left positive.
+
+    0 on shoulders and on roads of one lane.
+    """
+    here = network.lanes[lane]
+    lanes = (network.lanes[item] for item in network.edges[here.edge].lanes)
+    driving = [item for item in lanes if item.kind is LaneKind.DRIVING]
+    if here.kind is LaneKind.SHOULDER or len(driving) < 2:
+        return 0.0
+    leftmost = driving[-1].position
+    if here.position >= leftmost:
+        return -0.5 * here.width_m
+    between = sum(item.width_m for item in driving if here.position < item.position < leftmost)
+    return 0.5 * here.width_m + between

@@ -15,6 +15,7 @@ from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.braking import stops_within
 from siren_ros.numerics.changed import changed
 from siren_ros.numerics.units import NEVER, steps_from_s
+from siren_ros.roads.rescue_lane import rescue_boundary_m
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.roads.sites import TOWN_LIMIT_MPS
 from siren_ros.world.actors import Lights, Owner
@@ -212,25 +213,12 @@ def _boundary_offsets(reference: LanePath, s_m: Floats, ego: Ego) -> Floats:
     offset = np.full(len(s_m), np.nan)
     for lane in dict.fromkeys(lane_of.tolist()):
         if network.lanes[lane].kind is not LaneKind.INTERNAL:
-            offset[lane_of == lane] = _boundary_of(network, lane)
+            offset[lane_of == lane] = rescue_boundary_m(network, lane)
     known = np.isfinite(offset)
     if not known.any():
         return np.zeros(len(s_m))
     radius = max(config.line_smoothing_m, config.merge_s * ego.speed_mps) / float(s_m[1] - s_m[0])
     return _smooth(np.interp(s_m, s_m[known], offset[known]), min(round(radius), (len(s_m) - 1) // 2))
-
-
-def _boundary_of(network: RoadNetwork, lane: int) -> float:
-    here = network.lanes[lane]
-    lanes = (network.lanes[item] for item in network.edges[here.edge].lanes)
-    driving = [item for item in lanes if item.kind is LaneKind.DRIVING]
-    if here.kind is LaneKind.SHOULDER or len(driving) < 2:
-        return 0.0
-    leftmost = driving[-1].position
-    if here.position >= leftmost:
-        return -0.5 * here.width_m
-    between = sum(item.width_m for item in driving if here.position < item.position < leftmost)
-    return 0.5 * here.width_m + between
 
 
 def _smooth(values: Floats, radius: int) -> Floats:

@@ -5,37 +5,32 @@ from typing import Final
 import torch
 from torch import Tensor, nn
 
-from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, future_times_s
+from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow
 from siren_ros.evaluation.prediction.siren_model.columns import SPEED_SCALE_MPS
-from siren_ros.training.fitting.path_network import MODES, SIDEWAYS_UNIT_MPS, SPEED_UNIT_MPS, NetworkSize, encoder
+from siren_ros.training.fitting.path_network import (
+    MODES,
+    SIDEWAYS_UNIT_MPS,
+    SPEED_UNIT_MPS,
+    FeatureNetwork,
+    NetworkSize,
+    answer_layers,
+    encoder,
+)
 
 _POINTS: Final = HistoryWindow().points
 _SEQUENCE: Final = 2 * (_POINTS - 1) + 2 * _POINTS
 """The first columns of a target: positions x and y without the present one, velocities x and y (``target_columns``)."""
 
 
-class MotionNetwork(nn.Module):
+class MotionNetwork(FeatureNetwork):
     """Base: six hypotheses from a token of the vehicle. Before training, each keeps the present velocity."""
 
-    times_s: Tensor
-    target_mean: Tensor
-    target_std: Tensor
-    neighbour_mean: Tensor
-    neighbour_std: Tensor
-
     def __init__(self, size: NetworkSize) -> None:
-        super().__init__()
-        self.size, width = size, size.width
+        super().__init__(size)
+        width = size.width
         self.other_in = encoder(size.target - _SEQUENCE, width)
         self.modes = nn.Parameter(torch.randn(MODES, width))
-        self.drive = nn.Sequential(nn.Linear(2 * width, 2 * width), nn.GELU(), nn.Linear(2 * width, 2 * FUTURE_POINTS))
-        self.likely = nn.Sequential(nn.Linear(2 * width, width), nn.GELU(), nn.Linear(width, 1))
-        nn.init.zeros_(self.drive[-1].weight)
-        nn.init.zeros_(self.drive[-1].bias)
-        self.register_buffer("times_s", torch.tensor(future_times_s(), dtype=torch.float32))
-        for name, columns in (("target", size.target), ("neighbour", size.neighbour), ("path", size.path)):
-            self.register_buffer(f"{name}_mean", torch.zeros(columns))
-            self.register_buffer(f"{name}_std", torch.ones(columns))
+        self.drive, self.likely = answer_layers(2 * width, width)
 
     def history(self, target: Tensor) -> tuple[Tensor, Tensor]:
         """Positions and velocities of the history, ``(N, points, 4)``, and a token of the rest, ``(N, width)``."""

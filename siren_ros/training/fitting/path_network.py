@@ -58,11 +58,8 @@ class Attention(nn.Module):
         return tokens + self.dropout(self.forward_part(tokens))
 
 
-class PathNetwork(nn.Module):
-    """Six hypotheses as motion along and across a mixture of the sample's paths and of its straight heading.
-
-    Before training, every hypothesis keeps the present speed along the likeliest paths.
-    """
+class FeatureNetwork(nn.Module):
+    """Base: the size, the times of the answer, and mean and spread of each column, which are set before training."""
 
     times_s: Tensor
     target_mean: Tensor
@@ -74,7 +71,22 @@ class PathNetwork(nn.Module):
 
     def __init__(self, size: NetworkSize) -> None:
         super().__init__()
-        self.size, width = size, size.width
+        self.size = size
+        self.register_buffer("times_s", torch.tensor(future_times_s(), dtype=torch.float32))
+        for name, columns in (("target", size.target), ("neighbour", size.neighbour), ("path", size.path)):
+            self.register_buffer(f"{name}_mean", torch.zeros(columns))
+            self.register_buffer(f"{name}_std", torch.ones(columns))
+
+
+class PathNetwork(FeatureNetwork):
+    """Six hypotheses as motion along and across a mixture of the sample's paths and of its straight heading.
+
+    Before training, every hypothesis keeps the present speed along the likeliest paths.
+    """
+
+    def __init__(self, size: NetworkSize) -> None:
+        super().__init__(size)
+        width = size.width
         self.target_in = encoder(size.target, width)
         self.neighbour_in = encoder(size.neighbour, width)
         self.path_in = encoder(size.path + 2 * len(_SHOWN_POINTS), width)
@@ -84,14 +96,7 @@ class PathNetwork(nn.Module):
         self.modes = nn.Parameter(torch.randn(MODES, width))
         self.merge = nn.Sequential(nn.Linear(2 * width, 2 * width), nn.GELU(), nn.Linear(2 * width, width), nn.GELU())
         self.choose = nn.Linear(width, width)
-        self.drive = nn.Sequential(nn.Linear(3 * width, 2 * width), nn.GELU(), nn.Linear(2 * width, 2 * FUTURE_POINTS))
-        self.likely = nn.Sequential(nn.Linear(3 * width, width), nn.GELU(), nn.Linear(width, 1))
-        nn.init.zeros_(self.drive[-1].weight)
-        nn.init.zeros_(self.drive[-1].bias)
-        self.register_buffer("times_s", torch.tensor(future_times_s(), dtype=torch.float32))
-        for name, columns in (("target", size.target), ("neighbour", size.neighbour), ("path", size.path)):
-            self.register_buffer(f"{name}_mean", torch.zeros(columns))
-            self.register_buffer(f"{name}_std", torch.ones(columns))
+        self.drive, self.likely = answer_layers(3 * width, width)
 
     def forward(
         self,
@@ -135,6 +140,15 @@ class PathNetwork(nn.Module):
         on_paths = _on_paths(path_points_m, path_spacing_m, along, across)
         mixed = (share.transpose(1, 2)[:, 1:, :, None, None] * on_paths).sum(dim=1)
         return share[:, :, :1, None] * straight + mixed, self.likely(context)[..., 0]
+
+
+def answer_layers(columns: int, width: int) -> tuple[nn.Sequential, nn.Sequential]:
+    """Layers that make a mode's motion, at first none beyond the present one, and its logit from a context."""
+    drive = nn.Sequential(nn.Linear(columns, 2 * width), nn.GELU(), nn.Linear(2 * width, 2 * FUTURE_POINTS))
+    likely = nn.Sequential(nn.Linear(columns, width), nn.GELU(), nn.Linear(width, 1))
+    nn.init.zeros_(drive[-1].weight)
+    nn.init.zeros_(drive[-1].bias)
+    return drive, likely
 
 
 def encoder(columns: int, width: int) -> nn.Sequential:

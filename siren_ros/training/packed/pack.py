@@ -1,14 +1,14 @@
 """Packs bags or sets of risk videos as one Parquet file for each split, with card, datasheet and metadata."""
 
 import time
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-import siren_ros
-from siren_ros.datasets.export_job import AUTO, write_card
+from siren_ros.datasets.export_job import AUTO, card_of, write_card
 from siren_ros.datasets.files import FileWriter, Staging
 from siren_ros.datasets.formats import EpisodePart, EpisodeReport, Format, Option
 from siren_ros.errors import InputError, writing
@@ -16,7 +16,7 @@ from siren_ros.evaluation.prediction.samples import Population
 from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet, read_set
 from siren_ros.record.bag_survey import Need
 from siren_ros.record.episode_source import EpisodeSource
-from siren_ros.record.licences import LICENCE, licence_of_map
+from siren_ros.record.licences import licence_of_map
 from siren_ros.record.tracks import POPULATIONS
 from siren_ros.roads.maps.map_compiler import name_of_map
 from siren_ros.scenario.splits import EpisodeIdentity, Split, split_of
@@ -29,15 +29,15 @@ _SPLITS: Final = (*(split.value for split in Split), "test")
 """Those of the project, and the one of all tests that a user may ask for."""
 
 
-class _Packer:
+class _Packer(ABC):
     """Writes the samples of each episode; the dataset has one file for each split."""
 
     task = ""
     columns: Mapping[str, Column]
 
+    @abstractmethod
     def samples(self, source: EpisodeSource) -> Iterator[Sample]:
         """Of an episode."""
-        raise NotImplementedError
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the samples name their episode
         """As ``Exporter.write_episode``."""
@@ -141,7 +141,8 @@ def pack_risk(job: RiskPack, done: Callable[[], None] = lambda: None) -> Mapping
 
             with writing(folder, "place"):
                 write_samples(folder / f"{split}.parquet", risk.COLUMNS, packed(), RISK.name)
-        content = _risk_card(episodes, job.licence)
+        classes = Counter(str(item["label"]) for item in episodes)
+        content = card_of(RISK, "SET…", {}, episodes, {"samples": len(episodes)}, classes, job.licence)
         write_card(folder, content)
         staging.publish(folder)
     return content
@@ -182,26 +183,6 @@ def _episode(video: RiskVideo, split: str) -> dict[str, Any]:
         "map": map_name,
         "map_licence": licence_of_map(map_name, str(video.request["map"])),
         "label": video.label.risk.title,
-    }
-
-
-def _risk_card(episodes: Sequence[Mapping[str, Any]], licence: str) -> dict[str, Any]:
-    """As the card of an export."""
-    return {
-        "name": f"SIREN {RISK.name}",
-        "format": RISK.name,
-        "what": RISK.summary,
-        "made_with": {
-            "command": f"{COMMAND} {RISK.name} SET… --out DIR",
-            "siren_ros": siren_ros.__version__,
-            "options": {},
-        },
-        "licence": licence or LICENCE,
-        "map_licences": {episode["map"]: episode["map_licence"] for episode in episodes},
-        "episodes": list(episodes),
-        "splits": {split: [item["id"] for item in episodes if item["split"] == split] for split in _SPLITS},
-        "counts": {"samples": len(episodes)},
-        "classes": dict(sorted(Counter(str(item["label"]) for item in episodes).items())),
     }
 
 

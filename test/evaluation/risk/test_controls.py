@@ -1,12 +1,9 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-import pytest
-from evaluation.made_video_sets import draw_films
 
 from siren_ros.evaluation.risk.controls import CHANGES, Control, sequence_answers
 from siren_ros.evaluation.risk.sequence_model import load_sequence_model
-from siren_ros.evaluation.risk.video_set import write_set
 from siren_ros.evaluation.risk.vlm.pipeline import questions_about
 
 PICTURES = [np.full((4, 6, 3), value, dtype=np.uint8) for value in range(9)]
@@ -23,14 +20,6 @@ def test_what_is_taken_away():
     assert shown(Control.SHUFFLED) == shown(Control.SHUFFLED)
     assert shown(Control.SHUFFLED) != shown(Control.SHUFFLED, "S4_001")
     assert Control.TEXT_ONLY not in CHANGES
-
-
-@pytest.fixture
-def drawn(small_set, tmp_path):
-    (tmp_path / "videos").mkdir()
-    write_set(small_set)
-    draw_films(tmp_path)
-    return small_set
 
 
 def test_questions_keep_their_text(drawn):

@@ -2,7 +2,6 @@ import json
 import re
 
 import pytest
-from evaluation.made_video_sets import draw_films
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,7 +9,6 @@ from siren_ros.cli.main import main
 from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.labels import RiskClass
 from siren_ros.evaluation.risk.people import blind_name, cohens_kappa, consensus, read_rating, write_rating_page
-from siren_ros.evaluation.risk.video_set import write_set
 
 N, M, C = RiskClass
 
@@ -42,14 +40,6 @@ def test_one_class_alone_and_no_common_video_have_no_kappa():
 def test_most_people_decide_and_the_severe_one_breaks_a_tie():
     assert consensus([rated("NMC"), rated("NNC"), rated("MC-")]) == {"0": N, "1": C, "2": C}
     assert consensus([rated("NM"), rated("MN")]) == {"0": M, "1": M}
-
-
-@pytest.fixture
-def drawn(small_set, tmp_path):
-    (tmp_path / "videos").mkdir()
-    write_set(small_set)
-    draw_films(tmp_path)
-    return small_set
 
 
 def items_of(page):

@@ -11,7 +11,7 @@ from siren_ros.world.actors import ActorDescription, ActorStates, Lights
 from siren_ros.world.traffic_state import SignalState
 
 _AHEAD_M: Final = 60.0
-_BEHIND_M: Final = 15.0
+_BEHIND_M: Final = 30.0
 _ASIDE_M: Final = 8.0
 
 
@@ -27,6 +27,10 @@ class Siren:
     speed_mps: float
     behind: bool
     """Whether it comes from behind on this road: it has not passed, and drives in the same direction."""
+    ahead_m: float
+    """From the own front to its rear; negative beside the own vehicle and behind it."""
+    along: bool
+    """Whether it drives on this road, in the same direction."""
 
 
 @dataclass(frozen=True)
@@ -91,11 +95,8 @@ def sight_of(
         other = actors[int(states.actor_id[k])]
         if other.is_emv and states.lights[k] & Lights.SIREN:
             reach = 0.5 * (body.length_m + other.length_m)
-            along = abs(float(wrap_angle(states.yaw_rad[k] - yaw))) < np.pi / 3.0
-            behind = along and ahead[k] <= reach and abs(float(aside[k])) < _ASIDE_M
-            sirens.append(
-                Siren(int(other.actor_id), float(-ahead[k] - reach), float(aside[k]), float(speeds[k]), bool(behind))
-            )
+            sirens.append(_siren(other, (float(states.x_m[k]), float(states.y_m[k]), float(states.yaw_rad[k])), s, left, way,
+                          reach, (float(ahead[k]), float(aside[k]), float(states.yaw_rad[k]) - yaw), float(speeds[k])))
         if -_BEHIND_M < ahead[k] < _AHEAD_M:
             at, off = (float(value) for value in way.curve.project(np.array([states.x_m[k], states.y_m[k]])))
             turned = float(states.yaw_rad[k]) - float(way.curve.heading_rad(at))
@@ -123,6 +124,37 @@ def sight_of(
         min(red, default=np.inf),
         bool(way.in_junction[way.row(s)]),
     )
+
+
+def _siren(
+    emv: ActorDescription,
+    pose: tuple[float, float, float],
+    s_m: float,
+    left_m: float,
+    way: Way,
+    reach_m: float,
+    seen: tuple[float, float, float],
+    speed_mps: float,
+) -> Siren:
+    """An EMV, as it drives along the own way; where it does not, as it is seen from the own vehicle.
+
+    Args:
+        emv: The EMV.
+        pose: x, y and yaw of its centre.
+        s_m: Arc length of the own centre.
+        left_m: Of the own centre from the way.
+        way: The own way.
+        reach_m: Half of both lengths.
+        seen: How far ahead and to the left of the own centre it is, and its heading from the own one.
+        speed_mps: Of the EMV.
+    """
+    at, off = (float(value) for value in way.curve.project(np.array(pose[:2])))
+    on_way = (at - s_m, off - left_m, pose[2] - float(way.curve.heading_rad(at)))
+    for ahead, aside, turn in (on_way, seen):
+        along = abs(float(wrap_angle(turn))) < np.pi / 3.0 and abs(aside) < _ASIDE_M
+        if along:
+            break
+    return Siren(emv.actor_id, -ahead - reach_m, aside, speed_mps, along and ahead <= reach_m, ahead - reach_m, along)
 
 
 def _is_red(state: str, link: int) -> bool:

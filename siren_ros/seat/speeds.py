@@ -17,6 +17,10 @@ _END_M: Final = 3.0
 """Kept to the end of the way."""
 _LINE_M: Final = 1.0
 """Kept to a stop line."""
+_SEEN_ROWS: Final = 50
+"""Rows of the way that are looked at for junctions."""
+_SLOW_MPS: Final = 5.0
+"""Somebody slower may come to stand."""
 _LATE_MPS2: Final = 5.0
 """A driver that would have to brake harder before a red line does not stop any more."""
 
@@ -52,3 +56,24 @@ def speed_to_red(sight: Sight) -> float:
     if sight.red_m == math.inf or sight.red_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
         return math.inf
     return math.sqrt(2.0 * _GENTLE_MPS2 * max(sight.red_m - _LINE_M, 0.0))
+
+
+def speed_to_junction(sight: Sight) -> float:
+    """Speed before a junction that somebody slow ahead keeps the own vehicle from leaving; infinite without one, m/s."""
+    way, row = sight.way, sight.way.row(sight.s_m)
+    ahead = way.in_junction[row : row + _SEEN_ROWS]
+    if not ahead.any() or ahead[0]:
+        return math.inf
+    first = int(ahead.argmax())
+    inside = ahead[first:]
+    front_m = 0.5 * sight.length_m
+    entry_m = first - front_m
+    exit_m = first + (len(inside) if inside.all() else int((~inside).argmax())) - front_m
+    if entry_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
+        return math.inf
+    for other in sight.others:
+        across = min(abs(other.left_m), abs(other.left_m - sight.left_m))
+        in_the_way = across < other.half_width_m + 0.5 * sight.width_m
+        if in_the_way and 0.0 < other.gap_m < exit_m + sight.length_m + _STANDSTILL_M and other.speed_mps < _SLOW_MPS:
+            return math.sqrt(2.0 * _GENTLE_MPS2 * max(entry_m - _LINE_M, 0.0))
+    return math.inf

@@ -11,6 +11,9 @@ _WHEELBASE_M: Final = 2.7
 _FULL_BRAKE_MPS2: Final = 9.0
 _LARGEST_STEER_RAD: Final = 0.6
 _LEAST_REACH_M: Final = 6.0
+_PUSHES_PER_S: Final = 1.2
+_BRAKES_PER_S: Final = 3.0
+"""Acceleration for each m/s that is missing, or that is too much."""
 
 
 def steered(
@@ -25,7 +28,8 @@ def steered(
         lights: Indicators.
         hardest_mps2: Limit of braking.
     """
-    push = 1.2 * (wanted_mps - sight.speed_mps)
+    missing_mps = wanted_mps - sight.speed_mps
+    push = (_BRAKES_PER_S if missing_mps < 0.0 else _PUSHES_PER_S) * missing_mps
     brake = min(max(-push, 0.0), hardest_mps2) / _FULL_BRAKE_MPS2
     if wanted_mps < 0.05 and sight.speed_mps < 0.3:
         brake = 0.3

@@ -51,6 +51,8 @@ _GO_ON_M: Final = 6.0
 _MOVES_MPS: Final = 0.15
 _MOVED_S: Final = 1.0
 """Speed to the side, and how lately, of a driver that moves there."""
+_SETTLES_S: Final = 1.5
+"""Time that it has to stop once it is there."""
 
 
 def contact(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -142,7 +144,8 @@ def stands_until_passed(examinee: Examinee, numbers: Numbers) -> Finding:
     moves = once(np.gradient(lateral, STEP_S) < -_MOVES_MPS if len(lateral) > 1 else np.zeros(len(lateral), np.bool_), steps_from_s(_MOVED_S))
     at_edge = examinee.to_right_edge_m <= _AT_EDGE_M
     could = _least_of_last(examinee.room.right_m, stop) > _AT_EDGE_M
-    counts = near & settled & clear & held_for((at_edge | could) & ~moves, stop)
+    there = held_for((at_edge | could) & ~moves, steps_from_s(_SETTLES_S))
+    counts = near & settled & clear & there
     return _greatest(examinee, examinee.track.speed_mps, counts, "the siren sounded too briefly, or the way was not free")
 
 

@@ -27,12 +27,14 @@ class Habits:
     brakes_mps2: float = 3.5
     """Of the hardest braking while it makes way."""
     brakes_at_once: bool = False
-    """Whether it brakes to a stop as soon as it makes way."""
+    """Whether it brakes to a stop where it is before it makes way."""
     signals: bool = True
     waits_for_all: bool = True
     """Whether it stays aside until the last EMV has passed."""
     apart_m: float = 30.0
     """Kept to an EMV that has passed: it stays aside until then, and does not come nearer."""
+    chases: bool = False
+    """Whether it drives behind an EMV that has passed, as fast as that."""
     stops_at_red: bool = True
     returns: bool = True
     """Whether it goes back into its lane when the last EMV has passed."""
@@ -55,7 +57,7 @@ FAULTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "blocks-the-shoulder": {"uses_shoulder": True},
     "no-indicator": {"signals": False},
     "brakes-hard": {"brakes_mps2": 8.5, "brakes_at_once": True},
-    "follows": {"apart_m": 0.0},
+    "follows": {"apart_m": 0.0, "chases": True},
     "never-returns": {"returns": False},
     "creeps": {"stops": False},
 }

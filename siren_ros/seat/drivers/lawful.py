@@ -7,7 +7,7 @@ from typing import Final
 
 from siren_ros.numerics.units import STEP_S
 from siren_ros.seat.drivers.habits import Habits
-from siren_ros.seat.sight import Sight
+from siren_ros.seat.sight import Sight, Siren
 from siren_ros.seat.speeds import speed_to_junction, speed_to_leader, speed_to_limit, speed_to_red
 from siren_ros.seat.steering import steered
 from siren_ros.world.actors import Lights
@@ -43,6 +43,10 @@ _LAG_M: Final = 0.5
 _SLOWER_MPS: Final = 2.0
 _SLOWS_S: Final = 3.0
 """By which, and for how long, a driver slows as it begins to make way."""
+_CHASE_M: Final = 60.0
+_CHASED_M: Final = 10.0
+"""Gap up to which a driver chases an EMV, and that it keeps."""
+_FASTEST_CHASE_MPS: Final = 15.0
 _WALKING_MPS: Final = 2.8
 
 
@@ -105,8 +109,9 @@ class LawfulDriver:
     def _decided(self, state: LawfulState, sight: Sight) -> LawfulState:
         """The state with the phase that sirens ask for."""
         habits, again = self.habits, state.phase is Phase.RETURNS
-        reach_m = _AGAIN_M if again and habits.waits_for_all else habits.heard_m
-        calling = habits.hears and any(siren.behind and siren.gap_m <= reach_m for siren in sight.sirens)
+        reach_m = _AGAIN_M if again else habits.heard_m
+        deaf = not habits.hears or (again and not habits.waits_for_all)
+        calling = not deaf and any(siren.behind and siren.gap_m <= reach_m for siren in sight.sirens)
         state = replace(state, heard=-1 if not calling else state.heard if state.heard >= 0 else sight.step)
         if state.phase is Phase.MAKES_WAY:
             back = habits.returns and not self._has_to_wait(sight)
@@ -134,6 +139,8 @@ class LawfulDriver:
     def _target(self, state: LawfulState, sight: Sight) -> tuple[float, int]:
         """Where it means to be across its way, and its indicators."""
         aside = state.phase is Phase.MAKES_WAY
+        if (chased := self._chased(sight)) is not None and not aside and not sight.in_junction:
+            return sight.left_m + chased.left_m, int(Lights.INDICATOR_LEFT if chased.left_m > 0.0 else Lights.INDICATOR_RIGHT)
         if state.phase is Phase.DRIVES:
             return self._place_in_traffic(sight), int(Lights.NONE)
         if sight.in_junction:
@@ -168,9 +175,10 @@ class LawfulDriver:
         """The speed that it means to have but for others and for signals."""
         cruise = speed_to_limit(sight)
         if state.phase is not Phase.MAKES_WAY:
-            return min(cruise, self._speed_behind_emvs(sight))
+            chased = self._chased(sight)
+            return min(cruise, self._speed_behind_emvs(sight)) if chased is None else _speed_of_chase(chased)
         habits, way, row = self.habits, sight.way, sight.way.row(sight.s_m)
-        if habits.brakes_at_once:
+        if habits.brakes_at_once and (sight.step - state.since) * STEP_S < _SLOWS_S:
             return 0.0
         if not habits.clears_junctions:
             return 0.0 if sight.in_junction else cruise
@@ -190,11 +198,21 @@ class LawfulDriver:
         least = 0.0 if (sight.step - state.since) * STEP_S < _SLOWS_S else _CRAWL_MPS
         return min(_MANOEUVRE_MPS, max(state.speed_mps - _SLOWER_MPS, least), cruise)
 
+    def _chased(self, sight: Sight) -> Siren | None:
+        """The EMV that it drives behind, if that is its habit."""
+        passed = [one for one in sight.sirens if self.habits.chases and one.along and 0.0 < one.ahead_m < _CHASE_M]
+        return min(passed, key=lambda one: one.ahead_m, default=None)
+
     def _speed_behind_emvs(self, sight: Sight) -> float:
         """Speed behind EMVs that have passed."""
         nearest_m = min((one.ahead_m for one in sight.sirens if one.along and not one.behind), default=math.inf)
         free_m = max(nearest_m - self.habits.apart_m, 0.0)
         return max(math.sqrt(2.0 * _GENTLE_MPS2 * free_m), _CRAWL_MPS if self.habits.apart_m else math.inf)
+
+
+def _speed_of_chase(emv: Siren) -> float:
+    """Speed close behind an EMV."""
+    return min(max(emv.speed_mps + 0.5 * (emv.ahead_m - _CHASED_M), 0.0), _FASTEST_CHASE_MPS)
 
 
 def _is_free(wanted_m: float, sight: Sight) -> bool:

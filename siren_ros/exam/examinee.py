@@ -42,6 +42,8 @@ class Room:
     where the driver stands and cannot turn out."""
     ahead_m: Floats
     """To the next vehicle in its way, or to the end of its lane."""
+    ahead_mps: Floats
+    """Speed of that vehicle; infinite where there is none within 25 m."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,8 @@ class Examinee:
     @cached_property
     def room(self) -> "Room":
         """The room that the driver has to its right and ahead."""
-        right, ahead = self.to_right_edge_m.copy(), np.full(len(self.track), np.inf)
+        right = self.to_right_edge_m.copy()
+        ahead, leader_mps = np.full(len(self.track), np.inf), np.full(len(self.track), np.inf)
         lanes, bodies = self.record.network.lanes, self.record.actors
         half_length, half_width = 0.5 * self.actor.length_m, 0.5 * self.actor.width_m
         first = self.record.states[0].step if self.record.states else 0
@@ -139,7 +142,7 @@ class Examinee:
             near = np.flatnonzero(
                 (np.hypot(states.x_m - x, states.y_m - y) < _NEAR_M) & (states.actor_id != self.actor.actor_id)
             )
-            yaw = float(self.along_road.yaw_rad[row])
+            yaw, nearest = float(self.along_road.yaw_rad[row]), np.inf
             for k in near.tolist():
                 dx, dy = float(states.x_m[k] - x), float(states.y_m[k] - y)
                 along, left = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
@@ -149,11 +152,14 @@ class Examinee:
                 if gap < _BESIDE_M and left < 0.0 and aside > -_OVERLAP_M:
                     right[row] = min(right[row], max(aside, 0.0))
                 if along > 0.0 and aside < 0.0:
-                    ahead[row] = min(ahead[row], max(gap, 0.0))
+                    if max(gap, 0.0) < nearest:
+                        nearest = max(gap, 0.0)
+                        leader_mps[row] = np.hypot(states.vx_mps[k], states.vy_mps[k])
+                    ahead[row] = min(ahead[row], nearest)
         for call in self.calls:  # nobody cuts in before an EMV that passes on the right
             right[call.calls & (call.gap_m < _NEAR_M) & (call.left_m < -_TO_THE_RIGHT_M)] = 0.0
         stuck = (self.track.speed_mps < _STANDS_MPS) & (ahead < _TURN_OUT_M)
-        return Room(np.where(stuck | np.isnan(right), 0.0, right), ahead)
+        return Room(np.where(stuck | np.isnan(right), 0.0, right), ahead, leader_mps)
 
     @cached_property
     def along_road(self) -> StateRows:

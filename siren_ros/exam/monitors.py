@@ -47,6 +47,8 @@ _STANDS_MPS: Final = 0.5
 """A vehicle that is slower stands (``YieldThresholds.stop_mps``)."""
 _AT_EDGE_M: Final = 1.0
 """A driver is at the edge of the road, or has no room."""
+_OWN_DOING_MPS: Final = 0.5
+"""A driver that is slower than the vehicle ahead by this does not only follow it."""
 _GO_ON_M: Final = 6.0
 _MOVES_MPS: Final = 0.15
 _MOVED_S: Final = 1.0
@@ -72,7 +74,7 @@ def _impact_mps(event: Event) -> float:
 def response(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time from an EMV's call to the driver's first response: slower, or to the side; or until it has passed.
 
-    A driver who stands already or almost, or whose way the EMV does not need (``aside_m``), need not respond.
+    To follow somebody who slows down is no response. Time in a junction, which a driver clears first, does not count. A driver who stands already or almost, or whose way the EMV does not need (``aside_m``), need not respond.
     """
     track, worst = examinee.track, Finding(Measure.lacking(_NOBODY_CALLED))
     for call in examinee.calls:
@@ -84,8 +86,10 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
         until = slice(begin, begin + int(np.argmax(call.passed[begin:])) if call.passed.any() else None)
         shift = np.abs(examinee.offsets.lateral_m[until] - examinee.offsets.lateral_m[begin])
         slower = track.speed_mps[until] <= track.speed_mps[begin] - numbers["slower_mps"]
+        slower &= track.speed_mps[until] <= examinee.room.ahead_mps[until] - _OWN_DOING_MPS
         responded = (shift >= numbers["shift_m"]) | slower | (track.speed_mps[until] < _STANDS_MPS)
-        rows = int(np.argmax(responded)) if responded.any() else len(responded)
+        first = int(np.argmax(responded)) if responded.any() else len(responded)
+        rows = int((~examinee.in_junction[until][:first]).sum())
         if not worst.measure.valid or rows * STEP_S > worst.measure.value:
             worst = Finding(Measure(rows * STEP_S), int(track.step[begin]))
     return worst
@@ -261,7 +265,8 @@ def encroachment(examinee: Examinee, _numbers: Numbers) -> Finding:
 def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
     """Time from the last EMV's passing until the driver is in the middle of a lane and drives.
 
-    Where the record ends before, the time until there, if that is longer than ``waits_s``.
+    One that stands behind others or at the end of its lane drives on as it can. Where the record ends before, the time
+    until there, if that is longer than ``waits_s``.
     """
     if not any(call.passed.any() for call in examinee.calls):
         return Finding(
@@ -269,7 +274,7 @@ def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
         )
     last = max(int(np.argmax(call.passed)) for call in examinee.calls if call.passed.any())
     aside = np.abs(examinee.offsets.offset_m) > numbers["offset_m"]
-    stands = examinee.track.speed_mps < _STANDS_MPS
+    stands = (examinee.track.speed_mps < _STANDS_MPS) & (examinee.room.ahead_m > _GO_ON_M)
     back = ~(aside | stands)[last:]
     back &= ~examinee.called[last:]
     if back.any():

@@ -1,9 +1,12 @@
-"""Speeds that somebody in the seat keeps: to the limit and its bends, to the vehicle ahead, to a red line."""
+"""What every driver keeps: speeds to the limit, bends, the vehicle ahead and a red line; the indicator on its way."""
 
 import math
 from typing import Final
 
+import numpy as np
+
 from siren_ros.seat.sight import Sight
+from siren_ros.world.actors import Lights
 
 _GENTLE_MPS2: Final = 2.0
 """Of braking, and across in bends."""
@@ -19,6 +22,7 @@ _LINE_M: Final = 1.0
 """Kept to a stop line."""
 _SEEN_ROWS: Final = 50
 """Rows of the way that are looked at for junctions."""
+_SIGNALS_S: Final = 2.0
 _SLOW_MPS: Final = 5.0
 """Somebody slower may come to stand."""
 _LATE_MPS2: Final = 5.0
@@ -77,3 +81,13 @@ def speed_to_junction(sight: Sight) -> float:
         if in_the_way and 0.0 < other.gap_m < exit_m + sight.length_m + _STANDSTILL_M and other.speed_mps < _SLOW_MPS:
             return math.sqrt(2.0 * _GENTLE_MPS2 * max(entry_m - _LINE_M, 0.0))
     return math.inf
+
+
+def indicators(sight: Sight) -> int:
+    """The indicator for a lane change that the way has soon."""
+    row = sight.way.row(sight.s_m)
+    reach = row + 1 + int(max(sight.speed_mps, 1.0) * _SIGNALS_S)
+    soon = sight.way.changes[row:reach]
+    if sight.in_junction or not soon.any():
+        return int(Lights.NONE)
+    return int(Lights.INDICATOR_LEFT if soon[np.flatnonzero(soon)[0]] > 0.0 else Lights.INDICATOR_RIGHT)

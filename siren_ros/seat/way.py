@@ -13,6 +13,9 @@ from siren_ros.roads.rescue_lane import rescue_sides
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 
 SPACING_M: Final = 1.0
+_JUMP_M: Final = 1.0
+_DRIFT: Final = 0.02
+"""Metres sideways for each one along the way from which on it changes the lane."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,8 @@ class Way:
     in_junction: Flags
     limit_mps: Floats
     """Speed limit of the lane."""
+    changes: Floats
+    """+1 where the way goes over into the lane on the left, −1 into the one on the right, 0 elsewhere."""
     duty: Flags
     """Whether slow traffic has to keep a corridor open between the lanes, before any siren (Germany's rescue lane)."""
     lines: tuple[Line, ...]
@@ -71,10 +76,13 @@ class Way:
             lane_left[row] = 0.5 * lane.width_m - float(places.offset_m[row])
             driving = [k for k in network.edges[lane.edge].lanes if network.lanes[k].kind is LaneKind.DRIVING]
             leftmost[row] = len(driving) > 1 and driving[-1] == lane_index
+        drift = np.diff(places.offset_m, append=places.offset_m[-1:])
+        drift[~np.isfinite(drift) | (np.abs(drift) > _JUMP_M) | inside] = 0.0  # the lane is another one
+        changes = np.where(np.abs(drift) > _DRIFT, np.sign(drift), 0.0)
         known = np.isfinite(limit)
         limit = np.interp(s_m, s_m[known], limit[known]) if known.any() else np.full(len(s_m), 8.0)
         lines = tuple(_lines(network, s_m, places.lane.tolist()))
-        return cls(curve, right, driving_right, lane_right, lane_left, leftmost, inside, limit, duty, lines)
+        return cls(curve, right, driving_right, lane_right, lane_left, leftmost, inside, limit, changes, duty, lines)
 
     def row(self, s_m: float) -> int:
         """The row of an arc length."""

@@ -8,7 +8,7 @@ from typing import Final
 from siren_ros.numerics.units import STEP_S
 from siren_ros.seat.drivers.habits import Habits
 from siren_ros.seat.sight import Sight, Siren
-from siren_ros.seat.speeds import speed_to_junction, speed_to_leader, speed_to_limit, speed_to_red
+from siren_ros.seat.speeds import indicators, speed_to_junction, speed_to_leader, speed_to_limit, speed_to_red
 from siren_ros.seat.steering import steered
 from siren_ros.world.actors import Lights
 from siren_ros.world.commands import AvControl
@@ -142,7 +142,7 @@ class LawfulDriver:
         if (chased := self._chased(sight)) is not None and not aside and not sight.in_junction:
             return sight.left_m + chased.left_m, int(Lights.INDICATOR_LEFT if chased.left_m > 0.0 else Lights.INDICATOR_RIGHT)
         if state.phase is Phase.DRIVES:
-            return self._place_in_traffic(sight), int(Lights.NONE)
+            return self._place_in_traffic(sight), indicators(sight) if self.habits.signals else int(Lights.NONE)
         if sight.in_junction:
             return (state.offset_m if aside else 0.0), int(Lights.NONE)
         target = self._aside_m(state.side, sight) if aside else 0.0
@@ -180,8 +180,8 @@ class LawfulDriver:
         habits, way, row = self.habits, sight.way, sight.way.row(sight.s_m)
         if habits.brakes_at_once and (sight.step - state.since) * STEP_S < _SLOWS_S:
             return 0.0
-        if not habits.clears_junctions:
-            return 0.0 if sight.in_junction else cruise
+        if not habits.clears_junctions and sight.in_junction:
+            return 0.0
         if not habits.stops:
             return min(cruise, _MANOEUVRE_MPS)
         if sight.in_junction or way.in_junction[way.row(sight.s_m - 0.5 * sight.length_m)]:

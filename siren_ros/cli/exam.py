@@ -21,7 +21,7 @@ from siren_ros.exam.rulebook import FOLDER, Rulebook, load_rulebook
 from siren_ros.params.resources import names_in_params
 from siren_ros.recording.bag_reader import bags_among, read_episode
 from siren_ros.scenario.paper import TEMPLATES
-from siren_ros.seat.drivers.drivers import DRIVERS, driver_of
+from siren_ros.seat.drivers.drivers import driver_of
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import Seat, Study
 from siren_ros.studies.run_study import run_study
@@ -46,10 +46,10 @@ def add_arguments(verb: Command) -> None:
     verb.add_variant("compare", "exam_compare.add_arguments")
     verb.description = (
         "Grades a driver, clause by clause of a rulebook: pass, minor, major, or not applicable. With BAG it is the AV "
-        "under test of recorded episodes. With --driver or --av the exam makes a study in --out first, with that driver "
-        "in the AV's seat, and the same episodes with the paper's driver, to compare. --out gets a certificate as HTML, "
-        "JSON and JUnit XML. The exit code is 1 if a clause is violated gravely, if none is applicable, or if an "
-        "episode has no result."
+        "under test of recorded episodes. With --driver or --av the exam first makes a study in --out, with that "
+        "driver in the AV's seat, and the same episodes with the paper's driver, to compare. --out gets a certificate "
+        "as HTML, JSON and JUnit XML. The exit code is 1 if a clause is violated gravely, if none is applicable, or if "
+        "an episode has no result."
     )
     verb.epilog = "`siren exam compare` compares two certificates; see `siren exam compare --help`."
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="*", help="bags, or folders with bags at any depth")
@@ -74,7 +74,11 @@ def add_arguments(verb: Command) -> None:
     add_matrix(verb.add_argument_group("the matrix of a study"), "S1 to S7", "L2 L3", "0:20")
     add_processes(verb)
     verb.add_argument(
-        "--timeout-s", type=float, default=TIMEOUT_S, metavar="S", help="longest wall time of an episode (default %(default)g)"
+        "--timeout-s",
+        type=float,
+        default=TIMEOUT_S,
+        metavar="S",
+        help="longest wall time of an episode (default %(default)g)",
     )
     verb.set_defaults(run=run)
 

@@ -28,7 +28,9 @@ MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
 
 def add_matrix(matrix: "argparse._ArgumentGroup", templates: str, levels: str, seeds: str) -> None:
     """Adds the options of the matrix; the texts name what stands without them."""
-    matrix.add_argument("--templates", nargs="+", metavar="ID", help=f"S1 to S8, or template files (default: {templates})")
+    matrix.add_argument(
+        "--templates", nargs="+", metavar="ID", help=f"S1 to S8, or template files (default: {templates})"
+    )
     matrix.add_argument("--levels", nargs="+", metavar="L", help=f"L0 to L3, or own (default {levels})")
     matrix.add_argument("--seeds", nargs="+", metavar="N|A:B", help=f"seeds; 0:5 are 0 to 4 (default {seeds})")
     matrix.add_argument("--maps", nargs="+", metavar="FILE", help="map files, or town (default)")
@@ -46,9 +48,7 @@ def add_matrix(matrix: "argparse._ArgumentGroup", templates: str, levels: str, s
     )
 
 
-def asked_of(
-    arguments: argparse.Namespace, matrix: Mapping[str, Callable[[Any], Any]] = MATRIX
-) -> dict[str, Any]:
+def asked_of(arguments: argparse.Namespace, matrix: Mapping[str, Callable[[Any], Any]] = MATRIX) -> dict[str, Any]:
     """The study's fields that the command line names."""
     words = {name: getattr(arguments, name) for name in matrix}
     return {name: matrix[name](word) for name, word in words.items() if word is not None}
@@ -63,14 +63,17 @@ class StudyBar(StudyObserver):
         self._simulated_s = 0.0
 
     def plan(self, episodes: int) -> None:
+        """As ``StudyObserver``."""
         self._bar.reset(episodes)
 
     def keep(self, row: EpisodeRow) -> None:  # noqa: ARG002 - the interface
+        """As ``StudyObserver``."""
         if not self._bar.disable:
             self._bar.initial += 1  # it took no time, so that it does not count for the rate
             self._bar.update(1)
 
     def make(self, row: EpisodeRow) -> None:
+        """As ``StudyObserver``."""
         if self._bar.disable:
             return
         self._counts["retried"] += row.attempts - 1

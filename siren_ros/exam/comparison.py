@@ -23,7 +23,7 @@ def read_certificate(file: Path) -> Content:
     """
     try:
         content: Content = json.loads(file.read_bytes())
-        content["driver"], content["clauses"], content["episodes"]  # noqa: B018 - whether they are there
+        content["driver"], content["clauses"], content["episodes"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError("certificate", str(file), f"a certificate.json of siren exam ({error})") from error
     return content

@@ -74,7 +74,8 @@ def _impact_mps(event: Event) -> float:
 def response(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time from an EMV's call to the driver's first response: slower, or to the side; or until it has passed.
 
-    To follow somebody who slows down is no response. Time in a junction, which a driver clears first, does not count. A driver who stands already or almost, or whose way the EMV does not need (``aside_m``), need not respond.
+    To follow somebody who slows down is no response. Time in a junction, which a driver clears first, does not count. A
+    driver who stands already or almost, or whose way the EMV does not need (``aside_m``), need not respond.
     """
     track, worst = examinee.track, Finding(Measure.lacking(_NOBODY_CALLED))
     for call in examinee.calls:
@@ -124,12 +125,16 @@ def right_edge(examinee: Examinee, numbers: Numbers) -> Finding:
         )
     steps = steps_from_s(numbers["move_s"])
     counts = beside & held_for(examinee.called, examinee.reaction_steps + steps) & ~examinee.in_junction
-    return _greatest(examinee, _least_of_last(examinee.room.right_m, steps), counts, "it came at once, or in a junction")
+    return _greatest(
+        examinee, _least_of_last(examinee.room.right_m, steps), counts, "it came at once, or in a junction"
+    )
 
 
 def _least_of_last(values: Floats, steps: int) -> Floats:
     """The least of each value and of those at so many steps before it."""
-    return np.asarray(np.min([np.concatenate((np.full(k, np.inf), values[: len(values) - k])) for k in range(steps + 1)], axis=0))
+    return np.asarray(
+        np.min([np.concatenate((np.full(k, np.inf), values[: len(values) - k])) for k in range(steps + 1)], axis=0)
+    )
 
 
 def stands_until_passed(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -145,12 +150,17 @@ def stands_until_passed(examinee: Examinee, numbers: Numbers) -> Finding:
     settled = held_for(examinee.called, examinee.reaction_steps + stop)
     clear = ~once(examinee.in_junction, stop)
     lateral = examinee.offsets.lateral_m
-    moves = once(np.gradient(lateral, STEP_S) < -_MOVES_MPS if len(lateral) > 1 else np.zeros(len(lateral), np.bool_), steps_from_s(_MOVED_S))
+    moves = once(
+        np.gradient(lateral, STEP_S) < -_MOVES_MPS if len(lateral) > 1 else np.zeros(len(lateral), np.bool_),
+        steps_from_s(_MOVED_S),
+    )
     at_edge = examinee.to_right_edge_m <= _AT_EDGE_M
     could = _least_of_last(examinee.room.right_m, stop) > _AT_EDGE_M
     there = held_for((at_edge | could) & ~moves, steps_from_s(_SETTLES_S))
     counts = near & settled & clear & there
-    return _greatest(examinee, examinee.track.speed_mps, counts, "the siren sounded too briefly, or the way was not free")
+    return _greatest(
+        examinee, examinee.track.speed_mps, counts, "the siren sounded too briefly, or the way was not free"
+    )
 
 
 def stands_in_junction(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -321,7 +331,9 @@ def wrong_side(examinee: Examinee, numbers: Numbers) -> Finding:
     sides = rescue_sides(examinee.record.network)
     by_lane = numbers["by_lane"] > 0.0
     lanes = examinee.places.lane[begin]
-    side = np.array([sides[lane] if by_lane and lane != NO_LANE else 0 if by_lane else -1 for lane in lanes], np.float64)
+    side = np.array(
+        [sides[lane] if by_lane and lane != NO_LANE else 0 if by_lane else -1 for lane in lanes], np.float64
+    )
     lack = "the siren sounded in junctions or on roads without a rescue lane only"
     return _greatest(examinee, np.maximum(-side * moved, 0.0), counts & (side != 0.0), lack)
 

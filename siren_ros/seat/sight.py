@@ -95,8 +95,18 @@ def sight_of(
         other = actors[int(states.actor_id[k])]
         if other.is_emv and states.lights[k] & Lights.SIREN:
             reach = 0.5 * (body.length_m + other.length_m)
-            sirens.append(_siren(other, (float(states.x_m[k]), float(states.y_m[k]), float(states.yaw_rad[k])), s, left, way,
-                          reach, (float(ahead[k]), float(aside[k]), float(states.yaw_rad[k]) - yaw), float(speeds[k])))
+            sirens.append(
+                _siren(
+                    other,
+                    (float(states.x_m[k]), float(states.y_m[k]), float(states.yaw_rad[k])),
+                    s,
+                    left,
+                    way,
+                    reach,
+                    (float(ahead[k]), float(aside[k]), float(states.yaw_rad[k]) - yaw),
+                    float(speeds[k]),
+                )
+            )
         if -_BEHIND_M < ahead[k] < _AHEAD_M:
             at, off = (float(value) for value in way.curve.project(np.array([states.x_m[k], states.y_m[k]])))
             turned = float(states.yaw_rad[k]) - float(way.curve.heading_rad(at))
@@ -150,10 +160,14 @@ def _siren(
     """
     at, off = (float(value) for value in way.curve.project(np.array(pose[:2])))
     on_way = (at - s_m, off - left_m, pose[2] - float(way.curve.heading_rad(at)))
-    for ahead, aside, turn in (on_way, seen):
-        along = abs(float(wrap_angle(turn))) < np.pi / 3.0 and abs(aside) < _ASIDE_M
-        if along:
-            break
+    ahead, aside, along = next(
+        (
+            (ahead, aside, True)
+            for ahead, aside, turn in (on_way, seen)
+            if abs(float(wrap_angle(turn))) < np.pi / 3.0 and abs(aside) < _ASIDE_M
+        ),
+        (seen[0], seen[1], False),
+    )
     return Siren(emv.actor_id, -ahead - reach_m, aside, speed_mps, along and ahead <= reach_m, ahead - reach_m, along)
 
 

@@ -63,7 +63,7 @@ def speed_to_red(sight: Sight) -> float:
 
 
 def speed_to_junction(sight: Sight) -> float:
-    """Speed before a junction that somebody slow ahead keeps the own vehicle from leaving; infinite without one, m/s."""
+    """Speed before a junction that somebody slow keeps the own vehicle from leaving; infinite without one, m/s."""
     way, row = sight.way, sight.way.row(sight.s_m)
     ahead = way.in_junction[row : row + _SEEN_ROWS]
     if not ahead.any() or ahead[0]:

@@ -59,7 +59,11 @@ class Way:
         points, heading = curve.at(s_m), curve.heading_rad(s_m)
         places = locate(network, points, np.asarray(heading), np.full(len(s_m), NO_LANE, np.int32))
         right, limit = np.full(len(s_m), -1.75), np.full(len(s_m), np.nan)
-        driving_right, lane_right, lane_left = np.full(len(s_m), -1.75), np.full(len(s_m), -1.75), np.full(len(s_m), 1.75)
+        driving_right, lane_right, lane_left = (
+            np.full(len(s_m), -1.75),
+            np.full(len(s_m), -1.75),
+            np.full(len(s_m), 1.75),
+        )
         leftmost, inside, duty = (np.zeros(len(s_m), np.bool_) for _ in range(3))
         rescue = rescue_sides(network)
         for row, lane_index in enumerate(places.lane.tolist()):

@@ -25,9 +25,9 @@ from siren_ros.processes.side_by_side import as_ready
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeRequest
 from siren_ros.seat.drivers.drivers import driver_of
 from siren_ros.seat.seated import answers_of
+from siren_ros.studies.av_program import episode_with_program
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode, Seat
-from siren_ros.studies.av_program import episode_with_program
 from siren_ros.studies.study_folder import StudyFolder, attempt_folder, hashes_of_bag
 
 TIMEOUT_S: Final = 3600.0

@@ -11,7 +11,6 @@ from siren_ros.seat.drivers.keeps_lane import LaneKeeper
 from siren_ros.seat.drivers.lawful import LawfulDriver
 
 
-
 def _lawful(place: str) -> Driver[Any]:
     return LawfulDriver(HABITS[place])
 

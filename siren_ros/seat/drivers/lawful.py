@@ -40,6 +40,8 @@ _COMES_S: Final = 2.5
 """How far ahead in time it looks for others who come to where it goes."""
 _ROLLS_MPS: Final = 1.0
 _LAG_M: Final = 0.5
+_THERE_M: Final = 0.35
+"""A driver that is as near to where it means to stand is there."""
 _SLOWER_MPS: Final = 2.0
 _SLOWS_S: Final = 3.0
 """By which, and for how long, a driver slows as it begins to make way."""
@@ -117,7 +119,9 @@ class LawfulDriver:
             back = habits.returns and not self._has_to_wait(sight)
             return replace(state, phase=Phase.RETURNS, since=sight.step) if back else state
         if calling and (sight.step - state.heard) * STEP_S >= (0.0 if again else habits.reaction_s):
-            return replace(state, phase=Phase.MAKES_WAY, since=sight.step, side=self._side(sight), speed_mps=sight.speed_mps)
+            return replace(
+                state, phase=Phase.MAKES_WAY, since=sight.step, side=self._side(sight), speed_mps=sight.speed_mps
+            )
         if again and abs(sight.left_m) < 0.3 and abs(state.offset_m) < 0.05:
             return replace(state, phase=Phase.DRIVES, since=sight.step)
         return state
@@ -140,7 +144,9 @@ class LawfulDriver:
         """Where it means to be across its way, and its indicators."""
         aside = state.phase is Phase.MAKES_WAY
         if (chased := self._chased(sight)) is not None and not aside and not sight.in_junction:
-            return sight.left_m + chased.left_m, int(Lights.INDICATOR_LEFT if chased.left_m > 0.0 else Lights.INDICATOR_RIGHT)
+            return sight.left_m + chased.left_m, int(
+                Lights.INDICATOR_LEFT if chased.left_m > 0.0 else Lights.INDICATOR_RIGHT
+            )
         if state.phase is Phase.DRIVES:
             return self._place_in_traffic(sight), indicators(sight) if self.habits.signals else int(Lights.NONE)
         if sight.in_junction:
@@ -177,26 +183,32 @@ class LawfulDriver:
         if state.phase is not Phase.MAKES_WAY:
             chased = self._chased(sight)
             return min(cruise, self._speed_behind_emvs(sight)) if chased is None else _speed_of_chase(chased)
-        habits, way, row = self.habits, sight.way, sight.way.row(sight.s_m)
-        if habits.brakes_at_once and (sight.step - state.since) * STEP_S < _SLOWS_S:
+        if self.habits.brakes_at_once and (sight.step - state.since) * STEP_S < _SLOWS_S:
             return 0.0
-        if not habits.clears_junctions and sight.in_junction:
-            return 0.0
-        if not habits.stops:
+        clearing = self._speed_in_junction(sight, cruise)
+        if clearing is not None:
+            return clearing
+        if not self.habits.stops:
             return min(cruise, _MANOEUVRE_MPS)
-        if sight.in_junction or way.in_junction[way.row(sight.s_m - 0.5 * sight.length_m)]:
-            return min(cruise, _MANOEUVRE_MPS)
-        ahead = way.in_junction[row : row + 25]
-        free_m = float(ahead.argmax()) - 0.5 * sight.length_m - _LINE_M if ahead.any() else math.inf
-        if free_m < sight.speed_mps**2 / (2.0 * habits.brakes_mps2):  # it clears the junction first
-            return cruise if free_m > -1.0 else min(cruise, _MANOEUVRE_MPS)
-        aside_m = self._aside_m(state.side, sight)
-        if abs(sight.left_m - aside_m) < 0.35:
+        if abs(sight.left_m - self._aside_m(state.side, sight)) < _THERE_M:
             return 0.0
         if not any(siren.behind for siren in sight.sirens):  # the last one has passed
             return min(_CRAWL_MPS, cruise)
         least = 0.0 if (sight.step - state.since) * STEP_S < _SLOWS_S else _CRAWL_MPS
         return min(_MANOEUVRE_MPS, max(state.speed_mps - _SLOWER_MPS, least), cruise)
+
+    def _speed_in_junction(self, sight: Sight, cruise_mps: float) -> float | None:
+        """Speed of a driver that makes way in a junction, or that cannot stop before one; None elsewhere."""
+        habits, way, row = self.habits, sight.way, sight.way.row(sight.s_m)
+        if sight.in_junction and not habits.clears_junctions:
+            return 0.0
+        if sight.in_junction or way.in_junction[way.row(sight.s_m - 0.5 * sight.length_m)]:
+            return min(cruise_mps, _MANOEUVRE_MPS)
+        ahead = way.in_junction[row : row + 25]
+        free_m = float(ahead.argmax()) - 0.5 * sight.length_m - _LINE_M if ahead.any() else math.inf
+        if free_m >= sight.speed_mps**2 / (2.0 * habits.brakes_mps2):
+            return None
+        return cruise_mps if free_m > -1.0 else min(cruise_mps, _MANOEUVRE_MPS)
 
     def _chased(self, sight: Sight) -> Siren | None:
         """The EMV that it drives behind, if that is its habit."""

@@ -134,8 +134,8 @@ def _of_study(arguments: argparse.Namespace, rulebook: Rulebook) -> tuple[list[S
     study = replace(_DEFAULT, **asked_of(arguments))
     seat = Seat() if paper else Seat(arguments.driver, arguments.av, arguments.real_time)
     rows = _made(replace(study, seat=seat), arguments.out, arguments)
-    pairs = rows if paper or arguments.alone else _made(study, arguments.out / PAPER_FOLDER, arguments)
-    beside = {_cell(row): arguments.out / PAPER_FOLDER / row.bag for row in pairs if row.bag and not paper}
+    pairs = () if paper or arguments.alone else _made(study, arguments.out / PAPER_FOLDER, arguments)
+    beside = {_cell(row): arguments.out / PAPER_FOLDER / row.bag for row in pairs if row.bag}
     paths = {arguments.out / row.bag: beside.get(_cell(row)) for row in rows if row.bag}
     sit = partial(sit_in_study, others=paths, rulebook=rulebook)
     sittings, worst = of_each_bag(sit, [*paths], processes_of(arguments))

@@ -56,10 +56,10 @@ def episode_with_program(
     if code == EXIT_BAD_INPUT:
         raise InputError("request", said, "an episode that cosim can run")
     if code != EXIT_OK:
-        raise EpisodeError(f"no result: {said}" + (f" (the program: {last})" if last else ""))
+        raise EpisodeError(said + (f" (the program: {last})" if last else ""))
     outcome = read_episode(bag).outcome
     if outcome is None:
-        raise EpisodeError("no result: the bag has no outcome")
+        raise EpisodeError("the bag has no outcome")
     size = sum(file.stat().st_size for file in bag.iterdir())
     return RecordedEpisode(outcome, BagSummary(bag, size, {}))
 

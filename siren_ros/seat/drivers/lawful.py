@@ -186,10 +186,8 @@ class LawfulDriver:
         if self.habits.brakes_at_once and (sight.step - state.since) * STEP_S < _SLOWS_S:
             return 0.0
         clearing = self._speed_in_junction(sight, cruise)
-        if clearing is not None:
-            return clearing
-        if not self.habits.stops:
-            return min(cruise, _MANOEUVRE_MPS)
+        if clearing is not None or not self.habits.stops:
+            return min(cruise, _MANOEUVRE_MPS) if clearing is None else clearing
         if abs(sight.left_m - self._aside_m(state.side, sight)) < _THERE_M:
             return 0.0
         if not any(siren.behind for siren in sight.sirens):  # the last one has passed

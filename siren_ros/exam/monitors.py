@@ -48,7 +48,8 @@ _STANDS_MPS: Final = 0.5
 _AT_EDGE_M: Final = 1.0
 """A driver is at the edge of the road, or has no room."""
 _OWN_DOING_MPS: Final = 0.5
-"""A driver that is slower than the vehicle ahead by this does not only follow it."""
+_LEADER_S: Final = 3.0
+"""A driver that is slower by this than whoever was ahead of it for this time does not only follow."""
 _GO_ON_M: Final = 6.0
 _MOVES_MPS: Final = 0.15
 _MOVED_S: Final = 1.0
@@ -78,6 +79,7 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
     driver who stands already or almost, or whose way the EMV does not need (``aside_m``), need not respond.
     """
     track, worst = examinee.track, Finding(Measure.lacking(_NOBODY_CALLED))
+    leader_mps = _least_of_last(examinee.room.ahead_mps, steps_from_s(_LEADER_S))
     for call in examinee.calls:
         begin = int(np.argmax(call.calls))
         if track.speed_mps[begin] < numbers["slower_mps"] or abs(call.left_m[begin]) > numbers["aside_m"]:
@@ -87,7 +89,7 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
         until = slice(begin, begin + int(np.argmax(call.passed[begin:])) if call.passed.any() else None)
         shift = np.abs(examinee.offsets.lateral_m[until] - examinee.offsets.lateral_m[begin])
         slower = track.speed_mps[until] <= track.speed_mps[begin] - numbers["slower_mps"]
-        slower &= track.speed_mps[until] <= examinee.room.ahead_mps[until] - _OWN_DOING_MPS
+        slower &= track.speed_mps[until] <= leader_mps[until] - _OWN_DOING_MPS
         responded = (shift >= numbers["shift_m"]) | slower | (track.speed_mps[until] < _STANDS_MPS)
         first = int(np.argmax(responded)) if responded.any() else len(responded)
         rows = int((~examinee.in_junction[until][:first]).sum())
@@ -369,14 +371,16 @@ def on_shoulder(examinee: Examinee, _numbers: Numbers) -> Finding:
 def back_in_the_way(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time for which the driver is back in the way of an EMV that calls, after it had left it.
 
-    It is back where it has moved across the road by ``moved_m`` since then: an EMV may change its own way.
+    It has left it, and is back, where it has itself moved across the road by ``moved_m``: an EMV may change its way.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
     worst = np.zeros(len(examinee.track), np.bool_)
     for call in examinee.calls:
         apart = 0.5 * (examinee.actor.width_m + examinee.record.actors[call.emv_id].width_m) + numbers["margin_m"]
-        aside = call.calls & (np.abs(call.left_m) > apart)
+        begun_m = examinee.offsets.lateral_m[int(np.argmax(call.calls))]
+        left_it = np.abs(examinee.offsets.lateral_m - begun_m) > numbers["moved_m"]
+        aside = call.calls & (np.abs(call.left_m) > apart) & left_it
         left_at = np.maximum.accumulate(np.where(aside, np.arange(len(aside)), 0))
         moved = np.abs(examinee.offsets.lateral_m - examinee.offsets.lateral_m[left_at]) > numbers["moved_m"]
         worst |= since(call.calls, aside) & call.calls & ~aside & moved & (call.gap_m > 0.0)

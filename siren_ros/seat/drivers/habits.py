@@ -48,7 +48,7 @@ HABITS: Final[Mapping[str, Habits]] = {
 """Of lawful drivers, by the rulebook of the place."""
 
 FAULTS: Final[Mapping[str, Mapping[str, Any]]] = {
-    "ignores": {"hears": False},
+    "ignores": {"hears": False, "apart_m": 0.0},
     "stops-in-the-junction": {"clears_junctions": False},
     "wrong-side": {"other_side": True},
     "leaves-early": {"waits_for_all": False},

@@ -25,7 +25,7 @@ _GENTLE_MPS2: Final = 2.0
 _MANOEUVRE_MPS: Final = 5.0
 """Speed while it moves aside."""
 _CRAWL_MPS: Final = 2.5
-"""Speed behind an EMV that is too near."""
+"""Speed of a driver that has to move and should not: behind an EMV that is too near, and on its way aside."""
 _LINE_M: Final = 1.0
 """Kept to a junction that it does not enter."""
 _SIGNAL_S: Final = 1.2
@@ -187,7 +187,7 @@ class LawfulDriver:
             return 0.0
         clearing = self._speed_in_junction(sight, cruise)
         if clearing is not None or not self.habits.stops:
-            return min(cruise, _MANOEUVRE_MPS) if clearing is None else clearing
+            return min(cruise, _CRAWL_MPS) if clearing is None else clearing
         if abs(sight.left_m - self._aside_m(state.side, sight)) < _THERE_M:
             return 0.0
         if not any(siren.behind for siren in sight.sirens):  # the last one has passed

@@ -99,7 +99,7 @@ class LawfulDriver:
         moved = state.offset_m + min(max(target - state.offset_m, -most), most)
         if sight.speed_mps < _ROLLS_MPS:  # the wheels do not go to the side
             moved = min(max(moved, sight.left_m - _LAG_M), sight.left_m + _LAG_M)
-        state = replace(state, offset_m=moved if _is_free(moved, sight) else sight.left_m)
+        state = replace(state, offset_m=moved if self._is_free(moved, sight) else sight.left_m)
         wanted = min(self._speed(state, sight), speed_to_leader(sight, state.offset_m))
         if self.habits.clears_junctions:
             wanted = min(wanted, speed_to_junction(sight))
@@ -213,6 +213,15 @@ class LawfulDriver:
         passed = [one for one in sight.sirens if self.habits.chases and one.along and 0.0 < one.ahead_m < _CHASE_M]
         return min(passed, key=lambda one: one.ahead_m, default=None)
 
+    def _is_free(self, wanted_m: float, sight: Sight) -> bool:
+        """Whether nobody is in the way of a move to the side, and no EMV comes there."""
+        move = wanted_m - sight.left_m
+        emv_comes = self.habits.waits_for_all and any(
+            one.behind and one.gap_m < _NEAR_M and one.left_m * move > 0.0 and abs(one.left_m) > _ASIDE_M
+            for one in sight.sirens
+        )
+        return not emv_comes and _is_free_of_others(wanted_m, sight)
+
     def _speed_behind_emvs(self, sight: Sight) -> float:
         """Speed behind EMVs that have passed."""
         nearest_m = min((one.ahead_m for one in sight.sirens if one.along and not one.behind), default=math.inf)
@@ -225,8 +234,8 @@ def _speed_of_chase(emv: Siren) -> float:
     return min(max(emv.speed_mps + 0.5 * (emv.ahead_m - _CHASED_M), 0.0), _FASTEST_CHASE_MPS)
 
 
-def _is_free(wanted_m: float, sight: Sight) -> bool:
-    """Whether nobody beside is in the way of a move to the side, and nobody comes there."""
+def _is_free_of_others(wanted_m: float, sight: Sight) -> bool:
+    """Whether nobody is beside where it goes, or comes there."""
     for other in sight.others:
         comes_m = _COMES_S * (other.speed_mps - sight.speed_mps)
         beside = -sight.length_m - 5.0 - max(comes_m, 0.0) < other.gap_m < 1.0 - min(comes_m, 0.0)
@@ -234,8 +243,4 @@ def _is_free(wanted_m: float, sight: Sight) -> bool:
         nearer = abs(wanted_m - other.left_m) < abs(sight.left_m - other.left_m) - 0.02
         if beside and nearer and abs(wanted_m - other.left_m) < apart:
             return False
-    move = wanted_m - sight.left_m
-    return not any(
-        one.behind and one.gap_m < _NEAR_M and one.left_m * move > 0.0 and abs(one.left_m) > _ASIDE_M
-        for one in sight.sirens
-    )
+    return True

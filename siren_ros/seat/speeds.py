@@ -20,7 +20,7 @@ _END_M: Final = 3.0
 """Kept to the end of the way."""
 _LINE_M: Final = 1.0
 """Kept to a stop line."""
-_SEEN_ROWS: Final = 50
+_SEEN_ROWS: Final = 80
 """Rows of the way that are looked at for junctions."""
 _SIGNALS_S: Final = 2.0
 _SLOW_MPS: Final = 5.0

@@ -176,11 +176,26 @@ class Examinee:
         found = (self._call(emv_id) for emv_id in self.record.emv_ids)
         return tuple(call for call in found if call.calls.any())
 
+    @cached_property
+    def _edge_of_lane(self) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+        """Edge of each lane of the map."""
+        return np.array([lane.edge for lane in self.record.network.lanes], np.int64)
+
+    def _across_m(self, places: LanePlaces) -> Floats:
+        """Distance of each row from the right edge of its road; NaN off the lanes."""
+        right = {lane: road_limits(self.record.network, lane).right_m for lane in set(places.lane.tolist()) - {NO_LANE}}
+        return np.asarray(places.offset_m - np.array([right.get(lane, np.nan) for lane in places.lane.tolist()]))
+
     def _call(self, emv_id: int) -> Call:
         emv_track = self.record.track(emv_id)
         own, emv = common_rows(self.along_road, emv_track)
         there = np.isin(self.track.step, own.step)
         ahead, left = ahead_and_left_m(own, emv)
+        own_lane, own_m = (column[there] for column in (self.places.lane, self._across_m(self.places)))
+        emv_places = places_of(self.record, emv)
+        edges = self._edge_of_lane
+        same = (own_lane != NO_LANE) & (emv_places.lane != NO_LANE) & (edges[own_lane] == edges[emv_places.lane])
+        left = np.where(same, self._across_m(emv_places) - own_m, left)  # also where the road bends
         reach = 0.5 * (self.actor.length_m + self.record.actors[emv_id].length_m)
         aligned = np.abs(wrap_angle(emv.yaw_rad - own.yaw_rad)) < ALIGNED_RAD
         near_line = np.abs(left) < ASIDE_M

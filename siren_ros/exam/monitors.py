@@ -50,6 +50,9 @@ _AT_EDGE_M: Final = 1.0
 _OWN_DOING_MPS: Final = 0.5
 _LEADER_S: Final = 3.0
 """A driver that is slower by this than whoever was ahead of it for this time does not only follow."""
+_DISTANCE_S: Final = 1.5
+_DISTANCE_M: Final = 3.0
+"""Nor does one with this distance, in time and at a standstill, from whoever was ahead."""
 _GO_ON_M: Final = 6.0
 _MOVES_MPS: Final = 0.15
 _MOVED_S: Final = 1.0
@@ -80,8 +83,12 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
     """
     track, worst = examinee.track, Finding(Measure.lacking(_NOBODY_CALLED))
     leader_mps = _least_of_last(examinee.room.ahead_mps, steps_from_s(_LEADER_S))
+    ends = examinee.room.ahead_mps == np.inf
+    free_m = _least_of_last(np.where(ends, np.inf, examinee.room.ahead_m), steps_from_s(_LEADER_S))
     for call in examinee.calls:
         begin = int(np.argmax(call.calls))
+        if any(begin and other.calls[begin - 1] for other in examinee.calls if other is not call):
+            continue  # it makes way already
         if track.speed_mps[begin] < numbers["slower_mps"] or abs(call.left_m[begin]) > numbers["aside_m"]:
             if not worst.measure.valid:
                 worst = Finding(Measure.lacking("the driver stood, or the way was free"))
@@ -90,6 +97,7 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
         shift = np.abs(examinee.offsets.lateral_m[until] - examinee.offsets.lateral_m[begin])
         slower = track.speed_mps[until] <= track.speed_mps[begin] - numbers["slower_mps"]
         slower &= track.speed_mps[until] <= leader_mps[until] - _OWN_DOING_MPS
+        slower &= free_m[until] > track.speed_mps[until] * _DISTANCE_S + _DISTANCE_M
         responded = (shift >= numbers["shift_m"]) | slower | (track.speed_mps[until] < _STANDS_MPS)
         first = int(np.argmax(responded)) if responded.any() else len(responded)
         rows = int((~examinee.in_junction[until][:first]).sum())
@@ -371,7 +379,7 @@ def on_shoulder(examinee: Examinee, _numbers: Numbers) -> Finding:
 def back_in_the_way(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time for which the driver is back in the way of an EMV that calls, after it had left it.
 
-    It has left it, and is back, where it has itself moved across the road by ``moved_m``: an EMV may change its way.
+    It has left it, and is back, where it has itself moved to the EMV's side by ``moved_m``: an EMV may change its way.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
@@ -382,7 +390,8 @@ def back_in_the_way(examinee: Examinee, numbers: Numbers) -> Finding:
         left_it = np.abs(examinee.offsets.lateral_m - begun_m) > numbers["moved_m"]
         aside = call.calls & (np.abs(call.left_m) > apart) & left_it
         left_at = np.maximum.accumulate(np.where(aside, np.arange(len(aside)), 0))
-        moved = np.abs(examinee.offsets.lateral_m - examinee.offsets.lateral_m[left_at]) > numbers["moved_m"]
+        moved_m = examinee.offsets.lateral_m - examinee.offsets.lateral_m[left_at]
+        moved = np.sign(call.left_m[left_at]) * moved_m > numbers["moved_m"]
         worst |= since(call.calls, aside) & call.calls & ~aside & moved & (call.gap_m > 0.0)
     return Finding(Measure(longest_run_s(worst, examinee.track.step)), _first_step(examinee, worst))
 

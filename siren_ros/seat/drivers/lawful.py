@@ -186,10 +186,10 @@ class LawfulDriver:
         if self.habits.brakes_at_once and (sight.step - state.since) * STEP_S < _SLOWS_S:
             return 0.0
         clearing = self._speed_in_junction(sight, cruise)
-        if clearing is not None or not self.habits.stops:
-            return min(cruise, _CRAWL_MPS) if clearing is None else clearing
+        if clearing is not None:
+            return clearing
         if abs(sight.left_m - self._aside_m(state.side, sight)) < _THERE_M:
-            return 0.0
+            return 0.0 if self.habits.stops else min(cruise, _CRAWL_MPS)
         if not any(siren.behind for siren in sight.sirens):  # the last one has passed
             return min(_CRAWL_MPS, cruise)
         least = 0.0 if (sight.step - state.since) * STEP_S < _SLOWS_S else _CRAWL_MPS

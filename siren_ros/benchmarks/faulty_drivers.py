@@ -61,7 +61,9 @@ def written_down() -> tuple[Mapping[str, str], tuple[Case, ...]]:
     for fault in FAULTS:
         entry = faults.mapping(fault)
         names = entry.words("scenes")
-        cases += [Case(fault, place, _shown(names, place), frozenset(entry.words(place))) for place in HABITS]
+        for place in HABITS:
+            breaks = frozenset(entry.words(place) if entry.has(place) else ())
+            cases.append(Case(fault, place, _shown(names, place), breaks))
         entry.finish()
     for part in (listed, faults, root):
         part.finish()

@@ -78,8 +78,9 @@ def _impact_mps(event: Event) -> float:
 def response(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time from an EMV's call to the driver's first response: slower, or to the side; or until it has passed.
 
-    To follow somebody who slows down is no response. Time in a junction, which a driver clears first, does not count. A
-    driver who stands already or almost, or whose way the EMV does not need (``aside_m``), need not respond.
+    To follow somebody who slows down is no response. Time in which a driver can go neither slower than somebody close
+    ahead nor aside does not count, nor time in a junction, which it clears first. A driver who stands already or almost,
+    or whose way the EMV does not need (``aside_m``), need not respond, nor one whom another EMV calls already.
     """
     track, worst = examinee.track, Finding(Measure.lacking(_NOBODY_CALLED))
     leader_mps = _least_of_last(examinee.room.ahead_mps, steps_from_s(_LEADER_S))
@@ -97,10 +98,12 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
         shift = np.abs(examinee.offsets.lateral_m[until] - examinee.offsets.lateral_m[begin])
         slower = track.speed_mps[until] <= track.speed_mps[begin] - numbers["slower_mps"]
         slower &= track.speed_mps[until] <= leader_mps[until] - _OWN_DOING_MPS
-        slower &= free_m[until] > track.speed_mps[until] * _DISTANCE_S + _DISTANCE_M
+        free = free_m[until] > track.speed_mps[until] * _DISTANCE_S + _DISTANCE_M
+        slower &= free
         responded = (shift >= numbers["shift_m"]) | slower | (track.speed_mps[until] < _STANDS_MPS)
         first = int(np.argmax(responded)) if responded.any() else len(responded)
-        rows = int((~examinee.in_junction[until][:first]).sum())
+        able = (free | (examinee.room.right_m[until] > _AT_EDGE_M)) & ~examinee.in_junction[until]
+        rows = int(able[:first].sum())
         if not worst.measure.valid or rows * STEP_S > worst.measure.value:
             worst = Finding(Measure(rows * STEP_S), int(track.step[begin]))
     return worst
@@ -143,7 +146,7 @@ def right_edge(examinee: Examinee, numbers: Numbers) -> Finding:
 def _least_of_last(values: Floats, steps: int) -> Floats:
     """The least of each value and of those at so many steps before it."""
     return np.asarray(
-        np.min([np.concatenate((np.full(k, np.inf), values[: len(values) - k])) for k in range(steps + 1)], axis=0)
+        np.min([np.concatenate((np.full(k, np.inf), values))[: len(values)] for k in range(steps + 1)], axis=0)
     )
 
 

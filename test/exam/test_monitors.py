@@ -303,7 +303,8 @@ def among(beside_m, emv=None):
 def test_whoever_is_beside_a_driver_limits_its_room():
     boxed, alone = (examinee(None, record=among(beside_m)) for beside_m in (2.0, 40.0))
     assert boxed.room.right_m[20] == pytest.approx(3.5 - CAR_WIDTH_M)
-    moving = hand_made(crossing(), {CAR: Driven(line((1.75, -120.0), (1.75, 110.0)), arc((5.0, 8.0)))})
+    own = Driven(line((1.75, -120.0), (1.75, 110.0)), arc((5.0, 8.0)))
+    moving = hand_made(crossing(), {CAR: own, EMV: Driven(line((-1.75, 110.0), (-1.75, 0.0)), arc((1.0, 8.0)))})
     room = Examinee(moving, CAR, 40.0, 3.0).room
     assert room.right_m[40] == pytest.approx(9.5 - 1.75 - 0.5 * CAR_WIDTH_M, abs=0.05)
     assert room.ahead_m[40] == pytest.approx(100.0 - 5.0 * 2.0 - 0.5 * CAR_LENGTH_M, abs=0.3)

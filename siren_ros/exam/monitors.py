@@ -79,8 +79,8 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time from an EMV's call to the driver's first response: slower, or to the side; or until it has passed.
 
     To follow somebody who slows down is no response. Time in which a driver can go neither slower than somebody close
-    ahead nor aside does not count, nor time in a junction, which it clears first. A driver who stands already or almost,
-    or whose way the EMV does not need (``aside_m``), need not respond, nor one whom another EMV calls already.
+    ahead nor aside does not count, nor time in a junction, which it clears first. Nobody has to respond who stands or
+    almost does, whose way the EMV does not need (``aside_m``), or whom another EMV calls already.
     """
     track, worst = examinee.track, Finding(Measure.lacking(_NOBODY_CALLED))
     leader_mps = _least_of_last(examinee.room.ahead_mps, steps_from_s(_LEADER_S))

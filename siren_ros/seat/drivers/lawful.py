@@ -220,7 +220,8 @@ class LawfulDriver:
             one.behind and one.gap_m < _NEAR_M and one.left_m * move > 0.0 and abs(one.left_m) > _ASIDE_M
             for one in sight.sirens
         )
-        return not emv_comes and _is_free_of_others(wanted_m, sight)
+        comes_s = _COMES_S if self.habits.waits_for_all else 0.0
+        return not emv_comes and _is_free_of_others(wanted_m, sight, comes_s)
 
     def _speed_behind_emvs(self, sight: Sight) -> float:
         """Speed behind EMVs that have passed."""
@@ -234,10 +235,10 @@ def _speed_of_chase(emv: Siren) -> float:
     return min(max(emv.speed_mps + 0.5 * (emv.ahead_m - _CHASED_M), 0.0), _FASTEST_CHASE_MPS)
 
 
-def _is_free_of_others(wanted_m: float, sight: Sight) -> bool:
+def _is_free_of_others(wanted_m: float, sight: Sight, comes_s: float) -> bool:
     """Whether nobody is beside where it goes, or comes there."""
     for other in sight.others:
-        comes_m = _COMES_S * (other.speed_mps - sight.speed_mps)
+        comes_m = comes_s * (other.speed_mps - sight.speed_mps)
         beside = -sight.length_m - 5.0 - max(comes_m, 0.0) < other.gap_m < 1.0 - min(comes_m, 0.0)
         apart = other.half_width_m + 0.5 * sight.width_m + _BESIDE_M
         nearer = abs(wanted_m - other.left_m) < abs(sight.left_m - other.left_m) - 0.02

@@ -71,7 +71,7 @@ class Certificate:
         if not paired:
             return None
         rows = tuple((meaning, mean_of([one.others[key] for one in paired])) for key, meaning in OTHERS.items())
-        caption = f"Others, against the same {len(paired)} episodes with the paper's driver in the seat"
+        caption = f"Others, against the same {len(paired)} episodes with the paper's driver at the wheel"
         return Table("others", caption, ("figure", "difference"), rows, spec="+.2f")
 
 
@@ -190,10 +190,10 @@ def page_of(certificate: Certificate, command: str, pages: EpisodePages | None =
     book, sittings = certificate.rulebook, certificate.sittings
     counts = Counter(sitting.grade for sitting in certificate.graded)
     verdict = "passes" if certificate.passed else "does not pass"
-    told_counts = ", ".join(f"{counts[grade]} {grade}" for grade in _SHOWN if counts[grade])
+    parts = [f"{counts[grade]} {grade}" for grade in _SHOWN if counts[grade]]
     lacking = len(certificate.without_result)
-    told_counts += f", {lacking} without a result" if lacking else ""
-    lead = f"{certificate.driver} {verdict}. Episodes by their worst clause: {told_counts or 'none'}."
+    parts += [f"{lacking} without a result"] if lacking else []
+    lead = f"{certificate.driver} {verdict}. Episodes by their worst clause: {', '.join(parts) or 'none'}."
     duties = Table(
         "duties",
         "The rulebook",

@@ -49,7 +49,8 @@ _CHASE_M: Final = 60.0
 _CHASED_M: Final = 10.0
 """Gap up to which a driver chases an EMV, and that it keeps."""
 _FASTEST_CHASE_MPS: Final = 15.0
-_WALKING_MPS: Final = 2.8
+_SLOW_MPS: Final = 8.0
+"""Traffic that is slower may come to walking pace: a corridor is opened before."""
 
 
 class Phase(Enum):
@@ -175,7 +176,7 @@ class LawfulDriver:
     def _place_in_traffic(self, sight: Sight) -> float:
         """Where it drives: to the side where slow traffic keeps a corridor open."""
         opens = self.habits.by_lane and self.habits.hears and bool(sight.way.duty[sight.way.row(sight.s_m)])
-        return self._aside_m(self._side(sight), sight) if opens and sight.speed_mps < _WALKING_MPS else 0.0
+        return self._aside_m(self._side(sight), sight) if opens and sight.speed_mps < _SLOW_MPS else 0.0
 
     def _speed(self, state: LawfulState, sight: Sight) -> float:
         """The speed that it means to have but for others and for signals."""

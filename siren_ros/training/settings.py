@@ -32,7 +32,8 @@ class FitConfig(FitSettings):
 
     architecture: str = ARCHITECTURES[0]
 
-    epochs: int = 16
+    epochs: int = 8
+    """Each sample comes twice, without errors and with those of a tracker."""
     batch: int = 512
     averaging: float = 0.995
     """Share of the old weights in their running mean, which is what is kept."""

@@ -4,8 +4,9 @@ It serves studies of behaviour that need neither topics nor sensors, and tests. 
 is passed directly; the states are the same.
 """
 
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
+from dataclasses import dataclass
 
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.driving.step_view import BehaviourWorld
@@ -19,7 +20,7 @@ from siren_ros.traffic.config import RESIDUAL_LIMIT_M
 from siren_ros.traffic.observation import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.world.actors import ActorDescription, ActorStates
-from siren_ros.world.commands import AV_SOURCE, AvControl, VehicleCommands, av_commands
+from siren_ros.world.commands import AV_SOURCE, AvControl, Controls, VehicleCommands, av_commands, with_seats
 from siren_ros.world.traffic_state import Event, TrafficState, hash_state
 
 
@@ -43,16 +44,18 @@ def closed_loop(
     setup: EpisodeSetup,
     steps: int,
     residual_limit_m: float = RESIDUAL_LIMIT_M,
-    answers: Sequence[VehicleCommands] = (),
     world: BehaviourWorld | None = None,
-) -> Generator[LoopStep, None, None]:
+) -> Generator[LoopStep, Controls | None, None]:
     """Runs an episode's behaviour, dynamics and traffic step by step.
+
+    It yields each step, and takes by ``send`` what the drivers in seats answer to it. The AV under test is always in a
+    seat: without an answer it rolls. Every other actor is in one while it is among the answers; what the model's
+    controllers ask of it is then left out.
 
     Args:
         setup: The episode.
         steps: Number of steps.
         residual_limit_m: Distance between SUMO's and the simulated pose above which the episode fails.
-        answers: Commands of the AV's controller, one for each step; without a command the AV rolls.
         world: What the controllers are given; None for what the episode's description says. With another one an
             episode is not the one that its description makes again.
 
@@ -64,6 +67,7 @@ def closed_loop(
     emv, civilians = EmvState(), YieldState()
     fleet = FleetState.empty(vehicles, left_hand=setup.network.left_hand)
     states: ActorStates | None = None
+    controls: Controls = {}
     with SumoSimulation(
         setup.compiled_map, setup.network, setup.plan, setup.level, seed=setup.description.seed
     ) as simulation:
@@ -72,22 +76,39 @@ def closed_loop(
             check_no_teleport(traffic)
             emv, emv_commands = step_emv(emv, traffic, world)
             civilians, yield_commands = step_yield(civilians, traffic, world)
-            commands = (emv_commands, yield_commands, *_av_commands(setup, traffic, answers))
+            commands = _with_seats((emv_commands, yield_commands), setup.description.av_id, traffic, controls)
             fleet, states, events = step_fleet(fleet, traffic, commands)
             check_residual(states, residual_limit_m)
-            yield LoopStep(traffic, commands, states, events)
+            controls = (yield LoopStep(traffic, commands, states, events)) or {}
 
 
-def _av_commands(
-    setup: EpisodeSetup, traffic: TrafficState, answers: Sequence[VehicleCommands]
+def driven(
+    loop: Generator[LoopStep, Controls | None, None], answer: Callable[[LoopStep], Controls]
+) -> Iterator[LoopStep]:
+    """The steps of a ``closed_loop`` whose drivers in seats answer each one."""
+    with closing(loop):
+        controls: Controls | None = None
+        while True:
+            try:
+                step = loop.send(controls)
+            except StopIteration:
+                return
+            yield step
+            controls = answer(step)
+
+
+def _with_seats(
+    commands: tuple[VehicleCommands, ...], av_id: int, traffic: TrafficState, controls: Controls
 ) -> tuple[VehicleCommands, ...]:
-    """The AV's command at a step: its controller's answer to the step before."""
-    av_id, before = setup.description.av_id, traffic.step - 1
+    """The commands of a step, with those of drivers in seats: their answers to the step before."""
+    others = {one: control for one, control in controls.items() if one != av_id and one in traffic.actor_id}
+    if others:
+        emvs = {advice.actor_id for advice in traffic.emvs}
+        sides = [{one: others[one] for one in others if (one in emvs) is wanted} for wanted in (True, False)]
+        commands = tuple(with_seats(one, side, others) for one, side in zip(commands, sides, strict=True))
     if av_id not in traffic.actor_id:
-        return ()
-    if 0 <= before < len(answers):
-        return (replace(answers[before], step=traffic.step),)
-    return (av_commands(AvControl(before), traffic.step, av_id),)
+        return commands
+    return (*commands, av_commands(controls.get(av_id, AvControl(traffic.step - 1)), traffic.step, av_id))
 
 
 def record_of(setup: EpisodeSetup, steps: list[LoopStep]) -> EpisodeRecord:

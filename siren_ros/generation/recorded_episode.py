@@ -1,16 +1,23 @@
 """An episode with its bag, without ROS: the library calls of the node graph, and the very bytes of its recorder."""
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from siren_ros.errors import EpisodeError, InputError, SirenError
-from siren_ros.generation.closed_loop import closed_loop
+from siren_ros.generation.closed_loop import LoopStep, closed_loop
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traffic_state, to_vehicle_commands
+from siren_ros.interfaces.conversions import (
+    to_actor_states,
+    to_av_control,
+    to_events,
+    to_path,
+    to_traffic_state,
+    to_vehicle_commands,
+)
 from siren_ros.interfaces.episode_conversions import EpisodeClosing, to_episode_description
 from siren_ros.interfaces.messages import encode_cdr, make_message, stamp, typestore
 from siren_ros.interfaces.topics import Topic
@@ -21,7 +28,9 @@ from siren_ros.recording.recorder import EpisodeRecorder
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
 from siren_ros.sensor_messages.sensor_topics import topics_of
+from siren_ros.traffic.demand.demand import av_way
 from siren_ros.world.actors import ActorDescription
+from siren_ros.world.commands import AvControl, Controls
 
 
 @dataclass(frozen=True)
@@ -33,26 +42,32 @@ class RecordedEpisode:
     """None where no step was finished; then there is no bag."""
 
 
-def record_episode(setup: EpisodeSetup, bag: Path) -> RecordedEpisode:
+Answer = Callable[[LoopStep], Controls]
+"""What drivers in seats answer to a step."""
+
+
+def record_episode(setup: EpisodeSetup, bag: Path, answer: Answer | None = None) -> RecordedEpisode:
     """Runs an episode to its end and writes its bag.
 
-    The bytes are those of ``cosim`` with the same request. An episode that fails leaves a partial bag, as with
-    ``cosim``; its outcome holds the reason.
+    The bytes are those of ``cosim`` with the same request, and with the same answers of the AV under test. An episode
+    that fails leaves a partial bag, as with ``cosim``; its outcome holds the reason.
 
     Args:
         setup: The episode; its suite of sensors measures too.
         bag: Folder of the bag to write.
+        answer: Answers for the AV under test, which an episode with one needs, and for whoever else sits in a seat. It
+            may raise ``EpisodeError``, which ends the episode.
 
     Raises:
-        InputError: The bag exists already or cannot be written; an AV under test, a predictor or a detector, which take
-            part.
+        InputError: The bag exists already or cannot be written; an AV under test without answers, a predictor or a
+            detector, which take part.
         EpisodeError: The disk is full, or the folder is gone.
     """
     described = setup.description
     for name in ("predictor", "detector"):
         if program := getattr(described, name):
             raise InputError(name, program, f"an episode without {name}; one that takes part needs cosim")
-    if setup.plan.av:
+    if setup.plan.av and answer is None:
         raise InputError("av", described.parameters.get("av"), "an episode without an AV under test; that needs cosim")
     store = typestore()
     latched = frozenset(topic.name for topic in topics.FIXED_TOPICS.values() if topic.latched)
@@ -60,7 +75,7 @@ def record_episode(setup: EpisodeSetup, bag: Path) -> RecordedEpisode:
     end, reason = EpisodeEnd.COMPLETE, ""
     try:
         recorder.expect(topics_of(described), bag)
-        with closing(_messages(setup)) as messages:  # however it ends, SUMO ends with it
+        with closing(_messages(setup, answer or _nobody)) as messages:  # however it ends, SUMO ends with it
             for topic, message in messages:
                 recorder.take(topic, encode_cdr(store, topic, message))
     except EpisodeError as error:
@@ -72,7 +87,11 @@ def record_episode(setup: EpisodeSetup, bag: Path) -> RecordedEpisode:
     return RecordedEpisode(outcome, summary)
 
 
-def _messages(setup: EpisodeSetup) -> Generator[tuple[Topic, Any], None, None]:
+def _nobody(_: LoopStep) -> Controls:
+    return {}
+
+
+def _messages(setup: EpisodeSetup, answer: Answer) -> Generator[tuple[Topic, Any], None, None]:
     """All messages of the episode, as the nodes publish them."""
     described = setup.description
     yield topics.EPISODE, to_episode_description(described)
@@ -81,14 +100,36 @@ def _messages(setup: EpisodeSetup) -> Generator[tuple[Topic, Any], None, None]:
     yield from setup_messages(suites)
     sensing = TrailingSensing(suites, trails=True)
     actors: dict[int, ActorDescription] = {}
-    for step in closed_loop(setup, max(1, steps_from_s(described.duration_s))):
+    if setup.plan.av:
+        yield topics.AV_ROUTE, to_path(av_way(setup.network, setup.plan))
+    for step, controls in _answered(setup, answer):
         number = step.states.step
         yield topics.CLOCK, make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(number)))
         yield topics.TRAFFIC, to_traffic_state(step.traffic)
-        for topic, commands in zip((topics.EMV_COMMANDS, topics.YIELD_COMMANDS), step.commands, strict=True):
+        for topic, commands in zip((topics.EMV_COMMANDS, topics.YIELD_COMMANDS), step.commands[:2], strict=True):
             yield topic, to_vehicle_commands(commands)
         yield topics.ACTORS, to_actor_states(step.states)
         yield topics.EVENTS, to_events(number, step.state_hash, step.events)
+        if setup.plan.av:
+            control = controls.get(described.av_id, AvControl(number))
+            yield topics.AV_CONTROL, to_av_control(replace(control, step=number))
         actors.update({actor.actor_id: actor for actor in step.traffic.spawned})
         yield from sensing.step(step.states, actors, step.traffic.signals)
     yield from sensing.finish()
+
+
+def _answered(setup: EpisodeSetup, answer: Answer) -> Iterator[tuple[LoopStep, Controls]]:
+    """The steps with what drivers in seats answer to them.
+
+    Raises:
+        EpisodeError: Also where an answer cannot be used.
+    """
+    steps = max(1, steps_from_s(setup.description.duration_s))
+    controls: Controls | None = None
+    with closing(closed_loop(setup, steps)) as loop:
+        for _ in range(steps):
+            step = loop.send(controls)
+            controls = answer(step)
+            for control in controls.values():
+                control.check()
+            yield step, controls

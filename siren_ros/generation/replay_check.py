@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.errors import BagError, SirenError
-from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
+from siren_ros.generation.closed_loop import LoopStep, closed_loop, driven, record_of
 from siren_ros.generation.episode_setup import EpisodeSetup, map_of, present_versions, set_up_episode
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
 from siren_ros.interfaces.messages import json_object, json_text
@@ -23,7 +23,7 @@ from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map, name_of_
 from siren_ros.roads.maps.map_source import SourceKind
 from siren_ros.scenario.episode import FILES_PARAMETER, MAP_SOURCE_PARAMETER, EpisodeDescription, EpisodeRequest
 from siren_ros.scenario.templates import load_template
-from siren_ros.world.commands import AV_SOURCE
+from siren_ros.world.commands import AV_SOURCE, Controls, controls_in
 from siren_ros.world.traffic_state import Event
 
 MISSING: Final = "nothing"
@@ -139,8 +139,9 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
     """Simulates the episode again, without its sensors, and compares all that is simulated with the record.
 
     Map and parameter files come from the record, wherever it holds them. An AV under test drives by its controller's
-    recorded answers. Compared are the description without its versions, the map's hash, and at every step SUMO's state,
-    the controllers' commands, the actor states, the state hash and the events; for a complete episode the outcome too.
+    recorded answers; so does whoever else sits in a seat. Compared are the description without its versions, the map's
+    hash, and at every step SUMO's state, the controllers' commands, the actor states, the state hash and the events;
+    for a complete episode the outcome too.
 
     Raises:
         BagError: The record does not hold what is needed, or its map or its files do not have their hashes.
@@ -153,11 +154,24 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
         difference = _description_difference(record.description, setup.description)
         if difference is not None:
             return difference
-        answers = record.commands.get(AV_SOURCE, ())
+        answers = _answers_in(record)
         # The limit on the residual ends an episode; it changes no step before.
         last = max((state.step for state in record.states), default=-1)
-        steps = list(closed_loop(setup, last + 1, residual_limit_m=math.inf, answers=answers))
+        loop = closed_loop(setup, last + 1, residual_limit_m=math.inf)
+        steps = list(driven(loop, lambda step: answers.get(step.states.step, {})))
         return first_difference(record, steps) or _outcome_difference(record, setup, steps)
+
+
+def _answers_in(record: EpisodeRecord) -> dict[int, Controls]:
+    """What drivers in seats answered, by the step that they answered."""
+    answers: dict[int, Controls] = {}
+    for source, commands in record.commands.items():
+        for command in commands:
+            if controls := controls_in(command):
+                # The AV's controller is recorded at the step it answers, the others at the step that they drive to.
+                step = command.step if source == AV_SOURCE else command.step - 1
+                answers[step] = {**answers.get(step, {}), **controls}
+    return answers
 
 
 def _recorded_map(record: EpisodeRecord, request: EpisodeRequest, scratch: Path) -> CompiledMap:

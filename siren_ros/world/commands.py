@@ -1,7 +1,7 @@
 """What the controllers ask of the vehicles at one step, as a structure of arrays."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -72,6 +72,7 @@ AV_SOURCE: Final = "av_controller"
 _LARGEST_STEER_RAD: Final = math.pi / 2.0
 """Wheels do not turn further on any vehicle; the vehicle's own limit is far below it."""
 _AV_LIGHTS: Final = int(Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT)
+_WARNING_LIGHTS: Final = int(Lights.BEACON | Lights.SIREN)
 
 
 @dataclass(frozen=True)
@@ -111,3 +112,40 @@ def av_commands(control: AvControl, step: int, actor_id: int) -> VehicleCommands
     """The command that drives the AV to a step: its controller's answer to the step before."""
     pedals = control.throttle, control.brake, control.steer_rad
     return VehicleCommands.of(step, AV_SOURCE, [(actor_id, Owner.ROS, *pedals, False, Mode.EXTERNAL, control.lights)])
+
+
+Controls = Mapping[int, AvControl]
+"""What drivers in seats ask of their vehicles at a step, by actor."""
+
+
+def with_seats(commands: VehicleCommands, controls: Controls, seats: Collection[int]) -> VehicleCommands:
+    """A controller's commands in an episode where drivers of another program sit in some of the vehicles.
+
+    Args:
+        commands: Of the controller, which asks something of these vehicles too.
+        controls: Answers of the drivers whose vehicles the controller would drive. Beacon and siren stay as the
+            controller has them.
+        seats: All actors whose driver is another one; rows and events of them are left out.
+    """
+    kept = [row for row, actor_id in enumerate(commands.actor_id.tolist()) if actor_id not in seats]
+    columns = {name: getattr(commands, name) for name in COMMAND_DTYPES}
+    rows: list[CommandRow] = list(zip(*(column[kept].tolist() for column in columns.values()), strict=True))
+    warnings = dict(zip(commands.actor_id.tolist(), (commands.lights & _WARNING_LIGHTS).tolist(), strict=True))
+    for actor_id, control in controls.items():
+        pedals = control.throttle, control.brake, control.steer_rad
+        lights = control.lights | warnings.get(actor_id, 0)
+        rows.append((actor_id, Owner.ROS, *pedals, False, Mode.EXTERNAL, lights))
+    events = tuple(event for event in commands.events if event.actor_id not in seats)
+    return VehicleCommands.of(commands.step, commands.source, sorted(rows), events)
+
+
+def controls_in(commands: VehicleCommands) -> Controls:
+    """The answers of drivers in seats that commands hold."""
+    controls: dict[int, AvControl] = {}
+    for row in np.flatnonzero(commands.mode == Mode.EXTERNAL).tolist():
+        throttle, brake, steer_rad = (
+            float(one[row]) for one in (commands.throttle, commands.brake, commands.steer_rad)
+        )
+        lights = int(commands.lights[row]) & _AV_LIGHTS
+        controls[int(commands.actor_id[row])] = AvControl(commands.step - 1, throttle, brake, steer_rad, lights)
+    return controls

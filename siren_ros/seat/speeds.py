@@ -1,0 +1,54 @@
+"""Speeds that somebody in the seat keeps: to the limit and its bends, to the vehicle ahead, to a red line."""
+
+import math
+from typing import Final
+
+from siren_ros.seat.sight import Sight
+
+_GENTLE_MPS2: Final = 2.0
+"""Of braking, and across in bends."""
+_HEADWAY_S: Final = 1.4
+_STANDSTILL_M: Final = 2.5
+_BESIDE_M: Final = 0.25
+"""Kept to the side of the vehicle ahead."""
+_LOOK_M: Final = (0.0, 4.0, 8.0, 14.0, 20.0)
+"""Where it looks for bends."""
+_END_M: Final = 3.0
+"""Kept to the end of the way."""
+_LINE_M: Final = 1.0
+"""Kept to a stop line."""
+_LATE_MPS2: Final = 5.0
+"""A driver that would have to brake harder before a red line does not stop any more."""
+
+
+def speed_to_limit(sight: Sight) -> float:
+    """The speed limit, slower before bends and before the end of the way, m/s."""
+    way, curve = sight.way, sight.way.curve
+    at = [sight.s_m + ahead for ahead in _LOOK_M]
+    headings = [float(curve.heading_rad(min(s, curve.length_m))) for s in at]
+    least = float(way.limit_mps[way.row(sight.s_m)])
+    for k in range(len(at) - 1):
+        bend_1pm = abs(math.remainder(headings[k + 1] - headings[k], 2.0 * math.pi)) / (at[k + 1] - at[k])
+        if bend_1pm > 0.01:
+            least = min(least, math.sqrt(_GENTLE_MPS2 / bend_1pm + 2.0 * _GENTLE_MPS2 * _LOOK_M[k]))
+    rest_m = max(curve.length_m - sight.s_m - _END_M, 0.0)
+    return min(least, math.sqrt(2.0 * _GENTLE_MPS2 * rest_m))
+
+
+def speed_to_leader(sight: Sight, offset_m: float) -> float:
+    """Speed behind who is ahead at an offset from the way or at the present one; infinite without anybody, m/s."""
+    least, brakes_mps = math.inf, _GENTLE_MPS2 * _HEADWAY_S
+    for other in sight.others:
+        across = min(abs(other.left_m - offset_m), abs(other.left_m - sight.left_m))
+        if other.gap_m > -1.5 and across < other.half_width_m + 0.5 * sight.width_m + _BESIDE_M:
+            free_m, speed = max(other.gap_m - _STANDSTILL_M, 0.0), max(other.speed_mps, 0.0)
+            room = brakes_mps * brakes_mps + speed * speed + 2.0 * _GENTLE_MPS2 * free_m
+            least = min(least, math.sqrt(room) - brakes_mps)
+    return least
+
+
+def speed_to_red(sight: Sight) -> float:
+    """Speed before the next red line; infinite without one, and where it is too late to stop, m/s."""
+    if sight.red_m == math.inf or sight.red_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
+        return math.inf
+    return math.sqrt(2.0 * _GENTLE_MPS2 * max(sight.red_m - _LINE_M, 0.0))

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from siren_ros.errors import InputError
 from siren_ros.generation.recorded_episode import RecordedEpisode
-from siren_ros.learning.rollout import Seat
+from siren_ros.learning.rollout import Rollout, Seat
 from siren_ros.learning.session import SeatResult, Session
 from siren_ros.learning.task import Task
 from siren_ros.learning.top_view import TopView, Window
@@ -94,6 +94,15 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         """
         return self._session.save(Path(bag))
 
+    @property
+    def rollout(self) -> Rollout:
+        """The present episode, with all its steps.
+
+        Raises:
+            EpisodeError: No episode has begun.
+        """
+        return self._session.present
+
     def close(self) -> None:
         """Ends SUMO and closes the window."""
         self._session.close()
@@ -102,11 +111,8 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             self._window = None
 
     def _picture(self) -> npt.NDArray[np.uint8]:
-        rollout = self._session.rollout
-        if self._view is None and rollout is not None:
-            self._view = TopView(rollout.setup.network)
-        if self._view is None or rollout is None:
-            raise InputError("render", "before reset", "an episode that has begun")
+        rollout = self.rollout
+        self._view = self._view or TopView(rollout.setup.network)
         return self._view.draw(rollout.steps[-1], rollout.actors, self._session.moment.body.actor_id)
 
     def _show(self) -> None:

@@ -193,7 +193,7 @@ class Session:
         return SeatResult(driver.observe(), float(reward), bool(driver.ended) and not truncated, truncated, info)
 
     def _info(self, driver: _Driver, sums: dict[str, float]) -> dict[str, Any]:
-        rollout = self._present
+        rollout = self.present
         return {
             "seed": rollout.request.seed,
             "time_s": (len(rollout.steps) - 1) * STEP_S,
@@ -203,14 +203,19 @@ class Session:
 
     def _clauses(self, driver: _Driver) -> dict[str, str]:
         """The grade of each clause of the rulebook; empty for an EMV's driver, whom rulebooks do not bind."""
-        rollout = self._present
+        rollout = self.present
         if self._rulebook is None or driver.seat is Seat.EMV:
             return {}
         sitting = examine(record_of(rollout.setup, rollout.steps), driver.view.actor_id, self._rulebook)
         return {mark.clause.clause_id: str(mark.grade) for mark in sitting.marks}
 
     @property
-    def _present(self) -> Rollout:
+    def present(self) -> Rollout:
+        """The present episode.
+
+        Raises:
+            EpisodeError: None has begun.
+        """
         if self.rollout is None:
             raise EpisodeError("no episode has begun: reset comes first")
         return self.rollout
@@ -222,7 +227,7 @@ class Session:
 
     def save(self, bag: Path) -> RecordedEpisode:
         """Writes the bag of the present episode up to its present step, as ``Rollout.save``."""
-        return self._present.save(bag)
+        return self.present.save(bag)
 
     def close(self) -> None:
         """Ends the episode."""

@@ -111,7 +111,7 @@ def test_a_saved_rollout_is_verified_and_has_the_same_states(name: str, tmp_path
         env.reset(seed=7)
         for _ in range(6):
             env.step(env.action_space.sample())
-        hashes = [step.state_hash for step in env.unwrapped._session.rollout.steps]
+        hashes = [step.state_hash for step in env.unwrapped.rollout.steps]
         env.unwrapped.save(tmp_path / "bag")
         env.step(env.action_space.sample())  # the rollout goes on
     record = read_episode(tmp_path / "bag")

@@ -13,7 +13,6 @@ from siren_ros.learning.moment import Moment
 from siren_ros.numerics.arrays import Floats, Floats32, Rows
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.seat.sight import Sight
-from siren_ros.tables.table import Table
 from siren_ros.world.actors import Lights
 
 NEIGHBOURS: Final = 8
@@ -48,7 +47,7 @@ OWN: Final = (
     Feature("limit", "speed limit", 25.0, "m/s"),
     Feature("in_junction", "1 in a junction", 1.0),
     Feature("red", "from the own front to the next red line; 1 without one", 60.0, "m"),
-    Feature("line", "from the own front to the next line; 1 without one", 60.0, "m"),
+    Feature("line", "from the own front to the next line of a junction; 1 without one", 60.0, "m"),
     *(
         Feature(f"bend_{at:g}", f"heading of the way in {at:g} m, from its heading here", math.pi, "rad")
         for at in _BENDS_M
@@ -66,7 +65,7 @@ EMV: Final = (
     Feature("emv_behind", "1 where it comes from behind on this road and has not passed", 1.0),
 )
 NEIGHBOUR: Final = (
-    Feature("here", "1 where there is a neighbour", 1.0),
+    Feature("here", "1 where there is a neighbour number k, the nearest first", 1.0),
     Feature("x", "place of its centre", 80.0, "m"),
     Feature("y", "the same", 20.0, "m"),
     Feature("vx", "its velocity less the own one", 25.0, "m/s"),
@@ -83,19 +82,6 @@ _EMV_SCALES: Final = np.array([feature.scale for feature in EMV])
 _NEIGHBOUR_SCALES: Final = np.array([feature.scale for feature in NEIGHBOUR])
 
 
-def features_table() -> Table:
-    """The numbers of the vector in their order."""
-    rows: list[tuple[str, str, str, float, str]] = []
-    begin = 0
-    for part, times in ((OWN, 1), (EMV, 1), (NEIGHBOUR, NEIGHBOURS)):
-        for k, feature in enumerate(part):
-            places = f"{begin + k}" if times == 1 else f"{begin + k}, {begin + k + len(part)}, …"
-            rows.append((places, feature.name, feature.meaning, feature.scale, feature.unit))
-        begin += times * len(part)
-    head = ("number", "name", "meaning", "scale", "unit")
-    return Table("features", "The vector", head, tuple(rows), specs={"scale": ".4g"})
-
-
 def features_of(moment: Moment) -> Floats32:
     """The vector of a moment, shape ``(SIZE,)``, each value in [−1, 1]."""
     states, row = moment.states, moment.row
@@ -108,13 +94,15 @@ def features_of(moment: Moment) -> Floats32:
     is_emv = np.array([moment.actors[actor_id].is_emv for actor_id in states.actor_id.tolist()])
     vector = np.zeros(SIZE)
     vector[: len(OWN)] = _own(moment) / _OWN_SCALES
-    emvs = np.flatnonzero(is_emv & np.isfinite(distance))
+    others = np.isfinite(distance)
+    emvs = np.flatnonzero(is_emv & others)
     if len(emvs):
         silent = (states.lights[emvs] & int(Lights.SIREN)) == 0
         nearest = int(emvs[np.lexsort((distance[emvs], silent))[0]])
         place = float(ahead[nearest]), float(left[nearest])
         vector[len(OWN) : len(OWN) + len(EMV)] = _emv(moment, nearest, place, yaw) / _EMV_SCALES
-    near = np.flatnonzero((distance < _NEAR_M) & ~(is_emv & (states.actor_id != moment.emv_id)))
+        others[nearest] = False
+    near = np.flatnonzero(others & (distance < _NEAR_M))
     near = near[np.argsort(distance[near], kind="stable")][:NEIGHBOURS]
     if len(near):
         block = _neighbours(moment, near, (ahead, left), (cos, sin)) / _NEIGHBOUR_SCALES

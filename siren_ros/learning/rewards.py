@@ -12,7 +12,6 @@ from siren_ros.errors import InputError
 from siren_ros.learning.moment import Moment
 from siren_ros.learning.rollout import Seat
 from siren_ros.numerics.units import STEP_S
-from siren_ros.tables.table import Row, Table
 from siren_ros.world.actors import Lights
 
 OFF_ROAD_M: Final = 12.0
@@ -135,13 +134,3 @@ def weights_of(seat: Seat, changes: Mapping[str, float] | None = None) -> Mappin
 def terms_of(moment: Moment) -> dict[str, float]:
     """The amount of every term at a moment."""
     return {name: term.of(moment) for name, term in TERMS.items()}
-
-
-def rewards_table() -> Table:
-    """The terms with their weights."""
-    rows: list[Row] = [
-        (name, term.meaning, term.unit, *(term.weights[seat] for seat in Seat), term.clause)
-        for name, term in TERMS.items()
-    ]
-    head = ("term", "meaning", "unit", *(f"weight, {seat}" for seat in Seat), "clause")
-    return Table("rewards", "The reward", head, tuple(rows), spec="g")

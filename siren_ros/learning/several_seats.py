@@ -32,7 +32,7 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
     def __init__(
         self,
         *,
-        seats: Sequence[str] = (Seat.EMV, Seat.CIVILIAN),
+        drivers: Sequence[str] = (Seat.EMV, Seat.CIVILIAN),
         render_mode: str | None = None,
         record_to: str | Path | None = None,
         **options: Any,
@@ -40,7 +40,7 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         """Checks the options.
 
         Args:
-            seats: Those with a driver.
+            drivers: The seats with a driver.
             render_mode: ``rgb_array`` or None.
             record_to: Folder to which the bag of every episode that ends is written.
             options: Those of ``siren_ros.learning.task.Task``.
@@ -48,14 +48,14 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         Raises:
             InputError: An option cannot be used.
         """
-        if not seats or len(set(seats)) < len(seats) or not set(seats) <= {*Seat}:
-            raise InputError("seats", ", ".join(seats), f"some of {', '.join(Seat)}, each once")
+        if not drivers or len(set(drivers)) < len(drivers) or not set(drivers) <= {*Seat}:
+            raise InputError("drivers", ", ".join(drivers), f"some of {', '.join(Seat)}, each once")
         if render_mode not in {None, *self.metadata["render_modes"]}:
             raise InputError("render_mode", render_mode, "rgb_array or None")
         self.render_mode = render_mode
         task = Task(**options)
-        self._session = Session(task, [Seat(seat) for seat in seats], None if record_to is None else Path(record_to))
-        self.possible_agents = [str(seat) for seat in seats]
+        self._session = Session(task, [Seat(seat) for seat in drivers], None if record_to is None else Path(record_to))
+        self.possible_agents = [str(seat) for seat in drivers]
         self.agents: list[str] = []
         self.observation_spaces = {seat: task.observation_space() for seat in self.possible_agents}
         self.action_spaces = {seat: task.action_space() for seat in self.possible_agents}

@@ -45,22 +45,29 @@ class Task:
     """
 
     template: str = "S2"
+    """Template of the episodes, as in a request."""
     level: str | int | None = None
-    """``2`` or ``"L2"``; None: the template's own."""
+    """Level, such as ``2`` or ``L2``; without one the template's own."""
     map: str = ""
+    """Map, as in a request."""
     site: str = ""
+    """Site on the map, as in a request; empty: the seed draws one."""
     preset: str = "paper"
+    """How the other civilians react."""
     values: str = ""
+    """Values of the template's parameters, as in a request."""
     duration_s: float = 0.0
-    """As in ``EpisodeRequest``, all of these."""
-    observation: str = Observation.VECTOR
-    action: str = Action.MANOEUVRE
+    """Simulated time of an episode; 0: the template's own."""
+    observation: str = Observation.VECTOR.value
+    """Kind of the observations: ``vector`` or ``raster``."""
+    action: str = Action.MANOEUVRE.value
+    """Kind of the actions: ``manoeuvre`` or ``continuous``."""
     decision_s: float = DECISION_S
-    """Simulated time from one action to the next."""
+    """Simulated time from one action to the next, a multiple of 0.05 s."""
     rewards: Mapping[str, float] = field(default_factory=dict)
-    """Weights in place of those of ``siren_ros.learning.rewards.TERMS``."""
+    """Weights in place of those in the table of the reward."""
     rulebook: str = "international"
-    """Of the clauses that are graded at the end; empty: none."""
+    """Rulebook of the grades in ``info`` at the end; empty: none."""
     seeds: tuple[int, int] = SEEDS
     """The first seed that may be drawn, and the one after the last."""
 

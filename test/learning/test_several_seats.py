@@ -57,5 +57,5 @@ def test_the_seats_are_the_actors_of_the_episode_and_its_bag_repeats(tmp_path: P
 
 @pytest.mark.parametrize("seats", [(), ("emv", "emv"), ("pilot",)])
 def test_seats_that_do_not_exist_are_named(seats: tuple[str, ...]) -> None:
-    with pytest.raises(InputError, match="seats"):
-        parallel_env(seats=seats)
+    with pytest.raises(InputError, match="drivers"):
+        parallel_env(drivers=seats)

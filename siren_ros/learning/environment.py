@@ -86,7 +86,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         return None
 
     def save(self, bag: str | Path) -> RecordedEpisode:
-        """Writes the bag of the present episode up to its present step; ``siren verify`` finds it clean.
+        """Writes the bag of the present episode up to its present step; ``siren replay --check`` repeats it.
 
         Raises:
             InputError: The bag exists already or cannot be written.

@@ -119,8 +119,8 @@ class Rollout:
     def save(self, bag: Path) -> RecordedEpisode:
         """Simulates the rollout again and writes its bag, which ends with the rollout's last step.
 
-        The bag's request has the rollout's duration where it ended before the episode's time. ``siren replay --check`` repeats
-        the bag from the answers in it.
+        The bag's request has the rollout's duration where it ended before the episode's time. ``siren replay --check``
+        repeats the bag from the answers in it.
 
         Raises:
             InputError: The bag exists already or cannot be written.

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from siren_ros.errors import InputError
 from siren_ros.generation.recorded_episode import RecordedEpisode
+from siren_ros.learning.moment import Moment
 from siren_ros.learning.rollout import Rollout, Seat
 from siren_ros.learning.session import SeatResult, Session
 from siren_ros.learning.task import Task
@@ -103,6 +104,11 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         """
         return self._session.present
 
+    @property
+    def moment(self) -> Moment:
+        """The present step as the driver sees it, for drivers that are no networks."""
+        return self._session.moment
+
     def close(self) -> None:
         """Ends SUMO and closes the window."""
         self._session.close()
@@ -113,7 +119,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     def _picture(self) -> npt.NDArray[np.uint8]:
         rollout = self.rollout
         self._view = self._view or TopView(rollout.setup.network)
-        return self._view.draw(rollout.steps[-1], rollout.actors, self._session.moment.body.actor_id)
+        return self._view.draw(rollout.steps[-1], rollout.actors, self.moment.body.actor_id)
 
     def _show(self) -> None:
         if self.render_mode == "human":

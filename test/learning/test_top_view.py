@@ -12,7 +12,7 @@ def test_a_window_shows_a_picture_as_it_is(monkeypatch: pytest.MonkeyPatch) -> N
     picture = np.random.default_rng(0).integers(0, 255, (40, 64, 3), dtype=np.uint8)
     window = Window("test")
     window.show(picture, 1000)
-    import pygame  # noqa: PLC0415
+    import pygame
 
     shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
     assert (shown == picture).all()

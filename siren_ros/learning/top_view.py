@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from PIL import ImageDraw
 
 from siren_ros.errors import InputError
 from siren_ros.generation.closed_loop import LoopStep
@@ -15,6 +16,7 @@ from siren_ros.pictures.moving_birdseye import (
     draw_map_image,
     paint_signals,
     paint_vehicles,
+    rgb_of,
     signal_bars,
 )
 from siren_ros.roads.road_network import RoadNetwork
@@ -23,6 +25,9 @@ from siren_ros.world.actors import ActorDescription
 SIZE_PX: Final = (640, 400)
 PX_PER_M: Final = 5.0
 """Shows 128 m by 80 m."""
+_RING: Final = "#1a86b8"
+_RING_PX: Final = 20
+"""Radius of the ring around the driver's vehicle."""
 _TILE_M: Final = 100.0
 """The roads are drawn so far beyond what is shown, and again where a vehicle comes to the edge of that."""
 
@@ -48,6 +53,9 @@ class TopView:
         origin = np.array([left, top], np.float64)
         paint_signals(picture, self._bars, origin, step.traffic.signals)
         paint_vehicles(picture, roads, origin, states, actors)
+        x, y = (roads.to_px(self._centre_m) - origin).tolist()
+        ring = (x - _RING_PX, y - _RING_PX, x + _RING_PX, y + _RING_PX)
+        ImageDraw.Draw(picture).ellipse(ring, outline=rgb_of(_RING), width=2)
         return np.array(picture)
 
     def _roads(self, centre_m: Points) -> MapImage:

@@ -3,15 +3,18 @@
 import siren_ros  # noqa: F401 - the arithmetic of the library, before numpy is loaded
 
 # isort: split
+import gc
 import os
 import signal
 from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import hypothesis
 import pytest
 from browser_pages import PageBrowser, running_browser
+from recorded_episode import sensed_recording
 from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
 
@@ -40,6 +43,25 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     return min(WORKERS, len(os.sched_getaffinity(0)) + 2) if folders else 0
 
 
+_FIRST = ThreadPoolExecutor(1)
+"""Records what a run of all tests begins with."""
+
+
+def pytest_xdist_setupnodes(config: pytest.Config) -> None:
+    """A run of all tests begins with an episode that several folders read, while the workers collect.
+
+    Where nothing is compiled yet, this one process compiles the loops that most tests run; otherwise each of a dozen
+    processes would, which takes each of them a minute.
+    """
+    if config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+        _FIRST.submit(sensed_recording, config._tmp_path_factory)  # type: ignore[attr-defined] # xdist's way to it
+
+
+def pytest_xdist_node_collection_finished() -> None:
+    """No test begins before that; if it fails, the tests that read it say why."""
+    _FIRST.shutdown()
+
+
 LONG_FOLDERS = {"nodes", "guides", "studies", "training", "cli"}
 """Files in them take up to minutes, each in one worker: they begin first, so that no worker is left over with one."""
 
@@ -48,6 +70,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Workers take files in this order: those of the long folders, then those with many tests."""
     if hasattr(config, "workerinput"):
         sizes = Counter(item.path for item in items)
+        gc.freeze()  # ten thousand items stay for the whole run, and need not be looked through again and again
         items.sort(key=lambda item: (LONG_FOLDERS.isdisjoint(item.path.parts), -sizes[item.path]))
 
 

@@ -20,9 +20,11 @@ def record(folder: Path, *parameters: str) -> Path:
         "ROS_DOMAIN_ID": str(shared_domain()),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
-    words = [word for value in (*parameters, f"bag:={bag}", "kitti:=false") for word in ("-p", value)]
+    # The first program of a checkout compiles its loops in its first steps.
+    patient = ("step_timeout_s:=600.0", "start_timeout_s:=600.0")
+    words = [word for value in (*parameters, *patient, f"bag:={bag}", "kitti:=false") for word in ("-p", value)]
     command = [sys.executable, "-m", "siren_nodes.cosim", "--ros-args", *words]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
     return bag
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 import simplejpeg
 
 from siren_ros.numerics.arrays import Matrix
@@ -99,6 +98,8 @@ def lidar_figures(
     catalogue = Catalogue(shapes)
     pose = base @ spec.mount.base_from_sensor
     mesh = whole_scene(static, shapes, catalogue.place(states, descriptions, _CARRIER_ID))
+    import open3d as o3d  # noqa: PLC0415 - loads slowly, and only this comparison needs it
+
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.core.Tensor.from_numpy(mesh.vertices_m), o3d.core.Tensor.from_numpy(mesh.triangles))
     rays = lidar.rays(pose).copy()

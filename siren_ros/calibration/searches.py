@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import qmc
+import scipy
 
 from siren_ros.calibration.parameters import Parameter
 from siren_ros.calibration.targets import WHOLE, Target, residuals_m
@@ -155,7 +154,7 @@ def spread_out(tried: Tried, dimensions: int, count: int) -> Floats:
     Raises:
         Spent: No tries are left.
     """
-    places = qmc.Sobol(dimensions, scramble=False).random(count + 1)[1:]
+    places = scipy.stats.qmc.Sobol(dimensions, scramble=False).random(count + 1)[1:]
     return np.asarray(places[int(np.argmin(errors_m(tried(places))))])
 
 
@@ -230,7 +229,7 @@ def descend(tried: Tried, begin: Floats) -> Bottom:
     close, descents = (_CLOSE, _DESCENTS) if whole else (_CLOSE_BEFORE, _DESCENTS_BEFORE)
     # A parameter that changes nothing stays where it is: a faint pull keeps the slopes independent.
     pull = _PULL_M * np.eye(len(begin))
-    solution = least_squares(
+    solution = scipy.optimize.least_squares(
         lambda place: np.concatenate((at(place), pull @ (place - begin))), begin,
         lambda place: np.concatenate((slope(tried, place, at(place)), pull)), bounds=(0.0, 1.0),
         xtol=close, ftol=close, gtol=None, max_nfev=descents,

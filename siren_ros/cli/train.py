@@ -3,7 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -29,12 +29,21 @@ from siren_ros.training.prediction.training import (
 )
 from siren_ros.training.risk.samples import FilmPlanSize, make_films, plan_films
 from siren_ros.training.risk.training import train_sequence_model
-from siren_ros.training.settings import ARCHITECTURES, DetectionFit, FilmFitConfig, FitConfig
+from siren_ros.training.settings import ARCHITECTURES, DetectionFit, DriverFit, FilmFitConfig, FitConfig
 
-FITTERS: Final = {"prediction": "fitted_network", "detection": "fitted_detector", "risk": "fitted_film_network"}
+FITTERS: Final = {
+    "prediction": "fitted_network",
+    "detection": "fitted_detector",
+    "risk": "fitted_film_network",
+    "driver": "trained_driver",
+}
 """Functions of the modules ``siren_ros.training.fitting.TASK``, loaded by name because they need torch."""
+_EXTRAS: Final = {"driver": "rl"}
+"""Extras that a task needs, where it is not models."""
 _TOWN: Final = "town"
 _SEED_COUNTS: Final = 1_000_000
+_FIRST_TRIAL: Final = 1000
+"""Seeds from here on are not drawn in the training of a driver."""
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -44,6 +53,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     _add_prediction(_task(tasks, "prediction", "the trajectory predictor siren", train_prediction))
     _add_detection(_task(tasks, "detection", "the LiDAR detector pillars", train_detection))
     _add_risk(_task(tasks, "risk", "the sequence model of risk videos", train_risk))
+    _add_driver(_task(tasks, "driver", "a driver that makes way", train_driver))
 
 
 def _task(tasks: Any, name: str, summary: str, train: Callable[[argparse.Namespace, Any], int]) -> Any:
@@ -69,8 +79,9 @@ def fitter_of(task: str) -> Any:
     try:
         return getattr(import_module(f"siren_ros.training.fitting.{task}"), FITTERS[task])
     except ModuleNotFoundError as error:
-        runs = f"./env --with models siren train {task} …"
-        raise InputError("environment", f"no {error.name}", f"the extra models, as {runs} brings it") from error
+        extra = _EXTRAS.get(task, "models")
+        runs = f"./env --with {extra} siren train {task} …"
+        raise InputError("environment", f"no {error.name}", f"the extra {extra}, as {runs} brings it") from error
 
 
 def _with_bar(
@@ -254,3 +265,42 @@ def train_risk(arguments: argparse.Namespace, fitter: Any) -> int:
     print(f"{path} ({model.network.card['parameters']} parameters)")
     print(f"validation: accuracy {figures['accuracy']:.1%}, macro F1 {figures['macro_f1']:.1%}, {figures['confusion']}")
     return EXIT_FAILED if films.missing else EXIT_OK
+
+
+def _add_driver(task: argparse.ArgumentParser) -> None:
+    task.description = (
+        "Trains a driver in the environment siren/Yield-v0: it imitates a rule, then learns by PPO. It writes "
+        "DIR/driver.onnx with its card DIR/driver.json, and tries the driver next to the rule, a driver that ignores "
+        "sirens (idm) and the model's own (paper), on seeds that the training did not draw. It needs "
+        "Stable-Baselines3: ./env --with rl siren train driver."
+    )
+    config = DriverFit()
+    task.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the weights and the card")
+    task.add_argument(
+        "--minutes", type=float, default=config.minutes, metavar="M", help="time of the training (default %(default)g)"
+    )
+    task.add_argument(
+        "--template", default=config.task["template"], metavar="ID", help="episodes (default %(default)s)"
+    )
+    task.add_argument(
+        "--trial-seeds",
+        type=positive,
+        default=20,
+        metavar="N",
+        help="seeds of a trial, from 1000 on (default %(default)s)",
+    )
+    task.add_argument(
+        "--trial-maps", nargs="+", default=[_TOWN], metavar="FILE", help="maps of the trial (default: town)"
+    )
+
+
+def train_driver(arguments: argparse.Namespace, trainer: Any) -> int:
+    """Trains and tries the driver."""
+    check_numbers(arguments, {"minutes": (0.01, 1e4)})
+    config = DriverFit(seed=arguments.seed, minutes=arguments.minutes)
+    config = replace(config, task={**config.task, "template": arguments.template})
+    path, seeds = arguments.out / "driver.onnx", range(_FIRST_TRIAL, _FIRST_TRIAL + arguments.trial_seeds)
+    trials = {"" if place == _TOWN else place: seeds for place in arguments.trial_maps}
+    card = trainer(path, config, trials, _print)
+    print(f"{path} ({card['parameters']} parameters, sha256 {card['sha256'][:16]})")
+    return EXIT_OK

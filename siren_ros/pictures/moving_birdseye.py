@@ -3,7 +3,7 @@
 Shapes are drawn larger and then reduced to get smooth edges, because Pillow draws without antialiasing.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -24,8 +24,11 @@ from siren_ros.pictures.palette import CIVILIAN, EMV_MODE_COLOURS, STATE_NAMES, 
 from siren_ros.pictures.plot_parts import draw_roads, title_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import Lane, RoadNetwork
-from siren_ros.world.actors import Lights, Mode
+from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Mode
+from siren_ros.world.traffic_state import SignalState
 
+SignalBar = tuple[str, int, Points]
+"""A movement with a signal: the signal's id, the link, and the corners of its bar in the map image."""
 Colour = tuple[int, ...]
 """Red, green, blue and, where it has one, opacity, 0 to 255 each."""
 _OVERSAMPLING: Final = 4
@@ -158,7 +161,7 @@ class BirdseyeFilm:
         way = self._camera_m[list(steps)] if len(steps) else self._camera_m[:1]
         half = np.array(SIZE_PX) / PX_PER_M / 2.0 + 2.0
         self._map = draw_map_image(record.network, way.min(axis=0) - half, way.max(axis=0) + half, PX_PER_M)
-        self._bars = _signal_bars(record, self._map)
+        self._bars = signal_bars(record.network, self._map)
         self._tracks = {emv_id: record.track(emv_id) for emv_id in record.emv_ids}
         self._legend = _legend(record)
 
@@ -180,13 +183,8 @@ class BirdseyeFilm:
         return picture
 
     def _paint_signals(self, picture: Image.Image, origin: Floats, step: int) -> None:
-        if step >= len(self._record.traffic):
-            return
-        states = {signal.signal_id: signal.state for signal in self._record.traffic[step].signals}
-        for signal_id, link, corners in self._bars:
-            state = states.get(signal_id, "")
-            letter = state[link] if 0 <= link < len(state) else ""
-            paint_polygons(picture, [(corners - origin, _SIGNAL_COLOURS.get(letter, _SIGNAL_OFF))])
+        if step < len(self._record.traffic):
+            paint_signals(picture, self._bars, origin, self._record.traffic[step].signals)
 
     def _paint_trails(self, picture: Image.Image, origin: Floats, step: int) -> None:
         last = self._record.states[step].step
@@ -198,36 +196,7 @@ class BirdseyeFilm:
                 paint_polygons(picture, [(ribbon(points, 0.7 * self._map.px_per_m), _TRAIL)])
 
     def _paint_vehicles(self, picture: Image.Image, origin: Floats, step: int) -> None:
-        state = self._record.states[step]
-        actors = [self._record.actors[int(key)] for key in state.actor_id]
-        length, width = (np.array([getattr(actor, name) for actor in actors]) for name in ("length_m", "width_m"))
-
-        def boxes(ahead: float, size: float, across: float = 1.0) -> Floats:
-            """Boxes on the vehicles. Offset and size are shares of the length, ``across`` one of the width."""
-            x = state.x_m + ahead * length * np.cos(state.yaw_rad)
-            y = state.y_m + ahead * length * np.sin(state.yaw_rad)
-            return self._map.to_px(footprint_corners(x, y, state.yaw_rad, size * length, across * width)) - origin
-
-        rim = 1.2 / self._map.px_per_m
-        outline = footprint_corners(state.x_m, state.y_m, state.yaw_rad, length + 2 * rim, width + 2 * rim)
-        outer, body = self._map.to_px(outline) - origin, boxes(0.0, 1.0)
-        glass, tail, beacon = boxes(0.18, 0.14, 0.78), boxes(-0.46, 0.08), boxes(-0.05, 0.12, 0.6)
-        draw = ImageDraw.Draw(picture)
-        for row in np.argsort([actor.is_emv for actor in actors], kind="stable"):
-            if (outer[row].max(axis=0) <= 0.0).any() or (outer[row].min(axis=0) >= SIZE_PX).any():
-                continue
-            lights = int(state.lights[row])
-            fill = rgb_of(colour_of(int(state.mode[row]), actors[row].is_emv))
-            shapes = [(outer[row], _OUTLINE), (body[row], fill), (glass[row], _GLASS)]
-            if lights & Lights.BRAKE:
-                shapes.append((tail[row], _BRAKE))
-            if lights & (Lights.BEACON | Lights.SIREN):
-                shapes.append((beacon[row], _BEACONS[state.step // _BEACON_STEPS % 2]))
-            paint_polygons(picture, shapes)
-            if Mode(int(state.mode[row])).is_yielding:
-                place = (float(body[row][:, 0].mean()), float(body[row][:, 1].min()) - 3.0)
-                number = str(state.actor_id[row])
-                draw.text(place, number, _OUTLINE, font(12), anchor="mb", stroke_width=2, stroke_fill="white")
+        paint_vehicles(picture, self._map, origin, self._record.states[step], self._record.actors)
 
     def _write(self, picture: Image.Image, step: int) -> None:
         """Title, each EMV's state and time at the top, the colours at the bottom; more than two EMVs have lines."""
@@ -254,6 +223,64 @@ class BirdseyeFilm:
         _scale_bar(draw, self._map.px_per_m)
 
 
+def paint_signals(
+    picture: Image.Image, bars: Sequence[SignalBar], origin: Floats, signals: Sequence[SignalState]
+) -> None:
+    """Paints the bars of movements with signals, whose corner in the map image is ``origin``, in their colours."""
+    states = {signal.signal_id: signal.state for signal in signals}
+    for signal_id, link, corners in bars:
+        state = states.get(signal_id, "")
+        letter = state[link] if 0 <= link < len(state) else ""
+        paint_polygons(picture, [(corners - origin, _SIGNAL_COLOURS.get(letter, _SIGNAL_OFF))])
+
+
+def paint_vehicles(
+    picture: Image.Image,
+    image: MapImage,
+    origin: Floats,
+    state: ActorStates,
+    described: Mapping[int, ActorDescription],
+) -> None:
+    """Paints all who are in a part of the map image, with their lights and the numbers of those who yield.
+
+    Args:
+        picture: The part, which is painted on.
+        image: The map.
+        origin: The part's top left corner in the map image, in pixels.
+        state: The step.
+        described: Descriptions of the actors.
+    """
+    actors = [described[int(key)] for key in state.actor_id]
+    length, width = (np.array([getattr(actor, name) for actor in actors]) for name in ("length_m", "width_m"))
+
+    def boxes(ahead: float, size: float, across: float = 1.0) -> Floats:
+        """Boxes on the vehicles. Offset and size are shares of the length, ``across`` one of the width."""
+        x = state.x_m + ahead * length * np.cos(state.yaw_rad)
+        y = state.y_m + ahead * length * np.sin(state.yaw_rad)
+        return image.to_px(footprint_corners(x, y, state.yaw_rad, size * length, across * width)) - origin
+
+    rim = 1.2 / image.px_per_m
+    outline = footprint_corners(state.x_m, state.y_m, state.yaw_rad, length + 2 * rim, width + 2 * rim)
+    outer, body = image.to_px(outline) - origin, boxes(0.0, 1.0)
+    glass, tail, beacon = boxes(0.18, 0.14, 0.78), boxes(-0.46, 0.08), boxes(-0.05, 0.12, 0.6)
+    draw = ImageDraw.Draw(picture)
+    for row in np.argsort([actor.is_emv for actor in actors], kind="stable"):
+        if (outer[row].max(axis=0) <= 0.0).any() or (outer[row].min(axis=0) >= picture.size).any():
+            continue
+        lights = int(state.lights[row])
+        fill = rgb_of(colour_of(int(state.mode[row]), actors[row].is_emv))
+        shapes = [(outer[row], _OUTLINE), (body[row], fill), (glass[row], _GLASS)]
+        if lights & Lights.BRAKE:
+            shapes.append((tail[row], _BRAKE))
+        if lights & (Lights.BEACON | Lights.SIREN):
+            shapes.append((beacon[row], _BEACONS[state.step // _BEACON_STEPS % 2]))
+        paint_polygons(picture, shapes)
+        if Mode(int(state.mode[row])).is_yielding:
+            place = (float(body[row][:, 0].mean()), float(body[row][:, 1].min()) - 3.0)
+            number = str(state.actor_id[row])
+            draw.text(place, number, _OUTLINE, font(12), anchor="mb", stroke_width=2, stroke_fill="white")
+
+
 def _camera_way(record: EpisodeRecord) -> Floats:
     """Centre of the picture at each position in ``record.states``: the first EMV's smoothed path, ``(steps, 2)``."""
     track = record.track(record.emv_ids[0]) if record.emv_ids else record.track(0)
@@ -267,15 +294,15 @@ def _camera_way(record: EpisodeRecord) -> Floats:
     return np.stack(smooth, axis=-1)
 
 
-def _signal_bars(record: EpisodeRecord, image: MapImage) -> list[tuple[str, int, Floats]]:
+def signal_bars(network: RoadNetwork, image: MapImage) -> list[SignalBar]:
     """One bar for each movement with a signal: signal, link, and corners in the map image."""
     bars = []
-    for lane, connections in record.network.connections_from.items():
+    for lane, connections in network.connections_from.items():
         signalled = [movement for movement in connections if movement.signal_id is not None]
         signalled.sort(key=lambda movement: (_LEFT_TO_RIGHT.find(movement.direction), movement.signal_link))
         for number, movement in enumerate(signalled):
             part = (number / len(signalled), (number + 1) / len(signalled))
-            corners = image.to_px(stop_bar(record.network.lanes[lane], *part))
+            corners = image.to_px(stop_bar(network.lanes[lane], *part))
             bars.append((str(movement.signal_id), movement.signal_link, corners))
     return bars
 

@@ -1,6 +1,8 @@
 """Where recorded vehicles are: in which lane and how far along it, and ahead of or beside one another."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -9,7 +11,7 @@ import numpy.typing as npt
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
-from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import MAPS_KEPT, NO_LANE, Lane, LaneKind, RoadNetwork
 from siren_ros.world.actors import rows_of_ids
 from siren_ros.world.traffic_state import Indices
 
@@ -45,11 +47,7 @@ def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -
     count, x_m, y_m = len(xy_m), xy_m[:, 0].copy(), xy_m[:, 1].copy()
     lane = np.full(count, NO_LANE, dtype=np.int32)
     arc, offset, cost = np.zeros(count), np.zeros(count), np.full(count, np.inf)
-    for candidate in network.lanes:
-        if candidate.kind not in DRIVEN_KINDS:
-            continue
-        low = candidate.centre.points.min(axis=0) - candidate.width_m
-        high = candidate.centre.points.max(axis=0) + candidate.width_m
+    for candidate, low, high in _around(network, xy_m) if count else ():
         near = np.flatnonzero((x_m >= low[0]) & (x_m <= high[0]) & (y_m >= low[1]) & (y_m <= high[1]))
         if len(near) == 0:
             continue
@@ -63,6 +61,23 @@ def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -
         rows = near[better]
         lane[rows], arc[rows], offset[rows], cost[rows] = candidate.index, s[better], left[better], price[better]
     return LanePlaces(lane, arc, offset)
+
+
+def _around(network: RoadNetwork, xy_m: Floats) -> Iterator[tuple[Lane, Floats, Floats]]:
+    """Lanes near some of the points, in their order, each with the corners of its box."""
+    lanes, low, high = _boxes(network)
+    near = (low <= np.fmax.reduce(xy_m)).all(axis=1) & (high >= np.fmin.reduce(xy_m)).all(axis=1)
+    for k in np.flatnonzero(near).tolist():
+        yield lanes[k], low[k], high[k]
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def _boxes(network: RoadNetwork) -> tuple[tuple[Lane, ...], Floats, Floats]:
+    """Lanes that vehicles use, and the corners of a box around each, shape ``(L, 2)``."""
+    lanes = tuple(lane for lane in network.lanes if lane.kind in DRIVEN_KINDS)
+    low = np.array([lane.centre.points.min(axis=0) - lane.width_m for lane in lanes]).reshape(-1, 2)
+    high = np.array([lane.centre.points.max(axis=0) + lane.width_m for lane in lanes]).reshape(-1, 2)
+    return lanes, low, high
 
 
 def sumo_lanes(record: EpisodeRecord, rows: StateRows) -> Indices:

@@ -4,18 +4,20 @@ Every part that splits episodes asks this module: exports, trainings, and evalua
 """
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 from siren_ros.params import plain_yaml
 from siren_ros.params.resources import params_dir
-from siren_ros.scenario.episode import EpisodeDescription, text_of_values, values_of
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeRequest, text_of_values, values_of
 
 _FILE: Final = "splits.yaml"
 _PERCENT: Final = 100
+_TOWN: Final = "town"
 
 
 class Split(StrEnum):
@@ -46,6 +48,15 @@ class EpisodeIdentity:
     def of(episode: EpisodeDescription) -> "EpisodeIdentity":
         """The identity of a recorded episode."""
         return EpisodeIdentity(episode.map_name, episode.template, episode.seed, episode.draw)
+
+    @staticmethod
+    def of_request(request: EpisodeRequest, template: str = "") -> "EpisodeIdentity":
+        """The identity of a requested episode; ``template`` is the id of a template that the request names by a file.
+
+        An empty map is the town.
+        """
+        map_name = Path(request.map).name.split(".")[0] if request.map else _TOWN
+        return EpisodeIdentity(map_name, template or request.template, request.seed, request.values)
 
     @property
     def text(self) -> str:
@@ -100,6 +111,18 @@ class SeenEpisodes:
     watched: frozenset[str] = frozenset()
     """Of those that were looked at during its training."""
 
+    @staticmethod
+    def of_card(card: Mapping[str, Any]) -> "SeenEpisodes | None":
+        """What the card of a trained network lists under ``data``; None where it lists no episodes."""
+        data = card.get("data", {})
+        trained, watched = (data.get(split, {}).get("keys") for split in (Split.TRAIN, Split.VAL))
+        return None if trained is None else SeenEpisodes(frozenset(trained), frozenset(watched or ()))
+
+    @property
+    def maps(self) -> frozenset[str]:
+        """Names of the maps that it was trained on."""
+        return frozenset(_words(self.trained, 0))
+
     def split_of(self, episode: EpisodeIdentity) -> Split:
         """How an episode stands to the model: what it would be if this model's training decided the splits."""
         if episode.text in self.trained:
@@ -108,8 +131,19 @@ class SeenEpisodes:
             return Split.VAL
         if episode.template not in _words(self.trained, 1):
             return Split.TEST_TEMPLATE
-        return Split.TEST_SEED if episode.map_name in _words(self.trained, 0) else Split.TEST_MAP
+        return Split.TEST_SEED if episode.map_name in self.maps else Split.TEST_MAP
 
 
 def _words(texts: Collection[str], place: int) -> set[str]:
     return {text.split()[place] for text in texts}
+
+
+def counted_standings(standings: Collection[Split]) -> dict[Split, int]:
+    """How many scored episodes stand how to a model, every split named; empty where nothing is known of any."""
+    return {split: list(standings).count(split) for split in Split} if standings else {}
+
+
+def overlap_warning(model: str, counts: Mapping[Split, int]) -> str:
+    """A line where scored episodes (``counted_standings``) are of the model's own training; else empty."""
+    inside, total = counts.get(Split.TRAIN, 0), sum(counts.values())
+    return f"WARNING: {model} was trained on {inside} of these {total} episodes: its scores say too much" * bool(inside)

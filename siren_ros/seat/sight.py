@@ -11,7 +11,7 @@ from siren_ros.world.actors import ActorDescription, ActorStates, Lights
 from siren_ros.world.traffic_state import SignalState
 
 _AHEAD_M: Final = 60.0
-_BEHIND_M: Final = 30.0
+_BEHIND_M: Final = 15.0
 _ASIDE_M: Final = 8.0
 
 
@@ -69,7 +69,12 @@ class Sight:
 
 
 def sight_of(
-    states: ActorStates, signals: tuple[SignalState, ...], actors: dict[int, ActorDescription], actor_id: int, way: Way
+    states: ActorStates,
+    signals: tuple[SignalState, ...],
+    actors: dict[int, ActorDescription],
+    actor_id: int,
+    way: Way,
+    behind_m: float = _BEHIND_M,
 ) -> Sight:
     """What the driver of an actor sees.
 
@@ -79,6 +84,7 @@ def sight_of(
         actors: Bodies of those in the world.
         actor_id: The own vehicle, which is in the world.
         way: Its way.
+        behind_m: How far behind the own centre others are seen.
     """
     row = int(np.searchsorted(states.actor_id, actor_id))
     body = actors[actor_id]
@@ -107,7 +113,7 @@ def sight_of(
                     float(speeds[k]),
                 )
             )
-        if -_BEHIND_M < ahead[k] < _AHEAD_M:
+        if -behind_m < ahead[k] < _AHEAD_M:
             at, off = (float(value) for value in way.curve.project(np.array([states.x_m[k], states.y_m[k]])))
             turned = float(states.yaw_rad[k]) - float(way.curve.heading_rad(at))
             cos, sin = abs(np.cos(turned)), abs(np.sin(turned))

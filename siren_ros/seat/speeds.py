@@ -33,7 +33,7 @@ def speed_to_limit(sight: Sight) -> float:
     """The speed limit, slower before bends and before the end of the way, m/s."""
     way, curve = sight.way, sight.way.curve
     at = [sight.s_m + ahead for ahead in _LOOK_M]
-    headings = [float(curve.heading_rad(min(s, curve.length_m))) for s in at]
+    headings = curve.heading_rad([min(s, curve.length_m) for s in at]).tolist()
     least = float(way.limit_mps[way.row(sight.s_m)])
     for k in range(len(at) - 1):
         bend_1pm = abs(math.remainder(headings[k + 1] - headings[k], 2.0 * math.pi)) / (at[k + 1] - at[k])

@@ -2,6 +2,7 @@
 
 import hashlib
 import platform
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from typing import Any, Final
@@ -32,7 +33,8 @@ class FitConfig(FitSettings):
 
     architecture: str = ARCHITECTURES[0]
 
-    epochs: int = 16
+    epochs: int = 8
+    """Each sample comes twice, without errors and with those of a tracker."""
     batch: int = 512
     averaging: float = 0.995
     """Share of the old weights in their running mean, which is what is kept."""
@@ -64,6 +66,31 @@ class FilmFitConfig(FitSettings):
     focus: float = 1.5
     """Exponent of the focal loss (Lin et al. 2017): clips that the network knows well already count less."""
     thresholds: RiskThresholds = field(default_factory=RiskThresholds)
+
+
+@dataclass(frozen=True)
+class DriverFit(FitSettings):
+    """How the driver is trained: it imitates a rule, then learns by PPO (Schulman et al. 2017)."""
+
+    learning_rate: float = 3e-4
+    weight_decay: float = 0.0
+    minutes: float = 30.0
+    """Wall time of all of it."""
+    environments: int = 2
+    """Processes."""
+    decisions: int = 256
+    """Of each environment between two updates."""
+    batch: int = 64
+    gamma: float = 0.98
+    entropy: float = 0.003
+    """Weight of the policy's entropy."""
+    widths: tuple[int, ...] = (64, 64)
+    imitated: int = 12
+    """Episodes of the rule."""
+    imitation_passes: int = 300
+    imitation_rate: float = 3e-3
+    task: Mapping[str, Any] = field(default_factory=lambda: {"template": "S2", "level": 2, "decision_s": 0.5})
+    """Options of the environment."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from siren_ros.training.settings import FilmFitConfig
         ("prediction", ["--train-seeds", "0"], "train_seeds"),
         ("prediction", ["--jobs", "0"], "jobs"),
         ("prediction", ["--epochs", "0"], "epochs"),
+        ("driver", ["--minutes", "0"], "minutes"),
     ],
 )
 def test_what_trains_nothing_is_refused(monkeypatch, siren, tmp_path, task, words, option) -> None:
@@ -34,8 +35,10 @@ def test_what_trains_nothing_is_refused(monkeypatch, siren, tmp_path, task, word
     assert option in siren(["train", task, *bags, "--out", str(tmp_path / "detector.onnx"), *words], EXIT_BAD_INPUT).err
 
 
-@pytest.mark.parametrize("task", ["prediction", "detection", "risk"])
-def test_without_torch_the_command_says_what_brings_it(monkeypatch, siren, tmp_path, task) -> None:
+@pytest.mark.parametrize(
+    ("task", "extra"), [("prediction", "models"), ("detection", "models"), ("risk", "models"), ("driver", "rl")]
+)
+def test_without_torch_the_command_says_what_brings_it(monkeypatch, siren, tmp_path, task, extra) -> None:
     def missing(_: str) -> None:
         raise ModuleNotFoundError("No module named 'torch'", name="torch")
 
@@ -43,13 +46,15 @@ def test_without_torch_the_command_says_what_brings_it(monkeypatch, siren, tmp_p
     bags = [str(tmp_path)] if task == "detection" else []
     said = siren(["train", task, *bags, "--out", str(tmp_path / "new")], EXIT_BAD_INPUT).err
     assert "no torch" in said
-    assert f"./env --with models siren train {task}" in said
+    assert f"./env --with {extra} siren train {task}" in said
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("task", train.FITTERS)
 def test_the_part_with_torch_is_found_by_its_names(task: str) -> None:
     pytest.importorskip("torch", reason="the extra models is not installed")
+    if task == "driver":
+        pytest.importorskip("stable_baselines3", reason="the extra rl is not installed")
     assert train.fitter_of(task).__name__ == train.FITTERS[task]
 
 
@@ -87,3 +92,19 @@ def test_films_are_made_and_handed_on(monkeypatch, siren, tmp_path, missing, cod
     said = siren(["train", "risk", "--out", str(tmp_path), *words], code)
     assert "accuracy 50.0%, macro F1 25.0%" in said.out
     assert said.err.count("no site") == len(missing)
+
+
+def test_a_driver_is_tried_on_seeds_that_no_training_draws(monkeypatch, siren, tmp_path) -> None:
+    asked = []
+
+    def trained(path, config, trials, _report):
+        asked.append(
+            (path, config.minutes, config.task["template"], {place: [*seeds] for place, seeds in trials.items()})
+        )
+        return {"parameters": 7, "sha256": "0" * 64}
+
+    monkeypatch.setattr(train, "fitter_of", lambda _: trained)
+    words = ["--minutes", "2", "--template", "S3", "--trial-seeds", "2", "--trial-maps", "town", "other.xodr"]
+    assert "7 parameters" in siren(["train", "driver", "--out", str(tmp_path), *words], EXIT_OK).out
+    seeds = [1000, 1001]
+    assert asked == [(tmp_path / "driver.onnx", 2.0, "S3", {"": seeds, "other.xodr": seeds})]

@@ -9,8 +9,6 @@ from siren_ros.datasets.publication import CROISSANT_FILE, check_copy, datasheet
 from siren_ros.errors import InputError
 from siren_ros.record.licences import LICENCE, LICENCE_URL, UNKNOWN, licence_of_map
 
-mlcroissant = pytest.importorskip("mlcroissant")
-
 
 @pytest.fixture
 def dataset(first_made_bag, tmp_path):
@@ -21,6 +19,7 @@ def dataset(first_made_bag, tmp_path):
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # the reader's own, of its rdflib
 @pytest.mark.parametrize("form", ["csv", "kitti", "argoverse2"])
 def test_mlcommons_reader_accepts_the_metadata(form, made_bags, made_drive, exported: Export, caplog):
+    mlcroissant = pytest.importorskip("mlcroissant")
     folder = exported(form, made_drive if form == "argoverse2" else tuple(made_bags))
     with caplog.at_level(logging.WARNING):
         read = mlcroissant.Dataset(jsonld=folder / CROISSANT_FILE)

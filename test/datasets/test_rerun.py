@@ -77,7 +77,7 @@ def recording(made_bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -
         patch.setitem(sys.modules, "rerun.blueprint", views)
         patch.delitem(sys.modules, "siren_ros.datasets.rerun", raising=False)
         Package.recordings = []
-        from siren_ros.datasets.rerun import RerunExporter  # noqa: PLC0415 - with the stand-in
+        from siren_ros.datasets.rerun import RerunExporter  # with the stand-in
 
         folder = tmp_path_factory.mktemp("rerun")
         with open_source(made_bags[0]) as source, FileWriter(folder) as files:

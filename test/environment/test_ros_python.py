@@ -56,7 +56,7 @@ def test_organized_clouds_keep_rows_and_foreign_bytes_are_swapped() -> None:
 
 
 def test_a_sweep_of_ours_is_read() -> None:
-    from rclpy.serialization import deserialize_message  # noqa: PLC0415  the module skips where there is no ROS
+    from rclpy.serialization import deserialize_message  # the module skips where there is no ROS
 
     sweep = np.zeros(5, dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
     sweep["x"] = np.arange(5)

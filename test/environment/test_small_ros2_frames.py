@@ -149,7 +149,7 @@ def test_the_tree_is_written_as_view_frames_writes_it(tmp_path: Path) -> None:
     ],
 )
 def test_the_depth_of_our_own_nodes_is_known(node: str, topic: str, type_name: str, depth: int | None) -> None:
-    from rclpy.qos import HistoryPolicy  # noqa: PLC0415
+    from rclpy.qos import HistoryPolicy
 
     quality = SimpleNamespace(history=HistoryPolicy.UNKNOWN, depth=0)
     endpoint: Any = SimpleNamespace(node_name=node, topic_type=type_name, qos_profile=quality)

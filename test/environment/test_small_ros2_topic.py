@@ -45,8 +45,8 @@ def test_echo_meets_best_effort_publishers_and_cuts_long_arrays(ros2: Run) -> No
 
 
 def test_echo_raw_prints_the_serialised_bytes(ros2: Run) -> None:
-    from rclpy.serialization import deserialize_message  # noqa: PLC0415  the module skips where there is no ROS
-    from std_msgs.msg import String  # noqa: PLC0415
+    from rclpy.serialization import deserialize_message  # the module skips where there is no ROS
+    from std_msgs.msg import String
 
     text = ros2("topic", "echo", "/test/chatter", "--once", "--raw").stdout
     data = ast.literal_eval(text.removesuffix("---\n"))
@@ -94,9 +94,9 @@ def test_what_cannot_be_echoed_gets_one_line(ros2: Run, words: list[str], named:
 
 
 def test_rate_report_is_that_of_the_intervals() -> None:
-    from collections import deque  # noqa: PLC0415
+    from collections import deque
 
-    from small_ros2.topic import rate_report  # noqa: PLC0415  imports rclpy
+    from small_ros2.topic import rate_report  # imports rclpy
 
     arrivals_s = np.array([0.0, 0.1, 0.2, 0.4])
     report = rate_report(deque(arrivals_s))

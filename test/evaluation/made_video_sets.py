@@ -33,7 +33,7 @@ def small_video_set(folder: Path) -> VideoSet:
         template = "S4" if number < 3 else "S6"
         key, found = f"{template}_{number:03d}", evidence(kind)
         label = label_of(found, RiskThresholds())
-        request = {"template": template, "seed": number}
+        request = {"template": template, "seed": number, "map": "", "values": ""}
         videos[key] = RiskVideo(key, template, f"videos/{key}.mp4", VIDEO_FRAMES, 20, label, found, request)
         assert label.risk.title == kind
     return VideoSet(folder, videos, RiskThresholds())

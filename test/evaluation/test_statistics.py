@@ -4,10 +4,9 @@ from itertools import permutations
 import numpy as np
 import numpy.typing as npt
 import pytest
+import scipy
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import spearmanr, ttest_1samp, ttest_ind, ttest_rel
-from scipy.stats import t as student
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.statistics import (
@@ -58,7 +57,7 @@ def one_each(values: npt.ArrayLike, stratum: npt.ArrayLike = 0) -> BlockSums:
 def test_one_value_in_each_block_has_students_interval(seed, blocks, confidence) -> None:
     values = rng(seed).normal(3.0, 2.0, blocks)
     interval = interval_of_mean(one_each(values), confidence)
-    expected = ttest_1samp(values, 0.0).confidence_interval(confidence)
+    expected = scipy.stats.ttest_1samp(values, 0.0).confidence_interval(confidence)
     assert interval.value == pytest.approx(values.mean())
     assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high))
     assert interval.blocks == blocks
@@ -69,7 +68,7 @@ def test_two_strata_have_welchs_degrees_of_freedom() -> None:
     first, second = rng(1).normal(0.0, 1.0, 6), rng(2).normal(2.0, 5.0, 9)
     stratum = np.repeat([0, 1], [6, 9])
     estimate = estimate_of_mean(one_each(np.concatenate((first, -second)), stratum))
-    expected = ttest_ind(first, second, equal_var=False)
+    expected = scipy.stats.ttest_ind(first, second, equal_var=False)
     assert estimate.degrees == pytest.approx(expected.df)
     assert estimate.value / estimate.error == pytest.approx(expected.statistic)
 
@@ -145,7 +144,7 @@ def test_blocks_without_values_do_not_count() -> None:
 def test_draws_are_students() -> None:
     estimate = Estimate(3.0, 2.0, 4.0, 5, True).draws(20_000, rng())
     assert np.median(estimate) == pytest.approx(3.0, abs=0.05)
-    assert np.quantile(estimate, 0.975) == pytest.approx(3.0 + 2.0 * student.ppf(0.975, 4.0), rel=0.05)
+    assert np.quantile(estimate, 0.975) == pytest.approx(3.0 + 2.0 * scipy.stats.t.ppf(0.975, 4.0), rel=0.05)
 
 
 @pytest.mark.parametrize("confidence", [0.0, 1.0, -0.5])
@@ -171,7 +170,7 @@ def test_a_constant_difference_has_no_width() -> None:
 def test_the_interval_is_that_of_the_differences() -> None:
     first, second = rng(3).normal(size=(2, 9))
     comparison = compared(first, second).difference
-    expected = ttest_rel(first, second).confidence_interval()
+    expected = scipy.stats.ttest_rel(first, second).confidence_interval()
     assert (comparison.low, comparison.high) == pytest.approx((expected.low, expected.high))
 
 
@@ -243,7 +242,9 @@ def test_rank_correlation_is_spearmans(pairs) -> None:
     if len(set(first)) == 1 or len(set(second)) == 1:
         assert rank_correlation(first, second) is None
     else:
-        assert rank_correlation(first, second).rho == pytest.approx(spearmanr(first, second).statistic, abs=1e-12)
+        assert rank_correlation(first, second).rho == pytest.approx(
+            scipy.stats.spearmanr(first, second).statistic, abs=1e-12
+        )
         assert rank_correlation(first, second).pairs == len(pairs)
 
 
@@ -255,7 +256,7 @@ def test_a_reversed_order() -> None:
 
 def test_the_p_value_counts_the_orders() -> None:
     first, second = [1.0, 2.0, 3.0, 4.0, 5.0], [1.0, 3.0, 2.0, 5.0, 4.0]
-    rhos = [abs(spearmanr(first, order).statistic) for order in permutations(second)]
+    rhos = [abs(scipy.stats.spearmanr(first, order).statistic) for order in permutations(second)]
     correlation = rank_correlation(first, second)
     assert correlation.p_value == pytest.approx(np.mean(np.array(rhos) >= correlation.rho - 1e-9))
 
@@ -263,7 +264,7 @@ def test_the_p_value_counts_the_orders() -> None:
 def test_many_pairs_use_students_t() -> None:
     rng = np.random.default_rng(0)
     first, second = rng.normal(size=(2, 30))
-    correlation, expected = rank_correlation(list(first), list(second)), spearmanr(first, second)
+    correlation, expected = rank_correlation(list(first), list(second)), scipy.stats.spearmanr(first, second)
     assert (correlation.rho, correlation.p_value) == pytest.approx((expected.statistic, expected.pvalue))
     assert rank_correlation(list(first), list(first)).p_value == pytest.approx(0.0, abs=1e-12)
 

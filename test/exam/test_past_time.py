@@ -8,10 +8,6 @@ from hypothesis import strategies as st
 
 from siren_ros.exam import past_time
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", DeprecationWarning)  # of the parser that it is made with
-    import rtamt
-
 CONDITIONS = st.lists(st.booleans(), max_size=30)
 
 
@@ -54,6 +50,10 @@ def test_a_condition_rises_where_it_did_not_hold_before(values):
 @settings(max_examples=15, deadline=None)
 def test_the_operators_agree_with_rtamt(pairs):
     """RTAMT evaluates the same formulas as robustness, whose sign says whether they hold."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of the parser that it is made with
+        import rtamt
+
     first, second = ([float(value) for value in column] for column in zip(*pairs, strict=True))
     holds, begin = flags(first), flags(second)
     ours = {

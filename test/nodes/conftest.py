@@ -43,7 +43,7 @@ def stopped_cosim() -> Callable[..., Run]:
     """Runs an episode and sends it a signal when it has come far enough."""
 
     def run(*parameters: str, cwd: Path, number: signal.Signals, when: Callable[[], bool]) -> Run:
-        with DOMAIN.episode(*parameters, cwd=cwd) as process:
+        with FAULTY_DOMAIN.episode(*parameters, cwd=cwd) as process:
             wait_until(when, process)
             process.send_signal(number)
             return finish(process, timeout_s=60.0)

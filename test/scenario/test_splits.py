@@ -4,7 +4,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.scenario.splits import EpisodeIdentity, SeenEpisodes, Split, SplitRule, split_of, split_rule
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.scenario.splits import (
+    EpisodeIdentity,
+    SeenEpisodes,
+    Split,
+    SplitRule,
+    counted_standings,
+    overlap_warning,
+    split_of,
+    split_rule,
+)
 
 RULE = SplitRule(frozenset({"far"}), frozenset({"S8"}), val_percent=15, test_seed_percent=15)
 IDENTITIES = st.builds(
@@ -72,3 +82,27 @@ def test_how_an_episode_stands_to_a_model() -> None:
         ("town", "S3", 1): Split.TEST_TEMPLATE,
     }
     assert {key: seen.split_of(EpisodeIdentity(*key)) for key in expected} == expected
+
+
+def test_a_request_has_the_identity_of_its_episode() -> None:
+    request = EpisodeRequest("S2", "L2", 7, "maps/Far.xodr", values="b=2,a=1")
+    assert EpisodeIdentity.of_request(request).text == "Far S2 7 a=1.0,b=2.0"
+    assert EpisodeIdentity.of_request(EpisodeRequest("own/S1.yaml", seed=3), "S1").text == "town S1 3"
+
+
+def test_a_card_lists_its_episodes_or_does_not() -> None:
+    card = {"data": {"train": {"keys": ["town S1 1", "far S2 2"]}, "val": {"keys": ["town S1 9"]}}}
+    seen = SeenEpisodes.of_card(card)
+    assert seen == SeenEpisodes(frozenset({"town S1 1", "far S2 2"}), frozenset({"town S1 9"}))
+    assert seen.maps == {"town", "far"}
+    assert SeenEpisodes.of_card({"data": {"train": {"keys": []}}}) == SeenEpisodes(frozenset())
+    assert SeenEpisodes.of_card({}) is SeenEpisodes.of_card({"data": {"unknown": "lost"}}) is None
+
+
+def test_scored_episodes_of_the_training_are_warned_of() -> None:
+    counts = counted_standings([Split.TRAIN, Split.TEST_MAP, Split.TRAIN])
+    assert counts == {split: {Split.TRAIN: 2, Split.TEST_MAP: 1}.get(split, 0) for split in Split}
+    assert overlap_warning("a", counts) == "WARNING: a was trained on 2 of these 3 episodes: its scores say too much"
+    assert overlap_warning("a", counted_standings([Split.VAL, Split.TEST_SEED])) == ""
+    assert counted_standings([]) == {}
+    assert overlap_warning("a", {}) == ""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import binom, binomtest
+import scipy
 
 from siren_ros.tables.interval import NOTHING, Interval, interval_of_json, mean_of_intervals, share_interval
 
@@ -18,7 +18,7 @@ def test_five_blocks_bound_a_value_and_four_do_not() -> None:
 @pytest.mark.parametrize("confidence", [0.8, 0.95])
 def test_a_share_has_wilsons_interval(part: int, whole: int, confidence: float) -> None:
     interval = share_interval(part, whole, confidence)
-    expected = binomtest(part, whole).proportion_ci(confidence, method="wilson")
+    expected = scipy.stats.binomtest(part, whole).proportion_ci(confidence, method="wilson")
     assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
     assert (interval.value, interval.blocks) == (part / whole, whole)
     assert share_interval(0, 0, confidence) == NOTHING
@@ -30,7 +30,9 @@ def test_the_interval_of_a_share_holds_it_in_about_95_percent(whole: int) -> Non
     bounds = [share_interval(part, whole) for part in range(whole + 1)]
     low, high = (np.array([getattr(interval, end) for interval in bounds]) for end in ("low", "high"))
     shares = np.linspace(0.02, 0.98, 97)[:, None]
-    held = (binom.pmf(np.arange(whole + 1), whole, shares) * ((low <= shares) & (shares <= high))).sum(axis=1)
+    held = (scipy.stats.binom.pmf(np.arange(whole + 1), whole, shares) * ((low <= shares) & (shares <= high))).sum(
+        axis=1
+    )
     assert 0.94 < np.mean(held) < 0.97
     assert min(held) > 0.82
 

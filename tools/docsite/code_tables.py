@@ -5,9 +5,10 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, fields
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import siren_ros
 from docsite.template_tables import entries
@@ -21,6 +22,10 @@ from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.exam.monitors import MONITORS
 from siren_ros.judging.physics import VerifyLimits
 from siren_ros.judging.verify import CHECKS
+from siren_ros.learning.features import EMV, NEIGHBOUR, NEIGHBOURS, OWN
+from siren_ros.learning.rewards import TERMS
+from siren_ros.learning.rollout import Seat
+from siren_ros.learning.task import Task
 from siren_ros.reproduction.parts import inputs_sha256, read_parts, shown_minutes
 from siren_ros.reproduction.results import read_results
 from siren_ros.scenario import paper
@@ -102,6 +107,29 @@ def monitors_table() -> str:
     return "\n".join(["| monitor | value | unit | numbers |", "|---|---|---|---|", *rows])
 
 
+def rewards_table() -> str:
+    """The terms of the reward of the learning environments as Markdown: name, meaning, unit, weights, clause."""
+    rows = [
+        f"| `{name}` | {term.meaning} | {term.unit} | {' | '.join(f'{term.weights[seat]:g}' for seat in Seat)} "
+        f"| {f'`{term.clause}`' if term.clause else ''} |"
+        for name, term in TERMS.items()
+    ]
+    head = f"| term | meaning | unit | {' | '.join(f'weight, {seat}' for seat in Seat)} | clause |"
+    return "\n".join([head, "|---|---|---|---|---|---|", *rows])
+
+
+def features_table() -> str:
+    """The numbers of the vector that the learning environments give as Markdown: place, name, meaning, scale."""
+    rows, begin = [], 0
+    for part, times in ((OWN, 1), (EMV, 1), (NEIGHBOUR, NEIGHBOURS)):
+        for number, feature in enumerate(part, begin):
+            places = f"{number}" if times == 1 else f"{number} + {len(part)}k"
+            scale = f"{feature.scale:.4g} {feature.unit}".strip()
+            rows.append(f"| {places} | `{feature.name}` | {feature.meaning} | {scale} |")
+        begin += times * len(part)
+    return "\n".join(["| number | name | meaning | 1 stands for |", "|---|---|---|---|", *rows])
+
+
 def _sentences(function: Callable[..., object]) -> str:
     """The docstring of a function in one line."""
     return " ".join(str(inspect.getdoc(function)).split()).replace("``", "`")
@@ -113,6 +141,20 @@ def values_table(parameters: object) -> str:
     texts = texts_of(inspect.getsource(sys.modules[kind.__module__]), kind.__name__)
     rows = [f"| `{name}` | {getattr(parameters, name):g} | {text.replace('``', '`')} |" for name, text in texts.items()]
     return "\n".join(["| name | value | meaning |", "|---|---|---|", *rows])
+
+
+def options_table(kind: type) -> str:
+    """The options of a dataclass as Markdown: name, default, meaning."""
+    texts = texts_of(inspect.getsource(sys.modules[kind.__module__]), kind.__name__)
+    rows = [
+        f"| `{one.name}` | {_shown(_default(one))} | {texts.get(one.name, '').replace('``', '`')} |"
+        for one in fields(kind)
+    ]
+    return "\n".join(["| option | default | meaning |", "|---|---|---|", *rows])
+
+
+def _default(field: Field[Any]) -> object:
+    return "" if field.default in (None, MISSING) else field.default
 
 
 def checks_table() -> str:
@@ -238,6 +280,9 @@ TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "yield": yield_table,
     "yield_thresholds": partial(values_table, YieldThresholds()),
     "monitors": monitors_table,
+    "rewards": rewards_table,
+    "features": features_table,
+    "learning_options": partial(options_table, Task),
     "checks": checks_table,
     "check_limits": partial(values_table, VerifyLimits()),
     "library": library_table,

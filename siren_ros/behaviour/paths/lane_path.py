@@ -27,6 +27,8 @@ _EDGES_AHEAD: Final = 8
 _FAR: Final = 99
 _SAME_TURN_RAD: Final = 0.35
 """Movements whose turns differ by less than about 20° are equally straight."""
+_LIMITS_KEPT: Final = 1024
+"""Lanes whose road's limits are remembered."""
 
 
 class LaneEnd(StrEnum):
@@ -215,6 +217,7 @@ class RoadLimits:
     """Width of all opposite driving lanes."""
 
 
+@lru_cache(maxsize=_LIMITS_KEPT)
 def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
     """How far the road reaches to both sides of a lane."""
     here = network.lanes[lane]

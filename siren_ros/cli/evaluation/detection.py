@@ -12,7 +12,7 @@ import numpy as np
 from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 from siren_ros.evaluation.detection.boxes import joined
-from siren_ros.evaluation.detection.detectors.table import DETECTORS, TRAINED_ON, run_detector
+from siren_ros.evaluation.detection.detectors.table import DETECTORS, SEEN, run_detector
 from siren_ros.evaluation.detection.devkit_score import devkit_score
 from siren_ros.evaluation.detection.devkit_tracking import devkit_tracking
 from siren_ros.evaluation.detection.frames import Frames, frames_of, read_frames
@@ -26,6 +26,7 @@ from siren_ros.evaluation.detection.tracking import score_tracking, tracks_of
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.record.bag_survey import Need, in_dataset_order, survey_bag
 from siren_ros.recording.bag_reader import bags_among
+from siren_ros.scenario.splits import overlap_warning
 from siren_ros.tables.table import counted, text_of
 
 
@@ -138,8 +139,8 @@ def _detected(name: str, weights: Path | None, frames: Frames, pool: ProcessPool
     parts = pool.map(run_detector, [(name, episode, weights) for episode in frames.episodes])
     boxes = [replace(part, frame=part.frame + first) for (part, _), first in zip(parts, frames.first, strict=False)]
     cost_s = sum(processor_s for _, processor_s in parts) / len(frames)
-    known = TRAINED_ON[name](weights) if name in TRAINED_ON else frozenset()
-    return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True, trained_on=known), cost_s
+    seen = SEEN[name](weights) if name in SEEN else None
+    return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True, seen=seen), cost_s
 
 
 def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[str, float]) -> list[str]:
@@ -154,6 +155,7 @@ def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[st
         lines.append(f"no velocities, so AVE and AAE count as 1: {', '.join(without)}")
     if any(episode.camera_from_lidar is None for episode in frames.episodes):
         lines.append("no front camera in some bags, so these have no KITTI frames")
+    lines += [line for score in scores if (line := overlap_warning(score.name, score.seen))]
     return lines + [f"{score.name}: {score.order.sentence()}" for score in scores if score.order is not None]
 
 

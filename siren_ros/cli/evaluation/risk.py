@@ -5,6 +5,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Final
 
 from tqdm import tqdm
 
@@ -35,7 +36,11 @@ from siren_ros.evaluation.risk.video_set import VideoSet, missing_files, read_se
 from siren_ros.evaluation.risk.vlm.clients import CLIENTS
 from siren_ros.evaluation.risk.vlm.model import ReplyCache, VisionLanguageModel
 from siren_ros.evaluation.risk.vlm.pipeline import account, ask_about_all, write_answers
+from siren_ros.scenario.splits import overlap_warning
 from siren_ros.tables.table import text_of
+
+_SEQUENCE: Final = "sequence"
+_UNKNOWN: Final = f"{_SEQUENCE}: its card does not list the episodes of its training, so no overlap is noticed"
 
 
 def add_asking(task: argparse.ArgumentParser) -> None:
@@ -166,7 +171,7 @@ def run(arguments: argparse.Namespace) -> int:
     if ratings:
         answers |= {PEOPLE: consensus(list(ratings.values())), **ratings}
     models = [score_answers(name, videos, given) for name, given in answers.items()]
-    content = scores_as_json(models)
+    content, remark = scores_as_json(models), ""
     numbers = {name: given for name, path in arguments.predictions if (given := read_severities(path))}
     kappas = agreement(videos, ratings) if ratings else {}
     tables = (
@@ -175,7 +180,10 @@ def run(arguments: argparse.Namespace) -> int:
         table_of_changes(videos),
         *((table_of_agreement(kappas),) if kappas else ()),
     )
-    print("\n".join(text_of(tables)))
+    if _SEQUENCE in answers:
+        content["models"][_SEQUENCE]["seen"] = standings = load_sequence_model().standings(videos)
+        remark = overlap_warning(_SEQUENCE, standings) if standings else _UNKNOWN
+    print("\n".join([*text_of(tables), *filter(None, (remark,))]))
     if arguments.out is not None:
         files = {
             "scores.csv": csv_of_scores(models),
@@ -193,10 +201,10 @@ def _answers(arguments: argparse.Namespace, videos: VideoSet) -> dict[str, Answe
     """Of references, files and models, with and without controls, by the name of the row."""
     answers: dict[str, Answers] = {name: REFERENCES[name](videos) for name in dict.fromkeys(arguments.references)}
     controls = [Control(name) for name in dict.fromkeys(arguments.controls)]
-    if "sequence" in answers:
+    if _SEQUENCE in answers:
         for control in controls:
             if control in CHANGES:
-                answers[row_name("sequence", control)] = sequence_answers(videos, load_sequence_model(), control)
+                answers[row_name(_SEQUENCE, control)] = sequence_answers(videos, load_sequence_model(), control)
     for name, path in arguments.predictions:
         if name in {*answers, *REFERENCES}:
             raise InputError("predictions", name, "each name once, and none of " + ", ".join(REFERENCES))

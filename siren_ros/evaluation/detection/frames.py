@@ -23,6 +23,7 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.record.bag_survey import BagSurvey
 from siren_ros.record.episode_source import EpisodeSource, LidarFrame, lidar_of, open_source
 from siren_ros.recording.bag_reader import BagMessage, damage_refused
+from siren_ros.scenario.splits import EpisodeIdentity
 from siren_ros.sensors.look import look_of
 from siren_ros.world.actors import FIRST_PARKED_ID, Mode
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, GroundTruth
@@ -59,6 +60,13 @@ class EpisodeFrames:
     suite: str = ""
     """The sensors."""
     map_name: str = ""
+    values: str = ""
+    """Parameters in place of the seed's own."""
+
+    @property
+    def identity(self) -> EpisodeIdentity:
+        """What decides the episode's split."""
+        return EpisodeIdentity(self.map_name, self.template, self.seed, self.values)
 
     def __len__(self) -> int:
         return len(self.step)
@@ -231,6 +239,7 @@ def read_frames(survey: BagSurvey, episode_id: str) -> EpisodeFrames:
             look=look_of(described),
             suite=described.sensor_suite,
             map_name=described.map_name,
+            values=described.draw,
         )
 
 

@@ -34,6 +34,7 @@ from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.tracking import TrackingScore
 from siren_ros.evaluation.statistics import Estimate, jackknife
 from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.scenario.splits import Split, counted_standings
 from siren_ros.tables.interval import NOTHING, Interval
 from siren_ros.world.actors import FIRST_PARKED_ID, PEOPLE_CLASSES, VEHICLE_CLASSES, ActorClass, Mode
 
@@ -94,7 +95,7 @@ def _of_visibility(low: float, high: float) -> Subset:
 
 def _novelty(episode: EpisodeFrames, detected: FoundSet) -> str:
     known = {True: "known from the training", False: "new to the detector"}
-    return known[episode.map_name in detected.trained_on] if detected.trained_on else ""
+    return known[episode.map_name in detected.seen.maps] if detected.seen else ""
 
 
 EPISODE_GROUPS: Final[Mapping[str, Callable[[EpisodeFrames, FoundSet], str]]] = MappingProxyType(
@@ -237,6 +238,8 @@ class DetectorScores:
     """By nuScenes' name, those of whom there is a label; they count in no other score."""
     tracking: Mapping[str, TrackingScore] = field(default_factory=dict)
     """By class (``score_tracking``), where tracks are scored."""
+    seen: Mapping[Split, int] = field(default_factory=dict)
+    """How many of the episodes stand how to the detector's training; empty where nothing is known or learned."""
 
     @property
     def mean_nds(self) -> float:
@@ -322,6 +325,9 @@ def score_detector(frames: Frames, detected: FoundSet, names: frozenset[str], ru
         found=boxes,
         matches=jackknifed.matches,
         people=_people(frames, detected, of_episode, run),
+        seen=counted_standings(
+            [detected.seen.split_of(episode.identity) for episode in frames.episodes] if detected.seen else []
+        ),
     )
 
 

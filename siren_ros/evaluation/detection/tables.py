@@ -223,6 +223,7 @@ def _detector(scores: DetectorScores) -> dict[str, Any]:
         },
         **({"people": people} if people else {}),
         **({"tracking": tracking} if tracking else {}),
+        **({"seen": {split.value: count for split, count in scores.seen.items()}} if scores.seen else {}),
         "families": {name: _interval(value) for name, value in scores.families.items()},
         "order_of_families_share": None if scores.order is None else scores.order.whole,
         "order_of_families_steps": None if scores.order is None else dict(scores.order.steps),

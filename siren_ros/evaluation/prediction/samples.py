@@ -279,7 +279,7 @@ def samples_of(
     lanes, seen = sumo_lanes(record, rows), rows
     if noise is not None:
         about = record.description
-        random = random_stream(about.seed, f"track_noise/{about.template}/{about.level.name}")
+        random = random_stream(about.seed, f"track_noise/{about.template}/{about.level.name}", noise.draw)
         reported = tracked(rows, table, noise, random)
         seen, lanes = reported.rows, np.full_like(lanes, NO_LANE)
         there = reported.points(there, table, actor, frames[frame], past)

@@ -50,6 +50,13 @@ class TrackNoise:
     """Exchanges of the ids of two vehicles: from then on each has the other's past."""
     swap_reach_m: float = 5.0
     """Only vehicles whose centres are this near exchange ids."""
+    draw: int = 0
+    """Other numbers give other errors of the same magnitudes to the same episode."""
+
+    def scaled(self, factor: float, draw: int) -> "TrackNoise":
+        """A better or worse tracker: magnitudes and rates times a factor."""
+        scaled = ("position_m", "velocity_mps", "yaw_rad", "dropouts_per_s", "swaps_per_s")
+        return replace(self, draw=draw, **{name: factor * getattr(self, name) for name in scaled})
 
 
 NOISES: Final = MappingProxyType(

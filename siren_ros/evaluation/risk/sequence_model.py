@@ -16,6 +16,8 @@ from siren_ros.evaluation.network_file import NetworkFile, open_network
 from siren_ros.evaluation.risk.labels import RiskClass
 from siren_ros.evaluation.risk.video_set import VideoSet, film_frames
 from siren_ros.params.resources import params_dir
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.scenario.splits import EpisodeIdentity, SeenEpisodes, Split, counted_standings
 
 SmallFrames = npt.NDArray[np.uint8]
 """Grey values of a film, shape ``(T, HEIGHT, WIDTH)``."""
@@ -75,6 +77,8 @@ SHIPPED: Final = Path("risk", "sequence.onnx")
 """Place of the weights below the parameter files."""
 INPUT: Final = "frames"
 OUTPUT: Final = "probability"
+_DECIDES: Final = ("seed", "map", "values")
+"""Of a request, what decides the split of its episode with its template."""
 FRAMES_VERSION: Final = 1
 """Of the network's input; weights of another version are refused."""
 
@@ -96,6 +100,19 @@ class SequenceModel:
         if hit > 0.5:
             return RiskClass.COLLISION
         return RiskClass.NEAR_MISS if near > 0.5 else RiskClass.NORMAL
+
+    def standings(self, videos: VideoSet) -> dict[Split, int]:
+        """How many episodes of a set stand how to the training; empty where the card does not list its episodes."""
+        seen = SeenEpisodes.of_card(self.network.card)
+        if seen is None:
+            return {}
+        episodes = {
+            EpisodeIdentity.of_request(
+                EpisodeRequest(**{name: video.request[name] for name in _DECIDES}), video.template
+            )
+            for video in videos.videos.values()
+        }
+        return counted_standings([seen.split_of(episode) for episode in episodes])
 
     def answers(
         self, videos: VideoSet, progress: Callable[[str], None] = lambda _: None

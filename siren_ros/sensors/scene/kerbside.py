@@ -103,25 +103,31 @@ _CLUTTER: Final[Mapping[str, _Kind]] = {
 }  # fmt: skip
 """What stands about, with sizes typical of catalogues of street furniture; some of it is as large as a vehicle."""
 _CLUTTER_ENDS: Final = chances(kind.weight for kind in _CLUTTER.values())
-_FARTHEST_M: Final = 5.0
-"""From the road's edge."""
-_TRIES: Final = 4
+_EAVES_M: Final = 0.4
+"""Of the houses, in front of which the pieces stand."""
+_TRIES: Final = 8
 
 
 def clutter(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.random.Generator) -> Iterator[Mesh]:
-    """Furniture and clutter in random places near the edges of all roads, as dense as the configuration says."""
-    places, tangents = ring_samples(_roadside(surfaces), 100.0 / config.clutter_per_100_m)
+    """Furniture and clutter between the edges of all roads and the houses, as dense as the configuration says."""
+    spacing_m = 100.0 / config.clutter_per_100_m
+    edge = _roadside(surfaces)
+    places, tangents = ring_samples(edge, spacing_m)
     for (edge_x, edge_y), (tx, ty) in zip(places.tolist(), tangents.tolist(), strict=True):
         kind = [*_CLUTTER.values()][drawn(_CLUTTER_ENDS, rng)]
         length, width, height = (float(rng.uniform(*side)) for side in (kind.length_m, kind.width_m, kind.height_m))
         yaw = float(np.arctan2(ty, tx)) + float(rng.normal(0.0, 0.15))
         tone = np.clip(np.array(kind.colour) + rng.integers(-18, 19, 3), 0, 255).tolist()
         # The road lies left of the ring's direction.
-        asides = _ASIDE_M + width / 2.0 + rng.uniform(0.0, _FARTHEST_M, _TRIES)
-        spots = [(edge_x + ty * float(aside), edge_y - tx * float(aside)) for aside in asides]
+        spare = max(0.0, config.building_setback_m - _EAVES_M - _ASIDE_M - width)
+        asides = (_ASIDE_M + width / 2.0 + rng.uniform(0.0, spare, _TRIES)).tolist()
+        ahead = rng.uniform(-0.5, 0.5, _TRIES) * spacing_m
+        spots = [
+            (edge_x + tx * a + ty * b, edge_y + ty * a - tx * b) for a, b in zip(ahead.tolist(), asides, strict=True)
+        ]
         spots = [(x, y) for x, y in spots if _on_map(surfaces, x, y)]
         areas = [(x, y, _footprint(x, y, yaw, length + 0.1, width + 0.1)) for x, y in spots]
-        spot = next((one for one in areas if space.is_clear(one[2])), None)
+        spot = next((one for one in areas if space.is_clear(one[2]) and not edge.intersects(one[2])), None)
         if spot is None:
             continue
         x, y, area = spot

@@ -329,12 +329,12 @@ def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = N
     if numbers.parked_share:
         parked = parked_vehicles(surfaces, space, numbers, seed, random_stream(seed, "scene parked"))
     trees = street_trees(surfaces, space, numbers, random_stream(seed, "scene trees"))
+    things = Mesh.joined()
+    if numbers.clutter_per_100_m:  # before the houses, which would leave no place for most of it
+        things = Mesh.joined(*clutter(surfaces, space, numbers, random_stream(seed, "scene clutter")))
     houses = street_buildings(surfaces, space, numbers, random_stream(seed, "scene buildings"))
     park = parkland(surfaces, space, numbers, random_stream(seed, "scene park"))
     rails = crash_barriers(surfaces, numbers)
-    things = Mesh.joined()
-    if numbers.clutter_per_100_m:
-        things = Mesh.joined(*clutter(surfaces, space, numbers, random_stream(seed, "scene clutter")))
     first, raised = len(ground), surfaces.raised
     shapely.prepare(raised)
     return StaticScene(

@@ -427,16 +427,20 @@ def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle
 
 
 def av_way(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
-    """The way of a plan's AV along its route from its start: lane centres, and the lane changes that the route needs.
+    """The way of a plan's AV, as ``way_of``."""
+    return way_of(network, next(vehicle for vehicle in plan.groups if vehicle.name == plan.av))
+
+
+def way_of(network: RoadNetwork, vehicle: PlannedVehicle) -> Polyline:
+    """A vehicle's way along its route from its start: lane centres, and the lane changes that the route needs.
 
     Raises:
-        InputError: the route cannot be driven from the lane that the AV starts in.
+        InputError: the route cannot be driven from the lane that the vehicle starts in.
     """
-    av = next(vehicle for vehicle in plan.groups if vehicle.name == plan.av)
-    lanes = route_path(network, [network.edge_by_id[edge].index for edge in av.route], av.spot.lane)
+    lanes = route_path(network, [network.edge_by_id[edge].index for edge in vehicle.route], vehicle.spot.lane)
     first_edge = network.lanes[lanes[0]].edge
     beside = [network.lanes[lane] for lane in takewhile(lambda lane: network.lanes[lane].edge == first_edge, lanes)]
-    begun = _to_lane(beside[0], beside[-1], max(av.spot.front_m - av.length_m, 0.0))
+    begun = _to_lane(beside[0], beside[-1], max(vehicle.spot.front_m - vehicle.length_m, 0.0))
     onward = lanes[len(beside) :]
     return Polyline.joined([begun, path_centre(network, onward)]) if onward else begun
 

@@ -18,6 +18,7 @@ from siren_ros.numerics.units import STEP_S, STEPS_PER_S
 from siren_ros.record.episode_source import lidar_frames, lidar_of, open_source
 from siren_ros.recording.bag_folder import METADATA_FILE
 from siren_ros.recording.bag_reader import bags_among
+from siren_ros.scenario.splits import EpisodeIdentity
 from siren_ros.training.data_files import write_arrays
 from siren_ros.world.actors import PEOPLE_CLASSES
 from siren_ros.world.carrier import GroundTruth
@@ -97,11 +98,11 @@ def frames_of_bag(bag: Path, grid: PillarGrid) -> BagFrames:
 
 
 def about_episode(bag: Path) -> dict[str, Any]:
-    """Template, level, seed and map of a bag's episode."""
+    """Template, level, seed and map of a bag's episode, and what decides its split (``EpisodeIdentity.text``)."""
     with open_source(bag) as source:
         episode = source.description
     names = {"template": episode.template, "level": episode.level.name}
-    return {**names, "seed": episode.seed, "map": episode.map_name}
+    return {**names, "seed": episode.seed, "map": episode.map_name, "key": EpisodeIdentity.of(episode).text}
 
 
 def boxes_of_truth(truth: GroundTruth) -> Floats32:
@@ -145,7 +146,7 @@ def read_frames_file(path: Path) -> BagFrames:
 
 
 FRAMES_SUFFIX: Final = ".npz"
-_FORM: Final = 1
+_FORM: Final = 2
 """Of the files; another form has other names."""
 
 

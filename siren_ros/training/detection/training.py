@@ -21,6 +21,7 @@ from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
 from siren_ros.evaluation.network_file import write_network
 from siren_ros.record.bag_survey import BagSurvey, Need, survey_bag
 from siren_ros.recording.bag_reader import bags_among
+from siren_ros.scenario.splits import Split
 from siren_ros.training.detection.batches import FrameDraws
 from siren_ros.training.detection.samples import about_episode, check_apart, frames_among
 from siren_ros.training.settings import DetectionFit, FittedNetwork
@@ -159,6 +160,7 @@ def train_detector(training: DetectorTraining, fitter: Fitter, report: Callable[
             "frames": len(draws),
             "frames_sha256": hashlib.sha256(b"".join(episode.digest() for episode in trained)).hexdigest(),
         },
+        "data": {Split.TRAIN.value: {"keys": sorted({str(about["key"]) for about in abouts})}},
         "fitting": {
             "processor_s": round(fitted.processor_s),
             "plans": [{"from_step": first, "steps": steps, "frames": frames} for first, steps, frames in fitted.plans],

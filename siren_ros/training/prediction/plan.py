@@ -40,8 +40,7 @@ class PlannedEpisode:
     @property
     def identity(self) -> EpisodeIdentity:
         """What fixes its split."""
-        request = self.request
-        return EpisodeIdentity(_map_name(request.map), request.template, request.seed, request.values)
+        return EpisodeIdentity.of_request(self.request)
 
     @property
     def name(self) -> str:

@@ -42,6 +42,10 @@ REGION_SAMPLES: Final = 400
 """Samples of a training episode in the interaction region, drawn at random: the others overlap with them."""
 OTHER_SAMPLES: Final = 100
 """Samples of a training episode from the whole map."""
+TRACKERS: Final = 3
+"""Each sample of a training episode is seen without errors, and by one of these trackers."""
+WORST_TRACKER: Final = 1.5
+"""A tracker's errors are between none and this many times those of ``TrackNoise``, so that these are not the limit."""
 _REFERENCES: Final[dict[str, Predictor]] = {"cv": ConstantVelocity(), "idm": IdmPredictor()}
 
 
@@ -72,7 +76,7 @@ class EpisodeFeatures:
         return len(self.truth_m)
 
 
-_FORM: Final = 2
+_FORM: Final = 3
 """Raised whenever other samples are drawn or the files change."""
 
 
@@ -108,8 +112,8 @@ def _record_of(planned: PlannedEpisode) -> EpisodeRecord:
 def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
     """The samples of a record: of a training episode a draw of all vehicles, else all of the interaction region.
 
-    Half of the drawn samples are seen as a tracker would report them (``TrackNoise``); their truth begins at the
-    reported pose.
+    Each drawn sample comes twice: without errors, and as a tracker of random quality would report it (``TrackNoise``),
+    with the truth from the reported pose on.
     """
     episode, record = record.description, record.right_hand
     region = samples_of(record, HistoryWindow(), Population.REGION)
@@ -120,11 +124,12 @@ def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
         for population, most in ((Population.REGION, REGION_SAMPLES), (Population.ALL, OTHER_SAMPLES)):
             logged = samples_of(record, HistoryWindow(), population)
             rows = random.permutation(len(logged))[:most]
-            tracks = samples_of(record, HistoryWindow(), population, noise=TrackNoise())
-            half = len(rows) // 2
-            for seen, of in ((tracks, rows[:half]), (logged, rows[half:])):
-                chosen = np.sort(of)
-                parts.append(_seen(seen.select(chosen).batch, logged.select(chosen)))
+            chosen = logged.select(np.sort(rows))
+            parts.append(_seen(chosen.batch, chosen))
+            for draw, factor in enumerate(random.uniform(0.0, WORST_TRACKER, TRACKERS).tolist()):
+                tracks = samples_of(record, HistoryWindow(), population, noise=TrackNoise().scaled(factor, draw))
+                of_tracker = np.sort(rows[draw::TRACKERS])
+                parts.append(_seen(tracks.select(of_tracker).batch, logged.select(of_tracker)))
     return EpisodeFeatures(
         EpisodeKey(episode.template, episode.level.name, episode.seed, episode.map_name),
         split,

@@ -16,7 +16,7 @@ from siren_ros.numerics.arrays import Floats, Floats32
 from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.prediction.plan import VARIANTS, PlannedEpisode, is_ordinary
-from siren_ros.training.prediction.samples import EpisodeKey, SampleStore, read_store
+from siren_ros.training.prediction.samples import WORST_TRACKER, EpisodeKey, SampleStore, read_store
 from siren_ros.training.settings import ARCHITECTURES, FitConfig, FittedNetwork
 
 MEAN: Final = "mean"
@@ -147,6 +147,7 @@ def train_variant(
         "samples": len(store),
         "noise": asdict(TrackNoise()),
         "noisy_share": 0.5,
+        "noise_times": [0.0, WORST_TRACKER],
         "wall_s": round(time.monotonic() - wall),
         "processor_s": round(fitted.processor_s),
     }

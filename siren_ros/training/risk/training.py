@@ -12,7 +12,7 @@ from siren_ros.evaluation.network_file import write_network
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.evaluation.risk.scoring import accuracy, confusion, macro_f1
 from siren_ros.evaluation.risk.sequence_model import FRAMES_VERSION, SequenceModel, load_sequence_model
-from siren_ros.scenario.splits import Split
+from siren_ros.scenario.splits import EpisodeIdentity, Split
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.risk.batches import LabelledFilm, labelled, validation_clips
 from siren_ros.training.risk.samples import FIRST_SEED, PlannedFilm, read_film
@@ -43,6 +43,7 @@ def train_sequence_model(
     fitted = fitter(splits[Split.TRAIN], splits[Split.VAL], config, report)
     card = fitted.card(config, model="sequence", task="risk", frames_version=FRAMES_VERSION)
     card["films"] = {split.value: _split_json(part, films, split) for split, part in splits.items()}
+    card["data"] = {split.value: {"keys": _keys(films, split)} for split in splits}
     card["fitting_wall_s"] = round(time.monotonic() - wall)
     card["fitting_processor_s"] = round(time.process_time() - processor)
     write_network(path, fitted.onnx, card)
@@ -57,6 +58,11 @@ def _pictures(films: Sequence[LabelledFilm]) -> list[int]:
         np.concatenate([film.severity for film in films]), minlength=len(RiskClass)
     ).tolist()
     return counts
+
+
+def _keys(films: MadeFiles[PlannedFilm], split: Split) -> list[str]:
+    requests = [planned.request for planned, _ in films.files if planned.split is split]
+    return sorted(EpisodeIdentity.of_request(request).text for request in requests)
 
 
 def _split_json(part: Sequence[LabelledFilm], films: MadeFiles[PlannedFilm], split: Split) -> dict[str, Any]:

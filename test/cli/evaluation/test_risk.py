@@ -28,11 +28,14 @@ def answers(folder: Path) -> Path:
 def test_rows_files_and_pictures(folder: Path, answers: Path, siren) -> None:
     out = folder / "out"
     words = ["evaluate", "risk", str(folder), "--predictions", f"mine={answers}", "--out", str(out), "--compare-paper"]
-    lines = {line.split()[0]: line for line in reversed(siren(words).out.splitlines()) if line}
+    printed = siren(words).out.splitlines()
+    lines = {line.split()[0]: line for line in reversed(printed) if line}
+    assert "does not list the episodes of its training" in printed[-1]
     assert "50.00" in lines["mine"]
     assert "100.00" in lines["oracle"]
     assert "70.48" in lines["Qwen3.5-9B"]
     scores = json.loads(out.joinpath("scores.json").read_text())["models"]
+    assert scores["sequence"]["seen"] == {}
     assert scores["mine"]["confusion"] == [[1, 1, 0, 1], [0, 1, 1, 0], [0, 0, 1, 0]]
     pictures = {f"confusion_{name}.png" for name in ("mine", "majority", "template_prior", "sequence", "oracle")}
     assert {path.name for path in out.iterdir()} == {"scores.csv", "scores.tex", "scores.json", *pictures}

@@ -7,9 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from detection_boxes import found_boxes, made_boxes, random_boxes, truth_boxes
-from nuscenes import NuScenes
-from nuscenes.eval.common.config import config_factory
-from nuscenes.eval.detection.evaluate import DetectionEval
 
 from siren_ros.cli.main import main
 from siren_ros.evaluation.detection.boxes import FoundBoxes, TruthBoxes, joined
@@ -208,6 +205,10 @@ def test_the_devkits_evaluation_of_the_export_gives_the_same(
     dataset, out = tmp_path / "dataset", tmp_path / "out"
     options = ("--vehicle-category", "vehicle.car", "--split", "val")
     assert main(["export", "nuscenes", str(sensed_bag), "--out", str(dataset), *options]) == 0
+    from nuscenes import NuScenes
+    from nuscenes.eval.common.config import config_factory
+    from nuscenes.eval.detection.evaluate import DetectionEval
+
     nusc = NuScenes("v1.0-siren", str(dataset), verbose=False)
     config = config_factory("detection_cvpr_2019")
     official = DetectionEval(nusc, config, str(results), "siren_val", str(tmp_path / "official"), verbose=False)

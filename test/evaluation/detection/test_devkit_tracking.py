@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from evaluation.detection.test_hota import joined, table
-from nuscenes.eval.common.config import config_factory
-from nuscenes.eval.tracking.evaluate import TrackingEval
 
 from siren_ros.cli.main import main
 from siren_ros.evaluation.detection.devkit_tracking import DevkitTracking, devkit_tracking
@@ -88,6 +86,9 @@ def test_the_devkits_evaluation_of_the_export_gives_the_same(frames: Frames, sen
     ours = json.loads((out / "scores.json").read_text())["noisy"]["tracking"]["vehicle"]
     options = ("--vehicle-category", "vehicle.car", "--split", "val")
     assert main(["export", "nuscenes", str(sensed_bag), "--out", str(dataset), *options]) == 0
+    from nuscenes.eval.common.config import config_factory
+    from nuscenes.eval.tracking.evaluate import TrackingEval
+
     official = TrackingEval(
         config_factory("tracking_nips_2019"), str(out / "tracks_noisy.json"), "siren_val",
         str(tmp_path / "official"), "v1.0-siren", str(dataset), verbose=False,

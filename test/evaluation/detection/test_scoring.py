@@ -24,6 +24,7 @@ from siren_ros.evaluation.detection.scoring import (
     subsets_of_episodes,
 )
 from siren_ros.evaluation.detection.tables import scores_as_json, tables_of
+from siren_ros.scenario.splits import SeenEpisodes
 from siren_ros.world.actors import ActorClass, Mode
 
 FRAMES = 10
@@ -189,10 +190,23 @@ def test_maps_that_a_detector_did_not_learn_have_a_row() -> None:
     changed = frames_of(maps)
     rows = [(row.group, row.name) for row in subsets_of_episodes(changed, found)]
     assert rows == [("map", "b"), ("map", "c"), ("map", "town")], "nothing is learned"
-    learned = subsets_of_episodes(changed, replace(found, trained_on=frozenset({"town", "d"})))
+    learned = subsets_of_episodes(changed, replace(found, seen=SeenEpisodes(frozenset({"town S1 7", "d S1 7"}))))
     by_name = {row.name: row.labels(changed, changed.truth).tolist() for row in learned if row.group != "map"}
     first = (changed.truth.frame < FRAMES).tolist()
     assert by_name == {"known from the training": first, "new to the detector": [not one for one in first]}
+
+
+def test_episodes_of_the_training_are_counted() -> None:
+    frames, found = _episodes(["S1", "S1", "S2"])
+    assert scored_set(frames, found).seen == {}, "nothing is learned"
+    maps = [replace(one, map_name="town", values="x=1") for one in frames.episodes]
+    seen = SeenEpisodes(frozenset({f"town S1 {frames.episodes[1].seed} x=1.0", f"town S1 {frames.episodes[0].seed}"}))
+    counts = scored_set(frames_of(maps), replace(found, seen=seen)).seen
+    assert {split.value: count for split, count in counts.items() if count} == {
+        "train": 1,
+        "test-seed": 1,
+        "test-template": 1,
+    }
 
 
 Place = tuple[int, float]

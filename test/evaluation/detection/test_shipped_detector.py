@@ -42,6 +42,11 @@ def test_its_card_says_what_it_was_trained_and_judged_on() -> None:
     assert network.class_names == CLASS_NAMES
     trained, judged = network.card["training"]["seeds_by_map"], network.card["judged"]
     assert {"test_seeds", "test_maps"} <= set(judged)
+    keys = network.card["data"]["train"]["keys"]
+    assert len(keys) == network.card["training"]["episodes"]
+    assert {
+        name: sorted({int(key.split()[2]) for key in keys if key.split()[0] == name}) for name in trained
+    } == trained
     assert not set(judged["test_maps"]["seeds_by_map"]) & set(trained)
     for split in judged.values():
         assert all(not set(seeds) & set(trained.get(name, ())) for name, seeds in split["seeds_by_map"].items())

@@ -55,6 +55,22 @@ def test_errors_have_the_stated_deviation_and_touch_nothing_else(record, changed
         assert getattr(noisy, other) == pytest.approx(getattr(logged, other)), other
 
 
+def test_a_worse_tracker_has_larger_errors_of_another_draw(record) -> None:
+    noise = TrackNoise(dropouts_per_s=0.0, swaps_per_s=0.0)
+    logged, first = (samples.batch.actors for samples in pairs_of(record, noise))
+    other, worse, none = (
+        samples_of(record, WINDOW, Population.ALL, noise=noise.scaled(factor, draw)).batch.actors
+        for factor, draw in ((1.0, 1), (1.5, 0), (0.0, 2))
+    )
+    errors = (first.xy_m - logged.xy_m)[:, -1]
+    assert worse.xy_m[:, -1] - logged.xy_m[:, -1] == pytest.approx(1.5 * errors, abs=1e-6)
+    assert none.xy_m == pytest.approx(logged.xy_m)
+    of_other = (other.xy_m - logged.xy_m)[:, -1]
+    assert of_other.std() == pytest.approx(errors.std(), rel=0.1)
+    assert abs(np.corrcoef(errors.ravel(), of_other.ravel())[0, 1]) < 0.1
+    assert TrackNoise().scaled(2.0, 0) == TrackNoise(0.46, 0.48, 0.2, dropouts_per_s=0.1, swaps_per_s=0.02)
+
+
 @pytest.mark.parametrize("correlation_s", [0.2, 1.0])
 def test_errors_are_correlated_as_stated(record, correlation_s) -> None:
     noise = replace(QUIET, position_m=0.3, correlation_s=correlation_s)

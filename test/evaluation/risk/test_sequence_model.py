@@ -22,6 +22,7 @@ from siren_ros.evaluation.risk.sequence_model import (
 from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, VideoSet
 from siren_ros.params.resources import params_dir
 from siren_ros.pictures.video import write_video
+from siren_ros.scenario.splits import Split
 
 
 @pytest.mark.parametrize("factor", [1, 2, 5])
@@ -119,3 +120,13 @@ def test_videos_without_their_file_have_no_answer(small_set: VideoSet) -> None:
     assert set(found) == {first, second}
     assert score_answers("sequence", small_set, found).answered == 2
     assert score_answers("sequence", small_set, {}).answered == 0
+
+
+def test_episodes_of_a_set_that_were_trained_on_are_counted(small_set: VideoSet) -> None:
+    templates = {video.template: video.request["seed"] for video in small_set.videos.values()}
+    template, seed = next(iter(templates.items()))
+    card = {"data": {"train": {"keys": [f"town {template} {seed}", f"town {template} 999"]}}}
+    counts = SequenceModel(NetworkFile(Session(0.0, 0.0), card)).standings(small_set)
+    assert counts[Split.TRAIN] == 1
+    assert sum(counts.values()) == len(small_set.videos)
+    assert SequenceModel(NetworkFile(Session(0.0, 0.0), {})).standings(small_set) == {}

@@ -5,7 +5,6 @@ import sys
 import threading
 
 import numpy as np
-import open3d as o3d
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -29,6 +28,8 @@ def test_hits_are_those_of_open3d(seed, triangles, count):
     mesh = soup(triangles, rng)
     rays = rng.uniform(-1.0, 1.0, (count, 6)).astype(np.float32)
     ours = TriangleTree([mesh]).cast(rays)
+    import open3d as o3d
+
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.core.Tensor.from_numpy(mesh[0]), o3d.core.Tensor.from_numpy(mesh[1]))
     theirs = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))

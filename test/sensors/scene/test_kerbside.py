@@ -9,10 +9,10 @@ from shapely.geometry import Point
 
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.scenario import VARIETY
-from siren_ros.sensors.meshes.mesh import StaticScene
-from siren_ros.sensors.scene.kerbside import mirrored, scene_config_of
+from siren_ros.sensors.meshes.mesh import Material, StaticScene
+from siren_ros.sensors.scene.kerbside import clutter, mirrored, scene_config_of
 from siren_ros.sensors.scene.static_scene import static_scene
-from siren_ros.sensors.scene.surfaces import SceneConfig, drawn_centres, road_surfaces
+from siren_ros.sensors.scene.surfaces import FreeSpace, SceneConfig, drawn_centres, road_surfaces, union
 from siren_ros.world.actors import FIRST_PARKED_ID
 
 VARIED = SceneConfig(parked_share=0.5, size_spread=0.1, clutter_per_100_m=10.0)
@@ -66,8 +66,27 @@ def test_clutter_is_in_the_mesh_and_parked_vehicles_are_not(network: RoadNetwork
     empty = static_scene(network, 3, replace(VARIED, clutter_per_100_m=0.0))
     assert len(empty.parked) == len(varied.parked)
     more = static_scene(network, 3, replace(VARIED, clutter_per_100_m=40.0))
-    assert len(empty.mesh) < len(varied.mesh) < len(more.mesh)
-    assert len(more.mesh) > len(empty.mesh) + 12 * 30
+    metal = [int((one.mesh.material == Material.METAL_POLE).sum()) for one in (empty, varied, more)]
+    assert metal == sorted(metal)
+    assert metal[2] > metal[0] + 12 * 30, "houses and trees, which give way, are not of it"
+
+
+def test_most_of_the_clutter_that_is_asked_for_stands_between_road_and_houses(network: RoadNetwork) -> None:
+    surfaces = road_surfaces(network, drawn_centres(network, VARIED.road_extension_m), VARIED)
+    edge = union((surfaces.keep_clear, surfaces.raised))
+    pieces = list(clutter(surfaces, FreeSpace(surfaces), VARIED, np.random.default_rng(5)))
+    west, south, east, north = surfaces.bounds_m
+    on_map = shapely.box(west, south, east, north).intersection(edge.boundary)
+    asked = on_map.length * VARIED.clutter_per_100_m / 100.0
+    assert 0.75 * asked < len(pieces) < 1.15 * asked
+    corners = [shapely.multipoints(piece.vertices_m[:, :2]).convex_hull for piece in pieces]
+    assert not any(area.intersects(edge) for area in corners)
+    reach = edge.buffer(VARIED.building_setback_m)
+    assert np.mean([reach.contains(area) for area in corners]) > 0.9
+    longest = [shapely.get_coordinates(area)[:, None] - shapely.get_coordinates(area) for area in corners]
+    assert np.mean([np.hypot(*gaps.T).max() > 2.5 for gaps in longest]) > 0.15, (
+        "large pieces are not the ones that are left out"
+    )
 
 
 def test_the_mirror_image_stands_on_the_other_side(varied: StaticScene) -> None:

@@ -1,7 +1,6 @@
 from dataclasses import replace
 
 import numpy as np
-import open3d as o3d
 import pytest
 import shapely
 from repository import SHARED
@@ -55,6 +54,8 @@ def standing_low(scene, below_m):
 
 def heights_at(scene, points):
     """Height and material of the ground straight below places ``(N, 2)``, seen from a metre up."""
+    import open3d as o3d
+
     caster = o3d.t.geometry.RaycastingScene(nthreads=1)
     caster.add_triangles(o3d.core.Tensor(scene.mesh.vertices_m), o3d.core.Tensor(scene.mesh.triangles))
     down = np.tile((1.0, 0.0, 0.0, -1.0), (len(points), 1))

@@ -1,7 +1,6 @@
 from dataclasses import replace
 
 import numpy as np
-import open3d as o3d
 import pytest
 from solids import one_sidedness, volume
 
@@ -20,6 +19,8 @@ every_class = pytest.mark.parametrize("actor_class", VEHICLE_CLASSES, ids=lambda
 
 
 def cast(mesh, rays):
+    import open3d as o3d
+
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(o3d.core.Tensor(mesh.vertices_m), o3d.core.Tensor(mesh.triangles))
     answer = scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))

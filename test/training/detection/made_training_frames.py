@@ -21,4 +21,5 @@ def made_episode(seed: int, frames: int = 6) -> BagFrames:
         ground = np.column_stack((random.uniform(-16.0, 16.0, (400, 2)), np.tile([-1.9, 0.1, 0.05], (400, 1))))
         points.append(np.vstack((rows, ground)).astype(np.float32))
         boxes.append(np.array([[*place, -1.0, 4.4, 1.8, 1.4, yaw, 0.0, 0.0, 0.0, 150.0]], dtype=np.float32))
-    return joined_frames({"template": "S2", "level": "L2", "seed": seed, "map": "made"}, points, boxes)
+    about = {"template": "S2", "level": "L2", "seed": seed, "map": "made", "key": f"made S2 {seed}"}
+    return joined_frames(about, points, boxes)

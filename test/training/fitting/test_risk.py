@@ -10,7 +10,7 @@ pytest.importorskip("onnx", reason="the extra models is not installed")
 
 from siren_ros.evaluation.risk.labels import RiskClass
 from siren_ros.evaluation.risk.sequence_model import HEIGHT, WIDTH
-from siren_ros.scenario.splits import Split
+from siren_ros.scenario.splits import EpisodeIdentity, Split
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.fitting.risk import FilmNetwork, fitted_film_network
 from siren_ros.training.risk.batches import labelled
@@ -50,6 +50,12 @@ def test_a_model_is_trained_and_written_with_its_card(tmp_path: Path) -> None:
         "films": 3, "seed": 500, "episodes": [1, 1, 1], "pictures": card["films"]["train"]["pictures"],
         "left_out": ["train_S4_009: no site"],
     }  # fmt: skip
+    assert card["data"] == {
+        split.value: {
+            "keys": sorted(EpisodeIdentity.of_request(one.request).text for one in plan if one.split is split)
+        }
+        for split in (Split.TRAIN, Split.VAL)
+    }
     assert sum(map(sum, card["validation"]["confusion"])) == card["validation"]["clips"] == 9
     near, hit = model.probabilities(hand_made_film(RiskClass.COLLISION).frames[:95])
     assert 0.0 < min(near, hit) <= max(near, hit) < 1.0

@@ -46,11 +46,12 @@ def test_training_draws_the_same_samples_every_time() -> None:
     assert first.reference_ade_m == {}
 
 
-def test_half_of_the_drawn_samples_have_the_errors_of_a_tracker() -> None:
+def test_each_drawn_sample_comes_without_errors_and_with_those_of_a_tracker() -> None:
     """Of the vehicles at constant heading 0, those with a noisy heading see the truth turned."""
     drawn = features_of_record(made_record(3), Split.TRAIN)
     turned = np.abs(drawn.truth_m[:, -1, 1]) > 1e-3
     assert turned.mean() == pytest.approx(0.5, abs=0.02)
+    assert len(drawn) % 2 == 0
     assert not (np.abs(features_of_record(made_record(3), Split.VAL).truth_m[:, -1, 1]) > 1e-3).any()
 
 

@@ -25,6 +25,7 @@ from siren_ros.numerics.arrays import Flags, Floats, Floats32, Matrix
 from siren_ros.numerics.units import STEP_S
 from siren_ros.params.resources import params_dir
 from siren_ros.record.episode_source import lidar_frames, lidar_of, open_source
+from siren_ros.scenario.splits import SeenEpisodes
 
 FORM_VERSION: Final = 1
 """Of inputs and outputs; a file of another form is refused."""
@@ -67,14 +68,13 @@ def load_detector(path: Path) -> DetectorNetwork:
     return DetectorNetwork(network.session, card, grid, tuple(card["class_names"]))
 
 
-def maps_of_training(weights: Path | None = None) -> frozenset[str]:
-    """Names of the maps in a detector's training, by its card; weights as of ``detect_pillars``.
+def seen_in_training(weights: Path | None = None) -> SeenEpisodes | None:
+    """The episodes of a detector's training, by its card; weights as of ``detect_pillars``.
 
     Raises:
         InputError: The weights cannot be used.
     """
-    training = load_detector(weights or detector_file(SHIPPED_DETECTOR)).card.get("training", {})
-    return frozenset(training.get("seeds_by_map", {}))
+    return SeenEpisodes.of_card(load_detector(weights or detector_file(SHIPPED_DETECTOR)).card)
 
 
 _OWN_HALF_M: Final = (4.2, 1.35)

@@ -9,8 +9,9 @@ from typing import Final
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.boxes import FoundBoxes
 from siren_ros.evaluation.detection.detectors.classical import detect_classical
-from siren_ros.evaluation.detection.detectors.pillar_detector import detect_pillars, maps_of_training
+from siren_ros.evaluation.detection.detectors.pillar_detector import detect_pillars, seen_in_training
 from siren_ros.evaluation.detection.frames import EpisodeFrames
+from siren_ros.scenario.splits import SeenEpisodes
 
 Detect = Callable[[EpisodeFrames, Path | None], FoundBoxes]
 """Vehicles in all labelled sweeps of an episode; the file holds weights in place of the detector's own."""
@@ -29,10 +30,10 @@ DETECTORS: Final[Mapping[str, Detect]] = MappingProxyType(
     }
 )
 
-TRAINED_ON: Final[Mapping[str, Callable[[Path | None], frozenset[str]]]] = MappingProxyType(
-    {"pillars": maps_of_training}
+SEEN: Final[Mapping[str, Callable[[Path | None], SeenEpisodes | None]]] = MappingProxyType(
+    {"pillars": seen_in_training}
 )
-"""Maps in the training of the detectors that learn, by their weights."""
+"""Episodes in the training of the detectors that learn, by their weights."""
 
 
 def run_detector(name: str, episode: EpisodeFrames, weights: Path | None) -> tuple[FoundBoxes, float]:

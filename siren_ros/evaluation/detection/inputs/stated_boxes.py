@@ -10,6 +10,7 @@ import numpy.typing as npt
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.boxes import FoundBoxes, attributes_of
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Rows
+from siren_ros.scenario.splits import SeenEpisodes
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,8 @@ class FoundSet:
     """Whether velocities are known; without them the devkit takes 1 m/s as the velocity error."""
     has_attributes: bool = False
     """Whether the format states attributes; else those of labels and detections follow from their velocities."""
-    trained_on: frozenset[str] = frozenset()
-    """Names of the maps on which the detector was trained; empty where nothing is known or learned."""
+    seen: SeenEpisodes | None = None
+    """The episodes on which the detector was trained; None where nothing is known or learned."""
 
 
 MOST_BOXES: Final = 500

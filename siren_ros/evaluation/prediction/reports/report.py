@@ -28,7 +28,7 @@ from siren_ros.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.evaluation.statistics import RANKED_MIN
 from siren_ros.scenario.interaction_region import REGION_TEXT
 from siren_ros.scenario.paper import TEMPLATES
-from siren_ros.scenario.splits import Split
+from siren_ros.scenario.splits import Split, counted_standings, overlap_warning
 from siren_ros.tables.interval import CONFIDENCE, Bounds
 from siren_ros.tables.table import Cell, Row, Table, csv_text, text_of
 
@@ -102,17 +102,12 @@ def _seen(scores: ScoreTable) -> Table:
 
 def _standings(scores: ScoreTable) -> dict[str, dict[Split, int]]:
     known = {model: [of.standing[model] for of in scores.episodes if model in of.standing] for model in scores.models}
-    return {model: {split: of.count(split) for split in Split} for model, of in known.items() if of}
+    return {model: counts for model, of in known.items() if (counts := counted_standings(of))}
 
 
 def warnings_of(scores: ScoreTable) -> list[str]:
     """A line for each model that is scored on episodes of its own training."""
-    lines = []
-    for model, counts in _standings(scores).items():
-        inside, total = counts[Split.TRAIN], sum(counts.values())
-        if inside:
-            lines.append(f"WARNING: {model} was trained on {inside} of these {total} episodes: its scores say too much")
-    return lines
+    return [line for model, counts in _standings(scores).items() if (line := overlap_warning(model, counts))]
 
 
 def _causality_lines(scores: ScoreTable) -> list[str]:

@@ -28,7 +28,7 @@ from siren_ros.evaluation.prediction.siren_model.paths import PATH_POINTS, PATHS
 from siren_ros.numerics.arrays import Flags, Floats, Floats32, Rows
 from siren_ros.params.resources import params_dir
 from siren_ros.roads.mirror_image import MIRROR
-from siren_ros.scenario.splits import SeenEpisodes, Split
+from siren_ros.scenario.splits import SeenEpisodes
 
 FEATURES_VERSION: Final = 1
 """Raised whenever a value changes its meaning: weights fit one version."""
@@ -147,10 +147,9 @@ class TrainedNetwork(NetworkFile):
         return Ablation(self.card["ablation"])
 
     @property
-    def seen(self) -> SeenEpisodes:
+    def seen(self) -> SeenEpisodes | None:
         """The episodes of its training."""
-        trained, watched = (frozenset(self.card["data"][split]["keys"]) for split in (Split.TRAIN, Split.VAL))
-        return SeenEpisodes(trained, watched)
+        return SeenEpisodes.of_card(self.card)
 
     def run(self, features: Features) -> tuple[Floats, Floats]:
         """Paths in the samples' frames, ``(N, k, FUTURE_POINTS, 2)``, and probabilities, ``(N, k)``; not sorted."""
@@ -195,7 +194,7 @@ class SirenPredictor:
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
     @property
-    def seen(self) -> SeenEpisodes:
+    def seen(self) -> SeenEpisodes | None:
         """The episodes of its training."""
         return self.network.seen
 

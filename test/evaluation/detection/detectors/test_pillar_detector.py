@@ -22,7 +22,7 @@ from siren_ros.evaluation.detection.detectors.pillar_detector import (
     detect_pillars,
     detector_file,
     load_detector,
-    maps_of_training,
+    seen_in_training,
 )
 from siren_ros.evaluation.detection.detectors.pillars import (
     FEATURES,
@@ -35,6 +35,7 @@ from siren_ros.evaluation.detection.detectors.pillars import (
 )
 from siren_ros.numerics.arrays import Matrix
 from siren_ros.params.resources import params_dir
+from siren_ros.scenario.splits import EpisodeIdentity, Split
 from siren_ros.world.actors import ActorClass
 
 GRID = PillarGrid(half_width_m=8.0, cells=16, points=4, pillars=50)
@@ -369,5 +370,9 @@ def test_nothing_stays_of_nothing() -> None:
     assert apart(np.zeros((0, 2)), np.zeros(0), 1.0).shape == (0,)
 
 
-def test_the_maps_of_the_training_are_those_of_the_card() -> None:
-    assert maps_of_training() == {"town", "Town04"}
+def test_the_episodes_of_the_training_are_those_of_the_card() -> None:
+    seen = seen_in_training()
+    assert seen is not None
+    assert seen.maps == {"town", "Town04"}
+    assert seen.split_of(EpisodeIdentity("town", "S2", 103, "emv.headway_s=2")) is Split.TRAIN
+    assert seen.split_of(EpisodeIdentity("town", "S2", 1000)) is Split.TEST_SEED

@@ -3,6 +3,7 @@
 import gzip
 import json
 from base64 import b64decode
+from importlib.util import find_spec
 from typing import Any
 
 import pytest
@@ -12,7 +13,7 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.vlm.model import MOST_REPLY_BYTES, ModelUnavailableError, Question
 from siren_ros.evaluation.risk.vlm.openai_server import NO_KEY, OpenAiServer, key_from, reply_in
 
-pytest.importorskip("openai", reason="the extra vlm is not installed")
+pytestmark = pytest.mark.skipif(find_spec("openai") is None, reason="the extra vlm is not installed")
 ASKED = Question("You judge.", "Which class?", (b"first", b"second"))
 KEY = "a-secret-key"
 

@@ -1,0 +1,6 @@
+"""Environments of Gymnasium and PettingZoo in which drivers learn; the import registers them."""
+
+from siren_ros.learning.registration import parallel_env as parallel_env
+from siren_ros.learning.registration import register_environments
+
+register_environments()

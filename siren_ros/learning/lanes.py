@@ -1,0 +1,59 @@
+"""The lanes beside a way: how many there are, and where their centres are across the way."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from siren_ros.numerics.arrays import Floats
+from siren_ros.record.vehicle_location import locate
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.roads.routing import driving_lanes
+from siren_ros.seat.way import SPACING_M, Way
+
+
+@dataclass(frozen=True)
+class LanesBeside:
+    """Columns of shape ``(K,)``, one value for each metre of a way; offsets are left positive."""
+
+    width_m: Floats
+    """Of the lane that the way is in."""
+    left: Floats
+    """Number of driving lanes of the same direction to the left; fractional in junctions, between both sides…"""
+    right: Floats
+    """…and to the right."""
+
+    @classmethod
+    def of(cls, network: RoadNetwork, way: Way) -> Self:
+        """The lanes beside a way on a map where traffic keeps right."""
+        s_m = np.arange(len(way.limit_mps)) * SPACING_M
+        points, heading = way.curve.at(s_m), np.asarray(way.curve.heading_rad(s_m))
+        places = locate(network, points, heading, np.full(len(s_m), NO_LANE, np.int32))
+        columns = np.full((3, len(s_m)), np.nan)
+        for row, index in enumerate(places.lane.tolist()):
+            lanes = (
+                [] if index == NO_LANE else [lane.index for lane in driving_lanes(network, network.lanes[index].edge)]
+            )
+            if index not in lanes:
+                continue
+            position = lanes.index(index)
+            beside = len(lanes) - 1 - position, position
+            columns[:, row] = network.lanes[index].width_m, *beside
+        known = np.isfinite(columns[0])
+        if not known.any():
+            columns[:] = np.array([3.5, 0.0, 0.0])[:, None]
+        else:
+            columns = np.array([np.interp(s_m, s_m[known], column[known]) for column in columns])
+        return cls(*columns)
+
+    def lane_there(self, row: int, lane: int) -> int:
+        """A lane by its number from the way's, left positive; for one that is not there at a row the last one is."""
+        return min(max(lane, -round(float(self.right[row]))), round(float(self.left[row])))
+
+    def offset_m(self, row: int, lane: int) -> float:
+        """Offset of a lane from the way at a row; its number is as for ``lane_there``.
+
+        In junctions the lanes that are on one side only come nearer or go away on the way across.
+        """
+        there = min(max(float(lane), -float(self.right[row])), float(self.left[row]))
+        return there * float(self.width_m[row])

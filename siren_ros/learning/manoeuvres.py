@@ -1,0 +1,111 @@
+"""What drivers in seats can ask for: pedals and wheel, or manoeuvres that the library drives."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+
+from siren_ros.dynamics.parameters import VehicleParameters
+from siren_ros.learning.moment import Moment
+from siren_ros.numerics.arrays import Floats32
+from siren_ros.seat.speeds import speed_to_leader, speed_to_limit, speed_to_red
+from siren_ros.seat.steering import steered
+from siren_ros.world.actors import ActorClass, Lights
+from siren_ros.world.commands import AvControl
+
+HARDEST_DRIVE_MPS2: Final = 3.0
+HARDEST_BRAKE_MPS2: Final = 8.0
+ACROSS_MPS2: Final = 4.0
+"""Lateral acceleration at which the wheel's action is 1…"""
+LARGEST_STEER_RAD: Final = 0.5
+"""…but no larger angle."""
+_INDICATES: Final = 1.0 / 3.0
+_SHOULDER_PACE_MPS: Final = 5.0
+"""Of somebody who pulls over and is not at the edge yet."""
+_EDGE_M: Final = 0.3
+"""Kept to the edge of the road."""
+_THERE_M: Final = 0.4
+"""A vehicle that is this near to the place across the way that it goes to has reached it."""
+
+
+class Manoeuvre(IntEnum):
+    """An action of the kind ``manoeuvre``."""
+
+    KEEP = 0
+    """Drive in the present lane."""
+    LEFT = 1
+    """Change to the next lane on the left, where there is one…"""
+    RIGHT = 2
+    """…or on the right."""
+    PULL_OVER = 3
+    """Go to the right edge of the road, and stop there outside junctions."""
+    STOP = 4
+    """Stop in the present place across the road."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """Where a driver goes by its last manoeuvre."""
+
+    manoeuvre: Manoeuvre = Manoeuvre.KEEP
+    lane: int = 0
+    """Number of its lane from the way's, left positive."""
+    offset_m: float = 0.0
+    """Place across the way, for STOP."""
+
+
+def aim_of(aim: Aim, manoeuvre: Manoeuvre, moment: Moment) -> Aim:
+    """The aim after a manoeuvre was asked for. A lane change ends before the next one begins."""
+    sight, lanes = moment.sight, moment.lanes
+    row = sight.way.row(sight.s_m)
+    lane = lanes.lane_there(row, aim.lane)
+    if manoeuvre is Manoeuvre.STOP:
+        return Aim(manoeuvre, lane, aim.offset_m if aim.manoeuvre is Manoeuvre.STOP else sight.left_m)
+    if manoeuvre is Manoeuvre.PULL_OVER:
+        return Aim(manoeuvre, -round(float(lanes.right[row])))
+    change = {Manoeuvre.LEFT: 1, Manoeuvre.RIGHT: -1}.get(manoeuvre, 0)
+    if change and not sight.in_junction and abs(lanes.offset_m(row, lane) - sight.left_m) < _THERE_M:
+        lane = lanes.lane_there(row, lane + change)
+    return Aim(manoeuvre, lane)
+
+
+def by_manoeuvre(aim: Aim, moment: Moment) -> AvControl:
+    """Pedals, wheel and indicators of a driver with an aim: to the limit, behind its leader, before a red line."""
+    sight, row = moment.sight, moment.sight.way.row(moment.sight.s_m)
+    offset_m, hardest_mps2 = moment.lanes.offset_m(row, aim.lane), 3.5
+    if aim.manoeuvre is Manoeuvre.PULL_OVER:
+        offset_m = float(sight.way.right_m[row]) + 0.5 * sight.width_m + _EDGE_M
+    elif aim.manoeuvre is Manoeuvre.STOP:
+        offset_m, hardest_mps2 = aim.offset_m, 6.0
+    wanted = min(speed_to_limit(sight), speed_to_leader(sight, offset_m))
+    wanted = min(wanted, moment.emv_wanted_mps if moment.body.is_emv else speed_to_red(sight))
+    away_m = offset_m - sight.left_m
+    if aim.manoeuvre is Manoeuvre.STOP:
+        wanted = 0.0
+    elif aim.manoeuvre is Manoeuvre.PULL_OVER and not sight.in_junction:
+        wanted = min(wanted, 0.0 if abs(away_m) < _THERE_M else _SHOULDER_PACE_MPS)
+    side = Lights.INDICATOR_LEFT if away_m > 0.0 else Lights.INDICATOR_RIGHT
+    lights = int(side) if abs(away_m) > _THERE_M and not sight.in_junction else int(Lights.NONE)
+    return steered(sight, wanted, offset_m, lights, hardest_mps2)
+
+
+def by_pedals(action: Floats32, moment: Moment, vehicles: Mapping[ActorClass, VehicleParameters]) -> AvControl:
+    """The answer for an action of the kind ``continuous``: acceleration, wheel and indicator, each from −1 to 1.
+
+    An acceleration of 1 asks for 3 m/s², one of −1 for 8 m/s² of braking. A wheel of 1 turns left by the angle that
+    gives 4 m/s² across at the present speed, at most 0.5 rad. An indicator above 1/3 is the left one, below −1/3 the
+    right one.
+    """
+    push, wheel, indicator = (float(value) for value in np.clip(action, -1.0, 1.0))
+    vehicle = vehicles[moment.body.actor_class]
+    throttle = min(max(push, 0.0) * HARDEST_DRIVE_MPS2 / vehicle.max_drive_accel_mps2, 1.0)
+    brake = min(max(-push, 0.0) * HARDEST_BRAKE_MPS2 / vehicle.max_brake_decel_mps2, 1.0)
+    bend_1pm = ACROSS_MPS2 / max(moment.sight.speed_mps, 1.0) ** 2
+    steer = wheel * min(math.atan(vehicle.wheelbase_m * bend_1pm), LARGEST_STEER_RAD)
+    lights = Lights.NONE
+    if abs(indicator) > _INDICATES:
+        lights = Lights.INDICATOR_LEFT if indicator > 0.0 else Lights.INDICATOR_RIGHT
+    return AvControl(moment.sight.step, throttle, brake, steer, int(lights))

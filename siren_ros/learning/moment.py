@@ -1,0 +1,99 @@
+"""What happened in a seat between two steps of an episode: the material of observations and rewards."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from siren_ros.learning.lanes import LanesBeside
+from siren_ros.learning.rollout import Rollout, Scene, Seat
+from siren_ros.seat.sight import Sight, sight_of
+from siren_ros.seat.way import Way
+from siren_ros.traffic.demand.demand import av_way, way_of
+from siren_ros.world.actors import NO_ACTOR, ActorDescription, ActorStates
+from siren_ros.world.traffic_state import EventKind
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A step from a seat, where traffic keeps right."""
+
+    sight: Sight
+    before: Sight
+    """One step before; the same one at the first step."""
+    states: ActorStates
+    row: int
+    """Of the own vehicle in ``states``."""
+    actors: dict[int, ActorDescription]
+    lanes: LanesBeside
+    emv_id: int
+    """The first emergency vehicle."""
+    emv_wanted_mps: float
+    """Its speed where nobody is in its way."""
+    contact: bool
+    """Whether the own vehicle touched somebody at this step."""
+    red_lines: int
+    """Stop lines that the own front crossed at this step while they were red."""
+
+    @property
+    def body(self) -> ActorDescription:
+        """The own vehicle."""
+        return self.actors[int(self.states.actor_id[self.row])]
+
+    @property
+    def emv_row(self) -> int | None:
+        """Row of the first emergency vehicle; None where it is not on the map."""
+        row = int(np.searchsorted(self.states.actor_id, self.emv_id))
+        return row if row < len(self.states) and self.states.actor_id[row] == self.emv_id else None
+
+
+class SeatView:
+    """The view from one seat of a rollout, step by step."""
+
+    def __init__(self, rollout: Rollout, seat: Seat) -> None:
+        """Finds the way of the seat.
+
+        Raises:
+            InputError: The episode has nobody in the seat, or its route cannot be driven from its first lane.
+        """
+        setup, network = rollout.setup, rollout.network
+        curve = av_way(network, setup.plan) if seat is Seat.CIVILIAN else way_of(network, setup.plan.emvs[0])
+        self.actor_id = rollout.actor_of(seat)
+        self.way = Way.of(network, curve)
+        self.lanes = LanesBeside.of(network, self.way)
+        self._actors = rollout.actors
+        self._emv_id = rollout.actor_of(Seat.EMV)
+        self._emv_wanted_mps = float(setup.description.template_values["emv.speed_mps"])
+        self._last: Moment | None = None
+
+    def look(self, scene: Scene) -> Moment | None:
+        """The moment of a step; None where the vehicle has left the map."""
+        states, signals = scene.states, scene.step.traffic.signals
+        row = int(np.searchsorted(states.actor_id, self.actor_id))
+        if self.actor_id == NO_ACTOR or row == len(states) or states.actor_id[row] != self.actor_id:
+            return None
+        sight = sight_of(states, signals, self._actors, self.actor_id, self.way)
+        before = sight if self._last is None else self._last.sight
+        touched = any(
+            event.kind is EventKind.COLLISION and self.actor_id in {event.actor_id, event.other_id}
+            for event in scene.step.events
+        )
+        colours = {signal.signal_id: signal.state for signal in signals}
+        crossed = [
+            line.connection
+            for line in self.way.lines
+            if before.s_m < line.at_m - 0.5 * sight.length_m <= sight.s_m
+            and colours.get(line.connection.signal_id or "", "")[line.connection.signal_link :][:1] in {"r", "R"}
+        ]
+        self._last = Moment(
+            sight,
+            before,
+            states,
+            row,
+            self._actors,
+            self.lanes,
+            self._emv_id,
+            self._emv_wanted_mps,
+            touched,
+            len(crossed),
+        )
+        return self._last

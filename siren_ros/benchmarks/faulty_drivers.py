@@ -89,10 +89,11 @@ def broken_by(driver: str, place: str, scene: str) -> frozenset[str]:
 
 def judged(cases: Sequence[Case], scenes: Mapping[str, str], jobs: int) -> Iterator[tuple[Case, frozenset[str]]]:
     """The cases with the clauses that their drivers break in any of their scenes."""
+    calls = [(case.driver, case.place, scenes[name]) for case in cases for name in case.scenes]
     with ProcessPool(jobs) as pool:
-        for case in cases:
-            calls = [(case.driver, case.place, scenes[name]) for name in case.scenes]
-            yield case, frozenset().union(*pool.map(broken_by, calls))
+        found = iter(pool.map(broken_by, calls))
+    for case in cases:
+        yield case, frozenset().union(*(next(found) for _ in case.scenes))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

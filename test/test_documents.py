@@ -11,7 +11,7 @@ import yaml
 from repository import REPOSITORY
 
 DOCUMENTS: Final = sorted([*REPOSITORY.glob("*.md"), *(REPOSITORY / "docs").rglob("*.md")])
-PRIVATE_WORDS: Final = re.compile(r"\b(spells?|foot|rooms?|crew|seats?|besides?|carried)\b", re.IGNORECASE)
+PRIVATE_WORDS: Final = re.compile(r"\b(spells?|foot|rooms?|crew|seats?(?!/)|besides?|carried)\b", re.IGNORECASE)
 """Words that mean something else to the reader than they once meant here."""
 SOURCE_FOLDERS: Final = ("siren_ros", "nodes", "test", "params", "docs", "tools", "msg_defs", "examples", "launch")
 SOURCE_SUFFIXES: Final = (".py", ".sh", ".msg")

@@ -1,54 +1,112 @@
-"""``siren exam BAG...``: grades how a driver made way, by a rulebook."""
+"""``siren exam``: grades how drivers make way, by a rulebook, in recorded episodes or in a study made for it."""
 
 import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any, Final
 
-from siren_ros.cli.options import add_bags, add_processes, of_each_bag, processes_of
+from tqdm import tqdm
+
+from siren_ros.cli.command import Command
+from siren_ros.cli.options import add_processes, of_each_bag, processes_of
+from siren_ros.cli.study_options import MATRIX, StudyBar, add_matrix, asked_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, write_text, writing
 from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of
 from siren_ros.exam.grading import Sitting, examine
+from siren_ros.exam.others import actor_in_seat, compared_with_paper
 from siren_ros.exam.rulebook import FOLDER, Rulebook, load_rulebook
 from siren_ros.params.resources import names_in_params
 from siren_ros.recording.bag_reader import bags_among, read_episode
+from siren_ros.scenario.paper import TEMPLATES
+from siren_ros.seat.drivers.drivers import driver_of
+from siren_ros.studies.episode_row import EpisodeRow, Status
+from siren_ros.studies.matrix import Seat, Study
+from siren_ros.studies.run_study import run_study
+from siren_ros.studies.study_folder import LocalFolder
+from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions
+from siren_ros.study_report.episode_pages import EpisodePages
 from siren_ros.study_report.page import html_of, quoted
 from siren_ros.tables.table import text_of
 from siren_ros.world.actors import NO_ACTOR
 
+PAPER: Final = "siren"
+"""Name of the paper's driver: the model's own, in an episode without an AV."""
+PAPER_FOLDER: Final = "paper"
+"""Folder of the episodes with the paper's driver, in that of an exam."""
+_DEFAULT: Final = Study(TEMPLATES, levels=("L2", "L3"), seeds=tuple(range(20)))
+_PAGES: Final = 20
+"""Most episodes with a page of their own."""
 
-def add_arguments(verb: argparse.ArgumentParser) -> None:
+
+def add_arguments(verb: Command) -> None:
     """Adds the description and the options of the command."""
+    verb.add_variant("compare", "exam_compare.add_arguments")
     verb.description = (
-        "Grades the driver of the AV under test in recorded episodes, clause by clause of a rulebook: pass, minor, "
-        "major, or not applicable. --out writes a certificate as HTML, JSON and JUnit XML. The exit code is 1 if a "
-        "clause is violated gravely, or if none is applicable."
+        "Grades a driver, clause by clause of a rulebook: pass, minor, major, or not applicable. With BAG it is the AV "
+        "under test of recorded episodes. With --driver or --av the exam first makes a study in --out, with that "
+        "driver in the AV's seat, and the same episodes with the paper's driver, to compare. --out gets a certificate "
+        "as HTML, JSON and JUnit XML. The exit code is 1 if a clause is violated gravely, if none is applicable, or if "
+        "an episode has no result."
     )
-    add_bags(verb)
+    verb.epilog = "`siren exam compare` compares two certificates; see `siren exam compare --help`."
+    verb.add_argument("bags", type=Path, metavar="BAG", nargs="*", help="bags, or folders with bags at any depth")
     verb.add_argument(
         "--rulebook",
         default="international",
         metavar="NAME",
         help=f"one of {', '.join(names_in_params(FOLDER))}, or a YAML file (default %(default)s)",
     )
-    verb.add_argument("--actor", type=int, metavar="ID", help="the driver (default: the AV under test)")
-    verb.add_argument("--driver", default="", metavar="TEXT", help="name of the driver on the certificate")
+    verb.add_argument(
+        "--driver",
+        default="",
+        metavar="NAME",
+        help="built-in driver for the seat: siren (the paper's), idm, lawful-PLACE or FAULT-PLACE; with BAG, the "
+        "driver's name on the certificate",
+    )
+    verb.add_argument("--av", default="", metavar="PROGRAM", help="command line of a ROS program for the seat")
+    verb.add_argument("--real-time", action="store_true", help="a step of the program's episodes takes 0.05 s")
+    verb.add_argument("--actor", type=int, metavar="ID", help="the driver in BAG (default: the AV under test)")
+    verb.add_argument("--alone", action="store_true", help="make no episodes with the paper's driver")
     verb.add_argument("--out", type=Path, metavar="DIR", help="folder for certificate.html, .json and .xml")
+    add_matrix(verb.add_argument_group("the matrix of a study"), "S1 to S7", "L2 L3", "0:20")
     add_processes(verb)
+    verb.add_argument(
+        "--timeout-s",
+        type=float,
+        default=TIMEOUT_S,
+        metavar="S",
+        help="longest wall time of an episode (default %(default)g)",
+    )
     verb.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Grades every bag; one that cannot be read does not keep the others from being graded."""
+    """Grades every bag, after it has made them where a seat is asked for; one without a result keeps no other back."""
     rulebook = load_rulebook(arguments.rulebook)
-    bags = bags_among(arguments.bags)
-    sit = partial(sit_in_bag, actor_id=arguments.actor, rulebook=rulebook)
-    sittings, worst = of_each_bag(sit, bags, processes_of(arguments))
-    name = arguments.driver or ("the AV under test" if arguments.actor is None else f"actor {arguments.actor}")
+    seated = bool(arguments.av or (arguments.driver and not arguments.bags))
+    if not seated and not arguments.bags:
+        raise InputError("bags", "", "bags, --driver or --av")
+    if arguments.bags and arguments.av:
+        raise InputError("av", arguments.av, "no bags with it")
+    sittings, worst = _of_study(arguments, rulebook) if seated else _of_bags(arguments, rulebook)
+    name = arguments.driver or arguments.av
+    name = name or ("the AV under test" if arguments.actor is None else f"actor {arguments.actor}")
     certificate = Certificate(name, rulebook, tuple(sorted(sittings, key=lambda sitting: sitting.bag)))
-    print("\n".join(text_of([certificate.summary()])))
+    effects = certificate.effects()
+    print("\n".join(text_of([certificate.summary(), *([] if effects is None else [effects])])))
+    for sitting in certificate.without_result:
+        print(f"siren exam: {sitting.episode}: no result: {sitting.lack}", file=sys.stderr)
     if arguments.out is not None:
         _write(arguments, certificate)
     return max(worst, EXIT_OK if certificate.passed else EXIT_FAILED)
+
+
+def _of_bags(arguments: argparse.Namespace, rulebook: Rulebook) -> tuple[list[Sitting], int]:
+    sit = partial(sit_in_bag, actor_id=arguments.actor, rulebook=rulebook)
+    return of_each_bag(sit, bags_among(arguments.bags), processes_of(arguments))
 
 
 def sit_in_bag(bag: Path, actor_id: int | None, rulebook: Rulebook) -> Sitting:
@@ -64,14 +122,84 @@ def sit_in_bag(bag: Path, actor_id: int | None, rulebook: Rulebook) -> Sitting:
     return examine(record, chosen, rulebook, str(bag))
 
 
+def _of_study(arguments: argparse.Namespace, rulebook: Rulebook) -> tuple[list[Sitting], int]:
+    """Makes the study with the driver in the seat, and that with the paper's driver; grades the first one."""
+    if arguments.out is None:
+        raise InputError("out", "", "a folder for the episodes and the certificate")
+    if arguments.av and arguments.driver:
+        raise InputError("av", arguments.av, "no --driver with it")
+    paper = arguments.driver == PAPER
+    if arguments.driver and not paper:
+        driver_of(arguments.driver)
+    study = replace(_DEFAULT, **asked_of(arguments))
+    seat = Seat() if paper else Seat(arguments.driver, arguments.av, arguments.real_time)
+    rows = _made(replace(study, seat=seat), arguments.out, arguments)
+    pairs = () if paper or arguments.alone else _made(study, arguments.out / PAPER_FOLDER, arguments)
+    beside = {_cell(row): arguments.out / PAPER_FOLDER / row.bag for row in pairs if row.bag}
+    paths = {arguments.out / row.bag: beside.get(_cell(row)) for row in rows if row.bag}
+    sit = partial(sit_in_study, others=paths, rulebook=rulebook)
+    sittings, worst = of_each_bag(sit, [*paths], processes_of(arguments))
+    lacking = [row for row in rows if row.status is not Status.COMPLETE]
+    lacks = [Sitting(str(arguments.out / row.path), _name(row), NO_ACTOR, (), row.reason) for row in lacking]
+    return [*sittings, *lacks], worst
+
+
+def _made(study: Study, out: Path, arguments: argparse.Namespace) -> Sequence[EpisodeRow]:
+    with tqdm(unit="episode", desc="exam", disable=None) as bar:
+        options = WorkerOptions(RETRIES, arguments.timeout_s)
+        return run_study(study, LocalFolder(out), LocalWorkers(processes_of(arguments)), options, StudyBar(bar)).rows
+
+
+def _cell(row: EpisodeRow) -> tuple[Any, ...]:
+    return row.template, row.level, row.seed, row.map, row.site, row.values
+
+
+def _name(row: EpisodeRow) -> str:
+    return f"{row.template}_{row.level}_seed{row.seed}_{row.map_name}"
+
+
+def sit_in_study(bag: Path, others: dict[Path, Path | None], rulebook: Rulebook) -> Sitting:
+    """The marks of the driver in the seat of a study's episode, with what it does to others.
+
+    Args:
+        bag: The episode.
+        others: The same episode with the paper's driver, by the bag; None for none.
+        rulebook: What is asked.
+
+    Raises:
+        InputError: A bag cannot be read.
+    """
+    record = read_episode(bag)
+    seated = record.description.av_id
+    actor_id = actor_in_seat(record) if seated == NO_ACTOR else seated
+    sitting = examine(record, actor_id, rulebook, str(bag))
+    if (paper := others[bag]) is None:
+        return sitting
+    model = read_episode(paper)
+    name = record.actors[actor_id].name
+    model_id = next(one for one, actor in model.actors.items() if actor.name == name)
+    return replace(sitting, others=compared_with_paper(record, actor_id, model, model_id))
+
+
 def _write(arguments: argparse.Namespace, certificate: Certificate) -> None:
     out: Path = arguments.out
-    actor = [] if arguments.actor is None else [f"--actor {arguments.actor}"]
-    bags = [quoted(bag) for bag in arguments.bags]
-    words = ["./env siren exam", *bags, f"--rulebook {arguments.rulebook}", *actor, f"--out {quoted(out)}"]
+    asked = {"--driver": arguments.driver, "--av": arguments.av}
+    words = ["./env siren exam", *(quoted(bag) for bag in arguments.bags), f"--rulebook {arguments.rulebook}"]
+    words += [f"{option} {quoted(Path(value))}" for option, value in asked.items() if value]
+    words += [] if arguments.actor is None else [f"--actor {arguments.actor}"]
+    for name in MATRIX:
+        value = getattr(arguments, name)
+        if value is not None:
+            told = " ".join(map(str, value)) if isinstance(value, list) else str(value)
+            words.append(f"--{name.replace('_', '-')} {told}")
+    words += ["--real-time"] * arguments.real_time + ["--alone"] * arguments.alone
+    words.append(f"--out {quoted(out)}")
     with writing(out, "folder"):
         out.mkdir(parents=True, exist_ok=True)
-    write_text(out / "certificate.html", html_of(page_of(certificate, " ".join(words))))
+    pages = EpisodePages(out / "pages", _PAGES, {Path(sitting.bag) for sitting in certificate.graded})
+    write_text(out / "certificate.html", html_of(page_of(certificate, " ".join(words), pages)))
     write_text(out / "certificate.json", as_json(certificate))
     write_text(out / "certificate.xml", as_junit(certificate))
-    print(f"{out}: certificate.html, certificate.json, certificate.xml")
+    written, _, errors = pages.write(processes_of(arguments))
+    print(*errors, sep="\n", end="\n" * bool(errors), file=sys.stderr)
+    print(f"{out}: certificate.html, certificate.json, certificate.xml, {written} pages of episodes")

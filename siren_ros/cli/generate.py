@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,6 +13,7 @@ from tqdm import tqdm
 
 from siren_ros.cli.command import Command
 from siren_ros.cli.options import add_processes, check_numbers
+from siren_ros.cli.study_options import MATRIX, StudyBar, add_matrix, asked_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.episode_setup import plan_length
 from siren_ros.params.resources import named_params_file
@@ -28,12 +28,10 @@ from siren_ros.studies.matrix import (
     Method,
     Study,
     grid_of,
-    levels_of,
     ranges_of,
     read_study,
-    seeds_of,
 )
-from siren_ros.studies.run_study import StudyObserver, run_study
+from siren_ros.studies.run_study import run_study
 from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
 from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions, Workers
 
@@ -51,20 +49,7 @@ _LIMITS: Final = {
     "draw_seed": (0, MAX_SEED),
 }
 
-_MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
-    "templates": tuple,
-    "levels": levels_of,
-    "seeds": seeds_of,
-    "maps": tuple,
-    "sites": tuple,
-    "preset": str,
-    "sensors": str,
-    "look": str,
-    "duration_s": float,
-    "values": str,
-    "risk_videos": int,
-}
-"""Options of the matrix, by the study's fields that they stand for, and how their words are read."""
+_MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {**MATRIX, "risk_videos": int}
 
 
 def add_arguments(verb: Command) -> None:
@@ -85,24 +70,9 @@ def add_arguments(verb: Command) -> None:
     )
     verb.add_argument("--out", required=True, metavar="DIR", help="folder or fsspec URL, new or of the same study")
     matrix = verb.add_argument_group("the matrix")
-    matrix.add_argument("--templates", nargs="+", metavar="ID", help="S1 to S8, or template files (default: S1 to S7)")
-    matrix.add_argument("--levels", nargs="+", metavar="L", help="L0 to L3, or own (default)")
-    matrix.add_argument("--seeds", nargs="+", metavar="N|A:B", help="seeds; 0:5 are 0 to 4 (default 0)")
-    matrix.add_argument("--maps", nargs="+", metavar="FILE", help="map files, or town (default)")
-    matrix.add_argument("--sites", nargs="+", metavar="NAME", help="names that siren sites prints, or drawn (default)")
-    matrix.add_argument("--preset", help="how civilians react (default paper)")
-    matrix.add_argument("--sensors", help="suite of sensors (default none)")
-    matrix.add_argument("--look", help="weather and time of day (default clear)")
-    matrix.add_argument(
-        "--duration-s", type=float, metavar="S", help="simulated time of each episode (default: its own)"
-    )
+    add_matrix(matrix, "S1 to S7", "own", "0")
     matrix.add_argument(
         "--risk-videos", type=int, metavar="N", help=f"also make N risk videos of each template, in DIR/{RISK_VIDEOS}"
-    )
-    matrix.add_argument(
-        "--values",
-        metavar="PATH=N,…",
-        help="values of the templates' parameters, which the seeds then do not draw: emv.speed_mps=12.5,duration_s=60",
     )
     draws = verb.add_argument_group("draws of the templates' parameters")
     draws.add_argument("--grid", nargs="+", metavar="PATH=V,V", help="every combination of these values")
@@ -144,7 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
     make_risk_set = _risk_set_of(study, folder, arguments)
     options = WorkerOptions(arguments.retries, arguments.timeout_s)
     with _workers(arguments) as workers, tqdm(unit="episode", desc="generate", disable=None) as bar:
-        result = run_study(study, folder, workers, options, _Bar(bar))
+        result = run_study(study, folder, workers, options, StudyBar(bar))
     print(*_summary(result.rows), sep="\n")
     kept = f", {result.kept} of them from before" if result.kept else ""
     maps = ", ".join(dict.fromkeys(row.map_name for row in result.rows))
@@ -200,9 +170,7 @@ def _study_of(arguments: argparse.Namespace) -> Study:
     """The study file's, or all templates, with what the command line says in its place."""
     named = arguments.study
     study = Study(TEMPLATES) if named is None else read_study(named_params_file("study", "studies", named))
-    words = {name: getattr(arguments, name) for name in _MATRIX}
-    asked = {name: _MATRIX[name](word) for name, word in words.items() if word is not None}
-    return replace(study, **asked, draws=_draws_of(arguments) or study.draws)
+    return replace(study, **asked_of(arguments, _MATRIX), draws=_draws_of(arguments) or study.draws)
 
 
 def _draws_of(arguments: argparse.Namespace) -> DrawPlan | None:
@@ -216,34 +184,6 @@ def _draws_of(arguments: argparse.Namespace) -> DrawPlan | None:
     method = Method.RANDOM if asked == ["random"] else Method.LATIN_HYPERCUBE
     samples, ranges = getattr(arguments, asked[0]), ranges_of(arguments.range)
     return DrawPlan(method, samples=samples, ranges=ranges, seed=arguments.draw_seed)
-
-
-class _Bar(StudyObserver):
-    """A progress bar with the rate and the time left."""
-
-    def __init__(self, bar: "tqdm[Any]") -> None:
-        self._bar = bar
-        self._counts: Counter[str] = Counter()
-        self._simulated_s = 0.0
-
-    def plan(self, episodes: int) -> None:
-        self._bar.reset(episodes)
-
-    def keep(self, row: EpisodeRow) -> None:  # noqa: ARG002 - the interface
-        if not self._bar.disable:
-            self._bar.initial += 1  # it took no time, so that it does not count for the rate
-            self._bar.update(1)
-
-    def make(self, row: EpisodeRow) -> None:
-        if self._bar.disable:
-            return
-        self._counts["retried"] += row.attempts - 1
-        self._counts[row.status.value] += 1
-        self._simulated_s += row.simulated_s
-        counts = {name: count for name, count in self._counts.items() if count and name != Status.COMPLETE.value}
-        factor = self._simulated_s / max(self._bar.format_dict["elapsed"], 1e-3)
-        self._bar.set_postfix({"simulated": f"{factor:.1f}x", **counts}, refresh=False)
-        self._bar.update(1)
 
 
 def _summary(rows: Iterable[EpisodeRow]) -> Iterator[str]:

@@ -8,13 +8,18 @@ from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
+import numpy as np
+
 from siren_ros import __version__
+from siren_ros.evaluation.statistics import BlockSums, interval_of_mean
 from siren_ros.exam.grading import Grade, Mark, Sitting, worst_of
 from siren_ros.exam.monitors import MONITORS
+from siren_ros.exam.others import OTHERS
 from siren_ros.exam.rulebook import Rulebook
 from siren_ros.numerics.units import STEP_S
+from siren_ros.study_report.episode_pages import EpisodePages
 from siren_ros.study_report.page import Link, Page, Section, quoted
-from siren_ros.tables.interval import share_interval
+from siren_ros.tables.interval import Interval, share_interval
 from siren_ros.tables.table import Row, Table
 
 _BEFORE_S: Final = 2.0
@@ -36,19 +41,44 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
-        """Whether no clause was violated gravely, and at least one was applicable."""
-        return self.grade in {Grade.PASS, Grade.MINOR}
+        """Whether every episode has a result, no clause was violated gravely, and at least one was applicable."""
+        return self.grade in {Grade.PASS, Grade.MINOR} and not self.without_result
+
+    @property
+    def without_result(self) -> tuple[Sitting, ...]:
+        """Episodes that came to no result."""
+        return tuple(sitting for sitting in self.sittings if sitting.lack)
+
+    @property
+    def graded(self) -> tuple[Sitting, ...]:
+        """The others."""
+        return tuple(sitting for sitting in self.sittings if not sitting.lack)
 
     def summary(self) -> Table:
         """How often each clause was kept, with the share of violations among the episodes that it applies to."""
         rows: list[Row] = []
         for number, clause in enumerate(self.rulebook.clauses):
-            counts = Counter(sitting.marks[number].grade for sitting in self.sittings)
+            counts = Counter(sitting.marks[number].grade for sitting in self.graded)
             violated = counts[Grade.MINOR] + counts[Grade.MAJOR]
             share = share_interval(violated, violated + counts[Grade.PASS])
             rows.append((clause.title, *(counts[grade] for grade in _SHOWN), share, clause.source))
         head = ("clause", *(str(grade) for grade in _SHOWN), "violated", "source")
         return Table("clauses", "Clauses, by number of episodes", head, tuple(rows), specs={"violated": ".0%"})
+
+    def effects(self) -> Table | None:
+        """What the driver does to others, less what the paper's driver does in its place; None without pairs."""
+        paired = [sitting for sitting in self.graded if sitting.others]
+        if not paired:
+            return None
+        rows = tuple((meaning, mean_of([one.others[key] for one in paired])) for key, meaning in OTHERS.items())
+        caption = f"Others, against the same {len(paired)} episodes with the paper's driver at the wheel"
+        return Table("others", caption, ("figure", "difference"), rows, spec="+.2f")
+
+
+def mean_of(values: Sequence[float]) -> Interval:
+    """The mean over episodes with its interval."""
+    ones = np.ones(len(values))
+    return interval_of_mean(BlockSums(np.asarray(values, np.float64), ones, np.zeros(len(values), np.intp)))
 
 
 _SHOWN: Final = (Grade.PASS, Grade.MINOR, Grade.MAJOR, Grade.NOT_APPLICABLE)
@@ -72,6 +102,8 @@ def as_json(certificate: Certificate) -> str:
                 "bag": sitting.bag,
                 "actor_id": sitting.actor_id,
                 "grade": sitting.grade,
+                "no_result": sitting.lack,
+                "others": {key: round(value, 6) for key, value in sitting.others.items()},
                 "marks": [_mark_as_json(mark) for mark in sitting.marks],
             }
             for sitting in certificate.sittings
@@ -93,7 +125,7 @@ def _mark_as_json(mark: Mark) -> dict[str, Any]:
 
 
 def as_junit(certificate: Certificate) -> str:
-    """The certificate as JUnit XML: a suite for each episode, a case for each clause.
+    """The certificate as JUnit XML: a suite for each episode, a case for each clause, an error without a result.
 
     A grave violation is a failure, a clause that does not apply is skipped. A minor violation passes; its text is in
     the case's output.
@@ -105,11 +137,14 @@ def as_junit(certificate: Certificate) -> str:
             root,
             "testsuite",
             name=sitting.episode,
-            tests=str(len(sitting.marks)),
+            tests=str(len(sitting.marks) + bool(sitting.lack)),
             failures=str(counts[Grade.MAJOR]),
-            errors="0",
+            errors=str(int(bool(sitting.lack))),
             skipped=str(counts[Grade.NOT_APPLICABLE]),
         )
+        if sitting.lack:
+            case = ET.SubElement(suite, "testcase", classname=sitting.episode, name="episode", time="0")
+            ET.SubElement(case, "error", message=sitting.lack)
         for mark in sitting.marks:
             case = ET.SubElement(suite, "testcase", classname=sitting.episode, name=mark.clause.clause_id, time="0")
             if mark.grade is Grade.NOT_APPLICABLE:
@@ -137,22 +172,28 @@ def told(mark: Mark) -> str:
 
 def shown_again(sitting: Sitting, mark: Mark) -> str:
     """The command that opens the moment which decided a mark."""
-    time_s = max((mark.finding.step or 0) * STEP_S - _BEFORE_S, 0.0)
-    return f"siren view {quoted(Path(sitting.bag))} --time {time_s:g} --actor {sitting.actor_id}"
+    return f"siren view {quoted(Path(sitting.bag))} --time {_begin_s(mark):g} --actor {sitting.actor_id}"
 
 
-def page_of(certificate: Certificate, command: str) -> Page:
+def _begin_s(mark: Mark) -> float:
+    return max((mark.finding.step or 0) * STEP_S - _BEFORE_S, 0.0)
+
+
+def page_of(certificate: Certificate, command: str, pages: EpisodePages | None = None) -> Page:
     """The certificate as a page.
 
     Args:
         certificate: The exam.
         command: It makes the certificate again.
+        pages: Where moments are shown; without it, and where an episode has no page, a moment has its command.
     """
     book, sittings = certificate.rulebook, certificate.sittings
-    counts = Counter(sitting.grade for sitting in sittings)
+    counts = Counter(sitting.grade for sitting in certificate.graded)
     verdict = "passes" if certificate.passed else "does not pass"
-    told_counts = ", ".join(f"{counts[grade]} {grade}" for grade in _SHOWN if counts[grade])
-    lead = f"{certificate.driver} {verdict}. Episodes by their worst clause: {told_counts or 'none'}."
+    parts = [f"{counts[grade]} {grade}" for grade in _SHOWN if counts[grade]]
+    lacking = len(certificate.without_result)
+    parts += [f"{lacking} without a result"] if lacking else []
+    lead = f"{certificate.driver} {verdict}. Episodes by their worst clause: {', '.join(parts) or 'none'}."
     duties = Table(
         "duties",
         "The rulebook",
@@ -174,15 +215,22 @@ def page_of(certificate: Certificate, command: str) -> Page:
         "summary",
         "Clauses",
         ("The interval of the share of violations is Wilson's, over the episodes to which the clause applies.",),
-        tables=(certificate.summary(), duties),
+        tables=(certificate.summary(), *((effects,) if (effects := certificate.effects()) is not None else ()), duties),
         commands=(command,),
     )
-    return Page(f"Exam: {book.title}", lead, (summary, _violations(sittings), *map(_section, sittings)))
+    lacks = tuple(f"{sitting.episode}: no result: {sitting.lack}" for sitting in certificate.without_result)
+    without = (Section("no_result", "Episodes without a result", lacks),) if lacks else ()
+    sections = (summary, *without, _violations(sittings, pages), *map(_section, certificate.graded))
+    return Page(f"Exam: {book.title}", lead, sections)
 
 
-def _violations(sittings: Sequence[Sitting]) -> Section:
+def _violations(sittings: Sequence[Sitting], pages: EpisodePages | None) -> Section:
     links = [
-        Link(f"{sitting.episode}: {mark.grade}, {mark.clause.title}: {told(mark)}", "", shown_again(sitting, mark))
+        Link(
+            f"{sitting.episode}: {mark.grade}, {mark.clause.title}: {told(mark)}",
+            "" if pages is None else pages.address(Path(sitting.bag), _begin_s(mark), sitting.actor_id),
+            shown_again(sitting, mark),
+        )
         for grade in (Grade.MAJOR, Grade.MINOR)
         for sitting in sittings
         for mark in sitting.marks

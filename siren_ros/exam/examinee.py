@@ -22,6 +22,30 @@ ASIDE_M: Final = 8.0
 """An EMV farther to the side is on another road, or beyond two lanes."""
 
 
+_NEAR_M: Final = 25.0
+_BESIDE_M: Final = 3.0
+"""Gap along the road below which others are beside the driver, or would be as soon as it moves aside."""
+_TO_THE_RIGHT_M: Final = 1.0
+_OVERLAP_M: Final = 0.6
+"""Others who are behind or ahead are not beside."""
+_STANDS_MPS: Final = 0.5
+_TURN_OUT_M: Final = 6.0
+"""Way ahead that a standing car needs to turn out into the next lane."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where a driver can go; arrays of shape ``(M,)``, one value for each of its rows."""
+
+    right_m: Floats
+    """To the right edge of the road or to whoever is in between; 0 in junctions, where an EMV comes on the right, and
+    where the driver stands and cannot turn out."""
+    ahead_m: Floats
+    """To the next vehicle in its way, or to the end of its lane."""
+    ahead_mps: Floats
+    """Speed of that vehicle; infinite where there is none within 25 m."""
+
+
 @dataclass(frozen=True)
 class Call:
     """An EMV that comes from behind with its siren; arrays of shape ``(M,)``, one value for each of the driver's rows.
@@ -103,6 +127,41 @@ class Examinee:
         return gaps
 
     @cached_property
+    def room(self) -> "Room":
+        """The room that the driver has to its right and ahead."""
+        right = self.to_right_edge_m.copy()
+        ahead, leader_mps = np.full(len(self.track), np.inf), np.full(len(self.track), np.inf)
+        lanes, bodies = self.record.network.lanes, self.record.actors
+        half_length, half_width = 0.5 * self.actor.length_m, 0.5 * self.actor.width_m
+        first = self.record.states[0].step if self.record.states else 0
+        for row, (step, x, y) in enumerate(zip(self.track.step.tolist(), self.track.x_m, self.track.y_m, strict=True)):
+            lane = int(self.places.lane[row])
+            if lane != NO_LANE:
+                ahead[row] = max(lanes[lane].length_m - float(self.places.arc_m[row]) - half_length, 0.0)
+            states = self.record.states[step - first]
+            near = np.flatnonzero(
+                (np.hypot(states.x_m - x, states.y_m - y) < _NEAR_M) & (states.actor_id != self.actor.actor_id)
+            )
+            yaw, nearest = float(self.along_road.yaw_rad[row]), np.inf
+            for k in near.tolist():
+                dx, dy = float(states.x_m[k] - x), float(states.y_m[k] - y)
+                along, left = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
+                body = bodies[int(states.actor_id[k])]
+                gap = abs(along) - half_length - 0.5 * body.length_m
+                aside = abs(left) - half_width - 0.5 * body.width_m
+                if gap < _BESIDE_M and left < 0.0 and aside > -_OVERLAP_M:
+                    right[row] = min(right[row], max(aside, 0.0))
+                if along > 0.0 and aside < 0.0:
+                    if max(gap, 0.0) < nearest:
+                        nearest = max(gap, 0.0)
+                        leader_mps[row] = np.hypot(states.vx_mps[k], states.vy_mps[k])
+                    ahead[row] = min(ahead[row], nearest)
+        for call in self.calls:  # nobody cuts in before an EMV that passes on the right
+            right[call.calls & (call.gap_m < _NEAR_M) & (call.left_m < -_TO_THE_RIGHT_M)] = 0.0
+        stuck = (self.track.speed_mps < _STANDS_MPS) & (ahead < _TURN_OUT_M)
+        return Room(np.where(stuck | np.isnan(right), 0.0, right), ahead, leader_mps)
+
+    @cached_property
     def along_road(self) -> StateRows:
         """The driver's rows with the heading of its lane in place of its own, which turns as it moves aside."""
         yaw = self.track.yaw_rad.copy()
@@ -117,11 +176,26 @@ class Examinee:
         found = (self._call(emv_id) for emv_id in self.record.emv_ids)
         return tuple(call for call in found if call.calls.any())
 
+    @cached_property
+    def _edge_of_lane(self) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+        """Edge of each lane of the map."""
+        return np.array([lane.edge for lane in self.record.network.lanes], np.int64)
+
+    def _across_m(self, places: LanePlaces) -> Floats:
+        """Distance of each row from the right edge of its road; NaN off the lanes."""
+        right = {lane: road_limits(self.record.network, lane).right_m for lane in set(places.lane.tolist()) - {NO_LANE}}
+        return np.asarray(places.offset_m - np.array([right.get(lane, np.nan) for lane in places.lane.tolist()]))
+
     def _call(self, emv_id: int) -> Call:
         emv_track = self.record.track(emv_id)
         own, emv = common_rows(self.along_road, emv_track)
         there = np.isin(self.track.step, own.step)
         ahead, left = ahead_and_left_m(own, emv)
+        own_lane, own_m = (column[there] for column in (self.places.lane, self._across_m(self.places)))
+        emv_places = places_of(self.record, emv)
+        edges = self._edge_of_lane
+        same = (own_lane != NO_LANE) & (emv_places.lane != NO_LANE) & (edges[own_lane] == edges[emv_places.lane])
+        left = np.where(same, self._across_m(emv_places) - own_m, left)  # also where the road bends
         reach = 0.5 * (self.actor.length_m + self.record.actors[emv_id].length_m)
         aligned = np.abs(wrap_angle(emv.yaw_rad - own.yaw_rad)) < ALIGNED_RAD
         near_line = np.abs(left) < ASIDE_M

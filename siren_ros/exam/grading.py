@@ -1,13 +1,14 @@
 """Grades of a driver in an episode: how it kept each clause of a rulebook, and what decides that."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from siren_ros.exam.examinee import Examinee
 from siren_ros.exam.monitors import MONITORS, Finding
 from siren_ros.exam.rulebook import Clause, Rulebook
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.episode import EpisodeDescription
 
 
 class Grade(StrEnum):
@@ -37,6 +38,11 @@ class Sitting:
     """Its name: template, level, seed and map."""
     actor_id: int
     marks: tuple[Mark, ...]
+    """None where there is no result."""
+    lack: str = ""
+    """Why there is no result."""
+    others: Mapping[str, float] = field(default_factory=dict)
+    """What the driver does to others, less what the paper's driver does in its place (``siren_ros.exam.others``)."""
 
     @property
     def grade(self) -> Grade:
@@ -71,6 +77,9 @@ def examine(record: EpisodeRecord, actor_id: int, rulebook: Rulebook, bag: str =
     for clause in rulebook.clauses:
         finding = MONITORS[clause.monitor].find(examinee, clause.numbers)
         marks.append(Mark(clause, grade_of(clause, finding), finding))
-    described = record.description
-    name = f"{described.template}_{described.level.name}_seed{described.seed}_{described.map_name}"
-    return Sitting(bag, name, actor_id, tuple(marks))
+    return Sitting(bag, name_of(record.description), actor_id, tuple(marks))
+
+
+def name_of(described: EpisodeDescription) -> str:
+    """The name of an episode in an exam."""
+    return f"{described.template}_{described.level.name}_seed{described.seed}_{described.map_name}"

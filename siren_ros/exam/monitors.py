@@ -17,7 +17,6 @@ from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.roads.rescue_lane import rescue_boundary_m, rescue_sides
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind
-from siren_ros.roads.routing import driving_lanes
 from siren_ros.world.actors import Lights
 from siren_ros.world.traffic_state import Event, EventKind
 
@@ -46,6 +45,20 @@ class Monitor:
 _NOBODY_CALLED: Final = "no emergency vehicle with a siren came from behind"
 _STANDS_MPS: Final = 0.5
 """A vehicle that is slower stands (``YieldThresholds.stop_mps``)."""
+_AT_EDGE_M: Final = 1.0
+"""A driver is at the edge of the road, or has no room."""
+_OWN_DOING_MPS: Final = 0.5
+_LEADER_S: Final = 3.0
+"""A driver that is slower by this than whoever was ahead of it for this time does not only follow."""
+_DISTANCE_S: Final = 1.5
+_DISTANCE_M: Final = 3.0
+"""Nor does one with this distance, in time and at a standstill, from whoever was ahead."""
+_GO_ON_M: Final = 6.0
+_MOVES_MPS: Final = 0.15
+_MOVED_S: Final = 1.0
+"""Speed to the side, and how lately, of a driver that moves there."""
+_SETTLES_S: Final = 1.5
+"""Time that it has to stop once it is there."""
 
 
 def contact(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -65,27 +78,42 @@ def _impact_mps(event: Event) -> float:
 def response(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time from an EMV's call to the driver's first response: slower, or to the side; or until it has passed.
 
-    A driver who stands already, or whose way the EMV does not need (``aside_m``), need not respond.
+    To follow somebody who slows down is no response. Time in which a driver can go neither slower than somebody close
+    ahead nor aside does not count, nor time in a junction, which it clears first. Nobody has to respond who stands or
+    almost does, whose way the EMV does not need (``aside_m``), or whom another EMV calls already.
     """
     track, worst = examinee.track, Finding(Measure.lacking(_NOBODY_CALLED))
+    leader_mps = _least_of_last(examinee.room.ahead_mps, steps_from_s(_LEADER_S))
+    ends = examinee.room.ahead_mps == np.inf
+    free_m = _least_of_last(np.where(ends, np.inf, examinee.room.ahead_m), steps_from_s(_LEADER_S))
     for call in examinee.calls:
         begin = int(np.argmax(call.calls))
-        if track.speed_mps[begin] < _STANDS_MPS or abs(call.left_m[begin]) > numbers["aside_m"]:
+        if any(begin and other.calls[begin - 1] for other in examinee.calls if other is not call):
+            continue  # it makes way already
+        if track.speed_mps[begin] < numbers["slower_mps"] or abs(call.left_m[begin]) > numbers["aside_m"]:
             if not worst.measure.valid:
                 worst = Finding(Measure.lacking("the driver stood, or the way was free"))
             continue
         until = slice(begin, begin + int(np.argmax(call.passed[begin:])) if call.passed.any() else None)
         shift = np.abs(examinee.offsets.lateral_m[until] - examinee.offsets.lateral_m[begin])
         slower = track.speed_mps[until] <= track.speed_mps[begin] - numbers["slower_mps"]
-        responded = (shift >= numbers["shift_m"]) | slower
-        rows = int(np.argmax(responded)) if responded.any() else len(responded)
+        slower &= track.speed_mps[until] <= leader_mps[until] - _OWN_DOING_MPS
+        free = free_m[until] > track.speed_mps[until] * _DISTANCE_S + _DISTANCE_M
+        slower &= free
+        responded = (shift >= numbers["shift_m"]) | slower | (track.speed_mps[until] < _STANDS_MPS)
+        first = int(np.argmax(responded)) if responded.any() else len(responded)
+        able = (free | (examinee.room.right_m[until] > _AT_EDGE_M)) & ~examinee.in_junction[until]
+        rows = int(able[:first].sum())
         if not worst.measure.valid or rows * STEP_S > worst.measure.value:
             worst = Finding(Measure(rows * STEP_S), int(track.step[begin]))
     return worst
 
 
 def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
-    """Time for which an EMV stood or crept closely behind the driver, who was in its way."""
+    """Time for which an EMV stood or crept closely behind the driver, who was in its way.
+
+    A driver at the edge of the road has done its part, and one between others can do none.
+    """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
     held = np.zeros(len(examinee.track), np.bool_)
@@ -93,34 +121,59 @@ def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
         apart = 0.5 * (examinee.actor.width_m + examinee.record.actors[call.emv_id].width_m)
         close = call.calls & (call.gap_m <= numbers["gap_m"]) & (call.gap_m > 0.0)
         held |= close & (np.abs(call.left_m) < apart) & (call.speed_mps < numbers["slow_mps"])
+    room = examinee.room
+    held &= (examinee.to_right_edge_m > _AT_EDGE_M) & ((room.right_m > _AT_EDGE_M) | (room.ahead_m > _GO_ON_M))
     return Finding(Measure(float(held.sum()) * STEP_S), _first_step(examinee, held))
 
 
-def right_edge(examinee: Examinee, _numbers: Numbers) -> Finding:
-    """Greatest distance between the driver's right side and the right edge of the road while an EMV passes it."""
+def right_edge(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Greatest room that the driver leaves on its right for ``move_s`` while an EMV passes it.
+
+    The room ends at the edge of the road or at a vehicle in between. The time to respond does not count.
+    """
     beside = np.any([call.beside for call in examinee.calls], axis=0) if examinee.calls else np.zeros(0, np.bool_)
     if not beside.any():
         return Finding(
             Measure.lacking("no emergency vehicle with a siren passed" if examinee.calls else _NOBODY_CALLED)
         )
-    gaps = np.where(beside, examinee.to_right_edge_m, np.nan)
-    if np.isnan(gaps).all():
-        return Finding(Measure.lacking("it passed in a junction"))
-    worst = int(np.nanargmax(gaps))
-    return Finding(Measure(float(gaps[worst])), int(examinee.track.step[worst]))
+    steps = steps_from_s(numbers["move_s"])
+    counts = beside & held_for(examinee.called, examinee.reaction_steps + steps) & ~examinee.in_junction
+    return _greatest(
+        examinee, _least_of_last(examinee.room.right_m, steps), counts, "it came at once, or in a junction"
+    )
+
+
+def _least_of_last(values: Floats, steps: int) -> Floats:
+    """The least of each value and of those at so many steps before it."""
+    return np.asarray(
+        np.min([np.concatenate((np.full(k, np.inf), values))[: len(values)] for k in range(steps + 1)], axis=0)
+    )
 
 
 def stands_until_passed(examinee: Examinee, numbers: Numbers) -> Finding:
     """Greatest speed while an EMV is near behind the driver or beside it, after the time to respond and to stop.
 
-    In a junction, and where it has just left one, a driver clears it first.
+    In a junction, and where it has just left one, a driver clears it first. One that moves to the right, or that
+    others keep from the edge, drives on until it is there.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
     near = examinee.called & (examinee.nearest_gap_m <= numbers["gap_m"])
-    settled = held_for(examinee.called, examinee.reaction_steps + steps_from_s(numbers["stop_s"]))
-    clear = ~once(examinee.in_junction, steps_from_s(numbers["stop_s"]))
-    return _greatest(examinee, examinee.track.speed_mps, near & settled & clear, "the siren sounded too briefly")
+    stop = steps_from_s(numbers["stop_s"])
+    settled = held_for(examinee.called, examinee.reaction_steps + stop)
+    clear = ~once(examinee.in_junction, stop)
+    lateral = examinee.offsets.lateral_m
+    moves = once(
+        np.gradient(lateral, STEP_S) < -_MOVES_MPS if len(lateral) > 1 else np.zeros(len(lateral), np.bool_),
+        steps_from_s(_MOVED_S),
+    )
+    at_edge = examinee.to_right_edge_m <= _AT_EDGE_M
+    could = _least_of_last(examinee.room.right_m, stop) > _AT_EDGE_M
+    there = held_for((at_edge | could) & ~moves, steps_from_s(_SETTLES_S))
+    counts = near & settled & clear & there
+    return _greatest(
+        examinee, examinee.track.speed_mps, counts, "the siren sounded too briefly, or the way was not free"
+    )
 
 
 def stands_in_junction(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -235,7 +288,8 @@ def encroachment(examinee: Examinee, _numbers: Numbers) -> Finding:
 def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
     """Time from the last EMV's passing until the driver is in the middle of a lane and drives.
 
-    Where the record ends before, the time until there, if that is longer than ``waits_s``.
+    One that stands behind others or at the end of its lane drives on as it can. Where the record ends before, the time
+    until there, if that is longer than ``waits_s``.
     """
     if not any(call.passed.any() for call in examinee.calls):
         return Finding(
@@ -243,7 +297,7 @@ def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
         )
     last = max(int(np.argmax(call.passed)) for call in examinee.calls if call.passed.any())
     aside = np.abs(examinee.offsets.offset_m) > numbers["offset_m"]
-    stands = examinee.track.speed_mps < _STANDS_MPS
+    stands = (examinee.track.speed_mps < _STANDS_MPS) & (examinee.room.ahead_m > _GO_ON_M)
     back = ~(aside | stands)[last:]
     back &= ~examinee.called[last:]
     if back.any():
@@ -255,7 +309,10 @@ def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
 
 
 def following(examinee: Examinee, numbers: Numbers) -> Finding:
-    """Longest time for which the driver drives close behind an EMV with a siren that has passed it."""
+    """Longest time for which the driver drives close behind an EMV with a siren that has passed it.
+
+    In a junction, and where it has just left one, a driver clears it first.
+    """
     passed = [call for call in examinee.calls if call.passed.any()]
     if not passed:
         return Finding(
@@ -269,30 +326,29 @@ def following(examinee: Examinee, numbers: Numbers) -> Finding:
         follows |= (
             near & (np.abs(call.left_m) < numbers["aside_m"]) & (examinee.track.speed_mps > numbers["faster_mps"])
         )
+    follows &= ~once(examinee.in_junction, examinee.reaction_steps)
     return Finding(Measure(longest_run_s(follows, examinee.track.step)), _first_step(examinee, follows))
 
 
 def wrong_side(examinee: Examinee, numbers: Numbers) -> Finding:
     """Greatest move to the wrong side while an EMV calls.
 
-    With ``by_lane`` 1, drivers in the leftmost of several lanes move left and all others right; with 0 all move right.
+    With ``by_lane`` 0 all move right. With 1, drivers in the leftmost lane move left and all others right, on the roads
+    where a rescue lane is opened; other roads do not count.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
     lateral, counts = examinee.offsets.lateral_m, examinee.called & ~examinee.in_junction
-    begin = np.maximum.accumulate(np.where(rises(examinee.called), np.arange(len(lateral)), 0))
+    begin = np.maximum.accumulate(np.where(rises(counts), np.arange(len(lateral)), 0))
     moved = lateral - lateral[begin]
-    side = np.array([_side(examinee, lane, by_lane=numbers["by_lane"] > 0.0) for lane in examinee.places.lane[begin]])
-    return _greatest(examinee, np.maximum(-side * moved, 0.0), counts, "the siren sounded in a junction only")
-
-
-def _side(examinee: Examinee, lane: int, *, by_lane: bool) -> float:
-    """The side to which a driver in a lane makes way, left +1."""
-    if not by_lane or lane == NO_LANE:
-        return -1.0
-    network = examinee.record.network
-    driving = driving_lanes(network, network.lanes[lane].edge)
-    return 1.0 if len(driving) > 1 and driving[-1].index == lane else -1.0
+    sides = rescue_sides(examinee.record.network)
+    by_lane = numbers["by_lane"] > 0.0
+    lanes = examinee.places.lane[begin]
+    side = np.array(
+        [sides[lane] if by_lane and lane != NO_LANE else 0 if by_lane else -1 for lane in lanes], np.float64
+    )
+    lack = "the siren sounded in junctions or on roads without a rescue lane only"
+    return _greatest(examinee, np.maximum(-side * moved, 0.0), counts & (side != 0.0), lack)
 
 
 def closed_corridor(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -326,16 +382,19 @@ def on_shoulder(examinee: Examinee, _numbers: Numbers) -> Finding:
 def back_in_the_way(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time for which the driver is back in the way of an EMV that calls, after it had left it.
 
-    It is back where it has moved across the road by ``moved_m`` since then: an EMV may change its own way.
+    It has left it, and is back, where it has itself moved to the EMV's side by ``moved_m``: an EMV may change its way.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
     worst = np.zeros(len(examinee.track), np.bool_)
     for call in examinee.calls:
         apart = 0.5 * (examinee.actor.width_m + examinee.record.actors[call.emv_id].width_m) + numbers["margin_m"]
-        aside = call.calls & (np.abs(call.left_m) > apart)
+        begun_m = examinee.offsets.lateral_m[int(np.argmax(call.calls))]
+        left_it = np.abs(examinee.offsets.lateral_m - begun_m) > numbers["moved_m"]
+        aside = call.calls & (np.abs(call.left_m) > apart) & left_it
         left_at = np.maximum.accumulate(np.where(aside, np.arange(len(aside)), 0))
-        moved = np.abs(examinee.offsets.lateral_m - examinee.offsets.lateral_m[left_at]) > numbers["moved_m"]
+        moved_m = examinee.offsets.lateral_m - examinee.offsets.lateral_m[left_at]
+        moved = np.sign(call.left_m[left_at]) * moved_m > numbers["moved_m"]
         worst |= since(call.calls, aside) & call.calls & ~aside & moved & (call.gap_m > 0.0)
     return Finding(Measure(longest_run_s(worst, examinee.track.step)), _first_step(examinee, worst))
 
@@ -368,7 +427,7 @@ MONITORS: Final[Mapping[str, Monitor]] = {
     "obstruction": Monitor(
         obstruction, "s", "time for which the EMV was stuck behind", {"gap_m": _M, "slow_mps": _MPS}
     ),
-    "right_edge": Monitor(right_edge, "m", "distance from the right edge of the road as the EMV passes", {}),
+    "right_edge": Monitor(right_edge, "m", "room left on the right as the EMV passes", {"move_s": _S}),
     "stands_until_passed": Monitor(
         stands_until_passed, "m/s", "greatest speed while the EMV is near", {"gap_m": _M, "stop_s": _S}
     ),

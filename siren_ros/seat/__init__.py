@@ -1,1 +1,1 @@
-"""The seat of the AV under test: what is seen from it, its way, its pedals and wheel."""
+"""Drives the AV under test without another program: what its driver sees, its way, its pedals and wheel."""

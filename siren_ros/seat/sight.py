@@ -27,6 +27,10 @@ class Siren:
     speed_mps: float
     behind: bool
     """Whether it comes from behind on this road: it has not passed, and drives in the same direction."""
+    ahead_m: float
+    """From the own front to its rear; negative beside the own vehicle and behind it."""
+    along: bool
+    """Whether it drives on this road, in the same direction."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,12 @@ class Sight:
 
 
 def sight_of(
-    states: ActorStates, signals: tuple[SignalState, ...], actors: dict[int, ActorDescription], actor_id: int, way: Way
+    states: ActorStates,
+    signals: tuple[SignalState, ...],
+    actors: dict[int, ActorDescription],
+    actor_id: int,
+    way: Way,
+    behind_m: float = _BEHIND_M,
 ) -> Sight:
     """What the driver of an actor sees.
 
@@ -75,6 +84,7 @@ def sight_of(
         actors: Bodies of those in the world.
         actor_id: The own vehicle, which is in the world.
         way: Its way.
+        behind_m: How far behind the own centre others are seen.
     """
     row = int(np.searchsorted(states.actor_id, actor_id))
     body = actors[actor_id]
@@ -91,12 +101,19 @@ def sight_of(
         other = actors[int(states.actor_id[k])]
         if other.is_emv and states.lights[k] & Lights.SIREN:
             reach = 0.5 * (body.length_m + other.length_m)
-            along = abs(float(wrap_angle(states.yaw_rad[k] - yaw))) < np.pi / 3.0
-            behind = along and ahead[k] <= reach and abs(float(aside[k])) < _ASIDE_M
             sirens.append(
-                Siren(int(other.actor_id), float(-ahead[k] - reach), float(aside[k]), float(speeds[k]), bool(behind))
+                _siren(
+                    other,
+                    (float(states.x_m[k]), float(states.y_m[k]), float(states.yaw_rad[k])),
+                    s,
+                    left,
+                    way,
+                    reach,
+                    (float(ahead[k]), float(aside[k]), float(states.yaw_rad[k]) - yaw),
+                    float(speeds[k]),
+                )
             )
-        if -_BEHIND_M < ahead[k] < _AHEAD_M:
+        if -behind_m < ahead[k] < _AHEAD_M:
             at, off = (float(value) for value in way.curve.project(np.array([states.x_m[k], states.y_m[k]])))
             turned = float(states.yaw_rad[k]) - float(way.curve.heading_rad(at))
             cos, sin = abs(np.cos(turned)), abs(np.sin(turned))
@@ -123,6 +140,41 @@ def sight_of(
         min(red, default=np.inf),
         bool(way.in_junction[way.row(s)]),
     )
+
+
+def _siren(
+    emv: ActorDescription,
+    pose: tuple[float, float, float],
+    s_m: float,
+    left_m: float,
+    way: Way,
+    reach_m: float,
+    seen: tuple[float, float, float],
+    speed_mps: float,
+) -> Siren:
+    """An EMV, as it drives along the own way; where it does not, as it is seen from the own vehicle.
+
+    Args:
+        emv: The EMV.
+        pose: x, y and yaw of its centre.
+        s_m: Arc length of the own centre.
+        left_m: Of the own centre from the way.
+        way: The own way.
+        reach_m: Half of both lengths.
+        seen: How far ahead and to the left of the own centre it is, and its heading from the own one.
+        speed_mps: Of the EMV.
+    """
+    at, off = (float(value) for value in way.curve.project(np.array(pose[:2])))
+    on_way = (at - s_m, off - left_m, pose[2] - float(way.curve.heading_rad(at)))
+    ahead, aside, along = next(
+        (
+            (ahead, aside, True)
+            for ahead, aside, turn in (on_way, seen)
+            if abs(float(wrap_angle(turn))) < np.pi / 3.0 and abs(aside) < _ASIDE_M
+        ),
+        (seen[0], seen[1], False),
+    )
+    return Siren(emv.actor_id, -ahead - reach_m, aside, speed_mps, along and ahead <= reach_m, ahead - reach_m, along)
 
 
 def _is_red(state: str, link: int) -> bool:

@@ -1,9 +1,12 @@
-"""Speeds that somebody in the seat keeps: to the limit and its bends, to the vehicle ahead, to a red line."""
+"""What every driver keeps: speeds to the limit, bends, the vehicle ahead and a red line; the indicator on its way."""
 
 import math
 from typing import Final
 
+import numpy as np
+
 from siren_ros.seat.sight import Sight
+from siren_ros.world.actors import Lights
 
 _GENTLE_MPS2: Final = 2.0
 """Of braking, and across in bends."""
@@ -17,6 +20,11 @@ _END_M: Final = 3.0
 """Kept to the end of the way."""
 _LINE_M: Final = 1.0
 """Kept to a stop line."""
+_SEEN_ROWS: Final = 80
+"""Rows of the way that are looked at for junctions."""
+_SIGNALS_S: Final = 2.0
+_SLOW_MPS: Final = 5.0
+"""Somebody slower may come to stand."""
 _LATE_MPS2: Final = 5.0
 """A driver that would have to brake harder before a red line does not stop any more."""
 
@@ -52,3 +60,34 @@ def speed_to_red(sight: Sight) -> float:
     if sight.red_m == math.inf or sight.red_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
         return math.inf
     return math.sqrt(2.0 * _GENTLE_MPS2 * max(sight.red_m - _LINE_M, 0.0))
+
+
+def speed_to_junction(sight: Sight) -> float:
+    """Speed before a junction that somebody slow keeps the own vehicle from leaving; infinite without one, m/s."""
+    way, row = sight.way, sight.way.row(sight.s_m)
+    ahead = way.in_junction[row : row + _SEEN_ROWS]
+    if not ahead.any() or ahead[0]:
+        return math.inf
+    first = int(ahead.argmax())
+    inside = ahead[first:]
+    front_m = 0.5 * sight.length_m
+    entry_m = first - front_m
+    exit_m = first + (len(inside) if inside.all() else int((~inside).argmax())) - front_m
+    if entry_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
+        return math.inf
+    for other in sight.others:
+        across = min(abs(other.left_m), abs(other.left_m - sight.left_m))
+        in_the_way = across < other.half_width_m + 0.5 * sight.width_m
+        if in_the_way and 0.0 < other.gap_m < exit_m + sight.length_m + _STANDSTILL_M and other.speed_mps < _SLOW_MPS:
+            return math.sqrt(2.0 * _GENTLE_MPS2 * max(entry_m - _LINE_M, 0.0))
+    return math.inf
+
+
+def indicators(sight: Sight) -> int:
+    """The indicator for a lane change that the way has soon."""
+    row = sight.way.row(sight.s_m)
+    reach = row + 1 + int(max(sight.speed_mps, 1.0) * _SIGNALS_S)
+    soon = sight.way.changes[row:reach]
+    if sight.in_junction or not soon.any():
+        return int(Lights.NONE)
+    return int(Lights.INDICATOR_LEFT if soon[np.flatnonzero(soon)[0]] > 0.0 else Lights.INDICATOR_RIGHT)

@@ -11,10 +11,17 @@ _WHEELBASE_M: Final = 2.7
 _FULL_BRAKE_MPS2: Final = 9.0
 _LARGEST_STEER_RAD: Final = 0.6
 _LEAST_REACH_M: Final = 6.0
+_PUSHES_PER_S: Final = 1.2
+"""Acceleration for each m/s that is missing."""
 
 
 def steered(
-    sight: Sight, wanted_mps: float, offset_m: float, lights: int = int(Lights.NONE), hardest_mps2: float = 3.5
+    sight: Sight,
+    wanted_mps: float,
+    offset_m: float,
+    lights: int = int(Lights.NONE),
+    hardest_mps2: float = 3.5,
+    brakes_per_s: float = _PUSHES_PER_S,
 ) -> AvControl:
     """The answer to a step: pedals by a proportional control, the wheel by pure pursuit of the way.
 
@@ -24,8 +31,10 @@ def steered(
         offset_m: Place across the way to come to, left positive.
         lights: Indicators.
         hardest_mps2: Limit of braking.
+        brakes_per_s: Deceleration for each m/s that is too much.
     """
-    push = 1.2 * (wanted_mps - sight.speed_mps)
+    missing_mps = wanted_mps - sight.speed_mps
+    push = (brakes_per_s if missing_mps < 0.0 else _PUSHES_PER_S) * missing_mps
     brake = min(max(-push, 0.0), hardest_mps2) / _FULL_BRAKE_MPS2
     if wanted_mps < 0.05 and sight.speed_mps < 0.3:
         brake = 0.3

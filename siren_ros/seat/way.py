@@ -9,9 +9,13 @@ from siren_ros.behaviour.paths.lane_path import road_limits
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.record.vehicle_location import locate
+from siren_ros.roads.rescue_lane import rescue_sides
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 
 SPACING_M: Final = 1.0
+_JUMP_M: Final = 1.0
+_DRIFT: Final = 0.02
+"""Metres sideways for each one along the way from which on it changes the lane."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +34,21 @@ class Way:
     curve: Polyline
     right_m: Floats
     """Offset of the road's right edge, left positive."""
+    driving_right_m: Floats
+    """Of its edge without a shoulder."""
+    lane_right_m: Floats
+    """Of the lane's right edge…"""
+    lane_left_m: Floats
+    """…and of its left one."""
     leftmost: Flags
     """Whether the lane is the leftmost of several."""
     in_junction: Flags
     limit_mps: Floats
     """Speed limit of the lane."""
+    changes: Floats
+    """+1 where the way goes over into the lane on the left, −1 into the one on the right, 0 elsewhere."""
+    duty: Flags
+    """Whether slow traffic has to keep a corridor open between the lanes, before any siren (Germany's rescue lane)."""
     lines: tuple[Line, ...]
     """In the order in which they come."""
 
@@ -45,18 +59,34 @@ class Way:
         points, heading = curve.at(s_m), curve.heading_rad(s_m)
         places = locate(network, points, np.asarray(heading), np.full(len(s_m), NO_LANE, np.int32))
         right, limit = np.full(len(s_m), -1.75), np.full(len(s_m), np.nan)
-        leftmost, inside = np.zeros(len(s_m), np.bool_), np.zeros(len(s_m), np.bool_)
+        driving_right, lane_right, lane_left = (
+            np.full(len(s_m), -1.75),
+            np.full(len(s_m), -1.75),
+            np.full(len(s_m), 1.75),
+        )
+        leftmost, inside, duty = (np.zeros(len(s_m), np.bool_) for _ in range(3))
+        rescue = rescue_sides(network)
         for row, lane_index in enumerate(places.lane.tolist()):
             if lane_index == NO_LANE:
                 continue
             lane = network.lanes[lane_index]
+            duty[row] = rescue[lane_index] != 0
             inside[row], limit[row] = lane.kind is LaneKind.INTERNAL, lane.speed_limit_mps
-            right[row] = road_limits(network, lane_index).right_m - float(places.offset_m[row])
+            limits = road_limits(network, lane_index)
+            right[row], driving_right[row] = (
+                edge - float(places.offset_m[row]) for edge in (limits.right_m, limits.driving_right_m)
+            )
+            lane_right[row] = -0.5 * lane.width_m - float(places.offset_m[row])
+            lane_left[row] = 0.5 * lane.width_m - float(places.offset_m[row])
             driving = [k for k in network.edges[lane.edge].lanes if network.lanes[k].kind is LaneKind.DRIVING]
             leftmost[row] = len(driving) > 1 and driving[-1] == lane_index
+        drift = np.diff(places.offset_m, append=places.offset_m[-1:])
+        drift[~np.isfinite(drift) | (np.abs(drift) > _JUMP_M) | inside] = 0.0  # the lane is another one
+        changes = np.where(np.abs(drift) > _DRIFT, np.sign(drift), 0.0)
         known = np.isfinite(limit)
         limit = np.interp(s_m, s_m[known], limit[known]) if known.any() else np.full(len(s_m), 8.0)
-        return cls(curve, right, leftmost, inside, limit, tuple(_lines(network, s_m, places.lane.tolist())))
+        lines = tuple(_lines(network, s_m, places.lane.tolist()))
+        return cls(curve, right, driving_right, lane_right, lane_left, leftmost, inside, limit, changes, duty, lines)
 
     def row(self, s_m: float) -> int:
         """The row of an arc length."""

@@ -116,6 +116,22 @@ DRAWN: Final = "drawn"
 
 
 @dataclass(frozen=True)
+class Seat:
+    """Who drives the AV under test."""
+
+    driver: str = ""
+    """A name in ``siren_ros.seat.drivers.drivers.DRIVERS``; empty for none."""
+    program: str = ""
+    """Command line of a ROS program; empty for none."""
+    real_time: bool = False
+    """Whether the program's episodes run in real time, so that it has no more time than a vehicle would have."""
+
+    def __bool__(self) -> bool:
+        """Whether there is anybody."""
+        return bool(self.driver or self.program)
+
+
+@dataclass(frozen=True)
 class Study:
     """The matrix of episodes that a study makes; every combination is one episode."""
 
@@ -135,6 +151,8 @@ class Study:
     """None: each seed has the values that it draws by itself."""
     risk_videos: int = 0
     """Front-camera videos of each template with risk labels besides the episodes, the classes in the paper's shares."""
+    seat: Seat = Seat()
+    """Who drives the AV under test in every episode; nobody: there is none."""
 
     def to_json(self) -> dict[str, Any]:
         """The study as JSON types."""
@@ -153,6 +171,7 @@ class PlannedEpisode:
     """Number of the draw; −1 where the study draws nothing."""
     inputs_sha256: str
     """Of everything that the episode is made from."""
+    seat: Seat = Seat()
 
 
 def plan_study(study: Study) -> tuple[PlannedEpisode, ...]:
@@ -166,7 +185,7 @@ def plan_study(study: Study) -> tuple[PlannedEpisode, ...]:
         if repeated or not getattr(study, part):
             raise InputError(part, repeated[0] if repeated else "", "one or more, each of them once")
     inputs = _Inputs()
-    planned = tuple(_named(request, template, draw, inputs) for request, template, draw in _cells(study))
+    planned = tuple(_named(request, template, draw, study.seat, inputs) for request, template, draw in _cells(study))
     counts = Counter(episode.name for episode in planned)
     for episode in planned:
         if counts[episode.name] > 1:
@@ -177,7 +196,12 @@ def plan_study(study: Study) -> tuple[PlannedEpisode, ...]:
 def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
     """The requests, each with the id of its template and the number of its draw."""
     base = EpisodeRequest(
-        preset=study.preset, sensors=study.sensors, look=study.look, duration_s=study.duration_s, values=study.values
+        preset=study.preset,
+        sensors=study.sensors,
+        look=study.look,
+        duration_s=study.duration_s,
+        values=study.values,
+        av="civilian" if study.seat else "",
     )
     check_fields(base)
     fixed = values_of(study.values)
@@ -211,11 +235,11 @@ _FOREIGN: Final = re.compile(r"[^\w.#-]")
 """What names of folders do not hold."""
 
 
-def _named(request: EpisodeRequest, template_id: str, draw: int, inputs: "_Inputs") -> PlannedEpisode:
+def _named(request: EpisodeRequest, template_id: str, draw: int, seat: Seat, inputs: "_Inputs") -> PlannedEpisode:
     group = f"{template_id}_{request.level}" + (f"_{name_of_map(Path(request.map))}" if request.map else "")
     group += f"_{_FOREIGN.sub('-', request.site)}" if request.site else ""
     name = f"{group}_seed{request.seed}" + (f"_draw{draw}" if draw >= 0 else "")
-    return PlannedEpisode(name, group, request, draw, inputs.sha256_of(request))
+    return PlannedEpisode(name, group, request, draw, inputs.sha256_of(request, seat), seat)
 
 
 class _Inputs:
@@ -229,7 +253,7 @@ class _Inputs:
     def _versions(self) -> dict[str, str]:
         return dict(present_versions())
 
-    def sha256_of(self, request: EpisodeRequest) -> str:
+    def sha256_of(self, request: EpisodeRequest, seat: Seat) -> str:
         key = (request.template, request.preset, request.sensors, request.av_sensors, request.look)
         if key not in self._files:
             files = [(file.folder, file.name, file.sha256) for file in files_of_request(request)]
@@ -237,7 +261,8 @@ class _Inputs:
         source = map_of(request, load_template(request.template))
         if source not in self._maps:
             self._maps[source] = source_sha256_of(source)
-        return _sha256([request.to_json(), self._files[key], self._maps[source], self._versions])
+        seated = [asdict(seat)] if seat else []
+        return _sha256([request.to_json(), self._files[key], self._maps[source], self._versions, *seated])
 
 
 def _sha256(content: object) -> str:

@@ -23,8 +23,11 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.processes.process_pool import CrashError, ProcessPool
 from siren_ros.processes.side_by_side import as_ready
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeRequest
+from siren_ros.seat.drivers.drivers import driver_of
+from siren_ros.seat.seated import answers_of
+from siren_ros.studies.av_program import episode_with_program
 from siren_ros.studies.episode_row import EpisodeRow, Status
-from siren_ros.studies.matrix import PlannedEpisode
+from siren_ros.studies.matrix import PlannedEpisode, Seat
 from siren_ros.studies.study_folder import StudyFolder, attempt_folder, hashes_of_bag
 
 TIMEOUT_S: Final = 3600.0
@@ -116,7 +119,7 @@ def _attempt(
         with attempt_folder(folder) as scratch:
             bag, failing = scratch / planned.name, "its bag cannot be kept"
             try:
-                known = call(attempt_episode, planned.request, bag, timeout_s=options.timeout_s)
+                known = call(attempt_episode, planned.request, bag, planned.seat, timeout_s=options.timeout_s)
             finally:
                 process_s = time.monotonic() - began_s
             row = row_with(**known, process_s=process_s)
@@ -133,7 +136,7 @@ def _attempt(
         return row_with(Status.CRASHED, f"{failing}: {error}", process_s=process_s), True
 
 
-def attempt_episode(request: EpisodeRequest, bag: Path) -> dict[str, Any]:
+def attempt_episode(request: EpisodeRequest, bag: Path, seat: Seat = Seat()) -> dict[str, Any]:  # noqa: B008 - frozen
     """Makes an episode and its bag, in the process of an attempt.
 
     Returns:
@@ -141,13 +144,16 @@ def attempt_episode(request: EpisodeRequest, bag: Path) -> dict[str, Any]:
 
     Raises:
         InputError: The episode cannot be made.
-        EpisodeError: Its bag cannot be written.
+        EpisodeError: Its bag cannot be written, or the program that drives its AV fails.
     """
     gc.set_threshold(_GARBAGE_AFTER)
-    began_s, cpu_s = time.perf_counter(), time.process_time()
+    began_s, cpu_s = time.perf_counter(), _processor_s()
     setup = set_up_episode(request)
     ready_s = time.perf_counter()
-    recorded = record_episode(setup, bag)
+    if seat.program:
+        recorded = episode_with_program(request, bag, seat.program, real_time=seat.real_time)
+    else:
+        recorded = record_episode(setup, bag, answers_of(setup, driver_of(seat.driver)) if seat.driver else None)
     run_s = time.perf_counter() - ready_s
     outcome = recorded.outcome
     complete = outcome.end is EpisodeEnd.COMPLETE and recorded.bag is not None
@@ -169,5 +175,10 @@ def attempt_episode(request: EpisodeRequest, bag: Path) -> dict[str, Any]:
         "versions": dict(present_versions()),
         "setup_s": ready_s - began_s,
         "run_s": run_s,
-        "cpu_s": time.process_time() - cpu_s,
+        "cpu_s": _processor_s() - cpu_s,
     }
+
+
+def _processor_s() -> float:
+    """Processor time of this process and of its children that have ended."""
+    return sum(os.times()[:4])

@@ -11,10 +11,10 @@ import numpy as np
 
 from siren_ros.numerics.arrays import Floats
 from siren_ros.world.actors import ActorStates, Lights
-from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.commands import AvControl, VehicleCommands
 from siren_ros.world.traffic_state import EmvAdvice, Event, TrafficState
 
-Content = TypeVar("Content", TrafficState, ActorStates, VehicleCommands, Event, EmvAdvice)
+Content = TypeVar("Content", TrafficState, ActorStates, VehicleCommands, AvControl, Event, EmvAdvice)
 
 _TO_THE_LEFT: Final = frozenset({
     *("y_m", "sumo_y_m", "vy_mps", "lateral_offset_m", "lateral_accel_mps2", "yaw_rate_radps", "steer_rad"),
@@ -48,7 +48,7 @@ def mirror_image(content: Content) -> Content:
         elif name in _YAWS:
             changed[name] = _mirrored_yaw(value)
         elif name in _CODES:
-            changed[name] = SIDES_EXCHANGED[value]
+            changed[name] = _exchanged(value) if isinstance(value, int) else SIDES_EXCHANGED[value]
         elif name in _PARTS:
             changed[name] = tuple(map(mirror_image, value))
         elif name == "detail":

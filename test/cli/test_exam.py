@@ -1,6 +1,7 @@
 """``siren exam``: its exit codes and files."""
 
 import json
+from pathlib import Path
 
 import pytest
 from defusedxml import ElementTree
@@ -45,3 +46,63 @@ def test_a_driver_of_a_recorded_episode_gets_a_certificate(siren, bag, driver, t
 )
 def test_what_cannot_be_graded_is_refused(siren, bag, words, said):
     assert said in siren(["exam", str(bag), "--jobs", "1", *words], code=2).err
+
+
+MATRIX = ["--templates", "S2", "--levels", "L3", "--seeds", "0:2", "--duration-s", "2", "--jobs", "1"]
+
+
+def test_an_exam_makes_its_own_episodes_and_goes_on_where_it_was_stopped(siren, tmp_path):
+    out = tmp_path / "exam"
+    words = ["exam", "--driver", "lawful-california", "--rulebook", "california", *MATRIX, "--out", str(out)]
+    printed = siren(words).out
+    assert "against the same 2 episodes" in printed
+    certificate = (out / "certificate.json").read_bytes()
+    content = json.loads(certificate)
+    assert content["passed"]
+    assert content["driver"] == "lawful-california"
+    assert [sorted(one["others"]) for one in content["episodes"]] == [["braked_hard", "emv_delay_s"]] * 2
+    made = {path: path.stat().st_mtime_ns for path in out.rglob("*.mcap")}
+    assert len(made) == 4  # two with the driver, two with the paper's
+    siren(words)
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*.mcap")} == made
+    assert (out / "certificate.json").read_bytes() == certificate
+
+
+def test_the_papers_driver_is_graded_where_the_av_would_be(siren, tmp_path):
+    out = tmp_path / "exam"
+    siren(["exam", "--driver", "siren", *MATRIX, "--out", str(out)])
+    episode = json.loads((out / "certificate.json").read_bytes())["episodes"][0]
+    record = read_episode(Path(episode["bag"]))
+    assert record.actors[episode["actor_id"]].name == "platoon0"
+    assert episode["others"] == {}
+
+
+def test_two_certificates_are_compared(siren, tmp_path):
+    for driver in ("siren", "idm"):
+        siren(["exam", "--driver", driver, *MATRIX, "--alone", "--out", str(tmp_path / driver)])
+    files = [str(tmp_path / driver / "certificate.json") for driver in ("siren", "idm")]
+    printed = siren(["exam", "compare", *files]).out
+    assert "siren and idm, by the rulebook international" in printed
+    assert "violated: Touches nobody" in printed
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "bags, --driver or --av"),
+        (["--driver", "nobody", "--out", "x"], "lawful-california"),
+        (["--driver", "idm"], "a folder for the episodes"),
+        (["--driver", "idm", "--av", "true", "--out", "x"], "no --driver with it"),
+    ],
+)
+def test_an_exam_that_cannot_be_made_is_refused(siren, words, said):
+    assert said in siren(["exam", *words], code=2).err
+
+
+def test_a_program_that_cannot_be_started_is_an_episode_without_a_result(siren, tmp_path):
+    words = ["--av", "/no/such/program", *MATRIX[:-4], "--duration-s", "2", "--jobs", "1", "--alone"]
+    run = siren(["exam", *words, "--out", str(tmp_path / "exam")], code=1)
+    assert "S2_L3_seed0_town: no result" in run.err
+    assert "/no/such/program" in run.err
+    root = ElementTree.parse(tmp_path / "exam" / "certificate.xml").getroot()
+    assert root[0].get("errors") == "1"

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from defusedxml import ElementTree
@@ -9,8 +10,9 @@ from hand_made_record import Driven
 from made_encounters import CAR, IN_LANE, arc, record_of
 
 from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of
-from siren_ros.exam.grading import Grade, examine
+from siren_ros.exam.grading import Grade, Sitting, examine
 from siren_ros.exam.rulebook import load_rulebook
+from siren_ros.study_report.episode_pages import EpisodePages
 from siren_ros.study_report.page import html_of
 
 BOOK = load_rulebook("california")
@@ -68,3 +70,37 @@ def test_the_page_escapes_names_and_names_the_moment(certificate):
     assert "siren view" in page
     nothing = replace(certificate, sittings=certificate.sittings[1:])
     assert "There is none." in html_of(page_of(nothing, "./env siren exam bags"))
+
+
+def test_an_episode_without_a_result_fails_the_exam_and_loses_no_other(certificate):
+    lacking = Sitting("out/episodes/S2 <x>", "S2_L2_seed7_town", 0, (), "the <program> hangs")
+    good = certificate.sittings[1]
+    assert Certificate("x", BOOK, (good,)).passed
+    whole = Certificate("x", BOOK, (good, lacking))
+    assert not whole.passed
+    assert whole.without_result == (lacking,)
+    assert whole.graded == (good,)
+    assert whole.summary() == Certificate("x", BOOK, (good,)).summary()
+    suite = ElementTree.fromstring(as_junit(whole))[1]
+    assert (suite.get("errors"), suite.get("failures"), suite.get("tests")) == ("1", "0", "1")
+    assert suite.find("testcase/error").get("message") == "the <program> hangs"
+    page = html_of(page_of(whole, "./env siren exam"))
+    assert "S2_L2_seed7_town: no result: the &lt;program&gt; hangs" in page
+    assert json.loads(as_json(whole))["episodes"][1]["no_result"] == "the <program> hangs"
+
+
+def test_what_the_driver_does_to_others_is_a_mean_with_an_interval(certificate):
+    good = certificate.sittings[1]
+    assert Certificate("x", BOOK, (good,)).effects() is None
+    delays = (1.0, 2.0, 3.0, 2.0, 2.0)
+    paired = tuple(replace(good, others={"emv_delay_s": delay, "braked_hard": 0.0}) for delay in delays)
+    table = Certificate("x", BOOK, paired).effects()
+    assert table.rows[0][1].value == pytest.approx(2.0)
+    assert table.rows[0][1].low < 2.0 < table.rows[0][1].high
+    assert table.rows[1][1].value == 0.0
+
+
+def test_a_moment_links_the_page_of_its_episode(certificate, tmp_path):
+    bags = {Path(sitting.bag) for sitting in certificate.sittings}
+    page = html_of(page_of(certificate, "./env siren exam", EpisodePages(tmp_path / "pages", 5, bags)))
+    assert "pages/0%20%3Cb%3E.html#t=" in page

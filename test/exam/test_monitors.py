@@ -75,8 +75,8 @@ def test_without_a_siren_nobody_is_asked():
 
 def test_the_distance_from_the_right_edge_is_that_as_the_emv_passes():
     aside, kept = (
-        found("right_edge", examinee(STOPS_ASIDE)),
-        found("right_edge", examinee(Driven(IN_LANE, STOPS_ASIDE.arc_m))),
+        found("right_edge", examinee(STOPS_ASIDE), move_s=1.0),
+        found("right_edge", examinee(Driven(IN_LANE, STOPS_ASIDE.arc_m)), move_s=1.0),
     )
     assert aside.measure.value == pytest.approx(9.5 - 8.25 - 0.5 * CAR_WIDTH_M, abs=0.05)
     assert kept.measure.value == pytest.approx(9.5 - RIGHT_X_M - 0.5 * CAR_WIDTH_M, abs=0.05)
@@ -101,7 +101,7 @@ def test_the_time_to_the_first_response():
 def test_a_driver_has_to_stand_while_the_emv_is_near():
     stands, drives = STOPS_ASIDE, Driven(TO_THE_EDGE, arc((5.0, 20.0), start_m=36.0))
     numbers = {"gap_m": 15.0, "stop_s": 1.0}
-    assert found("stands_until_passed", examinee(stands), **numbers).measure.value == pytest.approx(5.0, abs=0.1)
+    assert found("stands_until_passed", examinee(stands), **numbers).measure.value == 0.0
     slow = Driven(TO_THE_EDGE, arc((5.0, 6.0), (1.0, 14.0), start_m=36.0))
     emv = arc((10.0, 4.0), (2.0, 20.0))
     assert found("stands_until_passed", examinee(stands, emv), gap_m=15.0, stop_s=4.0).measure.value < 0.1
@@ -145,9 +145,13 @@ def test_the_wrong_side_depends_on_the_lane_where_the_rulebook_says_so():
         crossing(),
         {EMV: Driven(line((1.75, -120.0), (1.75, 110.0)), arc((10.0, 20.0))), CAR: left_lane},
     )
-    driver = examinee(left_lane, record=sounding(emv_beside))
-    assert found("wrong_side", driver, by_lane=1.0).measure.value == pytest.approx(3.0, abs=0.1)
+    record = sounding(emv_beside)
+    driver = examinee(left_lane, record=record)
     assert found("wrong_side", driver, by_lane=0.0).measure.value < 0.05
+    assert not found("wrong_side", driver, by_lane=1.0).measure.valid  # in a town no rescue lane is opened
+    lanes = tuple(replace(lane, speed_limit_mps=27.8) for lane in record.network.lanes)
+    fast = examinee(left_lane, record=replace(record, network=replace(record.network, lanes=lanes)))
+    assert found("wrong_side", fast, by_lane=1.0).measure.value == pytest.approx(3.0, abs=0.1)
 
 
 def test_contacts_are_graded_by_their_speed():
@@ -275,3 +279,51 @@ def test_safety_measures_are_those_of_the_driver():
     least = found("time_to_collision", driver).measure
     assert least.value == pytest.approx((60.0 - 40.0 - CAR_LENGTH_M) / 10.0, abs=0.06)
     assert not found("encroachment", driver).measure.valid
+
+
+BESIDE = 3
+"""A car on the right of the driver's lane, up to 0.7 m from the driver."""
+
+
+def among(beside_m, emv=None):
+    """A driver who stays in the left lane at 50 m, and another one in the right lane, so far ahead of it."""
+    left_lane = line((1.75, -120.0), (1.75, 110.0))
+    return sounding(
+        hand_made(
+            crossing(),
+            {
+                EMV: Driven(left_lane, arc((10.0, 20.0)) if emv is None else emv),
+                CAR: Driven(left_lane, arc((0.0, 20.0), start_m=50.0)),
+                BESIDE: Driven(line((5.25, -120.0), (5.25, 110.0)), arc((0.0, 20.0), start_m=50.0 + beside_m)),
+            },
+        )
+    )
+
+
+def test_whoever_is_beside_a_driver_limits_its_room():
+    boxed, alone = (examinee(None, record=among(beside_m)) for beside_m in (2.0, 40.0))
+    assert boxed.room.right_m[20] == pytest.approx(3.5 - CAR_WIDTH_M)
+    own = Driven(line((1.75, -120.0), (1.75, 110.0)), arc((5.0, 8.0)))
+    moving = hand_made(crossing(), {CAR: own, EMV: Driven(line((-1.75, 110.0), (-1.75, 0.0)), arc((1.0, 8.0)))})
+    room = Examinee(moving, CAR, 40.0, 3.0).room
+    assert room.right_m[40] == pytest.approx(9.5 - 1.75 - 0.5 * CAR_WIDTH_M, abs=0.05)
+    assert room.ahead_m[40] == pytest.approx(100.0 - 5.0 * 2.0 - 0.5 * CAR_LENGTH_M, abs=0.3)
+    assert alone.room.right_m[20] > 5.0
+
+
+def test_who_has_room_on_neither_side_holds_nobody_up():
+    emv = arc((10.0, 4.0), (0.0, 12.0))
+    numbers = {"gap_m": 10.0, "slow_mps": 2.0}
+    alone = examinee(None, record=among(40.0, emv))
+    assert found("obstruction", alone, **numbers).measure.value > 8.0
+
+
+def test_to_slow_down_behind_somebody_is_no_response():
+    numbers = {"shift_m": 0.3, "slower_mps": 1.5, "aside_m": 3.0}
+    slows = arc((5.0, 1.0), (2.0, 8.0), start_m=36.0)
+    ahead = Driven(IN_LANE, arc((5.0, 0.8), (2.0, 8.2), start_m=46.0))
+    record = record_of(arc((10.0, 9.0)), {CAR: Driven(IN_LANE, slows), BESIDE: ahead})
+    by_itself = found("response", examinee(Driven(IN_LANE, slows), arc((10.0, 9.0))), **numbers)
+    behind = found("response", Examinee(record, CAR, 40.0, 3.0), **numbers)
+    assert by_itself.measure.value == pytest.approx(1.0, abs=0.1)
+    assert behind.measure.value > 4.0

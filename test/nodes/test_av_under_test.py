@@ -1,6 +1,7 @@
 """An external controller drives one civilian in lockstep."""
 
 import signal
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,18 @@ import numpy as np
 import pytest
 from live_episodes import EXAMPLES, Domain, Run, digest, finish, recording, wait_until
 
+from siren_ros.errors import EpisodeError
+from siren_ros.generation.episode_setup import set_up_episode
+from siren_ros.generation.recorded_episode import record_episode
 from siren_ros.generation.replay_check import repeat_episode
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import from_av_control
 from siren_ros.judging.verify import verify_episode
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.recording.bag_reader import open_bag, read_episode
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.seat.drivers.drivers import driver_of
+from siren_ros.seat.seated import answers_of
+from siren_ros.studies.av_program import episode_with_program
 from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.commands import AV_SOURCE
 
@@ -107,3 +117,34 @@ def test_a_controller_that_leaves_is_named(tmp_path: Path) -> None:
         run = finish(episode)
     assert run.code == 1
     assert f": {AV_SOURCE} (node av_policy): its publisher of /av/control_cmd is gone" in run.out
+
+
+REQUEST = EpisodeRequest(av="civilian", sensors="none", duration_s=STEPS / 20)
+STACK = f"{sys.executable} {EXAMPLES / 'lawful_stack.py'}"
+
+
+def test_the_answers_of_a_live_episode_give_the_same_bytes_without_ros(driven: Any, tmp_path: Path) -> None:
+    with open_bag(driven[1] / "bag") as bag:
+        answers = [from_av_control(message.read()) for message in bag.messages([topics.AV_CONTROL.name])]
+    assert [answer.step for answer in answers] == list(range(STEPS))
+    setup = set_up_episode(REQUEST)
+    record_episode(setup, tmp_path / "bag", lambda step: {setup.description.av_id: answers[step.states.step]})
+    assert digest(tmp_path) == digest(driven[1])
+
+
+def test_a_stack_in_ros_and_its_driver_without_ros_give_the_same_bytes(tmp_path: Path) -> None:
+    made = episode_with_program(REQUEST, tmp_path / "ros" / "bag", STACK)
+    assert made.outcome.steps == STEPS
+    setup = set_up_episode(REQUEST)
+    record_episode(setup, tmp_path / "alone" / "bag", answers_of(setup, driver_of("lawful-california")))
+    assert digest(tmp_path / "ros") == digest(tmp_path / "alone")
+
+
+def test_a_program_that_fails_gives_its_last_words(tmp_path: Path) -> None:
+    program = tmp_path / "broken.py"
+    program.write_text(
+        f"import sys\nsys.path.insert(0, {str(EXAMPLES)!r})\nimport av_policy\n\n"
+        "def answer(*_):\n    raise RuntimeError('no plan')\n\nav_policy.AvPolicy.answer = answer\nav_policy.main()\n"
+    )
+    with pytest.raises(EpisodeError, match=r"is gone.*exit code 1: RuntimeError: no plan"):
+        episode_with_program(REQUEST, tmp_path / "bag", f"{sys.executable} {program}")

@@ -5,7 +5,16 @@ import pytest
 
 from siren_ros.errors import EpisodeError
 from siren_ros.world.actors import Lights, Mode, Owner
-from siren_ros.world.commands import AV_SOURCE, COMMAND_DTYPES, AvControl, VehicleCommands, av_commands
+from siren_ros.world.commands import (
+    AV_SOURCE,
+    COMMAND_DTYPES,
+    AvControl,
+    VehicleCommands,
+    av_commands,
+    controls_in,
+    with_seats,
+)
+from siren_ros.world.traffic_state import Event, EventKind
 
 
 @pytest.mark.parametrize("lights", [0, 2, 4, 6])
@@ -53,3 +62,34 @@ def test_columns_have_the_types_of_the_message():
     assert types.pop("actor_id") == np.uint32
     assert {types.pop(name) for name in ("owner", "hand_brake", "mode", "lights")} == {np.dtype(np.uint8)}
     assert set(types.values()) == {np.dtype(np.float64)}
+
+
+EMV_LIGHTS = int(Lights.BEACON | Lights.SIREN | Lights.INDICATOR_LEFT)
+ASKED = VehicleCommands.of(
+    7,
+    "emv_controller",
+    [(1, Owner.ROS, 0.5, 0.0, 0.1, False, Mode.NOMINAL, EMV_LIGHTS), (2, Owner.SUMO, 0.0, 0.0, 0.0, False, 0, 0)],
+    tuple(Event(7, EventKind.YIELD_HELD, one) for one in (1, 2)),
+)
+
+
+def test_who_sits_in_a_seat_takes_the_place_of_the_controller():
+    control = AvControl(6, brake=0.25, steer_rad=-0.2, lights=int(Lights.INDICATOR_RIGHT))
+    seated = with_seats(ASKED, {1: control, 9: AvControl(6, throttle=1.0)}, {1, 9})
+    assert seated.actor_id.tolist() == [1, 2, 9]
+    assert (seated.brake[0], seated.steer_rad[0], seated.mode[0]) == (0.25, -0.2, Mode.EXTERNAL)
+    assert seated.lights[0] == Lights.BEACON | Lights.SIREN | Lights.INDICATOR_RIGHT  # the siren stays on
+    assert [event.actor_id for event in seated.events] == [2]
+    assert (seated.step, seated.source) == (7, "emv_controller")
+
+
+def test_a_seat_whose_driver_another_controller_answers_for_is_left_out():
+    left = with_seats(ASKED, {}, {1})
+    assert left.actor_id.tolist() == [2]
+    assert [event.actor_id for event in left.events] == [2]
+
+
+def test_commands_tell_what_the_drivers_in_seats_asked_for():
+    controls = {1: AvControl(6, throttle=0.5, lights=2), 9: AvControl(6, brake=1.0, steer_rad=0.3, lights=4)}
+    assert controls_in(with_seats(ASKED, controls, set(controls))) == controls
+    assert controls_in(ASKED) == {}

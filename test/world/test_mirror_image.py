@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates, Lights
-from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
+from siren_ros.world.commands import COMMAND_DTYPES, AvControl, VehicleCommands
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import (
     TRAFFIC_STATE_DTYPES,
@@ -79,3 +79,11 @@ def test_yaws_stay_in_their_range():
     yaws = np.array([np.pi, -3.0, 0.5, 0.0])
     states = ActorStates(step=0, **{name: yaws.astype(kind) for name, kind in ACTOR_STATE_DTYPES.items()})
     assert mirror_image(states).yaw_rad.tolist() == [np.pi, 3.0, -0.5, 0.0]
+
+
+def test_the_image_of_an_answer_from_the_seat_turns_the_other_way():
+    control = AvControl(4, 0.5, 0.0, 0.25, int(Lights.INDICATOR_LEFT))
+    image = mirror_image(control)
+    assert image == AvControl(4, 0.5, 0.0, -0.25, int(Lights.INDICATOR_RIGHT))
+    assert type(image.lights) is int
+    assert mirror_image(image) == control

@@ -1,0 +1,38 @@
+"""The drivers by name."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Final
+
+from siren_ros.errors import InputError
+from siren_ros.seat.drivers.driver import Driver
+from siren_ros.seat.drivers.habits import FAULTS, HABITS, faulty
+from siren_ros.seat.drivers.keeps_lane import LaneKeeper
+from siren_ros.seat.drivers.lawful import LawfulDriver
+
+
+def _lawful(place: str) -> Driver[Any]:
+    return LawfulDriver(HABITS[place])
+
+
+def _faulty(fault: str, place: str) -> Driver[Any]:
+    return LawfulDriver(faulty(HABITS[place], fault))
+
+
+DRIVERS: Final[Mapping[str, Callable[[], Driver[Any]]]] = {
+    "idm": LaneKeeper,
+    **{f"lawful-{place}": partial(_lawful, place) for place in HABITS},
+    **{f"{fault}-{place}": partial(_faulty, fault, place) for fault in FAULTS for place in HABITS},
+}
+"""What makes each driver: ``idm``, and for each place one that is lawful there and one with each fault."""
+
+
+def driver_of(name: str) -> Driver[Any]:
+    """A driver by its name.
+
+    Raises:
+        InputError: There is no such driver.
+    """
+    if name not in DRIVERS:
+        raise InputError("driver", name, f"one of {', '.join(DRIVERS)}")
+    return DRIVERS[name]()

@@ -1,0 +1,131 @@
+"""An episode whose AV a ROS program drives: ``cosim`` and the program as children, in a DDS domain of their own."""
+
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import fields
+from pathlib import Path
+from typing import Final
+
+from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK, EpisodeError, InputError
+from siren_ros.generation.recorded_episode import RecordedEpisode
+from siren_ros.params.resources import params_dir
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.recording.bag_writer import BagSummary
+from siren_ros.scenario.episode import EpisodeRequest
+
+_DOMAIN: Final = "ROS_DOMAIN_ID"
+_DOMAINS: Final = 100
+"""Domains from 1 on; the default one is left to users."""
+_TRIES: Final = 5
+_ENDS_S: Final = 5.0
+"""Wall time that a program has to end before it is killed."""
+_LIMIT_S: Final = 1800.0
+"""Wall time after which an episode's programs are killed."""
+_SAID: Final = 300
+"""Letters of a program's last words."""
+
+
+def episode_with_program(
+    request: EpisodeRequest, bag: Path, program: str, *, real_time: bool = False, limit_s: float = _LIMIT_S
+) -> RecordedEpisode:
+    """Runs an episode with ``cosim`` and the program that drives its AV.
+
+    Args:
+        request: The episode, with an AV.
+        bag: Folder of the bag to write.
+        program: Command line of the program; it finds the episode by ``ROS_DOMAIN_ID``.
+        real_time: Whether a step takes as long as it simulates.
+        limit_s: Wall time after which both are killed.
+
+    Raises:
+        InputError: The program cannot be started, or ``cosim`` refuses the request.
+        EpisodeError: The program hangs, ends, or answers what cannot be used; says which, and its last words.
+    """
+    first = os.getpid() % _DOMAINS
+    for number in range(_TRIES):
+        domain = 1 + (first + 17 * number) % _DOMAINS
+        code, said, last = _run(request, bag, program, domain, real_time=real_time, limit_s=limit_s)
+        if code != EXIT_BAD_INPUT or _DOMAIN not in said:
+            break
+    if code == EXIT_BAD_INPUT:
+        raise InputError("request", said, "an episode that cosim can run")
+    if code != EXIT_OK:
+        raise EpisodeError(said + (f" (the program: {last})" if last else ""))
+    outcome = read_episode(bag).outcome
+    if outcome is None:
+        raise EpisodeError("the bag has no outcome")
+    size = sum(file.stat().st_size for file in bag.iterdir())
+    return RecordedEpisode(outcome, BagSummary(bag, size, {}))
+
+
+def _run(
+    request: EpisodeRequest, bag: Path, program: str, domain: int, *, real_time: bool, limit_s: float
+) -> tuple[int, str, str]:
+    """Exit code of ``cosim``, what it says of an error, and the program's last words where it ended badly."""
+    named = {field.name: getattr(request, field.name) for field in fields(request)}
+    asked: Mapping[str, object] = {
+        **named,
+        "bag": str(bag),
+        **({"realtime_factor": 1.0} if real_time else {}),
+    }
+    flags = [part for name, value in asked.items() if value != "" for part in ("-p", f"{name}:={value}")]
+    environment = {
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(params_dir() / "fastdds_localhost.xml"),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        **os.environ,
+        _DOMAIN: str(domain),
+    }
+    cosim_words = [sys.executable, "-m", "siren_nodes.cosim", "--ros-args", *flags]
+    with ExitStack() as stack:
+        words, driver_words = (stack.enter_context(tempfile.TemporaryFile("w+")) for _ in range(2))
+        cosim = _child(cosim_words, environment, words)
+        stack.callback(_end, cosim)
+        try:
+            driver = _child(shlex.split(program), environment, driver_words)
+        except (OSError, ValueError, IndexError) as error:
+            raise InputError("av", program, f"the command line of a program ({error})") from error
+        stack.callback(_end, driver)
+        try:
+            code = cosim.wait(limit_s)
+        except subprocess.TimeoutExpired:
+            return 1, f"not done after {limit_s:g} s", ""
+        ended = driver.poll()
+        said = [line.removeprefix("cosim: ") for line in _lines(words) if line.startswith("cosim: ")]
+        told = [line for line in said if not line.startswith(("waiting for ", "lower DDS"))]
+        reason = told[-1] if told else " ".join(_lines(words)[-1:])
+        last = f"exit code {ended}: {' '.join(_lines(driver_words)[-1:])}"[:_SAID] if ended else ""
+        return code, reason[:_SAID], last
+
+
+def _child(words: list[str], environment: Mapping[str, str], output: object) -> "subprocess.Popen[str]":
+    return subprocess.Popen(  # noqa: S603 - the user's own program, no shell
+        words,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=output,  # type: ignore[call-overload] # a file
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def _lines(file: object) -> list[str]:
+    file.seek(0)  # type: ignore[attr-defined] # a file
+    return [line for line in file.read().splitlines() if line.strip()]  # type: ignore[attr-defined] # a file
+
+
+def _end(process: "subprocess.Popen[str]") -> None:
+    """Ends a program and what it has started: asks it first, because a killed one may hold DDS's shared memory."""
+    for number in (signal.SIGCONT, signal.SIGTERM, signal.SIGKILL):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, number)
+        if number is signal.SIGTERM:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_ENDS_S)
+    process.wait()

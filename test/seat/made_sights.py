@@ -1,0 +1,64 @@
+"""Steps from the seat, made by hand: a straight road of two lanes with a junction from 100 to 130 m."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from siren_ros.numerics.geometry import Polyline
+from siren_ros.seat.sight import Other, Sight, Siren
+from siren_ros.seat.way import Way
+
+LENGTH_M = 300.0
+ROWS = int(LENGTH_M) + 1
+LIMIT_MPS = 10.0
+
+
+def straight_way(**columns):
+    """In the left one of two lanes of 3.5 m; the junction is from 100 to 130 m."""
+    whole = np.ones(ROWS)
+    inside = np.zeros(ROWS, np.bool_)
+    inside[100:130] = True
+    way = Way(
+        curve=Polyline.through(np.array([[0.0, 0.0], [LENGTH_M, 0.0]])),
+        right_m=-5.25 * whole,
+        driving_right_m=-5.25 * whole,
+        lane_right_m=-1.75 * whole,
+        lane_left_m=1.75 * whole,
+        leftmost=np.ones(ROWS, np.bool_),
+        in_junction=inside,
+        limit_mps=LIMIT_MPS * whole,
+        changes=0.0 * whole,
+        duty=np.zeros(ROWS, np.bool_),
+        lines=(),
+    )
+    return replace(way, **columns)
+
+
+def sight(s_m=20.0, **known):
+    """Alone at the speed limit in the middle of the lane."""
+    plain = {
+        "step": 100,
+        "way": straight_way(),
+        "s_m": s_m,
+        "left_m": 0.0,
+        "turn_rad": 0.0,
+        "speed_mps": LIMIT_MPS,
+        "length_m": 4.5,
+        "width_m": 1.8,
+        "sirens": (),
+        "others": (),
+        "red_m": math.inf,
+        "in_junction": 100.0 <= s_m < 130.0,
+    }
+    return Sight(**{**plain, **known})
+
+
+def siren(gap_m, left_m=0.0, length_m=6.0, speed_mps=12.0):
+    """An EMV behind (``gap_m`` above 0), beside or ahead, on the own road."""
+    ahead_m = -gap_m - 4.5 - length_m
+    return Siren(1, gap_m, left_m, speed_mps, ahead_m <= 0.0, ahead_m, along=True)
+
+
+def car(gap_m, left_m=0.0, speed_mps=0.0):
+    return Other(gap_m, left_m, 0.9, speed_mps)

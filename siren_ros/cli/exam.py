@@ -1,9 +1,10 @@
 """``siren exam``: grades how drivers make way, by a rulebook, in recorded episodes or in a study made for it."""
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +19,7 @@ from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of
 from siren_ros.exam.grading import Sitting, examine
 from siren_ros.exam.others import actor_in_seat, compared_with_paper
 from siren_ros.exam.rulebook import FOLDER, Rulebook, load_rulebook
+from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.params.resources import names_in_params
 from siren_ros.recording.bag_reader import bags_among, read_episode
 from siren_ros.scenario.paper import TEMPLATES
@@ -95,8 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     name = arguments.driver or arguments.av
     name = name or ("the AV under test" if arguments.actor is None else f"actor {arguments.actor}")
     certificate = Certificate(name, rulebook, tuple(sorted(sittings, key=lambda sitting: sitting.bag)))
-    effects = certificate.effects()
-    print("\n".join(text_of([certificate.summary(), *([] if effects is None else [effects])])))
+    print("\n".join(text_of(certificate.tables())))
     for sitting in certificate.without_result:
         print(f"siren exam: {sitting.episode}: no result: {sitting.lack}", file=sys.stderr)
     if arguments.out is not None:
@@ -139,6 +140,9 @@ def _of_study(arguments: argparse.Namespace, rulebook: Rulebook) -> tuple[list[S
     paths = {arguments.out / row.bag: beside.get(_cell(row)) for row in rows if row.bag}
     sit = partial(sit_in_study, others=paths, rulebook=rulebook)
     sittings, worst = of_each_bag(sit, [*paths], processes_of(arguments))
+    if arguments.real_time:
+        times = {str(arguments.out / row.bag): _answers(row) for row in rows if row.bag}
+        sittings = [replace(sitting, answers=times[sitting.bag]) for sitting in sittings]
     lacking = [row for row in rows if row.status is not Status.COMPLETE]
     lacks = [Sitting(str(arguments.out / row.path), _name(row), NO_ACTOR, (), row.reason) for row in lacking]
     return [*sittings, *lacks], worst
@@ -152,6 +156,14 @@ def _made(study: Study, out: Path, arguments: argparse.Namespace) -> Sequence[Ep
 
 def _cell(row: EpisodeRow) -> tuple[Any, ...]:
     return row.template, row.level, row.seed, row.map, row.site, row.values
+
+
+def _answers(row: EpisodeRow) -> AnswerTimes | None:
+    measures = json.loads(row.measures)
+    names = {field.name: f"answers.{field.name}" for field in fields(AnswerTimes)}
+    if not measures.keys() >= set(names.values()):
+        return None
+    return AnswerTimes(**{name: float(measures[key]) for name, key in names.items()})
 
 
 def _name(row: EpisodeRow) -> str:

@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as ET
@@ -65,6 +65,11 @@ class Certificate:
         head = ("clause", *(str(grade) for grade in _SHOWN), "violated", "source")
         return Table("clauses", "Clauses, by number of episodes", head, tuple(rows), specs={"violated": ".0%"})
 
+    def tables(self) -> list[Table]:
+        """The summary, and what else is known."""
+        known = self.effects(), self.latency()
+        return [self.summary(), *(table for table in known if table is not None)]
+
     def effects(self) -> Table | None:
         """What the driver does to others, less what the paper's driver does in its place; None without pairs."""
         paired = [sitting for sitting in self.graded if sitting.others]
@@ -73,6 +78,22 @@ class Certificate:
         rows = tuple((meaning, mean_of([one.others[key] for one in paired])) for key, meaning in OTHERS.items())
         caption = f"Others, against the same {len(paired)} episodes with the paper's driver at the wheel"
         return Table("others", caption, ("figure", "difference"), rows, spec="+.2f")
+
+    def latency(self) -> Table | None:
+        """How fast the program answered in real time; None where that was not measured."""
+        times = [sitting.answers for sitting in self.graded if sitting.answers is not None]
+        if not times:
+            return None
+        late = sum(one.p95_ms > STEP_S * 1000.0 for one in times)
+        rows: tuple[Row, ...] = (
+            ("median of the medians, ms", float(np.median([one.median_ms for one in times]))),
+            ("greatest 95 % value, ms", max(one.p95_ms for one in times)),
+            ("slowest answer, ms", max(one.worst_ms for one in times)),
+            ("episodes with more than 5 % of the answers later than a step", float(late)),
+        )
+        return Table(
+            "latency", f"Wall time to an answer, in {len(times)} episodes", ("figure", "value"), rows, spec=".1f"
+        )
 
 
 def mean_of(values: Sequence[float]) -> Interval:
@@ -103,6 +124,7 @@ def as_json(certificate: Certificate) -> str:
                 "actor_id": sitting.actor_id,
                 "grade": sitting.grade,
                 "no_result": sitting.lack,
+                **({} if sitting.answers is None else {"answers": asdict(sitting.answers)}),
                 "others": {key: round(value, 6) for key, value in sitting.others.items()},
                 "marks": [_mark_as_json(mark) for mark in sitting.marks],
             }
@@ -215,7 +237,7 @@ def page_of(certificate: Certificate, command: str, pages: EpisodePages | None =
         "summary",
         "Clauses",
         ("The interval of the share of violations is Wilson's, over the episodes to which the clause applies.",),
-        tables=(certificate.summary(), *((effects,) if (effects := certificate.effects()) is not None else ()), duties),
+        tables=(*certificate.tables(), duties),
         commands=(command,),
     )
     lacks = tuple(f"{sitting.episode}: no result: {sitting.lack}" for sitting in certificate.without_result)

@@ -7,6 +7,7 @@ from enum import StrEnum
 from siren_ros.exam.examinee import Examinee
 from siren_ros.exam.monitors import MONITORS, Finding
 from siren_ros.exam.rulebook import Clause, Rulebook
+from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeDescription
 
@@ -43,6 +44,8 @@ class Sitting:
     """Why there is no result."""
     others: Mapping[str, float] = field(default_factory=dict)
     """What the driver does to others, less what the paper's driver does in its place (``siren_ros.exam.others``)."""
+    answers: AnswerTimes | None = None
+    """Of the program that drove; None where none did, or where it had as much time as it wanted."""
 
     @property
     def grade(self) -> Grade:

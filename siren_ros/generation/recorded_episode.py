@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from siren_ros.errors import EpisodeError, InputError, SirenError
+from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.generation.closed_loop import LoopStep, closed_loop
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.interfaces import topics
@@ -40,6 +41,8 @@ class RecordedEpisode:
     outcome: EpisodeOutcome
     bag: BagSummary | None
     """None where no step was finished; then there is no bag."""
+    answers: AnswerTimes | None = None
+    """Of the program that drove the AV; None where none did."""
 
 
 Answer = Callable[[LoopStep], Controls]

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK, EpisodeError, InputError
+from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.generation.recorded_episode import RecordedEpisode
 from siren_ros.params.resources import params_dir
 from siren_ros.recording.bag_reader import read_episode
@@ -50,7 +51,7 @@ def episode_with_program(
     first = os.getpid() % _DOMAINS
     for number in range(_TRIES):
         domain = 1 + (first + 17 * number) % _DOMAINS
-        code, said, last = _run(request, bag, program, domain, real_time=real_time, limit_s=limit_s)
+        code, said, last, answers = _run(request, bag, program, domain, real_time=real_time, limit_s=limit_s)
         if code != EXIT_BAD_INPUT or _DOMAIN not in said:
             break
     if code == EXIT_BAD_INPUT:
@@ -61,13 +62,13 @@ def episode_with_program(
     if outcome is None:
         raise EpisodeError("the bag has no outcome")
     size = sum(file.stat().st_size for file in bag.iterdir())
-    return RecordedEpisode(outcome, BagSummary(bag, size, {}))
+    return RecordedEpisode(outcome, BagSummary(bag, size, {}), answers)
 
 
 def _run(
     request: EpisodeRequest, bag: Path, program: str, domain: int, *, real_time: bool, limit_s: float
-) -> tuple[int, str, str]:
-    """Exit code of ``cosim``, what it says of an error, and the program's last words where it ended badly."""
+) -> tuple[int, str, str, AnswerTimes | None]:
+    """Exit code of ``cosim``, what it says of an error, the program's last words where it ended badly, its answers."""
     named = {field.name: getattr(request, field.name) for field in fields(request)}
     asked: Mapping[str, object] = {
         **named,
@@ -94,13 +95,14 @@ def _run(
         try:
             code = cosim.wait(limit_s)
         except subprocess.TimeoutExpired:
-            return 1, f"not done after {limit_s:g} s", ""
+            return 1, f"not done after {limit_s:g} s", "", None
         ended = driver.poll()
-        said = [line.removeprefix("cosim: ") for line in _lines(words) if line.startswith("cosim: ")]
+        lines = _lines(words)
+        said = [line.removeprefix("cosim: ") for line in lines if line.startswith("cosim: ")]
         told = [line for line in said if not line.startswith(("waiting for ", "lower DDS"))]
-        reason = told[-1] if told else " ".join(_lines(words)[-1:])
+        reason = told[-1] if told else " ".join(lines[-1:])
         last = f"exit code {ended}: {' '.join(_lines(driver_words)[-1:])}"[:_SAID] if ended else ""
-        return code, reason[:_SAID], last
+        return code, reason[:_SAID], last, AnswerTimes.in_lines(lines)
 
 
 def _child(words: list[str], environment: Mapping[str, str], output: object) -> "subprocess.Popen[str]":

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -159,6 +159,8 @@ def attempt_episode(request: EpisodeRequest, bag: Path, seat: Seat = Seat()) -> 
     complete = outcome.end is EpisodeEnd.COMPLETE and recorded.bag is not None
     mcap_sha256, metadata_sha256 = hashes_of_bag(bag) if complete else ("", "")
     plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in outcome.measures.items()}
+    if recorded.answers is not None:
+        plain |= {f"answers.{name}": value for name, value in asdict(recorded.answers).items()}
     return {
         "status": Status.COMPLETE if complete else Status.FAILED,
         "reason": outcome.reason,

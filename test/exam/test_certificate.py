@@ -12,6 +12,7 @@ from made_encounters import CAR, IN_LANE, arc, record_of
 from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of
 from siren_ros.exam.grading import Grade, Sitting, examine
 from siren_ros.exam.rulebook import load_rulebook
+from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.study_report.episode_pages import EpisodePages
 from siren_ros.study_report.page import html_of
 
@@ -98,6 +99,15 @@ def test_what_the_driver_does_to_others_is_a_mean_with_an_interval(certificate):
     assert table.rows[0][1].value == pytest.approx(2.0)
     assert table.rows[0][1].low < 2.0 < table.rows[0][1].high
     assert table.rows[1][1].value == 0.0
+
+
+def test_a_program_that_had_no_more_time_than_a_vehicle_has_its_latency_on_the_certificate(certificate):
+    (good, *_) = certificate.graded
+    assert Certificate("x", BOOK, (good,)).latency() is None
+    timed = tuple(replace(good, answers=AnswerTimes(median, p95, 90.0)) for median, p95 in ((2.0, 4.0), (4.0, 60.0)))
+    table = Certificate("x", BOOK, timed).latency()
+    assert [value for _, value in table.rows] == [3.0, 60.0, 90.0, 1.0]
+    assert json.loads(as_json(Certificate("x", BOOK, timed)))["episodes"][1]["answers"]["p95_ms"] == 60.0
 
 
 def test_a_moment_links_the_page_of_its_episode(certificate, tmp_path):

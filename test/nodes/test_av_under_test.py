@@ -134,6 +134,8 @@ def test_the_answers_of_a_live_episode_give_the_same_bytes_without_ros(driven: A
 
 def test_a_stack_in_ros_and_its_driver_without_ros_give_the_same_bytes(tmp_path: Path) -> None:
     made = episode_with_program(REQUEST, tmp_path / "ros" / "bag", STACK)
+    assert made.answers is not None
+    assert 0.0 <= made.answers.median_ms <= made.answers.p95_ms <= made.answers.worst_ms
     assert made.outcome.steps == STEPS
     setup = set_up_episode(REQUEST)
     record_episode(setup, tmp_path / "alone" / "bag", answers_of(setup, driver_of("lawful-california")))

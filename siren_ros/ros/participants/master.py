@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Final
 
 from rclpy.node import Node
 
@@ -82,6 +83,8 @@ class AvProxy:
 
 
 WATCH_S = 0.1
+_TELL_THE_AV: Final = frozenset({"vehicle_dynamics", "sensor_sim"})
+"""Participants from whom the controller of the AV hears what happens at a step."""
 
 
 class LockstepMaster:
@@ -117,6 +120,9 @@ class LockstepMaster:
         create_wall_timer(node, WATCH_S, self._on_watch)
         self._pacer = create_wall_timer(node, 0.001, self._on_pace) if self._pace_s or settle_s else None
         self._held: BeginStep | None = None
+        self.answer_s: list[float] = []
+        """Wall time from the states of each step to the answer of the AV's controller."""
+        self._told_s = 0.0
         self._av_proxy = (
             AvProxy(node, self._take, self._take_departure, self.fail) if AV_SOURCE in config.participants else None
         )
@@ -167,6 +173,8 @@ class LockstepMaster:
             self._take(report)
 
     def _take(self, report: StepReport) -> None:
+        if report.phase is Phase.STEP:
+            report = self._timed(report)
         state, action = lockstep.on_report(self.state, report, self.config, working_s())
         ends = isinstance(action, EndEpisode) and action.end is EpisodeEnd.FAILED
         proxy = self._av_proxy if report.participant == AV_SOURCE else None
@@ -175,6 +183,16 @@ class LockstepMaster:
             self.fail(stranger)
         else:
             self._advance((state, action))
+
+    def _timed(self, report: StepReport) -> StepReport:
+        """The report; that of the AV's controller with the time that it took."""
+        now_s = time.monotonic()
+        if report.participant in _TELL_THE_AV:
+            self._told_s = now_s
+        if report.participant != AV_SOURCE or report.error:
+            return report
+        self.answer_s.append(now_s - self._told_s)
+        return replace(report, busy_s=self.answer_s[-1])
 
     def _on_watch(self) -> None:
         if self._av_proxy is not None:
@@ -216,7 +234,8 @@ class LockstepMaster:
                 self._av_proxy.publishers.bind()
             if self.state.stage is not Stage.STEPPING:
                 return
-        self._next_wall_s = max(self._next_wall_s + self._pace_s, time.monotonic() - self._pace_s)
+        self._told_s = time.monotonic()
+        self._next_wall_s = max(self._next_wall_s + self._pace_s, self._told_s - self._pace_s)
         self.on_step_begun(action.step)
         clock = make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(action.step)))
         self._clock.publish(wire.encode(topics.CLOCK, clock))

@@ -145,7 +145,8 @@ def run_episode(
         composition.stop(STOP_S, cosim.master.state.late)
         executor.shutdown()
     state = _with_export(cosim.plan, cosim.master.state)
-    print("\n".join(closing_summary(cosim.plan, state, cosim.outcome, cosim.progress.wall_s)), flush=True)
+    told = closing_summary(cosim.plan, state, cosim.outcome, cosim.progress.wall_s, cosim.master.answer_s)
+    print("\n".join(told), flush=True)
     if state.end is not EpisodeEnd.COMPLETE:
         print(f"cosim: {state.reason}", file=sys.stderr, flush=True)
     failed = composition.exit_code() or EXIT_FAILED

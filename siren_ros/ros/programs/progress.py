@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
@@ -11,6 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
+from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.lockstep import LockstepState
 from siren_ros.numerics.units import STEP_S, STEPS_PER_S
 from siren_ros.recording.bag_folder import read_message_counts, working_path
@@ -87,7 +88,11 @@ def time_table(busy_s: Mapping[str, float], wall_s: float) -> list[str]:
 
 
 def closing_summary(
-    plan: EpisodePlan, state: LockstepState, outcome: EpisodeOutcome | None, wall_s: float
+    plan: EpisodePlan,
+    state: LockstepState,
+    outcome: EpisodeOutcome | None,
+    wall_s: float,
+    answer_s: Sequence[float] = (),
 ) -> list[str]:
     """Lines about the end of the episode, its files and its wall time.
 
@@ -96,6 +101,7 @@ def closing_summary(
         state: The lockstep at the end.
         outcome: The recorder's judgement; None where there is none.
         wall_s: Wall time from the first step to the last.
+        answer_s: Wall times to the answers of the program that drives the AV.
     """
     steps = state.steps_closed
     lines = [
@@ -114,7 +120,7 @@ def closing_summary(
     if wall_s and steps:
         lines.append(f"real-time factor {steps * STEP_S / wall_s:.2f} ({wall_s:.1f} s of wall time)")
         lines += time_table(state.busy_s, wall_s)
-    return lines
+    return [*lines, AnswerTimes.of(answer_s).line] if answer_s else lines
 
 
 def _bag_lines(bag: Path, end: EpisodeEnd) -> list[str]:

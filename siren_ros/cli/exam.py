@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _of_bags(arguments: argparse.Namespace, rulebook: Rulebook) -> tuple[list[Sitting], int]:
     sit = partial(sit_in_bag, actor_id=arguments.actor, rulebook=rulebook)
-    return of_each_bag(sit, bags_among(arguments.bags), processes_of(arguments))
+    return of_each_bag(sit, bags_among(arguments.bags), processes_of(arguments), "exam")
 
 
 def sit_in_bag(bag: Path, actor_id: int | None, rulebook: Rulebook) -> Sitting:
@@ -139,7 +139,7 @@ def _of_study(arguments: argparse.Namespace, rulebook: Rulebook) -> tuple[list[S
     beside = {_cell(row): arguments.out / PAPER_FOLDER / row.bag for row in pairs if row.bag}
     paths = {arguments.out / row.bag: beside.get(_cell(row)) for row in rows if row.bag}
     sit = partial(sit_in_study, others=paths, rulebook=rulebook)
-    sittings, worst = of_each_bag(sit, [*paths], processes_of(arguments))
+    sittings, worst = of_each_bag(sit, [*paths], processes_of(arguments), "exam")
     if arguments.real_time:
         times = {str(arguments.out / row.bag): _answers(row) for row in rows if row.bag}
         sittings = [replace(sitting, answers=times[sitting.bag]) for sitting in sittings]

@@ -15,19 +15,21 @@ from siren_ros.processes.process_pool import ProcessPool
 Measured = TypeVar("Measured")
 
 
-def of_each_bag(measure: Callable[[Path], Measured], bags: Sequence[Path], jobs: int) -> tuple[list[Measured], int]:
+def of_each_bag(
+    measure: Callable[[Path], Measured], bags: Sequence[Path], jobs: int, verb: str = "evaluate"
+) -> tuple[list[Measured], int]:
     """The results of the bags that can be read, and the worst exit code; standard error says what is wrong.
 
-    ``measure`` is a function of a module, because other processes call it.
+    ``measure`` is a function of a module, because other processes call it; ``verb`` is the command that speaks.
     """
     with (
         ProcessPool(min(jobs, len(bags))) as pool,
-        tqdm(total=len(bags), unit="episode", desc="evaluate", disable=None) as bar,
+        tqdm(total=len(bags), unit="episode", desc=verb, disable=None) as bar,
     ):
         measured = pool.map(_tried, [(measure, bag) for bag in bags], steps_of(bar))
     errors = [result for result in measured if isinstance(result, SirenError)]
     for error in errors:
-        print(f"siren evaluate: {error}", file=sys.stderr)
+        print(f"siren {verb}: {error}", file=sys.stderr)
     worst = max((error.exit_code for error in errors), default=EXIT_OK)
     return [result for result in measured if not isinstance(result, SirenError)], worst
 

@@ -49,8 +49,8 @@ def add_arguments(verb: Command) -> None:
     verb.description = (
         "Grades a driver, clause by clause of a rulebook: pass, minor, major, or not applicable. With BAG it is the AV "
         "under test of recorded episodes. With --driver or --av the exam first makes a study in --out, with that "
-        "driver in the AV's seat, and the same episodes with the paper's driver, to compare. --out gets a certificate "
-        "as HTML, JSON and JUnit XML. The exit code is 1 if a clause is violated gravely, if none is applicable, or if "
+        "driver at the wheel of the AV, and the same episodes with the paper's driver, to compare. --out gets the "
+        "certificate as HTML, JSON and JUnit XML. The exit code is 1 if a clause is violated gravely, if none is applicable, or if "
         "an episode has no result."
     )
     verb.epilog = "`siren exam compare` compares two certificates; see `siren exam compare --help`."
@@ -65,10 +65,10 @@ def add_arguments(verb: Command) -> None:
         "--driver",
         default="",
         metavar="NAME",
-        help="built-in driver for the seat: siren (the paper's), idm, lawful-PLACE or FAULT-PLACE; with BAG, the "
+        help="built-in driver of the AV: siren (the paper's), idm, lawful-PLACE or FAULT-PLACE; with BAG, the "
         "driver's name on the certificate",
     )
-    verb.add_argument("--av", default="", metavar="PROGRAM", help="command line of a ROS program for the seat")
+    verb.add_argument("--av", default="", metavar="PROGRAM", help="command line of a ROS program that drives the AV")
     verb.add_argument("--real-time", action="store_true", help="a step of the program's episodes takes 0.05 s")
     verb.add_argument("--actor", type=int, metavar="ID", help="the driver in BAG (default: the AV under test)")
     verb.add_argument("--alone", action="store_true", help="make no episodes with the paper's driver")

@@ -25,4 +25,5 @@ def test_what_is_written_down_are_clauses_of_the_rulebooks():
     "case", [case for case in CASES if (case.fault, case.place) in QUICK], ids=lambda one: one.driver
 )
 def test_it_breaks_what_was_written_down_and_nothing_else(case):
-    assert broken_by(case.driver, case.place, SCENES["platoon"]) == case.breaks
+    scenes = ("platoon",) if case.fault == LAWFUL else case.scenes
+    assert {clause for name in scenes for clause in broken_by(case.driver, case.place, SCENES[name])} == case.breaks

@@ -118,13 +118,13 @@ def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(first_run, tmp
     killed, starts, lock = "S5_L1_seed0", Counter[str](), Lock()
     call = ProcessPool.call
 
-    def killing(pool: ProcessPool, function: Any, request: Any, bag: Path, timeout_s: float) -> Any:
+    def killing(pool: ProcessPool, function: Any, request: Any, bag: Path, *others: Any, timeout_s: float) -> Any:
         """The first process of one episode kills itself."""
         with lock:
             starts[bag.name] += 1
         if bag.name == killed and starts[killed] == 1:
             return call(pool, signal.raise_signal, signal.SIGKILL)
-        return call(pool, function, request, bag, timeout_s=timeout_s)
+        return call(pool, function, request, bag, *others, timeout_s=timeout_s)
 
     monkeypatch.setattr(ProcessPool, "call", killing)
     result = run_study(STUDY, LocalFolder(tmp_path), LocalWorkers(2))

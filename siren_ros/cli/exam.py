@@ -49,9 +49,9 @@ def add_arguments(verb: Command) -> None:
     verb.description = (
         "Grades a driver, clause by clause of a rulebook: pass, minor, major, or not applicable. With BAG it is the AV "
         "under test of recorded episodes. With --driver or --av the exam first makes a study in --out, with that "
-        "driver at the wheel of the AV, and the same episodes with the paper's driver, to compare. --out gets the "
-        "certificate as HTML, JSON and JUnit XML. The exit code is 1 if a clause is violated gravely, if none is applicable, or if "
-        "an episode has no result."
+        "driver at the wheel of the AV, and the same episodes with the paper's driver, to compare. --out gets a "
+        "certificate as HTML, JSON and JUnit XML. The exit code is 1 if a clause is violated gravely, if "
+        "none is applicable, or if an episode has no result."
     )
     verb.epilog = "`siren exam compare` compares two certificates; see `siren exam compare --help`."
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="*", help="bags, or folders with bags at any depth")

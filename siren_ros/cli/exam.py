@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -197,7 +198,7 @@ def _write(arguments: argparse.Namespace, certificate: Certificate) -> None:
     out: Path = arguments.out
     asked = {"--driver": arguments.driver, "--av": arguments.av}
     words = ["./env siren exam", *(quoted(bag) for bag in arguments.bags), f"--rulebook {arguments.rulebook}"]
-    words += [f"{option} {quoted(Path(value))}" for option, value in asked.items() if value]
+    words += [f"{option} {shlex.quote(value)}" for option, value in asked.items() if value]
     words += [] if arguments.actor is None else [f"--actor {arguments.actor}"]
     for name in MATRIX:
         value = getattr(arguments, name)

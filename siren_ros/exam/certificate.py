@@ -76,7 +76,7 @@ class Certificate:
         if not paired:
             return None
         rows = tuple((meaning, mean_of([one.others[key] for one in paired])) for key, meaning in OTHERS.items())
-        caption = f"Others, against the same {len(paired)} episodes with the paper's driver at the wheel"
+        caption = f"Others, against the paper's driver at the wheel; number of episodes: {len(paired)}"
         return Table("others", caption, ("figure", "difference"), rows, spec="+.2f")
 
     def latency(self) -> Table | None:
@@ -91,9 +91,8 @@ class Certificate:
             ("slowest answer, ms", max(one.worst_ms for one in times)),
             ("episodes with more than 5 % of the answers later than a step", float(late)),
         )
-        return Table(
-            "latency", f"Wall time to an answer, in {len(times)} episodes", ("figure", "value"), rows, spec=".1f"
-        )
+        caption = f"Wall time to an answer; number of episodes: {len(times)}"
+        return Table("latency", caption, ("figure", "value"), rows, spec=".1f")
 
 
 def mean_of(values: Sequence[float]) -> Interval:

@@ -55,7 +55,7 @@ def test_an_exam_makes_its_own_episodes_and_goes_on_where_it_was_stopped(siren, 
     out = tmp_path / "exam"
     words = ["exam", "--driver", "lawful-california", "--rulebook", "california", *MATRIX, "--out", str(out)]
     printed = siren(words).out
-    assert "against the same 2 episodes" in printed
+    assert "at the wheel; number of episodes: 2" in printed
     certificate = (out / "certificate.json").read_bytes()
     content = json.loads(certificate)
     assert content["passed"]
@@ -100,9 +100,12 @@ def test_an_exam_that_cannot_be_made_is_refused(siren, words, said):
 
 
 def test_a_program_that_cannot_be_started_is_an_episode_without_a_result(siren, tmp_path):
-    words = ["--av", "/no/such/program", *MATRIX[:-4], "--duration-s", "2", "--jobs", "1", "--alone"]
+    words = ["--av", "./no/such/program", *MATRIX[:-4], "--duration-s", "2", "--jobs", "1", "--alone"]
     run = siren(["exam", *words, "--out", str(tmp_path / "exam")], code=1)
     assert "S2_L3_seed0_town: no result" in run.err
-    assert "/no/such/program" in run.err
+    assert "./no/such/program" in run.err
+    assert "--av ./no/such/program " in (tmp_path / "exam" / "certificate.html").read_text(), (
+        "the command as it was given"
+    )
     root = ElementTree.parse(tmp_path / "exam" / "certificate.xml").getroot()
     assert root[0].get("errors") == "1"

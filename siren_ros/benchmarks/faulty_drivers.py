@@ -83,7 +83,7 @@ def broken_by(driver: str, place: str, scene: str) -> frozenset[str]:
     )
     setup = set_up_episode(request)
     steps = driven(closed_loop(setup, steps_from_s(setup.description.duration_s)), answers_of(setup, driver_of(driver)))
-    sitting = examine(record_of(setup, list(steps)), setup.description.av_id, load_rulebook(place))
+    sitting = examine(record_of(setup, [step for step, _ in steps]), setup.description.av_id, load_rulebook(place))
     return frozenset(mark.clause.clause_id for mark in sitting.marks if mark.grade in _BROKEN)
 
 

@@ -12,7 +12,7 @@ from siren_ros.evaluation.yielding.encounters import LaneOffsets, lane_offsets
 from siren_ros.judging.surrogate_safety import PairMeasures, conflict_series, pair_measures
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.geometry import wrap_angle
-from siren_ros.numerics.units import steps_from_s
+from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.record.vehicle_location import ALIGNED_RAD, LanePlaces, ahead_and_left_m, common_rows, places_of
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, LaneKind
@@ -20,7 +20,6 @@ from siren_ros.world.actors import Lights
 
 ASIDE_M: Final = 8.0
 """An EMV farther to the side is on another road, or beyond two lanes."""
-
 
 _NEAR_M: Final = 25.0
 _BESIDE_M: Final = 3.0
@@ -68,6 +67,14 @@ class Call:
     """Whether it has passed the driver before, or now."""
 
 
+def lasting_deceleration_mps2(track: StateRows, lasting_s: float) -> Floats:
+    """Mean deceleration over so long from each row on; no value where the track is shorter."""
+    kernel = max(1, steps_from_s(lasting_s))
+    if len(track) < kernel:
+        return np.zeros(0)
+    return np.convolve(-track.accel_mps2, np.full(kernel, 1.0 / kernel), mode="valid")
+
+
 class Examinee:
     """A driver of a record, where traffic keeps right: records of left-hand traffic are examined as mirror images."""
 
@@ -104,6 +111,12 @@ class Examinee:
         return lane_offsets(self.record, self.track)
 
     @cached_property
+    def aside_mps(self) -> Floats:
+        """Speed to the side at each row, left positive."""
+        lateral = self.offsets.lateral_m
+        return np.gradient(lateral, STEP_S) if len(lateral) > 1 else np.zeros(len(lateral))
+
+    @cached_property
     def lane_kinds(self) -> np.ndarray[tuple[int], np.dtype[np.object_]]:
         """Kind of the lane at each row; None off the lanes."""
         lanes = self.record.network.lanes
@@ -117,17 +130,10 @@ class Examinee:
     @cached_property
     def to_right_edge_m(self) -> Floats:
         """From the driver's right side to the road's right edge, shoulder included; NaN in junctions and off lanes."""
-        gaps = np.full(len(self.track), np.nan)
-        limits = {
-            lane: road_limits(self.record.network, lane).right_m for lane in set(self.places.lane.tolist()) - {NO_LANE}
-        }
-        for row in np.flatnonzero(~self.in_junction & (self.places.lane != NO_LANE)).tolist():
-            edge = limits[int(self.places.lane[row])]
-            gaps[row] = self.places.offset_m[row] - 0.5 * self.actor.width_m - edge
-        return gaps
+        return np.where(self.in_junction, np.nan, self._across_m(self.places) - 0.5 * self.actor.width_m)
 
     @cached_property
-    def room(self) -> "Room":
+    def room(self) -> Room:
         """The room that the driver has to its right and ahead."""
         right = self.to_right_edge_m.copy()
         ahead, leader_mps = np.full(len(self.track), np.inf), np.full(len(self.track), np.inf)

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.evaluation.yielding.thresholds import Measure
-from siren_ros.exam.examinee import Examinee
+from siren_ros.exam.examinee import Examinee, lasting_deceleration_mps2
 from siren_ros.exam.past_time import held_for, once, rises, since
 from siren_ros.judging.surrogate_safety import longest_run_s
 from siren_ros.numerics.arrays import Flags, Floats
@@ -47,6 +47,7 @@ _STANDS_MPS: Final = 0.5
 """A vehicle that is slower stands (``YieldThresholds.stop_mps``)."""
 _AT_EDGE_M: Final = 1.0
 """A driver is at the edge of the road, or has no room."""
+_RED: Final = frozenset("rR")
 _OWN_DOING_MPS: Final = 0.5
 _LEADER_S: Final = 3.0
 """A driver that is slower by this than whoever was ahead of it for this time does not only follow."""
@@ -162,11 +163,7 @@ def stands_until_passed(examinee: Examinee, numbers: Numbers) -> Finding:
     stop = steps_from_s(numbers["stop_s"])
     settled = held_for(examinee.called, examinee.reaction_steps + stop)
     clear = ~once(examinee.in_junction, stop)
-    lateral = examinee.offsets.lateral_m
-    moves = once(
-        np.gradient(lateral, STEP_S) < -_MOVES_MPS if len(lateral) > 1 else np.zeros(len(lateral), np.bool_),
-        steps_from_s(_MOVED_S),
-    )
+    moves = once(examinee.aside_mps < -_MOVES_MPS, steps_from_s(_MOVED_S))
     at_edge = examinee.to_right_edge_m <= _AT_EDGE_M
     could = _least_of_last(examinee.room.right_m, stop) > _AT_EDGE_M
     there = held_for((at_edge | could) & ~moves, steps_from_s(_SETTLES_S))
@@ -209,7 +206,7 @@ def beyond_red_line(examinee: Examinee, _numbers: Numbers) -> Finding:
         states = examinee.record.signal_states(str(connection.signal_id))
         first = int(np.searchsorted(examinee.track.step, event.step))
         row = first
-        while row < len(examinee.track) and _is_red(states.get(int(examinee.track.step[row]), ""), connection):
+        while row < len(examinee.track) and connection.letter_in(states.get(int(examinee.track.step[row]), "")) in _RED:
             row += 1
         way = examinee.track.driven_m[min(row, len(examinee.track) - 1)] - examinee.track.driven_m[first]
         if row > first and way > worst.measure.value:
@@ -230,14 +227,9 @@ def _movement(examinee: Examinee, event: Event) -> Connection | None:
     return max(found, key=lambda connection: connection.from_lane in lanes, default=None)
 
 
-def _is_red(state: str, connection: Connection) -> bool:
-    return len(state) > connection.signal_link >= 0 and state[connection.signal_link] in "rR"
-
-
 def without_indicator(examinee: Examinee, numbers: Numbers) -> Finding:
     """Number of moves to the side, on the road, without the indicator of that side before or as they began."""
-    lateral = examinee.offsets.lateral_m
-    rate = np.gradient(lateral, STEP_S) if len(lateral) > 1 else np.zeros(len(lateral))
+    lateral, rate = examinee.offsets.lateral_m, examinee.aside_mps
     missed, first, seen = 0, None, False
     for side, light in ((1.0, Lights.INDICATOR_LEFT), (-1.0, Lights.INDICATOR_RIGHT)):
         moves = (side * rate > numbers["least_mps"]) & ~examinee.in_junction
@@ -256,13 +248,11 @@ def without_indicator(examinee: Examinee, numbers: Numbers) -> Finding:
 
 def braking(examinee: Examinee, numbers: Numbers) -> Finding:
     """Hardest deceleration that lasts for ``lasting_s``; of the whole drive."""
-    kernel = max(1, steps_from_s(numbers["lasting_s"]))
-    accel = examinee.track.accel_mps2
-    if len(accel) < kernel:
+    lasting = lasting_deceleration_mps2(examinee.track, numbers["lasting_s"])
+    if not len(lasting):
         return Finding(Measure.lacking("the drive was too short"))
-    least = np.convolve(-accel, np.full(kernel, 1.0 / kernel), mode="valid")
-    worst = int(np.argmax(least))
-    return Finding(Measure(max(float(least[worst]), 0.0)), int(examinee.track.step[worst]))
+    worst = int(np.argmax(lasting))
+    return Finding(Measure(max(float(lasting[worst]), 0.0)), int(examinee.track.step[worst]))
 
 
 def time_to_collision(examinee: Examinee, _numbers: Numbers) -> Finding:

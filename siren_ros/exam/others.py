@@ -6,9 +6,10 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
+from siren_ros.exam.examinee import lasting_deceleration_mps2
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.numerics.arrays import Floats
-from siren_ros.numerics.units import STEP_S, steps_from_s
+from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
 
@@ -60,11 +61,6 @@ def _way_m(record: EpisodeRecord) -> Floats:
 
 def braked_hard(record: EpisodeRecord, actor_id: int) -> int:
     """Number of others, EMVs left out, who braked harder than ``HARD_MPS2`` for 0.3 s."""
-    kernel = np.full(steps_from_s(_LASTING_S), 1.0 / steps_from_s(_LASTING_S))
-    count = 0
-    for other in record.actors:
-        if other == actor_id or other in record.emv_ids or other in record.walker_ids:
-            continue
-        accel = record.track(other).accel_mps2
-        count += len(accel) >= len(kernel) and bool((np.convolve(-accel, kernel, mode="valid") > HARD_MPS2).any())
-    return count
+    others = record.actors.keys() - {actor_id, *record.emv_ids, *record.walker_ids}
+    lasting = (lasting_deceleration_mps2(record.track(other), _LASTING_S) for other in others)
+    return sum(bool((one > HARD_MPS2).any()) for one in lasting)

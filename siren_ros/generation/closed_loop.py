@@ -84,8 +84,8 @@ def closed_loop(
 
 def driven(
     loop: Generator[LoopStep, Controls | None, None], answer: Callable[[LoopStep], Controls]
-) -> Iterator[LoopStep]:
-    """The steps of a ``closed_loop`` whose drivers in seats answer each one."""
+) -> Iterator[tuple[LoopStep, Controls]]:
+    """The steps of a ``closed_loop`` with what drivers in seats answer to each one."""
     with closing(loop):
         controls: Controls | None = None
         while True:
@@ -93,8 +93,8 @@ def driven(
                 step = loop.send(controls)
             except StopIteration:
                 return
-            yield step
             controls = answer(step)
+            yield step, controls
 
 
 def _with_seats(

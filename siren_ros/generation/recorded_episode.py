@@ -1,6 +1,6 @@
 """An episode with its bag, without ROS: the library calls of the node graph, and the very bytes of its recorder."""
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,7 +8,7 @@ from typing import Any
 
 from siren_ros.errors import EpisodeError, InputError, SirenError
 from siren_ros.generation.answer_times import AnswerTimes
-from siren_ros.generation.closed_loop import LoopStep, closed_loop
+from siren_ros.generation.closed_loop import LoopStep, closed_loop, driven
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import (
@@ -105,7 +105,10 @@ def _messages(setup: EpisodeSetup, answer: Answer) -> Generator[tuple[Topic, Any
     actors: dict[int, ActorDescription] = {}
     if setup.plan.av:
         yield topics.AV_ROUTE, to_path(av_way(setup.network, setup.plan))
-    for step, controls in _answered(setup, answer):
+    loop = closed_loop(setup, max(1, steps_from_s(described.duration_s)))
+    for step, controls in driven(loop, answer):
+        for control in controls.values():
+            control.check()
         number = step.states.step
         yield topics.CLOCK, make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(number)))
         yield topics.TRAFFIC, to_traffic_state(step.traffic)
@@ -119,20 +122,3 @@ def _messages(setup: EpisodeSetup, answer: Answer) -> Generator[tuple[Topic, Any
         actors.update({actor.actor_id: actor for actor in step.traffic.spawned})
         yield from sensing.step(step.states, actors, step.traffic.signals)
     yield from sensing.finish()
-
-
-def _answered(setup: EpisodeSetup, answer: Answer) -> Iterator[tuple[LoopStep, Controls]]:
-    """The steps with what drivers in seats answer to them.
-
-    Raises:
-        EpisodeError: Also where an answer cannot be used.
-    """
-    steps = max(1, steps_from_s(setup.description.duration_s))
-    controls: Controls | None = None
-    with closing(closed_loop(setup, steps)) as loop:
-        for _ in range(steps):
-            step = loop.send(controls)
-            controls = answer(step)
-            for control in controls.values():
-                control.check()
-            yield step, controls

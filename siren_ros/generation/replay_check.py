@@ -158,7 +158,7 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
         # The limit on the residual ends an episode; it changes no step before.
         last = max((state.step for state in record.states), default=-1)
         loop = closed_loop(setup, last + 1, residual_limit_m=math.inf)
-        steps = list(driven(loop, lambda step: answers.get(step.states.step, {})))
+        steps = [step for step, _ in driven(loop, lambda step: answers.get(step.states.step, {}))]
         return first_difference(record, steps) or _outcome_difference(record, setup, steps)
 
 

@@ -154,8 +154,7 @@ def signal_letter(record: EpisodeRecord, traversal: Traversal) -> str:
     """SUMO's letter of the movement's signal as the front passed the stop line; empty if it is unknown."""
     connection = record.network.connections[traversal.connection]
     states = record.signal_states(connection.signal_id) if connection.signal_id is not None else {}
-    state = states.get(traversal.enter_step, "")
-    return state[connection.signal_link] if 0 <= connection.signal_link < len(state) else ""
+    return connection.letter_in(states.get(traversal.enter_step, ""))
 
 
 def _count(name: str, traversal: Traversal, inside: list[Traversal]) -> Part:

@@ -6,7 +6,6 @@ from typing import Self
 import numpy as np
 
 from siren_ros.numerics.arrays import Floats
-from siren_ros.record.vehicle_location import locate
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.seat.way import SPACING_M, Way
@@ -26,11 +25,9 @@ class LanesBeside:
     @classmethod
     def of(cls, network: RoadNetwork, way: Way) -> Self:
         """The lanes beside a way on a map where traffic keeps right."""
-        s_m = np.arange(len(way.limit_mps)) * SPACING_M
-        points, heading = way.curve.at(s_m), np.asarray(way.curve.heading_rad(s_m))
-        places = locate(network, points, heading, np.full(len(s_m), NO_LANE, np.int32))
+        s_m = np.arange(len(way.lane)) * SPACING_M
         columns = np.full((3, len(s_m)), np.nan)
-        for row, index in enumerate(places.lane.tolist()):
+        for row, index in enumerate(way.lane.tolist()):
             lanes = (
                 [] if index == NO_LANE else [lane.index for lane in driving_lanes(network, network.lanes[index].edge)]
             )

@@ -82,7 +82,7 @@ class SeatView:
             line.connection
             for line in self.way.lines
             if before.s_m < line.at_m - 0.5 * sight.length_m <= sight.s_m
-            and colours.get(line.connection.signal_id or "", "")[line.connection.signal_link :][:1] in {"r", "R"}
+            and line.connection.letter_in(colours.get(line.connection.signal_id or "", "")) in {"r", "R"}
         ]
         self._last = Moment(
             sight,

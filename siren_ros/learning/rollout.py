@@ -15,8 +15,8 @@ from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.world.actors import ActorDescription, ActorStates
-from siren_ros.world.commands import AvControl, Controls
-from siren_ros.world.mirror_image import SIDES_EXCHANGED, mirror_image
+from siren_ros.world.commands import Controls
+from siren_ros.world.mirror_image import mirror_image
 
 
 class Seat(StrEnum):
@@ -104,7 +104,7 @@ class Rollout:
         if self.over:
             raise EpisodeError(f"the episode is over after {self.length} steps")
         if self.setup.network.left_hand:
-            controls = {actor_id: _mirrored(control) for actor_id, control in controls.items()}
+            controls = {actor_id: mirror_image(control) for actor_id, control in controls.items()}
         for control in controls.values():
             control.check()
         if self._failed:
@@ -172,7 +172,3 @@ class Rollout:
     def _free_sumo() -> None:
         if Rollout._running is not None:
             Rollout._running.close()
-
-
-def _mirrored(control: AvControl) -> AvControl:
-    return replace(control, steer_rad=-control.steer_rad, lights=int(SIDES_EXCHANGED[control.lights]))

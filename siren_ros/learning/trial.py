@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.exam.grading import Grade, examine
+from siren_ros.exam.others import actor_in_seat
 from siren_ros.exam.rulebook import load_rulebook
 from siren_ros.generation.closed_loop import record_of
 from siren_ros.learning.environment import YieldEnv
@@ -76,17 +77,10 @@ def of_the_model(task: Task, seed: int) -> Outcome:
         InputError: The request cannot be used.
         EpisodeError: The episode failed.
     """
-    name = _av_of(task, seed)
     with Rollout(task.request(seed, with_av=False)) as rollout:
         while not rollout.over:
             rollout.advance({})
-        driver = next(actor.actor_id for actor in rollout.actors.values() if actor.name == name)
-        return _outcome(rollout, driver, task)
-
-
-def _av_of(task: Task, seed: int) -> str:
-    with Rollout(task.request(seed, with_av=True)) as rollout:
-        return str(rollout.setup.plan.av)
+        return _outcome(rollout, actor_in_seat(record_of(rollout.setup, rollout.steps)), task)
 
 
 def _outcome(rollout: Rollout, driver: int, task: Task) -> Outcome:

@@ -96,6 +96,10 @@ class Connection:
     gives_way: bool = False
     """Whether a movement without a signal gives way to others."""
 
+    def letter_in(self, state: str) -> str:
+        """This movement's letter in the state of its signal; empty where the state has none."""
+        return state[self.signal_link] if 0 <= self.signal_link < len(state) else ""
+
 
 @dataclass(frozen=True)
 class Junction:

@@ -13,6 +13,7 @@ from siren_ros.world.traffic_state import SignalState
 _AHEAD_M: Final = 60.0
 _BEHIND_M: Final = 15.0
 _ASIDE_M: Final = 8.0
+_RED: Final = frozenset("rRyY")
 
 
 @dataclass(frozen=True)
@@ -89,93 +90,85 @@ def sight_of(
     row = int(np.searchsorted(states.actor_id, actor_id))
     body = actors[actor_id]
     x, y, yaw = (float(column[row]) for column in (states.x_m, states.y_m, states.yaw_rad))
-    s, left = (float(value) for value in way.curve.project(np.array([x, y])))
+    own = _on_way(way, x, y, yaw)
     speeds = np.hypot(states.vx_mps, states.vy_mps)
-    heading = float(way.curve.heading_rad(s))
-    sirens, others = [], []
     dx, dy = states.x_m - x, states.y_m - y
     ahead = dx * np.cos(yaw) + dy * np.sin(yaw)
     aside = dy * np.cos(yaw) - dx * np.sin(yaw)
-    near = np.flatnonzero((np.hypot(dx, dy) < 2.0 * _AHEAD_M) & (np.arange(len(states)) != row))
-    for k in near.tolist():
-        other = actors[int(states.actor_id[k])]
-        if other.is_emv and states.lights[k] & Lights.SIREN:
-            reach = 0.5 * (body.length_m + other.length_m)
-            sirens.append(
-                _siren(
-                    other,
-                    (float(states.x_m[k]), float(states.y_m[k]), float(states.yaw_rad[k])),
-                    s,
-                    left,
-                    way,
-                    reach,
-                    (float(ahead[k]), float(aside[k]), float(states.yaw_rad[k]) - yaw),
-                    float(speeds[k]),
-                )
-            )
-        if -behind_m < ahead[k] < _AHEAD_M:
-            at, off = (float(value) for value in way.curve.project(np.array([states.x_m[k], states.y_m[k]])))
-            turned = float(states.yaw_rad[k]) - float(way.curve.heading_rad(at))
-            cos, sin = abs(np.cos(turned)), abs(np.sin(turned))
-            gap = at - s - 0.5 * body.length_m - 0.5 * (other.length_m * cos + other.width_m * sin)
-            half = 0.5 * (other.length_m * sin + other.width_m * cos)
-            others.append(Other(gap, off, float(half), float(speeds[k] * np.cos(turned))))
-    states_of = {signal.signal_id: signal.state for signal in signals}
-    red = [
-        line.at_m - s - 0.5 * body.length_m
-        for line in way.lines
-        if line.at_m > s and _is_red(states_of.get(line.connection.signal_id or "", ""), line.connection.signal_link)
-    ]
+    near = (np.hypot(dx, dy) < 2.0 * _AHEAD_M) & (np.arange(len(states)) != row)
+    sounds = (states.lights & Lights.SIREN) != 0
+    sirens, others = [], []
+    for k in np.flatnonzero(near).tolist():
+        other, speed = actors[int(states.actor_id[k])], float(speeds[k])
+        siren, seen = other.is_emv and sounds[k], -behind_m < ahead[k] < _AHEAD_M
+        if not (siren or seen):
+            continue
+        place = _on_way(way, float(states.x_m[k]), float(states.y_m[k]), float(states.yaw_rad[k]))
+        if siren:
+            along = place.s_m - own.s_m, place.left_m - own.left_m, place.turn_rad
+            straight = float(ahead[k]), float(aside[k]), float(states.yaw_rad[k]) - yaw
+            sirens.append(_siren(other, speed, 0.5 * (body.length_m + other.length_m), along, straight))
+        if seen:
+            others.append(_other(other, speed, place, place.s_m - own.s_m - 0.5 * body.length_m))
     return Sight(
         states.step,
         way,
-        s,
-        left,
-        float(wrap_angle(yaw - heading)),
+        own.s_m,
+        own.left_m,
+        float(wrap_angle(own.turn_rad)),
         float(speeds[row]),
         body.length_m,
         body.width_m,
         tuple(sirens),
         tuple(others),
-        min(red, default=np.inf),
-        bool(way.in_junction[way.row(s)]),
+        _red_line_m(way, own.s_m, signals) - own.s_m - 0.5 * body.length_m,
+        bool(way.in_junction[way.row(own.s_m)]),
     )
 
 
-def _siren(
-    emv: ActorDescription,
-    pose: tuple[float, float, float],
-    s_m: float,
-    left_m: float,
-    way: Way,
-    reach_m: float,
-    seen: tuple[float, float, float],
-    speed_mps: float,
-) -> Siren:
+@dataclass(frozen=True)
+class _OnWay:
+    """A centre on the way: arc length, offset, and heading from the way's."""
+
+    s_m: float
+    left_m: float
+    turn_rad: float
+
+
+def _on_way(way: Way, x_m: float, y_m: float, yaw_rad: float) -> _OnWay:
+    s, left = (float(value) for value in way.curve.project(np.array([x_m, y_m])))
+    return _OnWay(s, left, yaw_rad - float(way.curve.heading_rad(s)))
+
+
+def _other(body: ActorDescription, speed_mps: float, place: _OnWay, ahead_m: float) -> Other:
+    """Somebody near the way, whose centre is so far along it from the own front."""
+    turned = np.cos(place.turn_rad)
+    cos, sin = abs(turned), abs(np.sin(place.turn_rad))
+    gap = ahead_m - 0.5 * (body.length_m * cos + body.width_m * sin)
+    half = 0.5 * (body.length_m * sin + body.width_m * cos)
+    return Other(float(gap), place.left_m, float(half), float(speed_mps * turned))
+
+
+def _siren(emv: ActorDescription, speed_mps: float, reach_m: float, *seen: tuple[float, float, float]) -> Siren:
     """An EMV, as it drives along the own way; where it does not, as it is seen from the own vehicle.
 
     Args:
         emv: The EMV.
-        pose: x, y and yaw of its centre.
-        s_m: Arc length of the own centre.
-        left_m: Of the own centre from the way.
-        way: The own way.
+        speed_mps: Its speed.
         reach_m: Half of both lengths.
-        seen: How far ahead and to the left of the own centre it is, and its heading from the own one.
-        speed_mps: Of the EMV.
+        seen: How far ahead and to the left of the own centre it is, and its heading from the own one: along the way,
+            and straight.
     """
-    at, off = (float(value) for value in way.curve.project(np.array(pose[:2])))
-    on_way = (at - s_m, off - left_m, pose[2] - float(way.curve.heading_rad(at)))
-    ahead, aside, along = next(
-        (
-            (ahead, aside, True)
-            for ahead, aside, turn in (on_way, seen)
-            if abs(float(wrap_angle(turn))) < np.pi / 3.0 and abs(aside) < _ASIDE_M
-        ),
-        (seen[0], seen[1], False),
-    )
-    return Siren(emv.actor_id, -ahead - reach_m, aside, speed_mps, along and ahead <= reach_m, ahead - reach_m, along)
+    here = (one for one in seen if abs(float(wrap_angle(one[2]))) < np.pi / 3.0 and abs(one[1]) < _ASIDE_M)
+    found = next(here, None)
+    ahead, aside, _ = found or seen[-1]
+    behind = found is not None and ahead <= reach_m
+    return Siren(emv.actor_id, -ahead - reach_m, aside, speed_mps, behind, ahead - reach_m, found is not None)
 
 
-def _is_red(state: str, link: int) -> bool:
-    return len(state) > link >= 0 and state[link] in "rRyY"
+def _red_line_m(way: Way, from_m: float, signals: tuple[SignalState, ...]) -> float:
+    """Arc length of the next line beyond a place that is red or yellow; infinite without one."""
+    states = {signal.signal_id: signal.state for signal in signals}
+    lines = (line for line in way.lines if line.at_m > from_m)
+    red = (line for line in lines if line.connection.letter_in(states.get(line.connection.signal_id or "", "")) in _RED)
+    return min((line.at_m for line in red), default=np.inf)

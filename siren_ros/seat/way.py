@@ -11,6 +11,7 @@ from siren_ros.numerics.geometry import Polyline
 from siren_ros.record.vehicle_location import locate
 from siren_ros.roads.rescue_lane import rescue_sides
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
+from siren_ros.world.traffic_state import Indices
 
 SPACING_M: Final = 1.0
 _JUMP_M: Final = 1.0
@@ -32,6 +33,8 @@ class Way:
     """A way along lane centres; columns have shape ``(K,)``, one value for each metre of it."""
 
     curve: Polyline
+    lane: Indices
+    """Index of the lane, a path across a junction included; ``NO_LANE`` off the lanes."""
     right_m: Floats
     """Offset of the road's right edge, left positive."""
     driving_right_m: Floats
@@ -85,8 +88,9 @@ class Way:
         changes = np.where(np.abs(drift) > _DRIFT, np.sign(drift), 0.0)
         known = np.isfinite(limit)
         limit = np.interp(s_m, s_m[known], limit[known]) if known.any() else np.full(len(s_m), 8.0)
+        edges = right, driving_right, lane_right, lane_left
         lines = tuple(_lines(network, s_m, places.lane.tolist()))
-        return cls(curve, right, driving_right, lane_right, lane_left, leftmost, inside, limit, changes, duty, lines)
+        return cls(curve, places.lane, *edges, leftmost, inside, limit, changes, duty, lines)
 
     def row(self, s_m: float) -> int:
         """The row of an arc length."""

@@ -125,11 +125,10 @@ def _elsewhere(last_lane: Any, actor_id: Any, lane: Any) -> Any:
 
 
 def _detail(connection: Connection, speed_mps: float, signals: Mapping[str, str]) -> dict[str, float | int | str]:
-    state = signals.get(connection.signal_id or "", "")
     return {
         "junction": connection.junction,
         "direction": connection.direction,
-        "signal_state": state[connection.signal_link] if 0 <= connection.signal_link < len(state) else "",
+        "signal_state": connection.letter_in(signals.get(connection.signal_id or "", "")),
         "must_stop": int(connection.must_stop),
         "speed_mps": speed_mps,
     }

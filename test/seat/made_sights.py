@@ -21,6 +21,7 @@ def straight_way(**columns):
     inside[100:130] = True
     way = Way(
         curve=Polyline.through(np.array([[0.0, 0.0], [LENGTH_M, 0.0]])),
+        lane=np.zeros(ROWS, np.int32),
         right_m=-5.25 * whole,
         driving_right_m=-5.25 * whole,
         lane_right_m=-1.75 * whole,

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from browser_pages import OpenedPage, PageBrowser
-from episode_page.looked_at import until
+from episode_page.looked_at import pictures, until
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.episode_page.live import LIVE_TOPICS, NO_WHY
@@ -126,6 +126,7 @@ def seen(browser: PageBrowser, record: EpisodeRecord) -> Iterator[Running]:
             check_places(running, record, [step for step in range(0, end + 1, 4) if step not in GAP])
         running.go_on(STEPS, STEPS)
         running.until("document.getElementById('state').textContent === 'ended'")
+        running.until("!episodePage.moment.playing")
         yield running
         assert running.page.problems == []
 
@@ -137,6 +138,7 @@ def test_between_two_steps_that_are_there_vehicles_are_between_their_places(
     share = (GAP[1] - before.step) / (after.step - before.step)
     drawn = seen.drawn(GAP[1])
     assert seen.page.page.evaluate("episodePage.moment.time") == pytest.approx(GAP[1] * STEP_S)
+    pictures(seen.page)
     assert seen.text("#clock").startswith(f"{GAP[1] * STEP_S:.2f}")
     for row, actor in enumerate(before.actor_id.tolist()):
         between = before.x_m[row] + share * (after.x_m[row] - before.x_m[row])
@@ -144,7 +146,7 @@ def test_between_two_steps_that_are_there_vehicles_are_between_their_places(
 
 
 def test_the_end_is_told_and_what_was_seen_stays(seen: Running, record: EpisodeRecord) -> None:
-    seen.until("!episodePage.moment.playing")
+    assert not seen.page.page.evaluate("episodePage.moment.playing")
     assert record.outcome is not None
     assert seen.text("#facts").endswith(record.outcome.end.value)
     assert seen.page.page.locator("#verdict").is_visible()

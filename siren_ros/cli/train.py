@@ -3,7 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -42,8 +42,6 @@ _EXTRAS: Final = {"driver": "rl"}
 """Extras that a task needs, where it is not models."""
 _TOWN: Final = "town"
 _SEED_COUNTS: Final = 1_000_000
-_FIRST_TRIAL: Final = 1000
-"""Seeds from here on are not drawn in the training of a driver."""
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -269,38 +267,35 @@ def train_risk(arguments: argparse.Namespace, fitter: Any) -> int:
 
 def _add_driver(task: argparse.ArgumentParser) -> None:
     task.description = (
-        "Trains a driver in the environment siren/Yield-v0: it imitates a rule, then learns by PPO. It writes "
-        "DIR/driver.onnx with its card DIR/driver.json, and tries the driver next to the rule, a driver that ignores "
-        "sirens (idm) and the model's own (paper), on seeds that the training did not draw. It needs "
-        "Stable-Baselines3: ./env --with rl siren train driver."
+        "Trains a driver in the environment siren/Yield-v0: several drivers drive each episode, rules and the one that "
+        "learns, and it imitates the best drive. It writes DIR/driver.onnx with its card DIR/driver.json, which "
+        "`siren exam --driver DIR/driver.onnx` examines. It needs torch and Gymnasium: "
+        "./env --with rl siren train driver."
     )
     config = DriverFit()
     task.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the weights and the card")
     task.add_argument(
-        "--minutes", type=float, default=config.minutes, metavar="M", help="time of the training (default %(default)g)"
-    )
-    task.add_argument(
-        "--template", default=config.task["template"], metavar="ID", help="episodes (default %(default)s)"
-    )
-    task.add_argument(
-        "--trial-seeds",
+        "--episodes",
         type=positive,
-        default=20,
+        nargs="+",
+        default=[*config.episodes],
         metavar="N",
-        help="seeds of a trial, from 1000 on (default %(default)s)",
+        help=f"number of episodes of each round (default {' '.join(map(str, config.episodes))})",
     )
     task.add_argument(
-        "--trial-maps", nargs="+", default=[_TOWN], metavar="FILE", help="maps of the trial (default: town)"
+        "--templates",
+        nargs="+",
+        default=[*config.templates],
+        metavar="ID",
+        help=f"templates of the episodes (default {' '.join(config.templates)})",
     )
+    add_processes(task)
 
 
 def train_driver(arguments: argparse.Namespace, trainer: Any) -> int:
-    """Trains and tries the driver."""
-    check_numbers(arguments, {"minutes": (0.01, 1e4)})
-    config = DriverFit(seed=arguments.seed, minutes=arguments.minutes)
-    config = replace(config, task={**config.task, "template": arguments.template})
-    path, seeds = arguments.out / "driver.onnx", range(_FIRST_TRIAL, _FIRST_TRIAL + arguments.trial_seeds)
-    trials = {"" if place == _TOWN else place: seeds for place in arguments.trial_maps}
-    card = trainer(path, config, trials, _print)
-    print(f"{path} ({card['parameters']} parameters, sha256 {card['sha256'][:16]})")
+    """Trains the driver."""
+    config = DriverFit(seed=arguments.seed, episodes=tuple(arguments.episodes), templates=tuple(arguments.templates))
+    path = arguments.out / "driver.onnx"
+    card = trainer(path, config, processes_of(arguments), _print)
+    print(f"{path} ({card['parameters']} parameters, sha256 {card['sha256'][:16]}, {card['minutes']:.0f} min)")
     return EXIT_OK

@@ -119,7 +119,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     def _picture(self) -> npt.NDArray[np.uint8]:
         rollout = self.rollout
         self._view = self._view or TopView(rollout.setup.network)
-        return self._view.draw(rollout.steps[-1], rollout.actors, self.moment.body.actor_id)
+        return self._view.draw(rollout.steps[-1], rollout.actors, self.moment.sight.body.actor_id)
 
     def _show(self) -> None:
         if self.render_mode == "human":

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from siren_ros.learning.lanes import LanesBeside
 from siren_ros.learning.rollout import Rollout, Scene, Seat
 from siren_ros.seat.sight import Sight, sight_of
 from siren_ros.seat.way import Way
 from siren_ros.traffic.demand.demand import av_way, way_of
-from siren_ros.world.actors import NO_ACTOR, ActorDescription, ActorStates
+from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.traffic_state import EventKind
 
 
@@ -20,11 +19,6 @@ class Moment:
     sight: Sight
     before: Sight
     """One step before; the same one at the first step."""
-    states: ActorStates
-    row: int
-    """Of the own vehicle in ``states``."""
-    actors: dict[int, ActorDescription]
-    lanes: LanesBeside
     emv_id: int
     """The first emergency vehicle."""
     emv_wanted_mps: float
@@ -35,15 +29,11 @@ class Moment:
     """Stop lines that the own front crossed at this step while they were red."""
 
     @property
-    def body(self) -> ActorDescription:
-        """The own vehicle."""
-        return self.actors[int(self.states.actor_id[self.row])]
-
-    @property
     def emv_row(self) -> int | None:
         """Row of the first emergency vehicle; None where it is not on the map."""
-        row = int(np.searchsorted(self.states.actor_id, self.emv_id))
-        return row if row < len(self.states) and self.states.actor_id[row] == self.emv_id else None
+        states = self.sight.states
+        row = int(np.searchsorted(states.actor_id, self.emv_id))
+        return row if row < len(states) and states.actor_id[row] == self.emv_id else None
 
 
 class SeatView:
@@ -59,7 +49,6 @@ class SeatView:
         curve = av_way(network, setup.plan) if seat is Seat.CIVILIAN else way_of(network, setup.plan.emvs[0])
         self.actor_id = rollout.actor_of(seat)
         self.way = Way.of(network, curve)
-        self.lanes = LanesBeside.of(network, self.way)
         self._actors = rollout.actors
         self._emv_id = rollout.actor_of(Seat.EMV)
         self._emv_wanted_mps = float(setup.description.template_values["emv.speed_mps"])
@@ -84,16 +73,5 @@ class SeatView:
             if before.s_m < line.at_m - 0.5 * sight.length_m <= sight.s_m
             and line.connection.letter_in(colours.get(line.connection.signal_id or "", "")) in {"r", "R"}
         ]
-        self._last = Moment(
-            sight,
-            before,
-            states,
-            row,
-            self._actors,
-            self.lanes,
-            self._emv_id,
-            self._emv_wanted_mps,
-            touched,
-            len(crossed),
-        )
+        self._last = Moment(sight, before, self._emv_id, self._emv_wanted_mps, touched, len(crossed))
         return self._last

@@ -39,7 +39,7 @@ class RasterView:
 
     def draw(self, moment: Moment) -> Raster:
         """The picture of a moment, shape ``(64, 64, 3)``."""
-        states, own = moment.states, moment.row
+        states, own = moment.sight.states, moment.sight.row
         x, y, yaw = float(states.x_m[own]), float(states.y_m[own]), float(states.yaw_rad[own])
         cos, sin = math.cos(yaw), math.sin(yaw)
 
@@ -62,7 +62,7 @@ class RasterView:
         ImageDraw.Draw(first).line([tuple(point) for point in to_px(way.at(s_m + ahead_m)).tolist()], fill=_WAY)
         second, third = (Image.new("L", (SIDE_PX, SIDE_PX)) for _ in range(2))
         near = np.flatnonzero(np.hypot(states.x_m - x, states.y_m - y) < SIDE_PX / PX_PER_M)
-        bodies = [moment.actors[actor_id] for actor_id in states.actor_id[near].tolist()]
+        bodies = [moment.sight.bodies[actor_id] for actor_id in states.actor_id[near].tolist()]
         sizes = (np.array([getattr(body, name) for body in bodies]) for name in ("length_m", "width_m"))
         corners = to_px(footprint_corners(states.x_m[near], states.y_m[near], states.yaw_rad[near], *sizes))
         pens = ImageDraw.Draw(second), ImageDraw.Draw(third)

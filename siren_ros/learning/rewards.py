@@ -53,7 +53,7 @@ def _off_road(moment: Moment) -> float:
 def _obstruction(moment: Moment) -> float:
     stuck = False
     for siren in moment.sight.sirens:
-        apart_m = 0.5 * (moment.body.width_m + moment.actors[siren.actor_id].width_m)
+        apart_m = 0.5 * (moment.sight.body.width_m + moment.sight.bodies[siren.actor_id].width_m)
         close = siren.behind and 0.0 < siren.gap_m <= _STUCK_GAP_M and abs(siren.left_m) < apart_m
         stuck = stuck or (close and siren.speed_mps < _STUCK_MPS)
     return STEP_S * stuck
@@ -71,12 +71,12 @@ def _red_line(moment: Moment) -> float:
 def _indicator(moment: Moment) -> float:
     rate_mps = (moment.sight.left_m - moment.before.left_m) / STEP_S
     light = Lights.INDICATOR_LEFT if rate_mps > 0.0 else Lights.INDICATOR_RIGHT
-    shown = int(moment.states.lights[moment.row]) & light
+    shown = int(moment.sight.states.lights[moment.sight.row]) & light
     return STEP_S * (abs(rate_mps) > _ASIDE_MPS and not shown and not moment.sight.in_junction)
 
 
 def _braking(moment: Moment) -> float:
-    return STEP_S * max(-float(moment.states.accel_mps2[moment.row]) - _GENTLE_MPS2, 0.0)
+    return STEP_S * max(-float(moment.sight.states.accel_mps2[moment.sight.row]) - _GENTLE_MPS2, 0.0)
 
 
 def _short_time(moment: Moment) -> float:
@@ -91,7 +91,7 @@ def _short_time(moment: Moment) -> float:
 def _emv_delay(moment: Moment) -> float:
     if moment.emv_row is None:
         return 0.0
-    vx, vy = moment.states.vx_mps[moment.emv_row], moment.states.vy_mps[moment.emv_row]
+    vx, vy = moment.sight.states.vx_mps[moment.emv_row], moment.sight.states.vy_mps[moment.emv_row]
     return STEP_S * max(1.0 - float((vx * vx + vy * vy) ** 0.5) / moment.emv_wanted_mps, 0.0)
 
 

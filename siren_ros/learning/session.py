@@ -15,14 +15,14 @@ from siren_ros.exam.rulebook import load_rulebook
 from siren_ros.generation.closed_loop import record_of
 from siren_ros.generation.episode_setup import default_bag_path_of
 from siren_ros.generation.recorded_episode import RecordedEpisode
-from siren_ros.learning.features import features_of
-from siren_ros.learning.manoeuvres import Aim, Manoeuvre, aim_of, by_manoeuvre, by_pedals
 from siren_ros.learning.moment import Moment, SeatView
 from siren_ros.learning.raster import RasterView
 from siren_ros.learning.rewards import OFF_ROAD_M, TERMS, terms_of, weights_of
 from siren_ros.learning.rollout import Rollout, Seat
 from siren_ros.learning.task import Action, Observation, Task
 from siren_ros.numerics.units import STEP_S
+from siren_ros.seat.features import features_of
+from siren_ros.seat.manoeuvres import Aim, Manoeuvre, aim_of, by_manoeuvre, by_pedals
 from siren_ros.world.commands import AvControl
 
 _TRIES: Final = 20
@@ -62,13 +62,14 @@ class _Driver:
         """Take an action: a manoeuvre is turned into an aim, pedals are kept for the steps that follow."""
         self._action = action
         if self._task.action == Action.MANOEUVRE:
-            self.aim = aim_of(self.aim, Manoeuvre(int(action)), self.moment)
+            self.aim = aim_of(self.aim, Manoeuvre(int(action)), self.moment.sight)
 
     def control(self) -> AvControl:
         """The answer to the present step."""
+        sight = self.moment.sight
         if self._task.action == Action.MANOEUVRE:
-            return by_manoeuvre(self.aim, self.moment)
-        return by_pedals(np.asarray(self._action, np.float32), self.moment, self._vehicles)
+            return by_manoeuvre(self.aim, sight, self.moment.emv_wanted_mps if sight.body.is_emv else None)
+        return by_pedals(np.asarray(self._action, np.float32), sight, self._vehicles)
 
     def look(self, rollout: Rollout) -> dict[str, float]:
         """See the step that was simulated; gives the amounts of the terms."""
@@ -88,7 +89,7 @@ class _Driver:
 
     def observe(self) -> npt.NDArray[Any]:
         """The observation of the last step at which the vehicle was there."""
-        return features_of(self.moment) if self._raster is None else self._raster.draw(self.moment)
+        return features_of(self.moment.sight) if self._raster is None else self._raster.draw(self.moment)
 
 
 def _simulate(

@@ -108,7 +108,7 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
             return None
         if self._view is None:
             self._view = TopView(rollout.setup.network)
-        return self._view.draw(rollout.steps[-1], rollout.actors, self._session.moment.body.actor_id)
+        return self._view.draw(rollout.steps[-1], rollout.actors, self._session.moment.sight.body.actor_id)
 
     def save(self, bag: str | Path) -> RecordedEpisode:
         """Writes the bag of the present episode, as ``SeatEnv.save``."""

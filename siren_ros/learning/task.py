@@ -9,12 +9,12 @@ import numpy as np
 from gymnasium import spaces
 
 from siren_ros.errors import InputError
-from siren_ros.learning.features import SIZE
-from siren_ros.learning.manoeuvres import Manoeuvre
 from siren_ros.learning.raster import SHAPE
 from siren_ros.numerics.units import STEP_S
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.seat.features import SIZE
+from siren_ros.seat.manoeuvres import Manoeuvre
 
 DECISION_S: Final = 0.2
 SEEDS: Final = (0, 1000)

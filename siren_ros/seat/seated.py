@@ -1,6 +1,6 @@
 """A driver of the library in the seat of an episode's AV under test."""
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.commands import AvControl, Controls
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import TrafficState
-
-_BEHIND_M: Final = 30.0
-"""A driver looks as far behind for others who come to where it goes."""
 
 
 class SeatedDriver:
@@ -51,7 +48,7 @@ class SeatedDriver:
         if not np.isin(self._av_id, states.actor_id):
             return AvControl(states.step)
         seen = mirror_image(states) if self._left_hand else states
-        sight = sight_of(seen, traffic.signals, self._actors, self._av_id, self._way, _BEHIND_M)
+        sight = sight_of(seen, traffic.signals, self._actors, self._av_id, self._way)
         self._state, control = self._driver.step(self._state, sight)
         return mirror_image(control) if self._left_hand else control
 

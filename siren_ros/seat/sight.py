@@ -1,5 +1,6 @@
 """What a driver in the seat sees at a step, relative to the way that it drives."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,7 +12,7 @@ from siren_ros.world.actors import ActorDescription, ActorStates, Lights
 from siren_ros.world.traffic_state import SignalState
 
 _AHEAD_M: Final = 60.0
-_BEHIND_M: Final = 15.0
+_BEHIND_M: Final = 30.0
 _ASIDE_M: Final = 8.0
 _RED: Final = frozenset("rRyY")
 
@@ -67,15 +68,25 @@ class Sight:
     red_m: float
     """From the own front to the next line of the way that is red; infinite without one."""
     in_junction: bool
+    states: ActorStates
+    """All that is in the world…"""
+    bodies: Mapping[int, ActorDescription]
+    """…and who they are, by id."""
+    row: int
+    """Of the own vehicle in ``states``."""
+
+    @property
+    def body(self) -> ActorDescription:
+        """The own vehicle."""
+        return self.bodies[int(self.states.actor_id[self.row])]
 
 
 def sight_of(
     states: ActorStates,
     signals: tuple[SignalState, ...],
-    actors: dict[int, ActorDescription],
+    actors: Mapping[int, ActorDescription],
     actor_id: int,
     way: Way,
-    behind_m: float = _BEHIND_M,
 ) -> Sight:
     """What the driver of an actor sees.
 
@@ -85,7 +96,6 @@ def sight_of(
         actors: Bodies of those in the world.
         actor_id: The own vehicle, which is in the world.
         way: Its way.
-        behind_m: How far behind the own centre others are seen.
     """
     row = int(np.searchsorted(states.actor_id, actor_id))
     body = actors[actor_id]
@@ -100,7 +110,7 @@ def sight_of(
     sirens, others = [], []
     for k in np.flatnonzero(near).tolist():
         other, speed = actors[int(states.actor_id[k])], float(speeds[k])
-        siren, seen = other.is_emv and sounds[k], -behind_m < ahead[k] < _AHEAD_M
+        siren, seen = other.is_emv and sounds[k], -_BEHIND_M < ahead[k] < _AHEAD_M
         if not (siren or seen):
             continue
         place = _on_way(way, float(states.x_m[k]), float(states.y_m[k]), float(states.yaw_rad[k]))
@@ -123,6 +133,9 @@ def sight_of(
         tuple(others),
         _red_line_m(way, own.s_m, signals) - own.s_m - 0.5 * body.length_m,
         bool(way.in_junction[way.row(own.s_m)]),
+        states,
+        actors,
+        row,
     )
 
 

@@ -11,6 +11,7 @@ from siren_ros.numerics.geometry import Polyline
 from siren_ros.record.vehicle_location import locate
 from siren_ros.roads.rescue_lane import rescue_sides
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
+from siren_ros.seat.lanes import LanesBeside
 from siren_ros.world.traffic_state import Indices
 
 SPACING_M: Final = 1.0
@@ -54,6 +55,7 @@ class Way:
     """Whether slow traffic has to keep a corridor open between the lanes, before any siren (Germany's rescue lane)."""
     lines: tuple[Line, ...]
     """In the order in which they come."""
+    lanes: LanesBeside
 
     @classmethod
     def of(cls, network: RoadNetwork, curve: Polyline) -> Self:
@@ -90,7 +92,8 @@ class Way:
         limit = np.interp(s_m, s_m[known], limit[known]) if known.any() else np.full(len(s_m), 8.0)
         edges = right, driving_right, lane_right, lane_left
         lines = tuple(_lines(network, s_m, places.lane.tolist()))
-        return cls(curve, places.lane, *edges, leftmost, inside, limit, changes, duty, lines)
+        lanes = LanesBeside.of(network, places.lane)
+        return cls(curve, places.lane, *edges, leftmost, inside, limit, changes, duty, lines, lanes)
 
     def row(self, s_m: float) -> int:
         """The row of an arc length."""

@@ -70,27 +70,28 @@ class FilmFitConfig(FitSettings):
 
 @dataclass(frozen=True)
 class DriverFit(FitSettings):
-    """How the driver is trained: it imitates a rule, then learns by PPO (Schulman et al. 2017)."""
+    """How the driver is trained: it imitates the best of several drives of each episode, of rules and of its own."""
 
-    learning_rate: float = 3e-4
-    weight_decay: float = 0.0
-    minutes: float = 30.0
-    """Wall time of all of it."""
-    environments: int = 2
-    """Processes."""
-    decisions: int = 256
-    """Of each environment between two updates."""
-    batch: int = 64
-    gamma: float = 0.98
-    entropy: float = 0.003
-    """Weight of the policy's entropy."""
+    learning_rate: float = 3e-3
+    weight_decay: float = 1e-3
+    passes: int = 400
+    """Over all imitated decisions, in each round."""
     widths: tuple[int, ...] = (64, 64)
-    imitated: int = 12
-    """Episodes of the rule."""
-    imitation_passes: int = 300
-    imitation_rate: float = 3e-3
-    task: Mapping[str, Any] = field(default_factory=lambda: {"template": "S2", "level": 2, "decision_s": 0.5})
-    """Options of the environment."""
+    episodes: tuple[int, ...] = (56, 28, 28)
+    """Of each round. In the first one teachers drive alone, then the driver drives too."""
+    tries: int = 2
+    """Drives of each episode in which the driver tries other manoeuvres too."""
+    temperature: float = 1.0
+    """Of those (``Pupil``)."""
+    violation: float = 3.0
+    """Reward that a violated clause costs."""
+    margin: float = 0.25
+    """Reward by which a drive is better than an earlier one."""
+    templates: tuple[str, ...] = ("S1", "S2", "S7")
+    """Those in which the EMV comes from behind on the driver's road."""
+    levels: tuple[int, ...] = (2, 3)
+    task: Mapping[str, Any] = field(default_factory=lambda: {"decision_s": 0.5})
+    """Further options of the environment."""
 
 
 @dataclass(frozen=True)

@@ -94,17 +94,14 @@ def test_films_are_made_and_handed_on(monkeypatch, siren, tmp_path, missing, cod
     assert said.err.count("no site") == len(missing)
 
 
-def test_a_driver_is_tried_on_seeds_that_no_training_draws(monkeypatch, siren, tmp_path) -> None:
+def test_a_driver_learns_in_the_episodes_that_are_asked_for(monkeypatch, siren, tmp_path) -> None:
     asked = []
 
-    def trained(path, config, trials, _report):
-        asked.append(
-            (path, config.minutes, config.task["template"], {place: [*seeds] for place, seeds in trials.items()})
-        )
-        return {"parameters": 7, "sha256": "0" * 64}
+    def trained(path, config, processes, _report):
+        asked.append((path, config.seed, config.episodes, config.templates, processes))
+        return {"parameters": 7, "sha256": "0" * 64, "minutes": 3.2}
 
     monkeypatch.setattr(train, "fitter_of", lambda _: trained)
-    words = ["--minutes", "2", "--template", "S3", "--trial-seeds", "2", "--trial-maps", "town", "other.xodr"]
+    words = ["--episodes", "4", "2", "--templates", "S3", "--seed", "5", "--jobs", "1"]
     assert "7 parameters" in siren(["train", "driver", "--out", str(tmp_path), *words], EXIT_OK).out
-    seeds = [1000, 1001]
-    assert asked == [(tmp_path / "driver.onnx", 2.0, "S3", {"": seeds, "other.xodr": seeds})]
+    assert asked == [(tmp_path / "driver.onnx", 5, (4, 2), ("S3",), 1)]

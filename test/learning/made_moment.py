@@ -1,46 +1,15 @@
-"""A moment on the crossing of ``hand_made_record``: the own vehicle drives north in the right lane, the EMV follows."""
+"""A moment of ``seen_on_crossing``."""
 
-import numpy as np
-from hand_made_record import NORTHBOUND, Driven, at_speed, crossing, hand_made, with_states
+from typing import Any
 
-from siren_ros.learning.lanes import LanesBeside
+from seen_on_crossing import EMV, seen
+
 from siren_ros.learning.moment import Moment
-from siren_ros.numerics.geometry import Polyline
-from siren_ros.seat.sight import sight_of
-from siren_ros.seat.way import Way
-from siren_ros.world.actors import Lights
 
-EMV, OWN = 1, 2
-NETWORK = crossing()
-WAY = Way.of(NETWORK, Polyline.through(NORTHBOUND))
-LANES = LanesBeside.of(NETWORK, WAY)
 WANTED_MPS = 15.0
 
 
-def moment_of(
-    own_m: float = 50.0,
-    own_mps: float = 10.0,
-    emv_m: float = 20.0,
-    emv_mps: float = 10.0,
-    aside_m: tuple[float, float] = (0.0, 0.0),
-    others: dict[int, Driven] | None = None,
-    signal: str = "",
-    lights: int = 0,
-) -> Moment:
-    """The second of two steps; ``aside_m`` is where the own vehicle is across its lane at each of them."""
-    vehicles = {
-        EMV: Driven(NORTHBOUND, at_speed(emv_m, emv_mps, 2)),
-        OWN: Driven(NORTHBOUND, at_speed(own_m, own_mps, 2)),
-        **(others or {}),
-    }
-    record = hand_made(NETWORK, vehicles, lambda _: signal)
-    record = with_states(
-        record,
-        x_m=lambda state: state.x_m - np.where(state.actor_id == OWN, aside_m[state.step], 0.0),
-        lights=lambda state: np.where(state.actor_id == EMV, int(Lights.SIREN), lights).astype(np.uint8),
-    )
-    signals = record.traffic[1].signals
-    before, sight = (sight_of(state, signals, dict(record.actors), OWN, WAY) for state in record.states)
-    return Moment(
-        sight, before, record.states[1], 1, dict(record.actors), LANES, EMV, WANTED_MPS, contact=False, red_lines=0
-    )
+def moment_of(*args: Any, **known: Any) -> Moment:
+    """The second of the two steps of ``seen``."""
+    before, sight = seen(*args, **known)
+    return Moment(sight, before, EMV, WANTED_MPS, contact=False, red_lines=0)

@@ -7,9 +7,9 @@ pytest.importorskip("gymnasium", reason="the extra learn is not installed")
 import numpy as np
 
 from siren_ros.learning.environment import EmergencyEnv, YieldEnv
-from siren_ros.learning.manoeuvres import Manoeuvre
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.maps.mirrored_net import mirrored_net
+from siren_ros.seat.manoeuvres import Manoeuvre
 
 MANOEUVRES = [Manoeuvre.KEEP, Manoeuvre.LEFT, Manoeuvre.LEFT, Manoeuvre.PULL_OVER, Manoeuvre.PULL_OVER, Manoeuvre.STOP]
 

@@ -6,7 +6,8 @@ pytest.importorskip("gymnasium", reason="the extra learn is not installed")
 
 import numpy as np
 from hand_made_record import NORTHBOUND, SOUTHBOUND, Driven, at_speed
-from made_moment import NETWORK, moment_of
+from made_moment import moment_of
+from seen_on_crossing import NETWORK
 
 from siren_ros.learning.raster import SHAPE, RasterView
 
@@ -41,8 +42,9 @@ def test_others_are_where_they_are() -> None:
 
 def test_the_picture_turns_with_the_own_heading() -> None:
     moment = moment_of(own_m=50.0, emv_m=30.0)
-    yaw = moment.states.yaw_rad + np.array([0.0, np.pi / 2.0])
-    turned = VIEW.draw(replace(moment, states=replace(moment.states, yaw_rad=yaw)))
+    yaw = moment.sight.states.yaw_rad + np.array([0.0, np.pi / 2.0])
+    states = replace(moment.sight.states, yaw_rad=yaw)
+    turned = VIEW.draw(replace(moment, sight=replace(moment.sight, states=states)))
     # The own vehicle now looks west: the EMV, to the south, is on its left.
     assert turned[32, 12, 2] == 255
     assert turned[52, 32, 2] == 0

@@ -72,8 +72,8 @@ def test_a_move_to_the_side_needs_the_indicator_of_that_side(rate_mps: float, li
 def test_braking_counts_beyond_4_mps2() -> None:
     moment = moment_of()
     for accel_mps2, amount in ((-7.0, 3.0 * STEP_S), (-4.0, 0.0), (3.0, 0.0)):
-        states = replace(moment.states, accel_mps2=np.array([0.0, accel_mps2]))
-        assert terms_of(replace(moment, states=states))["braking"] == pytest.approx(amount)
+        states = replace(moment.sight.states, accel_mps2=np.array([0.0, accel_mps2]))
+        assert terms_of(replace(moment, sight=replace(moment.sight, states=states)))["braking"] == pytest.approx(amount)
 
 
 @pytest.mark.parametrize(("gap_m", "short"), [(4.9, True), (5.1, False)])

@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from siren_ros.numerics.geometry import Polyline
+from siren_ros.seat.lanes import LanesBeside
 from siren_ros.seat.sight import Other, Sight, Siren
 from siren_ros.seat.way import Way
+from siren_ros.world.actors import ActorStates
 
 LENGTH_M = 300.0
 ROWS = int(LENGTH_M) + 1
@@ -32,6 +34,7 @@ def straight_way(**columns):
         changes=0.0 * whole,
         duty=np.zeros(ROWS, np.bool_),
         lines=(),
+        lanes=LanesBeside(3.5 * whole, 0.0 * whole, whole),
     )
     return replace(way, **columns)
 
@@ -51,6 +54,9 @@ def sight(s_m=20.0, **known):
         "others": (),
         "red_m": math.inf,
         "in_junction": 100.0 <= s_m < 130.0,
+        "states": ActorStates.empty(),
+        "bodies": {},
+        "row": 0,
     }
     return Sight(**{**plain, **known})
 

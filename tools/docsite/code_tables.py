@@ -22,7 +22,7 @@ from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.exam.monitors import MONITORS
 from siren_ros.judging.physics import VerifyLimits
 from siren_ros.judging.verify import CHECKS
-from siren_ros.learning.features import EMV, NEIGHBOUR, NEIGHBOURS, OWN
+from siren_ros.seat.features import EMV, NEIGHBOUR, NEIGHBOURS, OWN
 from siren_ros.learning.rewards import TERMS
 from siren_ros.learning.rollout import Seat
 from siren_ros.learning.task import Task

@@ -1,14 +1,21 @@
 """The drivers by name."""
 
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.errors import InputError
+from siren_ros.params.resources import params_dir
 from siren_ros.seat.drivers.driver import Driver
 from siren_ros.seat.drivers.habits import FAULTS, HABITS, faulty
 from siren_ros.seat.drivers.keeps_lane import LaneKeeper
 from siren_ros.seat.drivers.lawful import LawfulDriver
+from siren_ros.seat.drivers.learned import open_driver
+
+LEARNED: Final = "policies/yield.onnx"
+"""The driver that has learned, below ``params/``."""
+_ONNX: Final = ".onnx"
 
 
 def _lawful(place: str) -> Driver[Any]:
@@ -19,20 +26,28 @@ def _faulty(fault: str, place: str) -> Driver[Any]:
     return LawfulDriver(faulty(HABITS[place], fault))
 
 
+@cache
+def _learned() -> Driver[Any]:
+    return open_driver(params_dir() / LEARNED)
+
+
 DRIVERS: Final[Mapping[str, Callable[[], Driver[Any]]]] = {
     "idm": LaneKeeper,
+    "learned": _learned,
     **{f"lawful-{place}": partial(_lawful, place) for place in HABITS},
     **{f"{fault}-{place}": partial(_faulty, fault, place) for fault in FAULTS for place in HABITS},
 }
-"""What makes each driver: ``idm``, and for each place one that is lawful there and one with each fault."""
+"""What makes each driver: ``idm``, the one that has learned; for each place a lawful one, and one with each fault."""
 
 
 def driver_of(name: str) -> Driver[Any]:
-    """A driver by its name.
+    """A driver by its name, or one that has learned by the path of its file.
 
     Raises:
-        InputError: There is no such driver.
+        InputError: There is no such driver, or its file cannot be used.
     """
+    if name.endswith(_ONNX):
+        return open_driver(Path(name))
     if name not in DRIVERS:
-        raise InputError("driver", name, f"one of {', '.join(DRIVERS)}")
+        raise InputError("driver", name, f"one of {', '.join(DRIVERS)}, or an ONNX file")
     return DRIVERS[name]()

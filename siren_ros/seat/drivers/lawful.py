@@ -7,6 +7,7 @@ from typing import Final
 
 from siren_ros.numerics.units import STEP_S
 from siren_ros.seat.drivers.habits import BRAKES_PER_S, Habits
+from siren_ros.seat.gaps import COMES_S, is_free
 from siren_ros.seat.sight import Sight, Siren
 from siren_ros.seat.speeds import indicators, speed_to_junction, speed_to_leader, speed_to_limit, speed_to_red
 from siren_ros.seat.steering import steered
@@ -19,8 +20,6 @@ _EDGE_M: Final = 0.3
 """Kept to the edge of the road or of the lane."""
 _OVER_M: Final = 0.6
 """How far a driver that makes way to the wrong side goes over its lane's line."""
-_BESIDE_M: Final = 0.5
-"""Kept to others beside it."""
 _GENTLE_MPS2: Final = 2.0
 _MANOEUVRE_MPS: Final = 5.0
 """Speed while it moves aside."""
@@ -36,8 +35,6 @@ _NEAR_M: Final = 25.0
 """A driver does not move into the way of an EMV that is this near."""
 _ASIDE_M: Final = 1.2
 """An EMV farther to the side does not come from straight behind."""
-_COMES_S: Final = 2.5
-"""How far ahead in time it looks for others who come to where it goes."""
 _ROLLS_MPS: Final = 1.0
 _LAG_M: Final = 0.5
 _THERE_M: Final = 0.35
@@ -221,8 +218,8 @@ class LawfulDriver:
             one.behind and one.gap_m < _NEAR_M and one.left_m * move > 0.0 and abs(one.left_m) > _ASIDE_M
             for one in sight.sirens
         )
-        comes_s = _COMES_S if self.habits.waits_for_all else 0.0
-        return not emv_comes and _is_free_of_others(wanted_m, sight, comes_s)
+        comes_s = COMES_S if self.habits.waits_for_all else 0.0
+        return not emv_comes and is_free(wanted_m, sight, comes_s)
 
     def _speed_behind_emvs(self, sight: Sight) -> float:
         """Speed behind EMVs that have passed."""
@@ -234,15 +231,3 @@ class LawfulDriver:
 def _speed_of_chase(emv: Siren) -> float:
     """Speed close behind an EMV."""
     return min(max(emv.speed_mps + 0.5 * (emv.ahead_m - _CHASED_M), 0.0), _FASTEST_CHASE_MPS)
-
-
-def _is_free_of_others(wanted_m: float, sight: Sight, comes_s: float) -> bool:
-    """Whether nobody is beside where it goes, or comes there."""
-    for other in sight.others:
-        comes_m = comes_s * (other.speed_mps - sight.speed_mps)
-        beside = -sight.length_m - 5.0 - max(comes_m, 0.0) < other.gap_m < 1.0 - min(comes_m, 0.0)
-        apart = other.half_width_m + 0.5 * sight.width_m + _BESIDE_M
-        nearer = abs(wanted_m - other.left_m) < abs(sight.left_m - other.left_m) - 0.02
-        if beside and nearer and abs(wanted_m - other.left_m) < apart:
-            return False
-    return True

@@ -5,39 +5,61 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("torch", reason="the extra rl is not installed")
-pytest.importorskip("stable_baselines3", reason="the extra rl is not installed")
+pytest.importorskip("gymnasium", reason="the extra rl is not installed")
 
 import numpy as np
 
+from siren_ros.errors import InputError
 from siren_ros.learning.environment import YieldEnv
-from siren_ros.learning.manoeuvres import Manoeuvre
-from siren_ros.learning.policy import open_policy
-from siren_ros.learning.task import Task
-from siren_ros.learning.trial import makes_way
+from siren_ros.learning.practice import pulls_over
+from siren_ros.seat.drivers.learned import INPUT, OUTPUT, open_driver
+from siren_ros.seat.features import SIZE
+from siren_ros.seat.manoeuvres import Manoeuvre
 from siren_ros.training.fitting.driver import trained_driver
 from siren_ros.training.settings import DriverFit
 
-TASK = {"template": "S2", "level": 2, "decision_s": 0.5, "duration_s": 12.0}
-CONFIG = DriverFit(minutes=0.1, environments=1, decisions=8, batch=8, imitated=2, imitation_passes=150, task=TASK)
+TASK = {"decision_s": 0.5, "duration_s": 6.0}
+CONFIG = DriverFit(episodes=(2, 1), tries=1, passes=60, templates=("S2",), levels=(2,), task=TASK)
 
 
-def test_it_imitates_the_rule_and_is_tried_next_to_others(tmp_path: Path) -> None:
+def test_it_imitates_the_best_and_drives_too_after_the_first_round(tmp_path: Path) -> None:
     lines: list[str] = []
-    card = trained_driver(tmp_path / "driver.onnx", CONFIG, {"": [1000]}, lines.append)
-    assert set(card["trials"]["town"]) == {"learned", "rule", "idm", "paper"}
-    assert card["trial_seeds"] == {"town": [1000]}
-    assert "2 episodes imitated" in lines[0]
-    policy = open_policy(tmp_path / "driver.onnx")
-    assert policy.task == Task(**TASK)
-    env, same, pulled = YieldEnv(**TASK), [], []
+    card = trained_driver(tmp_path / "driver.onnx", CONFIG, 1, lines.append)
+    first, second = card["rounds"]
+    assert (first["episodes"], second["episodes"]) == (2, 1)
+    assert "pupil" not in first
+    assert {"pupil", "tries"} <= second.keys()
+    for row in (first, second):
+        scores = [value for name, value in row.items() if name not in {"episodes", "best"}]
+        assert row["best"] >= max(scores)
+    assert len(lines) == 2
+    driver = open_driver(tmp_path / "driver.onnx")
+    assert driver.steps_per_decision == 10
+    assert driver.network.card["task"]["duration_s"] == 6.0
+    again = trained_driver(tmp_path / "again.onnx", CONFIG, 1, lines.append)
+    assert again["sha256"] == card["sha256"]
+
+
+def test_a_network_can_learn_what_a_rule_does(tmp_path: Path) -> None:
+    config = DriverFit(episodes=(2,), passes=200, templates=("S2",), levels=(2,), violation=0.0, margin=1e9, task=TASK)
+    trained_driver(tmp_path / "driver.onnx", config, 1, lambda _: None)  # the first teacher is always the best
+    driver = open_driver(tmp_path / "driver.onnx")
+    env, same, pulled = YieldEnv(template="S2", level=2, **TASK), [], []
     observation, _ = env.reset(seed=0)
     over = False
     while not over:
-        action = makes_way(observation, env.moment)
-        same.append(policy(observation, env.moment) == action)
+        action = pulls_over(observation, env.moment)
+        (logits,) = driver.network.session.run([OUTPUT], {INPUT: observation[None]})
+        assert observation.shape == (SIZE,)
+        same.append(int(np.argmax(logits[0])) == action)
         pulled.append(action == Manoeuvre.PULL_OVER)
         observation, _, terminated, truncated, _ = env.step(action)
         over = terminated or truncated
     env.close()
     assert np.mean(same) > 0.85
     assert any(pulled), "the rule does not always do the same"
+
+
+def test_a_template_that_does_not_exist_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="an episode can be made"):
+        trained_driver(tmp_path / "driver.onnx", DriverFit(episodes=(1,), templates=("S99",)), 1, lambda _: None)

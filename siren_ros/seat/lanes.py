@@ -8,12 +8,12 @@ import numpy as np
 from siren_ros.numerics.arrays import Floats
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
-from siren_ros.seat.way import SPACING_M, Way
+from siren_ros.world.traffic_state import Indices
 
 
 @dataclass(frozen=True)
 class LanesBeside:
-    """Columns of shape ``(K,)``, one value for each metre of a way; offsets are left positive."""
+    """Columns of shape ``(K,)``, one value for each row of a way; offsets are left positive."""
 
     width_m: Floats
     """Of the lane that the way is in."""
@@ -23,11 +23,11 @@ class LanesBeside:
     """…and to the right."""
 
     @classmethod
-    def of(cls, network: RoadNetwork, way: Way) -> Self:
-        """The lanes beside a way on a map where traffic keeps right."""
-        s_m = np.arange(len(way.lane)) * SPACING_M
+    def of(cls, network: RoadNetwork, way: Indices) -> Self:
+        """The lanes beside those of a way, one for each row, on a map where traffic keeps right."""
+        s_m = np.arange(float(len(way)))
         columns = np.full((3, len(s_m)), np.nan)
-        for row, index in enumerate(way.lane.tolist()):
+        for row, index in enumerate(way.tolist()):
             lanes = (
                 [] if index == NO_LANE else [lane.index for lane in driving_lanes(network, network.lanes[index].edge)]
             )

@@ -9,9 +9,11 @@ from typing import Final
 import numpy as np
 
 from siren_ros.dynamics.parameters import VehicleParameters
-from siren_ros.learning.moment import Moment
 from siren_ros.numerics.arrays import Floats32
-from siren_ros.seat.speeds import speed_to_leader, speed_to_limit, speed_to_red
+from siren_ros.seat.drivers.habits import BRAKES_PER_S
+from siren_ros.seat.gaps import is_free
+from siren_ros.seat.sight import Sight
+from siren_ros.seat.speeds import indicators, speed_to_leader, speed_to_limit, speed_to_red
 from siren_ros.seat.steering import steered
 from siren_ros.world.actors import ActorClass, Lights
 from siren_ros.world.commands import AvControl
@@ -25,6 +27,8 @@ LARGEST_STEER_RAD: Final = 0.5
 _INDICATES: Final = 1.0 / 3.0
 _SHOULDER_PACE_MPS: Final = 5.0
 """Of somebody who pulls over and is not at the edge yet."""
+_HARDEST_MPS2: Final = 3.0
+"""Of braking, but for STOP."""
 _EDGE_M: Final = 0.3
 """Kept to the edge of the road."""
 _THERE_M: Final = 0.4
@@ -57,10 +61,9 @@ class Aim:
     """Place across the way, for STOP."""
 
 
-def aim_of(aim: Aim, manoeuvre: Manoeuvre, moment: Moment) -> Aim:
+def aim_of(aim: Aim, manoeuvre: Manoeuvre, sight: Sight) -> Aim:
     """The aim after a manoeuvre was asked for. A lane change ends before the next one begins."""
-    sight, lanes = moment.sight, moment.lanes
-    row = sight.way.row(sight.s_m)
+    lanes, row = sight.way.lanes, sight.way.row(sight.s_m)
     lane = lanes.lane_there(row, aim.lane)
     if manoeuvre is Manoeuvre.STOP:
         return Aim(manoeuvre, lane, aim.offset_m if aim.manoeuvre is Manoeuvre.STOP else sight.left_m)
@@ -72,27 +75,37 @@ def aim_of(aim: Aim, manoeuvre: Manoeuvre, moment: Moment) -> Aim:
     return Aim(manoeuvre, lane)
 
 
-def by_manoeuvre(aim: Aim, moment: Moment) -> AvControl:
-    """Pedals, wheel and indicators of a driver with an aim: to the limit, behind its leader, before a red line."""
-    sight, row = moment.sight, moment.sight.way.row(moment.sight.s_m)
-    offset_m, hardest_mps2 = moment.lanes.offset_m(row, aim.lane), 3.5
+def by_manoeuvre(aim: Aim, sight: Sight, emergency_mps: float | None = None) -> AvControl:
+    """Pedals, wheel and indicators of a driver with an aim: to the limit, behind its leader, before a red line.
+
+    It moves to the side where nobody is beside it or comes there.
+
+    Args:
+        aim: Where it goes.
+        sight: The step.
+        emergency_mps: The speed that an EMV means to have; red lines do not stop it. None for everybody else.
+    """
+    row = sight.way.row(sight.s_m)
+    offset_m, hardest_mps2 = sight.way.lanes.offset_m(row, aim.lane), _HARDEST_MPS2
     if aim.manoeuvre is Manoeuvre.PULL_OVER:
         offset_m = float(sight.way.right_m[row]) + 0.5 * sight.width_m + _EDGE_M
     elif aim.manoeuvre is Manoeuvre.STOP:
         offset_m, hardest_mps2 = aim.offset_m, 6.0
     wanted = min(speed_to_limit(sight), speed_to_leader(sight, offset_m))
-    wanted = min(wanted, moment.emv_wanted_mps if moment.body.is_emv else speed_to_red(sight))
+    wanted = min(wanted, speed_to_red(sight) if emergency_mps is None else emergency_mps)
     away_m = offset_m - sight.left_m
     if aim.manoeuvre is Manoeuvre.STOP:
         wanted = 0.0
     elif aim.manoeuvre is Manoeuvre.PULL_OVER and not sight.in_junction:
         wanted = min(wanted, 0.0 if abs(away_m) < _THERE_M else _SHOULDER_PACE_MPS)
-    side = Lights.INDICATOR_LEFT if away_m > 0.0 else Lights.INDICATOR_RIGHT
-    lights = int(side) if abs(away_m) > _THERE_M and not sight.in_junction else int(Lights.NONE)
-    return steered(sight, wanted, offset_m, lights, hardest_mps2)
+    lights = indicators(sight)
+    if abs(away_m) > _THERE_M and not sight.in_junction:
+        lights = int(Lights.INDICATOR_LEFT if away_m > 0.0 else Lights.INDICATOR_RIGHT)
+    moved_m = offset_m if is_free(offset_m, sight) else sight.left_m
+    return steered(sight, wanted, moved_m, lights, hardest_mps2, BRAKES_PER_S)
 
 
-def by_pedals(action: Floats32, moment: Moment, vehicles: Mapping[ActorClass, VehicleParameters]) -> AvControl:
+def by_pedals(action: Floats32, sight: Sight, vehicles: Mapping[ActorClass, VehicleParameters]) -> AvControl:
     """The answer for an action of the kind ``continuous``: acceleration, wheel and indicator, each from −1 to 1.
 
     An acceleration of 1 asks for 3 m/s², one of −1 for 8 m/s² of braking. A wheel of 1 turns left by the angle that
@@ -100,12 +113,12 @@ def by_pedals(action: Floats32, moment: Moment, vehicles: Mapping[ActorClass, Ve
     right one.
     """
     push, wheel, indicator = (float(value) for value in np.clip(action, -1.0, 1.0))
-    vehicle = vehicles[moment.body.actor_class]
+    vehicle = vehicles[sight.body.actor_class]
     throttle = min(max(push, 0.0) * HARDEST_DRIVE_MPS2 / vehicle.max_drive_accel_mps2, 1.0)
     brake = min(max(-push, 0.0) * HARDEST_BRAKE_MPS2 / vehicle.max_brake_decel_mps2, 1.0)
-    bend_1pm = ACROSS_MPS2 / max(moment.sight.speed_mps, 1.0) ** 2
+    bend_1pm = ACROSS_MPS2 / max(sight.speed_mps, 1.0) ** 2
     steer = wheel * min(math.atan(vehicle.wheelbase_m * bend_1pm), LARGEST_STEER_RAD)
     lights = Lights.NONE
     if abs(indicator) > _INDICATES:
         lights = Lights.INDICATOR_LEFT if indicator > 0.0 else Lights.INDICATOR_RIGHT
-    return AvControl(moment.sight.step, throttle, brake, steer, int(lights))
+    return AvControl(sight.step, throttle, brake, steer, int(lights))

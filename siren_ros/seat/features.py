@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.learning.moment import Moment
 from siren_ros.numerics.arrays import Floats, Floats32, Rows
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.seat.sight import Sight
@@ -82,36 +81,36 @@ _EMV_SCALES: Final = np.array([feature.scale for feature in EMV])
 _NEIGHBOUR_SCALES: Final = np.array([feature.scale for feature in NEIGHBOUR])
 
 
-def features_of(moment: Moment) -> Floats32:
-    """The vector of a moment, shape ``(SIZE,)``, each value in [−1, 1]."""
-    states, row = moment.states, moment.row
+def features_of(sight: Sight) -> Floats32:
+    """The vector of a step, shape ``(SIZE,)``, each value in [−1, 1]."""
+    states, row = sight.states, sight.row
     yaw = float(states.yaw_rad[row])
     cos, sin = math.cos(yaw), math.sin(yaw)
     dx, dy = states.x_m - states.x_m[row], states.y_m - states.y_m[row]
     ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
     distance = np.hypot(dx, dy)
     distance[row] = np.inf
-    is_emv = np.array([moment.actors[actor_id].is_emv for actor_id in states.actor_id.tolist()])
+    is_emv = np.array([sight.bodies[actor_id].is_emv for actor_id in states.actor_id.tolist()])
     vector = np.zeros(SIZE)
-    vector[: len(OWN)] = _own(moment) / _OWN_SCALES
+    vector[: len(OWN)] = _own(sight) / _OWN_SCALES
     others = np.isfinite(distance)
     emvs = np.flatnonzero(is_emv & others)
     if len(emvs):
         silent = (states.lights[emvs] & int(Lights.SIREN)) == 0
         nearest = int(emvs[np.lexsort((distance[emvs], silent))[0]])
         place = float(ahead[nearest]), float(left[nearest])
-        vector[len(OWN) : len(OWN) + len(EMV)] = _emv(moment, nearest, place, yaw) / _EMV_SCALES
+        vector[len(OWN) : len(OWN) + len(EMV)] = _emv(sight, nearest, place, yaw) / _EMV_SCALES
         others[nearest] = False
     near = np.flatnonzero(others & (distance < _NEAR_M))
     near = near[np.argsort(distance[near], kind="stable")][:NEIGHBOURS]
     if len(near):
-        block = _neighbours(moment, near, (ahead, left), (cos, sin)) / _NEIGHBOUR_SCALES
+        block = _neighbours(sight, near, (ahead, left), (cos, sin)) / _NEIGHBOUR_SCALES
         vector[len(OWN) + len(EMV) :][: block.size] = block.ravel()
     return np.clip(np.where(np.isfinite(vector), vector, 1.0), -1.0, 1.0).astype(np.float32)
 
 
-def _own(moment: Moment) -> Floats:
-    sight, states, row = moment.sight, moment.states, moment.row
+def _own(sight: Sight) -> Floats:
+    states, row = sight.states, sight.row
     way, at = sight.way, sight.way.row(sight.s_m)
     lights = int(states.lights[row])
     here = float(way.curve.heading_rad(sight.s_m))
@@ -125,8 +124,8 @@ def _own(moment: Moment) -> Floats:
             sight.turn_rad,
             bool(lights & Lights.INDICATOR_LEFT),
             bool(lights & Lights.INDICATOR_RIGHT),
-            moment.lanes.left[at],
-            moment.lanes.right[at],
+            way.lanes.left[at],
+            way.lanes.right[at],
             sight.left_m - way.right_m[at],
             way.limit_mps[at],
             sight.in_junction,
@@ -144,20 +143,20 @@ def line_ahead_m(sight: Sight) -> float:
     return min((line.at_m - front for line in sight.way.lines if line.at_m > front), default=math.inf)
 
 
-def _emv(moment: Moment, emv: int, place: tuple[float, float], yaw: float) -> Floats:
-    states, turned = moment.states, float(moment.states.yaw_rad[emv]) - yaw
+def _emv(sight: Sight, emv: int, place: tuple[float, float], yaw: float) -> Floats:
+    states, turned = sight.states, float(sight.states.yaw_rad[emv]) - yaw
     emv_id = int(states.actor_id[emv])
-    behind = any(siren.behind for siren in moment.sight.sirens if siren.actor_id == emv_id)
+    behind = any(siren.behind for siren in sight.sirens if siren.actor_id == emv_id)
     siren, speed = bool(states.lights[emv] & Lights.SIREN), math.hypot(states.vx_mps[emv], states.vy_mps[emv])
     return np.array([1.0, siren, *place, speed, math.cos(turned), math.sin(turned), behind])
 
 
-def _neighbours(moment: Moment, rows: Rows, places: tuple[Floats, Floats], direction: tuple[float, float]) -> Floats:
+def _neighbours(sight: Sight, rows: Rows, places: tuple[Floats, Floats], direction: tuple[float, float]) -> Floats:
     """The numbers of some vehicles and people, shape ``(N, len(NEIGHBOUR))``."""
-    states, own, (cos, sin) = moment.states, moment.row, direction
+    states, own, (cos, sin) = sight.states, sight.row, direction
     vx, vy = states.vx_mps[rows] - states.vx_mps[own], states.vy_mps[rows] - states.vy_mps[own]
     turned = states.yaw_rad[rows] - states.yaw_rad[own]
-    bodies = [moment.actors[actor_id] for actor_id in states.actor_id[rows].tolist()]
+    bodies = [sight.bodies[actor_id] for actor_id in states.actor_id[rows].tolist()]
     return np.stack(
         (
             np.ones(len(rows)),

@@ -100,25 +100,23 @@ def sight_of(
     row = int(np.searchsorted(states.actor_id, actor_id))
     body = actors[actor_id]
     x, y, yaw = (float(column[row]) for column in (states.x_m, states.y_m, states.yaw_rad))
-    own = _on_way(way, x, y, yaw)
     speeds = np.hypot(states.vx_mps, states.vy_mps)
     dx, dy = states.x_m - x, states.y_m - y
     ahead = dx * np.cos(yaw) + dy * np.sin(yaw)
     aside = dy * np.cos(yaw) - dx * np.sin(yaw)
     near = (np.hypot(dx, dy) < 2.0 * _AHEAD_M) & (np.arange(len(states)) != row)
     sounds = (states.lights & Lights.SIREN) != 0
+    sees = near & (ahead > -_BEHIND_M) & (ahead < _AHEAD_M)
+    rows = [row, *np.flatnonzero(sees | (near & sounds)).tolist()]
+    own, *places = _on_way(way, states, rows)
     sirens, others = [], []
-    for k in np.flatnonzero(near).tolist():
+    for k, place in zip(rows[1:], places, strict=True):
         other, speed = actors[int(states.actor_id[k])], float(speeds[k])
-        siren, seen = other.is_emv and sounds[k], -_BEHIND_M < ahead[k] < _AHEAD_M
-        if not (siren or seen):
-            continue
-        place = _on_way(way, float(states.x_m[k]), float(states.y_m[k]), float(states.yaw_rad[k]))
-        if siren:
+        if other.is_emv and sounds[k]:
             along = place.s_m - own.s_m, place.left_m - own.left_m, place.turn_rad
             straight = float(ahead[k]), float(aside[k]), float(states.yaw_rad[k]) - yaw
             sirens.append(_siren(other, speed, 0.5 * (body.length_m + other.length_m), along, straight))
-        if seen:
+        if sees[k]:
             others.append(_other(other, speed, place, place.s_m - own.s_m - 0.5 * body.length_m))
     return Sight(
         states.step,
@@ -148,9 +146,10 @@ class _OnWay:
     turn_rad: float
 
 
-def _on_way(way: Way, x_m: float, y_m: float, yaw_rad: float) -> _OnWay:
-    s, left = (float(value) for value in way.curve.project(np.array([x_m, y_m])))
-    return _OnWay(s, left, yaw_rad - float(way.curve.heading_rad(s)))
+def _on_way(way: Way, states: ActorStates, rows: list[int]) -> list[_OnWay]:
+    s_m, left_m = way.curve.project(np.stack((states.x_m[rows], states.y_m[rows]), axis=-1))
+    turns = states.yaw_rad[rows] - way.curve.heading_rad(s_m)
+    return [_OnWay(*place) for place in zip(s_m.tolist(), left_m.tolist(), turns.tolist(), strict=True)]
 
 
 def _other(body: ActorDescription, speed_mps: float, place: _OnWay, ahead_m: float) -> Other:

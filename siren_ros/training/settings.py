@@ -77,7 +77,7 @@ class DriverFit(FitSettings):
     passes: int = 400
     """Over all imitated decisions, in each round."""
     widths: tuple[int, ...] = (64, 64)
-    episodes: tuple[int, ...] = (56, 28, 28)
+    episodes: tuple[int, ...] = (40, 16, 16)
     """Of each round. In the first one teachers drive alone, then the driver drives too."""
     tries: int = 2
     """Drives of each episode in which the driver tries other manoeuvres too."""

@@ -110,3 +110,12 @@ def test_the_indicator_is_on_beyond_a_third(indicator: float, light: int) -> Non
 @given(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3), st.floats(0.0, 30.0))
 def test_whatever_is_asked_for_the_vehicle_can_be_asked_for(action: list[float], speed_mps: float) -> None:
     by_pedals(np.array(action, np.float32), sight_at(own_mps=speed_mps), VEHICLES).check()
+
+
+def test_it_waits_with_a_move_to_the_side_until_there_is_a_gap() -> None:
+    beside = {3: Driven(NORTHBOUND + np.array([-3.5, 0.0]), at_speed(50.0, 10.0, 2))}
+    control = by_manoeuvre(Aim(Manoeuvre.LEFT, 1), sight_at(others=beside))
+    assert control.steer_rad == pytest.approx(0.0, abs=1e-9)
+    assert control.lights == Lights.INDICATOR_LEFT
+    behind = {3: Driven(NORTHBOUND + np.array([-3.5, 0.0]), at_speed(30.0, 10.0, 2))}
+    assert by_manoeuvre(Aim(Manoeuvre.LEFT, 1), sight_at(others=behind)).steer_rad > 0.02

@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.evaluation.detection.detectors.table import DETECTORS
 from siren_ros.evaluation.prediction.charts import write_charts, write_sample_pictures
 from siren_ros.evaluation.prediction.prediction_file import read_prediction_file
 from siren_ros.evaluation.prediction.predictors import PREDICTORS
@@ -61,9 +62,10 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
     )
     task.add_argument(
         "--noise",
-        choices=list(NOISES),
+        choices=[*NOISES, *DETECTORS],
         default="",
-        help="tracks with errors for the models: a tracker's, or of velocities alone (default: the logged states)",
+        help="tracks with errors for the models: a tracker's, or of velocities alone; or a detector's, for bags "
+        "with LiDAR (default: the logged states)",
     )
     task.add_argument("--compare-paper", action="store_true", help="also print the paper's nine rows")
     task.add_argument("--out", type=Path, metavar="DIR", help="write the report there: text, JSON, CSV, LaTeX")

@@ -42,10 +42,12 @@ class Tracks:
     """In the order of their frames; each has the name that its track has with the greatest confidence."""
     track: Rows
     """Number of the track, unique over all episodes, shape ``(N,)``."""
+    velocity_mps: Floats
+    """Of the track at the box, over ground, shape ``(N, 2)``."""
 
     def at(self, rows: Rows | Flags) -> "Tracks":
         """Some of the boxes."""
-        return Tracks(self.boxes.at(rows), self.track[rows])
+        return Tracks(self.boxes.at(rows), self.track[rows], self.velocity_mps[rows])
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class TrackingScore:
 def tracks_of(frames: Frames, detected: FoundBoxes) -> Tracks:
     """Follows boxes from frame to frame of each episode, whatever their names are."""
     boxes = detected.at(np.argsort(detected.frame, kind="stable").astype(np.intp))
-    track = np.zeros(len(boxes), dtype=np.intp)
+    track, velocity = np.zeros(len(boxes), dtype=np.intp), np.zeros((len(boxes), 2))
     given = 0
     edges = np.searchsorted(boxes.frame, np.arange(len(frames) + 1))
     for first, last in zip(frames.first[:-1].tolist(), frames.first[1:].tolist(), strict=True):
@@ -75,13 +77,13 @@ def tracks_of(frames: Frames, detected: FoundBoxes) -> Tracks:
             rows = slice(edges[frame], edges[frame + 1])
             stated = boxes.velocity_mps[rows]
             followed = tracker.follow(int(frames.step[frame]), boxes.centre_m[rows, :2], STEP_S, stated)
-            track[rows] = given + followed.track
+            track[rows], velocity[rows] = given + followed.track, followed.velocity_mps
         given += tracker.tracks
     names, name = np.unique(boxes.label, return_inverse=True)
     weight = np.zeros((given, len(names)))
     np.add.at(weight, (track, name), boxes.score)
     label = names[weight.argmax(axis=1)[track]] if len(names) else boxes.label
-    return Tracks(replace(boxes, label=label), track)
+    return Tracks(replace(boxes, label=label), track, velocity)
 
 
 def score_tracking(frames: Frames, detected: FoundSet, names: frozenset[str], run: Run) -> Mapping[str, TrackingScore]:

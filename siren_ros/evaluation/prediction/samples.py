@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import BagError
-from siren_ros.evaluation.prediction.track_noise import TrackNoise, tracked
-from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Rows, random_stream
+from siren_ros.evaluation.prediction.track_noise import Reporter
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Rows
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.tracks import LOG_PERIOD_STEPS, rows_in_region
 from siren_ros.record.vehicle_location import sumo_lanes
@@ -242,7 +242,7 @@ def samples_of(
     population: Population,
     *,
     people: bool = False,
-    noise: TrackNoise | None = None,
+    reporter: Reporter | None = None,
 ) -> ScoredSamples:
     """One sample for each vehicle, EMV included, and each frame at which its whole window was logged.
 
@@ -250,7 +250,8 @@ def samples_of(
     on two wheels have samples of their own (``people``), with everybody as neighbours. Samples of vehicles have no
     neighbours on foot.
 
-    With ``noise`` the batch has what a tracker would report, without SUMO's lanes; samples and truth are the same.
+    With a ``reporter`` the batch has what that one reports, without SUMO's lanes. The truth stays; vehicles that are
+    not reported are missing.
 
     The stride is one frame, so that the windows overlap (paper, "Trajectory prediction"): a gapless track of F
     frames gives F − 80 samples with the default window.
@@ -277,12 +278,12 @@ def samples_of(
     frame, actor = np.nonzero(table[:, frames].T >= 0)
     there = _points(table, actor, frames[frame], past)
     lanes, seen = sumo_lanes(record, rows), rows
-    if noise is not None:
-        about = record.description
-        random = random_stream(about.seed, f"track_noise/{about.template}/{about.level.name}", noise.draw)
-        reported = tracked(rows, table, noise, random)
-        seen, lanes = reported.rows, np.full_like(lanes, NO_LANE)
+    if reporter is not None:
+        reported = reporter(record, rows, table)
+        seen, lanes = reported.rows, np.full(len(reported.rows), NO_LANE, dtype=lanes.dtype)
         there = reported.points(there, table, actor, frames[frame], past)
+        known = there[:, -1] >= 0
+        there, frame, actor = there[known], frame[known], actor[known]
     batch = SampleBatch(
         network=record.network,
         window=window,

@@ -13,8 +13,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.errors import SirenError
+from siren_ros.errors import InputError, SirenError
+from siren_ros.evaluation.detection.detectors.table import DETECTORS
 from siren_ros.evaluation.prediction.causality import causal_answer
+from siren_ros.evaluation.prediction.detected_tracks import detected_by
 from siren_ros.evaluation.prediction.metrics import METRIC_OF, METRICS, MetricValue, distances, reliability_of
 from siren_ros.evaluation.prediction.predictors import Hypotheses, Predictor, predictors_named
 from siren_ros.evaluation.prediction.samples import (
@@ -25,7 +27,7 @@ from siren_ros.evaluation.prediction.samples import (
     samples_of,
 )
 from siren_ros.evaluation.prediction.submission import EpisodePredictions, Submission, read_recorded_predictions
-from siren_ros.evaluation.prediction.track_noise import NOISES
+from siren_ros.evaluation.prediction.track_noise import NOISES, Reporter, with_noise
 from siren_ros.numerics.arrays import Codes, Floats, Ids, Rows
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.record.bag_survey import episode_name
@@ -165,10 +167,12 @@ def score_episode(
     population: Population = Population.REGION,
     submitted: Mapping[str, EpisodePredictions] | None = None,
     noise: str = "",
+    bag: Path | None = None,
 ) -> EpisodeScores:
     """Scores every predictor, and every submission, on an episode: on its vehicles, and apart on its people.
 
-    With ``noise``, a name of ``NOISES``, predictors get what a tracker would report; the truth stays.
+    With ``noise``, a name of ``NOISES`` or a detector, predictors get what a tracker would report; the truth stays. A
+    detector needs the bag.
 
     Predictors, and what other programs predicted in this episode (``submitted``), are by the names of the models; the
     name of the episode is for reports.
@@ -179,10 +183,11 @@ def score_episode(
     """
     models: dict[str, ModelScores] = {}
     causal_frames: dict[str, int] = {}
-    for answers in _answers_of(record, predictors, population, submitted or {}, noise=noise):
+    reporter = reporter_named(noise, bag)
+    for answers in _answers_of(record, predictors, population, submitted or {}, reporter):
         models[answers.model] = _scores_of(record, answers, people=False)
         causal_frames[answers.model] = answers.causal_frames
-    of_people = _answers_of(record, predictors, population, submitted or {}, people=True, noise=noise)
+    of_people = _answers_of(record, predictors, population, submitted or {}, reporter, people=True)
     people = {answers.model: _scores_of(record, answers, people=True) for answers in of_people}
     about = record.description
     identity = EpisodeIdentity.of(about)
@@ -218,6 +223,20 @@ def _scores_of(record: EpisodeRecord, answers: "Answers", people: bool) -> Model
     )
 
 
+def reporter_named(noise: str, bag: Path | None) -> Reporter | None:
+    """What reports the tracks of ``--noise``; None for the logged states.
+
+    Raises:
+        BagError: The bag has no LiDAR, which a detector needs, or is damaged.
+        InputError: The detector cannot run here.
+    """
+    if noise in DETECTORS:
+        if bag is None:
+            raise InputError("noise", noise, "a bag, for a detector")
+        return detected_by(noise, bag)
+    return with_noise(NOISES[noise]) if noise else None
+
+
 @dataclass(frozen=True)
 class Answers:
     """What one model predicts in an episode."""
@@ -238,9 +257,9 @@ def _answers_of(
     predictors: Mapping[str, Predictor],
     population: Population,
     submitted: Mapping[str, EpisodePredictions],
+    reporter: Reporter | None = None,
     *,
     people: bool = False,
-    noise: str = "",
 ) -> Iterator[Answers]:
     """The hypotheses of all models, one model after the other; arguments and errors as those of ``score_episode``.
 
@@ -249,12 +268,15 @@ def _answers_of(
     if people and not len(record.people_ids):
         return
     samples_with = cache(lambda window: samples_of(record, window, population, people=people))
-    seen_with = cache(lambda window: samples_of(record, window, population, people=people, noise=NOISES[noise]).batch)
+    seen_with = cache(lambda window: samples_of(record, window, population, people=people, reporter=reporter).batch)
     for model, predictor in predictors.items():
         samples = samples_with(predictor.window)
-        seen = seen_with(predictor.window) if noise else samples.batch
+        population_size, seen = len(samples), samples.batch
+        if reporter is not None:
+            seen = seen_with(predictor.window)
+            samples = samples.select(np.flatnonzero(np.isin(_keys(samples.batch), _keys(seen))))
         hypotheses, frames = causal_answer(model, predictor, seen)
-        yield Answers(model, samples, hypotheses, len(samples), frames)
+        yield Answers(model, samples, hypotheses, population_size, frames)
     for model, predictions in submitted.items():
         samples = samples_with(predictions.window)
         answered = predictions.select(np.flatnonzero(np.isin(predictions.actor_id, record.people_ids) == people))
@@ -262,6 +284,11 @@ def _answers_of(
             answered = replace(answered, allow_missing=True, allow_unknown=True)
         rows, hypotheses = answered.meet(samples.batch)
         yield Answers(model, samples.select(rows), hypotheses, len(samples))
+
+
+def _keys(batch: SampleBatch) -> npt.NDArray[np.int64]:
+    """A number for each sample, by its step and its actor."""
+    return batch.sample_step * 2**32 + batch.actor_id
 
 
 @dataclass(frozen=True)
@@ -323,7 +350,7 @@ def answers_for(job: ScoringJob, bag: Path, models: Collection[str]) -> tuple[Ep
     predictors = {model: predictor for model, predictor in predictors.items() if model in models}
     return record, {
         answers.model: answers
-        for answers in _answers_of(record, predictors, job.population, submitted, noise=job.noise)
+        for answers in _answers_of(record, predictors, job.population, submitted, reporter_named(job.noise, bag))
     }
 
 
@@ -362,6 +389,6 @@ def _opened(
 def _score_bag(bag: Path, job: ScoringJob, submitted: Mapping[str, EpisodePredictions]) -> BagResult:
     try:
         record, predictors, submitted = _opened(job, bag, submitted)
-        return BagResult(bag, score_episode(str(bag), record, predictors, job.population, submitted, job.noise))
+        return BagResult(bag, score_episode(str(bag), record, predictors, job.population, submitted, job.noise, bag))
     except SirenError as error:
         return BagResult(bag, None, error)

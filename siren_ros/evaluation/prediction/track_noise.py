@@ -4,15 +4,16 @@ The errors of a vehicle are correlated in time, and are the same in all windows 
 which samples there are, do not change.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Flags, Floats, Rows
-from siren_ros.recording.episode_record import StateRows
+from siren_ros.numerics.arrays import Flags, Floats, Rows, random_stream
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 
 _PERIOD_S: Final = 0.1
 """States are logged at 10 Hz."""
@@ -68,6 +69,21 @@ NOISES: Final = MappingProxyType(
 """By name: a tracker's errors, and errors of the velocity alone."""
 
 
+class ReportedRows(Protocol):
+    """Rows in place of a record's, and which of them are the points of a history."""
+
+    @property
+    def rows(self) -> StateRows:
+        """What is reported."""
+
+    def points(self, points: Rows, table: Rows, actor: Rows, frame: Rows, offsets: npt.NDArray[np.int64]) -> Rows:
+        """Rows of the points of a history, as of ``TrackedRows``; −1 in the last column of who is not reported."""
+
+
+Reporter = Callable[[EpisodeRecord, StateRows, Rows], ReportedRows]
+"""Reports an episode's logged rows, which stand in a table by actor and frame, −1 where an actor is not there."""
+
+
 @dataclass(frozen=True)
 class TrackedRows:
     """The rows of a record as a tracker reports them, in the order of the record."""
@@ -94,6 +110,17 @@ class TrackedRows:
                 moved = ((actor == own) & (frame >= since))[:, None] & (at < since) & (of_other >= 0) & (points >= 0)
                 points[moved] = of_other[moved]
         return points
+
+
+def with_noise(noise: TrackNoise) -> Reporter:
+    """Reports rows with errors, which are drawn by the episode's seed."""
+
+    def report(record: EpisodeRecord, rows: StateRows, table: Rows) -> ReportedRows:
+        about = record.description
+        random = random_stream(about.seed, f"track_noise/{about.template}/{about.level.name}", noise.draw)
+        return tracked(rows, table, noise, random)
+
+    return report
 
 
 def tracked(rows: StateRows, table: Rows, noise: TrackNoise, random: np.random.Generator) -> TrackedRows:

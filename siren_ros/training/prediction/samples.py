@@ -28,7 +28,7 @@ from siren_ros.evaluation.prediction.siren_model.siren_predictor import (
     features_and_names,
     without,
 )
-from siren_ros.evaluation.prediction.track_noise import TrackNoise
+from siren_ros.evaluation.prediction.track_noise import TrackNoise, with_noise
 from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
 from siren_ros.numerics.arrays import Floats32, Rows, random_stream
@@ -127,7 +127,9 @@ def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
             chosen = logged.select(np.sort(rows))
             parts.append(_seen(chosen.batch, chosen))
             for draw, factor in enumerate(random.uniform(0.0, WORST_TRACKER, TRACKERS).tolist()):
-                tracks = samples_of(record, HistoryWindow(), population, noise=TrackNoise().scaled(factor, draw))
+                tracks = samples_of(
+                    record, HistoryWindow(), population, reporter=with_noise(TrackNoise().scaled(factor, draw))
+                )
                 of_tracker = np.sort(rows[draw::TRACKERS])
                 parts.append(_seen(tracks.select(of_tracker).batch, logged.select(of_tracker)))
     return EpisodeFeatures(

@@ -7,7 +7,7 @@ from made_records import moving, record_with
 from siren_ros.evaluation.prediction.predictors import predictors_named
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.evaluation.prediction.scoring import score_episode
-from siren_ros.evaluation.prediction.track_noise import NOISES, TrackNoise
+from siren_ros.evaluation.prediction.track_noise import NOISES, TrackNoise, with_noise
 from siren_ros.roads.road_network import NO_LANE
 
 QUIET = TrackNoise(0.0, 0.0, 0.0, dropouts_per_s=0.0, swaps_per_s=0.0)
@@ -20,8 +20,12 @@ def record(straight_road):
     return record_with({**tracks, 20: moving(5.0, -1.75, 6.0, is_emv=True, steps=2001)}, straight_road)
 
 
+def reported(record, noise):
+    return samples_of(record, WINDOW, Population.ALL, reporter=with_noise(noise))
+
+
 def pairs_of(record, noise):
-    return samples_of(record, WINDOW, Population.ALL), samples_of(record, WINDOW, Population.ALL, noise=noise)
+    return samples_of(record, WINDOW, Population.ALL), reported(record, noise)
 
 
 def test_the_truth_and_the_samples_stay(record) -> None:
@@ -59,8 +63,7 @@ def test_a_worse_tracker_has_larger_errors_of_another_draw(record) -> None:
     noise = TrackNoise(dropouts_per_s=0.0, swaps_per_s=0.0)
     logged, first = (samples.batch.actors for samples in pairs_of(record, noise))
     other, worse, none = (
-        samples_of(record, WINDOW, Population.ALL, noise=noise.scaled(factor, draw)).batch.actors
-        for factor, draw in ((1.0, 1), (1.5, 0), (0.0, 2))
+        reported(record, noise.scaled(factor, draw)).batch.actors for factor, draw in ((1.0, 1), (1.5, 0), (0.0, 2))
     )
     errors = (first.xy_m - logged.xy_m)[:, -1]
     assert worse.xy_m[:, -1] - logged.xy_m[:, -1] == pytest.approx(1.5 * errors, abs=1e-6)
@@ -81,7 +84,7 @@ def test_errors_are_correlated_as_stated(record, correlation_s) -> None:
 
 
 def test_a_frame_has_the_same_errors_in_all_windows(record) -> None:
-    noisy = samples_of(record, WINDOW, Population.ALL, noise=TrackNoise(swaps_per_s=0.0)).batch
+    noisy = reported(record, TrackNoise(swaps_per_s=0.0)).batch
     first, later = noisy.target[noisy.actor_id == 3][[0, 2]]
     assert (noisy.actors.xy_m[first, 1:] == noisy.actors.xy_m[later, :-1]).all()
 
@@ -126,9 +129,10 @@ def test_predictors_get_the_tracks_and_are_scored_on_the_truth(record) -> None:
 
 
 def test_the_same_episode_has_the_same_errors_and_another_one_others(record) -> None:
-    first, again = (samples_of(record, WINDOW, Population.ALL, noise=NOISES["tracker"]).batch for _ in range(2))
+    first, again = (reported(record, NOISES["tracker"]).batch for _ in range(2))
     assert (first.actors.xy_m == again.actors.xy_m).all()
     other = replace(record, description=replace(record.description, seed=record.description.seed + 1))
     assert not np.allclose(
-        first.actors.xy_m, samples_of(other, WINDOW, Population.ALL, noise=NOISES["tracker"]).batch.actors.xy_m
+        first.actors.xy_m,
+        reported(other, NOISES["tracker"]).batch.actors.xy_m,
     )

@@ -1,0 +1,163 @@
+"""The tracks of a detector in place of the logged states: its boxes, followed by the tracker that all share.
+
+A track belongs to the vehicle that it is nearest to at a frame; what it was before is that vehicle's reported past,
+also where it followed another one. Class, size, lamps and signals are the record's.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from siren_ros.evaluation.detection.detectors.table import run_detector
+from siren_ros.evaluation.detection.frames import frames_of, read_frames
+from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES
+from siren_ros.evaluation.detection.tracking import tracks_of
+from siren_ros.evaluation.prediction.track_noise import Reporter
+from siren_ros.numerics.arrays import Floats, Rows
+from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.numerics.units import STEP_S
+from siren_ros.record.bag_survey import Need, survey_bag
+from siren_ros.record.tracks import LOG_PERIOD_STEPS
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+
+_GATE_M: Final = 2.5
+"""A vehicle that is farther from every track is not reported (the tracker's own gate)."""
+_GOES_ON_FRAMES: Final = 10
+"""A track goes on without boxes for 1 s, as the tracker keeps it."""
+_PAST_FRAMES: Final = 50
+"""What a young track was before its first box is its motion there, taken backwards."""
+_HEADS_MPS: Final = 1.0
+"""A vehicle that is faster heads where it goes; a box alone does not tell front from rear."""
+_SPEED_CHANGE_FRAMES: Final = 5
+"""Accelerations are changes of the speed over 0.5 s, as in ``track_noise``."""
+
+
+@dataclass(frozen=True)
+class BoxTracks:
+    """The boxes of an episode with their tracks, in the order of time; arrays have one row for each box."""
+
+    step: Rows
+    track: Rows
+    xy_m: Floats
+    """In the ``map`` frame, shape ``(N, 2)``."""
+    yaw_rad: Floats
+    velocity_mps: Floats
+    """Of the track, shape ``(N, 2)``."""
+
+
+@dataclass(frozen=True)
+class DetectedRows:
+    """The rows of tracks, one for each track and frame at which it lasts."""
+
+    rows: StateRows
+    of_track: Rows
+    """Row of each track at each frame, −1 where it does not last; shape ``(T, F)``."""
+    track_of: Rows
+    """Track of each actor at each frame, −1 for none; shape ``(A, F)``."""
+
+    def points(self, _points: Rows, _table: Rows, actor: Rows, frame: Rows, offsets: npt.NDArray[np.int64]) -> Rows:
+        """As of ``ReportedRows``."""
+        track, at = self.track_of[actor, frame], frame[:, None] + offsets
+        inside = (track[:, None] >= 0) & (at >= 0)
+        return np.where(inside, self.of_track[track[:, None], np.maximum(at, 0)], -1)
+
+
+def detected_by(detector: str, bag: Path) -> Reporter:
+    """Reports what a detector's tracks are in a bag with LiDAR.
+
+    Raises:
+        BagError: The bag is damaged or has no LiDAR.
+        InputError: The detector cannot run here.
+    """
+    with TemporaryDirectory(prefix="siren_tracks_") as scratch:
+        survey = survey_bag(bag, "detection", (Need.LIDAR, Need.MAP), Path(scratch))
+        frames = read_frames(survey, survey.name)
+        boxes, _ = run_detector(detector, frames, None)
+    found = tracks_of(frames_of([frames]), boxes.at(np.isin(boxes.label, sorted(VEHICLE_NAMES))))
+    tracks = BoxTracks(
+        frames.step[found.boxes.frame],
+        found.track,
+        found.boxes.centre_m[:, :2],
+        found.boxes.yaw_rad,
+        found.velocity_mps,
+    )
+
+    def report(_record: EpisodeRecord, rows: StateRows, table: Rows) -> DetectedRows:
+        return reported_by(tracks, rows, table)
+
+    return report
+
+
+def reported_by(tracks: BoxTracks, rows: StateRows, table: Rows) -> DetectedRows:
+    """What tracks tell of the logged rows.
+
+    Args:
+        tracks: Of the episode.
+        rows: The logged rows.
+        table: Row of each actor at each frame, −1 where it is not there; shape ``(A, F)``.
+    """
+    frames = table.shape[1]
+    numbers = np.unique(tracks.track)
+    of_track = np.full((len(numbers), frames), -1, dtype=np.intp)
+    motions, count = [], 0
+    for number, track in enumerate(numbers.tolist()):
+        first, motion = _motion(tracks, np.flatnonzero(tracks.track == track), frames)
+        of_track[number, first : first + len(motion)] = count + np.arange(len(motion))
+        motions.append(motion)
+        count += len(motion)
+    motion = np.concatenate(motions) if motions else np.zeros((0, 6))
+    track_of, actor_row = np.full(table.shape, -1, dtype=np.intp), np.zeros(len(motion), dtype=np.intp)
+    seen = _seen(tracks, numbers, frames)
+    for frame in range(frames):
+        actors, lasting = np.flatnonzero(table[:, frame] >= 0), np.flatnonzero(seen[:, frame])
+        way = rows.xy_m[table[actors, frame]][:, None] - motion[of_track[lasting, frame], :2]
+        away_m = np.hypot(way[..., 0], way[..., 1])
+        one, other = linear_sum_assignment(np.minimum(away_m, _GATE_M))
+        near = away_m[one, other] < _GATE_M
+        track_of[actors[one[near]], frame] = lasting[other[near]]
+        actor_row[of_track[lasting[other[near]], frame]] = table[actors[one[near]], frame]
+    names = ("x_m", "y_m", "vx_mps", "vy_mps", "yaw_rad", "accel_mps2")
+    columns = {name: motion[:, column] for column, name in enumerate(names)}
+    reported: StateRows = replace(rows.select(actor_row), **columns)  # type: ignore[arg-type] # its own columns
+    return DetectedRows(reported, of_track, track_of)
+
+
+def _seen(tracks: BoxTracks, numbers: Rows, frames: int) -> npt.NDArray[np.bool_]:
+    """At which frames each track is reported: from its first box on, until it has had none for a second."""
+    seen = np.zeros((len(numbers), frames), dtype=np.bool_)
+    for number, track in enumerate(numbers.tolist()):
+        steps = tracks.step[tracks.track == track]
+        first, last = -(-int(steps[0]) // LOG_PERIOD_STEPS), int(steps[-1]) // LOG_PERIOD_STEPS
+        seen[number, first : last + 1 + _GOES_ON_FRAMES] = True
+    return seen
+
+
+def _motion(tracks: BoxTracks, boxes: Rows, frames: int) -> tuple[int, Floats]:
+    """First frame of a track, and place, velocity, heading and acceleration from there on, shape ``(K, 6)``."""
+    step = tracks.step[boxes]
+    first = max(int(step[0]) // LOG_PERIOD_STEPS - _PAST_FRAMES, 0)
+    end = min(int(step[-1]) // LOG_PERIOD_STEPS + 1 + _GOES_ON_FRAMES, frames)
+    at = np.arange(first, end) * LOG_PERIOD_STEPS
+    box = np.maximum(np.searchsorted(step, at, side="right") - 1, 0)  # the last one, or the first of all
+    velocity = tracks.velocity_mps[boxes][box]
+    place = tracks.xy_m[boxes][box] + ((at - step[box]) * STEP_S)[:, None] * velocity
+    yaw = _headings(tracks.yaw_rad[boxes], tracks.velocity_mps[boxes])[box]
+    speed = velocity[:, 0] * np.cos(yaw) + velocity[:, 1] * np.sin(yaw)
+    back = np.maximum(np.arange(len(at)) - _SPEED_CHANGE_FRAMES, 0)
+    gained = (speed - speed[back]) / (_SPEED_CHANGE_FRAMES * LOG_PERIOD_STEPS * STEP_S)
+    return first, np.column_stack((place, velocity, yaw, gained))
+
+
+def _headings(yaw_rad: Floats, velocity_mps: Floats) -> Floats:
+    """Headings of a track's boxes: turned round where they point against its motion or against the heading before."""
+    headings = yaw_rad.copy()
+    for row, (vx_mps, vy_mps) in enumerate(velocity_mps.tolist()):
+        known = np.arctan2(vy_mps, vx_mps) if np.hypot(vx_mps, vy_mps) > _HEADS_MPS else headings[max(row - 1, 0)]
+        if abs(float(wrap_angle(headings[row] - known))) > 0.5 * np.pi:
+            headings[row] += np.pi
+    return wrap_angle(headings)

@@ -10,20 +10,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from siren_ros.benchmarks.drivers import record_with
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.exam.grading import Grade, examine
 from siren_ros.exam.rulebook import load_rulebook
-from siren_ros.generation.closed_loop import closed_loop, driven, record_of
-from siren_ros.generation.episode_setup import set_up_episode
-from siren_ros.numerics.units import steps_from_s
 from siren_ros.params.resources import params_dir
 from siren_ros.params.strict_yaml import read_strict_yaml
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.templates import load_template
-from siren_ros.seat.drivers.drivers import driver_of
 from siren_ros.seat.drivers.habits import FAULTS, HABITS
-from siren_ros.seat.seated import answers_of
 
 LAWFUL: Final = "lawful"
 JAM: Final = "jam"
@@ -78,12 +74,8 @@ def broken_by(driver: str, place: str, scene: str) -> frozenset[str]:
     """The clauses of a place's rulebook that a driver breaks in a scene: template, level, seed and values."""
     template, level, seed, *values = scene.split()
     map_name = load_template(template).map_name
-    request = EpisodeRequest(
-        template, level, int(seed), map_name, sensors="none", av="civilian", values="".join(values)
-    )
-    setup = set_up_episode(request)
-    steps = driven(closed_loop(setup, steps_from_s(setup.description.duration_s)), answers_of(setup, driver_of(driver)))
-    sitting = examine(record_of(setup, [step for step, _ in steps]), setup.description.av_id, load_rulebook(place))
+    request = EpisodeRequest(template, level, int(seed), map_name, sensors="none", values="".join(values))
+    sitting = examine(*record_with(driver, request), rulebook=load_rulebook(place))
     return frozenset(mark.clause.clause_id for mark in sitting.marks if mark.grade in _BROKEN)
 
 

@@ -22,6 +22,8 @@ from siren_ros.study_report.page import Link, Page, Section, quoted
 from siren_ros.tables.interval import Interval, share_interval
 from siren_ros.tables.table import Row, Table
 
+_VIOLATIONS: Final = "violations"
+"""Name of the number of violated clauses in an episode."""
 _BEFORE_S: Final = 2.0
 """A link to a moment begins this long before it."""
 
@@ -72,12 +74,21 @@ class Certificate:
 
     def effects(self) -> Table | None:
         """What the driver does to others, less what the paper's driver does in its place; None without pairs."""
-        paired = [sitting for sitting in self.graded if sitting.others]
-        if not paired:
+        means = self.means()
+        if len(means) == 1:
             return None
-        rows = tuple((meaning, mean_of([one.others[key] for one in paired])) for key, meaning in OTHERS.items())
-        caption = f"Others, against the paper's driver at the wheel; number of episodes: {len(paired)}"
+        rows = tuple((meaning, means[key]) for key, meaning in OTHERS.items())
+        caption = f"Others, against the paper's driver at the wheel; number of episodes: {rows[0][1].blocks}"
         return Table("others", caption, ("figure", "difference"), rows, spec="+.2f")
+
+    def means(self) -> dict[str, Interval]:
+        """Means over the episodes: violated clauses, and the figures of ``OTHERS`` where episodes are paired."""
+        violated = [
+            float(sum(mark.grade in {Grade.MINOR, Grade.MAJOR} for mark in sitting.marks)) for sitting in self.graded
+        ]
+        paired = [sitting.others for sitting in self.graded if sitting.others]
+        others = {key: mean_of([one[key] for one in paired]) for key in OTHERS} if paired else {}
+        return {_VIOLATIONS: mean_of(violated), **others}
 
     def latency(self) -> Table | None:
         """How fast the program answered in real time; None where that was not measured."""
@@ -113,6 +124,7 @@ def as_json(certificate: Certificate) -> str:
         "rulebook": book.name,
         "passed": certificate.passed,
         "grade": certificate.grade,
+        "means": {key: mean.json() for key, mean in certificate.means().items()},
         "clauses": [
             {"id": one.clause_id, "title": one.title, "text": one.text, "source": one.source} for one in book.clauses
         ],

@@ -99,6 +99,10 @@ def test_what_the_driver_does_to_others_is_a_mean_with_an_interval(certificate):
     assert table.rows[0][1].value == pytest.approx(2.0)
     assert table.rows[0][1].low < 2.0 < table.rows[0][1].high
     assert table.rows[1][1].value == 0.0
+    content = json.loads(as_json(Certificate("x", BOOK, paired)))["means"]
+    assert content["emv_delay_s"]["value"] == pytest.approx(2.0)
+    violated = sum(mark.grade in {Grade.MINOR, Grade.MAJOR} for mark in good.marks)
+    assert content["violations"]["value"] == violated
 
 
 def test_a_program_that_had_no_more_time_than_a_vehicle_has_its_latency_on_the_certificate(certificate):

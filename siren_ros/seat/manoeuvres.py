@@ -10,7 +10,6 @@ import numpy as np
 
 from siren_ros.dynamics.parameters import VehicleParameters
 from siren_ros.numerics.arrays import Floats32
-from siren_ros.seat.drivers.habits import BRAKES_PER_S
 from siren_ros.seat.gaps import is_free
 from siren_ros.seat.sight import Sight
 from siren_ros.seat.speeds import indicators, speed_to_leader, speed_to_limit, speed_to_red
@@ -102,7 +101,7 @@ def by_manoeuvre(aim: Aim, sight: Sight, emergency_mps: float | None = None) -> 
     if abs(away_m) > _THERE_M and not sight.in_junction:
         lights = int(Lights.INDICATOR_LEFT if away_m > 0.0 else Lights.INDICATOR_RIGHT)
     moved_m = offset_m if is_free(offset_m, sight) else sight.left_m
-    return steered(sight, wanted, moved_m, lights, hardest_mps2, BRAKES_PER_S)
+    return steered(sight, wanted, moved_m, lights, hardest_mps2)
 
 
 def by_pedals(action: Floats32, sight: Sight, vehicles: Mapping[ActorClass, VehicleParameters]) -> AvControl:

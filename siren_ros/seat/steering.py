@@ -12,7 +12,9 @@ _FULL_BRAKE_MPS2: Final = 9.0
 _LARGEST_STEER_RAD: Final = 0.6
 _LEAST_REACH_M: Final = 6.0
 _PUSHES_PER_S: Final = 1.2
-"""Acceleration for each m/s that is missing."""
+"""Acceleration for each m/s that is missing…"""
+_BRAKES_PER_S: Final = 3.0
+"""…and deceleration for each that is too much: drivers do not go beyond a line."""
 
 
 def steered(
@@ -21,7 +23,6 @@ def steered(
     offset_m: float,
     lights: int = int(Lights.NONE),
     hardest_mps2: float = 3.5,
-    brakes_per_s: float = _PUSHES_PER_S,
 ) -> AvControl:
     """The answer to a step: pedals by a proportional control, the wheel by pure pursuit of the way.
 
@@ -31,10 +32,9 @@ def steered(
         offset_m: Place across the way to come to, left positive.
         lights: Indicators.
         hardest_mps2: Limit of braking.
-        brakes_per_s: Deceleration for each m/s that is too much.
     """
     missing_mps = wanted_mps - sight.speed_mps
-    push = (brakes_per_s if missing_mps < 0.0 else _PUSHES_PER_S) * missing_mps
+    push = (_BRAKES_PER_S if missing_mps < 0.0 else _PUSHES_PER_S) * missing_mps
     brake = min(max(-push, 0.0), hardest_mps2) / _FULL_BRAKE_MPS2
     if wanted_mps < 0.05 and sight.speed_mps < 0.3:
         brake = 0.3

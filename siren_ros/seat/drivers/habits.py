@@ -4,9 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-BRAKES_PER_S: Final = 3.0
-"""Deceleration of the drivers for each m/s that is too much: they do not go beyond a line."""
-
 
 @dataclass(frozen=True)
 class Habits:

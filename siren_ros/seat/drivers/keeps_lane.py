@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from siren_ros.seat.drivers.habits import BRAKES_PER_S
 from siren_ros.seat.sight import Sight
 from siren_ros.seat.speeds import indicators, speed_to_junction, speed_to_leader, speed_to_limit, speed_to_red
 from siren_ros.seat.steering import steered
@@ -21,4 +20,4 @@ class LaneKeeper:
     def step(self, state: None, sight: Sight) -> tuple[None, AvControl]:
         """The answer to a step."""
         wanted = min(speed_to_limit(sight), speed_to_leader(sight, 0.0), speed_to_red(sight), speed_to_junction(sight))
-        return state, steered(sight, wanted, 0.0, indicators(sight), brakes_per_s=BRAKES_PER_S)
+        return state, steered(sight, wanted, 0.0, indicators(sight))

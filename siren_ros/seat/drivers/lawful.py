@@ -6,7 +6,7 @@ from enum import Enum, auto
 from typing import Final
 
 from siren_ros.numerics.units import STEP_S
-from siren_ros.seat.drivers.habits import BRAKES_PER_S, Habits
+from siren_ros.seat.drivers.habits import Habits
 from siren_ros.seat.gaps import COMES_S, is_free
 from siren_ros.seat.sight import Sight, Siren
 from siren_ros.seat.speeds import indicators, speed_to_junction, speed_to_leader, speed_to_limit, speed_to_red
@@ -104,7 +104,7 @@ class LawfulDriver:
         if self.habits.stops_at_red:
             wanted = min(wanted, speed_to_red(sight))
         hardest = self.habits.brakes_mps2 if state.phase is Phase.MAKES_WAY else Habits.brakes_mps2
-        return state, steered(sight, wanted, state.offset_m, lights, hardest, BRAKES_PER_S)
+        return state, steered(sight, wanted, state.offset_m, lights, hardest)
 
     def _decided(self, state: LawfulState, sight: Sight) -> LawfulState:
         """The state with the phase that sirens ask for."""

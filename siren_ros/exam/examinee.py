@@ -9,7 +9,13 @@ import numpy as np
 from siren_ros.behaviour.paths.lane_path import road_limits
 from siren_ros.errors import InputError
 from siren_ros.evaluation.yielding.encounters import LaneOffsets, lane_offsets
-from siren_ros.judging.surrogate_safety import PairMeasures, conflict_series, pair_measures
+from siren_ros.judging.surrogate_safety import (
+    Encounters,
+    PairMeasures,
+    PredictedContacts,
+    conflict_series,
+    pair_measures,
+)
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S, steps_from_s
@@ -237,6 +243,11 @@ class Examinee:
         return np.min([*gaps, np.full(len(self.track), np.inf)], axis=0)
 
     @cached_property
+    def conflict_series(self) -> tuple[Encounters, PredictedContacts]:
+        """Everybody else next to the driver, step by step, and what the present motion leads to."""
+        return conflict_series(self.record, self.actor.actor_id)
+
+    @cached_property
     def conflicts(self) -> tuple[PairMeasures, ...]:
         """Surrogate safety measures with everybody else."""
-        return pair_measures(*conflict_series(self.record, self.actor.actor_id))
+        return pair_measures(*self.conflict_series)

@@ -15,6 +15,7 @@ from siren_ros.exam.past_time import held_for, once, rises, since
 from siren_ros.judging.surrogate_safety import longest_run_s
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.units import STEP_S, steps_from_s
+from siren_ros.record.vehicle_location import ahead_and_left_m
 from siren_ros.roads.rescue_lane import rescue_boundary_m, rescue_sides
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind
 from siren_ros.world.actors import Lights
@@ -49,11 +50,13 @@ _AT_EDGE_M: Final = 1.0
 """A driver is at the edge of the road, or has no room."""
 _RED: Final = frozenset("rR")
 _OWN_DOING_MPS: Final = 0.5
-_LEADER_S: Final = 3.0
-"""A driver that is slower by this than whoever was ahead of it for this time does not only follow."""
+_IDLES_MPS2: Final = 0.2
+_STAYS_S: Final = 1.0
+"""A driver that is slower by this than it could follow and accelerates less, for this time, does not only follow."""
 _DISTANCE_S: Final = 1.5
 _DISTANCE_M: Final = 3.0
-"""Nor does one with this distance, in time and at a standstill, from whoever was ahead."""
+"""Distance in time and at a standstill, and braking, of somebody who follows."""
+_GENTLE_MPS2: Final = 2.0
 _GO_ON_M: Final = 6.0
 _MOVES_MPS: Final = 0.15
 _MOVED_S: Final = 1.0
@@ -79,14 +82,18 @@ def _impact_mps(event: Event) -> float:
 def response(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time from an EMV's call to the driver's first response: slower, or to the side; or until it has passed.
 
-    To follow somebody who slows down is no response. Time in which a driver can go neither slower than somebody close
-    ahead nor aside does not count, nor time in a junction, which it clears first. Nobody has to respond who stands or
-    almost does, whose way the EMV does not need (``aside_m``), or whom another EMV calls already.
+    To follow somebody who slows down is no response: a driver that responds is slower than the safe speed behind the
+    vehicle ahead (Krauß 1998), and does not get faster. Only time in which the EMV calls counts. Time in which a driver
+    can go neither slower than somebody close ahead nor aside does not count, nor time in a junction, which it clears
+    first. Nobody has to respond who stands or almost does, whose way the EMV does not need (``aside_m``), or whom
+    another EMV calls already.
     """
-    track, worst = examinee.track, Finding(Measure.lacking(_NOBODY_CALLED))
-    leader_mps = _least_of_last(examinee.room.ahead_mps, steps_from_s(_LEADER_S))
-    ends = examinee.room.ahead_mps == np.inf
-    free_m = _least_of_last(np.where(ends, np.inf, examinee.room.ahead_m), steps_from_s(_LEADER_S))
+    track, room, worst = examinee.track, examinee.room, Finding(Measure.lacking(_NOBODY_CALLED))
+    free = (room.ahead_mps == np.inf) | (room.ahead_m > track.speed_mps * _DISTANCE_S + _DISTANCE_M)
+    brakes_mps = _GENTLE_MPS2 * _DISTANCE_S
+    spare_m = np.maximum(room.ahead_m - _DISTANCE_M, 0.0)
+    safe_mps = np.sqrt(brakes_mps**2 + room.ahead_mps**2 + 2.0 * _GENTLE_MPS2 * spare_m) - brakes_mps
+    below = (track.speed_mps <= safe_mps - _OWN_DOING_MPS) & (track.accel_mps2 < _IDLES_MPS2)
     for call in examinee.calls:
         begin = int(np.argmax(call.calls))
         if any(begin and other.calls[begin - 1] for other in examinee.calls if other is not call):
@@ -97,13 +104,12 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
             continue
         until = slice(begin, begin + int(np.argmax(call.passed[begin:])) if call.passed.any() else None)
         shift = np.abs(examinee.offsets.lateral_m[until] - examinee.offsets.lateral_m[begin])
-        slower = track.speed_mps[until] <= track.speed_mps[begin] - numbers["slower_mps"]
-        slower &= track.speed_mps[until] <= leader_mps[until] - _OWN_DOING_MPS
-        free = free_m[until] > track.speed_mps[until] * _DISTANCE_S + _DISTANCE_M
-        slower &= free
+        stays = held_for(below | (call.gap_m <= 0.0), steps_from_s(_STAYS_S))
+        by_itself = np.concatenate((stays, np.zeros(steps_from_s(_STAYS_S), np.bool_)))[-len(track) :]
+        slower = by_itself[until] & (track.speed_mps[until] <= track.speed_mps[begin] - numbers["slower_mps"])
         responded = (shift >= numbers["shift_m"]) | slower | (track.speed_mps[until] < _STANDS_MPS)
         first = int(np.argmax(responded)) if responded.any() else len(responded)
-        able = (free | (examinee.room.right_m[until] > _AT_EDGE_M)) & ~examinee.in_junction[until]
+        able = ((free | (room.right_m > _AT_EDGE_M)) & ~examinee.in_junction & call.calls)[until]
         rows = int(able[:first].sum())
         if not worst.measure.valid or rows * STEP_S > worst.measure.value:
             worst = Finding(Measure(rows * STEP_S), int(track.step[begin]))
@@ -113,7 +119,8 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
 def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
     """Time for which an EMV stood or crept closely behind the driver, who was in its way.
 
-    A driver at the edge of the road has done its part, and one between others can do none.
+    A driver at the edge of the road has done its part, and one between others can do none: there has to be room, on the
+    right or ahead, for the time to respond.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
@@ -122,8 +129,10 @@ def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
         apart = 0.5 * (examinee.actor.width_m + examinee.record.actors[call.emv_id].width_m)
         close = call.calls & (call.gap_m <= numbers["gap_m"]) & (call.gap_m > 0.0)
         held |= close & (np.abs(call.left_m) < apart) & (call.speed_mps < numbers["slow_mps"])
-    room = examinee.room
-    held &= (examinee.to_right_edge_m > _AT_EDGE_M) & ((room.right_m > _AT_EDGE_M) | (room.ahead_m > _GO_ON_M))
+    right_m, ahead_m = (
+        _least_of_last(room_m, examinee.reaction_steps) for room_m in (examinee.room.right_m, examinee.room.ahead_m)
+    )
+    held &= (examinee.to_right_edge_m > _AT_EDGE_M) & ((right_m > _AT_EDGE_M) | (ahead_m > _GO_ON_M))
     return Finding(Measure(float(held.sum()) * STEP_S), _first_step(examinee, held))
 
 
@@ -256,10 +265,18 @@ def braking(examinee: Examinee, numbers: Numbers) -> Finding:
 
 
 def time_to_collision(examinee: Examinee, _numbers: Numbers) -> Finding:
-    """Least time to collision with anybody, within the horizon of 3 s."""
-    times = [pair.time_to_collision_s for pair in examinee.conflicts if pair.time_to_collision_s is not None]
-    least = min(times, key=lambda time: time.value, default=None)
-    return Finding(Measure.lacking("nobody was near")) if least is None else Finding(Measure(least.value), least.step)
+    """Least time to collision with anybody, within the horizon of 3 s.
+
+    A driver answers for whoever is ahead of it; for others beside and behind it only while it moves to the side.
+    """
+    pairs, contacts = examinee.conflict_series
+    ahead_m, _ = ahead_and_left_m(pairs.subject, pairs.other)
+    moves = (np.abs(examinee.aside_mps) > _MOVES_MPS)[np.searchsorted(examinee.track.step, pairs.step)]
+    times = np.where((ahead_m > 0.0) | moves, contacts.time_s, np.inf)
+    if not np.isfinite(times).any():
+        return Finding(Measure.lacking("nobody was near"))
+    worst = int(np.argmin(times))
+    return Finding(Measure(float(times[worst])), int(pairs.step[worst]))
 
 
 def encroachment(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -301,7 +318,8 @@ def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
 def following(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time for which the driver drives close behind an EMV with a siren that has passed it.
 
-    In a junction, and where it has just left one, a driver clears it first.
+    How far behind is the difference of the ways that both have driven since then: a bend does not shorten it. In a
+    junction, and where it has just left one, a driver clears it first.
     """
     passed = [call for call in examinee.calls if call.passed.any()]
     if not passed:
@@ -310,12 +328,10 @@ def following(examinee: Examinee, numbers: Numbers) -> Finding:
         )
     follows = np.zeros(len(examinee.track), np.bool_)
     for call in passed:
-        lengths = examinee.actor.length_m + examinee.record.actors[call.emv_id].length_m
-        behind = -call.gap_m - lengths
-        near = call.passed & call.siren & (behind > 0.0) & (behind < numbers["gap_m"])
-        follows |= (
-            near & (np.abs(call.left_m) < numbers["aside_m"]) & (examinee.track.speed_mps > numbers["faster_mps"])
-        )
+        apart = np.cumsum(call.speed_mps - examinee.track.speed_mps) * STEP_S
+        behind = apart - apart[int(np.argmax(call.passed))]
+        near = call.siren & (behind > 0.0) & (behind < numbers["gap_m"]) & (np.abs(call.left_m) < numbers["aside_m"])
+        follows |= call.passed & near & (examinee.track.speed_mps > numbers["faster_mps"])
     follows &= ~once(examinee.in_junction, examinee.reaction_steps)
     return Finding(Measure(longest_run_s(follows, examinee.track.step)), _first_step(examinee, follows))
 
@@ -323,22 +339,25 @@ def following(examinee: Examinee, numbers: Numbers) -> Finding:
 def wrong_side(examinee: Examinee, numbers: Numbers) -> Finding:
     """Greatest move to the wrong side while an EMV calls.
 
-    With ``by_lane`` 0 all move right. With 1, drivers in the leftmost lane move left and all others right, on the roads
-    where a rescue lane is opened; other roads do not count.
+    With ``by_lane`` 0 all move right, and to go back to where the driver came from is no such move. With 1, drivers in
+    the leftmost lane move left and all others right, on the roads where a rescue lane is opened; other roads do not
+    count. There they may have moved before the EMV came: what counts is the place that they keep for the time to
+    respond, to the wrong side of the middle of their lane.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
     lateral, counts = examinee.offsets.lateral_m, examinee.called & ~examinee.in_junction
     begin = np.maximum.accumulate(np.where(rises(counts), np.arange(len(lateral)), 0))
-    moved = lateral - lateral[begin]
-    sides = rescue_sides(examinee.record.network)
-    by_lane = numbers["by_lane"] > 0.0
-    lanes = examinee.places.lane[begin]
-    side = np.array(
-        [sides[lane] if by_lane and lane != NO_LANE else 0 if by_lane else -1 for lane in lanes], np.float64
-    )
+    if numbers["by_lane"] > 0.0:
+        lanes = examinee.places.lane[begin]
+        side = np.where(lanes == NO_LANE, 0, rescue_sides(examinee.record.network)[lanes])
+        middle = (lateral - examinee.offsets.offset_m)[begin]
+        wrong = _least_of_last(-side * (lateral - middle), examinee.reaction_steps)
+    else:
+        leftmost = np.maximum.accumulate(np.where(once(counts), lateral, -np.inf))
+        side, wrong = np.full(len(lateral), -1), lateral - leftmost[begin]
     lack = "the siren sounded in junctions or on roads without a rescue lane only"
-    return _greatest(examinee, np.maximum(-side * moved, 0.0), counts & (side != 0.0), lack)
+    return _greatest(examinee, np.maximum(wrong, 0.0), counts & (side != 0), lack)
 
 
 def closed_corridor(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -372,15 +391,16 @@ def on_shoulder(examinee: Examinee, _numbers: Numbers) -> Finding:
 def back_in_the_way(examinee: Examinee, numbers: Numbers) -> Finding:
     """Longest time for which the driver is back in the way of an EMV that calls, after it had left it.
 
-    It has left it, and is back, where it has itself moved to the EMV's side by ``moved_m``: an EMV may change its way.
+    It has left it, for this EMV or for one before, and is back, where it has itself moved to the EMV's side by
+    ``moved_m``: an EMV may change its way.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
     worst = np.zeros(len(examinee.track), np.bool_)
+    begun_m = examinee.offsets.lateral_m[int(np.argmax(examinee.called))]
+    left_it = np.abs(examinee.offsets.lateral_m - begun_m) > numbers["moved_m"]
     for call in examinee.calls:
         apart = 0.5 * (examinee.actor.width_m + examinee.record.actors[call.emv_id].width_m) + numbers["margin_m"]
-        begun_m = examinee.offsets.lateral_m[int(np.argmax(call.calls))]
-        left_it = np.abs(examinee.offsets.lateral_m - begun_m) > numbers["moved_m"]
         aside = call.calls & (np.abs(call.left_m) > apart) & left_it
         left_at = np.maximum.accumulate(np.where(aside, np.arange(len(aside)), 0))
         moved_m = examinee.offsets.lateral_m - examinee.offsets.lateral_m[left_at]

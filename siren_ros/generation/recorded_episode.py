@@ -26,7 +26,7 @@ from siren_ros.judging.outcome import judge
 from siren_ros.numerics.units import steps_from_s, time_ns_of_step
 from siren_ros.recording.bag_writer import BagSummary
 from siren_ros.recording.recorder import EpisodeRecorder
-from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
 from siren_ros.sensor_messages.sensor_topics import topics_of
 from siren_ros.traffic.demand.demand import av_way
@@ -38,6 +38,7 @@ from siren_ros.world.commands import AvControl, Controls
 class RecordedEpisode:
     """How an episode ended, and its bag."""
 
+    description: EpisodeDescription
     outcome: EpisodeOutcome
     bag: BagSummary | None
     """None where no step was finished; then there is no bag."""
@@ -87,7 +88,7 @@ def record_episode(setup: EpisodeSetup, bag: Path, answer: Answer | None = None)
         recorder.discard()
         raise
     outcome, summary, _ = recorder.close(EpisodeClosing(recorder.steps_recorded, end, reason))
-    return RecordedEpisode(outcome, summary)
+    return RecordedEpisode(described, outcome, summary)
 
 
 def _nobody(_: LoopStep) -> Controls:

@@ -15,8 +15,10 @@ from typing import Final
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK, EpisodeError, InputError
 from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.generation.recorded_episode import RecordedEpisode
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_outcome
 from siren_ros.params.resources import params_dir
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.bag_writer import BagSummary
 from siren_ros.scenario.episode import EpisodeRequest
 
@@ -58,11 +60,14 @@ def episode_with_program(
         raise InputError("request", said, "an episode that cosim can run")
     if code != EXIT_OK:
         raise EpisodeError(said + (f" (the program: {last})" if last else ""))
-    outcome = read_episode(bag).outcome
-    if outcome is None:
+    wanted = (topics.EPISODE.name, topics.OUTCOME.name)
+    with open_bag(bag) as opened:  # the rest of the bag is not read
+        told = {message.topic: message.read() for message in opened.messages(wanted)}
+    if len(told) < len(wanted):
         raise EpisodeError("the bag has no outcome")
+    described, outcome = from_episode_description(told[wanted[0]]), from_episode_outcome(told[wanted[1]])
     size = sum(file.stat().st_size for file in bag.iterdir())
-    return RecordedEpisode(outcome, BagSummary(bag, size, {}), answers)
+    return RecordedEpisode(described, outcome, BagSummary(bag, size, {}), answers)
 
 
 def _run(

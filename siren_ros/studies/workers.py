@@ -148,9 +148,9 @@ def attempt_episode(request: EpisodeRequest, bag: Path, seat: Seat = Seat()) -> 
     """
     gc.set_threshold(_GARBAGE_AFTER)
     began_s, cpu_s = time.perf_counter(), _processor_s()
-    setup = set_up_episode(request)
+    setup = None if seat.program else set_up_episode(request)  # a program's ``cosim`` does that itself
     ready_s = time.perf_counter()
-    if seat.program:
+    if setup is None:
         recorded = episode_with_program(request, bag, seat.program, real_time=seat.real_time)
     else:
         recorded = record_episode(setup, bag, answers_of(setup, driver_of(seat.driver)) if seat.driver else None)
@@ -172,8 +172,8 @@ def attempt_episode(request: EpisodeRequest, bag: Path, seat: Seat = Seat()) -> 
         "bag_bytes": recorded.bag.size_bytes if recorded.bag is not None else 0,
         "mcap_sha256": mcap_sha256,
         "metadata_sha256": metadata_sha256,
-        "map_sha256": setup.description.map_sha256,
-        "site": setup.site.name,
+        "map_sha256": recorded.description.map_sha256,
+        "site": str(recorded.description.site["name"]),
         "versions": dict(present_versions()),
         "setup_s": ready_s - began_s,
         "run_s": run_s,

@@ -96,6 +96,11 @@ def test_the_time_to_the_first_response():
     numbers = {"shift_m": 0.3, "slower_mps": 1.5, "aside_m": 3.0}
     assert found("response", examinee(late), **numbers).measure.value == pytest.approx(3.0, abs=0.1)
     assert not found("response", examinee(STAYS), **numbers).measure.valid
+    # The EMV stops after 2 s, and falls back beyond 40 m: the car's front is 36 m ahead at first, and 5 m/s fast.
+    keeps = Driven(IN_LANE, arc((5.0, 15.0), start_m=36.0))
+    left_m = 40.0 - (36.0 - BODIES_M) + 2.0 * (10.0 - 5.0)
+    once = found("response", examinee(keeps, arc((10.0, 2.0), (0.0, 13.0))), **numbers).measure.value
+    assert once == pytest.approx(2.0 + left_m / 5.0, abs=0.1)
 
 
 def test_a_driver_has_to_stand_while_the_emv_is_near():
@@ -141,17 +146,28 @@ def test_the_wrong_side_depends_on_the_lane_where_the_rulebook_says_so():
     assert found("wrong_side", right, by_lane=0.0).measure.value < 0.05
     # The same move from the leftmost lane: 3 m to the right of it.
     left_lane = Driven(TO_THE_EDGE - np.array([3.5, 0.0]), STOPS_ASIDE.arc_m)
-    emv_beside = hand_made(
-        crossing(),
-        {EMV: Driven(line((1.75, -120.0), (1.75, 110.0)), arc((10.0, 20.0))), CAR: left_lane},
-    )
-    record = sounding(emv_beside)
+    emv = Driven(line((1.75, -120.0), (1.75, 110.0)), arc((10.0, 3.0), (5.0, 17.0)))
+    record = sounding(hand_made(crossing(), {EMV: emv, CAR: left_lane}))
     driver = examinee(left_lane, record=record)
     assert found("wrong_side", driver, by_lane=0.0).measure.value < 0.05
     assert not found("wrong_side", driver, by_lane=1.0).measure.valid  # in a town no rescue lane is opened
     lanes = tuple(replace(lane, speed_limit_mps=27.8) for lane in record.network.lanes)
     fast = examinee(left_lane, record=replace(record, network=replace(record.network, lanes=lanes)))
     assert found("wrong_side", fast, by_lane=1.0).measure.value == pytest.approx(3.0, abs=0.1)
+    # One that has stood 1 m to the right of its lane's middle before the EMV came.
+    stood = Driven(line((2.75, -120.0), (2.75, 110.0)), arc((0.0, 20.0), start_m=66.0))
+    record = sounding(hand_made(fast.record.network, {EMV: emv, CAR: stood}))
+    assert found("wrong_side", examinee(stood, record=record), by_lane=1.0).measure.value == pytest.approx(1.0, abs=0.1)
+    assert found("wrong_side", examinee(stood, record=record), by_lane=0.0).measure.value == 0.0
+
+
+def test_to_go_back_into_the_lane_is_no_move_to_the_wrong_side():
+    back = line((5.25, -120.0), (5.25, -80.0), (8.25, -60.0), (5.25, -40.0), (5.25, 110.0))
+    beyond = line((5.25, -120.0), (5.25, -80.0), (8.25, -60.0), (3.25, -20.0), (3.25, 110.0))
+    emv = arc((10.0, 3.0), (3.0, 17.0))
+    for path, moved_m in ((back, 0.0), (beyond, 2.0)):
+        driver = examinee(Driven(path, arc((5.0, 20.0), start_m=36.0)), emv)
+        assert found("wrong_side", driver, by_lane=0.0).measure.value == pytest.approx(moved_m, abs=0.1)
 
 
 def test_contacts_are_graded_by_their_speed():
@@ -204,12 +220,26 @@ def test_time_on_the_shoulder():
     assert found("on_shoulder", examinee(STAYS)).measure.value == 0.0
 
 
+def two_emvs(driven, car):
+    """A car before two EMVs."""
+    record = hand_made(crossing(), {**driven, CAR: car})
+    actors = {one: replace(actor, is_emv=one in driven) for one, actor in record.actors.items()}
+    described = replace(record.description, emv_ids=tuple(driven))
+    return sounding(replace(record, actors=actors, description=described), *driven)
+
+
 def test_a_driver_who_goes_back_into_the_way():
     out_and_in = line((5.25, -120.0), (8.25, -110.0), (8.25, -80.0), (5.25, -70.0), (5.25, 110.0))
     returns = Driven(out_and_in, arc((5.0, 8.0), (0.0, 8.0), start_m=20.0))
     emv = arc((4.0, 4.0), (3.0, 12.0))
     assert found("back_in_the_way", examinee(returns, emv), margin_m=0.1, moved_m=0.5).measure.value > 2.0
     assert found("back_in_the_way", examinee(STAYS, emv), margin_m=0.1, moved_m=0.5).measure.value == 0.0
+    # It had left the lane before this EMV was heard, for one that is far ahead now.
+    emvs = {EMV: Driven(IN_LANE, arc((14.0, 14.0))), 3: Driven(IN_LANE, arc((4.0, 14.0), start_m=-30.0))}
+    early = line((5.25, -120.0), (5.25, -100.0), (8.25, -90.0), (8.25, -80.0), (5.25, -70.0), (5.25, 110.0))
+    leaves = Driven(early, arc((5.0, 3.0), (0.0, 4.0), (4.0, 7.0), start_m=20.0))
+    driver = examinee(None, record=two_emvs(emvs, leaves))
+    assert found("back_in_the_way", driver, margin_m=0.1, moved_m=0.5).measure.value > 2.0
     # The EMV is beside the lane at first, and comes into it.
     swings = line((2.0, -120.0), (2.0, -115.0), (5.25, -105.0), (5.25, 110.0))
     swung = sounding(hand_made(crossing(), {EMV: Driven(swings, emv), CAR: STAYS}))
@@ -223,16 +253,9 @@ def test_the_way_driven_between_two_emvs():
     leaves = Driven(TO_THE_EDGE, arc((5.0, 6.0), (0.0, 2.0), (1.0, 6.0), (0.0, 6.0), start_m=36.0))
     waits = STOPS_ASIDE
 
-    def two(car):
-        record = hand_made(crossing(), {**emvs, CAR: car})
-        actors = {**record.actors, second: replace(record.actors[second], is_emv=True)}
-        described = replace(record.description, emv_ids=(EMV, second))
-
-        return sounding(replace(record, actors=actors, description=described), EMV, second)
-
     left, stood = (
-        found("moves_off_before_the_last", examinee(leaves, record=two(leaves))),
-        found("moves_off_before_the_last", examinee(waits, record=two(waits))),
+        found("moves_off_before_the_last", examinee(leaves, record=two_emvs(emvs, leaves))),
+        found("moves_off_before_the_last", examinee(waits, record=two_emvs(emvs, waits))),
     )
     assert left.measure.value > 2.0
     assert stood.measure.value == 0.0
@@ -279,6 +302,14 @@ def test_safety_measures_are_those_of_the_driver():
     least = found("time_to_collision", driver).measure
     assert least.value == pytest.approx((60.0 - 40.0 - CAR_LENGTH_M) / 10.0, abs=0.06)
     assert not found("encroachment", driver).measure.valid
+    # The other one answers for itself, unless it moves to the side before the faster one.
+    behind = Examinee(record, 3, 40.0, 3.0)
+    assert not found("time_to_collision", behind).measure.valid
+    swerves = line((8.25, -120.0), (8.25, -65.0), (5.25, -55.0), (5.25, 110.0))
+    cuts_in, faster = Driven(swerves, arc((2.0, 6.0), start_m=54.0)), Driven(IN_LANE, arc((10.0, 6.0), start_m=40.0))
+    emv = Driven(IN_LANE - np.array([40.0, 0.0]), arc((1.0, 6.0)))
+    record = hand_made(crossing(), {EMV: emv, CAR: cuts_in, 3: faster})
+    assert found("time_to_collision", Examinee(record, CAR, 40.0, 3.0)).measure.value < 1.0
 
 
 BESIDE = 3

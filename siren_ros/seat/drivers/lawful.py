@@ -29,6 +29,8 @@ _LINE_M: Final = 1.0
 """Kept to a junction that it does not enter."""
 _SIGNAL_S: Final = 1.2
 """The indicator shows for this long before a move to the side."""
+_SIGNALLED_M: Final = 0.8
+"""A longer move to the side in traffic is signalled."""
 _AGAIN_M: Final = 80.0
 """Gap at which a driver notices the siren of a further EMV."""
 _NEAR_M: Final = 25.0
@@ -99,6 +101,8 @@ class LawfulDriver:
             moved = min(max(moved, sight.left_m - _LAG_M), sight.left_m + _LAG_M)
         state = replace(state, offset_m=moved if self._is_free(moved, sight) else sight.left_m)
         wanted = min(self._speed(state, sight), speed_to_leader(sight, state.offset_m))
+        if state.phase is Phase.DRIVES:  # it does not pass others in its lane
+            wanted = min(wanted, speed_to_leader(sight, 0.0))
         if self.habits.clears_junctions:
             wanted = min(wanted, speed_to_junction(sight))
         if self.habits.stops_at_red:
@@ -142,19 +146,20 @@ class LawfulDriver:
         """Where it means to be across its way, and its indicators."""
         aside = state.phase is Phase.MAKES_WAY
         if (chased := self._chased(sight)) is not None and not aside and not sight.in_junction:
-            return sight.left_m + chased.left_m, int(
-                Lights.INDICATOR_LEFT if chased.left_m > 0.0 else Lights.INDICATOR_RIGHT
-            )
+            return sight.left_m + chased.left_m, _indicator_to(chased.left_m)
         if state.phase is Phase.DRIVES:
-            return self._place_in_traffic(sight), indicators(sight) if self.habits.signals else int(Lights.NONE)
+            target = self._place_in_traffic(sight)
+            move_m = target - state.offset_m
+            light = _indicator_to(move_m) if abs(move_m) > _SIGNALLED_M else indicators(sight)
+            return target, light if self.habits.signals else int(Lights.NONE)
         if sight.in_junction:
             return (state.offset_m if aside else 0.0), int(Lights.NONE)
         target = self._aside_m(state.side, sight) if aside else 0.0
         if abs(target - state.offset_m) < 0.05 and aside:
             return target, int(Lights.NONE)
-        light = Lights.INDICATOR_LEFT if target > state.offset_m else Lights.INDICATOR_RIGHT
         waits = (sight.step - state.since) * STEP_S < _SIGNAL_S
-        return state.offset_m if waits else target, int(light if self.habits.signals else Lights.NONE)
+        light = _indicator_to(target - state.offset_m) if self.habits.signals else int(Lights.NONE)
+        return state.offset_m if waits else target, light
 
     def _aside_m(self, side: float, sight: Sight) -> float:
         """Where it stands aside."""
@@ -226,6 +231,11 @@ class LawfulDriver:
         nearest_m = min((one.ahead_m for one in sight.sirens if one.along and not one.behind), default=math.inf)
         free_m = max(nearest_m - self.habits.apart_m, 0.0)
         return max(math.sqrt(2.0 * _GENTLE_MPS2 * free_m), _CRAWL_MPS if self.habits.apart_m else math.inf)
+
+
+def _indicator_to(move_m: float) -> int:
+    """The indicator for a move to the left or to the right."""
+    return int(Lights.INDICATOR_LEFT if move_m > 0.0 else Lights.INDICATOR_RIGHT)
 
 
 def _speed_of_chase(emv: Siren) -> float:

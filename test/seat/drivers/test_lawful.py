@@ -100,6 +100,13 @@ def test_in_germany_it_keeps_to_its_side_of_the_rescue_lane_and_off_the_shoulder
     assert before.phase is Phase.DRIVES
     assert before.offset_m > 0.3
     assert after(driver, 3.0, way=motorway, speed_mps=LIMIT_MPS)[0].offset_m == 0.0
+    # On the wrong side it signals the longer move, and stays behind who is ahead in its lane.
+    wrong = {"way": motorway, "speed_mps": 1.0, "others": (car(2.0, left_m=0.8),)}
+    state, answer = after(driver_of("wrong-side-germany"), 0.1, **wrong)
+    assert answer.lights == Lights.INDICATOR_RIGHT
+    state, answer = after(driver_of("wrong-side-germany"), 4.0, left_m=-1.45, **wrong)
+    assert state.offset_m == pytest.approx(-1.75 + 0.9 - 0.6)
+    assert (answer.brake > 0.0, answer.lights) == (True, 0)
 
 
 def test_each_fault_changes_the_habits_of_some_place():

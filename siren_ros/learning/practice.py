@@ -57,7 +57,7 @@ def _lane_on_the_right(moment: Moment) -> bool:
     """Whether there is one beside the lane that the own centre is in."""
     sight = moment.sight
     lanes, row = sight.way.lanes, sight.way.row(sight.s_m)
-    return round(sight.left_m / float(lanes.width_m[row])) > -round(float(lanes.right[row]))
+    return round(sight.left_m / float(lanes.width_m[row])) > lanes.rightmost(row)
 
 
 TEACHERS: Final[Mapping[str, Chooser]] = {

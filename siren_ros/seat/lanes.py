@@ -43,9 +43,21 @@ class LanesBeside:
             columns = np.array([np.interp(s_m, s_m[known], column[known]) for column in columns])
         return cls(*columns)
 
+    def rightmost(self, row: int) -> int:
+        """Number of the rightmost lane from the way's, left positive…"""
+        return -round(float(self.right[row]))
+
+    def leftmost(self, row: int) -> int:
+        """…and of the leftmost one."""
+        return round(float(self.left[row]))
+
+    def is_leftmost(self, row: int, lane: int) -> bool:
+        """Whether a lane is the leftmost one of several, or would be to the left of it."""
+        return lane >= self.leftmost(row) > self.rightmost(row)
+
     def lane_there(self, row: int, lane: int) -> int:
         """A lane by its number from the way's, left positive; for one that is not there at a row the last one is."""
-        return min(max(lane, -round(float(self.right[row]))), round(float(self.left[row])))
+        return min(max(lane, self.rightmost(row)), self.leftmost(row))
 
     def offset_m(self, row: int, lane: int) -> float:
         """Offset of a lane from the way at a row; its number is as for ``lane_there``.

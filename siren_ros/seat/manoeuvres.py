@@ -44,7 +44,8 @@ class Manoeuvre(IntEnum):
     RIGHT = 2
     """…or on the right."""
     PULL_OVER = 3
-    """Go to the right edge of the road, and stop there outside junctions."""
+    """Go to the edge of the road, and stop there outside junctions: from the leftmost of several lanes to the left one,
+    else to the right one."""
     STOP = 4
     """Stop in the present place across the road."""
 
@@ -67,7 +68,8 @@ def aim_of(aim: Aim, manoeuvre: Manoeuvre, sight: Sight) -> Aim:
     if manoeuvre is Manoeuvre.STOP:
         return Aim(manoeuvre, lane, aim.offset_m if aim.manoeuvre is Manoeuvre.STOP else sight.left_m)
     if manoeuvre is Manoeuvre.PULL_OVER:
-        return Aim(manoeuvre, -round(float(lanes.right[row])))
+        present = lane if aim.manoeuvre is manoeuvre else round(sight.left_m / float(lanes.width_m[row]))
+        return Aim(manoeuvre, lanes.leftmost(row) if lanes.is_leftmost(row, present) else lanes.rightmost(row))
     change = {Manoeuvre.LEFT: 1, Manoeuvre.RIGHT: -1}.get(manoeuvre, 0)
     if change and not sight.in_junction and abs(lanes.offset_m(row, lane) - sight.left_m) < _THERE_M:
         lane = lanes.lane_there(row, lane + change)
@@ -84,10 +86,13 @@ def by_manoeuvre(aim: Aim, sight: Sight, emergency_mps: float | None = None) -> 
         sight: The step.
         emergency_mps: The speed that an EMV means to have; red lines do not stop it. None for everybody else.
     """
-    row = sight.way.row(sight.s_m)
-    offset_m, hardest_mps2 = sight.way.lanes.offset_m(row, aim.lane), _HARDEST_MPS2
+    lanes, row = sight.way.lanes, sight.way.row(sight.s_m)
+    offset_m, hardest_mps2 = lanes.offset_m(row, aim.lane), _HARDEST_MPS2
     if aim.manoeuvre is Manoeuvre.PULL_OVER:
-        offset_m = float(sight.way.right_m[row]) + 0.5 * sight.width_m + _EDGE_M
+        from_edge_m = 0.5 * sight.width_m + _EDGE_M
+        offset_m = float(sight.way.right_m[row]) + from_edge_m
+        if lanes.is_leftmost(row, aim.lane):
+            offset_m = lanes.offset_m(row, aim.lane) + 0.5 * float(lanes.width_m[row]) - from_edge_m
     elif aim.manoeuvre is Manoeuvre.STOP:
         offset_m, hardest_mps2 = aim.offset_m, 6.0
     wanted = min(speed_to_limit(sight), speed_to_leader(sight, offset_m))

@@ -62,8 +62,14 @@ def pytest_xdist_node_collection_finished() -> None:
     _FIRST.shutdown()
 
 
-LONG_FOLDERS = {"nodes", "guides", "studies", "training", "cli"}
-"""Files in them take up to minutes, each in one worker: they begin first, so that no worker is left over with one."""
+LONG_FOLDERS = {
+    *("nodes", "guides", "studies", "training", "cli"),
+    *("benchmarks", "learning", "episode_page", "generation", "pictures", "calibration"),
+}
+"""Files in them take up to minutes, each in one worker: they begin first, so that no worker is left over with one.
+
+Many of them hold few tests, and would come last.
+"""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

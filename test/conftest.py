@@ -74,8 +74,8 @@ def pytest_testnodedown() -> None:
 
 
 LONG_FOLDERS = {
-    *("nodes", "guides", "studies", "training", "cli"),
-    *("benchmarks", "learning", "episode_page", "generation", "pictures", "calibration"),
+    *("nodes", "guides", "studies", "training", "cli", "datasets", "benchmarks", "learning", "episode_page"),
+    *("generation", "detection", "mutants", "calibration", "pictures", "examples"),
 }
 """Files in them take up to minutes, each in one worker: they begin first, so that no worker is left over with one.
 

@@ -14,7 +14,6 @@ from typing import Any, Final
 import numpy as np
 import shapely
 
-import siren_ros
 from siren_ros.errors import InputError
 from siren_ros.roads.maps.map_compiler import default_cache_dir, store_net
 from siren_ros.roads.road_network import RoadNetwork
@@ -69,9 +68,9 @@ def kept_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = Non
 @cache
 def _recipe() -> str:
     """What makes scenes: the code, and the packages by their versions."""
-    folder = Path(siren_ros.__file__).parent
+    library = Path(__file__).parents[2]
     code = hashlib.sha256()
-    for file in sorted(file for name in _CODE for file in (folder / name).rglob("*.py")):
+    for file in sorted(file for name in _CODE for file in (library / name).rglob("*.py")):
         code.update(file.read_bytes())
     return "\0".join((code.hexdigest(), *map(version, _PACKAGES), shapely.geos_version_string))
 

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -95,6 +96,11 @@ def test_other_code_makes_other_scenes(network, folder, built, monkeypatch):
     kept_scene(network, 3)
     assert built == [3, 3]
     assert len(files(folder)) == 2
+
+
+def test_the_folders_of_the_code_are_there():
+    library = Path(kept_scenes.__file__).parents[2]
+    assert [name for name in kept_scenes._CODE if not list((library / name).glob("*.py"))] == []
 
 
 def test_what_makes_a_scene_is_code_and_packages(monkeypatch):

@@ -4,6 +4,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 import pytest
 
@@ -11,6 +12,8 @@ BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 WEBGL_WITHOUT_GPU = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PATIENCE_MS = 120_000
 """Where several programs share the processors, a page needs more than playwright's 30 s."""
+VIEWPORT: Final = {"width": 1000, "height": 660}
+"""Of pages in 3-D: wide enough for the layout of large screens; processors draw their pictures, pixel by pixel."""
 PLAY_VIDEOS = """async () => {
     const failed = [];
     for (const video of document.querySelectorAll("video")) {
@@ -74,7 +77,7 @@ class PageBrowser:
         """The page at an address of this machine, whose requests are kept, in a browser that has a network."""
         browser = self._context.browser
         assert browser is not None
-        context = browser.new_context(viewport={"width": 1280, "height": 900})
+        context = browser.new_context(viewport=VIEWPORT)
         page = context.new_page()
         opened = OpenedPage(page)
         page.goto(address, wait_until="load")

@@ -126,6 +126,10 @@ class PreloadedProgram(subprocess.Popen[Any]):
         self._close_pipe_fds(*ends)  # type: ignore[attr-defined] # subprocess's own
 
 
+PRELOADING: Final = SimpleNamespace(**{**vars(subprocess), "Popen": PreloadedProgram})
+"""Stands for the module ``subprocess`` in a module that is to start its programs so."""
+
+
 def main() -> None:
     """The server; in its copies the programs."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -153,8 +157,7 @@ def _beside_a_server(command: list[str]) -> list[str] | None:
         return serve(its)
     its.close()
     PreloadedProgram.server = Server(own)
-    preloading = SimpleNamespace(**{**vars(subprocess), "Popen": PreloadedProgram})
-    import_module("siren_ros.ros.programs.composition").subprocess = preloading  # type: ignore[attr-defined]
+    import_module("siren_ros.ros.programs.composition").subprocess = PRELOADING  # type: ignore[attr-defined]
     return command
 
 

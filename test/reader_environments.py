@@ -89,13 +89,15 @@ def _run(*command: object) -> subprocess.CompletedProcess[str]:
 
 
 def _plain_environment() -> dict[str, str]:
-    return {key: value for key, value in os.environ.items() if key not in {"PYTHONPATH", "LD_LIBRARY_PATH"}}
+    """Variables of this process; readers keep their bytecode, which installers do not make."""
+    others = {"PYTHONPATH", "LD_LIBRARY_PATH", "PYTHONDONTWRITEBYTECODE"}
+    return {key: value for key, value in os.environ.items() if key not in others}
 
 
 def read_with(reader: str, script: str, *arguments: object, timeout_s: float = 240.0) -> Any:
     """What a script of ``readers/`` prints about a dataset, read as JSON from its last line."""
     command = [python_of(reader), READERS / script, *map(str, arguments)]
-    environment = {**_plain_environment(), "MPLBACKEND": "Agg", "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**_plain_environment(), "MPLBACKEND": "Agg"}
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, timeout=timeout_s, env=environment, cwd="/"
     )

@@ -20,8 +20,8 @@ from siren_ros.interfaces import topics
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RecordBuilder
 from siren_ros.sensors.meshes.mesh import StaticScene
+from siren_ros.sensors.scene.kept_scenes import kept_scene
 from siren_ros.sensors.scene.kerbside import scene_config_of
-from siren_ros.sensors.scene.static_scene import static_scene
 from siren_ros.world.actors import ActorStates
 
 _SETTING: Final = (topics.EPISODE.name, topics.MAP.name)
@@ -96,7 +96,7 @@ class LiveEpisode:
             if self._scene is None:
                 setting = self._part(range(0))
                 config = scene_config_of(setting.description.template_values)
-                self._scene = static_scene(setting.network, setting.description.seed, config)
+                self._scene = kept_scene(setting.network, setting.description.seed, config)
 
     def since(self, place: Place) -> tuple[bytes, Place]:
         """What is new for a reader, and where it is then; from the default place on, all of the episode but its end.

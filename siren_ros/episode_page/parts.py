@@ -10,8 +10,8 @@ from siren_ros.errors import InputError
 from siren_ros.interfaces.messages import shown_text
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.sensors.meshes.mesh import StaticScene
+from siren_ros.sensors.scene.kept_scenes import kept_scene
 from siren_ros.sensors.scene.kerbside import scene_config_of
-from siren_ros.sensors.scene.static_scene import static_scene
 
 MOST_OTHERS: Final = 3
 """Besides the episode itself: four pictures are what a screen has room for."""
@@ -46,7 +46,7 @@ def add_parts(
         if first == place:
             sharing = [other for other, sha256 in zip(records, maps, strict=True) if sha256 == maps[place]]
             config = scene_config_of(each.description.template_values)
-            made = scene if scene and not place else static_scene(each.network, each.description.seed, config)
+            made = scene if scene and not place else kept_scene(each.network, each.description.seed, config)
             part |= add_static_scene(file, sharing, made, _prefix(place), pictures=len(records))
         parts.append(part)
     return {**parts[0], "against": parts[1:]}

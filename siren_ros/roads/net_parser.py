@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from hashlib import sha256
 from itertools import compress
 from operator import not_
 from typing import Final, NamedTuple
@@ -196,6 +197,7 @@ def parse_road_network(net_xml: bytes) -> RoadNetwork:
         raise MapError(f"a damaged net ({type(error).__name__}: {error})", ALLOWED) from error
     if not any(lane.kind is LaneKind.DRIVING for lane in network.lanes):
         raise MapError("a net without driving lanes", "a map with at least one lane that cars may use")
+    object.__setattr__(network, "net_sha256", sha256(net_xml).hexdigest())
     return network
 
 

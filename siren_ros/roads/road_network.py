@@ -138,6 +138,8 @@ class RoadNetwork:
     """Whether traffic keeps left."""
     cycle_connections: tuple[Connection, ...] = field(default=())
     """Movements from or to cycle lanes, which ``connections`` does not have."""
+    net_sha256: str = field(default="", init=False)
+    """Of the net that this network was parsed from; a changed copy (``replace``) has none."""
 
     @cached_property
     def lane_by_id(self) -> Mapping[str, Lane]:

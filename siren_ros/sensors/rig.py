@@ -19,7 +19,7 @@ from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Catalogue, VehiclePlacement
 from siren_ros.sensors.navigation import Odometers
-from siren_ros.sensors.scene.static_scene import static_scene
+from siren_ros.sensors.scene.kept_scenes import kept_scene
 from siren_ros.sensors.scene.surfaces import SceneConfig
 from siren_ros.sensors.sensor_table import SENSOR_TYPES
 from siren_ros.sensors.specification import CameraSpec, CarrierView, SensorSpec, map_from_base
@@ -103,7 +103,7 @@ class SensorRig:
         self._shapes: Mapping[ActorClass, VehicleShape] = {kind: vehicle_shape(kind) for kind in kinds}
         self._static = scene
         if self._static is None and self._sees_bodies:
-            self._static = static_scene(network, seed, config)
+            self._static = kept_scene(network, seed, config)
         self._lidars: tuple[Lidar, ...] = ()
         if self._static is not None and suite.lidars:
             world = RaycastWorld(self._static, self._shapes)

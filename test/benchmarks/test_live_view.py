@@ -2,13 +2,16 @@ import json
 
 import pytest
 from dds_domains import own_domain
+from preloaded_programs import PRELOADING
 
-from siren_ros.benchmarks import live_view
+from siren_ros.benchmarks import episode, live_view
 from siren_ros.errors import EXIT_OK
 
 
 def test_a_client_reads_a_whole_episode_and_the_ratios_are_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain()))
+    for module in (episode, live_view):
+        monkeypatch.setattr(module, "subprocess", PRELOADING)
     file = tmp_path / "figures.json"
     assert live_view.main(["duration_s:=2.0", "--rounds", "1", "--json", str(file)]) == EXIT_OK
     figures = json.loads(file.read_text())["live_view"]

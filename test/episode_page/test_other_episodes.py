@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser_pages import OpenedPage, PageBrowser
+from browser_pages import VIEWPORT, OpenedPage, PageBrowser
 from episode_page.looked_at import moment, pictures, until
 
 from siren_ros.episode_page.build import episode_page
@@ -61,7 +61,7 @@ def side_by_side(
 @pytest.fixture
 def compared(side_by_side: OpenedPage) -> OpenedPage:
     """The page of the record against one on its map and one on another, the EMV selected, side by side."""
-    side_by_side.page.set_viewport_size({"width": 1280, "height": 900})
+    side_by_side.page.set_viewport_size(VIEWPORT)
     side_by_side.page.evaluate(BEGIN)
     side_by_side.page.locator("#scene").focus()
     return side_by_side

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser_pages import OpenedPage, PageBrowser
+from browser_pages import VIEWPORT, OpenedPage, PageBrowser
 from episode_page.looked_at import moment, pictures, until
 from episode_page.made_decisions import NO_GAP, decision
 from episode_page.unpacked import unpacked
@@ -62,7 +62,7 @@ def shared(file: Path, browser: PageBrowser) -> Iterator[OpenedPage]:
 @pytest.fixture
 def opened(shared: OpenedPage) -> OpenedPage:
     """The page at its begin, with the EMV selected, from behind it, paused."""
-    shared.page.set_viewport_size({"width": 1280, "height": 900})
+    shared.page.set_viewport_size(VIEWPORT)
     shared.page.evaluate(
         "() => { const p = episodePage; p.play(false); p.seek(0); p.select(1); p.useCamera('follow'); }"
     )

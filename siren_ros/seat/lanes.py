@@ -44,11 +44,11 @@ class LanesBeside:
         return cls(*columns)
 
     def rightmost(self, row: int) -> int:
-        """Number of the rightmost lane from the way's, left positive…"""
+        """Number of the rightmost lane from the way's, left positive."""
         return -round(float(self.right[row]))
 
     def leftmost(self, row: int) -> int:
-        """…and of the leftmost one."""
+        """Number of the leftmost lane, the same way."""
         return round(float(self.left[row]))
 
     def is_leftmost(self, row: int, lane: int) -> bool:

@@ -28,8 +28,10 @@ _SHOULDER_PACE_MPS: Final = 5.0
 """Of somebody who pulls over and is not at the edge yet."""
 _HARDEST_MPS2: Final = 3.0
 """Of braking, but for STOP."""
-_EDGE_M: Final = 0.3
+_EDGE_M: Final = 0.15
 """Kept to the edge of the road."""
+_AT_EDGE_M: Final = 0.15
+"""A vehicle that is this near to the edge stops there."""
 _THERE_M: Final = 0.4
 """A vehicle that is this near to the place across the way that it goes to has reached it."""
 
@@ -101,7 +103,7 @@ def by_manoeuvre(aim: Aim, sight: Sight, emergency_mps: float | None = None) -> 
     if aim.manoeuvre is Manoeuvre.STOP:
         wanted = 0.0
     elif aim.manoeuvre is Manoeuvre.PULL_OVER and not sight.in_junction:
-        wanted = min(wanted, 0.0 if abs(away_m) < _THERE_M else _SHOULDER_PACE_MPS)
+        wanted = min(wanted, 0.0 if abs(away_m) < _AT_EDGE_M else _SHOULDER_PACE_MPS)
     lights = indicators(sight)
     if abs(away_m) > _THERE_M and not sight.in_junction:
         lights = int(Lights.INDICATOR_LEFT if away_m > 0.0 else Lights.INDICATOR_RIGHT)

@@ -77,7 +77,7 @@ class DriverFit(FitSettings):
     passes: int = 400
     """Over all imitated decisions, in each round."""
     widths: tuple[int, ...] = (64, 64)
-    episodes: tuple[int, ...] = (40, 16, 16)
+    episodes: tuple[int, ...] = (36, 12, 12)
     """Of each round. In the first one teachers drive alone, then the driver drives too."""
     tries: int = 2
     """Drives of each episode in which the driver tries other manoeuvres too."""
@@ -87,8 +87,12 @@ class DriverFit(FitSettings):
     """Reward that a violated clause costs."""
     margin: float = 0.25
     """Reward by which a drive is better than an earlier one."""
-    templates: tuple[str, ...] = ("S1", "S2", "S7")
-    """Those in which the EMV comes from behind on the driver's road."""
+    full_gap: float = 5.0
+    """Reward by which the best drive is above the mean of all from which on an episode counts fully…"""
+    least_weight: float = 0.1
+    """…and what one counts in which all drives are alike."""
+    templates: tuple[str, ...] = ("S1", "S2")
+    """Those in which the EMV has to pass the driver on a road without a free shoulder."""
     levels: tuple[int, ...] = (2, 3)
     task: Mapping[str, Any] = field(default_factory=lambda: {"decision_s": 0.5})
     """Further options of the environment."""

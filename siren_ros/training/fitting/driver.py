@@ -47,7 +47,7 @@ def trained_driver(path: Path, config: DriverFit, processes: int, report: Callab
     """
     torch.set_num_threads(1)
     began_s, rounds = time.monotonic(), list[dict[str, float]]()
-    cells, imitated, network = _cells(config), list[Practice](), _network(config)
+    cells, imitated, network = _cells(config), list[tuple[Practice, float]](), _network(config)
     with ProcessPool(processes) as pool:
         for number, count in enumerate(config.episodes):
             chosen = list(islice(cells, count))
@@ -58,12 +58,14 @@ def trained_driver(path: Path, config: DriverFit, processes: int, report: Callab
             best = [one for one in found if one is not None]
             if not best:
                 raise InputError("templates", ", ".join(config.templates), "templates of which an episode can be made")
-            imitated += [practice for practice, _ in best]
+            for practice, scores in best:
+                gap = (practice.score(config.violation) - scores.mean()) / config.full_gap
+                imitated.append((practice, float(np.clip(gap, config.least_weight, 1.0))))
             network = _imitating(imitated, config)
-            scores = np.mean([row for _, row in best], axis=0).tolist()
+            means = np.mean([row for _, row in best], axis=0).tolist()
             names = [*TEACHERS, *(["pupil"] + ["tries"] * config.tries if number else [])]
             rounds.append({"episodes": len(best), "best": float(np.mean([row.max() for _, row in best]))})
-            for name, score in zip(names, scores, strict=True):
+            for name, score in zip(names, means, strict=True):
                 rounds[-1][name] = max(score, rounds[-1].get(name, -np.inf))
             report(f"round {number + 1}: " + ", ".join(f"{key} {value:.2f}" for key, value in rounds[-1].items()))
     free = {INPUT: "episodes", OUTPUT: "episodes"}
@@ -114,16 +116,19 @@ def _network(config: DriverFit) -> nn.Sequential:
     return nn.Sequential(*layers[:-1])
 
 
-def _imitating(practices: list[Practice], config: DriverFit) -> nn.Sequential:
-    """A network that does what was done; rare manoeuvres count as the root of how rare they are."""
+def _imitating(imitated: list[tuple[Practice, float]], config: DriverFit) -> nn.Sequential:
+    """A network that does what was done, by the weights of the episodes; rare manoeuvres count more, as a root."""
     network = _network(config)
-    observations = torch.as_tensor(np.concatenate([practice.observations for practice in practices]))
-    actions = torch.as_tensor(np.concatenate([practice.actions for practice in practices]))
+    observations = torch.as_tensor(np.concatenate([practice.observations for practice, _ in imitated]))
+    actions = torch.as_tensor(np.concatenate([practice.actions for practice, _ in imitated]))
+    of_episode = np.concatenate([np.full(len(practice.actions), weight) for practice, weight in imitated])
+    weights = torch.as_tensor(of_episode, dtype=torch.float32)
     counts = torch.bincount(actions, minlength=len(Manoeuvre)).clamp(min=1).float()
-    loss_of = nn.CrossEntropyLoss(weight=(len(actions) / counts).sqrt())
+    weights *= (len(actions) / counts).sqrt()[actions]
+    loss_of = nn.CrossEntropyLoss(reduction="none")
     descent = Descent(network, config, config.passes, rising=0.1, gradient_max=1.0)
     loss: Tensor
     for _ in range(config.passes):
-        loss = loss_of(network(observations), actions)
+        loss = (weights * loss_of(network(observations), actions)).sum() / weights.sum()
         descent.step(loss)
     return network.eval()

@@ -52,10 +52,22 @@ def test_who_pulls_over_goes_to_the_right_edge_and_stops_there() -> None:
     assert begins.steer_rad < -0.02
     assert begins.lights == Lights.INDICATOR_RIGHT
     assert begins.brake == 0.0
-    edge_m = -1.75 - 2.5 + 0.9 + 0.3  # lane, shoulder, half the car, what is kept to the edge
+    edge_m = -1.75 - 2.5 + 0.9 + 0.15  # lane, shoulder, half the car, what is kept to the edge
     there = by_manoeuvre(aim, sight_at(own_mps=5.0, aside_m=(edge_m, edge_m)))
     assert there.brake > 0.3
     assert there.steer_rad == pytest.approx(0.0, abs=1e-9)
+
+
+def test_who_pulls_over_in_the_leftmost_of_several_lanes_goes_to_the_left_edge() -> None:
+    in_left_lane, edge_m = (3.5, 3.5), 3.5 + 1.75 - 0.9 - 0.15
+    aim = aim_of(Aim(), Manoeuvre.PULL_OVER, sight_at(aside_m=in_left_lane))
+    assert by_manoeuvre(aim, sight_at(own_mps=5.0, aside_m=in_left_lane)).lights == Lights.INDICATOR_LEFT
+    there = by_manoeuvre(aim, sight_at(own_mps=5.0, aside_m=(edge_m, edge_m)))
+    assert there.brake > 0.3
+    assert there.steer_rad == pytest.approx(0.0, abs=1e-9)
+    right = sight_at(aside_m=(0.5, 0.5))
+    assert aim_of(aim, Manoeuvre.PULL_OVER, right) == aim, "it goes on to the side that it has chosen"
+    assert aim_of(Aim(), Manoeuvre.PULL_OVER, right).lane == 0
 
 
 def test_who_pulls_over_leaves_a_junction_first() -> None:

@@ -4,7 +4,7 @@ A track belongs to the vehicle that it is nearest to at a frame; what it was bef
 also where it followed another one. Class, size, lamps and signals are the record's.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -27,6 +27,8 @@ from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 
 _GATE_M: Final = 2.5
 """A vehicle that is farther from every track is not reported (the tracker's own gate)."""
+_OWN_M: Final = 1.0
+"""The vehicle with the LiDAR is where its footprint's centre is as near to its stated place."""
 _GOES_ON_FRAMES: Final = 10
 """A track goes on without boxes for 1 s, as the tracker keeps it."""
 _PAST_FRAMES: Final = 50
@@ -88,9 +90,37 @@ def detected_by(detector: str, bag: Path) -> Reporter:
     )
 
     def report(_record: EpisodeRecord, rows: StateRows, table: Rows) -> DetectedRows:
-        return reported_by(tracks, rows, table)
+        return reported_by(with_own(tracks, rows, frames.step, frames.vehicle_m), rows, table)
 
     return report
+
+
+def with_own(tracks: BoxTracks, rows: StateRows, step: Rows, vehicle_m: Floats) -> BoxTracks:
+    """The tracks with that of the vehicle with the LiDAR, which knows its own motion.
+
+    Args:
+        tracks: Of its detector.
+        rows: The logged rows.
+        step: Steps of the sweeps, shape ``(F,)``.
+        vehicle_m: Its places then, in the ``map`` frame, shape ``(F, 2)``.
+    """
+    at = np.minimum(np.searchsorted(step, rows.step), len(step) - 1)
+    away = rows.xy_m - vehicle_m[at]
+    there = (step[at] == rows.step) & (np.hypot(away[:, 0], away[:, 1]) < _OWN_M)
+    if not there.any():
+        return tracks
+    ids, counts = np.unique(rows.actor_id[there], return_counts=True)
+    own = rows.select(np.flatnonzero(rows.actor_id == ids[counts.argmax()]))
+    own = own.select(np.argsort(own.step, kind="stable"))
+    number = np.full(len(own.step), tracks.track.max(initial=-1) + 1)
+    velocity = np.stack((own.vx_mps, own.vy_mps), axis=-1)
+    columns = (own.step, number, own.xy_m, own.yaw_rad, velocity)
+    return BoxTracks(
+        *(
+            np.concatenate((getattr(tracks, column.name), more))
+            for column, more in zip(fields(tracks), columns, strict=True)
+        )
+    )
 
 
 def reported_by(tracks: BoxTracks, rows: StateRows, table: Rows) -> DetectedRows:

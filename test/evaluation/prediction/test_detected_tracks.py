@@ -5,7 +5,7 @@ import pytest
 from made_records import moving, record_with
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.detected_tracks import BoxTracks, reported_by
+from siren_ros.evaluation.prediction.detected_tracks import BoxTracks, reported_by, with_own
 from siren_ros.evaluation.prediction.predictors import predictors_named
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.evaluation.prediction.scoring import score_episode
@@ -98,3 +98,24 @@ def test_boxes_of_nobody_are_nobodys(record) -> None:
 def test_a_detector_needs_a_bag(record) -> None:
     with pytest.raises(InputError, match="a bag, for a detector"):
         score_episode("live", record, predictors_named(["cv"]), Population.ALL, noise="classical")
+
+
+def test_the_vehicle_with_the_lidar_knows_its_own_motion(record) -> None:
+    blind = boxes_of(record, lambda actor, _: (actor, actor == SECOND))
+    steps = np.arange(0, STEPS, 4)
+    places = np.stack((20.0 + 5.0 * steps * 0.05, np.full(len(steps), -5.25)), axis=-1)
+    seen = samples_of(
+        record,
+        WINDOW,
+        Population.ALL,
+        reporter=lambda _, rows, table: reported_by(with_own(blind, rows, steps, places), rows, table),
+    ).batch
+    assert set(seen.actor_id.tolist()) == {FIRST, SECOND}
+    assert seen.xy_m[seen.actor_id == FIRST][0] == pytest.approx([20.0 + 5.0 * 60 * 0.05, -5.25])
+    elsewhere = samples_of(
+        record,
+        WINDOW,
+        Population.ALL,
+        reporter=lambda _, rows, table: reported_by(with_own(blind, rows, steps, places + 30.0), rows, table),
+    ).batch
+    assert set(elsewhere.actor_id.tolist()) == {SECOND}

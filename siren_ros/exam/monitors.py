@@ -119,8 +119,8 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
 def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
     """Time for which an EMV stood or crept closely behind the driver, who was in its way.
 
-    A driver at the edge of the road has done its part, and one between others can do none: there has to be room, on the
-    right or ahead, for the time to respond.
+    A driver at the edge of the road has done its part, and one between others can do none: there has to be room on the
+    right, or ahead for the time to respond, since somebody who follows leaves room for a moment.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
@@ -129,10 +129,8 @@ def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
         apart = 0.5 * (examinee.actor.width_m + examinee.record.actors[call.emv_id].width_m)
         close = call.calls & (call.gap_m <= numbers["gap_m"]) & (call.gap_m > 0.0)
         held |= close & (np.abs(call.left_m) < apart) & (call.speed_mps < numbers["slow_mps"])
-    right_m, ahead_m = (
-        _least_of_last(room_m, examinee.reaction_steps) for room_m in (examinee.room.right_m, examinee.room.ahead_m)
-    )
-    held &= (examinee.to_right_edge_m > _AT_EDGE_M) & ((right_m > _AT_EDGE_M) | (ahead_m > _GO_ON_M))
+    ahead_m = _least_of_last(examinee.room.ahead_m, examinee.reaction_steps)
+    held &= (examinee.to_right_edge_m > _AT_EDGE_M) & ((examinee.room.right_m > _AT_EDGE_M) | (ahead_m > _GO_ON_M))
     return Finding(Measure(float(held.sum()) * STEP_S), _first_step(examinee, held))
 
 

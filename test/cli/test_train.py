@@ -26,7 +26,7 @@ from siren_ros.training.settings import FilmFitConfig
         ("prediction", ["--train-seeds", "0"], "train_seeds"),
         ("prediction", ["--jobs", "0"], "jobs"),
         ("prediction", ["--epochs", "0"], "epochs"),
-        ("driver", ["--minutes", "0"], "minutes"),
+        ("driver", ["--jobs", "0"], "jobs"),
     ],
 )
 def test_what_trains_nothing_is_refused(monkeypatch, siren, tmp_path, task, words, option) -> None:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import onnxruntime
-
 from siren_ros.errors import InputError, whole_file, writing
 
 
@@ -38,6 +36,8 @@ def open_network(path: Path) -> NetworkFile:
         raise InputError("checkpoint", str(path), f"an ONNX file with its card {card_path(path).name}") from error
     if not isinstance(card, dict) or card.get("sha256") != hashlib.sha256(weights).hexdigest():
         raise InputError("checkpoint", str(path), "the weights that its card describes (another hash)")
+    import onnxruntime  # noqa: PLC0415 - it starts threads, which processes that fork must not have
+
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3
     # Episodes are worked on side by side in processes; threads of their own would only get in their way.

@@ -9,11 +9,12 @@ from siren_ros.numerics.geometry import Polyline
 from siren_ros.seat.lanes import LanesBeside
 from siren_ros.seat.sight import Other, Sight, Siren
 from siren_ros.seat.way import Way
-from siren_ros.world.actors import ActorStates
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 
 LENGTH_M = 300.0
 ROWS = int(LENGTH_M) + 1
 LIMIT_MPS = 10.0
+OWN = ActorDescription(0, "own", ActorClass.SEDAN, 4.5, 1.8, 1.5, (0, 0, 0))
 
 
 def straight_way(**columns):
@@ -54,8 +55,8 @@ def sight(s_m=20.0, **known):
         "others": (),
         "red_m": math.inf,
         "in_junction": 100.0 <= s_m < 130.0,
-        "states": ActorStates.empty(),
-        "bodies": {},
+        "states": ActorStates(100, **{name: np.zeros(1, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}),
+        "bodies": {0: OWN},
         "row": 0,
     }
     return Sight(**{**plain, **known})

@@ -1,20 +1,17 @@
 """The drivers by name."""
 
 from collections.abc import Callable, Mapping
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.errors import InputError
-from siren_ros.params.resources import params_dir
 from siren_ros.seat.drivers.driver import Driver
 from siren_ros.seat.drivers.habits import FAULTS, HABITS, faulty
 from siren_ros.seat.drivers.keeps_lane import LaneKeeper
 from siren_ros.seat.drivers.lawful import LawfulDriver
 from siren_ros.seat.drivers.learned import open_driver
 
-LEARNED: Final = "policies/yield.onnx"
-"""The driver that has learned, below ``params/``."""
 _ONNX: Final = ".onnx"
 
 
@@ -26,18 +23,12 @@ def _faulty(fault: str, place: str) -> Driver[Any]:
     return LawfulDriver(faulty(HABITS[place], fault))
 
 
-@cache
-def _learned() -> Driver[Any]:
-    return open_driver(params_dir() / LEARNED)
-
-
 DRIVERS: Final[Mapping[str, Callable[[], Driver[Any]]]] = {
     "idm": LaneKeeper,
-    "learned": _learned,
     **{f"lawful-{place}": partial(_lawful, place) for place in HABITS},
     **{f"{fault}-{place}": partial(_faulty, fault, place) for fault in FAULTS for place in HABITS},
 }
-"""What makes each driver: ``idm``, the one that has learned; for each place a lawful one, and one with each fault."""
+"""What makes each driver: ``idm``, and for each place one that is lawful there and one with each fault."""
 
 
 def driver_of(name: str) -> Driver[Any]:

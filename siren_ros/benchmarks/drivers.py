@@ -1,4 +1,4 @@
-"""How the library's drivers do in the same episodes: ``python -m siren_ros.benchmarks.drivers idm lawful-international``.
+"""How the library's drivers do in the same episodes: ``python -m siren_ros.benchmarks.drivers idm``.
 
 For each driver it prints means over the episodes with 95 % intervals: the clauses of a rulebook that it violates, and
 what it does to others, less what the paper's driver does in its place (as ``siren exam``, without bags).

@@ -22,7 +22,6 @@ from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.exam.monitors import MONITORS
 from siren_ros.judging.physics import VerifyLimits
 from siren_ros.judging.verify import CHECKS
-from siren_ros.seat.features import EMV, NEIGHBOUR, NEIGHBOURS, OWN
 from siren_ros.learning.rewards import TERMS
 from siren_ros.learning.rollout import Seat
 from siren_ros.learning.task import Task
@@ -32,6 +31,7 @@ from siren_ros.scenario import paper
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, TEMPLATES
 from siren_ros.scenario.splits import Split
 from siren_ros.scenario.templates import available_templates, load_template
+from siren_ros.seat.features import EMV, NEIGHBOUR, NEIGHBOURS, OWN
 
 _PLAIN_TYPES: Final = re.compile(r" Allowed: (a string|a list of strings|true or false)\.$")
 _NODES_FILE: Final = Path(__file__).resolve().parents[2] / "params" / "nodes.yaml"

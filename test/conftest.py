@@ -73,14 +73,8 @@ def pytest_testnodedown() -> None:
     end_turn()
 
 
-LONG_FOLDERS = {
-    *("nodes", "guides", "studies", "training", "cli", "datasets", "benchmarks", "learning", "episode_page"),
-    *("generation", "detection", "mutants", "calibration", "pictures", "examples"),
-}
-"""Files in them take up to minutes, each in one worker: they begin first, so that no worker is left over with one.
-
-Many of them hold few tests, and would come last.
-"""
+LONG_FOLDERS = {"nodes", "guides", "studies", "training", "cli"}
+"""Files in them take up to minutes, each in one worker: they begin first, so that no worker is left over with one."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -9,14 +9,14 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Any, Final
+from typing import Any
 
 from siren_ros.benchmarks.json_figures import add_json, write_json
 from siren_ros.errors import EXIT_OK, SirenError
 from siren_ros.exam.certificate import Certificate
 from siren_ros.exam.grading import Sitting, examine
-from siren_ros.exam.others import actor_in_seat, compared_with_paper
-from siren_ros.exam.rulebook import load_rulebook
+from siren_ros.exam.others import PAPER, actor_in_seat, compared_with_paper
+from siren_ros.exam.rulebook import Rulebook, load_rulebook
 from siren_ros.generation.closed_loop import closed_loop, driven, record_of
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.numerics.units import steps_from_s
@@ -26,8 +26,6 @@ from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.seat.drivers.drivers import driver_of
 from siren_ros.seat.seated import answers_of
 from siren_ros.studies.matrix import levels_of, seeds_of
-
-PAPER: Final = "siren"
 
 
 def record_with(driver: str, request: EpisodeRequest) -> tuple[EpisodeRecord, int]:
@@ -46,17 +44,17 @@ def record_with(driver: str, request: EpisodeRequest) -> tuple[EpisodeRecord, in
     return record_of(setup, [step for step, _ in steps]), setup.description.av_id
 
 
-def sittings_in(request: EpisodeRequest, drivers: Sequence[str], rulebook: str) -> Mapping[str, Sitting]:
+def sittings_in(request: EpisodeRequest, drivers: Sequence[str], rulebook: Rulebook) -> Mapping[str, Sitting]:
     """The sittings of drivers in one episode; none where the seed has no such episode."""
     try:
         paper, paper_id = record_with(PAPER, request)
     except SirenError:
         return {}
-    book, sittings = load_rulebook(rulebook), {PAPER: examine(paper, paper_id, load_rulebook(rulebook))}
+    sittings = {PAPER: examine(paper, paper_id, rulebook)}
     for driver in drivers:
         record, actor_id = record_with(driver, request)
         others = compared_with_paper(record, actor_id, paper, paper_id)
-        sittings[driver] = replace(examine(record, actor_id, book), others=others)
+        sittings[driver] = replace(examine(record, actor_id, rulebook), others=others)
     return sittings
 
 
@@ -83,15 +81,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes")
     add_json(parser)
     options = parser.parse_args(argv)
+    rulebook = load_rulebook(options.rulebook)
     cells = options.templates, levels_of(options.levels), seeds_of(options.seeds), options.maps
     requests = requests_of(*cells, options.duration_s)
     with ProcessPool(options.jobs) as pool:
-        found = pool.map(sittings_in, [(request, options.drivers, options.rulebook) for request in requests])
+        found = pool.map(sittings_in, [(request, options.drivers, rulebook) for request in requests])
     there = [sittings for sittings in found if sittings]
-    print(f"{len(there)} of {len(requests)} episodes; rulebook {options.rulebook}")
+    print(f"{len(there)} of {len(requests)} episodes; rulebook {rulebook.name}")
     figures: dict[str, Any] = {"episodes": len(there)}
     for driver in (PAPER, *options.drivers):
-        certificate = Certificate(driver, load_rulebook(options.rulebook), tuple(one[driver] for one in there))
+        certificate = Certificate(driver, rulebook, tuple(one[driver] for one in there))
         means = certificate.means()
         figures[driver.replace("-", "_")] = {name: mean.json() for name, mean in means.items()}
         print(f"{driver:<28}" + "".join(f"  {name} {mean:+.2f}" for name, mean in means.items()))

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from siren_ros.benchmarks.drivers import record_with
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.exam.grading import Grade, examine
+from siren_ros.exam.grading import examine
 from siren_ros.exam.rulebook import load_rulebook
 from siren_ros.params.resources import params_dir
 from siren_ros.params.strict_yaml import read_strict_yaml
@@ -24,7 +24,6 @@ from siren_ros.seat.drivers.habits import FAULTS, HABITS
 LAWFUL: Final = "lawful"
 JAM: Final = "jam"
 """Scene on a road with a rescue lane, of which the German rulebook alone knows."""
-_BROKEN: Final = frozenset({Grade.MINOR, Grade.MAJOR})
 
 
 @dataclass(frozen=True)
@@ -75,8 +74,7 @@ def broken_by(driver: str, place: str, scene: str) -> frozenset[str]:
     template, level, seed, *values = scene.split()
     map_name = load_template(template).map_name
     request = EpisodeRequest(template, level, int(seed), map_name, sensors="none", values="".join(values))
-    sitting = examine(*record_with(driver, request), rulebook=load_rulebook(place))
-    return frozenset(mark.clause.clause_id for mark in sitting.marks if mark.grade in _BROKEN)
+    return frozenset(examine(*record_with(driver, request), rulebook=load_rulebook(place)).violated)
 
 
 def judged(cases: Sequence[Case], scenes: Mapping[str, str], jobs: int) -> Iterator[tuple[Case, frozenset[str]]]:

@@ -18,7 +18,7 @@ from siren_ros.cli.study_options import MATRIX, StudyBar, add_matrix, asked_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, write_text, writing
 from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of
 from siren_ros.exam.grading import Sitting, examine
-from siren_ros.exam.others import actor_in_seat, compared_with_paper
+from siren_ros.exam.others import PAPER, actor_in_seat, compared_with_paper
 from siren_ros.exam.rulebook import FOLDER, Rulebook, load_rulebook
 from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.params.resources import names_in_params
@@ -35,8 +35,6 @@ from siren_ros.study_report.page import html_of, quoted
 from siren_ros.tables.table import text_of
 from siren_ros.world.actors import NO_ACTOR
 
-PAPER: Final = "siren"
-"""Name of the paper's driver: the model's own, in an episode without an AV."""
 PAPER_FOLDER: Final = "paper"
 """Folder of the episodes with the paper's driver, in that of an exam."""
 _DEFAULT: Final = Study(TEMPLATES, levels=("L2", "L3"), seeds=tuple(range(20)))

@@ -83,9 +83,7 @@ class Certificate:
 
     def means(self) -> dict[str, Interval]:
         """Means over the episodes: violated clauses, and the figures of ``OTHERS`` where episodes are paired."""
-        violated = [
-            float(sum(mark.grade in {Grade.MINOR, Grade.MAJOR} for mark in sitting.marks)) for sitting in self.graded
-        ]
+        violated = [float(len(sitting.violated)) for sitting in self.graded]
         paired = [sitting.others for sitting in self.graded if sitting.others]
         others = {key: mean_of([one[key] for one in paired]) for key in OTHERS} if paired else {}
         return {_VIOLATIONS: mean_of(violated), **others}

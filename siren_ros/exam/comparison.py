@@ -7,11 +7,10 @@ from typing import Any
 
 from siren_ros.errors import InputError
 from siren_ros.exam.certificate import mean_of
-from siren_ros.exam.grading import Grade
+from siren_ros.exam.grading import VIOLATED, Grade
 from siren_ros.exam.others import OTHERS
 from siren_ros.tables.table import Row, Table
 
-_VIOLATED = frozenset({Grade.MINOR.value, Grade.MAJOR.value})
 Content = Mapping[str, Any]
 
 
@@ -47,7 +46,7 @@ def compared(first: Content, second: Content) -> Table:
     rows: list[Row] = []
     for number, clause in enumerate(first["clauses"]):
         grades = [(a["marks"][number]["grade"], b["marks"][number]["grade"]) for a, b in both]
-        pairs = [(a in _VIOLATED, b in _VIOLATED) for a, b in grades if Grade.NOT_APPLICABLE.value not in (a, b)]
+        pairs = [(a in VIOLATED, b in VIOLATED) for a, b in grades if Grade.NOT_APPLICABLE.value not in (a, b)]
         rows.append(_row(f"violated: {clause['title']}", [(float(a), float(b)) for a, b in pairs]))
     for key, meaning in OTHERS.items():
         known = [(a["others"][key], b["others"][key]) for a, b in both if a.get("others") and b.get("others")]

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
 from siren_ros.exam.examinee import Examinee
 from siren_ros.exam.monitors import MONITORS, Finding
@@ -19,6 +20,10 @@ class Grade(StrEnum):
     PASS = "pass"  # noqa: S105 - no password
     MINOR = "minor"
     MAJOR = "major"
+
+
+VIOLATED: Final = frozenset({Grade.MINOR, Grade.MAJOR})
+"""Grades of a clause that was not kept."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,11 @@ class Sitting:
     def grade(self) -> Grade:
         """The worst grade."""
         return worst_of([mark.grade for mark in self.marks])
+
+    @property
+    def violated(self) -> tuple[str, ...]:
+        """The clauses that were not kept."""
+        return tuple(mark.clause.clause_id for mark in self.marks if mark.grade in VIOLATED)
 
 
 def worst_of(grades: Sequence[Grade]) -> Grade:

@@ -14,6 +14,7 @@ from siren_ros.exam.examinee import Examinee, lasting_deceleration_mps2
 from siren_ros.exam.past_time import held_for, once, rises, since
 from siren_ros.judging.surrogate_safety import longest_run_s
 from siren_ros.numerics.arrays import Flags, Floats
+from siren_ros.numerics.braking import safe_following_mps
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.record.vehicle_location import ahead_and_left_m
 from siren_ros.roads.rescue_lane import rescue_boundary_m, rescue_sides
@@ -90,9 +91,8 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
     """
     track, room, worst = examinee.track, examinee.room, Finding(Measure.lacking(_NOBODY_CALLED))
     free = (room.ahead_mps == np.inf) | (room.ahead_m > track.speed_mps * _DISTANCE_S + _DISTANCE_M)
-    brakes_mps = _GENTLE_MPS2 * _DISTANCE_S
-    spare_m = np.maximum(room.ahead_m - _DISTANCE_M, 0.0)
-    safe_mps = np.sqrt(brakes_mps**2 + room.ahead_mps**2 + 2.0 * _GENTLE_MPS2 * spare_m) - brakes_mps
+    ahead = zip(room.ahead_mps.tolist(), np.maximum(room.ahead_m - _DISTANCE_M, 0.0).tolist(), strict=True)
+    safe_mps = np.array([safe_following_mps(speed, spare_m, _GENTLE_MPS2, _DISTANCE_S) for speed, spare_m in ahead])
     below = (track.speed_mps <= safe_mps - _OWN_DOING_MPS) & (track.accel_mps2 < _IDLES_MPS2)
     for call in examinee.calls:
         begin = int(np.argmax(call.calls))

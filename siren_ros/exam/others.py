@@ -13,6 +13,8 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
 
+PAPER: Final = "siren"
+"""Name of the paper's driver: the model's own, in an episode without an AV."""
 HARD_MPS2: Final = 4.0
 """Others who brake harder than this had to (ISO 15622 allows automatic systems 3.5 m/s² at speed, and 5 m/s² below)."""
 _LASTING_S: Final = 0.3

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import SirenError
-from siren_ros.exam.grading import Grade
+from siren_ros.exam.grading import VIOLATED
 from siren_ros.learning.environment import YieldEnv
 from siren_ros.learning.moment import Moment
 from siren_ros.learning.task import Task
@@ -17,7 +17,6 @@ from siren_ros.seat.manoeuvres import Manoeuvre
 
 Layers = tuple[tuple[Floats32, Floats32], ...]
 """Matrices, shape ``(outputs, inputs)``, and offsets of a network, the first layer first; tanh is between layers."""
-_VIOLATED: Final = (Grade.MINOR, Grade.MAJOR)
 _IN_LINE_M: Final = 3.0
 _IN_LINE_GAP_M: Final = 40.0
 _HEARD_GAP_M: Final = 60.0
@@ -128,7 +127,7 @@ def practised(task: Task, seed: int, choose: Chooser) -> Practice | None:
         return None
     finally:
         environment.close()
-    violations = sum(grade in _VIOLATED for grade in info["clauses"].values())
+    violations = sum(grade in VIOLATED for grade in info["clauses"].values())
     return Practice(np.array(seen, np.float32), np.array(done, np.int64), total, violations)
 
 

@@ -12,7 +12,7 @@ from siren_ros.errors import InputError
 from siren_ros.learning.moment import Moment
 from siren_ros.learning.rollout import Seat
 from siren_ros.numerics.units import STEP_S
-from siren_ros.world.actors import Lights
+from siren_ros.seat.speeds import indicator_to
 
 OFF_ROAD_M: Final = 12.0
 """A vehicle that is farther from its way has left the road."""
@@ -70,8 +70,7 @@ def _red_line(moment: Moment) -> float:
 
 def _indicator(moment: Moment) -> float:
     rate_mps = (moment.sight.left_m - moment.before.left_m) / STEP_S
-    light = Lights.INDICATOR_LEFT if rate_mps > 0.0 else Lights.INDICATOR_RIGHT
-    shown = int(moment.sight.states.lights[moment.sight.row]) & light
+    shown = int(moment.sight.states.lights[moment.sight.row]) & indicator_to(rate_mps)
     return STEP_S * (abs(rate_mps) > _ASIDE_MPS and not shown and not moment.sight.in_junction)
 
 

@@ -12,7 +12,7 @@ from siren_ros.dynamics.parameters import VehicleParameters
 from siren_ros.numerics.arrays import Floats32
 from siren_ros.seat.gaps import is_free
 from siren_ros.seat.sight import Sight
-from siren_ros.seat.speeds import indicators, speed_to_leader, speed_to_limit, speed_to_red
+from siren_ros.seat.speeds import indicator_to, indicators, speed_to_leader, speed_to_limit, speed_to_red
 from siren_ros.seat.steering import steered
 from siren_ros.world.actors import ActorClass, Lights
 from siren_ros.world.commands import AvControl
@@ -106,7 +106,7 @@ def by_manoeuvre(aim: Aim, sight: Sight, emergency_mps: float | None = None) -> 
         wanted = min(wanted, 0.0 if abs(away_m) < _AT_EDGE_M else _SHOULDER_PACE_MPS)
     lights = indicators(sight)
     if abs(away_m) > _THERE_M and not sight.in_junction:
-        lights = int(Lights.INDICATOR_LEFT if away_m > 0.0 else Lights.INDICATOR_RIGHT)
+        lights = indicator_to(away_m)
     moved_m = offset_m if is_free(offset_m, sight) else sight.left_m
     return steered(sight, wanted, moved_m, lights, hardest_mps2)
 
@@ -124,7 +124,5 @@ def by_pedals(action: Floats32, sight: Sight, vehicles: Mapping[ActorClass, Vehi
     brake = min(max(-push, 0.0) * HARDEST_BRAKE_MPS2 / vehicle.max_brake_decel_mps2, 1.0)
     bend_1pm = ACROSS_MPS2 / max(sight.speed_mps, 1.0) ** 2
     steer = wheel * min(math.atan(vehicle.wheelbase_m * bend_1pm), LARGEST_STEER_RAD)
-    lights = Lights.NONE
-    if abs(indicator) > _INDICATES:
-        lights = Lights.INDICATOR_LEFT if indicator > 0.0 else Lights.INDICATOR_RIGHT
-    return AvControl(sight.step, throttle, brake, steer, int(lights))
+    lights = indicator_to(indicator) if abs(indicator) > _INDICATES else int(Lights.NONE)
+    return AvControl(sight.step, throttle, brake, steer, lights)

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.numerics.braking import safe_following_mps
 from siren_ros.seat.sight import Sight
 from siren_ros.world.actors import Lights
 
@@ -45,13 +46,12 @@ def speed_to_limit(sight: Sight) -> float:
 
 def speed_to_leader(sight: Sight, offset_m: float) -> float:
     """Speed behind who is ahead at an offset from the way or at the present one; infinite without anybody, m/s."""
-    least, brakes_mps = math.inf, _GENTLE_MPS2 * _HEADWAY_S
+    least = math.inf
     for other in sight.others:
         across = min(abs(other.left_m - offset_m), abs(other.left_m - sight.left_m))
         if other.gap_m > -1.5 and across < other.half_width_m + 0.5 * sight.width_m + _BESIDE_M:
-            free_m, speed = max(other.gap_m - _STANDSTILL_M, 0.0), max(other.speed_mps, 0.0)
-            room = brakes_mps * brakes_mps + speed * speed + 2.0 * _GENTLE_MPS2 * free_m
-            least = min(least, math.sqrt(room) - brakes_mps)
+            free_m, speed_mps = max(other.gap_m - _STANDSTILL_M, 0.0), max(other.speed_mps, 0.0)
+            least = min(least, safe_following_mps(speed_mps, free_m, _GENTLE_MPS2, _HEADWAY_S))
     return least
 
 
@@ -90,4 +90,9 @@ def indicators(sight: Sight) -> int:
     soon = sight.way.changes[row:reach]
     if sight.in_junction or not soon.any():
         return int(Lights.NONE)
-    return int(Lights.INDICATOR_LEFT if soon[np.flatnonzero(soon)[0]] > 0.0 else Lights.INDICATOR_RIGHT)
+    return indicator_to(float(soon[np.flatnonzero(soon)[0]]))
+
+
+def indicator_to(move: float) -> int:
+    """The indicator for a move to the left (above 0) or to the right."""
+    return int(Lights.INDICATOR_LEFT if move > 0.0 else Lights.INDICATOR_RIGHT)

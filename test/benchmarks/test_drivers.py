@@ -2,7 +2,9 @@ import json
 
 import pytest
 
-from siren_ros.benchmarks.drivers import PAPER, main, record_with, requests_of, sittings_in
+from siren_ros.benchmarks.drivers import main, record_with, requests_of, sittings_in
+from siren_ros.exam.others import PAPER
+from siren_ros.exam.rulebook import load_rulebook
 from siren_ros.scenario.episode import EpisodeRequest
 
 SHORT_S = 4.0
@@ -10,7 +12,7 @@ SHORT_S = 4.0
 
 def test_every_driver_sits_in_the_same_episode() -> None:
     request = EpisodeRequest("S2", "L2", 3, sensors="none", duration_s=SHORT_S)
-    sittings = sittings_in(request, ["idm", "lawful-international"], "international")
+    sittings = sittings_in(request, ["idm", "lawful-international"], load_rulebook("international"))
     assert [*sittings] == [PAPER, "idm", "lawful-international"]
     assert len({sitting.episode for sitting in sittings.values()}) == 1
     assert sittings[PAPER].others == {}

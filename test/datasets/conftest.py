@@ -1,6 +1,7 @@
 """Bags of real episodes that the tests of the formats share."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -54,12 +55,19 @@ def made_bags(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) ->
     ]
 
 
-@pytest.fixture(scope="session", autouse=True)
+@contextmanager
 def one_seed_in_each_split() -> Iterator[None]:
     """Datasets of three seeds have three splits; how the project splits them is no matter of the formats."""
     of_seed = {0: Split.TRAIN, 1: Split.VAL, 2: Split.TEST_SEED}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(export_job, "split_of", lambda identity: of_seed.get(identity.seed, Split.TRAIN))
+        yield
+
+
+@pytest.fixture(autouse=True)
+def split_by_seed() -> Iterator[None]:
+    """Ends with each test: other folders' tests in this process have the project's own splits."""
+    with one_seed_in_each_split():
         yield
 
 
@@ -82,7 +90,8 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Export:
     @cache
     def export(name: str, *words: str) -> Path:
         out = tmp_path_factory.mktemp(name) / "out"
-        assert main(["export", name, *words, "--out", str(out)]) == 0
+        with one_seed_in_each_split():  # fixtures of modules begin before those of a test
+            assert main(["export", name, *words, "--out", str(out)]) == 0
         return out
 
     def exported(name: str, bags: Path | list[Path], *options: str) -> Path:

@@ -17,12 +17,12 @@ from siren_ros.evaluation.detection.detectors.table import run_detector
 from siren_ros.evaluation.detection.frames import frames_of, read_frames
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES
 from siren_ros.evaluation.detection.tracking import tracks_of
-from siren_ros.evaluation.prediction.track_noise import Reporter
+from siren_ros.evaluation.prediction.track_noise import SPEED_CHANGE_FRAMES, Reporter
 from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.bag_survey import Need, survey_bag
-from siren_ros.record.tracks import LOG_PERIOD_STEPS
+from siren_ros.record.tracks import FRAME_S, LOG_PERIOD_STEPS
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 
 _GATE_M: Final = 2.5
@@ -35,8 +35,6 @@ _PAST_FRAMES: Final = 50
 """What a young track was before its first box is its motion there, taken backwards."""
 _HEADS_MPS: Final = 1.0
 """A vehicle that is faster heads where it goes; a box alone does not tell front from rear."""
-_SPEED_CHANGE_FRAMES: Final = 5
-"""Accelerations are changes of the speed over 0.5 s, as in ``track_noise``."""
 
 
 @dataclass(frozen=True)
@@ -134,15 +132,18 @@ def reported_by(tracks: BoxTracks, rows: StateRows, table: Rows) -> DetectedRows
     frames = table.shape[1]
     numbers = np.unique(tracks.track)
     of_track = np.full((len(numbers), frames), -1, dtype=np.intp)
-    motions, count = [], 0
+    seen, motions, count = np.zeros(of_track.shape, dtype=np.bool_), [], 0
     for number, track in enumerate(numbers.tolist()):
-        first, motion = _motion(tracks, np.flatnonzero(tracks.track == track), frames)
+        boxes = np.flatnonzero(tracks.track == track)
+        lasts = _lasting(tracks.step[boxes], frames)
+        seen[number, lasts] = True
+        first = max(lasts.start - _PAST_FRAMES, 0)
+        motion = _motion(tracks, boxes, np.arange(first, lasts.stop))
         of_track[number, first : first + len(motion)] = count + np.arange(len(motion))
         motions.append(motion)
         count += len(motion)
     motion = np.concatenate(motions) if motions else np.zeros((0, 6))
     track_of, actor_row = np.full(table.shape, -1, dtype=np.intp), np.zeros(len(motion), dtype=np.intp)
-    seen = _seen(tracks, numbers, frames)
     for frame in range(frames):
         actors, lasting = np.flatnonzero(table[:, frame] >= 0), np.flatnonzero(seen[:, frame])
         way = rows.xy_m[table[actors, frame]][:, None] - motion[of_track[lasting, frame], :2]
@@ -157,30 +158,23 @@ def reported_by(tracks: BoxTracks, rows: StateRows, table: Rows) -> DetectedRows
     return DetectedRows(reported, of_track, track_of)
 
 
-def _seen(tracks: BoxTracks, numbers: Rows, frames: int) -> npt.NDArray[np.bool_]:
-    """At which frames each track is reported: from its first box on, until it has had none for a second."""
-    seen = np.zeros((len(numbers), frames), dtype=np.bool_)
-    for number, track in enumerate(numbers.tolist()):
-        steps = tracks.step[tracks.track == track]
-        first, last = -(-int(steps[0]) // LOG_PERIOD_STEPS), int(steps[-1]) // LOG_PERIOD_STEPS
-        seen[number, first : last + 1 + _GOES_ON_FRAMES] = True
-    return seen
+def _lasting(step: Rows, frames: int) -> slice:
+    """The frames at which a track is reported: from its first box on, until it has had none for a second."""
+    first, last = -(-int(step[0]) // LOG_PERIOD_STEPS), int(step[-1]) // LOG_PERIOD_STEPS
+    return slice(first, min(last + 1 + _GOES_ON_FRAMES, frames))
 
 
-def _motion(tracks: BoxTracks, boxes: Rows, frames: int) -> tuple[int, Floats]:
-    """First frame of a track, and place, velocity, heading and acceleration from there on, shape ``(K, 6)``."""
-    step = tracks.step[boxes]
-    first = max(int(step[0]) // LOG_PERIOD_STEPS - _PAST_FRAMES, 0)
-    end = min(int(step[-1]) // LOG_PERIOD_STEPS + 1 + _GOES_ON_FRAMES, frames)
-    at = np.arange(first, end) * LOG_PERIOD_STEPS
+def _motion(tracks: BoxTracks, boxes: Rows, frames: Rows) -> Floats:
+    """Place, velocity, heading and acceleration of a track at some frames, shape ``(K, 6)``."""
+    step, at = tracks.step[boxes], frames * LOG_PERIOD_STEPS
     box = np.maximum(np.searchsorted(step, at, side="right") - 1, 0)  # the last one, or the first of all
     velocity = tracks.velocity_mps[boxes][box]
     place = tracks.xy_m[boxes][box] + ((at - step[box]) * STEP_S)[:, None] * velocity
     yaw = _headings(tracks.yaw_rad[boxes], tracks.velocity_mps[boxes])[box]
     speed = velocity[:, 0] * np.cos(yaw) + velocity[:, 1] * np.sin(yaw)
-    back = np.maximum(np.arange(len(at)) - _SPEED_CHANGE_FRAMES, 0)
-    gained = (speed - speed[back]) / (_SPEED_CHANGE_FRAMES * LOG_PERIOD_STEPS * STEP_S)
-    return first, np.column_stack((place, velocity, yaw, gained))
+    back = np.maximum(np.arange(len(at)) - SPEED_CHANGE_FRAMES, 0)
+    gained = (speed - speed[back]) / (SPEED_CHANGE_FRAMES * FRAME_S)
+    return np.column_stack((place, velocity, yaw, gained))
 
 
 def _headings(yaw_rad: Floats, velocity_mps: Floats) -> Floats:

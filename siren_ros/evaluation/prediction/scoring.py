@@ -150,7 +150,7 @@ class EpisodeScores:
     standing: Mapping[str, Split] = field(default_factory=dict)
     """How the episode stands to what each trained model has seen; without models that do not say what they saw."""
     noise: str = ""
-    """What the predictors got: a name of ``NOISES``, empty for the logged states."""
+    """What the predictors got: a name of ``NOISES`` or a detector, empty for the logged states."""
     causal_frames: Mapping[str, int] = field(default_factory=dict)
     """Frames on which each model was asked again without the later ones; 0 for submissions, which cannot be asked."""
 
@@ -304,7 +304,7 @@ class ScoringJob:
     """Of the recorded ones; submissions say it themselves."""
     population: Population = Population.REGION
     noise: str = ""
-    """Name of what a tracker adds to the tracks, among ``NOISES``; empty for the logged states."""
+    """What the predictors get, as ``EpisodeScores.noise``."""
     processes: int = 1
 
 

@@ -13,11 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Flags, Floats, Rows, random_stream
+from siren_ros.record.tracks import FRAME_S
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 
-_PERIOD_S: Final = 0.1
-"""States are logged at 10 Hz."""
-_SPEED_CHANGE_FRAMES: Final = 5
+SPEED_CHANGE_FRAMES: Final = 5
 """A tracker does not measure accelerations: they are changes of the noisy speed over 0.5 s."""
 _SWAPS_APART_FRAMES: Final = 80
 """A window of 8 s holds at most one swap of a vehicle."""
@@ -133,12 +132,12 @@ def tracked(rows: StateRows, table: Rows, noise: TrackNoise, random: np.random.G
     lost = _dropouts(there, noise, random)
     for frame in range(1, table.shape[1]):
         coasting = lost[:, frame]
-        xy_m[coasting, frame] = xy_m[coasting, frame - 1] + _PERIOD_S * velocity[coasting, frame - 1]
+        xy_m[coasting, frame] = xy_m[coasting, frame - 1] + FRAME_S * velocity[coasting, frame - 1]
         velocity[coasting, frame], yaw[coasting, frame] = velocity[coasting, frame - 1], yaw[coasting, frame - 1]
     speed = velocity[..., 0] * np.cos(yaw) + velocity[..., 1] * np.sin(yaw)
-    back = np.arange(table.shape[1]) - _SPEED_CHANGE_FRAMES
+    back = np.arange(table.shape[1]) - SPEED_CHANGE_FRAMES
     known = there & there[:, np.maximum(back, 0)] & (back >= 0)
-    gained = np.where(known, (speed - speed[:, np.maximum(back, 0)]) / (_SPEED_CHANGE_FRAMES * _PERIOD_S), 0.0)
+    gained = np.where(known, (speed - speed[:, np.maximum(back, 0)]) / (SPEED_CHANGE_FRAMES * FRAME_S), 0.0)
     columns = {"x_m": xy_m[..., 0], "y_m": xy_m[..., 1], "vx_mps": velocity[..., 0], "vy_mps": velocity[..., 1]}
     columns |= {"yaw_rad": yaw, "accel_mps2": gained}
     changed = {name: getattr(rows, name).copy() for name in columns}
@@ -156,7 +155,7 @@ def _on_grid(values: Floats, table: Rows) -> Floats:
 
 def _errors(shape: tuple[int, ...], noise: TrackNoise, random: np.random.Generator) -> Floats:
     """Normal errors of the deviation 1 on two axes, correlated along the frames; shape ``(A, F, 2)``."""
-    kept = float(np.exp(-_PERIOD_S / noise.correlation_s))
+    kept = float(np.exp(-FRAME_S / noise.correlation_s))
     errors = random.normal(size=(*shape, 2))
     for frame in range(1, shape[1]):
         errors[:, frame] = kept * errors[:, frame - 1] + np.sqrt(1.0 - kept**2) * errors[:, frame]
@@ -165,8 +164,8 @@ def _errors(shape: tuple[int, ...], noise: TrackNoise, random: np.random.Generat
 
 def _dropouts(there: Flags, noise: TrackNoise, random: np.random.Generator) -> Flags:
     """Where the tracker does not see a vehicle that it saw a frame before, shape ``(A, F)``."""
-    begins = random.random(there.shape) < noise.dropouts_per_s * _PERIOD_S
-    goes_on = random.random(there.shape) < np.exp(-_PERIOD_S / noise.dropout_s)
+    begins = random.random(there.shape) < noise.dropouts_per_s * FRAME_S
+    goes_on = random.random(there.shape) < np.exp(-FRAME_S / noise.dropout_s)
     lost = np.zeros(there.shape, dtype=np.bool_)
     for frame in range(1, there.shape[1]):
         lost[:, frame] = (
@@ -178,7 +177,7 @@ def _dropouts(there: Flags, noise: TrackNoise, random: np.random.Generator) -> F
 def _swaps(
     xy_m: Floats, there: Flags, noise: TrackNoise, random: np.random.Generator
 ) -> tuple[tuple[int, int, int], ...]:
-    draws = random.random(there.shape) < noise.swaps_per_s * _PERIOD_S
+    draws = random.random(there.shape) < noise.swaps_per_s * FRAME_S
     last = np.full(len(there), -_SWAPS_APART_FRAMES)
     swaps = []
     for actor, frame in zip(*np.nonzero((draws & there).T)[::-1], strict=True):

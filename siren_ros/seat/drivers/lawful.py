@@ -9,7 +9,14 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.seat.drivers.habits import Habits
 from siren_ros.seat.gaps import COMES_S, is_free
 from siren_ros.seat.sight import Sight, Siren
-from siren_ros.seat.speeds import indicators, speed_to_junction, speed_to_leader, speed_to_limit, speed_to_red
+from siren_ros.seat.speeds import (
+    indicator_to,
+    indicators,
+    speed_to_junction,
+    speed_to_leader,
+    speed_to_limit,
+    speed_to_red,
+)
 from siren_ros.seat.steering import steered
 from siren_ros.world.actors import Lights
 from siren_ros.world.commands import AvControl
@@ -146,11 +153,11 @@ class LawfulDriver:
         """Where it means to be across its way, and its indicators."""
         aside = state.phase is Phase.MAKES_WAY
         if (chased := self._chased(sight)) is not None and not aside and not sight.in_junction:
-            return sight.left_m + chased.left_m, _indicator_to(chased.left_m)
+            return sight.left_m + chased.left_m, indicator_to(chased.left_m)
         if state.phase is Phase.DRIVES:
             target = self._place_in_traffic(sight)
             move_m = target - state.offset_m
-            light = _indicator_to(move_m) if abs(move_m) > _SIGNALLED_M else indicators(sight)
+            light = indicator_to(move_m) if abs(move_m) > _SIGNALLED_M else indicators(sight)
             return target, light if self.habits.signals else int(Lights.NONE)
         if sight.in_junction:
             return (state.offset_m if aside else 0.0), int(Lights.NONE)
@@ -158,7 +165,7 @@ class LawfulDriver:
         if abs(target - state.offset_m) < 0.05 and aside:
             return target, int(Lights.NONE)
         waits = (sight.step - state.since) * STEP_S < _SIGNAL_S
-        light = _indicator_to(target - state.offset_m) if self.habits.signals else int(Lights.NONE)
+        light = indicator_to(target - state.offset_m) if self.habits.signals else int(Lights.NONE)
         return state.offset_m if waits else target, light
 
     def _aside_m(self, side: float, sight: Sight) -> float:
@@ -231,11 +238,6 @@ class LawfulDriver:
         nearest_m = min((one.ahead_m for one in sight.sirens if one.along and not one.behind), default=math.inf)
         free_m = max(nearest_m - self.habits.apart_m, 0.0)
         return max(math.sqrt(2.0 * _GENTLE_MPS2 * free_m), _CRAWL_MPS if self.habits.apart_m else math.inf)
-
-
-def _indicator_to(move_m: float) -> int:
-    """The indicator for a move to the left or to the right."""
-    return int(Lights.INDICATOR_LEFT if move_m > 0.0 else Lights.INDICATOR_RIGHT)
 
 
 def _speed_of_chase(emv: Siren) -> float:

@@ -139,12 +139,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.processes:
         task = {"template": options.template, "level": 2, "decision_s": 0.2}
         decisions = options.steps // 4
-        rates = [steps_of_processes(task, count, decisions) for count in (1, options.processes)]
-        ratio = rates[1] / rates[0]
-        print(
-            f"{options.processes} processes: {rates[1]:.0f} steps/s, one: {rates[0]:.0f}, ratio {ratio:.2f} (wall time)"
-        )
-        figures["processes"] = {"one": rates[0], "all": rates[1], "ratio": ratio}
+        counts = (1, options.processes)
+        rates = np.array([[steps_of_processes(task, n, decisions) for n in counts] for _ in range(options.rounds)])
+        one, several = np.median(rates, axis=0).tolist()
+        ratio = float(np.median(rates[:, 1] / rates[:, 0]))
+        print(f"{options.processes} processes: {several:.0f} steps/s, one: {one:.0f}, ratio {ratio:.2f} (wall time)")
+        figures["processes"] = {"one": one, "all": several, "ratio": ratio}
     write_json(options.json, figures)
     return 0
 

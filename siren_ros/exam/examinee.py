@@ -22,6 +22,7 @@ from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.record.vehicle_location import ALIGNED_RAD, LanePlaces, ahead_and_left_m, common_rows, places_of
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, LaneKind
+from siren_ros.roads.routing import driving_lanes
 from siren_ros.world.actors import Lights
 
 ASIDE_M: Final = 8.0
@@ -34,8 +35,11 @@ _TO_THE_RIGHT_M: Final = 1.0
 _OVERLAP_M: Final = 0.6
 """Others who are behind or ahead are not beside."""
 _STANDS_MPS: Final = 0.5
+_SIDE_M: Final = 0.25
+"""Nobody passes others closer than this."""
+_PACE_MPS: Final = 1.5
 _TURN_OUT_M: Final = 6.0
-"""Way ahead that a standing car needs to turn out into the next lane."""
+"""Way ahead that a car needs to turn out into the next lane, if it stands or rolls at walking pace."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class Room:
 
     right_m: Floats
     """To the right edge of the road or to whoever is in between; 0 in junctions, where an EMV comes on the right, and
-    where the driver stands and cannot turn out."""
+    where the driver is at walking pace and cannot turn out."""
     ahead_m: Floats
     """To the next vehicle in its way, or to the end of its lane."""
     ahead_mps: Floats
@@ -139,6 +143,18 @@ class Examinee:
         return np.where(self.in_junction, np.nan, self._across_m(self.places) - 0.5 * self.actor.width_m)
 
     @cached_property
+    def to_left_line_m(self) -> Floats:
+        """From the driver's left side to its lane's left line, in the leftmost of several lanes; infinite elsewhere."""
+        network, found = self.record.network, np.full(len(self.track), np.inf)
+        for index in set(self.places.lane.tolist()) - {NO_LANE}:
+            lane = network.lanes[index]
+            beside = driving_lanes(network, lane.edge)
+            if lane.kind is LaneKind.DRIVING and len(beside) > 1 and beside[-1] is lane:
+                rows = self.places.lane == index
+                found[rows] = 0.5 * (lane.width_m - self.actor.width_m) - self.places.offset_m[rows]
+        return found
+
+    @cached_property
     def room(self) -> Room:
         """The room that the driver has to its right and ahead."""
         right = self.to_right_edge_m.copy()
@@ -163,14 +179,14 @@ class Examinee:
                 aside = abs(left) - half_width - 0.5 * body.width_m
                 if gap < _BESIDE_M and left < 0.0 and aside > -_OVERLAP_M:
                     right[row] = min(right[row], max(aside, 0.0))
-                if along > 0.0 and aside < 0.0:
+                if along > 0.0 and aside < _SIDE_M:
                     if max(gap, 0.0) < nearest:
                         nearest = max(gap, 0.0)
                         leader_mps[row] = np.hypot(states.vx_mps[k], states.vy_mps[k])
                     ahead[row] = min(ahead[row], nearest)
         for call in self.calls:  # nobody cuts in before an EMV that passes on the right
             right[call.calls & (call.gap_m < _NEAR_M) & (call.left_m < -_TO_THE_RIGHT_M)] = 0.0
-        stuck = (self.track.speed_mps < _STANDS_MPS) & (ahead < _TURN_OUT_M)
+        stuck = (self.track.speed_mps < _PACE_MPS) & (ahead < _TURN_OUT_M)
         return Room(np.where(stuck | np.isnan(right), 0.0, right), ahead, leader_mps)
 
     @cached_property

@@ -62,6 +62,8 @@ _GO_ON_M: Final = 6.0
 _MOVES_MPS: Final = 0.15
 _MOVED_S: Final = 1.0
 """Speed to the side, and how lately, of a driver that moves there."""
+_GOES_M: Final = 0.1
+"""Way to the right in a second of a driver that goes to the edge, also where a queue lets it roll slowly only."""
 _SETTLES_S: Final = 1.5
 """Time that it has to stop once it is there."""
 
@@ -119,8 +121,9 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
 def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
     """Time for which an EMV stood or crept closely behind the driver, who was in its way.
 
-    A driver at the edge of the road has done its part, and one between others can do none: there has to be room on the
-    right, or ahead for the time to respond, since somebody who follows leaves room for a moment.
+    A driver at the edge of the road has done its part, also one in the leftmost of several lanes at most
+    ``left_line_m`` from its left line. One between others can do none: there has to be room on the right, or ahead for
+    the time to respond, since somebody who follows leaves room for a moment.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
@@ -130,14 +133,16 @@ def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
         close = call.calls & (call.gap_m <= numbers["gap_m"]) & (call.gap_m > 0.0)
         held |= close & (np.abs(call.left_m) < apart) & (call.speed_mps < numbers["slow_mps"])
     ahead_m = _least_of_last(examinee.room.ahead_m, examinee.reaction_steps)
-    held &= (examinee.to_right_edge_m > _AT_EDGE_M) & ((examinee.room.right_m > _AT_EDGE_M) | (ahead_m > _GO_ON_M))
+    held &= (examinee.to_right_edge_m > _AT_EDGE_M) & (examinee.to_left_line_m > numbers["left_line_m"])
+    held &= (examinee.room.right_m > _AT_EDGE_M) | (ahead_m > _GO_ON_M)
     return Finding(Measure(float(held.sum()) * STEP_S), _first_step(examinee, held))
 
 
 def right_edge(examinee: Examinee, numbers: Numbers) -> Finding:
     """Greatest room that the driver leaves on its right for ``move_s`` while an EMV passes it.
 
-    The room ends at the edge of the road or at a vehicle in between. The time to respond does not count.
+    The room ends at the edge of the road or at a vehicle in between. The time to respond does not count, nor time in
+    which the driver still goes there.
     """
     beside = np.any([call.beside for call in examinee.calls], axis=0) if examinee.calls else np.zeros(0, np.bool_)
     if not beside.any():
@@ -145,7 +150,10 @@ def right_edge(examinee: Examinee, numbers: Numbers) -> Finding:
             Measure.lacking("no emergency vehicle with a siren passed" if examinee.calls else _NOBODY_CALLED)
         )
     steps = steps_from_s(numbers["move_s"])
-    counts = beside & held_for(examinee.called, examinee.reaction_steps + steps) & ~examinee.in_junction
+    lateral, second = examinee.offsets.lateral_m, steps_from_s(1.0)
+    before = np.concatenate((np.full(second, lateral[0]), lateral))[: len(lateral)]
+    goes_there = before - lateral >= _GOES_M
+    counts = beside & held_for(examinee.called, examinee.reaction_steps + steps) & ~examinee.in_junction & ~goes_there
     return _greatest(
         examinee, _least_of_last(examinee.room.right_m, steps), counts, "it came at once, or in a junction"
     )
@@ -433,7 +441,10 @@ MONITORS: Final[Mapping[str, Monitor]] = {
         response, "s", "time to the first response", {"shift_m": _M, "slower_mps": _MPS, "aside_m": _M}
     ),
     "obstruction": Monitor(
-        obstruction, "s", "time for which the EMV was stuck behind", {"gap_m": _M, "slow_mps": _MPS}
+        obstruction,
+        "s",
+        "time for which the EMV was stuck behind",
+        {"gap_m": _M, "slow_mps": _MPS, "left_line_m": (-1.0, 5.0)},
     ),
     "right_edge": Monitor(right_edge, "m", "room left on the right as the EMV passes", {"move_s": _S}),
     "stands_until_passed": Monitor(

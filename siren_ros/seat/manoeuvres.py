@@ -12,7 +12,15 @@ from siren_ros.dynamics.parameters import VehicleParameters
 from siren_ros.numerics.arrays import Floats32
 from siren_ros.seat.gaps import is_free
 from siren_ros.seat.sight import Sight
-from siren_ros.seat.speeds import indicator_to, indicators, speed_to_leader, speed_to_limit, speed_to_red
+from siren_ros.seat.speeds import (
+    emv_waits,
+    indicator_to,
+    indicators,
+    speed_to_leader,
+    speed_to_limit,
+    speed_to_passing_emv,
+    speed_to_red,
+)
 from siren_ros.seat.steering import steered
 from siren_ros.world.actors import ActorClass, Lights
 from siren_ros.world.commands import AvControl
@@ -46,8 +54,8 @@ class Manoeuvre(IntEnum):
     RIGHT = 2
     """…or on the right."""
     PULL_OVER = 3
-    """Go to the edge of the road, and stop there outside junctions: from the leftmost of several lanes to the left one,
-    else to the right one."""
+    """Go to the edge of the road, from the leftmost of several lanes to the left one, else to the right one, and stop
+    there outside junctions; drive on slowly along it where an EMV does not get past."""
     STOP = 4
     """Stop in the present place across the road."""
 
@@ -103,7 +111,8 @@ def by_manoeuvre(aim: Aim, sight: Sight, emergency_mps: float | None = None) -> 
     if aim.manoeuvre is Manoeuvre.STOP:
         wanted = 0.0
     elif aim.manoeuvre is Manoeuvre.PULL_OVER and not sight.in_junction:
-        wanted = min(wanted, 0.0 if abs(away_m) < _AT_EDGE_M else _SHOULDER_PACE_MPS)
+        stands = abs(away_m) < _AT_EDGE_M and not emv_waits(sight)
+        wanted = min(wanted, speed_to_passing_emv(sight), 0.0 if stands else _SHOULDER_PACE_MPS)
     lights = indicators(sight)
     if abs(away_m) > _THERE_M and not sight.in_junction:
         lights = indicator_to(away_m)

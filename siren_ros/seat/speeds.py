@@ -19,6 +19,15 @@ _LOOK_M: Final = (0.0, 4.0, 8.0, 14.0, 20.0)
 """Where it looks for bends."""
 _END_M: Final = 3.0
 """Kept to the end of the way."""
+_PASSES_MPS: Final = 1.0
+"""By which a driver is slower than an EMV that passes it."""
+_PASSED_M: Final = 5.0
+"""An EMV has passed once its rear is this far ahead…"""
+_NEXT_M: Final = 4.0
+"""…or its centre this far to the side."""
+_WAITS_M: Final = 15.0
+_WAITS_MPS: Final = 2.0
+"""Gap and speed of an EMV that does not get past."""
 _LINE_M: Final = 1.0
 """Kept to a stop line."""
 _SEEN_ROWS: Final = 80
@@ -53,6 +62,21 @@ def speed_to_leader(sight: Sight, offset_m: float) -> float:
             free_m, speed_mps = max(other.gap_m - _STANDSTILL_M, 0.0), max(other.speed_mps, 0.0)
             least = min(least, safe_following_mps(speed_mps, free_m, _GENTLE_MPS2, _HEADWAY_S))
     return least
+
+
+def speed_to_passing_emv(sight: Sight) -> float:
+    """Speed at which an EMV beside the own vehicle gets ahead of it; infinite without one, m/s."""
+    passing = (
+        siren.speed_mps
+        for siren in sight.sirens
+        if siren.along and siren.gap_m < 0.0 and siren.ahead_m < _PASSED_M and abs(siren.left_m) < _NEXT_M
+    )
+    return max(min(passing, default=math.inf) - _PASSES_MPS, 0.0)
+
+
+def emv_waits(sight: Sight) -> bool:
+    """Whether an EMV does not get past the own vehicle: it almost stands close behind, or beside it."""
+    return any(siren.behind and siren.gap_m < _WAITS_M and siren.speed_mps < _WAITS_MPS for siren in sight.sirens)
 
 
 def speed_to_red(sight: Sight) -> float:

@@ -84,10 +84,10 @@ def test_the_distance_from_the_right_edge_is_that_as_the_emv_passes():
 
 def test_an_emv_that_stands_behind_a_driver_in_its_lane_is_held_up():
     emv = arc((10.0, 4.0), (0.0, 6.0))
-    blocked = found("obstruction", examinee(STAYS, emv), gap_m=10.0, slow_mps=2.0)
+    blocked = found("obstruction", examinee(STAYS, emv), gap_m=10.0, slow_mps=2.0, left_line_m=0.5)
     assert blocked.measure.value == pytest.approx(6.0, abs=0.1)
     aside = Driven(IN_LANE + np.array([3.0, 0.0]), STAYS.arc_m)
-    assert found("obstruction", examinee(aside, emv), gap_m=10.0, slow_mps=2.0).measure.value == 0.0
+    assert found("obstruction", examinee(aside, emv), gap_m=10.0, slow_mps=2.0, left_line_m=0.5).measure.value == 0.0
 
 
 def test_the_time_to_the_first_response():
@@ -316,9 +316,11 @@ BESIDE = 3
 """A car on the right of the driver's lane, up to 0.7 m from the driver."""
 
 
-def among(beside_m, emv=None):
+LEFT_LANE = line((1.75, -120.0), (1.75, 110.0))
+
+
+def among(beside_m, emv=None, left_lane=LEFT_LANE):
     """A driver who stays in the left lane at 50 m, and another one in the right lane, so far ahead of it."""
-    left_lane = line((1.75, -120.0), (1.75, 110.0))
     return sounding(
         hand_made(
             crossing(),
@@ -344,9 +346,20 @@ def test_whoever_is_beside_a_driver_limits_its_room():
 
 def test_who_has_room_on_neither_side_holds_nobody_up():
     emv = arc((10.0, 4.0), (0.0, 12.0))
-    numbers = {"gap_m": 10.0, "slow_mps": 2.0}
+    numbers = {"gap_m": 10.0, "slow_mps": 2.0, "left_line_m": 0.5}
     alone = examinee(None, record=among(40.0, emv))
     assert found("obstruction", alone, **numbers).measure.value > 8.0
+
+
+@pytest.mark.parametrize(("left_line_m", "counts"), [(0.5, False), (0.2, True), (-1.0, True)])
+def test_at_the_left_line_of_the_leftmost_lane_a_driver_has_done_its_part_where_the_rulebook_says_so(
+    left_line_m, counts
+):
+    emv = arc((10.0, 4.0), (0.0, 12.0))
+    aside = line((1.75 - 0.45, -120.0), (1.75 - 0.45, 110.0))  # 0.4 m between its side and the line
+    driver = examinee(None, record=among(40.0, emv, left_lane=aside))
+    held = found("obstruction", driver, gap_m=10.0, slow_mps=2.0, left_line_m=left_line_m).measure.value
+    assert (held > 8.0) is counts
 
 
 def test_to_slow_down_behind_somebody_is_no_response():

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_sights import LENGTH_M, LIMIT_MPS, ROWS, car, sight, straight_way
+from made_sights import LENGTH_M, LIMIT_MPS, ROWS, car, sight, siren, straight_way
 
 from siren_ros.numerics.geometry import Polyline
-from siren_ros.seat.speeds import indicators, speed_to_junction, speed_to_leader, speed_to_limit, speed_to_red
+from siren_ros.seat.speeds import (
+    indicators,
+    speed_to_junction,
+    speed_to_leader,
+    speed_to_limit,
+    speed_to_passing_emv,
+    speed_to_red,
+)
 from siren_ros.world.actors import Lights
 
 
@@ -40,6 +47,14 @@ def test_who_is_beside_the_way_is_no_leader():
     assert speed_to_leader(sight(others=(car(5.0, left_m=-3.5),)), 0.0) == math.inf
     assert speed_to_leader(sight(others=(car(5.0, left_m=-3.5),)), -3.0) < 5.0  # it is where the driver goes
     assert speed_to_leader(sight(others=(car(-8.0),)), 0.0) == math.inf
+
+
+def test_an_emv_that_is_beside_gets_ahead():
+    beside, creeping = siren(-3.0, left_m=-2.6, speed_mps=6.0), siren(-9.0, left_m=2.6, speed_mps=0.4)
+    assert speed_to_passing_emv(sight(sirens=(beside,))) == 5.0
+    assert speed_to_passing_emv(sight(sirens=(beside, creeping))) == 0.0
+    for elsewhere in (siren(5.0), siren(-25.0, left_m=-2.6), siren(-3.0, left_m=-4.5)):
+        assert speed_to_passing_emv(sight(sirens=(elsewhere,))) == math.inf
 
 
 def test_a_red_line_that_is_too_near_is_crossed():

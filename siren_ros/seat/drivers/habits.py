@@ -12,6 +12,8 @@ class Habits:
     by_lane: bool = False
     """Whether it stays in its lane on roads where a rescue lane is opened: at the left in the leftmost one, else at the
     right. Elsewhere it goes to the right edge of the road."""
+    nearer_edge: bool = False
+    """Whether it goes to the left on every road where it is in the leftmost of several lanes."""
     uses_shoulder: bool = True
     """Whether the shoulder belongs to that road."""
     hears: bool = True
@@ -24,6 +26,8 @@ class Habits:
     """Whether it drives on where it would come to stand in a junction."""
     stops: bool = True
     """Whether it stands while an EMV comes, or goes on slowly."""
+    moves_up: bool = False
+    """Whether it drives on slowly at the side where an EMV does not get past it."""
     brakes_mps2: float = 3.5
     """Of the hardest braking while it makes way."""
     brakes_at_once: bool = False
@@ -42,8 +46,8 @@ class Habits:
 
 HABITS: Final[Mapping[str, Habits]] = {
     "california": Habits(apart_m=100.0),
-    "germany": Habits(by_lane=True, uses_shoulder=False),
-    "international": Habits(),
+    "germany": Habits(by_lane=True, nearer_edge=True, uses_shoulder=False, moves_up=True),
+    "international": Habits(nearer_edge=True, moves_up=True),
 }
 """Of lawful drivers, by the rulebook of the place."""
 

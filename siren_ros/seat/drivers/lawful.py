@@ -10,11 +10,13 @@ from siren_ros.seat.drivers.habits import Habits
 from siren_ros.seat.gaps import COMES_S, is_free
 from siren_ros.seat.sight import Sight, Siren
 from siren_ros.seat.speeds import (
+    emv_waits,
     indicator_to,
     indicators,
     speed_to_junction,
     speed_to_leader,
     speed_to_limit,
+    speed_to_passing_emv,
     speed_to_red,
 )
 from siren_ros.seat.steering import steered
@@ -46,7 +48,7 @@ _ASIDE_M: Final = 1.2
 """An EMV farther to the side does not come from straight behind."""
 _ROLLS_MPS: Final = 1.0
 _LAG_M: Final = 0.5
-_THERE_M: Final = 0.35
+_THERE_M: Final = 0.2
 """A driver that is as near to where it means to stand is there."""
 _SLOWER_MPS: Final = 2.0
 _SLOWS_S: Final = 3.0
@@ -108,6 +110,8 @@ class LawfulDriver:
             moved = min(max(moved, sight.left_m - _LAG_M), sight.left_m + _LAG_M)
         state = replace(state, offset_m=moved if self._is_free(moved, sight) else sight.left_m)
         wanted = min(self._speed(state, sight), speed_to_leader(sight, state.offset_m))
+        if state.phase is Phase.MAKES_WAY and not sight.in_junction:
+            wanted = min(wanted, speed_to_passing_emv(sight))
         if state.phase is Phase.DRIVES:  # it does not pass others in its lane
             wanted = min(wanted, speed_to_leader(sight, 0.0))
         if self.habits.clears_junctions:
@@ -137,7 +141,9 @@ class LawfulDriver:
 
     def _side(self, sight: Sight) -> float:
         row = sight.way.row(sight.s_m)
-        left = self.habits.by_lane and bool(sight.way.leftmost[row] and sight.way.duty[row])
+        left = bool(
+            sight.way.leftmost[row] and (self.habits.nearer_edge or (self.habits.by_lane and sight.way.duty[row]))
+        )
         return 1.0 if left is not self.habits.other_side else -1.0
 
     def _has_to_wait(self, sight: Sight) -> bool:
@@ -199,7 +205,8 @@ class LawfulDriver:
         if clearing is not None:
             return clearing
         if abs(sight.left_m - self._aside_m(state.side, sight)) < _THERE_M:
-            return 0.0 if self.habits.stops else min(cruise, _CRAWL_MPS)
+            stands = self.habits.stops and not (self.habits.moves_up and emv_waits(sight))
+            return 0.0 if stands else min(cruise, _CRAWL_MPS)
         if not any(siren.behind for siren in sight.sirens):  # the last one has passed
             return min(_CRAWL_MPS, cruise)
         least = 0.0 if (sight.step - state.since) * STEP_S < _SLOWS_S else _CRAWL_MPS

@@ -109,6 +109,21 @@ def test_in_germany_it_keeps_to_its_side_of_the_rescue_lane_and_off_the_shoulder
     assert (answer.brake > 0.0, answer.lights) == (True, 0)
 
 
+@pytest.mark.parametrize(("place", "side"), [("international", 1.0), ("germany", 1.0), ("california", -1.0)])
+def test_from_the_leftmost_of_several_lanes_it_goes_to_the_side_that_the_place_names(place, side):
+    assert after(driver_of(f"lawful-{place}"), 6.0, sirens=CALLED)[0].offset_m * side > 0.5
+    rightmost = straight_way(leftmost=np.zeros(ROWS, np.bool_))
+    assert after(driver_of(f"lawful-{place}"), 6.0, sirens=CALLED, way=rightmost)[0].offset_m < -0.5
+
+
+def test_while_it_makes_way_an_emv_that_is_beside_it_gets_ahead():
+    waiting = LawfulState(Phase.MAKES_WAY, since=0, speed_mps=4.0)
+    beside = (siren(-3.0, left_m=-2.6, speed_mps=2.0),)
+    driver = driver_of("lawful-international")
+    assert after(driver, 0.05, waiting, sirens=beside, speed_mps=2.0)[1].brake > 0.0
+    assert after(driver, 0.05, waiting, sirens=(siren(20.0, speed_mps=2.0),), speed_mps=2.0)[1].brake == 0.0
+
+
 def test_each_fault_changes_the_habits_of_some_place():
     for fault in FAULTS:
         assert any(faulty(habits, fault) != habits for habits in HABITS.values()), fault

@@ -26,6 +26,8 @@ class Habits:
     """Whether it drives on where it would come to stand in a junction."""
     stops: bool = True
     """Whether it stands while an EMV comes, or goes on slowly."""
+    there_m: float = 0.35
+    """Distance to its place at the side from which on it stands."""
     moves_up: bool = False
     """Whether it drives on slowly at the side where an EMV does not get past it."""
     brakes_mps2: float = 3.5
@@ -46,8 +48,8 @@ class Habits:
 
 HABITS: Final[Mapping[str, Habits]] = {
     "california": Habits(apart_m=100.0),
-    "germany": Habits(by_lane=True, nearer_edge=True, uses_shoulder=False, moves_up=True),
-    "international": Habits(nearer_edge=True, moves_up=True),
+    "germany": Habits(by_lane=True, nearer_edge=True, uses_shoulder=False, moves_up=True, there_m=0.1),
+    "international": Habits(nearer_edge=True, moves_up=True, there_m=0.1),
 }
 """Of lawful drivers, by the rulebook of the place."""
 

@@ -25,7 +25,7 @@ from siren_ros.world.commands import AvControl
 
 _SHIFT_MPS: Final = 1.0
 """Speed sideways."""
-_EDGE_M: Final = 0.3
+_EDGE_M: Final = 0.15
 """Kept to the edge of the road or of the lane."""
 _OVER_M: Final = 0.6
 """How far a driver that makes way to the wrong side goes over its lane's line."""
@@ -48,8 +48,6 @@ _ASIDE_M: Final = 1.2
 """An EMV farther to the side does not come from straight behind."""
 _ROLLS_MPS: Final = 1.0
 _LAG_M: Final = 0.5
-_THERE_M: Final = 0.2
-"""A driver that is as near to where it means to stand is there."""
 _SLOWER_MPS: Final = 2.0
 _SLOWS_S: Final = 3.0
 """By which, and for how long, a driver slows as it begins to make way."""
@@ -204,7 +202,7 @@ class LawfulDriver:
         clearing = self._speed_in_junction(sight, cruise)
         if clearing is not None:
             return clearing
-        if abs(sight.left_m - self._aside_m(state.side, sight)) < _THERE_M:
+        if abs(sight.left_m - self._aside_m(state.side, sight)) < self.habits.there_m:
             stands = self.habits.stops and not (self.habits.moves_up and emv_waits(sight))
             return 0.0 if stands else min(cruise, _CRAWL_MPS)
         if not any(siren.behind for siren in sight.sirens):  # the last one has passed

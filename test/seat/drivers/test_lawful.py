@@ -51,7 +51,7 @@ def test_it_signals_and_slows_before_it_moves_to_the_right_and_stands_there():
     assert state.offset_m == 0.0
     state, answer = after(driver, 4.0, sirens=CALLED)
     assert state.offset_m < -1.0
-    edge_m = -5.25 + 0.9 + 0.3
+    edge_m = -5.25 + 0.9 + 0.15
     state, answer = after(driver, 8.0, sirens=CALLED, left_m=edge_m, speed_mps=3.0)
     assert answer.brake > 0.0
     assert state.offset_m == pytest.approx(edge_m)
@@ -91,11 +91,11 @@ def test_in_germany_it_keeps_to_its_side_of_the_rescue_lane_and_off_the_shoulder
     motorway = straight_way(**shoulder, duty=np.ones(ROWS, np.bool_))
     driver = driver_of("lawful-germany")
     left, _ = after(driver, 8.0, way=motorway, sirens=CALLED)
-    assert left.offset_m == pytest.approx(1.75 - 0.9 - 0.3)
+    assert left.offset_m == pytest.approx(1.75 - 0.9 - 0.15)
     right_lane = replace(motorway, leftmost=np.zeros(ROWS, np.bool_))
-    assert after(driver, 8.0, way=right_lane, sirens=CALLED)[0].offset_m == pytest.approx(-1.75 + 0.9 + 0.3)
+    assert after(driver, 8.0, way=right_lane, sirens=CALLED)[0].offset_m == pytest.approx(-1.75 + 0.9 + 0.15)
     blocks = after(driver_of("blocks-the-shoulder-germany"), 8.0, way=right_lane, sirens=CALLED)[0]
-    assert blocks.offset_m == pytest.approx(-4.25 + 0.9 + 0.3)
+    assert blocks.offset_m == pytest.approx(-4.25 + 0.9 + 0.15)
     before = after(driver, 3.0, way=motorway, speed_mps=1.0)[0]  # slow traffic, and nobody calls
     assert before.phase is Phase.DRIVES
     assert before.offset_m > 0.3

@@ -39,7 +39,7 @@ _SIDE_M: Final = 0.25
 """Nobody passes others closer than this."""
 _PACE_MPS: Final = 1.5
 _TURN_OUT_M: Final = 6.0
-"""Way ahead that a car needs to turn out into the next lane, if it stands or rolls at walking pace."""
+"""Way ahead that a standing car needs to turn out into the next lane."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,13 @@ class Room:
 
     right_m: Floats
     """To the right edge of the road or to whoever is in between; 0 in junctions, where an EMV comes on the right, and
-    where the driver is at walking pace and cannot turn out."""
+    where the driver stands and cannot turn out."""
     ahead_m: Floats
     """To the next vehicle in its way, or to the end of its lane."""
     ahead_mps: Floats
     """Speed of that vehicle; infinite where there is none within 25 m."""
+    hemmed: Flags
+    """Whether the driver is at walking pace and cannot turn out past the vehicle ahead."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ class Examinee:
     def room(self) -> Room:
         """The room that the driver has to its right and ahead."""
         right = self.to_right_edge_m.copy()
-        ahead, leader_mps = np.full(len(self.track), np.inf), np.full(len(self.track), np.inf)
+        ahead, passable, leader_mps = (np.full(len(self.track), np.inf) for _ in range(3))
         lanes, bodies = self.record.network.lanes, self.record.actors
         half_length, half_width = 0.5 * self.actor.length_m, 0.5 * self.actor.width_m
         first = self.record.states[0].step if self.record.states else 0
@@ -180,14 +182,17 @@ class Examinee:
                 if gap < _BESIDE_M and left < 0.0 and aside > -_OVERLAP_M:
                     right[row] = min(right[row], max(aside, 0.0))
                 if along > 0.0 and aside < _SIDE_M:
+                    passable[row] = min(passable[row], gap)
+                if along > 0.0 and aside < 0.0:
                     if max(gap, 0.0) < nearest:
                         nearest = max(gap, 0.0)
                         leader_mps[row] = np.hypot(states.vx_mps[k], states.vy_mps[k])
                     ahead[row] = min(ahead[row], nearest)
         for call in self.calls:  # nobody cuts in before an EMV that passes on the right
             right[call.calls & (call.gap_m < _NEAR_M) & (call.left_m < -_TO_THE_RIGHT_M)] = 0.0
-        stuck = (self.track.speed_mps < _PACE_MPS) & (ahead < _TURN_OUT_M)
-        return Room(np.where(stuck | np.isnan(right), 0.0, right), ahead, leader_mps)
+        stuck = (self.track.speed_mps < _STANDS_MPS) & (ahead < _TURN_OUT_M)
+        hemmed = (self.track.speed_mps < _PACE_MPS) & (passable < _TURN_OUT_M)
+        return Room(np.where(stuck | np.isnan(right), 0.0, right), ahead, leader_mps, hemmed)
 
     @cached_property
     def along_road(self) -> StateRows:

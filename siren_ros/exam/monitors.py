@@ -142,7 +142,7 @@ def right_edge(examinee: Examinee, numbers: Numbers) -> Finding:
     """Greatest room that the driver leaves on its right for ``move_s`` while an EMV passes it.
 
     The room ends at the edge of the road or at a vehicle in between. The time to respond does not count, nor time in
-    which the driver still goes there.
+    which the driver still goes there, or in which a queue hems it in.
     """
     beside = np.any([call.beside for call in examinee.calls], axis=0) if examinee.calls else np.zeros(0, np.bool_)
     if not beside.any():
@@ -153,7 +153,8 @@ def right_edge(examinee: Examinee, numbers: Numbers) -> Finding:
     lateral, second = examinee.offsets.lateral_m, steps_from_s(1.0)
     before = np.concatenate((np.full(second, lateral[0]), lateral))[: len(lateral)]
     goes_there = before - lateral >= _GOES_M
-    counts = beside & held_for(examinee.called, examinee.reaction_steps + steps) & ~examinee.in_junction & ~goes_there
+    settled = held_for(examinee.called, examinee.reaction_steps + steps)
+    counts = beside & settled & ~(examinee.in_junction | goes_there | examinee.room.hemmed)
     return _greatest(
         examinee, _least_of_last(examinee.room.right_m, steps), counts, "it came at once, or in a junction"
     )
@@ -273,12 +274,14 @@ def braking(examinee: Examinee, numbers: Numbers) -> Finding:
 def time_to_collision(examinee: Examinee, _numbers: Numbers) -> Finding:
     """Least time to collision with anybody, within the horizon of 3 s.
 
-    A driver answers for whoever is ahead of it; for others beside and behind it only while it moves to the side.
+    A driver that drives answers for whoever is ahead of it; for others beside and behind it only while it moves to the
+    side.
     """
     pairs, contacts = examinee.conflict_series
     ahead_m, _ = ahead_and_left_m(pairs.subject, pairs.other)
-    moves = (np.abs(examinee.aside_mps) > _MOVES_MPS)[np.searchsorted(examinee.track.step, pairs.step)]
-    times = np.where((ahead_m > 0.0) | moves, contacts.time_s, np.inf)
+    rows = np.searchsorted(examinee.track.step, pairs.step)
+    drives, moves = examinee.track.speed_mps >= _STANDS_MPS, np.abs(examinee.aside_mps) > _MOVES_MPS
+    times = np.where((drives[rows] & (ahead_m > 0.0)) | moves[rows], contacts.time_s, np.inf)
     if not np.isfinite(times).any():
         return Finding(Measure.lacking("nobody was near"))
     worst = int(np.argmin(times))

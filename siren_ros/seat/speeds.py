@@ -25,6 +25,7 @@ _PASSED_M: Final = 5.0
 """An EMV has passed once its rear is this far ahead…"""
 _NEXT_M: Final = 4.0
 """…or its centre this far to the side."""
+_STUCK_MPS: Final = 0.3
 _WAITS_M: Final = 15.0
 _WAITS_MPS: Final = 2.0
 """Gap and speed of an EMV that does not get past."""
@@ -65,13 +66,17 @@ def speed_to_leader(sight: Sight, offset_m: float) -> float:
 
 
 def speed_to_passing_emv(sight: Sight) -> float:
-    """Speed at which an EMV beside the own vehicle gets ahead of it; infinite without one, m/s."""
-    passing = (
+    """Speed at which an EMV beside the own vehicle gets ahead of it; infinite where none passes, m/s.
+
+    Beside one that squeezes through it stands.
+    """
+    passing = [
         siren.speed_mps
         for siren in sight.sirens
         if siren.along and siren.gap_m < 0.0 and siren.ahead_m < _PASSED_M and abs(siren.left_m) < _NEXT_M
-    )
-    return max(min(passing, default=math.inf) - _PASSES_MPS, 0.0)
+    ]
+    slowest = min((speed for speed in passing if speed > _STUCK_MPS), default=math.inf)
+    return slowest - _PASSES_MPS if slowest > _WAITS_MPS else 0.0
 
 
 def emv_waits(sight: Sight) -> bool:

@@ -12,8 +12,8 @@ class Habits:
     by_lane: bool = False
     """Whether it stays in its lane on roads where a rescue lane is opened: at the left in the leftmost one, else at the
     right. Elsewhere it goes to the right edge of the road."""
-    nearer_edge: bool = False
-    """Whether it goes to the left on every road where it is in the leftmost of several lanes."""
+    splits_queues: bool = False
+    """Whether it goes to the left on every road where a queue keeps it in the leftmost of several lanes."""
     uses_shoulder: bool = True
     """Whether the shoulder belongs to that road."""
     hears: bool = True
@@ -48,8 +48,8 @@ class Habits:
 
 HABITS: Final[Mapping[str, Habits]] = {
     "california": Habits(apart_m=100.0),
-    "germany": Habits(by_lane=True, nearer_edge=True, uses_shoulder=False, moves_up=True, there_m=0.1),
-    "international": Habits(nearer_edge=True, moves_up=True, there_m=0.1),
+    "germany": Habits(by_lane=True, splits_queues=True, uses_shoulder=False, moves_up=True, there_m=0.1),
+    "international": Habits(splits_queues=True, moves_up=True, there_m=0.1),
 }
 """Of lawful drivers, by the rulebook of the place."""
 

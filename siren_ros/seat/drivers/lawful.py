@@ -44,6 +44,8 @@ _AGAIN_M: Final = 80.0
 """Gap at which a driver notices the siren of a further EMV."""
 _NEAR_M: Final = 25.0
 """A driver does not move into the way of an EMV that is this near."""
+_QUEUES_M: Final = 12.0
+"""Distance to an EMV that stands in traffic, behind which others queue."""
 _ASIDE_M: Final = 1.2
 """An EMV farther to the side does not come from straight behind."""
 _ROLLS_MPS: Final = 1.0
@@ -138,10 +140,10 @@ class LawfulDriver:
         return state
 
     def _side(self, sight: Sight) -> float:
-        row = sight.way.row(sight.s_m)
-        left = bool(
-            sight.way.leftmost[row] and (self.habits.nearer_edge or (self.habits.by_lane and sight.way.duty[row]))
-        )
+        way, row = sight.way, sight.way.row(sight.s_m)
+        in_queue = sight.speed_mps < _SLOW_MPS and not is_free(sight.left_m - float(way.lanes.width_m[row]), sight)
+        splits = (self.habits.by_lane and way.duty[row]) or (self.habits.splits_queues and in_queue)
+        left = bool(way.leftmost[row] and splits)
         return 1.0 if left is not self.habits.other_side else -1.0
 
     def _has_to_wait(self, sight: Sight) -> bool:
@@ -149,9 +151,14 @@ class LawfulDriver:
         if not self.habits.waits_for_all:
             return not any(siren.along and not siren.behind for siren in sight.sirens)
         return any(
-            siren.along and (siren.gap_m <= _AGAIN_M if siren.behind else siren.ahead_m < self.habits.apart_m)
+            siren.along and (siren.gap_m <= _AGAIN_M if siren.behind else siren.ahead_m < self._apart_m(siren))
             for siren in sight.sirens
         )
+
+    def _apart_m(self, passed: Siren) -> float:
+        """How far ahead an EMV has to be before the driver goes back: nearer if it stands in traffic."""
+        standing = self.habits.moves_up and passed.speed_mps < _ROLLS_MPS
+        return min(self.habits.apart_m, _QUEUES_M) if standing else self.habits.apart_m
 
     def _target(self, state: LawfulState, sight: Sight) -> tuple[float, int]:
         """Where it means to be across its way, and its indicators."""

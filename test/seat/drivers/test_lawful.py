@@ -110,10 +110,14 @@ def test_in_germany_it_keeps_to_its_side_of_the_rescue_lane_and_off_the_shoulder
 
 
 @pytest.mark.parametrize(("place", "side"), [("international", 1.0), ("germany", 1.0), ("california", -1.0)])
-def test_from_the_leftmost_of_several_lanes_it_goes_to_the_side_that_the_place_names(place, side):
-    assert after(driver_of(f"lawful-{place}"), 6.0, sirens=CALLED)[0].offset_m * side > 0.5
+def test_from_the_leftmost_lane_of_a_queue_it_goes_to_the_side_that_the_place_names(place, side):
+    queue = {"sirens": CALLED, "others": (car(-3.0, left_m=-3.4),), "speed_mps": 1.0}
+    sides = {"queue": side, "alone": -1.0, "fast": -1.0, "rightmost": -1.0}
     rightmost = straight_way(leftmost=np.zeros(ROWS, np.bool_))
-    assert after(driver_of(f"lawful-{place}"), 6.0, sirens=CALLED, way=rightmost)[0].offset_m < -0.5
+    for name, changed in (
+        ("queue", {}), ("alone", {"others": ()}), ("fast", {"speed_mps": LIMIT_MPS}), ("rightmost", {"way": rightmost})
+    ):  # fmt: skip
+        assert after(driver_of(f"lawful-{place}"), 1.0, **{**queue, **changed})[0].side == sides[name], name
 
 
 def test_while_it_makes_way_an_emv_that_is_beside_it_gets_ahead():

@@ -82,6 +82,29 @@ def test_the_distance_from_the_right_edge_is_that_as_the_emv_passes():
     assert kept.measure.value == pytest.approx(9.5 - RIGHT_X_M - 0.5 * CAR_WIDTH_M, abs=0.05)
 
 
+@pytest.mark.parametrize(("free_m", "counts"), [(3.0, False), (20.0, True)])
+def test_a_queue_at_walking_pace_hems_a_driver_in(free_m, counts):
+    beside = line((1.75, -120.0), (1.75, 110.0))
+    drives = arc((1.0, 20.0), start_m=50.0)
+    ahead = Driven(IN_LANE, arc((1.0, 20.0), start_m=50.0 + CAR_LENGTH_M + free_m))
+    record = hand_made(crossing(), {EMV: Driven(beside, arc((5.0, 20.0))), CAR: Driven(IN_LANE, drives), 3: ahead})
+    assert found("right_edge", examinee(None, record=sounding(record)), move_s=1.0).measure.valid is counts
+
+
+def test_a_driver_that_still_goes_to_the_edge_as_the_emv_passes_does_its_part():
+    goes = line((5.25, -120.0), (5.25, -70.0), (7.25, -30.0), (7.25, 110.0))  # 5 cm in a metre, from 50 to 90 m
+    record = hand_made(
+        crossing(),
+        {
+            EMV: Driven(line((1.75, -120.0), (1.75, 110.0)), arc((10.0, 10.0))),
+            CAR: Driven(goes, arc((3.0, 10.0), start_m=50.0)),
+        },
+    )
+    driver = examinee(None, record=sounding(record))
+    assert any(call.beside.any() for call in driver.calls)
+    assert not found("right_edge", driver, move_s=1.0).measure.valid
+
+
 def test_an_emv_that_stands_behind_a_driver_in_its_lane_is_held_up():
     emv = arc((10.0, 4.0), (0.0, 6.0))
     blocked = found("obstruction", examinee(STAYS, emv), gap_m=10.0, slow_mps=2.0, left_line_m=0.5)
@@ -310,6 +333,10 @@ def test_safety_measures_are_those_of_the_driver():
     emv = Driven(IN_LANE - np.array([40.0, 0.0]), arc((1.0, 6.0)))
     record = hand_made(crossing(), {EMV: emv, CAR: cuts_in, 3: faster})
     assert found("time_to_collision", Examinee(record, CAR, 40.0, 3.0)).measure.value < 1.0
+    # One that stands answers for nobody who comes towards it.
+    comes = Driven(line((5.25, 110.0), (5.25, -120.0)), arc((5.0, 6.0), start_m=150.0))
+    record = hand_made(crossing(), {EMV: emv, CAR: Driven(IN_LANE, arc((0.0, 6.0), start_m=50.0)), 3: comes})
+    assert not found("time_to_collision", Examinee(record, CAR, 40.0, 3.0)).measure.valid
 
 
 BESIDE = 3

@@ -53,8 +53,10 @@ def arrival_s(
 ) -> float:
     """Time from step 0 to the end of an edge of the way through a site, on a free road."""
     route = start.route
-    reached = route.index(site.site_edge) if site.site_edge in route else 0
-    further = route[reached + 1 : route.index(edge, reached) + 1]
+    last = route.index(edge)
+    # An EMV that starts behind the site's edge may come back to it on a long way.
+    reached = route.index(site.site_edge) if site.site_edge in route[: last + 1] else 0
+    further = route[reached + 1 : last + 1]
     way_m = sum(driving_lanes(network, beyond)[-1].length_m for beyond in further)
     return unhindered_arrival_s(network, start, emv, config) + way_m / emv.speed_mps
 

@@ -12,7 +12,7 @@ from siren_ros.generation.episode_setup import EpisodeSetup, set_up_episode
 from siren_ros.roads.movements import comes_from_the_side
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, civilian_movements
-from siren_ros.roads.site_finder import require_site
+from siren_ros.roads.site_finder import find_sites, require_site
 from siren_ros.roads.sites import SiteKind
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import TEMPLATES
@@ -137,3 +137,19 @@ def test_followers_keep_the_headway_where_the_approach_has_to_be_prolonged(name:
     assert len(second.route) > len(first.route)
     points = [np.array(network.lanes[start.lane].centre.at(start.front_m)) for start in (first, second)]
     assert np.linalg.norm(points[0] - points[1]) < headway_m + 60.0
+
+
+def test_an_emv_that_starts_behind_the_sites_edge_arrives_once_although_its_way_comes_back() -> None:
+    network: RoadNetwork = named_map("town")[1]
+    template = load_template("S2")
+    site = next(
+        one
+        for one in find_sites(network, template.site_kind)
+        if len(one.stretch) > 1 and one.stretch[0] == one.site_edge
+    )
+    length_m = network.lanes[network.edges[site.site_edge].lanes[0]].length_m
+    start = emv_start(network, site, length_m + 5.0)
+    assert start.route[0] == site.stretch[1]
+    back = replace(start, route=(*start.route, site.site_edge))
+    once, again = (arrival_s(network, site, one, site.stretch[-1], template.emv, CONFIG) for one in (start, back))
+    assert again == once > 0.0

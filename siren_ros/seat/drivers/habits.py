@@ -13,7 +13,7 @@ class Habits:
     """Whether it stays in its lane on roads where a rescue lane is opened: at the left in the leftmost one, else at the
     right. Elsewhere it goes to the right edge of the road."""
     splits_queues: bool = False
-    """Whether it goes to the left on every road where a queue keeps it in the leftmost of several lanes."""
+    """Whether it goes to the left on every road where a queue keeps it from going to the right."""
     uses_shoulder: bool = True
     """Whether the shoulder belongs to that road."""
     hears: bool = True

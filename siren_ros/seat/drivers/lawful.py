@@ -50,6 +50,9 @@ _ASIDE_M: Final = 1.2
 """An EMV farther to the side does not come from straight behind."""
 _ROLLS_MPS: Final = 1.0
 _LAG_M: Final = 0.5
+_TRIES_S: Final = 3.0
+_TRIED_M: Final = 0.5
+"""A driver that has come no farther in this time has no way to that side."""
 _SLOWER_MPS: Final = 2.0
 _SLOWS_S: Final = 3.0
 """By which, and for how long, a driver slows as it begins to make way."""
@@ -104,6 +107,8 @@ class LawfulDriver:
         """The answer to a step."""
         state = self._decided(state, sight)
         target, lights = self._target(state, sight)
+        if state.phase is Phase.RETURNS and not self._is_free(target, sight):
+            target = _middle_m(sight)
         most = _SHIFT_MPS * STEP_S
         moved = state.offset_m + min(max(target - state.offset_m, -most), most)
         if sight.speed_mps < _ROLLS_MPS:  # the wheels do not go to the side
@@ -129,6 +134,8 @@ class LawfulDriver:
         calling = not deaf and any(siren.behind and siren.gap_m <= reach_m for siren in sight.sirens)
         state = replace(state, heard=-1 if not calling else state.heard if state.heard >= 0 else sight.step)
         if state.phase is Phase.MAKES_WAY:
+            if habits.splits_queues and self._splits(state, sight):
+                state = replace(state, side=1.0)
             back = habits.returns and not self._has_to_wait(sight)
             return replace(state, phase=Phase.RETURNS, since=sight.step) if back else state
         if calling and (sight.step - state.heard) * STEP_S >= (0.0 if again else habits.reaction_s):
@@ -140,11 +147,16 @@ class LawfulDriver:
         return state
 
     def _side(self, sight: Sight) -> float:
-        way, row = sight.way, sight.way.row(sight.s_m)
-        in_queue = sight.speed_mps < _SLOW_MPS and not is_free(sight.left_m - float(way.lanes.width_m[row]), sight)
-        splits = (self.habits.by_lane and way.duty[row]) or (self.habits.splits_queues and in_queue)
-        left = bool(way.leftmost[row] and splits)
+        row = sight.way.row(sight.s_m)
+        left = self.habits.by_lane and bool(sight.way.leftmost[row] and sight.way.duty[row])
         return 1.0 if left is not self.habits.other_side else -1.0
+
+    def _splits(self, state: LawfulState, sight: Sight) -> bool:
+        """Whether a queue has kept it from going to the right in the leftmost of several lanes."""
+        way, row = sight.way, sight.way.row(sight.s_m)
+        tried = (sight.step - state.since) * STEP_S > _TRIES_S and abs(sight.left_m) < _TRIED_M
+        in_queue = tried and sight.speed_mps < _CRAWL_MPS + _ROLLS_MPS and bool(way.leftmost[row])
+        return in_queue and not is_free(sight.left_m - float(way.lanes.width_m[row]), sight)
 
     def _has_to_wait(self, sight: Sight) -> bool:
         """Whether an EMV comes, or has passed and is still near."""
@@ -250,6 +262,12 @@ class LawfulDriver:
         nearest_m = min((one.ahead_m for one in sight.sirens if one.along and not one.behind), default=math.inf)
         free_m = max(nearest_m - self.habits.apart_m, 0.0)
         return max(math.sqrt(2.0 * _GENTLE_MPS2 * free_m), _CRAWL_MPS if self.habits.apart_m else math.inf)
+
+
+def _middle_m(sight: Sight) -> float:
+    """The middle of the driving lane that the vehicle is in, across its way."""
+    lanes, row = sight.way.lanes, sight.way.row(sight.s_m)
+    return lanes.offset_m(row, lanes.lane_there(row, round(sight.left_m / float(lanes.width_m[row]))))
 
 
 def _speed_of_chase(emv: Siren) -> float:

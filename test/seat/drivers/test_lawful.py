@@ -110,14 +110,25 @@ def test_in_germany_it_keeps_to_its_side_of_the_rescue_lane_and_off_the_shoulder
 
 
 @pytest.mark.parametrize(("place", "side"), [("international", 1.0), ("germany", 1.0), ("california", -1.0)])
-def test_from_the_leftmost_lane_of_a_queue_it_goes_to_the_side_that_the_place_names(place, side):
+def test_where_a_queue_keeps_it_from_going_right_it_goes_to_the_side_that_the_place_allows(place, side):
     queue = {"sirens": CALLED, "others": (car(-3.0, left_m=-3.4),), "speed_mps": 1.0}
-    sides = {"queue": side, "alone": -1.0, "fast": -1.0, "rightmost": -1.0}
+    assert after(driver_of(f"lawful-{place}"), 3.0, **queue)[0].side == -1.0
     rightmost = straight_way(leftmost=np.zeros(ROWS, np.bool_))
+    sides = {"queue": side, "alone": -1.0, "fast": -1.0, "rightmost": -1.0, "moved": -1.0}
     for name, changed in (
-        ("queue", {}), ("alone", {"others": ()}), ("fast", {"speed_mps": LIMIT_MPS}), ("rightmost", {"way": rightmost})
+        ("queue", {}), ("alone", {"others": ()}), ("fast", {"speed_mps": LIMIT_MPS}), ("rightmost", {"way": rightmost}),
+        ("moved", {"left_m": -0.8, "others": (car(-3.0, left_m=-3.9),)}),
     ):  # fmt: skip
-        assert after(driver_of(f"lawful-{place}"), 1.0, **{**queue, **changed})[0].side == sides[name], name
+        assert after(driver_of(f"lawful-{place}"), 5.0, **{**queue, **changed})[0].side == sides[name], name
+
+
+def test_it_goes_back_when_nobody_comes_and_drives_in_the_middle_of_the_lane_that_it_is_in_before():
+    back = LawfulState(Phase.RETURNS, since=0, offset_m=-4.0)
+    passes = (car(-12.0, speed_mps=8.0),)
+    state, _ = after(driver_of("lawful-international"), 3.0, back, left_m=-4.0, speed_mps=6.0, others=passes)
+    assert state.offset_m == pytest.approx(-3.5)
+    state, _ = after(driver_of("lawful-international"), 3.0, back, left_m=-4.0, speed_mps=6.0)
+    assert state.offset_m > -2.5
 
 
 def test_while_it_makes_way_an_emv_that_is_beside_it_gets_ahead():

@@ -68,15 +68,17 @@ def speed_to_leader(sight: Sight, offset_m: float) -> float:
 def speed_to_passing_emv(sight: Sight) -> float:
     """Speed at which an EMV beside the own vehicle gets ahead of it; infinite where none passes, m/s.
 
-    Beside one that squeezes through it stands.
+    Beside one that squeezes through, or that is very close, it stands.
     """
-    passing = [
-        siren.speed_mps
-        for siren in sight.sirens
-        if siren.along and siren.gap_m < 0.0 and siren.ahead_m < _PASSED_M and abs(siren.left_m) < _NEXT_M
-    ]
-    slowest = min((speed for speed in passing if speed > _STUCK_MPS), default=math.inf)
-    return slowest - _PASSES_MPS if slowest > _WAITS_MPS else 0.0
+    least = math.inf
+    for siren in sight.sirens:
+        if siren.along and siren.gap_m < 0.0 and siren.ahead_m < _PASSED_M and abs(siren.left_m) < _NEXT_M:
+            apart_m = abs(siren.left_m) - 0.5 * (sight.width_m + sight.bodies[siren.actor_id].width_m)
+            if apart_m < _BESIDE_M or _STUCK_MPS < siren.speed_mps < _WAITS_MPS:
+                return 0.0
+            if siren.speed_mps > _STUCK_MPS:
+                least = min(least, siren.speed_mps - _PASSES_MPS)
+    return least
 
 
 def emv_waits(sight: Sight) -> bool:

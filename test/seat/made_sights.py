@@ -15,6 +15,7 @@ LENGTH_M = 300.0
 ROWS = int(LENGTH_M) + 1
 LIMIT_MPS = 10.0
 OWN = ActorDescription(0, "own", ActorClass.SEDAN, 4.5, 1.8, 1.5, (0, 0, 0))
+EMV = ActorDescription(1, "emv0", ActorClass.AMBULANCE, 6.0, 2.2, 2.6, (255, 255, 255), is_emv=True)
 
 
 def straight_way(**columns):
@@ -56,7 +57,7 @@ def sight(s_m=20.0, **known):
         "red_m": math.inf,
         "in_junction": 100.0 <= s_m < 130.0,
         "states": ActorStates(100, **{name: np.zeros(1, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}),
-        "bodies": {0: OWN},
+        "bodies": {0: OWN, 1: EMV},
         "row": 0,
     }
     return Sight(**{**plain, **known})

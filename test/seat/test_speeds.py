@@ -50,9 +50,11 @@ def test_who_is_beside_the_way_is_no_leader():
 
 
 def test_an_emv_that_is_beside_gets_ahead():
-    beside, creeping = siren(-3.0, left_m=-2.6, speed_mps=6.0), siren(-9.0, left_m=2.6, speed_mps=0.4)
+    beside, creeping = siren(-3.0, left_m=-2.6, speed_mps=6.0), siren(-9.0, left_m=2.6, speed_mps=1.4)
     assert speed_to_passing_emv(sight(sirens=(beside,))) == 5.0
     assert speed_to_passing_emv(sight(sirens=(beside, creeping))) == 0.0
+    assert speed_to_passing_emv(sight(sirens=(siren(-3.0, left_m=-2.6, speed_mps=0.0),))) == math.inf
+    assert speed_to_passing_emv(sight(sirens=(siren(-3.0, left_m=-2.1, speed_mps=0.0),))) == 0.0  # 0.1 m between them
     for elsewhere in (siren(5.0), siren(-25.0, left_m=-2.6), siren(-3.0, left_m=-4.5)):
         assert speed_to_passing_emv(sight(sirens=(elsewhere,))) == math.inf
 

@@ -78,8 +78,9 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     """The EMV with the copied corridor as its path, renewed as the vehicles next to it move.
 
     A present path that stays free for longer than a new one is kept: each new one begins to turn into the corridor
-    where the EMV is now. Where a lane begins on the left, the corridor moves to its line. If a vehicle closes that way,
-    the EMV goes straight on between the lanes that it is between.
+    where the EMV is now. So is one that gets farther without a touch, where the EMV cannot stop. Where a lane begins on
+    the left, the corridor moves to its line. If a vehicle closes that way, the EMV goes straight on between the lanes
+    that it is between.
     """
     config = ego.config.corridor
     if ego.step - unit.corridor_planned_step < steps_from_s(config.replan_s) and unit.navigator.path is not None:
@@ -93,8 +94,8 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     if open_m < config.straight_below_m:
         driven = unit.navigator.path is not None and ego.speed_mps > config.keep_above_mps
         stops = stops_within(ego.speed_mps * ego.speed_mps, ego.config.gap_escape.brake_mps2, open_m)
-        gain_m = config.keep_gain_m if stops else 0.0
-        if driven and _open_m(unit, ego) > open_m + gain_m:
+        longer = _open_m(unit, ego) > open_m + (config.keep_gain_m if stops else 0.0)
+        if driven and (longer or (not stops and _touches_m(unit, ego) > _touches_m(planned, ego))):
             return changed(unit, corridor_planned_step=ego.step)
         other = _along(unit, ego, lane, straight_on=True)
         if _open_m(other, ego) > open_m + config.straight_gain_m:
@@ -107,6 +108,12 @@ def _open_m(unit: EmvUnit, ego: Ego) -> float:
     way, config = free_way(unit, ego), ego.config.corridor
     free = math.inf if way is None else way.limit(0.0, config.squeezes, 0.0, 1.0, config.clearance_m).free_m
     return min(free, unit.navigator.remaining_m)
+
+
+def _touches_m(unit: EmvUnit, ego: Ego) -> float:
+    """How far the EMV gets along its path before it would touch somebody."""
+    way = free_way(unit, ego)
+    return math.inf if way is None else way.free_m
 
 
 def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:

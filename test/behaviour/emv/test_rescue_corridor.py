@@ -226,6 +226,18 @@ def test_the_present_path_is_kept_for_less_where_the_emv_cannot_stop_gently_on_t
     assert (corridor_path(unit, view.ego(0)).navigator.path is unit.navigator.path) is (speed == 6.0)
 
 
+@pytest.mark.parametrize(("open_m", "kept"), [(0.5, True), (9.0, False)], ids=["too late to stop", "stops before"])
+def test_where_the_emv_cannot_stop_the_path_that_gets_farther_without_a_touch_is_kept(lab, monkeypatch, open_m, kept):
+    """Both paths are too tight from the same place on, and the present one touches nobody."""
+    view = lab.view(lab.straight_road(), lab.L3, [lab.Car(1, 0, 100, 5.0, (0,), ActorClass.AMBULANCE)])
+    unit = replace(_along(EmvUnit(1, corridor=True), view.ego(0), 0, straight_on=False), corridor_planned_step=NEVER)
+    monkeypatch.setattr(corridor, "_open_m", lambda *_: open_m)
+    monkeypatch.setattr(
+        corridor, "_touches_m", lambda candidate, *_: np.inf if candidate.navigator.path is unit.navigator.path else 0.6
+    )
+    assert (corridor_path(unit, view.ego(0)).navigator.path is unit.navigator.path) is kept
+
+
 @pytest.mark.parametrize("driven_m", [2.0, 10.0])
 def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, straight, driven_m):
     """Each path begins where the EMV is; planned from its speed anew, the corridor would be reached later each time."""

@@ -59,6 +59,8 @@ _DISTANCE_M: Final = 3.0
 """Distance in time and at a standstill, and braking, of somebody who follows."""
 _GENTLE_MPS2: Final = 2.0
 _GO_ON_M: Final = 6.0
+_RIGHT_AHEAD_M: Final = 40.0
+"""From a driver's rear to the front of an EMV that has passed it and keeps it from driving on."""
 _MOVES_MPS: Final = 0.15
 _MOVED_S: Final = 1.0
 """Speed to the side, and how lately, of a driver that moves there."""
@@ -304,8 +306,8 @@ def encroachment(examinee: Examinee, _numbers: Numbers) -> Finding:
 def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
     """Time from the last EMV's passing until the driver is in the middle of a lane and drives.
 
-    One that stands behind others or at the end of its lane drives on as it can. Where the record ends before, the time
-    until there, if that is longer than ``waits_s``.
+    One that stands behind others or at the end of its lane drives on as it can. Time in which the EMV stands right
+    ahead does not count. Where the record ends before, the time until there, if that is longer than ``waits_s``.
     """
     if not any(call.passed.any() for call in examinee.calls):
         return Finding(
@@ -316,9 +318,11 @@ def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
     stands = (examinee.track.speed_mps < _STANDS_MPS) & (examinee.room.ahead_m > _GO_ON_M)
     back = ~(aside | stands)[last:]
     back &= ~examinee.called[last:]
+    ahead = [call.passed & (-call.gap_m < _RIGHT_AHEAD_M) & (call.speed_mps < _STANDS_MPS) for call in examinee.calls]
+    counts = ~np.any(ahead, axis=0)[last:]
     if back.any():
-        return Finding(Measure(float(np.argmax(back)) * STEP_S), int(examinee.track.step[last]))
-    left_s = float(len(back)) * STEP_S
+        return Finding(Measure(float(counts[: np.argmax(back)].sum()) * STEP_S), int(examinee.track.step[last]))
+    left_s = float(counts.sum()) * STEP_S
     if left_s < numbers["waits_s"]:
         return Finding(Measure.lacking("the episode ended before"))
     return Finding(Measure(left_s, at_least=True), int(examinee.track.step[last]))

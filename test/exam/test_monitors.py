@@ -236,6 +236,10 @@ def test_the_return_to_the_lane():
     assert never.at_least
     assert never.value > 5.0
     assert not found("return_to_lane", examinee(STOPS_ASIDE), offset_m=0.6, waits_s=30.0).measure.valid
+    # It stands 66 m on the way. An EMV that stands 20 m ahead of it keeps it there, one that is 60 m ahead does not.
+    for way_m, counts in ((86.0, False), (126.0, True)):
+        waits = examinee(STOPS_ASIDE, arc((10.0, way_m / 10.0), (0.0, 20.0 - way_m / 10.0)))
+        assert found("return_to_lane", waits, **numbers).measure.valid is counts
 
 
 def test_time_on_the_shoulder():

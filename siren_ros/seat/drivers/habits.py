@@ -13,7 +13,8 @@ class Habits:
     """Whether it stays in its lane on roads where a rescue lane is opened: at the left in the leftmost one, else at the
     right. Elsewhere it goes to the right edge of the road."""
     splits_queues: bool = False
-    """Whether it goes to the left on every road where a queue keeps it from going to the right."""
+    """Whether it opens a way between queues on every road: it goes to the left where it cannot get to the right, close to
+    the line, drives on slowly where an EMV does not get past it, and goes back behind one that stands in traffic."""
     uses_shoulder: bool = True
     """Whether the shoulder belongs to that road."""
     hears: bool = True
@@ -26,10 +27,6 @@ class Habits:
     """Whether it drives on where it would come to stand in a junction."""
     stops: bool = True
     """Whether it stands while an EMV comes, or goes on slowly."""
-    there_m: float = 0.35
-    """Distance to its place at the side from which on it stands."""
-    moves_up: bool = False
-    """Whether it drives on slowly at the side where an EMV does not get past it."""
     brakes_mps2: float = 3.5
     """Of the hardest braking while it makes way."""
     brakes_at_once: bool = False
@@ -48,8 +45,8 @@ class Habits:
 
 HABITS: Final[Mapping[str, Habits]] = {
     "california": Habits(apart_m=100.0),
-    "germany": Habits(by_lane=True, splits_queues=True, uses_shoulder=False, moves_up=True, there_m=0.1),
-    "international": Habits(splits_queues=True, moves_up=True, there_m=0.1),
+    "germany": Habits(by_lane=True, splits_queues=True, uses_shoulder=False),
+    "international": Habits(splits_queues=True),
 }
 """Of lawful drivers, by the rulebook of the place."""
 

@@ -50,6 +50,10 @@ _ASIDE_M: Final = 1.2
 """An EMV farther to the side does not come from straight behind."""
 _ROLLS_MPS: Final = 1.0
 _LAG_M: Final = 0.5
+_THERE_M: Final = 0.35
+"""A driver that is as near to where it means to stand is there…"""
+_CLOSE_M: Final = 0.1
+"""…or as near as this where the EMV needs the width between two queues."""
 _TRIES_S: Final = 3.0
 _TRIED_M: Final = 0.5
 """A driver that has come no farther in this time has no way to that side."""
@@ -169,7 +173,7 @@ class LawfulDriver:
 
     def _apart_m(self, passed: Siren) -> float:
         """How far ahead an EMV has to be before the driver goes back: nearer if it stands in traffic."""
-        standing = self.habits.moves_up and passed.speed_mps < _ROLLS_MPS
+        standing = self.habits.splits_queues and passed.speed_mps < _ROLLS_MPS
         return min(self.habits.apart_m, _QUEUES_M) if standing else self.habits.apart_m
 
     def _target(self, state: LawfulState, sight: Sight) -> tuple[float, int]:
@@ -221,8 +225,8 @@ class LawfulDriver:
         clearing = self._speed_in_junction(sight, cruise)
         if clearing is not None:
             return clearing
-        if abs(sight.left_m - self._aside_m(state.side, sight)) < self.habits.there_m:
-            stands = self.habits.stops and not (self.habits.moves_up and emv_waits(sight))
+        if abs(sight.left_m - self._aside_m(state.side, sight)) < (_CLOSE_M if self.habits.splits_queues else _THERE_M):
+            stands = self.habits.stops and not (self.habits.splits_queues and emv_waits(sight))
             return 0.0 if stands else min(cruise, _CRAWL_MPS)
         if not any(siren.behind for siren in sight.sirens):  # the last one has passed
             return min(_CRAWL_MPS, cruise)

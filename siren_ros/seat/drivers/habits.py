@@ -13,8 +13,8 @@ class Habits:
     """Whether it stays in its lane on roads where a rescue lane is opened: at the left in the leftmost one, else at the
     right. Elsewhere it goes to the right edge of the road."""
     splits_queues: bool = False
-    """Whether it opens a way between queues on every road: it goes to the left where it cannot get to the right, close to
-    the line, drives on slowly where an EMV does not get past it, and goes back behind one that stands in traffic."""
+    """Whether it opens a way between queues on every road: it goes to the left where it cannot get to the right, close
+    to the line, drives on slowly where an EMV does not get past it, and goes back behind one that stands in traffic."""
     uses_shoulder: bool = True
     """Whether the shoulder belongs to that road."""
     hears: bool = True

@@ -1,7 +1,7 @@
 """Drivers of SUMO who stand on a junction do not wait for an EMV that stands there as well.
 
 SUMO lets a driver wait for a vehicle that comes to the same lane on the junction, whoever is ahead; an EMV waits for
-the body ahead of it. Several EMVs and those who wait for them would then stand for good. Once such a driver goes, the
+the body ahead of it. EMVs and those who wait for them would then stand for good. Once such a driver goes, the
 rule for vehicles that are driven from outside (``caution``) alone says when to wait.
 """
 

@@ -60,7 +60,8 @@ class SeatView:
         row = int(np.searchsorted(states.actor_id, self.actor_id))
         if self.actor_id == NO_ACTOR or row == len(states) or states.actor_id[row] != self.actor_id:
             return None
-        sight = sight_of(states, signals, self._actors, self.actor_id, self.way)
+        at_m = 0.0 if self._last is None else self._last.sight.s_m
+        sight = sight_of(states, signals, self._actors, self.actor_id, self.way, at_m)
         before = sight if self._last is None else self._last.sight
         touched = any(
             event.kind is EventKind.COLLISION and self.actor_id in {event.actor_id, event.other_id}

@@ -130,6 +130,15 @@ class Polyline:
         s_m, left_m = places.reshape(2, *query.shape[:-1])
         return s_m, left_m
 
+    def project_near(
+        self, points: npt.ArrayLike, near_m: float, reach_m: float
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """``project`` on the part around an arc length, for a curve that comes back to places where it was before."""
+        first = max(int(np.searchsorted(self.arc_m, near_m - reach_m)) - 1, 0)
+        first = min(first, len(self.points) - 2)
+        last = max(int(np.searchsorted(self.arc_m, near_m + reach_m)) + 1, first + 2)
+        return Polyline(self.points[first:last], self.arc_m[first:last]).project(points)
+
     def cut(self, from_m: float, to_m: float) -> "Polyline":
         """The part between two arc lengths (extended straight on where they lie outside)."""
         return Polyline.through(cut_points(self.points, self.arc_m, from_m, to_m))

@@ -40,7 +40,7 @@ class SeatedDriver:
         driven = Polyline.through(way.points * MIRROR) if network.left_hand else way
         self._way = Way.of(right_hand_image(network), driven)
         self._actors: dict[int, ActorDescription] = {}
-        self._state = driver.start
+        self._state, self._at_m = driver.start, 0.0
 
     def answer(self, states: ActorStates, traffic: TrafficState) -> AvControl:
         """The answer to a step; it rolls where the AV is not there."""
@@ -48,7 +48,8 @@ class SeatedDriver:
         if not np.isin(self._av_id, states.actor_id):
             return AvControl(states.step)
         seen = mirror_image(states) if self._left_hand else states
-        sight = sight_of(seen, traffic.signals, self._actors, self._av_id, self._way)
+        sight = sight_of(seen, traffic.signals, self._actors, self._av_id, self._way, self._at_m)
+        self._at_m = sight.s_m
         self._state, control = self._driver.step(self._state, sight)
         return mirror_image(control) if self._left_hand else control
 

@@ -87,6 +87,7 @@ def sight_of(
     actors: Mapping[int, ActorDescription],
     actor_id: int,
     way: Way,
+    near_m: float | None = None,
 ) -> Sight:
     """What the driver of an actor sees.
 
@@ -96,6 +97,8 @@ def sight_of(
         actors: Bodies of those in the world.
         actor_id: The own vehicle, which is in the world.
         way: Its way.
+        near_m: Arc length on the way where it was a step before. A long way comes back to roads where it was before:
+            without this, the place is the nearest one of all.
     """
     row = int(np.searchsorted(states.actor_id, actor_id))
     body = actors[actor_id]
@@ -108,7 +111,7 @@ def sight_of(
     sounds = (states.lights & Lights.SIREN) != 0
     sees = near & (ahead > -_BEHIND_M) & (ahead < _AHEAD_M)
     rows = [row, *np.flatnonzero(sees | (near & sounds)).tolist()]
-    own, *places = _on_way(way, states, rows)
+    own, *places = _on_way(way, states, rows, near_m)
     sirens, others = [], []
     for k, place in zip(rows[1:], places, strict=True):
         other, speed = actors[int(states.actor_id[k])], float(speeds[k])
@@ -146,8 +149,12 @@ class _OnWay:
     turn_rad: float
 
 
-def _on_way(way: Way, states: ActorStates, rows: list[int]) -> list[_OnWay]:
-    s_m, left_m = way.curve.project(np.stack((states.x_m[rows], states.y_m[rows]), axis=-1))
+def _on_way(way: Way, states: ActorStates, rows: list[int], near_m: float | None) -> list[_OnWay]:
+    points = np.stack((states.x_m[rows], states.y_m[rows]), axis=-1)
+    if near_m is None:
+        s_m, left_m = way.curve.project(points)
+    else:
+        s_m, left_m = way.curve.project_near(points, near_m, 2.0 * _AHEAD_M)
     turns = states.yaw_rad[rows] - way.curve.heading_rad(s_m)
     return [_OnWay(*place) for place in zip(s_m.tolist(), left_m.tolist(), turns.tolist(), strict=True)]
 

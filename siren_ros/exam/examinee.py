@@ -22,7 +22,7 @@ from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.record.vehicle_location import ALIGNED_RAD, LanePlaces, ahead_and_left_m, common_rows, places_of
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, LaneKind
-from siren_ros.roads.routing import driving_lanes
+from siren_ros.roads.routing import is_leftmost_of_several
 from siren_ros.world.actors import Lights
 
 ASIDE_M: Final = 8.0
@@ -149,11 +149,10 @@ class Examinee:
         """From the driver's left side to its lane's left line, in the leftmost of several lanes; infinite elsewhere."""
         network, found = self.record.network, np.full(len(self.track), np.inf)
         for index in set(self.places.lane.tolist()) - {NO_LANE}:
-            lane = network.lanes[index]
-            beside = driving_lanes(network, lane.edge)
-            if lane.kind is LaneKind.DRIVING and len(beside) > 1 and beside[-1] is lane:
+            if is_leftmost_of_several(network, index):
                 rows = self.places.lane == index
-                found[rows] = 0.5 * (lane.width_m - self.actor.width_m) - self.places.offset_m[rows]
+                spare_m = network.lanes[index].width_m - self.actor.width_m
+                found[rows] = 0.5 * spare_m - self.places.offset_m[rows]
         return found
 
     @cached_property

@@ -75,6 +75,13 @@ def driving_lanes(network: RoadNetwork, edge: int) -> tuple[Lane, ...]:
     return tuple(lane for lane in lanes if lane.kind is LaneKind.DRIVING and lane.civilian_allowed)
 
 
+def is_leftmost_of_several(network: RoadNetwork, lane: int) -> bool:
+    """Whether a lane is the leftmost of its edge's driving lanes, of which there are several."""
+    beside = network.edges[network.lanes[lane].edge].lanes
+    driving = [index for index in beside if network.lanes[index].kind is LaneKind.DRIVING]
+    return len(driving) > 1 and driving[-1] == lane
+
+
 def connections_between(network: RoadNetwork, edge: int, next_edge: int) -> tuple[Connection, ...]:
     """Movements from one edge to another, shoulders included, from the rightmost lane to the left."""
     return tuple(

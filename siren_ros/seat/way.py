@@ -11,6 +11,7 @@ from siren_ros.numerics.geometry import Polyline
 from siren_ros.record.vehicle_location import locate
 from siren_ros.roads.rescue_lane import rescue_sides
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
+from siren_ros.roads.routing import is_leftmost_of_several
 from siren_ros.seat.lanes import LanesBeside
 from siren_ros.world.traffic_state import Indices
 
@@ -83,8 +84,7 @@ class Way:
             )
             lane_right[row] = -0.5 * lane.width_m - float(places.offset_m[row])
             lane_left[row] = 0.5 * lane.width_m - float(places.offset_m[row])
-            driving = [k for k in network.edges[lane.edge].lanes if network.lanes[k].kind is LaneKind.DRIVING]
-            leftmost[row] = len(driving) > 1 and driving[-1] == lane_index
+            leftmost[row] = is_leftmost_of_several(network, lane_index)
         drift = np.diff(places.offset_m, append=places.offset_m[-1:])
         drift[~np.isfinite(drift) | (np.abs(drift) > _JUMP_M) | inside] = 0.0  # the lane is another one
         changes = np.where(np.abs(drift) > _DRIFT, np.sign(drift), 0.0)

@@ -55,6 +55,15 @@ def test_driving_lanes_leave_out_shoulder_and_sidewalk(town):
     assert [lane.position for lane in routing.driving_lanes(town, *edges(town, "main_e_1"))] == [2, 3]
 
 
+def test_the_leftmost_of_several_lanes_is_one_for_driving(town):
+    (several,) = edges(town, "main_e_1")
+    found = [lane for lane in town.edges[several].lanes if routing.is_leftmost_of_several(town, lane)]
+    assert names(town, found) == "main_e_1_3"
+    single = [edge for edge in town.edges if len(routing.driving_lanes(town, edge.index)) < 2]
+    assert single
+    assert not any(routing.is_leftmost_of_several(town, lane) for edge in single for lane in edge.lanes)
+
+
 def test_a_path_keeps_its_lane_through_junctions(town):
     lanes = routing.route_path(town, edges(town, "main_e_1 main_e_2 main_e_3"), town.lane_by_id["main_e_1_3"].index)
     outside = [town.lanes[index].lane_id for index in lanes if town.lanes[index].kind is not LaneKind.INTERNAL]

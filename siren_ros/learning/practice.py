@@ -56,7 +56,7 @@ def _lane_on_the_right(moment: Moment) -> bool:
     """Whether there is one beside the lane that the own centre is in."""
     sight = moment.sight
     lanes, row = sight.way.lanes, sight.way.row(sight.s_m)
-    return round(sight.left_m / float(lanes.width_m[row])) > lanes.rightmost(row)
+    return lanes.lane_at(row, sight.left_m) > lanes.rightmost(row)
 
 
 TEACHERS: Final[Mapping[str, Chooser]] = {

@@ -55,6 +55,10 @@ class LanesBeside:
         """Whether a lane is the leftmost one of several, or would be to the left of it."""
         return lane >= self.leftmost(row) > self.rightmost(row)
 
+    def lane_at(self, row: int, offset_m: float) -> int:
+        """Number of the lane from the way's that an offset is in, left positive; also of one that is not there."""
+        return round(offset_m / float(self.width_m[row]))
+
     def lane_there(self, row: int, lane: int) -> int:
         """A lane by its number from the way's, left positive; for one that is not there at a row the last one is."""
         return min(max(lane, self.rightmost(row)), self.leftmost(row))

@@ -78,7 +78,7 @@ def aim_of(aim: Aim, manoeuvre: Manoeuvre, sight: Sight) -> Aim:
     if manoeuvre is Manoeuvre.STOP:
         return Aim(manoeuvre, lane, aim.offset_m if aim.manoeuvre is Manoeuvre.STOP else sight.left_m)
     if manoeuvre is Manoeuvre.PULL_OVER:
-        present = lane if aim.manoeuvre is manoeuvre else round(sight.left_m / float(lanes.width_m[row]))
+        present = lane if aim.manoeuvre is manoeuvre else lanes.lane_at(row, sight.left_m)
         return Aim(manoeuvre, lanes.leftmost(row) if lanes.is_leftmost(row, present) else lanes.rightmost(row))
     change = {Manoeuvre.LEFT: 1, Manoeuvre.RIGHT: -1}.get(manoeuvre, 0)
     if change and not sight.in_junction and abs(lanes.offset_m(row, lane) - sight.left_m) < _THERE_M:

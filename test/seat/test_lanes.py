@@ -11,6 +11,7 @@ def test_the_right_lane_of_two_has_one_to_its_left_also_across_the_junction() ->
     assert (WAY.lanes.right == 0.0).all()
     assert [WAY.lanes.offset_m(50, lane) for lane in (-1, 0, 1, 2)] == [0.0, 0.0, 3.5, 3.5]
     assert [WAY.lanes.lane_there(50, lane) for lane in (-1, 0, 1, 2)] == [0, 0, 1, 1]
+    assert [WAY.lanes.lane_at(50, offset_m) for offset_m in (-3.0, -1.0, 1.0, 2.5)] == [-1, 0, 0, 1]
 
 
 def test_the_left_lane_has_one_to_its_right() -> None:

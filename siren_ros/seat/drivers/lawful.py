@@ -271,7 +271,7 @@ class LawfulDriver:
 def _middle_m(sight: Sight) -> float:
     """The middle of the driving lane that the vehicle is in, across its way."""
     lanes, row = sight.way.lanes, sight.way.row(sight.s_m)
-    return lanes.offset_m(row, lanes.lane_there(row, round(sight.left_m / float(lanes.width_m[row]))))
+    return lanes.offset_m(row, lanes.lane_there(row, lanes.lane_at(row, sight.left_m)))
 
 
 def _speed_of_chase(emv: Siren) -> float:

@@ -87,7 +87,7 @@ def sight_of(
     actors: Mapping[int, ActorDescription],
     actor_id: int,
     way: Way,
-    near_m: float | None = None,
+    near_m: float,
 ) -> Sight:
     """What the driver of an actor sees.
 
@@ -97,8 +97,7 @@ def sight_of(
         actors: Bodies of those in the world.
         actor_id: The own vehicle, which is in the world.
         way: Its way.
-        near_m: Arc length on the way where it was a step before. A long way comes back to roads where it was before:
-            without this, the place is the nearest one of all.
+        near_m: Arc length on the way where it was a step before: a long way comes back to roads where it was before.
     """
     row = int(np.searchsorted(states.actor_id, actor_id))
     body = actors[actor_id]
@@ -149,12 +148,9 @@ class _OnWay:
     turn_rad: float
 
 
-def _on_way(way: Way, states: ActorStates, rows: list[int], near_m: float | None) -> list[_OnWay]:
+def _on_way(way: Way, states: ActorStates, rows: list[int], near_m: float) -> list[_OnWay]:
     points = np.stack((states.x_m[rows], states.y_m[rows]), axis=-1)
-    if near_m is None:
-        s_m, left_m = way.curve.project(points)
-    else:
-        s_m, left_m = way.curve.project_near(points, near_m, 2.0 * _AHEAD_M)
+    s_m, left_m = way.curve.project_near(points, near_m, 2.0 * _AHEAD_M)
     turns = states.yaw_rad[rows] - way.curve.heading_rad(s_m)
     return [_OnWay(*place) for place in zip(s_m.tolist(), left_m.tolist(), turns.tolist(), strict=True)]
 

@@ -114,8 +114,7 @@ class SumoSimulation:
         self._oncoming = OncomingDrivers(network, plan.response_distance_m) if self._siren else None
         filtering = any(vehicle.filters for vehicle in (*plan.groups, *plan.riders))
         self._rescue_lane = RescueLane(network, filtering=filtering) if plan.duty else None
-        privileged = LEVEL_POLICIES[level].privileged
-        self._standoff = StandOff(tuple(emv.name for emv in plan.emvs)) if privileged else None
+        self._standoff = StandOff(tuple(emv.name for emv in plan.emvs)) if LEVEL_POLICIES[level].privileged else None
         self._crossings = CrossingWatch(network)
         self._cyclists = CyclistsSide(network) if plan.riders else None
         self._walkers = Walkers(network, plan, self._config) if plan.walkers else None

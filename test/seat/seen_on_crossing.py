@@ -41,7 +41,7 @@ def seen(
         lights=lambda state: np.where(state.actor_id == EMV, int(Lights.SIREN), lights).astype(np.uint8),
     )
     signals = record.traffic[1].signals
-    before, after = (sight_of(state, signals, record.actors, OWN, WAY) for state in record.states)
+    before, after = (sight_of(state, signals, record.actors, OWN, WAY, own_m) for state in record.states)
     return before, after
 
 

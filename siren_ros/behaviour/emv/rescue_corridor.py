@@ -94,8 +94,10 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     if open_m < config.straight_below_m:
         driven = unit.navigator.path is not None and ego.speed_mps > config.keep_above_mps
         stops = stops_within(ego.speed_mps * ego.speed_mps, ego.config.gap_escape.brake_mps2, open_m)
-        longer = _open_m(unit, ego) > open_m + (config.keep_gain_m if stops else 0.0)
-        if driven and (longer or (not stops and _touches_m(unit, ego) > _touches_m(planned, ego))):
+        gain_m = config.keep_gain_m if stops else 0.0
+        if driven and (
+            _open_m(unit, ego) > open_m + gain_m or (not stops and _touches_m(unit, ego) > _touches_m(planned, ego))
+        ):
             return changed(unit, corridor_planned_step=ego.step)
         other = _along(unit, ego, lane, straight_on=True)
         if _open_m(other, ego) > open_m + config.straight_gain_m:

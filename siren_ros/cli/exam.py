@@ -64,7 +64,7 @@ def add_arguments(verb: Command) -> None:
         "--driver",
         default="",
         metavar="NAME",
-        help="driver of the AV: siren (the paper's), idm, lawful-PLACE, FAULT-PLACE or an ONNX file; with "
+        help="driver of the AV: siren (the paper's), idm, learned, lawful-PLACE, FAULT-PLACE or an ONNX file; with "
         "BAG, the driver's name on the certificate",
     )
     verb.add_argument("--av", default="", metavar="PROGRAM", help="command line of a ROS program that drives the AV")

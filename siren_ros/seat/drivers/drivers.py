@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.errors import InputError
+from siren_ros.params.resources import params_dir
 from siren_ros.seat.drivers.driver import Driver
 from siren_ros.seat.drivers.habits import FAULTS, HABITS, faulty
 from siren_ros.seat.drivers.keeps_lane import LaneKeeper
 from siren_ros.seat.drivers.lawful import LawfulDriver
-from siren_ros.seat.drivers.learned import open_driver
+from siren_ros.seat.drivers.learned import SHIPPED, open_driver
 
 _ONNX: Final = ".onnx"
 
@@ -23,16 +24,24 @@ def _faulty(fault: str, place: str) -> Driver[Any]:
     return LawfulDriver(faulty(HABITS[place], fault))
 
 
+def _learned() -> Driver[Any]:
+    return open_driver(params_dir() / SHIPPED)
+
+
 DRIVERS: Final[Mapping[str, Callable[[], Driver[Any]]]] = {
     "idm": LaneKeeper,
+    "learned": _learned,
     **{f"lawful-{place}": partial(_lawful, place) for place in HABITS},
     **{f"{fault}-{place}": partial(_faulty, fault, place) for fault in FAULTS for place in HABITS},
 }
-"""What makes each driver: ``idm``, and for each place one that is lawful there and one with each fault."""
+"""What makes each driver.
+
+``idm``, the one that ``siren train driver`` made, and for each place a lawful one and one with each fault.
+"""
 
 
 def driver_of(name: str) -> Driver[Any]:
-    """A driver by its name, or one that has learned by the path of its file.
+    """A driver by its name, or another one that has learned by the path of its file.
 
     Raises:
         InputError: There is no such driver, or its file cannot be used.

@@ -18,6 +18,8 @@ INPUT: Final = "observation"
 """The network's input, ``(N, SIZE)``…"""
 OUTPUT: Final = "logits"
 """…and its output, one number for each manoeuvre."""
+SHIPPED: Final = Path("drivers", "learned.onnx")
+"""Place of the driver that the project ships, below the parameter files."""
 _NEVER: Final = -(10**9)
 
 

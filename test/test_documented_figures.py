@@ -81,7 +81,7 @@ def test_documents_hold_no_measured_figure_as_text(results: dict[str, PartResult
 
 NO_FIGURES = {"episodes", "pictures"}
 NOT_RUN = {"train_prediction_more", "prediction_learned", "prediction_unseen_map", "detection_conditions"} | {
-    *("exam", "learning", "train_driver")
+    *("learning", "train_driver")
 }
 """Parts that wait for their first run; the documents show no figure of them."""
 

@@ -70,8 +70,9 @@ def press_pedals(
     integral_mps2: float,
     vehicle: VehicleParameters,
     config: NavigatorConfig,
+    steer_rad: float = 0.0,
 ) -> Pedals:
-    """Pedals for a target speed.
+    """Pedals for a target speed; the brakes do what a bend, with the wheels at an angle, does not do by itself.
 
     ``must_brake_mps2`` is the deceleration that is needed at least (0: none), so as not to hit what is ahead. The
     integral comes from the step before; it stands still outside a band around the target speed and while a limit is
@@ -92,12 +93,20 @@ def press_pedals(
     force = accel + resistance
     most = min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / (vehicle.mass_kg * max(speed_mps, 1.0)))
     throttle = min(max(force, 0.0) / most, 1.0)
-    brake = min(-force / vehicle.max_brake_decel_mps2, 1.0) if force < -config.coast_mps2 else 0.0
+    braking = -force - _cornering_mps2(speed_mps, steer_rad, vehicle)
+    brake = min(braking / vehicle.max_brake_decel_mps2, 1.0) if braking > config.coast_mps2 else 0.0
     integral = 0.0
     if abs(error) < config.integral_band_mps:
         grown = integral_mps2 + config.speed_integral_1ps2 * error * STEP_S if free else integral_mps2
         integral = max(-config.integral_limit_mps2, min(config.integral_limit_mps2, grown))
     return Pedals(throttle, brake, integral)
+
+
+def _cornering_mps2(speed_mps: float, steer_rad: float, vehicle: VehicleParameters) -> float:
+    """By how much the side force of steered front wheels slows a vehicle in steady cornering."""
+    curvature = steer_rad / (vehicle.wheelbase_m + vehicle.understeer_gradient_s2pm * speed_mps**2)
+    front_share = 1.0 - vehicle.cg_to_front_axle_m / vehicle.wheelbase_m
+    return front_share * speed_mps**2 * curvature * math.tan(steer_rad)
 
 
 # No parameter: half of the distance between the points of a path.

@@ -336,8 +336,8 @@ def navigate(
     limits = tuple([mechanism.limit(drive) for mechanism in mechanisms])
     must_brake = max(limit.brake_mps2 for limit in limits) if speed > config.rolling_mps else 0.0
     lowest = min(limit.speed_mps for limit in limits)
-    pedals = press_pedals(speed, lowest, must_brake, state.integral_mps2, ego.vehicle, config)
     steer = steer_along(state.path, progress, left, ego.pose[2], speed, ego.vehicle, config)
+    pedals = press_pedals(speed, lowest, must_brake, state.integral_mps2, ego.vehicle, config, steer)
     return (
         NavigatorState(state.path, progress, left, pedals.integral_mps2, target_mps, limits),
         DriveCommand(pedals.throttle, pedals.brake, steer, False),

@@ -15,7 +15,7 @@ from shapely import LineString, contains_xy
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.numerics.arrays import Floats, chances, drawn, random_stream
-from siren_ros.numerics.braking import bend_speeds_mps, speed_before_mps, with_braking
+from siren_ros.numerics.braking import bend_speeds_mps, speed_before_mps, stops_within, with_braking
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
@@ -36,6 +36,7 @@ from siren_ros.traffic.demand.pedestrians import plan_walkers
 from siren_ros.traffic.demand.plan import (
     DriverPopulation,
     LaneInterval,
+    RED_BEHIND_S,
     PlannedVehicle,
     SignalTiming,
     Spot,
@@ -193,8 +194,22 @@ class _Planner:
         straight = [way for way in bound if way.direction == "s"]
         crossing = tuple(way.signal_link for way in straight or bound)
         streams = tuple(g.name for g in self._template.demand.groups if g.anchor is GroupAnchor.ARRIVAL)
-        platoon = tuple(vehicle.name for vehicle in groups.vehicles if streams and vehicle.name.startswith(streams))
-        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, platoon, emv="emv0")
+        platoon = [vehicle for vehicle in groups.vehicles if streams and vehicle.name.startswith(streams)]
+        red_from_s = max((red_from_s, *(time_s + RED_BEHIND_S for time_s in self._too_near_to_stop_s(platoon))))
+        names = tuple(vehicle.name for vehicle in platoon)
+        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, names, emv="emv0")
+
+    def _too_near_to_stop_s(self, vehicles: Sequence[PlannedVehicle]) -> list[float]:
+        """When those pass the stop line who start so near to it that they would brake hard before a red."""
+        times_s, route, end = [], self._start.route, self._site.stretch[-1]
+        for vehicle in vehicles:
+            spot, edge = vehicle.spot, self._network.lanes[vehicle.spot.lane].edge
+            if edge not in route or end not in route or spot.speed_mps <= 0.0:
+                continue
+            way_m = self._factory.length_m(route[route.index(edge) : route.index(end) + 1]) - spot.front_m
+            if not stops_within(spot.speed_mps**2, vehicle.driver.driving.decel_mps2, way_m):
+                times_s.append(max(way_m, 0.0) / spot.speed_mps)
+        return times_s
 
     def _arrival_s(self, edge: int) -> float:
         """When the first EMV would come unhindered to the end of an edge of its way."""

@@ -167,6 +167,10 @@ class LaneInterval:
     to_m: float
 
 
+RED_BEHIND_S: Final = 1.2
+"""From the stop line's crossing by the last vehicle of a platoon to the red. No parameter: a usual time."""
+
+
 @dataclass(frozen=True)
 class SignalTiming:
     """Where in its programme a signal is at the episode's start."""

@@ -10,14 +10,12 @@ import libsumo
 from siren_ros.conflicts.yielding import time_to_go_s
 from siren_ros.errors import MapError
 from siren_ros.numerics.units import STEP_S
-from siren_ros.traffic.demand.plan import SignalTiming
+from siren_ros.traffic.demand.plan import RED_BEHIND_S, SignalTiming
 
 # No parameters: usual times of signal programmes, with which a template's own time of the red is met.
 _USUAL_CLEARANCE_S: Final = 1.5
 """From the end of one movement's yellow to the green of the next."""
 _LONGEST_CLEARANCE_S: Final = 4.0
-_RED_BEHIND_S: Final = 1.2
-"""From the stop line's crossing by the last vehicle of a platoon to the red."""
 _YELLOW_DRIVEN_S: Final = 2.2
 """A driver who sees the yellow this late drives on: 1 s to react, and too near to stop comfortably from 30 km/h."""
 _LONGEST_GREEN_S: Final = 10.0
@@ -128,7 +126,7 @@ def detector_s(yellow_s: float) -> float:
 
     It then drives on, as drivers do who see the yellow so late, and the red follows soon behind it.
     """
-    return min(max(yellow_s - _RED_BEHIND_S, 0.0), _YELLOW_DRIVEN_S)
+    return min(max(yellow_s - RED_BEHIND_S, 0.0), _YELLOW_DRIVEN_S)
 
 
 class GapOut:

@@ -133,6 +133,24 @@ def test_pedals_give_the_acceleration_that_is_asked_for_within_comfort(vehicle, 
     assert accel_of(pedals, 6.0, vehicle) == pytest.approx(accel, abs=1e-9)
 
 
+def braked(vehicle, steer_rad):
+    """The body after driving at 11 m/s with its wheels at an angle, and 0.6 s of firm braking."""
+    table, nobody, none, one = ParameterTable.of_rows([vehicle]), np.zeros(1, np.bool_), np.zeros(1), np.ones(1)
+    body = BodyState.moving(none, none, none, np.array([11.0]))
+    for target_mps in [11.0] * 24 + [0.0] * 12:
+        pedals = press_pedals(float(body.forward_mps[0]), target_mps, 0.0, 0.0, vehicle, CONFIG, steer_rad)
+        throttle, brake = np.array([pedals.throttle]), np.array([pedals.brake])
+        body = step_bodies(body, Controls(throttle, brake, np.array([steer_rad]), nobody, one, one), table, 0.05)
+    return body
+
+
+@pytest.mark.parametrize("steer_rad", [-0.12, 0.12])
+def test_braking_is_no_harder_in_a_bend(vehicle, steer_rad):
+    bend, straight = braked(vehicle, steer_rad), braked(vehicle, 0.0)
+    assert abs(bend.lateral_accel_mps2[0]) > 1.5
+    assert bend.accel_mps2[0] == pytest.approx(straight.accel_mps2[0], abs=0.05)
+
+
 @pytest.mark.parametrize(("target", "grows"), [(6.5, 0.3 * 0.5 * 0.05), (5.5, -0.3 * 0.5 * 0.05)])
 def test_the_integral_grows_with_the_error(vehicle, target, grows):
     assert press_pedals(6.0, target, 0.0, 0.2, vehicle, CONFIG).integral_mps2 == pytest.approx(0.2 + grows)

@@ -479,3 +479,16 @@ def test_cyclists_start_on_cycle_lanes_or_on_the_right_of_streets_without(seed: 
         assert edges[0] == lane.edge
         assert all(later in EdgeGraph.of(CITY).successors[edge] for edge, later in pairwise(edges))
     assert LaneKind.CYCLE in kinds
+
+
+@pytest.mark.parametrize("seed", [19, 35])
+def test_the_red_does_not_catch_a_driver_of_the_platoon_who_starts_too_near_to_stop(seed: int) -> None:
+    setup = set_up_episode(EpisodeRequest(template="S4", seed=seed))
+    assert setup.plan.signal is not None
+    caught_s = []
+    for vehicle in setup.plan.groups:
+        way_m = setup.network.lanes[vehicle.spot.lane].length_m - vehicle.spot.front_m
+        if vehicle.name in setup.plan.signal.platoon and way_m < vehicle.spot.speed_mps**2 / 6.0:
+            caught_s.append(way_m / vehicle.spot.speed_mps)
+    assert caught_s
+    assert setup.plan.signal.red_from_s == pytest.approx(max(caught_s) + 1.2)

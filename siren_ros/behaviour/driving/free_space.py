@@ -184,8 +184,9 @@ class FreeWay:
         """Speed from which one can slow down for tight places and stop before impassable ones.
 
         The needed deceleration is that of a stop before contact. Places that are only too tight are braked for gently,
-        with ``brake_mps2``. ``squeezes`` are margins, the wider first, and the speeds that they allow. A place with
-        less than ``clearance_m`` is impassable; the body stops ``stop_short_m`` before it.
+        with ``brake_mps2``; nearer to contact than ``stop_short_m`` the body brakes so until it stands.
+        ``squeezes`` are margins, the wider first, and the speeds that they allow. A place with less than
+        ``clearance_m`` is impassable; the body stops ``stop_short_m`` before it.
         """
         narrow = [(self.until_m(wide), tight) for (wide, _), (_, tight) in pairwise(squeezes)]
         stopping = self._stopping_m(clearance_m)
@@ -200,7 +201,8 @@ class FreeWay:
         contact = self.free_m
         brake = needed_brake_mps2(speed_mps**2, max(contact - min(stop_short_m, _RESERVE_M), _LEAST_WAY_M))
         blocker = int(self.actor_id[np.argmin(stopping)])
-        return SpeedLimit(limit, brake if brake > brake_mps2 else 0.0, blocker, free)
+        must = brake > brake_mps2 or contact <= stop_short_m
+        return SpeedLimit(limit, max(brake, brake_mps2) if must else 0.0, blocker, free)
 
 
 @compiled
@@ -208,18 +210,23 @@ def _poses_ahead(
     points: Array, heading_rad: Array, curvature_1pm: Array, spacing_m: float, progress_m: float, left_m: float,
     yaw_rad: float, centre_ahead_m: float, way_m: Array, poses: Array,
 ) -> None:  # fmt: skip
-    """Fill in x, y, cosine and sine (``(4, K)``) of a body after each way ``(K,)``; offset and yaw error fade."""
-    turned = 0.0
+    """Fill in x, y, cosine and sine (``(4, K)``) of a body after each way ``(K,)``; offset and yaw error fade.
+
+    The rear axle follows the body's centre as a trailer does: behind a bend the body turns into the course of its
+    centre over the way between both.
+    """
+    yaw, turned, before = 0.0, 0.0, 0.0
     for k in range(way_m.shape[0]):
         x, y, heading, curvature = curve_place(points, heading_rad, curvature_1pm, spacing_m, progress_m + way_m[k])
-        course = heading - np.arctan(centre_ahead_m * curvature)
         if k == 0:
-            turned = wrapped_rad(yaw_rad - course)
+            yaw = heading - np.arctan(centre_ahead_m * curvature)
+            turned = wrapped_rad(yaw_rad - yaw)
+        yaw += wrapped_rad(heading - yaw) * (1.0 - np.exp(-(way_m[k] - before) / max(centre_ahead_m, _PATH_STEP_M)))
+        before = way_m[k]
         fading = np.exp(-max(way_m[k] - _OFFSET_KEPT_M, 0.0) / _OFFSET_LENGTH_M)
         poses[0, k] = x - left_m * fading * np.sin(heading)
         poses[1, k] = y + left_m * fading * np.cos(heading)
-        course += turned * fading
-        poses[2, k], poses[3, k] = np.cos(course), np.sin(course)
+        poses[2, k], poses[3, k] = np.cos(yaw + turned * fading), np.sin(yaw + turned * fading)
 
 
 @compiled

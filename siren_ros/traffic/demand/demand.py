@@ -34,9 +34,9 @@ from siren_ros.traffic.demand.group_demand import BRAKE_MPS2, LATERAL_MPS2, Grou
 from siren_ros.traffic.demand.jam import JamHead
 from siren_ros.traffic.demand.pedestrians import plan_walkers
 from siren_ros.traffic.demand.plan import (
+    RED_BEHIND_S,
     DriverPopulation,
     LaneInterval,
-    RED_BEHIND_S,
     PlannedVehicle,
     SignalTiming,
     Spot,

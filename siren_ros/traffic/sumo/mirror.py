@@ -6,7 +6,7 @@ The lane of a vehicle on its route is found from its pose alone.
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import libsumo
@@ -48,6 +48,8 @@ _SEAM_M: Final = 1.0
 whose front is on one, and crashes when it looks for the vehicle beside its rear."""
 _CLEAR_M: Final = 0.1
 """How far from such a path a front is put instead."""
+_BACK_M: Final = 0.5
+"""By how much a vehicle is put back that SUMO found on another road at the end of its lane."""
 _HEADING_LIMIT_RAD: Final = 1.2
 """Lanes that run further off the vehicle's heading are left out."""
 _STAY_M: Final = 0.1
@@ -252,9 +254,13 @@ class Mirror:
         for row in changed.tolist():
             actor_id = int(states.actor_id[row])
             if actor_id in vehicles:
-                name = vehicles[actor_id].name
+                name, speed_mps = vehicles[actor_id].name, float(speeds_mps[row])
                 if name in before and name not in self.places:
-                    self._hand_back(name, before[name].match.lane, float(speeds_mps[row]))
+                    if self._astray(name, before[name].match.lane):
+                        self._move_back(vehicles[actor_id], before[name], speed_mps)
+                    else:
+                        self._restore_route(vehicles[actor_id], leaves=True)
+                        self._hand_back(name, before[name].match.lane, speed_mps)
                 self._bind(name, int(states.mode[row]))
 
     def deferred(self) -> set[str]:
@@ -367,13 +373,17 @@ class Mirror:
             return 0.0
         return seam_m + _CLEAR_M - into_m if into_m > 0.5 * seam_m else -_CLEAR_M - into_m
 
-    def _restore_route(self, vehicle: PlannedVehicle) -> None:
-        """Give a vehicle its planned route back, where SUMO made it another one for the lane that it found it on."""
+    def _restore_route(self, vehicle: PlannedVehicle, *, leaves: bool = False) -> None:
+        """Give a vehicle its planned route back, where SUMO made it another one for the lane that it found it on.
+
+        Of a vehicle that ``leaves`` the mirror also where SUMO may find a later visit of its edge: the other route may
+        end where it is, or lead back.
+        """
         planned = route_id(vehicle.name)
         if libsumo.vehicle.getRouteID(vehicle.name) == planned:
             return
         once = len(frozenset(vehicle.route)) == len(vehicle.route)  # else SUMO may find its later visit of an edge
-        if once and libsumo.vehicle.getRoadID(vehicle.name) in vehicle.route:
+        if (once or leaves) and libsumo.vehicle.getRoadID(vehicle.name) in vehicle.route:
             with suppress(libsumo.TraCIException):  # SUMO counts another edge as the vehicle's, which is not planned
                 libsumo.vehicle.setRouteID(vehicle.name, planned)
 
@@ -391,6 +401,27 @@ class Mirror:
     def _set_speed(self, name: str, lane: int, speed_mps: float) -> None:
         """Tell SUMO the vehicle's speed, along the nominal length of its lane."""
         libsumo.vehicle.setPreviousSpeed(name, speed_mps * self._population.scale_of(lane))
+
+    def _astray(self, name: str, lane: int) -> bool:
+        """Whether SUMO found a vehicle on another road than that of its lane, and would drive it on from there.
+
+        At the very end of a lane SUMO may find the end of a way across the junction that leads to the opposite lane.
+        """
+        if lane == NO_LANE or self._network.lanes[lane].kind is LaneKind.INTERNAL:
+            return False
+        edge_id = self._network.edges[self._network.lanes[lane].edge].edge_id
+        return bool(libsumo.vehicle.getRoute(name)[libsumo.vehicle.getRouteIndex(name)] != edge_id)
+
+    def _move_back(self, vehicle: PlannedVehicle, place: Place, speed_mps: float) -> None:
+        """Put a vehicle a little back along its heading, where its lane is no longer in doubt, for one step more."""
+        angle_rad, match = math.radians(place.angle_deg), place.match
+        x, y = place.x_m - _BACK_M * math.sin(angle_rad), place.y_m - _BACK_M * math.cos(angle_rad)
+        match = replace(match, position_m=max(match.position_m - _BACK_M, 0.0))
+        place = Place(x, y, place.angle_deg, match)
+        self._set_speed(vehicle.name, match.lane, speed_mps)
+        self._restore_route(vehicle)
+        self._move(vehicle, place)
+        self.places[vehicle.name] = place
 
     def _hand_back(self, name: str, lane: int, speed_mps: float) -> None:
         self._set_speed(name, lane, speed_mps)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.behaviour.config import NavigatorConfig
-from siren_ros.behaviour.driving.free_space import FreeWay, Obstacles, clearances_m, separations_m
+from siren_ros.behaviour.driving.free_space import FreeWay, Obstacles, _poses_ahead, clearances_m, separations_m
 from siren_ros.behaviour.driving.step_view import Body
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
@@ -90,6 +90,30 @@ def test_brakes_hard_for_contact_and_gently_for_a_place_that_is_only_too_tight()
     assert tight.blocker_id != NO_ACTOR
     assert tight.brake_mps2 == 0.0
     assert straight(boxes((6, 1.9, 0, 2, 1))).limit(8.0, SQUEEZES, 1.0, 2.5, clearance_m=0.1).brake_mps2 > 10.0
+
+
+def test_close_to_contact_the_braking_does_not_fade_with_the_speed():
+    near = straight(boxes((5.6, 0, 0, 2, 1)))
+    assert near.free_m < 1.0
+    assert [near.limit(speed, SQUEEZES, 1.0, 2.5).brake_mps2 for speed in (0.6, 0.3)] == [2.5, 2.5]
+    assert straight(boxes((8, 0, 0, 2, 1))).limit(0.6, SQUEEZES, 1.0, 2.5).brake_mps2 == 0.0
+
+
+def test_behind_a_bend_the_body_turns_as_a_trailer_of_its_centre():
+    turn = np.linspace(0.0, 0.5 * math.pi, 60)
+    bend = np.stack((10.0 + 8.0 * np.sin(turn), 8.0 - 8.0 * np.cos(turn)), axis=-1)
+    curve = Curve.through(np.concatenate(([[0.0, 0.0]], bend, [[18.0, 30.0]])))
+    way, centre_m = np.arange(0.0, 30.0, 0.25), 1.6
+    poses = np.empty((4, len(way)))
+    line = curve.points, curve.heading_rad, curve.curvature_1pm, curve.spacing_m
+    _poses_ahead(*line, 0.0, 0.0, 0.0, centre_m, way, poses)
+    fine = np.arange(0.0, 30.0, 0.01)
+    yaw, yaws = 0.0, []
+    for place_m, heading in zip(fine, curve.heading_at(fine), strict=True):
+        if abs(place_m / 0.25 - round(place_m / 0.25)) < 1e-6:
+            yaws.append(yaw)
+        yaw += 0.01 / centre_m * math.sin(heading - yaw)
+    np.testing.assert_allclose(np.arctan2(poses[3], poses[2]), yaws, atol=0.03)
 
 
 def test_a_vehicle_that_drives_ahead_leaves_way_behind_itself():

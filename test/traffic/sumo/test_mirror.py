@@ -161,6 +161,7 @@ class FakeVehicles:
         self.settings = settings_in_mirror()
         self.previous_speed_mps = 0.0
         self.moved_to: list[tuple[Any, ...]] = []
+        self.route_id, self.route = mirror_module.route_id(NAME), VEHICLE.route
 
     def setPreviousSpeed(self, name: str, speed_mps: float) -> None:  # noqa: N802 - libsumo's name
         assert name == NAME
@@ -171,7 +172,23 @@ class FakeVehicles:
         self.moved_to.append(place)
 
     def getRouteID(self, name: str) -> str:  # noqa: N802 - libsumo's name
-        return mirror_module.route_id(name)
+        assert name == NAME
+        return self.route_id
+
+    def setRouteID(self, name: str, route_id: str) -> None:  # noqa: N802 - libsumo's name
+        assert (name, route_id) == (NAME, mirror_module.route_id(NAME))
+        self.route_id, self.route = route_id, VEHICLE.route
+
+    def getRoute(self, name: str) -> tuple[str, ...]:  # noqa: N802 - libsumo's name
+        assert name == NAME
+        return self.route
+
+    def getRoadID(self, name: str) -> str:  # noqa: N802 - libsumo's name
+        return self.getRoute(name)[self.getRouteIndex(name)]
+
+    def getRouteIndex(self, name: str) -> int:  # noqa: N802 - libsumo's name
+        assert name == NAME
+        return 0
 
     def __getattr__(self, name: str) -> Any:
         kind, setting = name[:3], name[3:]
@@ -184,7 +201,7 @@ class FakeVehicles:
 @pytest.fixture(name="sumo")
 def _sumo(monkeypatch: pytest.MonkeyPatch) -> FakeVehicles:
     vehicles = FakeVehicles()
-    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles, TraCIException=RuntimeError))
     return vehicles
 
 
@@ -279,6 +296,23 @@ def test_a_vehicle_that_ros_drove_is_handed_back_with_its_own_settings(sumo: Fak
     drive(Owner.SUMO, Mode.REJOIN)
     assert (sumo.settings, sumo.previous_speed_mps) == (settings_in_mirror(), pytest.approx(10.0))
     assert len(sumo.moved_to) == 1
+
+
+def test_a_vehicle_that_sumo_found_on_another_road_is_put_back_before_it_is_handed_back(sumo: FakeVehicles) -> None:
+    drive = Driver()
+    drive(Owner.ROS, Mode.YIELD_PULL_OVER)
+    sumo.route_id, sumo.route = "made by SUMO", ("w_in", "e_out")
+    sumo.settings["SpeedMode"] = 0
+    drive(Owner.SUMO, Mode.REJOIN)
+    edge_id, _, x_m, y_m, *_ = sumo.moved_to[1]
+    assert edge_id == "s_in"
+    assert sumo.moved_to[0][2:4] == pytest.approx((x_m, y_m + 0.5))
+    assert sumo.settings["SpeedMode"] == 0
+    sumo.route_id, sumo.route = "made by SUMO", ("s_in",)
+    drive(Owner.SUMO, Mode.REJOIN)
+    assert sumo.settings == settings_in_mirror()
+    assert sumo.route == VEHICLE.route
+    assert len(sumo.moved_to) == 2
 
 
 def test_a_binding_outlasts_a_stretch_in_which_ros_drives(sumo: FakeVehicles) -> None:
@@ -407,7 +441,7 @@ def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
     """The simulated front is 22.5 m after the lane's beginning a step later; SUMO's frame is shifted."""
     place = (RIGHT_X_M + aside_m, -120.0 + 22.5 + ahead_m)
     vehicles = Realigned((place[0] + 100.0, place[1] - 40.0))
-    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles, TraCIException=RuntimeError))
     mirror = mirror_on(SHIFTED, 2.0)
     row = {**STANDING, "vy_mps": 10.0}
     other = {**row, "actor_id": 3, "residual_m": 9.0}
@@ -436,7 +470,7 @@ def test_where_both_stand_sumos_vehicle_is_brought_to_where_the_simulated_one_st
 ) -> None:
     vehicles = Realigned((RIGHT_X_M, -98.0 - residual_m))
     vehicles.speed_mps = sumo_mps
-    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles, TraCIException=RuntimeError))
     mirror = mirror_on(CROSSING)
     states = states_of(0, [{**STANDING, "vy_mps": simulated_mps, "residual_m": residual_m}])
     mirror.apply(states, {ACTOR: VEHICLE}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
@@ -446,7 +480,7 @@ def test_where_both_stand_sumos_vehicle_is_brought_to_where_the_simulated_one_st
 
 def test_nobody_is_brought_back_onto_a_lane_that_is_closed_to_civilians(monkeypatch: pytest.MonkeyPatch) -> None:
     vehicles = Realigned((RIGHT_X_M + 5.0, -97.5))
-    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles, TraCIException=RuntimeError))
     states = states_of(0, [{**STANDING, "vy_mps": 10.0, "residual_m": 9.0}])
     closed = replace(CROSSING, lanes=tuple(replace(lane, civilian_allowed=False) for lane in CROSSING.lanes))
     for network, realigned in ((CROSSING, {ACTOR: 9.0}), (closed, {})):
@@ -465,6 +499,6 @@ def test_a_cyclist_is_brought_back_in_the_cycle_lane_which_is_no_lane_of_cars(mo
     for vehicle, lane in ((cyclist, "s_in_0"), (VEHICLE, "s_in_1")):
         vehicles = Realigned((SHOULDER_X_M, -97.0))
         vehicles.speed_mps = 0.0
-        monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+        monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles, TraCIException=RuntimeError))
         mirror_on(network).apply(states, {ACTOR: vehicle}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
         assert vehicles.back == [(lane, pytest.approx(22.0))]

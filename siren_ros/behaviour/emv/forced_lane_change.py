@@ -1,5 +1,6 @@
 """Guard 3 of the EMV: forced lane changes by SUMO's lateral intent and by the route's own need."""
 
+import math
 from typing import Final
 
 import numpy as np
@@ -31,7 +32,7 @@ _REASONS: Final = {LaneKind.SHOULDER: "shoulder", LaneKind.DRIVING: "free_lane"}
 def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     """Side to which the EMV wants to go (+1 left, −1 right, 0 none) and why: the route first, then past slow traffic.
 
-    It wants no lane change before its first plan.
+    It wants no lane change before its first plan, and none to the side to which the vehicle ahead makes way for it.
     """
     if unit.plan is None:
         return 0, SUMO
@@ -40,10 +41,26 @@ def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     if unit.plan.end is LaneEnd.ASTRAY and near:
         return strategic_side(ego.network, present_lane(ego, unit.navigator), ego.route), ROUTE
     side, reason = free_side(unit, ego)
-    if side != 0:
-        return side, reason
-    advice = advice_of(ego, unit.actor_id)
-    return (advice.lane_change_intent if advice is not None else 0), SUMO
+    if side == 0:
+        advice = advice_of(ego, unit.actor_id)
+        side, reason = (advice.lane_change_intent if advice is not None else 0), SUMO
+    return (0, SUMO) if _leader_makes_way(unit, ego, side) else (side, reason)
+
+
+def _leader_makes_way(unit: EmvUnit, ego: Ego, side: int) -> bool:
+    """Whether the next vehicle on the EMV's path drives off it to that side, where it would be ahead again."""
+    path, seen = unit.navigator.path, ego.seen
+    rows = ego.near(ego.config.emv.pass_from_m)
+    if path is None or side == 0 or len(rows) == 0:
+        return False
+    s_m, left_m, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
+    on_path = (s_m > unit.navigator.progress_m) & (np.abs(left_m) < ego.half_width_m + seen.half_width_m[rows])
+    if not on_path.any():
+        return False
+    leader = np.argmin(np.where(on_path, s_m, np.inf))
+    moving = seen.speed_mps[rows[leader]] > ego.navigator_config.moving_mps
+    off_rad = float(seen.yaw_rad[rows[leader]] - path.curve.heading_rad[nearest[leader]])
+    return bool(moving) and side * math.sin(off_rad) > ego.navigator_config.drift_sine
 
 
 def free_side(unit: EmvUnit, ego: Ego) -> tuple[int, str]:

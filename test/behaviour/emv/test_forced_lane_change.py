@@ -128,6 +128,26 @@ def test_the_route_comes_before_the_shoulder_and_this_before_sumos_wish(lab):
     assert lateral_intent(planned, unadvised.ego(0)) == (0, SUMO), "SUMO says nothing of this EMV"
 
 
+@pytest.mark.parametrize(
+    ("turned_deg", "wants"),
+    [(6.0, 0), (-6.0, 1), (0.0, 1), (1.0, 1)],
+    ids=["to that side", "to the other side", "straight on", "keeps its lane"],
+)
+def test_the_emv_does_not_follow_a_vehicle_that_makes_way_into_its_new_lane(lab, turned_deg, wants):
+    network = lab.straight_road(3)
+    cars = [
+        lab.Car(1, 1, 100.0, 8.0, (0,), AMBULANCE),
+        lab.Car(2, 1, 125.0, 5.0, (0,)),
+        lab.Car(3, 1, 150.0, 0.0, (0,)),
+    ]
+    places = [network.lanes[1].centre.at(car.s) for car in cars]
+    yaw_rad = np.radians([0.0, turned_deg, 0.0])
+    poses = np.array([(*place, yaw, car.speed) for place, yaw, car in zip(places, yaw_rad, cars, strict=True)])
+    view = lab.view(network, lab.L1, cars, step=100, poses=poses, advice={"lane_change_intent": 1})
+    unit, _ = follow_route(EmvUnit(1), view.ego(0))
+    assert lateral_intent(unit, view.ego(0)) == (wants, SUMO)
+
+
 @pytest.mark.parametrize(("left_m", "wants"), [(199.0, True), (201.0, False)])
 def test_a_lane_that_leads_astray_is_left_from_200_m_before_its_end(lab, left_m, wants):
     """A long approach whose left lane does not turn right."""

@@ -36,7 +36,7 @@ def test_s2_civilians_leave_the_lane_the_emv_passes_and_all_are_released(lab):
     assert all(abs(row[1][1]) < 0.3 for row in loop.log)
     assert all(loop.owners.get(actor, Owner.SUMO) == Owner.SUMO for actor in (2, 3, 4))
     yielding = [pose[3] * 3.6 for row in loop.log for pose in row.values() if pose[5] == Mode.YIELD_LANE_CHANGE]
-    assert 9.0 < min(yielding) < 15.0
+    assert 9.0 < min(yielding) < 16.0  # from 25 km/h by 1.5 m/s2, the pull of the steered wheels included
     assert not loop.touching()
     continuous(loop)
 

@@ -44,14 +44,14 @@ def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     if side == 0:
         advice = advice_of(ego, unit.actor_id)
         side, reason = (advice.lane_change_intent if advice is not None else 0), SUMO
-    return (0, SUMO) if _leader_makes_way(unit, ego, side) else (side, reason)
+    return (0, SUMO) if side != 0 and _leader_makes_way(unit, ego, side) else (side, reason)
 
 
 def _leader_makes_way(unit: EmvUnit, ego: Ego, side: int) -> bool:
     """Whether the next vehicle on the EMV's path drives off it to that side, where it would be ahead again."""
     path, seen = unit.navigator.path, ego.seen
     rows = ego.near(ego.config.emv.pass_from_m)
-    if path is None or side == 0 or len(rows) == 0:
+    if path is None or len(rows) == 0:
         return False
     s_m, left_m, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
     on_path = (s_m > unit.navigator.progress_m) & (np.abs(left_m) < ego.half_width_m + seen.half_width_m[rows])

@@ -241,11 +241,7 @@ class Mirror:
             vehicle = vehicles.get(int(states.actor_id[row]))
             if vehicle is not None:
                 place = self._place(states, row, vehicle, routes[vehicle.name], before)
-                # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
-                self._set_speed(vehicle.name, place.match.lane, float(speeds_mps[row]))
-                self._restore_route(vehicle)
-                self._move(vehicle, place)
-                self.places[vehicle.name] = place
+                self._put(vehicle, place, float(speeds_mps[row]))
         self.realigned = {}
         for row in lagging.tolist():
             vehicle = vehicles.get(int(states.actor_id[row]))
@@ -256,8 +252,8 @@ class Mirror:
             if actor_id in vehicles:
                 name, speed_mps = vehicles[actor_id].name, float(speeds_mps[row])
                 if name in before and name not in self.places:
-                    if self._astray(name, before[name].match.lane):
-                        self._move_back(vehicles[actor_id], before[name], speed_mps)
+                    if self._astray(name, before[name].match):
+                        self._put(vehicles[actor_id], self._back(before[name]), speed_mps)
                     else:
                         self._restore_route(vehicles[actor_id], leaves=True)
                         self._hand_back(name, before[name].match.lane, speed_mps)
@@ -398,30 +394,35 @@ class Mirror:
         keep = _MATCH_ON_ROAD if is_open else _MATCH_ON_SHOULDER
         libsumo.vehicle.moveToXY(name, edge_id, lane.position, place.x_m, place.y_m, place.angle_deg, keep)
 
+    def _put(self, vehicle: PlannedVehicle, place: Place, speed_mps: float) -> None:
+        """Put a vehicle at a place, on its planned route; remembered for ``check_placed`` and the hand-back."""
+        # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
+        self._set_speed(vehicle.name, place.match.lane, speed_mps)
+        self._restore_route(vehicle)
+        self._move(vehicle, place)
+        self.places[vehicle.name] = place
+
     def _set_speed(self, name: str, lane: int, speed_mps: float) -> None:
         """Tell SUMO the vehicle's speed, along the nominal length of its lane."""
         libsumo.vehicle.setPreviousSpeed(name, speed_mps * self._population.scale_of(lane))
 
-    def _astray(self, name: str, lane: int) -> bool:
+    def _astray(self, name: str, match: LaneMatch) -> bool:
         """Whether SUMO found a vehicle on another road than that of its lane, and would drive it on from there.
 
         At the very end of a lane SUMO may find the end of a way across the junction that leads to the opposite lane.
+        Off the lanes, and at their very beginning, nothing can be told.
         """
-        if lane == NO_LANE or self._network.lanes[lane].kind is LaneKind.INTERNAL:
+        if match.position_m <= 0.0 or self._network.lanes[match.lane].kind is LaneKind.INTERNAL:
             return False
-        edge_id = self._network.edges[self._network.lanes[lane].edge].edge_id
+        edge_id = self._network.edges[self._network.lanes[match.lane].edge].edge_id
         return bool(libsumo.vehicle.getRoute(name)[libsumo.vehicle.getRouteIndex(name)] != edge_id)
 
-    def _move_back(self, vehicle: PlannedVehicle, place: Place, speed_mps: float) -> None:
-        """Put a vehicle a little back along its heading, where its lane is no longer in doubt, for one step more."""
+    @staticmethod
+    def _back(place: Place) -> Place:
+        """A place a little back along its heading, where its lane is no longer in doubt."""
         angle_rad, match = math.radians(place.angle_deg), place.match
         x, y = place.x_m - _BACK_M * math.sin(angle_rad), place.y_m - _BACK_M * math.cos(angle_rad)
-        match = replace(match, position_m=max(match.position_m - _BACK_M, 0.0))
-        place = Place(x, y, place.angle_deg, match)
-        self._set_speed(vehicle.name, match.lane, speed_mps)
-        self._restore_route(vehicle)
-        self._move(vehicle, place)
-        self.places[vehicle.name] = place
+        return Place(x, y, place.angle_deg, replace(match, position_m=max(match.position_m - _BACK_M, 0.0)))
 
     def _hand_back(self, name: str, lane: int, speed_mps: float) -> None:
         self._set_speed(name, lane, speed_mps)

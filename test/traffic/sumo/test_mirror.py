@@ -441,7 +441,7 @@ def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
     """The simulated front is 22.5 m after the lane's beginning a step later; SUMO's frame is shifted."""
     place = (RIGHT_X_M + aside_m, -120.0 + 22.5 + ahead_m)
     vehicles = Realigned((place[0] + 100.0, place[1] - 40.0))
-    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles, TraCIException=RuntimeError))
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
     mirror = mirror_on(SHIFTED, 2.0)
     row = {**STANDING, "vy_mps": 10.0}
     other = {**row, "actor_id": 3, "residual_m": 9.0}
@@ -470,7 +470,7 @@ def test_where_both_stand_sumos_vehicle_is_brought_to_where_the_simulated_one_st
 ) -> None:
     vehicles = Realigned((RIGHT_X_M, -98.0 - residual_m))
     vehicles.speed_mps = sumo_mps
-    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles, TraCIException=RuntimeError))
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
     mirror = mirror_on(CROSSING)
     states = states_of(0, [{**STANDING, "vy_mps": simulated_mps, "residual_m": residual_m}])
     mirror.apply(states, {ACTOR: VEHICLE}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
@@ -480,7 +480,7 @@ def test_where_both_stand_sumos_vehicle_is_brought_to_where_the_simulated_one_st
 
 def test_nobody_is_brought_back_onto_a_lane_that_is_closed_to_civilians(monkeypatch: pytest.MonkeyPatch) -> None:
     vehicles = Realigned((RIGHT_X_M + 5.0, -97.5))
-    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles, TraCIException=RuntimeError))
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
     states = states_of(0, [{**STANDING, "vy_mps": 10.0, "residual_m": 9.0}])
     closed = replace(CROSSING, lanes=tuple(replace(lane, civilian_allowed=False) for lane in CROSSING.lanes))
     for network, realigned in ((CROSSING, {ACTOR: 9.0}), (closed, {})):
@@ -499,6 +499,6 @@ def test_a_cyclist_is_brought_back_in_the_cycle_lane_which_is_no_lane_of_cars(mo
     for vehicle, lane in ((cyclist, "s_in_0"), (VEHICLE, "s_in_1")):
         vehicles = Realigned((SHOULDER_X_M, -97.0))
         vehicles.speed_mps = 0.0
-        monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles, TraCIException=RuntimeError))
+        monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
         mirror_on(network).apply(states, {ACTOR: vehicle}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
         assert vehicles.back == [(lane, pytest.approx(22.0))]

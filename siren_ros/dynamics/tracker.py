@@ -61,14 +61,28 @@ class TrackerGains(NamedTuple):
 
 
 @compiled
+def _turn_in(vehicle: Record, speed: float, curvature: float, grip: float, dt_s: float, gains: Any) -> float:
+    """How much more curvature may be asked for, so that the centre of gravity gets no more than ``grip`` in m/s².
+
+    Rolling without slip it has v² κ + v l_r dκ/dt: it goes aside already while the wheels are turning.
+    """
+    quickening = (grip - speed * speed * curvature) / (max(speed, _SLOWEST_MPS) * vehicle.cg_to_rear_axle_m)
+    return max(quickening, 0.0) * dt_s / -np.expm1(-dt_s * gains.quickness / vehicle.steer_lag_s)
+
+
+@compiled
 def _steer(
-    vehicle: Record, pose: tuple[float, float, float, float], goal: tuple[float, float, float, float], gains: Any
+    vehicle: Record,
+    pose: tuple[float, float, float, float, float],
+    goal: tuple[float, float, float, float],
+    dt_s: float,
+    gains: Any,
 ) -> tuple[float, float]:
     """Wanted road-wheel angle, and the curvature that it steers.
 
-    ``pose`` holds x, y, yaw and forward speed, ``goal`` x, y, yaw and curvature of the reference.
+    ``pose`` holds x, y, yaw, forward speed and road-wheel angle, ``goal`` x, y, yaw and curvature of the reference.
     """
-    x_m, y_m, yaw, speed = pose
+    x_m, y_m, yaw, speed, present = pose
     goal_x, goal_y, goal_yaw, curvature = goal
     wheelbase = vehicle.wheelbase_m
     reach = wheelbase - vehicle.centre_ahead_of_rear_axle_m
@@ -82,7 +96,9 @@ def _steer(
     grip = share * GRAVITY_MPS2 * vehicle.friction_coefficient
     tightest = min(np.tan(vehicle.max_steer_rad) / wheelbase, grip / max(speed * speed, _SLOWEST_MPS * _SLOWEST_MPS))
     turn = within(wrapped_rad(heading - yaw) + correction, -_FULL_LOCK_RAD, _FULL_LOCK_RAD)
-    steered = within(np.tan(turn) / wheelbase, -tightest, tightest)
+    held = np.tan(present) / wheelbase
+    left, right = _turn_in(vehicle, speed, held, grip, dt_s, gains), _turn_in(vehicle, speed, -held, grip, dt_s, gains)
+    steered = within(np.tan(turn) / wheelbase, max(-tightest, held - right), min(tightest, held + left))
     rear_share = vehicle.cg_to_rear_axle_m / wheelbase
     front_slip = vehicle.mass_kg * rear_share / vehicle.cornering_stiffness_front_npr * speed * speed * curvature
     return np.arctan(steered * wheelbase) + front_slip, steered
@@ -139,7 +155,7 @@ def follow(
         most = np.arctan(pull / vehicle.wheelbase_m * np.tan(vehicle.max_steer_rad))
         swerve = within(wrapped_rad(course - last_yaw), -most, most)
         goal = last_x, last_y, last_yaw, np.tan(swerve) / pull
-        steer, steered = _steer(vehicle, (x_m, y_m, yaw, speed), goal, gains)
+        steer, steered = _steer(vehicle, (x_m, y_m, yaw, speed, bodies[8, n]), goal, dt_s, gains)
         ratio = within(moved / (dt_s * max(sumo_mps, _SLOWEST_STEP_M / dt_s)), _LEAST_PACE, _MOST_PACE)
         pace = last_pace + (ratio - last_pace) * pace_share
         accel = last_accel + (reference[4, n] - last_accel) * accel_share

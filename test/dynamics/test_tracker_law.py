@@ -19,6 +19,8 @@ GAINS = TrackerGains()
 TURNS = np.radians([0.0, 40.0, 130.0, -100.0])
 REACH = VEHICLE.wheelbase_m - VEHICLE.centre_ahead_of_rear_axle_m
 """From the footprint's centre to the front axle."""
+CG_AHEAD_M = VEHICLE.wheelbase_m - VEHICLE.cg_to_front_axle_m
+"""From the rear axle to the centre of gravity."""
 
 
 def row(value):
@@ -44,9 +46,9 @@ def tracked(turn=0.0, *, behind=0.0, right=0.0, turned=0.0, speed=8.0, sumo=8.0,
 @pytest.mark.parametrize(("right", "turned"), [(0.2, 0.0), (-0.2, 0.0), (0.0, 0.05), (0.0, -0.05), (0.1, 0.04)])
 def test_stanleys_law_at_the_front_axle(turn, right, turned):
     """SUMO goes straight: the angle is the heading error plus the offset of the front axle over the speed."""
-    controls, _ = tracked(turn, right=right, turned=turned)
     offset = right - REACH * np.sin(turned)
     expected = -turned + np.arctan2(GAINS.lateral_per_s * offset, 8.0 + GAINS.lateral_soft_mps)
+    controls, _ = tracked(turn, right=right, turned=turned, steer_rad=row(expected))
     assert controls.steer_rad[0] == pytest.approx(expected, abs=1e-9)
 
 
@@ -67,14 +69,42 @@ def steering_share(speed):
     return GAINS.swerve_share if speed <= GAINS.town_mps else GAINS.grip_share
 
 
+def steering_grip(speed):
+    return steering_share(speed) * GRAVITY_MPS2 * VEHICLE.friction_coefficient
+
+
+def turned_in(curvature, speed):
+    """The curvature that wheels which stand straight may ask for."""
+    share = 1.0 - np.exp(-STEP_S * GAINS.quickness / VEHICLE.steer_lag_s)
+    most = steering_grip(speed) / (max(speed, 0.1) * CG_AHEAD_M) * STEP_S / share
+    return np.clip(curvature, -most, most)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_steering_asks_for_no_more_than_lock_and_grip(side):
-    slow, _ = tracked(right=side * 9.0, speed=1.0, sumo=1.0)
+    slow, _ = tracked(right=side * 9.0, speed=0.5, sumo=0.5)
     assert slow.steer_rad[0] == pytest.approx(side * VEHICLE.max_steer_rad)
     for speed in (8.0, 14.0, 14.1, 20.0):
-        fast, _ = tracked(right=side * 9.0, speed=speed, sumo=speed)
-        grip = steering_share(speed) * GRAVITY_MPS2 * VEHICLE.friction_coefficient
-        assert fast.steer_rad[0] == pytest.approx(side * np.arctan(VEHICLE.wheelbase_m * grip / speed**2))
+        at_grip = side * np.arctan(VEHICLE.wheelbase_m * steering_grip(speed) / speed**2)
+        fast, _ = tracked(right=side * 9.0, speed=speed, sumo=speed, steer_rad=row(at_grip))
+        assert fast.steer_rad[0] == pytest.approx(at_grip)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("speed", [3.0, 8.0, 20.0])
+@pytest.mark.parametrize("part", [0.0, 0.3, 0.8, -0.5])
+def test_wheels_turn_no_quicker_than_the_centre_of_gravity_may_be_pushed_aside(part, speed, side):
+    """Rolling without slip: v² κ + v l_r dκ/dt, where the wheels follow what is asked for with their lag."""
+    grip = steering_grip(speed)
+    held = side * part * min(grip / speed**2, np.tan(VEHICLE.max_steer_rad) / VEHICLE.wheelbase_m)
+    present = np.arctan(VEHICLE.wheelbase_m * held)
+    controls, _ = tracked(right=side * 9.0, speed=speed, sumo=speed, steer_rad=row(present))
+    asked = np.tan(controls.steer_rad[0]) / VEHICLE.wheelbase_m
+    quickening = (asked - held) * (1.0 - np.exp(-STEP_S * GAINS.quickness / VEHICLE.steer_lag_s)) / STEP_S
+    aside = speed**2 * held + speed * CG_AHEAD_M * quickening
+    assert side * aside <= grip + 1e-9
+    if abs(controls.steer_rad[0]) < VEHICLE.max_steer_rad and abs(asked) < grip / speed**2:
+        assert side * aside == pytest.approx(grip)
 
 
 def test_in_town_nobody_swerves_with_more_than_half_a_g():
@@ -236,9 +266,8 @@ def test_the_whole_law_in_the_axes_of_the_line(name, turn):
     offset = to_goal[1] * np.cos(heading) - to_goal[0] * np.sin(heading)
     asked = heading - case["turned"] + np.arctan2(GAINS.lateral_per_s * offset, speed + GAINS.lateral_soft_mps)
     grip = GAINS.grip_share * GRAVITY_MPS2 * VEHICLE.friction_coefficient
-    steering = grip * steering_share(speed) / GAINS.grip_share
-    tightest = min(np.tan(VEHICLE.max_steer_rad) / VEHICLE.wheelbase_m, steering / max(speed, 0.1) ** 2)
-    steered = np.clip(np.tan(asked) / VEHICLE.wheelbase_m, -tightest, tightest)
+    tightest = min(np.tan(VEHICLE.max_steer_rad) / VEHICLE.wheelbase_m, steering_grip(speed) / max(speed, 0.1) ** 2)
+    steered = turned_in(np.clip(np.tan(asked) / VEHICLE.wheelbase_m, -tightest, tightest), speed)
     rear_share = 1.0 - VEHICLE.cg_to_front_axle_m / VEHICLE.wheelbase_m
     slip = VEHICLE.mass_kg * rear_share / VEHICLE.cornering_stiffness_front_npr * speed**2 * curvature
     assert controls.steer_rad[0] == pytest.approx(np.arctan(VEHICLE.wheelbase_m * steered) + slip, abs=1e-9)

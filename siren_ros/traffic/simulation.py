@@ -26,6 +26,7 @@ from siren_ros.traffic.demand.plan import PlannedVehicle, TrafficPlan
 from siren_ros.traffic.observation import CrossingWatch, Mover, Reactions, find_teleports
 from siren_ros.traffic.sumo.caution import CautiousDrivers
 from siren_ros.traffic.sumo.driving_corrections import BendLimits, CyclistsSide, LaneContinuity, SidewaysLimits
+from siren_ros.traffic.sumo.ignored_foes import IgnoredFoes
 from siren_ros.traffic.sumo.mirror import Mirror
 from siren_ros.traffic.sumo.nearby import Point
 from siren_ros.traffic.sumo.oncoming import OncomingDrivers
@@ -33,7 +34,7 @@ from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_
 from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.rescue_lane import RescueLane
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
-from siren_ros.traffic.sumo.standoff import StandOff
+from siren_ros.traffic.sumo.standoff import Passed, drivers_who_go
 from siren_ros.traffic.sumo.walkers import WALKING_OPTIONS, Walkers, walker_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.mirror_image import mirror_image
@@ -114,7 +115,8 @@ class SumoSimulation:
         self._oncoming = OncomingDrivers(network, plan.response_distance_m) if self._siren else None
         filtering = any(vehicle.filters for vehicle in (*plan.groups, *plan.riders))
         self._rescue_lane = RescueLane(network, filtering=filtering) if plan.duty else None
-        self._standoff = StandOff(tuple(emv.name for emv in plan.emvs)) if LEVEL_POLICIES[level].privileged else None
+        self._going: Passed = {}
+        self._ignored = IgnoredFoes()
         self._crossings = CrossingWatch(network)
         self._cyclists = CyclistsSide(network) if plan.riders else None
         self._walkers = Walkers(network, plan, self._config) if plan.walkers else None
@@ -191,7 +193,11 @@ class SumoSimulation:
         left = self._exchange_people(states) if step % _EXCHANGE_STEPS == 0 else []
         if self._walkers is not None:
             sirens = [self._ids[emv.name] for emv in self._plan.emvs] if self._siren else []
-            self._walkers.heed(states, self._reported, np.array(sirens, np.uint32), self._columns.names)
+            self._walkers.heed(states, self._reported, np.array(sirens, np.uint32))
+        if LEVEL_POLICIES[self._level].privileged and self._last is not None:
+            privileged = frozenset(emv.name for emv in self._plan.emvs)
+            self._going = drivers_who_go(self._going, self._last, self._reported, privileged)
+        self._ignored.apply(self._columns.names, self._walkers.waiting if self._walkers else (), self._going)
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
         if self._plan.jam is not None:
@@ -218,8 +224,6 @@ class SumoSimulation:
         self._cautious.apply(self._last, self._reported, people, self._population.scale_of)
         if self._oncoming is not None:
             self._oncoming.apply(self._last, self._reported)
-        if self._standoff is not None:
-            self._standoff.apply(self._last, self._reported)
 
     def _correct_motion(self) -> None:
         """Tell SUMO how its vehicles move in its next step: sideways, in bends, and at the side of their lanes."""

@@ -1,4 +1,4 @@
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
 
@@ -14,11 +14,12 @@ from siren_ros.roads.maps.map_compiler import CompiledMap
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.roads.routing import path_centre, route_path
 from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.traffic import simulation as simulation_module
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import TrafficPlan
 from siren_ros.traffic.simulation import SumoSimulation
+from siren_ros.traffic.sumo.ignored_foes import IgnoredFoes
 from siren_ros.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE
-from siren_ros.traffic.sumo.standoff import StandOff
 from siren_ros.world.actors import ActorStates, Lights, Mode, Owner, rows_of_ids
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EventKind, TrafficFlags, TrafficState
 
@@ -332,9 +333,17 @@ def test_stand_offs_are_looked_at_where_emvs_run_red_lights(
     compiled, network, plan = town
     first = plan.emvs[0]
     behind = replace(first, name="emv1", spot=replace(first.spot, front_m=first.spot.front_m - first.length_m - 1.0))
-    steps: list[int | None] = []
-    monkeypatch.setattr(StandOff, "apply", lambda _, traffic, __: steps.append(traffic and traffic.step))
+    steps, told = list[int](), list[Mapping[str, frozenset[str]]]()
+
+    def who_goes(_: object, traffic: TrafficState, __: object, emvs: frozenset[str]) -> Mapping[str, frozenset[str]]:
+        steps.append(traffic.step)
+        return {"first": emvs}
+
+    monkeypatch.setattr(simulation_module, "drivers_who_go", who_goes)
+    monkeypatch.setattr(IgnoredFoes, "apply", lambda _, __, ___, going: told.append(going))
     with SumoSimulation(compiled, network, replace(plan, emvs=(first, behind)[:count]), level) as simulation:
         simulation.step(0, None)
         simulation.step(1, None)
-    assert steps == [None, 0] * looked_at
+    emvs = {first.name, behind.name} if count > 1 else {first.name}
+    assert steps == [0] * looked_at
+    assert told == [{}, {"first": emvs} if looked_at else {}]

@@ -101,7 +101,8 @@ class Stage:
             ),
             "oncoming": None,
             "rescue_lane": None,
-            "standoff": None,
+            "going": {},
+            "ignored": SimpleNamespace(apply=lambda *_: None),
             "walkers": None,
             "cyclists": None,
             "cautious": SimpleNamespace(

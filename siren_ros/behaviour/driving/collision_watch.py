@@ -94,7 +94,7 @@ def _straight_on(seen: Surroundings) -> tuple[Ways, Rights]:
 
 
 _PART_HALF_LENGTH_M: Final = 2.5
-"""Half the length of a car: of a longer vehicle, the part of this size at its nearer end is looked at, too."""
+"""Half the length of a car: a longer vehicle is looked at in parts of this size."""
 _UNKNOWN: Final = Ways(np.empty((0, 2)), np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 10)))
 """The ways where nobody's course is known."""
 
@@ -105,8 +105,8 @@ def _leads(
 ) -> tuple[bool, float, float, bool]:
     """Whether a vehicle is ahead on the corridor that another sweeps; gap, speed along the path, whether they meet.
 
-    ``from_middle_m`` says which part of the vehicle is looked at, as a vehicle of its own: 0 is all of it, by its
-    middle. The path is looked at between two of its points, the ``window``.
+    ``from_middle_m`` says which part of the vehicle is looked at, as a vehicle of its own, by the part's middle: the
+    path turns along a long vehicle. It is looked at between two of its points, the ``window``.
     """
     (_, heading_rad, curvature_1pm, _), (progress_m, own_length, own_width) = line, own
     side_margin_m, drift_time_s, moving_mps, crossing_cosine, drift_sine, turning_sine = sides
@@ -115,7 +115,7 @@ def _leads(
     s_m, left_m, nearest = nearest_point(line, x_m, y_m, window[0], window[1])
     if s_m <= progress_m:
         return False, 0.0, 0.0, False
-    speed, half_length, half_width = bodies[5, other], bodies[6, other] - abs(from_middle_m), bodies[7, other]
+    speed, half_length, half_width = bodies[5, other], min(bodies[6, other], _PART_HALF_LENGTH_M), bodies[7, other]
     turned = bodies[2, other] - heading_rad[nearest]
     along, across = np.cos(turned), np.sin(turned)
     extent = abs(along) * half_length + abs(across) * half_width
@@ -160,11 +160,17 @@ def _strictest_leader(
         dx, dy = bodies[0, other] - bodies[0, row], bodies[1, other] - bodies[1, row]
         if other == row or dx * dx + dy * dy >= around_m * around_m:
             continue
-        beyond = bodies[6, other] - _PART_HALF_LENGTH_M
-        leads, gap, approaching, meets = _leads(bodies, other, 0.0, line, (first, end), own_body, ways, sides)
-        if not leads and beyond > 0.0:
-            nearer = -beyond if dx * bodies[3, other] + dy * bodies[4, other] > 0.0 else beyond
-            leads, gap, approaching, meets = _leads(bodies, other, nearer, line, (first, end), own_body, ways, sides)
+        beyond = max(bodies[6, other] - _PART_HALF_LENGTH_M, 0.0)
+        parts = int(np.ceil(beyond / _PART_HALF_LENGTH_M))
+        leads, meets, gap, approaching = False, False, np.inf, 0.0
+        for part in range(parts + 1):
+            at_m = beyond * (2.0 * part / parts - 1.0) if parts else 0.0
+            part_leads, part_gap, along_mps, part_meets = _leads(
+                bodies, other, at_m, line, (first, end), own_body, ways, sides
+            )
+            if part_leads:
+                leads, meets, approaching = True, meets or part_meets, along_mps if part_gap < gap else approaching
+                gap = min(gap, part_gap)
         if not leads:
             continue
         gap, lead = max(gap + drift_time_s * min(approaching, 0.0), 0.0), max(approaching, 0.0)

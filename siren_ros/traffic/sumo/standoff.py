@@ -1,49 +1,39 @@
-"""Drivers of SUMO who stand on a junction do not wait for an EMV that stands there as well.
+"""Drivers of SUMO who stand on a junction do not wait for vehicles driven from outside that stand there as well.
 
-SUMO lets a driver wait for a vehicle that comes to the same lane on the junction, whoever is ahead; an EMV waits for
-the body ahead of it. EMVs and those who wait for them would then stand for good. Once such a driver goes, the
-rule for vehicles that are driven from outside (``caution``) alone says when to wait.
+SUMO lets a driver wait for a vehicle that comes to the same lane on the junction, whoever is ahead. An EMV waits for
+the body ahead of it, and civilians who make room for an EMV stay on the junction: they and those who wait for them
+would then stand for good. Once such a driver goes, the rule for vehicles that are driven from outside (``caution``)
+alone says when to wait.
 """
 
 from collections.abc import Mapping
 from typing import Final
-
-import libsumo
 
 from siren_ros.traffic.demand.plan import PlannedVehicle
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 
 _STANDING_MPS: Final = 0.1
-_IGNORED: Final = "junctionModel.ignoreIDs"
+
+Passed = Mapping[str, frozenset[str]]
+"""For whom drivers need not wait any more, by SUMO's names."""
 
 
-class StandOff:
-    """Tells SUMO which drivers need not wait for EMVs any more."""
+def drivers_who_go(
+    before: Passed, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle], emvs: frozenset[str]
+) -> Passed:
+    """Those who go, one step later: who begins goes on until the junction lies behind.
 
-    def __init__(self, emvs: tuple[str, ...]) -> None:
-        self._emvs = " ".join(emvs)
-        self._going: frozenset[str] = frozenset()
-
-    def apply(self, traffic: TrafficState | None, vehicles: Mapping[int, PlannedVehicle]) -> None:
-        """Let those who stand go, until they have left their junction.
-
-        ``traffic`` is the state before SUMO's next step, None before the first one; ``vehicles`` are those in it.
-        """
-        going = frozenset() if traffic is None else self._who_goes(traffic, vehicles)
-        here = {vehicle.name for vehicle in vehicles.values()}
-        for name in sorted((going ^ self._going) & here):
-            libsumo.vehicle.setParameter(name, _IGNORED, self._emvs if name in going else "")
-        self._going = going
-
-    def _who_goes(self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle]) -> frozenset[str]:
-        inside = (traffic.flags & TrafficFlags.ON_JUNCTION) != 0
-        known = [vehicles[actor_id] for actor_id in traffic.actor_id[inside].tolist()]
-        by_sumo = (traffic.owner[inside] == Owner.SUMO).tolist()
-        stands = (traffic.speed_mps[inside] < _STANDING_MPS).tolist()
-        emv_stands = any(still and vehicle.is_emv for vehicle, still in zip(known, stands, strict=True))
-        return frozenset(
-            vehicle.name
-            for vehicle, mine, still in zip(known, by_sumo, stands, strict=True)
-            if mine and not vehicle.is_emv and (vehicle.name in self._going or (still and emv_stands))
-        )
+    ``traffic`` is the state before SUMO's next step, ``vehicles`` are those in it.
+    """
+    inside = (traffic.flags & TrafficFlags.ON_JUNCTION) != 0
+    stands, by_sumo = traffic.speed_mps < _STANDING_MPS, traffic.owner == Owner.SUMO
+    still = frozenset(vehicles[actor_id].name for actor_id in traffic.actor_id[inside & stands & ~by_sumo].tolist())
+    passed = still | emvs if still else still
+    mine = inside & by_sumo
+    going = {}
+    for actor_id, waits in zip(traffic.actor_id[mine].tolist(), stands[mine].tolist(), strict=True):
+        name = vehicles[actor_id].name
+        if earlier := before.get(name, passed if waits else None):
+            going[name] = earlier | passed
+    return going

@@ -159,8 +159,9 @@ class Walkers:
         self._table = _Table.of({}, {}, None)
         self._crossing = np.empty(0, np.bool_)
         """Who of the table is on a crossing."""
-        self._passed, self._told = "", list[str]()
-        """Those whom SUMO's drivers need not let cross, and the drivers who were told so."""
+        self.waiting: tuple[str, ...] = ()
+        """Those who wait at the kerb for an EMV, by SUMO's names: its drivers would wait too, and the EMV behind them.
+        """
         self._sized, self._sizes = np.empty(0, np.uint32), (np.empty(0), np.empty(0))
         """Actors of the last step, and lengths and widths of their bodies: 0 for those that are no vehicles."""
 
@@ -192,14 +193,11 @@ class Walkers:
         self._present[walker.name] = walker
         return True
 
-    def heed(
-        self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], sirens: Ids, drivers: list[str]
-    ) -> None:
+    def heed(self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], sirens: Ids) -> None:
         """Let people stand before vehicles, and before a road on which an EMV, or a vehicle that cannot stop, comes.
 
         On crossings they hurry before an EMV, and stand for a vehicle that cannot stop.
-        ``states`` is the simulated world at the step before, ``sirens`` are EMVs, ``drivers`` SUMO's names of all
-        vehicles, another list where they have changed.
+        ``states`` is the simulated world at the step before, ``sirens`` are EMVs.
         """
         table = self._table
         rows = rows_of_ids(states.actor_id, table.actor_id)
@@ -214,7 +212,7 @@ class Walkers:
         if len(wait):
             stand[wait] |= self._kerbs.ahead(*(values[rows[wait]] for values in poses))
         held = np.flatnonzero(stand & warned & ~self._crossing)
-        self._let_pass(" ".join(table.names[row] for row in held), drivers)
+        self.waiting = tuple(table.names[row] for row in held.tolist())
         stand |= comes & self._crossing
         table.held_m[:, ~stand] = np.nan
         table.stands[:] = stand
@@ -224,14 +222,6 @@ class Walkers:
         for row in np.flatnonzero(paces_mps != table.told_mps).tolist():
             libsumo.person.setSpeed(table.names[row], paces_mps[row])
         table.told_mps[:] = paces_mps
-
-    def _let_pass(self, names: str, drivers: list[str]) -> None:
-        """Tell SUMO's drivers who waits at the kerb for an EMV: else they wait too, and the EMV behind them."""
-        if names == self._passed and (drivers is self._told or not names):
-            return
-        for driver in drivers:
-            libsumo.vehicle.setParameter(driver, "junctionModel.ignoreIDs", names)
-        self._passed, self._told = names, drivers
 
     def drop_arrived(self) -> None:
         """Forget those who arrived in the last step."""

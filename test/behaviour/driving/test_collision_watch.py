@@ -340,3 +340,15 @@ def test_the_rear_of_a_long_vehicle_leads_where_the_path_has_not_left_its_lane_y
     assert (limit is not None) is leads
     if limit is not None:
         assert limit.free_m == pytest.approx(18.0 - half_length_m - HALF_LENGTH, abs=1.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("gap_m", "leads"), [(0.5, False), (0.1, True)])
+def test_who_moves_aside_next_to_a_long_vehicle_is_stopped_only_where_they_would_come_too_near(side, gap_m, leads):
+    """The path moves 0.8 m towards a bus: turned with the path there, its body of 12 m would reach across the path."""
+    left = -side * (0.8 + 2.0 * HALF_WIDTH + gap_m)
+    _, seen = scene(0.0, 0.0, (3.0, left, 0.0, 0.0))
+    line = np.array([[0.0, 0.0], [10.0, 0.0], [15.0, -0.8 * side], [150.0, -0.8 * side]])
+    path = TrackedPath.of(Curve.through(line, 1.5), CONFIG, stop_at_end=False)
+    seen = replace(seen, half_length_m=np.array([HALF_LENGTH, 6.0]))
+    assert (CollisionWatch(path, 10.0, 0, 4.0, seen, CONFIG).leaders() is not None) is leads

@@ -289,10 +289,10 @@ def test_people_wait_or_hurry_where_a_siren_comes(
     person = SimpleNamespace(setSpeed=said.__setitem__)
     monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person))
     walkers, states = at_a_crossing(distance_m, notice_m, speed_mps, behind=behind)
-    walkers.heed(states, {}, np.array([1], np.uint32), [])
+    walkers.heed(states, {}, np.array([1], np.uint32))
     assert said == pytest.approx(paces)
     said.clear()
-    walkers.heed(states, {}, np.empty(0, np.uint32), [])  # the siren is off
+    walkers.heed(states, {}, np.empty(0, np.uint32))  # the siren is off
     assert said == dict.fromkeys(paces, 1.3)
 
 
@@ -304,26 +304,17 @@ def test_sumo_waits_for_those_whom_it_has_left_behind(
     person = SimpleNamespace(setSpeed=said.__setitem__)
     monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person))
     walkers, states = at_a_crossing(90.0, 0.0, 2.0, behind=False)
-    walkers.heed(replace(states, residual_m=np.full(3, behind_m)), {}, np.empty(0, np.uint32), [])
+    walkers.heed(replace(states, residual_m=np.full(3, behind_m)), {}, np.empty(0, np.uint32))
     assert said == pytest.approx(paces)
 
 
-def test_drivers_do_not_wait_for_those_who_wait_for_an_emv(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Else both would wait, with the EMV behind them. They are told again only where somebody or something changed."""
-    told: list[tuple[str, str]] = []
-    vehicle = SimpleNamespace(setParameter=lambda name, _, value: told.append((name, value)))
+def test_those_who_wait_for_an_emv_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """SUMO's drivers do not wait for them: else both would wait, with the EMV behind them."""
     person = SimpleNamespace(setSpeed=lambda *_: None)
-    monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person, vehicle=vehicle))
+    monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person))
     walkers, states = at_a_crossing(30.0, 40.0, 10.0)
-    siren, drivers = np.array([1], np.uint32), ["a", "b"]
-    walkers.heed(states, {}, siren, drivers)
-    assert told == [("a", "kerb"), ("b", "kerb")]
-    walkers.heed(states, {}, siren, drivers)
-    assert len(told) == 2
-    walkers.heed(states, {}, siren, ["a", "b", "c"])
-    assert told[2:] == [("a", "kerb"), ("b", "kerb"), ("c", "kerb")]
-    told.clear()
-    walkers.heed(states, {}, siren[:0], drivers)  # the siren is off
-    assert told == [("a", ""), ("b", "")]
-    walkers.heed(states, {}, siren[:0], ["a"])
-    assert len(told) == 2
+    siren = np.array([1], np.uint32)
+    walkers.heed(states, {}, siren)
+    assert walkers.waiting == ("kerb",)
+    walkers.heed(states, {}, siren[:0])  # the siren is off
+    assert walkers.waiting == ()

@@ -39,6 +39,8 @@ class FlowSamples:
     """What one episode gives."""
 
     through_s: Floats
+    cars_s: Floats
+    """Those of ``through_s`` between passenger cars."""
     turning_s: Floats
     following_s: Floats
     accel_mps2: Floats
@@ -56,12 +58,13 @@ def measure(request: EpisodeRequest) -> FlowSamples:
     own, nominal = record_at(request), record_at(request, "L0")
     queues = discharge_headways(nominal)
     through_s, turning_s = queues.headway_s[~queues.turns], queues.headway_s[queues.turns]
-    return FlowSamples(through_s, turning_s, following_headways_s(own), civilian_accelerations_mps2(own))
+    cars_s = queues.headway_s[~queues.turns & ~queues.heavy]
+    return FlowSamples(through_s, cars_s, turning_s, following_headways_s(own), civilian_accelerations_mps2(own))
 
 
 def summary(samples: Sequence[FlowSamples]) -> dict[str, float]:
     """The figures over episodes; NaN without samples."""
-    through, turning, following, accel = (
+    through, cars, turning, following, accel = (
         np.concatenate([getattr(episode, field.name) for episode in samples]) for field in fields(FlowSamples)
     )
     low, high = np.percentile(accel, CIVILIAN_PERCENTILES) if len(accel) else (np.nan, np.nan)
@@ -69,6 +72,8 @@ def summary(samples: Sequence[FlowSamples]) -> dict[str, float]:
         "through_s": float(np.mean(through)) if len(through) else np.nan,
         "through_median_s": float(np.median(through)) if len(through) else np.nan,
         "through": float(len(through)),
+        "cars_median_s": float(np.median(cars)) if len(cars) else np.nan,
+        "cars": float(len(cars)),
         "turning_s": float(np.mean(turning)) if len(turning) else np.nan,
         "turning": float(len(turning)),
         "following_s": float(np.median(following)) if len(following) else np.nan,
@@ -90,14 +95,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         calls = {request: partial(pool.call, measure, request) for request in requests}
         samples = side_by_side(calls, options.jobs, pool.stop)
     print(
-        "     through s, mean  median  vehicles  turning s  vehicles  following s  samples  acceleration p0.5 and p99.5"
+        "     through s, mean  median  vehicles  cars  vehicles  turning s  vehicles  following s  samples"
+        "  acceleration p0.5 and p99.5"
     )
     figures = {}
     for name in (*options.templates, ALL):
         row = figures[name] = summary([samples[asked] for asked in requests if name in (asked.template, ALL)])
         print(
             f"{name:<5}{row['through_s']:15.2f}{row['through_median_s']:8.2f}{row['through']:10.0f}"
-            f"{row['turning_s']:11.2f}{row['turning']:10.0f}{row['following_s']:13.2f}"
+            f"{row['cars_median_s']:6.2f}{row['cars']:10.0f}{row['turning_s']:11.2f}{row['turning']:10.0f}{row['following_s']:13.2f}"
             f"{row['followers']:9.0f}{row['accel_low_mps2']:10.2f}{row['accel_high_mps2']:7.2f}"
         )
     write_json(options.json, figures)

@@ -15,7 +15,7 @@ from siren_ros.judging.physics import MOVING_MPS
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import Mode, Owner
+from siren_ros.world.actors import ActorClass, Mode, Owner
 from siren_ros.world.traffic_state import TrafficState
 
 START_LOST: Final = 3
@@ -27,6 +27,7 @@ FOLLOWS_WITHIN_M: Final = 40.0
 FOLLOWS_AT_MPS: Final = 1.0
 """Difference of speeds below which a driver follows the vehicle ahead."""
 MOVES_MPS: Final = 3.0
+_HEAVY: Final = frozenset({ActorClass.BUS, ActorClass.TRUCK, ActorClass.FIRE_TRUCK})
 _GREEN: Final = frozenset("gG")
 _EVERY_STEPS: Final = 10
 
@@ -38,12 +39,16 @@ class DischargeHeadways:
     headway_s: Floats
     turns: Flags
     """Whether the vehicle or the one before it turns: vehicles that turn are slower, by the bend (HCM 2010, 31-2)."""
+    heavy: Flags
+    """Whether one of both has more than four tyres: HCM's saturation headway is that of passenger cars, vans among
+    them."""
 
 
 def discharge_headways(record: EpisodeRecord) -> DischargeHeadways:
     """The headways of queues on lanes that lead straight on, also of the vehicles that turn off from these lanes."""
     headways: list[float] = []
     turns: list[bool] = []
+    heavy: list[bool] = []
     for lane, movements in record.network.connections_from.items():
         straight = [movement for movement in movements if movement.direction == "s" and movement.signal_id is not None]
         if not straight:
@@ -56,13 +61,15 @@ def discharge_headways(record: EpisodeRecord) -> DischargeHeadways:
             rest = green[begin:]
             end = begin + (rest.index(False) if False in rest else len(rest))
             crossings = list(_queue_crossings(record, lane, begin, end))[START_LOST - 1 :]
-            headways += [STEP_S * (after - before) for (before, _), (after, _) in pairwise(crossings)]
-            turns += [before or after for (_, before), (_, after) in pairwise(crossings)]
-    return DischargeHeadways(np.array(headways), np.array(turns, dtype=np.bool_))
+            long = [record.actors[actor_id].actor_class in _HEAVY for _, _, actor_id in crossings]
+            headways += [STEP_S * (after - before) for (before, *_), (after, *_) in pairwise(crossings)]
+            turns += [before or after for (_, before, _), (_, after, _) in pairwise(crossings)]
+            heavy += [before or after for before, after in pairwise(long)]
+    return DischargeHeadways(np.array(headways), np.array(turns, dtype=np.bool_), np.array(heavy, dtype=np.bool_))
 
 
-def _queue_crossings(record: EpisodeRecord, lane: int, begin: int, end: int) -> Iterator[tuple[int, bool]]:
-    """Steps at which the vehicles of the queue on a lane leave it over its end, and whether they turn."""
+def _queue_crossings(record: EpisodeRecord, lane: int, begin: int, end: int) -> Iterator[tuple[int, bool, int]]:
+    """Steps at which the vehicles of the queue on a lane leave it over its end, whether they turn, and their ids."""
     waiting: dict[int, bool] = {}
     paths = {
         path: movement.direction != "s"
@@ -80,7 +87,7 @@ def _queue_crossings(record: EpisodeRecord, lane: int, begin: int, end: int) -> 
                 continue
             if not waiting.pop(actor_id):
                 return
-            yield traffic.step, paths.get(here, False)
+            yield traffic.step, paths.get(here, False), actor_id
         for actor_id, speed_mps in on_lane.items():
             waiting[actor_id] = waiting.get(actor_id, False) or speed_mps < QUEUED_MPS
 

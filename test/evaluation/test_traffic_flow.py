@@ -15,7 +15,7 @@ from siren_ros.evaluation.traffic_flow import (
     following_headways_s,
 )
 from siren_ros.roads.road_network import Connection
-from siren_ros.world.actors import Owner
+from siren_ros.world.actors import ActorClass, Owner
 
 APPROACH, TURN, INSIDE, BEYOND = range(4)
 LENGTH_M = 4.6
@@ -93,6 +93,15 @@ def test_a_vehicle_that_turns_makes_its_headway_and_the_next_one_turning() -> No
     headways = discharge_headways(record)
     assert headways.headway_s == pytest.approx([1.9, 1.8, 1.7])
     assert headways.turns.tolist() == [True, True, False]
+
+
+def test_a_heavy_vehicle_makes_its_headway_and_the_next_one_heavy() -> None:
+    record = record_of(queue(), STANDING, RED_THEN_GREEN)
+    kinds = {5: ActorClass.TRUCK, 4: ActorClass.VAN}
+    actors = {key: replace(actor, actor_class=kinds.get(key, ActorClass.SEDAN)) for key, actor in record.actors.items()}
+    headways = discharge_headways(replace(record, actors=actors))
+    assert headways.headway_s == pytest.approx([1.9, 1.8, 1.7])
+    assert headways.heavy.tolist() == [True, True, False]
 
 
 def following(gap_m: float = 10.0, speed_mps: float = 8.0, lead_mps: float = 8.0, **columns: Any) -> list[float]:

@@ -175,7 +175,8 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
     to the middle of the space between the vehicles on both sides, or away from vehicles on one side. On a road of one
     lane it moves to the free side. The EMV passes a vehicle in its middle on the side that has more room.
-    It follows another EMV ahead, and does not pass it.
+    It follows another EMV ahead, and does not pass it. It keeps clear of riders without moving to the middle of the
+    space up to them, which a cycle lane may end; for people on foot there are the rules of crossings.
 
     ``s_m`` are increasing arc lengths on the reference line, shape ``(K,)``; ``straight_on_m`` is an offset to start
     from instead of that line.
@@ -187,6 +188,7 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     straight = None if straight_on_m is None else np.full(len(s_m), straight_on_m)
     base = _boundary_offsets(reference, s_m, ego) if straight is None else straight
     rows = ego.near(config.length_m + 10.0)
+    rows = rows[~np.isin(seen.actor_id[rows], seen.people[6])]
     if len(rows) == 0:
         return base
     curve = reference.curve
@@ -206,7 +208,8 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     room = half_width + config.side_clearance_m
     high = np.min(np.where(beside & on_left, left - side, np.inf), axis=1, initial=np.inf) - room
     low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
-    both = np.isfinite(high) & np.isfinite(low)
+    lined = beside & ~np.isin(rows[near], seen.riders)
+    both = np.any(lined & on_left, axis=1) & np.any(lined & ~on_left, axis=1)
     middle = np.where(both, 0.5 * (np.where(both, high, 0.0) + np.where(both, low, 0.0)), 0.0)
     target = np.where(both, middle, np.maximum(np.minimum(base, high), low))
     target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)

@@ -102,6 +102,23 @@ def test_moves_to_the_middle_of_what_the_vehicles_leave(lab):
     assert offsets(view, 0)[40] == pytest.approx(0.5 * (right + left), abs=0.05)
 
 
+@pytest.mark.parametrize("kind", [ActorClass.BICYCLE, ActorClass.MOTORCYCLE, ActorClass.PEDESTRIAN])
+@pytest.mark.parametrize("ahead_m", [34.0, 40.0, 46.0])
+def test_people_at_the_side_do_not_draw_the_corridor_to_them(lab, kind, ahead_m):
+    """Cyclists on their lane, people on the sidewalk: the vehicle on the left alone shapes it."""
+    left, person = lab.Car(2, 1, 140, 0, (0,), left=0.2), lab.Car(3, 0, 100.0 + ahead_m, 0, (0,), kind, left=-1.4)
+    view = view_at(lab, [left, person])
+    if kind is ActorClass.PEDESTRIAN:
+        view = replace(view, seen=replace(view.seen, people=np.array([[0.0]] * 6 + [[3.0]])))
+    np.testing.assert_allclose(offsets(view, 0), offsets(view_at(lab, [left]), 0))
+
+
+@pytest.mark.parametrize("kind", [ActorClass.BICYCLE, ActorClass.MOTORCYCLE])
+def test_keeps_clear_of_riders(lab, kind):
+    rider = lab.Car(2, 0, 140, 0, (0,), kind, left=0.8)
+    assert offsets(view_at(lab, [rider]), 0)[40] > 1.65 + 0.1
+
+
 def test_keeps_clear_of_a_vehicle_on_one_side(lab):
     assert offsets(view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=0.5)]), 0)[40] - 1.05 - (0.5 + 0.915) > 0.1
 

@@ -18,6 +18,8 @@ from siren_ros.numerics.geometry import footprint_corners, separation_m
 SEPARATION_GAP_M: Final = 0.1
 """A contact ends when the boxes are this far apart; smaller gaps are the same contact still."""
 _CLOSING_MPS: Final = 1e-6
+_LONGEST_S: Final = 0.5
+"""Bodies are moved apart at each step: no overlap lasts for so long, however slowly they close in."""
 
 Pairs: TypeAlias = tuple[tuple[int, int], ...]
 """Pairs of actor ids or of rows, the smaller first, sorted."""
@@ -145,8 +147,9 @@ def _velocity_at(boxes: Footprints, row: int, point: Floats) -> Floats:
 def contact_normal(boxes: Footprints, corners: Floats, a: int, b: int) -> Floats:
     """Unit vector from row a to row b, normal to the side through which the boxes came to overlap.
 
-    Of the four separating axes it is the one on which the overlap began last (swept separating axis test);
-    where the boxes do not close in on any axis, the one with the smallest penetration.
+    Of the four separating axes it is the one on which the overlap began last (swept separating axis test). Where the
+    boxes close in on no axis, or have overlapped for too long on all on which they do, it is the one with the smallest
+    penetration: they came to overlap by turning.
     """
     axes = np.concatenate([corners[row][[1, 3]] - corners[row][0] for row in (a, b)])
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
@@ -155,9 +158,8 @@ def contact_normal(boxes: Footprints, corners: Floats, a: int, b: int) -> Floats
     depth = (corners[a] @ axes.T).max(axis=0) - (corners[b] @ axes.T).min(axis=0)
     relative = np.array([boxes.vx_mps[a] - boxes.vx_mps[b], boxes.vy_mps[a] - boxes.vy_mps[b]])
     closing = axes @ relative
-    closes = closing > _CLOSING_MPS
-    order = np.where(closes, depth / np.maximum(closing, _CLOSING_MPS), np.inf) if np.any(closes) else depth
-    return np.asarray(axes[np.argmin(order)])
+    lasted_s = np.where(closing > _CLOSING_MPS, depth / np.maximum(closing, _CLOSING_MPS), np.inf)
+    return np.asarray(axes[np.argmin(lasted_s if lasted_s.min() < _LONGEST_S else depth)])
 
 
 _ROUNDS: Final = 8

@@ -55,6 +55,19 @@ def test_the_impact_speed_is_along_the_normal(rear: Any, front: Any, speed_mps: 
     assert contact.impact_speed_mps == pytest.approx(speed_mps)
 
 
+@pytest.mark.parametrize("turn", [0.0, 1.0, -2.5])
+def test_who_turns_a_corner_into_a_neighbour_is_pushed_aside_and_not_along(turn: float) -> None:
+    """They stand side by side, and one creeps ahead: only along their sides do they close in."""
+    table = ParameterTable.of([ActorClass.SEDAN, ActorClass.SEDAN], load_vehicle_parameters())
+    place = rotate(np.array([[0.0, 0.0], [0.3, 2.3]]), turn)
+    start = BodyState.moving(place[:, 0], place[:, 1], np.array([turn, turn + 0.23]), np.array([0.5, 0.0]))
+    boxes = boxes_of(start, table)
+    corners = footprint_corners(boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m)
+    assert -0.2 < float(separation_m(corners[[0]], corners[[1]])[0]) < 0.0
+    after = collide(start, boxes, table, ((0, 1),), 0.05)
+    assert np.hypot(after.x_m - start.x_m, after.y_m - start.y_m).max() < 0.2
+
+
 def test_crossing_impact() -> None:
     (contact,), _ = find_contacts(_boxes((0.0, 0.0, 0.0, 10.0, 0.0), (2.8, 0.0, np.pi / 2.0, 0.0, 6.0)), ())
     assert (contact.impact_speed_mps, contact.x_m) == (pytest.approx(10.0), pytest.approx(1.9))

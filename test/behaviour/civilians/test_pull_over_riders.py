@@ -7,7 +7,7 @@ import pytest
 from behaviour import lab
 from behaviour.civilians.civilian_steps import UNIT
 
-from siren_ros.behaviour.civilians.pull_over import rider_comes_up, start_pull_over
+from siren_ros.behaviour.civilians.pull_over import pull_over_path, rider_comes_up, start_pull_over
 from siren_ros.world.actors import ActorClass, Mode
 
 CAR, RIDER = 2, 3
@@ -96,3 +96,13 @@ def test_nobody_pulls_over_into_a_cyclist(behind_m, speed_mps):
     assert loop.touching() == []
     first = next(row for row in loop.log if row[CAR][5] == Mode.YIELD_PULL_OVER)
     assert abs(first[RIDER][0] - first[CAR][0]) > lengths_m(ActorClass.BICYCLE), "they are not side by side"
+
+
+@pytest.mark.parametrize("speed_mps", [4.0, 6.0, 8.0])
+@pytest.mark.parametrize("kind", RIDERS)
+def test_a_rider_who_pulls_over_leans_no_more_than_drivers_like(kind, speed_mps):
+    """Its wheels turn at once: the move is as long as the speed at its begin asks for."""
+    ego = lab.view(lab.straight_road(1), lab.L3, [lab.Car(CAR, 0, 100, speed_mps, (0,), kind)]).ego(0)
+    path = pull_over_path(replace(UNIT, side=-1), ego, 0)
+    aside = speed_mps**2 * np.abs(path.curve.curvature_1pm).max()
+    assert 0.5 * ego.navigator_config.lateral_accel_mps2 < aside < 1.1 * ego.navigator_config.lateral_accel_mps2

@@ -321,10 +321,21 @@ def _lane(element: Element, index: int, edge: int, function: str, offset_m: tupl
     )
 
 
+def _steady_links(root: Element) -> frozenset[tuple[str, int]]:
+    """Signals' links that are never red, or never green, in any programme."""
+    letters: dict[tuple[str, int], str] = {}
+    for logic in root.iterfind("tlLogic"):
+        for phase in logic.iterfind("phase"):
+            for link, letter in enumerate(phase.get("state", "").lower()):
+                key = logic.get("id", ""), link
+                letters[key] = letters.get(key, "") + letter
+    return frozenset(key for key, shown in letters.items() if not {"r", "g"} <= set(shown))
+
+
 def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]) -> Iterator[Connection]:
     lane_of = {(edges[lane.edge].edge_id, lane.position): lane.index for lane in lanes}
     index_of = {lane.lane_id: lane.index for lane in lanes}
-    elements = root.findall("connection")
+    elements, steady = root.findall("connection"), _steady_links(root)
     onward = {
         (element.attrib["from"], int(element.attrib["fromLane"]), element.attrib["to"]): element.get("via")
         for element in elements
@@ -347,16 +358,18 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
             return onward.get((edges[internal.edge].edge_id, internal.position, to))
 
         via = way_across(element.get("via"), next_part)
+        signal, link = element.get("tl"), int(element.get("linkIndex", "-1"))
         yield Connection(
             from_lane=from_lane,
             to_lane=to_lane,
             via=tuple(index_of[step] for step in via),
             direction=element.get("dir", "s"),
-            signal_id=element.get("tl"),
-            signal_link=int(element.get("linkIndex", "-1")),
-            must_stop=element.get("state") in _STOP_STATES and element.get("tl") is None,
+            signal_id=signal,
+            signal_link=link,
+            must_stop=element.get("state") in _STOP_STATES and signal is None,
             junction=edges[source.edge].to_junction,
-            gives_way=element.get("state") in _GIVE_WAY_STATES and element.get("tl") is None,
+            gives_way=element.get("state") in _GIVE_WAY_STATES and signal is None,
+            alternates=(signal, link) not in steady,
         )
 
 

@@ -95,6 +95,8 @@ class Connection:
     junction: str
     gives_way: bool = False
     """Whether a movement without a signal gives way to others."""
+    alternates: bool = True
+    """Whether the signal's programme has both red and green for this movement; the map may come without one."""
 
     def letter_in(self, state: str) -> str:
         """This movement's letter in the state of its signal; empty where the state has none."""

@@ -243,7 +243,7 @@ def _on_shoulders(network: RoadNetwork, movement: Connection) -> bool:
     return all(lane.kind is LaneKind.SHOULDER for lane in ends)
 
 
-_NO_SIGNAL: Final = "no signal"
+_NO_SIGNAL: Final = "no signal that is both red and green"
 _FINDERS: Final[Mapping[SiteKind, Callable[[EdgeGraph], Iterator[Site | NoSite]]]] = {
     SiteKind.MULTI_LANE_ROAD: multi_lane_roads,
     SiteKind.QUEUED_APPROACH: queued_approaches,
@@ -311,7 +311,9 @@ def _directions(graph: EdgeGraph) -> Iterator[tuple[int, int, tuple[Connection, 
 
 
 def _is_signalised(network: RoadNetwork, movements: Sequence[Connection]) -> bool:
-    return movements[0].signal_id is not None and network.junctions[movements[0].junction].kind is JunctionKind.SIGNAL
+    first = movements[0]
+    signalised = first.signal_id is not None and network.junctions[first.junction].kind is JunctionKind.SIGNAL
+    return signalised and first.alternates
 
 
 def junction_site(graph: EdgeGraph, kind: SiteKind, movements: Sequence[Connection], stretch: tuple[int, ...]) -> Site:

@@ -107,6 +107,20 @@ def test_stop_signs_bind_by_link_state(state, stops):
     assert network.connections[0].must_stop is stops
 
 
+@pytest.mark.parametrize(
+    ("states", "alternates"),
+    [(("Gr", "yr", "rG", "ry"), True), (("Gr", "GG"), False), (("rG", "rr"), False), (("gr", "or", "rg"), True)],
+)
+def test_a_signal_alternates_where_its_programme_has_red_and_green_for_the_movement(states, alternates):
+    phases = "".join(f'<phase duration="20" state="{state}"/>' for state in states)
+    programme = f'<tlLogic id="T" type="static" programID="0" offset="0">{phases}</tlLogic><connection '
+    signal = NET.replace('dir="l" state="w"', 'dir="l" state="o" tl="T" linkIndex="0"').replace(
+        "<connection ", programme, 1
+    )
+    first = next(way for way in parse_road_network(signal.encode()).connections if way.signal_id == "T")
+    assert first.alternates is alternates
+
+
 def test_a_signal_is_no_stop_sign():
     signal = NET.replace('dir="l" state="w"', 'tl="j" linkIndex="3" dir="l" state="w"')
     connection = parse_road_network(signal.encode()).connections[0]

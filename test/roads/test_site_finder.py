@@ -151,7 +151,9 @@ def ways_of(network, edge):
 LACKING = {
     "one driving lane": lambda network, edge: len(driving_lanes(network, edge)) == 1,
     "a limit of a town": lambda network, edge: driving_lanes(network, edge)[-1].speed_limit_mps < 17.0,
-    "no signal": lambda network, edge: any(way.signal_id is None for way in ways_of(network, edge)),
+    "no signal that is both red and green": lambda network, edge: any(
+        way.signal_id is None for way in ways_of(network, edge)
+    ),
     "no stop sign": lambda network, edge: not all(way.must_stop for way in ways_of(network, edge)),
     "one lane leads on": lambda network, edge: any(
         lanes_through(network, edge, way) == 1 for way in EdgeGraph.of(network).successors[edge]
@@ -177,12 +179,20 @@ def test_a_place_without_a_site_lacks_what_it_is_said_to_lack(town, kind):
         assert place in lengths or LACKING[place.lacking](town, place.edge)
 
 
+@pytest.mark.parametrize("kind", [SiteKind.QUEUED_APPROACH, SiteKind.SIGNAL_JUNCTION])
+def test_a_signal_that_is_always_green_is_no_site(town, kind):
+    """As at corners of a grid: nobody waits there, and no EMV enters on red."""
+    steady = replace(town, connections=tuple(replace(way, alternates=False) for way in town.connections))
+    assert site_finder.find_sites(town, kind)
+    assert not site_finder.find_sites(steady, kind)
+
+
 def test_a_road_that_is_too_short_says_so(town):
     """The town's roads, cut to 10 m."""
     lanes = [replace(lane, centre=lane.centre.cut(0.0, min(lane.length_m, 10.0))) for lane in town.lanes]
     short = replace(town, lanes=tuple(lanes))
     queues = {place.lacking for place in site_finder.places_without_site(short, SiteKind.QUEUED_APPROACH)}
-    assert queues >= {"no signal", "less than 30 m of room for queues"}
+    assert queues >= {"no signal that is both red and green", "less than 30 m of room for queues"}
     wide = {place.lacking for place in site_finder.places_without_site(short, SiteKind.MULTI_LANE_ROAD)}
     assert "less than 60 m with two lanes" in wide
 

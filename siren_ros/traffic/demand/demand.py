@@ -185,7 +185,7 @@ class _Planner:
         """When the signal of the EMV's movement, or at the end of its road, turns red, and whose green comes then."""
         demand, site = self._template.signal, self._site
         movement = next((self._network.connections[index] for index in reversed(site.connections)), None)
-        if demand is None or movement is None or movement.signal_id is None:
+        if demand is None or movement is None or movement.signal_id is None or not movement.alternates:
             return None
         red_from_s = self._arrival_s(site.stretch[-1]) - demand.red_before_arrival_s
         ways = (self._network.connections[index] for index in groups.crossing)

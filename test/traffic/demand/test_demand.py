@@ -234,6 +234,12 @@ def test_neighbours_of_s3_come_to_the_stop_line_ahead_of_the_emv(network: RoadNe
     assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s)
 
 
+def test_a_signal_that_is_never_red_for_the_emv_is_left_alone(network: RoadNetwork) -> None:
+    """At the end of S2's road, which may have one."""
+    steady = tuple(replace(way, alternates=False) for way in network.connections)
+    assert plan_s2(replace(network, connections=steady))[0].signal is None
+
+
 def test_the_signal_at_the_end_of_the_road_of_s2_turns_red_behind_the_emv(network: RoadNetwork) -> None:
     traffic, template = plan_s2(network)
     site, (emv,) = require_site(network, template.site_kind), traffic.emvs

@@ -28,6 +28,10 @@ _DOMAINS: Final = 100
 _TRIES: Final = 5
 _ENDS_S: Final = 5.0
 """Wall time that a program has to end before it is killed."""
+_LOOK_S: Final = 0.25
+"""Wall time between two looks at the programs."""
+_TOLD_S: Final = 12.0
+"""Wall time within which ``cosim`` tells that a driver which answered before is gone."""
 _LIMIT_S: Final = 1800.0
 """Wall time after which an episode's programs are killed."""
 _SAID: Final = 300
@@ -97,17 +101,28 @@ def _run(
         except (OSError, ValueError, IndexError) as error:
             raise InputError("av", program, f"the command line of a program ({error})") from error
         stack.callback(_end, driver)
-        try:
-            code = cosim.wait(limit_s)
-        except subprocess.TimeoutExpired:
-            return 1, f"not done after {limit_s:g} s", "", None
+        code = _wait(cosim, driver, limit_s)
         ended = driver.poll()
+        last = f"exit code {ended}: {' '.join(_lines(driver_words)[-1:])}"[:_SAID] if ended else ""
+        if code is None:
+            return 1, "the program ended before the episode" if ended else f"not done after {limit_s:g} s", last, None
         lines = _lines(words)
         said = [line.removeprefix("cosim: ") for line in lines if line.startswith("cosim: ")]
         told = [line for line in said if not line.startswith(("waiting for ", "lower DDS"))]
         reason = told[-1] if told else " ".join(lines[-1:])
-        last = f"exit code {ended}: {' '.join(_lines(driver_words)[-1:])}"[:_SAID] if ended else ""
         return code, reason[:_SAID], last, AnswerTimes.in_lines(lines)
+
+
+def _wait(cosim: "subprocess.Popen[str]", driver: "subprocess.Popen[str]", limit_s: float) -> int | None:
+    """Exit code of ``cosim``; None where it is not done in time, or soon after its driver has failed."""
+    left_s = limit_s
+    while left_s > 0.0:
+        with suppress(subprocess.TimeoutExpired):
+            return cosim.wait(min(_LOOK_S, left_s))
+        left_s -= _LOOK_S
+        if driver.poll():
+            left_s = min(left_s, _TOLD_S)
+    return None
 
 
 def _child(words: list[str], environment: Mapping[str, str], output: object) -> "subprocess.Popen[str]":

@@ -175,8 +175,8 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
     to the middle of the space between the vehicles on both sides, or away from vehicles on one side. On a road of one
     lane it moves to the free side. The EMV passes a vehicle in its middle on the side that has more room.
-    It follows another EMV ahead, and does not pass it. It keeps clear of riders without moving to the middle of the
-    space up to them, which a cycle lane may end; for people on foot there are the rules of crossings.
+    It follows another EMV ahead, and does not pass it. It keeps clear of riders on cycle lanes without moving to the
+    middle of the space up to them; for people on foot there are the rules of crossings.
 
     ``s_m`` are increasing arc lengths on the reference line, shape ``(K,)``; ``straight_on_m`` is an offset to start
     from instead of that line.
@@ -208,12 +208,19 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     room = half_width + config.side_clearance_m
     high = np.min(np.where(beside & on_left, left - side, np.inf), axis=1, initial=np.inf) - room
     low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
-    lined = beside & ~np.isin(rows[near], seen.riders)
+    lined = beside & ~np.isin(rows[near], _on_cycle_lanes(ego))
     both = np.any(lined & on_left, axis=1) & np.any(lined & ~on_left, axis=1)
     middle = np.where(both, 0.5 * (np.where(both, high, 0.0) + np.where(both, low, 0.0)), 0.0)
     target = np.where(both, middle, np.maximum(np.minimum(base, high), low))
     target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)
     return _smooth(target, int(config.influence_m))
+
+
+def _on_cycle_lanes(ego: Ego) -> list[int]:
+    """Rows of the riders there."""
+    lanes, lane_of = ego.network.lanes, ego.traffic.lane
+    known = [row for row in ego.seen.riders.tolist() if lane_of[row] != NO_LANE]
+    return [row for row in known if lanes[lane_of[row]].kind is LaneKind.CYCLE]
 
 
 def _boundary_offsets(reference: LanePath, s_m: Floats, ego: Ego) -> Floats:

@@ -20,6 +20,7 @@ from siren_ros.behaviour.emv.rescue_corridor import (
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import NEVER
+from siren_ros.roads.road_network import LaneKind
 from siren_ros.world.actors import ActorClass, Lights, Owner
 
 
@@ -104,13 +105,18 @@ def test_moves_to_the_middle_of_what_the_vehicles_leave(lab):
 
 @pytest.mark.parametrize("kind", [ActorClass.BICYCLE, ActorClass.MOTORCYCLE, ActorClass.PEDESTRIAN])
 @pytest.mark.parametrize("ahead_m", [34.0, 40.0, 46.0])
-def test_people_at_the_side_do_not_draw_the_corridor_to_them(lab, kind, ahead_m):
-    """Cyclists on their lane, people on the sidewalk: the vehicle on the left alone shapes it."""
-    left, person = lab.Car(2, 1, 140, 0, (0,), left=0.2), lab.Car(3, 0, 100.0 + ahead_m, 0, (0,), kind, left=-1.4)
-    view = view_at(lab, [left, person])
+@pytest.mark.parametrize("on_cycle_lane", [True, False])
+def test_people_at_the_side_do_not_draw_the_corridor_to_them(lab, kind, ahead_m, on_cycle_lane):
+    """Riders on a cycle lane, people on foot: the vehicle on the left alone shapes it. Riders in the jam do."""
+    road = lab.straight_road(3)
+    first = replace(road.lanes[0], kind=LaneKind.CYCLE) if on_cycle_lane else road.lanes[0]
+    network = replace(road, lanes=(first, *road.lanes[1:]))
+    left, person = lab.Car(2, 2, 140, 0, (0,), left=0.2), lab.Car(3, 0, 100.0 + ahead_m, 0, (0,), kind, left=1.2)
+    alone, together = (view_at(lab, cars, network=network, lane=1) for cars in ([left], [left, person]))
     if kind is ActorClass.PEDESTRIAN:
-        view = replace(view, seen=replace(view.seen, people=np.array([[0.0]] * 6 + [[3.0]])))
-    np.testing.assert_allclose(offsets(view, 0), offsets(view_at(lab, [left]), 0))
+        together = replace(together, seen=replace(together.seen, people=np.array([[0.0]] * 6 + [[3.0]])))
+    drawn = np.abs(offsets(together, 1) - offsets(alone, 1)).max() > 0.1
+    assert drawn == (kind is not ActorClass.PEDESTRIAN and not on_cycle_lane)
 
 
 @pytest.mark.parametrize("kind", [ActorClass.BICYCLE, ActorClass.MOTORCYCLE])

@@ -61,13 +61,12 @@ class TrackerGains(NamedTuple):
 
 
 @compiled
-def _turn_in(vehicle: Record, speed: float, curvature: float, grip: float, dt_s: float, gains: Any) -> float:
-    """How much more curvature may be asked for, so that the centre of gravity gets no more than ``grip`` in m/s².
+def _quickest_turn_in(vehicle: Record, speed: float, curvature: float, grip: float) -> float:
+    """How quickly the curvature may grow, 1/(m s), so that the centre of gravity gets no more than ``grip`` in m/s².
 
     Rolling without slip it has v² κ + v l_r dκ/dt: it goes aside already while the wheels are turning.
     """
-    quickening = (grip - speed * speed * curvature) / (max(speed, _SLOWEST_MPS) * vehicle.cg_to_rear_axle_m)
-    return max(quickening, 0.0) * dt_s / -np.expm1(-dt_s * gains.quickness / vehicle.steer_lag_s)
+    return max((grip - speed * speed * curvature) / (max(speed, _SLOWEST_MPS) * vehicle.cg_to_rear_axle_m), 0.0)
 
 
 @compiled
@@ -96,8 +95,9 @@ def _steer(
     grip = share * GRAVITY_MPS2 * vehicle.friction_coefficient
     tightest = min(np.tan(vehicle.max_steer_rad) / wheelbase, grip / max(speed * speed, _SLOWEST_MPS * _SLOWEST_MPS))
     turn = within(wrapped_rad(heading - yaw) + correction, -_FULL_LOCK_RAD, _FULL_LOCK_RAD)
-    held = np.tan(present) / wheelbase
-    left, right = _turn_in(vehicle, speed, held, grip, dt_s, gains), _turn_in(vehicle, speed, -held, grip, dt_s, gains)
+    held, answer = np.tan(present) / wheelbase, -np.expm1(-dt_s * gains.quickness / vehicle.steer_lag_s)
+    left = _quickest_turn_in(vehicle, speed, held, grip) * dt_s / answer
+    right = _quickest_turn_in(vehicle, speed, -held, grip) * dt_s / answer
     steered = within(np.tan(turn) / wheelbase, max(-tightest, held - right), min(tightest, held + left))
     rear_share = vehicle.cg_to_rear_axle_m / wheelbase
     front_slip = vehicle.mass_kg * rear_share / vehicle.cornering_stiffness_front_npr * speed * speed * curvature

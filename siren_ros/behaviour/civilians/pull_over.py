@@ -235,9 +235,8 @@ def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
     moving = min(max(ego.speed_mps, config.start_mps), ego.world.speeds.civilian_pull_over_mps)
     steerable = blend_length_m(offset - left, moving, 0.0, 0.0, ego.navigator_config)
     sideways_m = max(config.length_min_m, sharpest, steerable)
-    if (
-        ego.row in ego.seen.riders
-    ):  # They answer to the steering at once, others have slowed down by the time they turn.
+    if ego.row in ego.seen.riders:
+        # They answer to the steering at once; others have slowed down by the time that they turn.
         lean = math.sqrt(PEAK_CURVATURE * abs(offset - left) / ego.navigator_config.lateral_accel_mps2)
         sideways_m = max(sideways_m, lean * ego.speed_mps)
     half_length, gaps = ego.half_length_m, gaps_in_lane(ego, lane)

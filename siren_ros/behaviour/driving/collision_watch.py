@@ -162,16 +162,15 @@ def _strictest_leader(
             continue
         beyond = max(bodies[6, other] - _PART_HALF_LENGTH_M, 0.0)
         parts = int(np.ceil(beyond / _PART_HALF_LENGTH_M))
-        leads, meets, gap, approaching = False, False, np.inf, 0.0
+        gap, approaching, meets = np.inf, 0.0, False
         for part in range(parts + 1):
             at_m = beyond * (2.0 * part / parts - 1.0) if parts else 0.0
-            part_leads, part_gap, along_mps, part_meets = _leads(
-                bodies, other, at_m, line, (first, end), own_body, ways, sides
-            )
-            if part_leads:
-                leads, meets, approaching = True, meets or part_meets, along_mps if part_gap < gap else approaching
-                gap = min(gap, part_gap)
-        if not leads:
+            leads, part_m, along_mps, touches = _leads(bodies, other, at_m, line, (first, end), own_body, ways, sides)
+            if leads:
+                meets = meets or touches
+                if part_m < gap:
+                    gap, approaching = part_m, along_mps
+        if gap == np.inf:
             continue
         gap, lead = max(gap + drift_time_s * min(approaching, 0.0), 0.0), max(approaching, 0.0)
         safe = safe_following_mps(lead, max(gap - standstill_gap_m, 0.0), brake_mps2, headway_s)

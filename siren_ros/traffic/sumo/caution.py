@@ -17,7 +17,7 @@ import numpy as np
 from siren_ros.conflicts.course import CourseBook, Outlook, limit_at_mps, rank_at
 from siren_ros.conflicts.people import NOBODY, least_wait_for_people, outlines_of
 from siren_ros.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Wait, least_wait
-from siren_ros.conflicts.zones import SAME_DIRECTION, Ways, Zone, follows_course, search_among, straight_to_m
+from siren_ros.conflicts.zones import SAME_DIRECTION, STEP_M, Ways, Zone, follows_course, search_among, straight_to_m
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
@@ -172,6 +172,24 @@ def _look_where_they_point(ways: Any, pairs: Any, zones: Any, inside: Any, reach
 
 
 @compiled
+def _agree_on_entries(pairs: Any, zones: Any, inside: Any) -> None:
+    """Puts each driver's own way to a zone where the other one, who crosses it, has to know it.
+
+    The search finds the own way to an eighth of a metre and the other's to a metre: of two drivers who both took the
+    other one to be farther away than it is, both would go first.
+    """
+    for p in range(len(pairs)):
+        row, other = pairs[p, 0], pairs[p, 1]
+        if not inside[other] or zones[p, 5] > SAME_DIRECTION:
+            continue
+        for k in range(np.searchsorted(pairs[:, 0], other), len(pairs)):
+            if pairs[k, 0] != other or pairs[k, 1] > row:
+                break
+            if pairs[k, 1] == row and abs(zones[k, 1] - zones[p, 3]) <= STEP_M:
+                zones[p, 3] = zones[k, 1]
+
+
+@compiled
 def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: Any, square: float) -> tuple[Any, Any]:
     """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
 
@@ -197,13 +215,13 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
     pairs = _near_pairs((x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)), speed_mps, half_length_m, inside, counts, near)
     widened = Ways(ways.points, ways.first, ways.last, bodies)
     zones = search_among(widened, pairs, False)
+    _agree_on_entries(pairs, zones, inside)
     _look_where_they_point(widened, pairs, zones, inside, speed_mps**square / (2.0 * firm_mps2) + behind_m + _LOOK_M)
     found, waits, count = np.empty((n, 2), np.intp), np.empty((n, 3)), 0
     for p in range(len(pairs)):
         row, other = pairs[p, 0], pairs[p, 1]
         met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
-        ridden = rides[row] or rides[other]
-        leads, merges = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION
+        leads, merges, ridden = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION, rides[row] or rides[other]
         leads = leads or (merges and blocked < np.inf and ridden)
         sumos = merges and inside[other] and not ridden
         if met == 0.0 or (not leads and ((blind[row] and not inside[other]) or sumos)):

@@ -170,6 +170,15 @@ def test_among_themselves_drivers_wait_where_their_bodies_would_touch(turn: floa
     assert [caution.actor_id for caution in cautious([first, on_junction], turn)] == [1]
 
 
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("slow_in_m", [0.1, 0.4, 0.7, 1.0, 1.3])
+@pytest.mark.parametrize("fast_in_m", [1.0, 1.4, 1.8, 2.2, 2.6, 3.0])
+def test_of_two_whose_bodies_would_touch_one_waits(turn: float, slow_in_m: float, fast_in_m: float) -> None:
+    """Where both took the other one to be farther away than it is, both would go."""
+    fast, slow = Car(0, 100.0 - HALF_WIDTH - fast_in_m, 3.2), Car(1, 100.0 - HALF_WIDTH - slow_in_m, 1.0)
+    assert len(cautious([fast, slow], turn)) == 1
+
+
 def test_who_waits_goes_on_waiting_while_braking_for_it() -> None:
     cars = [Car(0, 90.0, 2.0, accel=-2.0), Car(1, 92.0, 4.0, Owner.ROS)]
     assert cautious(cars) == ()

@@ -91,11 +91,16 @@ def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
 
 
 def _passes(ego: Ego, rows: Rows) -> Flags:
-    """Which vehicles are cyclists and motorcyclists who are faster, and behind the EMV or beside it."""
+    """Which vehicles are cyclists and motorcyclists who are faster, and beside the EMV or behind it with a way past it.
+
+    A rider straight behind the EMV follows it.
+    """
     seen, (cos, sin), (x, y) = ego.seen, ego.direction, ego.place
     ahead_m = cos * (seen.x_m[rows] - x) + sin * (seen.y_m[rows] - y)
+    aside_m = np.abs(cos * (seen.y_m[rows] - y) - sin * (seen.x_m[rows] - x))
     behind = ahead_m < ego.half_length_m + seen.half_length_m[rows]
-    return np.asarray(np.isin(rows, seen.riders) & behind & (seen.speed_mps[rows] > ego.speed_mps), np.bool_)
+    past = (aside_m > ego.half_width_m + seen.half_width_m[rows]) & (seen.speed_mps[rows] > ego.speed_mps)
+    return np.asarray(np.isin(rows, seen.riders) & behind & past, np.bool_)
 
 
 def passage_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:

@@ -15,7 +15,7 @@ from siren_ros.numerics.compiled import compiled
 from siren_ros.roads.road_network import RoadNetwork
 
 # No parameters: a driver may not choose them.
-_PACE_MPS: Final = 1.6
+PACE_MPS: Final = 1.6
 """Walking pace, with what the speed control adds to it below 2 m/s."""
 _NEAR_M: Final = 2.4
 """From the side of the vehicle's way within which somebody is near: 2 m and how much both stray."""
@@ -180,7 +180,7 @@ def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tup
         enters, leaves = _over_crossing(way, own, reach_m, corners[begins[c] : begins[c + 1]])
         if enters == np.inf:
             continue
-        mean = max(speed, _PACE_MPS)
+        mean = max(speed, PACE_MPS)
         begin = min(max(enters - _STANDOFF_M, 0.0) / (mean + _FASTER_MPS), _LONGEST_S)
         going_s = leaves / mean
         if speed < _SETS_OFF_MPS:
@@ -191,7 +191,7 @@ def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tup
         apart -= half_width
         if apart > _NEAR_M:
             continue
-        limit, brake, free = _past(enters, speed, beside_mps if not across else _PACE_MPS)
+        limit, brake, free = _past(enters, speed, beside_mps if not across else PACE_MPS)
         if across and apart < _IN_WAY_M and place_m > centre_m + half_length:
             free = enters if enters > 0.0 else place_m - centre_m - half_length
             free = max(free - _STANDOFF_M, 0.0)

@@ -38,7 +38,7 @@ from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.curve import nearest_point
 from siren_ros.behaviour.paths.lane_path import neighbour_lane
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
-from siren_ros.conflicts.people import least_wait_for_people
+from siren_ros.conflicts.people import PACE_MPS, least_wait_for_people
 from siren_ros.numerics.arrays import Flags, Rows
 from siren_ros.numerics.braking import braking_distance_m, safe_following_mps
 from siren_ros.numerics.changed import changed
@@ -243,7 +243,7 @@ def _emv_limit(limit: Callable[[EmvUnit, Ego], SpeedLimit]) -> Callable[[Drive],
 
 
 _PAST_KERB_MPS: Final = 30.0 / 3.6
-"""An EMV's past people who stand at a crossing, beside its way."""
+"""An EMV's past people who stand at a crossing, beside its way; others do so at walking pace: they have the time."""
 
 
 def _people(drive: Drive) -> SpeedLimit:
@@ -251,7 +251,7 @@ def _people(drive: Drive) -> SpeedLimit:
     if not people.shape[1]:
         return UNLIMITED
     way = curve.points, 0, len(curve.points), curve.spacing_m
-    sizes = ego.half_length_m, ego.half_width_m, ego.speed_mps, _PAST_KERB_MPS if ego.is_emv else math.inf
+    sizes = ego.half_length_m, ego.half_width_m, ego.speed_mps, _PAST_KERB_MPS if ego.is_emv else PACE_MPS
     own = drive.progress_m, 0.0, *sizes
     worst, speed, brake, free = least_wait_for_people(way, own, people, ego.world.crossings)
     if worst < 0:

@@ -190,11 +190,19 @@ def _agree_on_entries(pairs: Any, zones: Any, inside: Any) -> None:
 
 
 @compiled
+def _wait_behind(speed_mps: float, lead_mps: float, free_m: float) -> tuple[float, float, float]:
+    """The wait for a body that leads on the same way: to be as slow as it before the way is used up."""
+    free, closing = max(free_m, 0.0), max(speed_mps - lead_mps, 0.0)
+    return lead_mps, closing * closing / (2.0 * max(free, LEAST_WAY_M)), free
+
+
+@compiled
 def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: Any, square: float) -> tuple[Any, Any]:
     """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
 
     Left out are vehicles that merge among themselves but for riders, and those that lead while there is room, which
     SUMO handles, and those from outside that come across the way of a driver who does not look.
+    A rider and another one who are beside each other do not go on together where their ways lead to the same place.
 
     ``state`` and ``drivers`` hold arrays over all vehicles, ``limits`` fields of ``CautionConfig``. ``square`` is 2: by
     a constant, speeds would be squared with another last bit than Python's.
@@ -227,10 +235,9 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
         if met == 0.0 or (not leads and ((blind[row] and not inside[other]) or sumos)):
             continue
         if leads:
-            free = max(blocked - behind_m, 0.0)
-            closing = max(speed_mps[row] - speed_mps[other], 0.0)
-            wait = speed_mps[other], closing * closing / (2.0 * max(free, LEAST_WAY_M)), free
-            if free > 0.0 and wait[1] <= (gentle_mps2 if held[row] else firm_mps2):
+            lead_mps = 0.0 if ridden and blocked <= 0.0 else speed_mps[other]
+            wait = _wait_behind(speed_mps[row], lead_mps, blocked - behind_m)
+            if wait[2] > 0.0 and wait[1] <= (gentle_mps2 if held[row] else firm_mps2):
                 continue
         else:
             zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)

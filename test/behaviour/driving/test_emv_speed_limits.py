@@ -62,23 +62,36 @@ def test_between_others_the_footprint_limits_the_speed_and_elsewhere_anticipatio
     assert [name for name in ("anticipation", "passage") if limits[name] != UNLIMITED] == [used]
 
 
-@pytest.mark.parametrize(("beside_m", "limited"), [(1.5, True), (3.0, False)])
-def test_people_on_a_crossing_beside_the_path_limit_the_speed(lab, beside_m, limited):
-    """The crossing begins 16 m ahead of the EMV's centre."""
-    unit, view = scene(lab, corridor=False)
-    ego, corners = view.ego(0), np.array([(116.0, -9.0), (120.0, -9.0), (120.0, 9.0), (116.0, 9.0)])
+def people_limit(unit, view, left_m, *, row=0):
+    """A crossing from 16 to 20 m ahead reaches 9 m to both sides; somebody is at its middle, or beside it."""
+    ego, corners = view.ego(row), np.array([(116.0, -9.0), (120.0, -9.0), (120.0, 9.0), (116.0, 9.0)])
     outlines = Outlines(corners, np.array([0, 4]))
-    place = np.array([118.0]), np.array([ego.half_width_m + beside_m]), np.zeros(1), np.zeros(1)
+    place = np.array([118.0]), np.array([left_m]), np.zeros(1), np.zeros(1)
     world = replace(ego.world)
     vars(world)["crossings"] = outlines
     ego = replace(ego, world=world, seen=replace(ego.seen, people=people_at([7], place, outlines)))
-    limits = {
-        item.name: item.limit(Drive(unit, ego, unit.navigator.path, 5.0, 13.0, ego.navigator_config))
-        for item in MECHANISMS
-    }
-    found = limits["people"]
+    (people,) = (mechanism for mechanism in MECHANISMS if mechanism.name == "people")
+    return people.limit(Drive(unit, ego, unit.navigator.path, 5.0, 13.0, ego.navigator_config))
+
+
+@pytest.mark.parametrize(("beside_m", "limited"), [(1.5, True), (3.0, False)])
+def test_people_on_a_crossing_beside_the_path_limit_the_speed(lab, beside_m, limited):
+    unit, view = scene(lab, corridor=False)
+    found = people_limit(unit, view, view.ego(0).half_width_m + beside_m)
     assert (found.blocker_id == 7) is limited
     assert found.speed_mps == (pytest.approx(math.sqrt(1.6**2 + 4.0 * found.free_m)) if limited else math.inf)
+
+
+@pytest.mark.parametrize(("emv", "pace_mps"), [(True, 30.0 / 3.6), (False, 1.6)])
+def test_who_makes_way_passes_people_beside_a_crossing_at_walking_pace_and_the_emv_faster(lab, emv, pace_mps):
+    """They may step on it; the path leads along the edge of the road, where the crossing begins."""
+    path = TrackedPath.of(Curve.through(np.array([[95.0, 8.0], [180.0, 8.0]])), scene(lab)[1].ego(0).navigator_config)
+    cars = [lab.Car(1, 0, 100, 5.0, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 100, 5.0, (0,))]
+    view = lab.view(lab.straight_road(), lab.L3, cars, poses=np.array(2 * [[100.0, 8.0, 0.0, 5.0]]))
+    unit = EmvUnit(1, NavigatorState().following(path, 100.0, 0.0))
+    found = people_limit(unit, view, 10.5, row=0 if emv else 1)
+    assert found.blocker_id == 7
+    assert found.speed_mps == pytest.approx(math.sqrt(pace_mps**2 + 4.0 * found.free_m))
 
 
 @pytest.mark.parametrize(

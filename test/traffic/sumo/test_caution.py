@@ -250,6 +250,15 @@ def test_riders_and_others_follow_who_stands_at_an_angle_on_the_same_way(turn: f
 
 
 @pytest.mark.parametrize("riders", [(), (1,), (2,)])
+def test_a_rider_and_another_one_beside_each_other_do_not_go_on_together(riders: tuple[int, ...]) -> None:
+    """The second one moves as fast, 1.7 m to the left, and its rear is behind the own front."""
+    cars = [Car(0, 80.0, 1.3), Car(0, 83.0, 1.3, Owner.ROS, left=1.7)]
+    roads = network(0.0)
+    found = seen(traffic_of(cars, roads), roads, (), (), riders)
+    assert [caution.wait.speed_mps for caution in found] == [0.0 if riders else 1.3]
+
+
+@pytest.mark.parametrize("riders", [(), (1,), (2,)])
 def test_riders_and_others_give_way_where_they_merge(riders: tuple[int, ...]) -> None:
     """The second one turns into the way of the first one, 12 m ahead, as SUMO lets it do: cars are SUMO's business."""
     lines = ([[0.0, 0.0], [200.0, 0.0]], [[70.0, -30.0], [100.0, -6.0], [112.0, 0.0], [200.0, 0.0]])

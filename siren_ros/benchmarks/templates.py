@@ -189,7 +189,7 @@ def seeds_of_option(text: str) -> tuple[int, ...]:
 
 def measure_all(tasks: Sequence[EpisodeTask], jobs: int) -> list[EpisodeFigures]:
     """The figures of all episodes in order. Each has a fresh process: where that dies, no other one is lost."""
-    with ProcessPool(jobs, fresh=True, preload="siren_ros.benchmarks.templates") as pool:
+    with ProcessPool(jobs, fresh=True, preload="siren_ros.studies.ready_worker") as pool:
 
         def measure(task: EpisodeTask) -> EpisodeFigures:
             try:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import re
 import shlex
 import sys
 from collections.abc import Sequence
@@ -84,6 +85,11 @@ def add_arguments(verb: Command) -> None:
     verb.set_defaults(run=run)
 
 
+def _by_number(sitting: Sitting) -> list[tuple[str, int]]:
+    """Seed 2 comes before seed 10."""
+    return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", sitting.bag)]
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Grades every bag, after it has made them where a seat is asked for; one without a result keeps no other back."""
     rulebook = load_rulebook(arguments.rulebook)
@@ -95,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
     sittings, worst = _of_study(arguments, rulebook) if seated else _of_bags(arguments, rulebook)
     name = arguments.driver or arguments.av
     name = name or ("the AV under test" if arguments.actor is None else f"actor {arguments.actor}")
-    certificate = Certificate(name, rulebook, tuple(sorted(sittings, key=lambda sitting: sitting.bag)))
+    certificate = Certificate(name, rulebook, tuple(sorted(sittings, key=_by_number)))
     print("\n".join(text_of(certificate.tables())))
     for sitting in certificate.without_result:
         print(f"siren exam: {sitting.episode}: no result: {sitting.lack}", file=sys.stderr)

@@ -251,7 +251,8 @@ def page_of(certificate: Certificate, command: str, pages: EpisodePages | None =
     )
     lacks = tuple(f"{sitting.episode}: no result: {sitting.lack}" for sitting in certificate.without_result)
     without = (Section("no_result", "Episodes without a result", lacks),) if lacks else ()
-    sections = (summary, *without, _violations(sittings, pages), *map(_section, certificate.graded))
+    marks = Section("episodes", "Episodes", tables=tuple(map(_marks, certificate.graded)))
+    sections = (summary, *without, _violations(sittings, pages), *([marks] if marks.tables else ()))
     return Page(f"Exam: {book.title}", lead, sections)
 
 
@@ -270,7 +271,7 @@ def _violations(sittings: Sequence[Sitting], pages: EpisodePages | None) -> Sect
     return Section("violations", "Violations", () if links else ("There is none.",), links=tuple(links))
 
 
-def _section(sitting: Sitting) -> Section:
+def _marks(sitting: Sitting) -> Table:
     rows = tuple((mark.clause.title, str(mark.grade), told(mark)) for mark in sitting.marks)
-    table = Table("marks", f"{sitting.episode}: {sitting.grade}", ("clause", "grade", "found"), rows, folded=True)
-    return Section(f"episode_{sitting.episode}", sitting.episode, tables=(table,))
+    title = f"{sitting.episode}: {sitting.grade}"
+    return Table(sitting.episode, title, ("clause", "grade", "found"), rows, folded=True)

@@ -2,11 +2,13 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from defusedxml import ElementTree
 from recorded_episode import tracked_recording
 
+from siren_ros.cli.exam import _by_number
 from siren_ros.recording.bag_reader import read_episode
 
 
@@ -34,6 +36,11 @@ def test_a_driver_of_a_recorded_episode_gets_a_certificate(siren, bag, driver, t
     assert "Exam: California" in (out / "certificate.html").read_text(encoding="utf-8")
     siren(words)
     assert (out / "certificate.json").read_bytes() == first
+
+
+def test_episodes_are_in_the_order_of_their_seeds():
+    bags = ["exam/S1_L2_seed2", "exam/S1_L2_seed10", "exam/S1_L3_seed1", "exam/S2_L2_seed0"]
+    assert [one.bag for one in sorted((SimpleNamespace(bag=bag) for bag in bags[::-1]), key=_by_number)] == bags
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,15 @@ def test_the_page_escapes_names_and_names_the_moment(certificate):
     assert "There is none." in html_of(page_of(nothing, "./env siren exam bags"))
 
 
+def test_the_page_has_one_section_for_all_episodes(certificate):
+    """Its menu stands first, and an exam has hundreds of them."""
+    many = tuple(replace(certificate.sittings[1], episode=f"S2_L2_seed{seed}_town") for seed in range(30))
+    for sittings, menu in ((many, ["Clauses", "Violations", "Episodes"]), ((), ["Clauses", "Violations"])):
+        page = page_of(replace(certificate, sittings=sittings), "./env siren exam")
+        assert [section.title for section in page.sections] == menu
+        assert all(f'id="episodes_{sitting.episode}"' in html_of(page) for sitting in sittings)
+
+
 def test_an_episode_without_a_result_fails_the_exam_and_loses_no_other(certificate):
     lacking = Sitting("out/episodes/S2 <x>", "S2_L2_seed7_town", 0, (), "the <program> hangs")
     good = certificate.sittings[1]

@@ -77,9 +77,8 @@ def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
 def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     """The EMV with the copied corridor as its path, renewed as the vehicles next to it move.
 
-    Each new path begins to turn into the corridor where the EMV is now. So the end of a lateral move is driven on the
-    present path while that leads to the same place and is free, and a present path that stays free for longer than a
-    new one is kept. So is one that gets farther without a touch, where the EMV cannot stop. Where a lane begins on
+    A present path that stays free for longer than a new one is kept: each new one begins to turn into the corridor
+    where the EMV is now. So is one that gets farther without a touch, where the EMV cannot stop. Where a lane begins on
     the left, the corridor moves to its line. If a vehicle closes that way, the EMV goes straight on between the lanes
     that it is between.
     """
@@ -92,8 +91,6 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     lane = corridor_lane(network, lane, ego.route, config.shoulder_reach_m)
     planned = _along(unit, ego, lane, straight_on=False)
     open_m = _open_m(planned, ego)
-    if _ends_move(unit, planned, ego) and _open_m(unit, ego) >= min(open_m, config.straight_below_m):
-        return changed(unit, corridor_planned_step=ego.step)
     if open_m < config.straight_below_m:
         driven = unit.navigator.path is not None and ego.speed_mps > config.keep_above_mps
         stops = stops_within(ego.speed_mps * ego.speed_mps, ego.config.gap_escape.brake_mps2, open_m)
@@ -106,17 +103,6 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
         if _open_m(other, ego) > open_m + config.straight_gain_m:
             return other
     return planned
-
-
-def _ends_move(unit: EmvUnit, planned: EmvUnit, ego: Ego) -> bool:
-    """Whether the EMV is in the last part of a lateral move, too short for another one, to where a new path leads."""
-    path, other, config = unit.navigator.path, planned.navigator.path, ego.config.corridor
-    if path is None or other is None or unit.corridor_planned_step < 0:
-        return False
-    if not 0.0 < path.settled_m - unit.navigator.progress_m < config.merge_min_m:
-        return False
-    _, left_m = other.curve.project_one(*path.curve.at(np.array([min(path.settled_m, path.length_m)]))[0].tolist())
-    return abs(left_m) < config.same_offset_m
 
 
 def _open_m(unit: EmvUnit, ego: Ego) -> float:

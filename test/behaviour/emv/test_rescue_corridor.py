@@ -261,39 +261,23 @@ def test_where_the_emv_cannot_stop_the_path_that_gets_farther_without_a_touch_is
     assert (corridor_path(unit, view.ego(0)).navigator.path is unit.navigator.path) is kept
 
 
-def after(lab, straight, driven_m, *others):
-    """The EMV and its surroundings 0.4 s after it planned a path, faster and farther along it."""
+@pytest.mark.parametrize("driven_m", [2.0, 10.0])
+def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, straight, driven_m):
+    """Each path begins where the EMV is; planned from its speed anew, the corridor would be reached later each time."""
     world = lab.world_of(straight, lab.L3)
     cars = [lab.Car(1, 0, 100, 8, (0,), ActorClass.AMBULANCE)]
     first = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, lab.traffic_of(straight, cars)).ego(0))
     start, path = first.navigator.progress_m, first.navigator.path
     x, y = path.curve.at(np.array([start + driven_m]))[0]
     yaw = float(path.curve.heading_at(np.array([start + driven_m]))[0])
-    poses = [[x, y, yaw, 14.0], *([car.s, y, 0.0, car.speed] for car in others)]
-    cars = [replace(cars[0], s=float(x), speed=14.0), *others]
-    view = lab.view_of(world, lab.traffic_of(straight, cars, step=8, poses=np.array(poses)))
-    return replace(first, navigator=replace(first.navigator, progress_m=start + driven_m)), view.ego(0)
-
-
-def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, straight):
-    """Each path begins where the EMV is; planned from its speed anew, the corridor would be reached later each time."""
-    driving, ego = after(lab, straight, 2.0)
-    path, again = driving.navigator.path, corridor_path(driving, ego)
+    cars = [replace(cars[0], s=float(x), speed=14.0)]
+    traffic = lab.traffic_of(straight, cars, step=8, poses=np.array([[x, y, yaw, 14.0]]))
+    driving = replace(first, navigator=replace(first.navigator, progress_m=start + driven_m))
+    again = corridor_path(driving, lab.view_of(world, traffic).ego(0))
     assert again.navigator.path is not path
-    assert again.navigator.path.settled_m == pytest.approx(path.settled_m - driving.navigator.progress_m, abs=0.3)
-    anew = corridor_path(EmvUnit(1, corridor=True), ego)
+    assert again.navigator.path.settled_m == pytest.approx(max(path.settled_m - start - driven_m, 8.0), abs=0.3)
+    anew = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, traffic).ego(0))
     assert anew.navigator.path.settled_m > again.navigator.path.settled_m + 2.0
-
-
-@pytest.mark.parametrize(("stands_m", "kept"), [(None, True), (150.0, True), (122.0, False)])
-def test_the_end_of_a_lateral_move_is_driven_on_the_present_path_while_that_is_free(lab, straight, stands_m, kept):
-    """No new move is shorter than 8 m: planned again and again, it would never end."""
-    others = () if stands_m is None else (lab.Car(2, 0, stands_m, 0, (0,)),)
-    driving, ego = after(lab, straight, 10.0, *others)
-    assert 0.0 < driving.navigator.path.settled_m - driving.navigator.progress_m < 8.0
-    again = corridor_path(driving, ego)
-    assert (again.navigator.path is driving.navigator.path) is kept
-    assert again.corridor_planned_step == 8
 
 
 @pytest.mark.parametrize("turned_rad", [0.9, -0.9])

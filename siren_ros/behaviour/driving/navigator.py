@@ -33,8 +33,10 @@ def steer_along(
     """Road-wheel angle that leads the footprint's centre along a path.
 
     The commanded curvature is ``κ − e/l² − 2ζ·sin(ψ)/l``, with the offset e, the course error ψ, the damping ratio ζ
-    and a length l that grows with the speed. The course is the yaw plus the sideslip of steady cornering. The wheel
-    angle is that of steady cornering, ``atan(L·κ) + K·κ·v²`` (Rajamani, "Vehicle Dynamics and Control", 2012, ch. 3).
+    and a length l that grows with the speed, and with errors for which the wheels turn too slowly: they have to turn by
+    about ``L·v·(e + 2ζ·sin(ψ)·l)/l³`` per time, and a long vehicle whose wheels cannot would swing about its path. The
+    course is the yaw plus the sideslip of steady cornering. The wheel angle is that of steady cornering,
+    ``atan(L·κ) + K·κ·v²`` (Rajamani, "Vehicle Dynamics and Control", 2012, ch. 3).
     ``progress_m`` and ``left_m`` (left positive) are the place of the centre on the path.
 
     Returns:
@@ -47,9 +49,12 @@ def steer_along(
     )
     sideslip = math.atan(vehicle.centre_ahead_of_rear_axle_m * curvature) - slip_per_accel * curvature * speed_mps**2
     course_error = math.remainder(yaw_rad + sideslip - heading, 2.0 * math.pi)
-    length = max(config.preview_min_m, config.preview_time_s * speed_mps)
     offset = max(-config.lateral_error_max_m, min(config.lateral_error_max_m, left_m))
-    bend = ahead - offset / length**2 - 2.0 * config.damping * math.sin(course_error) / length
+    bend_rate_1pms = config.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
+    turn = 2.0 * config.damping * math.sin(course_error)
+    length = max(config.preview_min_m, config.preview_time_s * speed_mps)
+    length = max(length, (speed_mps * abs(offset + turn * length) / bend_rate_1pms) ** (1.0 / 3.0))
+    bend = ahead - offset / length**2 - turn / length
     steer = math.atan(vehicle.wheelbase_m * bend) + vehicle.understeer_gradient_s2pm * bend * speed_mps**2
     return max(-vehicle.max_steer_rad, min(vehicle.max_steer_rad, steer))
 

@@ -32,8 +32,11 @@ def line(turn):
 
 
 def expected(vehicle, left, turned, speed):
-    length = max(CONFIG.preview_min_m, CONFIG.preview_time_s * speed)
-    target = -max(-1.0, min(1.0, left)) / length**2 - 2.0 * CONFIG.damping * math.sin(turned) / length
+    length, offset = max(CONFIG.preview_min_m, CONFIG.preview_time_s * speed), max(-1.0, min(1.0, left))
+    bend_rate = CONFIG.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
+    errors = abs(offset + 2.0 * CONFIG.damping * math.sin(turned) * length)
+    length = max(length, (speed * errors / bend_rate) ** (1.0 / 3.0))
+    target = -offset / length**2 - 2.0 * CONFIG.damping * math.sin(turned) / length
     return math.atan(vehicle.wheelbase_m * target) + vehicle.understeer_gradient_s2pm * target * speed**2
 
 
@@ -250,6 +253,16 @@ def test_initial_offset_decays_without_overshoot(lab):
     rows, _ = drive(lab, ActorClass.AMBULANCE, [[0, 0], [200, 0]], 10.0, 10.0, 10.0, start=(0.0, 0.6, 0.0))
     assert rows[:, 4].min() > -0.06
     assert abs(rows[-1, 4]) < 0.02
+
+
+@pytest.mark.parametrize("kind", [ActorClass.BUS, ActorClass.TRUCK, ActorClass.FIRE_TRUCK, ActorClass.AMBULANCE])
+@pytest.mark.parametrize("start", [(0.0, 1.2, 0.0), (0.0, -1.0, -0.2), (0.0, 2.0, -0.1)])
+@pytest.mark.parametrize("speed", [4.0, 5.0, 7.0, 8.3])
+def test_no_vehicle_swings_about_its_path(lab, kind, start, speed):
+    """The wheels of a long one turn slowly: feedback that is too quick for them is unstable."""
+    rows, _ = drive(lab, kind, [[0, 0], [250, 0]], speed, speed, 14.0, start=start)
+    assert (np.sign(start[1]) * rows[:, 4]).min() > -0.1
+    assert np.abs(rows[len(rows) // 2 :, 4]).max() < 0.06
 
 
 def test_stops_behind_a_standing_vehicle_and_reports_it(lab):

@@ -71,6 +71,10 @@ class VehicleParameters:
         front = self.mass_kg * (1.0 - rear_share) / self.cornering_stiffness_front_npr
         return front - self.mass_kg * rear_share / self.cornering_stiffness_rear_npr
 
+    def curvature_rate_1pms(self, share: float) -> float:
+        """How quickly the curvature of its way can change, 1/(m s), with a share of the wheels' turning rate."""
+        return share * self.max_steer_rate_radps / self.wheelbase_m
+
     def sized(self, length_m: float, width_m: float, height_m: float) -> "VehicleParameters":
         """The parameters of a vehicle of another size: axles move with the length, and its mass stays the same."""
         if (length_m, width_m, height_m) == (self.length_m, self.width_m, self.height_m):

@@ -50,10 +50,10 @@ def steer_along(
     sideslip = math.atan(vehicle.centre_ahead_of_rear_axle_m * curvature) - slip_per_accel * curvature * speed_mps**2
     course_error = math.remainder(yaw_rad + sideslip - heading, 2.0 * math.pi)
     offset = max(-config.lateral_error_max_m, min(config.lateral_error_max_m, left_m))
-    bend_rate_1pms = config.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
     turn = 2.0 * config.damping * math.sin(course_error)
     length = max(config.preview_min_m, config.preview_time_s * speed_mps)
-    length = max(length, (speed_mps * abs(offset + turn * length) / bend_rate_1pms) ** (1.0 / 3.0))
+    rate_1pms = vehicle.curvature_rate_1pms(config.steer_rate_share)
+    length = max(length, (speed_mps * abs(offset + turn * length) / rate_1pms) ** (1.0 / 3.0))
     bend = ahead - offset / length**2 - turn / length
     steer = math.atan(vehicle.wheelbase_m * bend) + vehicle.understeer_gradient_s2pm * bend * speed_mps**2
     return max(-vehicle.max_steer_rad, min(vehicle.max_steer_rad, steer))

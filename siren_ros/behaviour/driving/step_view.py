@@ -241,7 +241,7 @@ class BehaviourWorld:
         for actor_class, vehicle in self.vehicles.items():
             for is_emv in (False, True):
                 base = self.config.emv.navigator if is_emv else self.config.civilian_navigator
-                rate = base.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
+                rate = vehicle.curvature_rate_1pms(base.steer_rate_share)
                 drivers[actor_class, is_emv] = replace(base, curvature_rate_1pms=rate)
         return drivers
 

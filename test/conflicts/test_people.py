@@ -63,6 +63,12 @@ def test_people_are_expected_to_go_on_as_they_walk():
     assert speed < np.sqrt(2.0 * GENTLE_MPS2 * 18.0)
 
 
+def test_a_driver_who_slows_down_for_somebody_near_stops_if_it_would_be_in_the_way_then():
+    """At 8 m/s it leaves the crossing in 3.3 s, at walking pace some seconds later."""
+    assert wait(22.0, 7.2, walks_mps=(0.0, -1.2))[1] == pytest.approx(np.sqrt(2.0 * GENTLE_MPS2 * 17.0), rel=0.02)
+    assert wait(22.0, 10.2, walks_mps=(0.0, -1.2))[0] == -1
+
+
 def test_nobody_waits_for_people_off_the_crossing_or_behind_it():
     assert wait(18.5, 2.0)[0] == -1
     assert wait(22.0, 2.0, begins_m=-20.0, speed_mps=2.0)[0] == 0

@@ -91,7 +91,7 @@ def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
 
 
 def _passes(ego: Ego, rows: Rows) -> Flags:
-    """Which vehicles are cyclists and motorcyclists who are faster, and beside the EMV or behind it with a way past it.
+    """Which vehicles are cyclists and motorcyclists who are faster, beside the EMV or soon there, and pass it.
 
     A rider straight behind the EMV follows it.
     """
@@ -99,7 +99,9 @@ def _passes(ego: Ego, rows: Rows) -> Flags:
     ahead_m = cos * (seen.x_m[rows] - x) + sin * (seen.y_m[rows] - y)
     aside_m = np.abs(cos * (seen.y_m[rows] - y) - sin * (seen.x_m[rows] - x))
     behind = ahead_m < ego.half_length_m + seen.half_length_m[rows]
-    past = (aside_m > ego.half_width_m + seen.half_width_m[rows]) & (seen.speed_mps[rows] > ego.speed_mps)
+    faster_mps = seen.speed_mps[rows] - ego.speed_mps
+    comes_up_m = ego.half_length_m + seen.half_length_m[rows] + ego.config.gap_escape.oncoming_watch_s * faster_mps
+    past = (aside_m > ego.half_width_m + seen.half_width_m[rows]) & (faster_mps > 0.0) & (-ahead_m < comes_up_m)
     return np.asarray(np.isin(rows, seen.riders) & behind & past, np.bool_)
 
 

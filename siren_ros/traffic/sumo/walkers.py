@@ -46,6 +46,12 @@ _BESIDE_M: Final = 0.35
 """…and how near it may be beside that place."""
 _AWAY_M: Final = 2.3
 """Distance that people on crossings keep from the way of a vehicle that cannot stop any more…"""
+_SETS_OFF_M: Final = 2.0
+"""…by so much more those who stand already, because its driver expects people to go on as they walk…"""
+_STANDS_MPS: Final = 0.5
+"""…slower than this…"""
+_SEES_S: Final = 1.0
+"""…and they leave its driver the time to see them…"""
 _STOPPING_MPS2: Final = 3.0
 """…with this deceleration…"""
 _PACE_MPS: Final = 1.9
@@ -293,16 +299,20 @@ def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
             continue
         x, y = x_m[row] + _STEP_M * np.cos(yaw_rad[row]), y_m[row] + _STEP_M * np.sin(yaw_rad[row])
         halt_m = speed_mps[row] * speed_mps[row] / (2.0 * _HALT_MPS2)
+        stands = speed_mps[row] < _STANDS_MPS
+        away_m, sees_s = (_AWAY_M + _SETS_OFF_M, _SEES_S) if stands else (_AWAY_M, 0.0)
         for k in range(len(x_m)):
             dx, dy = x - x_m[k], y - y_m[k]
-            stopping = speed_mps[k] * speed_mps[k] / (2.0 * _STOPPING_MPS2) if speed_mps[k] > _PACE_MPS else 0.0
-            if length_m[k] == 0.0 or abs(dx) + abs(dy) > length_m[k] + width_m[k] + 2.0 * (stopping + _AWAY_M):
+            stopping = 0.0
+            if speed_mps[k] > _PACE_MPS:
+                stopping = speed_mps[k] * (sees_s + speed_mps[k] / (2.0 * _STOPPING_MPS2))
+            if length_m[k] == 0.0 or abs(dx) + abs(dy) > length_m[k] + width_m[k] + 2.0 * (stopping + away_m):
                 continue
             cos, sin = np.cos(yaw_rad[k]), np.sin(yaw_rad[k])
             ahead, left = dx * cos + dy * sin, abs(dy * cos - dx * sin)
             now = abs((y_m[row] - y_m[k]) * cos - (x_m[row] - x_m[k]) * sin) - 0.5 * width_m[k]
             reached = -0.5 * length_m[k] - _BEHIND_M < ahead < 0.5 * length_m[k] + stopping + _STEP_M
-            nearer = now > _INTO_M and left - 0.5 * width_m[k] < min(_AWAY_M, now)
+            nearer = now > _INTO_M and left - 0.5 * width_m[k] < min(away_m, now)
             if stopping > 0.0 and reached and nearer:
                 comes[number] = True
             turned = yaw_rad[row] - yaw_rad[k]

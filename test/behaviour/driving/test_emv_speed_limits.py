@@ -110,21 +110,32 @@ def test_off_its_path_the_emv_stops_before_riders_who_stand(lab, kind, speed_mps
 
 
 @pytest.mark.parametrize(
-    ("kind", "at_m", "left_m", "speed_mps", "stops"),
+    ("kind", "at_m", "left_m", "speed_mps", "emv_mps", "stops"),
     [
-        (ActorClass.BICYCLE, 90.0, -1.9, 5.5, True),
-        (ActorClass.BICYCLE, 101.0, -1.9, 5.5, True),
-        (ActorClass.BICYCLE, 90.0, -1.9, 1.5, False),
-        (ActorClass.BICYCLE, 80.0, -1.9, 5.5, False),
-        (ActorClass.BICYCLE, 90.0, -0.1, 5.5, False),
-        (ActorClass.SEDAN, 90.0, -1.9, 5.5, False),
+        (ActorClass.BICYCLE, 90.0, -1.9, 5.5, 2.0, True),
+        (ActorClass.BICYCLE, 101.0, -1.9, 5.5, 2.0, True),
+        (ActorClass.BICYCLE, 90.0, -1.9, 1.5, 2.0, False),
+        (ActorClass.BICYCLE, 80.0, -1.9, 5.5, 2.0, False),
+        (ActorClass.BICYCLE, 90.0, -1.9, 5.5, 5.0, False),
+        (ActorClass.BICYCLE, 90.0, -0.1, 5.5, 2.0, False),
+        (ActorClass.SEDAN, 90.0, -1.9, 5.5, 2.0, False),
     ],
-    ids=["comes up", "passes", "slower than the EMV", "later than in three seconds", "straight behind", "a car"],
+    ids=[
+        "comes up",
+        "passes",
+        "slower than the EMV",
+        "later than in three seconds",
+        "comes up too slowly",
+        "straight behind",
+        "a car",
+    ],
 )
-def test_between_queues_the_emv_moves_sideways_behind_a_rider_who_comes_up(lab, kind, at_m, left_m, speed_mps, stops):
+def test_between_queues_the_emv_moves_sideways_behind_a_rider_who_comes_up(
+    lab, kind, at_m, left_m, speed_mps, emv_mps, stops
+):
     """The path leads 2 m to the right within 12 m, where the rider goes past at 1.9 m to the right of the EMV."""
-    cars = [lab.Car(1, 0, 100, 2.0, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, at_m, speed_mps, (0,), kind)]
-    poses = np.array([[100.0, 0.0, 0.0, 2.0], [at_m, left_m, 0.0, speed_mps]])
+    cars = [lab.Car(1, 0, 100, emv_mps, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, at_m, speed_mps, (0,), kind)]
+    poses = np.array([[100.0, 0.0, 0.0, emv_mps], [at_m, left_m, 0.0, speed_mps]])
     view = lab.view(lab.straight_road(), lab.L3, cars, poses=poses)
     s_m = np.linspace(0.0, 80.0, 161)
     aside_m = -2.0 * np.clip(s_m / 12.0, 0.0, 1.0)

@@ -123,16 +123,20 @@ def test_fast_walkers_look_as_far_as_they_need_to_stop() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ahead_m", "beside_m", "speed_mps", "yaw_rad", "comes"),
+    ("ahead_m", "beside_m", "speed_mps", "yaw_rad", "walks_mps", "comes"),
     [
-        (10.0, 2.5, 9.0, 0.5 * np.pi, True),
-        (10.0, 2.5, 9.0, -0.5 * np.pi, False),
-        (10.0, 3.0, 9.0, 0.5 * np.pi, False),
-        (10.0, 0.4, 9.0, 0.5 * np.pi, False),
-        (17.0, 2.5, 9.0, 0.5 * np.pi, False),
-        (-3.5, 2.5, 9.0, 0.5 * np.pi, True),
-        (-6.5, 2.5, 9.0, 0.5 * np.pi, False),
-        (3.0, 2.5, 1.8, 0.5 * np.pi, False),
+        (10.0, 2.5, 9.0, 0.5 * np.pi, 1.2, True),
+        (10.0, 2.5, 9.0, -0.5 * np.pi, 1.2, False),
+        (10.0, 3.0, 9.0, 0.5 * np.pi, 1.2, False),
+        (10.0, 0.4, 9.0, 0.5 * np.pi, 1.2, False),
+        (17.0, 2.5, 9.0, 0.5 * np.pi, 1.2, False),
+        (-3.5, 2.5, 9.0, 0.5 * np.pi, 1.2, True),
+        (-6.5, 2.5, 9.0, 0.5 * np.pi, 1.2, False),
+        (3.0, 2.5, 1.8, 0.5 * np.pi, 1.2, False),
+        (10.0, 3.0, 9.0, 0.5 * np.pi, 0.0, True),
+        (10.0, 5.0, 9.0, 0.5 * np.pi, 0.0, False),
+        (24.0, 3.0, 9.0, 0.5 * np.pi, 0.0, True),
+        (26.0, 3.0, 9.0, 0.5 * np.pi, 0.0, False),
     ],
     ids=[
         "comes nearer",
@@ -143,15 +147,19 @@ def test_fast_walkers_look_as_far_as_they_need_to_stop() -> None:
         "it leaves",
         "behind it",
         "walking pace",
+        "stands and does not set off",
+        "stands far enough",
+        "stands, and its driver has to see it",
+        "stands, and its driver has the time",
     ],
 )
 def test_people_keep_away_from_a_vehicle_that_cannot_stop(
-    ahead_m: float, beside_m: float, speed_mps: float, yaw_rad: float, *, comes: bool
+    ahead_m: float, beside_m: float, speed_mps: float, yaw_rad: float, walks_mps: float, *, comes: bool
 ) -> None:
-    """A vehicle of 4 m by 2 m goes east: 9 m/s take 13.5 m; somebody stands to the right of its way."""
+    """A vehicle of 4 m by 2 m goes east: 9 m/s take 13.5 m, and 9 m until it brakes; somebody is right of its way."""
     poses = np.array([0.0, ahead_m]), np.array([0.0, -1.0 - beside_m]), np.array([0.0, yaw_rad])
     sizes = np.array([4.0, 0.0]), np.array([2.0, 0.0])
-    _, found = _step_into(np.array([1]), (poses, sizes), np.array([speed_mps, 0.0]))
+    _, found = _step_into(np.array([1]), (poses, sizes), np.array([speed_mps, walks_mps]))
     assert found.tolist() == [comes]
 
 

@@ -119,18 +119,18 @@ class _Stack:
 
     def add(self, rows: npt.ArrayLike) -> int:
         """Add rows; where they begin."""
-        first = self.used
-        self.used += self.lay(rows)
+        added, first = np.asarray(rows, self.rows.dtype), self.used
+        self.used += len(added)
+        self.reserve(0)
+        self.rows[first : self.used] = added
         return first
 
-    def lay(self, rows: npt.ArrayLike) -> int:
-        """Put rows behind the others, until further ones are added; how many."""
-        laid = np.asarray(rows, self.rows.dtype)
-        end = self.used + len(laid)
+    def reserve(self, more: int) -> npt.NDArray[Any]:
+        """All rows, with at least so many free ones behind those in use."""
+        end = self.used + more
         if end > len(self.rows):
             self.rows = np.concatenate((self.rows, np.empty((end, *self.rows.shape[1:]), self.rows.dtype)))
-        self.rows[self.used : end] = laid
-        return len(laid)
+        return self.rows
 
 
 def _straight_of(traffic: TrafficState, row: int) -> Course:
@@ -139,15 +139,20 @@ def _straight_of(traffic: TrafficState, row: int) -> Course:
     return Course.straight(*pose, _WALK_M if walks else _STRAIGHT_M)
 
 
-def _straight_ways(traffic: TrafficState, rows: Rows) -> tuple[npt.NDArray[np.float64], Rows]:
-    """Points of the courses of ``_straight_of``, ``(K, 2)``, and where each begins and the last one ends."""
-    walks = traffic.route_offset[rows] == traffic.route_offset[rows + 1]
-    lengths = np.where(walks, round(_WALK_M / SPACING_M), round(_STRAIGHT_M / SPACING_M))
-    counts = np.append(0, np.cumsum(lengths))
-    s = SPACING_M * (np.arange(counts[-1]) - np.repeat(counts[:-1], lengths))
-    yaws = traffic.yaw_rad[rows].tolist()  # by Python's functions, as one course is made
-    ways = (traffic.x_m[rows], [cos(yaw) for yaw in yaws]), (traffic.y_m[rows], [sin(yaw) for yaw in yaws])
-    return np.stack([np.repeat(at, lengths) + s * np.repeat(unit, lengths) for at, unit in ways], axis=-1), counts
+@compiled
+def _lay_straight_ways(rows: Any, poses: Any, offset: Any, used: int, points: Any, limit_mps: Any, ends: Any) -> None:
+    """Put the courses of ``_straight_of`` behind those in use, and fill in where each begins and ends."""
+    x_m, y_m, yaw_rad = poses
+    for row in rows:
+        length_m = _WALK_M if offset[row] == offset[row + 1] else _STRAIGHT_M
+        cos, sin = np.cos(yaw_rad[row]), np.sin(yaw_rad[row])
+        ends[0, row], ends[2, row], ends[3, row] = used, 0, 0
+        for k in range(round(length_m / SPACING_M)):
+            s_m = k * SPACING_M
+            points[used, 0], points[used, 1] = x_m[row] + s_m * cos, y_m[row] + s_m * sin
+            limit_mps[used] = np.inf
+            used += 1
+        ends[1, row] = used
 
 
 class CourseBook:
@@ -191,10 +196,10 @@ class CourseBook:
         ends, spacing = self._ends.rows[number].T.copy(), self._spacing.rows[number]
         straight, used = (number == _STRAIGHT).nonzero()[0], self._points.used
         if len(straight):
-            ahead, counts = _straight_ways(traffic, straight)
-            self._points.lay(ahead)
-            self._limits.lay(np.full(len(ahead), np.inf))
-            ends[:, straight] = used + counts[:-1], used + counts[1:], 0 * straight, 0 * straight
+            most = len(straight) * round(_STRAIGHT_M / SPACING_M)
+            stacks = self._points.reserve(most), self._limits.reserve(most)
+            poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
+            _lay_straight_ways(straight, poses, traffic.route_offset, used, *stacks, ends)
             spacing[straight] = SPACING_M
         return CoursesOfStep(traffic, number, self._points.rows, self._limits.rows, tuple(ends), spacing)
 

@@ -61,6 +61,7 @@ _RIDER_STEP_S: Final = 2.0 * STEP_S
 """Riders decide at every second step: two-wheelers are half of the traffic near people, and cost as much as cars."""
 _FULL_BRAKE_MPS2: Final = 6.0
 """With which a vehicle stops in an emergency, its driver's start included."""
+_NOWHERE: Final[Mapping[str, Point]] = {}
 _APART_M: Final = 80.0
 """Vehicles farther apart than this can stop before each other in a town."""
 _RUNS_RED_S: Final = 1000.0
@@ -213,10 +214,12 @@ class SumoPopulation:
     def refill(self, emv_points: Collection[Point], civilians: int) -> None:
         """Enter replacements from the reserve, away from the EMVs' points, up to a number of civilians."""
         missing = civilians - self.civilians
+        places = self._places() if missing > 0 else {}
         for _ in range(len(self._reserve) if missing > 0 else 0):
             vehicle = self._reserve.popleft()
-            if self._spot_is_free(vehicle, emv_points):
+            if self._spot_is_free(vehicle, emv_points, places):
                 self._enter_all((vehicle,))
+                places[vehicle.name] = self._point_of(vehicle.spot)
                 missing -= 1
                 if missing <= 0:
                     return
@@ -242,13 +245,14 @@ class SumoPopulation:
         return not waits and nearest_m((x - offset_x, y - offset_y), points) > self._config.people_within_m
 
     def _enter_riders(self, points: Collection[Point], least_m: float) -> None:
-        wanted = self._plan.riders_kept
+        wanted, places = self._plan.riders_kept, self._places()
 
         def enter(rider: PlannedVehicle) -> bool:
             enough = self._riding[rider.actor_class] >= wanted[rider.actor_class]
-            if enough or not self._spot_is_free(rider, ()) or self._overlapping(rider):
+            if enough or not self._spot_is_free(rider, (), places) or self._overlapping(rider, places):
                 return False
             self._enter_all((rider,))
+            places[rider.name] = self._point_of(rider.spot)
             return True
 
         if any(self._riding[kind] < count for kind, count in wanted.items()):
@@ -301,16 +305,18 @@ class SumoPopulation:
         libsumo.vehicle.remove(name)
         self._forget(name)
 
-    def _overlapping(self, entering: PlannedVehicle | None = None) -> list[str]:
+    def _overlapping(self, entering: PlannedVehicle | None = None, places: Mapping[str, Point] = _NOWHERE) -> list[str]:
         """The vehicles without which no two bodies overlap: of each such pair the one that entered later.
 
-        With one that is to enter: its name, where it would overlap. SUMO's vehicles have the width of their lane: side
-        by side, while one changes lanes, they may overlap. The way on which a vehicle comes to a stand with full
-        braking belongs to its body: nobody could stop before the other.
+        With one that is to enter, while the others are at ``places``: its name, where it would overlap. SUMO's vehicles
+        have the width of their lane: side by side, while one changes lanes, they may overlap. The way on which a
+        vehicle comes to a stand with full braking belongs to its body: nobody could stop before the other.
         """
-        names = [name for name in self.vehicles if libsumo.vehicle.getLaneID(name)]  # not those that wait to enter
+        names = [*self.vehicles]
         if entering is not None:
-            names = [name for name in names if not self._is_apart(name, self._point_of(entering.spot))]
+            x, y = self._point_of(entering.spot)
+            names = [name for name in places if max(abs(places[name][0] - x), abs(places[name][1] - y)) <= _APART_M]
+        names = [name for name in names if libsumo.vehicle.getLaneID(name)]  # not those that wait to enter
         poses = [(*self._pose_of(name), libsumo.vehicle.getSpeed(name)) for name in names]
         bodies = [self.vehicles[name] for name in names]
         if entering is not None:
@@ -327,10 +333,6 @@ class SumoPopulation:
         _, later, _ = overlapping_pairs(x_m, y_m, yaw_rad, length_m + stop_m, width_m)
         found = [names[row] for row in dict.fromkeys(later.tolist())]
         return found if entering is None else [name for name in found if name == entering.name]
-
-    def _is_apart(self, name: str, point: Point) -> bool:
-        (x, y), (offset_x, offset_y) = libsumo.vehicle.getPosition(name), self._network.sumo_offset_m
-        return max(abs(x - offset_x - point[0]), abs(y - offset_y - point[1])) > _APART_M
 
     def _pose_of(self, name: str) -> tuple[float, float, float]:
         """Centre and yaw of a vehicle that is in SUMO, in the ``map`` frame."""
@@ -364,22 +366,30 @@ class SumoPopulation:
         x, y = self._network.lanes[spot.lane].centre.at(spot.front_m)
         return float(x), float(y)
 
-    def _spot_is_free(self, vehicle: PlannedVehicle, emv_points: Collection[Point]) -> bool:
+    def _places(self) -> dict[str, Point]:
+        """Where all vehicles are, or will enter."""
+        offset_x, offset_y = self._network.sumo_offset_m
+        places = {}
+        for name, vehicle in self.vehicles.items():
+            x, y = libsumo.vehicle.getPosition(name)
+            waits = x == libsumo.INVALID_DOUBLE_VALUE
+            places[name] = self._point_of(vehicle.spot) if waits else (x - offset_x, y - offset_y)
+        return places
+
+    def _spot_is_free(
+        self, vehicle: PlannedVehicle, emv_points: Collection[Point], places: Mapping[str, Point]
+    ) -> bool:
         x, y = self._point_of(vehicle.spot)
         if nearest_m((x, y), emv_points) < self._config.replacement_distance_m:
             return False
         lane = self._network.lanes[vehicle.spot.lane]
         gap = max(self._config.replacement_gap_m, DemandConfig().gap_m(lane.speed_limit_mps))
-        offset_x, offset_y = self._network.sumo_offset_m
         around: Polyline = lane.centre.cut(vehicle.spot.front_m - vehicle.length_m - gap, vehicle.spot.front_m + gap)
-        for name, other in self.vehicles.items():
-            ox, oy = libsumo.vehicle.getPosition(name)
-            waits = ox == libsumo.INVALID_DOUBLE_VALUE
-            point = self._point_of(other.spot) if waits else (ox - offset_x, oy - offset_y)
-            reach_m = around.length_m + other.length_m + gap + lane.width_m
-            if max(abs(point[0] - x), abs(point[1] - y)) > reach_m:
+        for name, point in places.items():
+            reach_m = around.length_m + self.vehicles[name].length_m
+            if max(abs(point[0] - x), abs(point[1] - y)) > reach_m + gap + lane.width_m:
                 continue
             along, left = around.project(point)
-            if -gap < along < around.length_m + other.length_m and abs(left) < lane.width_m:
+            if -gap < along < reach_m and abs(left) < lane.width_m:
                 return False
         return True

@@ -171,7 +171,7 @@ def test_no_rider_enters_where_one_of_two_could_not_stop(
         getAngle=lambda _: 90.0,
         getSpeed=lambda _: others_mps,
     )
-    monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles, INVALID_DOUBLE_VALUE=-1e9))
     lane = SimpleNamespace(centre=Polyline.through([[12.0, -50.0], [12.0, 50.0]]))
     network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0), lanes=[lane])
     plan: Any = SimpleNamespace(reserve=(), riders=())
@@ -179,7 +179,7 @@ def test_no_rider_enters_where_one_of_two_could_not_stop(
     car: Any = SimpleNamespace(length_m=4.0, width_m=1.8)
     population.vehicles = {"car": car}
     rider: Any = SimpleNamespace(name="rider", length_m=2.0, width_m=0.8, spot=Spot(0, 45.0, speed_mps))
-    assert population._overlapping(rider) == (["rider"] if refused else [])
+    assert population._overlapping(rider, population._places()) == (["rider"] if refused else [])
 
 
 @pytest.mark.parametrize(("template", "seed"), [("S2", 3), ("S3", 0)])

@@ -121,6 +121,11 @@ class RiskSetRequest:
     """Further attempts at a candidate or a video whose process died."""
     thresholds: RiskThresholds = field(default_factory=RiskThresholds)
 
+    @property
+    def patience(self) -> int:
+        """Candidates without a find after which a template gives a class up: 25, or a quarter of a large budget."""
+        return max(PATIENCE, self.budget // 4)
+
 
 class SetObserver:
     """Watches how the making of a set goes; a command shows it as bars."""
@@ -209,7 +214,7 @@ class _SetMaker:
     def _all_searched(self) -> Mapping[str, Search]:
         """Searches with little patience, so that templates that find a class take over early; then with all of it."""
         balance, searches = self.request.balance, dict[str, Search]()
-        for patience in (_FIRST_PATIENCE, PATIENCE):
+        for patience in (_FIRST_PATIENCE, self.request.patience):
             searches = self._searched_in_rounds(patience)
             found = {name: search.found for name, search in searches.items()}
             counts = self._settled(found)

@@ -123,3 +123,8 @@ def test_the_folder_of_another_set_is_refused(processes: Processes, tmp_path: Pa
             make_set(REQUEST, tmp_path, 1)
     with pytest.raises(InputError, match="a new folder, or one of the same request"):
         make_set(replace(REQUEST, seed=5), tmp_path, 1)
+
+
+@pytest.mark.parametrize(("budget", "patience"), [(20, 25), (90, 25), (104, 26), (600, 150)])
+def test_a_large_budget_is_not_given_up_after_a_few_candidates(budget: int, patience: int) -> None:
+    assert replace(REQUEST, budget=budget).patience == patience

@@ -190,7 +190,7 @@ def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tup
         if across and apart < _IN_WAY_M and place_m > centre_m + half_length:
             free = enters if enters > 0.0 else place_m - centre_m - half_length
             free = max(free - _STANDOFF_M, 0.0)
-            limit, brake = np.sqrt(2.0 * _GENTLE_MPS2 * free), speed * speed / (2.0 * max(free, _LEAST_M))
+            limit, brake = min(limit, np.sqrt(2.0 * _GENTLE_MPS2 * free)), speed * speed / (2.0 * max(free, _LEAST_M))
         if limit < least:
             worst, least, free_m = p, limit, free
         hardest = max(hardest, brake)

@@ -50,9 +50,13 @@ def test_before_somebody_in_the_way_the_driver_stops():
 
 
 def test_on_the_crossing_the_driver_stops_before_the_person():
-    _, speed, _, free = wait(6.0, 0.0, speed_mps=1.0, begins_m=-2.0)
-    assert free == pytest.approx(6.0 - HALF_LENGTH_M - 1.0)
+    _, speed, _, free = wait(3.5, 0.0, speed_mps=1.0, begins_m=-2.0)
+    assert free == pytest.approx(3.5 - HALF_LENGTH_M - 1.0)
     assert speed == pytest.approx(np.sqrt(2.0 * GENTLE_MPS2 * free))
+
+
+def test_on_the_crossing_the_driver_goes_at_walking_pace_towards_the_person():
+    assert wait(9.0, 0.0, speed_mps=1.0, begins_m=-2.0)[1] == PACE_MPS
 
 
 def test_people_are_expected_to_go_on_as_they_walk():

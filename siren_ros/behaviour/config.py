@@ -373,7 +373,7 @@ class GapEscapeConfig:
     """Distance from the path at which another one is looked for."""
     edge_overhang_m: float = 0.3
     """How far the body may overhang the edge of the road."""
-    touch_m: float = 0.03
+    touch_m: float = 0.06
     """Margin below which the path counts as blocked."""
     stop_short_m: float = 0.4
     """Distance kept from the place on its path at which the EMV would touch somebody."""

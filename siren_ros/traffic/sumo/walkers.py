@@ -55,7 +55,9 @@ _SEES_S: Final = 1.0
 _STOPPING_MPS2: Final = 3.0
 """…with this deceleration…"""
 _PACE_MPS: Final = 1.9
-"""…and that is faster than this."""
+"""…and that is faster than this…"""
+_ROLLS_MPS: Final = 0.3
+"""…or than this for those who stand: they let it pass."""
 _BEHIND_M: Final = 4.0
 """A vehicle that is so far past somebody is still on the crossing."""
 _INTO_M: Final = 0.5
@@ -300,11 +302,13 @@ def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
         x, y = x_m[row] + _STEP_M * np.cos(yaw_rad[row]), y_m[row] + _STEP_M * np.sin(yaw_rad[row])
         halt_m = speed_mps[row] * speed_mps[row] / (2.0 * _HALT_MPS2)
         stands = speed_mps[row] < _STANDS_MPS
-        away_m, sees_s = (_AWAY_M + _SETS_OFF_M, _SEES_S) if stands else (_AWAY_M, 0.0)
+        away_m, sees_s, slow_mps = _AWAY_M, 0.0, _PACE_MPS
+        if stands:
+            away_m, sees_s, slow_mps = _AWAY_M + _SETS_OFF_M, _SEES_S, _ROLLS_MPS
         for k in range(len(x_m)):
             dx, dy = x - x_m[k], y - y_m[k]
             stopping = 0.0
-            if speed_mps[k] > _PACE_MPS:
+            if speed_mps[k] > slow_mps:
                 stopping = speed_mps[k] * (sees_s + speed_mps[k] / (2.0 * _STOPPING_MPS2))
             if length_m[k] == 0.0 or abs(dx) + abs(dy) > length_m[k] + width_m[k] + 2.0 * (stopping + away_m):
                 continue

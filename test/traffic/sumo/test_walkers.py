@@ -137,6 +137,8 @@ def test_fast_walkers_look_as_far_as_they_need_to_stop() -> None:
         (10.0, 5.0, 9.0, 0.5 * np.pi, 0.0, False),
         (24.0, 3.0, 9.0, 0.5 * np.pi, 0.0, True),
         (26.0, 3.0, 9.0, 0.5 * np.pi, 0.0, False),
+        (3.0, 1.0, 1.2, 0.5 * np.pi, 0.0, True),
+        (3.0, 1.0, 0.2, 0.5 * np.pi, 0.0, False),
     ],
     ids=[
         "comes nearer",
@@ -151,6 +153,8 @@ def test_fast_walkers_look_as_far_as_they_need_to_stop() -> None:
         "stands far enough",
         "stands, and its driver has to see it",
         "stands, and its driver has the time",
+        "stands until it has rolled past",
+        "stands, and so does the vehicle",
     ],
 )
 def test_people_keep_away_from_a_vehicle_that_cannot_stop(

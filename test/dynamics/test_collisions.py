@@ -127,14 +127,15 @@ def test_contacts_do_not_depend_on_the_frame(
     cos, sin = np.cos(frame), np.sin(frame)
     turned = (x * cos - y * sin, x * sin + y * cos, yaw + frame, vx * cos - vy * sin, vx * sin + vy * cos)
     there, _ = find_contacts(_boxes((0.0, 0.0, frame, 0.0, 0.0), turned), ())
-    if here and there:  # at a gap of zero, rounding decides whether they touch
+    boxes = _boxes((0.0, 0.0, 0.0, 0.0, 0.0), (x, y, yaw, vx, vy))
+    corners = footprint_corners(boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m)
+    if abs(separation_m(corners[:1], corners[1:])[0]) < 1e-9:
+        return  # at a gap of zero, rounding decides whether they touch, and where
+    assert len(here) == len(there)
+    if here:
         assert there[0].x_m == pytest.approx(here[0].x_m * cos - here[0].y_m * sin, abs=1e-6)
         assert 0.0 <= here[0].impact_speed_mps <= np.hypot(vx, vy) + 1e-9
         assert np.hypot(here[0].x_m, here[0].y_m) < np.hypot(LENGTH_M, WIDTH_M) / 2.0 + 1e-6
-    elif here or there:
-        boxes = _boxes((0.0, 0.0, 0.0, 0.0, 0.0), (x, y, yaw, vx, vy))
-        corners = footprint_corners(boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m)
-        assert abs(separation_m(corners[:1], corners[1:])[0]) < 1e-9
 
 
 VEHICLES = load_vehicle_parameters()

@@ -374,7 +374,7 @@ class GapEscapeConfig:
     edge_overhang_m: float = 0.3
     """How far the body may overhang the edge of the road."""
     touch_m: float = 0.06
-    """Margin below which the path counts as blocked."""
+    """Margin below which the path counts as blocked: more than the EMV strays from it."""
     stop_short_m: float = 0.4
     """Distance kept from the place on its path at which the EMV would touch somebody."""
     leader_brake_mps2: float = 4.0

@@ -145,6 +145,15 @@ def test_between_queues_the_emv_moves_sideways_behind_a_rider_who_comes_up(
     assert (limit.blocker_id == 2) is stops
 
 
+@pytest.mark.parametrize(("gap_m", "stops"), [(0.05, True), (0.07, False)])
+def test_in_a_gap_escape_the_emv_passes_bodies_by_more_than_it_strays_from_its_path(lab, gap_m, stops):
+    """5 cm, at walking pace; a contact would stop it for good."""
+    half_widths_m = 0.5 * (lab.vehicles[ActorClass.AMBULANCE].width_m + lab.vehicles[ActorClass.SEDAN].width_m)
+    unit, view = scene(lab, replace(lab.Car(2, 0, 112, 0.0, (0,)), left=half_widths_m + gap_m))
+    limit = passage_limit(replace(unit, gap_escape_active=True), view.ego(0))
+    assert (limit.blocker_id == 2) is stops
+
+
 def test_stops_before_a_vehicle_that_stands_on_the_path(lab):
     unit, view = scene(lab, lab.Car(2, 0, 120, 0, (0,)))
     bumpers = 20.0 - 0.5 * (lab.vehicles[ActorClass.AMBULANCE].length_m + lab.vehicles[ActorClass.SEDAN].length_m)

@@ -23,6 +23,8 @@ _IN_WAY_M: Final = 0.6
 """The same of somebody who is in the way."""
 _STANDOFF_M: Final = 1.0
 """Distance that a vehicle which stops keeps from the crossing, or from somebody on it."""
+_EARLY_M: Final = 0.4
+"""Drivers have slowed down so far before it: a fifth of a second at that speed, by which vehicles lag behind."""
 _GENTLE_MPS2: Final = 2.0
 """Deceleration that a driver plans with…"""
 _FIRM_MPS2: Final = 4.0
@@ -219,6 +221,6 @@ def _apart_from_way_m(
 @compiled
 def _past(enters_m: float, speed_mps: float, at_mps: float) -> tuple[float, float, float]:
     """Speed and deceleration with which a vehicle comes to a crossing at a speed, and the way to it."""
-    limit = np.sqrt(at_mps * at_mps + 2.0 * _GENTLE_MPS2 * enters_m)
+    limit = np.sqrt(at_mps * at_mps + 2.0 * _GENTLE_MPS2 * max(enters_m - _EARLY_M, 0.0))
     brake = max(speed_mps * speed_mps - at_mps * at_mps, 0.0) / (2.0 * max(enters_m, _LEAST_M))
     return limit, min(brake, _FIRM_MPS2), enters_m

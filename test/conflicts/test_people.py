@@ -9,7 +9,7 @@ from siren_ros.conflicts.people import Outlines, least_wait_for_people, outlines
 HALF_LENGTH_M, HALF_WIDTH_M = 2.0, 1.0
 BEGINS_M, ENDS_M = 20.0, 24.0
 """Of the crossing, from the driver's centre on."""
-PACE_MPS, GENTLE_MPS2 = 1.6, 2.0
+PACE_MPS, GENTLE_MPS2, EARLY_M = 1.6, 2.0, 0.4
 
 
 def turned(points, turn):
@@ -34,7 +34,7 @@ def test_past_somebody_near_the_way_the_driver_goes_at_walking_pace(turn, side):
     worst, speed, _, free = wait(22.0, side * 2.5, turn)
     assert worst == 0
     assert free == pytest.approx(BEGINS_M - HALF_LENGTH_M, abs=0.6)
-    assert speed == pytest.approx(np.sqrt(PACE_MPS**2 + 2.0 * GENTLE_MPS2 * free))
+    assert speed == pytest.approx(np.sqrt(PACE_MPS**2 + 2.0 * GENTLE_MPS2 * (free - EARLY_M)))
 
 
 @pytest.mark.parametrize(("left_m", "worst"), [(3.3, 0), (3.5, -1), (-3.3, 0), (-3.5, -1)])
@@ -81,7 +81,7 @@ def test_nobody_waits_for_people_off_the_crossing_or_behind_it():
 
 def test_an_emv_slows_down_for_people_beside_the_crossing():
     _, speed, brake, free = wait(19.0, 2.0, beside_mps=8.0)
-    assert (speed, brake) == (pytest.approx(np.sqrt(64.0 + 2.0 * GENTLE_MPS2 * free)), 0.0)
+    assert (speed, brake) == (pytest.approx(np.sqrt(64.0 + 2.0 * GENTLE_MPS2 * (free - EARLY_M))), 0.0)
     assert wait(17.5, 2.0, beside_mps=8.0)[0] == -1, "farther than 2 m from it"
 
 

@@ -182,12 +182,13 @@ def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tup
         enters, leaves = _over_crossing(way, own, reach_m, corners[begins[c] : begins[c + 1]])
         if enters == np.inf:
             continue
-        apart = _apart_from_way_m(left, drift, speed, enters, leaves) - half_width
+        begin = min(max(enters - _STANDOFF_M, 0.0) / (max(speed, PACE_MPS) + _FASTER_MPS), _LONGEST_S)
+        apart = _least_m(left, drift, begin, _leaves_s(speed, leaves)) - half_width
         if apart > _NEAR_M:
             continue
-        if speed > PACE_MPS:  # past somebody near it slows down, and is there later
+        if speed > PACE_MPS:  # past somebody near it slows down, and is there longer
             paced_s = 2.0 * enters / (speed + PACE_MPS) + (leaves - enters) / PACE_MPS
-            apart = min(apart, _apart_from_way_m(left, drift, speed, enters, leaves, paced_s) - half_width)
+            apart = _least_m(left, drift, begin, paced_s) - half_width
         limit, brake, free = _past(enters, speed, beside_mps if not across else PACE_MPS)
         if across and apart < _IN_WAY_M and place_m > centre_m + half_length:
             free = enters if enters > 0.0 else place_m - centre_m - half_length
@@ -200,21 +201,19 @@ def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tup
 
 
 @compiled
-def _apart_from_way_m(
-    left_m: float, drift_mps: float, speed_mps: float, enters_m: float, leaves_m: float, leaves_s: float = -1.0
-) -> float:
-    """Least distance of somebody from the middle of a vehicle's way while the vehicle is on the crossing.
+def _leaves_s(speed_mps: float, leaves_m: float) -> float:
+    """When a vehicle has left a crossing if it goes on as it does, or sets off."""
+    going_s = leaves_m / max(speed_mps, PACE_MPS)
+    if speed_mps < _SETS_OFF_MPS:
+        sets_off_mps = np.sqrt(speed_mps * speed_mps + 2.0 * _SETS_OFF_MPS2 * leaves_m)
+        going_s = min(going_s, (sets_off_mps - speed_mps) / _SETS_OFF_MPS2)
+    return going_s
 
-    Its rear leaves the crossing after ``leaves_s``; below 0: at the vehicle's speed.
-    """
-    mean = max(speed_mps, PACE_MPS)
-    begin = min(max(enters_m - _STANDOFF_M, 0.0) / (mean + _FASTER_MPS), _LONGEST_S)
-    if leaves_s < 0.0:
-        leaves_s = leaves_m / mean
-        if speed_mps < _SETS_OFF_MPS:
-            sets_off_mps = np.sqrt(speed_mps * speed_mps + 2.0 * _SETS_OFF_MPS2 * leaves_m)
-            leaves_s = min(leaves_s, (sets_off_mps - speed_mps) / _SETS_OFF_MPS2)
-    at_begin, at_end = left_m + drift_mps * begin, left_m + drift_mps * min(leaves_s, begin + _LONGEST_S)
+
+@compiled
+def _least_m(left_m: float, drift_mps: float, begin_s: float, end_s: float) -> float:
+    """Least distance of somebody who walks on from the middle of a way, between two times."""
+    at_begin, at_end = left_m + drift_mps * begin_s, left_m + drift_mps * min(end_s, begin_s + _LONGEST_S)
     return 0.0 if at_begin * at_end <= 0.0 else min(abs(at_begin), abs(at_end))
 
 

@@ -266,16 +266,6 @@ _STRAYS: Final = 0.5
 """Of its distance from the path, what the EMV may stray more before it comes back."""
 
 
-@compiled
-def _standing_near(bodies: Any, rows: Any, row: int, radius_m: float, still_mps: float) -> Any:
-    """Those of some rows who are slower than a speed, and within a radius of another row."""
-    near = np.zeros(len(rows), np.bool_)
-    for k in range(len(rows)):
-        dx, dy = bodies[0, rows[k]] - bodies[0, row], bodies[1, rows[k]] - bodies[1, row]
-        near[k] = np.hypot(dx, dy) < radius_m and bodies[5, rows[k]] < still_mps
-    return rows[near]
-
-
 def riders_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     """How fast the EMV goes off its path past cyclists and motorcyclists who stand: so that the body touches nobody.
 
@@ -285,7 +275,8 @@ def riders_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     if not len(riders) or unit.between or unit.navigator.path is None:
         return UNLIMITED
     reach_m = ego.far_m(config.reach_m)
-    riders = _standing_near(ego.seen.bodies, riders, ego.row, reach_m + 2.0 * ego.half_length_m, config.still_mps)
+    apart = np.hypot(ego.seen.x_m[riders] - ego.place[0], ego.seen.y_m[riders] - ego.place[1])
+    riders = riders[(apart < reach_m + 2.0 * ego.half_length_m) & (ego.seen.speed_mps[riders] < config.still_mps)]
     if not len(riders):
         return UNLIMITED
     still = np.zeros(len(riders))

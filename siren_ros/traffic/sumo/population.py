@@ -245,7 +245,10 @@ class SumoPopulation:
         return not waits and nearest_m((x - offset_x, y - offset_y), points) > self._config.people_within_m
 
     def _enter_riders(self, points: Collection[Point], least_m: float) -> None:
-        wanted, places = self._plan.riders_kept, self._places()
+        wanted = self._plan.riders_kept
+        if all(self._riding[kind] >= count for kind, count in wanted.items()):
+            return
+        places = self._places()
 
         def enter(rider: PlannedVehicle) -> bool:
             enough = self._riding[rider.actor_class] >= wanted[rider.actor_class]
@@ -255,9 +258,8 @@ class SumoPopulation:
             places[rider.name] = self._point_of(rider.spot)
             return True
 
-        if any(self._riding[kind] < count for kind, count in wanted.items()):
-            most_m = self._config.people_within_m - self._config.people_margin_m
-            self._riders.let_in(points, least_m, most_m, enter)
+        most_m = self._config.people_within_m - self._config.people_margin_m
+        self._riders.let_in(points, least_m, most_m, enter)
 
     def drop_departed(self) -> tuple[str, ...]:
         """Forget vehicles that left SUMO in the last step; their names, in order of entry."""

@@ -301,9 +301,8 @@ def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
             continue
         x, y = x_m[row] + _STEP_M * np.cos(yaw_rad[row]), y_m[row] + _STEP_M * np.sin(yaw_rad[row])
         halt_m = speed_mps[row] * speed_mps[row] / (2.0 * _HALT_MPS2)
-        stands = speed_mps[row] < _STANDS_MPS
         away_m, sees_s, slow_mps = _AWAY_M, 0.0, _PACE_MPS
-        if stands:
+        if speed_mps[row] < _STANDS_MPS:
             away_m, sees_s, slow_mps = _AWAY_M + _SETS_OFF_M, _SEES_S, _ROLLS_MPS
         for k in range(len(x_m)):
             dx, dy = x - x_m[k], y - y_m[k]

@@ -155,6 +155,8 @@ class VarietyDemand:
     """Share of the places along the carriageway in which a vehicle is parked, off the space of traffic."""
     clutter_per_100_m: float = 0.0
     """Bins, benches, boxes, cabinets and the like on 100 m of the carriageway's edge."""
+    colour_share: float = 0.0
+    """How far the reflectivity of paint, walls and sheet metal for LiDARs follows their colour, 0 to 1."""
 
 
 VARIETY: Final = tuple(f"demand.variety.{part.name}" for part in fields(VarietyDemand))

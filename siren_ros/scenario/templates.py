@@ -255,7 +255,7 @@ def _people(demand: StrictMapping, parameters: _Parameters) -> PeopleDemand:
     return PeopleDemand(**values)
 
 
-_MOST_VARIETY: Final = {"size_spread": 0.15, "parked_share": 1.0, "clutter_per_100_m": 50.0}
+_MOST_VARIETY: Final = {"size_spread": 0.15, "parked_share": 1.0, "clutter_per_100_m": 50.0, "colour_share": 1.0}
 
 
 def _variety(demand: StrictMapping, parameters: _Parameters) -> VarietyDemand:

@@ -107,7 +107,8 @@ class SensorRig:
         self._lidars: tuple[Lidar, ...] = ()
         if self._static is not None and suite.lidars:
             world = RaycastWorld(self._static, self._shapes)
-            self._lidars = tuple(Lidar(spec, world, self._seed, self._look) for spec in suite.lidars)
+            share = 0.0 if config is None else config.colour_share
+            self._lidars = tuple(Lidar(spec, world, self._seed, self._look, share) for spec in suite.lidars)
         self._background = ThreadPoolExecutor(1, "sweep") if in_background and self._lidars else None
         self._cameras: tuple[Camera, ...] | None = None
         self._catalogue = Catalogue(self._shapes)

@@ -277,7 +277,7 @@ def test_people_are_read_from_the_file(tmp_path):
 @pytest.mark.parametrize("name", available_templates())
 def test_variety_is_nothing_and_not_recorded_until_a_study_asks_for_it(name):
     template = load_template(name)
-    assert template.demand.variety == VarietyDemand(0.0, 0.0, 0.0)
+    assert template.demand.variety == VarietyDemand(0.0, 0.0, 0.0, 0.0)
     assert not set(VARIETY) & {*template.recorded_values(), *template.drawn}
     changed = template.with_values({"demand.variety.size_spread": 0.1})
     assert changed.demand.variety == VarietyDemand(size_spread=0.1)

@@ -47,8 +47,6 @@ class RaycastRenderer:
         self.look = look or Look()
         self._static = static
         self._world = RaycastWorld(static, shapes)
-        ordered = [shapes[kind].at_rest for kind in self._world.classes]
-        self._shape_colour = np.concatenate([np.empty((0, 3), np.uint8), *(mesh.colour_rgb for mesh in ordered)])
         dark = np.isin(static.mesh.material, [int(kind) for kind in _LENSES])
         self._static_albedo = (static.mesh.colour_rgb / 255.0) ** 2 * np.where(dark, _LENS_ALBEDO, 1.0)[:, None]
 
@@ -138,7 +136,7 @@ class RaycastRenderer:
         semantic, actor = names
         depth[pixels] = hits_on_shapes.distance[nearer]
         paint = np.isin(self._world.shape_material[triangle], _PAINTED)[:, None]
-        colour = (self._shape_colour[triangle] / 255.0) ** 2
+        colour = (self._world.shape_colour_rgb[triangle] / 255.0) ** 2
         albedo[pixels] = np.where(paint, colour * (placement.colour_rgb[row] / 255.0) ** 2, colour)
         glow[pixels] = 0.0
         tilted = hits_on_shapes.normal[nearer] / scale

@@ -310,7 +310,7 @@ class RaycastWorld:
     def __init__(self, static: StaticScene, shapes: Mapping[ActorClass, VehicleShape]) -> None:
         """Build both trees."""
         self._static = TriangleTree([(static.mesh.vertices_m, static.mesh.triangles)])
-        self.static_material = static.mesh.material
+        self.static_material, self.static_colour_rgb = static.mesh.material, static.mesh.colour_rgb
         self.classes = tuple(sorted(shapes))
         meshes = [shapes[actor_class].at_rest for actor_class in self.classes]
         columns = np.array([[i % _SHAPES_PER_ROW, i // _SHAPES_PER_ROW, 0] for i in range(len(self.classes))])
@@ -322,6 +322,7 @@ class RaycastWorld:
         self.shape_start = np.concatenate(([0], np.cumsum([len(mesh) for mesh in meshes]))).astype(np.int64)
         """First triangle of each shape in ``shape_material``, shape ``(classes + 1,)``."""
         self.shape_material = np.concatenate([np.empty(0, np.uint8), *(mesh.material for mesh in meshes)])
+        self.shape_colour_rgb = np.concatenate([np.empty((0, 3), np.uint8), *(mesh.colour_rgb for mesh in meshes)])
         self._row_of_class = np.full(max((int(c) for c in ActorClass), default=0) + 1, -1, dtype=np.int32)
         self._row_of_class[[int(c) for c in self.classes]] = np.arange(len(self.classes))
         self.cast_static(np.zeros((1, 6), np.float32))

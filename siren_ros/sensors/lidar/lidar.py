@@ -17,6 +17,7 @@ from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.sensors.lidar import lidar_loops as loops
 from siren_ros.sensors.lidar.embree import PacketTree, RaycastWorld, RayHits, cast_packets, tiles
 from siren_ros.sensors.lidar.lidar_loops import select_candidates
+from siren_ros.sensors.lidar.reflectivity import reflectivity_of
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Material
 from siren_ros.sensors.meshes.placement import VehiclePlacement
@@ -105,47 +106,6 @@ def complete_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
     return _pack(scratch.poses, pattern, hits, vehicles, optics.surfaces, receiver, out, count_on)
 
 
-_DEFAULT: Final = 0.4
-_REFLECTIVITY: Final[dict[Material, float]] = {
-    Material.GROUND: 0.25,
-    Material.GRASS: 0.45,
-    Material.ASPHALT: 0.17,
-    Material.SHOULDER_ASPHALT: 0.2,
-    Material.MARKING_WHITE: 0.75,
-    Material.MARKING_YELLOW: 0.6,
-    Material.KERB: 0.4,
-    Material.SIDEWALK: 0.35,
-    Material.MEDIAN: 0.4,
-    Material.BUILDING_WALL: 0.45,
-    Material.BUILDING_ROOF: 0.3,
-    Material.BUILDING_GLASS: 0.1,
-    Material.TREE_TRUNK: 0.3,
-    Material.FOLIAGE: 0.5,
-    Material.METAL_POLE: 0.5,
-    Material.SIGNAL_HOUSING: 0.15,
-    Material.STOP_SIGN: 1.0,
-    Material.CAR_PAINT: 0.6,
-    Material.FLEET_PAINT: 0.6,
-    Material.CAR_GLASS: 0.08,
-    Material.TYRE: 0.07,
-    Material.RIM: 0.6,
-    Material.PLASTIC: 0.12,
-    Material.CLOTHING: 0.4,
-    Material.SKIN: 0.55,
-    Material.LIVERY: 1.0,
-    Material.PLATE: 1.0,
-}
-
-REFLECTIVITY: Final = np.array([_REFLECTIVITY.get(material, _DEFAULT) for material in Material], dtype=np.float32)
-"""Share of the light sent back at normal incidence by material code, 0–1, near infrared (about 905 nm).
-
-Orders of magnitude after the ASTER/ECOSTRESS spectral library: asphalt 0.1–0.2, vegetation 0.4–0.5, concrete 0.3–0.4,
-rubber below 0.1; retro-reflective sheeting saturates a receiver and is 1; glass mostly lets light through or
-mirrors it.
-"""
-REFLECTIVITY.setflags(write=False)
-
-
 _ATTENUATION_STEPS_PER_M: Final = 16.0
 _GRID_OF_UNIT: Final = 1.5 * 2.0**23
 """Adding this to a float32 leaves no bits below 1 (float32 has a 24-bit significand)."""
@@ -205,9 +165,15 @@ def beam_pattern(spec: LidarSpec) -> loops.Pattern:
 class Lidar:
     """One sensor on one carrier. Holds scratch memory, so one sweep at a time."""
 
-    def __init__(self, spec: LidarSpec, world: RaycastWorld, seed: int, look: Look | None = None) -> None:
-        """Prepare the beam pattern; ``seed`` is the episode's. Rain and fog of the look weaken the returns."""
+    def __init__(
+        self, spec: LidarSpec, world: RaycastWorld, seed: int, look: Look | None = None, colour_share: float = 0.0
+    ) -> None:
+        """Prepare the beam pattern; ``seed`` is the episode's. Rain and fog of the look weaken the returns.
+
+        ``colour_share`` as in ``reflectivity_of``.
+        """
         self.spec = spec
+        self._colour_share = colour_share
         self._world = world
         self._seed = seed
         self.pattern = beam_pattern(spec)
@@ -216,7 +182,14 @@ class Lidar:
             pattern=self.pattern,
             order=tiles(spec.columns, spec.channels),
             trees=world.packets(),
-            surfaces=loops.Surfaces(world.static_material, world.shape_material, REFLECTIVITY),
+            surfaces=loops.Surfaces(
+                reflectivity_of(world.static_material, world.static_colour_rgb, colour_share),
+                np.where(
+                    world.shape_material == Material.CAR_PAINT,
+                    np.float32(0.0),
+                    reflectivity_of(world.shape_material, world.shape_colour_rgb, colour_share),
+                ),
+            ),
         )
         self._static_hits = static = RayHits.for_rays(rays)
         self._scratch = Scratch(
@@ -338,6 +311,9 @@ class Lidar:
             bounds=world.shape_bounds_m[shape],
             offset=world.shape_offset_m[shape],
             first_triangle=world.shape_start[shape],
+            paint=reflectivity_of(
+                np.full(len(near), Material.CAR_PAINT, np.uint8), placement.colour_rgb[near], self._colour_share
+            ),
             actor_id=placement.actor_id[near],
         )
 

@@ -42,7 +42,9 @@ class Vehicles(NamedTuple):
     offset: Array
     """Place of the shape in the shapes' common tree, float32 (N, 3)."""
     first_triangle: Array
-    """Of the shape, in ``Surfaces.shape_material``, int64 (N,)."""
+    """Of the shape, in ``Surfaces.shape_reflectivity``, int64 (N,)."""
+    paint: Array
+    """Reflectivity of the vehicle's paint, float32 (N,)."""
     actor_id: Array
     """uint32 (N,)."""
 
@@ -76,12 +78,11 @@ class Hits(NamedTuple):
 
 
 class Surfaces(NamedTuple):
-    """What the triangles are made of and how that reflects."""
+    """Share of the light that the triangles send back at normal incidence, 0 to 1, float32."""
 
-    static_material: Array
-    shape_material: Array
-    reflectivity: Array
-    """By material, float32."""
+    static_reflectivity: Array
+    shape_reflectivity: Array
+    """0 where it is that of the vehicle's paint."""
 
 
 class Receiver(NamedTuple):
@@ -185,17 +186,19 @@ def pack_points(  # compiled code is called with positions
             row = vehicle[ring] - 1
             if row >= 0:
                 i = column * rings + ring
-                material = surfaces.shape_material[vehicles.first_triangle[row] + hits.shape_triangle[i]]
+                reflectivity = surfaces.shape_reflectivity[vehicles.first_triangle[row] + hits.shape_triangle[i]]
+                if reflectivity == np.float32(0.0):
+                    reflectivity = vehicles.paint[row]
                 cosine = hits.cosine[i]
             else:
-                material = surfaces.static_material[static_triangle[ring]]
+                reflectivity = surfaces.static_reflectivity[static_triangle[ring]]
                 n = normal[ring]
                 nx = n[0] * m[0, 0] + n[1] * m[1, 0] + n[2] * m[2, 0]
                 ny = n[0] * m[0, 1] + n[1] * m[1, 1] + n[2] * m[2, 1]
                 nz = n[0] * m[0, 2] + n[1] * m[1, 2] + n[2] * m[2, 2]
                 cosine = abs(nx * x + ny * y + nz * z) / np.sqrt(nx * nx + ny * ny + nz * nz)
             transmitted = receiver.attenuation[np.uint32(t * receiver.steps_per_m)]
-            intensity = surfaces.reflectivity[material] * cosine * transmitted
+            intensity = reflectivity * cosine * transmitted
             if lossy and _is_dropped(intensity, receiver.draw[column * rings + ring], receiver.dropoff):
                 continue
             if noisy:

@@ -6,7 +6,7 @@ all else belongs to the static scene.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import shapely
@@ -45,8 +45,8 @@ _YAW_RAD: Final = 0.04
 
 def scene_config_of(values: Mapping[str, float]) -> SceneConfig:
     """How the scene of an episode is generated, from the values of its template (``EpisodeDescription``)."""
-    size_spread, parked_share, clutter_per_100_m = (float(values.get(path, 0.0)) for path in VARIETY)
-    return SceneConfig(parked_share=parked_share, size_spread=size_spread, clutter_per_100_m=clutter_per_100_m)
+    variety: dict[str, Any] = {path.rpartition(".")[2]: float(values.get(path, 0.0)) for path in VARIETY}
+    return SceneConfig(**variety)
 
 
 def parked_vehicles(

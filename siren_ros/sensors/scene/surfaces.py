@@ -62,6 +62,8 @@ class SceneConfig:
     """Up to which share sizes of parked vehicles differ from those of their class."""
     clutter_per_100_m: float = 0.0
     """Pieces of furniture and clutter on 100 m of the roads' edges, where there is space."""
+    colour_share: float = 0.0
+    """How far the reflectivity of painted surfaces for a LiDAR follows their colour, 0 to 1."""
     tile_m: float = 30.0
     """Surfaces are cut to tiles of this size, so that ray casting finds compact triangles."""
 
@@ -76,6 +78,7 @@ class SceneConfig:
             "parked_share",
             "size_spread",
             "clutter_per_100_m",
+            "colour_share",
         ):
             if getattr(self, name) < 0:
                 raise InputError(name, getattr(self, name), "a number that is at least 0")

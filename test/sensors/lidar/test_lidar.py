@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.sensors.lidar.embree import RaycastWorld
-from siren_ros.sensors.lidar.lidar import REFLECTIVITY, CarrierMotion, Lidar
+from siren_ros.sensors.lidar.lidar import CarrierMotion, Lidar
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Material, Mesh, VehicleShape
 from siren_ros.sensors.specification import LidarSpec, Mount, map_from_base
@@ -338,13 +338,14 @@ def test_vehicles_that_fill_more_rays_than_expected_are_seen_wholly(world, boxes
     assert bytes(sweep.payload) == bytes(scan(world, crowd, spec).payload)
 
 
-def test_there_is_a_share_for_every_material_and_retroreflectors_send_back_all():
-    assert REFLECTIVITY.shape == (len(Material),)
-    assert ((REFLECTIVITY > 0.0) & (REFLECTIVITY <= 1.0)).all()
-    assert REFLECTIVITY[Material.PLATE] == REFLECTIVITY[Material.LIVERY] == 1.0
-    assert REFLECTIVITY[Material.TYRE] < 0.1
-
-
-def test_nobody_changes_the_table():
-    with pytest.raises(ValueError, match="read-only"):
-        REFLECTIVITY[0] = 1.0
+def test_a_dark_car_is_darker_than_a_white_one_where_colours_count(world, boxes):
+    """From the same rays; without the share both have the paint's one value."""
+    white, black = (
+        replace(boxes.placed((SEDAN, 12.0, 0.0, 0.0)), colour_rgb=np.array([[c, c, c]], np.uint8)) for c in (255, 0)
+    )
+    for share, ratio in ((0.0, 1.0), (1.0, 0.04 / 0.85)):
+        lidar = Lidar(SPEC, world, 0, colour_share=share)
+        sweeps = [lidar.scan(0, SPEC.mount.base_from_sensor, placed) for placed in (white, black)]
+        bright, dark = (sweep.points["intensity"][sweep.points["instance"] == 1] for sweep in sweeps)
+        assert len(bright) == len(dark) > 20
+        assert np.allclose(dark, ratio * bright, atol=2.0 * LEVEL)

@@ -15,7 +15,7 @@ from siren_ros.sensors.scene.static_scene import static_scene
 from siren_ros.sensors.scene.surfaces import FreeSpace, SceneConfig, drawn_centres, road_surfaces, union
 from siren_ros.world.actors import FIRST_PARKED_ID
 
-VARIED = SceneConfig(parked_share=0.5, size_spread=0.1, clutter_per_100_m=10.0)
+VARIED = SceneConfig(parked_share=0.5, size_spread=0.1, clutter_per_100_m=10.0, colour_share=0.7)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def test_without_being_asked_the_scene_is_as_before(network: RoadNetwork, scene:
 
 
 def test_values_of_a_template_become_the_scene() -> None:
-    config = scene_config_of(dict(zip(VARIETY, (0.1, 0.5, 10.0), strict=True)))
+    config = scene_config_of(dict(zip(VARIETY, (0.1, 0.5, 10.0, 0.7), strict=True)))
     assert config == VARIED
 
 

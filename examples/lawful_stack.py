@@ -8,11 +8,10 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 
-from siren_ros.interfaces import topics
+from siren_ros.interfaces import topics, wire
 from siren_ros.interfaces.conversions import from_actor_states, from_path, from_traffic_state, to_av_control
 from siren_ros.interfaces.episode_conversions import from_episode_description
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input, create_output
 from siren_ros.seat.drivers.drivers import driver_of
 from siren_ros.seat.seated import SeatedDriver

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from siren_ros.generation.episode_setup import default_bag_path_of
-from siren_ros.interfaces import topics
+from siren_ros.interfaces import topics, wire
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
 from siren_ros.interfaces.messages import typestore
 from siren_ros.interfaces.topics import Topic
@@ -16,7 +16,6 @@ from siren_ros.recording.recorder import EpisodeRecorder
 from siren_ros.ros.node_configs import RecorderConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_program
-from siren_ros.ros.transport import wire
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.sensor_messages.sensor_topics import topics_of
 

@@ -4,7 +4,7 @@ import sys
 from functools import partial
 from typing import Any, Final
 
-from siren_ros.interfaces import topics
+from siren_ros.interfaces import topics, wire
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
 from siren_ros.interfaces.episode_conversions import Phase
 from siren_ros.lockstep import Input
@@ -12,7 +12,6 @@ from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.ros.node_configs import SensorSimConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_program
-from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages

@@ -6,7 +6,7 @@ from typing import Any
 
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.interfaces import topics
+from siren_ros.interfaces import topics, wire
 from siren_ros.interfaces.conversions import (
     from_av_control,
     from_traffic_state,
@@ -19,7 +19,6 @@ from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.ros.node_configs import VehicleDynamicsConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_program
-from siren_ros.ros.transport import wire
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.commands import AvControl, av_commands

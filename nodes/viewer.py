@@ -11,11 +11,11 @@ from rclpy.node import Node
 from siren_ros.episode_page.live import LIVE_TOPICS
 from siren_ros.episode_page.live_server import LiveFeed, LiveServer
 from siren_ros.errors import SirenError
+from siren_ros.interfaces import wire
 from siren_ros.interfaces.topics import Topic
 from siren_ros.ros.node_configs import ViewerConfig
 from siren_ros.ros.parameters import declare_config
 from siren_ros.ros.programs.program import run_program
-from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input
 
 LESS_URGENT: Final = 10

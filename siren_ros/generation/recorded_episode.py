@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from siren_ros.errors import EpisodeError, InputError, SirenError
 from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, driven
 from siren_ros.generation.episode_setup import EpisodeSetup
-from siren_ros.interfaces import topics
+from siren_ros.interfaces import topics, wire
 from siren_ros.interfaces.conversions import (
     to_actor_states,
     to_av_control,
@@ -20,7 +21,7 @@ from siren_ros.interfaces.conversions import (
     to_vehicle_commands,
 )
 from siren_ros.interfaces.episode_conversions import EpisodeClosing, to_episode_description
-from siren_ros.interfaces.messages import encode_cdr, make_message, stamp, typestore
+from siren_ros.interfaces.messages import make_message, stamp, typestore
 from siren_ros.interfaces.topics import Topic
 from siren_ros.judging.outcome import judge
 from siren_ros.numerics.units import steps_from_s, time_ns_of_step
@@ -73,15 +74,14 @@ def record_episode(setup: EpisodeSetup, bag: Path, answer: Answer | None = None)
             raise InputError(name, program, f"an episode without {name}; one that takes part needs cosim")
     if setup.plan.av and answer is None:
         raise InputError("av", described.parameters.get("av"), "an episode without an AV under test; that needs cosim")
-    store = typestore()
     latched = frozenset(topic.name for topic in topics.FIXED_TOPICS.values() if topic.latched)
-    recorder = EpisodeRecorder(bag, store, latched, judge)
+    recorder = EpisodeRecorder(bag, typestore(), latched, judge, wire.decode, wire.content)
     end, reason = EpisodeEnd.COMPLETE, ""
     try:
         recorder.expect(topics_of(described), bag)
         with closing(_messages(setup, answer or _nobody)) as messages:  # however it ends, SUMO ends with it
-            for topic, message in messages:
-                recorder.take(topic, encode_cdr(store, topic, message))
+            for topic, cdr in messages:
+                recorder.take(topic, cdr)
     except EpisodeError as error:
         end, reason = EpisodeEnd.FAILED, str(error)
     except (SirenError, OSError):
@@ -95,31 +95,39 @@ def _nobody(_: LoopStep) -> Controls:
     return {}
 
 
-def _messages(setup: EpisodeSetup, answer: Answer) -> Generator[tuple[Topic, Any], None, None]:
+def _messages(setup: EpisodeSetup, answer: Answer) -> Generator[tuple[Topic, bytes], None, None]:
     """All messages of the episode, as the nodes publish them."""
     described = setup.description
-    yield topics.EPISODE, to_episode_description(described)
-    yield topics.MAP, make_message(topics.MAP.type_name, data=setup.compiled_map.read_bytes().decode())
+    yield _sent(topics.EPISODE, to_episode_description(described))
+    yield _sent(topics.MAP, make_message(topics.MAP.type_name, data=setup.compiled_map.read_bytes().decode()))
     suites = list(mounted_suites(described, setup.network, lambda _: False, in_background=True))
-    yield from setup_messages(suites)
+    yield from starmap(_sent, setup_messages(suites))
     sensing = TrailingSensing(suites, trails=True)
     actors: dict[int, ActorDescription] = {}
     if setup.plan.av:
-        yield topics.AV_ROUTE, to_path(av_way(setup.network, setup.plan))
+        yield _sent(topics.AV_ROUTE, to_path(av_way(setup.network, setup.plan)))
     loop = closed_loop(setup, max(1, steps_from_s(described.duration_s)))
     for step, controls in driven(loop, answer):
         for control in controls.values():
             control.check()
         number = step.states.step
-        yield topics.CLOCK, make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(number)))
-        yield topics.TRAFFIC, to_traffic_state(step.traffic)
-        for topic, commands in zip((topics.EMV_COMMANDS, topics.YIELD_COMMANDS), step.commands[:2], strict=True):
-            yield topic, to_vehicle_commands(commands)
-        yield topics.ACTORS, to_actor_states(step.states)
-        yield topics.EVENTS, to_events(number, step.state_hash, step.events)
+        contents: tuple[tuple[Topic, Any, Callable[[Any], Any]], ...] = (
+            (topics.TRAFFIC, step.traffic, to_traffic_state),
+            (topics.EMV_COMMANDS, step.commands[0], to_vehicle_commands),
+            (topics.YIELD_COMMANDS, step.commands[1], to_vehicle_commands),
+            (topics.ACTORS, step.states, to_actor_states),
+            (topics.EVENTS, (number, step.state_hash, step.events), lambda content: to_events(*content)),
+        )
+        yield _sent(topics.CLOCK, make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(number))))
+        for topic, content, write in contents:
+            yield topic, wire.encode_content(topic, number, content, write)
         if setup.plan.av:
             control = controls.get(described.av_id, AvControl(number))
-            yield topics.AV_CONTROL, to_av_control(replace(control, step=number))
+            yield _sent(topics.AV_CONTROL, to_av_control(replace(control, step=number)))
         actors.update({actor.actor_id: actor for actor in step.traffic.spawned})
-        yield from sensing.step(step.states, actors, step.traffic.signals)
-    yield from sensing.finish()
+        yield from starmap(_sent, sensing.step(step.states, actors, step.traffic.signals))
+    yield from starmap(_sent, sensing.finish())
+
+
+def _sent(topic: Topic, message: Any) -> tuple[Topic, bytes]:
+    return topic, wire.encode(topic, message)

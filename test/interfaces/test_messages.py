@@ -23,7 +23,7 @@ from siren_ros.interfaces.messages import (
     step_of_cdr,
 )
 from siren_ros.interfaces.transforms import Transform, quaternion_of_yaw, to_odometry, to_tf
-from siren_ros.ros.transport.wire import step_of_message
+from siren_ros.interfaces.wire import step_of_message
 from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, GROUND_TRUTH_DTYPES, CameraTruth, GroundTruth, Odometry

@@ -12,7 +12,7 @@ from siren_ros.interfaces.conversions import to_actor_states
 from siren_ros.interfaces.episode_conversions import from_episode_description, to_episode_description, to_step_done
 from siren_ros.interfaces.episode_conversions import Phase, StepReport
 from siren_ros.interfaces.messages import make_message, stamp
-from siren_ros.ros.transport import wire
+from siren_ros.interfaces import wire
 from siren_ros.ros.transport.endpoints import create_input, create_output
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.world.actors import ActorStates

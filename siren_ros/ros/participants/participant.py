@@ -10,7 +10,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from siren_ros.errors import EpisodeError, SirenError
-from siren_ros.interfaces import topics
+from siren_ros.interfaces import topics, wire
 from siren_ros.interfaces.episode_conversions import (
     EpisodeClosing,
     Phase,
@@ -25,7 +25,6 @@ from siren_ros.ros.node_configs import ParticipantConfig
 from siren_ros.ros.parameters import declare_config
 from siren_ros.ros.participants.hang_watch import Work
 from siren_ros.ros.participants.working_clock import working_s
-from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.copies import Copy, step_copies
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_output, create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd

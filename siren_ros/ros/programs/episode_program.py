@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from siren_ros.datasets.kitti.live_export import LiveExport
 from siren_ros.errors import EXIT_FAILED, InputError, SirenError
-from siren_ros.interfaces import topics
+from siren_ros.interfaces import topics, wire
 from siren_ros.interfaces.conversions import from_actor_states
 from siren_ros.interfaces.episode_conversions import from_episode_outcome
 from siren_ros.lockstep import LockstepState, Stage, once
@@ -28,7 +28,6 @@ from siren_ros.ros.programs.composition import Composition, EpisodePlan, InProce
 from siren_ros.ros.programs.processes import Awaited, Interrupt, PreparationInterruptedError, Waiting
 from siren_ros.ros.programs.program import start_ros
 from siren_ros.ros.programs.progress import UPDATE_EVERY_STEPS, ProgressDisplay, closing_summary, verdict
-from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.direct import direct
 from siren_ros.ros.transport.domain import check_alone, in_free_domain
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_wall_timer

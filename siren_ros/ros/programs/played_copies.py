@@ -6,11 +6,11 @@ from typing import Any, Final
 
 from rclpy.node import Node
 
+from siren_ros.interfaces import wire
 from siren_ros.interfaces.conversions import from_events, from_traffic_state, to_traffic_state
 from siren_ros.interfaces.topics import ACTORS, EPISODE_END, EVENTS, ROSTER, TRAFFIC
 from siren_ros.numerics.units import step_of_time_ns
 from siren_ros.recording.bag_reader import BagMessage, OpenBag, damage_refused
-from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.copies import Copy, step_copies
 from siren_ros.ros.transport.endpoints import create_output
 from siren_ros.world.actors import ActorDescription

@@ -4,11 +4,10 @@ from typing import Any
 
 import pytest
 
-from siren_ros.interfaces import topics
+from siren_ros.interfaces import topics, wire
 from siren_ros.interfaces.conversions import to_av_control
 from siren_ros.interfaces.episode_conversions import Phase, StepReport
 from siren_ros.ros.participants.master import AvProxy
-from siren_ros.ros.transport import wire
 from siren_ros.world.commands import AV_SOURCE, AvControl
 
 

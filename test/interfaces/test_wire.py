@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from siren_ros.interfaces import wire
 from siren_ros.interfaces.conversions import from_actor_states, to_actor_states
 from siren_ros.interfaces.episode_conversions import Phase, StepReport, from_step_done, to_step_done
 from siren_ros.interfaces.topics import ACTORS, STEP_DONE
-from siren_ros.ros.transport import wire
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates
 
 

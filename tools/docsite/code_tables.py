@@ -248,6 +248,27 @@ def claims_table() -> str:
     )
 
 
+_COMPARED: Final = {"town": "prediction", "Town07": "prediction_unseen_map", "Town10HD_Opt": "prediction_paper_map"}
+"""Maps on which ``siren`` is compared with simple baselines, and the parts that do it."""
+
+
+def shares_table() -> str:
+    """Error of ``siren`` minus that of the best simple baseline, over the latter, by template and map as Markdown."""
+    results = read_results(_NODES_FILE.parents[1] / "docs" / "results.json")
+    columns = {
+        name + suffix: (results[part].figures, prefix)
+        for name, part in _COMPARED.items()
+        if part in results
+        for suffix, prefix in (("", ""), (", with a tracker's errors", "tracker."))
+    }
+    rows = []
+    for label, place in (*((name, f"{name}.") for name in TEMPLATES), ("mean", "")):
+        shares = [figures.get(f"{prefix}claims.{place}siren.ade_m.share") for figures, prefix in columns.values()]
+        if any(share is not None for share in shares):
+            rows.append(f"| {label} | {' | '.join('' if share is None else f'{share:+.0%}' for share in shares)} |")
+    return "\n".join([f"| | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|", *rows])
+
+
 _CLAIM: Final = ("best_simple", "best_simple_value", "share", "p_holm")
 
 
@@ -290,6 +311,7 @@ TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "reproduction": reproduction_table,
     "prediction_models": prediction_table,
     "prediction_claims": claims_table,
+    "prediction_shares": shares_table,
     "train_prediction": train_prediction_table,
     "predictors": predictors_table,
     "track_noise": partial(values_table, TrackNoise()),

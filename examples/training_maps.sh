@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Draws five small road networks with SUMO's netgenerate, on which predictors train besides maps of real places:
+# Draws six small road networks with SUMO's netgenerate, on which predictors train besides maps of real places:
 # ./env bash examples/training_maps.sh DIR
 set -euo pipefail
 out=$1
@@ -22,5 +22,8 @@ draw drawn_mixed "${streets[@]}" --seed 3 --rand.iterations 70 --rand.min-distan
 draw drawn_blocks --seed 4 --grid --grid.number 5 --grid.length 180 --grid.attach-length 150 \
     --perturb-x 'norm(0,15)' --perturb-y 'norm(0,15)' \
     --default.lanenumber 2 --default.junctions.type traffic_light --turn-lanes 1
+draw drawn_stop_blocks --seed 6 --grid --grid.number 5 --grid.length 150 --grid.attach-length 150 \
+    --perturb-x 'norm(0,15)' --perturb-y 'norm(0,15)' \
+    --default.lanenumber 2 --default.junctions.type allway_stop
 draw drawn_ring --seed 5 --spider --spider.arm-number 6 --spider.circle-number 3 --spider.space-radius 150 \
     --spider.attach-length 120 --default.lanenumber 2 --default.junctions.type priority_stop --tls.guess

@@ -96,7 +96,7 @@ def test_commands_in_documents_exist(path: Path) -> None:
 @pytest.mark.parametrize("path", sorted((REPOSITORY / "examples").glob("*.sh")), ids=lambda path: path.name)
 def test_commands_in_example_scripts_exist(path: Path) -> None:
     listed = list(commands(f"```\n{path.read_text(encoding='utf-8')}```\n"))
-    assert [words for words in listed if words[0] in {"siren", "netgenerate"}]
+    assert [words for words in listed if words[0] == "siren"]
     assert not [fault for words in listed for fault in faults_of(words)]
 
 

@@ -26,7 +26,7 @@ from siren_ros.learning.rewards import TERMS
 from siren_ros.learning.rollout import Seat
 from siren_ros.learning.task import Task
 from siren_ros.reproduction.parts import inputs_sha256, read_parts, shown_minutes
-from siren_ros.reproduction.results import read_results
+from siren_ros.reproduction.results import PartResult, read_results
 from siren_ros.scenario import paper
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, TEMPLATES
 from siren_ros.scenario.splits import Split
@@ -186,11 +186,15 @@ def paper_table() -> str:
     return "\n".join(["| constant | value | in the code |", "|---|---|---|", *rows])
 
 
+def _results() -> dict[str, PartResult]:
+    return read_results(_NODES_FILE.parents[1] / "docs" / "results.json")
+
+
 def reproduction_table() -> str:
     """The parts of ``siren reproduce`` as Markdown: what each is, how long it takes, what made the figures shown."""
     repository = _NODES_FILE.parents[1]
     parts = read_parts(repository / "params" / "reproduction.yaml", repository)
-    results = read_results(repository / "docs" / "results.json")
+    results = _results()
     rows: list[str] = []
     present: dict[str, str] = {}
     for part in parts.values():
@@ -225,7 +229,7 @@ _MODEL_FIGURES: Final = {
 
 def prediction_table() -> str:
     """The predictors that the part ``prediction`` has scored as Markdown; a figure that it has not made is empty."""
-    figures = read_results(_NODES_FILE.parents[1] / "docs" / "results.json")["prediction"].figures
+    figures = _results()["prediction"].figures
     models = [name for name in PREDICTORS if f"{name}.ade_m" in figures]
     rows = []
     for model in models:
@@ -235,11 +239,15 @@ def prediction_table() -> str:
     return "\n".join([f"| | {' | '.join(_MODEL_FIGURES)} |", "|---" * (1 + len(_MODEL_FIGURES)) + "|", *rows])
 
 
+_CLAIMS: Final = {**{name: f"claims.{name}.siren.ade_m" for name in TEMPLATES}, "mean": "claims.siren.ade_m"}
+"""Beginnings of the figures that compare ``siren`` with the best simple baseline, by template."""
+
+
 def claims_table() -> str:
     """``siren`` against the best simple baseline of each template as Markdown; without rows until it has been made."""
-    figures = read_results(_NODES_FILE.parents[1] / "docs" / "results.json")["prediction"].figures
+    figures = _results()["prediction"].figures
     rows = []
-    for name, head in (*((name, f"claims.{name}.siren.ade_m") for name in TEMPLATES), ("mean", "claims.siren.ade_m")):
+    for name, head in _CLAIMS.items():
         if head in figures:
             best, error, share, chance = (figures[f"{head}.{key}"] for key in _CLAIM)
             rows.append(f"| {name} | `{best}` | {error:.2f} | {figures[head]:+.2f} | {share:+.0%} | {chance:.2g} |")
@@ -254,7 +262,7 @@ _COMPARED: Final = {"town": "prediction", "Town07": "prediction_unseen_map", "To
 
 def shares_table() -> str:
     """Error of ``siren`` minus that of the best simple baseline, over the latter, by template and map as Markdown."""
-    results = read_results(_NODES_FILE.parents[1] / "docs" / "results.json")
+    results = _results()
     columns = {
         name + suffix: (results[part].figures, prefix)
         for name, part in _COMPARED.items()
@@ -262,8 +270,8 @@ def shares_table() -> str:
         for suffix, prefix in (("", ""), (", with a tracker's errors", "tracker."))
     }
     rows = []
-    for label, place in (*((name, f"{name}.") for name in TEMPLATES), ("mean", "")):
-        shares = [figures.get(f"{prefix}claims.{place}siren.ade_m.share") for figures, prefix in columns.values()]
+    for label, head in _CLAIMS.items():
+        shares = [figures.get(f"{prefix}{head}.share") for figures, prefix in columns.values()]
         if any(share is not None for share in shares):
             rows.append(f"| {label} | {' | '.join('' if share is None else f'{share:+.0%}' for share in shares)} |")
     return "\n".join([f"| | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|", *rows])
@@ -274,7 +282,7 @@ _CLAIM: Final = ("best_simple", "best_simple_value", "share", "p_holm")
 
 def train_prediction_table() -> str:
     """Errors by map when the predictor was trained as Markdown, from the part ``train_prediction``."""
-    figures = read_results(_NODES_FILE.parents[1] / "docs" / "results.json")["train_prediction"].figures
+    figures = _results()["train_prediction"].figures
     rows = []
     for split in (Split.TEST_SEED, Split.TEST_MAP):
         for name in sorted(figures):

@@ -14,7 +14,6 @@ from siren_ros.world.actors import Lights, Mode, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.traffic_state import TrafficState
 
-_HAZARD_LIGHTS: Final = Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT
 _SUMO: Final = np.uint8(Owner.SUMO)
 _NOMINAL: Final = np.uint8(Mode.NOMINAL)
 """numpy takes several times as long to fill an array with the member of an enumeration."""
@@ -92,7 +91,7 @@ def stopped_orders(orders: Orders, actor_id: Ids, stopped: Sequence[int], steer_
         steer_rad=np.where(rows, steer_rad, orders.steer_rad),
         hand_brake=orders.hand_brake & ~rows,
         mode=np.where(rows, np.uint8(Mode.STOPPED), orders.mode),
-        lights=np.where(rows, orders.lights | np.uint8(_HAZARD_LIGHTS), orders.lights),
+        lights=np.where(rows, orders.lights | np.uint8(Lights.INDICATORS), orders.lights),
     )
 
 

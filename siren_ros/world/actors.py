@@ -62,6 +62,7 @@ class Lights(IntFlag):
     BRAKE = 1
     INDICATOR_LEFT = 2
     INDICATOR_RIGHT = 4
+    INDICATORS = INDICATOR_LEFT | INDICATOR_RIGHT
     BEACON = 8
     SIREN = 16
 

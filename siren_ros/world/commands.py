@@ -71,7 +71,6 @@ AV_SOURCE: Final = "av_controller"
 """Name of the external controller of the AV under test, in the lockstep and in the record."""
 _LARGEST_STEER_RAD: Final = math.pi / 2.0
 """Wheels do not turn further on any vehicle; the vehicle's own limit is far below it."""
-_AV_LIGHTS: Final = int(Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT)
 _WARNING_LIGHTS: Final = int(Lights.BEACON | Lights.SIREN)
 
 
@@ -102,7 +101,7 @@ class AvControl:
             (0.0 <= self.brake <= 1.0, f"brake {self.brake!r}", "a number from 0 to 1"),
             (not (self.throttle and self.brake), both, "one of the two pedals"),
             (abs(self.steer_rad) <= _LARGEST_STEER_RAD, f"steer_rad {self.steer_rad!r}", angle),
-            (not self.lights & ~_AV_LIGHTS, f"lights {self.lights}", "0, 2, 4 or 6"),
+            (not self.lights & ~Lights.INDICATORS, f"lights {self.lights}", "0, 2, 4 or 6"),
         ):
             if not usable:
                 raise EpisodeError(f"{given} of step {self.step} cannot be used; allowed: {allowed}")
@@ -146,6 +145,6 @@ def controls_in(commands: VehicleCommands) -> Controls:
         throttle, brake, steer_rad = (
             float(one[row]) for one in (commands.throttle, commands.brake, commands.steer_rad)
         )
-        lights = int(commands.lights[row]) & _AV_LIGHTS
+        lights = int(commands.lights[row]) & Lights.INDICATORS
         controls[int(commands.actor_id[row])] = AvControl(commands.step - 1, throttle, brake, steer_rad, lights)
     return controls

@@ -39,7 +39,7 @@ from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.scenario.interaction_region import in_region
 from siren_ros.scenario.paper import CivilianResponse, ControlConstants
-from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
+from siren_ros.world.actors import ActorClass, Mode, Owner
 from siren_ros.world.commands import CommandRow, VehicleCommands
 from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
@@ -181,12 +181,13 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
         row = bisect_left(present, actor_id)
         if row == len(present) or present[row] != actor_id:
             continue
-        outcome = _step_unit(units[actor_id], view.ego(row), scenes)
+        ego = view.ego(row)
+        outcome = _step_unit(units[actor_id], ego, scenes)
         events.extend(outcome.events)
         if outcome.unit is not None:
             left[actor_id] = outcome.unit
             if outcome.unit.phase is not Mode.NOMINAL:
-                rows.append(_command_row(outcome.unit, outcome.command))
+                rows.append(_command_row(outcome.unit, ego, outcome.command))
     commands = VehicleCommands.of(traffic.step, SOURCE, rows, tuple(events))
     return YieldState(left, drivers, regions, view.actors), world.said(commands)
 
@@ -353,8 +354,7 @@ def _responds(unit: YieldUnit, ego: Ego, emv_row: int) -> bool:
     return ego.distance_m(emv_row) <= unit.driver.response_distance_m + bumpers + hysteresis
 
 
-def _command_row(unit: YieldUnit, command: DriveCommand | None) -> CommandRow:
+def _command_row(unit: YieldUnit, ego: Ego, command: DriveCommand | None) -> CommandRow:
     owner = Owner.SUMO if command is None else Owner.ROS
     turns = unit.side if unit.phase not in {Mode.YIELD_REACTING, Mode.YIELD_KEEP_LANE} else 0
-    lights = {1: Lights.INDICATOR_LEFT, -1: Lights.INDICATOR_RIGHT}.get(turns, Lights.NONE)
-    return unit.actor_id, owner, *(command or _COAST), unit.phase, int(lights)
+    return unit.actor_id, owner, *(command or _COAST), unit.phase, int(ego.indicators(turns))

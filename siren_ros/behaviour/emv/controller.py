@@ -46,9 +46,10 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
     events: tuple[Event, ...] = ()
     for row in view.seen.is_emv.nonzero()[0].tolist():
         actor_id = int(traffic.actor_id[row])
-        unit, command, happened = _step_unit(state.units.get(actor_id, EmvUnit(actor_id)), view.ego(row))
+        ego = view.ego(row)
+        unit, command, happened = _step_unit(state.units.get(actor_id, EmvUnit(actor_id)), ego)
         units[actor_id] = unit
-        lights = {1: Lights.INDICATOR_LEFT, -1: Lights.INDICATOR_RIGHT}.get(unit.change_side, Lights.NONE)
+        lights = ego.indicators(unit.change_side)
         lights |= Lights.BEACON | Lights.SIREN if world.policy.siren else Lights.NONE
         rows.append((actor_id, Owner.ROS, *command, mode_of(unit), int(lights)))
         events += happened

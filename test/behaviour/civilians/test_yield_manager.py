@@ -12,7 +12,7 @@ from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.config import BehaviourConfig
 from siren_ros.behaviour.driving.step_view import ActorTable
 from siren_ros.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
-from siren_ros.world.actors import ActorClass, Mode, Owner
+from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 from siren_ros.world.traffic_state import TrafficFlags
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -238,6 +238,20 @@ def test_a_yield_with_a_free_lane_starts_although_the_emv_has_just_left_the_lane
     state, _, _ = steps(world, [emv_at(lab), *cars])
     _, _, events = steps(world, [emv_at(lab, lane=1), cars[0]], 1, state, 1)
     assert kinds(events) == ["yield_started"]
+
+
+def test_the_next_turn_is_indicated_on_from_the_reaction_and_while_the_lane_is_kept(lab, world):
+    slow, cars = (
+        replace(world, preset=world.preset.for_scenario(40.0, 1.0, 1.0)),
+        [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))],
+    )
+    turn = {2: int(Lights.INDICATOR_RIGHT | Lights.BRAKE)}
+    _, commands, _ = steps(slow, cars, lights=turn)
+    assert (modes(commands), commands.lights.tolist()) == ({2: Mode.YIELD_REACTING}, [Lights.INDICATOR_RIGHT])
+    state, commands, _ = steps(world, cars, lights=turn)
+    assert commands.lights.tolist() == [Lights.INDICATOR_LEFT], "towards the lane that it changes to"
+    _, commands, _ = steps(world, [cars[0], lab.Car(2, 1, 90, 3, (0,))], 1, state, 1, lights=turn)
+    assert (modes(commands), commands.lights.tolist()) == ({2: Mode.YIELD_KEEP_LANE}, [Lights.INDICATOR_RIGHT])
 
 
 @pytest.fixture

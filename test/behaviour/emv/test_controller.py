@@ -131,6 +131,15 @@ def test_an_intent_to_the_other_side_replaces_the_first(lab):
     assert commands.lights[0] & (Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT) == 0
 
 
+@pytest.mark.parametrize("turn", [Lights.INDICATOR_LEFT, Lights.INDICATOR_RIGHT, Lights.NONE])
+def test_it_indicates_the_turn_that_comes_next_unless_it_changes_lanes(lab, emv, turn):
+    world, sumo = lab.world_of(lab.straight_road(), lab.L1), {1: int(turn | Lights.BRAKE)}
+    state, commands, _ = steps(world, [emv], lights=sumo)
+    assert commands.lights.tolist() == [turn]
+    _, commands, _ = steps(world, [emv], 2, state, 1, advice={"lane_change_intent": 1}, lights=sumo)
+    assert commands.lights.tolist() == [Lights.INDICATOR_LEFT]
+
+
 @pytest.mark.parametrize(("side", "light"), [(1, Lights.INDICATOR_LEFT), (-1, Lights.INDICATOR_RIGHT)])
 def test_a_lane_change_shows_its_side_and_ends_inside_the_lane(lab, side, light):
     world = lab.world_of(lab.straight_road(3), lab.L1)

@@ -27,8 +27,8 @@ _MEANINGS: Final = {
     "post_encroachment_s": "near-miss: a PET below this",
     "required_deceleration_mps2": "near-miss: a required deceleration above this",
     "gap_m": "near-miss: a gap below this, together with the deceleration",
-    "braked_mps2": "near-miss: with the PET, braking of one of the two from this on",
-    "needed_mps2": "near-miss: or braking from this on that would have been needed",
+    "braked_mps2": "near-miss: together with braking of one of the two from this on",
+    "needed_mps2": "near-miss: or, with the PET, braking from this on that would have been needed",
 }
 
 
@@ -41,7 +41,7 @@ def add_thresholds(verb: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--near-miss",
         choices=list(DEFINITIONS),
-        help="all thresholds at once: paper (every short PET counts, the default), near_crash (no controlled passing)",
+        help="all thresholds at once: paper (every conflict counts, the default), near_crash (no controlled passing)",
     )
 
 

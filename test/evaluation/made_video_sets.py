@@ -20,6 +20,7 @@ def evidence(kind: str) -> Evidence:
         np.full(count, 6.0),
         np.full(count, 3.0),
         np.full(count, 5.5),
+        np.zeros(count),
     )
     contacts = (SeenContact(5, 48, 3.5),) if kind == "Collision" else ()
     return Evidence(moments, (SeenEncroachment(8, 60, 2.5),), contacts)

@@ -108,6 +108,8 @@ class Moments:
     closing_mps: Floats
     required_deceleration_mps2: Floats
     gap_m: Floats
+    braked_mps2: Floats
+    """Hardest braking of the two, from two seconds before until they would touch; NaN in sets of earlier versions."""
 
     def __len__(self) -> int:
         return len(self.step)
@@ -170,8 +172,14 @@ def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple
     pairs, contacts = conflict_series(record, emv_id, steps)
     visible = in_view(pairs, camera.mount, camera.horizontal_fov_rad, VIEW_RANGE_M)
     seen = _recently(visible, pairs.actor_id, pairs.step)
+    course = seen & np.isfinite(contacts.time_s)
+    step, actor_id, until = pairs.step[course], pairs.actor_id[course], (pairs.step + contacts.time_s / STEP_S)[course]
+    ways = {key: _way(record, key, steps) for key in (emv_id, *np.unique(actor_id).tolist())}
+    braked_mps2 = np.zeros(len(step))
+    for row, (begin, other, end) in enumerate(zip(step.tolist(), actor_id.tolist(), until.tolist(), strict=True)):
+        braked_mps2[row] = max(_hardest_braking(ways[key], begin, end) for key in (emv_id, other))
     measures = contacts.time_s, contacts.closing_mps, contacts.required_deceleration_mps2, contacts.gap_m
-    moments = Moments(pairs.step, pairs.actor_id, *measures).at(seen & np.isfinite(contacts.time_s))
+    moments = Moments(step, actor_id, *[measure[course] for measure in measures] + [braked_mps2])
     seen_at = set(zip(pairs.actor_id[seen].tolist(), pairs.step[seen].tolist(), strict=True))
     encroachments = tuple(_encroachments(record, emv_id, steps, seen_at))
     return Evidence(moments, encroachments, tuple(_contacts(record, emv_id, steps, seen_at)))
@@ -190,22 +198,27 @@ def _recently(visible: Flags, actor_id: Ids, step: Steps) -> Flags:
 def _encroachments(
     record: EpisodeRecord, emv_id: int, steps: tuple[int, int], seen_at: set[tuple[int, int]]
 ) -> Iterator[SeenEncroachment]:
-    def way(actor_id: int) -> tuple[StateRows, tuple[float, float]]:
-        track, actor = record.track(actor_id), record.actors[actor_id]
-        return track.select((track.step >= steps[0]) & (track.step < steps[1])), (actor.length_m, actor.width_m)
+    def size_m(actor_id: int) -> tuple[float, float]:
+        return record.actors[actor_id].length_m, record.actors[actor_id].width_m
 
-    emv, size_m = way(emv_id)
+    emv = _way(record, emv_id, steps)
     for actor_id in sorted({actor for actor, _ in seen_at}):
-        track, other_size_m = way(actor_id)
-        pet = post_encroachment(emv, track, size_m, other_size_m)
+        track = _way(record, actor_id, steps)
+        pet = post_encroachment(emv, track, size_m(emv_id), size_m(actor_id))
         if pet is not None and (actor_id, pet.step) in seen_at:
             second = track if pet.subject_first else emv
-            braked = max(_hardest_braking(way, pet.step) for way in (emv, track))
+            braked = max(_hardest_braking(way, pet.step, pet.step) for way in (emv, track))
             yield SeenEncroachment(actor_id, pet.step, pet.time_s, braked, _needed_to_stop(second, pet))
 
 
-def _hardest_braking(way: StateRows, until_step: int) -> float:
-    late = (way.step <= until_step) & (way.step > until_step - SEEN_BEFORE_STEPS)
+def _way(record: EpisodeRecord, actor_id: int, steps: tuple[int, int]) -> StateRows:
+    track = record.track(actor_id)
+    return track.select((track.step >= steps[0]) & (track.step < steps[1]))
+
+
+def _hardest_braking(way: StateRows, step: int, until_step: float) -> float:
+    """From two seconds before a step until another one."""
+    late = (way.step <= until_step) & (way.step > step - SEEN_BEFORE_STEPS)
     return float(max(0.0, -way.accel_mps2[late].min(initial=0.0)))
 
 
@@ -251,9 +264,9 @@ class RiskThresholds:
     gap_m: float = 10.0
     """Farther away a high DRAC still leaves a way out."""
     braked_mps2: float = 0.0
-    """A short PET counts where one of the two braked at least so hard; 0: always."""
+    """A conflict counts where one of the two braked at least so hard; 0: always."""
     needed_mps2: float = 0.0
-    """It also counts where the second one could not have stopped short of the place with less than this; 0: always."""
+    """A short PET also counts where the second one could not have stopped short of the place with less; 0: always."""
 
     def counts(self, pet: SeenEncroachment) -> bool:
         """Whether a PET makes a near-miss: it is short, and the passing was not a controlled one."""
@@ -265,11 +278,13 @@ class RiskThresholds:
 DEFINITIONS: Final = {"paper": RiskThresholds(), "near_crash": RiskThresholds(braked_mps2=3.4, needed_mps2=8.45)}
 """What a near-miss is.
 
-``paper``: each short PET is one; the set of 105 videos has these labels. ``near_crash``: a driver had to brake hard (a
-near-crash takes a rapid evasive manoeuvre: T. Dingus et al., The 100-Car Naturalistic Driving Study, DOT HS 810 593,
-2006; 3.4 m/s² as for DRAC), or chance alone kept the two apart, because not even full braking on a dry road would have
-(8.45 m/s²: F. Cunto, F. Saccomanno, Accid. Anal. Prev. 40 (2008) 1171). Who waits for another vehicle and drives on
-right behind it passes in a controlled way, which is normal.
+``paper``: each short TTC or PET and each high DRAC is one; the set of 105 videos has these labels. ``near_crash``: a
+driver had to brake hard, too (a near-crash takes a rapid evasive manoeuvre: T. Dingus et al., The 100-Car Naturalistic
+Driving Study, DOT HS 810 593, 2006; 3.4 m/s² as for DRAC), or the PET is short and chance alone kept the two apart,
+because not even full braking on a dry road would have (8.45 m/s²: F. Cunto, F. Saccomanno, Accid. Anal. Prev. 40 (2008)
+1171). A driver who waits for another vehicle and
+drives on right behind it passes in a controlled way, which is normal; so is an oncoming car that points at the EMV for
+a moment, as it ends its turn.
 """
 
 
@@ -317,7 +332,7 @@ def label_of(evidence: Evidence, thresholds: RiskThresholds) -> RiskLabel:
 
 def _short_times(moments: Moments, thresholds: RiskThresholds) -> Iterator[RiskLabel]:
     short = moments.time_to_collision_s < thresholds.time_to_collision_s
-    short &= moments.closing_mps > thresholds.closing_mps
+    short &= (moments.closing_mps > thresholds.closing_mps) & _evaded(moments, thresholds)
     for actor_id in np.unique(moments.actor_id[short]).tolist():
         rows = np.flatnonzero((moments.actor_id == actor_id) & short)
         # Steps are whole, so that a run of four is 0.2 s; the small amount is for the division's last digit.
@@ -329,10 +344,14 @@ def _short_times(moments: Moments, thresholds: RiskThresholds) -> Iterator[RiskL
 
 def _hard_decelerations(moments: Moments, thresholds: RiskThresholds) -> Iterator[RiskLabel]:
     hard = moments.required_deceleration_mps2 > thresholds.required_deceleration_mps2
-    rows = np.flatnonzero(hard & (moments.gap_m < thresholds.gap_m))
+    rows = np.flatnonzero(hard & (moments.gap_m < thresholds.gap_m) & _evaded(moments, thresholds))
     if len(rows):
         hardest = rows[np.argmax(moments.required_deceleration_mps2[rows])]
         yield _near_miss(Reason.REQUIRED_DECELERATION, moments, hardest, moments.required_deceleration_mps2)
+
+
+def _evaded(moments: Moments, thresholds: RiskThresholds) -> Flags:
+    return np.asarray(~(moments.braked_mps2 < thresholds.braked_mps2))
 
 
 def _near_miss(reason: Reason, moments: Moments, row: np.intp, measure: Floats) -> RiskLabel:

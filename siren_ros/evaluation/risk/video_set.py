@@ -38,6 +38,7 @@ _MOMENT_COLUMNS: Final = {
     "closing_mps": np.float64,
     "required_deceleration_mps2": np.float64,
     "gap_m": np.float64,
+    "braked_mps2": np.float64,
 }
 
 _SHARED: Final = ("template", "file", "frames", "first_step")
@@ -191,7 +192,8 @@ def _evidence_table(videos: Sequence[RiskVideo]) -> pa.Table:
 
 def _moments_by_video(table: pa.Table) -> dict[str, Moments]:
     names = np.array(table["video"].to_pylist(), dtype=object)
-    columns = {name: table[name].to_numpy() for name in _MOMENT_COLUMNS}
+    columns = {name: table[name].to_numpy() for name in _MOMENT_COLUMNS if name in table.column_names}
+    columns.setdefault("braked_mps2", np.full(len(names), np.nan))
     return {
         str(name): _moments({key: values[names == name] for key, values in columns.items()})
         for name in np.unique(names)

@@ -59,7 +59,7 @@ LIMITS = RiskThresholds()
 
 def moments(count: int, ttc_s: float, closing_mps: float, drac_mps2: float = 0.0, gap_m: float = 5.0) -> Moments:
     """Consecutive steps of one civilian from step 100 on."""
-    values = (np.full(count, value) for value in (ttc_s, closing_mps, drac_mps2, gap_m))
+    values = (np.full(count, value) for value in (ttc_s, closing_mps, drac_mps2, gap_m, 0.0))
     return Moments(100 + np.arange(count), np.full(count, 7, np.uint32), *values)
 
 
@@ -349,7 +349,7 @@ def test_two_seconds_are_forty_steps(straight_road: RoadNetwork, step: int, *, c
 
 def test_a_part_of_the_evidence_ends_before_its_last_step() -> None:
     steps = np.arange(10, 20)
-    numbers = (np.full(10, 5, np.uint32), *(np.arange(10.0) + number for number in range(4)))
+    numbers = (np.full(10, 5, np.uint32), *(np.arange(10.0) + number for number in range(5)))
     found = Evidence(
         Moments(steps, *numbers),
         tuple(SeenEncroachment(5, step, 1.0) for step in (11, 12, 15, 16)),

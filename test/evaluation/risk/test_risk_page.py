@@ -26,7 +26,7 @@ def video_of(found: Evidence, first_step: int = 20) -> RiskVideo:
 
 def moments(*rows: tuple[int, int, float, float, float, float]) -> Evidence:
     step, actor, *values = (np.array(column) for column in zip(*rows, strict=True))
-    return Evidence(Moments(step, actor.astype(np.uint32), *values), (), ())
+    return Evidence(Moments(step, actor.astype(np.uint32), *values, np.zeros(len(step))), (), ())
 
 
 def test_time_begins_with_the_first_frame() -> None:

@@ -5,10 +5,11 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.labels import Moments, RiskClass
+from siren_ros.evaluation.risk.labels import DEFINITIONS, Moments, RiskClass
 from siren_ros.evaluation.risk.video_set import (
     EVIDENCE_FILE,
     SET_FILE,
@@ -53,6 +54,17 @@ def test_labels_are_derived_again(small_set: VideoSet) -> None:
     assert found.thresholds == strict
     again = found.relabelled(small_set.thresholds)
     assert [video.label for video in again.videos.values()] == [video.label for video in small_set.videos.values()]
+
+
+def test_a_set_of_an_earlier_version_does_not_know_who_braked(small_set: VideoSet) -> None:
+    """Every short TTC of it counts."""
+    write_set(small_set)
+    path = small_set.folder / EVIDENCE_FILE
+    pq.write_table(pq.read_table(path).drop_columns(["braked_mps2"]), path)
+    found = read_set(small_set.folder)
+    assert all(np.isnan(video.evidence.moments.braked_mps2).all() for video in found.videos.values())
+    relabelled = found.relabelled(DEFINITIONS["near_crash"]).videos.values()
+    assert [video.label.risk for video in relabelled] == [video.label.risk for video in found.videos.values()]
 
 
 def test_a_set_with_the_threshold_of_an_earlier_version(small_set: VideoSet) -> None:

@@ -20,7 +20,7 @@ from siren_ros.studies.risk_set.search import Balance
 from siren_ros.studies.risk_set.video_file import Rendered, try_candidate
 
 NONE = np.zeros(0)
-EVIDENCE = Evidence(Moments(NONE.astype(np.int64), NONE.astype(np.uint32), NONE, NONE, NONE, NONE), (), ())
+EVIDENCE = Evidence(Moments(NONE.astype(np.int64), NONE.astype(np.uint32), NONE, NONE, NONE, NONE, NONE), (), ())
 REQUEST = RiskSetRequest(("S2", "S6"), Balance((3, 2, 1), 3), seed=4)
 RISKS = (RiskClass.NEAR_MISS, RiskClass.NORMAL, RiskClass.COLLISION)
 """What the candidates of each template are, in turn."""

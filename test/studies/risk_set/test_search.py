@@ -157,7 +157,7 @@ def test_no_template_lacks_videos_that_another_could_exchange(found: list[tuple[
         assert not (lack and spare)
 
 
-EMPTY = Evidence(Moments(*(np.empty(0) for _ in range(6))), (), ())
+EMPTY = Evidence(Moments(*(np.empty(0) for _ in range(7))), (), ())
 
 
 def candidate(risk: RiskClass, seed: int = 0) -> Candidate:
@@ -238,7 +238,7 @@ def test_a_search_that_goes_on_asks_for_the_same_candidates(before: int) -> None
 
 
 def collision() -> Candidate:
-    values = ([1 / 3, 0.1, 2.9], [5.0, 5.1, 1.0], [2.0, 3.4, 0.1], [3.0, 2.0, 9.0])
+    values = ([1 / 3, 0.1, 2.9], [5.0, 5.1, 1.0], [2.0, 3.4, 0.1], [3.0, 2.0, 9.0], [0.0, 3.4, 1.2])
     moments = Moments(np.arange(5, 8), np.array([4, 4, 9], np.uint32), *map(np.array, values))
     evidence = Evidence(moments, (SeenEncroachment(4, 6, 0.35),), (SeenContact(9, 7, 1.7),))
     label = RiskLabel(RiskClass.COLLISION, Reason.CONTACT, 9, 7, 1.7)

@@ -38,7 +38,7 @@ FILES = ("video", "masks", "note")
 
 def candidate_of(label: RiskLabel) -> Candidate:
     none = np.zeros(0)
-    moments = Moments(none.astype(np.int64), none.astype(np.uint32), none, none, none, none)
+    moments = Moments(none.astype(np.int64), none.astype(np.uint32), none, none, none, none, none)
     return Candidate(EpisodeRequest(template="S2"), FIRST_STEP, label, Evidence(moments, (), ()))
 
 

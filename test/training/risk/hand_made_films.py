@@ -22,7 +22,8 @@ def hand_made_film(kind: RiskClass, at: int = 60, length: int = 120, seed: int =
         for back in range(8):
             half = 24 - 3 * back
             frames[at - back, 30 - half // 2 : 30 + half // 2, 80 - half : 80 + half] = 250
-    moments = Moments(steps, np.full(count, 3, np.uint32), *(np.full(count, value) for value in (1.0, 5.0, 2.5, 5.0)))
+    measures = (np.full(count, value) for value in (1.0, 5.0, 2.5, 5.0, 4.0))
+    moments = Moments(steps, np.full(count, 3, np.uint32), *measures)
     contacts = (SeenContact(3, middle, 4.0),) if kind is RiskClass.COLLISION else ()
     evidence = Evidence(moments, (), contacts)
     return Film(frames, Candidate(EpisodeRequest(), FIRST_STEP, label_of(evidence, RiskThresholds()), evidence))

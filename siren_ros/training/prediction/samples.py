@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,7 +31,7 @@ from siren_ros.evaluation.prediction.siren_model.siren_predictor import (
 from siren_ros.evaluation.prediction.track_noise import TrackNoise, with_noise
 from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
-from siren_ros.numerics.arrays import Floats32, Rows, random_stream
+from siren_ros.numerics.arrays import Flags, Floats32, Rows, random_stream
 from siren_ros.record.episode_source import open_source
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.splits import Split
@@ -201,6 +201,20 @@ class SampleStore:
         """Some samples in single precision."""
         part = self.features.select(rows)
         return Features(**{field.name: _as(getattr(part, field.name), np.float32) for field in fields(Features)})
+
+
+_LAMPS: Final = ("brake", "indicates_left", "indicates_right")
+
+
+def without_lamps(store: SampleStore, hidden: Flags) -> SampleStore:
+    """The samples, of which some (shape ``(N,)``) see no brake lamp and no indicator: those of all vehicles are off."""
+    features = store.features
+    for kind in ("target", "neighbours"):
+        values, names = getattr(features, kind).copy(), getattr(store.names, kind)
+        for column in (names.index(name) for name in _LAMPS):
+            values[hidden, ..., column] = 0.0
+        features = replace(features, **{kind: values})
+    return replace(store, features=features)
 
 
 def read_store(paths: Sequence[Path], ablation: Ablation = Ablation.NONE) -> SampleStore:

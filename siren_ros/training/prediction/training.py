@@ -12,14 +12,16 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.network_file import write_network
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import FEATURES_VERSION, TrainedNetwork, load_network
 from siren_ros.evaluation.prediction.track_noise import TrackNoise
-from siren_ros.numerics.arrays import Floats, Floats32
+from siren_ros.numerics.arrays import Floats, Floats32, random_stream
 from siren_ros.scenario.splits import Split
 from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.prediction.plan import VARIANTS, PlannedEpisode, is_ordinary
-from siren_ros.training.prediction.samples import WORST_TRACKER, EpisodeKey, SampleStore, read_store
+from siren_ros.training.prediction.samples import WORST_TRACKER, EpisodeKey, SampleStore, read_store, without_lamps
 from siren_ros.training.settings import ARCHITECTURES, FitConfig, FittedNetwork
 
 MEAN: Final = "mean"
+UNLIT_SHARE: Final = 0.1
+"""Share of the training samples without brake lamps and indicators: many trackers report none."""
 _MODEL_ERRORS: Final = ("siren", "siren_min6", "siren_fde")
 
 
@@ -131,6 +133,7 @@ def train_variant(
     if not training_files:
         raise InputError("episodes", name, "at least one that could be made for training")
     store = read_store([path for _, path in training_files], variant.ablation)
+    store = without_lamps(store, random_stream(config.seed, "training/lamps").random(len(store)) < UNLIT_SHARE)
     report(f"{name} ({variant.summary}): {len(store)} samples of {len(store.episodes)} episodes")
     path, wall = folder / f"{name}.onnx", time.monotonic()
     fitted = fitter(store, config, path.with_suffix(".checkpoint.pt"), report)
@@ -148,6 +151,7 @@ def train_variant(
         "noise": asdict(TrackNoise()),
         "noisy_share": 0.5,
         "noise_times": [0.0, WORST_TRACKER],
+        "unlit_share": UNLIT_SHARE,
         "wall_s": round(time.monotonic() - wall),
         "processor_s": round(fitted.processor_s),
     }

@@ -8,7 +8,13 @@ from siren_ros.evaluation.prediction.baselines import ConstantVelocity
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import Ablation, Features
 from siren_ros.scenario.splits import Split
-from siren_ros.training.prediction.samples import features_of_record, read_features, read_store, write_features
+from siren_ros.training.prediction.samples import (
+    features_of_record,
+    read_features,
+    read_store,
+    without_lamps,
+    write_features,
+)
 
 
 def test_what_is_written_is_read_again(tmp_path) -> None:
@@ -74,3 +80,19 @@ def test_reference_errors_come_with_episodes_that_judge_and_an_ablation_hides_it
     store = read_store(episode_files[Split.TRAIN], Ablation.MAP)
     assert store.reference_ade_m == {}
     assert not store.features.path_there.any()
+
+
+def test_lamps_can_be_hidden_from_some_samples(episode_files) -> None:
+    store = read_store(episode_files[Split.TRAIN])
+    for kind in ("target", "neighbours"):
+        getattr(store.features, kind)[:] = 1.0
+    hidden = np.arange(len(store)) % 3 == 0
+    seen = without_lamps(store, hidden)
+    for kind in ("target", "neighbours"):
+        before, values = (getattr(each.features, kind) for each in (store, seen))
+        assert (before == 1.0).all(), "the store itself stays"
+        assert (values[~hidden] == 1.0).all()
+        names = {
+            name for name, column in zip(getattr(store.names, kind), values[hidden].T, strict=True) if not column.any()
+        }
+        assert names == {"brake", "indicates_left", "indicates_right"}

@@ -101,7 +101,7 @@ class AvControl:
             (0.0 <= self.brake <= 1.0, f"brake {self.brake!r}", "a number from 0 to 1"),
             (not (self.throttle and self.brake), both, "one of the two pedals"),
             (abs(self.steer_rad) <= _LARGEST_STEER_RAD, f"steer_rad {self.steer_rad!r}", angle),
-            (not self.lights & ~Lights.INDICATORS, f"lights {self.lights}", "0, 2, 4 or 6"),
+            (not self.lights & ~int(Lights.INDICATORS), f"lights {self.lights}", "0, 2, 4 or 6"),
         ):
             if not usable:
                 raise EpisodeError(f"{given} of step {self.step} cannot be used; allowed: {allowed}")
@@ -145,6 +145,6 @@ def controls_in(commands: VehicleCommands) -> Controls:
         throttle, brake, steer_rad = (
             float(one[row]) for one in (commands.throttle, commands.brake, commands.steer_rad)
         )
-        lights = int(commands.lights[row]) & Lights.INDICATORS
+        lights = int(commands.lights[row] & Lights.INDICATORS)
         controls[int(commands.actor_id[row])] = AvControl(commands.step - 1, throttle, brake, steer_rad, lights)
     return controls

@@ -91,7 +91,7 @@ def test_an_oncoming_car_that_ends_its_turn_is_normal(straight_road):
     steps, lane_m = 81, 3.5
     angle = np.clip(0.5 * (1.0 - np.arange(steps) * 0.05), 0.0, None)
     yaw = np.pi + angle
-    x = 60.0 + np.concatenate(([0.0], np.cumsum(8.0 * 0.05 * np.cos(yaw))[:-1]))
+    x = 42.0 + np.concatenate(([0.0], np.cumsum(8.0 * 0.05 * np.cos(yaw))[:-1]))
     y = np.concatenate(([0.0], np.cumsum(8.0 * 0.05 * np.sin(yaw))[:-1]))
     y += lane_m - y[-1]
     turning = Track(np.stack((x, y, 8.0 * np.cos(yaw), 8.0 * np.sin(yaw), yaw), axis=1))
@@ -100,3 +100,4 @@ def test_an_oncoming_car_that_ends_its_turn_is_normal(straight_road):
     assert len(evidence.moments), "it points at the EMV"
     assert not evidence.encroachments
     assert label_of(evidence, DEFINITIONS["near_crash"]).risk is RiskClass.NORMAL
+    assert label_of(evidence, DEFINITIONS["paper"]).risk is RiskClass.NEAR_MISS

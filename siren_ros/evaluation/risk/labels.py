@@ -1,6 +1,6 @@
 """Reference labels: Normal, Near-Miss or Collision, from the conflicts that a camera on the EMV saw."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from enum import IntEnum, StrEnum
 from typing import Final
@@ -174,14 +174,14 @@ def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple
     seen = _recently(visible, pairs.actor_id, pairs.step)
     course = seen & np.isfinite(contacts.time_s)
     step, actor_id, until = pairs.step[course], pairs.actor_id[course], (pairs.step + contacts.time_s / STEP_S)[course]
-    ways = {key: _way(record, key, steps) for key in (emv_id, *np.unique(actor_id).tolist())}
+    ways = {key: _way(record, key, steps) for key in (emv_id, *np.unique(pairs.actor_id[seen]).tolist())}
     braked_mps2 = np.zeros(len(step))
     for row, (begin, other, end) in enumerate(zip(step.tolist(), actor_id.tolist(), until.tolist(), strict=True)):
         braked_mps2[row] = max(_hardest_braking(ways[key], begin, end) for key in (emv_id, other))
     measures = contacts.time_s, contacts.closing_mps, contacts.required_deceleration_mps2, contacts.gap_m
     moments = Moments(step, actor_id, *[measure[course] for measure in measures] + [braked_mps2])
     seen_at = set(zip(pairs.actor_id[seen].tolist(), pairs.step[seen].tolist(), strict=True))
-    encroachments = tuple(_encroachments(record, emv_id, steps, seen_at))
+    encroachments = tuple(_encroachments(record, ways, emv_id, seen_at))
     return Evidence(moments, encroachments, tuple(_contacts(record, emv_id, steps, seen_at)))
 
 
@@ -196,14 +196,14 @@ def _recently(visible: Flags, actor_id: Ids, step: Steps) -> Flags:
 
 
 def _encroachments(
-    record: EpisodeRecord, emv_id: int, steps: tuple[int, int], seen_at: set[tuple[int, int]]
+    record: EpisodeRecord, ways: Mapping[int, StateRows], emv_id: int, seen_at: set[tuple[int, int]]
 ) -> Iterator[SeenEncroachment]:
     def size_m(actor_id: int) -> tuple[float, float]:
         return record.actors[actor_id].length_m, record.actors[actor_id].width_m
 
-    emv = _way(record, emv_id, steps)
-    for actor_id in sorted({actor for actor, _ in seen_at}):
-        track = _way(record, actor_id, steps)
+    emv = ways[emv_id]
+    for actor_id in sorted(ways.keys() - {emv_id}):
+        track = ways[actor_id]
         pet = post_encroachment(emv, track, size_m(emv_id), size_m(actor_id))
         if pet is not None and (actor_id, pet.step) in seen_at:
             second = track if pet.subject_first else emv

@@ -22,11 +22,13 @@ from siren_ros.evaluation.prediction.samples import (
 from siren_ros.evaluation.prediction.siren_model.columns import in_frame_of
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import (
     FEATURES_VERSION,
+    LAMP_COLUMNS,
     Ablation,
     FeatureNames,
     Features,
     features_and_names,
     without,
+    without_columns,
 )
 from siren_ros.evaluation.prediction.track_noise import TrackNoise, with_noise
 from siren_ros.generation.closed_loop import closed_loop, record_of
@@ -203,18 +205,9 @@ class SampleStore:
         return Features(**{field.name: _as(getattr(part, field.name), np.float32) for field in fields(Features)})
 
 
-_LAMPS: Final = ("brake", "indicates_left", "indicates_right")
-
-
-def without_lamps(store: SampleStore, hidden: Flags) -> SampleStore:
+def without_lamps(store: SampleStore, rows: Flags) -> SampleStore:
     """The samples, of which some (shape ``(N,)``) see no brake lamp and no indicator: those of all vehicles are off."""
-    features = store.features
-    for kind in ("target", "neighbours"):
-        values, names = getattr(features, kind).copy(), getattr(store.names, kind)
-        for column in (names.index(name) for name in _LAMPS):
-            values[hidden, ..., column] = 0.0
-        features = replace(features, **{kind: values})
-    return replace(store, features=features)
+    return replace(store, features=without_columns(store.features, store.names, LAMP_COLUMNS, rows))
 
 
 def read_store(paths: Sequence[Path], ablation: Ablation = Ablation.NONE) -> SampleStore:

@@ -3,6 +3,7 @@
 The network is an ONNX file with its card next to it. Training and prediction share the arrays that it sees.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from pathlib import Path
@@ -35,6 +36,7 @@ FEATURES_VERSION: Final = 1
 SHAPES: Final = {"neighbours": NEIGHBOURS, "paths": PATHS, "path_points": PATH_POINTS}
 """Sizes that a network is built for."""
 _SIREN_COLUMNS: Final = ("beacon", "siren")
+LAMP_COLUMNS: Final = ("brake", "indicates_left", "indicates_right")
 
 
 class Ablation(StrEnum):
@@ -115,14 +117,22 @@ def _stacked(columns: dict[str, Floats]) -> Floats32:
     return np.stack(list(columns.values()), axis=-1, dtype=np.float32, casting="same_kind")
 
 
+def without_columns(
+    features: Features, names: FeatureNames, hidden: Sequence[str], rows: Flags | slice = slice(None)
+) -> Features:
+    """The same samples with some columns of all vehicles at 0, at all rows or some."""
+    for kind in ("target", "neighbours"):
+        values = getattr(features, kind).copy()
+        for column in map(getattr(names, kind).index, hidden):
+            values[rows, ..., column] = 0.0
+        features = replace(features, **{kind: values})
+    return features
+
+
 def without(features: Features, names: FeatureNames, ablation: Ablation) -> Features:
     """The same samples with an input hidden: its values are 0 and its flags false."""
     if ablation is Ablation.SIREN:
-        shown = {
-            kind: np.array([name not in _SIREN_COLUMNS for name in getattr(names, kind)], dtype=np.float32)
-            for kind in ("target", "neighbours")
-        }
-        return replace(features, **{kind: np.asarray(getattr(features, kind) * mask) for kind, mask in shown.items()})
+        return without_columns(features, names, _SIREN_COLUMNS)
     if ablation is Ablation.MAP:
         return replace(
             features,

@@ -12,7 +12,7 @@ from siren_ros.errors import InputError
 from siren_ros.learning.moment import Moment
 from siren_ros.learning.rollout import Seat
 from siren_ros.numerics.units import STEP_S
-from siren_ros.seat.speeds import indicator_to
+from siren_ros.world.actors import indicator_to
 
 OFF_ROAD_M: Final = 12.0
 """A vehicle that is farther from its way has left the road."""

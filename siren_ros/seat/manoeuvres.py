@@ -14,7 +14,6 @@ from siren_ros.seat.gaps import is_free
 from siren_ros.seat.sight import Sight
 from siren_ros.seat.speeds import (
     emv_waits,
-    indicator_to,
     indicators,
     speed_to_leader,
     speed_to_limit,
@@ -22,7 +21,7 @@ from siren_ros.seat.speeds import (
     speed_to_red,
 )
 from siren_ros.seat.steering import steered
-from siren_ros.world.actors import ActorClass, Lights
+from siren_ros.world.actors import ActorClass, Lights, indicator_to
 from siren_ros.world.commands import AvControl
 
 HARDEST_DRIVE_MPS2: Final = 3.0

@@ -7,7 +7,7 @@ import numpy as np
 
 from siren_ros.numerics.braking import safe_following_mps
 from siren_ros.seat.sight import Sight
-from siren_ros.world.actors import Lights
+from siren_ros.world.actors import Lights, indicator_to
 
 _GENTLE_MPS2: Final = 2.0
 """Of braking, and across in bends."""
@@ -122,8 +122,3 @@ def indicators(sight: Sight) -> int:
     if sight.in_junction or not soon.any():
         return int(Lights.NONE)
     return indicator_to(float(soon[np.flatnonzero(soon)[0]]))
-
-
-def indicator_to(move: float) -> int:
-    """The indicator for a move to the left (above 0) or to the right."""
-    return int(Lights.INDICATOR_LEFT if move > 0.0 else Lights.INDICATOR_RIGHT)

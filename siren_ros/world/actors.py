@@ -67,6 +67,11 @@ class Lights(IntFlag):
     SIREN = 16
 
 
+def indicator_to(move: float) -> int:
+    """The indicator for a move to the left (above 0) or to the right."""
+    return int(Lights.INDICATOR_LEFT if move > 0.0 else Lights.INDICATOR_RIGHT)
+
+
 class Mode(IntEnum):
     """The active behaviour of an actor (paper, Algorithms 1 and 2)."""
 

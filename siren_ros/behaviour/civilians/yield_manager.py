@@ -357,4 +357,4 @@ def _responds(unit: YieldUnit, ego: Ego, emv_row: int) -> bool:
 def _command_row(unit: YieldUnit, ego: Ego, command: DriveCommand | None) -> CommandRow:
     owner = Owner.SUMO if command is None else Owner.ROS
     turns = unit.side if unit.phase not in {Mode.YIELD_REACTING, Mode.YIELD_KEEP_LANE} else 0
-    return unit.actor_id, owner, *(command or _COAST), unit.phase, int(ego.indicators(turns))
+    return unit.actor_id, owner, *(command or _COAST), unit.phase, ego.indicators(turns)

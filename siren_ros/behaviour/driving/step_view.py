@@ -24,7 +24,15 @@ from siren_ros.roads.rescue_lane import rescue_sides
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConstants, LevelPolicy, TargetSpeeds
 from siren_ros.scenario.presets import DriverPreset
-from siren_ros.world.actors import NO_ACTOR, TWO_WHEELED, ActorClass, ActorDescription, Lights, rows_of_ids
+from siren_ros.world.actors import (
+    NO_ACTOR,
+    TWO_WHEELED,
+    ActorClass,
+    ActorDescription,
+    Lights,
+    indicator_to,
+    rows_of_ids,
+)
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import Indices, TrafficState
@@ -345,10 +353,9 @@ class Ego(StepView):
         own = self.actors.by_id[self.actor_id]
         return self.world.vehicles[own.actor_class].sized(own.length_m, own.width_m, own.height_m)
 
-    def indicators(self, side: int) -> Lights:
+    def indicators(self, side: int) -> int:
         """What the vehicle indicates: a move to the left (1) or right (−1), else the next turn, as SUMO shows it."""
-        move = {1: Lights.INDICATOR_LEFT, -1: Lights.INDICATOR_RIGHT}.get(side)
-        return Lights(int(self.traffic.lights[self.row]) & Lights.INDICATORS) if move is None else move
+        return indicator_to(side) if side else int(self.traffic.lights[self.row] & Lights.INDICATORS)
 
     @property
     def navigator_config(self) -> NavigatorConfig:

@@ -11,7 +11,6 @@ from siren_ros.seat.gaps import COMES_S, is_free
 from siren_ros.seat.sight import Sight, Siren
 from siren_ros.seat.speeds import (
     emv_waits,
-    indicator_to,
     indicators,
     speed_to_junction,
     speed_to_leader,
@@ -20,7 +19,7 @@ from siren_ros.seat.speeds import (
     speed_to_red,
 )
 from siren_ros.seat.steering import steered
-from siren_ros.world.actors import Lights
+from siren_ros.world.actors import Lights, indicator_to
 from siren_ros.world.commands import AvControl
 
 _SHIFT_MPS: Final = 1.0

@@ -241,10 +241,8 @@ def test_a_yield_with_a_free_lane_starts_although_the_emv_has_just_left_the_lane
 
 
 def test_the_next_turn_is_indicated_on_from_the_reaction_and_while_the_lane_is_kept(lab, world):
-    slow, cars = (
-        replace(world, preset=world.preset.for_scenario(40.0, 1.0, 1.0)),
-        [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))],
-    )
+    slow = replace(world, preset=world.preset.for_scenario(40.0, 1.0, 1.0))
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
     turn = {2: int(Lights.INDICATOR_RIGHT | Lights.BRAKE)}
     _, commands, _ = steps(slow, cars, lights=turn)
     assert (modes(commands), commands.lights.tolist()) == ({2: Mode.YIELD_REACTING}, [Lights.INDICATOR_RIGHT])

@@ -65,6 +65,7 @@ def _lanes_of_openstreetmap(osm: Element) -> str:
 def _curves_of_opendrive(drive: Element) -> str:
     total_m = repeats = 0.0
     for road in drive.iter("road"):
+        shown = f"road {road.get('id', '')[:_SHOWN_OF_TEXT]!r}"
         lanes = max((sum(1 for _ in section.iter("lane")) for section in road.iter("laneSection")), default=1)
         curves_m = [
             _number(geometry, "length")
@@ -73,15 +74,25 @@ def _curves_of_opendrive(drive: Element) -> str:
         ]
         total_m += lanes * sum(curves_m)
         if not max(curves_m, default=0.0) <= LONGEST_CURVE_M or not total_m <= MOST_CURVE_M:
-            shown = f"road {road.get('id', '')[:_SHOWN_OF_TEXT]!r}"
             limits = f"{LONGEST_CURVE_M / 1e3:.0f} km, and {MOST_CURVE_M / 1e3:.0f} km of lanes on all of them"
             return f"a map whose curves are no longer than {limits} ({shown})"
         for repeat in road.iter("repeat"):
-            distance_m = _number(repeat, "distance")
+            distance_m = _distance_m(repeat)
+            if math.isnan(distance_m):
+                return f"a map whose repeated objects have a distance in metres ({shown})"
             repeats += _number(repeat, "length") / distance_m if distance_m > 0.0 else 0.0
         if not repeats <= MOST_REPEATS:
             return f"a map with at most {MOST_REPEATS} copies of objects"
     return ""
+
+
+def _distance_m(repeat: Element) -> float:
+    """Between the copies; not a number where there is none: netconvert then makes copies until its memory is full."""
+    try:
+        value = float(repeat.get("distance", "nan"))
+    except ValueError:
+        return math.nan
+    return value if 0.0 <= value < math.inf else math.nan
 
 
 def _number(element: Element, name: str) -> float:

@@ -78,7 +78,14 @@ def test_copies_of_objects():
     repeat = '<road><objects><object><repeat length="{}" distance="{}"/></object></objects></road>'
     for length, distance, allowed in (
         *[(MOST_REPEATS, 1, True), (MOST_REPEATS, 0.5, False), (1, 0, True)],
-        *[(1e9, 1e-300, False), ("x", "y", True), ("nan", 1, False)],
+        *[(1e9, 1e-300, False), ("x", 1, True), ("nan", 1, False)],
     ):
         reason = refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{repeat.format(length, distance)}</OpenDRIVE>")
         assert (not reason) == allowed
+
+
+@pytest.mark.parametrize("distance", ["", 'distance=""', 'distance="y"', 'distance="-1"', 'distance="1e400"'])
+def test_copies_without_a_distance(distance):
+    """netconvert would make them without end."""
+    repeat = f'<road id="7"><objects><object><repeat length="1" {distance}/></object></objects></road>'
+    assert "a distance in metres (road '7')" in refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{repeat}</OpenDRIVE>")

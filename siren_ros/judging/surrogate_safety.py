@@ -4,9 +4,9 @@ Time to collision (TTC): when two footprints would touch if both drivers went on
 time (PET): how long after one vehicle another one was at the same place.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Final
 
@@ -183,9 +183,32 @@ def predicted_contacts(encounters: Encounters) -> PredictedContacts:
     Both vehicles keep their speed and their rate of turn, so that one that follows a bend is not expected to leave it.
     The footprints are compared every 0.05 s; between two instants the gap is taken as linear.
     """
-    count = len(encounters)
+    return _first_contacts(encounters, partial(_turned, encounters.subject), partial(_turned, encounters.other))
+
+
+def contacts_on_ways(encounters: Encounters, record: EpisodeRecord) -> PredictedContacts:
+    """What keeping the present speed would have led to, on the ways that both took in the record.
+
+    It is as ``predicted_contacts``, but knows where both went: a vehicle at the end of its turn does not turn on.
+    Behind the end of its record a vehicle goes straight on.
+    """
+    ids = np.unique(np.concatenate((encounters.subject.actor_id, encounters.other.actor_id))).tolist()
+    ways = {actor_id: _Way.of(record.track(actor_id)) for actor_id in ids}
+    return _first_contacts(
+        encounters, partial(_driven, encounters.subject, ways), partial(_driven, encounters.other, ways)
+    )
+
+
+_Pose = tuple[Floats, Floats, Floats]
+"""Position and yaw."""
+_Motion = Callable[[Rows, float], _Pose]
+"""Where rows are after a time in seconds."""
+
+
+def _first_contacts(encounters: Encounters, subject: _Motion, other: _Motion) -> PredictedContacts:
+    count, motions = len(encounters), (subject, other)
     time, closing = np.full(count, np.inf), np.zeros(count)
-    gap = _gaps(encounters, np.arange(count), 0.0, exact=True)
+    gap = _gaps(encounters, motions, np.arange(count), 0.0, exact=True)
     touching = gap <= 0.0
     time[touching] = 0.0
     # Pairs that are near enough for a contact within the horizon, whatever way they turn.
@@ -195,24 +218,26 @@ def predicted_contacts(encounters: Encounters) -> PredictedContacts:
     for instant in np.arange(INTERVAL_S, HORIZON_S + 0.5 * INTERVAL_S, INTERVAL_S):
         if not len(candidates):
             break
-        after = _gaps(encounters, candidates, float(instant))
+        after = _gaps(encounters, motions, candidates, float(instant))
         met = after <= 0.0
         change = before[met] - after[met]
         time[candidates[met]] = instant - INTERVAL_S * (-after[met] / change)
         closing[candidates[met]] = change / INTERVAL_S
         candidates, before = candidates[~met], after[~met]
     if touching.any():
-        later = _gaps(encounters, np.flatnonzero(touching), INTERVAL_S)
+        later = _gaps(encounters, motions, np.flatnonzero(touching), INTERVAL_S)
         closing[touching] = np.maximum(0.0, (gap[touching] - later) / INTERVAL_S)
     return PredictedContacts(time, closing, gap)
 
 
-def _gaps(encounters: Encounters, rows: Rows, after_s: float, *, exact: bool = False) -> Floats:
-    """Gap of each pair after some time of unchanged motion.
+def _gaps(
+    encounters: Encounters, motions: tuple[_Motion, _Motion], rows: Rows, after_s: float, *, exact: bool = False
+) -> Floats:
+    """Gap of each pair after some time of the subject's and the other's motion.
 
     Unless exact, a lower bound serves for pairs that are too far apart to touch within the next interval.
     """
-    a, b = _moved(encounters.subject, rows, after_s), _moved(encounters.other, rows, after_s)
+    a, b = (motion(rows, after_s) for motion in motions)
     gap = np.hypot(a[0] - b[0], a[1] - b[1]) - encounters.reach_m[rows]
     near = np.flatnonzero(exact | (gap <= encounters.fastest_mps[rows] * INTERVAL_S + 1.0))
     length, width = encounters.subject_size_m
@@ -223,7 +248,7 @@ def _gaps(encounters: Encounters, rows: Rows, after_s: float, *, exact: bool = F
     return np.asarray(gap)
 
 
-def _moved(states: StateRows, rows: Rows, after_s: float) -> tuple[Floats, Floats, Floats]:
+def _turned(states: StateRows, rows: Rows, after_s: float) -> _Pose:
     """Position and yaw after a time of constant speed and rate of turn; the velocity turns with the yaw."""
     vx, vy, rate = states.vx_mps[rows], states.vy_mps[rows], states.yaw_rate_radps[rows]
     turn = rate * after_s
@@ -234,6 +259,39 @@ def _moved(states: StateRows, rows: Rows, after_s: float) -> tuple[Floats, Float
     x = states.x_m[rows] + vx * along - vy * aside
     y = states.y_m[rows] + vx * aside + vy * along
     return x, y, states.yaw_rad[rows] + turn
+
+
+@dataclass(frozen=True)
+class _Way:
+    """The way of a recorded vehicle; arrays over its steps."""
+
+    step: Steps
+    arc_m: Floats
+    x_m: Floats
+    y_m: Floats
+    yaw_rad: Floats
+
+    @classmethod
+    def of(cls, track: StateRows) -> "_Way":
+        arc_m = np.append(0.0, np.cumsum(np.hypot(np.diff(track.x_m), np.diff(track.y_m))))
+        return cls(track.step, arc_m, track.x_m, track.y_m, np.unwrap(track.yaw_rad))
+
+    def after(self, step: Steps, way_m: Floats) -> _Pose:
+        """Poses at ways from the places of steps."""
+        at_m = np.interp(step, self.step, self.arc_m) + way_m
+        x, y, yaw = (np.interp(at_m, self.arc_m, column) for column in (self.x_m, self.y_m, self.yaw_rad))
+        beyond_m = np.maximum(at_m - self.arc_m[-1], 0.0)
+        return x + beyond_m * np.cos(yaw), y + beyond_m * np.sin(yaw), yaw
+
+
+def _driven(states: StateRows, ways: Mapping[int, _Way], rows: Rows, after_s: float) -> _Pose:
+    """Poses after a time of constant speed on the way of each."""
+    pose = np.empty((3, len(rows)))
+    ids, step, way_m = states.actor_id[rows], states.step[rows], states.speed_mps[rows] * after_s
+    for actor_id in np.unique(ids).tolist():
+        own = ids == actor_id
+        pose[:, own] = ways[actor_id].after(step[own], way_m[own])
+    return pose[0], pose[1], pose[2]
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from siren_ros.judging.surrogate_safety import (
     Encroachment,
     PredictedContacts,
     conflict_series,
+    contacts_on_ways,
     encounters_of,
     longest_run_s,
     pair_measures,
@@ -307,3 +308,50 @@ def test_in_a_bend_the_front_meets_what_stands_in_it(straight_road, hand, headin
     times = np.arange(0.0, 3.0, 0.001)
     first = next(time for time in times if body(time * speed_mps / radius_m).intersects(standing))
     assert contacts.time_s[0] == pytest.approx(first, abs=0.01)
+
+
+def on_ways(tracks, road):
+    record = record_with(tracks, road)
+    encounters = encounters_of(record, 1)
+    return encounters, contacts_on_ways(encounters, record)
+
+
+@given(st.floats(0.0, 15.0), st.floats(-np.pi, np.pi), st.floats(3.0, 30.0), st.integers(1, 60))
+def test_on_straight_ways_the_contacts_are_those_of_unchanged_motion(straight_road, speed_mps, yaw_rad, x_m, steps):
+    """Also where the record ends before they would touch."""
+    tracks = {
+        1: moving(0.0, 0.0, 8.0, steps=steps),
+        4: moving(x_m, 6.0, speed_mps, yaw_rad=yaw_rad, steps=steps),
+    }
+    encounters, found = on_ways(tracks, straight_road)
+    plain = predicted_contacts(encounters)
+    assert found.gap_m == pytest.approx(plain.gap_m)
+    assert found.time_s == pytest.approx(plain.time_s, abs=1e-6)
+    assert found.closing_mps == pytest.approx(plain.closing_mps, abs=1e-6)
+
+
+def test_who_brakes_would_have_driven_on_at_the_speed_of_the_moment(straight_road) -> None:
+    """The subject stops 1 m short of a wall of a vehicle: at each step its present speed would have led there."""
+    tracks = {1: moving(0.0, 0.0, 10.0, -5.0, steps=41), 4: moving(10.0 + 4.6 + 1.0, 0.0, 0.0, steps=41)}
+    encounters, found = on_ways(tracks, straight_road)
+    fast = encounters.subject.speed_mps > 5.0
+    gap_m = 11.0 - encounters.subject.x_m
+    assert found.time_s[fast] == pytest.approx((gap_m / encounters.subject.speed_mps)[fast])
+    assert not np.isfinite(found.time_s[-1])
+
+
+def test_the_end_of_a_turn_leads_where_the_vehicle_went(straight_road) -> None:
+    """Half-way through a turn out of the road ahead, its rate of turn leads back on it; its way does not."""
+    yaw = np.concatenate((np.full(1, 0.0), np.clip(np.arange(60) * 0.04, 0.0, 1.2)))
+    step_m = 0.05 * 6.0
+    x = 14.0 + np.concatenate(([0.0], np.cumsum(step_m * np.cos(yaw))[:-1]))
+    y = 8.0 - np.concatenate(([0.0], np.cumsum(step_m * np.sin(yaw))[:-1]))
+    turning = Track(np.stack((x, y, 6.0 * np.cos(yaw), -6.0 * np.sin(yaw), -yaw), axis=1))
+    tracks = {1: moving(0.0, 0.0, 2.0, steps=61), 4: turning}
+    record = record_with(tracks, straight_road)
+    encounters = encounters_of(record, 1)
+    step = encounters.step
+    found = contacts_on_ways(encounters, record).time_s
+    places = encounters.other.xy_m
+    assert np.isinf(found[step > 40]).all()
+    assert len(places) == 61

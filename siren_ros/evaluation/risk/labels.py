@@ -12,6 +12,7 @@ from siren_ros.judging.surrogate_safety import (
     Encounters,
     Encroachment,
     conflict_series,
+    contacts_on_ways,
     longest_run_s,
     post_encroachment,
 )
@@ -109,7 +110,11 @@ class Moments:
     required_deceleration_mps2: Floats
     gap_m: Floats
     braked_mps2: Floats
-    """Hardest braking of the two, from two seconds before until they would touch; NaN in sets of earlier versions."""
+    """Hardest braking of the two, from two seconds before until they would touch.
+
+    It is 0 where keeping the speed on the ways that both took leads to no contact, so that nobody had to brake. NaN in
+    sets of earlier versions.
+    """
 
     def __len__(self) -> int:
         return len(self.step)
@@ -174,10 +179,12 @@ def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple
     seen = _recently(visible, pairs.actor_id, pairs.step)
     course = seen & np.isfinite(contacts.time_s)
     step, actor_id, until = pairs.step[course], pairs.actor_id[course], (pairs.step + contacts.time_s / STEP_S)[course]
+    meet = np.isfinite(contacts_on_ways(pairs.select(course), record).time_s)
     ways = {key: _way(record, key, steps) for key in (emv_id, *np.unique(pairs.actor_id[seen]).tolist())}
     braked_mps2 = np.zeros(len(step))
-    for row, (begin, other, end) in enumerate(zip(step.tolist(), actor_id.tolist(), until.tolist(), strict=True)):
-        braked_mps2[row] = max(_hardest_braking(ways[key], begin, end) for key in (emv_id, other))
+    for row in np.flatnonzero(meet).tolist():
+        pair = ways[emv_id], ways[int(actor_id[row])]
+        braked_mps2[row] = max(_hardest_braking(way, int(step[row]), float(until[row])) for way in pair)
     measures = contacts.time_s, contacts.closing_mps, contacts.required_deceleration_mps2, contacts.gap_m
     moments = Moments(step, actor_id, *[measure[course] for measure in measures] + [braked_mps2])
     seen_at = set(zip(pairs.actor_id[seen].tolist(), pairs.step[seen].tolist(), strict=True))
@@ -282,9 +289,8 @@ DEFINITIONS: Final = {"paper": RiskThresholds(), "near_crash": RiskThresholds(br
 driver had to brake hard, too (a near-crash takes a rapid evasive manoeuvre: T. Dingus et al., The 100-Car Naturalistic
 Driving Study, DOT HS 810 593, 2006; 3.4 m/s² as for DRAC), or the PET is short and chance alone kept the two apart,
 because not even full braking on a dry road would have (8.45 m/s²: F. Cunto, F. Saccomanno, Accid. Anal. Prev. 40 (2008)
-1171). A driver who waits for another vehicle and
-drives on right behind it passes in a controlled way, which is normal; so is an oncoming car that points at the EMV for
-a moment, as it ends its turn.
+1171). A driver who waits for another vehicle and drives on right behind it passes in a controlled way, which is normal;
+so is an oncoming car that points at the EMV for a moment, as it ends its turn, and may have braked for that turn.
 """
 
 

@@ -86,8 +86,9 @@ def test_braking_counts_from_two_seconds_before_until_they_would_touch(straight_
     assert moments.braked_mps2[before].tolist() == [4.0 if step in counts else 0.0 for step in moments.step[before]]
 
 
-def test_an_oncoming_car_that_ends_its_turn_is_normal(straight_road):
-    """It comes in its own lane, and for a moment its turn leads to the EMV's; nobody brakes."""
+@pytest.mark.parametrize("braked_mps2", [0.0, 5.0])
+def test_an_oncoming_car_that_ends_its_turn_is_normal(straight_road, braked_mps2):
+    """It comes in its own lane, and for a moment its turn leads to the EMV's; it may have braked for the turn."""
     steps, lane_m = 81, 3.5
     angle = np.clip(0.5 * (1.0 - np.arange(steps) * 0.05), 0.0, None)
     yaw = np.pi + angle
@@ -96,6 +97,7 @@ def test_an_oncoming_car_that_ends_its_turn_is_normal(straight_road):
     y += lane_m - y[-1]
     turning = Track(np.stack((x, y, 8.0 * np.cos(yaw), 8.0 * np.sin(yaw), yaw), axis=1))
     record = record_with({EMV: moving(0.0, 0.0, 14.0, steps=steps, is_emv=True), CAR: turning}, straight_road)
+    record.states[0].accel_mps2[record.states[0].actor_id == CAR] = -braked_mps2
     evidence = evidence_of(record, EMV, CAMERA, (0, steps))
     assert len(evidence.moments), "it points at the EMV"
     assert not evidence.encroachments

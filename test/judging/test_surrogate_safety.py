@@ -330,28 +330,27 @@ def test_on_straight_ways_the_contacts_are_those_of_unchanged_motion(straight_ro
     assert found.closing_mps == pytest.approx(plain.closing_mps, abs=1e-6)
 
 
-def test_who_brakes_would_have_driven_on_at_the_speed_of_the_moment(straight_road) -> None:
-    """The subject stops 1 m short of a wall of a vehicle: at each step its present speed would have led there."""
+def test_a_driver_who_brakes_would_have_driven_on_at_the_speed_of_the_moment(straight_road) -> None:
+    """The subject stops 1 m behind a standing vehicle; without braking it would have touched it."""
     tracks = {1: moving(0.0, 0.0, 10.0, -5.0, steps=41), 4: moving(10.0 + 4.6 + 1.0, 0.0, 0.0, steps=41)}
     encounters, found = on_ways(tracks, straight_road)
-    fast = encounters.subject.speed_mps > 5.0
-    gap_m = 11.0 - encounters.subject.x_m
-    assert found.time_s[fast] == pytest.approx((gap_m / encounters.subject.speed_mps)[fast])
+    moves = encounters.subject.speed_mps > 5.0
+    subject = encounters.subject.select(moves)
+    assert found.time_s[moves] == pytest.approx((11.0 - subject.x_m) / subject.speed_mps)
     assert not np.isfinite(found.time_s[-1])
 
 
-def test_the_end_of_a_turn_leads_where_the_vehicle_went(straight_road) -> None:
-    """Half-way through a turn out of the road ahead, its rate of turn leads back on it; its way does not."""
-    yaw = np.concatenate((np.full(1, 0.0), np.clip(np.arange(60) * 0.04, 0.0, 1.2)))
-    step_m = 0.05 * 6.0
-    x = 14.0 + np.concatenate(([0.0], np.cumsum(step_m * np.cos(yaw))[:-1]))
-    y = 8.0 - np.concatenate(([0.0], np.cumsum(step_m * np.sin(yaw))[:-1]))
-    turning = Track(np.stack((x, y, 6.0 * np.cos(yaw), -6.0 * np.sin(yaw), -yaw), axis=1))
-    tracks = {1: moving(0.0, 0.0, 2.0, steps=61), 4: turning}
-    record = record_with(tracks, straight_road)
+def test_a_vehicle_that_ends_its_turn_does_not_turn_on(straight_road) -> None:
+    """It turns across the subject's lane into the next one; its rate of turn would lead back into the subject's."""
+    time_s, rate_radps, speed_mps = np.arange(81) * 0.05, 0.5, 5.4
+    yaw_rad = np.pi - np.clip(rate_radps * (1.0 - time_s), 0.0, None)
+    velocity = speed_mps * np.stack((np.cos(yaw_rad), np.sin(yaw_rad)), axis=1)
+    places = np.cumsum(velocity * 0.05, axis=0)
+    places += (50.0, 3.5 - places[-1, 1])
+    turning = Track(np.column_stack((places, velocity, yaw_rad)))
+    record = record_with({1: moving(0.0, 0.0, 14.0, steps=81), 4: turning}, straight_road)
+    for states, rate in zip(record.states, np.where(time_s < 1.0, rate_radps, 0.0), strict=True):
+        states.yaw_rate_radps[states.actor_id == 4] = rate
     encounters = encounters_of(record, 1)
-    step = encounters.step
-    found = contacts_on_ways(encounters, record).time_s
-    places = encounters.other.xy_m
-    assert np.isinf(found[step > 40]).all()
-    assert len(places) == 61
+    assert np.isfinite(predicted_contacts(encounters).time_s).any()
+    assert np.isinf(contacts_on_ways(encounters, record).time_s).all()

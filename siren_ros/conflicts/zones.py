@@ -277,7 +277,8 @@ def zones_of(own: Any, others: Any, pairs: Any, leads: bool) -> Any:
     """
     out = np.empty((pairs.shape[0], _COLUMNS))
     near = _near_each_other(own, others, pairs)
-    _search_poses(own, _poses(own, near[:, 0]), others, _poses(others, near[:, 1]), pairs, leads, out)
+    own_poses, their_poses = _poses(own, near[:, 0].copy()), _poses(others, near[:, 1].copy())
+    _search_poses(own, own_poses, others, their_poses, pairs, leads, out)
     return out
 
 

@@ -77,7 +77,7 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
 
 def any_close(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats, walks: Flags) -> bool:
     """Whether any two boxes are near enough to be in contact, as ``find_contacts`` sees it."""
-    return len(_find_close(x_m, y_m, yaw_rad, length_m, width_m, walks, SEPARATION_GAP_M)) > 0
+    return len(_find_close(np.argsort(x_m), x_m, y_m, yaw_rad, length_m, width_m, walks, SEPARATION_GAP_M)) > 0
 
 
 def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
@@ -93,17 +93,18 @@ def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
 def _close_pairs(boxes: Footprints) -> Floats:
     """Rows of the pairs within the separation gap, the smaller row first, sorted, and the gap; shape ``(M, 3)``."""
     poses = boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m
-    return cast("Floats", _find_close(*poses, boxes.walks, SEPARATION_GAP_M))
+    found = _find_close(np.argsort(boxes.x_m, kind="stable"), *poses, boxes.walks, SEPARATION_GAP_M)
+    return cast("Floats", found[np.lexsort((found[:, 1], found[:, 0]))])
 
 
 @compiled
-def _find_close(x: Any, y: Any, yaw: Any, length: Any, width: Any, walks: Any, within_m: float) -> Any:
-    """The pairs whose boxes are nearer than a gap, but for those of two who walk.
+def _find_close(order: Any, x: Any, y: Any, yaw: Any, length: Any, width: Any, walks: Any, within_m: float) -> Any:
+    """The pairs whose boxes are nearer than a gap, but for those of two who walk: ``(M, 3)``, both rows and the gap.
 
-    Boxes are looked at in the order of x, each with those near it.
+    Boxes are looked at in the ``order`` of x, each with those near it.
     """
     n, count = len(x), 0
-    order, radius, found = np.argsort(x, kind="mergesort"), np.empty(n), np.empty((8, 3))
+    radius, found = np.empty(n), np.empty((8, 3))
     for a in range(n):
         radius[a] = np.sqrt(length[a] ** 2 + width[a] ** 2)
     widest = radius.max() if n else 0.0
@@ -123,7 +124,7 @@ def _find_close(x: Any, y: Any, yaw: Any, length: Any, width: Any, walks: Any, w
                     found = np.concatenate((found, np.empty_like(found)))
                 found[count, 0], found[count, 1], found[count, 2] = a, b, gap
                 count += 1
-    return found[:count][np.argsort(found[:count, 0] * n + found[:count, 1])]
+    return found[:count]
 
 
 def _contact(boxes: Footprints, corners: Floats, a: int, b: int) -> Contact:

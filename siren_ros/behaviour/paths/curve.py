@@ -108,7 +108,8 @@ def _reflected(points: Any, radius: int) -> Any:
     n = len(points)
     padded = np.empty((2, n + 2 * radius))
     for axis in range(2):
-        padded[axis, radius : radius + n] = points[:, axis]
+        for k in range(n):
+            padded[axis, radius + k] = points[k, axis]
         for k in range(1, radius + 1):
             padded[axis, radius - k] = 2.0 * points[0, axis] - points[k, axis]
             padded[axis, radius + n - 1 + k] = 2.0 * points[n - 1, axis] - points[n - 1 - k, axis]

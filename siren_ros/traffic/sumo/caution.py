@@ -76,7 +76,8 @@ def cautions(
     late = config.behind_m, config.firm_mps2, config.gentle_mps2
     across = config.margin_m, config.accel_mps2, config.slowing_mps2
     limits = near, late, across, (config.yielding, config.among)
-    pairs, waits = _strictest_waits(state, drivers, outlook.ways, outlook.rights, limits, 2.0)
+    order = np.argsort(traffic.x_m, kind="stable")
+    pairs, waits = _strictest_waits(state, order, drivers, outlook.ways, outlook.rights, limits, 2.0)
     found = zip(ids[pairs].tolist(), waits.tolist(), strict=True) if len(pairs) else ()
     return tuple(Caution(actor_id, other_id, Wait(*wait)) for (actor_id, other_id), wait in found)
 
@@ -91,16 +92,17 @@ def _flags(ids: Ids, members: Collection[int]) -> Flags:
 
 
 @compiled
-def _near_pairs(poses: Any, speed_mps: Any, half_length_m: Any, inside: Any, counts: Any, limits: Any) -> Any:
+def _near_pairs(
+    poses: Any, order: Any, speed_mps: Any, half_length_m: Any, inside: Any, counts: Any, limits: Any
+) -> Any:
     """Pairs of a vehicle of SUMO and another one, shape ``(P, 2)``, that counts or crosses in reach, or is close ahead.
 
     ``poses`` holds x, y, and the yaw's cosine and sine; ``limits`` the fields of ``CautionConfig`` that count here.
-    Vehicles are looked at in the order of x, so that the work grows with the neighbours and not with all.
+    Vehicles are looked at in the ``order`` of x, so that the work grows with the neighbours and not with all.
     """
     x_m, y_m, cos, sin = poses
     _, more_m, far_m, _, beside_m = limits
     n = len(x_m)
-    order = np.argsort(x_m, kind="mergesort")
     place = np.empty(n, np.intp)
     for k in range(n):
         place[order[k]] = k
@@ -125,13 +127,20 @@ def _near_pairs(poses: Any, speed_mps: Any, half_length_m: Any, inside: Any, cou
             pose = dx, dy, cos[row], sin[row], cos[other], sin[other]
             if _is_near(pose, speed_mps[row], speed_mps[other], half_length_m[other], counts[other], limits):
                 if count == len(pairs):
-                    grown = np.empty((2 * count, 2), np.intp)
-                    grown[:count] = pairs
-                    pairs = grown
-                pairs[count, 0], pairs[count, 1] = row, other
+                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                _insert(pairs, begin, count, row, other)
                 count += 1
-        pairs[begin:count, 1].sort()
     return pairs[:count]
+
+
+@compiled
+def _insert(pairs: Any, begin: int, end: int, row: int, other: int) -> None:
+    """Puts a pair among the row's other ones, ``pairs[begin:end]``, which are sorted by the second one."""
+    at = end
+    while at > begin and pairs[at - 1, 1] > other:
+        pairs[at, 0], pairs[at, 1] = pairs[at - 1, 0], pairs[at - 1, 1]
+        at -= 1
+    pairs[at, 0], pairs[at, 1] = row, other
 
 
 @compiled
@@ -197,15 +206,17 @@ def _wait_behind(speed_mps: float, lead_mps: float, free_m: float) -> tuple[floa
 
 
 @compiled
-def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: Any, square: float) -> tuple[Any, Any]:
+def _strictest_waits(
+    state: Any, order: Any, drivers: Any, ways: Any, rights: Any, limits: Any, square: float
+) -> tuple[Any, Any]:
     """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
 
     Left out are vehicles that merge among themselves but for riders, and those that lead while there is room, which
     SUMO handles, and those from outside that come across the way of a driver who does not look.
     A rider and another one who are beside each other do not go on together where their ways lead to the same place.
 
-    ``state`` and ``drivers`` hold arrays over all vehicles, ``limits`` fields of ``CautionConfig``. ``square`` is 2: by
-    a constant, speeds would be squared with another last bit than Python's.
+    ``state`` and ``drivers`` hold arrays over all vehicles, ``order`` their rows by x, ``limits`` fields of
+    ``CautionConfig``. ``square`` is 2: by a constant, speeds would be squared with another last bit than Python's.
     """
     owner, flags, (x_m, y_m, yaw_rad), (simulated_mps, sumo_mps, accel_mps2) = state
     half_length_m, held, blind, rides = drivers
@@ -220,7 +231,8 @@ def _strictest_waits(state: Any, drivers: Any, ways: Any, rights: Any, limits: A
         bodies[row, 6] = near[0] * speed_mps[row] + near[1]
         if not inside[row]:
             bodies[row, 8] += margin_m
-    pairs = _near_pairs((x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)), speed_mps, half_length_m, inside, counts, near)
+    poses = x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)
+    pairs = _near_pairs(poses, order, speed_mps, half_length_m, inside, counts, near)
     widened = Ways(ways.points, ways.first, ways.last, bodies)
     zones = search_among(widened, pairs, False)
     _agree_on_entries(pairs, zones, inside)

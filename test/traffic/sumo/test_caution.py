@@ -397,7 +397,8 @@ def test_near_pairs_are_those_of_looking_at_all_pairs(seed: int) -> None:
     inside, counts = rng.random(n) < 0.8, rng.random(n) < 0.3
     config = CautionConfig()
     limits = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
-    found = caution_module._near_pairs(poses, speed, half_length, inside, counts, limits)
+    order = np.argsort(poses[0], kind="stable")
+    found = caution_module._near_pairs(poses, order, speed, half_length, inside, counts, limits)
     pairs = [(a, b) for a in range(n) for b in range(n) if a != b and inside[a]]
     expected = [pair for pair in pairs if is_near(*pair, poses, speed, half_length, counts, config)]
     assert [tuple(pair) for pair in found.tolist()] == expected

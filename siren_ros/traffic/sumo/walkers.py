@@ -343,7 +343,7 @@ def _poses(values: Any, offset_m: Any, rows: Any, simulated: Any, facing: Any) -
             x, y, yaw = map_from_sumo(values[k, 0], values[k, 1], angle_deg, _SPACE_M, offset_m)
         facing[k] = yaw
         sumo[0, k], sumo[1, k], sumo[2, k], sumo[3, k] = x, y, yaw, values[k, 3]
-        before[:, k] = sumo[:, k]
+        before[0, k], before[1, k], before[2, k], before[3, k] = x, y, yaw, values[k, 3]
         if rows[k] >= 0:
             x_m, y_m, yaw_rad, speed_mps = simulated
             before[0, k], before[1, k] = x_m[rows[k]], y_m[rows[k]]

@@ -30,6 +30,7 @@ from siren_ros.studies.risk_set.search import (
     Trial,
     balanced,
     continue_search,
+    enlarged,
     quotas,
     settled,
     shifted,
@@ -174,9 +175,7 @@ class _SetMaker:
 
     def make(self) -> MadeSet:
         while True:
-            searches = self._all_searched()
-            found = {name: search.found for name, search in searches.items()}
-            counts = self._settled(found)
+            searches, counts = self._all_searched()
             numbers = {
                 video_id(name, number): (name, number, candidate)
                 for name, search in searches.items()
@@ -203,28 +202,32 @@ class _SetMaker:
         write_croissant(self.out, card, __version__)
         return videos, searches
 
-    def _settled(self, found: Mapping[str, Counts]) -> Mapping[str, Counts]:
+    def _settled(self, searches: Mapping[str, Search], shares: Mapping[str, Counts]) -> Mapping[str, Counts]:
+        found = {name: search.found for name, search in searches.items()}
         if self.request.balance.within:
-            return balanced(self.quotas, found)
+            return balanced(shares, found)
         return settled(self.quotas, found, self.request.balance.per_template)
 
     def _side_by_side(self, tasks: Mapping[str, Callable[[], Result]]) -> dict[str, Result]:
         return side_by_side(tasks, self.workers, self.pool.stop)
 
-    def _all_searched(self) -> Mapping[str, Search]:
-        """Searches with little patience, so that templates that find a class take over early; then with all of it."""
-        balance, searches = self.request.balance, dict[str, Search]()
+    def _all_searched(self) -> tuple[Mapping[str, Search], Mapping[str, Counts]]:
+        """Searches with little patience, so that templates that find a class take over early; then with all of it.
+
+        It returns the searches, and how many videos of each class each template contributes.
+        """
+        balance, searches, counts = self.request.balance, dict[str, Search](), self.quotas
         for patience in (_FIRST_PATIENCE, self.request.patience):
-            searches = self._searched_in_rounds(patience)
-            found = {name: search.found for name, search in searches.items()}
-            counts = self._settled(found)
+            searches, shares = self._searched_in_rounds(patience)
+            counts = self._settled(searches, shares)
             if all(sum(share[risk] for share in counts.values()) >= balance.total[risk] for risk in RiskClass):
                 break
-        return searches
+        return searches, counts
 
-    def _searched_in_rounds(self, patience: int) -> dict[str, Search]:
-        """Searches in rounds, until nothing is lacking or no template can find it."""
-        shares, tried = self.quotas, [self.quotas]
+    def _searched_in_rounds(self, patience: int) -> tuple[dict[str, Search], Mapping[str, Counts]]:
+        """Searches in rounds, until nothing is lacking or no template can find it, with the last quotas."""
+        balance, shares, tried = self.request.balance, self.quotas, [self.quotas]
+        last_pass = patience == self.request.patience
         while True:
             searches = self._side_by_side(
                 {name: partial(self._search, name, counts, patience) for name, counts in shares.items()}
@@ -233,11 +236,12 @@ class _SetMaker:
                 name: (search.found, frozenset(RiskClass) if len(search.trials) >= search.budget else search.given_up)
                 for name, search in searches.items()
             }
-            if self.request.balance.within:
-                return searches
-            shares = shifted(shares, findings, self.request.balance)
-            if shares in tried:
-                return searches
+            if balance.within and not last_pass:  # templates stay equal while they may find all themselves
+                return searches, shares
+            changed = (enlarged if balance.within else shifted)(shares, findings, balance)
+            if changed in tried:
+                return searches, changed
+            shares = changed
             tried.append(shares)
 
     def _journal(self, template: str) -> Journal:

@@ -38,7 +38,7 @@ class Balance:
     total: Counts
     per_template: int
     within: bool = False
-    """Whether each template has the same classes, as equal as whole numbers and the findings allow."""
+    """Whether each template has the classes in the same proportions, as equal as whole numbers allow."""
 
     @property
     def videos(self) -> int:
@@ -139,6 +139,23 @@ def balanced(shares: Mapping[str, Counts], found: Mapping[str, Counts]) -> Mappi
         normal, near_miss, collision = (int(share * want + 1e-9) for want in quota)
         given[key] = (normal, near_miss, collision)
     return given
+
+
+def enlarged(shares: Mapping[str, Counts], findings: Mapping[str, Finding], balance: Balance) -> Mapping[str, Counts]:
+    """New quotas after a round of searches of templates that are to have the same proportions (``balanced``).
+
+    A template that has not found all keeps what its findings allow. The templates that have found all, and have not
+    given a class up, are to find in its place what is lacking in the set. Quotas that stay as they are mean that
+    nothing more can be gained.
+    """
+    given = balanced(shares, {key: found for key, (found, _) in findings.items()})
+    able = [key for key, (_, given_up) in findings.items() if given[key] == shares[key] and not given_up]
+    changed = {key: list(counts) for key, counts in given.items()}
+    for risk in RiskClass:
+        lacking = balance.total[risk] - sum(counts[risk] for counts in given.values())
+        for place in range(lacking if able else 0):
+            changed[able[place % len(able)]][risk] += 1
+    return {key: (counts[0], counts[1], counts[2]) for key, counts in changed.items()}
 
 
 def _exchange(given: dict[str, list[int]], found: Mapping[str, Counts], per_template: int) -> None:

@@ -45,6 +45,8 @@ class Processes:
     """Answers as the processes of a set would, and keeps what they were asked."""
 
     ends_at: str = ""
+    harmless: str = ""
+    """A template without collisions."""
     tried: list[str] = field(default_factory=list)
     short_of: dict[str, frozenset[RiskClass]] = field(default_factory=dict)
 
@@ -58,7 +60,8 @@ class Processes:
             raise EpisodeError("interrupted")
         self.tried.append(place.video_id)
         self.short_of[place.video_id] = short_of
-        risk = RISKS[int(place.video_id[-3:]) % 3]
+        template, number = place.video_id.split("_")
+        risk = RISKS[int(number) % (2 if template == self.harmless else 3)]
         label = RiskLabel(risk) if risk is RiskClass.NORMAL else RiskLabel(risk, Reason.TIME_TO_COLLISION, 2, 27, 1.2)
         return Candidate(request, 20, label, EVIDENCE)
 
@@ -103,6 +106,18 @@ def test_the_card_of_a_set_names_its_map(tmp_path: Path, map_file: str, name: st
     assert json.loads((tmp_path / "dataset.json").read_text(encoding="utf-8"))["map"] == name
     card = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert f"190 frames each at 10 Hz, on the map {name}. Classes" in card
+
+
+@pytest.mark.parametrize(("harmless", "shares"), [("", {"S2": 6, "S6": 6}), ("S6", {"S2": 12})])
+def test_one_template_finds_all_that_another_one_cannot(processes, tmp_path, harmless, shares) -> None:
+    """Each template has the classes in the same proportions, and the set has all that was asked for."""
+    processes.harmless = harmless
+    for _ in range(2):  # the second time everything is there already
+        make_set(RiskSetRequest(("S2", "S6"), Balance((6, 4, 2), 6, within=True)), tmp_path, 1)
+        risks = risks_of(tmp_path)
+        assert sorted(risks.values()) == ["COLLISION"] * 2 + ["NEAR_MISS"] * 4 + ["NORMAL"] * 6
+        assert {name: sum(key.startswith(name) for key in risks) for name in shares} == shares
+    assert len(processes.tried) == len(set(processes.tried))
 
 
 @pytest.mark.parametrize("ends_at", ["S2_002", "S6_003", "S2_003"])

@@ -27,6 +27,7 @@ from siren_ros.studies.risk_set.search import (
     Trial,
     balanced,
     continue_search,
+    enlarged,
     outcome_as_json,
     outcome_of_json,
     papers_balance,
@@ -293,6 +294,18 @@ def test_balanced_templates_have_the_same_shares() -> None:
     shares = {"A": (6, 4, 2), "B": (6, 4, 2), "C": (6, 4, 2)}
     found = {"A": (9, 9, 9), "B": (9, 9, 1), "C": (9, 9, 0)}
     assert balanced(shares, found) == {"A": (6, 4, 2), "B": (3, 2, 1), "C": (0, 0, 0)}
+
+
+def test_templates_that_find_all_find_what_is_lacking() -> None:
+    balance, gave_up = Balance((18, 12, 6), 12, within=True), frozenset({RiskClass.COLLISION})
+    shares = dict.fromkeys("ABC", (6, 4, 2))
+    findings = {"A": ((6, 5, 2), frozenset()), "B": ((8, 4, 1), gave_up), "C": ((6, 4, 2), frozenset())}
+    changed = {"A": (8, 5, 3), "B": (3, 2, 1), "C": (7, 5, 2)}
+    assert enlarged(shares, findings, balance) == changed
+    findings = {"A": ((8, 5, 3), frozenset()), "B": ((8, 4, 1), gave_up), "C": ((7, 4, 2), gave_up)}
+    assert enlarged(changed, findings, balance) == {"A": (10, 6, 4), "B": (3, 2, 1), "C": (5, 4, 1)}
+    nobody = {key: (found, gave_up) for key, (found, _) in findings.items()}
+    assert enlarged(changed, nobody, balance) == {"A": (8, 5, 3), "B": (3, 2, 1), "C": (5, 4, 1)}
 
 
 @given(st.lists(st.tuples(*[st.integers(0, 12)] * 3), min_size=2, max_size=4))

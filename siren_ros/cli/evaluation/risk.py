@@ -202,9 +202,8 @@ def _answers(arguments: argparse.Namespace, videos: VideoSet) -> dict[str, Answe
     answers: dict[str, Answers] = {name: REFERENCES[name](videos) for name in dict.fromkeys(arguments.references)}
     controls = [Control(name) for name in dict.fromkeys(arguments.controls)]
     if _SEQUENCE in answers:
-        for control in controls:
-            if control in CHANGES:
-                answers[row_name(_SEQUENCE, control)] = sequence_answers(videos, load_sequence_model(), control)
+        changed = sequence_answers(videos, load_sequence_model(), [one for one in controls if one in CHANGES])
+        answers |= {row_name(_SEQUENCE, control): given for control, given in changed.items()}
     for name, path in arguments.predictions:
         if name in {*answers, *REFERENCES}:
             raise InputError("predictions", name, "each name once, and none of " + ", ".join(REFERENCES))

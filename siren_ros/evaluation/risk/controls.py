@@ -1,6 +1,6 @@
 """Controls against guessing: the same questions with pictures that tell less. Who really looks does worse with them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import StrEnum
 from typing import Final
 
@@ -50,16 +50,21 @@ CHANGES: Final[Mapping[Control, Callable[[Sequence[Picture], str], list[Picture]
 """What becomes of a video's pictures, by control; the text is the video's id, from which the order is drawn."""
 
 
-def sequence_answers(videos: VideoSet, model: SequenceModel, control: Control) -> dict[str, RiskClass | None]:
+def sequence_answers(
+    videos: VideoSet, model: SequenceModel, controls: Collection[Control]
+) -> dict[Control, dict[str, RiskClass | None]]:
     """The answers of the sequence model to the changed films of a set, which have as many pictures as before.
+
+    A film is read once for all controls.
 
     Raises:
         InputError: A video is missing or of another length.
         KeyError: A control without pictures, which the model cannot answer.
     """
-    change = CHANGES[control]
-    answers: dict[str, RiskClass | None] = {}
-    for key, video in sorted(videos.videos.items()):
+    changes = {control: CHANGES[control] for control in controls}
+    answers: dict[Control, dict[str, RiskClass | None]] = {control: {} for control in changes}
+    for key, video in sorted(videos.videos.items()) if changes else ():
         frames: SmallFrames = read_small_frames(videos.folder / video.file, video.frames)
-        answers[key] = model.answer(np.stack(change(list(frames), key)))
+        for control, change in changes.items():
+            answers[control][key] = model.answer(np.stack(change(list(frames), key)))
     return answers

@@ -2,6 +2,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from siren_ros.evaluation.risk import controls as controls_module
 from siren_ros.evaluation.risk.controls import CHANGES, Control, sequence_answers
 from siren_ros.evaluation.risk.sequence_model import load_sequence_model
 from siren_ros.evaluation.risk.vlm.pipeline import questions_about
@@ -53,12 +54,25 @@ class _Brightest:
 
 def test_the_sequence_model_sees_the_changed_film(drawn):
     model = _Brightest()
-    answers = sequence_answers(drawn, model, Control.BLANK)
+    answers = sequence_answers(drawn, model, [Control.BLANK])[Control.BLANK]
     assert set(answers) == set(drawn.videos)
     assert {int(film.min()) for film in model.seen} == {int(film.max()) for film in model.seen} == {128}
     assert {film.shape for film in model.seen} == {(95, 60, 160)}
 
 
+def test_a_film_is_read_once_for_all_controls(drawn, monkeypatch):
+    read, opened = controls_module.read_small_frames, []
+    monkeypatch.setattr(
+        controls_module, "read_small_frames", lambda path, *rest: opened.append(path) or read(path, *rest)
+    )
+    model = _Brightest()
+    answers = sequence_answers(drawn, model, [Control.BLANK, Control.ONE_FRAME])
+    assert {control: set(given) for control, given in answers.items()} == {key: set(drawn.videos) for key in answers}
+    assert len(opened) == len(set(opened)) == len(drawn.videos)
+    assert all((film == film[0]).all() for film in model.seen)
+    assert sequence_answers(drawn, model, []) == {}
+
+
 def test_the_shipped_model_answers_blank_films_all_alike(drawn):
-    answers = sequence_answers(drawn, load_sequence_model(), Control.BLANK)
+    answers = sequence_answers(drawn, load_sequence_model(), [Control.BLANK])[Control.BLANK]
     assert len(set(answers.values())) == 1

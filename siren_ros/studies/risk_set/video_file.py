@@ -165,12 +165,18 @@ def make_video(place: VideoPlace, candidate: Candidate, thresholds: RiskThreshol
 
 
 def remove_others(folder: Path, kept: Collection[str]) -> None:
-    """Removes the files of videos that are not of the set, drawn before another template took over their share."""
+    """Removes the files of videos that are not of the set, and what processes that were killed have left half written.
+
+    They were drawn before another template took over their share. Nothing may be drawn at the same time.
+    """
     for note in sorted((folder / "search" / "videos").glob("*.json")):
         if note.stem not in kept:
             place = VideoPlace(folder, note.stem)
             for path in (place.note, place.video, place.masks):
                 path.unlink(missing_ok=True)
+    for kind in ("videos", "masks"):
+        for path in sorted((folder / kind).glob(".*")):
+            path.unlink(missing_ok=True)
 
 
 def _draw(place: VideoPlace, candidate: Candidate, record: EpisodeRecord) -> Rendered:

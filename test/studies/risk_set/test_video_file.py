@@ -135,6 +135,8 @@ def test_files_of_videos_that_are_not_of_the_set_are_removed(tmp_path: Path) -> 
             path = getattr(place, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(place.video_id)
+    for name in ("videos/.17-2b84.mp4", "masks/.17-2b84.npz"):
+        (tmp_path / name).write_text("half of it")
     remove_others(tmp_path, {"S2_002"})
     kept = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
     assert kept == {"videos/S2_002.mp4", "masks/S2_002.npz", "search/videos/S2_002.json"}

@@ -82,8 +82,9 @@ def figures_in(
     """The numbers and texts of a JSON document by dotted names, as far as a pattern of ``keep`` matches.
 
     An item of a list is named by its texts under the keys ``name``, ``template``, ``model`` and so on, otherwise by its
-    place: ``[{"template": "S1", "model": "cv", "ade_m": 1.99}]`` gives ``S1.cv.ade_m``. Spaces become ``_``.
-    The other arguments are as the fields of ``FigureFile``.
+    place: ``[{"template": "S1", "model": "cv", "ade_m": 1.99}]`` gives ``S1.cv.ade_m``. Spaces and
+    colons become ``_``, because a mark in a document ends with them. The other arguments are as the fields of
+    ``FigureFile``.
 
     Raises:
         InputError: Two numbers have one name, or a pattern matches nothing.
@@ -96,7 +97,7 @@ def figures_in(
             continue
         matched |= hits
         parts = [part for part in name.split(".") if part not in leave_out]
-        full = ".".join([prefix, *parts] if prefix else parts).replace(" ", "_")
+        full = ".".join([prefix, *parts] if prefix else parts).replace(" ", "_").replace(":", "_")
         if full in figures:
             raise InputError("figures", full, "one number of each name")
         figures[full] = value

@@ -64,4 +64,4 @@ def test_names_leave_parts_out_and_join_lists_of_texts() -> None:
     content = {"rows": [{"template": "S1", "outcome": "delay", "levels": ["L3", "L1"], "difference": {"value": 2.0}}]}
     figures = figures_in(content, ("*",), leave_out=("rows", "value"))
     assert figures == {"S1.delay.L3-L1.difference": 2.0}
-    assert figures_in({"up to 15 m": 1}, ("*",)) == {"up_to_15_m": 1}
+    assert figures_in({"up to 15 m": 1, "siren:lstm": 2}, ("*",)) == {"up_to_15_m": 1, "siren_lstm": 2}

@@ -77,7 +77,7 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
 
 def any_close(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats, walks: Flags) -> bool:
     """Whether any two boxes are near enough to be in contact, as ``find_contacts`` sees it."""
-    return len(_find_close(np.argsort(x_m), x_m, y_m, yaw_rad, length_m, width_m, walks, SEPARATION_GAP_M)) > 0
+    return len(_close(x_m, y_m, yaw_rad, length_m, width_m, walks)) > 0
 
 
 def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
@@ -92,9 +92,14 @@ def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
 
 def _close_pairs(boxes: Footprints) -> Floats:
     """Rows of the pairs within the separation gap, the smaller row first, sorted, and the gap; shape ``(M, 3)``."""
-    poses = boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m
-    found = _find_close(np.argsort(boxes.x_m, kind="stable"), *poses, boxes.walks, SEPARATION_GAP_M)
-    return cast("Floats", found[np.lexsort((found[:, 1], found[:, 0]))])
+    found = _close(boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m, boxes.walks)
+    return found[np.lexsort((found[:, 1], found[:, 0]))]
+
+
+def _close(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats, walks: Flags) -> Floats:
+    """``_find_close`` within the separation gap; numpy sorts, because numba's sorting takes seconds to compile."""
+    order = np.argsort(x_m, kind="stable")
+    return cast("Floats", _find_close(order, x_m, y_m, yaw_rad, length_m, width_m, walks, SEPARATION_GAP_M))
 
 
 @compiled

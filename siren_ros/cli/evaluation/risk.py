@@ -201,8 +201,9 @@ def _answers(arguments: argparse.Namespace, videos: VideoSet) -> dict[str, Answe
     """Of references, files and models, with and without controls, by the name of the row."""
     answers: dict[str, Answers] = {name: REFERENCES[name](videos) for name in dict.fromkeys(arguments.references)}
     controls = [Control(name) for name in dict.fromkeys(arguments.controls)]
-    if _SEQUENCE in answers:
-        changed = sequence_answers(videos, load_sequence_model(), [one for one in controls if one in CHANGES])
+    changes = [control for control in controls if control in CHANGES]
+    if changes and _SEQUENCE in answers:
+        changed = sequence_answers(videos, load_sequence_model(), changes)
         answers |= {row_name(_SEQUENCE, control): given for control, given in changed.items()}
     for name, path in arguments.predictions:
         if name in {*answers, *REFERENCES}:

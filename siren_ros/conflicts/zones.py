@@ -283,11 +283,11 @@ def zones_of(own: Any, others: Any, pairs: Any, leads: bool) -> Any:
 
 
 @compiled
-def search_among(ways: Any, pairs: Any, leads: bool) -> Any:
-    """``zones_of`` where both bodies of a pair are of the same ways."""
+def search_among(ways: Any, pairs: Any) -> Any:
+    """``zones_of`` without leads, where both bodies of a pair are of the same ways."""
     out = np.empty((pairs.shape[0], _COLUMNS))
     poses = _poses(ways, _near_each_other(ways, ways, pairs).ravel())
-    _search_poses(ways, poses, ways, poses, pairs, leads, out)
+    _search_poses(ways, poses, ways, poses, pairs, bool(0), out)  # a literal False would compile the search again
     return out
 
 

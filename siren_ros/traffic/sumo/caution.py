@@ -234,7 +234,7 @@ def _strictest_waits(
     poses = x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)
     pairs = _near_pairs(poses, order, speed_mps, half_length_m, inside, counts, near)
     widened = Ways(ways.points, ways.first, ways.last, bodies)
-    zones = search_among(widened, pairs, False)
+    zones = search_among(widened, pairs)
     _agree_on_entries(pairs, zones, inside)
     _look_where_they_point(widened, pairs, zones, inside, speed_mps**square / (2.0 * firm_mps2) + behind_m + _LOOK_M)
     found, waits, count = np.empty((n, 2), np.intp), np.empty((n, 3)), 0

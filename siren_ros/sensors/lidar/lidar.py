@@ -107,6 +107,8 @@ def complete_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
 
 
 _ATTENUATION_STEPS_PER_M: Final = 16.0
+_SEEN_AT_RANGE: Final = 0.1
+"""Reflectivity of the target that a LiDAR just sees at its range in clear air, as data sheets state it."""
 _GRID_OF_UNIT: Final = 1.5 * 2.0**23
 """Adding this to a float32 leaves no bits below 1 (float32 has a 24-bit significand)."""
 
@@ -170,6 +172,7 @@ class Lidar:
     ) -> None:
         """Prepare the beam pattern; ``seed`` is the episode's. Rain and fog of the look weaken the returns.
 
+        What they weaken too much is lost. In clear air each return is seen, as in CARLA.
         ``colour_share`` as in ``reflectivity_of``.
         """
         self.spec = spec
@@ -206,8 +209,13 @@ class Lidar:
             candidates=_candidates(rays // 4),
         )
         distances = np.arange(int(spec.range_m * _ATTENUATION_STEPS_PER_M) + 2) / _ATTENUATION_STEPS_PER_M
-        per_m = spec.atmosphere_attenuation_per_m + 2.0 * (look.lidar_extinction_per_m if look is not None else 0.0)
+        extinction_per_m = look.lidar_extinction_per_m if look is not None else 0.0
+        per_m = spec.atmosphere_attenuation_per_m + 2.0 * extinction_per_m
         self._attenuation = np.exp(-per_m * distances).astype(np.float32)
+        # The power of a return falls with the square of the distance, the intensity does not.
+        just_seen = _SEEN_AT_RANGE * np.exp(-spec.atmosphere_attenuation_per_m * spec.range_m)
+        least = just_seen * (distances / spec.range_m) ** 2 if extinction_per_m > 0.0 else np.zeros_like(distances)
+        self._least = least.astype(np.float32)
 
     def rays(self, map_from_lidar: Matrix, motion: CarrierMotion | None = None) -> Floats32:
         """Origin and direction of every beam in the ``map`` frame, shape ``(R, 6)``; overwritten by the next call."""
@@ -333,6 +341,7 @@ class Lidar:
         return loops.Receiver(
             range_m=np.float32(spec.range_m),
             attenuation=self._attenuation,
+            least=self._least,
             steps_per_m=np.float32(_ATTENUATION_STEPS_PER_M),
             grid=_GRID_OF_UNIT * resolution,
             range_noise_m=noise,

@@ -91,6 +91,8 @@ class Receiver(NamedTuple):
     range_m: np.float32
     attenuation: Array
     """Transmittance tabulated over distance, float32."""
+    least: Array
+    """Intensity below which a return is not seen, tabulated like ``attenuation``."""
     steps_per_m: np.float32
     grid: float
     """1.5 · 2²³ times the coordinates' resolution, so that adding and subtracting it rounds to that; or 0."""
@@ -197,8 +199,10 @@ def pack_points(  # compiled code is called with positions
                 ny = n[0] * m[0, 1] + n[1] * m[1, 1] + n[2] * m[2, 1]
                 nz = n[0] * m[0, 2] + n[1] * m[1, 2] + n[2] * m[2, 2]
                 cosine = abs(nx * x + ny * y + nz * z) / np.sqrt(nx * nx + ny * ny + nz * nz)
-            transmitted = receiver.attenuation[np.uint32(t * receiver.steps_per_m)]
-            intensity = reflectivity * cosine * transmitted
+            place = np.uint32(t * receiver.steps_per_m)
+            intensity = reflectivity * cosine * receiver.attenuation[place]
+            if intensity < receiver.least[place]:
+                continue
             if lossy and _is_dropped(intensity, receiver.draw[column * rings + ring], receiver.dropoff):
                 continue
             if noisy:

@@ -166,16 +166,36 @@ def test_intensity_of_a_vehicle_whose_shape_is_stretched(boxes):
     assert np.allclose(sweep.points["intensity"][on_slope], expected, rtol=0.001, atol=LEVEL)
 
 
-def test_fog_weakens_a_return_on_the_way_there_and_back(world, boxes):
+def test_fog_weakens_a_return_on_the_way_there_and_back_and_hides_the_weakest(world, boxes):
+    """Seen is what is at least as strong as a target of 10 % at the sensor's range in clear air."""
     fog = Look(visibility_m=60.0)
-    spec = replace(SPEC, atmosphere_attenuation_per_m=0.0)
+    spec = replace(SPEC, atmosphere_attenuation_per_m=0.0, range_m=100.0)
     clear, foggy = (
         Lidar(spec, world, 0, look).scan(0, spec.mount.base_from_sensor, boxes.placed()) for look in (Look(), fog)
     )
+    seen = np.isin(*(np.ascontiguousarray(positions(sweep)).view("V24")[:, 0] for sweep in (clear, foggy)))
+    assert seen.sum() == len(foggy.points)
     distance = np.linalg.norm(positions(clear), axis=1)
     expected = clear.points["intensity"] * np.exp(-2.0 * fog.lidar_extinction_per_m * distance)
-    assert np.allclose(foggy.points["intensity"], expected, atol=0.005)
+    assert np.allclose(foggy.points["intensity"], expected[seen], atol=0.005)
     assert foggy.points["intensity"].max() > 0.03
+    above = expected - 0.1 * (distance / spec.range_m) ** 2
+    assert above[seen].min() > -0.005
+    assert above[~seen].max() < 0.005
+    assert 0.1 < seen.mean() < 0.9
+
+
+def test_in_clear_air_every_return_is_seen(boxes):
+    """At the range, on a wall almost along the beam."""
+    spec = replace(SPEC, atmosphere_attenuation_per_m=0.0, range_m=60.0)
+    world = RaycastWorld(boxes.scene(boxes.box((30.0, 5.0, 5.0), (60.0, 0.2, 10.0))), boxes.shapes())
+    clear, hazy = (
+        Lidar(spec, world, 0, look).scan(0, spec.mount.base_from_sensor, boxes.placed())
+        for look in (Look(), Look(rain_mm_per_h=0.1))
+    )
+    distance = np.linalg.norm(positions(clear), axis=1)
+    assert np.any(clear.points["intensity"] < 0.1 * (distance / spec.range_m) ** 2)
+    assert len(hazy.points) < len(clear.points)
 
 
 def test_coordinates_lie_on_the_grid_that_is_asked_for(world, boxes):

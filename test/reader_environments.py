@@ -28,10 +28,10 @@ PACKAGES: dict[str, tuple[str, ...]] = {
             "certifi", "universal-pathlib", "fsspec", "pathlib-abc", "joblib", "opencv-python-headless<4.12"),
     # ASAM's checker bundles for OpenDRIVE and OpenSCENARIO; their pyclothoids is built here, with a C++ compiler.
     "asam": ("asam-qc-opendrive==1.0.0", "asam-qc-openscenarioxml==1.0.0"),
-    "commonroad": ("commonroad-io==2026.1", "xmlschema"),
+    "commonroad": ("commonroad-io==2026.1", "lxml"),
     # The checker imports what commonroad-io had up to 2024.3; its polygon3 is built here, with a C compiler.
     "commonroad_drivability": ("commonroad-drivability-checker==2025.4.0", "commonroad-io==2024.3"),
-    "scenariogeneration": ("scenariogeneration==0.16.7", "xmlschema"),
+    "scenariogeneration": ("scenariogeneration==0.16.7", "lxml"),
     "metadrive": ("metadrive-simulator==0.4.3",),
     "carla": ("carla==0.9.16",),
     # The reference code of HOTA.

@@ -237,8 +237,6 @@ def _notice(
             cycles = view.actors.by_id[actor_id].actor_class is ActorClass.BICYCLE
             if actor_id in units or actor_id == world.av_id or cycles:
                 continue
-            if world.duty and needs_no_siren(view.ego(row)):
-                continue
             if actor_id not in drivers:
                 drivers[actor_id] = draw_driver(world.preset, world.seed, actor_id)
             driver = drivers[actor_id]
@@ -246,6 +244,8 @@ def _notice(
                 if not (in_queue and way_m <= config.queue_m and stands[row]):
                     continue
                 driver = changed(driver, response_distance_m=way_m)
+            if world.duty and needs_no_siren(view.ego(row)):
+                continue
             phase = Mode.NOMINAL if driver.compliance is Compliance.NEVER else Mode.YIELD_REACTING
             unit = YieldUnit(actor_id, emv_id, driver, view.step + steps_from_s(driver.delay_s), phase)
             units[actor_id] = unit

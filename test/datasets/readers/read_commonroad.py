@@ -10,8 +10,8 @@ import warnings
 from pathlib import Path
 
 import commonroad
-import xmlschema
 from commonroad.common.file_reader import CommonRoadFileReader
+from schema_errors import schema_errors
 
 file = sys.argv[1]
 logged = []
@@ -24,9 +24,8 @@ with warnings.catch_warnings(record=True) as warned:
 network = scenario.lanelet_network
 lanelets = {lanelet.lanelet_id: lanelet for lanelet in network.lanelets}
 problem = next(iter(problems.planning_problem_dict.values()))
-schema = xmlschema.XMLSchema(next(Path(commonroad.__file__).parent.rglob("XML_commonRoad_XSD.xsd")))
-text = Path(file).read_text(encoding="utf-8").replace("<outgoing", "<successors")
-errors = sorted({f"{error.path} {error.reason}"[:200] for error in schema.iter_errors(text)})
+schema = next(Path(commonroad.__file__).parent.rglob("XML_commonRoad_XSD.xsd"))
+errors = schema_errors(schema, Path(file).read_bytes().replace(b"<outgoing", b"<successors"))
 answer = {
     "id": str(scenario.scenario_id),
     "dt": scenario.dt,

@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 import scenariogeneration
-import xmlschema
 from scenariogeneration import xosc
+from schema_errors import schema_errors
 
 file = sys.argv[1]
 schema = next(Path(scenariogeneration.__file__).parent.parent.rglob("OpenSCENARIO_1_2.xsd"))
-errors = sorted({f"{error.path} {error.reason}"[:200] for error in xmlschema.XMLSchema(schema).iter_errors(file)})
+errors = schema_errors(schema, Path(file).read_bytes())
 with contextlib.redirect_stdout(io.StringIO()):
     scenario = xosc.ParseOpenScenario(file)
 act = scenario.storyboard.stories[0].acts[0]

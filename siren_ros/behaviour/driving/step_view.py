@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import cast
+from typing import Final, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,8 @@ from siren_ros.world.actors import (
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import Indices, TrafficState
+
+_INDICATORS: Final = int(Lights.INDICATORS)
 
 
 @dataclass(frozen=True)
@@ -355,7 +357,7 @@ class Ego(StepView):
 
     def indicators(self, side: int) -> int:
         """What the vehicle indicates: a move to the left (1) or right (−1), else the next turn, as SUMO shows it."""
-        return indicator_to(side) if side else int(self.traffic.lights[self.row] & Lights.INDICATORS)
+        return indicator_to(side) if side else int(self.traffic.lights[self.row]) & _INDICATORS
 
     @property
     def navigator_config(self) -> NavigatorConfig:

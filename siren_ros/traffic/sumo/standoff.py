@@ -14,6 +14,8 @@ from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 
 _STANDING_MPS: Final = 0.1
+_ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
+_BY_SUMO: Final = int(Owner.SUMO)
 
 Passed = Mapping[str, frozenset[str]]
 """For whom drivers need not wait any more, by SUMO's names."""
@@ -26,8 +28,8 @@ def drivers_who_go(
 
     ``traffic`` is the state before SUMO's next step, ``vehicles`` are those in it.
     """
-    inside = (traffic.flags & TrafficFlags.ON_JUNCTION) != 0
-    stands, by_sumo = traffic.speed_mps < _STANDING_MPS, traffic.owner == Owner.SUMO
+    inside = (traffic.flags & _ON_JUNCTION) != 0
+    stands, by_sumo = traffic.speed_mps < _STANDING_MPS, traffic.owner == _BY_SUMO
     still = frozenset(vehicles[actor_id].name for actor_id in traffic.actor_id[inside & stands & ~by_sumo].tolist())
     passed = still | emvs if still else still
     mine = inside & by_sumo

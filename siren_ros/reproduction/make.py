@@ -13,7 +13,7 @@ from statistics import fmean
 from typing import Any, Final
 
 from siren_ros.errors import InputError, SirenError
-from siren_ros.reproduction.parts import Part, inputs_sha256, shown_minutes
+from siren_ros.reproduction.parts import FigureFile, Part, inputs_sha256, shown_minutes
 from siren_ros.reproduction.results import Figure, PartResult, figures_in, machine, read_results, write_results
 
 _LAST_LINES: Final = 5
@@ -143,7 +143,8 @@ class Reproduction:
         minutes = (time.monotonic() - begin) / 60.0
         figures: dict[str, Figure] = {}
         for source in part.figures:
-            figures |= figures_in(_json(folder / source.path), source.keep, source.prefix, source.leave_out)
+            for file, prefix in _files(folder, source):
+                figures |= figures_in(_json(file), source.keep, prefix, source.leave_out)
             figures |= dict(_ratio(text, figures) for text in source.ratios)
             figures |= dict(_mean(text, figures) for text in source.means)
         for target in part.targets:
@@ -185,6 +186,16 @@ def _mean(text: str, figures: Mapping[str, Figure]) -> tuple[str, Figure]:
         return name, fmean(float(value) for figure, value in figures.items() if fnmatchcase(figure, pattern))
     except ValueError as error:
         raise PartError(f"{text}: {error}") from error
+
+
+def _files(folder: Path, source: FigureFile) -> list[tuple[Path, str]]:
+    """The files with figures, each with what stands before its names."""
+    if "*" not in source.path:
+        return [(folder / source.path, source.prefix)]
+    found = sorted(folder.glob(source.path))
+    if not found:
+        raise PartError(f"{source.path} was not written")
+    return [(file, ".".join(filter(None, (source.prefix, *file.relative_to(folder).parts[:-1])))) for file in found]
 
 
 def _json(file: Path) -> Any:

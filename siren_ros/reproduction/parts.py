@@ -21,7 +21,8 @@ class FigureFile:
     """A JSON file that a part's commands write, and which of its numbers are figures."""
 
     path: str
-    """In the part's folder."""
+    """In the part's folder. A pattern such as ``*/scores.json`` stands for all files that match; the names of their
+    folders follow the prefix."""
     keep: tuple[str, ...]
     """Patterns (``fnmatch``) of the dotted names of the numbers."""
     prefix: str

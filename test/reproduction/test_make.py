@@ -64,6 +64,16 @@ def test_parts_are_made_once_and_their_figures_kept(work: Reproduction) -> None:
     assert runs(work) == ["a", "b"]
 
 
+def test_a_pattern_stands_for_files_whose_folders_name_the_figures(work: Reproduction) -> None:
+    commands = tuple(f"mkdir -p {{out}}/{name}" for name in ("rain/0", "rain/1", "fog/0"))
+    commands += tuple(
+        f"{sys.executable} counts.py {{out}}/{name} {n}" for n, name in ((1, "rain/0"), (3, "rain/1"), (4, "fog/0"))
+    )
+    sources = (FigureFile("*/?/scores.json", ("value",), "of", ("value",), means=("rain=of.rain.?",)),)
+    make(work, parts(part("a", commands=commands, figures=sources)))
+    assert read_results(work.results)["a"].figures == {"of.rain.0": 1.0, "of.rain.1": 3.0, "of.fog.0": 4.0, "rain": 2.0}
+
+
 def test_changed_code_makes_the_part_and_those_that_need_it_again(work: Reproduction) -> None:
     (work.repository / "other").mkdir()
     table = parts(part("a"), part("b", "a", code="other"), part("c", code="other"))
@@ -105,6 +115,7 @@ def test_a_failing_part_stops_only_those_that_need_it(work: Reproduction) -> Non
     [
         ({"commands": ("no_such_program",)}, "No such file"),
         ({"commands": ("true",)}, "scores.json cannot be read"),
+        ({"figures": (FigureFile("*/scores.json", ("value",), ""),)}, "*/scores.json was not written"),
         ({"targets": (TargetFile("film.mp4", "film.mp4"),)}, "film.mp4 was not written"),
     ],
 )

@@ -1,6 +1,5 @@
 """Tracks of an episode at 10 Hz, the rate at which the paper logs, and the windows of frames that lie in them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -108,17 +107,3 @@ def whole_windows(track: Track, count: int, population: str) -> Rows:
         return np.empty(0, dtype=np.intp)
     whole = frames[count - 1 :] - frames[: len(frames) - count + 1] == count - 1
     return frames[: len(frames) - count + 1][whole].astype(np.intp)
-
-
-def lane_signals(record: EpisodeRecord, step: int) -> Mapping[int, str]:
-    """State of the signal at the end of each lane at a step: one of SUMO's letters, by the lane's index."""
-    traffic = next((state for state in record.traffic if state.step == step), None)
-    states = {} if traffic is None else {signal.signal_id: signal.state for signal in traffic.signals}
-    letters: dict[int, str] = {}
-    for connection in record.network.connections:
-        if connection.signal_id in states and connection.signal_link < len(states[connection.signal_id]):
-            letter = states[connection.signal_id][connection.signal_link]
-            # A green movement shows that the lane may be left.
-            if letters.get(connection.from_lane, "r").lower() in "ryus":
-                letters[connection.from_lane] = letter
-    return letters

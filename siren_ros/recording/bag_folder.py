@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from io import FileIO
 from pathlib import Path
 from typing import Any, Final
@@ -72,6 +73,7 @@ def qos_profiles(latched: bool) -> list[dict[str, Any]]:
     ]
 
 
+@cache
 def qos_text(latched: bool) -> str:
     """The QoS profiles of a topic as YAML text, the form that an MCAP channel has."""
     return _yaml(qos_profiles(latched)).strip()

@@ -52,11 +52,6 @@ class StepCollector:
         """The first step that has not been given out."""
         return self._next_step
 
-    @property
-    def pending_steps(self) -> tuple[int, ...]:
-        """Incomplete steps of which some messages have arrived."""
-        return tuple(sorted(self._held))
-
     def _due(self, step: int) -> list[Topic]:
         place = step % self._cycle_steps
         if place not in self._due_at:

@@ -97,12 +97,6 @@ def civilian_movements(network: RoadNetwork, edge: int, next_edge: int) -> tuple
     return tuple(filter(network.is_civilian, connections_between(network, edge, next_edge)))
 
 
-def lanes_towards(network: RoadNetwork, edge: int, next_edge: int) -> tuple[int, ...]:
-    """Indices of an edge's driving lanes that lead to the next edge, from the right."""
-    sources = dict.fromkeys(connection.from_lane for connection in connections_between(network, edge, next_edge))
-    return tuple(lane for lane in sources if network.lanes[lane].civilian_allowed)
-
-
 def shortest_path(
     graph: EdgeGraph, from_edge: int, to_edge: int, avoid: Collection[int] = ()
 ) -> tuple[int, ...] | None:

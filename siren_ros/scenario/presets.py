@@ -7,7 +7,6 @@ import numpy as np
 
 from siren_ros.errors import InputError
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
-from siren_ros.params.resources import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping
 
 _SHARE_TOLERANCE = 1e-6
@@ -107,11 +106,6 @@ class DriverPreset:
             response_distance_m=self.response_distance_m.scaled(response_distance_m / self.response_distance_m.mean),
             compliance=ComplianceShares(complies, late, 1.0 - complies - late),
         )
-
-
-def available_presets() -> tuple[str, ...]:
-    """Names of the presets in ``params/presets``."""
-    return names_in_params("presets")
 
 
 def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverPreset:

@@ -7,7 +7,6 @@ import numpy as np
 
 from siren_ros.numerics.arrays import Floats
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
-from siren_ros.params.resources import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.scenario.episode import DEFAULT_LOOK, EpisodeDescription
 
@@ -85,11 +84,6 @@ _DUSK: Final = {
 }
 """Colours of the sun, zenith and horizon and the ambient strength by the sun's elevation, where lamps are lit."""
 _OBLIQUITY_RAD: Final = float(np.radians(23.44))
-
-
-def look_names() -> tuple[str, ...]:
-    """Names of the looks that come with the project, sorted."""
-    return names_in_params("looks")
 
 
 def look_of(episode: EpisodeDescription) -> str:

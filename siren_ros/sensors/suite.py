@@ -10,7 +10,6 @@ from typing import Any, Final
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import STEPS_PER_S
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
-from siren_ros.params.resources import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.sensors.sensor_table import SENSOR_TYPES
 from siren_ros.sensors.specification import RADIANS, CameraSpec, LidarSpec, Mount, SensorSpec
@@ -67,11 +66,6 @@ _MOUNT_KEYS: Final = {
 _MOUNT_PLACE: Final = ("x_m", "y_m", "z_m")
 """The keys of a mount that have no default."""
 _FARTHEST_M: Final = 1e6
-
-
-def suite_names() -> tuple[str, ...]:
-    """Names of the suites that come with the project, sorted."""
-    return names_in_params("suites")
 
 
 def load_suite(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> SensorSuite:

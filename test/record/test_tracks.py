@@ -1,4 +1,4 @@
-"""Tracks at 10 Hz, their windows, and the signals at the ends of lanes."""
+"""Tracks at 10 Hz, and their windows."""
 
 from dataclasses import replace
 
@@ -8,10 +8,8 @@ import pytest
 from evaluation.made_records import moving, record_with
 
 from siren_ros.errors import BagError
-from siren_ros.record.tracks import REGION, Track, lane_signals, tracks_of, whole_windows
+from siren_ros.record.tracks import REGION, Track, tracks_of, whole_windows
 from siren_ros.recording.episode_record import EpisodeRecord
-
-RIGHT_LANE, LEFT_LANE, WEST_LANE = 1, 2, 7
 
 
 def record(emv_ahead_m: float = 20.0) -> EpisodeRecord:
@@ -63,25 +61,3 @@ def test_an_actor_that_nobody_describes_is_refused():
     whole = record()
     with pytest.raises(BagError, match="5 is not"):
         tracks_of(replace(whole, actors={1: whole.actors[1]}))
-
-
-def shown(letters: dict[int, str]) -> EpisodeRecord:
-    state = "".join(letters.get(link, "r") for link in range(7))
-    return hand.hand_made(
-        hand.crossing(),
-        {hand.EMV: hand.Driven(hand.NORTHBOUND, hand.at_speed(0.0, 10.0, 5))},
-        lambda step: state if step == 3 else "",
-    )
-
-
-def test_a_lane_shows_green_where_one_of_its_movements_is():
-    """From the right lane one goes straight on and to the right."""
-    letters = lane_signals(shown({hand.STRAIGHT: "r", hand.RIGHT: "G", hand.STRAIGHT_LEFT: "y", hand.EAST: "g"}), 3)
-    assert (letters[RIGHT_LANE], letters[LEFT_LANE], letters[WEST_LANE]) == ("G", "y", "g")
-    assert lane_signals(shown({hand.STRAIGHT: "G", hand.RIGHT: "r"}), 3)[RIGHT_LANE] == "G"
-    assert lane_signals(shown({}), 3)[RIGHT_LANE] == "r"
-
-
-def test_without_a_state_nothing_is_shown():
-    assert lane_signals(shown({hand.STRAIGHT: "G"}), 2) == {}
-    assert lane_signals(shown({hand.STRAIGHT: "G"}), 99) == {}

@@ -43,14 +43,6 @@ def test_no_way_back_from_where_traffic_leaves(town, graph):
     assert routing.shortest_path(graph, start, start) == (start,)
 
 
-def test_lanes_towards_are_the_lanes_that_lead_there(town):
-    edge, ahead, left, right = edges(town, "main_e_2 main_e_3 east_n_1 east_s_2")
-    assert names(town, routing.lanes_towards(town, edge, ahead)) == "main_e_2_2 main_e_2_3"
-    assert names(town, routing.lanes_towards(town, edge, left)) == "main_e_2_4"
-    assert names(town, routing.lanes_towards(town, edge, right)) == "main_e_2_2"
-    assert routing.lanes_towards(town, ahead, edge) == ()
-
-
 def test_driving_lanes_leave_out_shoulder_and_sidewalk(town):
     assert [lane.position for lane in routing.driving_lanes(town, *edges(town, "main_e_1"))] == [2, 3]
 

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
-from siren_ros.params.resources import params_dir
-from siren_ros.scenario.presets import Attention, TruncatedNormal, available_presets, load_preset
+from siren_ros.params.resources import names_in_params, params_dir
+from siren_ros.scenario.presets import Attention, TruncatedNormal, load_preset
 
 
 def test_paper_preset_is_deterministic():
@@ -56,7 +56,7 @@ def test_mistakes_name_file_and_line(tmp_path, old, new, shown):
 
 
 def test_unknown_preset_lists_the_presets():
-    assert available_presets() == ("inattentive", "paper", "realistic", "reckless")
+    assert names_in_params("presets") == ("inattentive", "paper", "realistic", "reckless")
     with pytest.raises(InputError, match="paper, realistic"):
         load_preset("angry")
 
@@ -118,5 +118,5 @@ def test_distributions_lie_within_limits_that_are_allowed_themselves(tmp_path, s
 
 
 def test_only_in_the_paper_does_no_motorcyclist_filter():
-    shares = {name: load_preset(name).filtering for name in available_presets()}
+    shares = {name: load_preset(name).filtering for name in names_in_params("presets")}
     assert shares == {"paper": 0.0, "realistic": 0.3, "inattentive": 0.3, "reckless": 0.6}

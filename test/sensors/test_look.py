@@ -2,12 +2,14 @@ import numpy as np
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.sensors.look import Look, load_look, look_names, sun_position
+from siren_ros.params.resources import names_in_params
+from siren_ros.sensors.look import Look, load_look, sun_position
 
 
 def test_every_look_loads_and_the_default_is_the_clear_morning():
-    assert {"clear", "evening", "overcast", "rain", "fog", "dusk", "night", "night_rain"} <= set(look_names())
-    for name in look_names():
+    names = names_in_params("looks")
+    assert {"clear", "evening", "overcast", "rain", "fog", "dusk", "night", "night_rain"} <= set(names)
+    for name in names:
         load_look(name)
     clear, plain = load_look("clear"), Look()
     assert clear.sun_azimuth_rad == pytest.approx(plain.sun_azimuth_rad, abs=1e-4)

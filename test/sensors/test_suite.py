@@ -4,9 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
+from siren_ros.params.resources import names_in_params
 from siren_ros.sensors import specification
 from siren_ros.sensors.navigation import GnssSpec, ImuSpec
-from siren_ros.sensors.suite import load_suite, suite_names
+from siren_ros.sensors.suite import load_suite
 
 PAPER_CAMERAS = {
     # name: CARLA's vehicle frame, y right, yaw clockwise in degrees (paper, table of the sensor suite)
@@ -18,7 +19,7 @@ PAPER_CAMERAS = {
 
 
 def test_the_named_suites_are_there():
-    assert {"none", "lidar", "front", "full"} <= set(suite_names())
+    assert {"none", "lidar", "front", "full"} <= set(names_in_params("suites"))
     none = load_suite("none")
     assert (none.lidars, none.cameras, none.others) == ((), (), ())
     front = load_suite("front")

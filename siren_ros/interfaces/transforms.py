@@ -138,9 +138,10 @@ def matrix_between(transforms: Sequence[Transform], parent: str, child: str) -> 
 
 _CONSTRAINED_VARIANCE: Final = 1e-6
 """Of z, roll and pitch, (1 mm)² and (1 mrad)²: the world is flat, and filters want a matrix that can be inverted."""
-_CONSTRAINED: Final = np.eye(6) * _CONSTRAINED_VARIANCE
+_CONSTRAINED: Final[list[float]] = (np.eye(6) * _CONSTRAINED_VARIANCE).ravel().tolist()
 _PLANAR: Final = np.ix_([0, 1, 5], [0, 1, 5])
 """x, y and yaw in a covariance of x, y, z and rotations about x, y, z."""
+_PLANAR_PLACES: Final[list[int]] = np.arange(36).reshape(6, 6)[_PLANAR].ravel().tolist()
 
 
 _ODOMETRY: Final = Layout(f"{STAMPED} s 7d 36d 6d 36d")
@@ -164,8 +165,9 @@ def to_odometry(step: int, odometry: Odometry, parent: str = ODOM_FRAME, child: 
 def _to_covariance(planar: Floats) -> list[float]:
     """The 36 elements, row by row, of a covariance of three planar quantities."""
     full = _CONSTRAINED.copy()
-    full[_PLANAR] = planar
-    return full.ravel().tolist()
+    for place, value in zip(_PLANAR_PLACES, planar.ravel().tolist(), strict=True):
+        full[place] = value
+    return full
 
 
 def from_odometry(message: Any) -> tuple[int, Odometry]:

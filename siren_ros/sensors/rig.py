@@ -222,9 +222,11 @@ class SensorRig:
 
     def _on_ground(self, states: ActorStates, descriptions: Mapping[int, ActorDescription]) -> ActorStates:
         """The states with people on foot on the surface of sidewalks, where the scene raises these."""
+        if self._static is None:
+            return states
         kinds = (descriptions[number].actor_class for number in states.actor_id.tolist())
         walking = np.array([kind is ActorClass.PEDESTRIAN for kind in kinds], np.bool_)
-        if self._static is None or not walking.any():
+        if not walking.any():
             return states
         return replace(states, z_m=np.where(walking, self._static.ground_m(states.x_m, states.y_m), states.z_m))
 

@@ -33,6 +33,7 @@ from siren_ros.traffic.sumo.oncoming import OncomingDrivers
 from siren_ros.traffic.sumo.population import SumoPopulation, route_id, vehicle_types_xml
 from siren_ros.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.rescue_lane import RescueLane
+from siren_ros.traffic.sumo.route_end import RouteEnds
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
 from siren_ros.traffic.sumo.standoff import Passed, drivers_who_go
 from siren_ros.traffic.sumo.walkers import WALKING_OPTIONS, Walkers, walker_types_xml
@@ -116,11 +117,11 @@ class SumoSimulation:
         filtering = any(vehicle.filters for vehicle in (*plan.groups, *plan.riders))
         self._rescue_lane = RescueLane(network, filtering=filtering) if plan.duty else None
         self._going: Passed = {}
-        self._ignored = IgnoredFoes()
-        self._crossings = CrossingWatch(network)
+        self._ignored, self._crossings = IgnoredFoes(), CrossingWatch(network)
         self._cyclists = CyclistsSide(network) if plan.riders else None
         self._walkers = Walkers(network, plan, self._config) if plan.walkers else None
         self._reactions = Reactions(network, plan, level, self._config)
+        self._route_ends = RouteEnds(() if LEVEL_POLICIES[level].privileged else plan.emvs)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
         self._keeping = frozenset(first)
         """Vehicles that yield to nobody."""
@@ -198,6 +199,7 @@ class SumoSimulation:
             privileged = frozenset(emv.name for emv in self._plan.emvs)
             self._going = drivers_who_go(self._going, self._last, self._reported, privileged)
         self._ignored.apply(self._columns.names, self._walkers.waiting if self._walkers else (), self._going)
+        self._route_ends.apply(self._columns.row_of)
         if self._gap_out is not None:
             self._gap_out.apply(self._population.vehicles.keys())
         if self._plan.jam is not None:

@@ -156,6 +156,7 @@ TRAFFIC_STATE_DTYPES: Final = dtypes_of(TrafficState)
 
 
 HASH_BYTES: Final = 8
+_HASHED: Final = {name: np.dtype(kind).newbyteorder("<") for name, kind in ACTOR_STATE_DTYPES.items()}
 
 
 def hash_state(states: ActorStates, signals: Sequence[SignalState]) -> int:
@@ -166,8 +167,8 @@ def hash_state(states: ActorStates, signals: Sequence[SignalState]) -> int:
     """
     digest = blake2b(digest_size=HASH_BYTES)
     digest.update(np.array([states.step, len(states), len(signals)], dtype="<u8").tobytes())
-    for name, kind in ACTOR_STATE_DTYPES.items():
-        digest.update(np.asarray(getattr(states, name)).astype(np.dtype(kind).newbyteorder("<"), copy=False).tobytes())
+    for name, kind in _HASHED.items():
+        digest.update(np.ascontiguousarray(getattr(states, name), kind).data)
     for signal in signals:
         digest.update(f"{signal.signal_id}\0{signal.state}\0".encode())
     return int.from_bytes(digest.digest(), "little")

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter, deque
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 from xml.sax.saxutils import quoteattr
@@ -195,11 +195,12 @@ class SumoPopulation:
 
     def enter_stage(self) -> None:
         """Clear the stage, enter groups and EMVs on it, and fill up the background elsewhere."""
-        entering = [self._centre_of(vehicle) for vehicle in (*self._plan.emvs, *self._plan.groups)]
+        entering = *self._plan.emvs, *self._plan.groups
+        circles = [(*self._at_entry(vehicle)[:2], vehicle.length_m) for vehicle in entering]
         for name in list(self.vehicles):
-            if self._on_stage(name, self._plan.stage) or self._touches(name, entering):
+            if self._on_stage(name, self._plan.stage) or self._touches(name, circles):
                 self._remove(name)
-        for name in self._overlapping():
+        for name in self._overlapping(earlier=entering):
             self._remove(name)
         self._enter_all(self._plan.emvs)
         self._enter_all(self._plan.groups)
@@ -307,33 +308,36 @@ class SumoPopulation:
         libsumo.vehicle.remove(name)
         self._forget(name)
 
-    def _overlapping(self, entering: PlannedVehicle | None = None, places: Mapping[str, Point] = _NOWHERE) -> list[str]:
+    def _overlapping(
+        self,
+        entering: PlannedVehicle | None = None,
+        places: Mapping[str, Point] = _NOWHERE,
+        earlier: Sequence[PlannedVehicle] = (),
+    ) -> list[str]:
         """The vehicles without which no two bodies overlap: of each such pair the one that entered later.
 
-        With one that is to enter, while the others are at ``places``: its name, where it would overlap. SUMO's vehicles
-        have the width of their lane: side by side, while one changes lanes, they may overlap. The way on which a
-        vehicle comes to a stand with full braking belongs to its body: nobody could stop before the other.
+        With one that is to enter, while the others are at ``places``: its name, where it would overlap. Those that are
+        planned to be there ``earlier`` stay. SUMO's vehicles have the width of their lane: side by side, while one
+        changes lanes, they may overlap. The way on which a vehicle comes to a stand with full braking belongs to its
+        body: nobody could stop before the other.
         """
         names = [*self.vehicles]
         if entering is not None:
             x, y = self._point_of(entering.spot)
             names = [name for name in places if max(abs(places[name][0] - x), abs(places[name][1] - y)) <= _APART_M]
         names = [name for name in names if libsumo.vehicle.getLaneID(name)]  # not those that wait to enter
-        poses = [(*self._pose_of(name), libsumo.vehicle.getSpeed(name)) for name in names]
-        bodies = [self.vehicles[name] for name in names]
-        if entering is not None:
-            heading = float(self._network.lanes[entering.spot.lane].centre.heading_rad(entering.spot.front_m))
-            names.append(entering.name)
-            poses.append((*self._centre_of(entering)[:2], heading, entering.spot.speed_mps))
-            bodies.append(entering)
-        if not names:
+        last = () if entering is None else (entering,)
+        bodies = [*earlier, *(self.vehicles[name] for name in names), *last]
+        if not bodies:
             return []
+        known = {body.name: (*self._at_entry(body), body.spot.speed_mps) for body in (*earlier, *last)}
+        known |= {name: (*self._pose_of(name), libsumo.vehicle.getSpeed(name)) for name in names}
         length_m, width_m = np.array([(body.length_m, body.width_m) for body in bodies]).T
-        x_m, y_m, yaw_rad, speed_mps = np.array(poses).T
+        x_m, y_m, yaw_rad, speed_mps = np.array([known[body.name] for body in bodies]).T
         stop_m = np.array([speed**2 for speed in speed_mps.tolist()]) / (2.0 * _FULL_BRAKE_MPS2)
         x_m, y_m = x_m + 0.5 * stop_m * np.cos(yaw_rad), y_m + 0.5 * stop_m * np.sin(yaw_rad)
         _, later, _ = overlapping_pairs(x_m, y_m, yaw_rad, length_m + stop_m, width_m)
-        found = [names[row] for row in dict.fromkeys(later.tolist())]
+        found = [bodies[row].name for row in dict.fromkeys(later.tolist()) if row >= len(earlier)]
         return found if entering is None else [name for name in found if name == entering.name]
 
     def _pose_of(self, name: str) -> tuple[float, float, float]:
@@ -356,13 +360,13 @@ class SumoPopulation:
         x, y, _ = self._pose_of(name)
         return any(np.hypot(x - ex, y - ey) < 0.5 * (length_m + other_m) for ex, ey, other_m in entering)
 
-    def _centre_of(self, vehicle: PlannedVehicle) -> tuple[float, float, float]:
-        """Centre at the place of entry, and the vehicle's length."""
+    def _at_entry(self, vehicle: PlannedVehicle) -> tuple[float, float, float]:
+        """Centre and yaw at the place of entry, in the ``map`` frame."""
         centre_line = self._network.lanes[vehicle.spot.lane].centre
         x, y = self._point_of(vehicle.spot)
         yaw = float(centre_line.heading_rad(vehicle.spot.front_m))
         half = 0.5 * vehicle.length_m
-        return x - half * np.cos(yaw), y - half * np.sin(yaw), vehicle.length_m
+        return x - half * np.cos(yaw), y - half * np.sin(yaw), yaw
 
     def _point_of(self, spot: Spot) -> Point:
         x, y = self._network.lanes[spot.lane].centre.at(spot.front_m)

@@ -126,12 +126,17 @@ def test_nobody_overlaps_when_the_episode_begins(name: str, seed: int) -> None:
     assert separation_m(corners[first], corners[second]).min() > 0.0
 
 
+def standing(name: str, front_m: float = 0.0) -> Any:
+    return SimpleNamespace(name=name, length_m=4.0, width_m=1.8, spot=Spot(0, front_m, 0.0))
+
+
 def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_begins(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Fronts 0.5 m apart and 1.6 m aside; a third one is elsewhere, and two still wait to enter SUMO.
 
-    The third one is 15.5 m behind the fourth: from 12 m/s it needs 12 m to stop, from 14 m/s 16.3 m.
+    The third one is 15.5 m behind the fourth: from 12 m/s it needs 12 m to stop, from 14 m/s 16.3 m. A vehicle that is
+    planned where the fourth one is stays, and the third one leaves.
     """
     fronts = {"a": (10.0, 0.0), "b": (10.5, 1.6), "c": (30.0, 0.0), "f": (49.5, 0.0)} | dict.fromkeys(
         "de", (-1e9, -1e9)
@@ -144,16 +149,19 @@ def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_be
         getSpeed=speeds.__getitem__,
     )
     monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles))
-    network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0))
+    road = SimpleNamespace(centre=Polyline.through([[0.0, 0.0], [100.0, 0.0]]))
+    network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0), lanes=[road])
     plan: Any = SimpleNamespace(reserve=(), riders=())
     population = SumoPopulation(network, plan, TrafficConfig())
-    car: Any = SimpleNamespace(length_m=4.0, width_m=1.8)
-    population.vehicles = dict.fromkeys(fronts, car)
+    population.vehicles = {name: standing(name) for name in fronts}
     assert population._overlapping() == ["b"]
     for speed_mps, leaves in ((12.0, []), (14.0, ["f"])):
         speeds["c"] = speed_mps
         assert population._overlapping() == ["b", *leaves]
-    population.vehicles = dict.fromkeys("de", car)
+        del population.vehicles["f"]
+        assert population._overlapping(earlier=(standing("f", 49.5),)) == (["c", "b"] if leaves else ["b"])
+        population.vehicles["f"] = standing("f")
+    population.vehicles = {name: standing(name) for name in "de"}
     assert population._overlapping() == []
 
 
@@ -176,8 +184,7 @@ def test_no_rider_enters_where_one_of_two_could_not_stop(
     network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0), lanes=[lane])
     plan: Any = SimpleNamespace(reserve=(), riders=())
     population = SumoPopulation(network, plan, TrafficConfig())
-    car: Any = SimpleNamespace(length_m=4.0, width_m=1.8)
-    population.vehicles = {"car": car}
+    population.vehicles = {"car": standing("car")}
     rider: Any = SimpleNamespace(name="rider", length_m=2.0, width_m=0.8, spot=Spot(0, 45.0, speed_mps))
     assert population._overlapping(rider, population._places()) == (["rider"] if refused else [])
 

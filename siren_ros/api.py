@@ -9,8 +9,9 @@ Functions print nothing. Each function loads what it needs when it is called, so
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
     from siren_ros.datasets.export_job import ExportResult
@@ -26,8 +27,11 @@ if TYPE_CHECKING:
     from siren_ros.studies.matrix import Study
     from siren_ros.studies.run_study import StudyResult
 
+Folder: TypeAlias = str | PathLike[str]
+"""A path, or its text."""
 
-def make_episode(request: EpisodeRequest, bag: Path) -> RecordedEpisode:
+
+def make_episode(request: EpisodeRequest, bag: Folder) -> RecordedEpisode:
     """Simulate an episode and record it.
 
     The bag has the same bytes as that of ``ros2 run siren_ros cosim`` with the same request and package versions.
@@ -47,10 +51,10 @@ def make_episode(request: EpisodeRequest, bag: Path) -> RecordedEpisode:
     from siren_ros.generation.episode_setup import set_up_episode
     from siren_ros.generation.recorded_episode import record_episode
 
-    return record_episode(set_up_episode(request), bag)
+    return record_episode(set_up_episode(request), Path(bag))
 
 
-def read_record(bag: Path) -> EpisodeRecord:
+def read_record(bag: Folder) -> EpisodeRecord:
     """Read what happened in an episode: states of all actors at 20 Hz, signals, events and the map; no sensor data.
 
     Args:
@@ -61,7 +65,7 @@ def read_record(bag: Path) -> EpisodeRecord:
     """
     from siren_ros.recording.bag_reader import read_episode
 
-    return read_episode(bag)
+    return read_episode(Path(bag))
 
 
 def judge(record: EpisodeRecord) -> Verdict:
@@ -88,12 +92,14 @@ def verify(record: EpisodeRecord) -> Verification:
 
 
 def score_predictions(
-    bags: Sequence[Path], predictors: Mapping[str, Predictor] | Sequence[str] = ("cv",), population: str = "region"
+    bags: Folder | Sequence[Folder],
+    predictors: Mapping[str, Predictor] | Sequence[str] = ("cv",),
+    population: str = "region",
 ) -> ScoreTable:
     """Score trajectory predictors on recorded episodes: 3 s of past, 5 s of future, every 0.1 s.
 
     Args:
-        bags: Folders of recorded episodes, or folders that hold such folders, as a study does.
+        bags: Folder or folders of recorded episodes, or folders that hold such folders, as a study does.
         predictors: Predictors by name, or names of the project's own: ``cv``, ``idm``, ``siren``.
         population: ``region`` for vehicles in the interaction region around the EMV, ``all`` for every vehicle.
 
@@ -111,17 +117,21 @@ def score_predictions(
 
     loaded = predictors if isinstance(predictors, Mapping) else predictors_named(list(predictors))
     chosen = _population(population)
-    return score_table([score_episode(str(bag), read_record(bag), loaded, chosen) for bag in bags_among(bags)])
+    return score_table([score_episode(str(bag), read_record(bag), loaded, chosen) for bag in bags_among(_paths(bags))])
 
 
 def export(
-    format_name: str, bags: Sequence[Path], out: Path, options: Mapping[str, str] | None = None, processes: int = 1
+    format_name: str,
+    bags: Folder | Sequence[Folder],
+    out: Folder,
+    options: Mapping[str, str] | None = None,
+    processes: int = 1,
 ) -> ExportResult:
     """Write recorded episodes as a dataset in another format.
 
     Args:
         format_name: Such as ``kitti``, ``nuscenes`` or ``csv``; ``siren export --list`` shows all formats.
-        bags: Folders of recorded episodes, or folders that hold such folders, as a study does.
+        bags: Folder or folders of recorded episodes, or folders that hold such folders, as a study does.
         out: Folder of the dataset, new or empty. It appears when the whole dataset is written.
         options: Options of the format by name, as ``{"layout": "paper"}``.
         processes: Number of processes that work side by side.
@@ -136,10 +146,12 @@ def export(
     from siren_ros.datasets.formats import format_named
     from siren_ros.recording.bag_reader import bags_among
 
-    return run_export(ExportJob(format_named(format_name), options or {}, bags_among(bags), out, processes))
+    return run_export(
+        ExportJob(format_named(format_name), options or {}, bags_among(_paths(bags)), Path(out), processes)
+    )
 
 
-def generate_study(study: Study, out: Path, workers: int = 1) -> StudyResult:
+def generate_study(study: Study, out: Folder, workers: int = 1) -> StudyResult:
     """Make all episodes of a study, several at once; a call with the same folder goes on where the last one stopped.
 
     Each episode has a process of its own. Programs that call this function keep it under
@@ -163,14 +175,16 @@ def generate_study(study: Study, out: Path, workers: int = 1) -> StudyResult:
 
     if study.risk_videos:
         raise InputError("risk_videos", study.risk_videos, "0; `siren generate` makes the videos")
-    return run_study(study, LocalFolder(out), LocalWorkers(workers))
+    return run_study(study, LocalFolder(Path(out)), LocalWorkers(workers))
 
 
-def iterate_samples(bags: Sequence[Path], window: str = "ngsim", population: str = "region") -> Iterator[ScoredSamples]:
+def iterate_samples(
+    bags: Folder | Sequence[Folder], window: str = "ngsim", population: str = "region"
+) -> Iterator[ScoredSamples]:
     """Yield the prediction samples of recorded episodes, those of one episode at a time, as arrays.
 
     Args:
-        bags: Folders of recorded episodes, or folders that hold such folders.
+        bags: Folder or folders of recorded episodes, or folders that hold such folders.
         window: The past of a sample: ``ngsim`` (3 s, a point every 0.2 s) or ``argoverse2`` (5 s, every 0.1 s).
         population: As in ``score_predictions``.
 
@@ -185,11 +199,11 @@ def iterate_samples(bags: Sequence[Path], window: str = "ngsim", population: str
     if window not in WINDOWS:
         raise InputError("window", window, f"one of {', '.join(WINDOWS)}")
     chosen = _population(population)
-    for bag in bags_among(bags):
+    for bag in bags_among(_paths(bags)):
         yield samples_of(read_record(bag), WINDOWS[window], chosen)
 
 
-def iterate_frames(bag: Path, *, cameras: bool = False, pose: bool = False) -> Iterator[LidarFrame]:
+def iterate_frames(bag: Folder, *, cameras: bool = False, pose: bool = False) -> Iterator[LidarFrame]:
     """Yield the steps of an episode that hold a LiDAR sweep, labels or pictures.
 
     Args:
@@ -202,8 +216,12 @@ def iterate_frames(bag: Path, *, cameras: bool = False, pose: bool = False) -> I
     """
     from siren_ros.record.episode_source import lidar_frames, open_source
 
-    with open_source(bag) as source:
+    with open_source(Path(bag)) as source:
         yield from lidar_frames(source, cameras=source.cameras if cameras else (), pose=pose)
+
+
+def _paths(folders: Folder | Sequence[Folder]) -> list[Path]:
+    return [Path(folders)] if isinstance(folders, str | PathLike) else [Path(folder) for folder in folders]
 
 
 def _population(name: str) -> Population:

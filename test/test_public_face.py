@@ -72,9 +72,19 @@ def test_a_made_episode_is_read_judged_and_verified(bag: Path) -> None:
     assert siren_ros.judge(record) == siren_ros.verify(record).verdict
 
 
-def test_an_episode_is_not_made_twice_at_one_place(bag: Path) -> None:
+@pytest.mark.parametrize("kind", [str, Path])
+def test_an_episode_is_not_made_twice_at_one_place(bag: Path, kind: type[str] | type[Path]) -> None:
     with pytest.raises(siren_ros.InputError):
-        siren_ros.make_episode(siren_ros.EpisodeRequest(template="S2", sensors="none", duration_s=1.0), bag)
+        siren_ros.make_episode(siren_ros.EpisodeRequest(template="S2", sensors="none", duration_s=1.0), kind(bag))
+
+
+def test_a_place_is_a_path_or_its_text_and_one_or_several(bag: Path, tmp_path: Path) -> None:
+    assert siren_ros.read_record(str(bag)).state_hashes == siren_ros.read_record(bag).state_hashes
+    for bags in (bag, str(bag), [str(bag)]):
+        assert [len(samples) for samples in siren_ros.iterate_samples(bags)] == [
+            len(samples) for samples in siren_ros.iterate_samples([bag])
+        ]
+    assert siren_ros.export("csv", str(bag), str(tmp_path / "csv")).notes == ()
 
 
 def test_predictions_are_scored_on_the_samples_that_are_iterated(bag: Path) -> None:
@@ -117,7 +127,8 @@ def test_frames_need_a_lidar(bag: Path) -> None:
 def test_frames_come_with_points_and_labels(tmp_path: Path) -> None:
     request = siren_ros.EpisodeRequest(template="S2", sensors="lidar", duration_s=0.5)
     siren_ros.make_episode(request, tmp_path / "bag")
-    frames = [frame for frame in siren_ros.iterate_frames(tmp_path / "bag", pose=True) if frame.points is not None]
+    bag = str(tmp_path / "bag")
+    frames = [frame for frame in siren_ros.iterate_frames(bag, pose=True) if frame.points is not None]
     assert len(frames) == 10  # 20 Hz
     assert all(len(frame.points) and frame.map_from_base is not None for frame in frames if frame.points is not None)
 
@@ -125,7 +136,7 @@ def test_frames_come_with_points_and_labels(tmp_path: Path) -> None:
 def test_a_study_is_generated_and_continued(tmp_path: Path) -> None:
     study = siren_ros.Study(templates=("S2",), seeds=(0, 1), duration_s=1.0)
     assert [row.steps for row in siren_ros.generate_study(study, tmp_path, workers=2).rows] == [20, 20]
-    assert siren_ros.generate_study(study, tmp_path).kept == 2
+    assert siren_ros.generate_study(study, str(tmp_path)).kept == 2
 
 
 def test_videos_with_risk_labels_are_left_to_the_command(tmp_path: Path) -> None:

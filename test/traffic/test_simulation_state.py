@@ -102,6 +102,7 @@ class Stage:
             "oncoming": None,
             "rescue_lane": None,
             "going": {},
+            "route_ends": SimpleNamespace(apply=lambda *_: None),
             "ignored": SimpleNamespace(apply=lambda *_: None),
             "walkers": None,
             "cyclists": None,

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 Folder: TypeAlias = str | PathLike[str]
 """A path, or its text."""
+Folders: TypeAlias = Folder | Sequence[Folder]
 
 
 def make_episode(request: EpisodeRequest, bag: Folder) -> RecordedEpisode:
@@ -92,9 +93,7 @@ def verify(record: EpisodeRecord) -> Verification:
 
 
 def score_predictions(
-    bags: Folder | Sequence[Folder],
-    predictors: Mapping[str, Predictor] | Sequence[str] = ("cv",),
-    population: str = "region",
+    bags: Folders, predictors: Mapping[str, Predictor] | Sequence[str] = ("cv",), population: str = "region"
 ) -> ScoreTable:
     """Score trajectory predictors on recorded episodes: 3 s of past, 5 s of future, every 0.1 s.
 
@@ -113,19 +112,14 @@ def score_predictions(
     from siren_ros.evaluation.prediction.predictors import predictors_named
     from siren_ros.evaluation.prediction.reports.score_table import score_table
     from siren_ros.evaluation.prediction.scoring import score_episode
-    from siren_ros.recording.bag_reader import bags_among
 
     loaded = predictors if isinstance(predictors, Mapping) else predictors_named(list(predictors))
     chosen = _population(population)
-    return score_table([score_episode(str(bag), read_record(bag), loaded, chosen) for bag in bags_among(_paths(bags))])
+    return score_table([score_episode(str(bag), read_record(bag), loaded, chosen) for bag in _bags_of(bags)])
 
 
 def export(
-    format_name: str,
-    bags: Folder | Sequence[Folder],
-    out: Folder,
-    options: Mapping[str, str] | None = None,
-    processes: int = 1,
+    format_name: str, bags: Folders, out: Folder, options: Mapping[str, str] | None = None, processes: int = 1
 ) -> ExportResult:
     """Write recorded episodes as a dataset in another format.
 
@@ -144,11 +138,8 @@ def export(
     """
     from siren_ros.datasets.export_job import ExportJob, run_export
     from siren_ros.datasets.formats import format_named
-    from siren_ros.recording.bag_reader import bags_among
 
-    return run_export(
-        ExportJob(format_named(format_name), options or {}, bags_among(_paths(bags)), Path(out), processes)
-    )
+    return run_export(ExportJob(format_named(format_name), options or {}, _bags_of(bags), Path(out), processes))
 
 
 def generate_study(study: Study, out: Folder, workers: int = 1) -> StudyResult:
@@ -178,9 +169,7 @@ def generate_study(study: Study, out: Folder, workers: int = 1) -> StudyResult:
     return run_study(study, LocalFolder(Path(out)), LocalWorkers(workers))
 
 
-def iterate_samples(
-    bags: Folder | Sequence[Folder], window: str = "ngsim", population: str = "region"
-) -> Iterator[ScoredSamples]:
+def iterate_samples(bags: Folders, window: str = "ngsim", population: str = "region") -> Iterator[ScoredSamples]:
     """Yield the prediction samples of recorded episodes, those of one episode at a time, as arrays.
 
     Args:
@@ -194,12 +183,11 @@ def iterate_samples(
     """
     from siren_ros.errors import InputError
     from siren_ros.evaluation.prediction.samples import WINDOWS, samples_of
-    from siren_ros.recording.bag_reader import bags_among
 
     if window not in WINDOWS:
         raise InputError("window", window, f"one of {', '.join(WINDOWS)}")
     chosen = _population(population)
-    for bag in bags_among(_paths(bags)):
+    for bag in _bags_of(bags):
         yield samples_of(read_record(bag), WINDOWS[window], chosen)
 
 
@@ -220,8 +208,10 @@ def iterate_frames(bag: Folder, *, cameras: bool = False, pose: bool = False) ->
         yield from lidar_frames(source, cameras=source.cameras if cameras else (), pose=pose)
 
 
-def _paths(folders: Folder | Sequence[Folder]) -> list[Path]:
-    return [Path(folders)] if isinstance(folders, str | PathLike) else [Path(folder) for folder in folders]
+def _bags_of(folders: Folders) -> tuple[Path, ...]:
+    from siren_ros.recording.bag_reader import bags_among
+
+    return bags_among(map(Path, [folders] if isinstance(folders, str | PathLike) else folders))
 
 
 def _population(name: str) -> Population:

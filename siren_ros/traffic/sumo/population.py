@@ -61,7 +61,6 @@ _RIDER_STEP_S: Final = 2.0 * STEP_S
 """Riders decide at every second step: two-wheelers are half of the traffic near people, and cost as much as cars."""
 _FULL_BRAKE_MPS2: Final = 6.0
 """With which a vehicle stops in an emergency, its driver's start included."""
-_NOWHERE: Final[Mapping[str, Point]] = {}
 _APART_M: Final = 80.0
 """Vehicles farther apart than this can stop before each other in a town."""
 _RUNS_RED_S: Final = 1000.0
@@ -200,10 +199,9 @@ class SumoPopulation:
         for name in list(self.vehicles):
             if self._on_stage(name, self._plan.stage) or self._touches(name, circles):
                 self._remove(name)
-        for name in self._overlapping(earlier=entering):
+        for name in self._overlapping(self.vehicles, earlier=entering):
             self._remove(name)
-        self._enter_all(self._plan.emvs)
-        self._enter_all(self._plan.groups)
+        self._enter_all(entering)
         self.refill(self.emv_starts, self._plan.civilians)
         self._enter_riders(self.emv_starts, 0.0)
 
@@ -253,7 +251,9 @@ class SumoPopulation:
 
         def enter(rider: PlannedVehicle) -> bool:
             enough = self._riding[rider.actor_class] >= wanted[rider.actor_class]
-            if enough or not self._spot_is_free(rider, (), places) or self._overlapping(rider, places):
+            if enough or not self._spot_is_free(rider, (), places):
+                return False
+            if rider.name in self._overlapping(self._near(rider, places), later=(rider,)):
                 return False
             self._enter_all((rider,))
             places[rider.name] = self._point_of(rider.spot)
@@ -308,37 +308,33 @@ class SumoPopulation:
         libsumo.vehicle.remove(name)
         self._forget(name)
 
+    def _near(self, vehicle: PlannedVehicle, places: Mapping[str, Point]) -> list[str]:
+        """The vehicles at ``places`` that one who enters may not be able to stop before."""
+        x, y = self._point_of(vehicle.spot)
+        return [name for name in places if max(abs(places[name][0] - x), abs(places[name][1] - y)) <= _APART_M]
+
     def _overlapping(
-        self,
-        entering: PlannedVehicle | None = None,
-        places: Mapping[str, Point] = _NOWHERE,
-        earlier: Sequence[PlannedVehicle] = (),
+        self, names: Iterable[str], earlier: Sequence[PlannedVehicle] = (), later: Sequence[PlannedVehicle] = ()
     ) -> list[str]:
         """The vehicles without which no two bodies overlap: of each such pair the one that entered later.
 
-        With one that is to enter, while the others are at ``places``: its name, where it would overlap. Those that are
-        planned to be there ``earlier`` stay. SUMO's vehicles have the width of their lane: side by side, while one
-        changes lanes, they may overlap. The way on which a vehicle comes to a stand with full braking belongs to its
-        body: nobody could stop before the other.
+        The names are of vehicles in SUMO; those that are planned to enter count as ``earlier``, which stay, or as
+        ``later`` ones. SUMO's vehicles have the width of their lane: side by side, while one changes lanes, they may
+        overlap. The way on which a vehicle comes to a stand with full braking belongs to its body: nobody could stop
+        before the other.
         """
-        names = [*self.vehicles]
-        if entering is not None:
-            x, y = self._point_of(entering.spot)
-            names = [name for name in places if max(abs(places[name][0] - x), abs(places[name][1] - y)) <= _APART_M]
         names = [name for name in names if libsumo.vehicle.getLaneID(name)]  # not those that wait to enter
-        last = () if entering is None else (entering,)
-        bodies = [*earlier, *(self.vehicles[name] for name in names), *last]
+        bodies = [*earlier, *(self.vehicles[name] for name in names), *later]
         if not bodies:
             return []
-        known = {body.name: (*self._at_entry(body), body.spot.speed_mps) for body in (*earlier, *last)}
-        known |= {name: (*self._pose_of(name), libsumo.vehicle.getSpeed(name)) for name in names}
+        poses = {body.name: (*self._at_entry(body), body.spot.speed_mps) for body in (*earlier, *later)}
+        poses |= {name: (*self._pose_of(name), libsumo.vehicle.getSpeed(name)) for name in names}
         length_m, width_m = np.array([(body.length_m, body.width_m) for body in bodies]).T
-        x_m, y_m, yaw_rad, speed_mps = np.array([known[body.name] for body in bodies]).T
+        x_m, y_m, yaw_rad, speed_mps = np.array([poses[body.name] for body in bodies]).T
         stop_m = np.array([speed**2 for speed in speed_mps.tolist()]) / (2.0 * _FULL_BRAKE_MPS2)
         x_m, y_m = x_m + 0.5 * stop_m * np.cos(yaw_rad), y_m + 0.5 * stop_m * np.sin(yaw_rad)
-        _, later, _ = overlapping_pairs(x_m, y_m, yaw_rad, length_m + stop_m, width_m)
-        found = [bodies[row].name for row in dict.fromkeys(later.tolist()) if row >= len(earlier)]
-        return found if entering is None else [name for name in found if name == entering.name]
+        _, leaving, _ = overlapping_pairs(x_m, y_m, yaw_rad, length_m + stop_m, width_m)
+        return [bodies[row].name for row in dict.fromkeys(leaving.tolist()) if row >= len(earlier)]
 
     def _pose_of(self, name: str) -> tuple[float, float, float]:
         """Centre and yaw of a vehicle that is in SUMO, in the ``map`` frame."""

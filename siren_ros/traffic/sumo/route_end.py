@@ -28,12 +28,12 @@ class RouteEnds:
     def apply(self, present: Collection[str]) -> None:
         """Before SUMO's next step; ``present`` are the vehicles in SUMO."""
         for name in [name for name in self._driving if name in present]:
-            lane_id, (*before, last) = libsumo.vehicle.getLaneID(name), self._driving[name]
-            if libsumo.vehicle.getRouteIndex(name) < len(before):
+            route = self._driving[name]
+            if libsumo.vehicle.getRouteIndex(name) < len(route) - 1:
                 continue
-            end_m = libsumo.lane.getLength(lane_id) - _END_M
+            end_m = libsumo.lane.getLength(libsumo.vehicle.getLaneID(name)) - _END_M
             speed_mps = libsumo.vehicle.getSpeed(name)
             left_m = end_m - libsumo.vehicle.getLanePosition(name)
             if left_m < braking_distance_m(speed_mps * speed_mps, _BRAKE_MPS2) + _EARLIER_M:
-                libsumo.vehicle.setStop(name, last, end_m, int(lane_id.rpartition("_")[2]), _FOR_GOOD_S)
+                libsumo.vehicle.setStop(name, route[-1], end_m, libsumo.vehicle.getLaneIndex(name), _FOR_GOOD_S)
                 del self._driving[name]

@@ -154,15 +154,16 @@ def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_be
     plan: Any = SimpleNamespace(reserve=(), riders=())
     population = SumoPopulation(network, plan, TrafficConfig())
     population.vehicles = {name: standing(name) for name in fronts}
-    assert population._overlapping() == ["b"]
+    assert population._overlapping(population.vehicles) == ["b"]
     for speed_mps, leaves in ((12.0, []), (14.0, ["f"])):
         speeds["c"] = speed_mps
-        assert population._overlapping() == ["b", *leaves]
+        assert population._overlapping(population.vehicles) == ["b", *leaves]
         del population.vehicles["f"]
-        assert population._overlapping(earlier=(standing("f", 49.5),)) == (["c", "b"] if leaves else ["b"])
+        found = population._overlapping(population.vehicles, earlier=(standing("f", 49.5),))
+        assert found == (["c", "b"] if leaves else ["b"])
         population.vehicles["f"] = standing("f")
     population.vehicles = {name: standing(name) for name in "de"}
-    assert population._overlapping() == []
+    assert population._overlapping(population.vehicles) == []
 
 
 @pytest.mark.parametrize(
@@ -186,7 +187,8 @@ def test_no_rider_enters_where_one_of_two_could_not_stop(
     population = SumoPopulation(network, plan, TrafficConfig())
     population.vehicles = {"car": standing("car")}
     rider: Any = SimpleNamespace(name="rider", length_m=2.0, width_m=0.8, spot=Spot(0, 45.0, speed_mps))
-    assert population._overlapping(rider, population._places()) == (["rider"] if refused else [])
+    near = population._near(rider, population._places())
+    assert population._overlapping(near, later=(rider,)) == (["rider"] if refused else [])
 
 
 @pytest.mark.parametrize(("template", "seed"), [("S2", 3), ("S3", 0)])

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
 from repository import REPOSITORY
 
 LIBRARY = REPOSITORY / "siren_ros"
@@ -142,3 +143,39 @@ def test_what_the_plan_points_to_is_there() -> None:
     rows = re.findall(r"^\|(.+?)\|`([^`]+)` `([^`]+)`\|$", table, re.MULTILINE)
     assert len(rows) == table.count("\n|") - 2 > 20
     assert [row for row in rows if not is_defined(row[1], row[2])] == []
+
+
+def ways_out_of_the_repository(tree: ast.Module) -> Iterator[ast.expr]:
+    """Where a source builds a path to the shared folder, or to anything else beside the repository."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Attribute(value=ast.Name(id="REPOSITORY"), attr="parent" | "parents") | ast.Name(id="_SHARED"):
+                yield node
+            case ast.Constant(value=str(text)) if "shared" in text.split("/") and not re.search(r"\s", text):
+                yield node
+
+
+def test_no_test_looks_for_the_shared_folder_by_itself() -> None:
+    """``shared_file`` finds its files and skips a test where they are absent: a clone with nothing beside it passes."""
+    offenders = [
+        f"{path.relative_to(REPOSITORY)}:{node.lineno}"
+        for path in sorted((REPOSITORY / "test").rglob("*.py"))
+        if path.name not in {"repository.py", Path(__file__).name}
+        for node in ways_out_of_the_repository(ast.parse(path.read_text(encoding="utf-8")))
+    ]
+    assert offenders == []
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ('path = REPOSITORY.parent / "other"', 1),
+        ('path = folder / "shared" / "maps"', 1),
+        ('path = "../shared/maps/Town07.xodr"', 1),
+        ("from repository import _SHARED\npath = _SHARED", 1),
+        ('path = shared_file("maps", "Town07.xodr")', 0),
+        ('path = tmp_path / "shared.json"', 0),
+    ],
+)
+def test_such_a_path_is_seen(source: str, found: int) -> None:
+    assert len(list(ways_out_of_the_repository(ast.parse(source)))) == found

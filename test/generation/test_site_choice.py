@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from repository import SHARED
+from repository import shared_file
 
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import InputError, MapError
@@ -235,7 +235,7 @@ def test_a_template_happens_on_its_own_map_unless_another_one_is_named() -> None
 
 
 def test_no_road_crosses_a_good_motorway_on_a_bridge() -> None:
-    carla = parse_road_network(compile_map(SHARED / "maps" / "Town04.xodr").read_bytes())
+    carla = parse_road_network(compile_map(shared_file("maps", "Town04.xodr")).read_bytes())
     lacking = {site.name: texts for site, texts in shortcomings(carla, load_template("S8")).items()}
     assert {name for name, texts in lacking.items() if texts} == {"46..41"}
     assert "bridge" in lacking["46..41"][0]

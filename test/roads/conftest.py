@@ -1,10 +1,8 @@
 import pytest
-from repository import SHARED
+from repository import shared_file
 
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
-
-TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"
 
 
 @pytest.fixture(scope="session")
@@ -20,6 +18,4 @@ def town(cache):
 
 @pytest.fixture(scope="session")
 def town10(cache):
-    if not TOWN10.exists():
-        pytest.skip(f"the OpenDRIVE map {TOWN10.name} is not beside this checkout")
-    return parse_road_network(compile_map(TOWN10, cache).read_bytes())
+    return parse_road_network(compile_map(shared_file("maps", "Town10HD_Opt.xodr"), cache).read_bytes())

@@ -1,13 +1,11 @@
 import re
 
 import pytest
-from repository import SHARED
+from repository import shared_file
 
 from siren_ros.numerics.units import mps_from_kmh
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS
 from siren_ros.traffic.config import TrafficConfig
-
-PAPER = SHARED / "paper" / "siren.tex"
 
 
 def test_control_constants_are_the_papers():
@@ -32,9 +30,8 @@ def test_sumo_is_run_with_the_papers_numbers():
     assert TrafficConfig().leader_range_m == PAPER_CONSTANTS.leader_query_m
 
 
-@pytest.mark.skipif(not PAPER.is_file(), reason="the paper's source is not at hand")
 def test_tables_in_the_papers_source_agree():
-    text = PAPER.read_text(encoding="utf-8")
+    text = shared_file("paper", "siren.tex").read_text(encoding="utf-8")
 
     def cell(label):
         row = next(line for line in re.split(r"\\\\", text) if re.search(label, line) and line.count("&") == 2)

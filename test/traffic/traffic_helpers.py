@@ -7,8 +7,7 @@ from typing import Any
 
 import libsumo
 import numpy as np
-import pytest
-from repository import SHARED
+from repository import shared_file
 
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
 from siren_ros.roads.net_parser import parse_road_network
@@ -22,8 +21,6 @@ from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.plan import TrafficPlan, load_drivers
 from siren_ros.traffic.sumo.readings import SUBSCRIBED, SumoColumns
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates
-
-TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"
 
 DIMENSIONS: Mapping[ActorClass, tuple[float, float, float]] = dict.fromkeys(ActorClass, (4.6, 1.8, 1.5)) | {
     ActorClass.BUS: (12.0, 2.55, 3.1),
@@ -42,10 +39,7 @@ MAPS = ("town", "Town10HD_Opt")
 
 def named_map(name: str) -> tuple[CompiledMap, RoadNetwork]:
     """The own town, or one of CARLA's maps where it is there."""
-    source = None if name == "town" else SHARED / "maps" / f"{name}.xodr"
-    if source is not None and not source.is_file():
-        pytest.skip("shared/maps is not there")
-    return load_map(source)
+    return load_map(None if name == "town" else shared_file("maps", f"{name}.xodr"))
 
 
 def plan_of(name: str, network: RoadNetwork, seed: int = 0) -> tuple[TrafficPlan, Template, Site]:

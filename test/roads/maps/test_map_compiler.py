@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
-from roads.conftest import TOWN10
+from repository import shared_file
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.roads.maps import map_compiler
@@ -97,7 +97,7 @@ def test_opendrive_signs_and_signals_control_junctions(town10):
 
 
 def test_opendrive_signals_give_green_to_one_approach_at_a_time(town10, cache):
-    net = fromstring(compile_map(TOWN10, cache).read_bytes())
+    net = fromstring(compile_map(shared_file("maps", "Town10HD_Opt.xodr"), cache).read_bytes())
     for program in net.iterfind("tlLogic"):
         links = [link for link in town10.connections if link.signal_id == program.get("id")]
         links = [link for link in links if town10.lanes[link.from_lane].kind is LaneKind.DRIVING]

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
-from repository import REPOSITORY
+from repository import shared_file
 
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.maps.mirrored_opendrive import mirrored_opendrive
 from siren_ros.roads.mirror_image import right_hand_image
 from siren_ros.roads.net_parser import parse_road_network
-
-TOWN07 = REPOSITORY.parent / "shared" / "maps" / "Town07.xodr"
 
 
 def lane(number, kind="driving"):
@@ -42,11 +40,9 @@ def network_of(folder, xodr):
     return parse_road_network(compile_map(file, folder / "cache").read_bytes())
 
 
-@pytest.mark.parametrize("source", [None, TOWN07], ids=["made", "Town07"])
-def test_its_network_is_the_mirror_image(source, tmp_path):
-    if source is not None and not source.is_file():
-        pytest.skip("the maps are not beside this checkout")
-    drive = DRIVE.encode() if source is None else source.read_bytes()
+@pytest.mark.parametrize("name", [None, "Town07.xodr"], ids=["made", "Town07"])
+def test_its_network_is_the_mirror_image(name, tmp_path):
+    drive = shared_file("maps", name).read_bytes() if name else DRIVE.encode()
     right, left = network_of(tmp_path, drive), network_of(tmp_path, mirrored_opendrive(drive))
     assert (left.left_hand, right.left_hand) == (True, False)
     image = right_hand_image(left)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 from defusedxml.ElementTree import fromstring
-from repository import SHARED
+from repository import shared_file
 
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.maps.map_source import MapSource, SourceKind
@@ -105,7 +105,7 @@ def test_a_net_with_corners_keeps_them_and_loses_the_outlines_of_crossings(tmp_p
 
 
 def test_carlas_crosswalks_are_the_crossings(tmp_path):
-    path = SHARED / "maps" / "Town10HD_Opt.xodr"
+    path = shared_file("maps", "Town10HD_Opt.xodr")
     plain, peopled = (kinds(path, tmp_path, for_people=asked) for asked in (False, True))
     assert LaneKind.CROSSING not in plain
     assert peopled.pop(LaneKind.CROSSING) == Path(path).read_text(encoding="utf-8").count('type="crosswalk"') == 16
@@ -114,7 +114,7 @@ def test_carlas_crosswalks_are_the_crossings(tmp_path):
 
 def test_crossings_are_as_wide_as_their_lanes(tmp_path):
     network = parse_road_network(
-        compile_map(SHARED / "maps" / "Town10HD_Opt.xodr", tmp_path, for_people=True).read_bytes()
+        compile_map(shared_file("maps", "Town10HD_Opt.xodr"), tmp_path, for_people=True).read_bytes()
     )
     lengths_m = [lane.length_m for lane in network.lanes if lane.kind is LaneKind.CROSSING]
     areas_m2 = [shapely.Polygon(outline).area for outline in network.crossings]
@@ -123,7 +123,7 @@ def test_crossings_are_as_wide_as_their_lanes(tmp_path):
 
 def test_sidewalks_do_not_go_back(tmp_path):
     """netconvert's sidewalk of a bend of the paper's map does, by 5 cm."""
-    source = SHARED / "maps" / "Town10HD_Opt.xodr"
+    source = shared_file("maps", "Town10HD_Opt.xodr")
     network = parse_road_network(compile_map(source, tmp_path, for_people=True).read_bytes())
     for lane in network.lanes:
         if lane.kind is LaneKind.SIDEWALK:

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from repository import SHARED
+from repository import shared_file
 from shapely.geometry import LineString, Point, Polygon
 from solids import areas, gap_m2, volume
 
@@ -26,7 +26,6 @@ from siren_ros.sensors.scene.static_scene import (
 )
 from siren_ros.sensors.scene.surfaces import SceneConfig
 
-TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"
 GROUND = [
     Material.GROUND, Material.GRASS, Material.ASPHALT, Material.SHOULDER_ASPHALT, Material.MARKING_WHITE,
     Material.MARKING_YELLOW, Material.KERB, Material.SIDEWALK, Material.MEDIAN,
@@ -140,10 +139,9 @@ def test_a_map_without_sidewalks_gets_a_verge(network):
     assert (np.abs(corners[:, :, 2]).max(axis=1) < 1e-6).sum() > 50
 
 
-@pytest.mark.parametrize("source", [None, TOWN10], ids=["town", "Town10"])
-def test_whole_maps(source, tmp_path):
-    if source is not None and not source.is_file():
-        pytest.skip("the paper's map is not beside this checkout")
+@pytest.mark.parametrize("name", [None, "Town10HD_Opt.xodr"], ids=["town", "Town10"])
+def test_whole_maps(name, tmp_path):
+    source = name and shared_file("maps", name)
     network = parse_road_network(compile_map(source, tmp_path).read_bytes())
     check(static_scene(network, seed=0), network)
 

@@ -7,7 +7,8 @@ import libsumo
 import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
-from traffic_helpers import MAPS, TOWN10, load_map, named_map, plan_of, plan_s2, responding
+from repository import shared_file
+from traffic_helpers import MAPS, load_map, named_map, plan_of, plan_s2, responding
 
 from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.episode_setup import set_up_episode
@@ -109,9 +110,6 @@ def test_riders_are_kept_in_the_network_beside_the_other_civilians(cyclists: int
     assert abs(riding[None] - counts[""][None]) <= 1
 
 
-TOWN04 = TOWN10.with_name("Town04.xodr")
-
-
 @pytest.mark.parametrize("name", MAPS)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_nobody_overlaps_when_the_episode_begins(name: str, seed: int) -> None:
@@ -194,9 +192,8 @@ def test_no_rider_enters_where_one_of_two_could_not_stop(
 @pytest.mark.parametrize(("template", "seed"), [("S2", 3), ("S3", 0)])
 def test_nobody_touches_after_the_warm_up_on_a_crowded_map(template: str, seed: int) -> None:
     """On Town04 the drivers of these seeds change lanes side by side when the episode begins."""
-    if not TOWN04.is_file():
-        pytest.skip("shared/maps is not there")
-    setup = set_up_episode(EpisodeRequest(template=template, seed=seed, map=str(TOWN04)))
+    town04 = shared_file("maps", "Town04.xodr")
+    setup = set_up_episode(EpisodeRequest(template=template, seed=seed, map=str(town04)))
     (step,) = closed_loop(setup, 1)
     size = {actor.actor_id: (actor.length_m, actor.width_m) for actor in step.traffic.spawned}
     lengths, widths = np.array([size[int(actor_id)] for actor_id in step.states.actor_id]).T

@@ -4,21 +4,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
-from repository import REPOSITORY
+from repository import shared_file
 
-CHECKPOINTS = REPOSITORY.parent / "shared" / "checkpoints"
 WEIGHTS = {"csp": "csp_ngsim.pt", "stdan": "stdan_ngsim_epoch9.pt", "bat": "bat_ngsim_epoch8.pt"}
 
 
 def weights(model: str) -> Path:
     """The file of a model's published weights."""
-    return _there(CHECKPOINTS / WEIGHTS[model])
+    return shared_file("checkpoints", WEIGHTS[model])
 
 
 def golden(model: str) -> dict[str, np.ndarray[Any, Any]]:
     """Inputs, and what the authors' code answers to them."""
-    with np.load(_there(CHECKPOINTS / f"{model}_golden.npz")) as content:
+    with np.load(shared_file("checkpoints", f"{model}_golden.npz")) as content:
         return dict(content)
 
 
@@ -27,9 +25,3 @@ def golden_cells(known: dict[str, np.ndarray[Any, Any]]) -> tuple[np.ndarray[Any
     taken = known["mask"][..., 0].reshape(len(known["mask"]), -1)
     sample, cell = np.nonzero(taken)
     return sample, cell
-
-
-def _there(path: Path) -> Path:
-    if not path.is_file():
-        pytest.skip(f"the published weights are not on this machine ({path.name})")
-    return path

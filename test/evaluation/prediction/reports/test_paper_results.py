@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_scores import episode_scores, model_scores
-from repository import SHARED
+from repository import shared_file
 
 from siren_ros.evaluation.prediction.reports.paper_results import (
     PAPER,
@@ -32,7 +32,9 @@ def test_the_maps_are_named_with_their_episodes(maps, text) -> None:
     assert maps_next_to_the_papers([replace(episode, map_name=name) for name in maps]) == text
 
 
-PAPER_SOURCE = SHARED / "paper" / "siren.tex"
+@pytest.fixture(scope="module")
+def paper_source() -> str:
+    return shared_file("paper", "siren.tex").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("key", PAPER, ids="-".join)
@@ -56,13 +58,11 @@ def test_all_nine_rows_have_all_metrics() -> None:
     assert PAPER["csp", "min_ade_6_m"] == PAPER["csp", "ade_m"], "one hypothesis"
 
 
-@pytest.mark.skipif(not PAPER_SOURCE.is_file(), reason="the paper's source is not here")
 @pytest.mark.parametrize("model", PAPER_NAMES)
-def test_the_values_are_the_papers(model) -> None:
+def test_the_values_are_the_papers(model, paper_source) -> None:
     name = re.escape(PAPER_NAMES[model])
-    source = PAPER_SOURCE.read_text(encoding="utf-8")
     rows = re.findall(
-        rf"^{name}(?:\$\^.*?\$)?\s*((?:&[^&\\]*(?:\\textbf{{[^}}]*}}[^&\\]*)?)+)\\\\", source, re.MULTILINE
+        rf"^{name}(?:\$\^.*?\$)?\s*((?:&[^&\\]*(?:\\textbf{{[^}}]*}}[^&\\]*)?)+)\\\\", paper_source, re.MULTILINE
     )
     values = [[re.sub(r"\\textbf{(.*?)}", r"\1", cell).strip() for cell in row.split("&")[1:]] for row in rows]
     numbers = [row for row in values if len(row) == 8 and re.fullmatch(r"[\d./]+", row[0])]
@@ -76,12 +76,10 @@ def test_the_values_are_the_papers(model) -> None:
         assert [*row.by_template.values(), row.mean] == printed
 
 
-@pytest.mark.skipif(not PAPER_SOURCE.is_file(), reason="the paper's source is not here")
-def test_the_map_is_the_papers() -> None:
-    assert rf"\texttt{{{PAPER_MAP}}}".replace("_", r"\_") in PAPER_SOURCE.read_text(encoding="utf-8")
+def test_the_map_is_the_papers(paper_source) -> None:
+    assert rf"\texttt{{{PAPER_MAP}}}".replace("_", r"\_") in paper_source
 
 
-@pytest.mark.skipif(not PAPER_SOURCE.is_file(), reason="the paper's source is not here")
-def test_the_samples_are_the_papers() -> None:
+def test_the_samples_are_the_papers(paper_source) -> None:
     printed = "/".join(f"{count:,}".replace(",", "{,}") for count in PAPER_SAMPLES.values())
-    assert f"({printed} for S1--S7)" in PAPER_SOURCE.read_text(encoding="utf-8")
+    assert f"({printed} for S1--S7)" in paper_source

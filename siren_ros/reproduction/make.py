@@ -41,6 +41,8 @@ class Step:
         what = shown_minutes(self.part.minutes) if self.due else "unchanged"
         if self.missing:
             what = f"skipped, as {', '.join(self.missing)} is not there"
+            if any(file in self.part.files for file in self.missing):
+                what += "; CONTRIBUTING.md says where it comes from"
         return f"{self.part.name:16} {self.part.about}: {what}"
 
 

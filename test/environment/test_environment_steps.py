@@ -305,3 +305,8 @@ def test_this_environment_has_no_common_words_in_its_bin() -> None:
         pytest.skip("pip has not installed siren_ros here")
     assert binaries.isdisjoint(NODES)
     assert {f"siren-{name.replace('_', '-')}" for name in NODES} <= binaries
+
+
+def test_only_its_owner_may_write_the_lock_of_the_environment() -> None:
+    lock = Path(sys.prefix) / ".lock"
+    assert not lock.exists() or not lock.stat().st_mode & 0o022

@@ -139,7 +139,7 @@ def test_parts_without_their_files_are_skipped_with_the_reason(work: Reproductio
     failed, said = make(work, parts(part("a", files=("../maps/x.xodr",)), part("b", "a")))
     assert failed == []
     assert runs(work) == []
-    assert said[0].endswith("skipped, as ../maps/x.xodr is not there")
+    assert said[0].endswith("skipped, as ../maps/x.xodr is not there; CONTRIBUTING.md says where it comes from")
     assert said[1].endswith("skipped, as a is not there")
 
 

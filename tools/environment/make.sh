@@ -47,6 +47,7 @@ make_all() {
     build_messages || status=$?
     wait "$packages" || status=$?
     wait "$browser" || status=$?
+    chmod -f go-w "$venv/.lock" || true # uv lets everybody write it
     if ((status)); then exit "$status"; fi
     install_runnables
 }

@@ -76,6 +76,8 @@ forget_half_installed() {
     done
 }
 
+UV=uv==0.13.9 # one version, as of the packages that it installs
+
 # Installs the versions of the lock. uv does it in a fraction of pip's time. It does not see the packages of a sourced ROS's system, so
 # pip serves there, and where uv cannot be had.
 install() { # ARGUMENT...
@@ -105,9 +107,9 @@ install_ros() {
             install "$(sed -n 's/^\(setuptools[^ ]*\).*/\1/p' "$here/ros_wheels.txt")"
         return
     fi
-    if [[ ! -x $venv/bin/uv ]]; then
+    if [[ $("$venv/bin/uv" --version 2>/dev/null) != "uv ${UV#uv==}"@( *|) ]]; then
         run_step "uv, which installs the packages" "$state/uv.log" \
-            "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off 'uv>=0.5' ||
+            "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off "$UV" ||
             say "  without uv, pip installs them"
     fi
     ros_key=$(hash_of tools/environment/ros_wheels.txt tools/environment/lock.txt tools/environment/mend_cmake_exports.py)

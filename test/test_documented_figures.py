@@ -2,29 +2,21 @@
 
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final
 
 import pytest
 from repository import REPOSITORY
 
-from docsite.code_tables import TABLES, with_rows
+from docsite.code_tables import TABLES
+from docsite.documents import documents_of, figure_of, figures_by_hand, sources_in
 from siren_ros.judging.verify import verify_episode
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.reproduction.documents import filled, marks_in, unmarked_figures, write_blocks
 from siren_ros.reproduction.parts import read_parts
 from siren_ros.reproduction.results import PartResult, read_results
 from siren_ros.ros.node_configs import CosimConfig
 from siren_ros.ros.parameters import defaults_of
 
-README: Final = REPOSITORY / "README.md"
-RECORDING: Final = REPOSITORY / "docs" / "recording.md"
-EPISODE: Final = REPOSITORY / "docs" / "episode.md"
-
-
-RESULTS: Final = REPOSITORY / "docs" / "results.json"
-DOCUMENTS: Final = sorted([*REPOSITORY.glob("*.md"), *(REPOSITORY / "docs").rglob("*.md")])
-README_RESULTS: Final = REPOSITORY / "tools" / "docsite" / "readme_results.md"
+DOCUMENTS: Final = documents_of(REPOSITORY)
 CONSTANTS: Final = {
     "docs/datasets.md": {"1.25"},
     "docs/detection.md": {"0.11"},
@@ -40,43 +32,18 @@ CONSTANTS: Final = {
 
 @pytest.fixture(scope="module")
 def results() -> dict[str, PartResult]:
-    return read_results(RESULTS)
+    return read_results(REPOSITORY / "docs" / "results.json")
 
 
-def shown_figures(results: dict[str, PartResult]) -> dict[str, str]:
-    """The figures as the documents show them, with a mark of each."""
-    texts = [with_rows(path.read_text(encoding="utf-8")) for path in (*DOCUMENTS, README_RESULTS)]
-    marks = [
-        f"{{{{{part}.{name}{f':{form}' if form else ''}}}}}" for text in texts for part, name, form in marks_in(text)
-    ]
-    return {filled(mark, results, "mark"): mark for mark in marks}
-
-
-@pytest.mark.parametrize("path", [*DOCUMENTS, README_RESULTS], ids=lambda path: path.name)
-def test_each_mark_names_a_figure_of_the_results(path: Path, results: dict[str, PartResult]) -> None:
-    assert "{{" not in filled(with_rows(path.read_text(encoding="utf-8")), results, path.name)
-
-
-def test_the_results_of_the_readme_are_those_of_the_file(results: dict[str, PartResult], tmp_path: Path) -> None:
-    copy = tmp_path / "README.md"
-    copy.write_text(README.read_text(encoding="utf-8"), encoding="utf-8")
-    source = tmp_path / README_RESULTS.relative_to(REPOSITORY)
-    source.parent.mkdir(parents=True)
-    source.write_text(README_RESULTS.read_text(encoding="utf-8"), encoding="utf-8")
-    assert not write_blocks(copy, results), "siren reproduce writes README.md"
-
-
-def test_documents_hold_no_measured_figure_as_text(results: dict[str, PartResult]) -> None:
-    shown = shown_figures(results)
-    assert len(shown) > 100
+def test_documents_hold_no_measured_figure_without_its_source(results: dict[str, PartResult]) -> None:
+    texts = {path: path.read_text(encoding="utf-8") for path in DOCUMENTS}
+    sources = {figure_of(results, "", source): source for text in texts.values() for source in sources_in(text)}
+    assert len(sources) > 100
     by_hand = []
-    for path in DOCUMENTS:
-        text = re.sub(
-            r"<!-- results: .*?<!-- end of results -->", "", path.read_text(encoding="utf-8"), flags=re.DOTALL
-        )
+    for path, text in texts.items():
         name = path.relative_to(REPOSITORY).as_posix()
-        measured = {figure: mark for figure, mark in shown.items() if figure not in CONSTANTS.get(name, ())}
-        by_hand += [f"{name}:{line}" for line in unmarked_figures(text, measured)]
+        measured = {figure: source for figure, source in sources.items() if figure not in CONSTANTS.get(name, ())}
+        by_hand += [f"{name}: {figure}" for figure in figures_by_hand(text, measured)]
     assert not by_hand
 
 
@@ -92,8 +59,7 @@ def test_every_part_of_the_results_is_a_part_of_the_reproduction(results: dict[s
 
 
 def parameters_of_cosim() -> dict[str, str]:
-    """The default that the page of the episode shows for each parameter, where its table of ``cosim`` is filled in."""
-    assert "<!-- table of cosim -->" in EPISODE.read_text(encoding="utf-8")
+    """The default that the page of the episode shows for each parameter in its table of ``cosim``."""
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in TABLES["cosim"]().splitlines()[2:]]
     return {name.strip("`"): default.strip("`") for name, default, meaning in cells if meaning}
 
@@ -109,6 +75,5 @@ def test_the_page_of_the_episode_has_the_defaults_of_cosim() -> None:
 
 
 def test_the_page_of_the_recording_has_every_check_of_verify(record_of: Callable[..., EpisodeRecord]) -> None:
-    assert "<!-- table of checks -->" in RECORDING.read_text(encoding="utf-8")
     documented = re.findall(r"^\| `(\w+)` \| \w", TABLES["checks"](), re.MULTILINE)
     assert documented == [part.name for part in verify_episode(record_of()).checks]

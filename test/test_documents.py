@@ -1,4 +1,4 @@
-"""The documents: words that anybody understands, and names of files, modules, tests and pages that exist."""
+"""The documents: words that anybody understands, names of what exists, figures and tables that are up to date."""
 
 import ast
 import re
@@ -10,7 +10,11 @@ import pytest
 import yaml
 from repository import REPOSITORY
 
-DOCUMENTS: Final = sorted([*REPOSITORY.glob("*.md"), *(REPOSITORY / "docs").rglob("*.md")])
+from docsite.code_tables import TABLES
+from docsite.documents import documents_of, rewrite
+from siren_ros.reproduction.results import read_results
+
+DOCUMENTS: Final = documents_of(REPOSITORY)
 PRIVATE_WORDS: Final = re.compile(r"\b(spells?|foot|rooms?|crew|seats?(?!/)|besides?|carried)\b", re.IGNORECASE)
 """Words that mean something else to the reader than they once meant here."""
 SOURCE_FOLDERS: Final = ("siren_ros", "nodes", "test", "params", "docs", "tools", "msg_defs", "examples", "launch")
@@ -55,6 +59,14 @@ def test_files_that_documents_name_exist(path: Path) -> None:
 def test_pages_and_pictures_that_documents_link_to_exist(path: Path) -> None:
     links = re.findall(r"\]\(([^)#]+)[^)]*\)", path.read_text(encoding="utf-8"))
     assert not [link for link in links if "://" not in link and not (path.parent / link).is_file()]
+
+
+@parametrized
+def test_figures_and_tables_of_documents_are_up_to_date(path: Path, tmp_path: Path) -> None:
+    copy = tmp_path / path.name
+    copy.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    changed = rewrite(copy, tmp_path, read_results(REPOSITORY / "docs" / "results.json"), TABLES)
+    assert not changed, f"./env python tools/write_documents.py writes {path.relative_to(REPOSITORY)}"
 
 
 class _Navigation(yaml.SafeLoader):

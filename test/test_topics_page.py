@@ -7,18 +7,17 @@ import pytest
 from rclpy.qos import DurabilityPolicy
 from repository import REPOSITORY
 
-from docsite.code_tables import with_tables
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
 from siren_ros.ros.transport.endpoints import REPORT_DEPTH, STREAM_DEPTH, qos_of
 from siren_ros.sensor_messages.sensor_topics import SENSOR_MESSAGES, camera_topics
 from siren_ros.sensors.suite import load_suite
 
-PAGE = with_tables((REPOSITORY / "docs" / "topics.md").read_text(encoding="utf-8"))
+PAGE = (REPOSITORY / "docs" / "topics.md").read_text(encoding="utf-8")
 ROWS = {
     cells[0].strip("`"): cells[1:]
     for line in PAGE.splitlines()
-    if line.startswith("| `/") and len(cells := [cell.strip() for cell in line.strip("|").split("|")]) == 6
+    if line.startswith("|`/") and len(cells := [cell.strip() for cell in line.strip("|").split("|")]) == 6
 }
 TABLE = {
     topic.name.replace("{sensor}", "SENSOR"): topic

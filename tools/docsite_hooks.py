@@ -14,17 +14,11 @@ from mkdocs.structure.pages import Page
 
 from docsite.api_pages import api_navigation, api_pages
 from docsite.built_pages import faults_of_site
-from docsite.code_tables import with_rows, with_tables
 from docsite.command_page import command_page
 from docsite.links import ROOT_PAGES, for_the_site
 from docsite.message_page import message_page
-from docsite.template_tables import template_table
-from siren_ros.errors import InputError
-from siren_ros.reproduction.documents import filled
-from siren_ros.reproduction.results import read_results
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-_TEMPLATE_MARK = re.compile(r"<!-- parameters of (\w+) -->")
 _FILM = re.compile(r"^\[Film\]\((\S+\.mp4)\)", re.MULTILINE)
 _LONG_PATH = re.compile(r"(?<=<code>)(?:\w+/){3,}[\w.]+(?=</code>)")
 _VIDEO = r'<video src="\1" controls muted loop playsinline width="800"></video>\n\nFilm'
@@ -52,18 +46,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
-    """Turns links between documents into links between pages; fills in measured figures, tables and films."""
+    """Turns links between documents into links between pages, and shows films."""
     path = page.file.src_uri
     document = next((root for root, made in ROOT_PAGES.items() if made == path), f"docs/{path}")
-    with_templates = _TEMPLATE_MARK.sub(
-        lambda mark: template_table(REPOSITORY / "params" / "templates" / f"{mark[1]}.yaml"), markdown
-    )
-    try:
-        with_figures = filled(with_rows(with_templates), read_results(REPOSITORY / "docs" / "results.json"), document)
-    except InputError as error:
-        raise PluginError(str(error)) from error
-    with_films = _FILM.sub(_VIDEO, with_tables(with_figures))
-    return for_the_site(with_films, PurePosixPath(document))
+    return for_the_site(_FILM.sub(_VIDEO, markdown), PurePosixPath(document))
 
 
 def on_page_content(html: str, **_: Any) -> str:

@@ -1,27 +1,28 @@
 """``siren reproduce``: makes every measured figure, table, picture and film of the documents."""
 
 import argparse
+import subprocess
+import sys
 from pathlib import Path
 from typing import Final
 
 from siren_ros.cli.options import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.params.resources import params_dir
-from siren_ros.reproduction.documents import write_blocks
 from siren_ros.reproduction.make import Reproduction
 from siren_ros.reproduction.parts import read_parts
-from siren_ros.reproduction.results import read_results
 
 _RESULTS: Final = Path("docs", "results.json")
+_WRITE_DOCUMENTS: Final = Path("tools", "write_documents.py")
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
         "Makes every measured figure, table, picture and film of the documents, part by part, and writes "
-        "docs/results.json. It says first how long each part takes. It makes a part again only if its commands, its "
-        "code or a part that it needs has changed. The same command continues an interrupted run. It needs a checkout "
-        "of the repository."
+        "docs/results.json and the documents. It says first how long each part takes. It makes a part again only if "
+        "its commands, its code or a part that it needs has changed. The same command continues an interrupted run. It "
+        "needs a checkout of the repository."
     )
     verb.add_argument("--only", nargs="+", default=(), metavar="PART", help="only these parts and those that they need")
     verb.add_argument("--list", action="store_true", help="only list what would be made")
@@ -44,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(*steps, sep="\n")
         return EXIT_OK
     failed = work.make(steps, lambda line: print(line, flush=True))
-    write_blocks(repository / "README.md", read_results(work.results))
     for line in failed:
         print(f"failed: {line}")
-    return EXIT_FAILED if failed else EXIT_OK
+    written = subprocess.run([sys.executable, str(repository / _WRITE_DOCUMENTS)], check=False)  # noqa: S603 - a file of the checkout
+    return EXIT_FAILED if failed or written.returncode else EXIT_OK

@@ -124,8 +124,8 @@ def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
     """Time for which an EMV stood or crept closely behind the driver, who was in its way.
 
     A driver at the edge of the road has done its part, also one in the leftmost of several lanes at most
-    ``left_line_m`` from its left line. One between others can do none: there has to be room on the right, or ahead for
-    the time to respond, since somebody who follows leaves room for a moment.
+    ``left_line_m`` from its left line. One between others can do none: there has to be space on the right, or ahead for
+    the time to respond, since somebody who follows leaves space for a moment.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
@@ -141,9 +141,9 @@ def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
 
 
 def right_edge(examinee: Examinee, numbers: Numbers) -> Finding:
-    """Greatest room that the driver leaves on its right for ``move_s`` while an EMV passes it.
+    """Greatest space that the driver leaves on its right for ``move_s`` while an EMV passes it.
 
-    The room ends at the edge of the road or at a vehicle in between. The time to respond does not count, nor time in
+    The space ends at the edge of the road or at a vehicle in between. The time to respond does not count, nor time in
     which the driver still goes there, or in which a queue hems it in.
     """
     beside = np.any([call.beside for call in examinee.calls], axis=0) if examinee.calls else np.zeros(0, np.bool_)
@@ -170,7 +170,7 @@ def _least_of_last(values: Floats, steps: int) -> Floats:
 
 
 def stands_until_passed(examinee: Examinee, numbers: Numbers) -> Finding:
-    """Greatest speed while an EMV is near behind the driver or beside it, after the time to respond and to stop.
+    """Greatest speed while an EMV is near behind the driver or next to it, after the time to respond and to stop.
 
     In a junction, and where it has just left one, a driver clears it first. One that moves to the right, or that
     others keep from the edge, drives on until it is there.
@@ -276,7 +276,7 @@ def braking(examinee: Examinee, numbers: Numbers) -> Finding:
 def time_to_collision(examinee: Examinee, _numbers: Numbers) -> Finding:
     """Least time to collision with anybody, within the horizon of 3 s.
 
-    A driver that drives answers for whoever is ahead of it; for others beside and behind it only while it moves to the
+    A driver that drives answers for whoever is ahead of it; for others next to and behind it only while it moves to the
     side.
     """
     pairs, contacts = examinee.conflict_series

@@ -4,7 +4,7 @@ import pytest
 from repository import REPOSITORY
 
 import siren_ros
-from docsite.code_tables import TABLES, node_table, with_rows, with_tables
+from docsite.code_tables import TABLES, node_table
 from docsite.topic_tables import texts_of
 from siren_ros.calibration.parameters import PARAMETERS
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
@@ -30,18 +30,6 @@ def test_the_table_of_yielding_has_every_metric_of_episodes_then_of_drivers() ->
 def test_a_node_that_does_not_exist_has_no_table() -> None:
     with pytest.raises(KeyError):
         node_table("no_such_node")
-
-
-def test_a_document_that_asks_for_a_table_that_does_not_exist_is_refused() -> None:
-    with pytest.raises(KeyError):
-        with_tables("<!-- table of nothing -->")
-
-
-def test_a_row_of_all_templates_becomes_a_row_of_each() -> None:
-    table = "|template|figure|\n|---|---|\n|S*|{{town.S*.holds}}|\n|all|{{town.all}}|\n"
-    shown = with_rows(table).splitlines()
-    assert shown[2:4] == ["|S1|{{town.S1.holds}}|", "|S2|{{town.S2.holds}}|"]
-    assert [shown[0], shown[-2], shown[-1]] == ["|template|figure|", "|S7|{{town.S7.holds}}|", "|all|{{town.all}}|"]
 
 
 def test_the_table_of_nodes_has_every_node_that_a_user_can_start() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import siren_ros
-from docsite.template_tables import entries
+from docsite.template_tables import entries, template_table
 from docsite.topic_tables import SECTIONS, texts_of, topic_table
 from siren_ros.calibration.parameters import PARAMETERS
 from siren_ros.datasets.formats import FORMATS
@@ -25,7 +25,7 @@ from siren_ros.judging.verify import CHECKS
 from siren_ros.learning.rewards import TERMS
 from siren_ros.learning.rollout import Seat
 from siren_ros.learning.task import Task
-from siren_ros.reproduction.parts import inputs_sha256, read_parts, shown_minutes
+from siren_ros.reproduction.parts import read_parts, shown_minutes
 from siren_ros.reproduction.results import PartResult, read_results
 from siren_ros.scenario import paper
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, TEMPLATES
@@ -35,6 +35,7 @@ from siren_ros.seat.features import EMV, NEIGHBOUR, NEIGHBOURS, OWN
 
 _PLAIN_TYPES: Final = re.compile(r" Allowed: (a string|a list of strings|true or false)\.$")
 _NODES_FILE: Final = Path(__file__).resolve().parents[2] / "params" / "nodes.yaml"
+_TEMPLATES: Final = _NODES_FILE.with_name("templates")
 
 
 def node_table(node: str) -> str:
@@ -196,14 +197,10 @@ def reproduction_table() -> str:
     parts = read_parts(repository / "params" / "reproduction.yaml", repository)
     results = _results()
     rows: list[str] = []
-    present: dict[str, str] = {}
     for part in parts.values():
-        needed = [present[need] for need in part.needs]
-        present[part.name] = "" if part.missing(repository) else inputs_sha256(part, repository, needed)
         result = results.get(part.name)
         card = result.machine if result is not None else {}
-        sha = result.inputs_sha256 if result is not None else ""
-        sha = "older code" if sha and present[part.name] not in {"", sha} else sha[:8]
+        sha = result.inputs_sha256[:8] if result is not None else ""
         load = f"{card['load']} on {card['cores']} cores" if "load" in card else ""
         rows.append(f"| `{part.name}` | {part.about} | {shown_minutes(part.minutes)} | {sha} | {load} |")
     total = shown_minutes(sum(part.minutes for part in parts.values()))
@@ -324,21 +321,6 @@ TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "predictors": predictors_table,
     "track_noise": partial(values_table, TrackNoise()),
     **{f"{section}_topics": partial(topic_table, section) for section in SECTIONS},
+    **{f"{file.stem}_parameters": partial(template_table, file) for file in sorted(_TEMPLATES.glob("*.yaml"))},
 }
-"""What stands for ``<!-- table of NAME -->`` in a document, by name."""
-_MARK: Final = re.compile(r"<!-- table of (\w+) -->")
-_ROW_OF_TEMPLATES: Final = re.compile(r"^\|S\*\|.*\n", re.MULTILINE)
-
-
-def with_tables(markdown: str) -> str:
-    """A document with its tables filled in.
-
-    Raises:
-        KeyError: It asks for a table that does not exist.
-    """
-    return _MARK.sub(lambda mark: TABLES[mark[1]](), markdown)
-
-
-def with_rows(markdown: str) -> str:
-    """A document with a row for each of the paper's templates in place of a table's row that begins with ``|S*|``."""
-    return _ROW_OF_TEMPLATES.sub(lambda row: "".join(row[0].replace("S*", name) for name in TEMPLATES), markdown)
+"""What stands behind ``<!-- table of NAME -->`` in a document, by name."""

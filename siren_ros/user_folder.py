@@ -1,9 +1,11 @@
 """Where the user's own files go: below the home, or in a temporary folder where there is no home to write to."""
 
 import os
+import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+from typing import Final
 
 from siren_ros.errors import InputError
 
@@ -23,15 +25,39 @@ def user_folder(below_home: str) -> Path:
         if home.is_dir() and is_writable(home / below_home):
             return home / below_home
     try:
-        folder = Path(tempfile.gettempdir()) / f"siren_ros_{os.geteuid()}"
-        folder.mkdir(mode=0o700, exist_ok=True)
-        if folder.is_symlink() or folder.stat().st_uid != os.geteuid() or not is_writable(folder / below_home):
+        folder = private_folder(f"siren_ros_{os.geteuid()}")
+        if not is_writable(folder / below_home):
             folder = Path(tempfile.mkdtemp(prefix="siren_ros_"))  # somebody else has the name
             (folder / below_home).mkdir(parents=True)
     except OSError as error:
         why = f"the home of a user, or a folder for temporary files, that can be written ({error.strerror or error})"
         raise InputError("HOME", os.environ.get("HOME", ""), why) from error
     return folder / below_home
+
+
+_instead: Final[dict[str, Path]] = {}
+"""Folders of this process in place of names that somebody else has."""
+
+
+def private_folder(name: str) -> Path:
+    """A folder for temporary files that no other user can read or write; the same one while nobody else has its name.
+
+    Anybody may make files in the folder for temporary files: where the name is a link there, belongs to another user,
+    or can be written by others, this process has a new folder with a name that nobody knows.
+
+    Raises:
+        OSError: No folder can be made.
+    """
+    folder = Path(tempfile.gettempdir()) / name
+    with suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    found = folder.lstat()
+    if stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022:
+        folder.chmod(0o700)
+        return folder
+    if name not in _instead or not _instead[name].is_dir():
+        _instead[name] = Path(tempfile.mkdtemp(prefix=f"{name}-"))
+    return _instead[name]
 
 
 def is_writable(folder: Path) -> bool:

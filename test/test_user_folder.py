@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.user_folder import user_folder
+from siren_ros.user_folder import private_folder, user_folder
 
 
 @pytest.fixture(autouse=True)
@@ -62,3 +62,22 @@ def test_without_any_place_the_home_is_named(monkeypatch: pytest.MonkeyPatch, tm
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "file"))
     with pytest.raises(InputError, match=r"^HOME: .* or a folder for temporary files, that can be written"):
         user_folder("log")
+
+
+@pytest.mark.parametrize("planted", ["a link", "a file", "open to others"])
+def test_a_private_folder_is_never_one_that_others_can_reach(planted: str, tmp_path: Path) -> None:
+    name, theirs = f"x-{planted.replace(' ', '-')}", tmp_path / "theirs"
+    theirs.mkdir()
+    if planted == "a link":
+        (tmp_path / name).symlink_to(theirs)
+    elif planted == "a file":
+        (tmp_path / name).touch()
+    else:
+        (tmp_path / name).mkdir()
+        (tmp_path / name).chmod(0o777)
+    folder = private_folder(name)
+    assert folder != tmp_path / name
+    assert not folder.is_symlink()
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert private_folder(name) == folder, "one process has one"
+    assert list(theirs.iterdir()) == []

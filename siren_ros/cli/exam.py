@@ -22,6 +22,7 @@ from siren_ros.exam.grading import Sitting, examine
 from siren_ros.exam.others import PAPER, actor_in_seat, compared_with_paper
 from siren_ros.exam.rulebook import FOLDER, Rulebook, load_rulebook
 from siren_ros.generation.answer_times import AnswerTimes
+from siren_ros.interfaces.messages import shown_text
 from siren_ros.params.resources import names_in_params
 from siren_ros.recording.bag_reader import bags_among, read_episode
 from siren_ros.scenario.paper import TEMPLATES
@@ -32,13 +33,15 @@ from siren_ros.studies.run_study import run_study
 from siren_ros.studies.study_folder import LocalFolder
 from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions
 from siren_ros.study_report.episode_pages import EpisodePages
-from siren_ros.study_report.page import html_of, quoted
+from siren_ros.study_report.page import html_of
 from siren_ros.tables.table import text_of
 from siren_ros.world.actors import NO_ACTOR
 
 PAPER_FOLDER: Final = "paper"
 """Folder of the episodes with the paper's driver, in that of an exam."""
 _DEFAULT: Final = Study(TEMPLATES, levels=("L2", "L3"), seeds=tuple(range(20)))
+_LONGEST: Final = 100_000
+"""Characters of the command on a certificate, which names each bag."""
 _PAGES: Final = 20
 """Most episodes with a page of their own."""
 
@@ -101,10 +104,10 @@ def run(arguments: argparse.Namespace) -> int:
     sittings, worst = _of_study(arguments, rulebook) if seated else _of_bags(arguments, rulebook)
     name = arguments.driver or arguments.av
     name = name or ("the AV under test" if arguments.actor is None else f"actor {arguments.actor}")
-    certificate = Certificate(name, rulebook, tuple(sorted(sittings, key=_by_number)))
+    certificate = Certificate(shown_text(name), rulebook, tuple(sorted(sittings, key=_by_number)))
     print("\n".join(text_of(certificate.tables())))
     for sitting in certificate.without_result:
-        print(f"siren exam: {sitting.episode}: no result: {sitting.lack}", file=sys.stderr)
+        print(f"siren exam: {sitting.episode}: no result: {shown_text(sitting.lack)}", file=sys.stderr)
     if arguments.out is not None:
         _write(arguments, certificate)
     return max(worst, EXIT_OK if certificate.passed else EXIT_FAILED)
@@ -201,20 +204,21 @@ def sit_in_study(bag: Path, others: dict[Path, Path | None], rulebook: Rulebook)
 def _write(arguments: argparse.Namespace, certificate: Certificate) -> None:
     out: Path = arguments.out
     asked = {"--driver": arguments.driver, "--av": arguments.av}
-    words = ["./env siren exam", *(quoted(bag) for bag in arguments.bags), f"--rulebook {arguments.rulebook}"]
-    words += [f"{option} {shlex.quote(value)}" for option, value in asked.items() if value]
-    words += [] if arguments.actor is None else [f"--actor {arguments.actor}"]
+    words = ["./env", "siren", "exam", *map(str, arguments.bags), "--rulebook", arguments.rulebook]
+    words += [word for option, value in asked.items() if value for word in (option, value)]
+    words += [] if arguments.actor is None else ["--actor", str(arguments.actor)]
     for name in MATRIX:
         value = getattr(arguments, name)
         if value is not None:
-            told = " ".join(map(str, value)) if isinstance(value, list) else str(value)
-            words.append(f"--{name.replace('_', '-')} {told}")
+            words += [f"--{name.replace('_', '-')}", *map(str, value if isinstance(value, list) else [value])]
     words += ["--real-time"] * arguments.real_time + ["--alone"] * arguments.alone
-    words.append(f"--out {quoted(out)}")
+    words += ["--out", str(out)]
     with writing(out, "folder"):
         out.mkdir(parents=True, exist_ok=True)
     pages = EpisodePages(out / "pages", _PAGES, {Path(sitting.bag) for sitting in certificate.graded})
-    write_text(out / "certificate.html", html_of(page_of(certificate, " ".join(words), pages)))
+    write_text(
+        out / "certificate.html", html_of(page_of(certificate, shown_text(shlex.join(words), most=_LONGEST), pages))
+    )
     write_text(out / "certificate.json", as_json(certificate))
     write_text(out / "certificate.xml", as_junit(certificate))
     written, _, errors = pages.write(processes_of(arguments))

@@ -16,6 +16,7 @@ from siren_ros.exam.grading import Grade, Mark, Sitting, worst_of
 from siren_ros.exam.monitors import MONITORS
 from siren_ros.exam.others import OTHERS
 from siren_ros.exam.rulebook import Rulebook
+from siren_ros.interfaces.messages import shown_text
 from siren_ros.numerics.units import STEP_S
 from siren_ros.study_report.episode_pages import EpisodePages
 from siren_ros.study_report.page import Link, Page, Section, quoted
@@ -185,6 +186,10 @@ def as_junit(certificate: Certificate) -> str:
                 failure.text = f"{mark.clause.text}\n{mark.clause.source}\n{shown_again(sitting, mark)}"
             elif mark.grade is Grade.MINOR:
                 ET.SubElement(case, "system-out").text = f"minor: {told(mark)}"
+    for element in root.iter():  # XML 1.0 has no character for an escape code, not even escaped
+        element.attrib = {key: shown_text(value) for key, value in element.attrib.items()}
+        if element.text is not None:
+            element.text = "\n".join(map(shown_text, element.text.split("\n")))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 

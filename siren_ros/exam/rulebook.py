@@ -5,6 +5,7 @@ from pathlib import Path
 
 from siren_ros.errors import InputError
 from siren_ros.exam.monitors import MONITORS, Numbers
+from siren_ros.interfaces.messages import shown_text
 from siren_ros.params.resources import named_params_file
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 
@@ -54,8 +55,8 @@ def load_rulebook(name_or_path: str) -> Rulebook:
     file = named_params_file("rulebook", FOLDER, name_or_path)
     root = read_strict_yaml(file)
     book = Rulebook(
-        name=file.stem,
-        title=root.text("title"),
+        name=shown_text(file.stem),
+        title=_text(root, "title"),
         heard_m=root.number("heard_m", 1.0, 500.0),
         reaction_s=root.number("reaction_s", 0.0, 10.0),
         clauses=tuple(_clause(entry) for entry in root.mappings("clauses")),
@@ -67,6 +68,11 @@ def load_rulebook(name_or_path: str) -> Rulebook:
     return book
 
 
+def _text(entry: StrictMapping, key: str) -> str:
+    """A text for certificates, in one line: terminals and XML take no control characters."""
+    return shown_text(" ".join(entry.text(key).split()))
+
+
 def _clause(entry: StrictMapping) -> Clause:
     monitor = entry.text("monitor", MONITORS)
     numbers = {}
@@ -75,10 +81,10 @@ def _clause(entry: StrictMapping) -> Clause:
         numbers = {key: given.number(key, *limits) for key, limits in wanted.items()}
         given.finish()
     clause = Clause(
-        clause_id=entry.text("id"),
-        title=entry.text("title"),
-        text=entry.text("text"),
-        source=entry.text("source"),
+        clause_id=_text(entry, "id"),
+        title=_text(entry, "title"),
+        text=_text(entry, "text"),
+        source=_text(entry, "source"),
         monitor=monitor,
         numbers=numbers,
         minor=entry.number("minor", -_LARGEST, _LARGEST),

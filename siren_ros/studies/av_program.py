@@ -17,6 +17,7 @@ from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.generation.recorded_episode import RecordedEpisode
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_outcome
+from siren_ros.interfaces.messages import shown_text
 from siren_ros.params.resources import params_dir
 from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.bag_writer import BagSummary
@@ -93,7 +94,10 @@ def _run(
     }
     cosim_words = [sys.executable, "-m", "siren_nodes.cosim", "--ros-args", *flags]
     with ExitStack() as stack:
-        words, driver_words = (stack.enter_context(tempfile.TemporaryFile("w+")) for _ in range(2))
+        words, driver_words = (
+            stack.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8", errors="backslashreplace"))
+            for _ in range(2)
+        )
         cosim = _child(cosim_words, environment, words)
         stack.callback(_end, cosim)
         try:
@@ -139,7 +143,7 @@ def _child(words: list[str], environment: Mapping[str, str], output: object) -> 
 
 def _lines(file: object) -> list[str]:
     file.seek(0)  # type: ignore[attr-defined] # a file
-    return [line for line in file.read().splitlines() if line.strip()]  # type: ignore[attr-defined] # a file
+    return [shown_text(line) for line in file.read().splitlines() if line.strip()]  # type: ignore[attr-defined] # a file
 
 
 def _end(process: "subprocess.Popen[str]") -> None:

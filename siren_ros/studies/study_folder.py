@@ -4,7 +4,6 @@ import hashlib
 import json
 import os
 import shutil
-import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -20,6 +19,7 @@ from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.recording.bag_folder import METADATA_FILE, lock
 from siren_ros.recording.bag_reader import storage_files
 from siren_ros.studies.episode_row import EpisodeRow, Status, manifest_bytes, rows_of_manifest
+from siren_ros.user_folder import private_folder
 
 MANIFEST: Final = "manifest.parquet"
 STUDY: Final = "study.json"
@@ -249,7 +249,7 @@ class RemoteFolder(StudyFolder):
     @property
     def scratches(self) -> Path:
         """As ``StudyFolder``: on this machine."""
-        return Path(tempfile.gettempdir()) / f"siren-episodes-{os.getuid()}"
+        return private_folder(f"siren-episodes-{os.getuid()}")
 
     def take(self, bag: Path, row: EpisodeRow) -> None:
         """As ``StudyFolder``."""

@@ -1,6 +1,8 @@
 """``siren exam``: its exit codes and files."""
 
+import html
 import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,6 +11,7 @@ from defusedxml import ElementTree
 from recorded_episode import tracked_recording
 
 from siren_ros.cli.exam import _by_number
+from siren_ros.params.resources import params_dir
 from siren_ros.recording.bag_reader import read_episode
 
 
@@ -41,6 +44,14 @@ def test_a_driver_of_a_recorded_episode_gets_a_certificate(siren, bag, driver, t
 def test_episodes_are_in_the_order_of_their_seeds():
     bags = ["exam/S1_L2_seed2", "exam/S1_L2_seed10", "exam/S1_L3_seed1", "exam/S2_L2_seed0"]
     assert [one.bag for one in sorted((SimpleNamespace(bag=bag) for bag in bags[::-1]), key=_by_number)] == bags
+
+
+def test_the_command_on_a_certificate_is_quoted_for_a_shell(siren, bag, driver, tmp_path):
+    book = tmp_path / "$(touch ran).yaml"
+    shutil.copy(params_dir() / "rulebooks" / "california.yaml", book)
+    out = tmp_path / "exam"
+    siren(["exam", str(bag), "--actor", driver, "--rulebook", str(book), "--out", str(out), "--jobs", "1"])
+    assert f"--rulebook '{book}'" in html.unescape((out / "certificate.html").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize(

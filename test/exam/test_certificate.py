@@ -64,6 +64,22 @@ def test_junit_counts_failures_and_skipped_cases(certificate):
     assert "--actor 2" in failure.text
 
 
+def test_junit_can_be_read_whatever_a_program_or_a_rulebook_says(certificate):
+    """A CI loses the whole report otherwise, just when the program crashes."""
+    first = certificate.sittings[0]
+    marked = replace(
+        first.marks[0],
+        grade=Grade.MAJOR,
+        clause=replace(first.marks[0].clause, text="\x07 \ufffe \ud800", source="\x00"),
+    )
+    said = "exit code 1: \x1b[31mTraceback\x1b[0m \x00"
+    lacking = Sitting("bags/\x1b", "S2_L3_seed0_\x1bmap", -1, (), said)
+    sittings = (replace(first, marks=(marked,)), lacking)
+    root = ElementTree.fromstring(as_junit(replace(certificate, sittings=sittings)).encode())
+    assert root[1][0][0].get("message") == r"exit code 1: \x1b[31mTraceback\x1b[0m \x00"
+    assert r"\x07 \ufffe \ud800" in root[0][0][0].text
+
+
 def test_the_page_escapes_names_and_names_the_moment(certificate):
     page = html_of(page_of(certificate, "./env siren exam bags"))
     assert "a &lt;driver&gt; does not pass" in page

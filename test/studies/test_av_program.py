@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -50,3 +51,9 @@ def test_a_driver_that_has_ended_well_ends_no_episode(child: Child, monkeypatch:
 
 def test_an_episode_that_takes_too_long_gives_no_code(child: Child) -> None:
     assert av_program._wait(child(LASTS), child(LASTS), 0.5) is None
+
+
+def test_a_programs_words_are_shown_without_escape_codes() -> None:
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as words:
+        words.write("one\n\x1b[31mred\x1b[0m\n")
+        assert av_program._lines(words) == ["one", r"\x1b[31mred\x1b[0m"]

@@ -4,13 +4,16 @@ import inspect
 import re
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from repository import REPOSITORY
 
 import siren_ros
+from siren_ros.world.traffic_state import EventKind
 
 FUNCTIONS = [name for name in siren_ros.__all__ if inspect.isfunction(getattr(siren_ros, name))]
 
@@ -111,6 +114,110 @@ def test_samples_of_other_windows_and_vehicles_are_others(bag: Path) -> None:
 def test_what_samples_cannot_be_is_named(bag: Path, argument: str) -> None:
     with pytest.raises(siren_ros.InputError, match=argument):
         next(siren_ros.iterate_samples([bag], **{argument: "wrong"}))
+
+
+def seen_in(returned: object) -> Iterator[object]:
+    """An object and the values of its public attributes; of collections, which are Python's own, the first item."""
+    yield returned
+    names = [name for name in dir(returned) if not name.startswith("_")]
+    for value in [getattr(returned, name) for name in names]:
+        first = value
+        while isinstance(first, tuple | list | Mapping) and first:
+            first = next(iter(first.values() if isinstance(first, Mapping) else first))
+        if not callable(first):
+            yield first
+
+
+@pytest.fixture(scope="module")
+def returned(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What each public function returns."""
+    place, record = tmp_path_factory.mktemp("returned"), siren_ros.read_record(bag)
+    request = siren_ros.EpisodeRequest(template="S2", sensors="lidar", duration_s=0.5)
+    study = siren_ros.Study(templates=("S2",), seeds=(0,), duration_s=1.0)
+    return {
+        "make_episode": siren_ros.make_episode(request, place / "sensed"),
+        "read_record": record,
+        "judge": siren_ros.judge(record),
+        "verify": siren_ros.verify(record),
+        "score_predictions": siren_ros.score_predictions(bag, ["cv", "idm"]),
+        "iterate_samples": next(siren_ros.iterate_samples(bag)),
+        "iterate_frames": next(siren_ros.iterate_frames(place / "sensed", pose=True)),
+        "generate_study": siren_ros.generate_study(study, place / "study"),
+        "export": siren_ros.export("csv", bag, place / "csv"),
+    }
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_what_is_returned_and_what_it_holds_is_shown_in_a_few_lines(returned: dict[str, Any], name: str) -> None:
+    objects = [*seen_in(returned[name])]
+    assert len(objects) > 2
+    own = [one for one in objects if not isinstance(one, str | bytes | np.ndarray)]  # the others are as they are
+    assert [repr(one)[:200] for one in own if len(repr(one)) > 1000] == []
+    assert returned[name]._repr_html_().startswith("<table")
+    assert len(returned[name]._repr_html_()) < 5000
+
+
+def test_objects_tell_what_they_are(returned: dict[str, Any]) -> None:
+    record = repr(returned["read_record"])
+    assert record.startswith("EpisodeRecord(template='S2', level=L")
+    assert all(fact in record for fact in ("seed=3", "map='town'", "steps=240", "end=COMPLETE", "actors="))
+    assert "steps=10" in repr(returned["make_episode"])
+    assert "COMPLETE" not in repr(returned["generate_study"])
+    assert "complete=1" in repr(returned["generate_study"])
+    assert "templates='S2'" in repr(returned["score_predictions"])
+    assert "cv" in returned["score_predictions"]._repr_html_()
+
+
+def test_tables_become_frames_of_pandas(returned: dict[str, Any]) -> None:
+    pytest.importorskip("pandas")
+    table, record = returned["score_predictions"], returned["read_record"]
+    scores = table.to_pandas()
+    assert [*scores.columns] == ["model", "kind", "group", "metric", "value", "low", "high", "episodes", "samples"]
+    assert len(scores) == len(table.cells)
+    row = scores[(scores.model == "idm") & (scores.group == "S2") & (scores.metric == "fde_m")]
+    assert row.value.item() == table.value("idm", "S2", "fde_m")
+    assert scores.value.isna().any()
+    assert record.rows.to_pandas().x_m.tolist() == record.rows.x_m.tolist()
+    assert returned["generate_study"].to_pandas().steps.tolist() == [20]
+
+
+def test_frames_without_pandas_are_refused_by_name(returned: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    for table in (returned["score_predictions"], returned["read_record"].rows, returned["generate_study"]):
+        with pytest.raises(siren_ros.InputError, match="pip install pandas"):
+            table.to_pandas()
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("cv", "S2", "ade"), "metric: 'ade' .*ade_m, fde_m"),
+        (("cvv", "S2", "ade_m"), "model: 'cvv' .*one of cv, idm"),
+        (("cv", "S3", "ade_m"), "group: 'S3' .*one of all, S2"),
+    ],
+)
+def test_a_score_of_an_unknown_name_is_refused(returned: dict[str, Any], names: tuple[str, ...], message: str) -> None:
+    with pytest.raises(siren_ros.InputError, match=message):
+        returned["score_predictions"].value(*names)
+
+
+def test_a_valid_score_without_a_value_is_none(returned: dict[str, Any]) -> None:
+    assert returned["score_predictions"].value("cv", "S2", "brier_score") is None  # one hypothesis says nothing
+    assert returned["score_predictions"].value("cv", "held", "path_collision_rate") is None  # a metric of frames
+
+
+def test_a_record_refuses_what_it_does_not_have(returned: dict[str, Any]) -> None:
+    record = returned["read_record"]
+    with pytest.raises(siren_ros.InputError, match=r"actor_id: 99999 .*keys of `actors`"):
+        record.track(99999)
+    with pytest.raises(siren_ros.InputError, match=r"kind: 'crash' .*collision"):
+        record.events_of("crash")
+    with pytest.raises(siren_ros.InputError, match="signal_id: 'nowhere'"):
+        record.signal_states("nowhere")
+    with pytest.raises(siren_ros.InputError, match="kind: 'templates'"):
+        returned["score_predictions"].of_kind("templates")
+    assert record.events_of("siren_on") == record.events_of(EventKind.SIREN_ON) != ()
+    assert [group.name for group in returned["score_predictions"].of_kind("template")] == ["S2"]
 
 
 def test_an_episode_is_exported(bag: Path, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from siren_ros.record.bag_survey import BagSurvey, in_dataset_order, recovered, 
 from siren_ros.record.episode_source import open_source
 from siren_ros.record.licences import LICENCE
 from siren_ros.scenario.splits import Split, split_of
+from siren_ros.tables.brief import Brief
 
 SPLITS: Final = ("train", "val", "test")
 AUTO: Final = "auto"
@@ -162,12 +163,22 @@ class ExportJob:
 
 
 @dataclass(frozen=True)
-class ExportResult:
+class ExportResult(Brief):
     """What became of it."""
 
     card: Mapping[str, Any]
     notes: tuple[str, ...]
     """What is lost, one line for each bag that is not whole."""
+
+    def facts(self) -> dict[str, object]:
+        """The dataset's name and counts."""
+        return {
+            "format": self.card["format"],
+            "episodes": len(self.card["episodes"]),
+            **self.card["counts"],
+            "licence": self.card["licence"],
+            "notes": len(self.notes),
+        }
 
 
 def run_export(

@@ -30,13 +30,14 @@ from siren_ros.recording.recorder import EpisodeRecorder
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
 from siren_ros.sensor_messages.sensor_topics import topics_of
+from siren_ros.tables.brief import Brief
 from siren_ros.traffic.demand.demand import av_way
 from siren_ros.world.actors import ActorDescription
 from siren_ros.world.commands import AvControl, Controls
 
 
 @dataclass(frozen=True)
-class RecordedEpisode:
+class RecordedEpisode(Brief):
     """How an episode ended, and its bag."""
 
     description: EpisodeDescription
@@ -45,6 +46,21 @@ class RecordedEpisode:
     """None where no step was finished; then there is no bag."""
     answers: AnswerTimes | None = None
     """Of the program that drove the AV; None where none did."""
+
+    def facts(self) -> dict[str, object]:
+        """The episode, its end and its place."""
+        described, outcome, bag = self.description, self.outcome, self.bag
+        return {
+            **{name: getattr(described, name) for name in ("template", "level", "seed")},
+            "map": described.map_name,
+            "sensors": described.sensor_suite,
+            "steps": outcome.steps,
+            "end": outcome.end,
+            "reason": outcome.reason,
+            "interaction": outcome.predicate_holds,
+            "bag": None if bag is None else bag.path,
+            "size_bytes": 0 if bag is None else bag.size_bytes,
+        }
 
 
 Answer = Callable[[LoopStep], Controls]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.mirror_image import OTHER_SIDE
+from siren_ros.tables.brief import Brief
 from siren_ros.world.traffic_state import Event
 
 
@@ -46,7 +47,7 @@ def moments_of(events: Iterable[Event]) -> tuple[Moment, ...]:
 
 
 @dataclass(frozen=True)
-class Part:
+class Part(Brief):
     """One condition: the number found, its threshold, and whether the condition holds."""
 
     name: str
@@ -95,13 +96,17 @@ def equals(name: str, value: float, threshold: float, detail: str = "", *moments
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Brief):
     """Whether an interaction happened, with the numbers that decide it."""
 
     holds: bool
     parts: tuple[Part, ...]
     text: str
     """One sentence for the user."""
+
+    def facts(self) -> dict[str, object]:
+        """The result, the sentence and every number."""
+        return {"holds": self.holds, "text": self.text, **{part.name: str(part) for part in self.parts}}
 
     @property
     def failing(self) -> tuple[Part, ...]:

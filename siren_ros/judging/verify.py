@@ -18,6 +18,7 @@ from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_NS, STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows, TopicRecord
+from siren_ros.tables.brief import Brief
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import EventKind, hash_state
 
@@ -48,13 +49,18 @@ CHECKS: Final = {
 
 
 @dataclass(frozen=True)
-class Verification:
+class Verification(Brief):
     """The result of all checks."""
 
     verdict: Verdict
     checks: tuple[Part, ...]
     others: Mapping[int, Verdict] = field(default_factory=dict)
     """What happened to each EMV but the first, by its id. Of these only those that cross its way count."""
+
+    def facts(self) -> dict[str, object]:
+        """The result, and what does not hold."""
+        failing = ", ".join(part.name for part in self.failing)
+        return {"holds": self.holds, "verdict": self.verdict.text, "checks": len(self.checks), "failing": failing}
 
     @property
     def holds(self) -> bool:

@@ -11,6 +11,8 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.tables.brief import Brief, data_frame
+
 Floats = npt.NDArray[np.float64]
 Floats32 = npt.NDArray[np.float32]
 Points = npt.NDArray[np.float64]
@@ -58,7 +60,7 @@ def dtypes_of(kind: Any) -> dict[str, type[np.generic]]:
     return {field.name: _ELEMENTS[field.type] for field in fields(kind) if field.type in _ELEMENTS}
 
 
-class Columns:
+class Columns(Brief):
     """Base of a dataclass whose fields are arrays of shape ``(N,)``: row i of all of them belongs to one item."""
 
     def __len__(self) -> int:
@@ -75,6 +77,14 @@ class Columns:
         made = cls(*columns)
         made.__dict__["columns"] = columns
         return made
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame`` with a column for each field, in declaration order.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return data_frame({name: getattr(self, name) for name in _names(type(self))})
 
     def select(self, rows: Flags | Rows) -> Self:
         """The items of the given rows."""

@@ -24,7 +24,7 @@ from siren_ros.pictures.palette import CIVILIAN, EMV_MODE_COLOURS, STATE_NAMES, 
 from siren_ros.pictures.plot_parts import draw_roads, title_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import Lane, RoadNetwork
-from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Mode
+from siren_ros.world.actors import NO_ACTOR, ActorDescription, ActorStates, Lights, Mode
 from siren_ros.world.traffic_state import SignalState
 
 SignalBar = tuple[str, int, Points]
@@ -283,7 +283,7 @@ def paint_vehicles(
 
 def _camera_way(record: EpisodeRecord) -> Floats:
     """Centre of the picture at each position in ``record.states``: the first EMV's smoothed path, ``(steps, 2)``."""
-    track = record.track(record.emv_ids[0]) if record.emv_ids else record.track(0)
+    track = record.rows.select(record.rows_of(record.emv_ids[0] if record.emv_ids else NO_ACTOR))
     steps = np.array([state.step for state in record.states], dtype=np.int64)
     if len(track) == 0:
         return np.tile(record.rows.xy_m.mean(axis=0), (len(steps), 1))

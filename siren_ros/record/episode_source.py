@@ -28,6 +28,7 @@ from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
 from siren_ros.sensor_messages.sensor_topics import EMV, Carrier
 from siren_ros.sensors.suite import EXPORTED_CAMERA
+from siren_ros.tables.brief import Brief
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, STATION_FRAME, CameraTruth, GroundTruth
 from siren_ros.world.measurements import CameraIntrinsics
 
@@ -197,7 +198,7 @@ def open_source(path: Path) -> Iterator[EpisodeSource]:
 
 
 @dataclass(frozen=True)
-class LidarFrame:
+class LidarFrame(Brief):
     """What was recorded at one step; None or missing where nothing was."""
 
     step: int

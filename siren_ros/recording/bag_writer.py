@@ -18,6 +18,7 @@ from rosbags.typesys.store import Typestore
 from siren_ros.errors import EpisodeError
 from siren_ros.recording.bag_folder import BagTopic, WorkingFolder, free_partial_path, metadata_text, qos_text
 from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream, definitions_bytes, message_bytes
+from siren_ros.tables.brief import Brief
 
 END_KEY: Final = "siren_end"
 REASON_KEY: Final = "siren_reason"
@@ -88,7 +89,7 @@ class BagOptions:
 
 
 @dataclass(frozen=True)
-class BagSummary:
+class BagSummary(Brief):
     """A closed bag."""
 
     path: Path

@@ -3,26 +3,36 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Codes, Columns, Floats, Ids, Rows
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.mirror_image import mirrored_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
-from siren_ros.world.actors import ACTOR_STATE_DTYPES, PEOPLE_CLASSES, ActorClass, ActorDescription, ActorStates
+from siren_ros.tables.brief import Brief
+from siren_ros.world.actors import (
+    ACTOR_STATE_DTYPES,
+    NO_ACTOR,
+    PEOPLE_CLASSES,
+    ActorClass,
+    ActorDescription,
+    ActorStates,
+)
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
 Steps = npt.NDArray[np.int64]
+_EVENT_KINDS: Final = frozenset(EventKind)
 
 
 @dataclass(frozen=True)
-class TopicRecord:
+class TopicRecord(Brief):
     """The messages of one topic: number, size and times."""
 
     name: str
@@ -84,7 +94,7 @@ class StateRows(Columns):
 
 
 @dataclass(frozen=True)
-class EpisodeRecord:
+class EpisodeRecord(Brief):
     """A whole episode. Tuples over steps are in the order of time."""
 
     description: EpisodeDescription
@@ -106,6 +116,22 @@ class EpisodeRecord:
     """Steps without actor states, before the last step or the end that the bag says was reached."""
     map_xml: bytes = b""
     """The compiled SUMO net; empty in a record that was made by hand."""
+
+    def facts(self) -> dict[str, object]:
+        """What episode it is, and what became of it."""
+        described, outcome = self.description, self.outcome
+        return {
+            **{name: getattr(described, name) for name in ("template", "level", "seed")},
+            "map": described.map_name,
+            "steps": self.steps,
+            "duration_s": self.duration_s,
+            "actors": len(self.actors),
+            "emv_ids": self.emv_ids,
+            "events": len(self.events),
+            "end": None if outcome is None else outcome.end,
+            "interaction": None if outcome is None else outcome.predicate_holds,
+            "complete": self.complete,
+        }
 
     @cached_property
     def right_hand(self) -> "EpisodeRecord":
@@ -175,18 +201,41 @@ class EpisodeRecord:
         return np.arange(first, last)
 
     def track(self, actor_id: int) -> StateRows:
-        """One actor's states in the order of time; empty for an unknown actor."""
-        return self.rows.select(self.rows_of(actor_id))
+        """One actor's states in the order of time; empty where it never came onto the map.
+
+        Raises:
+            InputError: The episode has no such actor.
+        """
+        track = self.rows.select(self.rows_of(actor_id))
+        if not len(track) and actor_id not in {*self.actors, *self.emv_ids, self.description.av_id} - {NO_ACTOR}:
+            first, last = min(self.actors, default=NO_ACTOR), max(self.actors, default=NO_ACTOR)
+            raise InputError("actor_id", actor_id, f"one of {len(self.actors)} keys of `actors`, {first} to {last}")
+        return track
 
     def events_of(self, kind: EventKind) -> tuple[Event, ...]:
-        """The events of one kind, in the order of time."""
-        return tuple(event for event in self.events if event.kind is kind)
+        """The events of one kind, also given as its text, such as ``collision``; in the order of time.
+
+        Raises:
+            InputError: There is no such kind.
+        """
+        if kind not in _EVENT_KINDS:
+            raise InputError("kind", kind, f"one of {', '.join(EventKind)}")
+        return tuple(event for event in self.events if event.kind == kind)
 
     def signal_states(self, signal_id: str) -> Mapping[int, str]:
-        """State string of a traffic light by step; empty for an unknown signal."""
-        return {
+        """State string of a traffic light by step; empty where none was recorded.
+
+        Raises:
+            InputError: The map has no such signal.
+        """
+        states = {
             traffic.step: signal.state
             for traffic in self.traffic
             for signal in traffic.signals
             if signal.signal_id == signal_id
         }
+        if not states:
+            known = {movement.signal_id for movement in self.network.connections if movement.signal_id is not None}
+            if signal_id not in known:
+                raise InputError("signal_id", signal_id, f"one of {', '.join(sorted(known))}")
+        return states

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.geometry import Polyline
+from siren_ros.tables.brief import Brief
 
 NO_LANE = -1
 
@@ -41,7 +42,7 @@ class JunctionKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Lane:
+class Lane(Brief):
     """One lane; ``centre`` runs in driving direction."""
 
     index: int
@@ -64,7 +65,7 @@ class Lane:
 
 
 @dataclass(frozen=True)
-class Edge:
+class Edge(Brief):
     """A directed road between two junctions, or a path through one (``internal``)."""
 
     index: int
@@ -78,7 +79,7 @@ class Edge:
 
 
 @dataclass(frozen=True)
-class Connection:
+class Connection(Brief):
     """A permitted movement from one lane to the next across a junction."""
 
     from_lane: int
@@ -104,7 +105,7 @@ class Connection:
 
 
 @dataclass(frozen=True)
-class Junction:
+class Junction(Brief):
     """A junction's control, outline and the movements that cross each other."""
 
     junction_id: str
@@ -120,7 +121,7 @@ MAPS_KEPT: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
-class RoadNetwork:
+class RoadNetwork(Brief):
     """A whole map. Built by ``parse_road_network`` from a SUMO net, immutable afterwards."""
 
     lanes: tuple[Lane, ...]

@@ -12,6 +12,7 @@ from siren_ros.errors import InputError
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles, RecordedFiles, files_from_json
 from siren_ros.params.parameter_field import parameter
 from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.tables.brief import Brief
 from siren_ros.world.actors import NO_ACTOR
 
 DEFAULT_LOOK: Final = "clear"
@@ -110,7 +111,7 @@ class EpisodeEnd(StrEnum):
 
 
 @dataclass(frozen=True)
-class EpisodeDescription:
+class EpisodeDescription(Brief):
     """Everything that is needed to make the same episode again."""
 
     template: str
@@ -128,6 +129,11 @@ class EpisodeDescription:
     versions: Mapping[str, str] = field(default_factory=dict)
     site: Mapping[str, object] = field(default_factory=dict)
     """The place where it happens: kind, name, junction, route edges, stretch."""
+
+    def facts(self) -> dict[str, object]:
+        """The episode without its files and versions."""
+        names = ("template", "level", "seed", "map_name", "duration_s", "sensor_suite", "preset", "emv_ids")
+        return {**{name: getattr(self, name) for name in names}, "site": self.site.get("name", "")}
 
     @property
     def files(self) -> InputFiles:
@@ -194,7 +200,7 @@ class EpisodeDescription:
 
 
 @dataclass(frozen=True)
-class EpisodeOutcome:
+class EpisodeOutcome(Brief):
     """How an episode ended, as stored at the end of its bag."""
 
     end: EpisodeEnd

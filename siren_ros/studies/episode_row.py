@@ -15,6 +15,7 @@ from siren_ros.errors import InputError
 from siren_ros.roads.maps.map_compiler import name_of_map
 from siren_ros.scenario.episode import shortcomings
 from siren_ros.studies.matrix import PlannedEpisode
+from siren_ros.tables.brief import Brief
 
 
 class Status(StrEnum):
@@ -38,7 +39,7 @@ def path_of(group: str, episode: str) -> str:
 
 
 @dataclass(frozen=True)
-class EpisodeRow:
+class EpisodeRow(Brief):
     """One episode of a study."""
 
     # What it was made from.

@@ -25,6 +25,7 @@ from siren_ros.scenario.episode import MAX_SEED, EpisodeRequest, text_of_values,
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.scenario import DRAWN_BY_NAME, Template, ValueRange
 from siren_ros.scenario.templates import load_template
+from siren_ros.tables.brief import Brief
 
 
 class Method(StrEnum):
@@ -132,7 +133,7 @@ class Seat:
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(Brief):
     """The matrix of episodes that a study makes; every combination is one episode."""
 
     templates: tuple[str, ...]

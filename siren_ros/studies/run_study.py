@@ -1,28 +1,44 @@
 """Runs a study: finished episodes are verified and kept, the others are made, the table is written."""
 
 import time
+from collections import Counter
 from contextlib import closing
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, fields
+from typing import Any, Final
 
 from siren_ros.errors import InputError
 from siren_ros.studies.episode_row import EpisodeRow, path_of
 from siren_ros.studies.matrix import PlannedEpisode, Study, plan_study
 from siren_ros.studies.study_folder import StudyFolder, is_finished, read_table, write_study, write_table
 from siren_ros.studies.workers import WorkerOptions, Workers
+from siren_ros.tables.brief import Brief, data_frame
 
 TABLE_EVERY_S: Final = 60.0
 """Wall time between two writes of the table; the row next to each bag is written at once."""
 
 
 @dataclass(frozen=True)
-class StudyResult:
+class StudyResult(Brief):
     """What became of a study."""
 
     rows: tuple[EpisodeRow, ...]
     """Of this study's episodes, in their order."""
     kept: int
     """Episodes that were finished before."""
+
+    def facts(self) -> dict[str, object]:
+        """How many episodes became what."""
+        ends = Counter(row.status.value for row in self.rows)
+        return {"episodes": len(self.rows), "kept": self.kept, **ends}
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame`` with a row for each episode and the columns of ``manifest.parquet``.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        names = [column.name for column in fields(EpisodeRow)]
+        return data_frame({name: [getattr(row, name) for row in self.rows] for name in names})
 
 
 class StudyObserver:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Codes, Floats, Ids, dtypes_of
+from siren_ros.tables.brief import Brief
 
 NO_ACTOR: Final = 0
 """Actor ids start at 1, so that 0 can say "none" (a LiDAR return on the static scene, no leader)."""
@@ -103,7 +104,7 @@ class Mode(IntEnum):
 
 
 @dataclass(frozen=True)
-class ActorDescription:
+class ActorDescription(Brief):
     """What an actor is: everything that does not change during an episode."""
 
     actor_id: int
@@ -119,7 +120,7 @@ class ActorDescription:
 
 
 @dataclass(frozen=True)
-class ActorStates:
+class ActorStates(Brief):
     """Simulated state of all actors at one step, in the ``map`` frame.
 
     Every array has shape ``(N,)``; rows are sorted by ``actor_id``. Positions are footprint centres.

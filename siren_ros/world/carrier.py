@@ -4,13 +4,14 @@ from dataclasses import dataclass
 from typing import Final
 
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, dtypes_of
+from siren_ros.tables.brief import Brief
 
 LABEL_PERIOD_STEPS: Final = 2
 """Labels are made at 10 Hz, the rate of the paper's log."""
 
 
 @dataclass(frozen=True)
-class GroundTruth:
+class GroundTruth(Brief):
     """Boxes of all actors but the carrier within sensor range; rows sorted by ``actor_id``.
 
     Poses and velocities are in the frame ``frame_id`` of the carrier (x forward, y left, z up); centres are
@@ -46,7 +47,7 @@ GROUND_TRUTH_DTYPES: Final = dtypes_of(GroundTruth)
 
 
 @dataclass(frozen=True)
-class CameraTruth:
+class CameraTruth(Brief):
     """Vehicles that a camera could see at one step; rows sorted by ``actor_id``.
 
     Image coordinates are those of ``sensor_msgs/CameraInfo``: (0, 0) is the centre of the top left pixel. Boxes

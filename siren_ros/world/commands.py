@@ -9,6 +9,7 @@ import numpy as np
 
 from siren_ros.errors import EpisodeError
 from siren_ros.numerics.arrays import Codes, Floats, Ids, dtypes_of
+from siren_ros.tables.brief import Brief
 from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.traffic_state import Event
 
@@ -17,7 +18,7 @@ CommandRow = tuple[int, int, float, float, float, bool, int, int]
 
 
 @dataclass(frozen=True)
-class VehicleCommands:
+class VehicleCommands(Brief):
     """Commands of one controller at one step; rows sorted by ``actor_id``.
 
     A row with ``owner`` ROS drives the actor by throttle, brake and steering from this step on. One with ``owner`` SUMO

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Codes, Floats, Ids, dtypes_of
+from siren_ros.tables.brief import Brief
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, NO_ACTOR, ActorDescription, ActorStates
 
 
@@ -105,7 +106,7 @@ class EmvAdvice:
 
 
 @dataclass(frozen=True)
-class TrafficState:
+class TrafficState(Brief):
     """SUMO's state at one step, and the simulated poses that SUMO was given before the step.
 
     Arrays have shape ``(N,)``, rows sorted by ``actor_id``; poses in the ``map`` frame at the footprint's centre.

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from recording.bag_bytes import chunks_of, flip_bit, rewrite
 from synthetic_episode import EMV, Scene, SyntheticEpisode
 
-from siren_ros.errors import BagError
+from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.messages import make_message
 from siren_ros.interfaces.topics import ACTORS, MAP
@@ -149,7 +149,8 @@ def test_a_track_is_one_actor_in_the_order_of_time(recorded_bag):
     track = record.track(3)
     assert np.array_equal(track.step, np.arange(record.steps))
     assert np.allclose(track.xy_m, SyntheticEpisode().paths[3][:, :2])
-    assert len(record.track(999)) == 0
+    with pytest.raises(InputError, match="actor_id: 999"):
+        record.track(999)
 
 
 def test_topics_are_counted_with_their_times(recorded_bag):

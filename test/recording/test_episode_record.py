@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from hand_made_record import EASTBOUND, EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made
 
+from siren_ros.errors import InputError
+
 RECORD = hand_made(
     crossing(),
     {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 6)), 2: Driven(EASTBOUND, at_speed(5.0, 4.0, 3), first_step=2)},
@@ -33,4 +35,5 @@ def test_rows_are_sorted_by_actor_and_then_by_step():
 def test_steps_and_signals():
     assert RECORD.steps == 6
     assert RECORD.signal_states("J") == {step: "rG" if step < 4 else "Gr" for step in range(6)}
-    assert RECORD.signal_states("K") == {}
+    with pytest.raises(InputError, match=r"signal_id: 'K' .*one of J"):
+        RECORD.signal_states("K")

@@ -20,6 +20,7 @@ from siren_ros.record.vehicle_location import sumo_lanes
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.mirror_image import MIRROR, right_hand_image
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.tables.brief import Brief
 from siren_ros.world.mirror_image import SIDES_EXCHANGED
 from siren_ros.world.traffic_state import Indices
 
@@ -83,7 +84,7 @@ class Population(StrEnum):
 
 
 @dataclass(frozen=True)
-class ObservedActors:
+class ObservedActors(Brief):
     """All actors at the frames of a batch, with their past: M rows, sorted by frame and then by actor.
 
     H points of history, the present last and always observed; the other values of a point that was not observed
@@ -123,7 +124,7 @@ class ObservedActors:
 
 
 @dataclass(frozen=True)
-class SampleBatch:
+class SampleBatch(Brief):
     """All samples of one episode: N vehicles, each at one present, without their future.
 
     A sample is a row of ``actors``; its neighbours are the other rows of the same frame.
@@ -221,7 +222,7 @@ class SampleBatch:
 
 
 @dataclass(frozen=True)
-class ScoredSamples:
+class ScoredSamples(Brief):
     """A batch, and the true future, which predictors do not get."""
 
     batch: SampleBatch

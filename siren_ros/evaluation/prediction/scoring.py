@@ -35,6 +35,7 @@ from siren_ros.record.episode_source import open_source
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.splits import EpisodeIdentity, Split
+from siren_ros.tables.brief import Brief
 from siren_ros.world.actors import Mode
 
 
@@ -102,7 +103,7 @@ def _window_rows(rows: StateRows, batch: SampleBatch) -> tuple[Rows, Rows]:
 
 
 @dataclass(frozen=True)
-class ModelScores:
+class ModelScores(Brief):
     """The scores of one model on N samples; of an episode they are sorted by step and then by actor."""
 
     step: npt.NDArray[np.int64]
@@ -132,7 +133,7 @@ class ModelScores:
 
 
 @dataclass(frozen=True)
-class EpisodeScores:
+class EpisodeScores(Brief):
     """The scores of every model on one episode."""
 
     name: str

@@ -132,12 +132,15 @@ def _bags(scores: ScoreTable) -> Table:
 
 def _by_template(scores: ScoreTable, key: str, compare_paper: bool) -> Table:
     metrics, caption = BY_TEMPLATE[key]
-    templates = [group.name for group in scores.of_kind(GroupKind.TEMPLATE)]
+    scored = templates = [group.name for group in scores.of_kind(GroupKind.TEMPLATE)]
     if compare_paper:
-        templates = [*TEMPLATES, *(name for name in templates if name not in TEMPLATES)]
+        templates = [*TEMPLATES, *(name for name in scored if name not in TEMPLATES)]
     rows: list[Row] = []
     for model, samples in scores.samples.items():
-        cells = (tuple(scores.value(model, name, metric) for metric in metrics) for name in templates)
+        cells = (
+            tuple(scores.value(model, name, metric) for metric in metrics) if name in scored else (None,) * len(metrics)
+            for name in templates
+        )
         coverage = f"{samples.coverage:.1%}" if len(samples) < samples.population_size else "all"
         rows.append((model, *cells, _mean(scores, model, _ALL, metrics), len(samples), coverage))
     paper: list[Row] = []

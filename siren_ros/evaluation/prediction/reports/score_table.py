@@ -1,6 +1,6 @@
 """Scores of all models in all groups of samples, with intervals over the episodes, and the differences of models."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache, cached_property
@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.metrics import BINS, METRIC_OF, METRICS, Metric, calibration_error
 from siren_ros.evaluation.prediction.predictors import is_simple
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS
@@ -24,7 +25,9 @@ from siren_ros.evaluation.statistics import (
 )
 from siren_ros.judging.people import NAMES
 from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.tables.brief import Brief, data_frame
 from siren_ros.tables.interval import NOTHING, Interval
+from siren_ros.tables.table import Row, Table
 
 _PARTS: Final = 3
 """Ranges of a parameter with many values: low, middle, high, with equally many episodes."""
@@ -46,7 +49,7 @@ class GroupKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Group:
+class Group(Brief):
     """One row."""
 
     kind: GroupKind
@@ -162,7 +165,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class ScoreTable:
+class ScoreTable(Brief):
     """All scores of an evaluation."""
 
     episodes: tuple[EpisodeScores, ...]
@@ -173,14 +176,75 @@ class ScoreTable:
     cells: Mapping[tuple[str, str, str], Score]
     """By model, name of the group, and metric."""
 
+    def facts(self) -> dict[str, object]:
+        """What was scored, and the mean ADE of each model."""
+        values = {f"{model} ade_m": self.value(model, GroupKind.ALL, "ade_m") for model in self.models}
+        return {
+            "episodes": len(self.episodes),
+            "templates": ", ".join(group.name for group in self.of_kind(GroupKind.TEMPLATE)),
+            "groups": len(self.groups),
+            "population": self.episodes[0].population.value,
+            **values,
+        }
+
+    def _repr_html_(self) -> str:
+        """ADE and FDE of each model in each template, with the intervals of the first."""
+        groups = (*self.of_kind(GroupKind.TEMPLATE), *self.of_kind(GroupKind.ALL))
+        rows: tuple[Row, ...] = tuple(
+            (model, *(tuple(self.cells[model, group.name, metric].interval for metric in CLAIMED) for group in groups))
+            for model in self.models
+        )
+        caption = f"ADE/FDE in m [95 % intervals], {len(self.episodes)} episodes"
+        return Table("scores", caption, ("model", *(group.name for group in groups)), rows).html()
+
     def of_kind(self, kind: GroupKind) -> tuple[Group, ...]:
-        """The groups of one kind."""
-        return tuple(group for group in self.groups if group.kind is kind)
+        """The groups of one kind; those of ``template`` are named as the templates are.
+
+        Raises:
+            InputError: There is no such kind.
+        """
+        _check("kind", kind, [*GroupKind])
+        return tuple(group for group in self.groups if group.kind == kind)
 
     def value(self, model: str, group: str, metric: str) -> float | None:
-        """A value; None where there is none."""
+        """A value.
+
+        Args:
+            model: One of ``models``.
+            group: Name of one of ``groups``: ``all``, a template, a level, a category or another one.
+            metric: Such as ``ade_m`` or ``min_fde_6_m``; the error names all.
+
+        Returns:
+            The mean. None where there is none: the group has no samples of the model, or the metric says nothing of
+            them. A metric of whole frames says nothing of some of their vehicles, and groups by a parameter of a
+            template have ``ade_m`` and ``fde_m`` alone.
+
+        Raises:
+            InputError: A name is unknown.
+        """
+        _check("model", model, self.models)
+        _check("group", group, [known.name for known in self.groups])
+        _check("metric", metric, METRIC_OF)
         cell = self.cells.get((model, group, metric))
         return cell.interval.value if cell is not None and cell.interval.valid else None
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame`` with a row for each model, group and metric.
+
+        Its columns are ``model``, ``kind`` (of the group), ``group``, ``metric``, ``value``, ``low`` and ``high`` (of
+        the 95 % interval), ``episodes`` and ``samples``. NaN stands where there is no value or no interval.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        kinds = {group.name: group.kind.value for group in self.groups}
+        rows = [
+            {"model": model, "kind": kinds[group], "group": group, "metric": metric}
+            | {name: np.nan if number is None else number for name, number in cell.interval.json().items()}
+            | {"samples": cell.samples}
+            for (model, group, metric), cell in self.cells.items()
+        ]
+        return data_frame({name: [row[name] for row in rows] for name in rows[0]})
 
     @cached_property
     def claims(self) -> tuple["Claim", ...]:
@@ -191,6 +255,11 @@ class ScoreTable:
         simple = [model for model in self.models if is_simple(model)]
         others = [model for model in self.models if model not in simple]
         return tuple(claim for model in others for claim in _claims_of(self, model, simple))
+
+
+def _check(parameter: str, name: str, known: Collection[str]) -> None:
+    if name not in known:
+        raise InputError(parameter, name, f"one of {', '.join(known)}")
 
 
 def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:

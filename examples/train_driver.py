@@ -2,12 +2,15 @@
 
 import argparse
 
+import siren_ros.learning  # noqa: F401 - registers the environments; it stands before what loads numpy
+
+# isort: split
 import gymnasium
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
-NAME = "siren_ros.learning:siren/Yield-v0"  # the part before the colon is imported first
+NAME = "siren_ros.learning:siren/Yield-v0"  # processes of the training import the part before the colon
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)

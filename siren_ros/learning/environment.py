@@ -43,7 +43,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         if render_mode not in {None, *self.metadata["render_modes"]}:
             raise InputError("render_mode", render_mode, "rgb_array, human or None")
         self.render_mode = render_mode
-        task = Task(**options)
+        task = Task.of(options)
         self._session = Session(task, [self.seat], None if record_to is None else Path(record_to))
         self.metadata = {**type(self).metadata, "render_fps": max(1, round(1.0 / task.decision_s))}  # type: ignore[misc]
         self.observation_space = task.observation_space()
@@ -52,19 +52,21 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self._window: Window | None = None
 
     def reset(
-        self,
-        *,
-        seed: int | None = None,
-        options: dict[str, Any] | None = None,  # noqa: ARG002 - the interface's
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
-        """Begins an episode, as the class says; there are no options.
+        """Begins an episode, as the class says.
+
+        Args:
+            seed: Of the episode.
+            options: Options of the environment in place of its own, for this episode alone: all but ``observation``
+                and ``action``, on which the spaces depend.
 
         Raises:
-            InputError: The request cannot be used.
+            InputError: An option or the request cannot be used.
             EpisodeError: SUMO failed before the first step.
         """
         super().reset(seed=seed)
-        result = self._session.reset(seed, self.np_random)[self.seat]
+        result = self._session.reset(seed, self.np_random, options)[self.seat]
         self._view = None
         self._show()
         return result.observation, result.info
@@ -73,6 +75,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         """Simulates ``decision_s`` with an action.
 
         Raises:
+            InputError: The action is not one of the action space; nothing has changed then.
             EpisodeError: The episode has ended, or none has begun.
         """
         result: SeatResult = self._session.advance({self.seat: action})[self.seat]

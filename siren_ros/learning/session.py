@@ -62,7 +62,7 @@ class _Driver:
         """Take an action: a manoeuvre is turned into an aim, pedals are kept for the steps that follow."""
         self._action = action
         if self._task.action == Action.MANOEUVRE:
-            self.aim = aim_of(self.aim, Manoeuvre(int(action)), self.moment.sight)
+            self.aim = aim_of(self.aim, Manoeuvre(int(np.asarray(action).item())), self.moment.sight)
 
     def control(self) -> AvControl:
         """The answer to the present step."""
@@ -123,21 +123,35 @@ class Session:
         Raises:
             InputError: An option cannot be used.
         """
-        self.task, self.seats = task, tuple(seats)
+        self.seats = tuple(seats)
+        self._own = task
+        """Of episodes that are begun without options."""
         self._record_to = record_to
-        self._rulebook = load_rulebook(task.rulebook) if task.rulebook else None
-        for seat in seats:
-            weights_of(seat, task.rewards)
+        self._take_up(task)
         self._drivers: dict[Seat, _Driver] = {}
         self.rollout: Rollout | None = None
 
-    def reset(self, seed: int | None, random: np.random.Generator) -> dict[Seat, SeatResult]:
+    def _take_up(self, task: Task) -> None:
+        for seat in self.seats:
+            weights_of(seat, task.rewards)
+        self._rulebook = load_rulebook(task.rulebook) if task.rulebook else None
+        self.task = task
+
+    def reset(
+        self, seed: int | None, random: np.random.Generator, options: Mapping[str, Any] | None = None
+    ) -> dict[Seat, SeatResult]:
         """Begins the episode of a seed; without one that of a seed that is drawn.
 
+        Args:
+            seed: Of the episode.
+            random: Draws seeds.
+            options: Fields of ``Task`` in place of the environment's, for this episode alone.
+
         Raises:
-            InputError: The request cannot be used.
+            InputError: An option or the request cannot be used.
             EpisodeError: SUMO failed before the first step.
         """
+        self._take_up(self._own.changed(options or {}))
         self.close()
         tries = 1 if seed is not None else _TRIES
         for left in reversed(range(tries)):
@@ -162,7 +176,8 @@ class Session:
         """Simulates from one decision to the next; gives the results of those who were not at their end before.
 
         Raises:
-            EpisodeError: No episode has begun.
+            InputError: An action cannot be used, or a driver has none; nothing has changed then.
+            EpisodeError: No episode has begun, or it has ended.
         """
         rollout = self.rollout
         if rollout is None:
@@ -170,6 +185,10 @@ class Session:
         active = {seat: driver for seat, driver in self._drivers.items() if not driver.ended}
         if not active:
             raise EpisodeError("the episode has ended: reset begins the next one")
+        for seat in active:
+            if seat not in actions:
+                raise InputError("actions", ", ".join(actions), f"an action of each driver: {', '.join(active)}")
+            self.task.check_action(actions[seat])
         for seat, driver in active.items():
             driver.decide(actions[seat])
         sums = {seat: dict.fromkeys(TERMS, 0.0) for seat in active}

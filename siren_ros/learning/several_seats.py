@@ -53,7 +53,7 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         if render_mode not in {None, *self.metadata["render_modes"]}:
             raise InputError("render_mode", render_mode, "rgb_array or None")
         self.render_mode = render_mode
-        task = Task(**options)
+        task = Task.of(options)
         self._session = Session(task, [Seat(seat) for seat in drivers], None if record_to is None else Path(record_to))
         self.possible_agents = [str(seat) for seat in drivers]
         self.agents: list[str] = []
@@ -71,19 +71,17 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         return self.action_spaces[agent]
 
     def reset(
-        self,
-        seed: int | None = None,
-        options: dict[str, Any] | None = None,  # noqa: ARG002 - the interface's
+        self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, npt.NDArray[Any]], dict[str, dict[str, Any]]]:
-        """Begins an episode; there are no options.
+        """Begins an episode; ``options`` as in ``SeatEnv.reset``.
 
         Raises:
-            InputError: The request cannot be used.
+            InputError: An option or the request cannot be used.
             EpisodeError: SUMO failed before the first step.
         """
         if seed is not None:
             self._random, _ = seeding.np_random(seed)
-        results = self._session.reset(seed, self._random)
+        results = self._session.reset(seed, self._random, options)
         self.agents, self._view = list(self.possible_agents), None
         return (
             {str(seat): result.observation for seat, result in results.items()},
@@ -94,8 +92,11 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         """Simulates ``decision_s``; drivers whose episodes end leave ``agents``.
 
         Raises:
+            InputError: A driver has no action, or one that is not of the action space; nothing has changed then.
             EpisodeError: All episodes have ended, or none has begun.
         """
+        if strangers := sorted(set(actions) - set(self.possible_agents)):
+            raise InputError("actions", ", ".join(strangers), f"an action of each driver: {', '.join(self.agents)}")
         results = self._session.advance({Seat(seat): action for seat, action in actions.items()})
         self.agents = [str(seat) for seat, result in results.items() if not (result.terminated or result.truncated)]
         parts = ("observation", "reward", "terminated", "truncated", "info")

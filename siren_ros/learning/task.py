@@ -1,7 +1,7 @@
 """What an environment is asked for: the episodes, the seats' spaces, the reward."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Final
 
@@ -34,6 +34,16 @@ class Action(StrEnum):
 
     MANOEUVRE = "manoeuvre"
     CONTINUOUS = "continuous"
+
+
+_OF_SPACES: Final = frozenset({"observation", "action"})
+"""Options that an environment keeps, because its spaces depend on them."""
+
+
+def _refuse_unknown(options: Mapping[str, Any], known: Collection[str]) -> None:
+    for name in options:
+        if name not in known:
+            raise InputError("option", name, f"one of {', '.join(known)}")
 
 
 @dataclass(frozen=True)
@@ -83,6 +93,34 @@ class Task:
         first, after = self.seeds
         if not 0 <= first < after:
             raise InputError("seeds", self.seeds, "the first seed and the one after the last")
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any]) -> "Task":
+        """The task of an environment with some options; InputError also names an option that does not exist."""
+        _refuse_unknown(options, [*cls.__dataclass_fields__])
+        return cls(**options)
+
+    def changed(self, options: Mapping[str, Any]) -> "Task":
+        """The task of one episode, with the options of its reset in place of the environment's.
+
+        Raises:
+            InputError: An option does not exist, cannot be used, or would change a space.
+        """
+        _refuse_unknown(options, [name for name in self.__dataclass_fields__ if name not in _OF_SPACES])
+        return replace(self, **options)
+
+    def check_action(self, action: Any) -> None:
+        """Raise InputError for an action that is not one of the action space.
+
+        Numbers beyond −1 and 1 of a continuous action are no error: they count as −1 and 1.
+        """
+        array = np.asarray(action)
+        if self.action == Action.MANOEUVRE:
+            if array.size != 1 or array.dtype.kind not in "iu" or int(array.item()) not in {*Manoeuvre}:
+                names = ", ".join(f"{one.value} ({one.name.lower()})" for one in Manoeuvre)
+                raise InputError("action", action, f"a whole number: {names}")
+        elif array.shape != (_PEDALS,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+            raise InputError("action", action, f"{_PEDALS} finite numbers: acceleration, wheel and indicator")
 
     @property
     def steps_per_decision(self) -> int:

@@ -10,6 +10,7 @@ from repository import REPOSITORY
 
 LIBRARY = ("Make an episode", "Read a record", "Score predictions", "In a notebook")
 """Sections that follow each other in one program; the study of the next one is as long as its episodes."""
+_BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def program_of(page: str, *sections: str) -> str:
@@ -18,9 +19,7 @@ def program_of(page: str, *sections: str) -> str:
     head, *parts = re.split(r"^## (.+)\n", text, flags=re.MULTILINE)
     of = dict(zip(parts[::2], parts[1::2], strict=True))
     chosen = [of[section] for section in sections] or [head]
-    return "\n".join(
-        block for part in chosen for block in re.findall(r"^```python\n(.*?)^```$", part, re.MULTILINE | re.DOTALL)
-    )
+    return "\n".join(block for part in chosen for block in _BLOCK.findall(part))
 
 
 def output_of(program: str, folder: Path) -> str:
@@ -34,6 +33,12 @@ def output_of(program: str, folder: Path) -> str:
     )
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout
+
+
+def test_learning(tmp_path: Path) -> None:
+    pytest.importorskip("pettingzoo", reason="the extra learn is not installed")
+    one, several = program_of("learning.md"), program_of("learning.md", "Several drivers")
+    output_of(f"{one}\n{program_of('learning.md', 'Episodes')}\nenv.close()\n{several}\nenv.close()", tmp_path)
 
 
 def test_the_library(tmp_path: Path) -> None:

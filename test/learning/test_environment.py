@@ -1,5 +1,7 @@
 """The environments of Gymnasium, on short episodes."""
 
+import subprocess
+import sys
 import warnings
 from functools import partial
 from itertools import pairwise
@@ -187,6 +189,77 @@ def test_the_picture_shows_what_moves() -> None:
             pictures.append(env.render())
     assert all(picture.shape == (400, 640, 3) and picture.dtype == np.uint8 for picture in pictures)
     assert all((one != other).any() for one, other in pairwise(pictures))
+
+
+def test_options_of_a_reset_hold_for_one_episode() -> None:
+    with made(template="S4") as other:
+        wanted, _ = other.reset(seed=7)
+    with made() as env:
+        own, _ = env.reset(seed=7)
+        changed, _ = env.reset(seed=7, options={"template": "S4"})
+        again, _ = env.reset(seed=7)
+    assert np.array_equal(changed, wanted)
+    assert np.array_equal(again, own)
+    assert not np.array_equal(own, wanted)
+
+
+def test_options_of_a_reset_are_those_of_decisions_and_rewards_too() -> None:
+    with made() as env:
+        env.reset(seed=7, options={"decision_s": 0.5, "rewards": {"progress": 0.0, "emv_delay": -7.0}})
+        _, reward, _, _, info = env.step(KEEP)
+    assert info["time_s"] == pytest.approx(0.5)
+    assert info["terms"]["emv_delay"] > 0.0
+    assert reward == pytest.approx(-7.0 * info["terms"]["emv_delay"] - info["terms"]["indicator"])
+
+
+@pytest.mark.parametrize(
+    ("options", "names"),
+    [
+        ({"tempalte": "S4"}, "option: 'tempalte' .*template, level"),
+        ({"observation": "raster"}, "option: 'observation'"),
+        ({"level": 9}, "level: 9"),
+        ({"rewards": {"speed": 1.0}}, "rewards: 'speed'"),
+    ],
+)
+def test_options_of_a_reset_that_cannot_be_used_leave_the_episode_as_it_is(options, names: str) -> None:
+    with made() as env:
+        env.reset(seed=7)
+        with pytest.raises(InputError, match=names):
+            env.reset(seed=7, options=options)
+        env.step(KEEP)
+        assert env.unwrapped.rollout.setup.description.template == "S2"
+
+
+@pytest.mark.parametrize("action", [7, -1, 2.7, float("nan"), "keep", None, [0, 1], True])
+def test_an_action_that_is_no_manoeuvre_is_refused_before_anything_changes(action) -> None:
+    with made() as env:
+        env.reset(seed=7)
+        with pytest.raises(InputError, match=r"action: .*0 \(keep\), 1 \(left\)"):
+            env.step(action)
+        assert len(env.unwrapped.rollout.steps) == 1
+        assert env.step(np.int64(KEEP))[4]["time_s"] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("action", [[0.0, np.nan, 0.0], [np.inf, 0.0, 0.0], [0.0, 0.0], 0.0, ["a", "b", "c"]])
+def test_pedals_that_are_no_numbers_are_refused_before_anything_changes(action) -> None:
+    with made(action="continuous") as env:
+        env.reset(seed=7)
+        with pytest.raises(InputError, match=r"action: .*3 finite numbers"):
+            env.step(action)
+        assert len(env.unwrapped.rollout.steps) == 1
+        assert env.step([0.5, 0.0, 0.0])[4]["time_s"] == pytest.approx(0.2)
+
+
+def test_an_option_that_does_not_exist_is_named() -> None:
+    with pytest.raises(InputError, match=r"option: 'sensors' .*template, level"):
+        made(sensors="front")
+
+
+@pytest.mark.parametrize("order", ["siren_ros.learning, gymnasium", "siren_ros.learning"])
+def test_the_documented_order_of_imports_finds_the_name_and_warns_of_nothing(order: str) -> None:
+    program = f"import {order}; import gymnasium; print(gymnasium.spec('siren/Yield-v0').id)"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False)
+    assert (done.stdout.strip(), done.stderr) == ("siren/Yield-v0", "")
 
 
 @pytest.mark.parametrize(

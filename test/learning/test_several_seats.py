@@ -17,12 +17,20 @@ from siren_ros.recording.bag_reader import read_episode
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # it imports environments of its own that are out of date
     from pettingzoo.test import parallel_api_test
+    from pettingzoo.utils import BaseParallelWrapper
 
 SHORT = {"template": "S2", "level": 2, "duration_s": 3.0}
 
 
+class WithoutOptions(BaseParallelWrapper):
+    """Drops the option ``options`` of PettingZoo's check, which is none of ours and is refused."""
+
+    def reset(self, seed=None, options=None):  # noqa: ARG002 - the interface's
+        return super().reset(seed=seed)
+
+
 def test_pettingzoo_finds_nothing_wrong() -> None:
-    env = parallel_env(**SHORT)
+    env = WithoutOptions(parallel_env(**SHORT))
     parallel_api_test(env, num_cycles=20)
     env.close()
 
@@ -53,6 +61,33 @@ def test_the_seats_are_the_actors_of_the_episode_and_its_bag_repeats(tmp_path: P
     assert infos["emv"]["actor_id"] == record.description.emv_ids[0]
     assert infos["civilian"]["actor_id"] == record.description.av_id
     assert repeat_episode(record) is None
+
+
+def test_options_of_a_reset_hold_for_one_episode() -> None:
+    env, other = parallel_env(**SHORT), parallel_env(**{**SHORT, "template": "S4"})
+    wanted, _ = other.reset(seed=7)
+    other.close()
+    changed, _ = env.reset(seed=7, options={"template": "S4"})
+    env.close()
+    assert all(np.array_equal(changed[agent], wanted[agent]) for agent in env.possible_agents)
+
+
+@pytest.mark.parametrize(
+    ("actions", "names"),
+    [
+        ({"emv": 0}, "actions: 'emv'"),
+        ({"emv": 0, "civilian": 0, "pilot": 0}, "actions: 'pilot'"),
+        ({"emv": 0, "civilian": 9}, "action: 9"),
+    ],
+)
+def test_actions_that_cannot_be_used_change_nothing(actions: dict[str, int], names: str) -> None:
+    env = parallel_env(**SHORT)
+    env.reset(seed=7)
+    with pytest.raises(InputError, match=names):
+        env.step(actions)
+    infos = env.step({"emv": 0, "civilian": 0})[4]
+    env.close()
+    assert infos["emv"]["time_s"] == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("seats", [(), ("emv", "emv"), ("pilot",)])

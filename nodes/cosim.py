@@ -8,6 +8,7 @@ import sys
 from importlib import import_module
 
 from siren_ros.errors import EXIT_FAILED
+from siren_ros.ros.programs.arguments import answer, outside_ros
 from siren_ros.ros.programs.processes import Interrupt, Waiting
 
 
@@ -20,6 +21,9 @@ def give_up(reason: str) -> None:
 
 def main() -> int:
     """Run one episode as the parameters say."""
+    if words := outside_ros(sys.argv[1:]):
+        config_type = import_module("siren_ros.ros.node_configs").CosimConfig
+        return answer(words, "cosim", config_type, "Simulates, senses, records and exports one episode.")
     interrupt = Interrupt("cosim")
     with Waiting("cosim", "its libraries to be loaded") as waiting:
         program = import_module("siren_ros.ros.programs.episode_program")

@@ -25,6 +25,7 @@ LESS_URGENT: Final = 10
 class Viewer(Node):
     """Hears an episode and serves its page; it publishes nothing, and no participant waits for it."""
 
+    config_type = ViewerConfig
     ends_by_signal = True
 
     def __init__(self, name: str, **node_options: Any) -> None:
@@ -35,7 +36,7 @@ class Viewer(Node):
         """
         super().__init__(name, **node_options)
         os.nice(LESS_URGENT)
-        config = declare_config(self, ViewerConfig)
+        config = declare_config(self, self.config_type)
         self.finished = False
         self._feed = LiveFeed()
         self._server = LiveServer(self._feed, config.port)

@@ -27,6 +27,12 @@ def parameter(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def defaults_of(config_type: type[Any]) -> dict[str, Value]:
+    """Default of every parameter of a config dataclass, by name."""
+    config = config_type()
+    return {field.name: getattr(config, field.name) for field in dataclasses.fields(config_type)}
+
+
 def allowed_text(field: "dataclasses.Field[Any]", kind: type) -> str:
     """What a parameter accepts, in words."""
     low, high, choices = (field.metadata.get(key) for key in ("minimum", "maximum", "choices"))

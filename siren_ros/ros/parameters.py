@@ -12,15 +12,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from siren_ros.errors import InputError
-from siren_ros.params.parameter_field import Value, allowed_text, checked_value
+from siren_ros.params.parameter_field import Value, allowed_text, checked_value, defaults_of
 
 Config = TypeVar("Config")
-
-
-def defaults_of(config_type: type[Any]) -> dict[str, Value]:
-    """Default of every parameter of a config dataclass, by name."""
-    config = config_type()
-    return {field.name: getattr(config, field.name) for field in dataclasses.fields(config_type)}
 
 
 def _descriptor(field: "dataclasses.Field[Any]", default: Value) -> ParameterDescriptor:

@@ -58,10 +58,12 @@ sender's shared memory (0.5 MB by default), and lost data comes again only after
 
 
 class BagPlayer(Node):
-    """Plays one bag, once or repeatedly; ``finished`` at the end of the bag.
+    """Plays one bag, once or repeatedly.
 
-    Services with the names and types of rosbag2's player control it.
+    Services with the names and types of rosbag2's player control it; ``finished`` at the end of the bag.
     """
+
+    config_type = PlayerConfig
 
     def __init__(self, name: str, **node_options: Any) -> None:
         """Open the bag and its publishers.
@@ -72,7 +74,7 @@ class BagPlayer(Node):
         """
         super().__init__(name, **node_options)
         began_s = time.monotonic()
-        self.config = declare_config(self, PlayerConfig)
+        self.config = declare_config(self, self.config_type)
         self.finished = False
         self._damage: BagError | None = None
         self._large_under_way = False

@@ -1,19 +1,14 @@
-"""How a node becomes a program: start ROS, spin, turn errors into one line and an exit code.
-
-What stands after ``--ros-args`` is quoted where ROS's YAML would take a text for something else.
-"""
+"""How a node becomes a program: start ROS, spin, turn errors into one line and an exit code."""
 
 import gc
-import json
 import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import rclpy
 from rclpy._rclpy_pybind11 import UnknownROSArgsError
@@ -21,6 +16,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError
+from siren_ros.ros.programs.arguments import answer, outside_ros, quoted
 from siren_ros.ros.programs.processes import Interrupt, Parent
 from siren_ros.ros.transport.shared_memory import (
     choose_profile,
@@ -49,24 +45,8 @@ def choose_log_folder() -> None:
     os.environ[LOG_VARIABLE] = str(user_folder(".ros/log"))
 
 
-_FLAGS: Final = ("-p", "--param")
-_STRUCTURE: Final = re.compile(r"(?![\[{\"']).*(:(\s|$)|\s#)", re.DOTALL)
-"""A text without quotes that YAML takes for a mapping, or for a text with a comment behind it."""
 _PLACE: Final = re.compile(r", at /.*")
 _UNREADABLE: Final = "Couldn't parse"
-
-
-def quoted(arguments: Sequence[str]) -> list[str]:
-    """Arguments whose parameters reach the node as they were typed: ``bag:=a: b`` is a text.
-
-    >>> quoted(["cosim", "--ros-args", "-p", "bag:=a: b", "-p", "seed:=3"])
-    ['cosim', '--ros-args', '-p', 'bag:="a: b"', '-p', 'seed:=3']
-    """
-    return [
-        f"{name}:={json.dumps(value)}" if before in _FLAGS and _STRUCTURE.match(value) else argument
-        for before, argument in pairwise(("", *arguments))
-        for name, _, value in [argument.partition(":=")]
-    ]
 
 
 @contextmanager
@@ -120,7 +100,16 @@ def start_ros(args: list[str] | None = None) -> None:
         rclpy.init(args=quoted(sys.argv if args is None else args), signal_handler_options=SignalHandlerOptions.NO)
 
 
-def run_program(make_node: Callable[[str], Any], name: str) -> int:
+class NodeType(Protocol):
+    """The class of a node that is a program."""
+
+    config_type: type[Any]
+
+    def __call__(self, name: str) -> Any:
+        """The node."""
+
+
+def run_program(make_node: NodeType, name: str) -> int:
     """Run one node as a program of its own until it is done or interrupted; returns the exit code.
 
     A node that has ``finished`` is asked to ``flush(timeout_s)``, until its subscribers have everything; one that
@@ -128,6 +117,8 @@ def run_program(make_node: Callable[[str], Any], name: str) -> int:
     ``ends_by_signal`` is true, an interruption is the usual end.
     The process ends at most ``SHUTDOWN_S`` later, also if DDS does not shut down. The caller does nothing after it.
     """
+    if words := outside_ros(sys.argv[1:]):
+        return answer(words, name, make_node.config_type, (make_node.__doc__ or "").partition("\n")[0])
     interrupt = Interrupt(name)
     parent = Parent(int(os.environ.get(PARENT_VARIABLE) or 0))
     try:

@@ -53,9 +53,8 @@ class KittiExporter(Participant[KittiExporterConfig]):
         if camera is not None:
             camera_pose = camera_from_lidar(static_transforms(suite), lidar.name, optical_frame(camera.name))
             calibrated = KittiCamera(camera.intrinsics, camera_pose)
-        export = LiveExport(
-            Path(self.config.out) if self.config.out else default_kitti_path(default_bag_path_of(episode))
-        )
+        out = Path(self.config.out) if self.config.out else default_kitti_path(default_bag_path_of(episode))
+        export = LiveExport(out, overwrite=self.config.overwrite)
         self._files, self._export = FileWriter(export.open()), export
         self._frames = KittiFrames(self._files, layout, calibrated)
         self.join_more([Input(topic) for topic in (self._lidar, self._image) if topic is not None])

@@ -12,6 +12,7 @@ from siren_ros.interfaces.episode_conversions import EpisodeClosing
 from siren_ros.interfaces.messages import typestore
 from siren_ros.interfaces.topics import Topic
 from siren_ros.judging.outcome import judge
+from siren_ros.recording.bag_writer import BagOptions
 from siren_ros.recording.recorder import EpisodeRecorder
 from siren_ros.ros.node_configs import RecorderConfig
 from siren_ros.ros.participants.participant import Participant
@@ -31,7 +32,8 @@ class Recorder(Participant[RecorderConfig]):
         self._busy_s = 0.0
         latched = frozenset(topic.name for topic in topics.FIXED_TOPICS.values() if topic.latched)
         bag = Path(self.config.bag) if self.config.bag else None
-        self._recorder = EpisodeRecorder(bag, typestore(), latched, judge, wire.decode, wire.content)
+        options = BagOptions(overwrite=self.config.overwrite)
+        self._recorder = EpisodeRecorder(bag, typestore(), latched, judge, wire.decode, wire.content, options)
         self._recorder.on_step_recorded = self._on_step_recorded
         self._listening: set[str] = set()
         self._listen(topics.CORE_TOPICS)

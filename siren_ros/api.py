@@ -32,7 +32,7 @@ Folder: TypeAlias = str | PathLike[str]
 Folders: TypeAlias = Folder | Sequence[Folder]
 
 
-def make_episode(request: EpisodeRequest, bag: Folder) -> RecordedEpisode:
+def make_episode(request: EpisodeRequest, bag: Folder, *, overwrite: bool = False) -> RecordedEpisode:
     """Simulate an episode and record it.
 
     The bag has the same bytes as that of ``ros2 run siren_ros cosim`` with the same request and package versions.
@@ -40,6 +40,7 @@ def make_episode(request: EpisodeRequest, bag: Folder) -> RecordedEpisode:
     Args:
         request: Template, level, seed, map, sensors and the other choices.
         bag: Folder of the bag; it must not exist.
+        overwrite: Whether it may be there as the bag of an earlier episode, which the new one replaces when complete.
 
     Returns:
         How the episode ended, and what its bag holds. An episode that fails on the way leaves a partial bag.
@@ -52,7 +53,7 @@ def make_episode(request: EpisodeRequest, bag: Folder) -> RecordedEpisode:
     from siren_ros.generation.episode_setup import set_up_episode
     from siren_ros.generation.recorded_episode import record_episode
 
-    return record_episode(set_up_episode(request), Path(bag))
+    return record_episode(set_up_episode(request), Path(bag), overwrite=overwrite)
 
 
 def read_record(bag: Folder) -> EpisodeRecord:

@@ -13,6 +13,7 @@ from siren_ros.cli.command import Command
 from siren_ros.errors import EXIT_FAILED, SirenError
 
 VERBS: Final = {
+    "episode": ("make one episode", "episode.add_arguments"),
     "generate": (
         "make the episodes of a study: templates, levels, seeds, maps and parameters",
         "generate.add_arguments",

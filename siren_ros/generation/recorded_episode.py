@@ -7,7 +7,7 @@ from itertools import starmap
 from pathlib import Path
 from typing import Any
 
-from siren_ros.errors import EpisodeError, InputError, SirenError
+from siren_ros.errors import EpisodeError, InputError
 from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, driven
 from siren_ros.generation.episode_setup import EpisodeSetup
@@ -25,7 +25,7 @@ from siren_ros.interfaces.messages import make_message, stamp, typestore
 from siren_ros.interfaces.topics import Topic
 from siren_ros.judging.outcome import judge
 from siren_ros.numerics.units import steps_from_s, time_ns_of_step
-from siren_ros.recording.bag_writer import BagSummary
+from siren_ros.recording.bag_writer import BagOptions, BagSummary
 from siren_ros.recording.recorder import EpisodeRecorder
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
@@ -67,7 +67,14 @@ Answer = Callable[[LoopStep], Controls]
 """What drivers in seats answer to a step."""
 
 
-def record_episode(setup: EpisodeSetup, bag: Path, answer: Answer | None = None) -> RecordedEpisode:
+def record_episode(
+    setup: EpisodeSetup,
+    bag: Path,
+    answer: Answer | None = None,
+    *,
+    overwrite: bool = False,
+    on_step: Callable[[int], None] = lambda _: None,
+) -> RecordedEpisode:
     """Runs an episode to its end and writes its bag.
 
     The bytes are those of ``cosim`` with the same request, and with the same answers of the AV under test. An episode
@@ -78,6 +85,8 @@ def record_episode(setup: EpisodeSetup, bag: Path, answer: Answer | None = None)
         bag: Folder of the bag to write.
         answer: Answers for the AV under test, which an episode with one needs, and for whoever else sits in a seat. It
             may raise ``EpisodeError``, which ends the episode.
+        overwrite: Whether the bag replaces that of an earlier episode there, once it is complete.
+        on_step: Called with each step that is recorded.
 
     Raises:
         InputError: The bag exists already or cannot be written; an AV under test without answers, a predictor or a
@@ -91,7 +100,9 @@ def record_episode(setup: EpisodeSetup, bag: Path, answer: Answer | None = None)
     if setup.plan.av and answer is None:
         raise InputError("av", described.parameters.get("av"), "an episode without an AV under test; that needs cosim")
     latched = frozenset(topic.name for topic in topics.FIXED_TOPICS.values() if topic.latched)
-    recorder = EpisodeRecorder(bag, typestore(), latched, judge, wire.decode, wire.content)
+    options = BagOptions(overwrite=overwrite)
+    recorder = EpisodeRecorder(bag, typestore(), latched, judge, wire.decode, wire.content, options)
+    recorder.on_step_recorded = on_step
     end, reason = EpisodeEnd.COMPLETE, ""
     try:
         recorder.expect(topics_of(described), bag)
@@ -100,7 +111,7 @@ def record_episode(setup: EpisodeSetup, bag: Path, answer: Answer | None = None)
                 recorder.take(topic, cdr)
     except EpisodeError as error:
         end, reason = EpisodeEnd.FAILED, str(error)
-    except (SirenError, OSError):
+    except BaseException:  # also where the user interrupts it
         recorder.discard()
         raise
     outcome, summary, _ = recorder.close(EpisodeClosing(recorder.steps_recorded, end, reason))

@@ -12,7 +12,7 @@ from siren_ros.errors import InputError
 from siren_ros.learning.raster import SHAPE
 from siren_ros.numerics.units import STEP_S
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel, level_name
 from siren_ros.seat.features import SIZE
 from siren_ros.seat.manoeuvres import Manoeuvre
 
@@ -129,7 +129,7 @@ class Task:
 
     @property
     def _level(self) -> str:
-        return "" if self.level is None else f"L{str(self.level).removeprefix('L')}"
+        return "" if self.level is None else level_name(self.level)
 
     def request(self, seed: int, *, with_av: bool) -> EpisodeRequest:
         """The request of the episode with a seed."""

@@ -1,7 +1,7 @@
 """Dataclass fields that are also parameters: a default with a description and what is allowed, and its check."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from siren_ros.errors import InputError
@@ -16,12 +16,20 @@ def parameter(
     minimum: float | None = None,
     maximum: float | None = None,
     choices: Sequence[str] = (),
+    read: Callable[[object], str] | None = None,
 ) -> Any:
     """A dataclass field whose metadata say what a user has to know to set it.
 
-    A default that is a list is copied for every instance. ``choices`` are all allowed values, if they can be counted.
+    A default that is a list is copied for every instance. ``choices`` are all allowed values, if they can be counted;
+    ``read`` gives the choice that a word of the user stands for.
     """
-    metadata = {"description": description, "minimum": minimum, "maximum": maximum, "choices": tuple(choices)}
+    metadata = {
+        "description": description,
+        "minimum": minimum,
+        "maximum": maximum,
+        "choices": tuple(choices),
+        "read": read,
+    }
     if isinstance(default, list):
         return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -51,6 +59,8 @@ def checked_value(field: "dataclasses.Field[Any]", default: Value, value: Any) -
     """A value in the type of the default; InputError for a wrong type, a number out of range, or no choice."""
     kind = type(default)
     allowed = allowed_text(field, kind)
+    if read := field.metadata.get("read"):
+        value = read(value)
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if kind is str and not isinstance(value, str) and isinstance(value, (int, float, bool)):

@@ -1,6 +1,6 @@
 """The reader of every parameter file: key by key, with errors that name file, line, key, value and what is allowed."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -88,11 +88,12 @@ class StrictMapping:
             return default
         return self._scalar(key, ("bool",), "true or false").lower() in {"true", "yes", "on"}
 
-    def text(self, key: str, choices: Iterable[str] | None = None) -> str:
-        """A text, one of the choices where these are given."""
+    def text(self, key: str, choices: Iterable[str] | None = None, read: Callable[[object], str] | None = None) -> str:
+        """A text, one of the choices where these are given; ``read`` gives the choice that a word stands for."""
         known = None if choices is None else tuple(choices)
         allowed = "a text that is not empty" if known is None else f"one of {', '.join(known)}"
-        value = self._scalar(key, ("str",), allowed)
+        value = self._scalar(key, ("str",) if read is None else ("str", "int"), allowed)
+        value = value if read is None else read(value)
         if not value or (known is not None and value not in known):
             raise InputError(self.where(key), value, allowed)
         return value

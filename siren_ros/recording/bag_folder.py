@@ -19,6 +19,7 @@ import yaml
 from mcap.records import Channel
 
 from siren_ros.errors import BagError
+from siren_ros.interfaces.topics import EPISODE
 from siren_ros.params import plain_yaml
 
 METADATA_FILE: Final = "metadata.yaml"
@@ -176,25 +177,50 @@ def free_partial_path(bag: Path) -> Path:
     return candidate
 
 
-def check_new_bag(bag: Path) -> None:
+def is_episode_bag(folder: Path) -> bool:
+    """Whether a folder is a bag of an episode, and holds nothing else."""
+    if folder.is_symlink():
+        return False
+    try:
+        information = read_metadata(folder)
+        files = {METADATA_FILE, *information["relative_file_paths"]}
+        recorded = EPISODE.name in read_message_counts(folder)
+        there = {path.name: path.is_file() for path in folder.iterdir()}
+        return recorded and files == set(there) and all(there.values())
+    except (BagError, OSError, KeyError, TypeError):
+        return False
+
+
+def check_new_bag(bag: Path, *, overwrite: bool = False) -> None:
     """Refuses the path of a bag that could not be moved to its place at the end of the episode.
+
+    With ``overwrite`` the bag of an earlier episode may be there, which then gives way.
 
     Raises BagError: something is there already, be it a link that leads nowhere; or the system does not take the name,
     or the longer names that the bag has while it grows.
     """
+    replaces = overwrite and is_episode_bag(bag)
     try:
         bag.name.encode()
         for path in (bag, working_path(bag) / f"{bag.name}_0.mcap"):
             with suppress(FileNotFoundError):
                 path.lstat()
-                if path == bag:
-                    there = "this one exists already" if bag.exists() else "a link that leads nowhere is there"
-                    raise BagError(str(bag), f"the path of a new folder; {there}")
+                if path == bag and not replaces:
+                    raise BagError(str(bag), f"the path of a new folder; {_what_is_at(bag, overwrite)}")
     except UnicodeEncodeError as error:
         raise BagError(str(bag), "a path in UTF-8") from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise BagError(str(bag), f"a place that can be written ({reason})") from error
+
+
+def _what_is_at(bag: Path, overwrite: bool) -> str:
+    if not bag.exists():
+        return "a link that leads nowhere is there"
+    if is_episode_bag(bag):
+        helps = "overwrite (overwrite:=true, --overwrite) replaces this episode"
+        return f"{helps}, and `siren replay {bag} --check` makes it again and compares"
+    return "this one exists already" + (", and is not the bag of an episode alone" if overwrite else "")
 
 
 def lock(file: FileIO) -> bool:
@@ -212,15 +238,17 @@ def lock(file: FileIO) -> bool:
 class WorkingFolder:
     """The folder ``.NAME.partial`` next to a bag's final place, with the storage file in it."""
 
-    def __init__(self, bag: Path, file_name: str) -> None:
+    def __init__(self, bag: Path, file_name: str, *, overwrite: bool = False) -> None:
         """Creates the folder. The folder of a killed writer in its place is moved to a partial name.
 
-        Raises BagError: the bag exists, another episode writes it now, or the place cannot be written.
+        Raises BagError: the bag exists, unless ``overwrite`` lets it replace an episode; another episode writes it now,
+        or the place cannot be written.
         """
+        self._overwrite = overwrite
         self.path = working_path(bag)
         self._bag = bag
         self._file_path = self.path / file_name
-        check_new_bag(bag)
+        check_new_bag(bag, overwrite=overwrite)
         try:
             bag.parent.mkdir(parents=True, exist_ok=True)
             self._set_aside_orphan()
@@ -285,7 +313,9 @@ class WorkingFolder:
         (self.path / METADATA_FILE).write_text(metadata, encoding="utf-8")
 
     def move_to(self, target: Path) -> Path:
-        """Moves the folder; OSError where the target exists or cannot be made."""
+        """Moves the folder; OSError where the target exists, unless it gives way, or cannot be made."""
+        if self._overwrite and is_episode_bag(target):
+            shutil.rmtree(target)
         if os.path.lexists(target):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
         self.path.rename(target)

@@ -74,7 +74,7 @@ class BackgroundWorker:
 
 @dataclass(frozen=True)
 class BagOptions:
-    """Chunk size, compression and memory of a bag's writer."""
+    """Chunk size, compression and memory of a bag's writer, and whether an earlier bag gives way."""
 
     chunk_bytes: int = 64_000
     """Largest uncompressed size of a chunk with several messages; a larger message is a chunk of its own. Damage costs
@@ -86,6 +86,8 @@ class BagOptions:
     the same size, 3 twice as long for a fifth less."""
     queued_chunks: int = 8
     """Chunks that may wait for the writing thread; bounds the memory."""
+    overwrite: bool = False
+    """Whether the finished bag replaces that of an earlier episode in its place."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,7 @@ class EpisodeBagWriter:
         self._latched = frozenset(latched)
         self._options = options or BagOptions()
         self._file_name = f"{path.name}_0.mcap"
-        self._folder = WorkingFolder(path, self._file_name)
+        self._folder = WorkingFolder(path, self._file_name, overwrite=self._options.overwrite)
         self._channels: dict[str, _OpenChannel] = {}
         self._schemas: dict[str, Schema] = {}
         self._pending = _PendingChunk()

@@ -16,7 +16,7 @@ from siren_ros.interfaces.messages import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.interfaces.topics import EPISODE_END, OUTCOME, STEERED_FROM_OUTSIDE, Topic
 from siren_ros.lockstep import MAX_STEPS_AHEAD
 from siren_ros.numerics.units import time_ns_of_step
-from siren_ros.recording.bag_writer import BagSummary, EpisodeBagWriter
+from siren_ros.recording.bag_writer import BagOptions, BagSummary, EpisodeBagWriter
 from siren_ros.recording.record_builder import RECORD_TOPICS, Reading, RecordBuilder, read_anew
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
@@ -132,6 +132,7 @@ class EpisodeRecorder:
         judge: Callable[[RecordBuilder, EpisodeClosing], EpisodeOutcome],
         decode: Callable[[Topic, bytes], Any] | None = None,
         read: Reading = read_anew,
+        options: BagOptions | None = None,
     ) -> None:
         """Opens the bag under its temporary name; without a path, ``expect`` sets it and opens the bag.
 
@@ -142,14 +143,16 @@ class EpisodeRecorder:
             judge: Gives the outcome, from the messages so far and from how the episode closed.
             decode: Decodes a CDR; by default with the store.
             read: Applies a conversion to a message; may return an earlier result.
+            options: How the bag is written.
 
         Raises BagError: the folder exists already or cannot be written.
         """
         self._store = store
         self._latched = latched | {EPISODE_END.name}
+        self._options = options
         self._judge = judge
         self._decode = decode or partial(decode_cdr, store)
-        self._writer = None if path is None else EpisodeBagWriter(path, store, self._latched)
+        self._writer = None if path is None else EpisodeBagWriter(path, store, self._latched, options)
         self._builder = RecordBuilder(read)
         self._collector: StepCollector | None = None
         self._early: list[tuple[Topic, bytes]] = []
@@ -172,7 +175,7 @@ class EpisodeRecorder:
         The path is the bag's where the constructor got none. Raises BagError as the constructor.
         """
         if self._writer is None:
-            self._writer = EpisodeBagWriter(path, self._store, self._latched)
+            self._writer = EpisodeBagWriter(path, self._store, self._latched, self._options)
         self._collector = StepCollector(topics)
         for topic, cdr in self._early:
             self.take(topic, cdr)

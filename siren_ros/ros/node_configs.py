@@ -65,6 +65,7 @@ class RecorderConfig(ParticipantConfig):
     """``recorder``."""
 
     bag: str = parameter("", "Folder of the bag to write; empty: bags/TEMPLATE_LEVEL_seedN.")
+    overwrite: bool = parameter(False, "Replace an earlier episode in that place; nothing else is ever replaced.")
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ class KittiExporterConfig(ParticipantConfig):
 
     out: str = parameter("", "Folder of the KITTI export; empty: bags/TEMPLATE_LEVEL_seedN_kitti.")
     layout: str = parameter("kitti", "KITTI's own layout, or exactly the paper's.", choices=KITTI_LAYOUTS)
+    overwrite: bool = parameter(False, "Replace an earlier export in that place; nothing else is ever replaced.")
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,9 @@ class CosimConfig(EpisodeRequest):
     """``cosim``: one episode, all nodes."""
 
     bag: str = parameter("", "Folder of the bag to write; empty: bags/TEMPLATE_LEVEL_seedN.")
+    overwrite: bool = parameter(
+        False, "Replace an earlier episode and its KITTI export in that place; nothing else is ever replaced."
+    )
     external: list[str] = parameter(
         [], "Programs that report every step on /siren/step_done under these names and are waited for."
     )

@@ -11,7 +11,7 @@ from typing import Any, Final
 from siren_ros.errors import InputError
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles, RecordedFiles, files_from_json
 from siren_ros.params.parameter_field import parameter
-from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel, level_name
 from siren_ros.tables.brief import Brief
 from siren_ros.world.actors import NO_ACTOR
 
@@ -28,7 +28,9 @@ class EpisodeRequest:
     """The choices that define an episode. The nodes that take a request inherit these fields as parameters."""
 
     template: str = parameter("S2", "Interaction template: an id such as S2 or the path of a template file.")
-    level: str = parameter("", "Emergency level; empty: the template's own.", choices=_LEVELS)
+    level: str = parameter(
+        "", "Emergency level, also 2 or l2 for L2; empty: the template's own.", choices=_LEVELS, read=level_name
+    )
     seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=MAX_SEED)
     map: str = parameter(
         "",
@@ -59,6 +61,9 @@ class EpisodeRequest:
         "Detector of vehicles in the sweeps of the running episode, on /emv/detections: pillars, or the path of an "
         "ONNX file; empty: none.",
     )
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "level", level_name(self.level))
 
     @staticmethod
     def within(config: "EpisodeRequest") -> "EpisodeRequest":

@@ -20,6 +20,13 @@ class EmergencyLevel(IntEnum):
     L3 = 3
 
 
+def level_name(word: object) -> str:
+    """The name ``L2`` of a level that somebody calls ``2``, ``"2"`` or ``"l2"``; any other word as it is."""
+    text = str(word)
+    name = f"L{text.upper().removeprefix('L')}"
+    return name if name in EmergencyLevel.__members__ else text
+
+
 class CivilianResponse(StrEnum):
     """What civilians do about an EMV that sounds its siren."""
 

@@ -11,7 +11,7 @@ from siren_ros.params.resources import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.roads.maps.map_compiler import BUILT_IN_MAPS
 from siren_ros.roads.sites import SiteKind
-from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel, level_name
 from siren_ros.scenario.scenario import (
     DECLARED_PREDICATES,
     BehaviourFamily,
@@ -88,7 +88,7 @@ def _template(top: StrictMapping) -> Template:
         template_id=name,
         title=top.text("title"),
         family=BehaviourFamily(top.text("family", list(BehaviourFamily))),
-        level=EmergencyLevel[top.text("level", EmergencyLevel.__members__)],
+        level=EmergencyLevel[top.text("level", EmergencyLevel.__members__, level_name)],
         site_kind=site_kind,
         duration_s=parameters.number(top, "duration_s", 1.0, 3600.0),
         warm_up_s=top.number("warm_up_s", 0.0, 600.0),

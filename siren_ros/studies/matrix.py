@@ -22,7 +22,7 @@ from siren_ros.params.parameter_field import check_fields
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.roads.maps.map_compiler import name_of_map, source_sha256_of
 from siren_ros.scenario.episode import MAX_SEED, EpisodeRequest, text_of_values, values_of
-from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel, level_name
 from siren_ros.scenario.scenario import DRAWN_BY_NAME, Template, ValueRange
 from siren_ros.scenario.templates import load_template
 from siren_ros.tables.brief import Brief
@@ -313,10 +313,11 @@ def _draws(section: StrictMapping) -> DrawPlan:
 
 def levels_of(words: Sequence[str]) -> tuple[str, ...]:
     """Levels by name, or ``own``; InputError for another word."""
-    for word in words:
-        if word not in LEVELS:
-            raise InputError("levels", word, f"of {', '.join(LEVELS)}")
-    return tuple(words)
+    names = tuple(level_name(word) for word in words)
+    for name in names:
+        if name not in LEVELS:
+            raise InputError("levels", name, f"of {', '.join(LEVELS)}")
+    return names
 
 
 def seeds_of(words: Sequence[str]) -> tuple[int, ...]:

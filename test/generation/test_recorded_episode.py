@@ -1,5 +1,7 @@
 """An episode is recorded without ROS. test/nodes/test_without_ros.py compares the bytes with those of the nodes."""
 
+from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -59,6 +61,69 @@ def test_an_existing_bag_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     with pytest.raises(BagError, match="exists already"):
         record_episode(set_up_episode(REQUEST), tmp_path / "bag")
+
+
+SHORT = EpisodeRequest("S2", duration_s=0.5, sensors="none")
+
+
+def digest(bag: Path) -> list[tuple[str, str]]:
+    return [(path.name, sha256(path.read_bytes()).hexdigest()) for path in sorted(bag.iterdir())]
+
+
+def test_an_earlier_episode_gives_way_where_that_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = tmp_path / "bag"
+    record_episode(set_up_episode(SHORT), bag)
+    first = digest(bag)
+    with pytest.raises(BagError, match=r"overwrite:=true.*siren replay .*bag --check"):
+        record_episode(set_up_episode(SHORT), bag)
+    record_episode(set_up_episode(replace(SHORT, seed=1)), bag, overwrite=True)
+    assert digest(bag) != first
+    record_episode(set_up_episode(SHORT), bag, overwrite=True)
+    assert digest(bag) == first
+    monkeypatch.setattr(loop, "check_residual", _fail_at(3))
+    record_episode(set_up_episode(SHORT), bag, overwrite=True)
+    assert digest(bag) == first
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["bag", "bag.partial"]
+
+
+@pytest.mark.parametrize("foreign", ["notes.txt", "folder"])
+def test_nothing_but_an_episode_gives_way(tmp_path: Path, foreign: str) -> None:
+    bag = tmp_path / "bag"
+    record_episode(set_up_episode(SHORT), bag)
+    (bag / "folder").mkdir() if foreign == "folder" else (bag / foreign).write_text("mine")
+    before = sorted(bag.iterdir())
+    with pytest.raises(BagError, match="not the bag of an episode alone"):
+        record_episode(set_up_episode(SHORT), bag, overwrite=True)
+    assert sorted(bag.iterdir()) == before
+
+
+def test_a_link_to_an_episode_stays(tmp_path: Path) -> None:
+    record_episode(set_up_episode(SHORT), tmp_path / "there")
+    (tmp_path / "bag").symlink_to(tmp_path / "there")
+    with pytest.raises(BagError, match="exists already"):
+        record_episode(set_up_episode(SHORT), tmp_path / "bag", overwrite=True)
+    assert (tmp_path / "there" / "metadata.yaml").is_file()
+
+
+def test_an_interrupted_episode_leaves_nothing_and_steps_are_told(tmp_path: Path) -> None:
+    told: list[int] = []
+
+    def interrupt(step: int) -> None:
+        told.append(step)
+        if step == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        record_episode(set_up_episode(SHORT), tmp_path / "bags" / "bag", on_step=interrupt)
+    assert told == [0, 1, 2, 3]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_level_has_its_number_too() -> None:
+    for level in (3, "3", "l3", "L3"):
+        request = replace(SHORT, level=level)  # type: ignore[arg-type] # as users write it
+        assert request == replace(SHORT, level="L3")
+        assert set_up_episode(request).description.level == 3
 
 
 def test_an_av_under_test_needs_its_controller(tmp_path: Path) -> None:

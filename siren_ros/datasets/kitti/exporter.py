@@ -22,7 +22,7 @@ from siren_ros.datasets.files import FileWriter, link, write_image_sets
 from siren_ros.datasets.formats import EpisodePart, EpisodeReport
 from siren_ros.datasets.kitti import labels as kitti_labels
 from siren_ros.datasets.kitti.labels import KittiCamera
-from siren_ros.datasets.kitti.live_export import Layout
+from siren_ros.datasets.kitti.live_export import FRAMES_FILE, FRAMES_HEAD, Layout
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.episode_source import FRONT_CAMERA, EpisodeSource, lidar_frames, lidar_of
@@ -35,12 +35,10 @@ _UP: Final = 2
 """Filter of every row: the difference to the row above (PNG specification, section 9)."""
 _FASTEST: Final = 1
 POINT_FIELDS: Final = ("x", "y", "z", "intensity")
-FRAMES_FILE: Final = "frames.csv"
 OBJECTS_FILE: Final = "objects.csv"
 TRAINING: Final = "training"
 _TESTING: Final = "testing"
 """Where KITTI has the frames of its split ``test``."""
-_FRAMES_HEAD: Final = "frame,step,timestamp\n"
 _OBJECTS_HEAD: Final = "frame,line,actor_id,type,is_emv,lidar_points,lidar_visibility\n"
 
 
@@ -95,7 +93,7 @@ class KittiFrames:
         """Number of frames written."""
         self.classes: Counter[str] = Counter()
         """Number of labels by class."""
-        files.append(FRAMES_FILE, _FRAMES_HEAD)
+        files.append(FRAMES_FILE, FRAMES_HEAD)
         if layout is Layout.PAPER:
             files.write("README.md", kitti_labels.PAPER_README.encode())
         else:

@@ -1,5 +1,7 @@
 """The KITTI folder of a running episode: hidden while it grows, under its own name when the episode is complete."""
 
+import re
+import shutil
 from contextlib import ExitStack, suppress
 from enum import StrEnum
 from pathlib import Path
@@ -13,6 +15,27 @@ _JOB: Final = {"export": "of a running episode"}
 _PART: Final = 0
 
 
+FRAMES_FILE: Final = "frames.csv"
+FRAMES_HEAD: Final = "frame,step,timestamp\n"
+_FILES: Final = re.compile(
+    r"frames\.csv|objects\.csv|README\.md|ImageSets/(train|val|test|trainval)\.txt|"
+    r"(training/)?(image_2|velodyne|calib|label_2|label_lidar)/\d{6,}\.(txt|bin|png|jpg)"
+)
+"""Every file of an export, in either layout."""
+
+
+def is_kitti_export(folder: Path) -> bool:
+    """Whether a folder holds the KITTI export of a running episode, and no other file."""
+    try:
+        with (folder / FRAMES_FILE).open(encoding="utf-8") as table:
+            begins = table.readline() == FRAMES_HEAD
+    except (OSError, ValueError):
+        return False
+    paths = [(path, path.relative_to(folder).as_posix()) for path in folder.rglob("*")]
+    known = all(path.is_dir() or _FILES.fullmatch(place) for path, place in paths)
+    return begins and known and not any(path.is_symlink() for path in (folder, *(path for path, _ in paths)))
+
+
 class Layout(StrEnum):
     """Which layout."""
 
@@ -24,14 +47,25 @@ class Layout(StrEnum):
 class LiveExport:
     """The exporter opens and closes it; the program that knows how the episode ended publishes or drops it."""
 
-    def __init__(self, out: Path) -> None:
-        """An export with this final folder; nothing is made yet."""
+    def __init__(self, out: Path, *, overwrite: bool = False) -> None:
+        """An export with this final folder, which may replace an earlier one there; nothing is made yet."""
+        self._out = out
+        self._overwrite = overwrite
         self._staging = Staging(out)
         self._opened = ExitStack()
 
     def check(self) -> None:
         """Refuses a final folder that could not be taken at the end; InputError as ``Staging.check_free``."""
+        if self._replaces:
+            return
+        if is_kitti_export(self._out):
+            allowed = "a folder that is new or empty; overwrite (overwrite:=true) replaces this export"
+            raise InputError("out", str(self._out), allowed)
         self._staging.check_free()
+
+    @property
+    def _replaces(self) -> bool:
+        return self._overwrite and is_kitti_export(self._out)
 
     def open(self) -> Path:
         """The folder to write into, new and empty. What a killed episode left in its place goes away.
@@ -57,6 +91,8 @@ class LiveExport:
 
         Raises InputError: the name has been taken meanwhile, or nothing was closed.
         """
+        if self._replaces:
+            shutil.rmtree(self._out)
         self._staging.publish(self._staging.part(_PART))
 
     def drop(self) -> None:

@@ -245,13 +245,13 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     request = EpisodeRequest.within(config)
     suite = load_suite(config.sensors)
     bag = Path(config.bag) if config.bag else default_bag_path(request)
-    check_new_bag(bag)
+    check_new_bag(bag, overwrite=config.overwrite)
     has_camera = (
         any(camera.name == EXPORTED_CAMERA for camera in suite.cameras) or Layout(config.kitti_layout) is Layout.PAPER
     )
     kitti = default_kitti_path(bag) if config.kitti and suite.lidars and has_camera else None
     if kitti:
-        LiveExport(kitti).check()
+        LiveExport(kitti, overwrite=config.overwrite).check()
     no_kitti = _NO_CAMERA if config.kitti and suite.lidars and not has_camera else ""
     if config.detector and not suite.lidars:
         raise InputError("sensors", config.sensors, "a suite with a LiDAR, for the detector")
@@ -262,9 +262,13 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     )
     overrides: dict[str, dict[str, Value]] = {name: {"participants": list(nodes)} for name in ("recorder", *nodes)}
     overrides["sumo_bridge"].update(asdict(request))
-    overrides["recorder"]["bag"] = str(bag)
+    overrides["recorder"] |= {"bag": str(bag), "overwrite": config.overwrite}
     if kitti:
-        overrides["kitti_exporter"] |= {"out": str(kitti), "layout": config.kitti_layout}
+        overrides["kitti_exporter"] |= {
+            "out": str(kitti),
+            "layout": config.kitti_layout,
+            "overwrite": config.overwrite,
+        }
     if config.detector:
         overrides["detector"]["weights"] = config.detector
     predictor = [config.predictor] if config.predictor and config.predictor not in config.external else []

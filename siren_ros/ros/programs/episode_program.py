@@ -143,7 +143,7 @@ def run_episode(
         cosim.progress.close()
         composition.stop(STOP_S, cosim.master.state.late)
         executor.shutdown()
-    state = _with_export(cosim.plan, cosim.master.state)
+    state = _with_export(cosim.plan, cosim.master.state, overwrite=cosim.config.overwrite)
     told = closing_summary(cosim.plan, state, cosim.outcome, cosim.progress.wall_s, cosim.master.answer_s)
     print("\n".join(told), flush=True)
     if state.end is not EpisodeEnd.COMPLETE:
@@ -191,11 +191,11 @@ def _stopped_by(interrupt: Interrupt) -> str:
     return f"stopped by {interrupt.signal_name}"
 
 
-def _with_export(plan: EpisodePlan, state: LockstepState) -> LockstepState:
+def _with_export(plan: EpisodePlan, state: LockstepState, *, overwrite: bool) -> LockstepState:
     """Give the KITTI folder of a complete episode its name; what another one left is removed."""
     if plan.kitti is None:
         return state
-    export = LiveExport(plan.kitti)
+    export = LiveExport(plan.kitti, overwrite=overwrite)
     if state.end is not EpisodeEnd.COMPLETE:
         export.drop()
         return state

@@ -93,3 +93,31 @@ def test_an_unfinished_export_of_bags_is_left_alone(out):
         LiveExport(out).open()
     LiveExport(out).drop()
     assert unfinished.report_of(0) == {}
+
+
+def whole(out: Path, text: str, *, overwrite: bool = False) -> None:
+    export = LiveExport(out, overwrite=overwrite)
+    folder = export.open()
+    (folder / "frames.csv").write_text(f"frame,step,timestamp\n{text}\n")
+    (folder / "training" / "calib").mkdir(parents=True)
+    (folder / "training" / "calib" / "000000.txt").write_text(text)
+    export.close(whole=True)
+    LiveExport(out, overwrite=overwrite).publish()
+
+
+def test_an_earlier_export_gives_way_where_that_is_asked(out):
+    whole(out, "first")
+    with pytest.raises(InputError, match="overwrite:=true"):
+        LiveExport(out).check()
+    whole(out, "second", overwrite=True)
+    assert (out / "training" / "calib" / "000000.txt").read_text() == "second"
+    assert names(out.parent) == ["S2_kitti"]
+
+
+@pytest.mark.parametrize("foreign", ["notes.txt", "training/calib/mine.txt", "training/velodyne"])
+def test_nothing_but_an_export_gives_way(out, foreign):
+    whole(out, "first")
+    (out / foreign).symlink_to(out.parent)
+    with pytest.raises(InputError, match="new or empty"):
+        LiveExport(out, overwrite=True).check()
+    assert (out / "frames.csv").is_file()

@@ -15,6 +15,7 @@ from typing import Any, Final, Self
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from siren_ros.errors import InputError, writing
+from siren_ros.params import plain_json
 
 _QUEUE_PER_THREAD: Final = 4
 """Files that may wait for a thread: bounds the memory, however long the episode."""
@@ -150,7 +151,7 @@ class Staging:
         """What was noted of a finished part; None where it is not finished."""
         file = self.part(index).with_suffix(".json")
         with suppress(OSError, ValueError):
-            report: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+            report: dict[str, Any] = plain_json.read(file)
             return report
         return None
 

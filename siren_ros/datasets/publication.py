@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from siren_ros.errors import InputError, write_text, writing
+from siren_ros.params import plain_json
 from siren_ros.record.licences import LICENCE, LICENCE_URL
 
 CROISSANT_FILE: Final = "croissant.json"
@@ -180,7 +181,7 @@ def _table_records(path: str, schema: pa.Schema) -> dict[str, Any]:
     """A Parquet file as a table; arrays with their shapes where the file states them."""
     fields = []
     for column in schema:
-        about = json.loads((column.metadata or {}).get(b"siren", b"{}"))
+        about = plain_json.load((column.metadata or {}).get(b"siren", b"{}"))
         shape = about.get("shape", [-1] if pa.types.is_list(column.type) else [])
         field: dict[str, Any] = {
             "@type": "cr:Field",
@@ -265,7 +266,7 @@ def check_copy(folder: Path) -> CopyCheck:
     """
     allowed = f"a folder with the {CROISSANT_FILE} of a dataset"
     try:
-        metadata = json.loads((folder / CROISSANT_FILE).read_text(encoding="utf-8"))
+        metadata = plain_json.read(folder / CROISSANT_FILE)
         stated = {
             str(file["contentUrl"]): (int(str(file["contentSize"]).removesuffix(" B")), str(file["sha256"]))
             for file in metadata["distribution"]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from siren_ros.errors import InputError, whole_file, writing
+from siren_ros.params import plain_json
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ def open_network(path: Path) -> NetworkFile:
     """
     try:
         weights = path.read_bytes()
-        card = json.loads(card_path(path).read_text(encoding="utf-8"))
+        card = plain_json.read(card_path(path))
     except (OSError, ValueError) as error:
         raise InputError("checkpoint", str(path), f"an ONNX file with its card {card_path(path).name}") from error
     if not isinstance(card, dict) or card.get("sha256") != hashlib.sha256(weights).hexdigest():

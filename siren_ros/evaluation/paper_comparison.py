@@ -1,6 +1,5 @@
 """Everything that the paper's tables say, next to what was measured here."""
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -29,6 +28,7 @@ from siren_ros.evaluation.statistics import (
     jackknife,
     ranking_interval,
 )
+from siren_ros.params import plain_json
 from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.tables.interval import NOTHING, Bounds, Interval, interval_of_json, share_interval
 from siren_ros.tables.table import Row, Table
@@ -128,7 +128,7 @@ def stored(folder: Path) -> Mapping[str, Any] | None:
     if not file.is_file():
         return None
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = plain_json.read(file)
     except (OSError, ValueError) as error:
         raise InputError("scores", str(file), f"the scores that `siren evaluate` wrote ({error})") from error
     if not isinstance(content, dict):

@@ -1,6 +1,5 @@
 """Two drivers compared by their certificates, in the episodes that both were graded in."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from siren_ros.errors import InputError
 from siren_ros.exam.certificate import mean_of
 from siren_ros.exam.grading import VIOLATED, Grade
 from siren_ros.exam.others import OTHERS
+from siren_ros.params import plain_json
 from siren_ros.tables.table import Row, Table
 
 Content = Mapping[str, Any]
@@ -21,7 +21,7 @@ def read_certificate(file: Path) -> Content:
         InputError: It cannot be read, or is none.
     """
     try:
-        content: Content = json.loads(file.read_bytes())
+        content: Content = plain_json.load(file.read_bytes())
         content["driver"], content["clauses"], content["episodes"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError("certificate", str(file), f"a certificate.json of siren exam ({error})") from error

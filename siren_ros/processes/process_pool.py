@@ -6,6 +6,7 @@ process means, and a new pool where the server of new processes was killed.
 
 import multiprocessing
 import os
+import resource
 import signal
 import sys
 import threading
@@ -254,3 +255,17 @@ def _guarded(function: Callable[..., Result], *arguments: Any) -> Result:
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         raise CrashError(f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno})") from error
+
+
+def limit_memory(more_bytes: int) -> None:
+    """Lets this process map that much memory beyond what it has; a MemoryError follows where it asks for more.
+
+    For a fresh process that reads what somebody else has made. Where the system does not tell what a process has, there
+    is no limit.
+    """
+    statm = Path("/proc/self/statm")
+    if statm.exists():
+        has = int(statm.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        asked = has + more_bytes
+        resource.setrlimit(resource.RLIMIT_AS, (asked if hard == resource.RLIM_INFINITY else min(asked, hard), hard))

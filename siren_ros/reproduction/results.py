@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.errors import InputError, write_text
+from siren_ros.params import plain_json
 
 Figure = float | int | str
 _VERSIONS: Final = ("numpy", "libsumo", "numba", "onnxruntime")
@@ -39,7 +40,7 @@ def read_results(file: Path) -> dict[str, PartResult]:
     if not file.exists():
         return {}
     try:
-        stored = json.loads(file.read_text(encoding="utf-8"))
+        stored = plain_json.read(file)
         kinds = {"inputs_sha256": str, "commands": tuple, "machine": dict, "minutes": float, "figures": dict}
         return {
             name: PartResult(**{key: kind(part[key]) for key, kind in kinds.items()})

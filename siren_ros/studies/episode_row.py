@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from siren_ros.errors import InputError
+from siren_ros.params import plain_json
 from siren_ros.roads.maps.map_compiler import name_of_map
 from siren_ros.scenario.episode import shortcomings
 from siren_ros.studies.matrix import PlannedEpisode
@@ -175,7 +176,7 @@ def rows_of_manifest(content: bytes) -> tuple[EpisodeRow, ...]:
     try:
         # A program that ends soon after reading with threads is sometimes aborted by pyarrow's threads.
         table = pq.read_table(io.BytesIO(content), use_threads=False, pre_buffer=False)
-        entries = [{**entry, "versions": json.loads(entry["versions"])} for entry in table.to_pylist()]
+        entries = [{**entry, "versions": plain_json.load(entry["versions"])} for entry in table.to_pylist()]
     except (pa.ArrowException, KeyError, ValueError) as error:
         raise InputError("manifest.parquet", f"{len(content)} bytes", f"the table of a study ({error})") from error
     return tuple(EpisodeRow.from_json(entry) for entry in entries)

@@ -16,6 +16,7 @@ from typing import Any, Final
 from uuid import uuid4
 
 from siren_ros.errors import InputError, whole_file, writing
+from siren_ros.params import plain_json
 from siren_ros.recording.bag_folder import METADATA_FILE, lock
 from siren_ros.recording.bag_reader import storage_files
 from siren_ros.studies.episode_row import EpisodeRow, Status, manifest_bytes, rows_of_manifest
@@ -90,7 +91,7 @@ class StudyFolder(ABC):
         """The row next to a bag; None where there is none, or a damaged one: its episode is made again."""
         content = self.read(f"{path}.json")
         try:
-            return None if content is None else EpisodeRow.from_json(dict(json.loads(content)))
+            return None if content is None else EpisodeRow.from_json(dict(plain_json.load(content)))
         except (InputError, ValueError, TypeError, RecursionError):
             return None
 

@@ -1,6 +1,5 @@
 """A study as the page needs it: its rows, its options, stored scores, and everything that is measured on its bags."""
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -14,6 +13,7 @@ from siren_ros.evaluation.paper_comparison import stored
 from siren_ros.evaluation.prediction.predictors import Predictor, predictors_named
 from siren_ros.evaluation.prediction.scoring import EpisodeScores, score_episode
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode, score_yielding
+from siren_ros.params import plain_json
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.studies.episode_row import EpisodeRow
@@ -50,7 +50,7 @@ def read_rows(folder: Path) -> StudyRows:
             rows[row.episode] = row
     asked = local.read(STUDY)
     ordered = tuple(rows[name] for name in sorted(rows))
-    return StudyRows(folder, json.loads(asked) if asked else {}, ordered, sha256(content).hexdigest())
+    return StudyRows(folder, plain_json.load(asked) if asked else {}, ordered, sha256(content).hexdigest())
 
 
 MODELS: Final = ("cv", "idm", "siren")

@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.samples import ARGOVERSE_WINDOW, WINDOWS
 from siren_ros.evaluation.prediction.submission import PERIODS_S, SubmittedRows, on_grid, refuse
 from siren_ros.numerics.arrays import Floats
+from siren_ros.params import plain_json
 from siren_ros.record.tracks import LOG_PERIOD_STEPS
 
 WINDOW_KEY: Final = b"window"
@@ -25,6 +25,10 @@ _SCENARIO: Final = re.compile(r"(?P<episode>.+)-v(?P<actor>\d+)-f(?P<frame>\d+)"
 """As ``siren export argoverse2`` names scenarios: ``S2-L2-seed0-town-v12-f000049``."""
 _AV: Final = "AV"
 """Track id of the EMV with the sensors."""
+MOST_ROWS: Final = 20_000_000
+"""Of a file; six hypotheses for each sample of ten thousand episodes are fewer."""
+MOST_BYTES: Final = 4_000_000_000
+"""Of the columns in memory."""
 
 
 def read_prediction_file(path: Path) -> SubmittedRows:
@@ -34,8 +38,8 @@ def read_prediction_file(path: Path) -> SubmittedRows:
         InputError: The file cannot be read, lacks columns or has empty cells; paths of different or unknown lengths.
     """
     try:
-        table = pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
+        table = plain_json.read_table(path, MOST_ROWS, MOST_BYTES, sorted({*_OWN, *_ARGOVERSE}))
+    except (OSError, ValueError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError("predictions", str(path), f"a Parquet file ({reason})") from error
     for needed, read in _SCHEMAS.items():

@@ -22,6 +22,7 @@ from siren_ros.evaluation.risk.video_set import VideoSet, key_frames
 from siren_ros.evaluation.risk.vlm.question import as_jpeg, video_frames
 from siren_ros.evaluation.statistics import jackknife
 from siren_ros.numerics.arrays import Floats
+from siren_ros.params import plain_json
 from siren_ros.params.page_files import page_part, page_template
 from siren_ros.tables.interval import NOTHING, Interval
 
@@ -99,7 +100,7 @@ def read_rating(path: Path, videos: VideoSet) -> tuple[str, dict[str, RiskClass 
         InputError: Not a file of the page, or one of another set.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = plain_json.read(path)
         rater, given = str(content["rater"]), dict(content["answers"])
         known = {blind_name(rater, key): key for key in videos.videos}
         answers = {known[name]: risk_class(title) for name, title in given.items()}

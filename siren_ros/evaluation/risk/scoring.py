@@ -5,7 +5,6 @@ divide by nothing is not valid, and 0 as in the paper.
 """
 
 import csv
-import json
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ from siren_ros.evaluation.risk.labels import RiskClass, label_of, risk_class
 from siren_ros.evaluation.risk.sequence_model import load_sequence_model
 from siren_ros.evaluation.risk.video_set import VideoSet, missing_files
 from siren_ros.evaluation.statistics import BlockSums
+from siren_ros.params import plain_json
 from siren_ros.tables.interval import Interval, mean_of_intervals, share_interval
 
 Answers = Mapping[str, RiskClass | None]
@@ -71,7 +71,7 @@ def checked_answers(answers: Answers, videos: Collection[str], *, allow_missing:
 
 
 def _json_pairs(text: str) -> list[tuple[str, str]]:
-    pairs = json.loads(text, object_pairs_hook=lambda items: items)
+    pairs = plain_json.load(text, object_pairs_hook=lambda items: items)
     if not isinstance(pairs, list):
         raise ValueError("no object of video and class")  # noqa: TRY004 - what is in a file, not a call
     titles = []

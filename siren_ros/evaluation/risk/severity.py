@@ -1,7 +1,6 @@
 """How severe a video is as two numbers, and how well answers guess them: the least TTC and the speed of the contact."""
 
 import csv
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from siren_ros.evaluation.risk.video_set import VideoSet
 from siren_ros.evaluation.statistics import BlockSums, interval_of_mean, rank_correlation
 from siren_ros.judging.surrogate_safety import HORIZON_S
 from siren_ros.numerics.arrays import Floats
+from siren_ros.params import plain_json
 from siren_ros.tables.interval import Interval
 
 
@@ -70,7 +70,7 @@ def read_severities(path: Path) -> Severities:
             rows = csv.DictReader(text.splitlines())
             given: Any = {row["video"]: row for row in rows} if set(MEASURES) <= set(rows.fieldnames or ()) else {}
         else:
-            given = {key: value for key, value in json.loads(text).items() if isinstance(value, dict)}
+            given = {key: value for key, value in plain_json.load(text).items() if isinstance(value, dict)}
         found = {key: Severity(*(float(value[name]) for name in MEASURES)) for key, value in given.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(

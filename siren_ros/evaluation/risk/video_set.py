@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from os.path import relpath
 from pathlib import Path
 from typing import Any, Final
@@ -26,6 +26,7 @@ from siren_ros.evaluation.risk.labels import (
     label_of,
     risk_class,
 )
+from siren_ros.params import plain_json
 
 VIDEO_FRAMES: Final = 190
 """Of each video, at 10 Hz (paper, "Risk understanding")."""
@@ -141,15 +142,51 @@ def read_set(folder: Path) -> VideoSet:
     """
     allowed = f"a folder that `siren generate risk` made, with {SET_FILE} and {EVIDENCE_FILE}"
     try:
-        content = json.loads(folder.joinpath(SET_FILE).read_text(encoding="utf-8"))
-        moments = _moments_by_video(pq.read_table(folder / EVIDENCE_FILE))
+        content = plain_json.read(folder / SET_FILE)
+        most_rows = MOMENTS_OF_VIDEO * len(content["videos"])
+        table = plain_json.read_table(folder / EVIDENCE_FILE, most_rows, BYTES_OF_MOMENT * most_rows)
+        moments = _moments_by_video(table)
         # Sets of earlier versions have the speed from which on a contact was a collision.
         known = {name: value for name, value in content["thresholds"].items() if name != "impact_mps"}
         thresholds = RiskThresholds(**known)
-        videos = [_video(entry, moments.get(entry["id"], _moments({}))) for entry in content["videos"]]
-    except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
+        videos = [_video(entry, moments.get(str(entry["id"]), _moments({}))) for entry in content["videos"]]
+        for video in videos:
+            _check(video, folder)
+        _check_types("thresholds", thresholds)
+    except InputError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, pa.ArrowException) as error:
         raise InputError("set", str(folder), f"{allowed} ({error})") from error
     return VideoSet(folder, {video.video_id: video for video in videos}, thresholds)
+
+
+def _check(video: RiskVideo, folder: Path) -> None:
+    """Sets are handed on: what one names is shown on pages, so it names films of its own folder alone."""
+    _check_types("videos", video)
+    for part in (video.label, *video.evidence.encroachments, *video.evidence.contacts):
+        _check_types(video.video_id, part)
+    file = Path(video.file)
+    inside = not file.is_absolute() and ".." not in file.parts and file.suffix == ".mp4"
+    if not inside or not (folder / file).resolve().is_relative_to(folder.resolve()):
+        raise InputError(
+            "set", f"{folder}: {video.video_id}: {video.file}", "an .mp4 file inside the folder of the set"
+        )
+
+
+def _check_types(where: str, of: Any) -> None:
+    """ValueError where a field of numbers or texts has a value of another type."""
+    for field in fields(of):
+        value = getattr(of, field.name)
+        allowed = _TYPES.get(str(getattr(field.type, "__name__", field.type)))
+        if allowed and (not isinstance(value, allowed) or isinstance(value, bool) is not (allowed is bool)):
+            raise ValueError(f"{where}: {field.name}: {value!r:.40} is not {field.type}")
+
+
+_TYPES: Final[Mapping[str, Any]] = {"str": str, "int": int, "float": (int, float), "bool": bool}
+MOMENTS_OF_VIDEO: Final = 200_000
+"""At most, of one video's evidence: 190 frames, of each some steps with many vehicles."""
+BYTES_OF_MOMENT: Final = 256
+"""Of a row of the evidence in memory, at most."""
 
 
 def missing_files(videos: VideoSet) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from siren_ros.evaluation.risk.labels import (
     SeenEncroachment,
     risk_class,
 )
+from siren_ros.params import plain_json
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected
 
@@ -290,7 +291,7 @@ class Journal:
         trials: dict[int, Trial] = {}
         try:
             for line in lines[:-1]:  # what follows the last line end was not finished
-                entry = json.loads(line)
+                entry = plain_json.load(line)
                 trials[entry["number"]] = Trial(risk_class(entry["looking_for"]), outcome_of_json(entry))
         except (ValueError, KeyError, TypeError) as error:
             raise InputError("out", str(self._path), f"the journal of a search ({error})") from error

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from siren_ros.errors import EpisodeError
 from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, key_frames
+from siren_ros.params import plain_json
 from siren_ros.pictures.video import write_video
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
@@ -114,7 +115,7 @@ class VideoPlace:
 def made_before(place: VideoPlace, candidate: Candidate) -> Rendered | None:
     """What the video shows if its files are there, whole, and of this candidate."""
     try:
-        note = json.loads(place.note.read_text(encoding="utf-8"))
+        note = plain_json.read(place.note)
         if note["candidate"] != outcome_as_json(candidate) or note["sha256"] != _sha256(place):
             return None
         return Rendered(note["frames"], note["most_pixels"])

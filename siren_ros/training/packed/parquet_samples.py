@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from siren_ros.errors import InputError, whole_file
+from siren_ros.params import plain_json
 
 Sample = Mapping[str, Any]
 """Arrays, numbers and texts of one sample by their column."""
@@ -167,7 +168,7 @@ class PackedSamples:
         self.path = Path(path)
         try:
             file = pq.ParquetFile(self.path)
-            fields = {field.name: json.loads(field.metadata[b"siren"]) for field in file.schema_arrow}
+            fields = {field.name: plain_json.load(field.metadata[b"siren"]) for field in file.schema_arrow}
             self.task = file.schema_arrow.metadata[b"siren_task"].decode()
             self.columns: Mapping[str, Column] = {
                 field.name: _column(field, fields[field.name]) for field in file.schema_arrow

@@ -15,6 +15,7 @@ from siren_ros.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes
 from siren_ros.evaluation.detection.frames import Frames
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet, StatedBoxes, check_boxes, in_map
 from siren_ros.numerics.arrays import Floats, Rows
+from siren_ros.params import plain_json
 
 _FORMAT = "nuScenes results"
 
@@ -43,7 +44,7 @@ def read_nuscenes(name: str, path: Path, frames: Frames) -> FoundSet:
 
 def _results(path: Path) -> Mapping[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = plain_json.read(path)
     except (OSError, ValueError) as error:
         raise InputError("detections", str(path), f"a JSON file ({error})") from error
     results = content.get("results") if isinstance(content, dict) else None

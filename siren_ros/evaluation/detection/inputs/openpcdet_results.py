@@ -2,11 +2,13 @@
 
 import io
 import pickle
+import re
+import sys
+from math import prod
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
-from numpy.core import multiarray
 
 from siren_ros.datasets.nuscenes.episode_tables import NUSCENES_FROM_LIDAR
 from siren_ros.errors import InputError
@@ -14,54 +16,141 @@ from siren_ros.evaluation.detection.boxes import FoundBoxes
 from siren_ros.evaluation.detection.frames import Frames
 from siren_ros.evaluation.detection.inputs import stated_boxes
 from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.processes.process_pool import CrashError, ProcessPool, limit_memory
 
 
-def _array_of_buffer(buffer: Any, dtype: Any, shape: tuple[int, ...], order: Literal["C", "F", "A"]) -> Any:
+class _Dtype:
+    """Stands for numpy's: a state from a file could give numpy's own pointers to follow, and offsets beyond an item."""
+
+    def __init__(self, name: object, *_: object) -> None:
+        if not isinstance(name, str) or not _PLAIN.fullmatch(name):
+            raise pickle.UnpicklingError(f"it asks for values of the type {name!r:.40}")
+        self._name, self._order = name, "="
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        if len(state) != _DTYPE_STATE or state[2:5] != (None, None, None) or state[1] not in tuple("<>=|"):
+            raise pickle.UnpicklingError("it asks for values of several parts")
+        self._order = state[1]
+
+    def array(self, shape: object, raw: object) -> Any:
+        """An array of this type; UnpicklingError where shape and bytes do not fit together."""
+        if isinstance(raw, str):  # old pickles
+            raw = raw.encode("latin1")
+        dtype = np.dtype(f"{self._order}{self._name}")
+        sizes = shape if isinstance(shape, tuple) else (-1,)
+        usable = all(isinstance(size, int) and size >= 0 for size in sizes) and len(sizes) <= _MOST_AXES
+        if not usable or not isinstance(raw, bytes | bytearray) or prod(sizes) * dtype.itemsize != len(raw):
+            raise pickle.UnpicklingError("it has an array of other bytes than its shape says")
+        if dtype.kind == "U" and (np.frombuffer(raw, np.dtype(f"{self._order}u4")) > sys.maxunicode).any():
+            raise pickle.UnpicklingError("it has a text of no characters")
+        return np.frombuffer(raw, dtype) if not prod(sizes) else np.frombuffer(raw, dtype).reshape(sizes)
+
+
+class _Array:
+    """Stands for numpy's array until its state is known."""
+
+    values: Any = None
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        _, shape, dtype, by_columns, raw = state
+        self.values = _array_of_buffer(raw, dtype, shape, "F" if by_columns else "C")
+
+
+def _array_of_buffer(raw: object, dtype: object, shape: object, order: object = "C") -> Any:
     """Arrays of numbers in pickles of protocol 5."""
-    return np.frombuffer(buffer, dtype=dtype).reshape(shape, order=order)
+    if not isinstance(dtype, _Dtype):
+        raise pickle.UnpicklingError("it has an array without a type")
+    if order != "F":
+        return dtype.array(shape, raw)
+    turned = dtype.array(shape[::-1] if isinstance(shape, tuple) else shape, raw)
+    return turned.T
+
+
+def _new_array(*_: object) -> _Array:
+    return _Array()
+
+
+def _scalar(dtype: object, raw: object) -> Any:
+    return _array_of_buffer(raw, dtype, ())[()]
 
 
 def _latin_bytes(text: object, encoding: object) -> bytes:
     """Bytes in old pickles."""
     if not isinstance(text, str) or encoding != "latin1":
-        raise pickle.UnpicklingError(f"it asks for an encoding {encoding!r}")
+        raise pickle.UnpicklingError(f"it asks for an encoding {encoding!r:.40}")
     return text.encode("latin1")
 
 
-_CORES: Final = ("numpy.core", "numpy._core")
-_ARRAYS: Final = ("_reconstruct", "scalar")
+_PLAIN: Final = re.compile(r"[biufSU]\d{1,6}")
+_DTYPE_STATE: Final = 8
+_MOST_AXES: Final = 8
 _KNOWN: Final[dict[str, Any]] = {
     **{
-        f"{core}.multiarray.{name}": getattr(multiarray, name) for core in _CORES for name in ("_reconstruct", "scalar")
+        f"{core}.{name}": known
+        for core in ("numpy.core", "numpy._core")
+        for name, known in {
+            "multiarray._reconstruct": _new_array,
+            "multiarray.scalar": _scalar,
+            "numeric._frombuffer": _array_of_buffer,
+        }.items()
     },
-    **{f"{core}.numeric._frombuffer": _array_of_buffer for core in _CORES},
-    "numpy.ndarray": np.ndarray,
-    "numpy.dtype": np.dtype,
+    "numpy.ndarray": _Array,
+    "numpy.dtype": _Dtype,
     "_codecs.encode": _latin_bytes,
 }
 
 
 class _NumbersOnly(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
-        """A function that rebuilds an array; UnpicklingError for anything else."""
+        """What stands for a part of numpy; UnpicklingError for anything else."""
         if (known := f"{module}.{name}") not in _KNOWN:
-            raise pickle.UnpicklingError(f"it asks for {known}")
+            raise pickle.UnpicklingError(f"it asks for {known:.80}")
         return _KNOWN[known]
+
+
+def _plain(value: object) -> Any:
+    """Finished arrays in place of what stands for them, in the entries of frames and one level below."""
+    if isinstance(value, _Array):
+        return value.values
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, list) else value
+
+
+def _loaded(path: str) -> Any:
+    """Runs in a process of its own: files made for it make an unpickler ask for any memory, or end its process."""
+    content = Path(path).read_bytes()
+    limit_memory(_SPARE_BYTES + _BYTES_OF_EACH * len(content))
+    try:
+        return _plain(_NumbersOnly(io.BytesIO(content)).load())
+    except Exception as error:  # noqa: BLE001 - a damaged pickle raises any of a dozen kinds
+        allowed = f"{_PICKLE} ({error or type(error).__name__})"
+        raise InputError("detections", path, allowed) from None
+
+
+_PICKLE: Final = "a pickle of lists, dictionaries, texts and numpy arrays alone"
+_SPARE_BYTES: Final = 1 << 29
+_BYTES_OF_EACH: Final = 16
+"""Objects of Python take more than their bytes in a file."""
+_TIME_S: Final = 120.0
 
 
 def load_numbers(path: Path) -> Any:
     """The content of a pickle of lists, dictionaries, texts, numbers and numpy arrays.
 
+    It is read in a process of its own, with a limit of memory and of time. Nothing in the file reaches numpy but bytes
+    with a shape that fits them.
+
     Raises:
         InputError: It holds anything else, is damaged, or cannot be read.
     """
     try:
-        return _NumbersOnly(io.BytesIO(path.read_bytes())).load()
+        with path.open("rb"), ProcessPool(1, fresh=True) as pool:
+            return pool.call(_loaded, str(path), timeout_s=_TIME_S)
     except OSError as error:
         raise InputError("detections", str(path), f"a file that can be read ({error.strerror or error})") from error
-    except Exception as error:  # a damaged pickle raises any of a dozen kinds
-        allowed = f"a pickle of lists, dictionaries, texts and numpy arrays alone ({error})"
-        raise InputError("detections", str(path), allowed) from error
+    except CrashError as error:
+        raise InputError("detections", str(path), f"{_PICKLE} ({error})") from error
 
 
 _FORMAT = "OpenPCDet results"

@@ -1,4 +1,4 @@
-"""JSON of any origin, and tables of Parquet: whatever is wrong is a ValueError; sizes are counted before they fill the memory."""
+"""JSON and Parquet of any origin: what is wrong with them is a ValueError, and sizes are counted as they are read."""
 
 import json
 from collections.abc import Sequence

@@ -161,16 +161,17 @@ def read_set(folder: Path) -> VideoSet:
 
 
 def _check(video: RiskVideo, folder: Path) -> None:
-    """Sets are handed on: what one names is shown on pages, so it names films of its own folder alone."""
+    """Sets are handed on: what one names is shown on pages, so it names films of a set alone."""
     _check_types("videos", video)
     for part in (video.label, *video.evidence.encroachments, *video.evidence.contacts):
         _check_types(video.video_id, part)
-    file = Path(video.file)
-    inside = not file.is_absolute() and ".." not in file.parts and file.suffix == ".mp4"
-    if not inside or not (folder / file).resolve().is_relative_to(folder.resolve()):
-        raise InputError(
-            "set", f"{folder}: {video.video_id}: {video.file}", "an .mp4 file inside the folder of the set"
-        )
+    file = folder / video.file
+    # A relabelled set names the films of the set that it was made from.
+    owner = file.parent.parent if ".." in Path(video.file).parts else folder
+    known = owner.joinpath(SET_FILE).is_file() and file.resolve().is_relative_to(owner.resolve())
+    if not known or file.resolve().suffix != ".mp4":
+        allowed = "an .mp4 file of this set, or of the set that it relabels"
+        raise InputError("set", f"{folder}: {video.video_id}: {video.file}", allowed)
 
 
 def _check_types(where: str, of: Any) -> None:

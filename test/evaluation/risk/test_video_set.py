@@ -143,3 +143,38 @@ def test_the_shortest_video() -> None:
     assert key_frames(9) == tuple(range(9))
     with pytest.raises(InputError, match="9 frames"):
         key_frames(8)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("file", "../secret.txt"),
+        ("file", "../secret.mp4"),
+        ("file", "/etc/passwd"),
+        ("file", "videos/link.mp4"),
+        ("file", 3),
+        ("frames", "many"),
+        ("id", 7),
+        ("template", None),
+    ],
+)
+def test_a_set_names_films_of_sets_alone(small_set: VideoSet, tmp_path: Path, key: str, value: object) -> None:
+    folder = tmp_path / "inner"
+    (folder / "videos").mkdir(parents=True)
+    write_set(replace(small_set, folder=folder))
+    (tmp_path / "secret.txt").write_text("mine")
+    (tmp_path / "secret.mp4").write_text("mine")
+    (folder / "videos/link.mp4").symlink_to(tmp_path / "secret.mp4")
+    path = folder / SET_FILE
+    content = json.loads(path.read_text())
+    content["videos"][0][key] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match="set"):
+        read_set(folder)
+
+
+def test_a_set_nested_too_deeply_is_an_input_error(small_set: VideoSet) -> None:
+    write_set(small_set)
+    small_set.folder.joinpath(SET_FILE).write_text("[" * 200_000)
+    with pytest.raises(InputError, match="nested too deeply"):
+        read_set(small_set.folder)

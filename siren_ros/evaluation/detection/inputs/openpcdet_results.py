@@ -43,7 +43,7 @@ class _Dtype:
             raise pickle.UnpicklingError("it has an array of other bytes than its shape says")
         if dtype.kind == "U" and (np.frombuffer(raw, np.dtype(f"{self._order}u4")) > sys.maxunicode).any():
             raise pickle.UnpicklingError("it has a text of no characters")
-        return np.frombuffer(raw, dtype) if not prod(sizes) else np.frombuffer(raw, dtype).reshape(sizes)
+        return np.frombuffer(raw, dtype).reshape(sizes) if raw else np.zeros(sizes if 0 in sizes else 0, dtype)
 
 
 class _Array:
@@ -81,6 +81,11 @@ def _latin_bytes(text: object, encoding: object) -> bytes:
     return text.encode("latin1")
 
 
+def _no_bytes() -> bytes:
+    """The bytes of an empty array in old pickles."""
+    return b""
+
+
 _PLAIN: Final = re.compile(r"[biufSU]\d{1,6}")
 _DTYPE_STATE: Final = 8
 _MOST_AXES: Final = 8
@@ -97,6 +102,7 @@ _KNOWN: Final[dict[str, Any]] = {
     "numpy.ndarray": _Array,
     "numpy.dtype": _Dtype,
     "_codecs.encode": _latin_bytes,
+    "__builtin__.bytes": _no_bytes,
 }
 
 

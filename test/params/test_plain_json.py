@@ -1,0 +1,35 @@
+"""Files of JSON and Parquet from strangers: faults are ValueErrors, and large tables are refused unread."""
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from siren_ros.params import plain_json
+
+
+@pytest.mark.parametrize("text", ["[" * 200_000, '{"a":' * 200_000, "", "{"])
+def test_what_cannot_be_read_is_a_value_error(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "x.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"."):
+        plain_json.read(path)
+
+
+def test_a_table_within_the_limits_is_read_and_a_larger_one_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "x.parquet"
+    given = pa.table({"a": [1.0] * 5000, "b": ["x" * 100] * 5000})
+    pq.write_table(given, path)
+    assert plain_json.read_table(path, 5000, given.nbytes * 2).equals(given)
+    assert plain_json.read_table(path, 5000, 5000 * 8, columns=["a"]).equals(given.select(["a"]))
+    with pytest.raises(ValueError, match="5000 rows, more than 4999"):
+        plain_json.read_table(path, 4999, given.nbytes * 2)
+    with pytest.raises(ValueError, match="bytes in memory"):
+        plain_json.read_table(path, 5000, given.nbytes // 2)
+
+
+def test_an_empty_table_keeps_its_columns(tmp_path: Path) -> None:
+    path = tmp_path / "x.parquet"
+    pq.write_table(pa.table({"a": pa.array([], pa.float64())}), path)
+    assert plain_json.read_table(path, 0, 0).column_names == ["a"]

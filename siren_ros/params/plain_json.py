@@ -27,7 +27,7 @@ def read(path: Path) -> Any:
     return load(path.read_text(encoding="utf-8"))
 
 
-def read_table(path: Path, most_rows: int, most_bytes: int, columns: Sequence[str] | None = None) -> pa.Table:
+def read_table(path: Path, most_rows: int, most_row_bytes: int, columns: Sequence[str] | None = None) -> pa.Table:
     """The table of a Parquet file, whose rows and bytes are known before any of them is unpacked.
 
     Pages of equal values pack to thousandths: a small file may state more than the memory holds. The sizes that a file
@@ -36,7 +36,7 @@ def read_table(path: Path, most_rows: int, most_bytes: int, columns: Sequence[st
     Args:
         path: The file.
         most_rows: Of the table.
-        most_bytes: Of the table in memory.
+        most_row_bytes: Of a row in memory, on the mean of the rows that have been read.
         columns: Those that are read; all where there are none. Others cost nothing.
 
     Raises:
@@ -51,8 +51,8 @@ def read_table(path: Path, most_rows: int, most_bytes: int, columns: Sequence[st
         batches, size, rows = [], 0, 0
         for batch in file.iter_batches(_ROWS_AT_ONCE, columns=known, use_threads=False):
             size, rows = size + batch.nbytes, rows + batch.num_rows
-            if size > most_bytes or rows > most_rows:
-                raise ValueError(f"more than {most_bytes} bytes in memory, or than {most_rows} rows")
+            if size > most_row_bytes * rows or rows > most_rows:
+                raise ValueError(f"more than {most_row_bytes} bytes in memory for a row, or than {most_rows} rows")
             batches.append(batch)
         empty = file.schema_arrow.empty_table().select(known)
         return pa.Table.from_batches(batches, schema=empty.schema) if batches else empty

@@ -27,8 +27,8 @@ _AV: Final = "AV"
 """Track id of the EMV with the sensors."""
 MOST_ROWS: Final = 20_000_000
 """Of a file; six hypotheses for each sample of ten thousand episodes are fewer."""
-MOST_BYTES: Final = 4_000_000_000
-"""Of the columns in memory."""
+MOST_ROW_BYTES: Final = 10_000
+"""Of a hypothesis: two lists of at most 80 numbers, and names."""
 
 
 def read_prediction_file(path: Path) -> SubmittedRows:
@@ -38,7 +38,7 @@ def read_prediction_file(path: Path) -> SubmittedRows:
         InputError: The file cannot be read, lacks columns or has empty cells; paths of different or unknown lengths.
     """
     try:
-        table = plain_json.read_table(path, MOST_ROWS, MOST_BYTES, sorted({*_OWN, *_ARGOVERSE}))
+        table = plain_json.read_table(path, MOST_ROWS, MOST_ROW_BYTES, sorted({*_OWN, *_ARGOVERSE}))
     except (OSError, ValueError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError("predictions", str(path), f"a Parquet file ({reason})") from error

@@ -144,7 +144,7 @@ def read_set(folder: Path) -> VideoSet:
     try:
         content = plain_json.read(folder / SET_FILE)
         most_rows = MOMENTS_OF_VIDEO * len(content["videos"])
-        table = plain_json.read_table(folder / EVIDENCE_FILE, most_rows, BYTES_OF_MOMENT * most_rows)
+        table = plain_json.read_table(folder / EVIDENCE_FILE, most_rows, BYTES_OF_MOMENT)
         moments = _moments_by_video(table)
         # Sets of earlier versions have the speed from which on a contact was a collision.
         known = {name: value for name, value in content["thresholds"].items() if name != "impact_mps"}

@@ -11,9 +11,9 @@ from launch_ros.parameter_descriptions import ParameterValue
 # The parameters that an episode is most often told; every other one of cosim's is set with a parameter file.
 ARGUMENTS = (
     ("template", str, "S2", "interaction template, S1 to S8"),
-    ("level", str, "", "emergency level, L0 to L3; empty: the template's own"),
+    ("level", str, "", "emergency level, L0 to L3, or 0 to 3; empty: the template's own"),
     ("seed", int, "0", "seed of every random stream"),
-    ("map", str, "", "SUMO net, OpenDRIVE or OpenStreetMap file, town or motorway; empty: the template's own"),
+    ("map", str, "", "SUMO net, OpenDRIVE or OpenStreetMap file, town, city or motorway; empty: the template's own"),
 )
 
 

@@ -56,7 +56,7 @@ use() { # ENVIRONMENT: the library and the command, from a folder of their own; 
             apart "$siren" generate --templates S2 S6 --seeds 0 --duration-s 40 --workers 1 --out study &&
             apart "$siren" info study/episodes/S2_L2/S2_L2_seed0 &&
             apart "$siren" verify study/episodes/S2_L2/S2_L2_seed0 &&
-            apart "$siren" evaluate prediction study --models cv,siren --jobs 1 &&
+            apart "$siren" evaluate prediction study --models cv,siren --workers 1 &&
             apart "$siren" evaluate yield study &&
             apart "$siren" export openpcdet bag --out openpcdet &&
             apart "$siren" plot bag --out plot.png &&

@@ -22,7 +22,7 @@ from siren_ros.generation.episode_setup import plan_length
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import STEP_S
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel, level_name
 from siren_ros.tables.table import Table
 
 TOLERANCE: Final = 0.05
@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Prints true values, fitted values and their difference; exit code 1 where a value is beyond the tolerance."""
     line = argparse.ArgumentParser(description=__doc__)
     line.add_argument("--templates", nargs="+", default=["S2", "S3", "S4", "S6"], metavar="ID")
-    line.add_argument("--level", default="L1")
+    line.add_argument("--level", type=level_name, default="L1")
     line.add_argument(
         "--seeds", type=int, nargs="+", default=[0], help="of each template's situations; all are fitted together"
     )
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     line.add_argument("--noise-m", type=float, default=0.1, help="standard deviation of each place")
     line.add_argument("--evaluations", type=int, default=0, help=f"0: {EVALUATIONS_EACH} for each parameter")
     line.add_argument("--duration-s", type=float, default=18.0, help="0: the template's own")
-    line.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    line.add_argument("--workers", "--jobs", type=int, default=len(os.sched_getaffinity(0)))
     line.add_argument(
         "--tolerance", type=float, default=TOLERANCE, help="share of a range that a value may be off (%(default)s)"
     )
@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{tries}: {error_m:.3f} m over {horizon_s:g} s", flush=True)
 
     began = time.perf_counter()
-    with residuals_over(targets, asked.jobs) as residuals:
+    with residuals_over(targets, asked.workers) as residuals:
         evaluations = asked.evaluations or EVALUATIONS_EACH * len(parameters)
         fitted = fit(parameters, residuals, evaluations, report=report, horizons=horizons_of(targets))
     table = recovery_table(parameters, truth, fitted)

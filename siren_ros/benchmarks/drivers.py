@@ -78,13 +78,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", nargs="+", default=["0:10"], metavar="N|A:B")
     parser.add_argument("--maps", nargs="+", default=["town"], metavar="FILE")
     parser.add_argument("--duration-s", type=float, default=0.0, metavar="S", help="of an episode (default: its own)")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes")
+    parser.add_argument("--workers", "--jobs", type=int, default=2, metavar="N", help="processes")
     add_json(parser)
     options = parser.parse_args(argv)
     rulebook = load_rulebook(options.rulebook)
     cells = options.templates, levels_of(options.levels), seeds_of(options.seeds), options.maps
     requests = requests_of(*cells, options.duration_s)
-    with ProcessPool(options.jobs) as pool:
+    with ProcessPool(options.workers) as pool:
         found = pool.map(sittings_in, [(request, options.drivers, rulebook) for request in requests])
     there = [sittings for sittings in found if sittings]
     print(f"{len(there)} of {len(requests)} episodes; rulebook {rulebook.name}")

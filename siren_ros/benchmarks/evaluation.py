@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--checkpoint", action="append", default=[], metavar="NAME=PATH", help="weights of a model")
     parser.add_argument("--population", choices=list(Population), default=Population.REGION)
     parser.add_argument("--samples", type=int, default=100_000, help="default %(default)s")
-    parser.add_argument("--jobs", type=int, default=2, help="processes of the whole command (default %(default)s)")
+    parser.add_argument("--workers", "--jobs", type=int, default=2, help="processes (default %(default)s)")
     arguments = parser.parse_args(argv)
     models, population = tuple(arguments.models.split(",")), Population(arguments.population)
     pairs = (text.split("=", 1) for text in arguments.checkpoint)
@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{model}: {taken_s / counted * 1e5:.2f} s of a processor for 100,000 samples, all metrics")
     many = bags * -(-arguments.samples // counted)
     start, used_s = time.perf_counter(), processors_s()
-    job = ScoringJob(models, tuple(checkpoints.items()), population=population, processes=arguments.jobs)
+    job = ScoringJob(models, tuple(checkpoints.items()), population=population, processes=arguments.workers)
     scores = [result.scores for result in score_bags(job, many) if result.scores is not None]
     scored_s, used_s = time.perf_counter() - start, processors_s() - used_s
     table = score_table(scores)
@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     samples = sum(score.samples for score in scores)
     print(
         f"{samples} samples of {len(many)} bags with {', '.join(models)}: {scored_s:.1f} s in "
-        f"{arguments.jobs} processes, reading included ({used_s:.1f} s of processors); "
+        f"{arguments.workers} processes, reading included ({used_s:.1f} s of processors); "
         f"intervals and differences {report_s:.1f} s"
     )
     return EXIT_OK

@@ -89,11 +89,11 @@ def judged(cases: Sequence[Case], scenes: Mapping[str, str], jobs: int) -> Itera
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the table."""
     parser: Any = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--workers", "--jobs", type=int, default=2, help="processes")
     options = parser.parse_args(argv)
     scenes, cases = written_down()
     differ = 0
-    for case, broken in judged(cases, scenes, options.jobs):
+    for case, broken in judged(cases, scenes, options.workers):
         differ += broken != case.breaks
         said = "as written" if broken == case.breaks else f"DIFFERS, written {sorted(case.breaks)}"
         print(f"{case.driver:<36}{', '.join(sorted(broken)) or 'nothing':<40}{said}", flush=True)

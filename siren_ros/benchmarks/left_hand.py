@@ -68,9 +68,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         right.write_bytes(net)
         left.write_bytes(mirrored_net(net))
         asked = [(template, seed) for template in options.templates for seed in options.seeds]
-        with ProcessPool(options.jobs, preload="siren_ros.benchmarks.left_hand") as pool:
+        with ProcessPool(options.workers, preload="siren_ros.benchmarks.left_hand") as pool:
             calls = {key: partial(pool.call, measure, *key, (str(right), str(left))) for key in asked}
-            found = side_by_side(calls, options.jobs, pool.stop)
+            found = side_by_side(calls, options.workers, pool.stop)
     figures = {}
     print("     episodes  positions apart, at most m  episodes with other events")
     for template in options.templates:
@@ -90,7 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--templates", nargs="+", default=list(TEMPLATES), metavar="ID")
     parser.add_argument("--seeds", type=seeds_of_option, default=range(2), help="first:last, the last not included")
     parser.add_argument("--map", default="", help="map file; the built-in town by default")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--workers", "--jobs", type=int, default=2, help="processes")
     add_json(parser)
     return parser
 

@@ -47,7 +47,7 @@ from siren_ros.processes.process_pool import CrashError, ProcessPool
 from siren_ros.processes.side_by_side import side_by_side
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
+from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel, level_name
 from siren_ros.scenario.scenario import DECLARED_PREDICATES
 from siren_ros.scenario.templates import load_template
 from siren_ros.studies.matrix import seeds_of
@@ -349,23 +349,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     rows: list[dict[str, Any]] = []
     for number, name in enumerate(options.templates):
         if options.compare:
-            runs = [measure_all(_tasks(options, name, level), options.jobs) for level in options.compare]
+            runs = [measure_all(_tasks(options, name, level), options.workers) for level in options.compare]
             for pair, both in zip(pairwise(options.compare), pairwise(runs), strict=True):
                 rows.append(compared_row(name, pair, both))
                 print(compared_text(rows[-1]), flush=True)
             continue
         if options.placebo:
             levels = [level.name for level in placebo_levels(name)]
-            ran = {level: measure_all(_tasks(options, name, level), options.jobs) for level in levels}
+            ran = {level: measure_all(_tasks(options, name, level), options.workers) for level in levels}
             if load_template(name).response.duty:
                 tasks = _tasks(options, name, options.level, WITHOUT_DUTY)
-                ran["without_duty"] = measure_all(tasks, options.jobs)
+                ran["without_duty"] = measure_all(tasks, options.workers)
             print(placebo_row(name, ran), flush=True)
             rows += [{**json_row(name, episodes), "level": level} for level, episodes in ran.items()]
             continue
         if number == 0:
             print(_HEAD)
-        episodes = measure_all(_tasks(options, name, options.level, options.values), options.jobs)
+        episodes = measure_all(_tasks(options, name, options.level, options.values), options.workers)
         rows.append(json_row(name, episodes))
         print(row_of(name, episodes))
         print(spread_of(episodes))
@@ -394,12 +394,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seeds", type=seeds_of_option, default=range(20), help="first:last, the last not included")
     parser.add_argument("--map", default="", help="map file; the built-in town by default")
     parser.add_argument("--site", default="", help="a name that siren sites prints; each seed draws its own by default")
-    parser.add_argument("--level", default="", choices=["", *levels], help="the template's own by default")
+    parser.add_argument("--level", type=level_name, default="", choices=["", *levels], help="default: its own")
     parser.add_argument("--preset", default="paper", help="how drivers respond")
     parser.add_argument("--values", default="", help="scenario parameters: response.duty=0")
-    parser.add_argument("--compare", nargs="+", choices=levels, metavar="LEVEL", help="compare levels, two or more")
+    parser.add_argument("--compare", nargs="+", type=level_name, choices=levels, metavar="LEVEL", help="two or more")
     parser.add_argument("--placebo", action="store_true", help="the levels at which the predicate must not hold")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--workers", "--jobs", type=int, default=2, help="processes")
     parser.add_argument("--pictures", type=Path, help="folder for a picture of each episode")
     add_json(parser)
     return parser

@@ -91,9 +91,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         for template in options.templates
         for seed in options.seeds
     ]
-    with ProcessPool(options.jobs, preload="siren_ros.benchmarks.traffic_flow") as pool:
+    with ProcessPool(options.workers, preload="siren_ros.benchmarks.traffic_flow") as pool:
         calls = {request: partial(pool.call, measure, request) for request in requests}
-        samples = side_by_side(calls, options.jobs, pool.stop)
+        samples = side_by_side(calls, options.workers, pool.stop)
     print(
         "     through s, mean  median  vehicles  cars  vehicles  turning s  vehicles  following s  samples"
         "  acceleration p0.5 and p99.5"
@@ -116,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seeds", type=seeds_of_option, default=range(5), help="first:last, the last not included")
     parser.add_argument("--map", default="", help="map file; the built-in town by default")
     parser.add_argument("--preset", default="paper", help="how drivers respond")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--workers", "--jobs", type=int, default=2, help="processes")
     add_json(parser)
     return parser
 

@@ -137,7 +137,7 @@ def _report(bag: Path, verification: Verification, quiet: bool) -> list[str]:
             lines.append(f"    {'ok  ' if part.holds else 'FAIL'}  {part}")
             if (moment := part.decisive) and not part.holds:
                 seconds = f"{moment.step * STEP_S:g}"
-                lines.append(f"          siren view {quote(str(bag))} --time {seconds} --actor {moment.actor_id}")
+                lines.append(f"          siren view {quote(str(bag))} --time-s {seconds} --actor {moment.actor_id}")
     for emv_id, verdict in ({} if quiet else verification.others).items():
         lines += [f"  EMV {emv_id}: {'holds' if verdict.holds else 'does not hold'}: {verdict.text}"]
         lines += [f"    {'ok  ' if part.holds else 'no  '}  {part}" for part in verdict.parts]

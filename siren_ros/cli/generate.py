@@ -87,7 +87,7 @@ def add_arguments(verb: Command) -> None:
     )
     draws.add_argument("--draw-seed", type=int, default=0, metavar="N", help="seed of the draws (default 0)")
     work = verb.add_argument_group("the work")
-    add_processes(work, "--workers")
+    add_processes(work)
     work.add_argument("--scheduler", metavar="ADDRESS", help="Dask cluster that does the work: tcp://HOST:8786")
     work.add_argument("--slurm", action="store_true", help="start --workers Slurm jobs through Dask")
     work.add_argument(

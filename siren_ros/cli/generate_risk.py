@@ -10,6 +10,7 @@ from typing import Any, Final
 from tqdm import tqdm
 
 from siren_ros.cli.options import add_processes, check_numbers, positive
+from siren_ros.cli.study_options import BUILT_IN
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, writing
 from siren_ros.evaluation.risk.labels import DEFINITIONS, TITLES, RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.tables import table_of_changes
@@ -125,11 +126,11 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "cannot find a class has fewer videos of the others, too",
     )
     verb.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search (default 0)")
-    verb.add_argument("--map", default="", metavar="FILE", help="map file (default: the town)")
+    verb.add_argument("--map", default="", metavar="FILE", help=f"map file, or {BUILT_IN} (default: the town)")
     verb.add_argument(
         "--budget", type=positive, default=90, metavar="N", help="most candidates of each template (default 90)"
     )
-    add_processes(verb, "--workers", kind=positive)
+    add_processes(verb, kind=positive)
     verb.add_argument("--retries", type=int, default=2, metavar="N", help="tries after a crash (default %(default)s)")
     add_thresholds(verb)
     verb.set_defaults(run=run)

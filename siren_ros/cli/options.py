@@ -68,25 +68,31 @@ def steps_of(bar: "tqdm[Any]") -> Callable[..., None]:
     return step
 
 
-def add_processes(
-    line: "argparse.ArgumentParser | argparse._ArgumentGroup", option: str = "--jobs", kind: Callable[[str], int] = int
-) -> None:
-    """Adds the option to a command, with the processors that this process may use as its default."""
+def add_processes(line: "argparse.ArgumentParser | argparse._ArgumentGroup", kind: Callable[[str], int] = int) -> None:
+    """Adds ``--workers`` to a command, with the processors that this process may use as its default."""
     line.add_argument(
-        option,
+        "--workers",
         type=kind,
         default=len(os.sched_getaffinity(0)),
         metavar="N",
         help="processes (default: one for each processor)",
     )
+    add_former(line, "--jobs", "workers", type=kind)
+
+
+def add_former(
+    line: "argparse.ArgumentParser | argparse._ArgumentGroup", option: str, name: str, **options: Any
+) -> None:
+    """Lets an option be called by a spelling that it had before, which the help does not show."""
+    line.add_argument(option, dest=name, default=argparse.SUPPRESS, help=argparse.SUPPRESS, **options)
 
 
 def processes_of(arguments: argparse.Namespace) -> int:
-    """The number of ``--jobs``; InputError where there is no process to work with."""
-    jobs = int(arguments.jobs)
-    if jobs < 1:
-        raise InputError("jobs", jobs, "1 or more")
-    return jobs
+    """The number of ``--workers``; InputError where there is no process to work with."""
+    workers = int(arguments.workers)
+    if workers < 1:
+        raise InputError("workers", workers, "1 or more")
+    return workers
 
 
 def positive(text: str) -> int:

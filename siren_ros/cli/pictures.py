@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from siren_ros.cli.options import add_former
 from siren_ros.errors import EXIT_OK
 from siren_ros.pictures.birdseye import save_episode_picture
 from siren_ros.pictures.sensor_views import observe_at, save_sheet
@@ -36,7 +37,9 @@ def add_sense(verb: argparse.ArgumentParser) -> None:
         "Suite and look may differ from those of the episode, and the bag may have no sensors."
     )
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
-    verb.add_argument("--time", type=float, metavar="S", required=True, help="simulated time")
+    when = verb.add_mutually_exclusive_group(required=True)
+    when.add_argument("--time-s", type=float, metavar="S", help="simulated time")
+    add_former(when, "--time", "time_s", type=float)
     verb.add_argument("--sensors", metavar="SUITE", default="full", help="name or file of a suite (default: full)")
     verb.add_argument("--look", metavar="LOOK", help="name or file of a look (default: the episode's)")
     verb.add_argument("--actor", type=int, metavar="ID", help="carrier of the sensors (default: the first EMV)")
@@ -49,7 +52,7 @@ def sense(arguments: argparse.Namespace) -> int:
     record = read_episode(arguments.bag)
     episode = record.description
     look = load_look(arguments.look) if arguments.look else load_look(look_of(episode), episode.files)
-    seen = observe_at(record, arguments.time, load_suite(arguments.sensors), look, arguments.actor)
+    seen = observe_at(record, arguments.time_s, load_suite(arguments.sensors), look, arguments.actor)
     print(save_sheet(seen, arguments.out))
     return EXIT_OK
 

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+from siren_ros.cli.options import add_former
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.replay_check import notes_on, repeat_episode
 from siren_ros.recording.bag_reader import check_bag_files, read_episode
@@ -28,19 +29,18 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--rate", type=float, default=1.0, metavar="R", help="simulated seconds per wall second (default 1)"
     )
-    verb.add_argument(
-        "--start", dest="start_s", type=float, default=0.0, metavar="S", help="simulated time of the begin (default 0)"
-    )
+    verb.add_argument("--start-s", type=float, default=0.0, metavar="S", help="simulated time of the begin (default 0)")
     verb.add_argument("--loop", action="store_true", help="begin again at the end")
     verb.add_argument("--paused", action="store_true", help="wait for the service /rosbag2_player/resume first")
     verb.add_argument(
-        "--playback-duration",
-        dest="duration_s",
+        "--duration-s",
         type=float,
         default=0.0,
         metavar="S",
         help="simulated time (default: all)",
     )
+    add_former(verb, "--start", "start_s", type=float)
+    add_former(verb, "--playback-duration", "duration_s", type=float)
     verb.add_argument(
         "--topics", nargs="+", default=[], metavar="TOPIC", help="only these topics and the clock (default: all)"
     )

@@ -27,7 +27,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--only", nargs="+", default=(), metavar="PART", help="only these parts and those that they need")
     verb.add_argument("--list", action="store_true", help="only list what would be made")
     verb.add_argument("--out", type=Path, default=Path("reproduction"), metavar="DIR", help="folder for the work")
-    add_processes(verb, "--workers")
+    add_processes(verb)
     verb.set_defaults(run=run)
 
 

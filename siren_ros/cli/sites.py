@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from siren_ros.cli.command import Command
+from siren_ros.cli.study_options import BUILT_IN
 from siren_ros.errors import EXIT_OK
 from siren_ros.generation.site_choice import has_shoulder, shortcomings
 from siren_ros.roads.maps.map_compiler import compile_map
@@ -25,7 +26,7 @@ def add_arguments(verb: Command) -> None:
         "Lists the sites of a map for each template, the best first. A seed draws one of the good ones; a name "
         "pins the site: -p site:=NAME, or siren generate --sites NAME. The last column says what the others lack."
     )
-    verb.add_argument("map", nargs="?", default="", metavar="MAP", help="map file (default: the built-in town)")
+    verb.add_argument("map", nargs="?", default="", metavar="MAP", help=f"map file, or {BUILT_IN} (default: town)")
     verb.add_argument("--templates", nargs="+", metavar="ID", help="S1 to S8, or template files (default: all)")
     verb.add_argument("--all", action="store_true", help="also sites that lack something, which no seed draws")
     verb.add_argument(

@@ -7,10 +7,13 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
+from siren_ros.roads.maps.map_compiler import BUILT_IN_MAPS
 from siren_ros.studies.episode_row import EpisodeRow, Status
-from siren_ros.studies.matrix import levels_of, seeds_of
+from siren_ros.studies.matrix import TOWN, levels_of, seeds_of
 from siren_ros.studies.run_study import StudyObserver
 
+BUILT_IN: Final = "{}, {} or {}".format(*BUILT_IN_MAPS)
+"""The built-in maps, in words."""
 MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
     "templates": tuple,
     "levels": levels_of,
@@ -31,9 +34,9 @@ def add_matrix(matrix: "argparse._ArgumentGroup", templates: str, levels: str, s
     matrix.add_argument(
         "--templates", nargs="+", metavar="ID", help=f"S1 to S8, or template files (default: {templates})"
     )
-    matrix.add_argument("--levels", nargs="+", metavar="L", help=f"L0 to L3, or own (default {levels})")
+    matrix.add_argument("--levels", nargs="+", metavar="L", help=f"L0 to L3, or 0 to 3, or own (default {levels})")
     matrix.add_argument("--seeds", nargs="+", metavar="N|A:B", help=f"seeds; 0:5 are 0 to 4 (default {seeds})")
-    matrix.add_argument("--maps", nargs="+", metavar="FILE", help="map files, or town (default)")
+    matrix.add_argument("--maps", nargs="+", metavar="FILE", help=f"map files, or {BUILT_IN} (default {TOWN})")
     matrix.add_argument("--sites", nargs="+", metavar="NAME", help="names that siren sites prints, or drawn (default)")
     matrix.add_argument("--preset", help="how civilians react (default paper)")
     matrix.add_argument("--sensors", help="suite of sensors (default none)")

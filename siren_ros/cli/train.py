@@ -12,6 +12,7 @@ from typing import Any, Final
 from tqdm import tqdm
 
 from siren_ros.cli.options import add_processes, check_numbers, positive, processes_of, steps_of
+from siren_ros.cli.study_options import BUILT_IN
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.scenario.episode import MAX_SEED
@@ -114,7 +115,11 @@ def _add_prediction(task: argparse.ArgumentParser) -> None:
         "--cache", type=Path, metavar="DIR", help="folder of the samples, kept for later runs (default OUT/cache)"
     )
     task.add_argument(
-        "--maps", nargs="+", default=[_TOWN], metavar="FILE", help="maps to train on; town is built in (default)"
+        "--maps",
+        nargs="+",
+        default=[_TOWN],
+        metavar="FILE",
+        help=f"maps to train on: files, {BUILT_IN} (default town)",
     )
     task.add_argument(
         "--bags",
@@ -255,7 +260,7 @@ def _add_risk(task: argparse.ArgumentParser) -> None:
 def train_risk(arguments: argparse.Namespace, fitter: Any) -> int:
     """Makes the films, trains, says how it does on the validation films."""
     plan = plan_films(FilmPlanSize(arguments.train_films, arguments.validation))
-    films = _with_bar(make_films, plan, arguments.cache or arguments.out / "cache", arguments.jobs, "film")
+    films = _with_bar(make_films, plan, arguments.cache or arguments.out / "cache", arguments.workers, "film")
     config = FilmFitConfig(seed=arguments.seed, epochs=arguments.epochs)
     path = arguments.out / "sequence.onnx"
     model = train_sequence_model(films, path, config, fitter, _print)

@@ -8,7 +8,7 @@ import webbrowser
 from importlib.util import find_spec
 from pathlib import Path
 
-from siren_ros.cli.options import check_numbers, names_in
+from siren_ros.cli.options import add_former, check_numbers, names_in
 from siren_ros.episode_page.of_bag import page_of_bag
 from siren_ros.episode_page.sensed import ALL, MOST_MB, NOTHING, sensed_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
@@ -24,7 +24,8 @@ def add_view(verb: argparse.ArgumentParser) -> None:
     _add_bags(verb, nargs="?")
     verb.add_argument("--live", action="store_true", help="follow running episodes; no BAG")
     verb.add_argument("--port", type=int, metavar="N", help="with --live: port on this machine (default: a free one)")
-    verb.add_argument("--time", type=float, metavar="S", help="simulated time (default: where the interaction begins)")
+    verb.add_argument("--time-s", type=float, metavar="S", help="simulated time (default: begin of the interaction)")
+    add_former(verb, "--time", "time_s", type=float)
     verb.add_argument("--actor", type=int, metavar="ID", help="vehicle to follow (default: the first EMV)")
     verb.add_argument("--no-browser", action="store_true", help="only print the address of the page")
     verb.set_defaults(run=view)
@@ -39,7 +40,7 @@ def view(arguments: argparse.Namespace) -> int:
     content = _page_of(arguments)
     path = Path(tempfile.mkdtemp(prefix="siren_view_")) / "episode.html"
     write_text(path, content)
-    asked = {"t": arguments.time, "v": arguments.actor}
+    asked = {"t": arguments.time_s, "v": arguments.actor}
     moment = "&".join(f"{name}={value:g}" for name, value in asked.items() if value is not None)
     address = path.as_uri() + (f"#{moment}" if moment else "")
     print(address)
@@ -49,7 +50,7 @@ def view(arguments: argparse.Namespace) -> int:
 
 
 def _follow(arguments: argparse.Namespace) -> int:
-    for name in ("bag", "against", "sensors", "time", "actor"):
+    for name in ("bag", "against", "show", "time_s", "actor"):
         if given := getattr(arguments, name):
             raise InputError(name, str(given), "nothing with --live")
     if find_spec("rclpy") is None:
@@ -71,11 +72,12 @@ def _add_bags(parser: argparse.ArgumentParser, nargs: str | None = None) -> None
         help="another episode, next to the first and, on the same map, drawn where it differs; up to three times",
     )
     parser.add_argument(
-        "--sensors",
+        "--show",
         default="",
         metavar="NAMES",
         help=f"LiDAR and cameras to show, by commas, such as lidar,camera_front,av/lidar, or {ALL} (default: none)",
     )
+    add_former(parser, "--sensors", "show")
     parser.add_argument(
         "--at-most-mb",
         type=float,
@@ -90,7 +92,7 @@ def _page_of(arguments: argparse.Namespace) -> str:
         print(f"siren {arguments.verb}: {text}", file=sys.stderr)
 
     check_numbers(arguments, {"at_most_mb": (0.0, 1000.0)})
-    sensors = names_in(arguments.sensors)
+    sensors = names_in(arguments.show)
     sensed = sensed_of(arguments.bag, sensors, arguments.at_most_mb) if sensors else NOTHING
     for name, note in sensed.notes:
         complain(f"{name}: {note}")

@@ -208,7 +208,7 @@ def told(mark: Mark) -> str:
 
 def shown_again(sitting: Sitting, mark: Mark) -> str:
     """The command that opens the moment which decided a mark."""
-    return f"siren view {quoted(Path(sitting.bag))} --time {_begin_s(mark):g} --actor {sitting.actor_id}"
+    return f"siren view {quoted(Path(sitting.bag))} --time-s {_begin_s(mark):g} --actor {sitting.actor_id}"
 
 
 def _begin_s(mark: Mark) -> float:

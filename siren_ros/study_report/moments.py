@@ -109,5 +109,5 @@ def moments_section(found: Iterable[tuple[Path, Notable]], pages: EpisodePages) 
 def _link(bag: Path, notable: Notable, pages: EpisodePages) -> Link:
     time_s = notable.step * STEP_S
     text = f"{bag.name}, {time_s:.2f} s, vehicle {notable.actor_id}: {notable.text}"
-    command = f"./env siren view {quoted(bag)} --time {time_s:g} --actor {notable.actor_id}"
+    command = f"./env siren view {quoted(bag)} --time-s {time_s:g} --actor {notable.actor_id}"
     return Link(text, pages.address(bag, time_s, notable.actor_id), command)

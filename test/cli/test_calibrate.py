@@ -35,7 +35,7 @@ def bag(write_bag: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, siren) -> None:
     out = tmp_path / "found.json"
-    command = ["calibrate", str(bag), "--parameters", "controller.headway_s", "--evaluations", "100", "--jobs", "1"]
+    command = ["calibrate", str(bag), "--parameters", "controller.headway_s", "--evaluations", "100", "--workers", "1"]
     lines = siren([*command, "--out", str(out)]).out.splitlines()
     name, value, *_ = lines[1].split()
     assert name == "controller.headway_s"
@@ -51,7 +51,7 @@ def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, siren)
 
 def test_what_the_trajectories_do_not_determine_is_said(bag, tmp_path, siren) -> None:
     names = "controller.headway_s,controller.accel_mps2"
-    command = ["calibrate", str(bag), "--parameters", names, "--evaluations", "30", "--jobs", "1"]
+    command = ["calibrate", str(bag), "--parameters", names, "--evaluations", "30", "--workers", "1"]
     *_, named, spent = siren([*command, "--out", str(tmp_path / "found.json")]).out.splitlines()
     assert named.startswith("not determined by these trajectories: controller.accel_mps2 ")
     assert "more --evaluations" in spent
@@ -60,7 +60,7 @@ def test_what_the_trajectories_do_not_determine_is_said(bag, tmp_path, siren) ->
 
 @pytest.mark.parametrize(
     "options",
-    [["--parameters", "mood"], ["--parameters", ""], ["--jobs", "0"], ["--evaluations", "2"], ["--trajectory", "no"],
+    [["--parameters", "mood"], ["--parameters", ""], ["--workers", "0"], ["--evaluations", "2"], ["--trajectory", "no"],
      ["--parameters", "sumo.tau_s"]],
 )  # fmt: skip
 def test_bad_options_are_refused(bag: Path, options: list[str], siren) -> None:

@@ -19,7 +19,9 @@ def bags(write_bag: Callable[..., Path], tmp_path_factory: pytest.TempPathFactor
 
 def test_rows_are_printed_and_written(bags: Path, tmp_path: Path, siren) -> None:
     out = tmp_path / "rows.json"
-    printed = siren(["compare-paper", str(bags), "--models", "cv", "--jobs", "1", "--out", str(out)]).out.splitlines()
+    printed = siren(
+        ["compare-paper", str(bags), "--models", "cv", "--workers", "1", "--out", str(out)]
+    ).out.splitlines()
     assert printed[0].startswith("1 of 2 episodes are at other levels")
     assert printed[1] == "map: straight (1); the paper's is Town10HD_Opt"
     start = printed.index("ADE in m")
@@ -36,14 +38,14 @@ def test_rows_are_printed_and_written(bags: Path, tmp_path: Path, siren) -> None
 
 def test_the_rows_as_csv(bags: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "rows.csv"
-    assert main(["compare-paper", str(bags), "--models", "cv", "--jobs", "1", "--all", "--out", str(out)]) == 0
+    assert main(["compare-paper", str(bags), "--models", "cv", "--workers", "1", "--all", "--out", str(out)]) == 0
     with out.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     papers = [line.partition(", paper ")[2].split() for line in capsys.readouterr().out.splitlines()]
     assert sum(cell != "–" for cells in papers for cell in cells) == len(rows)
 
 
-@pytest.mark.parametrize("options", [["--out", "rows.txt"], ["--jobs", "0"], ["--detection", "/nowhere"]])
+@pytest.mark.parametrize("options", [["--out", "rows.txt"], ["--workers", "0"], ["--detection", "/nowhere"]])
 def test_bad_options_are_refused(bags: Path, options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare-paper", str(bags / "own"), "--models", "cv", *options]) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith("siren compare-paper: ")
@@ -54,6 +56,6 @@ def test_without_an_episode_at_its_own_level_there_is_nothing_to_compare(bags: P
 
 
 def test_a_predictor_that_the_paper_does_not_have_is_named(bags: Path, siren) -> None:
-    printed = siren(["compare-paper", str(bags / "own"), "--models", "cv,cv:mine", "--jobs", "1"]).out.splitlines()
+    printed = siren(["compare-paper", str(bags / "own"), "--models", "cv,cv:mine", "--workers", "1"]).out.splitlines()
     (line,) = [line for line in printed if "no row in the paper's tables" in line]
     assert line.startswith("cv:mine has ")

@@ -28,7 +28,7 @@ def driver(bag):
 
 def test_a_driver_of_a_recorded_episode_gets_a_certificate(siren, bag, driver, tmp_path):
     out = tmp_path / "exam"
-    words = ["exam", str(bag), "--actor", driver, "--rulebook", "california", "--out", str(out), "--jobs", "1"]
+    words = ["exam", str(bag), "--actor", driver, "--rulebook", "california", "--out", str(out), "--workers", "1"]
     printed = siren(words).out
     assert "Touches nobody" in printed
     first = (out / "certificate.json").read_bytes()
@@ -50,7 +50,7 @@ def test_the_command_on_a_certificate_is_quoted_for_a_shell(siren, bag, driver, 
     book = tmp_path / "$(touch ran).yaml"
     shutil.copy(params_dir() / "rulebooks" / "california.yaml", book)
     out = tmp_path / "exam"
-    siren(["exam", str(bag), "--actor", driver, "--rulebook", str(book), "--out", str(out), "--jobs", "1"])
+    siren(["exam", str(bag), "--actor", driver, "--rulebook", str(book), "--out", str(out), "--workers", "1"])
     assert f"--rulebook '{book}'" in html.unescape((out / "certificate.html").read_text(encoding="utf-8"))
 
 
@@ -63,10 +63,10 @@ def test_the_command_on_a_certificate_is_quoted_for_a_shell(siren, bag, driver, 
     ],
 )
 def test_what_cannot_be_graded_is_refused(siren, bag, words, said):
-    assert said in siren(["exam", str(bag), "--jobs", "1", *words], code=2).err
+    assert said in siren(["exam", str(bag), "--workers", "1", *words], code=2).err
 
 
-MATRIX = ["--templates", "S2", "--levels", "L3", "--seeds", "0:2", "--duration-s", "2", "--jobs", "1"]
+MATRIX = ["--templates", "S2", "--levels", "L3", "--seeds", "0:2", "--duration-s", "2", "--workers", "1"]
 
 
 def test_an_exam_makes_its_own_episodes_and_goes_on_where_it_was_stopped(siren, tmp_path):
@@ -118,7 +118,7 @@ def test_an_exam_that_cannot_be_made_is_refused(siren, words, said):
 
 
 def test_a_program_that_cannot_be_started_is_an_episode_without_a_result(siren, tmp_path):
-    words = ["--av", "./no/such/program", *MATRIX[:-4], "--duration-s", "2", "--jobs", "1", "--alone"]
+    words = ["--av", "./no/such/program", *MATRIX[:-4], "--duration-s", "2", "--workers", "1", "--alone"]
     run = siren(["exam", *words, "--out", str(tmp_path / "exam")], code=1)
     assert "S2_L3_seed0_town: no result" in run.err
     assert "./no/such/program" in run.err

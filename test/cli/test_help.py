@@ -2,11 +2,14 @@
 
 import argparse
 import re
+from dataclasses import fields
 
 import pytest
 from test_documents import PRIVATE_WORDS
 
-from siren_ros.cli.main import command_lines
+from siren_ros.cli.main import command_lines, main
+from siren_ros.roads.maps.map_compiler import BUILT_IN_MAPS
+from siren_ros.scenario.episode import EpisodeRequest
 
 LINES = {line.prog: line for line in command_lines()}
 
@@ -18,6 +21,7 @@ def test_every_command_and_option_says_what_it_does(prog: str) -> None:
         action.option_strings[0] if action.option_strings else action.dest
         for action in line._actions
         if not isinstance(action, argparse._SubParsersAction)
+        and action.help != argparse.SUPPRESS
         and not re.match(r"[^\W\d_(]", re.sub(r"^\(.*?\)\s*", "", action.help or ""))
     ]
     assert not unclear
@@ -31,7 +35,47 @@ def test_help_is_written_for_somebody_new(prog: str) -> None:
     assert "%%" not in text
 
 
+FORMER = {"--jobs": "--workers", "--time": "--time-s", "--start": "--start-s", "--playback-duration": "--duration-s"}
+"""Spellings that still work, and the one that the help shows in every command."""
+
+
+def shown(line: argparse.ArgumentParser) -> dict[str, argparse.Action]:
+    actions = [action for action in line._actions if action.help != argparse.SUPPRESS]
+    return {option: action for action in actions for option in action.option_strings}
+
+
 @pytest.mark.parametrize("prog", LINES)
-def test_numbers_of_processes_are_named_alike(prog: str) -> None:
-    helps = {action.help for action in LINES[prog]._actions if action.dest in {"jobs", "workers"}}
-    assert helps <= {"processes (default: one for each processor)"}
+def test_what_is_the_same_has_one_name_in_every_command(prog: str) -> None:
+    options = shown(LINES[prog])
+    others = {*FORMER, "--processes", "--begin", "--duration", "--timeout", "--output"}
+    assert not others & set(options)
+    if "--workers" in options:
+        assert options["--workers"].help == "processes (default: one for each processor)"
+    if "--sensors" in options:
+        assert "suite" in str(options["--sensors"].help)
+    for name in {"--maps", "--map"} & set(options):
+        assert all(built_in in str(options[name].help) for built_in in BUILT_IN_MAPS)
+
+
+@pytest.mark.parametrize("prog", LINES)
+def test_former_names_lead_to_the_same_option(prog: str) -> None:
+    known = LINES[prog]._option_string_actions
+    for former in set(FORMER) & set(known):
+        assert known[former].dest == known[FORMER[former]].dest
+    assert ("--jobs" in known) == ("--workers" in known)
+
+
+def test_former_names_work(siren, tmp_path) -> None:
+    words = ["sense", str(tmp_path / "none"), "--out", str(tmp_path / "a.png")]
+    for name in ("--time", "--time-s"):
+        assert "none" in siren([*words, name, "3"], 2).err
+    with pytest.raises(SystemExit):
+        main(words)
+    for name in ("--sensors", "--show"):
+        assert "none" in siren(["view", str(tmp_path / "none"), name, "all"], 2).err
+    assert "jobs" not in siren(["exam", str(tmp_path / "none"), "--jobs", "0"], 2).err
+
+
+def test_the_parameter_of_a_map_names_the_built_in_ones() -> None:
+    (meaning,) = [field.metadata["description"] for field in fields(EpisodeRequest) if field.name == "map"]
+    assert all(name in meaning for name in BUILT_IN_MAPS)

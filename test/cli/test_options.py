@@ -102,10 +102,10 @@ def read(*words: str) -> argparse.Namespace:
 
 def test_a_process_is_enough_and_the_default_is_the_processors_at_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 3, 5})
-    assert (processes_of(read()), processes_of(read("--jobs", "1"))) == (3, 1)
+    assert (processes_of(read()), processes_of(read("--workers", "1"))) == (3, 1)
 
 
 @pytest.mark.parametrize("jobs", ["0", "-2"])
 def test_no_process_is_refused(jobs: str) -> None:
-    with pytest.raises(InputError, match=r"jobs: .* 1 or more"):
-        processes_of(read("--jobs", jobs))
+    with pytest.raises(InputError, match=r"workers: .* 1 or more"):
+        processes_of(read("--workers", jobs))

@@ -7,7 +7,7 @@ import pytest
     "options",
     [
         ["--out", "page.pdf"],
-        ["--out", "page.html", "--jobs", "0"],
+        ["--out", "page.html", "--workers", "0"],
         ["--out", "page.html", "--models", ","],
         ["--out", "page.html", "--pages", "-1"],
     ],

@@ -42,7 +42,7 @@ def test_verify_names_what_fails(failing_bag: Path, siren) -> None:
     assert f"{failing_bag}: FAILS" in out
     assert "FAIL  lane_changes: 1 (needs >= 3)" in out
     assert "ok" not in out.split()
-    seconds, actor_id = re.search(r"siren view \S+seed1 --time (\S+) --actor (\d+)", out).groups()
+    seconds, actor_id = re.search(r"siren view \S+seed1 --time-s (\S+) --actor (\d+)", out).groups()
     assert f"{actor_id} at {float(seconds):.1f} s" in out, "of the one lane change"
 
 

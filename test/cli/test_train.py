@@ -24,9 +24,9 @@ from siren_ros.training.settings import FilmFitConfig
         ("detection", ["--threads", "0"], "threads"),
         ("detection", ["--out", "detector.bin"], "out"),
         ("prediction", ["--train-seeds", "0"], "train_seeds"),
-        ("prediction", ["--jobs", "0"], "jobs"),
+        ("prediction", ["--workers", "0"], "workers"),
         ("prediction", ["--epochs", "0"], "epochs"),
-        ("driver", ["--jobs", "0"], "jobs"),
+        ("driver", ["--workers", "0"], "workers"),
     ],
 )
 def test_what_trains_nothing_is_refused(monkeypatch, siren, tmp_path, task, words, option) -> None:
@@ -64,7 +64,7 @@ def test_a_predictor_is_trained_on_own_bags(monkeypatch, siren, tmp_path, write_
     with open_source(bag) as source:
         identity = EpisodeIdentity.of(source.description)
     monkeypatch.setattr(plan, "split_of", lambda _: Split.TRAIN)
-    words = ["--bags", str(tmp_path / "bags"), "--epochs", "1", "--jobs", "1"]
+    words = ["--bags", str(tmp_path / "bags"), "--epochs", "1", "--workers", "1"]
     siren(["train", "prediction", "--out", str(tmp_path / "trained"), *words], EXIT_OK)
     network = load_network(tmp_path / "trained" / "full.onnx")
     assert network.seen.trained == {identity.text}
@@ -88,7 +88,7 @@ def test_films_are_made_and_handed_on(monkeypatch, siren, tmp_path, missing, cod
     monkeypatch.setattr(train, "fitter_of", lambda _: None)
     monkeypatch.setattr(train, "make_films", make)
     monkeypatch.setattr(train, "train_sequence_model", train_films)
-    words = ["--train", "2", "--validation", "1", "--jobs", "1", "--epochs", "3", "--seed", "5"]
+    words = ["--train", "2", "--validation", "1", "--workers", "1", "--epochs", "3", "--seed", "5"]
     said = siren(["train", "risk", "--out", str(tmp_path), *words], code)
     assert "accuracy 50.0%, macro F1 25.0%" in said.out
     assert said.err.count("no site") == len(missing)
@@ -102,6 +102,6 @@ def test_a_driver_learns_in_the_episodes_that_are_asked_for(monkeypatch, siren, 
         return {"parameters": 7, "sha256": "0" * 64, "minutes": 3.2}
 
     monkeypatch.setattr(train, "fitter_of", lambda _: trained)
-    words = ["--episodes", "4", "2", "--templates", "S3", "--seed", "5", "--jobs", "1"]
+    words = ["--episodes", "4", "2", "--templates", "S3", "--seed", "5", "--workers", "1"]
     assert "7 parameters" in siren(["train", "driver", "--out", str(tmp_path), *words], EXIT_OK).out
     assert asked == [(tmp_path / "driver.onnx", 5, (4, 2), ("S3",), 1)]

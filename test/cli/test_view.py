@@ -112,10 +112,10 @@ def test_sensors_are_a_choice_and_the_command_says_what_is_there(
     typestore: Typestore, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, page = write_made_bag(tmp_path / "bag", typestore), str(tmp_path / "page.html")
-    assert main(["export", "html", str(bag), "--out", page, "--sensors", "lidar"]) == 0
+    assert main(["export", "html", str(bag), "--out", page, "--show", "lidar"]) == 0
     assert "siren export: lidar: a sweep every 0.2 s" in capsys.readouterr().err
-    assert main(["export", "html", str(bag), "--out", page, "--sensors", "lidar", "--at-most-mb", "0"]) == 0
+    assert main(["export", "html", str(bag), "--out", page, "--show", "lidar", "--at-most-mb", "0"]) == 0
     assert "siren export: lidar: left out: more than 0 MB" in capsys.readouterr().err
-    assert main(["export", "html", str(bag), "--out", page, "--sensors", "sonar"]) == 2
+    assert main(["export", "html", str(bag), "--out", page, "--show", "sonar"]) == 2
     assert "of those of the bag: lidar, camera_front, camera_rear" in capsys.readouterr().err
     assert main(["export", "html", str(bag), "--out", page, "--at-most-mb", "-1"]) == 2

@@ -14,11 +14,11 @@ from siren_ros.errors import whole_file
 COMMANDS = {
     "plot.png": ("plot", "{bag}"),
     "film.mp4": ("video", "{bag}", "--frames", "20"),
-    "sheet.png": ("sense", "{bag}", "--time", "1", "--sensors", "lidar"),
-    "yield.json": ("evaluate", "yield", "{bag}", "--jobs", "1"),
-    "yield.parquet": ("evaluate", "yield", "{bag}", "--jobs", "1"),
-    "diversity.json": ("evaluate", "diversity", "{bag}", "--jobs", "1"),
-    "rows.csv": ("compare-paper", "{bag}", "--models", "cv", "--jobs", "1"),
+    "sheet.png": ("sense", "{bag}", "--time-s", "1", "--sensors", "lidar"),
+    "yield.json": ("evaluate", "yield", "{bag}", "--workers", "1"),
+    "yield.parquet": ("evaluate", "yield", "{bag}", "--workers", "1"),
+    "diversity.json": ("evaluate", "diversity", "{bag}", "--workers", "1"),
+    "rows.csv": ("compare-paper", "{bag}", "--models", "cv", "--workers", "1"),
 }
 
 
@@ -75,11 +75,11 @@ def test_of_a_file_that_is_not_finished_nothing_stays(tmp_path: Path, reason: ty
 
 
 def test_a_device_is_written_itself_and_a_link_leads_to_its_file(bags, tmp_path, capsys) -> None:
-    assert main(["evaluate", "diversity", bags["bag"], "--jobs", "1", "--out", "/dev/null"]) == 0
+    assert main(["evaluate", "diversity", bags["bag"], "--workers", "1", "--out", "/dev/null"]) == 0
     assert Path("/dev/null").is_char_device()
     link, target = tmp_path / "link.json", tmp_path / "target.json"
     link.symlink_to(target)
-    assert main(["evaluate", "diversity", bags["bag"], "--jobs", "1", "--out", str(link)]) == 0
+    assert main(["evaluate", "diversity", bags["bag"], "--workers", "1", "--out", str(link)]) == 0
     assert link.is_symlink()
     assert target.read_text(encoding="utf-8").startswith("[")
     assert capsys.readouterr().err == ""

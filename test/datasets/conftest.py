@@ -97,7 +97,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Export:
     def exported(name: str, bags: Path | list[Path], *options: str) -> Path:
         if isinstance(bags, Path):
             return export(name, str(bags), *options)
-        return export(name, *map(str, bags), *options, "--jobs", "1")
+        return export(name, *map(str, bags), *options, "--workers", "1")
 
     return exported
 

@@ -176,14 +176,14 @@ def export(name: str, bags: list[Path], out: Path, *more: str) -> int:
 
 
 def test_the_same_bags_give_the_same_files(bags, tmp_path):
-    assert export("csv", bags, tmp_path / "one", "--jobs", "1") == 0
-    assert export("csv", [bags[2], bags[0], bags[1]], tmp_path / "two", "--jobs", "2") == 0
+    assert export("csv", bags, tmp_path / "one", "--workers", "1") == 0
+    assert export("csv", [bags[2], bags[0], bags[1]], tmp_path / "two", "--workers", "2") == 0
     assert files_of(tmp_path / "one") == files_of(tmp_path / "two")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one", "two"]
 
 
 def test_a_folder_of_bags_is_all_its_bags(bags, tmp_path):
-    assert export("csv", [bags[0].parent], tmp_path / "out", "--jobs", "1") == 0
+    assert export("csv", [bags[0].parent], tmp_path / "out", "--workers", "1") == 0
     card = json.loads((tmp_path / "out" / "dataset.json").read_text())
     assert len(card["episodes"]) == 3
     assert len({episode["id"] for episode in card["episodes"]}) == 3
@@ -194,13 +194,13 @@ def test_a_folder_of_bags_is_all_its_bags(bags, tmp_path):
 
 
 def test_how_the_episodes_are_split_is_said_with_what_is_empty_and_why(bags, tmp_path, capsys):
-    assert export("csv", bags, tmp_path / "auto", "--jobs", "1") == 0
+    assert export("csv", bags, tmp_path / "auto", "--workers", "1") == 0
     line = capsys.readouterr().out.splitlines()[-1]
     start = "episodes by split: train 3 (240 rows), val 0, test-seed 0, test-map 0, test-template 0; val, test-seed, "
     assert line.startswith(start)
     assert "params/splits.yaml" in line
     assert "--split" in line
-    assert export("csv", bags, tmp_path / "all", "--jobs", "1", "--split", "val") == 0
+    assert export("csv", bags, tmp_path / "all", "--workers", "1", "--split", "val") == 0
     assert capsys.readouterr().out.splitlines()[-1] == (
         "episodes by split: train 0, val 3 (240 rows), test-seed 0, test-map 0, test-template 0"
     )
@@ -223,7 +223,7 @@ def test_what_is_there_is_not_overwritten(bags, tmp_path, capsys):
 
 def test_the_same_bag_twice_is_refused(bags, tmp_path, capsys):
     shutil.copytree(bags[0], tmp_path / "copy")
-    assert export("csv", [bags[0], tmp_path / "copy"], tmp_path / "out", "--jobs", "1") == 2
+    assert export("csv", [bags[0], tmp_path / "copy"], tmp_path / "out", "--workers", "1") == 2
     assert "the same one" in capsys.readouterr().err
     assert not (tmp_path / ".out.partial").exists()
 
@@ -268,13 +268,13 @@ def test_a_full_disk_leaves_nothing_under_the_final_name(bags, tmp_path, monkeyp
         return real(path, data)
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    assert export("kitti", bags[:1], tmp_path / "out", "--layout", "paper", "--jobs", "1") == 2
+    assert export("kitti", bags[:1], tmp_path / "out", "--layout", "paper", "--workers", "1") == 2
     message = capsys.readouterr().err
     assert "No space left on device" in message
     assert message.count("\n") == 1
     assert not (tmp_path / "out").exists()
     monkeypatch.undo()
-    assert export("kitti", bags[:1], tmp_path / "out", "--layout", "paper", "--jobs", "1") == 0
+    assert export("kitti", bags[:1], tmp_path / "out", "--layout", "paper", "--workers", "1") == 0
     assert len(list((tmp_path / "out" / "velodyne").iterdir())) == 20
 
 
@@ -285,7 +285,7 @@ def test_a_truncated_bag_is_exported_as_far_as_it_goes(bags, tmp_path, capsys, m
     os.truncate(file, file.stat().st_size * 2 // 3)
     if not metadata:
         (cut / "metadata.yaml").unlink()
-    assert export("csv", [cut, bags[1]], tmp_path / "out", "--jobs", "1") == 1
+    assert export("csv", [cut, bags[1]], tmp_path / "out", "--workers", "1") == 1
     assert "cut: exported as far as it goes; the bag was cut off" in capsys.readouterr().err
     card = json.loads((tmp_path / "out" / "dataset.json").read_text())
     lost = [episode for episode in card["episodes"] if episode["lost"]]

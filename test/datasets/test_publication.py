@@ -12,7 +12,7 @@ from siren_ros.record.licences import LICENCE, LICENCE_URL, UNKNOWN, licence_of_
 
 @pytest.fixture
 def dataset(first_made_bag, tmp_path):
-    assert main(["export", "csv", str(first_made_bag), "--out", str(tmp_path / "csv"), "--jobs", "1"]) == 0
+    assert main(["export", "csv", str(first_made_bag), "--out", str(tmp_path / "csv"), "--workers", "1"]) == 0
     return tmp_path / "csv"
 
 

@@ -111,7 +111,7 @@ def test_the_command_ranks_predictions(tmp_path, typestore):
         }
         pq.write_table(pa.table(columns), folder / f"{name}.parquet")
     out = tmp_path / "board.json"
-    assert main(["leaderboard", "prediction", str(folder), str(bag), "--out", str(out), "--jobs", "1"]) == 0
+    assert main(["leaderboard", "prediction", str(folder), str(bag), "--out", str(out), "--workers", "1"]) == 0
     board = json.loads(out.read_text())["standings"]
     assert [row["name"] for row in board] == ["near", "far"]
     assert [row["value"]["value"] for row in board] == pytest.approx([0.0, 1.0], abs=1e-9)
@@ -125,6 +125,6 @@ def test_the_command_ranks_detections(tmp_path, typestore):
     for number in range(19):
         (folder / "nothing" / f"{number:06d}.txt").write_text("")
     out = tmp_path / "board.json"
-    assert main(["leaderboard", "detection", str(folder), str(bag), "--out", str(out), "--jobs", "1"]) == 0
+    assert main(["leaderboard", "detection", str(folder), str(bag), "--out", str(out), "--workers", "1"]) == 0
     board = json.loads(out.read_text())["standings"]
     assert [(row["name"], row["value"]["value"]) for row in board] == [("nothing", 0.0)]

@@ -62,7 +62,7 @@ def test_the_worst_come_first_and_the_others_are_counted() -> None:
     assert len(section.links) == MOST[Kind.CONTACT] + MOST[Kind.CLOSE]
     assert section.links[0].text == "bag0, 0.00 s, vehicle 3: at rank 0"
     assert [link.address for link in section.links[:2]] == ["pages/bag0.html#t=0&v=3", ""]
-    assert section.links[1].command == "./env siren view bag1 --time 1 --actor 3"
+    assert section.links[1].command == "./env siren view bag1 --time-s 1 --actor 3"
     assert section.links[20].text.startswith("bag8, "), "the least time first"
     assert section.text[1] == "3 more are not named."
     assert moments_section([], EpisodePages(Path("pages"), 1, set())) is None

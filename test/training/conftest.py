@@ -74,7 +74,7 @@ def packed(
     def pack(task: str) -> Path:
         out = folder / task
         if not out.exists():
-            options = ["--jobs", "1"] if task != "risk" else []
+            options = ["--workers", "1"] if task != "risk" else []
             assert main(["pack", task, *map(str, sources[task]()), "--out", str(out), *options]) == 0
             assert json.loads((out / "dataset.json").read_text())["counts"]["samples"] > 0
         return out

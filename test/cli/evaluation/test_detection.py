@@ -30,12 +30,12 @@ def _bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _tokens(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """The keyframes of the export, in order."""
     out = tmp_path_factory.mktemp("nuscenes") / "data"
-    assert main(["export", "nuscenes", str(bag), "--out", str(out), "--jobs", "1"]) == EXIT_OK
+    assert main(["export", "nuscenes", str(bag), "--out", str(out), "--workers", "1"]) == EXIT_OK
     return [sample["token"] for sample in json.loads((out / "v1.0-siren" / "sample.json").read_text())]
 
 
 def evaluate(bag: Path, *arguments: str) -> int:
-    return main(["evaluate", "detection", str(bag), *arguments, "--jobs", "1"])
+    return main(["evaluate", "detection", str(bag), *arguments, "--workers", "1"])
 
 
 def rows(path: Path) -> dict[str, dict[str, str]]:
@@ -136,4 +136,4 @@ def test_a_pickle_whose_columns_differ_in_length_is_refused(bag, tokens, tmp_pat
     ],
 )
 def test_what_cannot_be_asked_for(bag: Path, siren, given: list[str], said: str) -> None:
-    assert said in siren(["evaluate", "detection", str(bag), "--jobs", "1", *given], EXIT_BAD_INPUT).err
+    assert said in siren(["evaluate", "detection", str(bag), "--workers", "1", *given], EXIT_BAD_INPUT).err

@@ -18,7 +18,17 @@ def test_a_folder_of_bags_is_scored(write_bag, tmp_path, siren) -> None:
     for number in range(2):
         write_bag(tmp_path / "study" / "group" / f"bag{number}", duration_s=12.0 + number)
     out, drivers = tmp_path / "episodes.json", tmp_path / "drivers.parquet"
-    words = ["evaluate", "yield", str(tmp_path / "study"), "--out", str(out), "--drivers", str(drivers), "--jobs", "1"]
+    words = [
+        "evaluate",
+        "yield",
+        str(tmp_path / "study"),
+        "--out",
+        str(out),
+        "--drivers",
+        str(drivers),
+        "--workers",
+        "1",
+    ]
     table = siren(words).out
     caption, head, *_ = table.splitlines()
     assert (caption, head.split()) == ("Yield metrics of S2", ["metric", "L2", "meaning"])
@@ -34,7 +44,7 @@ def test_a_bag_that_cannot_be_read_leaves_the_others(write_bag, tmp_path, siren,
     write_bag(tmp_path / "good", duration_s=12.0)
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "bad_0.mcap").write_bytes(b"nothing")
-    printed = siren(["evaluate", task, str(tmp_path), "--jobs", "1"], 2)
+    printed = siren(["evaluate", task, str(tmp_path), "--workers", "1"], 2)
     assert shown in printed.out
     assert "bad" in printed.err
 
@@ -64,14 +74,14 @@ def test_effects_are_printed_and_written(tmp_path, monkeypatch, siren) -> None:
 
 def test_no_pair_fails_the_command(write_bag: Callable[..., Path], tmp_path: Path) -> None:
     write_bag(tmp_path / "bag", duration_s=8.0)
-    assert main(["evaluate", "counterfactual", str(tmp_path), "--jobs", "1"]) == 1
+    assert main(["evaluate", "counterfactual", str(tmp_path), "--workers", "1"]) == 1
 
 
 def test_what_more_seeds_add_is_printed_and_written(write_bag, tmp_path, siren) -> None:
     write_bag(tmp_path / "one", duration_s=4.0)
     write_bag(tmp_path / "two", duration_s=6.0, seed=1)
     out = tmp_path / "diversity.json"
-    lines = siren(["evaluate", "diversity", str(tmp_path), "--jobs", "1", "--out", str(out)]).out.splitlines()
+    lines = siren(["evaluate", "diversity", str(tmp_path), "--workers", "1", "--out", str(out)]).out.splitlines()
     assert lines[2].split()[:4] == ["S2", "L2", "straight", "2"]
     (written,) = json.loads(out.read_text(encoding="utf-8"))
     assert written["episodes"] == 2
@@ -81,4 +91,4 @@ def test_what_more_seeds_add_is_printed_and_written(write_bag, tmp_path, siren) 
 
 def test_no_process_is_refused(write_bag: Callable[..., Path], tmp_path: Path) -> None:
     write_bag(tmp_path / "one", duration_s=2.0)
-    assert main(["evaluate", "diversity", str(tmp_path), "--jobs", "0"]) == 2
+    assert main(["evaluate", "diversity", str(tmp_path), "--workers", "0"]) == 2

@@ -1,22 +1,25 @@
-"""A stack that passes the exam: a ROS node with the library's seat; a driver of your own takes the place of DRIVER.
+"""A stack that passes the exam: a ROS node with a driver of the library; one of your own takes the place of DRIVER.
 
 ./env siren exam --av 'python examples/lawful_stack.py' --rulebook california --out exam/
 """
 
+from importlib import import_module
 from typing import Any
 
 import rclpy
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from siren_ros.interfaces import topics, wire
-from siren_ros.interfaces.conversions import from_actor_states, from_path, from_traffic_state, to_av_control
-from siren_ros.interfaces.episode_conversions import from_episode_description
-from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.ros.transport.endpoints import create_input, create_output
-from siren_ros.seat.drivers.drivers import driver_of
-from siren_ros.seat.seated import SeatedDriver
+from siren_ros import AvController
 
-DRIVER = driver_of("lawful-california")
+DRIVER = "lawful-california"
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def message_class(type_name: str) -> Any:
+    """The class of a type such as ``siren_msgs/msg/AvControl``."""
+    package, _, name = type_name.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
 
 
 class Stack(Node):
@@ -24,33 +27,30 @@ class Stack(Node):
 
     def __init__(self) -> None:
         super().__init__("lawful_stack")
-        self.got: dict[str, Any] = {}
-        self.seated: SeatedDriver | None = None
+        self.av = AvController(DRIVER)
         self.control = None
-        for topic in (topics.EPISODE, topics.MAP, topics.AV_ROUTE, topics.EPISODE_END, topics.TRAFFIC, topics.ACTORS):
-            create_input(self, topic, lambda cdr, topic=topic: self.on_message(topic, wire.decode(topic, cdr)))
+        for topic, kind in self.av.INPUTS.items():
+            quality = LATCHED if topic in self.av.LATCHED else 8
+            take = lambda cdr, topic=topic: self.on_message(topic, cdr)  # noqa: E731
+            self.create_subscription(message_class(kind), topic, take, quality, raw=True)
 
-    def on_message(self, topic: topics.Topic, message: Any) -> None:
-        """Keep the newest message of each topic; answer when both of a step are there."""
-        self.got[topic.name] = message
-        states, traffic = (self.got.get(one.name) for one in (topics.ACTORS, topics.TRAFFIC))
-        if topic in {topics.TRAFFIC, topics.ACTORS} and states and traffic and states.step == traffic.step:
-            answer = self.seated.answer(from_actor_states(states), from_traffic_state(traffic))
-            self.control.publish(wire.encode(topics.AV_CONTROL, to_av_control(answer)))
+    def on_message(self, topic: str, cdr: bytes) -> None:
+        """Publish the answer when the messages of a step are there."""
+        answer = self.av.take(topic, cdr)
+        if answer is not None and self.control is not None:
+            self.control.publish(answer)
 
     def get_ready(self) -> None:
-        """Take the seat when the way is known. The publisher comes last: with it, the episode begins."""
-        known = [self.got.get(topic.name) for topic in (topics.EPISODE, topics.MAP, topics.AV_ROUTE)]
-        heard = all(self.count_publishers(topic.name) for topic in (topics.TRAFFIC, topics.ACTORS))
-        if self.control is None and heard and all(known):
-            network, av_id = parse_road_network(known[1].data.encode()), from_episode_description(known[0]).av_id
-            self.seated = SeatedDriver(DRIVER, network, from_path(known[2]), av_id)
-            self.control = create_output(self, topics.AV_CONTROL)
+        """The publisher comes last: with it, the episode begins."""
+        heard = all(self.count_publishers(topic) for topic in self.av.INPUTS if topic not in self.av.LATCHED)
+        if self.control is None and heard and self.av.ready:
+            topic, kind = self.av.OUTPUT
+            self.control = self.create_publisher(message_class(kind), topic, 8)
 
 
 if __name__ == "__main__":
     rclpy.init()
     stack = Stack()
-    while topics.EPISODE_END.name not in stack.got:
+    while not stack.av.ended:
         stack.get_ready()
         rclpy.spin_once(stack, timeout_sec=0.05)

@@ -1,7 +1,8 @@
 """Emergency-vehicle interactions: generated from behaviour, sensed, recorded and scored.
 
-The names in ``__all__`` are public; each is loaded when it is first used. Everything else is private. The import fixes
-the arithmetic of numpy (``siren_ros/numerics/arithmetic.py``), so it stands before that of numpy.
+The names in ``__all__`` are public, here and in the modules ``learning`` and ``training.torch_samples``; those here are
+loaded when they are first used. Everything else is private. The import fixes the arithmetic of numpy
+(``siren_ros/numerics/arithmetic.py``), so it stands before that of numpy.
 """
 
 from importlib import import_module
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
     from siren_ros.errors import InputError as InputError
     from siren_ros.errors import SirenError as SirenError
     from siren_ros.scenario.episode import EpisodeRequest as EpisodeRequest
+    from siren_ros.seat.seated import AvController as AvController
+    from siren_ros.seat.sight import Sight as Sight
     from siren_ros.studies.matrix import Study as Study
+    from siren_ros.world.commands import AvControl as AvControl
 
 __version__ = "0.1.0"
 
@@ -35,7 +39,10 @@ _MODULES: Final = {
     ),
     "siren_ros.errors": ("SirenError", "InputError", "BagError", "EpisodeError"),
     "siren_ros.scenario.episode": ("EpisodeRequest",),
+    "siren_ros.seat.seated": ("AvController",),
+    "siren_ros.seat.sight": ("Sight",),
     "siren_ros.studies.matrix": ("Study",),
+    "siren_ros.world.commands": ("AvControl",),
 }
 _MODULE_OF: Final = {name: module for module, names in _MODULES.items() for name in names}
 __all__ = sorted(_MODULE_OF)  # noqa: PLE0605 - a list of strings

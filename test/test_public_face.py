@@ -1,5 +1,6 @@
 """What ``import siren_ros`` offers: a dozen functions that make, read, judge, score and export, without ROS."""
 
+import ast
 import inspect
 import re
 import subprocess
@@ -15,6 +16,7 @@ from repository import REPOSITORY
 import siren_ros
 from siren_ros.world.traffic_state import EventKind
 
+PUBLIC_MODULES = {"siren_ros", "siren_ros.learning", "siren_ros.training.torch_samples"}
 FUNCTIONS = [name for name in siren_ros.__all__ if inspect.isfunction(getattr(siren_ros, name))]
 
 
@@ -43,7 +45,7 @@ def test_the_import_loads_neither_numpy_nor_the_rest_of_the_library() -> None:
 
 def test_about_a_dozen_names_are_public_and_all_are_there() -> None:
     assert len(FUNCTIONS) == 9
-    assert 12 <= len(siren_ros.__all__) <= 16
+    assert 12 <= len(siren_ros.__all__) <= 18
     assert set(siren_ros.__all__) <= set(dir(siren_ros))
     assert all(getattr(siren_ros, name).__doc__ for name in siren_ros.__all__)
 
@@ -51,6 +53,46 @@ def test_about_a_dozen_names_are_public_and_all_are_there() -> None:
 def test_no_public_name_hides_a_folder_or_a_module() -> None:
     inside = {path.stem for path in (REPOSITORY / "siren_ros").iterdir()}
     assert inside.isdisjoint(siren_ros.__all__)
+
+
+def public_of(module: str) -> set[str]:
+    """The names in a module's ``__all__``, read from its source: torch need not be there."""
+    if module == "siren_ros":
+        return set(siren_ros.__all__)
+    file = REPOSITORY / module.replace(".", "/")
+    file = file / "__init__.py" if file.is_dir() else file.with_suffix(".py")
+    assigned = [node for node in ast.parse(file.read_text(encoding="utf-8")).body if isinstance(node, ast.Assign)]
+    return {
+        name for node in assigned if ast.unparse(node.targets[0]) == "__all__" for name in ast.literal_eval(node.value)
+    }
+
+
+def private_imports(program: str) -> list[str]:
+    """What a program imports of the library that is not public."""
+    found = []
+    for node in ast.walk(ast.parse(program)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in {"siren_ros", "siren_nodes"}:
+            public = public_of(node.module or "") if node.module in PUBLIC_MODULES else set()
+            found += [f"{node.module}.{alias.name}" for alias in node.names if alias.name not in public]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names if alias.name.split(".")[0] in {"siren_ros", "siren_nodes"}]
+            found += [name for name in names if name not in PUBLIC_MODULES]
+    return found
+
+
+@pytest.mark.parametrize("file", sorted((REPOSITORY / "examples").glob("*.py")), ids=lambda file: file.stem)
+def test_examples_import_public_names_alone(file: Path) -> None:
+    assert private_imports(file.read_text(encoding="utf-8")) == []
+
+
+def test_private_imports_are_found_and_public_modules_are_those_of_the_document() -> None:
+    program = "import siren_ros\nfrom siren_ros import judge, world\nimport siren_ros.roads.ways\nimport numpy\n"
+    assert private_imports(program) == ["siren_ros.world", "siren_ros.roads.ways"]
+    assert private_imports("from siren_ros.learning import parallel_env, registration") == [
+        "siren_ros.learning.registration"
+    ]
+    page = (REPOSITORY / "docs" / "library.md").read_text(encoding="utf-8").partition("## What stays")[2]
+    assert set(re.findall(r"`(siren_ros[\w.]*)`", page)) == PUBLIC_MODULES
 
 
 def test_a_name_that_is_not_public_is_refused_as_python_does_it() -> None:

@@ -3,4 +3,6 @@
 from siren_ros.learning.registration import parallel_env as parallel_env
 from siren_ros.learning.registration import register_environments
 
+__all__ = ["parallel_env"]
+
 register_environments()

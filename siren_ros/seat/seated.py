@@ -1,6 +1,7 @@
-"""A driver of the library in the seat of an episode's AV under test."""
+"""A driver in the seat of an episode's AV under test: without ROS, or for a program that has the messages."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
 
@@ -8,10 +9,16 @@ from siren_ros.errors import InputError
 from siren_ros.generation.closed_loop import LoopStep
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.generation.recorded_episode import Answer
+from siren_ros.interfaces import topics, wire
+from siren_ros.interfaces.conversions import from_actor_states, from_path, from_traffic_state, to_av_control
+from siren_ros.interfaces.episode_conversions import from_episode_description
+from siren_ros.interfaces.topics import Topic
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.mirror_image import MIRROR, right_hand_image
+from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.seat.drivers.driver import Driver
+from siren_ros.seat.drivers.drivers import driver_of
 from siren_ros.seat.sight import sight_of
 from siren_ros.seat.way import Way
 from siren_ros.traffic.demand.demand import av_way
@@ -19,6 +26,14 @@ from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.commands import AvControl, Controls
 from siren_ros.world.mirror_image import mirror_image
 from siren_ros.world.traffic_state import TrafficState
+
+_INPUTS: Final[Mapping[str, Topic]] = {
+    topic.name: topic
+    for topic in (
+        *(topics.EPISODE, topics.MAP, topics.AV_ROUTE, topics.EPISODE_END),
+        *(topics.TRAFFIC, topics.ACTORS),
+    )
+}
 
 
 class SeatedDriver:
@@ -69,3 +84,79 @@ def answers_of(setup: EpisodeSetup, driver: Driver[Any]) -> Answer:
         return {av_id: seated.answer(step.states, step.traffic)}
 
     return answer
+
+
+class AvController:
+    """Drives the AV under test in a ROS program: messages come in, answers go out, all encoded.
+
+    The program subscribes to the topics of ``INPUTS`` with ``raw=True`` and hands each message to ``take``. When the
+    controller is ``ready``, the program creates the publisher of ``OUTPUT``, with which the episode begins, and then
+    publishes the answers. The topics of ``LATCHED`` are said once, with the durability ``TRANSIENT_LOCAL``.
+
+    A driver is a pure function with a first state: the property ``start`` and the method
+    ``step(state, sight) -> (state, control)``, with ``siren_ros.Sight`` and ``siren_ros.AvControl``. On maps with
+    left-hand traffic it sees the mirror image, and its answers are mirrored again.
+    """
+
+    INPUTS: Final[Mapping[str, str]] = {topic.name: topic.type_name for topic in _INPUTS.values()}
+    """Types of the topics to subscribe to, by their names."""
+    LATCHED: Final = frozenset(topic.name for topic in _INPUTS.values() if topic.latched)
+    OUTPUT: Final = (topics.AV_CONTROL.name, topics.AV_CONTROL.type_name)
+    """Name and type of the topic of the answers."""
+
+    def __init__(self, driver: str | Driver[Any]) -> None:
+        """Takes a driver.
+
+        Args:
+            driver: One of the library by its name, such as ``lawful-california``, a file of ``siren train driver``, or
+                a driver of one's own.
+
+        Raises:
+            InputError: There is no such driver, or its file cannot be used.
+        """
+        self._driver = driver_of(driver) if isinstance(driver, str) else driver
+        self._last: dict[str, Any] = {}
+        self._seated: SeatedDriver | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether the episode, the map and the route have come."""
+        return self._seated is not None
+
+    @property
+    def ended(self) -> bool:
+        """Whether the episode is over."""
+        return topics.EPISODE_END.name in self._last
+
+    def take(self, topic: str, cdr: bytes) -> bytes | None:
+        """Takes a message.
+
+        Args:
+            topic: Name of its topic, one of ``INPUTS``.
+            cdr: The encoded message.
+
+        Returns:
+            The encoded answer where the step's traffic and actor states are both there; None otherwise.
+
+        Raises:
+            InputError: The topic is none of ``INPUTS``.
+            EpisodeError: The bytes are no message of the topic's type.
+        """
+        if topic not in _INPUTS:
+            raise InputError("topic", topic, f"one of {', '.join(_INPUTS)}")
+        self._last[topic] = wire.decode(_INPUTS[topic], cdr)
+        if self._seated is None:
+            self._seated = self._sit_down()
+        states, traffic = (self._last.get(one.name) for one in (topics.ACTORS, topics.TRAFFIC))
+        of_step = topic in {topics.ACTORS.name, topics.TRAFFIC.name}
+        if self._seated is None or not of_step or states is None or traffic is None or states.step != traffic.step:
+            return None
+        answer = self._seated.answer(wire.content(from_actor_states, states), wire.content(from_traffic_state, traffic))
+        return wire.encode(topics.AV_CONTROL, to_av_control(answer))
+
+    def _sit_down(self) -> SeatedDriver | None:
+        described, city, route = (self._last.get(topic.name) for topic in (topics.EPISODE, topics.MAP, topics.AV_ROUTE))
+        if described is None or city is None or route is None:
+            return None
+        network = parse_road_network(city.data.encode())
+        return SeatedDriver(self._driver, network, from_path(route), from_episode_description(described).av_id)

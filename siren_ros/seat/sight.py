@@ -51,7 +51,7 @@ class Other:
 
 @dataclass(frozen=True)
 class Sight:
-    """A step from the seat. Offsets are across the way, left positive."""
+    """What a driver sees at a step. Offsets are across the way, left positive."""
 
     step: int
     way: Way

@@ -15,6 +15,8 @@ from siren_ros.errors import InputError
 from siren_ros.training.packed.order import samples_of_shard
 from siren_ros.training.packed.parquet_samples import PackedSamples, Sample, SampleSource
 
+__all__ = ["SampleDataset", "SampleStream", "collated"]
+
 
 def tensors_of(sample: Sample) -> dict[str, Any]:
     """Arrays and numbers as tensors; texts stay."""

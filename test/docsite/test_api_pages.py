@@ -49,6 +49,13 @@ def test_the_types_are_those_of_public_signatures(library: Path) -> None:
     assert body == "# Types\n\n::: lib.roads.ends.End\n\n::: lib.roads.lanes.Lane\n"
 
 
+def test_the_types_are_also_those_that_the_top_package_offers_itself(library: Path) -> None:
+    offered = "from lib.api import read as read\nfrom lib.errors import Bad\nfrom lib.seat.seats import Seat as Seat\n"
+    (library / "__init__.py").write_text(f'"""The library."""\n{offered}')
+    body = api_pages(library)["api/types.md"].partition("# Types\n\n")[2]
+    assert body == "::: lib.roads.ends.End\n\n::: lib.roads.lanes.Lane\n\n::: lib.seat.seats.Seat\n"
+
+
 def test_the_errors_have_a_page(library: Path) -> None:
     assert "::: lib.errors.Bad\n" in api_pages(library)["api/errors.md"]
 

@@ -35,8 +35,21 @@ def public_types(module: ast.Module, package: str) -> list[str]:
     return [imported[name] for name in sorted(names & imported.keys())]
 
 
+def other_types(face: ast.Module, package: str) -> list[str]:
+    """Dotted names of what the top package offers besides its functions and errors."""
+    imports = [(node.module or "", node.names) for node in ast.walk(face) if isinstance(node, ast.ImportFrom)]
+    inside = [
+        (module, names) for module, names in imports if module.startswith(f"{package}.") and module.count(".") > 1
+    ]
+    return [f"{module}.{alias.name}" for module, names in inside for alias in names]
+
+
 def _blocks(names: list[str]) -> str:
     return "\n\n".join(f"::: {name}" for name in names)
+
+
+def _last_word(name: str) -> str:
+    return name.rpartition(".")[2]
 
 
 def api_pages(library: Path) -> dict[str, str]:
@@ -52,6 +65,8 @@ def api_pages(library: Path) -> dict[str, str]:
     module = ast.parse((library / _FUNCTIONS).read_text(encoding="utf-8"))
     errors = ast.parse((library / _ERRORS).read_text(encoding="utf-8"))
     functions = [f"{package}.api.{function.name}" for function in public_functions(module)]
+    face = ast.parse((library / "__init__.py").read_text(encoding="utf-8"))
+    types = {*public_types(module, package), *other_types(face, package)}
     classes = [f"{package}.errors.{node.name}" for node in errors.body if isinstance(node, ast.ClassDef)]
     introduction = (
         f"# API reference\n\nThe public functions; `import {package}` offers all of them. [Types](types.md) has what "
@@ -60,7 +75,7 @@ def api_pages(library: Path) -> dict[str, str]:
     )
     return {
         "api/index.md": f"{introduction}{_blocks(functions)}\n",
-        "api/types.md": f"{_SEARCH}# Types\n\n{_blocks(public_types(module, package))}\n",
+        "api/types.md": f"{_SEARCH}# Types\n\n{_blocks(sorted(types, key=_last_word))}\n",
         "api/errors.md": f"{_SEARCH}# Errors\n\n{_blocks(classes)}\n",
     }
 

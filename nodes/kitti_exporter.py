@@ -3,7 +3,7 @@
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from siren_ros.datasets.files import FileWriter
 from siren_ros.datasets.kitti.exporter import KittiFrame, KittiFrames
@@ -23,6 +23,9 @@ from siren_ros.ros.programs.program import run_program
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
 from siren_ros.sensor_messages.sensor_topics import optical_frame, static_transforms
 from siren_ros.sensors.suite import load_suite
+
+_THREADS: Final = 2
+"""They encode and write files beside the simulation; few files wait for them, so that memory stays bounded."""
 
 
 class KittiExporter(Participant[KittiExporterConfig]):
@@ -55,7 +58,7 @@ class KittiExporter(Participant[KittiExporterConfig]):
             calibrated = KittiCamera(camera.intrinsics, camera_pose)
         out = Path(self.config.out) if self.config.out else default_kitti_path(default_bag_path_of(episode))
         export = LiveExport(out, overwrite=self.config.overwrite)
-        self._files, self._export = FileWriter(export.open()), export
+        self._files, self._export = FileWriter(export.open(), _THREADS), export
         self._frames = KittiFrames(self._files, layout, calibrated)
         self.join_more([Input(topic) for topic in (self._lidar, self._image) if topic is not None])
 
@@ -71,9 +74,13 @@ class KittiExporter(Participant[KittiExporterConfig]):
     def close(self, closing: EpisodeClosing) -> None:
         """Keep the files of a complete episode; remove those of another one."""
         if self._export is not None:
-            with self._files:
+            whole = False
+            try:
+                with self._files:  # the last files may fail here
+                    pass
                 whole = closing.end is EpisodeEnd.COMPLETE
-            self._export.close(whole=whole)
+            finally:
+                self._export.close(whole=whole)
 
 
 NODE = KittiExporter

@@ -74,16 +74,13 @@ class BackgroundWorker:
 
 @dataclass(frozen=True)
 class BagOptions:
-    """Chunk size, compression and memory of a bag's writer, and whether an earlier bag gives way."""
+    """Chunk size and memory of a bag's writer, and whether an earlier bag gives way."""
 
     chunk_bytes: int = 64_000
     """Largest uncompressed size of a chunk with several messages; a larger message is a chunk of its own. Damage costs
     the messages of its chunk."""
     chunk_ns: int = 1_000_000_000
     """Simulated time after which a chunk is closed, even a small one."""
-    compression_level: int = -2
-    """zstd's level for chunks above 256 kB. On LiDAR sweeps −2 packs 325 MB/s on one core; 1 takes a quarter longer for
-    the same size, 3 twice as long for a fifth less."""
     queued_chunks: int = 8
     """Chunks that may wait for the writing thread; bounds the memory."""
     overwrite: bool = False
@@ -148,7 +145,7 @@ class EpisodeBagWriter:
         self._copies: list[ChannelMessage] = []
         self._latest_ns = -1
         self._chunks = 0
-        self._stream = McapStream(self._folder.file, self._options.compression_level)
+        self._stream = McapStream(self._folder.file)
         self._worker = BackgroundWorker(self._stream.write_chunk, self._options.queued_chunks, "bag writer")
         self._closed = False
 

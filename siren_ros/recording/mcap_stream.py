@@ -30,6 +30,18 @@ _MESSAGE_FIELDS_BYTES: Final = 22
 """Channel, sequence and two times; the format counts them as part of the message."""
 _SMALL_BYTES: Final = 256_000
 """Uncompressed size up to which a chunk is compressed with ``_SMALL_LEVEL``; a larger one is a sweep or an image."""
+_LARGE: Final = zstandard.ZstdCompressionParameters(
+    window_log=21,
+    chain_log=18,
+    hash_log=17,
+    search_log=1,
+    min_match=4,
+    target_length=0,
+    strategy=zstandard.STRATEGY_DFAST,
+)
+"""Two hash tables that find matches of four bytes: a coordinate of a point that an earlier point has too. On LiDAR
+sweeps they pack 250 MB/s on one core to 24 %; level −2 packs 520 MB/s to 32 %, level 3 300 MB/s to 27 %, level 9
+70 MB/s to 24 %."""
 _SMALL_LEVEL: Final = 3
 """zstd's default. It makes up for what small chunks cost: together they have the size of chunks of 1 MB at level −2."""
 
@@ -59,16 +71,13 @@ class McapStream:
     file of a killed writer can be read up to its last whole chunk.
     """
 
-    def __init__(self, stream: RawIOBase | BytesIO, compression_level: int) -> None:
-        """Writes the head of the file to an empty stream.
-
-        zstd's compression level is for chunks above 256 kB; smaller ones have zstd's default.
-        """
+    def __init__(self, stream: RawIOBase | BytesIO) -> None:
+        """Writes the head of the file to an empty stream."""
         self._stream = stream
         self._position = 0
         self._whole = 0
         # One thread and no dictionary: the compressed bytes depend on the content alone.
-        self._large = zstandard.ZstdCompressor(level=compression_level, threads=0)
+        self._large = zstandard.ZstdCompressor(compression_params=_LARGE)
         self._small = zstandard.ZstdCompressor(level=_SMALL_LEVEL, threads=0)
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -168,7 +177,7 @@ class McapStream:
         channels = [self._channels[key] for key in sorted({message.channel_id for message in messages})]
         schemas = [self._schemas[key] for key in sorted({channel.schema_id for channel in channels})]
         file = BytesIO()
-        copies = McapStream(file, _SMALL_LEVEL)
+        copies = McapStream(file)
         copies.write_chunk(ChunkContent(tuple(schemas), tuple(channels), tuple(messages)))
         copies.finish()
         data, time_ns, start = file.getvalue(), messages[0].time_ns, self._position

@@ -17,7 +17,7 @@ from siren_ros.interfaces.topics import ACTORS, EPISODE, MAP
 from siren_ros.recording import bag_folder, mcap_scan
 from siren_ros.recording.bag_folder import METADATA_FILE, PARTIAL_SUFFIX, BagTopic, read_message_counts, working_path
 from siren_ros.recording.bag_reader import check_bag_files, read_summary, storage_files
-from siren_ros.recording.bag_writer import END_KEY, REASON_KEY, BagOptions
+from siren_ros.recording.bag_writer import END_KEY, REASON_KEY
 from siren_ros.recording.mcap_scan import DamageError, RecordPlace
 from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream, plain_bytes
 
@@ -289,7 +289,7 @@ def _write(source: Path, target: Path) -> _Salvage:
 
 def _write_storage(source: Path, target: Path) -> _Salvage:
     with source.open("rb") as file, target.open("wb", buffering=0) as output:
-        salvage = _Salvage(file, McapStream(output, BagOptions().compression_level))
+        salvage = _Salvage(file, McapStream(output))
         salvage.find_chunks()
         salvage.save()
         if not salvage.counts:

@@ -1,6 +1,7 @@
 import json
 import os
 import shutil
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -339,3 +340,30 @@ def test_files_are_written_and_errors_told(tmp_path, threads):
 
     with pytest.raises(InputError, match="points"):
         write_all()
+
+
+def test_files_that_wait_are_few_however_slow_the_disk(tmp_path):
+    go_on, begun, given = threading.Event(), threading.Semaphore(0), []
+
+    def slow() -> bytes:
+        begun.release()
+        go_on.wait()
+        return b""
+
+    with FileWriter(tmp_path, 2) as files:
+
+        def give() -> None:
+            for number in range(100):
+                files.write(f"{number}.bin", slow)
+                given.append(number)
+
+        giver = threading.Thread(target=give)
+        giver.start()
+        begun.acquire()
+        begun.acquire()  # both threads are at work
+        giver.join(0.3)
+        waiting = len(given)
+        go_on.set()
+        giver.join()
+    assert waiting <= 8, "two threads, four files for each"
+    assert len(list(tmp_path.iterdir())) == 100

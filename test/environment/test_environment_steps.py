@@ -310,3 +310,15 @@ def test_this_environment_has_no_common_words_in_its_bin() -> None:
 def test_only_its_owner_may_write_the_lock_of_the_environment() -> None:
     lock = Path(sys.prefix) / ".lock"
     assert not lock.exists() or not lock.stat().st_mode & 0o022
+
+
+@pytest.mark.parametrize(("script", "said", "kept"), [("exit 0", 1, True), ("echo broken >&2; exit 3", 0, False)])
+def test_loops_are_compiled_once_and_a_failure_is_silent(tmp_path: Path, script: str, said: int, kept: bool) -> None:
+    fake_python(tmp_path / "venv/bin", "python", f"echo called >>{tmp_path}/calls; {script}")
+    (tmp_path / "venv/.siren").mkdir()
+    (tmp_path / "venv/.siren/packages.stamp").write_text("key\n")
+    result = run_shell("compile_loops; compile_loops; echo went on", tmp_path)
+    assert (result.returncode, result.stdout) == (0, "went on\n")
+    assert result.stderr.count("\n") == said
+    assert (tmp_path / "calls").read_text().split() == ["called"] * (1 if kept else 2)
+    assert (tmp_path / "venv/.siren/loops.stamp").exists() == kept

@@ -19,7 +19,7 @@ def whole(tmp_path: Path) -> Path:
     """Two chunks, each with the index of its one channel."""
     path = tmp_path / "x.mcap"
     with path.open("wb", buffering=0) as file:
-        stream = McapStream(file, 3)
+        stream = McapStream(file)
         stream.write_chunk(CONTENT)
         stream.write_chunk(CONTENT)
         stream.finish()

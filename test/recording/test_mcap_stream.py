@@ -4,6 +4,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import zstandard
 from mcap.opcode import Opcode
@@ -33,7 +34,7 @@ NOTHING_SAID = ChunkContent(SCHEMAS, CHANNELS, ())
 
 def written(path: Path, *chunks: ChunkContent) -> tuple[McapStream, Summary]:
     with path.open("wb", buffering=0) as file:
-        stream = McapStream(file, 3)
+        stream = McapStream(file)
         for chunk in chunks:
             stream.write_chunk(chunk)
         stream.finish()
@@ -122,7 +123,7 @@ def test_the_same_chunks_are_the_same_bytes_whoever_packed_them(tmp_path):
     with (tmp_path / "x.mcap").open("rb") as file:
         packed = [chunk.packed for chunk in mcap_scan.read_chunks(file)]
     with (tmp_path / "y.mcap").open("wb", buffering=0) as file:
-        stream = McapStream(file, 19)
+        stream = McapStream(file)
         for content, packed_chunk in zip((FIRST, SECOND), packed, strict=True):
             stream.write_chunk(content, packed_chunk)
         stream.finish()
@@ -138,7 +139,7 @@ def test_an_empty_chunk_is_not_written(tmp_path):
 def test_rewinding_cuts_after_the_last_whole_chunk(tmp_path, chunks):
     path = tmp_path / "x.mcap"
     with path.open("wb", buffering=0) as file:
-        stream = McapStream(file, 3)
+        stream = McapStream(file)
         for chunk in chunks:
             stream.write_chunk(chunk)
         whole = path.stat().st_size
@@ -161,28 +162,46 @@ class Slow(BytesIO):
 def test_a_stream_that_takes_a_part_at_a_time_gets_everything(tmp_path):
     written(tmp_path / "x.mcap", FIRST, SECOND)
     file: Any = Slow()
-    stream = McapStream(file, 3)
+    stream = McapStream(file)
     for chunk in (FIRST, SECOND):
         stream.write_chunk(chunk)
     stream.finish()
     assert file.getvalue() == (tmp_path / "x.mcap").read_bytes()
 
 
-@pytest.mark.parametrize(("size", "level"), [(200_000, 3), (300_000, -2)])
-def test_small_chunks_are_packed_with_more_effort_than_sweeps(tmp_path, size, level):
-    data = b"".join(number.to_bytes(4, "little") for number in range(size // 4))
-    with (tmp_path / "x.mcap").open("w+b", buffering=0) as file:
-        stream = McapStream(file, -2)
+def packed_and_plain(path: Path, data: bytes) -> tuple[bytes, bytes]:
+    """A message's chunk in the file, and its content."""
+    with path.open("w+b", buffering=0) as file:
+        stream = McapStream(file)
         stream.write_chunk(ChunkContent(SCHEMAS, CHANNELS, (ChannelMessage(1, 0, 0, data),)))
         stream.finish()
         file.seek(0)
         (chunk,) = mcap_scan.read_chunks(file)
-    assert chunk.packed == zstandard.ZstdCompressor(level=level).compress(mcap_scan.unpack(chunk))
+    return chunk.packed, mcap_scan.unpack(chunk)
+
+
+def test_small_chunks_have_zstds_default(tmp_path):
+    data = b"".join(number.to_bytes(4, "little") for number in range(50_000))
+    packed, plain = packed_and_plain(tmp_path / "x.mcap", data)
+    assert packed == zstandard.ZstdCompressor(level=3).compress(plain)
+
+
+def test_sweeps_are_packed_smaller_than_by_a_quick_level(tmp_path):
+    kinds = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f4"), ("ring", "<u2")]
+    points = np.zeros((1000, 64), dtype=[*kinds, ("instance", "<u2")])
+    angle_rad = np.linspace(-np.pi, np.pi, 1000)[:, None]
+    range_m = 1.93 / np.tan(np.radians(np.linspace(4.0, 25.0, 64)))
+    for name, value in (("x", range_m * np.cos(angle_rad)), ("y", range_m * np.sin(angle_rad))):
+        points[name] = np.round(value * 128.0) / 128.0
+    points["z"], points["ring"], points["time"] = -1.93, np.arange(64), angle_rad
+    packed, plain = packed_and_plain(tmp_path / "x.mcap", points.tobytes())
+    assert zstandard.ZstdDecompressor().decompress(packed) == plain
+    assert len(packed) < 0.9 * len(zstandard.ZstdCompressor(level=-2).compress(plain))
 
 
 def test_second_copies_are_a_file_of_their_own_with_the_definitions_that_they_need(tmp_path):
     with (tmp_path / "x.mcap").open("w+b", buffering=0) as file:
-        stream = McapStream(file, 3)
+        stream = McapStream(file)
         stream.write_chunk(FIRST)
         stream.attach_copies([])
         stream.attach_copies(FIRST.messages[:1])

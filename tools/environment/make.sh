@@ -33,14 +33,15 @@ verify() {
 import libsumo, moderngl, rosbags, scipy, siren_ros, siren_nodes'
 }
 
-# The compiler makes the message packages while wheels and the browser are still downloaded and unpacked.
+# The compiler makes the message packages while wheels and the browser are still downloaded and unpacked, and while the library's loops
+# are compiled.
 make_all() {
     local packages browser status=0
     cd "$root"
     make_venv
     collect_extras # sets $extras
     install_ros
-    (trap - INT && install_packages) &
+    (trap - INT && install_packages && compile_loops) &
     packages=$!
     (trap - INT && ensure_browser) &
     browser=$!

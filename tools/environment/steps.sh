@@ -138,6 +138,23 @@ install_packages() {
     stamp packages "$package_key"
 }
 
+# Compiles the library's loops (siren_ros/numerics/compiled.py), the map and the scene that the first episode needs, by a short episode with
+# sensors. It only saves time: it yields to every other step, and where it fails, the first episode compiles and tells what is wrong.
+compile_loops() {
+    local loops_key start=$SECONDS
+    read -r loops_key <"$state/packages.stamp" || return 0
+    if stamped loops "$loops_key"; then return; fi
+    if nice -n 19 timeout 600 "$venv/bin/python" -c 'from pathlib import Path
+from tempfile import TemporaryDirectory
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.studies.workers import attempt_episode
+with TemporaryDirectory() as folder:
+    attempt_episode(EpisodeRequest(duration_s=1.0), Path(folder) / "bag")' >"$state/loops.log" 2>&1 </dev/null; then
+        say "  loops, compiled beside the other steps: $((SECONDS - start)) s"
+        stamp loops "$loops_key"
+    fi
+}
+
 # --- messages ---------------------------------------------------------------------------------------------------------
 
 # Message packages that a ROS installation has and PyPI lacks, as far as they are missing here, and the project's own. They do not

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import deflate
 import numpy as np
 import numpy.typing as npt
 import simplejpeg
@@ -31,9 +32,12 @@ from siren_ros.world.carrier import GroundTruth
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER: Final = struct.Struct(">IIBBBBB")
 _TRUE_COLOUR: Final = 2
-_UP: Final = 2
-"""Filter of every row: the difference to the row above (PNG specification, section 9)."""
+_SUB: Final = 1
+"""Filter of every row: the difference to the pixel on the left (PNG specification, section 9). On the cameras' pictures
+it packs 4 % better than the difference to the row above."""
+_PIXEL_BYTES: Final = 3
 _FASTEST: Final = 1
+"""libdeflate's level. Its bytes depend on the content alone, not on the processor."""
 POINT_FIELDS: Final = ("x", "y", "z", "intensity")
 OBJECTS_FILE: Final = "objects.csv"
 TRAINING: Final = "training"
@@ -52,11 +56,10 @@ def png_bytes(rgb: npt.NDArray[np.uint8]) -> bytes:
     height, width, _ = rgb.shape
     rows = np.ascontiguousarray(rgb).reshape(height, width * 3)
     filtered = np.empty((height, 1 + width * 3), dtype=np.uint8)
-    filtered[:, 0] = _UP
-    filtered[0, 1:] = rows[0]
-    np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
-    packer = zlib.compressobj(_FASTEST, zlib.DEFLATED, zlib.MAX_WBITS, 9, zlib.Z_RLE)
-    packed = packer.compress(filtered.data) + packer.flush()
+    filtered[:, 0] = _SUB
+    filtered[:, 1 : 1 + _PIXEL_BYTES] = rows[:, :_PIXEL_BYTES]
+    np.subtract(rows[:, _PIXEL_BYTES:], rows[:, :-_PIXEL_BYTES], out=filtered[:, 1 + _PIXEL_BYTES :])
+    packed = bytes(deflate.zlib_compress(filtered.tobytes(), _FASTEST))
     header = _HEADER.pack(width, height, 8, _TRUE_COLOUR, 0, 0, 0)
     return _SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", packed) + _chunk(b"IEND", b"")
 

@@ -142,3 +142,38 @@ def test_the_papers_layout_needs_no_camera(tmp_path):
 def test_kittis_own_layout_needs_a_camera(tmp_path):
     with pytest.raises(InputError, match="front camera"):
         _live(tmp_path / "out", Layout.KITTI, None, None)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_threads_write_the_same_files(tmp_path, threads):
+    camera = KittiCamera(CAMERA, camera_from_lidar(MOUNTS, "lidar", MOUNTS[1].child))
+    episode, out = SyntheticEpisode(Scene(duration_s=1.0, lidar=True)), tmp_path / "out"
+    out.mkdir()
+    pictures = np.random.default_rng(0).integers(0, 256, (10, 60, 80, 3), dtype=np.uint8)
+    jpegs = [simplejpeg.encode_jpeg(picture) for picture in pictures]
+    with FileWriter(out, threads) as files:
+        frames = KittiFrames(files, Layout.KITTI, camera)
+        for number, step in enumerate(range(0, 20, 2)):
+            frames.write(KittiFrame(step, episode.sweep(step), episode.ground_truth(step), jpegs[number]))
+    assert [line.split(",")[0] for line in (out / "frames.csv").read_text().splitlines()[1:]] == [
+        f"{number:06d}" for number in range(10)
+    ]
+    for number, jpeg in enumerate(jpegs):
+        with Image.open(out / f"training/image_2/{number:06d}.png") as picture:
+            assert np.array_equal(np.asarray(picture), simplejpeg.decode_jpeg(jpeg))
+
+
+def test_a_picture_that_cannot_be_written_ends_the_export(tmp_path):
+    camera = KittiCamera(CAMERA, camera_from_lidar(MOUNTS, "lidar", MOUNTS[1].child))
+    episode = SyntheticEpisode(Scene(duration_s=1.0, lidar=True))
+    jpeg = simplejpeg.encode_jpeg(np.zeros((60, 80, 3), dtype=np.uint8))
+    (tmp_path / "training/image_2/000000.png").mkdir(parents=True)
+
+    def export() -> None:
+        with FileWriter(tmp_path, 2) as files:
+            KittiFrames(files, Layout.KITTI, camera).write(
+                KittiFrame(0, episode.sweep(0), episode.ground_truth(0), jpeg)
+            )
+
+    with pytest.raises(InputError, match=r"image_2/000000\.png.*[Ii]s a directory"):
+        export()

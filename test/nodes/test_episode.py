@@ -142,8 +142,11 @@ def test_a_bag_that_exists_is_not_touched(episode: Any, cosim: Callable[..., Any
     run = cosim(*SHORT, cwd=episode[1])
     assert run.code == 2
     assert run.error_lines == [
-        "bag: 'bags/S2_L2_seed0' cannot be used; allowed: the path of a new folder; overwrite (overwrite:=true, --overwrite) "
-        "replaces this episode, and `siren replay bags/S2_L2_seed0 --check` makes it again and compares"
+        (
+            "bag: 'bags/S2_L2_seed0' cannot be used; allowed: the path of a new folder; "
+            "overwrite (overwrite:=true, --overwrite) replaces this episode, "
+            "and `siren replay bags/S2_L2_seed0 --check` makes it again and compares"
+        )
     ]
     assert digest(episode[1]) == before
 

@@ -5,7 +5,7 @@ their reports of step k − 1 suffice. The state machine is pure: reports and th
 A node's inputs are joined by step, so that the order of arrival cannot change what it computes.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from types import MappingProxyType
@@ -119,10 +119,13 @@ def on_report(
     """Take in one StepDone.
 
     A report that nobody owes, such as a second one of the same step, ends the episode: either it or the one that was
-    counted came from another program.
+    counted came from another program. COMPILING of one that is awaited lets its time begin anew.
     """
     if state.stage is Stage.CLOSED:
         return state, None
+    if report.phase is Phase.COMPILING:
+        awaited = state.stage is not Stage.CLOSING and report.participant in state.waiting | state.owing
+        return state._replace(since_s=now_s) if awaited else state, None
     who = config.display_names.get(report.participant, report.participant)
     if state.stage is Stage.CLOSING:
         if report.phase is not Phase.FINAL or report.participant not in state.waiting:
@@ -178,8 +181,20 @@ def _all_reported(state: LockstepState, config: LockstepConfig, now_s: float) ->
     return state, BeginStep(step)
 
 
-def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
-    """Notice a participant that does not answer; the error names it."""
+def on_time(
+    state: LockstepState,
+    config: LockstepConfig,
+    now_s: float,
+    absent: Callable[[], frozenset[str]] = frozenset,
+) -> tuple[LockstepState, Action]:
+    """Notice a participant that does not answer; the error names it.
+
+    Args:
+        state: The lockstep now.
+        config: Participants and time limits.
+        now_s: Wall time.
+        absent: Gives the participants that have not even come; before step 0 all others wait for them.
+    """
     limit_s = {
         Stage.GATHERING: config.start_timeout_s,
         Stage.STEPPING: config.step_limit_s(state.late_step),
@@ -189,6 +204,7 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
         return state, None
     gathering = state.stage is Stage.GATHERING
     late = state.waiting if state.stage is Stage.CLOSING else first_late(state.owing or state.waiting, gathering)
+    late = (gathering and state.waiting & absent()) or late
     names = ", ".join(config.display_names.get(name, name) for name in sorted(late))
     if state.stage is Stage.CLOSING:
         reason = state.reason or f"{names}: did not close within {limit_s:g} s"

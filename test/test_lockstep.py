@@ -158,6 +158,35 @@ def test_a_participant_that_never_becomes_ready_is_named() -> None:
     assert state.steps_done == 0
 
 
+def test_before_the_first_step_those_alone_are_named_that_have_not_come() -> None:
+    config = LockstepConfig(("sumo_bridge", "sensor_sim", "recorder"), 5)
+    state = start_lockstep(config, 0.0)
+    _, action = on_time(state, config, 120.0, lambda: frozenset({"sensor_sim", "recorder", "somebody"}))
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "recorder, sensor_sim: was not ready within 120 s")
+    _, action = on_time(state, config, 120.0, lambda: frozenset({"somebody"}))
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "sumo_bridge: was not ready within 120 s"), "all have come"
+
+
+@pytest.mark.parametrize(("begin", "limit_s"), [(lambda: start_lockstep(CONFIG, 0.0), 60.0), (stepping, 60.0)])
+def test_while_a_participant_compiles_its_time_stands(begin, limit_s: float) -> None:
+    state = begin()
+    for now_s in (59.0, 118.0, 177.0):
+        state, action = report(state, "b", Phase.COMPILING, now_s=now_s)
+        assert action is None
+        assert on_time(state, CONFIG, now_s + limit_s - 0.1) == (state, None)
+    _, action = on_time(state, CONFIG, 177.0 + limit_s)
+    assert isinstance(action, EndEpisode)
+    assert state.busy_s == begin().busy_s
+
+
+def test_nobody_holds_the_time_who_is_not_awaited() -> None:
+    state, _ = report(stepping(), "a", Phase.STEP, 0)
+    for name in ("a", "stranger"):
+        assert report(state, name, Phase.COMPILING, now_s=30.0) == (state, None)
+    closing, _ = on_interrupt(state, CONFIG, 1.0, "stop")
+    assert report(closing, "b", Phase.COMPILING, now_s=30.0) == (closing, None)
+
+
 def test_interruption_counts_finished_steps_only() -> None:
     state = stepping()
     state, _ = report(state, "a", Phase.STEP, 0)

@@ -31,6 +31,8 @@ class Phase(IntEnum):
     READY = 0
     STEP = 1
     FINAL = 2
+    COMPILING = 3
+    """Not done yet, because it compiles: time limits begin anew."""
 
 
 @dataclass(frozen=True)

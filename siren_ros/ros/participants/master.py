@@ -19,7 +19,7 @@ from siren_ros.interfaces.episode_conversions import EpisodeClosing, Phase, Step
 from siren_ros.interfaces.messages import make_message, shown_text, stamp
 from siren_ros.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, Stage
 from siren_ros.numerics.units import STEP_S, time_ns_of_step
-from siren_ros.ros.participants.working_clock import working_s
+from siren_ros.ros.participants.working_clock import ANNOUNCE_S, working_s
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_output, create_wall_timer
 from siren_ros.scenario.episode import EpisodeEnd
 from siren_ros.world.commands import AV_SOURCE
@@ -82,6 +82,7 @@ class AvProxy:
 
 
 WATCH_S = 0.1
+HEARD_S: Final = 3.0 * ANNOUNCE_S
 _TELL_THE_AV: Final = frozenset({"vehicle_dynamics", "sensor_sim"})
 """Participants from whom the controller of the AV hears what happens at a step."""
 
@@ -122,9 +123,15 @@ class LockstepMaster:
         self.answer_s: list[float] = []
         """Wall time from the states of each step to the answer of the AV's controller."""
         self._told_s = 0.0
+        self._compiling_s = -HEARD_S
         self._av_proxy = (
             AvProxy(node, self._take, self._take_departure, self.fail) if AV_SOURCE in config.participants else None
         )
+
+    def begin(self) -> None:
+        """Time limits run from now on: before, this process has set its participants up one after the other."""
+        if self.state.stage is Stage.GATHERING:
+            self.state = self.state._replace(since_s=working_s())
 
     @property
     def closed(self) -> bool:
@@ -171,7 +178,14 @@ class LockstepMaster:
                 report = replace(report, participant=name, error=error)
             self._take(report)
 
+    @property
+    def hears_of_compiling(self) -> bool:
+        """Whether a participant in another process compiles loops now."""
+        return time.monotonic() - self._compiling_s < HEARD_S
+
     def _take(self, report: StepReport) -> None:
+        if report.phase is Phase.COMPILING:
+            self._compiling_s = time.monotonic()
         if report.phase is Phase.STEP:
             report = self._timed(report)
         state, action = lockstep.on_report(self.state, report, self.config, working_s())
@@ -198,7 +212,11 @@ class LockstepMaster:
             if self.state.stage is Stage.GATHERING:
                 self.config = replace(self.config, display_names={AV_SOURCE: self._av_proxy.called})
             self._av_proxy.watch()
-        self._advance(lockstep.on_time(self.state, self.config, working_s()))
+        self._advance(lockstep.on_time(self.state, self.config, working_s(), self._absent))
+
+    def _absent(self) -> frozenset[str]:
+        """Participants of the platform of which no publisher of reports is there."""
+        return frozenset(self.config.participants) - frozenset(self.config.outside) - self._reporters.present()
 
     def _on_pace(self) -> None:
         if self._held is not None and time.monotonic() >= self._next_wall_s:

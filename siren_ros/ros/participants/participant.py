@@ -238,6 +238,11 @@ class Participant(Node, Generic[Config]):
         report = StepReport(step, self._called, phase, error, busy_s)
         self._report.publish(wire.encode_content(topics.STEP_DONE, step, report, to_step_done))
 
+    def announce_compiling(self) -> None:
+        """Say that this node is late because it compiles loops. Any thread may call it."""
+        report = StepReport(self.steps_done, self._called, Phase.COMPILING)
+        self._report.publish(to_step_done(report))
+
     def _guarded(self, step: int, phase: Phase, action: Callable[[], None]) -> None:
         if self._failed and phase is not Phase.FINAL:
             return

@@ -5,6 +5,8 @@ Time limits run by it: a program that compiles does not hang, and later runs hav
 
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from numba.core import event
@@ -46,3 +48,26 @@ _COMPILATIONS: Final = _Compilations()
 event.register("numba:compile", _COMPILATIONS)  # type: ignore[no-untyped-call] # numba's own
 is_compiling: Final = _COMPILATIONS.is_compiling
 working_s: Final = _COMPILATIONS.working_s
+ANNOUNCE_S: Final = 1.0
+
+
+@contextmanager
+def announcing(announce: Callable[[], None]) -> Iterator[None]:
+    """Within it, ``announce`` is called every second while a loop is compiled, in a thread of its own.
+
+    The lockstep runs in another process, whose clock does not stand still meanwhile.
+    """
+    ended = threading.Event()
+
+    def run() -> None:
+        while not ended.wait(ANNOUNCE_S):
+            if is_compiling():
+                announce()
+
+    thread = threading.Thread(target=run, name="compiling", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()

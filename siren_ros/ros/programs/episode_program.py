@@ -99,7 +99,11 @@ class Cosim(Node):
             return Awaited("", state.step)
         what = awaited_by(state, self.master.config, self.plan.nodes, composition.works())
         closing = state.stage in {Stage.CLOSING, Stage.CLOSED}
-        return Awaited(what, "closing" if closing else state.step, _COMPILING if is_compiling() else "")
+        return Awaited(
+            what,
+            "closing" if closing else state.step,
+            _COMPILING if is_compiling() or self.master.hears_of_compiling else "",
+        )
 
 
 def run_episode(
@@ -125,6 +129,7 @@ def run_episode(
     executor = EventsExecutor()
     executor.add_node(cosim)
     composition = _composed(cosim, module_of, executor, interrupt, waiting)
+    cosim.master.begin()
     waiting.ask = lambda: cosim.awaited(composition)
     watch = HangWatch(lambda: composition.hanging(cosim.master.config), give_up)
     if isinstance(composition, InProcess):

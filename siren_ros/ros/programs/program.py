@@ -16,6 +16,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError
+from siren_ros.ros.participants.working_clock import announcing
 from siren_ros.ros.programs.arguments import answer, outside_ros, quoted
 from siren_ros.ros.programs.processes import Interrupt, Parent
 from siren_ros.ros.transport.shared_memory import (
@@ -134,11 +135,12 @@ def run_program(make_node: NodeType, name: str) -> int:
     stopped, usual = "", getattr(node, "ends_by_signal", False)
     code = EXIT_OK
     try:
-        while not node.finished and not stopped:
-            executor.spin_once(timeout_sec=SPIN_S)
-            if parent.is_gone:
-                stopped = "the end of the program that started it"
-            stopped = stopped or interrupt.signal_name
+        with announcing(getattr(node, "announce_compiling", lambda: None)):
+            while not node.finished and not stopped:
+                executor.spin_once(timeout_sec=SPIN_S)
+                if parent.is_gone:
+                    stopped = "the end of the program that started it"
+                stopped = stopped or interrupt.signal_name
         if stopped:
             if not usual:
                 print(f"{name}: stopped by {stopped}", file=sys.stderr)

@@ -80,9 +80,13 @@ class PublisherWatch:
                 self._tell(self._current - self._known)
             self._names |= frozenset(self._publishers_when(lambda nodes: _UNNAMED not in nodes))
 
+    def present(self) -> frozenset[str]:
+        """Nodes that publish now."""
+        return frozenset(self._publishers())
+
     def departed(self) -> frozenset[str]:
         """Nodes that published when the watch was bound, and do not any more."""
-        return self._names - frozenset(self._publishers())
+        return self._names - self.present()
 
     def _publishers(self) -> list[str]:
         return [info.node_name for info in self._node.get_publishers_info_by_topic(self._topic.name)]

@@ -3,13 +3,15 @@
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 
 import numba
 import pytest
 
-from siren_ros.ros.participants.working_clock import _Compilations, working_s
+from siren_ros.ros.participants import working_clock
+from siren_ros.ros.participants.working_clock import _Compilations, announcing, working_s
 
 
 def test_it_goes_like_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,3 +64,23 @@ def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cac
             [sys.executable, "program.py"], check=True, cwd=tmp_path, capture_output=True, text=True, timeout=120
         )
         assert run.stdout.strip() == expected
+
+
+def test_it_is_announced_while_a_loop_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiles, told = threading.Event(), threading.Semaphore(0)
+    asked = threading.Semaphore(0)
+
+    def is_compiling() -> bool:
+        asked.release()
+        return compiles.is_set()
+
+    monkeypatch.setattr(working_clock, "ANNOUNCE_S", 0.001)
+    monkeypatch.setattr(working_clock, "is_compiling", is_compiling)
+    with announcing(told.release):
+        assert asked.acquire(timeout=60.0)
+        assert asked.acquire(timeout=60.0)
+        assert not told.acquire(blocking=False)
+        compiles.set()
+        assert told.acquire(timeout=60.0)
+        assert told.acquire(timeout=60.0)
+    assert "compiling" not in {thread.name for thread in threading.enumerate()}

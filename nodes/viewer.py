@@ -4,6 +4,8 @@ import os
 import sys
 import webbrowser
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from rclpy.node import Node
@@ -46,8 +48,9 @@ class Viewer(Node):
             create_input(self, topic, partial(self._on_message, known_as, topic), depth=depth)
         sys.stdout.write(f"{self._server.address}\n")
         sys.stdout.flush()
+        self._folder = TemporaryDirectory(prefix="siren_view_")
         if config.browser:
-            webbrowser.open(self._server.address)
+            webbrowser.open(self._server.write_door(Path(self._folder.name)).as_uri())
 
     def _on_message(self, known_as: str, topic: Topic, cdr: bytes) -> None:
         try:
@@ -61,6 +64,7 @@ class Viewer(Node):
     def close_early(self, reason: str) -> None:  # noqa: ARG002 - the interface of all programs
         """Let the browsers go."""
         self._server.close()
+        self._folder.cleanup()
 
 
 NODE = Viewer

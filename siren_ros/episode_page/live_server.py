@@ -1,15 +1,18 @@
 """Serves the page of a running episode to browsers of this machine, with server-sent events (WHATWG HTML, 9.2).
 
 Another local user or another page in the browser cannot read it: the address holds a secret, requests must name this
-machine as their host (otherwise a foreign name could be made to lead here), and nothing allows other origins.
+machine as their host (otherwise a foreign name could be made to lead here), and nothing allows other origins. Command
+lines are public on a machine, so a browser is started with a file of the user that leads to the address.
 """
 
 import base64
+import os
 import secrets
 import threading
 from collections.abc import Iterator
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.episode_page.build import live_page
@@ -119,6 +122,15 @@ class LiveServer(ThreadingHTTPServer):
         """What a browser has to open."""
         return f"http://{HOST}:{self.server_port}/{self.secret}/"
 
+    def write_door(self, folder: Path) -> Path:
+        """Writes a page that leads to the address, which only the user can read."""
+        door = folder / "siren.html"
+        with os.fdopen(os.open(door, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+            file.write(
+                f'<!doctype html><meta http-equiv="refresh" content="0; url={self.address}"><title>SIREN</title>'
+            )
+        return door
+
     def close(self) -> None:
         """Ends all connections."""
         self.feed.close()
@@ -133,8 +145,9 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """The page, its stream, or an error."""
         here = {f"{name}:{self.server.server_port}" for name in (HOST, "localhost")}
-        foreign = self.headers.get("Sec-Fetch-Site", "none") not in {"none", "same-origin"}
         folder, _, name = self.path.removeprefix("/").partition("/")
+        opened = not name and self.headers.get("Sec-Fetch-Dest") == "document"  # from the file that leads here
+        foreign = self.headers.get("Sec-Fetch-Site", "none") not in {"none", "same-origin"} and not opened
         if self.headers.get("Host") not in here or foreign:
             self.send_error(HTTPStatus.FORBIDDEN)
         elif not secrets.compare_digest(folder.encode(), self.server.secret.encode()) or name not in {"", "stream"}:

@@ -6,8 +6,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Final
@@ -33,14 +33,27 @@ _LOOK_S: Final = 0.25
 """Wall time between two looks at the programs."""
 _TOLD_S: Final = 12.0
 """Wall time within which ``cosim`` tells that a driver which answered before is gone."""
-_LIMIT_S: Final = 1800.0
+LIMIT_S: Final = 1800.0
 """Wall time after which an episode's programs are killed."""
+_WATCH: Final = """
+import os, signal, sys, time
+sys.stdin.read()
+for number, wait_s in ((signal.SIGCONT, 0.0), (signal.SIGTERM, {ends_s}), (signal.SIGKILL, 0.0)):
+    for group in map(int, sys.argv[1:]):
+        try:
+            os.killpg(group, number)
+        except ProcessLookupError:
+            pass
+    time.sleep(wait_s)
+"""
+"""A program that ends groups of processes once its input ends, as it does when the process that holds the other end of
+the pipe is killed. The programs of users cannot be asked to look after that process themselves."""
 _SAID: Final = 300
 """Letters of a program's last words."""
 
 
 def episode_with_program(
-    request: EpisodeRequest, bag: Path, program: str, *, real_time: bool = False, limit_s: float = _LIMIT_S
+    request: EpisodeRequest, bag: Path, program: str, *, real_time: bool = False, limit_s: float = LIMIT_S
 ) -> RecordedEpisode:
     """Runs an episode with ``cosim`` and the program that drives its AV.
 
@@ -105,6 +118,7 @@ def _run(
         except (OSError, ValueError, IndexError) as error:
             raise InputError("av", program, f"the command line of a program ({error})") from error
         stack.callback(_end, driver)
+        stack.enter_context(_watched(cosim, driver))
         code = _wait(cosim, driver, limit_s)
         ended = driver.poll()
         last = f"exit code {ended}: {' '.join(_lines(driver_words)[-1:])}"[:_SAID] if ended else ""
@@ -139,6 +153,18 @@ def _child(words: list[str], environment: Mapping[str, str], output: object) -> 
         text=True,
         start_new_session=True,
     )
+
+
+@contextmanager
+def _watched(*programs: "subprocess.Popen[str]") -> Iterator[None]:
+    """Within it, the programs and what they have started end soon after this process, however it ends."""
+    groups = [str(program.pid) for program in programs]
+    words = [sys.executable, "-I", "-S", "-c", _WATCH.format(ends_s=_ENDS_S), *groups]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, start_new_session=True) as watch:  # noqa: S603 - our own
+        try:
+            yield
+        finally:
+            watch.kill()
 
 
 def _lines(file: object) -> list[str]:

@@ -25,12 +25,14 @@ from siren_ros.processes.side_by_side import as_ready
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeRequest
 from siren_ros.seat.drivers.drivers import driver_of
 from siren_ros.seat.seated import answers_of
-from siren_ros.studies.av_program import episode_with_program
+from siren_ros.studies.av_program import LIMIT_S, episode_with_program
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode, Seat
 from siren_ros.studies.study_folder import StudyFolder, attempt_folder, hashes_of_bag
 
 TIMEOUT_S: Final = 3600.0
+PROGRAMS_END_S: Final = 15.0
+"""Wall time before that limit in which the programs of an attempt are ended and their files removed."""
 RETRIES: Final = 2
 _GARBAGE_AFTER: Final = 100_000
 """New objects between two runs of Python's garbage collector: a step makes thousands of objects and no cycles."""
@@ -119,7 +121,9 @@ def _attempt(
         with attempt_folder(folder) as scratch:
             bag, failing = scratch / planned.name, "its bag cannot be kept"
             try:
-                known = call(attempt_episode, planned.request, bag, planned.seat, timeout_s=options.timeout_s)
+                programs_limit_s = min(max(options.timeout_s - PROGRAMS_END_S, 0.5 * options.timeout_s), LIMIT_S)
+                asked = (planned.request, bag, planned.seat, programs_limit_s)
+                known = call(attempt_episode, *asked, timeout_s=options.timeout_s)
             finally:
                 process_s = time.monotonic() - began_s
             row = row_with(**known, process_s=process_s)
@@ -136,8 +140,19 @@ def _attempt(
         return row_with(Status.CRASHED, f"{failing}: {error}", process_s=process_s), True
 
 
-def attempt_episode(request: EpisodeRequest, bag: Path, seat: Seat = Seat()) -> dict[str, Any]:  # noqa: B008 - frozen
+def attempt_episode(
+    request: EpisodeRequest,
+    bag: Path,
+    seat: Seat = Seat(),  # noqa: B008 - frozen
+    programs_limit_s: float = LIMIT_S,
+) -> dict[str, Any]:
     """Makes an episode and its bag, in the process of an attempt.
+
+    Args:
+        request: The episode.
+        bag: Folder of the bag to write.
+        seat: What drives its AV.
+        programs_limit_s: Wall time that the programs of the seat have.
 
     Returns:
         What the episode's row tells of it: plain values, for the way between processes.
@@ -151,7 +166,7 @@ def attempt_episode(request: EpisodeRequest, bag: Path, seat: Seat = Seat()) -> 
     setup = None if seat.program else set_up_episode(request)  # a program's ``cosim`` does that itself
     ready_s = time.perf_counter()
     if setup is None:
-        recorded = episode_with_program(request, bag, seat.program, real_time=seat.real_time)
+        recorded = episode_with_program(request, bag, seat.program, real_time=seat.real_time, limit_s=programs_limit_s)
     else:
         recorded = record_episode(setup, bag, answers_of(setup, driver_of(seat.driver)) if seat.driver else None)
     run_s = time.perf_counter() - ready_s

@@ -5,6 +5,7 @@ import http.client
 import re
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from episode_page.unpacked import unpacked
@@ -86,6 +87,23 @@ def test_other_hosts_and_other_sites_get_nothing(server: LiveServer, name: str) 
     for site in ("cross-site", "same-site"):
         assert answer(server, path, Sec_Fetch_Site=site).status == 403
     assert answer(server, f"/{server.secret}/", Host=f"localhost:{port}").status == 200
+
+
+def test_the_file_that_leads_to_the_page_belongs_to_the_user_alone(server: LiveServer, tmp_path: Path) -> None:
+    door = server.write_door(tmp_path)
+    assert door.stat().st_mode & 0o777 == 0o600
+    assert f"url={server.address}" in door.read_text(encoding="utf-8")
+    assert server.secret not in door.as_uri()
+    with pytest.raises(FileExistsError):
+        server.write_door(tmp_path)
+
+
+def test_the_file_may_open_the_page_and_nothing_else(server: LiveServer) -> None:
+    """Browsers call a page that a file opens one of another site."""
+    opened = {"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Dest": "document"}
+    assert answer(server, f"/{server.secret}/", **opened).status == 200
+    assert answer(server, f"/{server.secret}/stream", **opened).status == 403
+    assert answer(server, f"/{server.secret}/", **{**opened, "Sec_Fetch_Dest": "iframe"}).status == 403
 
 
 def test_it_listens_on_this_machine_alone(server: LiveServer) -> None:

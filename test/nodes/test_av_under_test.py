@@ -1,7 +1,10 @@
 """An external controller drives one civilian in lockstep."""
 
 import signal
+import subprocess
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +30,7 @@ from siren_ros.world.commands import AV_SOURCE
 DOMAIN = Domain()
 POLICY = str(EXAMPLES / "av_policy.py")
 STEPS = 120
+PATIENCE_S = 60.0
 DRIVEN = ("av:=civilian", "sensors:=none", "bag:=bag")
 
 
@@ -150,3 +154,38 @@ def test_a_program_that_fails_gives_its_last_words(tmp_path: Path) -> None:
     )
     with pytest.raises(EpisodeError, match=r"is gone.*exit code 1: RuntimeError: no plan"):
         episode_with_program(REQUEST, tmp_path / "bag", f"{sys.executable} {program}")
+
+
+def processes_of(word: str) -> list[str]:
+    """Running processes whose command line has a word."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if word.encode() in (place / "cmdline").read_bytes() and " Z " not in (place / "stat").read_text():
+                found.append(place.name)
+    return found
+
+
+def test_what_an_episode_has_started_ends_when_it_is_killed(tmp_path: Path) -> None:
+    program = f"{sys.executable} -c 'import time; time.sleep(600)' {tmp_path}"
+    code = (
+        "from pathlib import Path\nfrom siren_ros.scenario.episode import EpisodeRequest\n"
+        "from siren_ros.studies.av_program import episode_with_program\n"
+        f"request, bag = EpisodeRequest(av='civilian', sensors='none'), Path({str(tmp_path / 'bag')!r})\n"
+        f"episode_with_program(request, bag, {program!r})"
+    )
+    episode = subprocess.Popen([sys.executable, "-c", code])
+    try:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while len(processes_of(str(tmp_path))) < 3:  # itself, cosim and the program
+            assert time.monotonic() < deadline_s
+            assert episode.poll() is None
+            time.sleep(0.1)
+        time.sleep(1.0)
+    finally:
+        episode.kill()
+        episode.wait()
+    deadline_s = time.monotonic() + PATIENCE_S
+    while processes_of(str(tmp_path)):
+        assert time.monotonic() < deadline_s
+        time.sleep(0.1)

@@ -144,7 +144,7 @@ compile_loops() {
     local loops_key start=$SECONDS
     read -r loops_key <"$state/packages.stamp" || return 0
     if stamped loops "$loops_key"; then return; fi
-    if nice -n 19 timeout 600 "$venv/bin/python" -c 'from pathlib import Path
+    if nice -n 5 timeout 600 "$venv/bin/python" -c 'from pathlib import Path
 from tempfile import TemporaryDirectory
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.workers import attempt_episode

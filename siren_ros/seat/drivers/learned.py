@@ -69,6 +69,7 @@ class LearnedDriver:
         import onnxruntime  # noqa: PLC0415 - as in network_file.py
 
         options = onnxruntime.RunOptions()
+        options.log_severity_level = 4  # what fails is in the error
         watch = threading.Timer(DECISION_LIMIT_S, setattr, (options, "terminate", True))
         watch.daemon = True
         watch.start()

@@ -76,6 +76,12 @@ class _Navigation(yaml.SafeLoader):
 _Navigation.add_multi_constructor("", lambda *_: None)  # type: ignore[no-untyped-call] # PyYAML's stubs
 
 
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.relative_to(REPOSITORY).as_posix())
+def test_documents_are_whole_as_they_are(path: Path) -> None:
+    """Nothing fills them in later, so a name in double braces is a hole."""
+    assert re.findall(r"\{\{.*", path.read_text(encoding="utf-8")) == []
+
+
 def pages_of(navigation: object) -> Iterator[str]:
     """The pages that a part of the site's navigation names."""
     if isinstance(navigation, str):

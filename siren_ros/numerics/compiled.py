@@ -4,6 +4,7 @@
 """
 
 import hashlib
+import logging
 import os
 from collections.abc import Callable
 from functools import cache
@@ -13,6 +14,7 @@ from typing import Any, Final, TypeVar, cast
 import numba
 import numpy as np
 from numba import types
+from numba.core import event
 from numba.core.dispatcher import Dispatcher
 
 from siren_ros.user_folder import is_writable, user_folder
@@ -27,6 +29,23 @@ Array = Any
 Function = TypeVar("Function", bound=Callable[..., Any])
 _FROZEN: Final = (int, float, str, tuple, np.generic, types.ExternalFunction)
 """Kinds of values that compiled code holds as they were when it was compiled."""
+
+
+class _Told(event.Listener):
+    """Says once in a process that loops are compiled: a first call takes tens of seconds of processor."""
+
+    told = False
+
+    def on_start(self, _: event.Event) -> None:
+        if not self.told:
+            self.told = True
+            logging.getLogger("siren_ros").info("compiling loops; later processes have them from the cache")
+
+    def on_end(self, _: event.Event) -> None:
+        """Nothing is said of it."""
+
+
+event.register("numba:compile", _Told())  # type: ignore[no-untyped-call] # numba's own
 
 
 def compiled(function: Function) -> Function:

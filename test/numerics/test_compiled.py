@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -93,3 +94,23 @@ def test_the_gap_is_that_of_the_corners(a, b, a_size, b_size):
         pair.append(footprint_corners(*(np.array([value]) for value in (x, y, yaw, 2.0 * length, 2.0 * width))))
     poses = [(x, y, np.cos(yaw), np.sin(yaw)) for x, y, yaw in (a, b)]
     assert box_gap_m(*poses, *a_size, *b_size) == pytest.approx(float(separation_m(*pair)[0]), abs=1e-9)
+
+
+def test_a_program_may_hear_that_loops_are_compiled(tmp_path: Path) -> None:
+    """Once, not for each loop, and not where they come from the cache."""
+    (tmp_path / "program.py").write_text(
+        "import logging\n"
+        "from siren_ros.numerics.compiled import compiled\n"
+        "logging.basicConfig(level=logging.INFO, format='%(name)s: %(message)s')\n"
+        "def doubled(x): return 2.0 * x\n"
+        "def tripled(x): return 3.0 * x\n"
+        "compiled(doubled)(1.0)\ncompiled(tripled)(1.0)\n",
+        encoding="utf-8",
+    )
+    said = [
+        subprocess.run(
+            [sys.executable, "program.py"], check=True, cwd=tmp_path, capture_output=True, text=True, timeout=120
+        ).stderr
+        for _ in range(2)
+    ]
+    assert said == ["siren_ros: compiling loops; later processes have them from the cache\n", ""]

@@ -4,6 +4,7 @@ The speed limits of a compiled map can be lowered, so that a scenario has the sa
 """
 
 import hashlib
+import logging
 import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -232,6 +233,7 @@ def _cache_key(source: MapSource, recipe: str) -> str:
 
 
 def _compile(source: MapSource, shown: str, *, for_people: bool) -> bytes:
+    logging.getLogger("siren_ros").info("compiling the map %s; later calls have it from the cache", shown)
     with tempfile.TemporaryDirectory(prefix="siren-map-") as scratch:
         folder = Path(scratch)
 

@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import logging
 import zipfile
 from contextlib import suppress
 from dataclasses import astuple
@@ -56,6 +57,7 @@ def kept_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = Non
         scene = _read(file.read_bytes(), key)
         file.touch()
         return scene
+    logging.getLogger("siren_ros").info("building the static scene; later calls have it from the cache")
     scene = static_scene(network, seed, config)
     with suppress(OSError, InputError):
         store_net(file, _written(scene, key))

@@ -1,5 +1,6 @@
 import gzip
 import hashlib
+import logging
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -51,6 +52,15 @@ def test_the_hash_is_that_of_the_file_and_the_second_time_is_the_cache(town, cac
 
     monkeypatch.setattr(map_compiler, "run_netconvert", no_compilation)
     assert compile_map(None, cache) == town
+
+
+def test_a_compilation_is_told_to_the_logger_and_a_map_from_the_cache_is_not(tmp_path, caplog):
+    caplog.set_level(logging.INFO, "siren_ros")
+    for said in (1, 1):
+        compile_map(None, tmp_path)
+        assert [record.name for record in caplog.records if "compiling the map" in record.message] == [
+            "siren_ros"
+        ] * said
 
 
 def test_the_bytes_do_not_depend_on_when_or_where_they_were_made(town, tmp_path):

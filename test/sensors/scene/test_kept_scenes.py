@@ -1,5 +1,6 @@
 """A scene that was kept is the scene that was built, and nothing else is taken for it."""
 
+import logging
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -61,9 +62,11 @@ def is_same(one, other):
     )
 
 
-def test_the_second_call_reads_what_the_first_one_built(network, built):
+def test_the_second_call_reads_what_the_first_one_built(network, built, caplog):
+    caplog.set_level(logging.INFO, "siren_ros")
     first, second = kept_scene(network, 3), kept_scene(network, 3)
     assert built == [3]
+    assert ["building the static scene" in message for message in caplog.messages] == [True]
     assert is_same(first, second)
     assert len(second.mesh) > 500
     places = np.array([10.0, 10.0]), np.array([-6.0, -3.0])

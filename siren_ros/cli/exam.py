@@ -17,7 +17,7 @@ from siren_ros.cli.command import Command
 from siren_ros.cli.options import add_processes, of_each_bag, processes_of
 from siren_ros.cli.study_options import MATRIX, StudyBar, add_matrix, asked_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, write_text, writing
-from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of
+from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of, shown_again, violations_of
 from siren_ros.exam.grading import Sitting, examine
 from siren_ros.exam.others import PAPER, actor_in_seat, compared_with_paper
 from siren_ros.exam.rulebook import FOLDER, Rulebook, load_rulebook
@@ -106,6 +106,8 @@ def run(arguments: argparse.Namespace) -> int:
     name = name or ("the AV under test" if arguments.actor is None else f"actor {arguments.actor}")
     certificate = Certificate(shown_text(name), rulebook, tuple(sorted(sittings, key=_by_number)))
     print("\n".join(text_of(certificate.tables())))
+    for sitting, mark, line in violations_of(certificate.sittings):
+        print(f"{line}\n    {shown_again(sitting, mark)}")
     for sitting in certificate.without_result:
         print(f"siren exam: {sitting.episode}: no result: {shown_text(sitting.lack)}", file=sys.stderr)
     if arguments.out is not None:

@@ -22,7 +22,7 @@ from siren_ros.pictures.palette import EMV_EVENTS, EMV_MODE_COLOURS, EVENT_STYLE
 from siren_ros.record.bag_survey import recording_command
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.sensors.meshes.mesh import StaticScene
-from siren_ros.world.actors import NO_ACTOR, ActorClass, Mode
+from siren_ros.world.actors import NO_ACTOR, ActorClass, Mode, Owner
 from siren_ros.world.traffic_state import Event, EventKind
 
 _PAGE: Final = "episode"
@@ -203,8 +203,10 @@ def _details(event: Event) -> str:
 
 
 def _detail(name: str, value: float | str) -> str:
-    """``way_m`` 21.96 as ``way 22 m``."""
-    head, _, unit = name.rpartition("_")
+    """``way_m`` 21.96 as ``distance 22 m``."""
+    if name == "owner":
+        return "to the behaviour model" if value == Owner.ROS.name else f"to {value}"
+    head, _, unit = name.replace("way_m", "distance_m").rpartition("_")
     words, unit = (head, f" {_UNITS[unit]}") if head and unit in _UNITS else (name, "")
     return f"{words.replace('_', ' ')} {f'{value:.3g}' if isinstance(value, float) else value}{unit}"
 

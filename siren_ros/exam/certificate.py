@@ -153,6 +153,7 @@ def _mark_as_json(mark: Mark) -> dict[str, Any]:
         "unit": MONITORS[mark.clause.monitor].unit,
         "reason": measure.lack,
         "time_s": None if step is None else round(step * STEP_S, 3),
+        **({"about": mark.finding.about} if mark.finding.about else {}),
     }
 
 
@@ -202,8 +203,19 @@ def told(mark: Mark) -> str:
     limit = mark.clause.major if mark.grade is Grade.MAJOR else mark.clause.minor
     side = "at most" if mark.clause.major > mark.clause.minor else "at least"
     when = "" if mark.finding.step is None else f" at {mark.finding.step * STEP_S:.1f} s"
-    meaning = MONITORS[mark.clause.monitor].meaning
+    meaning = MONITORS[mark.clause.monitor].meaning + (f" ({mark.finding.about})" if mark.finding.about else "")
     return f"{meaning}: {'at least ' * measure.at_least}{measure.value:.2f} {unit}{when}, allowed {side} {limit:g}"
+
+
+def violations_of(sittings: Sequence[Sitting]) -> list[tuple[Sitting, Mark, str]]:
+    """Each violation with a line that says where it was and what was found; grave ones first."""
+    return [
+        (sitting, mark, f"{sitting.episode}: {mark.grade}, {mark.clause.title}: {told(mark)}")
+        for grade in (Grade.MAJOR, Grade.MINOR)
+        for sitting in sittings
+        for mark in sitting.marks
+        if mark.grade is grade
+    ]
 
 
 def shown_again(sitting: Sitting, mark: Mark) -> str:
@@ -264,14 +276,11 @@ def page_of(certificate: Certificate, command: str, pages: EpisodePages | None =
 def _violations(sittings: Sequence[Sitting], pages: EpisodePages | None) -> Section:
     links = [
         Link(
-            f"{sitting.episode}: {mark.grade}, {mark.clause.title}: {told(mark)}",
+            line,
             "" if pages is None else pages.address(Path(sitting.bag), _begin_s(mark), sitting.actor_id),
             shown_again(sitting, mark),
         )
-        for grade in (Grade.MAJOR, Grade.MINOR)
-        for sitting in sittings
-        for mark in sitting.marks
-        if mark.grade is grade
+        for sitting, mark, line in violations_of(sittings)
     ]
     return Section("violations", "Violations", () if links else ("There is none.",), links=tuple(links))
 

@@ -32,6 +32,8 @@ class Finding:
     measure: Measure
     step: int | None = None
     """The step that decides: the worst one, or the first of the worst stretch."""
+    about: str = ""
+    """Class and id of the other actor, where one is involved."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,12 @@ def contact(examinee: Examinee, _numbers: Numbers) -> Finding:
         event for event in examinee.record.events_of(EventKind.COLLISION) if own in {event.actor_id, event.other_id}
     ]
     hardest = max(events, key=_impact_mps, default=None)
-    return Finding(Measure(-1.0)) if hardest is None else Finding(Measure(_impact_mps(hardest)), hardest.step)
+    if hardest is None:
+        return Finding(Measure(-1.0))
+    other = hardest.other_id if hardest.actor_id == own else hardest.actor_id
+    known = examinee.record.actors.get(other)
+    about = f"{known.actor_class.name.lower().replace('_', ' ')} {other}" if known else ""
+    return Finding(Measure(_impact_mps(hardest)), hardest.step, about)
 
 
 def _impact_mps(event: Event) -> float:

@@ -9,7 +9,7 @@ from defusedxml import ElementTree
 from hand_made_record import Driven
 from made_encounters import CAR, IN_LANE, arc, record_of
 
-from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of
+from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of, violations_of
 from siren_ros.exam.grading import Grade, Sitting, examine
 from siren_ros.exam.rulebook import load_rulebook
 from siren_ros.generation.answer_times import AnswerTimes
@@ -78,6 +78,18 @@ def test_junit_can_be_read_whatever_a_program_or_a_rulebook_says(certificate):
     root = ElementTree.fromstring(as_junit(replace(certificate, sittings=sittings)).encode())
     assert root[1][0][0].get("message") == r"exit code 1: \x1b[31mTraceback\x1b[0m \x00"
     assert r"\x07 \ufffe \ud800" in root[0][0][0].text
+
+
+def test_violations_are_told_with_the_place_and_the_worst_first(certificate):
+    sitting = certificate.sittings[0]
+    kept = [mark for mark in sitting.marks if mark.clause.clause_id == "obstruction"]
+    minor = replace(kept[0], grade=Grade.MINOR, finding=replace(kept[0].finding, about="bus 7"))
+    sittings = (replace(sitting, marks=(minor,)), replace(sitting, marks=tuple(kept), episode="second"))
+    told = [(mark.grade, line) for _, mark, line in violations_of(sittings)]
+    assert [grade for grade, _ in told] == [Grade.MAJOR, Grade.MINOR]
+    assert told[0][1].startswith("second: major, ")
+    assert "(bus 7)" in told[1][1]
+    assert violations_of(certificate.sittings[1:]) == []
 
 
 def test_the_page_escapes_names_and_names_the_moment(certificate):

@@ -201,6 +201,17 @@ def test_contacts_are_graded_by_their_speed():
     assert (one.measure.value, one.step) == (1.5, 7)
 
 
+def test_the_hardest_contact_tells_with_whom_whoever_touched_whom():
+    record = record_of(arc((10.0, 20.0)), {CAR: STAYS})
+    hits = tuple(
+        Event(step, EventKind.COLLISION, *pair, detail={"impact_speed_mps": speed_mps})
+        for step, pair, speed_mps in ((7, (99, CAR), 1.5), (9, (CAR, EMV), 2.5), (11, (EMV, CAR), 2.0))
+    )
+    for events in (hits, hits[::-1]):
+        one = found("contact", examinee(STAYS, record=replace(record, events=events)))
+        assert (one.measure.value, one.step, one.about) == (2.5, 9, f"ambulance {EMV}")
+
+
 def test_braking_has_to_last():
     record = record_of(arc((10.0, 20.0)), {CAR: STAYS})
 

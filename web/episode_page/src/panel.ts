@@ -14,7 +14,9 @@ const LIGHTS: [number, string][] = [
   [BEACON, "beacon"],
   [SIREN, "siren"],
 ];
-const ROWS = ["class", "mode", "speed", "acceleration", "driven by", "residual", "to the EMV", "lights"];
+/** Kinds of events whose names in bags say too little here. */
+const KINDS: Record<string, string | undefined> = { owner_changed: "control passes" };
+const ROWS = ["class", "mode", "speed", "acceleration", "decided by", "off SUMO's position", "to the EMV", "lights"];
 const MOST_EVENTS = 400;
 
 export interface Actions {
@@ -126,7 +128,7 @@ export class Panel {
     const press = () => (named ? this.goTo(step, actor) : this.actions.seek(time));
     const dot = element("span", { class: "dot" });
     if (colour) dot.style.background = colour;
-    const text = [words(kind), who, details].filter(Boolean).join(" · ");
+    const text = [KINDS[kind] ?? words(kind), who, details].filter(Boolean).join(" · ");
     const moment = element("span", { class: "moment" }, `${time.toFixed(2)} s`);
     return element("li", {}, element("button", { type: "button", click: press }, moment, dot, element("span", {}, text)));
   }
@@ -164,8 +166,8 @@ export class Panel {
     byId("gone").hidden = row >= 0;
     set("speed", `${(tracks.speed[row] * KMH).toFixed(1)} km/h`);
     set("acceleration", `${signed(tracks.accel[row])} m/s²`);
-    set("driven by", tracks.owner[row] === 1 ? "ROS" : "SUMO");
-    set("residual", `${tracks.residual[row]?.toFixed(2)} m`);
+    set("decided by", tracks.owner[row] === 1 ? "the behaviour model" : "SUMO");
+    set("off SUMO's position", `${tracks.residual[row]?.toFixed(2)} m`);
     const distance = row < 0 ? NaN : tracks.distanceToEmv(index, frame);
     set("to the EMV", Number.isNaN(distance) ? "–" : `${distance.toFixed(1)} m`);
     set("lights", LIGHTS.filter(([bit]) => tracks.lights[row] & bit).map(([, name]) => name).join(", ") || "none");

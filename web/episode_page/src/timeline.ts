@@ -51,7 +51,7 @@ export class Timeline {
       "gap of the EMV": { unit: "m", digits: 1, value: (tracks, row) => tracks.gap[row] },
       "time to collision of the EMV": { unit: "s", digits: 2, value: (tracks, row) => tracks.ttc[row] },
       "delay of the EMV": { unit: "s", digits: 1, value: (tracks, row) => tracks.delay[row] },
-      residual: { unit: "m", digits: 2, value: (tracks, row) => tracks.residual[row] },
+      "distance from SUMO's position": { unit: "m", digits: 2, value: (tracks, row) => tracks.residual[row] },
     };
     if (others.some(({ near }) => near)) this.metrics[APART] = { unit: "m", digits: 1, value: () => NaN };
     for (const name of Object.keys(this.metrics)) this.choice.add(new Option(name));

@@ -144,7 +144,12 @@ compile_loops() {
     local loops_key start=$SECONDS
     read -r loops_key <"$state/packages.stamp" || return 0
     if stamped loops "$loops_key"; then return; fi
-    if nice -n 5 timeout 600 "$venv/bin/python" -c 'from pathlib import Path
+    # Definitions from the sources: those of the packages that are built meanwhile are not all there.
+    local definitions=$state/definitions/share
+    mkdir -p "$definitions/siren_msgs" "$definitions/vision_msgs"
+    ln -sfn "$root/msg_defs/msg" "$definitions/siren_msgs/msg"
+    ln -sfn "$root/tools/environment/interfaces/vision_msgs/msg" "$definitions/vision_msgs/msg"
+    if AMENT_PREFIX_PATH=${definitions%/share} nice -n 5 timeout 600 "$venv/bin/python" -c 'from pathlib import Path
 from tempfile import TemporaryDirectory
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.workers import attempt_episode

@@ -1,5 +1,6 @@
 """One picture of an episode: the map with all paths, snapshots of the interaction, states over time."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,12 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Mode
 from siren_ros.world.traffic_state import EventKind
 
-SNAPSHOTS_AT = (0.2, 0.5, 0.8)
-"""Shares of the interaction's time at which the snapshots are."""
+SNAPSHOTS = 3
+"""One in each part of the interaction's time."""
+_SEEN_M = 60.0
+"""A civilian that is farther from the EMV is in no snapshot."""
+_TIMED_LABELS = 16
+"""With more events on the map, a label has the actor alone, once; the timeline below has the times."""
 WIDTH_IN = 13.0
 DPI = 150
 _MARGIN_M = 12.0
@@ -77,6 +82,28 @@ def interaction_box(record: EpisodeRecord) -> Box:
     return x0, x1, y0, y1
 
 
+def snapshot_steps(record: EpisodeRecord) -> list[int]:
+    """In each third of the interaction, the step at which most civilians yield close to an EMV.
+
+    Where several are alike, and where nobody yields, it is the one nearest to the middle of the third.
+    """
+    first, last = interaction_steps(record)
+    rows, active = record.rows, np.zeros(record.steps, np.int64)
+    yields = rows.select((rows.mode >= Mode.YIELD_REACTING) & (rows.mode <= Mode.YIELD_HOLD))
+    for emv_id in record.emv_ids:
+        track, places = record.track(emv_id), np.full((record.steps, 2), np.inf)
+        places[track.step] = track.xy_m
+        near = np.linalg.norm(yields.xy_m - places[yields.step], axis=1) < _SEEN_M
+        active += np.bincount(yields.step[near], minlength=record.steps)
+    bounds = np.linspace(first, last + 1, SNAPSHOTS + 1).round().astype(np.int64)
+    chosen = []
+    for begin, end in pairwise(bounds.tolist()):
+        steps = np.arange(begin, max(end, begin + 1)).clip(max=last)
+        best = steps[active[steps] == active[steps].max()]
+        chosen.append(int(best[np.argmin(np.abs(best - (begin + end) / 2.0))]))
+    return chosen
+
+
 def draw_episode(record: EpisodeRecord) -> Figure:
     """The whole picture; InputError for a record without states."""
     if not record.states or len(record.rows) == 0:
@@ -89,9 +116,8 @@ def draw_episode(record: EpisodeRecord) -> Figure:
     figure = Figure(figsize=(WIDTH_IN, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     margins: dict[str, Any] = {"left": 0.075, "right": 0.985, "top": 1.0 - 0.85 / height, "bottom": 0.045}
-    grid = figure.add_gridspec(4, len(SNAPSHOTS_AT), height_ratios=heights, **margins, hspace=0.2, wspace=0.03)
-    first, last = interaction_steps(record)
-    moments = [round(first + (last - first) * share) for share in SNAPSHOTS_AT]
+    grid = figure.add_gridspec(4, SNAPSHOTS, height_ratios=heights, **margins, hspace=0.2, wspace=0.03)
+    moments = snapshot_steps(record)
     speeds = Normalize(0.0, max(float(np.percentile(record.rows.speed_mps, 99.5)) * KMH * 1.12, 10.0))
     _draw_map(figure.add_subplot(grid[0, :]), record, box, speeds, moments)
     for column, step in enumerate(moments):
@@ -146,9 +172,12 @@ def _draw_events(axes: Axes, record: EpisodeRecord, labels: LabelPlacer) -> list
         look: dict[str, Any] = {"color": colour, "markersize": 6.5, "markeredgecolor": "white", "markeredgewidth": 0.6}
         axes.plot(event.x_m, event.y_m, marker=marker, linestyle="none", zorder=8, **look)
         labels.block(event.x_m, event.y_m, 4.0)
-    for event in visible:
+    timed = len(visible) <= _TIMED_LABELS
+    labelled = visible if timed else list({event.actor_id: event for event in reversed(visible)}.values())[::-1]
+    for event in labelled:
         who = "EMV" if event.actor_id in record.emv_ids else f"#{event.actor_id}"
-        labels.place(event.x_m, event.y_m, f"{who} {event.step * STEP_S:.1f} s", EVENT_STYLES[event.kind][1])
+        text = f"{who} {event.step * STEP_S:.1f} s" if timed else who
+        labels.place(event.x_m, event.y_m, text, EVENT_STYLES[event.kind][1])
     return sorted({event.kind for event in visible}, key=list(EVENT_STYLES).index)
 
 

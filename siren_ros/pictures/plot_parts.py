@@ -38,6 +38,8 @@ from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Mode
 from siren_ros.world.traffic_state import EventKind
 
 _PAVED = (LaneKind.DRIVING, LaneKind.SHOULDER)
+_PADDING = 0.7
+"""Of a label on both sides together, as a share of the font size; the letter # is wider than others."""
 _CHARACTER_WIDTH = 0.56
 """Mean width of a character relative to the font size."""
 KMH = 3.6
@@ -130,7 +132,7 @@ class LabelPlacer:
     def place(self, x_m: float, y_m: float, text: str, colour: str) -> bool:
         """Draws a label near a point with a thin leader line; False where no place is free."""
         dots = self.axes.figure.dpi / 72.0
-        width, height = _CHARACTER_WIDTH * self.font_size * len(text) * dots, 1.25 * self.font_size * dots
+        width, height = (_CHARACTER_WIDTH * len(text) + _PADDING) * self.font_size * dots, 1.5 * self.font_size * dots
         anchor_x, anchor_y = self.axes.transData.transform((x_m, y_m))
         frame = self.axes.bbox
         for radius in (11.0, 19.0, 28.0, 38.0, 50.0, 64.0):

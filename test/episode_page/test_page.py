@@ -122,7 +122,9 @@ def test_texts_are_one_line_without_control_characters(record: EpisodeRecord) ->
     )
     actors = {key: replace(actor, name="\u202ecar") for key, actor in record.actors.items()}
     head, _ = unpacked(episode_data(replace(record, events=(event,), actors=actors)))
-    assert next(row[4] for row in head["events"] if row[1] == "lane_change_started") == "reason a\\u202eb\\n, distance 2 m"
+    assert (
+        next(row[4] for row in head["events"] if row[1] == "lane_change_started") == "reason a\\u202eb\\n, distance 2 m"
+    )
     assert {actor["name"] for actor in head["actors"]} == {"\\u202ecar"}
 
 

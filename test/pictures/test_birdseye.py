@@ -3,13 +3,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hand_made_record import EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made
+from hand_made_record import EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made, with_states
 from matplotlib.figure import Figure
 from PIL import Image
 
 from siren_ros.errors import InputError
 from siren_ros.interfaces.markers import EMV_COLOUR
-from siren_ros.pictures.birdseye import draw_episode, interaction_box, interaction_steps, save_episode_picture
+from siren_ros.pictures.birdseye import (
+    draw_episode,
+    interaction_box,
+    interaction_steps,
+    save_episode_picture,
+    snapshot_steps,
+)
 from siren_ros.pictures.plot_parts import LabelPlacer, lane_outline, mode_runs, yielding_actors
 from siren_ros.world.actors import Mode
 from siren_ros.world.traffic_state import Event, EventKind
@@ -72,6 +78,37 @@ def test_without_a_yield_the_interaction_is_around_the_emvs_stop_line():
     events = tuple(Event(step, EventKind.STOP_LINE_CROSSED, actor) for step, actor in [(90, 2), (250, EMV)])
     assert interaction_steps(replace(record, events=events)) == (150, 350)
     assert interaction_steps(replace(record, events=events[:1])) == (0, 399)
+
+
+def yields_at(*steps):
+    """The EMV, one civilian beside it that yields at some steps, and one far away that always does."""
+    drives = {EMV: 40.0, 2: 45.0, 3: 110.0}
+    made = hand_made(crossing(), {key: Driven(NORTHBOUND, at_speed(at_m, 0.1, 400)) for key, at_m in drives.items()})
+
+    def modes(state):
+        mode = np.where(state.actor_id == 3, Mode.YIELD_REACTING, Mode.NOMINAL)
+        return np.where((state.actor_id == 2) & (state.step in steps), Mode.YIELD_HOLD, mode).astype(state.mode.dtype)
+
+    return with_states(made, mode=modes)
+
+
+def test_snapshots_are_where_somebody_yields_near_the_emv():
+    assert interaction_steps(yields_at()) == (0, 399)
+    assert snapshot_steps(yields_at(5, 260, 399)) == [5, 260, 399]
+
+
+def test_snapshots_without_a_yield_are_in_the_middle_of_the_thirds():
+    middles = snapshot_steps(yields_at())
+    assert middles == pytest.approx([67, 200, 333], abs=1)
+    assert snapshot_steps(yields_at(200, 201, *range(300, 380)))[1:] == [200, pytest.approx(333, abs=1)]
+
+
+def test_with_many_events_each_actor_has_one_label_without_a_time(record):
+    times = [event.step for event in record.events if event.kind is EventKind.YIELD_STARTED]
+    more = tuple(replace(event, step=event.step + k) for event in record.events for k in range(4))
+    labels = [text for text in _texts(draw_episode(replace(record, events=more))) if text.startswith("#")]
+    assert times
+    assert not any(text.endswith(" s") for text in labels)
 
 
 def test_states_are_cut_into_runs(record):

@@ -81,7 +81,9 @@ class _Task:
 
 TASKS: Final = {
     "prediction": _Task("ADE in metres", "episodes", (".parquet",), less_is_better=True, sums=_prediction),
-    "detection": _Task("mAP of episodes", "episodes", (".json", ".pkl", ""), less_is_better=False, sums=_detection),
+    "detection": _Task(
+        "mAP of episodes", "episodes", (".json", ".pkl", ".npz", ""), less_is_better=False, sums=_detection
+    ),
     "risk": _Task("balanced accuracy", "videos", (".json", ".csv"), less_is_better=False, sums=_risk),
 }
 

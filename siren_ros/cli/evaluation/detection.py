@@ -42,8 +42,8 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=FILE",
-        help="a detector's boxes: nuScenes results (.json), OpenPCDet results (.pkl), a folder of KITTI text files, or "
-        "topic:/NAME, recorded in the bags; may be repeated",
+        help="a detector's boxes: nuScenes results (.json), OpenPCDet results (.pkl, .npz), a folder of KITTI text "
+        "files, or topic:/NAME, recorded in the bags; may be repeated",
     )
     task.add_argument(
         "--detectors",

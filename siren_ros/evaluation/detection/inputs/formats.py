@@ -25,6 +25,7 @@ from siren_ros.world.actors import ActorClass
 _READERS: Final[dict[str, Callable[[str, Path, Frames], FoundSet]]] = {
     ".json": read_nuscenes,
     ".pkl": read_openpcdet,
+    ".npz": read_openpcdet,
     ".pickle": read_openpcdet,
 }
 

@@ -4,6 +4,8 @@ import io
 import pickle
 import re
 import sys
+import zipfile
+import zlib
 from math import prod
 from pathlib import Path
 from typing import Any, Final
@@ -159,6 +161,49 @@ def load_numbers(path: Path) -> Any:
         raise InputError("detections", str(path), f"{_PICKLE} ({error})") from error
 
 
+MOST_BYTES: Final = 1 << 30
+"""Of the arrays of an .npz file; a small file may state more than the memory holds."""
+
+
+def load_arrays(path: Path) -> list[dict[str, Any]]:
+    """The content of an ``.npz`` file as that of the pickle: an entry for each frame.
+
+    Its arrays are ``frame_id`` or ``token`` and ``count`` (F,), one for each frame, and ``name``, ``score`` (N,) and
+    ``boxes_lidar`` (N, 7 or 9), in the order of the frames. Nothing in such a file can run.
+
+    Raises:
+        InputError: It holds anything else, is damaged, too large, or cannot be read.
+    """
+    try:
+        return _entries(*_arrays(path))
+    except (OSError, ValueError, KeyError, TypeError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError("detections", str(path), f"an .npz file of detections ({error})") from error
+
+
+def _arrays(path: Path) -> tuple[str, Any, Any, dict[str, Any]]:
+    """What names frames, their names, the number of boxes of each, and the columns of the boxes."""
+    with zipfile.ZipFile(path) as members:
+        if (size := sum(member.file_size for member in members.infolist())) > MOST_BYTES:
+            raise ValueError(f"{size} bytes, more than {MOST_BYTES}")
+    with np.load(path, allow_pickle=False) as file:
+        key = "token" if "token" in file else "frame_id"
+        columns = {name: file[name] for name in ("name", "score", "boxes_lidar")}
+        return key, file[key], file["count"].astype(np.int64, casting="same_kind"), columns
+
+
+def _entries(key: str, frames: Any, counts: Any, columns: dict[str, Any]) -> list[dict[str, Any]]:
+    if counts.shape != (len(frames),) or (counts < 0).any():
+        raise ValueError("count is not a number for each frame")
+    if {len(column) for column in columns.values()} != {int(counts.sum())}:
+        raise ValueError("name, score and boxes_lidar do not have as many rows as count says")
+    entries, begin = [], 0
+    for frame, count in zip(frames.tolist(), counts.tolist(), strict=True):
+        head = {"metadata": {key: frame}} if key == "token" else {key: frame}
+        entries.append({**head, **{name: column[begin : begin + count] for name, column in columns.items()}})
+        begin += count
+    return entries
+
+
 _FORMAT = "OpenPCDet results"
 _WITH_VELOCITY = 9
 
@@ -169,7 +214,7 @@ def read_openpcdet(name: str, path: Path, frames: Frames) -> stated_boxes.FoundS
     Raises:
         InputError: No such file, a frame that the bags do not have or that is missing, or a box that means nothing.
     """
-    content = load_numbers(path)
+    content = load_arrays(path) if path.suffix == ".npz" else load_numbers(path)
     if not isinstance(content, list) or not content or not all(isinstance(entry, dict) for entry in content):
         raise InputError("detections", str(path), "a list of dictionaries, one for each frame")
     by_token = "token" in _metadata(content[0])

@@ -15,6 +15,7 @@ from evaluation.made_frames import made_frames, to_map
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.devkit_score import devkit_score
 from siren_ros.evaluation.detection.frames import Frames, frames_of
+from siren_ros.evaluation.detection.inputs import openpcdet_results
 from siren_ros.evaluation.detection.inputs.formats import labels_as_detections, read_detections, self_test_sets
 from siren_ros.evaluation.detection.inputs.kitti_results import write_kitti
 from siren_ros.evaluation.detection.inputs.nuscenes_results import write_nuscenes
@@ -39,6 +40,15 @@ def labelled() -> Frames:
     )
 
 
+def arrays_of(entries: list[dict[str, Any]]) -> dict[str, np.ndarray]:
+    """The same as the arrays of an .npz file."""
+    tokens = "token" in entries[0].get("metadata", {})
+    named = [entry["metadata"]["token"] if tokens else entry["frame_id"] for entry in entries]
+    columns = {name: np.concatenate([entry[name] for entry in entries]) for name in ("name", "score", "boxes_lidar")}
+    count = np.array([len(entry["name"]) for entry in entries])
+    return {"token" if tokens else "frame_id": np.array(named), "count": count, **columns}
+
+
 def test_labels_come_back_from_every_file_as_they_were(labelled: Frames, tmp_path: Path) -> None:
     """All frames in OpenPCDet's form, those with a picture in KITTI's, keyframes in nuScenes'."""
     given = labels_as_detections(labelled)
@@ -46,8 +56,16 @@ def test_labels_come_back_from_every_file_as_they_were(labelled: Frames, tmp_pat
     write_kitti(tmp_path / "kitti", given, labelled)
     for name, nuscenes in (("b.pkl", False), ("c.pickle", True)):
         (tmp_path / name).write_bytes(pickle.dumps(openpcdet_entries(given, labelled, nuscenes=nuscenes)))
+        np.savez(tmp_path / name[0], **arrays_of(openpcdet_entries(given, labelled, nuscenes=nuscenes)))
     every, pictured, keyframes = np.ones(8, dtype=np.bool_), labelled.pictured, labelled.keyframe
-    for name, frames in (("a.json", keyframes), ("b.pkl", every), ("c.pickle", keyframes), ("kitti", pictured)):
+    for name, frames in (
+        ("a.json", keyframes),
+        ("b.pkl", every),
+        ("b.npz", every),
+        ("c.pickle", keyframes),
+        ("c.npz", keyframes),
+        ("kitti", pictured),
+    ):
         found = read_detections("mine", str(tmp_path / name), labelled)
         expected = given.at(frames[given.frame])
         assert (found.name, found.scored.tolist(), found.has_velocity) == ("mine", frames.tolist(), True)
@@ -139,6 +157,36 @@ def test_every_protocol_of_pickles_is_read(labelled: Frames, tmp_path: Path, pro
     path = tmp_path / "x.pkl"
     path.write_bytes(pickle.dumps(entries, protocol))
     assert len(read_detections("x", str(path), labelled).boxes) == (labelled.truth.lidar_points > 0).sum()
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"count": np.array([24, 1, 0, 0, 0, 0, 0, 0])}, "as many rows as count says"),
+        ({"count": np.array([25, -1, 0, 0, 0, 0, 0, 0])}, "count is not a number"),
+        ({"count": np.array([24])}, "count is not a number"),
+        ({"count": np.array([3.5] * 8)}, "Cannot cast"),
+        ({"name": np.array(["car"] * 23)}, "as many rows as count says"),
+        ({"name": np.array([print] * 24, dtype=object)}, "allow_pickle"),
+        ({"score": np.array(1.0)}, "unsized"),
+        ({"frame_id": np.array([f"{number:06d}" for number in (0, 1, 2, 3, 4, 5, 6, 6)])}, "twice"),
+    ],
+)
+def test_arrays_are_checked(labelled: Frames, tmp_path: Path, change: dict[str, Any], told: str) -> None:
+    given = arrays_of(openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False))
+    np.savez(tmp_path / "x.npz", **{**given, **change})
+    refused(labelled, tmp_path / "x.npz", told)
+
+
+def test_arrays_that_unpack_to_more_than_the_memory_are_not_read(
+    labelled: Frames, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(openpcdet_results, "MOST_BYTES", 10_000)
+    given = arrays_of(openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False))
+    np.savez_compressed(tmp_path / "x.npz", **given, more=np.zeros(5_000))
+    refused(labelled, tmp_path / "x.npz", "more than 10000")
+    (tmp_path / "x.npz").write_bytes(b"PK no archive")
+    refused(labelled, tmp_path / "x.npz", r"an \.npz file of detections")
 
 
 def test_pickles_are_checked(labelled: Frames, tmp_path: Path) -> None:

@@ -76,14 +76,14 @@ forget_half_installed() {
     done
 }
 
-UV=uv==0.13.9 # one version, as of the packages that it installs
+UV=$(sed -n 's/^\(uv==[^ ]*\).*/\1/p' "$here/uv.txt")
 
-# Installs the versions of the lock. uv does it in a fraction of pip's time. It does not see the packages of a sourced ROS's system, so
-# pip serves there, and where uv cannot be had.
+# Installs the versions of the lock. uv does it in a fraction of pip's time, and checks the hashes of what it downloads. It does not see
+# the packages of a sourced ROS's system, so pip serves there, and where uv cannot be had.
 install() { # ARGUMENT...
     if [[ $ros == wheels && -x $venv/bin/uv ]]; then
         "$venv/bin/python" "$here/uv_like_pip.py" pip install --python "$venv/bin/python" --override "$here/overrides.txt" \
-            --constraint "$here/lock.txt" "$@"
+            --constraint "$here/lock.txt" --constraint "$here/hashes.txt" "$@"
     else
         lock_for_pip >"$state/lock_for_pip.txt"
         "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off \
@@ -109,10 +109,11 @@ install_ros() {
     fi
     if [[ $("$venv/bin/uv" --version 2>/dev/null) != "uv ${UV#uv==}"@( *|) ]]; then
         run_step "uv, which installs the packages" "$state/uv.log" \
-            "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off "$UV" ||
+            "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off \
+            --require-hashes --no-deps -r "$here/uv.txt" ||
             say "  without uv, pip installs them"
     fi
-    ros_key=$(hash_of tools/environment/ros_wheels.txt tools/environment/lock.txt tools/environment/mend_cmake_exports.py)
+    ros_key=$(hash_of tools/environment/{ros_wheels,lock,hashes}.txt tools/environment/mend_cmake_exports.py)
     if stamped ros "$ros_key"; then return; fi
     forget_half_installed
     rm -f "$state/ros.stamp"
@@ -129,7 +130,7 @@ install_packages() {
     local names requirements=() package_key
     names=$(IFS=,; printf '%s' "${extras[*]}")
     if [[ $ros == wheels ]]; then requirements=(-r "$here/ros_wheels.txt"); fi
-    package_key=$({ printf '%s\n' "$names"; project_metadata | hash_of; hash_of setup.py setup.cfg tools/environment/{ros_wheels,overrides,lock}.txt; } | hash_of)
+    package_key=$({ printf '%s\n' "$names"; project_metadata | hash_of; hash_of setup.py setup.cfg tools/environment/{ros_wheels,overrides,lock,hashes}.txt; } | hash_of)
     if stamped packages "$package_key"; then return; fi
     forget_half_installed
     rm -f "$state/packages.stamp"

@@ -1,5 +1,5 @@
 import pytest
-from repository import shared_file
+from made_district import write_district
 
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
@@ -17,5 +17,5 @@ def town(cache):
 
 
 @pytest.fixture(scope="session")
-def town10(cache):
-    return parse_road_network(compile_map(shared_file("maps", "Town10HD_Opt.xodr"), cache).read_bytes())
+def district(cache):
+    return parse_road_network(compile_map(write_district(cache), cache).read_bytes())

@@ -41,7 +41,7 @@ LONELY_ROAD = b"""<net><edge id="e" from="a" to="b">
 IN_TOWN = [kind for kind in SiteKind if kind is not SiteKind.MOTORWAY_STRETCH]
 
 
-@pytest.fixture(scope="module", params=["town", "town10"])
+@pytest.fixture(scope="module", params=["town", "district"])
 def network(request):
     return request.getfixturevalue(request.param)
 

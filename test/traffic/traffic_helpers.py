@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import libsumo
 import numpy as np
-from repository import shared_file
+from made_district import write_district
 
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
 from siren_ros.roads.net_parser import parse_road_network
@@ -34,12 +35,15 @@ def load_map(source: Path | None) -> tuple[CompiledMap, RoadNetwork]:
     return compiled, parse_road_network(compiled.read_bytes())
 
 
-MAPS = ("town", "Town10HD_Opt")
+MAPS = ("town", "district")
 
 
 def named_map(name: str) -> tuple[CompiledMap, RoadNetwork]:
-    """The own town, or one of CARLA's maps where it is there."""
-    return load_map(None if name == "town" else shared_file("maps", f"{name}.xodr"))
+    """The built-in town, or the made district."""
+    if name == "town":
+        return load_map(None)
+    with TemporaryDirectory() as folder:
+        return load_map(write_district(Path(folder)))
 
 
 def plan_of(name: str, network: RoadNetwork, seed: int = 0) -> tuple[TrafficPlan, Template, Site]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 from made_records import moving, record_with
-from published_files import weights
 
 from siren_ros.errors import SirenError
 from siren_ros.evaluation.prediction.causality import CHECKED_FRAMES, CausalityError, causal_answer
@@ -95,11 +94,13 @@ def test_a_predictor_may_look_back(record) -> None:
 
 
 @pytest.mark.parametrize("model", PREDICTORS)
-def test_every_predictor_of_the_project_passes(model, record) -> None:
+def test_every_predictor_of_the_project_passes(model, record, tmp_path) -> None:
     checkpoints = {}
     if PREDICTORS[model].checkpoint is Checkpoint.REQUIRED:
         pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
-        checkpoints = {model: weights(model)}
+        from plain_networks import drawn_weights
+
+        checkpoints = drawn_weights(model, tmp_path)
     predictor = predictors_named([model], checkpoints)[model]
     assert (
         causal_answer(model, predictor, samples_of(record, predictor.window, Population.ALL).batch)[1] == CHECKED_FRAMES

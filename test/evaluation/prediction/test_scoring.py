@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_records import moving, record_with
-from published_files import weights
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.metrics import METRICS
@@ -144,11 +143,13 @@ def same(first: EpisodeScores, second: EpisodeScores) -> bool:
 
 
 @pytest.mark.parametrize("model", PREDICTORS)
-def test_predictions_do_not_depend_on_the_logged_future(model, episode) -> None:
+def test_predictions_do_not_depend_on_the_logged_future(model, episode, tmp_path) -> None:
     checkpoints = {}
     if PREDICTORS[model].checkpoint is Checkpoint.REQUIRED:
         pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
-        checkpoints = {model: weights(model)}
+        from plain_networks import drawn_weights
+
+        checkpoints = drawn_weights(model, tmp_path)
     predictor = predictors_named([model], checkpoints)[model]
     now = 70
     rng = np.random.default_rng(3)

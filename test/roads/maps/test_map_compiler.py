@@ -3,6 +3,7 @@ import hashlib
 import logging
 import subprocess
 import sys
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
+from made_district import HALF_M, LAT_LON_DEG, MIDDLES_M, SIGNALS, STOPS, place_m
 from repository import shared_file
 
 from siren_ros.errors import InputError, MapError
@@ -27,6 +29,7 @@ from siren_ros.roads.maps.map_compiler import (
 from siren_ros.roads.maps.map_source import SourceKind
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import JunctionKind, LaneKind
+from siren_ros.roads.routing import driving_lanes
 
 OSM = """<?xml version="1.0"?><osm version="0.6">
 <node id="1" lat="52.52" lon="13.395" version="1"/><node id="3" lat="52.52" lon="13.405" version="1"/>
@@ -87,47 +90,52 @@ def test_a_compiled_net_is_a_map_itself(town, tmp_path):
     assert parse_road_network(first.read_bytes()).edges
 
 
-def test_opendrive_keeps_carlas_coordinates(town10):
-    """Junction 134 lies around CARLA (26…57, 53…75), where y points the other way."""
-    assert town10.sumo_offset_m == (0.0, 0.0)
-    outline = town10.junctions["134"].outline
-    assert 20.0 < outline[:, 0].min() < 30.0
-    assert 55.0 < outline[:, 0].max() < 62.0
-    assert -82.0 < outline[:, 1].min() < outline[:, 1].max() < -50.0
-    assert town10.origin_lat_lon_deg == pytest.approx((0.0, 0.0), abs=1e-12)
+def test_opendrive_keeps_its_coordinates(district):
+    """The first street leads from its first junction ahead: its inner lane is 1.75 m to the right of its middle."""
+    assert district.sumo_offset_m == (0.0, 0.0)
+    assert district.origin_lat_lon_deg == pytest.approx(LAT_LON_DEG, abs=1e-6)
+    inner = driving_lanes(district, district.edge_by_id["-1"].index)[-1].centre.points
+    assert inner[0] == pytest.approx(place_m(HALF_M, -1.75), abs=0.01)
+    assert inner[-1] == pytest.approx(place_m(300.0 - HALF_M, -1.75), abs=0.01)
+    for name, middle in MIDDLES_M.items():
+        away_m = np.hypot(*(district.junctions[name].outline - place_m(*middle)).T)
+        assert 19.9 < away_m.min() < away_m.max() < 24.0
 
 
-def test_opendrive_signs_and_signals_control_junctions(town10):
-    kinds = {name: junction.kind for name, junction in town10.junctions.items()}
-    assert {name for name, kind in kinds.items() if kind is JunctionKind.SIGNAL} == {"189", "23", "468", "532", "719"}
-    assert [name for name, kind in kinds.items() if kind is JunctionKind.ALL_WAY_STOP] == ["134"]
-    assert {c.junction for c in town10.connections if c.must_stop} == {"134"}
-    assert all((c.signal_id is not None) == (kinds[c.junction] is JunctionKind.SIGNAL) for c in town10.connections)
-    assert "t" not in {c.direction for c in town10.connections}
+def test_opendrive_signs_and_signals_control_junctions(district):
+    kinds = {name: junction.kind for name, junction in district.junctions.items()}
+    assert [name for name, kind in kinds.items() if kind is JunctionKind.SIGNAL] == list(SIGNALS)
+    assert [name for name, kind in kinds.items() if kind is JunctionKind.ALL_WAY_STOP] == list(STOPS)
+    assert {c.junction for c in district.connections if c.must_stop} == set(STOPS)
+    assert all((c.signal_id is not None) == (kinds[c.junction] is JunctionKind.SIGNAL) for c in district.connections)
+    assert "t" not in {c.direction for c in district.connections}
 
 
-def test_opendrive_signals_give_green_to_one_approach_at_a_time(town10, cache):
-    net = fromstring(compile_map(shared_file("maps", "Town10HD_Opt.xodr"), cache).read_bytes())
-    for program in net.iterfind("tlLogic"):
-        links = [link for link in town10.connections if link.signal_id == program.get("id")]
-        links = [link for link in links if town10.lanes[link.from_lane].kind is LaneKind.DRIVING]
+def test_opendrive_signals_give_green_to_one_approach_at_a_time(district, cache):
+    net = fromstring(compile_map(cache / "district.xodr", cache).read_bytes())
+    programs = list(net.iterfind("tlLogic"))
+    assert len(programs) == len(SIGNALS)
+    for program in programs:
+        links = [link for link in district.connections if link.signal_id == program.get("id")]
+        links = [link for link in links if district.lanes[link.from_lane].kind is LaneKind.DRIVING]
         greens = [phase.get("state") for phase in program.iterfind("phase") if "G" in phase.get("state")]
         served = [
-            {town10.lanes[link.from_lane].edge for link in links if state[link.signal_link] in "Gg"} for state in greens
+            {district.lanes[link.from_lane].edge for link in links if state[link.signal_link] in "Gg"}
+            for state in greens
         ]
         assert all(len(edges) == 1 for edges in served)
-        assert {min(edges) for edges in served} == {town10.lanes[link.from_lane].edge for link in links}
+        assert {min(edges) for edges in served} == {district.lanes[link.from_lane].edge for link in links}
 
 
-def test_opendrive_shoulders_are_open_to_emergency_vehicles_alone(town10):
-    shoulders = [lane for lane in town10.lanes if lane.kind is LaneKind.SHOULDER]
-    assert len(shoulders) >= 40
+def test_opendrive_shoulders_are_open_to_emergency_vehicles_alone(district):
+    shoulders = [lane for lane in district.lanes if lane.kind is LaneKind.SHOULDER]
+    assert len(shoulders) == len([edge for edge in district.edges if not edge.internal]) == 28
     for lane in shoulders:
         assert lane.emergency_allowed
         assert not lane.civilian_allowed
-        assert 2.0 <= lane.width_m <= 2.5
-        assert town10.neighbour(lane, 1).kind is LaneKind.DRIVING
-    for lane in town10.lanes:
+        assert lane.width_m == pytest.approx(2.2)
+        assert district.neighbour(lane, 1).kind is LaneKind.DRIVING
+    for lane in district.lanes:
         if lane.kind in {LaneKind.SIDEWALK, LaneKind.KERB}:
             assert (lane.emergency_allowed, lane.civilian_allowed) == (False, False)
         if lane.kind is LaneKind.DRIVING:
@@ -135,12 +143,30 @@ def test_opendrive_shoulders_are_open_to_emergency_vehicles_alone(town10):
             assert lane.width_m == pytest.approx(3.5)
 
 
-def test_shoulder_paths_follow_right_turns(town10):
+def test_shoulder_paths_follow_right_turns(district):
+    """There are four such turns at a junction of four streets, and two at one of three."""
     turns = [
-        c for c in town10.connections if c.direction == "r" and town10.lanes[c.from_lane].kind is LaneKind.SHOULDER
+        c for c in district.connections if c.direction == "r" and district.lanes[c.from_lane].kind is LaneKind.SHOULDER
     ]
-    assert len(turns) == 20
+    assert Counter(c.junction for c in turns) == {"100": 4, "101": 4, "102": 2, "110": 2, "111": 4, "112": 2}
     assert all(c.via for c in turns)
+
+
+def test_the_papers_map_has_its_signals_stop_signs_and_shoulders(cache):
+    """Junction 134 lies around CARLA (26…57, 53…75), where y points the other way."""
+    town10 = parse_road_network(compile_map(shared_file("maps", "Town10HD_Opt.xodr"), cache).read_bytes())
+    assert (town10.sumo_offset_m, town10.origin_lat_lon_deg) == ((0.0, 0.0), pytest.approx((0.0, 0.0), abs=1e-12))
+    outline = town10.junctions["134"].outline
+    assert 20.0 < outline[:, 0].min() < 30.0
+    assert 55.0 < outline[:, 0].max() < 62.0
+    assert -82.0 < outline[:, 1].min() < outline[:, 1].max() < -50.0
+    kinds = {name: junction.kind for name, junction in town10.junctions.items()}
+    assert {name for name, kind in kinds.items() if kind is JunctionKind.SIGNAL} == {"189", "23", "468", "532", "719"}
+    assert [name for name, kind in kinds.items() if kind is JunctionKind.ALL_WAY_STOP] == ["134"]
+    shoulders = {lane.index: lane for lane in town10.lanes if lane.kind is LaneKind.SHOULDER}
+    assert len(shoulders) >= 40
+    assert all(2.0 <= lane.width_m <= 2.5 for lane in shoulders.values())
+    assert len([c for c in town10.connections if c.direction == "r" and c.from_lane in shoulders]) == 20
 
 
 def test_openstreetmap_gives_a_network_around_its_own_origin(tmp_path):

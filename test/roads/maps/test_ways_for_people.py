@@ -1,9 +1,8 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 import shapely
 from defusedxml.ElementTree import fromstring
+from made_district import write_district
 from repository import shared_file
 
 from siren_ros.roads.maps.map_compiler import compile_map
@@ -104,27 +103,28 @@ def test_a_net_with_corners_keeps_them_and_loses_the_outlines_of_crossings(tmp_p
     assert compile_map(None, tmp_path, for_people=True) == town
 
 
-def test_carlas_crosswalks_are_the_crossings(tmp_path):
-    path = shared_file("maps", "Town10HD_Opt.xodr")
+def test_opendrives_crosswalks_are_the_crossings(tmp_path):
+    """One in each street of the two junctions that have some: four and three."""
+    path = write_district(tmp_path)
     plain, peopled = (kinds(path, tmp_path, for_people=asked) for asked in (False, True))
     assert LaneKind.CROSSING not in plain
-    assert peopled.pop(LaneKind.CROSSING) == Path(path).read_text(encoding="utf-8").count('type="crosswalk"') == 16
+    assert peopled.pop(LaneKind.CROSSING) == path.read_text(encoding="utf-8").count('type="crosswalk"') == 7
     assert peopled == plain
 
 
 def test_crossings_are_as_wide_as_their_lanes(tmp_path):
-    network = parse_road_network(
-        compile_map(shared_file("maps", "Town10HD_Opt.xodr"), tmp_path, for_people=True).read_bytes()
-    )
+    network = parse_road_network(compile_map(write_district(tmp_path), tmp_path, for_people=True).read_bytes())
     lengths_m = [lane.length_m for lane in network.lanes if lane.kind is LaneKind.CROSSING]
     areas_m2 = [shapely.Polygon(outline).area for outline in network.crossings]
+    assert len(areas_m2) == 7
     assert areas_m2 == pytest.approx([4.0 * length_m for length_m in lengths_m], rel=0.02)
 
 
-def test_sidewalks_do_not_go_back(tmp_path):
-    """netconvert's sidewalk of a bend of the paper's map does, by 5 cm."""
+def test_the_papers_maps_crosswalks_are_its_crossings_and_its_sidewalks_do_not_go_back(tmp_path):
+    """netconvert's sidewalk of a bend of this map does, by 5 cm."""
     source = shared_file("maps", "Town10HD_Opt.xodr")
     network = parse_road_network(compile_map(source, tmp_path, for_people=True).read_bytes())
+    assert len(network.crossings) == source.read_text(encoding="utf-8").count('type="crosswalk"') == 16
     for lane in network.lanes:
         if lane.kind is LaneKind.SIDEWALK:
             side = np.diff(lane.centre.points, axis=0)

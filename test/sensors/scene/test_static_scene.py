@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from repository import shared_file
+from made_district import write_district
 from shapely.geometry import LineString, Point, Polygon
 from solids import areas, gap_m2, volume
 
@@ -139,9 +139,9 @@ def test_a_map_without_sidewalks_gets_a_verge(network):
     assert (np.abs(corners[:, :, 2]).max(axis=1) < 1e-6).sum() > 50
 
 
-@pytest.mark.parametrize("name", [None, "Town10HD_Opt.xodr"], ids=["town", "Town10"])
-def test_whole_maps(name, tmp_path):
-    source = name and shared_file("maps", name)
+@pytest.mark.parametrize("write", [None, write_district], ids=["town", "district"])
+def test_whole_maps(write, tmp_path):
+    source = write and write(tmp_path)
     network = parse_road_network(compile_map(source, tmp_path).read_bytes())
     check(static_scene(network, seed=0), network)
 

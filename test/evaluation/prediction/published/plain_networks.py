@@ -6,14 +6,18 @@ to agree. Parameters are drawn, not trained, and drawn large: then every one of 
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import elu, leaky_relu
 
+from siren_ros.evaluation.prediction.published.networks import Bat, Csp, Stdan
+
 torch.set_num_threads(1)  # the tests run next to each other
 
+NETWORKS = {"csp": Csp, "stdan": Stdan, "bat": Bat}
 POINTS, FUTURE, CELLS, ALONG = 16, 25, 39, 13
 Around = Mapping[int, Tensor]
 """Neighbours of one sample by their cell: the features of their past, shape ``(16, F)``."""
@@ -26,6 +30,13 @@ def drawn(network: Any, seed: int = 7) -> Any:
         for parameter in network.parameters():
             parameter.copy_(torch.randn(parameter.shape, generator=generator) * 0.4)
     return network.eval()
+
+
+def drawn_weights(model: str, folder: Path) -> dict[str, Path]:
+    """By a model's name a file of weights that nobody trained: what does not depend on weights holds with them too."""
+    path = folder / f"{model}.pt"
+    torch.save(drawn(NETWORKS[model]()).state_dict(), path)
+    return {model: path}
 
 
 def recurrent(lstm: Any, sequence: Tensor) -> Tensor:

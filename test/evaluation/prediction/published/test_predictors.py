@@ -11,7 +11,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
 
 from made_records import Track, moving, samples_in
-from plain_networks import drawn
+from plain_networks import drawn, drawn_weights
 from published_files import WEIGHTS, weights
 
 from siren_ros.cli.main import main
@@ -35,7 +35,6 @@ from siren_ros.evaluation.prediction.samples import SampleBatch
 from siren_ros.roads.road_network import RoadNetwork
 
 MODES = {"csp": 6, "stdan": 1, "bat": 9}
-NETWORKS = {"csp": Csp, "stdan": Stdan, "bat": Bat}
 
 
 @pytest.fixture(params=WEIGHTS)
@@ -43,18 +42,9 @@ def model(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-@pytest.fixture(scope="module")
-def drawn_weights(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Files of weights that nobody trained: what does not depend on the weights holds for them too."""
-    paths = {model: tmp_path_factory.mktemp("drawn") / f"{model}.pt" for model in NETWORKS}
-    for model, path in paths.items():
-        torch.save(drawn(NETWORKS[model]()).state_dict(), path)
-    return paths
-
-
 @pytest.fixture
-def predictor(model: str, drawn_weights: dict[str, Path]) -> Predictor:
-    return predictors_named([model], {model: drawn_weights[model]})[model]
+def predictor(model: str, tmp_path: Path) -> Predictor:
+    return predictors_named([model], drawn_weights(model, tmp_path))[model]
 
 
 def turned(places: np.ndarray, angle_rad: float) -> np.ndarray:

@@ -45,6 +45,24 @@ def _input_error(kind: type[InputError], parameter: str, value: object, allowed:
     return error
 
 
+LONGEST_TEXT: Final = 1000
+"""Characters of a text that is shown; another program's error may be of any length."""
+
+
+def shown_text(text: str, most: int = LONGEST_TEXT) -> str:
+    r"""A text of another program as one line for terminals, files and pages: printable, and not endless.
+
+    Control characters and halves of characters (lone surrogates, also those of names of files that are no UTF-8) are
+    written as Python writes them, such as ``\x1b``; no escape code reaches a terminal, and every text has a UTF-8.
+    """
+    if text.isprintable() and len(text) <= most:
+        return text
+    line = "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text[:most]
+    )
+    return line if len(text) <= most else f"{line}… ({len(text)} characters)"
+
+
 @contextmanager
 def writing(place: object, kind: str = "file", parameter: str = "out") -> Iterator[None]:
     """Around what writes to a place that the user named: what the system refuses there is an error of that input.
@@ -91,9 +109,12 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a text in UTF-8, whole or not at all; InputError where the file cannot be written."""
+    """Writes a text in UTF-8, whole or not at all; InputError where the file cannot be written.
+
+    Halves of characters, as in names of files that are no UTF-8, are written as ``shown_text`` shows them.
+    """
     with writing(path), whole_file(path) as new:
-        new.write_text(text, encoding="utf-8")
+        new.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 class MapError(InputError):

@@ -1,11 +1,23 @@
-"""Errors that cross from one process to another, and those of places that cannot be written."""
+"""Errors that cross from one process to another, those of places that cannot be written, and texts of others."""
 
 import pickle
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from siren_ros.errors import BagError, EpisodeError, InputError, MapError, SirenError, writing
+from siren_ros.errors import (
+    LONGEST_TEXT,
+    BagError,
+    EpisodeError,
+    InputError,
+    MapError,
+    SirenError,
+    shown_text,
+    write_text,
+    writing,
+)
 
 
 @pytest.mark.parametrize(
@@ -41,6 +53,26 @@ def test_what_was_written_stays(tmp_path: Path) -> None:
     with writing(file):
         file.write_text("whole", encoding="utf-8")
     assert file.read_text(encoding="utf-8") == "whole"
+
+
+@given(st.text(max_size=2 * LONGEST_TEXT))
+def test_what_is_shown_is_one_printable_line_of_bounded_length(text: str) -> None:
+    shown = shown_text(text)
+    assert shown.isprintable()
+    assert len(shown) <= 10 * LONGEST_TEXT + 40
+    if text.isprintable() and len(text) <= LONGEST_TEXT:
+        assert shown == text
+
+
+def test_escape_codes_are_spelled_out_and_a_long_text_says_how_long_it_was() -> None:
+    assert (shown_text("red \x1b[31m\nnext"), shown_text("é\ud800")) == ("red \\x1b[31m\\nnext", "é\\ud800")
+    assert shown_text("x" * 100_000) == "x" * LONGEST_TEXT + "… (100000 characters)"
+    assert shown_text("abcd", most=3) == "abc… (4 characters)"
+
+
+def test_halves_of_characters_are_spelled_out_in_files(tmp_path: Path) -> None:
+    write_text(tmp_path / "page.html", "bags/\udce9 é")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == "bags/\\udce9 é"
 
 
 def test_errors_of_other_kinds_pass() -> None:

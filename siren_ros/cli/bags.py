@@ -1,13 +1,12 @@
 """``siren info``, ``siren verify`` and ``siren recover``: what bags hold, whether they are sound, how to save them."""
 
 import argparse
-import sys
 from collections import Counter
 from pathlib import Path
 from shlex import quote
 
-from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError
-from siren_ros.interfaces.messages import shown_text
+from siren_ros.cli.command import complain
+from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError, shown_text
 from siren_ros.judging.verify import Verification, verify_episode
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.bag_reader import read_episode
@@ -119,7 +118,7 @@ def verify(arguments: argparse.Namespace) -> int:
         try:
             verification = verify_episode(read_episode(bag))
         except SirenError as error:
-            print(f"siren verify: {error}", file=sys.stderr)
+            complain(f"siren verify: {error}")
             worst = max(worst, error.exit_code)
             continue
         print("\n".join(_report(bag, verification, quiet=arguments.quiet)))
@@ -166,9 +165,9 @@ def recover(arguments: argparse.Namespace) -> int:
     if recovery.restored:
         print(f"  {recovery.restored} of them from their second copies at the end of the damaged file")
     if recovery.lost_messages:
-        print(f"siren recover: {recovery.lost_messages} messages are lost: {recovery.lost}", file=sys.stderr)
+        complain(f"siren recover: {recovery.lost_messages} messages are lost: {recovery.lost}")
     elif recovery.lost and not recovery.restored:
-        print(f"siren recover: the unfinished end is lost: {recovery.lost}", file=sys.stderr)
+        complain(f"siren recover: the unfinished end is lost: {recovery.lost}")
     if not recovery.described:
-        print("siren recover: without its description or its map the bag is no episode any more", file=sys.stderr)
+        complain("siren recover: without its description or its map the bag is no episode any more")
     return EXIT_FAILED if recovery.lost_messages else EXIT_OK

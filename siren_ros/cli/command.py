@@ -1,9 +1,38 @@
 """A command line that loads its arguments when somebody asks for them."""
 
 import argparse
+import sys
 from collections.abc import Iterator
 from importlib import import_module
-from typing import Any, Self
+from typing import Any, Final, NoReturn, Self, TextIO
+
+from siren_ros.errors import shown_text
+
+_LONGEST: Final = 20_000
+"""Characters of a complaint; errors list what is allowed."""
+
+
+def complain(text: str) -> None:
+    """Prints one line on stderr, without the control characters that another program's text in it may have."""
+    print(shown_text(text, _LONGEST), file=sys.stderr)
+
+
+class PrintableOutput:
+    """Standard output for people: what other programs wrote comes without control characters, whichever verb shows it.
+
+    Put in the place of a stream, it hands on what is printable, and line breaks; the rest as ``shown_text`` shows it.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """As a stream's."""
+        self._stream.write("\n".join(shown_text(line, len(line)) for line in text.split("\n")))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 class Command(argparse.ArgumentParser):
@@ -35,6 +64,10 @@ class Command(argparse.ArgumentParser):
         if variant is not None:
             return variant.parse_known_args(args[1:], namespace)
         return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """As its base; the message may have words of the command line, such as names of files of others."""
+        super().error(shown_text(message, _LONGEST))
 
     def below(self) -> Iterator["Command"]:
         """The commands right below this one."""

@@ -2,11 +2,11 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
 from tqdm import tqdm
 
+from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_OK, InputError, write_text
 from siren_ros.evaluation.paper_comparison import (
@@ -92,7 +92,7 @@ def _prediction(arguments: argparse.Namespace) -> list[Compared]:
         results = score_bags(job, bags, steps_of(bar))
     for result in results:
         if result.error is not None:
-            print(f"siren compare-paper: {result.error}", file=sys.stderr)
+            complain(f"siren compare-paper: {result.error}")
     scores = [result.scores for result in results if result.scores is not None]
     counted = at_template_level(scores, lambda template: load_template(template).level.name)
     if not counted:

@@ -4,7 +4,6 @@ import argparse
 import json
 import re
 import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import partial
@@ -13,16 +12,15 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
-from siren_ros.cli.command import Command
+from siren_ros.cli.command import Command, complain
 from siren_ros.cli.options import add_processes, of_each_bag, processes_of
 from siren_ros.cli.study_options import MATRIX, StudyBar, add_matrix, asked_of
-from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, write_text, writing
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, shown_text, write_text, writing
 from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of, shown_again, violations_of
 from siren_ros.exam.grading import Sitting, examine
 from siren_ros.exam.others import PAPER, actor_in_seat, compared_with_paper
 from siren_ros.exam.rulebook import FOLDER, Rulebook, load_rulebook
 from siren_ros.generation.answer_times import AnswerTimes
-from siren_ros.interfaces.messages import shown_text
 from siren_ros.params.resources import names_in_params
 from siren_ros.recording.bag_reader import bags_among, read_episode
 from siren_ros.scenario.paper import TEMPLATES
@@ -109,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
     for sitting, mark, line in violations_of(certificate.sittings):
         print(f"{line}\n    {shown_again(sitting, mark)}")
     for sitting in certificate.without_result:
-        print(f"siren exam: {sitting.episode}: no result: {shown_text(sitting.lack)}", file=sys.stderr)
+        complain(f"siren exam: {sitting.episode}: no result: {sitting.lack}")
     if arguments.out is not None:
         _write(arguments, certificate)
     return max(worst, EXIT_OK if certificate.passed else EXIT_FAILED)
@@ -224,5 +222,6 @@ def _write(arguments: argparse.Namespace, certificate: Certificate) -> None:
     write_text(out / "certificate.json", as_json(certificate))
     write_text(out / "certificate.xml", as_junit(certificate))
     written, _, errors = pages.write(processes_of(arguments))
-    print(*errors, sep="\n", end="\n" * bool(errors), file=sys.stderr)
+    for error in errors:
+        complain(error)
     print(f"{out}: certificate.html, certificate.json, certificate.xml, {written} pages of episodes")

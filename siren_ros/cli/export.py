@@ -1,13 +1,13 @@
 """``siren export FORMAT BAG… --out DIR``: episodes as datasets that other programs read, or as a page for people."""
 
 import argparse
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from tqdm import tqdm
 
+from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_bags, add_processes, processes_of, steps_of
 from siren_ros.cli.view import add_page
 from siren_ros.datasets.export_job import AUTO, SPLITS, ExportJob, run_export
@@ -82,7 +82,7 @@ def exported(arguments: argparse.Namespace) -> tuple[Mapping[str, Any], int]:
     with tqdm(total=0, unit="s", bar_format=bar_format, disable=None, desc=f"export {dataset.name}") as bar:
         result = run_export(job, bar.reset, steps_of(bar))
     for note in result.notes:
-        print(f"siren export: {note}", file=sys.stderr)
+        complain(f"siren export: {note}")
     counts = ", ".join(f"{count} {name}" for name, count in result.card["counts"].items())
     print(f"{arguments.out}: {counted(len(result.card['episodes']), 'episode')}, {counts}")
     print(_splits_text(result.card, automatic=arguments.split == AUTO))

@@ -1,7 +1,6 @@
 """``siren generate``: many episodes from one description, with one table of what became of them."""
 
 import argparse
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,7 +10,7 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
-from siren_ros.cli.command import Command
+from siren_ros.cli.command import Command, complain
 from siren_ros.cli.options import add_processes, check_numbers
 from siren_ros.cli.study_options import MATRIX, StudyBar, add_matrix, asked_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
@@ -121,10 +120,10 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"{folder.place}/{MANIFEST}: {len(result.rows)} episodes on {maps}{kept}")
     missing = [row for row in result.rows if row.status is not Status.COMPLETE]
     for row in missing[:_MOST_NAMED]:
-        print(f"siren generate: {row.episode}: {row.status}: {row.reason}", file=sys.stderr)
+        complain(f"siren generate: {row.episode}: {row.status}: {row.reason}")
     lacking = [row for row in result.rows if row.status is Status.COMPLETE and row.shortcomings]
     for row in lacking[: _MOST_NAMED if arguments.strict else 0]:
-        print(f"siren generate: {row.episode}: {' and '.join(row.shortcomings)}", file=sys.stderr)
+        complain(f"siren generate: {row.episode}: {' and '.join(row.shortcomings)}")
     complete = make_risk_set()
     return EXIT_FAILED if missing or not complete or (arguments.strict and lacking) else EXIT_OK
 

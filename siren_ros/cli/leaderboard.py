@@ -11,12 +11,12 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.cli.options import add_bags, add_processes, processes_of
-from siren_ros.errors import EXIT_OK, InputError, write_text
+from siren_ros.errors import EXIT_OK, InputError, shown_text, write_text
 from siren_ros.evaluation.detection.frames import frames_of, read_frames
 from siren_ros.evaluation.detection.inputs.formats import read_detections
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, mean_ap_of_episodes
 from siren_ros.evaluation.leaderboard import Standing, standings, table_of
-from siren_ros.evaluation.prediction.prediction_file import read_prediction_file
+from siren_ros.evaluation.prediction.prediction_file import most_rows, read_prediction_file
 from siren_ros.evaluation.prediction.scoring import ScoringJob, score_bags
 from siren_ros.evaluation.prediction.submission import submission
 from siren_ros.evaluation.risk.scoring import checked_answers, correct_by_class, read_answers
@@ -39,9 +39,10 @@ def _risk(arguments: argparse.Namespace, files: Submissions) -> dict[str, BlockS
 
 
 def _prediction(arguments: argparse.Namespace, files: Submissions) -> dict[str, BlockSums]:
-    submitted = {name: submission(read_prediction_file(path)) for name, path in files.items()}
+    bags = bags_among(arguments.bags)
+    submitted = {name: submission(read_prediction_file(path, most_rows(bags))) for name, path in files.items()}
     job = ScoringJob((), submissions=submitted, processes=processes_of(arguments))
-    results = score_bags(job, bags_among(arguments.bags), lambda: None)
+    results = score_bags(job, bags, lambda: None)
     for result in results:
         if result.error is not None:
             raise result.error
@@ -118,9 +119,9 @@ def submissions_in(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for path in paths:
         if path.suffix in suffixes if path.is_file() else "" in suffixes:
-            if path.stem in found:
-                raise InputError("folder", str(path), f"each name once, unlike {found[path.stem].name}")
-            found[path.stem] = path
+            if (name := shown_text(path.stem)) in found:
+                raise InputError("folder", str(path), f"each name once, unlike {found[name].name}")
+            found[name] = path
     if not found:
         raise InputError("folder", str(folder), f"a folder with submissions ({', '.join(filter(None, suffixes))})")
     return found

@@ -5,11 +5,11 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from typing import Final
 
 import siren_ros
-from siren_ros.cli.command import Command
+from siren_ros.cli.command import Command, PrintableOutput, complain
 from siren_ros.errors import EXIT_FAILED, SirenError
 
 VERBS: Final = {
@@ -98,20 +98,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code; an error is one line on stderr."""
     arguments = parser().parse_args(argv)
     try:
-        with _terminable():
+        with _terminable(), redirect_stdout(PrintableOutput(sys.stdout)):
             return int(arguments.run(arguments))
     except SirenError as error:
-        print(f"siren {arguments.verb}: {error}", file=sys.stderr)
+        complain(f"siren {arguments.verb}: {error}")
         return error.exit_code
     except BrokenPipeError:
         # The reader of our output has gone, as `siren info BAG | head -1` does; nothing is left to say.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
     except _TerminatedError:
-        print(f"siren {arguments.verb}: terminated", file=sys.stderr)
+        complain(f"siren {arguments.verb}: terminated")
         return 128 + signal.SIGTERM
     except KeyboardInterrupt:
-        print(f"siren {arguments.verb}: interrupted", file=sys.stderr)
+        complain(f"siren {arguments.verb}: interrupted")
         return 130
 
 

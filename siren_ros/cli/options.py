@@ -2,14 +2,14 @@
 
 import argparse
 import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 from tqdm import tqdm
 
-from siren_ros.errors import EXIT_OK, InputError, SirenError
+from siren_ros.cli.command import complain
+from siren_ros.errors import EXIT_OK, InputError, SirenError, shown_text
 from siren_ros.processes.process_pool import ProcessPool
 
 Measured = TypeVar("Measured")
@@ -29,7 +29,7 @@ def of_each_bag(
         measured = pool.map(_tried, [(measure, bag) for bag in bags], steps_of(bar))
     errors = [result for result in measured if isinstance(result, SirenError)]
     for error in errors:
-        print(f"siren {verb}: {error}", file=sys.stderr)
+        complain(f"siren {verb}: {error}")
     worst = max((error.exit_code for error in errors), default=EXIT_OK)
     return [result for result in measured if not isinstance(result, SirenError)], worst
 
@@ -42,8 +42,8 @@ def _tried(measure: Callable[[Path], Measured], bag: Path) -> Measured | SirenEr
 
 
 def names_in(text: str) -> tuple[str, ...]:
-    """Names separated by commas, without the spaces around them; empty ones do not count."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+    """Names separated by commas, without the spaces around them; empty ones do not count. Tables can show them."""
+    return tuple(shown_text(name.strip()) for name in text.split(",") if name.strip())
 
 
 def check_numbers(arguments: argparse.Namespace, limits: Mapping[str, tuple[float, float]]) -> None:
@@ -107,11 +107,11 @@ def positive(text: str) -> int:
 
 
 def named_path(text: str) -> tuple[str, Path]:
-    """The type of an argument ``NAME=PATH``; argparse prints the error."""
+    """The type of an argument ``NAME=PATH``, with a name that tables and files can show; argparse prints the error."""
     name, _, path = text.partition("=")
     if not (name and path):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=PATH")
-    return name, Path(path)
+    return shown_text(name), Path(path)
 
 
 def add_named_paths(line: argparse.ArgumentParser, option: str, metavar: str, meaning: str) -> None:

@@ -1,13 +1,13 @@
 """``siren pack TASK`` and ``siren check``: samples for training in one file, and checks of copies of datasets."""
 
 import argparse
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from siren_ros.cli.command import complain
 from siren_ros.cli.export import add_dataset_options, exported
 from siren_ros.cli.options import steps_of
 from siren_ros.datasets.publication import check_copy
@@ -73,7 +73,7 @@ def check(arguments: argparse.Namespace) -> int:
         found = check_copy(folder)
         for what, paths in (("missing", found.missing), ("changed", found.changed), ("not of the set", found.further)):
             for path in paths:
-                print(f"siren check: {folder}: {path}: {what}", file=sys.stderr)
+                complain(f"siren check: {folder}: {path}: {what}")
         print(f"{folder}: {found.files} files, {'whole' if found.is_whole else 'NOT the published dataset'}")
         code = code if found.is_whole else EXIT_FAILED
     return code

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_former
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.replay_check import notes_on, repeat_episode
@@ -66,7 +67,7 @@ def _check(bag: Path) -> int:
         print(f"{bag}: differs first at {difference}")
     if record.lost_steps:
         closed = record.steps + record.lost_steps
-        print(f"siren replay: {bag} is not complete: it holds {record.steps} of {closed} steps", file=sys.stderr)
+        complain(f"siren replay: {bag} is not complete: it holds {record.steps} of {closed} steps")
     for note in notes_on(record):
         print(f"  {note}")
     return EXIT_OK if difference is None and not record.lost_steps else EXIT_FAILED

@@ -1,11 +1,11 @@
 """``siren report DIR --out FILE.html``: a study as one page."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from tqdm import tqdm
 
+from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_processes, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 from siren_ros.study_report.build import build_page
@@ -71,5 +71,5 @@ def run(arguments: argparse.Namespace) -> int:
     if written:
         print(f"{folder}: {written} pages of episodes, {size_bytes / 1e6:.1f} MB")
     for text in missing:
-        print(f"siren report: no page of {text}", file=sys.stderr)
+        complain(f"siren report: no page of {text}")
     return EXIT_OK

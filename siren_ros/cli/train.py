@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
+from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_processes, check_numbers, positive, processes_of, steps_of
 from siren_ros.cli.study_options import BUILT_IN
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
@@ -95,7 +96,7 @@ def _with_bar(
         data = make(plan, folder, jobs, steps_of(bar))
     print(f"{folder}: {len(data.files)} of {len(plan)} {unit}s")
     for planned, reason in data.missing:
-        print(f"siren train: {planned.name}: {reason}", file=sys.stderr)
+        complain(f"siren train: {planned.name}: {reason}")
     return data
 
 

@@ -8,6 +8,7 @@ import webbrowser
 from importlib.util import find_spec
 from pathlib import Path
 
+from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_former, check_numbers, names_in
 from siren_ros.episode_page.of_bag import page_of_bag
 from siren_ros.episode_page.sensed import ALL, MOST_MB, NOTHING, sensed_of
@@ -88,15 +89,15 @@ def _add_bags(parser: argparse.ArgumentParser, nargs: str | None = None) -> None
 
 
 def _page_of(arguments: argparse.Namespace) -> str:
-    def complain(text: str) -> None:
-        print(f"siren {arguments.verb}: {text}", file=sys.stderr)
+    def complain_of(text: str) -> None:
+        complain(f"siren {arguments.verb}: {text}")
 
     check_numbers(arguments, {"at_most_mb": (0.0, 1000.0)})
     sensors = names_in(arguments.show)
     sensed = sensed_of(arguments.bag, sensors, arguments.at_most_mb) if sensors else NOTHING
     for name, note in sensed.notes:
-        complain(f"{name}: {note}")
-    return page_of_bag(arguments.bag, arguments.against, complain, sensed)
+        complain_of(f"{name}: {note}")
+    return page_of_bag(arguments.bag, arguments.against, complain_of, sensed)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:

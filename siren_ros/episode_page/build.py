@@ -10,9 +10,8 @@ from siren_ros.episode_page.parts import add_parts, title_of
 from siren_ros.episode_page.reasons import Decisions, add_reasons
 from siren_ros.episode_page.sensed import NOTHING, Sensed, add_sensed
 from siren_ros.episode_page.shapes import add_shapes
-from siren_ros.errors import SirenError
+from siren_ros.errors import SirenError, shown_text
 from siren_ros.interfaces.markers import MODE_COLOURS
-from siren_ros.interfaces.messages import shown_text
 from siren_ros.judging.predicates import PARAMETER, evaluate_predicate
 from siren_ros.judging.verdict import Part, Verdict
 from siren_ros.numerics.units import STEP_S

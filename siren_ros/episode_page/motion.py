@@ -8,8 +8,7 @@ import numpy.typing as npt
 
 from siren_ros.episode_page.columns import ColumnFile
 from siren_ros.episode_page.emv_measures import measures_of_emvs
-from siren_ros.errors import InputError
-from siren_ros.interfaces.messages import shown_text
+from siren_ros.errors import InputError, shown_text
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorDescription
 

@@ -6,8 +6,7 @@ from typing import Any, Final
 from siren_ros.episode_page.columns import ColumnFile
 from siren_ros.episode_page.motion import add_motion, check_motion
 from siren_ros.episode_page.shapes import add_static_scene
-from siren_ros.errors import InputError
-from siren_ros.interfaces.messages import shown_text
+from siren_ros.errors import InputError, shown_text
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.sensors.meshes.mesh import StaticScene
 from siren_ros.sensors.scene.kept_scenes import kept_scene

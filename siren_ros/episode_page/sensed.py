@@ -18,9 +18,8 @@ import simplejpeg
 from PIL import Image
 
 from siren_ros.episode_page.columns import MEDIUM, ColumnFile
-from siren_ros.errors import BagError, InputError
+from siren_ros.errors import BagError, InputError, shown_text
 from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
-from siren_ros.interfaces.messages import shown_text
 from siren_ros.interfaces.topics import TF
 from siren_ros.interfaces.transforms import from_tf, matrix_between
 from siren_ros.numerics.arrays import Matrix, Points

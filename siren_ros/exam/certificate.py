@@ -11,12 +11,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from siren_ros import __version__
+from siren_ros.errors import shown_text
 from siren_ros.evaluation.statistics import BlockSums, interval_of_mean
 from siren_ros.exam.grading import Grade, Mark, Sitting, worst_of
 from siren_ros.exam.monitors import MONITORS
 from siren_ros.exam.others import OTHERS
 from siren_ros.exam.rulebook import Rulebook
-from siren_ros.interfaces.messages import shown_text
 from siren_ros.numerics.units import STEP_S
 from siren_ros.study_report.episode_pages import EpisodePages
 from siren_ros.study_report.page import Link, Page, Section, quoted
@@ -129,11 +129,11 @@ def as_json(certificate: Certificate) -> str:
         ],
         "episodes": [
             {
-                "episode": sitting.episode,
-                "bag": sitting.bag,
+                "episode": shown_text(sitting.episode),
+                "bag": shown_text(sitting.bag),
                 "actor_id": sitting.actor_id,
                 "grade": sitting.grade,
-                "no_result": sitting.lack,
+                "no_result": shown_text(sitting.lack),
                 **({} if sitting.answers is None else {"answers": asdict(sitting.answers)}),
                 "others": {key: round(value, 6) for key, value in sitting.others.items()},
                 "marks": [_mark_as_json(mark) for mark in sitting.marks],
@@ -153,7 +153,7 @@ def _mark_as_json(mark: Mark) -> dict[str, Any]:
         "unit": MONITORS[mark.clause.monitor].unit,
         "reason": measure.lack,
         "time_s": None if step is None else round(step * STEP_S, 3),
-        **({"about": mark.finding.about} if mark.finding.about else {}),
+        **({"about": shown_text(mark.finding.about)} if mark.finding.about else {}),
     }
 
 

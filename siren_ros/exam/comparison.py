@@ -35,8 +35,15 @@ def compared(first: Content, second: Content) -> Table:
     second's.
 
     Raises:
-        InputError: The rulebooks differ, or no episode is in both.
+        InputError: The rulebooks differ, no episode is in both, or a certificate is none of this version.
     """
+    try:
+        return _compared(first, second)
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise InputError("certificate", repr(error), "the content of a certificate.json of siren exam") from error
+
+
+def _compared(first: Content, second: Content) -> Table:
     if first["rulebook"] != second["rulebook"]:
         raise InputError("certificate", second["rulebook"], f"one of the rulebook {first['rulebook']}")
     sides = [{one["episode"]: one for one in content["episodes"] if one["marks"]} for content in (first, second)]

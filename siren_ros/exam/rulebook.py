@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from siren_ros.errors import InputError
+from siren_ros.errors import InputError, shown_text
 from siren_ros.exam.monitors import MONITORS, Numbers
-from siren_ros.interfaces.messages import shown_text
 from siren_ros.params.resources import named_params_file
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 

@@ -23,6 +23,7 @@ from rosbags.typesys.store import Typestore
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.interfaces.topics import Topic
 from siren_ros.numerics.units import NS_PER_S, STEP_NS, exact_s, step_of_time_ns, time_ns_of_step
+from siren_ros.params import plain_json
 from siren_ros.params.resources import params_dir
 
 OWN_PACKAGE: Final = "siren_msgs"
@@ -144,8 +145,6 @@ def from_plain_fields(kind: type[Content], message: Any, **others: Any) -> Conte
 
 
 Read = TypeVar("Read")
-LONGEST_TEXT: Final = 1000
-"""Characters of a text that is shown; another program's error may be of any length."""
 
 
 def checks_content(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
@@ -162,19 +161,9 @@ def checks_content(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
     return checked
 
 
-def shown_text(text: str, most: int = LONGEST_TEXT) -> str:
-    """A text of another program as one line for a terminal: without control characters, and not endless."""
-    if text.isprintable() and len(text) <= most:
-        return text
-    line = "".join(
-        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text[:most]
-    )
-    return line if len(text) <= most else f"{line}… ({len(text)} characters)"
-
-
 def json_object(text: str) -> dict[str, Any]:
     """The JSON object in a text field; ValueError or TypeError where the text is no JSON, or no object."""
-    value = json.loads(text)
+    value = plain_json.load(text)
     if not isinstance(value, dict):
         raise TypeError(f"no JSON object but {type(value).__name__}")
     return value

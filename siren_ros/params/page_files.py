@@ -3,6 +3,7 @@
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from siren_ros.errors import shown_text
 from siren_ros.params.resources import params_dir
 
 
@@ -14,8 +15,14 @@ def page_template(page: str, *, trim_blocks: bool = False, keep_trailing_newline
         undefined=StrictUndefined,
         trim_blocks=trim_blocks,
         keep_trailing_newline=keep_trailing_newline,
+        finalize=_written,
     )
     return environment.get_template("page.html")
+
+
+def _written(value: object) -> object:
+    """A text as a page can hold it: names of other programs and files may have control characters."""
+    return shown_text(value, len(value)) if type(value) is str else value
 
 
 def page_part(page: str, name: str) -> Markup:

@@ -1,30 +1,65 @@
-"""JSON and Parquet of any origin: what is wrong with them is a ValueError, and sizes are counted as they are read."""
+"""JSON, Parquet and arrays of any origin: what is wrong with them is a ValueError, and their size is bounded."""
 
 import json
+import re
+import sys
+import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+_NO_NPZ: Final = (KeyError, TypeError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 _ROWS_AT_ONCE: Final = 1024
+_HALF: Final = re.compile(r"\\u[dD][89a-fA-F]")
+"""Begins an escape of one half of a character."""
 
 
 def load(text: str | bytes, **how: Any) -> Any:
-    """The value of a JSON text; ValueError where it is none, or is nested more deeply than can be read.
+    r"""The value of a JSON text; ValueError where it is none, is nested too deeply, or holds halves of characters.
 
+    A lone surrogate (``"\ud800"``) has no UTF-8: no file, page or terminal could take the text that it is in.
     ``how`` are further arguments of ``json.loads``.
     """
     try:
-        return json.loads(text, **how)
+        text = text.decode(json.detect_encoding(text)) if isinstance(text, bytes) else text
+        value = json.loads(text, **how)
+        if not text.isascii() or _HALF.search(text):
+            json.dumps(value, ensure_ascii=False, default=str).encode()
     except RecursionError:
         raise ValueError("nested too deeply") from None
+    return value
 
 
 def read(path: Path) -> Any:
     """The value of a JSON file in UTF-8; ValueError as ``load``, OSError where the file cannot be read."""
     return load(path.read_text(encoding="utf-8"))
+
+
+def read_arrays(path: Path, most_bytes: int) -> dict[str, Any]:
+    """The arrays of an ``.npz`` file by their names. Nothing in it can run, and its size in memory is known before.
+
+    Raises:
+        ValueError: It states more than ``most_bytes``, holds objects or texts of no characters, or is no such file.
+        OSError: The file cannot be read.
+    """
+    try:
+        with zipfile.ZipFile(path) as members:
+            if (size := sum(member.file_size for member in members.infolist())) > most_bytes:
+                raise ValueError(f"{size} bytes, more than {most_bytes}")
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: np.asarray(file[name]) for name in file.files}
+    except _NO_NPZ as error:
+        raise ValueError(f"no .npz file ({error})") from error
+    for name, values in arrays.items():
+        order = ">" if values.dtype.str[0] == ">" else "<"
+        if values.dtype.kind == "U" and (np.frombuffer(values.tobytes(), f"{order}u4") > sys.maxunicode).any():
+            raise ValueError(f"{name} has a text of no characters")
+    return arrays
 
 
 def read_table(path: Path, most_rows: int, most_row_bytes: int, columns: Sequence[str] | None = None) -> pa.Table:

@@ -12,12 +12,11 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Final
 
-from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK, EpisodeError, InputError
+from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK, EpisodeError, InputError, shown_text
 from siren_ros.generation.answer_times import AnswerTimes
 from siren_ros.generation.recorded_episode import RecordedEpisode
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_outcome
-from siren_ros.interfaces.messages import shown_text
 from siren_ros.params.resources import params_dir
 from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.bag_writer import BagSummary

@@ -12,6 +12,7 @@ from typing import Any, Final
 from uuid import uuid4
 
 from siren_ros.errors import InputError, SirenError
+from siren_ros.params import plain_json
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode
 from siren_ros.studies.study_folder import StudyFolder
@@ -67,7 +68,9 @@ def make_on_worker(episode: PlannedEpisode, folder: StudyFolder, options: Worker
     and the row says so.
     """
     name = f"begun/{episode.group}/{episode.name}.json"
-    before = json.loads(folder.read(name) or b"{}")
+    before: dict[str, Any] = {}
+    with suppress(ValueError, TypeError):  # a damaged note names no worker
+        before = dict(plain_json.load(folder.read(name) or b"{}"))
     lost = list(before.get("workers", ())) if before.get("run") == run else []
     folder.write(name, json.dumps({"run": run, "workers": [*lost, _distributed().get_worker().address]}).encode())
     with attempt_processes(1) as pool:

@@ -7,6 +7,7 @@ A task makes its tables once. The terminal, the files and the pages show the sam
 * An interval stands behind its value: ``2.28 [2.10, 2.43]``. ``[–]`` says that there is none, and a note below the
   tables says why.
 * Values that belong together share a cell: ``1.44/3.73``.
+* A text is printable: what another program wrote cannot change a terminal.
 * A dash stands where there is no value. An empty cell is one in which nothing can stand.
 """
 
@@ -18,6 +19,7 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any, Final
 
+from siren_ros.errors import shown_text
 from siren_ros.tables.interval import BLOCKS_MIN, NONE, Bounds, Interval
 
 UNBOUNDED_NOTE: Final = (
@@ -61,6 +63,11 @@ class Table:
     """Rows to compare with, such as the paper's. They stand below a rule."""
     folded: bool = False
     """Whether a page shows only the caption until the table is opened."""
+
+    def __post_init__(self) -> None:
+        """Names in titles may be of other programs."""
+        object.__setattr__(self, "caption", shown_text(self.caption))
+        object.__setattr__(self, "head", tuple(map(shown_text, self.head)))
 
     def cells(self) -> list[tuple[str, ...]]:
         """All rows below the head as text."""
@@ -149,7 +156,7 @@ def shown(cell: Cell, spec: str = ".2f") -> str:
     if cell is None or (isinstance(cell, float) and math.isnan(cell)):
         return NONE
     if isinstance(cell, str):
-        return cell
+        return shown_text(cell)
     return f"{cell:,}" if isinstance(cell, int) else f"{cell:{spec}}"
 
 
@@ -165,4 +172,6 @@ def _json(cell: Cell) -> Any:
         return cell.json() if cell.valid else None
     if isinstance(cell, Bounds):
         return [cell.interval.low, cell.interval.high] if cell.interval.bounded else None
+    if isinstance(cell, str):
+        return shown_text(cell)
     return None if isinstance(cell, float) and math.isnan(cell) else cell

@@ -8,7 +8,8 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from siren_ros.errors import SirenError, whole_file
+from siren_ros.errors import InputError, SirenError, whole_file
+from siren_ros.params import plain_json
 from siren_ros.processes.side_by_side import side_by_side
 from siren_ros.studies.workers import attempt_processes
 
@@ -59,6 +60,23 @@ def make_files(
         tuple((planned, path) for planned, path in paths.items() if planned not in reasons),
         tuple((planned, reasons[planned]) for planned in paths if planned in reasons),
     )
+
+
+_MOST_BYTES: Final = 1 << 32
+"""Of a file in memory; the sweeps of ten minutes have a third."""
+
+
+def read_arrays(path: Path, head: str) -> tuple[Any, dict[str, Any]]:
+    """What ``write_arrays`` wrote: the JSON in the array ``head``, and the other arrays.
+
+    Raises:
+        InputError: The file cannot be read, is none of these, or is larger than 4 GiB in memory.
+    """
+    try:
+        arrays = plain_json.read_arrays(path, _MOST_BYTES)
+        return plain_json.load(str(arrays.pop(head))), arrays
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError("file", str(path), f"a file of an earlier run ({error})") from error
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:

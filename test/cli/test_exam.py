@@ -2,6 +2,7 @@
 
 import html
 import json
+import os
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,6 +40,18 @@ def test_a_driver_of_a_recorded_episode_gets_a_certificate(siren, bag, driver, t
     assert "Exam: California" in (out / "certificate.html").read_text(encoding="utf-8")
     siren(words)
     assert (out / "certificate.json").read_bytes() == first
+
+
+def test_names_of_others_reach_neither_a_terminal_nor_a_file_as_they_are(siren, bag, driver, tmp_path):
+    """A folder's name that is no UTF-8, with an escape code in it."""
+    named, out = tmp_path / os.fsdecode(b"S2\x1b[31m_\xe9"), tmp_path / "exam"
+    named.symlink_to(bag)
+    printed = siren(["exam", str(named), "--actor", driver, "--out", str(out), "--workers", "1", "--driver", "a\x1b"])
+    files = [(out / f"certificate.{kind}").read_text(encoding="utf-8") for kind in ("json", "xml", "html")]
+    for text in (printed.out, *files):
+        assert text.replace("\n", "").isprintable()
+    (episode,) = json.loads(files[0])["episodes"]
+    assert episode["bag"] == f"{tmp_path}/S2\\x1b[31m_\\udce9"
 
 
 def test_episodes_are_in_the_order_of_their_seeds():

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.cli import train
-from siren_ros.cli.options import add_processes, check_numbers, names_in, of_each_bag, processes_of
+from siren_ros.cli.options import add_processes, check_numbers, named_path, names_in, of_each_bag, processes_of
 from siren_ros.errors import BagError, EpisodeError, InputError
 from siren_ros.recording.bag_reader import read_episode
 
@@ -21,6 +21,11 @@ def length_of_name(bag: Path) -> int:
     if bag.name == "broken":
         raise EpisodeError("it ended early")
     return len(bag.name)
+
+
+def test_names_of_rows_can_be_shown_and_paths_stay_as_they_are() -> None:
+    assert named_path("a\x1b[31m=b\udce9.json") == ("a\\x1b[31m", Path("b\udce9.json"))
+    assert names_in("cv, idm:\x1b[2J") == ("cv", "idm:\\x1b[2J")
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -1,3 +1,4 @@
+import os
 import re
 import subprocess
 import sys
@@ -51,6 +52,21 @@ def test_verify_goes_on_after_a_bag_that_cannot_be_read(bag, tmp_path, siren) ->
     assert "holds" in captured.out
     assert captured.err.count("\n") == 1
     assert "none" in captured.err
+
+
+def test_names_of_others_reach_a_terminal_without_control_characters(bag, tmp_path, siren) -> None:
+    named, absent = (tmp_path / os.fsdecode(name) for name in (b"\x1b[31m_\xe9", b"none_\x1b[31m_\xe9"))
+    named.symlink_to(bag)
+    captured = siren(["verify", str(named), str(absent)], 2)
+    assert captured.out.startswith(f"{tmp_path}/\\x1b[31m_\\udce9: holds")
+    assert captured.err.startswith(f"siren verify: bag: '{tmp_path}/none_\\x1b[31m_\\udce9'")
+    assert (captured.out + captured.err).replace("\n", "").isprintable()
+
+
+def test_words_of_a_command_line_that_cannot_be_used_are_printable(capsys) -> None:
+    with pytest.raises(SystemExit):
+        main(["verify", "--quiet", "x", "--\x1b[31m"])
+    assert capsys.readouterr().err.endswith("--\\x1b[31m\n")
 
 
 def test_export_writes_both_formats(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -25,6 +25,19 @@ def certificate(driver, grades, delays=(), rulebook="california"):
     }
 
 
+@pytest.mark.parametrize(
+    "change",
+    [{"rulebook": None}, {"clauses": 2}, {"episodes": [1]}, {"episodes": [{"episode": "a", "marks": [1]}]}],
+    ids=str,
+)
+def test_a_certificate_of_something_else_is_refused(change):
+    other = certificate("a", ["pass"]) | change
+    if change == {"rulebook": None}:
+        del other["rulebook"]
+    with pytest.raises(InputError, match="certificate"):
+        compared(other, other)
+
+
 def test_the_share_of_violations_in_common_episodes_where_the_clause_applies_to_both():
     first = certificate("a", ["major", "minor", "pass", "not applicable", "", "pass", "minor"])
     second = certificate("b", ["pass", "minor", "pass", "pass", "pass", "pass", "pass"])

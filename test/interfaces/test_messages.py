@@ -14,11 +14,9 @@ from siren_ros.interfaces import measurements, messages, topics
 from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth, to_image_boxes
 from siren_ros.interfaces.markers import to_markers, vehicle_markers
 from siren_ros.interfaces.messages import (
-    LONGEST_TEXT,
     decode_cdr,
     encode_cdr,
     make_message,
-    shown_text,
     stamp,
     step_of_cdr,
 )
@@ -71,21 +69,6 @@ def test_a_sequence_lies_in_one_piece():
     columns = np.arange(6).reshape(3, 2)[:, 0]
     assert messages.sequence(columns).flags.c_contiguous
     assert messages.sequence(columns).tolist() == [0, 2, 4]
-
-
-@given(st.text(max_size=2 * LONGEST_TEXT))
-def test_what_is_shown_is_one_printable_line_of_bounded_length(text):
-    shown = shown_text(text)
-    assert shown.isprintable()
-    assert len(shown) <= 10 * LONGEST_TEXT + 40
-    if text.isprintable() and len(text) <= LONGEST_TEXT:
-        assert shown == text
-
-
-def test_escape_codes_are_spelled_out_and_a_long_text_says_how_long_it_was():
-    assert (shown_text("red \x1b[31m\nnext"), shown_text("é\ud800")) == ("red \\x1b[31m\\nnext", "é\\ud800")
-    assert shown_text("x" * 100_000) == "x" * LONGEST_TEXT + "… (100000 characters)"
-    assert shown_text("abcd", most=3) == "abc… (4 characters)"
 
 
 frames = st.text("abcé_/", max_size=9)

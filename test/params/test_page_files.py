@@ -25,6 +25,10 @@ def test_values_are_escaped_and_parts_are_not() -> None:
     assert page_template("made").render(value=page_part("made", "page.css")) == "<p>a > b {}\n</p>\n\nyes\n"
 
 
+def test_texts_of_other_programs_come_without_control_characters() -> None:
+    assert page_template("made").render(value="a\x1b[31m\udce9") == "<p>a\\x1b[31m\\udce9</p>\n\nyes\n"
+
+
 def test_ends_of_lines_are_kept_or_left_out() -> None:
     assert page_template("made", trim_blocks=True).render(value=1) == "<p>1</p>\nyes\n"
     assert page_template("made", keep_trailing_newline=True).render(value=0) == "<p>0</p>\n\n"

@@ -95,3 +95,12 @@ def test_a_worker_that_is_lost_is_noted_by_the_next_one(cluster: Any, tmp_path: 
     row = EpisodeRow.from_json(content)
     assert row.attempts == 2
     assert row.retry_reasons == ("worker tcp://gone was lost",)
+
+
+def test_a_damaged_note_names_no_worker(cluster: Any, tmp_path: Path) -> None:
+    episode = plan_study(Study(("S2",), duration_s=0.5))[0]
+    folder = LocalFolder(tmp_path)
+    folder.write(f"begun/{episode.group}/{episode.name}.json", b"[" * 200_000)
+    with client_of(cluster) as client:
+        content = client.submit(make_on_worker, episode, folder, WorkerOptions(), "now", pure=False).result()
+    assert EpisodeRow.from_json(content).attempts == 1

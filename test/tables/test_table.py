@@ -52,6 +52,15 @@ def test_how_a_cell_is_written(cell: Cell, spec: str, text: str) -> None:
     assert shown(cell, spec) == text
 
 
+def test_names_of_other_programs_are_printable_in_every_form() -> None:
+    name = "a\x1b[31m\udce9\n"
+    table = Table("names", name, ("model", name), ((name, (name, 1.0)),))
+    forms = ("\n".join(table.text()), table.csv(), table.html(), str(table.json()).replace("\\\\", "\\"))
+    for form in (*forms, table.latex().replace(r"\textbackslash{}", "\\")):
+        assert form.replace("\n", "").isprintable()
+        assert form.count("\\x1b[31m\\udce9\\n") >= 3
+
+
 def test_text_has_a_column_for_each_title() -> None:
     assert TABLE.text() == [
         "Scores of <both>",

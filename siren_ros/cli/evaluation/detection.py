@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of
-from siren_ros.errors import EXIT_OK, InputError, write_text, writing
+from siren_ros.errors import EXIT_OK, InputError, shown_text, write_text, writing
 from siren_ros.evaluation.detection.boxes import joined
 from siren_ros.evaluation.detection.detectors.table import DETECTORS, SEEN, run_detector
 from siren_ros.evaluation.detection.devkit_score import devkit_score
@@ -123,7 +123,7 @@ def _named(text: str) -> tuple[str, str]:
     name, equals, source = text.partition("=")
     if not (name and equals and source):
         raise InputError("detections", text, "NAME=FILE")
-    return name, source
+    return shown_text(name), source
 
 
 def _check_names(detections: FoundSet, names: frozenset[str]) -> None:

@@ -1,18 +1,18 @@
 """``siren evaluate prediction BAG… --models cv,idm``: how well models predict where vehicles go."""
 
 import argparse
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from tqdm import tqdm
 
+from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.evaluation.detection.detectors.table import DETECTORS
 from siren_ros.evaluation.prediction.charts import write_charts, write_sample_pictures
-from siren_ros.evaluation.prediction.prediction_file import read_prediction_file
+from siren_ros.evaluation.prediction.prediction_file import most_rows, read_prediction_file
 from siren_ros.evaluation.prediction.predictors import PREDICTORS
 from siren_ros.evaluation.prediction.reports.report import (
     NO_SAMPLES_TEXT,
@@ -82,28 +82,28 @@ def run(arguments: argparse.Namespace) -> int:
     """Scores every bag; one that cannot be read does not keep the others from being scored."""
     if arguments.pictures and arguments.out is None:
         raise InputError("pictures", "--pictures", "together with --out DIR")
-    job = _job(arguments)
+    bags = bags_among(arguments.bags)
+    job = _job(arguments, bags)
     if arguments.out is not None:
         new_folder(arguments.out)
-    bags = bags_among(arguments.bags)
     with tqdm(total=len(bags), unit="bag", disable=None, leave=False, desc="evaluate") as bar:
         results = score_bags(job, bags, steps_of(bar))
     worst, scores = EXIT_OK, []
     for result in results:
         if result.error is not None:
-            print(f"siren evaluate: {result.error}", file=sys.stderr)
+            complain(f"siren evaluate: {result.error}")
             worst = max(worst, result.error.exit_code)
         elif result.scores is not None:
             scores.append(result.scores)
             if result.scores.samples == 0:
-                print(f"siren evaluate: {result.bag}: {NO_SAMPLES_TEXT[job.population]}", file=sys.stderr)
+                complain(f"siren evaluate: {result.bag}: {NO_SAMPLES_TEXT[job.population]}")
                 worst = max(worst, EXIT_FAILED)
     if scores:
         _report(arguments, job, scores)
     return worst
 
 
-def _job(arguments: argparse.Namespace) -> ScoringJob:
+def _job(arguments: argparse.Namespace, bags: Sequence[Path]) -> ScoringJob:
     files = _by_name("predictions", arguments.predictions)
     recorded = [name for name, path in files.items() if str(path) == PREDICTIONS.name]
     if len(recorded) > 1:
@@ -118,7 +118,7 @@ def _job(arguments: argparse.Namespace) -> ScoringJob:
         models=models,
         checkpoints=tuple(_by_name("checkpoint", arguments.checkpoint).items()),
         submissions={
-            name: submission(read_prediction_file(path), arguments.allow_missing)
+            name: submission(read_prediction_file(path, most_rows(bags)), arguments.allow_missing)
             for name, path in files.items()
             if name not in recorded
         },

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from siren_ros.cli.options import add_bags, add_processes, of_each_bag, processes_of
-from siren_ros.errors import EXIT_FAILED, InputError, whole_file, write_text, writing
+from siren_ros.errors import EXIT_FAILED, InputError, shown_text, whole_file, write_text, writing
 from siren_ros.evaluation.diversity.profile import InteractionProfile, profile_of
 from siren_ros.evaluation.diversity.summary import diversity, diversity_as_json, diversity_tables, drawn_ranges
 from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effect_tables, effects
@@ -65,7 +65,7 @@ def scored_episodes(
 
 def score_bag(bag: Path, names: Collection[str] | None = None) -> tuple[ScoredEpisode, ...]:
     """The scores of a bag for each EMV; ``names`` as ``scored_episodes`` has them."""
-    return ScoredEpisode.of_each_emv(str(bag), read_episode(bag), names)
+    return ScoredEpisode.of_each_emv(shown_text(str(bag)), read_episode(bag), names)
 
 
 def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:
@@ -155,7 +155,7 @@ def evaluate_diversity(arguments: argparse.Namespace) -> int:
 
 def profile_bag(bag: Path) -> InteractionProfile:
     """The profile of a bag."""
-    return profile_of(str(bag), read_episode(bag))
+    return profile_of(shown_text(str(bag)), read_episode(bag))
 
 
 _NOTES = (

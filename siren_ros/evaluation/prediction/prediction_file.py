@@ -1,7 +1,8 @@
 """Reads predictions from a Parquet file: our schema, or that of Argoverse 2's challenge."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -10,12 +11,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from siren_ros.errors import InputError
+from siren_ros.errors import BagError, InputError
 from siren_ros.evaluation.prediction.samples import ARGOVERSE_WINDOW, WINDOWS
 from siren_ros.evaluation.prediction.submission import PERIODS_S, SubmittedRows, on_grid, refuse
+from siren_ros.interfaces.topics import ACTORS
 from siren_ros.numerics.arrays import Floats
 from siren_ros.params import plain_json
 from siren_ros.record.tracks import LOG_PERIOD_STEPS
+from siren_ros.recording.bag_folder import read_message_counts
 
 WINDOW_KEY: Final = b"window"
 """Key of the file's metadata that says which samples the model answers: a name of ``WINDOWS``."""
@@ -25,23 +28,39 @@ _SCENARIO: Final = re.compile(r"(?P<episode>.+)-v(?P<actor>\d+)-f(?P<frame>\d+)"
 """As ``siren export argoverse2`` names scenarios: ``S2-L2-seed0-town-v12-f000049``."""
 _AV: Final = "AV"
 """Track id of the EMV with the sensors."""
-MOST_ROWS: Final = 20_000_000
-"""Of a file; six hypotheses for each sample of ten thousand episodes are fewer."""
+ROWS_OF_FRAME: Final = 1_000
+"""Most hypotheses for a frame of an episode: more than six for each of a hundred vehicles."""
 MOST_ROW_BYTES: Final = 10_000
 """Of a hypothesis: two lists of at most 80 numbers, and names."""
 
 
-def read_prediction_file(path: Path) -> SubmittedRows:
+def most_rows(bags: Iterable[Path]) -> int:
+    """The rows that a file of predictions can have for some bags, by the number of their frames; 0 for no bag."""
+    counts = 0
+    for bag in bags:
+        with suppress(BagError):  # it is an error where it is scored
+            counts += read_message_counts(bag).get(ACTORS.name, 0)
+    return ROWS_OF_FRAME * (counts // LOG_PERIOD_STEPS)
+
+
+def read_prediction_file(path: Path, rows: int) -> SubmittedRows:
     """The hypotheses of a file, on the common grid. Nothing is known yet of the episodes that they belong to.
+
+    Args:
+        path: The file.
+        rows: Most rows that it may have; ``most_rows`` of the bags that are scored.
 
     Raises:
         InputError: The file cannot be read, lacks columns or has empty cells; paths of different or unknown lengths.
     """
     try:
-        table = plain_json.read_table(path, MOST_ROWS, MOST_ROW_BYTES, sorted({*_OWN, *_ARGOVERSE}))
-    except (OSError, ValueError, pa.ArrowException) as error:
+        return _rows(path, plain_json.read_table(path, rows, MOST_ROW_BYTES, sorted({*_OWN, *_ARGOVERSE})))
+    except (OSError, ValueError, KeyError, OverflowError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError("predictions", str(path), f"a Parquet file ({reason})") from error
+        raise InputError("predictions", str(path), f"a Parquet file of predictions ({reason})") from error
+
+
+def _rows(path: Path, table: pa.Table) -> SubmittedRows:
     for needed, read in _SCHEMAS.items():
         if set(needed) <= set(table.column_names):
             for name in needed:

@@ -40,7 +40,7 @@ def read_answers(path: Path) -> dict[str, RiskClass | None]:
     try:
         text = path.read_text(encoding="utf-8")
         pairs = _csv_pairs(text) if path.suffix.lower() == ".csv" else _json_pairs(text)
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, TypeError, KeyError, csv.Error) as error:
         raise InputError("predictions", str(path), f"{_FORMATS} ({error})") from error
     answers: dict[str, RiskClass | None] = {}
     for video, title in pairs:

@@ -12,11 +12,11 @@ from typing import Final
 from rclpy.node import Node
 
 from siren_ros import lockstep
-from siren_ros.errors import SirenError
+from siren_ros.errors import SirenError, shown_text
 from siren_ros.interfaces import topics, wire
 from siren_ros.interfaces.conversions import from_av_control
 from siren_ros.interfaces.episode_conversions import EpisodeClosing, Phase, StepReport, from_step_done, to_episode_end
-from siren_ros.interfaces.messages import make_message, shown_text, stamp
+from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, Stage
 from siren_ros.numerics.units import STEP_S, time_ns_of_step
 from siren_ros.ros.participants.working_clock import ANNOUNCE_S, working_s

@@ -19,7 +19,7 @@ from siren_ros.record.episode_source import lidar_frames, lidar_of, open_source
 from siren_ros.recording.bag_folder import METADATA_FILE
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.scenario.splits import EpisodeIdentity
-from siren_ros.training.data_files import write_arrays
+from siren_ros.training.data_files import read_arrays, write_arrays
 from siren_ros.world.actors import PEOPLE_CLASSES
 from siren_ros.world.carrier import GroundTruth
 
@@ -140,9 +140,8 @@ def write_frames(path: Path, frames: BagFrames) -> None:
 
 def read_frames_file(path: Path) -> BagFrames:
     """What ``write_frames`` wrote."""
-    with np.load(path) as file:
-        arrays: dict[str, Any] = {name: file[name] for name in file.files if name != "about"}
-        return BagFrames(about=json.loads(str(file["about"])), **arrays)
+    about, arrays = read_arrays(path, "about")
+    return BagFrames(about=about, **arrays)
 
 
 FRAMES_SUFFIX: Final = ".npz"
@@ -201,5 +200,5 @@ def _digest(bag: Path, grid: PillarGrid) -> str:
 def _read(file: Path) -> BagFrames:
     try:
         return read_frames_file(file)
-    except (OSError, ValueError, KeyError) as error:
+    except TypeError as error:
         raise InputError("frames", str(file), f"a file of frames of an earlier run ({error})") from error

@@ -37,7 +37,7 @@ from siren_ros.numerics.arrays import Flags, Floats32, Rows, random_stream
 from siren_ros.record.episode_source import open_source
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.splits import Split
-from siren_ros.training.data_files import MadeFiles, make_files, write_arrays
+from siren_ros.training.data_files import MadeFiles, make_files, read_arrays, write_arrays
 from siren_ros.training.prediction.plan import PlannedEpisode
 
 REGION_SAMPLES: Final = 400
@@ -172,11 +172,10 @@ def write_features(path: Path, episode: EpisodeFeatures) -> None:
 
 def read_features(path: Path) -> EpisodeFeatures:
     """An episode that ``write_features`` wrote."""
-    with np.load(path) as file:
-        about = json.loads(str(file["about"]))
-        features = Features(**{field.name: file[f"features.{field.name}"] for field in fields(Features)})
-        references = {key.removeprefix("reference."): file[key] for key in file.files if key.startswith("reference.")}
-        truth = file["truth_m"]
+    about, file = read_arrays(path, "about")
+    features = Features(**{field.name: file[f"features.{field.name}"] for field in fields(Features)})
+    references = {key.removeprefix("reference."): file[key] for key in file if key.startswith("reference.")}
+    truth = file["truth_m"]
     names = FeatureNames(**{kind: tuple(values) for kind, values in about.pop("names").items()})
     split = Split(about.pop("split"))
     return EpisodeFeatures(EpisodeKey(**about), split, names, features, truth, references)

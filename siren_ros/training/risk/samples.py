@@ -26,7 +26,7 @@ from siren_ros.sensors.scene.kerbside import scene_config_of
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.studies.risk_set.candidate import FRAME_STEPS, Candidate, candidate_request, front_camera, simulated
 from siren_ros.studies.risk_set.search import outcome_as_json, outcome_of_json
-from siren_ros.training.data_files import MadeFiles, make_files, write_arrays
+from siren_ros.training.data_files import MadeFiles, make_files, read_arrays, write_arrays
 
 FIRST_SEED: Final = {Split.TRAIN: 500, Split.VAL: 900}
 """Seeds of the draws. ``siren generate risk`` draws with seed 0 unless it is given another one."""
@@ -147,9 +147,8 @@ def write_film(path: Path, film: Film) -> None:
 
 def read_film(path: Path) -> Film:
     """A film that ``write_film`` wrote."""
-    with np.load(path) as file:
-        episode = outcome_of_json(json.loads(str(file["episode"])))
-        frames = file["frames"]
+    about, arrays = read_arrays(path, "episode")
+    episode = outcome_of_json(about)
     if not isinstance(episode, Candidate):
         raise InputError("film", str(path), "a film of an episode")
-    return Film(frames, episode)
+    return Film(arrays["frames"], episode)

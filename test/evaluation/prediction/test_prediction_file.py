@@ -9,7 +9,7 @@ import pytest
 
 from siren_ros.datasets.argoverse2 import OBSERVED, STEPS, scenario_id
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.prediction_file import read_prediction_file
+from siren_ros.evaluation.prediction.prediction_file import ROWS_OF_FRAME, most_rows, read_prediction_file
 from siren_ros.evaluation.prediction.samples import ARGOVERSE_WINDOW, HistoryWindow, Population, samples_of
 from siren_ros.evaluation.prediction.submission import SubmittedRows, submission
 from siren_ros.record.tracks import tracks_of, whole_windows
@@ -42,7 +42,7 @@ def read(folder: Path, content: dict[str, Any], metadata: dict[str, str] | None 
     """A file with a content, read."""
     path = folder / "a.parquet"
     pq.write_table(pa.table(content).replace_schema_metadata(metadata), path)
-    return read_prediction_file(path)
+    return read_prediction_file(path, 1_000)
 
 
 def argoverse(scenarios: list[str], tracks: list[str], probability: list[float]) -> dict[str, Any]:
@@ -122,13 +122,51 @@ def test_what_cannot_be_scored_is_refused_with_the_first(changed, message, tmp_p
         read(tmp_path, columns(**changed))
 
 
+NO_UTF_8 = pa.Array.from_buffers(
+    pa.string(), ROWS, [None, pa.py_buffer(np.arange(ROWS + 1, dtype=np.int32).tobytes()), pa.py_buffer(b"\xed" * ROWS)]
+)
+HUGE = "9" * 30
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        columns(episode=NO_UTF_8),
+        columns(episode=[[1]] * ROWS),
+        {**argoverse(["S2-v1-f1"] * ROWS, ["1"] * ROWS, [0.25] * ROWS), "scenario_id": NO_UTF_8},
+        argoverse([f"S2-v{HUGE}-f1"], [HUGE], [1.0]),
+    ],
+    ids=["bytes as text", "lists as text", "bytes as ids", "numbers of any length"],
+)
+def test_columns_with_other_content_are_refused(content, tmp_path) -> None:
+    with pytest.raises(InputError, match="a Parquet file of predictions"):
+        read(tmp_path, content)
+
+
+def test_a_column_twice_is_refused(tmp_path) -> None:
+    names, values = zip(*columns().items(), strict=True)
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table([*map(pa.array, values), pa.array(["a"] * ROWS)], names=[*names, "episode"]), path)
+    with pytest.raises(InputError, match="2 times"):
+        read_prediction_file(path, ROWS)
+
+
+def test_a_file_has_as_many_rows_as_the_bags_can_ask_for(write_bag, tmp_path) -> None:
+    bags = [write_bag(tmp_path / name) for name in ("a", "b")]
+    assert most_rows(bags[:1]) == ROWS_OF_FRAME * 160
+    assert most_rows([*bags, tmp_path / "none"]) == 2 * most_rows(bags[:1])
+    pq.write_table(pa.table(columns()), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=f"{ROWS} rows, more than {ROWS - 1}"):
+        read_prediction_file(tmp_path / "a.parquet", ROWS - 1)
+
+
 def test_other_files_are_refused(tmp_path) -> None:
     text = tmp_path / "a.csv"
     text.write_text("episode,actor\n", encoding="utf-8")
     with pytest.raises(InputError, match="a Parquet file"):
-        read_prediction_file(text)
+        read_prediction_file(text, ROWS)
     with pytest.raises(InputError, match="a Parquet file"):
-        read_prediction_file(tmp_path / "none.parquet")
+        read_prediction_file(tmp_path / "none.parquet", ROWS)
     incomplete = columns()
     del incomplete["mode"]
     with pytest.raises(InputError, match="columns episode, actor, step, mode, probability, x, y or scenario_id"):

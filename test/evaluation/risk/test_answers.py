@@ -29,6 +29,8 @@ def test_both_formats(tmp_path: Path, name: str, text: str) -> None:
         ("a.json", '["Normal"]', "video and class"),
         ("a.json", '{"S1_000": 1}', "video and class"),
         ("a.json", "{", "video and class"),
+        ("a.json", '{"S1_000": [1]}', "video and class"),
+        ("a.csv", f"video,class\n{'x' * 200_000},Normal\n", "field limit"),
         ("a.csv", "id,label\nS1_000,Normal\n", "columns"),
         ("a.csv", "video,class\nS1_000\n", "S1_000"),
     ],

@@ -139,7 +139,7 @@ def test_a_file_keeps_frames_to_two_millimetres_and_others_are_refused(tmp_path)
     assert np.array_equal(again.frame(1).boxes, frames.frame(1).boxes)
     assert frames.frame(1).points[0, 3] == pytest.approx(0.4, abs=0.002)
     (tmp_path / "a.npz").write_bytes(b"nothing")
-    with pytest.raises(InputError, match="file of frames"):
+    with pytest.raises(InputError, match="a file of an earlier run"):
         frames_among([tmp_path / "a.npz"], tmp_path, SMALL_GRID, print)
 
 

@@ -38,16 +38,18 @@ def read_kitti(name: str, path: Path, frames: Frames) -> stated_boxes.FoundSet:
     if missing := set(range(len(numbers))) - {int(file.stem) for file in files}:
         allowed = "a file for every frame of the dataset, an empty one where nothing was found"
         raise InputError("detections", f"{path}: no {min(missing):06d}.txt", allowed)
-    lines = [
-        (int(file.stem), line.split())
-        for file in files
-        for line in file.read_text(encoding="utf-8").splitlines()
-        if line.strip()
-    ]
+    lines = [(int(file.stem), line.split()) for file in files for line in _lines_of(file) if line.strip()]
     stated, with_velocity = _columns(path, numbers, lines)
     stated_boxes.check_boxes(str(path), stated, frames.name_of, with_velocity=with_velocity)
     boxes = stated_boxes.in_map(stated, map_from_upright(frames)[stated.frame])
     return stated_boxes.FoundSet(name, _FORMAT, boxes, frames.pictured, with_velocity)
+
+
+def _lines_of(file: Path) -> list[str]:
+    try:
+        return file.read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError) as error:
+        raise InputError("detections", str(file), f"a text file ({error})") from error
 
 
 def _columns(path: Path, numbers: Rows, lines: list[tuple[int, list[str]]]) -> tuple[stated_boxes.StatedBoxes, bool]:

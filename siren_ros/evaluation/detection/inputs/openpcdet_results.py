@@ -4,8 +4,6 @@ import io
 import pickle
 import re
 import sys
-import zipfile
-import zlib
 from math import prod
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +16,7 @@ from siren_ros.evaluation.detection.boxes import FoundBoxes
 from siren_ros.evaluation.detection.frames import Frames
 from siren_ros.evaluation.detection.inputs import stated_boxes
 from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.params import plain_json
 from siren_ros.processes.process_pool import CrashError, ProcessPool, limit_memory
 
 
@@ -176,19 +175,16 @@ def load_arrays(path: Path) -> list[dict[str, Any]]:
     """
     try:
         return _entries(*_arrays(path))
-    except (OSError, ValueError, KeyError, TypeError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError("detections", str(path), f"an .npz file of detections ({error})") from error
 
 
 def _arrays(path: Path) -> tuple[str, Any, Any, dict[str, Any]]:
     """What names frames, their names, the number of boxes of each, and the columns of the boxes."""
-    with zipfile.ZipFile(path) as members:
-        if (size := sum(member.file_size for member in members.infolist())) > MOST_BYTES:
-            raise ValueError(f"{size} bytes, more than {MOST_BYTES}")
-    with np.load(path, allow_pickle=False) as file:
-        key = "token" if "token" in file else "frame_id"
-        columns = {name: file[name] for name in ("name", "score", "boxes_lidar")}
-        return key, file[key], file["count"].astype(np.int64, casting="same_kind"), columns
+    file = plain_json.read_arrays(path, MOST_BYTES)
+    key = "token" if "token" in file else "frame_id"
+    columns = {name: file[name] for name in ("name", "score", "boxes_lidar")}
+    return key, file[key], file["count"].astype(np.int64, casting="same_kind"), columns
 
 
 def _entries(key: str, frames: Any, counts: Any, columns: dict[str, Any]) -> list[dict[str, Any]]:

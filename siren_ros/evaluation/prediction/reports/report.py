@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from siren_ros.errors import whole_file, writing
+from siren_ros.errors import shown_text, write_text, writing
 from siren_ros.evaluation.prediction.metrics import BINS, METRICS, SCENE_METRICS, calibration_error
 from siren_ros.evaluation.prediction.predictors import LABEL, is_simple
 from siren_ros.evaluation.prediction.reports.paper_results import (
@@ -257,7 +257,7 @@ def csv_files(table: ScoreTable, pairs: Sequence[Difference]) -> dict[str, str]:
         *bounds, blocks = cell.interval.json().values()
         files["scores"].append((model, kinds[group].value, group, metric, *bounds, cell.samples, blocks, paper))
     for episode in table.episodes:
-        about = (episode.name, episode.template, episode.level.name, episode.seed, episode.map_name)
+        about = (shown_text(episode.name), episode.template, episode.level.name, episode.seed, episode.map_name)
         for model, scores in episode.models.items():
             files["episodes"] += [(*about, model, metric.name, *scores[metric.name]) for metric in METRICS]
     for pair in pairs:
@@ -338,7 +338,7 @@ def _episode(episode: EpisodeScores) -> dict[str, Any]:
             "paper": {metric: value for metric, value in paper.items() if value is not None},
         }
     return {
-        "name": episode.name,
+        "name": shown_text(episode.name),
         "template": episode.template,
         "level": episode.level.name,
         "seed": episode.seed,
@@ -420,5 +420,4 @@ def write_report(
     }
     with writing(path, "folder"):
         for name, content in files.items():
-            with whole_file(path / name) as file:
-                file.write_text(content, encoding="utf-8")
+            write_text(path / name, content)

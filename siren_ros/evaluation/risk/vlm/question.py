@@ -15,10 +15,13 @@ from scipy.ndimage import binary_erosion
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.video_set import film_frames
+from siren_ros.params import plain_json
 
 Picture = npt.NDArray[np.uint8]
 _QUALITY: Final = 90
 _LEAST_PIXELS: Final = 40
+_MOST_MASK_BYTES: Final = 1 << 30
+"""Of a video: nine key frames of 1280 by 720 pixels have 33 MB."""
 _COLOURS: Final = ((230, 60, 40), (30, 120, 230), (20, 160, 80), (220, 150, 0), (150, 60, 200), (0, 160, 170))
 
 
@@ -43,8 +46,8 @@ def masks_of(path: Path, numbers: Sequence[int]) -> list[npt.NDArray[np.uint32]]
         InputError: The file is missing or has none of them.
     """
     try:
-        with np.load(path, allow_pickle=False) as content:
-            return [content[f"frame_{number:03d}"] for number in numbers]
+        content = plain_json.read_arrays(path, _MOST_MASK_BYTES)
+        return [content[f"frame_{number:03d}"] for number in numbers]
     except (OSError, ValueError, KeyError) as error:
         raise InputError("masks", str(path), f"the masks of the set ({error})") from error
 

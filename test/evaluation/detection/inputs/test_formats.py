@@ -169,6 +169,7 @@ def test_every_protocol_of_pickles_is_read(labelled: Frames, tmp_path: Path, pro
         ({"name": np.array(["car"] * 23)}, "as many rows as count says"),
         ({"name": np.array([print] * 24, dtype=object)}, "allow_pickle"),
         ({"score": np.array(1.0)}, "unsized"),
+        ({"name": np.full(24, 0x7FFFFFFF, "<u4").view("<U1")}, "name has a text of no characters"),
         ({"frame_id": np.array([f"{number:06d}" for number in (0, 1, 2, 3, 4, 5, 6, 6)])}, "twice"),
     ],
 )
@@ -225,8 +226,9 @@ def test_kitti_files_are_checked(labelled: Frames, tmp_path: Path) -> None:
         ("000099.txt", "", "000099"),
         ("000003.txt", text.splitlines()[0].rsplit(" ", 3)[0], "15 words"),
         ("000003.txt", text.replace(" ", " x", 1), "could not convert"),
+        ("000003.txt", "\xe9", "a text file"),
     ):
-        (folder / name).write_text(content)
+        (folder / name).write_text(content, encoding="latin-1")
         refused(labelled, folder, told)
         (folder / "000099.txt").unlink(missing_ok=True)
     (folder / "000003.txt").unlink()

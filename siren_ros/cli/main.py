@@ -6,11 +6,12 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from typing import Final
+from typing import Any, Final
 
 import siren_ros
 from siren_ros.cli.command import Command, PrintableOutput, complain
 from siren_ros.errors import EXIT_FAILED, SirenError
+from siren_ros.processes.interrupts import deferred_interrupts
 
 VERBS: Final = {
     "episode": ("make one episode", "episode.add_arguments"),
@@ -73,45 +74,70 @@ class _TerminatedError(KeyboardInterrupt):
     """SIGTERM: what is under way ends and cleans up as with Ctrl-C."""
 
 
+_AGAIN: Final[dict[int, tuple[type[BaseException], Any]]] = {
+    signal.SIGINT: (KeyboardInterrupt, signal.default_int_handler),
+    signal.SIGTERM: (_TerminatedError, signal.SIG_DFL),  # a second one forces the end
+}
+"""What a signal raises, and how a second one is handled."""
+
+
 @contextmanager
-def _terminable() -> Iterator[None]:
-    """Makes SIGTERM an exception of the main thread; children that are forked end at once, as without it."""
+def _interruptible() -> Iterator[None]:
+    """Makes SIGINT and SIGTERM exceptions of the main thread; SIGTERM ends forked children at once, as without it.
+
+    An ignored SIGINT stays ignored. An error that a library makes of the exception becomes the exception again.
+    """
     here = os.getpid()
+    came: list[type[BaseException]] = []
 
     def end(number: int, _frame: object) -> None:
-        signal.signal(number, signal.SIG_DFL)  # a second one forces the end
+        error, again = _AGAIN[number]
+        signal.signal(number, again)
         if os.getpid() != here:
             os.kill(os.getpid(), number)
-        raise _TerminatedError
+        came.append(error)
+        raise error
 
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, end)
+    before = {number: signal.getsignal(number) for number in _AGAIN}
+    for number, handler in before.items():
+        if handler in _AGAIN[number]:
+            signal.signal(number, end)
     try:
         yield
+    except Exception as error:
+        if came:
+            raise came[0] from error
+        raise
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code; an error is one line on stderr."""
-    arguments = parser().parse_args(argv)
+    name = "siren"
     try:
-        with _terminable(), redirect_stdout(PrintableOutput(sys.stdout)):
-            return int(arguments.run(arguments))
+        with _interruptible():
+            with deferred_interrupts():  # what a verb needs is loaded: half of a module cannot be used
+                arguments = parser().parse_args(argv)
+            name = f"siren {arguments.verb}"
+            with redirect_stdout(PrintableOutput(sys.stdout)):
+                return int(arguments.run(arguments))
     except SirenError as error:
-        complain(f"siren {arguments.verb}: {error}")
+        complain(f"{name}: {error}")
         return error.exit_code
     except BrokenPipeError:
         # The reader of our output has gone, as `siren info BAG | head -1` does; nothing is left to say.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
     except _TerminatedError:
-        complain(f"siren {arguments.verb}: terminated")
+        complain(f"{name}: terminated")
         return 128 + signal.SIGTERM
     except KeyboardInterrupt:
-        complain(f"siren {arguments.verb}: interrupted")
+        complain(f"{name}: interrupted")
         return 130
 
 

@@ -1,6 +1,8 @@
-"""Interrupts that wait until what is under way has reached a place to stop."""
+"""Interrupts that wait until what is under way has reached a place to stop, and processes that they do not reach."""
 
+import ctypes
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -40,3 +42,26 @@ def deferred_interrupts() -> Iterator[Callable[[], bool]]:
         restore()
     if noted:
         signal.raise_signal(noted[0])
+
+
+@contextmanager
+def children_without_ctrl_c() -> Iterator[None]:
+    """Processes that begin within it do not get SIGINT, which a terminal sends to them too: their program ends them.
+
+    A process that unblocks the signal, or whose program does, gets it from then on.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_PR_SET_PDEATHSIG: Final = 1
+"""``prctl(2)``: the signal that the kernel sends to this process when its parent ends."""
+
+
+def signal_at_end_of_parent(number: int) -> None:
+    """Asks the kernel, if it is Linux, for a signal to this process when its parent ends; 0: for none."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, Self, TypeVar
@@ -23,6 +24,7 @@ from typing import Any, Final, Self, TypeVar
 import pebble
 
 from siren_ros.errors import InputError, SirenError
+from siren_ros.processes.interrupts import children_without_ctrl_c, deferred_interrupts
 from siren_ros.processes.side_by_side import as_ready
 
 Progress = Callable[[float], None]
@@ -124,12 +126,31 @@ class ProcessPool:
             self._reports, writer = context.Pipe(duplex=False)
             pool = pebble.ProcessPool(self._processes, int(self._fresh), _start_worker, (writer,), context)
             try:
-                pool.active  # noqa: B018 - starts the processes; forked ones before this process has threads
-            except BrokenProcessPool:
-                time.sleep(_SERVER_ENDS_S)
+                self._start(pool, context)
+            except BaseException as error:
+                pool.stop()  # type: ignore[no-untyped-call] # as above
+                pool.join()
+                if isinstance(error, BrokenProcessPool):
+                    time.sleep(_SERVER_ENDS_S)
                 raise
             self._pool = pool
             return pool
+
+    def _start(self, pool: pebble.ProcessPool, context: Any) -> None:
+        """Starts the processes; forked ones before this process has threads. Ctrl-C is for this process alone."""
+        resource_tracker.ensure_running()  # what starts it lets SIGINT through
+        with children_without_ctrl_c():
+            if context.get_start_method() != "fork":
+                forkserver.ensure_running()
+        if self._preload:
+            first = context.Process(target=os.getpid)  # the server loads modules for seconds, and then starts it
+            try:
+                first.start()
+            except (OSError, EOFError) as error:
+                raise BrokenProcessPool from error
+            first.join()
+        with deferred_interrupts():  # half of a pool would be left alone
+            pool.active  # noqa: B018 - starts them
 
     def _submit(self, function: Callable[..., Any], arguments: tuple[Any, ...], timeout_s: float | None) -> Future[Any]:
         if self._fresh:
@@ -182,6 +203,8 @@ class ProcessPool:
                 raise CancelledError from error
             cause = type(error.__cause__ or error).__name__
             raise CrashError(f"the server of new processes is gone ({cause})") from error
+        except SystemExit as error:
+            raise CrashError("its process was ended by SIGTERM") from error
         except pebble.ProcessExpired as error:
             if error.exitcode == _SERVER_GONE:
                 with suppress(ProcessLookupError):  # nobody else watches it any more
@@ -234,8 +257,15 @@ def _start_method() -> str:
 
 def _start_worker(reports: Connection) -> None:
     global _report  # noqa: PLW0603 - how a process of a pool is given what it needs
+    signal.signal(signal.SIGTERM, _leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))  # the pool ignores it; programs of calls do not
     _report = reports.send  # so short a message is one write, which needs no lock that a killed process could keep
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _leave(*_: object) -> None:
+    """What the call has opened is closed, and its temporary folders are removed."""
+    raise SystemExit
 
 
 def _end_with_parent() -> None:

@@ -1,5 +1,6 @@
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -9,6 +10,7 @@ import pytest
 
 import siren_ros
 from siren_ros import cli
+from siren_ros.cli import bags
 from siren_ros.cli.main import VERBS, main
 
 
@@ -67,6 +69,38 @@ def test_words_of_a_command_line_that_cannot_be_used_are_printable(capsys) -> No
     with pytest.raises(SystemExit):
         main(["verify", "--quiet", "x", "--\x1b[31m"])
     assert capsys.readouterr().err.endswith("--\\x1b[31m\n")
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_signal_waits_until_a_verb_is_loaded_and_is_one_line(number, code, word, monkeypatch, siren) -> None:
+    loaded = []
+
+    def add(_verb: object) -> None:
+        signal.raise_signal(number)
+        loaded.append("whole")
+
+    monkeypatch.setattr(bags, "add_info", add)
+    assert siren(["info"], code) == ("", f"siren: {word}\n")
+    assert loaded == ["whole"]
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_an_error_that_a_library_makes_of_a_signal_is_no_error(number, code, word, monkeypatch, siren) -> None:
+    """As extension modules do while they are loaded."""
+
+    def verify(_arguments: object) -> int:
+        try:
+            signal.raise_signal(number)
+        except KeyboardInterrupt as error:
+            raise ImportError("initialization failed") from error
+        return 0
+
+    monkeypatch.setattr(bags, "add_info", lambda verb: verb.set_defaults(run=verify))
+    assert siren(["info"], code) == ("", f"siren info: {word}\n")
 
 
 def test_export_writes_both_formats(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

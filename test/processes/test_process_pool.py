@@ -79,6 +79,45 @@ def test_processes_end_with_a_program_that_is_ended(tmp_path: Path, words: list[
     assert not any(map(runs, sleeping))
 
 
+WAITS_FOR_SERVER = """
+from siren_ros.processes.process_pool import ProcessPool
+if __name__ == "__main__":
+    try:
+        with ProcessPool(1, fresh=True, preload="slow"):
+            pass
+    except KeyboardInterrupt:
+        print("interrupted")
+"""
+SLOW = """
+import os, signal, time
+from siren_ros.processes.interrupts import signal_at_end_of_parent
+signal_at_end_of_parent(signal.SIGTERM)
+os.write(1, f"{os.getpid()}\\n".encode())
+time.sleep(60.0)
+"""
+
+
+def test_ctrl_c_while_the_server_loads_its_modules_is_for_the_program_alone(tmp_path: Path) -> None:
+    """A terminal sends it to both. The server would print a traceback, or go on alone."""
+    (tmp_path / "slow.py").write_text(SLOW)
+    program_file = tmp_path / "waits.py"
+    program_file.write_text(WAITS_FOR_SERVER)
+    with subprocess.Popen(
+        [sys.executable, str(program_file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        cwd=tmp_path,  # the server finds its modules there
+    ) as program:
+        assert program.stdout is not None
+        server = int(program.stdout.readline())
+        os.killpg(program.pid, signal.SIGINT)
+        printed, said = program.communicate()  # ends when the server, which has the same pipes, is gone
+    assert (program.returncode, printed, said) == (0, "interrupted\n", "")
+    assert not runs(server)
+
+
 def runs(pid: int) -> bool:
     with suppress(OSError):
         os.kill(pid, 0)
@@ -109,6 +148,7 @@ def test_an_error_of_the_project_stays_what_it_is(pool: ProcessPool) -> None:
         (json.loads, "{", r"^JSONDecodeError: .* \(decoder.py:\d+\)$"),
         (os._exit, 7, "^its process ended with exit code 7$"),
         (signal.raise_signal, signal.SIGSEGV, "^its process was killed by SIGSEGV$"),
+        (signal.raise_signal, signal.SIGTERM, "^its process was ended by SIGTERM$"),
     ],
 )
 def test_an_end_without_an_answer_says_its_reason(pool, function, argument, reason) -> None:
@@ -142,6 +182,27 @@ def test_who_waits_for_a_process_goes_on_when_the_pool_is_stopped(pool: ProcessP
     assert not runs(sleeping)
     with pytest.raises(CancelledError):
         pool.call(os.getpid)
+
+
+STAYS_IN_A_FOLDER = """
+import tempfile, time
+with tempfile.TemporaryDirectory(dir={!r}):
+    time.sleep(600.0)
+"""
+
+
+def test_the_temporary_folders_of_processes_that_are_ended_are_removed(pool: ProcessPool, tmp_path: Path) -> None:
+    def stop() -> None:
+        while not list(tmp_path.glob("*")):  # until the time limit of the test
+            time.sleep(0.05)
+        pool.stop()
+
+    stopping = threading.Thread(target=stop)
+    stopping.start()
+    with pytest.raises(CancelledError):
+        pool.call(exec, STAYS_IN_A_FOLDER.format(str(tmp_path)))
+    stopping.join()
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_pool_that_breaks_while_it_is_stopped_counts_as_stopped(pool):

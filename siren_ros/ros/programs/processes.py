@@ -5,7 +5,6 @@
 * A program says what it waits for where nothing else has been said for a while.
 """
 
-import ctypes
 import os
 import signal
 import stat
@@ -18,6 +17,7 @@ from functools import partial
 from typing import Final, NamedTuple, Self, TextIO
 
 from siren_ros.errors import SirenError
+from siren_ros.processes.interrupts import signal_at_end_of_parent
 
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SAME_S: Final = 1.0
@@ -94,8 +94,6 @@ def _leave_terminal() -> None:
 PARENT_CHECK_S: Final = 0.5
 CLOSE_S: Final = 10.0
 """A participant that runs has closed everything by then."""
-_PR_SET_PDEATHSIG: Final = 1
-"""``prctl(2)``: the signal that the kernel sends to this process when its parent ends."""
 
 
 class Parent:
@@ -113,8 +111,7 @@ class Parent:
         self._number = number
         if not self._number:
             return
-        if sys.platform == "linux":
-            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGCONT))
+        signal_at_end_of_parent(signal.SIGCONT)
         threading.Thread(target=self._watch, name="parent watch", daemon=True).start()
 
     @property

@@ -3,6 +3,7 @@
 What the package is and needs stands in ``pyproject.toml``.
 """
 
+import re
 import sys
 from pathlib import Path
 
@@ -40,6 +41,20 @@ def executables(arguments: list[str]) -> list[str]:
     return ["siren = siren_ros.cli.main:main", *(f"{names[node]} = siren_nodes.{node}:main" for node in NODES)]
 
 
+_ELSEWHERE = """
+`./env` and the documents are in the repository. This package brings the library `siren_ros` and the command `siren`
+(`siren --help`), for Linux; its nodes also need ROS 2 Jazzy.
+"""
+
+
+def long_description() -> str:
+    """README.md for a package index: without what leads to files of the repository, which are not there."""
+    text = re.sub(r"<!--.*?-->", "", Path("README.md").read_text(encoding="utf-8"))
+    text = re.sub(r"\n## Where to go\n.*?(?=\nLicence:)", _ELSEWHERE, text, flags=re.DOTALL)
+    text = re.sub(r"!\[[^\]]*\]\((?!https://)[^)]*\)\n*", "", text)
+    return re.sub(r"\[([^\]]*)\]\((?!https://)[^)]*\)", r"\1", text)
+
+
 def data_files_below(folder: str) -> list[tuple[str, list[str]]]:
     """One entry per subfolder: (where it is installed, the files in it)."""
     folders: dict[str, list[str]] = {}
@@ -65,6 +80,8 @@ setup(
             for package, folder in INTERFACES.items()
         ),
     ],
+    long_description=long_description(),
+    long_description_content_type="text/markdown",
     zip_safe=False,
     python_requires=">=3.11,<3.13",
     entry_points={"console_scripts": executables(sys.argv)},

@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -22,6 +23,17 @@ def test_the_version_stands_in_the_package_and_is_repeated_where_formats_demand_
     assert citation["version"] == siren_ros.__version__
     for package in ("package.xml", "msg_defs/package.xml"):
         assert ET.parse(REPOSITORY / package).findtext("version") == siren_ros.__version__  # noqa: S314 - our file
+
+
+def test_the_description_on_a_package_index_leads_nowhere_but_to_the_web() -> None:
+    code = "import setuptools; from distutils.core import run_setup; found = run_setup('setup.py', stop_after='init')"
+    words = [sys.executable, "-W", "ignore", "-c", f"{code}; print(found.metadata.long_description)"]
+    text = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
+    assert text.startswith("# SIREN\n")
+    assert "## Results" in text
+    assert "Apache-2.0" in text
+    assert [target for target in re.findall(r"\]\(([^)]*)\)", text) if not target.startswith("https://")] == []
+    assert "<!--" not in text
 
 
 def test_the_citation_has_what_the_format_demands() -> None:

@@ -71,14 +71,14 @@ def run_study(
     planned = plan_study(study)
     observer.plan(len(planned))
     known = {row.episode: row for row in read_table(folder)}
-    write_study(folder, study.to_json())
-    folder.clear_scratch()
     rows: dict[str, EpisodeRow] = {}
     for episode in planned:
         row = finished_row(episode, folder, known.get(episode.name))
         if row is not None:
             rows[episode.name] = row
             observer.keep(row)
+    write_study(folder, study.to_json())  # not of a study that was refused
+    folder.clear_scratch()
     kept, next_table_s = len(rows), time.monotonic() + TABLE_EVERY_S
     todo = [episode for episode in planned if episode.name not in rows]
     try:
@@ -87,13 +87,18 @@ def run_study(
                 rows[row.episode] = row
                 observer.make(row)
                 if (began_s := time.monotonic()) >= next_table_s:
-                    write_table(folder, {**known, **rows}.values())
+                    _write_rows(folder, rows)
                     # A table of a million rows takes seconds: writing it stays a small part of the time.
                     next_table_s = time.monotonic() + max(TABLE_EVERY_S, 20.0 * (time.monotonic() - began_s))
     finally:
-        write_table(folder, {**known, **rows}.values())
+        _write_rows(folder, rows)
         folder.clear_scratch()
     return StudyResult(tuple(rows[episode.name] for episode in planned), kept)
+
+
+def _write_rows(folder: StudyFolder, rows: dict[str, EpisodeRow]) -> None:
+    """Writes the table with these rows; others, which another run may have written since this one began, stay."""
+    write_table(folder, ({row.episode: row for row in read_table(folder)} | rows).values())
 
 
 def finished_row(episode: PlannedEpisode, folder: StudyFolder, known: EpisodeRow | None) -> EpisodeRow | None:

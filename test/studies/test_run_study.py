@@ -17,6 +17,7 @@ from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode, Study
 from siren_ros.studies.run_study import StudyResult, run_study
 from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, read_table
+from siren_ros.studies.study_folder import STUDY as STUDY_FILE
 from siren_ros.studies.workers import LocalWorkers, WorkerOptions
 
 STUDY = Study(("S2", "S5"), ("L0", "own"), duration_s=1.0)
@@ -106,12 +107,35 @@ def test_a_study_grows_and_keeps_what_it_had(first_run: tuple[StudyResult, Local
     assert len(read_table(folder)) == 5
 
 
+class Refusing(LocalWorkers):
+    """Workers that make nothing; before that, another run makes another study in the same folder."""
+
+    def __init__(self, meanwhile: Study | None = None) -> None:
+        super().__init__(1)
+        self.meanwhile = meanwhile
+
+    def rows(
+        self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
+    ) -> Generator[EpisodeRow, None, None]:
+        if self.meanwhile is not None:
+            run_study(self.meanwhile, folder, Refusing(), options)
+        yield from (EpisodeRow.planned(episode, Status.REFUSED, "a test") for episode in planned)
+
+
+def test_runs_that_share_a_folder_keep_one_anothers_rows(tmp_path: Path) -> None:
+    folder = LocalFolder(tmp_path)
+    run_study(STUDY, folder, Refusing(meanwhile=replace(STUDY, seeds=(7,))))
+    assert Counter(row.seed for row in read_table(folder)) == {0: 4, 7: 4}
+
+
 def test_a_folder_with_other_episodes_of_these_names_is_refused(
     first_run: tuple[StudyResult, LocalFolder, Path],
 ) -> None:
     _, folder, _ = first_run
+    asked = folder.read(STUDY_FILE)
     with pytest.raises(InputError, match="other inputs"):
         run_study(replace(STUDY, preset="realistic"), folder, LocalWorkers(1))
+    assert folder.read(STUDY_FILE) == asked, "of the study that the folder holds"
 
 
 def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(first_run, tmp_path, monkeypatch) -> None:

@@ -3,17 +3,20 @@
 ``import siren_ros`` offers all of them. Everything else in the package is private: it can change in any release. All
 quantities are in SI units, angles in radians, poses in the frame ``map``. Input that cannot be used raises
 ``InputError``, a bag that cannot be read ``BagError``, an episode that fails ``EpisodeError``; all are ``SirenError``.
-Functions print nothing. Each function loads what it needs when it is called, so that ``import siren_ros`` stays fast.
+Functions print nothing; those that take long move a bar of tqdm if they get one. Each function loads what it needs when
+it is called, so that ``import siren_ros`` stays fast.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
+    from tqdm import tqdm
+
     from siren_ros.datasets.export_job import ExportResult
     from siren_ros.evaluation.prediction.predictors import Predictor
     from siren_ros.evaluation.prediction.reports.score_table import ScoreTable
@@ -32,7 +35,9 @@ Folder: TypeAlias = str | PathLike[str]
 Folders: TypeAlias = Folder | Sequence[Folder]
 
 
-def make_episode(request: EpisodeRequest, bag: Folder, *, overwrite: bool = False) -> RecordedEpisode:
+def make_episode(
+    request: EpisodeRequest, bag: Folder, *, overwrite: bool = False, progress: tqdm[Any] | None = None
+) -> RecordedEpisode:
     """Simulate an episode and record it.
 
     The bag has the same bytes as that of ``ros2 run siren_ros cosim`` with the same request and package versions.
@@ -41,6 +46,7 @@ def make_episode(request: EpisodeRequest, bag: Folder, *, overwrite: bool = Fals
         request: Template, level, seed, map, sensors and the other choices.
         bag: Folder of the bag; it must not exist.
         overwrite: Whether it may be there as the bag of an earlier episode, which the new one replaces when complete.
+        progress: A bar to move, in steps of 0.05 s: ``tqdm()`` for a terminal, that of ``tqdm.auto`` for a notebook.
 
     Returns:
         How the episode ended, and what its bag holds. An episode that fails on the way leaves a partial bag.
@@ -50,10 +56,11 @@ def make_episode(request: EpisodeRequest, bag: Folder, *, overwrite: bool = Fals
             take part over ROS and need ``cosim``.
         EpisodeError: The disk is full.
     """
-    from siren_ros.generation.episode_setup import set_up_episode
+    from siren_ros.generation.episode_setup import plan_length, set_up_episode
     from siren_ros.generation.recorded_episode import record_episode
 
-    return record_episode(set_up_episode(request), Path(bag), overwrite=overwrite)
+    on_step = _moved(progress, plan_length(request))
+    return record_episode(set_up_episode(request), Path(bag), overwrite=overwrite, on_step=lambda _: on_step())
 
 
 def read_record(bag: Folder) -> EpisodeRecord:
@@ -94,7 +101,10 @@ def verify(record: EpisodeRecord) -> Verification:
 
 
 def score_predictions(
-    bags: Folders, predictors: Mapping[str, Predictor] | Sequence[str] = ("cv",), population: str = "region"
+    bags: Folders,
+    predictors: Mapping[str, Predictor] | Sequence[str] = ("cv",),
+    population: str = "region",
+    progress: tqdm[Any] | None = None,
 ) -> ScoreTable:
     """Score trajectory predictors on recorded episodes: 3 s of past, 5 s of future, every 0.1 s.
 
@@ -102,6 +112,7 @@ def score_predictions(
         bags: Folder or folders of recorded episodes, or folders that hold such folders, as a study does.
         predictors: Predictors by name, or names of the project's own: ``cv``, ``idm``, ``siren``.
         population: ``region`` for vehicles in the interaction region around the EMV, ``all`` for every vehicle.
+        progress: As in ``make_episode``, in bags.
 
     Returns:
         Each metric of each predictor, by template, level and category, with 95 % intervals over the episodes.
@@ -115,12 +126,21 @@ def score_predictions(
     from siren_ros.evaluation.prediction.scoring import score_episode
 
     loaded = predictors if isinstance(predictors, Mapping) else predictors_named(list(predictors))
-    chosen = _population(population)
-    return score_table([score_episode(str(bag), read_record(bag), loaded, chosen) for bag in _bags_of(bags)])
+    chosen, found, scores = _population(population), _bags_of(bags), []
+    on_bag = _moved(progress, len(found))
+    for bag in found:
+        scores.append(score_episode(str(bag), read_record(bag), loaded, chosen))
+        on_bag()
+    return score_table(scores)
 
 
 def export(
-    format_name: str, bags: Folders, out: Folder, options: Mapping[str, str] | None = None, processes: int = 1
+    format_name: str,
+    bags: Folders,
+    out: Folder,
+    options: Mapping[str, str] | None = None,
+    processes: int = 1,
+    progress: tqdm[Any] | None = None,
 ) -> ExportResult:
     """Write recorded episodes as a dataset in another format.
 
@@ -130,6 +150,7 @@ def export(
         out: Folder of the dataset, new or empty. It appears when the whole dataset is written.
         options: Options of the format by name, as ``{"layout": "paper"}``.
         processes: Number of processes that work side by side.
+        progress: As in ``make_episode``, in simulated seconds.
 
     Returns:
         The dataset's card, and notes about bags that are not whole.
@@ -140,10 +161,11 @@ def export(
     from siren_ros.datasets.export_job import ExportJob, run_export
     from siren_ros.datasets.formats import format_named
 
-    return run_export(ExportJob(format_named(format_name), options or {}, _bags_of(bags), Path(out), processes))
+    job = ExportJob(format_named(format_name), options or {}, _bags_of(bags), Path(out), processes)
+    return run_export(job) if progress is None else run_export(job, progress.reset, _moved(progress, 0))
 
 
-def generate_study(study: Study, out: Folder, workers: int = 1) -> StudyResult:
+def generate_study(study: Study, out: Folder, workers: int = 1, progress: tqdm[Any] | None = None) -> StudyResult:
     """Make all episodes of a study, several at once; a call with the same folder goes on where the last one stopped.
 
     Each episode has a process of its own. Programs that call this function keep it under
@@ -153,6 +175,7 @@ def generate_study(study: Study, out: Folder, workers: int = 1) -> StudyResult:
         study: Templates, levels, seeds, maps and the other choices.
         out: Folder of the study; its table is ``manifest.parquet``.
         workers: Number of processes.
+        progress: As in ``make_episode``, in episodes.
 
     Returns:
         A row for each episode.
@@ -161,13 +184,14 @@ def generate_study(study: Study, out: Folder, workers: int = 1) -> StudyResult:
         InputError: The study or the folder cannot be used. Videos with risk labels need ``siren generate``.
     """
     from siren_ros.errors import InputError
-    from siren_ros.studies.run_study import run_study
+    from siren_ros.studies.run_study import StudyBar, run_study
     from siren_ros.studies.study_folder import LocalFolder
     from siren_ros.studies.workers import LocalWorkers
 
     if study.risk_videos:
         raise InputError("risk_videos", study.risk_videos, "0; `siren generate` makes the videos")
-    return run_study(study, LocalFolder(Path(out)), LocalWorkers(workers))
+    observer = None if progress is None else StudyBar(progress)
+    return run_study(study, LocalFolder(Path(out)), LocalWorkers(workers), observer=observer)
 
 
 def iterate_samples(bags: Folders, window: str = "ngsim", population: str = "region") -> Iterator[ScoredSamples]:
@@ -207,6 +231,18 @@ def iterate_frames(bag: Folder, *, cameras: bool = False, pose: bool = False) ->
 
     with open_source(Path(bag)) as source:
         yield from lidar_frames(source, cameras=source.cameras if cameras else (), pose=pose)
+
+
+def _moved(bar: tqdm[Any] | None, whole: float) -> Callable[..., None]:
+    """A function that moves a bar, which begins anew here; where there is none it does nothing."""
+    if bar is None:
+        return lambda *_: None
+    bar.reset(whole)
+
+    def move(width: float = 1.0) -> None:
+        bar.update(width)
+
+    return move
 
 
 def _bags_of(folders: Folders) -> tuple[Path, ...]:

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import io
 import re
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from repository import REPOSITORY
+from tqdm import tqdm
 
 import siren_ros
 from siren_ros.world.traffic_state import EventKind
@@ -48,6 +50,23 @@ def test_about_a_dozen_names_are_public_and_all_are_there() -> None:
     assert 12 <= len(siren_ros.__all__) <= 18
     assert set(siren_ros.__all__) <= set(dir(siren_ros))
     assert all(getattr(siren_ros, name).__doc__ for name in siren_ros.__all__)
+
+
+def test_functions_that_take_long_move_a_bar_to_its_end(bag: Path, tmp_path: Path) -> None:
+    study = siren_ros.Study(templates=("S2",), seeds=(0, 1), duration_s=1.0)
+    request = siren_ros.EpisodeRequest(template="S2", sensors="none", duration_s=1.0)
+    ends = []
+    for run in (
+        lambda bar: siren_ros.make_episode(request, tmp_path / "S2", progress=bar),
+        lambda bar: siren_ros.score_predictions([bag, bag], progress=bar),
+        lambda bar: siren_ros.export("csv", bag, tmp_path / "csv", progress=bar),
+        lambda bar: siren_ros.generate_study(study, tmp_path / "study", progress=bar),
+        lambda bar: siren_ros.generate_study(study, tmp_path / "study", progress=bar),
+    ):
+        with tqdm(file=io.StringIO()) as bar:
+            run(bar)
+        ends.append((bar.n, bar.total))
+    assert ends == [(20, 20), (2, 2), (pytest.approx(12.0, abs=1.0), 12.0), (2, 2), (2, 2)]
 
 
 def test_no_public_name_hides_a_folder_or_a_module() -> None:

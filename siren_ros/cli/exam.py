@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from siren_ros.cli.command import Command, complain
 from siren_ros.cli.options import add_processes, of_each_bag, processes_of
-from siren_ros.cli.study_options import MATRIX, StudyBar, add_matrix, asked_of
+from siren_ros.cli.study_options import MATRIX, add_matrix, asked_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, shown_text, write_text, writing
 from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of, shown_again, violations_of
 from siren_ros.exam.grading import Sitting, examine
@@ -27,7 +27,7 @@ from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.seat.drivers.drivers import driver_of
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import Seat, Study
-from siren_ros.studies.run_study import run_study
+from siren_ros.studies.run_study import StudyBar, run_study
 from siren_ros.studies.study_folder import LocalFolder
 from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions
 from siren_ros.study_report.episode_pages import EpisodePages

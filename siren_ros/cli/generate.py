@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from siren_ros.cli.command import Command, complain
 from siren_ros.cli.options import add_processes, check_numbers
-from siren_ros.cli.study_options import MATRIX, StudyBar, add_matrix, asked_of
+from siren_ros.cli.study_options import MATRIX, add_matrix, asked_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.episode_setup import plan_length
 from siren_ros.params.resources import named_params_file
@@ -30,7 +30,7 @@ from siren_ros.studies.matrix import (
     ranges_of,
     read_study,
 )
-from siren_ros.studies.run_study import run_study
+from siren_ros.studies.run_study import StudyBar, run_study
 from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
 from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions, Workers
 

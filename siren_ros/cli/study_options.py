@@ -1,16 +1,11 @@
-"""Options of a study's matrix, and its progress bar, for the commands that make studies."""
+"""Options of a study's matrix, for the commands that make studies."""
 
 import argparse
-from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from tqdm import tqdm
-
 from siren_ros.roads.maps.map_compiler import BUILT_IN_MAPS
-from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import TOWN, levels_of, seeds_of
-from siren_ros.studies.run_study import StudyObserver
 
 BUILT_IN: Final = "{}, {} or {}".format(*BUILT_IN_MAPS)
 """The built-in maps, in words."""
@@ -55,34 +50,3 @@ def asked_of(arguments: argparse.Namespace, matrix: Mapping[str, Callable[[Any],
     """The study's fields that the command line names."""
     words = {name: getattr(arguments, name) for name in matrix}
     return {name: matrix[name](word) for name, word in words.items() if word is not None}
-
-
-class StudyBar(StudyObserver):
-    """A progress bar with the rate and the time left."""
-
-    def __init__(self, bar: "tqdm[Any]") -> None:
-        self._bar = bar
-        self._counts: Counter[str] = Counter()
-        self._simulated_s = 0.0
-
-    def plan(self, episodes: int) -> None:
-        """As ``StudyObserver``."""
-        self._bar.reset(episodes)
-
-    def keep(self, row: EpisodeRow) -> None:  # noqa: ARG002 - the interface
-        """As ``StudyObserver``."""
-        if not self._bar.disable:
-            self._bar.initial += 1  # it took no time, so that it does not count for the rate
-            self._bar.update(1)
-
-    def make(self, row: EpisodeRow) -> None:
-        """As ``StudyObserver``."""
-        if self._bar.disable:
-            return
-        self._counts["retried"] += row.attempts - 1
-        self._counts[row.status.value] += 1
-        self._simulated_s += row.simulated_s
-        counts = {name: count for name, count in self._counts.items() if count and name != Status.COMPLETE.value}
-        factor = self._simulated_s / max(self._bar.format_dict["elapsed"], 1e-3)
-        self._bar.set_postfix({"simulated": f"{factor:.1f}x", **counts}, refresh=False)
-        self._bar.update(1)

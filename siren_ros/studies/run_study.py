@@ -6,8 +6,10 @@ from contextlib import closing
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
+from tqdm import tqdm
+
 from siren_ros.errors import InputError
-from siren_ros.studies.episode_row import EpisodeRow, path_of
+from siren_ros.studies.episode_row import EpisodeRow, Status, path_of
 from siren_ros.studies.matrix import PlannedEpisode, Study, plan_study
 from siren_ros.studies.study_folder import StudyFolder, is_finished, read_table, write_study, write_table
 from siren_ros.studies.workers import WorkerOptions, Workers
@@ -52,6 +54,37 @@ class StudyObserver:
 
     def make(self, row: EpisodeRow) -> None:
         """An episode that has an answer now."""
+
+
+class StudyBar(StudyObserver):
+    """A progress bar with the rate and the time left."""
+
+    def __init__(self, bar: "tqdm[Any]") -> None:
+        self._bar = bar
+        self._counts: Counter[str] = Counter()
+        self._simulated_s = 0.0
+
+    def plan(self, episodes: int) -> None:
+        """As ``StudyObserver``."""
+        self._bar.reset(episodes)
+
+    def keep(self, row: EpisodeRow) -> None:  # noqa: ARG002 - the interface
+        """As ``StudyObserver``."""
+        if not self._bar.disable:
+            self._bar.initial += 1  # it took no time, so that it does not count for the rate
+            self._bar.update(1)
+
+    def make(self, row: EpisodeRow) -> None:
+        """As ``StudyObserver``."""
+        if self._bar.disable:
+            return
+        self._counts["retried"] += row.attempts - 1
+        self._counts[row.status.value] += 1
+        self._simulated_s += row.simulated_s
+        counts = {name: count for name, count in self._counts.items() if count and name != Status.COMPLETE.value}
+        factor = self._simulated_s / max(self._bar.format_dict["elapsed"], 1e-3)
+        self._bar.set_postfix({"simulated": f"{factor:.1f}x", **counts}, refresh=False)
+        self._bar.update(1)
 
 
 def run_study(

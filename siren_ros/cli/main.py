@@ -129,6 +129,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SirenError as error:
         complain(f"{name}: {error}")
         return error.exit_code
+    except MemoryError as error:  # of this process or of a worker
+        complain(f"{name}: the memory is not enough" + (f" ({error})" if str(error) else ""))
+        return EXIT_FAILED
     except BrokenPipeError:
         # The reader of our output has gone, as `siren info BAG | head -1` does; nothing is left to say.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

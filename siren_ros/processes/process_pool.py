@@ -150,7 +150,12 @@ class ProcessPool:
                 raise BrokenProcessPool from error
             first.join()
         with deferred_interrupts():  # half of a pool would be left alone
-            pool.active  # noqa: B018 - starts them
+            try:
+                pool.active  # noqa: B018 - starts them
+            except BrokenProcessPool:
+                raise
+            except RuntimeError as error:  # of threads, which lack memory or are too many
+                raise CrashError(f"its processes cannot be started ({error})") from error
 
     def _submit(self, function: Callable[..., Any], arguments: tuple[Any, ...], timeout_s: float | None) -> Future[Any]:
         if self._fresh:
@@ -211,7 +216,9 @@ class ProcessPool:
                     os.kill(error.pid, signal.SIGKILL)
                 raise CrashError("the server of its process was killed") from error
             if error.exitcode < 0:
-                raise CrashError(f"its process was killed by {signal.Signals(-error.exitcode).name}") from error
+                name = signal.Signals(-error.exitcode).name
+                cause = ", as where memory runs out" if name == "SIGKILL" else ""
+                raise CrashError(f"its process was killed by {name}{cause}") from error
             raise CrashError(f"its process ended with exit code {error.exitcode}") from error
 
     def call(self, function: Callable[..., Result], *arguments: Any, timeout_s: float = TIMEOUT_S) -> Result:

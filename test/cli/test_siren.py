@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import siren_ros
@@ -54,6 +55,16 @@ def test_verify_goes_on_after_a_bag_that_cannot_be_read(bag, tmp_path, siren) ->
     assert "holds" in captured.out
     assert captured.err.count("\n") == 1
     assert "none" in captured.err
+
+
+def test_memory_that_is_not_enough_is_one_line(monkeypatch, siren) -> None:
+    def verify(_arguments: object) -> int:
+        return len(np.ones(1 << 58))
+
+    monkeypatch.setattr(bags, "add_info", lambda verb: verb.set_defaults(run=verify))
+    captured = siren(["info"], 1)
+    assert captured.err.startswith("siren info: the memory is not enough (Unable to allocate 2.00 EiB")
+    assert captured.err.count("\n") == 1
 
 
 def test_names_of_others_reach_a_terminal_without_control_characters(bag, tmp_path, siren) -> None:

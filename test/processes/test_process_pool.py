@@ -157,7 +157,7 @@ def test_an_end_without_an_answer_says_its_reason(pool, function, argument, reas
 
 
 def test_a_process_that_dies_among_many_is_named_too() -> None:
-    with ProcessPool(2) as pool, pytest.raises(CrashError, match="killed by SIGKILL"):
+    with ProcessPool(2) as pool, pytest.raises(CrashError, match="killed by SIGKILL, as where memory runs out"):
         pool.map(signal.raise_signal, [(signal.SIGKILL,)])
 
 
@@ -170,6 +170,16 @@ def test_a_hanging_process_is_killed(pool: ProcessPool) -> None:
     with pytest.raises(CrashError, match=r"^its process gave no answer for 0.5 s$"):
         pool.call(time.sleep, 600.0, timeout_s=0.5)
     assert not runs(hanging)
+
+
+def test_a_pool_that_cannot_start_its_threads_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_thread: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    with pytest.raises(CrashError, match=r"cannot be started \(can't start new thread"), ProcessPool(2):
+        pass
+    assert not workers()
 
 
 def test_who_waits_for_a_process_goes_on_when_the_pool_is_stopped(pool: ProcessPool) -> None:

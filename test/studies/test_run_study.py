@@ -156,7 +156,7 @@ def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(first_run, tmp
     assert [row.status for row in result.rows] == [Status.COMPLETE] * 4
     (victim,) = (row for row in result.rows if row.episode == killed)
     assert victim.attempts == 2
-    assert victim.retry_reasons == ("its process was killed by SIGKILL",)
+    assert victim.retry_reasons == ("its process was killed by SIGKILL, as where memory runs out",)
     assert LocalFolder(tmp_path).row_of(victim.path) == victim, "a study that goes on reads it from there"
     assert {row.mcap_sha256 for row in result.rows} == {row.mcap_sha256 for row in first_run[0].rows}
     assert not list(tmp_path.glob(".work/*"))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from repository import shared_file
 
@@ -17,9 +18,10 @@ from siren_ros.generation.site_choice import (
     shortcomings,
     sites_to_try,
 )
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.road_network import Edge, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.site_finder import find_sites
 from siren_ros.roads.sites import REQUIREMENTS, Site
@@ -234,7 +236,30 @@ def test_a_template_happens_on_its_own_map_unless_another_one_is_named() -> None
         set_up_episode(EpisodeRequest("S8", sensors="none", map="town"))
 
 
+def with_bridge(network: RoadNetwork, over: int) -> RoadNetwork:
+    """The network with a road of 100 m that crosses an edge in the middle of its length, at a right angle."""
+    lane = driving_lanes(network, over)[-1]
+    across_rad = float(lane.centre.heading_rad(lane.length_m / 2.0)) + np.pi / 2.0
+    aside = 50.0 * np.array([np.cos(across_rad), np.sin(across_rad)])
+    middle = np.asarray(lane.centre.at(lane.length_m / 2.0))
+    edge = Edge(len(network.edges), "bridge", (len(network.lanes),), "from", "to", internal=False)
+    centre = Polyline.through([middle - aside, middle + aside])
+    road = replace(lane, index=edge.lanes[0], lane_id="bridge_0", edge=edge.index, position=0, centre=centre)
+    return replace(network, lanes=(*network.lanes, road), edges=(*network.edges, edge))
+
+
 def test_no_road_crosses_a_good_motorway_on_a_bridge() -> None:
+    """A bridge in the middle of a stretch crosses the other direction, too; all others are more than 300 m away."""
+    motorway, template = parse_road_network(compile_map(Path("motorway")).read_bytes()), load_template("S8")
+    good = {site.name: site for site in good_sites(motorway, template)}
+    bridged = with_bridge(motorway, good["e_d"].site_edge)
+    lacking = {site.name: texts for site, texts in shortcomings(bridged, template).items()}
+    crossed = {name for name in good if lacking[name]}
+    assert crossed == {"e_d", "w_d"}
+    assert all("bridge" in lacking[name][0] for name in crossed)
+
+
+def test_the_bridge_of_carlas_motorway_is_found() -> None:
     carla = parse_road_network(compile_map(shared_file("maps", "Town04.xodr")).read_bytes())
     lacking = {site.name: texts for site, texts in shortcomings(carla, load_template("S8")).items()}
     assert {name for name, texts in lacking.items() if texts} == {"46..41"}

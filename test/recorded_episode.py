@@ -1,14 +1,36 @@
 """Records an episode as a user does."""
 
+import atexit
 import fcntl
 import os
+import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from dds_domains import shared_domain
 from repository import REPOSITORY
+
+_FOLDER = TemporaryDirectory(prefix="siren_templates_")  # while the tests run
+atexit.register(_FOLDER.cleanup)
+
+
+@cache
+def quick_template(name: str) -> str:
+    """A file of a template, of its name, whose episodes have little traffic and 1 s of warm-up.
+
+    The warm-up with the district's traffic is most of the cost of an episode of a second.
+    """
+    text = (REPOSITORY / "params" / "templates" / f"{name}.yaml").read_text(encoding="utf-8")
+    for value, quick in ((r"^warm_up_s: [\d.]+", "warm_up_s: 1.0"), (r"(lane_km: {default:) [\d.]+", r"\1 0.0")):
+        text, changed = re.subn(value, quick, text, count=1, flags=re.MULTILINE)
+        assert changed, value
+    file = Path(_FOLDER.name) / f"{name}.yaml"
+    file.write_text(text, encoding="utf-8")
+    return str(file)
 
 
 def record(folder: Path, *parameters: str) -> Path:

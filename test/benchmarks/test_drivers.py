@@ -1,6 +1,7 @@
 import json
 
 import pytest
+from recorded_episode import quick_template
 
 from siren_ros.benchmarks.drivers import main, record_with, requests_of, sittings_in
 from siren_ros.exam.others import PAPER
@@ -11,7 +12,7 @@ SHORT_S = 4.0
 
 
 def test_every_driver_sits_in_the_same_episode() -> None:
-    request = EpisodeRequest("S2", "L2", 3, sensors="none", duration_s=SHORT_S)
+    request = EpisodeRequest(quick_template("S2"), "L2", 3, sensors="none", duration_s=SHORT_S)
     sittings = sittings_in(request, ["idm", "lawful-international"], load_rulebook("international"))
     assert [*sittings] == [PAPER, "idm", "lawful-international"]
     assert len({sitting.episode for sitting in sittings.values()}) == 1
@@ -20,7 +21,7 @@ def test_every_driver_sits_in_the_same_episode() -> None:
 
 
 def test_the_papers_driver_drives_the_vehicle_that_is_the_av_elsewhere() -> None:
-    request = EpisodeRequest("S2", "L2", 3, sensors="none", duration_s=SHORT_S)
+    request = EpisodeRequest(quick_template("S2"), "L2", 3, sensors="none", duration_s=SHORT_S)
     (paper, paper_id), (other, av_id) = record_with(PAPER, request), record_with("idm", request)
     assert paper.actors[paper_id].name == other.actors[av_id].name
     assert other.description.av_id == av_id

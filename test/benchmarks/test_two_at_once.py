@@ -2,6 +2,7 @@ import json
 import time
 
 import pytest
+from recorded_episode import quick_template
 
 from siren_ros.benchmarks import two_at_once
 from siren_ros.errors import EXIT_OK
@@ -16,7 +17,7 @@ def test_work_that_only_waits_is_twice_as_fast_at_once():
 def test_two_episodes_are_compared_with_two_loops(tmp_path, monkeypatch):
     monkeypatch.setattr(two_at_once, "_LOOP", "pass")
     monkeypatch.setenv("ROS_DOMAIN_ID", "")
-    file = tmp_path / "figures.json"
-    assert two_at_once.main(["duration_s:=0.5", "--suites", "none", "--json", str(file)]) == EXIT_OK
+    file, short = tmp_path / "figures.json", ("duration_s:=0.5", f"template:={quick_template('S2')}")
+    assert two_at_once.main([*short, "--suites", "none", "--json", str(file)]) == EXIT_OK
     figures = json.loads(file.read_text())
     assert figures["none"]["to_loop"] == pytest.approx(figures["none"]["speed_up"] / figures["loop"]["speed_up"])

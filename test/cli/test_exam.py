@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 from defusedxml import ElementTree
-from recorded_episode import tracked_recording
+from recorded_episode import quick_template, tracked_recording
 
 from siren_ros.cli.exam import _by_number
 from siren_ros.params.resources import params_dir
@@ -79,7 +79,8 @@ def test_what_cannot_be_graded_is_refused(siren, bag, words, said):
     assert said in siren(["exam", str(bag), "--workers", "1", *words], code=2).err
 
 
-MATRIX = ["--templates", "S2", "--levels", "L3", "--seeds", "0:2", "--duration-s", "2", "--workers", "1"]
+EPISODES = ["--levels", "L3", "--seeds", "0:2", "--duration-s", "2", "--workers", "1"]
+MATRIX = ["--templates", quick_template("S2"), *EPISODES]
 
 
 def test_an_exam_makes_its_own_episodes_and_goes_on_where_it_was_stopped(siren, tmp_path):
@@ -131,7 +132,7 @@ def test_an_exam_that_cannot_be_made_is_refused(siren, words, said):
 
 
 def test_a_program_that_cannot_be_started_is_an_episode_without_a_result(siren, tmp_path):
-    words = ["--av", "./no/such/program", *MATRIX[:-4], "--duration-s", "2", "--workers", "1", "--alone"]
+    words = ["--av", "./no/such/program", "--templates", "S2", *EPISODES, "--alone"]
     run = siren(["exam", *words, "--out", str(tmp_path / "exam")], code=1)
     assert "S2_L3_seed0_town: no result" in run.err
     assert "./no/such/program" in run.err

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from recorded_episode import quick_template
 
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
@@ -22,7 +23,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore"),
     pytest.mark.skipif(find_spec("distributed") is None, reason="needs the extra cluster: ./env --with cluster"),
 ]
-STUDY = Study(("S2", "S5"), ("L0", "own"), duration_s=0.5)
+STUDY = Study((quick_template("S2"), quick_template("S5")), ("L0", "own"), duration_s=0.5)
 """Four episodes: as the first is there, one is under way at each of two workers."""
 
 

@@ -6,6 +6,8 @@ import pytest
 
 pytest.importorskip("fsspec", reason="needs the extra cluster: ./env --with cluster")
 
+from recorded_episode import quick_template
+
 from siren_ros.errors import InputError
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.studies.episode_row import Status
@@ -14,7 +16,7 @@ from siren_ros.studies.run_study import run_study
 from siren_ros.studies.study_folder import LocalFolder, RemoteFolder, folder_at, read_table
 from siren_ros.studies.workers import LocalWorkers
 
-STUDY = Study(("S2",), ("L0", "own"), duration_s=0.5)
+STUDY = Study((quick_template("S2"),), ("L0", "own"), duration_s=0.5)
 
 
 def test_a_study_behind_a_url_is_made_and_resumed(tmp_path: Path) -> None:

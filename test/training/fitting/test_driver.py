@@ -8,6 +8,7 @@ pytest.importorskip("torch", reason="the extra rl is not installed")
 pytest.importorskip("gymnasium", reason="the extra rl is not installed")
 
 import numpy as np
+from recorded_episode import quick_template
 
 from siren_ros.errors import InputError
 from siren_ros.learning.environment import YieldEnv
@@ -20,8 +21,7 @@ from siren_ros.training.settings import DriverFit
 
 TASK = {"decision_s": 0.5, "duration_s": 6.0}
 SHORT = {"decision_s": 0.5, "duration_s": 3.0}
-CONFIG = DriverFit(episodes=(2, 1), tries=1, passes=60, templates=("S6",), levels=(2,), task=SHORT)
-"""An episode of S6 begins with the least warm-up."""
+CONFIG = DriverFit(episodes=(2, 1), tries=1, passes=60, templates=(quick_template("S6"),), levels=(2,), task=SHORT)
 
 
 def test_it_imitates_the_best_and_drives_too_after_the_first_round(tmp_path: Path) -> None:
@@ -43,10 +43,11 @@ def test_it_imitates_the_best_and_drives_too_after_the_first_round(tmp_path: Pat
 
 
 def test_a_network_can_learn_what_a_rule_does(tmp_path: Path) -> None:
-    config = DriverFit(episodes=(2,), passes=200, templates=("S2",), levels=(2,), violation=0.0, margin=1e9, task=TASK)
+    s2 = quick_template("S2")
+    config = DriverFit(episodes=(2,), passes=200, templates=(s2,), levels=(2,), violation=0.0, margin=1e9, task=TASK)
     trained_driver(tmp_path / "driver.onnx", config, 1, lambda _: None)  # the first teacher is always the best
     driver = open_driver(tmp_path / "driver.onnx")
-    env, same, pulled = YieldEnv(template="S2", level=2, **TASK), [], []
+    env, same, pulled = YieldEnv(template=s2, level=2, **TASK), [], []
     observation, _ = env.reset(seed=0)
     over = False
     while not over:

@@ -1,13 +1,15 @@
 """Interrupts that wait until what is under way has reached a place to stop, and processes that they do not reach."""
 
 import ctypes
+import os
 import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Final
+from typing import Any, Final
 
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
@@ -65,3 +67,21 @@ def signal_at_end_of_parent(number: int) -> None:
     """Asks the kernel, if it is Linux, for a signal to this process when its parent ends; 0: for none."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
+
+
+ENDS_S: Final = 5.0
+"""Wall time that a program has to end before it is killed."""
+
+
+def end_program(program: "subprocess.Popen[Any]") -> None:
+    """Ends the leader of a session and what it has started: asks first, because a killed program leaves things behind.
+
+    DDS's shared memory and temporary folders are such things.
+    """
+    for number in (signal.SIGCONT, signal.SIGTERM, signal.SIGKILL):
+        with suppress(ProcessLookupError):
+            os.killpg(program.pid, number)
+        if number is signal.SIGTERM:
+            with suppress(subprocess.TimeoutExpired):
+                program.wait(ENDS_S)
+    program.wait()

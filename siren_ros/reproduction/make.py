@@ -13,6 +13,7 @@ from statistics import fmean
 from typing import Any, Final
 
 from siren_ros.errors import InputError, SirenError
+from siren_ros.processes.interrupts import end_program
 from siren_ros.reproduction.parts import FigureFile, Part, inputs_sha256, shown_minutes
 from siren_ros.reproduction.results import Figure, PartResult, figures_in, machine, read_results, write_results
 
@@ -161,14 +162,23 @@ class Reproduction:
             output.write(f"$ {command}\n")
             output.flush()
             try:
-                done = subprocess.run(  # noqa: S603 - commands of params/reproduction.yaml
-                    shlex.split(command), cwd=self.repository, check=False, stdout=output, stderr=subprocess.STDOUT
+                running = subprocess.Popen(  # noqa: S603 - commands of params/reproduction.yaml
+                    shlex.split(command),
+                    cwd=self.repository,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,  # a terminal's Ctrl-C is for this process, which ends the command
                 )
             except OSError as error:
                 raise PartError(f"`{command}`: {error.strerror}") from error
-        if done.returncode:
+            try:
+                code = running.wait()
+            except BaseException:
+                end_program(running)
+                raise
+        if code:
             last = log.read_text(encoding="utf-8", errors="replace").splitlines()[-_LAST_LINES:]
-            raise PartError(f"`{command}` ended with exit code {done.returncode}: {' / '.join(last)}")
+            raise PartError(f"`{command}` ended with exit code {code}: {' / '.join(last)}")
 
 
 def _ratio(text: str, figures: Mapping[str, Figure]) -> tuple[str, Figure]:

@@ -2,7 +2,6 @@
 
 import os
 import shlex
-import signal
 import subprocess
 import sys
 import tempfile
@@ -18,6 +17,7 @@ from siren_ros.generation.recorded_episode import RecordedEpisode
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_outcome
 from siren_ros.params.resources import params_dir
+from siren_ros.processes.interrupts import ENDS_S, end_program
 from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.bag_writer import BagSummary
 from siren_ros.scenario.episode import EpisodeRequest
@@ -26,8 +26,6 @@ _DOMAIN: Final = "ROS_DOMAIN_ID"
 _DOMAINS: Final = 100
 """Domains from 1 on; the default one is left to users."""
 _TRIES: Final = 5
-_ENDS_S: Final = 5.0
-"""Wall time that a program has to end before it is killed."""
 _LOOK_S: Final = 0.25
 """Wall time between two looks at the programs."""
 _TOLD_S: Final = 12.0
@@ -111,12 +109,12 @@ def _run(
             for _ in range(2)
         )
         cosim = _child(cosim_words, environment, words)
-        stack.callback(_end, cosim)
+        stack.callback(end_program, cosim)
         try:
             driver = _child(shlex.split(program), environment, driver_words)
         except (OSError, ValueError, IndexError) as error:
             raise InputError("av", program, f"the command line of a program ({error})") from error
-        stack.callback(_end, driver)
+        stack.callback(end_program, driver)
         stack.enter_context(_watched(cosim, driver))
         code = _wait(cosim, driver, limit_s)
         ended = driver.poll()
@@ -158,7 +156,7 @@ def _child(words: list[str], environment: Mapping[str, str], output: object) -> 
 def _watched(*programs: "subprocess.Popen[str]") -> Iterator[None]:
     """Within it, the programs and what they have started end soon after this process, however it ends."""
     groups = [str(program.pid) for program in programs]
-    words = [sys.executable, "-I", "-S", "-c", _WATCH.format(ends_s=_ENDS_S), *groups]
+    words = [sys.executable, "-I", "-S", "-c", _WATCH.format(ends_s=ENDS_S), *groups]
     with subprocess.Popen(words, stdin=subprocess.PIPE, start_new_session=True) as watch:  # noqa: S603 - our own
         try:
             yield
@@ -169,14 +167,3 @@ def _watched(*programs: "subprocess.Popen[str]") -> Iterator[None]:
 def _lines(file: object) -> list[str]:
     file.seek(0)  # type: ignore[attr-defined] # a file
     return [shown_text(line) for line in file.read().splitlines() if line.strip()]  # type: ignore[attr-defined] # a file
-
-
-def _end(process: "subprocess.Popen[str]") -> None:
-    """Ends a program and what it has started: asks it first, because a killed one may hold DDS's shared memory."""
-    for number in (signal.SIGCONT, signal.SIGTERM, signal.SIGKILL):
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, number)
-        if number is signal.SIGTERM:
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(_ENDS_S)
-    process.wait()

@@ -1,5 +1,9 @@
 import json
+import os
+import signal
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -47,6 +51,35 @@ def runs(work: Reproduction) -> list[str]:
 def make(work: Reproduction, table: dict[str, Part], *only: str) -> tuple[list[str], list[str]]:
     said: list[str] = []
     return work.make(work.plan(table, only), said.append), said
+
+
+WAITS = """
+import pathlib, signal, sys, time
+file = pathlib.Path("temporary")
+def end(*_):
+    file.unlink()
+    sys.exit()
+signal.signal(signal.SIGTERM, end)
+file.touch()
+time.sleep(60.0)
+"""
+
+
+def test_a_command_that_is_interrupted_is_asked_to_end(work: Reproduction) -> None:
+    (work.repository / "waits.py").write_text(WAITS, encoding="utf-8")
+    file = work.repository / "temporary"
+
+    def interrupt() -> None:
+        while not file.exists():  # until the time limit of the test
+            time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    interrupting = threading.Thread(target=interrupt)
+    interrupting.start()
+    with pytest.raises(KeyboardInterrupt):
+        make(work, parts(part("a", commands=(f"{sys.executable} waits.py",))))
+    interrupting.join()
+    assert not file.exists()
 
 
 def test_parts_are_made_once_and_their_figures_kept(work: Reproduction) -> None:

@@ -14,6 +14,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="the extra learn is not inst
 import numpy as np
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv
+from recorded_episode import quick_template
 
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.generation.replay_check import repeat_episode
@@ -23,7 +24,7 @@ from siren_ros.learning.registration import ENVIRONMENTS
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.traffic.observation import check_residual
 
-SHORT = {"template": "S2", "level": 2, "duration_s": 2.0}
+SHORT = {"template": quick_template("S2"), "level": 2, "duration_s": 2.0}
 YIELD = "siren/Yield-v0"
 KEEP, STOP = 0, 4
 

@@ -4,6 +4,7 @@ pytest.importorskip("gymnasium", reason="the extra learn is not installed")
 
 import numpy as np
 from made_moment import moment_of
+from recorded_episode import quick_template
 
 from siren_ros.learning.practice import (
     TEACHERS,
@@ -20,7 +21,7 @@ from siren_ros.learning.practice import (
 from siren_ros.learning.task import Task
 from siren_ros.seat.manoeuvres import Manoeuvre
 
-SHORT = Task(template="S2", level=2, duration_s=3.0, decision_s=0.5)
+SHORT = Task(template=quick_template("S2"), level=2, duration_s=3.0, decision_s=0.5)
 NOTHING = np.zeros(0)
 IN_LEFT_LANE = (3.5, 3.5)
 

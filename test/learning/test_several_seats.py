@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("pettingzoo", reason="the extra learn is not installed")
 
 import numpy as np
+from recorded_episode import quick_template
 
 from siren_ros.errors import InputError
 from siren_ros.generation.replay_check import repeat_episode
@@ -19,7 +20,7 @@ with warnings.catch_warnings():
     from pettingzoo.test import parallel_api_test
     from pettingzoo.utils import BaseParallelWrapper
 
-SHORT = {"template": "S2", "level": 2, "duration_s": 3.0}
+SHORT = {"template": quick_template("S2"), "level": 2, "duration_s": 3.0}
 
 
 class WithoutOptions(BaseParallelWrapper):

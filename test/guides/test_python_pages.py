@@ -1,5 +1,6 @@
 """The programs of the pages about Python, run as a reader would, in an empty folder."""
 
+import os
 import re
 import subprocess
 import sys
@@ -23,10 +24,11 @@ def program_of(page: str, *sections: str) -> str:
 
 
 def output_of(program: str, folder: Path) -> str:
-    """What it prints; warnings are errors."""
+    """What it prints, bars of tqdm left out; warnings are errors."""
     done = subprocess.run(
         [sys.executable, "-W", "error::UserWarning", "-c", program],
         cwd=folder,
+        env={**os.environ, "TQDM_DISABLE": "1"},
         capture_output=True,
         text=True,
         check=False,

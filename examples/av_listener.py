@@ -5,8 +5,10 @@
 """
 
 import argparse
+from contextlib import suppress
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
@@ -53,7 +55,8 @@ if __name__ == "__main__":
     parser.add_argument("--participant", default="", help="name under which the lockstep waits for this program")
     rclpy.init()
     node = AvListener(parser.parse_args().participant)
-    while not node.over:
-        node.say_ready()
-        rclpy.spin_once(node, timeout_sec=0.05)
-    _ = node.report and node.report.wait_for_all_acked()
+    with suppress(ExternalShutdownException, KeyboardInterrupt):  # SIGTERM or Ctrl-C
+        while not node.over:
+            node.say_ready()
+            rclpy.spin_once(node, timeout_sec=0.05)
+        _ = node.report and node.report.wait_for_all_acked()

@@ -10,10 +10,12 @@ its lane, and back when the emergency vehicle has passed.
 """
 
 import math
+from contextlib import suppress
 
 import numpy as np
 import rclpy
 from nav_msgs.msg import Odometry, Path
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from siren_msgs.msg import AvControl, EpisodeEnd, GroundTruth
@@ -127,9 +129,10 @@ def main() -> None:
     """Drive until the episode is over."""
     rclpy.init()
     node = AvPolicy()
-    while not node.over and rclpy.ok():
-        node.get_ready()
-        rclpy.spin_once(node, timeout_sec=0.05)
+    with suppress(ExternalShutdownException, KeyboardInterrupt):  # SIGTERM or Ctrl-C
+        while not node.over:
+            node.get_ready()
+            rclpy.spin_once(node, timeout_sec=0.05)
 
 
 if __name__ == "__main__":

@@ -3,10 +3,12 @@
 ./env siren exam --av 'python examples/lawful_stack.py' --rulebook california --out exam/
 """
 
+from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -51,6 +53,7 @@ class Stack(Node):
 if __name__ == "__main__":
     rclpy.init()
     stack = Stack()
-    while not stack.av.ended:
-        stack.get_ready()
-        rclpy.spin_once(stack, timeout_sec=0.05)
+    with suppress(ExternalShutdownException, KeyboardInterrupt):  # SIGTERM or Ctrl-C
+        while not stack.av.ended:
+            stack.get_ready()
+            rclpy.spin_once(stack, timeout_sec=0.05)

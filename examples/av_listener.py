@@ -56,7 +56,7 @@ if __name__ == "__main__":
     rclpy.init()
     node = AvListener(parser.parse_args().participant)
     with suppress(ExternalShutdownException, KeyboardInterrupt):  # SIGTERM or Ctrl-C
-        while not node.over:
+        while rclpy.ok() and not node.over:
             node.say_ready()
             rclpy.spin_once(node, timeout_sec=0.05)
         _ = node.report and node.report.wait_for_all_acked()

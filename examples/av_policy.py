@@ -130,7 +130,7 @@ def main() -> None:
     rclpy.init()
     node = AvPolicy()
     with suppress(ExternalShutdownException, KeyboardInterrupt):  # SIGTERM or Ctrl-C
-        while not node.over:
+        while rclpy.ok() and not node.over:
             node.get_ready()
             rclpy.spin_once(node, timeout_sec=0.05)
 

@@ -54,6 +54,6 @@ if __name__ == "__main__":
     rclpy.init()
     stack = Stack()
     with suppress(ExternalShutdownException, KeyboardInterrupt):  # SIGTERM or Ctrl-C
-        while not stack.av.ended:
+        while rclpy.ok() and not stack.av.ended:
             stack.get_ready()
             rclpy.spin_once(stack, timeout_sec=0.05)

@@ -8,15 +8,14 @@ import pytest
 from repository import REPOSITORY
 
 pytest.importorskip("rclpy", reason="ROS 2 is not there")
-SIGNALLED = """import os, runpy, sys, rclpy
+SIGNALLED = """import os, runpy, sys, threading, rclpy
 path, number = sys.argv[1:]
 del sys.argv[1:]
 spin_once = rclpy.spin_once
 def interrupted(node, timeout_sec):
     spin_once(node, timeout_sec=timeout_sec)
-    os.kill(os.getpid(), int(number))
-    rclpy.spin_once = spin_once
-    spin_once(node, timeout_sec=timeout_sec)
+    threading.Timer(0.2, os.kill, (os.getpid(), int(number))).start()
+    spin_once(node, timeout_sec=60.0)
 rclpy.spin_once = interrupted
 runpy.run_path(path, run_name="__main__")
 """

@@ -1,6 +1,6 @@
 """``cosim``: starts the nodes, drives the lockstep and shows progress.
 
-``siren_ros.ros.programs.episode_program`` does this; it takes seconds to load.
+``siren_ros.running.ros.programs.episode_program`` does this; it takes seconds to load.
 """
 
 import os
@@ -8,8 +8,8 @@ import sys
 from importlib import import_module
 
 from siren_ros.errors import EXIT_FAILED
-from siren_ros.ros.programs.arguments import answer, outside_ros
-from siren_ros.ros.programs.processes import Interrupt, Waiting
+from siren_ros.running.ros.programs.arguments import answer, outside_ros
+from siren_ros.running.ros.programs.processes import Interrupt, Waiting
 
 
 def give_up(reason: str) -> None:
@@ -22,11 +22,11 @@ def give_up(reason: str) -> None:
 def main() -> int:
     """Run one episode as the parameters say."""
     if words := outside_ros(sys.argv[1:]):
-        config_type = import_module("siren_ros.ros.node_configs").CosimConfig
+        config_type = import_module("siren_ros.running.ros.node_configs").CosimConfig
         return answer(words, "cosim", config_type, "Simulates, senses, records and exports one episode.")
     interrupt = Interrupt("cosim")
     with Waiting("cosim", "its libraries to be loaded") as waiting:
-        program = import_module("siren_ros.ros.programs.episode_program")
+        program = import_module("siren_ros.running.ros.programs.episode_program")
         return int(program.run("siren_nodes.{}".format, give_up, interrupt, waiting))
 
 

@@ -7,22 +7,26 @@ from typing import Any
 
 import numpy as np
 
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.boxes import SpaceBoxes, to_boxes
+from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.data.interfaces.measurements import from_point_cloud
+from siren_ros.data.interfaces.messages import make_message
+from siren_ros.data.interfaces.transforms import from_tf, matrix_between
+from siren_ros.data.lockstep import Input
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.boxes import FoundBoxes
-from siren_ros.evaluation.detection.detectors.pillar_detector import PillarDetector, detector_file, load_detector
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.boxes import SpaceBoxes, to_boxes
-from siren_ros.interfaces.episode_conversions import EpisodeClosing
-from siren_ros.interfaces.measurements import from_point_cloud
-from siren_ros.interfaces.messages import make_message
-from siren_ros.interfaces.transforms import from_tf, matrix_between
-from siren_ros.lockstep import Input
-from siren_ros.ros.node_configs import DetectorConfig
-from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_program
-from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.sensors.suite import load_suite
-from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME
+from siren_ros.running.ros.node_configs import DetectorConfig
+from siren_ros.running.ros.participants.participant import Participant
+from siren_ros.running.ros.programs.program import run_program
+from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes
+from siren_ros.scoring.evaluation.detection.detectors.pillar_detector import (
+    PillarDetector,
+    detector_file,
+    load_detector,
+)
+from siren_ros.sensing.suite import load_suite
+from siren_ros.simulation.scenario.episode import EpisodeDescription
+from siren_ros.simulation.world.carrier import BASE_FRAME, MAP_FRAME
 
 
 class Detector(Participant[DetectorConfig]):

@@ -4,15 +4,15 @@ import sys
 from functools import partial
 from typing import Any
 
-from siren_ros.behaviour.emv.controller import EmvState, step_emv
-from siren_ros.generation.behaviour_setup import behaviour_world
-from siren_ros.interfaces import topics, wire
-from siren_ros.interfaces.conversions import from_traffic_state, to_vehicle_commands
-from siren_ros.lockstep import Input
-from siren_ros.ros.node_configs import EmvControllerConfig
-from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_program
-from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.data.interfaces import topics, wire
+from siren_ros.data.interfaces.conversions import from_traffic_state, to_vehicle_commands
+from siren_ros.data.lockstep import Input
+from siren_ros.running.generation.behaviour_setup import behaviour_world
+from siren_ros.running.ros.node_configs import EmvControllerConfig
+from siren_ros.running.ros.participants.participant import Participant
+from siren_ros.running.ros.programs.program import run_program
+from siren_ros.simulation.behaviour.emv.controller import EmvState, step_emv
+from siren_ros.simulation.scenario.episode import EpisodeDescription
 
 
 class EmvController(Participant[EmvControllerConfig]):

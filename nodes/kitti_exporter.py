@@ -5,24 +5,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from siren_ros.datasets.files import FileWriter
-from siren_ros.datasets.kitti.exporter import KittiFrame, KittiFrames
-from siren_ros.datasets.kitti.labels import KittiCamera, camera_from_lidar
-from siren_ros.datasets.kitti.live_export import Layout, LiveExport
+from siren_ros.data.datasets.files import FileWriter
+from siren_ros.data.datasets.kitti.exporter import KittiFrame, KittiFrames
+from siren_ros.data.datasets.kitti.labels import KittiCamera, camera_from_lidar
+from siren_ros.data.datasets.kitti.live_export import Layout, LiveExport
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.boxes import from_ground_truth
+from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.data.interfaces.measurements import from_compressed_image, from_point_cloud
+from siren_ros.data.lockstep import Input
+from siren_ros.data.record.episode_source import FRONT_CAMERA
+from siren_ros.data.sensor_messages.sensor_topics import optical_frame, static_transforms
 from siren_ros.errors import InputError
-from siren_ros.generation.episode_setup import default_bag_path_of, default_kitti_path
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.boxes import from_ground_truth
-from siren_ros.interfaces.episode_conversions import EpisodeClosing
-from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
-from siren_ros.lockstep import Input
-from siren_ros.record.episode_source import FRONT_CAMERA
-from siren_ros.ros.node_configs import KittiExporterConfig
-from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_program
-from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
-from siren_ros.sensor_messages.sensor_topics import optical_frame, static_transforms
-from siren_ros.sensors.suite import load_suite
+from siren_ros.running.generation.episode_setup import default_bag_path_of, default_kitti_path
+from siren_ros.running.ros.node_configs import KittiExporterConfig
+from siren_ros.running.ros.participants.participant import Participant
+from siren_ros.running.ros.programs.program import run_program
+from siren_ros.sensing.suite import load_suite
+from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd
 
 _THREADS: Final = 2
 """They encode and write files beside the simulation; few files wait for them, so that memory stays bounded."""

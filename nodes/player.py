@@ -3,8 +3,8 @@
 import sys
 from functools import partial
 
-from siren_ros.ros.programs.bag_player import BagPlayer
-from siren_ros.ros.programs.program import run_program
+from siren_ros.running.ros.programs.bag_player import BagPlayer
+from siren_ros.running.ros.programs.program import run_program
 
 NODE = BagPlayer
 main = partial(run_program, NODE, "player")

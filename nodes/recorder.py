@@ -6,19 +6,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from siren_ros.generation.episode_setup import default_bag_path_of
-from siren_ros.interfaces import topics, wire
-from siren_ros.interfaces.episode_conversions import EpisodeClosing
-from siren_ros.interfaces.messages import typestore
-from siren_ros.interfaces.topics import Topic
-from siren_ros.judging.outcome import judge
-from siren_ros.recording.bag_writer import BagOptions
-from siren_ros.recording.recorder import EpisodeRecorder
-from siren_ros.ros.node_configs import RecorderConfig
-from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_program
-from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.sensor_messages.sensor_topics import topics_of
+from siren_ros.data.interfaces import topics, wire
+from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.data.interfaces.messages import typestore
+from siren_ros.data.interfaces.topics import Topic
+from siren_ros.data.recording.bag_writer import BagOptions
+from siren_ros.data.recording.recorder import EpisodeRecorder
+from siren_ros.data.sensor_messages.sensor_topics import topics_of
+from siren_ros.running.generation.episode_setup import default_bag_path_of
+from siren_ros.running.ros.node_configs import RecorderConfig
+from siren_ros.running.ros.participants.participant import Participant
+from siren_ros.running.ros.programs.program import run_program
+from siren_ros.scoring.judging.outcome import judge
+from siren_ros.simulation.scenario.episode import EpisodeDescription
 
 
 class Recorder(Participant[RecorderConfig]):

@@ -4,18 +4,18 @@ import sys
 from functools import partial
 from typing import Any, Final
 
-from siren_ros.interfaces import topics, wire
-from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
-from siren_ros.interfaces.episode_conversions import Phase
-from siren_ros.lockstep import Input
-from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.ros.node_configs import SensorSimConfig
-from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_program
-from siren_ros.ros.transport.endpoints import create_wall_timer
-from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
-from siren_ros.world.actors import ActorDescription
+from siren_ros.data.interfaces import topics, wire
+from siren_ros.data.interfaces.conversions import from_actor_states, from_traffic_state
+from siren_ros.data.interfaces.episode_conversions import Phase
+from siren_ros.data.lockstep import Input
+from siren_ros.data.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
+from siren_ros.running.ros.node_configs import SensorSimConfig
+from siren_ros.running.ros.participants.participant import Participant
+from siren_ros.running.ros.programs.program import run_program
+from siren_ros.running.ros.transport.endpoints import create_wall_timer
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.scenario.episode import EpisodeDescription
+from siren_ros.simulation.world.actors import ActorDescription
 
 LATE_S: Final = 0.1
 """Measurements of a step wait no longer than this for the next step before they are published."""

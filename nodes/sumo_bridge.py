@@ -5,20 +5,20 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from siren_ros.generation.episode_setup import set_up_episode
-from siren_ros.interfaces import topics, wire
-from siren_ros.interfaces.conversions import from_actor_states, to_path, to_traffic_state
-from siren_ros.interfaces.episode_conversions import EpisodeClosing, to_episode_description
-from siren_ros.interfaces.messages import make_message
-from siren_ros.lockstep import Input
-from siren_ros.ros.node_configs import SumoBridgeConfig
-from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_program
-from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.traffic.demand.demand import av_way
-from siren_ros.traffic.observation import check_no_teleport, check_residual
-from siren_ros.traffic.simulation import SumoSimulation
-from siren_ros.world.actors import ActorDescription
+from siren_ros.data.interfaces import topics, wire
+from siren_ros.data.interfaces.conversions import from_actor_states, to_path, to_traffic_state
+from siren_ros.data.interfaces.episode_conversions import EpisodeClosing, to_episode_description
+from siren_ros.data.interfaces.messages import make_message
+from siren_ros.data.lockstep import Input
+from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.running.ros.node_configs import SumoBridgeConfig
+from siren_ros.running.ros.participants.participant import Participant
+from siren_ros.running.ros.programs.program import run_program
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.traffic.demand.demand import av_way
+from siren_ros.simulation.traffic.observation import check_no_teleport, check_residual
+from siren_ros.simulation.traffic.simulation import SumoSimulation
+from siren_ros.simulation.world.actors import ActorDescription
 
 
 class SumoBridge(Participant[SumoBridgeConfig]):

@@ -4,25 +4,25 @@ import sys
 from functools import partial
 from typing import Any
 
-from siren_ros.dynamics.fleet import FleetState, step_fleet
-from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.interfaces import topics, wire
-from siren_ros.interfaces.conversions import (
+from siren_ros.data.interfaces import topics, wire
+from siren_ros.data.interfaces.conversions import (
     from_av_control,
     from_traffic_state,
     from_vehicle_commands,
     to_actor_states,
     to_events,
 )
-from siren_ros.lockstep import Input
-from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.ros.node_configs import VehicleDynamicsConfig
-from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_program
-from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.world.actors import NO_ACTOR
-from siren_ros.world.commands import AvControl, av_commands
-from siren_ros.world.traffic_state import hash_state
+from siren_ros.data.lockstep import Input
+from siren_ros.running.ros.node_configs import VehicleDynamicsConfig
+from siren_ros.running.ros.participants.participant import Participant
+from siren_ros.running.ros.programs.program import run_program
+from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
+from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.scenario.episode import EpisodeDescription
+from siren_ros.simulation.world.actors import NO_ACTOR
+from siren_ros.simulation.world.commands import AvControl, av_commands
+from siren_ros.simulation.world.traffic_state import hash_state
 
 
 class VehicleDynamics(Participant[VehicleDynamicsConfig]):

@@ -10,15 +10,15 @@ from typing import Any, Final
 
 from rclpy.node import Node
 
-from siren_ros.episode_page.live import LIVE_TOPICS
-from siren_ros.episode_page.live_server import LiveFeed, LiveServer
+from siren_ros.data.interfaces import wire
+from siren_ros.data.interfaces.topics import Topic
 from siren_ros.errors import SirenError
-from siren_ros.interfaces import wire
-from siren_ros.interfaces.topics import Topic
-from siren_ros.ros.node_configs import ViewerConfig
-from siren_ros.ros.parameters import declare_config
-from siren_ros.ros.programs.program import run_program
-from siren_ros.ros.transport.endpoints import create_input
+from siren_ros.reports.episode_page.live import LIVE_TOPICS
+from siren_ros.reports.episode_page.live_server import LiveFeed, LiveServer
+from siren_ros.running.ros.node_configs import ViewerConfig
+from siren_ros.running.ros.parameters import declare_config
+from siren_ros.running.ros.programs.program import run_program
+from siren_ros.running.ros.transport.endpoints import create_input
 
 LESS_URGENT: Final = 10
 """Added to the process's nice value: where processors are short, the episode goes first."""

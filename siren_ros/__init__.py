@@ -2,13 +2,14 @@
 
 The names in ``__all__`` are public, here and in the modules ``learning`` and ``training.torch_samples``; those here are
 loaded when they are first used. Everything else is private. The import fixes the arithmetic of numpy
-(``siren_ros/numerics/arithmetic.py``), so it stands before that of numpy.
+(``siren_ros/base/numerics/arithmetic.py``), so it stands before that of numpy.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
-from siren_ros.numerics.arithmetic import pin_before_numpy
+from siren_ros.base.numerics.arithmetic import pin_before_numpy
+from siren_ros.base.short_names import allow_short_names
 
 if TYPE_CHECKING:
     from siren_ros.api import export as export
@@ -24,11 +25,11 @@ if TYPE_CHECKING:
     from siren_ros.errors import EpisodeError as EpisodeError
     from siren_ros.errors import InputError as InputError
     from siren_ros.errors import SirenError as SirenError
-    from siren_ros.scenario.episode import EpisodeRequest as EpisodeRequest
-    from siren_ros.seat.seated import AvController as AvController
-    from siren_ros.seat.sight import Sight as Sight
-    from siren_ros.studies.matrix import Study as Study
-    from siren_ros.world.commands import AvControl as AvControl
+    from siren_ros.running.seat.seated import AvController as AvController
+    from siren_ros.running.seat.sight import Sight as Sight
+    from siren_ros.running.studies.matrix import Study as Study
+    from siren_ros.simulation.scenario.episode import EpisodeRequest as EpisodeRequest
+    from siren_ros.simulation.world.commands import AvControl as AvControl
 
 __version__ = "0.1.0"
 
@@ -38,16 +39,17 @@ _MODULES: Final = {
         *("generate_study", "iterate_samples", "iterate_frames"),
     ),
     "siren_ros.errors": ("SirenError", "InputError", "BagError", "EpisodeError"),
-    "siren_ros.scenario.episode": ("EpisodeRequest",),
-    "siren_ros.seat.seated": ("AvController",),
-    "siren_ros.seat.sight": ("Sight",),
-    "siren_ros.studies.matrix": ("Study",),
-    "siren_ros.world.commands": ("AvControl",),
+    "siren_ros.simulation.scenario.episode": ("EpisodeRequest",),
+    "siren_ros.running.seat.seated": ("AvController",),
+    "siren_ros.running.seat.sight": ("Sight",),
+    "siren_ros.running.studies.matrix": ("Study",),
+    "siren_ros.simulation.world.commands": ("AvControl",),
 }
 _MODULE_OF: Final = {name: module for module, names in _MODULES.items() for name in names}
 __all__ = sorted(_MODULE_OF)  # noqa: PLE0605 - a list of strings
 
 pin_before_numpy()
+allow_short_names()
 
 
 def __getattr__(name: str) -> Any:

@@ -17,18 +17,18 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from siren_ros.datasets.export_job import ExportResult
-    from siren_ros.evaluation.prediction.predictors import Predictor
-    from siren_ros.evaluation.prediction.reports.score_table import ScoreTable
-    from siren_ros.evaluation.prediction.samples import Population, ScoredSamples
-    from siren_ros.generation.recorded_episode import RecordedEpisode
-    from siren_ros.judging.verdict import Verdict
-    from siren_ros.judging.verify import Verification
-    from siren_ros.record.episode_source import LidarFrame
-    from siren_ros.recording.episode_record import EpisodeRecord
-    from siren_ros.scenario.episode import EpisodeRequest
-    from siren_ros.studies.matrix import Study
-    from siren_ros.studies.run_study import StudyResult
+    from siren_ros.data.datasets.export_job import ExportResult
+    from siren_ros.data.record.episode_source import LidarFrame
+    from siren_ros.data.recording.episode_record import EpisodeRecord
+    from siren_ros.running.generation.recorded_episode import RecordedEpisode
+    from siren_ros.running.studies.matrix import Study
+    from siren_ros.running.studies.run_study import StudyResult
+    from siren_ros.scoring.evaluation.prediction.predictors import Predictor
+    from siren_ros.scoring.evaluation.prediction.reports.score_table import ScoreTable
+    from siren_ros.scoring.evaluation.prediction.samples import Population, ScoredSamples
+    from siren_ros.scoring.judging.verdict import Verdict
+    from siren_ros.scoring.judging.verify import Verification
+    from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 Folder: TypeAlias = str | PathLike[str]
 """A path, or its text."""
@@ -56,8 +56,8 @@ def make_episode(
             take part over ROS and need ``cosim``.
         EpisodeError: The disk is full.
     """
-    from siren_ros.generation.episode_setup import plan_length, set_up_episode
-    from siren_ros.generation.recorded_episode import record_episode
+    from siren_ros.running.generation.episode_setup import plan_length, set_up_episode
+    from siren_ros.running.generation.recorded_episode import record_episode
 
     on_step = _moved(progress, plan_length(request))
     return record_episode(set_up_episode(request), Path(bag), overwrite=overwrite, on_step=lambda _: on_step())
@@ -72,7 +72,7 @@ def read_record(bag: Folder) -> EpisodeRecord:
     Raises:
         BagError: The folder holds no episode of SIREN, or the bag is damaged.
     """
-    from siren_ros.recording.bag_reader import read_episode
+    from siren_ros.data.recording.bag_reader import read_episode
 
     return read_episode(Path(bag))
 
@@ -83,7 +83,7 @@ def judge(record: EpisodeRecord) -> Verdict:
     Raises:
         BagError: The record names a predicate that this version does not know.
     """
-    from siren_ros.judging.predicates import evaluate_predicate
+    from siren_ros.scoring.judging.predicates import evaluate_predicate
 
     return evaluate_predicate(record)
 
@@ -95,7 +95,7 @@ def verify(record: EpisodeRecord) -> Verification:
         EpisodeError: The record contradicts itself.
         BagError: The record names a predicate that this version does not know.
     """
-    from siren_ros.judging.verify import verify_episode
+    from siren_ros.scoring.judging.verify import verify_episode
 
     return verify_episode(record)
 
@@ -121,9 +121,9 @@ def score_predictions(
         InputError: A name is unknown, or a predictor's answer cannot be scored.
         BagError: A bag cannot be read.
     """
-    from siren_ros.evaluation.prediction.predictors import predictors_named
-    from siren_ros.evaluation.prediction.reports.score_table import score_table
-    from siren_ros.evaluation.prediction.scoring import score_episode
+    from siren_ros.scoring.evaluation.prediction.predictors import predictors_named
+    from siren_ros.scoring.evaluation.prediction.reports.score_table import score_table
+    from siren_ros.scoring.evaluation.prediction.scoring import score_episode
 
     loaded = predictors if isinstance(predictors, Mapping) else predictors_named(list(predictors))
     chosen, found, scores = _population(population), _bags_of(bags), []
@@ -158,8 +158,8 @@ def export(
     Raises:
         InputError: The format, an option or the folder cannot be used, or a bag lacks what the format needs.
     """
-    from siren_ros.datasets.export_job import ExportJob, run_export
-    from siren_ros.datasets.formats import format_named
+    from siren_ros.data.datasets.export_job import ExportJob, run_export
+    from siren_ros.data.datasets.formats import format_named
 
     job = ExportJob(format_named(format_name), options or {}, _bags_of(bags), Path(out), processes)
     return run_export(job) if progress is None else run_export(job, progress.reset, _moved(progress, 0))
@@ -184,9 +184,9 @@ def generate_study(study: Study, out: Folder, workers: int = 1, progress: tqdm[A
         InputError: The study or the folder cannot be used. Videos with risk labels need ``siren generate``.
     """
     from siren_ros.errors import InputError
-    from siren_ros.studies.run_study import StudyBar, run_study
-    from siren_ros.studies.study_folder import LocalFolder
-    from siren_ros.studies.workers import LocalWorkers
+    from siren_ros.running.studies.run_study import StudyBar, run_study
+    from siren_ros.running.studies.study_folder import LocalFolder
+    from siren_ros.running.studies.workers import LocalWorkers
 
     if study.risk_videos:
         raise InputError("risk_videos", study.risk_videos, "0; `siren generate` makes the videos")
@@ -207,7 +207,7 @@ def iterate_samples(bags: Folders, window: str = "ngsim", population: str = "reg
         BagError: A bag cannot be read.
     """
     from siren_ros.errors import InputError
-    from siren_ros.evaluation.prediction.samples import WINDOWS, samples_of
+    from siren_ros.scoring.evaluation.prediction.samples import WINDOWS, samples_of
 
     if window not in WINDOWS:
         raise InputError("window", window, f"one of {', '.join(WINDOWS)}")
@@ -227,7 +227,7 @@ def iterate_frames(bag: Folder, *, cameras: bool = False, pose: bool = False) ->
     Raises:
         BagError: The bag cannot be read, or holds no LiDAR.
     """
-    from siren_ros.record.episode_source import lidar_frames, open_source
+    from siren_ros.data.record.episode_source import lidar_frames, open_source
 
     with open_source(Path(bag)) as source:
         yield from lidar_frames(source, cameras=source.cameras if cameras else (), pose=pose)
@@ -246,14 +246,14 @@ def _moved(bar: tqdm[Any] | None, whole: float) -> Callable[..., None]:
 
 
 def _bags_of(folders: Folders) -> tuple[Path, ...]:
-    from siren_ros.recording.bag_reader import bags_among
+    from siren_ros.data.recording.bag_reader import bags_among
 
     return bags_among(map(Path, [folders] if isinstance(folders, str | PathLike) else folders))
 
 
 def _population(name: str) -> Population:
     from siren_ros.errors import InputError
-    from siren_ros.evaluation.prediction.samples import Population
+    from siren_ros.scoring.evaluation.prediction.samples import Population
 
     try:
         return Population(name)

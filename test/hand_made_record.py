@@ -7,15 +7,23 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Points
-from siren_ros.numerics.geometry import Polyline
-from siren_ros.numerics.units import STEP_S
-from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.scenario.paper import EmergencyLevel
-from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Mode
-from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
+from siren_ros.base.numerics.arrays import Points
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.simulation.roads.road_network import (
+    Connection,
+    Edge,
+    Junction,
+    JunctionKind,
+    Lane,
+    LaneKind,
+    RoadNetwork,
+)
+from siren_ros.simulation.scenario.episode import EpisodeDescription
+from siren_ros.simulation.scenario.paper import EmergencyLevel
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Mode
+from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
 
 EMV = 1
 EMV_LENGTH_M, CAR_LENGTH_M = 6.0, 4.0

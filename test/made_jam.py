@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 from hand_made_record import EMV, Driven, hand_made
 
-from siren_ros.numerics.geometry import Polyline
-from siren_ros.numerics.units import STEP_S
-from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.simulation.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
 
 WIDTH_M, SHOULDER_M, LENGTH_M = 3.75, 3.0, 1000.0
 TURN_RAD = 0.4

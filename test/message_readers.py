@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
-from siren_ros.interfaces.boxes import from_camera_truth, from_ground_truth
-from siren_ros.interfaces.conversions import (
+from siren_ros.data.interfaces.boxes import from_camera_truth, from_ground_truth
+from siren_ros.data.interfaces.conversions import (
     from_actor_description,
     from_actor_states,
     from_av_control,
@@ -16,13 +16,13 @@ from siren_ros.interfaces.conversions import (
     from_traffic_state,
     from_vehicle_commands,
 )
-from siren_ros.interfaces.episode_conversions import (
+from siren_ros.data.interfaces.episode_conversions import (
     from_episode_description,
     from_episode_end,
     from_episode_outcome,
     from_step_done,
 )
-from siren_ros.interfaces.measurements import from_audio
+from siren_ros.data.interfaces.measurements import from_audio
 
 READERS: dict[str, Callable[[Any], Any]] = {
     "siren_msgs/msg/Event": from_event,

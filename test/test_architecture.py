@@ -16,8 +16,8 @@ LIBRARY = REPOSITORY / "siren_ros"
 PLAN = (REPOSITORY / "docs" / "architecture.md").read_text(encoding="utf-8")
 CONTRACTS = configparser.ConfigParser()
 CONTRACTS.read(REPOSITORY / ".importlinter", encoding="utf-8")
-MAY_EXIT = ("nodes/", "siren_ros/cli/", "siren_ros/benchmarks/")
-LOADS_ROS_BY_NAME = ("nodes/", "siren_ros/ros/", "siren_ros/benchmarks/")
+MAY_EXIT = ("nodes/", "siren_ros/cli/", "siren_ros/lab/benchmarks/")
+LOADS_ROS_BY_NAME = ("nodes/", "siren_ros/running/ros/", "siren_ros/lab/benchmarks/")
 
 
 @cache

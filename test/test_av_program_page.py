@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import pytest
 from repository import REPOSITORY
 
-from siren_ros.interfaces.topics import AV_CONTROL, AV_ROUTE, EPISODE, EPISODE_END, MAP, TF_STATIC
-from siren_ros.numerics.units import time_ns_of_step
+from siren_ros.base.numerics.units import time_ns_of_step
+from siren_ros.data.interfaces.topics import AV_CONTROL, AV_ROUTE, EPISODE, EPISODE_END, MAP, TF_STATIC
 
 PAGE = (REPOSITORY / "docs" / "av_programs.md").read_text(encoding="utf-8")
 

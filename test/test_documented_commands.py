@@ -13,8 +13,8 @@ import pytest
 from repository import REPOSITORY
 
 from siren_ros.cli.main import command_lines
-from siren_ros.ros import node_configs
-from siren_ros.ros.parameters import defaults_of
+from siren_ros.running.ros import node_configs
+from siren_ros.running.ros.parameters import defaults_of
 
 DOCUMENTS: Final = sorted([*REPOSITORY.glob("*.md"), *(REPOSITORY / "docs").rglob("*.md")])
 LINES: Final = {line.prog: line for line in command_lines()}

@@ -12,7 +12,8 @@ from repository import REPOSITORY
 
 from docsite.code_tables import TABLES
 from docsite.documents import documents_of, rewrite
-from siren_ros.reproduction.results import read_results
+from siren_ros.base.short_names import full_name
+from siren_ros.lab.reproduction.results import read_results
 
 DOCUMENTS: Final = documents_of(REPOSITORY)
 PRIVATE_WORDS: Final = re.compile(r"\b(spells?|foot|rooms?|crew|seats?(?!/)|besides?|carried)\b", re.IGNORECASE)
@@ -131,7 +132,9 @@ def test_headings_that_documents_link_to_exist(path: Path) -> None:
 @parametrized
 def test_modules_that_documents_run_exist(path: Path) -> None:
     modules = re.findall(r"-m (siren_ros[\w.]*\w)", path.read_text(encoding="utf-8"))
-    assert not [name for name in modules if not (REPOSITORY / name.replace(".", "/")).with_suffix(".py").is_file()]
+    assert not [
+        name for name in modules if not (REPOSITORY / full_name(name).replace(".", "/")).with_suffix(".py").is_file()
+    ]
 
 
 @parametrized

@@ -9,13 +9,13 @@ import pytest
 from repository import REPOSITORY
 from test_architecture import names_defined_in
 
-from siren_ros.evaluation.detection.tables import PAPER as PAPER_DETECTORS
-from siren_ros.evaluation.prediction.metrics import METRICS
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES
-from siren_ros.evaluation.prediction.samples import HistoryWindow, future_times_s
-from siren_ros.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
-from siren_ros.numerics.units import STEP_S, mps_from_kmh
-from siren_ros.scenario.paper import (
+from siren_ros.base.numerics.units import STEP_S, mps_from_kmh
+from siren_ros.scoring.evaluation.detection.tables import PAPER as PAPER_DETECTORS
+from siren_ros.scoring.evaluation.prediction.metrics import METRICS
+from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER_NAMES
+from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, future_times_s
+from siren_ros.scoring.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
+from siren_ros.simulation.scenario.paper import (
     LEVEL_POLICIES,
     PAPER_CONSTANTS,
     PAPER_SPEEDS,
@@ -23,9 +23,9 @@ from siren_ros.scenario.paper import (
     CivilianResponse,
     EmergencyLevel,
 )
-from siren_ros.scenario.presets import load_preset
-from siren_ros.scenario.templates import load_template
-from siren_ros.traffic.config import CautionConfig
+from siren_ros.simulation.scenario.presets import load_preset
+from siren_ros.simulation.scenario.templates import load_template
+from siren_ros.simulation.traffic.config import CautionConfig
 
 
 def shown(page: str) -> str:

@@ -16,7 +16,8 @@ from repository import REPOSITORY
 from tqdm import tqdm
 
 import siren_ros
-from siren_ros.world.traffic_state import EventKind
+from siren_ros.base.short_names import full_name
+from siren_ros.simulation.world.traffic_state import EventKind
 
 PUBLIC_MODULES = {"siren_ros", "siren_ros.learning", "siren_ros.training.torch_samples"}
 FUNCTIONS = [name for name in siren_ros.__all__ if inspect.isfunction(getattr(siren_ros, name))]
@@ -39,8 +40,10 @@ def test_the_import_loads_neither_numpy_nor_the_rest_of_the_library() -> None:
     loaded = done.stdout.split()
     assert [name for name in loaded if name.startswith("siren")] == [
         "siren_ros",
-        "siren_ros.numerics",
-        "siren_ros.numerics.arithmetic",
+        "siren_ros.base",
+        "siren_ros.base.numerics",
+        "siren_ros.base.numerics.arithmetic",
+        "siren_ros.base.short_names",
     ]
     assert "numpy" not in loaded
 
@@ -78,7 +81,7 @@ def public_of(module: str) -> set[str]:
     """The names in a module's ``__all__``, read from its source: torch need not be there."""
     if module == "siren_ros":
         return set(siren_ros.__all__)
-    file = REPOSITORY / module.replace(".", "/")
+    file = REPOSITORY / full_name(module).replace(".", "/")
     file = file / "__init__.py" if file.is_dir() else file.with_suffix(".py")
     assigned = [node for node in ast.parse(file.read_text(encoding="utf-8")).body if isinstance(node, ast.Assign)]
     return {
@@ -105,8 +108,8 @@ def test_examples_import_public_names_alone(file: Path) -> None:
 
 
 def test_private_imports_are_found_and_public_modules_are_those_of_the_document() -> None:
-    program = "import siren_ros\nfrom siren_ros import judge, world\nimport siren_ros.roads.ways\nimport numpy\n"
-    assert private_imports(program) == ["siren_ros.world", "siren_ros.roads.ways"]
+    program = "import siren_ros\nfrom siren_ros import judge, simulation\nimport siren_ros.roads.ways\nimport numpy\n"
+    assert private_imports(program) == ["siren_ros.simulation", "siren_ros.roads.ways"]
     assert private_imports("from siren_ros.learning import parallel_env, registration") == [
         "siren_ros.learning.registration"
     ]

@@ -7,11 +7,11 @@ import pytest
 from rclpy.qos import DurabilityPolicy
 from repository import REPOSITORY
 
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.topics import Topic
-from siren_ros.ros.transport.endpoints import REPORT_DEPTH, STREAM_DEPTH, qos_of
-from siren_ros.sensor_messages.sensor_topics import SENSOR_MESSAGES, camera_topics
-from siren_ros.sensors.suite import load_suite
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.topics import Topic
+from siren_ros.data.sensor_messages.sensor_topics import SENSOR_MESSAGES, camera_topics
+from siren_ros.running.ros.transport.endpoints import REPORT_DEPTH, STREAM_DEPTH, qos_of
+from siren_ros.sensing.suite import load_suite
 
 PAGE = (REPOSITORY / "docs" / "topics.md").read_text(encoding="utf-8")
 ROWS = {

@@ -10,7 +10,7 @@ from pathlib import Path
 from docsite.code_tables import TABLES
 from docsite.documents import documents_of, rewrite
 from siren_ros.errors import SirenError
-from siren_ros.reproduction.results import read_results
+from siren_ros.lab.reproduction.results import read_results
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

@@ -5,15 +5,15 @@ from collections import Counter
 from pathlib import Path
 from shlex import quote
 
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.base.tables.table import Table
 from siren_ros.cli.command import complain
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.data.recording.episode_record import EpisodeRecord, TopicRecord
+from siren_ros.data.recording.recover import recover_bag
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError, shown_text
-from siren_ros.judging.verify import Verification, verify_episode
-from siren_ros.numerics.units import STEP_S
-from siren_ros.recording.bag_reader import read_episode
-from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
-from siren_ros.recording.recover import recover_bag
-from siren_ros.tables.table import Table
-from siren_ros.world.actors import ActorClass
+from siren_ros.scoring.judging.verify import Verification, verify_episode
+from siren_ros.simulation.world.actors import ActorClass
 
 LONGEST_LINE = 4000
 """Characters; the description of a bag of another program may hold any."""

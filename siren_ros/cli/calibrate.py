@@ -7,15 +7,15 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from siren_ros.calibration.fit import EVALUATIONS_EACH, UNDETERMINED_SHARE, Fitted, fit
-from siren_ros.calibration.parameters import PARAMETERS, Parameter, check_effect, parameters_named
-from siren_ros.calibration.searches import residuals_over
-from siren_ros.calibration.targets import Situation, Target, Trajectory, horizons_of
+from siren_ros.base.tables.table import Table
 from siren_ros.cli.options import add_bags, add_processes, check_numbers, names_in, processes_of, steps_of
+from siren_ros.data.recording.bag_reader import bags_among, read_episode
 from siren_ros.errors import EXIT_OK, InputError, write_text
-from siren_ros.recording.bag_reader import bags_among, read_episode
-from siren_ros.scenario.episode import MAX_SEED
-from siren_ros.tables.table import Table
+from siren_ros.lab.calibration.fit import EVALUATIONS_EACH, UNDETERMINED_SHARE, Fitted, fit
+from siren_ros.lab.calibration.parameters import PARAMETERS, Parameter, check_effect, parameters_named
+from siren_ros.lab.calibration.searches import residuals_over
+from siren_ros.lab.calibration.targets import Situation, Target, Trajectory, horizons_of
+from siren_ros.simulation.scenario.episode import MAX_SEED
 
 DEFAULTS = "controller.target_speed_mps,controller.accel_mps2,controller.headway_s"
 

@@ -6,10 +6,12 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from siren_ros.base.tables.table import csv_text, text_of
 from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of, steps_of
+from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.errors import EXIT_OK, InputError, write_text
-from siren_ros.evaluation.paper_comparison import (
+from siren_ros.scoring.evaluation.paper_comparison import (
     Compared,
     at_template_level,
     comparison_tables,
@@ -19,13 +21,11 @@ from siren_ros.evaluation.paper_comparison import (
     risk_rows,
     stored,
 )
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, maps_next_to_the_papers
-from siren_ros.evaluation.prediction.reports.score_table import score_table
-from siren_ros.evaluation.prediction.scoring import ScoringJob, score_bags
-from siren_ros.evaluation.risk.video_set import read_set
-from siren_ros.recording.bag_reader import bags_among
-from siren_ros.scenario.templates import load_template
-from siren_ros.tables.table import csv_text, text_of
+from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER_NAMES, maps_next_to_the_papers
+from siren_ros.scoring.evaluation.prediction.reports.score_table import score_table
+from siren_ros.scoring.evaluation.prediction.scoring import ScoringJob, score_bags
+from siren_ros.scoring.evaluation.risk.video_set import read_set
+from siren_ros.simulation.scenario.templates import load_template
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

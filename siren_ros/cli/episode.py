@@ -8,14 +8,14 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.base.params.parameter_field import check_fields
 from siren_ros.cli.options import steps_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.generation.episode_setup import default_bag_path, plan_length, set_up_episode
-from siren_ros.generation.recorded_episode import RecordedEpisode, record_episode
-from siren_ros.numerics.units import STEP_S
-from siren_ros.params.parameter_field import check_fields
-from siren_ros.scenario.episode import EpisodeEnd, EpisodeRequest
-from siren_ros.scenario.paper import level_name
+from siren_ros.running.generation.episode_setup import default_bag_path, plan_length, set_up_episode
+from siren_ros.running.generation.recorded_episode import RecordedEpisode, record_episode
+from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeRequest
+from siren_ros.simulation.scenario.paper import level_name
 
 _OF_COSIM: Final = frozenset({"av", "av_sensors", "predictor", "detector"})
 """Fields for programs that take part over ROS."""

@@ -12,28 +12,28 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
+from siren_ros.base.params.resources import names_in_params
+from siren_ros.base.tables.table import text_of
 from siren_ros.cli.command import Command, complain
 from siren_ros.cli.options import add_processes, of_each_bag, processes_of
 from siren_ros.cli.study_options import MATRIX, add_matrix, asked_of
+from siren_ros.data.recording.bag_reader import bags_among, read_episode
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, shown_text, write_text, writing
-from siren_ros.exam.certificate import Certificate, as_json, as_junit, page_of, shown_again, violations_of
-from siren_ros.exam.grading import Sitting, examine
-from siren_ros.exam.others import PAPER, actor_in_seat, compared_with_paper
-from siren_ros.exam.rulebook import FOLDER, Rulebook, load_rulebook
-from siren_ros.generation.answer_times import AnswerTimes
-from siren_ros.params.resources import names_in_params
-from siren_ros.recording.bag_reader import bags_among, read_episode
-from siren_ros.scenario.paper import TEMPLATES
-from siren_ros.seat.drivers.drivers import driver_of
-from siren_ros.studies.episode_row import EpisodeRow, Status
-from siren_ros.studies.matrix import Seat, Study
-from siren_ros.studies.run_study import StudyBar, run_study
-from siren_ros.studies.study_folder import LocalFolder
-from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions
-from siren_ros.study_report.episode_pages import EpisodePages
-from siren_ros.study_report.page import html_of
-from siren_ros.tables.table import text_of
-from siren_ros.world.actors import NO_ACTOR
+from siren_ros.reports.exam.certificate import Certificate, as_json, as_junit, page_of, shown_again, violations_of
+from siren_ros.reports.exam.grading import Sitting, examine
+from siren_ros.reports.exam.others import PAPER, actor_in_seat, compared_with_paper
+from siren_ros.reports.exam.rulebook import FOLDER, Rulebook, load_rulebook
+from siren_ros.reports.study_report.episode_pages import EpisodePages
+from siren_ros.reports.study_report.page import html_of
+from siren_ros.running.generation.answer_times import AnswerTimes
+from siren_ros.running.seat.drivers.drivers import driver_of
+from siren_ros.running.studies.episode_row import EpisodeRow, Status
+from siren_ros.running.studies.matrix import Seat, Study
+from siren_ros.running.studies.run_study import StudyBar, run_study
+from siren_ros.running.studies.study_folder import LocalFolder
+from siren_ros.running.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions
+from siren_ros.simulation.scenario.paper import TEMPLATES
+from siren_ros.simulation.world.actors import NO_ACTOR
 
 PAPER_FOLDER: Final = "paper"
 """Folder of the episodes with the paper's driver, in that of an exam."""

@@ -3,9 +3,9 @@
 import argparse
 from pathlib import Path
 
+from siren_ros.base.tables.table import text_of
 from siren_ros.errors import EXIT_OK
-from siren_ros.exam.comparison import compared, read_certificate
-from siren_ros.tables.table import text_of
+from siren_ros.reports.exam.comparison import compared, read_certificate
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

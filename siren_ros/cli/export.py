@@ -7,16 +7,16 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
+from siren_ros.base.tables.table import Table, counted
 from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_bags, add_processes, processes_of, steps_of
 from siren_ros.cli.view import add_page
-from siren_ros.datasets.export_job import AUTO, SPLITS, ExportJob, run_export
-from siren_ros.datasets.formats import FORMATS, Format
+from siren_ros.data.datasets.export_job import AUTO, SPLITS, ExportJob, run_export
+from siren_ros.data.datasets.formats import FORMATS, Format
+from siren_ros.data.record.bag_survey import Need
+from siren_ros.data.record.licences import LICENCE
+from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.record.bag_survey import Need
-from siren_ros.record.licences import LICENCE
-from siren_ros.recording.bag_reader import bags_among
-from siren_ros.tables.table import Table, counted
 
 _PAGE: Final = "html"
 _PAGE_SUMMARY: Final = "One page for people: an episode in 3-D that any browser shows without a network"

@@ -10,17 +10,15 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
+from siren_ros.base.params.resources import named_params_file
 from siren_ros.cli.command import Command, complain
 from siren_ros.cli.options import add_processes, check_numbers
 from siren_ros.cli.study_options import MATRIX, add_matrix, asked_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
-from siren_ros.generation.episode_setup import plan_length
-from siren_ros.params.resources import named_params_file
-from siren_ros.scenario.episode import MAX_SEED, EpisodeRequest
-from siren_ros.scenario.paper import TEMPLATES
-from siren_ros.studies.dask_workers import DaskWorkers, connected, on_slurm
-from siren_ros.studies.episode_row import EpisodeRow, Status
-from siren_ros.studies.matrix import (
+from siren_ros.running.generation.episode_setup import plan_length
+from siren_ros.running.studies.dask_workers import DaskWorkers, connected, on_slurm
+from siren_ros.running.studies.episode_row import EpisodeRow, Status
+from siren_ros.running.studies.matrix import (
     MOST_SAMPLES,
     TOWN,
     DrawPlan,
@@ -30,9 +28,11 @@ from siren_ros.studies.matrix import (
     ranges_of,
     read_study,
 )
-from siren_ros.studies.run_study import StudyBar, run_study
-from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
-from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions, Workers
+from siren_ros.running.studies.run_study import StudyBar, run_study
+from siren_ros.running.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
+from siren_ros.running.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions, Workers
+from siren_ros.simulation.scenario.episode import MAX_SEED, EpisodeRequest
+from siren_ros.simulation.scenario.paper import TEMPLATES
 
 RISK_VIDEOS = "risk_videos"
 """Folder of the videos with risk labels, in the study's."""
@@ -146,8 +146,8 @@ def _risk_set_of(study: Study, folder: StudyFolder, arguments: argparse.Namespac
         raise InputError("risk_videos", f"on {len(study.maps)} maps", "one map")
     map_file = "" if study.maps[0] == TOWN else study.maps[0]
     from siren_ros.cli.generate_risk import make_and_print  # noqa: PLC0415 - takes as long to load as all else here
-    from siren_ros.studies.risk_set.make_set import RiskSetRequest  # noqa: PLC0415 - as above
-    from siren_ros.studies.risk_set.search import papers_balance  # noqa: PLC0415 - as above
+    from siren_ros.running.studies.risk_set.make_set import RiskSetRequest  # noqa: PLC0415 - as above
+    from siren_ros.running.studies.risk_set.search import papers_balance  # noqa: PLC0415 - as above
 
     balance, seed = papers_balance(len(study.templates), study.risk_videos), study.seeds[0]
     request = RiskSetRequest(study.templates, balance, seed=seed, map_file=map_file, retries=arguments.retries)

@@ -9,17 +9,24 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
+from siren_ros.base.tables.table import text_of
 from siren_ros.cli.options import add_processes, check_numbers, positive
 from siren_ros.cli.study_options import BUILT_IN
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, writing
-from siren_ros.evaluation.risk.labels import DEFINITIONS, TITLES, RiskClass, RiskThresholds
-from siren_ros.evaluation.risk.tables import table_of_changes
-from siren_ros.evaluation.risk.video_set import read_set, write_set
-from siren_ros.scenario.episode import MAX_SEED
-from siren_ros.scenario.paper import TEMPLATES
-from siren_ros.studies.risk_set.make_set import RiskSetRequest, SetObserver, make_set
-from siren_ros.studies.risk_set.search import PAPER_COUNTS, PAPER_PER_TEMPLATE, Balance, Counts, Search, papers_balance
-from siren_ros.tables.table import text_of
+from siren_ros.running.studies.risk_set.make_set import RiskSetRequest, SetObserver, make_set
+from siren_ros.running.studies.risk_set.search import (
+    PAPER_COUNTS,
+    PAPER_PER_TEMPLATE,
+    Balance,
+    Counts,
+    Search,
+    papers_balance,
+)
+from siren_ros.scoring.evaluation.risk.labels import DEFINITIONS, TITLES, RiskClass, RiskThresholds
+from siren_ros.scoring.evaluation.risk.tables import table_of_changes
+from siren_ros.scoring.evaluation.risk.video_set import read_set, write_set
+from siren_ros.simulation.scenario.episode import MAX_SEED
+from siren_ros.simulation.scenario.paper import TEMPLATES
 
 _MEANINGS: Final = {
     "time_to_collision_s": "near-miss: a TTC below this",

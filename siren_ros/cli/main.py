@@ -9,9 +9,9 @@ from contextlib import contextmanager, redirect_stdout
 from typing import Any, Final
 
 import siren_ros
+from siren_ros.base.processes.interrupts import deferred_interrupts
 from siren_ros.cli.command import Command, PrintableOutput, complain
 from siren_ros.errors import EXIT_FAILED, SirenError
-from siren_ros.processes.interrupts import deferred_interrupts
 
 VERBS: Final = {
     "episode": ("make one episode", "episode.add_arguments"),

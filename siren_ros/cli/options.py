@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 
 from tqdm import tqdm
 
+from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.cli.command import complain
 from siren_ros.errors import EXIT_OK, InputError, SirenError, shown_text
-from siren_ros.processes.process_pool import ProcessPool
 
 Measured = TypeVar("Measured")
 

@@ -10,16 +10,16 @@ from tqdm import tqdm
 from siren_ros.cli.command import complain
 from siren_ros.cli.export import add_dataset_options, exported
 from siren_ros.cli.options import steps_of
-from siren_ros.datasets.publication import check_copy
+from siren_ros.data.datasets.publication import check_copy
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.training.packed.pack import PACKS, RISK, RiskPack, pack_risk, read_through
+from siren_ros.lab.training.packed.pack import PACKS, RISK, RiskPack, pack_risk, read_through
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
         "Packs samples for training as one Parquet file for each split, and prints how many samples a second of "
-        "processor time one process reads. The classes of siren_ros.training.torch_samples give them to PyTorch."
+        "processor time one process reads. The classes of siren_ros.lab.training.torch_samples give them to PyTorch."
     )
     tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
     for pack in PACKS.values():

@@ -4,13 +4,13 @@ import argparse
 from pathlib import Path
 
 from siren_ros.cli.options import add_former
+from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import EXIT_OK
-from siren_ros.pictures.birdseye import save_episode_picture
-from siren_ros.pictures.sensor_views import observe_at, save_sheet
-from siren_ros.pictures.video import CRF, FRAME_RATE_HZ, Coding, View, save_video
-from siren_ros.recording.bag_reader import read_episode
-from siren_ros.sensors.look import load_look, look_of
-from siren_ros.sensors.suite import load_suite
+from siren_ros.scoring.pictures.birdseye import save_episode_picture
+from siren_ros.scoring.pictures.sensor_views import observe_at, save_sheet
+from siren_ros.scoring.pictures.video import CRF, FRAME_RATE_HZ, Coding, View, save_video
+from siren_ros.sensing.look import load_look, look_of
+from siren_ros.sensing.suite import load_suite
 
 
 def add_plot(verb: argparse.ArgumentParser) -> None:

@@ -11,9 +11,9 @@ from typing import Final
 
 from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_former
+from siren_ros.data.recording.bag_reader import check_bag_files, read_episode
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
-from siren_ros.generation.replay_check import notes_on, repeat_episode
-from siren_ros.recording.bag_reader import check_bag_files, read_episode
+from siren_ros.running.generation.replay_check import notes_on, repeat_episode
 
 _RULE: Final = re.compile(r"[A-Za-z0-9_/~]+:=[A-Za-z0-9_/~]+")
 

@@ -8,9 +8,9 @@ from tqdm import tqdm
 from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_processes, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
-from siren_ros.study_report.build import build_page
-from siren_ros.study_report.page import html_of
-from siren_ros.study_report.study import DETECTION, MODELS, PAGES, RISK, PageOptions
+from siren_ros.reports.study_report.build import build_page
+from siren_ros.reports.study_report.page import html_of
+from siren_ros.reports.study_report.study import DETECTION, MODELS, PAGES, RISK, PageOptions
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 from typing import Final
 
+from siren_ros.base.params.resources import params_dir
 from siren_ros.cli.options import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
-from siren_ros.params.resources import params_dir
-from siren_ros.reproduction.make import Reproduction
-from siren_ros.reproduction.parts import read_parts
+from siren_ros.lab.reproduction.make import Reproduction
+from siren_ros.lab.reproduction.parts import read_parts
 
 _RESULTS: Final = Path("docs", "results.json")
 _WRITE_DOCUMENTS: Final = Path("tools", "write_documents.py")

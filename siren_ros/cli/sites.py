@@ -4,18 +4,18 @@ import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from siren_ros.base.tables.table import Row, Table
 from siren_ros.cli.command import Command
 from siren_ros.cli.study_options import BUILT_IN
 from siren_ros.errors import EXIT_OK
-from siren_ros.generation.site_choice import has_shoulder, shortcomings
-from siren_ros.roads.maps.map_compiler import compile_map
-from siren_ros.roads.mirror_image import right_hand_image
-from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.roads.sites import Site
-from siren_ros.scenario.scenario import Template
-from siren_ros.scenario.templates import available_templates, load_template
-from siren_ros.tables.table import Row, Table
+from siren_ros.running.generation.site_choice import has_shoulder, shortcomings
+from siren_ros.simulation.roads.maps.map_compiler import compile_map
+from siren_ros.simulation.roads.mirror_image import right_hand_image
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.roads.sites import Site
+from siren_ros.simulation.scenario.scenario import Template
+from siren_ros.simulation.scenario.templates import available_templates, load_template
 
 _HEAD = ("template", "site", "good", "street", "junction", "length m", "lanes", "shoulder", "lacks")
 
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     rows = tuple(row for survey in found for row in _rows(network, *survey, lacking=arguments.all))
     print(*Table("sites", "", _HEAD, rows, specs={"length m": ".0f"}).text(), sep="\n")
     if arguments.out is not None:
-        from siren_ros.pictures.site_map import save_site_map  # noqa: PLC0415 - matplotlib takes as long as the table
+        from siren_ros.scoring.pictures.site_map import save_site_map  # noqa: PLC0415 - matplotlib takes as long as the table
 
         print(save_site_map(network, found, arguments.out))
     return EXIT_OK

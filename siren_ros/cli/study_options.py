@@ -4,8 +4,8 @@ import argparse
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from siren_ros.roads.maps.map_compiler import BUILT_IN_MAPS
-from siren_ros.studies.matrix import TOWN, levels_of, seeds_of
+from siren_ros.running.studies.matrix import TOWN, levels_of, seeds_of
+from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS
 
 BUILT_IN: Final = "{}, {} or {}".format(*BUILT_IN_MAPS)
 """The built-in maps, in words."""

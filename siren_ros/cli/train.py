@@ -14,14 +14,13 @@ from tqdm import tqdm
 from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_processes, check_numbers, positive, processes_of, steps_of
 from siren_ros.cli.study_options import BUILT_IN
+from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
-from siren_ros.recording.bag_reader import bags_among
-from siren_ros.scenario.episode import MAX_SEED
-from siren_ros.training.data_files import MadeFiles, Planned
-from siren_ros.training.detection.training import DetectorTraining, train_detector
-from siren_ros.training.prediction.plan import FULL, VARIANTS, PlanSize, plan_bags, plan_episodes
-from siren_ros.training.prediction.samples import make_samples
-from siren_ros.training.prediction.training import (
+from siren_ros.lab.training.data_files import MadeFiles, Planned
+from siren_ros.lab.training.detection.training import DetectorTraining, train_detector
+from siren_ros.lab.training.prediction.plan import FULL, VARIANTS, PlanSize, plan_bags, plan_episodes
+from siren_ros.lab.training.prediction.samples import make_samples
+from siren_ros.lab.training.prediction.training import (
     TrainedVariant,
     by_map,
     by_template,
@@ -29,9 +28,10 @@ from siren_ros.training.prediction.training import (
     train_variant,
     with_ablations,
 )
-from siren_ros.training.risk.samples import FilmPlanSize, make_films, plan_films
-from siren_ros.training.risk.training import train_sequence_model
-from siren_ros.training.settings import ARCHITECTURES, DetectionFit, DriverFit, FilmFitConfig, FitConfig
+from siren_ros.lab.training.risk.samples import FilmPlanSize, make_films, plan_films
+from siren_ros.lab.training.risk.training import train_sequence_model
+from siren_ros.lab.training.settings import ARCHITECTURES, DetectionFit, DriverFit, FilmFitConfig, FitConfig
+from siren_ros.simulation.scenario.episode import MAX_SEED
 
 FITTERS: Final = {
     "prediction": "fitted_network",
@@ -39,7 +39,7 @@ FITTERS: Final = {
     "risk": "fitted_film_network",
     "driver": "trained_driver",
 }
-"""Functions of the modules ``siren_ros.training.fitting.TASK``, loaded by name because they need torch."""
+"""Functions of the modules ``siren_ros.lab.training.fitting.TASK``, loaded by name because they need torch."""
 _EXTRAS: Final = {"driver": "rl"}
 """Extras that a task needs, where it is not models."""
 _TOWN: Final = "town"
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 def fitter_of(task: str) -> Any:
     """The function that fits and exports the network of a task; InputError where the extra is not installed."""
     try:
-        return getattr(import_module(f"siren_ros.training.fitting.{task}"), FITTERS[task])
+        return getattr(import_module(f"siren_ros.lab.training.fitting.{task}"), FITTERS[task])
     except ModuleNotFoundError as error:
         extra = _EXTRAS.get(task, "models")
         runs = f"./env --with {extra} siren train {task} …"

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_former, check_numbers, names_in
-from siren_ros.episode_page.of_bag import page_of_bag
-from siren_ros.episode_page.sensed import ALL, MOST_MB, NOTHING, sensed_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
+from siren_ros.reports.episode_page.of_bag import page_of_bag
+from siren_ros.reports.episode_page.sensed import ALL, MOST_MB, NOTHING, sensed_of
 
 
 def add_view(verb: argparse.ArgumentParser) -> None:

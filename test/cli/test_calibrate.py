@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from siren_ros.calibration.targets import Situation, Target
+from siren_ros.base.numerics.arrays import Floats
 from siren_ros.cli import calibrate
 from siren_ros.cli.main import main
-from siren_ros.numerics.arrays import Floats
-from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.lab.calibration.targets import Situation, Target
+from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 NOISE_M = 0.1
 

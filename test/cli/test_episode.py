@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from siren_ros.recording.bag_reader import read_episode
-from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 QUICK = ("--sensors", "none", "--duration-s", "0.5")
 

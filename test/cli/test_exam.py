@@ -11,9 +11,9 @@ import pytest
 from defusedxml import ElementTree
 from recorded_episode import quick_template, tracked_recording
 
+from siren_ros.base.params.resources import params_dir
 from siren_ros.cli.exam import _by_number
-from siren_ros.params.resources import params_dir
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.data.recording.bag_reader import read_episode
 
 
 @pytest.fixture(scope="module")

@@ -6,17 +6,17 @@ from pathlib import Path
 
 import pytest
 
+from siren_ros.base.params.resources import named_params_file
 from siren_ros.cli import generate, generate_risk
 from siren_ros.cli.main import main
-from siren_ros.params.resources import named_params_file
-from siren_ros.recording.bag_reader import read_episode
-from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.studies.episode_row import EpisodeRow, Status
-from siren_ros.studies.matrix import DrawPlan, Method, PlannedEpisode, Study, plan_study, read_study
-from siren_ros.studies.risk_set.make_set import RiskSetRequest
-from siren_ros.studies.risk_set.search import Balance, papers_balance
-from siren_ros.studies.run_study import StudyResult
-from siren_ros.studies.study_folder import LocalFolder, read_table
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.running.studies.episode_row import EpisodeRow, Status
+from siren_ros.running.studies.matrix import DrawPlan, Method, PlannedEpisode, Study, plan_study, read_study
+from siren_ros.running.studies.risk_set.make_set import RiskSetRequest
+from siren_ros.running.studies.risk_set.search import Balance, papers_balance
+from siren_ros.running.studies.run_study import StudyResult
+from siren_ros.running.studies.study_folder import LocalFolder, read_table
+from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 SHORT = ["--duration-s", "0.5", "--workers", "2"]
 

@@ -8,8 +8,8 @@ import pytest
 from test_documents import PRIVATE_WORDS
 
 from siren_ros.cli.main import command_lines, main
-from siren_ros.roads.maps.map_compiler import BUILT_IN_MAPS
-from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS
+from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 LINES = {line.prog: line for line in command_lines()}
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from siren_ros.cli import train
 from siren_ros.cli.options import add_processes, check_numbers, named_path, names_in, of_each_bag, processes_of
+from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import BagError, EpisodeError, InputError
-from siren_ros.recording.bag_reader import read_episode
 
 
 def length_of_name(bag: Path) -> int:

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from rosbags.typesys.store import Typestore
 
+from siren_ros.base.numerics.units import step_of_time_ns
 from siren_ros.cli.main import main
-from siren_ros.generation.episode_setup import set_up_episode
-from siren_ros.generation.recorded_episode import record_episode
-from siren_ros.numerics.units import step_of_time_ns
-from siren_ros.recording.bag_reader import open_bag
-from siren_ros.recording.bag_writer import EpisodeBagWriter
-from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.data.recording.bag_reader import open_bag
+from siren_ros.data.recording.bag_writer import EpisodeBagWriter
+from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.running.generation.recorded_episode import record_episode
+from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 import pytest
 from repository import REPOSITORY
 
-from siren_ros.reproduction.parts import read_parts
+from siren_ros.lab.reproduction.parts import read_parts
 
 
 def test_the_list_names_each_part_with_its_time(siren, monkeypatch) -> None:

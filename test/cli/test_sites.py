@@ -4,10 +4,10 @@ from pathlib import Path
 
 from repository import REPOSITORY
 
-from siren_ros.generation.site_choice import good_sites, ranked_sites
-from siren_ros.roads.maps.map_compiler import compile_map
-from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.scenario.templates import load_template
+from siren_ros.running.generation.site_choice import good_sites, ranked_sites
+from siren_ros.simulation.roads.maps.map_compiler import compile_map
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.scenario.templates import load_template
 
 TEMPLATE = load_template("S5")
 

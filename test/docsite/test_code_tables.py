@@ -6,9 +6,9 @@ from repository import REPOSITORY
 import siren_ros
 from docsite.code_tables import TABLES, node_table
 from docsite.topic_tables import texts_of
-from siren_ros.calibration.parameters import PARAMETERS
-from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
-from siren_ros.judging.physics import VerifyLimits
+from siren_ros.lab.calibration.parameters import PARAMETERS
+from siren_ros.scoring.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
+from siren_ros.scoring.judging.physics import VerifyLimits
 
 
 def rows(table: str) -> list[list[str]]:

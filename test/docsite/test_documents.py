@@ -4,7 +4,7 @@ import pytest
 
 from docsite.documents import figure_of, figures_by_hand, rewrite, sources_in
 from siren_ros.errors import InputError
-from siren_ros.reproduction.results import PartResult
+from siren_ros.lab.reproduction.results import PartResult
 
 RESULTS = {
     "town": PartResult("", (), {}, 1.0, {"S1.holds": "20/20", "S1.ade_m": 1.994, "S2.ade_m": -2.5, "ade_m": 0.25})

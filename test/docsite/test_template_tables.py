@@ -4,8 +4,8 @@ import pytest
 from repository import REPOSITORY
 
 from docsite.template_tables import Entry, entries, template_table
-from siren_ros.scenario.scenario import PEOPLE, VARIETY
-from siren_ros.scenario.templates import load_template
+from siren_ros.simulation.scenario.scenario import PEOPLE, VARIETY
+from siren_ros.simulation.scenario.templates import load_template
 
 TEXT = """# heading
 # of two lines

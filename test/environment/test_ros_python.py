@@ -13,9 +13,9 @@ from sensor_msgs.msg import PointCloud2, PointField
 from sensor_msgs_py import point_cloud2
 from std_msgs.msg import Header, String, UInt8MultiArray
 
-from siren_ros.interfaces.measurements import to_point_cloud
-from siren_ros.interfaces.messages import decode_cdr, typestore
-from siren_ros.interfaces.topics import LIDAR
+from siren_ros.data.interfaces.measurements import to_point_cloud
+from siren_ros.data.interfaces.messages import decode_cdr, typestore
+from siren_ros.data.interfaces.topics import LIDAR
 
 HEADER = Header(frame_id="lidar")
 FIELDS = [

@@ -167,8 +167,8 @@ BROADCASTER = """
 import rclpy
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
-from siren_ros.interfaces import topics
-from siren_ros.ros.transport.endpoints import qos_of
+from siren_ros.data.interfaces import topics
+from siren_ros.running.ros.transport.endpoints import qos_of
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 rclpy.init()

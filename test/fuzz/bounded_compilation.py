@@ -10,8 +10,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from siren_ros.errors import MapError
-from siren_ros.roads.maps.map_compiler import compile_map
-from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.maps.map_compiler import compile_map
+from siren_ros.simulation.roads.net_parser import parse_road_network
 
 MEMORY_BYTES = 3 * 2**30
 Compilation = Callable[[str, bytes], str]

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from message_readers import READERS
 from synthetic_episode import Scene, SyntheticEpisode
 
+from siren_ros.base.numerics.units import time_ns_of_step
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.messages import decode_cdr, step_of_cdr
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.data.recording.bag_writer import EpisodeBagWriter
+from siren_ros.data.recording.recover import recover_bag
 from siren_ros.errors import BagError, EpisodeError, InputError, SirenError
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.messages import decode_cdr, step_of_cdr
-from siren_ros.judging.verify import verify_episode
-from siren_ros.numerics.units import time_ns_of_step
-from siren_ros.recording.bag_reader import read_episode
-from siren_ros.recording.bag_writer import EpisodeBagWriter
-from siren_ros.recording.recover import recover_bag
+from siren_ros.scoring.judging.verify import verify_episode
 
 fuzzed = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 PERIODIC = (

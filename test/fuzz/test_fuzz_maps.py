@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.errors import MapError
-from siren_ros.roads.maps.map_source import read_map_source
-from siren_ros.roads.maps.opendrive import opendrive_patches
-from siren_ros.roads.net_parser import MAX_MAP_BYTES, MAX_TAGS, parse_road_network
+from siren_ros.simulation.roads.maps.map_source import read_map_source
+from siren_ros.simulation.roads.maps.opendrive import opendrive_patches
+from siren_ros.simulation.roads.net_parser import MAX_MAP_BYTES, MAX_TAGS, parse_road_network
 
 NET = b"""<net version="1.20">
 <location netOffset="10.00,20.00" convBoundary="0.00,0.00,200.00,10.00" projParameter="!"/>

@@ -10,19 +10,19 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from siren_ros.dynamics.parameters import read_vehicle_parameters
+from siren_ros.base.params.plain_yaml import MAX_BYTES
+from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params.strict_yaml import read_strict_yaml
 from siren_ros.errors import InputError
-from siren_ros.generation.episode_setup import default_bag_path
-from siren_ros.params.plain_yaml import MAX_BYTES
-from siren_ros.params.resources import params_dir
-from siren_ros.params.strict_yaml import read_strict_yaml
-from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.presets import load_preset
-from siren_ros.scenario.templates import load_template
-from siren_ros.sensors.look import load_look
-from siren_ros.sensors.suite import load_suite
-from siren_ros.traffic.demand.plan import load_drivers
-from siren_ros.world.actors import ActorClass
+from siren_ros.running.generation.episode_setup import default_bag_path
+from siren_ros.sensing.look import load_look
+from siren_ros.sensing.suite import load_suite
+from siren_ros.simulation.dynamics.parameters import read_vehicle_parameters
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.scenario.presets import load_preset
+from siren_ros.simulation.scenario.templates import load_template
+from siren_ros.simulation.traffic.demand.plan import load_drivers
+from siren_ros.simulation.world.actors import ActorClass
 
 
 def load_sedan(path):

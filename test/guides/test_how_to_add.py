@@ -11,10 +11,10 @@ from followed_guide import FollowedGuide, apply, follow
 from mcap.reader import make_reader
 from recorded_episode import sensed_recording, tracked_recording
 
-from siren_ros.evaluation.risk.video_set import write_set
-from siren_ros.interfaces.messages import typestore
-from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.roads.road_network import LaneKind
+from siren_ros.data.interfaces.messages import typestore
+from siren_ros.scoring.evaluation.risk.video_set import write_set
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import LaneKind
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from typing import Any
 from live_episodes import Domain, without_waiting
 from preloaded_programs import PreloadedProgram
 
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.data.recording.bag_reader import read_episode
 
 TAG = "SIREN_TEST_TAG"
 ANSWER_S = 5.0

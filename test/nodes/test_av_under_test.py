@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 from live_episodes import EXAMPLES, Domain, Run, digest, finish, recording, wait_until
 
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.conversions import from_av_control
+from siren_ros.data.recording.bag_reader import open_bag, read_episode
 from siren_ros.errors import EpisodeError
-from siren_ros.generation.episode_setup import set_up_episode
-from siren_ros.generation.recorded_episode import record_episode
-from siren_ros.generation.replay_check import repeat_episode
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.conversions import from_av_control
-from siren_ros.judging.verify import verify_episode
-from siren_ros.recording.bag_reader import open_bag, read_episode
-from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.seat.drivers.drivers import driver_of
-from siren_ros.seat.seated import answers_of
-from siren_ros.studies.av_program import episode_with_program
-from siren_ros.world.actors import Lights, Mode, Owner
-from siren_ros.world.commands import AV_SOURCE
+from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.running.generation.recorded_episode import record_episode
+from siren_ros.running.generation.replay_check import repeat_episode
+from siren_ros.running.seat.drivers.drivers import driver_of
+from siren_ros.running.seat.seated import answers_of
+from siren_ros.running.studies.av_program import episode_with_program
+from siren_ros.scoring.judging.verify import verify_episode
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.world.actors import Lights, Mode, Owner
+from siren_ros.simulation.world.commands import AV_SOURCE
 
 DOMAIN = Domain()
 POLICY = str(EXAMPLES / "av_policy.py")
@@ -169,8 +169,8 @@ def processes_of(word: str) -> list[str]:
 def test_what_an_episode_has_started_ends_when_it_is_killed(tmp_path: Path) -> None:
     program = f"{sys.executable} -c 'import time; time.sleep(600)' {tmp_path}"
     code = (
-        "from pathlib import Path\nfrom siren_ros.scenario.episode import EpisodeRequest\n"
-        "from siren_ros.studies.av_program import episode_with_program\n"
+        "from pathlib import Path\nfrom siren_ros.simulation.scenario.episode import EpisodeRequest\n"
+        "from siren_ros.running.studies.av_program import episode_with_program\n"
         f"request, bag = EpisodeRequest(av='civilian', sensors='none'), Path({str(tmp_path / 'bag')!r})\n"
         f"episode_with_program(request, bag, {program!r})"
     )

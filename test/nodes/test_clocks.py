@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 from live_episodes import EXAMPLES, SMALL_SUITE, Domain, finish
 
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.topics import Topic
-from siren_ros.numerics.units import STEP_NS
-from siren_ros.sensor_messages.sensor_topics import AV, recorded_topics, suite_topics
-from siren_ros.sensors.camera.renderer import DrawingContext, RendererUnavailableError
-from siren_ros.sensors.suite import load_suite
+from siren_ros.base.numerics.units import STEP_NS
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.topics import Topic
+from siren_ros.data.sensor_messages.sensor_topics import AV, recorded_topics, suite_topics
+from siren_ros.sensing.camera.renderer import DrawingContext, RendererUnavailableError
+from siren_ros.sensing.suite import load_suite
 
 DOMAIN = Domain(subprocess.Popen)
 STEPS = 30

@@ -12,16 +12,16 @@ from live_episodes import Domain, finish, without_waiting
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from siren_ros.base.numerics.units import STEP_NS
 from siren_ros.cli.main import main
-from siren_ros.generation.replay_check import repeat_episode
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.measurements import from_point_cloud
-from siren_ros.numerics.units import STEP_NS
-from siren_ros.recording.bag_reader import read_episode
-from siren_ros.scenario.episode import EpisodeEnd
-from siren_ros.sensor_messages.sensor_topics import recorded_topics
-from siren_ros.sensors.suite import load_suite
-from siren_ros.world.actors import Owner
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.measurements import from_point_cloud
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.data.sensor_messages.sensor_topics import recorded_topics
+from siren_ros.running.generation.replay_check import repeat_episode
+from siren_ros.sensing.suite import load_suite
+from siren_ros.simulation.scenario.episode import EpisodeEnd
+from siren_ros.simulation.world.actors import Owner
 
 SHORT = ("template:=S2", "duration_s:=2.0")
 STEPS = 40

@@ -14,8 +14,8 @@ import pytest
 from faulty_episodes import ANSWER_S, Start, mounted, next_episode_starts
 from live_episodes import Domain, cosim, recording, wait_until
 
-from siren_ros.recording.bag_reader import read_episode
-from siren_ros.recording.recover import recover_bag
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.data.recording.recover import recover_bag
 
 DOMAIN = Domain()
 NODES = ("sumo_bridge", "sensor_sim", "recorder")

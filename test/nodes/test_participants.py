@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from live_episodes import EXAMPLES, SMALL_SUITE, Domain, digest, finish, recording, wait_until
 
-from siren_ros.world.commands import AV_SOURCE
+from siren_ros.simulation.world.commands import AV_SOURCE
 
 LISTENER = str(EXAMPLES / "av_listener.py")
 

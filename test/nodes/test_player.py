@@ -13,7 +13,7 @@ import pytest
 from live_episodes import IN_ORDER, Domain, tell, wait_until
 from program_output import next_line
 
-from siren_ros.recording.bag_reader import open_bag
+from siren_ros.data.recording.bag_reader import open_bag
 
 DOMAIN = Domain()
 
@@ -23,7 +23,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
-from siren_ros.ros.transport.endpoints import message_class
+from siren_ros.running.ros.transport.endpoints import message_class
 wanted, late = json.loads(sys.argv[1]), sys.argv[2] == "late"
 depth, busy_s = (int(sys.argv[3]), float(sys.argv[4])) if len(sys.argv) > 3 else (1000, 0.0)
 rclpy.init()
@@ -153,7 +153,7 @@ def test_late_subscribers_get_everything_from_their_joining_on(bag: Path) -> Non
 
 
 IMPATIENT = """
-from siren_ros.ros.transport import endpoints
+from siren_ros.running.ros.transport import endpoints
 endpoints.PATIENCE_S = 3.0
 from siren_nodes.player import main
 main()

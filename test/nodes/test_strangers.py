@@ -7,15 +7,15 @@ from live_episodes import tell
 STRANGER = """
 import sys, time
 import rclpy
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.conversions import to_actor_states
-from siren_ros.interfaces.episode_conversions import from_episode_description, to_episode_description, to_step_done
-from siren_ros.interfaces.episode_conversions import Phase, StepReport
-from siren_ros.interfaces.messages import make_message, stamp
-from siren_ros.interfaces import wire
-from siren_ros.ros.transport.endpoints import create_input, create_output
-from siren_ros.scenario.paper import EmergencyLevel
-from siren_ros.world.actors import ActorStates
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.conversions import to_actor_states
+from siren_ros.data.interfaces.episode_conversions import from_episode_description, to_episode_description, to_step_done
+from siren_ros.data.interfaces.episode_conversions import Phase, StepReport
+from siren_ros.data.interfaces.messages import make_message, stamp
+from siren_ros.data.interfaces import wire
+from siren_ros.running.ros.transport.endpoints import create_input, create_output
+from siren_ros.simulation.scenario.paper import EmergencyLevel
+from siren_ros.simulation.world.actors import ActorStates
 def report(name, step):
     return wire.encode(topics.STEP_DONE, to_step_done(StepReport(step, name, Phase.STEP)))
 def actors(step):

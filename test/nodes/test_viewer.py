@@ -15,7 +15,7 @@ from episode_page.unpacked import unpacked
 from live_episodes import IN_ORDER, Domain, finish, recording, wait_until
 from program_output import next_line
 
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.data.recording.bag_reader import read_episode
 
 DOMAIN = Domain()
 PATIENCE_S = 120.0

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from live_episodes import Domain, digest
 
-from siren_ros.generation.episode_setup import set_up_episode
-from siren_ros.generation.recorded_episode import record_episode
-from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.running.generation.recorded_episode import record_episode
+from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 DOMAIN = Domain()
 

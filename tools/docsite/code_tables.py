@@ -13,25 +13,25 @@ from typing import Any, Final
 import siren_ros
 from docsite.template_tables import entries, template_table
 from docsite.topic_tables import SECTIONS, texts_of, topic_table
-from siren_ros.calibration.parameters import PARAMETERS
-from siren_ros.datasets.formats import FORMATS
-from siren_ros.evaluation.prediction.predictors import PREDICTORS
-from siren_ros.evaluation.prediction.track_noise import TrackNoise
-from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
-from siren_ros.evaluation.yielding.thresholds import YieldThresholds
-from siren_ros.exam.monitors import MONITORS
-from siren_ros.judging.physics import VerifyLimits
-from siren_ros.judging.verify import CHECKS
-from siren_ros.learning.rewards import TERMS
-from siren_ros.learning.rollout import Seat
-from siren_ros.learning.task import Task
-from siren_ros.reproduction.parts import read_parts, shown_minutes
-from siren_ros.reproduction.results import PartResult, read_results
-from siren_ros.scenario import paper
-from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, TEMPLATES
-from siren_ros.scenario.splits import Split
-from siren_ros.scenario.templates import available_templates, load_template
-from siren_ros.seat.features import EMV, NEIGHBOUR, NEIGHBOURS, OWN
+from siren_ros.data.datasets.formats import FORMATS
+from siren_ros.lab.calibration.parameters import PARAMETERS
+from siren_ros.lab.learning.rewards import TERMS
+from siren_ros.lab.learning.rollout import Seat
+from siren_ros.lab.learning.task import Task
+from siren_ros.lab.reproduction.parts import read_parts, shown_minutes
+from siren_ros.lab.reproduction.results import PartResult, read_results
+from siren_ros.reports.exam.monitors import MONITORS
+from siren_ros.running.seat.features import EMV, NEIGHBOUR, NEIGHBOURS, OWN
+from siren_ros.scoring.evaluation.prediction.predictors import PREDICTORS
+from siren_ros.scoring.evaluation.prediction.track_noise import TrackNoise
+from siren_ros.scoring.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
+from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
+from siren_ros.scoring.judging.physics import VerifyLimits
+from siren_ros.scoring.judging.verify import CHECKS
+from siren_ros.simulation.scenario import paper
+from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, TEMPLATES
+from siren_ros.simulation.scenario.splits import Split
+from siren_ros.simulation.scenario.templates import available_templates, load_template
 
 _PLAIN_TYPES: Final = re.compile(r" Allowed: (a string|a list of strings|true or false)\.$")
 _NODES_FILE: Final = Path(__file__).resolve().parents[2] / "params" / "nodes.yaml"

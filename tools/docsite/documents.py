@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.errors import InputError, write_text
-from siren_ros.reproduction.results import PartResult
+from siren_ros.lab.reproduction.results import PartResult
 
 Lookup = Callable[[str], str]
 """Gives the text of a figure from its source, or a table as Markdown from its name."""

@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from siren_ros.numerics.units import steps_from_s
-from siren_ros.pictures.sensor_views import cloud_by_height, cloud_by_instance, observe_at, sheet
-from siren_ros.recording.bag_reader import read_episode
-from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.sensors.look import load_look
-from siren_ros.sensors.suite import SensorSuite, load_suite
+from siren_ros.base.numerics.units import steps_from_s
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.scoring.pictures.sensor_views import cloud_by_height, cloud_by_instance, observe_at, sheet
+from siren_ros.sensing.look import load_look
+from siren_ros.sensing.suite import SensorSuite, load_suite
 
 Picture = npt.NDArray[np.uint8]
 

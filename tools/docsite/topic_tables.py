@@ -5,8 +5,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.topics import Topic
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.topics import Topic
 
 SECTIONS: Final = {
     "episode": (
@@ -42,7 +42,7 @@ SECTIONS: Final = {
     "detector": ("DETECTIONS", "DETECTION_LATENCY"),
     "predictor": ("PREDICTIONS",),
 }
-"""Names of the topics of each table in ``siren_ros/interfaces/topics.py``."""
+"""Names of the topics of each table in ``siren_ros/data/interfaces/topics.py``."""
 _OPTIONAL: Final = frozenset({"IMAGE_DEPTH", "IMAGE_SEMANTIC", "IMAGE_INSTANCE", "IMAGE_TRUTH", "IMAGE_BOXES"})
 _OTHER_PUBLISHERS: Final = {
     "STEP_DONE": "every participant",

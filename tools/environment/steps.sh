@@ -139,7 +139,7 @@ install_packages() {
     stamp packages "$package_key"
 }
 
-# Compiles the library's loops (siren_ros/numerics/compiled.py), the map and the scene that the first episode needs, by a short episode with
+# Compiles the library's loops (siren_ros/base/numerics/compiled.py), the map and the scene that the first episode needs, by a short episode with
 # sensors. It only saves time: it yields to every other step, and where it fails, the first episode compiles and tells what is wrong.
 compile_loops() {
     local loops_key start=$SECONDS
@@ -152,8 +152,8 @@ compile_loops() {
     ln -sfn "$root/tools/environment/interfaces/vision_msgs/msg" "$definitions/vision_msgs/msg"
     if AMENT_PREFIX_PATH=${definitions%/share} nice -n 5 timeout 600 "$venv/bin/python" -c 'from pathlib import Path
 from tempfile import TemporaryDirectory
-from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.studies.workers import attempt_episode
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.running.studies.workers import attempt_episode
 with TemporaryDirectory() as folder:
     attempt_episode(EpisodeRequest(duration_s=1.0), Path(folder) / "bag")' >"$state/loops.log" 2>&1 </dev/null; then
         say "  loops, compiled beside the other steps: $((SECONDS - start)) s"

@@ -16,9 +16,9 @@ class Folder:
     """A folder of the code whose tests are in the folder of the same name."""
 
     package: str
-    """``siren_ros/behaviour``, or the file itself where it stands directly in its package."""
+    """``siren_ros/simulation/behaviour``, or the file itself where it stands directly in its package."""
     tests: str
-    """``test/behaviour``."""
+    """``test/simulation/behaviour``."""
 
 
 def folder_of(file: str) -> Folder:

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from siren_ros.errors import InputError
-from siren_ros.ros.programs.program import choose_log_folder
+from siren_ros.running.ros.programs.program import choose_log_folder
 from small_ros2.errors import CommandError
 
 DISCOVERY_S: Final = 4.0

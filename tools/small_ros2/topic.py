@@ -12,10 +12,10 @@ from rclpy.qos import HistoryPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosidl_runtime_py import message_to_yaml
 
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.topics import Topic
-from siren_ros.ros.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS
-from siren_ros.ros.transport.endpoints import qos_of
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.topics import Topic
+from siren_ros.running.ros.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS
+from siren_ros.running.ros.transport.endpoints import qos_of
 from small_ros2.errors import CommandError
 from small_ros2.ros_graph import (
     DISCOVERY_S,

@@ -8,9 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from siren_ros.cli.main import main
-from siren_ros.evaluation.prediction.predictors import PREDICTORS
-from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.scoring.evaluation.prediction.predictors import PREDICTORS
+from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from evaluation.made_video_sets import draw_films, small_video_set
 from evaluation.risk.vlm.chat_server import Behaviour, chat_server
 
 from siren_ros.cli.main import main
-from siren_ros.evaluation.risk.video_set import read_set, write_set
+from siren_ros.scoring.evaluation.risk.video_set import read_set, write_set
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""What every wing uses: units, geometry, random streams, parameter files, processes, tables."""

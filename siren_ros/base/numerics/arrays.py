@@ -1,0 +1,105 @@
+"""Array types by what they hold, and independent random generators, all from the episode's one seed.
+
+Shapes and units stand where the arrays are used.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+from functools import cached_property
+from typing import Any, Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.tables.brief import Brief, data_frame
+
+Floats = npt.NDArray[np.float64]
+Floats32 = npt.NDArray[np.float32]
+Points = npt.NDArray[np.float64]
+"""Coordinates in metres, ``(N, 2)`` unless said otherwise."""
+Matrix = npt.NDArray[np.float64]
+Ids = npt.NDArray[np.uint32]
+"""Ids of actors."""
+Codes = npt.NDArray[np.uint8]
+"""Members of an enumeration."""
+Flags = npt.NDArray[np.bool_]
+Rows = npt.NDArray[np.intp]
+"""Indices into other arrays."""
+
+
+def random_stream(seed: int, purpose: str, index: int = 0) -> np.random.Generator:
+    """A generator that depends on seed, purpose and index alone, and on nothing drawn elsewhere.
+
+    The purpose says what the numbers are for, such as ``demand``; the index tells streams of one purpose apart, an
+    actor id for example. Seed and index are at least 0.
+    """
+    return np.random.default_rng(np.random.SeedSequence([seed, index, *purpose.encode()]))
+
+
+def chances(weights: Iterable[float]) -> Floats:
+    """Where the share of each choice ends between 0 and 1; for ``drawn``."""
+    shares = np.array([*weights])
+    ends = (shares / shares.sum()).cumsum()
+    return np.asarray(ends / ends[-1])
+
+
+def drawn(ends: Floats, rng: np.random.Generator) -> int:
+    """A choice by its chance; it takes from the generator what ``Generator.choice`` takes, and draws the same."""
+    return int(ends.searchsorted(rng.random(), side="right"))
+
+
+_ELEMENTS: Final[dict[Any, type[np.generic]]] = {
+    npt.NDArray[kind]: kind  # type: ignore[valid-type] # a value, not an annotation
+    for kind in (np.dtype(code).type for code in np.typecodes["All"])
+}
+"""Element type of each array type: what an array type is made of differs between versions of numpy."""
+
+
+def dtypes_of(kind: Any) -> dict[str, type[np.generic]]:
+    """Element types of a dataclass's array fields as their annotations say, in declaration order."""
+    return {field.name: _ELEMENTS[field.type] for field in fields(kind) if field.type in _ELEMENTS}
+
+
+class Columns(Brief):
+    """Base of a dataclass whose fields are arrays of shape ``(N,)``: row i of all of them belongs to one item."""
+
+    def __len__(self) -> int:
+        return len(getattr(self, _names(type(self))[0]))
+
+    @cached_property
+    def columns(self) -> Floats:
+        """All fields in declaration order, shape ``(fields, N)``, as compiled loops take them."""
+        return np.array([getattr(self, name) for name in _names(type(self))], dtype=np.float64)
+
+    @classmethod
+    def of_columns(cls, columns: Floats) -> Self:
+        """The items of an array as ``columns`` gives it."""
+        made = cls(*columns)
+        made.__dict__["columns"] = columns
+        return made
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame`` with a column for each field, in declaration order.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return data_frame({name: getattr(self, name) for name in _names(type(self))})
+
+    def select(self, rows: Flags | Rows) -> Self:
+        """The items of the given rows."""
+        return type(self)(*(getattr(self, name)[rows] for name in _names(type(self))))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The items of all parts, in order."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in _names(cls)))
+
+    @classmethod
+    def where(cls, mask: Flags, chosen: Self, other: Self) -> Self:
+        """Rows of ``chosen`` where the mask holds, of ``other`` elsewhere."""
+        return cls(*(np.where(mask, getattr(chosen, name), getattr(other, name)) for name in _names(cls)))
+
+
+def _names(kind: Any) -> tuple[str, ...]:
+    return tuple(kind.__dataclass_fields__)

@@ -1,0 +1,93 @@
+"""Braking: distances, decelerations and speeds from which a vehicle still slows down in time, and speeds in bends.
+
+The formulas take squares of speeds: ``v * v`` and ``v**2`` differ in the last bit, and records keep theirs.
+"""
+
+import math
+from typing import Final, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.geometry import Polyline, wrap_angle
+
+SAMPLE_M: Final = 1.0
+"""Distance between the samples of a speed profile."""
+_HALF_WINDOW_M: Final = 2.0
+"""Curvature is the change of heading over twice this length, less than the wheelbase of a bus. A corner of the polyline
+is a bend of this length."""
+_LEAST_CURVATURE_1PM: Final = 1e-6
+
+Speeds = npt.NDArray[np.float64]
+Number = TypeVar("Number", float, Speeds)
+
+
+def braking_distance_m(speed_sq: Number, brake_mps2: float) -> Number:
+    """Distance in which a vehicle stops, ``v² / 2b``, of the square of its speed in m²/s²."""
+    return speed_sq / (2.0 * brake_mps2)
+
+
+def needed_brake_mps2(speed_sq: Number, way_m: Number) -> Number:
+    """Constant deceleration that stops within a way, ``v² / 2s``, of the square of the speed in m²/s²."""
+    return speed_sq / (2.0 * way_m)
+
+
+def stops_within(speed_sq: float, brake_mps2: float, way_m: float) -> bool:
+    """Whether a vehicle stops within a way, ``v² < 2bs``, by the square of its speed in m²/s²."""
+    return speed_sq < 2.0 * brake_mps2 * way_m
+
+
+def speed_before_mps(slower_sq: float, brake_mps2: float, way_m: float) -> float:
+    """Speed from which a vehicle slows down on a way, ``sqrt(v² + 2bs)``, of the square of the lower speed in m²/s²."""
+    return math.sqrt(slower_sq + 2.0 * brake_mps2 * way_m)
+
+
+@compiled
+def safe_following_mps(lead_mps: float, free_m: float, brake_mps2: float, reaction_s: float) -> float:
+    """Krauss's safe speed (1998) behind another vehicle: ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``.
+
+    The gap is ``free_m``: the free way to that vehicle, less the gap that is kept at standstill.
+    """
+    keeps = brake_mps2 * reaction_s
+    return math.sqrt(keeps**2 + lead_mps * lead_mps + 2.0 * brake_mps2 * free_m) - keeps
+
+
+def curvature_1pm(path: Polyline, s_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Unsigned curvature of a path at arc lengths, shape of ``s_m``; near the ends over a shorter window."""
+    before = np.clip(s_m - _HALF_WINDOW_M, 0.0, path.length_m)
+    after = np.clip(s_m + _HALF_WINDOW_M, 0.0, path.length_m)
+    turned = np.abs(wrap_angle(path.heading_rad(after) - path.heading_rad(before)))
+    return np.asarray(turned / np.maximum(after - before, SAMPLE_M))
+
+
+def bend_speeds_mps(path: Polyline, lateral_accel_mps2: float) -> Speeds:
+    """Speed at which each metre of a path takes a lateral acceleration: ``sqrt(a / curvature)``, shape ``(K,)``.
+
+    Sample i lies at ``i * SAMPLE_M``; the last one lies at or before the end of the path.
+    """
+    s_m = np.arange(0.0, path.length_m, SAMPLE_M)
+    return np.sqrt(lateral_accel_mps2 / np.maximum(curvature_1pm(path, s_m), _LEAST_CURVATURE_1PM))
+
+
+def with_braking(speeds_mps: Speeds, decel_mps2: float) -> Speeds:
+    """The profile of a vehicle that brakes with ``decel_mps2`` to keep to the speeds, sample by sample."""
+    reached = speeds_mps.tolist()  # Python's own numbers are faster one by one
+    for at in range(len(reached) - 2, -1, -1):
+        reached[at] = min(reached[at], speed_before_mps(reached[at + 1] ** 2, decel_mps2, SAMPLE_M))
+    return np.array(reached)
+
+
+def squares_with_braking(squares: Speeds, brake_mps2: float, spacing_m: float) -> Speeds:
+    """As ``with_braking``, of squares of speeds (m²/s²) at places ``spacing_m`` apart, all at once."""
+    braking = 2.0 * brake_mps2 * spacing_m * np.arange(len(squares))
+    return np.asarray(np.minimum.accumulate((squares + braking)[::-1])[::-1] - braking)
+
+
+def with_accelerating(speeds_mps: Speeds, first_mps: float, accel_mps2: float) -> Speeds:
+    """The profile of a vehicle that begins with ``first_mps`` and gains speed with ``accel_mps2``."""
+    reached = speeds_mps.copy()
+    reached[0] = min(reached[0], first_mps)
+    for at in range(1, len(reached)):
+        reached[at] = min(reached[at], speed_before_mps(reached[at - 1] ** 2, accel_mps2, SAMPLE_M))
+    return reached

@@ -1,0 +1,308 @@
+"""Functions run in processes: many at the same time, with a time limit, and again where a process dies.
+
+Pebble starts, watches and ends the processes. This module adds progress, the order of the results, what the end of a
+process means, and a new pool where the server of new processes was killed.
+"""
+
+import multiprocessing
+import os
+import resource
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterable
+from concurrent.futures import CancelledError, Future
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from multiprocessing import forkserver, resource_tracker
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Final, Self, TypeVar
+
+import pebble
+
+from siren_ros.base.processes.interrupts import children_without_ctrl_c, deferred_interrupts
+from siren_ros.base.processes.side_by_side import as_ready
+from siren_ros.errors import InputError, SirenError
+
+Progress = Callable[[float], None]
+"""Takes the seconds of simulated time that were done since its last call."""
+Result = TypeVar("Result")
+TIMEOUT_S: Final = 900.0
+"""Wall time after which a call counts as hanging where its caller says nothing else."""
+_NOTICE_S: Final = 0.5
+_SERVER_GONE: Final = 255
+"""Exit code that multiprocessing gives a process whose fork server was killed."""
+_SERVER_ENDS_S: Final = 0.5
+"""Wall time after which a killed fork server is gone; before that, multiprocessing asks it for the next process."""
+_report: Progress | None = None
+"""Where this process reports its simulated time."""
+
+
+class CrashError(SirenError):
+    """The process of a call ended without an answer."""
+
+
+def simulated_time() -> Progress:
+    """A function that takes the simulated time reached so far, and reports steps of it to the pool."""
+    reached = 0.0
+
+    def reach(time_s: float) -> None:
+        nonlocal reached
+        if time_s - reached >= _NOTICE_S:
+            if _report is not None:
+                _report(time_s - reached)
+            reached = time_s
+
+    return reach
+
+
+class ProcessPool:
+    """Processes that run functions of modules. Leaving the context ends them, with whatever they are doing."""
+
+    def __init__(
+        self, processes: int, progress: Progress = lambda _: None, *, fresh: bool = False, preload: str = ""
+    ) -> None:
+        """Starts no process yet.
+
+        Args:
+            processes: How many run at once. A pool of one runs its functions in this process, unless it is fresh.
+            progress: Called with the steps of ``simulated_time`` of all processes.
+            fresh: Whether each call has a new process, so that a crash, a hang or a kill costs this call alone.
+            preload: Module that fresh processes have loaded already, so that they start in hundredths of a second.
+        """
+        self._processes = processes
+        self._progress = progress
+        self._fresh = fresh
+        self._preload = preload
+        self._pool: pebble.ProcessPool | None = None
+        self._starting = threading.Lock()
+        self._left = False
+        self._futures: set[Future[Any]] = set()
+        self._reports: Connection | None = None
+
+    def __enter__(self) -> Self:
+        """Starts the processes; InputError where this process must not have children."""
+        global _report  # noqa: PLW0603 - functions that run in this process report here
+        if not self._fresh and self._processes <= 1:
+            _report = self._progress
+            return self
+        worker = multiprocessing.current_process()
+        if worker.daemon:
+            how = "set DASK_DISTRIBUTED__WORKER__DAEMON=False, or start it --no-nanny"
+            raise InputError("worker", worker.name, f"a worker that may start processes: {how}")
+        with suppress(BrokenProcessPool):  # the first call starts it again
+            self._running_pool()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Ends the processes; calls that wait for them raise ``CancelledError``, and so do later ones."""
+        self._left = True
+        with self._starting:
+            if self._pool is not None:
+                self._pool.stop()  # type: ignore[no-untyped-call] # pebble annotates most
+                self._pool.join()
+        for future in tuple(self._futures):  # threads may wait for them
+            future.cancel()
+
+    def _running_pool(self) -> pebble.ProcessPool:
+        """The pool; a new one where the server of its processes was killed."""
+        with self._starting:
+            if self._left:
+                raise CancelledError
+            if self._pool is not None:
+                if self._pool.active:
+                    return self._pool
+                self._pool.join()
+                time.sleep(_SERVER_ENDS_S)
+            context = multiprocessing.get_context("forkserver" if self._fresh else _start_method())
+            if self._preload:
+                context.set_forkserver_preload([self._preload])
+            self._reports, writer = context.Pipe(duplex=False)
+            pool = pebble.ProcessPool(self._processes, int(self._fresh), _start_worker, (writer,), context)
+            try:
+                self._start(pool, context)
+            except BaseException as error:
+                pool.stop()  # type: ignore[no-untyped-call] # as above
+                pool.join()
+                if isinstance(error, BrokenProcessPool):
+                    time.sleep(_SERVER_ENDS_S)
+                raise
+            self._pool = pool
+            return pool
+
+    def _start(self, pool: pebble.ProcessPool, context: Any) -> None:
+        """Starts the processes; forked ones before this process has threads. Ctrl-C is for this process alone."""
+        resource_tracker.ensure_running()  # what starts it lets SIGINT through
+        with children_without_ctrl_c():
+            if context.get_start_method() != "fork":
+                forkserver.ensure_running()
+        if self._preload:
+            first = context.Process(target=os.getpid)  # the server loads modules for seconds, and then starts it
+            try:
+                first.start()
+            except (OSError, EOFError) as error:
+                raise BrokenProcessPool from error
+            first.join()
+        with deferred_interrupts():  # half of a pool would be left alone
+            try:
+                pool.active  # noqa: B018 - starts them
+            except BrokenProcessPool:
+                raise
+            except RuntimeError as error:  # of threads, which lack memory or are too many
+                raise CrashError(f"its processes cannot be started ({error})") from error
+
+    def _submit(self, function: Callable[..., Any], arguments: tuple[Any, ...], timeout_s: float | None) -> Future[Any]:
+        if self._fresh:
+            function, arguments = _guarded, (function, *arguments)
+        future: Future[Any]
+        try:
+            future = self._running_pool().schedule(function, arguments, timeout=timeout_s)
+        except BrokenProcessPool as error:
+            future = Future()
+            future.set_exception(error)
+        self._futures.add(future)
+        future.add_done_callback(self._futures.discard)
+        return future
+
+    def map(
+        self, function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], done: Callable[[], None] = lambda: None
+    ) -> list[Result]:
+        """Calls a function of a module many times; the results are in the order of the calls.
+
+        The arguments can be pickled. ``done`` is called after each call.
+
+        Raises:
+            Exception: What a call raises; the others are ended.
+            CrashError: A process died.
+        """
+        results: dict[int, Result] = {}
+        if self._pool is None:
+            for number, arguments in enumerate(calls):
+                results[number] = function(*arguments)
+                done()
+            return list(results.values())
+        finished = as_ready(
+            lambda call: self._submit(function, call[1], None), enumerate(calls), 2 * self._processes, self._tell
+        )
+        for (number, _), future in finished:
+            results[number] = self._answer(future)
+            done()
+        return [results[number] for number in sorted(results)]
+
+    def _tell(self) -> None:
+        while self._reports is not None and self._reports.poll():
+            self._progress(self._reports.recv())
+
+    def _answer(self, future: Future[Any]) -> Any:
+        """The result of a call; what happened to its process becomes a ``CrashError``."""
+        try:
+            return future.result()
+        except BrokenProcessPool as error:
+            if self._left:  # pebble may find its pipe closed before it cancels the calls
+                raise CancelledError from error
+            cause = type(error.__cause__ or error).__name__
+            raise CrashError(f"the server of new processes is gone ({cause})") from error
+        except SystemExit as error:
+            raise CrashError("its process was ended by SIGTERM") from error
+        except pebble.ProcessExpired as error:
+            if error.exitcode == _SERVER_GONE:
+                with suppress(ProcessLookupError):  # nobody else watches it any more
+                    os.kill(error.pid, signal.SIGKILL)
+                raise CrashError("the server of its process was killed") from error
+            if error.exitcode < 0:
+                name = signal.Signals(-error.exitcode).name
+                cause = ", as where memory runs out" if name == "SIGKILL" else ""
+                raise CrashError(f"its process was killed by {name}{cause}") from error
+            raise CrashError(f"its process ended with exit code {error.exitcode}") from error
+
+    def call(self, function: Callable[..., Result], *arguments: Any, timeout_s: float = TIMEOUT_S) -> Result:
+        """Calls a function of a module in a process and waits for its answer. Threads may call at the same time.
+
+        The arguments can be pickled. The process is killed after the wall time ``timeout_s``.
+
+        Raises:
+            SirenError: What the function raises; another attempt would raise it again.
+            CrashError: The function raised another error, or its process died or hung.
+            CancelledError: The pool was stopped before there was an answer.
+        """
+        try:
+            result: Result = self._answer(self._submit(function, arguments, timeout_s))
+        except TimeoutError as error:
+            raise CrashError(f"its process gave no answer for {timeout_s:g} s") from error
+        return result
+
+    def call_with_retries(self, retries: int, function: Callable[..., Result], *arguments: Any) -> Result:
+        """As ``call``, again where the process dies or hangs.
+
+        Raises:
+            CrashError: It did so more often than ``retries``; the message tells all reasons.
+        """
+        reasons: list[str] = []
+        while True:
+            try:
+                return self.call(function, *arguments)
+            except CrashError as error:
+                reasons.append(str(error))
+                if len(reasons) > retries:
+                    raise CrashError(f"{function.__name__}: {'; '.join(reasons)}") from error
+
+
+def _start_method() -> str:
+    """``fork`` where that is sound: no other Python thread can hold a lock that the copy would wait for.
+
+    A forked worker has all modules at once; another one loads them first, which takes half as long as the export of a
+    short episode.
+    """
+    return "fork" if sys.platform == "linux" and threading.active_count() == 1 else "forkserver"
+
+
+def _start_worker(reports: Connection) -> None:
+    global _report  # noqa: PLW0603 - how a process of a pool is given what it needs
+    signal.signal(signal.SIGTERM, _leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))  # the pool ignores it; programs of calls do not
+    _report = reports.send  # so short a message is one write, which needs no lock that a killed process could keep
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _leave(*_: object) -> None:
+    """What the call has opened is closed, and its temporary folders are removed."""
+    raise SystemExit
+
+
+def _end_with_parent() -> None:
+    """Ends this worker when its program is gone. The kernel's signal would wait for the end of the fork server."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _guarded(function: Callable[..., Result], *arguments: Any) -> Result:
+    """Calls a function in a fresh process; an error that is not the project's own says where it comes from."""
+    try:
+        return function(*arguments)
+    except SirenError:
+        raise
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        raise CrashError(f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno})") from error
+
+
+def limit_memory(more_bytes: int) -> None:
+    """Lets this process map that much memory beyond what it has; a MemoryError follows where it asks for more.
+
+    For a fresh process that reads what somebody else has made. Where the system does not tell what a process has, there
+    is no limit.
+    """
+    statm = Path("/proc/self/statm")
+    if statm.exists():
+        has = int(statm.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        asked = has + more_bytes
+        resource.setrlimit(resource.RLIMIT_AS, (asked if hard == resource.RLIM_INFINITY else min(asked, hard), hard))

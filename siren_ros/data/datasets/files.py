@@ -1,0 +1,251 @@
+"""Files of a dataset: written in the background, staged until all are complete; elements of XML."""
+
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from io import BufferedWriter
+from pathlib import Path
+from threading import BoundedSemaphore
+from types import TracebackType
+from typing import Any, Final, Self
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+from siren_ros.base.params import plain_json
+from siren_ros.errors import InputError, writing
+
+_QUEUE_PER_THREAD: Final = 4
+"""Files that may wait for a thread: bounds the memory, however long the episode."""
+_JOB: Final = "job.json"
+
+
+class FileWriter:
+    """Writes files below a folder. Use it as a context: leaving it waits for all files."""
+
+    def __init__(self, folder: Path, threads: int = 1, progress: Callable[[float], None] = lambda _: None) -> None:
+        """A writer into a folder that exists. With one thread, files are written where ``write`` is called.
+
+        ``progress`` is called with the simulated time in seconds that has been exported.
+        """
+        self.folder = folder
+        self.progress = progress
+        self._pool = ThreadPoolExecutor(threads, "writer") if threads > 1 else None
+        self._room = BoundedSemaphore(threads * _QUEUE_PER_THREAD)
+        self._failed: BaseException | None = None
+        self._made: set[Path] = set()
+        self._growing: dict[str, BufferedWriter] = {}
+
+    def write(self, name: str, make: bytes | Callable[[], bytes]) -> None:
+        """Writes one file; ``make`` gives its content where that costs time, and is called in a thread.
+
+        Raises InputError: this or an earlier file cannot be written.
+        """
+        path = self.folder / name
+        if path.parent not in self._made:
+            self._make_folder(path.parent)
+        if self._pool is None:
+            _write(path, make)
+            return
+        self._room.acquire()
+        if self._failed is not None:
+            self._room.release()
+            raise self._failed
+        self._pool.submit(_write, path, make).add_done_callback(self._done)
+
+    def append(self, name: str, text: str) -> None:
+        """Adds text to the end of a file, at once; the file stays open for more."""
+        path = self.folder / name
+        with writing(path, "place"):
+            if name not in self._growing:
+                self._make_folder(path.parent)
+                self._growing[name] = path.open("ab")
+            self._growing[name].write(text.encode())
+            self._growing[name].flush()
+
+    def _make_folder(self, folder: Path) -> None:
+        with writing(folder, "place"):
+            folder.mkdir(parents=True, exist_ok=True)
+        self._made.add(folder)
+
+    def _done(self, future: "Future[None]") -> None:
+        self._failed = self._failed or future.exception()
+        self._room.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for file in self._growing.values():
+            with suppress(OSError):  # the write that the full disk refused has raised its error already
+                file.close()
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=kind is not None)
+        if self._failed is not None and kind is None:
+            raise self._failed
+
+
+def _write(path: Path, make: bytes | Callable[[], bytes]) -> None:
+    content = make if isinstance(make, bytes) else make()
+    with writing(path, "place"):
+        path.write_bytes(content)
+
+
+class Staging:
+    """``.NAME.partial`` beside the dataset's final place. What is finished in it is kept for the next try."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = Path(os.path.abspath(out))  # noqa: PTH100 - without following a link that is there already
+        self.path = self.out.parent / f".{self.out.name}.partial"
+
+    def check_free(self) -> None:
+        """Refuses a final place that is taken.
+
+        Raises InputError: something is there already that is not an empty folder.
+        """
+        with writing(self.out, "place"):
+            link = self.out.is_symlink()  # the move to the final name would not follow it
+            taken = link or (self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())))
+        if taken:
+            raise InputError("out", str(self.out), "a folder that is new or empty")
+
+    @contextmanager
+    def opened(self, job: Mapping[str, Any]) -> Iterator[None]:
+        """Makes the folder, or takes up what an interrupted export of the same job left in it.
+
+        Raises InputError: another job's unfinished export is there, somebody else writes it now, or it cannot be made.
+        """
+        new = not self.path.exists()
+        try:
+            with writing(self.path, "place"):
+                self.path.mkdir(parents=True, exist_ok=True)
+                with (self.path / ".lock").open("w") as file:
+                    try:
+                        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    except BlockingIOError as error:
+                        raise InputError("out", str(self.out), "a folder that no other export is writing") from error
+                    self._check_job(job)
+                    yield
+        finally:
+            if new and not any(self.path.glob("parts/*.json")):
+                self.remove()
+
+    def _check_job(self, job: Mapping[str, Any]) -> None:
+        text = json.dumps(job, indent=2, sort_keys=True) + "\n"
+        file = self.path / _JOB
+        if not file.exists():
+            file.write_text(text, encoding="utf-8")
+        elif file.read_text(encoding="utf-8") != text:
+            allowed = f"a place without an unfinished export of other bags or options; remove {self.path} or finish it"
+            raise InputError("out", str(self.out), allowed)
+
+    def part(self, index: int) -> Path:
+        """Folder of one episode's files."""
+        return self.path / "parts" / f"{index:06d}"
+
+    def report_of(self, index: int) -> dict[str, Any] | None:
+        """What was noted of a finished part; None where it is not finished."""
+        file = self.part(index).with_suffix(".json")
+        with suppress(OSError, ValueError):
+            report: dict[str, Any] = plain_json.read(file)
+            return report
+        return None
+
+    def finish_part(self, index: int, report: Mapping[str, Any]) -> None:
+        """Notes that a part is finished."""
+        file = self.part(index).with_suffix(".json")
+        growing = file.with_suffix(".growing")
+        with writing(file, "place"):
+            growing.write_text(json.dumps(report), encoding="utf-8")
+            growing.replace(file)
+
+    @property
+    def dataset(self) -> Path:
+        """Folder of the assembled dataset."""
+        return self.path / "dataset"
+
+    def new(self, folder: Path) -> Path:
+        """Empties the folder of a part or of the dataset; what an interrupted try left in it goes away."""
+        with writing(folder, "place"):
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+        return folder
+
+    def publish(self, folder: Path) -> None:
+        """Gives a folder the final name; InputError where that has been taken meanwhile."""
+        with writing(self.out, "place"):
+            folder.rename(self.out)
+        self.remove()
+
+    def remove(self) -> None:
+        """Takes the hidden folder away."""
+        shutil.rmtree(self.path, ignore_errors=True)
+
+
+def link(source: Path, target: Path) -> None:
+    """Gives a file a second name, or copies it where the file system has no links; a target that is there stays."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if target.exists():
+        return
+    try:
+        target.hardlink_to(source)
+    except (OSError, NotImplementedError):  # no links on this file system, or in this Python
+        shutil.copyfile(source, target)
+
+
+def link_tree(source: Path, target: Path) -> None:
+    """Links all files below a folder to the same places below another one."""
+    for path in sorted(source.rglob("*")):
+        if path.is_file():
+            link(path, target / path.relative_to(source))
+        else:
+            (target / path.relative_to(source)).mkdir(parents=True, exist_ok=True)
+
+
+def write_image_sets(folder: Path, sets: Mapping[str, Sequence[int]]) -> None:
+    """Writes ``ImageSets/NAME.txt`` with the frame numbers of each set, as KITTI and OpenPCDet have them."""
+    (folder / "ImageSets").mkdir(exist_ok=True)
+    for name, numbers in sets.items():
+        (folder / "ImageSets" / f"{name}.txt").write_text("".join(f"{number:06d}\n" for number in numbers))
+
+
+def number_text(value: float, decimals: int) -> str:
+    """A number with fixed decimals, without a negative zero."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
+def child(parent: Element, path: str, text: object = None, **attributes: object) -> Element:
+    """Adds an element and those above it in its path; numbers are written with at most six decimals."""
+    *above, tag = path.split("/")
+    for name in above:
+        parent = SubElement(parent, name)
+    element = SubElement(parent, tag, {name: value_text(value) for name, value in attributes.items()})
+    if text is not None:
+        element.text = value_text(text)
+    return element
+
+
+def children(parent: Element, **texts: object) -> Element:
+    """Adds an element with a text for each tag, and returns the parent."""
+    for tag, text in texts.items():
+        child(parent, tag, text)
+    return parent
+
+
+def value_text(value: Any) -> str:
+    """A value as XML text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return number_text(value, 6).rstrip("0").rstrip(".")
+    return str(value)
+
+
+def document(root: Element) -> bytes:
+    """A whole file."""
+    indent(root, " ")
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="utf-8") + b"\n"

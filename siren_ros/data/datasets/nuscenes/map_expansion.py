@@ -1,0 +1,275 @@
+"""nuScenes' map: the picture of the drivable area, and the vector map (its "map expansion", version 1.3).
+
+The picture has 0.1 m a pixel; its lower left corner is the frame's origin. ``NuScenesMap`` of
+``nuscenes.map_expansion.map_api`` reads the vector map, in which edge lines, polygons and neighbours name the same node
+where they meet. Source: https://github.com/nutonomy/nuscenes-devkit, ``python-sdk/nuscenes/map_expansion``.
+"""
+
+import io
+import json
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from PIL import Image, ImageDraw
+from shapely.geometry import LineString, Polygon
+
+from siren_ros.base.numerics.arrays import Floats, Points
+from siren_ros.data.datasets.lane_graph import GraphLane, driven_shapes, lane_graph, offset_line
+from siren_ros.data.datasets.nuscenes.episode_tables import token
+from siren_ros.data.record.vehicle_location import DRIVEN_KINDS
+from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
+
+RESOLUTION_M: Final = 0.1
+_MARGIN_M: Final = 60.0
+_LAYERS: Final = (
+    *("node", "line", "polygon", "drivable_area", "road_segment", "road_block", "lane", "lane_connector"),
+    *("ped_crossing", "walkway", "stop_line", "carpark_area", "road_divider", "lane_divider", "traffic_light"),
+)
+_GRID_M: Final = 0.001
+"""Places nearer than this are one node."""
+_STOP_LINE_M: Final = 0.5
+_ARC_RADIUS_M: Final = 1000.0
+"""Of the two arcs of an arc-line path, which have no length here: centre lines are polylines."""
+_COLOURS: Final = {"RED": 1, "YELLOW": 0, "GREEN": -1}
+"""With their places on the light, from below."""
+_LIGHT_M: Final = 5.0
+"""Height of a light above the road."""
+_POSE: Final = {"tx": 0.0, "ty": 0.0, "tz": 0.0, "rx": 0.0, "ry": 0.0, "rz": 0.0}
+
+
+def map_corners(network: RoadNetwork) -> tuple[Floats, Floats]:
+    """Lower left and upper right corner of a map with a margin, whole metres in the ``map`` frame, shape ``(2,)``.
+
+    The lower left corner is the origin of nuScenes' global frame, which has no negative places.
+    """
+    points = np.concatenate([lane.centre.points for lane in network.lanes])
+    low: Floats = np.floor(points.min(axis=0) - _MARGIN_M)
+    high: Floats = np.ceil(points.max(axis=0) + _MARGIN_M)
+    return low, high
+
+
+def mask_png(network: RoadNetwork) -> bytes:
+    """The mask as PNG: 255 on lanes, shoulders and junctions."""
+    low, high = map_corners(network)
+    width, height = np.round((high - low) / RESOLUTION_M).astype(int).tolist()
+    image = Image.new("L", (width, height), 0)
+    draw = ImageDraw.Draw(image)
+
+    def pixels(xy: Floats) -> list[tuple[float, float]]:
+        place = (np.asarray(xy) - low) / RESOLUTION_M
+        return [(float(x), float(height - y)) for x, y in place]
+
+    for lane in network.lanes:
+        if lane.kind in DRIVEN_KINDS:
+            body = LineString(lane.centre.points).buffer(lane.width_m / 2.0, cap_style="flat")
+            for polygon in getattr(body, "geoms", [body]):
+                if not polygon.is_empty:
+                    draw.polygon(pixels(np.array(polygon.exterior.coords)), fill=255)
+    for junction in network.junctions.values():
+        if len(junction.outline) >= 3:
+            draw.polygon(pixels(junction.outline), fill=255)
+    packed = io.BytesIO()
+    image.save(packed, "PNG")
+    return packed.getvalue()
+
+
+def map_json(network: RoadNetwork, name: str) -> bytes:
+    """The file ``maps/expansion/NAME.json``, in the global frame: the ``map`` frame from ``map_corners`` on."""
+    layers = _Map(network, name)
+    layers.areas()
+    layers.lanes()
+    low, high = map_corners(network)
+    tables = {**layers.tables, "arcline_path_3": layers.paths, "connectivity": layers.connectivity}
+    return json.dumps({"version": "1.3", "canvas_edge": (high - low).tolist(), **tables}).encode() + b"\n"
+
+
+class _Map:
+    """The layers while they grow."""
+
+    def __init__(self, network: RoadNetwork, name: str) -> None:
+        self._network, self._name = network, name
+        self._low, _ = map_corners(network)
+        self._drivable = token(name, "drivable_area")
+        self._graph = lane_graph(network)
+        self._nodes: set[str] = set()
+        self.tables: dict[str, list[dict[str, Any]]] = {layer: [] for layer in _LAYERS}
+        self.paths: dict[str, list[dict[str, Any]]] = {}
+        self.connectivity: dict[str, dict[str, list[str]]] = {}
+
+    def _add(self, layer: str, row: dict[str, Any], *key: object) -> str:
+        name = token(self._name, layer, *key)
+        self.tables[layer].append({"token": name, **row})
+        return name
+
+    def _node(self, place: Points) -> str:
+        x, y = (np.round((place - self._low) / _GRID_M) * _GRID_M).round(3).tolist()
+        name = token(self._name, "node", x, y)
+        if name not in self._nodes:
+            self._nodes.add(name)
+            self.tables["node"].append({"token": name, "x": x, "y": y})
+        return name
+
+    def _chain(self, places: Iterable[Points]) -> list[str]:
+        """Nodes of a line, none twice in a row."""
+        nodes = [self._node(place) for place in places]
+        return [node for number, node in enumerate(nodes) if number == 0 or node != nodes[number - 1]]
+
+    def _line(self, places: Points, *key: object) -> str:
+        return self._add("line", {"node_tokens": self._chain(places)}, *key)
+
+    def _polygon(self, outline: Points, *key: object, holes: Iterable[Points] = ()) -> str:
+        rings = [{"node_tokens": self._chain(hole)} for hole in holes]
+        return self._add("polygon", {"exterior_node_tokens": self._chain(outline), "holes": rings}, *key)
+
+    def areas(self) -> None:
+        """Drivable area, junctions, crossings and sidewalks."""
+        network = self._network
+        area = shapely.union_all(driven_shapes(network, self._graph), grid_size=_GRID_M)
+        pieces = [
+            self._polygon(_ring(part.exterior), "drivable_area", number, holes=map(_ring, part.interiors))
+            for number, part in enumerate(shapely.get_parts(area))
+        ]
+        self._add("drivable_area", {"polygon_tokens": pieces})
+        junctions = {key: junction.outline for key, junction in network.junctions.items() if len(junction.outline) > 2}
+        for key, outline in junctions.items():
+            polygon = self._polygon(outline, "junction", key)
+            row = {"polygon_token": polygon, "is_intersection": True, "drivable_area_token": self._drivable}
+            self._add("road_segment", row, "junction", key)
+        for number, outline in enumerate(network.crossings):
+            if len(outline) > 2:
+                middle = shapely.Point(outline.mean(axis=0))
+                nearest = min(junctions, key=lambda key: middle.distance(Polygon(junctions[key])))
+                segment = token(self._name, "road_segment", "junction", nearest)
+                polygon = self._polygon(outline, "ped_crossing", number)
+                self._add("ped_crossing", {"polygon_token": polygon, "road_segment_token": segment}, number)
+        for lane in network.lanes:
+            if lane.kind is LaneKind.SIDEWALK:
+                sides = (offset_line(lane.centre.points, side * lane.width_m / 2.0) for side in (1.0, -1.0))
+                polygon = self._polygon(_outline(*sides), "walkway", lane.index)
+                self._add("walkway", {"polygon_token": polygon}, lane.index)
+
+    def lanes(self) -> None:
+        """Roads, lanes and paths across junctions, the lines between them, stop lines and lights."""
+        blocks: dict[int, list[GraphLane]] = {}
+        for index, lane in self._graph.items():
+            self._lane(index, lane)
+            if not lane.in_junction:
+                blocks.setdefault(lane.lane.edge, []).append(lane)
+        for edge, lanes in blocks.items():
+            leftmost, rightmost = (lanes[0], lanes[-1]) if lanes[0].left_hand else (lanes[-1], lanes[0])
+            outline = _outline(leftmost.left, rightmost.right)
+            ends = [np.array([leftmost.left[row], rightmost.right[row]]) for row in (0, -1)]
+            row = {"polygon_token": self._polygon(outline, "edge", edge), "drivable_area_token": self._drivable}
+            segment = self._add("road_segment", {**row, "is_intersection": False}, "edge", edge)
+            edges = {
+                f"{name}_edge_line_token": self._line(end, "road_block", edge, name)
+                for name, end in zip(("from", "to"), ends, strict=True)
+            }
+            block = {"polygon_token": row["polygon_token"], **edges, "road_segment_token": segment}
+            self._add("road_block", block, edge)
+            divider = {"line_token": self._line(lanes[-1].inner, "road_divider", edge), "road_segment_token": segment}
+            self._add("road_divider", divider, edge)
+        self._lights()
+
+    def _name_of(self, index: int) -> str:
+        layer = "lane_connector" if self._graph[index].in_junction else "lane"
+        return token(self._name, layer, index)
+
+    def _lane(self, index: int, lane: GraphLane) -> None:
+        polygon = self._polygon(lane.outline, "lane", index)
+        if lane.in_junction:
+            name = self._add("lane_connector", {"polygon_token": polygon}, index)
+        else:
+            ends = {
+                f"{name}_edge_line_token": self._line(np.array([lane.left[row], lane.right[row]]), "lane", index, name)
+                for name, row in (("from", 0), ("to", -1))
+            }
+            sides = {
+                f"{name}_lane_divider_segments": self._divider(line, inner=neighbour is not None)
+                for name, line, neighbour in (
+                    ("left", lane.left, lane.left_neighbour),
+                    ("right", lane.right, lane.right_neighbour),
+                )
+            }
+            name = self._add("lane", {"polygon_token": polygon, "lane_type": "CAR", **ends, **sides}, index)
+            if lane.left_neighbour is not None:
+                line = self._line(lane.left, "lane_divider", index)
+                row = {"line_token": line, "lane_divider_segments": sides["left_lane_divider_segments"]}
+                self._add("lane_divider", row, index)
+        self.paths[name] = _arc_line_path(lane.lane.centre.points - self._low)
+        self.connectivity[name] = {
+            "incoming": [self._name_of(other) for other in lane.predecessors],
+            "outgoing": [self._name_of(other) for other in lane.successors],
+        }
+
+    def _divider(self, line: Points, *, inner: bool) -> list[dict[str, str]]:
+        kind = "SINGLE_SOLID_WHITE" if not inner else "DOUBLE_DASHED_WHITE"
+        return [{"node_token": node, "segment_type": kind} for node in self._chain(line)]
+
+    def _lights(self) -> None:
+        """A stop line with its lights at the end of each lane that a signal controls or that has to stop."""
+        behind: dict[int, list[Any]] = {}
+        for connection in self._network.connections:
+            lane = self._graph.get(connection.from_lane)
+            if lane is not None and not lane.in_junction and (connection.signal_id is not None or connection.must_stop):
+                behind.setdefault(connection.from_lane, []).append(connection)
+        for index, connections in behind.items():
+            lane = self._graph[index]
+            block = token(self._name, "road_block", lane.lane.edge)
+            lights = []
+            if connections[0].signal_id is not None:
+                end = np.array([lane.left[-1], lane.right[-1]])
+                x, y = (end.mean(axis=0) - self._low).tolist()
+                heading = float(lane.lane.centre.heading_rad(lane.lane.length_m))
+                blocks = sorted({self._network.lanes[connection.to_lane].edge for connection in connections})
+                targets = [token(self._name, "road_block", edge) for edge in blocks]
+                bulbs = [(colour, _POSE | {"tz": 0.3 * place}) for colour, place in _COLOURS.items()]
+                items = [
+                    {"color": colour, "shape": "CIRCLE", "rel_pos": pose, "to_road_block_tokens": targets}
+                    for colour, pose in bulbs
+                ]
+                row = {
+                    "line_token": self._line(end, "traffic_light", index),
+                    "traffic_light_type": "VERTICAL",
+                    "from_road_block_token": block,
+                    "items": items,
+                    "pose": _POSE | {"tx": x, "ty": y, "tz": _LIGHT_M, "rz": heading},
+                }
+                lights.append(self._add("traffic_light", row, index))
+            length_m = lane.lane.length_m
+            last, before = lane.lane.centre.at(np.array([length_m, max(length_m - _STOP_LINE_M, 0.0)]))
+            along = last - before
+            corners = np.array([lane.left[-1], lane.left[-1] - along, lane.right[-1] - along, lane.right[-1]])
+            row = {
+                "polygon_token": self._polygon(corners, "stop_line", index),
+                "stop_line_type": "TRAFFIC_LIGHT" if lights else "STOP_SIGN",
+                "ped_crossing_tokens": [],
+                "traffic_light_tokens": lights,
+                "road_block_token": block,
+            }
+            self._add("stop_line", row, index)
+
+
+def _outline(left: Points, right: Points) -> Points:
+    outline: Points = np.concatenate((left, right[::-1]))
+    return outline
+
+
+def _ring(ring: shapely.LinearRing) -> Points:
+    """Corners of a ring, the first not repeated."""
+    corners: Points = shapely.get_coordinates(ring)[:-1]
+    return corners
+
+
+def _arc_line_path(centre: Floats) -> list[dict[str, Any]]:
+    """A straight arc-line path for each piece of a centre line."""
+    pieces = []
+    for start, end in pairwise(centre):
+        length_m, yaw = float(np.hypot(*(end - start))), float(np.arctan2(*(end - start)[::-1]))
+        if length_m > _GRID_M:
+            poses = {"start_pose": [*start.tolist(), yaw], "end_pose": [*end.tolist(), yaw]}
+            pieces.append({**poses, "shape": "LSR", "radius": _ARC_RADIUS_M, "segment_length": [0.0, length_m, 0.0]})
+    return pieces

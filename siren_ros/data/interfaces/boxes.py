@@ -1,0 +1,174 @@
+"""Labels and detections as messages: ``siren_msgs/GroundTruth`` and ``siren_msgs/CameraTruth`` with boxes.
+
+For standard tools they are also ``vision_msgs/Detection3DArray`` and ``vision_msgs/Detection2DArray``. A detector's
+boxes are a ``vision_msgs/Detection3DArray`` with confidences.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.data.interfaces.cdr import STAMPED, CdrWriter, Layout, stamped, text
+from siren_ros.data.interfaces.messages import as_arrays, as_sequences, checks_content, header, make_message, step_of
+from siren_ros.data.interfaces.transforms import (
+    from_quaternion,
+    from_vector,
+    quaternion_of_yaw,
+    to_pose,
+    yaw_of_quaternion,
+)
+from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.carrier import CAMERA_TRUTH_DTYPES, GROUND_TRUTH_DTYPES, CameraTruth, GroundTruth
+
+
+def to_ground_truth(truth: GroundTruth) -> Any:
+    """``siren_msgs/GroundTruth``."""
+    return make_message(
+        "siren_msgs/msg/GroundTruth",
+        header=header(truth.step, truth.frame_id),
+        step=truth.step,
+        carrier_id=truth.carrier_id,
+        **as_sequences(truth, GROUND_TRUTH_DTYPES),
+    )
+
+
+@checks_content
+def from_ground_truth(message: Any) -> GroundTruth:
+    """Inverse of ``to_ground_truth``."""
+    return GroundTruth(
+        step=int(message.step),
+        carrier_id=int(message.carrier_id),
+        frame_id=str(message.header.frame_id),
+        **as_arrays(message, GROUND_TRUTH_DTYPES),
+    )
+
+
+@dataclass(frozen=True)
+class SpaceBoxes:
+    """Boxes of one step in a sensor frame, labels or detections; one row per box."""
+
+    step: int
+    frame_id: str
+    class_names: tuple[str, ...]
+    """Lower-case names of ``ActorClass`` for labels."""
+    score: Floats
+    """Confidence, 0 to 1."""
+    centre_m: Floats
+    """Centre of the volume, shape ``(N, 3)``."""
+    size_m: Floats
+    """Length, width, height, shape ``(N, 3)``."""
+    yaw_rad: Floats
+    ids: tuple[str, ...] | None = None
+    """Actor ids of labels; None for detections."""
+
+
+def boxes_of(truth: GroundTruth, frame_id: str) -> SpaceBoxes:
+    """The boxes of a step's ground truth, with score 1."""
+    return SpaceBoxes(
+        step=truth.step,
+        frame_id=frame_id,
+        class_names=tuple(ActorClass(int(code)).name.lower() for code in truth.actor_class),
+        score=np.ones(len(truth)),
+        centre_m=np.stack((truth.x_m, truth.y_m, truth.z_m), axis=1),
+        size_m=np.stack((truth.length_m, truth.width_m, truth.height_m), axis=1),
+        yaw_rad=truth.yaw_rad,
+        ids=tuple(str(int(actor_id)) for actor_id in truth.actor_id),
+    )
+
+
+_ARRAY: Final = Layout(f"{STAMPED} I")
+_BOX: Final = Layout(f"{STAMPED} I s d 7d 36d 7d 3d s")
+_CERTAIN: Final = (0.0,) * 36
+"""A pose without a covariance."""
+
+
+def to_boxes(boxes: SpaceBoxes) -> bytes:
+    """``vision_msgs/Detection3DArray`` as CDR; it has no place for velocities."""
+    writer = CdrWriter()
+    head = stamped(boxes.step, boxes.frame_id)
+    ids = boxes.ids or ("",) * len(boxes.score)
+    writer.put(_ARRAY, *head, len(boxes.score))
+    numbers = zip(
+        *(boxes.score.tolist(), boxes.centre_m.tolist(), boxes.size_m.tolist(), boxes.yaw_rad.tolist()), strict=True
+    )
+    for name, box_id, (score, centre, size, yaw_rad) in zip(boxes.class_names, ids, numbers, strict=True):
+        pose = (*centre, *quaternion_of_yaw(yaw_rad))
+        writer.put(_BOX, *head, 1, text(name), score, *pose, *_CERTAIN, *pose, *size, text(box_id))
+    return writer.cdr()
+
+
+def from_boxes(message: Any) -> SpaceBoxes:
+    """Inverse of ``to_boxes``."""
+    detections = message.detections
+    centres = [detection.bbox.center for detection in detections]
+    sizes = [detection.bbox.size for detection in detections]
+    best = [detection.results[0].hypothesis for detection in detections]
+    ids = tuple(str(detection.id) for detection in detections)
+    return SpaceBoxes(
+        step=step_of(message),
+        frame_id=str(message.header.frame_id),
+        class_names=tuple(str(hypothesis.class_id) for hypothesis in best),
+        score=np.array([float(hypothesis.score) for hypothesis in best]),
+        centre_m=np.array([from_vector(centre.position) for centre in centres]).reshape(-1, 3),
+        size_m=np.array([from_vector(size) for size in sizes]).reshape(-1, 3),
+        yaw_rad=np.array([yaw_of_quaternion(from_quaternion(centre.orientation)) for centre in centres]),
+        ids=ids if any(ids) else None,
+    )
+
+
+def to_camera_truth(truth: CameraTruth, frame_id: str) -> Any:
+    """``siren_msgs/CameraTruth`` in the camera's optical frame."""
+    return make_message(
+        "siren_msgs/msg/CameraTruth",
+        header=header(truth.step, frame_id),
+        step=truth.step,
+        **as_sequences(truth, CAMERA_TRUTH_DTYPES),
+    )
+
+
+def from_camera_truth(message: Any) -> CameraTruth:
+    """Inverse of ``to_camera_truth``."""
+    step = step_of(message)
+    return CameraTruth(step=step, **as_arrays(message, CAMERA_TRUTH_DTYPES))
+
+
+def to_image_boxes(truth: CameraTruth, frame_id: str) -> Any:
+    """``vision_msgs/Detection2DArray`` of the visible vehicles: the actor's id, the visible fraction as score."""
+    stamped = header(truth.step, frame_id)
+    nowhere = make_message(
+        "geometry_msgs/msg/PoseWithCovariance",
+        pose=to_pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+        covariance=np.zeros(36),
+    )
+    return make_message(
+        "vision_msgs/msg/Detection2DArray",
+        header=stamped,
+        detections=[_detection(truth, int(row), stamped, nowhere) for row in np.flatnonzero(truth.visible_px)],
+    )
+
+
+def _detection(truth: CameraTruth, row: int, stamped: Any, nowhere: Any) -> Any:
+    u, v = (
+        float(truth.u_min_px[row] + truth.u_max_px[row]) / 2.0,
+        float(truth.v_min_px[row] + truth.v_max_px[row]) / 2.0,
+    )
+    hypothesis = make_message(
+        "vision_msgs/msg/ObjectHypothesis",
+        class_id=ActorClass(int(truth.actor_class[row])).name.lower(),
+        score=float(truth.visible_fraction[row]),
+    )
+    position = make_message("vision_msgs/msg/Point2D", x=u, y=v)
+    return make_message(
+        "vision_msgs/msg/Detection2D",
+        header=stamped,
+        results=[make_message("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=nowhere)],
+        bbox=make_message(
+            "vision_msgs/msg/BoundingBox2D",
+            center=make_message("vision_msgs/msg/Pose2D", position=position, theta=0.0),
+            size_x=float(truth.u_max_px[row] - truth.u_min_px[row]),
+            size_y=float(truth.v_max_px[row] - truth.v_min_px[row]),
+        ),
+        id=str(int(truth.actor_id[row])),
+    )

@@ -1,0 +1,214 @@
+"""The states, commands and events of a step as messages: paired functions ``to_X`` and ``from_X``, exact inverses.
+
+``to_X(value)`` makes a message, ``from_X(message)`` reads one, from a topic or from a bag.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.data.interfaces.messages import (
+    as_arrays,
+    as_sequences,
+    at_step,
+    check_stamp,
+    checks_content,
+    from_plain_fields,
+    header,
+    json_object,
+    json_text,
+    make_message,
+    plain_fields,
+    plain_message,
+    sequence,
+)
+from siren_ros.data.interfaces.transforms import quaternion_of_yaw, to_pose
+from siren_ros.errors import EpisodeError
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorDescription, ActorStates
+from siren_ros.simulation.world.carrier import MAP_FRAME, PredictedPaths
+from siren_ros.simulation.world.commands import COMMAND_DTYPES, AvControl, VehicleCommands
+from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, Event, SignalState, TrafficState
+
+
+def to_event(event: Event) -> Any:
+    """``siren_msgs/Event``."""
+    detail = json_text(dict(event.detail))
+    return make_message("siren_msgs/msg/Event", **plain_fields(event, "detail"), detail=detail)
+
+
+@checks_content
+def from_event(message: Any) -> Event:
+    """Inverse of ``to_event``."""
+    return from_plain_fields(Event, message, detail=json_object(message.detail))
+
+
+def _from_events(messages: Any) -> tuple[Event, ...]:
+    return tuple(from_event(message) for message in messages)
+
+
+def to_events(step: int, state_hash: int, events: tuple[Event, ...]) -> Any:
+    """``siren_msgs/Events`` of one step, with the hash of the world's state at it."""
+    return make_message(
+        "siren_msgs/msg/Events", **at_step(step), state_hash=state_hash, events=[to_event(event) for event in events]
+    )
+
+
+@checks_content
+def from_events(message: Any) -> tuple[int, int, tuple[Event, ...]]:
+    """Inverse of ``to_events``: the step, the hash of its state and its events."""
+    return int(message.step), int(message.state_hash), _from_events(message.events)
+
+
+def to_actor_description(actor: ActorDescription) -> Any:
+    """``siren_msgs/ActorDescription``."""
+    colour_rgb = np.array(actor.colour_rgb, dtype=np.uint8)
+    return make_message("siren_msgs/msg/ActorDescription", **plain_fields(actor, "colour_rgb"), colour_rgb=colour_rgb)
+
+
+@checks_content
+def from_actor_description(message: Any) -> ActorDescription:
+    """Inverse of ``to_actor_description``."""
+    red, green, blue = (int(value) for value in message.colour_rgb)
+    return from_plain_fields(ActorDescription, message, colour_rgb=(red, green, blue))
+
+
+@checks_content
+def from_signal_state(message: Any) -> SignalState:
+    """Inverse of ``plain_message``."""
+    return from_plain_fields(SignalState, message)
+
+
+@checks_content
+def from_emv_advice(message: Any) -> EmvAdvice:
+    """Inverse of ``plain_message``."""
+    return from_plain_fields(EmvAdvice, message)
+
+
+def to_traffic_state(traffic: TrafficState) -> Any:
+    """``siren_msgs/TrafficState``."""
+    return make_message(
+        "siren_msgs/msg/TrafficState",
+        **at_step(traffic.step),
+        spawned=[to_actor_description(actor) for actor in traffic.spawned],
+        emvs=[plain_message(advice) for advice in traffic.emvs],
+        signals=[plain_message(signal) for signal in traffic.signals],
+        events=[to_event(event) for event in traffic.events],
+        **as_sequences(traffic, TRAFFIC_STATE_DTYPES),
+    )
+
+
+@checks_content
+def from_traffic_state(message: Any) -> TrafficState:
+    """Inverse of ``to_traffic_state``."""
+    return TrafficState(
+        step=int(message.step),
+        spawned=tuple(from_actor_description(actor) for actor in message.spawned),
+        emvs=tuple(from_emv_advice(advice) for advice in message.emvs),
+        signals=tuple(from_signal_state(signal) for signal in message.signals),
+        events=_from_events(message.events),
+        **as_arrays(message, TRAFFIC_STATE_DTYPES),
+    )
+
+
+def to_vehicle_commands(commands: VehicleCommands) -> Any:
+    """``siren_msgs/VehicleCommands``."""
+    return make_message(
+        "siren_msgs/msg/VehicleCommands",
+        **at_step(commands.step),
+        source=commands.source,
+        events=[to_event(event) for event in commands.events],
+        **as_sequences(commands, COMMAND_DTYPES),
+    )
+
+
+@checks_content
+def from_vehicle_commands(message: Any) -> VehicleCommands:
+    """Inverse of ``to_vehicle_commands``."""
+    return VehicleCommands(
+        step=int(message.step),
+        source=str(message.source),
+        events=_from_events(message.events),
+        **as_arrays(message, COMMAND_DTYPES),
+    )
+
+
+def to_actor_states(states: ActorStates) -> Any:
+    """``siren_msgs/ActorStates``."""
+    return make_message(
+        "siren_msgs/msg/ActorStates", **at_step(states.step), **as_sequences(states, ACTOR_STATE_DTYPES)
+    )
+
+
+@checks_content
+def from_actor_states(message: Any) -> ActorStates:
+    """Inverse of ``to_actor_states``."""
+    return ActorStates(step=int(message.step), **as_arrays(message, ACTOR_STATE_DTYPES))
+
+
+def to_av_control(control: AvControl) -> Any:
+    """``siren_msgs/AvControl``."""
+    return make_message("siren_msgs/msg/AvControl", **plain_fields(control, "step"), **at_step(control.step))
+
+
+@checks_content
+def from_av_control(message: Any) -> AvControl:
+    """Inverse of ``to_av_control``; EpisodeError where another program's stamp is not the time of the step."""
+    control = from_plain_fields(AvControl, message)
+    check_stamp(message.stamp, control.step)
+    return control
+
+
+def to_path(way: Polyline) -> Any:
+    """``nav_msgs/Path`` of a route that is known before the first step; each pose points along it."""
+    at_start = header(0, MAP_FRAME)
+    headings = way.heading_rad(way.arc_m)
+    return make_message(
+        "nav_msgs/msg/Path",
+        header=at_start,
+        poses=[
+            make_message(
+                "geometry_msgs/msg/PoseStamped",
+                header=at_start,
+                pose=to_pose((x_m, y_m, 0.0), quaternion_of_yaw(float(heading))),
+            )
+            for (x_m, y_m), heading in zip(way.points.tolist(), headings, strict=True)
+        ],
+    )
+
+
+def from_path(message: Any) -> Polyline:
+    """Inverse of ``to_path``."""
+    return Polyline.through([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
+
+
+def to_predicted_paths(paths: PredictedPaths) -> Any:
+    """``siren_msgs/PredictedPaths``."""
+    return make_message(
+        "siren_msgs/msg/PredictedPaths",
+        **at_step(paths.step),
+        actor_id=sequence(paths.actor_id.astype(np.uint32)),
+        probability=sequence(paths.probability.astype(np.float64)),
+        x_m=sequence(paths.xy_m[..., 0].ravel()),
+        y_m=sequence(paths.xy_m[..., 1].ravel()),
+    )
+
+
+@checks_content
+def from_predicted_paths(message: Any) -> PredictedPaths:
+    """Inverse of ``to_predicted_paths``; without paths their length is 0.
+
+    Raises EpisodeError for another program's arrays that do not fit, or a stamp that is not the time of the step.
+    """
+    step = int(message.step)
+    check_stamp(message.stamp, step)
+    arrays = as_arrays(
+        message, {"actor_id": np.uint32, "probability": np.float64, "x_m": np.float64, "y_m": np.float64}
+    )
+    count, numbers = len(arrays["actor_id"]), len(arrays["x_m"])
+    fits = len(arrays["probability"]) == count and len(arrays["y_m"]) == numbers
+    if not fits or (numbers % count if count else numbers):
+        lengths = ", ".join(f"{len(values)} {name}" for name, values in arrays.items())
+        raise EpisodeError(f"paths of step {step} with {lengths}")
+    xy_m = np.stack((arrays["x_m"], arrays["y_m"]), axis=-1).reshape(count, numbers // count if count else 0, 2)
+    return PredictedPaths(step, arrays["actor_id"], arrays["probability"], xy_m)

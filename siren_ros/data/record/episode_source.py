@@ -1,0 +1,249 @@
+"""An episode's bag, opened: what it holds, its sensors and how they stand, its record, its frames of sensor data."""
+
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Matrix
+from siren_ros.base.numerics.units import step_of_time_ns
+from siren_ros.base.tables.brief import Brief
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.boxes import from_camera_truth, from_ground_truth
+from siren_ros.data.interfaces.episode_conversions import (
+    from_episode_description,
+    from_episode_end,
+    from_episode_outcome,
+)
+from siren_ros.data.interfaces.measurements import from_camera_info, from_compressed_image, from_point_cloud
+from siren_ros.data.interfaces.topics import GROUND_TRUTH, TF, Topic
+from siren_ros.data.interfaces.transforms import from_tf, matrix_between, matrix_of_transform
+from siren_ros.data.recording.bag_reader import BagMessage, OpenBag, damage_refused, open_bag
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.data.recording.record_builder import outcome_of_what_is_held
+from siren_ros.data.sensor_messages.sensor_topics import EMV, Carrier
+from siren_ros.errors import BagError
+from siren_ros.sensing.suite import EXPORTED_CAMERA
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeOutcome
+from siren_ros.simulation.world.carrier import BASE_FRAME, MAP_FRAME, STATION_FRAME, CameraTruth, GroundTruth
+from siren_ros.simulation.world.measurements import CameraIntrinsics
+
+FRONT_CAMERA: Final = EXPORTED_CAMERA
+
+
+@dataclass(frozen=True)
+class MountedSensor:
+    """A LiDAR or a camera of the EMV, or of the AV under test."""
+
+    name: str
+    """That of the suite; behind ``av/`` on the AV."""
+    topic: str
+    base_from_sensor: Matrix
+    """Points in ``base_link`` from points in the sensor's frame (a camera's optical frame), shape ``(4, 4)``."""
+    base_frame: str = field(default=BASE_FRAME, kw_only=True)
+    """Its carrier's ``base_link``, as ``/tf`` names it."""
+
+
+@dataclass(frozen=True)
+class MountedCamera(MountedSensor):
+    """A camera with its projection."""
+
+    model: CameraIntrinsics
+    truth_topic: str
+    """Topic of its labels; empty where none were recorded."""
+
+    def from_lidar(self, lidar: MountedSensor) -> Matrix:
+        """Points in the optical frame from points in a LiDAR's frame, shape ``(4, 4)``."""
+        matrix: Matrix = np.linalg.inv(self.base_from_sensor) @ lidar.base_from_sensor
+        return matrix
+
+
+class EpisodeSource:
+    """An open bag of one episode."""
+
+    def __init__(self, bag: OpenBag) -> None:
+        """Reads the description. Raises BagError: the bag has none."""
+        self.bag = bag
+        self.path = bag.path
+        message = self._first(topics.EPISODE.name)
+        if message is None:
+            raise BagError(str(bag.path), f"a bag with an episode's description on {topics.EPISODE.name}")
+        with damage_refused(bag.path):
+            self.description: EpisodeDescription = from_episode_description(message)
+
+    def _first(self, topic: str) -> Any | None:
+        message = next(self.bag.messages({topic}), None)
+        return None if message is None else message.read()
+
+    @cached_property
+    def outcome(self) -> EpisodeOutcome | None:
+        """How the episode ended, as in its record; None where the bag was cut off before."""
+        message, end = self._first(topics.OUTCOME.name), self._first(topics.EPISODE_END.name)
+        steps = [step_of_time_ns(states.time_ns) for states in self.bag.messages({topics.ACTORS.name})]
+        with damage_refused(self.path):
+            outcome = None if message is None else from_episode_outcome(message)
+            return outcome_of_what_is_held(outcome, None if end is None else from_episode_end(end), steps)
+
+    def has(self, topic: Topic) -> bool:
+        """Whether messages of a topic were recorded."""
+        return topic.name in self.bag.type_names
+
+    @property
+    def map_label(self) -> str:
+        """What datasets call the map: its name with the beginning of its hash, so that maps of one name stay apart."""
+        name = "".join(letter if letter.isalnum() else "-" for letter in self.description.map_name)
+        return f"{name}-{self.description.map_sha256[:8]}"
+
+    @cached_property
+    def net_xml(self) -> str:
+        """The compiled SUMO net; BagError where the bag holds no map."""
+        message = self._first(topics.MAP.name)
+        if message is None:
+            raise BagError(str(self.path), f"a bag with the episode's map on {topics.MAP.name}")
+        return str(message.data)
+
+    @cached_property
+    def network(self) -> RoadNetwork:
+        """The map as a road network; BagError where the bag holds none."""
+        return parse_road_network(self.net_xml.encode())
+
+    @cached_property
+    def _mounts(self) -> dict[str, Matrix]:
+        message = self._first(topics.TF_STATIC.name)
+        with damage_refused(self.path):
+            transforms = () if message is None else from_tf(message)
+        return {transform.child: matrix_of_transform(transform) for transform in transforms}
+
+    @property
+    def station(self) -> Matrix | None:
+        """Where a roadside suite stands, in the ``map`` frame, shape ``(4, 4)``; None for sensors on a vehicle."""
+        return self._mounts.get(STATION_FRAME)
+
+    def _sensors(self, topic: Topic, carrier: Carrier) -> dict[str, str]:
+        """Names of a carrier's sensors that publish on a kind of topic, with the topics."""
+        head, tail = topic.of_carrier(carrier.name).name.split("{sensor}")
+        names = {
+            name[len(head) : len(name) - len(tail)]: name
+            for name, kind in self.bag.type_names.items()
+            if kind == topic.type_name and name.startswith(head) and name.endswith(tail)
+        }
+        return {sensor: name for sensor, name in sorted(names.items()) if "/" not in sensor}
+
+    @cached_property
+    def lidar(self) -> MountedSensor | None:
+        """The EMV's first LiDAR; None without one."""
+        return self.lidar_on(EMV)
+
+    def lidar_on(self, carrier: Carrier) -> MountedSensor | None:
+        """A carrier's first LiDAR; None without one."""
+        for name, topic in self._sensors(topics.LIDAR, carrier).items():
+            message = next(self.bag.messages({topic}), None)
+            if message is not None:
+                mount = self._mounts.get(str(message.read().header.frame_id), np.eye(4))
+                return MountedSensor(carrier.frame(name), topic, mount, base_frame=carrier.frame(BASE_FRAME))
+        return None
+
+    @cached_property
+    def cameras(self) -> tuple[MountedCamera, ...]:
+        """The EMV's cameras with recorded pictures, in the order of their names."""
+        return self.cameras_on(EMV)
+
+    def cameras_on(self, carrier: Carrier) -> tuple[MountedCamera, ...]:
+        """A carrier's cameras with recorded pictures, in the order of their names."""
+        cameras = []
+        for name, topic in self._sensors(topics.IMAGE_COMPRESSED, carrier).items():
+            info = self._first(topics.CAMERA_INFO.of_carrier(carrier.name).of_sensor(name, 1).name)
+            if info is None or str(info.header.frame_id) not in self._mounts:
+                continue
+            truth = topics.IMAGE_TRUTH.of_carrier(carrier.name).of_sensor(name, 1).name
+            with damage_refused(self.path):
+                model = from_camera_info(info)
+            mount = self._mounts[str(info.header.frame_id)]
+            truth = truth if truth in self.bag.type_names else ""
+            base = carrier.frame(BASE_FRAME)
+            cameras.append(MountedCamera(carrier.frame(name), topic, mount, model, truth, base_frame=base))
+        return tuple(cameras)
+
+    @property
+    def front_camera(self) -> MountedCamera | None:
+        """The camera that looks ahead; None without one."""
+        return next((camera for camera in self.cameras if camera.name == FRONT_CAMERA), None)
+
+    def messages_by_step(self, topics: Collection[str]) -> Iterator[tuple[int, dict[str, BagMessage]]]:
+        """The messages of some topics, those of one step together, in the order of time; only one step is in memory.
+
+        Raises BagError: the bag is damaged at the place that has been reached.
+        """
+        for time_ns, messages in groupby(self.bag.messages(topics), lambda message: message.time_ns):
+            yield step_of_time_ns(time_ns), {message.topic: message for message in messages}
+
+    def record(self) -> EpisodeRecord:
+        """The episode's tracks and events, without sensors; raises as ``OpenBag.record``."""
+        return self.bag.record()
+
+    def tracks(self) -> EpisodeRecord:
+        """As ``record``, but without the controllers' commands and the events, which take time to read."""
+        return self.bag.record(unread=(topics.EMV_COMMANDS.name, topics.YIELD_COMMANDS.name, topics.EVENTS.name))
+
+
+@contextmanager
+def open_source(path: Path) -> Iterator[EpisodeSource]:
+    """Opens an episode's bag; raises BagError as ``open_bag``, and for a bag that is no episode."""
+    with open_bag(path) as bag:
+        yield EpisodeSource(bag)
+
+
+@dataclass(frozen=True)
+class LidarFrame(Brief):
+    """What was recorded at one step; None or missing where nothing was."""
+
+    step: int
+    points: npt.NDArray[np.void] | None
+    truth: GroundTruth | None
+    jpegs: dict[str, bytes]
+    """Pictures by the camera's name."""
+    image_truths: dict[str, CameraTruth]
+    map_from_base: Matrix | None
+    """Pose of what carries the LiDAR: a vehicle, or a station at the roadside."""
+
+
+def lidar_of(source: EpisodeSource) -> MountedSensor:
+    """The LiDAR of a bag that has one; BagError otherwise."""
+    if source.lidar is None:
+        raise BagError(str(source.path), "an episode recorded with a LiDAR")
+    return source.lidar
+
+
+def lidar_frames(
+    source: EpisodeSource, *, cameras: Sequence[MountedCamera] = (), pose: bool = False
+) -> Iterator[LidarFrame]:
+    """The steps of an episode that hold a sweep, labels or pictures, one after the other.
+
+    With ``cameras`` also their pictures and labels, with ``pose`` that of the vehicle or of the station. Raises
+    BagError: the bag is damaged at the place that has been reached.
+    """
+    lidar = lidar_of(source)
+    pictures = {camera.topic: camera.name for camera in cameras}
+    labels = {camera.truth_topic: camera.name for camera in cameras if camera.truth_topic}
+    topics = {lidar.topic, GROUND_TRUTH.name, *pictures, *labels, *((TF.name,) if pose else ())}
+    for step, held in source.messages_by_step(topics):
+        if not held.keys() - {TF.name}:
+            continue
+        with damage_refused(source.path):
+            points = from_point_cloud(held[lidar.topic].read()) if lidar.topic in held else None
+            truth = from_ground_truth(held[GROUND_TRUTH.name].read()) if GROUND_TRUTH.name in held else None
+            jpegs = {pictures[name]: from_compressed_image(held[name].read()) for name in pictures if name in held}
+            truths = {labels[name]: from_camera_truth(held[name].read()) for name in labels if name in held}
+            frames = from_tf(held[TF.name].read()) if TF.name in held else None
+            place = None if frames is None else matrix_between(frames, MAP_FRAME, BASE_FRAME)
+            if pose and source.station is not None:
+                place = source.station
+        yield LidarFrame(step, points, truth, jpegs, truths, place)

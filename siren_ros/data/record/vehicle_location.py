@@ -1,0 +1,164 @@
+"""Where recorded vehicles are: in which lane and how far along it, and ahead of or beside one another."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.geometry import wrap_angle
+from siren_ros.data.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.simulation.roads.road_network import MAPS_KEPT, NO_LANE, Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.world.actors import rows_of_ids
+from siren_ros.simulation.world.traffic_state import Indices
+
+DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
+"""Lanes that vehicles use."""
+_END_MARGIN_M: Final = 0.05
+"""Lanes of consecutive edges meet with rounding gaps of SUMO's two decimals."""
+_HINT_BONUS_M: Final = 100.0
+"""Puts SUMO's lane first where a pose lies in several lanes (paths across a junction overlap)."""
+_INTERNAL_PENALTY_M: Final = 10.0
+ALIGNED_RAD: Final = np.pi / 3.0
+"""Two vehicles drive in the same direction where their headings differ by less."""
+
+
+@dataclass(frozen=True)
+class LanePlaces:
+    """Lane of each of M poses; arrays of shape ``(M,)``."""
+
+    lane: Indices
+    """Index into ``RoadNetwork.lanes``; NO_LANE where the pose is in no lane of its direction."""
+    arc_m: Floats
+    """Arc length of the footprint's centre on the lane's centre line."""
+    offset_m: Floats
+    """Of the centre from the lane's centre line, left positive."""
+
+
+def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -> LanePlaces:
+    """The lane of each pose: its area holds the footprint's centre, its direction is within 90° of the heading.
+
+    Footprint centres have the shape ``(M, 2)``, headings ``(M,)``. ``hint`` is the preferred lane where a pose lies in
+    several ones, NO_LANE for none, shape ``(M,)``.
+    """
+    count, x_m, y_m = len(xy_m), xy_m[:, 0].copy(), xy_m[:, 1].copy()
+    lane = np.full(count, NO_LANE, dtype=np.int32)
+    arc, offset, cost = np.zeros(count), np.zeros(count), np.full(count, np.inf)
+    for candidate, low, high in _around(network, xy_m) if count else ():
+        near = np.flatnonzero((x_m >= low[0]) & (x_m <= high[0]) & (y_m >= low[1]) & (y_m <= high[1]))
+        if len(near) == 0:
+            continue
+        s, left = candidate.centre.project(xy_m[near])
+        turned = np.abs(wrap_angle(candidate.centre.heading_rad(s) - yaw_rad[near]))
+        inside = np.abs(left) <= candidate.width_m / 2.0
+        inside &= (s >= -_END_MARGIN_M) & (s <= candidate.length_m + _END_MARGIN_M) & (turned < np.pi / 2.0)
+        penalty = _INTERNAL_PENALTY_M if candidate.kind is LaneKind.INTERNAL else 0.0
+        price = np.abs(left) + penalty - _HINT_BONUS_M * (hint[near] == candidate.index)
+        better = inside & (price < cost[near])
+        rows = near[better]
+        lane[rows], arc[rows], offset[rows], cost[rows] = candidate.index, s[better], left[better], price[better]
+    return LanePlaces(lane, arc, offset)
+
+
+def _around(network: RoadNetwork, xy_m: Floats) -> Iterator[tuple[Lane, Floats, Floats]]:
+    """Lanes near some of the points, in their order, each with the corners of its box."""
+    lanes, low, high = _boxes(network)
+    near = (low <= np.fmax.reduce(xy_m)).all(axis=1) & (high >= np.fmin.reduce(xy_m)).all(axis=1)
+    for k in np.flatnonzero(near).tolist():
+        yield lanes[k], low[k], high[k]
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def _boxes(network: RoadNetwork) -> tuple[tuple[Lane, ...], Floats, Floats]:
+    """Lanes that vehicles use, and the corners of a box around each, shape ``(L, 2)``."""
+    lanes = tuple(lane for lane in network.lanes if lane.kind in DRIVEN_KINDS)
+    low = np.array([lane.centre.points.min(axis=0) - lane.width_m for lane in lanes]).reshape(-1, 2)
+    high = np.array([lane.centre.points.max(axis=0) + lane.width_m for lane in lanes]).reshape(-1, 2)
+    return lanes, low, high
+
+
+def sumo_lanes(record: EpisodeRecord, rows: StateRows) -> Indices:
+    """SUMO's lane of each row's actor at the row's step, NO_LANE where it is unknown; shape ``(M,)``."""
+    hint = np.full(len(rows), NO_LANE, dtype=np.int32)
+    order = np.argsort(rows.step, kind="stable")
+    edges = np.searchsorted(rows.step[order], [traffic.step for traffic in record.traffic])
+    ends = np.searchsorted(rows.step[order], [traffic.step for traffic in record.traffic], side="right")
+    for traffic, first, last in zip(record.traffic, edges, ends, strict=True):
+        at_step = order[first:last]
+        row_of_traffic = rows_of_ids(traffic.actor_id, rows.actor_id[at_step])
+        known = row_of_traffic >= 0
+        hint[at_step[known]] = traffic.lane[row_of_traffic[known]]
+    return hint
+
+
+def places_of(record: EpisodeRecord, rows: StateRows) -> LanePlaces:
+    """Lanes of some rows of a record."""
+    return locate(record.network, rows.xy_m, rows.yaw_rad, sumo_lanes(record, rows))
+
+
+class Drive:
+    """One actor's rows of a record, in the order of time, with its lanes."""
+
+    def __init__(self, record: EpisodeRecord, places: LanePlaces, actor_id: int) -> None:
+        """Selects the rows; ``places`` are the lanes of ``record.rows``."""
+        span = record.rows_of(actor_id)
+        self.actor = record.actors[actor_id]
+        self.network = record.network
+        self.rows = record.rows.select(span)
+        self.lane = places.lane[span]
+        self.arc_m = places.arc_m[span]
+        self.offset_m = places.offset_m[span]
+
+
+def lanes_ahead(network: RoadNetwork, lane: int, reach_m: float) -> frozenset[int]:
+    """The lane and all lanes that can follow it without a lane change, paths across junctions included.
+
+    The lane may be a path across a junction; the reach begins at its end.
+    """
+    nearest = {lane: 0.0}
+    queue = [lane]
+    while queue:
+        current = queue.pop()
+        if nearest[current] > reach_m:
+            continue
+        for following in _followings(network, current):
+            along = nearest[current]
+            for step in following:
+                along += network.lanes[step].length_m
+                if along < nearest.get(step, np.inf):
+                    nearest[step] = along
+                    if step == following[-1]:
+                        queue.append(step)
+    return frozenset(nearest)
+
+
+def _followings(network: RoadNetwork, lane: int) -> list[tuple[int, ...]]:
+    """The lanes of each movement out of a lane, or of the rest of a path across a junction."""
+    if network.lanes[lane].kind is LaneKind.INTERNAL:
+        on_path = [connection for connection in network.connections if lane in connection.via]
+        return [(*item.via[item.via.index(lane) + 1 :], item.to_lane) for item in on_path]
+    return [(*connection.via, connection.to_lane) for connection in network.connections_from.get(lane, ())]
+
+
+def common_rows(first: StateRows, second: StateRows) -> tuple[StateRows, StateRows]:
+    """The rows of two tracks at the steps that both have, in the order of time."""
+    _, in_first, in_second = np.intersect1d(first.step, second.step, assume_unique=True, return_indices=True)
+    return first.select(in_first), second.select(in_second)
+
+
+def ahead_and_left_m(observer: StateRows, other: StateRows) -> tuple[Floats, Floats]:
+    """The other's centre in the observer's axes; rows of the same steps, arrays of shape ``(M,)``."""
+    delta = other.xy_m - observer.xy_m
+    cos, sin = np.cos(observer.yaw_rad), np.sin(observer.yaw_rad)
+    ahead_m: Floats = delta[:, 0] * cos + delta[:, 1] * sin
+    left_m: Floats = delta[:, 1] * cos - delta[:, 0] * sin
+    return ahead_m, left_m
+
+
+def in_same_direction(observer: StateRows, other: StateRows) -> npt.NDArray[np.bool_]:
+    """Whether the headings differ by less than ``ALIGNED_RAD``; rows of the same steps."""
+    aligned: npt.NDArray[np.bool_] = np.abs(wrap_angle(other.yaw_rad - observer.yaw_rad)) < ALIGNED_RAD
+    return aligned

@@ -1,0 +1,105 @@
+"""The library's drivers before the rulebooks: a lawful one passes, a faulty one breaks what was written down for it.
+
+``python -m siren_ros.benchmarks.faulty_drivers`` judges all of them in the scenes of ``params/faulty_drivers.yaml`` and
+prints a line for each; the exit code is 1 where one breaks other clauses.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params.strict_yaml import read_strict_yaml
+from siren_ros.base.processes.process_pool import ProcessPool
+from siren_ros.errors import EXIT_FAILED, EXIT_OK
+from siren_ros.lab.benchmarks.drivers import record_with
+from siren_ros.reports.exam.grading import examine
+from siren_ros.reports.exam.rulebook import load_rulebook
+from siren_ros.running.seat.drivers.habits import FAULTS, HABITS
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.scenario.templates import load_template
+
+LAWFUL: Final = "lawful"
+JAM: Final = "jam"
+"""Scene on a road with a rescue lane, of which the German rulebook alone knows."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A driver with the law of a place, and the scenes that it is judged in."""
+
+    fault: str
+    place: str
+    scenes: tuple[str, ...]
+    breaks: frozenset[str]
+    """The clauses that it is meant to break."""
+
+    @property
+    def driver(self) -> str:
+        """Its name."""
+        return f"{self.fault}-{self.place}"
+
+
+def written_down() -> tuple[Mapping[str, str], tuple[Case, ...]]:
+    """The scenes by name, and all cases: the lawful drivers first.
+
+    Raises:
+        InputError: The file cannot be used.
+    """
+    root = read_strict_yaml(params_dir() / "faulty_drivers.yaml")
+    listed = root.mapping("scenes")
+    scenes = {name: listed.text(name) for name in listed.values}
+    faults = root.mapping("faults")
+    cases = [Case(LAWFUL, place, _shown(scenes, place), frozenset()) for place in HABITS]
+    for fault in FAULTS:
+        entry = faults.mapping(fault)
+        names = entry.words("scenes")
+        for place in HABITS:
+            breaks = frozenset(entry.words(place) if entry.has(place) else ())
+            cases.append(Case(fault, place, _shown(names, place), breaks))
+        entry.finish()
+    for part in (listed, faults, root):
+        part.finish()
+    return scenes, tuple(cases)
+
+
+def _shown(names: Sequence[str] | Mapping[str, str], place: str) -> tuple[str, ...]:
+    return tuple(name for name in names if name != JAM or place == "germany")
+
+
+def broken_by(driver: str, place: str, scene: str) -> frozenset[str]:
+    """The clauses of a place's rulebook that a driver breaks in a scene: template, level, seed and values."""
+    template, level, seed, *values = scene.split()
+    map_name = load_template(template).map_name
+    request = EpisodeRequest(template, level, int(seed), map_name, sensors="none", values="".join(values))
+    return frozenset(examine(*record_with(driver, request), rulebook=load_rulebook(place)).violated)
+
+
+def judged(cases: Sequence[Case], scenes: Mapping[str, str], jobs: int) -> Iterator[tuple[Case, frozenset[str]]]:
+    """The cases with the clauses that their drivers break in any of their scenes."""
+    calls = [(case.driver, case.place, scenes[name]) for case in cases for name in case.scenes]
+    with ProcessPool(jobs) as pool:
+        found = iter(pool.map(broken_by, calls))
+    for case in cases:
+        yield case, frozenset().union(*(next(found) for _ in case.scenes))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table."""
+    parser: Any = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--workers", "--jobs", type=int, default=2, help="processes")
+    options = parser.parse_args(argv)
+    scenes, cases = written_down()
+    differ = 0
+    for case, broken in judged(cases, scenes, options.workers):
+        differ += broken != case.breaks
+        said = "as written" if broken == case.breaks else f"DIFFERS, written {sorted(case.breaks)}"
+        print(f"{case.driver:<36}{', '.join(sorted(broken)) or 'nothing':<40}{said}", flush=True)
+    print(f"{len(cases) - differ} of {len(cases)} as written")
+    return EXIT_FAILED if differ else EXIT_OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,199 @@
+"""What parameters are fitted to: trajectories of an EMV with the situations in which they were driven.
+
+A situation is simulated with other parameters; the residuals compare both trajectories, first over their first
+seconds, then over more and more, then over all.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Final, Self
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.units import STEP_S, steps_from_s
+from siren_ros.base.params.input_files import FILES_ON_DISK, InputFile, RecordedFiles, files_from_json
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.errors import InputError, SirenError
+from siren_ros.lab.calibration.parameters import with_drivers, with_world
+from siren_ros.running.generation.behaviour_setup import behaviour_world
+from siren_ros.running.generation.closed_loop import closed_loop
+from siren_ros.running.generation.episode_setup import EpisodeSetup, set_up_episode
+from siren_ros.running.generation.replay_check import request_of
+from siren_ros.simulation.scenario.episode import FILES_PARAMETER, EpisodeRequest
+
+_COLUMNS = ("time_s", "x_m", "y_m")
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """An EMV's way in the ``map`` frame, times rising; shapes ``(T,)`` and ``(T, 2)``."""
+
+    time_s: Floats
+    xy_m: Floats
+
+    @classmethod
+    def of_record(cls, record: EpisodeRecord) -> Self:
+        """The way of an episode's first EMV; InputError where the episode has none."""
+        track = record.track(record.emv_ids[0]) if record.emv_ids else None
+        if track is None or not len(track):
+            raise InputError("bag", record.description.template, "an episode with an EMV")
+        return cls(track.time_s, track.xy_m)
+
+    @classmethod
+    def read(cls, file: Path) -> Self:
+        """From a CSV file with the columns ``time_s``, ``x_m`` and ``y_m``, times from the episode's beginning.
+
+        Raises:
+            InputError: No such file, columns or numbers, or times that do not rise.
+        """
+        try:
+            with file.open(encoding="utf-8", newline="") as opened:
+                rows = [[float(row[name]) for name in _COLUMNS] for row in csv.DictReader(opened)]
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            allowed = f"a CSV file with the columns {', '.join(_COLUMNS)} ({error!r})"
+            raise InputError("trajectory", str(file), allowed) from error
+        values = np.array(rows, dtype=np.float64).reshape(-1, len(_COLUMNS))
+        if len(values) < 2 or not np.isfinite(values).all() or not (np.diff(values[:, 0]) > 0.0).all():
+            raise InputError("trajectory", str(file), "two or more rows of finite numbers with rising times")
+        return cls(values[:, 0], values[:, 1:])
+
+    @property
+    def end_s(self) -> float:
+        """Its last time."""
+        return float(self.time_s[-1])
+
+    @property
+    def length_s(self) -> float:
+        """From its first time to its last one."""
+        return float(self.time_s[-1] - self.time_s[0])
+
+    def until(self, length_s: float) -> "Trajectory":
+        """Its first seconds, two places at least."""
+        places = max(2, int(np.searchsorted(self.time_s, self.time_s[0] + length_s + 1e-9)))
+        return Trajectory(self.time_s[:places], self.xy_m[:places])
+
+    def residuals_m(self, other: "Trajectory") -> Floats:
+        """Differences of x and y at this trajectory's times over the root of their number, shape ``(2T,)``.
+
+        The Euclidean norm is the root mean square of the distance: the error whose minimum is the most likely way where
+        all places have the same noise. Times before the other one begins count nothing. Where the other one ends before
+        this one, its last place counts: an EMV that left the map earlier is far ahead.
+
+        Raises:
+            InputError: The other one covers no time of this one.
+        """
+        there = self.time_s >= other.time_s[0] - 1e-9
+        if not there.any():
+            raise InputError("trajectory", f"from {self.time_s[0]:g} to {self.end_s:g} s", "times of the episode")
+        apart = [np.interp(self.time_s, other.time_s, other.xy_m[:, axis]) - self.xy_m[:, axis] for axis in (0, 1)]
+        return np.concatenate(apart) * np.tile(there, 2) / np.sqrt(there.sum())
+
+    def distance_m(self, other: "Trajectory") -> float:
+        """Root mean square of the distance, as ``residuals_m`` has it."""
+        return float(np.linalg.norm(self.residuals_m(other)))
+
+
+FAILED_M = 1000.0
+"""Distance of a try that fails: farther than any that does not."""
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Map, traffic and start in which an EMV drives."""
+
+    request: EpisodeRequest
+    """Its level says who drives the EMV."""
+    files: tuple[InputFile, ...] = ()
+    """Parameter files of the record that it is from; empty: those of ``params``."""
+
+    @classmethod
+    def of_record(cls, record: EpisodeRecord) -> "Situation":
+        """The situation of a recorded episode.
+
+        Raises:
+            BagError: The record does not say what it was made from.
+            InputError: An AV under test takes part, whose controller is not here, or the map has changed.
+        """
+        request = replace(request_of(record), sensors="none", av_sensors="none", predictor="")
+        if request.av:
+            raise InputError("bag", record.description.template, "an episode without AV under test")
+        situation = cls(request, tuple(files_from_json(record.description.parameters.get(FILES_PARAMETER, []))))
+        now, then = situation.set_up().description.map_sha256, record.description.map_sha256
+        if now != then:
+            raise InputError("bag", record.description.map_name, f"the map that it was made on, {then[:12]}")
+        return situation
+
+    @lru_cache(maxsize=8)  # noqa: B019 - situations are few, and equal ones share an entry
+    def set_up(self) -> EpisodeSetup:
+        """The episode before its first step; made once in each process."""
+        return set_up_episode(self.request, RecordedFiles(self.files) if self.files else FILES_ON_DISK)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A trajectory with the situation in which it was driven."""
+
+    name: str
+    situation: Situation
+    trajectory: Trajectory
+
+
+def driven(situation: Situation, values: Mapping[str, float], until_s: float) -> Trajectory:
+    """How the EMV drives in a situation with some parameters; the others have their defaults.
+
+    The try may end at the simulated time ``until_s``.
+
+    Raises:
+        SirenError: The situation cannot be set up, or the episode fails.
+    """
+    setup = situation.set_up()
+    setup = replace(setup, plan=with_drivers(setup.plan, values))
+    world = with_world(behaviour_world(setup.description, setup.compiled_map.read_bytes()), values)
+    emv_id, times, places = setup.description.emv_ids[0], [], []
+    for step in closed_loop(setup, steps_from_s(until_s) + 1, world=world):
+        rows = np.flatnonzero(step.states.actor_id == emv_id)
+        if len(rows):
+            times.append(step.states.step * STEP_S)
+            places.append((step.states.x_m[rows[0]], step.states.y_m[rows[0]]))
+    return Trajectory(np.array(times), np.array(places, dtype=np.float64).reshape(-1, 2))
+
+
+def residuals_m(target: Target, values: Mapping[str, float]) -> Floats:
+    """Between the given trajectory and the one driven with some parameters; of norm ``FAILED_M`` where that fails."""
+    count, way = 2 * len(target.trajectory.time_s), None
+    with suppress(SirenError):
+        way = driven(target.situation, values, target.trajectory.end_s)
+    if way is not None and len(way.time_s):
+        apart = target.trajectory.residuals_m(way)
+        if np.linalg.norm(apart) < FAILED_M:
+            return apart
+    return np.full(count, FAILED_M / np.sqrt(count))
+
+
+WHOLE: Final = float("inf")
+"""The horizon of the whole trajectories."""
+FIRST_S: Final = 6.0
+GROWTH: Final = 1.5
+"""Each horizon is longer than the one before by this factor …"""
+LAST: Final = 1.2
+"""… and one that leaves out less than this factor is left out itself."""
+
+
+def horizons_of(targets: Sequence[Target]) -> tuple[float, ...]:
+    """Lengths of the trajectories' beginnings that are fitted one after the other, the last one ``WHOLE``.
+
+    The traffic answers the EMV, and the EMV the traffic: a small difference grows over time, and a decision that falls
+    the other way ends in another place. So the error over a long time has many valleys, and over a short time few. The
+    longest trajectory counts.
+    """
+    length_s = max(target.trajectory.length_s for target in targets)
+    horizons, horizon_s = [], FIRST_S
+    while horizon_s * LAST < length_s:
+        horizons.append(horizon_s)
+        horizon_s *= GROWTH
+    return (*horizons, WHOLE)

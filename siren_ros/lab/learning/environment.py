@@ -1,0 +1,142 @@
+"""The environments of Gymnasium: the seat of a civilian, and the one of an emergency vehicle."""
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.errors import InputError
+from siren_ros.lab.learning.moment import Moment
+from siren_ros.lab.learning.rollout import Rollout, Seat
+from siren_ros.lab.learning.session import SeatResult, Session
+from siren_ros.lab.learning.task import Task
+from siren_ros.lab.learning.top_view import TopView, Window
+from siren_ros.running.generation.recorded_episode import RecordedEpisode
+
+
+class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
+    """A driver in one seat of SIREN's episodes, without ROS.
+
+    ``reset(seed=7)`` begins the episode with seed 7. Without a seed it draws one from ``seeds``; those that it draws
+    follow from the last one that was given. The episode is *terminated* by a contact, off the road, at the end of the
+    way, and where the simulation fails; it is *truncated* when its time is over. ``info`` has ``seed``, ``time_s``,
+    ``actor_id`` and the amounts of the reward's ``terms``; at the end also ``ended``, the reason, and ``clauses``, the
+    grades of the rulebook.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "human"], "render_fps": 5}  # type: ignore[misc]
+    seat: ClassVar[Seat]
+
+    def __init__(self, *, render_mode: str | None = None, record_to: str | Path | None = None, **options: Any) -> None:
+        """Checks the options.
+
+        Args:
+            render_mode: ``rgb_array``, ``human`` or None.
+            record_to: Folder to which the bag of every episode that ends is written.
+            options: Those of ``siren_ros.lab.learning.task.Task``.
+
+        Raises:
+            InputError: An option cannot be used.
+        """
+        if render_mode not in {None, *self.metadata["render_modes"]}:
+            raise InputError("render_mode", render_mode, "rgb_array, human or None")
+        self.render_mode = render_mode
+        task = Task.of(options)
+        self._session = Session(task, [self.seat], None if record_to is None else Path(record_to))
+        self.metadata = {**type(self).metadata, "render_fps": max(1, round(1.0 / task.decision_s))}  # type: ignore[misc]
+        self.observation_space = task.observation_space()
+        self.action_space = task.action_space()
+        self._view: TopView | None = None
+        self._window: Window | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
+        """Begins an episode, as the class says.
+
+        Args:
+            seed: Of the episode.
+            options: Options of the environment in place of its own, for this episode alone: all but ``observation``
+                and ``action``, on which the spaces depend.
+
+        Raises:
+            InputError: An option or the request cannot be used.
+            EpisodeError: SUMO failed before the first step.
+        """
+        super().reset(seed=seed)
+        result = self._session.reset(seed, self.np_random, options)[self.seat]
+        self._view = None
+        self._show()
+        return result.observation, result.info
+
+    def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """Simulates ``decision_s`` with an action.
+
+        Raises:
+            InputError: The action is not one of the action space; nothing has changed then.
+            EpisodeError: The episode has ended, or none has begun.
+        """
+        result: SeatResult = self._session.advance({self.seat: action})[self.seat]
+        self._show()
+        return result.observation, result.reward, result.terminated, result.truncated, result.info
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """The picture from above, shape ``(400, 640, 3)``, for ``rgb_array``; the window shows it for ``human``."""
+        if self.render_mode == "rgb_array":
+            return self._picture()
+        self._show()
+        return None
+
+    def save(self, bag: str | Path) -> RecordedEpisode:
+        """Writes the bag of the present episode up to its present step; ``siren replay --check`` repeats it.
+
+        Raises:
+            InputError: The bag exists already or cannot be written.
+            EpisodeError: No episode has begun, or the disk is full.
+        """
+        return self._session.save(Path(bag))
+
+    @property
+    def rollout(self) -> Rollout:
+        """The present episode, with all its steps.
+
+        Raises:
+            EpisodeError: No episode has begun.
+        """
+        return self._session.present
+
+    @property
+    def moment(self) -> Moment:
+        """The present step as the driver sees it, for drivers that are no networks."""
+        return self._session.moment
+
+    def close(self) -> None:
+        """Ends SUMO and closes the window."""
+        self._session.close()
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _picture(self) -> npt.NDArray[np.uint8]:
+        rollout = self.rollout
+        self._view = self._view or TopView(rollout.setup.network)
+        return self._view.draw(rollout.steps[-1], rollout.actors, self.moment.sight.body.actor_id)
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self._window = self._window or Window("SIREN")
+            self._window.show(self._picture(), self.metadata["render_fps"])
+
+
+class YieldEnv(SeatEnv):
+    """``siren/Yield-v0``: the civilian that the EMV has to pass."""
+
+    seat = Seat.CIVILIAN
+
+
+class EmergencyEnv(SeatEnv):
+    """``siren/Emergency-v0``: the first emergency vehicle."""
+
+    seat = Seat.EMV

@@ -1,0 +1,78 @@
+"""What happened in a seat between two steps of an episode: the material of observations and rewards."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from siren_ros.lab.learning.rollout import Rollout, Scene, Seat
+from siren_ros.running.seat.sight import Sight, sight_of
+from siren_ros.running.seat.way import Way
+from siren_ros.simulation.traffic.demand.demand import av_way, way_of
+from siren_ros.simulation.world.actors import NO_ACTOR
+from siren_ros.simulation.world.traffic_state import EventKind
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A step from a seat, where traffic keeps right."""
+
+    sight: Sight
+    before: Sight
+    """One step before; the same one at the first step."""
+    emv_id: int
+    """The first emergency vehicle."""
+    emv_wanted_mps: float
+    """Its speed where nobody is in its way."""
+    contact: bool
+    """Whether the own vehicle touched somebody at this step."""
+    red_lines: int
+    """Stop lines that the own front crossed at this step while they were red."""
+
+    @property
+    def emv_row(self) -> int | None:
+        """Row of the first emergency vehicle; None where it is not on the map."""
+        states = self.sight.states
+        row = int(np.searchsorted(states.actor_id, self.emv_id))
+        return row if row < len(states) and states.actor_id[row] == self.emv_id else None
+
+
+class SeatView:
+    """The view from one seat of a rollout, step by step."""
+
+    def __init__(self, rollout: Rollout, seat: Seat) -> None:
+        """Finds the way of the seat.
+
+        Raises:
+            InputError: The episode has nobody in the seat, or its route cannot be driven from its first lane.
+        """
+        setup, network = rollout.setup, rollout.network
+        curve = av_way(network, setup.plan) if seat is Seat.CIVILIAN else way_of(network, setup.plan.emvs[0])
+        self.actor_id = rollout.actor_of(seat)
+        self.way = Way.of(network, curve)
+        self._actors = rollout.actors
+        self._emv_id = rollout.actor_of(Seat.EMV)
+        self._emv_wanted_mps = float(setup.description.template_values["emv.speed_mps"])
+        self._last: Moment | None = None
+
+    def look(self, scene: Scene) -> Moment | None:
+        """The moment of a step; None where the vehicle has left the map."""
+        states, signals = scene.states, scene.step.traffic.signals
+        row = int(np.searchsorted(states.actor_id, self.actor_id))
+        if self.actor_id == NO_ACTOR or row == len(states) or states.actor_id[row] != self.actor_id:
+            return None
+        at_m = 0.0 if self._last is None else self._last.sight.s_m
+        sight = sight_of(states, signals, self._actors, self.actor_id, self.way, at_m)
+        before = sight if self._last is None else self._last.sight
+        touched = any(
+            event.kind is EventKind.COLLISION and self.actor_id in {event.actor_id, event.other_id}
+            for event in scene.step.events
+        )
+        colours = {signal.signal_id: signal.state for signal in signals}
+        crossed = [
+            line.connection
+            for line in self.way.lines
+            if before.s_m < line.at_m - 0.5 * sight.length_m <= sight.s_m
+            and line.connection.letter_in(colours.get(line.connection.signal_id or "", "")) in {"r", "R"}
+        ]
+        self._last = Moment(sight, before, self._emv_id, self._emv_wanted_mps, touched, len(crossed))
+        return self._last

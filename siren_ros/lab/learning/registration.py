@@ -1,0 +1,35 @@
+"""The names under which Gymnasium makes the environments."""
+
+from typing import Any, Final
+
+from siren_ros.errors import InputError
+
+try:
+    import gymnasium
+except ModuleNotFoundError as missing:
+    _runs = "the extra learn, as ./env --with learn … brings it"
+    raise InputError("environment", f"no {missing.name}", _runs) from missing
+
+ENVIRONMENTS: Final = {"siren/Yield-v0": "YieldEnv", "siren/Emergency-v0": "EmergencyEnv"}
+"""Classes of ``siren_ros.lab.learning.environment`` by the names of their environments."""
+
+
+def register_environments() -> None:
+    """Make the environments known to ``gymnasium.make``; those that it knows already stay."""
+    for name, kind in ENVIRONMENTS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(name, f"siren_ros.lab.learning.environment:{kind}")
+
+
+def parallel_env(**options: Any) -> Any:
+    """An environment with a driver in several seats, for PettingZoo's parallel API.
+
+    Args:
+        options: Those of ``siren_ros.lab.learning.several_seats.SeveralSeatsEnv``.
+
+    Raises:
+        InputError: An option cannot be used.
+    """
+    from siren_ros.lab.learning.several_seats import SeveralSeatsEnv  # noqa: PLC0415 - needs PettingZoo, which one seat does not
+
+    return SeveralSeatsEnv(**options)

@@ -1,0 +1,264 @@
+"""Episodes with drivers in seats, decision by decision: what an environment of any interface does."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.errors import EpisodeError, InputError
+from siren_ros.lab.learning.moment import Moment, SeatView
+from siren_ros.lab.learning.raster import RasterView
+from siren_ros.lab.learning.rewards import OFF_ROAD_M, TERMS, terms_of, weights_of
+from siren_ros.lab.learning.rollout import Rollout, Seat
+from siren_ros.lab.learning.task import Action, Observation, Task
+from siren_ros.reports.exam.grading import examine
+from siren_ros.reports.exam.rulebook import load_rulebook
+from siren_ros.running.generation.closed_loop import record_of
+from siren_ros.running.generation.episode_setup import default_bag_path_of
+from siren_ros.running.generation.recorded_episode import RecordedEpisode
+from siren_ros.running.seat.features import features_of
+from siren_ros.running.seat.manoeuvres import Aim, Manoeuvre, aim_of, by_manoeuvre, by_pedals
+from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.world.commands import AvControl
+
+_TRIES: Final = 20
+"""Seeds that are drawn until one gives an episode: not every seed finds a place for every template."""
+_END_M: Final = 8.0
+"""A vehicle that is this near to the end of its way has come to it."""
+
+
+@dataclass
+class SeatResult:
+    """What a driver gets after a decision."""
+
+    observation: npt.NDArray[Any]
+    reward: float = 0.0
+    terminated: bool = False
+    truncated: bool = False
+    info: dict[str, Any] = field(default_factory=dict)
+
+
+class _Driver:
+    """One seat of an episode."""
+
+    def __init__(self, task: Task, rollout: Rollout, seat: Seat) -> None:
+        self.seat, self.view, self._task = seat, SeatView(rollout, seat), task
+        self.weights = weights_of(seat, task.rewards)
+        self.aim = Aim()
+        self._raster = RasterView(rollout.network) if task.observation == Observation.RASTER else None
+        self._vehicles = load_vehicle_parameters(rollout.setup.description.files)
+        moment = self.view.look(rollout.scene)
+        if moment is None:
+            raise EpisodeError(f"nobody is in the seat {seat} at the first step")
+        self.moment: Moment = moment
+        self.ended = ""
+        """Why the driver's episode has ended; empty before."""
+
+    def decide(self, action: Any) -> None:
+        """Take an action: a manoeuvre is turned into an aim, pedals are kept for the steps that follow."""
+        self._action = action
+        if self._task.action == Action.MANOEUVRE:
+            self.aim = aim_of(self.aim, Manoeuvre(int(np.asarray(action).item())), self.moment.sight)
+
+    def control(self) -> AvControl:
+        """The answer to the present step."""
+        sight = self.moment.sight
+        if self._task.action == Action.MANOEUVRE:
+            return by_manoeuvre(self.aim, sight, self.moment.emv_wanted_mps if sight.body.is_emv else None)
+        return by_pedals(np.asarray(self._action, np.float32), sight, self._vehicles)
+
+    def look(self, rollout: Rollout) -> dict[str, float]:
+        """See the step that was simulated; gives the amounts of the terms."""
+        moment = self.view.look(rollout.scene)
+        if moment is None:
+            self.ended = "arrived"
+            return dict.fromkeys(TERMS, 0.0)
+        self.moment = moment
+        terms = terms_of(moment)
+        if moment.contact:
+            self.ended = "contact"
+        elif abs(moment.sight.left_m) > OFF_ROAD_M:
+            self.ended = "off_road"
+        elif moment.sight.s_m > self.view.way.curve.length_m - _END_M:
+            self.ended = "arrived"
+        return terms
+
+    def observe(self) -> npt.NDArray[Any]:
+        """The observation of the last step at which the vehicle was there."""
+        return features_of(self.moment.sight) if self._raster is None else self._raster.draw(self.moment)
+
+
+def _simulate(
+    rollout: Rollout, active: Mapping[Seat, _Driver], sums: Mapping[Seat, dict[str, float]], steps: int
+) -> str:
+    """Simulates some steps, until all drivers are at their end or the time is over, and adds the terms to their sums.
+
+    Returns:
+        Why the episode failed; empty where it did not.
+    """
+    for _ in range(steps):
+        driving = {seat: driver for seat, driver in active.items() if not driver.ended}
+        if not driving or rollout.over:
+            break
+        try:
+            rollout.advance({driver.view.actor_id: driver.control() for driver in driving.values()})
+        except EpisodeError as error:
+            return str(error)
+        for seat, driver in driving.items():
+            for name, amount in driver.look(rollout).items():
+                sums[seat][name] += amount
+    return ""
+
+
+class Session:
+    """Episodes of a task, one after the other, with drivers in some seats."""
+
+    def __init__(self, task: Task, seats: Sequence[Seat], record_to: Path | None = None) -> None:
+        """Checks the options.
+
+        Raises:
+            InputError: An option cannot be used.
+        """
+        self.seats = tuple(seats)
+        self._own = task
+        """Of episodes that are begun without options."""
+        self._record_to = record_to
+        self._take_up(task)
+        self._drivers: dict[Seat, _Driver] = {}
+        self.rollout: Rollout | None = None
+
+    def _take_up(self, task: Task) -> None:
+        for seat in self.seats:
+            weights_of(seat, task.rewards)
+        self._rulebook = load_rulebook(task.rulebook) if task.rulebook else None
+        self.task = task
+
+    def reset(
+        self, seed: int | None, random: np.random.Generator, options: Mapping[str, Any] | None = None
+    ) -> dict[Seat, SeatResult]:
+        """Begins the episode of a seed; without one that of a seed that is drawn.
+
+        Args:
+            seed: Of the episode.
+            random: Draws seeds.
+            options: Fields of ``Task`` in place of the environment's, for this episode alone.
+
+        Raises:
+            InputError: An option or the request cannot be used.
+            EpisodeError: SUMO failed before the first step.
+        """
+        self._take_up(self._own.changed(options or {}))
+        self.close()
+        tries = 1 if seed is not None else _TRIES
+        for left in reversed(range(tries)):
+            drawn = int(random.integers(*self.task.seeds)) if seed is None else seed
+            try:
+                self._begin(drawn)
+                break
+            except (InputError, EpisodeError):
+                self.close()
+                if not left:
+                    raise
+        return {
+            seat: SeatResult(driver.observe(), info=self._info(driver, dict.fromkeys(TERMS, 0.0)))
+            for seat, driver in self._drivers.items()
+        }
+
+    def _begin(self, seed: int) -> None:
+        self.rollout = Rollout(self.task.request(seed, with_av=Seat.CIVILIAN in self.seats))
+        self._drivers = {seat: _Driver(self.task, self.rollout, seat) for seat in self.seats}
+
+    def advance(self, actions: Mapping[Seat, Any]) -> dict[Seat, SeatResult]:
+        """Simulates from one decision to the next; gives the results of those who were not at their end before.
+
+        Raises:
+            InputError: An action cannot be used, or a driver has none; nothing has changed then.
+            EpisodeError: No episode has begun, or it has ended.
+        """
+        rollout = self.rollout
+        if rollout is None:
+            raise EpisodeError("no episode has begun: reset comes first")
+        active = {seat: driver for seat, driver in self._drivers.items() if not driver.ended}
+        if not active:
+            raise EpisodeError("the episode has ended: reset begins the next one")
+        for seat in active:
+            if seat not in actions:
+                raise InputError("actions", ", ".join(actions), f"an action of each driver: {', '.join(active)}")
+            self.task.check_action(actions[seat])
+        for seat, driver in active.items():
+            driver.decide(actions[seat])
+        sums = {seat: dict.fromkeys(TERMS, 0.0) for seat in active}
+        failure = _simulate(rollout, active, sums, self.task.steps_per_decision)
+        for driver in active.values():
+            driver.ended = driver.ended or ("failed" if failure else "time" if rollout.over else "")
+        whole = all(driver.ended for driver in self._drivers.values())
+        results = {seat: self._result(driver, sums[seat], failure) for seat, driver in active.items()}
+        if whole and self._record_to is not None:
+            self.save(_free_name(self._record_to / default_bag_path_of(rollout.setup.description).name))
+        return results
+
+    def _result(self, driver: _Driver, sums: dict[str, float], failure: str) -> SeatResult:
+        info = self._info(driver, sums)
+        if driver.ended:
+            info["ended"] = driver.ended
+            info["clauses"] = self._clauses(driver)
+        if failure:
+            info["failure"] = failure
+        reward = sum(driver.weights[name] * amount for name, amount in sums.items())
+        truncated = driver.ended == "time"
+        return SeatResult(driver.observe(), float(reward), bool(driver.ended) and not truncated, truncated, info)
+
+    def _info(self, driver: _Driver, sums: dict[str, float]) -> dict[str, Any]:
+        rollout = self.present
+        return {
+            "seed": rollout.request.seed,
+            "time_s": (len(rollout.steps) - 1) * STEP_S,
+            "actor_id": driver.view.actor_id,
+            "terms": sums,
+        }
+
+    def _clauses(self, driver: _Driver) -> dict[str, str]:
+        """The grade of each clause of the rulebook; empty for an EMV's driver, whom rulebooks do not bind."""
+        rollout = self.present
+        if self._rulebook is None or driver.seat is Seat.EMV:
+            return {}
+        sitting = examine(record_of(rollout.setup, rollout.steps), driver.view.actor_id, self._rulebook)
+        return {mark.clause.clause_id: str(mark.grade) for mark in sitting.marks}
+
+    @property
+    def present(self) -> Rollout:
+        """The present episode.
+
+        Raises:
+            EpisodeError: None has begun.
+        """
+        if self.rollout is None:
+            raise EpisodeError("no episode has begun: reset comes first")
+        return self.rollout
+
+    @property
+    def moment(self) -> Moment:
+        """The present moment of the first seat."""
+        return self._drivers[self.seats[0]].moment
+
+    def save(self, bag: Path) -> RecordedEpisode:
+        """Writes the bag of the present episode up to its present step, as ``Rollout.save``."""
+        return self.present.save(bag)
+
+    def close(self) -> None:
+        """Ends the episode."""
+        if self.rollout is not None:
+            self.rollout.close()
+        self._drivers, self.rollout = {}, None
+
+
+def _free_name(bag: Path) -> Path:
+    """The bag's place, with a number where it is taken."""
+    number, free = 2, bag
+    while free.exists():
+        number, free = number + 1, bag.with_name(f"{bag.name}_{number}")
+    return free

@@ -1,0 +1,209 @@
+"""Frames to train the detector on: sweeps and labels of bags, made once and kept in files that a second run reads."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Floats32
+from siren_ros.base.numerics.units import STEP_S, STEPS_PER_S
+from siren_ros.data.record.episode_source import lidar_frames, lidar_of, open_source
+from siren_ros.data.recording.bag_folder import METADATA_FILE
+from siren_ros.data.recording.bag_reader import bags_among
+from siren_ros.errors import InputError, writing
+from siren_ros.lab.training.data_files import read_arrays, write_arrays
+from siren_ros.scoring.evaluation.detection.detectors.pillar_detector import SweepMemory
+from siren_ros.scoring.evaluation.detection.detectors.pillars import (
+    SENSOR_HEIGHT_M,
+    PillarGrid,
+    class_of,
+    sorted_points,
+)
+from siren_ros.simulation.scenario.splits import EpisodeIdentity
+from siren_ros.simulation.world.actors import PEOPLE_CLASSES
+from siren_ros.simulation.world.carrier import GroundTruth
+
+FRAME_PERIOD_STEPS: Final = STEPS_PER_S // 2
+"""Frames are taken twice a second, as nuScenes' keyframes."""
+BOX_COLUMNS: Final = ("x", "y", "z", "length", "width", "height", "yaw", "vx", "vy", "class", "points")
+_SPARE: Final = 1.5
+"""A file keeps more points of a pillar than a network gets, because augmentation moves them to other pillars."""
+_METRE: Final = 512
+"""Coordinates are kept in steps of 1/512 m."""
+
+
+@dataclass(frozen=True)
+class TrainingFrame:
+    """One frame in the LiDAR's frame."""
+
+    points: Floats32
+    """As ``sorted_points`` takes them, shape ``(N, 5)``."""
+    boxes: Floats32
+    """Columns as in ``BOX_COLUMNS``, shape ``(B, 11)``; the class is an index into ``CLASS_NAMES``."""
+
+
+@dataclass(frozen=True)
+class BagFrames:
+    """The frames of one episode, points compact."""
+
+    about: dict[str, Any]
+    """Template, level, seed, map and version of the episode."""
+    xyz: npt.NDArray[np.int16]
+    intensity_age: npt.NDArray[np.uint8]
+    first_point: npt.NDArray[np.int64]
+    """Where the points of each frame begin, shape ``(F + 1,)``."""
+    boxes: Floats32
+    first_box: npt.NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.first_point) - 1
+
+    def digest(self) -> bytes:
+        """A hash of all points and labels: equal frames have an equal one, whatever the bag's name and time."""
+        parts = (self.xyz, self.intensity_age, self.first_point, self.boxes, self.first_box)
+        return hashlib.sha256(b"".join(part.tobytes() for part in parts)).digest()
+
+    def frame(self, number: int) -> TrainingFrame:
+        """One of the frames."""
+        part = slice(self.first_point[number], self.first_point[number + 1])
+        points = np.empty((part.stop - part.start, 5), dtype=np.float32)
+        points[:, :3] = self.xyz[part].astype(np.float32) / _METRE
+        points[:, 3] = self.intensity_age[part, 0].astype(np.float32) / 255.0
+        points[:, 4] = self.intensity_age[part, 1].astype(np.float32) * STEP_S
+        return TrainingFrame(points, self.boxes[self.first_box[number] : self.first_box[number + 1]])
+
+
+def frames_of_bag(bag: Path, grid: PillarGrid) -> BagFrames:
+    """Reads an episode, two frames of each second; BagError where the bag is damaged or has no LiDAR."""
+    kept = replace(grid, points=int(_SPARE * grid.points))
+    points: list[Floats32] = []
+    boxes: list[Floats32] = []
+    with open_source(bag) as source:
+        base_from_lidar = lidar_of(source).base_from_sensor
+        memory, lift_m = SweepMemory(grid.sweeps), np.float32(base_from_lidar[2, 3] - SENSOR_HEIGHT_M)
+        for frame in lidar_frames(source, pose=True):
+            if frame.points is None or frame.map_from_base is None:
+                continue
+            memory.add(frame.step, frame.points, frame.map_from_base @ base_from_lidar)
+            if frame.truth is None or frame.step % FRAME_PERIOD_STEPS or frame.step < grid.sweeps:
+                continue
+            lifted = memory.points()
+            lifted[:, 2] += lift_m
+            held = sorted_points(lifted, kept)
+            there = np.arange(kept.points) < held.count[:, None]
+            points.append(held.slots[there])
+            boxes.append(boxes_of_truth(frame.truth))
+            boxes[-1][:, 2] += lift_m
+    return joined_frames(about_episode(bag), points, boxes)
+
+
+def about_episode(bag: Path) -> dict[str, Any]:
+    """Template, level, seed and map of a bag's episode, and what decides its split (``EpisodeIdentity.text``)."""
+    with open_source(bag) as source:
+        episode = source.description
+    names = {"template": episode.template, "level": episode.level.name}
+    return {**names, "seed": episode.seed, "map": episode.map_name, "key": EpisodeIdentity.of(episode).text}
+
+
+def boxes_of_truth(truth: GroundTruth) -> Floats32:
+    """The labels of the vehicles at one step, shape ``(B, 11)``; people are none, and belong to the background."""
+    vehicles = ~np.isin(truth.actor_class, [*PEOPLE_CLASSES])
+    classes = [class_of(int(code)) for code in truth.actor_class]
+    columns = (
+        *(truth.x_m, truth.y_m, truth.z_m),
+        *(truth.length_m, truth.width_m, truth.height_m),
+        *(truth.yaw_rad, truth.vx_mps, truth.vy_mps),
+        *(classes, truth.lidar_points),
+    )
+    return np.stack([np.asarray(column, dtype=np.float32) for column in columns], axis=-1)[vehicles]
+
+
+def joined_frames(about: dict[str, Any], points: Sequence[Floats32], boxes: Sequence[Floats32]) -> BagFrames:
+    """Several frames as they are kept; points and boxes of each frame as in ``TrainingFrame``."""
+    table = np.concatenate(points) if points else np.zeros((0, 5), dtype=np.float32)
+    fine = np.stack((np.rint(table[:, 3] * 255.0), np.rint(table[:, 4] / STEP_S)), axis=-1)
+    return BagFrames(
+        about=about,
+        xyz=np.rint(table[:, :3] * _METRE).astype(np.int16),
+        intensity_age=np.clip(fine, 0, 255).astype(np.uint8),
+        first_point=np.cumsum([0, *map(len, points)]),
+        boxes=np.concatenate(boxes) if boxes else np.zeros((0, len(BOX_COLUMNS)), dtype=np.float32),
+        first_box=np.cumsum([0, *map(len, boxes)]),
+    )
+
+
+def write_frames(path: Path, frames: BagFrames) -> None:
+    """Writes a file whole or not at all."""
+    arrays = {field.name: getattr(frames, field.name) for field in fields(BagFrames) if field.name != "about"}
+    write_arrays(path, {"about": np.array(json.dumps(frames.about)), **arrays}, compressed=False)
+
+
+def read_frames_file(path: Path) -> BagFrames:
+    """What ``write_frames`` wrote."""
+    about, arrays = read_arrays(path, "about")
+    return BagFrames(about=about, **arrays)
+
+
+FRAMES_SUFFIX: Final = ".npz"
+_FORM: Final = 2
+"""Of the files; another form has other names."""
+
+
+def frames_among(
+    paths: Sequence[Path], folder: Path, grid: PillarGrid, report: Callable[[str], None]
+) -> tuple[BagFrames, ...]:
+    """The frames of bags, folders with bags, or files of frames of an earlier run, in the order of their paths.
+
+    Files of frames are kept in the folder. ``report`` is called with a line for each bag that was read.
+
+    Raises:
+        BagError: A bag is damaged or has no LiDAR.
+        InputError: A file cannot be read, or none holds a frame.
+    """
+    files = [path for path in paths if path.suffix == FRAMES_SUFFIX]
+    episodes = [_read(path) for path in files]
+    for bag in bags_among(path for path in paths if path not in files):
+        file = folder / f"{bag.name}-{_digest(bag, grid)}{FRAMES_SUFFIX}"
+        if not file.exists():
+            frames = frames_of_bag(bag, grid)
+            with writing(file.parent, "folder", "cache"):
+                write_frames(file, frames)
+            report(f"{bag}: {len(frames)} frames")
+        episodes.append(_read(file))
+    if not sum(map(len, episodes)):
+        raise InputError("bags", ", ".join(map(str, paths)), "at least one episode with labelled sweeps")
+    return tuple(episodes)
+
+
+def check_apart(trained: Iterable[Mapping[str, Any]], judged: Iterable[Mapping[str, Any]]) -> None:
+    """Refuses episodes (``template``, ``map``, ``seed``) that judge and share map and seed with one of the training.
+
+    Raises:
+        InputError: The first such episode.
+    """
+    taken = {(about["map"], about["seed"]) for about in trained}
+    for about in judged:
+        if (about["map"], about["seed"]) in taken:
+            episode = f"{about['template']} on {about['map']}, seed {about['seed']}"
+            raise InputError("held_out", episode, "seeds or maps that are not trained on")
+
+
+def _digest(bag: Path, grid: PillarGrid) -> str:
+    try:
+        metadata = (bag / METADATA_FILE).read_bytes()
+    except OSError as error:
+        raise InputError("bag", str(bag), f"a finished bag ({error.strerror})") from error
+    text = json.dumps([_FORM, grid.to_json()], sort_keys=True).encode()
+    return hashlib.sha256(metadata + text).hexdigest()[:12]
+
+
+def _read(file: Path) -> BagFrames:
+    try:
+        return read_frames_file(file)
+    except TypeError as error:
+        raise InputError("frames", str(file), f"a file of frames of an earlier run ({error})") from error

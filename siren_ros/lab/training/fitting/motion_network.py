@@ -1,0 +1,51 @@
+"""What networks without a map share: the history as a sequence, and motion that deviates from the present velocity."""
+
+from typing import Final
+
+import torch
+from torch import Tensor, nn
+
+from siren_ros.lab.training.fitting.path_network import (
+    MODES,
+    SIDEWAYS_UNIT_MPS,
+    SPEED_UNIT_MPS,
+    FeatureNetwork,
+    NetworkSize,
+    answer_layers,
+    encoder,
+)
+from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow
+from siren_ros.scoring.evaluation.prediction.siren_model.columns import SPEED_SCALE_MPS
+
+_POINTS: Final = HistoryWindow().points
+_SEQUENCE: Final = 2 * (_POINTS - 1) + 2 * _POINTS
+"""The first columns of a target: positions x and y without the present one, velocities x and y (``target_columns``)."""
+
+
+class MotionNetwork(FeatureNetwork):
+    """Base: six hypotheses from a token of the vehicle. Before training, each keeps the present velocity."""
+
+    def __init__(self, size: NetworkSize) -> None:
+        super().__init__(size)
+        width = size.width
+        self.other_in = encoder(size.target - _SEQUENCE, width)
+        self.modes = nn.Parameter(torch.randn(MODES, width))
+        self.drive, self.likely = answer_layers(2 * width, width)
+
+    def history(self, target: Tensor) -> tuple[Tensor, Tensor]:
+        """Positions and velocities of the history, ``(N, points, 4)``, and a token of the rest, ``(N, width)``."""
+        known = (target - self.target_mean) / self.target_std
+        before = _POINTS - 1
+        x, y, vx, vy, other = torch.split(known, [before, before, _POINTS, _POINTS, known.shape[1] - _SEQUENCE], dim=1)
+        here = torch.zeros_like(x[:, :1])
+        places = torch.cat((x, here), dim=1), torch.cat((y, here), dim=1)
+        return torch.stack((*places, vx, vy), dim=-1), self.other_in(other)
+
+    def motion(self, target: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        """Paths and logits as of ``PathNetwork``, from contexts of the modes, ``(N, MODES, 2 · width)``."""
+        answer = self.drive(context).reshape(-1, MODES, 2, FUTURE_POINTS)
+        last = _SEQUENCE - _POINTS - 1
+        velocity = SPEED_SCALE_MPS * torch.stack((target[:, last], target[:, _SEQUENCE - 1]), dim=-1)
+        along = self.times_s * (velocity[:, 0, None, None] + SPEED_UNIT_MPS * answer[:, :, 0])
+        across = self.times_s * (velocity[:, 1, None, None] + SIDEWAYS_UNIT_MPS * answer[:, :, 1])
+        return torch.stack((along, across), dim=-1), self.likely(context)[..., 0]

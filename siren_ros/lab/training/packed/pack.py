@@ -1,0 +1,206 @@
+"""Packs bags or sets of risk videos as one Parquet file for each split, with card, datasheet and metadata."""
+
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from siren_ros.data.datasets.export_job import AUTO, card_of, write_card
+from siren_ros.data.datasets.files import FileWriter, Staging
+from siren_ros.data.datasets.formats import EpisodePart, EpisodeReport, Format, Option
+from siren_ros.data.record.bag_survey import Need
+from siren_ros.data.record.episode_source import EpisodeSource
+from siren_ros.data.record.licences import licence_of_map
+from siren_ros.data.record.tracks import POPULATIONS
+from siren_ros.errors import InputError, writing
+from siren_ros.lab.training.packed import detection, prediction, risk
+from siren_ros.lab.training.packed.parquet_samples import Column, PackedSamples, Sample, join_files, write_samples
+from siren_ros.scoring.evaluation.prediction.samples import Population
+from siren_ros.scoring.evaluation.risk.video_set import RiskVideo, VideoSet, read_set
+from siren_ros.simulation.roads.maps.map_compiler import name_of_map
+from siren_ros.simulation.scenario.splits import EpisodeIdentity, Split, split_of
+
+_PART: Final = "samples.parquet"
+COMMAND: Final = "siren pack"
+_SPLITS: Final = (*(split.value for split in Split), "test")
+"""Those of the project, and the one of all tests that a user may ask for."""
+
+
+class _Packer(ABC):
+    """Writes the samples of each episode; the dataset has one file for each split."""
+
+    task = ""
+    columns: Mapping[str, Column]
+
+    @abstractmethod
+    def samples(self, source: EpisodeSource) -> Iterator[Sample]:
+        """Of an episode."""
+
+    def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the samples name their episode
+        """As ``Exporter.write_episode``."""
+        with writing(files.folder, "place"):
+            count = write_samples(files.folder / _PART, self.columns, self.samples(source), self.task)
+        return EpisodeReport({"samples": count})
+
+    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
+        """As ``Exporter.assemble``; a split without episodes has no file."""
+        for split in dict.fromkeys(part.split for part in parts):
+            join_files([part.folder / _PART for part in parts if part.split == split], folder / f"{split}.parquet")
+
+
+class PredictionPacker(_Packer):
+    """Packs samples of trajectory prediction."""
+
+    task = "prediction"
+    columns = prediction.COLUMNS
+
+    def __init__(self, population: str) -> None:
+        self._population = Population(population)
+
+    def samples(self, source: EpisodeSource) -> Iterator[Sample]:
+        """Of an episode."""
+        return prediction.prediction_samples(source.record(), self._population)
+
+
+class DetectionPacker(_Packer):
+    """Packs frames of 3-D detection."""
+
+    task = "detection"
+    columns = detection.COLUMNS
+
+    def samples(self, source: EpisodeSource) -> Iterator[Sample]:
+        """Of an episode."""
+        return detection.detection_samples(source.path)
+
+
+PACKS: Final = {
+    pack.name: pack
+    for pack in (
+        Format(
+            "prediction",
+            "Samples of trajectory prediction: past, map, signals, flags, future",
+            (Need.TRACKS, Need.MAP, Need.EMV),
+            f"{__name__}:{PredictionPacker.__name__}",
+            (Option("population", "region", POPULATIONS, "vehicles to predict"),),
+            command=COMMAND,
+        ),
+        Format(
+            "detection",
+            "Frames of 3-D detection at 2 Hz: ten LiDAR sweeps and the boxes of the vehicles",
+            (Need.LIDAR,),
+            f"{__name__}:{DetectionPacker.__name__}",
+            command=COMMAND,
+        ),
+    )
+}
+"""What is packed out of bags, by task."""
+RISK: Final = Format(
+    "risk", "Films of the front camera with the classes Normal, Near-Miss and Collision", (), "", command=COMMAND
+)
+
+
+@dataclass(frozen=True)
+class RiskPack:
+    """Sets of risk videos to be packed."""
+
+    sets: tuple[Path, ...]
+    out: Path
+    split: str = AUTO
+    licence: str = ""
+
+
+def pack_risk(job: RiskPack, done: Callable[[], None] = lambda: None) -> Mapping[str, Any]:
+    """Packs the videos of some sets and returns the card; ``done`` is called after each video.
+
+    A video is in the split of its episode.
+
+    Raises:
+        InputError: A set cannot be read, two sets have a video of the same episode, or the place is taken.
+    """
+    staging = Staging(job.out)
+    staging.check_free()
+    sets = [read_set(folder) for folder in job.sets]
+    _check_apart(sets)
+    with staging.opened({"sets": [str(path.absolute()) for path in job.sets], "split": job.split}):
+        folder = staging.new(staging.dataset)
+        episodes = list[dict[str, Any]]()
+        for split in _SPLITS:
+            chosen = [_of_split(videos, split, job.split) for videos in sets]
+            if not any(part.videos for part in chosen):
+                continue
+
+            def packed(parts: Sequence[VideoSet] = chosen, split: str = split) -> Iterator[Sample]:
+                for part in parts:
+                    for video, sample in risk.risk_samples(part):
+                        episodes.append(_episode(video, split))
+                        yield sample
+                        done()
+
+            with writing(folder, "place"):
+                write_samples(folder / f"{split}.parquet", risk.COLUMNS, packed(), RISK.name)
+        classes = Counter(str(item["label"]) for item in episodes)
+        content = card_of(RISK, "SET…", {}, episodes, {"samples": len(episodes)}, classes, job.licence)
+        write_card(folder, content)
+        staging.publish(folder)
+    return content
+
+
+def _split(video: RiskVideo, asked: str) -> str:
+    request = video.request
+    identity = EpisodeIdentity(_map_of(video), video.template, int(request["seed"]), str(request.get("values", "")))
+    return split_of(identity).value if asked == AUTO else asked
+
+
+def _map_of(video: RiskVideo) -> str:
+    file = str(video.request["map"])
+    return name_of_map(Path(file) if file else None)
+
+
+def _of_split(videos: VideoSet, split: str, asked: str) -> VideoSet:
+    return replace(videos, videos={key: item for key, item in videos.videos.items() if _split(item, asked) == split})
+
+
+def _check_apart(sets: Sequence[VideoSet]) -> None:
+    seen = set[str]()
+    for videos in sets:
+        for video in videos.videos.values():
+            key = f"{video.request} from step {video.first_step}"
+            if key in seen:
+                raise InputError("sets", f"{videos.folder}: {video.video_id}", "sets without a video in common")
+            seen.add(key)
+
+
+def _episode(video: RiskVideo, split: str) -> dict[str, Any]:
+    map_name = _map_of(video)
+    return {
+        "id": video.video_id,
+        "split": split,
+        "template": video.template,
+        "seed": int(video.request["seed"]),
+        "map": map_name,
+        "map_licence": licence_of_map(map_name, str(video.request["map"])),
+        "label": video.label.risk.title,
+    }
+
+
+@dataclass(frozen=True)
+class ReadingSpeed:
+    """How fast a packed file is read in its order."""
+
+    samples: int
+    processor_s: float
+
+    @property
+    def per_s(self) -> float:
+        """Samples for each second of processor time."""
+        return self.samples / max(self.processor_s, 1e-9)
+
+
+def read_through(file: Path) -> ReadingSpeed:
+    """Reads all samples of a packed file, which also shows that it is whole; InputError where it is damaged."""
+    packed, start = PackedSamples(file), time.process_time()
+    count = sum(1 for number in range(len(packed)) if packed[number])
+    return ReadingSpeed(count, time.process_time() - start)

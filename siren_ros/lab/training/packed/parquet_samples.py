@@ -1,0 +1,226 @@
+"""One Parquet file of samples: each column is an array of a fixed shape, or of a first axis of any length.
+
+The file is plain Parquet: nested values are flat lists, and the field's metadata has the shape, so that pandas, Polars
+and Hugging Face's ``datasets`` read it, too.
+"""
+
+import json
+from collections import OrderedDict
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from siren_ros.base.params import plain_json
+from siren_ros.errors import InputError, whole_file
+
+Sample = Mapping[str, Any]
+"""Arrays, numbers and texts of one sample by their column."""
+GROUP_BYTES: Final = 2_000_000
+"""Of the arrays of a row group, the smallest part that is read: a sample alone costs as much as its group."""
+_GROUPS_KEPT: Final = 4
+_ANY: Final = -1
+
+
+@dataclass(frozen=True)
+class Column:
+    """One array of a sample."""
+
+    kind: type[np.generic] | type[str]
+    shape: tuple[int, ...]
+    """Of one sample; −1 first where the number of rows differs. Empty for a number or a text."""
+    meaning: str
+    """For people, with units and frame."""
+    names: tuple[str, ...] = ()
+    """Of the entries along the last axis."""
+
+    @property
+    def is_text(self) -> bool:
+        """Whether its values are texts."""
+        return self.kind is str
+
+    def field(self, name: str) -> pa.Field:
+        """The column of the file."""
+        about = {"shape": list(self.shape), "meaning": self.meaning, "names": list(self.names)}
+        return pa.field(name, self._arrow(), metadata={"siren": json.dumps(about)})
+
+    def _arrow(self) -> pa.DataType:
+        if self.is_text:
+            return pa.string()
+        flat = pa.from_numpy_dtype(np.dtype(self.kind))
+        if not self.shape:
+            return flat
+        return pa.list_(flat)
+
+    def packed(self, values: Sequence[Any]) -> pa.Array:
+        """The values of some samples; ValueError where one has another shape."""
+        if self.is_text or not self.shape:
+            return pa.array(values, self._arrow())
+        arrays = [np.asarray(value, dtype=self.kind) for value in values]
+        for array in arrays:
+            if array.ndim != len(self.shape) or any(
+                want not in (_ANY, have) for want, have in zip(self.shape, array.shape, strict=True)
+            ):
+                raise ValueError(f"an array of shape {array.shape} where {self.shape} is asked for")
+        flat = np.concatenate([array.reshape(-1) for array in arrays])
+        ends = np.cumsum([0, *(array.size for array in arrays)]).astype(np.int32)
+        return pa.ListArray.from_arrays(pa.array(ends), pa.array(flat))
+
+    def unpacked(self, values: pa.Array) -> "npt.NDArray[Any] | list[Any]":
+        """The inverse: one array for all samples, or a list where the first axis differs or the values are texts."""
+        if self.is_text:
+            texts: list[Any] = values.to_pylist()
+            return texts
+        if not self.shape:
+            return np.asarray(values.to_numpy(zero_copy_only=False))
+        flat = np.asarray(values.flatten().to_numpy(zero_copy_only=False))
+        if _ANY not in self.shape:
+            return flat.reshape(len(values), *self.shape)
+        ends = np.asarray(values.offsets) - values.offsets[0].as_py()
+        return [flat[first:end].reshape(self.shape) for first, end in pairwise(ends.tolist())]
+
+
+class SampleSource(Protocol):
+    """Samples by their number."""
+
+    @property
+    def columns(self) -> Mapping[str, Column]:
+        """Of each sample."""
+
+    def __len__(self) -> int:
+        """Number of samples."""
+
+    def __getitem__(self, number: int) -> Sample:
+        """One sample; IndexError past the end."""
+
+
+@dataclass(frozen=True)
+class SamplesInMemory:
+    """Samples that are at hand, as those that were read from bags."""
+
+    columns: Mapping[str, Column]
+    samples: Sequence[Sample]
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, number: int) -> Sample:
+        return self.samples[number]
+
+
+def schema_of(columns: Mapping[str, Column], task: str) -> pa.Schema:
+    """The file's columns, with the task that it is for."""
+    return pa.schema([column.field(name) for name, column in columns.items()], metadata={"siren_task": task})
+
+
+def write_samples(path: Path, columns: Mapping[str, Column], samples: Iterable[Sample], task: str) -> int:
+    """Writes a file, whole or not at all, and returns the number of samples.
+
+    Raises:
+        OSError: The file cannot be written.
+        ValueError: An array has another shape than its column.
+    """
+    schema, count, held, size = schema_of(columns, task), 0, list[Sample](), 0
+
+    def table() -> pa.Table:
+        packed = [column.packed([sample[name] for sample in held]) for name, column in columns.items()]
+        return pa.Table.from_arrays(packed, schema=schema)
+
+    with whole_file(path) as new, pq.ParquetWriter(new, schema, compression="zstd", use_dictionary=False) as writer:
+        for sample in samples:
+            held.append(sample)
+            count += 1
+            size += sum(np.asarray(value).nbytes for value in sample.values() if not isinstance(value, str))
+            if size >= GROUP_BYTES:
+                writer.write_table(table())
+                held, size = [], 0
+        if held:
+            writer.write_table(table())
+    return count
+
+
+def join_files(parts: Sequence[Path], path: Path) -> None:
+    """Writes the samples of several files of one task as one file, group by group; OSError as ``write_samples``."""
+    first = pq.ParquetFile(parts[0]).schema_arrow
+    with whole_file(path) as new, pq.ParquetWriter(new, first, compression="zstd", use_dictionary=False) as writer:
+        for part in parts:
+            file = pq.ParquetFile(part)
+            for group in range(file.num_row_groups):
+                writer.write_table(file.read_row_group(group))
+
+
+class PackedSamples:
+    """The samples of a file of ``write_samples``; only some groups of it are in memory."""
+
+    def __init__(self, path: Path) -> None:
+        """Reads the columns and where the groups begin.
+
+        Raises:
+            InputError: No such file, or one that ``siren pack`` did not write.
+        """
+        self.path = Path(path)
+        try:
+            file = pq.ParquetFile(self.path)
+            fields = {field.name: plain_json.load(field.metadata[b"siren"]) for field in file.schema_arrow}
+            self.task = file.schema_arrow.metadata[b"siren_task"].decode()
+            self.columns: Mapping[str, Column] = {
+                field.name: _column(field, fields[field.name]) for field in file.schema_arrow
+            }
+        except (OSError, KeyError, TypeError, ValueError, pa.ArrowException) as error:
+            raise InputError("samples", str(path), f"a file of `siren pack` ({error})") from error
+        rows = [file.metadata.row_group(group).num_rows for group in range(file.num_row_groups)]
+        self.first_of_group: npt.NDArray[np.int64] = np.cumsum([0, *rows]).astype(np.int64)
+        """Number of the first sample of each group, and of all samples; shape ``(G + 1,)``."""
+        self._file: pq.ParquetFile | None = file
+        self._kept: OrderedDict[int, Mapping[str, Any]] = OrderedDict()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the open file, which another process opens again."""
+        return {**self.__dict__, "_file": None, "_kept": OrderedDict()}
+
+    def __len__(self) -> int:
+        return int(self.first_of_group[-1])
+
+    def __getitem__(self, number: int) -> Sample:
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        group = int(np.searchsorted(self.first_of_group, number, side="right")) - 1
+        row = number - int(self.first_of_group[group])
+        return {name: values[row] for name, values in self.group(group).items()}
+
+    def group(self, number: int) -> Mapping[str, Any]:
+        """The columns of a group of samples, from memory where it was read lately.
+
+        Raises:
+            InputError: The file is damaged there.
+        """
+        if number not in self._kept:
+            try:
+                self._file = self._file or pq.ParquetFile(self.path)
+                table = self._file.read_row_group(number, use_threads=False)
+            except (OSError, pa.ArrowException) as error:
+                raise InputError("samples", str(self.path), f"an undamaged file ({error})") from error
+            whole = {name: table[name].combine_chunks() for name in self.columns}
+            self._kept[number] = {name: self.columns[name].unpacked(_one(values)) for name, values in whole.items()}
+            while len(self._kept) > _GROUPS_KEPT:
+                self._kept.popitem(last=False)
+        with suppress(KeyError):
+            self._kept.move_to_end(number)
+        return self._kept[number]
+
+
+def _one(values: pa.Array | pa.ChunkedArray) -> pa.Array:
+    return values.chunk(0) if isinstance(values, pa.ChunkedArray) else values
+
+
+def _column(field: pa.Field, about: Mapping[str, Any]) -> Column:
+    flat = field.type.value_type if pa.types.is_list(field.type) else field.type
+    kind: type[Any] = str if pa.types.is_string(flat) else pa.array([], flat).to_numpy(zero_copy_only=False).dtype.type
+    return Column(kind, tuple(about["shape"]), about["meaning"], tuple(about["names"]))

@@ -1,0 +1,234 @@
+"""Samples of the predictor: made by the closed loop in processes, kept in files, and read into memory."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros import __version__
+from siren_ros.base.numerics.arrays import Flags, Floats32, Rows, random_stream
+from siren_ros.data.record.episode_source import open_source
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.lab.training.data_files import MadeFiles, make_files, read_arrays, write_arrays
+from siren_ros.lab.training.prediction.plan import PlannedEpisode
+from siren_ros.running.generation.closed_loop import closed_loop, record_of
+from siren_ros.running.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.scoring.evaluation.prediction.baselines import ConstantVelocity, IdmPredictor
+from siren_ros.scoring.evaluation.prediction.predictors import Predictor
+from siren_ros.scoring.evaluation.prediction.samples import (
+    HistoryWindow,
+    Population,
+    SampleBatch,
+    ScoredSamples,
+    samples_of,
+)
+from siren_ros.scoring.evaluation.prediction.siren_model.columns import in_frame_of
+from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import (
+    FEATURES_VERSION,
+    LAMP_COLUMNS,
+    Ablation,
+    FeatureNames,
+    Features,
+    features_and_names,
+    without,
+    without_columns,
+)
+from siren_ros.scoring.evaluation.prediction.track_noise import TrackNoise, with_noise
+from siren_ros.simulation.scenario.splits import Split
+
+REGION_SAMPLES: Final = 400
+"""Samples of a training episode in the interaction region, drawn at random: the others overlap with them."""
+OTHER_SAMPLES: Final = 100
+"""Samples of a training episode from the whole map."""
+TRACKERS: Final = 3
+"""Each sample of a training episode is seen without errors, and by one of these trackers."""
+WORST_TRACKER: Final = 1.5
+"""A tracker's errors are between none and this many times those of ``TrackNoise``, so that these are not the limit."""
+_REFERENCES: Final[dict[str, Predictor]] = {"cv": ConstantVelocity(), "idm": IdmPredictor()}
+
+
+@dataclass(frozen=True)
+class EpisodeKey:
+    """The episode that samples are of."""
+
+    template: str
+    level: str
+    seed: int
+    map_name: str
+
+
+@dataclass(frozen=True)
+class EpisodeFeatures:
+    """Samples of one episode, as they are stored."""
+
+    episode: EpisodeKey
+    split: Split
+    names: FeatureNames
+    features: Features
+    truth_m: Floats32
+    """True future in the frames of the samples, shape ``(N, FUTURE_POINTS, 2)``."""
+    reference_ade_m: dict[str, Floats32]
+    """Error of the reference models on each sample, shape ``(N,)``; only of episodes that are not trained on."""
+
+    def __len__(self) -> int:
+        return len(self.truth_m)
+
+
+_FORM: Final = 3
+"""Raised whenever other samples are drawn or the files change."""
+
+
+def features_path(folder: Path, planned: PlannedEpisode) -> Path:
+    """Where the features of an episode are kept; another version of features, samples or package has another place."""
+    return folder / f"v{FEATURES_VERSION}_{_FORM}_{__version__}" / planned.split.value / f"{planned.name}.npz"
+
+
+def make_samples(
+    plan: Sequence[PlannedEpisode], folder: Path, jobs: int, done: Callable[[], None]
+) -> MadeFiles[PlannedEpisode]:
+    """Makes the samples of the episodes that have no file yet; arguments as of ``make_files``."""
+    return make_files({planned: features_path(folder, planned) for planned in plan}, _make, jobs, done)
+
+
+def _make(planned: PlannedEpisode, path: Path) -> None:
+    """Takes a recorded episode, or runs one without ROS and without sensors, and keeps its samples.
+
+    Raises:
+        SirenError: The map has no site for the template, the episode fails, or the bag cannot be read.
+    """
+    write_features(path, features_of_record(_record_of(planned), planned.split))
+
+
+def _record_of(planned: PlannedEpisode) -> EpisodeRecord:
+    if planned.bag is not None:
+        with open_source(planned.bag) as source:
+            return source.tracks()
+    setup = set_up_episode(planned.request)
+    return record_of(setup, list(closed_loop(setup, plan_length(planned.request))))
+
+
+def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
+    """The samples of a record: of a training episode a draw of all vehicles, else all of the interaction region.
+
+    Each drawn sample comes twice: without errors, and as a tracker of random quality would report it (``TrackNoise``),
+    with the truth from the reported pose on.
+    """
+    episode, record = record.description, record.right_hand
+    region = samples_of(record, HistoryWindow(), Population.REGION)
+    parts, references = [_seen(region.batch, region)], _REFERENCES
+    if split is Split.TRAIN:
+        random = random_stream(episode.seed, f"training/{episode.template}/{episode.level.name}")
+        parts, references = [], {}
+        for population, most in ((Population.REGION, REGION_SAMPLES), (Population.ALL, OTHER_SAMPLES)):
+            logged = samples_of(record, HistoryWindow(), population)
+            rows = random.permutation(len(logged))[:most]
+            chosen = logged.select(np.sort(rows))
+            parts.append(_seen(chosen.batch, chosen))
+            for draw, factor in enumerate(random.uniform(0.0, WORST_TRACKER, TRACKERS).tolist()):
+                tracks = samples_of(
+                    record, HistoryWindow(), population, reporter=with_noise(TrackNoise().scaled(factor, draw))
+                )
+                of_tracker = np.sort(rows[draw::TRACKERS])
+                parts.append(_seen(tracks.select(of_tracker).batch, logged.select(of_tracker)))
+    return EpisodeFeatures(
+        EpisodeKey(episode.template, episode.level.name, episode.seed, episode.map_name),
+        split,
+        names=parts[0][1],
+        features=joined([features for features, _, _ in parts]),
+        truth_m=np.concatenate([truth_m for _, _, truth_m in parts]),
+        reference_ade_m={name: _ade(model, region) for name, model in references.items()},
+    )
+
+
+def _seen(batch: SampleBatch, samples: ScoredSamples) -> tuple[Features, FeatureNames, Floats32]:
+    """Features of a batch, and the truth of the same samples in its frames."""
+    features, names = features_and_names(batch)
+    truth_m = in_frame_of(batch, samples.future_xy_m - batch.xy_m[:, None])
+    return features, names, truth_m.astype(np.float32)
+
+
+def joined(parts: Sequence[Features]) -> Features:
+    """The samples of all parts, one after the other."""
+    names = [field.name for field in fields(Features)]
+    return Features(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def _ade(model: Predictor, samples: ScoredSamples) -> Floats32:
+    miss = model.predict(samples.batch).xy_m[:, 0] - samples.future_xy_m
+    return np.hypot(miss[..., 0], miss[..., 1]).mean(axis=-1).astype(np.float32)
+
+
+def write_features(path: Path, episode: EpisodeFeatures) -> None:
+    """Writes a file whole or not at all."""
+    about = {**asdict(episode.episode), "split": episode.split, "names": asdict(episode.names)}
+    arrays = {f"features.{field.name}": getattr(episode.features, field.name) for field in fields(Features)}
+    arrays |= {f"reference.{name}": values for name, values in episode.reference_ade_m.items()}
+    write_arrays(path, {"about": np.array(json.dumps(about)), "truth_m": episode.truth_m, **arrays})
+
+
+def read_features(path: Path) -> EpisodeFeatures:
+    """An episode that ``write_features`` wrote."""
+    about, file = read_arrays(path, "about")
+    features = Features(**{field.name: file[f"features.{field.name}"] for field in fields(Features)})
+    references = {key.removeprefix("reference."): file[key] for key in file if key.startswith("reference.")}
+    truth = file["truth_m"]
+    names = FeatureNames(**{kind: tuple(values) for kind, values in about.pop("names").items()})
+    split = Split(about.pop("split"))
+    return EpisodeFeatures(EpisodeKey(**about), split, names, features, truth, references)
+
+
+@dataclass(frozen=True)
+class SampleStore:
+    """Samples of several episodes."""
+
+    features: Features
+    """Of half precision, which halves the memory; speed and spacing are single."""
+    truth_m: Floats32
+    episode: npt.NDArray[np.int32]
+    """Position in ``episodes`` of each sample."""
+    episodes: tuple[EpisodeKey, ...]
+    names: FeatureNames
+    reference_ade_m: Mapping[str, Floats32]
+    """Of the reference models, shape ``(N,)``; empty for episodes that are trained on."""
+
+    def __len__(self) -> int:
+        return len(self.truth_m)
+
+    def batch(self, rows: Rows | slice) -> Features:
+        """Some samples in single precision."""
+        part = self.features.select(rows)
+        return Features(**{field.name: _as(getattr(part, field.name), np.float32) for field in fields(Features)})
+
+
+def without_lamps(store: SampleStore, rows: Flags) -> SampleStore:
+    """The samples, of which some (shape ``(N,)``) see no brake lamp and no indicator: those of all vehicles are off."""
+    return replace(store, features=without_columns(store.features, store.names, LAMP_COLUMNS, rows))
+
+
+def read_store(paths: Sequence[Path], ablation: Ablation = Ablation.NONE) -> SampleStore:
+    """Reads files of ``write_features`` in their order, at least one with a sample; those without are left out."""
+    episodes = [episode for episode in map(read_features, paths) if len(episode)]
+    names = episodes[0].names
+    columns: dict[str, Any] = {}
+    for field in fields(Features):
+        kind = np.float32 if field.name in {"speed_mps", "path_spacing_m"} else np.float16
+        parts = [getattr(without(episode.features, names, ablation), field.name) for episode in episodes]
+        columns[field.name] = np.concatenate([_as(part, kind) for part in parts])
+    errors = [episode.reference_ade_m for episode in episodes]
+    references = sorted(set.intersection(*map(set, errors)))
+    return SampleStore(
+        features=Features(**columns),
+        truth_m=np.concatenate([episode.truth_m for episode in episodes]),
+        episode=np.repeat(np.arange(len(episodes), dtype=np.int32), [len(episode) for episode in episodes]),
+        episodes=tuple(episode.episode for episode in episodes),
+        names=names,
+        reference_ade_m={name: np.concatenate([each[name] for each in errors]) for name in references},
+    )
+
+
+def _as(values: npt.NDArray[Any], kind: type[np.floating[Any]]) -> npt.NDArray[Any]:
+    return values if values.dtype == np.bool_ else values.astype(kind)

@@ -1,0 +1,1 @@
+"""What people read: an episode's page, a study's report, an exam's certificate."""

@@ -1,0 +1,291 @@
+"""The certificate of an exam: tables and moments as a page, the same as JSON, and as JUnit XML for a CI."""
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from siren_ros import __version__
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.base.tables.interval import Interval, share_interval
+from siren_ros.base.tables.table import Row, Table
+from siren_ros.errors import shown_text
+from siren_ros.reports.exam.grading import Grade, Mark, Sitting, worst_of
+from siren_ros.reports.exam.monitors import MONITORS
+from siren_ros.reports.exam.others import OTHERS
+from siren_ros.reports.exam.rulebook import Rulebook
+from siren_ros.reports.study_report.episode_pages import EpisodePages
+from siren_ros.reports.study_report.page import Link, Page, Section, quoted
+from siren_ros.scoring.evaluation.statistics import BlockSums, interval_of_mean
+
+_VIOLATIONS: Final = "violations"
+"""Name of the number of violated clauses in an episode."""
+_BEFORE_S: Final = 2.0
+"""A link to a moment begins this long before it."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """An exam: a rulebook, and a driver's sittings in order."""
+
+    driver: str
+    rulebook: Rulebook
+    sittings: tuple[Sitting, ...]
+
+    @property
+    def grade(self) -> Grade:
+        """The worst grade of all sittings."""
+        return worst_of([sitting.grade for sitting in self.sittings])
+
+    @property
+    def passed(self) -> bool:
+        """Whether every episode has a result, no clause was violated gravely, and at least one was applicable."""
+        return self.grade in {Grade.PASS, Grade.MINOR} and not self.without_result
+
+    @property
+    def without_result(self) -> tuple[Sitting, ...]:
+        """Episodes that came to no result."""
+        return tuple(sitting for sitting in self.sittings if sitting.lack)
+
+    @property
+    def graded(self) -> tuple[Sitting, ...]:
+        """The others."""
+        return tuple(sitting for sitting in self.sittings if not sitting.lack)
+
+    def summary(self) -> Table:
+        """How often each clause was kept, with the share of violations among the episodes that it applies to."""
+        rows: list[Row] = []
+        for number, clause in enumerate(self.rulebook.clauses):
+            counts = Counter(sitting.marks[number].grade for sitting in self.graded)
+            violated = counts[Grade.MINOR] + counts[Grade.MAJOR]
+            share = share_interval(violated, violated + counts[Grade.PASS])
+            rows.append((clause.title, *(counts[grade] for grade in _SHOWN), share, clause.source))
+        head = ("clause", *(str(grade) for grade in _SHOWN), "violated", "source")
+        return Table("clauses", "Clauses, by number of episodes", head, tuple(rows), specs={"violated": ".0%"})
+
+    def tables(self) -> list[Table]:
+        """The summary, and what else is known."""
+        known = self.effects(), self.latency()
+        return [self.summary(), *(table for table in known if table is not None)]
+
+    def effects(self) -> Table | None:
+        """What the driver does to others, less what the paper's driver does in its place; None without pairs."""
+        means = self.means()
+        if len(means) == 1:
+            return None
+        rows = tuple((meaning, means[key]) for key, meaning in OTHERS.items())
+        caption = f"Others, against the paper's driver at the wheel; number of episodes: {rows[0][1].blocks}"
+        return Table("others", caption, ("figure", "difference"), rows, spec="+.2f")
+
+    def means(self) -> dict[str, Interval]:
+        """Means over the episodes: violated clauses, and the figures of ``OTHERS`` where episodes are paired."""
+        violated = [float(len(sitting.violated)) for sitting in self.graded]
+        paired = [sitting.others for sitting in self.graded if sitting.others]
+        others = {key: mean_of([one[key] for one in paired]) for key in OTHERS} if paired else {}
+        return {_VIOLATIONS: mean_of(violated), **others}
+
+    def latency(self) -> Table | None:
+        """How fast the program answered in real time; None where that was not measured."""
+        times = [sitting.answers for sitting in self.graded if sitting.answers is not None]
+        if not times:
+            return None
+        late = sum(one.p95_ms > STEP_S * 1000.0 for one in times)
+        rows: tuple[Row, ...] = (
+            ("median of the medians, ms", float(np.median([one.median_ms for one in times]))),
+            ("greatest 95 % value, ms", max(one.p95_ms for one in times)),
+            ("slowest answer, ms", max(one.worst_ms for one in times)),
+            ("episodes with more than 5 % of the answers later than a step", float(late)),
+        )
+        caption = f"Wall time to an answer; number of episodes: {len(times)}"
+        return Table("latency", caption, ("figure", "value"), rows, spec=".1f")
+
+
+def mean_of(values: Sequence[float]) -> Interval:
+    """The mean over episodes with its interval."""
+    ones = np.ones(len(values))
+    return interval_of_mean(BlockSums(np.asarray(values, np.float64), ones, np.zeros(len(values), np.intp)))
+
+
+_SHOWN: Final = (Grade.PASS, Grade.MINOR, Grade.MAJOR, Grade.NOT_APPLICABLE)
+
+
+def as_json(certificate: Certificate) -> str:
+    """The certificate as JSON; the same exam gives the same bytes."""
+    book = certificate.rulebook
+    content = {
+        "siren": __version__,
+        "driver": certificate.driver,
+        "rulebook": book.name,
+        "passed": certificate.passed,
+        "grade": certificate.grade,
+        "means": {key: mean.json() for key, mean in certificate.means().items()},
+        "clauses": [
+            {"id": one.clause_id, "title": one.title, "text": one.text, "source": one.source} for one in book.clauses
+        ],
+        "episodes": [
+            {
+                "episode": shown_text(sitting.episode),
+                "bag": shown_text(sitting.bag),
+                "actor_id": sitting.actor_id,
+                "grade": sitting.grade,
+                "no_result": shown_text(sitting.lack),
+                **({} if sitting.answers is None else {"answers": asdict(sitting.answers)}),
+                "others": {key: round(value, 6) for key, value in sitting.others.items()},
+                "marks": [_mark_as_json(mark) for mark in sitting.marks],
+            }
+            for sitting in certificate.sittings
+        ],
+    }
+    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def _mark_as_json(mark: Mark) -> dict[str, Any]:
+    measure, step = mark.finding.measure, mark.finding.step
+    return {
+        "clause": mark.clause.clause_id,
+        "grade": mark.grade,
+        "value": round(measure.value, 6) if measure.valid else None,
+        "unit": MONITORS[mark.clause.monitor].unit,
+        "reason": measure.lack,
+        "time_s": None if step is None else round(step * STEP_S, 3),
+        **({"about": shown_text(mark.finding.about)} if mark.finding.about else {}),
+    }
+
+
+def as_junit(certificate: Certificate) -> str:
+    """The certificate as JUnit XML: a suite for each episode, a case for each clause, an error without a result.
+
+    A grave violation is a failure, a clause that does not apply is skipped. A minor violation passes; its text is in
+    the case's output.
+    """
+    root = ET.Element("testsuites", name=f"siren exam {certificate.rulebook.name}")
+    for sitting in certificate.sittings:
+        counts = Counter(mark.grade for mark in sitting.marks)
+        suite = ET.SubElement(
+            root,
+            "testsuite",
+            name=sitting.episode,
+            tests=str(len(sitting.marks) + bool(sitting.lack)),
+            failures=str(counts[Grade.MAJOR]),
+            errors=str(int(bool(sitting.lack))),
+            skipped=str(counts[Grade.NOT_APPLICABLE]),
+        )
+        if sitting.lack:
+            case = ET.SubElement(suite, "testcase", classname=sitting.episode, name="episode", time="0")
+            ET.SubElement(case, "error", message=sitting.lack)
+        for mark in sitting.marks:
+            case = ET.SubElement(suite, "testcase", classname=sitting.episode, name=mark.clause.clause_id, time="0")
+            if mark.grade is Grade.NOT_APPLICABLE:
+                ET.SubElement(case, "skipped", message=mark.finding.measure.lack)
+            elif mark.grade is Grade.MAJOR:
+                failure = ET.SubElement(case, "failure", message=told(mark), type=mark.clause.clause_id)
+                failure.text = f"{mark.clause.text}\n{mark.clause.source}\n{shown_again(sitting, mark)}"
+            elif mark.grade is Grade.MINOR:
+                ET.SubElement(case, "system-out").text = f"minor: {told(mark)}"
+    for element in root.iter():  # XML 1.0 has no character for an escape code, not even escaped
+        element.attrib = {key: shown_text(value) for key, value in element.attrib.items()}
+        if element.text is not None:
+            element.text = "\n".join(map(shown_text, element.text.split("\n")))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def told(mark: Mark) -> str:
+    """What was found, with the limit that decides, as text."""
+    measure, unit = mark.finding.measure, MONITORS[mark.clause.monitor].unit
+    if not measure.valid:
+        return measure.lack
+    limit = mark.clause.major if mark.grade is Grade.MAJOR else mark.clause.minor
+    side = "at most" if mark.clause.major > mark.clause.minor else "at least"
+    when = "" if mark.finding.step is None else f" at {mark.finding.step * STEP_S:.1f} s"
+    meaning = MONITORS[mark.clause.monitor].meaning + (f" ({mark.finding.about})" if mark.finding.about else "")
+    return f"{meaning}: {'at least ' * measure.at_least}{measure.value:.2f} {unit}{when}, allowed {side} {limit:g}"
+
+
+def violations_of(sittings: Sequence[Sitting]) -> list[tuple[Sitting, Mark, str]]:
+    """Each violation with a line that says where it was and what was found; grave ones first."""
+    return [
+        (sitting, mark, f"{sitting.episode}: {mark.grade}, {mark.clause.title}: {told(mark)}")
+        for grade in (Grade.MAJOR, Grade.MINOR)
+        for sitting in sittings
+        for mark in sitting.marks
+        if mark.grade is grade
+    ]
+
+
+def shown_again(sitting: Sitting, mark: Mark) -> str:
+    """The command that opens the moment which decided a mark."""
+    return f"siren view {quoted(Path(sitting.bag))} --time-s {_begin_s(mark):g} --actor {sitting.actor_id}"
+
+
+def _begin_s(mark: Mark) -> float:
+    return max((mark.finding.step or 0) * STEP_S - _BEFORE_S, 0.0)
+
+
+def page_of(certificate: Certificate, command: str, pages: EpisodePages | None = None) -> Page:
+    """The certificate as a page.
+
+    Args:
+        certificate: The exam.
+        command: It makes the certificate again.
+        pages: Where moments are shown; without it, and where an episode has no page, a moment has its command.
+    """
+    book, sittings = certificate.rulebook, certificate.sittings
+    counts = Counter(sitting.grade for sitting in certificate.graded)
+    verdict = "passes" if certificate.passed else "does not pass"
+    parts = [f"{counts[grade]} {grade}" for grade in _SHOWN if counts[grade]]
+    lacking = len(certificate.without_result)
+    parts += [f"{lacking} without a result"] if lacking else []
+    lead = f"{certificate.driver} {verdict}. Episodes by their worst clause: {', '.join(parts) or 'none'}."
+    duties = Table(
+        "duties",
+        "The rulebook",
+        ("clause", "duty", "measured", "minor beyond", "major beyond", "source"),
+        tuple(
+            (
+                one.title,
+                one.text,
+                f"{MONITORS[one.monitor].meaning}, {MONITORS[one.monitor].unit}",
+                f"{one.minor:g}",
+                f"{one.major:g}",
+                one.source,
+            )
+            for one in book.clauses
+        ),
+        folded=True,
+    )
+    summary = Section(
+        "summary",
+        "Clauses",
+        ("The interval of the share of violations is Wilson's, over the episodes to which the clause applies.",),
+        tables=(*certificate.tables(), duties),
+        commands=(command,),
+    )
+    lacks = tuple(f"{sitting.episode}: no result: {sitting.lack}" for sitting in certificate.without_result)
+    without = (Section("no_result", "Episodes without a result", lacks),) if lacks else ()
+    marks = Section("episodes", "Episodes", tables=tuple(map(_marks, certificate.graded)))
+    sections = (summary, *without, _violations(sittings, pages), *([marks] if marks.tables else ()))
+    return Page(f"Exam: {book.title}", lead, sections)
+
+
+def _violations(sittings: Sequence[Sitting], pages: EpisodePages | None) -> Section:
+    links = [
+        Link(
+            line,
+            "" if pages is None else pages.address(Path(sitting.bag), _begin_s(mark), sitting.actor_id),
+            shown_again(sitting, mark),
+        )
+        for sitting, mark, line in violations_of(sittings)
+    ]
+    return Section("violations", "Violations", () if links else ("There is none.",), links=tuple(links))
+
+
+def _marks(sitting: Sitting) -> Table:
+    rows = tuple((mark.clause.title, str(mark.grade), told(mark)) for mark in sitting.marks)
+    title = f"{sitting.episode}: {sitting.grade}"
+    return Table(sitting.episode, title, ("clause", "grade", "found"), rows, folded=True)

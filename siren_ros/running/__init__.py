@@ -1,0 +1,1 @@
+"""Makes episodes: one without ROS or as nodes, with an AV under test, or many in a study."""

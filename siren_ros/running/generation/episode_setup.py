@@ -1,0 +1,210 @@
+"""Everything that is decided before the first step of an episode, from what the user asked for."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+
+from siren_ros import __version__
+from siren_ros.base.numerics.arrays import random_stream
+from siren_ros.base.numerics.units import steps_from_s
+from siren_ros.base.params.input_files import FILES_ON_DISK, InputFile, InputFiles, NotedFiles, files_to_json
+from siren_ros.running.generation.site_choice import plan_at_site, sites_to_try
+from siren_ros.sensing.look import load_look
+from siren_ros.sensing.suite import load_suite
+from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.roads.maps.map_compiler import (
+    CompiledMap,
+    compile_map,
+    with_shoulders_in_use,
+    with_speed_limit,
+)
+from siren_ros.simulation.roads.mirror_image import right_hand_image
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.roads.sites import Site
+from siren_ros.simulation.scenario.episode import (
+    CROSSING_PARAMETER,
+    FILES_PARAMETER,
+    MAP_SOURCE_PARAMETER,
+    EpisodeDescription,
+    EpisodeRequest,
+    values_of,
+)
+from siren_ros.simulation.scenario.paper import EmergencyLevel
+from siren_ros.simulation.scenario.presets import DriverPreset, load_preset
+from siren_ros.simulation.scenario.scenario import Template
+from siren_ros.simulation.scenario.templates import load_template, realised
+from siren_ros.simulation.traffic.demand.demand import choose_av
+from siren_ros.simulation.traffic.demand.plan import TrafficPlan, load_drivers, with_responses
+from siren_ros.simulation.traffic.demand.sizes import largest, with_sizes
+from siren_ros.simulation.world.actors import NO_ACTOR
+
+
+def files_of_request(request: EpisodeRequest, files: InputFiles = FILES_ON_DISK) -> tuple[InputFile, ...]:
+    """The files that ``set_up_episode`` reads and puts into the episode's description.
+
+    Raises:
+        InputError: One of them cannot be used.
+    """
+    noted = NotedFiles(files)
+    load_template(request.template, noted)
+    load_preset(request.preset, noted)
+    for suite in (request.sensors, request.av_sensors):
+        load_suite(suite, noted)
+    load_look(request.look, noted)
+    load_vehicle_parameters(noted)
+    load_drivers(files=noted)
+    return noted.seen
+
+
+_version = cache(version)
+_PACKAGES: Final = ("eclipse-sumo", "numpy", "embreex")
+
+
+@dataclass(frozen=True)
+class EpisodeSetup:
+    """A request with everything looked up, drawn and compiled."""
+
+    description: EpisodeDescription
+    template: Template
+    level: EmergencyLevel
+    compiled_map: CompiledMap
+    network: RoadNetwork
+    site: Site
+    plan: TrafficPlan
+    preset: DriverPreset
+
+
+def level_of(request: EpisodeRequest, template: Template) -> EmergencyLevel:
+    """The level asked for, or the template's own."""
+    return EmergencyLevel[request.level] if request.level else template.level
+
+
+def map_of(request: EpisodeRequest, template: Template) -> Path | None:
+    """The map asked for, or the template's own; None is the built-in town."""
+    name = request.map or template.map_name
+    return Path(name) if name else None
+
+
+def plan_length(request: EpisodeRequest) -> int:
+    """Number of steps of the episode.
+
+    Raises:
+        InputError: The template cannot be used.
+    """
+    template = load_template(request.template).with_values(values_of(request.values))
+    return max(1, steps_from_s(request.duration_s or template.lasting_s))
+
+
+def default_bag_path(request: EpisodeRequest) -> Path:
+    """Where the bag goes unless the user says otherwise: ``bags/S2_L2_seed0``, and the map's name if one is given."""
+    template = load_template(request.template)
+    return _bag_path(
+        template.template_id, level_of(request, template), request.seed, request.map, has_av=bool(request.av)
+    )
+
+
+def default_bag_path_of(episode: EpisodeDescription) -> Path:
+    """``default_bag_path`` of the request that the episode was made from."""
+    map_file = str(episode.asked.get("map", ""))
+    return _bag_path(episode.template, episode.level, episode.seed, map_file, has_av=episode.av_id != NO_ACTOR)
+
+
+def _bag_path(template_id: str, level: EmergencyLevel, seed: int, map_file: str, *, has_av: bool) -> Path:
+    parts = [template_id, level.name, f"seed{seed}"]
+    if map_file:
+        parts.append(Path(map_file).name.split(".")[0])
+    if has_av:
+        parts.append("av")
+    return Path("bags") / "_".join(parts)
+
+
+def default_kitti_path(bag: Path) -> Path:
+    """Where the KITTI export of an episode goes: the folder next to its bag, with the suffix ``_kitti``."""
+    return bag.with_name(f"{bag.name}_kitti")
+
+
+def set_up_episode(
+    request: EpisodeRequest, files: InputFiles = FILES_ON_DISK, compiled_map: CompiledMap | None = None
+) -> EpisodeSetup:
+    """Look up, draw and compile what an episode needs. The same request and files give the same setup.
+
+    Args:
+        request: What the user asks for.
+        files: Source of the parameter files; every file that is read becomes part of the description.
+        compiled_map: The map, compiled before; None to compile the request's map.
+
+    Raises:
+        InputError: Any part of the request cannot be used; the error names it.
+    """
+    noted = NotedFiles(files)
+    written = load_template(request.template, noted)
+    template = realised(written, random_stream(request.seed, "scenario/values"))
+    template = template.with_values(values_of(request.values))
+    level = level_of(request, template)
+    preset = load_preset(request.preset, noted)
+    for suite in (request.sensors, request.av_sensors):
+        load_suite(suite, noted)
+    load_look(request.look, noted)
+    people = template.demand.people
+    for_people = bool(people.pedestrians or people.cyclists)
+    compiled = compiled_map or compile_map(map_of(request, written), for_people=for_people)
+    compiled = with_speed_limit(compiled, template.demand.speed_limit_mps)
+    if template.shoulders_in_use:
+        compiled = with_shoulders_in_use(compiled)
+    network = parse_road_network(compiled.read_bytes())
+    driven = right_hand_image(network)
+    dimensions = {
+        actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)
+        for actor_class, vehicle in load_vehicle_parameters(noted).items()
+    }
+    sites = sites_to_try(driven, written, request.seed, request.site, request.map or compiled.name)
+    lasting = replace(template, duration_s=max(template.lasting_s, request.duration_s))
+    spread = template.demand.variety.size_spread
+    planned_for = largest(dimensions, spread) if spread else dimensions
+    site, plan = plan_at_site(driven, sites, lasting, request.seed, load_drivers(files=noted), planned_for)
+    if spread:
+        plan = with_sizes(plan, dimensions, spread, request.seed)
+    plan = with_responses(plan, preset, request.seed)
+    if request.av:
+        plan = replace(plan, av=choose_av(driven, plan))
+    av = {"actor_id": len(plan.emvs) + 1, "name": plan.av, "sensors": request.av_sensors}
+    emv_ids = tuple(range(1, 1 + len(plan.emvs)))
+    crossing = {"junction": plan.crossed, "emv_ids": list(emv_ids[template.emv.count :])}
+    description = EpisodeDescription(
+        template=template.template_id,
+        level=level,
+        seed=request.seed,
+        map_name=compiled.name,
+        map_sha256=compiled.sha256,
+        duration_s=request.duration_s or template.lasting_s,
+        sensor_suite=request.sensors,
+        preset=request.preset,
+        emv_ids=emv_ids,
+        parameters={
+            "request": request.to_json(),
+            "template": template.recorded_values(),
+            "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
+            **({"av": av} if plan.av else {}),
+            **({CROSSING_PARAMETER: crossing} if plan.crossed else {}),
+            FILES_PARAMETER: files_to_json(noted.seen),
+            MAP_SOURCE_PARAMETER: compiled.source_sha256,
+        },
+        versions=present_versions(),
+        site={
+            "kind": site.kind.value,
+            "name": site.name,
+            "junction": site.junction or "",
+            "route": [network.edges[edge].edge_id for edge in site.route],
+            "stretch": [network.edges[edge].edge_id for edge in site.stretch],
+        },
+    )
+    return EpisodeSetup(description, template, level, compiled, network, site, plan, preset)
+
+
+def present_versions() -> Mapping[str, str]:
+    """Versions of this program and of the packages that an episode depends on."""
+    return {"siren_ros": __version__, **{package: _version(package) for package in _PACKAGES}}

@@ -1,0 +1,308 @@
+"""Simulates a recorded episode again and finds the first place where repetition and record differ."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.base.params.input_files import FILES_ON_DISK, files_from_json
+from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.data.interfaces.messages import json_object, json_text
+from siren_ros.data.interfaces.topics import ACTORS, EPISODE, EVENTS, OUTCOME, TRAFFIC
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.errors import BagError, SirenError
+from siren_ros.running.generation.closed_loop import LoopStep, closed_loop, driven, record_of
+from siren_ros.running.generation.episode_setup import EpisodeSetup, map_of, present_versions, set_up_episode
+from siren_ros.scoring.judging.outcome import outcome_of
+from siren_ros.simulation.roads.maps.map_compiler import CompiledMap, compile_map, name_of_map, source_sha256_of
+from siren_ros.simulation.roads.maps.map_source import SourceKind
+from siren_ros.simulation.scenario.episode import (
+    FILES_PARAMETER,
+    MAP_SOURCE_PARAMETER,
+    EpisodeDescription,
+    EpisodeRequest,
+)
+from siren_ros.simulation.scenario.templates import load_template
+from siren_ros.simulation.world.commands import AV_SOURCE, Controls, controls_in
+from siren_ros.simulation.world.traffic_state import Event
+
+MISSING: Final = "nothing"
+"""Stands for a value that one of the two structures lacks."""
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """One value that is not the same."""
+
+    path: tuple[str | int, ...]
+    """Names of fields and keys, and positions, from the outermost structure on."""
+    recorded: object
+    repeated: object
+
+    @property
+    def name(self) -> str:
+        """The path as text: ``parameters.request.seed``."""
+        return ".".join(str(part) for part in self.path)
+
+
+def first_mismatch(recorded: Any, repeated: Any) -> Mismatch | None:
+    """The first value that is not the same to the last bit, in the order of fields, keys and positions."""
+    return next(_mismatches(recorded, repeated, ()), None)
+
+
+def _mismatches(recorded: Any, repeated: Any, path: tuple[str | int, ...]) -> Iterator[Mismatch]:
+    if isinstance(recorded, np.ndarray) and isinstance(repeated, np.ndarray):
+        yield from _array_mismatches(recorded, repeated, path)
+    elif is_dataclass(recorded) and type(recorded) is type(repeated):
+        for field in fields(recorded):
+            values = (getattr(recorded, field.name), getattr(repeated, field.name))
+            yield from _mismatches(*values, (*path, field.name))
+    elif isinstance(recorded, Mapping) and isinstance(repeated, Mapping):
+        for key in sorted({*recorded, *repeated}, key=str):
+            values = (recorded.get(key, MISSING), repeated.get(key, MISSING))
+            yield from _mismatches(*values, (*path, key))
+    elif all(isinstance(side, Sequence) and not isinstance(side, str | bytes) for side in (recorded, repeated)):
+        for position in range(max(len(recorded), len(repeated))):
+            before, after = (side[position] if position < len(side) else MISSING for side in (recorded, repeated))
+            yield from _mismatches(before, after, (*path, position))
+    elif not _same(recorded, repeated):
+        yield Mismatch(path, recorded, repeated)
+
+
+def _array_mismatches(recorded: Any, repeated: Any, path: tuple[str | int, ...]) -> Iterator[Mismatch]:
+    if recorded.tobytes() == repeated.tobytes() and recorded.shape == repeated.shape:
+        return
+    if recorded.shape != repeated.shape or recorded.dtype != repeated.dtype:
+        yield Mismatch((*path, "length"), len(recorded), len(repeated))
+        return
+    for position, (before, after) in enumerate(zip(recorded.ravel(), repeated.ravel(), strict=True)):
+        if before.tobytes() != after.tobytes():
+            yield Mismatch((*path, position), before.item(), after.item())
+
+
+def _same(recorded: Any, repeated: Any) -> bool:
+    """Plain values by their text in JSON, so that 1 and 1.0, and 0.0 and −0.0, are two values."""
+    for kind in (str, bytes, np.ndarray):
+        if isinstance(recorded, kind) or isinstance(repeated, kind):
+            return isinstance(recorded, kind) and isinstance(repeated, kind) and bool(recorded == repeated)
+    return json_text(recorded) == json_text(repeated)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first place where the repetition and the record part."""
+
+    topic: str
+    """Topic whose messages differ, or ``commands``."""
+    field: str
+    recorded: object
+    repeated: object
+    step: int | None = None
+    """None where the difference is of no step."""
+    actor_id: int = 0
+    """0 where the difference is of no actor."""
+
+    def __str__(self) -> str:
+        step = "" if self.step is None else f"step {self.step}, "
+        actor = f"actor {self.actor_id}, " if self.actor_id else ""
+        recorded, repeated = self.recorded, self.repeated
+        if self.field == "state_hash" and isinstance(recorded, int) and isinstance(repeated, int):
+            recorded, repeated = f"{recorded:016x}", f"{repeated:016x}"
+        else:
+            recorded, repeated = _shortened(recorded), _shortened(repeated)
+        return f"{step}{actor}{self.field} of {self.topic}: recorded {recorded}, repeated {repeated}"
+
+
+def _shortened(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 100 else f"{text[:97]}…"
+
+
+def request_of(record: EpisodeRecord) -> EpisodeRequest:
+    """The request that the episode was made from.
+
+    Raises:
+        BagError: The description does not hold it.
+    """
+    stored = record.description.parameters.get("request")
+    names = {field.name for field in fields(EpisodeRequest)}
+    if not isinstance(stored, dict) or not set(stored) <= names or "template" not in stored:
+        raise BagError(record.description.template, "a bag whose description holds the request of the episode")
+    defaults = EpisodeRequest("")
+    for name, value in stored.items():
+        if type(value) is not type(getattr(defaults, name)):
+            raise BagError(record.description.template, f"a request whose {name} is not {value!r}")
+    return EpisodeRequest(**stored)
+
+
+def repeat_episode(record: EpisodeRecord) -> Difference | None:
+    """Simulates the episode again, without its sensors, and compares all that is simulated with the record.
+
+    Map and parameter files come from the record, wherever it holds them. An AV under test drives by its controller's
+    recorded answers; so does whoever else sits in a seat. Compared are the description without its versions, the map's
+    hash, and at every step SUMO's state, the controllers' commands, the actor states, the state hash and the events;
+    for a complete episode the outcome too.
+
+    Raises:
+        BagError: The record does not hold what is needed, or its map or its files do not have their hashes.
+        InputError: A record without files names one that does not exist here.
+    """
+    request = request_of(record)
+    with TemporaryDirectory(prefix="siren-replay-") as scratch:
+        compiled = _recorded_map(record, request, Path(scratch))
+        setup = set_up_episode(request, record.description.files, compiled)
+        difference = _description_difference(record.description, setup.description)
+        if difference is not None:
+            return difference
+        answers = _answers_in(record)
+        # The limit on the residual ends an episode; it changes no step before.
+        last = max((state.step for state in record.states), default=-1)
+        loop = closed_loop(setup, last + 1, residual_limit_m=math.inf)
+        steps = [step for step, _ in driven(loop, lambda step: answers.get(step.states.step, {}))]
+        return first_difference(record, steps) or _outcome_difference(record, setup, steps)
+
+
+def _answers_in(record: EpisodeRecord) -> dict[int, Controls]:
+    """What drivers in seats answered, by the step that they answered."""
+    answers: dict[int, Controls] = {}
+    for source, commands in record.commands.items():
+        for command in commands:
+            if controls := controls_in(command):
+                # The AV's controller is recorded at the step it answers, the others at the step that they drive to.
+                step = command.step if source == AV_SOURCE else command.step - 1
+                answers[step] = {**answers.get(step, {}), **controls}
+    return answers
+
+
+def _recorded_map(record: EpisodeRecord, request: EpisodeRequest, scratch: Path) -> CompiledMap:
+    """The record's own map as a file; for a record without it the request's map."""
+    described = record.description
+    source = map_of(request, load_template(request.template, described.files))
+    if record.map_xml:
+        net_path = scratch / "recorded.net.xml"
+        net_path.write_bytes(record.map_xml)
+        source_sha256 = described.parameters.get(MAP_SOURCE_PARAMETER, "")
+        net_sha256 = sha256(record.map_xml).hexdigest()
+        compiled = CompiledMap(name_of_map(source), net_path, net_sha256, SourceKind.SUMO, str(source_sha256))
+    else:
+        compiled = compile_map(source)
+    if compiled.sha256 != described.map_sha256:
+        raise BagError(described.map_name, f"the map that the episode was made on (SHA-256 {described.map_sha256})")
+    return compiled
+
+
+def _description_difference(recorded: EpisodeDescription, repeated: EpisodeDescription) -> Difference | None:
+    """The first field that differs; versions are left out, since they describe the program and not the episode."""
+    sides = [_plain(replace(side, versions={})) for side in (recorded, repeated)]
+    for added in (FILES_PARAMETER, MAP_SOURCE_PARAMETER):
+        if added not in recorded.parameters:
+            sides[1].parameters.pop(added, None)  # type: ignore[attr-defined] # a dict, made by _plain
+    return _difference(EPISODE.name, first_mismatch(*sides))
+
+
+def _plain(description: EpisodeDescription) -> EpisodeDescription:
+    """The description with the JSON types that a record gives."""
+    return replace(
+        description,
+        parameters=json_object(json_text(dict(description.parameters))),
+        site=json_object(json_text(dict(description.site))),
+    )
+
+
+def first_difference(record: EpisodeRecord, repeated: Sequence[LoopStep]) -> Difference | None:
+    """The first step, actor and field of the simulation that are not the same to the last bit.
+
+    In a record that has lost steps, messages that are missing are not compared; ``record.lost_steps`` tells.
+
+    Args:
+        record: The record.
+        repeated: The steps of the repetition.
+    """
+    traffic = {state.step: state for state in record.traffic}
+    states = {state.step: state for state in record.states}
+    commands = {(source, item.step): item for source, items in record.commands.items() for item in items}
+    events: dict[int, list[Event]] = {}
+    for event in record.events:
+        events.setdefault(event.step, []).append(event)
+    for again in repeated:
+        step = again.states.step
+        pairs: list[tuple[str, Any, Any]] = [(TRAFFIC.name, traffic.get(step, MISSING), again.traffic)]
+        pairs += [
+            (f"commands of {command.source}", commands.get((command.source, step), MISSING), command)
+            for command in again.commands
+            if command.source != AV_SOURCE
+        ]
+        pairs.append((ACTORS.name, states.get(step, MISSING), again.states))
+        here = again.state_hash
+        pairs.append((EVENTS.name, {"state_hash": record.state_hashes.get(step, MISSING)}, {"state_hash": here}))
+        pairs.append((EVENTS.name, _events_json(events.get(step, ())), _events_json(again.events)))
+        if record.lost_steps:
+            absent = EVENTS.name if step not in record.state_hashes else ""
+            pairs = [pair for pair in pairs if pair[1] is not MISSING and pair[0] != absent]
+        for topic, before, after in pairs:
+            difference = _difference(topic, first_mismatch(before, after), step, before)
+            if difference is not None:
+                return difference
+    return None
+
+
+def _events_json(events: Sequence[Event]) -> dict[str, Any]:
+    entries = [{**vars(event), "kind": event.kind.value, "detail": dict(event.detail)} for event in events]
+    return json_object(json_text({"events": entries}))
+
+
+def _outcome_difference(record: EpisodeRecord, setup: EpisodeSetup, steps: list[LoopStep]) -> Difference | None:
+    if not record.complete or record.outcome is None:
+        return None
+    recorded = record.outcome
+    closing = EpisodeClosing(record.steps, recorded.end, recorded.reason)
+    repeated = outcome_of(record_of(setup, steps), closing)
+    sides = [replace(side, measures=json_object(json_text(dict(side.measures)))) for side in (recorded, repeated)]
+    return _difference(OUTCOME.name, first_mismatch(*sides))
+
+
+def _difference(
+    topic: str, mismatch: Mismatch | None, step: int | None = None, rows: object = None
+) -> Difference | None:
+    """A mismatch with its actor, where the last part of its path is a row of a structure of arrays."""
+    if mismatch is None:
+        return None
+    ids = getattr(rows, "actor_id", None)
+    name, actor_id = mismatch.name, 0
+    if ids is not None and len(mismatch.path) == 2:
+        column, row = mismatch.path
+        if isinstance(row, int) and row < len(ids) == len(getattr(rows, str(column))) and column != "actor_id":
+            name, actor_id = str(column), int(ids[row])
+    return Difference(topic, name or "message", mismatch.recorded, mismatch.repeated, step, actor_id)
+
+
+def notes_on(record: EpisodeRecord) -> Iterator[str]:
+    """What is not the same any more outside the record: versions of packages, and files that were used from it."""
+    described = record.description
+    for package, version in sorted(described.versions.items()):
+        here = present_versions().get(package, MISSING)
+        if here != version:
+            yield f"{package} was {version} and is {here} here"
+    for file in files_from_json(described.parameters.get(FILES_PARAMETER, [])):
+        try:
+            same = FILES_ON_DISK.read(file.folder, file.folder, file.name) == file
+        except SirenError:
+            yield f"{file.name} ({file.folder}) cannot be read here; its recorded text was used"
+            continue
+        if not same:
+            yield f"{file.name} ({file.folder}) has changed; its recorded text was used"
+    stored, request = described.parameters.get(MAP_SOURCE_PARAMETER), request_of(record)
+    if not record.map_xml or stored is None:
+        return
+    try:
+        same = source_sha256_of(map_of(request, load_template(request.template, described.files))) == stored
+    except SirenError:
+        yield f"the map {request.map} cannot be read here; the recorded net was used"
+        return
+    if not same:
+        yield f"the map {request.map or described.map_name} has changed; the recorded net was used"

@@ -1,0 +1,231 @@
+"""Where an episode happens: the sites that have what a template needs, and the one of them that a seed draws."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import shapely
+
+from siren_ros.base.numerics.arrays import random_stream
+from siren_ros.errors import InputError, MapError
+from siren_ros.simulation.roads.bridges import bridges
+from siren_ros.simulation.roads.movements import quiet_reach_m
+from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes
+from siren_ros.simulation.roads.site_finder import find_sites
+from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind
+from siren_ros.simulation.scenario.scenario import EmvDemand, Placement, Template
+from siren_ros.simulation.traffic.config import DemandConfig
+from siren_ros.simulation.traffic.demand.demand import plan_traffic
+from siren_ros.simulation.traffic.demand.emv_start import LITTLE_BEHIND, Approach, approach_to
+from siren_ros.simulation.traffic.demand.plan import DriverPopulation, TrafficPlan
+from siren_ros.simulation.traffic.demand.vehicle_factory import Dimensions
+from siren_ros.simulation.world.actors import ActorClass
+
+_UNREACHABLE: Final = 3
+"""Rank of sites whose approach is too short."""
+_LONG_ENOUGH_M: Final = 150.0
+"""Least length of good roads: 12 s at 45 km/h, to come up with five vehicles and to pass them. The same of queues:
+eight vehicles with 8 m between them, 30 m to the EMV, and some way on which they roll up to the line."""
+_MOTORWAY_M: Final = 750.0
+"""The same of motorway stretches: a queue of 350 m, 250 m up to it and 150 m on which its head moves on."""
+_NO_BRIDGE_M: Final = 300.0
+"""Around motorway stretches: as far away as traffic starts (``DemandConfig.district_m``)."""
+_JUNCTION_M: Final = 10.0
+"""Of the road behind a site, what its junction takes."""
+_BESIDE: Final = frozenset({Placement.SAME_DIRECTION, Placement.ADJACENT_LANE})
+_NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
+"""Where the EMV needs others to make way; on a free shoulder it would pass them."""
+
+
+@dataclass(frozen=True)
+class SitesToTry:
+    """Sites in the order in which an episode tries them."""
+
+    sites: tuple[Site, ...]
+    best: Site
+    """Of all sites of the kind, the one that the finder rates best; an error names it."""
+    shown_map: str
+
+
+def ranked_sites(network: RoadNetwork, template: Template) -> tuple[tuple[Site, int], ...]:
+    """All sites of a template's kind with the rank of the approach (``Approach``), best first."""
+    return tuple((site, approach.rank) for site, approach in _approached(network, template.site_kind, template.emv))
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def _approached(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[tuple[Site, Approach], ...]:
+    sites = [(site, _approach(network, site, emv)) for site in find_sites(network, kind)]
+    return tuple(sorted(sites, key=lambda site_and_approach: site_and_approach[1].rank))
+
+
+def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
+    """The sites that have all that a template needs, best first; the others are not drawn by a seed."""
+    return tuple(site for site, lacking in shortcomings(network, template).items() if not lacking)
+
+
+def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[str, ...]]:
+    """What each site of a template's kind lacks, best first; nothing for good ones.
+
+    * The EMV drives up without a junction on the way and without sharp bends, and has road behind the site.
+    * Under a signal it goes straight on. In a turn it meets oncoming vehicles, too, and waits for them inside.
+    * Another lane leads on beside its own, where vehicles of the template drive there.
+    * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
+    * No other road crosses a motorway on a bridge nearby: vehicles of both would meet, since the world is flat.
+    * Roads are long enough and do not end at a stop sign, from which one vehicle after the other would go.
+    * Queues are on a road that is long enough without a junction and without a turning lane, which would stay empty.
+    * Roads and queues without a shoulder are taken alone where there are any; so are roads that are long enough without
+      a junction, from which others join and to which drivers who make way cannot turn.
+    """
+    found = {}
+    for site, approach in _approached(network, template.site_kind, template.emv):
+        lacking = (text for text, has in _CONDITIONS.items() if not has(network, site, template))
+        found[site] = tuple(dict.fromkeys(filter(None, (approach.flaw, *lacking))))
+    if template.site_kind in _NO_SHOULDER:
+        _prefer(found, _SHOULDER, lambda site: not has_shoulder(network, site))
+    if template.site_kind is SiteKind.MULTI_LANE_ROAD:
+        enough_m = _LONG_ENOUGH_M
+        _prefer(found, _JOINED, lambda site: quiet_reach_m(network, site.approach_lane, enough_m) >= enough_m)
+    return found
+
+
+def _prefer(found: dict[Site, tuple[str, ...]], text: str, preferred: Callable[[Site], bool]) -> None:
+    """Notes a shortcoming of good sites that are not preferred, where one that is preferred is good."""
+    good = [(site, preferred(site)) for site, lacking in found.items() if not lacking]
+    if any(is_preferred for _, is_preferred in good):
+        found.update({site: (text,) for site, is_preferred in good if not is_preferred})
+
+
+def has_shoulder(network: RoadNetwork, site: Site) -> bool:
+    """Whether a shoulder runs along a part of the site's stretch."""
+    lanes = (network.lanes[lane] for edge in site.stretch for lane in network.edges[edge].lanes)
+    return any(lane.kind is LaneKind.SHOULDER for lane in lanes)
+
+
+def _long_enough(network: RoadNetwork, site: Site, _: Template) -> bool:
+    return site.kind not in _NO_SHOULDER or _usable_m(network, site) >= _LONG_ENOUGH_M
+
+
+def _motorway_long_enough(_: RoadNetwork, site: Site, __: Template) -> bool:
+    return site.kind is not SiteKind.MOTORWAY_STRETCH or site.length_m >= _MOTORWAY_M
+
+
+def _far_from_bridges(network: RoadNetwork, site: Site, _: Template) -> bool:
+    if site.kind is not SiteKind.MOTORWAY_STRETCH:
+        return True
+    lanes = (driving_lanes(network, edge)[-1] for edge in site.stretch)
+    stretch = shapely.union_all([shapely.LineString(lane.centre.points) for lane in lanes])
+    return not shapely.dwithin(stretch, shapely.points(bridges(network)), _NO_BRIDGE_M).any()
+
+
+def _leads_on(network: RoadNetwork, site: Site, _: Template) -> bool:
+    after = site.route[site.route.index(site.stretch[-1]) + 1 :]
+    return sum(driving_lanes(network, edge)[-1].length_m for edge in after) >= EXIT_M - _JUNCTION_M
+
+
+def _has_lanes(_: RoadNetwork, site: Site, template: Template) -> bool:
+    beside = any(group.placement in _BESIDE and not group.optional for group in template.demand.groups)
+    return len(site.connections) >= (2 if beside else 1)
+
+
+def _goes_straight_on(network: RoadNetwork, site: Site, _: Template) -> bool:
+    straight = {network.connections[index].direction for index in site.connections} <= {"s"}
+    return straight or site.kind is not SiteKind.SIGNAL_JUNCTION
+
+
+def _all_stop(network: RoadNetwork, site: Site, _: Template) -> bool:
+    waiting = (network.connections[index].must_stop for index in site.crossing)
+    return site.kind is not SiteKind.STOP_JUNCTION or all(waiting)
+
+
+def _ends_free(network: RoadNetwork, site: Site, _: Template) -> bool:
+    stopping = (network.connections[index].must_stop for index in site.connections)
+    return site.kind is not SiteKind.MULTI_LANE_ROAD or not any(stopping)
+
+
+_CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] = {
+    f"less than {_LONG_ENOUGH_M:.0f} m of road without a junction or a turning lane": _long_enough,
+    f"less than {_MOTORWAY_M:.0f} m on which nobody joins or leaves": _motorway_long_enough,
+    f"a bridge, less than {_NO_BRIDGE_M:.0f} m away, where traffic of both roads meets": _far_from_bridges,
+    LITTLE_BEHIND: _leads_on,
+    "no second lane that leads on beside the EMV's": _has_lanes,
+    "a turn, where the EMV has to go straight on": _goes_straight_on,
+    "crossing traffic without a stop sign": _all_stop,
+    "a stop sign at its end": _ends_free,
+}
+"""What good sites have, by what they lack otherwise."""
+_SHOULDER: Final = "a shoulder, and others have none"
+_JOINED: Final = f"a junction in its first {_LONG_ENOUGH_M:.0f} m, and others have none"
+
+
+def _usable_m(network: RoadNetwork, site: Site) -> float:
+    """Length of the stretch; of queues, where it has no more lanes than lead on, and as far as no junction is there."""
+    if site.kind is not SiteKind.QUEUED_APPROACH:
+        return site.length_m
+    plain = [edge for edge in site.stretch if len(driving_lanes(network, edge)) == len(site.connections)]
+    return quiet_reach_m(network, site.approach_lane, EdgeGraph.of(network).route_length_m(plain))
+
+
+def _approach(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
+    try:
+        return approach_to(network, site, emv, DemandConfig())
+    except MapError as error:
+        return Approach(_UNREACHABLE, error.allowed)
+
+
+def sites_to_try(network: RoadNetwork, template: Template, seed: int, pinned: str, shown_map: str) -> SitesToTry:
+    """The pinned site alone, or the good sites in an order that the seed draws, then the others, best first.
+
+    The level does not enter, nor do values that differ from the template's file.
+
+    Raises:
+        MapError: The map has no site of the template's kind.
+        InputError: No site has the pinned name.
+    """
+    ranked = [site for site, _ in ranked_sites(network, template)]
+    if not ranked:
+        raise MapError(shown_map, REQUIREMENTS[template.site_kind])
+    best = find_sites(network, template.site_kind)[0]
+    if pinned:
+        sites = tuple(site for site in ranked if site.name == pinned)
+        if not sites:
+            names = ", ".join(site.name for site in ranked)
+            raise InputError("site", pinned, f"a site of {template.template_id} on {shown_map}: {names}")
+        return SitesToTry(sites, sites[0], shown_map)
+    good = good_sites(network, template)
+    drawn = [good[place] for place in random_stream(seed, "site").permutation(len(good))]
+    return SitesToTry((*drawn, *(site for site in ranked if site not in good)), best, shown_map)
+
+
+def plan_at_site(
+    network: RoadNetwork,
+    to_try: SitesToTry,
+    template: Template,
+    seed: int,
+    drivers: DriverPopulation,
+    dimensions: Mapping[ActorClass, Dimensions],
+) -> tuple[Site, TrafficPlan]:
+    """The first site at which the template's EMVs and groups can start, and the traffic there.
+
+    Args:
+        network: The map.
+        to_try: Sites in order.
+        template: The scenario with its values.
+        seed: The episode's seed.
+        drivers: Population from which drivers are drawn.
+        dimensions: Length, width and height of each vehicle class in metres.
+
+    Raises:
+        MapError: No site will do. It says what the map lacks, and what the best site does.
+    """
+    reasons = {}
+    for site in to_try.sites:
+        try:
+            return site, plan_traffic(network, site, template, seed, drivers, dimensions)
+        except MapError as error:
+            reasons[site.name] = error.allowed
+    best, count = to_try.best.name, len(to_try.sites)
+    places = "the only place of this kind" if count == 1 else f"the best of {count} places of this kind"
+    allowed = f"{REQUIREMENTS[template.site_kind]}, and that is {reasons[best]} ({places} is {best})"
+    raise MapError(to_try.shown_map, allowed)

@@ -1,0 +1,243 @@
+"""Publishers and subscriptions of the table's topics, with their quality of service, and timers by wall time.
+
+A watch notices publishers on a topic that a run does not know. What a subscription receives does not say who sent it
+(rclpy passes no identity of the publisher on). But DDS matches a publisher with a subscription before the first message
+of it arrives, and tells how many have matched so far. So a topic on which a run decides has exactly the publishers that
+the run knows, or the run ends.
+"""
+
+import time
+from collections.abc import Callable, Collection
+from functools import cache
+from importlib import import_module
+from typing import Any, Final
+
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from siren_ros.data.interfaces.topics import OBSERVED, STEERED_FROM_OUTSIDE, STEP_DONE, Topic
+from siren_ros.running.ros.transport.direct import direct
+
+_NAME_PATIENCE_S: Final = 2.0
+"""Discovery learns of a publisher before it learns the name of its node: a little, or more on a busy machine."""
+_POLL_S: Final = 0.01
+_UNNAMED: Final = "_NODE_NAME_UNKNOWN_"
+"""What the middleware says where it has not learned the name."""
+
+
+class PublisherWatch:
+    """Counts the publishers that a subscription has met.
+
+    Publishers of other programs may come and go until ``bind``: a user may start a stack twice. From then on, and on
+    the topics of the platform's own nodes from the start, one more than the run knows is a stranger, even if it has
+    left again.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: Topic,
+        on_stranger: Callable[[str], None],
+        nodes: Collection[str] | None = None,
+        others: int | None = None,
+    ) -> None:
+        """Watches nothing yet: ``callbacks`` go to the subscription.
+
+        Args:
+            node: Whose view of the graph names the publishers.
+            topic: The topic of the subscription.
+            on_stranger: Gets the text of the error, once.
+            nodes: The platform's own nodes that publish on the topic, one publisher each; by default as in the table.
+            others: How many publishers of other programs the run expects; by default as in the table.
+        """
+        external = topic.name in STEERED_FROM_OUTSIDE
+        self._node = node
+        self._topic = topic
+        self._on_stranger = on_stranger
+        self._names = frozenset(() if external else (topic.publisher,)) if nodes is None else frozenset(nodes)
+        self._known = len(self._names) + (int(external) if others is None else others)
+        self._limit = self._known
+        self._bound = self._known == len(self._names)
+        self._total = self._current = 0
+        self._told = False
+        self.on_left: Callable[[], None] = lambda: None
+        """Called when a publisher is gone."""
+
+    @property
+    def callbacks(self) -> SubscriptionEventCallbacks:
+        """For the subscription to the topic."""
+        return SubscriptionEventCallbacks(matched=self._on_matched)
+
+    def bind(self) -> None:
+        """From now on nobody may come beyond those that the run knows; some of these may not have been met yet."""
+        if not self._bound:
+            self._bound = True
+            self._limit = self._total + max(0, self._known - self._current)
+            if self._current > self._known:
+                self._tell(self._current - self._known)
+            self._names |= frozenset(self._publishers_when(lambda nodes: _UNNAMED not in nodes))
+
+    def present(self) -> frozenset[str]:
+        """Nodes that publish now."""
+        return frozenset(self._publishers())
+
+    def departed(self) -> frozenset[str]:
+        """Nodes that published when the watch was bound, and do not any more."""
+        return self._names - self.present()
+
+    def _publishers(self) -> list[str]:
+        return [info.node_name for info in self._node.get_publishers_info_by_topic(self._topic.name)]
+
+    def _publishers_when(self, is_enough: Callable[[list[str]], bool]) -> list[str]:
+        """Nodes of the publishers; discovery gets a moment to learn names until they are enough."""
+        until_s = time.monotonic() + _NAME_PATIENCE_S
+        while not is_enough(nodes := self._publishers()) and time.monotonic() < until_s:
+            time.sleep(_POLL_S)
+        return nodes
+
+    def _on_matched(self, status: Any) -> None:
+        left = status.current_count < self._current
+        self._total, self._current = status.total_count, status.current_count
+        if self._bound and self._total > self._limit:
+            self._tell(self._total - self._limit)
+        elif left:
+            self.on_left()
+
+    def stranger(self) -> str:
+        """What is wrong if more publish now than the run knows, else an empty text.
+
+        The executor may hand a message over before it tells of the publisher.
+        """
+        known = self._known if self._bound else max(self._known, self._current)
+        present = self._publishers()
+        return self._text(len(present) - known) if len(present) > known else ""
+
+    def _tell(self, strangers: int) -> None:
+        if not self._told:
+            self._told = True
+            self._on_stranger(self._text(strangers))
+
+    def _text(self, strangers: int) -> str:
+        several = "s" if strangers > 1 else ""
+        return (
+            f"{self._topic.name}: {strangers} publisher{several} that this episode does not know "
+            f"({self._strangers()}); each episode needs a ROS_DOMAIN_ID of its own"
+        )
+
+    def _strangers(self) -> str:
+        """What is known of the nodes that are too many."""
+        known = {*self._names, _UNNAMED}
+        nodes = self._publishers_when(lambda nodes: len(nodes) <= self._known or not known.issuperset(nodes))
+        names = {*nodes} - known or ({*nodes} - {_UNNAMED} if len(nodes) > self._known else set())
+        return ", ".join(f"node {name}" for name in sorted(names)) or "it has left again"
+
+
+STREAM_DEPTH: Final = 8
+"""The lockstep keeps at most two steps in flight, so a participant can never miss one. A passive
+subscriber that falls behind loses its own oldest messages and slows nobody."""
+REPORT_DEPTH: Final = 64
+"""Of StepDone: every participant may report at once. Also of the copies for programs that only watch."""
+
+
+@cache
+def message_class(type_name: str) -> Any:
+    """The Python class of a type such as ``siren_msgs/msg/Event``."""
+    package, _, name = type_name.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+def qos_of(topic: Topic) -> QoSProfile:
+    """Everything is reliable; what is said once is kept for late subscribers."""
+    many = topic == STEP_DONE or topic in OBSERVED.values()
+    depth = REPORT_DEPTH if many else STREAM_DEPTH
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=1 if topic.latched else depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+class Output:
+    """The publisher of a topic; it takes encoded messages."""
+
+    def __init__(self, node: Node, topic: Topic) -> None:
+        """Create the publisher."""
+        self._publisher: Any = node.create_publisher(message_class(topic.type_name), topic.name, qos_of(topic))
+        self._name = "" if topic.latched else topic.name
+        self.get_subscription_count: Callable[[], int] = self._publisher.get_subscription_count
+        self.wait_for_all_acked: Callable[[Duration], bool] = self._publisher.wait_for_all_acked
+
+    def publish(self, cdr: bytes) -> None:
+        """Publish an encoded message."""
+        if not direct.take(self._name, cdr, self.get_subscription_count):
+            self._publisher.publish(cdr)
+
+
+def create_output(node: Node, topic: Topic) -> Output:
+    """The publisher of a topic."""
+    return Output(node, topic)
+
+
+def create_input(
+    node: Node, topic: Topic, callback: Callable[[bytes], None], watch: PublisherWatch | None = None, depth: int = 0
+) -> Any:
+    """A subscription to a topic; the callback gets the encoded message, and the watch learns of the publishers.
+
+    A depth is the number of messages that may wait, in place of the table's.
+    """
+    callbacks = None if watch is None else watch.callbacks
+    kind, quality = message_class(topic.type_name), qos_of(topic)
+    quality.depth = depth or quality.depth
+    return node.create_subscription(kind, topic.name, callback, quality, raw=True, event_callbacks=callbacks)
+
+
+PATIENCE_S: Final = 10.0
+"""A subscriber without an answer for this time hangs or is dead. Fast DDS sends lost data again after at most 3 s, and
+after a second loss 3 s later."""
+
+
+class AcknowledgedOutput:
+    """A publisher that loses no message on the way to a subscriber, also a large one that is sent in many fragments.
+
+    Fast DDS keeps the last messages of a topic. A new message replaces the oldest, even one that has not arrived. Fast
+    DDS asks for acknowledgements when its history is full, and otherwise every 3 s. So this publisher has a history of
+    one message: its acknowledgement comes after 6 ms, and missing fragments are sent again at once. The depth of a
+    publisher's history does not affect which subscribers match it.
+    """
+
+    def __init__(self, node: Node, topic: Topic) -> None:
+        """Create the publisher; ImportError, AttributeError or ValueError where the type is not installed."""
+        self.topic = topic
+        quality = qos_of(topic)
+        quality.depth = 1
+        self._publisher: Any = node.create_publisher(message_class(topic.type_name), topic.name, quality)
+        self._waits_since_s: float | None = None
+        self.deaf = False
+        """Whether a subscriber has not answered in time; it is not waited for until all have answered again."""
+
+    def is_ready(self, now_s: float) -> bool:
+        """Whether every subscriber has the last message, or does not answer any more; does not wait."""
+        if self.wait_acknowledged(0.0):
+            self._waits_since_s, self.deaf = None, False
+            return True
+        if self._waits_since_s is None:
+            self._waits_since_s = now_s
+        self.deaf = self.deaf or now_s - self._waits_since_s > PATIENCE_S
+        return self.deaf
+
+    def publish(self, cdr: bytes) -> None:
+        """Publish an encoded message."""
+        self._publisher.publish(cdr)
+
+    def wait_acknowledged(self, timeout_s: float) -> bool:
+        """Whether every subscriber has everything, now or within a time."""
+        return bool(self._publisher.wait_for_all_acked(Duration(seconds=timeout_s)))
+
+
+def create_wall_timer(node: Node, period_s: float, callback: Callable[[], None]) -> Any:
+    """A timer of a node that runs by the steady clock, whatever ``/clock`` says."""
+    return node.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))

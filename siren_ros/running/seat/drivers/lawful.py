@@ -1,0 +1,278 @@
+"""A driver that makes way: to the side, and to a stop, until the last emergency vehicle has passed."""
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+from typing import Final
+
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.running.seat.drivers.habits import Habits
+from siren_ros.running.seat.gaps import COMES_S, is_free
+from siren_ros.running.seat.sight import Sight, Siren
+from siren_ros.running.seat.speeds import (
+    emv_waits,
+    indicators,
+    speed_to_junction,
+    speed_to_leader,
+    speed_to_limit,
+    speed_to_passing_emv,
+    speed_to_red,
+)
+from siren_ros.running.seat.steering import steered
+from siren_ros.simulation.world.actors import Lights, indicator_to
+from siren_ros.simulation.world.commands import AvControl
+
+_SHIFT_MPS: Final = 1.0
+"""Speed sideways."""
+_EDGE_M: Final = 0.15
+"""Kept to the edge of the road or of the lane."""
+_OVER_M: Final = 0.6
+"""How far a driver that makes way to the wrong side goes over its lane's line."""
+_GENTLE_MPS2: Final = 2.0
+_MANOEUVRE_MPS: Final = 5.0
+"""Speed while it moves aside."""
+_CRAWL_MPS: Final = 2.5
+"""Speed of a driver that has to move and should not: behind an EMV that is too near, and on its way aside."""
+_LINE_M: Final = 1.0
+"""Kept to a junction that it does not enter."""
+_SIGNAL_S: Final = 1.2
+"""The indicator shows for this long before a move to the side."""
+_SIGNALLED_M: Final = 0.8
+"""A longer move to the side in traffic is signalled."""
+_AGAIN_M: Final = 80.0
+"""Gap at which a driver notices the siren of a further EMV."""
+_NEAR_M: Final = 25.0
+"""A driver does not move into the way of an EMV that is this near."""
+_QUEUES_M: Final = 12.0
+"""Distance to an EMV that stands in traffic, behind which others queue."""
+_ASIDE_M: Final = 1.2
+"""An EMV farther to the side does not come from straight behind."""
+_ROLLS_MPS: Final = 1.0
+_LAG_M: Final = 0.5
+_THERE_M: Final = 0.35
+"""A driver that is as near to where it means to stand is there…"""
+_CLOSE_M: Final = 0.1
+"""…or as near as this where the EMV needs the width between two queues."""
+_TRIES_S: Final = 3.0
+_TRIED_M: Final = 0.5
+"""A driver that has come no farther in this time has no way to that side."""
+_SLOWER_MPS: Final = 2.0
+_SLOWS_S: Final = 3.0
+"""By which, and for how long, a driver slows as it begins to make way."""
+_CHASE_M: Final = 60.0
+_CHASED_M: Final = 10.0
+"""Gap up to which a driver chases an EMV, and that it keeps."""
+_FASTEST_CHASE_MPS: Final = 15.0
+_SLOW_MPS: Final = 8.0
+"""Traffic that is slower may come to walking pace: a corridor is opened before."""
+
+
+class Phase(Enum):
+    """What the driver is about."""
+
+    DRIVES = auto()
+    MAKES_WAY = auto()
+    RETURNS = auto()
+
+
+@dataclass(frozen=True)
+class LawfulState:
+    """Of the driver."""
+
+    phase: Phase = Phase.DRIVES
+    since: int = 0
+    """Step at which the phase began."""
+    heard: int = -1
+    """Step since which a siren has been heard without interruption; −1 for none."""
+    offset_m: float = 0.0
+    """Where it means to be across its way, left positive."""
+    side: float = -1.0
+    """To which it made way."""
+    speed_mps: float = 0.0
+    """Speed as it began to."""
+
+
+@dataclass(frozen=True)
+class LawfulDriver:
+    """Signals, goes to the side and stands there until the last EMV has passed; then it goes back and drives on.
+
+    It does not stand in a junction and does not cross a red line, as far as its habits say so.
+    """
+
+    habits: Habits
+
+    @property
+    def start(self) -> LawfulState:
+        """Drives in its lane."""
+        return LawfulState()
+
+    def step(self, state: LawfulState, sight: Sight) -> tuple[LawfulState, AvControl]:
+        """The answer to a step."""
+        state = self._decided(state, sight)
+        target, lights = self._target(state, sight)
+        if state.phase is Phase.RETURNS and not self._is_free(target, sight):
+            target = _middle_m(sight)
+        most = _SHIFT_MPS * STEP_S
+        moved = state.offset_m + min(max(target - state.offset_m, -most), most)
+        if sight.speed_mps < _ROLLS_MPS:  # the wheels do not go to the side
+            moved = min(max(moved, sight.left_m - _LAG_M), sight.left_m + _LAG_M)
+        state = replace(state, offset_m=moved if self._is_free(moved, sight) else sight.left_m)
+        wanted = min(self._speed(state, sight), speed_to_leader(sight, state.offset_m))
+        if state.phase is Phase.MAKES_WAY and not sight.in_junction:
+            wanted = min(wanted, speed_to_passing_emv(sight))
+        if state.phase is Phase.DRIVES:  # it does not pass others in its lane
+            wanted = min(wanted, speed_to_leader(sight, 0.0))
+        if self.habits.clears_junctions:
+            wanted = min(wanted, speed_to_junction(sight))
+        if self.habits.stops_at_red:
+            wanted = min(wanted, speed_to_red(sight))
+        hardest = self.habits.brakes_mps2 if state.phase is Phase.MAKES_WAY else Habits.brakes_mps2
+        return state, steered(sight, wanted, state.offset_m, lights, hardest)
+
+    def _decided(self, state: LawfulState, sight: Sight) -> LawfulState:
+        """The state with the phase that sirens ask for."""
+        habits, again = self.habits, state.phase is Phase.RETURNS
+        reach_m = _AGAIN_M if again else habits.heard_m
+        deaf = not habits.hears or (again and not habits.waits_for_all)
+        calling = not deaf and any(siren.behind and siren.gap_m <= reach_m for siren in sight.sirens)
+        state = replace(state, heard=-1 if not calling else state.heard if state.heard >= 0 else sight.step)
+        if state.phase is Phase.MAKES_WAY:
+            if habits.splits_queues and self._splits(state, sight):
+                state = replace(state, side=1.0)
+            back = habits.returns and not self._has_to_wait(sight)
+            return replace(state, phase=Phase.RETURNS, since=sight.step) if back else state
+        if calling and (sight.step - state.heard) * STEP_S >= (0.0 if again else habits.reaction_s):
+            return replace(
+                state, phase=Phase.MAKES_WAY, since=sight.step, side=self._side(sight), speed_mps=sight.speed_mps
+            )
+        if again and abs(sight.left_m) < 0.3 and abs(state.offset_m) < 0.05:
+            return replace(state, phase=Phase.DRIVES, since=sight.step)
+        return state
+
+    def _side(self, sight: Sight) -> float:
+        row = sight.way.row(sight.s_m)
+        left = self.habits.by_lane and bool(sight.way.leftmost[row] and sight.way.duty[row])
+        return 1.0 if left is not self.habits.other_side else -1.0
+
+    def _splits(self, state: LawfulState, sight: Sight) -> bool:
+        """Whether a queue has kept it from going to the right in the leftmost of several lanes."""
+        way, row = sight.way, sight.way.row(sight.s_m)
+        tried = (sight.step - state.since) * STEP_S > _TRIES_S and abs(sight.left_m) < _TRIED_M
+        in_queue = tried and sight.speed_mps < _CRAWL_MPS + _ROLLS_MPS and bool(way.leftmost[row])
+        return in_queue and not is_free(sight.left_m - float(way.lanes.width_m[row]), sight)
+
+    def _has_to_wait(self, sight: Sight) -> bool:
+        """Whether an EMV comes, or has passed and is still near."""
+        if not self.habits.waits_for_all:
+            return not any(siren.along and not siren.behind for siren in sight.sirens)
+        return any(
+            siren.along and (siren.gap_m <= _AGAIN_M if siren.behind else siren.ahead_m < self._apart_m(siren))
+            for siren in sight.sirens
+        )
+
+    def _apart_m(self, passed: Siren) -> float:
+        """How far ahead an EMV has to be before the driver goes back: nearer if it stands in traffic."""
+        standing = self.habits.splits_queues and passed.speed_mps < _ROLLS_MPS
+        return min(self.habits.apart_m, _QUEUES_M) if standing else self.habits.apart_m
+
+    def _target(self, state: LawfulState, sight: Sight) -> tuple[float, int]:
+        """Where it means to be across its way, and its indicators."""
+        aside = state.phase is Phase.MAKES_WAY
+        if (chased := self._chased(sight)) is not None and not aside and not sight.in_junction:
+            return sight.left_m + chased.left_m, indicator_to(chased.left_m)
+        if state.phase is Phase.DRIVES:
+            target = self._place_in_traffic(sight)
+            move_m = target - state.offset_m
+            light = indicator_to(move_m) if abs(move_m) > _SIGNALLED_M else indicators(sight)
+            return target, light if self.habits.signals else int(Lights.NONE)
+        if sight.in_junction:
+            return (state.offset_m if aside else 0.0), int(Lights.NONE)
+        target = self._aside_m(state.side, sight) if aside else 0.0
+        if abs(target - state.offset_m) < 0.05 and aside:
+            return target, int(Lights.NONE)
+        waits = (sight.step - state.since) * STEP_S < _SIGNAL_S
+        light = indicator_to(target - state.offset_m) if self.habits.signals else int(Lights.NONE)
+        return state.offset_m if waits else target, light
+
+    def _aside_m(self, side: float, sight: Sight) -> float:
+        """Where it stands aside."""
+        habits, row = self.habits, sight.way.row(sight.s_m)
+        half_m = 0.5 * sight.width_m
+        left, right = float(sight.way.lane_left_m[row]) - half_m, float(sight.way.lane_right_m[row]) + half_m
+        if habits.other_side:
+            return left + _OVER_M if side > 0.0 else right - _OVER_M
+        if side > 0.0:
+            return max(left - _EDGE_M, 0.0)
+        if habits.by_lane and sight.way.duty[row] and not habits.uses_shoulder:
+            return min(right + _EDGE_M, 0.0)
+        edge = sight.way.right_m if habits.uses_shoulder else sight.way.driving_right_m
+        return min(float(edge[row]) + half_m + _EDGE_M, 0.0)
+
+    def _place_in_traffic(self, sight: Sight) -> float:
+        """Where it drives: to the side where slow traffic keeps a corridor open."""
+        opens = self.habits.by_lane and self.habits.hears and bool(sight.way.duty[sight.way.row(sight.s_m)])
+        return self._aside_m(self._side(sight), sight) if opens and sight.speed_mps < _SLOW_MPS else 0.0
+
+    def _speed(self, state: LawfulState, sight: Sight) -> float:
+        """The speed that it means to have but for others and for signals."""
+        cruise = speed_to_limit(sight)
+        if state.phase is not Phase.MAKES_WAY:
+            chased = self._chased(sight)
+            return min(cruise, self._speed_behind_emvs(sight)) if chased is None else _speed_of_chase(chased)
+        if self.habits.brakes_at_once and (sight.step - state.since) * STEP_S < _SLOWS_S:
+            return 0.0
+        clearing = self._speed_in_junction(sight, cruise)
+        if clearing is not None:
+            return clearing
+        if abs(sight.left_m - self._aside_m(state.side, sight)) < (_CLOSE_M if self.habits.splits_queues else _THERE_M):
+            stands = self.habits.stops and not (self.habits.splits_queues and emv_waits(sight))
+            return 0.0 if stands else min(cruise, _CRAWL_MPS)
+        if not any(siren.behind for siren in sight.sirens):  # the last one has passed
+            return min(_CRAWL_MPS, cruise)
+        least = 0.0 if (sight.step - state.since) * STEP_S < _SLOWS_S else _CRAWL_MPS
+        return min(_MANOEUVRE_MPS, max(state.speed_mps - _SLOWER_MPS, least), cruise)
+
+    def _speed_in_junction(self, sight: Sight, cruise_mps: float) -> float | None:
+        """Speed of a driver that makes way in a junction, or that cannot stop before one; None elsewhere."""
+        habits, way, row = self.habits, sight.way, sight.way.row(sight.s_m)
+        if sight.in_junction and not habits.clears_junctions:
+            return 0.0
+        if sight.in_junction or way.in_junction[way.row(sight.s_m - 0.5 * sight.length_m)]:
+            return min(cruise_mps, _MANOEUVRE_MPS)
+        ahead = way.in_junction[row : row + 25]
+        free_m = float(ahead.argmax()) - 0.5 * sight.length_m - _LINE_M if ahead.any() else math.inf
+        if free_m >= sight.speed_mps**2 / (2.0 * habits.brakes_mps2):
+            return None
+        return cruise_mps if free_m > -1.0 else min(cruise_mps, _MANOEUVRE_MPS)
+
+    def _chased(self, sight: Sight) -> Siren | None:
+        """The EMV that it drives behind, if that is its habit."""
+        passed = [one for one in sight.sirens if self.habits.chases and one.along and 0.0 < one.ahead_m < _CHASE_M]
+        return min(passed, key=lambda one: one.ahead_m, default=None)
+
+    def _is_free(self, wanted_m: float, sight: Sight) -> bool:
+        """Whether nobody is in the way of a move to the side, and no EMV comes there."""
+        move = wanted_m - sight.left_m
+        emv_comes = self.habits.waits_for_all and any(
+            one.behind and one.gap_m < _NEAR_M and one.left_m * move > 0.0 and abs(one.left_m) > _ASIDE_M
+            for one in sight.sirens
+        )
+        comes_s = COMES_S if self.habits.waits_for_all else 0.0
+        return not emv_comes and is_free(wanted_m, sight, comes_s)
+
+    def _speed_behind_emvs(self, sight: Sight) -> float:
+        """Speed behind EMVs that have passed."""
+        nearest_m = min((one.ahead_m for one in sight.sirens if one.along and not one.behind), default=math.inf)
+        free_m = max(nearest_m - self.habits.apart_m, 0.0)
+        return max(math.sqrt(2.0 * _GENTLE_MPS2 * free_m), _CRAWL_MPS if self.habits.apart_m else math.inf)
+
+
+def _middle_m(sight: Sight) -> float:
+    """The middle of the driving lane that the vehicle is in, across its way."""
+    lanes, row = sight.way.lanes, sight.way.row(sight.s_m)
+    return lanes.offset_m(row, lanes.lane_there(row, lanes.lane_at(row, sight.left_m)))
+
+
+def _speed_of_chase(emv: Siren) -> float:
+    """Speed close behind an EMV."""
+    return min(max(emv.speed_mps + 0.5 * (emv.ahead_m - _CHASED_M), 0.0), _FASTEST_CHASE_MPS)

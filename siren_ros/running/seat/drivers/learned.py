@@ -1,0 +1,107 @@
+"""A driver that has learned: a network that chooses manoeuvres, as an ONNX file with its card."""
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.errors import InputError
+from siren_ros.running.seat.features import SIZE, features_of
+from siren_ros.running.seat.manoeuvres import Aim, Manoeuvre, aim_of, by_manoeuvre
+from siren_ros.running.seat.sight import Sight
+from siren_ros.scoring.evaluation.network_file import NetworkFile, open_network
+from siren_ros.simulation.world.commands import AvControl
+
+INPUT: Final = "observation"
+"""The network's input, ``(N, SIZE)``…"""
+OUTPUT: Final = "logits"
+"""…and its output, one number for each manoeuvre."""
+SHIPPED: Final = Path("drivers", "learned.onnx")
+"""Place of the driver that the project ships, below the parameter files."""
+_NEVER: Final = -(10**9)
+DECISION_LIMIT_S: Final = 10.0
+"""Wall time of a decision; a network of this size needs microseconds, and loops in a file of others need not end."""
+_LONGEST_S: Final = 60.0
+"""Simulated time between two decisions, at most."""
+
+
+@dataclass(frozen=True)
+class LearnedState:
+    """Of the driver."""
+
+    aim: Aim = field(default_factory=Aim)
+    decided: int = _NEVER
+    """Step of the last decision."""
+
+
+@dataclass(frozen=True)
+class LearnedDriver:
+    """Chooses the manoeuvre with the greatest output, and decides as often as it did when it learned."""
+
+    network: NetworkFile
+    steps_per_decision: int
+    path: str
+
+    @property
+    def start(self) -> LearnedState:
+        """It keeps its lane until the first decision."""
+        return LearnedState()
+
+    def step(self, state: LearnedState, sight: Sight) -> tuple[LearnedState, AvControl]:
+        """The answer to a step; InputError where the network gives none."""
+        if sight.step - state.decided >= self.steps_per_decision:
+            chosen = Manoeuvre(int(np.argmax(self.outputs_of(features_of(sight)))))
+            state = LearnedState(aim_of(state.aim, chosen, sight), sight.step)
+        return state, by_manoeuvre(state.aim, sight)
+
+    def outputs_of(self, features: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """One finite number for each manoeuvre, from the ``SIZE`` features of a sight.
+
+        Raises:
+            InputError: The network fails, does not end in time, or gives other outputs.
+        """
+        import onnxruntime  # noqa: PLC0415 - as in network_file.py
+
+        options = onnxruntime.RunOptions()
+        options.log_severity_level = 4  # what fails is in the error
+        watch = threading.Timer(DECISION_LIMIT_S, setattr, (options, "terminate", True))
+        watch.daemon = True
+        watch.start()
+        try:
+            (outputs,) = self.network.session.run([OUTPUT], {INPUT: features[None]}, options)
+        except Exception as error:
+            reason = f"it did not end within {DECISION_LIMIT_S:g} s" if options.terminate else str(error)
+            raise InputError("driver", self.path, f"a network that decides ({reason:.200})") from error
+        finally:
+            watch.cancel()
+        values = np.asarray(outputs)
+        if values.shape != (1, len(Manoeuvre)) or values.dtype.kind != "f" or not np.isfinite(values).all():
+            raise InputError("driver", self.path, f"a network that gives {len(Manoeuvre)} finite numbers")
+        return values[0]
+
+
+def open_driver(path: Path) -> LearnedDriver:
+    """Loads a driver that has learned.
+
+    Raises:
+        InputError: The file, its card or its observations cannot be used.
+    """
+    network = open_network(path)
+    card = network.card.get("task")
+    task: Mapping[str, Any] = card if isinstance(card, dict) else {}
+    sizes = [each.shape[-1:] for each in network.session.get_inputs()]
+    if (sizes, task.get("observation"), task.get("action")) != ([[SIZE]], "vector", "manoeuvre"):
+        raise InputError("driver", str(path), f"a network that chooses manoeuvres by {SIZE} numbers")
+    decision_s = task.get("decision_s")
+    if not isinstance(decision_s, int | float) or not isfinite(decision_s) or not STEP_S <= decision_s <= _LONGEST_S:
+        allowed = f"a card with task.decision_s from {STEP_S:g} to {_LONGEST_S:g} s"
+        raise InputError("driver", f"{path}: {decision_s!r:.40}", allowed)
+    driver = LearnedDriver(network, round(decision_s / STEP_S), str(path))
+    driver.outputs_of(np.zeros(SIZE, np.float32))  # a network that cannot decide is refused before any episode
+    return driver

@@ -1,0 +1,174 @@
+"""The observation of the kind ``vector``: what is known of the own vehicle, the road, the EMV and the neighbours.
+
+Every value is divided by its scale and cut to [−1, 1]. Places and speeds are in the own frame: x ahead, y left.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Floats, Floats32, Rows
+from siren_ros.base.numerics.geometry import wrap_angle
+from siren_ros.running.seat.sight import Sight
+from siren_ros.simulation.world.actors import Lights
+
+NEIGHBOURS: Final = 8
+_NEAR_M: Final = 80.0
+"""Of neighbours."""
+_BENDS_M: Final = (10.0, 20.0, 40.0)
+"""Where the way's heading is looked at."""
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One number of the vector."""
+
+    name: str
+    meaning: str
+    scale: float
+    """The value that gives 1."""
+    unit: str = ""
+
+
+OWN: Final = (
+    Feature("speed", "own speed", 25.0, "m/s"),
+    Feature("acceleration", "along the vehicle", 8.0, "m/s²"),
+    Feature("wheel", "angle of the road wheels, left positive", 0.6, "rad"),
+    Feature("offset", "of the own centre from the way, left positive", 8.0, "m"),
+    Feature("heading", "own heading from the way's", math.pi, "rad"),
+    Feature("indicator_left", "1 while it is on", 1.0),
+    Feature("indicator_right", "1 while it is on", 1.0),
+    Feature("lanes_left", "number of lanes to the left of the way", 4.0),
+    Feature("lanes_right", "number of lanes to the right of the way", 4.0),
+    Feature("right_edge", "from the own centre to the right edge of the road", 10.0, "m"),
+    Feature("limit", "speed limit", 25.0, "m/s"),
+    Feature("in_junction", "1 in a junction", 1.0),
+    Feature("red", "from the own front to the next red line; 1 without one", 60.0, "m"),
+    Feature("line", "from the own front to the next line of a junction; 1 without one", 60.0, "m"),
+    *(
+        Feature(f"bend_{at:g}", f"heading of the way in {at:g} m, from its heading here", math.pi, "rad")
+        for at in _BENDS_M
+    ),
+    Feature("rest", "way that is left", 500.0, "m"),
+)
+EMV: Final = (
+    Feature("emv_here", "1 where there is another emergency vehicle", 1.0),
+    Feature("emv_siren", "1 while its siren sounds", 1.0),
+    Feature("emv_x", "place of the nearest one, those with a siren first", 100.0, "m"),
+    Feature("emv_y", "the same", 20.0, "m"),
+    Feature("emv_speed", "its speed", 25.0, "m/s"),
+    Feature("emv_cos", "cosine of its heading from the own one", 1.0),
+    Feature("emv_sin", "sine of that", 1.0),
+    Feature("emv_behind", "1 where it comes from behind on this road and has not passed", 1.0),
+)
+NEIGHBOUR: Final = (
+    Feature("here", "1 where there is a neighbour number k, the nearest first", 1.0),
+    Feature("x", "place of its centre", 80.0, "m"),
+    Feature("y", "the same", 20.0, "m"),
+    Feature("vx", "its velocity less the own one", 25.0, "m/s"),
+    Feature("vy", "the same", 25.0, "m/s"),
+    Feature("cos", "cosine of its heading from the own one", 1.0),
+    Feature("sin", "sine of that", 1.0),
+    Feature("length", "its length", 20.0, "m"),
+    Feature("width", "its width", 4.0, "m"),
+    Feature("brakes", "1 while its brake light is on", 1.0),
+)
+SIZE: Final = len(OWN) + len(EMV) + NEIGHBOURS * len(NEIGHBOUR)
+_OWN_SCALES: Final = np.array([feature.scale for feature in OWN])
+_EMV_SCALES: Final = np.array([feature.scale for feature in EMV])
+_NEIGHBOUR_SCALES: Final = np.array([feature.scale for feature in NEIGHBOUR])
+
+
+def features_of(sight: Sight) -> Floats32:
+    """The vector of a step, shape ``(SIZE,)``, each value in [−1, 1]."""
+    states, row = sight.states, sight.row
+    yaw = float(states.yaw_rad[row])
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    dx, dy = states.x_m - states.x_m[row], states.y_m - states.y_m[row]
+    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+    distance = np.hypot(dx, dy)
+    distance[row] = np.inf
+    is_emv = np.array([sight.bodies[actor_id].is_emv for actor_id in states.actor_id.tolist()])
+    vector = np.zeros(SIZE)
+    vector[: len(OWN)] = _own(sight) / _OWN_SCALES
+    others = np.isfinite(distance)
+    emvs = np.flatnonzero(is_emv & others)
+    if len(emvs):
+        silent = (states.lights[emvs] & int(Lights.SIREN)) == 0
+        nearest = int(emvs[np.lexsort((distance[emvs], silent))[0]])
+        place = float(ahead[nearest]), float(left[nearest])
+        vector[len(OWN) : len(OWN) + len(EMV)] = _emv(sight, nearest, place, yaw) / _EMV_SCALES
+        others[nearest] = False
+    near = np.flatnonzero(others & (distance < _NEAR_M))
+    near = near[np.argsort(distance[near], kind="stable")][:NEIGHBOURS]
+    if len(near):
+        block = _neighbours(sight, near, (ahead, left), (cos, sin)) / _NEIGHBOUR_SCALES
+        vector[len(OWN) + len(EMV) :][: block.size] = block.ravel()
+    return np.clip(np.where(np.isfinite(vector), vector, 1.0), -1.0, 1.0).astype(np.float32)
+
+
+def _own(sight: Sight) -> Floats:
+    states, row = sight.states, sight.row
+    way, at = sight.way, sight.way.row(sight.s_m)
+    lights = int(states.lights[row])
+    here = float(way.curve.heading_rad(sight.s_m))
+    bends = wrap_angle(way.curve.heading_rad(np.array([sight.s_m + ahead for ahead in _BENDS_M])) - here)
+    return np.array(
+        [
+            sight.speed_mps,
+            states.accel_mps2[row],
+            states.steer_rad[row],
+            sight.left_m,
+            sight.turn_rad,
+            bool(lights & Lights.INDICATOR_LEFT),
+            bool(lights & Lights.INDICATOR_RIGHT),
+            way.lanes.left[at],
+            way.lanes.right[at],
+            sight.left_m - way.right_m[at],
+            way.limit_mps[at],
+            sight.in_junction,
+            sight.red_m,
+            line_ahead_m(sight),
+            *bends.tolist(),
+            way.curve.length_m - sight.s_m,
+        ]
+    )
+
+
+def line_ahead_m(sight: Sight) -> float:
+    """From the own front to the next stop line or junction of the way; infinite without one."""
+    front = sight.s_m + 0.5 * sight.length_m
+    return min((line.at_m - front for line in sight.way.lines if line.at_m > front), default=math.inf)
+
+
+def _emv(sight: Sight, emv: int, place: tuple[float, float], yaw: float) -> Floats:
+    states, turned = sight.states, float(sight.states.yaw_rad[emv]) - yaw
+    emv_id = int(states.actor_id[emv])
+    behind = any(siren.behind for siren in sight.sirens if siren.actor_id == emv_id)
+    siren, speed = bool(states.lights[emv] & Lights.SIREN), math.hypot(states.vx_mps[emv], states.vy_mps[emv])
+    return np.array([1.0, siren, *place, speed, math.cos(turned), math.sin(turned), behind])
+
+
+def _neighbours(sight: Sight, rows: Rows, places: tuple[Floats, Floats], direction: tuple[float, float]) -> Floats:
+    """The numbers of some vehicles and people, shape ``(N, len(NEIGHBOUR))``."""
+    states, own, (cos, sin) = sight.states, sight.row, direction
+    vx, vy = states.vx_mps[rows] - states.vx_mps[own], states.vy_mps[rows] - states.vy_mps[own]
+    turned = states.yaw_rad[rows] - states.yaw_rad[own]
+    bodies = [sight.bodies[actor_id] for actor_id in states.actor_id[rows].tolist()]
+    return np.stack(
+        (
+            np.ones(len(rows)),
+            places[0][rows],
+            places[1][rows],
+            vx * cos + vy * sin,
+            vy * cos - vx * sin,
+            np.cos(turned),
+            np.sin(turned),
+            np.array([body.length_m for body in bodies]),
+            np.array([body.width_m for body in bodies]),
+            (states.lights[rows] & int(Lights.BRAKE)) != 0,
+        ),
+        axis=-1,
+    )

@@ -1,0 +1,124 @@
+"""What every driver keeps: speeds to the limit, bends, the vehicle ahead and a red line; the indicator on its way."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from siren_ros.base.numerics.braking import safe_following_mps
+from siren_ros.running.seat.sight import Sight
+from siren_ros.simulation.world.actors import Lights, indicator_to
+
+_GENTLE_MPS2: Final = 2.0
+"""Of braking, and across in bends."""
+_HEADWAY_S: Final = 1.4
+_STANDSTILL_M: Final = 2.5
+_BESIDE_M: Final = 0.25
+"""Kept to the side of the vehicle ahead."""
+_LOOK_M: Final = (0.0, 4.0, 8.0, 14.0, 20.0)
+"""Where it looks for bends."""
+_END_M: Final = 3.0
+"""Kept to the end of the way."""
+_PASSES_MPS: Final = 1.0
+"""By which a driver is slower than an EMV that passes it."""
+_PASSED_M: Final = 5.0
+"""An EMV has passed once its rear is this far ahead…"""
+_NEXT_M: Final = 4.0
+"""…or its centre this far to the side."""
+_STUCK_MPS: Final = 0.3
+_WAITS_M: Final = 15.0
+_WAITS_MPS: Final = 2.0
+"""Gap and speed of an EMV that does not get past."""
+_LINE_M: Final = 1.0
+"""Kept to a stop line."""
+_SEEN_ROWS: Final = 80
+"""Rows of the way that are looked at for junctions."""
+_SIGNALS_S: Final = 2.0
+_SLOW_MPS: Final = 5.0
+"""Somebody slower may come to stand."""
+_LATE_MPS2: Final = 5.0
+"""A driver that would have to brake harder before a red line does not stop any more."""
+
+
+def speed_to_limit(sight: Sight) -> float:
+    """The speed limit, slower before bends and before the end of the way, m/s."""
+    way, curve = sight.way, sight.way.curve
+    at = [sight.s_m + ahead for ahead in _LOOK_M]
+    headings = curve.heading_rad([min(s, curve.length_m) for s in at]).tolist()
+    least = float(way.limit_mps[way.row(sight.s_m)])
+    for k in range(len(at) - 1):
+        bend_1pm = abs(math.remainder(headings[k + 1] - headings[k], 2.0 * math.pi)) / (at[k + 1] - at[k])
+        if bend_1pm > 0.01:
+            least = min(least, math.sqrt(_GENTLE_MPS2 / bend_1pm + 2.0 * _GENTLE_MPS2 * _LOOK_M[k]))
+    rest_m = max(curve.length_m - sight.s_m - _END_M, 0.0)
+    return min(least, math.sqrt(2.0 * _GENTLE_MPS2 * rest_m))
+
+
+def speed_to_leader(sight: Sight, offset_m: float) -> float:
+    """Speed behind who is ahead at an offset from the way or at the present one; infinite without anybody, m/s."""
+    least = math.inf
+    for other in sight.others:
+        across = min(abs(other.left_m - offset_m), abs(other.left_m - sight.left_m))
+        if other.gap_m > -1.5 and across < other.half_width_m + 0.5 * sight.width_m + _BESIDE_M:
+            free_m, speed_mps = max(other.gap_m - _STANDSTILL_M, 0.0), max(other.speed_mps, 0.0)
+            least = min(least, safe_following_mps(speed_mps, free_m, _GENTLE_MPS2, _HEADWAY_S))
+    return least
+
+
+def speed_to_passing_emv(sight: Sight) -> float:
+    """Speed at which an EMV beside the own vehicle gets ahead of it; infinite where none passes, m/s.
+
+    Beside one that squeezes through, or that is very close, it stands.
+    """
+    least = math.inf
+    for siren in sight.sirens:
+        if siren.along and siren.gap_m < 0.0 and siren.ahead_m < _PASSED_M and abs(siren.left_m) < _NEXT_M:
+            apart_m = abs(siren.left_m) - 0.5 * (sight.width_m + sight.bodies[siren.actor_id].width_m)
+            if apart_m < _BESIDE_M or _STUCK_MPS < siren.speed_mps < _WAITS_MPS:
+                return 0.0
+            if siren.speed_mps > _STUCK_MPS:
+                least = min(least, siren.speed_mps - _PASSES_MPS)
+    return least
+
+
+def emv_waits(sight: Sight) -> bool:
+    """Whether an EMV does not get past the own vehicle: it almost stands close behind, or beside it."""
+    return any(siren.behind and siren.gap_m < _WAITS_M and siren.speed_mps < _WAITS_MPS for siren in sight.sirens)
+
+
+def speed_to_red(sight: Sight) -> float:
+    """Speed before the next red line; infinite without one, and where it is too late to stop, m/s."""
+    if sight.red_m == math.inf or sight.red_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
+        return math.inf
+    return math.sqrt(2.0 * _GENTLE_MPS2 * max(sight.red_m - _LINE_M, 0.0))
+
+
+def speed_to_junction(sight: Sight) -> float:
+    """Speed before a junction that somebody slow keeps the own vehicle from leaving; infinite without one, m/s."""
+    way, row = sight.way, sight.way.row(sight.s_m)
+    ahead = way.in_junction[row : row + _SEEN_ROWS]
+    if not ahead.any() or ahead[0]:
+        return math.inf
+    first = int(ahead.argmax())
+    inside = ahead[first:]
+    front_m = 0.5 * sight.length_m
+    entry_m = first - front_m
+    exit_m = first + (len(inside) if inside.all() else int((~inside).argmax())) - front_m
+    if entry_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
+        return math.inf
+    for other in sight.others:
+        across = min(abs(other.left_m), abs(other.left_m - sight.left_m))
+        in_the_way = across < other.half_width_m + 0.5 * sight.width_m
+        if in_the_way and 0.0 < other.gap_m < exit_m + sight.length_m + _STANDSTILL_M and other.speed_mps < _SLOW_MPS:
+            return math.sqrt(2.0 * _GENTLE_MPS2 * max(entry_m - _LINE_M, 0.0))
+    return math.inf
+
+
+def indicators(sight: Sight) -> int:
+    """The indicator for a lane change that the way has soon."""
+    row = sight.way.row(sight.s_m)
+    reach = row + 1 + int(max(sight.speed_mps, 1.0) * _SIGNALS_S)
+    soon = sight.way.changes[row:reach]
+    if sight.in_junction or not soon.any():
+        return int(Lights.NONE)
+    return indicator_to(float(soon[np.flatnonzero(soon)[0]]))

@@ -1,0 +1,153 @@
+"""Runs a study: finished episodes are verified and kept, the others are made, the table is written."""
+
+import time
+from collections import Counter
+from contextlib import closing
+from dataclasses import dataclass, fields
+from typing import Any, Final
+
+from tqdm import tqdm
+
+from siren_ros.base.tables.brief import Brief, data_frame
+from siren_ros.errors import InputError
+from siren_ros.running.studies.episode_row import EpisodeRow, Status, path_of
+from siren_ros.running.studies.matrix import PlannedEpisode, Study, plan_study
+from siren_ros.running.studies.study_folder import StudyFolder, is_finished, read_table, write_study, write_table
+from siren_ros.running.studies.workers import WorkerOptions, Workers
+
+TABLE_EVERY_S: Final = 60.0
+"""Wall time between two writes of the table; the row next to each bag is written at once."""
+
+
+@dataclass(frozen=True)
+class StudyResult(Brief):
+    """What became of a study."""
+
+    rows: tuple[EpisodeRow, ...]
+    """Of this study's episodes, in their order."""
+    kept: int
+    """Episodes that were finished before."""
+
+    def facts(self) -> dict[str, object]:
+        """How many episodes became what."""
+        ends = Counter(row.status.value for row in self.rows)
+        return {"episodes": len(self.rows), "kept": self.kept, **ends}
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame`` with a row for each episode and the columns of ``manifest.parquet``.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        names = [column.name for column in fields(EpisodeRow)]
+        return data_frame({name: [getattr(row, name) for row in self.rows] for name in names})
+
+
+class StudyObserver:
+    """Watches how a study goes; a command shows it as a bar."""
+
+    def plan(self, episodes: int) -> None:
+        """Before anything else: the number of episodes."""
+
+    def keep(self, row: EpisodeRow) -> None:
+        """An episode that was finished before."""
+
+    def make(self, row: EpisodeRow) -> None:
+        """An episode that has an answer now."""
+
+
+class StudyBar(StudyObserver):
+    """A progress bar with the rate and the time left."""
+
+    def __init__(self, bar: "tqdm[Any]") -> None:
+        self._bar = bar
+        self._counts: Counter[str] = Counter()
+        self._simulated_s = 0.0
+
+    def plan(self, episodes: int) -> None:
+        """As ``StudyObserver``."""
+        self._bar.reset(episodes)
+
+    def keep(self, row: EpisodeRow) -> None:  # noqa: ARG002 - the interface
+        """As ``StudyObserver``."""
+        if not self._bar.disable:
+            self._bar.initial += 1  # it took no time, so that it does not count for the rate
+            self._bar.update(1)
+
+    def make(self, row: EpisodeRow) -> None:
+        """As ``StudyObserver``."""
+        if self._bar.disable:
+            return
+        self._counts["retried"] += row.attempts - 1
+        self._counts[row.status.value] += 1
+        self._simulated_s += row.simulated_s
+        counts = {name: count for name, count in self._counts.items() if count and name != Status.COMPLETE.value}
+        factor = self._simulated_s / max(self._bar.format_dict["elapsed"], 1e-3)
+        self._bar.set_postfix({"simulated": f"{factor:.1f}x", **counts}, refresh=False)
+        self._bar.update(1)
+
+
+def run_study(
+    study: Study,
+    folder: StudyFolder,
+    workers: Workers,
+    options: WorkerOptions | None = None,
+    observer: StudyObserver | None = None,
+) -> StudyResult:
+    """Makes all episodes of a study that are not finished yet. Episodes of earlier studies in the folder stay.
+
+    Raises:
+        InputError: The study cannot be used, the folder cannot be written, or it holds an episode of the same name
+            that was made from something else.
+    """
+    observer = observer or StudyObserver()
+    planned = plan_study(study)
+    observer.plan(len(planned))
+    known = {row.episode: row for row in read_table(folder)}
+    rows: dict[str, EpisodeRow] = {}
+    for episode in planned:
+        row = finished_row(episode, folder, known.get(episode.name))
+        if row is not None:
+            rows[episode.name] = row
+            observer.keep(row)
+    write_study(folder, study.to_json())  # not of a study that was refused
+    folder.clear_scratch()
+    kept, next_table_s = len(rows), time.monotonic() + TABLE_EVERY_S
+    todo = [episode for episode in planned if episode.name not in rows]
+    try:
+        with closing(workers.rows(todo, folder, options or WorkerOptions())) as new_rows:
+            for row in new_rows:
+                rows[row.episode] = row
+                observer.make(row)
+                if (began_s := time.monotonic()) >= next_table_s:
+                    _write_rows(folder, rows)
+                    # A table of a million rows takes seconds: writing it stays a small part of the time.
+                    next_table_s = time.monotonic() + max(TABLE_EVERY_S, 20.0 * (time.monotonic() - began_s))
+    finally:
+        _write_rows(folder, rows)
+        folder.clear_scratch()
+    return StudyResult(tuple(rows[episode.name] for episode in planned), kept)
+
+
+def _write_rows(folder: StudyFolder, rows: dict[str, EpisodeRow]) -> None:
+    """Writes the table with these rows; others, which another run may have written since this one began, stay."""
+    write_table(folder, ({row.episode: row for row in read_table(folder)} | rows).values())
+
+
+def finished_row(episode: PlannedEpisode, folder: StudyFolder, known: EpisodeRow | None) -> EpisodeRow | None:
+    """The row of an episode that was finished before; None where it has to be made.
+
+    The bag's bytes are hashed and compared with the row.
+
+    Raises:
+        InputError: The folder has an episode of this name that was made from something else.
+    """
+    row = known if known is not None and is_finished(folder, known) else None
+    if row is None:  # a coordinator that was killed wrote no table, or an older one
+        row = folder.row_of(path_of(episode.group, episode.name))
+        if row is None or not is_finished(folder, row):
+            return None
+    if row.inputs_sha256 != episode.inputs_sha256:
+        allowed = f"a new folder; this one has {row.episode} made from other inputs, files or versions"
+        raise InputError("out", folder.place, allowed)
+    return row

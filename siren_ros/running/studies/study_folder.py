@@ -1,0 +1,294 @@
+"""Where a study's episodes lie: a folder or a URL with bags, a row next to each bag, and the table of all rows."""
+
+import hashlib
+import json
+import os
+import shutil
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cached_property
+from hashlib import file_digest
+from importlib import import_module
+from io import FileIO
+from pathlib import Path
+from typing import Any, Final
+from uuid import uuid4
+
+from siren_ros.base.params import plain_json
+from siren_ros.base.user_folder import private_folder
+from siren_ros.data.recording.bag_folder import METADATA_FILE, lock
+from siren_ros.data.recording.bag_reader import storage_files
+from siren_ros.errors import InputError, whole_file, writing
+from siren_ros.running.studies.episode_row import EpisodeRow, Status, manifest_bytes, rows_of_manifest
+
+MANIFEST: Final = "manifest.parquet"
+STUDY: Final = "study.json"
+_WORK: Final = ".work"
+_OWNER: Final = ".owner"
+"""A file in each scratch folder; the process that works there holds its lock."""
+_held: Final[dict[Path, FileIO]] = {}
+"""The locked files of this process's scratch folders."""
+
+
+class StudyFolder(ABC):
+    """Where a study is kept; several processes may use one folder, each for episodes of its own."""
+
+    @property
+    @abstractmethod
+    def place(self) -> str:
+        """Path or URL."""
+
+    @property
+    @abstractmethod
+    def scratches(self) -> Path:
+        """Local folder of the scratch folders."""
+
+    @abstractmethod
+    def take(self, bag: Path, row: EpisodeRow) -> None:
+        """Moves a finished bag to its place, then writes its row; both are whole or not there.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+
+    @abstractmethod
+    def hashes_of(self, path: str) -> tuple[str, str]:
+        """SHA-256 of a bag's storage file and of its metadata, from their bytes; empty where they are missing."""
+
+    @abstractmethod
+    def read(self, name: str) -> bytes | None:
+        """A file of the study; None where there is none."""
+
+    @abstractmethod
+    def write(self, name: str, content: bytes) -> None:
+        """Writes a file of the study; readers see the old one or the new one."""
+
+    def scratch(self) -> Path:
+        """A new local folder, for one attempt at one episode, with a lock that this process holds until it ends."""
+        while True:
+            folder = self.scratches / f"{os.getpid()}-{uuid4().hex[:12]}"
+            folder.mkdir(parents=True)
+            file = (folder / _OWNER).open("wb", buffering=0)
+            if lock(file):
+                _held[folder] = file
+                return folder
+            file.close()  # another process took the folder, which had no lock yet, for an abandoned one
+
+    def clear_scratch(self) -> None:
+        """Removes the local folders of attempts whose processes are gone; those under way stay."""
+        for folder in sorted(self.scratches.iterdir()) if self.scratches.is_dir() else ():
+            if folder not in _held:
+                _remove_abandoned(folder)
+        with suppress(OSError):
+            self.scratches.rmdir()
+
+    def note(self, row: EpisodeRow) -> None:
+        """Writes the row of an episode."""
+        self.write(f"{row.path}.json", json.dumps(row.to_json(), indent=1, sort_keys=True).encode())
+
+    def row_of(self, path: str) -> EpisodeRow | None:
+        """The row next to a bag; None where there is none, or a damaged one: its episode is made again."""
+        content = self.read(f"{path}.json")
+        try:
+            return None if content is None else EpisodeRow.from_json(dict(plain_json.load(content)))
+        except (InputError, ValueError, TypeError, RecursionError):
+            return None
+
+
+class LocalFolder(StudyFolder):
+    """A study on this machine's disks."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+
+    @property
+    def place(self) -> str:
+        """As ``StudyFolder``."""
+        return str(self._root)
+
+    @property
+    def scratches(self) -> Path:
+        """As ``StudyFolder``: on the same file system, so that finished bags are renamed and not copied."""
+        return self._root / _WORK
+
+    def take(self, bag: Path, row: EpisodeRow) -> None:
+        """As ``StudyFolder``."""
+        target = self._root / row.path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.exists():  # of an attempt whose row was not written, or of a bag that was changed since
+            shutil.rmtree(target)
+        bag.rename(target)
+        self.note(row)
+
+    def hashes_of(self, path: str) -> tuple[str, str]:
+        """As ``StudyFolder``."""
+        bag = self._root / path
+        return hashes_of_bag(bag) if bag.is_dir() else ("", "")
+
+    def read(self, name: str) -> bytes | None:
+        """As ``StudyFolder``."""
+        try:
+            return (self._root / name).read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def write(self, name: str, content: bytes) -> None:
+        """As ``StudyFolder``."""
+        target = self._root / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(target) as new:
+            new.write_bytes(content)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    try:
+        with (folder / _OWNER).open("rb", buffering=0) as file:
+            if lock(file):
+                shutil.rmtree(folder, ignore_errors=True)
+    except FileNotFoundError:  # of a version without locks, or of a process that makes it at this moment
+        owner, _, _ = folder.name.partition("-")
+        if owner.isdecimal() and not Path(f"/proc/{owner}").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+    except OSError:
+        return
+
+
+def hashes_of_bag(bag: Path) -> tuple[str, str]:
+    """SHA-256 of a bag's storage file and of its metadata; empty where they are missing."""
+    files = storage_files(bag)
+    metadata = bag / METADATA_FILE
+    return sha256_of_file(files[0]) if len(files) == 1 else "", sha256_of_file(metadata) if metadata.is_file() else ""
+
+
+def sha256_of_file(path: Path) -> str:
+    """SHA-256 of a file's bytes, as hexadecimal digits."""
+    with path.open("rb") as file:
+        return file_digest(file, "sha256").hexdigest()
+
+
+def is_finished(folder: StudyFolder, row: EpisodeRow) -> bool:
+    """Whether an episode is complete and its bag has the bytes that its row names."""
+    hashes = (row.mcap_sha256, row.metadata_sha256)
+    return row.status is Status.COMPLETE and bool(row.mcap_sha256) and folder.hashes_of(row.path) == hashes
+
+
+def write_table(folder: StudyFolder, rows: Iterable[EpisodeRow]) -> None:
+    """Writes the table of all rows."""
+    folder.write(MANIFEST, manifest_bytes(rows))
+
+
+def read_table(folder: StudyFolder) -> tuple[EpisodeRow, ...]:
+    """The rows of the study's table; none where it has not been written."""
+    content = folder.read(MANIFEST)
+    return () if content is None else rows_of_manifest(content)
+
+
+@contextmanager
+def attempt_folder(folder: StudyFolder) -> Iterator[Path]:
+    """A scratch folder that is gone afterwards, however the attempt ends."""
+    scratch = folder.scratch()
+    try:
+        yield scratch
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+        if (file := _held.pop(scratch, None)) is not None:
+            file.close()
+
+
+def write_study(folder: StudyFolder, content: dict[str, Any]) -> None:
+    """Keeps the study's description next to the episodes; InputError where the folder cannot be written."""
+    with writing(folder.place, "folder"):
+        folder.write(STUDY, json.dumps(content, indent=1, sort_keys=True).encode())
+
+
+_BLOCK_BYTES: Final = 1 << 22
+
+
+def folder_at(place: str) -> StudyFolder:
+    """The folder of a study: a path of this machine, or a URL.
+
+    Raises:
+        InputError: A URL whose file system cannot be opened here.
+    """
+    if "://" not in place:
+        return LocalFolder(Path(place))
+    folder = RemoteFolder(place)
+    try:
+        folder.opened  # noqa: B018 - for its errors
+    except ImportError as error:
+        raise InputError("out", place, f"a folder, or a URL whose package is installed ({error})") from error
+    except (OSError, ValueError) as error:
+        raise InputError("out", place, f"a URL that can be opened ({error})") from error
+    return folder
+
+
+class RemoteFolder(StudyFolder):
+    """A study behind a URL. Bags are written on the worker's own disk and uploaded when they are whole.
+
+    The row of an episode is uploaded after its bag: a bag without a row is one whose upload was cut off.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._url = url.rstrip("/")
+
+    def __reduce__(self) -> tuple[type["RemoteFolder"], tuple[str]]:
+        """Another process opens the file system itself."""
+        return RemoteFolder, (self._url,)
+
+    @cached_property
+    def opened(self) -> tuple[Any, str]:
+        """File system and place in it; raises ImportError, OSError or ValueError where it cannot be opened."""
+        file_system, root = import_module("fsspec.core").url_to_fs(self._url)  # of the extra "cluster"
+        return file_system, str(root)
+
+    @property
+    def place(self) -> str:
+        """As ``StudyFolder``."""
+        return self._url
+
+    @property
+    def scratches(self) -> Path:
+        """As ``StudyFolder``: on this machine."""
+        return private_folder(f"siren-episodes-{os.getuid()}")
+
+    def take(self, bag: Path, row: EpisodeRow) -> None:
+        """As ``StudyFolder``."""
+        file_system, root = self.opened
+        target = f"{root}/{row.path}"
+        file_system.makedirs(target, exist_ok=True)
+        for file in sorted(bag.iterdir()):
+            file_system.put_file(str(file), f"{target}/{file.name}")
+        self.note(row)
+        shutil.rmtree(bag)
+
+    def hashes_of(self, path: str) -> tuple[str, str]:
+        """As ``StudyFolder``: the bag is read once and not kept."""
+        name = path.rsplit("/", 1)[-1]
+        return self._sha256(f"{path}/{name}_0.mcap"), self._sha256(f"{path}/{METADATA_FILE}")
+
+    def _sha256(self, name: str) -> str:
+        file_system, root = self.opened
+        digest = hashlib.sha256()
+        try:
+            with file_system.open(f"{root}/{name}", "rb") as file:
+                while block := file.read(_BLOCK_BYTES):
+                    digest.update(block)
+        except FileNotFoundError:
+            return ""
+        return digest.hexdigest()
+
+    def read(self, name: str) -> bytes | None:
+        """As ``StudyFolder``."""
+        file_system, root = self.opened
+        try:
+            return bytes(file_system.cat_file(f"{root}/{name}"))
+        except FileNotFoundError:
+            return None
+
+    def write(self, name: str, content: bytes) -> None:
+        """As ``StudyFolder``: object stores replace a whole object at once."""
+        file_system, root = self.opened
+        target = f"{root}/{name}"
+        file_system.makedirs(target.rsplit("/", 1)[0], exist_ok=True)
+        file_system.pipe_file(target, content)

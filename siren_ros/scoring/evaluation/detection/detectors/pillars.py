@@ -1,0 +1,192 @@
+"""Pillars: points of sweeps gathered on a grid from above, as the detector's network gets them.
+
+After PointPillars (Lang et al. 2019).
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Floats32
+from siren_ros.base.numerics.compiled import Array, compiled
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES
+from siren_ros.simulation.world.actors import ActorClass
+
+SHIPPED_DETECTOR: Final = "pillars"
+"""Name of the detector whose weights ship."""
+SENSOR_HEIGHT_M: Final = 1.93
+"""Height above the ground of the LiDAR that networks see; sweeps from other heights are lifted to it."""
+
+
+@dataclass(frozen=True)
+class PillarGrid:
+    """Pillars in the LiDAR's frame. The cell at row 0, column 0 has the smallest x and y; rows count along y."""
+
+    half_width_m: float = 51.2
+    """Of the square of cells; points farther away than this are left out."""
+    cells: int = 400
+    """Along x and along y."""
+    low_m: float = -5.0
+    high_m: float = 3.0
+    """Points below and above are left out."""
+    sweeps: int = 10
+    """The present one and those before it, as in nuScenes."""
+    points: int = 12
+    """Most points of a pillar; of more, a random sample."""
+    pillars: int = 40000
+    """Most pillars of a frame; those that only old sweeps have are left out first."""
+
+    @property
+    def cell_m(self) -> float:
+        """Width of a pillar."""
+        return 2.0 * self.half_width_m / self.cells
+
+    def to_json(self) -> dict[str, Any]:
+        """For a network's card."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Self:
+        """Inverse of ``to_json``.
+
+        Raises:
+            InputError: A number is missing, unknown or of no use.
+        """
+        try:
+            grid = cls(**values)
+            usable = min(grid.half_width_m, grid.cells, grid.sweeps, grid.points, grid.pillars) > 0
+            usable = usable and grid.low_m < grid.high_m
+        except TypeError as error:
+            raise InputError("card", f"grid {dict(values)}", f"the fields {', '.join(asdict(cls()))}") from error
+        if not usable:
+            raise InputError("card", f"grid {dict(values)}", "numbers above 0, low_m below high_m")
+        return grid
+
+
+def class_of(actor_class: int) -> int:
+    """Index into ``CLASS_NAMES`` of a member of ``ActorClass``."""
+    name = ActorClass(actor_class).name.lower()
+    return CLASS_NAMES.index(name) if name in CLASS_NAMES else 0
+
+
+COLUMNS: Final = ("x_m", "y_m", "z_m", "intensity", "age_s")
+"""Of a point, in the LiDAR's frame at the time of the newest sweep."""
+FEATURES: Final = ("x", "y", "z", "intensity", "age", "x_mean", "y_mean", "z_mean", "x_middle", "y_middle")
+"""Of a point in a pillar, as PointPillars has them: with the way from the mean of the pillar's points and from the
+middle of the pillar. Places over the half width of the grid, heights over 2 m, ages over 0.25 s."""
+_HEIGHT_M: Final = 2.0
+_AGE_S: Final = 0.25
+
+
+@dataclass(frozen=True)
+class Pillars:
+    """The pillars of one frame that hold points: what a network gets."""
+
+    points: Floats32
+    """Columns as in ``FEATURES``, shape ``(P, grid.points, 10)``; slots that are left repeat the first point, which
+    changes no maximum over them."""
+    cell: npt.NDArray[np.int64]
+    """``row * grid.cells + column`` of each pillar, shape ``(P,)``; each cell once."""
+
+    def __len__(self) -> int:
+        return len(self.cell)
+
+
+@dataclass(frozen=True)
+class SortedPoints:
+    """Points in the slots of their pillars."""
+
+    slots: Floats32
+    """Columns as in ``COLUMNS``, shape ``(P, grid.points, 5)``; zeros behind the last point of a pillar."""
+    count: npt.NDArray[np.int64]
+    """Points of each pillar, shape ``(P,)``."""
+    cell: npt.NDArray[np.int64]
+
+
+def pillars_of(points: Floats32, grid: PillarGrid) -> Pillars:
+    """The pillars of a frame; arguments as of ``sorted_points``."""
+    held = sorted_points(points, grid)
+    features = np.empty((len(held.cell), grid.points, len(FEATURES)), dtype=np.float32)
+    _describe(held.slots, held.count, held.cell, grid.cells, grid.cell_m, grid.half_width_m, features)
+    return Pillars(features, held.cell)
+
+
+def sorted_points(points: Floats32, grid: PillarGrid) -> SortedPoints:
+    """Sorts points into pillars.
+
+    The sample of a pillar with too many points is drawn with a generator that starts the same in every frame. Points
+    have shape ``(N, 5)``, columns as in ``COLUMNS``, the newest sweep first.
+    """
+    most = min(grid.pillars, grid.cells * grid.cells)
+    slots = np.zeros((most, grid.points, len(COLUMNS)), dtype=np.float32)
+    seen, cell = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.int64)
+    pillar_of_cell = np.full(grid.cells * grid.cells, -1, dtype=np.int32)
+    limits = (grid.half_width_m, 1.0 / grid.cell_m, grid.low_m, grid.high_m)
+    filled = _sort(points, limits, grid.cells, pillar_of_cell, slots, seen, cell)
+    return SortedPoints(slots[:filled], np.minimum(seen[:filled], grid.points), cell[:filled])
+
+
+@compiled
+def _sort(
+    points: Array, limits: tuple[float, ...], cells: int, pillar_of_cell: Array, slots: Array, seen: Array, cell: Array
+) -> int:
+    """Fills the slots of the pillars; returns how many pillars there are."""
+    half_width_m, cells_per_m, low_m, high_m = limits
+    most, filled, state = slots.shape[1], 0, 1
+    for row in range(points.shape[0]):
+        column = int(np.floor((points[row, 0] + half_width_m) * cells_per_m))
+        line = int(np.floor((points[row, 1] + half_width_m) * cells_per_m))
+        if column < 0 or line < 0 or column >= cells or line >= cells:
+            continue
+        away = points[row, 0] * points[row, 0] + points[row, 1] * points[row, 1]
+        if not (low_m <= points[row, 2] <= high_m and away <= half_width_m * half_width_m):
+            continue
+        place = line * cells + column
+        pillar = pillar_of_cell[place]
+        if pillar < 0:
+            if filled == slots.shape[0]:
+                continue
+            pillar = filled
+            pillar_of_cell[place] = pillar
+            cell[pillar] = place
+            filled += 1
+        slot = seen[pillar]
+        seen[pillar] += 1
+        if slot >= most:
+            # Reservoir sampling: every point of the pillar has the same chance to stay.
+            state = (state * 1664525 + 1013904223) & 0xFFFFFFFF
+            slot = (state * (slot + 1)) >> 32
+            if slot >= most:
+                continue
+        for axis in range(points.shape[1]):
+            slots[pillar, slot, axis] = points[row, axis]
+    return filled
+
+
+@compiled
+def _describe(
+    slots: Array, count: Array, cell: Array, cells: int, cell_m: float, half_width_m: float, features: Array
+) -> None:
+    """Fills the features of all slots."""
+    for pillar in range(slots.shape[0]):
+        held = count[pillar]
+        mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
+        for slot in range(held):
+            mean_x += slots[pillar, slot, 0]
+            mean_y += slots[pillar, slot, 1]
+            mean_z += slots[pillar, slot, 2]
+        mean_x, mean_y, mean_z = mean_x / held, mean_y / held, mean_z / held
+        middle_x = (cell[pillar] % cells + 0.5) * cell_m - half_width_m
+        middle_y = (cell[pillar] // cells + 0.5) * cell_m - half_width_m
+        for place in range(slots.shape[1]):
+            slot = place if place < held else 0
+            x, y, z = slots[pillar, slot, 0], slots[pillar, slot, 1], slots[pillar, slot, 2]
+            row = features[pillar, place]
+            row[0], row[1], row[2] = x / half_width_m, y / half_width_m, z / _HEIGHT_M
+            row[3], row[4] = slots[pillar, slot, 3], slots[pillar, slot, 4] / _AGE_S
+            row[5], row[6], row[7] = x - mean_x, y - mean_y, z - mean_z
+            row[8], row[9] = x - middle_x, y - middle_y

@@ -1,0 +1,410 @@
+"""Scores of one detector, on parts of the labels, too: nuScenes' code for the tables, the jackknife for intervals."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Flags, Floats, Rows
+from siren_ros.base.tables.interval import NOTHING, Interval
+from siren_ros.scoring.evaluation.detection.boxes import (
+    CAR,
+    CLASS_NAMES,
+    PERSON_NAMES,
+    Boxes,
+    FoundBoxes,
+    TruthBoxes,
+    attributes_of,
+    labels_named,
+    names_kinds,
+)
+from siren_ros.scoring.evaluation.detection.devkit_score import (
+    DISTANCES_M,
+    DevkitScore,
+    Matches,
+    average_precision,
+    class_range_m,
+    match,
+)
+from siren_ros.scoring.evaluation.detection.frames import RANGE_M, EpisodeFrames, Frames
+from siren_ros.scoring.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.scoring.evaluation.detection.tracking import TrackingScore
+from siren_ros.scoring.evaluation.statistics import Estimate, jackknife
+from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.scenario.splits import Split, counted_standings
+from siren_ros.simulation.world.actors import FIRST_PARKED_ID, PEOPLE_CLASSES, VEHICLE_CLASSES, ActorClass, Mode
+
+_HELD: Final = (Mode.YIELD_HOLD, Mode.STOPPED)
+_YIELDING: Final = (*(mode for mode in Mode if mode.is_yielding and mode not in _HELD), Mode.REJOIN)
+_DISTANCES_M: Final = (0.0, 15.0, 30.0, RANGE_M)
+_POINTS: Final = (1.0, 5.0, 20.0, 100.0, np.inf)
+_VISIBLE: Final = (0.0, 0.4, 0.6, 0.8, np.inf)
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Labels with something in common. A detector need not find others, and finding them is no false alarm."""
+
+    group: str
+    name: str
+    labels: Callable[[Frames, TruthBoxes], Flags]
+    detections: Callable[[Frames, Boxes], Flags] | None = None
+    """Detections that can be false alarms of this subset; None for all."""
+
+
+def _parked(truth: TruthBoxes) -> Flags:
+    return np.asarray(truth.actor_id >= FIRST_PARKED_ID)
+
+
+def _of_modes(name: str, modes: tuple[Mode, ...]) -> Subset:
+    return Subset("behaviour", name, lambda _, truth: np.isin(truth.mode, modes) & ~_parked(truth))
+
+
+_SIZE_M: Final = 0.02
+
+
+def _of_class_size(truth: TruthBoxes) -> Flags:
+    """Whether labels have exactly the size of their class, as all vehicles have in episodes without ``size_spread``."""
+    known = load_vehicle_parameters()
+    sizes = {kind: (one.length_m, one.width_m, one.height_m) for kind, one in known.items()}
+    own = np.array([sizes[ActorClass(kind)] for kind in truth.actor_class.tolist()]).reshape(-1, 3)
+    return np.asarray((abs(truth.size_m - own) < _SIZE_M).all(axis=1))
+
+
+def _of_distance(low_m: float, high_m: float) -> Subset:
+    def within(frames: Frames, boxes: Boxes) -> Flags:
+        away = frames.distance_m(boxes)
+        return np.asarray((away >= low_m) & (away < high_m))
+
+    return Subset("distance", f"{low_m:.0f}-{high_m:.0f} m", within, within)
+
+
+def _of_points(low: float, high: float) -> Subset:
+    name = f"{low:.0f} and more" if np.isinf(high) else f"{low:.0f} to {high - 1.0:.0f}"
+    return Subset("LiDAR points", name, lambda _, truth: (truth.lidar_points >= low) & (truth.lidar_points < high))
+
+
+def _of_visibility(low: float, high: float) -> Subset:
+    name = f"{100.0 * low:.0f}-{min(100.0 * high, 100.0):.0f} %"
+    return Subset("visible", name, lambda _, truth: (truth.visible >= low) & (truth.visible < high))
+
+
+def _novelty(episode: EpisodeFrames, detected: FoundSet) -> str:
+    known = {True: "known from the training", False: "new to the detector"}
+    return known[episode.map_name in detected.seen.maps] if detected.seen else ""
+
+
+EPISODE_GROUPS: Final[Mapping[str, Callable[[EpisodeFrames, FoundSet], str]]] = MappingProxyType(
+    {
+        "weather": lambda episode, _: episode.look,
+        "sensors": lambda episode, _: episode.suite,
+        "map": lambda episode, _: episode.map_name,
+        "maps that are": _novelty,
+    }
+)
+"""What episodes are told apart by, each with what it is of an episode."""
+
+
+def subsets_of_episodes(frames: Frames, detected: FoundSet) -> tuple[Subset, ...]:
+    """Rows for each of ``EPISODE_GROUPS``, where the episodes differ in it."""
+    groups = {
+        group: np.array([kind_of(episode, detected) for episode in frames.episodes])
+        for group, kind_of in EPISODE_GROUPS.items()
+    }
+    return tuple(
+        _of_episodes(group, kind, of_episode == kind)
+        for group, of_episode in groups.items()
+        for kind in sorted(set(of_episode.tolist()))
+        if not (of_episode == kind).all()
+    )
+
+
+def _of_episodes(group: str, name: str, chosen: Flags) -> Subset:
+    def within(frames: Frames, boxes: Boxes) -> Flags:
+        return np.asarray(chosen[frames.episode[boxes.frame]])
+
+    return Subset(group, name, within, within)
+
+
+def _of_class(member: ActorClass) -> Subset:
+    name = member.name.lower().replace("_", " ")
+    return Subset("emergency vehicles", name, lambda _, truth: truth.actor_class == member)
+
+
+SUBSETS: Final = (
+    _of_modes("nominal", tuple(mode for mode in Mode if mode not in (*_HELD, *_YIELDING))),
+    _of_modes("yielding", _YIELDING),
+    _of_modes("held", _HELD),
+    Subset("behaviour", "parked", lambda _, truth: _parked(truth)),
+    Subset("size", "of their class", lambda _, truth: _of_class_size(truth)),
+    Subset("size", "another one", lambda _, truth: ~_of_class_size(truth)),
+    *(_of_distance(low, high) for low, high in pairwise(_DISTANCES_M)),
+    *(_of_points(low, high) for low, high in pairwise(_POINTS)),
+    *(_of_visibility(low, high) for low, high in pairwise(_VISIBLE)),
+    *(_of_class(member) for member in (ActorClass.AMBULANCE, ActorClass.FIRE_TRUCK, ActorClass.POLICE)),
+)
+"""In the order of the tables."""
+
+
+FAMILIES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {"clearance": ("S1", "S2"), "stop sign": ("S5", "S6"), "shoulder": ("S7",), "red light": ("S3", "S4")}
+)
+"""Templates of the paper's families, in its order of rising mAP."""
+
+
+@dataclass(frozen=True)
+class FamilyOrder:
+    """Shares of draws in the paper's order; values are drawn about each family's mAP, as far as its episodes allow."""
+
+    steps: Mapping[str, float]
+    """A family is below the next one, by ``clearance < stop sign`` and so on."""
+    whole: float
+    """All are in the order at once; 1 in 24 by chance."""
+
+    @classmethod
+    def of(cls, families: Mapping[str, Floats]) -> Self | None:
+        """From the mAP of each family in each draw, shape ``(R,)``; None where a family is missing."""
+        if set(families) != set(FAMILIES):
+            return None
+        rises = {f"{low} < {high}": families[low] < families[high] for low, high in pairwise(FAMILIES)}
+        steps = {name: float(rise.mean()) for name, rise in rises.items()}
+        return cls(MappingProxyType(steps), float(np.all(list(rises.values()), axis=0).mean()))
+
+    def sentence(self) -> str:
+        """For a reader of the tables."""
+        steps = ", ".join(f"{name} in {share:.0%}" for name, share in self.steps.items())
+        return f"{steps} of the draws; the paper's whole order in {self.whole:.0%}, by chance 4%"
+
+
+_DRAWS: Final = 1000
+"""For the order of the families."""
+_NAMED: Final = "found by name"
+VEHICLE_NAMES: Final = frozenset(
+    {"car", "van", "truck", "bus", "trailer", "construction_vehicle", "misc", "vehicle", "emergency_vehicle"}
+    | {member.name.lower() for member in VEHICLE_CLASSES if member not in PEOPLE_CLASSES}
+)
+"""Class names that count as the one class of vehicles, in lower case."""
+
+Names = npt.NDArray[np.str_]
+Run = Callable[[Sequence[tuple[TruthBoxes, FoundBoxes, str]]], Sequence[DevkitScore]]
+"""Scores several tables, each with its class's name, by nuScenes' code, side by side where there are processors."""
+
+
+@dataclass(frozen=True)
+class GroupScore:
+    """A subset of the labels."""
+
+    group: str
+    name: str
+    labels: int
+    mean_ap: Interval
+
+
+@dataclass(frozen=True)
+class PersonScore:
+    """One class of people, over all episodes."""
+
+    score: DevkitScore
+    mean_ap: Interval
+
+
+@dataclass(frozen=True)
+class DetectorScores:
+    """Everything about one detector."""
+
+    name: str
+    format: str
+    has_velocity: bool
+    frames: Mapping[str, int]
+    """Frames that count, by template."""
+    templates: Mapping[str, DevkitScore]
+    template_ap: Mapping[str, Interval]
+    mean_ap: Interval
+    """Mean over the templates, each counted once, as in the paper."""
+    families: Mapping[str, Interval]
+    order: FamilyOrder | None
+    """Whether the families are in the paper's order; None without all of them or without intervals."""
+    groups: tuple[GroupScore, ...]
+    truth: TruthBoxes
+    """Labels that count."""
+    found: FoundBoxes
+    """Detections that count."""
+    matches: Matches
+    people: Mapping[str, PersonScore] = field(default_factory=dict)
+    """By nuScenes' name, those of whom there is a label; they count in no other score."""
+    tracking: Mapping[str, TrackingScore] = field(default_factory=dict)
+    """By class (``score_tracking``), where tracks are scored."""
+    seen: Mapping[Split, int] = field(default_factory=dict)
+    """How many of the episodes stand how to the detector's training; empty where nothing is known or learned."""
+
+    @property
+    def mean_nds(self) -> float:
+        """Mean over the templates."""
+        return float(np.mean([score.nds for score in self.templates.values()]))
+
+
+def counted_boxes(frames: Frames, detected: FoundSet, names: frozenset[str]) -> tuple[TruthBoxes, FoundBoxes]:
+    """Boxes that count by nuScenes' protocol: within 50 m; labels with at least one LiDAR point; vehicles."""
+    return _near(frames, detected, frames.truth.at(~np.isin(frames.truth.actor_class, [*PEOPLE_CLASSES])), names)
+
+
+def counted_people(frames: Frames, detected: FoundSet, kind: ActorClass) -> tuple[TruthBoxes, FoundBoxes]:
+    """The same of a class of people, within nuScenes' range of it.
+
+    Raises:
+        InputError: nuscenes-devkit is not installed.
+    """
+    if not detected.has_attributes:
+        attribute = attributes_of(detected.boxes.velocity_mps, kind)
+        detected = replace(detected, boxes=replace(detected.boxes, attribute=attribute))
+    names = PERSON_NAMES[kind]
+    labels = frames.truth.at(frames.truth.actor_class == kind)
+    return _near(frames, detected, labels, frozenset(names), class_range_m(names[0]))
+
+
+def _near(
+    frames: Frames, detected: FoundSet, truth: TruthBoxes, names: frozenset[str], range_m: float = RANGE_M
+) -> tuple[TruthBoxes, FoundBoxes]:
+    boxes = detected.boxes
+    if not detected.has_attributes:
+        truth = replace(truth, attribute=attributes_of(truth.velocity_mps, truth.actor_class))
+    counted = (frames.distance_m(truth) < range_m) & (truth.lidar_points > 0) & detected.scored[truth.frame]
+    near = (frames.distance_m(boxes) < range_m) & detected.scored[boxes.frame]
+    return truth.at(counted), boxes.at(near & np.isin(boxes.label, sorted(names)))
+
+
+def mean_ap_of_episodes(frames: Frames, detected: FoundSet, names: frozenset[str]) -> Floats:
+    """The mAP of each episode alone, shape ``(E,)``; NaN where it has no label. Arguments as of ``score_detector``."""
+    truth, boxes = counted_boxes(frames, detected, names)
+    matches, count = match(truth, boxes), len(frames.episodes)
+    labels = np.bincount(frames.episode[truth.frame], minlength=count).astype(np.float64)
+    episode = frames.episode[boxes.at(matches.order).frame]
+    each = [average_precision(matched >= 0, episode, labels, np.eye(count)) for matched in matches.label]
+    return np.asarray(np.mean(each, axis=0))
+
+
+def score_detector(frames: Frames, detected: FoundSet, names: frozenset[str], run: Run) -> DetectorScores:
+    """All scores of one detector; ``names`` are the class names that count."""
+    truth, boxes = counted_boxes(frames, detected, names)
+    of_episode = np.array([episode.template for episode in frames.episodes])
+    of_frame = of_episode[frames.episode]
+    templates = sorted(set(of_episode.tolist()))
+    tables = [
+        (truth.at(of_frame[truth.frame] == name), boxes.at(of_frame[boxes.frame] == name), CAR) for name in templates
+    ]
+    scores = dict(zip(templates, run(tables), strict=True))
+    jackknifed = _Jackknifed(frames, truth, boxes, of_episode)
+    left_out = {name: jackknifed.mean_ap(of_frame, name) for name in templates}
+    values = {name: score.mean_average_precision for name, score in scores.items()}
+    mean = _mean(values, left_out, templates).interval()
+    families = {
+        name: _mean(values, left_out, members) for name, members in FAMILIES.items() if set(members) <= set(templates)
+    }
+    rng = np.random.default_rng(0)
+    return DetectorScores(
+        name=detected.name,
+        format=detected.format,
+        has_velocity=detected.has_velocity,
+        frames={name: int((detected.scored & (of_frame == name)).sum()) for name in templates},
+        templates=scores,
+        template_ap={name: _mean(values, left_out, [name]).interval() for name in templates},
+        mean_ap=mean,
+        families={name: estimate.interval() for name, estimate in families.items()},
+        order=FamilyOrder.of({name: estimate.draws(_DRAWS, rng) for name, estimate in families.items()})
+        if mean.bounded
+        else None,
+        groups=(
+            *(jackknifed.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames, detected))),
+            *(jackknifed.named(name) for name in (CLASS_NAMES if names_kinds(boxes) else ())),
+        ),
+        truth=truth,
+        found=boxes,
+        matches=jackknifed.matches,
+        people=_people(frames, detected, of_episode, run),
+        seen=counted_standings(
+            [detected.seen.split_of(episode.identity) for episode in frames.episodes] if detected.seen else []
+        ),
+    )
+
+
+def _people(frames: Frames, detected: FoundSet, template: Names, run: Run) -> dict[str, PersonScore]:
+    """By nuScenes' name, each class of people with a label."""
+    there = [kind for kind in PERSON_NAMES if (frames.truth.actor_class == kind).any()]
+    counted = [(*counted_people(frames, detected, kind), PERSON_NAMES[kind][0]) for kind in there]
+    tables = [table for table in counted if len(table[0])]
+    scores = run(tables) if tables else ()
+    found = {}
+    for (truth, boxes, name), score in zip(tables, scores, strict=True):
+        found[name] = PersonScore(score, _Jackknifed(frames, truth, boxes, template).whole("people", name).mean_ap)
+    return found
+
+
+def _mean(values: Mapping[str, float], left_out: Mapping[str, Floats], templates: Sequence[str]) -> Estimate:
+    """Mean over some templates; an episode changes that of its own template."""
+    value = float(np.mean([values[name] for name in templates]))
+    changed = [left_out[name] / len(templates) for name in templates]
+    stratum = np.repeat(np.arange(len(templates)), [*map(len, changed)])
+    return jackknife(value, np.concatenate(changed), stratum)
+
+
+class _Jackknifed:
+    """Average precisions without each episode."""
+
+    def __init__(self, frames: Frames, truth: TruthBoxes, boxes: FoundBoxes, template: Names) -> None:
+        self._frames, self._truth, self._given, self._template = frames, truth, boxes, template
+        self.matches = match(truth, boxes)
+        self._boxes = boxes.at(self.matches.order)
+        _, self._stratum = np.unique(template, return_inverse=True)
+        self._episode_of_box: Rows = frames.episode[self._boxes.frame]
+        self._episode_of_label: Rows = frames.episode[truth.frame]
+
+    def _mean_ap(self, labels: Flags, counted: Sequence[Flags], episodes: Rows) -> Floats:
+        """Mean over the distances: of all episodes, then without each of some, shape ``(1 + len(episodes),)``."""
+        weight = np.ones((1 + len(episodes), len(self._frames.episodes)))
+        weight[np.arange(1, len(weight)), episodes] = 0.0
+        per_episode = np.bincount(self._episode_of_label[labels], minlength=len(self._frames.episodes)).astype(float)
+        values = [
+            average_precision(matched[kept] >= 0, self._episode_of_box[kept], per_episode, weight)
+            for matched, kept in zip(self.matches.label, counted, strict=True)
+        ]
+        return np.asarray(np.mean(values, axis=0))
+
+    def mean_ap(self, template_of_frame: Names, template: str) -> Floats:
+        """Of one template, without each of its episodes."""
+        kept = template_of_frame[self._boxes.frame] == template
+        labels = template_of_frame[self._truth.frame] == template
+        return self._mean_ap(labels, [kept] * len(DISTANCES_M), np.flatnonzero(self._template == template))[1:]
+
+    def group(self, subset: Subset) -> GroupScore:
+        """Of a subset of the labels: detections of other labels do not count, false alarms do."""
+        labels = subset.labels(self._frames, self._truth)
+        if not labels.any():
+            return GroupScore(subset.group, subset.name, 0, NOTHING)
+        alarm = np.ones(len(self._boxes), dtype=np.bool_)
+        if subset.detections is not None:
+            alarm = subset.detections(self._frames, self._boxes)
+        counted = [np.where(matched >= 0, labels[matched], alarm) for matched in self.matches.label]
+        return self._scored(subset.group, subset.name, labels, counted)
+
+    def named(self, name: str) -> GroupScore:
+        """Of a class by its name: a detection with another name does not find its labels."""
+        truth = self._truth.at(labels_named(self._truth, name))
+        if not len(truth):
+            return GroupScore(_NAMED, name, 0, NOTHING)
+        boxes = self._given.at(self._given.label == name)
+        return _Jackknifed(self._frames, truth, boxes, self._template).whole(_NAMED, name)
+
+    def whole(self, group: str, name: str) -> GroupScore:
+        """Of all labels and detections."""
+        labels, counted = (np.ones(len(table), dtype=np.bool_) for table in (self._truth, self._boxes))
+        return self._scored(group, name, labels, [counted] * len(DISTANCES_M))
+
+    def _scored(self, group: str, name: str, labels: Flags, counted: Sequence[Flags]) -> GroupScore:
+        episodes = np.unique(self._episode_of_label[labels])
+        value, *left_out = self._mean_ap(labels, counted, episodes).tolist()
+        estimate = jackknife(value, np.array(left_out), self._stratum[episodes])
+        return GroupScore(group, name, int(labels.sum()), estimate.interval())

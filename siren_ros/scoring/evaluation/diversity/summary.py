@@ -1,0 +1,308 @@
+"""Diversity of the episodes of each template, level and map: coverage and distances, also as JSON."""
+
+from collections import Counter
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, Final
+
+import numpy as np
+from scipy.special import gammaln
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.tables.table import Row, Table
+from siren_ros.errors import SirenError
+from siren_ros.scoring.evaluation.diversity.profile import (
+    InteractionProfile,
+    distance_matrix,
+    event_distance,
+    way_distance_m,
+)
+from siren_ros.simulation.scenario.scenario import DRAWN_BY_NAME
+from siren_ros.simulation.scenario.templates import load_template
+
+
+def _log_choices(total: Floats, chosen: Floats) -> Floats:
+    """Logarithm of the binomial coefficient; −∞ where there is no choice."""
+    possible = (chosen >= 0) & (chosen <= total)
+    safe = np.where(possible, chosen, 0.0)
+    log = gammaln(total + 1.0) - gammaln(safe + 1.0) - gammaln(total - safe + 1.0)
+    return np.asarray(np.where(possible, log, -np.inf), dtype=np.float64)
+
+
+def expected_kinds(incidences: Sequence[int], episodes: int) -> Floats:
+    """Expected number of kinds among n episodes, n = 1 … N (rarefaction; S. Hurlbert, Ecology 52 (1971) 577).
+
+    ``incidences`` are the numbers of episodes, of all N, in which each kind occurs, 1 to N. Returns shape ``(N,)``.
+    """
+    chosen = np.arange(1, episodes + 1, dtype=np.float64)
+    without = episodes - np.array(incidences, dtype=np.float64)[:, None]
+    total = np.full_like(chosen, episodes)
+    without = np.broadcast_to(without, (len(incidences), episodes))
+    missed = np.exp(_log_choices(without, chosen) - _log_choices(total, chosen))
+    return np.asarray((1.0 - missed).sum(axis=0), dtype=np.float64)
+
+
+def expected_nearest(distances: Floats) -> Floats:
+    """Expected distance of an episode to the nearest of n others, n = 1 … N − 1, mean over the N episodes.
+
+    Takes the distances between all pairs, shape ``(N, N)``. Returns shape ``(N - 1,)``, empty for a single episode.
+    """
+    others = len(distances) - 1
+    if others < 1:
+        return np.zeros(0)
+    ordered = np.sort(distances + np.diag(np.full(others + 1, np.inf)), axis=1)[:, :others].mean(axis=0)
+    chosen = np.arange(1, others + 1, dtype=np.float64)[:, None]
+    farther = np.arange(others - 1, -1, -1, dtype=np.float64)[None, :]
+    # The one at rank r is the nearest of the n where it is chosen and the n - 1 others are farther away.
+    weight = np.exp(
+        _log_choices(np.broadcast_to(farther, (others, others)), np.broadcast_to(chosen - 1.0, (others, others)))
+        - _log_choices(np.full((others, 1), float(others)), chosen)
+    )
+    return np.asarray(weight @ ordered, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class KindCoverage:
+    """Kinds that were seen, and an estimate of those that were not."""
+
+    seen: int
+    once: int
+    """Kinds that a single episode has."""
+    next_adds: float
+    """Kinds that one more episode is expected to add: those of a single episode, by the number of episodes (I. J.
+    Good, Biometrika 40 (1953) 237). With a single episode all are of it, and nothing is known."""
+    coverage: float
+    """Estimated share of what the next episode shows that has been seen (A. Chao, L. Jost, Ecology 93 (2012) 2533)."""
+    curve: Floats
+    """As ``expected_kinds``."""
+
+
+def kind_coverage(episodes: Sequence[Collection[Hashable]]) -> KindCoverage:
+    """Coverage of the kinds of things that episodes have; at least one episode."""
+    count = len(episodes)
+    incidences = list(Counter(kind for episode in episodes for kind in set(episode)).values())
+    once, twice, total = incidences.count(1), incidences.count(2), sum(incidences)
+    missing = 0.0
+    if total and once and count > 1:
+        ahead = (count - 1) * once
+        share = ahead / (ahead + 2.0 * twice) if twice else (ahead - (count - 1)) / (ahead - (count - 1) + 2.0)
+        missing = once / total * share
+    elif total and count == 1:
+        missing = 1.0
+    return KindCoverage(len(incidences), once, once / count, 1.0 - missing, expected_kinds(incidences, count))
+
+
+PARTS: Final = 10
+"""Equal parts of a range; a whole-number parameter with fewer values has a part for each."""
+
+
+@dataclass(frozen=True)
+class DrawnRange:
+    """The range that a parameter is drawn from."""
+
+    low: float
+    high: float
+    whole: bool
+
+    @property
+    def parts(self) -> int:
+        """Number of parts."""
+        return min(PARTS, round(self.high - self.low) + 1) if self.whole else PARTS
+
+    def part_of(self, values: Floats) -> Floats:
+        """Part of each value, from 0; values outside count for the part at that end."""
+        width = (self.high - self.low + (1.0 if self.whole else 0.0)) / self.parts
+        return np.clip(np.floor((values - self.low) / width), 0, self.parts - 1)
+
+
+@dataclass(frozen=True)
+class ParameterCoverage:
+    """The parts of one parameter's range."""
+
+    path: str
+    drawn: DrawnRange
+    counts: tuple[int, ...]
+    """Episodes in each part."""
+    curve: Floats
+    """Expected share of the parts that n episodes reach, n = 1 … N; shape ``(N,)``."""
+
+    @property
+    def share(self) -> float:
+        """Share of the parts with an episode."""
+        return sum(count > 0 for count in self.counts) / len(self.counts)
+
+
+def parameter_coverage(
+    episodes: Sequence[Mapping[str, float]], ranges: Mapping[str, DrawnRange]
+) -> tuple[ParameterCoverage, ...]:
+    """Coverage of every parameter that has a range and a value in all episodes, by path."""
+    covered = []
+    for path, drawn in sorted(ranges.items()):
+        if drawn.high <= drawn.low or not all(path in episode for episode in episodes):
+            continue
+        part = drawn.part_of(np.array([episode[path] for episode in episodes], dtype=np.float64)).astype(np.intp)
+        counts = np.bincount(part, minlength=drawn.parts)
+        reached = [int(count) for count in counts if count]
+        curve = expected_kinds(reached, len(episodes)) / drawn.parts
+        covered.append(ParameterCoverage(path, drawn, tuple(counts.tolist()), curve))
+    return tuple(covered)
+
+
+def drawn_ranges(profiles: Iterable[InteractionProfile]) -> dict[str, dict[str, DrawnRange]]:
+    """By template and parameter; a template that is not among ours has none.
+
+    Episodes whose values a study drew have the template's whole ranges; the others those that every seed draws from.
+    """
+    some_drawn: dict[str, bool] = {}
+    for profile in profiles:
+        some_drawn[profile.template] = bool(profile.draw) or some_drawn.get(profile.template, False)
+    ranges: dict[str, dict[str, DrawnRange]] = {}
+    for name, drawn in some_drawn.items():
+        try:
+            template = load_template(name)
+        except SirenError:
+            continue
+        limits = template.drawn
+        if drawn:
+            limits = {path: limit for path, limit in template.ranges.items() if path not in DRAWN_BY_NAME}
+        ranges[name] = {path: DrawnRange(one.minimum, one.maximum, one.integer) for path, one in limits.items()}
+    return ranges
+
+
+@dataclass(frozen=True)
+class Distances:
+    """One kind of distance among N episodes."""
+
+    mean: float
+    """Over all pairs; 0 for a single episode."""
+    nearest: Floats
+    """Of each episode to the nearest other one, how new it is; shape ``(N,)``, NaN for a single episode."""
+    curve: Floats
+    """Expected distance of one more episode to the nearest of n, n = 1 … N − 1."""
+
+
+@dataclass(frozen=True)
+class GroupDiversity:
+    """The episodes of one template, level and map."""
+
+    group: tuple[str, str, str]
+    profiles: tuple[InteractionProfile, ...]
+    """By seed and draw."""
+    parameters: tuple[ParameterCoverage, ...]
+    ways: Distances
+    """In metres."""
+    events: Distances
+    """As shares of the longer order of events."""
+    transitions: KindCoverage
+
+    @property
+    def parameter_share(self) -> float | None:
+        """Mean share of the parts of the parameters' ranges that were tried; None where none is drawn."""
+        return float(np.mean([parameter.share for parameter in self.parameters])) if self.parameters else None
+
+
+def diversity(
+    profiles: Sequence[InteractionProfile], ranges: Mapping[str, Mapping[str, DrawnRange]]
+) -> tuple[GroupDiversity, ...]:
+    """Diversity of every group; ``ranges`` are those that each template's seeds draw its parameters from."""
+    groups: dict[tuple[str, str, str], list[InteractionProfile]] = {}
+    for profile in profiles:
+        groups.setdefault(profile.group, []).append(profile)
+    return tuple(_group(group, members, ranges.get(group[0], {})) for group, members in sorted(groups.items()))
+
+
+def _group(
+    group: tuple[str, str, str], members: Sequence[InteractionProfile], ranges: Mapping[str, DrawnRange]
+) -> GroupDiversity:
+    profiles = tuple(sorted(members, key=lambda profile: (profile.seed, profile.draw, profile.bag)))
+    parameters = parameter_coverage([profile.parameters for profile in profiles], ranges)
+    ways, events = (_distances(distance_matrix(profiles, kind)) for kind in (way_distance_m, event_distance))
+    transitions = kind_coverage([profile.transitions for profile in profiles])
+    return GroupDiversity(group, profiles, parameters, ways, events, transitions)
+
+
+def _distances(matrix: Floats) -> Distances:
+    count = len(matrix)
+    if count < 2:
+        return Distances(0.0, np.full(count, np.nan), np.zeros(0))
+    others = matrix + np.diag(np.full(count, np.inf))
+    return Distances(float(matrix.sum() / (count * (count - 1))), others.min(axis=1), expected_nearest(matrix))
+
+
+_GROUP: Final = ("template", "level", "map")
+
+
+def diversity_tables(diversities: Sequence[GroupDiversity]) -> tuple[Table, Table]:
+    """The groups, and the novelty of each episode. A group of one episode has no distances and no forecast."""
+    distances = ("ways apart, m", "nearest way, m", "events apart", "nearest events")
+    groups = Table(
+        "groups",
+        "Diversity by template, level and map",
+        (*_GROUP, "episodes", "ranges tried", *distances, "transitions", "next adds", "coverage"),
+        tuple(map(_row, diversities)),
+        specs={"ranges tried": ".0%", "coverage": ".0%", **dict.fromkeys((*distances[:2], "next adds"), ".1f")},
+    )
+    novelty = Table(
+        "novelty",
+        "Novelty of each episode: distance to the nearest other one",
+        (*_GROUP, "seed", "draw", "nearest way, m", "nearest order of events"),
+        tuple(
+            (*profile.group, str(profile.seed), profile.draw, float(way), float(event))
+            for group in diversities
+            for profile, way, event in zip(group.profiles, group.ways.nearest, group.events.nearest, strict=True)
+        ),
+        specs={"nearest way, m": ".1f"},
+        folded=True,
+    )
+    return groups, novelty
+
+
+def _row(group: GroupDiversity) -> Row:
+    seen, adds, coverage = group.transitions.seen, group.transitions.next_adds, group.transitions.coverage
+    named = *group.group, len(group.profiles), group.parameter_share
+    if len(group.profiles) == 1:
+        return *named, *[None] * 4, seen, None, None
+    distances = ((kind.mean, float(np.mean(kind.nearest))) for kind in (group.ways, group.events))
+    return *named, *chain.from_iterable(distances), seen, adds, coverage
+
+
+def diversity_as_json(diverse: GroupDiversity) -> dict[str, Any]:
+    """One group, with the novelty of each of its episodes."""
+    transitions = diverse.transitions
+    novelty = zip(diverse.profiles, diverse.ways.nearest.tolist(), diverse.events.nearest.tolist(), strict=True)
+    return {
+        **dict(zip(_GROUP, diverse.group, strict=True)),
+        "episodes": len(diverse.profiles),
+        "parameters": {
+            parameter.path: {
+                "share": parameter.share,
+                "episodes_by_part": list(parameter.counts),
+                "share_by_episodes": parameter.curve.tolist(),
+            }
+            for parameter in diverse.parameters
+        },
+        "ways_m": _distances_as_json(diverse.ways),
+        "events": _distances_as_json(diverse.events),
+        "transitions": {
+            "seen": transitions.seen,
+            "in_one_episode": transitions.once,
+            "next_episode_adds": transitions.next_adds,
+            "coverage": transitions.coverage,
+            "seen_by_episodes": transitions.curve.tolist(),
+        },
+        "novelty": [
+            {
+                "bag": profile.bag,
+                "seed": profile.seed,
+                "draw": profile.draw,
+                "way_m": None if np.isnan(way) else way,
+                "events": None if np.isnan(event) else event,
+            }
+            for profile, way, event in novelty
+        ],
+    }
+
+
+def _distances_as_json(kind: Distances) -> dict[str, Any]:
+    return {"mean": kind.mean if len(kind.curve) else None, "nearest_by_episodes": kind.curve.tolist()}

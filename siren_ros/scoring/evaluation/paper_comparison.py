@@ -1,0 +1,280 @@
+"""Everything that the paper's tables say, next to what was measured here."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.base.params import plain_json
+from siren_ros.base.tables.interval import NOTHING, Bounds, Interval, interval_of_json, share_interval
+from siren_ros.base.tables.table import Row, Table
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.detection.scoring import FAMILIES
+from siren_ros.scoring.evaluation.detection.tables import MEAN, PAPER
+from siren_ros.scoring.evaluation.prediction.metrics import METRIC_OF
+from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER as PREDICTION
+from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER_NAMES, PAPER_SAMPLES, paper_row
+from siren_ros.scoring.evaluation.prediction.reports.score_table import GroupKind, ScoreTable, strata, sums_of
+from siren_ros.scoring.evaluation.prediction.scoring import EpisodeScores
+from siren_ros.scoring.evaluation.risk.labels import TITLES, RiskClass
+from siren_ros.scoring.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
+from siren_ros.scoring.evaluation.risk.video_set import VideoSet
+from siren_ros.scoring.evaluation.statistics import (
+    RANKED_MIN,
+    BlockSums,
+    block_sums,
+    estimate_of_mean,
+    interval_of_mean,
+    jackknife,
+    ranking_interval,
+)
+from siren_ros.simulation.scenario.paper import TEMPLATES
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One row."""
+
+    table: str
+    """Of the paper, or what the paper says in its text: ``ADE in m``."""
+    row: str
+    """``CV``, ``PointPillars``."""
+    column: str
+    """``S1``, ``mean``."""
+    paper: float
+    ours: Interval = NOTHING
+    """Not valid where it was not measured."""
+    digits: int = 2
+    relative: bool = True
+    """Whether ours divided by the paper's says something, which it does not of a rank correlation."""
+    map: str = ""
+    """Of our episodes, several by commas; empty where the scores do not say."""
+
+    @property
+    def deviation(self) -> float | None:
+        """Of ours from the paper's: +0.4 is 40 % above; None where that says nothing, or the paper has 0."""
+        return self.ours.value / self.paper - 1.0 if self.relative and self.ours.valid and self.paper else None
+
+    @property
+    def inside(self) -> bool | None:
+        """Whether the paper's value lies in our interval; None without one."""
+        return self.ours.low <= self.paper <= self.ours.high if self.ours.bounded else None
+
+    @property
+    def deviation_text(self) -> str | None:
+        """``+4%``, with a star where the paper's value lies in our interval; None where there is nothing to say."""
+        text = f"{'' if self.deviation is None else f'{self.deviation:+.0%}'}{' *' if self.inside else ''}".strip()
+        return text or None
+
+    def to_json(self) -> dict[str, Any]:
+        """The row as JSON types; null where there is no value."""
+        interval = self.ours.json()
+        return {
+            "table": self.table,
+            "row": self.row,
+            "column": self.column,
+            "map": self.map,
+            "paper": self.paper,
+            "ours": interval.pop("value"),
+            **interval,
+            "deviation": self.deviation,
+            "paper_inside": self.inside,
+        }
+
+
+def measured(rows: Sequence[Compared]) -> list[Compared]:
+    """Those rows that have a value of ours."""
+    return [row for row in rows if row.ours.valid]
+
+
+def comparison_tables(rows: Sequence[Compared]) -> tuple[Table, ...]:
+    """A table for each of the paper's; below each row of the paper ours, its interval, and the deviation.
+
+    A star behind the deviation says that the paper's value lies in our interval.
+    """
+    tables = []
+    for number, name in enumerate(dict.fromkeys(row.table for row in rows)):
+        of_table = [row for row in rows if row.table == name]
+        columns = dict.fromkeys(row.column for row in of_table)
+        lines: list[Row] = []
+        for model in dict.fromkeys(row.row for row in of_table):
+            by_column = {row.column: row for row in of_table if row.row == model}
+            cells = [by_column.get(column) for column in columns]
+            ours = [row.ours if row else NOTHING for row in cells]
+            lines.append((f"{model}, paper", *(row.paper if row else None for row in cells)))
+            lines.append((f"{model}, here", *(interval.value if interval.valid else None for interval in ours)))
+            if any(interval.valid for interval in ours):
+                lines.append((f"{model}, 95 %", *map(Bounds, ours)))
+                lines.append((f"{model}, deviation", *(row.deviation_text if row else None for row in cells)))
+        lead, space, others = name.partition(" ")
+        title = f"{lead.capitalize()}{space}{others}" if lead.islower() else name
+        tables.append(Table(f"paper_{number}", title, ("", *columns), tuple(lines), f".{of_table[0].digits}f"))
+    return tuple(tables)
+
+
+FILE: Final = "scores.json"
+
+
+def stored(folder: Path) -> Mapping[str, Any] | None:
+    """The scores in a folder, or of a file; None where there are none.
+
+    Raises:
+        InputError: Something else than a JSON object.
+    """
+    file = folder if folder.is_file() else folder / FILE
+    if not file.is_file():
+        return None
+    try:
+        content = plain_json.read(file)
+    except (OSError, ValueError) as error:
+        raise InputError("scores", str(file), f"the scores that `siren evaluate` wrote ({error})") from error
+    if not isinstance(content, dict):
+        raise InputError("scores", str(file), "the scores that `siren evaluate` wrote, a JSON object")
+    return content
+
+
+PREDICTION_ERRORS: Final = {
+    "ade_m": "ADE in m",
+    "fde_m": "FDE in m",
+    "rmse_5s_m": "RMSE at 5 s in m",
+    "min_ade_6_m": "minADE6 in m",
+    "min_fde_6_m": "minFDE6 in m",
+}
+"""The paper's three tables of prediction."""
+_SINGLE_PATH: Final = {"min_ade_6_m": "ade_m", "min_fde_6_m": "fde_m"}
+"""What the minimum over paths is for a predictor with one path; the paper's table leaves such rows out."""
+MEAN_COLUMN: Final = "mean"
+RANKING: Final = "rank correlation of the templates' ADE"
+RATIO: Final = "mean ADE over that of CV"
+SAMPLES: Final = "samples of an episode"
+_ALL: Final = GroupKind.ALL.value
+
+
+def at_template_level(scores: Sequence[EpisodeScores], level_of: Callable[[str], str]) -> list[EpisodeScores]:
+    """The episodes at the levels of their templates; the paper has one level of each template."""
+    return [
+        episode
+        for episode in scores
+        if episode.template in TEMPLATES and episode.level.name == level_of(episode.template)
+    ]
+
+
+def prediction_rows(table: ScoreTable) -> Iterator[Compared]:
+    """All rows, those without a value of ours included.
+
+    The episodes are at the levels of their templates, the vehicles those of the interaction region.
+    """
+    maps = ",".join(sorted({episode.map_name for episode in table.episodes}))
+    for row in (*_errors(table), *_samples(table), *_ratios(table), *_rankings(table)):
+        yield replace(row, map=maps)
+
+
+def _errors(table: ScoreTable) -> Iterator[Compared]:
+    for (metric, title), (model, name) in product(PREDICTION_ERRORS.items(), PAPER_NAMES.items()):
+        row = PREDICTION[model, metric]
+        if row is paper_row(model, _SINGLE_PATH.get(metric, "")):
+            continue
+        columns = [(template, template, row.by_template[template]) for template in TEMPLATES]
+        for column, group, paper in (*columns, (MEAN_COLUMN, _ALL, row.mean)):
+            cell = table.cells.get((model, group, metric))
+            yield Compared(title, name, column, paper, NOTHING if cell is None else cell.interval)
+
+
+def _samples(table: ScoreTable) -> Iterator[Compared]:
+    """Mean number of samples of an episode, with the interval over episodes."""
+    template = np.array([episode.template for episode in table.episodes])
+    counts = np.array([episode.samples for episode in table.episodes], dtype=np.float64)
+    for name in TEMPLATES:
+        of_template = counts[template == name]
+        blocks = np.arange(len(of_template))
+        mean = interval_of_mean(block_sums(of_template, blocks, 0 * blocks))
+        yield Compared(SAMPLES, "all vehicles", name, float(PAPER_SAMPLES[name]), mean, digits=0)
+
+
+def _sums(table: ScoreTable, *models: str) -> tuple[list[str], list[BlockSums]]:
+    """Sums of the ADE over the episodes in which all of some models have a sample, with the names of their strata."""
+    templates = np.array([episode.template for episode in table.episodes])
+    ade, stratum = METRIC_OF["ade_m"], strata(table.episodes)
+    tables = [table.samples[model] for model in models]
+    sums = [sums_of(samples, ade, np.arange(len(samples)), stratum) for samples in tables]
+    common = np.logical_and.reduce([of_model.count > 0 for of_model in sums])
+    names, stratum = np.unique(templates[common], return_inverse=True)
+    return names.tolist(), [replace(of_model.select(common), stratum=stratum) for of_model in sums]
+
+
+def _ratios(table: ScoreTable) -> Iterator[Compared]:
+    for model, name in PAPER_NAMES.items():
+        if model == "cv":
+            continue
+        paper, ratio = PREDICTION[model, "ade_m"].mean / PREDICTION["cv", "ade_m"].mean, NOTHING
+        if {model, "cv"} <= set(table.models):
+            _, (ours, of_cv) = _sums(table, model, "cv")
+            if len(ours):
+                left_out = ours.left_out() / of_cv.left_out()
+                ratio = jackknife(ours.value() / of_cv.value(), left_out, ours.stratum).interval()
+        yield Compared(RATIO, name, MEAN_COLUMN, paper, ratio)
+
+
+def _rankings(table: ScoreTable) -> Iterator[Compared]:
+    """Spearman's ρ between our templates and the paper's; the paper's own is 1."""
+    for model, name in PAPER_NAMES.items():
+        by_template, ranking = PREDICTION[model, "ade_m"].by_template, NOTHING
+        if model in table.models:
+            names, (sums,) = _sums(table, model)
+            if len(names) >= RANKED_MIN:
+                estimates = [estimate_of_mean(sums.select(sums.stratum == number)) for number in range(len(names))]
+                ranking = ranking_interval(estimates, [by_template[template] for template in names])
+        yield Compared(RANKING, name, "Spearman", 1.0, ranking, relative=False)
+
+
+FAMILY: Final = "mAP of a family; paper: mean of its four"
+ORDER: Final = "order of the families by mAP as in the paper"
+
+
+def detection_rows(content: Mapping[str, Any] | None) -> Iterator[Compared]:
+    """All rows, those without a value of ours included, from ``scores.json`` of ``siren evaluate detection``."""
+    content = content or {}
+    ours = {name.lower(): scores for name, scores in content.items()}
+    for key, paper in PAPER.items():
+        scores = ours.get(key, {"templates": {}, "mean": {}})
+        columns = {**scores["templates"], MEAN: scores["mean"]}
+        for template in (*TEMPLATES, MEAN):
+            mean_ap, nds = paper.ap_and_nds[template]
+            column = columns.get(template, {})
+            yield Compared("mAP", paper.name, template, mean_ap, interval_of_json(column.get("mAP")), digits=3)
+            single = interval_of_json({"value": column.get("NDS")})
+            yield Compared("NDS", paper.name, template, nds, single, digits=3)
+        for name, value in paper.errors.items():
+            errors = [column["errors"][name] for column in scores["templates"].values()]
+            single = interval_of_json({"value": float(np.mean(errors)) if errors else None})
+            yield Compared(f"error {name}", paper.name, MEAN, value, single, digits=3)
+    # A detector of any name against the mean of the paper's four.
+    for name, scores in content.items():
+        for family, templates in FAMILIES.items():
+            values = [paper.ap_and_nds[template][0] for paper in PAPER.values() for template in templates]
+            ours_of_family = interval_of_json(scores["families"].get(family))
+            yield Compared(FAMILY, name, family, float(np.mean(values)), ours_of_family, digits=3)
+        share = scores.get("order_of_families_share")
+        if share is not None:
+            episodes = interval_of_json(scores["mean"]["mAP"]).blocks
+            interval = Interval(share, share, share, episodes, scatter_known=False)
+            yield Compared(ORDER, name, "share of the draws", 1.0, interval, relative=False)
+
+
+BALANCE: Final = "share of the videos"
+
+
+def risk_rows(videos: VideoSet | None, content: Mapping[str, Any] | None) -> Iterator[Compared]:
+    """All rows, those without a value of ours included, from a set and ``scores.json`` of ``siren evaluate risk``."""
+    labels = [] if videos is None else [video.label.risk for video in videos.videos.values()]
+    for risk, count in zip(RiskClass, PAPER_BALANCE, strict=True):
+        share = share_interval(labels.count(risk), len(labels))
+        yield Compared(BALANCE, "labels", TITLES[risk], count / sum(PAPER_BALANCE), share)
+    models = {} if content is None else content["models"]
+    for name, scores in PAPER_SCORES.items():
+        ours = models.get(name, {"scores": {}})["scores"]
+        for score, value in scores.items():
+            yield Compared("risk scores", name, score, value, interval_of_json(ours.get(score)), digits=3)

@@ -1,0 +1,274 @@
+"""Predictors that are not learned: constant velocity, and the Intelligent Driver Model along the lane.
+
+With IDM a vehicle keeps its lane and goes straight on at every junction. Its leader is the next vehicle along the
+successors of its lane, or the next one straight ahead where it is in no lane.
+"""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Floats, Rows
+from siren_ros.base.numerics.geometry import Polyline, wrap_angle
+from siren_ros.data.record.vehicle_location import LanePlaces, locate
+from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
+from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, ObservedActors, SampleBatch, future_times_s
+from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Lane, RoadNetwork
+from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.traffic_state import Indices
+
+
+@dataclass(frozen=True)
+class ConstantVelocity:
+    """Every vehicle keeps its present velocity.
+
+    The velocity is the recorded one (columns ``vx, vy`` of ``trajectory.csv``). The difference of the last two points
+    of the history would be the velocity half a grid period earlier.
+    """
+
+    window: HistoryWindow = field(default_factory=HistoryWindow)
+
+    def predict(self, batch: SampleBatch) -> Hypotheses:
+        """One hypothesis for each sample."""
+        return Hypotheses.certain(batch.xy_m[:, None] + future_times_s()[:, None] * batch.velocity_mps[:, None])
+
+
+@dataclass(frozen=True)
+class Idm:
+    """The Intelligent Driver Model with the parameters of its application to roads.
+
+    Source: M. Treiber, A. Hennecke, D. Helbing, Phys. Rev. E 62 (2000) 1805, eqs. 2 to 4.
+    """
+
+    time_headway_s: float = 1.5
+    standstill_gap_m: float = 2.0
+    acceleration_mps2: float = 1.5
+    comfortable_braking_mps2: float = 2.0
+    exponent: float = 4.0
+    """Exponent of the free-road term, as in the original."""
+    integration_s: float = 0.1
+    range_m: float = 250.0
+    """Largest distance to a leader."""
+    off_lane_limit_mps: float = 50.0 / 3.6
+    """Speed limit of vehicles in no lane: that of an urban road."""
+    standing_mps: float = 0.1
+    """Least desired speed of people on foot and on bicycles, for whom no speed limit tells how fast they like to go."""
+    least_gap_m: float = 0.1
+    """Least gap that the model gets; the measured gap is negative where the bumpers overlap."""
+
+    def acceleration(self, speed_mps: Floats, desired_mps: Floats, gap_m: Floats, closing_mps: Floats) -> Floats:
+        """Acceleration of the model; all arrays of shape ``(N,)``, the gap inf on a free road.
+
+        Args:
+            speed_mps: Speed of the follower.
+            desired_mps: Its speed on a free road.
+            gap_m: From the follower's front bumper to the leader's rear bumper.
+            closing_mps: The follower's speed minus the leader's.
+        """
+        braking_term = 2.0 * np.sqrt(self.acceleration_mps2 * self.comfortable_braking_mps2)
+        dynamic = speed_mps * self.time_headway_s + speed_mps * closing_mps / braking_term
+        desired_gap = self.standstill_gap_m + np.maximum(dynamic, 0.0)
+        free = (speed_mps / desired_mps) ** self.exponent
+        return self.acceleration_mps2 * (1.0 - free - (desired_gap / np.maximum(gap_m, self.least_gap_m)) ** 2)
+
+    def travel(
+        self, speed_mps: Floats, desired_mps: Floats, gap_m: Floats, leader_mps: Floats, times_s: Floats
+    ) -> Floats:
+        """Distances travelled behind leaders of constant speed, shape ``(N, T)``.
+
+        Ballistic update: a vehicle whose speed would become negative stops within the step
+        (M. Treiber, V. Kanagaraj, Physica A 419 (2015) 183, eqs. 10 and 11).
+
+        Args:
+            speed_mps: Present speeds, shape ``(N,)``.
+            desired_mps: Speeds on a free road, shape ``(N,)``.
+            gap_m: Present bumper gaps, inf without a leader, shape ``(N,)``.
+            leader_mps: Leaders' speeds, shape ``(N,)``.
+            times_s: Times of the answer, multiples of the integration step, shape ``(T,)``.
+        """
+        dt = self.integration_s
+        steps = np.round(times_s / dt).astype(np.intp)
+        speed, travelled = speed_mps, np.zeros(len(speed_mps))
+        after = [travelled]
+        for step in range(int(steps.max())):
+            gap = gap_m + leader_mps * (step * dt) - travelled
+            acceleration = self.acceleration(speed, desired_mps, gap, speed - leader_mps)
+            stops = speed + acceleration * dt < 0.0
+            to_stop = 0.5 * speed**2 / np.where(stops, -acceleration, 1.0)
+            travelled = travelled + np.where(stops, to_stop, speed * dt + 0.5 * acceleration * dt**2)
+            speed = np.where(stops, 0.0, speed + acceleration * dt)
+            after.append(travelled)
+        return np.stack(after, axis=-1)[:, steps]
+
+
+_SAME_TURN_RAD = 0.1
+"""Movements count as equally straight where their turns differ by less; the smaller lateral shift then decides."""
+
+
+def straight_successors(network: RoadNetwork) -> Indices:
+    """The lane that follows each lane without a lane change, NO_LANE at an end; shape ``(L,)``.
+
+    Where several movements leave a lane, the straightest is taken, because an observer does not know the driver's
+    turn. Lanes of the same kind come first, so that a shoulder leads to a shoulder. A path across a junction is
+    followed to its end.
+    """
+    successor = np.full(len(network.lanes), NO_LANE, dtype=np.int32)
+    for lane in network.lanes:
+        movements = network.connections_from.get(lane.index, ())
+        if movements:
+            best = min(movements, key=lambda movement: _bend(network, lane, movement))
+            successor[lane.index] = (*best.via, best.to_lane)[0]
+    for movement in network.connections:
+        chain = (*movement.via, movement.to_lane)
+        for inside, following in pairwise(chain):
+            successor[inside] = following
+    return successor
+
+
+def _bend(network: RoadNetwork, lane: Lane, movement: Connection) -> tuple[bool, int, float, int]:
+    target = network.lanes[movement.to_lane]
+    heading = float(lane.centre.heading_rad(lane.length_m))
+    turn = abs(float(wrap_angle(target.centre.heading_rad(0.0) - heading)))
+    ahead = target.centre.points[0] - lane.centre.points[-1]
+    sideways = abs(float(ahead[1] * np.cos(heading) - ahead[0] * np.sin(heading)))
+    return target.kind is not lane.kind, round(turn / _SAME_TURN_RAD), sideways, target.index
+
+
+@dataclass(frozen=True)
+class LanePaths:
+    """P paths, each straight on from one lane."""
+
+    path_of_lane: npt.NDArray[np.intp]
+    """Path that starts at each lane of the network, −1 where there is none; shape ``(L,)``."""
+    curves: tuple[Polyline, ...]
+    """Centre line of each path, from its first lane's start."""
+    start_m: Floats
+    """Distance along path p at which lane l starts, inf where p does not use it; shape ``(P, L)``."""
+
+    def points(self, path: npt.NDArray[np.intp], arc_m: Floats, offset_m: Floats) -> Floats:
+        """Places along paths.
+
+        Args:
+            path: Path of each of N vehicles, shape ``(N,)``.
+            arc_m: Distances along it, shape ``(N, T)``; the path continues straight past its end.
+            offset_m: Offset to keep from the centre line, left positive, shape ``(N,)``.
+
+        Returns:
+            Shape ``(N, T, 2)``.
+        """
+        points = np.zeros((*arc_m.shape, 2))
+        for index in np.unique(path).tolist():
+            rows = path == index
+            points[rows] = self.curves[index].offset_points(arc_m[rows], offset_m[rows, None])
+        return points
+
+
+def paths_from(network: RoadNetwork, lanes: npt.NDArray[np.int32], reach_m: float) -> LanePaths:
+    """Paths straight on from lanes, each of which occurs once.
+
+    A path reaches ``reach_m`` beyond the end of its first lane, as far as lanes follow.
+    """
+    successor = straight_successors(network)
+    path_of_lane = np.full(len(network.lanes), -1, dtype=np.intp)
+    start_m = np.full((len(lanes), len(network.lanes)), np.inf)
+    curves = []
+    for path, first in enumerate(lanes.tolist()):
+        path_of_lane[first] = path
+        chain, lane, end = [], first, 0.0
+        end_of_reach = network.lanes[first].length_m + reach_m
+        while lane != NO_LANE and end < end_of_reach:
+            chain.append(network.lanes[lane].centre)
+            start_m[path, lane] = min(start_m[path, lane], end)
+            end += network.lanes[lane].length_m
+            lane = int(successor[lane])
+        curves.append(Polyline.joined(chain))
+    return LanePaths(path_of_lane, tuple(curves), start_m)
+
+
+def drive_along(batch: SampleBatch, places: LanePlaces, paths: LanePaths, travelled_m: Floats) -> Floats:
+    """Places after distances, shape ``(N, T)``: along the path from the sample's lane, straight ahead in none.
+
+    Arguments as of ``leaders_of``; returns shape ``(N, T, 2)``.
+    """
+    lane = places.lane[batch.target]
+    in_lane = lane != NO_LANE
+    heading = np.stack((np.cos(batch.yaw_rad), np.sin(batch.yaw_rad)), axis=-1)
+    path = batch.xy_m[:, None] + travelled_m[..., None] * heading[:, None]
+    rows = batch.target[in_lane]
+    arc_m = places.arc_m[rows, None] + travelled_m[in_lane]
+    path[in_lane] = paths.points(paths.path_of_lane[lane[in_lane]], arc_m, places.offset_m[rows])
+    return path
+
+
+def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m: float) -> tuple[Floats, Floats]:
+    """The nearest vehicle of each sample whose centre is ahead within the range.
+
+    The leader of a sample in a lane is in this lane or in those that follow straight on. The leader of a sample in
+    no lane overlaps the strip that the sample sweeps straight ahead; its heading does not matter. ``places`` are those
+    of all rows of ``batch.actors``, ``paths`` those from every sample's lane.
+
+    Returns:
+        Gaps in metres from the sample's front bumper to the leader's rear bumper, inf without a leader, and the
+        leaders' speeds in m/s in the sample's direction, not negative, 0 without a leader; shapes ``(N,)``. A gap is
+        negative where the two overlap lengthwise: the leader's centre is ahead, its rear behind the sample's front.
+    """
+    actors = batch.actors
+    sample, other = batch.neighbours()
+    follower = batch.target[sample]
+    distance, speed = _straight_ahead(actors, follower, other)
+    in_lane = np.flatnonzero(places.lane[follower] != NO_LANE)
+    behind, leading = follower[in_lane], other[in_lane]
+    start_m = paths.start_m[paths.path_of_lane[places.lane[behind]], places.lane[leading]]
+    start_m = np.where(places.lane[leading] == NO_LANE, np.inf, start_m)
+    distance[in_lane] = start_m + places.arc_m[leading] - places.arc_m[behind]
+    speed[in_lane] = np.hypot(*actors.velocity_mps[leading, -1].T)
+    ahead = np.flatnonzero((distance > 0.0) & (distance <= range_m))
+    gap = (distance - 0.5 * (actors.length_m[follower] + actors.length_m[other]))[ahead]
+    order = np.lexsort((gap, sample[ahead]))
+    led, first = np.unique(sample[ahead][order], return_index=True)
+    nearest = order[first]
+    gap_m, speed_mps = np.full(len(batch), np.inf), np.zeros(len(batch))
+    gap_m[led], speed_mps[led] = gap[nearest], speed[ahead][nearest]
+    return gap_m, speed_mps
+
+
+def _straight_ahead(actors: ObservedActors, follower: Rows, other: Rows) -> tuple[Floats, Floats]:
+    """Distances along the headings to the others' centres, inf outside the strip, and their speeds along them."""
+    cos, sin = np.cos(actors.yaw_rad[follower, -1]), np.sin(actors.yaw_rad[follower, -1])
+    x, y = (actors.xy_m[other, -1] - actors.xy_m[follower, -1]).T
+    vx, vy = actors.velocity_mps[other, -1].T
+    in_strip = np.abs(cos * y - sin * x) < 0.5 * (actors.width_m[follower] + actors.width_m[other])
+    return np.where(in_strip, cos * x + sin * y, np.inf), np.maximum(cos * vx + sin * vy, 0.0)
+
+
+@dataclass(frozen=True)
+class IdmPredictor:
+    """Car following on the lane's path, the leader at constant velocity, the desired speed max(v, speed limit).
+
+    People on foot and on bicycles desire their present speed.
+
+    A vehicle keeps its present offset from the lane's centre line, so that the prediction starts at its position.
+    A vehicle in no lane goes straight ahead. The predictor knows neither routes nor signals.
+    """
+
+    idm: Idm = field(default_factory=Idm)
+    window: HistoryWindow = field(default_factory=HistoryWindow)
+
+    def predict(self, batch: SampleBatch) -> Hypotheses:
+        """One hypothesis for each sample."""
+        actors, idm = batch.actors, self.idm
+        places = locate(batch.network, actors.xy_m[:, -1], actors.yaw_rad[:, -1], actors.sumo_lane)
+        lane = places.lane[batch.target]
+        in_lane = lane != NO_LANE
+        paths = paths_from(batch.network, np.unique(lane[in_lane]), idm.range_m)
+        gap_m, leader_mps = leaders_of(batch, places, paths, idm.range_m)
+        limits = [road_lane.speed_limit_mps for road_lane in batch.network.lanes]
+        speed = batch.speed_mps
+        # NO_LANE is −1 and takes the last limit, that of vehicles in no lane.
+        desired = np.maximum(speed, np.array([*limits, idm.off_lane_limit_mps])[lane])
+        unmotorised = np.isin(actors.actor_class[batch.target], (ActorClass.PEDESTRIAN, ActorClass.BICYCLE))
+        desired[unmotorised] = np.maximum(speed[unmotorised], idm.standing_mps)
+        travelled = idm.travel(speed, desired, gap_m, leader_mps, future_times_s())
+        return Hypotheses.certain(drive_along(batch, places, paths, travelled))

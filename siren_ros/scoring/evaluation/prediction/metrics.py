@@ -1,0 +1,239 @@
+"""Metrics of trajectory prediction (paper, supplement "Evaluation Metrics"): a function for each, and the table of all.
+
+The truth has shape ``(N, T, 2)``; every function gives a value for each sample, shape ``(N,)``. Of a sample, the
+*best* hypothesis is the one among the six most probable that ends nearest to the truth. The probabilities of the six
+are scaled to the sum 1, as Argoverse 2 does. Calibration: hypotheses with probability p should be the best ones in a
+share p of the cases. Collisions: a prediction of a scene should not drive one vehicle through another.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Flags, Floats
+from siren_ros.base.numerics.compiled import box_gap_m, compiled
+from siren_ros.scoring.evaluation.prediction.feasibility import infeasible
+from siren_ros.scoring.evaluation.prediction.joint import world_min_ade_6, world_min_fde_6
+from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
+from siren_ros.scoring.evaluation.prediction.road_use import off_road, wrong_way
+from siren_ros.scoring.evaluation.prediction.samples import SampleBatch, ScoredSamples
+from siren_ros.scoring.evaluation.statistics import identity
+
+
+class MetricValue(NamedTuple):
+    """A metric over some samples."""
+
+    value: float | None
+    """None without samples."""
+    samples: int
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A metric: its name in files, its heading in tables, and its functions."""
+
+    name: str
+    label: str
+    of_samples: Callable[[Hypotheses, ScoredSamples], Floats]
+    """A value for each sample, shape ``(N,)``; NaN for a sample that the metric says nothing about."""
+    of_mean: Callable[[Floats], Floats] = identity
+    """What is done to the mean over samples: the root, of squares."""
+    of_frames: bool = False
+    """Whether it says something of all vehicles of a frame together, and nothing of some of them."""
+
+    def value(self, of_samples: Floats) -> MetricValue:
+        """The metric over some samples, from their values."""
+        known = of_samples[~np.isnan(of_samples)]
+        return MetricValue(float(self.of_mean(np.array([known.mean()]))[0]) if len(known) else None, len(known))
+
+
+BEST_OF: Final = 6
+"""k of minADE and minFDE; a predictor with fewer hypotheses is scored on those it has."""
+
+
+def ade(hypotheses: Hypotheses, truth: Floats) -> Floats:
+    """Mean distance over time of the most probable hypothesis, in metres."""
+    return np.asarray(distances(hypotheses.xy_m[:, :1], truth)[:, 0].mean(axis=-1))
+
+
+def fde(hypotheses: Hypotheses, truth: Floats) -> Floats:
+    """Distance of the most probable hypothesis at the horizon, in metres."""
+    return distances(hypotheses.xy_m[:, :1, -1:], truth[:, -1:])[:, 0, 0]
+
+
+def min_ade_6(hypotheses: Hypotheses, truth: Floats) -> Floats:
+    """Least mean distance over time of the six most probable hypotheses, in metres."""
+    return np.asarray(distances(hypotheses.xy_m[:, :BEST_OF], truth).mean(axis=-1).min(axis=1))
+
+
+def min_fde_6(hypotheses: Hypotheses, truth: Floats) -> Floats:
+    """Least distance at the horizon of the six most probable hypotheses, in metres."""
+    return np.asarray(distances(hypotheses.xy_m[:, :BEST_OF, -1:], truth[:, -1:])[..., 0].min(axis=1))
+
+
+def squared_fde(hypotheses: Hypotheses, truth: Floats) -> Floats:
+    """Square of the most probable hypothesis's distance at the horizon; the root of its mean is RMSE@5s."""
+    return np.asarray(fde(hypotheses, truth) ** 2)
+
+
+def distances(hypotheses_xy_m: Floats, truth: Floats) -> Floats:
+    """Distances from the truth, shape ``(N, k, T)`` for hypotheses of shape ``(N, k, T, 2)``."""
+    miss = hypotheses_xy_m - truth[:, None]
+    return np.asarray(np.hypot(miss[..., 0], miss[..., 1]))
+
+
+def brier_min_fde_6(hypotheses: Hypotheses, truth: Floats) -> Floats:
+    """Distance of the best hypothesis at the horizon plus (1 − p)² of its probability: Argoverse 2's ranking metric."""
+    best = best_of_six(hypotheses, truth)
+    end = distances(hypotheses.xy_m[:, :BEST_OF, -1:], truth[:, -1:])[..., 0]
+    return end[best] + (1.0 - probability_of_six(hypotheses)[best]) ** 2
+
+
+def brier_score(hypotheses: Hypotheses, truth: Floats) -> Floats:
+    """Sum of (p − y)² over the six, y 1 for the best and 0 for the others (G. Brier, Mon. Weather Rev. 78 (1950) 1).
+
+    NaN for every sample of a predictor with a single hypothesis: it makes no statement.
+    """
+    probability = probability_of_six(hypotheses)
+    if probability.shape[1] < 2:
+        return np.full(len(hypotheses), np.nan)
+    return np.asarray(((probability - best_of_six(hypotheses, truth)) ** 2).sum(axis=1))
+
+
+def probability_of_six(hypotheses: Hypotheses) -> Floats:
+    """Probabilities of the six most probable hypotheses, scaled to the sum 1; shape ``(N, min(k, 6))``."""
+    first = hypotheses.probability[:, :BEST_OF]
+    return np.asarray(first / first.sum(axis=1, keepdims=True))
+
+
+def best_of_six(hypotheses: Hypotheses, truth: Floats) -> Flags:
+    """Which hypothesis of the six is the best, the first of equal ones; one in each row, ``(N, min(k, 6))``."""
+    end = distances(hypotheses.xy_m[:, :BEST_OF, -1:], truth[:, -1:])[..., 0]
+    return np.asarray(np.arange(end.shape[1]) == end.argmin(axis=1)[:, None])
+
+
+BINS: Final = 10
+"""Of equal width over probabilities from 0 to 1."""
+
+
+def reliability_of(hypotheses: Hypotheses, truth: Floats) -> Floats:
+    """Counts the six most probable hypotheses of each sample by their probability, shape ``(3, BINS)``.
+
+    The rows are the hypotheses in each bin, the sum of their probabilities, and how many were the best of their sample;
+    counts of several episodes add up. A single hypothesis is no statement and not counted, nor are hypotheses of
+    probability 0, which fill up samples with fewer ones.
+    """
+    probability = probability_of_six(hypotheses)
+    if probability.shape[1] < 2:
+        return np.zeros((3, BINS))
+    counted = probability > 0.0
+    stated, best = probability[counted], best_of_six(hypotheses, truth)[counted]
+    place = np.minimum((stated * BINS).astype(np.intp), BINS - 1)
+    weights = np.ones(len(stated)), stated, best.astype(np.float64)
+    return np.array([np.bincount(place, weights=row, minlength=BINS) for row in weights], dtype=np.float64)
+
+
+def calibration_error(reliability: Floats) -> MetricValue:
+    """Mean distance between stated probability and frequency, weighted by the bins' counts; counts hypotheses.
+
+    The "expected calibration error" of M. Naeini, G. Cooper, M. Hauskrecht, AAAI 2015.
+    """
+    count, probability, best = reliability
+    total = float(count.sum())
+    return MetricValue(float(np.abs(probability - best).sum() / total) if total else None, int(total))
+
+
+MISS_M: Final = 2.0
+"""Argoverse 2's threshold."""
+
+
+def missed_6(hypotheses: Hypotheses, truth: Floats) -> Floats:
+    """1 where each of the six most probable hypotheses ends more than 2 m from the truth, else 0; shape ``(N,)``."""
+    return np.asarray(min_fde_6(hypotheses, truth) > MISS_M, dtype=np.float64)
+
+
+STILL_M: Final = 0.1
+"""Between two points of a path, 0.2 s apart: a shorter leg does not turn the vehicle."""
+
+
+def colliding(hypotheses: Hypotheses, batch: SampleBatch) -> Floats:
+    """1 where the footprint on the most probable path overlaps that of another sample of the same frame, else 0.
+
+    Both footprints are at the same time, any of the grid's. A footprint points along its path, and keeps its heading
+    where the vehicle stands.
+
+    Returns:
+        Shape ``(N,)``; NaN where the frame has no other sample.
+    """
+    path = hypotheses.xy_m[:, 0]
+    heading = _headings(path, batch)
+    target = batch.target
+    frame = batch.actors.frame[target]
+    first, count = np.unique(frame, return_index=True, return_counts=True)[1:]
+    hit = np.zeros(len(path))
+    sizes = 0.5 * np.stack((batch.actors.length_m[target], batch.actors.width_m[target]))
+    _mark(path, np.cos(heading), np.sin(heading), sizes, first, first + count, hit)
+    return np.where(np.repeat(count, count) > 1, hit, np.nan) if len(hit) else hit
+
+
+def _headings(path: Floats, batch: SampleBatch) -> Floats:
+    """Heading at each point, shape ``(N, T)``: of the leg that leads there, of the one before where it is short."""
+    legs = np.diff(np.concatenate((batch.xy_m[:, None], path), axis=1), axis=1)
+    moves = np.hypot(legs[..., 0], legs[..., 1]) > STILL_M
+    heading = np.arctan2(legs[..., 1], legs[..., 0])
+    before = batch.yaw_rad
+    for point in range(path.shape[1]):
+        before = np.where(moves[:, point], heading[:, point], before)
+        heading[:, point] = before
+    return heading
+
+
+@compiled
+def _mark(path: Any, cos: Any, sin: Any, half: Any, first: Any, end: Any, hit: Any) -> None:
+    """Set ``hit`` to 1 for all samples whose boxes overlap another one's of their frame."""
+    for frame in range(len(first)):
+        for a in range(first[frame], end[frame]):
+            for b in range(a + 1, end[frame]):
+                if hit[a] > 0.0 and hit[b] > 0.0:
+                    continue
+                reach = np.hypot(half[0, a], half[1, a]) + np.hypot(half[0, b], half[1, b])
+                for t in range(path.shape[1]):
+                    dx, dy = path[b, t, 0] - path[a, t, 0], path[b, t, 1] - path[a, t, 1]
+                    if dx * dx + dy * dy >= reach * reach:
+                        continue
+                    first_box = (path[a, t, 0], path[a, t, 1], cos[a, t], sin[a, t])
+                    second_box = (path[b, t, 0], path[b, t, 1], cos[b, t], sin[b, t])
+                    if box_gap_m(first_box, second_box, half[0, a], half[1, a], half[0, b], half[1, b]) < 0.0:
+                        hit[a] = hit[b] = 1.0
+                        break
+
+
+def _by_truth(function: Callable[[Hypotheses, Floats], Floats]) -> Callable[[Hypotheses, ScoredSamples], Floats]:
+    return lambda hypotheses, samples: function(hypotheses, samples.future_xy_m)
+
+
+SCENE_METRICS: Final = (
+    Metric("world_min_ade_6_m", "world minADE6", world_min_ade_6, of_frames=True),
+    Metric("world_min_fde_6_m", "world minFDE6", world_min_fde_6, of_frames=True),
+    Metric("off_road_rate", "off road", off_road),
+    Metric("wrong_way_rate", "wrong way", wrong_way),
+    Metric("infeasible_rate", "infeasible", infeasible),
+)
+"""Of frames as a whole, of the road, and of what a vehicle can do."""
+METRICS: Final = (
+    Metric("ade_m", "ADE", _by_truth(ade)),
+    Metric("fde_m", "FDE", _by_truth(fde)),
+    Metric("min_ade_6_m", "minADE6", _by_truth(min_ade_6)),
+    Metric("min_fde_6_m", "minFDE6", _by_truth(min_fde_6)),
+    Metric("rmse_5s_m", "RMSE@5s", _by_truth(squared_fde), np.sqrt),
+    Metric("miss_rate_6", "MR6", _by_truth(missed_6)),
+    Metric("brier_min_fde_6_m", "b-minFDE6", _by_truth(brier_min_fde_6)),
+    Metric("brier_score", "Brier", _by_truth(brier_score)),
+    Metric("path_collision_rate", "collisions", lambda hypotheses, samples: colliding(hypotheses, samples.batch)),
+    *SCENE_METRICS,
+)
+"""Every metric of the evaluation, in the order of reports."""
+METRIC_OF: Final = {metric.name: metric for metric in METRICS}
+"""By name."""

@@ -1,0 +1,408 @@
+"""Scores of all models in all groups of samples, with intervals over the episodes, and the differences of models."""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache, cached_property
+from itertools import combinations
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Flags, Floats, Rows
+from siren_ros.base.tables.brief import Brief, data_frame
+from siren_ros.base.tables.interval import NOTHING, Interval
+from siren_ros.base.tables.table import Row, Table
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.prediction.metrics import BINS, METRIC_OF, METRICS, Metric, calibration_error
+from siren_ros.scoring.evaluation.prediction.predictors import is_simple
+from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS
+from siren_ros.scoring.evaluation.prediction.scoring import Category, EpisodeScores, ModelScores, Trait
+from siren_ros.scoring.evaluation.statistics import (
+    BlockSums,
+    PairedDifference,
+    block_sums,
+    holm,
+    interval_of_mean,
+    jackknife,
+    paired_difference,
+)
+from siren_ros.scoring.judging.people import NAMES
+
+_PARTS: Final = 3
+"""Ranges of a parameter with many values: low, middle, high, with equally many episodes."""
+_VALUES_MAX: Final = 4
+"""A parameter with at most so many values has a row for each."""
+
+
+class GroupKind(StrEnum):
+    """What the rows of a table differ in."""
+
+    ALL = "all"
+    TEMPLATE = "template"
+    CATEGORY = "category"
+    SUBSET = "subset"
+    """Of civilians; a sample may be in several."""
+    LEVEL = "level"
+    PEOPLE = "people"
+    PARAMETER = "parameter"
+
+
+@dataclass(frozen=True)
+class Group(Brief):
+    """One row."""
+
+    kind: GroupKind
+    name: str
+    """``S2``, ``held``, ``L3``, ``S2 emv.speed_mps 8.3 to 11.2``."""
+    episodes: Flags
+    """Which episodes belong to it, shape ``(B,)``."""
+    category: int | None = None
+    """Of the samples; None for all; the class of people."""
+    members: Callable[[ModelScores], Flags] | None = None
+    """Which samples belong to it; None for all."""
+
+
+def _civilians(scores: ModelScores) -> Flags:
+    return np.asarray(scores.category != Category.EMV)
+
+
+SUBSETS: Final[Mapping[str, Callable[[ModelScores], Flags]]] = {
+    "civilians": _civilians,
+    "moving civilians": lambda scores: _civilians(scores) & (scores.traits & Trait.MOVING > 0),
+    "yield or hold": lambda scores: np.isin(scores.category, (Category.YIELDING, Category.HELD)),
+    "manoeuvre begins": lambda scores: _civilians(scores) & (scores.traits & Trait.BEGINS > 0),
+}
+"""Civilians, by what a model has to know of them; the last ones begin to yield, or to drive on, within the horizon."""
+
+
+def groups_of(scores: Sequence[EpisodeScores]) -> tuple[Group, ...]:
+    """Every group of some episodes, in the order of reports."""
+    everything, with_people = np.ones(len(scores), dtype=np.bool_), any(episode.people for episode in scores)
+    templates, levels = ([getattr(episode, kind) for episode in scores] for kind in ("template", "level"))
+    return (
+        Group(GroupKind.ALL, "all", everything),
+        *(Group(GroupKind.TEMPLATE, name, np.array(templates) == name) for name in sorted(set(templates))),
+        *(Group(GroupKind.CATEGORY, category.name.lower(), everything, category) for category in Category),
+        *(Group(GroupKind.SUBSET, name, everything, members=members) for name, members in SUBSETS.items()),
+        *(Group(GroupKind.LEVEL, level.name, np.array(levels) == level) for level in sorted(set(levels))),
+        *(Group(GroupKind.PEOPLE, name, everything, kind) for kind, name in NAMES.items() if with_people),
+        *_by_parameter(scores),
+    )
+
+
+def _by_parameter(scores: Sequence[EpisodeScores]) -> Iterator[Group]:
+    """Ranges of each number of each template that differs between its episodes."""
+    for template in sorted({episode.template for episode in scores}):
+        of_template = np.array([episode.template == template for episode in scores])
+        for name in sorted({name for episode in scores if episode.template == template for name in episode.parameters}):
+            values = np.array([episode.parameters.get(name, np.nan) for episode in scores])
+            values[~of_template] = np.nan
+            yield from _ranges(f"{template} {name}", values)
+
+
+def _ranges(name: str, values: Floats) -> Iterator[Group]:
+    known = values[~np.isnan(values)]
+    different = np.unique(known)
+    if len(different) < 2:
+        return
+    if len(different) <= _VALUES_MAX:
+        for value in different.tolist():
+            yield Group(GroupKind.PARAMETER, f"{name} {value:g}", values == value)
+        return
+    bounds = np.quantile(known, np.linspace(0.0, 1.0, _PARTS + 1))
+    part = np.searchsorted(bounds[1:-1], values, side="left")
+    for number in range(_PARTS):
+        inside = (part == number) & ~np.isnan(values)
+        if inside.any():
+            low, high = values[inside].min(), values[inside].max()
+            yield Group(GroupKind.PARAMETER, f"{name} {low:.4g} to {high:.4g}", inside)
+
+
+@dataclass(frozen=True)
+class SampleTable(ModelScores):
+    """One model's samples of all episodes."""
+
+    episode: Rows
+    """Position of the sample's episode among all episodes, shape ``(N,)``."""
+
+    @property
+    def coverage(self) -> float:
+        """Share of the population's samples that were scored; 1 without any sample."""
+        return len(self) / self.population_size if self.population_size else 1.0
+
+
+def sample_table(parts: Mapping[int, ModelScores]) -> SampleTable:
+    """The samples of one model, from its scores by the position of the episode; at least one."""
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts.values()])
+        for name in ("step", "actor_id", "category", "traits", "moved_m")
+    }
+    return SampleTable(
+        **columns,
+        values={
+            metric.name: np.concatenate([part.values[metric.name] for part in parts.values()]) for metric in METRICS
+        },
+        distance_sum_m=sum((part.distance_sum_m for part in parts.values()), np.zeros(FUTURE_POINTS)),
+        reliability=sum((part.reliability for part in parts.values()), np.zeros((3, BINS))),
+        population_size=sum(part.population_size for part in parts.values()),
+        episode=np.repeat(list(parts), [len(part) for part in parts.values()]),
+    )
+
+
+_OF_SOME_VEHICLES: Final = (GroupKind.CATEGORY, GroupKind.SUBSET, GroupKind.PEOPLE)
+_PARAMETER_METRICS: Final = frozenset({"ade_m", "fde_m"})
+"""Of the many rows by parameter."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """One metric of one model in one group."""
+
+    interval: Interval
+    """The mean over the group's templates, each counted once, of the means over their samples."""
+    samples: int
+
+
+@dataclass(frozen=True)
+class ScoreTable(Brief):
+    """All scores of an evaluation."""
+
+    episodes: tuple[EpisodeScores, ...]
+    models: tuple[str, ...]
+    groups: tuple[Group, ...]
+    samples: Mapping[str, SampleTable]
+    """By model."""
+    cells: Mapping[tuple[str, str, str], Score]
+    """By model, name of the group, and metric."""
+
+    def facts(self) -> dict[str, object]:
+        """What was scored, and the mean ADE of each model."""
+        values = {f"{model} ade_m": self.value(model, GroupKind.ALL, "ade_m") for model in self.models}
+        return {
+            "episodes": len(self.episodes),
+            "templates": ", ".join(group.name for group in self.of_kind(GroupKind.TEMPLATE)),
+            "groups": len(self.groups),
+            "population": self.episodes[0].population.value,
+            **values,
+        }
+
+    def _repr_html_(self) -> str:
+        """ADE and FDE of each model in each template, with the intervals of the first."""
+        groups = (*self.of_kind(GroupKind.TEMPLATE), *self.of_kind(GroupKind.ALL))
+        rows: tuple[Row, ...] = tuple(
+            (model, *(tuple(self.cells[model, group.name, metric].interval for metric in CLAIMED) for group in groups))
+            for model in self.models
+        )
+        caption = f"ADE/FDE in m [95 % intervals], {len(self.episodes)} episodes"
+        return Table("scores", caption, ("model", *(group.name for group in groups)), rows).html()
+
+    def of_kind(self, kind: GroupKind) -> tuple[Group, ...]:
+        """The groups of one kind; those of ``template`` are named as the templates are.
+
+        Raises:
+            InputError: There is no such kind.
+        """
+        _check("kind", kind, [*GroupKind])
+        return tuple(group for group in self.groups if group.kind == kind)
+
+    def value(self, model: str, group: str, metric: str) -> float | None:
+        """A value.
+
+        Args:
+            model: One of ``models``.
+            group: Name of one of ``groups``: ``all``, a template, a level, a category or another one.
+            metric: Such as ``ade_m`` or ``min_fde_6_m``; the error names all.
+
+        Returns:
+            The mean. None where there is none: the group has no samples of the model, or the metric says nothing of
+            them. A metric of whole frames says nothing of some of their vehicles, and groups by a parameter of a
+            template have ``ade_m`` and ``fde_m`` alone.
+
+        Raises:
+            InputError: A name is unknown.
+        """
+        _check("model", model, self.models)
+        _check("group", group, [known.name for known in self.groups])
+        _check("metric", metric, METRIC_OF)
+        cell = self.cells.get((model, group, metric))
+        return cell.interval.value if cell is not None and cell.interval.valid else None
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame`` with a row for each model, group and metric.
+
+        Its columns are ``model``, ``kind`` (of the group), ``group``, ``metric``, ``value``, ``low`` and ``high`` (of
+        the 95 % interval), ``episodes`` and ``samples``. NaN stands where there is no value or no interval.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        kinds = {group.name: group.kind.value for group in self.groups}
+        rows = [
+            {"model": model, "kind": kinds[group], "group": group, "metric": metric}
+            | {name: np.nan if number is None else number for name, number in cell.interval.json().items()}
+            | {"samples": cell.samples}
+            for (model, group, metric), cell in self.cells.items()
+        ]
+        return data_frame({name: [row[name] for row in rows] for name in rows[0]})
+
+    @cached_property
+    def claims(self) -> tuple["Claim", ...]:
+        """Each model that is not simple against the best simple baseline, over all templates and in each.
+
+        The best is the one with the least error on these very samples, which favours the baseline.
+        """
+        simple = [model for model in self.models if is_simple(model)]
+        others = [model for model in self.models if model not in simple]
+        return tuple(claim for model in others for claim in _claims_of(self, model, simple))
+
+
+def _check(parameter: str, name: str, known: Collection[str]) -> None:
+    if name not in known:
+        raise InputError(parameter, name, f"one of {', '.join(known)}")
+
+
+def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
+    """All scores of some episodes: at least one, all with the same models."""
+    models = tuple(scores[0].models)
+    samples = {model: sample_table({n: one.models[model] for n, one in enumerate(scores)}) for model in models}
+    with_people = {n: one.people for n, one in enumerate(scores) if one.people}
+    people = {model: sample_table({n: of[model] for n, of in with_people.items()}) for model in models if with_people}
+    groups = groups_of(scores)
+    stratum = strata(scores)
+    cells: dict[tuple[str, str, str], Score] = {}
+    for model in models:
+        for group in groups:
+            table = people[model] if group.kind is GroupKind.PEOPLE else samples[model]
+            chosen = group.episodes[table.episode]
+            if group.category is not None:
+                chosen &= table.category == group.category
+            if group.members is not None:
+                chosen &= group.members(table)
+            for metric in METRICS:
+                if group.kind is GroupKind.PARAMETER and metric.name not in _PARAMETER_METRICS:
+                    continue
+                if metric.of_frames and group.kind in _OF_SOME_VEHICLES:
+                    continue
+                sums = sums_of(table, metric, chosen, stratum)
+                cells[model, group.name, metric.name] = Score(interval_of_mean(sums), int(sums.count.sum()))
+    return ScoreTable(tuple(scores), models, groups, samples, cells)
+
+
+def calibration_interval(table: ScoreTable, model: str) -> Interval:
+    """A model's calibration error, with the interval of the jackknife over episodes."""
+    counts = np.array([episode.models[model].reliability for episode in table.episodes])
+    error = calibration_error(counts.sum(axis=0)).value
+    if error is None:
+        return NOTHING
+    left_out = [calibration_error(counts.sum(axis=0) - of_episode).value for of_episode in counts]
+    values = np.array([np.nan if value is None else value for value in left_out])
+    return jackknife(error, values, strata(table.episodes)).interval()
+
+
+def strata(scores: Sequence[EpisodeScores]) -> Rows:
+    """Number of each episode's template, shape ``(B,)``."""
+    return np.unique([episode.template for episode in scores], return_inverse=True)[1].astype(np.intp)
+
+
+def sums_of(table: SampleTable, metric: Metric, chosen: Flags | Rows, stratum: Rows) -> BlockSums:
+    """Sums of a metric over the episodes, of some samples."""
+    return block_sums(table.values[metric.name][chosen], table.episode[chosen], stratum, metric.of_mean)
+
+
+COMPARED: Final = ("ade_m", "fde_m", "min_ade_6_m", "min_fde_6_m")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first model minus the second, on their common samples."""
+
+    metric: str
+    group: str
+    """``all`` or a template."""
+    first: str
+    second: str
+    difference: Interval
+    p_value: float
+    adjusted_p_value: float
+    """By Holm's correction over all pairs of the same metric and group."""
+    samples: int
+
+
+def differences(table: ScoreTable, seed: int = 0) -> tuple[Difference, ...]:
+    """All pairs of models, with all compared metrics, over all templates and in each."""
+    pairs = list(combinations(table.models, 2))
+    common = {pair: common_rows(*(table.samples[model] for model in pair)) for pair in pairs}
+    rows: list[Difference] = []
+    for metric in COMPARED:
+        for group in (*table.of_kind(GroupKind.ALL), *table.of_kind(GroupKind.TEMPLATE)):
+            results = [_compared(table, pair, common[pair], metric, group, seed) for pair in pairs]
+            adjusted = holm([result.p_value for result, _ in results])
+            rows += [
+                Difference(metric, group.name, *pair, result.difference, result.p_value, together, samples)
+                for pair, (result, samples), together in zip(pairs, results, adjusted, strict=True)
+            ]
+    return tuple(rows)
+
+
+def _compared(
+    table: ScoreTable, pair: tuple[str, str], common: tuple[Rows, Rows], metric: str, group: Group, seed: int
+) -> tuple[PairedDifference, int]:
+    """The difference of two models on their common samples of a group, and the number of these."""
+    sums = []
+    for model, rows in zip(pair, common, strict=True):
+        samples = table.samples[model]
+        chosen = rows[group.episodes[samples.episode[rows]]]
+        sums.append(sums_of(samples, METRIC_OF[metric], chosen, strata(table.episodes)))
+    first, second = sums
+    return paired_difference(first, second, np.random.default_rng(seed)), int(first.count.sum())
+
+
+CLAIMED: Final = ("ade_m", "fde_m")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A model against the best simple baseline."""
+
+    metric: str
+    group: str
+    """``all`` or a template."""
+    model: str
+    best_simple: str
+    best_simple_value: float
+    """Of the baseline, over all its samples."""
+    difference: Interval
+    """The model minus the baseline, on their common samples; negative where the model is better."""
+    p_value: float
+    adjusted_p_value: float
+    """By Holm's correction over the groups of one model and metric."""
+    samples: int
+
+    @property
+    def share(self) -> float:
+        """The difference as a share of the baseline's error: −0.2 is a fifth less."""
+        return self.difference.value / self.best_simple_value if self.best_simple_value else 0.0
+
+
+def _claims_of(table: ScoreTable, model: str, simple: Sequence[str], seed: int = 0) -> Iterator[Claim]:
+    common = cache(lambda best: common_rows(table.samples[model], table.samples[best]))
+    for metric in CLAIMED:
+        found = []
+        for group in (*table.of_kind(GroupKind.ALL), *table.of_kind(GroupKind.TEMPLATE)):
+            errors = {name: error for name in simple if (error := table.value(name, group.name, metric)) is not None}
+            if errors:
+                best = min(errors, key=errors.__getitem__)
+                result, samples = _compared(table, (model, best), common(best), metric, group, seed)
+                found.append((group.name, best, errors[best], result, samples))
+        found = [row for row in found if row[3].difference.valid]
+        adjusted = holm([result.p_value for *_, result, _ in found])
+        for (group_name, best, error, result, samples), together in zip(found, adjusted, strict=True):
+            compared = result.difference, result.p_value, together
+            yield Claim(metric, group_name, model, best, error, *compared, samples)
+
+
+def common_rows(first: SampleTable, second: SampleTable) -> tuple[Rows, Rows]:
+    """Rows of the samples that both models have, in the same order."""
+    keys, other_keys = (np.rec.fromarrays((table.episode, table.step, table.actor_id)) for table in (first, second))
+    return np.intersect1d(keys, other_keys, assume_unique=True, return_indices=True)[1:]

@@ -1,0 +1,261 @@
+"""Predictions that a user hands in: checked rows of hypotheses, from a file or a topic of a bag, sample by sample."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Flags, Floats, Rows
+from siren_ros.data.interfaces.conversions import from_predicted_paths
+from siren_ros.data.interfaces.topics import PREDICTIONS
+from siren_ros.data.record.episode_source import EpisodeSource
+from siren_ros.errors import BagError, InputError
+from siren_ros.scoring.evaluation.prediction.predictors import SUM_TOLERANCE, Hypotheses
+from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch, future_times_s
+
+Integers = npt.NDArray[np.int64]
+
+PERIODS_S: Final = {25: 0.2, 30: 0.2, 50: 0.1, 60: 0.1, 80: 0.1}
+"""Time between the points of a path, by their number: 5 or 6 s at 0.2 s, 5, 6 or 8 s at 0.1 s."""
+
+
+@dataclass(frozen=True)
+class SubmittedRows:
+    """R hypotheses, one row each."""
+
+    source: str
+    """File or topic, for errors."""
+    episode: npt.NDArray[np.object_]
+    """Name of the episode, shape ``(R,)``."""
+    actor_id: Integers
+    step: Integers
+    """The present."""
+    mode: Integers
+    """Number of the hypothesis within its sample."""
+    probability: Floats
+    xy_m: Floats
+    """On the common grid, frame ``map``, shape ``(R, FUTURE_POINTS, 2)``."""
+    window: HistoryWindow
+    """Which samples the model answers."""
+
+    def __len__(self) -> int:
+        return len(self.episode)
+
+    def named(self, row: int) -> str:
+        """A row in words."""
+        return f"episode {self.episode[row]}, actor {self.actor_id[row]}, step {self.step[row]}, mode {self.mode[row]}"
+
+    def select(self, rows: Rows | Flags) -> "SubmittedRows":
+        """Some of the rows."""
+        arrays: dict[str, Any] = {name: values for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        return replace(self, **{name: values[rows] for name, values in arrays.items()})
+
+
+def refuse(source: str, wrong: Flags, what: str, named: Callable[[int], str], allowed: str) -> None:
+    """Refuses rows of a source that are wrong (shape ``(R,)``): what is wrong, a row in words, what would be right.
+
+    Raises:
+        InputError: With their number and the first, where one is wrong.
+    """
+    if wrong.any():
+        where = f"{source}: {wrong.sum()} of {len(wrong)} {what}; the first is {named(int(np.argmax(wrong)))}"
+        raise InputError("predictions", where, allowed)
+
+
+def on_grid(xy_m: Floats) -> Floats:
+    """Paths on the common grid, from paths of a length of ``PERIODS_S``.
+
+    Every time of the grid is a time of these paths, so nothing is interpolated: of 60 points at 0.1 s, every second
+    up to 5 s.
+
+    Args:
+        xy_m: Shape ``(R, L, 2)``; the first point lies one period after the present.
+
+    Returns:
+        Shape ``(R, FUTURE_POINTS, 2)``.
+    """
+    points = np.round(future_times_s() / PERIODS_S[xy_m.shape[1]]).astype(np.intp) - 1
+    return np.ascontiguousarray(xy_m[:, points])
+
+
+FAR_M: Final = 100.0
+"""No vehicle is farther away than this 0.2 s later: such positions are not in the frame ``map``."""
+
+
+@dataclass(frozen=True)
+class EpisodePredictions:
+    """What a submission says of one episode: S samples with their hypotheses, sorted by step and then by actor."""
+
+    source: str
+    """File or topic, for errors."""
+    window: HistoryWindow
+    """Which samples the model answers."""
+    actor_id: Integers
+    step: Integers
+    hypotheses: Hypotheses
+    allow_missing: bool = False
+    """Whether samples without a prediction are left out, instead of refused."""
+    allow_unknown: bool = False
+    """Whether predictions of vehicles outside the population are left out, instead of refused."""
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+    def select(self, samples: Rows) -> "EpisodePredictions":
+        """Some of the samples, given as increasing indices."""
+        chosen = self.actor_id[samples], self.step[samples], self.hypotheses.select(samples)
+        return EpisodePredictions(self.source, self.window, *chosen, self.allow_missing, self.allow_unknown)
+
+    def meet(self, batch: SampleBatch) -> tuple[Rows, Hypotheses]:
+        """The samples of an episode that are predicted, and their hypotheses.
+
+        Raises:
+            InputError: Predictions of samples that the episode does not have, samples without a prediction, unless
+                that is allowed; positions that are not on the map.
+        """
+        actor, step = batch.actor_id, batch.sample_step
+        asked, given = (step << 32) | actor, (self.step << 32) | self.actor_id
+        unknown, missing = ~np.isin(given, asked), ~np.isin(asked, given)
+        if not self.allow_unknown:
+            what = "predicted samples are not in the population"
+            allowed = "samples of the population: (vehicle, frame) with a whole window"
+            refuse(
+                self.source, unknown, what, lambda row: f"actor {self.actor_id[row]} at step {self.step[row]}", allowed
+            )
+        if not self.allow_missing:
+            what, allowed = "samples have no prediction", "a prediction for each sample, or --allow-missing"
+            refuse(self.source, missing, what, lambda row: f"actor {actor[row]} at step {step[row]}", allowed)
+        rows = np.flatnonzero(~missing)
+        hypotheses = self.hypotheses.select(np.searchsorted(given, asked[rows]))
+        away = np.hypot(*(hypotheses.xy_m[:, 0, 0] - batch.xy_m[rows]).T)
+        if len(away) and np.median(away) > FAR_M:
+            where = f"{self.source}: half of the paths begin farther than {np.median(away):.0f} m from their vehicle"
+            raise InputError("predictions", where, "positions in metres in the frame map")
+        return rows, hypotheses
+
+
+@dataclass(frozen=True)
+class Submission:
+    """Everything that one model predicted."""
+
+    episodes: Mapping[str, EpisodePredictions]
+    """By the name of the episode."""
+    elsewhere: EpisodePredictions
+    """What the model says of every other episode: nothing."""
+
+    def of_episode(self, names: Iterable[str]) -> EpisodePredictions:
+        """The part of an episode that has several names; empty where there are no predictions."""
+        return next((self.episodes[name] for name in names if name in self.episodes), self.elsewhere)
+
+    def check_episodes(self, known: Sequence[Iterable[str]]) -> None:
+        """Refuses predictions of episodes that are not scored, unless missing ones are allowed, too.
+
+        Args:
+            known: The names of each scored episode.
+
+        Raises:
+            InputError: There are such, or two scored episodes have the same name in the file.
+        """
+        source, names = self.elsewhere.source, [name for of_episode in known for name in set(of_episode)]
+        for name in self.episodes:
+            if names.count(name) > 1:
+                raise InputError("predictions", f"{source}: episode {name}", "a name that one bag alone has")
+        if not self.elsewhere.allow_missing:
+            refuse(
+                source,
+                np.array([name not in names for name in self.episodes], dtype=np.bool_),
+                "episodes are not among the bags",
+                lambda row: list(self.episodes)[row],
+                "names of the given bags, or --allow-missing",
+            )
+
+
+def submission(rows: SubmittedRows, allow_missing: bool = False, allow_unknown: bool = False) -> Submission:
+    """Checks submitted hypotheses, and puts those of each sample together.
+
+    Samples may have different numbers of hypotheses; the lacking ones get the probability 0.
+
+    Raises:
+        InputError: Values that are not finite, negative probabilities, sums that are not 1, hypotheses given twice;
+            with their number and the first.
+    """
+    for wrong, what, allowed in (
+        (~np.isfinite(rows.xy_m).all(axis=(1, 2)), "paths are not finite", "finite values"),
+        (~np.isfinite(rows.probability), "probabilities are not finite", "finite values"),
+        (rows.probability < 0.0, "probabilities are negative", "0 or more"),
+        ((rows.actor_id < 0) | (rows.step < 0), "actors or steps are negative", "0 or more"),
+    ):
+        refuse(rows.source, wrong, what, rows.named, allowed)
+    _, code = np.unique(rows.episode.astype(str), return_inverse=True)
+    order = np.lexsort((rows.mode, rows.actor_id, rows.step, code))
+    rows, code = rows.select(order), code[order]
+    key = np.stack((code, rows.step, rows.actor_id))
+    new = np.concatenate(([True], (np.diff(key, axis=1) != 0).any(axis=0))) if len(rows) else np.zeros(0, dtype=bool)
+    sample = np.cumsum(new) - 1
+    twice = np.concatenate(([False], (np.diff(rows.mode) == 0) & ~new[1:])) if len(rows) else new
+    refuse(rows.source, twice, "hypotheses are given twice", rows.named, "each mode of a sample once")
+    first = np.flatnonzero(new)
+    place = np.arange(len(rows)) - first[sample]
+    modes = int(place.max()) + 1 if len(rows) else 1
+    probability = np.zeros((len(first), modes))
+    probability[sample, place] = rows.probability
+    total = probability.sum(axis=1)
+
+    def with_sum(row: int) -> str:
+        return f"{rows.named(first[row])} with {total[row]:.4g}"
+
+    wrong, what = np.abs(total - 1.0) > SUM_TOLERANCE, "samples have probabilities of another sum"
+    refuse(rows.source, wrong, what, with_sum, "probabilities of the sum 1")
+    xy_m = np.repeat(rows.xy_m[first][:, None], modes, axis=1)
+    xy_m[sample, place] = rows.xy_m
+    hypotheses, samples, code = Hypotheses.ranked(xy_m, probability), rows.select(first), code[first]
+
+    def part(of: Rows) -> EpisodePredictions:
+        content = samples.actor_id[of], samples.step[of], hypotheses.select(of)
+        return EpisodePredictions(rows.source, rows.window, *content, allow_missing, allow_unknown)
+
+    members = [np.flatnonzero(code == number) for number in np.unique(code).tolist()]
+    episodes = {str(samples.episode[of[0]]): part(of) for of in members}
+    return Submission(episodes, part(np.zeros(0, dtype=np.intp)))
+
+
+_EPISODE: Final = "recorded"
+
+
+def read_recorded_predictions(source: EpisodeSource, allow_missing: bool) -> EpisodePredictions:
+    """The predictions of an episode, checked.
+
+    A program in the loop does not know which vehicles will stay in the population: samples of others are left out.
+
+    Raises:
+        BagError: The bag has no such topic.
+        InputError: Paths of another horizon, and whatever ``submission`` refuses.
+    """
+    if PREDICTIONS.name not in source.bag.type_names:
+        raise BagError(str(source.path), f"a bag with the topic {PREDICTIONS.name}, of an episode with a predictor")
+    messages = (from_predicted_paths(message.read()) for message in source.bag.messages({PREDICTIONS.name}))
+    frames = [paths for paths in messages if len(paths)]
+    counts = [len(paths) for paths in frames]
+    step = np.repeat(np.array([paths.step for paths in frames], dtype=np.int64), counts)
+    actor = np.concatenate([paths.actor_id for paths in frames]).astype(np.int64) if frames else step
+    lengths = np.repeat(np.array([paths.xy_m.shape[1] for paths in frames], dtype=np.int64), counts)
+    name, wrong = f"{PREDICTIONS.name} of {source.path}", ~np.isin(lengths, list(PERIODS_S))
+
+    def with_length(row: int) -> str:
+        return f"actor {actor[row]} at step {step[row]} with {lengths[row]} points"
+
+    allowed = f"paths of {', '.join(map(str, PERIODS_S))} points"
+    refuse(name, wrong, "paths of another horizon", with_length, allowed)
+    rows = SubmittedRows(
+        source=name,
+        episode=np.full(len(step), _EPISODE, dtype=object),
+        actor_id=actor,
+        step=step,
+        mode=np.concatenate([np.arange(count) for count in counts]) if frames else step,
+        probability=np.concatenate([paths.probability for paths in frames]) if frames else np.zeros(0),
+        xy_m=np.concatenate([on_grid(paths.xy_m) for paths in frames]) if frames else np.zeros((0, FUTURE_POINTS, 2)),
+        window=HistoryWindow(),
+    )
+    return submission(rows, allow_missing, allow_unknown=True).of_episode([_EPISODE])

@@ -1,0 +1,276 @@
+"""One HTML page of a set of risk videos: each plays next to its label, its measures over time and the answers.
+
+Also the confusion matrices of a model as a picture.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from os.path import relpath
+from pathlib import Path
+from typing import Final, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.base.params.page_files import page_part, page_template
+from siren_ros.errors import whole_file, writing
+from siren_ros.scoring.evaluation.risk.labels import TITLES, Reason, RiskThresholds
+from siren_ros.scoring.evaluation.risk.scoring import UNREADABLE, Answers, ModelScores
+from siren_ros.scoring.evaluation.risk.video_set import RiskVideo, VideoSet
+
+FRAME_S: Final = 0.1
+"""From one frame of a video to the next."""
+
+
+class Dot(NamedTuple):
+    """One event: a time in the video and a value."""
+
+    at_s: float
+    value: float
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Measures at each step of a video's window; NaN where nobody is on a collision course."""
+
+    time_s: Floats
+    """Shape ``(N,)``, from 0 at the first frame."""
+    time_to_collision_s: Floats
+    """Least of all civilians that count, shape ``(N,)``."""
+    required_deceleration_mps2: Floats
+    """Greatest of those that are near enough to count, shape ``(N,)``."""
+    encroachments: tuple[Dot, ...]
+    """PET of each civilian whose place the EMV came through, or the other way round."""
+    contacts: tuple[Dot, ...]
+    """Impact speeds in m/s."""
+    moment_s: float | None
+    """Time of the conflict that decided the label; None without one."""
+
+
+def curves_of(video: RiskVideo, thresholds: RiskThresholds) -> Curves:
+    """The curves of a video; slower closing and farther vehicles than the labels' thresholds are left out."""
+    count = round(video.frames * FRAME_S / STEP_S)
+    moments, first = video.evidence.moments, video.first_step
+    inside = (moments.step >= first) & (moments.step < first + count)
+    closing = inside & (moments.closing_mps > thresholds.closing_mps)
+    near = inside & (moments.gap_m < thresholds.gap_m)
+    least, most = np.full(count, np.nan), np.full(count, np.nan)
+    np.fmin.at(least, moments.step[closing] - first, moments.time_to_collision_s[closing])
+    np.fmax.at(most, moments.step[near] - first, moments.required_deceleration_mps2[near])
+
+    def second(step: int) -> float:
+        return (step - first) * STEP_S
+
+    return Curves(
+        np.arange(count) * STEP_S,
+        least,
+        most,
+        tuple(Dot(second(pet.step), pet.time_s) for pet in video.evidence.encroachments),
+        tuple(Dot(second(hit.step), hit.impact_mps) for hit in video.evidence.contacts),
+        second(video.label.step) if video.label.actor_id else None,
+    )
+
+
+WIDTH: Final = 380.0
+HEIGHT: Final = 64.0
+_TIME_TO_COLLISION_MAX_S: Final = 5.0
+_DECELERATION_MAX_MPS2: Final = 10.0
+_ENCROACHMENT_MAX_S: Final = 5.0
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One measure over the time of a video; coordinates in a box of WIDTH by HEIGHT, y downwards."""
+
+    title: str
+    unit: str
+    top: float
+    """Value at the upper edge; greater ones are drawn there."""
+    limit: float
+    """Value from which on the measure counts as a near-miss."""
+    limit_y: float
+    path: str
+    """Of the SVG path; empty without a value."""
+    dots: tuple[tuple[float, float, str], ...]
+    """x, y and the text of each."""
+    extreme: str
+    """The most critical value and its time, in words."""
+
+
+def charts_of(curves: Curves, thresholds: RiskThresholds) -> tuple[Chart, ...]:
+    """TTC, PET and DRAC of a video."""
+    time_s = curves.time_s
+    across = WIDTH / (len(time_s) * (time_s[1] - time_s[0]))
+
+    def line(
+        title: str, unit: str, values: Floats, top: float, limit: float, worst: Callable[[Floats], np.intp]
+    ) -> Chart:
+        known = np.flatnonzero(np.isfinite(values))
+        at = known[worst(values[known])] if len(known) else None
+        extreme = "" if at is None else _text_of(time_s[at], values[at], unit)
+        return Chart(title, unit, top, limit, _y(limit, top), _svg_path(time_s * across, values, top), (), extreme)
+
+    ttc, drac = curves.time_to_collision_s, curves.required_deceleration_mps2
+    top, limit = _ENCROACHMENT_MAX_S, thresholds.post_encroachment_s
+    dots = curves.encroachments
+    drawn = tuple((at_s * across, _y(value, top), _text_of(at_s, value, "s")) for at_s, value in dots)
+    least = _text_of(*min(dots, key=lambda dot: dot.value), "s") if dots else ""
+    return (
+        line("TTC", "s", ttc, _TIME_TO_COLLISION_MAX_S, thresholds.time_to_collision_s, np.argmin),
+        Chart("PET", "s", top, limit, _y(limit, top), "", drawn, least),
+        line("DRAC", "m/s²", drac, _DECELERATION_MAX_MPS2, thresholds.required_deceleration_mps2, np.argmax),
+    )
+
+
+def _text_of(at_s: float, value: float, unit: str) -> str:
+    return f"{value:.2f} {unit} at {at_s:.1f} s"
+
+
+def _svg_path(x: Floats, values: Floats, top: float) -> str:
+    """Moves and lines; the pen is lifted where a value is missing. Single values become a short stroke."""
+    parts, drawing = [], False
+    for at, value in zip(x.tolist(), values.tolist(), strict=True):
+        if not np.isfinite(value):
+            drawing = False
+            continue
+        place = f"{at:.1f} {_y(value, top):.1f}"
+        parts.append(f"L{place}" if drawing else f"M{place}h0.6")
+        drawing = True
+    return "".join(parts)
+
+
+def _y(value: float, top: float) -> float:
+    return HEIGHT * (1.0 - min(max(value, 0.0), top) / top)
+
+
+_PAGE: Final = "risk"
+_REASONS: Final[Mapping[Reason, str]] = {
+    Reason.NOTHING: "no conflict",
+    Reason.TIME_TO_COLLISION: "TTC {value:.2f} s",
+    Reason.POST_ENCROACHMENT: "PET {value:.2f} s",
+    Reason.REQUIRED_DECELERATION: "DRAC {value:.1f} m/s²",
+    Reason.CONTACT: "contact at {value:.1f} m/s",
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A model's answer to one video."""
+
+    model: str
+    title: str
+    """Of the class; "unreadable", or "none" where the model has not answered."""
+    right: bool
+
+
+@dataclass(frozen=True)
+class Card:
+    """The page's card of one video."""
+
+    video_id: str
+    template: str
+    label: str
+    reason: str
+    source: str
+    """Address of the file from the page; empty where it is missing."""
+    length_s: float
+    moment_s: float | None
+    charts: tuple[Chart, ...]
+    contacts: tuple[Dot, ...]
+    answers: tuple[Answer, ...]
+    preset: str
+
+    @property
+    def right(self) -> str:
+        """Numbers of the models that are right, for the filter."""
+        return " ".join(str(number) for number, answer in enumerate(self.answers) if answer.right)
+
+
+def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], models: Sequence[ModelScores]) -> None:
+    """Writes the page: one HTML file that needs no network; the videos stay where they are.
+
+    The answers are by the models' names; the page has the order of the scores.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    named = {model.name: answers[model.name] for model in models}
+    cards = [card_of(videos, key, named, path.parent) for key in sorted(videos.videos)]
+    text = page_template(_PAGE, trim_blocks=True).render(
+        cards=cards,
+        classes=TITLES,
+        counts=[sum(card.label == title for card in cards) for title in TITLES],
+        templates=sorted({card.template for card in cards}),
+        models=models,
+        width=WIDTH,
+        height=HEIGHT,
+        style=page_part(_PAGE, "page.css"),
+        script=page_part(_PAGE, "page.js"),
+    )
+    with writing(path, parameter="page"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as file:
+            file.write_text(text, encoding="utf-8")
+
+
+def card_of(videos: VideoSet, video_id: str, answers: Mapping[str, Answers], folder: Path) -> Card:
+    """What the page in a folder shows of a video."""
+    video = videos.videos[video_id]
+    curves = curves_of(video, videos.thresholds)
+    file = videos.folder / video.file
+    return Card(
+        video_id=video_id,
+        template=video.template,
+        label=video.label.risk.title,
+        reason=_REASONS[video.label.reason].format(value=video.label.value),
+        source=quote(Path(relpath(file, folder)).as_posix()) if file.is_file() else "",
+        length_s=len(curves.time_s) * float(curves.time_s[1] - curves.time_s[0]),
+        moment_s=curves.moment_s,
+        charts=charts_of(curves, videos.thresholds),
+        contacts=curves.contacts,
+        answers=tuple(_answer(model, given, video) for model, given in answers.items()),
+        preset=str(video.request.get("preset", "")),
+    )
+
+
+def _answer(model: str, given: Answers, video: RiskVideo) -> Answer:
+    if video.video_id not in given:
+        return Answer(model, "none", right=False)
+    answer = given[video.video_id]
+    return Answer(model, UNREADABLE if answer is None else answer.title, right=answer is video.label.risk)
+
+
+_COLUMNS: Final = 4
+_PANEL_IN: Final = (3.1, 2.9)
+_TITLE_PT, _TEXT_PT, _ANSWERS_PT = 10, 8, 7
+_DARK: Final = 0.6
+"""Share from which on a number is white."""
+_DPI: Final = 110
+
+
+def save_confusions(model: ModelScores, path: Path) -> None:
+    """Draws all confusion matrices of a model; shades are shares of each label's videos, numbers are counts."""
+    groups = [("all templates", model.overall), *model.by_template.items()]
+    rows = -(-len(groups) // _COLUMNS)
+    figure = Figure(figsize=(_PANEL_IN[0] * _COLUMNS, _PANEL_IN[1] * rows), layout="constrained")
+    panels = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
+    for panel, (name, counts) in zip(panels, groups, strict=False):
+        totals = counts.sum(axis=1, keepdims=True)
+        panel.imshow(counts / totals.clip(1), vmin=0.0, vmax=1.0, cmap="Blues")
+        for row, values in enumerate(counts.tolist()):
+            for column, count in enumerate(values):
+                dark = count >= _DARK * max(1, int(totals[row, 0]))
+                panel.text(column, row, str(count), ha="center", va="center", color="white" if dark else "black")
+        panel.set_title(f"{name} (n = {int(counts.sum())})", fontsize=_TITLE_PT)
+        panel.set_xticks(range(len(TITLES) + 1), [*TITLES, "none"], fontsize=_ANSWERS_PT)
+        panel.set_yticks(range(len(TITLES)), TITLES, fontsize=_TEXT_PT, rotation=90, va="center")
+        panel.set_xlabel("answer", fontsize=_TEXT_PT)
+        panel.set_ylabel("label", fontsize=_TEXT_PT)
+    for panel in panels[len(groups) :]:
+        panel.set_visible(False)
+    figure.suptitle(model.name)
+    with whole_file(path) as file:
+        figure.savefig(file, dpi=_DPI)

@@ -1,0 +1,233 @@
+"""Answers to a set of videos (of files that any program can write, and of references) and their scores.
+
+Scores come from confusion matrices, overall and by template, lie between 0 and 1 and have intervals. A score that would
+divide by nothing is not valid, and 0 as in the paper.
+"""
+
+import csv
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.params import plain_json
+from siren_ros.base.tables.interval import Interval, mean_of_intervals, share_interval
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.risk.labels import RiskClass, label_of, risk_class
+from siren_ros.scoring.evaluation.risk.sequence_model import load_sequence_model
+from siren_ros.scoring.evaluation.risk.video_set import VideoSet, missing_files
+from siren_ros.scoring.evaluation.statistics import BlockSums
+
+Answers = Mapping[str, RiskClass | None]
+"""Final answer by video; None where the model answered and nothing could be read from it."""
+
+UNREADABLE = "unreadable"
+"""Stands in a file of answers in place of a class where nothing could be read from the model's text."""
+_FORMATS = 'JSON {"S1_000": "Normal", …} or CSV with the columns video and class'
+
+
+def read_answers(path: Path) -> dict[str, RiskClass | None]:
+    """One final class for each video.
+
+    Raises:
+        InputError: A file that cannot be read, a video twice, or a class that is not known (with the first offender).
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        pairs = _csv_pairs(text) if path.suffix.lower() == ".csv" else _json_pairs(text)
+    except (OSError, ValueError, TypeError, KeyError, csv.Error) as error:
+        raise InputError("predictions", str(path), f"{_FORMATS} ({error})") from error
+    answers: dict[str, RiskClass | None] = {}
+    for video, title in pairs:
+        if video in answers:
+            raise InputError("predictions", f"{path}: video {video}", "each video once")
+        try:
+            answers[video] = None if title == UNREADABLE else risk_class(title)
+        except InputError as error:
+            raise InputError("predictions", f"{path}: video {video}: {title}", error.allowed) from error
+    return answers
+
+
+def checked_answers(answers: Answers, videos: Collection[str], *, allow_missing: bool) -> dict[str, RiskClass | None]:
+    """The answers to the videos of a set.
+
+    Raises:
+        InputError: Answers to videos that the set does not have, or videos without an answer unless they are allowed;
+            with their number and the first one.
+    """
+    unknown = sorted(set(answers) - set(videos))
+    if unknown:
+        raise InputError("predictions", f"{len(unknown)} unknown videos, first {unknown[0]}", "videos of the set")
+    missing = sorted(set(videos) - set(answers))
+    if missing and not allow_missing:
+        allowed = "an answer to each video of the set, or --allow-missing"
+        raise InputError("predictions", f"{len(missing)} videos without an answer, first {missing[0]}", allowed)
+    return dict(answers)
+
+
+def _json_pairs(text: str) -> list[tuple[str, str]]:
+    pairs = plain_json.load(text, object_pairs_hook=lambda items: items)
+    if not isinstance(pairs, list):
+        raise ValueError("no object of video and class")  # noqa: TRY004 - what is in a file, not a call
+    titles = []
+    for video, value in pairs:
+        title = dict(value).get("class") if isinstance(value, list) else value  # a list is an object's pairs here
+        if not isinstance(title, str):
+            raise ValueError("no object of video and class")  # noqa: TRY004 - what is in a file, not a call
+        titles.append((str(video), title))
+    return titles
+
+
+def _csv_pairs(text: str) -> list[tuple[str, str]]:
+    rows = csv.DictReader(text.splitlines())
+    if not {"video", "class"} <= set(rows.fieldnames or ()):
+        raise ValueError("no columns video and class")
+    return [(row["video"], row["class"] or "") for row in rows]
+
+
+def majority(videos: VideoSet) -> Answers:
+    """The most frequent class of the set for every video; of equally frequent ones the least severe."""
+    counts = Counter(video.label.risk for video in videos.videos.values())
+    answer = min(counts, key=lambda risk: (-counts[risk], risk), default=RiskClass.NORMAL)
+    return dict.fromkeys(videos.videos, answer)
+
+
+def template_prior(videos: VideoSet) -> Answers:
+    """The most frequent class of each template in the set: what who knows the template alone can answer."""
+    answers: dict[str, RiskClass | None] = {}
+    for template in {video.template for video in videos.videos.values()}:
+        of_template = {key: video for key, video in videos.videos.items() if video.template == template}
+        answers |= majority(replace(videos, videos=of_template))
+    return answers
+
+
+def oracle(videos: VideoSet) -> Answers:
+    """The class that the recorded measures give: the upper bound, which sees the simulator's state."""
+    return {key: label_of(video.evidence, videos.thresholds).risk for key, video in videos.videos.items()}
+
+
+def sequence(videos: VideoSet) -> Answers:
+    """The answers of the shipped network, which sees the pictures; videos whose file is missing have none."""
+    missing = missing_files(videos)
+    present = {key: video for key, video in videos.videos.items() if key not in missing}
+    return load_sequence_model().answers(replace(videos, videos=present))
+
+
+REFERENCES: Final[Mapping[str, Callable[[VideoSet], Answers]]] = {
+    "majority": majority,
+    "template_prior": template_prior,
+    "sequence": sequence,
+    "oracle": oracle,
+}
+"""Rows of every table, by name."""
+
+
+Confusion = npt.NDArray[np.int64]
+"""Counts of videos, shape ``(3, 4)``: row the reference class, column the answer, the last one for no usable answer."""
+
+NO_ANSWER: Final = len(RiskClass)
+"""Column of the videos whose answer could not be read. They count as wrong, and as no answer of any class."""
+
+
+def confusion(reference: Sequence[RiskClass], answers: Sequence[RiskClass | None]) -> Confusion:
+    """Counts of each reference class and answer; None is an answer that could not be read."""
+    counts = np.zeros((len(RiskClass), len(RiskClass) + 1), dtype=np.int64)
+    columns = [NO_ANSWER if answer is None else answer for answer in answers]
+    np.add.at(counts, (np.array(reference, dtype=np.intp), np.array(columns, dtype=np.intp)), 1)
+    return counts
+
+
+def accuracy(counts: Confusion) -> Interval:
+    """Share of right answers."""
+    return share_interval(int(np.trace(counts)), int(counts.sum()))
+
+
+def precision(counts: Confusion, risk: RiskClass) -> Interval:
+    """Share of the answers of a class that are right; not valid where the class was never answered."""
+    return share_interval(int(counts[risk, risk]), int(counts[:, risk].sum()))
+
+
+def recall(counts: Confusion, risk: RiskClass) -> Interval:
+    """Share of the videos of a class that were recognised; not valid where there are none."""
+    return share_interval(int(counts[risk, risk]), int(counts[risk].sum()))
+
+
+def f1(counts: Confusion, risk: RiskClass) -> Interval:
+    """Harmonic mean of precision and recall: 2·TP / (answers + videos) of the class.
+
+    It rises with the share of right ones among the videos that are, or are said to be, of the class: 2·share /
+    (1 + share). So do its bounds.
+    """
+    right = int(counts[risk, risk])
+    share = share_interval(right, int(counts[:, risk].sum() + counts[risk].sum()) - right)
+    value, low, high = (2.0 * part / (1.0 + part) for part in (share.value, share.low, share.high))
+    return Interval(value, low, high, share.blocks)
+
+
+def balanced_accuracy(counts: Confusion) -> Interval:
+    """Mean recall of the classes that have videos."""
+    return mean_of_intervals([recall(counts, risk) for risk in RiskClass], int(counts.sum()))
+
+
+def macro_f1(counts: Confusion) -> Interval:
+    """Mean F1 of the classes that have videos or answers."""
+    return mean_of_intervals([f1(counts, risk) for risk in RiskClass], int(counts.sum()))
+
+
+SCORES: Final[Mapping[str, Callable[[Confusion], Interval]]] = {
+    "accuracy": accuracy,
+    "balanced_accuracy": balanced_accuracy,
+    "macro_f1": macro_f1,
+    **{
+        f"{name}_{risk.name.lower()}": partial(score, risk=risk)
+        for name, score in (("precision", precision), ("recall", recall), ("f1", f1))
+        for risk in RiskClass
+    },
+}
+"""Every score by its name in tables and files."""
+
+
+def correct_by_class(videos: VideoSet, answers: Answers) -> BlockSums:
+    """Right answers as sums over videos, with the classes as strata: their mean is the balanced accuracy.
+
+    ``answers`` has one for each video of the set.
+    """
+    labels = [(key, video.label.risk) for key, video in sorted(videos.videos.items())]
+    right = np.array([float(answers[key] is risk) for key, risk in labels])
+    return BlockSums(right, np.ones(len(right)), np.array([risk for _, risk in labels], dtype=np.intp))
+
+
+@dataclass(frozen=True)
+class ModelScores:
+    """A model's scores on a set."""
+
+    name: str
+    videos: int
+    """Of the set."""
+    answered: int
+    """Videos that have an answer; the others do not count."""
+    overall: Confusion
+    by_template: Mapping[str, Confusion]
+
+    @property
+    def scores(self) -> Mapping[str, Interval]:
+        """Every score overall, by name."""
+        return {name: score(self.overall) for name, score in SCORES.items()}
+
+
+def score_answers(name: str, videos: VideoSet, answers: Answers) -> ModelScores:
+    """Scores a model's answers; ``answers`` holds ids of the set only."""
+    answered = [(video, answers[key]) for key, video in sorted(videos.videos.items()) if key in answers]
+
+    def counts(template: str | None = None) -> Confusion:
+        of_template = [(video, answer) for video, answer in answered if template in (None, video.template)]
+        return confusion([video.label.risk for video, _ in of_template], [answer for _, answer in of_template])
+
+    templates = sorted({video.template for video, _ in answered})
+    by_template = {template: counts(template) for template in templates}
+    return ModelScores(name, len(videos.videos), len(answered), counts(), by_template)

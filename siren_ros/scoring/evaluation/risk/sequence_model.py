@@ -1,0 +1,143 @@
+"""The reference that sees pictures and is no language model: a small network on each second frame of a video.
+
+It sees grey pictures, five a second, without the sky, a fifth of the size.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.params.resources import params_dir
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.network_file import NetworkFile, open_network
+from siren_ros.scoring.evaluation.risk.labels import RiskClass
+from siren_ros.scoring.evaluation.risk.video_set import VideoSet, film_frames
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.scenario.splits import EpisodeIdentity, SeenEpisodes, Split, counted_standings
+
+SmallFrames = npt.NDArray[np.uint8]
+"""Grey values of a film, shape ``(T, HEIGHT, WIDTH)``."""
+
+EVERY: Final = 2
+"""Of the video's frames at 10 Hz each second one is used."""
+WIDTH: Final = 160
+HEIGHT: Final = 60
+_VIEW: Final = (800, 600)
+"""Width and height that the share below is stated for: those of the paper's front camera."""
+_ROWS: Final = (200, 500)
+"""Rows of it that are used: from above the horizon at 300 to where the road is 1.7 m ahead of the camera."""
+_GREY: Final = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+"""Luma of ITU-R BT.601, as H.264 stores it."""
+
+
+def reduced(rgb: npt.NDArray[np.uint8]) -> SmallFrames:
+    """One picture of the front camera, shape ``(height, width, 3)``, as one of shape ``(HEIGHT, WIDTH)``.
+
+    Raises:
+        InputError: A picture whose size is no multiple of the small one in the camera's proportions.
+    """
+    return _reduced_grey(rgb.astype(np.float32) @ _GREY)
+
+
+def read_small_frames(path: Path, frames: int) -> SmallFrames:
+    """Each second frame of an MP4 file that must have that many frames, reduced.
+
+    Raises:
+        InputError: No such video, not a video, one of another length, or of a size that cannot be reduced.
+    """
+    return np.stack(
+        [
+            _reduced_grey(frame.to_ndarray(format="gray").astype(np.float32))
+            for number, frame in enumerate(film_frames(path, frames))
+            if number % EVERY == 0
+        ]
+    )
+
+
+def _reduced_grey(grey: npt.NDArray[np.float32]) -> SmallFrames:
+    height, width = grey.shape
+    if width % WIDTH or width * _VIEW[1] != height * _VIEW[0]:
+        raise InputError("video", f"{width} x {height} pixels", "a multiple of 160 x 120")
+    first, last = (row * height // _VIEW[1] for row in _ROWS)
+    block = width // WIDTH
+    parts = grey[first:last].reshape(HEIGHT, block, WIDTH, block)
+    return np.rint(parts.mean(axis=(1, 3))).astype(np.uint8)
+
+
+def stacked(films: Sequence[SmallFrames]) -> SmallFrames:
+    """Films of equal length as one array, shape ``(N, T, HEIGHT, WIDTH)``."""
+    return np.stack(list(films))
+
+
+SHIPPED: Final = Path("risk", "sequence.onnx")
+"""Place of the weights below the parameter files."""
+INPUT: Final = "frames"
+OUTPUT: Final = "probability"
+_DECIDES: Final = ("seed", "map", "values")
+"""Of a request, what decides the split of its episode with its template."""
+FRAMES_VERSION: Final = 1
+"""Of the network's input; weights of another version are refused."""
+
+
+@dataclass(frozen=True)
+class SequenceModel:
+    """Estimates how likely a film shows a near-miss or worse, and how likely a collision."""
+
+    network: NetworkFile
+
+    def probabilities(self, frames: SmallFrames) -> tuple[float, float]:
+        """Of one film, shape ``(T, HEIGHT, WIDTH)``: of a near-miss or worse, and of a collision."""
+        (shares,) = self.network.session.run([OUTPUT], {INPUT: frames[None]})
+        return float(shares[0, 0]), float(shares[0, 1])
+
+    def answer(self, frames: SmallFrames) -> RiskClass:
+        """The more severe class first: each probability is held against one half."""
+        near, hit = self.probabilities(frames)
+        if hit > 0.5:
+            return RiskClass.COLLISION
+        return RiskClass.NEAR_MISS if near > 0.5 else RiskClass.NORMAL
+
+    def standings(self, videos: VideoSet) -> dict[Split, int]:
+        """How many episodes of a set stand how to the training; empty where the card does not list its episodes."""
+        seen = SeenEpisodes.of_card(self.network.card)
+        if seen is None:
+            return {}
+        episodes = {
+            EpisodeIdentity.of_request(
+                EpisodeRequest(**{name: video.request[name] for name in _DECIDES}), video.template
+            )
+            for video in videos.videos.values()
+        }
+        return counted_standings([seen.split_of(episode) for episode in episodes])
+
+    def answers(
+        self, videos: VideoSet, progress: Callable[[str], None] = lambda _: None
+    ) -> dict[str, RiskClass | None]:
+        """The answers to all videos of a set; ``progress`` is called with each video's id.
+
+        Raises:
+            InputError: A video is missing or of another length.
+        """
+        answers: dict[str, RiskClass | None] = {}
+        for key, video in sorted(videos.videos.items()):
+            answers[key] = self.answer(read_small_frames(videos.folder / video.file, video.frames))
+            progress(key)
+        return answers
+
+
+def load_sequence_model(path: Path | None = None) -> SequenceModel:
+    """The model that ships with the project, or one of ``siren train risk``.
+
+    Raises:
+        InputError: No such file, or not a network of this task.
+    """
+    file = path or params_dir() / SHIPPED
+    network = open_network(file)
+    if (version := network.card.get("frames_version")) != FRAMES_VERSION:
+        allowed = f"a sequence model for frames of version {FRAMES_VERSION}, not {version}"
+        raise InputError("checkpoint", str(file), allowed)
+    return SequenceModel(network)

@@ -1,0 +1,149 @@
+"""Models behind a server that speaks OpenAI's chat protocol: vLLM, llama.cpp, Ollama, hosted services."""
+
+import asyncio
+import json
+import math
+import os
+import time
+from base64 import b64encode
+from typing import Any, Final
+
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.risk.vlm.model import (
+    MOST_REPLY_BYTES,
+    MOST_TOKENS,
+    ModelUnavailableError,
+    Question,
+    Reply,
+    checked_reply,
+)
+
+NO_KEY: Final = "none"
+"""Sent to servers that ask for no key; their clients have to send something."""
+
+
+class OpenAiServer:
+    """One model of one server."""
+
+    def __init__(self, base_url: str, model: str, key: str, timeout_s: float, retries: int) -> None:
+        """Prepare the client; nothing is sent yet.
+
+        Args:
+            base_url: Such as ``http://localhost:8000/v1``.
+            model: The server's name for it.
+            key: Of the user; it is sent to the server and shown nowhere.
+            timeout_s: Of one request, from its first byte to the last byte of the reply.
+            retries: Further attempts after 408, 409, 429, 5xx, time-outs and broken connections, with back-off.
+
+        Raises:
+            InputError: The client is not installed, or an argument cannot be sent.
+        """
+        try:
+            import openai  # noqa: PLC0415 - an extra
+
+            from siren_ros.scoring.evaluation.risk.vlm.bounded_client import BoundedClients  # noqa: PLC0415 - the same
+        except ImportError as error:
+            raise InputError("model", model, "the client: run `./env --with vlm siren evaluate risk …`") from error
+        if not 0.0 < timeout_s < math.inf:
+            raise InputError("timeout-s", timeout_s, "a number of seconds above 0")
+        # Halves of characters are left of bytes that are no UTF-8.
+        if any("\ud800" <= letter <= "\udfff" for letter in model):
+            raise InputError("model", model, "a name in UTF-8")
+        if not (key.isascii() and key.isprintable()):
+            raise InputError("api-key-env", "its key", "ASCII characters in one line, as a header can carry them")
+        self._openai = openai
+        self._model = model
+        self._clients = BoundedClients(base_url, timeout_s)
+        self._settings: dict[str, Any] = {"api_key": key, "base_url": base_url, "max_retries": retries}
+
+    @property
+    def name(self) -> str:
+        """As ``VisionLanguageModel``."""
+        return self._model
+
+    def answer(self, question: Question) -> Reply:
+        """As ``VisionLanguageModel``."""
+        content: list[Any] = [{"type": "text", "text": question.text}]
+        for picture in question.pictures:
+            url = f"data:image/jpeg;base64,{b64encode(picture).decode()}"
+            content.append({"type": "image_url", "image_url": {"url": url}})
+        messages: list[Any] = [{"role": "system", "content": question.system}, {"role": "user", "content": content}]
+        begin = time.monotonic()
+        try:
+            body = asyncio.run(self._body(messages))
+        except self._openai.APIStatusError as error:
+            raise ModelUnavailableError(f"{self._model}: the server answers {error.status_code}") from error
+        except self._openai.OpenAIError as error:
+            raise ModelUnavailableError(f"{self._model}: {type(error).__name__}: {error}") from error
+        try:
+            return reply_in(body, time.monotonic() - begin)
+        except ValueError as error:
+            problem = f"{self._model}: the server's answer is not of the protocol: {error}"
+            raise ModelUnavailableError(problem) from error
+
+    async def _body(self, messages: list[Any]) -> bytes:
+        """The bytes of the answer to a request, further attempts included."""
+        async with (
+            self._clients.client() as http,
+            self._openai.AsyncOpenAI(**self._settings, timeout=http.timeout, http_client=http) as client,
+        ):
+            reply = await client.chat.completions.with_raw_response.create(
+                model=self._model, messages=messages, temperature=0.0, max_tokens=MOST_TOKENS
+            )
+            return bytes(reply.content)
+
+
+def reply_in(body: bytes, seconds: float) -> Reply:
+    """The reply in the body of a server's answer.
+
+    ``content`` may be text, null (no words), or a list of parts, of which those of the type ``text`` count. Tokens that
+    the server does not tell are 0. The body has at most one byte more than a reply may have.
+
+    Raises:
+        ValueError: It is not of the protocol; the message names the fault in one line.
+    """
+    if len(body) > MOST_REPLY_BYTES:
+        raise ValueError(f"more than {MOST_REPLY_BYTES} bytes")
+    try:
+        content: object = json.loads(body)
+    except (ValueError, RecursionError):
+        raise ValueError("no JSON that can be read") from None
+    choices = _member(content, "choices")
+    if not isinstance(choices, list) or not choices:
+        raise ValueError("no choices")
+    text = _text_of(_member(_member(choices[0], "message"), "content"))
+    usage = _member(content, "usage")
+    counts = [None if usage is None else _member(usage, name) for name in ("prompt_tokens", "completion_tokens")]
+    asked, answered = (0 if count is None else count for count in counts)
+    return checked_reply(text, asked, answered, seconds)
+
+
+def _member(of: object, name: str) -> object:
+    """A member of an object; None where it is missing."""
+    if not isinstance(of, dict):
+        raise ValueError(f"no object around {name}")  # noqa: TRY004 - what a server sends, not a call
+    return of.get(name)
+
+
+def _text_of(content: object) -> object:
+    """The words of a message: its content, or its parts of the type ``text``."""
+    if not isinstance(content, list):
+        return "" if content is None else content
+    texts = [_member(part, "text") for part in content if _member(part, "type") == "text"]
+    if not all(isinstance(text, str) for text in texts):
+        raise ValueError("a part without text")
+    return "".join(str(text) for text in texts)
+
+
+def key_from(variable: str) -> str:
+    """The key in an environment variable; ``NO_KEY`` where no variable is named.
+
+    Raises:
+        InputError: The variable is not set.
+    """
+    if not variable:
+        return NO_KEY
+    key = os.environ.get(variable, "")
+    if not key:
+        raise InputError("api-key-env", variable, "the name of an environment variable that holds the key")
+    return key

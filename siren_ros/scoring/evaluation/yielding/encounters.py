@@ -1,0 +1,256 @@
+"""The line that the EMV drove, and would go on to drive; along it the encounters with drivers that it comes up to."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Flags, Floats, Points
+from siren_ros.base.numerics.geometry import Polyline, wrap_angle
+from siren_ros.data.record.vehicle_location import places_of
+from siren_ros.data.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
+from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.simulation.world.actors import ActorClass, Lights, rows_of_ids
+
+REACH_M: Final = 45.0
+"""More than a vehicle's length and the corridor's look-ahead."""
+_FIRST_M: Final = 1.0
+_STEP_M: Final = 1.0
+
+
+def way_ahead(record: EpisodeRecord, track: StateRows) -> Points:
+    """Points from a track's end onwards, shape ``(K, 2)``, K ≥ 1; at the same distance from the lane's centre line.
+
+    Where the vehicle is in no lane, or its lane ends, they lead straight on.
+    """
+    last = track.select(np.arange(len(track)) == len(track) - 1)
+    place = places_of(record, last)
+    lane, arc = int(place.lane[0]), float(place.arc_m[0]) + _FIRST_M
+    points: list[Points] = []
+    way, edges = 0.0, _route(record, last)
+    while lane != NO_LANE and way < REACH_M:
+        centre = record.network.lanes[lane].centre
+        along = np.arange(arc, centre.length_m, _STEP_M)
+        points.extend(centre.offset_points(along, np.full(len(along), place.offset_m[0])))
+        way += max(0.0, centre.length_m - arc)
+        lane, arc = _next_lane(record.network, lane, edges), 0.0
+    if len(points) < 2:
+        heading = float(last.yaw_rad[0])
+        straight = np.arange(_FIRST_M, REACH_M, _STEP_M)[:, None] * (np.cos(heading), np.sin(heading))
+        return np.asarray(last.xy_m[0] + straight)
+    return np.array(points)
+
+
+def _route(record: EpisodeRecord, last: StateRows) -> frozenset[int]:
+    """Edges that the vehicle still has ahead; none where SUMO said nothing."""
+    for traffic in reversed(record.traffic):
+        if traffic.step == int(last.step[0]):
+            row = int(rows_of_ids(traffic.actor_id, last.actor_id)[0])
+            return frozenset(traffic.route_of_row(row).tolist()) if row >= 0 else frozenset()
+    return frozenset()
+
+
+def _next_lane(network: RoadNetwork, lane: int, edges: frozenset[int]) -> int:
+    """The lane that follows, on the route if one does, otherwise straight on; NO_LANE at the end of the road."""
+    over = network.connections_over.get(lane, ())
+    if over:
+        return (*over[0].via, over[0].to_lane)[over[0].via.index(lane) + 1]
+    ways = network.connections_from.get(lane, ())
+    if not ways:
+        return NO_LANE
+    way = min(ways, key=lambda way: (network.lanes[way.to_lane].edge not in edges, way.direction != "s"))
+    return (*way.via, way.to_lane)[0]
+
+
+SPACING_M = 1.0
+LEAST_WAY_M = 5.0
+"""An EMV that covers less has no line."""
+_SAME_WAY_RAD = np.pi / 3.0
+
+
+@dataclass(frozen=True)
+class OnLine:
+    """Where an actor is relative to the line; arrays of shape ``(M,)``, one row for each step of ``track``."""
+
+    track: StateRows
+    arc_m: Floats
+    """Of its centre along the line."""
+    left_m: Floats
+    """Of its centre from the line."""
+    turn_rad: Floats
+    """Its heading relative to the line's."""
+    half_along_m: Floats
+    """Half the extent of its footprint along the line, as it is turned."""
+    half_across_m: Floats
+    """The same across the line."""
+
+    def select(self, rows: Flags) -> "OnLine":
+        """Some of the rows."""
+        arrays = (self.arc_m, self.left_m, self.turn_rad, self.half_along_m, self.half_across_m)
+        return OnLine(self.track.select(rows), *(values[rows] for values in arrays))
+
+    @property
+    def same_way(self) -> Flags:
+        """Whether it drives in the line's direction, within 60°."""
+        return np.asarray(np.abs(self.turn_rad) < _SAME_WAY_RAD)
+
+
+@dataclass(frozen=True)
+class EmvLine:
+    """The first EMV's line: the way that it drove, and from there on along its lane."""
+
+    line: Polyline
+    emv: OnLine
+    driven_m: float
+    """Arc length at which the EMV's record ends."""
+    length_m: float
+    """Of the EMV's body."""
+    width_m: float
+
+    @classmethod
+    def of(cls, record: EpisodeRecord) -> Self | None:
+        """The line of an episode; None where the EMV does not move.
+
+        Raises:
+            InputError: The episode has no EMV.
+        """
+        if not record.emv_ids or record.emv_ids[0] not in record.actors:
+            raise InputError("episode", record.description.template, "one with an EMV")
+        track = record.track(record.emv_ids[0])
+        way = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(track.x_m), np.diff(track.y_m)))))
+        if not len(track) or way[-1] < LEAST_WAY_M:
+            return None
+        # One point per metre: what the pose does at standstill is no line.
+        marks = np.searchsorted(way, np.arange(0.0, way[-1], SPACING_M))
+        driven = Polyline.through(track.xy_m[np.unique(np.append(marks, len(way) - 1))])
+        line = Polyline.through(np.concatenate((driven.points, way_ahead(record, track))))
+        body = record.actors[record.emv_ids[0]]
+        placed = on_line(line, track, body.length_m, body.width_m)
+        return cls(line, placed, driven.length_m, body.length_m, body.width_m)
+
+    def place(self, record: EpisodeRecord, actor_id: int) -> OnLine:
+        """Another actor relative to the line, at the steps at which the EMV is there too."""
+        body = record.actors[actor_id]
+        track = record.track(actor_id)
+        track = track.select(np.isin(track.step, self.emv.track.step))
+        return on_line(self.line, track, body.length_m, body.width_m)
+
+    def emv_at(self, other: OnLine) -> OnLine:
+        """The EMV at the steps of another actor's rows."""
+        return self.emv.select(np.isin(self.emv.track.step, other.track.step))
+
+
+def on_line(line: Polyline, track: StateRows, length_m: float, width_m: float) -> OnLine:
+    """A track relative to a line."""
+    arc, left = line.project(track.xy_m) if len(track) else (np.empty(0), np.empty(0))
+    turn = np.asarray(wrap_angle(track.yaw_rad - line.heading_rad(arc)))
+    cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    along, across = 0.5 * (length_m * cos + width_m * sin), 0.5 * (length_m * sin + width_m * cos)
+    return OnLine(track, arc, left, turn, along, across)
+
+
+@dataclass(frozen=True)
+class LaneOffsets:
+    """Arrays of shape ``(M,)``, one for each state of a track."""
+
+    offset_m: Floats
+    """From the centre line of the present lane; of the last one where the driver is in no lane."""
+    lateral_m: Floats
+    """Way to the left since the first state, relative to the road."""
+
+    def select(self, rows: Flags) -> "LaneOffsets":
+        """Some of the states."""
+        return LaneOffsets(self.offset_m[rows], self.lateral_m[rows])
+
+
+def lane_offsets(record: EpisodeRecord, track: StateRows) -> LaneOffsets:
+    """Offsets of one actor. Where it changes between lanes of one edge, the way across goes on."""
+    places = places_of(record, track)
+    known = np.where(places.lane != NO_LANE, np.arange(len(places.lane)), 0)
+    lane = places.lane[np.maximum.accumulate(known)]
+    offset = places.offset_m.copy()
+    for off_lane in np.flatnonzero((places.lane == NO_LANE) & (lane != NO_LANE)).tolist():
+        centre = record.network.lanes[int(lane[off_lane])].centre
+        offset[off_lane] = float(centre.project(track.xy_m[off_lane])[1])
+    jump = np.zeros(len(offset))
+    changes = np.flatnonzero(lane[1:] != lane[:-1]) + 1
+    lanes = record.network.lanes
+    for row, before, after in zip(changes.tolist(), lane[changes - 1].tolist(), lane[changes].tolist(), strict=True):
+        if NO_LANE not in (before, after) and lanes[before].edge == lanes[after].edge:
+            jump[row] = float(lanes[before].centre.project(track.xy_m[row])[1]) - offset[row]
+    lateral = offset + np.cumsum(jump)
+    return LaneOffsets(offset, lateral - lateral[:1])
+
+
+@dataclass(frozen=True)
+class Encounter:
+    """One driver and the EMV behind it. Rows are the steps from the beginning to the end of the episode."""
+
+    actor_id: int
+    driver: OnLine
+    emv: OnLine
+    gap_m: Floats
+    """From the EMV's front to the driver's rear along the line; negative while they are next to each other."""
+    passed_row: int
+    """First row at which the EMV's rear is ahead of the driver's front; −1 where the EMV does not pass it."""
+    with_siren: bool
+    """Whether the siren sounds at the beginning."""
+    offsets: LaneOffsets
+    """The driver across its road."""
+    in_the_way: Flags
+    """Whether the driver's body is in the strip that the EMV drives through, at each row."""
+
+    @property
+    def until_passed(self) -> slice:
+        """Rows before the passing, or all."""
+        return slice(0, self.passed_row if self.passed_row >= 0 else None)
+
+    @property
+    def was_in_the_way(self) -> bool:
+        """Whether the driver had to make way: it was in the EMV's strip as the encounter began."""
+        return bool(self.in_the_way[0])
+
+
+def encounters_of(record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> Iterator[Encounter]:
+    """All encounters of an episode, by actor id; at most one for each driver.
+
+    An encounter begins when the driver is ahead of the EMV within ``encounter_m``, drives in its direction, and is at
+    most ``beside_m`` from its line.
+    """
+    for actor_id, actor in record.actors.items():
+        drives = not actor.is_emv and actor.actor_class not in {ActorClass.PEDESTRIAN, ActorClass.BICYCLE}
+        if drives and (encounter := _encounter(record, line, actor_id, limits)) is not None:
+            yield encounter
+
+
+def _encounter(record: EpisodeRecord, line: EmvLine, actor_id: int, limits: YieldThresholds) -> Encounter | None:
+    driver = line.place(record, actor_id)
+    if not len(driver.track):
+        return None
+    emv = line.emv_at(driver)
+    apart = driver.arc_m - emv.arc_m
+    reach = driver.half_along_m + emv.half_along_m
+    gap = apart - reach
+    near = (gap > 0.0) & (gap <= limits.encounter_m) & (np.abs(driver.left_m) <= limits.beside_m) & driver.same_way
+    if not near.any():
+        return None
+    rows = np.arange(len(near)) >= int(np.argmax(near))
+    driver, emv, gap, apart, reach = driver.select(rows), emv.select(rows), gap[rows], apart[rows], reach[rows]
+    behind = apart < -reach
+    strip = np.abs(driver.left_m) < driver.half_across_m + 0.5 * line.width_m
+    on_the_line = (driver.arc_m + driver.half_along_m > 0.0) & (
+        driver.arc_m - driver.half_along_m < line.driven_m + 0.5 * line.length_m + limits.beyond_m
+    )
+    return Encounter(
+        actor_id=actor_id,
+        driver=driver,
+        emv=emv,
+        gap_m=gap,
+        passed_row=int(np.argmax(behind)) if behind.any() else -1,
+        with_siren=bool(emv.track.lights[0] & Lights.SIREN),
+        offsets=lane_offsets(record, driver.track),
+        in_the_way=np.asarray(strip & on_the_line),
+    )

@@ -1,0 +1,207 @@
+"""The yield metrics of a record (of the episode, and of every driver that the EMV came up to), and means of groups."""
+
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from typing import Any, Self
+
+import numpy as np
+
+from siren_ros.base.tables.interval import Interval
+from siren_ros.base.tables.table import Row, Table
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.scoring.evaluation.statistics import block_sums, interval_of_mean
+from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter
+from siren_ros.scoring.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, PEOPLE_METRICS, YieldScene
+from siren_ros.scoring.evaluation.yielding.thresholds import Measure, YieldThresholds
+
+
+@dataclass(frozen=True)
+class DriverMarks:
+    """One driver's marks."""
+
+    actor_id: int
+    began_s: float
+    """Simulated time at which the encounter began."""
+    in_the_way: bool
+    with_siren: bool
+    under_test: bool
+    """Whether it is the AV under test."""
+    marks: dict[str, Measure]
+
+
+@dataclass(frozen=True)
+class YieldScores:
+    """The scores of one episode."""
+
+    metrics: dict[str, Measure]
+    drivers: tuple[DriverMarks, ...]
+
+    def driver_rows(self) -> list[dict[str, Any]]:
+        """One flat row for each driver; a mark without a value is None."""
+        names = ("actor_id", "began_s", "in_the_way", "with_siren", "under_test")
+        return [
+            {name: getattr(driver, name) for name in names}
+            | {name: mark.value if mark.valid else None for name, mark in driver.marks.items()}
+            for driver in self.drivers
+        ]
+
+
+def score_yielding(
+    record: EpisodeRecord, limits: YieldThresholds | None = None, names: Collection[str] | None = None
+) -> YieldScores:
+    """All yield metrics of an episode and its first EMV; where that does not move none has a value.
+
+    With ``names``, these metrics of the episode alone and no drivers: corridor and encounters are most of the work.
+
+    Raises:
+        InputError: The episode has no EMV.
+    """
+    line = EmvLine.of(record)
+    chosen = [metric for metric in EPISODE_METRICS if names is None or metric.name in names]
+    if line is None:
+        nothing = Measure.lacking("the EMV did not move")
+        return YieldScores(dict.fromkeys((metric.name for metric in chosen), nothing), ())
+    scene = YieldScene(record, line, limits or YieldThresholds())
+    metrics = {metric.name: metric.compute(scene) for metric in chosen}
+    drivers = scene.encounters if names is None else ()
+    return YieldScores(metrics, tuple(_marks(scene, encounter) for encounter in drivers))
+
+
+def _marks(scene: YieldScene, encounter: Encounter) -> DriverMarks:
+    return DriverMarks(
+        actor_id=encounter.actor_id,
+        began_s=float(encounter.driver.track.time_s[0]),
+        in_the_way=encounter.was_in_the_way,
+        with_siren=encounter.with_siren,
+        under_test=encounter.actor_id == scene.record.description.av_id,
+        marks={metric.name: metric.compute(scene, encounter) for metric in DRIVER_METRICS},
+    )
+
+
+@dataclass(frozen=True)
+class ScoredEpisode:
+    """An episode with its scores, of one of its EMVs."""
+
+    bag: str
+    template: str
+    level: str
+    seed: int
+    map_name: str
+    draw: str
+    """Values of parameters in place of the seed's own, as the request has them."""
+    situation_sha256: str
+    """Of all that levels of one seed have in common before the first step."""
+    scores: YieldScores
+    emv: int = 1
+    """Which of the episode's EMVs, in the order of their ids."""
+
+    @classmethod
+    def of_each_emv(cls, bag: str, record: EpisodeRecord, names: Collection[str] | None = None) -> tuple[Self, ...]:
+        """The scores of a record for each of its EMVs, the first one first; ``names`` as for ``score_yielding``."""
+        records = (*record.by_emv(),) or (record,)
+        return tuple(cls.of(bag, seen, score_yielding(seen, names=names)) for seen in records)
+
+    @classmethod
+    def of(cls, bag: str, record: EpisodeRecord, scores: YieldScores) -> Self:
+        """The scores of a record's first EMV with what names them."""
+        described = record.description
+        named = (described.template, described.level.name, described.seed, described.map_name)
+        emv = sum(emv_id <= record.emv_ids[0] for emv_id in record.emv_ids)
+        return cls(bag, *named, described.pinned, situation_sha256(record), scores, emv)
+
+    @property
+    def group(self) -> tuple[str, str, str]:
+        """Template, level and map: episodes that share them differ in their seeds and draws."""
+        return self.template, self.level, self.map_name
+
+    def row(self) -> dict[str, Any]:
+        """The metrics as one flat row; one without a value is None, and ``NAME_lack`` says why."""
+        row: dict[str, Any] = self._names | {"map": self.map_name}
+        for name, measure in self.scores.metrics.items():
+            row[name] = measure.value if measure.valid else None
+            row |= {f"{name}_at_least": measure.at_least, f"{name}_lack": measure.lack}
+        return row
+
+    def driver_rows(self) -> list[dict[str, Any]]:
+        """One flat row for each driver."""
+        return [self._names | row for row in self.scores.driver_rows()]
+
+    @property
+    def _names(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in ("bag", "template", "level", "seed", "emv")}
+
+
+def situation_sha256(record: EpisodeRecord) -> str:
+    """Hash of the situation that an episode begins in, apart from its level and the EMV's speed.
+
+    At L0 the EMV obeys the speed limit from the start, so its first speed belongs to the level.
+    """
+    described = record.description
+    common = [described.map_sha256, described.preset, described.duration_s, described.parameters.get("template")]
+    digest = sha256(json.dumps([*common, described.site], sort_keys=True, default=dict).encode())
+    if record.states:
+        first = record.states[0]
+        others = first.select(~np.isin(first.actor_id, record.emv_ids))
+        for array in (first.actor_id, first.x_m, first.y_m, first.yaw_rad, others.vx_mps, others.vy_mps):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def group_means(episodes: Sequence[ScoredEpisode]) -> Mapping[tuple[str, str, str], dict[str, Interval]]:
+    """Mean of every metric over the episodes of each group that have a value, with its interval over episodes."""
+    groups: dict[tuple[str, str, str], list[ScoredEpisode]] = {}
+    for episode in episodes:
+        groups.setdefault(episode.group, []).append(episode)
+    return {
+        group: {metric.name: _mean([one.scores.metrics[metric.name] for one in members]) for metric in EPISODE_METRICS}
+        for group, members in sorted(groups.items())
+    }
+
+
+def _mean(measures: Sequence[Measure]) -> Interval:
+    values = np.array([measure.value if measure.valid else np.nan for measure in measures])
+    return interval_of_mean(block_sums(values, np.arange(len(values)), np.zeros(len(values), dtype=np.intp)))
+
+
+def yield_tables(episodes: Sequence[ScoredEpisode]) -> tuple[Table, ...]:
+    """A table for each template and map: the metrics as rows, the levels as columns.
+
+    Further EMVs have tables of their own: two of one episode are not independent.
+    """
+    tables = []
+    for emv in sorted({episode.emv for episode in episodes}):
+        tables += _tables_of([episode for episode in episodes if episode.emv == emv], emv)
+    return tuple(tables)
+
+
+def _tables_of(episodes: Sequence[ScoredEpisode], emv: int) -> list[Table]:
+    means = group_means(episodes)
+    which = "" if emv == 1 else f", EMV {emv}"
+    places = dict.fromkeys((template, map_name) for template, _, map_name in means)
+    several_maps = len({map_name for _, map_name in places}) > 1
+    tables = []
+    for template, map_name in places:
+        of_levels = {
+            level: metrics for (name, level, place), metrics in means.items() if (name, place) == (template, map_name)
+        }
+        rows: tuple[Row, ...] = tuple(
+            (metric.name, *(metrics[metric.name] for metrics in of_levels.values()), metric.meaning)
+            for metric in EPISODE_METRICS
+            if metric not in PEOPLE_METRICS or any(metrics[metric.name].valid for metrics in of_levels.values())
+        )
+        key = "_".join((template, *([map_name] if several_maps else []), *([f"emv{emv}"] if which else [])))
+        caption = f"Yield metrics of {template}{f' on {map_name}' if several_maps else ''}{which}"
+        tables.append(Table(key, caption, ("metric", *of_levels, "meaning"), rows, folded=True))
+    return tables
+
+
+def under_test_tables(episodes: Sequence[ScoredEpisode]) -> Iterator[Table]:
+    """A table for each AV under test: its marks towards the first EMV, with the reason where there is no value."""
+    for episode in (episode for episode in episodes if episode.emv == 1):
+        for driver in episode.scores.drivers:
+            if driver.under_test:
+                named = f"{episode.bag}: the AV under test (actor {driver.actor_id}), from {driver.began_s:.2f} s on"
+                rows = tuple((metric.name, driver.marks[metric.name].text, metric.meaning) for metric in DRIVER_METRICS)
+                yield Table(f"driver_{driver.actor_id}", named, ("metric", "value", "meaning"), rows)

@@ -1,0 +1,355 @@
+"""The LiDAR's loops over rays, over named tuples of C-contiguous arrays.
+
+R rays run column by column and, within a column, ring by ring. A sweep has C columns; N vehicles may be hit. A ray may
+hit a vehicle where it enters the vehicle's bounding box before it hits the static scene.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from siren_ros.base.numerics.compiled import Array, compiled
+
+
+class Pattern(NamedTuple):
+    """Where the beams point and when: fixed for a sensor."""
+
+    directions: Array
+    """Unit vectors in the sensor's frame, float32 (R, 3)."""
+    elevation: Array
+    """Of each ray of a column, increasing, float64 (R / C,)."""
+    slope: Array
+    """Tangent of the elevation, float64 (R / C,)."""
+    column_time_s: Array
+    """Time of each column relative to the sweep's stamp, float32 (C,)."""
+    world_time_s: Array
+    """The same where the world moves while the beams turn, otherwise zero, float32 (C,)."""
+
+
+class Vehicles(NamedTuple):
+    """The vehicles near enough to be hit."""
+
+    pose: Array
+    """x, y, z, yaw at the sweep's stamp, float64 (N, 4)."""
+    motion: Array
+    """vx, vy, yaw rate while the beams turn, float64 (N, 3)."""
+    size: Array
+    """Length, width, height, float64 (N, 3)."""
+    scale: Array
+    """Of the shape, per axis, float32 (N, 3)."""
+    bounds: Array
+    """Lowest and highest corner of the shape in its own frame, float32 (N, 2, 3)."""
+    offset: Array
+    """Place of the shape in the shapes' common tree, float32 (N, 3)."""
+    first_triangle: Array
+    """Of the shape, in ``Surfaces.shape_reflectivity``, int64 (N,)."""
+    paint: Array
+    """Reflectivity of the vehicle's paint, float32 (N,)."""
+    actor_id: Array
+    """uint32 (N,)."""
+
+
+class Candidates(NamedTuple):
+    """Rays that may hit a vehicle."""
+
+    rays: Array
+    """In the coordinates of the shapes' tree, float32 (M, 6)."""
+    ray: Array
+    """Index of the ray in the sweep, int32 (M,)."""
+    vehicle: Array
+    """Row of the vehicle, int32 (M,)."""
+
+
+class Hits(NamedTuple):
+    """The nearest hit of each ray of the sweep."""
+
+    distance: Array
+    """float32 (R,)."""
+    normal: Array
+    """Of static hits, of any length, float32 (R, 3)."""
+    static_triangle: Array
+    """uint32 (R,)."""
+    vehicle: Array
+    """Row of the vehicle hit + 1, 0 on the static scene, int32 (R,)."""
+    shape_triangle: Array
+    """Of vehicle hits, uint32 (R,)."""
+    cosine: Array
+    """Of the angle of incidence of vehicle hits, float32 (R,)."""
+
+
+class Surfaces(NamedTuple):
+    """Share of the light that the triangles send back at normal incidence, 0 to 1, float32."""
+
+    static_reflectivity: Array
+    shape_reflectivity: Array
+    """0 where it is that of the vehicle's paint."""
+
+
+class Receiver(NamedTuple):
+    """How a return becomes a point: range, attenuation, noise, drop-off."""
+
+    range_m: np.float32
+    attenuation: Array
+    """Transmittance tabulated over distance, float32."""
+    least: Array
+    """Intensity below which a return is not seen, tabulated like ``attenuation``."""
+    steps_per_m: np.float32
+    grid: float
+    """1.5 · 2²³ times the coordinates' resolution, so that adding and subtracting it rounds to that; or 0."""
+    range_noise_m: Array
+    """float32 (R,) or empty."""
+    draw: Array
+    """Uniform numbers that decide the drop-off, float32 (R,) or empty."""
+    dropoff: Array
+    """General rate, intensity limit, rate at zero intensity, float32 (3,)."""
+
+
+class Records(NamedTuple):
+    """One buffer of ``LIDAR_POINT_DTYPE``, seen as each element type."""
+
+    f4: Array
+    """float32 (R, 6): x, y, z, intensity, time; the last is not used."""
+    u2: Array
+    """uint16 (R, 12): ring at 10, actor at 11."""
+
+
+@compiled
+def aim(directions: Array, map_from_lidar: Array, rays: Array) -> None:
+    """Fill ``rays`` (R, 6) with origin and direction in the ``map`` frame; the poses have shape (C, 3, 4)."""
+    rings = directions.shape[0] // map_from_lidar.shape[0]
+    for column in range(map_from_lidar.shape[0]):
+        m = map_from_lidar[column]
+        for i in range(column * rings, (column + 1) * rings):
+            x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+            rays[i, 0] = m[0, 3]
+            rays[i, 1] = m[1, 3]
+            rays[i, 2] = m[2, 3]
+            rays[i, 3] = m[0, 0] * x + m[0, 1] * y + m[0, 2] * z
+            rays[i, 4] = m[1, 0] * x + m[1, 1] * y + m[1, 2] * z
+            rays[i, 5] = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z
+
+
+@compiled
+def merge_vehicles(  # compiled code is called with positions
+    candidates: Candidates, distance: Array, normal: Array, triangle: Array, vehicles: Vehicles, hits: Hits
+) -> None:
+    """Replace a ray's nearest hit where a vehicle lies nearer."""
+    for j in range(distance.shape[0]):
+        i = candidates.ray[j]
+        if distance[j] < hits.distance[i]:
+            v = candidates.vehicle[j]
+            hits.distance[i] = distance[j]
+            hits.vehicle[i] = v + 1
+            hits.shape_triangle[i] = triangle[j]
+            along = np.float32(0.0)
+            square = np.float32(0.0)
+            for axis in range(3):
+                n = normal[j, axis]
+                along += n * candidates.rays[j, 3 + axis]
+                square += (n / vehicles.scale[v, axis]) ** 2
+            hits.cosine[i] = abs(along) / np.sqrt(square)
+
+
+@compiled
+def _is_dropped(intensity: float, draw: float, dropoff: Array) -> bool:
+    """Whether a return is lost: at random, or because it is weak (CARLA's documentation of its LiDAR)."""
+    rate = dropoff[0]
+    if intensity < dropoff[1]:
+        rate = 1.0 - (1.0 - rate) * (1.0 - dropoff[2] * (1.0 - intensity / dropoff[1]))
+    return draw < rate
+
+
+@compiled
+def pack_points(  # compiled code is called with positions
+    map_from_lidar: Array,
+    pattern: Pattern,
+    hits: Hits,
+    vehicles: Vehicles,
+    surfaces: Surfaces,
+    receiver: Receiver,
+    out: Records,
+    count_on: Array,
+) -> int:
+    """Write one record per return and count those on each vehicle; returns the number of records. Poses (C, 3, 4)."""
+    rings = pattern.elevation.shape[0]
+    levels, per_level = np.float32(255.0), np.float32(1.0 / 255.0)
+    grid, noisy, lossy = np.float32(receiver.grid), receiver.range_noise_m.shape[0] > 0, receiver.draw.shape[0] > 0
+    written = 0
+    for column in range(map_from_lidar.shape[0]):
+        time_s, m = pattern.column_time_s[column], map_from_lidar[column]
+        rays = slice(column * rings, (column + 1) * rings)
+        distance, normal, directions = hits.distance[rays], hits.normal[rays], pattern.directions[rays]
+        static_triangle, vehicle = hits.static_triangle[rays], hits.vehicle[rays]
+        for ring in range(rings):
+            t = distance[ring]
+            if not t <= receiver.range_m:
+                continue
+            x, y, z = directions[ring, 0], directions[ring, 1], directions[ring, 2]
+            row = vehicle[ring] - 1
+            if row >= 0:
+                i = column * rings + ring
+                reflectivity = surfaces.shape_reflectivity[vehicles.first_triangle[row] + hits.shape_triangle[i]]
+                if reflectivity == np.float32(0.0):
+                    reflectivity = vehicles.paint[row]
+                cosine = hits.cosine[i]
+            else:
+                reflectivity = surfaces.static_reflectivity[static_triangle[ring]]
+                n = normal[ring]
+                nx = n[0] * m[0, 0] + n[1] * m[1, 0] + n[2] * m[2, 0]
+                ny = n[0] * m[0, 1] + n[1] * m[1, 1] + n[2] * m[2, 1]
+                nz = n[0] * m[0, 2] + n[1] * m[1, 2] + n[2] * m[2, 2]
+                cosine = abs(nx * x + ny * y + nz * z) / np.sqrt(nx * nx + ny * ny + nz * nz)
+            place = np.uint32(t * receiver.steps_per_m)
+            intensity = reflectivity * cosine * receiver.attenuation[place]
+            if intensity < receiver.least[place]:
+                continue
+            if lossy and _is_dropped(intensity, receiver.draw[column * rings + ring], receiver.dropoff):
+                continue
+            if noisy:
+                t = max(np.float32(0.0), t + receiver.range_noise_m[column * rings + ring])
+            out.f4[written, 0] = (x * t + grid) - grid
+            out.f4[written, 1] = (y * t + grid) - grid
+            out.f4[written, 2] = (z * t + grid) - grid
+            out.f4[written, 3] = np.float32(np.int32(intensity * levels + np.float32(0.5))) * per_level
+            out.f4[written, 4] = time_s
+            out.u2[written, 10] = ring
+            out.u2[written, 11] = 0
+            if row >= 0:
+                out.u2[written, 11] = vehicles.actor_id[row]
+                count_on[row] += 1
+            written += 1
+    return written
+
+
+@compiled
+def _entry(bounds: Array, origin: Array, direction: Array) -> np.float32:
+    """Parameter at which a ray enters an axis-aligned box, infinite where it misses (slab method)."""
+    near = np.float32(0.0)
+    far = np.float32(np.inf)
+    for axis in range(3):
+        o, d = origin[axis], direction[axis]
+        if d == np.float32(0.0):
+            if o < bounds[0, axis] or o > bounds[1, axis]:
+                return np.float32(np.inf)
+        else:
+            inverse = np.float32(1.0) / d
+            a = (bounds[0, axis] - o) * inverse
+            b = (bounds[1, axis] - o) * inverse
+            near = max(near, min(a, b))
+            far = min(far, max(a, b))
+    return np.float32(near) if near <= far else np.float32(np.inf)
+
+
+@compiled
+def _window(
+    pattern: Pattern, pose: Array, size: Array, reach: float, lidar_from_map: Array
+) -> tuple[int, int, int, int]:
+    """First column, number of columns (cyclic) and first and end ray of a column that can meet a vehicle's sphere.
+
+    A sphere of radius r at horizontal distance d spans ± asin(r / d) in azimuth, and ± asin(r / distance) in elevation.
+    ``reach`` is how far the vehicle moves while the beams turn.
+    """
+    columns, rings = pattern.column_time_s.shape[0], pattern.elevation.shape[0]
+    radius = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2 + size[2] ** 2) + reach
+    m, z = lidar_from_map, pose[2] + 0.5 * size[2]
+    sx = m[0, 0] * pose[0] + m[0, 1] * pose[1] + m[0, 2] * z + m[0, 3]
+    sy = m[1, 0] * pose[0] + m[1, 1] * pose[1] + m[1, 2] * z + m[1, 3]
+    sz = m[2, 0] * pose[0] + m[2, 1] * pose[1] + m[2, 2] * z + m[2, 3]
+    flat = np.hypot(sx, sy)
+    if flat <= radius:
+        return 0, columns, 0, rings
+    step = 2.0 * np.pi / columns
+    half = np.arcsin(radius / flat) / step
+    first = int(np.floor((np.pi - np.arctan2(sy, sx)) / step - half))
+    count = min(columns, int(np.ceil(2.0 * half)) + 2)
+    elevation, spread = np.arctan2(sz, flat), np.arcsin(radius / np.hypot(flat, sz))
+    low, high = _rank(pattern.elevation, elevation - spread), _rank(pattern.elevation, elevation + spread)
+    return first % columns, count, low, min(high + 1, rings)
+
+
+@compiled
+def _rank(ascending: Array, value: float) -> int:
+    """How many numbers lie below a value (bisection)."""
+    low, high = 0, ascending.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if ascending[middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@compiled
+def _rings(pattern: Pattern, bounds: Array, origin: Array, ahead: Array, rise: float) -> tuple[int, int]:
+    """First and end ray of an upright column that meet a box; none where it misses the box.
+
+    ``ahead`` is the horizontal unit direction and ``rise`` the height of slope 1, both in the box's coordinates.
+    """
+    near, far = -np.inf, np.inf
+    for axis in range(2):
+        if abs(ahead[axis]) < 1e-9:
+            if origin[axis] < bounds[0, axis] or origin[axis] > bounds[1, axis]:
+                return 0, 0
+        else:
+            a = (bounds[0, axis] - origin[axis]) / ahead[axis]
+            b = (bounds[1, axis] - origin[axis]) / ahead[axis]
+            near, far = max(near, min(a, b)), min(far, max(a, b))
+    if near > far or far <= 0.0:
+        return 0, 0
+    rings = pattern.slope.shape[0]
+    if near <= 0.0:
+        return 0, rings
+    bottom, top = (bounds[0, 2] - origin[2]) / rise, (bounds[1, 2] - origin[2]) / rise
+    low = _rank(pattern.slope, min(bottom / near, bottom / far)) - 1
+    high = _rank(pattern.slope, max(top / near, top / far)) + 1
+    return max(low, 0), min(high, rings)
+
+
+@compiled
+def select_candidates(  # compiled code is called with positions
+    rays: Array, pattern: Pattern, distance: Array, lidar_from_map: Array, vehicles: Vehicles, out: Candidates
+) -> int:
+    """Find the rays that enter a vehicle's bounding box before ``distance`` (R,); returns how many there are.
+
+    As many as fit into ``out`` are written. Where there are more the caller calls again with a longer one.
+    """
+    columns, rings = pattern.column_time_s.shape[0], pattern.elevation.shape[0]
+    turn_s = np.abs(pattern.world_time_s[0])
+    upright = abs(lidar_from_map[2, 0]) + abs(lidar_from_map[2, 1]) < 1e-9
+    written = 0
+    for v in range(vehicles.pose.shape[0]):
+        unit = np.float32(1.0)
+        sx, sy, sz = unit / vehicles.scale[v, 0], unit / vehicles.scale[v, 1], unit / vehicles.scale[v, 2]
+        pose, motion = vehicles.pose[v], vehicles.motion[v]
+        reach = turn_s * (np.hypot(motion[0], motion[1]) + vehicles.size[v, 0] * np.abs(motion[2]))
+        first_column, count, low, high = _window(pattern, pose, vehicles.size[v], reach, lidar_from_map)
+        cos, sin = np.float32(np.cos(pose[3])), np.float32(np.sin(pose[3]))
+        for k in range(count):
+            column = (first_column + k) % columns
+            t = pattern.world_time_s[column]
+            if t != 0.0:
+                yaw = pose[3] + motion[2] * t
+                cos, sin = np.float32(np.cos(yaw)), np.float32(np.sin(yaw))
+            first = column * rings
+            rx = np.float32(rays[first, 0] - pose[0] - motion[0] * t)
+            ry = np.float32(rays[first, 1] - pose[1] - motion[1] * t)
+            rz = np.float32(rays[first, 2] - pose[2])
+            o = ((cos * rx + sin * ry) * sx, (cos * ry - sin * rx) * sy, rz * sz)
+            if upright:
+                x, y = rays[first, 3], rays[first, 4]
+                per_m = unit / np.sqrt(x * x + y * y)
+                ahead = ((cos * x + sin * y) * sx * per_m, (cos * y - sin * x) * sy * per_m)
+                low, high = _rings(pattern, vehicles.bounds[v], o, ahead, sz)
+            for i in range(first + low, first + high):
+                x, y = rays[i, 3], rays[i, 4]
+                d = ((cos * x + sin * y) * sx, (cos * y - sin * x) * sy, rays[i, 5] * sz)
+                if _entry(vehicles.bounds[v], o, d) < distance[i]:
+                    if written < out.ray.shape[0]:
+                        for axis in range(3):
+                            out.rays[written, axis] = o[axis] + vehicles.offset[v, axis]
+                            out.rays[written, 3 + axis] = d[axis]
+                        out.ray[written] = i
+                        out.vehicle[written] = v
+                    written += 1
+    return written

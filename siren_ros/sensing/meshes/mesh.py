@@ -1,0 +1,327 @@
+"""Triangles, the materials of their surfaces, and what is made of them: meshes, vehicle shapes and the static scene."""
+
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
+
+from siren_ros.base.numerics.arrays import Floats, Floats32
+from siren_ros.simulation.world.actors import ActorClass, ActorDescription
+
+
+class Material(IntEnum):
+    """Surface material of a triangle. LiDAR reflectivity and camera shading key on it."""
+
+    GROUND = 0
+    GRASS = 1
+    ASPHALT = 2
+    MARKING_WHITE = 3
+    MARKING_YELLOW = 4
+    KERB = 5
+    SIDEWALK = 6
+    MEDIAN = 7
+    BUILDING_WALL = 8
+    BUILDING_ROOF = 9
+    BUILDING_GLASS = 10
+    TREE_TRUNK = 11
+    FOLIAGE = 12
+    METAL_POLE = 13
+    SIGNAL_HOUSING = 14
+    SIGNAL_RED = 15
+    """Lens of a signal's lamp; dark unless its ``SignalLamp`` is lit."""
+    SIGNAL_YELLOW = 16
+    SIGNAL_GREEN = 17
+    STOP_SIGN = 18
+    CAR_PAINT = 19
+    """White in the mesh; multiplied with the actor's ``colour_rgb`` when drawn."""
+    CAR_GLASS = 20
+    TYRE = 21
+    RIM = 22
+    PLASTIC = 23
+    HEAD_LAMP = 24
+    BRAKE_LAMP = 25
+    INDICATOR_LEFT_LAMP = 26
+    INDICATOR_RIGHT_LAMP = 27
+    BEACON_BLUE = 28
+    BEACON_RED = 29
+    LIVERY = 30
+    """Retro-reflective markings of emergency vehicles."""
+    PLATE = 31
+    """Number plates: retro-reflective."""
+    STREET_LAMP = 32
+    """Luminaire of a street lamp."""
+    FENCE = 33
+    SHOULDER_ASPHALT = 34
+    FLEET_PAINT = 35
+    """Paint of emergency vehicles: keeps the mesh's colour, whatever the actor's ``colour_rgb``."""
+    CLOTHING = 36
+    """Of riders and walkers; white in the mesh, as paint is, where the actor's ``colour_rgb`` colours it."""
+    SKIN = 37
+
+
+class SemanticClass(IntEnum):
+    """Semantic segmentation labels, numbered as CARLA 0.9.14 and later number them (Cityscapes' classes first).
+
+    Source: CARLA documentation, "Semantic segmentation camera", table of tags.
+    """
+
+    UNLABELED = 0
+    ROAD = 1
+    SIDEWALK = 2
+    BUILDING = 3
+    FENCE = 5
+    POLE = 6
+    TRAFFIC_LIGHT = 7
+    TRAFFIC_SIGN = 8
+    VEGETATION = 9
+    TERRAIN = 10
+    SKY = 11
+    PEDESTRIAN = 12
+    CAR = 14
+    TRUCK = 15
+    BUS = 16
+    MOTORCYCLE = 18
+    BICYCLE = 19
+    ROAD_LINE = 24
+    GROUND = 25
+
+
+LENSES: Final = (Material.SIGNAL_RED, Material.SIGNAL_YELLOW, Material.SIGNAL_GREEN)
+"""Materials of the lamps of signals."""
+_STATIC_MATERIALS: Final = {
+    SemanticClass.ROAD: (Material.ASPHALT, Material.SHOULDER_ASPHALT),
+    SemanticClass.SIDEWALK: (Material.KERB, Material.SIDEWALK),
+    SemanticClass.BUILDING: (Material.BUILDING_WALL, Material.BUILDING_ROOF, Material.BUILDING_GLASS),
+    SemanticClass.FENCE: (Material.FENCE,),
+    SemanticClass.POLE: (Material.METAL_POLE, Material.STREET_LAMP),
+    SemanticClass.TRAFFIC_LIGHT: (Material.SIGNAL_HOUSING, *LENSES),
+    SemanticClass.TRAFFIC_SIGN: (Material.STOP_SIGN,),
+    SemanticClass.VEGETATION: (Material.TREE_TRUNK, Material.FOLIAGE),
+    SemanticClass.TERRAIN: (Material.GRASS, Material.MEDIAN),
+    SemanticClass.ROAD_LINE: (Material.MARKING_WHITE, Material.MARKING_YELLOW),
+    SemanticClass.GROUND: (Material.GROUND,),
+}
+
+SEMANTIC_CLASS_OF_MATERIAL: Final = np.full(len(Material), SemanticClass.CAR, np.uint8)
+"""Semantic class by material code; the materials of vehicles give CAR (see ``semantic_class_of_actor``)."""
+for _class, _materials in _STATIC_MATERIALS.items():
+    SEMANTIC_CLASS_OF_MATERIAL[list(_materials)] = _class
+SEMANTIC_CLASS_OF_MATERIAL.setflags(write=False)
+
+_ACTOR_CLASSES: Final = {
+    ActorClass.BUS: SemanticClass.BUS,
+    ActorClass.TRUCK: SemanticClass.TRUCK,
+    ActorClass.FIRE_TRUCK: SemanticClass.TRUCK,
+    ActorClass.MOTORCYCLE: SemanticClass.MOTORCYCLE,
+    ActorClass.BICYCLE: SemanticClass.BICYCLE,
+    ActorClass.PEDESTRIAN: SemanticClass.PEDESTRIAN,
+}
+
+
+def semantic_class_of_actor(actor_class: ActorClass) -> SemanticClass:
+    """Semantic class of every triangle of a vehicle, its rider's too; CAR where the class has none of its own."""
+    return _ACTOR_CLASSES.get(actor_class, SemanticClass.CAR)
+
+
+class LampColour(StrEnum):
+    """A lamp of a signal head, with the letters of SUMO's ``rugyGsoO`` alphabet that light it."""
+
+    RED = "red"
+    YELLOW = "yellow"
+    GREEN = "green"
+
+    @property
+    def lit_by(self) -> str:
+        """SUMO signal letters in which the lamp shines (``u`` is red with yellow, ``o`` blinks yellow)."""
+        return {"red": "rus", "yellow": "yuo", "green": "gG"}[self.value]
+
+    @property
+    def material(self) -> Material:
+        """Material of the lamp's lens."""
+        return Material[f"SIGNAL_{self.name}"]
+
+
+Vertices = Floats32
+Triangles = npt.NDArray[np.uint32]
+Bytes = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles over shared vertices. Seen from outside, a triangle's corners run counter-clockwise."""
+
+    vertices_m: Vertices
+    """Shape ``(V, 3)``."""
+    triangles: Triangles
+    """Rows of ``vertices_m``, shape ``(T, 3)``."""
+    material: Bytes
+    """``Material`` codes, shape ``(T,)``."""
+    colour_rgb: Bytes
+    """sRGB colour, shape ``(T, 3)``."""
+
+    def __len__(self) -> int:
+        return len(self.triangles)
+
+    @classmethod
+    def uniform(
+        cls, vertices_m: npt.ArrayLike, triangles: npt.ArrayLike, material: Material, colour_rgb: tuple[int, int, int]
+    ) -> "Mesh":
+        """Triangles of one material and colour."""
+        vertices = np.asarray(vertices_m, dtype=np.float32).reshape(-1, 3)
+        corners = np.asarray(triangles, dtype=np.uint32).reshape(-1, 3)
+        colours = np.tile(np.array(colour_rgb, dtype=np.uint8), (len(corners), 1))
+        return cls(vertices, corners, np.full(len(corners), int(material), dtype=np.uint8), colours)
+
+    @classmethod
+    def joined(cls, *meshes: "Mesh") -> "Mesh":
+        """All triangles of the meshes, in order."""
+        parts = meshes or (cls.uniform((), (), Material.GROUND, (0, 0, 0)),)
+        starts = np.cumsum([0] + [len(part.vertices_m) for part in parts[:-1]]).astype(np.uint32)
+        return cls(
+            np.concatenate([part.vertices_m for part in parts]),
+            np.concatenate([part.triangles + start for part, start in zip(parts, starts, strict=True)]),
+            np.concatenate([part.material for part in parts]),
+            np.concatenate([part.colour_rgb for part in parts]),
+        )
+
+    def transformed(self, rotation: npt.ArrayLike, translation_m: npt.ArrayLike = (0.0, 0.0, 0.0)) -> "Mesh":
+        """The mesh with every vertex ``v`` at ``rotation @ v + translation_m``.
+
+        A matrix that mirrors (negative determinant) also turns the triangles around, so that normals stay outward.
+        """
+        matrix = np.asarray(rotation, dtype=np.float64)
+        moved = self.vertices_m.astype(np.float64) @ matrix.T + np.asarray(translation_m, dtype=np.float64)
+        corners = self.triangles if np.linalg.det(matrix) > 0 else self.triangles[:, ::-1].copy()
+        return Mesh(moved.astype(np.float32), corners, self.material, self.colour_rgb)
+
+    def translated(self, x_m: float, y_m: float, z_m: float) -> "Mesh":
+        """The mesh moved, not turned."""
+        moved = self.vertices_m.astype(np.float64) + np.array((x_m, y_m, z_m))
+        return Mesh(moved.astype(np.float32), self.triangles, self.material, self.colour_rgb)
+
+    @cached_property
+    def normals(self) -> Floats32:
+        """Unit outward normal of each triangle, shape ``(T, 3)``; zero where a triangle has no area."""
+        a, b, c = (self.vertices_m[self.triangles[:, i]].astype(np.float64) for i in range(3))
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return (normal / np.where(length > 0, length, 1.0)).astype(np.float32)
+
+    @cached_property
+    def bounds_m(self) -> tuple[Floats32, Floats32]:
+        """Lowest and highest coordinates, each of shape ``(3,)``; the mesh must not be empty."""
+        return self.vertices_m.min(axis=0), self.vertices_m.max(axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Wheel:
+    """A wheel about its own hub: the axle is the y axis, the rim faces outward."""
+
+    mesh: Mesh
+    hub_m: tuple[float, float, float]
+    """Centre of the hub in ``base_link``."""
+    radius_m: float
+    steered: bool
+
+
+class Swing(IntEnum):
+    """How a limb swings: codes of the shader, which tells wheels (1, 2) from limbs by them."""
+
+    WALKING_LEG = 3
+    PEDALLING_LEG = 4
+    ARM = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Limb:
+    """A leg or arm that swings about the y axis through its joint with the way that its owner has moved.
+
+    Limbs on the left and on the right swing against each other.
+    """
+
+    mesh: Mesh
+    """About the joint, in its middle position."""
+    joint_m: tuple[float, float, float]
+    swing: Swing
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleShape:
+    """A vehicle in ``base_link``: x forward, y left, z up, origin at the footprint's centre on the ground.
+
+    Body and wheels together fill exactly ``±length/2``, ``±width/2`` and ``0 … height``.
+    """
+
+    actor_class: ActorClass
+    body: Mesh
+    wheels: tuple[Wheel, ...]
+    length_m: float
+    width_m: float
+    height_m: float
+    limbs: tuple[Limb, ...] = ()
+
+    @cached_property
+    def parts(self) -> tuple[tuple[Mesh, tuple[float, float, float, float]], ...]:
+        """Body, wheels straight ahead and limbs in their middle positions in ``base_link``.
+
+        Each has its hub or joint, and how it moves: 0 with the body, 1 a wheel, 2 a steered wheel, above a ``Swing``.
+        """
+        wheels = ((w.mesh.translated(*w.hub_m), (*w.hub_m, 2.0 if w.steered else 1.0)) for w in self.wheels)
+        limbs = ((limb.mesh.translated(*limb.joint_m), (*limb.joint_m, float(limb.swing))) for limb in self.limbs)
+        return (self.body, (0.0, 0.0, 0.0, 0.0)), *wheels, *limbs
+
+    @cached_property
+    def at_rest(self) -> Mesh:
+        """The parts as one mesh."""
+        return Mesh.joined(*(mesh for mesh, _ in self.parts))
+
+
+@dataclass(frozen=True)
+class SignalLamp:
+    """One lens of a signal head: triangles ``start`` to ``stop`` (exclusive) of the static scene's mesh."""
+
+    signal_id: str
+    link: int
+    """Index into the signal's state string."""
+    colour: LampColour
+    start: int
+    stop: int
+
+    def is_lit(self, state: str) -> bool:
+        """Whether the lamp shines in a state string of its signal, which may be too short."""
+        return self.link < len(state) and state[self.link] in self.colour.lit_by
+
+
+@dataclass(frozen=True, eq=False)
+class ParkedVehicle:
+    """A vehicle that stands in the scene for the whole episode; the pose of its ``base_link`` in the ``map`` frame."""
+
+    actor: ActorDescription
+    x_m: float
+    y_m: float
+    z_m: float
+    yaw_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class StaticScene:
+    """Everything that does not move, in the ``map`` frame, and which of its triangles are signal lamps."""
+
+    mesh: Mesh
+    signal_lamps: tuple[SignalLamp, ...]
+    raised: BaseGeometry = field(default_factory=Polygon)
+    """Sidewalks and medians…"""
+    raised_m: float = 0.0
+    """…and their height above the road."""
+    parked: tuple[ParkedVehicle, ...] = ()
+    """Not in the mesh: to the sensors they are actors."""
+
+    def ground_m(self, x_m: Floats, y_m: Floats) -> Floats:
+        """Height of the ground at some places."""
+        return np.where(shapely.contains_xy(self.raised, x_m, y_m), self.raised_m, 0.0)

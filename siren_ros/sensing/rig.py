@@ -1,0 +1,314 @@
+"""All sensors of one carrier in one world, and their measurements at one step, finished or still under way."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Floats, Matrix
+from siren_ros.sensing.camera.camera import Camera, CameraFrame
+from siren_ros.sensing.camera.raycast_renderer import RaycastRenderer
+from siren_ros.sensing.camera.renderer import Renderer, RendererUnavailableError
+from siren_ros.sensing.lidar.embree import RaycastWorld
+from siren_ros.sensing.lidar.lidar import CarrierMotion, Lidar, LidarSweep
+from siren_ros.sensing.look import Look
+from siren_ros.sensing.meshes.mesh import StaticScene, VehicleShape
+from siren_ros.sensing.meshes.placement import Catalogue, VehiclePlacement
+from siren_ros.sensing.navigation import Odometers
+from siren_ros.sensing.scene.kept_scenes import kept_scene
+from siren_ros.sensing.scene.surfaces import SceneConfig
+from siren_ros.sensing.sensor_table import SENSOR_TYPES
+from siren_ros.sensing.specification import CameraSpec, CarrierView, SensorSpec, map_from_base
+from siren_ros.sensing.station import check_outdoors, station_mount
+from siren_ros.sensing.suite import LabelKinds, SensorSuite
+from siren_ros.sensing.truth import ImageLabeller, label_boxes
+from siren_ros.sensing.vehicles.vehicle_shapes import vehicle_shape
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.world.actors import (
+    ACTOR_STATE_DTYPES,
+    NO_ACTOR,
+    ActorClass,
+    ActorDescription,
+    ActorStates,
+    rows_of_ids,
+)
+from siren_ros.simulation.world.carrier import BASE_FRAME, LABEL_PERIOD_STEPS, STATION_FRAME, CameraTruth, GroundTruth
+from siren_ros.simulation.world.traffic_state import SignalState
+
+_PARKED_M: Final = 150.0
+"""Vehicles that are parked farther away are left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Measurements of the sensors that were due at a step."""
+
+    step: int
+    sweeps: tuple[LidarSweep, ...]
+    frames: tuple[CameraFrame, ...]
+    truth: GroundTruth | None
+    """Every ``LABEL_PERIOD_STEPS``."""
+    labels: Mapping[str, CameraTruth] = field(default_factory=dict)
+    """Labels of the pictures by camera, where the suite or a listener asks for them."""
+    others: tuple[tuple[SensorSpec, Any], ...] = ()
+    """Measurements of the suite's other sensors, each with its specification."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """A step whose measurements have begun."""
+
+    under_way: bool
+    """Whether other threads are still making pictures or sweeps."""
+    finish: Callable[[], Observations]
+    """Waits for them and returns all measurements. Call it once, and before the next step's measurements begin."""
+
+
+class SensorRig:
+    """The sensors of a suite on a map. The thread that first calls ``observe`` or ``prepare`` draws the pictures."""
+
+    def __init__(
+        self,
+        suite: SensorSuite,
+        network: RoadNetwork,
+        seed: int,
+        config: SceneConfig | None = None,
+        look: Look | None = None,
+        scene: StaticScene | None = None,
+        noise_seed: int | None = None,
+        site: Mapping[str, object] | None = None,
+        label_kinds: Callable[[CameraSpec], LabelKinds] | None = None,
+        in_background: bool = False,
+    ) -> None:
+        """Build the scene that the sensors see.
+
+        ``seed`` is the episode's and decides buildings and trees; ``noise_seed`` is that of all sensor noise, ``seed``
+        where None. Without a look it is a clear morning. ``scene`` replaces the generated static scene. ``site`` is
+        where the episode happens, as its description gives it, for roadside suites. ``label_kinds`` gives the labels
+        that go with a camera's pictures; without it, those that the suite records. With ``in_background`` a background
+        thread makes the sweeps while the caller goes on until it calls ``finish``; otherwise all processors share a
+        sweep, and the caller waits.
+
+        Raises:
+            InputError: A suite that stands at a site, and there is none; or sensors inside a building.
+        """
+        self.suite = suite
+        self._seed = seed if noise_seed is None else noise_seed
+        self._look = look or Look()
+        self._sees_bodies = bool(suite.lidars or suite.cameras)
+        kinds = ActorClass if self._sees_bodies else ()
+        self._shapes: Mapping[ActorClass, VehicleShape] = {kind: vehicle_shape(kind) for kind in kinds}
+        self._static = scene
+        if self._static is None and self._sees_bodies:
+            self._static = kept_scene(network, seed, config)
+        self._lidars: tuple[Lidar, ...] = ()
+        if self._static is not None and suite.lidars:
+            world = RaycastWorld(self._static, self._shapes)
+            share = 0.0 if config is None else config.colour_share
+            self._lidars = tuple(Lidar(spec, world, self._seed, self._look, share) for spec in suite.lidars)
+        self._background = ThreadPoolExecutor(1, "sweep") if in_background and self._lidars else None
+        self._cameras: tuple[Camera, ...] | None = None
+        self._catalogue = Catalogue(self._shapes)
+        self._nobody = self._catalogue.place(ActorStates.empty(), {})
+        self._odometers = Odometers()
+        self._label_kinds = label_kinds or partial(LabelKinds.of, suite)
+        self._labeller = ImageLabeller(self._shapes)
+        begins = {row.spec: row.begin for row in SENSOR_TYPES.values() if row.begin is not None}
+        self._others = tuple((spec, begins[type(spec)](spec, network, self._seed)) for spec in suite.others)
+        self.notes: tuple[str, ...] = ()
+        """What the user should know of how this machine simulates the sensors; known after ``prepare``."""
+        self._device = ""
+        self.station = None if suite.station is None else station_mount(suite.station, network, site)
+        """Where the suite stands in the ``map`` frame; None on a vehicle."""
+        if self.station is not None and self._static is not None:
+            check_outdoors(self._static, suite, self.station)
+
+    @property
+    def scene(self) -> StaticScene | None:
+        """The static scene, for a second rig in the same world; None without LiDARs and cameras."""
+        return self._static
+
+    @property
+    def truth_frame(self) -> str:
+        """Frame of the labels: the first LiDAR, or the carrier's ``base_link`` where there is none."""
+        if self.suite.lidars:
+            return self.suite.lidars[0].name
+        return BASE_FRAME if self.suite.station is None else STATION_FRAME
+
+    @property
+    def base_from_truth(self) -> Matrix:
+        """Pose of the labels' frame on the carrier, shape ``(4, 4)``."""
+        return self.suite.lidars[0].mount.base_from_sensor if self.suite.lidars else np.eye(4)
+
+    @property
+    def account(self) -> dict[str, object]:
+        """How this machine simulates the sensors, for the record; complete after ``prepare``."""
+        return {"suite": self.suite.name, "pictures_by": self._device, "notes": list(self.notes)}
+
+    def prepare(self) -> None:
+        """Compile the shaders and load the loops over rays now, in the thread that will observe.
+
+        Where this machine cannot draw, the cameras cast rays instead, and ``notes`` says so.
+        """
+        if self._cameras is None:
+            self._cameras = ()
+            if self._static is not None and self.suite.cameras:
+                renderer: Renderer | RaycastRenderer
+                try:
+                    renderer = Renderer(self._static, self._shapes, self._look)
+                except RendererUnavailableError as error:
+                    self.notes = (f"{error}; the cameras cast rays instead: slower, without shadows and textures",)
+                    renderer = RaycastRenderer(self._static, self._shapes, self._look)
+                self._device = renderer.device
+                encoder = ThreadPoolExecutor(1, "jpeg")
+                self._cameras = tuple(Camera(spec, renderer, self._seed, encoder) for spec in self.suite.cameras)
+            no_vehicles = self._catalogue.place(ActorStates.empty(0), {})
+            for sweep in [*self._sweeps(0, np.eye(4), no_vehicles, CarrierMotion())]:
+                sweep()
+
+    def observe(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        signals: Iterable[SignalState],
+        carrier_id: int,
+    ) -> Observations:
+        """Measure with the sensors that are due at the states' step; arguments as ``begin``."""
+        return self.begin(states, descriptions, signals, carrier_id).finish()
+
+    def begin(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        signals: Iterable[SignalState],
+        carrier_id: int,
+    ) -> Sensing:
+        """Begin to measure with the sensors that are due at the states' step; ``finish`` before the next call.
+
+        The vehicle ``carrier_id`` has the sensors; while it is not among the actors it measures nothing. A suite at a
+        station always measures. ``descriptions`` say by id what the actors are, ``signals`` are the traffic lights.
+        """
+        self.prepare()
+        step, states = states.step, self._on_ground(states, descriptions)
+        hidden = NO_ACTOR if self.station is not None else carrier_id
+        rolled_m = self._odometers.advance(states)[states.actor_id != hidden] if self.suite.cameras else np.empty(0)
+        motion = self._motion(states, carrier_id)
+        if motion is None:
+            truth = self._truth(ActorStates.empty(step), descriptions, hidden, np.eye(4), ())
+            nothing = Observations(step, (), (), truth)
+            return Sensing(under_way=False, finish=lambda: nothing)
+        base, velocity = motion
+        states, descriptions = self._with_parked(states, descriptions, base)
+        rolled_m = np.append(rolled_m, np.zeros(len(states) - (hidden in states.actor_id) - len(rolled_m)))
+        placement = self._catalogue.place(states, descriptions, hidden_id=hidden) if self._sees_bodies else self._nobody
+        exposed = tuple(self._expose(step, base, placement, rolled_m, signals))
+        swept = tuple(self._sweeps(step, base, placement, velocity))
+        # Every sensor measures at every step, since some differentiate the motion.
+        view = CarrierView(states, base, _row_of(states, carrier_id)) if self._others else None
+        measured = [(spec, measure(view)) for spec, measure in self._others if view is not None]
+        others = tuple(item for item in measured if step % item[0].period_steps == 0)
+
+        def finish() -> Observations:
+            sweeps = tuple(sweep() for sweep in swept)
+            frames = tuple(develop() for develop in exposed)
+            truth = self._truth(states, descriptions, hidden, base, sweeps)
+            labels = self._labels(frames, base, placement, descriptions)
+            return Observations(step, sweeps, frames, truth, labels, others)
+
+        return Sensing(under_way=bool(exposed or swept), finish=finish)
+
+    def _on_ground(self, states: ActorStates, descriptions: Mapping[int, ActorDescription]) -> ActorStates:
+        """The states with people on foot on the surface of sidewalks, where the scene raises these."""
+        if self._static is None:
+            return states
+        kinds = (descriptions[number].actor_class for number in states.actor_id.tolist())
+        walking = np.array([kind is ActorClass.PEDESTRIAN for kind in kinds], np.bool_)
+        if not walking.any():
+            return states
+        return replace(states, z_m=np.where(walking, self._static.ground_m(states.x_m, states.y_m), states.z_m))
+
+    def _with_parked(
+        self, states: ActorStates, descriptions: Mapping[int, ActorDescription], base: Matrix
+    ) -> tuple[ActorStates, Mapping[int, ActorDescription]]:
+        """The actors with the vehicles that are parked near the carrier, which the sensors see like all others."""
+        if self._static is None or not self._static.parked:
+            return states, descriptions
+        near = [one for one in self._static.parked if np.hypot(one.x_m - base[0, 3], one.y_m - base[1, 3]) < _PARKED_M]
+        poses = {name: np.array([getattr(one, name) for one in near]) for name in ("x_m", "y_m", "z_m", "yaw_rad")}
+        poses["actor_id"] = np.array([one.actor.actor_id for one in near], np.uint32)
+        columns = {
+            name: np.concatenate((getattr(states, name), poses.get(name, np.zeros(len(near))).astype(dtype)))
+            for name, dtype in ACTOR_STATE_DTYPES.items()
+        }
+        return ActorStates(states.step, **columns), {**descriptions, **{one.actor.actor_id: one.actor for one in near}}
+
+    def _motion(self, states: ActorStates, carrier_id: int) -> tuple[Matrix, CarrierMotion] | None:
+        """Pose and motion of the vehicle or station with the sensors; None where the vehicle has left the map."""
+        if self.station is not None:
+            return self.station.base_from_sensor, CarrierMotion()
+        row = _row_of(states, carrier_id)
+        if row < 0:
+            return None
+        x_m, y_m, z_m, yaw_rad = (float(values[row]) for values in (states.x_m, states.y_m, states.z_m, states.yaw_rad))
+        vx_mps, vy_mps, turn = (float(values[row]) for values in (states.vx_mps, states.vy_mps, states.yaw_rate_radps))
+        return map_from_base(x_m, y_m, z_m, yaw_rad), CarrierMotion(vx_mps, vy_mps, turn)
+
+    def _labels(
+        self,
+        frames: tuple[CameraFrame, ...],
+        base: Matrix,
+        placement: VehiclePlacement,
+        descriptions: Mapping[int, ActorDescription],
+    ) -> dict[str, CameraTruth]:
+        cameras = {spec.name: spec for spec in self.suite.cameras}
+        is_emv = np.array([descriptions[int(actor_id)].is_emv for actor_id in placement.actor_id], dtype=np.bool_)
+        labels = {}
+        for frame in frames:
+            camera, instance = cameras[frame.sensor], frame.image.instance
+            if self._label_kinds(camera).boxes and instance is not None:
+                pose = base @ camera.mount.base_from_sensor
+                label = self._labeller.label(frame.step, frame.camera, pose, placement, instance, is_emv)
+                labels[frame.sensor] = label
+        return labels
+
+    def _truth(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        carrier_id: int,
+        base: Matrix,
+        sweeps: Sequence[LidarSweep],
+    ) -> GroundTruth | None:
+        if states.step % LABEL_PERIOD_STEPS:
+            return None
+        sweep = next((sweep for sweep in sweeps if sweep.sensor == self.truth_frame), None)
+        truth = label_boxes(states, descriptions, carrier_id, base @ self.base_from_truth, sweep)
+        return replace(truth, frame_id=self.truth_frame)
+
+    def _sweeps(
+        self, step: int, base: Matrix, placement: VehiclePlacement, motion: CarrierMotion
+    ) -> Iterable[Callable[[], LidarSweep]]:
+        for lidar in self._lidars:
+            if step % lidar.spec.period_steps == 0:
+                pose = base @ lidar.spec.mount.base_from_sensor
+                if self._background is not None:
+                    yield lidar.begin(step, pose, placement, motion, self._background)
+                else:
+                    yield partial(lidar.scan, step, pose, placement, motion)
+
+    def _expose(
+        self, step: int, base: Matrix, placement: VehiclePlacement, rolled_m: Floats, signals: Iterable[SignalState]
+    ) -> Iterable[Callable[[], CameraFrame]]:
+        states = {signal.signal_id: signal.state for signal in signals}
+        for camera in self._cameras or ():
+            if step % camera.spec.period_steps == 0:
+                pose = base @ camera.spec.mount.base_from_sensor
+                yield camera.expose(step, pose, placement, rolled_m, states, self._label_kinds(camera.spec))
+
+
+def _row_of(states: ActorStates, actor_id: int) -> int:
+    """Row of an actor in the states; −1 where it is not among them."""
+    return int(rows_of_ids(states.actor_id, np.array([actor_id], np.uint32))[0])

@@ -1,0 +1,174 @@
+"""Sensor suites, read from YAML: which sensors a vehicle or a roadside unit has, and where each of them is mounted."""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Final
+
+from siren_ros.base.numerics.units import STEPS_PER_S
+from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
+from siren_ros.base.params.strict_yaml import StrictMapping
+from siren_ros.errors import InputError
+from siren_ros.sensing.sensor_table import SENSOR_TYPES
+from siren_ros.sensing.specification import RADIANS, CameraSpec, LidarSpec, Mount, SensorSpec
+
+EXPORTED_CAMERA: Final = "camera_front"
+"""The camera whose pictures go into exports and videos, where a suite has it."""
+
+
+@dataclass(frozen=True)
+class Station:
+    """Where a roadside suite stands. Its mounts are relative to this place on the ground."""
+
+    place: Mount | None
+    """In the ``map`` frame; None: the corner of the junction where the episode happens."""
+
+
+@dataclass(frozen=True)
+class SensorSuite:
+    """All sensors of one carrier; names are unique and become topic and frame names."""
+
+    name: str
+    lidars: tuple[LidarSpec, ...] = ()
+    cameras: tuple[CameraSpec, ...] = ()
+    others: tuple[SensorSpec, ...] = ()
+    """Sensors of all other types, in the order of ``SENSOR_TYPES``."""
+    labels: bool = False
+    """Whether boxes in the pictures, visible fractions and truncations are recorded with each picture."""
+    station: Station | None = None
+    """None: the suite is mounted on a vehicle."""
+
+    @property
+    def common_period_steps(self) -> int:
+        """Steps between the instants at which all LiDARs and cameras are due."""
+        return math.lcm(*(spec.period_steps for spec in (*self.lidars, *self.cameras)))
+
+    @property
+    def mounts(self) -> tuple[tuple[str, Mount], ...]:
+        """Name and place of every sensor."""
+        return tuple((spec.name, spec.mount) for spec in (*self.lidars, *self.cameras, *self.others))
+
+
+_AT_SITE: Final = "site"
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+MAX_SENSORS: Final = 32
+"""Bounds the memory that a suite can ask for."""
+_MOUNT_KEYS: Final = {
+    "x_m": ("x_m", 1.0, 20.0),
+    "y_m": ("y_m", 1.0, 20.0),
+    "z_m": ("z_m", 1.0, 20.0),
+    "yaw_deg": ("yaw_rad", RADIANS, 360.0),
+    "pitch_deg": ("pitch_rad", RADIANS, 90.0),
+    "roll_deg": ("roll_rad", RADIANS, 180.0),
+}
+_MOUNT_PLACE: Final = ("x_m", "y_m", "z_m")
+"""The keys of a mount that have no default."""
+_FARTHEST_M: Final = 1e6
+
+
+def load_suite(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> SensorSuite:
+    """A suite by name (``params/suites/NAME.yaml``) or from a YAML file of the user's own.
+
+    Raises:
+        InputError: No such suite, unreadable YAML, an unknown key, a value of the wrong type or out of range;
+            the message names file, line, key, value and what is allowed.
+    """
+    top = files.read("sensors", "suites", name_or_path).mapping()
+    sensors = {section: _specs(top, section) for section in SENSOR_TYPES}
+    names = [spec.name for specs in sensors.values() for spec in specs]
+    if len(names) > MAX_SENSORS:
+        raise InputError(top.where(""), f"{len(names)} sensors", f"at most {MAX_SENSORS}")
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(top.where("name"), twice[0], "each sensor name once")
+    suite = SensorSuite(
+        name=Path(name_or_path).stem,
+        lidars=sensors.pop("lidars"),
+        cameras=sensors.pop("cameras"),
+        others=tuple(spec for specs in sensors.values() for spec in specs),
+        labels=top.flag("labels", default=False),
+        station=_station(top) if top.has("station") else None,
+    )
+    top.finish()
+    moving = [section for section, row in SENSOR_TYPES.items() if row.on_vehicles_only]
+    if suite.station is not None and any(sensors[section] for section in moving):
+        raise InputError(
+            top.where("station"), " or ".join(moving), f"a suite without {' and '.join(moving)}, which move"
+        )
+    return suite
+
+
+def _station(top: StrictMapping) -> Station:
+    if not top.is_mapping("station"):
+        place = top.text("station")
+        if place != _AT_SITE:
+            raise InputError(top.where("station"), place, f"{_AT_SITE}, or a mapping of x_m, y_m and yaw_deg (map)")
+        return Station(None)
+    section = top.mapping("station")
+    x_m, y_m = (section.number(key, -_FARTHEST_M, _FARTHEST_M) for key in ("x_m", "y_m"))
+    yaw_deg = section.number("yaw_deg", -360.0, 360.0) if section.has("yaw_deg") else 0.0
+    section.finish()
+    return Station(Mount(x_m, y_m, 0.0, yaw_deg * RADIANS))
+
+
+def _mount(section: StrictMapping) -> Mount:
+    values = {
+        name: scale * section.number(key, -limit, limit)
+        for key, (name, scale, limit) in _MOUNT_KEYS.items()
+        if key in _MOUNT_PLACE or section.has(key)
+    }
+    section.finish()
+    return Mount(**values)
+
+
+def _specs(top: StrictMapping, section: str) -> tuple[Any, ...]:
+    """All sensors of a section, in the order of the file."""
+    sensors = top.mapping(section) if top.has(section) else None
+    return tuple(_spec(SENSOR_TYPES[section].spec, name, sensors) for name in sensors.values) if sensors else ()
+
+
+def _spec(kind: type[Any], name: str, sensors: StrictMapping) -> Any:
+    """One sensor from its YAML mapping."""
+    if not _NAME.fullmatch(name) or "__" in name:
+        allowed = "a name of letters, digits and single underscores, at most 64, not a digit first"
+        raise InputError(sensors.where(name), name, allowed)
+    section = sensors.mapping(name)
+    values: dict[str, Any] = {"mount": _mount(section.mapping("mount"))}
+    for item in fields(kind):
+        key = item.metadata.get("key") or item.name
+        if item.name not in {"name", "mount"} and section.has(key):
+            values[item.name] = _value(section, key, item.type, item.metadata)
+    section.finish()
+    spec = kind(name=name, **values)
+    if isinstance(spec, LidarSpec) and spec.channels > 1 and spec.upper_fov_rad <= spec.lower_fov_rad:
+        wrong = section.where("upper_fov_deg")
+        raise InputError(wrong, spec.upper_fov_rad / RADIANS, "more than lower_fov_deg")
+    return spec
+
+
+def _value(section: StrictMapping, key: str, kind: Any, metadata: Mapping[str, Any]) -> float | bool:
+    """A value checked against its field's type and bounds."""
+    if kind is bool:
+        return section.flag(key)
+    if kind is int:
+        return section.integer(key, metadata["low"], metadata["high"])
+    number = section.number(key, metadata["low"], metadata["high"])
+    if metadata.get("rate") and (number <= 0 or abs(STEPS_PER_S / number - round(STEPS_PER_S / number)) > 1e-9):
+        rates = ", ".join(f"{STEPS_PER_S / steps:g}" for steps in (1, 2, 4, 5, 10, 20))
+        raise InputError(section.where(key), number, f"a rate that divides {STEPS_PER_S} Hz: {rates} …")
+    return number * float(metadata["scale"])
+
+
+@dataclass(frozen=True)
+class LabelKinds:
+    """Labels to draw with the colours. Semantic classes are always drawn."""
+
+    depth: bool = False
+    instance: bool = False
+    boxes: bool = False
+
+    @classmethod
+    def of(cls, suite: SensorSuite, camera: CameraSpec) -> "LabelKinds":
+        """Labels that a suite records of a camera."""
+        return cls(camera.depth, camera.instance, suite.labels)

@@ -1,0 +1,104 @@
+"""The shape of each vehicle class, fitted to the exact dimensions and axle positions of the vehicle parameters."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache, partial
+from typing import Final
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Floats, Floats32
+from siren_ros.sensing.meshes.mesh import Limb, VehicleShape, Wheel
+from siren_ros.sensing.vehicles import cars, large_vehicles, people, two_wheels
+from siren_ros.sensing.vehicles.vehicle_parts import Drawn
+from siren_ros.simulation.dynamics.parameters import VehicleParameters, load_vehicle_parameters
+from siren_ros.simulation.world.actors import ActorClass
+
+_DRAWINGS: Final[Mapping[ActorClass, Callable[[], Drawn]]] = {
+    ActorClass.HATCHBACK: partial(cars.car, cars.HATCHBACK),
+    ActorClass.SEDAN: partial(cars.car, cars.SEDAN),
+    ActorClass.ESTATE: partial(cars.car, cars.ESTATE),
+    ActorClass.SUV: partial(cars.car, cars.SUV),
+    ActorClass.VAN: partial(cars.car, cars.VAN),
+    ActorClass.PICKUP: cars.pickup,
+    ActorClass.BUS: large_vehicles.bus,
+    ActorClass.TRUCK: large_vehicles.truck,
+    ActorClass.AMBULANCE: large_vehicles.ambulance,
+    ActorClass.FIRE_TRUCK: large_vehicles.fire_truck,
+    ActorClass.POLICE: cars.police,
+}
+_RIDDEN: Final[Mapping[ActorClass, Callable[[], two_wheels.Ridden]]] = {
+    ActorClass.MOTORCYCLE: two_wheels.motorcycle,
+    ActorClass.BICYCLE: two_wheels.bicycle,
+}
+
+
+@cache
+def vehicle_shape(actor_class: ActorClass) -> VehicleShape:
+    """The shape of a vehicle class with the sizes and axles of ``params/vehicles``; InputError for an unusable file."""
+    size = load_vehicle_parameters()[actor_class]
+    if actor_class is ActorClass.PEDESTRIAN:
+        return people.walker(size.length_m, size.width_m, size.height_m)
+    if actor_class in _RIDDEN:
+        body, wheels, limbs = _RIDDEN[actor_class]()
+        return fitted(actor_class, (body, wheels), size, limbs)
+    return fitted(actor_class, _DRAWINGS[actor_class](), size)
+
+
+def fitted(
+    actor_class: ActorClass, drawn: Drawn, size: VehicleParameters, limbs: tuple[Limb, ...] = ()
+) -> VehicleShape:
+    """A drawn body stretched so that it fills the given size exactly and its axles lie where the parameters say.
+
+    Around the axles the body is moved and not stretched, and below the arches' height it keeps its height, so that
+    the arches stay round. Wheels and limbs keep their drawn size.
+    """
+    body, wheels = drawn
+    low, high = (bound.astype(np.float64) for bound in body.bounds_m)
+    vertices = body.vertices_m.astype(np.float64)
+    x_drawn, x_fitted = _axle_map(wheels, float(low[0]), float(high[0]), size)
+    arch = min(2.0 * max(wheel.radius_m for wheel in wheels) + 0.1, 0.9 * float(high[2]))
+    half = np.array((low[1], high[1]))
+    x = _exact(np.interp(vertices[:, 0], x_drawn, x_fitted), -size.length_m / 2, size.length_m / 2)
+    y = _exact(
+        np.interp(vertices[:, 1], half, (-size.width_m / 2, size.width_m / 2)), -size.width_m / 2, size.width_m / 2
+    )
+    z = _exact(np.interp(vertices[:, 2], (0.0, arch, high[2]), (0.0, arch, size.height_m)), 0.0, size.height_m)
+    moved = tuple(
+        replace(
+            wheel,
+            hub_m=(
+                float(np.interp(wheel.hub_m[0], x_drawn, x_fitted)),
+                wheel.hub_m[1] + np.sign(wheel.hub_m[1]) * (size.width_m / 2 - float(high[1])),
+                wheel.radius_m,
+            ),
+        )
+        for wheel in wheels
+    )
+    return VehicleShape(
+        actor_class=actor_class,
+        body=replace(body, vertices_m=np.column_stack((x, y, z))),
+        wheels=moved,
+        length_m=size.length_m,
+        width_m=size.width_m,
+        height_m=size.height_m,
+        limbs=limbs,
+    )
+
+
+def _axle_map(
+    wheels: tuple[Wheel, ...], rear_m: float, front_m: float, size: VehicleParameters
+) -> tuple[Floats, Floats]:
+    """Knots of the map from drawn to fitted x: ends to ends, axles to axles, rigid within a wheel's reach of them."""
+    hubs = sorted({wheel.hub_m[0] for wheel in wheels})
+    rear_axle = size.length_m / 2 - size.front_overhang_m - size.wheelbase_m
+    targets = (rear_axle, rear_axle + size.wheelbase_m)
+    reach = max(wheel.radius_m for wheel in wheels) + 0.06
+    drawn = [rear_m, *(hub + side * reach for hub in hubs for side in (-1, 1)), front_m]
+    to = [-size.length_m / 2, *(hub + side * reach for hub in targets for side in (-1, 1)), size.length_m / 2]
+    return np.array(drawn), np.array(to)
+
+
+def _exact(values: Floats, low: float, high: float) -> Floats32:
+    """Single precision, never outside the bounds' own single-precision values."""
+    return np.clip(values.astype(np.float32), np.float32(low), np.float32(high))

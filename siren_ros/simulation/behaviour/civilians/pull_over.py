@@ -1,0 +1,399 @@
+"""L3: pull-over to the lane's edge, then braking hold (paper, Algorithm 2, ``npc_behavior_lvl = 2``).
+
+Civilians move up along the lane's edge if an EMV stands behind them: at a red light into the junction, as far as they
+stay clear of others there, and otherwise across it. A civilian next to a shoulder on which an EMV comes stays where it
+is if the shoulder is free there.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from siren_ros.base.numerics.braking import braking_distance_m
+from siren_ros.base.numerics.changed import changed
+from siren_ros.base.numerics.units import steps_from_s
+from siren_ros.simulation.behaviour.civilians.junction_entry import (
+    approach_lane_of,
+    is_held,
+    junction_m,
+    may_cross,
+    movement_from,
+    on_junction,
+    room_beyond_line_m,
+    way_inside_m,
+)
+from siren_ros.simulation.behaviour.civilians.rejoin import start_rejoin
+from siren_ros.simulation.behaviour.civilians.yield_lane_change import defer
+from siren_ros.simulation.behaviour.driving.civilian_unit import (
+    EmvView,
+    YieldStep,
+    YieldUnit,
+    aligned_within_rad,
+    lane_of,
+    release_reason,
+    standing,
+    yield_event,
+)
+from siren_ros.simulation.behaviour.driving.lane_change import Refusal, gaps_in_lane, offset_in_lane
+from siren_ros.simulation.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import navigate
+from siren_ros.simulation.behaviour.driving.step_view import Ego
+from siren_ros.simulation.behaviour.paths.lane_path import (
+    LaneEnd,
+    LanePath,
+    connection_of_internal,
+    lanes_along,
+    neighbour_lane,
+    path_on_lanes,
+    shoulder_into_turn,
+)
+from siren_ros.simulation.behaviour.paths.tracked_path import PEAK_CURVATURE, TrackedPath, blend_length_m, path_onto
+from siren_ros.simulation.roads.movements import road_lane_of
+from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.simulation.world.actors import Mode, rows_of_ids
+from siren_ros.simulation.world.traffic_state import Event, EventKind
+
+
+def _looks(unit: YieldUnit, ego: Ego) -> bool:
+    """Whether a waiting driver looks again at this step; not all of them look at the same one."""
+    period = steps_from_s(ego.config.pull_over.look_again_s)
+    return ego.step % period == unit.actor_id % period
+
+
+def emv_waits_behind(ego: Ego, emv_row: int) -> bool:
+    """Whether an EMV stands or crawls close behind a vehicle and points towards it."""
+    seen = ego.seen
+    if emv_row < 0 or float(seen.speed_mps[emv_row]) > ego.config.pull_over.emv_crawls_mps:
+        return False
+    dx, dy = float(seen.x_m[ego.row] - seen.x_m[emv_row]), float(seen.y_m[ego.row] - seen.y_m[emv_row])
+    distance = math.hypot(dx, dy)
+    if distance > ego.config.pull_over.room_range_m:
+        return False
+    cos, sin = ego.direction
+    ahead = float(seen.cos[emv_row]) * dx + float(seen.sin[emv_row]) * dy
+    return min(ahead, cos * dx + sin * dy) > ego.config.pull_over.behind_cosine * distance
+
+
+def makes_room(unit: YieldUnit, ego: Ego) -> bool:
+    """Whether the EMV has been waiting behind a driver for long enough."""
+    return unit.emv_waits_steps >= steps_from_s(ego.config.pull_over.room_after_s)
+
+
+def may_go_on(unit: YieldUnit, ego: Ego, lane: int) -> bool:
+    """Whether a driver who holds has the space to finish the pull-over, or to make room."""
+    config = ego.config.pull_over
+    if lane == NO_LANE:
+        return False
+    reasons = ((unit.partial, config.resume_gap_m), (makes_room(unit, ego), config.room_gap_m))
+    needed_m = min((gap_m for reason, gap_m in reasons if reason), default=math.inf)
+    return needed_m < math.inf and gaps_in_lane(ego, lane).front_m > needed_m
+
+
+def emv_takes_shoulder(ego: Ego, lane: int, emv_id: int) -> bool:
+    """Whether the way of the EMV, whose turn signal is on, is the shoulder: everybody there goes to the left."""
+    network = ego.network
+    (row,) = rows_of_ids(ego.seen.actor_id, np.array([emv_id], dtype=np.uint32)).tolist()
+    if row < 0:
+        return False
+    way = shoulder_into_turn(network, ego.traffic.route_of_row(row), ego.config.corridor.shoulder_reach_m)
+    return way is not None and network.lanes[road_lane_of(network, lane)].edge in way.edges
+
+
+def _leaves_shoulder_free(ego: Ego, lane: int) -> bool:
+    """Whether a vehicle leaves an EMV's width between its right side and the outer edge of the shoulder.
+
+    In the lanes farther left the vehicles leave it free where those on their right do.
+    """
+    network, lane = ego.network, road_lane_of(ego.network, lane)
+    right = neighbour_lane(network, lane, -1)
+    if right == NO_LANE:
+        return False
+    if network.lanes[right].kind is LaneKind.DRIVING:
+        apart = np.abs(ego.traffic.lane_position_m - ego.traffic.lane_position_m[ego.row])
+        near = np.flatnonzero((ego.traffic.lane == right) & (apart < ego.config.pull_over.alongside_m))
+        return all(_leaves_shoulder_free(ego.ego(other), right) for other in near.tolist())
+    offset, turned = offset_in_lane(ego, lane)
+    if network.lanes[right].kind is not LaneKind.SHOULDER or abs(turned) > aligned_within_rad(ego):
+        return False
+    beyond = 0.5 * network.lanes[lane].width_m + offset - ego.half_width_m
+    return network.lanes[right].width_m + beyond >= ego.config.pull_over.shoulder_free_m
+
+
+_RIDER_S: Final = 3.0
+"""A pull-over takes about as long: riders who are beside a vehicle until then go first."""
+_RIDER_CLEAR_M: Final = 0.3
+"""Kept to their bodies."""
+
+
+def rider_comes_up(ego: Ego, side: int, shift_m: float) -> bool:
+    """Whether a cyclist or motorcyclist is beside a vehicle that is to move sideways, or comes up from behind.
+
+    Those count who are where the body moves to, by ``shift_m`` to its ``side``, and not all behind it.
+    """
+    rows, seen, (cos, sin) = ego.seen.riders, ego.seen, ego.direction
+    rows = rows[rows != ego.row]
+    if not len(rows):
+        return False
+    dx, dy, half_m = seen.x_m[rows] - ego.place[0], seen.y_m[rows] - ego.place[1], seen.half_width_m[rows]
+    ahead_m, aside_m = cos * dx + sin * dy, side * (cos * dy - sin * dx)
+    lengths_m = ego.half_length_m + seen.half_length_m[rows]
+    slowed_mps = min(ego.speed_mps, ego.world.speeds.civilian_pull_over_mps)
+    way_m = lengths_m + _RIDER_S * np.maximum(seen.speed_mps[rows] - slowed_mps, 0.0)
+    there = (aside_m + half_m > ego.half_width_m) & (aside_m - half_m < ego.half_width_m + shift_m + _RIDER_CLEAR_M)
+    along = cos * seen.cos[rows] + sin * seen.sin[rows] > ego.config.manoeuvring.along_cosine
+    return bool(np.any(there & along & (ahead_m < lengths_m) & (ahead_m > -way_m)))
+
+
+def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
+    """Starts the pull-over.
+
+    It is deferred on a junction, where the vehicle cannot stop before the next one, in a queue that stands too close,
+    and while a rider comes up on that side. A driver looks again every half second. A vehicle that leaves the EMV's way
+    on the shoulder free stays there.
+    """
+    network, config = ego.network, ego.config.pull_over
+    if unit.deferred and not _looks(unit, ego) and standing(ego):
+        return YieldStep(unit)
+    lane = ego.lane
+    if road_lane_of(network, lane) == NO_LANE:
+        return defer(unit, ego, Refusal.JUNCTION.value)
+    shoulder = emv_takes_shoulder(ego, lane, unit.emv_id)
+    unit = changed(unit, side=unit.side or (1 if shoulder else alignment_of(network, lane)))
+    if shoulder and ego.speed_mps < config.stays_below_mps and _leaves_shoulder_free(ego, lane):
+        started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=unit.side, lane=lane)
+        return _hold_now(unit, ego, offset_in_lane(ego, lane)[0], partial=False).preceded_by(started)
+    path = pull_over_path(unit, ego, lane)
+    stop = braking_distance_m(ego.speed_mps * ego.speed_mps, ego.config.civilian_navigator.comfort_brake_mps2)
+    if path is None or stop > path.length_m + config.length_min_m:
+        return defer(unit, ego, Refusal.NO_ROOM.value)
+    shift_m = unit.side * (edge_offset_m(ego, lane, unit.side) - offset_in_lane(ego, lane)[0])
+    if rider_comes_up(ego, unit.side, shift_m):
+        return defer(unit, ego, Refusal.BESIDE.value)
+    navigator = NavigatorState().following(path, *ego.place)
+    unit = changed(unit, phase=Mode.YIELD_PULL_OVER, deferred="", stopped_steps=0, navigator=navigator)
+    started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=unit.side, lane=lane)
+    return _drive(unit, ego).preceded_by(started)
+
+
+def pull_over_again(unit: YieldUnit, ego: Ego) -> YieldStep | None:
+    """A driver on the way back to the lane pulls over from there, or stands still where that is not possible.
+
+    None while the vehicle moves and cannot: it goes on with its way back.
+    """
+    again = start_pull_over(changed(unit, side=0, deferred="", partial=False, emv_waits_steps=0), ego)
+    if again.command is not None:
+        return again
+    lane = lane_of(unit, ego)
+    if lane == NO_LANE or not standing(ego):
+        return None
+    return _hold_now(
+        changed(unit, side=alignment_of(ego.network, lane)), ego, offset_in_lane(ego, lane)[0], partial=True
+    )
+
+
+def alignment_of(network: RoadNetwork, lane: int) -> int:
+    """Side to which the vehicles of a lane pull over: left from the leftmost of several lanes, else right."""
+    beside = [neighbour_lane(network, road_lane_of(network, lane), side) for side in (1, -1)]
+    left, right = (other != NO_LANE and network.lanes[other].kind is LaneKind.DRIVING for other in beside)
+    return 1 if not left and right else -1
+
+
+def edge_offset_m(ego: Ego, lane: int, side: int) -> float:
+    """Offset from the lane's centre line at which a vehicle stands at the lane's edge, left positive.
+
+    On a junction, what lies beside the lane before it counts, so that the way leads straight on. If too little width is
+    left for an EMV on the inner side, the vehicle reaches over the edge. It does not where the EMV comes on the
+    shoulder and others stand in the lane on the left.
+    """
+    network, config = ego.network, ego.config.pull_over
+    road = approach_lane_of(ego, lane)
+    beside = NO_LANE if road == NO_LANE else neighbour_lane(network, road, side)
+    shoulder = beside != NO_LANE and network.lanes[beside].kind is LaneKind.SHOULDER
+    most = config.shoulder_overhang_max_m if shoulder else config.overhang_max_m
+    if side > 0 and beside != NO_LANE and network.lanes[beside].kind is LaneKind.DRIVING:
+        most = 0.0
+    half_lane, half_width = 0.5 * network.lanes[lane].width_m, ego.half_width_m
+    at_edge = half_lane - half_width
+    for_emv = config.corridor_half_m - half_lane + half_width
+    return side * max(min(max(at_edge, for_emv), at_edge + most), 0.0)
+
+
+def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
+    """``BuildPullOverWaypoints``: to the lane's edge, and to a stop there before the next junction.
+
+    Returns:
+        The path, or None where the lane ends before the vehicle can move sideways, and on a junction where the driver
+        makes no room.
+    """
+    config = ego.config.pull_over
+    if approach_lane_of(ego, lane) == NO_LANE or (on_junction(ego, lane) and not makes_room(unit, ego)):
+        return None
+    position, left, _ = ego.place_on(lane)
+    offset = edge_offset_m(ego, lane, unit.side)
+    sharpest = math.sqrt(PEAK_CURVATURE * abs(offset - left) / config.curvature_max_1pm)
+    moving = min(max(ego.speed_mps, config.start_mps), ego.world.speeds.civilian_pull_over_mps)
+    steerable = blend_length_m(offset - left, moving, 0.0, 0.0, ego.navigator_config)
+    sideways_m = max(config.length_min_m, sharpest, steerable)
+    if ego.row in ego.seen.riders:
+        # They answer to the steering at once; others have slowed down by the time that they turn.
+        lean = math.sqrt(PEAK_CURVATURE * abs(offset - left) / ego.navigator_config.lateral_accel_mps2)
+        sideways_m = max(sideways_m, lean * ego.speed_mps)
+    half_length, gaps = ego.half_length_m, gaps_in_lane(ego, lane)
+    free = math.inf if gaps.front_mps > config.leader_stands_mps else gaps.front_m - config.room_standstill_gap_m
+    if free < config.least_way_m:
+        return None
+    length = min(sideways_m + max(config.settle_length_m, 2.0 * half_length), free)
+    reference = _line_ahead(unit, ego, (lane, position), length, sideways_m)
+    room = reference.curve.length_m - 2.0 - half_length
+    if room < config.least_way_m:
+        return None
+    merge = min(sideways_m, room)
+    if room < sharpest:  # as far sideways as leaves the vehicle straight
+        most = config.curvature_max_1pm * room * room / PEAK_CURVATURE
+        offset = left + math.copysign(most, offset - left)
+    return path_onto(reference, ego.pose, merge, ego.navigator_config, offset_m=offset, shorten_m=half_length)
+
+
+def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: float, sideways_m: float) -> LanePath:
+    """The lane's centre line to the next junction, and beyond the stop line if the space is needed.
+
+    The EMV needs it where it has been waiting; the driver at the head of a standing queue needs it to move sideways,
+    and with it everybody behind. Vehicles that stand partly on a shoulder stop before the line: the shoulder does not
+    lead across the junction.
+
+    ``place`` is the lane of the vehicle's centre and where on it, ``way_m`` how far the vehicle goes at most,
+    ``sideways_m`` the way that the lateral move takes.
+    """
+    network, route, config, (lane, position) = ego.network, ego.route, ego.config.pull_over, place
+    ahead, room = way_m + ego.half_length_m, makes_room(unit, ego)
+    lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True, through_junctions=False)
+    to_line = network.length_m(lanes) - position
+    short = to_line - ego.half_length_m < sideways_m and ego.speed_mps < config.leader_stands_mps
+    over = config.room_over_line_m if room else config.head_over_line_m if short else 0.0
+    if on_junction(ego, lane):
+        movement = connection_of_internal(network, lane, route)
+        to_line = -position
+        if movement is not None:
+            to_line -= way_inside_m(ego, movement, lane)
+    else:
+        beside = neighbour_lane(network, road_lane_of(network, lane), unit.side)
+        on_road = beside == NO_LANE or network.lanes[beside].kind is not LaneKind.SHOULDER
+        movement = movement_from(ego, lanes[-1]) if end is LaneEnd.JUNCTION and on_road and over > 0.0 else None
+    if movement is not None:
+        if room and may_cross(ego, movement, ego.half_length_m - to_line):
+            ahead = to_line + junction_m(ego, movement) + 2.0 * ego.half_length_m + config.beyond_junction_m
+        else:
+            ahead = min(ahead, to_line + min(over, room_beyond_line_m(ego, movement)))
+        lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)
+    return path_on_lanes(network, lanes, end, position - 2.0, 2.0 + max(ahead, 0.0))
+
+
+def _crossing(unit: YieldUnit, ego: Ego) -> tuple[bool, bool]:
+    """Whether a driver's path leads across a junction, and whether the vehicle is on that already."""
+    path = unit.navigator.path
+    if path is None:
+        return False, False
+    rear, front = (path.index_at(unit.navigator.progress_m + side * ego.half_length_m) for side in (-1, 1))
+    inside = [on_junction(ego, lane) for lane in path.lane[rear:].tolist()]
+    return any(inside) and not inside[-1], any(inside[: front - rear + 1])
+
+
+def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
+    """Drives to the lane's edge. Holds when there and aligned, or when stopped behind another vehicle.
+
+    A driver who crosses a junction to make room does not hold on it.
+    """
+    unit, over = _is_over(unit, ego, emv)
+    if over:
+        return _release(unit, ego, emv, over)
+    config, lane, path = ego.config.pull_over, lane_of(unit, ego), unit.navigator.path
+    offset, turned = offset_in_lane(ego, lane)
+    aligned = abs(turned) <= aligned_within_rad(ego)
+    settled = path is None or unit.navigator.progress_m >= path.settled_m - config.settled_m
+    off_edge_m = abs(offset - edge_offset_m(ego, lane, unit.side))
+    reached = off_edge_m <= (config.reached_m if settled else config.at_edge_m)
+    stopped = unit.stopped_steps + 1 if standing(ego) else 0
+    if stopped != unit.stopped_steps:
+        unit = changed(unit, stopped_steps=stopped)
+    crosses, inside = _crossing(unit, ego)
+    going_on = (makes_room(unit, ego) or (crosses and inside)) and not unit.navigator.done
+    comes_straight = abs(turned) > config.straight_rad and stopped == 0 and not unit.navigator.done
+    if reached and aligned and not going_on and not comes_straight:
+        return _hold_now(unit, ego, offset, partial=False)
+    if stopped >= steps_from_s(config.blocked_hold_s):
+        return _hold_now(unit, ego, offset, partial=True)
+    ends = unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0)
+    turns_red = crosses and not inside and is_held(ego, movement_from(ego, approach_lane_of(ego, lane)))
+    if (ends or turns_red) and (other := pull_over_path(unit, ego, lane)) is not None:
+        unit = changed(unit, navigator=unit.navigator.following(other, *ego.place))
+    elif turns_red:
+        return _hold_now(unit, ego, offset, partial=True)
+    return _drive(unit, ego)
+
+
+def hold(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
+    """Brakes to a stand, and stands with full brake and hand brake.
+
+    Goes on if the pull-over was cut short and there is space again, or to make room for an EMV that waits behind.
+    """
+    unit, over = _is_over(unit, ego, emv)
+    if over:
+        return _release(unit, ego, emv, over)
+    goes_on = _looks(unit, ego) and may_go_on(unit, ego, lane := lane_of(unit, ego))
+    if goes_on and (path := pull_over_path(unit, ego, lane)) is not None:
+        navigator = unit.navigator.following(path, *ego.place)
+        unit = changed(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
+        return _drive(unit, ego)
+    return _braked(unit, ego)
+
+
+def _hold_now(unit: YieldUnit, ego: Ego, offset_m: float, partial: bool) -> YieldStep:
+    unit = changed(unit, phase=Mode.YIELD_HOLD, partial=partial)
+    held = yield_event(unit, ego, EventKind.YIELD_HELD, side=unit.side, offset_m=offset_m, partial=int(partial))
+    return _braked(unit, ego).preceded_by(held)
+
+
+def _braked(unit: YieldUnit, ego: Ego) -> YieldStep:
+    """A comfortable stop; the paper's full brake and hand brake keep the vehicle where it has come to a stand.
+
+    The target speed falls with the speed: who wants to stand at once looks at nobody ahead.
+    """
+    if standing(ego):
+        return YieldStep(unit, FULL_BRAKE)
+    config = ego.world.hold_navigator
+    target_mps = max(ego.speed_mps - config.ease_off_mps2 / config.speed_gain_1ps, 0.0)
+    navigator, command, _ = navigate(unit, ego, target_mps, config)
+    return YieldStep(changed(unit, navigator=navigator), command)
+
+
+def _is_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> tuple[YieldUnit, str]:
+    """Why a yield has lost its purpose, empty while it has one: the EMV has passed, is gone, or has turned off.
+
+    An EMV that has passed and crawls right ahead has not got away yet.
+    """
+    off_path = unit.off_path_steps + 1 if emv.turned_off else 0
+    if off_path != unit.off_path_steps:
+        unit = changed(unit, off_path_steps=off_path)
+    grace = steps_from_s(ego.config.yielding.off_path_grace_s)
+    if emv.passed and emv.dawdles:
+        return unit, ""
+    return unit, release_reason(emv) or ("off_path" if off_path > grace else "")
+
+
+def _release(unit: YieldUnit, ego: Ego, emv: EmvView, reason: str) -> YieldStep:
+    """Sends the vehicle back to its lane. A yield without a hold, or whose EMV is gone, counts as cancelled."""
+    events: tuple[Event, ...] = ()
+    if unit.phase is Mode.YIELD_PULL_OVER or not emv.passed:
+        events = (yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=reason),)
+    return start_rejoin(unit, ego).preceded_by(*events)
+
+
+def _drive(unit: YieldUnit, ego: Ego) -> YieldStep:
+    path, config = unit.navigator.path, ego.config.civilian_navigator
+    close = path is not None and path.length_m - path.settled_m < ego.config.pull_over.settled_m
+    if close or makes_room(unit, ego):
+        config = ego.world.room_navigator
+    target_mps = ego.config.pull_over.creep_mps if close else ego.world.speeds.civilian_pull_over_mps
+    navigator, command, _ = navigate(unit, ego, target_mps, config)
+    return YieldStep(changed(unit, navigator=navigator), command)

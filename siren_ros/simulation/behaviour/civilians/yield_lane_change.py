@@ -1,0 +1,240 @@
+"""L2: the feasible-yield lane change out of the EMV's lane (paper, Algorithm 2, ``npc_behavior_lvl = 1``).
+
+A driver who finds no gap makes one, by falling back or drawing ahead in the present lane.
+"""
+
+from enum import IntEnum
+from typing import Final
+
+from siren_ros.base.numerics.braking import braking_distance_m
+from siren_ros.base.numerics.changed import changed
+from siren_ros.base.numerics.units import steps_from_s
+from siren_ros.simulation.behaviour.civilians.rejoin import rejoin
+from siren_ros.simulation.behaviour.config import YieldConfig
+from siren_ros.simulation.behaviour.driving.civilian_unit import (
+    EmvView,
+    YieldStep,
+    YieldUnit,
+    lane_of,
+    release_reason,
+    standing,
+    yield_event,
+)
+from siren_ros.simulation.behaviour.driving.lane_change import (
+    LaneChangeQuery,
+    LaneGaps,
+    Refusal,
+    assess,
+    entered_lane,
+    gaps_in_lane,
+    lane_change_path,
+    refusal_of_gaps,
+)
+from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import navigate
+from siren_ros.simulation.behaviour.driving.step_view import Ego
+from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
+from siren_ros.simulation.behaviour.paths.tracked_path import on_reference
+from siren_ros.simulation.roads.movements import road_lane_of
+from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.world.actors import Mode
+from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficFlags
+
+GAP_REFUSALS: Final = frozenset({Refusal.BESIDE, Refusal.GAP_FRONT, Refusal.GAP_REAR})
+
+
+class Seek(IntEnum):
+    """How a gap is sought."""
+
+    FALL_BACK = -1
+    NOT = 0
+    DRAW_AHEAD = 1
+
+
+def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
+    """One step of a deferred vehicle in its lane, towards a gap in the lane on its unit's ``side``.
+
+    The vehicle must still be able to stop and change lanes before the next junction; elsewhere SUMO keeps driving.
+    """
+    unit, config, speed = _with_path(unit, ego), ego.config, ego.speed_mps
+    stop = braking_distance_m(speed * speed, config.civilian_navigator.comfort_brake_mps2)
+    lane = lane_of(unit, ego)
+    target = neighbour_lane(ego.network, lane, unit.side)
+    if unit.navigator.remaining_m < max(stop, config.yielding.seek_room_m) or target == NO_LANE:
+        return YieldStep(changed(unit, navigator=NavigatorState(), seek=Seek.NOT))
+    gaps = gaps_in_lane(ego, target)
+    limit = config.yielding.seek_pace * ego.network.lanes[lane].speed_limit_mps
+    again = (ego.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
+    if unit.seek == Seek.NOT or again:
+        seek = choose_seek(gaps, gaps_in_lane(ego, lane), refusal, config.yielding, limit)
+        unit = changed(unit, seek=seek, deferred=refusal.value)
+    return drive(unit, ego, seek_speed_mps(Seek(unit.seek), gaps, config.yielding, limit))
+
+
+def choose_seek(gaps: LaneGaps, present: LaneGaps, refusal: Refusal, config: YieldConfig, limit_mps: float) -> Seek:
+    """Whether to fall back or to draw ahead.
+
+    The driver draws ahead of a vehicle that is behind, or alongside and further back, if there is space in the present
+    lane (``present``) and the speed limit lets the driver gain on that vehicle. Ahead of one that is alongside and
+    further ahead the way is longer: the driver has to gain as much as by falling back. In all other cases the driver
+    falls back and lets the others pass. ``gaps`` are those in the adjacent lane.
+    """
+    if refusal is Refusal.BESIDE and gaps.front_m <= 0.0:
+        gains = limit_mps - gaps.front_mps >= config.seek_speed_mps
+    else:
+        gains = refusal is not Refusal.GAP_FRONT and limit_mps - gaps.rear_mps >= config.seek_gain_mps
+    return Seek.DRAW_AHEAD if gains and present.front_m > config.seek_free_m else Seek.FALL_BACK
+
+
+def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: float) -> float:
+    """Speed while seeking: faster or slower than the vehicle in the way, between a least speed and the limit."""
+    other = gaps.front_mps if gaps.front_m < gaps.rear_m else gaps.rear_mps
+    if seek is Seek.DRAW_AHEAD:
+        return min(other + config.seek_speed_mps, limit_mps)
+    return min(max(other - config.seek_speed_mps, config.seek_least_mps), limit_mps)
+
+
+def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soon_s: float) -> bool:
+    """Whether the driver has left the vehicle in the way behind, or let it pass, within a time at the present speeds.
+
+    ``margin_m`` is the free way that is needed to that vehicle, which is in the adjacent lane.
+    """
+    if seek is Seek.FALL_BACK:
+        gap, gain, others = gaps.front_m, gaps.front_mps - speed_mps, gaps.rear_m
+    else:
+        gap, gain, others = gaps.rear_m, speed_mps - gaps.rear_mps, gaps.front_m
+    return seek is not Seek.NOT and gap < margin_m <= gap + soon_s * gain and others > 0.0
+
+
+def _with_path(unit: YieldUnit, ego: Ego) -> YieldUnit:
+    if unit.navigator.path is not None or road_lane_of(ego.network, ego.lane) == NO_LANE:
+        return unit
+    reference = ego.line_along(ego.lane, ego.config.yielding.seek_ahead_m, 2.0, civilian=True, through_junctions=False)
+    path = on_reference(reference, ego.navigator_config, stop_at_end=True, shorten_m=ego.half_length_m + 1.0)
+    return changed(unit, navigator=NavigatorState().following(path, *ego.place))
+
+
+def start_lane_change(unit: YieldUnit, ego: Ego) -> YieldStep:
+    """Starts the lane change if it is feasible, and defers the yield if it is not.
+
+    Of the feasible sides, one on which the vehicle can follow its route is preferred, then the side that SUMO's
+    lane-change model wants (the paper's intent), then the right side. A deferred request is reconsidered at every
+    step, once the cooldown since the vehicle's last forced lane change is over.
+    """
+    if ego.step - unit.change_step < ego.world.cooldown_steps:
+        return defer(unit, ego, "cooldown")
+    lane = lane_of(unit, ego)
+    speed, intent = yield_speed_mps(ego, lane), intent_of(ego)
+    queries = [LaneChangeQuery(ego, lane, side, speed, civilian=True) for side in (-1, 1)]
+    verdicts = [(query, assess(query)) for query in queries]
+    choices = [(query, verdict) for query, verdict in verdicts if isinstance(verdict, LanePath)]
+    if not choices:
+        return _wait_for_gap(unit, ego, [(query.side, r) for query, r in verdicts if isinstance(r, Refusal)])
+    query, reference = min(choices, key=lambda choice: (choice[1].end is LaneEnd.ASTRAY, choice[0].side != intent))
+    path = lane_change_path(query, reference, stop_at_end=True)
+    navigator, side = NavigatorState().following(path, *ego.place), query.side
+    phase = Mode.YIELD_LANE_CHANGE
+    unit = changed(unit, phase=phase, side=side, change_step=ego.step, deferred="", seek=0, navigator=navigator)
+    started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=side, from_lane=lane, to_lane=query.target)
+    return drive(unit, ego, speed).preceded_by(started)
+
+
+def intent_of(ego: Ego) -> int:
+    """Side to which SUMO's lane-change model wants to take a vehicle: +1 left, −1 right, 0 neither."""
+    flags = int(ego.traffic.flags[ego.row])
+    return bool(flags & TrafficFlags.WANTS_LEFT) - bool(flags & TrafficFlags.WANTS_RIGHT)
+
+
+def yield_speed_mps(ego: Ego, lane: int) -> float:
+    """Target speed of the lane change: the paper's, and at most the paper's share of the speed limit."""
+    speeds = ego.world.speeds
+    if lane == NO_LANE:
+        return speeds.civilian_yield_lane_change_mps
+    slowed = (1.0 - speeds.civilian_yield_speed_difference) * ego.network.lanes[lane].speed_limit_mps
+    return min(speeds.civilian_yield_lane_change_mps, slowed)
+
+
+def defer(unit: YieldUnit, ego: Ego, reason: str) -> YieldStep:
+    """The yield waits. The event is recorded where the wait begins."""
+    events: tuple[Event, ...] = ()
+    if unit.phase is not Mode.YIELD_DEFERRED:
+        events = (yield_event(unit, ego, EventKind.YIELD_DEFERRED, reason=reason),)
+        unit = changed(unit, deferred_step=ego.step)
+    waiting = changed(unit, phase=Mode.YIELD_DEFERRED, deferred=reason, navigator=NavigatorState(), seek=0)
+    return YieldStep(waiting, None, events)
+
+
+def _wait_for_gap(unit: YieldUnit, ego: Ego, refusals: list[tuple[int, Refusal]]) -> YieldStep:
+    """Defers the yield. After a while the driver makes a gap, if only other vehicles are in the way.
+
+    The driver tries for some seconds, and longer while the gap is nearly there. Then the driver goes on under SUMO at
+    the pace of the road, and tries again later.
+    """
+    in_the_way = [(side, refusal) for side, refusal in refusals if refusal in GAP_REFUSALS]
+    if not in_the_way:
+        telling = (refusal for _, refusal in refusals if refusal is not Refusal.NO_LANE)
+        return defer(unit, ego, next(telling, Refusal.NO_LANE).value)
+    side, refusal = next(((s, r) for s, r in in_the_way if s == unit.side), in_the_way[0])
+    if unit.phase is not Mode.YIELD_DEFERRED:
+        return defer(changed(unit, side=side), ego, refusal.value)
+    config = ego.config.yielding
+    waited = ego.step - unit.deferred_step - steps_from_s(config.seek_after_s)
+    seeks, pauses = steps_from_s(config.seek_for_s), steps_from_s(config.seek_pause_s)
+    if waited < 0 or (waited % (seeks + pauses) >= seeks and not _has_it_soon(unit, ego, side)):
+        return YieldStep(changed(unit, side=side, deferred=refusal.value, navigator=NavigatorState(), seek=0))
+    return seek_gap(changed(unit, side=side), ego, refusal)
+
+
+def _has_it_soon(unit: YieldUnit, ego: Ego, side: int) -> bool:
+    target = neighbour_lane(ego.network, lane_of(unit, ego), side)
+    if unit.seek == Seek.NOT or target == NO_LANE:
+        return False
+    gaps, change = gaps_in_lane(ego, target), ego.config.civilian_lane_change
+    margin = change.front_gap_m if unit.seek == Seek.FALL_BACK else change.rear_gap_m
+    return soon_free(Seek(unit.seek), gaps, ego.speed_mps, margin, ego.config.yielding.seek_soon_s)
+
+
+def drive(unit: YieldUnit, ego: Ego, target_mps: float) -> YieldStep:
+    """One step along the planner's path."""
+    navigator, command, _ = navigate(unit, ego, target_mps, ego.config.civilian_navigator)
+    return YieldStep(changed(unit, navigator=navigator), command)
+
+
+def change_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
+    """Drives the lane change until the vehicle is wholly in its new lane, or is released."""
+    lane = lane_of(unit, ego)
+    if entered_lane(ego, lane):
+        done = yield_event(unit, ego, EventKind.YIELD_COMPLETED, lane=lane)
+        kept = changed(unit, phase=Mode.YIELD_KEEP_LANE, navigator=NavigatorState(), off_path_steps=0)
+        return YieldStep(kept, None, (done,))
+    ended = unit.navigator.done and standing(ego)
+    if release_reason(emv) or ended:
+        reason = "lane_ended" if ended and not emv.passed else release_reason(emv)
+        cancelled = yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=reason)
+        return rejoin(changed(unit, phase=Mode.REJOIN, stopped_steps=0), ego).preceded_by(cancelled)
+    return drive(unit, ego, 0.0 if _others_come(ego, lane) else yield_speed_mps(ego, lane))
+
+
+def _others_come(ego: Ego, lane: int) -> bool:
+    """Whether a driver, once stopped on the way into a lane, lets others in it pass before going on."""
+    speed = ego.speed_mps
+    if speed > ego.config.yielding.goes_on_mps or ego.lane == lane:
+        return False
+    refusal = refusal_of_gaps(gaps_in_lane(ego, lane), speed, speed, ego.config.civilian_lane_change)
+    return refusal in {Refusal.GAP_REAR, Refusal.BESIDE}
+
+
+def keep_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
+    """Stays in the new lane under SUMO until it is released. Yields again if the EMV follows into that lane."""
+    grace = steps_from_s(ego.config.yielding.off_path_grace_s)
+    strayed = not emv.on_road and unit.off_path_steps >= grace
+    if release_reason(emv) or strayed:
+        reason = release_reason(emv) or "emv_gone"
+        return YieldStep(None, None, (yield_event(unit, ego, EventKind.YIELD_RELEASED, reason=reason),))
+    followed = unit.in_lane_steps + 1 if emv.on_path else 0
+    unit = changed(unit, in_lane_steps=followed, off_path_steps=0 if emv.on_road else unit.off_path_steps + 1)
+    if followed < steps_from_s(ego.config.yielding.followed_s):
+        return YieldStep(unit)
+    asked = yield_event(unit, ego, EventKind.YIELD_REQUESTED, reason="emv_followed")
+    again = changed(unit, phase=Mode.YIELD_REACTING, react_step=ego.step, in_lane_steps=0, off_path_steps=0)
+    return YieldStep(again, None, (asked,))

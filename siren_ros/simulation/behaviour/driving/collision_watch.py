@@ -1,0 +1,254 @@
+"""Collision handling: who is ahead on the path, whose way meets it, and how fast a driver may go towards them."""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.base.numerics.braking import braking_distance_m, safe_following_mps
+from siren_ros.base.numerics.compiled import compiled
+from siren_ros.simulation.behaviour.config import NavigatorConfig
+from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
+from siren_ros.simulation.behaviour.driving.step_view import Surroundings
+from siren_ros.simulation.behaviour.paths.curve import nearest_point
+from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.simulation.conflicts.course import SPACING_M, Course, Rights, limit_at_mps, rank_at
+from siren_ros.simulation.conflicts.yielding import Approach, Bends, least_wait
+from siren_ros.simulation.conflicts.zones import SAME_DIRECTION, Way, Ways, Zone, follows_course, zones_of
+
+
+def stricter(first: SpeedLimit | None, second: SpeedLimit | None) -> SpeedLimit | None:
+    """Both limits as one: the lower speed with its actor, and the harder braking."""
+    if first is None or second is None:
+        return first or second
+    worse = first if first.speed_mps <= second.speed_mps else second
+    return worse._replace(brake_mps2=max(first.brake_mps2, second.brake_mps2))
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionWatch:
+    """What one driver sees of the others at one step."""
+
+    path: TrackedPath
+    progress_m: float
+    """Place of the driver's vehicle on the path."""
+    row: int
+    """The driver's row in ``seen``."""
+    target_mps: float
+    """Speed that would be driven on a free path."""
+    seen: Surroundings
+    config: NavigatorConfig
+
+    @property
+    def reach_m(self) -> float:
+        """How far ahead of its centre the vehicle looks."""
+        speed, config = float(self.seen.speed_mps[self.row]), self.config
+        braking = braking_distance_m(speed * speed, config.comfort_brake_mps2)
+        most_m = max(config.watch_max_m, braking + config.watch_min_m)
+        return min(max(braking + 1.5 * max(speed, self.target_mps) + 10.0, config.watch_min_m), most_m)
+
+    def leaders(self) -> SpeedLimit | None:
+        """Limit by the most restrictive actor ahead on the corridor that the vehicle sweeps; None on a free path.
+
+        Actors that stand or move along the path are leaders at constant speed along it, also those that drift into it;
+        those that cross it belong to ``meetings``. The safe speed is Krauss's (``safe_following_mps``).
+        """
+        seen, config = self.seen, self.config
+        angles = config.crossing_cosine, config.drift_sine, config.turning_sine
+        sides = config.side_margin_m, config.drift_time_s, config.moving_mps, *angles
+        keeps = config.standstill_gap_m, config.comfort_brake_mps2, config.headway_s
+        own = self.row, self.progress_m, self.target_mps, self.reach_m
+        ways = _UNKNOWN if seen.outlook is None else seen.outlook.ways
+        worst, speed, brake, gap_m = _strictest_leader(seen.bodies, self.path.curve.line, own, ways, sides, keeps)
+        return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), gap_m)
+
+    def meetings(self, *, leaders: bool = True) -> SpeedLimit | None:
+        """Limit by the most restrictive of the vehicles that the driver lets pass first; None without one.
+
+        With ``leaders``, vehicles that lead on the path count too: one whose rear is beside the driver's front already
+        is no leader on the path, but may turn into it.
+        """
+        seen, config, path = self.seen, self.config, self.path
+        ways, rights = _straight_on(seen) if seen.outlook is None else (seen.outlook.ways, seen.outlook.rights)
+        reach = config.others_time_s, config.others_more_m, config.others_most_m
+        limits = config.moving_mps, config.crossing_cosine, *reach, config.side_margin_m
+        speeds = config.rolling_mps, config.own_accel_mps2, config.comfort_brake_mps2
+        own = self.row, self.progress_m, self.target_mps, self.reach_m
+        line = path.curve.points, path.curve.spacing_m, path.times_s
+        who = seen.bodies, seen.is_emv
+        worst, speed, brake, free_m = _strictest_wait(
+            who, ways, rights, line, own, leaders, limits, speeds, config.conflicts
+        )
+        return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), free_m)
+
+
+def _straight_on(seen: Surroundings) -> tuple[Ways, Rights]:
+    """The ways of all where nobody's course is known."""
+    poses = zip(seen.x_m.tolist(), seen.y_m.tolist(), seen.yaw_rad.tolist(), strict=True)
+    bodies = zip(poses, seen.half_length_m.tolist(), seen.half_width_m.tolist(), strict=True)
+    ways = Ways.of(
+        [Way(Course.straight(*pose).points, SPACING_M, 0.0, 0.0, pose, 0.0, *size) for pose, *size in bodies]
+    )
+    none, never = np.zeros(len(seen.x_m), np.intp), np.empty(0)
+    return ways, Rights(np.repeat(seen.speed_mps, ways.last - ways.first), none, none, never, never.astype(np.intp))
+
+
+_PART_HALF_LENGTH_M: Final = 2.5
+"""Half the length of a car: a longer vehicle is looked at in parts of this size."""
+_UNKNOWN: Final = Ways(np.empty((0, 2)), np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 10)))
+"""The ways where nobody's course is known."""
+
+
+@compiled
+def _leads(
+    bodies: Any, other: int, from_middle_m: float, line: Any, window: Any, own: Any, ways: Any, sides: Any
+) -> tuple[bool, float, float, bool]:
+    """Whether a vehicle is ahead on the corridor that another sweeps; gap, speed along the path, whether they meet.
+
+    ``from_middle_m`` says which part of the vehicle is looked at, as a vehicle of its own, by the part's middle: the
+    path turns along a long vehicle. It is looked at between two of its points, the ``window``.
+    """
+    (_, heading_rad, curvature_1pm, _), (progress_m, own_length, own_width) = line, own
+    side_margin_m, drift_time_s, moving_mps, crossing_cosine, drift_sine, turning_sine = sides
+    x_m = bodies[0, other] + from_middle_m * bodies[3, other]
+    y_m = bodies[1, other] + from_middle_m * bodies[4, other]
+    s_m, left_m, nearest = nearest_point(line, x_m, y_m, window[0], window[1])
+    if s_m <= progress_m:
+        return False, 0.0, 0.0, False
+    speed, half_length, half_width = bodies[5, other], min(bodies[6, other], _PART_HALF_LENGTH_M), bodies[7, other]
+    turned = bodies[2, other] - heading_rad[nearest]
+    along, across = np.cos(turned), np.sin(turned)
+    extent = abs(along) * half_length + abs(across) * half_width
+    side = abs(across) * half_length + abs(along) * half_width
+    swept = own_width + 0.5 * abs(curvature_1pm[nearest]) * own_length**2
+    corridor = swept + side_margin_m
+    gap = s_m - extent - (progress_m + own_length)
+    beside = abs(left_m) - side
+    drifted = abs(left_m + drift_time_s * speed * across) - side
+    inside = beside < corridor and (gap > -0.5 or beside < own_width)
+    moving = speed > moving_mps
+    crossing = abs(along) < crossing_cosine and moving
+    # A vehicle that comes on at an angle turns out of the way or into it, and so does one that turns along its
+    # course: the outlook knows which.
+    turning = abs(across) > turning_sine and moving and len(ways.first) > 0
+    drifting = drifted < corridor and abs(across) > drift_sine and gap > 0.0 and along > 0.0
+    drifting = drifting and not (turning and follows_course(ways, other))
+    known = turning and along < 0.0
+    leads = not (crossing or known) and (inside or drifting)
+    return leads, gap, speed * along, drifting or beside < swept
+
+
+@compiled
+def _strictest_leader(
+    bodies: Any, line: Any, own: Any, ways: Any, sides: Any, keeps: Any
+) -> tuple[int, float, float, float]:
+    """Row of the vehicle that restricts most of those that lead on a path, safe speed, braking and gap; −1 without one.
+
+    ``ways`` are the vehicles' ways, row by row, where their courses are known. ``sides`` and ``keeps`` are fields of
+    ``NavigatorConfig``.
+    """
+    points, _, _, spacing_m = line
+    row, progress_m, target_mps, reach_m = own
+    own_speed, own_length, own_width = bodies[5, row], bodies[6, row], bodies[7, row]
+    own_body, drift_time_s = (progress_m, own_length, own_width), sides[1]
+    standstill_gap_m, brake_mps2, headway_s = keeps
+    first = min(max(int(progress_m / spacing_m) - 2, 0), len(points) - 2)
+    end = min(first + int(reach_m / spacing_m) + 12, len(points))
+    around_m = reach_m + 8.0
+    worst, least, least_gap, needed = -1, np.inf, np.inf, 0.0
+    for other in range(bodies.shape[1]):
+        dx, dy = bodies[0, other] - bodies[0, row], bodies[1, other] - bodies[1, row]
+        if other == row or dx * dx + dy * dy >= around_m * around_m:
+            continue
+        beyond = max(bodies[6, other] - _PART_HALF_LENGTH_M, 0.0)
+        parts = int(np.ceil(beyond / _PART_HALF_LENGTH_M))
+        gap, approaching, meets = np.inf, 0.0, False
+        for part in range(parts + 1):
+            at_m = beyond * (2.0 * part / parts - 1.0) if parts else 0.0
+            leads, part_m, along_mps, touches = _leads(bodies, other, at_m, line, (first, end), own_body, ways, sides)
+            if leads:
+                meets = meets or touches
+                if part_m < gap:
+                    gap, approaching = part_m, along_mps
+        if gap == np.inf:
+            continue
+        gap, lead = max(gap + drift_time_s * min(approaching, 0.0), 0.0), max(approaching, 0.0)
+        safe = safe_following_mps(lead, max(gap - standstill_gap_m, 0.0), brake_mps2, headway_s)
+        if safe < least:
+            worst, least, least_gap = other, safe, gap
+        if meets:
+            closing = max(own_speed - lead, 0.0)
+            needed = max(needed, closing * closing / (2.0 * max(gap - 1.0, 0.3)))
+    if least >= target_mps:
+        return -1, least, 0.0, least_gap
+    return worst, least, needed if needed > brake_mps2 and own_speed > 0.3 else 0.0, least_gap
+
+
+@compiled
+def _approaching(bodies: Any, own: Any, reach_m: Any, limits: Any) -> Any:
+    """Pairs of the driver and a moving vehicle that may come to the path, without those that merely follow.
+
+    Fills in ``reach_m``: how far ahead each one is looked at.
+    """
+    row, _, _, own_reach_m = own
+    moving_mps, crossing_cosine, others_time_s, others_more_m, others_most_m, _ = limits
+    around_m, cos, sin = own_reach_m + others_most_m, bodies[3, row], bodies[4, row]
+    pairs, count = np.zeros((bodies.shape[1], 2), np.intp), 0
+    for other in range(bodies.shape[1]):
+        dx, dy, speed = bodies[0, other] - bodies[0, row], bodies[1, other] - bodies[1, row], bodies[5, other]
+        if other == row or dx * dx + dy * dy >= around_m * around_m or speed <= moving_mps:
+            continue
+        reach_m[other] = min(others_time_s * speed + others_more_m, others_most_m)
+        along = cos * bodies[3, other] + sin * bodies[4, other]
+        behind = cos * dx + sin * dy < 0.0 and along > crossing_cosine
+        if np.hypot(dx, dy) <= own_reach_m + reach_m[other] and not behind:
+            pairs[count, 1] = other
+            count += 1
+    return pairs[:count]
+
+
+@compiled
+def _strictest_wait(
+    who: Any, ways: Any, rights: Any, line: Any, own: Any, leaders: bool, limits: Any, speeds: Any, config: Any
+) -> tuple[int, float, float, float]:
+    """Row of the vehicle that makes a driver wait most, speed, hardest braking of all, and free way; −1 without one.
+
+    ``who`` are the bodies and which of them are EMVs, ``limits`` and ``speeds`` fields of ``NavigatorConfig``, ``line``
+    is the driver's path. No red light makes an EMV wait: of two with the same right of way the one in the first row
+    goes first.
+    """
+    seen, is_emv = who
+    (row, progress_m, target_mps, reach_m), (points, spacing_m, times_s) = own, line
+    rolling_mps, accel_mps2, comfort_brake_mps2 = speeds
+    worst, least, hardest, free_m = -1, np.inf, 0.0, np.inf
+    bodies = ways.bodies.copy()
+    pairs = _approaching(seen, own, bodies[:, 6], limits)
+    if len(pairs) == 0:
+        return worst, least, hardest, free_m
+    x_m, y_m, yaw_rad, own_mps, half_length_m = seen[0, row], seen[1, row], seen[2, row], seen[5, row], seen[6, row]
+    half_width_m = seen[7, row] + limits[5]
+    body = np.array([[x_m, y_m, yaw_rad, spacing_m, progress_m, 0.0, reach_m, half_length_m, half_width_m, 0.0]])
+    path = Ways(points, np.zeros(1, np.intp), np.full(1, len(points)), body)
+    zones = zones_of(path, Ways(ways.points, ways.first, ways.last, bodies), pairs, leaders)
+    for p in range(len(pairs)):
+        other = pairs[p, 1]
+        met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
+        leads, merges = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION
+        if met == 0.0 or (leads and not (leaders and merges)):
+            continue
+        zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
+        top = max(limit_at_mps(ways, rights, other, other_in), rolling_mps)
+        bends, no_bends = Bends(times_s, spacing_m, progress_m), Bends(np.empty(0), 1.0, 0.0)
+        own_rank, rank = rank_at(ways, rights, row, own_in), rank_at(ways, rights, other, other_in)
+        if is_emv[row] and is_emv[other]:
+            own_rank, rank = 2 * own_rank + (row < other), 2 * rank + (other < row)
+        driver = Approach(own_mps, target_mps, accel_mps2, own_rank, bends, 2.0 * half_length_m)
+        approach = Approach(seen[5, other], top, config.early_mps2, rank, no_bends, 2.0 * seen[6, other])
+        speed, brake, free = least_wait(zone, driver, approach, seen[8, other], config)
+        if speed == np.inf:
+            continue
+        if worst < 0 or speed < least:
+            worst, least, free_m = other, speed, free
+        if brake > comfort_brake_mps2 and own_mps > rolling_mps:
+            hardest = max(hardest, brake)
+    return worst, least, hardest, free_m

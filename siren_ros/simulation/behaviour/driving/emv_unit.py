@@ -1,0 +1,168 @@
+"""The state of one emergency vehicle: its route, its latched flags, and what a guard of its control gives.
+
+A guard (paper, Algorithm 1) is one of the steps that are evaluated from top to bottom.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Final, TypeAlias
+
+from siren_ros.base.numerics.units import NEVER
+from siren_ros.simulation.behaviour.driving.lane_change import Refusal
+from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
+from siren_ros.simulation.behaviour.driving.step_view import Ego, StepView
+from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, changes_needed
+from siren_ros.simulation.behaviour.paths.tracked_path import blend_length_m, on_reference, path_onto
+from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.simulation.world.actors import NO_ACTOR
+from siren_ros.simulation.world.traffic_state import EmvAdvice, Event, EventKind, Indices
+
+
+@dataclass(frozen=True)
+class RoutePlan:
+    """The lanes that the present path follows."""
+
+    edges: tuple[int, ...]
+    """Edges of the path in order, without internal ones."""
+    end: LaneEnd
+    planned_step: int
+
+    def agrees_with(self, route: Indices) -> bool:
+        """Whether the path still follows the route."""
+        ahead = tuple(route.tolist())
+        if ahead and ahead[0] not in self.edges:  # on the junction after the first edge
+            ahead = ahead[1:]
+        if not ahead or ahead[0] not in self.edges:
+            return False
+        rest = self.edges[self.edges.index(ahead[0]) :]
+        common = min(len(rest), len(ahead))
+        return rest[:common] == ahead[:common]
+
+
+def plan_route(
+    ego: Ego, lane: int, navigator: NavigatorState, merge_m: float | None = None
+) -> tuple[RoutePlan, NavigatorState]:
+    """A new path along the route from a lane on, which may be an internal one.
+
+    ``merge_m`` is the length of the move onto the lane, by default what offset and speed ask for.
+    """
+    network, config = ego.network, ego.config.emv
+    ahead_m = max(config.path_ahead_m, 1.5 * ego.far_m(0.0))
+    behind_m = config.path_behind_m
+    reference = ego.line_along(lane, ahead_m, behind_m, length_m=ahead_m + behind_m)
+    before_m = {LaneEnd.ROUTE: config.stop_before_route_end_m, LaneEnd.ASTRAY: 1.0}.get(reference.end)
+    shorten = 0.0 if before_m is None else before_m + ego.half_length_m
+    stop = reference.end is not LaneEnd.HORIZON
+    s, left = reference.curve.project_one(*ego.place)
+    aligned = abs(math.remainder(ego.pose[2] - reference.curve.place(s)[2], 2.0 * math.pi)) < config.aligned_rad
+    if merge_m is None and abs(left) < config.rejoin_offset_m and aligned:
+        path = on_reference(reference, ego.navigator_config, stop, shorten)
+    else:
+        change = ego.config.lane_change
+        if merge_m is None:
+            least = change.duration_s, change.length_min_m
+            merge_m = blend_length_m(left, ego.speed_mps, *least, ego.navigator_config)
+        path = path_onto(reference, ego.pose, merge_m, ego.navigator_config, stop_at_end=stop, shorten_m=shorten)
+    edges = [network.lanes[item].edge for item in reference.lanes]
+    edges = [edge for edge, _ in groupby(edge for edge in edges if not network.edges[edge].internal)]
+    return RoutePlan(tuple(edges), reference.end, ego.step), navigator.following(path, *ego.place)
+
+
+def strategic_side(network: RoadNetwork, lane: int, route: Indices) -> int:
+    """Side to which a vehicle must change lanes to follow its route: +1 left, −1 right, 0 if not on this edge."""
+    position, best = network.lanes[lane].position, network.lanes[best_lane(network, lane, route)].position
+    return (best > position) - (best < position)
+
+
+def present_lane(ego: Ego, navigator: NavigatorState) -> int:
+    """The lane that the EMV is on: that of its path if it follows the route, otherwise SUMO's."""
+    lane = navigator.lane
+    if lane == NO_LANE:
+        return ego.lane
+    here = ego.network.lanes[lane]
+    return lane if here.kind is LaneKind.INTERNAL or here.edge in ego.route else ego.lane
+
+
+def best_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
+    """The lane of the present edge that serves the route best, of equals the nearest; an internal lane itself.
+
+    Of lanes as good and as near on both sides, it is the right one.
+    """
+    here = network.lanes[lane]
+    if len(route) == 0 or here.edge != int(route[0]):
+        return lane
+    needed = changes_needed(network, route, civilian=False)[0]
+    if not needed or needed.get(lane) == min(needed.values()):
+        return lane
+    return min(needed, key=lambda item: (needed[item], abs(network.lanes[item].position - here.position)))
+
+
+ROUTE: Final = "route"
+"""Reason of a request for a lane change that the route asks for."""
+
+
+@dataclass(frozen=True)
+class LateralRequest:
+    """A wish for a lane change, alive while it is repeated."""
+
+    side: int = 0
+    reason: str = ""
+    seen_step: int = NEVER
+    deferred: Refusal | None = None
+    """Why it could not be executed when it was last looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class EmvUnit:
+    """Latched flags, timers and the navigator of one EMV (``emv_state`` in the paper's Algorithm 1)."""
+
+    actor_id: int
+    navigator: NavigatorState = field(default_factory=NavigatorState)
+    plan: RoutePlan | None = None
+    """The route that the navigator's path follows; None while the path comes from elsewhere."""
+    blocker_id: int = NO_ACTOR
+    """Who blocked the way at the last step."""
+    stopped_s: float = 0.0
+    blocker_free_s: float = 0.0
+    gap_escape_active: bool = False
+    escape_planned_step: int = NEVER
+    escape_offset_m: float | None = None
+    """Where the escape path leads beside the route; None while no free path exists."""
+    escape_clearance_m: float = 0.0
+    """Margin that the escape path keeps."""
+    corridor: bool = False
+    corridor_seen_step: int = NEVER
+    corridor_planned_step: int = NEVER
+    change_side: int = 0
+    """Side of the forced lane change under way (``lane_change_forced``), 0 without one."""
+    change_step: int = NEVER
+    """Start of the last forced lane change."""
+    request: LateralRequest = field(default_factory=LateralRequest)
+
+    @property
+    def between(self) -> bool:
+        """Whether the EMV drives between other vehicles: in the corridor or a gap escape."""
+        return self.corridor or self.gap_escape_active
+
+    @property
+    def lane_change_forced(self) -> bool:
+        """Whether a forced lane change is under way."""
+        return self.change_side != 0
+
+
+def advice_of(view: StepView, actor_id: int) -> EmvAdvice | None:
+    """SUMO's advice to an EMV."""
+    return next((advice for advice in view.traffic.emvs if advice.actor_id == actor_id), None)
+
+
+def event_of(ego: Ego, kind: EventKind, other_id: int = NO_ACTOR, **detail: float | str) -> Event:
+    """An event of the EMV at its present place."""
+    return Event(ego.step, kind, ego.actor_id, other_id, *ego.place, detail)
+
+
+GuardResult: TypeAlias = tuple[EmvUnit, tuple[Event, ...]]
+"""The EMV after a guard, and what the guard has to report."""
+Guard: TypeAlias = Callable[[EmvUnit, Ego], GuardResult]
+"""Takes the EMV's latched state, and the step as the EMV sees it."""

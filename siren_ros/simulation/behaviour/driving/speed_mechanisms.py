@@ -1,0 +1,352 @@
+"""Every mechanism that limits a driver's speed, in the order in which they act.
+
+``navigate`` runs through the table ``MECHANISMS`` for each vehicle that SUMO does not drive. SUMO's own drivers follow
+SUMO's car-following model; ``traffic`` limits them further, in this order:
+
+1. ``roads.maps.map_compiler.with_speed_limit``: the map's speed limits, lowered to the template's.
+2. ``traffic.demand.plan.DriverPopulation``: the wished speed, by each driver's factor on the limit.
+3. ``traffic.sumo.driving_corrections.BendLimits``: bends ahead, by their lateral acceleration.
+4. ``traffic.sumo.caution.CautiousDrivers``: vehicles that are driven from outside, where the ways meet, and people on
+   crossings.
+5. ``traffic.sumo.driving_corrections.SidewaysLimits``: the speed sideways, as a share of the speed.
+6. ``traffic.sumo.filtering.FilteringRiders``: motorcyclists who follow an EMV through the rescue lane.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Flags, Rows
+from siren_ros.base.numerics.braking import braking_distance_m, safe_following_mps
+from siren_ros.base.numerics.changed import changed
+from siren_ros.base.numerics.compiled import compiled
+from siren_ros.simulation.behaviour.config import AnticipationConfig, NavigatorConfig
+from siren_ros.simulation.behaviour.driving.civilian_unit import YieldUnit
+from siren_ros.simulation.behaviour.driving.collision_watch import CollisionWatch, stricter
+from siren_ros.simulation.behaviour.driving.emv_unit import ROUTE, EmvUnit, present_lane
+from siren_ros.simulation.behaviour.driving.free_space import FreeWay, Obstacles, SpeedLimit
+from siren_ros.simulation.behaviour.driving.lane_change import gaps_in_lane
+from siren_ros.simulation.behaviour.driving.line_book import must_give_way
+from siren_ros.simulation.behaviour.driving.navigator import (
+    DriveCommand,
+    NavigatorState,
+    free_way_of,
+    manoeuvring_limit,
+    press_pedals,
+    steer_along,
+)
+from siren_ros.simulation.behaviour.driving.step_view import Ego
+from siren_ros.simulation.behaviour.paths.curve import nearest_point
+from siren_ros.simulation.behaviour.paths.lane_path import neighbour_lane
+from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.simulation.conflicts.people import PACE_MPS, least_wait_for_people
+from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.world.actors import NO_ACTOR, Mode
+
+UNLIMITED: Final = SpeedLimit()
+_SIDEWAYS_MODES: Final = frozenset({Mode.YIELD_PULL_OVER, Mode.REJOIN})
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """One driver on a path at one step."""
+
+    unit: EmvUnit | YieldUnit
+    ego: Ego
+    path: TrackedPath
+    progress_m: float
+    target_mps: float
+    """Speed that the mode asks for."""
+    config: NavigatorConfig
+
+
+def rows_around(ego: Ego) -> tuple[Rows, Flags]:
+    """Rows of the vehicles around the EMV, and which of them point in its direction."""
+    rows = ego.near(ego.config.gap_escape.horizon_m + ego.config.gap_escape.beside_m)
+    return rows, np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ego.config.gap_escape.along_cosine
+
+
+def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
+    """How near the EMV's footprint comes to others along its path; None without a path.
+
+    In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once. Riders who
+    come from behind, or pass the EMV, go on.
+    """
+    navigator, config = unit.navigator, ego.config.gap_escape
+    if navigator.path is None:
+        return None
+    rows, along = rows_around(ego)
+    speed = ego.seen.speed_mps[rows]
+    counts = along | (speed < config.crossing_mps) | unit.gap_escape_active
+    rows, along, speed = rows[counts], along[counts], speed[counts]
+    against = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) < -config.along_cosine
+    time_s = np.where(against & unit.gap_escape_active, config.oncoming_watch_s, np.where(along, 0.0, config.watch_s))
+    credit = np.where(along & (not unit.gap_escape_active), braking_distance_m(speed**2, config.leader_brake_mps2), 0.0)
+    passing = along & _passes(ego, rows)
+    time_s, credit = np.where(passing, config.oncoming_watch_s, time_s), np.where(passing, 0.0, credit)
+    return free_way_of(navigator, ego, config.horizon_m, Obstacles.swept(ego.seen, rows, time_s), credit)
+
+
+def _passes(ego: Ego, rows: Rows) -> Flags:
+    """Which vehicles are cyclists and motorcyclists who are faster, beside the EMV or soon there, and pass it.
+
+    A rider straight behind the EMV follows it.
+    """
+    seen, (cos, sin), (x, y) = ego.seen, ego.direction, ego.place
+    ahead_m = cos * (seen.x_m[rows] - x) + sin * (seen.y_m[rows] - y)
+    aside_m = np.abs(cos * (seen.y_m[rows] - y) - sin * (seen.x_m[rows] - x))
+    behind = ahead_m < ego.half_length_m + seen.half_length_m[rows]
+    faster_mps = seen.speed_mps[rows] - ego.speed_mps
+    comes_up_m = ego.half_length_m + seen.half_length_m[rows] + ego.config.gap_escape.oncoming_watch_s * faster_mps
+    past = (aside_m > ego.half_width_m + seen.half_width_m[rows]) & (faster_mps > 0.0) & (-ahead_m < comes_up_m)
+    return np.asarray(np.isin(rows, seen.riders) & behind & past, np.bool_)
+
+
+def passage_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
+    """How fast the EMV may go between others in the corridor and during a gap escape.
+
+    The collision handling would keep too much distance from vehicles that the EMV squeezes past, or is off. This limit
+    follows from the footprint itself along the path.
+    """
+    way, config = free_way(unit, ego) if unit.between else None, ego.config
+    if way is None:
+        return UNLIMITED
+    corridor, escape = config.corridor, config.gap_escape
+    squeezes, stop_short_m, clearance_m = corridor.squeezes, corridor.stop_short_m, corridor.clearance_m
+    if unit.gap_escape_active:
+        squeezes, stop_short_m, clearance_m = escape.squeezes, escape.stop_short_m, escape.touch_m
+    return way.limit(ego.speed_mps, squeezes, stop_short_m, escape.brake_mps2, clearance_m)
+
+
+def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
+    """How fast the EMV drives towards the vehicles ahead on its path, with gentle braking and in good time.
+
+    In the corridor and during a gap escape the passage limit stands in its place.
+    """
+    path, config, seen = unit.navigator.path, ego.config.anticipation, ego.seen
+    if path is None or unit.between:
+        return UNLIMITED
+    own = ego.row, unit.navigator.progress_m, ego.far_m(ego.world.constants.leader_query_m), config.side_margin_m
+    alone, allowed = _anticipated(seen.bodies, path.curve.line, own, config.along_cosine, _approach_limits(config))
+    if alone:
+        return UNLIMITED
+    least = min(allowed, _needed_lane_mps(unit, ego))
+    return _eased_off(least, ego.speed_mps, config.ease_off_mps2, ego.config.emv.navigator)
+
+
+@compiled
+def _anticipated(bodies: Any, line: Any, own: Any, along_cosine: float, limits: Any) -> tuple[bool, float]:
+    """Whether nobody is near, and the least of ``approach_speed_mps`` towards those ahead on a path."""
+    points, heading_rad, _, spacing_m = line
+    row, progress_m, around_m, side_margin_m = own
+    alone, least = True, np.inf
+    for other in range(bodies.shape[1]):
+        dx, dy = bodies[0, other] - bodies[0, row], bodies[1, other] - bodies[1, row]
+        if other == row or dx * dx + dy * dy >= around_m * around_m:
+            continue
+        alone = False
+        s_m, left_m, nearest = nearest_point(line, bodies[0, other], bodies[1, other], 0, len(points))
+        turned = bodies[2, other] - heading_rad[nearest]
+        cos, sin, speed = np.cos(turned), np.sin(turned), bodies[5, other]
+        gap = s_m - (abs(cos) * bodies[6, other] + abs(sin) * bodies[7, other]) - progress_m - bodies[6, row]
+        inside = abs(sin) * bodies[6, other] + abs(cos) * bodies[7, other] + bodies[7, row] + side_margin_m
+        overlap = inside - abs(left_m)
+        if cos > along_cosine and overlap > 0.0 and gap > 0.0 and s_m < spacing_m * (len(points) - 1):
+            leaving = speed * sin * np.sign(left_m)
+            least = min(least, approach_speed_mps(gap, speed * cos, overlap, leaving, limits))
+    return alone, least
+
+
+def _eased_off(limit_mps: float, speed_mps: float, ease_off_mps2: float, config: NavigatorConfig) -> SpeedLimit:
+    """A limit, no lower than what the speed control comes to with a gentle deceleration."""
+    return SpeedLimit(max(limit_mps, speed_mps - ease_off_mps2 / config.speed_gain_1ps))
+
+
+def _needed_lane_mps(unit: EmvUnit, ego: Ego) -> float:
+    """Speed towards the vehicle ahead in the lane that the route needs, while the change to it is not yet feasible."""
+    side = unit.request.side if unit.request.reason == ROUTE else 0
+    target = neighbour_lane(ego.network, present_lane(ego, unit.navigator), side) if side else NO_LANE
+    gaps = gaps_in_lane(ego, target) if target != NO_LANE else None
+    if gaps is None or not 0.0 < gaps.front_m < math.inf:
+        return math.inf
+    return approach_speed_mps(gaps.front_m, gaps.front_mps, 1.0, 0.0, _approach_limits(ego.config.anticipation))
+
+
+def _approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
+    gaps = config.standstill_gap_m, config.brake_mps2, config.headway_s
+    return *gaps, config.leaving_min_mps, config.leaving_mps
+
+
+@compiled
+def approach_speed_mps(gap_m: float, lead_mps: float, overlap_m: float, leaving_mps: float, limits: Any) -> float:
+    """Speed towards a vehicle ahead; ``limits`` are fields of ``AnticipationConfig``.
+
+    The speed is Krauss's safe speed with a gentle deceleration. A vehicle that leaves the path sideways, with
+    ``leaving_mps``, may be approached faster: with the mean speed that brings the EMV to the standstill gap behind it
+    at the moment at which it has left. ``overlap_m`` is by how much it still overlaps the way of the EMV, ``gap_m`` the
+    way from bumper to bumper.
+    """
+    standstill_gap_m, brake_mps2, headway_s, leaving_min_mps, mean_leaving_mps = limits
+    free = max(gap_m - standstill_gap_m, 0.0)
+    safe = safe_following_mps(lead_mps, free, brake_mps2, headway_s)
+    if leaving_mps <= leaving_min_mps:
+        return max(safe, 0.0)
+    return max(safe, lead_mps + free / max(overlap_m / mean_leaving_mps, headway_s))
+
+
+def entry_limit(ego: Ego) -> SpeedLimit:
+    """Speed towards the lines ahead at which others have the right of way; no limit where there is none.
+
+    The EMV comes to its speed there by gentle braking in good time. Where the light turns red late it slows down as
+    far as gentle braking gets it.
+    """
+    outlook, lines = ego.seen.outlook, ego.world.lines
+    if outlook is None:
+        return UNLIMITED
+    front, length = outlook.front_m(ego.row), 2.0 * ego.half_length_m
+    limit = math.inf
+    for entry in outlook.course(ego.row).entries:
+        ahead = entry.start_m - front
+        if ahead > 0.0 and must_give_way(entry.connection, outlook.signals):
+            limit = min(limit, lines.approach_mps(ego.actor_id, length, entry.connection, ahead))
+    ease_off = ego.config.junction_entry.ease_off_mps2
+    return _eased_off(limit, ego.speed_mps, ease_off, ego.config.emv.navigator)
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """One mechanism: what it asks of a driver, and in one line why."""
+
+    name: str
+    limit: Callable[[Drive], SpeedLimit]
+    purpose: str
+
+
+def _path(drive: Drive) -> SpeedLimit:
+    places_m = drive.progress_m, drive.progress_m + drive.ego.speed_mps * drive.config.reaction_s
+    return SpeedLimit(min(drive.path.speed_cap_mps(place_m) for place_m in places_m))
+
+
+def _collision(drive: Drive) -> SpeedLimit:
+    unit, ego = drive.unit, drive.ego
+    if isinstance(unit, EmvUnit) and unit.gap_escape_active:
+        return UNLIMITED
+    watch = CollisionWatch(drive.path, drive.progress_m, ego.row, drive.target_mps, ego.seen, drive.config)
+    leaders = not (isinstance(unit, EmvUnit) and unit.corridor)
+    return stricter(watch.leaders() if leaders else None, watch.meetings(leaders=leaders)) or UNLIMITED
+
+
+def _emv_limit(limit: Callable[[EmvUnit, Ego], SpeedLimit]) -> Callable[[Drive], SpeedLimit]:
+    """A limit that is for EMVs only."""
+    return lambda drive: limit(drive.unit, drive.ego) if isinstance(drive.unit, EmvUnit) else UNLIMITED
+
+
+_PAST_KERB_MPS: Final = 30.0 / 3.6
+"""An EMV's past people who stand at a crossing, beside its way; others do so at walking pace: they have the time."""
+
+
+def _people(drive: Drive) -> SpeedLimit:
+    ego, curve, people = drive.ego, drive.path.curve, drive.ego.seen.people
+    if not people.shape[1]:
+        return UNLIMITED
+    way = curve.points, 0, len(curve.points), curve.spacing_m
+    sizes = ego.half_length_m, ego.half_width_m, ego.speed_mps, _PAST_KERB_MPS if ego.is_emv else PACE_MPS
+    own = drive.progress_m, 0.0, *sizes
+    worst, speed, brake, free = least_wait_for_people(way, own, people, ego.world.crossings)
+    if worst < 0:
+        return UNLIMITED
+    must_brake = brake if brake > drive.config.comfort_brake_mps2 else 0.0
+    return SpeedLimit(speed, must_brake, int(people[6, worst]), free)
+
+
+_STRAYS: Final = 0.5
+"""Of its distance from the path, what the EMV may stray more before it comes back."""
+
+
+def riders_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
+    """How fast the EMV goes off its path past cyclists and motorcyclists who stand: so that the body touches nobody.
+
+    The collision handling expects it on its path. In the corridor and in a gap escape the passage limit stands here.
+    """
+    riders, config = ego.seen.riders, ego.config.manoeuvring
+    if not len(riders) or unit.between or unit.navigator.path is None:
+        return UNLIMITED
+    reach_m = ego.far_m(config.reach_m)
+    apart = np.hypot(ego.seen.x_m[riders] - ego.place[0], ego.seen.y_m[riders] - ego.place[1])
+    riders = riders[(apart < reach_m + 2.0 * ego.half_length_m) & (ego.seen.speed_mps[riders] < config.still_mps)]
+    if not len(riders):
+        return UNLIMITED
+    still = np.zeros(len(riders))
+    way = free_way_of(unit.navigator, ego, reach_m, Obstacles.swept(ego.seen, riders, still), still)
+    clearance_m = max(config.clearance_m, _STRAYS * abs(unit.navigator.left_m))
+    return way.limit(ego.speed_mps, config.squeezes, config.stop_short_m, config.brake_mps2, clearance_m)
+
+
+def _manoeuvring(drive: Drive) -> SpeedLimit:
+    unit = drive.unit
+    emv = isinstance(unit, EmvUnit)
+    sideways = unit.lane_change_forced if isinstance(unit, EmvUnit) else unit.phase in _SIDEWAYS_MODES
+    return manoeuvring_limit(unit.navigator, drive.ego, emvs_only=emv) if sideways else UNLIMITED
+
+
+MECHANISMS: Final = (
+    Mechanism(
+        "target",
+        lambda drive: _eased_off(drive.target_mps, drive.ego.speed_mps, drive.config.ease_off_mps2, drive.config),
+        "the mode's speed (paper, table of target speeds), come to by easing off",
+    ),
+    Mechanism("path", _path, "bends ahead, what the steering can follow, and a stop at the path's end"),
+    Mechanism("collision", _collision, "vehicles ahead on the path, and those whose way meets it; off in a gap escape"),
+    Mechanism(
+        "passage", _emv_limit(passage_limit), "EMV in the corridor and in a gap escape: space beside its footprint"
+    ),
+    Mechanism(
+        "anticipation", _emv_limit(anticipated_limit), "EMV elsewhere: vehicles ahead, with gentle braking in good time"
+    ),
+    Mechanism(
+        "junction entry",
+        _emv_limit(lambda _, ego: entry_limit(ego)),
+        "EMV: lines ahead at which others have the right of way",
+    ),
+    Mechanism("people", _people, "people on crossings: walking pace past them, a stop before those in the way"),
+    Mechanism("riders", _emv_limit(riders_limit), "EMV off its path elsewhere: cyclists and motorcyclists who stand"),
+    Mechanism(
+        "manoeuvring",
+        _manoeuvring,
+        "civilians who pull over or come back, EMVs that change lanes beside EMVs: space around the whole body",
+    ),
+)
+"""Every mechanism that limits the speed of a vehicle that SUMO does not drive, in the order in which they act."""
+
+
+def navigate(
+    unit: EmvUnit | YieldUnit,
+    ego: Ego,
+    target_mps: float,
+    config: NavigatorConfig,
+    mechanisms: Sequence[Mechanism] = MECHANISMS,
+) -> tuple[NavigatorState, DriveCommand, int]:
+    """One step along the path of a unit: steering, pedals and the actor that blocks the way, ``NO_ACTOR`` without one.
+
+    The lowest speed and the hardest braking of all mechanisms hold, and the blocker of the first one that has one.
+    Without a path the vehicle brakes to a standstill and keeps its wheels straight.
+    """
+    state, speed = unit.navigator, ego.speed_mps
+    if state.path is None:
+        pedals = press_pedals(speed, 0.0, 0.0, 0.0, ego.vehicle, config)
+        return changed(state, integral_mps2=0.0), DriveCommand(0.0, pedals.brake, 0.0, False), NO_ACTOR
+    progress, left = state.path.curve.nearest_to(state.progress_m, *ego.place)
+    drive = Drive(unit, ego, state.path, progress, target_mps, config)
+    limits = tuple([mechanism.limit(drive) for mechanism in mechanisms])
+    must_brake = max(limit.brake_mps2 for limit in limits) if speed > config.rolling_mps else 0.0
+    lowest = min(limit.speed_mps for limit in limits)
+    steer = steer_along(state.path, progress, left, ego.pose[2], speed, ego.vehicle, config)
+    pedals = press_pedals(speed, lowest, must_brake, state.integral_mps2, ego.vehicle, config, steer)
+    return (
+        NavigatorState(state.path, progress, left, pedals.integral_mps2, target_mps, limits),
+        DriveCommand(pedals.throttle, pedals.brake, steer, False),
+        next((limit.blocker_id for limit in limits if limit.blocker_id != NO_ACTOR), NO_ACTOR),
+    )

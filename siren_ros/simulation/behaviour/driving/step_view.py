@@ -1,0 +1,406 @@
+"""What every controller sees: the actors at one step, and the facts that hold for a whole episode."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from typing import Final, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Floats, Ids, Rows
+from siren_ros.base.numerics.braking import braking_distance_m
+from siren_ros.base.numerics.compiled import Array, compiled
+from siren_ros.base.numerics.units import steps_from_s
+from siren_ros.simulation.behaviour.config import BehaviourConfig, NavigatorConfig
+from siren_ros.simulation.behaviour.driving.line_book import LineBook
+from siren_ros.simulation.behaviour.paths.lane_path import LanePath, lanes_along, nearest_on_lane, path_on_lanes
+from siren_ros.simulation.conflicts.course import CourseBook, Outlook
+from siren_ros.simulation.conflicts.junction_room import JunctionRoom
+from siren_ros.simulation.conflicts.people import NOBODY, Outlines, outlines_of, people_at
+from siren_ros.simulation.dynamics.parameters import VehicleParameters
+from siren_ros.simulation.roads.rescue_lane import rescue_sides
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.scenario.paper import (
+    PAPER_CONSTANTS,
+    PAPER_SPEEDS,
+    ControlConstants,
+    LevelPolicy,
+    TargetSpeeds,
+)
+from siren_ros.simulation.scenario.presets import DriverPreset
+from siren_ros.simulation.world.actors import (
+    NO_ACTOR,
+    TWO_WHEELED,
+    ActorClass,
+    ActorDescription,
+    Lights,
+    indicator_to,
+    rows_of_ids,
+)
+from siren_ros.simulation.world.commands import VehicleCommands
+from siren_ros.simulation.world.mirror_image import mirror_image
+from siren_ros.simulation.world.traffic_state import Indices, TrafficState
+
+_INDICATORS: Final = int(Lights.INDICATORS)
+
+
+@dataclass(frozen=True)
+class Body:
+    """Half the size of a footprint."""
+
+    half_length_m: float
+    half_width_m: float
+
+
+@dataclass(frozen=True)
+class ActorTable:
+    """Descriptions of the actors in the simulation; arrays sorted by id."""
+
+    by_id: Mapping[int, ActorDescription]
+    actor_id: Ids
+    length_m: Floats
+    width_m: Floats
+    is_emv: npt.NDArray[np.bool_]
+    walks: npt.NDArray[np.bool_]
+    rides: npt.NDArray[np.bool_]
+    """Cyclists and motorcyclists."""
+
+    @classmethod
+    def of(cls, descriptions: Mapping[int, ActorDescription]) -> "ActorTable":
+        """The table of some descriptions."""
+        rows = [descriptions[actor_id] for actor_id in sorted(descriptions)]
+        return cls(
+            by_id=dict(descriptions),
+            actor_id=np.array([row.actor_id for row in rows], dtype=np.uint32),
+            length_m=np.array([row.length_m for row in rows], dtype=np.float64),
+            width_m=np.array([row.width_m for row in rows], dtype=np.float64),
+            is_emv=np.array([row.is_emv for row in rows], dtype=np.bool_),
+            rides=np.array([row.actor_class in TWO_WHEELED for row in rows], dtype=np.bool_),
+            walks=np.array([row.actor_class is ActorClass.PEDESTRIAN for row in rows], dtype=np.bool_),
+        )
+
+    @classmethod
+    @cache
+    def empty(cls) -> "ActorTable":
+        """No actors yet."""
+        return cls.of({})
+
+    def updated(self, traffic: TrafficState) -> "ActorTable":
+        """The table after the spawns and removals of a step."""
+        if not traffic.spawned and len(traffic.removed) == 0:
+            return self
+        gone = {int(actor_id) for actor_id in traffic.removed}
+        left = {key: value for key, value in self.by_id.items() if key not in gone}
+        return self.of(left | {actor.actor_id: actor for actor in traffic.spawned})
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Poses and sizes of all actors at one step, row by row those of the ``TrafficState``; frame ``map``."""
+
+    actor_id: Ids
+    x_m: Floats
+    y_m: Floats
+    yaw_rad: Floats
+    cos: Floats
+    sin: Floats
+    speed_mps: Floats
+    half_length_m: Floats
+    half_width_m: Floats
+    is_emv: npt.NDArray[np.bool_]
+    outlook: Outlook | None = None
+    """Where everybody will go; straight on without it."""
+    people: Floats = field(default_factory=lambda: NOBODY)
+    """People on foot, as ``people_at`` gives them."""
+    riders: Rows = field(default_factory=lambda: np.empty(0, np.intp))
+    """Rows of cyclists and motorcyclists."""
+
+    @cached_property
+    def bodies(self) -> Floats:
+        """x, y, yaw, its cosine and sine, speed, half length and half width, and the speed's square, shape ``(9, N)``.
+
+        The square is as Python's ``v**2`` gives it.
+        """
+        poses, motion = (self.x_m, self.y_m, self.yaw_rad, self.cos, self.sin), self.speed_mps
+        squares = np.power(motion, np.full(len(motion), 2.0))
+        return np.array((*poses, motion, self.half_length_m, self.half_width_m, squares))
+
+    @classmethod
+    def seen(
+        cls,
+        traffic: TrafficState,
+        table: ActorTable,
+        book: CourseBook | None = None,
+        crossings: Outlines | None = None,
+    ) -> "Surroundings":
+        """The actors of a step, with an outlook on where they go where the courses of the map are given.
+
+        People on foot count where the crossings are given.
+
+        Raises:
+            KeyError: an actor of the step was never described.
+        """
+        if len(table.actor_id) == len(traffic) and (table.actor_id == traffic.actor_id).all():
+            rows: npt.NDArray[np.intp] | slice = slice(None)
+        else:
+            rows = rows_of_ids(table.actor_id, traffic.actor_id)
+            if np.any(rows < 0):
+                raise KeyError(int(traffic.actor_id[np.argmax(rows < 0)]))
+        half_length, half_width = 0.5 * table.length_m[rows], 0.5 * table.width_m[rows]
+        poses = (traffic.x_m, traffic.y_m, traffic.yaw_rad, np.cos(traffic.yaw_rad), np.sin(traffic.yaw_rad))
+        outlook = None if book is None else Outlook(traffic, book, half_length, half_width)
+        people, (walkers,) = NOBODY, np.nonzero(table.walks[rows])
+        if crossings is not None and len(walkers):
+            walking = traffic.x_m, traffic.y_m, traffic.yaw_rad, traffic.speed_mps
+            x_m, y_m, yaw_rad, speed_mps = (column[walkers] for column in walking)
+            people = people_at(traffic.actor_id[walkers], (x_m, y_m, yaw_rad, speed_mps), crossings)
+        sizes = half_length, half_width, table.is_emv[rows]
+        return cls(
+            traffic.actor_id, *poses, traffic.speed_mps, *sizes, outlook, people, np.flatnonzero(table.rides[rows])
+        )
+
+    def near(self, x_m: float, y_m: float, radius_m: float, but: int = -1) -> npt.NDArray[np.intp]:
+        """Rows of the actors within a radius, without row ``but``."""
+        return cast("npt.NDArray[np.intp]", _near(self.x_m, self.y_m, x_m, y_m, radius_m, but))
+
+
+@compiled
+def _near(xs_m: Array, ys_m: Array, x_m: float, y_m: float, radius_m: float, but: int) -> Array:
+    rows = np.empty(xs_m.shape[0], np.intp)
+    count = 0
+    for row in range(xs_m.shape[0]):
+        dx, dy = xs_m[row] - x_m, ys_m[row] - y_m
+        if dx * dx + dy * dy < radius_m * radius_m and row != but:
+            rows[count] = row
+            count += 1
+    return rows[:count]
+
+
+@dataclass(frozen=True)
+class BehaviourWorld:
+    """Everything that does not change during an episode."""
+
+    network: RoadNetwork
+    policy: LevelPolicy
+    vehicles: Mapping[ActorClass, VehicleParameters]
+    preset: DriverPreset
+    seed: int
+    av_id: int = NO_ACTOR
+    """A civilian that an external controller drives: it does not yield by itself."""
+    constants: ControlConstants = PAPER_CONSTANTS
+    speeds: TargetSpeeds = PAPER_SPEEDS
+    duty: bool = False
+    """Whether drivers keep a rescue lane open in slow traffic out of town."""
+    config: BehaviourConfig = field(default_factory=BehaviourConfig)
+    left_hand: bool = False
+    """Whether traffic keeps left: ``network`` is then the map's mirror image, in which all drivers decide."""
+
+    def seen(self, traffic: TrafficState) -> TrafficState:
+        """Traffic as the drivers see it, given that of the map."""
+        return mirror_image(traffic) if self.left_hand else traffic
+
+    def said(self, commands: VehicleCommands) -> VehicleCommands:
+        """Commands in the frame of the map, given the drivers'."""
+        return mirror_image(commands) if self.left_hand else commands
+
+    @cached_property
+    def edge_of_lane(self) -> Indices:
+        """Edge of each lane of the network."""
+        return np.array([lane.edge for lane in self.network.lanes], dtype=np.int32)
+
+    @cached_property
+    def rescue_sides(self) -> npt.NDArray[np.int8]:
+        """Side to which drivers in each lane keep for a rescue lane."""
+        return rescue_sides(self.network)
+
+    @cached_property
+    def courses(self) -> CourseBook:
+        """Courses along the lanes of the network."""
+        return CourseBook(self.network)
+
+    @cached_property
+    def crossings(self) -> Outlines:
+        """Outlines of the crossings of the network."""
+        return outlines_of(self.network)
+
+    @cached_property
+    def junction_room(self) -> JunctionRoom:
+        """Where the ways of others begin on the junctions of the network."""
+        return JunctionRoom(self.network)
+
+    @cached_property
+    def emv_navigator(self) -> NavigatorConfig:
+        """How EMVs drive at this level: how early they count with crossing vehicles, how close they follow and pass."""
+        emv, attention = self.config.emv, self.preset.attention
+        conflicts = emv.navigator.conflicts
+        horizon_s = min(conflicts.horizon_s, attention.emv_horizon_s)
+        nearer = conflicts._replace(horizon_s=horizon_s, after_s=attention.emv_pet_s)
+        gap_m = emv.escape_gap_m if self.policy.corridor else emv.navigator.standstill_gap_m
+        return replace(emv.navigator, conflicts=nearer, standstill_gap_m=gap_m)
+
+    @cached_property
+    def room_navigator(self) -> NavigatorConfig:
+        """How a civilian moves up close behind others to make room."""
+        return replace(self.config.civilian_navigator, standstill_gap_m=self.config.pull_over.room_standstill_gap_m)
+
+    @cached_property
+    def lines(self) -> LineBook:
+        """How EMVs come to lines at which others have the right of way."""
+        return LineBook(self.network, self.config.junction_entry, self.preset.attention, self.seed)
+
+    @cached_property
+    def drivers(self) -> Mapping[tuple[ActorClass, bool], NavigatorConfig]:
+        """The navigator's parameters by class and by whether it is an EMV, with the limit of the vehicle's steering."""
+        drivers = {}
+        for actor_class, vehicle in self.vehicles.items():
+            for is_emv in (False, True):
+                base = self.config.emv.navigator if is_emv else self.config.civilian_navigator
+                rate = vehicle.curvature_rate_1pms(base.steer_rate_share)
+                drivers[actor_class, is_emv] = replace(base, curvature_rate_1pms=rate)
+        return drivers
+
+    @cached_property
+    def _last_view(self) -> list[tuple[ActorTable, "StepView"]]:
+        return []
+
+    def view(self, traffic: TrafficState, before: ActorTable) -> "StepView":
+        """The step as every guard sees it, with the actors that were there before it.
+
+        The last one is remembered: the controllers of EMVs and of civilians share it where they share the world.
+        """
+        last = self._last_view
+        if not (last and last[0][0] is before and last[0][1].traffic is traffic):
+            actors = before.updated(traffic)
+            seen = Surroundings.seen(traffic, actors, self.courses, self.crossings)
+            last[:] = [(before, StepView(self, traffic, seen, actors))]
+        return last[0][1]
+
+    @cached_property
+    def hold_navigator(self) -> NavigatorConfig:
+        """How a civilian who has pulled over brakes to the hold: comfortably."""
+        config = self.config.civilian_navigator
+        return replace(config, ease_off_mps2=config.comfort_brake_mps2)
+
+    @property
+    def cooldown_steps(self) -> int:
+        """Steps between two forced lane changes of one vehicle."""
+        return steps_from_s(self.constants.lane_change_cooldown_s)
+
+
+@dataclass(frozen=True, eq=False)
+class StepView:
+    """One step as every guard sees it."""
+
+    world: BehaviourWorld
+    traffic: TrafficState
+    seen: Surroundings
+    actors: ActorTable
+
+    @property
+    def step(self) -> int:
+        """Number of the step."""
+        return self.traffic.step
+
+    @property
+    def network(self) -> RoadNetwork:
+        """The map."""
+        return self.world.network
+
+    @property
+    def config(self) -> BehaviourConfig:
+        """All parameters of the behaviour."""
+        return self.world.config
+
+    def ego(self, row: int) -> "Ego":
+        """The step as the driver in a row sees it."""
+        seen = self.seen
+        x, y, yaw, cos, sin, speed, *size, _ = seen.bodies[:, row].tolist()
+        known = int(seen.actor_id[row]), bool(seen.is_emv[row]), int(self.traffic.lane[row])
+        return Ego(self.world, self.traffic, seen, self.actors, row, *known, (x, y, yaw), (cos, sin), speed, *size)
+
+
+@dataclass(frozen=True, eq=False)
+class Ego(StepView):
+    """One step as one driver sees it: the vehicle in a row, and all others."""
+
+    row: int
+    actor_id: int
+    is_emv: bool
+    lane: int
+    """The lane on which SUMO has the front bumper; ``NO_LANE`` off the road."""
+    pose: tuple[float, float, float]
+    """x, y and yaw of the footprint's centre."""
+    direction: tuple[float, float]
+    """Cosine and sine of the yaw."""
+    speed_mps: float
+    """Over ground."""
+    half_length_m: float
+    """Of the footprint."""
+    half_width_m: float
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """X and y of the footprint's centre."""
+        return self.pose[:2]
+
+    @property
+    def body(self) -> Body:
+        """The footprint."""
+        return Body(self.half_length_m, self.half_width_m)
+
+    @property
+    def route(self) -> Indices:
+        """Edges from the present one (or the one before the junction) on."""
+        return self.traffic.route_of_row(self.row)
+
+    @property
+    def vehicle(self) -> VehicleParameters:
+        """Vehicle parameters."""
+        own = self.actors.by_id[self.actor_id]
+        return self.world.vehicles[own.actor_class].sized(own.length_m, own.width_m, own.height_m)
+
+    def indicators(self, side: int) -> int:
+        """What the vehicle indicates: a move to the left (1) or right (−1), else the next turn, as SUMO shows it."""
+        return indicator_to(side) if side else int(self.traffic.lights[self.row]) & _INDICATORS
+
+    @property
+    def navigator_config(self) -> NavigatorConfig:
+        """The navigator's parameters, with the limit of the vehicle's own steering."""
+        return self.world.drivers[self.actors.by_id[self.actor_id].actor_class, self.is_emv]
+
+    def far_m(self, least_m: float) -> float:
+        """How far ahead an EMV looks at its speed, at least some distance."""
+        return max(least_m, braking_distance_m(self.speed_mps * self.speed_mps, self.config.emv.far_brake_mps2))
+
+    def near(self, radius_m: float) -> Rows:
+        """Rows of the other vehicles within a radius."""
+        return self.seen.near(*self.place, radius_m, but=self.row)
+
+    def distance_m(self, row: int) -> float:
+        """Distance between the centres of this vehicle and the one in a row."""
+        return math.hypot(self.pose[0] - float(self.seen.x_m[row]), self.pose[1] - float(self.seen.y_m[row]))
+
+    def place_on(self, lane: int) -> tuple[float, float, float]:
+        """Arc length, offset (left positive) and heading at the nearest place of a lane's centre line."""
+        return nearest_on_lane(self.network.lanes[lane].centre, *self.place)
+
+    def line_along(
+        self,
+        lane: int,
+        ahead_m: float,
+        behind_m: float = 0.0,
+        *,
+        length_m: float | None = None,
+        civilian: bool = False,
+        through_junctions: bool = True,
+    ) -> LanePath:
+        """The reference line from the vehicle on, along a lane and the lanes of the route that follow it.
+
+        It looks ``ahead_m`` far, begins ``behind_m`` behind the vehicle and is at most ``length_m`` long (``ahead_m``
+        by default); arguments otherwise as for ``lanes_along``.
+        """
+        at_m = self.place_on(lane)[0]
+        lanes, end = lanes_along(self.network, lane, at_m, self.route, ahead_m, civilian, through_junctions)
+        return path_on_lanes(self.network, lanes, end, at_m - behind_m, ahead_m if length_m is None else length_m)

@@ -1,0 +1,254 @@
+"""Guard 2 of the EMV: ``copy_sumo``, the rescue corridor between the leftmost lane and its right neighbour."""
+
+import math
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.braking import stops_within
+from siren_ros.base.numerics.changed import changed
+from siren_ros.base.numerics.units import NEVER, steps_from_s
+from siren_ros.simulation.behaviour.driving.emv_unit import (
+    EmvUnit,
+    GuardResult,
+    advice_of,
+    best_lane,
+    event_of,
+    present_lane,
+)
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import free_way
+from siren_ros.simulation.behaviour.driving.step_view import Ego
+from siren_ros.simulation.behaviour.emv.forced_lane_change import cancel_lane_change
+from siren_ros.simulation.behaviour.paths.curve import Curve
+from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, LanePath, road_limits, shoulder_into_turn
+from siren_ros.simulation.behaviour.paths.tracked_path import along_reference, blend_length_m, quintic_offsets
+from siren_ros.simulation.roads.rescue_lane import rescue_boundary_m
+from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.sites import TOWN_LIMIT_MPS
+from siren_ros.simulation.world.actors import Lights, Owner
+from siren_ros.simulation.world.traffic_state import EventKind, Indices
+
+
+def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
+    """Latches ``copy_sumo``: it begins when vehicles form a rescue lane or brake ahead of the EMV.
+
+    It ends when neither has been the case for a while. Entering cancels a forced lane change. Traffic that flows out of
+    town forms no rescue lane.
+    """
+    advice = advice_of(ego, unit.actor_id)
+    forming = advice is not None and advice.rescue_count > 0 and not _flows(ego)
+    if forming or braking_ahead(unit, ego):
+        unit = changed(unit, corridor_seen_step=ego.step)
+        if unit.corridor:
+            return unit, ()
+        unit, cancelled = cancel_lane_change(unit, ego, "corridor")
+        return changed(unit, corridor=True), (*cancelled, event_of(ego, EventKind.CORRIDOR_ENTERED))
+    patience = steps_from_s(ego.config.corridor.leave_after_s)
+    if unit.corridor and ego.step - unit.corridor_seen_step >= patience:
+        left = changed(unit, corridor=False, plan=None, corridor_planned_step=NEVER)
+        return left, (event_of(ego, EventKind.CORRIDOR_LEFT),)
+    return unit, ()
+
+
+def _flows(ego: Ego) -> bool:
+    """Whether the EMV is on a road out of town, and is fast itself or has nobody slow near ahead."""
+    if ego.lane == NO_LANE or ego.world.rescue_sides[ego.lane] == 0:
+        return False
+    if ego.speed_mps > TOWN_LIMIT_MPS:
+        return True
+    rows, (cos, sin), (x, y) = ego.near(ego.config.corridor.length_m), ego.direction, ego.place
+    ahead_m = cos * (ego.seen.x_m[rows] - x) + sin * (ego.seen.y_m[rows] - y)
+    along = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ego.config.corridor.along_cosine
+    return not np.any(along & (ahead_m > 0.0) & (ego.seen.speed_mps[rows] < ego.config.pull_over.flows_mps))
+
+
+def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
+    """The paper's ``brakingAhead``: a civilian that yields brakes or holds on the road ahead, within the corridor.
+
+    Civilians that yield are those that ROS drives. Vehicles that brake for a red light or for a vehicle ahead leave no
+    corridor, so they do not count.
+    """
+    path, config, seen, traffic = unit.navigator.path, ego.config.corridor, ego.seen, ego.traffic
+    rows = ego.near(config.length_m)
+    if path is None or len(rows) == 0:
+        return False
+    brakes = ((traffic.lights[rows] & Lights.BRAKE) != 0) | (seen.speed_mps[rows] < config.standing_mps)
+    yields = (traffic.owner[rows] == Owner.ROS) & ~seen.is_emv[rows] & (seen.actor_id[rows] != ego.world.av_id)
+    rows = rows[brakes & yields]
+    s, left, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
+    same = np.cos(seen.yaw_rad[rows] - path.curve.heading_rad[nearest]) > config.along_cosine
+    ahead = (s > unit.navigator.progress_m) & (s < path.length_m)
+    return bool(np.any(same & ahead & (np.abs(left) < config.road_half_width_m)))
+
+
+def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
+    """The EMV with the copied corridor as its path, renewed as the vehicles next to it move.
+
+    A present path that stays free for longer than a new one is kept: each new one begins to turn into the corridor
+    where the EMV is now. So is one that gets farther without a touch, where the EMV cannot stop. Where a lane begins on
+    the left, the corridor moves to its line. If a vehicle closes that way, the EMV goes straight on between the lanes
+    that it is between.
+    """
+    config = ego.config.corridor
+    if ego.step - unit.corridor_planned_step < steps_from_s(config.replan_s) and unit.navigator.path is not None:
+        return unit
+    network, lane = ego.network, present_lane(ego, unit.navigator)
+    if lane == NO_LANE:
+        return unit
+    lane = corridor_lane(network, lane, ego.route, config.shoulder_reach_m)
+    planned = _along(unit, ego, lane, straight_on=False)
+    open_m = _open_m(planned, ego)
+    if open_m < config.straight_below_m:
+        driven = unit.navigator.path is not None and ego.speed_mps > config.keep_above_mps
+        stops = stops_within(ego.speed_mps * ego.speed_mps, ego.config.gap_escape.brake_mps2, open_m)
+        gain_m = config.keep_gain_m if stops else 0.0
+        if driven and (
+            _open_m(unit, ego) > open_m + gain_m or (not stops and _touches_m(unit, ego) > _touches_m(planned, ego))
+        ):
+            return changed(unit, corridor_planned_step=ego.step)
+        other = _along(unit, ego, lane, straight_on=True)
+        if _open_m(other, ego) > open_m + config.straight_gain_m:
+            return other
+    return planned
+
+
+def _open_m(unit: EmvUnit, ego: Ego) -> float:
+    """How far the EMV's footprint gets along its path, at most to the path's end."""
+    way, config = free_way(unit, ego), ego.config.corridor
+    free = math.inf if way is None else way.limit(0.0, config.squeezes, 0.0, 1.0, config.clearance_m).free_m
+    return min(free, unit.navigator.remaining_m)
+
+
+def _touches_m(unit: EmvUnit, ego: Ego) -> float:
+    """How far the EMV gets along its path before it would touch somebody."""
+    way = free_way(unit, ego)
+    return math.inf if way is None else way.free_m
+
+
+def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
+    """The EMV with the corridor that is measured from a lane as its path."""
+    config = ego.config.corridor
+    reference = ego.line_along(lane, config.length_m, 2.0, length_m=config.length_m + 2.0)
+    s0, d0 = reference.curve.project_one(*ego.place)
+    count = max(3, math.ceil(reference.curve.length_m - s0) + 1)
+    s = np.linspace(s0, max(reference.curve.length_m, s0 + 2.0), count)
+    target = corridor_offsets(reference, s, ego, straight_on_m=d0 if straight_on else None)
+    heading = float(reference.curve.heading_at(np.array([s0]))[0])
+    slope = math.tan(max(-0.5, min(0.5, math.remainder(ego.pose[2] - heading, 2.0 * math.pi))))
+    slope -= float(target[1] - target[0]) / float(s[1] - s[0])
+    # Who points elsewhere has to turn back too: as much as from beside the place that the direction leads to.
+    aside = abs(d0 - float(target[0])) + config.merge_min_m * abs(slope)
+    blend = blend_length_m(aside, ego.speed_mps, config.merge_s, 0.0, ego.navigator_config)
+    merge = max(config.merge_min_m, min(blend, _merging_m(unit, reference, s, target, config.same_offset_m)))
+    offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
+    curve = Curve.through(reference.curve.offset_at(s, offsets))
+    stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
+    path = along_reference(curve, reference, s, ego.navigator_config, merge, stop)
+    navigator = unit.navigator.following(path, *ego.place)
+    return changed(unit, navigator=navigator, plan=None, corridor_planned_step=ego.step)
+
+
+def _merging_m(unit: EmvUnit, reference: LanePath, s_m: Floats, target_m: Floats, same_m: float) -> float:
+    """What is left of the lateral move of the present path; infinite where that leads elsewhere than the new one."""
+    path = unit.navigator.path
+    if path is None or unit.corridor_planned_step < 0:
+        return math.inf
+    x, y = path.curve.at(np.array([min(path.settled_m, path.length_m)]))[0]
+    end_m, left_m = reference.curve.project_one(float(x), float(y))
+    same = abs(left_m - float(np.interp(end_m, s_m, target_m))) < same_m
+    return path.settled_m - unit.navigator.progress_m if same else math.inf
+
+
+def corridor_lane(network: RoadNetwork, lane: int, route: Indices, reach_m: float) -> int:
+    """The lane whose line the corridor is measured from.
+
+    If a shoulder leads into the next right turn, here or along the next edges, the corridor is that shoulder, because
+    the other vehicles stand in the driving lanes. Otherwise it is the lane that serves the route best. The right turn
+    is at most ``reach_m`` beyond the present edge.
+    """
+    shoulder = shoulder_into_turn(network, route, reach_m)
+    # On the way across a junction, the edge is the one from which the way comes.
+    before = [movement.from_lane for movement in network.connections_over.get(lane, ())] or [lane]
+    if shoulder is None or int(route[0]) not in {network.lanes[item].edge for item in before}:
+        return best_lane(network, lane, route)
+    if not network.edges[network.lanes[lane].edge].internal:
+        return shoulder.lane
+    return shoulder.onward.via[0] if shoulder.onward.via else shoulder.onward.to_lane
+
+
+def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_m: float | None = None) -> Floats:
+    """Where the corridor's middle lies beside a reference line.
+
+    It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
+    to the middle of the space between the vehicles on both sides, or away from vehicles on one side. On a road of one
+    lane it moves to the free side. The EMV passes a vehicle in its middle on the side that has more room.
+    It follows another EMV ahead, and does not pass it. It keeps clear of riders on cycle lanes without moving to the
+    middle of the space up to them; for people on foot there are the rules of crossings.
+
+    ``s_m`` are increasing arc lengths on the reference line, shape ``(K,)``; ``straight_on_m`` is an offset to start
+    from instead of that line.
+
+    Returns:
+        Offsets, left positive, shape ``(K,)``.
+    """
+    config, seen = ego.config.corridor, ego.seen
+    straight = None if straight_on_m is None else np.full(len(s_m), straight_on_m)
+    base = _boundary_offsets(reference, s_m, ego) if straight is None else straight
+    rows = ego.near(config.length_m + 10.0)
+    rows = rows[~np.isin(seen.actor_id[rows], seen.people[6])]
+    if len(rows) == 0:
+        return base
+    curve = reference.curve
+    place, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows])
+    turned = seen.yaw_rad[rows] - curve.heading_rad[nearest]
+    cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
+    followed = seen.is_emv[rows] & (np.cos(turned) > config.along_cosine)
+    near = (np.abs(left) < config.road_half_width_m) & (place > s_m[0]) & (place < s_m[-1]) & ~followed
+    place, left = place[near], left[near]
+    extent = (cos * seen.half_length_m[rows] + sin * seen.half_width_m[rows])[near] + config.influence_m
+    side = (sin * seen.half_length_m[rows] + cos * seen.half_width_m[rows])[near]
+    beside = np.abs(s_m[:, None] - place) < extent
+    road, half_width = road_limits(ego.network, reference.lanes[0]), ego.half_width_m
+    line = np.interp(place, s_m, base)
+    wider_on_right = left - side - road.right_m > road.left_m + road.opposite_m - left - side
+    on_left = np.where(np.abs(left - line) < config.amid_m, wider_on_right, left > line)
+    room = half_width + config.side_clearance_m
+    high = np.min(np.where(beside & on_left, left - side, np.inf), axis=1, initial=np.inf) - room
+    low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
+    lined = beside & ~np.isin(rows[near], _on_cycle_lanes(ego))
+    both = np.any(lined & on_left, axis=1) & np.any(lined & ~on_left, axis=1)
+    middle = np.where(both, 0.5 * (np.where(both, high, 0.0) + np.where(both, low, 0.0)), 0.0)
+    target = np.where(both, middle, np.maximum(np.minimum(base, high), low))
+    target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)
+    return _smooth(target, int(config.influence_m))
+
+
+def _on_cycle_lanes(ego: Ego) -> list[int]:
+    """Rows of the riders there."""
+    lanes, lane_of = ego.network.lanes, ego.traffic.lane
+    known = [row for row in ego.seen.riders.tolist() if lane_of[row] != NO_LANE]
+    return [row for row in known if lanes[lane_of[row]].kind is LaneKind.CYCLE]
+
+
+def _boundary_offsets(reference: LanePath, s_m: Floats, ego: Ego) -> Floats:
+    """Offset of the line between the two leftmost lanes, bridged across junctions; 0 on roads of one lane.
+
+    Where a lane begins or ends, the line moves aside over as long a way as a move into the corridor takes.
+    """
+    lane_of, network, config = reference.lane_at(s_m), ego.network, ego.config.corridor
+    offset = np.full(len(s_m), np.nan)
+    for lane in dict.fromkeys(lane_of.tolist()):
+        if network.lanes[lane].kind is not LaneKind.INTERNAL:
+            offset[lane_of == lane] = rescue_boundary_m(network, lane)
+    known = np.isfinite(offset)
+    if not known.any():
+        return np.zeros(len(s_m))
+    radius = max(config.line_smoothing_m, config.merge_s * ego.speed_mps) / float(s_m[1] - s_m[0])
+    return _smooth(np.interp(s_m, s_m[known], offset[known]), min(round(radius), (len(s_m) - 1) // 2))
+
+
+def _smooth(values: Floats, radius: int) -> Floats:
+    if radius < 1 or len(values) <= 2 * radius:
+        return values
+    taps = np.hanning(2 * radius + 3)[1:-1]
+    return np.convolve(np.pad(values, radius, mode="edge"), taps / taps.sum(), mode="valid")

@@ -1,0 +1,329 @@
+"""Reference lines along the lanes of a route, through junctions, and where one vehicle stands on a lane.
+
+The shoulder is an EMV's way where it leads into the next right turn; the other vehicles leave it free.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import lru_cache
+from typing import Any, Final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.simulation.behaviour.paths.curve import SMOOTHING_M, Curve
+from siren_ros.simulation.behaviour.paths.sideways_jump import without_jumps
+from siren_ros.simulation.roads.movements import is_plain_joint, movement_turn_rad
+from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
+from siren_ros.simulation.world.traffic_state import Indices
+
+# No parameters: bounds of the search along a route, which no behaviour depends on.
+_EDGES_AHEAD: Final = 8
+"""How many edges of a route the choice of lanes looks at."""
+_FAR: Final = 99
+_SAME_TURN_RAD: Final = 0.35
+"""Movements whose turns differ by less than about 20° are equally straight."""
+_LIMITS_KEPT: Final = 1024
+"""Lanes whose road's limits are remembered."""
+
+
+class LaneEnd(StrEnum):
+    """Why a reference line ends where it ends."""
+
+    HORIZON = "horizon"
+    """Far enough."""
+    ROUTE = "route"
+    """The route ends."""
+    ASTRAY = "astray"
+    """The lane does not lead to the route's next edge."""
+    JUNCTION = "junction"
+    """A junction begins at which the traffic rules would decide."""
+
+
+@dataclass(frozen=True, eq=False)
+class LanePath:
+    """A reference line along consecutive lanes, internal ones included."""
+
+    lanes: tuple[int, ...]
+    """From the first lane on."""
+    start_m: Floats
+    """Arc length on the curve at which each lane begins, shape of ``lanes``; negative where it begins before."""
+    curve: Curve
+    end: LaneEnd
+
+    def lane_at(self, s_m: Floats) -> Indices:
+        """Lanes below arc lengths."""
+        order = np.clip(np.searchsorted(self.start_m, s_m, side="right") - 1, 0, len(self.lanes) - 1)
+        return np.asarray(self.lanes, dtype=np.int32)[order]
+
+
+def changes_needed(network: RoadNetwork, route: Indices, civilian: bool) -> list[dict[int, int]]:
+    """How many lane changes each lane of each of the route's next edges needs to follow the route.
+
+    Returns:
+        For each of the first edges a mapping from lane index to the number of changes; lanes from which the route
+        cannot be followed at all are missing.
+    """
+    known, key = _CHANGES.setdefault(network, {}), (tuple(route[:_EDGES_AHEAD].tolist()), civilian)
+    if key not in known:
+        known[key] = _changes_needed(network, *key)
+    return known[key]
+
+
+_CHANGES: Final[WeakKeyDictionary[RoadNetwork, dict[tuple[tuple[int, ...], bool], list[dict[int, int]]]]] = (
+    WeakKeyDictionary()
+)
+"""A memory of pure results."""
+
+
+def _changes_needed(network: RoadNetwork, route: tuple[int, ...], civilian: bool) -> list[dict[int, int]]:
+    needed: list[dict[int, int]] = []
+    for edge in reversed(route):
+        road = (network.lanes[lane] for lane in network.edges[edge].lanes)
+        position = {
+            lane.index: lane.position
+            for lane in road
+            if (lane.civilian_allowed if civilian else lane.emergency_allowed)
+        }
+        straight_on = dict.fromkeys(position, 0)
+        if needed:
+            ways = {lane: [c.to_lane for c in network.connections_from.get(lane, ())] for lane in position}
+            ways = {lane: [ahead for ahead in targets if ahead in needed[-1]] for lane, targets in ways.items()}
+            straight_on = {
+                lane: min(needed[-1][ahead] for ahead in targets) for lane, targets in ways.items() if targets
+            }
+        changes = {
+            lane: min(cost + abs(position[lane] - position[other]) for other, cost in straight_on.items())
+            for lane in position
+            if straight_on
+        }
+        needed.append(changes)
+    return needed[::-1]
+
+
+def connection_along(
+    network: RoadNetwork, lane: int, next_edge: int, needed_after: dict[int, int]
+) -> Connection | None:
+    """The movement from a lane to the next edge that needs the fewest lane changes afterwards.
+
+    Of equals it is the straightest, where a lane fans out into several, and then the one to the rightmost lane.
+    """
+    lanes = network.lanes
+
+    def effort(choice: Connection) -> tuple[int, int, int]:
+        changes = needed_after.get(choice.to_lane, _FAR)
+        return changes, round(movement_turn_rad(network, choice) / _SAME_TURN_RAD), lanes[choice.to_lane].position
+
+    choices = [c for c in network.connections_from.get(lane, ()) if lanes[c.to_lane].edge == next_edge]
+    return min(choices, key=effort) if len(choices) > 1 else next(iter(choices), None)
+
+
+def connection_of_internal(network: RoadNetwork, lane: int, route: Indices) -> Connection | None:
+    """The movement that an internal lane belongs to, the one along the route where several share it."""
+    edges = set(route[:3].tolist())
+    movements = network.connections_over.get(lane, ())
+    along = (movement for movement in movements if network.lanes[movement.to_lane].edge in edges)
+    return next(along, movements[0] if movements else None)
+
+
+def lanes_along(
+    network: RoadNetwork,
+    lane: int,
+    position_m: float,
+    route: Indices,
+    ahead_m: float,
+    civilian: bool = False,
+    through_junctions: bool = True,
+) -> tuple[tuple[int, ...], LaneEnd]:
+    """Lanes to drive on along a route from a place on a lane, which may be internal, as far as ``ahead_m``.
+
+    The route has the edges from the present one (or the one before the junction, or the one that follows) on. With
+    ``civilian``, only lanes open to civilians are used; ``through_junctions`` says whether to go on beyond joints that
+    are more than two pieces of one road.
+    """
+    lanes = [lane]
+    left = network.lanes[lane].length_m - position_m
+    edges, needed = route.tolist(), changes_needed(network, route, civilian)
+    if network.edges[network.lanes[lane].edge].internal:
+        inside = connection_of_internal(network, lane, route)
+        if inside is None:
+            return tuple(lanes), LaneEnd.ASTRAY
+        rest = (*inside.via[inside.via.index(lane) + 1 :], inside.to_lane)
+        lanes.extend(rest)
+        left += network.length_m(rest)
+    while left < ahead_m:
+        present = network.lanes[lanes[-1]].edge
+        step = edges.index(present) + 1 if present in edges else 0  # the front is on the next edge already
+        if step >= len(edges):
+            return tuple(lanes), LaneEnd.ROUTE
+        edges, needed = edges[step:], needed[step:]
+        connection = connection_along(network, lanes[-1], edges[0], needed[0] if needed else {})
+        if connection is None:
+            return tuple(lanes), LaneEnd.ASTRAY
+        if not through_junctions and not is_plain_joint(network, connection):
+            return tuple(lanes), LaneEnd.JUNCTION
+        rest = (*connection.via, connection.to_lane)
+        lanes.extend(rest)
+        left += network.length_m(rest)
+    return tuple(lanes), LaneEnd.HORIZON
+
+
+def path_on_lanes(
+    network: RoadNetwork, lanes: tuple[int, ...], end: LaneEnd, from_m: float, ahead_m: float
+) -> LanePath:
+    """The smoothed reference line along consecutive lanes, at most ``ahead_m`` long.
+
+    It begins at ``from_m`` on the first lane; a negative value extends it straight backwards.
+    """
+    whole, starts = _joined(tuple(network.lanes[lane].centre for lane in lanes))
+    to_m = max(min(whole.length_m, from_m + ahead_m), from_m + 2.0)
+    curve = Curve.through(whole.cut(from_m, to_m).points, SMOOTHING_M)
+    scale = curve.length_m / (to_m - from_m)
+    reached = to_m >= whole.length_m - 1e-6
+    return LanePath(lanes, (starts - from_m) * scale, curve, end if reached else LaneEnd.HORIZON)
+
+
+@lru_cache(maxsize=256)
+def _joined(parts: tuple[Polyline, ...]) -> tuple[Polyline, Floats]:
+    """The centre lines of consecutive lanes as one, and where each begins on it."""
+    whole = Polyline.joined(parts)
+    lengths = np.array([part.length_m for part in parts])
+    starts = np.concatenate(([0.0], np.cumsum(lengths)[:-1])) * (whole.length_m / max(lengths.sum(), 1e-6))
+    return without_jumps(whole, starts)
+
+
+def neighbour_lane(network: RoadNetwork, lane: int, side: int) -> int:
+    """Index of the lane beside a lane (+1 left, −1 right), ``NO_LANE`` where there is none."""
+    beside = network.neighbour(network.lanes[lane], side)
+    return NO_LANE if beside is None else beside.index
+
+
+@dataclass(frozen=True)
+class RoadLimits:
+    """Sides of the road beside a lane's centre line, left positive."""
+
+    right_m: float
+    """Right edge of all lanes that an EMV may use."""
+    driving_right_m: float
+    """Right edge without a shoulder."""
+    left_m: float
+    opposite_m: float
+    """Width of the nearest opposite lane, 0 without one."""
+    opposite_road_m: float
+    """Width of all opposite driving lanes."""
+
+
+@lru_cache(maxsize=_LIMITS_KEPT)
+def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
+    """How far the road reaches to both sides of a lane."""
+    here = network.lanes[lane]
+    edge = network.edges[here.edge]
+    lanes = [network.lanes[item] for item in edge.lanes if network.lanes[item].emergency_allowed]
+    right = -0.5 * here.width_m - sum(item.width_m for item in lanes if item.position < here.position)
+    left = 0.5 * here.width_m + sum(item.width_m for item in lanes if item.position > here.position)
+    ends = (edge.to_junction, edge.from_junction)
+    back = (other for other in network.edges if (other.from_junction, other.to_junction) == ends and not other.internal)
+    lanes_back = () if edge.internal else next((other.lanes for other in back), ())
+    opposite = [network.lanes[item].width_m for item in lanes_back if network.lanes[item].kind is LaneKind.DRIVING]
+    shoulders = sum(item.width_m for item in lanes if item.kind is LaneKind.SHOULDER)
+    return RoadLimits(right, right + shoulders, left, opposite[-1] if opposite else 0.0, sum(opposite))
+
+
+def nearest_on_lane(centre: Polyline, x_m: float, y_m: float) -> tuple[float, float, float]:
+    """Arc length, offset (left positive) and heading at the place of a centre line nearest to a point.
+
+    The first and last segments are extended straight on, as by ``Polyline.project``.
+    """
+    return nearest_on_line(centre.points, centre.arc_m, x_m, y_m)
+
+
+@compiled
+def nearest_on_line(points: Any, arc_m: Any, x_m: float, y_m: float) -> tuple[float, float, float]:
+    """``nearest_on_lane`` for compiled loops."""
+    last, least = len(points) - 2, np.inf
+    s_m, left_m, heading_x, heading_y = 0.0, 0.0, 1.0, 0.0
+    for i in range(last + 1):
+        length = arc_m[i + 1] - arc_m[i]
+        along_x, along_y = (points[i + 1, 0] - points[i, 0]) / length, (points[i + 1, 1] - points[i, 1]) / length
+        dx, dy = x_m - points[i, 0], y_m - points[i, 1]
+        along = dx * along_x + dy * along_y
+        inside = min(max(along, 0.0), length)
+        if i == 0:
+            inside = min(along, inside)
+        if i == last:
+            inside = max(along, inside)
+        miss_x, miss_y = dx - inside * along_x, dy - inside * along_y
+        square = miss_x * miss_x + miss_y * miss_y
+        if square < least:
+            least, s_m, left_m = square, arc_m[i] + inside, along_x * miss_y - along_y * miss_x
+            heading_x, heading_y = along_x, along_y
+    return s_m, left_m, math.atan2(heading_y, heading_x)
+
+
+def lane_heading(centre: Polyline, s_m: float) -> float:
+    """Direction of a centre line at an arc length."""
+    return _heading_at(centre.points, centre.arc_m, s_m)
+
+
+@compiled
+def _heading_at(points: Any, arc_m: Any, s_m: float) -> float:
+    i = min(max(int(np.searchsorted(arc_m, s_m, side="right")) - 1, 0), len(points) - 2)
+    return math.atan2(points[i + 1, 1] - points[i, 1], points[i + 1, 0] - points[i, 0])
+
+
+_RIGHT_TURNS: Final = frozenset({"r", "R"})
+
+
+@dataclass(frozen=True)
+class ShoulderWay:
+    """A way along a shoulder into a right turn."""
+
+    lane: int
+    """The shoulder of the route's first edge."""
+    onward: Connection
+    """The movement out of it."""
+    edges: tuple[int, ...]
+    """Edges on whose shoulders the way leads, up to the turn."""
+
+
+def shoulder_into_turn(network: RoadNetwork, route: Indices, reach_m: float) -> ShoulderWay | None:
+    """The shoulder of a route's first edge that leads into the next right turn, here or along the next edges.
+
+    The turn is at most ``reach_m`` beyond the first edge. None where no shoulder leads there.
+    """
+    for lane in network.edges[int(route[0])].lanes if len(route) > 1 else ():
+        if network.lanes[lane].kind is LaneKind.SHOULDER and network.lanes[lane].emergency_allowed:
+            onward = _onward(network, lane, route)
+            edges = _edges_to_turn(network, onward, route, reach_m)
+            if onward is not None and edges:
+                return ShoulderWay(lane, onward, edges)
+    return None
+
+
+def _onward(network: RoadNetwork, shoulder: int, route: Indices) -> Connection | None:
+    """The movement from a shoulder of a route's first edge to the second one: a right turn, or on to its shoulder."""
+    for movement in network.connections_from.get(shoulder, ()):
+        target = network.lanes[movement.to_lane]
+        if target.edge == int(route[1]) and (movement.direction in _RIGHT_TURNS or target.kind is LaneKind.SHOULDER):
+            return movement
+    return None
+
+
+def _edges_to_turn(
+    network: RoadNetwork, movement: Connection | None, route: Indices, reach_m: float
+) -> tuple[int, ...]:
+    """Edges before the right turn; empty where the shoulder ends, or the turn is too far away."""
+    way_m = 0.0
+    for ahead in range(1, len(route)):
+        if movement is None or way_m > reach_m:
+            return ()
+        if movement.direction in _RIGHT_TURNS:
+            return tuple(route[:ahead].tolist())
+        way_m += network.length_m((*movement.via, movement.to_lane))
+        rest = route[ahead:]
+        movement = _onward(network, movement.to_lane, rest) if len(rest) > 1 else None
+    return ()

@@ -1,0 +1,123 @@
+"""How far a driver sees into the streets from the side before a line, and how fast that view lets a vehicle come.
+
+The view follows from the junction's geometry: façades stand at one distance behind all roads, as in the generated
+scene. At a stop line itself a driver sees past them.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.simulation.roads.movements import comes_from_the_side, crossing_connections, movement_path
+from siren_ros.simulation.roads.road_network import Connection, RoadNetwork
+
+SETBACK_M: Final = 3.0
+"""Of the façades behind the roads, as the scene has them (``SceneConfig.building_setback_m``)."""
+_EYE_M: Final = 2.0
+"""Of a driver behind the front of the vehicle."""
+# No parameters: the grain of the search, and what keeps quotients finite.
+_STEP_M: Final = 0.25
+_LEAST_MPS: Final = 0.1
+
+
+@dataclass(frozen=True)
+class SideStreet:
+    """The lanes that come to a junction from one side, as a driver before the line sees them."""
+
+    near_m: float
+    """Way from the line to the nearest of their lanes' edges…"""
+    far_m: float
+    """…and over the farthest one."""
+    aside_m: float
+    """From the middle of the driver's lane to the façades on this side."""
+    limit_mps: float
+    """Highest limit of these lanes."""
+
+    def seen_m(self, before_m: float) -> float:
+        """Length of the street that is seen with the front so far before the line; infinite past the façades."""
+        beyond_m = before_m + _EYE_M - SETBACK_M
+        return self.aside_m * (1.0 + (self.near_m + SETBACK_M) / beyond_m) if beyond_m > 0.0 else math.inf
+
+
+@dataclass(frozen=True)
+class Lookout:
+    """How a driver reckons with vehicles that are not to be seen yet."""
+
+    horizon_s: float
+    """Vehicles that would need longer to the crossing do not count."""
+    pet_s: float
+    """Time that is to be left between the two vehicles."""
+    brake_mps2: float
+    reaction_s: float
+    standoff_m: float
+    """Distance kept from the nearest lane's edge after a stop."""
+    length_m: float
+    """Of the own vehicle."""
+
+
+def safe_mps(street: SideStreet, before_m: float, lookout: Lookout) -> float:
+    """Speed at which the driver can still stop for a vehicle that comes into view.
+
+    It does not matter, and is infinite, where who is not in view yet comes so late that the driver is past before it
+    at that speed.
+    """
+    unseen_s = street.seen_m(before_m) / max(street.limit_mps, _LEAST_MPS)
+    if unseen_s >= lookout.horizon_s:
+        return math.inf
+    free_m = max(before_m + street.near_m - lookout.standoff_m, 0.0)
+    brake, reaction_s = lookout.brake_mps2, lookout.reaction_s
+    stops_mps = brake * (math.sqrt(reaction_s**2 + 2.0 * free_m / brake) - reaction_s)
+    past_m = before_m + street.far_m + lookout.length_m
+    return math.inf if stops_mps * (unseen_s - lookout.pet_s) >= past_m else stops_mps
+
+
+def side_streets(network: RoadNetwork, connection: Connection) -> tuple[SideStreet, ...]:
+    """The streets from the left and from the right whose movements cross a movement; none without such movements."""
+    sides: dict[bool, list[tuple[float, float, float]]] = {}
+    for index in crossing_connections(network, connection):
+        other = network.connections[index]
+        if not comes_from_the_side(network, connection, other):
+            continue
+        lane, place_m = network.lanes[other.from_lane], _meeting_m(network, connection, other)
+        half_m = 0.5 * lane.width_m
+        from_left = _turn_rad(network, connection, other) < 0.0
+        sides.setdefault(from_left, []).append((place_m - half_m, place_m + half_m, lane.speed_limit_mps))
+    return tuple(
+        SideStreet(
+            near_m=max(min(near for near, _, _ in spans), 0.0),
+            far_m=max(far for _, far, _ in spans),
+            aside_m=_road_beside_m(network, connection.from_lane, from_left) + SETBACK_M,
+            limit_mps=max(limit for *_, limit in spans),
+        )
+        for from_left, spans in sorted(sides.items())
+    )
+
+
+def _turn_rad(network: RoadNetwork, connection: Connection, other: Connection) -> float:
+    lanes = (network.lanes[movement.from_lane].centre for movement in (connection, other))
+    own, its = (float(lane.heading_rad(lane.length_m)) for lane in lanes)
+    return math.remainder(its - own, 2.0 * math.pi)
+
+
+def _meeting_m(network: RoadNetwork, connection: Connection, other: Connection) -> float:
+    """Arc length on a movement's path at which another one's path crosses it."""
+    own, its = movement_path(network, connection), movement_path(network, other)
+    arc_m = np.linspace(0.0, own.length_m, max(int(own.length_m / _STEP_M), 2))
+    its_m, left_m = its.project(own.at(arc_m))
+    away_m = np.where((its_m < 0.0) | (its_m > its.length_m), np.inf, np.abs(left_m))
+    return float(arc_m[int(np.argmin(away_m))])
+
+
+def _road_beside_m(network: RoadNetwork, lane: int, on_left: bool) -> float:
+    """From the middle of a lane to the outer edge of its road, sidewalks and the opposite direction included."""
+    here = network.lanes[lane]
+    edge = network.edges[here.edge]
+    at = edge.lanes.index(lane)
+    beside = edge.lanes[at + 1 :] if on_left else edge.lanes[:at]
+    if on_left:
+        ends = (edge.to_junction, edge.from_junction)
+        back = (other for other in network.edges if (other.from_junction, other.to_junction) == ends)
+        beside += next((other.lanes for other in back), ())
+    return 0.5 * here.width_m + sum(network.lanes[index].width_m for index in beside)

@@ -1,0 +1,415 @@
+"""Where a vehicle will go: the centre line of its lanes along its route, with the movements across junctions.
+
+The outlook is what every driver expects of every vehicle at one step: its way from now on, and its right of way.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import cos, sin
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Floats, Rows
+from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.simulation.conflicts.yielding import Rank, rank_inside, rank_of
+from siren_ros.simulation.conflicts.zones import TRACK_M, Ways
+from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
+from siren_ros.simulation.world.traffic_state import Indices, TrafficState
+
+# No parameters: resolution and reach of courses, which compiled loops and memories of courses hold.
+SPACING_M: Final = 1.0
+"""Distance between the points of a course, at most."""
+_AHEAD_M: Final = 80.0
+"""How far a course leads beyond the lane on which it begins."""
+_FIRST_ROWS: Final = 256
+"""Room in a new book; it grows."""
+_STRAIGHT: Final = -1
+_UNKNOWN: Final = -2
+"""Numbers of courses that are in no book."""
+_PRIORITY: Final = int(Rank.PRIORITY)
+_STRAIGHT_M: Final = 60.0
+"""Length of the course of a vehicle that is off the road."""
+_WALK_M: Final = 10.0
+"""The same of somebody who walks, who has no route: the width of a street, or seven seconds."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A movement across a junction that a course takes."""
+
+    start_m: float
+    """Arc length at which the junction begins."""
+    connection: Connection
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A way with points at a uniform distance; it goes straight on before its start and after its end."""
+
+    points: npt.NDArray[np.float64]
+    """Shape ``(K, 2)``."""
+    spacing_m: float
+    limit_mps: Floats
+    """Speed limit of the lane below each point, shape ``(K,)``."""
+    entries: tuple[Entry, ...] = ()
+    """In driving order."""
+
+    @property
+    def length_m(self) -> float:
+        """Length of the whole course."""
+        return self.spacing_m * (len(self.points) - 1)
+
+    def limit_at(self, s_m: float) -> float:
+        """Speed limit at an arc length."""
+        return float(self.limit_mps[min(max(round(s_m / self.spacing_m), 0), len(self.limit_mps) - 1)])
+
+    def entry_at(self, s_m: float) -> Entry | None:
+        """The last movement that begins before an arc length; None before the first."""
+        return next((entry for entry in reversed(self.entries) if entry.start_m <= s_m), None)
+
+    @classmethod
+    def straight(cls, x_m: float, y_m: float, yaw_rad: float, length_m: float = _STRAIGHT_M) -> "Course":
+        """The way straight ahead of a point."""
+        s = np.arange(0.0, length_m, SPACING_M)
+        points = np.stack((x_m + s * cos(yaw_rad), y_m + s * sin(yaw_rad)), axis=-1)
+        return cls(points, SPACING_M, np.full(len(s), np.inf))
+
+
+class Rights(NamedTuple):
+    """Right of way and speed limits on the courses of a step, as arrays for compiled loops."""
+
+    limit_mps: Floats
+    """At each point of ``Ways.points``."""
+    first: Rows
+    """Where the movements of each course begin among those of all, shape ``(N,)``."""
+    last: Rows
+    """Where they end."""
+    start_m: Floats
+    """Arc length on the course at which each movement begins."""
+    rank: npt.NDArray[np.intp]
+    """Present ``Rank`` of each movement."""
+
+
+@dataclass(frozen=True, eq=False)
+class CoursesOfStep:
+    """The courses of all vehicles of a ``TrafficState``; arrays of shape ``(N,)`` have its rows."""
+
+    traffic: TrafficState
+    number: Rows
+    """Of each course in its book; −1 straight on."""
+    points: npt.NDArray[np.float64]
+    """Points of these courses and of others, one after the other, shape ``(K, 2)``."""
+    limit_mps: Floats
+    """Speed limit at each point, shape ``(K,)``."""
+    ends: tuple[Rows, Rows, Rows, Rows]
+    """Where the points and then the movements of each course begin and end."""
+    spacing_m: Floats
+
+
+class _Stack:
+    """An array that grows at its end."""
+
+    def __init__(self, *shape: int, dtype: npt.DTypeLike = np.float64) -> None:
+        self.rows: npt.NDArray[Any] = np.empty((_FIRST_ROWS, *shape), dtype)
+        self.used = 0
+
+    def add(self, rows: npt.ArrayLike) -> int:
+        """Add rows; where they begin."""
+        added, first = np.asarray(rows, self.rows.dtype), self.used
+        self.used += len(added)
+        self.reserve(0)
+        self.rows[first : self.used] = added
+        return first
+
+    def reserve(self, more: int) -> npt.NDArray[Any]:
+        """All rows, with at least so many free ones behind those in use."""
+        end = self.used + more
+        if end > len(self.rows):
+            self.rows = np.concatenate((self.rows, np.empty((end, *self.rows.shape[1:]), self.rows.dtype)))
+        return self.rows
+
+
+def _straight_of(traffic: TrafficState, row: int) -> Course:
+    walks = traffic.route_offset[row] == traffic.route_offset[row + 1]
+    pose = float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row])
+    return Course.straight(*pose, _WALK_M if walks else _STRAIGHT_M)
+
+
+@compiled
+def _lay_straight_ways(rows: Any, poses: Any, offset: Any, used: int, points: Any, limit_mps: Any, ends: Any) -> None:
+    """Put the courses of ``_straight_of`` behind those in use, and fill in where each begins and ends."""
+    x_m, y_m, yaw_rad = poses
+    for row in rows:
+        length_m = _WALK_M if offset[row] == offset[row + 1] else _STRAIGHT_M
+        cos, sin = np.cos(yaw_rad[row]), np.sin(yaw_rad[row])
+        ends[0, row], ends[2, row], ends[3, row] = used, 0, 0
+        for k in range(round(length_m / SPACING_M)):
+            s_m = k * SPACING_M
+            points[used, 0], points[used, 1] = x_m[row] + s_m * cos, y_m[row] + s_m * sin
+            limit_mps[used] = np.inf
+            used += 1
+        ends[1, row] = used
+
+
+class CourseBook:
+    """The courses of a map, each worked out once: a memory of pure results.
+
+    It remembers the last step too: most vehicles have the course that they had there.
+    """
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._network = network
+        self._numbers: dict[tuple[int, bytes], int] = {}
+        self._courses: list[Course] = []
+        self._points, self._limits = _Stack(2), _Stack()
+        self._ends, self._spacing = _Stack(4, dtype=np.intp), _Stack()
+        self._starts, self._ranks = _Stack(), _Stack(dtype=np.intp)
+        self._movements: list[Connection] = []
+        self._of_signal: dict[str | None, list[int]] = {}
+        self._states: Mapping[str, str] = {}
+        self._step: CoursesOfStep | None = None
+
+    def courses_of(self, traffic: TrafficState) -> CoursesOfStep:
+        """The courses of all vehicles; those off the road go straight on."""
+        last = self._step
+        if last is not None and last.traffic is traffic:
+            return last
+        number = np.full(len(traffic), _UNKNOWN, np.intp)
+        if last is not None:
+            before = last.traffic
+            then = before.actor_id, before.lane, before.route_offset, before.route_edges, last.number
+            now = traffic.actor_id, traffic.lane, traffic.route_offset, traffic.route_edges
+            if _keep_courses(then, now, number) and len(before) == len(traffic):
+                self._step = replace(last, traffic=traffic)
+                return self._step
+        for row in (number == _UNKNOWN).nonzero()[0].tolist():
+            lane = int(traffic.lane[row])
+            number[row] = _STRAIGHT if lane == NO_LANE else self._number(lane, traffic.route_of_row(row))
+        self._step = self._joined(traffic, number)
+        return self._step
+
+    def _joined(self, traffic: TrafficState, number: Rows) -> CoursesOfStep:
+        ends, spacing = self._ends.rows[number].T.copy(), self._spacing.rows[number]
+        straight, used = (number == _STRAIGHT).nonzero()[0], self._points.used
+        if len(straight):
+            most = len(straight) * round(_STRAIGHT_M / SPACING_M)
+            stacks = self._points.reserve(most), self._limits.reserve(most)
+            poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
+            _lay_straight_ways(straight, poses, traffic.route_offset, used, *stacks, ends)
+            spacing[straight] = SPACING_M
+        return CoursesOfStep(traffic, number, self._points.rows, self._limits.rows, tuple(ends), spacing)
+
+    def course_of(self, traffic: TrafficState, row: int) -> Course:
+        """The course of the vehicle in a row."""
+        number = int(self.courses_of(traffic).number[row])
+        if number != _STRAIGHT:
+            return self._courses[number]
+        return _straight_of(traffic, row)
+
+    def along(self, lane: int, route: Indices) -> Course:
+        """The course from the start of a lane, which may cross a junction, to the end of the route.
+
+        The route begins with the present edge, or the one before the junction.
+        """
+        return self._courses[self._number(lane, route)]
+
+    def _number(self, lane: int, route: Indices) -> int:
+        key = (lane, route.tobytes())
+        number = self._numbers.get(key)
+        if number is None:
+            course = _course(self._network, lane, tuple(route.tolist()))
+            number = self._numbers[key] = len(self._courses)
+            self._courses.append(course)
+            begin = self._points.add(course.points)
+            self._limits.add(course.limit_mps)
+            first = self._starts.add([entry.start_m for entry in course.entries])
+            self._ranks.add([rank_of(entry.connection, self._states) for entry in course.entries])
+            self._ends.add([(begin, self._points.used, first, self._starts.used)])
+            self._spacing.add([course.spacing_m])
+            for at, entry in enumerate(course.entries, start=first):
+                self._movements.append(entry.connection)
+                self._of_signal.setdefault(entry.connection.signal_id, []).append(at)
+        return number
+
+    def rights_of(self, courses: CoursesOfStep, signals: Mapping[str, str]) -> Rights:
+        """Right of way and limits on the courses of a step, by the state of each signal."""
+        if signals != self._states:
+            changed = dict.fromkeys(signal for signal, _ in signals.items() ^ self._states.items())
+            self._states = dict(signals)
+            self._ranks.rows = self._ranks.rows.copy()
+            for signal in changed:
+                for at in self._of_signal.get(signal, ()):
+                    self._ranks.rows[at] = rank_of(self._movements[at], signals)
+        return Rights(courses.limit_mps, *courses.ends[2:], self._starts.rows, self._ranks.rows)
+
+
+@compiled
+def _keep_courses(then: Any, now: Any, number: Any) -> bool:
+    """Fill in each vehicle's course where lane and route are those of another step; whether that is so for all.
+
+    Both steps hold ids, lanes, where routes begin, and their edges; the other one its courses too.
+    """
+    then_id, then_lane, then_offset, then_edges, then_number = then
+    now_id, now_lane, now_offset, now_edges = now
+    row, all_same = 0, True
+    for at in range(len(now_id)):
+        while row < len(then_id) and then_id[row] < now_id[at]:
+            row += 1
+        count = now_offset[at + 1] - now_offset[at]
+        same = row < len(then_id) and then_id[row] == now_id[at] and now_lane[at] >= 0
+        same = same and then_lane[row] == now_lane[at] and count == then_offset[row + 1] - then_offset[row]
+        for k in range(count if same else 0):
+            same = same and then_edges[then_offset[row] + k] == now_edges[now_offset[at] + k]
+        if same:
+            number[at] = then_number[row]
+        all_same = all_same and same
+    return all_same
+
+
+def _course(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Course:
+    lanes = [lane]
+    movements: list[tuple[int, Connection]] = []
+    if network.edges[network.lanes[lane].edge].internal:
+        inside = _movement_over(network, lane, route)
+        if inside is not None:
+            movements.append((0, inside))
+            lanes += [*inside.via[inside.via.index(lane) + 1 :], inside.to_lane]
+    ahead = network.length_m(lanes[1:])
+    while ahead < _AHEAD_M:
+        connection = _movement_from(network, lanes[-1], route)
+        if connection is None:
+            break
+        movements.append((len(lanes), connection))
+        lanes += [*connection.via, connection.to_lane]
+        ahead += network.length_m((*connection.via, connection.to_lane))
+    return _joined(network, lanes, movements)
+
+
+def _joined(network: RoadNetwork, lanes: list[int], movements: list[tuple[int, Connection]]) -> Course:
+    parts = [network.lanes[item].centre for item in lanes]
+    starts = np.concatenate(([0.0], np.cumsum([part.length_m for part in parts])))
+    line = Polyline.joined(parts)
+    most = starts[1] + _AHEAD_M
+    if line.length_m > most:
+        line = line.cut(0.0, most)
+    even = line.resampled(SPACING_M)
+    spacing = even.length_m / (len(even.points) - 1)
+    on = np.clip(np.searchsorted(starts, spacing * np.arange(len(even.points)), side="right") - 1, 0, len(lanes) - 1)
+    limits = np.array([network.lanes[item].speed_limit_mps for item in lanes])
+    entries = tuple(Entry(float(starts[number]), connection) for number, connection in movements)
+    return Course(even.points, spacing, limits[on], entries)
+
+
+def _movement_from(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Connection | None:
+    """The movement to the route's next edge, that of the nearest lane where the present one does not lead there."""
+    edge = network.lanes[lane].edge
+    if edge not in route[:-1]:
+        return None
+    after = route[route.index(edge) + 1]
+    if network.lanes[lane].kind is LaneKind.CYCLE:
+        for connection in network.cycle_connections_from.get(lane, ()):
+            if network.lanes[connection.to_lane].edge == after:
+                return connection
+    position = network.lanes[lane].position
+    choices = [
+        connection
+        for item in network.edges[edge].lanes
+        for connection in network.connections_from.get(item, ())
+        if network.lanes[connection.to_lane].edge == after
+    ]
+    return min(choices, key=lambda choice: abs(network.lanes[choice.from_lane].position - position), default=None)
+
+
+def _movement_over(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Connection | None:
+    """The movement that an internal lane belongs to, that along the route where several share the lane."""
+    choices = network.connections_over.get(lane) or network.cycle_connections_over.get(lane, ())
+    along = (choice for choice in choices if network.lanes[choice.to_lane].edge in route)
+    return next(along, choices[0] if choices else None)
+
+
+class Outlook:
+    """The ways of all vehicles of a ``TrafficState``, worked out when they are asked for.
+
+    The route stands for the turn signal: a driver who will turn shows it.
+    """
+
+    def __init__(self, traffic: TrafficState, book: CourseBook, half_length_m: Floats, half_width_m: Floats) -> None:
+        """Bodies have rows as in ``traffic``."""
+        self._traffic = traffic
+        self._book = book
+        self.half_length_m = half_length_m
+        self._half_width_m = half_width_m
+
+    @cached_property
+    def signals(self) -> Mapping[str, str]:
+        """State of each signal."""
+        return {signal.signal_id: signal.state for signal in self._traffic.signals}
+
+    def course(self, row: int) -> Course:
+        """The course of the vehicle in a row."""
+        return self._book.course_of(self._traffic, row)
+
+    def centre_m(self, row: int) -> float:
+        """Arc length of a vehicle's centre on its course."""
+        return float(self.ways.bodies[row, 4])
+
+    def front_m(self, row: int) -> float:
+        """Arc length of a vehicle's front on its course."""
+        return self.centre_m(row) + float(self.half_length_m[row])
+
+    @cached_property
+    def ways(self) -> Ways:
+        """All vehicles on their courses, row by row, with a reach of 0."""
+        traffic, courses = self._traffic, self._book.courses_of(self._traffic)
+        places = traffic.lane, traffic.lane_position_m, traffic.lateral_offset_m
+        poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
+        bodies = _bodies_of(poses, places, courses.spacing_m, self.half_length_m, self._half_width_m)
+        return Ways(courses.points, *courses.ends[:2], bodies)
+
+    @cached_property
+    def rights(self) -> Rights:
+        """Right of way and speed limits on all courses."""
+        return self._book.rights_of(self._book.courses_of(self._traffic), self.signals)
+
+    def rank(self, row: int, way_m: float) -> Rank:
+        """Right of way of a vehicle at a place, given by the way of its centre to it."""
+        return Rank(rank_at(self.ways, self.rights, row, way_m))
+
+    def limit_mps(self, row: int, way_m: float) -> float:
+        """Speed limit at a place of a vehicle's course."""
+        return float(limit_at_mps(self.ways, self.rights, row, way_m))
+
+
+@compiled
+def _bodies_of(poses: Any, places: Any, spacing_m: Any, half_length_m: Any, half_width_m: Any) -> Any:
+    """``Ways.bodies`` of vehicles in traffic."""
+    (x_m, y_m, yaw_rad), (lane, front_m, left_m) = poses, places
+    bodies = np.zeros((len(x_m), 10))
+    for n in range(len(x_m)):
+        bodies[n, 0], bodies[n, 1], bodies[n, 2], bodies[n, 3] = x_m[n], y_m[n], yaw_rad[n], spacing_m[n]
+        bodies[n, 4] = front_m[n] - half_length_m[n] if lane[n] >= 0 else 0.0
+        bodies[n, 5] = left_m[n]
+        bodies[n, 7], bodies[n, 8], bodies[n, 9] = half_length_m[n], half_width_m[n], TRACK_M
+    return bodies
+
+
+@compiled
+def rank_at(ways: Any, rights: Any, row: int, way_m: float) -> int:
+    """``Outlook.rank`` for compiled loops."""
+    front_m = ways.bodies[row, 4] + ways.bodies[row, 7]
+    rank, start_m = _PRIORITY, np.inf
+    for at in range(rights.first[row], rights.last[row]):
+        if rights.start_m[at] <= front_m + way_m:
+            rank, start_m = rights.rank[at], rights.start_m[at]
+    return rank_inside(rank) if front_m > start_m else rank
+
+
+@compiled
+def limit_at_mps(ways: Any, rights: Any, row: int, way_m: float) -> float:
+    """``Outlook.limit_mps`` for compiled loops."""
+    place = int(np.rint((ways.bodies[row, 4] + way_m) / ways.bodies[row, 3]))
+    return rights.limit_mps[ways.first[row] + min(max(place, 0), ways.last[row] - ways.first[row] - 1)]

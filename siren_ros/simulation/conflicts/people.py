@@ -1,0 +1,225 @@
+"""How drivers heed people on crossings: at walking pace past those near their way, and not into those who are on it.
+
+Where somebody will be near while a vehicle is on the crossing, it comes there at walking pace; where somebody will be
+in its way, it stops before the crossing. People are expected to go on as they walk.
+"""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Floats, Points, Rows
+from siren_ros.base.numerics.compiled import compiled
+from siren_ros.simulation.conflicts.zones import way_point
+from siren_ros.simulation.roads.road_network import RoadNetwork
+
+# No parameters: a driver may not choose them.
+PACE_MPS: Final = 1.6
+"""Walking pace, with what the speed control adds to it below 2 m/s."""
+_NEAR_M: Final = 2.4
+"""From the side of the vehicle's way within which somebody is near: 2 m and how much both stray."""
+_IN_WAY_M: Final = 0.6
+"""The same of somebody who is in the way."""
+_STANDOFF_M: Final = 1.0
+"""Distance that a vehicle which stops keeps from the crossing, or from somebody on it."""
+_EARLY_M: Final = 0.4
+"""Drivers have slowed down so far before it: a fifth of a second at that speed, by which vehicles lag behind."""
+_GENTLE_MPS2: Final = 2.0
+"""Deceleration that a driver plans with…"""
+_FIRM_MPS2: Final = 4.0
+"""…and the hardest for somebody who is only near."""
+_FASTER_MPS: Final = 1.5
+"""By so much faster a driver may come to the crossing."""
+_SETS_OFF_MPS: Final = 5.0
+"""Slower drivers who find a gap in time set off…"""
+_SETS_OFF_MPS2: Final = 1.5
+"""…with this acceleration."""
+_MORE_M: Final = 15.0
+"""How much farther than that takes a driver looks."""
+_LONGEST_S: Final = 6.0
+"""How long people are expected to go on as they walk."""
+_BESIDE_M: Final = 2.0
+"""People this near to a crossing may step on it."""
+_STEP_M: Final = 0.5
+_LEAST_M: Final = 0.3
+
+NOBODY: Final = np.empty((7, 0))
+"""No people."""
+
+
+class Outlines(NamedTuple):
+    """Outlines of crossings, one after the other."""
+
+    points: Points
+    begins: Rows
+    """Where each begins and the last one ends."""
+
+
+def outlines_of(network: RoadNetwork) -> Outlines:
+    """The crossings of a map."""
+    counts = [len(outline) for outline in network.crossings]
+    return Outlines(np.concatenate([np.empty((0, 2)), *network.crossings]), np.cumsum([0, *counts]).astype(np.intp))
+
+
+def people_at(actor_id: npt.ArrayLike, poses: tuple[Floats, Floats, Floats, Floats], outlines: Outlines) -> Floats:
+    """People for ``least_wait_for_people``, shape ``(7, P)``; ``poses`` are x, y, yaw and speed.
+
+    Rows are x, y, both velocities, the crossing (−1 for none), whether they are on it or beside it, and the id.
+    """
+    x_m, y_m, yaw_rad, speed_mps = poses
+    people = np.empty((7, len(x_m)))
+    people[:4] = x_m, y_m, speed_mps * np.cos(yaw_rad), speed_mps * np.sin(yaw_rad)
+    people[6] = actor_id
+    _find_crossings(people, *outlines)
+    return people
+
+
+@compiled
+def _find_crossings(people: Any, points: Any, begins: Any) -> None:
+    """Fills in each one's crossing, and whether it is under the feet."""
+    for p in range(people.shape[1]):
+        people[4, p], people[5, p], least = -1.0, 0.0, _BESIDE_M
+        for c in range(len(begins) - 1):
+            first = points[begins[c]]
+            if abs(first[0] - people[0, p]) + abs(first[1] - people[1, p]) > 100.0:
+                continue
+            apart = _apart_m(points[begins[c] : begins[c + 1]], people[0, p], people[1, p])
+            if apart < least:
+                people[4, p], people[5, p], least = c, 1.0 if apart <= 0.0 else 0.0, apart
+
+
+@compiled
+def _is_inside(outline: Any, x_m: float, y_m: float) -> bool:
+    inside = False
+    for k in range(len(outline)):
+        ax, ay, bx, by = outline[k - 1, 0], outline[k - 1, 1], outline[k, 0], outline[k, 1]
+        if (ay > y_m) != (by > y_m) and x_m < ax + (y_m - ay) / (by - ay) * (bx - ax):
+            inside = not inside
+    return inside
+
+
+@compiled
+def _apart_m(outline: Any, x_m: float, y_m: float) -> float:
+    """Distance of a point from an outline, 0 inside."""
+    if _is_inside(outline, x_m, y_m):
+        return 0.0
+    least = np.inf
+    for k in range(len(outline)):
+        ax, ay = outline[k - 1, 0], outline[k - 1, 1]
+        dx, dy = outline[k, 0] - ax, outline[k, 1] - ay
+        part = ((x_m - ax) * dx + (y_m - ay) * dy) / max(dx * dx + dy * dy, 1e-12)
+        part = min(max(part, 0.0), 1.0)
+        least = min(least, np.hypot(ax + part * dx - x_m, ay + part * dy - y_m))
+    return least
+
+
+@compiled
+def _beside_way(way: Any, own: Any, reach_m: float, x_m: float, y_m: float) -> tuple[float, float, float, float]:
+    """The place on a way that is nearest to a point, the offset there (left positive), and the direction."""
+    points, first, last, spacing = way
+    centre_m, left_m, half_length = own[0], own[1], own[2]
+    best, nearest = centre_m, np.inf
+    for k in range(int(reach_m + 2.0 * half_length) + 1):
+        x, y = way_point(points, first, last, (centre_m - half_length + k) / spacing)
+        square = (x - x_m) * (x - x_m) + (y - y_m) * (y - y_m)
+        if square < nearest:
+            best, nearest = centre_m - half_length + k, square
+    xs, ys = way_point(points, first, last, (best - 0.5) / spacing)
+    xe, ye = way_point(points, first, last, (best + 0.5) / spacing)
+    cos, sin = xe - xs, ye - ys
+    norm = np.sqrt(cos * cos + sin * sin) + 1e-9
+    cos, sin = cos / norm, sin / norm
+    x, y = way_point(points, first, last, best / spacing)
+    return best + (x_m - x) * cos + (y_m - y) * sin, cos * (y_m - y) - sin * (x_m - x) - left_m, cos, sin
+
+
+@compiled
+def _over_crossing(way: Any, own: Any, reach_m: float, outline: Any) -> tuple[float, float]:
+    """Way of a vehicle's front to a crossing, 0 on it, and of its rear until it has left it; infinite without one."""
+    points, first, last, spacing = way
+    centre_m, left_m, half_length, half_width = own[0], own[1], own[2], own[3]
+    enters, leaves, at_m = np.inf, np.inf, centre_m - half_length
+    while at_m <= centre_m + half_length + reach_m:
+        xs, ys = way_point(points, first, last, (at_m - 0.5) / spacing)
+        xe, ye = way_point(points, first, last, (at_m + 0.5) / spacing)
+        x, y, inside = 0.5 * (xs + xe), 0.5 * (ys + ye), False
+        for side in (-1.0, 0.0, 1.0):
+            aside = left_m + side * half_width
+            inside = inside or _is_inside(outline, x - aside * (ye - ys), y + aside * (xe - xs))
+        if inside:
+            enters = min(enters, max(at_m - _STEP_M - centre_m - half_length, 0.0))
+            leaves = at_m + _STEP_M - centre_m + half_length
+        elif leaves < np.inf:
+            break
+        at_m += _STEP_M
+    return enters, leaves
+
+
+@compiled
+def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tuple[int, float, float, float]:
+    """Who restricts a driver most, the speed, the deceleration that is needed, and the free way; −1 without anybody.
+
+    ``way`` holds points, where the driver's own begin and end, and their distance; ``own`` the place of the vehicle's
+    centre on it and its offset to the left, half length, half width, speed, and the speed past people who stand beside
+    a crossing (infinite: they do not count).
+    """
+    (_, _, half_length, half_width, speed, beside_mps), (corners, begins) = own, outlines
+    centre_m, worst, least, hardest, free_m = own[0], -1, np.inf, 0.0, np.inf
+    reach_m = speed * speed / (2.0 * _GENTLE_MPS2) + _MORE_M
+    x, y = way_point(way[0], way[1], way[2], centre_m / way[3])
+    for p in range(people.shape[1]):
+        across = people[5, p] > 0.0
+        if people[4, p] < 0.0 or (not across and beside_mps == np.inf):
+            continue
+        if np.hypot(people[0, p] - x, people[1, p] - y) > reach_m + half_length + _MORE_M:
+            continue
+        place_m, left, cos, sin = _beside_way(way, own, reach_m, people[0, p], people[1, p])
+        drift = cos * people[3, p] - sin * people[2, p]
+        if abs(left) - half_width > _NEAR_M + abs(drift) * 2.0 * _LONGEST_S:
+            continue
+        c = int(people[4, p])
+        enters, leaves = _over_crossing(way, own, reach_m, corners[begins[c] : begins[c + 1]])
+        if enters == np.inf:
+            continue
+        begin = min(max(enters - _STANDOFF_M, 0.0) / (max(speed, PACE_MPS) + _FASTER_MPS), _LONGEST_S)
+        apart = _least_m(left, drift, begin, _leaves_s(speed, leaves)) - half_width
+        if apart > _NEAR_M:
+            continue
+        if speed > PACE_MPS:  # past somebody near it slows down, and is there longer
+            paced_s = 2.0 * enters / (speed + PACE_MPS) + (leaves - enters) / PACE_MPS
+            apart = _least_m(left, drift, begin, paced_s) - half_width
+        limit, brake, free = _past(enters, speed, beside_mps if not across else PACE_MPS)
+        if across and apart < _IN_WAY_M and place_m > centre_m + half_length:
+            free = enters if enters > 0.0 else place_m - centre_m - half_length
+            free = max(free - _STANDOFF_M, 0.0)
+            limit, brake = min(limit, np.sqrt(2.0 * _GENTLE_MPS2 * free)), speed * speed / (2.0 * max(free, _LEAST_M))
+        if limit < least:
+            worst, least, free_m = p, limit, free
+        hardest = max(hardest, brake)
+    return worst, least, hardest, free_m
+
+
+@compiled
+def _leaves_s(speed_mps: float, leaves_m: float) -> float:
+    """When a vehicle has left a crossing if it goes on as it does, or sets off."""
+    going_s = leaves_m / max(speed_mps, PACE_MPS)
+    if speed_mps < _SETS_OFF_MPS:
+        sets_off_mps = np.sqrt(speed_mps * speed_mps + 2.0 * _SETS_OFF_MPS2 * leaves_m)
+        going_s = min(going_s, (sets_off_mps - speed_mps) / _SETS_OFF_MPS2)
+    return going_s
+
+
+@compiled
+def _least_m(left_m: float, drift_mps: float, begin_s: float, end_s: float) -> float:
+    """Least distance of somebody who walks on from the middle of a way, between two times."""
+    at_begin, at_end = left_m + drift_mps * begin_s, left_m + drift_mps * min(end_s, begin_s + _LONGEST_S)
+    return 0.0 if at_begin * at_end <= 0.0 else min(abs(at_begin), abs(at_end))
+
+
+@compiled
+def _past(enters_m: float, speed_mps: float, at_mps: float) -> tuple[float, float, float]:
+    """Speed and deceleration with which a vehicle comes to a crossing at a speed, and the way to it."""
+    limit = np.sqrt(at_mps * at_mps + 2.0 * _GENTLE_MPS2 * max(enters_m - _EARLY_M, 0.0))
+    brake = max(speed_mps * speed_mps - at_mps * at_mps, 0.0) / (2.0 * max(enters_m, _LEAST_M))
+    return limit, min(brake, _FIRM_MPS2), enters_m

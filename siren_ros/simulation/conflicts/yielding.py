@@ -1,0 +1,295 @@
+"""Yielding where two ways meet: by time windows, right of way, and the ability to stop."""
+
+import math
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from siren_ros.base.numerics import braking
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.compiled import compiled
+from siren_ros.simulation.conflicts.zones import SAME_DIRECTION, STEP_M, Zone
+from siren_ros.simulation.roads.road_network import Connection
+
+
+class Rank(IntEnum):
+    """The higher one has the right of way; equals go in the order in which they arrive."""
+
+    RED = 0
+    """A vehicle that can stop will not come."""
+    STOP_SIGN = 1
+    CLEARING = 2
+    """Yellow: a vehicle that cannot stop goes on."""
+    GIVES_WAY = 3
+    """Green that gives way to oncoming traffic, or a minor road."""
+    PRIORITY = 4
+    """Green without conditions, a major road, or no junction at all."""
+
+
+_STATES: Final = {Rank.PRIORITY: "GO", Rank.GIVES_WAY: "gso", Rank.CLEARING: "yY", Rank.RED: "ur"}
+_OF_SIGNAL: Final[Mapping[str, Rank]] = {state: rank for rank, states in _STATES.items() for state in states}
+"""SUMO's signal states (https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html, Signal state definitions)."""
+
+
+def rank_of(connection: Connection, signals: Mapping[str, str]) -> Rank:
+    """The present rank of a movement; the state of a signal has one character per controlled link."""
+    state = signals.get(connection.signal_id or "", "")
+    if 0 <= connection.signal_link < len(state):
+        return _OF_SIGNAL.get(state[connection.signal_link], Rank.RED)
+    if connection.must_stop:
+        return Rank.STOP_SIGN
+    return Rank.GIVES_WAY if connection.gives_way else Rank.PRIORITY
+
+
+_RED: Final = int(Rank.RED)
+_GIVES_WAY: Final = int(Rank.GIVES_WAY)
+_PRIORITY: Final = int(Rank.PRIORITY)
+
+
+@compiled
+def rank_inside(rank: int) -> int:
+    """The rank of a vehicle on the junction: others leave it clear, unless the vehicle gives way on it."""
+    return rank if rank == _GIVES_WAY else _PRIORITY
+
+
+# No parameters: they keep quotients finite.
+LEAST_WAY_M: Final = 0.3
+_LEAST_TIME_S: Final = 0.1
+
+
+class YieldingConfig(NamedTuple):
+    """Margins and decelerations at conflicts."""
+
+    before_s: float = 1.0
+    """Post-encroachment time that the first vehicle keeps; conflicts below it are counted as serious (Allen, Shin and
+    Cooper, "Analysis of traffic conflicts and collisions", 1978)."""
+    after_s: float = 0.4
+    """The same of the second vehicle, which sees the first one leave."""
+    merge_s: float = 1.5
+    """Headway of a vehicle that merges ahead of another one."""
+    commit_mps2: float = 3.0
+    """A vehicle that would have to brake harder than this to stop before the zone is expected to go on."""
+    brake_mps2: float = 2.0
+    """Deceleration that a waiting driver plans with."""
+    early_mps2: float = 1.0
+    """Acceleration that another vehicle may have up to the zone."""
+    standoff_m: float = 1.0
+    """Distance that a waiting vehicle keeps from the zone."""
+    room_m: float = 0.0
+    """More of it where that takes no hard braking: from there it is not in the zone before the other one is away."""
+    horizon_s: float = 8.0
+    """Vehicles that arrive later do not count yet."""
+    standing_mps: float = 0.3
+    """Slower vehicles stand."""
+    clearing_mps: float = 0.5
+    """A vehicle that moves at all is taken to clear a zone at this speed or faster."""
+
+
+class Bends(NamedTuple):
+    """How long the way along a path takes at the least because of its bends."""
+
+    times_s: Floats
+    """Time from the path's start to each of its points; empty without a path."""
+    spacing_m: float
+    place_m: float
+    """Where on the path the way begins. Beyond the path's end that of its end goes on."""
+
+
+NO_BENDS: Final = Bends(np.empty(0), 1.0, 0.0)
+
+
+class Approach(NamedTuple):
+    """One of two vehicles whose ways meet."""
+
+    speed_mps: float
+    top_mps: float
+    """Speed that it will not exceed."""
+    accel_mps2: float
+    """Acceleration that it may have up to that speed; negative where it slows down anyway."""
+    rank: int
+    bends: Bends = NO_BENDS
+    length_m: float = 0.0
+    """Of its body: what follows the front that merges."""
+
+
+class Wait(NamedTuple):
+    """The motion of a vehicle that lets another one pass first."""
+
+    speed_mps: float
+    brake_mps2: float
+    """Deceleration needed to stop before the zone, or to come to it when the other one has left it."""
+    free_m: float
+    """Way to the zone, or to the place of the vehicle that merges ahead."""
+
+
+_braking_distance_m = compiled(braking.braking_distance_m)
+_needed_brake_mps2 = compiled(braking.needed_brake_mps2)
+_speed_before_mps = compiled(braking.speed_before_mps)
+
+
+@compiled
+def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: float) -> float:
+    """Time for a way from a speed with an acceleration up to a top speed; infinite where it is never reached."""
+    if way_m <= 0.0:
+        return 0.0
+    square = speed_mps * speed_mps + 2.0 * accel_mps2 * way_m
+    top = max(top_mps, speed_mps)
+    if math.isinf(way_m) or square < 0.0 or speed_mps == accel_mps2 == 0.0 or top == 0.0:
+        return math.inf
+    if accel_mps2 < 0.0:
+        return (speed_mps - math.sqrt(square)) / -accel_mps2
+    if accel_mps2 == 0.0 or speed_mps >= top:
+        return way_m / speed_mps
+    to_top = _braking_distance_m(top * top - speed_mps * speed_mps, accel_mps2)
+    if way_m <= to_top:
+        return (math.sqrt(square) - speed_mps) / accel_mps2
+    return (top - speed_mps) / accel_mps2 + (way_m - to_top) / top
+
+
+@compiled
+def _time_at_s(bends: Any, s_m: float) -> float:
+    place = max(s_m / bends.spacing_m, 0.0)
+    i = int(min(place, len(bends.times_s) - 2.0))
+    low, high = bends.times_s[i], bends.times_s[i + 1]
+    return low + (place - i) * (high - low)
+
+
+@compiled
+def bend_time_s(bends: Any, way_m: float) -> float:
+    """Time that a way takes at the least: at the speed that the path allows everywhere."""
+    if len(bends.times_s) == 0:
+        return 0.0
+    return _time_at_s(bends, bends.place_m + way_m) - _time_at_s(bends, bends.place_m)
+
+
+@compiled
+def approach_time_s(approach: Any, way_m: float) -> float:
+    """Time of an approach for a way."""
+    time_s = time_to_go_s(way_m, approach.speed_mps, approach.top_mps, approach.accel_mps2)
+    return max(time_s, bend_time_s(approach.bends, way_m))
+
+
+@compiled
+def stop_brake_mps2(speed_mps: float, way_m: float) -> float:
+    """Constant deceleration that stops within a way."""
+    return _needed_brake_mps2(speed_mps * speed_mps, max(way_m, LEAST_WAY_M))
+
+
+@compiled
+def later_brake_mps2(speed_mps: float, way_m: float, time_s: float) -> float:
+    """Least constant deceleration with which a way is not covered before a time."""
+    if 2.0 * way_m < speed_mps * time_s:  # stands before the time is over
+        return stop_brake_mps2(speed_mps, way_m)
+    return max(2.0 * (speed_mps * time_s - way_m) / (time_s * time_s), 0.0)
+
+
+def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig) -> Wait | None:
+    """How the own vehicle has to wait for the other one, None where it need not; as ``least_wait``."""
+    approaches = own._replace(rank=int(own.rank)), other._replace(rank=int(other.rank))
+    wait = Wait(*least_wait(zone, *approaches, other.speed_mps**2, config))
+    return None if math.isinf(wait.speed_mps) else wait
+
+
+@compiled
+def least_wait(zone: Any, own: Any, other: Any, other_sq: float, config: Any) -> tuple[float, float, float]:
+    """How the own vehicle has to wait for the other one, as a ``Wait``; of infinite speed where it need not.
+
+    It need not where both are in the zone at different times; where it has the right of way, or arrives first among
+    equals, and the other one can still stop; and where only the other one can. A vehicle that can stop at a red signal
+    does, and one that stands in the zone leaves it. ``zone`` is as the own vehicle sees it. ``other_sq`` is the square
+    of the other one's speed.
+    """
+    need_not = np.inf, 0.0, np.inf
+    merges = zone.along > SAME_DIRECTION
+    if other.speed_mps < config.standing_mps and zone.other_in_m > 0.0:
+        return need_not
+    other_first = approach_time_s(other, zone.other_in_m)
+    if other_first > config.horizon_s:
+        return need_not
+    leaving = max(min(other.speed_mps, other.top_mps), config.clearing_mps)
+    other_last = np.inf if merges else zone.other_out_m / leaving
+    stopping = own.accel_mps2 < 0.0 and not merges  # keeps the distance of those who wait
+    own_first = approach_time_s(own, zone.own_in_m - config.standoff_m if stopping else zone.own_in_m)
+    if merges:
+        ahead = own_first + config.merge_s < other_first
+    else:
+        ahead = approach_time_s(own, zone.own_out_m) + config.before_s < other_first
+    if ahead or own_first > other_last + config.after_s:
+        return need_not
+    if _goes_first(zone, own, other, own_first < other_first, config):
+        return need_not
+    return _waiting(zone, own, other, other_sq, other_last + config.after_s, config)
+
+
+@compiled
+def _goes_first(zone: Any, own: Any, other: Any, own_earlier: bool, config: Any) -> bool:
+    if zone.own_in_m <= 0.0:
+        return math.isinf(zone.blocked_m)
+    merges = zone.along > SAME_DIRECTION
+    theirs = _yield_brake_mps2(zone.other_in_m, other, zone.own_in_m, own, merges, config)
+    if theirs > config.commit_mps2 and not merges:
+        return False
+    mine = _yield_brake_mps2(zone.own_in_m, own, zone.other_in_m, other, merges, config)
+    if max(theirs, mine) > config.commit_mps2:
+        return mine > theirs and zone.other_in_m > 0.0
+    return own.rank > other.rank or (own.rank == other.rank and (own_earlier or other.rank == _RED))
+
+
+@compiled
+def _yield_brake_mps2(way_m: float, own: Any, first_way_m: float, first: Any, merges: bool, config: Any) -> float:
+    """Deceleration with which a vehicle lets another one go first: by a stop, or by falling in behind it.
+
+    Ways are those to the zone.
+    """
+    if not merges:
+        return stop_brake_mps2(own.speed_mps, way_m - config.standoff_m)
+    gap_m = way_m - first_way_m - first.length_m - STEP_M - config.standoff_m
+    return fall_in_brake_mps2(own.speed_mps - first.speed_mps, gap_m, approach_time_s(first, first_way_m))
+
+
+@compiled
+def fall_in_brake_mps2(closing_mps: float, gap_m: float, time_s: float) -> float:
+    """Least constant deceleration with which a gap is kept behind another vehicle at a time.
+
+    ``gap_m`` is what is left of the way between the two, negative where it has to grow. ``time_s`` is when the other
+    vehicle merges, infinite where it never does.
+    """
+    if gap_m > 0.0 and 2.0 * gap_m < closing_mps * time_s:  # is as slow as the other one before
+        return stop_brake_mps2(closing_mps, gap_m)
+    if math.isinf(time_s):
+        return 0.0
+    time = max(time_s, _LEAST_TIME_S)
+    return max(2.0 * (closing_mps * time - gap_m) / (time * time), 0.0)
+
+
+@compiled
+def _gap_m(zone: Any, other: Any) -> float:
+    """Way that is left to the rear of the body that merges ahead; negative beside it.
+
+    Its front comes to the zone first. What of it follows is less the more it already is in line.
+    """
+    turns = min((1.0 - zone.blocked_along) / (1.0 - SAME_DIRECTION), 1.0)
+    return zone.own_in_m - zone.other_in_m - turns * other.length_m - STEP_M
+
+
+@compiled
+def _waiting(
+    zone: Any, own: Any, other: Any, other_sq: float, free_s: float, config: Any
+) -> tuple[float, float, float]:
+    if zone.along > SAME_DIRECTION:
+        gap = _gap_m(zone, other)
+        spare = gap - config.standoff_m
+        speed = _speed_before_mps(other_sq, config.brake_mps2, max(spare, 0.0))
+        speed = max(speed + min(spare, 0.0) / config.merge_s, 0.0)
+        closing, time = own.speed_mps - other.speed_mps, max(approach_time_s(other, zone.other_in_m), _LEAST_TIME_S)
+        brake = stop_brake_mps2(max(closing, 0.0), gap)
+        if 2.0 * gap < closing * time:  # by the time that the other one merges it may be slower than this
+            brake = min(brake, 2.0 * (closing * time - gap) / (time * time))
+        return speed, brake, max(gap, 0.0)
+    way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
+    free = max(way - config.standoff_m, 0.0)
+    wanted = max(free - config.room_m, 0.0)
+    speed = max(wanted / free_s, _speed_before_mps(0.0, config.brake_mps2, wanted))
+    return speed, later_brake_mps2(own.speed_mps, free, free_s), free

@@ -1,0 +1,383 @@
+"""All vehicles of an episode: from SUMO's state and the controllers' commands to simulated states and events."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids
+from siren_ros.base.numerics.changed import changed
+from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.errors import EpisodeError
+from siren_ros.simulation.dynamics.collisions import (
+    Contact,
+    Footprints,
+    Pairs,
+    any_close,
+    collide,
+    find_contacts,
+    overlapping,
+)
+from siren_ros.simulation.dynamics.orders import Orders, merge_commands, stopped_orders
+from siren_ros.simulation.dynamics.parameters import ParameterTable, VehicleParameters
+from siren_ros.simulation.dynamics.tracker import DEFAULT_GAINS, TrackerState, follow
+from siren_ros.simulation.dynamics.vehicle_model import BodyState, advance, substeps
+from siren_ros.simulation.dynamics.walkers import walk
+from siren_ros.simulation.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Owner, rows_of_ids
+from siren_ros.simulation.world.commands import VehicleCommands
+from siren_ros.simulation.world.mirror_image import mirror_image
+from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficState
+
+
+@dataclass(frozen=True)
+class FleetState:
+    """All vehicles at one step; rows sorted by actor id."""
+
+    step: int
+    parameters: Mapping[ActorClass, VehicleParameters]
+    descriptions: tuple[ActorDescription, ...]
+    actor_id: Ids
+    length_m: Floats
+    width_m: Floats
+    table: ParameterTable
+    bodies: BodyState
+    tracker: TrackerState
+    owner: Codes
+    touching: Pairs
+    walks: Flags
+    """Who is a pedestrian."""
+    stopped: tuple[int, ...] = ()
+    """Actors that have been in contact, sorted: they brake to a standstill and stay."""
+    sounding: tuple[int, ...] = ()
+    """Actors whose siren sounds, sorted."""
+    left_hand: bool = False
+    """Whether traffic keeps left: the fleet is then the mirror image of the one on the map, to the last bit."""
+
+    @classmethod
+    def empty(cls, parameters: Mapping[ActorClass, VehicleParameters], *, left_hand: bool = False) -> "FleetState":
+        """The fleet before the first step; loads the compiled equations, which takes a while at first."""
+        none = np.empty(0)
+        fleet = cls(
+            step=-1,
+            parameters=parameters,
+            descriptions=(),
+            actor_id=np.empty(0, np.uint32),
+            length_m=none,
+            width_m=none,
+            table=ParameterTable.of((), parameters),
+            bodies=BodyState.moving(none, none, none, none),
+            tracker=TrackerState.at(none, none, none),
+            owner=np.empty(0, np.uint8),
+            touching=(),
+            left_hand=left_hand,
+            walks=np.empty(0, np.bool_),
+        )
+        before, flags = (fleet.bodies.columns, fleet.tracker.columns, np.empty((5, 0))), np.empty(0, np.bool_)
+        asked, owners = (none, none, none, flags), (fleet.owner, fleet.owner, flags)
+        _one_step(before, asked, owners, fleet.table.records, (DEFAULT_GAINS, _SUBSTEPS, fleet.walks))
+        return fleet
+
+
+def without_actors(fleet: FleetState, removed: Ids) -> FleetState:
+    """The fleet without the removed actors; ids that it does not hold are passed over."""
+    if not len(removed):
+        return fleet
+    kept = ~np.isin(fleet.actor_id, removed)
+    described = _described(fleet, tuple(item for item, stays in zip(fleet.descriptions, kept, strict=True) if stays))
+    bodies, tracker = fleet.bodies.select(kept), fleet.tracker.select(kept)
+    return replace(described, bodies=bodies, tracker=tracker, owner=fleet.owner[kept])
+
+
+def with_spawned(fleet: FleetState, traffic: TrafficState) -> tuple[FleetState, Flags]:
+    """The fleet with the spawned actors at SUMO's pose and speed, and the mask of their rows.
+
+    Raises:
+        EpisodeError: the actors are then not those of ``traffic``.
+    """
+    if not traffic.spawned and fleet.actor_id.tobytes() == traffic.actor_id.tobytes():
+        return fleet, np.zeros(len(traffic), dtype=bool)
+    arrivals = tuple(sorted(traffic.spawned, key=lambda item: item.actor_id))
+    ids = np.concatenate((fleet.actor_id, np.array([item.actor_id for item in arrivals], dtype=np.uint32)))
+    order = np.argsort(ids, kind="stable")
+    if not np.array_equal(ids[order], traffic.actor_id):
+        odd = sorted(set(ids.tolist()) ^ set(traffic.actor_id.tolist()))
+        raise EpisodeError(f"actors at step {traffic.step} are not those that were spawned and not removed: {odd}")
+    fresh = order >= len(fleet.actor_id)
+    pose = traffic.sumo_x_m[fresh], traffic.sumo_y_m[fresh], traffic.sumo_yaw_rad[fresh]
+    bodies = BodyState.moving(*pose, traffic.sumo_speed_mps[fresh])
+    everyone = fleet.descriptions + arrivals
+    joined = replace(
+        _described(fleet, tuple(everyone[i] for i in order)),
+        bodies=BodyState.joined((fleet.bodies, bodies)).select(order),
+        tracker=TrackerState.joined((fleet.tracker, TrackerState.at(*pose))).select(order),
+        owner=np.concatenate((fleet.owner, np.full(len(arrivals), Owner.SUMO, np.uint8)))[order],
+    )
+    return joined, fresh
+
+
+def _described(fleet: FleetState, descriptions: tuple[ActorDescription, ...]) -> FleetState:
+    """The fleet with all that follows from its descriptions."""
+    return replace(
+        fleet,
+        descriptions=descriptions,
+        actor_id=np.array([item.actor_id for item in descriptions], dtype=np.uint32),
+        length_m=np.array([item.length_m for item in descriptions], dtype=np.float64),
+        width_m=np.array([item.width_m for item in descriptions], dtype=np.float64),
+        table=ParameterTable.of_rows(
+            [fleet.parameters[one.actor_class].sized(one.length_m, one.width_m, one.height_m) for one in descriptions]
+        ),
+        walks=np.array([item.actor_class is ActorClass.PEDESTRIAN for item in descriptions], np.bool_),
+    )
+
+
+BRAKE_LIGHT_PEDAL: Final = 0.02
+"""Brake pedal from which the brake light is on."""
+BRAKE_LIGHT_DECEL_MPS2: Final = 1.3
+"""Deceleration from which the brake light is on whatever causes it (UN R13-H, 5.2.22.4)."""
+_SUBSTEPS: Final = substeps(STEP_S)
+_ROS: Final = np.uint8(Owner.ROS)
+_BRAKE_LIGHT: Final = np.uint8(Lights.BRAKE)
+_SIREN: Final = np.uint8(Lights.SIREN)
+
+
+def step_fleet(
+    state: FleetState, traffic: TrafficState, commands: Sequence[VehicleCommands]
+) -> tuple[FleetState, ActorStates, tuple[Event, ...]]:
+    """The fleet at SUMO's step.
+
+    Commands of owner ROS drive their actors from the step before to this one. All other actors track SUMO's pose at
+    this step. A spawned actor starts at SUMO's pose with SUMO's speed. An actor that ROS hands back at this step rolls
+    on with its speed, because SUMO's pose is still the mirror of its own; tracking begins at the next step. So does an
+    actor whose vehicle in SUMO was brought back to it. ``state`` is the fleet at the step before, or any earlier one
+    while it is empty.
+
+    Returns:
+        The fleet, the simulated states and the events at this step. ``residual_m`` is zero for actors that ROS
+        drives or hands back at this step. Events come in the order spawned, removed, owner changed, siren on or off,
+        collision (each sorted by actor), then the commands' events by source, then those of traffic.
+
+    Raises:
+        EpisodeError: steps do not match, actors are not those of ``traffic``, or commands contradict each other,
+            name unknown actors or are not finite.
+    """
+    if state.left_hand:
+        fleet, states, events = _step(state, mirror_image(traffic), [mirror_image(command) for command in commands])
+        return fleet, mirror_image(states), tuple(map(mirror_image, events))
+    return _step(state, traffic, commands)
+
+
+def _step(
+    state: FleetState, traffic: TrafficState, commands: Sequence[VehicleCommands]
+) -> tuple[FleetState, ActorStates, tuple[Event, ...]]:
+    _check_steps(state, traffic, commands)
+    fleet, fresh = with_spawned(without_actors(state, traffic.removed), traffic)
+    orders = stopped_orders(merge_commands(traffic, commands), fleet.actor_id, fleet.stopped, fleet.bodies.steer_rad)
+    realigned = [event.actor_id for event in traffic.events if event.kind is EventKind.REALIGNED]
+    brought_back = np.isin(fleet.actor_id, realigned) if realigned else np.zeros(len(traffic), dtype=np.bool_)
+    owners = orders.owner, fleet.owner, brought_back & (orders.owner != _ROS)
+    bodies, tracker = _move(fleet, traffic, orders, owners)
+    if realigned:
+        theirs = TrackerState.at(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad)
+        tracker = TrackerState.where(owners[2], theirs, tracker)
+    if traffic.spawned:
+        bodies = BodyState.where(fresh, fleet.bodies, bodies)
+        tracker = TrackerState.where(fresh, fleet.tracker, tracker)
+    bodies, contacts, touching = _after_contacts(fleet, bodies)
+    states = _states(fleet, traffic, orders, bodies, owners)
+    sirens, sounding = _siren_changes(state, states)
+    collisions = tuple(
+        Event(traffic.step, EventKind.COLLISION, *contact[:4], {"impact_speed_mps": contact.impact_speed_mps})
+        for contact in contacts
+    )
+    changes = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens
+    reported = tuple(event for command in sorted(commands, key=lambda c: c.source) for event in command.events)
+    after = changed(
+        fleet,
+        step=traffic.step,
+        bodies=bodies,
+        tracker=tracker,
+        owner=orders.owner,
+        touching=touching,
+        stopped=tuple(sorted({*fleet.stopped, *_struck(fleet, contacts)})),
+        sounding=sounding,
+    )
+    return after, states, changes + collisions + reported + traffic.events
+
+
+def _check_steps(state: FleetState, traffic: TrafficState, commands: Sequence[VehicleCommands]) -> None:
+    if traffic.step <= state.step or (len(state.descriptions) and traffic.step != state.step + 1):
+        raise EpisodeError(f"traffic of step {traffic.step} cannot follow the fleet's step {state.step}")
+    for command in commands:
+        if command.step != traffic.step:
+            raise EpisodeError(f"commands of {command.source} are of step {command.step}, traffic of {traffic.step}")
+
+
+def _move(
+    fleet: FleetState, traffic: TrafficState, orders: Orders, owners: tuple[Codes, Codes, Flags]
+) -> tuple[BodyState, TrackerState]:
+    """Bodies and tracker at this step; ``owners`` are those now and before, and whom SUMO was brought back to."""
+    sumo = np.array((
+        *(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad, traffic.sumo_speed_mps, traffic.sumo_accel_mps2),
+    ))  # fmt: skip
+    asked = orders.throttle, orders.brake, orders.steer_rad, orders.hand_brake
+    before = fleet.bodies.columns, fleet.tracker.columns, sumo
+    how = DEFAULT_GAINS, _SUBSTEPS, fleet.walks
+    bodies, tracker = _one_step(before, asked, owners, fleet.table.records, how)
+    return BodyState.of_columns(bodies), TrackerState.of_columns(tracker)
+
+
+@compiled
+def _one_step(before: Any, asked: Any, owners: Any, records: Any, how: Any) -> tuple[Any, Any]:
+    """Columns of bodies and tracker one step later; ``how`` has the tracker's gains, substeps and who walks.
+
+    Those who are driven do what is asked of them. The others follow SUMO; those who have just been handed back roll on.
+    """
+    gains, count, walks = how
+    (bodies, tracker, reference), (throttle, brake, steer_rad, hand_brake) = before, asked
+    (owner, owner_before, brought_back), n = owners, len(records)
+    after, controls, driven = np.empty_like(bodies), np.zeros((6, n)), owner == _ROS
+    handed_back = ((owner_before == _ROS) & ~driven) | brought_back
+    for k in range(n):
+        if handed_back[k]:
+            ahead, yaw = STEP_S * bodies[3, k], bodies[2, k]
+            reference[0, k], reference[1, k] = bodies[0, k] + ahead * np.cos(yaw), bodies[1, k] + ahead * np.sin(yaw)
+            reference[2, k], reference[3, k], reference[4, k] = yaw, bodies[3, k], 0.0
+    follow(bodies, tracker, reference, records, walks, STEP_S, gains, controls)
+    tracked = np.empty((5, n))
+    for k in range(n):
+        tracked[0, k], tracked[1, k] = reference[0, k], reference[1, k]
+        tracked[2, k], tracked[3, k], tracked[4, k] = controls[3, k], controls[4, k], controls[5, k]
+        controls[3, k], controls[4, k], controls[5, k] = 0.0, gains.quickness, gains.drive_factor
+        if driven[k]:
+            controls[0, k], controls[1, k], controls[2, k] = throttle[k], brake[k], steer_rad[k]
+            controls[3, k], controls[4, k], controls[5, k] = hand_brake[k], 1.0, 1.0
+    advance(bodies, controls, records, walks, count, STEP_S / count, after)
+    walk(bodies, reference, walks, STEP_S, after)
+    for k in range(n):
+        if driven[k] or handed_back[k]:
+            tracked[0, k], tracked[1, k], tracked[2, k] = after[0, k], after[1, k], after[2, k]
+            tracked[3, k], tracked[4, k] = 1.0, 0.0
+    return after, tracked
+
+
+def _after_contacts(fleet: FleetState, bodies: BodyState) -> tuple[BodyState, tuple[Contact, ...], Pairs]:
+    """Bodies after the impacts of a step, the contacts that begin at it, and the pairs that touch."""
+    places = bodies.x_m, bodies.y_m, bodies.yaw_rad
+    if not any_close(*places, fleet.length_m, fleet.width_m, fleet.walks):
+        return bodies, (), ()
+    velocity = bodies.velocity_mps(fleet.table)
+    motion = *velocity, bodies.yaw_rate_radps
+    boxes = Footprints(fleet.actor_id, *places, *motion, fleet.length_m, fleet.width_m, fleet.walks)
+    contacts, touching = find_contacts(boxes, fleet.touching)
+    if touching:  # those who walk are moved by SUMO alone
+        after = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
+        bodies = BodyState.where(fleet.walks, bodies, after) if fleet.walks.any() else after
+    return bodies, contacts, touching
+
+
+def _struck(fleet: FleetState, contacts: tuple[Contact, ...]) -> set[int]:
+    """The vehicles of some contacts; people go on as SUMO says."""
+    walkers = fleet.actor_id[fleet.walks].tolist() if contacts else ()
+    return {actor for contact in contacts for actor in contact[:2]}.difference(walkers)
+
+
+def _states(
+    fleet: FleetState, traffic: TrafficState, orders: Orders, bodies: BodyState, owners: tuple[Codes, Codes, Flags]
+) -> ActorStates:
+    sumo, columns = (traffic.sumo_x_m, traffic.sumo_y_m), bodies.columns
+    lights, vx_mps, vy_mps, residual_m = _shown(columns, sumo, orders.lights, owners, fleet.table.records, _BRAKE_LIGHT)
+    lights[fleet.walks] = 0
+    return ActorStates(
+        step=traffic.step,
+        actor_id=fleet.actor_id,
+        x_m=bodies.x_m,
+        y_m=bodies.y_m,
+        z_m=np.zeros(len(bodies)),
+        yaw_rad=bodies.yaw_rad,
+        vx_mps=vx_mps,
+        vy_mps=vy_mps,
+        yaw_rate_radps=bodies.yaw_rate_radps,
+        accel_mps2=bodies.accel_mps2,
+        lateral_accel_mps2=bodies.lateral_accel_mps2,
+        steer_rad=bodies.steer_rad,
+        throttle=bodies.throttle,
+        brake=bodies.brake,
+        owner=orders.owner,
+        mode=orders.mode,
+        lights=lights,
+        residual_m=residual_m,
+    )
+
+
+@compiled
+def _shown(
+    bodies: Any, sumo: Any, lights: Any, owners: Any, records: Any, brake_light: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Lights with the brake light, velocities as ``BodyState.velocity_mps``, and the distances from SUMO's poses.
+
+    The distance is 0 for those whose pose SUMO mirrors.
+    """
+    shown, n, (owner, owner_before, brought_back) = lights.copy(), len(lights), owners
+    vx_mps, vy_mps, residual_m = np.empty(n), np.empty(n), np.zeros(n)
+    for k in range(n):
+        cos, sin = np.cos(bodies[2, k]), np.sin(bodies[2, k])
+        forward, left = bodies[3, k], bodies[4, k] + records[k].centre_ahead_of_cg_m * bodies[5, k]
+        vx_mps[k], vy_mps[k] = forward * cos - left * sin, forward * sin + left * cos
+        if bodies[10, k] > BRAKE_LIGHT_PEDAL or bodies[6, k] < -BRAKE_LIGHT_DECEL_MPS2:
+            shown[k] |= brake_light
+        if owner[k] != _ROS and (owner_before[k] != _ROS or brought_back[k]):
+            residual_m[k] = np.hypot(sumo[0][k] - bodies[0, k], sumo[1][k] - bodies[1, k])
+    return shown, vx_mps, vy_mps, residual_m
+
+
+def _spawned(states: ActorStates, traffic: TrafficState) -> tuple[Event, ...]:
+    if not traffic.spawned:
+        return ()
+    rows = rows_of_ids(states.actor_id, np.array(sorted(item.actor_id for item in traffic.spawned), dtype=np.uint32))
+    return tuple(_event(states, states, traffic.step, EventKind.SPAWNED, row) for row in rows)
+
+
+def _removed(before: FleetState, traffic: TrafficState) -> tuple[Event, ...]:
+    """Removals, each at the actor's last simulated place."""
+    if not len(traffic.removed):
+        return ()
+    rows = rows_of_ids(before.actor_id, np.sort(traffic.removed))
+    return tuple(_event(before, before.bodies, traffic.step, EventKind.REMOVED, row) for row in rows[rows >= 0])
+
+
+def _owner_changes(fleet: FleetState, states: ActorStates) -> tuple[Event, ...]:
+    if states.owner.tobytes() == fleet.owner.tobytes():
+        return ()
+    rows = np.flatnonzero(states.owner != fleet.owner)
+    details = [{"owner": Owner(int(states.owner[row])).name} for row in rows]
+    changed = zip(rows, details, strict=True)
+    return tuple(_event(states, states, states.step, EventKind.OWNER_CHANGED, row, detail) for row, detail in changed)
+
+
+def _siren_changes(before: FleetState, states: ActorStates) -> tuple[tuple[Event, ...], tuple[int, ...]]:
+    """Sirens that begin or end to sound, also those of actors that have left, and the actors that sound now."""
+    sounding = tuple(states.actor_id[(states.lights & _SIREN) != 0].tolist())
+    events = []
+    for actor_id in sorted(set(sounding) ^ set(before.sounding)):
+        kind = EventKind.SIREN_ON if actor_id in sounding else EventKind.SIREN_OFF
+        actor = np.array([actor_id], dtype=np.uint32)
+        row, last = rows_of_ids(states.actor_id, actor)[0], rows_of_ids(before.actor_id, actor)[0]
+        if row >= 0:
+            events.append(_event(states, states, states.step, kind, row))
+        else:
+            events.append(_event(before, before.bodies, states.step, kind, last))
+    return tuple(events), sounding
+
+
+def _event(
+    actors: ActorStates | FleetState,
+    places: ActorStates | BodyState,
+    step: int,
+    kind: EventKind,
+    row: np.intp,
+    detail: Mapping[str, float | int | str] | None = None,
+) -> Event:
+    x_m, y_m = float(places.x_m[row]), float(places.y_m[row])
+    return Event(step, kind, int(actors.actor_id[row]), x_m=x_m, y_m=y_m, detail=detail or {})

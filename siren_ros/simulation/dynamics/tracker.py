@@ -1,0 +1,231 @@
+"""Controls that make vehicles follow the poses that SUMO gives them, with the same vehicle model as all others.
+
+The law runs for one vehicle after the other in a compiled loop.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Columns, Floats
+from siren_ros.base.numerics.compiled import Array, compiled, within, wrapped_rad
+from siren_ros.base.numerics.units import GRAVITY_MPS2
+from siren_ros.simulation.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable
+from siren_ros.simulation.dynamics.vehicle_model import BodyState, Controls, Record
+
+_SLOWEST_STEP_M: Final = 0.01
+"""A centre that moved less than this in one step has no course of its own."""
+_SLOWEST_MPS: Final = 0.1
+_LEAST_PACE: Final = 0.85
+_MOST_PACE: Final = 1.1
+"""Ratios of the centre's and the front bumper's speed that a vehicle can drive; beyond, SUMO's rod swings or jumps."""
+_STRAIGHT_PM: Final = 1e-3
+"""Curvatures below this, in 1/m, limit no speed."""
+_FULL_LOCK_RAD: Final = 1.4
+"""Beyond any steering angle, and below the right angle at which the tangent ends."""
+
+
+class TrackerGains(NamedTuple):
+    """Tuning of the tracker."""
+
+    lateral_per_s: float = 3.5
+    """Stanley gain: lateral error is worked off with this rate, beyond the speed of town traffic with a lower one,
+    because long vehicles answer late to their steering."""
+    lateral_soft_mps: float = 1.0
+    """Added to the speed in the Stanley law, so that steering stays calm near standstill."""
+    along_per_s: float = 2.0
+    """Speed correction per metre of distance along the path."""
+    along_most_mps: float = 3.0
+    """Largest speed correction."""
+    speed_time_s: float = 0.2
+    """Time in which a difference of speeds is to be closed."""
+    quickness: float = 2.0
+    """How much quicker than a driver's the pedals and the steering are: SUMO's path is not known ahead."""
+    drive_factor: float = 1.5
+    """How much more than full throttle the drive may give: SUMO's acceleration knows no engine power."""
+    pace_time_s: float = 0.2
+    """Time constant of the ratio between the centre's speed and SUMO's speed of the front bumper."""
+    accel_time_s: float = 0.2
+    """Time constant by which SUMO's acceleration is smoothed before it is fed forward."""
+    grip_share: float = 0.8
+    """Part of the tyres' grip that steering and speed may ask for in a turn."""
+    swerve_share: float = 0.4
+    """The same of the steering up to the speed of town traffic, where SUMO's path turns aside at once: a driver swerves
+    with less than half of what the tyres give."""
+    town_mps: float = 14.0
+    """50 km/h."""
+    standing_mps: float = 0.05
+    """Wanted speeds below this mean: hold the vehicle with the brake."""
+    holding_brake: float = 0.3
+
+
+@compiled
+def _quickest_turn_in(vehicle: Record, speed: float, curvature: float, grip: float) -> float:
+    """How quickly the curvature may grow, 1/(m s), so that the centre of gravity gets no more than ``grip`` in m/s².
+
+    Rolling without slip it has v² κ + v l_r dκ/dt: it goes aside already while the wheels are turning.
+    """
+    return max((grip - speed * speed * curvature) / (max(speed, _SLOWEST_MPS) * vehicle.cg_to_rear_axle_m), 0.0)
+
+
+@compiled
+def _steer(
+    vehicle: Record,
+    pose: tuple[float, float, float, float, float],
+    goal: tuple[float, float, float, float],
+    dt_s: float,
+    gains: Any,
+) -> tuple[float, float]:
+    """Wanted road-wheel angle, and the curvature that it steers.
+
+    ``pose`` holds x, y, yaw, forward speed and road-wheel angle, ``goal`` x, y, yaw and curvature of the reference.
+    """
+    x_m, y_m, yaw, speed, present = pose
+    goal_x, goal_y, goal_yaw, curvature = goal
+    wheelbase = vehicle.wheelbase_m
+    reach = wheelbase - vehicle.centre_ahead_of_rear_axle_m
+    heading = goal_yaw + np.arctan(wheelbase * curvature)
+    gap_x = goal_x - x_m + reach * (np.cos(goal_yaw) - np.cos(yaw))
+    gap_y = goal_y - y_m + reach * (np.sin(goal_yaw) - np.sin(yaw))
+    offset = gap_y * np.cos(heading) - gap_x * np.sin(heading)
+    rate = gains.lateral_per_s * min(gains.town_mps / max(abs(speed), _SLOWEST_MPS), 1.0)
+    correction = np.arctan2(rate * offset, abs(speed) + gains.lateral_soft_mps)
+    share = gains.swerve_share if speed <= gains.town_mps else gains.grip_share
+    grip = share * GRAVITY_MPS2 * vehicle.friction_coefficient
+    tightest = min(np.tan(vehicle.max_steer_rad) / wheelbase, grip / max(speed * speed, _SLOWEST_MPS * _SLOWEST_MPS))
+    turn = within(wrapped_rad(heading - yaw) + correction, -_FULL_LOCK_RAD, _FULL_LOCK_RAD)
+    held, answer = np.tan(present) / wheelbase, -np.expm1(-dt_s * gains.quickness / vehicle.steer_lag_s)
+    left = _quickest_turn_in(vehicle, speed, held, grip) * dt_s / answer
+    right = _quickest_turn_in(vehicle, speed, -held, grip) * dt_s / answer
+    steered = within(np.tan(turn) / wheelbase, max(-tightest, held - right), min(tightest, held + left))
+    rear_share = vehicle.cg_to_rear_axle_m / wheelbase
+    front_slip = vehicle.mass_kg * rear_share / vehicle.cornering_stiffness_front_npr * speed * speed * curvature
+    return np.arctan(steered * wheelbase) + front_slip, steered
+
+
+@compiled
+def _before_lag(wanted: float, present: float, lag_s: float, dt_s: float) -> float:
+    """Command whose mean response over a step, behind a first-order lag, is the wanted value; within 0–1."""
+    kept = lag_s / dt_s * -np.expm1(-dt_s / lag_s)
+    return within((within(wanted, 0.0, 1.0) - kept * present) / (1.0 - kept), 0.0, 1.0)
+
+
+@compiled
+def _pedals(
+    vehicle: Record, motion: tuple[float, float, float], wanted_mps: float, accel_mps2: float, dt_s: float, gains: Any
+) -> tuple[float, float]:
+    """Pedals that reach the wanted speed within ``speed_time_s`` while it changes; the brake holds who waits.
+
+    ``motion`` holds forward speed, throttle and brake; ``wanted_mps`` is the speed at the end of the step.
+    """
+    speed, throttle, brake = motion
+    drag = 0.5 * AIR_DENSITY_KGPM3 * vehicle.drag_area_m2 / vehicle.mass_kg * speed * speed
+    closing = (wanted_mps - accel_mps2 * dt_s - speed) / gains.speed_time_s
+    push = accel_mps2 + closing + drag + vehicle.rolling_resistance * GRAVITY_MPS2
+    drive = min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / (vehicle.mass_kg * max(speed, 0.1)))
+    braking = _before_lag(-push / vehicle.max_brake_decel_mps2, brake, vehicle.brake_lag_s / gains.quickness, dt_s)
+    if wanted_mps < gains.standing_mps:
+        return 0.0, max(braking, gains.holding_brake)
+    lag_s = vehicle.throttle_lag_s / gains.quickness
+    return _before_lag(push / (gains.drive_factor * drive), throttle, lag_s, dt_s), braking
+
+
+@compiled
+def follow(
+    bodies: Array, tracker: Array, reference: Array, records: Array, walks: Array, dt_s: float, gains: Any, out: Array
+) -> None:
+    """The controls of all vehicles, and of nobody who walks, for one step.
+
+    They follow from the columns of ``BodyState``, ``TrackerState`` and ``Reference``. Result in ``out``: throttle,
+    brake, steering angle, and the tracker's yaw, pace and acceleration at the end of the step, shape ``(6, N)``.
+    """
+    pace_share, accel_share = -np.expm1(-dt_s / gains.pace_time_s), -np.expm1(-dt_s / gains.accel_time_s)
+    for n in range(records.shape[0]):
+        if walks[n]:
+            continue
+        vehicle = records[n]
+        x_m, y_m, yaw, speed = bodies[0, n], bodies[1, n], bodies[2, n], bodies[3, n]
+        last_x, last_y, last_yaw = tracker[0, n], tracker[1, n], tracker[2, n]
+        last_pace, last_accel = tracker[3, n], tracker[4, n]
+        dx, dy, sumo_mps = reference[0, n] - last_x, reference[1, n] - last_y, reference[3, n]
+        moved = np.sqrt(dx * dx + dy * dy)
+        pull = vehicle.centre_ahead_of_rear_axle_m
+        course = np.arctan2(dy, dx) if moved > _SLOWEST_STEP_M else reference[2, n]
+        most = np.arctan(pull / vehicle.wheelbase_m * np.tan(vehicle.max_steer_rad))
+        swerve = within(wrapped_rad(course - last_yaw), -most, most)
+        goal = last_x, last_y, last_yaw, np.tan(swerve) / pull
+        steer, steered = _steer(vehicle, (x_m, y_m, yaw, speed, bodies[8, n]), goal, dt_s, gains)
+        ratio = within(moved / (dt_s * max(sumo_mps, _SLOWEST_STEP_M / dt_s)), _LEAST_PACE, _MOST_PACE)
+        pace = last_pace + (ratio - last_pace) * pace_share
+        accel = last_accel + (reference[4, n] - last_accel) * accel_share
+        course = last_yaw + swerve
+        gap = (last_x - x_m) * np.cos(course) + (last_y - y_m) * np.sin(course)
+        correction = within(gains.along_per_s * gap, -gains.along_most_mps, gains.along_most_mps)
+        grip = gains.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
+        fastest = np.sqrt(grip / max(abs(steered), _STRAIGHT_PM))
+        wanted = min(max(pace * sumo_mps + correction, 0.0), fastest)
+        motion = speed, bodies[9, n], bodies[10, n]
+        out[0, n], out[1, n] = _pedals(vehicle, motion, wanted, accel, dt_s, gains)
+        out[2, n] = steer
+        out[3, n], out[4, n], out[5, n] = last_yaw + moved * np.sin(swerve) / pull, pace, accel
+
+
+@dataclass(frozen=True)
+class Reference(Columns):
+    """SUMO's vehicles at one step, ``map`` frame, each array of shape ``(N,)``; positions are footprint centres."""
+
+    x_m: Floats
+    y_m: Floats
+    yaw_rad: Floats
+    speed_mps: Floats
+    accel_mps2: Floats
+
+
+@dataclass(frozen=True)
+class TrackerState(Columns):
+    """Reference of the step before: SUMO's centre, and the yaw of a car whose centre takes SUMO's path."""
+
+    x_m: Floats
+    y_m: Floats
+    yaw_rad: Floats
+    pace: Floats
+    """Speed of the centre over SUMO's speed, which is the front bumper's: below 1 in turns."""
+    accel_mps2: Floats
+    """SUMO's acceleration, smoothed."""
+
+    @classmethod
+    def at(cls, x_m: Floats, y_m: Floats, yaw_rad: Floats) -> "TrackerState":
+        """Actors whose tracking begins, or begins anew, at these poses."""
+        return cls(x_m, y_m, yaw_rad, np.ones(len(x_m)), np.zeros(len(x_m)))
+
+
+DEFAULT_GAINS: Final = TrackerGains()
+
+
+def track(
+    state: BodyState,
+    tracker: TrackerState,
+    reference: Reference,
+    table: ParameterTable,
+    dt_s: float,
+    gains: TrackerGains = DEFAULT_GAINS,
+) -> tuple[Controls, TrackerState]:
+    """Controls for the step that ends when SUMO's vehicles are at ``reference``, and the tracker's state then.
+
+    ``state`` and ``tracker`` are of the step's start; rows of ``table`` are those of ``state``.
+    """
+    n = len(state)
+    out = np.empty((6, n))
+    walks = np.zeros(n, np.bool_)
+    follow(state.columns, tracker.columns, reference.columns, table.records, walks, dt_s, gains, out)
+    throttle, brake, steer, yaw, pace, accel = out
+    controls = Controls(
+        throttle=throttle,
+        brake=brake,
+        steer_rad=steer,
+        hand_brake=np.zeros(n, dtype=bool),
+        quickness=np.full(n, gains.quickness),
+        drive_factor=np.full(n, gains.drive_factor),
+    )
+    return controls, TrackerState(reference.x_m, reference.y_m, yaw, pace, accel)

@@ -1,0 +1,233 @@
+"""Dynamic single-track (bicycle) model of many vehicles at once, stable from standstill to top speed.
+
+Actuators, tyres and Newton's equations are a compiled loop over the vehicles.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Columns, Floats
+from siren_ros.base.numerics.compiled import Array, compiled, within
+from siren_ros.base.numerics.units import GRAVITY_MPS2
+from siren_ros.simulation.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable
+
+Record = Any
+"""One vehicle's row of ``ParameterTable.records``."""
+_LONGITUDINAL_SHARE: Final = 0.95
+"""Anti-lock and traction control keep the longitudinal force below this part of an axle's grip."""
+_REAR_BRAKE_SHARE: Final = 0.7
+"""Brake force distribution follows the axle loads and keeps the rear axle to this part of its share."""
+_LEAST_LOAD_MPS2: Final = 0.1
+"""Either axle carries at least the vehicle's mass times this."""
+_POWER_FROM_MPS: Final = 0.1
+_FULL_PULL_MPS: Final = 0.1
+"""Below this speed the sideways pull of a steered and braked wheel fades: static friction balances it at rest."""
+_STILL: Final = 0.01
+"""A vehicle that stopped rolling and drifts or turns slower than this (m/s, rad/s) stands still."""
+_SLOWEST_MPS: Final = 1e-9
+"""Keeps slip defined at standstill; far below any speed that matters."""
+
+
+@compiled
+def _lagged(wanted: float, present: float, elapsed_s: float, lag_s: float) -> float:
+    """A pedal behind its first-order lag."""
+    wanted = within(wanted, 0.0, 1.0)
+    return wanted + (present - wanted) * np.exp(-elapsed_s / lag_s)
+
+
+@compiled
+def _axle_loads_n(vehicle: Record, accel_mps2: float) -> tuple[float, float]:
+    """Normal forces of the front and the rear axle, shifted by the acceleration."""
+    mass = vehicle.mass_kg
+    shift = mass * accel_mps2 * vehicle.cg_height_m
+    front = (mass * GRAVITY_MPS2 * vehicle.cg_to_rear_axle_m - shift) / vehicle.wheelbase_m
+    rear = (mass * GRAVITY_MPS2 * vehicle.cg_to_front_axle_m + shift) / vehicle.wheelbase_m
+    return max(front, _LEAST_LOAD_MPS2 * mass), max(rear, _LEAST_LOAD_MPS2 * mass)
+
+
+@compiled
+def _secant(stiffness: float, limit_n: float, slip: float, cos: float) -> float:
+    """Force over slip of a Fiala tyre (secant stiffness), of an axle steered by an angle of that cosine."""
+    z = stiffness * cos * cos / (3.0 * limit_n) * slip
+    inner = min(z, 1.0)
+    return stiffness * cos * cos * cos * (1.0 - inner + inner * inner / 3.0) / max(z, 1.0)
+
+
+@compiled
+def _newton(
+    vehicle: Record,
+    motion: tuple[float, float, float],
+    tyres: tuple[float, float, float, float],
+    steer_rad: float,
+    resistance_n: float,
+    h: float,
+) -> tuple[float, float, float]:
+    """Forward and lateral velocity and yaw rate one substep of ``h`` seconds later.
+
+    Backward Euler of Newton's equations in v and ω, with U the speed that slip is measured by:
+    ``m U (v⁺ − v)/h + m U u ω⁺ = Σ K (u tan δ − v⁺ − l ω⁺) + U F_left`` and
+    ``I U (ω⁺ − ω)/h = Σ l K (u tan δ − v⁺ − l ω⁺) + U a F_left``, K the axles' secant stiffnesses, l = (a, −b).
+    The tyre forces of that solution are cut to their limits before they act. Drag, rolling resistance and the brakes
+    oppose the motion and never reverse it. ``motion`` holds the velocities and the yaw rate now, ``tyres`` what
+    ``_tyre_forces_n`` returns.
+    """
+    u, v, w = motion
+    front_tyre, rear_tyre, front_limit, rear_limit = tyres
+    mass_rate, inertia_rate = vehicle.mass_kg / h, vehicle.yaw_inertia_kgm2 / h
+    a, b = vehicle.cg_to_front_axle_m, -vehicle.cg_to_rear_axle_m
+    cos, sin = np.cos(steer_rad), np.sin(steer_rad)
+    tan = sin / cos
+    along = front_tyre * cos + rear_tyre
+    speed = np.sqrt(u * u + v * v + (a * w) ** 2) + _SLOWEST_MPS
+    left = front_tyre * sin * within(u / _FULL_PULL_MPS, -1.0, 1.0)
+    front = _secant(vehicle.cornering_stiffness_front_npr, front_limit, abs(u * tan - v - a * w) / speed, cos)
+    rear = _secant(vehicle.cornering_stiffness_rear_npr, rear_limit, abs(v + b * w) / speed, 1.0)
+    push = u * tan * front
+    a11, a12 = speed * mass_rate + front + rear, speed * mass_rate * h * u + front * a + rear * b
+    a21, a22 = front * a + rear * b, speed * inertia_rate + front * a * a + rear * b * b
+    r1 = speed * (mass_rate * v + left) + push
+    r2 = speed * (inertia_rate * w + a * left) + push * a
+    determinant = a11 * a22 - a12 * a21
+    v_free, w_free = (r1 * a22 - a12 * r2) / determinant, (a11 * r2 - a21 * r1) / determinant
+    front_n = within(front * (u * tan - v_free - a * w_free) / speed, -front_limit * cos, front_limit * cos)
+    rear_n = within(-rear * (v_free + b * w_free) / speed, -rear_limit, rear_limit)
+    w = w + ((front_n + left) * a + rear_n * b) / inertia_rate
+    v = v + (front_n + rear_n + left) / mass_rate - h * u * w
+    u = u + (max(along, 0.0) - front_n * tan) / mass_rate + h * v * w
+    return np.copysign(max(abs(u) - (resistance_n - min(along, 0.0)) / mass_rate, 0.0), u), v, w
+
+
+@compiled
+def _tyre_forces_n(
+    vehicle: Record, loads_n: tuple[float, float], drive_n: float, braking_n: float, hand_n: float
+) -> tuple[float, float, float, float]:
+    """Longitudinal forces of the front and the rear axle, and what the friction circle leaves for the lateral ones."""
+    front_load, rear_load = loads_n
+    rear_braking = braking_n * (_REAR_BRAKE_SHARE * rear_load / (front_load + rear_load))
+    front = drive_n * vehicle.drive_front_share - (braking_n - rear_braking)
+    rear = drive_n * (1.0 - vehicle.drive_front_share) - rear_braking - hand_n
+    front_grip, rear_grip = vehicle.friction_coefficient * front_load, vehicle.friction_coefficient * rear_load
+    front = within(front, -_LONGITUDINAL_SHARE * front_grip, _LONGITUDINAL_SHARE * front_grip)
+    rear = within(rear, -_LONGITUDINAL_SHARE * rear_grip, _LONGITUDINAL_SHARE * rear_grip)
+    return front, rear, np.sqrt(front_grip * front_grip - front * front), np.sqrt(rear_grip * rear_grip - rear * rear)
+
+
+@compiled
+def advance(before: Array, controls: Array, records: Array, walks: Array, count: int, h: float, after: Array) -> None:
+    """Move all vehicles, and nobody who walks, by ``count`` substeps of ``h`` seconds.
+
+    ``before`` and the result, ``after``, are ``BodyState.columns``, shape ``(11, N)``; ``controls`` are
+    ``Controls.columns``, shape ``(6, N)``, and ``records`` those of ``ParameterTable``.
+    """
+    for n in range(records.shape[0]):
+        if walks[n]:
+            continue
+        vehicle = records[n]
+        x_m, y_m, start_yaw = before[0, n], before[1, n], before[2, n]
+        u, v, w = before[3, n], before[4, n], before[5, n]
+        steer, wanted_steer, quickness = before[8, n], controls[2, n], controls[4, n]
+        wanted_steer = within(wanted_steer, -vehicle.max_steer_rad, vehicle.max_steer_rad)
+        share = -np.expm1(-h * quickness / vehicle.steer_lag_s)
+        most = h * quickness * vehicle.max_steer_rate_radps
+        mass = vehicle.mass_kg
+        loads = _axle_loads_n(vehicle, before[6, n])
+        power_n = vehicle.drive_power_w / max(u, _POWER_FROM_MPS)
+        full_n = min(mass * vehicle.max_drive_accel_mps2, power_n) * controls[5, n]
+        hand_n = controls[3, n] * (mass * vehicle.hand_brake_decel_mps2)
+        drag_n = 0.5 * AIR_DENSITY_KGPM3 * vehicle.drag_area_m2 * u * u
+        resistance_n = drag_n + vehicle.rolling_resistance * GRAVITY_MPS2 * mass
+        yaw, moved_x, moved_y, throttle, brake = start_yaw, 0.0, 0.0, before[9, n], before[10, n]
+        for i in range(count):
+            elapsed = h * (i + 1) * quickness
+            throttle = _lagged(controls[0, n], before[9, n], elapsed, vehicle.throttle_lag_s)
+            brake = _lagged(controls[1, n], before[10, n], elapsed, vehicle.brake_lag_s)
+            steer += within((wanted_steer - steer) * share, -most, most)
+            braking_n = brake * (mass * vehicle.max_brake_decel_mps2)
+            tyres = _tyre_forces_n(vehicle, loads, throttle * full_n, braking_n, hand_n)
+            u, v, w = _newton(vehicle, (u, v, w), tyres, steer, resistance_n, h)
+            if i == count - 1 and u == 0.0 and abs(v) < _STILL and abs(w) < _STILL:
+                v = w = 0.0
+            yaw += h * w
+            middle, left = yaw - 0.5 * h * w, v + vehicle.centre_ahead_of_cg_m * w
+            moved_x += u * np.cos(middle) - left * np.sin(middle)
+            moved_y += u * np.sin(middle) + left * np.cos(middle)
+        dt = count * h
+        after[0, n], after[1, n] = x_m + h * moved_x, y_m + h * moved_y
+        after[2, n] = yaw - 2.0 * np.pi * np.rint(yaw / (2.0 * np.pi))
+        after[3, n], after[4, n], after[5, n] = u, v, w
+        after[6, n] = (u - before[3, n]) / dt - 0.5 * (before[4, n] * before[5, n] + v * w)
+        after[7, n] = (v - before[4, n]) / dt + 0.5 * (before[3, n] * before[5, n] + u * w)
+        after[8, n], after[9, n], after[10, n] = steer, throttle, brake
+
+
+SUBSTEP_S: Final = 0.01
+
+
+@dataclass(frozen=True)
+class BodyState(Columns):
+    """Motion and actuators of N vehicles, arrays of shape ``(N,)``; positions are footprint centres, ``map`` frame."""
+
+    x_m: Floats
+    y_m: Floats
+    yaw_rad: Floats
+    forward_mps: Floats
+    """Velocity of the centre of gravity along the vehicle; negative only after a spin."""
+    lateral_mps: Floats
+    """Velocity of the centre of gravity to the left of the vehicle."""
+    yaw_rate_radps: Floats
+    accel_mps2: Floats
+    """Acceleration of the centre of gravity along the vehicle, mean over the step."""
+    lateral_accel_mps2: Floats
+    """Acceleration of the centre of gravity to the left, mean over the step."""
+    steer_rad: Floats
+    throttle: Floats
+    brake: Floats
+
+    @classmethod
+    def moving(cls, x_m: Floats, y_m: Floats, yaw_rad: Floats, speed_mps: Floats) -> "BodyState":
+        """Vehicles that roll straight ahead, no pedal pressed."""
+        zero = np.zeros(len(x_m))
+        return cls(x_m, y_m, yaw_rad, speed_mps, *([zero] * 7))
+
+    def velocity_mps(self, table: ParameterTable) -> tuple[Floats, Floats]:
+        """Velocity of the footprint's centre in the ``map`` frame, x and y."""
+        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        left = self.lateral_mps + table.centre_ahead_of_cg_m * self.yaw_rate_radps
+        return self.forward_mps * cos - left * sin, self.forward_mps * sin + left * cos
+
+
+@dataclass(frozen=True)
+class Controls(Columns):
+    """What the drivers ask of the actuators during one step, each array of shape ``(N,)``."""
+
+    throttle: Floats
+    """0–1."""
+    brake: Floats
+    """0–1."""
+    steer_rad: Floats
+    hand_brake: npt.NDArray[np.bool_]
+    quickness: Floats
+    """1 for a driver; more divides the lags of pedals and steering and multiplies the steering rate's limit."""
+    drive_factor: Floats
+    """1 for a driver; more raises what full throttle gives, within the tyres' grip."""
+
+
+def step_bodies(state: BodyState, controls: Controls, table: ParameterTable, dt_s: float) -> BodyState:
+    """Vehicles one step later under constant controls; rows of ``table`` are those of ``state``.
+
+    The step is cut into equal substeps of at most ``SUBSTEP_S``. Controls beyond the actuators' ranges saturate. A
+    vehicle at rest without throttle stays where it is to the last bit; brakes never move a vehicle backwards.
+    """
+    count, after = substeps(dt_s), np.empty_like(state.columns)
+    nobody = np.zeros(len(state), np.bool_)
+    advance(state.columns, controls.columns, table.records, nobody, count, dt_s / count, after)
+    return BodyState.of_columns(after)
+
+
+def substeps(dt_s: float) -> int:
+    """Number of equal substeps of a step."""
+    return max(1, math.ceil(dt_s / SUBSTEP_S - 1e-9))

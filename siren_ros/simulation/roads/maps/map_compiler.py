@@ -1,0 +1,369 @@
+"""Compiles a map of any supported kind into a SUMO net. The result is cached by the map's content.
+
+The speed limits of a compiled map can be lowered, so that a scenario has the same traffic on every map.
+"""
+
+import hashlib
+import logging
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+from xml.etree.ElementTree import Element
+
+from defusedxml.ElementTree import fromstring
+
+from siren_ros.base.params.resources import params_dir
+from siren_ros.base.user_folder import user_folder
+from siren_ros.errors import InputError, MapError
+from siren_ros.simulation.roads.maps.cycle_lanes import with_cycle_lanes
+from siren_ros.simulation.roads.maps.lane_shapes import mended_lanes
+from siren_ros.simulation.roads.maps.map_checks import refuse_unusable_map
+from siren_ros.simulation.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source, shown_words
+from siren_ros.simulation.roads.maps.mirrored_net import mirrored_net
+from siren_ros.simulation.roads.maps.mirrored_opendrive import mirrored_opendrive
+from siren_ros.simulation.roads.maps.netconvert import (
+    control_patches,
+    document,
+    netconvert_version,
+    run_netconvert,
+    without_header,
+)
+from siren_ros.simulation.roads.maps.opendrive import opendrive_patches, with_stated_limits
+from siren_ros.simulation.roads.maps.openstreetmap import drives_on, signed_edges, taper_patches
+from siren_ros.simulation.roads.maps.traffic_side import keeps_left, with_sides_exchanged
+from siren_ros.simulation.roads.maps.ways_for_people import (
+    crossing_places,
+    cycle_options,
+    has_corners,
+    with_sidewalks_on_streets,
+    without_outlines,
+)
+from siren_ros.simulation.roads.net_parser import ALLOWED as NET_ALLOWED
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import RoadNetwork
+
+TOWN_NAME: Final = "town"
+
+_RECIPE: Final = "8"
+"""Part of the cache key: raised whenever the way in which maps are compiled changes."""
+_PEOPLE_RECIPE: Final = f"{_RECIPE} people 4"
+"""The same for maps with ways for people."""
+_SLOWER_RECIPE: Final = "1"
+"""The same for nets whose limits are lowered."""
+_IN_USE_RECIPE: Final = "shoulders 1"
+"""The same for nets whose shoulders are closed."""
+_MIRRORED_RECIPE: Final = "mirrored 1"
+"""The same for mirror images."""
+_COMMON: Final = (
+    "--no-turnarounds",
+    # Lateral acceleration in turns, m/s²: what passengers bear, and what every vehicle class can follow.
+    *("--junctions.limit-turn-speed", "3.5"),
+    "--junctions.internal-link-detail",
+    "16",
+    "--xml-validation",
+    "never",
+    "--no-warnings",
+)
+_PARTS: Final = {
+    "nod": "--node-files",
+    "edg": "--edge-files",
+    "typ": "--type-files",
+    "con": "--connection-files",
+    "tll": "--tllogic-files",
+}
+"""Options that name the parts of a built-in map: of ``params/town``, ``town.nod.xml`` and so on."""
+Files = Mapping[str, bytes]
+"""Plain XML by the option that names it."""
+
+
+@dataclass(frozen=True)
+class _BuiltIn:
+    """What a built-in map is made of."""
+
+    folder: str
+    parts: tuple[str, ...]
+    made_of: Callable[[Files], Files] = dict
+    """The map's files, from those of the folder."""
+
+
+_TOWN: Final = _BuiltIn("town", ("nod", "edg", "typ", "con", "tll"))
+BUILT_IN_MAPS: Final = {
+    TOWN_NAME: _TOWN,
+    "city": replace(_TOWN, made_of=with_cycle_lanes),
+    "motorway": _BuiltIn("motorway", ("nod", "edg", "typ", "con")),
+}
+"""The maps that a request may name in place of a file."""
+_BUILT_IN: Final = (*_COMMON, "--offset.disable-normalization", "--junctions.corner-detail", "8")
+_OPENDRIVE: Final = (*_COMMON, "--opendrive.import-all-lanes", "--offset.disable-normalization")
+_OPENDRIVE_SECOND: Final = (
+    *_COMMON,
+    "--offset.disable-normalization",
+    # One approach after the other, as the controllers in CARLA's maps group the signals, and as CARLA switches them.
+    # 120 s is what netconvert aims at; the cycles come out at 100 to 110 s, usual for three and four phases.
+    *("--tls.rebuild", "--tls.layout", "incoming", "--tls.cycle.time", "120"),
+)
+_OPENSTREETMAP: Final = (
+    *_COMMON,
+    *("--keep-edges.by-vclass", "passenger", "--keep-edges.components", "1"),
+    *("--geometry.remove", "--geometry.max-angle.fix", "--roundabouts.guess", "--ramps.guess"),
+    *("--junctions.join", "--junctions.corner-detail", "5"),
+    *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--tls.default-type", "static"),
+    # RiLSA 2015 up to 50 km/h. netconvert derives it from the speed limit alone, and comes to twice as much.
+    *("--tls.yellow.time", "3"),
+    *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
+)
+_OPENSTREETMAP_SECOND: Final = (*_COMMON, "--offset.disable-normalization", "--output.street-names")
+_JOINED_SIDEWALKS: Final = (*_COMMON, "--offset.disable-normalization", "--crossings.guess", "--walkingareas")
+_ONE_RUN: Final = {
+    SourceKind.BUILT_IN: (_BUILT_IN, tuple(_PARTS.values())),
+}
+"""Kinds that netconvert compiles at once: its options, and the options that name the source's files, in their order."""
+_TWO_RUNS: Final = {
+    SourceKind.OPENDRIVE: (_OPENDRIVE, _OPENDRIVE_SECOND, "--opendrive-files", "an OpenDRIVE map whose roads"),
+    SourceKind.OPENSTREETMAP: (
+        _OPENSTREETMAP,
+        _OPENSTREETMAP_SECOND,
+        "--osm-files",
+        "an OpenStreetMap extract whose nodes",
+    ),
+}
+"""Options of both runs, the option that names the source, and the beginning of the error where parts are missing."""
+
+
+@dataclass(frozen=True)
+class CompiledMap:
+    """A map that SUMO can load."""
+
+    name: str
+    net_path: Path
+    """A plain ``.net.xml`` in the cache."""
+    sha256: str
+    """Of the net's bytes; the same on every machine with the same SUMO version."""
+    kind: SourceKind
+    source_sha256: str = ""
+    """Of the source's content, unpacked where it was packed."""
+
+    def read_bytes(self) -> bytes:
+        """The net, for ``parse_road_network``."""
+        return self.net_path.read_bytes()
+
+
+def compile_map(source: Path | None, cache_dir: Path | None = None, *, for_people: bool = False) -> CompiledMap:
+    """Compiles a map with netconvert, or finds it in the cache.
+
+    Args:
+        source: A SUMO net, an OpenDRIVE or an OpenStreetMap file, or the name of a built-in map; None is the town.
+        cache_dir: Where compiled nets are kept; None is ``$SIREN_CACHE_DIR``, else
+            ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``, or a temporary folder where there is no home.
+        for_people: With crossings, corners of sidewalks and cycle lanes (``ways_for_people``); built-in maps have them.
+
+    Raises:
+        MapError: The map is missing, unreadable, not a map, refused by netconvert, without roads, or with counts that
+            no real place has.
+        InputError: The cache folder cannot be written.
+    """
+    loaded = _source_of(source)
+    shown = TOWN_NAME if source is None else str(source)
+    for_people = for_people and loaded.kind is not SourceKind.BUILT_IN
+    recipe = _PEOPLE_RECIPE if for_people else _RECIPE
+    net_path = (cache_dir or default_cache_dir()) / f"{loaded.name}-{_cache_key(loaded, recipe)[:20]}.net.xml"
+    try:
+        net = net_path.read_bytes()
+    except OSError:
+        refuse_unusable_map(loaded, shown)
+        net = _compile(loaded, shown, for_people=for_people)
+        _parsed(net, shown)  # a net of which a road network can be made
+        try:
+            net = mended_lanes(net)
+        except (ValueError, LookupError, OverflowError) as error:
+            raise MapError(shown, f"{NET_ALLOWED}; this one is damaged ({shown_words(error)})") from error
+        store_net(net_path, net)
+    source_sha256 = hashlib.sha256(loaded.content).hexdigest()
+    return CompiledMap(loaded.name, net_path, hashlib.sha256(net).hexdigest(), loaded.kind, source_sha256)
+
+
+def _parsed(net: bytes, shown: str) -> RoadNetwork:
+    """The road network of a net; the error names the map."""
+    try:
+        return parse_road_network(net)
+    except MapError as error:
+        raise MapError(shown, f"{error.allowed}; this is {shown_words(error.value)}") from error
+
+
+def source_sha256_of(source: Path | None) -> str:
+    """``CompiledMap.source_sha256`` of a map, without compiling it; raises MapError as ``compile_map``."""
+    loaded = _source_of(source)
+    return hashlib.sha256(loaded.content).hexdigest()
+
+
+def name_of_map(source: Path | None) -> str:
+    """``CompiledMap.name`` of a map, without reading it."""
+    return TOWN_NAME if source is None else map_stem(source)
+
+
+def default_cache_dir() -> Path:
+    """The folder for compiled maps that the environment asks for."""
+    if siren := os.environ.get("SIREN_CACHE_DIR"):
+        return Path(siren)
+    shared = os.environ.get("XDG_CACHE_HOME")
+    return Path(shared) / "siren" if shared else user_folder(".cache/siren")
+
+
+def _source_of(source: Path | None) -> MapSource:
+    """A built-in map by its name, or a file; raises MapError where it cannot be read."""
+    if source is not None and str(source) not in BUILT_IN_MAPS:
+        return read_map_source(source)
+    name = name_of_map(source)
+    built_in = BUILT_IN_MAPS[name]
+    folder = params_dir() / built_in.folder
+    try:
+        files = {_PARTS[part]: (folder / f"{built_in.folder}.{part}.xml").read_bytes() for part in built_in.parts}
+    except OSError as error:
+        raise MapError(name, f"an installation with the built-in {name} in {folder} ({error.strerror})") from error
+    return MapSource(name=name, kind=SourceKind.BUILT_IN, content=b"\0".join(built_in.made_of(files).values()))
+
+
+def _cache_key(source: MapSource, recipe: str) -> str:
+    first, second, *_ = _TWO_RUNS.get(source.kind, (_ONE_RUN.get(source.kind, ((), ()))[0], ()))
+    parts = (recipe, source.kind.value, netconvert_version(), *first, *second)
+    return hashlib.sha256(b"".join(part.encode() + b"\0" for part in parts) + source.content).hexdigest()
+
+
+def _compile(source: MapSource, shown: str, *, for_people: bool) -> bytes:
+    logging.getLogger("siren_ros").info("compiling the map %s; later calls have it from the cache", shown)
+    with tempfile.TemporaryDirectory(prefix="siren-map-") as scratch:
+        folder = Path(scratch)
+
+        def run(options: Sequence[str], files: Mapping[str, bytes]) -> bytes:
+            """Runs netconvert on files, each by the option that names it."""
+            for option, content in files.items():
+                path = folder / f"file{option}.xml"
+                path.write_bytes(content)
+                options = (*options, option, str(path))
+            return run_netconvert(options, folder / "out.net.xml", shown)
+
+        net = _streets(source, shown, run, for_people=for_people)
+        if not for_people or has_corners(net):
+            return without_outlines(net) if for_people else net
+        places = crossing_places(source, fromstring(net))
+        files = {"--sumo-net-file": net, "--connection-files": document("connections", places)}
+        return without_outlines(run(_JOINED_SIDEWALKS, files))
+
+
+def _streets(source: MapSource, shown: str, run: Callable[[Sequence[str], Files], bytes], *, for_people: bool) -> bytes:
+    """The net of a map; its sidewalks have crossings only where the source is a net that has them."""
+    if source.kind is SourceKind.SUMO:
+        return without_header(source.content)
+    if source.kind in _ONE_RUN:
+        options, names = _ONE_RUN[source.kind]
+        return run(options, dict(zip(names, source.content.split(b"\0"), strict=False)))
+    first_options, second_options, option, complete = _TWO_RUNS[source.kind]
+    try:
+        left_hand, content = _imported(source)
+        if source.kind is SourceKind.OPENSTREETMAP:
+            first_options = (*first_options, *(("--lefthand",) if left_hand else ()))
+            if for_people:
+                first_options, content = (*first_options, *cycle_options()), with_sidewalks_on_streets(content)
+        first_net = run(first_options, {option: content})
+        if source.kind is SourceKind.OPENDRIVE:
+            patches = opendrive_patches(first_net, content, shown, for_people=for_people)
+            net = with_stated_limits(run(second_options, {"--sumo-net-file": first_net, **patches}), content)
+            return mirrored_net(net) if left_hand else net
+        patches = _openstreetmap_patches(source.content, first_net, shown)
+    except (KeyError, ValueError) as error:
+        raise MapError(shown, f"{complete} are complete ({error!r})") from error
+    return run(second_options, {"--sumo-net-file": first_net, **patches}) if patches else first_net
+
+
+def _imported(source: MapSource) -> tuple[bool, bytes]:
+    """Whether traffic keeps left, and what netconvert imports: an OpenDRIVE map as if it kept right."""
+    if not keeps_left(source):
+        return False, source.content
+    exchange = mirrored_opendrive if source.kind is SourceKind.OPENDRIVE else with_sides_exchanged
+    return True, exchange(source.content)
+
+
+def _openstreetmap_patches(osm: bytes, first_net: bytes, shown: str) -> dict[str, bytes]:
+    """Stop and give-way signs, and longer joints where lanes fan out; empty for a map that has none of them."""
+    net = fromstring(first_net)
+    nodes, priorities = control_patches(net, *signed_edges(osm, net), drives_on)
+    nodes += taper_patches(_parsed(first_net, shown))
+    if not nodes and not priorities:
+        return {}
+    edges = [Element("edge", id=edge, priority=str(priority)) for edge, priority in priorities.items()]
+    return {"--node-files": document("nodes", nodes), "--edge-files": document("edges", edges)}
+
+
+def store_net(net_path: Path, net: bytes) -> None:
+    """Writes under a temporary name and renames, so that concurrent compilations see a whole file or none."""
+    try:
+        net_path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=net_path.parent, prefix=f".{net_path.name}.", delete=False) as partial:
+            partial.write(net)
+        Path(partial.name).replace(net_path)
+    except OSError as error:
+        raise InputError("SIREN_CACHE_DIR", str(net_path.parent), f"a folder that can be written ({error})") from error
+
+
+def with_speed_limit(compiled: CompiledMap, limit_mps: float) -> CompiledMap:
+    """The map with no lane's speed limit above a limit; the map itself where none is.
+
+    The paper's traffic drives at the limit that CARLA gives to roads without a sign, 30 km/h. Higher limits of a map
+    would leave nothing for an EMV at 50 km/h to pass. The lowered net is kept in the cache of compiled maps.
+
+    Raises:
+        InputError: The cache folder cannot be written.
+    """
+    return _changed(compiled, f"{_SLOWER_RECIPE} {limit_mps:.2f}", lambda net: lowered_limits(net, limit_mps))
+
+
+def with_shoulders_in_use(compiled: CompiledMap) -> CompiledMap:
+    """The map without shoulders that anybody may drive on; the map itself where it has none.
+
+    In a town vehicles park there. A template asks for it where a free shoulder would be the EMV's way past everybody.
+    Raises InputError as ``with_speed_limit`` does.
+    """
+    return _changed(compiled, _IN_USE_RECIPE, closed_shoulders)
+
+
+def mirrored_map(compiled: CompiledMap) -> CompiledMap:
+    """The mirror image of a map, with traffic on the other side; raises InputError as ``with_speed_limit`` does."""
+    return _changed(compiled, _MIRRORED_RECIPE, mirrored_net)
+
+
+def _changed(compiled: CompiledMap, recipe: str, change: Callable[[bytes], bytes]) -> CompiledMap:
+    key = hashlib.sha256(f"{recipe} {compiled.sha256}".encode()).hexdigest()
+    path = compiled.net_path.with_name(f"{compiled.name}-{key[:20]}.net.xml")
+    try:
+        net = path.read_bytes()
+    except OSError:
+        net = change(compiled.read_bytes())
+        store_net(path, net)
+    digest = hashlib.sha256(net).hexdigest()
+    return compiled if digest == compiled.sha256 else replace(compiled, net_path=path, sha256=digest)
+
+
+def closed_shoulders(net: bytes) -> bytes:
+    """A SUMO net whose lanes for emergency vehicles alone are closed; the same bytes where there are none."""
+    root = fromstring(net)
+    shoulders = [lane for lane in root.iter("lane") if lane.get("allow") == "emergency"]
+    if not shoulders:
+        return net
+    for lane in shoulders:
+        del lane.attrib["allow"]
+        lane.set("disallow", "all")
+    return document(root)
+
+
+def lowered_limits(net: bytes, limit_mps: float) -> bytes:
+    """A SUMO net with no lane's limit above ``limit_mps``; the same bytes where none was above."""
+    root = fromstring(net)
+    fast = [lane for lane in root.iter("lane") if float(lane.get("speed", "0")) > limit_mps]
+    if not fast:
+        return net
+    for lane in fast:
+        lane.set("speed", f"{limit_mps:.2f}")
+    return document(root)

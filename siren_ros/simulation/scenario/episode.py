@@ -1,0 +1,233 @@
+"""What a user asks for, what identifies an episode, and how it ended.
+
+The fields of a request are declared here and nowhere else.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from enum import StrEnum
+from typing import Any, Final
+
+from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles, RecordedFiles, files_from_json
+from siren_ros.base.params.parameter_field import parameter
+from siren_ros.base.tables.brief import Brief
+from siren_ros.errors import InputError
+from siren_ros.simulation.scenario.paper import EmergencyLevel, level_name
+from siren_ros.simulation.world.actors import NO_ACTOR
+
+DEFAULT_LOOK: Final = "clear"
+_LEVELS: Final = ("", *EmergencyLevel.__members__)
+_AV_KINDS: Final = ("", "civilian")
+MAX_SEED: Final = 2**31 - 1
+_LEFT_OUT: Final = frozenset({"site", "values", "predictor", "detector"})
+"""Fields that records do not have where they are empty, so that records of episodes without them stay the same."""
+
+
+@dataclass(frozen=True)
+class EpisodeRequest:
+    """The choices that define an episode. The nodes that take a request inherit these fields as parameters."""
+
+    template: str = parameter("S2", "Interaction template: an id such as S2 or the path of a template file.")
+    level: str = parameter(
+        "", "Emergency level, also 2 or l2 for L2; empty: the template's own.", choices=_LEVELS, read=level_name
+    )
+    seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=MAX_SEED)
+    map: str = parameter(
+        "",
+        "Path of a SUMO net, OpenDRIVE or OpenStreetMap file, or town, city or motorway, which are built in; empty: "
+        "the template's own, the town for S1 to S7.",
+    )
+    site: str = parameter(
+        "", "Where on the map it happens: a name that siren sites prints; empty: the seed draws one of the good sites."
+    )
+    duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
+    preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
+    sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
+    look: str = parameter(DEFAULT_LOOK, "Weather and time of day: a name in params/looks or the path of a look file.")
+    av: str = parameter(
+        "",
+        "Who an external controller drives: the civilian that the EMV has to pass; empty: nobody.",
+        choices=_AV_KINDS,
+    )
+    av_sensors: str = parameter("none", "Sensor suite of that vehicle: as for sensors; its topics begin with /av.")
+    values: str = parameter(
+        "", "Values of the template's parameters in place of the seed's own: emv.speed_mps=12.5,duration_s=60."
+    )
+    predictor: str = parameter(
+        "", "Program that takes part and says at every frame on /predictions where vehicles will be; empty: none."
+    )
+    detector: str = parameter(
+        "",
+        "Detector of vehicles in the sweeps of the running episode, on /emv/detections: pillars, or the path of an "
+        "ONNX file; empty: none.",
+    )
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "level", level_name(self.level))
+
+    @staticmethod
+    def within(config: "EpisodeRequest") -> "EpisodeRequest":
+        """The request that a configuration with further fields holds."""
+        return EpisodeRequest(**{field.name: getattr(config, field.name) for field in fields(EpisodeRequest)})
+
+    def to_json(self) -> dict[str, Any]:
+        """The request as JSON types, for the record; without values and programs where it has none."""
+        return {name: value for name, value in asdict(self).items() if name not in _LEFT_OUT or value}
+
+
+def values_of(text: str) -> dict[str, float]:
+    """The values in the text of a request's field ``values``, by the dotted path of the parameter.
+
+    Raises:
+        InputError: Not ``path=number`` by commas, or a path twice.
+    """
+    values: dict[str, float] = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        path, _, number = part.partition("=")
+        try:
+            value = float(number)
+        except ValueError as error:
+            raise InputError("values", part, "PATH=NUMBER, several by commas: emv.speed_mps=12.5") from error
+        if path.strip() in values:
+            raise InputError("values", part, "each parameter once")
+        values[path.strip()] = value
+    return values
+
+
+def text_of_values(values: Mapping[str, float]) -> str:
+    """Inverse of ``values_of``, to the last bit; sorted, so that the same values are the same text."""
+    return ",".join(f"{path}={float(value)!r}" for path, value in sorted(values.items()))
+
+
+FILES_PARAMETER: Final = "files"
+"""Key of ``EpisodeDescription.parameters`` with the text and the hash of every parameter file."""
+CROSSING_PARAMETER: Final = "crossing"
+"""Key of the EMVs that cross the way of the others, and of the junction where they do, where there are some."""
+MAP_SOURCE_PARAMETER: Final = "map_source_sha256"
+"""Key of the hash of the map file before it was compiled, unpacked where it was packed."""
+
+
+class EpisodeEnd(StrEnum):
+    """Why an episode ended."""
+
+    COMPLETE = "complete"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class EpisodeDescription(Brief):
+    """Everything that is needed to make the same episode again."""
+
+    template: str
+    level: EmergencyLevel
+    seed: int
+    map_name: str
+    map_sha256: str
+    """Of the compiled SUMO net."""
+    duration_s: float
+    sensor_suite: str
+    preset: str
+    emv_ids: tuple[int, ...]
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    """The request, the template's values, the predicate and the parameter files; JSON types only."""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    site: Mapping[str, object] = field(default_factory=dict)
+    """The place where it happens: kind, name, junction, route edges, stretch."""
+
+    def facts(self) -> dict[str, object]:
+        """The episode without its files and versions."""
+        names = ("template", "level", "seed", "map_name", "duration_s", "sensor_suite", "preset", "emv_ids")
+        return {**{name: getattr(self, name) for name in names}, "site": self.site.get("name", "")}
+
+    @property
+    def files(self) -> InputFiles:
+        """The recorded parameter files; those on disk for a description without any.
+
+        Raises:
+            BagError: The recorded files are damaged.
+        """
+        stored = self.parameters.get(FILES_PARAMETER)
+        return FILES_ON_DISK if stored is None else RecordedFiles(files_from_json(stored))
+
+    @property
+    def av_id(self) -> int:
+        """The civilian that an external controller drives; NO_ACTOR in episodes without one."""
+        av = self.parameters.get("av")
+        return int(av["actor_id"]) if isinstance(av, Mapping) else NO_ACTOR
+
+    @property
+    def crossed_junctions(self) -> Mapping[int, str]:
+        """The junction at which each EMV that crosses the way of the others does so, by its id."""
+        crossing = self.parameters.get(CROSSING_PARAMETER)
+        if not isinstance(crossing, Mapping):
+            return {}
+        return {int(emv_id): str(crossing["junction"]) for emv_id in crossing["emv_ids"]}
+
+    @property
+    def asked(self) -> Mapping[str, object]:
+        """The request that the episode was made from; empty where the description does not say."""
+        request = self.parameters.get("request")
+        return request if isinstance(request, Mapping) else {}
+
+    @property
+    def predictor(self) -> str:
+        """The program whose predictions are recorded; empty in episodes without one."""
+        return str(self.asked.get("predictor", ""))
+
+    @property
+    def detector(self) -> str:
+        """The detector whose boxes are recorded; empty in episodes without one."""
+        return str(self.asked.get("detector", ""))
+
+    @property
+    def draw(self) -> str:
+        """Values of the template's parameters in place of the seed's own, as the request has them; empty without."""
+        return str(self.asked.get("values", ""))
+
+    @property
+    def pinned(self) -> str:
+        """The pinned site and the values in place of the seed's own, for people; empty where the seed draws all."""
+        return " ".join(filter(None, (str(self.asked.get("site", "")), self.draw)))
+
+    @property
+    def template_values(self) -> Mapping[str, float]:
+        """Values of the template's parameters, by path; those alone that are numbers."""
+        values = self.parameters.get("template")
+        items = values.items() if isinstance(values, Mapping) else ()
+        return {str(name): float(value) for name, value in items if type(value) in (int, float)}
+
+    @property
+    def av_sensor_suite(self) -> str:
+        """Sensor suite of the AV under test; empty in episodes without one."""
+        av = self.parameters.get("av")
+        return str(av["sensors"]) if isinstance(av, Mapping) else ""
+
+
+@dataclass(frozen=True)
+class EpisodeOutcome(Brief):
+    """How an episode ended, as stored at the end of its bag."""
+
+    end: EpisodeEnd
+    reason: str
+    steps: int
+    predicate_holds: bool | None
+    """None where the predicate could not be evaluated."""
+    measures: Mapping[str, float | int | str] = field(default_factory=dict)
+    """Numbers of the interaction: predicate parts, collisions, residual percentiles, travel time."""
+
+    @property
+    def shortcomings(self) -> tuple[str, ...]:
+        """What an episode that was made lacks, in words; empty where its interaction happened without a collision."""
+        return shortcomings(self.predicate_holds, int(self.measures.get("collisions", 0)))
+
+
+def shortcomings(predicate_holds: bool | None, collisions: int) -> tuple[str, ...]:
+    """As ``EpisodeOutcome.shortcomings``, of its two parts."""
+    happened = {
+        True: "",
+        False: "the interaction did not happen",
+        None: "whether the interaction happened could not be judged",
+    }[predicate_holds]
+    collided = f"{collisions} collision{'s' if collisions > 1 else ''}" if collisions else ""
+    return tuple(filter(None, (happened, collided)))

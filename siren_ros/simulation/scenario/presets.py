@@ -1,0 +1,169 @@
+"""How civilian drivers respond to a siren: presets of distributions, one draw per driver."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
+from siren_ros.base.params.strict_yaml import StrictMapping
+from siren_ros.errors import InputError
+
+_SHARE_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class TruncatedNormal:
+    """A normal distribution cut off at ``minimum`` and ``maximum``; a constant where ``std`` is 0."""
+
+    mean: float
+    std: float
+    minimum: float
+    maximum: float
+
+    def draw(self, rng: np.random.Generator) -> float:
+        """One value; draws outside the limits are drawn again, at most 64 times, then clipped."""
+        value = self.mean
+        if self.std > 0.0:
+            for _ in range(64):
+                value = float(rng.normal(self.mean, self.std))
+                if self.minimum <= value <= self.maximum:
+                    break
+        return min(max(value, self.minimum), self.maximum)
+
+    def scaled(self, factor: float) -> "TruncatedNormal":
+        """The distribution of ``factor`` times the value."""
+        return TruncatedNormal(self.mean * factor, self.std * factor, self.minimum * factor, self.maximum * factor)
+
+    def shifted(self, by: float) -> "TruncatedNormal":
+        """The distribution of the value plus ``by``."""
+        return TruncatedNormal(self.mean + by, self.std, self.minimum + by, self.maximum + by)
+
+
+@dataclass(frozen=True)
+class ComplianceShares:
+    """Shares of drivers that comply at once, late, or never; they add up to 1."""
+
+    complies: float
+    late: float
+    never: float
+
+
+@dataclass(frozen=True)
+class Attention:
+    """Who looks out for others where ways cross; the defaults are everybody, as far ahead as it matters."""
+
+    civilians: float = 1.0
+    """Share of the drivers who see an EMV that comes across their way against a signal or sign."""
+    emv_horizon_s: float = 8.0
+    """The EMV's driver counts with those who come to the crossing of the ways within this time."""
+    emv_pet_s: float = 1.2
+    """Time that the EMV's driver means to leave behind those who cross its way (post-encroachment time)."""
+    emv_line_mps: TruncatedNormal = TruncatedNormal(5.556, 0.8, 4.0, 7.5)
+    """Speed of EMVs at a line at which others have the right of way, one draw per driver."""
+
+
+@dataclass(frozen=True)
+class OncomingResponse:
+    """What drivers do when an EMV with a siren comes towards them on a road that nothing divides."""
+
+    share: float = 0.0
+    """Of the drivers who react: they keep right and slow down."""
+    speed_share: float = 1.0
+    """Of their wished speed that they slow down to."""
+
+
+@dataclass(frozen=True)
+class DriverPreset:
+    """Distributions from which each civilian driver's response to a siren is drawn."""
+
+    name: str
+    title: str
+    reaction_delay_s: TruncatedNormal
+    """From noticing the siren to the start of the manoeuvre."""
+    late_delay_s: TruncatedNormal
+    """On top of the reaction delay, for drivers that comply late."""
+    response_distance_m: TruncatedNormal
+    """Distance between the two vehicles at which the driver notices the siren."""
+    compliance: ComplianceShares
+    attention: Attention = Attention()
+    oncoming: OncomingResponse = OncomingResponse()
+    pedestrian_distance_m: TruncatedNormal = TruncatedNormal(0.0, 0.0, 0.0, 0.0)
+    """Distance to an EMV with a siren at which a pedestrian waits at the kerb, or hurries over a crossing."""
+    filtering: float = 0.0
+    """Share of the motorcyclists who follow an EMV through the rescue lane."""
+
+    def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
+        """The preset with the values of a scenario.
+
+        The distance is the new mean of the response distance; spread and limits scale with it. The delay is added to
+        every reaction delay. ``compliance`` is a factor 0–1 on the shares that comply at once or late.
+        """
+        complies, late = self.compliance.complies * compliance, self.compliance.late * compliance
+        return replace(
+            self,
+            reaction_delay_s=self.reaction_delay_s.shifted(extra_delay_s),
+            response_distance_m=self.response_distance_m.scaled(response_distance_m / self.response_distance_m.mean),
+            compliance=ComplianceShares(complies, late, 1.0 - complies - late),
+        )
+
+
+def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverPreset:
+    """A preset by its name or from a YAML file.
+
+    Raises:
+        InputError: unknown preset, or a file with an unknown key or a value out of range (names file and line).
+    """
+    top = files.read("preset", "presets", name_or_path).mapping()
+    preset = DriverPreset(
+        name=Path(name_or_path).stem,
+        title=top.text("title"),
+        reaction_delay_s=read_distribution(top.mapping("reaction_delay_s"), 0.0, 30.0),
+        late_delay_s=read_distribution(top.mapping("late_delay_s"), 0.0, 60.0),
+        response_distance_m=read_distribution(top.mapping("response_distance_m"), 1.0, 300.0),
+        compliance=_shares(top.mapping("compliance")),
+        attention=_attention(top.mapping("attention")) if top.has("attention") else Attention(),
+        oncoming=_oncoming(top.mapping("oncoming")) if top.has("oncoming") else OncomingResponse(),
+    )
+    if top.has("pedestrian_distance_m"):
+        distance = read_distribution(top.mapping("pedestrian_distance_m"), 0.0, 300.0)
+        preset = replace(preset, pedestrian_distance_m=distance)
+    if top.has("filtering"):
+        preset = replace(preset, filtering=top.number("filtering", 0.0, 1.0))
+    top.finish()
+    return preset
+
+
+def _attention(section: StrictMapping) -> Attention:
+    attention = Attention(
+        section.number("civilians", 0.0, 1.0),
+        section.number("emv_horizon_s", 0.0, 60.0),
+        section.number("emv_pet_s", 0.0, 10.0),
+        read_distribution(section.mapping("emv_line_mps"), 0.0, 40.0),
+    )
+    section.finish()
+    return attention
+
+
+def _oncoming(section: StrictMapping) -> OncomingResponse:
+    response = OncomingResponse(section.number("share", 0.0, 1.0), section.number("speed_share", 0.1, 1.0))
+    section.finish()
+    return response
+
+
+def read_distribution(section: StrictMapping, low: float, high: float) -> TruncatedNormal:
+    """A distribution written as ``{mean, std, min, max}``, all within ``[low, high]``; raises InputError otherwise."""
+    minimum = section.number("min", low, high)
+    maximum = section.number("max", minimum, high)
+    mean, std = section.number("mean", minimum, maximum), section.number("std", 0.0, high)
+    section.finish()
+    return TruncatedNormal(mean, std, minimum, maximum)
+
+
+def _shares(section: StrictMapping) -> ComplianceShares:
+    shares = ComplianceShares(*(section.number(key, 0.0, 1.0) for key in ("complies", "late", "never")))
+    section.finish()
+    total = shares.complies + shares.late + shares.never
+    if abs(total - 1.0) > _SHARE_TOLERANCE:
+        raise InputError(section.where("never"), total, "shares complies + late + never that add up to 1")
+    return shares

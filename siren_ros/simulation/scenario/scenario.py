@@ -1,0 +1,354 @@
+"""Scenario templates: what is set up, how it may vary, and which predicate tells that it happened."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.errors import InputError
+from siren_ros.simulation.roads.sites import SiteKind
+from siren_ros.simulation.scenario.paper import EmergencyLevel
+from siren_ros.simulation.world.actors import ActorClass
+
+
+class BehaviourFamily(StrEnum):
+    """The paper's families of templates (table of templates)."""
+
+    CLEARANCE = "clearance"
+    TRAFFIC_CONTROL = "traffic_control"
+    ROAD_SPACE = "road_space"
+
+
+class StartReference(StrEnum):
+    """From where the EMV's start is counted in driving direction; before it the distance is negative."""
+
+    SITE_START = "site_start"
+    """The beginning of the site's edge."""
+    STOP_LINE = "stop_line"
+    """The end of the site's edge; for sites at a junction."""
+
+
+class GroupAnchor(StrEnum):
+    """From where a group's first gap is counted."""
+
+    EMV = "emv"
+    """From the EMV's front, forwards."""
+    STOP_LINE = "stop_line"
+    """From the stop line of the group's lane, backwards."""
+    ARRIVAL = "arrival"
+    """Forwards from where a vehicle at the group's speed comes to the stop line together with the EMV."""
+
+
+class Placement(StrEnum):
+    """The lanes in which a group of civilians starts, relative to the EMV's approach."""
+
+    EMV_LANE = "emv_lane"
+    """Ahead in the EMV's lane, along its route."""
+    ADJACENT_LANE = "adjacent_lane"
+    """In a neighbouring lane of the EMV's: one with the EMV's movement, or else the left one."""
+    OTHER_LANES = "other_lanes"
+    """In all other driving lanes of the EMV's approach, in turn."""
+    TURNING_LANES = "turning_lanes"
+    """In the driving lanes of the EMV's approach from which nobody follows its movement, in turn."""
+    SAME_DIRECTION = "same_direction"
+    """In the other lanes with the EMV's movement at the site's junction, in turn. Where there are none, in its own
+    lane, unless the group is optional."""
+    CROSSING = "crossing"
+    """In the lanes whose paths cross the EMV's at the site's junction, in turn."""
+    EVERY_LANE = "every_lane"
+    """In all driving lanes of the EMV's road, with the group's number of vehicles in each; they come on top of the
+    background volume."""
+
+
+@dataclass(frozen=True)
+class ValueRange:
+    """Limits between which a scenario parameter is drawn, both included."""
+
+    minimum: float
+    maximum: float
+    integer: bool = False
+
+
+@dataclass(frozen=True)
+class EmvDemand:
+    """The emergency vehicle of a template."""
+
+    actor_class: ActorClass
+    count: int
+    """On one route, one behind the other."""
+    start_m: float
+    """Of the foremost one's front bumper, counted from ``start_from``; negative before it."""
+    speed_mps: float
+    """Target speed in route following (paper, table of target speeds: 50 km/h)."""
+    depart_speed_mps: float
+    headway_s: float
+    """Time between two EMVs on the same route; of no effect with one."""
+    start_from: StartReference = StartReference.SITE_START
+    crossing: int = 0
+    """Further ones, from a side street of the site's junction, or of the first one behind its road."""
+    crossing_after_s: float = 0.0
+    """From the first EMV's unhindered arrival at that junction to theirs; of no effect without them."""
+
+
+@dataclass(frozen=True)
+class SignalDemand:
+    """How the EMV's arrival lies in the programme of the signal at the site's junction, or at the end of its road."""
+
+    red_before_arrival_s: float
+    """Time from the beginning of the red of the EMV's movement to the EMV's unhindered arrival at the stop line;
+    negative where the red comes after it."""
+
+
+@dataclass(frozen=True)
+class JamDemand:
+    """What holds up the foremost vehicles of the groups in every lane: they roll, stand, and may roll on in turn."""
+
+    moves: int
+    """Whether they go on after their first stop: 0 or 1."""
+    roll_s: float
+    roll_mps: float
+    stand_s: float
+
+
+@dataclass(frozen=True)
+class DemandGroup:
+    """Civilians that start in a row, counted in the background volume."""
+
+    name: str
+    placement: Placement
+    vehicles: int
+    first_gap_m: float
+    """From the anchor to the first vehicle's nearer bumper."""
+    spacing_m: float
+    """Mean gap between one vehicle's front and the next one's rear."""
+    speed_mps: float
+    """Speed at the start, unless they are standing; they wish for the same speeds as other drivers."""
+    anchor: GroupAnchor = GroupAnchor.EMV
+    standing: bool = False
+    """Whether the vehicles stand at the start: a queue."""
+    optional: bool = False
+    """Whether the interaction also happens without the group: it is left out where it has no lane or no road."""
+
+
+@dataclass(frozen=True)
+class PeopleDemand:
+    """Who is on the road besides cars, within 150 m of the EMV's way; not counted in the background volume."""
+
+    pedestrians: int = 0
+    cyclists: int = 0
+    motorcycles: int = 0
+
+
+PEOPLE: Final = tuple(f"demand.people.{part.name}" for part in fields(PeopleDemand))
+"""Paths of these parameters, which every template has."""
+
+
+@dataclass(frozen=True)
+class VarietyDemand:
+    """What makes the scene harder to learn by heart. With 0 everything is as in the paper's episodes."""
+
+    size_spread: float = 0.0
+    """Lengths, widths and heights of vehicles differ from those of their class by up to this share, by seed."""
+    parked_share: float = 0.0
+    """Share of the places along the carriageway in which a vehicle is parked, off the space of traffic."""
+    clutter_per_100_m: float = 0.0
+    """Bins, benches, boxes, cabinets and the like on 100 m of the carriageway's edge."""
+    colour_share: float = 0.0
+    """How far the reflectivity of paint, walls and sheet metal for LiDARs follows their colour, 0 to 1."""
+
+
+VARIETY: Final = tuple(f"demand.variety.{part.name}" for part in fields(VarietyDemand))
+"""Paths of these parameters, which every template has, and which a record has where they are not 0."""
+DRAWN_BY_NAME: Final = frozenset({"duration_s", "emv.count", "emv.crossing", "emv.crossing_after_s", *PEOPLE, *VARIETY})
+"""Length of an episode, numbers of EMVs and people, and variety: drawn only where a study names them."""
+
+
+@dataclass(frozen=True)
+class Demand:
+    """Civilian traffic of a template."""
+
+    background_vehicles: int
+    """Civilians near the EMV's way, groups included (paper, table of templates: N_veh)."""
+    speed_limit_mps: float
+    """Highest speed limit of the map's roads; higher ones are lowered to it."""
+    speed_factor: float
+    """Factor on the speed that drivers wish for, relative to the speed limit."""
+    classes: tuple[tuple[ActorClass, float], ...]
+    """Shares of the vehicle classes; they add up to 1."""
+    groups: tuple[DemandGroup, ...]
+    district_per_lane_km: float = 0.0
+    """Further civilians per kilometre of lane in the streets around those of the volume."""
+    people: PeopleDemand = field(default_factory=PeopleDemand)
+    variety: VarietyDemand = field(default_factory=VarietyDemand)
+
+
+@dataclass(frozen=True)
+class CivilianResponseDemand:
+    """What a template asks of the civilians' response, on top of the preset (``DriverPreset.for_scenario``)."""
+
+    response_distance_m: float
+    extra_delay_s: float
+    """Manoeuvre timing: added to each driver's reaction delay."""
+    compliance: float
+    """Factor on the shares that comply."""
+    duty: int = 0
+    """Whether drivers open a rescue lane in slow traffic out of town before they hear a siren: 0 or 1."""
+
+
+@dataclass(frozen=True)
+class PredicateDemand:
+    """Which predicate tells that the interaction happened, with its thresholds."""
+
+    name: str
+    thresholds: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Template:
+    """One scenario with definite values."""
+
+    template_id: str
+    title: str
+    family: BehaviourFamily
+    level: EmergencyLevel
+    site_kind: SiteKind
+    duration_s: float
+    warm_up_s: float
+    """Traffic runs this long before step 0, so that it has settled."""
+    emv: EmvDemand
+    demand: Demand
+    response: CivilianResponseDemand
+    predicate: PredicateDemand
+    signal: SignalDemand | None = None
+    """None where the signals run as they are."""
+    jam: JamDemand | None = None
+    """None where nothing but traffic holds vehicles up."""
+    map_name: str = ""
+    """The built-in map on which it happens where nobody names a map; empty: the town."""
+    shoulders_in_use: bool = False
+    """Whether nobody can drive on the map's shoulders, as where vehicles park there."""
+    ranges: Mapping[str, ValueRange] = field(default_factory=dict)
+    """Range of each scenario parameter by its dotted path: ``emv.speed_mps``, ``demand.platoon.vehicles``."""
+    drawn: Mapping[str, ValueRange] = field(default_factory=dict)
+    """The parameters that every seed draws anew, with the part of their range that it draws from."""
+
+    def value(self, path: str) -> float:
+        """Present value of a scenario parameter; KeyError for an unknown path."""
+        owner, name = self._owner(path)
+        return float(getattr(owner, name))
+
+    def values(self) -> dict[str, float]:
+        """Present values of all scenario parameters."""
+        return {path: self.value(path) for path in self.ranges}
+
+    def recorded_values(self) -> dict[str, float]:
+        """The same for a record; of variety only what is not 0, so that records without it stay the same."""
+        return {path: value for path, value in self.values().items() if value or path not in VARIETY}
+
+    @property
+    def lasting_s(self) -> float:
+        """The duration until the last EMV has had as long as the first one."""
+        return self.duration_s + (self.emv.count - 1) * self.emv.headway_s
+
+    def with_values(self, values: Mapping[str, float]) -> "Template":
+        """The template with other values of scenario parameters.
+
+        Raises:
+            InputError: an unknown parameter, or a value outside its range.
+        """
+        changed = self
+        for path, value in values.items():
+            limits = self.ranges.get(path)
+            if limits is None:
+                raise InputError(path, value, f"one of {', '.join(self.ranges)}")
+            if not limits.minimum <= value <= limits.maximum or (limits.integer and value != round(value)):
+                kind = "a whole number" if limits.integer else "a number"
+                raise InputError(path, value, f"{kind} from {limits.minimum:g} to {limits.maximum:g}")
+            changed = _replaced(changed, path.split("."), round(value) if limits.integer else value)
+        return changed
+
+    def _owner(self, path: str) -> tuple[Any, str]:
+        parts = path.split(".")
+        owner: Any = self
+        for part in parts[:-1]:
+            groups = {group.name: group for group in owner.groups} if isinstance(owner, Demand) else {}
+            owner = groups[part] if part in groups else getattr(owner, part)
+        return owner, parts[-1]
+
+
+def _replaced(section: Any, path: list[str], value: float) -> Any:
+    """A copy of a nested section with the value at the path replaced; groups go by their names."""
+    if not path:
+        return value
+    head, *rest = path
+    if isinstance(section, Demand) and head in {group.name for group in section.groups}:
+        groups = tuple(_replaced(group, rest, value) if group.name == head else group for group in section.groups)
+        return replace(section, groups=groups)
+    return replace(section, **{head: _replaced(getattr(section, head), rest, value)})
+
+
+def realised(template: Template, rng: np.random.Generator) -> Template:
+    """The template as one seed sets it up: the parameters that are drawn for every seed have values of their own."""
+    return template.with_values(_uniform(template.drawn, rng))
+
+
+def draw_values(template: Template, rng: np.random.Generator) -> dict[str, float]:
+    """One draw of every scenario parameter, uniform over its range, in the order of the template's ranges."""
+    return _uniform(template.ranges, rng)
+
+
+def _uniform(ranges: Mapping[str, ValueRange], rng: np.random.Generator) -> dict[str, float]:
+    return {
+        path: float(rng.integers(round(limits.minimum), round(limits.maximum), endpoint=True))
+        if limits.integer
+        else float(rng.uniform(limits.minimum, limits.maximum))
+        for path, limits in ranges.items()
+    }
+
+
+@dataclass(frozen=True)
+class PredicateDeclaration:
+    """A predicate as templates and records name it; ``siren_ros.scoring.judging`` evaluates it."""
+
+    name: str
+    thresholds: Mapping[str, tuple[float, float]]
+    """Smallest and largest value that a template may give each threshold."""
+    needs: EmergencyLevel = EmergencyLevel.L1
+    """Least level at which the cause of the interaction exists; below it the predicate must not hold."""
+
+
+_SPEED_MIN: Final = {"speed_min_mps": (0.1, 20.0)}
+
+RESCUE_LANE: Final = PredicateDeclaration(
+    "rescue_lane",
+    {
+        "open_share_min": (0.0, 1.0),
+        "ahead_m": (20.0, 300.0),
+        "side_m": (0.0, 1.0),
+        "through_min_m": (50.0, 2000.0),
+        "speed_min_mps": (0.1, 20.0),
+    },
+    EmergencyLevel.L3,
+)
+QUEUES_SPLIT: Final = PredicateDeclaration(
+    "queues_split", {"holding_min": (1, 50), "overtaken_min": (1, 50), "lateral_max_m": (0.1, 5.0)}, EmergencyLevel.L3
+)
+LANE_CLEARED: Final = PredicateDeclaration(
+    "lane_cleared", {"lane_changes_min": (1, 50), "passed_min": (1, 50)}, EmergencyLevel.L2
+)
+RED_SAME_DIRECTION: Final = PredicateDeclaration("red_same_direction", {})
+RED_CROSSING: Final = PredicateDeclaration("red_crossing", {})
+STOP_SAME_DIRECTION: Final = PredicateDeclaration("stop_same_direction", _SPEED_MIN)
+STOP_CROSSING: Final = PredicateDeclaration("stop_crossing", _SPEED_MIN)
+SHOULDER_TURN: Final = PredicateDeclaration("shoulder_turn", {"shoulder_min_s": (0.1, 60.0)})
+
+DECLARED_PREDICATES: Final[dict[str, PredicateDeclaration]] = {
+    declared.name: declared
+    for declared in (
+        *(QUEUES_SPLIT, LANE_CLEARED, RED_SAME_DIRECTION, RED_CROSSING),
+        *(STOP_SAME_DIRECTION, STOP_CROSSING, SHOULDER_TURN, RESCUE_LANE),
+    )
+}
+"""By name."""

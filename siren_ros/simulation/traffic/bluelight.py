@@ -1,0 +1,32 @@
+"""SUMO alone with its own bluelight device on the EMVs, for comparison: nothing here corrects SUMO's vehicles."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
+from siren_ros.simulation.traffic.simulation import SumoSimulation
+from siren_ros.simulation.traffic.sumo.population import MIRRORS_M
+
+_OURS: Final = re.compile(rb' lcMaxSpeedLat(Standing|Factor)="[^"]*"')
+"""How vehicles move sideways; SUMO's own values let them do so while they stand."""
+_EMV_TYPE: Final = re.compile(rb'(vClass="emergency"[^>]*latAlignment=)"center"')
+"""An EMV with the device needs the whole width of its lane."""
+
+
+class BluelightSimulation(SumoSimulation):
+    """An episode's plan as SUMO drives it, EMVs and their corridor included; its steps are given no simulated world."""
+
+    def _impose_caution(self) -> None:
+        """SUMO's drivers are left alone."""
+
+    def _correct_motion(self) -> None:
+        """SUMO's vehicles move as SUMO moves them."""
+
+    def _types(self, vehicles: Sequence[PlannedVehicle]) -> bytes:
+        bare = [v if v.is_emv else replace(v, width_m=v.width_m - MIRRORS_M) for v in vehicles]
+        return _EMV_TYPE.sub(rb'\1"arbitrary"', _OURS.sub(b"", super()._types(bare)))
+
+    def _more_options(self) -> Mapping[str, str]:
+        return {"--device.bluelight.explicit": ",".join(vehicle.name for vehicle in self._plan.emvs)}

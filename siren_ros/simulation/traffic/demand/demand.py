@@ -1,0 +1,474 @@
+"""Plans the traffic of an episode from a template and a site. The seed alone decides who drives where.
+
+One civilian becomes the AV under test where an episode has one.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import compress, takewhile
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from shapely import LineString, contains_xy
+
+from siren_ros.base.numerics.arrays import Floats, chances, drawn, random_stream
+from siren_ros.base.numerics.braking import bend_speeds_mps, speed_before_mps, stops_within, with_braking
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.base.numerics.units import steps_from_s
+from siren_ros.errors import InputError, MapError
+from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.routing import driving_lanes, path_centre, route_path
+from siren_ros.simulation.roads.sites import Site
+from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement, Template
+from siren_ros.simulation.traffic.config import DemandConfig
+from siren_ros.simulation.traffic.demand.emv_start import (
+    EmvStart,
+    behind_queue_mps,
+    depart_speed_mps,
+    long_enough_route,
+)
+from siren_ros.simulation.traffic.demand.further_emvs import arrival_s, crossing_start, crossing_ways, following_starts
+from siren_ros.simulation.traffic.demand.group_demand import (
+    BRAKE_MPS2,
+    LATERAL_MPS2,
+    GroupPlan,
+    plan_groups,
+    route_length_m,
+)
+from siren_ros.simulation.traffic.demand.jam import JamHead
+from siren_ros.simulation.traffic.demand.pedestrians import plan_walkers
+from siren_ros.simulation.traffic.demand.plan import (
+    RED_BEHIND_S,
+    DriverPopulation,
+    LaneInterval,
+    PlannedVehicle,
+    SignalTiming,
+    Spot,
+    TrafficPlan,
+    chain_along,
+)
+from siren_ros.simulation.traffic.demand.vehicle_factory import Dimensions, VehicleFactory
+from siren_ros.simulation.world.actors import ActorClass
+
+_PLACEMENT_TRIES: Final = 400
+_EDGES_AHEAD: Final = 4
+"""Of a vehicle's route, whose bends count for its first speed."""
+
+
+def plan_traffic(
+    network: RoadNetwork,
+    site: Site,
+    template: Template,
+    seed: int,
+    drivers: DriverPopulation,
+    dimensions: Mapping[ActorClass, Dimensions],
+    config: DemandConfig | None = None,
+) -> TrafficPlan:
+    """Plan all vehicles of an episode.
+
+    The same inputs give the same plan. The level does not enter: episodes of one seed at different
+    levels have the same traffic.
+
+    Raises:
+        MapError: the map is too small for the civilians, or the site's approach too short for the EMVs.
+        InputError: dimensions of a vehicle class are missing.
+    """
+    config = config or DemandConfig()
+    factory = VehicleFactory(network, drivers, dimensions, config)
+    emv = template.emv
+    headway_m = factory.size(emv.actor_class)[0] + emv.headway_s * emv.depart_speed_mps
+    starts = following_starts(network, site, emv, headway_m)
+    needed_m = starts[0].front_m + emv.speed_mps * (template.duration_s + config.emv_route_slack_s)
+    way = starts[0].route
+    route = long_enough_route(factory, way, site, needed_m, random_stream(seed, "demand/route"))
+    starts = [replace(start, route=start.route[: len(start.route) - len(way)] + route) for start in starts]
+    return _Planner(network, site, starts, template, seed, factory, config).plan()
+
+
+@dataclass
+class _Planner:
+    _network: RoadNetwork
+    _site: Site
+    _starts: Sequence[EmvStart]
+    _template: Template
+    _seed: int
+    _factory: VehicleFactory
+    _config: DemandConfig
+    _lane_chances: dict[tuple[int, ...], Floats] = field(default_factory=dict)
+    """For ``drawn``, by the lanes."""
+
+    @property
+    def _start(self) -> EmvStart:
+        return self._starts[0]
+
+    def plan(self) -> TrafficPlan:
+        groups = plan_groups(
+            self._network, self._site, self._start, self._template, self._seed, self._factory, self._config
+        )
+        emvs = self._emvs(groups, self._starts)
+        crossing, crossed = self._crossing((*emvs, *groups.vehicles))
+        groups = self._without_queues_before(crossing, groups)
+        emvs += self._emvs(groups, crossing, "crossing_emv")
+        stage = self._stage(groups, crossing)
+        near, demand = self._near_lanes, self._template.demand
+        taken = {lane.index for lane in near}
+        around_m = self._config.district_m if demand.district_per_lane_km else 0.0
+        district = [lane for lane in self._lanes_within(around_m) if lane.index not in taken]
+        around = round(demand.district_per_lane_km * 1e-3 * sum(lane.length_m for lane in district))
+        civilians = demand.background_vehicles + groups.on_top + around
+        spares = round(self._config.reserve_factor * civilians)
+        volume = demand.background_vehicles + groups.on_top - len(groups.vehicles)
+        background = self._scattered("background", volume, near, (), disjoint=True)
+        background += self._scattered("district", around, district, (), disjoint=True)
+        walkers, walkers_kept = plan_walkers(
+            *(self._network, self._around_way, demand.people.pedestrians),
+            *(self._config.people_reserve_factor, self._seed, self._factory),
+        )
+        return TrafficPlan(
+            emvs=emvs,
+            groups=groups.vehicles,
+            background=background,
+            reserve=self._scattered("reserve", spares, [*near, *district], stage, disjoint=False),
+            stage=stage,
+            civilians=civilians,
+            warm_up_steps=steps_from_s(self._template.warm_up_s),
+            response_distance_m=self._template.response.response_distance_m,
+            signal=self._signal(groups),
+            crossed=crossed,
+            jam=self._jam(groups),
+            duty=bool(self._template.response.duty),
+            riders=self._riders(stage),
+            riders_kept=self._wanted,
+            walkers=walkers,
+            walkers_kept=walkers_kept,
+        )
+
+    def _jam(self, groups: GroupPlan) -> JamHead | None:
+        jam = self._template.jam
+        return None if jam is None else JamHead(groups.heads, bool(jam.moves), jam.roll_s, jam.roll_mps, jam.stand_s)
+
+    @cached_property
+    def _around_way(self) -> list[Lane]:
+        """The driving lanes near the whole way that the EMV may take during the episode."""
+        way_m = self._template.emv.speed_mps * self._template.duration_s
+        return self._lanes_within(self._config.neighbourhood_m, way_m) or self._leading_on
+
+    @property
+    def _wanted(self) -> Mapping[ActorClass, int]:
+        people = self._template.demand.people
+        return {ActorClass.BICYCLE: people.cyclists, ActorClass.MOTORCYCLE: people.motorcycles}
+
+    def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
+        """Cyclists and motorcyclists near the EMV's way, more than enter at once; none before the stage's vehicles."""
+        near, spares = self._around_way, 1.0 + self._config.people_reserve_factor
+        stage = [replace(area, to_m=self._network.lanes[area.lane].length_m) for area in stage]
+        lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
+        return tuple(
+            rider
+            for kind, count in self._wanted.items()
+            for rider in self._scattered(
+                *(kind.name.lower(), round(spares * count), lanes[kind], stage),
+                disjoint=False,
+                kind=kind,
+            )
+        )
+
+    def _cycled(self, near: Sequence[Lane]) -> list[Lane]:
+        """The cycle lanes of some lanes' edges, and the rightmost driving lanes where there are none.
+
+        Not on the way to the site: cyclists would stand ahead of its queue, and do not make way.
+        """
+        lanes: list[Lane] = []
+        for edge in dict.fromkeys(lane.edge for lane in near):
+            on_edge = [self._network.lanes[index] for index in self._network.edges[edge].lanes]
+            cycle = [lane for lane in on_edge if lane.kind is LaneKind.CYCLE]
+            lanes += cycle or ([] if edge in self._site.stretch else driving_lanes(self._network, edge)[:1])
+        return lanes or list(near)
+
+    def _signal(self, groups: GroupPlan) -> SignalTiming | None:
+        """When the signal of the EMV's movement, or at the end of its road, turns red, and whose green comes then."""
+        demand, site = self._template.signal, self._site
+        movement = next((self._network.connections[index] for index in reversed(site.connections)), None)
+        if demand is None or movement is None or movement.signal_id is None or not movement.alternates:
+            return None
+        red_from_s = self._arrival_s(site.stretch[-1]) - demand.red_before_arrival_s
+        ways = (self._network.connections[index] for index in groups.crossing)
+        bound = [way for way in ways if way.signal_id == movement.signal_id]
+        # Where left turns are green first, most of the crossing queue still waits: the others count.
+        straight = [way for way in bound if way.direction == "s"]
+        crossing = tuple(way.signal_link for way in straight or bound)
+        streams = tuple(g.name for g in self._template.demand.groups if g.anchor is GroupAnchor.ARRIVAL)
+        platoon = [vehicle for vehicle in groups.vehicles if streams and vehicle.name.startswith(streams)]
+        red_from_s = max((red_from_s, *(time_s + RED_BEHIND_S for time_s in self._too_near_to_stop_s(platoon))))
+        names = tuple(vehicle.name for vehicle in platoon)
+        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, names, emv="emv0")
+
+    def _too_near_to_stop_s(self, vehicles: Sequence[PlannedVehicle]) -> list[float]:
+        """When those pass the stop line who start so near to it that they would brake hard before a red."""
+        times_s, route, end = [], self._start.route, self._site.stretch[-1]
+        for vehicle in vehicles:
+            spot, edge = vehicle.spot, self._network.lanes[vehicle.spot.lane].edge
+            if edge not in route or end not in route or spot.speed_mps <= 0.0:
+                continue
+            way_m = self._factory.length_m(route[route.index(edge) : route.index(end) + 1]) - spot.front_m
+            if not stops_within(spot.speed_mps**2, vehicle.driver.driving.decel_mps2, way_m):
+                times_s.append(max(way_m, 0.0) / spot.speed_mps)
+        return times_s
+
+    def _arrival_s(self, edge: int) -> float:
+        """When the first EMV would come unhindered to the end of an edge of its way."""
+        return arrival_s(self._network, self._site, self._start, edge, self._template.emv, self._config)
+
+    def _crossing(self, placed: Sequence[PlannedVehicle]) -> tuple[list[EmvStart], str]:
+        """Starts of the EMVs that cross the first one's way, and the junction where they do."""
+        emv = self._template.emv
+        if not emv.crossing:
+            return [], ""
+        ways, edge = crossing_ways(self._network, self._site, self._start)
+        wanted_s = self._arrival_s(edge) + emv.crossing_after_s
+        others = [vehicle for vehicle in placed if not vehicle.name.startswith(self._crossing_groups)]
+        way, start = crossing_start(self._network, ways, emv, wanted_s, others, self._config)
+        needed_m = start.front_m + emv.speed_mps * (self._template.duration_s + self._config.emv_route_slack_s)
+        rng = random_stream(self._seed, "demand/crossing_route")
+        route = long_enough_route(self._factory, start.route, way, needed_m, rng)
+        return [replace(start, route=route)], way.junction or ""
+
+    @property
+    def _crossing_groups(self) -> tuple[str, ...]:
+        """How names of vehicles in crossing groups begin."""
+        return tuple(g.name for g in self._template.demand.groups if g.placement is Placement.CROSSING)
+
+    def _without_queues_before(self, crossing: Sequence[EmvStart], groups: GroupPlan) -> GroupPlan:
+        """The groups without crossing ones in the lanes of EMVs that cross: they would wait behind them."""
+        lanes = {lane for start in crossing for lane in start.lanes_to_site}
+        kept = (v for v in groups.vehicles if v.spot.lane not in lanes or not v.name.startswith(self._crossing_groups))
+        return replace(groups, vehicles=tuple(kept))
+
+    def _emvs(self, groups: GroupPlan, starts: Sequence[EmvStart], name: str = "emv") -> tuple[PlannedVehicle, ...]:
+        rng = random_stream(self._seed, f"demand/{name}")
+        demand = self._template.emv
+        emvs = []
+        for number, start in enumerate(starts):
+            route = tuple(self._network.edges[edge].edge_id for edge in start.route)
+            driver = self._factory.draw_driver(demand.actor_class, rng)
+            limit = self._network.lanes[start.lane].speed_limit_mps
+            driver = replace(driver, speed_factor=demand.speed_mps / limit)
+            depart_mps = min(
+                depart_speed_mps(self._network, start, demand, self._config),
+                behind_queue_mps(self._network, start, groups.vehicles, self._config),
+            )
+            spot = Spot(start.lane, start.front_m, depart_mps)
+            emvs.append(self._factory.emv(f"{name}{number}", demand.actor_class, driver, route, spot))
+        return tuple(emvs)
+
+    def _stage(self, groups: GroupPlan, crossing: Sequence[EmvStart]) -> tuple[LaneInterval, ...]:
+        """All lanes of the way from behind the rearmost EMV to ahead of the foremost vehicle, and the crossing rows.
+
+        Around EMVs that cross it is the road from behind to ahead of each.
+        """
+        rearmost = self._starts[-1]
+        between_m = self._factory.length_m(rearmost.route[: len(rearmost.route) - len(self._start.route)])
+        rear = rearmost.front_m - self._factory.size(self._template.emv.actor_class)[0] - self._config.stage_behind_m
+        foremost = max(self._start.front_m, groups.foremost_m)
+        reach = between_m + foremost + self._config.stage_ahead_m
+        stage: list[LaneInterval] = []
+        for lane in driving_lanes(self._network, rearmost.route[0]):
+            stage += chain_along(self._network, lane, rearmost.route).intervals(self._network, rear, reach)
+        stage += self._sharing_junction_paths(stage)
+        for start in crossing:
+            rear, reach = start.front_m - self._config.stage_behind_m, start.front_m + self._config.stage_ahead_m
+            for lane in driving_lanes(self._network, start.route[0]):
+                stage += chain_along(self._network, lane, start.route).intervals(self._network, rear, reach)
+        return tuple(dict.fromkeys((*stage, *self._way_to_site(), *groups.crossing_stage)))
+
+    def _sharing_junction_paths(self, stage: Sequence[LaneInterval]) -> list[LaneInterval]:
+        """The junction paths that begin or end with one of the stage: vehicles that turn off there are ahead too."""
+        network = self._network
+        ways = [way for area in stage for way in network.connections_over.get(area.lane, ())]
+        leaving = [movement for way in ways for movement in network.connections_from.get(way.from_lane, ())]
+        joining = [movement for way in ways for movement in network.connections_to.get(way.to_lane, ())]
+        lanes = dict.fromkeys(lane for movement in (*leaving, *joining) for lane in movement.via)
+        return [LaneInterval(lane, 0.0, network.lanes[lane].length_m) for lane in lanes]
+
+    def _way_to_site(self) -> tuple[LaneInterval, ...]:
+        """The EMV's lanes up to the stop line, where the template wants nobody there but vehicles that drive."""
+        blocked = any(group.placement is Placement.EMV_LANE for group in self._template.demand.groups)
+        if self._site.junction is None or blocked:
+            return ()
+        lanes = self._start.lanes_to_site
+        return tuple(LaneInterval(lane, 0.0, self._network.lanes[lane].length_m) for lane in lanes)
+
+    def _scattered(
+        self,
+        purpose: str,
+        count: int,
+        lanes: Sequence[Lane],
+        keep_off: Sequence[LaneInterval],
+        *,
+        disjoint: bool,
+        kind: ActorClass | None = None,
+    ) -> tuple[PlannedVehicle, ...]:
+        """Vehicles at random places of lanes off some stretches; where ``disjoint``, at a distance from each other.
+
+        Their class is drawn from the template's shares, unless it is given.
+        """
+        rng = random_stream(self._seed, f"demand/{purpose}")
+        route_m = route_length_m(self._template, self._config)
+        by_index = {lane.index: lane for lane in lanes}
+        candidates = tuple(by_index)
+        occupied: dict[int, list[tuple[float, float]]] = {}
+        vehicles = []
+        for number in range(count):
+            actor_class = kind or self._factory.draw_class(self._template.demand.classes, rng, candidates)
+            length = self._factory.size(actor_class)[0]
+            wide = [by_index[index] for index in self._factory.suited_lanes(actor_class, candidates)]
+            lane, front = self._free_spot(wide or lanes, length, occupied, keep_off, rng)
+            if disjoint:
+                occupied.setdefault(lane.index, []).append((front - length, front))
+            driver = self._factory.draw_driver(actor_class, rng, self._template.demand.speed_factor)
+            route = self._factory.draw_route((lane.edge,), route_m, rng, lane.index, actor_class)
+            wished = min(driver.speed_factor * lane.speed_limit_mps, driver.driving.max_speed_mps)
+            safe_mps = self._safe_mps(lane, front, route)
+            spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, safe_mps))
+            vehicles.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))
+        return tuple(vehicles)
+
+    def _safe_mps(self, lane: Lane, front_m: float, route: Sequence[str]) -> float:
+        """The largest speed of a vehicle that is put on a lane.
+
+        It can still stop before the lane's end, or behind another one at the least gap. Out of town it goes on beyond
+        the lane's end, and can brake for the bends ahead.
+        """
+        gap_m, network = self._config.gap_m(lane.speed_limit_mps), self._network
+        fast = gap_m > self._config.placement_gap_m
+        free_m = gap_m if fast else min(lane.length_m - front_m, gap_m)
+        stoppable_mps = speed_before_mps(0.0, self._config.comfortable_decel_mps2, free_m)
+        if not fast:
+            return stoppable_mps
+        lanes = chain_along(network, lane, [network.edge_by_id[edge].index for edge in route[:_EDGES_AHEAD]]).lanes
+        ahead = Polyline.joined([network.lanes[item].centre for item in lanes]).cut(front_m, front_m + 2.0 * gap_m)
+        return min(stoppable_mps, float(with_braking(bend_speeds_mps(ahead, LATERAL_MPS2), BRAKE_MPS2)[0]))
+
+    @cached_property
+    def _leading_on(self) -> list[Lane]:
+        """Driving lanes from which vehicles can drive on."""
+        edges = [edge for edge in range(len(self._network.edges)) if self._factory.leads_on(edge)]
+        lanes = [lane for edge in edges for lane in driving_lanes(self._network, edge)]
+        if not lanes:
+            raise MapError("no driving lanes", "a map with connected driving lanes for civilians")
+        return lanes
+
+    def _lanes_within(self, distance_m: float, beyond_m: float | None = None) -> list[Lane]:
+        """Those of them whose middle is within a distance of the EMV's way to the site and beyond."""
+        after_m = self._config.neighbourhood_after_m if beyond_m is None else beyond_m
+        around = LineString(self._way_points(after_m)).buffer(distance_m)
+        middles = np.array([lane.centre.at(0.5 * lane.length_m) for lane in self._leading_on])
+        return [*compress(self._leading_on, contains_xy(around, *middles.T))]
+
+    @cached_property
+    def _near_lanes(self) -> list[Lane]:
+        """The lanes of the volume: those near the EMV's way, or all where these are too short."""
+        near = self._lanes_within(self._config.neighbourhood_m)
+        needed_m = self._template.demand.background_vehicles * self._config.background_spacing_m
+        return near if sum(lane.length_m for lane in near) >= needed_m else self._leading_on
+
+    def _way_points(self, after_m: float) -> npt.NDArray[np.float64]:
+        """Points of the EMV's way from its start to beyond the site, shape ``(N, 2)``."""
+        route, points, beyond_m = self._start.route, [], 0.0
+        through = route.index(self._site.site_edge) if self._site.site_edge in route else 0
+        for position, edge in enumerate(route):
+            centre = driving_lanes(self._network, edge)[-1].centre
+            points.append(centre.points)
+            beyond_m += centre.length_m if position > through else 0.0
+            if beyond_m > after_m:
+                break
+        return np.concatenate(points)
+
+    def _free_spot(
+        self,
+        lanes: Sequence[Lane],
+        length_m: float,
+        occupied: Mapping[int, Sequence[tuple[float, float]]],
+        keep_off: Sequence[LaneInterval],
+        rng: np.random.Generator,
+    ) -> tuple[Lane, float]:
+        key = tuple([lane.index for lane in lanes])
+        if key not in self._lane_chances:
+            self._lane_chances[key] = chances(lane.length_m for lane in lanes)
+        for _ in range(_PLACEMENT_TRIES):
+            lane = lanes[drawn(self._lane_chances[key], rng)]
+            gap = self._config.gap_m(lane.speed_limit_mps)
+            front = float(rng.uniform(0.0, lane.length_m))
+            taken = occupied.get(lane.index, ())
+            free = all(front + gap < rear or front - length_m - gap > other for rear, other in taken)
+            off = all(area.lane != lane.index or not area.from_m <= front <= area.to_m for area in keep_off)
+            if front >= length_m and free and off:
+                return lane, front
+        value = f"{self._template.demand.background_vehicles} civilians"
+        gap_m = self._config.placement_gap_m
+        raise MapError(value, f"a map with room for them at gaps of {gap_m:g} m, or a smaller volume")
+
+
+_SPACING_M: Final = 1.0
+
+
+def choose_av(network: RoadNetwork, plan: TrafficPlan) -> str:
+    """The civilian that the EMV has to pass: the first one ahead in its lane.
+
+    Where a template puts nobody into the EMV's lane it is the nearest vehicle ahead on the EMV's route, and where
+    nobody is there either (cross traffic) the group vehicle nearest to the EMV. Background vehicles have moved
+    on by the time that the EMV starts, and are not taken.
+
+    Returns:
+        The vehicle's name.
+
+    Raises:
+        InputError: the template has no vehicles around its EMV.
+    """
+    if not plan.groups:
+        raise InputError("av", "civilian", "a template with civilians around its emergency vehicle")
+    return min((*_nearness(network, plan.emvs[0], vehicle), vehicle.name) for vehicle in plan.groups)[-1]
+
+
+def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle) -> tuple[int, float]:
+    """Sorts vehicles: in the EMV's lane first, then on its route, then elsewhere; the nearest first in each."""
+    route = [network.edge_by_id[edge].index for edge in emv.route]
+    chain = chain_along(network, network.lanes[emv.spot.lane], route)
+    edge_start: dict[int, float] = {}
+    for index, start_m in zip(chain.lanes, chain.start_m, strict=True):
+        edge_start.setdefault(network.lanes[index].edge, start_m)
+    lane = network.lanes[vehicle.spot.lane]
+    ahead_m = edge_start.get(lane.edge, -np.inf) + vehicle.spot.front_m - emv.spot.front_m
+    if ahead_m > 0.0:
+        return 0 if lane.index in chain.lanes else 1, float(ahead_m)
+    points = [network.lanes[spot.lane].centre.at(spot.front_m) for spot in (emv.spot, vehicle.spot)]
+    return 2, float(np.linalg.norm(points[1] - points[0]))
+
+
+def av_way(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
+    """The way of a plan's AV, as ``way_of``."""
+    return way_of(network, next(vehicle for vehicle in plan.groups if vehicle.name == plan.av))
+
+
+def way_of(network: RoadNetwork, vehicle: PlannedVehicle) -> Polyline:
+    """A vehicle's way along its route from its start: lane centres, and the lane changes that the route needs.
+
+    Raises:
+        InputError: the route cannot be driven from the lane that the vehicle starts in.
+    """
+    lanes = route_path(network, [network.edge_by_id[edge].index for edge in vehicle.route], vehicle.spot.lane)
+    first_edge = network.lanes[lanes[0]].edge
+    beside = [network.lanes[lane] for lane in takewhile(lambda lane: network.lanes[lane].edge == first_edge, lanes)]
+    begun = _to_lane(beside[0], beside[-1], max(vehicle.spot.front_m - vehicle.length_m, 0.0))
+    onward = lanes[len(beside) :]
+    return Polyline.joined([begun, path_centre(network, onward)]) if onward else begun
+
+
+def _to_lane(origin: Lane, target: Lane, from_m: float) -> Polyline:
+    """The way from a place on a lane to the end of another lane of the edge, the change along a half cosine."""
+    rest = origin.centre.cut(from_m, origin.length_m).resampled(_SPACING_M)
+    share = 0.5 - 0.5 * np.cos(np.pi * rest.arc_m / rest.length_m)
+    along, _ = target.centre.project(rest.points)
+    return Polyline.through(rest.points + share[:, None] * (target.centre.at(along) - rest.points))

@@ -1,0 +1,253 @@
+"""The EMV's start: lane and place, the way from there to the site, and the time of its arrival."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.braking import SAMPLE_M, bend_speeds_mps, speed_before_mps, with_accelerating, with_braking
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.errors import MapError
+from siren_ros.simulation.roads.movements import quiet_reach_m
+from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.routing import driving_lanes
+from siren_ros.simulation.roads.sites import Site, SiteKind
+from siren_ros.simulation.scenario.scenario import EmvDemand, StartReference
+from siren_ros.simulation.traffic.config import DemandConfig
+from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, chain_along
+from siren_ros.simulation.traffic.demand.vehicle_factory import VehicleFactory
+
+# No parameters: they say which places of a map serve a template, so that a site is the same in every study.
+_ROUTE_TRIES: Final = 12
+_CREEP_MPS: Final = 1.0
+_LEAST_APPROACH_SHARE: Final = 0.6
+"""Of the template's distance to the stop line, the least that is left where the EMV starts after a junction."""
+ENTRY_M: Final = 8.0
+"""Road behind an EMV's front at the very beginning of its approach: its own length."""
+_RUN_UP_M: Final = 20.0
+"""Road before a junction that an EMV has at its start: it does not begin at a stop line at full speed."""
+_LEAST_PACE: Final = 0.75
+"""Least mean speed on a good way to the site, as a share of the target speed: no sharp bends."""
+_LEAST_QUIET_M: Final = 60.0
+"""Before a single conflict point a way of this length is enough, whatever the template wants: 4 s at 50 km/h."""
+ONTO_SHOULDER_M: Final = 40.0
+"""Way on which the EMV changes to the shoulder behind a queue, from its start or the junction before on."""
+SHORT_QUEUE_M: Final = 50.0
+"""Length that a queue next to a shoulder has even where that way is missing."""
+_LEAST_QUEUE_M: Final = 15.0
+"""Road between the junction before and the stop line that holds two cars that wait at the line."""
+_LEAST_EXIT_M: Final = 100.0
+"""Road behind the site without which the EMV soon stands at the end of its route: 7 s at 50 km/h."""
+LITTLE_BEHIND: Final = "hardly any road behind it"
+_CONFLICT_POINTS: Final = frozenset({SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION})
+
+
+@dataclass(frozen=True)
+class EmvStart:
+    """Where the foremost EMV's front bumper starts, and the edges of its route from there on."""
+
+    lane: int
+    front_m: float
+    route: tuple[int, ...]
+    lanes_to_site: tuple[int, ...]
+    """Lanes from the start to the end of the site's edge, junction paths included; starts beyond it have their own."""
+
+
+def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
+    """A template's start of the EMV, counted from the beginning of the site's edge.
+
+    Before a stop line it is as far back as the template wants and the approach reaches, with the EMV's body on the
+    lane where its front is. It is after the junction before, where the road from there is long enough, so that the EMV
+    meets nobody there.
+    """
+    if emv.start_from is StartReference.SITE_START:
+        return emv.start_m
+    lane, reach_m = travel_lane(network, site), 0.0
+    quiet_m = _quiet_start(network, site, emv)
+    if quiet_m is not None:
+        return lane.length_m + quiet_m
+    wanted_m = lane.length_m + emv.start_m
+    for edge in reversed(site.route[: site.site_position]):
+        if reach_m >= -wanted_m:
+            break
+        lane, via = _lane_before(network, lane, edge)
+        reach_m += lane.length_m + network.length_m(via)
+    return max(wanted_m, ENTRY_M - reach_m)
+
+
+def _quiet_start(network: RoadNetwork, site: Site, emv: EmvDemand) -> float | None:
+    """The start relative to the stop line after the junction before; None where the road from there is too short."""
+    quiet_m = quiet_reach_m(network, travel_lane(network, site).index, -emv.start_m) - ENTRY_M
+    needed_m = -_LEAST_APPROACH_SHARE * emv.start_m
+    if site.kind in _CONFLICT_POINTS:
+        needed_m = min(needed_m, _LEAST_QUIET_M)
+    return max(emv.start_m, -quiet_m) if quiet_m >= needed_m else None
+
+
+def travel_lane(network: RoadNetwork, site: Site) -> Lane:
+    """The site's approach lane; where that is a shoulder, the driving lane beside it: nobody arrives on a shoulder."""
+    lane = network.lanes[site.approach_lane]
+    if lane.kind is not LaneKind.SHOULDER:
+        return lane
+    return min(driving_lanes(network, lane.edge), key=lambda other: abs(other.position - lane.position))
+
+
+def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
+    """The start at a distance from the beginning of the site's edge, negative before it.
+
+    A start that would lie inside a junction or right before it is put before it, with a run-up. Before the site the
+    lane is one that leads to the site's approach lane without a lane change, where there is such a lane, and otherwise
+    the leftmost driving lane.
+
+    Raises:
+        MapError: the site's approach or the site itself is too short.
+    """
+    position = site.site_position
+    lane = travel_lane(network, site)
+    to_site: tuple[int, ...] = (lane.index,)
+    while start_m < 0.0 and position > 0:
+        position -= 1
+        lane, via = _lane_before(network, lane, site.route[position])
+        to_site = (lane.index, *via, *to_site)
+        run_up_m = min(_RUN_UP_M, max(lane.length_m - ENTRY_M, 0.0))
+        start_m = min(start_m + network.length_m(via), -run_up_m) + lane.length_m
+    while start_m > lane.length_m and position + 1 < len(site.route):
+        chain = chain_along(network, lane, site.route[position : position + 2])
+        position, start_m = position + 1, start_m - (chain.start_m[-1] if len(chain.lanes) > 1 else lane.length_m)
+        lane = network.lanes[chain.lanes[-1]]
+        to_site = (lane.index,)
+    if not 0.0 <= start_m <= lane.length_m:
+        raise MapError(site.name, f"a place with {abs(start_m):.0f} m more of road for the EMV's start")
+    return EmvStart(lane.index, start_m, site.route[position:], to_site)
+
+
+def _lane_before(network: RoadNetwork, lane: Lane, edge: int) -> tuple[Lane, tuple[int, ...]]:
+    """The leftmost lane of an edge that leads to a lane of the same kind, and the junction path between them."""
+    leading = [
+        (network.lanes[connection.from_lane], connection.via)
+        for connection in network.connections_to.get(lane.index, ())
+        if network.lanes[connection.from_lane].edge == edge and network.lanes[connection.from_lane].kind is lane.kind
+    ]
+    if leading:
+        return max(leading, key=lambda lane_and_via: lane_and_via[0].position)
+    return driving_lanes(network, edge)[-1], ()
+
+
+def way_to_stop_line_m(network: RoadNetwork, start: EmvStart) -> float:
+    """Length of the way from the start to the end of the site's edge."""
+    return network.length_m(start.lanes_to_site) - start.front_m
+
+
+def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:
+    """Time from step 0 to the stop line on a free road: speeding up, and slowing down for bends."""
+    way_m, speed = _speeds_mps(network, start, emv, config)
+    driven_m = np.minimum(SAMPLE_M, way_m - start.front_m - SAMPLE_M * np.arange(len(speed)))
+    return float(np.sum(driven_m / np.maximum(speed, _CREEP_MPS)))
+
+
+def depart_speed_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:
+    """The template's speed at the start, or the one that the bends ahead allow there."""
+    _, speed = _speeds_mps(network, start, emv, config)
+    return float(speed[0]) if len(speed) else emv.depart_speed_mps
+
+
+def behind_queue_mps(
+    network: RoadNetwork, start: EmvStart, standing: Sequence[PlannedVehicle], config: DemandConfig
+) -> float:
+    """The largest speed at the start from which an EMV stops gently behind vehicles that stand in its lanes.
+
+    Infinite where nobody stands ahead of it on the way to the site.
+    """
+    lengths_m = (network.lanes[lane].length_m for lane in start.lanes_to_site)
+    begins_m = dict(zip(start.lanes_to_site, accumulate(lengths_m, initial=0.0), strict=False))
+    rears_m = [
+        begins_m[vehicle.spot.lane] + vehicle.spot.front_m - vehicle.length_m
+        for vehicle in standing
+        if vehicle.spot.lane in begins_m and vehicle.spot.speed_mps == 0.0
+    ]
+    gap_m = min((rear_m - start.front_m for rear_m in rears_m if rear_m > start.front_m), default=math.inf)
+    return speed_before_mps(0.0, config.emv_queue_brake_mps2, max(gap_m - config.emv_queue_gap_m, 0.0))
+
+
+def _speeds_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> tuple[float, Floats]:
+    """Length of the lanes to the stop line, and the largest speeds at samples of the way from the start on.
+
+    They keep the target speed and the limits of lateral acceleration, speeding up and braking; none beyond the line.
+    """
+    way = Polyline.joined([network.lanes[lane].centre for lane in start.lanes_to_site])
+    if start.front_m >= way.length_m:
+        return way.length_m, np.empty(0)
+    ahead = way.cut(start.front_m, way.length_m)
+    speed = with_braking(
+        np.minimum(emv.speed_mps, bend_speeds_mps(ahead, config.emv_lateral_accel_mps2)), config.emv_brake_mps2
+    )
+    return way.length_m, with_accelerating(speed, emv.depart_speed_mps, config.emv_accel_mps2)
+
+
+class Approach(NamedTuple):
+    """How well an EMV can drive up to a site."""
+
+    rank: int = 0
+    """0 is best. 1: a way with junctions, or before a turn on a shoulder without space for a queue and the way onto
+    the shoulder. 2: sharp bends, no space for a queue, or hardly any road behind the site."""
+    flaw: str = ""
+    """What it lacks; empty for rank 0."""
+
+
+def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand, config: DemandConfig) -> Approach:
+    """How well an EMV can drive up to a site.
+
+    At a junction before the site others delay the EMV, and in sharp bends it meets oncoming vehicles late. It then
+    misses those whom it is to meet at a signal or a stop sign; elsewhere the vehicles that it meets wait. A queue that
+    does not fit before the line waits at the junction before, and the EMV behind it. To a shoulder next to a queue the
+    EMV changes behind the queue and after the junction before.
+
+    Raises:
+        MapError: the site's approach or the site itself is too short.
+    """
+    if site.kind is SiteKind.SHOULDER_RIGHT_TURN:
+        needed_m = ONTO_SHOULDER_M + SHORT_QUEUE_M
+        quiet_m = quiet_reach_m(network, travel_lane(network, site).index, needed_m)
+        return Approach() if quiet_m >= needed_m else Approach(1, f"a junction less than {needed_m:.0f} m before it")
+    if site.kind not in _CONFLICT_POINTS:
+        return Approach()
+    start = emv_start(network, site, start_m_of(network, site, emv))
+    way_m = way_to_stop_line_m(network, start)
+    pace_mps = way_m / max(unhindered_arrival_s(network, start, emv, config), SAMPLE_M)
+    queue_m = quiet_reach_m(network, travel_lane(network, site).index, _LEAST_QUEUE_M)
+    exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in site.beyond)
+    at_entry = start.front_m < min(ENTRY_M, network.lanes[start.lane].length_m)
+    flaws = (
+        (queue_m < _LEAST_QUEUE_M, Approach(2, f"a junction less than {_LEAST_QUEUE_M:.0f} m before it")),
+        (exit_m < _LEAST_EXIT_M, Approach(2, LITTLE_BEHIND)),
+        (pace_mps < _LEAST_PACE * emv.speed_mps, Approach(2, "sharp bends on the way to it")),
+        (at_entry, Approach(2, "an approach without space for the EMV at its start")),
+        (_quiet_start(network, site, emv) is None, Approach(1, "a junction on the way to it")),
+    )
+    return next((approach for is_so, approach in flaws if is_so), Approach())
+
+
+def long_enough_route(
+    factory: VehicleFactory, route: tuple[int, ...], site: Site, needed_m: float, rng: np.random.Generator
+) -> tuple[int, ...]:
+    """The route, with another way on after the site where it would leave the map too early.
+
+    Of the ways on, those that keep most of the route come first; where none is long enough, the
+    longest way found is taken.
+    """
+    # The stretch makes the interaction, and beyond a junction the edge that the EMV's movement leads to.
+    needed = (site.site_edge, *site.stretch, *(() if site.junction is None else site.beyond[:1]))
+    kept_at_least = max(route.index(edge) for edge in needed if edge in route) + 1
+    best, best_m = route, factory.length_m(route)
+    for kept in range(len(route), kept_at_least - 1, -1):
+        for _ in range(_ROUTE_TRIES):
+            if best_m >= needed_m:
+                return best
+            way = factory.draw_way(route[:kept], needed_m, rng)
+            if factory.length_m(way) > best_m:
+                best, best_m = way, factory.length_m(way)
+    return best

@@ -1,0 +1,445 @@
+"""A template's groups of civilians: rows of vehicles around the interaction, and the lanes in which they start."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import accumulate
+from typing import Final
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import random_stream
+from siren_ros.base.numerics.braking import SAMPLE_M, bend_speeds_mps, with_braking
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.errors import MapError
+from siren_ros.simulation.roads.movements import quiet_reach_m
+from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.routing import driving_lanes
+from siren_ros.simulation.roads.sites import Site
+from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
+from siren_ros.simulation.traffic.config import DemandConfig
+from siren_ros.simulation.traffic.demand.emv_start import (
+    ONTO_SHOULDER_M,
+    SHORT_QUEUE_M,
+    EmvStart,
+    travel_lane,
+    unhindered_arrival_s,
+    way_to_stop_line_m,
+)
+from siren_ros.simulation.traffic.demand.plan import (
+    LaneChain,
+    LaneInterval,
+    PlannedVehicle,
+    Spot,
+    chain_along,
+    chain_of,
+)
+from siren_ros.simulation.traffic.demand.vehicle_factory import Shares, VehicleFactory
+
+# No parameters: the templates are laid out with these lengths, and their own values vary around them.
+_FOLLOWING_M: Final = 6.0
+"""By how much nearer to the EMV a stream is that it follows than one that it drives up to."""
+_INSIDE_M: Final = 8.0
+"""Length of a car and a margin: with its rear this far before the junction's end as the EMV comes to the line, it is
+inside."""
+_IN_TURN_M: Final = 8.0
+"""By how much farther back every other queue at a stop sign begins. Drivers who stop and go then drive by turns from
+the two sides, about 4 s apart, and do not leave the junction empty for as long between them."""
+_OVERTAKEN: Final = 1.0 / 3.0
+"""Part of the EMV's way to the stop line on which those start who drive next to it: at 30 km/h instead of 50 they do
+not come to a queue at red before the EMV has passed them, and change into its lane."""
+LATERAL_MPS2: Final = 3.0
+BRAKE_MPS2: Final = 1.5
+"""With which traffic drives through bends and brakes before them (``traffic/sumo/driving_corrections.py``)."""
+CROSSING_REACH_M: Final = 120.0
+"""How far back from the stop line crossing traffic may be placed."""
+
+
+@dataclass(frozen=True)
+class GroupRow:
+    """One row: consecutive lanes, and where on them vehicles may be put."""
+
+    chain: LaneChain
+    edges: tuple[int, ...]
+    """Edges of the chain's lanes and those that its vehicles drive on to."""
+    anchor_m: float
+    """Place on the chain from which the first gap counts."""
+    forwards: bool
+    """Whether the row grows in driving direction."""
+    least_m: float = 0.0
+    """No vehicle's rear may be before this place."""
+    most_m: float = math.inf
+    """No vehicle's front may be beyond this place."""
+    movement: int | None = None
+    """Index of the movement with which a crossing row goes over the junction."""
+
+
+def group_rows(
+    network: RoadNetwork,
+    site: Site,
+    start: EmvStart,
+    group: DemandGroup,
+    arrival_s: float,
+    rng: np.random.Generator,
+) -> list[GroupRow]:
+    """The rows of a group, in the order in which they are filled.
+
+    The foremost EMV begins at ``start`` and arrives unhindered at the stop line ``arrival_s`` after step 0. ``rng``
+    draws the way on of crossing rows, where a lane has several.
+    """
+    if group.placement is Placement.CROSSING:
+        return _crossing_rows(network, site, rng)
+    if site.junction is None or site.site_edge not in start.route:
+        return [
+            GroupRow(chain_along(network, lane, start.route), start.route, start.front_m, forwards=True)
+            for lane in _chosen(network, network.lanes[start.lane], start.route[0], group.placement, ())
+        ]
+    same = [network.connections[index].from_lane for index in site.connections]
+    approach = travel_lane(network, site)
+    lanes = _chosen(network, approach, site.site_edge, group.placement, same)
+    if group.optional:
+        lanes = [lane for lane in lanes if lane.index != approach.index]  # the EMV could not pass on one lane
+    rows = [_approach_row(network, site, start, lane) for lane in lanes]
+    if group.standing and group.placement is not Placement.EMV_LANE:
+        # A lane that branches off from the EMV's on the way may be the one that the EMV takes.
+        rows = [row for row in rows if not set(row.chain.lanes) & set(start.lanes_to_site)]
+    if group.anchor is GroupAnchor.STOP_LINE:
+        return rows
+    way_m = way_to_stop_line_m(network, start)
+    if group.anchor is GroupAnchor.EMV:
+        most_m = (_OVERTAKEN - 1.0) * way_m if group.placement is Placement.SAME_DIRECTION else math.inf
+        anchors_m = [row.anchor_m - way_m for row in rows]
+    else:  # beyond the stop line a stream would only hold up its own vehicles that come after
+        most_m = 0.0
+        early_m = 0.0 if group.optional else max(group.first_gap_m - _inside_m(network, site), 0.0)
+        anchors_m = [_together_m(network, row, start, group.speed_mps, arrival_s, early_m) for row in rows]
+    return [
+        replace(row, anchor_m=anchor_m, forwards=True, most_m=row.anchor_m + most_m)
+        for row, anchor_m in zip(rows, anchors_m, strict=True)
+    ]
+
+
+def _inside_m(network: RoadNetwork, site: Site) -> float:
+    """How far beyond the stop line the rear of a vehicle may be that is still inside the junction."""
+    return max(network.length_m(network.connections[way].via) for way in site.connections) - _INSIDE_M
+
+
+def _together_m(
+    network: RoadNetwork, row: GroupRow, start: EmvStart, speed_mps: float, arrival_s: float, early_m: float
+) -> float:
+    """Place on a row from which a vehicle comes to the stop line together with the EMV, less ``early_m``.
+
+    In the EMV's own lane the EMV follows that vehicle from the start on, at the distance that it keeps. Where the lane
+    fans out on the way, the EMV comes up next to it before that distance is reached.
+    """
+    if {start.lane, start.lanes_to_site[-1]} <= set(row.chain.lanes):
+        return row.anchor_m - way_to_stop_line_m(network, start) - _FOLLOWING_M
+    way = Polyline.joined([network.lanes[lane].centre for lane in row.chain.lanes]).cut(0.0, row.anchor_m)
+    speed = np.minimum(speed_mps, bend_speeds_mps(way, LATERAL_MPS2))
+    speed = with_braking(speed, BRAKE_MPS2)
+    left_s = np.cumsum((SAMPLE_M / speed)[::-1])[::-1]
+    late = np.flatnonzero(left_s >= arrival_s)
+    together_m = float(late[-1]) * SAMPLE_M if len(late) else row.anchor_m - speed_mps * arrival_s
+    return together_m - early_m
+
+
+def _chosen(
+    network: RoadNetwork, travelled: Lane, edge: int, placement: Placement, same_direction: Sequence[int]
+) -> list[Lane]:
+    if placement is Placement.EMV_LANE:
+        return [travelled]
+    if placement is Placement.EVERY_LANE:
+        return list(driving_lanes(network, edge))
+    others = [lane for lane in driving_lanes(network, edge) if lane.index != travelled.index]
+    if placement is Placement.ADJACENT_LANE:
+        adjacent = [lane for lane in others if abs(lane.position - travelled.position) == 1]
+        return sorted(adjacent, key=lambda lane: (lane.index not in same_direction, -lane.position))[:1]
+    if placement is Placement.TURNING_LANES:
+        return [lane for lane in others if lane.index not in same_direction]
+    if placement is Placement.SAME_DIRECTION:
+        return [lane for lane in others if lane.index in same_direction] or [travelled]
+    return others
+
+
+def _approach_row(network: RoadNetwork, site: Site, start: EmvStart, lane: Lane) -> GroupRow:
+    """The row that leads to a lane of the site's edge, from the stop line back to the edge of the EMV's start."""
+    lanes: tuple[int, ...] = (lane.index,)
+    first = position = start.route.index(site.site_edge)
+    while first > 0:
+        before = _connection_from(network, lanes[0], start.route[first - 1])
+        if before is None:
+            break
+        first -= 1
+        lanes = (before.from_lane, *before.via, *lanes)
+    stop_line_m = network.length_m(lanes)
+    onward = chain_along(network, lane, start.route[position:])
+    whole = chain_of(network, (*lanes, *onward.lanes[1:]))
+    least_m = stop_line_m - way_to_stop_line_m(network, start) if start.lane in lanes else 0.0
+    if network.lanes[site.approach_lane].kind is LaneKind.SHOULDER:
+        queue_m = max(quiet_reach_m(network, lane.index, stop_line_m) - ONTO_SHOULDER_M, SHORT_QUEUE_M)
+        least_m = max(least_m + ONTO_SHOULDER_M, stop_line_m - queue_m)
+    return GroupRow(whole, start.route[first:], stop_line_m, forwards=False, least_m=least_m)
+
+
+def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -> list[GroupRow]:
+    ways: dict[int, list[int]] = {}
+    for index in site.crossing:
+        ways.setdefault(network.connections[index].from_lane, []).append(index)
+    rows = []
+    approaches = list(dict.fromkeys(network.lanes[lane].edge for lane in ways))
+    for lane, movements in ways.items():
+        # Who leaves the map right behind the junction is gone before the EMV's eyes.
+        choices = [index for index in movements if _leads_on(network, network.connections[index].to_lane)] or movements
+        movement = choices[int(rng.integers(len(choices)))]
+        lanes: tuple[int, ...] = (lane,)
+        length_m = network.lanes[lane].length_m
+        while length_m < CROSSING_REACH_M:
+            before = _plain_connection_to(network, lanes[0])
+            if before is None or before.from_lane in lanes:
+                break
+            lanes = (before.from_lane, *before.via, *lanes)
+            length_m += network.length_m((before.from_lane, *before.via))
+        edges = [network.lanes[index].edge for index in lanes if network.lanes[index].kind is not LaneKind.INTERNAL]
+        beyond = network.lanes[network.connections[movement].to_lane].edge
+        way = (*dict.fromkeys(edges), beyond)
+        stands_back_m = _IN_TURN_M * (approaches.index(network.lanes[lane].edge) % 2)
+        anchor_m = length_m - (stands_back_m if network.connections[movement].must_stop else 0.0)
+        rows.append(GroupRow(chain_of(network, lanes), way, anchor_m, forwards=False, movement=movement))
+    return rows
+
+
+def _leads_on(network: RoadNetwork, lane: int) -> bool:
+    """Whether civilians can drive on from the edge of a lane."""
+    on_edge = network.edges[network.lanes[lane].edge].lanes
+    return any(network.is_civilian(way) for item in on_edge for way in network.connections_from.get(item, ()))
+
+
+def _connection_from(network: RoadNetwork, lane: int, edge: int) -> Connection | None:
+    """The movement from a driving lane of an edge to a lane; of several, from the leftmost."""
+    connections = [
+        connection
+        for connection in network.connections_to.get(lane, ())
+        if network.lanes[connection.from_lane].edge == edge
+        and network.lanes[connection.from_lane].kind is LaneKind.DRIVING
+    ]
+    return max(connections, key=lambda connection: network.lanes[connection.from_lane].position, default=None)
+
+
+def _plain_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
+    """The movement to a lane from another road piece, without signal and stop sign; straight on where there is one."""
+    free = [
+        connection
+        for connection in network.connections_to.get(lane, ())
+        if connection.signal_id is None and not connection.must_stop
+        if network.lanes[connection.from_lane].kind is LaneKind.DRIVING
+    ]
+    return min(free, key=lambda connection: connection.direction != "s", default=None)
+
+
+# No parameters: as above.
+_SEARCH_STEP_M: Final = 1.0
+_LEAST_PLACED_SHARE: Final = 0.6
+"""Least share of a group's vehicles with which the interaction may still happen; one vehicle is enough that crosses or
+arrives together with the EMV."""
+_LEAST_QUEUE: Final = 3
+"""Vehicles that are a queue, however many there should be."""
+_THROUGH_M: Final = 60.0
+"""Road behind the site on which vehicles next to the EMV follow its route: 7 s at 30 km/h."""
+_WITH_EMV: Final = frozenset({Placement.SAME_DIRECTION, Placement.EMV_LANE})
+"""Vehicles there drive over the site as the EMV does."""
+_WHERE: Final = {
+    Placement.EMV_LANE: "in the EMV's lane",
+    Placement.ADJACENT_LANE: "in the lane next to it",
+    Placement.OTHER_LANES: "in the other lanes",
+    Placement.TURNING_LANES: "in the turning lanes",
+    Placement.SAME_DIRECTION: "in the EMV's direction",
+    Placement.CROSSING: "on crossing roads",
+    Placement.EVERY_LANE: "in every lane",
+}
+
+
+@dataclass(frozen=True)
+class GroupPlan:
+    """All group vehicles, and the road that they need free at the start."""
+
+    vehicles: tuple[PlannedVehicle, ...]
+    foremost_m: float
+    """Place of the foremost front on the EMV's way, from the beginning of its first lane; 0 without one."""
+    crossing_stage: tuple[LaneInterval, ...]
+    """Lanes of the crossing rows, off the EMV's way."""
+    crossing: tuple[int, ...] = ()
+    """Indices of the movements of the vehicles in crossing rows."""
+    on_top: int = 0
+    """Number of vehicles that are not counted in the background volume."""
+    heads: tuple[str, ...] = ()
+    """The foremost vehicle of each row of the groups in every lane."""
+
+
+def plan_groups(
+    network: RoadNetwork,
+    site: Site,
+    start: EmvStart,
+    template: Template,
+    seed: int,
+    factory: VehicleFactory,
+    config: DemandConfig,
+) -> GroupPlan:
+    """Place the groups of a template.
+
+    A row that is too short for all of its vehicles gets fewer; the background traffic gets more in turn. A group is
+    left out where the site has no lane for it.
+
+    Raises:
+        MapError: The lanes of a group are too short for most of its vehicles.
+    """
+    planner = _GroupPlanner(network, start, template, factory, config, _through(network, site))
+    vehicles: list[PlannedVehicle] = []
+    crossing: dict[int, None] = {}
+    heads: dict[int, str] = {}
+    on_top = 0
+    arrival_s = unhindered_arrival_s(network, start, template.emv, config)
+    for group in template.demand.groups:
+        rng = random_stream(seed, f"demand/group/{group.name}")
+        rows = group_rows(network, site, start, group, arrival_s, rng)
+        every = group.placement is Placement.EVERY_LANE
+        wanted = group.vehicles * (len(rows) if every else min(len(rows), 1))
+        before = len(vehicles)
+        for number in range(wanted):
+            row = rows[number % len(rows)]
+            vehicle = planner.vehicle(group, number, row, rng)
+            if vehicle is not None:
+                vehicles.append(vehicle)
+                if every:
+                    heads[number % len(rows)] = vehicle.name
+                if row.movement is not None:
+                    crossing[row.movement] = None
+        placed = len(vehicles) - before
+        on_top += placed if every else 0
+        _check_room(group, len(rows), placed // len(rows) if every else placed)
+        if group.placement is Placement.CROSSING:
+            planner.keep_crossing_free(rows)
+    jam = on_top, tuple(heads.values())
+    return GroupPlan(tuple(vehicles), planner.foremost_m, tuple(planner.crossing_stage), tuple(crossing), *jam)
+
+
+def _through(network: RoadNetwork, site: Site) -> tuple[int, ...]:
+    """The site's edge and those behind it, until they are long enough."""
+    reached_m = accumulate(driving_lanes(network, edge)[-1].length_m for edge in site.beyond)
+    short = sum(way_m < _THROUGH_M for way_m in reached_m)
+    return (site.site_edge, *site.beyond[: short + 1])
+
+
+def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
+    crossing = group.placement is Placement.CROSSING
+    single = crossing or group.anchor is GroupAnchor.ARRIVAL
+    least = min(1, group.vehicles) if single else _LEAST_PLACED_SHARE * group.vehicles
+    if group.standing:
+        least = min(least, _LEAST_QUEUE)
+    if not group.optional and (rows or crossing) and placed < least:
+        cars = f"{group.vehicles} vehicles {_WHERE[group.placement]}"
+        raise MapError(f"group {group.name}", f"a place with road for {cars}; {placed} would fit")
+
+
+def route_length_m(template: Template, config: DemandConfig) -> float:
+    """Length of civilians' routes, for warm-up and episode."""
+    return config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
+
+
+@dataclass
+class _GroupPlanner:
+    network: RoadNetwork
+    start: EmvStart
+    template: Template
+    factory: VehicleFactory
+    config: DemandConfig
+    through: tuple[int, ...]
+    """Edges from the site's on to some way behind it."""
+    foremost_m: float = 0.0
+    crossing_stage: list[LaneInterval] = field(default_factory=list)
+    _reached_m: dict[tuple[tuple[int, ...], bool], tuple[float, float]] = field(default_factory=dict)
+    """Rear and front of the last vehicle in each row of lanes and direction of growth."""
+
+    def vehicle(
+        self, group: DemandGroup, number: int, row: GroupRow, rng: np.random.Generator
+    ) -> PlannedVehicle | None:
+        """The next vehicle of a group in a row; None where the row is full."""
+        kinds = {index: self.network.lanes[index].kind for index in row.chain.lanes}
+        driving = tuple(index for index, kind in kinds.items() if kind is LaneKind.DRIVING)
+        actor_class = self.factory.draw_class(self._classes(group, row), rng, driving)
+        length = self.factory.size(actor_class)[0]
+        spacing = group.spacing_m * (1.0 + self.config.spacing_spread * rng.uniform(-1.0, 1.0))
+        speed = group.speed_mps * (1.0 + self.config.speed_spread * rng.uniform(-1.0, 1.0))
+        nearest = group.anchor is GroupAnchor.ARRIVAL
+        place = self._place(row, group.first_gap_m, spacing, length, nearest=nearest)
+        if place is None:
+            return None
+        front_m, lane, front = place
+        self._reached_m[row.chain.lanes, row.forwards] = (front_m - length, front_m)
+        if group.placement is not Placement.CROSSING:
+            self.foremost_m = max(self.foremost_m, front_m)
+        edges = row.edges[row.edges.index(self.network.lanes[lane].edge) :]
+        driver = self.factory.draw_driver(actor_class, rng, self.template.demand.speed_factor)
+        limit = self.network.lanes[lane].speed_limit_mps
+        if group.anchor is GroupAnchor.ARRIVAL:  # a stream that slow drivers hold up would come too late
+            driver = replace(driver, speed_factor=max(driver.speed_factor, group.speed_mps / limit))
+        if group.placement is Placement.SAME_DIRECTION:  # in the EMV's lane a stream would hold it up
+            driver = replace(driver, speed_gain_eagerness=0.0)
+        speed = min(speed, driver.speed_factor * limit)
+        route = self.factory.draw_route(edges, route_length_m(self.template, self.config), rng, lane, actor_class)
+        spot = Spot(lane, front, 0.0 if group.standing else speed)
+        return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
+
+    def _classes(self, group: DemandGroup, row: GroupRow) -> Shares:
+        """Classes to draw from.
+
+        A stream next to the EMV has no vehicles that must turn off right after the site: on the way to their lane they
+        would change in front of the EMV and delay it. Nor has the EMV's lane: they would not lead it over the junction.
+        In a jam long vehicles are in the rightmost lane.
+        """
+        shares = self.template.demand.classes
+        if group.placement is Placement.EVERY_LANE:
+            lane = self.network.lanes[row.chain.lanes[0]]
+            if lane != driving_lanes(self.network, lane.edge)[0]:
+                most_m = self.config.long_vehicle_m
+                return [share for share in shares if self.factory.size(share[0])[0] <= most_m] or shares
+        if group.placement not in _WITH_EMV:
+            return shares
+        return [share for share in shares if self.factory.can_follow(share[0], self.through)] or shares
+
+    def keep_crossing_free(self, rows: Sequence[GroupRow]) -> None:
+        """Adds the lanes of crossing rows, from behind their last vehicle on, to the stage."""
+        for row in rows:
+            line_m = row.chain.end_m
+            rear_m, _ = self._reached_m.get((row.chain.lanes, row.forwards), (line_m, line_m))
+            behind_m = rear_m - self.config.stage_behind_m
+            self.crossing_stage += row.chain.intervals(self.network, behind_m, line_m)
+
+    def _place(
+        self, row: GroupRow, first_gap_m: float, spacing_m: float, length_m: float, *, nearest: bool
+    ) -> tuple[float, int, float] | None:
+        """Place of the front on the row's chain, its lane and the place on that, clear of junctions.
+
+        Where a junction is in the way, the row goes on behind it. With ``nearest`` its first vehicle is where it comes
+        nearest to its time, on either side.
+        """
+        rear_m, reached_m = self._reached_m.get((row.chain.lanes, row.forwards), (math.inf, -math.inf))
+        if row.forwards:
+            front_m = max(row.anchor_m + first_gap_m + length_m, reached_m + spacing_m + length_m)
+        else:
+            front_m = min(row.anchor_m - first_gap_m, rear_m - spacing_m)
+        found = self._first_place(row, front_m, length_m, _SEARCH_STEP_M if row.forwards else -_SEARCH_STEP_M)
+        if not nearest or not math.isinf(reached_m):
+            return found
+        before = self._first_place(row, front_m, length_m, -_SEARCH_STEP_M)
+        return min((place for place in (found, before) if place), key=lambda it: abs(it[0] - front_m), default=None)
+
+    def _first_place(
+        self, row: GroupRow, front_m: float, length_m: float, step_m: float
+    ) -> tuple[float, int, float] | None:
+        least_m = row.least_m + self.config.emv_clearance_m if row.least_m > 0.0 else 0.0
+        while front_m < min(row.chain.end_m, row.most_m) and front_m - length_m >= least_m:
+            place = row.chain.place(self.network, front_m)
+            if place is not None and place[1] >= min(length_m, 0.5 * self.network.lanes[place[0]].length_m):
+                return front_m, *place
+            front_m += step_m
+        return None

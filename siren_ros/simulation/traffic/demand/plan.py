@@ -1,0 +1,321 @@
+"""A traffic plan: every vehicle of an episode and its driver, decided before SUMO starts.
+
+The lanes along a route are addressed by one distance.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import accumulate
+from typing import Final
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import random_stream
+from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
+from siren_ros.base.params.strict_yaml import StrictMapping
+from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
+from siren_ros.simulation.traffic.demand.jam import JamHead
+from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
+
+CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
+
+
+@dataclass(frozen=True)
+class ClassDriving:
+    """What a vehicle class can do and its drivers use in traffic."""
+
+    accel_mps2: float
+    decel_mps2: float
+    min_gap_m: float
+    max_speed_mps: float
+
+
+@dataclass(frozen=True)
+class DriverPopulation:
+    """Distributions and constants from which drivers are drawn."""
+
+    car_following: str
+    speed_factor: TruncatedNormal
+    tau_s: TruncatedNormal
+    max_lateral_speed_mps: float
+    speed_gain_eagerness: float
+    cooperation: float
+    classes: Mapping[ActorClass, ClassDriving]
+
+    def draw(self, actor_class: ActorClass, rng: np.random.Generator, speed_scale: float = 1.0) -> "DriverModel":
+        """One driver of a vehicle of the given class; ``speed_scale`` scales the wished speed."""
+        speed_factor, tau_s = self.speed_factor.draw(rng) * speed_scale, self.tau_s.draw(rng)
+        sideways = self.max_lateral_speed_mps, self.speed_gain_eagerness, self.cooperation
+        return DriverModel(self.car_following, speed_factor, tau_s, *sideways, self.classes[actor_class])
+
+
+@dataclass(frozen=True)
+class DriverModel:
+    """SUMO's parameters of one driver."""
+
+    car_following: str
+    speed_factor: float
+    """Wished speed over the speed limit."""
+    tau_s: float
+    max_lateral_speed_mps: float
+    speed_gain_eagerness: float
+    cooperation: float
+    driving: ClassDriving
+
+
+def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK) -> DriverPopulation:
+    """A population of drivers by its name in ``params/drivers`` or from a YAML file.
+
+    Raises:
+        InputError: unknown name, or a mistake in the file (names file and line).
+    """
+    top = files.read("drivers", "drivers", name_or_path).mapping()
+    top.text("title")
+    classes = top.mapping("classes")
+    population = DriverPopulation(
+        car_following=top.text("car_following", CAR_FOLLOWING_MODELS),
+        speed_factor=read_distribution(top.mapping("speed_factor"), 0.1, 2.0),
+        tau_s=read_distribution(top.mapping("tau_s"), 0.3, 5.0),
+        max_lateral_speed_mps=top.number("max_lateral_speed_mps", 0.1, 3.0),
+        speed_gain_eagerness=top.number("speed_gain_eagerness", 0.0, 10.0),
+        cooperation=top.number("cooperation", 0.0, 1.0),
+        classes={
+            member: _class_driving(classes.mapping(member.name.lower()))
+            for member in VEHICLE_CLASSES
+            if member not in TWO_WHEELED or classes.has(member.name.lower())  # records of earlier episodes have none
+        },
+    )
+    classes.finish()
+    top.finish()
+    return population
+
+
+def _class_driving(section: StrictMapping) -> ClassDriving:
+    driving = ClassDriving(
+        accel_mps2=section.number("accel_mps2", 0.2, 8.0),
+        decel_mps2=section.number("decel_mps2", 0.5, 9.0),
+        min_gap_m=section.number("min_gap_m", 0.5, 10.0),
+        max_speed_mps=section.number("max_speed_mps", 5.0, 100.0),
+    )
+    section.finish()
+    return driving
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A place on a lane: where a vehicle's front bumper is put, and how fast it goes there."""
+
+    lane: int
+    """Index into ``RoadNetwork.lanes``."""
+    front_m: float
+    """Along the lane's centre line."""
+    speed_mps: float
+
+
+@dataclass(frozen=True)
+class PlannedVehicle:
+    """One vehicle: body, driver, route and place of entry."""
+
+    name: str
+    actor_class: ActorClass
+    length_m: float
+    width_m: float
+    height_m: float
+    colour_rgb: tuple[int, int, int]
+    driver: DriverModel
+    route: tuple[str, ...]
+    """Edge ids; the first is the spot's edge."""
+    spot: Spot
+    is_emv: bool = False
+    attentive: bool = True
+    """Whether the driver sees an EMV that comes across against a signal or sign."""
+    oncoming_share: float = 1.0
+    """Of the wished speed that the driver slows down to for an EMV that comes towards it; 1 for no reaction."""
+    filters: bool = False
+    """Whether a motorcyclist follows an EMV through the rescue lane."""
+
+
+@dataclass(frozen=True)
+class PlannedWalker:
+    """Somebody who walks: body, place of entry and where to go."""
+
+    name: str
+    length_m: float
+    width_m: float
+    height_m: float
+    colour_rgb: tuple[int, int, int]
+    """Of the clothes."""
+    speed_mps: float
+    edge: str
+    place_m: float
+    """Along the edge."""
+    goals: tuple[str, ...]
+    """Edges with a sidewalk, to be reached one after the other."""
+    notice_m: float = 0.0
+    """Distance at which they heed an EMV with a siren."""
+    attentive: bool = True
+    """As of a driver."""
+
+
+@dataclass(frozen=True)
+class LaneInterval:
+    """A stretch of a lane, from and to in metres along its centre line."""
+
+    lane: int
+    from_m: float
+    to_m: float
+
+
+RED_BEHIND_S: Final = 1.2
+"""From the stop line's crossing by the last vehicle of a platoon to the red. No parameter: a usual time."""
+
+
+@dataclass(frozen=True)
+class SignalTiming:
+    """Where in its programme a signal is at the episode's start."""
+
+    signal_id: str
+    link: int
+    """Index into the signal's state string."""
+    red_from_s: float
+    """Time from step 0 on at which the link's red begins; negative where it is red already."""
+    crossing: tuple[int, ...] = ()
+    """Links of the movements that are to cross during this red. Where their green begins later, that counts."""
+    platoon: tuple[str, ...] = ()
+    """Vehicles for which the green lasts: it ends when a detector has seen the last of them (gap-out control)…"""
+    emv: str = ""
+    """…or before this vehicle arrives."""
+
+
+@dataclass(frozen=True)
+class TrafficPlan:
+    """All vehicles of an episode, in the order in which they enter."""
+
+    emvs: tuple[PlannedVehicle, ...]
+    groups: tuple[PlannedVehicle, ...]
+    """Civilians placed around the EMV's start; with the EMVs they enter at step 0."""
+    background: tuple[PlannedVehicle, ...]
+    """Civilians that enter before the warm-up."""
+    reserve: tuple[PlannedVehicle, ...]
+    """Take the places of vehicles that leave, in this order where their spots are free."""
+    stage: tuple[LaneInterval, ...]
+    """Where EMVs and groups start; cleared of background vehicles at step 0."""
+    civilians: int
+    """Number of civilians to keep in the network."""
+    warm_up_steps: int
+    response_distance_m: float
+    """Reach of the siren."""
+    signal: SignalTiming | None = None
+    """None where all signals run as the map says."""
+    crossed: str = ""
+    """Junction at which the last EMVs cross the way of the others; empty where none do."""
+    jam: JamHead | None = None
+    """None where nothing but traffic holds vehicles up."""
+    duty: bool = False
+    """Whether drivers open a rescue lane in slow traffic out of town."""
+    riders: tuple[PlannedVehicle, ...] = ()
+    """Cyclists and motorcyclists: the first ones whose spots are free enter at step 0, others when one leaves."""
+    riders_kept: Mapping[ActorClass, int] = field(default_factory=dict)
+    """How many of each class to keep in the network."""
+    walkers: tuple[PlannedWalker, ...] = ()
+    """The first ``walkers_kept`` enter at step 0, others when one has arrived."""
+    walkers_kept: int = 0
+    av: str = ""
+    """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
+
+
+def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> TrafficPlan:
+    """The plan with the preset's shares of attentive drivers and of those who react to an EMV that comes towards them.
+
+    And with the distances at which pedestrians heed one, and the share of motorcyclists who filter behind one.
+
+    Each driver has draws of its own, whatever else is drawn.
+    """
+    attentive, oncoming, filtering = preset.attention.civilians, preset.oncoming, preset.filtering
+
+    def among(share: float, stream: str, index: int) -> bool:
+        return share >= 1.0 or (share > 0.0 and bool(random_stream(seed, stream, index).random() < share))
+
+    def drawn(purpose: str) -> tuple[PlannedVehicle, ...]:
+        return tuple(
+            replace(
+                vehicle,
+                attentive=among(attentive, f"attention/{purpose}", index),
+                oncoming_share=oncoming.speed_share if among(oncoming.share, f"oncoming/{purpose}", index) else 1.0,
+            )
+            for index, vehicle in enumerate(getattr(plan, purpose))
+        )
+
+    riders = tuple(
+        replace(rider, filters=rider.actor_class is ActorClass.MOTORCYCLE and among(filtering, "filtering", index))
+        for index, rider in enumerate(plan.riders)
+    )
+    distance = preset.pedestrian_distance_m
+    walkers = tuple(
+        replace(walker, notice_m=distance.draw(random_stream(seed, "siren/pedestrians", index)))
+        for index, walker in enumerate(plan.walkers)
+    )
+    background, reserve = drawn("background"), drawn("reserve")
+    plan = replace(plan, walkers=walkers, riders=riders)
+    return replace(plan, groups=drawn("groups"), background=background, reserve=reserve)
+
+
+@dataclass(frozen=True)
+class LaneChain:
+    """Lanes that follow each other, junction paths included; distances count from the first lane's start."""
+
+    lanes: tuple[int, ...]
+    start_m: tuple[float, ...]
+    """Distance at which each lane starts."""
+    end_m: float
+
+    def place(self, network: RoadNetwork, distance_m: float) -> tuple[int, float] | None:
+        """Lane and position at a distance; None beyond the ends and inside junctions."""
+        if not 0.0 <= distance_m < self.end_m:
+            return None
+        last = max(i for i, start in enumerate(self.start_m) if start <= distance_m)
+        lane = network.lanes[self.lanes[last]]
+        return None if lane.kind is LaneKind.INTERNAL else (lane.index, distance_m - self.start_m[last])
+
+    def intervals(self, network: RoadNetwork, from_m: float, to_m: float) -> tuple[LaneInterval, ...]:
+        """The stretches of lanes between two distances."""
+        intervals = []
+        for lane, start in zip(self.lanes, self.start_m, strict=True):
+            low, high = max(from_m - start, 0.0), min(to_m - start, network.lanes[lane].length_m)
+            if low < high:
+                intervals.append(LaneInterval(lane, low, high))
+        return tuple(intervals)
+
+
+def chain_along(network: RoadNetwork, lane: Lane, edges: Sequence[int]) -> LaneChain:
+    """The chain from a lane along a route's edges; ``edges[0]`` is the lane's own edge.
+
+    Where a lane does not lead to the next edge, the chain goes on from the nearest lane of the edge that does.
+    """
+    lanes = [lane.index]
+    for following in edges[1:]:
+        step = connection_onward(network, network.lanes[lanes[-1]], following)
+        if step is None:
+            break
+        lanes += [*step.via, step.to_lane]
+    return chain_of(network, lanes)
+
+
+def chain_of(network: RoadNetwork, lanes: Sequence[int]) -> LaneChain:
+    """The chain of lanes that follow each other."""
+    ends = tuple(accumulate((network.lanes[lane].length_m for lane in lanes), initial=0.0))
+    return LaneChain(tuple(lanes), ends[:-1], ends[-1])
+
+
+def connection_onward(network: RoadNetwork, lane: Lane, following: int) -> Connection | None:
+    """The movement from a lane to an edge; where there is none, from the nearest driving lane of the same edge."""
+    siblings = [network.lanes[index] for index in network.edges[lane.edge].lanes]
+    for source in sorted(siblings, key=lambda other: (abs(other.position - lane.position), other.position)):
+        if source.kind is not LaneKind.DRIVING:
+            continue
+        for connection in network.connections_from.get(source.index, ()):
+            target = network.lanes[connection.to_lane]
+            if target.edge == following and target.kind is LaneKind.DRIVING:
+                return connection
+    return None

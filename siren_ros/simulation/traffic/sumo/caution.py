@@ -1,0 +1,383 @@
+"""SUMO's drivers wait for vehicles that are driven from outside, where their ways meet, and for people on crossings.
+
+SUMO's own model heeds people before its drivers enter a junction, and not inside.
+
+SUMO lets its drivers give way by the time at which others have announced to arrive at a junction. A vehicle that is
+moved from outside announces nothing, and one that runs a red signal is nobody's foe: SUMO would drive through it. So
+its drivers are slowed here by the same rule by which the outside ones are driven.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import libsumo
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Flags, Floats, Ids
+from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.simulation.conflicts.course import CourseBook, Outlook, limit_at_mps, rank_at
+from siren_ros.simulation.conflicts.people import NOBODY, least_wait_for_people, outlines_of
+from siren_ros.simulation.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Wait, least_wait
+from siren_ros.simulation.conflicts.zones import (
+    SAME_DIRECTION,
+    STEP_M,
+    Ways,
+    Zone,
+    follows_course,
+    search_among,
+    straight_to_m,
+)
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.traffic.config import CautionConfig
+from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
+from siren_ros.simulation.world.actors import TWO_WHEELED, Owner, rows_of_ids
+from siren_ros.simulation.world.traffic_state import TrafficFlags, TrafficState
+
+# No parameters: SUMO's codes.
+_HARD_BRAKE_MODE: Final = 27
+"""SUMO's speed mode 31 without its limit of deceleration (https://sumo.dlr.de/docs/TraCI: speed mode)."""
+_FREE_MODE: Final = 31
+_SPACE_M: Final = 0.2
+"""Kept free on both sides of riders: in bends SUMO's lanes are not as far from each other as it takes them to be."""
+_LOOK_M: Final = 1.0
+"""How much farther than it takes to stop drivers look where they point."""
+_BY_SUMO: Final = int(Owner.SUMO)
+_ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
+
+
+@dataclass(frozen=True)
+class Caution:
+    """What one driver of SUMO does at this step."""
+
+    actor_id: int
+    other_id: int
+    wait: Wait
+
+
+def cautions(
+    traffic: TrafficState,
+    outlook: Outlook,
+    config: CautionConfig,
+    waiting: Collection[int] = (),
+    inattentive: Collection[int] = (),
+    riders: Collection[int] = (),
+) -> tuple[Caution, ...]:
+    """The waits of SUMO's drivers.
+
+    They wait for vehicles that are driven from outside, and, where their bodies would touch, for each other on
+    junctions: SUMO's waiting places there reach into the ways of others. Into bodies ahead they do not drive anywhere:
+    SUMO knows of no corner that reaches into the next lane. Drivers who change lanes look where they point, too, for
+    vehicles that are driven from outside: these may stand at an angle. Of ``riders`` and others, who stands out of a
+    bend leads as well: SUMO's lanes are parallel. Actors who waited at the step before (``waiting``) would go on if
+    they need not; ``inattentive`` ones do not see vehicles from outside that come across their way.
+
+    Returns:
+        The strictest wait of each, sorted by actor.
+    """
+    ids = traffic.actor_id
+    drivers = outlook.half_length_m, _flags(ids, waiting), _flags(ids, inattentive), _flags(ids, riders)
+    speeds = traffic.speed_mps, traffic.sumo_speed_mps, traffic.sumo_accel_mps2
+    state = traffic.owner, traffic.flags, (traffic.x_m, traffic.y_m, traffic.yaw_rad), speeds
+    near = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
+    late = config.behind_m, config.firm_mps2, config.gentle_mps2
+    across = config.margin_m, config.accel_mps2, config.slowing_mps2
+    limits = near, late, across, (config.yielding, config.among)
+    order = np.argsort(traffic.x_m, kind="stable")
+    pairs, waits = _strictest_waits(state, order, drivers, outlook.ways, outlook.rights, limits, 2.0)
+    found = zip(ids[pairs].tolist(), waits.tolist(), strict=True) if len(pairs) else ()
+    return tuple(Caution(actor_id, other_id, Wait(*wait)) for (actor_id, other_id), wait in found)
+
+
+def _flags(ids: Ids, members: Collection[int]) -> Flags:
+    """Which of the actors, sorted by id, are among some."""
+    flags = np.zeros(len(ids), np.bool_)
+    if members:
+        rows = rows_of_ids(ids, np.array(sorted(members), np.uint32))
+        flags[rows[rows >= 0]] = True
+    return flags
+
+
+@compiled
+def _near_pairs(
+    poses: Any, order: Any, speed_mps: Any, half_length_m: Any, inside: Any, counts: Any, limits: Any
+) -> Any:
+    """Pairs of a vehicle of SUMO and another one, shape ``(P, 2)``, that counts or crosses in reach, or is close ahead.
+
+    ``poses`` holds x, y, and the yaw's cosine and sine; ``limits`` the fields of ``CautionConfig`` that count here.
+    Vehicles are looked at in the ``order`` of x, so that the work grows with the neighbours and not with all.
+    """
+    x_m, y_m, cos, sin = poses
+    _, more_m, far_m, _, beside_m = limits
+    n = len(x_m)
+    place = np.empty(n, np.intp)
+    for k in range(n):
+        place[order[k]] = k
+    widest = beside_m + (half_length_m.max() if n else 0.0)
+    pairs, begin = np.empty((8 * n + 8, 2), np.intp), 0
+    count = 0
+    for row in range(n):
+        if not inside[row]:
+            continue
+        farthest = max(far_m, speed_mps[row] + more_m + widest) + 1.0
+        first, last = place[row], place[row] + 1
+        while first > 0 and x_m[row] - x_m[order[first - 1]] < farthest:
+            first -= 1
+        while last < n and x_m[order[last]] - x_m[row] < farthest:
+            last += 1
+        begin = count
+        for k in range(first, last):
+            other = order[k]
+            dx, dy = x_m[other] - x_m[row], y_m[other] - y_m[row]
+            if other == row or abs(dy) > farthest:
+                continue
+            pose = dx, dy, cos[row], sin[row], cos[other], sin[other]
+            if _is_near(pose, speed_mps[row], speed_mps[other], half_length_m[other], counts[other], limits):
+                if count == len(pairs):
+                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                _insert(pairs, begin, count, row, other)
+                count += 1
+    return pairs[:count]
+
+
+@compiled
+def _insert(pairs: Any, begin: int, end: int, row: int, other: int) -> None:
+    """Puts a pair among the row's other ones, ``pairs[begin:end]``, which are sorted by the second one."""
+    at = end
+    while at > begin and pairs[at - 1, 1] > other:
+        pairs[at, 0], pairs[at, 1] = pairs[at - 1, 0], pairs[at - 1, 1]
+        at -= 1
+    pairs[at, 0], pairs[at, 1] = row, other
+
+
+@compiled
+def _is_near(pose: Any, own_mps: float, other_mps: float, half_length_m: float, counts: bool, limits: Any) -> bool:
+    """Whether a pair is near; ``pose`` holds the way to the other one, and the directions of both.
+
+    Long vehicles at an angle reach far aside: the tail of a bus that changes lanes. Maps have roads that cross before
+    their junction begins; so crossing does not ask where it happens.
+    """
+    dx, dy, cos, sin, other_cos, other_sin = pose
+    ahead_s, more_m, far_m, rolling_mps, beside_m = limits
+    apart = np.hypot(dx, dy)
+    reach = min(ahead_s * (own_mps + other_mps) + 2.0 * more_m, far_m)
+    ahead = cos * dx + sin * dy
+    if apart < reach:
+        along = abs(cos * other_cos + sin * other_sin)
+        cross = own_mps > rolling_mps and other_mps > rolling_mps and along < SAME_DIRECTION and ahead > -more_m
+        if counts or cross:
+            return True
+    if 0.0 < ahead < own_mps + more_m:
+        return abs(cos * dy - sin * dx) < beside_m + half_length_m * abs(cos * other_sin - sin * other_cos)
+    return False
+
+
+@compiled
+def _look_where_they_point(ways: Any, pairs: Any, zones: Any, inside: Any, reach_m: Any) -> None:
+    """Lets a vehicle from outside lead a driver who changes lanes and points at it within ``reach_m``, in ``zones``.
+
+    The way along the present lane leads past it.
+    """
+    for p in range(len(pairs)):
+        row, other = pairs[p, 0], pairs[p, 1]
+        passed = zones[p, 6] == np.inf and not inside[other]
+        if passed and np.cos(ways.bodies[other, 2] - ways.bodies[row, 2]) > 0.0 and not follows_course(ways, row):
+            blocked_m = straight_to_m(ways, row, other, reach_m[row])
+            if blocked_m < np.inf:
+                zones[p, 0], zones[p, 6], zones[p, 7] = 1.0, blocked_m, 1.0
+
+
+@compiled
+def _agree_on_entries(pairs: Any, zones: Any, inside: Any) -> None:
+    """Puts each driver's own way to a zone where the other one, who crosses it, has to know it.
+
+    The search finds the own way to an eighth of a metre and the other's to a metre: of two drivers who both took the
+    other one to be farther away than it is, both would go first.
+    """
+    for p in range(len(pairs)):
+        row, other = pairs[p, 0], pairs[p, 1]
+        if not inside[other] or zones[p, 5] > SAME_DIRECTION:
+            continue
+        for k in range(np.searchsorted(pairs[:, 0], other), len(pairs)):
+            if pairs[k, 0] != other or pairs[k, 1] > row:
+                break
+            if pairs[k, 1] == row and abs(zones[k, 1] - zones[p, 3]) <= STEP_M:
+                zones[p, 3] = zones[k, 1]
+
+
+@compiled
+def _wait_behind(speed_mps: float, lead_mps: float, free_m: float) -> tuple[float, float, float]:
+    """The wait for a body that leads on the same way: to be as slow as it before the way is used up."""
+    free, closing = max(free_m, 0.0), max(speed_mps - lead_mps, 0.0)
+    return lead_mps, closing * closing / (2.0 * max(free, LEAST_WAY_M)), free
+
+
+@compiled
+def _strictest_waits(
+    state: Any, order: Any, drivers: Any, ways: Any, rights: Any, limits: Any, square: float
+) -> tuple[Any, Any]:
+    """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
+
+    Left out are vehicles that merge among themselves but for riders, and those that lead while there is room, which
+    SUMO handles, and those from outside that come across the way of a driver who does not look.
+    A rider and another one who are beside each other do not go on together where their ways lead to the same place.
+
+    ``state`` and ``drivers`` hold arrays over all vehicles, ``order`` their rows by x, ``limits`` fields of
+    ``CautionConfig``. ``square`` is 2: by a constant, speeds would be squared with another last bit than Python's.
+    """
+    owner, flags, (x_m, y_m, yaw_rad), (simulated_mps, sumo_mps, accel_mps2) = state
+    half_length_m, held, blind, rides = drivers
+    near, (behind_m, firm_mps2, gentle_mps2), (margin_m, accelerating_mps2, slowing_mps2), margins = limits
+    n, bodies = len(owner), ways.bodies.copy()
+    inside, counts, speed_mps, accel = np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n), np.empty(n)
+    for row in range(n):
+        inside[row] = owner[row] == _BY_SUMO
+        counts[row] = not inside[row] or (flags[row] & _ON_JUNCTION) != 0
+        speed_mps[row] = sumo_mps[row] if inside[row] else simulated_mps[row]
+        accel[row] = max(accel_mps2[row], 0.0) if held[row] else accel_mps2[row]
+        bodies[row, 6] = near[0] * speed_mps[row] + near[1]
+        if not inside[row]:
+            bodies[row, 8] += margin_m
+    poses = x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)
+    pairs = _near_pairs(poses, order, speed_mps, half_length_m, inside, counts, near)
+    widened = Ways(ways.points, ways.first, ways.last, bodies)
+    zones = search_among(widened, pairs)
+    _agree_on_entries(pairs, zones, inside)
+    _look_where_they_point(widened, pairs, zones, inside, speed_mps**square / (2.0 * firm_mps2) + behind_m + _LOOK_M)
+    found, waits, count = np.empty((n, 2), np.intp), np.empty((n, 3)), 0
+    for p in range(len(pairs)):
+        row, other = pairs[p, 0], pairs[p, 1]
+        met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
+        leads, merges, ridden = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION, rides[row] or rides[other]
+        leads = leads or (merges and blocked < np.inf and ridden)
+        sumos = merges and inside[other] and not ridden
+        if met == 0.0 or (not leads and ((blind[row] and not inside[other]) or sumos)):
+            continue
+        if leads:
+            lead_mps = 0.0 if ridden and blocked <= 0.0 else speed_mps[other]
+            wait = _wait_behind(speed_mps[row], lead_mps, blocked - behind_m)
+            if wait[2] > 0.0 and wait[1] <= (gentle_mps2 if held[row] else firm_mps2):
+                continue
+        else:
+            zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
+            own_mps, other_mps, straight = speed_mps[row], speed_mps[other], Bends(np.empty(0), 1.0, 0.0)
+            top = max(limit_at_mps(ways, rights, row, own_in), own_mps)
+            gains = accel[row] if accel[row] < slowing_mps2 else accelerating_mps2
+            own_rank, rank = rank_at(ways, rights, row, own_in), rank_at(ways, rights, other, other_in)
+            own = Approach(own_mps, top, gains, own_rank, straight, 2.0 * half_length_m[row])
+            gains = min(accel[other], 0.0)
+            comes = Approach(other_mps, other_mps, gains, rank, straight, 2.0 * half_length_m[other])
+            wait = least_wait(zone, own, comes, other_mps**square, margins[1] if inside[other] else margins[0])
+            if wait[0] == np.inf:
+                continue
+        if count == 0 or found[count - 1, 0] != row:
+            count += 1
+        elif wait[0] >= waits[count - 1, 0]:
+            continue
+        found[count - 1, 0], found[count - 1, 1] = row, other
+        waits[count - 1, 0], waits[count - 1, 1], waits[count - 1, 2] = wait
+    return found[:count], waits[:count]
+
+
+class CautiousDrivers:
+    """The speeds that are imposed on SUMO's drivers."""
+
+    def __init__(self, network: RoadNetwork, config: CautionConfig) -> None:
+        self._book, self._crossings = CourseBook(network), outlines_of(network)
+        self._config = config
+        self._slowed: dict[str, int] = {}
+        self._drivers: tuple[Ids, Floats, Floats, list[int], list[int]] | None = None
+
+    def apply(
+        self,
+        traffic: TrafficState | None,
+        vehicles: Mapping[int, PlannedVehicle],
+        people: Floats = NOBODY,
+        scale_of: Callable[[int], float] = lambda _: 1.0,
+    ) -> None:
+        """Impose speeds for SUMO's next step, and free those who need not wait any more.
+
+        ``traffic`` is the state before that step, None before the first one; ``people`` are those on foot at it.
+        ``scale_of`` a lane is as ``SumoPopulation.scale_of``.
+        """
+        slowed = {} if traffic is None else self._speeds(traffic, vehicles, people, scale_of)
+        for name in sorted(self._slowed.keys() - slowed.keys()):
+            libsumo.vehicle.setSpeed(name, -1.0)
+            libsumo.vehicle.setSpeedMode(name, _FREE_MODE)
+        for name, (_, speed_mps) in slowed.items():
+            libsumo.vehicle.setSpeedMode(name, _HARD_BRAKE_MODE)
+            libsumo.vehicle.setSpeed(name, speed_mps)
+        self._slowed = {name: actor_id for name, (actor_id, _) in slowed.items()}
+
+    def forget(self, name: str) -> None:
+        """Drop a vehicle that has left SUMO, or that is driven from outside from now on."""
+        self._slowed.pop(name, None)
+
+    def _drivers_of(
+        self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]
+    ) -> tuple[Ids, Floats, Floats, list[int], list[int]]:
+        """Actors, half lengths, half widths, who is inattentive, and riders; as before for the same actors."""
+        if self._drivers is None or self._drivers[0] is not actor_id:
+            known = [vehicles[actor] for actor in actor_id.tolist()]
+            half_length_m = np.array([0.5 * vehicle.length_m for vehicle in known])
+            ridden = np.array([vehicle.actor_class in TWO_WHEELED for vehicle in known], np.bool_)
+            half_width_m = np.array([0.5 * vehicle.width_m for vehicle in known]) + np.where(ridden, _SPACE_M, 0.0)
+            inattentive = [actor for actor in actor_id.tolist() if not vehicles[actor].attentive]
+            self._drivers = actor_id, half_length_m, half_width_m, inattentive, actor_id[ridden].tolist()
+        return self._drivers
+
+    def _speeds(
+        self,
+        traffic: TrafficState,
+        vehicles: Mapping[int, PlannedVehicle],
+        people: Floats = NOBODY,
+        scale_of: Callable[[int], float] = lambda _: 1.0,
+    ) -> dict[str, tuple[int, float]]:
+        """Actor and SUMO's speed by the vehicle's name."""
+        _, half_length_m, half_width_m, inattentive, riders = self._drivers_of(traffic.actor_id, vehicles)
+        outlook = Outlook(traffic, self._book, half_length_m, half_width_m)
+        speeds: dict[str, tuple[int, float]] = {}
+        found = cautions(traffic, outlook, self._config, self._slowed.values(), inattentive, riders)
+        if people.shape[1]:
+            found = *found, *self._for_people(traffic, outlook, people)
+        for caution in found:
+            row = int(np.searchsorted(traffic.actor_id, caution.actor_id))
+            speed = float(traffic.sumo_speed_mps[row])
+            vehicle = vehicles[caution.actor_id]
+            brake = vehicle.driver.driving.decel_mps2
+            if caution.wait.brake_mps2 > brake:
+                brake = min(caution.wait.brake_mps2, self._config.most_brake_mps2)
+            if caution.wait.speed_mps < speed + self._config.accel_mps2 * STEP_S:
+                scale = scale_of(int(traffic.lane[row]))
+                speed_mps = scale * max(caution.wait.speed_mps, speed - brake * STEP_S, 0.0)
+                _, other_mps = speeds.get(vehicle.name, (0, np.inf))
+                speeds[vehicle.name] = caution.actor_id, min(speed_mps, other_mps)
+        return speeds
+
+    def _for_people(self, traffic: TrafficState, outlook: Outlook, people: Floats) -> list[Caution]:
+        """The waits for people on crossings."""
+        drivers = traffic.owner, traffic.sumo_speed_mps
+        rows, others, waits = _waits_for_people(*drivers, outlook.ways, people, self._crossings)
+        ids = traffic.actor_id[rows].tolist()
+        found = zip(ids, people[6, others].astype(int).tolist(), waits.tolist(), strict=True)
+        return [Caution(actor_id, other_id, Wait(*wait)) for actor_id, other_id, wait in found]
+
+
+@compiled
+def _waits_for_people(owner: Any, speed_mps: Any, ways: Any, people: Any, outlines: Any) -> tuple[Any, Any, Any]:
+    """Rows of SUMO's drivers who wait for people, columns of these, and the waits, ``(P, 3)``."""
+    rows, others, waits = np.empty(len(owner), np.intp), np.empty(len(owner), np.intp), np.empty((len(owner), 3))
+    count = 0
+    for row in range(len(owner)):
+        if owner[row] != _BY_SUMO:
+            continue
+        body = ways.bodies[row]
+        way = ways.points, ways.first[row], ways.last[row], body[3]
+        own = body[4], body[5], body[7], body[8], speed_mps[row], np.inf
+        worst, speed, brake, free = least_wait_for_people(way, own, people, outlines)
+        if worst >= 0:
+            rows[count], others[count] = row, worst
+            waits[count, 0], waits[count, 1], waits[count, 2] = speed, brake, free
+            count += 1
+    return rows[:count], others[:count], waits[:count]

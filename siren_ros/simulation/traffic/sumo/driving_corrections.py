@@ -1,0 +1,376 @@
+"""Corrections of how SUMO's vehicles move.
+
+* They slow down for bends: SUMO knows a lane's speed limit, not its shape.
+* They stay where they are when they change to a lane of another length.
+* They move sideways by driving, also where a lane change is urgent.
+* Cyclists ride in the middle of a cycle lane, and on the right of wider lanes.
+"""
+
+from collections.abc import Container, Mapping, Sequence
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
+
+import libsumo
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Flags, Floats, Rows
+from siren_ros.base.numerics.braking import SAMPLE_M, bend_speeds_mps, braking_distance_m, with_braking
+from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.simulation.roads.road_network import MAPS_KEPT, NO_LANE, Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, connection_onward
+from siren_ros.simulation.traffic.sumo.readings import ALONG, ASIDE, SPEED, SumoColumns, X, Y
+from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
+
+# No parameters: they make SUMO's motion one that a car can follow, and are calibrated with the vehicle model.
+LATERAL_ACCEL_MPS2: Final = 3.0
+"""With which drivers take bends: the 85th percentile of drivers in urban turns is 2.5 to 3 m/s² (AASHTO, A Policy on
+Geometric Design, side friction at low speeds); the drivers of the behaviour model have the same limit."""
+_RIDERS_SHARE: Final = 0.8
+"""Of these speeds, with which riders take bends: a lean of 11 degrees in the lane's middle, of 15 at its outer edge."""
+BRAKING_MPS2: Final = 1.5
+"""With which they slow down before a bend (Treiber and Kesting, comfortable deceleration of the IDM in towns)."""
+_AHEAD_M: Final = 90.0
+"""How far ahead a bend counts: 16 m/s come down to walking speed within it."""
+_EDGES_AHEAD: Final = 4
+_STEP_MPS: Final = 0.05
+"""A limit is told to SUMO when it has changed by this much."""
+
+
+class _Rows:
+    """Where SUMO's vehicles were before."""
+
+    def __init__(self) -> None:
+        self._names: list[str] = []
+        self._row_of: Mapping[str, int] = {}
+
+    def follow(self, columns: SumoColumns) -> Rows | None:
+        """The row that each vehicle had before, −1 for a new one; None where the vehicles are the same."""
+        if columns.names is self._names:
+            return None
+        rows = np.array([self._row_of.get(name, -1) for name in columns.names], dtype=np.intp)
+        self._names, self._row_of = columns.names, columns.row_of
+        return rows
+
+
+class _Profile(NamedTuple):
+    """Speeds at each metre of a lane."""
+
+    first: int
+    """Where its speeds begin among those of all profiles."""
+    samples: int
+
+
+_NO_PROFILE: Final = _Profile(0, 0)
+_MOST_PASSED: Final = 64
+"""Places with ascending speeds along a vehicle, which are at least a metre apart, or on lanes that are shorter."""
+
+
+class _Profiles:
+    """The speed profiles of a map's lanes, each worked out once: a memory of pure results."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._network = network
+        lanes_of = ((*connection.via, connection.to_lane) for connection in network.connections)
+        self._onward = dict(pair for lanes in lanes_of for pair in pairwise(lanes))
+        """The lane that follows each internal lane."""
+        self._of_route: dict[tuple[int, tuple[int, ...]], _Profile] = {}
+        self._of_lanes: dict[tuple[int, ...], _Profile] = {}
+        self._used = 0
+        self.speeds_mps = np.empty((2, 0))
+        """Of all profiles: that of the bend at a place, and that from which one still slows down for what follows."""
+
+    @staticmethod
+    @lru_cache(maxsize=MAPS_KEPT)
+    def of_map(network: RoadNetwork) -> "_Profiles":
+        """The profiles of a map; those of other episodes on it are among them."""
+        return _Profiles(network)
+
+    def of(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
+        """The speeds of a lane, with regard to what follows it on the route."""
+        key = (lane.index, edges)
+        if key not in self._of_route:
+            lanes = tuple(self._lanes_ahead(lane, edges))
+            if lanes not in self._of_lanes:
+                self._of_lanes[lanes] = self._profile(lane, lanes)
+            self._of_route[key] = self._of_lanes[lanes]
+        return self._of_route[key]
+
+    def _profile(self, lane: Lane, lanes: Sequence[int]) -> _Profile:
+        path = Polyline.joined([self._network.lanes[index].centre for index in lanes])
+        reach = path.cut(0.0, min(path.length_m, lane.length_m + _ahead_m(lane)))
+        bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
+        speeds = np.stack((bend[:count], with_braking(bend, BRAKING_MPS2)[:count]))
+        first, self._used = self._used, self._used + speeds.shape[1]
+        if self._used > self.speeds_mps.shape[1]:
+            self.speeds_mps = np.concatenate((self.speeds_mps, np.empty((2, self._used))), axis=1)
+        self.speeds_mps[:, first : self._used] = speeds
+        return _Profile(first, speeds.shape[1])
+
+    def _lanes_ahead(self, lane: Lane, edges: Sequence[int]) -> list[int]:
+        """The lane and those that follow it on the route, at least as far as a bend counts."""
+        lanes, ahead_m, current = [lane.index], 0.0, lane
+        while current.kind is LaneKind.INTERNAL and current.index in self._onward:
+            current = self._network.lanes[self._onward[current.index]]
+            lanes.append(current.index)
+            ahead_m += current.length_m
+        left = list(edges[edges.index(current.edge) + 1 :]) if current.edge in edges else []
+        while left and ahead_m < _ahead_m(lane):
+            step = connection_onward(self._network, current, left.pop(0))
+            if step is None:
+                break
+            current = self._network.lanes[step.to_lane]
+            lanes += [*step.via, current.index]
+            ahead_m += self._network.length_m((*step.via, current.index))
+        return lanes
+
+
+def _ahead_m(lane: Lane) -> float:
+    """How far ahead of a lane's end a bend counts: as far as it takes to stop from its limit, where that is more."""
+    return max(_AHEAD_M, braking_distance_m(lane.speed_limit_mps * lane.speed_limit_mps, BRAKING_MPS2))
+
+
+class BendLimits:
+    """Sets the greatest speed of SUMO's vehicles, step by step, from the shapes of the lanes ahead."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._network = network
+        self._profiles = _Profiles.of_map(network)
+        self._routes: dict[str, tuple[int, ...]] = {}
+        self._rows = _Rows()
+        self._present: list[tuple[str, int]] = []
+        """Lane and place on the route of each vehicle, for which its profile holds."""
+        self._seen: tuple[tuple[str, ...], tuple[int, ...]] = (), ()
+        """The same as it was looked at last..."""
+        self._unseen = False
+        """...when vehicles that were moved from outside were passed over."""
+        self._profile = np.empty((0, 2), np.intp)
+        """Fields of ``_Profile`` by vehicle."""
+        self._passed = np.empty((0, _MOST_PASSED, 2))
+        """Places where each front bumper was: distance driven until there, and the speed of the bend."""
+        self._passed_count = np.empty(0, np.intp)
+        self._bodies = np.empty((0, 3))
+        """Wished speed and length of each vehicle, and its share of a bend's speed."""
+        self._limits_mps = np.empty(0)
+
+    def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
+        """Set the limits for SUMO's next step; vehicles that are moved from outside have none."""
+        before = self._rows.follow(columns)
+        if before is not None:
+            self._follow(before, columns.names, vehicles)
+        seen = columns.lane_ids, columns.route_index
+        if before is not None or self._unseen or seen[0] is not self._seen[0] or seen[1] is not self._seen[1]:
+            self._seen = seen
+            self._look_ahead(columns, vehicles, outside)
+        passed = self._passed, self._passed_count
+        states = self._bodies, columns.scale, self._profile, self._profiles.speeds_mps
+        for row in _bend_limits(columns.numbers, outside, states, passed, self._limits_mps).tolist():
+            libsumo.vehicle.setMaxSpeed(columns.names[row], float(self._limits_mps[row]))
+
+    def _look_ahead(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
+        """Finds the profiles of vehicles that have come to another lane or edge."""
+        self._unseen = False
+        for row, present in enumerate(zip(columns.lane_ids, columns.route_index, strict=True)):
+            if present == self._present[row]:
+                continue
+            if outside[row]:
+                self._unseen = True
+                continue
+            self._present[row] = present
+            name = columns.names[row]
+            lane = self._network.lane_by_id.get(present[0])
+            edges = self._route_ahead(name, vehicles[name], present[1])
+            self._profile[row] = _NO_PROFILE if lane is None else self._profiles.of(lane, edges)
+
+    def _follow(self, before: Rows, names: Sequence[str], vehicles: Mapping[str, PlannedVehicle]) -> None:
+        """Brings what is remembered of vehicles into the order of the rows, given the rows that they had before."""
+        new = before < 0
+        self._present = [self._present[row] if row >= 0 else ("", -2) for row in before.tolist()]
+        known = [vehicles[name] for name in names]
+        shares = [_RIDERS_SHARE if vehicle.actor_class in TWO_WHEELED else 1.0 for vehicle in known]
+        bodies = [(vehicle.driver.driving.max_speed_mps, vehicle.length_m) for vehicle in known]
+        self._bodies = np.column_stack((np.array(bodies).reshape(-1, 2), shares))
+        if not len(self._limits_mps):
+            self._profile, self._passed = np.zeros((1, 2), np.intp), np.zeros((1, _MOST_PASSED, 2))
+            self._passed_count, self._limits_mps = np.zeros(1, np.intp), np.zeros(1)
+        self._profile, self._passed = self._profile[before], self._passed[before]
+        self._passed_count, self._limits_mps = self._passed_count[before], self._limits_mps[before]
+        self._profile[new], self._passed_count[new] = _NO_PROFILE, 0
+        self._limits_mps[new] = self._bodies[new, 0]
+
+    def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
+        """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
+        if name not in self._routes:
+            self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
+        return self._routes[name][max(index, 0) :][:_EDGES_AHEAD]
+
+
+@compiled
+def _bend_limits(numbers: Any, outside: Any, states: Any, passed: Any, limits_mps: Any) -> Any:
+    """Sets the limit of every vehicle; rows of those that SUMO has to be told, which are all that change.
+
+    ``states`` holds bodies, SUMO's scales, profiles and their speeds, as in ``BendLimits``. What was passed is kept up
+    as far as the vehicle is long.
+    """
+    bodies, scales, profiles, speeds_mps = states
+    changed, count = np.empty(len(outside), np.intp), 0
+    for row in range(len(outside)):
+        wished, length_m = bodies[row, 0], bodies[row, 1]
+        scale, first, samples = scales[row], profiles[row, 0], profiles[row, 1]
+        limit = wished
+        if samples > 0 and not outside[row]:
+            at = first + min(max(int(numbers[ALONG, row] / scale / SAMPLE_M), 0), samples - 1)
+            held = _slowest_held(passed, row, numbers[SPEED, row] / scale * STEP_S, speeds_mps[0, at], length_m)
+            limit = min(wished, bodies[row, 2] * scale * min(held, speeds_mps[1, at]))
+        before = limits_mps[row]
+        if abs(limit - before) >= _STEP_MPS or (limit != before and wished in (limit, before)):
+            limits_mps[row] = limit
+            changed[count] = row
+            count += 1
+    return changed[:count]
+
+
+@compiled
+def _slowest_held(passed: Any, row: int, moved_m: float, bend_mps: float, length_m: float) -> float:
+    """The slowest bend that some part of a vehicle is in, when its front bumper has come to another place.
+
+    Earlier places that are no slower leave the outline first and never count again: speeds ascend.
+    """
+    places, counts = passed[0][row], passed[1]
+    count = counts[row]
+    at_m = (places[count - 1, 0] if count else 0.0) + moved_m
+    while count and places[count - 1, 1] >= bend_mps:
+        count -= 1
+    gone = 0
+    while gone < count and places[gone, 0] < at_m - length_m:
+        gone += 1
+    if gone == 0 and count == len(places):
+        gone = 1
+    for k in range(gone, count):
+        places[k - gone, 0], places[k - gone, 1] = places[k, 0], places[k, 1]
+    count += 1 - gone
+    places[count - 1, 0], places[count - 1, 1] = at_m, bend_mps
+    counts[row] = count
+    return places[0, 1]
+
+
+# No parameter: smaller jumps are rounding.
+_TOLERANCE_M: Final = 0.05
+
+
+class LaneContinuity:
+    """Remembers front bumpers of one step, and corrects the next one's where a lane change moved them."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._network = network
+        self._rows = _Rows()
+        self._lane_ids: tuple[str, ...] = ()
+        self._fronts_m = np.empty((2, 0))
+        """Place of each front bumper, in SUMO's frame."""
+
+    def correct(self, columns: SumoColumns, skip: Container[str]) -> None:
+        """Put vehicles that changed lanes in the last step where their motion leads, in SUMO and in the columns.
+
+        Their position and lane position are replaced in place. Vehicles that are moved from outside (``skip``) stand
+        right already.
+        """
+        before = self._rows.follow(columns)
+        if before is not None or columns.lane_ids is not self._lane_ids:
+            rows = range(len(columns.names)) if before is None else before.tolist()
+            for row, (name, earlier) in enumerate(zip(columns.names, rows, strict=True)):
+                if earlier < 0 or columns.lane_ids[row] == self._lane_ids[earlier] or name in skip:
+                    continue
+                if self._beside(self._lane_ids[earlier], columns.lane_ids[row]):
+                    self._correct_vehicle(columns, row, self._fronts_m[:, earlier])
+        self._lane_ids, self._fronts_m = columns.lane_ids, columns.numbers[:2]
+
+    def _beside(self, before: str, now: str) -> bool:
+        """Whether two lanes, by their ids, are lanes of one edge."""
+        first, second = self._network.lane_by_id.get(before), self._network.lane_by_id.get(now)
+        return first is not None and second is not None and first.edge == second.edge
+
+    def _correct_vehicle(self, columns: SumoColumns, row: int, before_m: Floats) -> None:
+        lane = self._network.lane_by_id[columns.lane_ids[row]]
+        scale, numbers, offset_m = columns.scale[row], columns.numbers[:, row], self._network.sumo_offset_m
+        along, _ = lane.centre.project(before_m - offset_m)
+        at_m = float(along + numbers[SPEED] / scale * STEP_S)
+        jump = numbers[ALONG] / scale - at_m
+        if abs(jump) < _TOLERANCE_M or not 0.0 < at_m < lane.length_m:
+            return
+        libsumo.vehicle.moveTo(columns.names[row], lane.lane_id, float(at_m * scale))
+        numbers[X], numbers[Y] = lane.centre.offset_points(at_m, numbers[ASIDE]) + np.array(offset_m)
+        numbers[ALONG] = at_m * scale
+
+
+# No parameters: see above.
+SIDEWAYS_SHARE: Final = 0.3
+"""Lateral speed at most, as a share of the speed: a course 17° off the lane's."""
+_LEAST_MPS: Final = 1e-3
+"""SUMO divides by the lateral speed."""
+_SIDEWAYS_STEP_MPS: Final = 0.1
+"""Limits are multiples of this, so that they are seldom set."""
+
+
+class SidewaysLimits:
+    """The limits that are in force in SUMO."""
+
+    def __init__(self) -> None:
+        self._rows = _Rows()
+        self._wished_mps = self._limits_mps = np.empty(0)
+
+    def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
+        """Set the limits for SUMO's next step; some vehicles are moved from outside."""
+        before = self._rows.follow(columns)
+        if before is not None:
+            wished = [vehicles[name].driver.max_lateral_speed_mps for name in columns.names]
+            self._wished_mps, last = np.array(wished), np.append(self._limits_mps, 0.0)
+            self._limits_mps = np.where(before >= 0, last[before], self._wished_mps)
+        for row in _sideways_limits(columns.numbers, outside, self._wished_mps, self._limits_mps).tolist():
+            libsumo.vehicle.setMaxSpeedLat(columns.names[row], float(self._limits_mps[row]))
+
+
+@compiled
+def _sideways_limits(numbers: Any, outside: Any, wished_mps: Any, limits_mps: Any) -> Any:
+    """Sets the limit of every vehicle; rows of those that change. ``outside`` are moved from outside."""
+    changed, count = np.empty(len(outside), np.intp), 0
+    for row in range(len(outside)):
+        speed = 0.0 if outside[row] else numbers[SPEED, row]
+        limit = _SIDEWAYS_STEP_MPS * np.trunc(SIDEWAYS_SHARE * speed / _SIDEWAYS_STEP_MPS)
+        limit = min(max(limit, _LEAST_MPS), wished_mps[row])
+        if limit != limits_mps[row]:
+            limits_mps[row] = limit
+            changed[count] = row
+            count += 1
+    return changed[:count]
+
+
+_CYCLE_LANE_M: Final = 2.5
+"""Greatest width of lanes in whose middle cyclists ride (RASt 06: cycle lanes have 1.5 to 2.25 m)."""
+_RIGHT: Final = "right"
+_FROM_EDGE_M: Final = 0.3
+"""Kept from the right edge of wider lanes: people who wait stand at the kerb."""
+
+
+class CyclistsSide:
+    """Which side of their lanes cyclists keep to in SUMO."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._widths_m = [lane.width_m for lane in network.lanes]
+        self._lane_ids: tuple[str, ...] = ()
+        self._sides: dict[str, str] = {}
+
+    def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle]) -> None:
+        """Tell SUMO about cyclists who have come to a lane of another kind."""
+        if columns.lane_ids is self._lane_ids:
+            return
+        self._lane_ids = columns.lane_ids
+        for name, lane in zip(columns.names, columns.lane.tolist(), strict=True):
+            if vehicles[name].actor_class is not ActorClass.BICYCLE or lane == NO_LANE:
+                continue
+            edge_m = 0.5 * (self._widths_m[lane] - vehicles[name].width_m) - _FROM_EDGE_M
+            side = "center" if self._widths_m[lane] < _CYCLE_LANE_M else f"{-edge_m:.2f}"
+            if self._sides.get(name, _RIGHT) != side:
+                libsumo.vehicle.setLateralAlignment(name, side)
+                self._sides[name] = side

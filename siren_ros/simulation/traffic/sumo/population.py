@@ -1,0 +1,397 @@
+"""Puts planned vehicles into SUMO, each with its own vehicle type, and keeps the number of civilians."""
+
+import re
+from collections import Counter, deque
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import Final
+from xml.sax.saxutils import quoteattr
+
+import libsumo
+import numpy as np
+
+from siren_ros.base.numerics.geometry import Polyline, overlapping_pairs
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.simulation.roads.road_network import MAPS_KEPT, NO_LANE, RoadNetwork
+from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
+from siren_ros.simulation.traffic.config import DemandConfig, TrafficConfig
+from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
+from siren_ros.simulation.traffic.sumo.nearby import Point, Reserve, nearest_m
+from siren_ros.simulation.traffic.sumo.readings import SUBSCRIBED, map_from_sumo
+from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
+
+_SHAPES: Final[Mapping[ActorClass, str]] = {
+    ActorClass.HATCHBACK: "passenger/hatchback",
+    ActorClass.SEDAN: "passenger/sedan",
+    ActorClass.ESTATE: "passenger/wagon",
+    ActorClass.SUV: "passenger/van",
+    ActorClass.VAN: "delivery",
+    ActorClass.PICKUP: "passenger/van",
+    ActorClass.BUS: "bus",
+    ActorClass.TRUCK: "truck",
+    ActorClass.AMBULANCE: "emergency",
+    ActorClass.FIRE_TRUCK: "firebrigade",
+    ActorClass.POLICE: "police",
+    ActorClass.MOTORCYCLE: "motorcycle",
+    ActorClass.BICYCLE: "bicycle",
+}
+# No parameters: properties of vehicles and drivers that SUMO lacks, the same for all.
+_YELLOW_REACTION_S: Final = 1.0
+"""``jmDriveAfterYellowTime`` of civilians: time in which a driver perceives yellow and reacts, the value with which
+yellow times are computed (ITE, Traffic Engineering Handbook). Without it SUMO brakes at once, and as hard as it can."""
+_WAITING_GAP_M: Final = 1.2
+"""``jmStoplineGapMinor``: distance kept from the place at which a driver gives way, also inside a junction. With SUMO's
+default of 0 the front of a waiting vehicle reaches into the way of others, whose bodies are wider than their paths."""
+_CROSSING_GAP_M: Final = 0.5
+"""``jmCrossingGap``: how near to a driver's way somebody on a crossing lets SUMO's driver wait. SUMO's 10 m take no
+account of time; ``conflicts.people`` does, and holds drivers before."""
+MIRRORS_M: Final = 0.4
+"""Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
+other by widths alone, also where one stands at an angle to its lane."""
+_ESCAPED: Final = re.compile(r'[&<>"\n\r\t]')
+_MODEL_PARAMETERS: Final[Mapping[str, Mapping[str, float]]] = {
+    "EIDM": {"sigmaleader": 0.0, "sigmagap": 0.0, "sigmaerror": 0.0, "taccmax": 0.6, "jerkmax": 4.0},
+    "Krauss": {"sigma": 0.0},
+}
+"""By car-following model. Errors of drivers, which would shake accelerations at each step, are off. Drivers of the EIDM
+come to their full acceleration in 0.6 s (SUMO: 1.2 s, 3 m/s3), as those do who wait for green."""
+_RIDERS_ACCEL_MPS2: Final = 2.5
+"""Riders in a town start no faster than the cars around them, whatever the motorcycle can do."""
+_RIDER_STEP_S: Final = 2.0 * STEP_S
+"""Riders decide at every second step: two-wheelers are half of the traffic near people, and cost as much as cars."""
+_FULL_BRAKE_MPS2: Final = 6.0
+"""With which a vehicle stops in an emergency, its driver's start included."""
+_APART_M: Final = 80.0
+"""Vehicles farther apart than this can stop before each other in a town."""
+_RUNS_RED_S: Final = 1000.0
+"""``jmDriveAfterRedTime``: red for this long is still driven over."""
+
+
+def type_id(vehicle: PlannedVehicle) -> str:
+    """Name of a vehicle's own type."""
+    return f"type.{vehicle.name}"
+
+
+def vehicle_types_xml(
+    vehicles: Iterable[PlannedVehicle], level: EmergencyLevel, config: TrafficConfig, others: str = ""
+) -> bytes:
+    """The additional file with all types; ``others`` are elements of types that are not vehicles'.
+
+    Civilians in cars, lorries and buses are of SUMO's class ``passenger``, so that one set of lanes is open to
+    all of them. Motorcycles and bicycles have their own classes. At L0 an EMV has no privilege: it keeps to the speed
+    limit as well.
+    """
+    lines = ["<additional>"]
+    for vehicle in vehicles:
+        attributes = _attributes(vehicle)
+        if vehicle.is_emv:
+            attributes |= _of_emv(vehicle, level, config)
+        words = "".join([f" {name}={_quoted(text)}" for name, text in attributes.items()])
+        lines.append(f"<vType{words}/>")
+    return "\n".join([*lines, f"{others}</additional>"]).encode()
+
+
+def _quoted(text: str) -> str:
+    """As ``quoteattr``, which is slow where nothing has to be escaped."""
+    return quoteattr(text) if _ESCAPED.search(text) else f'"{text}"'
+
+
+def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
+    driver, driving = vehicle.driver, vehicle.driver.driving
+    ridden, cycles = vehicle.actor_class in TWO_WHEELED, vehicle.actor_class is ActorClass.BICYCLE
+    numbers = {
+        "length": vehicle.length_m,
+        "width": vehicle.width_m + (0.0 if vehicle.is_emv or cycles else MIRRORS_M),
+        "height": vehicle.height_m,
+        "minGap": driving.min_gap_m,
+        "accel": min(driving.accel_mps2, _RIDERS_ACCEL_MPS2) if ridden else driving.accel_mps2,
+        "decel": driving.decel_mps2,
+        "maxSpeed": driving.max_speed_mps * (driver.speed_factor if cycles else 1.0),
+        "tau": driver.tau_s,
+        "speedFactor": driver.speed_factor,
+        "speedDev": 0.0,
+        "maxSpeedLat": driver.max_lateral_speed_mps,
+        # A vehicle moves sideways by driving: not at all when standing, by at most this share of its speed.
+        "lcMaxSpeedLatStanding": 0.0,
+        "lcMaxSpeedLatFactor": 0.3,
+        "lcSpeedGain": 0.0 if cycles else driver.speed_gain_eagerness,
+        "lcCooperative": driver.cooperation,
+        "jmDriveAfterYellowTime": _YELLOW_REACTION_S,
+        "jmStoplineGapMinor": _WAITING_GAP_M,
+        "jmCrossingGap": _CROSSING_GAP_M,
+    }
+    texts = {
+        "id": type_id(vehicle),
+        "vClass": _SHAPES[vehicle.actor_class] if ridden else "emergency" if vehicle.is_emv else "passenger",
+        "guiShape": _SHAPES[vehicle.actor_class],
+        "carFollowModel": driver.car_following,
+        "laneChangeModel": "SL2015",
+        "latAlignment": "right" if cycles else "center",
+        "color": ",".join(str(part) for part in vehicle.colour_rgb),
+    }
+    if ridden:
+        numbers["actionStepLength"] = _RIDER_STEP_S
+    numbers |= _MODEL_PARAMETERS.get(driver.car_following, {})
+    return texts | {name: f"{value:.6g}" for name, value in numbers.items()}
+
+
+def _of_emv(vehicle: PlannedVehicle, level: EmergencyLevel, config: TrafficConfig) -> dict[str, str]:
+    """Attributes of an EMV's type that differ from other vehicles'.
+
+    It has no bluelight device: the yield manager decides who reacts to the siren, and how. The device would also push
+    drivers to their lane's side for good, and give all that react new types at once, which resets their car-following.
+    """
+    if not LEVEL_POLICIES[level].privileged:
+        return {"speedFactor": f"{min(vehicle.driver.speed_factor, 1.0):.6g}"}
+    return {
+        "jmDriveAfterRedTime": f"{_RUNS_RED_S:g}",
+        "jmDriveAfterYellowTime": f"{_RUNS_RED_S:g}",
+        "jmDriveRedSpeed": f"{config.red_light_speed_mps:g}",
+    }
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def length_scales(network: RoadNetwork) -> Mapping[str, float]:
+    """SUMO's length of each lane over the length of its centre line; maps from OpenDRIVE differ.
+
+    SUMO runs with the network's net where they are not known yet.
+    """
+    return {lane.lane_id: libsumo.lane.getLength(lane.lane_id) / lane.length_m for lane in network.lanes}
+
+
+def route_id(name: str) -> str:
+    """Name of a vehicle's planned route in SUMO."""
+    return f"route.{name}"
+
+
+class SumoPopulation:
+    """The vehicles in SUMO by name, in order of entry."""
+
+    def __init__(self, network: RoadNetwork, plan: TrafficPlan, config: TrafficConfig) -> None:
+        self._network = network
+        self._plan = plan
+        self._config = config
+        self._reserve = deque(plan.reserve)
+        self._riders = Reserve(plan.riders, [self._point_of(rider.spot) for rider in plan.riders])
+        self._riding: Counter[ActorClass] = Counter()
+        self.vehicles: dict[str, PlannedVehicle] = {}
+        """Vehicles that have entered and not left."""
+        self.civilians = 0
+        """How many of these are neither EMVs nor riders."""
+
+    @property
+    def length_scale(self) -> Mapping[str, float]:
+        """As ``length_scales``."""
+        return length_scales(self._network)
+
+    def scale_of(self, lane: int) -> float:
+        """The same of one lane, 1 off the road: SUMO's speeds are along its own lengths."""
+        return 1.0 if lane == NO_LANE else self.length_scale[self._network.lanes[lane].lane_id]
+
+    def enter_background(self) -> None:
+        """Enter the vehicles of the warm-up."""
+        self._enter_all(self._plan.background)
+
+    def enter_stage(self) -> None:
+        """Clear the stage, enter groups and EMVs on it, and fill up the background elsewhere."""
+        entering = *self._plan.emvs, *self._plan.groups
+        circles = [(*self._at_entry(vehicle)[:2], vehicle.length_m) for vehicle in entering]
+        for name in list(self.vehicles):
+            if self._on_stage(name, self._plan.stage) or self._touches(name, circles):
+                self._remove(name)
+        for name in self._overlapping(self.vehicles, earlier=entering):
+            self._remove(name)
+        self._enter_all(entering)
+        self.refill(self.emv_starts, self._plan.civilians)
+        self._enter_riders(self.emv_starts, 0.0)
+
+    @property
+    def emv_starts(self) -> list[Point]:
+        """Where the EMVs enter."""
+        return [self._point_of(emv.spot) for emv in self._plan.emvs]
+
+    def refill(self, emv_points: Collection[Point], civilians: int) -> None:
+        """Enter replacements from the reserve, away from the EMVs' points, up to a number of civilians."""
+        missing = civilians - self.civilians
+        places = self._places() if missing > 0 else {}
+        for _ in range(len(self._reserve) if missing > 0 else 0):
+            vehicle = self._reserve.popleft()
+            if self._spot_is_free(vehicle, emv_points, places):
+                self._enter_all((vehicle,))
+                places[vehicle.name] = self._point_of(vehicle.spot)
+                missing -= 1
+                if missing <= 0:
+                    return
+            else:
+                self._reserve.append(vehicle)
+
+    def exchange_riders(self, points: Collection[Point]) -> list[str]:
+        """Remove riders who are far from all points, and enter others out of sight of them, up to the numbers to keep.
+
+        Returns:
+            The names of those who left.
+        """
+        riding = [name for name, vehicle in self.vehicles.items() if vehicle.actor_class in self._plan.riders_kept]
+        left = [name for name in riding if self._is_far(name, points)]
+        for name in left:
+            self._remove(name)
+        self._enter_riders(points, self._config.replacement_distance_m)
+        return left
+
+    def _is_far(self, name: str, points: Collection[Point]) -> bool:
+        (x, y), (offset_x, offset_y) = libsumo.vehicle.getPosition(name), self._network.sumo_offset_m
+        waits = x == libsumo.INVALID_DOUBLE_VALUE
+        return not waits and nearest_m((x - offset_x, y - offset_y), points) > self._config.people_within_m
+
+    def _enter_riders(self, points: Collection[Point], least_m: float) -> None:
+        wanted = self._plan.riders_kept
+        if all(self._riding[kind] >= count for kind, count in wanted.items()):
+            return
+        places = self._places()
+
+        def enter(rider: PlannedVehicle) -> bool:
+            enough = self._riding[rider.actor_class] >= wanted[rider.actor_class]
+            if enough or not self._spot_is_free(rider, (), places):
+                return False
+            if rider.name in self._overlapping(self._near(rider, places), later=(rider,)):
+                return False
+            self._enter_all((rider,))
+            places[rider.name] = self._point_of(rider.spot)
+            return True
+
+        most_m = self._config.people_within_m - self._config.people_margin_m
+        self._riders.let_in(points, least_m, most_m, enter)
+
+    def drop_departed(self) -> tuple[str, ...]:
+        """Forget vehicles that left SUMO in the last step; their names, in order of entry."""
+        arrived = libsumo.simulation.getArrivedIDList()
+        if not arrived:
+            return ()
+        gone = tuple(name for name in self.vehicles if name in arrived)
+        for name in gone:
+            self._forget(name)
+        return gone
+
+    def _forget(self, name: str) -> None:
+        self._count(self.vehicles.pop(name), -1)
+
+    def _count(self, vehicle: PlannedVehicle, more: int) -> None:
+        if vehicle.actor_class in self._plan.riders_kept:
+            self._riding[vehicle.actor_class] += more
+        elif not vehicle.is_emv:
+            self.civilians += more
+
+    def _enter_all(self, vehicles: Iterable[PlannedVehicle]) -> None:
+        for vehicle in vehicles:
+            lane = self._network.lanes[vehicle.spot.lane]
+            libsumo.route.add(route_id(vehicle.name), vehicle.route)
+            # An EMV without privilege enters no faster than its driver may go: SUMO refuses more.
+            allowed_mps = lane.speed_limit_mps * float(libsumo.vehicletype.getSpeedFactor(type_id(vehicle)))
+            libsumo.vehicle.add(
+                vehicle.name,
+                route_id(vehicle.name),
+                typeID=type_id(vehicle),
+                depart="now",
+                departLane=str(lane.position),
+                departPos=repr(vehicle.spot.front_m * self.length_scale[lane.lane_id]),
+                departSpeed=repr(min(vehicle.spot.speed_mps, allowed_mps)),
+            )
+            if not vehicle.attentive:  # SUMO's drivers wait for whoever is on the junction already
+                emvs = " ".join(sorted({type_id(emv) for emv in self._plan.emvs}))
+                libsumo.vehicle.setParameter(vehicle.name, "junctionModel.ignoreTypes", emvs)
+            libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
+            self.vehicles[vehicle.name] = vehicle
+            self._count(vehicle, 1)
+
+    def _remove(self, name: str) -> None:
+        libsumo.vehicle.unsubscribe(name)
+        libsumo.vehicle.remove(name)
+        self._forget(name)
+
+    def _near(self, vehicle: PlannedVehicle, places: Mapping[str, Point]) -> list[str]:
+        """The vehicles at ``places`` that one who enters may not be able to stop before."""
+        x, y = self._point_of(vehicle.spot)
+        return [name for name in places if max(abs(places[name][0] - x), abs(places[name][1] - y)) <= _APART_M]
+
+    def _overlapping(
+        self, names: Iterable[str], earlier: Sequence[PlannedVehicle] = (), later: Sequence[PlannedVehicle] = ()
+    ) -> list[str]:
+        """The vehicles without which no two bodies overlap: of each such pair the one that entered later.
+
+        The names are of vehicles in SUMO; those that are planned to enter count as ``earlier``, which stay, or as
+        ``later`` ones. SUMO's vehicles have the width of their lane: side by side, while one changes lanes, they may
+        overlap. The way on which a vehicle comes to a stand with full braking belongs to its body: nobody could stop
+        before the other.
+        """
+        names = [name for name in names if libsumo.vehicle.getLaneID(name)]  # not those that wait to enter
+        bodies = [*earlier, *(self.vehicles[name] for name in names), *later]
+        if not bodies:
+            return []
+        poses = {body.name: (*self._at_entry(body), body.spot.speed_mps) for body in (*earlier, *later)}
+        poses |= {name: (*self._pose_of(name), libsumo.vehicle.getSpeed(name)) for name in names}
+        length_m, width_m = np.array([(body.length_m, body.width_m) for body in bodies]).T
+        x_m, y_m, yaw_rad, speed_mps = np.array([poses[body.name] for body in bodies]).T
+        stop_m = np.array([speed**2 for speed in speed_mps.tolist()]) / (2.0 * _FULL_BRAKE_MPS2)
+        x_m, y_m = x_m + 0.5 * stop_m * np.cos(yaw_rad), y_m + 0.5 * stop_m * np.sin(yaw_rad)
+        _, leaving, _ = overlapping_pairs(x_m, y_m, yaw_rad, length_m + stop_m, width_m)
+        return [bodies[row].name for row in dict.fromkeys(leaving.tolist()) if row >= len(earlier)]
+
+    def _pose_of(self, name: str) -> tuple[float, float, float]:
+        """Centre and yaw of a vehicle that is in SUMO, in the ``map`` frame."""
+        front, angle_deg = libsumo.vehicle.getPosition(name), libsumo.vehicle.getAngle(name)
+        length_m, offset_m = self.vehicles[name].length_m, self._network.sumo_offset_m
+        return map_from_sumo(front[0], front[1], angle_deg, length_m, offset_m)
+
+    def _on_stage(self, name: str, stage: Iterable[LaneInterval]) -> bool:
+        lane = self._network.lane_by_id.get(libsumo.vehicle.getLaneID(name))
+        if lane is None:
+            return False
+        front = libsumo.vehicle.getLanePosition(name) / self.length_scale[lane.lane_id]
+        rear = front - self.vehicles[name].length_m
+        return any(area.lane == lane.index and rear <= area.to_m and front >= area.from_m for area in stage)
+
+    def _touches(self, name: str, entering: Iterable[tuple[float, float, float]]) -> bool:
+        """Whether a vehicle may overlap one that enters, on whatever lanes the two stand: by their outer circles."""
+        length_m = self.vehicles[name].length_m
+        x, y, _ = self._pose_of(name)
+        return any(np.hypot(x - ex, y - ey) < 0.5 * (length_m + other_m) for ex, ey, other_m in entering)
+
+    def _at_entry(self, vehicle: PlannedVehicle) -> tuple[float, float, float]:
+        """Centre and yaw at the place of entry, in the ``map`` frame."""
+        centre_line = self._network.lanes[vehicle.spot.lane].centre
+        x, y = self._point_of(vehicle.spot)
+        yaw = float(centre_line.heading_rad(vehicle.spot.front_m))
+        half = 0.5 * vehicle.length_m
+        return x - half * np.cos(yaw), y - half * np.sin(yaw), yaw
+
+    def _point_of(self, spot: Spot) -> Point:
+        x, y = self._network.lanes[spot.lane].centre.at(spot.front_m)
+        return float(x), float(y)
+
+    def _places(self) -> dict[str, Point]:
+        """Where all vehicles are, or will enter."""
+        offset_x, offset_y = self._network.sumo_offset_m
+        places = {}
+        for name, vehicle in self.vehicles.items():
+            x, y = libsumo.vehicle.getPosition(name)
+            waits = x == libsumo.INVALID_DOUBLE_VALUE
+            places[name] = self._point_of(vehicle.spot) if waits else (x - offset_x, y - offset_y)
+        return places
+
+    def _spot_is_free(
+        self, vehicle: PlannedVehicle, emv_points: Collection[Point], places: Mapping[str, Point]
+    ) -> bool:
+        x, y = self._point_of(vehicle.spot)
+        if nearest_m((x, y), emv_points) < self._config.replacement_distance_m:
+            return False
+        lane = self._network.lanes[vehicle.spot.lane]
+        gap = max(self._config.replacement_gap_m, DemandConfig().gap_m(lane.speed_limit_mps))
+        around: Polyline = lane.centre.cut(vehicle.spot.front_m - vehicle.length_m - gap, vehicle.spot.front_m + gap)
+        for name, point in places.items():
+            reach_m = around.length_m + self.vehicles[name].length_m
+            if max(abs(point[0] - x), abs(point[1] - y)) > reach_m + gap + lane.width_m:
+                continue
+            along, left = around.project(point)
+            if -gap < along < reach_m and abs(left) < lane.width_m:
+                return False
+        return True

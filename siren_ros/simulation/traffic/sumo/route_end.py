@@ -1,0 +1,39 @@
+"""EMVs that SUMO drives stop where their route ends, as those do that are driven from outside.
+
+SUMO takes a vehicle out of traffic at the end of its route, and an EMV's sensors would go with it.
+"""
+
+from collections.abc import Collection, Sequence
+from typing import Final
+
+import libsumo
+
+from siren_ros.base.numerics.braking import braking_distance_m
+from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
+
+# No parameters: where a driver begins to stop at the end of the road.
+_BRAKE_MPS2: Final = 1.5
+_EARLIER_M: Final = 20.0
+_END_M: Final = 1.0
+"""Road that is left in front of the bumper."""
+_FOR_GOOD_S: Final = 1e6
+
+
+class RouteEnds:
+    """Tells each EMV to stop at the end of its route once that is near: an earlier order would choose its lanes."""
+
+    def __init__(self, emvs: Sequence[PlannedVehicle]) -> None:
+        self._driving = {emv.name: emv.route for emv in emvs}
+
+    def apply(self, present: Collection[str]) -> None:
+        """Before SUMO's next step; ``present`` are the vehicles in SUMO."""
+        for name in [name for name in self._driving if name in present]:
+            route = self._driving[name]
+            if libsumo.vehicle.getRouteIndex(name) < len(route) - 1:
+                continue
+            end_m = libsumo.lane.getLength(libsumo.vehicle.getLaneID(name)) - _END_M
+            speed_mps = libsumo.vehicle.getSpeed(name)
+            left_m = end_m - libsumo.vehicle.getLanePosition(name)
+            if left_m < braking_distance_m(speed_mps * speed_mps, _BRAKE_MPS2) + _EARLIER_M:
+                libsumo.vehicle.setStop(name, route[-1], end_m, libsumo.vehicle.getLaneIndex(name), _FOR_GOOD_S)
+                del self._driving[name]

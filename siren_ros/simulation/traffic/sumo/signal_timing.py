@@ -1,0 +1,187 @@
+"""Shifts a signal's programme so that a movement's red begins at a given time, or behind a platoon."""
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import libsumo
+
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.errors import MapError
+from siren_ros.simulation.conflicts.yielding import time_to_go_s
+from siren_ros.simulation.traffic.demand.plan import RED_BEHIND_S, SignalTiming
+
+# No parameters: usual times of signal programmes, with which a template's own time of the red is met.
+_USUAL_CLEARANCE_S: Final = 1.5
+"""From the end of one movement's yellow to the green of the next."""
+_LONGEST_CLEARANCE_S: Final = 4.0
+_YELLOW_DRIVEN_S: Final = 2.2
+"""A driver who sees the yellow this late drives on: 1 s to react, and too near to stop comfortably from 30 km/h."""
+_LONGEST_GREEN_S: Final = 10.0
+"""How far a green is extended at most."""
+_BEFORE_EMV_S: Final = 0.4
+"""From the begin of the red to the EMV's arrival, at least: it comes to a red however late the platoon is."""
+_EMV_MPS2: Final = 2.0
+"""With which an ambulance accelerates where others leave its lane before the line."""
+_CREEP_MPS: Final = 1.0
+
+
+@dataclass(frozen=True)
+class SignalPhase:
+    """One phase of a programme: SUMO's ``rygGsuoO`` state string, and how long it lasts."""
+
+    duration_s: float
+    state: str
+
+
+def red_interval_s(phases: Sequence[SignalPhase], link: int) -> tuple[float, float] | None:
+    """Begin and length of a link's longest red in a programme's cycle; None where it is never or always red."""
+    red = [phase.state[link].lower() == "r" for phase in phases]
+    if all(red) or not any(red):
+        return None
+    best = (0.0, 0.0)
+    for number, begin in enumerate(_begins_s(phases)):
+        if not red[number] or red[number - 1]:
+            continue
+        length, at = 0.0, number
+        while red[at % len(phases)]:
+            length, at = length + phases[at % len(phases)].duration_s, at + 1
+        best = max(best, (length, begin))
+    return best[1], best[0]
+
+
+def _begins_s(phases: Sequence[SignalPhase]) -> list[float]:
+    return [sum(phase.duration_s for phase in phases[:number]) for number in range(len(phases))]
+
+
+def crossing_begin_s(phases: Sequence[SignalPhase], link: int, crossing: Collection[int]) -> float | None:
+    """When in the cycle traffic begins to cross a link's movement: the begin of the red, or soon before the green.
+
+    Where one approach after the other is green, the crossing movements may have to wait for long after the link's red
+    has begun. Their green then counts, less the usual time between a red and the next green. Where no link crosses or
+    all stay red, the begin of the red counts. None where the link is never or always red.
+    """
+    red = red_interval_s(phases, link)
+    if red is None:
+        return None
+    cycle_s = sum(phase.duration_s for phase in phases)
+    waits = [
+        (begin - red[0]) % cycle_s
+        for number, begin in enumerate(_begins_s(phases))
+        if any(_is_green(phases[number], other) and not _is_green(phases[number - 1], other) for other in crossing)
+    ]
+    wait_s = min((wait for wait in waits if wait < red[1]), default=0.0)
+    return red[0] if wait_s <= _LONGEST_CLEARANCE_S else (red[0] + wait_s - _USUAL_CLEARANCE_S) % cycle_s
+
+
+def _is_green(phase: SignalPhase, link: int) -> bool:
+    return phase.state[link].lower() == "g"
+
+
+def place_in_cycle(phases: Sequence[SignalPhase], begin_s: float, in_s: float) -> tuple[int, float]:
+    """Phase and its remaining time at the moment from which a place in the cycle is reached in ``in_s``."""
+    cycle_s = sum(phase.duration_s for phase in phases)
+    left_s = (begin_s - in_s) % cycle_s
+    for number, phase in enumerate(phases):
+        if left_s < phase.duration_s:
+            return number, phase.duration_s - left_s
+        left_s -= phase.duration_s
+    return 0, phases[0].duration_s
+
+
+def time_signal(timing: SignalTiming, warm_up_s: float) -> None:
+    """Put a signal of the running simulation where the timing wants it; step 0 is ``warm_up_s`` from now.
+
+    Raises:
+        MapError: the link is never red, or always.
+    """
+    signal = timing.signal_id
+    phases = _programme(signal)
+    begin_s = crossing_begin_s(phases, timing.link, timing.crossing)
+    if begin_s is None:
+        raise MapError(f"signal {signal}", "a programme in which the EMV's movement has both green and red")
+    phase, left_s = place_in_cycle(phases, begin_s, warm_up_s + timing.red_from_s)
+    libsumo.trafficlight.setPhase(signal, phase)
+    libsumo.trafficlight.setPhaseDuration(signal, left_s)
+
+
+def _programme(signal: str) -> list[SignalPhase]:
+    program = libsumo.trafficlight.getProgram(signal)
+    logic = next(logic for logic in libsumo.trafficlight.getAllProgramLogics(signal) if logic.programID == program)
+    return [SignalPhase(float(phase.duration), str(phase.state)) for phase in logic.phases]
+
+
+def yellow_after(phases: Sequence[SignalPhase], present: int, link: int) -> tuple[int, float] | None:
+    """The next phase in which a link is yellow, and how long that lasts; None where it has none."""
+    for step in range(len(phases)):
+        number = (present + step) % len(phases)
+        if phases[number].state[link].lower() == "y":
+            return number, phases[number].duration_s
+    return None
+
+
+def detector_s(yellow_s: float) -> float:
+    """Time before the stop line at which a vehicle that is the last of a platoon ends the green.
+
+    It then drives on, as drivers do who see the yellow so late, and the red follows soon behind it.
+    """
+    return min(max(yellow_s - RED_BEHIND_S, 0.0), _YELLOW_DRIVEN_S)
+
+
+class GapOut:
+    """Ends a link's green behind a platoon, as a signal with detectors does: neither before nor long after it.
+
+    The vehicles of the platoon arrive earlier or later than planned: bends and others delay them. The green waits for
+    the last of them for ``_LONGEST_GREEN_S`` at most, and not until the EMV is there.
+    """
+
+    def __init__(self, timing: SignalTiming) -> None:
+        self._timing = timing
+        self._waiting = bool(timing.platoon)
+        self._steps = 0
+
+    def apply(self, present: Collection[str]) -> None:
+        """Acts on the signal before a step; ``present`` are the vehicles in SUMO."""
+        if not self._waiting:
+            return
+        signal, link = self._timing.signal_id, self._timing.link
+        self._steps += 1
+        arrivals = [time for name in self._timing.platoon if name in present for time in _arrivals_s(name, signal)]
+        overdue = self._steps * STEP_S > self._timing.red_from_s + _LONGEST_GREEN_S
+        state = str(libsumo.trafficlight.getRedYellowGreenState(signal))
+        if not arrivals or overdue:
+            self._waiting = False
+        elif state[link].lower() == "g":
+            phases, number = _programme(signal), int(libsumo.trafficlight.getPhase(signal))
+            yellow = yellow_after(phases, number, link)
+            if yellow is None:
+                self._waiting = False
+            elif max(arrivals) <= detector_s(yellow[1]) or self._emv_s(present) <= yellow[1] + _BEFORE_EMV_S:
+                libsumo.trafficlight.setPhase(signal, yellow[0])
+                self._waiting = False
+            elif libsumo.trafficlight.getNextSwitch(signal) - libsumo.simulation.getTime() <= STEP_S:
+                libsumo.trafficlight.setPhaseDuration(signal, 2.0 * STEP_S)
+
+    def _emv_s(self, present: Collection[str]) -> float:
+        """Least time in which the EMV reaches the signal, behind vehicles at its speed; infinite once it has passed."""
+        name = self._timing.emv
+        gaps_m = _gaps_m(name, self._timing.signal_id) if name in present else []
+        if not gaps_m:
+            return math.inf
+        mps = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
+        leads = libsumo.vehicle.getLeader(name, gaps_m[0])
+        if leads and leads[0] and leads[1] < gaps_m[0]:
+            return gaps_m[0] / mps
+        most_mps = float(libsumo.vehicle.getAllowedSpeed(name))
+        return float(time_to_go_s(gaps_m[0], mps, most_mps, _EMV_MPS2))
+
+
+def _arrivals_s(name: str, signal: str) -> list[float]:
+    """Time in which a vehicle reaches a signal at its present speed; empty once it has passed."""
+    speed = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
+    return [gap_m / speed for gap_m in _gaps_m(name, signal)]
+
+
+def _gaps_m(name: str, signal: str) -> list[float]:
+    return [float(gap_m) for ahead, _, gap_m, _ in libsumo.vehicle.getNextTLS(name)[:1] if ahead == signal]

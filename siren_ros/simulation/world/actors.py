@@ -1,0 +1,184 @@
+"""Actors: what they are, and their states at one step as a structure of arrays."""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.base.numerics.arrays import Codes, Floats, Ids, dtypes_of
+from siren_ros.base.tables.brief import Brief
+
+NO_ACTOR: Final = 0
+"""Actor ids start at 1, so that 0 can say "none" (a LiDAR return on the static scene, no leader)."""
+FIRST_PARKED_ID: Final = 50_000
+"""Ids from here on are vehicles parked in the scene: sensors see and label them, traffic does not know them.
+
+Points and pictures have ids of 16 bits."""
+
+
+class ActorClass(IntEnum):
+    """Body type; sets shape, mass and the vehicle model's parameters."""
+
+    HATCHBACK = 0
+    SEDAN = 1
+    ESTATE = 2
+    SUV = 3
+    VAN = 4
+    PICKUP = 5
+    BUS = 6
+    TRUCK = 7
+    AMBULANCE = 8
+    FIRE_TRUCK = 9
+    POLICE = 10
+    MOTORCYCLE = 11
+    BICYCLE = 12
+    PEDESTRIAN = 13
+
+    @property
+    def is_emergency(self) -> bool:
+        """Whether vehicles of this class are emergency vehicles."""
+        return self in EMERGENCY_CLASSES
+
+
+EMERGENCY_CLASSES: Final = frozenset({ActorClass.AMBULANCE, ActorClass.FIRE_TRUCK, ActorClass.POLICE})
+TWO_WHEELED: Final = frozenset({ActorClass.MOTORCYCLE, ActorClass.BICYCLE})
+PEOPLE_CLASSES: Final = frozenset({*TWO_WHEELED, ActorClass.PEDESTRIAN})
+"""Classes that the demand of a template has as people, and that scores have in rows of their own."""
+VEHICLE_CLASSES: Final = tuple(member for member in ActorClass if member is not ActorClass.PEDESTRIAN)
+
+
+class Owner(IntEnum):
+    """Who decides an actor's motion at a step (paper, table of control ownership)."""
+
+    SUMO = 0
+    ROS = 1
+
+
+class Lights(IntFlag):
+    """What an actor shows and sounds."""
+
+    NONE = 0
+    BRAKE = 1
+    INDICATOR_LEFT = 2
+    INDICATOR_RIGHT = 4
+    INDICATORS = INDICATOR_LEFT | INDICATOR_RIGHT
+    BEACON = 8
+    SIREN = 16
+
+
+def indicator_to(move: float) -> int:
+    """The indicator for a move to the left (above 0) or to the right."""
+    return int(Lights.INDICATOR_LEFT if move > 0.0 else Lights.INDICATOR_RIGHT)
+
+
+class Mode(IntEnum):
+    """The active behaviour of an actor (paper, Algorithms 1 and 2)."""
+
+    NOMINAL = 0
+    ROUTE_FOLLOW = 1
+    FORCED_LANE_CHANGE = 2
+    COPY_SUMO = 3
+    GAP_ESCAPE = 4
+    YIELD_REACTING = 5
+    """The siren was noticed and the driver has not yet reacted."""
+    YIELD_DEFERRED = 6
+    """A yield is due and not feasible at this step."""
+    YIELD_LANE_CHANGE = 7
+    YIELD_KEEP_LANE = 8
+    """Lane cleared; SUMO drives again, bound to its new lane and slowed until the EMV has passed."""
+    YIELD_PULL_OVER = 9
+    YIELD_HOLD = 10
+    REJOIN = 11
+    """Yield over; the navigator leads the vehicle back to its lane before SUMO takes over."""
+    EXTERNAL = 12
+    """Driven by a program outside the platform: the AV under test."""
+    STOPPED = 13
+    """After a contact: brakes to a standstill and stays there."""
+
+    @property
+    def is_yielding(self) -> bool:
+        """Whether the actor is in any phase of a yield response."""
+        return Mode.YIELD_REACTING <= self <= Mode.YIELD_HOLD
+
+
+@dataclass(frozen=True)
+class ActorDescription(Brief):
+    """What an actor is: everything that does not change during an episode."""
+
+    actor_id: int
+    name: str
+    """The vehicle's id in SUMO."""
+    actor_class: ActorClass
+    length_m: float
+    width_m: float
+    height_m: float
+    colour_rgb: tuple[int, int, int]
+    """Paint, 0–255 each."""
+    is_emv: bool = False
+
+
+@dataclass(frozen=True)
+class ActorStates(Brief):
+    """Simulated state of all actors at one step, in the ``map`` frame.
+
+    Every array has shape ``(N,)``; rows are sorted by ``actor_id``. Positions are footprint centres.
+    """
+
+    step: int
+    actor_id: Ids
+    x_m: Floats
+    y_m: Floats
+    z_m: Floats
+    yaw_rad: Floats
+    vx_mps: Floats
+    vy_mps: Floats
+    yaw_rate_radps: Floats
+    accel_mps2: Floats
+    """Longitudinal acceleration."""
+    lateral_accel_mps2: Floats
+    steer_rad: Floats
+    """Road-wheel angle, left positive."""
+    throttle: Floats
+    brake: Floats
+    owner: Codes
+    mode: Codes
+    lights: Codes
+    residual_m: Floats
+    """Distance between the simulated pose and SUMO's pose of the same actor."""
+
+    @property
+    def speed_mps(self) -> Floats:
+        """Speed over ground, shape ``(N,)``."""
+        return np.hypot(self.vx_mps, self.vy_mps)
+
+    def __len__(self) -> int:
+        return len(self.actor_id)
+
+    @classmethod
+    def empty(cls, step: int = 0) -> "ActorStates":
+        """No actors."""
+        arrays: dict[str, Any] = {name: np.empty(0, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
+        return cls(step=step, **arrays)
+
+    def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "ActorStates":
+        """The same step with only the given rows (a mask or increasing indices)."""
+        arrays: dict[str, Any] = {name: getattr(self, name)[rows] for name in ACTOR_STATE_DTYPES}
+        return type(self)(step=self.step, **arrays)
+
+
+ACTOR_STATE_DTYPES: Final = dtypes_of(ActorStates)
+"""Array fields of ActorStates and their element types, in declaration order."""
+
+
+def rows_of_ids(actor_id: Ids, ids: Ids) -> npt.NDArray[np.intp]:
+    """Row of each id in a sorted id array, −1 where it is absent; shape of ``ids``."""
+    if len(actor_id) == 0:
+        return np.full(len(ids), -1, dtype=np.intp)
+    if len(actor_id) == len(ids) and (actor_id == ids).all():  # nearly every step
+        return np.arange(len(ids))
+    rows = actor_id.searchsorted(ids)
+    rows[rows == len(actor_id)] = 0
+    rows[actor_id[rows] != ids] = -1
+    return rows

@@ -1,0 +1,65 @@
+"""Speeds in bends and before them, in closed form."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.base.numerics import braking
+from siren_ros.base.numerics.geometry import Polyline
+
+
+def circle(radius_m, turn_rad):
+    angle = np.linspace(0.0, turn_rad, int(turn_rad * radius_m / 0.2) + 2)
+    return Polyline.through(np.stack((radius_m * np.sin(angle), radius_m * (1.0 - np.cos(angle))), axis=-1))
+
+
+@pytest.mark.parametrize("radius_m", [6.0, 15.0, 80.0])
+def test_a_circle_is_driven_at_the_root_of_acceleration_times_radius(radius_m):
+    path = circle(radius_m, 1.5)
+    middle = np.array([path.length_m / 2.0])
+    assert braking.curvature_1pm(path, middle)[0] == pytest.approx(1.0 / radius_m, rel=0.05)
+    speeds = braking.bend_speeds_mps(path, 3.0)
+    assert speeds[len(speeds) // 2] == pytest.approx(np.sqrt(3.0 * radius_m), rel=0.05)
+
+
+@pytest.mark.parametrize("radius_m", [6.0, 15.0])
+def test_at_its_ends_a_circle_is_as_curved_as_in_its_middle(radius_m):
+    path = circle(radius_m, 1.5)
+    places = np.array([0.0, 0.5, path.length_m - 0.5, path.length_m])
+    assert braking.curvature_1pm(path, places) == pytest.approx(np.full(4, 1.0 / radius_m), rel=0.1)
+
+
+def test_a_straight_road_has_no_limit():
+    assert braking.bend_speeds_mps(Polyline.through([[0.0, 0.0], [100.0, 0.0]]), 3.0).min() > 1e3
+
+
+def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger():
+    target = np.full(101, 20.0)
+    target[60:] = 5.0
+    speeds = braking.with_braking(target, 2.0)
+    assert (speeds[60], speeds[0]) == (5.0, pytest.approx(np.sqrt(5.0**2 + 2.0 * 2.0 * 60.0)))
+    assert np.all(np.diff(speeds[:61] ** 2) >= -2.0 * 2.0 - 1e-9)
+    assert braking.squares_with_braking(target**2, 2.0, 1.0) == pytest.approx(speeds**2)
+
+
+@pytest.mark.parametrize(("way_m", "stops"), [(7.1, False), (7.3, True)])
+def test_from_6_mps_with_2_5_mps2_a_vehicle_stops_within_7_2_m(way_m, stops):
+    assert braking.stops_within(36.0, 2.5, way_m) is stops
+
+
+@given(st.lists(st.floats(0.5, 40.0), min_size=1, max_size=60), st.floats(0.0, 30.0), st.floats(0.1, 5.0))
+def test_profiles_never_exceed_the_speeds_that_they_keep_to(target, first_mps, accel_mps2):
+    limits = np.array(target)
+    braked = braking.with_braking(limits, accel_mps2)
+    reached = braking.with_accelerating(braked, first_mps, accel_mps2)
+    assert np.all(reached <= braked)
+    assert np.all(braked <= limits)
+    assert reached[0] <= first_mps
+    assert np.all(np.abs(np.diff(reached**2)) <= 2.0 * accel_mps2 + 1e-6)
+
+
+def test_speeding_up_follows_the_constant_acceleration_up_to_the_speeds_allowed():
+    speeds = braking.with_accelerating(np.full(101, 15.0), 5.0, 1.5)
+    assert speeds == pytest.approx(np.minimum(15.0, np.sqrt(25.0 + 2.0 * 1.5 * np.arange(101.0))))
+    assert braking.with_accelerating(np.full(3, 4.0), 5.0, 1.5).tolist() == [4.0, 4.0, 4.0]

@@ -1,0 +1,132 @@
+"""A table of every kind of cell through every writer."""
+
+import csv
+import json
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import pytest
+
+from siren_ros.base.tables.interval import BLOCKS_MIN, NOTHING, Bounds, Interval, share_interval
+from siren_ros.base.tables.table import UNBOUNDED_NOTE, Cell, Table, counted, csv_text, shown, text_of
+
+SURE = Interval(2.284, 2.104, 2.426, BLOCKS_MIN)
+FEW = Interval(0.5, 0.25, 0.75, BLOCKS_MIN - 1)
+TABLE = Table(
+    "scores",
+    "Scores of <both>",
+    ("model", "ADE/FDE", "error", "n_%"),
+    (("one & two", (1.444, 3.7), SURE, 1234), ("b", (1.0, None), NOTHING, 5)),
+    specs={"error": ".1f"},
+    reference=(("paper", "", None, 0.25),),
+)
+
+
+@pytest.mark.parametrize(
+    ("cell", "spec", "text"),
+    [
+        (None, ".2f", "–"),
+        ("", ".2f", ""),
+        (0.0, ".2f", "0.00"),
+        (-2.0, ".2f", "-2.00"),
+        (1.26, ".1f", "1.3"),
+        (0.126, ".0%", "13%"),
+        (math.nan, ".2f", "–"),
+        (1234, ".2f", "1,234"),
+        ((1.444, None), ".2f", "1.44/–"),
+        ((1.444, 3.7, Bounds(SURE)), ".1f", "1.4/3.7 [2.1, 2.4]"),
+        (SURE, ".2f", "2.28 [2.10, 2.43]"),
+        (SURE, "+.1f", "+2.3 [+2.1, +2.4]"),
+        (Interval(-2.0, -3.0, 1.0, 5), "+.2f", "-2.00 [-3.00, +1.00]"),
+        (FEW, ".0%", "50% [–]"),
+        (Bounds(FEW), ".2f", "[–]"),
+        (NOTHING, ".2f", "–"),
+        (Bounds(NOTHING), ".2f", "–"),
+        (("17 of 20", Bounds(share_interval(17, 20))), ".0%", "17 of 20 [64%, 95%]"),
+        (("0 of 5", Bounds(share_interval(0, 5))), ".0%", "0 of 5 [0%, 43%]"),
+        (("3 of 4", Bounds(share_interval(3, 4))), ".0%", "3 of 4 [–]"),
+    ],
+)
+def test_how_a_cell_is_written(cell: Cell, spec: str, text: str) -> None:
+    assert shown(cell, spec) == text
+
+
+def test_names_of_other_programs_are_printable_in_every_form() -> None:
+    name = "a\x1b[31m\udce9\n"
+    table = Table("names", name, ("model", name), ((name, (name, 1.0)),))
+    forms = ("\n".join(table.text()), table.csv(), table.html(), str(table.json()).replace("\\\\", "\\"))
+    for form in (*forms, table.latex().replace(r"\textbackslash{}", "\\")):
+        assert form.replace("\n", "").isprintable()
+        assert form.count("\\x1b[31m\\udce9\\n") >= 3
+
+
+def test_text_has_a_column_for_each_title() -> None:
+    assert TABLE.text() == [
+        "Scores of <both>",
+        "model      ADE/FDE    error           n_%",
+        "one & two  1.44/3.70  2.3 [2.1, 2.4]  1,234",
+        "b          1.00/–     –               5",
+        "paper                 –               0.25",
+    ]
+    assert Table("t", "", ("model", "n"), (("a", 12), ("", ""))).text() == ["model  n", "a      12", ""]
+
+
+def test_what_the_dash_of_an_interval_says_is_told_once_and_where_there_is_one() -> None:
+    bounds_only = Table("t", "", ("a",), ((Bounds(FEW),),))
+    in_a_pair = Table("t", "", ("a",), (((1.0, FEW),),))
+    assert [table.has_unbounded for table in (TABLE, bounds_only, in_a_pair)] == [False, True, True]
+    assert text_of([TABLE, TABLE]) == [*TABLE.text(), "", *TABLE.text()]
+    assert text_of([bounds_only, in_a_pair]) == ["a", "[–]", "", "a", "1.00/0.50 [–]", UNBOUNDED_NOTE]
+    assert UNBOUNDED_NOTE == (
+        "[–] is no interval: it takes 5 episodes, 2 of each template, and values that are not all the same"
+    )
+    assert text_of([]) == []
+
+
+def test_csv_has_the_head_first() -> None:
+    rows = list(csv.reader(TABLE.csv().splitlines()))
+    assert rows == [list(TABLE.head), *map(list, TABLE.cells())]
+    assert csv_text(("a", "b"), [(1, None), ("x,y", 0.5)]) == 'a,b\n1,\n"x,y",0.5\n'
+
+
+def test_json_has_the_values() -> None:
+    content = json.loads(json.dumps(TABLE.json(), allow_nan=False))
+    assert (content["key"], content["caption"], content["head"]) == (TABLE.key, TABLE.caption, list(TABLE.head))
+    interval = {"value": 2.284, "low": 2.104, "high": 2.426, "episodes": 5}
+    assert content["rows"] == [["one & two", [1.444, 3.7], interval, 1234], ["b", [1.0, None], None, 5]]
+    assert content["reference"] == [["paper", "", None, 0.25]]
+    bounds = replace(TABLE, head=("a",), rows=((Bounds(SURE),), (Bounds(FEW),), (math.nan,)), reference=())
+    assert bounds.json()["rows"] == [[[2.104, 2.426]], [None], [None]]
+
+
+def test_latex_has_as_many_columns_and_no_special_characters() -> None:
+    assert TABLE.latex().splitlines() == [
+        "% Scores of <both>",
+        r"\begin{tabular}{lccc}",
+        r"\toprule",
+        r"model & ADE/FDE & error & n\_\% \\",
+        r"\midrule",
+        r"one \& two & 1.44/3.70 & 2.3 [2.1, 2.4] & 1,234 \\",
+        r"b & 1.00/-- & -- & 5 \\",
+        r"\midrule",
+        r"paper &  & -- & 0.25 \\",
+        r"\bottomrule",
+        r"\end{tabular}",
+    ]
+    assert r"m/s\textsuperscript{2} & L2 $-$ L1 \\" in Table("t", "", ("m/s²", "L2 − L1"), ()).latex()
+    assert replace(TABLE, reference=()).latex().count(r"\midrule") == 1
+
+
+def test_html_is_well_formed_and_what_is_written_into_it_stays_text() -> None:
+    long = replace(TABLE, rows=((*TABLE.rows[0][:3], "a cell with very many letters <in it>"),))
+    table = ET.fromstring(long.html("page_"))  # noqa: S314 - the page that was just made
+    assert table.get("id") == "page_scores"
+    assert table.findtext("caption") == "Scores of <both>"
+    head, *rows = [[cell.text or "" for cell in row] for row in table.iter("tr")]
+    assert (head, rows) == (list(long.head), [list(row) for row in long.cells()])
+    assert [cell.get("class") for cell in table.iter("td")] == [None, None, "long", None, None, None]
+
+
+def test_one_and_several() -> None:
+    assert [counted(number, "bag") for number in (0, 1, 2, 1234)] == ["0 bags", "1 bag", "2 bags", "1,234 bags"]

@@ -1,0 +1,300 @@
+"""Argoverse 2: its map of a small crossing, its scenarios of a drive of formulas, and what av2 reads of them."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from datasets.made_bag import BUS, CAR, EMV
+from datasets.made_tracks import made_tracks
+from hand_made_record import STRAIGHT, crossing, line
+from reader_environments import read_with
+from shapely import Polygon, unary_union
+from synthetic_episode import NET_XML
+
+from siren_ros.cli.main import main
+from siren_ros.data.datasets import argoverse2
+from siren_ros.data.datasets.lane_graph import lane_graph
+from siren_ros.data.record.tracks import Track, whole_windows
+from siren_ros.simulation.roads.mirror_image import mirrored_network
+from siren_ros.simulation.roads.net_parser import parse_road_network
+
+DATASET = ("argoverse2", "tracked_bag", "--population", "all")
+MADE_DATASET = ("argoverse2", "made_drive", "--population", "all", "--stride", "4", "--split", "val")
+MAP = argoverse2.map_json(crossing())
+PATHS = 12
+FRAMES = {EMV: (0, 131), CAR: (5, 131), BUS: (0, 129)}
+"""First frame and the one after the last: 262 steps; the car comes at step 10, the bus is last seen at step 256."""
+NAME = "S2-L2-seed0-straight-v{}-f{:06d}"
+
+
+def xy(points: list[dict[str, float]]) -> np.ndarray:
+    return np.array([(point["x"], point["y"]) for point in points])
+
+
+def test_lanes_have_their_kind_marks_and_neighbours():
+    shoulder, right, left = (MAP["lane_segments"][str(index)] for index in range(3))
+    assert [lane["lane_type"] for lane in (shoulder, right, left)] == ["BUS", "VEHICLE", "VEHICLE"]
+    assert (right["left_neighbor_id"], right["right_neighbor_id"]) == (2, 0)
+    assert (right["left_lane_mark_type"], right["right_lane_mark_type"]) == ("DASHED_WHITE", "DASHED_WHITE")
+    assert (left["left_lane_mark_type"], shoulder["right_lane_mark_type"]) == ("SOLID_YELLOW", "SOLID_WHITE")
+    path = MAP["lane_segments"][str(PATHS + STRAIGHT)]
+    assert (path["is_intersection"], right["is_intersection"]) == (True, False)
+    assert (path["left_lane_mark_type"], path["right_lane_mark_type"]) == ("NONE", "NONE")
+    assert (path["predecessors"], path["successors"]) == ([1], [3])
+
+
+def test_lines_are_in_the_lanes_direction_to_the_millimetre():
+    right = MAP["lane_segments"]["1"]
+    for name, x_m in (("centerline", 5.25), ("left_lane_boundary", 3.5), ("right_lane_boundary", 7.0)):
+        points = xy(right[name])
+        assert set(points[:, 0].tolist()) == {x_m}
+        assert (points[0, 1], points[-1, 1]) == (-120.0, -20.0)
+        assert np.ptp(np.diff(points[:, 1])) < 0.0021, "rounded to a millimetre"
+    third = argoverse2.map_json(crossing())["lane_segments"][str(PATHS + 3)]["centerline"]
+    assert all(round(point[axis], 3) == point[axis] for point in third for axis in ("x", "y"))
+    assert all(any(round(point[axis], 2) != point[axis] for point in third) for axis in ("x", "y"))
+    assert {point["z"] for point in third} == {0.0}
+
+
+def test_lines_have_points_at_equal_distances():
+    points = argoverse2.resampled(line((0.0, 0.0), (3.0, 0.0), (3.0, 3.0)), 5)
+    assert points == pytest.approx(np.array([(0.0, 0.0), (1.5, 0.0), (3.0, 0.0), (3.0, 1.5), (3.0, 3.0)]))
+
+
+def test_the_drivable_area_covers_lanes_and_junctions():
+    areas = [Polygon(xy(area["area_boundary"])) for area in MAP["drivable_areas"].values()]
+    whole = unary_union(areas)
+    for lane in lane_graph(crossing()).values():
+        assert whole.buffer(0.05).contains(Polygon(np.vstack((lane.left, lane.right[::-1]))))
+    assert whole.buffer(0.05).contains(Polygon([(-10, -20), (20, -20), (20, 10), (-10, 10)]))
+    assert [area["id"] for area in MAP["drivable_areas"].values()] == list(range(len(areas)))
+
+
+def test_the_drivable_area_ends_where_lanes_and_junctions_end():
+    """All outlines are made 0.05 m wider, so that neighbours join, and simplified by as much."""
+    network = crossing()
+    shapes = [Polygon(np.vstack((lane.left, lane.right[::-1]))) for lane in lane_graph(network).values()]
+    shapes += [Polygon(junction.outline) for junction in network.junctions.values()]
+    whole = unary_union([Polygon(xy(area["area_boundary"])) for area in MAP["drivable_areas"].values()])
+    assert unary_union(shapes).buffer(0.15).contains(whole)
+
+
+def test_a_hole_is_cut_open_and_stays_a_hole():
+    ring = Polygon(
+        [(0, 0), (10, 0), (10, 10), (0, 10)], [[(3, 3), (3, 6), (6, 6), (6, 3)], [(7, 7), (7, 9), (9, 9), (9, 7)]]
+    )
+    pieces = argoverse2._without_holes(ring)
+    assert all(not piece.interiors for piece in pieces)
+    assert sum(piece.area for piece in pieces) == pytest.approx(ring.area)
+    assert unary_union(pieces).symmetric_difference(ring).area == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("first", range(4))
+def test_a_crossing_has_its_long_edges_in_one_direction(first):
+    """4 m wide, 12 m long, its outline from any corner on."""
+    outline = np.roll(np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 4.0), (0.0, 4.0)]), -first, axis=0)
+    crossing_json = argoverse2._crossing(7, outline)
+    edges = [xy(crossing_json[name]) for name in ("edge1", "edge2")]
+    assert crossing_json["id"] == 7
+    assert [float(np.hypot(*(edge[1] - edge[0]))) for edge in edges] == [12.0, 12.0]
+    assert (edges[0][1] - edges[0][0]).tolist() == (edges[1][1] - edges[1][0]).tolist()
+    assert {edges[0][0][1], edges[1][0][1]} == {0.0, 4.0}
+
+
+def lasting(track: Track, first: int, count: int) -> Track:
+    """The same vehicle over other frames."""
+    place = np.resize(np.arange(len(track)), count)
+    arrays = {name: values[place] for name, values in vars(track).items() if isinstance(values, np.ndarray)}
+    return replace(track, **{**arrays, "frame": np.arange(first, first + count)})
+
+
+def test_columns_of_a_scenario_that_begins_at_frame_40():
+    emv, car, bus = made_tracks()
+    first = 40
+    windows = [
+        lasting(emv, first, argoverse2.STEPS),
+        lasting(car, first, argoverse2.STEPS),
+        lasting(bus, first + argoverse2.OBSERVED - 3, 3),
+        lasting(replace(bus, actor=replace(bus.actor, actor_id=11)), first + argoverse2.OBSERVED, 5),
+    ]
+    table = argoverse2.scenario_table(windows, 5, 1, first, "name", "town")
+    counts = [argoverse2.STEPS, argoverse2.STEPS, 3, 5]
+    assert table["track_id"].tolist() == np.repeat(["AV", "5", "9", "11"], counts).tolist()
+    assert table["object_type"].tolist() == np.repeat(["vehicle", "vehicle", "bus", "bus"], counts).tolist()
+    # One that is there all the time, the focal track, one that is there at the present, and one that comes later.
+    assert (
+        table["object_category"].tolist()
+        == np.repeat([argoverse2.SCORED, argoverse2.FOCAL, argoverse2.UNSCORED, argoverse2.FRAGMENT], counts).tolist()
+    )
+    assert (argoverse2.FRAGMENT, argoverse2.UNSCORED, argoverse2.SCORED, argoverse2.FOCAL) == (0, 1, 2, 3)
+    assert table["timestep"][: argoverse2.STEPS].tolist() == list(range(argoverse2.STEPS))
+    assert table["timestep"][-5:].tolist() == list(range(argoverse2.OBSERVED, argoverse2.OBSERVED + 5))
+    assert table["observed"].tolist() == (table["timestep"] < 50).tolist()
+    assert argoverse2.OBSERVED == 50
+    assert set(table["focal_track_id"]) == {"5"}
+    assert set(table["start_timestamp"].tolist()) == {4_000_000_000}
+    assert set(table["end_timestamp"].tolist()) == {4_000_000_000 + (argoverse2.STEPS - 1) * 100_000_000}
+    assert set(table["num_timestamps"].tolist()) == {argoverse2.STEPS}
+    assert table["position_x"][:3] == pytest.approx([0.0, 1.0, 2.0])
+    assert table["velocity_x"][argoverse2.STEPS] == pytest.approx(8.0 * np.cos(1.0))
+    assert set(argoverse2.scenario_table(windows, 1, 1, first, "name", "town")["focal_track_id"]) == {"AV"}
+
+
+def test_names_have_no_underscores():
+    assert argoverse2.scenario_id("S2_L2_seed0_town", 12, 49) == "S2-L2-seed0-town-v12-f000049"
+
+
+def scenario(made_dataset: Path, name: str) -> dict[str, np.ndarray]:
+    table: Any = pq.read_table(made_dataset / "val" / name / f"scenario_{name}.parquet")
+    return {column: np.array(table[column].to_pylist()) for column in table.column_names}
+
+
+def test_every_fourth_whole_window_of_each_vehicle_is_a_scenario(made_dataset):
+    """The name has the frame of the present, the 50th of its 110."""
+    expected = {
+        NAME.format(actor, start + 49) for actor, (first, end) in FRAMES.items() for start in range(first, end - 109, 4)
+    }
+    assert {path.name for path in (made_dataset / "val").iterdir()} == expected
+    assert list((made_dataset / "train").iterdir()) == list((made_dataset / "test").iterdir()) == []
+    card = json.loads((made_dataset / "dataset.json").read_text())
+    assert card["counts"] == {"scenarios": len(expected)}
+    assert card["classes"] == {"ambulance": 6, "bus": 5, "sedan": 5}
+
+
+def test_each_scenario_has_the_map_of_its_episode(made_dataset):
+    for folder in (made_dataset / "val").iterdir():
+        assert sorted(path.name for path in folder.iterdir()) == [
+            f"log_map_archive_{folder.name}.json",
+            f"scenario_{folder.name}.parquet",
+        ]
+    name = NAME.format(EMV, 49)
+    archive = json.loads((made_dataset / "val" / name / f"log_map_archive_{name}.json").read_text())
+    assert archive == json.loads(json.dumps(argoverse2.map_json(parse_road_network(NET_XML.encode()))))
+
+
+def test_where_traffic_keeps_left_the_yellow_line_is_on_the_right():
+    network = parse_road_network(NET_XML.encode())
+    kinds = [
+        {
+            side: [lane[f"{side}_lane_mark_type"] for lane in argoverse2.map_json(one)["lane_segments"].values()]
+            for side in ("left", "right")
+        }
+        for one in (network, mirrored_network(network))
+    ]
+    assert kinds[0]["left"] == kinds[1]["right"] == ["DASHED_WHITE", "SOLID_YELLOW"] * 2
+    assert kinds[0]["right"] == kinds[1]["left"] == ["SOLID_WHITE", "DASHED_WHITE"] * 2
+
+
+@pytest.mark.parametrize(("focal", "start"), [(EMV, 0), (CAR, 9), (BUS, 16)])
+def test_a_scenario_holds_everybodys_states(made_dataset, focal, start):
+    name = NAME.format(focal, start + 49)
+    table = scenario(made_dataset, name)
+    assert set(table["scenario_id"]) == {name}
+    assert set(table["city"]) == {"straight"}
+    assert set(table["focal_track_id"]) == {"AV" if focal == EMV else str(focal)}
+    assert set(table["start_timestamp"]) == {start * 100_000_000}
+    for actor, (first, end) in FRAMES.items():
+        states = table["track_id"] == ("AV" if actor == EMV else str(actor))
+        frames = np.arange(max(first, start), min(end, start + 110))
+        assert table["timestep"][states].tolist() == (frames - start).tolist()
+        assert table["observed"][states].tolist() == (frames - start < 50).tolist()
+        assert set(table["object_type"][states]) == {"bus" if actor == BUS else "vehicle"}
+        whole = len(frames) == 110
+        assert set(table["object_category"][states]) == {3 if actor == focal else 2 if whole else 1}
+        time = 0.1 * (frames - first)
+        way = {EMV: 10.0 * time, CAR: 6.0 * time + 0.1 * time**2, BUS: 9.0 * time}[actor]
+        assert table["position_x"][states] == pytest.approx({EMV: 20.0, CAR: 60.0, BUS: 40.0}[actor] + way)
+        assert set(table["position_y"][states]) == {-1.75 if actor == BUS else -5.25}
+        speed = {EMV: 10.0 + 0.0 * time, CAR: 6.0 + 0.2 * time, BUS: 9.0 + 0.0 * time}[actor]
+        assert table["velocity_x"][states] == pytest.approx(speed)
+        assert set(table["velocity_y"][states]) == set(table["heading"][states]) == {0.0}
+
+
+def test_of_the_region_only_whole_windows_near_the_emv_count(exported, made_drive):
+    """The car is 40 m ahead at frame 5 and falls back by 4 m a second and less; the bus is 20 m ahead."""
+    folder = exported("argoverse2", made_drive) / "train"
+    assert {path.name.rsplit("-", 2)[1] for path in folder.iterdir()} == {"v1", "v5", "v9"}
+    starts = sorted(int(path.name[-6:]) - 49 for path in folder.glob("*-v5-*"))
+    entered = next(frame for frame in range(5, 131) if abs(_gap_m(frame)) <= 40.0)
+    assert starts == list(range(entered, 131 - 109))
+
+
+def _gap_m(frame: int) -> float:
+    time = 0.1 * (frame - 5)
+    return (60.0 + 6.0 * time + 0.1 * time**2) - (20.0 + 1.0 * frame)
+
+
+@pytest.fixture(scope="module")
+def read(dataset: Path) -> dict[str, Any]:
+    reading: dict[str, Any] = read_with("av2", "read_argoverse2.py", dataset / "train" / "S3-L1-seed0-town-v1-f000060")
+    return reading
+
+
+def test_there_is_a_scenario_for_every_whole_window(dataset, tracked_tracks):
+    expected = {
+        argoverse2.scenario_id("S3_L1_seed0_town", track.actor.actor_id, first + 49)
+        for track in tracked_tracks
+        for first in range(int(track.frame[0]), int(track.frame[-1]) - 108)
+    }
+    assert {path.name for path in (dataset / "train").iterdir()} == expected
+    assert len(expected) > 300
+
+
+def test_the_region_and_a_stride_give_fewer(exported, dataset, tracked_bag):
+    strided = exported("argoverse2", tracked_bag, "--stride", "10")
+    near, whole = ({path.name for path in (folder / "train").iterdir()} for folder in (strided, dataset))
+    assert 0 < len(near) < len(whole) / 10
+    assert near <= whole
+
+
+def test_a_scenario_is_eleven_seconds_at_10_hz(read):
+    assert read["id"] == "S3-L1-seed0-town-v1-f000060"
+    assert (read["steps"], read["observed"], read["period_s"]) == (110, 50, pytest.approx(0.1))
+    assert read["timesteps"] == list(range(110))
+    assert read["focal"] == "AV"
+
+
+def test_the_focal_track_is_the_record(read, tracked_tracks):
+    states = tracked_tracks[0].window(11, 110)
+    assert np.array(read["places"]) == pytest.approx(np.stack((states.x_m, states.y_m), axis=-1))
+    assert read["headings"] == pytest.approx(states.yaw_rad.tolist())
+
+
+def test_nobody_is_dropped(read, tracked_tracks):
+    there = {track.actor.actor_id: len(track.window(11, 110)) for track in tracked_tracks if len(track.window(11, 110))}
+    categories = {1 if key == "AV" else int(key): value for key, value in read["categories"].items()}
+    assert set(categories) == set(there)
+    assert categories[1] == 3
+    assert all((categories[key] == 2) == (count == 110) for key, count in there.items() if key != 1)
+
+
+def test_the_lane_graph_holds_together(read):
+    assert read["lanes"] > 100
+    assert read["links_both_ways"] == read["links"] > 100
+    assert read["neighbours_both_ways"] == read["neighbours"] > 10
+    assert read["junction_lanes"] > 10
+    assert read["crossings"] > 0
+    assert read["near"] > 0
+    assert read["driven_inside"] == 110, "the EMV drives on the drivable area"
+
+
+def test_the_map_is_stored_once(dataset):
+    assert len({path.stat().st_ino for path in (dataset / "train").rglob("log_map_archive_*.json")}) == 1
+
+
+@pytest.mark.parametrize("stride", ["0", "two", "-1", "x", "1.5"])
+def test_a_stride_is_a_whole_number_of_frames(tracked_bag, tmp_path, stride, capsys):
+    assert main(["export", "argoverse2", str(tracked_bag), "--out", str(tmp_path / "out"), f"--stride={stride}"]) == 2
+    assert "stride" in capsys.readouterr().err
+
+
+def test_windows_have_no_gaps(tracked_tracks):
+    for track in tracked_tracks:
+        for first in whole_windows(track, 110, "region").tolist():
+            window = track.window(first, 110)
+            assert len(window) == 110
+            assert window.in_region.all()

@@ -1,0 +1,263 @@
+"""CommonRoad's lanelets, obstacles and problem of three vehicles at a signal."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import pytest
+from datasets.made_bag import Export
+from datasets.made_tracks import LANE, made_record, made_tracks
+from hand_made_record import EAST, RIGHT, STRAIGHT
+from reader_environments import read_with
+
+from siren_ros.data.datasets.commonroad import (
+    _add_obstacle,
+    _add_problem,
+    _root,
+    benchmark_id,
+    lanelet_id,
+    obstacle_type,
+)
+from siren_ros.data.datasets.commonroad_mirror_image import mirror_commonroad
+from siren_ros.data.datasets.files import document
+from siren_ros.data.record.tracks import Track
+from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, ActorClass
+
+RECORD = made_record()
+ROOT = _root(RECORD, RECORD.description)
+LANELETS = {int(lanelet.attrib["id"]) - 1: lanelet for lanelet in ROOT.findall("lanelet")}
+PATHS = 12
+
+
+def points(bound: Element) -> list[list[float]]:
+    return [[float(point.findtext("x", "")), float(point.findtext("y", ""))] for point in bound.findall("point")]
+
+
+def refs(element: Element, tag: str) -> list[int]:
+    return [int(reference.attrib["ref"]) - 1 for reference in element.findall(tag)]
+
+
+def test_a_lanelet_has_bounds_followers_and_neighbours():
+    lane = LANELETS[LANE]
+    left, right = lane.find("leftBound"), lane.find("rightBound")
+    assert points(left) == [[3.5, -120.0], [3.5, -20.0]]
+    assert points(right) == [[7.0, -120.0], [7.0, -20.0]]
+    assert (left.findtext("lineMarking"), right.findtext("lineMarking")) == ("dashed", "dashed")
+    assert refs(lane, "successor") == [PATHS + STRAIGHT, PATHS + RIGHT]
+    assert (refs(lane, "adjacentLeft"), refs(lane, "adjacentRight")) == ([2], [0])
+    assert lane.find("adjacentLeft").attrib["drivingDir"] == "same"
+    outer = LANELETS[0].find("rightBound")
+    assert outer.findtext("lineMarking") == "solid"
+    assert [lanelet.findtext("laneletType") for lanelet in (LANELETS[0], lane, LANELETS[PATHS])] == [
+        "shoulder",
+        "urban",
+        "intersection",
+    ]
+    assert [lanelet.findtext("userOneWay") for lanelet in (LANELETS[0], lane)] == ["priorityVehicle", "vehicle"]
+    path = LANELETS[PATHS].find("leftBound")
+    assert path.findtext("lineMarking") == "no_marking"
+    assert lanelet_id(0) == 1
+
+
+def test_opposite_lanes_share_their_left_bounds():
+    """South of the junction the two directions meet at x = 0; here they lead from and to one place."""
+    for lane in (LANELETS[2], LANELETS[9]):
+        assert lane.find("adjacentLeft") is None, "by their junctions they are different roads"
+    network = RECORD.network
+    edges = tuple(replace(edge, to_junction="s_in") if edge.edge_id == "s_out" else edge for edge in network.edges)
+    root = _root(replace(RECORD, network=replace(network, edges=edges)), RECORD.description)
+    lanes = {int(lanelet.attrib["id"]) - 1: lanelet for lanelet in root.findall("lanelet")}
+    for lane, other in ((2, 9), (9, 2)):
+        neighbour = lanes[lane].find("adjacentLeft")
+        assert (int(neighbour.attrib["ref"]) - 1, neighbour.attrib["drivingDir"]) == (other, "opposite")
+
+
+def test_stop_lines_and_lights_stand_at_the_end():
+    lane = LANELETS[LANE]
+    line = lane.find("stopLine")
+    assert points(line) == [[3.5, -20.0], [7.0, -20.0]]
+    lights = {int(light.attrib["id"]): light for light in ROOT.findall("trafficLight")}
+    light_ids = [int(reference.attrib["ref"]) for reference in lane.findall("trafficLightRef")]
+    assert [lights[number].findtext("direction") for number in light_ids] == ["straight", "right"]
+    straight, right = (lights[number] for number in light_ids)
+    cycle = [(element.findtext("duration"), element.findtext("color")) for element in straight.iter("cycleElement")]
+    assert cycle == [("10", "yellow"), ("11", "green")]
+    assert [(element.findtext("duration"), element.findtext("color")) for element in right.iter("cycleElement")] == [
+        ("21", "red")
+    ]
+    position = straight.find("position")
+    assert points(position) == [[7.0, -20.0]]
+
+
+def test_the_intersection_knows_who_comes_and_where_one_goes():
+    (crossing,) = ROOT.findall("intersection")
+    arms = {tuple(refs(arm, "incomingLanelet")): arm for arm in crossing.findall("incoming")}
+    south, west = arms[0, 1, 2], arms[(7,)]
+    assert refs(south, "outgoingStraight") == [PATHS, PATHS + 1]
+    assert refs(south, "outgoingRight") == [PATHS + 2, PATHS + 3]
+    assert refs(south, "outgoingLeft") == []
+    assert refs(west, "outgoingStraight") == [PATHS + EAST]
+    assert len({arm.attrib["id"] for arm in crossing.findall("incoming")}) == len(arms)
+    older = _root(RECORD, RECORD.description, "successors")
+    assert [element.tag for element in older.iter() if element.tag.startswith("outgoing")] == []
+    cycle = [element.attrib for element in older.iter("successorsStraight")]
+    assert cycle == [element.attrib for element in ROOT.iter("outgoingStraight")]
+
+
+def test_speed_limits_are_signs():
+    (sign,) = ROOT.findall("trafficSign")
+    element = sign.find("trafficSignElement")
+    assert (element.findtext("trafficSignID"), element.findtext("additionalValue")) == ("274", "13.9")
+    lanes = [lanelet for number, lanelet in LANELETS.items() if number < 500_000]
+    assert {lane.find("trafficSignRef").attrib["ref"] for lane in lanes} == {sign.attrib["id"]}
+
+
+def exact(state: Element, tag: str) -> float:
+    return float(state.findtext(f"{tag}/exact", "nan"))
+
+
+def test_obstacles_have_their_states_from_their_first_frame_on():
+    root = Element("root")
+    car = made_tracks()[1]
+    _add_obstacle(root, car)
+    (obstacle,) = root.findall("dynamicObstacle")
+    states = [obstacle.find("initialState"), *obstacle.findall("trajectory/state")]
+    present = [state for state in states if state is not None]
+    assert [exact(state, "time") for state in present] == list(range(5, 21))
+    assert [exact(state, "velocity") for state in present] == pytest.approx(8.0 + 0.05 * np.arange(16))
+    assert {exact(state, "orientation") for state in present} == {1.0}
+    assert {exact(state, "acceleration") for state in present} == {0.5}
+    assert [float(state.findtext("position/point/x", "")) for state in present] == pytest.approx(car.x_m)
+    assert (obstacle.findtext("type"), obstacle.findtext("shape/rectangle/length")) == ("car", "4")
+    assert int(obstacle.attrib["id"]) % 1_000_000 == 5
+
+
+def test_the_problem_is_to_be_where_the_emv_was_at_the_end():
+    root = Element("root")
+    _add_problem(root, made_tracks()[0])
+    (problem,) = root.findall("planningProblem")
+    start = problem.find("initialState")
+    assert (exact(start, "time"), exact(start, "velocity"), exact(start, "yawRate")) == (0.0, 10.0, 0.0)
+    goal = problem.find("goalState")
+    centre = goal.find("position/rectangle/center")
+    assert (float(centre.findtext("x", "")), float(centre.findtext("y", ""))) == (20.0, 0.0)
+    assert (goal.findtext("time/intervalStart"), goal.findtext("time/intervalEnd")) == ("10", "20")
+
+
+def test_the_goal_lies_along_the_last_heading():
+    """Of a vehicle that drives at 1 rad and ends at frame 20."""
+    root, car = Element("root"), made_tracks()[1]
+    _add_problem(root, car)
+    goal = root.find("planningProblem/goalState")
+    start = root.find("planningProblem/initialState")
+    rectangle = [float(goal.findtext(f"position/rectangle/{tag}", "nan")) for tag in ("orientation", "length", "width")]
+    assert rectangle == [1.0, 10.0, 4.0]
+    centre = [float(goal.findtext(f"position/rectangle/center/{tag}", "nan")) for tag in ("x", "y")]
+    assert centre == pytest.approx([car.x_m[-1], car.y_m[-1]], abs=1e-6)
+    assert (exact(start, "time"), exact(start, "acceleration"), exact(start, "orientation")) == (5.0, 0.5, 1.0)
+    assert (goal.findtext("time/intervalStart"), goal.findtext("time/intervalEnd")) == ("10", "20")
+
+
+def test_types_and_names():
+    kinds = {kind: obstacle_type(kind) for kind in ActorClass}
+    assert {kind for kind in kinds if kinds[kind] == "priorityVehicle"} == EMERGENCY_CLASSES
+    assert [kinds[kind] for kind in (ActorClass.SEDAN, ActorClass.VAN, ActorClass.BUS)] == ["car", "car", "bus"]
+    assert [kinds[kind] for kind in (ActorClass.MOTORCYCLE, ActorClass.BICYCLE)] == ["motorcycle", "bicycle"]
+    assert benchmark_id(RECORD.description) == "ZAM_SirenS2made-1_1_T-1"
+
+
+@pytest.fixture(scope="module")
+def tracks(tracked_tracks: list[Track]) -> dict[int, Track]:
+    return {track.actor.actor_id: track for track in tracked_tracks}
+
+
+@pytest.fixture(scope="module")
+def file(exported: Export, tracked_bag: Path) -> Path:
+    return exported("commonroad", tracked_bag) / "train" / "S3_L1_seed0_town.xml"
+
+
+@pytest.fixture(scope="module")
+def read(file: Path) -> dict[str, Any]:
+    present: dict[str, Any] = read_with("commonroad", "read_commonroad.py", file)
+    return present
+
+
+def test_the_library_warns_of_nothing(read, file, tmp_path):
+    assert read["warnings"] == []
+    assert min(read["behind_arms"]) > 10
+    earlier = tmp_path / "earlier.xml"
+    earlier.write_text(file.read_text(encoding="utf-8").replace("<outgoing", "<successors"), encoding="utf-8")
+    again = read_with("commonroad", "read_commonroad.py", earlier)
+    assert again["behind_arms"] == read["behind_arms"]
+    assert len(again["warnings"]) == sum(read["behind_arms"])
+    assert "deprecated" in again["warnings"][0]
+
+
+def test_no_lanelet_crosses_itself(read):
+    assert read["crossed"] == []
+
+
+def test_the_schema_is_kept_but_for_vehicles_that_come_later(read):
+    """The schema lets obstacles begin at time 0 alone; the reader takes later ones."""
+    assert all("dynamicObstacle" in error and "initialState/time" in error for error in read["errors"])
+
+
+def test_the_lanelets_hold_together(read):
+    assert read["id"] == "ZAM_SirenS3town-1_1_T-1"
+    assert read["dt"] == 0.1
+    assert read["both_ways"] == read["successors"] > 100
+    assert read["adjacent"] > 20
+    assert read["opposite"] > 5
+    assert read["intersections"] > 5
+    assert read["signs"] > 0
+
+
+def test_lights_show_what_was_recorded(read):
+    assert read["lights"] > 10
+    for cycle in read["light_cycles"]:
+        assert sum(duration for _, duration in cycle) == 140, "14 s at 10 Hz"
+    assert any(len(cycle) > 1 for cycle in read["light_cycles"])
+
+
+def test_everybody_but_the_emv_is_an_obstacle(read, tracks):
+    expected = tracks.keys() - {1}
+    assert {int(key) for key in read["obstacles"]} == expected
+    for key, (kind, first, last, place) in read["obstacles"].items():
+        track = tracks[int(key)]
+        assert kind == obstacle_type(track.actor.actor_class)
+        assert (first, last) == (track.frame[0], track.frame[-1])
+        assert place == pytest.approx((track.x_m[-1], track.y_m[-1]), abs=1e-4)
+    assert read["on_lanelet"] >= 0.9 * len(expected)
+
+
+def test_the_emv_is_the_planning_problem(read, tracks):
+    assert read["start"] == pytest.approx((tracks[1].x_m[0], tracks[1].y_m[0]), abs=1e-4)
+    assert read["goal"] == pytest.approx((tracks[1].x_m[-1], tracks[1].y_m[-1]), abs=1e-3)
+    assert read["goal_reached_by"] == tracks[1].frame[-1]
+
+
+def test_where_traffic_keeps_left_the_scenario_is_the_mirror_image():
+    root = _root(RECORD, RECORD.description)
+    for track in made_tracks():
+        _add_obstacle(root, track)
+    text = document(root)
+    mirror_commonroad(root)
+    lane = next(lanelet for lanelet in root.findall("lanelet") if lanelet.get("id") == str(lanelet_id(LANE)))
+    assert points(lane.find("rightBound")) == [[3.5, 120.0], [3.5, 20.0]]
+    assert points(lane.find("leftBound")) == [[7.0, 120.0], [7.0, 20.0]]
+    assert (refs(lane, "adjacentLeft"), refs(lane, "adjacentRight")) == ([0], [2])
+    order = ["leftBound", "rightBound", "predecessor", "successor", "adjacentLeft", "adjacentRight", "stopLine"]
+    for lanelet in root.findall("lanelet"):
+        places = [order.index(child.tag) for child in lanelet if child.tag in order]
+        assert places == sorted(places), "the order of the schema"
+    for arm in root.iter("incoming"):
+        sides = [child.tag.removeprefix("outgoing") for child in arm if child.tag.startswith("outgoing")]
+        assert sides == sorted(sides, key=("Right", "Straight", "Left").index)
+    state = root.find("dynamicObstacle/initialState")
+    first = made_tracks()[0]
+    assert float(state.findtext("position/point/y")) == -first.xy_m[0][1]
+    assert float(state.findtext("orientation/exact")) == -first.yaw_rad[0]
+    mirror_commonroad(root)
+    assert document(root).replace(b">-0.0<", b">0.0<") == text.replace(b">-0.0<", b">0.0<")

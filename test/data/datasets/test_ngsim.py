@@ -1,0 +1,336 @@
+"""NGSIM files of formulas and of a recorded episode, read by the rules of the published loaders."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from datasets.made_bag import BUS, CAR, EMV
+from evaluation.made_records import moving, record_with
+from hypothesis import given
+from hypothesis import strategies as st
+from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, NEAR, streets
+from scipy.io import loadmat
+
+from siren_ros.data.datasets import ngsim
+from siren_ros.data.record.tracks import tracks_of
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
+
+DATASET = ("ngsim", "tracked_bag", "--population", "all")
+MADE_DATASET = ("ngsim", "made_drive", "--population", "all")
+METRES = st.floats(-1e3, 1e3)
+Set = tuple[npt.NDArray[np.float64], Any]
+STEPS = 2 * 80 + 1
+"""81 frames: one whole window, whose present is frame 30."""
+RIGHT_Y_M, LEFT_Y_M = -5.25, -1.75
+WINDOWS = {EMV: 131 - 80, CAR: 126 - 80, BUS: 129 - 80}
+"""Whole windows of 81 frames of each vehicle."""
+ROADS = streets()
+PRESENT = 50
+
+
+@pytest.fixture(scope="module")
+def stdan(dataset: Path) -> Set:
+    content = loadmat(dataset / "stdan" / "TrainSet.mat")
+    return content["traj"], content["tracks"]
+
+
+def history(dataset: Set, row: int, vehicle: int) -> npt.NDArray[np.float64]:
+    """Sixteen points relative to the target's present, every second frame."""
+    data, cells = dataset
+    rows_of_car = cells[int(data[row, 0]) - 1][int(data[row, 1]) - 1].T
+    other = cells[int(data[row, 0]) - 1][vehicle - 1].T
+    reference = rows_of_car[rows_of_car[:, 0] == data[row, 2]][0, 1:3]
+    present = int(np.argwhere(other[:, 0] == data[row, 2]).item())
+    points: npt.NDArray[np.float64] = other[present - 30 : present + 1 : 2, 1:3] - reference
+    return points
+
+
+def test_every_whole_window_is_a_sample(stdan, tracked_tracks):
+    assert stdan[0].shape == (sum(max(0, len(track) - 80) for track in tracked_tracks), 50)
+    assert len(stdan[0]) > 300
+
+
+def test_histories_are_the_tracks_turned_onto_the_lane(stdan, tracked_tracks):
+    emv = tracked_tracks[0]
+    row = 10
+    points = history(stdan, row, 1) * ngsim.FOOT_M
+    assert points.shape == (16, 2)
+    present = int(stdan[0][row, 2])
+    there = emv.window(present - 30, 31)
+    length = np.hypot(there.x_m[-1] - there.x_m[::2], there.y_m[-1] - there.y_m[::2])
+    assert np.hypot(*points.T) == pytest.approx(length, abs=1e-6)
+    assert abs(points[0, 0]) < 1.0, "the EMV came along its lane"
+    assert points[0, 1] < -1.0, "from behind"
+    assert stdan[0][row, 5] * ngsim.FOOT_M == pytest.approx(there.speed_mps[-1])
+
+
+def test_neighbours_stand_in_their_cells(stdan):
+    data, _ = stdan
+    seen = 0
+    for row in range(0, len(data), 7):
+        for cell in np.flatnonzero(data[row, 11:]).tolist():
+            points = history(stdan, row, int(data[row, 11 + cell]))
+            assert points.shape == (16, 2), "a neighbour without all points is left out"
+            column, along = divmod(cell, 13)
+            assert abs(points[-1, 1]) < 90.0
+            assert along == min(12, int(np.floor((points[-1, 1] + 90.0) / 15.0 + 0.5)))
+            assert round(points[-1, 0] * ngsim.FOOT_M / 3.5) in {column - 2, column - 1, column}
+            seen += 1
+    assert seen > 50
+
+
+def test_the_layout_of_csp_is_the_shorter_one(dataset, stdan):
+    content = loadmat(dataset / "csp" / "TrainSet.mat")
+    data = content["traj"]
+    assert data.shape == (len(stdan[0]), 47)
+    assert np.array_equal(data[:, :5], stdan[0][:, :5])
+    assert np.array_equal(data[:, 8:], stdan[0][:, 11:])
+    assert set(np.unique(data[:, 6])) <= {1.0, 2.0, 3.0}
+    assert set(np.unique(data[:, 7])) <= {1.0, 2.0}
+    assert content["tracks"][0][0].shape[0] == 3
+
+
+def test_classes_are_ngsims(stdan):
+    kinds = {int(value) for row in stdan[1] for cell in row if cell.size for value in np.unique(cell[6])}
+    assert kinds <= {2, 3}
+
+
+def test_neighbours_are_found_by_lane_distance_and_direction():
+    right_m = np.array([3.2, -3.2, 0.4, 0.4, 3.2, 7.0])
+    ahead_m = np.array([0.0, 0.0, 30.0 * ngsim.FOOT_M, -30.0 * ngsim.FOOT_M, 0.0, 0.0])
+    turned_rad = np.array([0.1, -0.1, 0.0, 0.0, np.pi, 0.0])
+    cells = ngsim.neighbour_cells(right_m, ahead_m, turned_rad, np.full(6, 3.2))
+    assert cells.tolist() == [26 + 6, 6, 13 + 8, 13 + 4, ngsim.OUTSIDE, ngsim.OUTSIDE]
+
+
+def test_right_is_positive():
+    right, ahead = ngsim.across_and_ahead(1.0, 0.0, np.pi / 2)
+    assert (right, ahead) == pytest.approx((1.0, 0.0))
+    right, ahead = ngsim.across_and_ahead(1.0, 0.0, 0.0)
+    assert (right, ahead) == pytest.approx((0.0, 1.0))
+
+
+@given(x_m=METRES, y_m=METRES, tangent_rad=st.floats(-10.0, 10.0))
+def test_turning_there_and_back_changes_nothing(x_m, y_m, tangent_rad):
+    there = ngsim.across_and_ahead(x_m, y_m, tangent_rad)
+    assert np.hypot(*there) == pytest.approx(np.hypot(x_m, y_m))
+    assert ngsim.from_across_and_ahead(*there, tangent_rad) == pytest.approx((x_m, y_m), abs=1e-9)
+
+
+def test_off_the_road_a_lane_has_ngsims_width(straight_road_of_two_lanes):
+    lanes = straight_road_of_two_lanes.lanes
+    widths = ngsim.lane_widths_m(straight_road_of_two_lanes, np.array([0, NO_LANE], dtype=np.int32))
+    assert widths.tolist() == [lanes[0].width_m, 3.5]
+
+
+def test_the_same_content_gives_the_same_file():
+    content = {"traj": np.eye(3)}
+    assert ngsim.mat_bytes(content) == ngsim.mat_bytes(content)
+    assert ngsim.mat_bytes(content).startswith(b"MATLAB 5.0 MAT-file, written by SIREN")
+
+
+def record(network: RoadNetwork, accel_mps2: float = 0.0) -> EpisodeRecord:
+    """The target in the right lane, a bus 20 m ahead of it, a car to its left, one that comes late, one far away."""
+    return record_with(
+        {
+            3: moving(40.0, RIGHT_Y_M, 10.0, accel_mps2=accel_mps2, steps=STEPS),
+            4: moving(60.0, RIGHT_Y_M, 10.0, steps=STEPS, actor_class=ActorClass.BUS),
+            5: moving(30.0, LEFT_Y_M, 10.0, steps=STEPS),
+            6: moving(45.0, LEFT_Y_M, 10.0, steps=STEPS - 20, first_step=20),
+            7: moving(240.0, RIGHT_Y_M, 10.0, steps=STEPS),
+        },
+        network,
+    )
+
+
+def sample(network: RoadNetwork, accel_mps2: float = 0.0) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Row and tracks of the first sample."""
+    episode = record(network, accel_mps2)
+    roads = [ngsim._on_road(episode, track) for track in tracks_of(episode)]
+    return next(iter(ngsim.NgsimExporter("all")._samples(episode, roads)))
+
+
+def test_the_row_has_the_target_at_its_origin(straight_road_of_two_lanes):
+    row, _ = sample(straight_road_of_two_lanes)
+    vehicle, frame, x, y, speed, accel, lane, kind, lateral, longitudinal = row[:10]
+    assert (vehicle, frame, x, y) == (1.0, 30.0, 0.0, 0.0)
+    assert speed == pytest.approx(10.0 / ngsim.FOOT_M)
+    assert (accel, lane, kind) == (0.0, 2.0, 2.0)
+    assert (lateral, longitudinal) == (ngsim.KEEP, ngsim.NORMAL)
+
+
+def test_neighbours_are_in_the_cells_where_they_are(straight_road_of_two_lanes):
+    """20 m are 65.6 ft: the cell of 155.6 / 15 from behind; 10 m behind in the lane to the left: that of 57.2 / 15."""
+    cells = sample(straight_road_of_two_lanes)[0][10:]
+    taken = {int(cell): int(cells[cell]) for cell in np.flatnonzero(cells)}
+    ahead, behind = (
+        ngsim.CELLS_ALONG + round((20.0 / ngsim.FOOT_M + 90.0) / 15.0),
+        round((-10.0 / ngsim.FOOT_M + 90.0) / 15.0),
+    )
+    assert taken == {ahead: 2, behind: 3}
+
+
+def test_tracks_are_turned_so_that_ahead_is_y(straight_road_of_two_lanes):
+    """Frames 0 to 80; the target is at the origin at frame 30."""
+    _, (target, bus, left) = sample(straight_road_of_two_lanes)
+    frames = np.arange(81)
+    assert target[0].tolist() == bus[0].tolist() == frames.tolist()
+    assert target[1] == pytest.approx(np.zeros(81), abs=1e-9)
+    assert target[2] == pytest.approx((frames - 30) * 1.0 / ngsim.FOOT_M)
+    assert bus[2] == pytest.approx(((frames - 30) * 1.0 + 20.0) / ngsim.FOOT_M)
+    assert left[1] == pytest.approx(np.full(81, -3.5 / ngsim.FOOT_M)), "to the left is negative"
+    assert left[2] == pytest.approx(((frames - 30) * 1.0 - 10.0) / ngsim.FOOT_M)
+    assert (set(bus[6].tolist()), set(left[6].tolist())) == ({3.0}, {2.0})
+    assert (set(target[5].tolist()), set(left[5].tolist())) == ({2.0}, {1.0})
+    assert bus[3] == pytest.approx(np.full(81, 10.0 / ngsim.FOOT_M))
+
+
+def test_who_gains_speed_accelerates(straight_road_of_two_lanes):
+    row, _ = sample(straight_road_of_two_lanes, accel_mps2=1.0)
+    assert row[9] == ngsim.ACCELERATE
+    assert row[5] == pytest.approx(1.0 / ngsim.FOOT_M)
+    assert row[4] == pytest.approx(13.0 / ngsim.FOOT_M)
+
+
+def test_cells_of_vehicles_that_are_not_there_are_empty():
+    track = np.arange(14.0).reshape(7, 2)
+    cells = ngsim._cells([[track, track], [track]], 3)
+    assert cells.shape == (2, 2)
+    assert cells[0, 1].tolist() == track[:3].tolist()
+    assert cells[1, 1].shape == (0, 0)
+    assert ngsim._cells([], 3).shape == (0, 0)
+
+
+def read(dataset: Path, layout: str, name: str) -> tuple[Any, Any]:
+    content = loadmat(dataset / layout / name)
+    return content["traj"], content["tracks"]
+
+
+def test_a_row_for_each_window_and_a_data_set_for_each_row(made_dataset):
+    data, tracks = read(made_dataset, "stdan", "TrainSet.mat")
+    assert data.shape == (sum(WINDOWS.values()), 50)
+    assert data[:, 0].tolist() == list(range(1, len(data) + 1))
+    assert len(tracks) == len(data)
+    assert set(data[:, 1].tolist()) == {1.0}
+    for name in ("ValSet.mat", "TestSet.mat"):
+        assert read(made_dataset, "stdan", name)[0].shape == (0, 50)
+        assert read(made_dataset, "csp", name)[0].shape == (0, 47)
+    card = json.loads((made_dataset / "dataset.json").read_text())
+    assert card["counts"] == {"samples": len(data)}
+    assert card["classes"]["keep"] == len(data)
+
+
+def test_columns_of_both_layouts(made_dataset):
+    """The EMV's third window: its present is frame 32, the bus is 20 m − 3.2 m ahead in the lane to the left."""
+    data, tracks = read(made_dataset, "stdan", "TrainSet.mat")
+    row = data[2]
+    assert row[2] == 32.0
+    assert row[3:7] == pytest.approx([0.0, 0.0, 10.0 / ngsim.FOOT_M, 0.0])
+    assert row[7:11].tolist() == [2.0, 2.0, 1.0, 1.0], "right lane, a car, keeps lane and speed"
+    ahead_ft = {BUS: (20.0 - 3.2) / ngsim.FOOT_M, CAR: (60.0 + 6.0 * 2.7 + 0.1 * 2.7**2 - 52.0) / ngsim.FOOT_M}
+    cells = {int(cell): int(row[11 + cell]) for cell in np.flatnonzero(row[11:]).tolist()}
+    column = {BUS: 0, CAR: 1}
+    near = {key for key, value in ahead_ft.items() if value < 90.0 and key != CAR}
+    assert cells == {13 * column[key] + round((ahead_ft[key] + 90.0) / 15.0): 2 for key in near}
+    bus = tracks[2][1]
+    assert bus[0].tolist() == list(range(2, 83))
+    assert bus[1] == pytest.approx(np.full(81, -3.5 / ngsim.FOOT_M)), "to the left is negative"
+    assert bus[2] == pytest.approx((20.0 + 0.9 * bus[0] - 1.0 * 32.0) / ngsim.FOOT_M)
+    assert set(bus[6].tolist()) == {3.0}
+    short, short_tracks = read(made_dataset, "csp", "TrainSet.mat")
+    assert np.array_equal(short, np.delete(data, [5, 6, 8], axis=1))
+    assert np.array_equal(short_tracks[2][1], bus[:3])
+
+
+def test_who_gains_speed_is_no_class_of_the_shorter_layout(made_dataset):
+    """The car's mean speed of the next 5 s is at most 1.12 times that of the last 3 s."""
+    data, _ = read(made_dataset, "stdan", "TrainSet.mat")
+    rows_of_car = slice(WINDOWS[EMV], WINDOWS[EMV] + WINDOWS[CAR])
+    assert data[rows_of_car, 2].tolist() == list(range(35, 35 + WINDOWS[CAR]))
+    assert data[rows_of_car, 6] == pytest.approx(np.full(WINDOWS[CAR], 0.2 / ngsim.FOOT_M))
+    assert set(data[rows_of_car, 10].tolist()) == {1.0}
+
+
+def test_lanes_are_numbered_from_the_left():
+    numbers = ngsim.lane_numbers(ROADS)
+    assert [numbers[lane] for lane in (A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, NEAR)] == [1, 2, 1, 2, 1]
+
+
+@pytest.mark.parametrize(
+    ("lanes", "to_the_right"),
+    [
+        ((A_LEFT, A_RIGHT, A_RIGHT, A_LEFT), [0, 1, 1, 0]),
+        ((A_RIGHT, A_LEFT, A_LEFT), [0, -1, -1]),
+        ((A_RIGHT, B_LEFT, B_LEFT), [0, 0, 0]),
+        ((A_LEFT, NO_LANE, A_RIGHT, A_LEFT), [0, 0, 0, -1]),
+        ((A_LEFT, A_RIGHT, B_RIGHT, B_LEFT), [0, 1, 1, 0]),
+    ],
+)
+def test_changes_of_one_road_count_to_the_right(lanes, to_the_right):
+    numbers = {**ngsim.lane_numbers(ROADS), NO_LANE: 0}
+    there = np.array([numbers[lane] for lane in lanes], dtype=np.int64)
+    assert ngsim.lanes_to_the_right(ROADS, np.array(lanes, dtype=np.int32), there).tolist() == to_the_right
+
+
+@pytest.mark.parametrize(("change", "turn"), [(1.0, ngsim.RIGHT), (-1.0, ngsim.LEFT)])
+@pytest.mark.parametrize(
+    ("at", "seen"), [(PRESENT - 40, False), (PRESENT - 39, True), (PRESENT + 40, True), (PRESENT + 41, False)]
+)
+def test_a_change_within_4_s_before_or_after_is_a_manoeuvre(change, turn, at, seen):
+    lanes = np.where(np.arange(120) >= at, 5.0 + change, 5.0)
+    assert ngsim.lateral_class(lanes, PRESENT) == (turn if seen else ngsim.KEEP)
+
+
+@pytest.mark.parametrize(
+    ("past", "coming", "kind"),
+    [
+        (10.0, 7.9, ngsim.BRAKE),
+        (10.0, 8.1, ngsim.NORMAL),
+        (10.0, 10.0, ngsim.NORMAL),
+        (10.0, 12.4, ngsim.NORMAL),
+        (10.0, 12.6, ngsim.ACCELERATE),
+        (0.0, 1.0, ngsim.ACCELERATE),
+        (0.0, 0.0, ngsim.NORMAL),
+    ],
+)
+def test_who_is_slower_or_faster_by_a_fifth_brakes_or_accelerates(past, coming, kind):
+    """Mean speeds in feet a frame of the 3 s before and the 5 s after, which differ in length."""
+    frame = np.arange(-30.0, 51.0)
+    assert ngsim.longitudinal_class(np.where(frame < 0.0, past * frame, coming * frame), 30) == kind
+    assert ngsim.longitudinal_class(np.where(frame < 0.0, past * frame, coming * frame)[30:], 0) == ngsim.NORMAL
+
+
+@pytest.mark.parametrize(
+    ("lane", "ahead_ft", "cell"),
+    [
+        (0.0, 10.0, 13 + 7),
+        (0.0, -10.0, 13 + 5),
+        (0.0, 7.0, 13 + 6),
+        (0.0, 7.4, 13 + 6),
+        (0.0, 7.5, 13 + 7),
+        (-1.0, -89.0, 0),
+        (-1.0, 0.0, 6),
+        (1.0, 0.0, 26 + 6),
+        (1.0, 89.9, 26 + 12),
+        (1.0, -89.9, 26),
+        (1.0, 90.0, ngsim.OUTSIDE),
+        (1.0, -90.0, ngsim.OUTSIDE),
+        (2.0, 0.0, ngsim.OUTSIDE),
+        (-2.0, 0.0, ngsim.OUTSIDE),
+        (0.0, 0.0, ngsim.OUTSIDE),
+    ],
+)
+def test_cells_are_15_feet_long_and_a_lane_wide(lane, ahead_ft, cell):
+    assert ngsim.grid_cells(np.array([lane]), np.array([ahead_ft])).tolist() == [cell]
+
+
+def test_trucks_are_those_that_are_as_long():
+    trucks = {kind for kind in ActorClass if ngsim.vehicle_class(kind) == 3}
+    assert trucks == {ActorClass.TRUCK, ActorClass.BUS, ActorClass.FIRE_TRUCK}
+    assert {kind for kind in ActorClass if ngsim.vehicle_class(kind) == 1} == TWO_WHEELED
+    assert {ngsim.vehicle_class(kind) for kind in ActorClass} == {1, 2, 3}

@@ -1,0 +1,195 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from siren_ros.data.interfaces import measurements
+from siren_ros.data.interfaces.boxes import from_camera_truth, to_camera_truth, to_image_boxes
+from siren_ros.errors import InputError
+from siren_ros.sensing.lidar.lidar import LIDAR_POINT_DTYPE
+from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.carrier import CAMERA_TRUTH_DTYPES, CameraTruth
+from siren_ros.simulation.world.measurements import AudioChunk, CameraIntrinsics, GnssFix, ImuSample
+
+
+@pytest.mark.parametrize(
+    ("shape", "dtype", "encoding"),
+    [((3, 5, 3), "u1", "rgb8"), ((3, 5), "u1", "mono8"), ((3, 5), "<u2", "mono16"), ((3, 5), "<f4", "32FC1")],
+)
+def test_pixels_come_back_as_they_were(round_trip, shape, dtype, encoding):
+    pixels = np.arange(np.prod(shape)).reshape(shape).astype(dtype)
+    message = round_trip(measurements.to_image(7, "camera_front_optical_frame", pixels))
+    assert message.encoding == encoding
+    assert np.array_equal(measurements.from_image(message), pixels)
+
+
+def test_a_transposed_image_is_stored_in_reading_order():
+    pixels = np.arange(24, dtype=np.uint8).reshape(4, 2, 3).transpose(1, 0, 2)
+    assert np.array_equal(measurements.from_image(measurements.to_image(0, "camera", pixels)), pixels)
+
+
+def test_refuses_pixels_of_an_unknown_kind():
+    with pytest.raises(InputError, match="pixels"):
+        measurements.to_image(0, "camera", np.zeros((2, 2, 4), np.uint8))
+
+
+@pytest.mark.parametrize("change", [{"encoding": "yuv422"}, {"height": 9}, {"step": 1}, {"is_bigendian": 1}])
+def test_refuses_images_that_do_not_fit(change):
+    message = measurements.to_image(0, "camera", np.zeros((2, 2, 3), np.uint8))
+    with pytest.raises(InputError, match="image"):
+        measurements.from_image(replace(message, **change))
+
+
+def test_jpeg_bytes_pass_unchanged(round_trip):
+    jpeg = bytes(range(256))
+    message = round_trip(measurements.to_compressed_image(2, "camera", jpeg))
+    assert (message.format, measurements.from_compressed_image(message)) == ("jpeg", jpeg)
+
+
+def test_intrinsics_come_back(round_trip):
+    camera = CameraIntrinsics(800, 600, 335.6, 336.7, 400.0, 300.0)
+    message = round_trip(measurements.to_camera_info(1, "camera", camera))
+    assert measurements.from_camera_info(message) == camera
+    assert np.array_equal(message.p.reshape(3, 4)[:, :3], camera.matrix)
+    assert camera.matrix.tolist() == [[335.6, 0.0, 400.0], [0.0, 336.7, 300.0], [0.0, 0.0, 1.0]]
+
+
+SHARED_FIXTURES = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def _sweep(count, seed=0):
+    rng = np.random.default_rng(seed)
+    points = np.zeros(count, LIDAR_POINT_DTYPE)
+    for axis in ("x", "y", "z", "intensity", "time"):
+        points[axis] = rng.normal(size=count)
+    points["ring"] = rng.integers(0, 64, count)
+    points["instance"] = rng.integers(0, 2**16, count)
+    return points
+
+
+@SHARED_FIXTURES
+@given(count=st.integers(0, 200), step=st.integers(0, 10**6))
+def test_a_sweep_comes_back_as_it_was(round_trip, count, step):
+    points = _sweep(count)
+    message = round_trip(measurements.to_point_cloud(step, "lidar", points))
+    assert message.header.frame_id == "lidar"
+    assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == step * 50_000_000
+    back = measurements.from_point_cloud(message)
+    assert back.dtype == LIDAR_POINT_DTYPE
+    assert np.array_equal(back, points)
+
+
+def test_a_point_takes_24_bytes_and_the_fields_say_where():
+    message = measurements.to_point_cloud(0, "lidar", _sweep(3))
+    assert message.point_step == 24
+    offsets = {"x": 0, "y": 4, "z": 8, "intensity": 12, "time": 16, "ring": 20, "instance": 22}
+    assert [(field.name, field.offset) for field in message.fields] == list(offsets.items())
+
+
+def test_wider_instances_are_kept(round_trip):
+    points = np.array([(1.5, 70_000)], dtype=[("x", "<f4"), ("instance", "<u4")])
+    cloud = round_trip(measurements.to_point_cloud(0, "lidar", points))
+    assert measurements.from_point_cloud(cloud)["instance"][0] == 70_000
+
+
+def test_reads_big_endian_rows_with_padding():
+    message = measurements.to_point_cloud(0, "lidar", np.array([(1.0,), (2.0,)], dtype=[("x", "<f4")]))
+    rows = np.zeros((2, 6), np.uint8)
+    rows[:, :4] = np.array([[3.5], [-7.0]], dtype=">f4").view(np.uint8)
+    foreign = replace(message, height=2, width=1, row_step=6, is_bigendian=True, data=rows.reshape(-1))
+    assert measurements.from_point_cloud(foreign)["x"].tolist() == [3.5, -7.0]
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_field_of_several_numbers_has_an_axis(count):
+    points = np.array([(1.0, 2.0, 3.0), (4.0, 5.0, 6.0)], dtype=[(n, "<f4") for n in "xyz"])
+    message = measurements.to_point_cloud(0, "lidar", points)
+    merged = measurements.from_point_cloud(replace(message, fields=[replace(message.fields[0], count=count)]))
+    assert merged["x"].tolist() == [[1.0, 2.0, 3.0][:count], [4.0, 5.0, 6.0][:count]]
+
+
+@pytest.mark.parametrize(
+    "change", [{"data": np.zeros(5, np.uint8)}, {"point_step": 2}, {"row_step": 1}, {"width": 2**31}, {"height": 3}]
+)
+def test_refuses_clouds_whose_sizes_do_not_fit(change):
+    message = measurements.to_point_cloud(0, "lidar", _sweep(4))
+    with pytest.raises(InputError, match="point cloud"):
+        measurements.from_point_cloud(replace(message, **change))
+
+
+def test_refuses_fields_without_a_ros_type():
+    with pytest.raises(InputError, match=r"points\.t"):
+        measurements.to_point_cloud(0, "lidar", np.zeros(2, dtype=[("t", "<i8")]))
+
+
+@pytest.mark.parametrize("kind", ["f4", "f8", "u2", "i4"])
+def test_big_endian_numbers_are_refused_and_little_endian_ones_taken(kind):
+    """The message says once for all fields that it is little-endian."""
+    with pytest.raises(InputError, match=r"points\.x.*little-endian"):
+        measurements.to_point_cloud(0, "lidar", np.zeros(2, dtype=[("x", f">{kind}")]))
+    written = np.array([(1,), (3,)], dtype=[("x", f"<{kind}")])
+    assert measurements.from_point_cloud(measurements.to_point_cloud(0, "lidar", written))["x"].tolist() == [1, 3]
+
+
+def test_an_imu_reading_survives_and_says_that_it_has_no_orientation(round_trip):
+    reading = ImuSample(7, "imu", np.array([0.1, -0.2, 9.8]), np.array([0.0, 0.0, 0.3]), 4e-4, 1e-6)
+    message = round_trip(measurements.to_imu(reading))
+    assert message.orientation_covariance[0] == -1.0
+    turn = message.orientation
+    assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, 0.0, 1.0)
+    back = measurements.from_imu(message)
+    assert back.specific_force_mps2.tolist() == reading.specific_force_mps2.tolist()
+    assert back.angular_rate_radps.tolist() == reading.angular_rate_radps.tolist()
+    assert (back.step, back.frame_id) == (7, "imu")
+    assert (back.force_variance, back.rate_variance) == (4e-4, 1e-6)
+
+
+def test_a_fix_survives_with_its_covariance(round_trip):
+    message = round_trip(measurements.to_nav_sat_fix(GnssFix(4, "gnss", 49.001, 8.4, 1.9, np.array([1.0, 2.0, 3.0]))))
+    assert message.position_covariance.tolist() == [1.0, 0, 0, 0, 2.0, 0, 0, 0, 3.0]
+    assert message.position_covariance_type == 2
+    back = measurements.from_nav_sat_fix(message)
+    assert (back.step, back.latitude_deg, back.longitude_deg, back.altitude_m) == (4, 49.001, 8.4, 1.9)
+    assert back.variance_m2.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_sound_survives(round_trip):
+    samples = np.arange(-400, 400, dtype=np.int16)
+    back = measurements.from_audio(round_trip(measurements.to_audio(AudioChunk(3, "ear", 16_000, samples))))
+    assert (back.step, back.frame_id, back.sample_rate_hz) == (3, "ear", 16_000)
+    assert back.samples.tolist() == samples.tolist()
+
+
+def labels():
+    values = {name: np.array([1, 2], dtype) for name, dtype in CAMERA_TRUTH_DTYPES.items()}
+    values |= {
+        "actor_class": np.array([int(ActorClass.BUS), int(ActorClass.AMBULANCE)], np.uint8),
+        "u_min_px": np.array([9.5, 0.0]), "u_max_px": np.array([29.5, 0.0]), "v_min_px": np.array([-0.5, 0.0]),
+        "v_max_px": np.array([99.5, 0.0]), "visible_px": np.array([1500, 0], np.uint32),
+        "visible_fraction": np.array([0.75, 0.0]),
+    }  # fmt: skip
+    return CameraTruth(step=12, **values)
+
+
+def test_labels_of_a_picture_survive(round_trip):
+    truth = labels()
+    back = from_camera_truth(round_trip(to_camera_truth(truth, "camera")))
+    assert back.step == 12
+    for name in CAMERA_TRUTH_DTYPES:
+        assert getattr(back, name).tolist() == getattr(truth, name).tolist()
+
+
+def test_only_what_shows_becomes_a_detection(round_trip):
+    (detection,) = round_trip(to_image_boxes(labels(), "camera")).detections
+    assert detection.id == "1"
+    assert (detection.bbox.center.position.x, detection.bbox.center.position.y) == (19.5, 49.5)
+    assert (detection.bbox.size_x, detection.bbox.size_y) == (20.0, 100.0)
+    assert detection.results[0].hypothesis.class_id == "bus"
+    assert detection.results[0].hypothesis.score == 0.75
+    nowhere = detection.results[0].pose
+    place, turn = nowhere.pose.position, nowhere.pose.orientation
+    assert (place.x, place.y, place.z) == (0.0, 0.0, 0.0)
+    assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, 0.0, 1.0)
+    assert not np.any(nowhere.covariance)

@@ -1,0 +1,395 @@
+"""The writer of bags and its thread: order, bytes, chunks, and what is left where something goes wrong."""
+
+import errno
+import os
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import textwrap
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys.store import Typestore
+
+from siren_ros.data.interfaces.messages import make_message, stamp
+from siren_ros.data.recording.bag_reader import open_bag
+from siren_ros.data.recording.bag_writer import BackgroundWorker, BagOptions, BagSummary, EpisodeBagWriter
+from siren_ros.data.recording.mcap_scan import DamageError, parse_content, read_chunks, unpack
+from siren_ros.data.recording.mcap_stream import ChunkContent, plain_bytes
+from siren_ros.errors import BagError, EpisodeError
+
+CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
+TEXT = ("/siren/map", "std_msgs/msg/String")
+
+
+def test_items_are_worked_on_in_order_and_in_another_thread():
+    done: list[tuple[int, str]] = []
+    worker = BackgroundWorker(lambda item: done.append((item, threading.current_thread().name)), 2, "own")
+    for number in range(20):
+        worker.put(number)
+    worker.close()
+    assert done == [(number, "own") for number in range(20)]
+    worker.close()
+
+
+def test_the_first_error_is_raised_and_what_comes_after_it_is_dropped():
+    done: list[int] = []
+    gate = threading.Event()
+
+    def work(item: int) -> None:
+        gate.wait(10.0)
+        if item in {1, 2}:
+            raise ValueError(item)
+        done.append(item)
+
+    worker = BackgroundWorker(work, 8, "own")
+    for number in range(4):
+        worker.put(number)
+    gate.set()
+    with pytest.raises(ValueError, match="1"):
+        worker.close()
+    assert done == [0]
+    with pytest.raises(ValueError, match="1"):
+        worker.put(5)
+
+
+def test_a_full_queue_makes_the_caller_wait():
+    """One item is under way and two wait: the fourth is not taken until there is space."""
+    gate, taken = threading.Event(), []
+    worker = BackgroundWorker(lambda _: gate.wait(10.0), 2, "own")
+
+    def fill() -> None:
+        for number in range(4):
+            worker.put(number)
+            taken.append(number)
+
+    caller = threading.Thread(target=fill)
+    caller.start()
+    caller.join(0.3)
+    assert caller.is_alive()
+    assert len(taken) <= 3
+    gate.set()
+    caller.join(10.0)
+    worker.close()
+    assert taken == [0, 1, 2, 3]
+
+
+class Writing:
+    """Writes the bag ``bag`` of a folder: a latched text, and clocks at steps."""
+
+    def __init__(self, folder: Path, store: Typestore) -> None:
+        self.folder, self.store = folder, store
+        self.clock = bytes(store.serialize_cdr(make_message(CLOCK[1], clock=stamp(50_000_000)), CLOCK[1]))
+        self.text = bytes(store.serialize_cdr(make_message(TEXT[1], data="<net/>"), TEXT[1]))
+
+    def begin(self, steps: Iterable[int] = (0,), text: bool = False, **options: int) -> EpisodeBagWriter:
+        writer = EpisodeBagWriter(self.folder / "bag", self.store, latched=[TEXT[0]], options=BagOptions(**options))
+        if text:
+            writer.write(*TEXT, self.text, 0)
+        self.write_clocks(writer, steps)
+        return writer
+
+    def write_clocks(self, writer: EpisodeBagWriter, steps: Iterable[int]) -> None:
+        for step in steps:
+            writer.write(*CLOCK, self.clock, step * 50_000_000)
+
+    def names(self) -> list[str]:
+        return sorted(path.name for path in self.folder.iterdir())
+
+
+@pytest.fixture
+def writing(tmp_path: Path, typestore: Typestore) -> Writing:
+    return Writing(tmp_path, typestore)
+
+
+def contents(bag: Path) -> Iterator[ChunkContent]:
+    """The contents of a bag's chunks, as far as they are undamaged."""
+    with next(bag.glob("*.mcap")).open("rb") as file, suppress(DamageError):
+        yield from (parse_content(unpack(chunk)) for chunk in read_chunks(file))
+
+
+def message_sizes(bag: Path) -> list[list[int]]:
+    """Sizes of the messages of each chunk."""
+    return [[len(message.data) for message in content.messages] for content in contents(bag)]
+
+
+def information(summary: BagSummary) -> dict[str, Any]:
+    text = (summary.path / "metadata.yaml").read_text(encoding="utf-8")
+    return dict(yaml.safe_load(text)["rosbag2_bagfile_information"])
+
+
+def test_same_messages_give_the_same_bytes(tmp_path, write_bag):
+    first, second = (write_bag(tmp_path / folder / "S2_L2_seed0", lidar=True) for folder in ("a", "b"))
+    names = sorted(path.name for path in first.iterdir())
+    assert names == ["S2_L2_seed0_0.mcap", "metadata.yaml"]
+    for name in names:
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+
+
+def test_both_readers_see_every_message_in_simulated_time(tmp_path, write_bag):
+    path = write_bag(tmp_path / "bag", duration_s=2.0, lidar=True)
+    with AnyReader([path]) as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+        clocks = [item for item in reader.connections if item.topic == "/clock"]
+        for connection, time_ns, cdr in reader.messages(clocks):
+            message = reader.deserialize(cdr, connection.msgtype)
+            assert message.clock.sec * 10**9 + message.clock.nanosec == time_ns
+    assert counts["/clock"] == 40
+    assert counts["/emv/lidar/points"] == 20
+    assert counts["/siren/episode"] == counts["/siren/outcome"] == 1
+    with (path / "bag_0.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary.statistics.message_count == sum(counts.values())
+        times = [(message.log_time, message.publish_time) for _, _, message in reader.iter_messages()]
+    assert times == sorted(times)
+    assert all(log == publish for log, publish in times)
+
+
+def test_sequence_numbers_count_each_topics_messages(tmp_path, write_bag):
+    sequences: dict[int, list[int]] = {}
+    for content in contents(write_bag(tmp_path / "bag", duration_s=2.0)):
+        for message in content.messages:
+            sequences.setdefault(message.channel_id, []).append(message.sequence)
+    assert len(sequences) > 5
+    assert all(numbers == list(range(len(numbers))) for numbers in sequences.values())
+
+
+def test_metadata_says_what_rosbag2_needs(writing):
+    metadata = information(writing.begin((), text=True).finish())
+    assert (metadata["version"], metadata["storage_identifier"]) == (9, "mcap")
+    (topic,) = metadata["topics_with_message_count"]
+    assert topic["message_count"] == 1
+    assert topic["topic_metadata"]["type_description_hash"].startswith("RIHS01_")
+    assert topic["topic_metadata"]["offered_qos_profiles"][0]["durability"] == "transient_local"
+
+
+@pytest.mark.parametrize(("clocks", "counts"), [(0, {TEXT[0]: 1}), (3, {TEXT[0]: 1, CLOCK[0]: 3})])
+def test_the_summary_gives_the_size_of_all_files_and_the_number_of_messages(writing, clocks, counts):
+    summary = writing.begin(range(clocks), text=True).finish()
+    assert summary.message_counts == counts
+    assert summary.size_bytes == sum(file.stat().st_size for file in summary.path.iterdir())
+
+
+def test_the_metadata_gives_the_time_of_the_first_message_and_the_span_to_the_last(writing):
+    metadata = information(writing.begin(range(3, 11), chunk_bytes=1).finish())
+    assert metadata["starting_time"]["nanoseconds_since_epoch"] == 150_000_000
+    assert metadata["duration"]["nanoseconds"] == 350_000_000
+    assert metadata["message_count"] == 8
+
+
+def test_nothing_stands_under_the_final_name_before_the_end(writing):
+    writer = writing.begin()
+    assert writing.names() == [".bag.partial"]
+    reserve = writing.folder / ".bag.partial" / ".reserve"
+    assert reserve.stat().st_size == 1_000_000, "reserved for the end of the bag, and freed with it"
+    summary = writer.finish()
+    assert not (summary.path / ".reserve").exists()
+    assert writing.names() == ["bag"]
+    assert writer.abandon("late").path == summary.path, "abandoning a finished bag changes nothing"
+    assert writing.names() == ["bag"]
+
+
+@pytest.mark.parametrize(("place", "reason"), [("there", "exists already"), ("file/bag", "place that can be written")])
+def test_a_place_that_cannot_be_written_is_refused_and_left_alone(writing, place, reason):
+    (writing.folder / "there").mkdir()
+    (writing.folder / "file").touch()
+    with pytest.raises(BagError, match=reason):
+        EpisodeBagWriter(writing.folder / place, writing.store)
+    assert writing.names() == ["file", "there"]
+
+
+def test_two_episodes_do_not_write_one_bag(writing):
+    first = writing.begin(())
+    with pytest.raises(BagError, match="no other episode"):
+        writing.begin(())
+    first.abandon("over")
+
+
+def test_an_abandoned_bag_is_readable_and_says_why(writing):
+    for name in ("bag.partial", "bag.partial-2"):
+        summary = writing.begin().abandon("sensor_sim did not answer")
+        assert summary.path.name == name
+        with AnyReader([summary.path]) as reader:
+            assert reader.message_count == 1
+        custom = information(summary)["custom_data"]
+        assert custom == {"siren_end": "partial", "siren_reason": "sensor_sim did not answer"}
+    assert not (writing.folder / "bag").exists()
+
+
+class FillingDisk:
+    """A storage file on a disk that fills up: one write is taken in half, and the next ones are refused until freed."""
+
+    def __init__(self, file: Any, room_bytes: int) -> None:
+        self._file = file
+        self.room_bytes = room_bytes
+
+    def write(self, data: Any) -> int:
+        if self.room_bytes <= 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        taken = int(self._file.write(data[: self.room_bytes]))
+        self.room_bytes -= taken
+        return taken
+
+    def truncate(self, size: int) -> int:
+        before = self._file.seek(0, os.SEEK_END)
+        self.room_bytes += max(0, before - size)
+        return int(self._file.truncate(size))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+def test_a_chunk_that_the_disk_took_in_part_is_taken_back(writing, monkeypatch):
+    writer = writing.begin((), chunk_bytes=64)
+    disk = FillingDisk(writer._stream._stream, 20_000)
+    monkeypatch.setattr(writer._stream, "_stream", disk)
+    with pytest.raises(EpisodeError, match="disk is full"):
+        writing.write_clocks(writer, range(5000))
+    monkeypatch.setattr(writer._folder, "free_reserve", lambda: setattr(disk, "room_bytes", 1_000_000))
+    summary = writer.abandon("the disk is full")
+    with open_bag(summary.path) as bag:
+        times = [message.time_ns for message in bag.messages()]
+    assert len(times) == summary.message_counts[CLOCK[0]] > 20
+    assert times == [step * 50_000_000 for step in range(len(times))]
+    assert sum(len(content.messages) for content in contents(summary.path)) == len(times)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device /dev/full, which is Linux's")
+def test_a_full_disk_ends_the_episode_with_its_cause(writing, monkeypatch):
+    writer = writing.begin(range(10), chunk_bytes=64)
+    with Path("/dev/full").open("wb", buffering=0) as full:
+        monkeypatch.setattr(writer._stream, "_stream", full)
+        with pytest.raises(EpisodeError, match="disk is full"):
+            writing.write_clocks(writer, range(10, 2000))
+        summary = writer.abandon("the disk is full")
+    kept = [message.time_ns for content in contents(summary.path) for message in content.messages]
+    assert kept == [step * 50_000_000 for step in range(len(kept))]
+    assert len(kept) <= 10
+    assert writing.names() == ["bag.partial"]
+
+
+@pytest.mark.parametrize("written", [0, 10])
+def test_a_folder_that_disappears_is_noticed_and_its_bag_is_saved(writing, written):
+    writer = writing.begin(range(written), chunk_bytes=64)
+    shutil.rmtree(writing.folder / ".bag.partial")
+    with pytest.raises(EpisodeError, match="folder has disappeared"):
+        writing.write_clocks(writer, [written])
+    if written:
+        with pytest.raises(EpisodeError, match="folder has disappeared"):
+            writer.finish()
+    summary = writer.abandon("the folder is gone")
+    if written:
+        with AnyReader([summary.path]) as reader:
+            assert reader.message_count == written
+
+
+def test_a_chunk_is_closed_after_a_second(writing):
+    with (writing.begin(range(41)).finish().path / "bag_0.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert len(summary.chunk_indexes) == 2
+
+
+def test_the_chunk_after_new_definitions_and_every_64th_repeat_all_definitions(writing):
+    bag = writing.begin(range(1, 140), text=True, chunk_bytes=1).finish().path
+    defined = [(len(content.schemas), len(content.channels), len(content.messages)) for content in contents(bag)]
+    assert defined[0] == (1, 1, 1)
+    # The second defines the clock, next to the repeated text.
+    assert [number for number, (schemas, _, _) in enumerate(defined) if schemas == 2] == [1, 2, 64, 128]
+    assert all(row in {(0, 0, 1), (2, 2, 1)} for row in defined[1:])
+
+
+def test_a_chunk_has_at_most_64_kb_and_a_larger_message_is_a_chunk_of_its_own(writing):
+    writer = writing.begin(())
+    for step in range(60):
+        for number, size in enumerate((15_000, 200_000 if step % 10 == 5 else 3_000, 400)):
+            writer.write(f"/data{number}", "std_msgs/msg/String", bytes(size), step * 10_000_000)
+    bag = writer.finish().path
+    plain = [(len(plain_bytes(content)), [len(item.data) for item in content.messages]) for content in contents(bag)]
+    assert [sizes for size, sizes in plain if size > 64_000] == [[200_000]] * 6
+    together = [size for size, sizes in plain if 200_000 not in sizes]
+    assert max(together) > 50_000
+    assert len(together) < 40
+
+
+def test_latched_messages_have_chunks_of_their_own(writing):
+    writer = EpisodeBagWriter(writing.folder / "bag", writing.store, latched=["/a", "/b", "/end"])
+    for topic in ("/a", "/b"):
+        writer.write(topic, TEXT[1], writing.text, 0)
+    writing.write_clocks(writer, range(3))
+    writer.write("/end", TEXT[1], writing.text, 100_000_000)
+    text, clock = len(writing.text), len(writing.clock)
+    assert message_sizes(writer.finish().path) == [[text, text], [clock] * 3, [text]]
+
+
+def test_latched_messages_stand_a_second_time_as_a_file_that_readers_of_messages_skip(writing):
+    path = writing.begin(range(3), text=True).finish().path
+    with (path / "bag_0.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        (attachment,) = reader.iter_attachments()
+        summary = reader.get_summary()
+        assert (summary.statistics.attachment_count, summary.statistics.message_count) == (1, 4)
+        assert len(list(reader.iter_messages())) == 4
+    assert (attachment.name, attachment.media_type) == ("published_once.mcap", "application/mcap")
+    inside = make_reader(BytesIO(attachment.data), validate_crcs=True)
+    ((schema, channel, message),) = inside.iter_messages()
+    assert (schema.name, channel.topic, message.data) == (TEXT[1], TEXT[0], writing.text)
+    with AnyReader([path]) as rosbags_reader:
+        read = [(item.topic, cdr) for item, _, cdr in rosbags_reader.messages()]
+    assert read == [(TEXT[0], writing.text), *[(CLOCK[0], writing.clock)] * 3]
+
+
+def test_a_disk_without_room_for_the_second_copies_still_gets_the_end_of_the_bag(writing, monkeypatch):
+    writer = writing.begin(())
+    writer.write(*TEXT, np.random.default_rng(0).bytes(100_000), 0)
+    writing.write_clocks(writer, [0])
+    disk = FillingDisk(writer._stream._stream, 150_000)
+    monkeypatch.setattr(writer._stream, "_stream", disk)
+    with pytest.raises(EpisodeError, match="disk is full"):
+        writer.finish()
+    monkeypatch.setattr(writer._folder, "free_reserve", lambda: setattr(disk, "room_bytes", 30_000))
+    summary = writer.abandon("the disk is full")
+    with open_bag(summary.path) as bag:
+        assert [message.topic for message in bag.messages()] == [TEXT[0], CLOCK[0]]
+
+
+KILLED_WRITER = """
+    import sys
+    from pathlib import Path
+    from rosbags.typesys import Stores, get_typestore
+    from siren_ros.data.recording.bag_writer import BagOptions, EpisodeBagWriter
+    store = get_typestore(Stores.ROS2_JAZZY)
+    writer = EpisodeBagWriter(Path(sys.argv[1]), store, options=BagOptions(chunk_bytes=1000))
+    for step in range(1_000_000_000):
+        writer.write("/data", "std_msgs/msg/String", bytes(500), step * 50_000_000)
+        if step == 200:
+            print("written", flush=True)
+"""
+
+
+def test_a_killed_writer_leaves_whole_chunks_and_no_lock(writing):
+    command = [sys.executable, "-c", textwrap.dedent(KILLED_WRITER), str(writing.folder / "bag")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ) as process:
+        assert process.stdout.readline() == b"written\n"
+        process.send_signal(signal.SIGKILL)
+    kinds = []
+    with (writing.folder / ".bag.partial" / "bag_0.mcap").open("rb") as data:
+        records = StreamReader(data).records
+        with suppress(McapError, struct.error):  # the file ends within a record
+            kinds.extend(type(record).__name__ for record in records)
+    assert kinds.count("Message") >= 190
+    writing.begin().finish()
+    assert writing.names() == ["bag", "bag.partial"]

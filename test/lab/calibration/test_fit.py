@@ -1,0 +1,219 @@
+"""Errors with many valleys over a long time and one over a short time: what the lengthening horizon is for."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.errors import InputError
+from siren_ros.lab.calibration.fit import SAME_PLACE, fit, search_rounds
+from siren_ros.lab.calibration.parameters import PARAMETERS, Parameter, parameters_named
+from siren_ros.lab.calibration.searches import Residuals, Tried
+from siren_ros.lab.calibration.targets import FAILED_M, WHOLE
+
+UNIT = tuple(Parameter(name, "a share of itself", 0.0, 1.0) for name in ("a", "b"))
+TRUTH = {"a": 0.33, "b": 0.71}
+TIME_S = np.arange(0.0, 40.0, 0.1)
+HORIZONS = (6.0, 9.0, 13.5, 20.0, 30.0, WHOLE)
+
+
+def swinging(values: Mapping[str, float]) -> Floats:
+    """A place that swings: over a long time the error has many valleys, where as many turns fit by chance."""
+    return np.asarray(np.sin(1.5 * values["a"] * TIME_S) + np.sin(1.5 * (1.0 + values["b"]) * TIME_S))
+
+
+class Swing:
+    def __init__(self) -> None:
+        self.horizons_s: list[float] = []
+        noise = np.random.default_rng(7).normal(0.0, 0.05, len(TIME_S))
+        self.given = swinging(TRUTH) + noise
+
+    def __call__(self, tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
+        self.horizons_s.append(horizon_s)
+        seen = horizon_s + 1e-9 > TIME_S
+        return [(swinging(values) - self.given)[seen] / np.sqrt(seen.sum()) for values in tries]
+
+
+def tried_with(residuals: Residuals, budget: int) -> Tried:
+    tried = Tried(UNIT, residuals, lambda *_: None)
+    tried.budget = budget
+    return tried
+
+
+def searched(horizons: Sequence[float], seed: int, tries: int = 150) -> tuple[Tried, bool, Swing]:
+    swing = Swing()
+    tried = tried_with(swing, tries)
+    agreed = search_rounds(tried, horizons, 15, np.random.default_rng(seed))
+    return tried, agreed, swing
+
+
+def off(tried: Tried) -> float:
+    return max(abs(value - TRUTH[name]) for name, value in tried.values(tried.best).items())
+
+
+def test_the_lengthening_horizon_finds_what_the_whole_alone_does_not() -> None:
+    lengthened = [searched(HORIZONS, seed) for seed in range(8)]
+    assert max(off(tried) for tried, *_ in lengthened) < 0.01
+    assert all(tried.best_error_m == pytest.approx(0.05, rel=0.1) for tried, *_ in lengthened)
+    alone = [searched((WHOLE,), seed) for seed in range(8)]
+    assert sum(off(tried) > 0.1 for tried, *_ in alone) > 4
+
+
+def test_two_rounds_that_meet_go_on_alike_and_agree() -> None:
+    tried, agreed, swing = searched(HORIZONS, 0, 400)
+    assert agreed
+    changes = [before for before, after in pairwise(swing.horizons_s) if before != after]
+    assert changes[: len(HORIZONS) - 1] == list(HORIZONS[:-1]), "the first round goes to the whole"
+    assert swing.horizons_s[-1] < WHOLE, "the second one met the first one before"
+    assert tried.count < 200
+    assert off(tried) < SAME_PLACE
+
+
+def test_the_end_of_the_tries_is_no_agreement() -> None:
+    tried, agreed, _ = searched(HORIZONS, 0, 40)
+    assert not agreed
+    assert tried.left == 0
+
+
+def decided(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
+    """From 9 s on a decision falls the other way where ``b`` is small, which nothing tells before."""
+    residuals = []
+    for values in tries:
+        wrong = 20.0 * (1.0 + values["b"]) if horizon_s > 6.0 and values["b"] < 0.6 else 0.0
+        follows = 10.0 * (values["b"] - TRUTH["b"]) if horizon_s > 6.0 and not wrong else 0.0
+        residuals.append(np.array([30.0 * (values["a"] - TRUTH["a"]), follows, wrong, 0.1]))
+    return residuals
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_decision_that_falls_another_way_is_left_by_evolution(seed: int) -> None:
+    """Least squares runs to the wrong end: the error falls with ``b`` where the decision is wrong."""
+    tried = tried_with(decided, 300)
+    search_rounds(tried, (6.0, WHOLE), 15, np.random.default_rng(seed))
+    assert tried.best == pytest.approx([TRUTH["a"], TRUTH["b"]], abs=1e-3)
+    assert tried.best_error_m == pytest.approx(0.1, rel=1e-3)
+
+
+@pytest.mark.parametrize(("left", "goes_on"), [(0.1, False), (0.5, True)])
+def test_a_round_that_meets_another_whose_error_grew_looks_for_itself(left: float, goes_on: bool) -> None:
+    horizons: list[float] = []
+
+    def growing(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
+        horizons.append(horizon_s)
+        rest = 0.1 if horizon_s == 6.0 else left
+        return [np.array([30.0 * (values["a"] - 0.3), 30.0 * (values["b"] - 0.7), rest]) for values in tries]
+
+    tried = tried_with(growing, 400)
+    assert search_rounds(tried, (6.0, WHOLE), 15, np.random.default_rng(0))
+    assert tried.best == pytest.approx([0.3, 0.7], abs=1e-3)
+    assert (horizons[-1] == WHOLE) is goes_on
+
+
+NAMES = ("controller.target_speed_mps", "controller.accel_mps2", "sumo.tau_s")
+NOISE_SHARE = 0.005
+TRUTH_FIT = {"controller.target_speed_mps": 17.0, "controller.accel_mps2": 1.2, "sumo.tau_s": 2.2}
+
+
+class Bowl:
+    """A smooth error with its minimum at the truth; the parameters are coupled."""
+
+    def __init__(self) -> None:
+        self.tries: list[Mapping[str, float]] = []
+        self.horizons_s: list[float] = []
+
+    def __call__(self, tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
+        self.horizons_s.append(horizon_s)
+        self.tries += tries
+        return [self.residuals(values) for values in tries]
+
+    @staticmethod
+    def residuals(values: Mapping[str, float]) -> Floats:
+        known = [PARAMETERS[name] for name in values]
+        off = np.array([each.share_of(values[each.name]) - each.share_of(TRUTH_FIT[each.name]) for each in known])
+        return np.array([*off, off.sum(), NOISE_SHARE]) * 30.0
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_minimum_is_found(count: int) -> None:
+    bowl = Bowl()
+    fitted = fit(parameters_named(NAMES[:count]), bowl, 300)
+    for name, value in fitted.values.items():
+        reach = PARAMETERS[name].high - PARAMETERS[name].low
+        assert value == pytest.approx(TRUTH_FIT[name], abs=1e-3 * reach)
+        assert 0.0 < fitted.spread[name] < 0.01 * reach
+    assert fitted.undetermined == ()
+    assert fitted.error_m == pytest.approx(float(np.linalg.norm(Bowl.residuals(fitted.values))))
+    assert fitted.error_m < fitted.start_error_m
+    assert fitted.agreed, "a bowl has one bottom, and two rounds find it"
+    assert fitted.evaluations == len(bowl.tries) < 300
+    assert list(fitted.history_m) == sorted(fitted.history_m, reverse=True)
+
+
+def test_rounds_that_end_in_another_valley_are_followed_by_more_until_two_agree() -> None:
+    names = NAMES[:2]
+
+    def two_valleys(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
+        shares = [np.array([PARAMETERS[name].share_of(values[name]) for name in names]) for values in tries]
+        wide = [np.array([1.0, *(3.0 * (share - 0.3))]) for share in shares]
+        deep = [np.array([0.1, *(10.0 * (share - (0.85, 0.9)))]) for share in shares]
+        return [min(pair, key=np.linalg.norm) for pair in zip(wide, deep, strict=True)]
+
+    few, more = (fit(parameters_named(names), two_valleys, tries) for tries in (400, 1200))
+    assert few.error_m == more.error_m == pytest.approx(0.1, rel=0.02)
+    assert not few.agreed, "all rounds but one ended in the wide valley"
+    assert more.agreed
+    assert few.evaluations < more.evaluations < 1200
+
+
+def test_a_parameter_that_changes_nothing_is_named() -> None:
+    def first_alone(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
+        return [np.array([values[NAMES[0]] - 17.0, 0.1]) for values in tries]
+
+    fitted = fit(parameters_named(NAMES[:2]), first_alone, 200)
+    assert fitted.undetermined == (NAMES[1],)
+    assert fitted.spread[NAMES[1]] == pytest.approx(4.0 - 0.8)
+    assert fitted.values[NAMES[0]] == pytest.approx(17.0, abs=0.01)
+
+
+def test_every_try_is_within_the_ranges() -> None:
+    bowl = Bowl()
+    fit(parameters_named(NAMES), bowl, 60)
+    for values in bowl.tries:
+        for name, value in values.items():
+            assert PARAMETERS[name].low <= value <= PARAMETERS[name].high
+
+
+def test_the_same_seed_gives_the_same_search_and_leaves_numpys_generator_alone() -> None:
+    np.random.seed(5)  # noqa: NPY002 - the one that must not be touched
+    state = np.random.get_state()[1].tolist()  # noqa: NPY002 - the same
+    bowls = [Bowl() for _ in range(3)]
+    first, same, other = (fit(parameters_named(NAMES), bowls[row], 90, seed=seed) for row, seed in enumerate((3, 3, 4)))
+    assert first == same
+    assert bowls[0].tries == bowls[1].tries != bowls[2].tries
+    assert other.values == pytest.approx(first.values), "the bowl has one bottom"
+    assert np.random.get_state()[1].tolist() == state  # noqa: NPY002 - the same
+
+
+def test_the_search_begins_in_the_middle() -> None:
+    bowl = Bowl()
+    fitted = fit(parameters_named(NAMES[:2]), bowl, 20)
+    middle = {NAMES[0]: 14.0, NAMES[1]: 2.4}
+    assert bowl.tries[0] == pytest.approx(middle)
+    assert fitted.start_error_m == pytest.approx(float(np.linalg.norm(Bowl.residuals(middle))))
+
+
+def test_tries_that_fail_are_passed_over_and_failing_alone_is_refused() -> None:
+    def half(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
+        errors = [FAILED_M if values["sumo.tau_s"] < 1.4 else values["sumo.tau_s"] - 2.2 for values in tries]
+        return [np.array([error]) for error in errors]
+
+    assert fit(parameters_named(["sumo.tau_s"]), half, 80).values["sumo.tau_s"] == pytest.approx(2.2, abs=0.05)
+    with pytest.raises(InputError, match="every try failed"):
+        fit(parameters_named(["sumo.tau_s"]), lambda tries, _: [np.array([FAILED_M])] * len(tries), 20)
+
+
+def test_less_than_a_generation_and_the_spread_is_refused() -> None:
+    with pytest.raises(InputError, match="more than 15"):
+        fit(parameters_named(NAMES), Bowl(), 15)

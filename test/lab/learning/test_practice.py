@@ -1,0 +1,103 @@
+import pytest
+
+pytest.importorskip("gymnasium", reason="the extra learn is not installed")
+
+import numpy as np
+from made_moment import moment_of
+from recorded_episode import quick_template
+
+from siren_ros.lab.learning.practice import (
+    TEACHERS,
+    Practice,
+    Pupil,
+    best_of,
+    goes_right,
+    goes_right_or_pulls_over,
+    keeps_lane,
+    logits_of,
+    practised,
+    pulls_over,
+)
+from siren_ros.lab.learning.task import Task
+from siren_ros.running.seat.manoeuvres import Manoeuvre
+
+SHORT = Task(template=quick_template("S2"), level=2, duration_s=3.0, decision_s=0.5)
+NOTHING = np.zeros(0)
+IN_LEFT_LANE = (3.5, 3.5)
+
+
+def practice(reward: float, violations: int = 0) -> Practice:
+    return Practice(np.zeros((0, 3), np.float32), np.zeros(0, np.int64), reward, violations)
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "aside_m", "manoeuvre"),
+    [
+        (39.0, 0.0, Manoeuvre.PULL_OVER),
+        (41.0, 0.0, Manoeuvre.KEEP),
+        (20.0, 2.9, Manoeuvre.PULL_OVER),
+        (20.0, 3.1, Manoeuvre.KEEP),
+        (-25.0, 0.0, Manoeuvre.KEEP),
+    ],
+)
+def test_a_teacher_pulls_over_while_a_siren_comes_from_behind_in_line(
+    gap_m: float, aside_m: float, manoeuvre: Manoeuvre
+) -> None:
+    moment = moment_of(own_m=60.0, emv_m=60.0 - 5.0 - gap_m, aside_m=(aside_m, aside_m))
+    assert pulls_over(NOTHING, moment) == manoeuvre
+    assert keeps_lane(NOTHING, moment) == Manoeuvre.KEEP
+
+
+def test_a_teacher_goes_to_the_lane_on_the_right_where_there_is_one() -> None:
+    near, far = {"own_m": 60.0, "emv_m": 10.0}, {"own_m": 90.0, "emv_m": 20.0}
+    assert goes_right(NOTHING, moment_of(**near, aside_m=IN_LEFT_LANE)) == Manoeuvre.RIGHT
+    assert goes_right(NOTHING, moment_of(**far, aside_m=IN_LEFT_LANE)) == Manoeuvre.KEEP
+    assert goes_right(NOTHING, moment_of(**near)) == Manoeuvre.KEEP, "it is in the rightmost lane"
+    assert goes_right_or_pulls_over(NOTHING, moment_of(**near, aside_m=IN_LEFT_LANE)) == Manoeuvre.RIGHT
+    assert goes_right_or_pulls_over(NOTHING, moment_of(**near)) == Manoeuvre.PULL_OVER
+
+
+def test_outputs_are_those_of_the_layers_with_tanh_between_them() -> None:
+    layers = (
+        (np.array([[1.0, 0.0], [0.0, 2.0]], np.float32), np.array([0.5, 0.0], np.float32)),
+        (np.array([[1.0, -1.0]], np.float32), np.array([0.25], np.float32)),
+    )
+    outputs = logits_of(layers, np.array([[0.5, 0.25], [0.0, 0.0]]))
+    assert outputs[:, 0] == pytest.approx([np.tanh(1.0) - np.tanh(0.5) + 0.25, np.tanh(0.5) + 0.25])
+
+
+def test_a_pupil_tries_others_as_often_as_its_outputs_say() -> None:
+    layers = ((np.zeros((2, 1), np.float32), np.array([0.0, np.log(3.0)], np.float32)),)
+    sure = Pupil(layers, 0.0, np.random.default_rng(0))
+    assert [sure(np.zeros(1), moment_of()) for _ in range(5)] == [1] * 5
+    tries = Pupil(layers, 1.0, np.random.default_rng(0))
+    moment = moment_of()
+    assert np.mean([tries(np.zeros(1), moment) for _ in range(4000)]) == pytest.approx(0.75, abs=0.03)
+
+
+def test_the_best_is_the_first_one_that_no_later_one_beats_by_the_margin() -> None:
+    first, slightly, better, lawless = practice(1.0), practice(1.2), practice(1.5), practice(3.0, violations=1)
+    found = best_of([first, slightly, better, lawless], violation=3.0, margin=0.25)
+    assert found is not None
+    assert found[0] is better
+    assert found[1].tolist() == [1.0, 1.2, 1.5, 0.0]
+    assert best_of([first, slightly], violation=3.0, margin=0.25)[0] is first  # type: ignore[index]
+    assert best_of([first, None], violation=3.0, margin=0.25) is None
+
+
+def test_an_episode_is_driven_decision_by_decision() -> None:
+    kept = practised(SHORT, 7, keeps_lane)
+    assert kept is not None
+    assert kept.observations.shape == (6, 106)
+    assert kept.actions.tolist() == [Manoeuvre.KEEP] * 6
+    stopped = practised(SHORT, 7, lambda *_: Manoeuvre.STOP)
+    assert stopped is not None
+    assert stopped.reward < kept.reward
+    assert (stopped.observations[0] == kept.observations[0]).all()
+    again = practised(SHORT, 7, TEACHERS["keeps-lane"])
+    assert again is not None
+    assert again.reward == kept.reward
+
+
+def test_an_episode_that_cannot_be_made_is_left_out() -> None:
+    assert practised(Task(template="S2", values="emv.speed_mps=-1"), 7, keeps_lane) is None

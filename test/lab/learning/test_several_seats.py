@@ -1,0 +1,97 @@
+"""The environment of PettingZoo's parallel API, on short episodes."""
+
+import warnings
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pettingzoo", reason="the extra learn is not installed")
+
+import numpy as np
+from recorded_episode import quick_template
+
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.errors import InputError
+from siren_ros.lab.learning import parallel_env
+from siren_ros.running.generation.replay_check import repeat_episode
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # it imports environments of its own that are out of date
+    from pettingzoo.test import parallel_api_test
+    from pettingzoo.utils import BaseParallelWrapper
+
+SHORT = {"template": quick_template("S2"), "level": 2, "duration_s": 3.0}
+
+
+class WithoutOptions(BaseParallelWrapper):
+    """Drops the option ``options`` of PettingZoo's check, which is none of ours and is refused."""
+
+    def reset(self, seed=None, options=None):  # noqa: ARG002 - the interface's
+        return super().reset(seed=seed)
+
+
+def test_pettingzoo_finds_nothing_wrong() -> None:
+    env = WithoutOptions(parallel_env(**SHORT))
+    parallel_api_test(env, num_cycles=20)
+    env.close()
+
+
+def test_each_driver_has_an_end_of_its_own() -> None:
+    env = parallel_env(**{**SHORT, "duration_s": 20.0}, action="continuous")
+    env.reset(seed=8)
+    full, still = np.array([1.0, 0.0, 0.0], np.float32), np.array([-1.0, 0.0, 0.0], np.float32)
+    ends = {}
+    while env.agents:
+        actions = {"emv": full, "civilian": still}
+        _, _, terminated, truncated, infos = env.step({agent: actions[agent] for agent in env.agents})
+        ends |= {agent: (infos[agent]["ended"], infos[agent]["time_s"]) for agent in infos if "ended" in infos[agent]}
+        assert all(terminated[agent] or truncated[agent] for agent in set(infos) - set(env.agents))
+    env.close()
+    assert set(ends) == {"emv", "civilian"}
+    assert ends["emv"][0] == "contact"
+
+
+def test_the_seats_are_the_actors_of_the_episode_and_its_bag_repeats(tmp_path: Path) -> None:
+    env = parallel_env(**SHORT)
+    _, infos = env.reset(seed=4)
+    for _ in range(5):
+        env.step(dict.fromkeys(env.agents, 0))
+    env.save(tmp_path / "bag")
+    env.close()
+    record = read_episode(tmp_path / "bag")
+    assert infos["emv"]["actor_id"] == record.description.emv_ids[0]
+    assert infos["civilian"]["actor_id"] == record.description.av_id
+    assert repeat_episode(record) is None
+
+
+def test_options_of_a_reset_hold_for_one_episode() -> None:
+    env, other = parallel_env(**SHORT), parallel_env(**{**SHORT, "template": "S4"})
+    wanted, _ = other.reset(seed=7)
+    other.close()
+    changed, _ = env.reset(seed=7, options={"template": "S4"})
+    env.close()
+    assert all(np.array_equal(changed[agent], wanted[agent]) for agent in env.possible_agents)
+
+
+@pytest.mark.parametrize(
+    ("actions", "names"),
+    [
+        ({"emv": 0}, "actions: 'emv'"),
+        ({"emv": 0, "civilian": 0, "pilot": 0}, "actions: 'pilot'"),
+        ({"emv": 0, "civilian": 9}, "action: 9"),
+    ],
+)
+def test_actions_that_cannot_be_used_change_nothing(actions: dict[str, int], names: str) -> None:
+    env = parallel_env(**SHORT)
+    env.reset(seed=7)
+    with pytest.raises(InputError, match=names):
+        env.step(actions)
+    infos = env.step({"emv": 0, "civilian": 0})[4]
+    env.close()
+    assert infos["emv"]["time_s"] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("seats", [(), ("emv", "emv"), ("pilot",)])
+def test_seats_that_do_not_exist_are_named(seats: tuple[str, ...]) -> None:
+    with pytest.raises(InputError, match="drivers"):
+        parallel_env(drivers=seats)

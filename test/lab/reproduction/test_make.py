@@ -1,0 +1,197 @@
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from siren_ros.errors import InputError
+from siren_ros.lab.reproduction.make import Reproduction
+from siren_ros.lab.reproduction.parts import FigureFile, Part, TargetFile
+from siren_ros.lab.reproduction.results import read_results
+
+COUNTS = """
+import json, pathlib, sys
+out, value = pathlib.Path(sys.argv[1]), sys.argv[2]
+with open("runs.txt", "a") as runs: print(out.name, file=runs)
+(out / "scores.json").write_text(json.dumps({"value": float(value)}))
+(out / "picture.png").write_text(value)
+"""
+
+
+@pytest.fixture
+def work(tmp_path: Path) -> Reproduction:
+    repository = tmp_path / "repository"
+    (repository / "src").mkdir(parents=True)
+    (repository / "src" / "a.py").write_text("1", encoding="utf-8")
+    (repository / "counts.py").write_text(COUNTS, encoding="utf-8")
+    return Reproduction(repository, tmp_path / "out", repository / "results.json", 2)
+
+
+def part(name: str, *needs: str, code: str = "src", **changes: object) -> Part:
+    commands = (f"{sys.executable} counts.py {{out}} {{workers}}",)
+    figures = (FigureFile("scores.json", ("value",), ""),)
+    values = {"commands": commands, "files": (), "figures": figures, "targets": (), **changes}
+    return Part(name, "a part", 90.0, needs, (code,), **values)  # type: ignore[arg-type] # the rest stands in `changes`
+
+
+def parts(*of: Part) -> dict[str, Part]:
+    return {part.name: part for part in of}
+
+
+def runs(work: Reproduction) -> list[str]:
+    """The parts whose command has run, in order."""
+    file = work.repository / "runs.txt"
+    return file.read_text(encoding="utf-8").split() if file.exists() else []
+
+
+def make(work: Reproduction, table: dict[str, Part], *only: str) -> tuple[list[str], list[str]]:
+    said: list[str] = []
+    return work.make(work.plan(table, only), said.append), said
+
+
+WAITS = """
+import pathlib, signal, sys, time
+file = pathlib.Path("temporary")
+def end(*_):
+    file.unlink()
+    sys.exit()
+signal.signal(signal.SIGTERM, end)
+file.touch()
+time.sleep(60.0)
+"""
+
+
+def test_a_command_that_is_interrupted_is_asked_to_end(work: Reproduction) -> None:
+    (work.repository / "waits.py").write_text(WAITS, encoding="utf-8")
+    file = work.repository / "temporary"
+
+    def interrupt() -> None:
+        while not file.exists():  # until the time limit of the test
+            time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    interrupting = threading.Thread(target=interrupt)
+    interrupting.start()
+    with pytest.raises(KeyboardInterrupt):
+        make(work, parts(part("a", commands=(f"{sys.executable} waits.py",))))
+    interrupting.join()
+    assert not file.exists()
+
+
+def test_parts_are_made_once_and_their_figures_kept(work: Reproduction) -> None:
+    table = parts(part("a"), part("b", "a", targets=(TargetFile("picture.png", "picture.png"),)))
+    failed, said = make(work, table)
+    assert failed == []
+    assert said[:2] == [f"{name}                a part: 90 min" for name in "ab"]
+    assert said[2] == "2 of 2 parts to make, 3.0 h on two cores"
+    result = read_results(work.results)["b"]
+    assert result.figures == {"value": 2.0}
+    assert result.commands == table["b"].commands
+    assert (work.repository / "picture.png").read_text(encoding="utf-8") == "2"
+    failed, said = make(work, table)
+    assert "0 of 2 parts to make, 0 min on two cores" in said
+    assert runs(work) == ["a", "b"]
+
+
+def test_a_pattern_stands_for_files_whose_folders_name_the_figures(work: Reproduction) -> None:
+    commands = tuple(f"mkdir -p {{out}}/{name}" for name in ("rain/0", "rain/1", "fog/0"))
+    commands += tuple(
+        f"{sys.executable} counts.py {{out}}/{name} {n}" for n, name in ((1, "rain/0"), (3, "rain/1"), (4, "fog/0"))
+    )
+    sources = (FigureFile("*/?/scores.json", ("value",), "of", ("value",), means=("rain=of.rain.?",)),)
+    make(work, parts(part("a", commands=commands, figures=sources)))
+    assert read_results(work.results)["a"].figures == {"of.rain.0": 1.0, "of.rain.1": 3.0, "of.fog.0": 4.0, "rain": 2.0}
+
+
+def test_changed_code_makes_the_part_and_those_that_need_it_again(work: Reproduction) -> None:
+    (work.repository / "other").mkdir()
+    table = parts(part("a"), part("b", "a", code="other"), part("c", code="other"))
+    make(work, table)
+    (work.repository / "src" / "a.py").write_text("2", encoding="utf-8")
+    make(work, table)
+    assert runs(work) == ["a", "b", "c", "a", "b"]
+
+
+def test_only_makes_a_part_and_what_it_needs(work: Reproduction) -> None:
+    table = parts(part("a"), part("b", "a"), part("c"))
+    make(work, table, "b")
+    assert runs(work) == ["a", "b"]
+    with pytest.raises(InputError, match="one or several of a, b, c"):
+        work.plan(table, ("d",))
+
+
+def test_a_folder_that_is_gone_is_made_again_where_it_is_read(work: Reproduction) -> None:
+    table = parts(part("a"), part("b", "a"))
+    make(work, table)
+    (work.out / "a" / "inputs_sha256").unlink()
+    assert not any(step.due for step in work.plan(table))
+    changed = parts(part("a"), part("b", "a", figures=(), commands=("true",)))
+    assert [step.due for step in work.plan(changed)] == [True, True]
+
+
+def test_a_failing_part_stops_only_those_that_need_it(work: Reproduction) -> None:
+    bad = part("a", commands=(f"{sys.executable} -c 'print(\"reason\"); exit(3)'",))
+    failed, _ = make(work, parts(bad, part("b", "a"), part("c")))
+    assert [line.split(":")[0] for line in failed] == ["a", "b"]
+    assert "exit code 3: " in failed[0]
+    assert failed[0].endswith("reason")
+    assert runs(work) == ["c"]
+    assert list(read_results(work.results)) == ["c"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"commands": ("no_such_program",)}, "No such file"),
+        ({"commands": ("true",)}, "scores.json cannot be read"),
+        ({"figures": (FigureFile("*/scores.json", ("value",), ""),)}, "*/scores.json was not written"),
+        ({"targets": (TargetFile("film.mp4", "film.mp4"),)}, "film.mp4 was not written"),
+    ],
+)
+def test_what_a_part_lacks_is_named(work: Reproduction, changes: dict[str, object], message: str) -> None:
+    failed, _ = make(work, parts(part("a", **changes)))
+    assert message in failed[0]
+
+
+def test_interrupted_work_goes_on_and_stale_work_goes(work: Reproduction) -> None:
+    table = parts(part("a", commands=("false",), figures=()))
+    make(work, table)
+    (work.out / "a" / "half.json").write_text(json.dumps(1), encoding="utf-8")
+    make(work, table)
+    assert (work.out / "a" / "half.json").exists()
+    (work.repository / "src" / "a.py").write_text("2", encoding="utf-8")
+    make(work, table)
+    assert not (work.out / "a" / "half.json").exists()
+
+
+def test_parts_without_their_files_are_skipped_with_the_reason(work: Reproduction) -> None:
+    failed, said = make(work, parts(part("a", files=("../maps/x.xodr",)), part("b", "a")))
+    assert failed == []
+    assert runs(work) == []
+    assert said[0].endswith("skipped, as ../maps/x.xodr is not there; CONTRIBUTING.md says where it comes from")
+    assert said[1].endswith("skipped, as a is not there")
+
+
+def test_what_a_part_puts_into_the_repository_is_an_input_of_the_parts_below(work: Reproduction) -> None:
+    (work.repository / "weights.txt").write_text("old", encoding="utf-8")
+    train = part("train", targets=(TargetFile("picture.png", "weights.txt"),))
+    table = parts(train, part("score", code="weights.txt"))
+    make(work, table)
+    assert runs(work) == ["train", "score"]
+    assert not any(step.due for step in work.plan(table))
+
+
+def test_ratios_and_means_are_figures_too(work: Reproduction) -> None:
+    source = FigureFile("scores.json", ("value",), "a", (), ("same=a.value/a.value",), ("mean=a.*",))
+    assert make(work, parts(part("a", figures=(source,))))[0] == []
+    assert read_results(work.results)["a"].figures == {"a.value": 2.0, "same": 1.0, "mean": 2.0}
+    for wrong in (
+        FigureFile("scores.json", ("value",), "", (), ("x=a/b",)),
+        FigureFile("scores.json", ("value",), "", (), (), ("x=b.*",)),
+    ):
+        failed, _ = make(work, parts(part("b", figures=(wrong,))))
+        assert "x=" in failed[0]

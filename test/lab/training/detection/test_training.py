@@ -1,0 +1,72 @@
+"""The whole training with a fitter that learns nothing: card, files, what is refused."""
+
+import json
+from hashlib import sha256
+
+import numpy as np
+import pytest
+from made_training_frames import made_episode
+
+from siren_ros.errors import InputError
+from siren_ros.lab.training.detection.samples import read_frames_file, write_frames
+from siren_ros.lab.training.detection.training import DetectorTraining, train_detector
+from siren_ros.lab.training.settings import DetectionFit, FittedNetwork
+from siren_ros.scoring.evaluation.detection.detectors.pillar_detector import FORM_VERSION
+
+
+def _training(folder, **changed) -> DetectorTraining:
+    files = []
+    for seed in (1, 2):
+        files.append(folder / f"{seed}.npz")
+        write_frames(files[-1], made_episode(seed, 3))
+    settings = {"held_out": (), "out": folder / "a" / "pillars.onnx", "cache": folder / "cache", **changed}
+    return DetectorTraining(bags=tuple(files), config=DetectionFit(steps=5), **settings)
+
+
+def test_weights_and_card_are_written(tmp_path) -> None:
+    def fitter(draws, config, threads, checkpoint, report):
+        assert (len(draws), config.steps, threads, checkpoint) == (6, 5, 1, tmp_path / "cache" / "checkpoint.pt")
+        assert report("step 5")
+        return FittedNetwork(b"weights", 7, "made", 12.4, ((0, 5, 6),))
+
+    lines = []
+    card = train_detector(_training(tmp_path), fitter, lines.append)
+    assert lines == ["6 frames of 2 episodes", "step 5"]
+    assert json.loads((tmp_path / "a" / "pillars.json").read_text()) == card
+    assert (tmp_path / "a" / "pillars.onnx").read_bytes() == b"weights"
+    assert card["training"] == {
+        "episodes": 2,
+        "templates": {"S2": 2},
+        "seeds_by_map": {"made": [1, 2]},
+        "frames": 6,
+        "frames_sha256": sha256(made_episode(1, 3).digest() + made_episode(2, 3).digest()).hexdigest(),
+    }
+    assert card["data"] == {"train": {"keys": ["made S2 1", "made S2 2"]}}
+    assert "--steps 5 --seed 0" in card["command"]
+    assert card["fitting"] == {"processor_s": 12, "plans": [{"from_step": 0, "steps": 5, "frames": 6}]}
+    assert (card["form_version"], card["parameters"], card["figures"]) == (FORM_VERSION, 7, {})
+
+
+def test_equal_frames_have_an_equal_digest(tmp_path) -> None:
+    write_frames(tmp_path / "1.npz", made_episode(1, 3))
+    assert read_frames_file(tmp_path / "1.npz").digest() == made_episode(1, 3).digest()
+    assert made_episode(1, 3).digest() != made_episode(2, 3).digest()
+    changed = made_episode(1, 3)
+    changed.boxes[0, 9] = 1.0
+    assert changed.digest() != made_episode(1, 3).digest()
+
+
+def test_a_training_without_time_stops(tmp_path) -> None:
+    def fitter(_draws, _config, _threads, _checkpoint, report):
+        return None if not report("step 1") else FittedNetwork(b"", 0, "", 0.0)
+
+    assert train_detector(_training(tmp_path, minutes=0.0), fitter, lambda _: None) is None
+    assert not (tmp_path / "a").exists()
+
+
+def test_episodes_without_a_frame_are_refused(tmp_path) -> None:
+    write_frames(tmp_path / "empty.npz", made_episode(3, 0))
+    training = DetectorTraining((tmp_path / "empty.npz",), (), tmp_path / "a.onnx", tmp_path, DetectionFit())
+    with pytest.raises(InputError, match="labelled sweeps"):
+        train_detector(training, lambda *_: None, lambda _: None)
+    assert np.load(tmp_path / "empty.npz")["boxes"].shape == (0, 11)

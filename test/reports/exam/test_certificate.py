@@ -1,0 +1,157 @@
+"""The certificate as tables, JSON, JUnit XML and a page."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from defusedxml import ElementTree
+from hand_made_record import Driven
+from made_encounters import CAR, IN_LANE, arc, record_of
+
+from siren_ros.reports.exam.certificate import Certificate, as_json, as_junit, page_of, violations_of
+from siren_ros.reports.exam.grading import Grade, Sitting, examine
+from siren_ros.reports.exam.rulebook import load_rulebook
+from siren_ros.reports.study_report.episode_pages import EpisodePages
+from siren_ros.reports.study_report.page import html_of
+from siren_ros.running.generation.answer_times import AnswerTimes
+
+BOOK = load_rulebook("california")
+
+
+@pytest.fixture(scope="module")
+def certificate():
+    """A driver who stays in front of an EMV for 12 s, and one without any EMV behind."""
+    blocks = record_of(arc((10.0, 4.0), (0.0, 12.0)), {CAR: Driven(IN_LANE, arc((0.0, 16.0), start_m=50.0))})
+    alone = record_of(arc((10.0, 4.0)), {CAR: Driven(IN_LANE, arc((0.0, 4.0), start_m=50.0))}, siren=False)
+    sittings = tuple(examine(record, CAR, BOOK, f"bags/{k} <b>") for k, record in enumerate((blocks, alone)))
+    return Certificate("a <driver>", BOOK, sittings)
+
+
+def marks(sitting):
+    return {mark.clause.clause_id: mark.grade for mark in sitting.marks}
+
+
+def test_the_driver_in_the_way_does_not_pass(certificate):
+    first, second = map(marks, certificate.sittings)
+    assert first["obstruction"] is Grade.MAJOR
+    assert second["obstruction"] is Grade.NOT_APPLICABLE
+    assert certificate.grade is Grade.MAJOR
+    assert not certificate.passed
+    assert Certificate("x", BOOK, certificate.sittings[1:]).passed  # it touched nobody
+    assert not Certificate("x", BOOK, ()).passed
+
+
+def test_the_same_exam_gives_the_same_json(certificate):
+    again = Certificate(certificate.driver, BOOK, certificate.sittings)
+    assert as_json(certificate) == as_json(again)
+    content = json.loads(as_json(certificate))
+    (mark,) = [one for one in content["episodes"][0]["marks"] if one["clause"] == "obstruction"]
+    assert mark["grade"] == "major"
+    assert mark["value"] == pytest.approx(12.0, abs=0.1)
+    assert mark["time_s"] is not None
+
+
+def test_junit_counts_failures_and_skipped_cases(certificate):
+    root = ElementTree.fromstring(as_junit(certificate))
+    for suite, sitting in zip(root, certificate.sittings, strict=True):
+        grades = [mark.grade for mark in sitting.marks]
+        assert suite.get("tests") == str(len(suite)) == str(len(grades))
+        assert suite.get("failures") == str(len(suite.findall("testcase/failure"))) == str(grades.count(Grade.MAJOR))
+        assert suite.get("skipped") == str(len(suite.findall("testcase/skipped")))
+    failure = root[0].find("testcase/failure")
+    assert "siren view" in failure.text
+    assert "--actor 2" in failure.text
+
+
+def test_junit_can_be_read_whatever_a_program_or_a_rulebook_says(certificate):
+    """A CI loses the whole report otherwise, just when the program crashes."""
+    first = certificate.sittings[0]
+    marked = replace(
+        first.marks[0],
+        grade=Grade.MAJOR,
+        clause=replace(first.marks[0].clause, text="\x07 \ufffe \ud800", source="\x00"),
+    )
+    said = "exit code 1: \x1b[31mTraceback\x1b[0m \x00"
+    lacking = Sitting("bags/\x1b", "S2_L3_seed0_\x1bmap", -1, (), said)
+    sittings = (replace(first, marks=(marked,)), lacking)
+    root = ElementTree.fromstring(as_junit(replace(certificate, sittings=sittings)).encode())
+    assert root[1][0][0].get("message") == r"exit code 1: \x1b[31mTraceback\x1b[0m \x00"
+    assert r"\x07 \ufffe \ud800" in root[0][0][0].text
+
+
+def test_violations_are_told_with_the_place_and_the_worst_first(certificate):
+    sitting = certificate.sittings[0]
+    kept = [mark for mark in sitting.marks if mark.clause.clause_id == "obstruction"]
+    minor = replace(kept[0], grade=Grade.MINOR, finding=replace(kept[0].finding, about="bus 7"))
+    sittings = (replace(sitting, marks=(minor,)), replace(sitting, marks=tuple(kept), episode="second"))
+    told = [(mark.grade, line) for _, mark, line in violations_of(sittings)]
+    assert [grade for grade, _ in told] == [Grade.MAJOR, Grade.MINOR]
+    assert told[0][1].startswith("second: major, ")
+    assert "(bus 7)" in told[1][1]
+    assert violations_of(certificate.sittings[1:]) == []
+
+
+def test_the_page_escapes_names_and_names_the_moment(certificate):
+    page = html_of(page_of(certificate, "./env siren exam bags"))
+    assert "a &lt;driver&gt; does not pass" in page
+    assert "<driver>" not in page
+    assert "siren view" in page
+    nothing = replace(certificate, sittings=certificate.sittings[1:])
+    assert "There is none." in html_of(page_of(nothing, "./env siren exam bags"))
+
+
+def test_the_page_has_one_section_for_all_episodes(certificate):
+    """Its menu stands first, and an exam has hundreds of them."""
+    many = tuple(replace(certificate.sittings[1], episode=f"S2_L2_seed{seed}_town") for seed in range(30))
+    for sittings, menu in ((many, ["Clauses", "Violations", "Episodes"]), ((), ["Clauses", "Violations"])):
+        page = page_of(replace(certificate, sittings=sittings), "./env siren exam")
+        assert [section.title for section in page.sections] == menu
+        assert all(f'id="episodes_{sitting.episode}"' in html_of(page) for sitting in sittings)
+
+
+def test_an_episode_without_a_result_fails_the_exam_and_loses_no_other(certificate):
+    lacking = Sitting("out/episodes/S2 <x>", "S2_L2_seed7_town", 0, (), "the <program> hangs")
+    good = certificate.sittings[1]
+    assert Certificate("x", BOOK, (good,)).passed
+    whole = Certificate("x", BOOK, (good, lacking))
+    assert not whole.passed
+    assert whole.without_result == (lacking,)
+    assert whole.graded == (good,)
+    assert whole.summary() == Certificate("x", BOOK, (good,)).summary()
+    suite = ElementTree.fromstring(as_junit(whole))[1]
+    assert (suite.get("errors"), suite.get("failures"), suite.get("tests")) == ("1", "0", "1")
+    assert suite.find("testcase/error").get("message") == "the <program> hangs"
+    page = html_of(page_of(whole, "./env siren exam"))
+    assert "S2_L2_seed7_town: no result: the &lt;program&gt; hangs" in page
+    assert json.loads(as_json(whole))["episodes"][1]["no_result"] == "the <program> hangs"
+
+
+def test_what_the_driver_does_to_others_is_a_mean_with_an_interval(certificate):
+    good = certificate.sittings[1]
+    assert Certificate("x", BOOK, (good,)).effects() is None
+    delays = (1.0, 2.0, 3.0, 2.0, 2.0)
+    paired = tuple(replace(good, others={"emv_delay_s": delay, "braked_hard": 0.0}) for delay in delays)
+    table = Certificate("x", BOOK, paired).effects()
+    assert table.rows[0][1].value == pytest.approx(2.0)
+    assert table.rows[0][1].low < 2.0 < table.rows[0][1].high
+    assert table.rows[1][1].value == 0.0
+    content = json.loads(as_json(Certificate("x", BOOK, paired)))["means"]
+    assert content["emv_delay_s"]["value"] == pytest.approx(2.0)
+    violated = sum(mark.grade in {Grade.MINOR, Grade.MAJOR} for mark in good.marks)
+    assert content["violations"]["value"] == violated
+
+
+def test_a_program_that_had_no_more_time_than_a_vehicle_has_its_latency_on_the_certificate(certificate):
+    (good, *_) = certificate.graded
+    assert Certificate("x", BOOK, (good,)).latency() is None
+    timed = tuple(replace(good, answers=AnswerTimes(median, p95, 90.0)) for median, p95 in ((2.0, 4.0), (4.0, 60.0)))
+    table = Certificate("x", BOOK, timed).latency()
+    assert [value for _, value in table.rows] == [3.0, 60.0, 90.0, 1.0]
+    assert json.loads(as_json(Certificate("x", BOOK, timed)))["episodes"][1]["answers"]["p95_ms"] == 60.0
+
+
+def test_a_moment_links_the_page_of_its_episode(certificate, tmp_path):
+    bags = {Path(sitting.bag) for sitting in certificate.sittings}
+    page = html_of(page_of(certificate, "./env siren exam", EpisodePages(tmp_path / "pages", 5, bags)))
+    assert "pages/0%20%3Cb%3E.html#t=" in page

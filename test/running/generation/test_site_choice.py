@@ -1,0 +1,266 @@
+"""Which sites are good enough, which one a seed draws, and what happens where a template finds no room."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from repository import shared_file
+
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.errors import InputError, MapError
+from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.running.generation.site_choice import (
+    good_sites,
+    has_shoulder,
+    plan_at_site,
+    ranked_sites,
+    shortcomings,
+    sites_to_try,
+)
+from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.roads.maps.map_compiler import compile_map
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import Edge, RoadNetwork
+from siren_ros.simulation.roads.routing import driving_lanes
+from siren_ros.simulation.roads.site_finder import find_sites
+from siren_ros.simulation.roads.sites import REQUIREMENTS, Site
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.scenario.paper import TEMPLATES
+from siren_ros.simulation.scenario.scenario import Placement, Template
+from siren_ros.simulation.scenario.templates import load_template
+from siren_ros.simulation.traffic.demand.plan import TrafficPlan, load_drivers
+
+DIMENSIONS = {
+    kind: (vehicle.length_m, vehicle.width_m, vehicle.height_m) for kind, vehicle in load_vehicle_parameters().items()
+}
+
+
+@pytest.fixture(scope="module")
+def town() -> RoadNetwork:
+    return parse_road_network(compile_map(None).read_bytes())
+
+
+def with_group(template: Template, **values: float) -> Template:
+    first, *rest = template.demand.groups
+    groups = (replace(first, **values), *rest)
+    return replace(template, demand=replace(template.demand, groups=groups))
+
+
+def choose(town: RoadNetwork, template: Template, pinned: str = "", seed: int = 0) -> tuple[Site, TrafficPlan]:
+    sites = sites_to_try(town, template, seed, pinned, "town.net.xml")
+    return plan_at_site(town, sites, template, seed, load_drivers(), DIMENSIONS)
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_the_town_has_at_least_three_good_sites(town: RoadNetwork, name: str) -> None:
+    template = load_template(name)
+    good = good_sites(town, template)
+    assert len({site.name for site in good}) == len(good) >= 3
+    for site in good:
+        after = site.route[site.route.index(site.stretch[-1]) + 1 :]
+        assert sum(driving_lanes(town, edge)[-1].length_m for edge in after) >= 90.0, "the map does not end there"
+        assert choose(town, template, site.name)[0] == site
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_every_site_that_no_seed_draws_says_what_it_lacks(town: RoadNetwork, name: str) -> None:
+    template = load_template(name)
+    lacking = shortcomings(town, template)
+    assert [*lacking] == [site for site, _ in ranked_sites(town, template)]
+    assert {site for site, texts in lacking.items() if not texts} == set(good_sites(town, template))
+    for site, texts in lacking.items():
+        assert len(set(texts)) == len(texts)
+        assert ("a shoulder, and others have none" in texts) <= has_shoulder(town, site)
+        turns = any(town.connections[index].direction != "s" for index in site.connections)
+        assert ("a turn, where the EMV has to go straight on" in texts) == (turns and name in {"S3", "S4"})
+
+
+@pytest.mark.parametrize(("name", "least_m"), [("S1", 120.0), ("S2", 150.0)])
+def test_where_others_make_way_there_is_no_shoulder(town: RoadNetwork, name: str, least_m: float) -> None:
+    """Shorter roads and those with a shoulder are there; the seed does not draw them."""
+    template = load_template(name)
+    good = good_sites(town, template)
+    assert min(site.length_m for site in good) >= least_m
+    assert not any(has_shoulder(town, site) for site in good)
+    others = [site for site, _ in ranked_sites(town, template) if site not in good]
+    assert min(site.length_m for site in others) < least_m
+    assert any(has_shoulder(town, site) and site.length_m > least_m for site in others)
+
+
+@pytest.mark.parametrize("name", ["S3", "S4"])
+def test_under_a_signal_the_emv_goes_straight_on(town: RoadNetwork, name: str) -> None:
+    template = load_template(name)
+    good = good_sites(town, template)
+    assert {town.connections[index].direction for site in good for index in site.connections} == {"s"}
+    turns = [site for site, rank in ranked_sites(town, template) if rank == 0 and site not in good]
+    assert "l" in {town.connections[index].direction for site in turns for index in site.connections}
+
+
+def test_a_stream_next_to_the_emv_needs_a_lane_there(town: RoadNetwork) -> None:
+    """A template whose stream is optional also happens where one lane leads on: the stop junctions have such."""
+    template = load_template("S5")
+    stream = replace(template.demand.groups[0], placement=Placement.SAME_DIRECTION)
+    with_stream = replace(template, demand=replace(template.demand, groups=(stream,)))
+    optional = replace(with_stream, demand=replace(template.demand, groups=(replace(stream, optional=True),)))
+    assert {len(site.connections) for site in good_sites(town, with_stream)} == {2}
+    assert {len(site.connections) for site in good_sites(town, optional)} == {1, 2}
+
+
+def test_vehicles_at_stop_signs_go_by_turns_only_where_all_stop(town: RoadNetwork) -> None:
+    template = load_template("S6")
+    good = good_sites(town, template)
+    assert {site.junction for site in good} == {"north_centre", "mill"}
+    on_priority = [site for site, rank in ranked_sites(town, template) if rank == 0 and site not in good]
+    assert {site.junction for site in on_priority} == {"oak_east", "oak_west"}
+
+
+def test_a_road_that_ends_at_a_stop_sign_is_no_place_to_clear_a_lane(town: RoadNetwork) -> None:
+    template = load_template("S2")
+    good, ranked = good_sites(town, template), [site for site, _ in ranked_sites(town, template)]
+    stopping = [site for site in ranked if any(town.connections[index].must_stop for index in site.connections)]
+    assert max(site.length_m for site in stopping) > 300.0
+    assert not set(stopping) & set(good)
+
+
+def test_a_queue_has_no_turning_lane_beside_it(town: RoadNetwork) -> None:
+    """The pocket of the southern approach is as long as the approach: two lanes lead on, and none has two alone."""
+    template = load_template("S1")
+    pocket = next(site for site, _ in ranked_sites(town, template) if site.name == "west_n_0..west_n_1")
+    assert len(driving_lanes(town, pocket.site_edge)) > len(pocket.connections)
+    assert pocket not in good_sites(town, template)
+
+
+def test_the_seed_draws_each_good_site(town: RoadNetwork) -> None:
+    template = load_template("S5")
+    first = {sites_to_try(town, template, seed, "", "town").sites[0] for seed in range(40)}
+    assert first == set(good_sites(town, template))
+
+
+def test_every_site_is_tried_once_the_good_ones_first(town: RoadNetwork) -> None:
+    template = load_template("S7")
+    good, ranked = good_sites(town, template), [site for site, _ in ranked_sites(town, template)]
+    sites = sites_to_try(town, template, 3, "", "town").sites
+    assert set(sites[: len(good)]) == set(good)
+    assert list(sites[len(good) :]) == [site for site in ranked if site not in good]
+
+
+def test_levels_and_values_do_not_change_the_site() -> None:
+    requests = [
+        EpisodeRequest("S3", "L0", 4, sensors="none"),
+        EpisodeRequest("S3", "L3", 4, sensors="none"),
+        EpisodeRequest("S3", "L1", 4, sensors="none", values="emv.speed_mps=12.0"),
+    ]
+    assert len({set_up_episode(request).site.name for request in requests}) == 1
+
+
+def test_a_pinned_site_is_taken_and_recorded(town: RoadNetwork) -> None:
+    pinned = good_sites(town, load_template("S3"))[-1].name
+    setup = set_up_episode(EpisodeRequest("S3", site=pinned, sensors="none"))
+    assert setup.site.name == setup.description.site["name"] == setup.description.asked["site"] == pinned
+    drawn = set_up_episode(EpisodeRequest("S3", sensors="none"))
+    assert "site" not in drawn.description.asked
+    assert drawn.description.site["name"] == drawn.site.name
+
+
+def test_an_unknown_site_is_refused_with_the_names_that_there_are(town: RoadNetwork) -> None:
+    template = load_template("S7")
+    with pytest.raises(InputError) as caught:
+        sites_to_try(town, template, 0, "main_street", "town.net.xml")
+    assert (caught.value.parameter, caught.value.value) == ("site", "main_street")
+    assert all(site.name in caught.value.allowed for site in find_sites(town, template.site_kind))
+
+
+def test_another_site_is_tried_where_one_is_too_short(town: RoadNetwork) -> None:
+    """A platoon that begins 200 m ahead of the EMV fits into two of the roads."""
+    template = with_group(load_template("S2"), vehicles=1, first_gap_m=500.0)
+    assert {choose(town, template, seed=seed)[0].name for seed in range(3)}
+    with pytest.raises(MapError):
+        choose(town, with_group(template, vehicles=40, spacing_m=60.0))
+
+
+def test_a_map_without_such_a_site_says_what_it_lacks(town: RoadNetwork) -> None:
+    none = replace(town, connections=())
+    with pytest.raises(MapError) as caught:
+        sites_to_try(none, load_template("S6"), 0, "", "bare.net.xml")
+    assert REQUIREMENTS[load_template("S6").site_kind] in str(caught.value)
+
+
+@pytest.mark.parametrize("pinned", ["", "north_e_0..north_e_1"])
+def test_an_error_names_the_map_and_what_the_best_site_lacks(town: RoadNetwork, pinned: str) -> None:
+    template = with_group(load_template("S6"), vehicles=60, first_gap_m=400.0)
+    with pytest.raises(MapError) as caught:
+        choose(town, template, pinned)
+    assert caught.value.value == "town.net.xml"
+    assert "stop sign" in caught.value.allowed
+    assert "60 vehicles on crossing roads" in caught.value.allowed
+    assert (pinned or find_sites(town, template.site_kind)[0].name) in caught.value.allowed
+
+
+@pytest.mark.parametrize("seed", [6, 7])
+def test_the_green_that_counts_is_that_of_the_traffic_straight_on(town: RoadNetwork, seed: int) -> None:
+    """Main Street's left turns are green first; its queues go 12 s later, and the EMV from the avenue comes then."""
+    _, plan = choose(town, load_template("S4"), "east_n_0..east_n_1", seed)
+    assert plan.signal is not None
+    links = {c.signal_link: c.direction for c in town.connections if c.signal_id == plan.signal.signal_id}
+    assert {links[link] for link in plan.signal.crossing} == {"s"}
+    waiting = {vehicle.route[1] for vehicle in plan.groups if vehicle.name.startswith("crossing")}
+    assert {"main_w_1", "main_e_3"} <= waiting
+
+
+def test_the_motorway_has_good_sites_of_two_three_and_four_lanes() -> None:
+    motorway = parse_road_network(compile_map(Path("motorway")).read_bytes())
+    template = load_template("S8")
+    good = good_sites(motorway, template)
+    assert {len(driving_lanes(motorway, site.site_edge)) for site in good} == {2, 3, 4}
+    assert len(good) == 8
+    for site in good:
+        chosen, plan = choose(motorway, template, site.name)
+        assert chosen == site
+        lanes = len(driving_lanes(motorway, site.site_edge))
+        assert len(plan.groups) == lanes * template.demand.groups[0].vehicles
+        assert plan.jam is not None
+        assert len(plan.jam.names) == lanes
+        assert plan.duty
+        rows = {motorway.lanes[vehicle.spot.lane].position for vehicle in plan.groups if vehicle.length_m > 8.0}
+        assert len(rows) <= 1, "long vehicles are in one lane"
+    lacking = shortcomings(motorway, template)
+    assert {texts[0] for site, texts in lacking.items() if site not in good} == {"hardly any road behind it"}
+
+
+def test_a_template_happens_on_its_own_map_unless_another_one_is_named() -> None:
+    assert set_up_episode(EpisodeRequest("S8", sensors="none")).compiled_map.name == "motorway"
+    assert set_up_episode(EpisodeRequest("S2", sensors="none")).compiled_map.name == "town"
+    assert set_up_episode(EpisodeRequest("S2", sensors="none", map="town")).compiled_map.name == "town"
+    with pytest.raises(MapError, match="a road out of town, above 61 km/h"):
+        set_up_episode(EpisodeRequest("S8", sensors="none", map="town"))
+
+
+def with_bridge(network: RoadNetwork, over: int) -> RoadNetwork:
+    """The network with a road of 100 m that crosses an edge in the middle of its length, at a right angle."""
+    lane = driving_lanes(network, over)[-1]
+    across_rad = float(lane.centre.heading_rad(lane.length_m / 2.0)) + np.pi / 2.0
+    aside = 50.0 * np.array([np.cos(across_rad), np.sin(across_rad)])
+    middle = np.asarray(lane.centre.at(lane.length_m / 2.0))
+    edge = Edge(len(network.edges), "bridge", (len(network.lanes),), "from", "to", internal=False)
+    centre = Polyline.through([middle - aside, middle + aside])
+    road = replace(lane, index=edge.lanes[0], lane_id="bridge_0", edge=edge.index, position=0, centre=centre)
+    return replace(network, lanes=(*network.lanes, road), edges=(*network.edges, edge))
+
+
+def test_no_road_crosses_a_good_motorway_on_a_bridge() -> None:
+    """A bridge in the middle of a stretch crosses the other direction, too; all others are more than 300 m away."""
+    motorway, template = parse_road_network(compile_map(Path("motorway")).read_bytes()), load_template("S8")
+    good = {site.name: site for site in good_sites(motorway, template)}
+    bridged = with_bridge(motorway, good["e_d"].site_edge)
+    lacking = {site.name: texts for site, texts in shortcomings(bridged, template).items()}
+    crossed = {name for name in good if lacking[name]}
+    assert crossed == {"e_d", "w_d"}
+    assert all("bridge" in lacking[name][0] for name in crossed)
+
+
+def test_the_bridge_of_carlas_motorway_is_found() -> None:
+    carla = parse_road_network(compile_map(shared_file("maps", "Town04.xodr")).read_bytes())
+    lacking = {site.name: texts for site, texts in shortcomings(carla, load_template("S8")).items()}
+    assert {name for name, texts in lacking.items() if texts} == {"46..41"}
+    assert "bridge" in lacking["46..41"][0]

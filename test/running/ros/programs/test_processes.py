@@ -1,0 +1,199 @@
+"""Signals: the first asks for an end, those within a second belong to it, a later one ends the program."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from program_output import next_line
+
+from siren_ros.running.ros.programs import processes
+from siren_ros.running.ros.programs.processes import AGAIN_S, FIRST_S, Awaited, Waiting, begin_silence, keep_silence
+
+PROGRAM = """
+import sys, time
+from siren_ros.running.ros.programs import processes
+processes.SAME_S = float(sys.argv[1])
+asked = processes.Interrupt("program")
+print("ready", flush=True)
+while not asked:
+    time.sleep(0.01)
+print("asked", flush=True)
+sys.stdin.readline()
+print(asked.signal_name, flush=True)
+"""
+
+
+@contextmanager
+def started(same_s: float) -> "Iterator[subprocess.Popen[str]]":
+    """The program, ready for signals; it is gone afterwards."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, str(same_s)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert next_line(process.stdout) == "ready\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_close_to_the_first_belong_to_it(number: signal.Signals) -> None:
+    with started(60.0) as process:
+        process.send_signal(number)
+        assert next_line(process.stdout) == "asked\n"  # of signals that come at once, Python takes the lowest first
+        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGTERM)
+        out, err = process.communicate("\n", timeout=30)
+    assert (out, err, process.returncode) == (f"{number.name}\n", "", 0)
+
+
+def test_a_later_signal_ends_the_program_with_one_line() -> None:
+    with started(0.0) as process:
+        process.send_signal(signal.SIGINT)
+        assert next_line(process.stdout) == "asked\n"
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+    assert err == "program: ended at once by a second signal; `siren recover` completes a bag\n"
+    assert process.returncode == -signal.SIGINT
+
+
+def test_a_hangup_is_ignored_where_it_was() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with started(60.0) as process:
+            process.send_signal(signal.SIGHUP)
+            time.sleep(0.05)
+            process.send_signal(signal.SIGTERM)
+            assert next_line(process.stdout) == "asked\n"
+            assert process.communicate("\n", timeout=30)[0] == "SIGTERM\n"
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_after_a_hangup_nothing_is_written_to_a_program_that_is_gone() -> None:
+    reading, writing = os.pipe()
+    words = [sys.executable, "-c", PROGRAM, "60"]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=writing, stderr=writing) as process:
+        try:
+            os.close(writing)
+            with os.fdopen(reading, encoding="utf-8") as output:
+                assert output.readline() == "ready\n"
+            process.send_signal(signal.SIGHUP)
+            process.communicate(b"\n", timeout=30)
+        finally:
+            process.kill()
+    assert process.returncode == 0
+
+
+PREPARING = """
+import sys, time
+from siren_ros.running.ros.programs.processes import Interrupt, PreparationInterruptedError
+asked = Interrupt("program")
+if sys.argv[1] == "before":
+    print("ready", flush=True)
+    while not asked:
+        time.sleep(0.01)
+try:
+    with asked.ending_at_once():
+        print("ready", flush=True)
+        while True:
+            time.sleep(0.01)
+except PreparationInterruptedError as error:
+    sys.exit(str(error))
+"""
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("when", ["before", "within"])
+def test_what_is_prepared_ends_at_the_first_signal(when: str) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", PREPARING, when], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert next_line(process.stdout) == "ready\n"
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=50)
+    assert (err, process.returncode) == ("stopped by SIGTERM\n", 1)
+
+
+def test_after_the_preparation_a_signal_is_only_remembered() -> None:
+    preparation = "with asked.ending_at_once():\n    pass\n"
+    program = PROGRAM.replace('print("ready"', preparation + 'print("ready"')
+    with subprocess.Popen(
+        [sys.executable, "-c", program, "60"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert next_line(process.stdout) == "ready\n"
+        process.send_signal(signal.SIGTERM)
+        out, _ = process.communicate("\n", timeout=50)
+    assert (out, process.returncode) == ("asked\nSIGTERM\n", 0)
+
+
+LOOK_S = 0.25
+
+
+def lines_of(awaited: list[Awaited]) -> dict[float, str]:
+    """The lines with their times, of what is waited for at each look."""
+    silence, lines = begin_silence(awaited[0], 0.0), {}
+    for look, now in enumerate(awaited):
+        silence, line = keep_silence(silence, now, look * LOOK_S)
+        if line:
+            lines[look * LOOK_S] = line
+    return lines
+
+
+def looks(seconds: float, awaited: Awaited) -> list[Awaited]:
+    return [awaited] * round(seconds / LOOK_S)
+
+
+def test_a_long_wait_is_told_at_growing_intervals() -> None:
+    lines = lines_of(looks(60.0, Awaited("the AV")))
+    assert list(lines) == [FIRST_S, FIRST_S + AGAIN_S, FIRST_S + 3 * AGAIN_S, FIRST_S + 7 * AGAIN_S]
+    assert lines[FIRST_S] == "waiting for the AV (3 s so far)"
+    assert lines[FIRST_S + 3 * AGAIN_S] == "waiting for the AV (18 s so far)"
+
+
+def test_something_else_is_told_sooner_but_not_in_a_row() -> None:
+    lines = lines_of([*looks(20.0, Awaited("maps")), *looks(1.0, Awaited("cars")), *looks(40.0, Awaited("the AV"))])
+    assert list(lines) == [3.0, 8.0, 18.0, 23.0, 28.0, 38.0, 58.0]
+    assert lines[18.0] == "waiting for maps (18 s so far)"
+    assert lines[23.0] == "waiting for the AV (2 s so far)"
+
+
+def test_who_goes_on_is_silent() -> None:
+    steps = [
+        awaited for step in range(50) for awaited in looks(FIRST_S - LOOK_S, Awaited(f"a to finish step {step}", step))
+    ]
+    assert lines_of(steps) == {}
+    assert lines_of(looks(60.0, Awaited(""))) == {}
+    lines = lines_of([*steps, *looks(FIRST_S + LOOK_S, Awaited("b to finish step 50", 50, "it compiles"))])
+    assert list(lines.values()) == ["waiting for b to finish step 50 (3 s so far; it compiles)"]
+
+
+def test_the_thread_asks_and_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "LOOK_S", 0.001)
+    monkeypatch.setattr(processes, "FIRST_S", 0.0)
+    monkeypatch.setattr(processes, "AGAIN_S", 0.0)
+    said, stream = threading.Event(), io.StringIO()
+    with Waiting("cosim", "libraries", stream) as thread:
+        thread.expect("the AV")
+        printed = thread.say
+
+        def say(line: str) -> None:
+            printed(line)
+            said.set()
+
+        thread.say = say
+        assert said.wait(30.0)
+    assert stream.getvalue().splitlines()[-1].startswith("cosim: waiting for the AV")

@@ -1,0 +1,94 @@
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+import rclpy
+from dds_domains import shared_domain
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from siren_ros.base.params.parameter_field import parameter
+from siren_ros.errors import EXIT_BAD_INPUT, InputError
+from siren_ros.running.ros.parameters import check_names, checked_value, declare_config
+
+
+@dataclass(frozen=True)
+class Config:
+    count: int = parameter(3, "How many.", minimum=0, maximum=10)
+    length_m: float = parameter(2.5, "How long.", minimum=0.0)
+    level: str = parameter("", "Which.", choices=("", "L1"))
+    on: bool = parameter(True, "Whether.")
+    names: list[str] = parameter(["a"], "Who.")
+
+
+FIELDS = {field.name: field for field in dataclasses.fields(Config)}
+
+
+@pytest.fixture
+def make_node() -> Iterator[Any]:
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=shared_domain())
+    nodes: list[Node] = []
+
+    def make(**values: Any) -> Node:
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        nodes.append(Node("configured", context=context, parameter_overrides=overrides))
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def test_defaults_are_the_dataclass(make_node: Any) -> None:
+    node = make_node()
+    assert declare_config(node, Config) == Config()
+    assert node.get_parameter("count").value == 3
+    descriptor = node.describe_parameter("count")
+    assert descriptor.description == "How many."
+    assert (descriptor.integer_range[0].from_value, descriptor.integer_range[0].to_value) == (0, 10)
+
+
+def test_overrides_are_taken(make_node: Any) -> None:
+    node = make_node(count=7, length_m=4, level="L1", on=False, names=["x", "y"])
+    assert declare_config(node, Config) == Config(7, 4.0, "L1", False, ["x", "y"])
+    assert node.get_parameter("length_m").value == 4.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("count", 11, "an integer from 0 to 10"),
+        ("count", "many", "an integer from 0 to 10"),
+        ("count", 1.5, "an integer from 0 to 10"),
+        ("count", True, "an integer from 0 to 10"),
+        ("length_m", -1.0, "a number of at least 0"),
+        ("length_m", float("nan"), "a number of at least 0"),
+        ("level", "L7", "one of '', 'L1'"),
+        ("level", 1, "one of '', 'L1'"),
+        ("on", "yes", "true or false"),
+        ("names", 3, "a list of strings"),
+    ],
+)
+def test_bad_values_are_refused_by_name(make_node: Any, name: str, value: Any, allowed: str) -> None:
+    with pytest.raises(InputError) as caught:
+        declare_config(make_node(**{name: value}), Config)
+    error = caught.value
+    assert (error.parameter, error.allowed, error.exit_code) == (name, allowed, EXIT_BAD_INPUT)
+
+
+def test_a_whole_number_is_a_number() -> None:
+    assert checked_value(FIELDS["length_m"], 2.5, 3) == 3.0
+
+
+def test_misspelt_names_are_refused() -> None:
+    check_names({"count": 1, "use_sim_time": True, "qos_overrides./clock.depth": 3}, FIELDS)
+    with pytest.raises(InputError, match="cuont: 1 cannot be used; allowed: one of the parameters count, length_m"):
+        check_names({"cuont": 1}, FIELDS)
+
+
+def test_an_empty_list_in_a_parameter_file_is_an_empty_list() -> None:
+    assert checked_value(FIELDS["names"], ["a"], None) == []

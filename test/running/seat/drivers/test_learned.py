@@ -1,0 +1,168 @@
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+onnx = pytest.importorskip("onnx", reason="the extra models is not installed")
+
+import numpy as np
+from seen_on_crossing import sight_at
+
+from siren_ros.errors import InputError
+from siren_ros.running.seat.drivers import learned
+from siren_ros.running.seat.drivers.drivers import driver_of
+from siren_ros.running.seat.drivers.learned import INPUT, OUTPUT, LearnedState
+from siren_ros.running.seat.features import EMV, OWN, SIZE
+from siren_ros.running.seat.manoeuvres import Manoeuvre
+from siren_ros.running.seat.sight import Sight
+from siren_ros.scoring.evaluation.network_file import write_network
+
+BEHIND = len(OWN) + [feature.name for feature in EMV].index("emv_behind")
+TASK = {"observation": "vector", "action": "manoeuvre", "decision_s": 0.5}
+
+
+def written(path: Path, size: int = SIZE, outputs: int = len(Manoeuvre), weight: float = 1.0, **task: object) -> Path:
+    """A network that pulls over while an EMV comes from behind, and keeps its lane else."""
+    weights = np.zeros((size, outputs), np.float32)
+    weights[min(BEHIND, size - 1), min(Manoeuvre.PULL_OVER, outputs - 1)] = weight
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", [INPUT, "w"], [OUTPUT])],
+        "pulls_over",
+        [helper.make_tensor_value_info(INPUT, kind, ["n", size])],
+        [helper.make_tensor_value_info(OUTPUT, kind, ["n", outputs])],
+        [onnx.numpy_helper.from_array(weights, "w")],
+    )
+    return with_card(path, graph, {**TASK, **task})
+
+
+def with_card(path: Path, graph: object, task: object) -> Path:
+    opsets = [onnx.helper.make_opsetid("", 17)]
+    content = onnx.helper.make_model(graph, opset_imports=opsets, ir_version=9).SerializeToString()
+    write_network(path, content, {"sha256": hashlib.sha256(content).hexdigest(), "task": task})
+    return path
+
+
+def endless(path: Path) -> Path:
+    """A network that adds zero to itself 2^62 times before it answers."""
+    helper, kind = onnx.helper, onnx.TensorProto
+    logits = [len(Manoeuvre)]
+    body = helper.make_graph(
+        [
+            helper.make_node("Identity", ["go_in"], ["go"]),
+            helper.make_node("Add", ["sum_in", "sum_in"], ["sum"]),
+        ],
+        "body",
+        [
+            helper.make_tensor_value_info("i", kind.INT64, []),
+            helper.make_tensor_value_info("go_in", kind.BOOL, []),
+            helper.make_tensor_value_info("sum_in", kind.FLOAT, [1, *logits]),
+        ],
+        [
+            helper.make_tensor_value_info("go", kind.BOOL, []),
+            helper.make_tensor_value_info("sum", kind.FLOAT, [1, *logits]),
+        ],
+    )
+    graph = helper.make_graph(
+        [
+            helper.make_node("MatMul", [INPUT, "w"], ["first"]),
+            helper.make_node("Loop", ["times", "yes", "first"], [OUTPUT], body=body),
+        ],
+        "endless",
+        [helper.make_tensor_value_info(INPUT, kind.FLOAT, [1, SIZE])],
+        [helper.make_tensor_value_info(OUTPUT, kind.FLOAT, [1, *logits])],
+        [
+            onnx.numpy_helper.from_array(np.zeros((SIZE, *logits), np.float32), "w"),
+            onnx.numpy_helper.from_array(np.array(1 << 62), "times"),
+            onnx.numpy_helper.from_array(np.array(True), "yes"),
+        ],
+    )
+    return with_card(path, graph, TASK)
+
+
+def at(step: int, **known: float) -> Sight:
+    sight = sight_at(**known)
+    return Sight(**{**vars(sight), "step": step})
+
+
+def test_it_chooses_the_manoeuvre_with_the_greatest_output(tmp_path: Path) -> None:
+    driver = driver_of(str(written(tmp_path / "driver.onnx")))
+    for emv_m, manoeuvre in ((20.0, Manoeuvre.PULL_OVER), (80.0, Manoeuvre.KEEP)):
+        state, _ = driver.step(driver.start, at(7, emv_m=emv_m))
+        assert state.aim.manoeuvre is manoeuvre
+        assert state.decided == 7
+
+
+def test_it_decides_as_often_as_it_did_when_it_learned(tmp_path: Path) -> None:
+    driver = driver_of(str(written(tmp_path / "driver.onnx")))
+    state, _ = driver.step(driver.start, at(3))
+    kept: LearnedState = state
+    for step in range(4, 13):
+        kept, _ = driver.step(kept, at(step, emv_m=80.0))
+        assert kept == state
+    kept, _ = driver.step(kept, at(13, emv_m=80.0))
+    assert kept.aim.manoeuvre is Manoeuvre.KEEP
+
+
+def test_a_network_for_something_else_is_refused(tmp_path: Path) -> None:
+    for name, wrong in (
+        ("small", {"size": 40}),
+        ("pedals", {"action": "continuous"}),
+        ("raster", {"observation": "raster"}),
+    ):
+        with pytest.raises(InputError, match=f"{SIZE} numbers"):
+            driver_of(str(written(tmp_path / f"{name}.onnx", **wrong)))
+
+
+def test_weights_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    """The greatest of outputs that are NaN is the first one: such a driver kept its lane and passed."""
+    path = written(tmp_path / "driver.onnx", weight=float("nan"))
+    with pytest.raises(InputError, match=f"{len(Manoeuvre)} finite numbers"):
+        driver_of(str(path))
+
+
+def test_outputs_that_become_infinite_later_are_refused_at_that_step(tmp_path: Path) -> None:
+    driver = driver_of(str(written(tmp_path / "driver.onnx", weight=3e38)))
+    driver = replace(driver, network=replace(driver.network, session=Scaled(driver.network.session)))
+    with pytest.raises(InputError, match="finite numbers"):
+        driver.step(driver.start, at(7, emv_m=20.0))
+
+
+class Scaled:
+    """A session whose outputs are a million times as large."""
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+
+    def run(self, *arguments: Any) -> list[Any]:
+        with np.errstate(over="ignore"):
+            return [values * np.float32(1e6) for values in self._session.run(*arguments)]
+
+
+@pytest.mark.parametrize("outputs", [1, len(Manoeuvre) - 1, len(Manoeuvre) + 1])
+def test_another_number_of_outputs_is_refused(tmp_path: Path, outputs: int) -> None:
+    with pytest.raises(InputError, match=f"{len(Manoeuvre)} finite numbers"):
+        driver_of(str(written(tmp_path / "driver.onnx", outputs=outputs)))
+
+
+@pytest.mark.parametrize("decision_s", [float("inf"), float("nan"), "often", None, [0.5], 0.0, -1.0, 61.0])
+def test_a_card_without_a_usable_time_is_refused(tmp_path: Path, decision_s: object) -> None:
+    with pytest.raises(InputError, match=r"task\.decision_s from 0\.05 to 60 s"):
+        driver_of(str(written(tmp_path / "driver.onnx", decision_s=decision_s)))
+
+
+@pytest.mark.parametrize("task", [[], "task", None, 3])
+def test_a_card_whose_task_is_no_mapping_is_refused(tmp_path: Path, task: object) -> None:
+    path = written(tmp_path / "driver.onnx")
+    content = path.read_bytes()
+    write_network(path, content, {"sha256": hashlib.sha256(content).hexdigest(), "task": task})
+    with pytest.raises(InputError, match=f"{SIZE} numbers"):
+        driver_of(str(path))
+
+
+def test_a_network_that_does_not_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(learned, "DECISION_LIMIT_S", 0.2)
+    with pytest.raises(InputError, match=r"did not end within 0\.2 s"):
+        driver_of(str(endless(tmp_path / "driver.onnx")))

@@ -1,0 +1,60 @@
+import copy
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+
+pytest.importorskip("fsspec", reason="needs the extra cluster: ./env --with cluster")
+
+from recorded_episode import quick_template
+
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.errors import InputError
+from siren_ros.running.studies.episode_row import Status
+from siren_ros.running.studies.matrix import Study
+from siren_ros.running.studies.run_study import run_study
+from siren_ros.running.studies.study_folder import LocalFolder, RemoteFolder, folder_at, read_table
+from siren_ros.running.studies.workers import LocalWorkers
+
+STUDY = Study((quick_template("S2"),), ("L0", "own"), duration_s=0.5)
+
+
+def test_a_study_behind_a_url_is_made_and_resumed(tmp_path: Path) -> None:
+    url = f"memory://studies/{uuid4().hex}"
+    folder = folder_at(url)
+    assert isinstance(folder, RemoteFolder)
+    result = run_study(STUDY, folder, LocalWorkers(2))
+    assert [row.status for row in result.rows] == [Status.COMPLETE] * 2
+    assert read_table(folder) == tuple(sorted(result.rows, key=lambda row: row.episode))
+    assert run_study(STUDY, folder, LocalWorkers(2)).kept == 2
+    (first, _) = result.rows
+    local = run_study(STUDY, LocalFolder(tmp_path), LocalWorkers(2)).rows[0]
+    assert folder.hashes_of(first.path) == (local.mcap_sha256, local.metadata_sha256)
+
+
+def test_an_upload_that_was_cut_off_is_made_again() -> None:
+    folder = folder_at(f"memory://studies/{uuid4().hex}")
+    (row, _) = run_study(STUDY, folder, LocalWorkers(2)).rows
+    folder.write(f"{row.path}/{row.episode}_0.mcap", b"half of it")
+    assert run_study(STUDY, folder, LocalWorkers(2)).kept == 1
+    assert folder.hashes_of(row.path) == (row.mcap_sha256, row.metadata_sha256)
+
+
+def test_local_urls_and_paths(tmp_path: Path) -> None:
+    folder = folder_at(f"file://{tmp_path}/study")
+    (row, _) = run_study(STUDY, folder, LocalWorkers(2)).rows
+    assert read_episode(tmp_path / "study" / row.bag).complete
+    assert isinstance(folder_at(str(tmp_path)), LocalFolder)
+
+
+def test_another_process_opens_the_same_place() -> None:
+    folder = folder_at("memory://studies/x")
+    again = copy.copy(folder)  # as pickle does it
+    assert again is not folder
+    assert again.place == folder.place
+
+
+@pytest.mark.parametrize("url", ["nowhere://x", "s4://bucket"])
+def test_a_url_that_nobody_knows_is_refused(url: str) -> None:
+    with pytest.raises(InputError, match="URL"):
+        folder_at(url)

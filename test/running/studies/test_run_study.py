@@ -1,0 +1,195 @@
+"""Studies of episodes of a second: made, resumed, verified, and with workers that die."""
+
+import signal
+from collections import Counter
+from collections.abc import Generator, Iterable
+from dataclasses import replace
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import pytest
+from recorded_episode import quick_template
+
+from siren_ros.base.processes.process_pool import ProcessPool
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.errors import InputError
+from siren_ros.running.studies.episode_row import EpisodeRow, Status
+from siren_ros.running.studies.matrix import PlannedEpisode, Study
+from siren_ros.running.studies.run_study import StudyResult, run_study
+from siren_ros.running.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, read_table
+from siren_ros.running.studies.study_folder import STUDY as STUDY_FILE
+from siren_ros.running.studies.workers import LocalWorkers, WorkerOptions
+
+STUDY = Study((quick_template("S2"), quick_template("S5")), ("L0", "own"), duration_s=1.0)
+
+
+class Counted(LocalWorkers):
+    """Local workers that count the episodes that they are asked for."""
+
+    def __init__(self, count: int = 2) -> None:
+        super().__init__(count)
+        self.asked: list[str] = []
+
+    def rows(
+        self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
+    ) -> Generator[EpisodeRow, None, None]:
+        todo = list(planned)
+        self.asked = [episode.name for episode in todo]
+        yield from super().rows(todo, folder, options)
+
+
+@pytest.fixture(scope="module")
+def first_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyResult, LocalFolder, Path]:
+    root = tmp_path_factory.mktemp("study")
+    folder = LocalFolder(root)
+    return run_study(STUDY, folder, LocalWorkers(2)), folder, root
+
+
+def test_a_study_has_a_bag_and_a_row_for_every_episode(first_run: tuple[StudyResult, LocalFolder, Path]) -> None:
+    result, folder, root = first_run
+    assert [row.status for row in result.rows] == [Status.COMPLETE] * 4
+    assert read_table(folder) == tuple(sorted(result.rows, key=lambda row: row.episode))
+    for row in result.rows:
+        record = read_episode(root / row.bag)
+        assert record.complete
+        assert (record.description.template, record.description.level.name) == (Path(row.template).stem, row.level)
+        assert record.outcome is not None
+        assert record.outcome.predicate_holds == row.predicate_holds
+        assert record.description.map_sha256 == row.map_sha256
+        assert row.simulated_s == 1.0
+        assert 0.0 < row.run_s < row.process_s
+        assert row.attempts == 1
+    assert not list(root.glob(".work/*")), "nothing is left of the attempts"
+
+
+def test_a_study_is_resumed_by_the_hashes_of_its_bags(first_run: tuple[StudyResult, LocalFolder, Path]) -> None:
+    before, folder, root = first_run
+    damaged, forgotten = root / before.rows[1].bag, before.rows[2]
+    (file,) = damaged.glob("*.mcap")
+    content = file.read_bytes()
+    file.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    (root / forgotten.bag / "metadata.yaml").unlink()
+    workers = Counted()
+    again = run_study(STUDY, folder, workers)
+    assert sorted(workers.asked) == sorted([before.rows[1].episode, forgotten.episode])
+    assert again.kept == 2
+    assert [row.mcap_sha256 for row in again.rows] == [row.mcap_sha256 for row in before.rows]
+    assert file.read_bytes() == content, "an episode that is made again has the same bytes"
+
+
+def test_a_study_is_resumed_without_its_table(first_run: tuple[StudyResult, LocalFolder, Path]) -> None:
+    before, folder, root = first_run
+    (root / MANIFEST).unlink()
+    workers = Counted()
+    assert run_study(STUDY, folder, workers).kept == len(before.rows)
+    assert workers.asked == []
+    assert len(read_table(folder)) == len(before.rows)
+
+
+def test_a_damaged_row_without_its_table_is_made_again_and_what_killed_processes_left_goes(first_run) -> None:
+    before, folder, root = first_run
+    (root / MANIFEST).unlink()
+    damaged = before.rows[0]
+    (root / f"{damaged.path}.json").write_text('{"episode": ', encoding="utf-8")
+    (root / ".work" / f"{2**22 + 1}-0123456789ab" / ".bag.partial").mkdir(parents=True)
+    workers = Counted()
+    again = run_study(STUDY, folder, workers)
+    assert workers.asked == [damaged.episode]
+    assert [row.mcap_sha256 for row in again.rows] == [row.mcap_sha256 for row in before.rows]
+    assert not (root / ".work").exists()
+
+
+def test_a_study_grows_and_keeps_what_it_had(first_run: tuple[StudyResult, LocalFolder, Path]) -> None:
+    _, folder, _ = first_run
+    workers = Counted()
+    run_study(replace(STUDY, templates=STUDY.templates[:1], levels=("L1",)), folder, workers)
+    assert workers.asked == ["S2_L1_seed0"]
+    assert len(read_table(folder)) == 5
+
+
+class Refusing(LocalWorkers):
+    """Workers that make nothing; before that, another run makes another study in the same folder."""
+
+    def __init__(self, meanwhile: Study | None = None) -> None:
+        super().__init__(1)
+        self.meanwhile = meanwhile
+
+    def rows(
+        self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
+    ) -> Generator[EpisodeRow, None, None]:
+        if self.meanwhile is not None:
+            run_study(self.meanwhile, folder, Refusing(), options)
+        yield from (EpisodeRow.planned(episode, Status.REFUSED, "a test") for episode in planned)
+
+
+def test_runs_that_share_a_folder_keep_one_anothers_rows(tmp_path: Path) -> None:
+    folder = LocalFolder(tmp_path)
+    run_study(STUDY, folder, Refusing(meanwhile=replace(STUDY, seeds=(7,))))
+    assert Counter(row.seed for row in read_table(folder)) == {0: 4, 7: 4}
+
+
+def test_a_folder_with_other_episodes_of_these_names_is_refused(
+    first_run: tuple[StudyResult, LocalFolder, Path],
+) -> None:
+    _, folder, _ = first_run
+    asked = folder.read(STUDY_FILE)
+    with pytest.raises(InputError, match="other inputs"):
+        run_study(replace(STUDY, preset="realistic"), folder, LocalWorkers(1))
+    assert folder.read(STUDY_FILE) == asked, "of the study that the folder holds"
+
+
+def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(first_run, tmp_path, monkeypatch) -> None:
+    killed, starts, lock = "S5_L1_seed0", Counter[str](), Lock()
+    call = ProcessPool.call
+
+    def killing(pool: ProcessPool, function: Any, request: Any, bag: Path, *others: Any, timeout_s: float) -> Any:
+        """The first process of one episode kills itself."""
+        with lock:
+            starts[bag.name] += 1
+        if bag.name == killed and starts[killed] == 1:
+            return call(pool, signal.raise_signal, signal.SIGKILL)
+        return call(pool, function, request, bag, *others, timeout_s=timeout_s)
+
+    monkeypatch.setattr(ProcessPool, "call", killing)
+    result = run_study(STUDY, LocalFolder(tmp_path), LocalWorkers(2))
+    assert starts == {row.episode: 2 if row.episode == killed else 1 for row in result.rows}
+    assert [row.status for row in result.rows] == [Status.COMPLETE] * 4
+    (victim,) = (row for row in result.rows if row.episode == killed)
+    assert victim.attempts == 2
+    assert victim.retry_reasons == ("its process was killed by SIGKILL, as where memory runs out",)
+    assert LocalFolder(tmp_path).row_of(victim.path) == victim, "a study that goes on reads it from there"
+    assert {row.mcap_sha256 for row in result.rows} == {row.mcap_sha256 for row in first_run[0].rows}
+    assert not list(tmp_path.glob(".work/*"))
+
+
+def test_what_cannot_be_made_is_told_and_not_tried_again(tmp_path: Path) -> None:
+    grid = tmp_path / "road.net.xml"
+    grid.write_text(ONE_ROAD, encoding="utf-8")
+    study = replace(STUDY, templates=("S4",), levels=("own",), maps=(str(grid),))
+    result = run_study(study, LocalFolder(tmp_path / "out"), LocalWorkers(1))
+    (row,) = result.rows
+    assert row.status is Status.REFUSED
+    assert row.attempts == 1
+    assert "map" in row.reason
+    assert read_table(LocalFolder(tmp_path / "out"))[0].reason == row.reason
+
+
+def test_an_episode_whose_process_never_answers_is_given_up(tmp_path: Path) -> None:
+    study = replace(STUDY, templates=("S2",), levels=("own",), duration_s=3000.0)
+    result = run_study(study, LocalFolder(tmp_path), LocalWorkers(1), WorkerOptions(retries=1, timeout_s=1.0))
+    (row,) = result.rows
+    assert row.status is Status.CRASHED
+    assert row.attempts == 2
+    assert row.retry_reasons == (row.reason,)
+
+
+ONE_ROAD = """<net version="1.20">
+<location netOffset="0.00,0.00" convBoundary="0.00,-7.00,320.00,7.00" origBoundary="0,0,1,1" projParameter="!"/>
+<edge id="east" from="A" to="B" priority="1" shape="0.00,0.00 300.00,0.00">
+<lane id="east_0" index="0" speed="13.89" length="300.00" width="3.50" shape="0.00,-5.25 300.00,-5.25"/>
+</edge>
+<junction id="A" type="dead_end" x="0.00" y="0.00" incLanes="" intLanes="" shape="0,-7 0,7"/>
+<junction id="B" type="dead_end" x="300.00" y="0.00" incLanes="east_0" intLanes="" shape="300,7 300,-7"/>
+</net>
+"""

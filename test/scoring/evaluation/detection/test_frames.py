@@ -1,0 +1,187 @@
+"""Frames of several episodes in one row, and velocities of labels as the devkit computes them."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from datasets.made_bag import BUS, CAR, LIDAR_M, BagSpec, place_of, truth_of, write_made_bag, yaw_of
+from detection_boxes import truth_boxes
+from evaluation.made_frames import PICTURED, STEPS, made_frames
+from evaluation.made_records import moving, record_with
+from rosbags.typesys.store import Typestore
+
+from siren_ros.data.record.bag_survey import Need, survey_bag
+from siren_ros.scoring.evaluation.detection import frames as episode_reading
+from siren_ros.scoring.evaluation.detection.boxes import ATTRIBUTES, attributes_of
+from siren_ros.scoring.evaluation.detection.frames import (
+    RANGE_M,
+    EpisodeFrames,
+    _modes,
+    frames_of,
+    read_frames,
+    velocities_of_annotations,
+)
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.world.actors import Mode
+
+
+def _velocities(steps: list[int], x_m: list[float], actors: list[int] | None = None) -> list[float]:
+    centre = np.stack((np.array(x_m), np.zeros(len(x_m)), np.zeros(len(x_m))), axis=-1)
+    ids = np.array(actors or [1] * len(steps), dtype=np.uint32)
+    return velocities_of_annotations(np.array(steps, dtype=np.intp), ids, centre)[:, 0].tolist()
+
+
+def test_the_way_between_the_neighbours_half_a_second_away() -> None:
+    assert _velocities([0, 10, 20], [0.0, 1.0, 4.0]) == pytest.approx([2.0, 4.0, 6.0])
+    assert _velocities([0, 2, 10, 12], [0.0, 0.0, 1.0, 3.0]) == pytest.approx([2.0, 6.0, 2.0, 6.0])
+
+
+def test_gaps_of_more_than_the_devkits_limit_have_no_velocity() -> None:
+    found = _velocities([0, 40, 60, 120], [0.0, 2.0, 4.0, 6.0])
+    assert np.isnan(found[0])
+    assert found[1:3] == pytest.approx([4.0 / 3.0, np.nan], nan_ok=True)
+    assert np.isnan(found[3])
+
+
+def test_vehicles_are_kept_apart() -> None:
+    assert _velocities([0, 0, 10, 10], [0.0, 5.0, 1.0, 7.0], [1, 2, 1, 2]) == pytest.approx([2.0, 4.0, 2.0, 4.0])
+    assert np.isnan(_velocities([0, 10], [0.0, 1.0], [1, 2])).all()
+
+
+def test_attributes_follow_from_speeds() -> None:
+    codes = attributes_of(np.array([[0.0, 0.2], [0.3, 0.1], [np.nan, 0.0]]))
+    assert [ATTRIBUTES[code] for code in codes.tolist()] == ["vehicle.stopped", "vehicle.moving", ""]
+
+
+def test_velocities_have_both_axes_whatever_the_height() -> None:
+    centre = np.array([[0.0, 0.0, 9.0], [1.5, -2.0, 0.0], [4.0, -3.0, -9.0]])
+    found = velocities_of_annotations(np.array([0, 10, 20]), np.full(3, 7, dtype=np.uint32), centre)
+    assert found == pytest.approx(np.array([[3.0, -4.0], [4.0, -3.0], [5.0, -2.0]]))
+
+
+@pytest.mark.parametrize(("steps", "known"), [((0, 30), True), ((0, 40), False), ((0, 30, 60), True)])
+def test_one_and_a_half_seconds_to_each_side_are_the_limit(steps: tuple[int, ...], *, known: bool) -> None:
+    found = _velocities(list(steps), [0.1 * step for step in steps])
+    assert np.isfinite(found).all() == known
+    if known:
+        assert found == pytest.approx([2.0] * len(steps))
+
+
+def test_frames_of_two_episodes_are_one_row() -> None:
+    """Four frames each, at steps 0, 2, 10 and 12."""
+    first, second = made_frames().episodes
+    labels = truth_boxes(np.array([0, 3]), np.zeros((2, 3)), np.zeros((2, 2)), np.zeros(2))
+    frames = frames_of([replace(first, truth=labels), replace(second, truth=labels)])
+    assert (len(frames), frames.first.tolist()) == (8, [0, 4, 8])
+    assert frames.episode.tolist() == [0] * 4 + [1] * 4
+    assert frames.step.tolist() == list(STEPS) * 2
+    assert frames.keyframe.tolist() == [True, False, True, False] * 2
+    assert frames.pictured.tolist() == list(PICTURED) * 2
+    assert frames.truth.frame.tolist() == [0, 3, 4, 7]
+    assert list(frames.by_token.values()) == [0, 2, 4, 6]
+    assert frames.vehicle_m[5] == pytest.approx([105.0, 50.0])
+    assert frames.map_from_lidar[5][:2, 3] == pytest.approx([105.0, 50.0])
+    assert frames.global_from_map_m[[0, 7]].tolist() == [[1000.0, 2000.0], [2000.0, 4000.0]]
+    assert frames.name_of(6) == "episode1 step 10"
+    assert frames.scored.all()
+
+
+@pytest.mark.parametrize("direction_rad", [0.0, 2.0, -1.3])
+@pytest.mark.parametrize(("away_m", "inside"), [(49.9, True), (50.1, False)])
+def test_the_range_is_a_circle_around_the_vehicle(direction_rad: float, away_m: float, *, inside: bool) -> None:
+    frames = made_frames()
+    x_m, y_m = frames.vehicle_m[6] + away_m * np.array([np.cos(direction_rad), np.sin(direction_rad)])
+    box = truth_boxes(np.array([6]), np.array([[x_m, y_m, 30.0]]), np.zeros((1, 2)), np.zeros(1))
+    assert (frames.distance_m(box) < RANGE_M).tolist() == [inside]
+
+
+STEPS_in_episode_reading = list(range(4, 42, 2))
+
+
+@pytest.fixture(scope="module")
+def episode(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> EpisodeFrames:
+    folder = tmp_path_factory.mktemp("bag")
+    bag = write_made_bag(folder / "bag", typestore, BagSpec(seed=3))
+    return read_frames(survey_bag(bag, "detection", (Need.LIDAR,), folder), "mine")
+
+
+def test_every_labelled_sweep_is_a_frame(episode: EpisodeFrames) -> None:
+    assert episode.step.tolist() == STEPS_in_episode_reading
+    assert np.flatnonzero(episode.keyframe).tolist() == [
+        STEPS_in_episode_reading.index(step) for step in (10, 20, 30, 40)
+    ]
+    assert episode.pictured.all()
+    assert (episode.episode_id, episode.template, episode.seed, episode.suite) == ("mine", "S2", 3, "made")
+    assert episode.lidar_frame == "lidar"
+
+
+def test_poses_are_those_of_the_steps(episode: EpisodeFrames) -> None:
+    for row, step in enumerate(STEPS_in_episode_reading):
+        x_m, y_m, z_m = place_of(step)
+        assert episode.vehicle_m[row] == pytest.approx([x_m, y_m])
+        origin = episode.map_from_lidar[row] @ [0.0, 0.0, 0.0, 1.0]
+        ahead = LIDAR_M[0] * np.array([np.cos(yaw_of(step)), np.sin(yaw_of(step))])
+        assert origin == pytest.approx([x_m + ahead[0], y_m + ahead[1], z_m + LIDAR_M[2], 1.0])
+    assert episode.global_from_map_m.tolist() == [60.0, 66.0]
+    assert episode.camera_from_lidar is not None
+    assert episode.camera_from_lidar @ [10.0, 2.0, 0.0, 1.0] == pytest.approx([-2.0, -0.5, 9.0, 1.0])
+
+
+def test_boxes_are_the_labels_in_the_map(episode: EpisodeFrames) -> None:
+    truth = episode.truth
+    assert truth.frame.tolist() == np.repeat(np.arange(len(STEPS_in_episode_reading)), 2).tolist()
+    assert truth.actor_id.tolist() == [CAR, BUS] * len(STEPS_in_episode_reading)
+    for row in range(len(truth)):
+        step, which = STEPS_in_episode_reading[int(truth.frame[row])], row % 2
+        labels = truth_of(step)
+        local = np.array([labels.x_m[which], labels.y_m[which], labels.z_m[which], 1.0])
+        assert truth.centre_m[row] == pytest.approx((episode.map_from_lidar[int(truth.frame[row])] @ local)[:3])
+        assert np.exp(1j * truth.yaw_rad[row]) == pytest.approx(np.exp(1j * (labels.yaw_rad[which] + yaw_of(step))))
+        sizes = [labels.length_m[which], labels.width_m[which], labels.height_m[which]]
+        assert truth.size_m[row].tolist() == sizes
+        assert truth.lidar_points[row] == labels.lidar_points[which]
+    moving, stopped = ATTRIBUTES.index("vehicle.moving"), ATTRIBUTES.index("vehicle.stopped")
+    assert truth.attribute.tolist() == [moving, stopped] * len(STEPS_in_episode_reading)
+    # Half of the car is beyond the edge of the front picture; the rear camera sees nine tenths of the bus.
+    assert truth.visible == pytest.approx([0.45, 0.9] * len(STEPS_in_episode_reading))
+
+
+def test_velocities_are_differences_of_the_boxes_places(episode: EpisodeFrames) -> None:
+    """As nuScenes has them: between the keyframe before and the one after."""
+    truth = episode.truth
+    rows = {step: 2 * STEPS_in_episode_reading.index(step) for step in (10, 20, 30, 40)}
+    for before, at, after in ((10, 20, 30), (20, 30, 40)):
+        for which in (0, 1):
+            moved = truth.centre_m[rows[after] + which] - truth.centre_m[rows[before] + which]
+            assert truth.velocity_mps[rows[at] + which] == pytest.approx(moved[:2] / (0.05 * (after - before)))
+
+
+def test_modes_are_those_of_each_actors_state(straight_road: RoadNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a label whose actor has no state nothing is known: before the first, between two, and behind the last."""
+    (there,) = record_with({key: moving(0.0, 0.0, 5.0, steps=1) for key in (3, 5, 9)}, straight_road).states
+    states = replace(there, mode=np.array([Mode.YIELD_HOLD, Mode.REJOIN, Mode.STOPPED], dtype=np.uint8))
+    monkeypatch.setattr(episode_reading, "from_actor_states", lambda _: states)
+    message: Any = SimpleNamespace(read=lambda: None)
+    asked = np.array([9, 1, 5, 4, 12, 3], dtype=np.uint32)
+    nothing = Mode.NOMINAL
+    assert _modes(asked, message).tolist() == [Mode.STOPPED, nothing, Mode.REJOIN, nothing, nothing, Mode.YIELD_HOLD]
+    assert _modes(asked, None).tolist() == [nothing] * 6
+
+
+@pytest.fixture(scope="module")
+def sparse(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> EpisodeFrames:
+    """Without the front camera's picture at steps 8 and 12, without labels at step 6."""
+    folder = tmp_path_factory.mktemp("sparse")
+    lacking = {8: "camera_front/image", 12: "camera_front/image", 6: "ground_truth"}
+    bag = write_made_bag(
+        folder / "bag", typestore, BagSpec(steps=16), lambda topic, step: lacking.get(step, "-") in topic
+    )
+    return read_frames(survey_bag(bag, "detection", (Need.LIDAR,), folder), "mine")
+
+
+def test_sweeps_without_labels_are_no_frames_and_some_have_no_picture(sparse: EpisodeFrames) -> None:
+    assert sparse.step.tolist() == [4, 8, 10, 12, 14]
+    assert sparse.pictured.tolist() == [True, False, True, False, True]
+    assert sparse.truth.frame.tolist() == np.repeat(np.arange(5), 2).tolist()

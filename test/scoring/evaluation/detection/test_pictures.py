@@ -1,0 +1,355 @@
+"""Recorded sweeps and camera pictures behind the boxes, the worst frame from above, precision over recall."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from datasets.made_bag import FRONT_M, LIDAR_M, BagSpec, place_of, sweep_of, write_made_bag, yaw_of
+from detection_boxes import found_boxes, truth_boxes
+from evaluation.made_frames import columns_ahead, made_frames
+from made_detector_scores import detector_scores
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.text import Annotation
+from rosbags.typesys.store import Typestore
+
+from siren_ros.data.record.bag_survey import Need, survey_bag
+from siren_ros.scoring.evaluation.detection import pictures as birdseye
+from siren_ros.scoring.evaluation.detection.boxes import Boxes
+from siren_ros.scoring.evaluation.detection.devkit_score import match
+from siren_ros.scoring.evaluation.detection.frames import EpisodeFrames, Frames, frames_of, read_frames
+from siren_ros.scoring.evaluation.detection.pictures import (
+    FrontPicture,
+    draw_curves,
+    draw_in_picture,
+    edges_in_picture,
+    front_picture,
+    returns_from_above,
+)
+from siren_ros.simulation.world.measurements import CameraIntrinsics
+
+
+def test_vehicles_with_many_points_have_returns_within_their_boxes(frames: Frames) -> None:
+    (episode,) = frames.episodes
+    row = 6
+    returns = returns_from_above(episode, row)
+    truth = episode.truth.at((episode.truth.frame == row) & (episode.truth.lidar_points >= 30))
+    assert len(truth) > 2
+    for centre, size, yaw in zip(truth.centre_m, truth.size_m, truth.yaw_rad, strict=True):
+        away = returns - centre[:2]
+        along = away @ np.array([np.cos(yaw), np.sin(yaw)])
+        across = away @ np.array([-np.sin(yaw), np.cos(yaw)])
+        inside = (abs(along) < size[0] / 2.0 + 0.1) & (abs(across) < size[1] / 2.0 + 0.1)
+        assert inside.sum() > 10
+    # The ground around the sensor has the densest rings of all, and is left out.
+    near = np.hypot(*(returns - episode.vehicle_m[row]).T)
+    assert (near < 6.0).mean() < 0.2
+
+
+def test_a_step_without_a_sweep_has_no_returns(frames: Frames) -> None:
+    (episode,) = frames.episodes
+    changed = replace(episode, step=episode.step + 1_000_001)
+    assert returns_from_above(changed, 0).shape == (0, 2)
+
+
+def test_a_recorded_frame_has_its_picture(frames: Frames) -> None:
+    (episode,) = frames.episodes
+    picture = front_picture(episode, 4)
+    assert picture is not None
+    assert picture.rgb.shape == (picture.model.height, picture.model.width, 3)
+    assert front_picture(replace(episode, pictured=np.zeros(len(episode), dtype=np.bool_)), 4) is None
+
+
+@pytest.fixture(scope="module")
+def episode(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> EpisodeFrames:
+    """Five sweeps, at steps 4 to 12; without the front camera's picture at step 8."""
+    folder = tmp_path_factory.mktemp("bag")
+    made = BagSpec(steps=14)
+    bag = write_made_bag(
+        folder / "bag", typestore, made, lambda topic, step: step == 8 and "camera_front/image" in topic
+    )
+    return read_frames(survey_bag(bag, "detection", (Need.LIDAR,), folder), "mine")
+
+
+@pytest.mark.parametrize("row", [0, 3])
+def test_returns_between_three_tenths_and_three_metres_above_the_ground(episode: EpisodeFrames, row: int) -> None:
+    """Of six returns five are on the car; the road's is at the height of the vehicle's wheels."""
+    step = int(episode.step[row])
+    points = sweep_of(step)[:5]
+    ahead, left = points["x"] + LIDAR_M[0], points["y"]
+    cos, sin = np.cos(yaw_of(step)), np.sin(yaw_of(step))
+    x_m, y_m, _ = place_of(step)
+    expected = np.stack((x_m + ahead * cos - left * sin, y_m + ahead * sin + left * cos), axis=-1)
+    assert returns_from_above(episode, row) == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize(("lifted_m", "seen"), [(0.29, 5), (0.31, 6), (1.99, 6), (2.01, 4)])
+def test_heights_are_above_the_ground_below_the_sensor(episode: EpisodeFrames, lifted_m: float, seen: int) -> None:
+    """With the LiDAR higher above the ground by so much all returns are too: 1, 0.75, 0.5, 1, 0.75 and 0 m."""
+    higher = episode.base_from_lidar.copy()
+    higher[2, 3] += lifted_m
+    assert len(returns_from_above(replace(episode, base_from_lidar=higher), 0)) == seen
+
+
+def test_the_front_cameras_picture_and_where_it_looks(episode: EpisodeFrames) -> None:
+    picture = front_picture(episode, 3)
+    assert picture is not None
+    step = int(episode.step[3])
+    assert picture.rgb.shape == (48, 64, 3)
+    assert picture.rgb.reshape(-1, 3).mean(axis=0) == pytest.approx([5 * step, 120, 200], abs=3.0)
+    # 10 m ahead of the camera and 2 m to its left: that is depth 10 and −2 along its rows.
+    cos, sin = np.cos(yaw_of(step)), np.sin(yaw_of(step))
+    x_m, y_m, z_m = place_of(step)
+    ahead, left = FRONT_M[0] + 10.0, FRONT_M[1] + 2.0
+    place = [x_m + ahead * cos - left * sin, y_m + ahead * sin + left * cos, z_m + FRONT_M[2], 1.0]
+    assert picture.camera_from_map @ place == pytest.approx([-2.0, 0.0, 10.0, 1.0])
+    assert front_picture(episode, 2) is None, "there is none at that step"
+    assert front_picture(replace(episode, camera_from_lidar=None), 3) is None
+
+
+CAMERA_FROM_MAP = np.array([[0, -1.0, 0, 0], [0, 0, -1.0, 1.0], [1.0, 0, 0, 0], [0, 0, 0, 1.0]])
+"""A metre above the ground, looking along x."""
+PICTURE = FrontPicture(
+    np.zeros((600, 800, 3), dtype=np.uint8), CameraIntrinsics(800, 600, 400.0, 400.0, 400.0, 300.0), CAMERA_FROM_MAP
+)
+
+
+def _box(x_m: float, y_m: float, yaw_rad: float) -> Boxes:
+    return Boxes(
+        frame=np.zeros(1, dtype=np.intp),
+        centre_m=np.array([[x_m, y_m, 1.0]]),
+        size_m=np.array([[4.0, 2.0, 1.0]]),
+        yaw_rad=np.array([yaw_rad]),
+        velocity_mps=np.zeros((1, 2)),
+        attribute=np.zeros(1, dtype=np.uint8),
+    )
+
+
+@pytest.mark.parametrize(("yaw_rad", "half_length_m", "half_width_m"), [(0.0, 2.0, 1.0), (np.pi / 2.0, 1.0, 2.0)])
+def test_corners_are_where_a_pinhole_sees_them(yaw_rad: float, half_length_m: float, half_width_m: float) -> None:
+    edges = edges_in_picture(PICTURE, _box(12.0, 3.0, yaw_rad))
+    assert edges.shape == (12, 2, 2)
+    near, far = 12.0 - half_length_m, 12.0 + half_length_m
+    columns = [400.0 - 400.0 * (3.0 + side * half_width_m) / away for away in (near, far) for side in (-1, 1)]
+    assert np.unique(edges[..., 0].round(6)) == pytest.approx(sorted(columns))
+    assert np.unique(edges[..., 1].round(6)) == pytest.approx(
+        sorted(300.0 + sign * 400.0 * 0.5 / away for away in (near, far) for sign in (-1, 1))
+    )
+
+
+def test_what_is_behind_the_camera_is_not_drawn() -> None:
+    assert edges_in_picture(PICTURE, _box(-12.0, 0.0, 0.0)).shape == (0, 2, 2)
+    assert edges_in_picture(PICTURE, _box(1.0, 0.0, 0.0)).shape == (4, 2, 2)
+
+
+def test_edges_lie_over_the_picture_in_the_colours_of_their_groups() -> None:
+    axes = Figure().add_subplot()
+    boxes = {"one": _box(12.0, 3.0, 0.0), "other": _box(20.0, -3.0, 0.5)}
+    draw_in_picture(axes, PICTURE, boxes, {"one": "#112233", "other": "#445566"})
+    (image,) = axes.images
+    assert image.get_array().shape == (600, 800, 3)
+    # Rows are counted from the top.
+    assert (axes.get_xlim(), axes.get_ylim()) == ((0.0, 800.0), (600.0, 0.0))
+    lines = [one for one in axes.collections if isinstance(one, LineCollection)]
+    for found, name, colour in zip(lines, boxes, ("#112233", "#445566"), strict=True):
+        assert np.array(found.get_segments()) == pytest.approx(edges_in_picture(PICTURE, boxes[name]))
+        assert to_hex(found.get_colors()[0]) == colour
+    assert not axes.axison
+
+
+@pytest.mark.parametrize(("rear_m", "edges"), [(0.51, 12), (0.49, 4)])
+def test_edges_within_half_a_metre_of_the_lens_are_left_out(rear_m: float, edges: int) -> None:
+    """Where the rear is too near, its four edges go, and the four that lead to it."""
+    assert len(edges_in_picture(PICTURE, _box(rear_m + 2.0, 0.0, 0.0))) == edges
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def two_templates() -> Frames:
+    """Frames 0 to 3 are of S2, 4 to 7 of S3."""
+    first, second = made_frames(camera=False).episodes
+    return frames_of([first, replace(second, template="S3")])
+
+
+def drawn(
+    labels: list[tuple[int, float]],
+    found: list[tuple[int, float, float]],
+    template: str,
+    path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> dict[str, tuple[int, list[float]]]:
+    """Frame and distances ahead of what is drawn, by its name."""
+    truth = truth_boxes(*columns_ahead(labels))
+    boxes = found_boxes(*columns_ahead([one[:2] for one in found]), np.array([one[2] for one in found]))
+    scores: Any = SimpleNamespace(name="made", truth=truth, found=boxes, matches=match(truth, boxes))
+    groups: dict[str, tuple[int, list[float]]] = {}
+
+    def kept(_axes: object, some: Boxes, place: np.ndarray, name: str) -> None:
+        away = np.hypot(*(some.centre_m[:, :2] - place).T)
+        if len(some):
+            groups[name] = int(some.frame[0]), np.round(away, 6).tolist()
+
+    monkeypatch.setattr(birdseye, "_draw", kept)
+    monkeypatch.setattr(birdseye, "returns_from_above", lambda *_: np.zeros((1, 2)))
+    birdseye.draw_worst_frame(scores, two_templates(), template, path)
+    assert path.stat().st_size > 1000
+    return groups
+
+
+def test_the_frame_with_the_most_errors_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frame 1 has a miss and a false alarm, frame 2 one miss; frame 3 has no label; those of S3 do not count."""
+    labels = [(0, 10.0), (1, 10.0), (1, 20.0), (2, 10.0), (5, 10.0), (5, 20.0), (5, 30.0)]
+    found = [
+        (0, 10.0, 0.9),
+        (1, 10.5, 0.8),
+        (1, 30.0, 0.7),
+        (1, 40.0, 0.29),
+        *((3, 5.0 * place, 0.9) for place in range(1, 6)),
+        (5, 10.0, 0.31),
+        (5, 20.0, 0.29),
+    ]
+    assert drawn(labels, found, "S2", Path("a.png"), monkeypatch) == {
+        "label, found": (1, [10.0]),
+        "label, missed": (1, [20.0]),
+        "hit": (1, [10.5]),
+        "false alarm": (1, [30.0]),
+    }
+    # A faint detection is left out, and the label that it would have taken is missed.
+    assert drawn(labels, found, "S3", tmp_path / "b.png", monkeypatch) == {
+        "label, found": (5, [10.0]),
+        "label, missed": (5, [20.0, 30.0]),
+        "hit": (5, [10.0]),
+    }
+
+
+def test_matches_are_within_two_metres_and_the_first_of_equal_frames_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    labels, found = [(6, 10.0), (7, 10.0)], [(6, 11.9, 0.9), (7, 12.1, 0.9)]
+    assert drawn(labels, found, "S3", Path("a.png"), monkeypatch)["label, missed"] == (7, [10.0])
+    alike = [(4, 10.0), (6, 10.0), (7, 10.0)]
+    assert drawn(alike, [(7, 10.0, 0.9)], "S3", tmp_path / "b.png", monkeypatch) == {"label, missed": (4, [10.0])}
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 2.0])
+def test_a_line_leads_from_the_centre_to_the_front(yaw_rad: float) -> None:
+    """4.5 m long and 1.9 m wide, 10 m east and 5 m north of the sensor."""
+    frame, place = np.zeros(1, dtype=np.intp), np.array([100.0, 50.0])
+    box = found_boxes(frame, np.array([[110.0, 55.0, 1.0]]), np.zeros((1, 2)), np.array([yaw_rad]), np.array([0.456]))
+    axes = Figure().add_subplot()
+    birdseye._draw(axes, box, place, "false alarm")
+    (outline,) = (one for one in axes.collections if isinstance(one, PolyCollection))
+    (line,) = (one for one in axes.collections if isinstance(one, LineCollection))
+    ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
+    assert line.get_segments()[0] == pytest.approx(np.array([[10.0, 5.0], [10.0, 5.0] + 2.25 * ahead]))
+    corners = outline.get_paths()[0].vertices[:4] - (10.0, 5.0)
+    assert np.hypot(*corners.T) == pytest.approx(np.full(4, np.hypot(2.25, 0.95)))
+    assert outline.get_label() == "false alarm: 1"
+    assert [text.get_text() for text in axes.texts] == ["0.46"]
+
+
+def whole_picture(frames: Frames, picture: Any, monkeypatch: pytest.MonkeyPatch, figures: list[Figure]) -> Figure:
+    """Frame 5 is drawn: a label that is found by a box, one that is missed, a false alarm."""
+    truth = truth_boxes(*columns_ahead([(5, 10.0), (5, 20.0)]))
+    boxes = found_boxes(*columns_ahead([(5, 10.0), (5, 30.0)]), np.array([0.9, 0.456]))
+    scores: Any = SimpleNamespace(name="made", truth=truth, found=boxes, matches=match(truth, boxes))
+    east = frames.episodes[1].vehicle_m[1] + np.array([[7.0, 1.0], [8.0, 2.0]])
+    monkeypatch.setattr(birdseye, "returns_from_above", lambda *_: east)
+    monkeypatch.setattr(birdseye, "front_picture", lambda *_: picture)
+    birdseye.draw_worst_frame(scores, frames, "S3", Path("a.png"))
+    return figures.pop()
+
+
+def test_the_whole_picture_from_above(monkeypatch: pytest.MonkeyPatch, figures: list[Figure]) -> None:
+    frames = two_templates()
+    (axes,) = whole_picture(frames, None, monkeypatch, figures).axes
+    first, second = axes.get_title().splitlines()
+    assert first == "made: episode1 step 2"
+    assert second.endswith("a confidence from 0.3 on, matches within 2 m")
+    returns, sensor = axes.lines
+    assert np.asarray(returns.get_xydata()) == pytest.approx(np.array([[7.0, 1.0], [8.0, 2.0]]))
+    assert np.asarray(sensor.get_xydata()).tolist() == [[0.0, 0.0]]
+    (reach,) = axes.patches
+    assert isinstance(reach, Circle)
+    assert (reach.center, reach.radius, reach.get_fill()) == ((0.0, 0.0), 50.0, False)
+    for low, high in (axes.get_xlim(), axes.get_ylim()):
+        assert low == -high
+        assert high == pytest.approx(52.0), "the whole reach is in the picture"
+    assert axes.get_aspect() == 1.0
+    (arrow, confidence) = axes.texts
+    assert isinstance(arrow, Annotation)
+    # The LiDAR is turned by 60 degrees to the left of the east.
+    assert arrow.xy == pytest.approx((5.0 * np.cos(np.pi / 3.0), 5.0 * np.sin(np.pi / 3.0)))
+    assert arrow.get_position() == (0.0, 0.0)
+    assert isinstance(confidence, Annotation)
+    assert (confidence.get_text(), confidence.xy) == ("0.46", pytest.approx((15.0, 15.0 * np.sqrt(3.0))))
+
+
+def test_labels_are_filled_and_detections_are_outlines(monkeypatch: pytest.MonkeyPatch, figures: list[Figure]) -> None:
+    (axes,) = whole_picture(two_templates(), None, monkeypatch, figures).axes
+    outlines = {str(one.get_label()): one for one in axes.collections if isinstance(one, PolyCollection)}
+    assert list(outlines) == ["label, found: 1", "label, missed: 1", "hit: 1", "false alarm: 1"]
+    for name, one in outlines.items():
+        is_label = name.startswith("label")
+        assert (len(one.get_facecolor()) > 0) == is_label
+        assert (one.get_alpha() or 0.0) < 1.0 if is_label else one.get_alpha() == 1.0
+    legend = axes.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()][2:] == list(outlines)
+    assert legend.get_frame().get_alpha() == 1.0, "returns do not shine through"
+
+
+def test_the_front_cameras_picture_stands_to_the_right(monkeypatch: pytest.MonkeyPatch, figures: list[Figure]) -> None:
+    shown: list[Any] = []
+    monkeypatch.setattr(birdseye, "draw_in_picture", lambda *given: shown.append(given))
+    figure = whole_picture(two_templates(), "a picture", monkeypatch, figures)
+    above, front = figure.axes
+    assert [axes.get_subplotspec().get_geometry() for axes in (above, front)] == [(1, 2, 0, 0), (1, 2, 1, 1)]
+    ((axes, picture, groups, _),) = shown
+    assert (axes, picture) == (front, "a picture")
+    assert {name: len(boxes) for name, boxes in groups.items()} == {
+        "label, found": 1, "label, missed": 1, "hit": 1, "false alarm": 1
+    }  # fmt: skip
+    alone = whole_picture(two_templates(), None, monkeypatch, figures)
+    assert figure.get_size_inches()[0] == 2 * alone.get_size_inches()[0], "the other picture is as wide"
+
+
+def test_a_panel_has_a_line_for_each_distance(figures: list[Figure]) -> None:
+    draw_curves(detector_scores("mine", {"S1": 0.4}), Path("a.png"))
+    (figure,) = figures
+    (axes,) = figure.axes
+    assert axes.get_title() == "S1: mAP 0.400"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("recall", "precision")
+    assert axes.get_xlim() == (0.0, 1.0)
+    assert axes.get_ylim() == pytest.approx((0.0, 1.0), abs=0.05)
+    assert axes.get_ylim()[1] > 1.0, "a line at 1 is seen"
+    labels = ["0.5 m, AP 0.25", "1 m, AP 0.35", "2 m, AP 0.45", "4 m, AP 0.55"]
+    assert [line.get_label() for line in axes.lines] == labels
+    legend = axes.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == labels
+    for place, line in enumerate(axes.lines):
+        x, y = np.asarray(line.get_xydata()).T
+        assert x == pytest.approx(np.arange(101) / 100.0)
+        assert (y[0], y[-1]) == pytest.approx((1.0, 0.1 * place))
+    assert figure.get_suptitle() == "mine: Car, for each largest distance of a match"
+
+
+@pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (3, 1, 3), (4, 1, 4), (5, 2, 4), (7, 2, 4)])
+def test_four_panels_stand_in_a_row(figures: list[Figure], count: int, rows: int, columns: int) -> None:
+    draw_curves(detector_scores("mine", {f"S{number}": 0.4 for number in range(count)}), Path("a.png"))
+    (figure,) = figures
+    places = [axes.get_subplotspec() for axes in figure.axes]
+    geometry = [place.get_geometry() for place in places if place is not None]
+    assert geometry == [(rows, columns, number, number) for number in range(count)]
+    width, height = figure.get_size_inches()
+    # Panels of one size, whatever their number.
+    assert (width / columns, height / rows) == pytest.approx((3.2, 3.0))

@@ -1,0 +1,415 @@
+"""Boxes that count, parts of the labels and intervals over episodes, of random boxes and by hand."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from detection_boxes import found_boxes, random_boxes, truth_boxes
+from evaluation.made_frames import STEPS, columns_ahead, made_frames
+
+from siren_ros.scoring.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes, TruthBoxes, joined
+from siren_ros.scoring.evaluation.detection.devkit_score import devkit_score
+from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of
+from siren_ros.scoring.evaluation.detection.inputs.formats import labels_as_detections
+from siren_ros.scoring.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.scoring.evaluation.detection.scoring import (
+    VEHICLE_NAMES,
+    DetectorScores,
+    GroupScore,
+    counted_boxes,
+    counted_people,
+    mean_ap_of_episodes,
+    score_detector,
+    subsets_of_episodes,
+)
+from siren_ros.scoring.evaluation.detection.tables import scores_as_json, tables_of
+from siren_ros.simulation.scenario.splits import SeenEpisodes
+from siren_ros.simulation.world.actors import ActorClass, Mode
+
+FRAMES = 10
+
+
+def _episodes(templates: list[str]) -> tuple[Frames, FoundSet]:
+    """Random labels and detections around the origin."""
+    pose, episodes, boxes = np.tile(np.eye(4), (FRAMES, 1, 1)), [], []
+    for number, template in enumerate(templates):
+        truth, detected = random_boxes(np.random.default_rng(number), FRAMES)
+        truth.mode[::3] = Mode.YIELD_HOLD
+        truth.actor_class[::4] = ActorClass.POLICE
+        truth.visible[::2] = 0.5
+        steps, pictured = np.arange(FRAMES, dtype=np.intp) * 2, np.ones(FRAMES, dtype=np.bool_)
+        episode = replace(made_frames(camera=False).episodes[0], template=template, episode_id=f"{template}_{number}")
+        places = {"map_from_lidar": pose, "vehicle_m": np.zeros((FRAMES, 2)), "global_from_map_m": np.zeros(2)}
+        episodes.append(replace(episode, seed=number, step=steps, pictured=pictured, truth=truth, **places))
+        boxes.append(replace(detected, frame=detected.frame + number * FRAMES))
+    frames = frames_of(episodes)
+    return frames, found_set(joined(boxes), frames)
+
+
+def found_set(boxes: FoundBoxes, frames: Frames) -> FoundSet:
+    return FoundSet("made", "made", boxes, frames.scored, has_velocity=True)
+
+
+def scored_set(frames: Frames, detected: FoundSet) -> DetectorScores:
+    return score_detector(frames, detected, VEHICLE_NAMES, lambda tables: [devkit_score(*pair) for pair in tables])
+
+
+def _scores(templates: list[str]) -> DetectorScores:
+    return scored_set(*_episodes(templates))
+
+
+def test_the_mean_counts_each_template_once() -> None:
+    scores = _scores(["S1", "S1", "S2"])
+    by_template = [score.mean_average_precision for score in scores.templates.values()]
+    assert list(scores.templates) == ["S1", "S2"]
+    assert scores.mean_ap.value == pytest.approx(np.mean(by_template))
+    assert scores.mean_nds == pytest.approx(np.mean([score.nds for score in scores.templates.values()]))
+
+
+def test_intervals_need_several_episodes_of_each_template() -> None:
+    scores = _scores(["S1"] * 5 + ["S2"])
+    one = scores.template_ap["S1"]
+    assert one.bounded
+    assert one.low <= one.value <= one.high
+    assert one.high - one.low > 0.01
+    assert not scores.template_ap["S2"].bounded
+    assert not scores.mean_ap.bounded
+
+
+def test_the_order_of_the_families_is_tested_where_all_are_there() -> None:
+    every = [f"S{number}" for number in range(1, 8)]
+    assert _scores(every).order is None, "one episode of each cannot tell"
+    order = _scores(every * 2).order
+    assert order is not None
+    assert list(order.steps) == ["clearance < stop sign", "stop sign < shoulder", "shoulder < red light"]
+    assert 0.0 <= order.whole <= min(order.steps.values()) <= 1.0
+    assert _scores(["S1", "S1"]).order is None
+
+
+def test_parts_hold_their_labels_and_the_whole_is_the_whole() -> None:
+    frames, found = _episodes(["S1", "S2"])
+    truth = frames.truth
+    near = np.hypot(truth.centre_m[:, 0], truth.centre_m[:, 1])
+    scores = _scores(["S1", "S2"])
+    labels = {(group.group, group.name): group.labels for group in scores.groups}
+    assert labels["behaviour", "held"] == (truth.mode == Mode.YIELD_HOLD).sum()
+    assert labels["behaviour", "nominal"] == (truth.mode == Mode.NOMINAL).sum()
+    assert labels["emergency vehicles", "police"] == (truth.actor_class == ActorClass.POLICE).sum()
+    assert labels["emergency vehicles", "ambulance"] == 0
+    assert labels["visible", "40-60 %"] == (truth.visible == 0.5).sum()
+    assert labels["distance", "0-15 m"] == (near < 15.0).sum()
+    assert labels["LiDAR points", "20 to 99"] == len(truth)
+    # All labels have as many points: that part is the whole, with the devkit's score over both templates.
+    whole = next(group for group in scores.groups if (group.group, group.name) == ("LiDAR points", "20 to 99"))
+    assert whole.mean_ap.value == pytest.approx(devkit_score(truth, found.boxes).mean_average_precision, abs=1e-9)
+
+
+def exact_boxes(truth: TruthBoxes, detected: FoundSet) -> FoundBoxes:
+    """A detection on each label."""
+    boxes = detected.boxes.at(np.zeros(len(truth), dtype=np.intp))
+    score = np.linspace(0.9, 0.5, len(truth))
+    return replace(boxes, frame=truth.frame, centre_m=truth.centre_m, score=score)
+
+
+def test_a_part_whose_labels_are_all_found_scores_fully_without_false_alarms() -> None:
+    frames, found = _episodes(["S1", "S1"])
+    truth = frames.truth.at(frames.truth.mode == Mode.YIELD_HOLD)
+    exact = exact_boxes(truth, found)
+    scores = scored_set(frames, replace(found, boxes=exact))
+    parts = {group.name: group.mean_ap.value for group in scores.groups if group.group == "behaviour" and group.labels}
+    assert parts == {"nominal": 0.0, "held": pytest.approx(1.0)}
+
+
+def test_kinds_have_rows_where_a_detector_names_them() -> None:
+    frames, found = _episodes(["S1", "S1", "S2"])
+    assert not [group for group in _scores(["S1", "S1", "S2"]).groups if group.group == "found by name"]
+    truth = frames.truth
+    police = truth.actor_class == ActorClass.POLICE
+    named = np.where(police, "police", "car")
+    exact = exact_boxes(truth, found)
+
+    def rows(label: np.ndarray) -> dict[str, tuple[int, float]]:
+        boxes = replace(found, boxes=replace(exact, label=label))
+        scores = scored_set(frames, boxes)
+        groups = [group for group in scores.groups if group.group == "found by name"]
+        return {one.name: (one.labels, one.mean_ap.value) for one in groups}
+
+    right = rows(named)
+    assert list(right) == ["car", "ambulance", "fire_truck", "police"]
+    assert right["police"] == (police.sum(), pytest.approx(1.0))
+    assert right["car"] == ((~police).sum(), pytest.approx(1.0))
+    assert right["ambulance"] == (0, 0.0)
+    wrong = rows(np.where(police, "fire_truck", "car"))
+    assert wrong["police"] == (police.sum(), 0.0)
+    assert wrong["car"] == right["car"]
+
+
+def test_tables_have_the_papers_rows_where_asked() -> None:
+    scores = [_scores(["S1", "S3"])]
+    content = scores_as_json(scores)
+    tables = {table.key: table for table in tables_of(content, compare_paper=True)}
+    rows = {row[0]: row for row in tables["by_template"].cells()}
+    assert tables["by_template"].head == ("detector", "S1", "S3", "mean")
+    assert rows["SECOND (paper)"] == ("SECOND (paper)", "0.420/0.420", "0.631/0.563", "0.521/0.510")
+    assert [row[0] for row in tables["errors"].cells()][1:] == [
+        f"{name} (paper)" for name in ("PointPillars", "SECOND", "VoxelNeXt", "TransFusion-L")
+    ]
+    named = tables_of(scores_as_json([replace(scores[0], name="transfusion_l")]), compare_paper=True)[1]
+    assert [row[0] for row in named.cells()] == ["transfusion_l", "TransFusion-L (paper)"]
+    plain = tables_of(content)
+    assert not any("paper" in row[0] for table in plain for row in table.cells())
+    for table in plain:
+        assert len(table.text()) == len(table.rows) + 2
+        assert table.csv().count("\n") == len(table.rows) + 1
+        assert table.latex().count(r"\\") == len(table.rows) + 1
+        assert "%" not in table.latex().replace(r"\%", "").splitlines()[-3]
+    assert set(scores_as_json(scores)["made"]["templates"]) == {"S1", "S3"}
+
+
+def test_weather_and_sensors_have_rows_where_there_are_several() -> None:
+    frames, found = _episodes(["S1", "S1", "S2"])
+    assert subsets_of_episodes(frames, found) == ()
+    looks = [replace(one, look=look, suite="lidar") for one, look in zip(frames.episodes, "rrc", strict=True)]
+    changed = frames_of(looks)
+    rows = subsets_of_episodes(changed, found)
+    assert [(row.group, row.name) for row in rows] == [("weather", "c"), ("weather", "r")]
+    clear = rows[0].labels(changed, changed.truth)
+    assert clear.tolist() == (changed.truth.frame >= 2 * FRAMES).tolist()
+    boxes = found.boxes.at(found.boxes.frame >= 2 * FRAMES)
+    last = replace(found, boxes=replace(boxes, frame=boxes.frame - 2 * FRAMES), scored=found.scored[2 * FRAMES :])
+    alone, scores = scored_set(frames_of(looks[2:]), last), scored_set(changed, found)
+    (row,) = (group for group in scores.groups if group.name == "c")
+    assert row.mean_ap.value == pytest.approx(alone.mean_ap.value, abs=1e-6)
+    assert row.labels == len(alone.truth)
+
+
+def test_maps_that_a_detector_did_not_learn_have_a_row() -> None:
+    frames, found = _episodes(["S1", "S1", "S2"])
+    maps = [replace(one, map_name=name) for one, name in zip(frames.episodes, ("town", "b", "c"), strict=True)]
+    changed = frames_of(maps)
+    rows = [(row.group, row.name) for row in subsets_of_episodes(changed, found)]
+    assert rows == [("map", "b"), ("map", "c"), ("map", "town")], "nothing is learned"
+    learned = subsets_of_episodes(changed, replace(found, seen=SeenEpisodes(frozenset({"town S1 7", "d S1 7"}))))
+    by_name = {row.name: row.labels(changed, changed.truth).tolist() for row in learned if row.group != "map"}
+    first = (changed.truth.frame < FRAMES).tolist()
+    assert by_name == {"known from the training": first, "new to the detector": [not one for one in first]}
+
+
+def test_episodes_of_the_training_are_counted() -> None:
+    frames, found = _episodes(["S1", "S1", "S2"])
+    assert scored_set(frames, found).seen == {}, "nothing is learned"
+    maps = [replace(one, map_name="town", values="x=1") for one in frames.episodes]
+    seen = SeenEpisodes(frozenset({f"town S1 {frames.episodes[1].seed} x=1.0", f"town S1 {frames.episodes[0].seed}"}))
+    counts = scored_set(frames_of(maps), replace(found, seen=seen)).seen
+    assert {split.value: count for split, count in counts.items() if count} == {
+        "train": 1,
+        "test-seed": 1,
+        "test-template": 1,
+    }
+
+
+Place = tuple[int, float]
+"""Frame, and metres ahead of the LiDAR."""
+
+
+def labels(*places: Place) -> TruthBoxes:
+    """Labels with 50 returns each, which stand."""
+    return truth_boxes(*columns_ahead(places))
+
+
+def detections(*places: Place) -> FoundBoxes:
+    """The first ones are the most confident."""
+    return found_boxes(*columns_ahead(places), np.linspace(0.9, 0.1, len(places)))
+
+
+def frames_with(truth: TruthBoxes, templates: Sequence[str] = ("S1", "S2")) -> Frames:
+    """Four frames for each template, with the labels by the number of their frame."""
+    first, second = made_frames().episodes
+    episodes = []
+    for number, template in enumerate(templates):
+        here = truth.at(truth.frame // len(STEPS) == number)
+        own = replace(here, frame=here.frame - number * len(STEPS))
+        one = replace((first, second)[number % 2], template=template, seed=number, episode_id=f"e{number}", truth=own)
+        shift = np.eye(4)
+        shift[0, 3] = len(STEPS) * (number - number % 2)
+        moved = np.array([shift @ pose for pose in one.map_from_lidar])
+        episodes.append(replace(one, map_from_lidar=moved, vehicle_m=moved[:, :2, 3]))
+    return frames_of(episodes)
+
+
+def scored(frames: Frames, boxes: FoundBoxes) -> DetectorScores:
+    return scored_set(frames, found_set(boxes, frames))
+
+
+def part(scores: DetectorScores, name: str) -> GroupScore:
+    (found,) = (group for group in scores.groups if group.name == name)
+    return found
+
+
+def test_labels_count_within_fifty_metres_and_with_a_return() -> None:
+    truth = labels((1, 49.9), (1, -50.1), (6, 10.0), (6, 20.0), (6, -49.9))
+    truth.lidar_points[:] = (1, 50, 0, 3, 50)
+    frames = frames_with(truth)
+    wanted, _ = counted_boxes(frames, found_set(detections(), frames), VEHICLE_NAMES)
+    assert wanted.frame.tolist() == [1, 6, 6]
+    assert wanted.lidar_points.tolist() == [1, 3, 50]
+
+
+def test_detections_count_within_fifty_metres_and_with_a_vehicles_name() -> None:
+    boxes = detections((1, 49.9), (1, 50.1), (6, 10.0), (6, 20.0), (6, 60.0))
+    boxes = replace(boxes, label=np.array(["car", "car", "pedestrian", "fire_truck", "tree"]))
+    frames = frames_with(labels())
+    _, near = counted_boxes(frames, found_set(boxes, frames), VEHICLE_NAMES)
+    assert list(zip(near.frame.tolist(), near.label.tolist(), strict=True)) == [(1, "car"), (6, "fire_truck")]
+
+
+def with_people() -> tuple[Frames, FoundBoxes]:
+    """A car, a walker at 39.9 m and one at 40.1 m, a cyclist; each is found by its name, the cyclist as a car, too."""
+    truth = labels((0, 10.0), (0, 39.9), (0, 40.1), (1, 20.0))
+    truth.actor_class[1:] = (ActorClass.PEDESTRIAN, ActorClass.PEDESTRIAN, ActorClass.BICYCLE)
+    boxes = detections((0, 10.0), (0, 39.9), (0, 40.1), (1, 20.0), (1, 20.0))
+    return frames_with(truth), replace(boxes, label=np.array(["car", "pedestrian", "person", "cyclist", "car"]))
+
+
+def test_people_count_by_their_own_names_and_ranges() -> None:
+    frames, boxes = with_people()
+    wanted, near = counted_boxes(frames, found_set(boxes, frames), VEHICLE_NAMES)
+    assert wanted.actor_class.tolist() == [ActorClass.HATCHBACK]
+    assert near.frame.tolist() == [0, 1], "the cyclist is no car"
+    walkers, found = counted_people(frames, found_set(boxes, frames), ActorClass.PEDESTRIAN)
+    assert (len(walkers), found.label.tolist()) == (1, ["pedestrian"])
+    assert {ATTRIBUTES[code] for code in (*walkers.attribute, *found.attribute)} == {"pedestrian.standing"}
+    riders, found = counted_people(frames, found_set(boxes, frames), ActorClass.BICYCLE)
+    assert (len(riders), found.label.tolist()) == (1, ["cyclist"])
+
+
+def test_people_have_rows_of_their_own() -> None:
+    frames, boxes = with_people()
+    scores = scored(frames, boxes)
+    assert list(scores.people) == ["pedestrian", "bicycle"]
+    for person in scores.people.values():
+        assert person.score.mean_average_precision == person.mean_ap.value == pytest.approx(1.0)
+        assert person.score.errors["AAE"] == 0.0
+    (table,) = (table for table in tables_of(scores_as_json([scores])) if table.key == "people")
+    assert [row[1:3] for row in table.rows] == [("pedestrian", 1), ("bicycle", 1)]
+    without = scores_as_json([scored(frames_with(labels((0, 10.0))), detections((0, 10.0)))])
+    assert all("people" not in of for of in without.values())
+    assert "people" not in {table.key for table in tables_of(without)}
+
+
+def test_frames_that_the_format_lacks_do_not_count() -> None:
+    frames = frames_with(labels((0, 10.0), (1, 10.0), (2, 10.0)))
+    boxes = found_set(detections((0, 10.0), (1, 10.0), (2, 10.0)), frames)
+    wanted, near = counted_boxes(frames, replace(boxes, scored=frames.keyframe), VEHICLE_NAMES)
+    assert wanted.frame.tolist() == near.frame.tolist() == [0, 2]
+
+
+@pytest.mark.parametrize("has_attributes", [True, False])
+def test_attributes_of_labels_follow_from_their_speed_where_the_format_has_none(*, has_attributes: bool) -> None:
+    truth = replace(labels((0, 10.0), (0, 20.0)), velocity_mps=np.array([[5.0, 0.0], [0.0, 0.0]]))
+    truth.attribute[:] = 3
+    frames = frames_with(truth)
+    given = replace(found_set(detections(), frames), has_attributes=has_attributes)
+    wanted, _ = counted_boxes(frames, given, VEHICLE_NAMES)
+    assert wanted.attribute.tolist() == ([3, 3] if has_attributes else [1, 2])
+
+
+def test_a_part_counts_no_detection_of_other_labels() -> None:
+    """Both are found; the first label, which the most confident detection has found, is not held."""
+    truth = labels((0, 10.0), (0, 20.0))
+    truth.mode[:] = (Mode.NOMINAL, Mode.YIELD_HOLD)
+    scores = scored(frames_with(truth), detections((0, 10.0), (0, 20.0)))
+    assert (part(scores, "held").labels, part(scores, "nominal").labels) == (1, 1)
+    assert part(scores, "held").mean_ap.value == pytest.approx(1.0)
+    assert part(scores, "nominal").mean_ap.value == pytest.approx(1.0)
+    assert part(scores, "yielding") == GroupScore("behaviour", "yielding", 0, part(scores, "yielding").mean_ap)
+    assert not part(scores, "yielding").mean_ap.valid
+
+
+def test_a_part_counts_all_false_alarms_and_one_by_distance_its_own() -> None:
+    """A false alarm 40 m away is the most confident: the precision rises with the recall to a half.
+
+    Recalls up to 0.1 do not count, nor does precision below 0.1.
+    """
+    truth = labels((0, 10.0))
+    scores = scored(frames_with(truth), detections((0, 40.0), (0, 10.0)))
+    recall = np.arange(11, 101) / 100.0
+    assert part(scores, "nominal").mean_ap.value == pytest.approx(np.maximum(0.5 * recall - 0.1, 0.0).mean() / 0.9)
+    assert part(scores, "0-15 m").mean_ap.value == pytest.approx(1.0)
+
+
+def test_frames_labels_and_detections_of_each_template() -> None:
+    truth = labels((0, 10.0), (1, 10.0), (6, 10.0))
+    scores = scored(frames_with(truth), detections((0, 10.0), (6, 12.5), (7, 10.0)))
+    assert scores.frames == {"S1": 4, "S2": 4}
+    found = {name: (one.labels, one.detections) for name, one in scores.templates.items()}
+    assert found == {"S1": (2, 1), "S2": (1, 2)}
+    assert (len(scores.truth), len(scores.found)) == (3, 3)
+    # Half of the labels of S1 are found: precision 1 from recall 0.11 to 0.5.
+    first, second = (scores.templates[name].mean_average_precision for name in ("S1", "S2"))
+    assert first == pytest.approx(40 / 90)
+    # Of S2 the one label, at 4 m alone; at recall 1 the false alarm has halved the precision.
+    assert second == pytest.approx((89 + (0.5 - 0.1) / 0.9) / 90 / 4)
+    assert scores.mean_ap.value == pytest.approx((first + second) / 2)
+    assert scores.mean_nds == pytest.approx(np.mean([scores.templates[name].nds for name in ("S1", "S2")]))
+
+
+def test_a_family_has_a_row_where_all_of_its_templates_are_there() -> None:
+    """S1 and S2 are one; S3 alone is not the other."""
+    truth = labels((0, 10.0), (4, 10.0), (8, 10.0))
+    boxes = detections((0, 10.0), (4, 30.0), (8, 10.0))
+    assert list(scored(frames_with(truth, ("S1", "S2")), boxes.at(boxes.frame < 8)).families) == ["clearance"]
+    scores = scored(frames_with(truth, ("S1", "S2", "S3")), boxes)
+    assert scores.families["clearance"].value == pytest.approx(0.5)
+    assert list(scores.families) == ["clearance"]
+    assert scores.order is None
+
+
+def test_an_interval_is_students_over_the_episodes() -> None:
+    """Of six episodes every second one is found: AP is 40/90, 50/90 without a missed one and 30/90 without a found one.
+
+    Precision is 1 up to the recall of 3/6, 3/5 or 2/5, which counts from 0.1 on.
+    """
+    places = [(4 * number, 10.0) for number in range(6)]
+    scores = scored(frames_with(labels(*places), ["S1"] * 6), detections(*places[::2]))
+    ap = scores.template_ap["S1"]
+    left_out = np.array([30 / 90, 50 / 90] * 3)
+    half = 2.5706 * np.sqrt(5 / 6 * ((left_out - left_out.mean()) ** 2).sum())
+    assert (ap.value, ap.low, ap.high) == pytest.approx((40 / 90, 40 / 90 - half, 40 / 90 + half), abs=1e-4)
+    assert ap.blocks == 6
+    assert scores.mean_ap == ap
+    held = part(scores, "nominal").mean_ap
+    assert (held.low, held.high) == pytest.approx((ap.low, ap.high))
+
+
+def test_a_template_that_one_episode_holds_all_labels_of_has_no_interval() -> None:
+    """Without it nothing is left to find."""
+    frames = frames_with(labels((0, 10.0), (0, 20.0)), ["S1"] * 6)
+    ap = scored(frames, detections((0, 10.0), (4, 30.0))).template_ap["S1"]
+    assert (ap.blocks, ap.bounded) == (6, False)
+
+
+def test_labels_as_detections_are_those_with_a_return_the_nearer_the_surer() -> None:
+    truth = labels((0, 10.0), (0, 20.0), (6, -30.0))
+    truth.lidar_points[:] = (1, 0, 7)
+    found = labels_as_detections(frames_with(truth))
+    assert found.frame.tolist() == [0, 6]
+    # Of the LiDAR's place in the plane.
+    assert found.score == pytest.approx([1.0 / 1.1, 1.0 / 1.3])
+    assert found.label.tolist() == ["car", "car"]
+    assert found.centre_m == pytest.approx(truth.centre_m[[0, 2]])
+
+
+def test_the_map_of_each_episode_is_that_of_the_episode_alone() -> None:
+    """Three episodes, one of them without a label that counts."""
+    frames, detected = _episodes(["S1", "S1", "S2"])
+    bare = replace(frames.episodes[2], truth=frames.episodes[2].truth.at(np.zeros(len(frames.episodes[2].truth), bool)))
+    frames = frames_of([*frames.episodes[:2], bare])
+    values = mean_ap_of_episodes(frames, detected, VEHICLE_NAMES)
+    for number in (0, 1):
+        own = detected.boxes.frame // FRAMES == number
+        boxes = replace(detected.boxes.at(own), frame=detected.boxes.frame[own] - number * FRAMES)
+        alone = frames_of([frames.episodes[number]])
+        assert values[number] == pytest.approx(scored_set(alone, found_set(boxes, alone)).mean_ap.value)
+    assert np.isnan(values[2])

@@ -1,0 +1,208 @@
+"""CSP, STDAN and BAT: with the published weights against what their authors' code answers, and with drawn parameters
+against the same networks written out for one sample at a time."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
+
+from plain_networks import chosen, drawn, plain_bat_encoder, plain_csp, plain_generator, plain_stdan
+from published_files import golden, golden_cells, weights
+from torch import Tensor
+
+from siren_ros.scoring.evaluation.prediction.published.layers import (
+    Groups,
+    Neighbours,
+    NetworkInput,
+    mode_probabilities,
+    one_hot_modes,
+)
+from siren_ros.scoring.evaluation.prediction.published.networks import Bat, BatInput, Csp, Stdan
+from siren_ros.scoring.evaluation.prediction.published.predictors import load_weights
+
+
+def neighbours_of(samples: int, sample: list[int], cell: list[int]) -> Neighbours:
+    return Neighbours(torch.tensor(sample, dtype=torch.long), torch.tensor(cell, dtype=torch.long), samples)
+
+
+def around(others: Tensor, given: Neighbours, number: int) -> dict[int, Tensor]:
+    """The neighbours of one sample by their cell."""
+    return {int(given.cell[row]): others[:, row] for row in torch.nonzero(given.sample == number).flatten().tolist()}
+
+
+def assert_close(answers: Any, known: Any) -> None:
+    for value, expected in zip(answers, known, strict=True):
+        torch.testing.assert_close(value, expected, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("sample", "cell"), [([0, 0, 2, 2, 2], [0, 21, 12, 14, 38]), ([], [])], ids=["some neighbours", "nobody"]
+)
+def test_csp_answers_samples_together_as_each_alone(sample, cell) -> None:
+    """Neighbours at both ends of the grid, in all columns; the second of three samples has none."""
+    network, generator = drawn(Csp()), torch.Generator().manual_seed(1)
+    past, others = (torch.randn((16, count, 2), generator=generator) for count in (3, len(sample)))
+    given = neighbours_of(3, sample, cell)
+    with torch.inference_mode():
+        modes, lateral, longitudinal = network(NetworkInput(past, others, given))
+        assert modes.shape == (6, 25, 3, 5)
+        for number in range(3):
+            known = plain_csp(network, past[:, number], around(others, given, number))
+            assert_close((modes[:, :, number], lateral[number], longitudinal[number]), known)
+
+
+@pytest.mark.parametrize(("sample", "cell"), [([0, 0, 0, 2], [0, 20, 38, 7]), ([], [])])
+def test_stdan_attends_to_empty_cells_too(sample, cell) -> None:
+    """A cell without a vehicle is a vector of zeros, whose key and value are the biases: it draws attention."""
+    network, generator = drawn(Stdan()), torch.Generator().manual_seed(1)
+    past, others = (torch.randn((16, count, 5), generator=generator) for count in (3, len(sample)))
+    given = neighbours_of(3, sample, cell)
+    with torch.inference_mode():
+        path, lateral, longitudinal = network(NetworkInput(past, others, given))
+        assert path.shape == (25, 3, 5)
+        for number in range(3):
+            known = plain_stdan(network, past[:, number], around(others, given, number))
+            assert_close((path[:, number], lateral[number], longitudinal[number]), known)
+
+
+@pytest.mark.parametrize(
+    ("scene", "sample", "cell"),
+    [([0, 0, 1, 2], [0, 0, 0, 1, 3], [3, 19, 30, 21, 38]), ([0, 0], [], [])],
+    ids=["scenes of different sizes", "nobody has a neighbour"],
+)
+def test_bat_attends_within_scenes_and_runs_on_from_sample_to_sample(scene, sample, cell) -> None:
+    """The first sample has three neighbours, the second of its scene one; the sample of the second scene has none."""
+    network, generator = drawn(Bat()), torch.Generator().manual_seed(1)
+    shapes = (16, len(scene), 8), (16, len(sample), 8), (16, len(scene), 39, 6)
+    past, others, behaviour = (torch.randn(shape, generator=generator) for shape in shapes)
+    given = neighbours_of(len(scene), sample, cell)
+    with torch.inference_mode():
+        modes, lateral, longitudinal = network(BatInput(past, others, given, behaviour, torch.tensor(scene)))
+        assert modes.shape == (9, 25, len(scene), 5)
+        for number in sorted(set(scene)):
+            members = [place for place, of_scene in enumerate(scene) if of_scene == number]
+            parts = [(past[:, place], around(others, given, place), behaviour[:, place]) for place in members]
+            for place, encoded in zip(members, plain_bat_encoder(network, parts), strict=True):
+                for mode in (5, 7):
+                    known = plain_generator(network.g, encoded, (chosen(mode % 3, 3), chosen(mode // 3, 3)))
+                    assert_close((modes[mode, :, place], lateral[place], longitudinal[place]), known)
+
+
+TOLERANCE = 1e-4
+RELATIVE = 1e-6
+"""Eight digits of single precision differ by the processor."""
+
+
+def golden_neighbours(known: dict[str, Any]) -> Neighbours:
+    sample, cell = golden_cells(known)
+    return Neighbours(torch.from_numpy(sample), torch.from_numpy(cell), len(known["mask"]))
+
+
+def stacked(known: dict[str, Any], *names: str) -> Any:
+    return torch.from_numpy(np.concatenate([known[name] for name in names], axis=-1))
+
+
+def stdan_input(known: dict[str, Any]) -> NetworkInput:
+    return NetworkInput(
+        stacked(known, "hist", "cls", "va"), stacked(known, "nbrs", "nbrscls", "nbrsva"), golden_neighbours(known)
+    )
+
+
+def bat_input(known: dict[str, Any], scene: Any) -> BatInput:
+    return BatInput(
+        stacked(known, "hist", "hist_rel", "cls", "va", "lane"),
+        stacked(known, "nbrs", "feat_self", "nbrscls", "nbrsva", "nbrslane"),
+        golden_neighbours(known),
+        stacked(known, "behaviour"),
+        scene,
+    )
+
+
+def assert_published(answers: Any, known: Mapping[str, Any], *names: str) -> None:
+    """Holds answers against what the authors' code answered."""
+    for values, expected in zip(answers, (known[name] for name in names), strict=True):
+        assert values.shape == expected.shape
+        np.testing.assert_allclose(values.numpy(), expected, rtol=RELATIVE, atol=TOLERANCE)
+
+
+def test_csp_answers_as_published() -> None:
+    known = golden("csp")
+    given = NetworkInput(stacked(known, "hist"), stacked(known, "nbrs"), golden_neighbours(known))
+    with torch.inference_mode():
+        answers = load_weights(Csp(), "csp", weights("csp"))(given)
+    assert_published(answers, known, "out_modes", "lat_prob", "lon_prob")
+
+
+def test_stdan_answers_as_published() -> None:
+    known, network = golden("stdan"), load_weights(Stdan(), "stdan", weights("stdan"))
+    with torch.inference_mode():
+        answers = *network(stdan_input(known)), network.gd(stdan_input(known))
+    assert_published(answers, known, "pred", "lat_prob", "lon_prob", "encoded")
+
+
+def test_bat_answers_as_published_where_the_batch_is_one_scene() -> None:
+    known, network = golden("bat"), load_weights(Bat(), "bat", weights("bat"))
+    given = bat_input(known, torch.zeros(24, dtype=torch.long))
+    with torch.inference_mode():
+        answers = *network(given), network.gd(given)
+    assert_published(answers, known, "out_modes", "lat_prob", "lon_prob", "encoded")
+
+
+def test_scenes_of_bat_know_nothing_of_each_other() -> None:
+    known, network = golden("bat"), load_weights(Bat(), "bat", weights("bat"))
+    sample, _ = golden_cells(known)
+    alone = {name: value for name, value in known.items() if name != "fut"}
+    for name in ("hist", "hist_rel", "va", "lane", "cls", "behaviour"):
+        alone[name] = known[name][:, :10]
+    for name in ("nbrs", "nbrsva", "nbrslane", "nbrscls", "feat_self"):
+        alone[name] = known[name][:, sample < 10]
+    alone["mask"] = known["mask"][:10]
+    scenes = torch.from_numpy(np.repeat([0, 1], [10, 14]))
+    with torch.inference_mode():
+        both = network(bat_input(known, scenes))[0]
+        first = network(bat_input(alone, scenes[:10]))[0]
+    assert torch.allclose(both[:, :, :10], first, atol=1e-4)
+
+
+@pytest.mark.parametrize("network", [Csp(), Stdan()], ids=["csp", "stdan"])
+def test_a_sample_is_answered_alone_as_among_others(network) -> None:
+    network.eval()
+    generator = torch.Generator().manual_seed(3)
+    width = 2 if isinstance(network, Csp) else 5
+    history = torch.randn((16, 3, width), generator=generator)
+    others = torch.randn((16, 2, width), generator=generator)
+    both = NetworkInput(history, others, Neighbours(torch.tensor([0, 2]), torch.tensor([5, 30]), 3))
+    with torch.inference_mode():
+        together = network(both)[0]
+        for sample, (rows, cell) in enumerate([([0], [5]), ([], []), ([1], [30])]):
+            at = Neighbours(torch.zeros(len(cell), dtype=torch.long), torch.tensor(cell, dtype=torch.long), 1)
+            alone = network(NetworkInput(history[:, [sample]], others[:, rows], at))[0]
+            assert torch.allclose(alone[..., 0, :], together[..., sample, :], atol=1e-5)
+
+
+def test_groups_spread_rows_and_gather_them() -> None:
+    groups = Groups.of(torch.tensor([0, 0, 2, 2, 2]), 4)
+    rows = torch.arange(10.0).view(5, 2)
+    spread = groups.spread(rows)
+    assert spread.shape == (4, 3, 2)
+    assert groups.filled.tolist() == [[True, True, False], [False] * 3, [True] * 3, [False] * 3]
+    assert spread[0, 1].tolist() == [2.0, 3.0]
+    assert (spread[~groups.filled] == 0.0).all()
+    assert torch.equal(groups.gather(spread), rows)
+    # There is always a slot, so that attention over it has a shape.
+    nobody = Groups.of(torch.zeros(0, dtype=torch.long), 0)
+    assert nobody.spread(torch.zeros(0, 2)).shape == (0, 1, 2)
+    assert Groups.of(torch.zeros(0, dtype=torch.long), 3).spread(torch.zeros(0, 2)).shape == (3, 1, 2)
+
+
+def test_modes_count_lateral_manoeuvres_first() -> None:
+    lateral = torch.tensor([[0.2, 0.7, 0.1]])
+    longitudinal = torch.tensor([[0.4, 0.6]])
+    probability = mode_probabilities(lateral, longitudinal)
+    for mode, (across, along) in enumerate(one_hot_modes(1, 3, 2)):
+        expected = (lateral * across).sum() * (longitudinal * along).sum()
+        assert float(probability[0, mode]) == pytest.approx(float(expected))
+    assert int(probability.argmax()) == 3 + 1

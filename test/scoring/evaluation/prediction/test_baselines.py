@@ -1,0 +1,389 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_records import Track, moving, record_with, samples_in
+from scenes import with_lines
+
+from siren_ros.data.record.vehicle_location import locate
+from siren_ros.scoring.evaluation.prediction.baselines import (
+    ConstantVelocity,
+    Idm,
+    IdmPredictor,
+    leaders_of,
+    paths_from,
+    straight_successors,
+)
+from siren_ros.scoring.evaluation.prediction.metrics import ade, fde
+from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Population, SampleBatch, samples_of
+from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.simulation.world.actors import ActorClass
+
+IDM = Idm()
+LONG_S = np.arange(1, 1201) * 0.1
+
+
+def acceleration_of(*values: float) -> float:
+    """Of a single vehicle: its speed, its desired speed, its gap, and the closing speed."""
+    return float(IDM.acceleration(*(np.array([value]) for value in values))[0])
+
+
+def travelled_by(*values: float, times_s: np.ndarray) -> np.ndarray:
+    """Distances of a single vehicle, from its speed, its desired speed, its gap, and its leader's speed."""
+    return IDM.travel(*(np.array([value]) for value in values), times_s)[0]
+
+
+def test_parameters_are_the_protocols() -> None:
+    values = (IDM.time_headway_s, IDM.standstill_gap_m, IDM.acceleration_mps2, IDM.comfortable_braking_mps2)
+    assert values == (1.5, 2.0, 1.5, 2.0)
+    assert IDM.integration_s == 0.1
+
+
+def test_acceleration_on_a_free_road() -> None:
+    speed = np.array([0.0, 5.0, 10.0])
+    acceleration = IDM.acceleration(speed, np.full(3, 10.0), np.full(3, np.inf), speed)
+    assert acceleration == pytest.approx([1.5, 1.5 * (1 - 0.5**4), 0.0])
+
+
+def test_acceleration_behind_a_leader_by_hand() -> None:
+    # s* = 2 + 10 · 1.5 + 10 · 2 / (2 √3) = 22.7735 m
+    acceleration = acceleration_of(10.0, 15.0, 30.0, 2.0)
+    assert acceleration == pytest.approx(1.5 * (1 - (2 / 3) ** 4 - (22.773502691896 / 30.0) ** 2))
+
+
+def test_a_leader_that_pulls_away_does_not_repel() -> None:
+    # v T + v Δv / (2 √(a b)) is negative here and counts as 0: s* = s0.
+    acceleration = acceleration_of(10.0, 20.0, 10.0, -20.0)
+    assert acceleration == pytest.approx(1.5 * (1 - 0.5**4 - (2.0 / 10.0) ** 2))
+
+
+def test_free_road_speed_converges_to_the_desired_speed() -> None:
+    travelled = travelled_by(0.0, 13.89, np.inf, 0.0, times_s=LONG_S)
+    speed = np.diff(travelled) / 0.1
+    assert speed[-1] == pytest.approx(13.89, abs=1e-3)
+    assert (speed <= 13.89 + 1e-6).all()
+
+
+@pytest.mark.parametrize("leader_mps", [3.0, 8.0])
+def test_gap_behind_a_moving_leader_converges_to_the_equilibrium(leader_mps) -> None:
+    travelled = travelled_by(12.0, 13.89, 60.0, leader_mps, times_s=LONG_S)
+    gap = 60.0 + leader_mps * LONG_S - travelled
+    equilibrium = (2.0 + 1.5 * leader_mps) / np.sqrt(1 - (leader_mps / 13.89) ** 4)
+    assert gap[-1] == pytest.approx(equilibrium, abs=0.01)
+    assert (gap > 0.0).all()
+
+
+def test_it_stops_behind_a_standing_leader_with_the_standstill_gap() -> None:
+    travelled = travelled_by(12.0, 13.89, 60.0, 0.0, times_s=LONG_S)
+    gap = 60.0 - travelled
+    assert gap[-1] == pytest.approx(2.0, abs=0.25)
+    assert gap.min() > 1.5
+    assert (np.diff(travelled) >= 0.0).all()
+
+
+@given(
+    speed=st.floats(0.0, 30.0), desired=st.floats(5.0, 30.0), gap=st.floats(-3.0, 300.0), leader=st.floats(0.0, 30.0)
+)
+def test_no_vehicle_drives_backwards_or_through_a_leader_that_it_can_stop_behind(speed, desired, gap, leader) -> None:
+    times = np.arange(1, 26) * 0.2
+    travelled = travelled_by(speed, max(speed, desired), gap, leader, times_s=times)
+    assert np.isfinite(travelled).all()
+    assert (np.diff(travelled, prepend=0.0) >= 0.0).all()
+    if gap > 2.0 + speed * IDM.time_headway_s:
+        assert (gap + leader * times - travelled > 0.0).all()
+
+
+def test_the_answer_is_the_same_at_the_same_times() -> None:
+    fine = travelled_by(8.0, 13.0, 25.0, 5.0, times_s=np.arange(1, 51) * 0.1)
+    coarse = travelled_by(8.0, 13.0, 25.0, 5.0, times_s=np.arange(1, 26) * 0.2)
+    assert np.array_equal(fine[1::2], coarse)
+
+
+def test_the_first_steps_by_hand() -> None:
+    """Two steps of a tenth of a second behind a leader at 5 m/s, 20 m ahead."""
+    speed, travelled, expected = 8.0, 0.0, []
+    for step in range(2):
+        gap = 20.0 + 5.0 * 0.1 * step - travelled
+        desired_gap = 2.0 + speed * 1.5 + speed * (speed - 5.0) / (2.0 * np.sqrt(3.0))
+        acceleration = 1.5 * (1.0 - (speed / 13.0) ** 4 - (desired_gap / gap) ** 2)
+        travelled += 0.1 * speed + 0.005 * acceleration
+        speed += 0.1 * acceleration
+        expected.append(travelled)
+    travelled_m = travelled_by(8.0, 13.0, 20.0, 5.0, times_s=np.array([0.1, 0.2]))
+    assert travelled_m == pytest.approx(expected)
+
+
+def test_a_vehicle_that_stops_within_a_step_goes_as_far_as_braking_takes_it() -> None:
+    """0.3 m/s and half a metre behind a standing leader: −(0.5 · v²) / a, and there it stays."""
+    acceleration = acceleration_of(0.3, 13.0, 0.5, 0.3)
+    assert 0.3 + 0.1 * acceleration < 0.0
+    travelled_m = travelled_by(0.3, 13.0, 0.5, 0.0, times_s=np.array([0.1, 0.2, 1.0]))
+    assert travelled_m == pytest.approx([0.5 * 0.3**2 / -acceleration] * 3)
+    # As one who drives backwards never does, the distance is that of a mean speed between 0.3 m/s and none.
+    assert 0.0 < travelled_m[0] < 0.03
+
+
+def test_bumpers_that_overlap_brake_as_hard_as_the_least_gap_does() -> None:
+    overlap, least = (acceleration_of(5.0, 13.0, gap, 0.0) for gap in (-2.0, 0.1))
+    assert overlap == pytest.approx(least)
+    assert acceleration_of(5.0, 13.0, 0.2, 0.0) > least
+
+
+MODEL = IdmPredictor()
+
+
+def first_frame(tracks: dict[int, Track], network: RoadNetwork) -> tuple[SampleBatch, dict[int, int]]:
+    """The samples of a record, and for each actor that of the first frame."""
+    batch = samples_in(tracks, network).batch
+    rows = np.flatnonzero(batch.actors.frame[batch.target] == 0)
+    return batch, dict(zip(batch.actors.actor_id[batch.target[rows]].tolist(), rows.tolist(), strict=True))
+
+
+def leaders_in(tracks: dict[int, Track], network: RoadNetwork) -> dict[int, tuple[float, float]]:
+    """Gap to the leader and its speed at the first frame, by actor."""
+    batch, sample = first_frame(tracks, network)
+    places = locate(network, batch.actors.xy_m[:, -1], batch.actors.yaw_rad[:, -1], batch.actors.sumo_lane)
+    lanes = np.unique(places.lane[batch.target])
+    gap_m, speed_mps = leaders_of(batch, places, paths_from(network, lanes[lanes != NO_LANE], 250.0), 250.0)
+    return {actor: (float(gap_m[row]), float(speed_mps[row])) for actor, row in sample.items()}
+
+
+def predicted(tracks: dict[int, Track], network: RoadNetwork) -> dict[int, np.ndarray]:
+    """What the model predicts at the first frame, by actor."""
+    batch, sample = first_frame(tracks, network)
+    return {actor: MODEL.predict(batch).xy_m[row, 0] for actor, row in sample.items()}
+
+
+def test_the_leader_is_the_nearest_in_the_same_lane(straight_road) -> None:
+    tracks = {
+        1: moving(10.0, -5.25, 4.0),
+        2: moving(60.0, -5.0, 5.0, length_m=8.0),
+        3: moving(30.0, -1.75, 4.0),
+        4: moving(90.0, -5.25, 6.0),
+        5: moving(45.0, -5.25, 3.0, yaw_rad=np.pi),
+    }
+    leaders = leaders_in(tracks, straight_road)
+    # 3 s of history lie before the first sample: 50 m apart at the start, 53 m then.
+    assert leaders[1] == pytest.approx((53.0 - 6.3, 5.0))
+    assert np.isinf(leaders[3][0])
+    assert leaders[4] == (np.inf, 0.0)
+
+
+def test_the_leader_may_be_beyond_a_junction(crossroads) -> None:
+    tracks = {1: moving(-50.0, 0.0, 0.0), 2: moving(60.0, 0.0, 0.0), 3: moving(20.0, 40.0, 0.0, yaw_rad=np.pi / 2)}
+    leaders = leaders_in(tracks, crossroads)
+    assert leaders[1][0] == pytest.approx(110.0 - 4.6)
+    assert np.isinf(leaders[3][0])
+
+
+def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road) -> None:
+    tracks = {
+        1: moving(0.0, 50.0, 2.0),
+        2: moving(40.0, 51.0, 3.0, yaw_rad=np.pi / 3),
+        3: moving(20.0, 53.0, 0.0),
+        4: moving(-30.0, 50.0, 2.0),
+    }
+    leaders = leaders_in(tracks, straight_road)
+    gone = tracks[2].states[60]
+    assert abs(gone[1] - 50.0) > 1.8
+    assert np.isinf(leaders[1][0])
+    assert leaders[4] == pytest.approx((30.0 - 4.6, 2.0))
+
+
+def test_on_a_free_lane_the_limit_is_kept(straight_road) -> None:
+    paths = predicted({1: moving(0.0, -5.25, 13.89), 2: moving(0.0, -1.75, 20.0)}, straight_road)
+    for actor, speed in ((1, 13.89), (2, 20.0)):
+        assert np.allclose(np.diff(paths[actor][:, 0]), 0.2 * speed), "v0 = max(v, speed limit)"
+
+
+@pytest.mark.parametrize(
+    ("kind", "speed_mps", "after_5_s_m"),
+    [(ActorClass.PEDESTRIAN, 1.4, 7.0), (ActorClass.BICYCLE, 4.0, 20.0)],
+)
+def test_people_without_a_motor_keep_their_speed(straight_road, kind, speed_mps, after_5_s_m) -> None:
+    record = record_with({1: moving(0.0, -5.25, speed_mps, actor_class=kind)}, straight_road)
+    batch = samples_of(record, HistoryWindow(), Population.ALL, people=True).batch
+    path_m = MODEL.predict(batch).xy_m[0, 0] - batch.xy_m[0]
+    assert path_m[-1] == pytest.approx((after_5_s_m, 0.0), abs=0.05)
+
+
+def test_it_starts_where_the_vehicle_is_and_keeps_the_offset(straight_road) -> None:
+    answer = predicted({1: moving(0.0, -4.5, 10.0)}, straight_road)[1]
+    assert np.allclose(answer[:, 1], -4.5)
+    assert answer[0, 0] == pytest.approx(30.0 + 2.0, abs=0.03)
+
+
+def test_it_stops_behind_a_standing_vehicle(straight_road) -> None:
+    paths = predicted({1: moving(0.0, -5.25, 9.0), 2: moving(66.0, -5.25, 0.0)}, straight_road)
+    assert 66.0 - 4.6 - 10.0 < paths[1][-1, 0] < 66.0 - 4.6
+
+
+def test_it_follows_the_bend_that_it_is_on(crossroads) -> None:
+    on_path = Track(np.tile((10.0, 4.2857, 0.0, 0.0, 0.5), (201, 1)))
+    answer = predicted({1: on_path}, crossroads)[1]
+    along, left = crossroads.lanes[4].centre.project(answer)
+    assert np.allclose(left, 0.0, atol=0.1)
+    assert along[0] < 14.0
+    assert along[-1] > 27.0
+
+
+def test_off_the_lanes_it_goes_straight_ahead(straight_road) -> None:
+    batch, sample = first_frame({1: moving(0.0, 50.0, 13.0, yaw_rad=0.6)}, straight_road)
+    way = MODEL.predict(batch).xy_m[sample[1], 0] - batch.xy_m[sample[1]]
+    assert np.allclose(np.arctan2(way[:, 1], way[:, 0]), 0.6)
+    assert np.linalg.norm(way[-1]) > 65.0
+
+
+def test_no_samples_no_answer(straight_road) -> None:
+    batch, _ = first_frame({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
+    assert MODEL.predict(batch).xy_m.shape == (0, 1, 25, 2)
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 0.6, -2.2])
+@pytest.mark.parametrize(
+    ("ahead_m", "aside_m", "heading_rad", "gap_m", "speed_mps"),
+    [
+        (20.0, 1.75, 1.0, 15.4, 6.0 * np.cos(1.0)),
+        (20.0, -1.75, -1.0, 15.4, 6.0 * np.cos(1.0)),
+        (20.0, 1.85, 0.0, np.inf, 0.0),
+        (20.0, -1.85, 0.0, np.inf, 0.0),
+        (20.0, 0.0, 2.5, 15.4, 0.0),
+        (2.0, 0.0, 0.0, 2.0 - 4.6, 6.0),
+        (-2.0, 0.0, 0.0, np.inf, 0.0),
+        (249.9, 0.0, 0.0, 245.3, 6.0),
+        (250.1, 0.0, 0.0, np.inf, 0.0),
+    ],
+)
+def test_off_the_lanes_gap_and_speed_are_along_the_heading_of_the_sample(
+    straight_road, turned_rad, ahead_m, aside_m, heading_rad, gap_m, speed_mps
+) -> None:
+    """The strip is as wide as both vehicles; one that comes towards the own one counts as standing."""
+    turn = np.array([[np.cos(turned_rad), -np.sin(turned_rad)], [np.sin(turned_rad), np.cos(turned_rad)]])
+    yaw = heading_rad + turned_rad
+    before_m = 3.0 * 6.0 * np.array([np.cos(yaw), np.sin(yaw)])
+    start = np.array([0.0, 500.0]) + turn @ (ahead_m, aside_m) - before_m
+    tracks = {1: moving(0.0, 500.0, 0.0, yaw_rad=turned_rad), 2: moving(*start, 6.0, yaw_rad=yaw)}
+    assert leaders_in(tracks, straight_road)[1] == pytest.approx((gap_m, speed_mps))
+
+
+@pytest.mark.parametrize(("speed_mps", "desired_mps"), [(8.0, 50.0 / 3.6), (20.0, 20.0)])
+def test_off_the_lanes_the_limit_is_that_of_a_town(straight_road, speed_mps, desired_mps) -> None:
+    batch, sample = first_frame({1: moving(0.0, 500.0, speed_mps, yaw_rad=-2.0)}, straight_road)
+    way = MODEL.predict(batch).xy_m[sample[1], 0] - batch.xy_m[sample[1]]
+    alone, there = np.full(1, np.inf), np.zeros(1)
+    times = 0.2 * np.arange(1, 26)
+    travelled = IDM.travel(np.array([speed_mps]), np.array([desired_mps]), alone, there, times)[0]
+    assert way == pytest.approx(travelled[:, None] * np.array([np.cos(-2.0), np.sin(-2.0)]))
+
+
+@pytest.mark.parametrize(("away_m", "seen"), [(249.9, True), (250.1, False)])
+def test_along_the_lanes_leaders_are_seen_up_to_the_range(straight_road, away_m, seen) -> None:
+    tracks = {1: moving(10.0, -5.25, 0.0), 2: moving(10.0 + away_m, -5.25, 0.0)}
+    assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(away_m - 4.6 if seen else np.inf)
+
+
+@pytest.mark.parametrize(("ahead_m", "led"), [(0.3, True), (-0.3, False)])
+@pytest.mark.parametrize("y_m", [-5.25, 500.0])
+def test_a_vehicle_alongside_leads_where_its_centre_is_ahead(straight_road, y_m, ahead_m, led) -> None:
+    """In a lane and off all lanes."""
+    tracks = {1: moving(40.0, y_m, 0.0), 2: moving(40.0 + ahead_m, y_m + 1.0, 0.0)}
+    assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(ahead_m - 4.6 if led else np.inf)
+
+
+def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road) -> None:
+    """It turns on the spot by 0.5 rad/s and looks north after 3 s; the others stand 12 m to the north and the east."""
+    heading = np.pi / 2.0 + 0.5 * (0.05 * np.arange(201) - 3.0)
+    spot = np.stack((np.zeros(201), np.full(201, 500.0), *np.zeros((2, 201)), heading), axis=1)
+    tracks = {1: Track(spot), 2: moving(0.0, 512.0, 0.0), 3: moving(5.0, 508.0, 0.0), 4: moving(1.0, 508.0, 0.0)}
+    assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(8.0 - 4.6)
+    del tracks[4]
+    assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(12.0 - 4.6)
+
+
+def test_the_lane_is_that_of_the_present_heading(crossroads) -> None:
+    """Where the ways across part, it looked straight on until just now, and now to the left."""
+    heading = np.where(np.arange(201) < 60, 0.0, 0.6)
+    turned = np.stack((np.full(201, 7.0), np.full(201, 3.0), *np.zeros((2, 201)), heading), axis=1)
+    way = predicted({1: Track(turned)}, crossroads)[1]
+    _, left = crossroads.lanes[4].centre.project(way)
+    assert np.abs(left).max() < 0.2
+    assert way[-1, 1] > 10.0
+
+
+def test_the_straightest_movement_follows_and_junction_paths_lead_out(crossroads) -> None:
+    assert straight_successors(crossroads).tolist() == [5, NO_LANE, NO_LANE, NO_LANE, 1, 2, 3]
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.7, 3.0])
+@pytest.mark.parametrize(
+    ("lines", "straightest"),
+    [
+        ({2: [(40.0, 3.5), (140.0, 3.5)], 3: [(40.0, -1.0), (140.0, -1.0)]}, 3),
+        ({2: [(40.0, 1.0), (140.0, 1.0)], 3: [(40.0, -3.5), (140.0, -3.5)]}, 2),
+        ({2: [(40.0, 0.0), (140.0, 40.0)], 3: [(40.0, -9.0), (140.0, -12.0)]}, 3),
+        ({2: [(40.0, 0.0), (140.0, -40.0)], 3: [(40.0, -9.0), (140.0, -12.0)]}, 3),
+        ({2: [(40.0, 0.0), (40.0, 0.7), (140.0, 0.7)], 3: [(40.0, -9.0), (140.0, -12.0)]}, 3),
+    ],
+    ids=["right nearer", "left nearer", "left turn", "right turn", "turns at its start"],
+)
+def test_the_straightest_and_then_the_nearest_follows(crossroads, angle_rad, lines, straightest) -> None:
+    assert straight_successors(with_lines(crossroads, lines, angle_rad))[0] == straightest + 3
+
+
+def test_a_lane_of_the_same_kind_comes_before_a_straighter_one(crossroads) -> None:
+    first, second, *others = crossroads.lanes
+    shoulders = [replace(lane, kind=LaneKind.SHOULDER) for lane in (first, second)]
+    assert straight_successors(replace(crossroads, lanes=(*shoulders, *others)))[0] == 4
+
+
+def test_paths_know_where_their_lanes_start(crossroads) -> None:
+    paths = paths_from(crossroads, np.array([0, 4], dtype=np.int32), 200.0)
+    assert paths.path_of_lane.tolist() == [0, -1, -1, -1, 1, -1, -1]
+    assert paths.start_m[0, [0, 5, 2]].tolist() == [0.0, 100.0, 140.0]
+    assert np.isinf(paths.start_m[0, [1, 3, 4, 6]]).all()
+    assert paths.start_m[1, 1] == pytest.approx(crossroads.lanes[4].length_m)
+
+
+def test_the_reach_ends_the_path(crossroads) -> None:
+    paths = paths_from(crossroads, np.array([0], dtype=np.int32), 30.0)
+    assert np.isfinite(paths.start_m[0, 5])
+    assert np.isinf(paths.start_m[0, 2])
+
+
+def test_points_keep_their_offset_and_go_straight_on_past_the_end(crossroads) -> None:
+    paths = paths_from(crossroads, np.array([0, 1], dtype=np.int32), 200.0)
+    points = paths.points(np.array([1, 0]), np.array([[50.0, 150.0], [10.0, 260.0]]), np.array([0.5, -1.0]))
+    assert np.allclose(points, [[(19.5, 70.0), (19.5, 170.0)], [(-90.0, -1.0), (160.0, -1.0)]])
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.7])
+def test_lanes_are_near_by_their_ends_and_not_by_their_middle(crossroads, angle_rad) -> None:
+    """Lane 0 comes from the side and bends; behind the crossing lane 3 begins nearer and then goes farther away."""
+    lines = {
+        0: [(-100.0, 9.0), (-50.0, 0.0), (0.0, 0.0)],
+        2: [(40.0, 3.0), (41.0, 3.0), (141.0, -20.0)],
+        3: [(40.0, -2.0), (41.0, -2.0), (141.0, -30.0)],
+    }
+    assert straight_successors(with_lines(crossroads, lines, angle_rad))[0] == 6
+    lines[3] = [(40.0, -4.0), (41.0, -4.0), (141.0, 4.0)]
+    assert straight_successors(with_lines(crossroads, lines, angle_rad))[0] == 5
+
+
+def test_no_error_at_constant_velocity_whatever_the_heading(straight_road) -> None:
+    tracks = {1: moving(0.0, 0.0, 9.0, yaw_rad=0.7), 2: moving(30.0, 0.0, 0.0), 3: moving(0.0, 5.0, 14.0, yaw_rad=-2.5)}
+    scored = samples_in(tracks, straight_road)
+    answer = ConstantVelocity().predict(scored.batch)
+    assert answer.xy_m.shape == (63, 1, 25, 2)
+    assert fde(answer, scored.future_xy_m) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("accel_mps2", [1.2, -0.8])
+def test_error_at_constant_acceleration(accel_mps2, straight_road) -> None:
+    scored = samples_in({1: moving(0.0, -5.25, 10.0, accel_mps2=accel_mps2)}, straight_road)
+    answer = ConstantVelocity().predict(scored.batch)
+    # The miss after t is |a| t² / 2; the mean of t² over 0.2 s … 5 s is 0.04 · (26 · 51 / 6) = 8.84 s².
+    assert ade(answer, scored.future_xy_m) == pytest.approx(abs(accel_mps2) / 2.0 * 8.84)
+    assert fde(answer, scored.future_xy_m) == pytest.approx(abs(accel_mps2) / 2.0 * 25.0)
+    assert np.ptp(answer.xy_m[:, 0, :, 1]) == pytest.approx(0.0, abs=1e-9)

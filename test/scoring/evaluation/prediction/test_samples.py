@@ -1,0 +1,176 @@
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_records import moving, record_with, samples_in
+
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.errors import BagError
+from siren_ros.scoring.evaluation.prediction.samples import (
+    ARGOVERSE_WINDOW,
+    HistoryWindow,
+    Population,
+    _signals,
+    future_offsets,
+    future_times_s,
+    samples_of,
+)
+from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.world.actors import ActorClass, Lights
+from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
+
+
+def test_the_future_is_5_s_and_the_history_3_s_every_200_ms_with_the_present() -> None:
+    assert np.allclose(future_times_s(), np.arange(1, 26) * 0.2)
+    assert len(future_offsets()) == 25
+    assert np.allclose(HistoryWindow().times_s, np.arange(-15, 1) * 0.2)
+    assert np.allclose(HistoryWindow(points=50, stride_frames=1).times_s, np.arange(-49, 1) * 0.1)
+
+
+WINDOW = HistoryWindow()
+
+
+def sumo_lane_of(actor_id: int, lane: int, step: int) -> TrafficState:
+    """SUMO says the lane of one vehicle, and nothing else."""
+    columns: dict[str, Any] = {name: np.zeros(1, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
+    columns.update(actor_id=np.array([actor_id], np.uint32), lane=np.array([lane], np.int32))
+    return TrafficState(step=step, spawned=(), emvs=(), signals=(), **columns)
+
+
+@given(frames=st.integers(1, 110), late=st.integers(0, 7))
+def test_a_gapless_track_gives_one_sample_for_each_frame_with_a_full_window(frames, late, straight_road) -> None:
+    track = moving(0.0, -5.25, 5.0, steps=2 * frames - 1, first_step=2 * late)
+    assert len(samples_in({1: track}, straight_road)) == max(0, frames - 80)
+
+
+def test_a_longer_history_leaves_fewer_samples(straight_road) -> None:
+    window = HistoryWindow(points=50, stride_frames=1)
+    track = moving(0.0, -5.25, 5.0, steps=2 * 120 - 1)
+    assert len(samples_in({1: track}, straight_road, window)) == 120 - 49 - 50
+
+
+def test_every_vehicle_is_scored_the_emv_too(straight_road) -> None:
+    later = moving(90.0, 1.75, 0.0, first_step=20)
+    tracks = {1: moving(0.0, -5.25, 9.0, is_emv=True), 2: moving(50.0, -1.75, 5.0), 3: later}
+    batch = samples_in(tracks, straight_road).batch
+    assert np.bincount(batch.actor_id).tolist() == [0, 21, 21, 21]
+    assert batch.actors.is_emv[batch.target].sum() == 21
+
+
+def test_a_window_with_a_missing_point_is_no_sample(straight_road) -> None:
+    whole = moving(0.0, -5.25, 5.0, steps=2 * 90 - 1)
+    gap = replace(whole, without=frozenset({80}))
+    assert len(samples_in({1: whole}, straight_road)) == 10
+    scored = samples_in({1: gap}, straight_road)
+    # Frame 40 is missing: it is a grid point of the windows of every second frame.
+    assert (scored.batch.step // 2).tolist() == [31, 33, 35, 37, 39]
+
+
+def test_history_and_future_are_the_log(straight_road) -> None:
+    scored = samples_in({1: moving(0.0, -5.25, 5.0, accel_mps2=0.4)}, straight_road)
+    now = scored.batch.step * 0.05
+
+    def x(time: np.ndarray) -> np.ndarray:
+        return 5.0 * time + 0.2 * time**2
+
+    actors = scored.batch.actors
+    assert np.allclose(actors.xy_m[scored.batch.target, :, 0], x(now[:, None] + WINDOW.times_s))
+    assert np.allclose(scored.future_xy_m[..., 0], x(now[:, None] + future_times_s()))
+    assert np.allclose(scored.batch.velocity_mps[:, 0], 5.0 + 0.4 * now)
+    assert np.allclose(scored.future_xy_m[..., 1], -5.25)
+    assert (actors.accel_mps2 == 0.4).all()
+
+
+def test_actors_have_their_class_and_sumos_lanes(straight_road) -> None:
+    tracks = {1: moving(0.0, -5.25, 5.0), 4: moving(40.0, -5.25, 5.0, actor_class=ActorClass.BUS, first_step=40)}
+    record = record_with(tracks, straight_road)
+    said = tuple(sumo_lane_of(4, 1, step) for step in range(61))
+    actors = samples_of(replace(record, traffic=said), WINDOW, Population.ALL).batch.actors
+    classes = {*zip(actors.actor_id.tolist(), actors.actor_class.tolist(), strict=True)}
+    assert classes == {(1, ActorClass.SEDAN), (4, ActorClass.BUS)}
+    # The first sample's present is step 60; the bus is there from step 40 on, SUMO knows it up to step 60.
+    bus = np.flatnonzero(actors.actor_id == 4)
+    assert actors.past_sumo_lane[bus[0]].tolist() == [NO_LANE] * 10 + [1] * 6
+    assert actors.past_sumo_lane[bus[1]].tolist() == [NO_LANE] * 10 + [1] * 5 + [NO_LANE]
+    assert actors.sumo_lane[bus[:2]].tolist() == [1, NO_LANE]
+
+
+def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_road) -> None:
+    later = moving(70.0, -1.75, 0.0, first_step=70, steps=40)
+    tracks = {1: moving(0.0, -5.25, 5.0), 2: moving(40.0, -5.25, 5.0), 7: later}
+    batch = samples_in(tracks, straight_road).batch
+    sample, other = batch.neighbours()
+    target = batch.target[sample]
+    assert (batch.actors.frame[target] == batch.actors.frame[other]).all()
+    assert (target != other).all()
+    last = batch.sample_step == 80
+    actor_id = batch.actors.actor_id
+    ids = {int(batch.actor_id[row]): actor_id[other[sample == row]].tolist() for row in np.flatnonzero(last)}
+    assert ids == {1: [2, 7], 2: [1, 7]}
+    short = (batch.actors.actor_id == 7) & (batch.step[batch.actors.frame] == 80)
+    assert batch.actors.observed[short].sum() == 3
+    assert (batch.actors.xy_m[short][:, :13] == 0.0).all()
+
+
+def test_people_have_samples_of_their_own(straight_road) -> None:
+    """Samples of vehicles see cyclists and nobody on foot; samples of people see everybody."""
+    kinds = {1: ActorClass.SEDAN, 2: ActorClass.PEDESTRIAN, 3: ActorClass.BICYCLE, 4: ActorClass.MOTORCYCLE}
+    tracks = {key: moving(4.0 * key, -5.25, 1.0, steps=201, actor_class=kind) for key, kind in kinds.items()}
+    record = record_with(tracks, straight_road)
+    record = replace(record, description=replace(record.description, emv_ids=(1,)))
+    for population in Population:
+        vehicles, people = (
+            samples_of(record, HistoryWindow(), population, people=people).batch for people in (False, True)
+        )
+        assert set(vehicles.actor_id.tolist()) == {1}
+        assert set(vehicles.actors.actor_id.tolist()) == {1, 3, 4}
+        assert set(people.actor_id.tolist()) == {2, 3, 4}
+        assert set(people.actors.actor_id.tolist()) == {1, 2, 3, 4}
+        assert len(people) == 3 * len(vehicles)
+
+
+def test_a_short_episode_gives_no_samples(straight_road) -> None:
+    scored = samples_in({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
+    assert len(scored) == 0
+    assert scored.future_xy_m.shape == (0, 25, 2)
+
+
+def test_states_of_an_unknown_actor_are_refused(straight_road) -> None:
+    record = record_with({1: moving(0.0, -5.25, 5.0), 2: moving(0.0, -1.75, 5.0)}, straight_road)
+    with pytest.raises(BagError, match=r"\[2\]"):
+        samples_of(replace(record, actors={1: record.actors[1]}), WINDOW, Population.ALL)
+
+
+def test_signals_are_those_of_the_frames() -> None:
+    shown = {1: "rr", 2: "rG", 4: "yG", 6: "Gr"}
+    states = {step: SignalState("crossing", letters) for step, letters in shown.items()}
+    traffic = tuple(SimpleNamespace(step=step, signals=(state,)) for step, state in states.items())
+    signals = _signals(cast("EpisodeRecord", SimpleNamespace(traffic=traffic)), np.array([2, 4, 5]))
+    assert [bytes(row) for row in signals["crossing"]] == [b"rG", b"yG", b"\0\0"]
+
+
+def test_lights_are_those_of_the_present(straight_road) -> None:
+    record = record_with({1: moving(0.0, -5.0, 8.0)}, straight_road)
+    states = tuple(
+        replace(state, lights=np.full(len(state), Lights.BRAKE if state.step >= 70 else 0, dtype=np.uint8))
+        for state in record.states
+    )
+    actors = samples_of(replace(record, states=states), HistoryWindow(), Population.ALL).batch
+    step = actors.step[actors.actors.frame]
+    assert (actors.actors.lights == np.where(step >= 70, Lights.BRAKE, 0)).all()
+
+
+def test_frames_behind_the_horizon_have_to_be_logged_where_the_window_says_so(straight_road) -> None:
+    """Argoverse's window: 5 s before and 6 s after the present, every tenth of a second of them."""
+    for frames, count in ((110, 1), (109, 0), (113, 4)):
+        track = moving(0.0, -5.25, 5.0, steps=2 * frames - 1)
+        assert len(samples_in({1: track}, straight_road, ARGOVERSE_WINDOW)) == count
+    # Of 4 samples, with presents at 49 to 52: frame 112 is needed by the last alone, frame 103 by all of them.
+    for missing, left in ((112, [49, 50, 51]), (103, [])):
+        track = moving(0.0, -5.25, 5.0, steps=225, without=frozenset({2 * missing}))
+        scored = samples_in({1: track}, straight_road, ARGOVERSE_WINDOW)
+        assert (scored.batch.step // 2).tolist() == left

@@ -1,0 +1,361 @@
+"""Titles and severity of the classes, the conflicts in a camera's view, and the labels that follow from them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from evaluation.made_records import Track, moving, record_with
+
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.risk.labels import (
+    SEEN_BEFORE_STEPS,
+    Camera,
+    Evidence,
+    Moments,
+    Reason,
+    RiskClass,
+    RiskLabel,
+    RiskThresholds,
+    SeenContact,
+    SeenEncroachment,
+    evidence_of,
+    in_view,
+    label_of,
+    most_severe,
+    risk_class,
+)
+from siren_ros.scoring.evaluation.risk.vlm.question import SYSTEM
+from siren_ros.scoring.judging.surrogate_safety import encounters_of
+from siren_ros.sensing.specification import Mount
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.traffic_state import Event, EventKind
+
+
+@pytest.mark.parametrize("risk", RiskClass)
+def test_titles_are_read_back(risk: RiskClass) -> None:
+    assert risk_class(risk.title) is risk
+    assert risk_class(f" {risk.title.upper()} ") is risk
+
+
+@pytest.mark.parametrize("written", ["near miss", "NEAR_MISS", "Near-miss", "nearmiss"])
+def test_ways_to_write_near_miss(written: str) -> None:
+    assert risk_class(written) is RiskClass.NEAR_MISS
+
+
+@pytest.mark.parametrize("written", ["", "normality", "crash", "Normal or Collision"])
+def test_another_word_is_refused(written: str) -> None:
+    with pytest.raises(InputError, match="Near-Miss"):
+        risk_class(written)
+
+
+def test_the_more_severe_one_counts() -> None:
+    assert most_severe([RiskClass.NORMAL, RiskClass.COLLISION, RiskClass.NEAR_MISS]) is RiskClass.COLLISION
+    assert most_severe([RiskClass.NORMAL, RiskClass.NEAR_MISS]) is RiskClass.NEAR_MISS
+
+
+LIMITS = RiskThresholds()
+
+
+def moments(count: int, ttc_s: float, closing_mps: float, drac_mps2: float = 0.0, gap_m: float = 5.0) -> Moments:
+    """Consecutive steps of one civilian from step 100 on."""
+    values = (np.full(count, value) for value in (ttc_s, closing_mps, drac_mps2, gap_m, 0.0))
+    return Moments(100 + np.arange(count), np.full(count, 7, np.uint32), *values)
+
+
+NOTHING = moments(0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("count", "ttc_s", "closing_mps", "near"),
+    [(4, 1.49, 1.1, True), (3, 1.49, 1.1, False), (4, 1.51, 1.1, False), (4, 1.49, 0.9, False), (20, 0.0, 5.0, True)],
+)
+def test_a_short_time_to_collision_has_to_last(count: int, ttc_s: float, closing_mps: float, near: bool) -> None:
+    label = label_of(Evidence(moments(count, ttc_s, closing_mps), (), ()), LIMITS)
+    assert label.risk is (RiskClass.NEAR_MISS if near else RiskClass.NORMAL)
+    assert label.reason is (Reason.TIME_TO_COLLISION if near else Reason.NOTHING)
+
+
+def test_an_interruption_begins_anew() -> None:
+    whole = moments(6, 1.0, 3.0)
+    parted = replace(whole, step=np.array([100, 101, 102, 104, 105, 106]))
+    assert label_of(Evidence(whole, (), ()), LIMITS).risk is RiskClass.NEAR_MISS
+    assert label_of(Evidence(parted, (), ()), LIMITS).risk is RiskClass.NORMAL
+
+
+def test_two_civilians_do_not_add_up() -> None:
+    two = replace(moments(6, 1.0, 3.0), actor_id=np.array([7, 7, 7, 8, 8, 8], np.uint32))
+    assert label_of(Evidence(two, (), ()), LIMITS).risk is RiskClass.NORMAL
+
+
+@pytest.mark.parametrize(("time_s", "near"), [(0.95, True), (1.0, False)])
+def test_encroachment(time_s: float, near: bool) -> None:
+    label = label_of(Evidence(NOTHING, (SeenEncroachment(9, 50, time_s),), ()), LIMITS)
+    assert label.risk is (RiskClass.NEAR_MISS if near else RiskClass.NORMAL)
+    assert (label.actor_id, label.step) == ((9, 50) if near else (0, 0))
+
+
+@pytest.mark.parametrize(("drac_mps2", "gap_m", "near"), [(3.5, 9.9, True), (3.5, 10.1, False), (3.3, 5.0, False)])
+def test_hard_braking_needed_nearby(drac_mps2: float, gap_m: float, near: bool) -> None:
+    label = label_of(Evidence(moments(1, 2.0, 8.0, drac_mps2, gap_m), (), ()), LIMITS)
+    assert label.risk is (RiskClass.NEAR_MISS if near else RiskClass.NORMAL)
+
+
+@pytest.mark.parametrize("impact_mps", [0.0, 0.1, 1.3, 1.5])
+def test_touching_is_a_collision_however_slow_as_the_models_are_told(impact_mps: float) -> None:
+    label = label_of(Evidence(NOTHING, (), (SeenContact(3, 80, impact_mps),)), LIMITS)
+    assert label == RiskLabel(RiskClass.COLLISION, Reason.CONTACT, 3, 80, impact_mps)
+    assert "Collision: the emergency vehicle and another vehicle touch." in SYSTEM
+    assert "they do not touch" in SYSTEM.partition("- Near-Miss")[2].partition("- Collision")[0]
+
+
+def test_the_most_severe_decides_and_then_the_earliest() -> None:
+    conflict, contact = moments(8, 1.0, 5.0), SeenContact(3, 300, 4.0)
+    encroachments = (SeenEncroachment(9, 90, 0.5), SeenEncroachment(8, 95, 0.1))
+    assert label_of(Evidence(conflict, encroachments, (contact,)), LIMITS).step == 300
+    assert label_of(Evidence(conflict, encroachments, ()), LIMITS).step == 90
+
+
+def test_thresholds_are_parameters() -> None:
+    evidence = Evidence(moments(8, 2.0, 5.0), (), ())
+    assert label_of(evidence, LIMITS).risk is RiskClass.NORMAL
+    assert label_of(evidence, replace(LIMITS, time_to_collision_s=2.5)).risk is RiskClass.NEAR_MISS
+
+
+def test_a_label_names_the_moment_that_decided_it() -> None:
+    """The least TTC among the short ones, and the hardest deceleration among the near ones, not the first ones."""
+    varied = replace(
+        moments(6, 1.0, 5.0), time_to_collision_s=np.array([1.4, 1.2, 0.8, 1.1, 1.3, 0.5]), closing_mps=np.full(6, 5.0)
+    )
+    varied.closing_mps[5] = 0.5
+    label = label_of(Evidence(varied, (), ()), LIMITS)
+    assert (label.reason, label.actor_id, label.step, label.value) == (Reason.TIME_TO_COLLISION, 7, 102, 0.8)
+    braking = replace(
+        moments(4, 2.0, 8.0, 4.0),
+        actor_id=np.array([7, 7, 8, 8], np.uint32),
+        required_deceleration_mps2=np.array([3.5, 5.0, 4.0, 9.0]),
+        gap_m=np.array([5.0, 5.0, 5.0, 12.0]),
+    )
+    label = label_of(Evidence(braking, (), ()), LIMITS)
+    assert (label.reason, label.actor_id, label.step, label.value) == (Reason.REQUIRED_DECELERATION, 7, 101, 5.0)
+
+
+def test_each_civilian_has_its_own_short_time() -> None:
+    """The second one's lasts long enough, and it is that one's least time that counts."""
+    two = replace(
+        moments(7, 1.0, 3.0),
+        actor_id=np.array([7, 7, 7, 9, 9, 9, 9], np.uint32),
+        step=np.array([100, 101, 102, 150, 151, 152, 153]),
+        time_to_collision_s=np.array([0.2, 0.3, 0.4, 1.2, 1.1, 0.9, 1.0]),
+    )
+    label = label_of(Evidence(two, (), ()), LIMITS)
+    assert (label.actor_id, label.step, label.value) == (9, 152, 0.9)
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        Evidence(moments(8, 1.5, 5.0), (), ()),
+        Evidence(moments(8, 1.0, 1.0), (), ()),
+        Evidence(moments(1, 2.0, 8.0, 3.4, 5.0), (), ()),
+        Evidence(moments(1, 2.0, 8.0, 5.0, 10.0), (), ()),
+    ],
+    ids=["TTC", "closing speed", "deceleration", "gap"],
+)
+def test_at_the_limit_itself_nothing_is_near(found: Evidence) -> None:
+    assert label_of(found, LIMITS).risk is RiskClass.NORMAL
+
+
+LENGTH_M, WIDTH_M = 4.6, 1.8
+TURNED_RAD = [0.0, 0.8, -2.4]
+
+
+def placed(x_m: float, y_m: float, yaw_rad: float, turned_rad: float) -> Track:
+    """A vehicle of one step in a scene that is turned about (40, −30)."""
+    cos, sin = np.cos(turned_rad), np.sin(turned_rad)
+    x, y = 40.0 + x_m * cos - y_m * sin, -30.0 + x_m * sin + y_m * cos
+    return moving(x, y, 0.0, yaw_rad=yaw_rad + turned_rad, steps=1)
+
+
+def sees(network: RoadNetwork, x_m: float, y_m: float, mount: Mount, turned_rad: float = 0.0, **view: float) -> bool:
+    """Whether a vehicle that stands along x is seen from the origin, at 90 degrees and 50 m where nothing is said."""
+    tracks = {1: placed(0.0, 0.0, 0.0, turned_rad), 2: placed(x_m, y_m, 0.0, turned_rad)}
+    fov_rad, range_m = np.radians(view.get("fov_deg", 90.0)), view.get("range_m", 50.0)
+    (visible,) = in_view(encounters_of(record_with(tracks, network), 1), mount, fov_rad, range_m).tolist()
+    return bool(visible)
+
+
+@pytest.mark.parametrize("turned_rad", TURNED_RAD)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_corner_at_the_edge_of_the_view(straight_road: RoadNetwork, side: float, turned_rad: float) -> None:
+    """The corner that lies foremost and inmost is at 45° where it is as far ahead as aside."""
+    eye = Mount(2.0, 0.0, 1.0)
+    for aside_m, seen in ((9.95, True), (10.05, False)):
+        x, y = 2.0 + 10.0 - 0.5 * LENGTH_M, side * (aside_m + 0.5 * WIDTH_M)
+        assert sees(straight_road, x, y, eye, turned_rad=turned_rad) is seen
+
+
+@pytest.mark.parametrize("turned_rad", TURNED_RAD)
+def test_a_camera_that_is_not_in_the_middle(straight_road: RoadNetwork, turned_rad: float) -> None:
+    """1 m to the left it sees 1 m more on the left and 1 m less on the right."""
+    eye = Mount(0.0, 1.0, 1.0)
+    for y_m, seen in ((10.95, True), (11.05, False), (-8.95, True), (-9.05, False)):
+        y = y_m + np.sign(y_m) * 0.5 * WIDTH_M
+        assert sees(straight_road, 10.0 - 0.5 * LENGTH_M, y, eye, turned_rad=turned_rad) is seen
+
+
+@pytest.mark.parametrize("turned_rad", TURNED_RAD)
+def test_a_camera_that_looks_to_the_left(straight_road: RoadNetwork, turned_rad: float) -> None:
+    eye = Mount(0.0, 0.0, 1.0, yaw_rad=np.pi / 2.0)
+    assert sees(straight_road, 0.0, 20.0, eye, turned_rad=turned_rad)
+    assert not sees(straight_road, 0.0, -20.0, eye, turned_rad=turned_rad)
+    assert not sees(straight_road, 20.0, 0.0, eye, turned_rad=turned_rad)
+
+
+def test_the_range_is_from_the_camera_to_the_nearest_corner(straight_road: RoadNetwork) -> None:
+    eye = Mount(2.0, 0.0, 1.0)
+    for x_m, seen in ((30.0, True), (30.2, False)):
+        reach = np.hypot(30.1 - 2.0 - 0.5 * LENGTH_M, 0.5 * WIDTH_M)
+        assert sees(straight_road, x_m, 0.0, eye, range_m=reach) is seen
+
+
+def test_behind_is_never_in_view(straight_road: RoadNetwork) -> None:
+    assert not sees(straight_road, -10.0, 0.0, Mount(0.0, 0.0, 1.0), fov_deg=170.0)
+
+
+EMV = 1
+FRONT = Camera(Mount(2.5, 0.0, 1.0), float(np.radians(100.0)))
+
+
+def contacts_of(network: RoadNetwork, tracks: dict[int, Track], window: tuple[int, int], *events: Event) -> list[int]:
+    """Steps of the contacts that count."""
+    record = replace(record_with(tracks, network), events=events)
+    return [contact.step for contact in evidence_of(record, EMV, FRONT, window).contacts]
+
+
+def touch(step: int, first: int = 5, second: int = EMV) -> Event:
+    return Event(step, EventKind.COLLISION, first, second, detail={"impact_speed_mps": 3.0})
+
+
+def seen(
+    network: RoadNetwork, others: dict[int, Track], steps: tuple[int, int] = (0, 40), yaw_rad: float = 0.0
+) -> Evidence:
+    tracks = {EMV: moving(0.0, 0.0, 10.0, yaw_rad=yaw_rad, steps=41, is_emv=True), **others}
+    return evidence_of(record_with(tracks, network), EMV, FRONT, steps)
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 1.1, -2.3])
+def test_ahead_is_seen_and_behind_is_not(straight_road: RoadNetwork, turned_rad: float) -> None:
+    """One stands ahead; another comes up from behind, faster than the EMV."""
+    cos, sin = np.cos(turned_rad), np.sin(turned_rad)
+    ahead = moving(30.0 * cos, 30.0 * sin, 0.0, yaw_rad=turned_rad, steps=41)
+    behind = moving(-20.0 * cos, -20.0 * sin, 18.0, yaw_rad=turned_rad, steps=41)
+    found = seen(straight_road, {5: ahead, 6: behind}, yaw_rad=turned_rad)
+    assert set(found.moments.actor_id.tolist()) == {5}
+    assert len(found.moments) > 10
+
+
+def test_the_window_limits_the_evidence(straight_road: RoadNetwork) -> None:
+    found = seen(straight_road, {5: moving(30.0, 0.0, 0.0, steps=41)}, (10, 20))
+    assert found.moments.step.tolist() == list(range(10, 20))
+
+
+def test_who_was_seen_counts_for_two_seconds(straight_road: RoadNetwork) -> None:
+    """The EMV passes a standing car within a second: a contact soon after counts, one much later does not."""
+    count = SEEN_BEFORE_STEPS + 60
+    tracks = {EMV: moving(0.0, 0.0, 10.0, steps=count, is_emv=True), 5: moving(6.0, 3.0, 0.0, steps=count)}
+    soon, late = touch(30, EMV, 5), touch(SEEN_BEFORE_STEPS + 50, EMV, 5)
+    assert contacts_of(straight_road, tracks, (0, count), soon, late) == [30]
+
+
+def test_contacts_of_others_are_not_the_emvs(straight_road: RoadNetwork) -> None:
+    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(20.0, 0.0, 0.0), 6: moving(26.0, 0.0, 0.0)}
+    record = replace(record_with(tracks, straight_road), events=(touch(9, 5, 6), touch(12, 6, EMV)))
+    assert evidence_of(record, EMV, FRONT, (0, 100)).contacts == (SeenContact(6, 12, 3.0),)
+
+
+def test_a_vehicle_that_crosses_just_before(straight_road: RoadNetwork) -> None:
+    crossing = moving(30.0, -6.0, 10.0, yaw_rad=np.pi / 2.0, steps=81)
+    tracks = {EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}
+    found = evidence_of(record_with(tracks, straight_road), EMV, FRONT, (0, 81))
+    (encroachment,) = found.encroachments
+    assert encroachment.actor_id == 5
+    assert 0.3 < encroachment.time_s < 1.3
+
+
+@pytest.mark.parametrize("kind", [ActorClass.PEDESTRIAN, ActorClass.BICYCLE, ActorClass.MOTORCYCLE])
+def test_people_are_civilians(straight_road: RoadNetwork, kind: ActorClass) -> None:
+    """One crosses just before the EMV; then they touch."""
+    crossing = moving(30.0, -12.8, 10.0, yaw_rad=np.pi / 2.0, steps=81, length_m=0.6, actor_class=kind)
+    record = record_with({EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}, straight_road)
+    label = label_of(evidence_of(record, EMV, FRONT, (0, 81)), LIMITS)
+    assert (label.risk, label.actor_id) == (RiskClass.NEAR_MISS, 5)
+    touched = replace(record, events=(touch(30),))
+    assert label_of(evidence_of(touched, EMV, FRONT, (0, 81)), LIMITS).reason is Reason.CONTACT
+
+
+def test_numbers_of_a_moment(straight_road: RoadNetwork) -> None:
+    """The EMV at 10 m/s, 30 m behind the centre of a standing car: 25.4 m of gap at step 0, 0.5 m less at each step."""
+    found = seen(straight_road, {5: moving(30.0, 0.0, 0.0, steps=41)}, (4, 8)).moments
+    gaps = 30.0 - 4.6 - 0.5 * np.arange(4, 8)
+    assert found.gap_m == pytest.approx(gaps)
+    assert found.time_to_collision_s == pytest.approx(gaps / 10.0)
+    assert found.closing_mps == pytest.approx(np.full(4, 10.0))
+    assert found.required_deceleration_mps2 == pytest.approx(100.0 / (2.0 * gaps))
+
+
+def test_a_contact_at_the_windows_edges(straight_road: RoadNetwork) -> None:
+    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(20.0, 0.0, 0.0)}
+    assert contacts_of(straight_road, tracks, (20, 40), *map(touch, (19, 20, 39, 40))) == [20, 39]
+
+
+def test_a_car_that_stays_behind_touches_unseen(straight_road: RoadNetwork) -> None:
+    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(-6.0, 0.0, 0.0)}
+    assert contacts_of(straight_road, tracks, (0, 60), touch(30)) == []
+
+
+def test_a_contact_may_be_told_a_step_after_the_last_state(straight_road: RoadNetwork) -> None:
+    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(20.0, 0.0, 0.0, steps=30)}
+    assert contacts_of(straight_road, tracks, (0, 60), touch(30)) == [30]
+    assert contacts_of(straight_road, tracks, (0, 60), touch(31)) == []
+
+
+@pytest.mark.parametrize(("window", "there"), [((0, 81), True), ((0, 36), False), ((38, 81), False)])
+def test_an_encroachment_lies_within_the_window(
+    straight_road: RoadNetwork, window: tuple[int, int], *, there: bool
+) -> None:
+    """A car crosses at about step 12 to 20, the EMV comes at about step 37."""
+    crossing = moving(30.0, -8.0, 10.0, yaw_rad=np.pi / 2.0, steps=81)
+    tracks = {EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}
+    found = evidence_of(record_with(tracks, straight_road), EMV, FRONT, window)
+    assert bool(found.encroachments) is there
+
+
+def test_who_crosses_behind_the_camera_is_no_encroachment(straight_road: RoadNetwork) -> None:
+    """The car comes out of a side road after the EMV has passed, and was never seen."""
+    crossing = moving(0.0, -30.0, 12.0, yaw_rad=np.pi / 2.0, steps=81)
+    tracks = {EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}
+    assert evidence_of(record_with(tracks, straight_road), EMV, FRONT, (0, 81)).encroachments == ()
+
+
+@pytest.mark.parametrize(("step", "counts"), [(49, True), (50, True), (51, False)])
+def test_two_seconds_are_forty_steps(straight_road: RoadNetwork, step: int, *, counts: bool) -> None:
+    """A car is ahead up to step 9 and behind from step 10 on; the step of a contact may be the first of touching."""
+    states = np.zeros((60, 5))
+    states[:, 0] = np.where(np.arange(60) < 10, 20.0, -20.0)
+    tracks = {EMV: moving(0.0, 0.0, 0.0, steps=60, is_emv=True), 5: Track(states)}
+    assert contacts_of(straight_road, tracks, (0, 60), touch(step)) == [step] * counts
+
+
+def test_a_part_of_the_evidence_ends_before_its_last_step() -> None:
+    steps = np.arange(10, 20)
+    numbers = (np.full(10, 5, np.uint32), *(np.arange(10.0) + number for number in range(5)))
+    found = Evidence(
+        Moments(steps, *numbers),
+        tuple(SeenEncroachment(5, step, 1.0) for step in (11, 12, 15, 16)),
+        tuple(SeenContact(5, step, 2.0) for step in (11, 12, 15, 16)),
+    ).within(12, 16)
+    assert found.moments.step.tolist() == [12, 13, 14, 15]
+    assert found.moments.time_to_collision_s.tolist() == [2.0, 3.0, 4.0, 5.0]
+    assert [one.step for one in found.encroachments] == [12, 15]
+    assert [one.step for one in found.contacts] == [12, 15]

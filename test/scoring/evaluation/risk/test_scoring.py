@@ -1,0 +1,261 @@
+"""Scores of three classes: closed forms, the paper's table from confusion matrices, and tables cell by cell."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from siren_ros.base.tables.table import Table
+from siren_ros.scoring.evaluation.risk.labels import RiskClass
+from siren_ros.scoring.evaluation.risk.risk_page import save_confusions
+from siren_ros.scoring.evaluation.risk.scoring import (
+    NO_ANSWER,
+    SCORES,
+    ModelScores,
+    accuracy,
+    balanced_accuracy,
+    confusion,
+    f1,
+    macro_f1,
+    majority,
+    oracle,
+    precision,
+    recall,
+    score_answers,
+)
+from siren_ros.scoring.evaluation.risk.tables import (
+    PAPER_BALANCE,
+    PAPER_SCORES,
+    csv_of_scores,
+    scores_as_json,
+    tables_of,
+)
+from siren_ros.scoring.evaluation.risk.video_set import VideoSet
+
+NORMAL, NEAR_MISS, COLLISION = RiskClass
+
+
+def test_counts_are_label_by_answer() -> None:
+    counts = confusion([NORMAL, NORMAL, NEAR_MISS, COLLISION], [NORMAL, COLLISION, None, NEAR_MISS])
+    assert counts.tolist() == [[1, 0, 1, 0], [0, 0, 0, 1], [0, 1, 0, 0]]
+
+
+def test_closed_forms() -> None:
+    counts = np.array([[6, 2, 0, 2], [1, 3, 1, 0], [0, 1, 4, 0]])
+    assert accuracy(counts).value == pytest.approx(13 / 20)
+    assert precision(counts, NORMAL).value == pytest.approx(6 / 7)
+    assert recall(counts, NORMAL).value == pytest.approx(6 / 10)
+    assert precision(counts, NEAR_MISS).value == pytest.approx(3 / 6)
+    assert recall(counts, NEAR_MISS).value == pytest.approx(3 / 5)
+    assert f1(counts, COLLISION).value == pytest.approx(2 * 4 / (5 + 5))
+    assert balanced_accuracy(counts).value == pytest.approx((0.6 + 0.6 + 0.8) / 3)
+    assert macro_f1(counts).value == pytest.approx((12 / 17 + 6 / 11 + 8 / 10) / 3)
+
+
+def test_what_divides_by_nothing_is_not_valid() -> None:
+    counts = confusion([NORMAL, NEAR_MISS], [NORMAL, NORMAL])
+    assert not precision(counts, COLLISION).valid
+    assert not recall(counts, COLLISION).valid
+    assert not precision(counts, NEAR_MISS).valid
+    assert recall(counts, NEAR_MISS).valid
+    assert not any(score(np.zeros((3, 4), dtype=np.int64)).valid for score in SCORES.values())
+
+
+@pytest.mark.parametrize(
+    ("model", "counts"),
+    [
+        ("MiniCPM-V-4.5-8B", [[49, 0, 25], [5, 0, 20], [3, 0, 3]]),
+        ("Qwen3.5-9B", [[74, 0, 0], [25, 0, 0], [6, 0, 0]]),
+        ("Gemma3-12B", [[9, 55, 10], [1, 19, 5], [0, 6, 0]]),
+        ("LLaVA-Llama3-8B", [[0, 74, 0], [0, 24, 1], [0, 6, 0]]),
+        ("Blaifa-InternVL3.5-8B", [[32, 41, 1], [5, 18, 2], [1, 5, 0]]),
+    ],
+)
+def test_the_papers_table_from_counts(model: str, counts: list[list[int]]) -> None:
+    """The paper's numbers give the right answers and the answers of each class, not how the wrong ones are spread."""
+    matrix = np.concatenate((counts, np.zeros((3, 1), dtype=np.int64)), axis=1)
+    assert tuple(matrix.sum(axis=1)) == PAPER_BALANCE
+    for name, value in PAPER_SCORES[model].items():
+        assert 100.0 * SCORES[name](matrix).value == pytest.approx(100.0 * value, abs=0.005), name
+
+
+def test_an_unreadable_answer_counts_as_wrong_and_as_no_class() -> None:
+    with_none, without = confusion([NORMAL, NORMAL], [NORMAL, None]), confusion([NORMAL], [NORMAL])
+    assert with_none[NORMAL, NO_ANSWER] == 1
+    assert accuracy(with_none).value == 0.5
+    assert recall(with_none, NORMAL).value == 0.5
+    assert precision(with_none, NORMAL).value == precision(without, NORMAL).value == 1.0
+
+
+def test_references(small_set: VideoSet) -> None:
+    most, best = (score_answers("x", small_set, answers(small_set)) for answers in (majority, oracle))
+    assert most.scores["accuracy"].value == 0.5
+    assert most.scores["balanced_accuracy"].value == pytest.approx(1 / 3)
+    assert not most.scores["precision_collision"].valid
+    assert best.scores["accuracy"].value == best.scores["macro_f1"].value == 1.0
+    assert (best.scores["accuracy"].low, best.scores["accuracy"].high) == pytest.approx((0.6097, 1.0), abs=1e-4)
+    assert 0.0 <= most.scores["accuracy"].low < 0.5 < most.scores["accuracy"].high <= 1.0
+
+
+def test_only_answered_videos_count(small_set: VideoSet) -> None:
+    found = score_answers("x", small_set, {"S4_000": RiskClass.NORMAL, "S6_005": None})
+    assert (found.answered, found.videos) == (2, 6)
+    assert found.scores["accuracy"].value == 0.5
+    assert found.by_template["S4"].tolist() == [[1, 0, 0, 0], [0] * 4, [0] * 4]
+    assert found.by_template["S6"][RiskClass.COLLISION].tolist() == [0, 0, 0, 1]
+    assert (found.by_template["S4"] + found.by_template["S6"] == found.overall).all()
+
+
+def test_tables_say_the_same(small_set: VideoSet, tmp_path: Path) -> None:
+    first, second = (score_answers(name, small_set, of(small_set)) for name, of in (("m_1", majority), ("o", oracle)))
+    models = [first, second]
+    content = json.loads(json.dumps(scores_as_json(models)))
+    scores, classes, confusion_table, *_ = tables_of(content, compare_paper=True)
+    assert len(scores.cells()) == len(classes.cells()) == 2 + 5
+    assert "50.00 [" in scores.cells()[0][2]
+    assert scores.cells()[1][1] == "6/6"
+    assert any("49.52" in row and "(paper)" in row[0] for row in scores.cells())
+    rows = {
+        (row["model"], row["group"], row["score"]): row for row in csv.DictReader(csv_of_scores(models).splitlines())
+    }
+    assert float(rows["m_1", "all", "accuracy"]["value"]) == 0.5
+    assert {group for _, group, _ in rows} == {"all", "S4", "S6"}
+    assert rows["o", "S4", "recall_collision"]["value"] == ""
+    assert r"m\_1 & 6/6 & 50.00 [" in scores.latex()
+    assert classes.cells()[0][1:4] == ("50.00", "100.00", classes.cells()[0][3])
+    assert classes.cells()[0][3].startswith("66.67 [")
+    assert content["models"]["o"]["scores"]["macro_f1"]["value"] == 1.0
+    assert content["models"]["m_1"]["scores"]["precision_near_miss"]["value"] is None
+    assert confusion_table.cells()[1] == ("m_1", "Near-Miss", "2", "0", "0", "0")
+    save_confusions(first, tmp_path / "confusion.png")
+    assert tmp_path.joinpath("confusion.png").stat().st_size > 10_000
+
+
+def test_tables_by_hand(small_set: VideoSet) -> None:
+    """Of S4 normal, normal, near-miss; of S6 normal, near-miss, collision: one of each template is wrong."""
+    answers = {
+        "S4_000": RiskClass.NORMAL,
+        "S4_001": RiskClass.NEAR_MISS,
+        "S4_002": RiskClass.NEAR_MISS,
+        "S6_003": RiskClass.NORMAL,
+        "S6_004": RiskClass.NEAR_MISS,
+        "S6_005": None,
+    }
+    found = score_answers("m&1", small_set, answers)
+    scores, classes, overall, by_template = tables_of(scores_as_json([found]))
+    assert overall.cells() == [
+        ("m&1", "Normal", "2", "1", "0", "0"),
+        ("m&1", "Near-Miss", "0", "2", "0", "0"),
+        ("m&1", "Collision", "0", "0", "0", "1"),
+    ]
+    assert by_template.cells()[0] == ("m&1", "S4", "Normal", "1", "1", "0", "0")
+    assert by_template.cells()[5] == ("m&1", "S6", "Collision", "0", "0", "0", "1")
+    # Recalls 2/3, 1, 0; precisions 1, 2/3, none; F1 4/5, 4/5, 0.
+    values = [cell.split()[0] for cell in classes.cells()[0][1:]]
+    assert values == ["100.00", "66.67", "80.00", "66.67", "100.00", "80.00", "–", "0.00", "0.00"]
+    assert scores.latex().splitlines()[-3].startswith(r"m\&1 & 6/6 & 66.67 [")
+    rows = {(row["group"], row["score"]): row for row in csv.DictReader(csv_of_scores([found]).splitlines())}
+    assert float(rows["S4", "accuracy"]["value"]) == pytest.approx(2 / 3, abs=1e-6)
+    assert (rows["S4", "accuracy"]["low"], rows["S4", "accuracy"]["videos"]) == ("", "3")
+    assert rows["all", "accuracy"]["videos"] == "6"
+    bounds = found.scores["accuracy"]
+    assert [float(rows["all", "accuracy"][side]) for side in ("low", "high")] == pytest.approx(
+        [bounds.low, bounds.high], abs=1e-6
+    )
+    assert (rows["all", "precision_collision"]["value"], rows["all", "precision_collision"]["low"]) == ("", "")
+    assert float(rows["all", "balanced_accuracy"]["value"]) == pytest.approx(5 / 9, abs=1e-6)
+    shown = scores_as_json([found])["models"]["m&1"]
+    assert shown["confusion"] == [[2, 1, 0, 0], [0, 2, 0, 0], [0, 0, 0, 1]]
+    assert shown["scores"]["precision_collision"] == {"value": None, "low": None, "high": None, "episodes": 0}
+    assert shown["scores"]["accuracy"]["low"] == bounds.low
+    assert shown["scores"]["accuracy"]["high"] == bounds.high > bounds.low
+
+
+FIRST = np.array([[6, 2, 0, 0], [1, 3, 0, 1], [0, 0, 0, 0]])
+SECOND = np.array([[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 4, 0]])
+
+
+def scores(name: str, first: np.ndarray = FIRST, second: np.ndarray = SECOND) -> ModelScores:
+    """Of S1 and S6."""
+    return ModelScores(name, 24, int((first + second).sum()), first + second, {"S1": first, "S6": second})
+
+
+def tables(*models: ModelScores, compare_paper: bool = False) -> dict[str, Table]:
+    return {table.key: table for table in tables_of(scores_as_json(models), compare_paper=compare_paper)}
+
+
+def test_scores_in_percent() -> None:
+    """Of 20 videos 16 are right. Recalls 8/10, 4/6, 4/4; precisions 8/9, 4/6, 4/4; F1 16/19, 8/12, 1."""
+    found = tables(scores("m"))
+    assert found["scores"].head == ("model", "videos", "accuracy", "balanced accuracy", "macro F1")
+    ((name, videos, *cells),) = found["scores"].cells()
+    assert (name, videos) == ("m", "20/24")
+    assert [cell.split()[0] for cell in cells] == ["80.00", "82.22", "83.63"]
+    assert cells[0] == "80.00 [58.40, 91.93]"
+    assert found["classes"].head[1:4] == ("P Normal", "R Normal", "F1 Normal")
+    ((_, *cells),) = found["classes"].cells()
+    assert [cell.split()[0] for cell in cells] == [
+        "88.89", "80.00", "84.21", "66.67", "66.67", "66.67", "100.00", "100.00", "100.00",
+    ]  # fmt: skip
+    assert [place for place, cell in enumerate(cells) if "[" in cell] == [2, 5, 8], "intervals of F1"
+    none = np.zeros_like(FIRST)
+    few = tables(scores("m", none, np.diag([2, 1, 1, 0])[:3]))["scores"]
+    assert few.cells()[0][2] == "100.00 [–]", "four videos"
+    assert few.has_unbounded
+
+
+def test_the_papers_rows_stand_below_ours() -> None:
+    found = tables(scores("m"), compare_paper=True)
+    overall, of_classes = ({row[0]: row[1:] for row in found[key].cells()} for key in ("scores", "classes"))
+    assert overall["Qwen3.5-9B (paper)"] == ("105", "70.48", "–", "–")
+    assert of_classes["Qwen3.5-9B (paper)"] == ("70.48", "–", "82.68", "0.00", "–", "0.00", "0.00", "–", "0.00")
+    assert len(overall) == len(of_classes) == 1 + len(PAPER_SCORES)
+    assert len(found["scores"].reference) == len(PAPER_SCORES)
+
+
+def test_csv() -> None:
+    lines = csv_of_scores([scores("m"), scores("n")]).splitlines()
+    assert lines[0] == "model,group,score,value,low,high,videos"
+    assert "m,all,accuracy,0.800000,0.583983,0.919342,20" in lines
+    assert "n,S1,accuracy,0.692308,,,13" in lines
+    assert "m,S1,recall_collision,,,,13" in lines, "there are none"
+    assert "m,S6,precision_collision,1.000000,,,7" in lines
+    assert len(lines) == 1 + 2 * 3 * len(SCORES)
+
+
+def test_json() -> None:
+    found = scores_as_json([scores("m")])
+    assert found["classes"] == ["Normal", "Near-Miss", "Collision"]
+    model = found["models"]["m"]
+    assert (model["videos"], model["answered"]) == (24, 20)
+    assert model["scores"]["accuracy"] == pytest.approx(
+        {"value": 0.8, "low": 0.583983, "high": 0.919342, "episodes": 20}
+    )
+    assert model["confusion"] == [[8, 2, 0, 0], [1, 4, 0, 1], [0, 0, 4, 0]]
+    assert model["confusion_by_template"] == {"S1": FIRST.tolist(), "S6": SECOND.tolist()}
+
+
+def test_confusion_matrices() -> None:
+    found = tables(scores("m"), scores("oracle"))
+    overall, by_template = found["confusion"], found["confusion_by_template"]
+    answers = ("label", "answered Normal", "answered Near-Miss", "answered Collision", "unreadable")
+    assert (overall.head, by_template.head) == (("model", *answers), ("model", "template", *answers))
+    assert overall.cells()[:3] == [
+        ("m", "Normal", "8", "2", "0", "0"),
+        ("m", "Near-Miss", "1", "4", "0", "1"),
+        ("m", "Collision", "0", "0", "4", "0"),
+    ]
+    assert len(overall.rows) == 6
+    assert by_template.cells()[0] == ("m", "S1", "Normal", "6", "2", "0", "0")
+    assert by_template.cells()[3] == ("m", "S6", "Normal", "2", "0", "0", "0")
+    assert len(by_template.rows) == 6, "not of the oracle"
+
+
+@pytest.mark.parametrize("name", PAPER_SCORES)
+def test_the_papers_accuracies_are_counts_of_its_videos(name: str) -> None:
+    videos = sum(PAPER_BALANCE)
+    right = PAPER_SCORES[name]["accuracy"] * videos
+    assert videos == 105
+    assert right == pytest.approx(round(right), abs=0.01)

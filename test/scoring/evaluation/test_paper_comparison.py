@@ -1,0 +1,312 @@
+"""The paper's numbers next to ours."""
+
+import json
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+from made_scores import episode_scores, model_scores
+from made_video_sets import small_video_set
+
+from siren_ros.base.tables.interval import NOTHING, Interval
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.detection.devkit_score import ERRORS
+from siren_ros.scoring.evaluation.paper_comparison import (
+    BALANCE,
+    FAMILY,
+    ORDER,
+    RANKING,
+    RATIO,
+    SAMPLES,
+    Compared,
+    at_template_level,
+    comparison_tables,
+    detection_rows,
+    measured,
+    prediction_rows,
+    risk_rows,
+    stored,
+)
+from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER, PAPER_SAMPLES
+from siren_ros.scoring.evaluation.prediction.reports.score_table import score_table
+from siren_ros.scoring.evaluation.prediction.scoring import EpisodeScores
+from siren_ros.simulation.scenario.paper import TEMPLATES, EmergencyLevel
+from siren_ros.simulation.scenario.templates import load_template
+
+AROUND = Interval(3.0, 1.5, 4.5, 6)
+
+
+def row(paper: float, ours: Interval = AROUND, digits: int = 2, *, relative: bool = True) -> Compared:
+    return Compared("ADE in m", "CV", "S1", paper, ours, digits, relative)
+
+
+@pytest.mark.parametrize(
+    ("paper", "inside"), [(1.5, True), (4.5, True), (1.49, False), (4.51, False), (-3.0, False), (3.0, True)]
+)
+def test_the_bounds_belong_to_the_interval(paper, inside) -> None:
+    assert row(paper).inside is inside
+
+
+def test_the_deviation_is_a_share_of_the_papers() -> None:
+    assert row(2.0).deviation == pytest.approx(0.5)
+    assert row(4.0).deviation == pytest.approx(-0.25)
+    assert row(0.0).deviation is None
+    assert row(2.0, relative=False).deviation is None
+    assert row(2.0, NOTHING).deviation is None
+    single = row(1.0, Interval(0.5, 0.5, 0.5, 1))
+    assert (single.inside, single.deviation) == (None, -0.5)
+
+
+def test_cells_have_the_rows_digits_and_a_star_where_the_papers_value_lies_inside() -> None:
+    def cells(compared: Compared) -> list[str]:
+        (table,) = comparison_tables([compared])
+        assert (table.key, table.caption, table.head) == ("paper_0", "ADE in m", ("", "S1"))
+        return [value for _, value in table.cells()]
+
+    assert cells(row(2.0)) == ["2.00", "3.00", "[1.50, 4.50]", "+50% *"]
+    assert cells(row(5.0, digits=1)) == ["5.0", "3.0", "[1.5, 4.5]", "-40%"]
+    assert cells(row(2.0, relative=False)) == ["2.00", "3.00", "[1.50, 4.50]", "*"]
+    alone = Interval(3.0, 3.0, 3.0, 1)
+    assert cells(row(2.0, alone)) == ["2.00", "3.00", "[–]", "+50%"]
+    assert cells(row(2.0, NOTHING)) == ["2.00", "–"]
+
+
+def test_the_papers_rows_and_ours() -> None:
+    rows = [
+        Compared("ADE in m", "CV", "S1", 1.63, Interval(1.5, 1.4, 1.7, 5)),
+        Compared("ADE in m", "CV", "mean", 1.44, Interval(2.0, 1.9, 2.1, 5)),
+        Compared("ADE in m", "IDM", "S1", 2.23, Interval(2.23, 2.23, 2.23, 1)),
+        Compared("mAP", "SECOND", "S3", 0.631, Interval(0.6, 0.5, 0.7, 6), digits=3),
+        Compared("error ATE", "SECOND", "mean", 0.565, digits=3),
+    ]
+    first, second, third = comparison_tables(rows)
+    assert (third.caption, third.cells()[1]) == ("Error ATE", ("SECOND, here", "–"))
+    assert (first.key, first.caption, first.head) == ("paper_0", "ADE in m", ("", "S1", "mean"))
+    assert first.cells() == [
+        ("CV, paper", "1.63", "1.44"),
+        ("CV, here", "1.50", "2.00"),
+        ("CV, 95 %", "[1.40, 1.70]", "[1.90, 2.10]"),
+        ("CV, deviation", "-8% *", "+39%"),
+        ("IDM, paper", "2.23", "–"),
+        ("IDM, here", "2.23", "–"),
+        ("IDM, 95 %", "[–]", "–"),
+        ("IDM, deviation", "+0%", "–"),
+    ]
+    assert (second.key, second.caption, second.head) == ("paper_1", "mAP", ("", "S3"))
+    ours = {"SECOND, here": "0.600", "SECOND, 95 %": "[0.500, 0.700]"}
+    assert dict(second.cells()[:3]) == {"SECOND, paper": "0.631", **ours}
+
+
+def test_without_bounds_or_value_json_says_nothing() -> None:
+    content = row(2.0).to_json()
+    values = {"paper": 2.0, "ours": 3.0, "low": 1.5, "high": 4.5, "episodes": 6}
+    assert {name: content[name] for name in values} == values
+    assert (content["deviation"], content["paper_inside"]) == (pytest.approx(0.5), True)
+    single = row(2.0, Interval(3.0, 3.0, 3.0, 14, scatter_known=False)).to_json()
+    assert (single["ours"], single["low"], single["high"], single["episodes"]) == (3.0, None, None, 14)
+    nothing = row(2.0, NOTHING).to_json()
+    assert [nothing[name] for name in ("ours", "low", "high", "deviation", "paper_inside")] == [None] * 5
+
+
+def test_rows_with_a_value_of_ours() -> None:
+    rows = [row(2.0), row(2.0, NOTHING), row(3.0, Interval(1.0, 1.0, 1.0, 1))]
+    assert measured(rows) == [rows[0], rows[2]]
+
+
+CV_ADE_M = PAPER["cv", "ade_m"].by_template
+
+
+def template_level(template: str) -> str:
+    return load_template(template).level.name
+
+
+def episode(template: str, value: float, seed: int, samples: int = 4) -> EpisodeScores:
+    """CV with one error everywhere, IDM with twice that."""
+    models = {name: model_scores(np.full(samples, factor * value)) for name, factor in (("cv", 1.0), ("idm", 2.0))}
+    return episode_scores(template, models, seed, EmergencyLevel[template_level(template)])
+
+
+def by_place(rows: Iterable[Compared]) -> dict[tuple[str, str, str], Compared]:
+    return {(row.table, row.row, row.column): row for row in rows}
+
+
+def rows_of(scores: list[EpisodeScores]) -> dict[tuple[str, str, str], Compared]:
+    return by_place(prediction_rows(score_table(scores)))
+
+
+def test_the_papers_own_values_give_no_deviation_and_its_ranking() -> None:
+    shifts = enumerate((-0.1, -0.05, 0.0, 0.05, 0.1))
+    rows = rows_of([episode(name, CV_ADE_M[name] + shift, seed) for seed, shift in shifts for name in TEMPLATES])
+    for name in TEMPLATES:
+        row = rows["ADE in m", "CV", name]
+        assert row.ours.value == pytest.approx(row.paper)
+        assert row.inside is True
+        assert row.deviation == pytest.approx(0.0, abs=1e-9)
+    ranking = rows[RANKING, "CV", "Spearman"].ours
+    assert ranking.value == pytest.approx(1.0)
+    assert ranking.high == pytest.approx(1.0)
+    assert ranking.low < 1.0, "S3's and S7's means are 0.11 m apart, and their intervals overlap"
+    ratio = rows[RATIO, "IDM", "mean"]
+    assert ratio.paper == pytest.approx(1.86 / 1.44)
+    assert (ratio.ours.value, ratio.ours.low, ratio.ours.high) == pytest.approx((2.0, 2.0, 2.0))
+
+
+def test_samples_are_those_of_an_episode() -> None:
+    rows = rows_of([episode("S2", 1.0, seed, 900 + 50 * seed) for seed in range(5)])
+    row = rows[SAMPLES, "all vehicles", "S2"]
+    assert (row.paper, row.ours.value) == (PAPER_SAMPLES["S2"], 1000.0)
+    cells = [value for _, value in comparison_tables([row])[0].cells()]
+    assert cells == ["1371", "1000", "[902, 1098]", "-27%"], "t of 4 is 2.776, the error 50·√(2.5 / 5)"
+    assert not rows[SAMPLES, "all vehicles", "S1"].ours.valid
+
+
+def test_values_that_were_not_measured_have_their_rows() -> None:
+    rows = rows_of([episode("S2", 1.0, 0)])
+    (table,) = comparison_tables([rows["ADE in m", "BAT", "S1"]])
+    assert table.cells() == [("BAT, paper", "9.14"), ("BAT, here", "–")]
+    assert rows["minADE6 in m", "EMP-M", "mean"].paper == 0.74
+    assert ("minADE6 in m", "CV", "mean") not in rows, "the paper's table has the predictors with several paths only"
+    assert not rows[RANKING, "CV", "Spearman"].ours.valid, "one template has no rank"
+    shown = measured(list(rows.values()))
+    assert {row.column for row in shown} == {"S2", "mean"}
+    assert {table.head for table in comparison_tables(shown)} <= {("", "S2", "mean"), ("", "S2"), ("", "mean")}
+
+
+def test_the_papers_numbers_of_all_tables_are_there() -> None:
+    rows = rows_of([episode("S2", 1.0, 0)])
+    tables = [key[0] for key in rows]
+    # Nine models with seven templates and a mean; four models in the tables of minima.
+    assert [tables.count(name) for name in ("ADE in m", "FDE in m", "RMSE at 5 s in m")] == [72, 72, 72]
+    assert [tables.count(name) for name in ("minADE6 in m", "minFDE6 in m")] == [32, 32]
+    assert sum(PAPER_SAMPLES.values()) == 7062
+
+
+def test_an_episode_without_samples_does_not_count() -> None:
+    scores = [episode(name, 1.0 + place, seed) for place, name in enumerate(TEMPLATES[:3]) for seed in (0, 1)]
+    rows = rows_of([*scores, episode("S4", 9.0, 0, samples=0)])
+    assert rows[RANKING, "IDM", "Spearman"].ours.blocks == 6
+    assert rows[RATIO, "IDM", "mean"].ours.value == pytest.approx(2.0)
+
+
+def test_only_episodes_at_the_levels_of_their_templates_count() -> None:
+    at_other = episode_scores("S2", {"cv": model_scores(np.ones(2))}, 0, EmergencyLevel.L3)
+    not_in_the_paper = episode_scores("S9", {"cv": model_scores(np.ones(2))}, 0, EmergencyLevel.L2)
+    kept = episode("S2", 1.0, 0)
+    assert at_template_level([at_other, kept, not_in_the_paper], template_level) == [kept]
+
+
+def unequal(template: str, cv: list[float], idm: list[float], seed: int = 0) -> EpisodeScores:
+    """An episode with an error for each sample of both."""
+    models = {"cv": model_scores(np.array(cv)), "idm": model_scores(np.array(idm))}
+    return episode_scores(template, models, seed, EmergencyLevel[template_level(template)])
+
+
+def test_the_ratio_is_that_of_means_over_templates_of_means_over_their_samples() -> None:
+    """CV: 2 in S1, and 4 in S2; IDM: 5 and 4. An episode in which IDM has no sample counts for neither."""
+    of_s1 = unequal("S1", [1.0, 1.0], [4.0, 4.0]), unequal("S1", [4.0], [7.0], 1)
+    of_s2 = unequal("S2", [4.0, 4.0, 4.0], [4.0, 4.0, 4.0]), unequal("S2", [90.0], [], 1)
+    rows = rows_of([*of_s1, *of_s2])
+    ratio = rows[RATIO, "IDM", "mean"]
+    assert ratio.ours.value == pytest.approx((5.0 + 4.0) / (2.0 + 4.0))
+    assert ratio.ours.blocks == 3
+    assert not rows[RATIO, "CSP", "mean"].ours.valid
+    assert rows["ADE in m", "CV", "S1"].ours.value == pytest.approx(2.0)
+
+
+def test_a_ranking_that_is_the_papers_upside_down() -> None:
+    values = [(name, CV_ADE_M[name], seed) for name in TEMPLATES[:4] for seed in (0, 1)]
+    rows = rows_of([unequal(name, [10.0 - value], [value**2], seed) for name, value, seed in values])
+    assert rows[RANKING, "CV", "Spearman"].ours.value == pytest.approx(-1.0)
+    # The paper's own IDM has S3 before S4, as CV has.
+    assert rows[RANKING, "IDM", "Spearman"].ours.value == pytest.approx(1.0)
+    assert rows[RANKING, "CV", "Spearman"].deviation is None
+
+
+AP = {"value": 0.4, "low": 0.3, "high": 0.5, "episodes": 14}
+
+
+def detector(**more: object) -> dict[str, object]:
+    mean = {"mAP": AP, "NDS": 0.45}
+    template = {**mean, "errors": dict.fromkeys(ERRORS, 0.5)}
+    content = {"mean": mean, "templates": {"S1": template, "S2": template}, "families": {"clearance": AP}}
+    return {**content, "order_of_families_share": None, **more}
+
+
+def test_a_detector_of_the_papers_name_stands_next_to_it() -> None:
+    rows = by_place(detection_rows({"PointPillars": detector()}))
+    row = rows["mAP", "PointPillars", "S1"]
+    assert (row.paper, row.ours.value, row.inside) == (0.398, 0.4, True)
+    assert rows["NDS", "PointPillars", "mean"].ours.value == 0.45
+    assert not rows["mAP", "SECOND", "S1"].ours.valid
+    assert not rows["mAP", "PointPillars", "S7"].ours.valid
+    assert {row.ours.value for row in rows.values() if row.table.startswith("error") and row.ours.valid} == {0.5}
+
+
+def test_any_detector_is_held_against_the_families() -> None:
+    rows = by_place(detection_rows({"mine": detector(order_of_families_share=0.25)}))
+    clearance = rows[FAMILY, "mine", "clearance"]
+    assert clearance.paper == pytest.approx(np.mean([0.398, 0.434, 0.420, 0.388, 0.438, 0.413, 0.424, 0.423]))
+    assert clearance.ours.value == 0.4
+    order = rows[ORDER, "mine", "share of the draws"]
+    assert (order.paper, order.ours.value, order.deviation, order.inside) == (1.0, 0.25, None, None)
+
+
+def test_without_scores_the_papers_numbers_remain() -> None:
+    rows = list(detection_rows(None))
+    assert len(rows) == 4 * (2 * 8 + 5)
+    assert not any(row.ours.valid for row in rows)
+
+
+def test_the_balance_is_that_of_the_labels(tmp_path) -> None:
+    rows = [row for row in risk_rows(small_video_set(tmp_path), None) if row.table == BALANCE]
+    assert [row.paper for row in rows] == pytest.approx([74 / 105, 25 / 105, 6 / 105])
+    assert [row.ours.value for row in rows] == pytest.approx([3 / 6, 2 / 6, 1 / 6])
+    assert rows[0].ours.low < 0.5 < rows[0].ours.high
+    assert [row.ours.blocks for row in rows] == [6, 6, 6]
+    assert (rows[2].ours.low, rows[2].ours.high) == pytest.approx((0.0301, 0.5635), abs=1e-4), "Wilson's bounds"
+
+
+def test_scores_of_the_papers_models_are_found_by_name() -> None:
+    content = {"models": {"Qwen3.5-9B": {"scores": {"accuracy": {"value": 0.6, "low": 0.5, "high": 0.8}}}}}
+    rows = {(row.row, row.column): row for row in risk_rows(None, content)}
+    assert rows["Qwen3.5-9B", "accuracy"].inside is True
+    (table,) = comparison_tables([rows["Qwen3.5-9B", "accuracy"]])
+    assert table.cells()[0] == ("Qwen3.5-9B, paper", "0.705")
+    assert not rows["Gemma3-12B", "accuracy"].ours.valid
+
+
+def test_stored_scores_are_a_json_object(tmp_path) -> None:
+    assert stored(tmp_path) is None
+    file = tmp_path / "scores.json"
+    file.write_text("[1]", encoding="utf-8")
+    with pytest.raises(InputError, match="siren evaluate"):
+        stored(tmp_path)
+    file.write_text(json.dumps({"a": 1}), encoding="utf-8")
+    assert stored(file) == stored(tmp_path) == {"a": 1}
+
+
+def test_an_error_is_the_mean_over_the_templates() -> None:
+    templates = {
+        name: {"mAP": {**AP, "value": value}, "NDS": 2.0 * value, "errors": dict.fromkeys(ERRORS, value)}
+        for name, value in (("S1", 0.1), ("S2", 0.3), ("S3", 0.2))
+    }
+    given = detector(templates=templates, mean={"mAP": AP, "NDS": 0.7})
+    rows = by_place(detection_rows({"second": given}))
+    for error in ERRORS:
+        assert rows[f"error {error}", "SECOND", "mean"].ours.value == pytest.approx(0.2)
+    assert [rows["NDS", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == pytest.approx([0.2, 0.6, 0.7])
+    assert [rows["mAP", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == pytest.approx([0.1, 0.3, 0.4])
+    assert not rows["NDS", "SECOND", "S1"].ours.bounded
+
+
+def test_detections_have_three_digits_as_in_the_paper() -> None:
+    tables = {table.caption: table for table in comparison_tables([*detection_rows({"PointPillars": detector()})])}
+
+    def column(caption: str, title: str) -> list[str]:
+        table = tables[caption]
+        return [row[table.head.index(title)] for row in table.cells() if row[0].startswith("PointPillars")]
+
+    assert column("mAP", "S1")[:3] == ["0.398", "0.400", "[0.300, 0.500]"]
+    assert column("NDS", "mean")[:3] == ["0.492", "0.450", "[–]"]
+    assert column("Error ATE", "mean")[:3] == ["0.553", "0.500", "[–]"]
+    assert column(FAMILY, "clearance")[:3] == ["0.417", "0.400", "[0.300, 0.500]"]

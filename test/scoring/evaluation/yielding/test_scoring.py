@@ -1,0 +1,303 @@
+"""Scores of episodes, and which function stands behind which name."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from evaluation.made_records import moving, record_with
+from hand_made_record import EMV, Driven, crossing
+from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, line_of, passing, record_of
+
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.scoring.evaluation.yielding import metrics as marks
+from siren_ros.scoring.evaluation.yielding.corridor import corridor_continuity, corridor_width_m
+from siren_ros.scoring.evaluation.yielding.counterfactual import pairs_of
+from siren_ros.scoring.evaluation.yielding.encounters import Encounter
+from siren_ros.scoring.evaluation.yielding.metrics import (
+    DRIVER_METRICS,
+    EPISODE_METRICS,
+    PEOPLE_METRICS,
+    YieldScene,
+    of_drivers,
+)
+from siren_ros.scoring.evaluation.yielding.scoring import (
+    ScoredEpisode,
+    group_means,
+    score_yielding,
+    situation_sha256,
+    yield_tables,
+)
+from siren_ros.scoring.evaluation.yielding.thresholds import Measure, YieldThresholds
+from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.traffic_state import Event, EventKind
+
+
+def test_an_episode_has_every_metric_and_a_row_for_each_driver() -> None:
+    scores = score_yielding(passing())
+    assert list(scores.metrics) == [metric.name for metric in EPISODE_METRICS]
+    assert scores.metrics["drivers_in_the_way"].value == 1.0
+    assert scores.metrics["compliance"].value == 1.0
+    assert scores.metrics["wake_duration_s"].value > 1.0
+    assert scores.metrics["wake_length_m"].value > 10.0
+    (row,) = scores.driver_rows()
+    assert row["actor_id"] == CAR
+    assert row["collisions"] == 0.0
+    # 46 m between the centres, 5 m/s of closing speed: 40 m between the bodies after 0.2 s.
+    assert row["began_s"] == pytest.approx(0.2, abs=0.051)
+    assert (row["in_the_way"], row["with_siren"], row["under_test"]) == (True, True, False)
+    assert {metric.name for metric in DRIVER_METRICS} < set(row)
+
+
+def test_nobody_passed_leaves_no_wake() -> None:
+    scores = score_yielding(blocking())
+    assert scores.metrics["wake_duration_s"].lack == scores.metrics["wake_length_m"].lack == "the EMV passed nobody"
+    assert scores.metrics["held_up_s"].value > 5.0
+
+
+def test_an_emv_that_stands_has_no_scores() -> None:
+    scores = score_yielding(record_of(arc((0.0, 2.0)), {}))
+    assert all(measure.lack == "the EMV did not move" for measure in scores.metrics.values())
+    assert scores.drivers == ()
+
+
+def test_the_emv_itself_is_no_driver(record_of: Callable[..., EpisodeRecord]) -> None:
+    scores = score_yielding(record_of(duration_s=12.0))
+    assert scores.drivers
+    assert EMV not in {driver.actor_id for driver in scores.drivers}
+
+
+def test_means_are_over_the_episodes_that_have_a_value() -> None:
+    episodes = [
+        ScoredEpisode.of(str(number), record, score_yielding(record))
+        for number, record in enumerate((passing(), passing(), blocking()))
+    ]
+    (means,) = group_means(episodes).values()
+    assert means["compliance"].value == pytest.approx(2.0 / 3.0)
+    assert means["compliance"].blocks == 3
+    assert means["wake_duration_s"].blocks == 2
+    assert means["min_pet_s"].valid is False
+    row = episodes[2].row()
+    assert row["wake_length_m"] is None
+    assert row["wake_length_m_lack"]
+
+
+def test_a_row_of_an_episode_says_which_it_is_and_what_is_a_bound() -> None:
+    record = blocking()
+    scored = ScoredEpisode.of("a/bag", record, score_yielding(record))
+    row, (driver,) = scored.row(), scored.driver_rows()
+    for found in (row, driver):
+        assert [found[name] for name in ("bag", "template", "level", "seed", "emv")] == [
+            "a/bag", record.description.template, record.description.level.name, record.description.seed, 1
+        ]  # fmt: skip
+    assert row["map"] == record.description.map_name
+    assert (row["clearance_time_s_at_least"], row["clearance_time_s_lack"]) == (True, "")
+    assert (row["compliance"], row["compliance_at_least"]) == (0.0, False)
+    assert driver["passing_gap_m"] is None
+    assert driver["compliance"] == 0.0
+    assert scored.group == (record.description.template, record.description.level.name, record.description.map_name)
+
+
+def with_two_emvs() -> EpisodeRecord:
+    """The driver of ``passing`` is an EMV as well."""
+    record = passing()
+    actors = {**record.actors, CAR: replace(record.actors[CAR], is_emv=True)}
+    return replace(record, actors=actors, description=replace(record.description, emv_ids=(EMV, CAR)))
+
+
+def test_every_emv_of_an_episode_has_a_row_of_its_own() -> None:
+    """Each is measured as if it were the only one, and neither is a driver who makes way."""
+    record = with_two_emvs()
+    first, second = ScoredEpisode.of_each_emv("a/bag", record)
+    assert [one.row()["emv"] for one in (first, second)] == [first.emv, second.emv] == [1, 2]
+    assert first.scores == score_yielding(record)
+    swapped = replace(record, description=replace(record.description, emv_ids=(CAR, EMV)))
+    assert second.scores == score_yielding(swapped)
+    assert first.scores.metrics["emv_delay_s"] != second.scores.metrics["emv_delay_s"]
+    assert first.scores.drivers == second.scores.drivers == ()
+    assert second.situation_sha256 == first.situation_sha256
+    (alone,) = ScoredEpisode.of_each_emv("b/bag", passing())
+    assert (alone.emv, alone.scores) == (1, score_yielding(passing()))
+    assert {row["emv"] for row in alone.driver_rows()} == {1}
+
+
+def test_further_emvs_have_tables_of_their_own_and_no_effects() -> None:
+    two, one = ScoredEpisode.of_each_emv("a", with_two_emvs()), ScoredEpisode.of_each_emv("b", passing())
+    template = passing().description.template
+    assert [table.caption for table in yield_tables([*two, *one])] == [
+        f"Yield metrics of {template}",
+        f"Yield metrics of {template}, EMV 2",
+    ]
+    assert [table.key for table in yield_tables(two)] == [template, f"{template}_emv2"]
+    (levels,) = pairs_of(two).values()
+    assert [episode.emv for episode in levels.values()] == [1]
+
+
+def test_the_av_under_test_is_told() -> None:
+    record = passing()
+    tested = replace(record, description=replace(record.description, parameters={"av": {"actor_id": CAR}}))
+    (row,) = score_yielding(tested).driver_rows()
+    assert row["under_test"] is True
+
+
+def test_some_metrics_alone_are_the_same_and_need_no_drivers() -> None:
+    whole, some = score_yielding(passing()), score_yielding(passing(), names=("emv_stops", "civilian_delay_s"))
+    assert some.metrics == {name: whole.metrics[name] for name in ("emv_stops", "civilian_delay_s")}
+    assert some.drivers == ()
+    standing = score_yielding(record_of(arc((0.0, 2.0)), {}), names=("emv_stops",))
+    assert list(standing.metrics) == ["emv_stops"]
+
+
+def test_a_statistic_is_over_the_drivers_that_have_a_value() -> None:
+    marks = {1: Measure(2.0), 2: Measure.lacking("not asked"), 3: Measure(7.0), 4: Measure(3.0)}
+    scene: Any = SimpleNamespace(encounters=(1, 2, 3, 4), limits=None)
+
+    def mark(encounter: Any, _: object) -> Measure:
+        return marks[encounter]
+
+    assert of_drivers(scene, mark, max) == Measure(7.0)
+    assert of_drivers(scene, mark, sum) == Measure(12.0)
+    marks[3] = Measure(7.0, at_least=True)
+    assert of_drivers(scene, mark, min) == Measure(2.0, at_least=True)
+    nobody: Any = SimpleNamespace(encounters=(2,), limits=None)
+    assert of_drivers(nobody, mark, max).lack == "no driver had to make way"
+
+
+def test_a_situation_is_everybodys_place_and_the_civilians_speed() -> None:
+    record = passing()
+    told = situation_sha256(record)
+    first = record.states[0]
+
+    def changed(column: str, row: int) -> str:
+        values = getattr(first, column).copy()
+        values[row] += 0.5
+        return situation_sha256(replace(record, states=(replace(first, **{column: values}), *record.states[1:])))
+
+    emv, civilian = (int(np.flatnonzero((first.actor_id == EMV) == is_emv)[0]) for is_emv in (True, False))
+    for column in ("x_m", "y_m", "yaw_rad"):
+        assert told not in {changed(column, emv), changed(column, civilian)}
+    for column in ("vx_mps", "vy_mps"):
+        assert changed(column, civilian) != told
+        assert changed(column, emv) == told
+    assert situation_sha256(replace(record, states=(first,))) == told, "what comes later is not the situation"
+    for name, value in (("map_sha256", "1"), ("preset", "other"), ("duration_s", 1.0), ("site", {"junction": "J"})):
+        described = replace(record.description, **{name: value})
+        assert situation_sha256(replace(record, description=described)) != told
+
+
+LIMITS = YieldThresholds()
+
+
+@pytest.fixture(scope="module")
+def scene() -> YieldScene:
+    """One car pulls to the right and is passed; three others stay ahead of the EMV, one of them out of its way.
+
+    The EMV stops behind them. Two collisions: of the EMV with the first, of the first with the second.
+    """
+    cars = {
+        CAR: Driven(PULLS_RIGHT, arc((5.0, 16.0), start_m=46.0)),
+        CAR + 1: Driven(IN_LANE, arc((3.0, 8.0), (0.0, 8.0), start_m=75.0)),
+        CAR + 2: Driven(IN_LANE, arc((2.0, 10.0), (0.0, 6.0), start_m=90.0)),
+        CAR + 3: Driven(IN_LANE - np.array([3.5, 0.0]), arc((2.0, 16.0), start_m=60.0)),
+    }
+    record = record_of(arc((10.0, 9.0), (0.0, 7.0)), cars)
+    events = (Event(3, EventKind.COLLISION, EMV, CAR), Event(4, EventKind.COLLISION, CAR + 1, CAR))
+    record = replace(record, events=events)
+    line = line_of(record)
+    return YieldScene(record, line, LIMITS)
+
+
+def of_driver(scene: YieldScene, one: Encounter) -> dict[str, Measure]:
+    conflicts = scene.conflicts_of(one.actor_id)
+    return {
+        "response_time_s": marks.response_time_s(one, LIMITS),
+        "clearance_time_s": marks.clearance_time_s(one, LIMITS),
+        "compliance": marks.complied(one, LIMITS),
+        "held_up_s": marks.held_up_s(one, LIMITS),
+        "made_way_m": marks.made_way_m(one, LIMITS),
+        "passing_gap_m": marks.passing_gap_m(one, LIMITS),
+        "recovery_time_s": marks.recovery_time_s(one, LIMITS),
+        "min_ttc_s": marks.min_ttc_s(conflicts),
+        "min_pet_s": marks.min_pet_s(conflicts),
+        "collisions": marks.collisions(scene.record, one.actor_id),
+    }
+
+
+def test_marks_of_each_driver(scene: YieldScene) -> None:
+    assert [one.actor_id for one in scene.encounters] == [CAR, CAR + 1, CAR + 2, CAR + 3]
+    for one in scene.encounters:
+        assert {metric.name: metric.compute(scene, one) for metric in DRIVER_METRICS} == of_driver(scene, one)
+    assert [of_driver(scene, one)["collisions"].value for one in scene.encounters] == [2.0, 1.0, 0.0, 0.0]
+
+
+def test_metrics_of_the_episode(scene: YieldScene) -> None:
+    found = {metric.name: metric.compute(scene) for metric in EPISODE_METRICS}
+    record, line = scene.record, scene.line
+    asked = [one for one in scene.encounters if one.was_in_the_way]
+    assert len(asked) == 3
+    of_drivers = [of_driver(scene, one) for one in asked]
+
+    def values(name: str) -> list[float]:
+        return [found[name].value for found in of_drivers if found[name].valid]
+
+    expected = {
+        "site_time_s": marks.site_time_s(record, line, LIMITS),
+        "emv_delay_s": marks.emv_delay_s(record, line, LIMITS),
+        "emv_stops": Measure(1.0),
+        "emv_standstill_s": marks.emv_standstill_s(record, line, LIMITS),
+        "emv_gap_escape_s": Measure(0.0),
+        "corridor_width_m": corridor_width_m(scene.corridor),
+        "corridor_continuity": corridor_continuity(scene.corridor),
+        "drivers_in_the_way": Measure(3.0),
+        "wake_duration_s": marks.wake_duration_s(scene.encounters, LIMITS),
+        "wake_length_m": marks.wake_length_m(scene.encounters, LIMITS),
+        "civilian_delay_s": marks.civilian_delay_s(record),
+        "min_ttc_s": marks.min_ttc_s(scene.conflicts_of(EMV)),
+        "min_pet_s": marks.min_pet_s(scene.conflicts_of(EMV)),
+        "collisions": Measure(2.0),
+    }
+    assert {name: found[name] for name in expected} == expected
+    assert found["response_time_s"].value == pytest.approx(np.median(values("response_time_s")))
+    assert found["clearance_time_s"].value == pytest.approx(np.median(values("clearance_time_s")))
+    assert found["clearance_time_s"].at_least, "two stay in the way until the end"
+    assert found["compliance"].value == pytest.approx(np.mean(values("compliance")))
+    assert found["held_up_s"].value == pytest.approx(sum(values("held_up_s")))
+    people = {metric.name for metric in PEOPLE_METRICS}
+    assert set(found) == {*expected, "response_time_s", "clearance_time_s", "compliance", "held_up_s", *people}
+    assert not any(found[name].valid for name in people), "nobody is there"
+
+
+def test_safety_with_people_is_measured_by_class() -> None:
+    """An EMV at 10 m/s comes up to a standing cyclist; a walker was in its way before it, a motorcycle is far."""
+    walks = {"yaw_rad": np.pi / 2.0, "length_m": 0.6, "actor_class": ActorClass.PEDESTRIAN}
+    tracks = {
+        EMV: moving(0.0, 0.0, 10.0, steps=61, is_emv=True),
+        2: moving(44.6, 0.0, 0.0, steps=61, actor_class=ActorClass.BICYCLE),
+        3: moving(20.0, -1.0, 3.0, steps=61, **walks),
+        4: moving(0.0, 50.0, 0.0, steps=61, actor_class=ActorClass.MOTORCYCLE),
+    }
+    record = record_with(tracks, crossing())
+    record = replace(record, description=replace(record.description, emv_ids=(EMV,)))
+    scores = score_yielding(record)
+    found = {metric.name: scores.metrics[metric.name] for metric in PEOPLE_METRICS}
+    # 10 m are left at the end: 1 s, and 10 / (2 · 1) m/s².
+    assert found["min_ttc_s_cyclists"].value == pytest.approx(1.0)
+    assert found["max_drac_mps2_cyclists"].value == pytest.approx(5.0)
+    assert found["min_pet_s_pedestrians"].valid
+    assert not found["min_pet_s_cyclists"].valid
+    assert not any(found[f"{name}_motorcycles"].valid for name in ("min_ttc_s", "max_drac_mps2", "min_pet_s"))
+    (table,) = yield_tables([ScoredEpisode.of("bag", record, scores)])
+    shown = {str(row[0]) for row in table.rows}
+    assert {"min_ttc_s_cyclists", "min_pet_s_pedestrians"} <= shown
+    assert "min_ttc_s_motorcycles" not in shown
+    touching = {**tracks, 2: moving(30.0, 0.0, 0.0, steps=61, actor_class=ActorClass.BICYCLE)}
+    touched = score_yielding(replace(record_with(touching, crossing()), description=record.description))
+    assert touched.metrics["max_drac_mps2_cyclists"].lack == "they touched"
+
+
+def test_the_scene_is_worked_out_once(scene: YieldScene) -> None:
+    assert scene.conflicts_of() is scene.conflicts_of(EMV)
+    assert scene.conflicts_of(CAR) is scene.conflicts_of(CAR)
+    assert scene.conflicts_of(CAR) is not scene.conflicts_of()

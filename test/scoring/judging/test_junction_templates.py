@@ -1,0 +1,454 @@
+"""Templates S3 to S7. The stop line is at 100 m, and the EMV's front is 3 m ahead of its centre."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_record import (
+    BESIDE,
+    CAR_LENGTH_M,
+    EAST,
+    EASTBOUND,
+    EMV,
+    EMV_LENGTH_M,
+    IN_TURN_LANE,
+    LEFT_X_M,
+    NORTHBOUND,
+    ON_SHOULDER,
+    PARALLEL,
+    RIGHT,
+    RIGHT_X_M,
+    SHOULDER_TURN,
+    SHOULDER_X_M,
+    SOUTH,
+    SOUTHBOUND,
+    STRAIGHT,
+    Driven,
+    at_speed,
+    crossing,
+    hand_made,
+    line,
+)
+
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.scoring.judging.junction_templates import (
+    APPROACH_M,
+    _stretches,
+    is_same_direction,
+    least_free_speed_mps,
+    on_shoulder_area,
+    red_crossing,
+    red_same_direction,
+    shoulder_turn,
+    stop_crossing,
+    stop_same_direction,
+    turned_right_rad,
+)
+from siren_ros.scoring.judging.junction_traversal import find_traversals
+from siren_ros.scoring.judging.verdict import Moment, Verdict
+from siren_ros.simulation.roads.road_network import JunctionKind
+
+LINE_M = 100.0 - EMV_LENGTH_M / 2.0
+"""Where the EMV's centre is as its front passes the line."""
+LEFT_LANE = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
+"""The driving lane next to the EMV's."""
+SIGNAL, STOP = crossing(), crossing(JunctionKind.PRIORITY_STOP)
+STOP_THRESHOLDS = {"speed_min_mps": 2.0}
+EMV_DRIVE = Driven(NORTHBOUND, at_speed(70.0, 10.0, 200))
+"""Front at the line after 2.7 s, rear out of the junction after 6.3 s."""
+INSIDE = at_speed(92.0, 5.0, 200)
+"""Centre in the junction from 1.6 s to 7.6 s."""
+BEFORE = at_speed(114.0, 10.0, 200)
+"""Centre out of the junction at 1.6 s."""
+AT_THE_LINE = np.full(200, 97.0)
+"""Stands at the line."""
+THRESHOLDS = {"shoulder_min_s": 2.0}
+
+
+def profile(*parts):
+    """Arc lengths for pieces of (way, speed)."""
+    arc = [40.0]
+    for way, speed in parts:
+        count = round(way / (speed * 0.05))
+        arc.extend(arc[-1] + speed * 0.05 * (np.arange(count) + 1))
+    return np.array(arc)
+
+
+def least(arc_m, others=None):
+    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc_m), **(others or {})})
+    (traversal,) = [item for item in find_traversals(record) if item.actor_id == EMV]
+    return least_free_speed_mps(record, traversal)
+
+
+@pytest.mark.parametrize(("slow_from_m", "expected"), [(30.0, 8.0), (50.0, 2.0)])
+def test_only_the_last_15_m_count(slow_from_m, expected):
+    """Slow for 5 m, from 30 m (27 m before the line) or from 50 m (7 m before it) after the start at 40 m."""
+    arc = profile((slow_from_m - 10.0, 8.0), (5.0, 2.0), (80.0, 8.0))
+    assert least(arc) == pytest.approx(expected, abs=0.05)
+    assert APPROACH_M == 15.0
+
+
+def test_the_speed_at_the_line_counts_where_it_is_the_least():
+    """It brakes evenly over the line."""
+    time = 0.05 * np.arange(140)
+    arc = 60.0 + 10.0 * time - 0.5 * time**2
+    at_line = np.sqrt(10.0**2 - 2.0 * (LINE_M - 60.0))
+    assert least(arc) == pytest.approx(at_line, abs=0.06)
+
+
+def standing(arc_m, points=NORTHBOUND, steps=400):
+    return {2: Driven(points, np.full(steps, arc_m))}
+
+
+def test_who_stands_behind_somebody_in_its_lane_has_not_stopped_for_the_line():
+    """Somebody whose rear is before the line is ahead; who is past it, in another lane or behind is not."""
+    arc = profile((45.0, 5.0), (10.0, 1.0), (60.0, 5.0))
+    assert least(arc) == pytest.approx(1.0, abs=0.05)
+    assert least(arc, standing(100.0 + CAR_LENGTH_M / 2.0 - 0.2)) == pytest.approx(5.0, abs=0.1)
+    assert least(arc, standing(100.0 + CAR_LENGTH_M / 2.0 + 0.2)) == pytest.approx(1.0, abs=0.05)
+    assert least(arc, standing(98.0, PARALLEL)) == pytest.approx(1.0, abs=0.05)
+    assert least(arc, standing(60.0)) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_record_may_begin_later_than_step_0():
+    """Without its first 20 steps the record has the same approach."""
+    arc = profile((40.0, 8.0), (5.0, 2.0), (80.0, 8.0))
+    ahead = {2: Driven(NORTHBOUND, np.concatenate((np.full(60, 95.0), 95.0 + 0.5 * np.arange(200))))}
+    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc), **ahead})
+    late = replace(record, states=record.states[20:], traffic=record.traffic[20:])
+    (whole,), (cut,) = (
+        [traversal for traversal in find_traversals(item) if traversal.actor_id == EMV] for item in (record, late)
+    )
+    assert cut.enter_step == whole.enter_step
+    assert least_free_speed_mps(late, cut) == least_free_speed_mps(record, whole)
+
+
+def test_who_stands_in_the_next_lane_does_not_keep_the_vehicle_from_the_line():
+    arc = profile((45.0, 5.0), (10.0, 1.0), (60.0, 5.0))
+    assert least(arc, standing(98.0, LEFT_LANE)) == pytest.approx(1.0, abs=0.05)
+    aside = np.array([[5.25 + 1.7, -120.0], [5.25 + 1.7, 110.0]])
+    assert least(arc, standing(98.0, aside)) == pytest.approx(5.0, abs=0.1), "within half a lane's width it does"
+
+
+@pytest.mark.parametrize("cut", [0, 20])
+def test_the_way_is_free_from_the_very_step_at_which_the_one_ahead_has_left(cut):
+    """The EMV gains speed, so that its least free speed is that of the first free step."""
+    time = 0.05 * np.arange(160)
+    arc = 82.0 + 1.0 * time + 0.6 * time**2
+    gone = 60
+    ahead = {2: Driven(NORTHBOUND, np.concatenate((np.full(gone, 101.0), np.full(300, 130.0))))}
+    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc), **ahead})
+    record = replace(record, states=record.states[cut:], traffic=record.traffic[cut:])
+    (traversal,) = [item for item in find_traversals(record) if item.actor_id == EMV]
+    assert least_free_speed_mps(record, traversal) == pytest.approx(1.0 + 1.2 * 0.05 * gone, abs=1e-6)
+
+
+def _red(link: int, letter: str = "r") -> Callable[[int], str]:
+    """All links green but one."""
+    state = "".join(letter if index == link else "G" for index in range(7))
+    return lambda _: state
+
+
+def _with(other: Driven, link: int = STRAIGHT, letter: str = "r") -> EpisodeRecord:
+    return hand_made(SIGNAL, {EMV: EMV_DRIVE, 2: other}, _red(link, letter))
+
+
+def _parts(verdict: object) -> dict[str, tuple[float, bool]]:
+    return {part.name: (part.value, part.holds) for part in verdict.parts}
+
+
+def test_red_with_a_vehicle_beside_holds_and_names_it():
+    verdict = red_same_direction(_with(Driven(LEFT_LANE, INSIDE)), {})
+    assert verdict.holds
+    assert _parts(verdict) == {"against_red": (1.0, True), "same_direction_inside": (1.0, True)}
+    line_part, others = verdict.parts
+    assert line_part.detail == "EMV 1 in junction J from 2.7 s to 6.3 s on r"
+    assert others.detail == "2 from 1.6 s to 7.6 s"
+    assert line_part.moments == (Moment(54, EMV),)
+    assert others.moments == (Moment(54, 2),), "the EMV came later"
+    assert verdict.text == "the EMV entered junction J against red with 1 vehicles of its direction inside"
+
+
+@pytest.mark.parametrize(
+    ("points", "same", "across"),
+    [
+        (LEFT_LANE, True, False),
+        (IN_TURN_LANE, True, False),
+        (PARALLEL, True, False),
+        (EASTBOUND, False, True),
+        (SOUTHBOUND, False, False),
+    ],
+)
+def test_same_direction_and_crossing_are_told_apart(points, same, across):
+    record = _with(Driven(points, INSIDE))
+    assert red_same_direction(record, {}).holds == same
+    assert red_crossing(record, {}).holds == across
+
+
+@pytest.mark.parametrize("arc_m", [BEFORE, AT_THE_LINE], ids=["before", "at the line"])
+def test_a_vehicle_that_is_not_inside_meanwhile_does_not_count(arc_m):
+    for points, predicate in ((LEFT_LANE, red_same_direction), (EASTBOUND, red_crossing)):
+        verdict = predicate(_with(Driven(points, arc_m)), {})
+        assert [part.name for part in verdict.failing] == [verdict.parts[1].name]
+
+
+def test_the_signal_is_the_one_of_the_emvs_own_link():
+    verdict = red_crossing(_with(Driven(EASTBOUND, INSIDE), link=EAST), {})
+    assert _parts(verdict) == {"against_red": (0.0, False), "crossing_inside": (1.0, True)}
+    assert verdict.failing[0].detail.endswith("on G")
+
+
+@pytest.mark.parametrize(("letter", "red"), [("r", True), ("u", True), ("y", False), ("g", False), ("o", False)])
+def test_red_and_red_with_yellow_forbid_entering(letter, red):
+    assert red_same_direction(_with(Driven(LEFT_LANE, INSIDE), letter=letter), {}).holds == red
+
+
+def test_the_signal_counts_as_the_front_passes_the_line_not_later():
+    for red_from, holds in ((54, True), (55, False)):
+        record = hand_made(
+            SIGNAL,
+            {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)},
+            lambda step, first=red_from: ("r" if step >= first else "G") * 7,
+        )
+        assert red_same_direction(record, {}).holds == holds
+
+
+def test_without_a_signal_or_a_stop_line_the_verdict_says_so():
+    vehicles = {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)}
+    for verdict in (
+        red_same_direction(hand_made(STOP, vehicles), {}),
+        stop_same_direction(hand_made(SIGNAL, vehicles, _red(STRAIGHT)), STOP_THRESHOLDS),
+    ):
+        assert not verdict.holds
+        assert [part.value for part in verdict.parts] == [0.0, 0.0]
+        assert "nowhere" in verdict.parts[0].detail
+
+
+def test_a_stop_line_passed_at_speed_with_others_inside():
+    beside = hand_made(STOP, {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)})
+    across = hand_made(STOP, {EMV: EMV_DRIVE, 2: Driven(EASTBOUND, INSIDE)})
+    assert [stop_same_direction(item, STOP_THRESHOLDS).holds for item in (beside, across)] == [True, False]
+    assert [stop_crossing(item, STOP_THRESHOLDS).holds for item in (beside, across)] == [False, True]
+
+
+@pytest.mark.parametrize(("speed_mps", "holds"), [(1.9, False), (2.1, True)])
+def test_the_speed_is_the_least_on_the_approach(speed_mps, holds):
+    """The EMV comes in fast, passes the line slowly and goes on fast."""
+    speed = np.where(np.abs(np.arange(300) - 100) < 40, speed_mps, 8.0)
+    arc = np.concatenate(([0.0], np.cumsum(speed[:-1] * 0.05)))
+    arc += 97.0 - arc[100]
+    stepping_in = np.concatenate((np.linspace(90.0, 110.0, 60), np.full(240, 110.0)))
+    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc), 2: Driven(EASTBOUND, stepping_in)})
+    verdict = stop_crossing(record, STOP_THRESHOLDS)
+    assert verdict.holds == holds
+    assert verdict.parts[0].value == pytest.approx(speed_mps, abs=0.01)
+    assert verdict.parts[1].holds
+
+
+def _stopping_at(stop_m: float, steps: int = 300) -> np.ndarray:
+    """Arc lengths of an EMV that stands for a second with its centre at a place and then goes on at 8 m/s."""
+    coming = np.arange(stop_m - 30.0, stop_m, 0.4)
+    going = stop_m + 0.4 * np.arange(steps)
+    return np.concatenate((coming, np.full(20, stop_m), going))[:steps]
+
+
+def test_who_stops_short_of_the_line_has_stopped_for_it():
+    """The front is 5 m before the line; then the EMV crosses it at 8 m/s."""
+    stepping_in = np.concatenate((np.linspace(90.0, 110.0, 60), np.full(240, 110.0)))
+    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, _stopping_at(92.0)), 2: Driven(EASTBOUND, stepping_in)})
+    verdict = stop_crossing(record, STOP_THRESHOLDS)
+    assert not verdict.holds
+    assert verdict.parts[0].value == pytest.approx(0.0, abs=0.01)
+    assert verdict.parts[1].holds
+
+
+def test_who_stands_behind_another_one_at_the_line_has_not_stopped_for_it():
+    """The vehicle ahead stands at the line and leaves just before the EMV does."""
+    leader = np.concatenate((np.full(90, 98.0), 98.0 + 0.6 * np.arange(210)))
+    emv = np.concatenate((np.arange(62.0, 90.0, 0.4), np.full(22, 90.0), 90.0 + 0.4 * np.arange(300)))[:300]
+    vehicles = {EMV: Driven(NORTHBOUND, emv), 2: Driven(EASTBOUND, np.full(300, 100.0)), 3: Driven(NORTHBOUND, leader)}
+    assert stop_crossing(hand_made(STOP, vehicles), STOP_THRESHOLDS).parts[0].value == pytest.approx(8.0, abs=0.2)
+    del vehicles[3]
+    assert stop_crossing(hand_made(STOP, vehicles), STOP_THRESHOLDS).parts[0].value == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_other_way_has_no_stop_line():
+    record = hand_made(STOP, {EMV: Driven(EASTBOUND, at_speed(70.0, 10.0, 200)), 2: Driven(NORTHBOUND, INSIDE)})
+    assert stop_crossing(record, STOP_THRESHOLDS).parts[0].value == 0.0
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "same"),
+    [
+        (STRAIGHT, BESIDE, True),
+        (STRAIGHT, RIGHT, True),
+        (RIGHT, BESIDE, False),
+        (RIGHT, EAST, False),
+        (STRAIGHT, SOUTH, False),
+    ],
+)
+def test_both_ends_of_two_movements_have_to_point_the_same_way(first, second, same):
+    """From different edges: equal at the entry alone, or at the exit alone, is another direction."""
+    assert is_same_direction(SIGNAL, first, second) == same
+
+
+def test_the_relation_of_movements_is_symmetric():
+    count = len(SIGNAL.connections)
+    same = np.array([[is_same_direction(SIGNAL, a, b) for b in range(count)] for a in range(count)])
+    assert np.array_equal(same, same.T)
+    assert same.diagonal().all()
+
+
+def test_who_crosses_another_junction_meanwhile_is_not_inside():
+    """The road of its own beside the EMV's crosses a junction K."""
+    record = _with(Driven(PARALLEL, INSIDE))
+    assert red_same_direction(record, {}).holds
+    connections = tuple(
+        replace(connection, junction="K") if index == BESIDE else connection
+        for index, connection in enumerate(record.network.connections)
+    )
+    other = replace(record, network=replace(record.network, connections=connections))
+    verdict = red_same_direction(other, {})
+    assert [part.name for part in verdict.failing] == ["same_direction_inside"]
+
+
+def test_other_emvs_are_neither_inside_nor_forgotten():
+    """Two EMVs pass together: neither counts for the other, and either one's entry counts."""
+    record = _with(Driven(LEFT_LANE, EMV_DRIVE.arc_m))
+    actors = {key: replace(actor, is_emv=True) for key, actor in record.actors.items()}
+    both = replace(record, actors=actors, description=replace(record.description, emv_ids=(EMV, 2)))
+    assert [part.name for part in red_same_direction(both, {}).failing] == ["same_direction_inside"]
+    swapped = replace(record, description=replace(record.description, emv_ids=(2,)))
+    assert [part.name for part in red_same_direction(swapped, {}).failing] == ["against_red"], "its own link is green"
+
+
+def _verdict(points: np.ndarray, speed_mps: float = 8.0, start_m: float = 40.0) -> Verdict:
+    arc_m = at_speed(start_m, speed_mps, round(150.0 / speed_mps / 0.05))
+    return shoulder_turn(hand_made(SIGNAL, {EMV: Driven(points, arc_m)}), THRESHOLDS)
+
+
+def test_a_right_turn_on_the_shoulder_holds_with_its_times():
+    verdict = _verdict(ON_SHOULDER)
+    turned, shoulder = verdict.parts
+    assert verdict.holds
+    assert turned.value == pytest.approx(90.0)
+    assert turned.detail.startswith("EMV 1 at junction J from ")
+    # 50 m before the line, the quarter circle, 50 m after it, at 8 m/s; the EMV's length is part of the traversal
+    assert shoulder.value == pytest.approx((100.0 + 6.0 + 11.75 * np.pi / 2.0) / 8.0, abs=0.1)
+    assert " s to " in shoulder.detail
+    begin_s = float(shoulder.detail.split(" s to ")[0])
+    (reached,) = shoulder.moments
+    assert reached.step * 0.05 == pytest.approx(begin_s + THRESHOLDS["shoulder_min_s"], abs=0.1)
+    (half_turned,) = turned.moments
+    assert begin_s < half_turned.step * 0.05 < begin_s + shoulder.value
+
+
+def test_a_right_turn_in_the_driving_lane_fails_on_the_shoulder_alone():
+    verdict = _verdict(IN_TURN_LANE)
+    assert [part.name for part in verdict.failing] == ["shoulder_s"]
+    assert (verdict.failing[0].value, verdict.failing[0].moments) == (0.0, ())
+
+
+def test_straight_ahead_is_no_right_turn():
+    verdict = _verdict(NORTHBOUND)
+    assert [part.name for part in verdict.failing] == ["right_turn_deg", "shoulder_s"]
+    assert "nowhere" in verdict.failing[0].detail
+
+
+def test_a_short_stay_on_the_shoulder_is_not_enough():
+    """Onto the shoulder 4 m before the line, across on its path, and off it at once."""
+    short = np.concatenate(
+        (
+            line((RIGHT_X_M, -120.0), (RIGHT_X_M, -28.0), (SHOULDER_X_M, -23.0)),
+            SHOULDER_TURN,
+            line((24, -5.25), (120, -5.25)),
+        )
+    )
+    verdict = _verdict(short, speed_mps=14.0)
+    assert [part.name for part in verdict.failing] == ["shoulder_s"]
+    assert 1.2 < verdict.failing[0].value < 2.0
+    assert _verdict(short, speed_mps=8.0).holds
+
+
+def test_the_shoulder_long_before_the_turn_does_not_count():
+    early = np.concatenate((line((SHOULDER_X_M, -120.0), (SHOULDER_X_M, -80.0), (RIGHT_X_M, -74.0)), IN_TURN_LANE[1:]))
+    verdict = _verdict(early, start_m=2.0, speed_mps=8.0)
+    assert verdict.parts[0].holds
+    assert verdict.parts[1].value == 0.0
+
+
+def test_the_wrong_way_along_a_shoulder_is_not_on_it():
+    record = hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER[::-1], at_speed(2.0, 8.0, 300))})
+    assert shoulder_turn(record, THRESHOLDS).parts[1].value == 0.0
+
+
+def test_the_turn_is_measured_alone_and_not_summed_with_a_bend_to_the_left():
+    left, right = np.linspace(0.0, 0.9, 20), np.linspace(0.9, -0.45, 30)
+    turned_rad = turned_right_rad(np.concatenate((left, right)))
+    assert turned_rad[:20] == pytest.approx(0.0)
+    assert turned_rad[20:] == pytest.approx(0.9 - right)
+    assert turned_right_rad(np.concatenate((left, right, right[::-1])))[-1] == pytest.approx(1.35)
+    assert turned_right_rad(np.linspace(-3.0, -3.6, 10))[-1] == pytest.approx(0.6), "across π"
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "degrees", "on"),
+    [
+        (SHOULDER_X_M, -60.0, 90.0, True),
+        (SHOULDER_X_M, -60.0, 1.0, True),
+        (SHOULDER_X_M, -60.0, 179.0, True),
+        (SHOULDER_X_M, -60.0, -1.0, False),
+        (SHOULDER_X_M, -60.0, 181.0, False),
+        (SHOULDER_X_M + 1.2, -60.0, 90.0, True),
+        (SHOULDER_X_M + 1.3, -60.0, 90.0, False),
+        (SHOULDER_X_M - 1.3, -60.0, 90.0, False),
+        (SHOULDER_X_M, -121.0, 90.0, False),
+        (RIGHT_X_M, -60.0, 90.0, False),
+        (60.0, -8.25, 0.0, True),
+        (60.0, -5.25, 0.0, False),
+        (SHOULDER_TURN[9][0], SHOULDER_TURN[9][1], 45.0, True),
+    ],
+)
+def test_on_a_shoulder_is_within_its_width_its_length_and_90_degrees(x_m, y_m, degrees, on):
+    rows = hand_made(SIGNAL, {EMV: Driven(NORTHBOUND, at_speed(0.0, 1.0, 2))}).track(EMV)
+    placed = replace(rows, x_m=np.full(2, x_m), y_m=np.full(2, y_m), yaw_rad=np.full(2, np.radians(degrees)))
+    assert on_shoulder_area(SIGNAL, placed).tolist() == [on, on]
+
+
+def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes():
+    """Five steps after half of the quarter circle on the shoulder."""
+    steps = round((60.0 + 11.75 * np.pi / 4.0) / 8.0 / 0.05)
+    verdict = shoulder_turn(hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER, at_speed(40.0, 8.0, steps))}), THRESHOLDS)
+    turned, shoulder = verdict.parts
+    assert turned.value == pytest.approx(45.0, abs=3.0)
+    assert shoulder.value == pytest.approx((50.0 + 3.0 + 11.75 * np.pi / 4.0) / 8.0, abs=0.5)
+
+
+def test_others_that_turn_right_on_the_shoulder_do_not_count():
+    vehicles = {EMV: Driven(NORTHBOUND, at_speed(40.0, 8.0, 200)), 2: Driven(ON_SHOULDER, at_speed(40.0, 8.0, 300))}
+    assert "nowhere" in shoulder_turn(hand_made(SIGNAL, vehicles), THRESHOLDS).parts[0].detail
+
+
+def test_the_intervals_on_the_shoulder_are_told():
+    """On it, off it, and on it again."""
+    twice = np.concatenate(
+        (
+            line((SHOULDER_X_M, -120.0), (SHOULDER_X_M, -45.0), (RIGHT_X_M, -42.0), (RIGHT_X_M, -35.0)),
+            line((SHOULDER_X_M, -32.0)),
+            SHOULDER_TURN,
+            line((120.0, -8.25)),
+        )
+    )
+    detail = _verdict(twice).parts[1].detail
+    assert detail.count(" s to ") == 2
+    first, second = (tuple(float(part.split()[0]) for part in text.split(" to ")) for text in detail.split(", "))
+    assert first[0] < first[1] < second[0] < second[1]
+    assert (first[1] - first[0]) + (second[1] - second[0]) == pytest.approx(_verdict(twice).parts[1].value, abs=0.15)
+
+
+def test_an_interval_ends_with_the_step_after_its_last_one():
+    rows = hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER, at_speed(0.0, 8.0, 40))}).track(EMV)
+    holds = np.zeros(40, dtype=np.bool_)
+    holds[4:8] = holds[20:22] = True
+    assert _stretches(rows, holds) == "0.2 s to 0.4 s, 1.0 s to 1.1 s"

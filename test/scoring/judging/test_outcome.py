@@ -1,0 +1,387 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hand_made_record import (
+    EASTBOUND,
+    EMV,
+    LEFT_X_M,
+    NORTHBOUND,
+    Driven,
+    at_speed,
+    crossing,
+    hand_made,
+    line,
+    with_states,
+)
+
+from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.errors import EpisodeError
+from siren_ros.scoring.judging.outcome import (
+    AvResponse,
+    av_response,
+    judge,
+    outcome_of,
+    realisation_of,
+    summarise_residuals,
+)
+from siren_ros.simulation.world.actors import Owner
+from siren_ros.simulation.world.traffic_state import Event, EventKind
+
+AV = 2
+BESIDE_NORTHBOUND = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
+"""The lane to the left of the EMV's, 3.5 m away."""
+SITE = {"junction": "J"}
+CLOSING = EpisodeClosing(end="complete", reason="", steps=101)
+
+
+def summary_of(residual_m, owner):
+    """Of a record with two actors, whose residuals and owners are given as (steps, 2)."""
+    count = len(residual_m)
+    record = hand_made(crossing(), {EMV: Driven(NORTHBOUND, np.zeros(count)), 2: Driven(EASTBOUND, np.zeros(count))})
+    states = tuple(
+        replace(state, residual_m=np.array(residual, dtype=float), owner=np.array(owners, dtype=np.uint8))
+        for state, residual, owners in zip(record.states, residual_m, owner, strict=True)
+    )
+    return summarise_residuals(replace(record, states=states))
+
+
+def test_percentiles_are_over_the_rows_that_sumo_owns():
+    """From 0 to 1 m in steps of 1 cm; what ROS owns is ten times as far away."""
+    summary = summary_of([(0.01 * k, 10.0) for k in range(101)], [(Owner.SUMO, Owner.ROS)] * 101)
+    assert (summary.median_m, summary.p99_m, summary.max_m) == pytest.approx((0.5, 0.99, 1.0))
+
+
+def test_all_are_zero_where_sumo_owns_nobody():
+    summary = summary_of([(3.0, 4.0)] * 5, [(Owner.ROS, Owner.ROS)] * 5)
+    assert (summary.median_m, summary.p99_m, summary.max_m) == (0.0, 0.0, 0.0)
+
+
+def with_av(record: EpisodeRecord, actor_id: int = AV) -> EpisodeRecord:
+    parameters = {**record.description.parameters, "av": {"actor_id": actor_id, "sensors": "none"}}
+    return replace(record, description=replace(record.description, parameters=parameters))
+
+
+def response_of(record: EpisodeRecord) -> AvResponse:
+    response = av_response(record)
+    assert response is not None
+    return response
+
+
+def test_no_av_no_response(record_of):
+    assert av_response(record_of()) is None
+
+
+def test_a_vehicle_that_makes_way_is_measured(record_of):
+    record = with_av(record_of())
+    response = response_of(record)
+    av, emv = record.track(AV), record.track(1)
+    side_m = np.hypot(av.x_m - emv.x_m, av.y_m - emv.y_m)
+    heard = round(response.heard_s / 0.05)
+    assert side_m[heard] <= 40.0
+    assert heard == 0 or side_m[heard - 1] > 40.0
+    passed = heard + round(response.passed_after_s / 0.05)
+    assert emv.x_m[passed] > av.x_m[passed]
+    assert emv.x_m[passed - 1] <= av.x_m[passed - 1]
+    assert response.closest_m == pytest.approx(side_m.min())
+    assert response.moved_right_m == pytest.approx(np.max(av.y_m[heard] - av.y_m[heard : passed + 1]))
+    assert response.collisions == 0
+    assert response.measures()["av.heard_s"] == response.heard_s
+
+
+def test_what_the_av_does_after_the_pass_does_not_count(record_of):
+    record = with_av(record_of())
+    response = response_of(record)
+    passed = round((response.heard_s + response.passed_after_s) / 0.05)
+    standing = dict.fromkeys(("vx_mps", "vy_mps"), lambda state: np.zeros(len(state)))
+    later = with_states(record, lambda step: step > passed, **standing, y_m=lambda state: state.y_m - 5.0)
+    after = response_of(later)
+    assert (after.speed_drop_mps, after.moved_right_m) == (response.speed_drop_mps, response.moved_right_m)
+    assert response.speed_drop_mps < record.track(AV).speed_mps[passed]
+
+
+def test_collisions_of_the_av_are_counted(record_of):
+    def collision(actor_id: int, other_id: int) -> Any:
+        return Event(5, EventKind.COLLISION, actor_id, other_id)
+
+    record = replace(with_av(record_of()), events=(collision(1, AV), collision(3, 4), collision(AV, 3)))
+    assert response_of(record).collisions == 2
+
+
+def test_a_siren_that_stays_away_was_not_heard(record_of):
+    record = with_av(record_of(duration_s=0.5))
+    far = max(record.actors, key=lambda key: float(record.track(key).x_m[0]))
+    response = response_of(with_av(record, far))
+    if record.track(far).x_m[0] - record.track(1).x_m[0] > 60.0:
+        assert (response.heard_s, response.passed_after_s) == (-1.0, -1.0)
+
+
+def encounter(emv_arc_m: np.ndarray[Any, Any], av_arc_m: np.ndarray[Any, Any]) -> AvResponse:
+    record = hand_made(crossing(), {EMV: Driven(NORTHBOUND, emv_arc_m), AV: Driven(BESIDE_NORTHBOUND, av_arc_m)})
+    return response_of(with_av(record))
+
+
+HEARD_S = 0.05 * np.ceil((80.2 - np.sqrt(40.0**2 - 3.5**2)) / 0.5)
+"""An EMV at 10 m/s comes within 40 m of an AV that stands at 80.2 m, one lane aside."""
+
+
+@pytest.mark.parametrize(
+    ("emv_arc_m", "av_arc_m", "expected"),
+    [
+        (at_speed(0.0, 10.0, 250), 80.2, (HEARD_S, 161 * 0.05 - HEARD_S, 0.0, 0.0, np.hypot(0.2, 3.5), 0)),
+        (np.minimum(at_speed(0.0, 10.0, 250), 70.0), 80.0, (HEARD_S, -1.0, 0.0, 0.0, np.hypot(10.0, 3.5), 0)),
+        (np.full(250, 100.0), 80.0, (-1.0, -1.0, 0.0, 0.0, np.hypot(20.0, 3.5), 0)),
+        (np.full(250, 20.0), 80.0, (-1.0, -1.0, 0.0, 0.0, np.hypot(60.0, 3.5), 0)),
+    ],
+    ids=["it passes", "it stays behind", "it is ahead", "it is far away"],
+)
+def test_a_standing_av_hears_the_siren_at_40_m_and_is_passed_when_the_emvs_centre_is_ahead(
+    emv_arc_m, av_arc_m, expected
+):
+    response = encounter(emv_arc_m, np.full(250, av_arc_m))
+    assert tuple(vars(response).values()) == pytest.approx(expected)
+
+
+def test_speed_drop_is_from_the_speed_when_heard_to_the_lowest_before_the_pass():
+    speed = np.concatenate((np.full(40, 6.0), np.full(60, 4.0), np.full(200, 7.0)))
+    av_arc_m = 60.0 + np.concatenate(([0.0], np.cumsum(speed[:-1]) * 0.05))
+    response = encounter(at_speed(30.0, 12.0, 300), av_arc_m)
+    assert response.heard_s == 0.0
+    assert response.speed_drop_mps == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 0.7, -2.0])
+@pytest.mark.parametrize(("aside_m", "moved_m"), [(2.25, 2.25), (-2.0, 0.0)])
+def test_only_the_way_to_the_right_counts_whichever_way_the_road_leads(turn_rad, aside_m, moved_m):
+    """The AV hears the siren before it moves aside; all of it is turned, and with it the right."""
+    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
+    turn = np.array([[cos, sin], [-sin, cos]])
+    ahead = line((0.0, -60.0), (0.0, -20.0), (aside_m, 0.0), (aside_m, 200.0))
+    emv = Driven(line((-3.5, -60.0), (-3.5, 200.0)) @ turn, at_speed(0.0, 14.0, 200))
+    response = response_of(
+        with_av(hand_made(crossing(), {EMV: emv, AV: Driven(ahead @ turn, at_speed(35.0, 8.0, 200))}))
+    )
+    assert response.heard_s == 0.0
+    assert response.moved_right_m == pytest.approx(moved_m, abs=1e-6)
+    assert response.passed_after_s == pytest.approx(35.0 / 6.0, abs=0.3)
+
+
+def test_an_av_that_is_never_there_together_with_the_emv_has_no_numbers():
+    vehicles = {
+        EMV: Driven(NORTHBOUND, at_speed(0.0, 10.0, 20)),
+        AV: Driven(BESIDE_NORTHBOUND, np.full(20, 30.0), first_step=30),
+    }
+    assert response_of(with_av(hand_made(crossing(), vehicles))) == AvResponse(-1.0, -1.0, 0.0, 0.0, 0.0, 0)
+
+
+@pytest.mark.parametrize(("aside_m", "right_m"), [(1.2, 1.2), (-1.2, 0.0)])
+def test_moving_right_is_measured_across_the_line_of_travel(aside_m, right_m):
+    """Northbound, to the right is towards the east."""
+    points = line((LEFT_X_M, -120.0), (LEFT_X_M, -73.0), (LEFT_X_M + aside_m, -66.0), (LEFT_X_M + aside_m, 110.0))
+    vehicles = {EMV: Driven(NORTHBOUND, at_speed(20.0, 12.0, 260)), AV: Driven(points, at_speed(45.0, 4.0, 260))}
+    response = response_of(with_av(hand_made(crossing(), vehicles)))
+    assert response.moved_right_m == pytest.approx(right_m, abs=0.02)
+
+
+def test_at_exactly_40_m_the_siren_is_heard():
+    """Both in one lane, the AV straight ahead."""
+    vehicles = {EMV: Driven(NORTHBOUND, np.full(20, 40.0)), AV: Driven(NORTHBOUND, np.full(20, 80.0))}
+    assert response_of(with_av(hand_made(crossing(), vehicles))).heard_s == 0.0
+    vehicles[AV] = Driven(NORTHBOUND, np.full(20, 80.01))
+    assert response_of(with_av(hand_made(crossing(), vehicles))).heard_s == -1.0
+
+
+def test_the_step_of_the_pass_itself_counts():
+    """The AV brakes and moves aside at the very step at which the EMV's centre is ahead, and no longer after it."""
+    record = with_av(
+        hand_made(
+            crossing(),
+            {EMV: Driven(NORTHBOUND, at_speed(50.0, 10.0, 60)), AV: Driven(BESIDE_NORTHBOUND, np.full(60, 60.2))},
+        )
+    )
+    passed = 21
+    assert response_of(record).passed_after_s == pytest.approx(passed * 0.05)
+
+    def at_step(step: int) -> AvResponse:
+        changed = with_states(
+            record,
+            vy_mps=lambda state: np.where(state.actor_id == AV, 3.0 if state.step != step else 1.0, state.vy_mps),
+            x_m=lambda state: np.where(state.actor_id == AV, state.x_m + 0.4 * (state.step == step), state.x_m),
+        )
+        return response_of(changed)
+
+    for step, counts in ((passed - 1, True), (passed, True), (passed + 1, False)):
+        response = at_step(step)
+        expected = (2.0, 0.4) if counts else (0.0, 0.0)
+        assert (response.speed_drop_mps, response.moved_right_m) == pytest.approx(expected)
+
+
+def test_of_several_encounters_the_first_counts():
+    """The EMV overtakes, waits, is overtaken and overtakes again."""
+    emv = np.concatenate((np.arange(40.0, 70.0, 0.5), np.full(200, 70.0), np.arange(70.0, 200.0, 0.5)))
+    av = np.concatenate((np.full(60, 60.2), np.arange(60.2, 90.0, 0.2), np.full(411 - 149, 90.0)))[: len(emv)]
+    response = encounter(emv[: len(av)], av)
+    assert response.heard_s == 0.0
+    assert response.passed_after_s == pytest.approx(41 * 0.05)
+
+
+def test_arrival_is_when_the_emv_is_nearest_to_the_junction():
+    """The junction's centre is at 110 m of the northbound way (the stop line at 100 m)."""
+    slow, fast = (
+        realisation_of(_at_junction({EMV: Driven(NORTHBOUND, at_speed(30.0, speed_mps, 400))}))
+        for speed_mps in (5.0, 10.0)
+    )
+    assert slow.arrival_s == pytest.approx(2.0 * fast.arrival_s, abs=0.1)
+    assert slow.emv_speed_mps == pytest.approx(5.0, abs=0.1)
+    assert slow.queue == slow.yielding == 0
+
+
+def test_an_emv_that_never_comes_does_not_arrive():
+    realisation = realisation_of(_at_junction({EMV: Driven(NORTHBOUND, np.full(100, 20.0))}))
+    assert np.isnan(realisation.arrival_s)
+
+
+def test_the_queue_is_who_stands_around_the_emv_before_it_arrives():
+    standing = {
+        number: Driven(line((4.0, -100.0), (4.0, 100.0)), np.full(400, 60.0 + 7.0 * number)) for number in (2, 3)
+    }
+    rolling = {4: Driven(line((8.0, -100.0), (8.0, 100.0)), at_speed(20.0, 5.0, 400) % 190.0)}
+    emv = {EMV: Driven(NORTHBOUND, at_speed(30.0, 10.0, 400))}
+    assert realisation_of(_at_junction({**emv, **standing, **rolling})).queue == 2
+
+
+def _at_junction(vehicles: dict[int, Driven]) -> EpisodeRecord:
+    record = hand_made(crossing(), vehicles)
+    return replace(record, description=replace(record.description, site=SITE))
+
+
+def _standing_near(record: EpisodeRecord, steps: set[int]) -> EpisodeRecord:
+    """Actor 2 stands at these steps alone; at all others it drives."""
+    return with_states(
+        record, lambda step: step not in steps, vx_mps=lambda state: np.where(state.actor_id == 2, 5.0, state.vx_mps)
+    )
+
+
+def test_the_queue_is_counted_three_seconds_before_the_arrival_to_the_step():
+    """The EMV is at the junction's centre, 115 m along its way, at step 190; also in a record that begins later."""
+    vehicles = {
+        EMV: Driven(NORTHBOUND, at_speed(20.0, 10.0, 400)),
+        2: Driven(line((4.0, -100.0), (4.0, 100.0)), np.full(400, 70.0)),
+    }
+    record = _at_junction(vehicles)
+    counted = round(realisation_of(record).arrival_s / 0.05) - 60
+    for steps, queue in (({counted}, 1), ({counted - 1, counted + 1}, 0)):
+        changed = _standing_near(record, steps)
+        assert realisation_of(changed).queue == queue
+        late = replace(changed, states=changed.states[20:], traffic=changed.traffic[20:])
+        assert realisation_of(late).queue == queue
+        assert realisation_of(late).arrival_s == realisation_of(changed).arrival_s
+
+
+def test_wherever_the_map_lies_the_conflict_point_is_the_junctions():
+    plain = _at_junction({EMV: Driven(NORTHBOUND, at_speed(30.0, 10.0, 400))})
+    shift = np.array([300.0, -150.0])
+    network = plain.network
+    junctions = {
+        name: replace(
+            junction, outline=junction.outline + shift, x_m=junction.x_m + shift[0], y_m=junction.y_m + shift[1]
+        )
+        for name, junction in network.junctions.items()
+    }
+    moved = with_states(plain, x_m=lambda state: state.x_m + shift[0], y_m=lambda state: state.y_m + shift[1])
+    moved = replace(moved, network=replace(network, junctions=junctions))
+    assert realisation_of(moved).arrival_s == realisation_of(plain).arrival_s
+    assert not np.isnan(realisation_of(plain).arrival_s)
+
+
+def test_of_two_emvs_the_first_one_arrives():
+    record = _at_junction(
+        {EMV: Driven(NORTHBOUND, at_speed(30.0, 10.0, 400)), 2: Driven(NORTHBOUND, at_speed(80.0, 10.0, 400))}
+    )
+    both = {key: replace(actor, is_emv=True) for key, actor in record.actors.items()}
+    arrivals = [
+        realisation_of(replace(record, actors=both, description=replace(record.description, emv_ids=ids))).arrival_s
+        for ids in ((1, 2), (2, 1))
+    ]
+    assert arrivals[0] - arrivals[1] == pytest.approx(5.0, abs=0.05)
+
+
+def test_civilians_that_begin_to_yield_are_counted_once_each():
+    record = _at_junction({EMV: Driven(NORTHBOUND, at_speed(30.0, 10.0, 400))})
+    kinds = [(EventKind.YIELD_STARTED, 2), (EventKind.YIELD_STARTED, 3), (EventKind.YIELD_STARTED, 2)]
+    kinds.append((EventKind.YIELD_REQUESTED, 4))
+    events = tuple(Event(5 + k, kind, actor, EMV) for k, (kind, actor) in enumerate(kinds))
+    assert realisation_of(replace(record, events=events)).yielding == 2
+
+
+def test_an_outcome_has_the_verdict_its_parts_and_the_episodes_numbers(record_of):
+    outcome = outcome_of(record_of(), CLOSING)
+    assert (outcome.end, outcome.reason, outcome.steps, outcome.predicate_holds) == ("complete", "", 101, True)
+    assert outcome.measures["predicate.lane_changes"] == 4.0
+    assert outcome.measures["predicate.passed"] == 4.0
+    assert "4 civilians left" in str(outcome.measures["predicate"])
+
+
+def test_way_and_mean_speed_are_those_of_the_first_emv():
+    record = hand_made(
+        crossing(), {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 101)), 2: Driven(NORTHBOUND, at_speed(60.0, 2.0, 101))}
+    )
+    for ids, speed in (((EMV, 2), 8.0), ((2, EMV), 2.0)):
+        changed = replace(record, description=replace(record.description, emv_ids=ids))
+        measures = outcome_of(changed, CLOSING).measures
+        assert measures["emv_distance_m"] == pytest.approx(100 * 0.05 * speed)
+        assert measures["emv_mean_speed_mps"] == pytest.approx(speed)
+        assert measures["actors"] == 2
+
+
+def test_every_emv_has_its_numbers_in_the_outcome():
+    record = hand_made(
+        crossing(), {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 101)), 2: Driven(NORTHBOUND, at_speed(60.0, 2.0, 101))}
+    )
+    changed = replace(record, description=replace(record.description, emv_ids=(EMV, 2)))
+    measures = outcome_of(changed, CLOSING).measures
+    assert measures["emv2.distance_m"] == pytest.approx(10.0)
+    assert measures["emv2.mean_speed_mps"] == pytest.approx(2.0)
+    assert measures["emv2.predicate_holds"] == 0
+    assert "a junction with a signal nowhere" in str(measures["emv2.predicate"])
+    assert not any(name.startswith("emv1.") for name in measures)
+
+
+@pytest.mark.parametrize("ids", [(), (9,)])
+def test_without_an_emv_there_is_no_way(ids):
+    record = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(60.0, 2.0, 21))})
+    changed = replace(record, description=replace(record.description, emv_ids=ids))
+    measures = outcome_of(changed, CLOSING).measures
+    assert "emv_distance_m" not in measures
+    assert "av.heard_s" not in measures
+
+
+def test_events_and_residuals_are_counted_each_by_its_kind():
+    record = hand_made(crossing(), {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 101))})
+    kinds = [
+        *[EventKind.COLLISION] * 1,
+        *[EventKind.YIELD_STARTED] * 4,
+        *[EventKind.YIELD_COMPLETED] * 3,
+        *[EventKind.YIELD_DEFERRED] * 2,
+        EventKind.YIELD_REQUESTED,
+    ]
+    owned = with_states(
+        record, residual_m=lambda state: np.array([0.01 * state.step]), owner=lambda _: np.array([Owner.SUMO], np.uint8)
+    )
+    events = tuple(Event(step, kind, EMV, 2) for step, kind in enumerate(kinds))
+    measures = outcome_of(replace(owned, events=events), CLOSING).measures
+    names = ("collisions", "yields_started", "yields_completed", "yields_deferred")
+    assert [measures[name] for name in names] == [1, 4, 3, 2]
+    assert (measures["residual_p99_m"], measures["residual_max_m"]) == pytest.approx((0.99, 1.0))
+
+
+def test_a_record_that_cannot_be_judged_has_no_verdict_and_says_why():
+    class Broken:
+        def build(self) -> EpisodeRecord:
+            raise EpisodeError("a state of nobody")
+
+    outcome = judge(Broken(), replace(CLOSING, end="failed", reason="stopped"))
+    assert (outcome.end, outcome.reason, outcome.steps, outcome.predicate_holds) == ("failed", "stopped", 101, None)
+    assert outcome.measures == {"predicate": "a state of nobody"}

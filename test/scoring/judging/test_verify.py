@@ -1,0 +1,408 @@
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hand_made_record import CAR_LENGTH_M, NORTHBOUND, Driven, at_speed, crossing, hand_made, line, with_states
+
+from siren_ros.base.numerics.units import STEP_NS, STEP_S
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.errors import EpisodeError
+from siren_ros.scoring.judging.verdict import Moment, Part, verdict_of
+from siren_ros.scoring.judging.verify import (
+    CHECKS,
+    Verification,
+    VerifyLimits,
+    check_message_counts,
+    check_motion,
+    check_owners,
+    check_stamps,
+    check_state_hashes,
+    verify_episode,
+)
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates, Owner
+from siren_ros.simulation.world.commands import VehicleCommands
+from siren_ros.simulation.world.traffic_state import Event, EventKind, hash_state
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> EpisodeRecord:
+    return read_episode(write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed0", lidar=True))
+
+
+def _failing(verification: Verification) -> list[str]:
+    """Names of what fails; that a changed state no longer has its hash is tested on its own."""
+    return [part.name for part in verification.failing if part.name != "wrong_state_hashes"]
+
+
+def test_a_sound_episode_holds(record):
+    verification = verify_episode(record)
+    assert verification.holds
+    assert _failing(verification) == []
+    assert [part.name for part in verification.checks] == list(CHECKS), "the documents list them"
+
+
+def _moved(record: EpisodeRecord, **columns: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> EpisodeRecord:
+    """The record with columns of actor 2 changed at step 100."""
+    for name, edit in columns.items():
+
+        def column(state: ActorStates, name: str = name, edit: Callable[..., np.ndarray] = edit) -> np.ndarray:
+            rows, values = state.actor_id == 2, getattr(state, name)
+            return np.where(rows, edit(values, rows), values)
+
+        record = with_states(record, lambda step: step == 100, **{name: column})
+    return record
+
+
+def test_a_jump_is_found_with_its_actor_and_step(record):
+    verification = verify_episode(_moved(record, x_m=lambda x, _: x + 0.3))
+    assert _failing(verification) == ["position_jump_m", "speed_error_mps"]
+    (jump,) = [part for part in verification.checks if part.name == "position_jump_m"]
+    assert jump.value == pytest.approx(0.3, abs=0.01)
+    assert jump.detail.startswith("actor 2 at step 100")
+    assert jump.decisive == Moment(100, 2)
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "fault"),
+    [
+        ("yaw_rad", lambda yaw, _: yaw + 0.2, "yaw_jump_rad"),
+        ("vx_mps", lambda v, _: v + 3.0, "speed_error_mps"),
+        ("owner", lambda owner, _: np.full_like(owner, 7), "ownership_faults"),
+    ],
+    ids=["a turn on the spot", "a wrong speed", "an unknown owner"],
+)
+def test_a_wrong_state_is_found(record, column, change, fault):
+    assert _failing(verify_episode(_moved(record, **{column: change}))) == [fault]
+
+
+@pytest.mark.parametrize("beyond_rad", [-0.002, 0.002])
+def test_a_turn_is_held_against_the_tighter_of_steering_and_grip(record, beyond_rad):
+    speed_mps = max(float(record.track(2).speed_mps[step]) for step in (99, 100, 101))
+    by_steering = speed_mps * np.tan(0.7) / (0.5 * record.actors[2].length_m)
+    by_grip = 12.0 / speed_mps
+    assert by_grip < by_steering
+    limit_rad = by_grip * STEP_S + 0.01
+    turned = _moved(record, yaw_rad=lambda yaw, _: yaw + limit_rad + beyond_rad)
+    assert _failing(verify_episode(turned)) == (["yaw_jump_rad"] if beyond_rad > 0.0 else [])
+
+
+def test_a_standing_vehicle_cannot_turn(record):
+    """Grip would let it; a bicycle without speed has no yaw rate."""
+    first = record.states[0]
+    still = replace(first, vx_mps=np.zeros(len(first)), vy_mps=np.zeros(len(first)), yaw_rad=np.zeros(len(first)))
+    turned = replace(still, step=1, yaw_rad=np.where(still.actor_id == 3, 0.06, 0.0))
+    _, part, _ = check_motion(replace(record, states=(still, turned)), VerifyLimits())
+    assert (part.holds, part.detail) == (False, "actor 3 at step 1")
+    assert part.value == pytest.approx(0.06)
+
+
+@pytest.mark.parametrize("beyond_rad", [-0.002, 0.002])
+@pytest.mark.parametrize("speed_mps", [0.5, 2.0])
+def test_a_slow_vehicle_turns_as_far_as_its_steering_lets_it(speed_mps, beyond_rad):
+    record = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(10.0, speed_mps, 12))})
+    limit_rad = speed_mps * np.tan(0.7) / (0.5 * CAR_LENGTH_M) * STEP_S + 0.01
+    turned = with_states(record, lambda step: step >= 6, yaw_rad=lambda state: state.yaw_rad - limit_rad - beyond_rad)
+    _, part, _ = check_motion(turned, VerifyLimits())
+    assert (part.holds, part.detail) == (beyond_rad < 0.0, "actor 2 at step 6")
+
+
+def test_an_actor_that_is_away_for_a_while_has_not_jumped():
+    """From one step to the next alone a way can be too long."""
+    first = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(10.0, 10.0, 10))})
+    later = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(60.0, 10.0, 10), first_step=20)})
+    record = replace(first, states=(*first.states, *later.states[20:]))
+    assert check_motion(record, VerifyLimits())[0].holds
+    closed_up = tuple(replace(state, step=step) for step, state in enumerate(record.states))
+    part, _, _ = check_motion(replace(record, states=closed_up), VerifyLimits())
+    assert (part.holds, part.detail) == (False, "actor 2 at step 10")
+    assert part.value == pytest.approx(45.0)
+
+
+def test_two_actors_far_apart_have_not_jumped():
+    """The last state of one and the first of the next follow each other in the rows."""
+    record = hand_made(
+        crossing(),
+        {2: Driven(NORTHBOUND, at_speed(10.0, 10.0, 5)), 3: Driven(NORTHBOUND, at_speed(150.0, 10.0, 5), first_step=5)},
+    )
+    assert check_motion(record, VerifyLimits())[0].holds
+
+
+def test_two_controllers_of_one_actor_are_found(record):
+    claims = {**record.commands, "intruder": record.commands["emv_controller"][:1]}
+    assert isinstance(claims["intruder"][0], VehicleCommands)
+    assert _failing(verify_episode(replace(record, commands=claims))) == ["ownership_faults"]
+
+
+def test_an_actor_that_stands_twice_in_a_step_is_found(record):
+    state = record.states[40]
+    rows = np.array([0, 1, 1, *range(2, len(state))])
+    columns = {name: getattr(state, name)[rows] for name in ACTOR_STATE_DTYPES}
+    doubled = (*record.states[:40], replace(state, **columns), *record.states[41:])
+    assert check_owners(replace(record, states=doubled)).value == 1.0
+
+
+def test_only_rows_that_ros_owns_are_claims(record):
+    first = record.commands["emv_controller"][0]
+    handed_back = replace(first, owner=np.full_like(first.owner, Owner.SUMO))
+    elsewhen = replace(first, step=10**6)
+    for harmless in (handed_back, elsewhen):
+        claims = {**record.commands, "intruder": (harmless,)}
+        assert check_owners(replace(record, commands=claims)).value == 0.0
+    claims = {**record.commands, "intruder": (first,)}
+    assert check_owners(replace(record, commands=claims)).value == (first.owner == Owner.ROS).sum() > 0
+
+
+def test_a_teleport_is_found(record):
+    events = (*record.events, Event(7, EventKind.TELEPORT, 3))
+    verification = verify_episode(replace(record, events=events))
+    assert _failing(verification) == ["teleports"]
+    assert verification.failing[0].detail == "actor 3 at step 7"
+
+
+def test_a_large_residual_is_found(record):
+    far = with_states(record, residual_m=lambda state: state.residual_m + 3.0)
+    assert _failing(verify_episode(far)) == ["residual_p99_m", "residual_max_m"]
+    once = with_states(record, lambda step: step == 40, residual_m=lambda state: 5.0 * (state.actor_id == 3))
+    (residual,) = [part for part in verify_episode(once).failing if part.name == "residual_max_m"]
+    assert residual.decisive == Moment(40, 3)
+
+
+def with_topic(record: EpisodeRecord, name: str, **changes: Any) -> EpisodeRecord:
+    """The record with other counts of a topic."""
+    return replace(record, topics={**record.topics, name: replace(record.topics[name], **changes)})
+
+
+@pytest.mark.parametrize("topic", ["/clock", "/emv/lidar/points"])
+def test_a_lost_message_is_found(record, topic):
+    whole = record.topics[topic]
+    short = with_topic(record, topic, count=whole.count - 1, times_ns=np.delete(whole.times_ns, 5))
+    verification = verify_episode(short)
+    assert _failing(verification) == ["topics_with_lost_messages"]
+    assert topic in verification.failing[0].detail
+
+
+@pytest.mark.parametrize("topic", ["/clock", "/siren/events", "/emv/lidar/points"])
+def test_as_many_messages_at_other_steps_are_found(record, topic):
+    times_ns = record.topics[topic].times_ns.copy()
+    times_ns[5] += STEP_NS
+    assert _failing(verify_episode(with_topic(record, topic, times_ns=times_ns))) == ["topics_with_lost_messages"]
+
+
+def test_a_latched_topic_has_one_message(record):
+    times_ns = np.repeat(record.topics["/siren/map"].times_ns, 2)
+    (fault,) = verify_episode(with_topic(record, "/siren/map", count=2, times_ns=times_ns)).failing
+    assert fault.detail == "/siren/map has 2 messages instead of 1"
+
+
+def test_a_missing_topic_is_found(record):
+    topics = {name: topic for name, topic in record.topics.items() if name != "/siren/yield_commands"}
+    assert "/siren/yield_commands is missing" in verify_episode(replace(record, topics=topics)).failing[0].detail
+
+
+def test_a_stamp_beside_the_grid_is_found(record):
+    wrong = with_topic(record, "/siren/events", stamp_mismatches=2)
+    assert _failing(verify_episode(wrong)) == ["topics_with_wrong_stamps"]
+
+
+def test_an_episode_that_was_interrupted_is_not_complete(record):
+    verification = verify_episode(replace(record, outcome=None, complete=False))
+    assert "steps" in _failing(verification)
+    assert "no outcome" in verification.failing[0].detail
+
+
+def test_states_of_an_unknown_actor_contradict_the_record(record):
+    actors = {key: actor for key, actor in record.actors.items() if key != 4}
+    with pytest.raises(EpisodeError, match="never described"):
+        verify_episode(replace(record, actors=actors))
+
+
+def test_a_state_that_was_changed_afterwards_is_found(record):
+    state = record.states[30]
+    x_m = state.x_m.copy()
+    x_m[0] += 1e-12
+    changed = (*record.states[:30], replace(state, x_m=x_m), *record.states[31:])
+    (fault,) = verify_episode(replace(record, states=changed)).failing
+    assert (fault.name, fault.value, fault.detail) == ("wrong_state_hashes", 1.0, "first at step 30")
+    (missing,) = verify_episode(replace(record, state_hashes={})).failing
+    assert missing.value == record.steps
+
+
+def _colliding(record: EpisodeRecord, speed_mps: float) -> EpisodeRecord:
+    contact = Event(100, EventKind.COLLISION, 2, 3, detail={"impact_speed_mps": speed_mps})
+    return replace(record, events=(*record.events, contact))
+
+
+def test_an_impact_at_speed_is_found_with_the_papers_drivers_alone(record):
+    assert _failing(verify_episode(_colliding(record, 1.5))) == []
+    (impact,) = verify_episode(_colliding(_colliding(record, 2.5), 1.5)).failing
+    assert (impact.name, impact.decisive) == ("impact_speed_mps", Moment(100, 2))
+    drawn = replace(record, description=replace(record.description, preset="realistic"))
+    assert _failing(verify_episode(_colliding(drawn, 2.5))) == []
+
+
+def test_a_contact_explains_half_of_the_velocity_that_it_takes(record):
+    stopped = _moved(record, vx_mps=lambda v, _: v - 3.0)
+    assert _failing(verify_episode(stopped)) == ["speed_error_mps"]
+    assert "speed_error_mps" in _failing(verify_episode(_colliding(stopped, 1.0)))  # the step after it has no contact
+
+
+def test_bodies_in_each_other_are_found(record):
+    state = record.states[50]
+    x_m, y_m = state.x_m.copy(), state.y_m.copy()
+    x_m[2], y_m[2] = x_m[1] + 1.0, y_m[1]
+    changed = with_states(record, lambda step: step == 50, x_m=lambda _: x_m, y_m=lambda _: y_m)
+    (overlap,) = [part for part in verify_episode(changed).failing if part.name == "overlap_m"]
+    assert overlap.decisive == Moment(50, int(state.actor_id[1]))
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "name"),
+    [
+        ("lateral_accel_mps2", 4.5, "lateral_accel_p99_9_mps2"),
+        ("lateral_accel_mps2", -4.5, "lateral_accel_p99_9_mps2"),
+        ("accel_mps2", -4.5, "emv_accel_p1_mps2 civilian_accel_p0_5_mps2"),
+        ("accel_mps2", 3.0, "emv_accel_p99_mps2"),
+    ],
+)
+def test_accelerations_that_no_driver_uses_are_found(record, column, value, name):
+    changed = with_states(record, lambda step: step % 20 == 0, **{column: lambda state: np.full(len(state), value)})
+    assert _failing(verify_episode(changed)) == name.split()
+
+
+def on_a_way(
+    record: EpisodeRecord, direction: np.ndarray, driven_m: Sequence[float] | np.ndarray, speeds_mps: Sequence[float]
+) -> EpisodeRecord:
+    """The record of one vehicle, driven so far in a direction and as fast at each step."""
+    return with_states(
+        record,
+        x_m=lambda state: np.array([direction[0] * driven_m[state.step]]),
+        y_m=lambda state: np.array([direction[1] * driven_m[state.step]]),
+        vx_mps=lambda state: np.array([direction[0] * speeds_mps[state.step]]),
+        vy_mps=lambda state: np.array([direction[1] * speeds_mps[state.step]]),
+    )
+
+
+@pytest.mark.parametrize("heading", np.radians([0.0, 30.0, 120.0, -75.0]))
+@pytest.mark.parametrize(("struck", "error_mps"), [((2, 3), 0.0), ((3, 2), 0.0), ((3, 4), 3.0), (None, 3.0)])
+@pytest.mark.parametrize("more_mps", [0.0, 1.0])
+def test_a_contact_takes_velocity_within_a_step_in_any_direction(heading, struck, error_mps, more_mps):
+    """From 10 m/s to 4 m/s at the end of a step: the mean velocity is 3 m/s off, half of what the contact took.
+
+    What is more than that is not explained by it.
+    """
+    way = np.array([np.cos(heading), np.sin(heading)])
+    record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(6))})
+    speeds = [10.0, 10.0, 10.0, 4.0, 4.0, 4.0]
+    driven = np.array([0.0, 0.5, 1.0, 1.5, 1.7, 1.9]) + more_mps * STEP_S * (np.arange(6) > 2)
+    events = () if struck is None else (Event(3, EventKind.COLLISION, *struck, detail={"impact_speed_mps": 1.0}),)
+    _, _, error = check_motion(replace(on_a_way(record, way, driven, speeds), events=events), VerifyLimits())
+    assert error.value == pytest.approx(error_mps + more_mps, abs=1e-9)
+
+
+@pytest.mark.parametrize(("step", "beyond"), [(-1, False), (3, True)])
+def test_the_worst_case_is_named_with_a_change_of_its_owner(step, beyond):
+    record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(6)), 5: Driven(NORTHBOUND, np.full(6, 40.0))})
+    changed = with_states(
+        record,
+        y_m=lambda state: state.y_m + np.where(state.actor_id == 5, 2.0 * (state.step >= step > 0), 0.0),
+        owner=lambda state: np.where((state.actor_id == 5) & (state.step >= 3), np.uint8(Owner.ROS), state.owner),
+    )
+    part, _, _ = check_motion(changed, VerifyLimits())
+    assert part.holds is not beyond
+    if beyond:
+        assert (part.value, part.detail) == (pytest.approx(2.0), "actor 5 at step 3 as its owner changes")
+
+
+def test_a_record_without_moves_has_no_jumps_and_names_nobody():
+    two_steps = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(2))})
+    for part in check_motion(replace(two_steps, states=two_steps.states[:1]), VerifyLimits()):
+        assert (part.holds, part.value, part.detail) == (True, 0.0, "")
+    assert check_motion(two_steps, VerifyLimits())[0].detail == "actor 2 at step 1"
+
+
+@pytest.mark.parametrize(("planned_s", "holds"), [(0.0, True), (0.04, True), (0.06, False)])
+def test_a_complete_episode_has_the_steps_of_its_description(record, planned_s, holds):
+    """More by a step than were planned are no fault, a step less is one."""
+    duration_s = record.steps * STEP_S + planned_s
+    longer = replace(record, description=replace(record.description, duration_s=duration_s))
+    (part,) = [part for part in verify_episode(longer).checks if part.name == "steps"]
+    assert (part.value, part.threshold) == (record.steps, round(duration_s / STEP_S))
+    assert part.holds is (part.value >= part.threshold)
+    assert part.holds is holds or planned_s == 0.04
+
+
+def test_stamps_off_the_grid_and_stamps_that_contradict_the_bag_are_counted_together(record):
+    whole = record.topics["/siren/events"]
+    times_ns = whole.times_ns.copy()
+    times_ns[3] += 1
+    for mismatches, times, detail in (
+        (2, whole.times_ns, "/siren/events: 2"),
+        (0, times_ns, "/siren/events: 1"),
+        (1, times_ns, "/siren/events: 2"),
+    ):
+        wrong = with_topic(record, "/siren/events", times_ns=times, stamp_mismatches=mismatches)
+        part = check_stamps(wrong)
+        assert (part.holds, part.value, part.detail) == (False, 1.0, detail)
+
+
+@pytest.mark.parametrize("way", [(3.0, 4.0), (-3.0, 4.0), (0.0, -5.0)])
+@pytest.mark.parametrize(("beyond_m", "holds"), [(0.04, True), (0.06, False)])
+def test_a_step_is_no_longer_than_the_faster_of_both_speeds_allows(way, beyond_m, holds):
+    """From standstill to 5 m/s, or from there to standstill: 0.25 m and the margin of 5 cm."""
+    direction = np.array(way) / 5.0
+    for speeds in ((0.0, 5.0), (5.0, 0.0)):
+        record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(2))})
+        part, _, _ = check_motion(on_a_way(record, direction, (0.0, 0.25 + beyond_m), speeds), VerifyLimits())
+        assert (part.holds, part.value) == (holds, pytest.approx(beyond_m))
+
+
+def test_a_sensors_topic_has_the_period_of_its_shortest_interval(record):
+    """Two messages at one time have none; one message alone is a latched one."""
+    whole = record.topics["/emv/lidar/points"]
+    period_ns = int(np.diff(whole.times_ns).min())
+    assert np.diff(whole.times_ns).max() == period_ns
+
+    def faults(times_ns: np.ndarray) -> str:
+        changed = with_topic(record, "/emv/lidar/points", count=len(times_ns), times_ns=times_ns)
+        return check_message_counts(changed).detail
+
+    assert faults(whole.times_ns) == ""
+    assert faults(whole.times_ns[:1]) == ""
+    assert faults(np.sort(np.append(whole.times_ns, whole.times_ns[2]))).endswith("has two messages at one time")
+    halved = np.sort(np.append(whole.times_ns, whole.times_ns[2] + STEP_NS))
+    expected = len(range(0, record.steps * STEP_NS, STEP_NS))
+    assert f"has {len(halved)} messages instead of {expected}" in faults(halved)
+    assert "instead of" in faults(whole.times_ns[:-1])
+    assert "instead of" in faults(whole.times_ns[1:])
+
+
+@pytest.mark.parametrize(
+    ("predicate", "checks", "holds"),
+    [(True, (True, True), True), (True, (True, False), False), (False, (True, True), False), (True, (), True)],
+)
+def test_an_episode_holds_where_its_predicate_and_every_check_do(predicate, checks, holds):
+    part, *parts = (Part("x", 1.0, 1.0, it_holds, ">=", "") for it_holds in (predicate, *checks))
+    verification = Verification(verdict_of((part,), "text"), tuple(parts))
+    assert verification.holds is holds
+    assert len(verification.failing) == (not predicate) + checks.count(False)
+
+
+def test_headings_are_compared_across_pi():
+    """A car that drives west and bends from just below pi to just above −pi."""
+    way = line((50.0, -0.2), (0.0, 0.0), (-50.0, -0.2))
+    record = hand_made(crossing(), {2: Driven(way, at_speed(48.0, 10.0, 10))})
+    assert np.ptp(record.track(2).yaw_rad) > 6.0
+    _, part, _ = check_motion(record, VerifyLimits())
+    assert part.value == pytest.approx(0.008 - 12.0 / 10.0 * STEP_S, abs=1e-4)
+
+
+def test_signals_are_part_of_the_hash_of_a_state():
+    red = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(3))}, lambda _: "rrr")
+    green = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(3))}, lambda _: "GGG")
+    hashes = {state.step: hash_state(state, red.traffic[state.step].signals) for state in red.states}
+    assert check_state_hashes(replace(red, state_hashes=hashes)).value == 0.0
+    assert check_state_hashes(replace(green, state_hashes=hashes)).value == 3.0

@@ -1,0 +1,150 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hand_made_record import EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made, with_states
+from matplotlib.figure import Figure
+from PIL import Image
+
+from siren_ros.data.interfaces.markers import EMV_COLOUR
+from siren_ros.errors import InputError
+from siren_ros.scoring.pictures.birdseye import (
+    draw_episode,
+    interaction_box,
+    interaction_steps,
+    save_episode_picture,
+    snapshot_steps,
+)
+from siren_ros.scoring.pictures.plot_parts import LabelPlacer, lane_outline, mode_runs, yielding_actors
+from siren_ros.simulation.world.actors import Mode
+from siren_ros.simulation.world.traffic_state import Event, EventKind
+
+
+@pytest.fixture(scope="module")
+def record(record_of):
+    return record_of()
+
+
+@pytest.fixture(scope="module")
+def picture(record, tmp_path_factory):
+    return save_episode_picture(record, tmp_path_factory.mktemp("pictures") / "new" / "episode.png")
+
+
+def _share_of(path, colour):
+    pixels = np.asarray(Image.open(path).convert("RGB"), dtype=np.int64)
+    distance = np.abs(pixels - np.round(np.array(colour[:3]) * 255).astype(np.int64)).max(axis=-1)
+    return float((distance <= 3).mean())
+
+
+def test_the_picture_shows_the_emv_and_the_road(picture):
+    assert _share_of(picture, EMV_COLOUR) > 0.001
+    assert _share_of(picture, (0xC9 / 255, 0xCD / 255, 0xD2 / 255)) > 0.05
+
+
+def test_the_same_record_gives_the_same_bytes(record, picture, tmp_path):
+    assert save_episode_picture(record, tmp_path / "again.png").read_bytes() == picture.read_bytes()
+
+
+def _texts(figure):
+    return [text.get_text() for text in figure.texts] + [
+        text.get_text() for axes in figure.axes for text in axes.texts if text.get_text()
+    ]
+
+
+def test_title_verdict_and_labels_are_there(record):
+    texts = _texts(draw_episode(record))
+    assert "S2 · L2 · seed 0 · straight" in texts
+    assert "interaction verified" in texts
+    assert sum(text.startswith("#") and text.endswith(" s") for text in texts) == 8
+
+
+def test_an_episode_without_the_interaction_says_so(record_of):
+    assert "interaction not found" in _texts(draw_episode(record_of(changing=0)))
+
+
+def test_the_box_holds_the_interaction_and_not_the_whole_map(record):
+    first, last = interaction_steps(record)
+    assert (first, last) == (0, 247)
+    x0, x1, y0, y1 = interaction_box(record)
+    assert x0 < 10.0
+    assert 183.0 < x1 < 220.0
+    assert y1 - y0 >= 40.0
+
+
+def test_without_a_yield_the_interaction_is_around_the_emvs_stop_line():
+    record = hand_made(crossing(), {key: Driven(NORTHBOUND, at_speed(40.0, 5.0, 400)) for key in (EMV, 2)})
+    assert interaction_steps(record) == (0, 399)
+    events = tuple(Event(step, EventKind.STOP_LINE_CROSSED, actor) for step, actor in [(90, 2), (250, EMV)])
+    assert interaction_steps(replace(record, events=events)) == (150, 350)
+    assert interaction_steps(replace(record, events=events[:1])) == (0, 399)
+
+
+def yields_at(*steps):
+    """The EMV, one civilian beside it that yields at some steps, and one far away that always does."""
+    drives = {EMV: 40.0, 2: 45.0, 3: 110.0}
+    made = hand_made(crossing(), {key: Driven(NORTHBOUND, at_speed(at_m, 0.1, 400)) for key, at_m in drives.items()})
+
+    def modes(state):
+        mode = np.where(state.actor_id == 3, Mode.YIELD_REACTING, Mode.NOMINAL)
+        return np.where((state.actor_id == 2) & (state.step in steps), Mode.YIELD_HOLD, mode).astype(state.mode.dtype)
+
+    return with_states(made, mode=modes)
+
+
+def test_snapshots_are_where_somebody_yields_near_the_emv():
+    assert interaction_steps(yields_at()) == (0, 399)
+    assert snapshot_steps(yields_at(5, 260, 399)) == [5, 260, 399]
+
+
+def test_snapshots_without_a_yield_are_in_the_middle_of_the_thirds():
+    middles = snapshot_steps(yields_at())
+    assert middles == pytest.approx([67, 200, 333], abs=1)
+    assert snapshot_steps(yields_at(200, 201, *range(300, 380)))[1:] == [200, pytest.approx(333, abs=1)]
+
+
+def test_with_many_events_each_actor_has_one_label_without_a_time(record):
+    times = [event.step for event in record.events if event.kind is EventKind.YIELD_STARTED]
+    more = tuple(replace(event, step=event.step + k) for event in record.events for k in range(4))
+    labels = [text for text in _texts(draw_episode(replace(record, events=more))) if text.startswith("#")]
+    assert times
+    assert not any(text.endswith(" s") for text in labels)
+
+
+def test_states_are_cut_into_runs(record):
+    runs = mode_runs(record.track(3))
+    yielding = [Mode.YIELD_REACTING, Mode.YIELD_LANE_CHANGE, Mode.YIELD_KEEP_LANE]
+    assert ([mode for _, _, mode in runs], runs[0][0]) == ([Mode.NOMINAL, *yielding, Mode.NOMINAL], 0)
+    assert runs[-1][1] == record.steps - 1
+    assert all(before[1] + 1 == after[0] for before, after in pairwise(runs))
+    assert yielding_actors(record) == (2, 3, 4, 5)
+
+
+def test_a_lane_outline_has_the_lanes_area(record):
+    lane = record.network.lanes[0]
+    x, y = lane_outline(lane).T
+    area = abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2.0
+    assert area == pytest.approx(lane.length_m * lane.width_m)
+
+
+def test_labels_never_cover_each_other():
+    axes = Figure(figsize=(4, 3), dpi=100).add_axes((0, 0, 1, 1))
+    axes.set_xlim(0, 40)
+    axes.set_ylim(0, 30)
+    placer = LabelPlacer(axes, 6.0)
+    placed = [placer.place(20.0, 15.0, f"#{number} 1.0 s", "black") for number in range(60)]
+    assert placed[0]
+    assert not placed[-1]
+    boxes = placer.taken
+    assert not any(a.overlaps(b) for row, a in enumerate(boxes) for b in boxes[:row])
+
+
+def test_nothing_to_draw_is_said(record):
+    with pytest.raises(InputError, match="actor state"):
+        draw_episode(replace(record, states=()))
+
+
+def test_only_png_is_written(record, tmp_path):
+    with pytest.raises(InputError, match=r"\.png"):
+        save_episode_picture(record, tmp_path / "episode.txt")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,139 @@
+"""Light on the ground by day and at night, its projections, and rain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.sensing.camera import ground_light
+from siren_ros.sensing.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M
+from siren_ros.sensing.look import Look
+from siren_ros.sensing.meshes.mesh import Mesh, SemanticClass
+from siren_ros.sensing.meshes.placement import EgoVehicle
+from siren_ros.sensing.scene.signals import street_lamp, turned
+from siren_ros.sensing.specification import transform
+from siren_ros.simulation.world.actors import ActorClass, Lights
+from siren_ros.simulation.world.measurements import CameraIntrinsics
+
+CAMERA = CameraIntrinsics.centred(320, 240, 160.0)
+SEDAN = ActorClass.SEDAN
+EYE = transform(np.eye(3), (0.0, 0.0, 2.5))
+NIGHT = Look(
+    sun_elevation_rad=-0.4, zenith_colour=(0.006, 0.009, 0.02), horizon_colour=(0.03, 0.03, 0.036), ambient=0.5
+)
+
+
+def picture(renderer, placement, step=0, *, labels=False):
+    return renderer.render(CAMERA, EYE, placement, np.zeros(len(placement)), {}, step, labels=labels)
+
+
+def road(image):
+    return image.semantic == SemanticClass.ROAD
+
+
+def test_each_street_lamp_is_found_once():
+    places = [(0.0, 0.0), (30.0, 5.0), (31.0, 40.0)]
+    middles = ground_light.luminaires(Mesh.joined(*[turned(street_lamp(8.0), x, y, 0.0, 0.7) for x, y in places]))
+    assert middles.shape == (3, 3)
+    assert np.linalg.norm(middles[:, :2] - places, axis=1) == pytest.approx(1.5, abs=0.1)
+    assert middles[:, 2] == pytest.approx(7.9, abs=0.1)
+
+
+def test_a_street_lamp_lights_the_road_below_it_at_night(boxes):
+    lamp = turned(street_lamp(8.0), 20.0, -4.0, 0.0, np.pi / 2)
+    lit, dark = (picture(boxes.renderer(scene, NIGHT), boxes.placed()) for scene in (boxes.scene(lamp), boxes.scene()))
+    assert lit.rgba[140:165, 150:170, :3].mean() > dark.rgba[140:165, 150:170, :3].mean() + 30
+    assert (lit.rgba[..., :3].min(axis=2) > 200).sum() > 3, "the lens"
+
+
+def test_head_lamps_light_what_lies_ahead_also_the_carriers_own(boxes):
+    renderer = boxes.renderer(boxes.scene(), NIGHT)
+    empty = picture(renderer, boxes.placed())
+    ahead = picture(renderer, boxes.placed((SEDAN, 15.0, 4.0, -np.pi / 2)))
+    assert (road(ahead) & (ahead.rgba[..., 1] > empty.rgba[..., 1].astype(int) + 20))[:, 160:].sum() > 200
+    with_carrier = replace(boxes.placed(), ego=EgoVehicle(0.0, 0.0, 0.0, 4.6, 0))
+    assert (
+        picture(renderer, with_carrier).rgba[150:220, 120:200, :3].mean() > empty.rgba[150:220, 120:200, :3].mean() + 20
+    )
+    assert picture(renderer, boxes.placed()).rgba.tobytes() == empty.rgba.tobytes()
+
+
+def test_beacons_colour_the_road_in_turn(boxes):
+    renderer = boxes.renderer(boxes.scene(), NIGHT)
+    blue, red = (next(k for k in range(20) if ground_light.beacon_colour(k)[channel] > 0.5) for channel in (2, 0))
+    placement = boxes.placed((SEDAN, 14.0, 0.0, np.pi), lights=[int(Lights.BEACON)])
+    in_blue, in_red = picture(renderer, placement, blue), picture(renderer, placement, red)
+    beside = (slice(150, 200), slice(60, 110))
+    difference = in_blue.rgba[..., :3][beside].mean(axis=(0, 1)) - in_red.rgba[..., :3][beside].mean(axis=(0, 1))
+    assert difference[2] > 15
+    assert difference[0] < -15
+
+
+def test_rain_falls_over_the_colours_alone(boxes):
+    placement = boxes.placed((SEDAN, 8.0, 1.0, 0.3))
+    wet = Look(rain_mm_per_h=10.0)
+    dry = picture(boxes.renderer(boxes.scene()), placement, labels=True)
+    renderer = boxes.renderer(boxes.scene(), wet)
+    first, later = picture(renderer, placement, labels=True), picture(renderer, placement, 1, labels=True)
+    again = picture(boxes.renderer(boxes.scene(), wet), placement)
+    assert 0.002 < np.any(first.rgba[..., :3] != dry.rgba[..., :3], axis=2).mean() < 0.2
+    assert first.rgba.tobytes() == again.rgba.tobytes() != later.rgba.tobytes()
+    for rainy in (first, later):
+        assert np.array_equal(rainy.semantic, dry.semantic)
+        assert np.array_equal(np.asarray(rainy.instance), np.asarray(dry.instance))
+        assert np.array_equal(np.asarray(rainy.depth_m), np.asarray(dry.depth_m))
+
+
+def test_a_vehicle_takes_its_shadow_along(boxes):
+    renderer = boxes.renderer(boxes.scene(boxes.box((30.0, 9.0, 4.0), (8.0, 8.0, 8.0))))
+    empty = picture(renderer, boxes.placed())
+    for x in (8.0, 12.0, 25.0):
+        assert picture(renderer, boxes.placed((SEDAN, x, 1.0, 0.3))).rgba.tobytes() != empty.rgba.tobytes()
+    assert picture(renderer, boxes.placed()).rgba.tobytes() == empty.rgba.tobytes()
+
+
+CENTRE = (30.0, -12.0)
+
+
+@pytest.mark.parametrize(
+    ("point", "texture"),
+    [
+        (CENTRE, (0.5, 0.5)),
+        ((30.0 + LIGHT_HALF_M, -12.0 - LIGHT_HALF_M), (1.0, 0.0)),
+        ((30.0 - LIGHT_HALF_M, -12.0), (0.0, 0.5)),
+    ],
+)
+def test_the_square_of_light_is_the_whole_texture(point, texture):
+    scale, x, y = ground_light.light_from_map(CENTRE)
+    assert (scale * point[0] + x, scale * point[1] + y) == pytest.approx(texture)
+
+
+def test_the_nearest_grid_point_gives_the_light():
+    assert ground_light.cell_of(np.array([2.4 * LIGHT_GRID_M, -0.6 * LIGHT_GRID_M, 9.0])) == (2, -1)
+
+
+def sun(elevation_deg, azimuth_deg):
+    e, a = np.radians((elevation_deg, azimuth_deg))
+    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+
+
+@pytest.mark.parametrize("direction", [(60.0, 0.0), (35.0, 130.0), (80.0, -60.0), (90.0, 0.0)])
+def test_the_view_along_the_sun_holds_the_square_and_what_shades_it(direction):
+    """Points along one ray of the sun fall on one texel, the nearer to the sun in front."""
+    towards = sun(*direction)
+    view = ground_light.sun_view(towards, CENTRE, 40.0, (0.0, 25.0))
+
+    def seen(point):
+        return (view @ np.array([*point, 1.0]))[:3]
+
+    corners = [(CENTRE[0] + sx * 40.0, CENTRE[1] + sy * 40.0, 0.0) for sx in (-1, 1) for sy in (-1, 1)]
+    assert np.abs(np.array([seen(corner) for corner in corners])[:, :2]).max(axis=0) == pytest.approx([1.0, 1.0])
+    assert seen((*CENTRE, 0.0))[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
+    for corner in corners:
+        low = np.array(corner)
+        high = low + towards * 25.0 / towards[2]
+        assert seen(high)[:2] == pytest.approx(seen(low)[:2], abs=1e-9)
+        assert -1.0 <= seen(high)[2] < seen(low)[2] <= 1.0
+    unit = ground_light.UNIT_FROM_CLIP @ view @ np.array([*CENTRE, 0.0, 1.0])
+    assert unit[:2] == pytest.approx([0.5, 0.5])
+    assert unit[2] == pytest.approx(0.5 + 0.5 * seen((*CENTRE, 0.0))[2])

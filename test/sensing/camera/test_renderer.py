@@ -1,0 +1,127 @@
+import os
+
+import numpy as np
+import pytest
+
+from siren_ros.sensing.camera.renderer import DrawingContext
+from siren_ros.sensing.lidar.embree import RaycastWorld
+from siren_ros.sensing.meshes.mesh import SemanticClass
+from siren_ros.sensing.specification import map_from_base, optical_from_map, transform
+from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.measurements import CameraIntrinsics
+
+CAMERA = CameraIntrinsics.centred(320, 240, 160.0)
+SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS
+EYE = transform(np.eye(3), (0.0, 0.0, 1.5))
+
+
+@pytest.fixture(name="renderer", scope="module")
+def _renderer(boxes):
+    return boxes.renderer(boxes.crossroads())
+
+
+def picture(renderer, placement, pose=EYE, signals=None, **options):
+    step = options.pop("step", 0)
+    rolled = np.zeros(len(placement))
+    return renderer.render(CAMERA, pose, placement, rolled, signals or {}, step, labels=True, **options)
+
+
+@pytest.mark.parametrize(("x", "y"), [(6.0, 0.0), (12.3, 2.7), (25.0, -6.1)])
+def test_the_edges_of_a_labelled_box_land_within_half_a_pixel(renderer, boxes, x, y):
+    rows, columns = np.nonzero(picture(renderer, boxes.placed((SEDAN, x, y, 0.0))).instance == 1)
+    corners = boxes.shapes()[SEDAN].body.vertices_m + np.array([x, y, 0.0])
+    uv, _ = CAMERA.project((np.c_[corners, np.ones(len(corners))] @ optical_from_map(EYE).T)[:, :3])
+    low, high = uv.min(axis=0), np.minimum(uv.max(axis=0), [319.5, 239.5])
+    assert [columns.min() - 0.5, rows.min() - 0.5] == pytest.approx(low, abs=0.501)
+    assert [columns.max() + 0.5, rows.max() + 0.5] == pytest.approx(high, abs=0.501)
+
+
+def test_depth_and_instances_agree_with_ray_casting(renderer, boxes):
+    pose = map_from_base(-3.0, 1.0, 0.0, 0.2) @ EYE
+    placement = boxes.placed((SEDAN, 7.0, 2.0, 0.7), (BUS, 18.0, -3.0, 1.9))
+    image = picture(renderer, placement, pose)
+    static = boxes.crossroads()
+    whole = RaycastWorld(boxes.with_vehicles(static, placement), boxes.shapes())
+    map_from_optical = np.linalg.inv(optical_from_map(pose))
+    directions = CAMERA.pixel_rays().reshape(-1, 3) @ map_from_optical[:3, :3].T
+    origins = np.broadcast_to(map_from_optical[:3, 3], directions.shape)
+    hits = whole.cast_static(np.concatenate((origins, directions), axis=1).astype(np.float32))
+    first = len(static.mesh)
+    cast = np.where(np.isfinite(hits.distance), (hits.triangle >= first) * (1 + (hits.triangle >= first + 12)), 0)
+    depth = np.where(np.isfinite(hits.distance), hits.distance, 0.0).reshape(240, 320)
+    same = image.instance == cast.reshape(240, 320)
+    assert same.mean() > 0.999
+    assert np.quantile(np.abs(image.depth_m - depth)[same & (depth < 60.0)], 0.999) < 0.02
+    assert (image.instance > 0).sum() > 500
+
+
+def test_semantic_classes_of_sky_road_and_car(renderer, boxes):
+    image = picture(renderer, boxes.placed((SEDAN, 8.0, 0.0, 0.0)))
+    assert (image.semantic[2, 160], image.semantic[238, 5]) == (SemanticClass.SKY, SemanticClass.ROAD)
+    assert (image.semantic[130, 160], image.depth_m[2, 160]) == (SemanticClass.CAR, 0.0)
+
+
+def test_the_same_state_gives_the_same_bytes_whatever_came_before(renderer, boxes):
+    placement = boxes.placed((SEDAN, 8.0, 1.0, 0.3), lights=[9])
+    first = picture(renderer, placement)
+    picture(renderer, boxes.placed(), transform(np.eye(3), (90.0, 90.0, 1.5)))
+    again = picture(renderer, placement)
+    fresh = picture(boxes.renderer(boxes.crossroads()), placement)
+    assert first.rgba.tobytes() == again.rgba.tobytes() == fresh.rgba.tobytes()
+    bare = renderer.render(CAMERA, EYE, placement, np.zeros(1), {}, 0)
+    assert bare.rgba.tobytes() == first.rgba.tobytes()
+    assert bare.instance is None
+
+
+def test_a_signals_lamp_shines_in_its_phase_and_blinks(renderer, boxes):
+    dark = picture(renderer, boxes.placed(), signals={"s": "G"})
+    lens = dark.semantic == SemanticClass.TRAFFIC_LIGHT
+    assert lens.sum() > 20
+    red = picture(renderer, boxes.placed(), signals={"s": "r"})
+    assert red.rgba[..., 0][lens].mean() > dark.rgba[..., 0][lens].mean() + 60
+    assert picture(renderer, boxes.placed(), signals={}).rgba.tobytes() == dark.rgba.tobytes()
+
+
+def test_a_vehicle_throws_a_shadow_away_from_the_sun(renderer, boxes):
+    empty = picture(renderer, boxes.placed())
+    image = picture(renderer, boxes.placed((BUS, 12.0, 0.0, np.pi / 2)))
+    road = (image.instance == 0) & (image.semantic == SemanticClass.ROAD)
+    change = image.rgba[..., :3].astype(int).sum(axis=2) / 3 - empty.rgba[..., :3].astype(int).sum(axis=2) / 3
+    assert (road & (change < -25)).sum() > 30
+    assert not np.any(road & (change > 25))
+
+
+def test_exposure_brightens(renderer, boxes):
+    normal, bright = (picture(renderer, boxes.placed(), exposure=exposure) for exposure in (1.0, 2.0))
+    assert bright.rgba[..., :3].mean() > normal.rgba[..., :3].mean() + 10
+
+
+def test_more_vehicles_of_a_class_than_there_was_room_for(renderer, boxes):
+    rows = [(SEDAN, 2.0 * i - 90.0, 100.0, np.pi / 2) for i in range(90)]
+    image = picture(renderer, boxes.placed(*rows), map_from_base(0.0, 0.0, 0.0, np.pi / 2) @ EYE)
+    assert len(np.unique(image.instance)) == 91
+
+
+def test_pictures_under_way_at_once_do_not_disturb_each_other(renderer, boxes):
+    near, far = boxes.placed((SEDAN, 6.0, 0.0, 0.0)), boxes.placed((SEDAN, 20.0, 3.0, 0.5))
+    alone = [picture(renderer, placed) for placed in (near, far)]
+    begun = [renderer.begin(CAMERA, EYE, placed, np.zeros(1), {}, 0, labels=True) for placed in (near, far)]
+    for finish, expected in zip(reversed(begun), reversed(alone), strict=True):
+        seen = finish()
+        assert seen.rgba.tobytes() == expected.rgba.tobytes()
+        assert np.array_equal(seen.instance, expected.instance)
+        assert np.array_equal(seen.depth_m, expected.depth_m)
+    assert alone[0].rgba.tobytes() != alone[1].rgba.tobytes()
+
+
+OPTION = "mesa_glthread"
+
+
+@pytest.mark.parametrize("threads", [None, "false"])
+def test_the_environment_is_as_it_was_before_the_context(renderer, monkeypatch, threads):
+    assert renderer.device
+    monkeypatch.delenv(OPTION, raising=False)
+    if threads is not None:
+        monkeypatch.setenv(OPTION, threads)
+    DrawingContext().gl.release()
+    assert os.environ.get(OPTION) == threads

@@ -1,0 +1,190 @@
+import itertools
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shapely
+from hand_made_record import crossing
+from shapely.geometry import LineString, Point, box
+
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.errors import InputError
+from siren_ros.sensing.scene.ground import arrow, ribbon, road_markings
+from siren_ros.sensing.scene.signals import clear_pole
+from siren_ros.sensing.scene.surfaces import (
+    FreeSpace,
+    SceneConfig,
+    _junction_carriageway,
+    drawn_centres,
+    ring_samples,
+    road_surfaces,
+)
+from siren_ros.simulation.roads.road_network import LaneKind
+
+
+def test_regions_do_not_overlap(network):
+    s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
+    for region, other in itertools.combinations([s.carriageway, s.shoulder, s.sidewalk, s.median, s.verge], 2):
+        assert region.intersection(other).area < 0.01
+
+
+def test_every_lane_lies_on_its_surface(network):
+    s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
+    surface = {
+        LaneKind.DRIVING: s.carriageway,
+        LaneKind.INTERNAL: s.paved,
+        LaneKind.SHOULDER: s.paved,
+        LaneKind.SIDEWALK: s.sidewalk,
+    }
+    for lane in network.lanes:
+        area = LineString(lane.centre.points).buffer(lane.width_m / 2 - 0.05, cap_style="flat")
+        assert area.difference(surface[lane.kind]).area < 0.01 * area.area, lane.lane_id
+
+
+def test_roads_go_on_beyond_dead_ends_and_nowhere_else(network):
+    centres = drawn_centres(network, 40.0)
+    for lane in network.lanes:
+        longer = 0.0 if network.edges[lane.edge].internal else 40.0
+        assert centres[lane.index].length_m == pytest.approx(lane.length_m + longer)
+
+
+def test_markings_lie_inside_the_paved_surface_and_apart_from_each_other(network):
+    config = SceneConfig()
+    centres = drawn_centres(network, config.road_extension_m)
+    surfaces = road_surfaces(network, centres, config)
+    markings = road_markings(network, centres, surfaces, config)
+    assert markings.white.difference(surfaces.paved).area < 1e-6
+    assert markings.yellow.difference(surfaces.paved).area < 1e-6
+    assert markings.white.intersection(markings.yellow).area < 1e-6
+    # A stop line before the signal, the boundary between opposite directions, a shoulder's edge line.
+    lane = next(lane for lane in network.lanes if lane.kind is LaneKind.DRIVING)
+    assert markings.white.covers(Point(*lane.centre.at(lane.length_m - 0.25)))
+    leftmost = next(lane for lane in network.lanes if lane.position == 3)
+    assert markings.yellow.covers(Point(*leftmost.centre.offset_points(30.0, leftmost.width_m / 2 - 0.15)))
+    assert markings.white.covers(Point(*lane.centre.offset_points(30.0, -lane.width_m / 2)))
+
+
+def test_dividers_are_dashed_far_from_the_signal_and_solid_near_it(network):
+    config, centres = SceneConfig(), drawn_centres(network, 0.0)
+    white = road_markings(network, centres, road_surfaces(network, centres, config), config).white
+    lane = next(lane for lane in network.lanes if lane.kind is LaneKind.DRIVING and lane.position == 2)
+    far, near = (lane.centre.offset_points(np.arange(*ends, 0.1), lane.width_m / 2) for ends in ((0.5, 65), (71, 89)))
+    assert shapely.contains_xy(white, far).mean() == pytest.approx(3.0 / 9.0, abs=0.05)
+    assert shapely.contains_xy(white, near).all()
+
+
+@pytest.mark.parametrize("length_m", [2.0, 5.0, 30.0])
+def test_a_lane_that_ends_at_a_junction_is_paved_up_to_it_and_no_further(length_m):
+    """Also one that is shorter than its two ends of 3 m, which count as part of the junctions there."""
+    network = crossing()
+    end = network.lanes[1].centre.points[-1]
+    short = replace(network.lanes[1], centre=Polyline.through(np.array([end - (0.0, length_m), end])))
+    alone = replace(network, lanes=(short,))
+    around = shapely.box(-10.0, -20.0, 20.0, 10.0)
+    assert _junction_carriageway(alone, shapely.MultiPolygon(), around).area == pytest.approx(0.0, abs=1e-6)
+    reaching = _junction_carriageway(alone, shapely.MultiPolygon(), shapely.box(-10.0, -200.0, 20.0, 10.0))
+    assert reaching.area == pytest.approx(3.5 * min(length_m, 2 * 3.0))
+
+
+def test_the_crossings_surfaces_are_where_its_lanes_are():
+    """Shoulder from 7 to 9.5 m, lanes from 0 to 7 m; gravel for 2 m beside the road, since there are no sidewalks."""
+    network = crossing()
+    s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
+
+    def there(area, *xs_m, y_m=-70.0):
+        return [bool(shapely.contains_xy(area, x_m, y_m)) for x_m in xs_m]
+
+    assert there(s.carriageway, 0.1, 3.5, 6.9, 7.1, 9.6) == [True, True, True, False, False]
+    assert there(s.shoulder, 6.9, 7.1, 9.4, 9.6) == [False, True, True, False]
+    assert there(s.median, 9.4, 9.6, 12.1, 12.3) == [False, True, True, False], "up to the road of its own"
+    assert there(s.verge, 9.6, 12.1, 15.7, 15.8, 17.7, 17.8) == [False, False, False, True, True, False]
+    assert there(s.verge, -3.4, -3.6, -5.4, -5.6) == [False, True, True, False]
+    assert there(s.keep_clear, 9.4, 9.6, y_m=-70.0) == [True, False]
+    assert there(s.keep_clear, -9.0, 19.0, y_m=9.0) == [True, True], "all of the junction's outline"
+    assert there(s.paved, 5.25, 1.75, -1.75, y_m=-5.0) == [True, True, True]
+    assert s.sidewalk.is_empty
+    assert s.bounds_m == (-110.0, -120.0, 120.0, 110.0)
+    assert s.raised.equals(s.median)
+
+
+def test_a_ribbon_keeps_its_width_around_a_bend():
+    angle = np.linspace(0.0, np.pi / 2, 30)
+    centre = Polyline.through(20.0 * np.column_stack((np.cos(angle), np.sin(angle))))
+    strip = ribbon(centre, 0.0, centre.length_m, 2.0, 0.2)
+    assert strip.is_valid
+    assert strip.area == pytest.approx(0.2 * 18.0 * np.pi / 2, rel=0.01)
+
+
+def test_arrows_point_to_their_side():
+    centre = Polyline.through([(0.0, 0.0), (50.0, 0.0)])
+    (left,), (right,) = list(arrow(centre, 20.0, {"l"})), list(arrow(centre, 20.0, {"r"}))
+    assert left.bounds[3] > 1.0
+    assert right.bounds[1] < -1.0
+    assert len(list(arrow(centre, 20.0, {"s", "l", "t"}))) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("tile_m", 0.0), ("kerb_height_m", -1.0), ("building_height_m", (9.0, 5.0)), ("tree_spacing_m", -2.0)],
+)
+def test_unusable_numbers_are_named(name, value):
+    with pytest.raises(InputError, match=name):
+        SceneConfig(**{name: value})
+
+
+@pytest.fixture
+def space():
+    """Traffic between y = −5 and 5 m."""
+    return FreeSpace(SimpleNamespace(keep_clear=box(-100.0, -5.0, 100.0, 5.0)))
+
+
+def test_traffics_space_is_never_free(space):
+    assert not space.place_disc(0.0, 5.9, 1.0)
+    assert space.place_disc(0.0, 6.1, 1.0)
+    points = np.array([(0.0, 5.9), (0.0, 6.1), (0.0, -7.0)])
+    assert space.clear_of_traffic(points, 1.0).tolist() == [False, True, True]
+
+
+def test_what_is_taken_is_taken_also_across_cells(space):
+    """Cells are 20 m wide: an area over several of them is found from each."""
+    space.occupy(box(15.0, 30.0, 65.0, 34.0))
+    for x_m in (16.0, 30.0, 50.0, 64.0):
+        assert not space.is_clear(Point(x_m, 35.0).buffer(1.5))
+        assert space.is_clear(Point(x_m, 36.0).buffer(1.5))
+    assert space.is_clear(Point(13.0, 32.0).buffer(1.5))
+    assert not space.is_clear(Point(14.0, 32.0).buffer(1.5))
+
+
+def test_discs_do_not_overlap(space):
+    assert space.place_disc(19.5, 20.5, 1.0)
+    assert not space.place_disc(21.0, 20.5, 1.0)
+    assert space.place_disc(21.6, 20.5, 1.0)
+
+
+def test_the_first_clear_place_is_taken(space):
+    candidates = np.array([(0.0, 0.0), (0.0, 5.5), (0.0, 7.0), (0.0, 9.0)])
+    assert (space.first_clear(candidates, 1.0), space.first_clear(candidates, 0.9)) == ((0.0, 7.0), (0.0, 9.0))
+    assert space.first_clear(candidates, 1.0) is None
+
+
+def test_a_pole_is_looked_for_every_quarter_metre(space):
+    assert clear_pole(space, 3.0, 0.0, (0.0, 1.0), 14.0, 0.3) == (3.0, 5.5)
+    assert clear_pole(space, 3.0, 0.0, (0.0, -1.0), 5.0, 0.3) is None
+
+
+def test_samples_of_a_ring_have_the_area_on_their_left():
+    area = box(0.0, 0.0, 40.0, 20.0) - box(10.0, 5.0, 20.0, 15.0)
+    places, tangents = ring_samples(area, 2.0)
+    assert len(places) == (120 + 40) // 2
+    assert np.hypot(tangents[:, 0], tangents[:, 1]) == pytest.approx(np.ones(len(places)))
+    # Half a metre to the left is inside, to the right outside; not at corners, where the tangent turns.
+    beside = 0.05 * np.stack((-tangents[:, 1], tangents[:, 0]), axis=-1)
+    assert shapely.contains_xy(area, places + beside + 0.01 * tangents).mean() > 0.95
+    assert shapely.contains_xy(area, places - beside + 0.01 * tangents).mean() < 0.05
+    assert np.median(np.hypot(*np.diff(places[:60], axis=0).T)) == pytest.approx(2.0)
+
+
+def test_short_rings_have_no_samples():
+    places, tangents = ring_samples(box(0.0, 0.0, 0.3, 0.3), 2.0)
+    assert places.shape == tangents.shape == (0, 2)

@@ -1,0 +1,191 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from solids import one_sidedness, volume
+
+from siren_ros.sensing.meshes.mesh import Material, Swing
+from siren_ros.sensing.vehicles.vehicle_shapes import vehicle_shape
+from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
+
+CARS = [ActorClass.HATCHBACK, ActorClass.SEDAN, ActorClass.ESTATE, ActorClass.SUV, ActorClass.VAN, ActorClass.PICKUP]
+TWO = sorted(TWO_WHEELED)
+cars_and_larger = pytest.mark.parametrize(
+    "actor_class", [kind for kind in VEHICLE_CLASSES if kind not in TWO_WHEELED], ids=lambda c: c.name.lower()
+)
+two_wheels = pytest.mark.parametrize("actor_class", TWO, ids=lambda c: c.name.lower())
+every_class = pytest.mark.parametrize("actor_class", VEHICLE_CLASSES, ids=lambda c: c.name.lower())
+
+
+def cast(mesh, rays):
+    import open3d as o3d
+
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(o3d.core.Tensor(mesh.vertices_m), o3d.core.Tensor(mesh.triangles))
+    answer = scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))
+    return answer["t_hit"].numpy(), answer["primitive_ids"].numpy()
+
+
+@every_class
+def test_body_and_wheels_fill_exactly_the_parameters_box(actor_class):
+    shape, size = vehicle_shape(actor_class), load_vehicle_parameters()[actor_class]
+    low, high = shape.at_rest.bounds_m
+    half = np.float32([size.length_m / 2, size.width_m / 2, size.height_m])
+    np.testing.assert_array_equal(high, half)
+    np.testing.assert_array_equal(low[:2], -half[:2])
+    assert abs(low[2]) < 1e-6
+    assert (shape.length_m, shape.width_m, shape.height_m) == (size.length_m, size.width_m, size.height_m)
+
+
+@every_class
+def test_wheels_stand_on_the_axles(actor_class):
+    shape, size = vehicle_shape(actor_class), load_vehicle_parameters()[actor_class]
+    assert len(shape.wheels) == (2 if actor_class in TWO_WHEELED else 4)
+    front = size.length_m / 2 - size.front_overhang_m
+    for wheel in shape.wheels:
+        expected = front if wheel.steered else front - size.wheelbase_m
+        assert (wheel.hub_m[0], wheel.hub_m[2]) == (pytest.approx(expected, abs=1e-6), wheel.radius_m)
+        assert np.hypot(wheel.mesh.vertices_m[:, 0], wheel.mesh.vertices_m[:, 2]).max() == pytest.approx(
+            wheel.radius_m, abs=1e-4
+        )
+
+
+@every_class
+def test_rays_from_outside_meet_front_faces_only(actor_class):
+    mesh = vehicle_shape(actor_class).at_rest
+    rng = np.random.default_rng(5)
+    direction = rng.normal(size=(6000, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    target = rng.uniform(-0.45, 0.45, (6000, 3)) * (mesh.bounds_m[1] - mesh.bounds_m[0]) + mesh.vertices_m.mean(axis=0)
+    distance, triangle = cast(mesh, np.concatenate((target - 30.0 * direction, direction), axis=1))
+    hit = np.isfinite(distance)
+    facing = np.einsum("ij,ij->i", mesh.normals[triangle[hit]], direction[hit])
+    assert hit.sum() > (2000 if actor_class in TWO_WHEELED else 3000)  # much of a bicycle is air
+    # Grazing rays may slip through the edge between two faces.
+    assert (facing > 1e-3).mean() < 0.002
+
+
+@cars_and_larger
+def test_budget_and_materials(actor_class):
+    mesh = vehicle_shape(actor_class).at_rest
+    assert len(mesh) <= (1500 if actor_class in CARS else 2500)
+    present = {Material(int(code)) for code in np.unique(mesh.material)}
+    assert present >= {
+        Material.CAR_GLASS, Material.TYRE, Material.RIM, Material.HEAD_LAMP, Material.BRAKE_LAMP, Material.PLATE,
+        Material.INDICATOR_LEFT_LAMP, Material.INDICATOR_RIGHT_LAMP,
+    }  # fmt: skip
+    assert (mesh.colour_rgb[mesh.material == Material.CAR_PAINT] == 255).all()
+
+
+@every_class
+def test_only_emergency_vehicles_carry_beacons(actor_class):
+    materials = vehicle_shape(actor_class).body.material
+    carried = {Material.BEACON_BLUE, Material.BEACON_RED, Material.LIVERY} & {Material(int(m)) for m in set(materials)}
+    assert bool(carried) == actor_class.is_emergency
+
+
+@pytest.mark.parametrize(
+    "actor_class", [kind for kind in ActorClass if kind.is_emergency], ids=lambda c: c.name.lower()
+)
+def test_beacons_on_the_roof_are_above_the_body(actor_class):
+    """Between the front and the rear of what is at least half as high as the vehicle and no beacon."""
+    body = vehicle_shape(actor_class).body
+    middle = body.vertices_m[body.triangles].mean(axis=1)
+    lit = np.isin(body.material, [int(Material.BEACON_BLUE), int(Material.BEACON_RED)])
+    high = middle[:, 2] > 0.5 * body.vertices_m[:, 2].max()
+    rear, front = middle[high & ~lit, 0].min(), middle[high & ~lit, 0].max()
+    beacons = middle[high & lit, 0]
+    assert len(beacons) > 10
+    assert rear - 0.05 < beacons.min()
+    assert beacons.max() < front + 0.05
+
+
+@every_class
+def test_lamps_shine_ahead_and_behind(actor_class):
+    body = vehicle_shape(actor_class).body
+    middle = body.vertices_m[body.triangles].mean(axis=1)
+    assert (middle[body.material == Material.HEAD_LAMP, 0] > 0).all()
+    assert (middle[body.material == Material.BRAKE_LAMP, 0] < 0).all()
+
+
+@pytest.mark.parametrize(
+    "actor_class", [kind for kind in VEHICLE_CLASSES if kind is not ActorClass.BICYCLE], ids=lambda c: c.name.lower()
+)
+def test_indicators_are_on_their_sides_in_front_and_behind(actor_class):
+    body = vehicle_shape(actor_class).body
+    middle = body.vertices_m[body.triangles].mean(axis=1)
+    assert (middle[body.material == Material.INDICATOR_LEFT_LAMP, 1] > 0).all()
+    assert (middle[body.material == Material.INDICATOR_RIGHT_LAMP, 1] < 0).all()
+    for lamp in (Material.INDICATOR_LEFT_LAMP, Material.INDICATOR_RIGHT_LAMP):
+        assert set(np.sign(middle[body.material == lamp, 0])) == {-1.0, 1.0}
+
+
+@pytest.mark.parametrize("actor_class", [*CARS, ActorClass.POLICE], ids=lambda c: c.name.lower())
+def test_cars_are_their_own_mirror_images(actor_class):
+    """Left and right differ in the material of the indicators alone; larger vehicles have doors and stacks."""
+    body = vehicle_shape(actor_class).body
+    material = np.where(body.material == Material.INDICATOR_RIGHT_LAMP, Material.INDICATOR_LEFT_LAMP, body.material)
+    unlike = one_sidedness(replace(body, material=material.astype(np.uint8)))
+    assert {Material(key).name: round(share, 3) for key, share in unlike.items() if share > 0.03} == {}
+
+
+@cars_and_larger
+def test_wheels_are_in_pairs_inside_the_body(actor_class):
+    shape = vehicle_shape(actor_class)
+    hubs = sorted(wheel.hub_m for wheel in shape.wheels)
+    for right, left in zip(hubs[::2], hubs[1::2], strict=True):
+        assert (right[0], right[2]) == (left[0], left[2])
+        assert right[1] == pytest.approx(-left[1])
+    for wheel in shape.wheels:
+        outer = np.sign(wheel.hub_m[1]) * (wheel.mesh.vertices_m[:, 1] + wheel.hub_m[1])
+        assert 0.8 * shape.width_m / 2 < outer.max() <= shape.width_m / 2 + 1e-6
+        rim = wheel.mesh.vertices_m[wheel.mesh.triangles[wheel.mesh.material == Material.RIM]]
+        assert np.sign(rim[..., 1].mean()) == np.sign(wheel.hub_m[1]), "rims face outward"
+        assert volume(wheel.mesh) > 0.0
+        assert wheel.steered == (wheel.hub_m[0] > 0.0)
+
+
+@two_wheels
+def test_two_wheels_carry_a_rider(actor_class):
+    """The rider's clothes have the actor's colour, the head is the highest part, and the wheels run in line."""
+    shape = vehicle_shape(actor_class)
+    mesh = shape.at_rest
+    assert len(mesh) <= 1500
+    middle = mesh.vertices_m[mesh.triangles].mean(axis=1)
+    head = middle[mesh.material == Material.SKIN]
+    assert head[:, 2].max() > 0.8 * shape.height_m
+    jacket = (mesh.material == Material.CLOTHING) & (mesh.colour_rgb == 255).all(axis=1)
+    assert 0.85 < np.median(middle[jacket, 2]) < 1.4
+    assert np.abs(middle[mesh.material == Material.SKIN, 1]).max() < shape.width_m / 2
+    assert [wheel.steered for wheel in shape.wheels] == [True, False]
+    for wheel in shape.wheels:
+        assert wheel.hub_m[1] == 0.0
+        assert volume(wheel.mesh) > 0.0
+
+
+def test_legs_of_a_cyclist_swing_about_the_hips():
+    shape = vehicle_shape(ActorClass.BICYCLE)
+    assert [limb.swing for limb in shape.limbs] == [Swing.PEDALLING_LEG, Swing.PEDALLING_LEG]
+    assert [np.sign(limb.joint_m[1]) for limb in shape.limbs] == [1.0, -1.0]
+    for limb in shape.limbs:
+        lowest = limb.mesh.bounds_m[0][2] + limb.joint_m[2]
+        assert 0.1 < lowest < 0.4  # between the lowest and the highest place of a pedal
+        assert limb.mesh.bounds_m[1][2] < 0.15  # nothing but the hip is above the joint
+    assert vehicle_shape(ActorClass.MOTORCYCLE).limbs == ()
+
+
+def test_somebody_who_walks_has_the_size_of_the_parameters_and_swings_arms_and_legs():
+    shape, size = vehicle_shape(ActorClass.PEDESTRIAN), load_vehicle_parameters()[ActorClass.PEDESTRIAN]
+    assert (shape.length_m, shape.width_m, shape.height_m) == (size.length_m, size.width_m, size.height_m)
+    low, high = shape.at_rest.bounds_m
+    assert high[2] == pytest.approx(size.height_m, abs=0.03)
+    assert low[2] == pytest.approx(0.0, abs=0.01)
+    assert (np.abs([low[:2], high[:2]]).max(axis=0) <= np.array([size.length_m, size.width_m]) / 2.0).all()
+    assert sorted(limb.swing for limb in shape.limbs) == [Swing.WALKING_LEG] * 2 + [Swing.ARM] * 2
+    for limb in shape.limbs:
+        leg = limb.swing is Swing.WALKING_LEG
+        lowest = float(limb.mesh.bounds_m[0][2]) + limb.joint_m[2]
+        assert lowest == pytest.approx(0.0, abs=0.01) if leg else 0.6 < lowest < 0.9
+    materials = {Material(int(code)) for code in np.unique(shape.at_rest.material)}
+    assert materials == {Material.CLOTHING, Material.SKIN, Material.PLASTIC}

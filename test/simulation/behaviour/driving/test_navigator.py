@@ -1,0 +1,425 @@
+"""The wheel angle: closed form on lines and circles that point anywhere."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from siren_ros.simulation.behaviour.config import ManoeuvringConfig, NavigatorConfig
+from siren_ros.simulation.behaviour.driving.emv_unit import EmvUnit
+from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
+from siren_ros.simulation.behaviour.driving.navigator import (
+    NavigatorState,
+    manoeuvring_limit,
+    press_pedals,
+    steer_along,
+)
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import MECHANISMS, Mechanism, navigate
+from siren_ros.simulation.behaviour.driving.step_view import Surroundings
+from siren_ros.simulation.behaviour.paths.curve import Curve
+from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.simulation.dynamics.parameters import ParameterTable
+from siren_ros.simulation.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass
+
+CONFIG = NavigatorConfig()
+TURNS = np.radians([0.0, 50.0, 175.0, -120.0])
+
+
+@pytest.fixture
+def vehicle(lab):
+    return lab.vehicles[ActorClass.AMBULANCE]
+
+
+def line(turn):
+    return TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [100.0 * np.cos(turn), 100.0 * np.sin(turn)]])), CONFIG)
+
+
+def expected(vehicle, left, turned, speed):
+    length, offset = max(CONFIG.preview_min_m, CONFIG.preview_time_s * speed), max(-1.0, min(1.0, left))
+    bend_rate = CONFIG.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
+    errors = abs(offset + 2.0 * CONFIG.damping * math.sin(turned) * length)
+    length = max(length, (speed * errors / bend_rate) ** (1.0 / 3.0))
+    target = -offset / length**2 - 2.0 * CONFIG.damping * math.sin(turned) / length
+    return math.atan(vehicle.wheelbase_m * target) + vehicle.understeer_gradient_s2pm * target * speed**2
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(
+    ("left", "turned", "speed"),
+    [(0.5, 0.0, 10.0), (-0.5, 0.0, 10.0), (0.0, 0.1, 3.0), (0.0, -0.1, 12.0), (0.8, 0.2, 8.0)],
+)
+def test_on_a_line_offset_and_heading_are_steered_back(vehicle, turn, left, turned, speed):
+    steer = steer_along(line(turn), 40.0, left, turn + turned, speed, vehicle, CONFIG)
+    assert steer == pytest.approx(expected(vehicle, left, turned, speed), abs=1e-9)
+    if left * turned >= 0.0:
+        assert np.sign(steer) == -np.sign(left + turned)
+
+
+@pytest.mark.parametrize("speed", [3.0, 9.0])
+def test_large_offsets_are_corrected_no_more_steeply_than_one_metre(vehicle, speed):
+    for left in (4.0, -4.0):
+        one = steer_along(line(0.3), 40.0, math.copysign(1.0, left), 0.3, speed, vehicle, CONFIG)
+        assert steer_along(line(0.3), 40.0, left, 0.3, speed, vehicle, CONFIG) == one
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_wheels_turn_no_farther_than_they_can(vehicle, side):
+    assert steer_along(line(0.0), 40.0, 0.0, -side * 1.4, 0.5, vehicle, CONFIG) == side * vehicle.max_steer_rad
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("speed", [4.0, 9.0])
+def test_on_a_circle_the_steady_cornering_angle_and_sideslip(vehicle, side, speed):
+    """The footprint's centre runs on the circle; its heading differs from the path's by the sideslip."""
+    radius = 40.0
+    a = np.linspace(0.0, 2.0, 800)
+    circle = np.stack((radius * np.sin(a), side * radius * (1.0 - np.cos(a))), axis=-1)
+    path = TrackedPath.of(Curve.through(circle), CONFIG)
+    bend = side / radius
+    slip = vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase_m * vehicle.cornering_stiffness_rear_npr)
+    sideslip = math.atan(vehicle.centre_ahead_of_rear_axle_m * bend) - slip * bend * speed**2
+    steer = steer_along(path, 40.0, 0.0, side * 40.0 / radius - sideslip, speed, vehicle, CONFIG)
+    steady = math.atan(vehicle.wheelbase_m * bend) + vehicle.understeer_gradient_s2pm * bend * speed**2
+    assert steer == pytest.approx(steady, abs=2e-3)
+
+
+def test_never_both_pedals(vehicle):
+    for speed in (0.0, 3.0, 14.0):
+        for target in (0.0, 2.0, 14.0, 20.0):
+            pedals = press_pedals(speed, target, 0.0, 0.0, vehicle, CONFIG)
+            assert pedals.throttle == 0.0 or pedals.brake == 0.0
+            assert 0.0 <= pedals.throttle <= 1.0
+            assert 0.0 <= pedals.brake <= 1.0
+
+
+def test_holds_still_with_brake_and_without_integral(vehicle):
+    pedals = press_pedals(0.05, 0.0, 0.0, 0.5, vehicle, CONFIG)
+    assert (pedals.throttle, pedals.integral_mps2) == (0.0, 0.0)
+    assert pedals.brake > 0.4
+
+
+def test_integral_does_not_wind_up(vehicle):
+    integral = 0.0
+    for _ in range(400):
+        integral = press_pedals(0.0, 14.0, 0.0, integral, vehicle, CONFIG).integral_mps2
+    assert integral == 0.0
+    for _ in range(4000):
+        integral = press_pedals(13.5, 14.0, 0.0, integral, vehicle, CONFIG).integral_mps2
+    assert integral <= 0.8
+
+
+def test_necessary_braking_wins(vehicle):
+    soft = press_pedals(10.0, 9.5, 0.0, 0.0, vehicle, CONFIG)
+    assert press_pedals(10.0, 9.5, 6.0, 0.0, vehicle, CONFIG).brake > soft.brake + 0.4
+    assert press_pedals(10.0, 0.0, 50.0, 0.0, vehicle, CONFIG).brake == 1.0
+
+
+@pytest.mark.parametrize(("speed", "target", "holds"), [(0.3, 0.0, True), (0.31, 0.0, False), (0.1, 0.06, False)])
+def test_the_brake_holds_only_at_a_standstill_that_is_wanted(vehicle, speed, target, holds):
+    assert (press_pedals(speed, target, 0.0, 0.0, vehicle, CONFIG).brake == 0.6) is holds
+
+
+def accel_of(pedals, speed, vehicle):
+    """What the pedals do to the speed: drive and brakes against drag and rolling resistance."""
+    most = min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / (vehicle.mass_kg * max(speed, 1.0)))
+    drag = 0.5 * 1.225 * vehicle.drag_area_m2 * speed**2 / vehicle.mass_kg
+    resistance = drag + vehicle.rolling_resistance * 9.80665
+    return pedals.throttle * most - pedals.brake * vehicle.max_brake_decel_mps2 - resistance
+
+
+@pytest.mark.parametrize(
+    ("target", "must", "accel"),
+    [
+        *[(6.3, 0.0, 0.6 + 0.1), (5.4, 0.0, -1.2 + 0.1), (9.0, 0.0, 2.5)],
+        *[(0.0, 0.0, -1.3 * 3.0), (6.3, 2.0, -2.0), (0.0, 2.0, -1.3 * 3.0)],
+    ],
+)
+def test_pedals_give_the_acceleration_that_is_asked_for_within_comfort(vehicle, target, must, accel):
+    pedals = press_pedals(6.0, target, must, 0.1, vehicle, CONFIG)
+    assert accel_of(pedals, 6.0, vehicle) == pytest.approx(accel, abs=1e-9)
+
+
+def braked(vehicle, steer_rad):
+    """The body after driving at 11 m/s with its wheels at an angle, and 0.6 s of firm braking."""
+    table, nobody, none, one = ParameterTable.of_rows([vehicle]), np.zeros(1, np.bool_), np.zeros(1), np.ones(1)
+    body = BodyState.moving(none, none, none, np.array([11.0]))
+    for target_mps in [11.0] * 24 + [0.0] * 12:
+        pedals = press_pedals(float(body.forward_mps[0]), target_mps, 0.0, 0.0, vehicle, CONFIG, steer_rad)
+        throttle, brake = np.array([pedals.throttle]), np.array([pedals.brake])
+        body = step_bodies(body, Controls(throttle, brake, np.array([steer_rad]), nobody, one, one), table, 0.05)
+    return body
+
+
+@pytest.mark.parametrize("steer_rad", [-0.12, 0.12])
+def test_braking_is_no_harder_in_a_bend(vehicle, steer_rad):
+    bend, straight = braked(vehicle, steer_rad), braked(vehicle, 0.0)
+    assert abs(bend.lateral_accel_mps2[0]) > 1.5
+    assert bend.accel_mps2[0] == pytest.approx(straight.accel_mps2[0], abs=0.05)
+
+
+@pytest.mark.parametrize(("target", "grows"), [(6.5, 0.3 * 0.5 * 0.05), (5.5, -0.3 * 0.5 * 0.05)])
+def test_the_integral_grows_with_the_error(vehicle, target, grows):
+    assert press_pedals(6.0, target, 0.0, 0.2, vehicle, CONFIG).integral_mps2 == pytest.approx(0.2 + grows)
+    assert press_pedals(6.0, target, 1.0, 0.2, vehicle, CONFIG).integral_mps2 == 0.2
+    assert press_pedals(6.0, target + np.sign(grows), 0.0, 0.2, vehicle, CONFIG).integral_mps2 == 0.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_integral_is_bounded_on_both_sides(vehicle, side):
+    assert press_pedals(6.0, 6.0 + 0.5 * side, 0.0, 0.8 * side, vehicle, CONFIG).integral_mps2 == 0.8 * side
+
+
+def test_feed_forward_covers_the_resistances_at_steady_speed(vehicle):
+    pedals = press_pedals(13.89, 13.89, 0.0, 0.0, vehicle, CONFIG)
+    drive = pedals.throttle * min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / vehicle.mass_kg / 13.89)
+    resistance = 0.5 * 1.225 * vehicle.drag_area_m2 * 13.89**2 / vehicle.mass_kg + vehicle.rolling_resistance * 9.80665
+    assert drive == pytest.approx(resistance, rel=1e-6)
+
+
+CLASSES = [ActorClass.AMBULANCE, ActorClass.SEDAN, ActorClass.FIRE_TRUCK, ActorClass.POLICE]
+
+
+def seen_of(body, table):
+    ids, yaw = np.arange(1, len(body) + 1, dtype=np.uint32), body.yaw_rad
+    poses = (body.x_m, body.y_m, yaw, np.cos(yaw), np.sin(yaw), np.hypot(body.forward_mps, body.lateral_mps))
+    return Surroundings(ids, *poses, table.length_m / 2.0, table.width_m / 2.0, np.zeros(len(body), dtype=bool))
+
+
+def on_straight(lab, kinds, *rows):
+    """The first of some vehicles (x, y, yaw, speed) on a path of 100 m along x; its state and all actors."""
+    body = BodyState.moving(*np.array(rows, dtype=float).T.copy())
+    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [100.0, 0.0]])), CONFIG)
+    state = NavigatorState().following(path, 0.0, 0.0)
+    return state, seen_of(body, ParameterTable.of(kinds, lab.vehicles)), lab.vehicles[kinds[0]]
+
+
+def navigated(state, seen, vehicle, target, mechanisms=MECHANISMS[:3], **unit):
+    """One step of an EMV by the mechanisms that all drivers have in common."""
+    pose = float(seen.x_m[0]), float(seen.y_m[0]), float(seen.yaw_rad[0])
+    ego = SimpleNamespace(
+        seen=seen, row=0, vehicle=vehicle, speed_mps=float(seen.speed_mps[0]), pose=pose, place=pose[:2]
+    )
+    return navigate(EmvUnit(1, navigator=state, **unit), ego, target, CONFIG, mechanisms)
+
+
+def drive(lab, kind, points, speed, target, seconds, start=(0.0, 0.0, 0.0), others=(), stop=True):
+    """Rows of (x, y, yaw, speed, offset, progress); others are (x, y, yaw, speed) of sedans that keep going."""
+    curve = Curve.through(np.asarray(points, dtype=float), 1.5)
+    table = ParameterTable.of([kind, *[ActorClass.SEDAN] * len(others)], lab.vehicles)
+    first = np.array([(*start, speed), *others], dtype=float)
+    body = BodyState.moving(*(first[:, i].copy() for i in range(4)))
+    state = NavigatorState().following(TrackedPath.of(curve, CONFIG, stop_at_end=stop), *start[:2])
+    rows, blockers = [], []
+    for _ in range(round(seconds / 0.05)):
+        state, command, blocker = navigated(state, seen_of(body, table), lab.vehicles[kind], target)
+        n = len(body)
+        asked = np.array(command[:3])[:, None] * (np.arange(n) == 0)
+        moved = step_bodies(body, Controls(*asked, np.zeros(n, bool), np.ones(n), np.ones(n)), table, 0.05)
+        moved.forward_mps[1:] = first[1:, 3]
+        body = moved
+        rows.append((body.x_m[0], body.y_m[0], body.yaw_rad[0], body.forward_mps[0], state.left_m, state.progress_m))
+        blockers.append(blocker)
+    return np.array(rows), blockers
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_reaches_and_keeps_50_kmh_and_stops_at_the_end(lab, kind):
+    rows, _ = drive(lab, kind, [[0, 0], [250, 0]], 0.0, 13.89, 30.0)
+    assert rows[:, 3].max() == pytest.approx(13.89, abs=0.3)
+    assert rows[-1, 3] < 0.05
+    assert rows[-1, 0] == pytest.approx(250.0, abs=2.0)
+    assert np.ptp(rows[-20:, 0]) < 0.02
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_lane_change_at_50_kmh_within_a_third_of_a_metre(lab, kind):
+    x = np.linspace(0.0, 250.0, 500)
+    u = np.clip((x - 40.0) / 35.0, 0.0, 1.0)
+    rows, _ = drive(lab, kind, np.stack((x, 3.4 * u**3 * (10 - 15 * u + 6 * u * u)), axis=-1), 13.89, 13.89, 9.0)
+    assert np.abs(rows[:, 4]).max() < 0.3
+    assert np.abs(rows[-30:, 4]).max() < 0.03
+
+
+@pytest.mark.parametrize(("kind", "radius"), [(kind, r) for kind in CLASSES[:2] for r in (8.0, 12.0)])
+def test_right_turn_within_half_a_metre_at_limited_lateral_acceleration(lab, kind, radius):
+    a = np.linspace(0.0, np.pi / 2.0, 10)
+    arc = np.stack((60.0 + radius * np.sin(a), -radius * (1.0 - np.cos(a))), axis=-1)
+    points = np.concatenate(([[0, 0]], arc, [[60.0 + radius, -radius - 60.0]]))
+    rows, _ = drive(lab, kind, points, 12.0, 13.89, 18.0)
+    assert np.abs(rows[:, 4]).max() < 0.5
+    turning = np.abs(np.diff(np.unwrap(rows[:, 2]))) / 0.05 * rows[1:, 3]
+    assert turning.max() < 3.6
+    assert rows[-1, 2] == pytest.approx(-np.pi / 2.0, abs=0.02)
+
+
+def test_initial_offset_decays_without_overshoot(lab):
+    rows, _ = drive(lab, ActorClass.AMBULANCE, [[0, 0], [200, 0]], 10.0, 10.0, 10.0, start=(0.0, 0.6, 0.0))
+    assert rows[:, 4].min() > -0.06
+    assert abs(rows[-1, 4]) < 0.02
+
+
+@pytest.mark.parametrize("kind", [ActorClass.BUS, ActorClass.TRUCK, ActorClass.FIRE_TRUCK, ActorClass.AMBULANCE])
+@pytest.mark.parametrize("start", [(0.0, 1.2, 0.0), (0.0, -1.0, -0.2), (0.0, 2.0, -0.1)])
+@pytest.mark.parametrize("speed", [4.0, 5.0, 7.0, 8.3])
+def test_no_vehicle_swings_about_its_path(lab, kind, start, speed):
+    """The wheels of a long one turn slowly: feedback that is too quick for them is unstable."""
+    rows, _ = drive(lab, kind, [[0, 0], [250, 0]], speed, speed, 14.0, start=start)
+    assert (np.sign(start[1]) * rows[:, 4]).min() > -0.1
+    assert np.abs(rows[len(rows) // 2 :, 4]).max() < 0.06
+
+
+def test_stops_behind_a_standing_vehicle_and_reports_it(lab):
+    rows, blockers = drive(
+        lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.89, 13.89, 14.0, others=[(100.0, 0.0, 0.0, 0.0)]
+    )
+    gap = 100.0 - 4.75 / 2.0 - (rows[-1, 0] + 6.5 / 2.0)
+    assert rows[-1, 3] < 0.05
+    assert CONFIG.standstill_gap_m - 0.6 < gap < CONFIG.standstill_gap_m + 1.5
+    assert blockers[-1] == 2
+    decel = -np.diff(rows[:, 3]) / 0.05
+    assert decel.max() < 4.5
+
+
+def test_follows_a_slower_vehicle_at_its_speed(lab):
+    rows, _ = drive(
+        lab, ActorClass.AMBULANCE, [[0, 0], [400, 0]], 13.89, 13.89, 20.0, others=[(60.0, 0.0, 0.0, 6.0)], stop=False
+    )
+    assert rows[-1, 3] == pytest.approx(6.0, abs=0.3)
+
+
+def test_ignores_vehicles_in_the_next_lane_and_behind(lab):
+    others = [(60.0, 3.3, 0.0, 0.0), (-12.0, 0.0, 0.0, 13.0), (80.0, -3.3, np.pi, 0.0)]
+    rows, blockers = drive(lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.0, 13.0, 8.0, others=others, stop=False)
+    assert set(blockers) == {NO_ACTOR}
+    assert rows[-1, 3] == pytest.approx(13.0, abs=0.2)
+
+
+def test_lets_a_crossing_vehicle_pass(lab):
+    others = [(60.0, -36.0, np.pi / 2.0, 8.0)]
+    rows, blockers = drive(lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.0, 13.89, 10.0, others=others, stop=False)
+    assert any(blocker != NO_ACTOR for blocker in blockers)
+    t = np.arange(1, len(rows) + 1) * 0.05
+    dx = np.abs(rows[:, 0] - 60.0)
+    dy = np.abs(-36.0 + 8.0 * t)
+    assert not np.any((dx < 3.25 + 0.92) & (dy < 1.05 + 2.38))
+    assert rows[-1, 3] > 10.0
+
+
+def test_a_crossing_vehicle_that_has_passed_is_no_reason_to_brake(lab):
+    others = [(60.0, -20.0, np.pi / 2.0, 10.0)]
+    rows, _ = drive(lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.0, 13.0, 4.0, others=others, stop=False)
+    assert rows[:, 3].min() > 12.5
+
+
+def test_without_watch_nobody_is_seen(lab):
+    scene = on_straight(lab, [ActorClass.AMBULANCE, ActorClass.SEDAN], (0.0, 0.0, 0.0, 5.0), (10.0, 0.0, 0.0, 0.0))
+    _, command, blocker = navigated(*scene, 5.0, gap_escape_active=True)
+    assert blocker == NO_ACTOR
+    assert command.brake == 0.0
+    _, command, blocker = navigated(*scene, 5.0)
+    assert blocker != NO_ACTOR
+    assert command.brake > 0.1
+
+
+def test_without_a_path_it_brakes_to_a_stop(lab):
+    _, seen, vehicle = on_straight(lab, [ActorClass.SEDAN], (0.0, 0.0, 0.0, 5.0))
+    state, command, blocker = navigated(NavigatorState(integral_mps2=2.0), seen, vehicle, 10.0)
+    assert (command.throttle, command.steer_rad, command.hand_brake) == (0.0, 0.0, False)
+    assert command.brake > 0.35
+    assert blocker == NO_ACTOR
+    assert state.done
+    assert state.integral_mps2 == 0.0
+
+
+def test_a_limit_counts_besides_target_and_path(lab):
+    state, seen, vehicle = on_straight(lab, [ActorClass.SEDAN], (0.0, 0.0, 0.0, 6.0))
+
+    def command(limit):
+        mechanisms = (*MECHANISMS[:3], Mechanism("other", lambda _: limit, "for the test"))
+        return navigated(state, seen, vehicle, 10.0, mechanisms)[1]
+
+    assert command(SpeedLimit()).throttle > 0.0
+    assert command(SpeedLimit(6.0)).throttle < command(SpeedLimit(8.0)).throttle
+    assert command(SpeedLimit(2.0)).brake > 0.0
+    hard = command(SpeedLimit(5.0, brake_mps2=7.0)).brake
+    assert hard * vehicle.max_brake_decel_mps2 == pytest.approx(7.0, abs=0.3)
+
+
+def test_leaders_can_be_left_to_the_limit(lab):
+    scene = on_straight(lab, [ActorClass.AMBULANCE, ActorClass.SEDAN], (0.0, 0.0, 0.0, 10.0), (15.0, 0.0, 0.0, 0.0))
+    _, watching, blocker = navigated(*scene, 10.0)
+    _, leaving, nobody = navigated(*scene, 10.0, corridor=True)
+    assert blocker == 2
+    assert watching.brake > 0.5
+    assert nobody == NO_ACTOR
+    assert leaving.brake == 0.0
+
+
+def test_without_a_path_nothing_is_left_of_it_and_it_is_done():
+    assert NavigatorState().remaining_m == 0.0
+    assert NavigatorState().done
+
+
+MANOEUVRING = ManoeuvringConfig()
+SEDAN, SUV = ActorClass.SEDAN, ActorClass.SUV
+
+
+def state_on(*points):
+    path = TrackedPath.of(Curve.through(np.array(points, dtype=float)), NavigatorConfig())
+    return NavigatorState(path, 0.0, 0.0)
+
+
+def limit(lab, state, *cars, kind=SEDAN, speed=1.5):
+    view = lab.view(lab.straight_road(), lab.L3, [lab.Car(2, 0, 80.0, speed, (0,), kind), *cars])
+    return manoeuvring_limit(state, view.ego(0))
+
+
+def sideways(slope):
+    return state_on(*((80.0 + s, slope * s) for s in np.arange(0.0, 20.0, 0.5)))
+
+
+def test_nobody_near_or_no_path_leaves_the_speed_free(lab):
+    assert math.isinf(limit(lab, sideways(0.0)).speed_mps)
+    assert math.isinf(limit(lab, NavigatorState(), lab.Car(3, 1, 81.0, 0.0, (0,))).speed_mps)
+
+
+def test_a_vehicle_alongside_is_not_driven_into_sideways(lab):
+    """The strip ahead is free, and the vehicle alongside is behind the own front bumper."""
+    width = 0.5 * (lab.vehicles[SEDAN].width_m + lab.vehicles[SUV].width_m)
+    beside = lab.Car(3, 1, 82.0, 0.0, (0,), SUV, left=width + 0.6 - 3.3)
+    speed_limit = limit(lab, sideways(0.2), beside)
+    assert speed_limit.blocker_id == 3
+    assert 0.0 < speed_limit.free_m < (0.6 - 0.1) / 0.2 + 0.3
+    assert speed_limit.speed_mps == pytest.approx(
+        math.sqrt(2.0 * MANOEUVRING.brake_mps2 * (speed_limit.free_m - MANOEUVRING.stop_short_m))
+    )
+    assert math.isinf(limit(lab, sideways(0.0), beside).speed_mps)
+
+
+def test_who_comes_on_at_the_side_counts_where_it_will_be_in_a_moment(lab):
+    """An EMV 12 m behind in the next lane at 10 m/s will be alongside in a second; a standing one stays behind."""
+    coming, standing = (lab.Car(3, 1, 68.0, speed, (0,), ActorClass.AMBULANCE, left=-1.0) for speed in (10.0, 0.0))
+    assert limit(lab, sideways(0.25), coming).blocker_id == 3
+    assert math.isinf(limit(lab, sideways(0.25), standing).free_m)
+
+
+def test_a_leader_that_drives_leaves_the_way_that_it_needs_to_stop(lab):
+    near = 80.0 + lab.vehicles[SEDAN].length_m + 3.0
+    standing, driving = (limit(lab, sideways(0.0), lab.Car(3, 0, near, speed, (0,))) for speed in (0.0, 4.0))
+    assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * MANOEUVRING.leader_brake_mps2), abs=1e-6)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_flank_of_a_leader_in_the_next_lane_counts_as_far_as_it_reaches(lab, side):
+    """Its rear is just ahead of the own front; the own path leads into its side, some metres farther on."""
+    width = 0.5 * (lab.vehicles[SEDAN].width_m + lab.vehicles[ActorClass.BUS].width_m)
+    length = 0.5 * (lab.vehicles[SEDAN].length_m + lab.vehicles[ActorClass.BUS].length_m)
+    state = sideways(side * 0.2)
+    standing, driving = (
+        limit(lab, state, lab.Car(3, 0, 80.0 + length + 0.2, speed, (0,), ActorClass.BUS, left=side * (width + 0.8)))
+        for speed in (0.0, 4.0)
+    )
+    assert standing.free_m < 8.0
+    assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * MANOEUVRING.leader_brake_mps2), abs=1e-6)

@@ -1,0 +1,193 @@
+"""Whole interactions in closed loop: EMV, civilians, vehicle model and a stand-in for SUMO.
+
+Nothing may depend on where x and y point: the same interactions happen on turned roads.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.base.numerics.geometry import Polyline, rotate
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.world.actors import ActorClass, Mode, Owner
+
+AMBULANCE = ActorClass.AMBULANCE
+TURNS = np.radians([37.0, -128.0])
+SHIFT = np.array([40.0, -25.0])
+
+
+def continuous(loop, slack=0.05):
+    """No actor moves by more than its speed allows, also when its owner changes."""
+    for before, after in zip(loop.log, loop.log[1:], strict=False):
+        for actor_id, pose in after.items():
+            old = before[actor_id]
+            assert np.hypot(pose[0] - old[0], pose[1] - old[1]) <= max(pose[3], old[3]) * 0.05 + slack
+
+
+def test_s2_civilians_leave_the_lane_the_emv_passes_and_all_are_released(lab):
+    cars = [lab.Car(1, 0, 10, 11, (0,), AMBULANCE)]
+    cars += [lab.Car(2 + i, 0, 45 + 15 * i, 7, (0,), desired=7) for i in range(3)]
+    loop = lab.Loop(lab.world_of(lab.straight_road(2, 900.0), lab.L2), cars).run(600)
+    for kind in ("yield_started", "yield_completed", "yield_released"):
+        assert sorted(event.actor_id for event in loop.of(kind)) == [2, 3, 4]
+    emv = loop.log[-1][1]
+    assert all(emv[0] > loop.log[-1][actor][0] + 10.0 for actor in (2, 3, 4))
+    assert all(abs(row[1][1]) < 0.3 for row in loop.log)
+    assert all(loop.owners.get(actor, Owner.SUMO) == Owner.SUMO for actor in (2, 3, 4))
+    yielding = [pose[3] * 3.6 for row in loop.log for pose in row.values() if pose[5] == Mode.YIELD_LANE_CHANGE]
+    asked_mps2, steps = loop.world.config.civilian_lane_change.own_brake_mps2, len(yielding) / 3
+    assert 25.2 - min(yielding) == pytest.approx(3.6 * asked_mps2 * 0.05 * steps, rel=0.1)
+    assert 9.0 < min(yielding) < 16.0
+    assert not loop.touching()
+    continuous(loop)
+
+
+def test_s1_two_queues_open_a_corridor_and_the_emv_passes_between_them(lab):
+    cars = [lab.Car(1, 0, 10, 11, (0,), AMBULANCE)]
+    cars += [lab.Car(10 + i, 0, 50 + 9 * i, 2, (0,), desired=2) for i in range(4)]
+    cars += [lab.Car(20 + i, 1, 53 + 9 * i, 2, (0,), desired=2) for i in range(4)]
+    loop = lab.Loop(lab.world_of(lab.straight_road(2, 700.0), lab.L3), cars).run(420)
+    held = {event.actor_id for event in loop.of("yield_held") if not event.detail["partial"]}
+    assert held == {10, 11, 12, 13, 20, 21, 22, 23}
+    assert {event.actor_id for event in loop.of("yield_released")} == held
+    emv = loop.log[-1][1]
+    assert all(emv[0] > loop.log[-1][actor][0] for actor in held)
+    between = [row[1][1] for row in loop.log if 60.0 < row[1][0] < 85.0]
+    assert max(abs(y - 1.65) for y in between) < 0.5
+    assert [event.kind.value for event in loop.events if event.actor_id == 1] == ["corridor_entered", "corridor_left"]
+    assert not loop.touching()
+    continuous(loop)
+
+
+def test_s1_the_corridor_stays_open_for_a_second_emv(lab):
+    """It follows 4 s behind the first one. Nobody comes back between the two, and the second passes without a stop."""
+    cars = [lab.Car(1, 0, 50, 11, (0,), AMBULANCE), lab.Car(2, 0, 10, 11, (0,), AMBULANCE)]
+    cars += [lab.Car(10 + i, 0, 90 + 9 * i, 2, (0,), desired=2) for i in range(4)]
+    cars += [lab.Car(20 + i, 1, 93 + 9 * i, 2, (0,), desired=2) for i in range(4)]
+    loop = lab.Loop(lab.world_of(lab.straight_road(2, 900.0), lab.L3), cars).run(500)
+    held = {event.actor_id for event in loop.of("yield_held")}
+    assert held == {10, 11, 12, 13, 20, 21, 22, 23}
+    for actor in held:
+        back = [step for step, row in enumerate(loop.log) if row[actor][5] == Mode.REJOIN]
+        first, second = (next(k for k, row in enumerate(loop.log) if row[emv][0] > row[actor][0]) for emv in (1, 2))
+        assert first < second < back[0]
+    standing = [step for step, row in enumerate(loop.log) if row[2][3] < 1.0]
+    assert not standing
+    assert not loop.touching()
+    continuous(loop)
+
+
+@pytest.mark.parametrize("later_m", [0.0, 8.0, -8.0])
+def test_l1_two_emvs_from_crossing_streets_do_not_meet(lab, junction, later_m):
+    """Both run their red lights."""
+    crossing = len(junction.lanes) - 1
+    cars = [lab.Car(1, 0, 60, 13.9, (0, 2), AMBULANCE), lab.Car(5, crossing, 0.1 + 30 + later_m, 12, (5,), AMBULANCE)]
+    loop = lab.Loop(lab.world_of(junction, lab.L1), cars).run(320)
+    assert loop.log[-1][1][0] > 200.0
+    assert not loop.touching()
+
+
+def test_at_l1_the_same_civilians_stay_nominal(lab):
+    cars = [lab.Car(1, 0, 10, 11, (0,), AMBULANCE), lab.Car(2, 0, 45, 6, (0,), desired=6)]
+    loop = lab.Loop(lab.world_of(lab.straight_road(2, 700.0), lab.L1), cars).run(200)
+    assert not loop.of("yield_requested")
+    assert all(row[2][4] == Owner.SUMO for row in loop.log)
+    assert loop.log[-1][1][3] == pytest.approx(6.0, abs=0.5)
+    assert not loop.touching()
+
+
+def test_l1_emv_runs_the_red_light_and_lets_a_crossing_vehicle_pass(lab, junction):
+    crossing = len(junction.lanes) - 1
+    free = lab.Loop(lab.world_of(junction, lab.L1), [lab.Car(1, 0, 60, 13.9, (0, 2), AMBULANCE)]).run(200)
+    assert min(row[1][3] for row in free.log) > 13.0
+    cars = [lab.Car(1, 0, 60, 13.9, (0, 2), AMBULANCE), lab.Car(5, crossing, 40, 8, (5,), desired=8)]
+    loop = lab.Loop(lab.world_of(junction, lab.L1), cars).run(280)
+    assert loop.log[-1][1][0] > 200.0
+    assert not loop.touching()
+
+
+def test_l1_emv_changes_to_the_turning_lane_and_turns_right(lab):
+    loop = lab.Loop(lab.world_of(lab.junction_road(), lab.L1), [lab.Car(1, 1, 20, 13.9, (0, 4), AMBULANCE)]).run(330)
+    happened = [event.kind.value for event in loop.events]
+    assert happened == ["lane_change_requested", "lane_change_started", "lane_change_completed"]
+    poses = np.array([row[1][:3] for row in loop.log])
+    assert abs(poses[-1, 0] - 160.0) < 0.3
+    assert poses[-1, 2] == pytest.approx(-np.pi / 2.0, abs=0.02)
+    on_turn = poses[(poses[:, 0] > 150.0) & (poses[:, 1] > -10.0)]
+    radius = np.hypot(on_turn[:, 0] - 150.0, on_turn[:, 1] + 10.0)
+    assert np.abs(radius - 10.0).max() < 0.5
+    continuous(loop)
+
+
+def test_s7_right_turn_by_way_of_the_shoulder(lab):
+    road = lab.RoadBuilder().edge([[0, 0], [200, 0]], 3, ("W", "J"), shoulder=True)
+    a = np.linspace(0.0, np.pi / 2.0, 8)
+    road.edge(np.stack((200 + 12 * np.sin(a), -12 * (1 - np.cos(a))), axis=-1), 1, ("J", "J"), internal=True)
+    road.edge([[212, -12], [212, -200]], 1, ("J", "S"))
+    road.connect(0, 4, via=(3,), direction="r", signal=True)
+    road.connect(1, 4, via=(3,), direction="r", signal=True)
+    network = road.built()
+    cars = [lab.Car(1, 1, 40, 11, (0, 2), AMBULANCE)]
+    cars += [lab.Car(10 + i, 1, 196 - 8 * i, 0, (0, 2), desired=0) for i in range(6)]
+    loop = lab.Loop(lab.world_of(network, lab.L3), cars).run(600)
+    on_shoulder = sum(abs(row[1][1]) < 1.2 and row[1][0] < 200.0 for row in loop.log)
+    assert on_shoulder * 0.05 > 2.0
+    assert loop.log[-1][1][1] < -20.0
+    assert not loop.touching()
+
+
+def turned(network, angle):
+    """The network turned about the origin and shifted; indices and ids stay."""
+    lanes = tuple(
+        replace(lane, centre=Polyline.through(rotate(lane.centre.points, angle) + SHIFT)) for lane in network.lanes
+    )
+    return RoadNetwork(lanes, network.edges, network.connections, {}, (0.0, 0.0), "!")
+
+
+def lane_change(lab):
+    cars = [lab.Car(1, 0, 40, 11, (0,), AMBULANCE)]
+    cars += [lab.Car(2, 0, 75, 7, (0,), desired=7), lab.Car(3, 1, 62, 7, (0,), desired=7)]
+    return lab.straight_road(2, 500.0), lab.L2, cars, 120
+
+
+def pull_over_and_corridor(lab):
+    cars = [lab.Car(1, 0, 30, 11, (0,), AMBULANCE)]
+    cars += [lab.Car(10 + i, 0, 60 + 9 * i, 2, (0,), desired=2) for i in range(2)]
+    cars += [lab.Car(20 + i, 1, 63 + 9 * i, 2, (0,), desired=2) for i in range(2)]
+    return lab.straight_road(2, 500.0), lab.L3, cars, 110
+
+
+def crossing(lab):
+    network = lab.junction_road()
+    cars = [lab.Car(1, 0, 90, 12, (0, 2), AMBULANCE), lab.Car(5, len(network.lanes) - 1, 55, 8, (5,), desired=8)]
+    return network, lab.L1, cars, 120
+
+
+def right_turn(lab):
+    return lab.junction_road(), lab.L1, [lab.Car(1, 1, 80, 13.0, (0, 4), AMBULANCE)], 140
+
+
+def gap_escape(lab):
+    cars = [lab.Car(1, 0, 50, 0, (0,), AMBULANCE)]
+    cars += [lab.Car(2, 0, 62, 0, (0,), desired=0), lab.Car(3, 1, 55, 0, (0,), desired=0)]
+    return lab.straight_road(2, 300.0), lab.L3, cars, 130
+
+
+@pytest.mark.parametrize("angle", TURNS)
+@pytest.mark.parametrize("scene", [lane_change, pull_over_and_corridor, crossing, right_turn, gap_escape])
+def test_a_turned_road_turns_the_interaction_and_changes_nothing_else(lab, scene, angle):
+    network, level, cars, steps = scene(lab)
+    plain = lab.Loop(lab.world_of(network, level), cars).run(steps)
+    other = lab.Loop(lab.world_of(turned(network, angle), level), cars).run(steps)
+    assert [(e.kind, e.actor_id, e.other_id) for e in other.events] == [
+        (e.kind, e.actor_id, e.other_id) for e in plain.events
+    ]
+    # Rounding decides how many points a path gets, which moves vehicles by some centimetres and an event by a step.
+    assert [e.step for e in other.events] == pytest.approx([e.step for e in plain.events], abs=1)
+    for before, after in zip(plain.log, other.log, strict=True):
+        for actor_id, pose in before.items():
+            x, y = rotate(np.array(pose[:2]), angle) + SHIFT
+            assert after[actor_id][:2] == pytest.approx((x, y), abs=0.5)
+            assert np.cos(after[actor_id][2] - pose[2] - angle) > np.cos(0.05)
+            assert after[actor_id][3] == pytest.approx(pose[3], abs=0.5)

@@ -1,0 +1,16 @@
+from collections.abc import Mapping
+
+import pytest
+
+from siren_ros.simulation.dynamics.parameters import ParameterTable, VehicleParameters, load_vehicle_parameters
+from siren_ros.simulation.world.actors import ActorClass
+
+
+@pytest.fixture(scope="session")
+def parameters() -> Mapping[ActorClass, VehicleParameters]:
+    return load_vehicle_parameters()
+
+
+@pytest.fixture(scope="session")
+def every_class(parameters: Mapping[ActorClass, VehicleParameters]) -> ParameterTable:
+    return ParameterTable.of(list(ActorClass), parameters)

@@ -1,0 +1,286 @@
+"""Actors join and leave in the middle of the rows; everything that is known of the others stays theirs."""
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from dynamics.fleet_scenes import PARAMETERS, begun, command_of, description, kinds, stacked, started, traffic_of
+
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.errors import EpisodeError
+from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet, with_spawned, without_actors
+from siren_ros.simulation.dynamics.parameters import VehicleParameters
+from siren_ros.simulation.world.actors import ActorClass, Lights, Mode, Owner, rows_of_ids
+from siren_ros.simulation.world.commands import VehicleCommands
+from siren_ros.simulation.world.traffic_state import Event, EventKind
+
+ROWS = {i: (10.0 * i, 50.0 * i, 0.1 * i, 3.0 * i) for i in (1, 2, 3, 4)}
+
+
+def fleet_of_three():
+    """Actors 1 to 3; each field of each row has its own value."""
+    fleet, _ = started(3)
+    columns = {
+        name: np.arange(3.0) + 10.0 * place
+        for place, name in enumerate((item.name for item in fields(fleet.bodies)), start=1)
+    }
+    tracked = {
+        name: np.arange(3.0) + 200.0 * place
+        for place, name in enumerate((item.name for item in fields(fleet.tracker)), start=1)
+    }
+    owner = np.array([Owner.SUMO, Owner.ROS, Owner.SUMO], np.uint8)
+    return replace(
+        fleet, bodies=replace(fleet.bodies, **columns), tracker=replace(fleet.tracker, **tracked), owner=owner
+    )
+
+
+def test_who_leaves_takes_its_row_alone():
+    fleet = fleet_of_three()
+    left = without_actors(fleet, np.array([1, 8], np.uint32))
+    assert left.actor_id.tolist() == [2, 3]
+    assert [item.actor_id for item in left.descriptions] == [2, 3]
+    assert left.owner.tolist() == [Owner.ROS, Owner.SUMO]
+    assert left.bodies.brake.tolist() == fleet.bodies.brake[1:].tolist()
+    assert left.tracker.pace.tolist() == fleet.tracker.pace[1:].tolist()
+    assert len(left.table) == len(left.length_m) == len(left.width_m) == 2
+    assert without_actors(fleet, np.empty(0, np.uint32)) is fleet
+
+
+def test_who_joins_starts_at_sumos_pose_with_its_speed_and_the_others_keep_theirs():
+    fleet = without_actors(fleet_of_three(), np.array([2], np.uint32))
+    bus = description(2, ActorClass.BUS)
+    joined, fresh = with_spawned(fleet, traffic_of(1, {i: ROWS[i] for i in (1, 2, 3)}, [bus]))
+    assert fresh.tolist() == [False, True, False]
+    assert joined.actor_id.tolist() == [1, 2, 3]
+    assert joined.owner.tolist() == [Owner.SUMO, Owner.SUMO, Owner.SUMO]
+    assert (joined.length_m[1], joined.width_m[1]) == (bus.length_m, bus.width_m)
+    assert joined.table.mass_kg[1] == PARAMETERS[ActorClass.BUS].mass_kg
+    body, tracker = joined.bodies.select(np.array([1])), joined.tracker.select(np.array([1]))
+    assert (body.x_m[0], body.y_m[0], body.yaw_rad[0], body.forward_mps[0]) == ROWS[2]
+    assert not any(getattr(body, name)[0] for name in ("lateral_mps", "yaw_rate_radps", "steer_rad", "throttle"))
+    assert (tracker.x_m[0], tracker.y_m[0], tracker.yaw_rad[0]) == ROWS[2][:3]
+    assert (tracker.pace[0], tracker.accel_mps2[0]) == (1.0, 0.0)
+    assert joined.bodies.steer_rad[[0, 2]].tolist() == fleet.bodies.steer_rad.tolist()
+    assert joined.tracker.accel_mps2[[0, 2]].tolist() == fleet.tracker.accel_mps2.tolist()
+
+
+def test_owners_follow_their_actors_as_others_join_before_and_after_them():
+    fleet = without_actors(fleet_of_three(), np.array([1, 3], np.uint32))
+    spawned = [description(4), description(1)]
+    joined, fresh = with_spawned(fleet, traffic_of(1, {i: ROWS[i] for i in (1, 2, 4)}, spawned))
+    assert joined.owner.tolist() == [Owner.SUMO, Owner.ROS, Owner.SUMO]
+    assert fresh.tolist() == [True, False, True]
+    assert joined.bodies.x_m.tolist() == [10.0, fleet.bodies.x_m[0], 40.0]
+    assert [item.actor_id for item in joined.descriptions] == [1, 2, 4]
+
+
+def test_without_arrivals_the_fleet_is_the_same_and_others_than_sumos_are_named():
+    fleet = fleet_of_three()
+    same, fresh = with_spawned(fleet, traffic_of(1, {i: ROWS[i] for i in (1, 2, 3)}))
+    assert same is fleet
+    assert not fresh.any()
+    with pytest.raises(EpisodeError, match=r"not removed: \[3, 4\]"):
+        with_spawned(fleet, traffic_of(1, {i: ROWS[i] for i in (1, 2, 4)}))
+
+
+def test_spawned_actors_stand_at_sumos_pose() -> None:
+    rows = {3: (5.0, -2.0, 0.7, 9.0), 8: (50.0, 60.0, -2.0, 0.0)}
+    traffic = traffic_of(4, rows, [description(8, ActorClass.BUS), description(3)], lights={3: Lights.INDICATOR_LEFT})
+    state, states, events = step_fleet(FleetState.empty(PARAMETERS), traffic, ())
+    assert states.actor_id.tolist() == [3, 8]
+    assert states.step == 4
+    assert (states.x_m[0], states.y_m[0], states.yaw_rad[0]) == (5.0, -2.0, 0.7)
+    assert (states.speed_mps[0], states.vx_mps[0]) == (pytest.approx(9.0), pytest.approx(9.0 * np.cos(0.7)))
+    assert states.residual_m.tolist() == [0.0, 0.0]
+    assert states.lights.tolist() == [Lights.INDICATOR_LEFT, Lights.NONE]
+    assert [(event.kind, event.actor_id, event.x_m) for event in events] == [
+        (EventKind.SPAWNED, 3, 5.0),
+        (EventKind.SPAWNED, 8, 50.0),
+    ]
+    assert [item.actor_class for item in state.descriptions] == [ActorClass.SEDAN, ActorClass.BUS]
+
+
+def test_sumo_actors_follow_sumo() -> None:
+    state, states = started()
+    for step in range(1, 100):
+        x = 10.0 * STEP_S * step
+        state, states, events = step_fleet(state, traffic_of(step, {1: (x, 50.0, 0.0, 10.0)}), ())
+        assert events == ()
+    assert states.residual_m[0] < 0.05
+    assert (states.owner[0], states.mode[0]) == (Owner.SUMO, Mode.NOMINAL)
+
+
+def test_actors_come_and_go_in_the_middle_of_the_rows() -> None:
+    state, _ = started(3)
+    rows = {1: (0.5, 50.0, 0.0, 10.0), 3: (0.5, 150.0, 0.0, 10.0)}
+    state, states, events = step_fleet(state, traffic_of(1, rows, removed=[2]), ())
+    assert states.actor_id.tolist() == [1, 3]
+    assert kinds(events) == [EventKind.REMOVED]
+    assert (events[0].actor_id, events[0].y_m) == (2, 100.0)
+    rows = {1: (1.0, 50.0, 0.0, 10.0), 2: (7.0, 99.0, 1.0, 3.0), 3: (1.0, 150.0, 0.0, 10.0)}
+    state, states, events = step_fleet(state, traffic_of(2, rows, [description(2, ActorClass.VAN)]), ())
+    assert states.actor_id.tolist() == [1, 2, 3]
+    assert (states.x_m[1], states.y_m[1], states.yaw_rad[1]) == (7.0, 99.0, 1.0)
+    np.testing.assert_allclose(states.x_m[[0, 2]], 1.0, atol=0.02)
+    assert kinds(events) == [EventKind.SPAWNED]
+    assert state.table.mass_kg[1] == PARAMETERS[ActorClass.VAN].mass_kg
+
+
+def test_commands_drive_and_are_shown() -> None:
+    state, states = started(2, 5.0)
+    for step in range(1, 41):
+        rows = {1: (float(states.x_m[0]), 50.0, 0.0, float(states.speed_mps[0])), 2: (0.25 * step, 100.0, 0.0, 5.0)}
+        command = command_of(step, 1, throttle=0.6, mode=Mode.COPY_SUMO, lights=Lights.SIREN | Lights.BEACON)
+        state, states, events = step_fleet(state, traffic_of(step, rows, lights={1: Lights.INDICATOR_LEFT}), [command])
+        assert kinds(events) == ([EventKind.OWNER_CHANGED, EventKind.SIREN_ON] if step == 1 else [])
+    assert events == ()
+    assert states.speed_mps[0] > 7.0
+    assert states.owner.tolist() == [Owner.ROS, Owner.SUMO]
+    assert states.mode.tolist() == [Mode.COPY_SUMO, Mode.NOMINAL]
+    assert (states.lights[0], states.residual_m[0]) == (Lights.SIREN | Lights.BEACON, 0.0)
+    assert states.residual_m[1] < 0.05
+
+
+def test_reported_events_follow_by_source() -> None:
+    state, _ = started(2)
+
+    rows = {1: (0.5, 50.0, 0.0, 10.0), 2: (0.5, 100.0, 0.0, 10.0)}
+    traffic = traffic_of(1, rows, events=(Event(1, EventKind.TELEPORT, 2),))
+    commands = [
+        command_of(1, 2, source="yield_manager", events=(Event(1, EventKind.YIELD_STARTED, 2),)),
+        command_of(1, 1, source="emv_controller", events=(Event(1, EventKind.SIREN_ON, 1),)),
+    ]
+    _, forward, events = step_fleet(state, traffic, commands)
+    _, backward, same = step_fleet(state, traffic, commands[::-1])
+    reported = [EventKind.SIREN_ON, EventKind.YIELD_STARTED, EventKind.TELEPORT]
+    assert kinds(events) == [EventKind.OWNER_CHANGED] * 2 + reported
+    assert events == same
+    np.testing.assert_array_equal(forward.x_m, backward.x_m)
+
+
+def test_same_inputs_give_the_same_bytes() -> None:
+    def run() -> bytes:
+        state, states = started(3)
+        for step in range(1, 50):
+            rows = {i: (0.5 * step, 50.0 * i, 0.01 * step, 10.0) for i in (1, 2, 3)}
+            state, states, _ = step_fleet(
+                state, traffic_of(step, rows), [command_of(step, 2, throttle=0.3, steer=0.02)]
+            )
+        return b"".join(getattr(states, name).tobytes() for name in ("x_m", "y_m", "yaw_rad", "vx_mps", "brake"))
+
+    assert run() == run()
+
+
+def test_an_empty_fleet_steps() -> None:
+    state = FleetState.empty(PARAMETERS)
+    for step in range(3):
+        state, states, events = step_fleet(state, traffic_of(step, {}), [VehicleCommands.empty(step, "emv_controller")])
+        assert len(states) == 0
+        assert events == ()
+
+
+def test_contradictions_are_refused() -> None:
+    state, _ = started(1)
+    rows = {1: (0.5, 50.0, 0.0, 10.0)}
+    for match, traffic, commands in (
+        ("cannot follow", traffic_of(5, rows), ()),
+        ("emv_controller are of step 7", traffic_of(1, rows), [command_of(7, 1)]),
+        (r"\[9\]", traffic_of(1, rows | {9: (0.0, 0.0, 0.0, 0.0)}), ()),
+        ("both command actor 1", traffic_of(1, rows), [command_of(1, 1), command_of(1, 1, source="yield_manager")]),
+        (r"commands actors \[4\], unknown", traffic_of(1, rows), [command_of(1, 4)]),
+        ("not finite", traffic_of(1, rows), [command_of(1, 1, steer=float("nan"))]),
+        ("twice", traffic_of(1, rows), [stacked(command_of(1, 1), command_of(1, 1))]),
+    ):
+        with pytest.raises(EpisodeError, match=match):
+            step_fleet(state, traffic, commands)
+
+
+def test_commands_for_actors_that_just_left_are_void() -> None:
+    state, _ = started(2)
+    traffic = traffic_of(1, {1: (0.5, 50.0, 0.0, 10.0)}, removed=[2])
+    _, states, events = step_fleet(state, traffic, [command_of(1, 2)])
+    assert states.actor_id.tolist() == [1]
+    assert kinds(events) == [EventKind.REMOVED]
+    assert rows_of_ids(states.actor_id, np.array([2], np.uint32)).tolist() == [-1]
+
+
+def test_classes_have_their_own_motion(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
+    rows = {1: (0.0, 0.0, 0.0, 5.0), 2: (0.0, 50.0, 0.0, 5.0)}
+    spawned = [description(1), description(2, ActorClass.BUS)]
+    state, states, _ = step_fleet(FleetState.empty(parameters), traffic_of(0, rows, spawned), ())
+    for step in range(1, 40):
+        state, states, _ = step_fleet(
+            state, traffic_of(step, rows), [stacked(*(command_of(step, i, throttle=1.0) for i in (1, 2)))]
+        )
+    assert states.speed_mps[0] > states.speed_mps[1] + 1.0
+
+
+@pytest.mark.parametrize("gone", [[1], [3], [1, 3], [3, 1], [2, 8]])
+def test_each_actor_that_leaves_is_told_at_its_last_place_wherever_its_row_was(gone: list[int]) -> None:
+    """Actors 1 to 3 are at y = 50, 100 and 150 m; nobody knows actor 8."""
+    state, _ = started(3)
+    rows = {i: (0.5, 50.0 * i, 0.0, 10.0) for i in (1, 2, 3) if i not in gone}
+    _, states, events = step_fleet(state, traffic_of(1, rows, removed=gone), ())
+    left = sorted(i for i in gone if i <= 3)
+    assert [(event.actor_id, event.y_m) for event in events] == [(i, 50.0 * i) for i in left]
+    assert set(kinds(events)) == {EventKind.REMOVED}
+    assert states.actor_id.tolist() == sorted(rows)
+
+
+def test_a_drivers_pedals_lag_as_drivers_do_and_the_trackers_less() -> None:
+    """One step of 0.05 s behind a first-order lag."""
+    state, _ = started(2, 5.0)
+    rows = {1: (0.25, 50.0, 0.0, 5.0), 2: (0.25, 100.0, 0.0, 5.0)}
+    _, states, _ = step_fleet(state, traffic_of(1, rows), [command_of(1, 1, throttle=0.6)])
+    lag_s = PARAMETERS[ActorClass.SEDAN].throttle_lag_s
+    assert states.throttle[0] == pytest.approx(0.6 * (1.0 - np.exp(-STEP_S / lag_s)))
+
+
+@pytest.mark.parametrize("owner", [Owner.SUMO, Owner.ROS])
+def test_the_hand_brake_is_that_of_who_drives(owner: Owner) -> None:
+    """A vehicle of SUMO's follows SUMO whatever a controller says that watches it."""
+    state, _ = started(1, 5.0)
+    traffic = traffic_of(1, {1: (0.25, 50.0, 0.0, 5.0)})
+    pulled = replace(command_of(1, 1, owner=owner), hand_brake=np.ones(1, np.uint8))
+    commands = (command_of(1, 1, owner=owner), pulled)
+    speeds = [step_fleet(state, traffic, [command])[1].speed_mps[0] for command in commands]
+    assert bool(speeds[1] < speeds[0] - 0.1) is (owner is Owner.ROS)
+    assert bool(speeds[1] == speeds[0]) is (owner is Owner.SUMO)
+
+
+def test_a_siren_is_said_once_when_it_begins_and_ends() -> None:
+    state, _ = started(2)
+    rows = {1: (0.5, 50.0, 0.0, 10.0), 2: (0.5, 100.0, 0.0, 10.0)}
+    sounding, silent = {1: Lights.SIREN, 2: Lights.SIREN}, {2: Lights.SIREN}
+    said = []
+    for step, lights in enumerate((sounding, sounding, silent), start=1):
+        state, _, events = step_fleet(state, traffic_of(step, rows, lights=lights), ())
+        said += [(event.step, event.kind, event.actor_id) for event in events]
+    state, _, events = step_fleet(state, traffic_of(4, {1: rows[1]}, removed=[2]), ())
+    assert said == [(1, EventKind.SIREN_ON, 1), (1, EventKind.SIREN_ON, 2), (3, EventKind.SIREN_OFF, 1)]
+    assert [(event.kind, event.actor_id) for event in events] == [(EventKind.REMOVED, 2), (EventKind.SIREN_OFF, 2)]
+    assert [event.y_m for event in events] == pytest.approx([100.0, 100.0])
+    state, _, events = step_fleet(state, traffic_of(5, {1: rows[1]}), ())
+    assert events == ()
+
+
+def test_the_brake_light_is_the_vehicles_own() -> None:
+    state, states = started(1, 10.0)
+    traffic = traffic_of(1, {1: (0.5, 50.0, 0.0, 10.0)})
+    _, braked, _ = step_fleet(state, traffic, [command_of(1, 1, brake=0.5, lights=Lights.SIREN)])
+    assert braked.lights[0] == Lights.SIREN | Lights.BRAKE
+    assert braked.brake[0] > 0.02
+    assert states.lights[0] == Lights.NONE
+
+
+@pytest.mark.parametrize(("brake", "accel", "lit"), [(0.0, -1.2, False), (0.0, -1.4, True), (0.5, 0.0, True)])
+def test_the_brake_light_shows_the_pedal_or_the_deceleration(brake: float, accel: float, lit: bool) -> None:
+    """Decelerations by drag alone: a command without a brake from a speed at which drag gives them."""
+    vehicle = PARAMETERS[ActorClass.SEDAN]
+    speed = np.sqrt(-accel * vehicle.mass_kg / (0.5 * 1.225 * vehicle.drag_area_m2)) if accel else 10.0
+    rolling = vehicle.rolling_resistance * 9.80665 * vehicle.mass_kg / (0.5 * 1.225 * vehicle.drag_area_m2)
+    speed = float(np.sqrt(max(speed**2 - rolling, 1.0)))
+    state, _ = begun((0.0, 0.0, 0.0, speed))
+    _, states, _ = step_fleet(state, traffic_of(1, {1: (0.0, 0.0, 0.0, speed)}), [command_of(1, 1, brake=brake)])
+    assert bool(states.lights[0] & Lights.BRAKE) is lit

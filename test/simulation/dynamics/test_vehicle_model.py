@@ -1,0 +1,470 @@
+"""One step of the model against its equations, term by term: a change of any of them shows in the last digits."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.units import GRAVITY_MPS2, STEP_S
+from siren_ros.simulation.dynamics.parameters import (
+    AIR_DENSITY_KGPM3,
+    ParameterTable,
+    VehicleParameters,
+    load_vehicle_parameters,
+)
+from siren_ros.simulation.dynamics.vehicle_model import SUBSTEP_S, BodyState, Controls, step_bodies
+from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
+
+PARAMETERS = load_vehicle_parameters()
+H_S = 0.01
+"""One substep."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """Motion and actuators before a substep, and what the driver asks for."""
+
+    u: float
+    v: float = 0.0
+    w: float = 0.0
+    accel: float = 0.0
+    steer: float = 0.0
+    throttle: float = 0.0
+    brake: float = 0.0
+    asked: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Throttle, brake, steering angle."""
+    hand: bool = False
+    quickness: float = 1.0
+    drive_factor: float = 1.0
+
+
+def loads_n(p: VehicleParameters, accel: float) -> tuple[float, float]:
+    """Axle loads of a rigid body on two axles; neither axle lifts off altogether."""
+    a, b = p.cg_to_front_axle_m, p.wheelbase_m - p.cg_to_front_axle_m
+    shift = p.mass_kg * accel * p.cg_height_m / p.wheelbase_m
+    weight = p.mass_kg * GRAVITY_MPS2 / p.wheelbase_m
+    return max(weight * b - shift, 0.1 * p.mass_kg), max(weight * a + shift, 0.1 * p.mass_kg)
+
+
+def secant_npr(stiffness: float, limit_n: float, tangent: float, cos: float) -> float:
+    """Fiala's force (Rajamani 2012, eq. 13.47) over the slip; of a steered axle along the vehicle's side."""
+    if tangent == 0.0:
+        return stiffness * cos**3
+    slip = tangent * cos**2
+    z = stiffness * slip / (3.0 * limit_n)
+    force = stiffness * slip * (1.0 - z + z * z / 3.0) if z < 1.0 else limit_n
+    return force * cos / tangent
+
+
+def substep(p: VehicleParameters, case: Case) -> dict[str, float]:
+    """Actuators, forces, and the implicit equations solved as a matrix."""
+    h, m, inertia = H_S, p.mass_kg, p.yaw_inertia_kgm2
+    a, b = p.cg_to_front_axle_m, p.wheelbase_m - p.cg_to_front_axle_m
+    u, v, w = case.u, case.v, case.w
+    pedal, brake, steer = np.clip(case.asked[0], 0, 1), np.clip(case.asked[1], 0, 1), case.asked[2]
+    q = case.quickness
+    throttle = pedal + (case.throttle - pedal) * np.exp(-h * q / p.throttle_lag_s)
+    brake = brake + (case.brake - brake) * np.exp(-h * q / p.brake_lag_s)
+    most = p.max_steer_rate_radps * h * q
+    target = np.clip(steer, -p.max_steer_rad, p.max_steer_rad)
+    steer = case.steer + np.clip((target - case.steer) * (1.0 - np.exp(-h * q / p.steer_lag_s)), -most, most)
+    front_load, rear_load = loads_n(p, case.accel)
+    drive = throttle * case.drive_factor * min(m * p.max_drive_accel_mps2, p.drive_power_w / max(u, 0.1))
+    braking = brake * m * p.max_brake_decel_mps2
+    braking_rear = 0.7 * braking * rear_load / (front_load + rear_load)
+    grip = p.friction_coefficient * np.array([front_load, rear_load])
+    along_front = p.drive_front_share * drive - braking + braking_rear
+    along_rear = (1.0 - p.drive_front_share) * drive - braking_rear - case.hand * m * p.hand_brake_decel_mps2
+    along = np.clip([along_front, along_rear], -0.95 * grip, 0.95 * grip)
+    limit = np.sqrt(grip**2 - along**2)
+    cos, sin, tan = np.cos(steer), np.sin(steer), np.tan(steer)
+    total = along[0] * cos + along[1]
+    left = along[0] * sin * np.clip(u / 0.1, -1.0, 1.0)
+    speed = np.sqrt(u * u + v * v + (a * w) ** 2) + 1e-9
+    front = secant_npr(p.cornering_stiffness_front_npr, limit[0], abs(u * tan - v - a * w) / speed, cos)
+    rear = secant_npr(p.cornering_stiffness_rear_npr, limit[1], abs(v - b * w) / speed, 1.0)
+    first_row = [speed * m / h + front + rear, speed * m * u + front * a - rear * b]
+    second_row = [front * a - rear * b, speed * inertia / h + front * a * a + rear * b * b]
+    right_v = speed * (m / h * v + left) + front * u * tan
+    right_w = speed * (inertia / h * w + a * left) + a * front * u * tan
+    v_free, w_free = np.linalg.solve([first_row, second_row], [right_v, right_w])
+    front_n = np.clip(front * (u * tan - v_free - a * w_free) / speed, -limit[0] * cos, limit[0] * cos)
+    rear_n = np.clip(rear * (b * w_free - v_free) / speed, -limit[1], limit[1])
+    new_w = w + h * ((front_n + left) * a - rear_n * b) / inertia
+    new_v = v + h * (front_n + rear_n + left) / m - h * u * new_w
+    pushed = u + h * (max(total, 0.0) - front_n * tan) / m + h * new_v * new_w
+    drag = 0.5 * 1.225 * p.drag_area_m2 * u * u + p.rolling_resistance * GRAVITY_MPS2 * m
+    opposed = h * (drag - min(total, 0.0)) / m
+    new_u = np.sign(pushed) * max(abs(pushed) - opposed, 0.0)
+    return {
+        "forward_mps": new_u,
+        "lateral_mps": new_v,
+        "yaw_rate_radps": new_w,
+        "accel_mps2": (new_u - u) / h - 0.5 * (v * w + new_v * new_w),
+        "lateral_accel_mps2": (new_v - v) / h + 0.5 * (u * w + new_u * new_w),
+        "steer_rad": steer,
+        "throttle": throttle,
+        "brake": brake,
+    }
+
+
+def stepped(kind: ActorClass, case: Case, yaw: float = 0.3, count: int = 1) -> BodyState:
+    columns = (5.0, -7.0, yaw, case.u, case.v, case.w, case.accel, 0.0, case.steer, case.throttle, case.brake)
+    body = BodyState(*(np.full(1, value) for value in columns))
+    drive = np.full(1, case.quickness), np.full(1, case.drive_factor)
+    controls = Controls(*(np.full(1, value) for value in case.asked), np.full(1, case.hand), *drive)
+    return step_bodies(body, controls, ParameterTable.of([kind], PARAMETERS), count * H_S)
+
+
+CASES = {
+    "coasts": Case(12.0),
+    "turns left": Case(9.0, 0.1, 0.2, 0.5, 0.06, 0.2, 0.0, (0.3, 0.0, 0.07)),
+    "turns right": Case(9.0, -0.1, -0.2, 0.5, -0.06, 0.2, 0.0, (0.3, 0.0, -0.07)),
+    "steers as fast as it can": Case(7.0, steer=-0.1, asked=(0.0, 0.0, 0.5)),
+    "steers back as fast as it can": Case(7.0, steer=0.1, asked=(0.0, 0.0, -2.0), quickness=3.0),
+    "front tyres slide": Case(18.0, 0.0, 0.1, -1.0, 0.45, 0.0, 0.1, (0.0, 0.1, 0.45)),
+    "front tyres slide to the right": Case(18.0, 0.0, -0.1, -1.0, -0.45, 0.0, 0.1, (0.0, 0.1, -0.45)),
+    "rear tyres slide": Case(14.0, -4.0, 1.2, 0.0, -0.1, 0.1, 0.0, (0.1, 0.0, -0.1)),
+    "rear tyres slide to the left": Case(14.0, 4.0, -1.2, 0.0, 0.1, 0.1, 0.0, (0.1, 0.0, 0.1)),
+    "brakes in a bend": Case(15.0, 0.1, 0.3, -4.0, 0.08, 0.0, 0.5, (0.0, 0.7, 0.08)),
+    "brakes with all tyres at their limit": Case(25.0, 0.3, 0.1, -8.0, 0.02, 0.0, 1.0, (0.0, 1.0, 0.02)),
+    "throttle at the limit of grip": Case(1.0, 0.02, 0.05, 2.0, 0.2, 1.0, 0.0, (1.0, 0.0, 0.2), drive_factor=6.0),
+    "full throttle": Case(26.0, 0.0, 0.0, 0.4, 0.0, 1.0, 0.0, (1.0, 0.0, 0.0), drive_factor=1.5, quickness=3.0),
+    "both pedals": Case(8.0, 0.0, 0.1, 0.0, 0.05, 0.6, 0.3, (0.7, 0.2, 0.05)),
+    "pulls away with wheels turned": Case(0.04, 0.001, 0.002, 0.3, 0.4, 0.5, 0.0, (0.6, 0.0, 0.4)),
+    "hand brake": Case(6.0, 0.05, 0.15, -1.0, 0.07, 0.0, 0.0, (0.0, 0.0, 0.07), hand=True),
+    "rolls backwards after a spin": Case(-2.0, 0.3, 0.4, 0.0, 0.05, 0.0, 0.1, (0.0, 0.2, 0.05)),
+    "front axle lifts": Case(3.0, 0.1, 0.1, 40.0, 0.1, 0.3, 0.0, (0.3, 0.0, 0.1)),
+    "rear axle lifts": Case(11.0, 0.1, 0.1, -40.0, 0.1, 0.0, 0.4, (0.0, 0.4, 0.1)),
+}
+
+
+@pytest.mark.parametrize("kind", [ActorClass.SEDAN, ActorClass.FIRE_TRUCK])
+@pytest.mark.parametrize("name", list(CASES))
+def test_a_substep_solves_the_equations_of_motion(name: str, kind: ActorClass) -> None:
+    case = CASES[name]
+    after = stepped(kind, case)
+    for field, value in substep(PARAMETERS[kind], case).items():
+        assert getattr(after, field)[0] == pytest.approx(value, rel=1e-9, abs=1e-9), field
+
+
+@pytest.mark.parametrize("yaw", [0.3, 1.9, -2.6])
+@pytest.mark.parametrize("case", [CASES["turns left"], CASES["turns right"]], ids=["left", "right"])
+def test_the_centre_moves_with_its_own_velocity_along_the_mean_heading(case: Case, yaw: float) -> None:
+    p = PARAMETERS[ActorClass.FIRE_TRUCK]
+    after = stepped(ActorClass.FIRE_TRUCK, case, yaw)
+    u, v, w = (float(getattr(after, name)[0]) for name in ("forward_mps", "lateral_mps", "yaw_rate_radps"))
+    middle, left = yaw + 0.5 * H_S * w, v + p.centre_ahead_of_cg_m * w
+    along, across = np.array([np.cos(middle), np.sin(middle)]), np.array([-np.sin(middle), np.cos(middle)])
+    assert np.array([after.x_m[0] - 5.0, after.y_m[0] + 7.0]) == pytest.approx(H_S * (u * along + left * across))
+    assert after.yaw_rad[0] == pytest.approx(yaw + H_S * w)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "rate", "expected"), [(3.14, 0.5, 3.145 - 2 * np.pi), (-3.14, -0.5, 2 * np.pi - 3.145)]
+)
+def test_a_heading_stays_within_half_a_turn(yaw: float, rate: float, expected: float) -> None:
+    after = stepped(ActorClass.SEDAN, Case(8.0, 0.0, rate), yaw)
+    assert after.yaw_rad[0] == pytest.approx(expected, abs=0.001)
+
+
+def test_five_substeps_are_five_substeps_with_the_pedals_lag_counted_from_the_first() -> None:
+    """Axle loads and the power that full throttle gives are those of the step's beginning."""
+    case = CASES["turns left"]
+    p = PARAMETERS[ActorClass.SEDAN]
+    after = stepped(ActorClass.SEDAN, case, count=5)
+    state, turned, moved = case, 0.3, np.array([5.0, -7.0])
+    for _ in range(5):
+        after_h = substep(p, state)
+        names = {"u": "forward_mps", "v": "lateral_mps", "w": "yaw_rate_radps", "steer": "steer_rad"}
+        names |= {"throttle": "throttle", "brake": "brake"}
+        state = replace(state, **{name: after_h[column] for name, column in names.items()})
+        turned += H_S * state.w
+        middle, left = turned - 0.5 * H_S * state.w, state.v + p.centre_ahead_of_cg_m * state.w
+        cos, sin = np.cos(middle), np.sin(middle)
+        moved += H_S * np.array([state.u * cos - left * sin, state.u * sin + left * cos])
+    # The drag is that of the first speed: 1e-4 m/s off after five substeps.
+    assert (after.forward_mps[0], after.lateral_mps[0]) == pytest.approx((state.u, state.v), abs=5e-4)
+    assert after.yaw_rate_radps[0] == pytest.approx(state.w, abs=1e-4)
+    assert (after.x_m[0], after.y_m[0], after.yaw_rad[0]) == pytest.approx((*moved, turned), abs=1e-5)
+    assert after.throttle[0] == pytest.approx(state.throttle, abs=1e-12)
+    assert after.accel_mps2[0] == pytest.approx(
+        (after.forward_mps[0] - case.u) / 0.05
+        - 0.5 * (case.v * case.w + after.lateral_mps[0] * after.yaw_rate_radps[0])
+    )
+
+
+@pytest.mark.parametrize(
+    ("v", "w", "still"), [(0.009, 0.0, True), (0.0, 0.009, True), (0.03, 0.0, False), (0.0, 0.03, False)]
+)
+def test_who_has_stopped_and_hardly_drifts_stands_still(v: float, w: float, still: bool) -> None:
+    """Wheels locked by the hand brake let a body turn on; the drift that is left after a substep decides."""
+    slippery = replace(PARAMETERS[ActorClass.SEDAN], friction_coefficient=0.05)
+    table = ParameterTable.of([ActorClass.SEDAN], {**PARAMETERS, ActorClass.SEDAN: slippery})
+    body = BodyState(*(np.full(1, value) for value in (0.0, 0.0, 0.0, 0.0, v, w, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    off, unit = np.zeros(1), np.ones(1)
+    after = step_bodies(body, Controls(off, off, off, np.ones(1, bool), unit, unit), table, 0.001)
+    assert ((after.lateral_mps[0], after.yaw_rate_radps[0]) == (0.0, 0.0)) is still
+
+
+FOUR_WHEELED = [kind for kind in VEHICLE_CLASSES if kind not in TWO_WHEELED]
+TABLE = ParameterTable.of(FOUR_WHEELED, load_vehicle_parameters())
+COUNT = len(TABLE)
+
+
+def _rolling(speed_mps: float, yaw_rad: float = 0.0) -> BodyState:
+    zero = np.zeros(COUNT)
+    return BodyState.moving(zero, zero, np.full(COUNT, yaw_rad), np.full(COUNT, speed_mps))
+
+
+def _controls(
+    throttle: Floats | float = 0.0,
+    brake: Floats | float = 0.0,
+    steer_rad: Floats | float = 0.0,
+    hand_brake: bool = False,
+) -> Controls:
+    def wide(value: Floats | float) -> Floats:
+        return np.broadcast_to(np.asarray(value, dtype=np.float64), (COUNT,)).copy()
+
+    return Controls(
+        wide(throttle), wide(brake), wide(steer_rad), np.full(COUNT, hand_brake), np.ones(COUNT), np.ones(COUNT)
+    )
+
+
+def _driven(state: BodyState, steps: int, *, table: ParameterTable = TABLE, **commands: Any) -> BodyState:
+    controls = _controls(**commands)
+    for _ in range(steps):
+        state = step_bodies(state, controls, table, STEP_S)
+    return state
+
+
+def _cruise(speed_mps: float, steer_rad: float, duration_s: float, table: ParameterTable = TABLE) -> BodyState:
+    """Steers at a held speed: the throttle is set by feedback, as a speed controller would."""
+    state = _rolling(speed_mps)
+    integral = np.zeros(COUNT)
+    for _ in range(round(duration_s / STEP_S)):
+        gap = speed_mps - state.forward_mps
+        integral += 0.02 * gap
+        state = step_bodies(state, _controls(throttle=0.5 * gap + integral, steer_rad=steer_rad), table, STEP_S)
+    return state
+
+
+@pytest.mark.parametrize(("speed_mps", "steer_rad"), [(2.0, 0.5), (5.0, 0.1), (10.0, 0.05), (20.0, 0.01)])
+def test_steady_cornering_radius(speed_mps: float, steer_rad: float) -> None:
+    state = _cruise(speed_mps, steer_rad, 12.0)
+    rear_axle_radius_m = state.forward_mps / state.yaw_rate_radps
+    lateral = state.forward_mps * state.yaw_rate_radps
+    # Rajamani 2012, eq. 2.59 with the tangent in place of the small angle
+    expected = TABLE.wheelbase_m / np.tan(steer_rad - TABLE.understeer_gradient_s2pm * lateral)
+    np.testing.assert_allclose(rear_axle_radius_m, expected, rtol=0.05)
+
+
+def test_walking_pace_is_kinematic() -> None:
+    state = _cruise(0.5, 0.4, 6.0)
+    np.testing.assert_allclose(
+        state.yaw_rate_radps, state.forward_mps * np.tan(state.steer_rad) / TABLE.wheelbase_m, rtol=5e-3
+    )
+    np.testing.assert_allclose(state.lateral_mps, TABLE.cg_to_rear_axle_m * state.yaw_rate_radps, rtol=0.02)
+
+
+@pytest.mark.parametrize("speed_mps", [5.0, 14.0, 30.0])
+def test_braking_distance(speed_mps: float) -> None:
+    state = _driven(_rolling(speed_mps), 400, brake=1.0)
+    assert np.all(state.forward_mps == 0.0)
+    shortest = speed_mps**2 / (2.0 * TABLE.friction_coefficient * GRAVITY_MPS2)
+    longest = speed_mps**2 / (2.0 * 0.9 * TABLE.max_brake_decel_mps2) + speed_mps * TABLE.brake_lag_s
+    assert np.all(state.x_m > shortest)
+    assert np.all(state.x_m < longest)
+
+
+def test_half_brake_pedal_gives_half_the_deceleration() -> None:
+    state = _driven(_rolling(25.0), 30, brake=0.5)
+    drag = 0.5 * AIR_DENSITY_KGPM3 * TABLE.drag_area_m2 * state.forward_mps**2 / TABLE.mass_kg
+    expected = 0.5 * TABLE.max_brake_decel_mps2 + TABLE.rolling_resistance * GRAVITY_MPS2 + drag
+    np.testing.assert_allclose(-state.accel_mps2, expected, rtol=0.02)
+
+
+def test_top_speed_is_where_power_meets_resistance() -> None:
+    state = _driven(_rolling(30.0), 6000, throttle=1.0)
+    speed = state.forward_mps
+    drag = 0.5 * AIR_DENSITY_KGPM3 * TABLE.drag_area_m2 * speed**2
+    resistance = drag + TABLE.rolling_resistance * TABLE.mass_kg * GRAVITY_MPS2
+    np.testing.assert_allclose(resistance * speed, TABLE.drive_power_w, rtol=0.02)
+    assert np.all((speed > 100.0 / 3.6) & (speed < 270.0 / 3.6))
+
+
+@pytest.mark.parametrize(("throttle", "brake", "steer"), [(0.0, 0.0, 0.0), (0.0, 1.0, 0.4), (0.0, 0.0, -0.5)])
+def test_rest_is_rest_to_the_last_bit(throttle: float, brake: float, steer: float) -> None:
+    place = np.linspace(-1234.5678, 4321.1234, COUNT)
+    yaw = np.linspace(-np.pi, np.pi, COUNT)
+    start = BodyState.moving(place, place[::-1].copy(), yaw, np.zeros(COUNT))
+    state = _driven(start, 200, throttle=throttle, brake=brake, steer_rad=steer)
+    for name in ("x_m", "y_m", "yaw_rad", "forward_mps", "lateral_mps", "yaw_rate_radps"):
+        np.testing.assert_array_equal(getattr(state, name), getattr(start, name), err_msg=name)
+
+
+@pytest.mark.parametrize("steer_rad", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("speed_mps", [12.0, 25.0, 40.0])
+def test_friction_caps_acceleration(speed_mps: float, steer_rad: float) -> None:
+    state = _rolling(speed_mps)
+    for _ in range(80):
+        state = step_bodies(state, _controls(throttle=0.2, steer_rad=steer_rad), TABLE, STEP_S)
+        limit = TABLE.friction_coefficient * GRAVITY_MPS2
+        assert np.all(np.abs(state.lateral_accel_mps2) <= 1.01 * limit)
+        assert np.all(np.abs(state.accel_mps2) <= 1.05 * limit)
+
+
+def test_hard_steering_reaches_the_limit_of_grip() -> None:
+    state = _driven(_rolling(20.0), 40, steer_rad=0.25)
+    limit = TABLE.friction_coefficient * GRAVITY_MPS2
+    assert np.all(np.hypot(state.lateral_accel_mps2, state.accel_mps2) > 0.7 * limit)
+
+
+def test_braking_in_a_turn_takes_from_the_lateral_force() -> None:
+    start = _cruise(20.0, 0.05, 3.0)
+    free, braked = _driven(start, 6, steer_rad=0.3), _driven(start, 6, brake=1.0, steer_rad=0.3)
+    assert np.all(np.abs(braked.lateral_accel_mps2) < np.abs(free.lateral_accel_mps2))
+
+
+def test_hand_brake_stops_and_holds() -> None:
+    state = _driven(_rolling(8.0), 200, hand_brake=True)
+    assert np.all(state.forward_mps == 0.0)
+    held = _driven(state, 1, throttle=0.05, hand_brake=True)
+    np.testing.assert_array_equal(held.x_m, state.x_m)
+
+
+def test_steering_keeps_rate_and_range() -> None:
+    state = _rolling(3.0)
+    previous = state.steer_rad
+    for _ in range(100):
+        state = step_bodies(state, _controls(steer_rad=9.0), TABLE, STEP_S)
+        assert np.all(state.steer_rad - previous <= TABLE.max_steer_rate_radps * STEP_S * (1.0 + 1e-9))
+        previous = state.steer_rad
+    np.testing.assert_allclose(state.steer_rad, TABLE.max_steer_rad, rtol=1e-6)
+
+
+def test_pedals_lag_by_first_order() -> None:
+    state = _driven(_rolling(10.0), 1, throttle=1.0)
+    np.testing.assert_allclose(state.throttle, 1.0 - np.exp(-STEP_S / TABLE.throttle_lag_s))
+    state = _driven(_rolling(10.0), 1, brake=7.0)
+    np.testing.assert_allclose(state.brake, 1.0 - np.exp(-STEP_S / TABLE.brake_lag_s))
+
+
+def test_motion_does_not_depend_on_place_or_direction() -> None:
+    turned = 2.0
+    here, there = (_driven(_rolling(10.0, yaw), 60, throttle=0.3, steer_rad=0.05) for yaw in (0.0, turned))
+    np.testing.assert_allclose(there.x_m, here.x_m * np.cos(turned) - here.y_m * np.sin(turned), atol=1e-9)
+    np.testing.assert_allclose(there.y_m, here.x_m * np.sin(turned) + here.y_m * np.cos(turned), atol=1e-9)
+    assert np.all(np.abs(there.yaw_rad) <= np.pi)
+
+
+def test_left_and_right_mirror_each_other() -> None:
+    left, right = (_driven(_rolling(12.0), 40, throttle=0.2, steer_rad=steer) for steer in (0.1, -0.1))
+    np.testing.assert_allclose(left.x_m, right.x_m, atol=1e-12)
+    np.testing.assert_allclose(left.y_m, -right.y_m, atol=1e-12)
+
+
+def test_finer_substeps_change_little() -> None:
+    coarse = fine = _rolling(15.0)
+    for _ in range(60):
+        coarse = step_bodies(coarse, _controls(0.3, 0.0, 0.06), TABLE, STEP_S)
+        for _ in range(10):
+            fine = step_bodies(fine, _controls(0.3, 0.0, 0.06), TABLE, STEP_S / 10.0)
+    np.testing.assert_allclose(coarse.x_m, fine.x_m, atol=0.15)
+    np.testing.assert_allclose(coarse.y_m, fine.y_m, atol=0.15)
+
+
+@pytest.mark.parametrize(("kind", "speed_mps"), [(ActorClass.BICYCLE, 6.0), (ActorClass.MOTORCYCLE, 12.0)])
+def test_two_wheels_turn_steadily_at_their_speeds(kind: ActorClass, speed_mps: float) -> None:
+    """They follow the single-track model's circle, and finer substeps change little."""
+    table = ParameterTable.of([kind], load_vehicle_parameters())
+    coarse = fine = BodyState.moving(*(np.array([value]) for value in (0.0, 0.0, 0.0, speed_mps)))
+    throttle, brake, steer_rad, one = (np.array([value]) for value in (0.1, 0.0, 0.06, 1.0))
+    turning = Controls(throttle, brake, steer_rad, np.array([False]), one, one)
+    for _ in range(60):
+        coarse = step_bodies(coarse, turning, table, STEP_S)
+        for _ in range(10):
+            fine = step_bodies(fine, turning, table, STEP_S / 10.0)
+    assert np.hypot(coarse.x_m - fine.x_m, coarse.y_m - fine.y_m)[0] < 0.15
+    speed, rate = float(coarse.forward_mps[0]), float(coarse.yaw_rate_radps[0])
+    slip_rad = 0.06 - float(table.understeer_gradient_s2pm[0]) * speed * rate
+    assert speed / rate == pytest.approx(float(table.wheelbase_m[0]) / np.tan(slip_rad), rel=0.06)
+
+
+def test_rows_do_not_influence_each_other(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
+    alone = ParameterTable.of([ActorClass.BUS], parameters)
+    row = FOUR_WHEELED.index(ActorClass.BUS)
+    many = _rolling(8.0)
+    bus = many.select(np.array([row]))
+    command = _controls(0.4, 0.0, 0.2)
+    single = Controls(*(getattr(command, field.name)[[row]] for field in fields(Controls)))
+    for _ in range(30):
+        many, bus = step_bodies(many, command, TABLE, STEP_S), step_bodies(bus, single, alone, STEP_S)
+    for field in fields(BodyState):
+        np.testing.assert_allclose(getattr(bus, field.name)[0], getattr(many, field.name)[row], rtol=1e-12, atol=1e-12)
+
+
+COMMANDS = st.lists(
+    st.tuples(st.floats(-0.5, 1.5), st.floats(-0.5, 1.5), st.floats(-1.5, 1.5), st.booleans(), st.integers(1, 12)),
+    min_size=1,
+    max_size=6,
+)
+
+
+@settings(max_examples=30, deadline=None)
+@given(speed_mps=st.floats(0.0, 40.0), yaw_rad=st.floats(-3.1, 3.1), commands=COMMANDS)
+@example(
+    speed_mps=36.0,
+    yaw_rad=0.0,
+    commands=[
+        (0.0, 1.0, -1.0, False, 2),
+        (1.0, 0.0, -1.0, True, 4),
+        (1.0, 1.0, 0.0, True, 3),
+        (0.0, 0.0, 0.0, True, 4),
+        (1.0, 0.5, 1.0, True, 4),
+        (0.0, 1.0, 1.0, True, 5),
+    ],
+)
+def test_motion_is_continuous_and_finite(
+    speed_mps: float, yaw_rad: float, commands: list[tuple[float, float, float, bool, int]]
+) -> None:
+    state = _rolling(speed_mps, yaw_rad)
+    for throttle, brake, steer, hand, repeats in commands:
+        for _ in range(repeats):
+            vx, vy = state.velocity_mps(TABLE)
+            following = step_bodies(state, _controls(throttle, brake, steer, hand), TABLE, STEP_S)
+            for field in fields(BodyState):
+                assert np.all(np.isfinite(getattr(following, field.name))), field.name
+            wx, wy = following.velocity_mps(TABLE)
+            moved_x, moved_y = following.x_m - state.x_m, following.y_m - state.y_m
+            assert np.all(np.hypot(moved_x, moved_y) <= np.hypot(vx, vy) * STEP_S + 0.05)
+            # The speed is the derivative of the position: displacement against the mean of both velocities. A body that
+            # spins while it slides is turned once in each substep, so that its displacement is half a substep late.
+            spin_radps = np.maximum(np.abs(state.yaw_rate_radps), np.abs(following.yaw_rate_radps))
+            late = STEP_S * np.hypot(vx, vy) * 0.5 * SUBSTEP_S * spin_radps
+            error = np.hypot(moved_x - 0.5 * STEP_S * (vx + wx), moved_y - 0.5 * STEP_S * (vy + wy))
+            assert np.all(error < 0.03 + late)
+            state = following
+
+
+@settings(max_examples=20, deadline=None)
+@given(speed_mps=st.floats(0.0, 40.0), brake=st.floats(0.05, 1.0), grip_share=st.floats(-0.4, 0.4), hand=st.booleans())
+@example(speed_mps=2.0, brake=0.875, grip_share=0.25, hand=False)
+def test_braking_never_moves_backwards(speed_mps: float, brake: float, grip_share: float, hand: bool) -> None:
+    """In turns within the tyres' grip: who spins may well end up rolling backwards."""
+    state = _rolling(speed_mps)
+    grip = TABLE.friction_coefficient * GRAVITY_MPS2
+    steer_rad = 0.0 if hand else grip_share * grip * TABLE.wheelbase_m / max(speed_mps, 6.0) ** 2
+    for _ in range(160):
+        following = step_bodies(state, _controls(0.0, brake, steer_rad, hand), TABLE, STEP_S)
+        assert np.all(following.forward_mps >= 0.0)
+        assert np.all(following.forward_mps <= state.forward_mps)
+        heading = 0.5 * (state.yaw_rad + following.yaw_rad)  # who turns slips sideways against the heading before
+        ahead = (following.x_m - state.x_m) * np.cos(heading) + (following.y_m - state.y_m) * np.sin(heading)
+        assert np.all(ahead >= -1e-9)
+        state = following

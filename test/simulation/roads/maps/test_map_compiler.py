@@ -1,0 +1,291 @@
+import gzip
+import hashlib
+import logging
+import subprocess
+import sys
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from defusedxml.ElementTree import fromstring
+from made_district import HALF_M, LAT_LON_DEG, MIDDLES_M, SIGNALS, STOPS, place_m
+from repository import shared_file
+
+from siren_ros.errors import InputError, MapError
+from siren_ros.simulation.roads.maps import map_compiler
+from siren_ros.simulation.roads.maps.map_compiler import (
+    BUILT_IN_MAPS,
+    compile_map,
+    default_cache_dir,
+    lowered_limits,
+    name_of_map,
+    source_sha256_of,
+    with_shoulders_in_use,
+    with_speed_limit,
+)
+from siren_ros.simulation.roads.maps.map_source import SourceKind
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import JunctionKind, LaneKind
+from siren_ros.simulation.roads.routing import driving_lanes
+
+OSM = """<?xml version="1.0"?><osm version="0.6">
+<node id="1" lat="52.52" lon="13.395" version="1"/><node id="3" lat="52.52" lon="13.405" version="1"/>
+<node id="2" lat="52.52" lon="13.400" version="1"><tag k="highway" v="traffic_signals"/></node>
+<node id="4" lat="52.517" lon="13.400" version="1"/><node id="5" lat="52.523" lon="13.400" version="1"/>
+<way id="10" version="1"><nd ref="1"/><nd ref="2"/><nd ref="3"/><tag k="highway" v="primary"/>
+<tag k="lanes" v="4"/><tag k="maxspeed" v="50"/><tag k="sidewalk" v="both"/><tag k="name" v="A Street"/></way>
+<way id="11" version="1"><nd ref="4"/><nd ref="2"/><nd ref="5"/><tag k="highway" v="residential"/></way>
+<way id="12" version="1"><nd ref="1"/><nd ref="4"/><tag k="railway" v="rail"/></way></osm>"""
+
+
+@pytest.fixture(scope="module")
+def town(cache):
+    return compile_map(None, cache)
+
+
+def test_the_hash_is_that_of_the_file_and_the_second_time_is_the_cache(town, cache, monkeypatch):
+    assert hashlib.sha256(town.net_path.read_bytes()).hexdigest() == town.sha256
+    assert (town.name, town.kind) == ("town", SourceKind.BUILT_IN)
+
+    def no_compilation(*_):
+        pytest.fail("compiled again")
+
+    monkeypatch.setattr(map_compiler, "run_netconvert", no_compilation)
+    assert compile_map(None, cache) == town
+
+
+def test_a_compilation_is_told_to_the_logger_and_a_map_from_the_cache_is_not(tmp_path, caplog):
+    caplog.set_level(logging.INFO, "siren_ros")
+    for said in (1, 1):
+        compile_map(None, tmp_path)
+        assert [record.name for record in caplog.records if "compiling the map" in record.message] == [
+            "siren_ros"
+        ] * said
+
+
+def test_the_bytes_do_not_depend_on_when_or_where_they_were_made(town, tmp_path):
+    again = compile_map(None, tmp_path / "elsewhere")
+    assert again.sha256 == town.sha256
+    assert b"generated on" not in again.read_bytes()
+
+
+def test_concurrent_compilations_agree_and_leave_one_file(tmp_path):
+    with ThreadPoolExecutor(3) as pool:
+        results = list(pool.map(lambda _: compile_map(None, tmp_path), range(3)))
+    assert len({result.sha256 for result in results}) == 1
+    assert [path.name for path in tmp_path.iterdir()] == [results[0].net_path.name]
+
+
+def test_a_compiled_net_is_a_map_itself(town, tmp_path):
+    plain, packed = tmp_path / "mine.net.xml", tmp_path / "packed.net.xml.gz"
+    plain.write_bytes(town.read_bytes().replace(b"<net ", b"<!-- generated on <net> day -->\n<net ", 1))
+    packed.write_bytes(gzip.compress(town.read_bytes()))
+    first, second = (compile_map(path, tmp_path / "cache") for path in (plain, packed))
+    assert first.read_bytes() == second.read_bytes()
+    assert (first.name, second.name) == ("mine", "packed")
+    assert first.kind is SourceKind.SUMO
+    assert parse_road_network(first.read_bytes()).edges
+
+
+def test_opendrive_keeps_its_coordinates(district):
+    """The first street leads from its first junction ahead: its inner lane is 1.75 m to the right of its middle."""
+    assert district.sumo_offset_m == (0.0, 0.0)
+    assert district.origin_lat_lon_deg == pytest.approx(LAT_LON_DEG, abs=1e-6)
+    inner = driving_lanes(district, district.edge_by_id["-1"].index)[-1].centre.points
+    assert inner[0] == pytest.approx(place_m(HALF_M, -1.75), abs=0.01)
+    assert inner[-1] == pytest.approx(place_m(300.0 - HALF_M, -1.75), abs=0.01)
+    for name, middle in MIDDLES_M.items():
+        away_m = np.hypot(*(district.junctions[name].outline - place_m(*middle)).T)
+        assert 19.9 < away_m.min() < away_m.max() < 24.0
+
+
+def test_opendrive_signs_and_signals_control_junctions(district):
+    kinds = {name: junction.kind for name, junction in district.junctions.items()}
+    assert [name for name, kind in kinds.items() if kind is JunctionKind.SIGNAL] == list(SIGNALS)
+    assert [name for name, kind in kinds.items() if kind is JunctionKind.ALL_WAY_STOP] == list(STOPS)
+    assert {c.junction for c in district.connections if c.must_stop} == set(STOPS)
+    assert all((c.signal_id is not None) == (kinds[c.junction] is JunctionKind.SIGNAL) for c in district.connections)
+    assert "t" not in {c.direction for c in district.connections}
+
+
+def test_opendrive_signals_give_green_to_one_approach_at_a_time(district, cache):
+    net = fromstring(compile_map(cache / "district.xodr", cache).read_bytes())
+    programs = list(net.iterfind("tlLogic"))
+    assert len(programs) == len(SIGNALS)
+    for program in programs:
+        links = [link for link in district.connections if link.signal_id == program.get("id")]
+        links = [link for link in links if district.lanes[link.from_lane].kind is LaneKind.DRIVING]
+        greens = [phase.get("state") for phase in program.iterfind("phase") if "G" in phase.get("state")]
+        served = [
+            {district.lanes[link.from_lane].edge for link in links if state[link.signal_link] in "Gg"}
+            for state in greens
+        ]
+        assert all(len(edges) == 1 for edges in served)
+        assert {min(edges) for edges in served} == {district.lanes[link.from_lane].edge for link in links}
+
+
+def test_opendrive_shoulders_are_open_to_emergency_vehicles_alone(district):
+    shoulders = [lane for lane in district.lanes if lane.kind is LaneKind.SHOULDER]
+    assert len(shoulders) == len([edge for edge in district.edges if not edge.internal]) == 28
+    for lane in shoulders:
+        assert lane.emergency_allowed
+        assert not lane.civilian_allowed
+        assert lane.width_m == pytest.approx(2.2)
+        assert district.neighbour(lane, 1).kind is LaneKind.DRIVING
+    for lane in district.lanes:
+        if lane.kind in {LaneKind.SIDEWALK, LaneKind.KERB}:
+            assert (lane.emergency_allowed, lane.civilian_allowed) == (False, False)
+        if lane.kind is LaneKind.DRIVING:
+            assert lane.civilian_allowed
+            assert lane.width_m == pytest.approx(3.5)
+
+
+def test_shoulder_paths_follow_right_turns(district):
+    """There are four such turns at a junction of four streets, and two at one of three."""
+    turns = [
+        c for c in district.connections if c.direction == "r" and district.lanes[c.from_lane].kind is LaneKind.SHOULDER
+    ]
+    assert Counter(c.junction for c in turns) == {"100": 4, "101": 4, "102": 2, "110": 2, "111": 4, "112": 2}
+    assert all(c.via for c in turns)
+
+
+def test_the_papers_map_has_its_signals_stop_signs_and_shoulders(cache):
+    """Junction 134 lies around CARLA (26…57, 53…75), where y points the other way."""
+    town10 = parse_road_network(compile_map(shared_file("maps", "Town10HD_Opt.xodr"), cache).read_bytes())
+    assert (town10.sumo_offset_m, town10.origin_lat_lon_deg) == ((0.0, 0.0), pytest.approx((0.0, 0.0), abs=1e-12))
+    outline = town10.junctions["134"].outline
+    assert 20.0 < outline[:, 0].min() < 30.0
+    assert 55.0 < outline[:, 0].max() < 62.0
+    assert -82.0 < outline[:, 1].min() < outline[:, 1].max() < -50.0
+    kinds = {name: junction.kind for name, junction in town10.junctions.items()}
+    assert {name for name, kind in kinds.items() if kind is JunctionKind.SIGNAL} == {"189", "23", "468", "532", "719"}
+    assert [name for name, kind in kinds.items() if kind is JunctionKind.ALL_WAY_STOP] == ["134"]
+    shoulders = {lane.index: lane for lane in town10.lanes if lane.kind is LaneKind.SHOULDER}
+    assert len(shoulders) >= 40
+    assert all(2.0 <= lane.width_m <= 2.5 for lane in shoulders.values())
+    assert len([c for c in town10.connections if c.direction == "r" and c.from_lane in shoulders]) == 20
+
+
+def test_openstreetmap_gives_a_network_around_its_own_origin(tmp_path):
+    path = tmp_path / "city.osm"
+    path.write_text(OSM)
+    compiled = compile_map(path, tmp_path / "cache")
+    network = parse_road_network(compiled.read_bytes())
+    assert (compiled.kind, compiled.name) == (SourceKind.OPENSTREETMAP, "city")
+    assert network.projection.startswith("+proj=utm +zone=33")
+    assert network.origin_lat_lon_deg == pytest.approx((52.52, 13.40), abs=1e-4)
+    assert np.abs(np.concatenate([lane.centre.points for lane in network.lanes])).max() < 400.0
+    assert network.junctions["2"].kind is JunctionKind.SIGNAL
+    assert {edge.name for edge in network.edges if not edge.internal} == {"A Street", ""}
+    assert {lane.kind for lane in network.lanes} >= {LaneKind.DRIVING, LaneKind.SIDEWALK}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        *[("empty.xodr", b"<OpenDRIVE/>", "netconvert"), ("empty.osm", b'<osm version="0.6"/>', "netconvert")],
+        ("broken.osm", b'<osm version="0.6"><node id="1"></osm>', "netconvert"),
+        *[("empty.net.xml", b"<net/>", "lane"), ("page.xml", b"<html/>", "OpenDRIVE map")],
+    ],
+)
+def test_unusable_maps_are_refused_and_leave_nothing_behind(tmp_path, name, content, reason):
+    path = tmp_path / name
+    path.write_bytes(content)
+    cache = tmp_path / "cache"
+    with pytest.raises(MapError, match=reason):
+        compile_map(path, cache)
+    assert not cache.exists()
+
+
+def test_an_unwritable_cache_is_named(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(InputError, match="SIREN_CACHE_DIR"):
+        compile_map(None, blocked / "cache")
+
+
+def test_the_environment_says_where_the_cache_is(monkeypatch, tmp_path):
+    monkeypatch.setenv("SIREN_CACHE_DIR", str(tmp_path / "own"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert default_cache_dir() == tmp_path / "own"
+    monkeypatch.delenv("SIREN_CACHE_DIR")
+    assert default_cache_dir() == tmp_path / "xdg" / "siren"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert default_cache_dir() == tmp_path / ".cache" / "siren"
+
+
+def test_another_process_gets_the_same_bytes(town, tmp_path):
+    program = (
+        "import sys, pathlib; from siren_ros.simulation.roads.maps.map_compiler import compile_map; "
+        "print(compile_map(None, pathlib.Path(sys.argv[1])).sha256)"
+    )
+    folder = str(Path(map_compiler.__file__).parents[2])
+    environment = {"PYTHONPATH": folder, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"}
+    command = [sys.executable, "-c", program, str(tmp_path)]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert answer.stdout.strip() == town.sha256
+
+
+NET = (
+    b'<net><edge id="a"><lane id="a_0" speed="13.89" length="10.00"/>'
+    b'<lane id="a_1" speed="5.00" length="10.00"/></edge></net>'
+)
+
+
+def test_only_higher_limits_are_lowered():
+    lowered = lowered_limits(NET, 8.333)
+    assert b'id="a_0" speed="8.33" length="10.00"' in lowered
+    assert b'id="a_1" speed="5.00" length="10.00"' in lowered
+    assert (lowered_limits(lowered, 8.333), lowered_limits(NET, 14.0)) == (lowered, NET)
+
+
+def test_a_map_keeps_everything_but_its_limits(tmp_path):
+    town = compile_map(None, tmp_path)
+    slow = with_speed_limit(town, 8.333)
+    before, after = (parse_road_network(compiled.read_bytes()) for compiled in (town, slow))
+    assert max(lane.speed_limit_mps for lane in before.lanes) > 13.0
+    assert max(lane.speed_limit_mps for lane in after.lanes) == pytest.approx(8.33)
+    assert [lane.lane_id for lane in before.lanes] == [lane.lane_id for lane in after.lanes]
+    assert all(a.length_m == b.length_m for a, b in zip(before.lanes, after.lanes, strict=True))
+    assert slow.sha256 != town.sha256
+    assert (with_speed_limit(town, 8.333), with_speed_limit(town, 50.0)) == (slow, replace(town))
+
+
+def test_shoulders_in_use_are_open_to_nobody_and_all_else_stays(tmp_path):
+    town = compile_map(None, tmp_path)
+    taken = with_shoulders_in_use(town)
+    before, after = (parse_road_network(compiled.read_bytes()) for compiled in (town, taken))
+    shoulders = {lane.index for lane in before.lanes if lane.kind is LaneKind.SHOULDER}
+    assert shoulders
+    assert not any(after.lanes[index].emergency_allowed for index in shoulders)
+    assert {after.lanes[index].kind for index in shoulders} == {LaneKind.KERB}
+    driving = [lane.index for lane in before.lanes if lane.kind is LaneKind.DRIVING]
+    assert [lane.index for lane in after.lanes if lane.kind is LaneKind.DRIVING] == driving
+    assert not any({c.from_lane, c.to_lane} & shoulders for c in after.connections)
+    assert sum(map(before.is_civilian, before.connections)) == sum(map(after.is_civilian, after.connections))
+    assert with_shoulders_in_use(taken) == taken
+    assert with_shoulders_in_use(town) == taken
+
+
+def test_a_lowered_map_is_found_again_in_the_cache(tmp_path, monkeypatch):
+    town = compile_map(None, tmp_path)
+    slow = with_speed_limit(town, 8.333)
+    monkeypatch.setattr("siren_ros.simulation.roads.maps.map_compiler.lowered_limits", None)
+    assert with_speed_limit(town, 8.333) == slow
+
+
+@pytest.mark.parametrize("name", BUILT_IN_MAPS)
+def test_built_in_maps_have_names(name, cache):
+    compiled = compile_map(Path(name), cache)
+    assert (compiled.name, compiled.kind, name_of_map(Path(name))) == (name, SourceKind.BUILT_IN, name)
+    assert compiled.source_sha256 == source_sha256_of(Path(name))
+    assert (compiled == compile_map(None, cache)) == (name == "town")
+
+
+def test_a_name_that_is_no_built_in_map_is_a_file():
+    with pytest.raises(MapError, match="city or motorway for a built-in map"):
+        compile_map(Path("motorways"))

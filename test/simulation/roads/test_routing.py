@@ -1,0 +1,235 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, SOUTH, A, B, C, D, M, N, streets
+
+from siren_ros.errors import InputError
+from siren_ros.simulation.roads import routing
+from siren_ros.simulation.roads.road_network import LaneKind
+
+
+@pytest.fixture(scope="module")
+def graph(town):
+    return routing.EdgeGraph.of(town)
+
+
+def edges(town, names):
+    return [town.edge_by_id[name].index for name in names.split()]
+
+
+def names(town, indices):
+    return " ".join(town.lanes[index].lane_id for index in indices)
+
+
+def test_shortest_path_takes_the_short_way(town, graph):
+    start, goal = edges(town, "west_n_0 oak_e_1")
+    path = routing.shortest_path(graph, start, goal)
+    assert [town.edges[edge].edge_id for edge in path] == ["west_n_0", "west_n_1", "oak_e_0", "oak_e_1"]
+
+
+def test_shortest_path_avoids_what_it_must(town, graph):
+    start, goal, refused = edges(town, "west_n_0 oak_e_1 west_n_1")
+    path = routing.shortest_path(graph, start, goal, avoid=[refused])
+    assert path is not None
+    assert refused not in path
+    assert graph.route_length_m(path) > graph.route_length_m(routing.shortest_path(graph, start, goal))
+
+
+def test_no_way_back_from_where_traffic_leaves(town, graph):
+    start, goal = edges(town, "main_e_3 main_e_0")
+    assert routing.shortest_path(graph, start, goal) is None
+    assert routing.shortest_path(graph, start, start) == (start,)
+
+
+def test_driving_lanes_leave_out_shoulder_and_sidewalk(town):
+    assert [lane.position for lane in routing.driving_lanes(town, *edges(town, "main_e_1"))] == [2, 3]
+
+
+def test_the_leftmost_of_several_lanes_is_one_for_driving(town):
+    (several,) = edges(town, "main_e_1")
+    found = [lane for lane in town.edges[several].lanes if routing.is_leftmost_of_several(town, lane)]
+    assert names(town, found) == "main_e_1_3"
+    single = [edge for edge in town.edges if len(routing.driving_lanes(town, edge.index)) < 2]
+    assert single
+    assert not any(routing.is_leftmost_of_several(town, lane) for edge in single for lane in edge.lanes)
+
+
+def test_a_path_keeps_its_lane_through_junctions(town):
+    lanes = routing.route_path(town, edges(town, "main_e_1 main_e_2 main_e_3"), town.lane_by_id["main_e_1_3"].index)
+    outside = [town.lanes[index].lane_id for index in lanes if town.lanes[index].kind is not LaneKind.INTERNAL]
+    assert outside == ["main_e_1_3", "main_e_2_3", "main_e_3_2"]
+    assert sum(town.lanes[index].kind is LaneKind.INTERNAL for index in lanes) >= 2
+
+
+def test_a_path_changes_into_the_pocket_for_a_left_turn(town):
+    lanes = routing.route_path(town, edges(town, "main_e_1 main_e_2 east_n_1"), town.lane_by_id["main_e_1_2"].index)
+    outside = [town.lanes[index].lane_id for index in lanes if town.lanes[index].kind is not LaneKind.INTERNAL]
+    changes = [(a, b) for a, b in pairwise(outside) if town.lane_by_id[a].edge == town.lane_by_id[b].edge]
+    assert outside[-2:] == ["main_e_2_4", "east_n_1_2"]
+    assert len(changes) == 2
+
+
+def test_a_path_that_starts_on_the_shoulder_stays_on_it_round_the_turn(town):
+    lanes = routing.route_path(town, edges(town, "main_w_1 main_w_2 west_n_1"), town.lane_by_id["main_w_1_1"].index)
+    outside = [town.lanes[index].kind for index in lanes if town.lanes[index].kind is not LaneKind.INTERNAL]
+    assert outside == [LaneKind.SHOULDER] * 3
+
+
+def test_a_path_that_starts_on_a_driving_lane_never_uses_the_shoulder(town):
+    lanes = routing.route_path(town, edges(town, "main_w_1 main_w_2 west_n_1"), town.lane_by_id["main_w_1_2"].index)
+    assert LaneKind.SHOULDER not in {town.lanes[index].kind for index in lanes}
+
+
+@pytest.mark.parametrize("route", ["main_e_1 main_e_3", "main_e_3 main_e_0"])
+def test_edges_that_do_not_follow_one_another_are_refused(town, route):
+    sequence = edges(town, route)
+    with pytest.raises(InputError, match="follow one another"):
+        routing.route_path(town, sequence, routing.driving_lanes(town, sequence[0])[0].index)
+
+
+def test_a_start_lane_elsewhere_is_refused(town):
+    with pytest.raises(InputError, match="begin at the start lane"):
+        routing.route_path(town, edges(town, "main_e_1"), town.lane_by_id["main_w_1_2"].index)
+
+
+def test_the_centre_of_a_path_is_continuous_and_as_long_as_the_road(town, graph):
+    route = edges(town, "main_e_0 main_e_1 main_e_2 east_n_1")
+    centre = routing.path_centre(town, routing.route_path(town, route, town.lane_by_id["main_e_0_1"].index))
+    assert centre.length_m == pytest.approx(graph.route_length_m(route), rel=0.05)
+    turns = np.abs(np.diff(np.unwrap(centre.resampled(2.0).heading_rad(np.arange(0.0, centre.length_m, 2.0)))))
+    assert turns.max() < 0.35
+
+
+def test_endless_edges_are_those_of_the_blocks(town, graph):
+    endless = {town.edges[index].edge_id for index in graph.endless_edges()}
+    assert {"main_e_1", "north_w_0", "oak_e_0", "west_n_0"} <= endless
+    assert endless.isdisjoint({"main_e_3", "main_w_3", "west_s_4", "east_s_2", "west_n_3", "centre_n_1"})
+
+
+def test_route_length_counts_the_ways_across_junctions(town, graph):
+    route = edges(town, "main_e_in main_e_0 main_e_1 main_e_2 main_e_3")
+    assert graph.route_length_m(route) == pytest.approx(1000.0, abs=0.5)
+
+
+def test_connections_between_are_ordered_from_the_right(town):
+    edge, ahead = edges(town, "main_w_2 main_w_3")
+    lanes = [town.lanes[connection.from_lane].position for connection in routing.connections_between(town, edge, ahead)]
+    assert lanes == [1, 2, 3]
+
+
+def graph_of(lengths_m, *ways):
+    """Edges by their lengths, and which of them follow which; no shapes."""
+    ahead = [tuple(sorted(b for a, b in ways if a == edge)) for edge in range(len(lengths_m))]
+    behind = [tuple(sorted(a for a, b in ways if b == edge)) for edge in range(len(lengths_m))]
+    return routing.EdgeGraph(streets(), tuple(ahead), tuple(behind), tuple(lengths_m))
+
+
+DIAMOND = ((0, 1), (0, 2), (1, 3), (2, 3))
+
+
+@pytest.mark.parametrize(
+    ("lengths", "avoid", "route"),
+    [
+        *[((10.0, 5.0, 4.0, 1.0), (), (0, 2, 3)), ((10.0, 4.0, 5.0, 1.0), (), (0, 1, 3))],
+        *[((10.0, 5.0, 5.0, 1.0), (), (0, 1, 3)), ((10.0, 5.0, 4.0, 1.0), (2,), (0, 1, 3))],
+        *[((10.0, 5.0, 4.0, 1.0), (1, 2), None), ((10.0, 5.0, 4.0, 1.0), (3,), None)],
+        ((10.0, 5.0, 4.0, 1.0), (0,), (0, 2, 3)),
+    ],
+)
+def test_the_shortest_of_two_ways_and_of_equals_the_one_with_the_smaller_index(lengths, avoid, route):
+    assert routing.shortest_path(graph_of(lengths, *DIAMOND), 0, 3, avoid) == route
+
+
+def test_a_longer_first_edge_may_begin_the_shorter_way():
+    """By the short first edge 0-1-2-3-5 takes 8, by the long one 0-4-5 takes 7."""
+    graph = graph_of((1.0, 1.0, 3.0, 2.0, 5.0, 1.0), (0, 1), (1, 2), (2, 3), (3, 5), (0, 4), (4, 5))
+    assert (routing.shortest_path(graph, 0, 5), routing.shortest_path(graph, 2, 2)) == ((0, 4, 5), (2,))
+    assert routing.shortest_path(graph, 5, 0) is None
+
+
+def test_endless_are_the_edges_from_which_a_loop_can_be_reached():
+    """0 and 1 are a loop; 2 leads into it; 3 is a dead end, 4 leads there alone, 5 to both."""
+    graph = graph_of([1.0] * 7, (0, 1), (1, 0), (2, 0), (1, 3), (4, 3), (5, 4), (5, 0), (6, 4))
+    assert graph.endless_edges() == {0, 1, 2, 5}
+    assert graph_of([1.0] * 3, (0, 1), (1, 2)).endless_edges() == frozenset()
+
+
+NETWORK = streets()
+
+
+def test_a_path_keeps_its_lane_and_changes_as_soon_as_the_route_needs_it():
+    """To the south only the right lane leads; the paths across the junctions are lanes 9 and on."""
+    assert routing.route_path(NETWORK, (A, B, C), A_RIGHT) == (A_RIGHT, 9, B_RIGHT, 11, C_RIGHT)
+    assert routing.route_path(NETWORK, (A, B, C), A_LEFT) == (A_LEFT, 10, B_LEFT, 12, C_LEFT)
+    assert routing.route_path(NETWORK, (A, B, D), A_LEFT) == (A_LEFT, A_RIGHT, 9, B_RIGHT, 13, SOUTH)
+    assert routing.route_path(NETWORK, (B, D), B_LEFT) == (B_LEFT, B_RIGHT, 13, SOUTH)
+    assert routing.route_path(NETWORK, (A,), A_LEFT) == (A_LEFT,)
+    with pytest.raises(InputError):
+        routing.route_path(NETWORK, (A, C), A_LEFT)
+    with pytest.raises(InputError):
+        routing.route_path(NETWORK, (), A_LEFT)
+
+
+def test_where_a_road_gets_wider_a_path_keeps_its_place_counted_from_the_left():
+    """A third lane joins on the right; from the left lane one may go on in any of the three."""
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    added = replace(lanes[C_RIGHT], index=len(lanes), lane_id="c_new", centre=lanes[C_RIGHT].centre)
+    lanes[C_RIGHT], lanes[C_LEFT] = replace(lanes[C_RIGHT], position=1), replace(lanes[C_LEFT], position=2)
+    edges[C] = replace(edges[C], lanes=(added.index, C_RIGHT, C_LEFT))
+    straight = NETWORK.connections[2]
+    ways = [
+        replace(straight, from_lane=source, to_lane=target, via=())
+        for source in (B_RIGHT, B_LEFT)
+        for target in (added.index, C_RIGHT, C_LEFT)
+    ]
+    network = replace(NETWORK, lanes=(*lanes, added), edges=tuple(edges), connections=tuple(ways))
+    assert routing.route_path(network, (B, C), B_LEFT) == (B_LEFT, C_LEFT)
+    assert routing.route_path(network, (B, C), B_RIGHT) == (B_RIGHT, C_RIGHT)
+
+
+@pytest.mark.parametrize("kinds", [(LaneKind.SHOULDER, LaneKind.DRIVING), (LaneKind.DRIVING, LaneKind.SHOULDER)])
+def test_a_lane_change_does_not_lead_over_a_shoulder(kinds):
+    """A third lane lies to the right of the two; where the one between is a shoulder it cannot be reached."""
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    lanes[B_RIGHT], lanes[B_LEFT] = replace(lanes[B_RIGHT], kind=kinds[0]), replace(lanes[B_LEFT], kind=kinds[1])
+    network = replace(NETWORK, lanes=tuple(lanes), edges=tuple(edges))
+    if kinds[1] is LaneKind.DRIVING:
+        assert routing.route_path(network, (B, C), B_LEFT) == (B_LEFT, 12, C_LEFT)
+        with pytest.raises(InputError):
+            routing.route_path(network, (B, D), B_LEFT)
+    else:
+        assert routing.route_path(network, (B, D), B_RIGHT) == (B_RIGHT, 13, SOUTH)
+        assert routing.route_path(network, (B, C), B_LEFT) == (B_LEFT, 12, C_LEFT)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "start", "end"), [(A_LEFT, A_RIGHT, -1.75, -5.25), (A_RIGHT, A_LEFT, -5.25, -1.75)]
+)
+def test_a_lane_change_takes_the_middle_half_of_its_edge_along_half_a_cosine(first, second, start, end):
+    x, y = routing.path_centre(NETWORK, (first, second)).points.T
+    share = np.clip((x + 310.0 - 50.0) / 100.0, 0.0, 1.0)
+    assert y == pytest.approx(start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * share)), abs=1e-6)
+    assert (x[0], x[-1]) == pytest.approx((-310.0, -110.0))
+
+
+def test_the_centre_of_a_path_joins_lanes_changes_and_ways_across_junctions():
+    """A change on the second edge; the ways across the junctions count as they are."""
+    centre = routing.path_centre(NETWORK, (A_LEFT, 10, B_LEFT, B_RIGHT, 11, C_RIGHT))
+    for x, y in (
+        *[(-310.0, -1.75), (-110.0, -1.75), (-100.0, -1.75), (-76.0, -1.75)],
+        *[(-50.0, -3.5), (-24.0, -5.25), (10.0, -5.25)],
+    ):
+        assert centre.project([x, y])[1] == pytest.approx(0.0, abs=0.02)
+    assert tuple(centre.points[-1]) == pytest.approx((220.0, -5.25))
+
+
+def test_a_route_is_as_long_as_its_edges_and_the_straight_lines_between_them():
+    graph = routing.EdgeGraph.of(NETWORK)
+    assert graph.route_length_m((A, B, C)) == pytest.approx(200.0 + 10.0 + 100.0 + 20.0 + 200.0)
+    assert graph.route_length_m((M, N, D)) == pytest.approx(190.0 + 10.0 + 100.0 + 30.0 + 100.0)
+    assert graph.route_length_m((B,)) == pytest.approx(100.0)
+    assert (graph.successors[B], graph.predecessors[D], graph.successors[C]) == ((C, D), (B, N), ())
+    turning = replace(NETWORK, connections=(replace(NETWORK.connections[4], direction="t"),))
+    assert routing.EdgeGraph.of(turning).successors[B] == (), "nobody turns round"

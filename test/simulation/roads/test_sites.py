@@ -1,0 +1,52 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_record import crossing
+
+from siren_ros.simulation.roads.road_network import LaneKind
+from siren_ros.simulation.roads.sites import middle_of_site
+
+
+def test_the_middle_of_a_junction_is_that_of_its_outline():
+    network = crossing()
+    middle = middle_of_site(network, {"junction": "J"})
+    assert middle is not None
+    assert middle == pytest.approx([network.junctions["J"].x_m, network.junctions["J"].y_m], abs=5.0)
+
+
+def test_the_middle_of_a_road_is_half_way_along_it():
+    network = crossing()
+    lane = next(lane for lane in network.lanes if lane.kind is LaneKind.DRIVING)
+    edge = network.edges[lane.edge]
+    lanes = [network.lanes[index] for index in edge.lanes if network.lanes[index].kind is not LaneKind.SIDEWALK]
+    middle = middle_of_site(network, {"stretch": [edge.edge_id]})
+    assert middle == pytest.approx(np.mean([lane.centre.at(0.5 * lane.length_m) for lane in lanes], axis=0), abs=0.01)
+
+
+def test_a_junction_without_an_outline_has_its_own_place():
+    network = crossing()
+    for points in (0, 2):
+        bare = replace(network.junctions["J"], outline=np.zeros((points, 2)), x_m=7.0, y_m=-3.0)
+        middle = middle_of_site(replace(network, junctions={"J": bare}), {"junction": "J"})
+        assert middle is not None
+        assert middle.tolist() == [7.0, -3.0]
+    corner = replace(network.junctions["J"], outline=np.array([(0.0, 0.0), (3.0, 0.0), (0.0, 3.0)]))
+    assert middle_of_site(replace(network, junctions={"J": corner}), {"junction": "J"}) == pytest.approx([1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("stretch", "middle"),
+    [
+        *[(["w_in", "e_out"], (-10.0, -5.25)), (["w_in", "e_out", "n_out"], (70.0, -6.75))],
+        *[(["e_out", "w_in"], (120.0, -6.75)), (["w_in", "nowhere"], (-60.0, -5.25))],
+    ],
+)
+def test_a_road_of_several_pieces_is_measured_as_one(stretch, middle):
+    """Each piece is 100 m long; e_out has two lanes, at y = −5.25 m and −8.25 m, whose mean counts."""
+    assert middle_of_site(crossing(), {"stretch": stretch}) == pytest.approx(middle)
+
+
+def test_a_site_without_junction_and_road_has_no_middle():
+    assert middle_of_site(crossing(), {}) is None
+    assert middle_of_site(crossing(), {"stretch": ["nowhere"]}) is None

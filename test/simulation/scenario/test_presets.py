@@ -1,0 +1,122 @@
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.base.params.resources import names_in_params, params_dir
+from siren_ros.errors import InputError
+from siren_ros.simulation.scenario.presets import Attention, TruncatedNormal, load_preset
+
+
+def test_paper_preset_is_deterministic():
+    preset = load_preset("paper")
+    rng = np.random.default_rng(0)
+    assert {preset.reaction_delay_s.draw(rng) for _ in range(20)} == {0.0}
+    assert len({preset.response_distance_m.draw(rng) for _ in range(20)}) == 1
+    assert preset.compliance.complies == 1.0
+
+
+def test_realistic_preset_draws_its_mean_and_spread():
+    preset = load_preset("realistic")
+    rng = np.random.default_rng(0)
+    delays = np.array([preset.reaction_delay_s.draw(rng) for _ in range(4000)])
+    assert delays.mean() == pytest.approx(preset.reaction_delay_s.mean, abs=0.05)
+    assert delays.std() == pytest.approx(preset.reaction_delay_s.std, rel=0.15)
+    assert preset.reaction_delay_s.minimum <= delays.min() <= delays.max() <= preset.reaction_delay_s.maximum
+
+
+def test_scenario_values_move_the_distributions():
+    preset = load_preset("realistic")
+    changed = preset.for_scenario(response_distance_m=60.0, extra_delay_s=1.0, compliance=0.5)
+    assert changed.response_distance_m.mean == pytest.approx(60.0)
+    assert changed.response_distance_m.std == pytest.approx(preset.response_distance_m.std * 1.5)
+    assert changed.reaction_delay_s.mean == preset.reaction_delay_s.mean + 1.0
+    shares = changed.compliance
+    assert shares.complies == pytest.approx(preset.compliance.complies / 2.0)
+    assert shares.complies + shares.late + shares.never == pytest.approx(1.0)
+
+
+@given(st.floats(-5.0, 5.0), st.floats(0.0, 10.0), st.integers(0, 1000))
+def test_draws_stay_within_the_limits(mean, std, seed):
+    assert -5.0 <= TruncatedNormal(mean, std, -5.0, 5.0).draw(np.random.default_rng(seed)) <= 5.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "shown"),
+    [("never: 0.0", "never: 0.5", "add up to 1"), ("std: 0.0", "std: x", "a number"), ("title", "name", "title")],
+)
+def test_mistakes_name_file_and_line(tmp_path, old, new, shown):
+    text = (params_dir() / "presets" / "paper.yaml").read_text(encoding="utf-8")
+    file = tmp_path / "mine.yaml"
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError, match=r"mine\.yaml:\d+") as caught:
+        load_preset(str(file))
+    assert shown in str(caught.value)
+
+
+def test_unknown_preset_lists_the_presets():
+    assert names_in_params("presets") == ("inattentive", "paper", "realistic", "reckless")
+    with pytest.raises(InputError, match="paper, realistic"):
+        load_preset("angry")
+
+
+def test_everybody_looks_out_unless_a_preset_says_otherwise(tmp_path):
+    assert load_preset("paper").attention == Attention()
+    realistic = load_preset("realistic").attention
+    assert (realistic.civilians, realistic.emv_horizon_s) == (1.0, 8.0)
+    assert Attention().civilians == 1.0
+    text = (params_dir() / "presets" / "inattentive.yaml").read_text(encoding="utf-8")
+    careful = {load_preset(name).attention.emv_pet_s for name in ("paper", "realistic")}
+    assert min(careful) >= 1.0 > max(load_preset(name).attention.emv_pet_s for name in ("inattentive", "reckless"))
+    inattentive = load_preset("inattentive").attention
+    assert (inattentive.civilians, inattentive.emv_horizon_s) == (0.2, 1.0)
+    file = tmp_path / "mine.yaml"
+    file.write_text(text.replace("civilians: 0.2", "civilians: 1.2"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"mine\.yaml:\d+"):
+        load_preset(str(file))
+
+
+def test_a_distribution_is_scaled_and_shifted_as_its_values_are():
+    drawn = TruncatedNormal(4.0, 1.0, 2.0, 7.0)
+    assert drawn.scaled(1.5) == TruncatedNormal(6.0, 1.5, 3.0, 10.5)
+    assert drawn.shifted(0.5) == TruncatedNormal(4.5, 1.0, 2.5, 7.5)
+    for seed in range(20):
+        value = drawn.draw(np.random.default_rng(seed))
+        assert drawn.scaled(1.5).draw(np.random.default_rng(seed)) == pytest.approx(1.5 * value)
+        assert drawn.shifted(0.5).draw(np.random.default_rng(seed)) == pytest.approx(0.5 + value)
+
+
+@pytest.mark.parametrize(("mean", "drawn"), [(9.0, 7.0), (-9.0, 2.0), (5.0, 5.0)])
+def test_a_constant_beyond_the_limits_is_the_limit(mean, drawn):
+    assert TruncatedNormal(mean, 0.0, 2.0, 7.0).draw(np.random.default_rng(0)) == drawn
+
+
+def test_the_share_that_complies_late_shrinks_with_the_compliance():
+    preset = load_preset("realistic").for_scenario(40.0, 0.0, 0.5)
+    before = load_preset("realistic").compliance
+    assert preset.compliance.late == pytest.approx(0.5 * before.late)
+    assert preset.compliance.never == pytest.approx(1.0 - 0.5 * (before.complies + before.late))
+    assert preset.reaction_delay_s == load_preset("realistic").reaction_delay_s
+
+
+@pytest.mark.parametrize(
+    ("section", "least", "most"),
+    [("reaction_delay_s", 0.0, 30.0), ("late_delay_s", 0.0, 60.0), ("response_distance_m", 1.0, 300.0)],
+)
+def test_distributions_lie_within_limits_that_are_allowed_themselves(tmp_path, section, least, most):
+    content = yaml.safe_load((params_dir() / "presets" / "paper.yaml").read_text(encoding="utf-8"))
+    file = tmp_path / "mine.yaml"
+    for low, high, allowed in ((least, most, True), (least - 0.01, most, False), (least, most + 0.01, False)):
+        content[section] = {"mean": 10.0, "std": 1.0, "min": low, "max": high}
+        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        if allowed:
+            assert getattr(load_preset(str(file)), section) == TruncatedNormal(10.0, 1.0, low, high)
+        else:
+            with pytest.raises(InputError, match=section):
+                load_preset(str(file))
+
+
+def test_only_in_the_paper_does_no_motorcyclist_filter():
+    shares = {name: load_preset(name).filtering for name in names_in_params("presets")}
+    assert shares == {"paper": 0.0, "realistic": 0.3, "inattentive": 0.3, "reckless": 0.6}

@@ -1,0 +1,500 @@
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from made_streets import (
+    A_LEFT,
+    A_RIGHT,
+    B_LEFT,
+    B_RIGHT,
+    FAR,
+    NEAR,
+    group,
+    same_drivers,
+    signal_site,
+    streets,
+    template_with,
+)
+from traffic_helpers import DIMENSIONS, MAPS, load_map, named_map, plan_of, plan_s2
+
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.errors import InputError, MapError
+from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.routing import EdgeGraph
+from siren_ros.simulation.roads.site_finder import require_site
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.scenario.paper import EmergencyLevel
+from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement
+from siren_ros.simulation.scenario.templates import load_template
+from siren_ros.simulation.traffic.config import DemandConfig
+from siren_ros.simulation.traffic.demand import demand
+from siren_ros.simulation.traffic.demand.demand import _Planner, _to_lane, av_way, choose_av, plan_traffic
+from siren_ros.simulation.traffic.demand.emv_start import emv_start, start_m_of, unhindered_arrival_s
+from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan, load_drivers
+from siren_ros.simulation.world.actors import ActorClass
+
+
+@pytest.fixture(scope="module", params=MAPS)
+def network(request: pytest.FixtureRequest) -> RoadNetwork:
+    return named_map(request.param)[1]
+
+
+def plan(network: RoadNetwork, seed: int = 0) -> TrafficPlan:
+    return plan_s2(network, seed)[0]
+
+
+def s2(network: RoadNetwork) -> Any:
+    template = load_template("S2")
+    return template, require_site(network, template.site_kind)
+
+
+def everyone(traffic: TrafficPlan) -> tuple[PlannedVehicle, ...]:
+    return (*traffic.emvs, *traffic.groups, *traffic.background, *traffic.reserve)
+
+
+def test_same_seed_same_plan_other_seed_other_plan(network: RoadNetwork) -> None:
+    assert plan(network, 3) == plan(network, 3)
+    assert plan(network, 3).background != plan(network, 4).background
+
+
+def test_level_changes_nothing(network: RoadNetwork) -> None:
+    template, site = s2(network)
+    plans = [
+        plan_traffic(network, site, replace(template, level=level), 1, load_drivers(), DIMENSIONS)
+        for level in EmergencyLevel
+    ]
+    assert all(other == plans[0] for other in plans)
+
+
+def test_volume_and_platoon_are_the_templates(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network)
+    volume = [vehicle for vehicle in (*traffic.groups, *traffic.background) if "district" not in vehicle.name]
+    assert len(volume) == template.demand.background_vehicles
+    assert len(traffic.groups) + len(traffic.background) == traffic.civilians
+    platoon = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("platoon")]
+    assert len(platoon) == template.demand.groups[0].vehicles
+    assert len({vehicle.name for vehicle in everyone(traffic)}) == len(everyone(traffic))
+
+
+def test_platoon_stands_ahead_of_the_emv_in_its_lane_at_the_gaps_asked_for(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network)
+    emv = traffic.emvs[0]
+    platoon = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("platoon")]
+    group = template.demand.groups[0]
+    points = [np.array(network.lanes[v.spot.lane].centre.at(v.spot.front_m)) for v in (emv, *platoon)]
+    first_gap = np.linalg.norm(points[1] - points[0]) - platoon[0].length_m
+    assert first_gap == pytest.approx(group.first_gap_m, abs=3.0)
+    gaps = [
+        np.linalg.norm(ahead - behind) - vehicle.length_m
+        for behind, ahead, vehicle in zip(points[1:], points[2:], platoon[1:], strict=False)
+    ]
+    assert np.mean(gaps) == pytest.approx(group.spacing_m, abs=4.0)
+    assert min(gaps) > 0.5 * group.spacing_m
+    assert all(vehicle.spot.speed_mps < emv.spot.speed_mps for vehicle in platoon)
+    assert all(emv.route[: len(vehicle.route)][-1] in emv.route for vehicle in platoon)
+
+
+def test_routes_follow_the_roads_and_begin_at_the_spot(network: RoadNetwork) -> None:
+    onward = {
+        (network.lanes[connection.from_lane].edge, network.lanes[connection.to_lane].edge)
+        for connection in network.connections
+    }
+    for vehicle in everyone(plan(network)):
+        edges = [network.edge_by_id[edge].index for edge in vehicle.route]
+        lane = network.lanes[vehicle.spot.lane]
+        assert edges[0] == lane.edge
+        assert all(pair in onward for pair in pairwise(edges))
+        assert lane.kind is LaneKind.DRIVING
+        assert lane.civilian_allowed
+        assert 0.0 < vehicle.spot.front_m <= lane.length_m
+
+
+def test_emvs_route_is_long_enough_for_the_episode(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network, seed=2)
+    edges = [network.edge_by_id[edge].index for edge in traffic.emvs[0].route]
+    driven_m = EdgeGraph.of(network).route_length_m(edges) - traffic.emvs[0].spot.front_m
+    assert driven_m > template.emv.speed_mps * template.duration_s
+
+
+def test_the_part_of_the_first_edge_behind_the_emv_is_no_part_of_its_way(
+    network: RoadNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[float] = []
+
+    def noted(
+        _factory: object, route: tuple[int, ...], _site: object, needed_m: float, _rng: object
+    ) -> tuple[int, ...]:
+        asked.append(needed_m)
+        return route
+
+    monkeypatch.setattr(demand, "long_enough_route", noted)
+    traffic, template = plan_s2(network, seed=2)
+    least_m = template.emv.speed_mps * (template.duration_s + DemandConfig().emv_route_slack_s)
+    assert asked == pytest.approx([traffic.emvs[0].spot.front_m + least_m])
+
+
+def test_background_vehicles_do_not_overlap(network: RoadNetwork) -> None:
+    assert min(gap_m for seed in range(8) for gap_m in gaps_m(plan(network, seed).background)) > 5.0
+
+
+def test_reserve_stays_off_the_stage(network: RoadNetwork) -> None:
+    traffic = plan(network)
+    for vehicle in traffic.reserve:
+        for area in traffic.stage:
+            assert area.lane != vehicle.spot.lane or not area.from_m <= vehicle.spot.front_m <= area.to_m
+
+
+def test_drivers_and_classes_vary_as_the_population_says(network: RoadNetwork) -> None:
+    template = load_template("S2")
+    vehicles = [vehicle for seed in range(4) for vehicle in plan(network, seed).reserve]
+    factors = np.array([vehicle.driver.speed_factor for vehicle in vehicles]) / template.demand.speed_factor
+    assert factors.mean() == pytest.approx(1.0, abs=0.03)
+    assert factors.std() == pytest.approx(0.1, abs=0.03)
+    for actor_class, share in template.demand.classes:
+        drawn = np.mean([vehicle.actor_class is actor_class for vehicle in vehicles])
+        assert drawn == pytest.approx(share, abs=0.08)
+
+
+def test_two_emvs_start_one_behind_the_other(network: RoadNetwork) -> None:
+    template, site = s2(network)
+    pair = replace(template, emv=replace(template.emv, count=2, headway_s=2.0, start_m=60.0))
+    first, second = plan_traffic(network, site, pair, 0, load_drivers(), DIMENSIONS).emvs
+    points = [np.array(network.lanes[emv.spot.lane].centre.at(emv.spot.front_m)) for emv in (first, second)]
+    assert np.linalg.norm(points[0] - points[1]) == pytest.approx(first.length_m + 22.0, abs=2.0)
+    assert second.route[-len(first.route) :] == first.route
+
+
+def test_start_before_the_site_lies_on_the_approach_at_the_distance(network: RoadNetwork) -> None:
+    _, site = s2(network)
+    start = emv_start(network, site, -30.0)
+    assert start.route[-1] == site.route[-1]
+    assert site.site_edge in start.route[1:]
+    with pytest.raises(MapError, match="more of road"):
+        emv_start(network, site, -5000.0)
+
+
+def gaps_m(vehicles: Iterable[PlannedVehicle]) -> list[float]:
+    """Between vehicles of one lane, from each to the rear of the next one."""
+    by_lane: dict[int, list[PlannedVehicle]] = {}
+    for vehicle in sorted(vehicles, key=lambda vehicle: vehicle.spot.front_m):
+        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle)
+    pairs = [pair for row in by_lane.values() for pair in pairwise(row)]
+    return [ahead.spot.front_m - ahead.length_m - behind.spot.front_m for behind, ahead in pairs]
+
+
+@pytest.mark.parametrize("name", ["S1", "S3", "S4", "S5", "S6", "S7"])
+def test_every_template_has_its_volume_and_distinct_places(network: RoadNetwork, name: str) -> None:
+    traffic, template, _ = plan_of(name, network)
+    near = [vehicle for vehicle in traffic.background if vehicle.name.startswith("background")]
+    assert len(traffic.groups) + len(near) == template.demand.background_vehicles
+    assert all(gap_m > 0.4 for gap_m in gaps_m((*traffic.emvs, *traffic.groups)))
+    assert plan_of(name, network)[0] == traffic
+
+
+@pytest.mark.parametrize("name", ["S4", "S6"])
+def test_crossing_queues_stand_at_their_stop_lines_and_cross_the_emvs_way(network: RoadNetwork, name: str) -> None:
+    traffic, template, site = plan_of(name, network)
+    crossing = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("crossing")]
+    assert len(crossing) >= template.demand.groups[0].vehicles // 2
+    movements = [network.connections[index] for index in site.crossing]
+    ways = {(network.lanes[way.from_lane].edge, network.lanes[way.to_lane].edge) for way in movements}
+    heads = []
+    for vehicle in crossing:
+        assert vehicle.spot.speed_mps == 0.0
+        edges = [network.edge_by_id[edge].index for edge in vehicle.route]
+        assert any(pair in ways for pair in pairwise(edges))
+        lane = network.lanes[vehicle.spot.lane]
+        if any(lane.index == way.from_lane for way in movements):
+            heads.append(lane.length_m - vehicle.spot.front_m)
+        assert any(area.lane == lane.index for area in traffic.stage)
+    assert min(heads) == pytest.approx(template.demand.groups[0].first_gap_m, abs=0.1)
+
+
+def test_neighbours_of_s3_come_to_the_stop_line_ahead_of_the_emv(network: RoadNetwork) -> None:
+    traffic, template, site = plan_of("S3", network)
+    start = emv_start(network, site, start_m_of(network, site, template.emv))
+    arrival_s = unhindered_arrival_s(network, start, template.emv, DemandConfig())
+    last = traffic.groups[0]
+    lane = network.lanes[last.spot.lane]
+    assert lane.index in {network.connections[index].from_lane for index in site.connections}
+    assert lane.index != site.approach_lane
+    group = template.demand.groups[0]
+    lead_s = arrival_s - (lane.length_m - last.spot.front_m) / group.speed_mps
+    assert lead_s == pytest.approx((group.first_gap_m + last.length_m) / group.speed_mps, abs=0.3)
+    edges = {network.lanes[vehicle.spot.lane].edge for vehicle in traffic.groups}
+    assert edges <= set(site.route[: site.site_position + 1])
+    assert traffic.signal is not None
+    assert template.signal is not None
+    assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s)
+
+
+def test_a_signal_that_is_never_red_for_the_emv_is_left_alone(network: RoadNetwork) -> None:
+    """At the end of S2's road, which may have one."""
+    steady = tuple(replace(way, alternates=False) for way in network.connections)
+    assert plan_s2(replace(network, connections=steady))[0].signal is None
+
+
+def test_the_signal_at_the_end_of_the_road_of_s2_turns_red_behind_the_emv(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network)
+    site, (emv,) = require_site(network, template.site_kind), traffic.emvs
+    movement = network.connections[site.connections[-1]]
+    assert traffic.signal is not None
+    assert template.signal is not None
+    assert (traffic.signal.signal_id, traffic.signal.link) == (movement.signal_id, movement.signal_link)
+    arrival_s = (site.length_m - emv.spot.front_m) / template.emv.speed_mps
+    assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s, abs=3.0)
+    assert traffic.signal.red_from_s > arrival_s + 10.0
+
+
+def test_queues_of_s7_stand_in_all_driving_lanes_the_emvs_among_them(network: RoadNetwork) -> None:
+    traffic, _, site = plan_of("S7", network)
+    assert network.lanes[traffic.emvs[0].spot.lane].kind is LaneKind.DRIVING
+    assert any(vehicle.name.startswith("ahead") for vehicle in traffic.groups)
+    for vehicle in traffic.groups:
+        assert network.lanes[vehicle.spot.lane].kind is LaneKind.DRIVING
+        assert vehicle.spot.speed_mps == 0.0
+        assert network.edges[site.site_edge].edge_id in vehicle.route
+
+
+def test_missing_dimensions_and_too_many_vehicles_are_refused(network: RoadNetwork) -> None:
+    template, site = s2(network)
+    with pytest.raises(InputError, match="AMBULANCE"):
+        plan_traffic(network, site, template, 0, load_drivers(), {ActorClass.SEDAN: (4.5, 1.8, 1.5)})
+    crowded = replace(template, demand=replace(template.demand, background_vehicles=5000))
+    with pytest.raises(MapError, match="room"):
+        plan_traffic(network, site, crowded, 0, load_drivers(), DIMENSIONS)
+
+
+@pytest.mark.parametrize(("name", "group"), [("S4", "crossing"), ("S7", "queue")])
+def test_standing_vehicles_leave_free_the_lanes_on_which_the_emv_comes(
+    network: RoadNetwork, name: str, group: str
+) -> None:
+    traffic, template, site = plan_of(name, network)
+    start = emv_start(network, site, start_m_of(network, site, template.emv))
+    waiting = [vehicle for vehicle in traffic.groups if vehicle.name.startswith(group)]
+    assert waiting
+    assert not {vehicle.spot.lane for vehicle in waiting} & set(start.lanes_to_site)
+    assert set(start.lanes_to_site) <= {area.lane for area in traffic.stage}
+
+
+def test_vehicles_stand_with_their_whole_length_on_their_lanes(network: RoadNetwork) -> None:
+    for vehicle in (*plan(network).background, *plan(network).reserve):
+        assert vehicle.spot.front_m >= vehicle.length_m
+
+
+def test_the_stage_begins_behind_the_rearmost_emv(network: RoadNetwork) -> None:
+    traffic = plan(network)
+    emv = traffic.emvs[-1]
+    expected = max(emv.spot.front_m - emv.length_m - DemandConfig().stage_behind_m, 0.0)
+    begins = [area.from_m for area in traffic.stage if area.lane == emv.spot.lane]
+    assert min(begins) == pytest.approx(expected)
+
+
+def test_the_stage_holds_the_junction_paths_on_which_others_turn_off_the_emvs_way_or_into_it(
+    network: RoadNetwork,
+) -> None:
+    planner: Any = SimpleNamespace(_network=network)
+    way = max(network.connections, key=lambda way: len(network.connections_from[way.from_lane]))
+    paths = _Planner._sharing_junction_paths(planner, [LaneInterval(way.via[0], 2.0, 5.0)])
+    whole = {area.lane: (area.from_m, area.to_m) for area in paths}
+    ends = {(over.from_lane, over.to_lane) for lane in whole for over in network.connections_over[lane]}
+    assert len(whole) > len(way.via), "others turn off there"
+    assert all(start == way.from_lane or end == way.to_lane for start, end in ends)
+    assert whole == {lane: (0.0, network.lanes[lane].length_m) for lane in whole}
+    assert _Planner._sharing_junction_paths(planner, [LaneInterval(way.from_lane, 0.0, 5.0)]) == []
+
+
+def test_routes_lead_through_the_episode_or_to_the_end_of_the_map(network: RoadNetwork) -> None:
+    template, config = load_template("S2"), DemandConfig()
+    needed_m = config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
+    graph = EdgeGraph.of(network)
+    routes = [[network.edge_by_id[edge].index for edge in vehicle.route] for vehicle in plan(network).background]
+    enough = [graph.route_length_m(edges) >= needed_m or not graph.successors[edges[-1]] for edges in routes]
+    assert np.mean(enough) > 0.8
+
+
+@pytest.fixture(scope="module", name="town")
+def _town() -> Any:
+    network = load_map(None)[1]
+    return network, plan_s2(network)[0]
+
+
+def test_the_first_vehicle_of_the_platoon_is_chosen(town: Any) -> None:
+    network, plan = town
+    assert choose_av(network, plan) == "platoon0"
+    assert choose_av(network, replace(plan, groups=plan.groups[::-1])) == "platoon0"
+
+
+def test_without_a_platoon_it_is_the_nearest_ahead_on_the_way(town: Any) -> None:
+    network, plan = town
+    others = tuple(vehicle for vehicle in plan.groups if not vehicle.name.startswith("platoon"))
+    chosen = next(vehicle for vehicle in others if vehicle.name == choose_av(network, replace(plan, groups=others)))
+    emv = plan.emvs[0]
+    fronts_m = [vehicle.spot.front_m for vehicle in others if vehicle.route[0] == emv.route[0]]
+    assert chosen.spot.front_m == min(front_m for front_m in fronts_m if front_m > emv.spot.front_m)
+
+
+def test_a_template_without_vehicles_around_its_emv_is_refused(town: Any) -> None:
+    network, plan = town
+    with pytest.raises(InputError, match="av: 'civilian'"):
+        choose_av(network, replace(plan, groups=()))
+
+
+@pytest.mark.parametrize("template", ["S1", "S2", "S3", "S4", "S5", "S6", "S7"])
+def test_every_template_has_an_av_with_a_way_without_jumps(template: str) -> None:
+    setup = set_up_episode(EpisodeRequest(template, sensors="none", av="civilian"))
+    av = next(vehicle for vehicle in setup.plan.groups if vehicle.name == setup.plan.av)
+    assert setup.description.av_id == len(setup.plan.emvs) + 1
+    way = av_way(setup.network, setup.plan)
+    start = setup.network.lanes[av.spot.lane].centre.at(av.spot.front_m)
+    assert abs(float(way.project(start)[1])) < 2.0
+    turns = np.abs(np.diff(np.unwrap(way.resampled(0.5).heading_rad(way.resampled(0.5).arc_m))))
+    assert turns.max() < 0.5
+
+
+def test_without_a_wish_there_is_no_av() -> None:
+    setup = set_up_episode(EpisodeRequest("S2", sensors="none"))
+    assert (setup.plan.av, setup.description.av_id, setup.description.av_sensor_suite) == ("", 0, "")
+
+
+def test_the_way_begins_at_the_rear_of_the_av(town: Any) -> None:
+    network, plan = town
+    av = next(vehicle for vehicle in plan.groups if vehicle.name == "platoon0")
+    way = av_way(network, replace(plan, av=av.name))
+    rear = network.lanes[av.spot.lane].centre.at(av.spot.front_m - av.length_m)
+    assert way.points[0] == pytest.approx(rear, abs=1e-6)
+
+
+def test_the_way_of_an_av_that_reaches_back_over_its_lane_begins_with_the_lane(town: Any) -> None:
+    network, plan = town
+    av = next(vehicle for vehicle in plan.groups if vehicle.name == "platoon0")
+    early = replace(av, spot=replace(av.spot, front_m=0.5 * av.length_m))
+    way = av_way(network, replace(plan, av=av.name, groups=(early,)))
+    assert way.points[0] == pytest.approx(network.lanes[av.spot.lane].centre.points[0], abs=1e-6)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.8, -2.0])
+def test_a_lane_change_on_the_way_is_half_a_cosine(turn: float) -> None:
+    """From 20 m of the right lane to the end of the left one, 3.5 m aside at 100 m."""
+    along, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    centres = [Polyline.through([i * 3.5 * left, 100.0 * along + i * 3.5 * left]) for i in (0, 1)]
+    lanes = [Lane(i, f"l{i}", 0, i, LaneKind.DRIVING, centres[i], 3.5, 14.0, True, True) for i in (0, 1)]
+    for origin, target, start in ((0, 1, 0.0), (1, 0, 3.5)):
+        way = _to_lane(lanes[origin], lanes[target], 20.0)
+        s = (way.points - 20.0 * along) @ along
+        aside = start + (3.5 - 2.0 * start) * (0.5 - 0.5 * np.cos(np.pi * s / 80.0))
+        assert way.points @ left == pytest.approx(aside, abs=1e-6)
+        assert (s[0], s[-1]) == pytest.approx((0.0, 80.0))
+
+
+STREETS = streets()
+
+
+def chosen(*places: tuple[str, int, float]) -> str:
+    """Of vehicles on two streets that cross; the EMV's front is 110 m after the beginning of its lane."""
+    template = template_with(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1), start_m=-200.0)
+    plan = plan_traffic(STREETS, signal_site(), template, 3, same_drivers(), DIMENSIONS)
+    (emv,), (neighbour, *_) = plan.emvs, plan.groups
+    assert emv.spot.lane == A_LEFT
+    emv = replace(emv, spot=replace(emv.spot, front_m=110.0))
+    groups = tuple(replace(neighbour, name=name, spot=Spot(lane, front_m, 5.0)) for name, lane, front_m in places)
+    return choose_av(STREETS, replace(plan, emvs=(emv,), groups=groups))
+
+
+@pytest.mark.parametrize(
+    ("places", "name"),
+    [
+        # The EMV's lane comes before the others of its way, however far ahead.
+        ([("a", A_RIGHT, 115.0), ("b", A_LEFT, 180.0)], "b"),
+        ([("a", B_RIGHT, 5.0), ("b", B_LEFT, 90.0)], "b"),
+        # In each of them the nearest counts, also on the next edge.
+        ([("a", B_LEFT, 60.0), ("b", B_LEFT, 20.0)], "b"),
+        ([("a", B_LEFT, 20.0), ("b", A_LEFT, 190.0)], "b"),
+        ([("a", A_RIGHT, 160.0), ("b", A_RIGHT, 130.0)], "b"),
+        # Who is behind or just abreast is not passed.
+        ([("a", A_LEFT, 110.0), ("b", A_LEFT, 150.0)], "b"),
+        ([("a", A_LEFT, 109.5), ("b", A_RIGHT, 190.0)], "b"),
+        ([("a", A_LEFT, 90.0), ("b", A_RIGHT, 111.0)], "b"),
+        # Where nobody is on the way, the nearest on the side road: it comes from the north, 190 m and then 100 m.
+        ([("a", FAR, 150.0), ("b", NEAR, 80.0)], "b"),
+        ([("a", NEAR, 80.0), ("b", FAR, 150.0)], "a"),
+    ],
+)
+def test_the_emvs_lane_comes_first_then_its_way_then_the_nearest(places: Any, name: str) -> None:
+    assert chosen(*places) == name
+
+
+CITY = load_map(Path("city"))[1]
+RIDERS = {"demand.people.cyclists": 8.0, "demand.people.motorcycles": 3.0}
+
+
+def with_riders(network: RoadNetwork, seed: int = 0) -> TrafficPlan:
+    template, site = s2(network)
+    return plan_traffic(network, site, template.with_values(RIDERS), seed, load_drivers(), DIMENSIONS)
+
+
+def test_riders_change_nothing_else(network: RoadNetwork) -> None:
+    template, site = s2(network)
+    plain = plan_traffic(network, site, template, 0, load_drivers(), DIMENSIONS)
+    assert plain.riders == ()
+    assert everyone(with_riders(network)) == everyone(plain)
+
+
+def test_no_cyclist_starts_on_the_road_to_the_site(network: RoadNetwork) -> None:
+    _, site = s2(network)
+    edges = {
+        kind: {
+            network.lanes[rider.spot.lane].edge for rider in with_riders(network).riders if rider.actor_class is kind
+        }
+        for kind in (ActorClass.BICYCLE, ActorClass.MOTORCYCLE)
+    }
+    cycled = {lane.edge for lane in network.lanes if lane.kind is LaneKind.CYCLE}
+    assert not edges[ActorClass.BICYCLE] & set(site.stretch) - cycled
+    assert edges[ActorClass.BICYCLE]
+
+
+def test_there_are_riders_of_each_kind_with_enough_in_reserve(network: RoadNetwork) -> None:
+    traffic = with_riders(network)
+    assert traffic.riders_kept == {ActorClass.BICYCLE: 8, ActorClass.MOTORCYCLE: 3}
+    kinds = [rider.actor_class for rider in traffic.riders]
+    assert (kinds.count(ActorClass.BICYCLE), kinds.count(ActorClass.MOTORCYCLE)) == (88, 33)
+    assert len({rider.name for rider in traffic.riders}) == 121
+    for rider in traffic.riders:
+        stage = [area for area in traffic.stage if area.lane == rider.spot.lane]
+        assert not any(area.from_m <= rider.spot.front_m for area in stage), "nor ahead of its vehicles"
+        assert rider.driver.driving == load_drivers().classes[rider.actor_class]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_cyclists_start_on_cycle_lanes_or_on_the_right_of_streets_without(seed: int) -> None:
+    cyclists = [rider for rider in with_riders(CITY, seed).riders if rider.actor_class is ActorClass.BICYCLE]
+    kinds = set()
+    for rider in cyclists:
+        lane = CITY.lanes[rider.spot.lane]
+        kinds.add(lane.kind)
+        right = CITY.neighbour(lane, -1)
+        assert right is not None
+        assert right.kind is LaneKind.SIDEWALK
+        edges = [CITY.edge_by_id[edge].index for edge in rider.route]
+        assert edges[0] == lane.edge
+        assert all(later in EdgeGraph.of(CITY).successors[edge] for edge, later in pairwise(edges))
+    assert LaneKind.CYCLE in kinds
+
+
+@pytest.mark.parametrize("seed", [19, 35])
+def test_the_red_does_not_catch_a_driver_of_the_platoon_who_starts_too_near_to_stop(seed: int) -> None:
+    setup = set_up_episode(EpisodeRequest(template="S4", seed=seed))
+    assert setup.plan.signal is not None
+    caught_s = []
+    for vehicle in setup.plan.groups:
+        way_m = setup.network.lanes[vehicle.spot.lane].length_m - vehicle.spot.front_m
+        if vehicle.name in setup.plan.signal.platoon and way_m < vehicle.spot.speed_mps**2 / 6.0:
+            caught_s.append(way_m / vehicle.spot.speed_mps)
+    assert caught_s
+    assert setup.plan.signal.red_from_s == pytest.approx(max(caught_s) + 1.2)

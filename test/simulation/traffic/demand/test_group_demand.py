@@ -1,0 +1,554 @@
+"""The rows of a template's groups on two streets that cross."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from made_streets import (
+    A_LEFT,
+    A_RIGHT,
+    B_LEFT,
+    B_RIGHT,
+    C_LEFT,
+    C_RIGHT,
+    CAR_M,
+    CONFIG,
+    CROSSING,
+    FAR,
+    LIMIT_MPS,
+    NEAR,
+    STOP_LINE_M,
+    STRAIGHT,
+    A,
+    B,
+    C,
+    D,
+    M,
+    N,
+    group,
+    same_drivers,
+    signal_site,
+    start_at,
+    streets,
+    template_with,
+)
+from traffic_helpers import DIMENSIONS
+
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.errors import MapError
+from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
+from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement
+from siren_ros.simulation.traffic.config import DemandConfig
+from siren_ros.simulation.traffic.demand.emv_start import EmvStart, _lane_before
+from siren_ros.simulation.traffic.demand.group_demand import (
+    GroupPlan,
+    GroupRow,
+    _approach_row,
+    _connection_from,
+    group_rows,
+    plan_groups,
+)
+from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle
+from siren_ros.simulation.traffic.demand.vehicle_factory import VehicleFactory
+from siren_ros.simulation.world.actors import ActorClass
+
+NETWORK = streets()
+
+
+def rows(
+    group: DemandGroup,
+    start: EmvStart | None = None,
+    arrival_s: float = 12.0,
+    network: RoadNetwork = NETWORK,
+    **site: Any,
+) -> list[GroupRow]:
+    where, rng = replace(signal_site(), **site), np.random.default_rng(0)
+    return group_rows(network, where, start or start_at(90.0), group, arrival_s, rng)
+
+
+def test_a_queue_grows_backwards_from_the_stop_line() -> None:
+    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE))
+    assert [lane for lane in row.chain.lanes if lane < 9] == [A_LEFT, B_LEFT, C_LEFT]
+    assert (row.edges, row.forwards) == ((A, B, C), False)
+    # In the EMV's own lane nobody is put behind it: its front is 90 m after the beginning of the row.
+    assert (row.anchor_m, row.least_m, row.chain.end_m) == pytest.approx((STOP_LINE_M, 90.0, 530.0))
+    (next_to,) = rows(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE))
+    assert [lane for lane in next_to.chain.lanes if lane < 9] == [A_RIGHT, B_RIGHT, C_RIGHT]
+    assert (next_to.anchor_m, next_to.least_m) == (pytest.approx(STOP_LINE_M), 0.0)
+
+
+def shoulder_rows(group: DemandGroup, start: EmvStart, signal_before: bool, from_m: float = 0.0) -> list[GroupRow]:
+    """The right lane of the approach is a shoulder; the junction K before it is a joint, or has a signal.
+
+    The approach may be cut off at its beginning.
+    """
+    lanes = list(NETWORK.lanes)
+    lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER, civilian_allowed=False)
+    lanes[B_LEFT] = replace(lanes[B_LEFT], centre=lanes[B_LEFT].centre.cut(from_m, 100.0))
+    connections = list(NETWORK.connections)
+    (into,) = (index for index, connection in enumerate(connections) if connection.to_lane == B_LEFT)
+    if signal_before:
+        connections[into] = replace(connections[into], signal_id="K", signal_link=0)
+    network = replace(NETWORK, lanes=tuple(lanes), connections=tuple(connections))
+    return rows(group, start, network=network, approach_lane=B_RIGHT)
+
+
+def test_a_queue_next_to_a_shoulder_leaves_the_way_onto_it() -> None:
+    """40 m before it: from the junction K at 210 m on, or from the EMV's start on."""
+    queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, standing=True)
+    for start_m, signal_before, least_m in ((90.0, True, 250.0), (90.0, False, 130.0), (190.0, True, 250.0)):
+        (row,) = shoulder_rows(queue, start_at(start_m), signal_before)
+        assert row.least_m == pytest.approx(least_m)
+    (late,) = shoulder_rows(queue, EmvStart(B_LEFT, 30.0, (B, C), (B_LEFT,)), signal_before=True)
+    assert late.least_m == pytest.approx(70.0)
+
+
+def test_a_queue_next_to_a_shoulder_has_50_m_at_least() -> None:
+    queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, standing=True)
+    (row,) = shoulder_rows(queue, start_at(90.0), signal_before=True, from_m=40.0)
+    assert row.anchor_m - row.least_m == pytest.approx(50.0)
+
+
+def test_a_row_begins_on_the_edge_of_the_emvs_start() -> None:
+    start = EmvStart(B_LEFT, 30.0, (B, C), (B_LEFT,))
+    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE), start)
+    assert [lane for lane in row.chain.lanes if lane < 9] == [B_LEFT, C_LEFT]
+    assert (row.edges, row.anchor_m, row.least_m) == ((B, C), pytest.approx(100.0), pytest.approx(30.0))
+
+
+def test_ahead_of_the_emv_the_row_grows_forwards() -> None:
+    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.EMV))
+    assert (row.forwards, row.anchor_m) == (True, pytest.approx(90.0))
+    (next_to,) = rows(group(Placement.OTHER_LANES, GroupAnchor.EMV))
+    assert (next_to.chain.lanes[0], next_to.anchor_m) == (A_RIGHT, pytest.approx(90.0))
+
+
+def test_a_stream_comes_to_the_stop_line_together_with_the_emv() -> None:
+    """At 8 m/s it comes 96 m far within 12 s."""
+    (stream,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL))
+    assert stream.chain.lanes[0] == A_RIGHT
+    assert stream.forwards
+    assert STOP_LINE_M - stream.anchor_m == pytest.approx(8.0 * 12.0, abs=1.0)
+    assert stream.most_m == pytest.approx(STOP_LINE_M)
+    (early,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), arrival_s=100.0)
+    assert early.anchor_m == pytest.approx(STOP_LINE_M - 800.0), "from before the row's beginning"
+
+
+def test_a_stream_that_the_emv_follows_keeps_its_distance_from_the_start_on() -> None:
+    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.ARRIVAL))
+    assert (row.anchor_m, row.most_m) == pytest.approx((90.0 - 6.0, STOP_LINE_M))
+
+
+def test_a_bend_on_the_way_brings_the_stream_nearer() -> None:
+    """A quarter circle of 12 m before the stop line is driven at 6 m/s: that costs time, and so way."""
+    angle = np.linspace(0.0, np.pi / 2.0, 40)
+    bend = np.stack((-18.85 + 12.0 * np.sin(angle), -5.25 - 12.0 + 12.0 * np.cos(angle)), axis=-1)
+    lanes = list(NETWORK.lanes)
+    straight = Polyline.through([(-100.0, -5.25), (-18.85, -5.25)])
+    lanes[B_RIGHT] = replace(lanes[B_RIGHT], centre=Polyline.through(np.concatenate((straight.points, bend))))
+    bent = replace(NETWORK, lanes=tuple(lanes))
+    fast = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), speed_mps=12.0)
+    (row,) = rows(fast, network=bent)
+    (flat,) = rows(fast)
+    assert flat.most_m - flat.anchor_m == pytest.approx(12.0 * 12.0, abs=1.0)
+    way_m = row.most_m - row.anchor_m
+    # 18.85 m at 6 m/s, and before it braking from 12 m/s with 1.5 m/s²: (12² − 6²) / 3 = 36 m in 4 s.
+    expected_m = 18.85 + 36.0 + (12.0 - 18.85 / 6.0 - 4.0) * 12.0
+    assert way_m == pytest.approx(expected_m, abs=3.0)
+
+
+def test_crossing_rows_reach_back_over_plain_junctions() -> None:
+    (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE))
+    assert [lane for lane in row.chain.lanes if lane < 9] == [FAR, NEAR]
+    assert row.anchor_m == pytest.approx(190.0 + 10.0 + 100.0)
+    assert row.edges == (M, N, D)
+    assert (row.forwards, row.movement) == (False, CROSSING)
+
+
+def test_crossing_rows_do_not_leave_the_map_behind_the_junction_where_another_way_leads_on() -> None:
+    """Of the ways south and east only the one east leads on: back to the first road."""
+    east = replace(NETWORK.connections[CROSSING], to_lane=C_RIGHT, direction="l")
+    back = replace(NETWORK.connections[STRAIGHT], from_lane=C_RIGHT, to_lane=A_RIGHT)
+    network = replace(NETWORK, connections=(*NETWORK.connections, east, back))
+    chosen = len(NETWORK.connections)
+    for crossing in ((CROSSING, chosen), (chosen, CROSSING)):
+        (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=network, crossing=crossing)
+        assert (row.movement, row.edges) == (chosen, (M, N, C))
+
+
+def with_connection(number: int, **changed: object) -> RoadNetwork:
+    connections = list(NETWORK.connections)
+    connections[number] = replace(connections[number], **changed)  # type: ignore[arg-type] # fields by name
+    return replace(NETWORK, connections=tuple(connections))
+
+
+@pytest.mark.parametrize("changed", [{"signal_id": "L"}, {"must_stop": True}])
+def test_crossing_rows_end_at_signals_and_stop_signs(changed: dict[str, object]) -> None:
+    (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=with_connection(6, **changed))
+    assert row.chain.lanes == (NEAR,)
+    assert row.edges == (N, D)
+
+
+def test_crossing_rows_go_back_straight_on_or_around_the_only_bend() -> None:
+    """Where a turn joins the way straight on, the row stays on this; alone the turn is the way."""
+    turn = {"direction": "r"}
+    joined = with_connection(6, **turn)
+    (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=joined)
+    bend = row.chain.lanes
+    assert bend[-1] == NEAR
+    assert len(bend) > 1
+    straight = replace(NETWORK.connections[6], from_lane=A_RIGHT)
+    for order in ((*joined.connections, straight), (straight, *joined.connections)):
+        (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=replace(joined, connections=order))
+        assert row.chain.lanes[-3] == A_RIGHT
+
+
+def test_long_side_roads_are_enough_by_themselves() -> None:
+    lanes = list(NETWORK.lanes)
+    lanes[NEAR] = replace(lanes[NEAR], centre=Polyline.through([(10.0, 140.0), (10.0, 10.0)]))
+    (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=replace(NETWORK, lanes=tuple(lanes)))
+    assert row.chain.lanes == (NEAR,)
+
+
+def test_standing_neighbours_leave_the_emvs_lane_free() -> None:
+    """With one lane in its direction an optional group is left out: the EMV could not pass."""
+    (row,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.STOP_LINE, standing=True, optional=True))
+    assert row.chain.lanes[0] == A_RIGHT
+
+    def of(anchor: GroupAnchor, optional: bool) -> list[int]:
+        beside = rows(group(Placement.SAME_DIRECTION, anchor, optional=optional), connections=(3,))
+        return [row.chain.lanes[0] for row in beside]
+
+    for anchor in GroupAnchor:
+        assert of(anchor, optional=True) == []
+    assert of(GroupAnchor.ARRIVAL, optional=False) == [A_LEFT]
+
+
+def test_traffic_next_to_the_emv_starts_on_the_first_third_of_its_way() -> None:
+    (row,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.EMV))
+    assert row.chain.lanes[0] == A_RIGHT
+    assert (row.anchor_m, row.forwards) == (pytest.approx(90.0), True)
+    assert row.most_m == pytest.approx(90.0 + (STOP_LINE_M - 90.0) / 3.0)
+    (ahead,) = rows(group(Placement.EMV_LANE, GroupAnchor.EMV))
+    assert ahead.most_m == np.inf
+
+
+def test_standing_rows_do_not_lie_on_the_emvs_way() -> None:
+    """The EMV starts in the right lane; the row next to its approach lane begins there, too."""
+    joined = with_connection(0, to_lane=B_LEFT)
+    start = EmvStart(A_RIGHT, 90.0, (A, B, C), (A_RIGHT, 9, B_LEFT))
+    queue = group(Placement.OTHER_LANES, GroupAnchor.STOP_LINE, standing=True)
+    (kept,) = rows(queue, start, network=joined)
+    assert kept.chain.lanes[0] == B_RIGHT, "no lane leads to it"
+    lane_of_all = replace(joined, connections=(*joined.connections, replace(NETWORK.connections[0])))
+    assert rows(queue, start, network=lane_of_all) == []
+    assert rows(replace(queue, standing=False), start, network=lane_of_all) != []
+
+
+def test_on_a_road_without_junction_rows_begin_at_the_emvs_front() -> None:
+    (row,) = rows(group(Placement.ADJACENT_LANE, GroupAnchor.EMV), junction=None)
+    assert row.chain.lanes[0] == A_RIGHT
+    assert (row.anchor_m, row.forwards, row.edges) == (pytest.approx(90.0), True, (A, B, C))
+
+
+def test_of_two_adjacent_lanes_the_left_one_is_taken() -> None:
+    """Three lanes, the EMV in the middle."""
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    third = replace(lanes[A_LEFT], index=len(lanes), lane_id="a_2", position=2)
+    edges[A] = replace(edges[A], lanes=(*edges[A].lanes, third.index))
+    wide = replace(NETWORK, lanes=(*lanes, third), edges=tuple(edges))
+    for placement, first in ((Placement.ADJACENT_LANE, [third.index]), (Placement.OTHER_LANES, [A_RIGHT, third.index])):
+        beside = rows(group(placement, GroupAnchor.EMV), network=wide, junction=None)
+        assert [row.chain.lanes[0] for row in beside] == first
+
+
+def test_drivers_who_turn_wait_in_the_lanes_from_which_nobody_follows_the_emv() -> None:
+    """The connections of the site lead on from both lanes, or from the EMV's alone."""
+    turning = group(Placement.TURNING_LANES, GroupAnchor.STOP_LINE, standing=True, optional=True)
+    assert rows(turning) == []
+    (row,) = rows(turning, connections=(3,))
+    assert row.chain.lanes[0] == A_RIGHT
+    assert (row.anchor_m, row.forwards) == (pytest.approx(STOP_LINE_M), False)
+
+
+@pytest.mark.parametrize(("lane", "first"), [(C_LEFT, A_LEFT), (C_RIGHT, A_RIGHT)])
+def test_a_row_before_the_site_reaches_back_over_several_edges(lane: int, first: int) -> None:
+    """200 m, 10 m, 100 m, 20 m and 200 m: all of them lead to the end of the last edge."""
+    roads = streets()
+    start = EmvStart(A_LEFT, 30.0, (A, B, C), (A_LEFT,))
+    row = _approach_row(roads, replace(signal_site(), site_edge=C), start, roads.lanes[lane])
+    assert (row.chain.lanes[0], row.chain.lanes[-1]) == (first, lane)
+    assert (row.anchor_m, row.edges) == (pytest.approx(530.0), (A, B, C))
+
+
+def test_without_a_lane_that_leads_there_the_leftmost_one_is_before() -> None:
+    roads = streets()
+    assert _lane_before(roads, roads.lanes[C_RIGHT], A) == (roads.lanes[A_LEFT], ())
+    lane, via = _lane_before(roads, roads.lanes[C_RIGHT], B)
+    assert lane.index == B_RIGHT
+    assert len(via) == 1
+
+
+def test_of_two_lanes_that_lead_into_one_the_leftmost_is_before() -> None:
+    roads = streets()
+    merging = replace(roads.connections[0], to_lane=B_LEFT)
+    for connections in ((*roads.connections, merging), (merging, *roads.connections)):
+        network = replace(roads, connections=connections)
+        assert {connection.from_lane for connection in network.connections_to[B_LEFT]} == {A_LEFT, A_RIGHT}
+        before = _connection_from(network, B_LEFT, A)
+        assert before is not None
+        assert before.from_lane == A_LEFT
+        assert _lane_before(network, network.lanes[B_LEFT], A)[0].index == A_LEFT
+
+
+STARTS_M = {A_RIGHT: 0.0, A_LEFT: 0.0, B_RIGHT: 210.0, B_LEFT: 210.0, FAR: 0.0, NEAR: 200.0}
+"""Where lanes begin on the way to the stop line."""
+
+
+def planned(
+    *groups: DemandGroup, start: EmvStart | None = None, config: DemandConfig = CONFIG, seed: int = 0
+) -> GroupPlan:
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, config)
+    return plan_groups(NETWORK, signal_site(), start or start_at(90.0), template_with(*groups), seed, factory, config)
+
+
+def platoon(vehicles: int = 3) -> DemandGroup:
+    """Ahead of the EMV in its lane, with a first gap of 12 m."""
+    return replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles), first_gap_m=12.0)
+
+
+def fronts_m(vehicles: Sequence[PlannedVehicle]) -> list[float]:
+    """Along the way to the stop line."""
+    return [STARTS_M[vehicle.spot.lane] + vehicle.spot.front_m for vehicle in vehicles]
+
+
+def test_classes_are_drawn_by_their_shares_whatever_these_add_up_to() -> None:
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, CONFIG)
+    rng = np.random.default_rng(1)
+    drawn = [factory.draw_class(((ActorClass.SEDAN, 6.0), (ActorClass.BUS, 2.0)), rng) for _ in range(2000)]
+    assert drawn.count(ActorClass.SEDAN) == pytest.approx(1500, abs=80)
+
+
+def test_buses_start_only_in_lanes_from_which_they_can_drive_on() -> None:
+    """The right lane leads south alone, round a corner; the left one goes straight on."""
+    kept = (*NETWORK.connections[:STRAIGHT], *NETWORK.connections[STRAIGHT + 1 :])
+    factory = VehicleFactory(replace(NETWORK, connections=kept), same_drivers(), DIMENSIONS, CONFIG)
+    shares = ((ActorClass.SEDAN, 1.0), (ActorClass.BUS, 9.0))
+    assert factory.suited_lanes(ActorClass.BUS, (B_RIGHT, B_LEFT)) == (B_LEFT,)
+    assert factory.suited_lanes(ActorClass.SEDAN, (B_RIGHT, B_LEFT)) == (B_RIGHT, B_LEFT)
+    rng = np.random.default_rng(2)
+    drawn = {lane: {factory.draw_class(shares, rng, (lane,)) for _ in range(40)} for lane in (B_RIGHT, B_LEFT)}
+    assert drawn == {B_RIGHT: {ActorClass.SEDAN}, B_LEFT: {ActorClass.SEDAN, ActorClass.BUS}}
+    assert factory.draw_class(shares[1:], rng, (B_RIGHT,)) is ActorClass.BUS, "there is no other"
+
+
+def test_a_class_is_drawn_for_the_driving_lanes_of_its_row() -> None:
+    """Of a row whose second lane is a shoulder only the first counts."""
+    asked: list[tuple[int, ...]] = []
+
+    class Listening(VehicleFactory):
+        def draw_class(
+            self, shares: tuple[tuple[ActorClass, float], ...], rng: np.random.Generator, lanes: tuple[int, ...] = ()
+        ) -> ActorClass:
+            asked.append(lanes)
+            return super().draw_class(shares, rng, lanes)
+
+    lanes = list(NETWORK.lanes)
+    lanes[A_RIGHT] = replace(lanes[A_RIGHT], kind=LaneKind.SHOULDER)
+    queue = group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
+    for network, expected in ((NETWORK, {A_RIGHT, B_RIGHT}), (replace(NETWORK, lanes=tuple(lanes)), {B_RIGHT})):
+        asked.clear()
+        factory = Listening(network, same_drivers(), DIMENSIONS, CONFIG)
+        plan_groups(network, signal_site(), start_at(90.0), template_with(queue), 0, factory, CONFIG)
+        assert [set(lanes) & {A_LEFT, A_RIGHT, B_LEFT, B_RIGHT} for lanes in asked] == [expected] * 2
+
+
+def test_a_stream_next_to_the_emv_has_no_buses_that_cannot_follow_its_route() -> None:
+    """They would have to turn off right behind the site. South the way is tight, straight on it is not."""
+    shares = ((ActorClass.SEDAN, 1.0), (ActorClass.BUS, 9.0))
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, CONFIG)
+    assert [factory.can_follow(kind, (A, B, D)) for kind, _ in shares] == [True, False]
+    assert [factory.can_follow(kind, (A, B, C)) for kind, _ in shares] == [True, True]
+    straight_on, south = signal_site(), replace(signal_site(), route=(A, B, D))
+    for site, placement, buses in (
+        (straight_on, Placement.SAME_DIRECTION, True),
+        (south, Placement.SAME_DIRECTION, False),
+        (south, Placement.ADJACENT_LANE, True),
+    ):
+        template = template_with(group(placement, GroupAnchor.STOP_LINE, vehicles=4, standing=True))
+        template = replace(template, demand=replace(template.demand, classes=shares))
+        plan = plan_groups(NETWORK, site, start_at(90.0), template, 0, factory, CONFIG)
+        assert plan.vehicles
+        assert any(vehicle.actor_class is ActorClass.BUS for vehicle in plan.vehicles) is buses
+
+
+def test_a_queue_at_the_stop_line() -> None:
+    plan = planned(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=4, standing=True))
+    expected = [STOP_LINE_M - 7.0 - number * (CAR_M + 5.0) for number in range(4)]
+    assert fronts_m(plan.vehicles) == pytest.approx(expected)
+    assert {vehicle.spot.lane for vehicle in plan.vehicles} == {B_RIGHT}
+    assert {vehicle.spot.speed_mps for vehicle in plan.vehicles} == {0.0}
+    assert [vehicle.name for vehicle in plan.vehicles] == ["group0", "group1", "group2", "group3"]
+    assert plan.foremost_m == pytest.approx(STOP_LINE_M - 7.0)
+
+
+def test_a_platoon_ahead_of_the_emv() -> None:
+    plan = planned(platoon())
+    expected = [90.0 + 12.0 + CAR_M + number * (CAR_M + 5.0) for number in range(3)]
+    assert fronts_m(plan.vehicles) == pytest.approx(expected)
+    assert {vehicle.spot.lane for vehicle in plan.vehicles} == {A_LEFT}
+    assert {vehicle.spot.speed_mps for vehicle in plan.vehicles} == {8.0}
+    assert plan.foremost_m == pytest.approx(expected[-1])
+    assert all(vehicle.route[0] == "a" for vehicle in plan.vehicles)
+
+
+def test_two_rows_are_filled_in_turn() -> None:
+    """All lanes but the EMV's: with the EMV on the site's edge, both of the first road's lanes lead there."""
+    both = replace(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=2), name="first")
+    others = replace(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=2), name="second")
+    plan = planned(both, others)
+    assert [vehicle.name for vehicle in plan.vehicles] == ["first0", "first1", "second0", "second1"]
+    assert fronts_m(plan.vehicles) == pytest.approx([303.0, 293.4, 303.0, 293.4])
+    assert [vehicle.spot.lane for vehicle in plan.vehicles] == [B_LEFT, B_LEFT, B_RIGHT, B_RIGHT]
+
+
+def test_groups_in_one_row_queue_up_behind_each_other() -> None:
+    first = replace(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=1), name="first")
+    second = replace(first, name="second")
+    assert fronts_m(planned(first, second).vehicles) == pytest.approx([303.0, 303.0 - CAR_M - 5.0])
+    ahead = replace(platoon(1), name="ahead")
+    assert fronts_m(planned(ahead, replace(ahead, name="more")).vehicles) == pytest.approx([106.6, 106.6 + 5.0 + CAR_M])
+
+
+def test_nobody_stands_in_a_junction_or_with_its_rear_in_it() -> None:
+    """The row passes the junction K from 200 to 210 m: whoever would be there is put before or behind it."""
+    long = planned(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=12))
+    places = np.array(fronts_m(long.vehicles))
+    assert len(places) == 12
+    assert not ((places > 200.0) & (places < 210.0 + CAR_M)).any()
+    before = places[places <= 200.0][0]
+    assert 199.0 < before <= 200.0, "looked for every metre"
+    gaps = -np.diff(places) - CAR_M
+    assert gaps.min() == pytest.approx(5.0)
+    forwards = planned(platoon(), start=start_at(170.0))
+    assert fronts_m(forwards.vehicles) == pytest.approx([186.6, 196.2, 214.8]), "looked for every metre from 205.8 m on"
+
+
+def test_the_emv_has_its_clearance() -> None:
+    """A queue of its own lane ends 10 m before it: the rear of the last vehicle is at 100 m or more."""
+    plan = planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=25))
+    rears = np.array(fronts_m(plan.vehicles)) - CAR_M
+    assert 100.0 <= rears.min() < 100.0 + CAR_M + 5.0
+    with pytest.raises(MapError, match="0 would fit"):
+        planned(group(Placement.EMV_LANE, GroupAnchor.EMV))
+
+
+def test_a_row_that_is_too_short_for_most_vehicles_is_refused() -> None:
+    # From 303 m down to 100 m, every 9.6 m and with the junction's gap, 21 find a place.
+    places = len(planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=30)).vehicles)
+    assert places >= 18
+    most = int(places / 0.6)
+    assert len(planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=most)).vehicles) == places
+    with pytest.raises(MapError, match=f"{most + 2} vehicles in the EMV's lane; {places} would fit"):
+        planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=most + 2))
+
+
+@pytest.mark.parametrize(("start_m", "fits"), [(255.0, 4), (264.0, 3)])
+def test_three_standing_vehicles_are_a_queue(start_m: float, fits: int) -> None:
+    queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=12, standing=True)
+    assert len(planned(queue, start=start_at(start_m)).vehicles) == fits
+    with pytest.raises(MapError, match="12 vehicles in the EMV's lane; 2 would fit"):
+        planned(queue, start=start_at(275.0))
+    with pytest.raises(MapError):
+        planned(replace(queue, standing=False), start=start_at(start_m))
+
+
+def test_an_optional_group_is_left_out_where_it_has_no_road() -> None:
+    crowd = group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=200)
+    with pytest.raises(MapError):
+        planned(crowd)
+    assert 10 < len(planned(replace(crowd, optional=True)).vehicles) < 100
+
+
+def test_of_crossing_traffic_and_streams_one_is_enough() -> None:
+    crowd = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=200, standing=True)
+    assert 1 < len(planned(crowd).vehicles) < 120
+    stream = group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=60)
+    fronts = fronts_m(planned(stream).vehicles)
+    assert 1 < len(fronts) < 36
+    assert max(fronts) < STOP_LINE_M
+    nobody = replace(crowd, first_gap_m=1000.0)
+    with pytest.raises(MapError, match="200 vehicles on crossing roads; 0 would fit"):
+        planned(nobody)
+
+
+def test_crossing_rows_are_the_stage_from_behind_the_last_vehicle_on() -> None:
+    plan = planned(group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=2, standing=True))
+    assert fronts_m(plan.vehicles) == pytest.approx([293.0, 293.0 - CAR_M - 5.0])
+    assert plan.crossing == (CROSSING,)
+    assert plan.foremost_m == 0.0
+    rear_m = 293.0 - CAR_M - 5.0 - CAR_M
+    assert plan.crossing_stage == (
+        LaneInterval(NEAR, pytest.approx(rear_m - CONFIG.stage_behind_m - 200.0), pytest.approx(100.0)),
+    )
+
+
+@pytest.mark.parametrize(("placement", "keeps"), [(Placement.SAME_DIRECTION, True), (Placement.CROSSING, False)])
+def test_drivers_of_a_stream_keep_their_lane(placement: Placement, keeps: bool) -> None:
+    stream = replace(group(placement, GroupAnchor.ARRIVAL), vehicles=2)
+    for vehicle in planned(stream).vehicles:
+        assert (vehicle.driver.speed_gain_eagerness == 0.0) is keeps
+
+
+def test_nobody_wishes_for_more_than_the_limit_unless_the_stream_would_come_too_late() -> None:
+    fast = replace(platoon(), speed_mps=20.0)
+    assert {vehicle.spot.speed_mps for vehicle in planned(fast).vehicles} == {LIMIT_MPS}
+    assert {vehicle.driver.speed_factor for vehicle in planned(fast).vehicles} == {1.0}
+    stream = replace(fast, anchor=GroupAnchor.ARRIVAL, placement=Placement.SAME_DIRECTION, speed_mps=15.4)
+    vehicles = planned(stream, start=start_at(130.0)).vehicles
+    assert [vehicle.driver.speed_factor for vehicle in vehicles] == pytest.approx([1.1] * 3)
+    assert [vehicle.spot.speed_mps for vehicle in vehicles] == pytest.approx([15.4] * 3)
+    slow = replace(stream, speed_mps=7.0)
+    assert {vehicle.driver.speed_factor for vehicle in planned(slow, start=start_at(130.0)).vehicles} == {1.0}
+
+
+def test_gaps_and_speeds_vary_as_much_as_the_config_says() -> None:
+    config = replace(CONFIG, spacing_spread=0.2, speed_spread=0.1)
+    queue = replace(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=9), spacing_m=5.0)
+    vehicles = planned(queue, config=config).vehicles
+    here = [front for front in fronts_m(vehicles) if front > 215.0]
+    gaps = -np.diff(here) - CAR_M
+    assert 4.0 <= gaps.min() < 4.7
+    assert 5.3 < gaps.max() <= 6.0
+    speeds = np.array([vehicle.spot.speed_mps for vehicle in vehicles])
+    assert 7.2 <= speeds.min() < 7.8
+    assert 8.2 < speeds.max() <= 8.8
+
+
+def test_routes_begin_at_the_lane_and_are_long_enough() -> None:
+    """At 16 m/s for 5, 20 and 20 s they would be 720 m: they end where the map ends."""
+    plan = planned(platoon())
+    assert {vehicle.route for vehicle in plan.vehicles} == {("a", "b", "c")}
+    queue = planned(group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=3, standing=True))
+    assert {vehicle.route for vehicle in queue.vehicles} == {("n", "d")}
+    assert NETWORK.edges[A].edge_id == "a"
+
+
+def test_of_a_stream_of_several_vehicles_one_is_enough() -> None:
+    """The group has two vehicles and one fits: the second one would be 400 m farther back."""
+    for where in ((Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), (Placement.CROSSING, GroupAnchor.STOP_LINE)):
+        assert len(planned(replace(group(*where, vehicles=2), first_gap_m=7.0, spacing_m=400.0)).vehicles) == 1
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.2])
+def test_speeds_vary_to_both_sides_evenly(spread: float) -> None:
+    """From 8·(1 − spread) to 8·(1 + spread) m/s, whose middle is 8."""
+    config = DemandConfig(spacing_spread=0.0, speed_spread=spread)
+    plans = [planned(platoon(8), config=config, seed=seed) for seed in range(40)]
+    moving = [vehicle.spot.speed_mps for plan in plans for vehicle in plan.vehicles]
+    low, high = 8.0 * (1.0 - spread), 8.0 * (1.0 + spread)
+    assert min(moving) == pytest.approx(low, abs=0.1)
+    assert max(moving) == pytest.approx(high, abs=0.1)
+    assert low <= min(moving) <= max(moving) <= high

@@ -1,0 +1,349 @@
+"""Starts of EMVs and places of background traffic on two streets that cross."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from made_streets import (
+    A_LEFT,
+    A_RIGHT,
+    B_LEFT,
+    B_RIGHT,
+    C_LEFT,
+    C_RIGHT,
+    CONFIG,
+    LIMIT_MPS,
+    STOP_LINE_M,
+    A,
+    B,
+    C,
+    emv_demand,
+    group,
+    same_drivers,
+    signal_site,
+    start_at,
+    streets,
+    template_with,
+)
+from traffic_helpers import DIMENSIONS
+
+from siren_ros.errors import MapError
+from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
+from siren_ros.simulation.roads.sites import Site, SiteKind
+from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, SignalDemand, StartReference
+from siren_ros.simulation.traffic.config import DemandConfig
+from siren_ros.simulation.traffic.demand.demand import plan_traffic
+from siren_ros.simulation.traffic.demand.emv_start import (
+    approach_to,
+    behind_queue_mps,
+    depart_speed_mps,
+    emv_start,
+    start_m_of,
+    travel_lane,
+    unhindered_arrival_s,
+    way_to_stop_line_m,
+)
+from siren_ros.simulation.traffic.demand.plan import LaneInterval, SignalTiming, Spot, TrafficPlan
+from siren_ros.simulation.traffic.demand.vehicle_factory import VehicleFactory
+from siren_ros.simulation.world.actors import ActorClass
+
+NETWORK = streets()
+
+
+@pytest.mark.parametrize(
+    ("start_m", "lane", "front_m", "way_m"),
+    [
+        (30.0, B_LEFT, 30.0, 70.0),
+        (0.0, B_LEFT, 0.0, 100.0),
+        (-40.0, A_LEFT, 170.0, 140.0),
+        (-150.0, A_LEFT, 60.0, 250.0),
+        # Inside the junction K or right before it: 20 m before it.
+        (-5.0, A_LEFT, 180.0, 130.0),
+        (-25.0, A_LEFT, 180.0, 130.0),
+        (-31.0, A_LEFT, 179.0, 131.0),
+    ],
+)
+def test_starts_before_and_on_the_sites_edge(start_m: float, lane: int, front_m: float, way_m: float) -> None:
+    start = emv_start(NETWORK, signal_site(), start_m)
+    assert (start.lane, start.front_m) == (lane, pytest.approx(front_m))
+    assert start.route == ((A, B, C) if lane == A_LEFT else (B, C))
+    assert [index for index in start.lanes_to_site if index < 9] == ([A_LEFT, B_LEFT] if lane == A_LEFT else [B_LEFT])
+    assert way_to_stop_line_m(NETWORK, start) == pytest.approx(way_m)
+
+
+def test_starts_beyond_the_sites_edge_are_on_the_way_on() -> None:
+    """The edge is 100 m long, the junction 20 m."""
+    start = emv_start(NETWORK, signal_site(), 150.0)
+    assert (start.lane, start.front_m, start.route) == (C_LEFT, pytest.approx(30.0), (C,))
+    assert start.lanes_to_site == (C_LEFT,)
+    with pytest.raises(MapError, match="more of road"):
+        emv_start(NETWORK, signal_site(), 330.0)
+    with pytest.raises(MapError, match="more of road"):
+        emv_start(NETWORK, signal_site(), -211.0)
+
+
+def edges_of(traffic: TrafficPlan, network: RoadNetwork = NETWORK) -> set[str]:
+    """Edges on which background and reserve start."""
+    lanes = {vehicle.spot.lane for vehicle in (*traffic.background, *traffic.reserve)}
+    return {network.edges[network.lanes[lane].edge].edge_id for lane in lanes}
+
+
+def with_cut(network: RoadNetwork, length_m: float, *lanes: int) -> RoadNetwork:
+    """The network with lanes that end after a length."""
+    cut = {lane: replace(network.lanes[lane], centre=network.lanes[lane].centre.cut(0.0, length_m)) for lane in lanes}
+    return replace(network, lanes=tuple(cut.get(lane.index, lane) for lane in network.lanes))
+
+
+def busy() -> RoadNetwork:
+    """The junction before the approach has traffic of its own."""
+    crossed = replace(NETWORK.connections[0], from_lane=6, to_lane=B_LEFT)
+    return replace(NETWORK, connections=(*NETWORK.connections, crossed))
+
+
+def road_site() -> Site:
+    """A site whose start is no matter of quiet ways."""
+    return replace(signal_site(), kind=SiteKind.QUEUED_APPROACH)
+
+
+def test_the_start_is_counted_from_the_sites_edge_or_from_the_stop_line() -> None:
+    from_start = replace(emv_demand(-30.0), start_from=StartReference.SITE_START)
+    assert start_m_of(NETWORK, road_site(), from_start) == -30.0
+    assert start_m_of(NETWORK, road_site(), emv_demand(-30.0)) == pytest.approx(70.0)
+    assert start_m_of(NETWORK, road_site(), emv_demand(-150.0)) == pytest.approx(-50.0)
+
+
+def test_an_approach_that_is_too_short_is_used_from_its_beginning() -> None:
+    """210 m before the site's edge, of which the EMV's body takes 8 m."""
+    for start_m in (-500.0, -600.0, -2000.0):
+        assert start_m_of(NETWORK, road_site(), emv_demand(start_m)) == pytest.approx(-202.0)
+    assert emv_start(NETWORK, road_site(), -202.0).front_m == pytest.approx(8.0)
+
+
+def test_departing_and_arriving_on_a_straight_way() -> None:
+    start = start_at(110.0)
+    assert unhindered_arrival_s(NETWORK, start, emv_demand(0.0, 10.0), CONFIG) == pytest.approx(20.0)
+    assert depart_speed_mps(NETWORK, start, emv_demand(0.0, 10.0), CONFIG) == pytest.approx(10.0)
+    there = replace(start, lane=B_LEFT, front_m=120.0, lanes_to_site=(B_LEFT,))
+    assert unhindered_arrival_s(NETWORK, there, emv_demand(0.0, 10.0), CONFIG) == 0.0
+    assert depart_speed_mps(NETWORK, there, emv_demand(0.0, 10.0), CONFIG) == 10.0
+
+
+def plan(
+    *groups: DemandGroup, count: int = 1, config: DemandConfig = CONFIG, network: RoadNetwork = NETWORK, **changed: Any
+) -> TrafficPlan:
+    template = template_with(*groups)
+    emv = replace(template.emv, count=count, start_from=StartReference.SITE_START, start_m=-50.0)
+    template = replace(template, emv=emv, **changed)
+    return plan_traffic(network, signal_site(), template, 3, same_drivers(), DIMENSIONS, config)
+
+
+def test_a_second_emv_keeps_its_headway() -> None:
+    """6.2 m of length and 2 s at 10 m/s."""
+    first, second = plan(count=2).emvs
+    assert (first.spot.lane, first.spot.front_m) == (A_LEFT, pytest.approx(160.0))
+    assert (second.spot.lane, second.spot.front_m) == (A_LEFT, pytest.approx(160.0 - 26.2))
+    assert (first.name, second.name) == ("emv0", "emv1")
+    assert first.driver.speed_factor == pytest.approx(10.0 / LIMIT_MPS)
+    assert first.route == ("a", "b", "c")
+
+
+def test_the_stage_reaches_from_behind_the_last_emv_to_ahead_of_the_groups() -> None:
+    """The EMV's rear is at 153.8 m; 25 m behind that and 35 m ahead of the foremost front, on both lanes."""
+    traffic = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0))
+    (foremost,) = traffic.groups
+    front_m = foremost.spot.front_m
+    assert front_m == pytest.approx(160.0 + 12.0 + 4.6)
+    rear_m = 160.0 - 6.2 - 25.0
+    assert LaneInterval(A_LEFT, pytest.approx(rear_m), pytest.approx(200.0)) in traffic.stage
+    assert LaneInterval(A_RIGHT, pytest.approx(rear_m), pytest.approx(200.0)) in traffic.stage
+    beyond_m = front_m + 35.0 - 210.0
+    assert LaneInterval(B_LEFT, 0.0, pytest.approx(beyond_m)) in traffic.stage
+    # Nobody of the groups in its lane: then its whole way to the stop line is kept free.
+    free = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1, standing=True)).stage
+    assert LaneInterval(B_LEFT, 0.0, pytest.approx(100.0)) in free
+    assert LaneInterval(A_LEFT, 0.0, pytest.approx(200.0)) in free
+
+
+def test_volumes_and_steps() -> None:
+    traffic = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=3))
+    assert (len(traffic.groups), len(traffic.background), len(traffic.reserve)) == (3, 7, 40)
+    assert (traffic.civilians, traffic.warm_up_steps) == (10, 100)
+
+
+def test_background_traffic_can_stop() -> None:
+    """At 0.7 of the limit, or so slow that it stops within 9 m, or before the end of its lane, at 2.5 m/s²."""
+    traffic = plan(config=replace(CONFIG, placement_gap_m=6.0))
+    for vehicle in (*traffic.background, *traffic.reserve):
+        lane = NETWORK.lanes[vehicle.spot.lane]
+        free_m = min(6.0, lane.length_m - vehicle.spot.front_m)
+        assert vehicle.spot.speed_mps == pytest.approx(min(0.7 * LIMIT_MPS, np.sqrt(2.0 * 2.5 * free_m)))
+        assert vehicle.length_m <= vehicle.spot.front_m <= lane.length_m
+
+
+def test_background_vehicles_keep_their_gaps_on_a_full_map() -> None:
+    """Vehicles of one lane are 9 m apart or more, on either side."""
+    template = template_with()
+    crowded = replace(template.demand, background_vehicles=22)
+    vehicles = plan(demand=crowded, config=replace(CONFIG, reserve_factor=0.0)).background
+    by_lane: dict[int, list[float]] = {}
+    for vehicle in vehicles:
+        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle.spot.front_m)
+    assert max(map(len, by_lane.values())) > 2
+    for fronts in by_lane.values():
+        assert (np.diff(sorted(fronts)) >= 9.0 + 4.6).all()
+
+
+def test_the_signal_turns_red_before_the_emv_arrives() -> None:
+    """From 160 m, 150 m before the stop line at 10 m/s: 15 s. The left lane's movement has link 1."""
+    crossing = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
+    traffic = plan(crossing, signal=SignalDemand(4.0)).signal
+    assert traffic == SignalTiming("J", 1, pytest.approx(11.0), (3,), (), "emv0")
+    assert plan(crossing, signal=None).signal is None
+    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=2), name="stream")
+    timing = plan(stream, crossing, signal=SignalDemand(4.0)).signal
+    assert timing is not None
+    assert timing.platoon == ("stream0", "stream1")
+    assert STOP_LINE_M - 160.0 == 150.0
+
+
+def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site() -> None:
+    """50 m beyond the site's edge the way ends with the edge that it has come to; the side road is 30 m away."""
+    near = replace(CONFIG, neighbourhood_m=5.0, neighbourhood_after_m=50.0, background_spacing_m=10.0)
+    traffic = plan(config=replace(near, reserve_factor=8.0))
+    assert edges_of(traffic) == {"a", "b"}, "from the last edge nobody can drive on"
+    back = replace(NETWORK.connections[0], from_lane=C_LEFT, via=())
+    looped = replace(NETWORK, connections=(*NETWORK.connections, back))
+    wide = plan(config=replace(near, reserve_factor=8.0), network=looped)
+    assert edges_of(wide, looped) == {"a", "b", "c"}
+
+
+def test_the_streets_around_have_a_density_of_their_own() -> None:
+    """Beyond the lanes near the EMV's way, of 5 m, three lanes of 100 m lead on, of the roads m and n."""
+    dense = replace(template_with().demand, background_vehicles=2, district_per_lane_km=40.0)
+    near = replace(CONFIG, neighbourhood_m=5.0, background_spacing_m=10.0, reserve_factor=8.0)
+    for district_m, around in ((5.0, 0), (300.0, 12)):
+        traffic = plan(demand=dense, config=replace(near, district_m=district_m))
+        district = [vehicle for vehicle in traffic.background if vehicle.name.startswith("district")]
+        assert len(district) == around
+        assert {vehicle.route[0] for vehicle in district} <= {"m", "n"}
+        assert traffic.civilians == 2 + around
+
+
+def test_next_to_a_shoulder_is_its_neighbour_on_either_side() -> None:
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    shoulder = replace(lanes[B_LEFT], index=len(lanes), lane_id="b_2", position=2, kind=LaneKind.SHOULDER)
+    edges[B] = replace(edges[B], lanes=(*edges[B].lanes, shoulder.index))
+    network = replace(NETWORK, lanes=(*lanes, shoulder), edges=tuple(edges))
+    assert travel_lane(network, replace(signal_site(), approach_lane=shoulder.index)).index == B_LEFT
+    assert travel_lane(network, signal_site()).index == B_LEFT
+
+
+def test_groups_ahead_are_counted_from_the_foremost_emv() -> None:
+    traffic = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0), count=3)
+    assert [emv.spot.front_m for emv in traffic.emvs] == pytest.approx([160.0, 133.8, 107.6])
+    assert traffic.groups[0].spot.front_m == pytest.approx(160.0 + 12.0 + 4.6)
+
+
+def test_a_lane_is_near_the_emvs_way_where_its_middle_is() -> None:
+    """The side road ends 12 m from the way, and its middle is 62 m away."""
+    near = replace(CONFIG, neighbourhood_m=20.0, background_spacing_m=10.0, reserve_factor=8.0)
+    for reach_m, edges in ((20.0, {"a", "b"}), (70.0, {"a", "b", "n"})):
+        assert edges_of(plan(config=replace(near, neighbourhood_m=reach_m))) == edges
+
+
+def test_background_traffic_is_everywhere_where_the_lanes_near_the_way_are_too_short() -> None:
+    """Two lanes of 200 m and two of 100 m are near; ten civilians want 59 m or 61 m each."""
+    config = replace(CONFIG, neighbourhood_m=5.0, reserve_factor=8.0)
+    for spacing_m, wide in ((59.0, False), (61.0, True)):
+        assert ({"m", "n"} <= edges_of(plan(config=replace(config, background_spacing_m=spacing_m)))) is wide
+
+
+def test_the_arrival_takes_the_rest_of_the_way_at_the_end() -> None:
+    """A way of whole metres and a part of one; each at 10 m/s."""
+    for front_m in (110.0, 110.4, 299.7, 309.5):
+        start = start_at(min(front_m, 199.0))
+        shift = front_m - start.front_m
+        start = replace(start, front_m=start.front_m + shift)
+        arrival_s = unhindered_arrival_s(NETWORK, start, emv_demand(0.0, 10.0), CONFIG)
+        assert arrival_s == pytest.approx((310.0 - front_m) / 10.0, abs=1e-6)
+
+
+def test_a_site_with_a_quiet_way_is_best_then_one_behind_a_junction_then_one_behind_a_sharp_bend() -> None:
+    """From 60 m of quiet way on a conflict point is good; the road of 310 m before J has K in it, without traffic."""
+    site = signal_site()
+    assert approach_to(NETWORK, site, emv_demand(-200.0), CONFIG).rank == 0
+    assert approach_to(busy(), site, emv_demand(-200.0), CONFIG).rank in {0, 1}
+    assert approach_to(NETWORK, replace(site, kind=SiteKind.QUEUED_APPROACH), emv_demand(-5000.0), CONFIG).rank == 0
+    slow = replace(CONFIG, emv_accel_mps2=0.05)
+    late = replace(emv_demand(-200.0, 20.0), depart_speed_mps=2.0)
+    assert approach_to(NETWORK, site, late, slow).rank == 2
+    assert approach_to(NETWORK, site, late, replace(CONFIG, emv_accel_mps2=8.0)).rank == 0
+
+
+@pytest.mark.parametrize(("length_m", "rank"), [(14.9, 2), (15.1, 1)])
+def test_an_approach_without_space_for_two_cars_is_as_bad_as_a_sharp_bend(length_m: float, rank: int) -> None:
+    """The road up to the line is cut off."""
+    short = with_cut(busy(), length_m, B_LEFT)
+    assert approach_to(short, signal_site(), emv_demand(-200.0), CONFIG).rank == rank
+    assert (
+        approach_to(short, replace(signal_site(), kind=SiteKind.QUEUED_APPROACH), emv_demand(-200.0), CONFIG).rank == 0
+    )
+
+
+@pytest.mark.parametrize(("length_m", "rank"), [(89.0, 1), (91.0, 0)])
+def test_a_shoulder_turn_with_space_for_a_queue_and_the_way_onto_the_shoulder_comes_first(
+    length_m: float, rank: int
+) -> None:
+    """50 m for the queue and 40 m behind the junction before it."""
+    lanes = list(with_cut(NETWORK, length_m, B_LEFT).lanes)
+    lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER)
+    short = replace(busy(), lanes=tuple(lanes))
+    site = replace(signal_site(), kind=SiteKind.SHOULDER_RIGHT_TURN, approach_lane=B_RIGHT)
+    assert approach_to(short, site, emv_demand(-200.0), CONFIG).rank == rank
+
+
+@pytest.mark.parametrize(("length_m", "rank"), [(99.0, 2), (101.0, 0)])
+def test_a_site_with_hardly_any_road_behind_it_comes_last(length_m: float, rank: int) -> None:
+    """The road behind the junction ends after so many metres."""
+    assert (
+        approach_to(with_cut(NETWORK, length_m, C_RIGHT, C_LEFT), signal_site(), emv_demand(-200.0), CONFIG).rank
+        == rank
+    )
+
+
+@pytest.mark.parametrize(
+    ("start_m", "lane", "front_m", "speed_mps", "expected_mps"),
+    [
+        (90.0, A_LEFT, 107.6, 0.0, 45.0**0.5),
+        (190.0, B_LEFT, 19.6, 0.0, 155.0**0.5),
+        (90.0, A_LEFT, 97.6, 0.0, 0.0),
+        (90.0, A_LEFT, 94.5, 0.0, math.inf),
+        (90.0, A_RIGHT, 107.6, 0.0, math.inf),
+        (90.0, A_LEFT, 107.6, 5.0, math.inf),
+    ],
+    ids=["13 m", "in the next lane of the way", "too near", "next to it", "another lane", "drives"],
+)
+def test_an_emv_starts_no_faster_than_it_can_stop_behind_a_queue(
+    start_m: float, lane: int, front_m: float, speed_mps: float, expected_mps: float
+) -> None:
+    """Braking with 2.5 m/s² to 4 m behind a car of 4.6 m."""
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, CONFIG)
+    rng = np.random.default_rng(1)
+    driver = factory.draw_driver(ActorClass.SEDAN, rng)
+    car = factory.civilian("car", ActorClass.SEDAN, driver, ("a",), Spot(lane, front_m, speed_mps), rng)
+    assert car.length_m == pytest.approx(4.6)
+    assert behind_queue_mps(NETWORK, start_at(start_m), [car], CONFIG) == pytest.approx(expected_mps)
+
+
+def test_the_emv_of_a_plan_starts_at_that_speed() -> None:
+    """The queue reaches back over K to the road on which the EMV starts at 160 m; a short one leaves it its 10 m/s."""
+    for vehicles, limited in ((14, True), (4, False)):
+        traffic = plan(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=vehicles, standing=True))
+        (emv,) = traffic.emvs
+        spots = [vehicle.spot for vehicle in traffic.groups]
+        rear_m = min({A_LEFT: 0.0, B_LEFT: 210.0}[spot.lane] + spot.front_m - 4.6 for spot in spots)
+        expected_mps = min((5.0 * (rear_m - 160.0 - 4.0)) ** 0.5, 10.0)
+        assert (expected_mps < 10.0) is limited
+        assert emv.spot.speed_mps == pytest.approx(expected_mps)

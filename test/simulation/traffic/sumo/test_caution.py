@@ -1,0 +1,426 @@
+"""SUMO's drivers wait for vehicles that are driven from outside, on a crossing of two roads."""
+
+import math
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from siren_ros.base.numerics.geometry import Polyline, rotate
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.simulation.conflicts.course import CourseBook, Outlook
+from siren_ros.simulation.conflicts.people import outlines_of, people_at
+from siren_ros.simulation.conflicts.yielding import YieldingConfig
+from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.traffic.config import CautionConfig, DemandConfig
+from siren_ros.simulation.traffic.sumo import caution as caution_module
+from siren_ros.simulation.traffic.sumo.caution import Caution, CautiousDrivers, cautions
+from siren_ros.simulation.world.actors import ActorClass, Owner
+from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficFlags, TrafficState
+
+TURNS = np.radians([0.0, 30.0, 60.0])
+HALF_LENGTH, HALF_WIDTH = 2.3, 0.9
+
+
+@dataclass(frozen=True)
+class Car:
+    edge: int
+    """0 leads east, 1 north; they cross after 100 m."""
+    front_m: float
+    speed: float
+    owner: Owner = Owner.SUMO
+    accel: float = 0.0
+    flags: TrafficFlags = TrafficFlags.NONE
+    left: float = 0.0
+    """Of the lane's middle."""
+    turned: float = 0.0
+    """Off the lane's direction."""
+
+
+def network(turn: float) -> RoadNetwork:
+    ways = ([[0.0, 0.0], [200.0, 0.0]], [[100.0, -100.0], [100.0, 100.0]])
+    lines = [Polyline.through(rotate(np.array(way), turn)) for way in ways]
+    lanes = tuple(
+        Lane(i, f"l{i}", i, 0, LaneKind.DRIVING, line, 3.3, 13.9, emergency_allowed=True, civilian_allowed=True)
+        for i, line in enumerate(lines)
+    )
+    edges = tuple(Edge(i, f"e{i}", (i,), f"A{i}", f"B{i}", internal=False) for i in range(2))
+    return RoadNetwork(lanes, edges, (), {}, (0.0, 0.0), "!")
+
+
+def traffic_of(cars: list[Car], roads: RoadNetwork) -> TrafficState:
+    n = len(cars)
+    pose = np.array([roads.lanes[car.edge].centre.offset_points(car.front_m - HALF_LENGTH, car.left) for car in cars])
+    yaw = np.array([float(roads.lanes[car.edge].centre.heading_rad(car.front_m)) + car.turned for car in cars])
+    speed = np.array([car.speed for car in cars])
+    columns: dict[str, Any] = {name: np.zeros(n, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
+    columns |= {"x_m": pose[:, 0], "y_m": pose[:, 1], "yaw_rad": yaw, "speed_mps": speed}
+    columns |= {"sumo_x_m": pose[:, 0], "sumo_y_m": pose[:, 1], "sumo_yaw_rad": yaw, "sumo_speed_mps": speed}
+    columns |= {"removed": np.empty(0, np.uint32), "actor_id": np.arange(1, n + 1, dtype=np.uint32)}
+    columns |= {"owner": np.array([car.owner for car in cars], np.uint8)}
+    columns |= {"sumo_accel_mps2": np.array([car.accel for car in cars])}
+    columns |= {"lane": np.array([car.edge for car in cars], np.int32)}
+    columns |= {"lane_position_m": np.array([car.front_m for car in cars])}
+    columns |= {"flags": np.array([int(car.flags) for car in cars], np.uint8)}
+    columns |= {"route_offset": np.arange(n + 1, dtype=np.int32), "route_edges": columns["lane"]}
+    return TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
+
+
+def seen(traffic: TrafficState, roads: RoadNetwork, *limits: Any) -> tuple[Caution, ...]:
+    n = len(traffic)
+    outlook = Outlook(traffic, CourseBook(roads), np.full(n, HALF_LENGTH), np.full(n, HALF_WIDTH))
+    return cautions(traffic, outlook, CautionConfig(), *limits)
+
+
+def two_vehicles(decel_mps2: float = 3.0, attentive: bool = True) -> Any:
+    """What cautious drivers read of SUMO's vehicles."""
+    driver = SimpleNamespace(driving=SimpleNamespace(decel_mps2=decel_mps2))
+    body = {"length_m": 2.0 * HALF_LENGTH, "width_m": 2.0 * HALF_WIDTH, "attentive": attentive, "driver": driver}
+    body["actor_class"] = ActorClass.SEDAN
+    return {actor_id: SimpleNamespace(name=f"v{actor_id}", **body) for actor_id in (1, 2)}
+
+
+def cautious(
+    cars: list[Car], turn: float = 0.0, waiting: tuple[int, ...] = (), inattentive: tuple[int, ...] = ()
+) -> tuple[Caution, ...]:
+    roads = network(turn)
+    return seen(traffic_of(cars, roads), roads, waiting, inattentive)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_a_driver_waits_for_an_outside_vehicle_that_cannot_stop_any_more(turn: float) -> None:
+    (caution,) = cautious([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], turn)
+    assert (caution.actor_id, caution.other_id) == (1, 2)
+    way = 25.0 - HALF_WIDTH - YieldingConfig().standoff_m
+    assert way - 1.5 < caution.wait.free_m <= way
+    clear_s = (15.0 + 2.0 * HALF_LENGTH + HALF_WIDTH) / 12.0
+    assert 13.0 * clear_s - 0.5 * caution.wait.brake_mps2 * clear_s**2 < way
+
+
+def test_nobody_waits_for_who_comes_much_later_or_stays_away() -> None:
+    assert cautious([Car(0, 90.0, 12.0), Car(1, 20.0, 8.0, Owner.ROS)]) == ()
+    assert cautious([Car(0, 75.0, 10.0), Car(1, 120.0, 12.0, Owner.ROS)]) == ()
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_an_inattentive_driver_sees_who_is_ahead_and_not_who_comes_across(turn: float) -> None:
+    across = [Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)]
+    assert cautious(across, turn, inattentive=(1,)) == ()
+    assert cautious(across, turn, inattentive=(2,)) == cautious(across, turn)
+    ahead = [Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)]
+    assert cautious(ahead, turn, inattentive=(1,)) == cautious(ahead, turn)
+    among_themselves = [Car(0, 93.0, 5.0), Car(1, 97.0, 6.0)]
+    assert cautious(among_themselves, turn, inattentive=(1,)) == cautious(among_themselves, turn) != ()
+
+
+def test_an_outside_vehicle_that_stands_in_the_way_is_not_driven_into() -> None:
+    (caution,) = cautious([Car(0, 75.0, 10.0), Car(1, 102.0, 0.0, Owner.ROS)])
+    assert 100.0 - HALF_WIDTH - 75.0 - 3.0 < caution.wait.free_m < 100.0 - HALF_WIDTH - 75.0
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_changes_lanes_looks_where_the_vehicle_points(turn: float, side: float) -> None:
+    """A body ahead, in the lane that the driver goes to, is 0.4 m or more aside of the way that leads straight on."""
+
+    def waits(changing: Car, there: Car) -> tuple[Caution, ...]:
+        roads = network(turn)
+        traffic = traffic_of([changing, there], roads)
+        return seen(replace(traffic, lateral_offset_m=np.array([changing.left, there.left])), roads)
+
+    changing = Car(0, 75.0, 4.5, left=2.4 * side, turned=-0.2 * side)
+    there = Car(0, 82.0, 0.0, Owner.ROS)
+    (caution,) = waits(changing, there)
+    assert (caution.actor_id, caution.wait.speed_mps) == (1, 0.0)
+    assert 0.5 < caution.wait.free_m < 2.5
+    assert waits(replace(changing, turned=0.0), there) == (), "it leads past"
+    for other in (replace(there, left=-3.0 * side), replace(there, owner=Owner.SUMO), replace(there, front_m=90.0)):
+        assert waits(changing, other) == ()
+    assert waits(replace(changing, speed=2.0), there) == (), "there is time to brake"
+
+
+@pytest.mark.parametrize("owner", Owner)
+def test_leaders_are_sumos_own_business_while_there_is_room(owner: Owner) -> None:
+    assert cautious([Car(0, 50.0, 10.0), Car(0, 80.0, 2.0, owner)]) == ()
+    (caution,) = cautious([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, owner)])
+    assert caution.actor_id == 1
+    assert caution.wait.brake_mps2 == pytest.approx(8.0**2 / (2.0 * caution.wait.free_m))
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_driver_lets_an_outside_vehicle_merge_and_leaves_sumos_own_ones_to_sumo(turn: float, side: float) -> None:
+    """It is 5 m ahead beside the lane and goes on in it."""
+    merging = Car(0, 98.0, 6.0, Owner.ROS, left=side * 2.6)
+    (caution,) = cautious([Car(0, 93.0, 8.0), merging], turn)
+    assert (caution.actor_id, caution.other_id) == (1, 2)
+    assert caution.wait.speed_mps < 8.0
+    assert cautious([Car(0, 93.0, 8.0), replace(merging, owner=Owner.SUMO, flags=TrafficFlags.ON_JUNCTION)], turn) == ()
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_among_themselves_drivers_wait_where_their_bodies_would_touch(turn: float) -> None:
+    first = Car(0, 93.0, 5.0)
+    assert [caution.actor_id for caution in cautious([first, Car(1, 97.0, 6.0)], turn)] == [1]
+    assert cautious([first, Car(1, 107.0, 8.0)], turn) == ()
+    on_junction = Car(1, 100.5, 0.0, flags=TrafficFlags.ON_JUNCTION)
+    assert [caution.actor_id for caution in cautious([first, on_junction], turn)] == [1]
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("slow_in_m", [0.1, 0.4, 0.7, 1.0, 1.3])
+@pytest.mark.parametrize("fast_in_m", [1.0, 1.4, 1.8, 2.2, 2.6, 3.0])
+def test_of_two_whose_bodies_would_touch_one_waits(turn: float, slow_in_m: float, fast_in_m: float) -> None:
+    """Where both took the other one to be farther away than it is, both would go."""
+    fast, slow = Car(0, 100.0 - HALF_WIDTH - fast_in_m, 3.2), Car(1, 100.0 - HALF_WIDTH - slow_in_m, 1.0)
+    assert len(cautious([fast, slow], turn)) == 1
+
+
+def test_who_waits_goes_on_waiting_while_braking_for_it() -> None:
+    cars = [Car(0, 90.0, 2.0, accel=-2.0), Car(1, 92.0, 4.0, Owner.ROS)]
+    assert cautious(cars) == ()
+    assert [caution.actor_id for caution in cautious(cars, waiting=(1,))] == [1]
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.2])
+def test_nobody_creeps_into_a_body_ahead(speed: float) -> None:
+    touching = 80.0 - 2.0 * HALF_LENGTH
+    (caution,) = cautious([Car(0, touching - 0.2, speed), Car(0, 80.0, 0.0)])
+    assert caution.wait.speed_mps == 0.0
+    assert cautious([Car(0, touching - 2.5, speed), Car(0, 80.0, 0.0)]) == ()
+
+
+@pytest.mark.parametrize(
+    ("front_m", "decel_mps2", "brake_mps2"), [(70.0, 3.0, None), (70.0, 50.0, 50.0), (73.4, 3.0, "most")]
+)
+def test_imposed_speeds_brake_comfortably_where_that_is_enough_and_else_as_hard_as_needed(
+    front_m: float, decel_mps2: float, brake_mps2: float | str | None
+) -> None:
+    """The leader at 2 m/s is 10 m or less ahead; the speed falls in one step by the deceleration."""
+    cars = [Car(0, front_m, 10.0), Car(0, 80.0, 2.0, Owner.ROS)]
+    (caution,) = cautious(cars)
+    drivers = CautiousDrivers(network(0.0), CautionConfig())
+    speeds = drivers._speeds(traffic_of(cars, network(0.0)), two_vehicles(decel_mps2))
+    needed = caution.wait.brake_mps2
+    expected = {None: max(needed, 0.0), "most": CautionConfig().most_brake_mps2}.get(brake_mps2, brake_mps2)  # type: ignore[arg-type]
+    assert speeds == {"v1": (1, pytest.approx(max(10.0 - float(expected) * STEP_S, 2.0)))}
+    assert (needed > decel_mps2) is (brake_mps2 != 50.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("turn", TURNS)
+def test_who_stands_aside_is_passed_with_a_margin_where_it_is_driven_from_outside(turn: float, side: float) -> None:
+    """Half widths of 0.9 m each; 0.2 m more towards those from outside."""
+    for owner, apart_m in ((Owner.SUMO, 1.8), (Owner.ROS, 2.0)):
+        for more_m, waits in ((-0.05, True), (0.05, False)):
+            aside = Car(0, 80.0, 0.0, owner, left=side * (apart_m + more_m))
+            assert bool(cautious([Car(0, 72.0, 8.0), aside], turn)) is waits
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(("aside_m", "waits"), [(3.8, True), (4.6, False)])
+def test_the_tail_of_a_bus_that_changes_lanes_is_in_the_way(
+    turn: float, side: float, aside_m: float, waits: bool
+) -> None:
+    """At 20° its tail is 2.1 m nearer to the lane's middle than its centre, which is farther aside than any car's."""
+    roads = network(turn)
+    traffic = traffic_of([Car(0, 72.0, 5.0), Car(0, 84.0, 0.0)], roads)
+    place = rotate(np.array([[79.3, side * aside_m]]), turn)[0]
+    x, y, yaw = traffic.x_m.copy(), traffic.y_m.copy(), traffic.yaw_rad.copy()
+    x[1], y[1], yaw[1] = place[0], place[1], turn + side * np.radians(20.0)
+    traffic = replace(traffic, x_m=x, y_m=y, yaw_rad=yaw)
+    outlook = Outlook(traffic, CourseBook(roads), np.array([HALF_LENGTH, 6.0]), np.array([HALF_WIDTH, 1.275]))
+    assert ([caution.actor_id for caution in cautions(traffic, outlook, CautionConfig())] == [1]) is waits
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("riders", [(), (1,), (2,)])
+def test_riders_and_others_follow_who_stands_at_an_angle_on_the_same_way(turn: float, riders: tuple[int, ...]) -> None:
+    """At 35 degrees, as in a bend: drivers of cars leave it to SUMO."""
+    roads = network(turn)
+    traffic = traffic_of([Car(0, 72.0, 8.0), Car(0, 84.0, 0.0)], roads)
+    yaw = traffic.yaw_rad.copy()
+    yaw[1] += np.radians(35.0)
+    found = seen(replace(traffic, yaw_rad=yaw), roads, (), (), riders)
+    assert [caution.actor_id for caution in found] == ([1] if riders else [])
+
+
+@pytest.mark.parametrize("riders", [(), (1,), (2,)])
+def test_a_rider_and_another_one_beside_each_other_do_not_go_on_together(riders: tuple[int, ...]) -> None:
+    """The second one moves as fast, 1.7 m to the left, and its rear is behind the own front."""
+    cars = [Car(0, 80.0, 1.3), Car(0, 83.0, 1.3, Owner.ROS, left=1.7)]
+    roads = network(0.0)
+    found = seen(traffic_of(cars, roads), roads, (), (), riders)
+    assert [caution.wait.speed_mps for caution in found] == [0.0 if riders else 1.3]
+
+
+@pytest.mark.parametrize("riders", [(), (1,), (2,)])
+def test_riders_and_others_give_way_where_they_merge(riders: tuple[int, ...]) -> None:
+    """The second one turns into the way of the first one, 12 m ahead, as SUMO lets it do: cars are SUMO's business."""
+    lines = ([[0.0, 0.0], [200.0, 0.0]], [[70.0, -30.0], [100.0, -6.0], [112.0, 0.0], [200.0, 0.0]])
+    roads = network(0.0)
+    lanes = tuple(replace(lane, centre=Polyline.through(line)) for lane, line in zip(roads.lanes, lines, strict=True))
+    roads = replace(roads, lanes=lanes)
+    inside = TrafficFlags.ON_JUNCTION
+    traffic = traffic_of([Car(0, 90.0, 8.0, flags=inside), Car(1, 30.0, 6.0, flags=inside)], roads)
+    found = seen(traffic, roads, (), (), riders)
+    assert bool(found) is bool(riders)
+
+
+@pytest.mark.parametrize(("kind", "apart_m"), [(ActorClass.SEDAN, 1.8), (ActorClass.BICYCLE, 2.2)])
+def test_riders_are_passed_and_pass_with_a_space(kind: ActorClass, apart_m: float) -> None:
+    """Half widths of 0.9 m each, and 0.2 m on both of two riders."""
+    roads, vehicles = network(0.0), two_vehicles()
+    for vehicle in vehicles.values():
+        vehicle.actor_class = kind
+    for more_m, waits in ((-0.05, True), (0.05, False)):
+        traffic = traffic_of([Car(0, 72.0, 8.0), Car(0, 80.0, 0.0, left=apart_m + more_m)], roads)
+        assert bool(CautiousDrivers(roads, CautionConfig())._speeds(traffic, vehicles)) is waits
+
+
+@pytest.mark.parametrize(("apart_m", "owner", "waits"), [(27.5, Owner.SUMO, False), (27.5, Owner.ROS, True)])
+def test_a_body_of_sumo_far_ahead_is_sumos_own_business(apart_m: float, owner: Owner, waits: bool) -> None:
+    """Farther ahead than a second of way and 12 m. Of those from outside anybody within reach counts."""
+    cars = [Car(0, 50.0, 12.5), Car(0, 50.0 + apart_m, 0.0, owner)]
+    assert apart_m > 12.5 + 12.0
+    assert bool(cautious(cars)) is waits
+    near = [Car(0, 50.0, 12.5), Car(0, 50.0 + 24.0, 0.0, Owner.SUMO)]
+    assert cautious(near)
+
+
+class SumoVehicles:
+    """libsumo's domain of vehicles, as far as cautious drivers use it."""
+
+    def __init__(self) -> None:
+        self.speeds: dict[str, float] = {}
+        self.modes: dict[str, int] = {}
+
+    def setSpeed(self, name: str, speed_mps: float) -> None:  # noqa: N802 - libsumo's name
+        self.speeds[name] = speed_mps
+
+    def setSpeedMode(self, name: str, mode: int) -> None:  # noqa: N802 - libsumo's name
+        self.modes[name] = mode
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_an_outside_vehicle_is_taken_to_go_at_its_simulated_speed(turn: float) -> None:
+    """SUMO's own idea of it is the mirror's, a step late or none at all."""
+    roads = network(turn)
+    traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], roads)
+    late = replace(traffic, sumo_speed_mps=np.array([13.0, 0.0]), speed_mps=np.array([0.0, 12.0]))
+    for state in (traffic, late):
+        (caution,) = seen(state, roads)
+        assert (caution.actor_id, caution.other_id) == (1, 2)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_of_several_waits_the_strictest_is_kept(turn: float) -> None:
+    """A standing vehicle 3 m ahead is stricter than one that comes across 25 m on, whichever is looked at first."""
+    across = Car(1, 85.0, 12.0, Owner.ROS)
+    ahead = Car(0, 75.0 + 2.0 * HALF_LENGTH + 3.0, 0.0, Owner.ROS)
+    for others in ([across, ahead], [ahead, across]):
+        (caution,) = cautious([Car(0, 75.0, 13.0), *others], turn)
+        assert (caution.other_id, caution.wait.speed_mps) == (2 + others.index(ahead), 0.0)
+
+
+def test_imposed_speeds_are_along_sumos_length_of_the_lane() -> None:
+    """A lane that SUMO takes for shorter than it is: its speeds are lower."""
+    drivers, roads = CautiousDrivers(network(0.0), CautionConfig()), network(0.0)
+    traffic = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], roads)
+    ((_, speed_mps),) = drivers._speeds(traffic, two_vehicles(3.0)).values()
+    assert drivers._speeds(traffic, two_vehicles(3.0), scale_of=lambda lane: {0: 0.9}[lane]) == {
+        "v1": (1, 0.9 * speed_mps)
+    }
+
+
+@pytest.mark.parametrize(("owner", "at_m", "slowed"), [(0, 95.0, True), (0, 115.0, False), (1, 95.0, False)])
+def test_sumos_drivers_come_to_people_on_a_crossing_at_walking_pace(owner: int, at_m: float, *, slowed: bool) -> None:
+    """The crossing begins 12 m ahead of the front; on it somebody stands 1.5 m beside the way."""
+    corners = np.array([(92.0, -5.0), (98.0, -5.0), (98.0, 5.0), (92.0, 5.0)])
+    roads = replace(network(0.0), crossings=(corners,))
+    pose = (np.array([at_m]), np.array([HALF_WIDTH + 1.5]), np.zeros(1), np.zeros(1))
+    people = people_at([9], pose, outlines_of(roads))
+    drivers = CautiousDrivers(roads, CautionConfig())
+    cars = [Car(0, 80.0, 8.0, Owner(owner)), Car(1, 10.0, 0.0)]
+    speeds = drivers._speeds(traffic_of(cars, roads), two_vehicles(3.0), people)
+    assert speeds == ({"v1": (1, pytest.approx(8.0 - 3.0 * STEP_S, abs=0.05))} if slowed else {})
+
+
+@pytest.mark.parametrize(("attentive", "slowed"), [(True, {"v1"}), (False, set())])
+def test_the_drivers_who_do_not_look_out_are_the_inattentive_ones(attentive: bool, slowed: set[str]) -> None:
+    drivers = CautiousDrivers(network(0.0), CautionConfig())
+    traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], network(0.0))
+    assert set(drivers._speeds(traffic, two_vehicles(attentive=attentive))) == slowed
+
+
+def test_who_need_not_wait_any_more_gets_its_own_speed_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    sumo = SumoVehicles()
+    monkeypatch.setattr(caution_module, "libsumo", SimpleNamespace(vehicle=sumo))
+    vehicles, drivers = two_vehicles(), CautiousDrivers(network(0.0), CautionConfig())
+    near = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], network(0.0))
+    free = traffic_of([Car(0, 20.0, 10.0), Car(0, 180.0, 2.0, Owner.ROS)], network(0.0))
+    drivers.apply(None, vehicles)
+    assert sumo.speeds == {}
+    drivers.apply(near, vehicles)
+    assert sumo.modes == {"v1": 27}
+    assert 0.0 < sumo.speeds["v1"] < 10.0
+    drivers.apply(free, vehicles)
+    assert (sumo.speeds, sumo.modes) == ({"v1": -1.0}, {"v1": 31})
+    sumo.speeds.clear()
+    drivers.apply(free, vehicles)
+    assert sumo.speeds == {}, "it is set once"
+    drivers.apply(near, vehicles)
+    drivers.forget("v1")
+    sumo.speeds.clear()
+    drivers.apply(free, vehicles)
+    assert sumo.speeds == {}, "who has left, or is driven from outside, is left alone"
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_also_the_slow_look_24_m_around(turn: float) -> None:
+    """Both creep at walking pace, 16 m from each other; the one from outside is about to cross."""
+    (caution,) = cautious([Car(0, 86.0, 0.5), Car(1, 100.0, 0.5, Owner.ROS)], turn)
+    assert (caution.actor_id, caution.other_id) == (1, 2)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_near_pairs_are_those_of_looking_at_all_pairs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = [0, 1, 30, 90, 90, 150][seed]
+    yaw = rng.uniform(-np.pi, np.pi, n)
+    poses = rng.uniform(0.0, 260.0, n), rng.uniform(0.0, 260.0, n), np.cos(yaw), np.sin(yaw)
+    speed, half_length = rng.choice([0.0, 0.2, 8.0, 38.0], n), rng.choice([2.3, 9.0], n)
+    inside, counts = rng.random(n) < 0.8, rng.random(n) < 0.3
+    config = CautionConfig()
+    limits = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
+    order = np.argsort(poses[0], kind="stable")
+    found = caution_module._near_pairs(poses, order, speed, half_length, inside, counts, limits)
+    pairs = [(a, b) for a in range(n) for b in range(n) if a != b and inside[a]]
+    expected = [pair for pair in pairs if is_near(*pair, poses, speed, half_length, counts, config)]
+    assert [tuple(pair) for pair in found.tolist()] == expected
+
+
+def is_near(row: int, other: int, poses: Any, speed: Any, half_length: Any, counts: Any, config: CautionConfig) -> bool:
+    x, y, cos, sin = poses
+    apart = np.array([x[other] - x[row], y[other] - y[row]])
+    own, theirs = np.array([cos[row], sin[row]]), np.array([cos[other], sin[other]])
+    ahead, left = own @ apart, own[0] * apart[1] - own[1] * apart[0]
+    reach = min(config.ahead_s * (speed[row] + speed[other]) + 2.0 * config.more_m, config.far_m)
+    if np.linalg.norm(apart) < reach and counts[other]:
+        return True
+    moving = min(speed[row], speed[other]) > config.rolling_mps
+    if np.linalg.norm(apart) < reach and moving and abs(own @ theirs) < 0.9 and ahead > -config.more_m:
+        return True
+    sideways = half_length[other] * abs(own[0] * theirs[1] - own[1] * theirs[0])
+    return bool(0.0 < ahead < speed[row] + config.more_m and abs(left) < config.beside_m + sideways)
+
+
+def test_who_waits_stays_clear_of_the_tail_of_a_long_vehicle_in_its_tightest_bend():
+    """The centre of a long vehicle keeps to a circle; its heading is behind the circle's by what its rear axle lags."""
+    for vehicle in load_vehicle_parameters().values():
+        lag_rad = math.atan(vehicle.centre_ahead_of_rear_axle_m / DemandConfig().long_vehicle_radius_m)
+        assert CautionConfig().among.standoff_m > 0.5 * vehicle.length_m * math.sin(lag_rad)

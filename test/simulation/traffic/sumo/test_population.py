@@ -1,0 +1,216 @@
+from collections import Counter
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import libsumo
+import numpy as np
+import pytest
+from defusedxml.ElementTree import fromstring
+from repository import shared_file
+from traffic_helpers import MAPS, load_map, named_map, plan_of, plan_s2, responding
+
+from siren_ros.base.numerics.geometry import Polyline, footprint_corners, overlapping_pairs, separation_m
+from siren_ros.running.generation.closed_loop import closed_loop
+from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.scenario.paper import EmergencyLevel
+from siren_ros.simulation.traffic.config import TrafficConfig
+from siren_ros.simulation.traffic.demand.plan import Spot, load_drivers, with_responses
+from siren_ros.simulation.traffic.simulation import SumoSimulation
+from siren_ros.simulation.traffic.sumo import population as population_module
+from siren_ros.simulation.traffic.sumo.population import SumoPopulation, type_id, vehicle_types_xml
+from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
+
+PLAN = plan_s2(load_map(None)[1])[0]
+
+
+@pytest.mark.parametrize(
+    ("level", "privileged"),
+    [
+        (EmergencyLevel.L0, False),
+        (EmergencyLevel.L1, True),
+        (EmergencyLevel.L2, True),
+        (EmergencyLevel.L3, True),
+    ],
+)
+def test_emv_has_the_privileges_of_its_level(level: EmergencyLevel, privileged: bool) -> None:
+    """And never SUMO's bluelight device: nobody's type changes because of an EMV."""
+    root = fromstring(vehicle_types_xml(PLAN.emvs, level, TrafficConfig()))
+    (emv,) = root.findall("vType")
+    assert not list(emv)
+    assert ("jmDriveAfterRedTime" in emv.attrib) is privileged
+    assert emv.get("vClass") == "emergency"
+
+
+@pytest.mark.parametrize(
+    ("model", "off"),
+    [("IDM", set()), ("EIDM", {"sigmaleader", "sigmagap", "sigmaerror"}), ("Krauss", {"sigma"}), ("ACC", set())],
+)
+def test_no_driver_shakes(model: str, off: set[str]) -> None:
+    """Where a car-following model has errors of drivers."""
+    drivers = [replace(vehicle, driver=replace(vehicle.driver, car_following=model)) for vehicle in PLAN.background]
+    for element in fromstring(vehicle_types_xml(drivers, EmergencyLevel.L2, TrafficConfig())):
+        assert element.get("carFollowModel") == model
+        assert {name for name in element.attrib if name.startswith("sigma")} == off
+        assert {element.get(name) for name in off} <= {"0"}
+
+
+def test_every_vehicle_has_its_own_type_with_its_body_and_driver() -> None:
+    root = fromstring(vehicle_types_xml(PLAN.background, EmergencyLevel.L2, TrafficConfig()))
+    types = {element.get("id"): element for element in root.findall("vType")}
+    assert set(types) == {type_id(vehicle) for vehicle in PLAN.background}
+    for vehicle in PLAN.background:
+        element = types[type_id(vehicle)]
+        assert float(element.get("length")) == pytest.approx(vehicle.length_m)
+        assert float(element.get("speedFactor")) == pytest.approx(vehicle.driver.speed_factor, rel=1e-4)
+        assert float(element.get("speedDev")) == 0.0
+        assert element.get("vClass") == "passenger"
+        assert float(element.get("jmDriveAfterYellowTime")) == 1.0
+
+
+def test_two_wheels_have_sumos_own_classes() -> None:
+    """A cyclist keeps right, does not overtake and wishes for an own speed."""
+    sedan = next(vehicle for vehicle in PLAN.background if vehicle.actor_class is ActorClass.SEDAN)
+    drivers = load_drivers()
+
+    def of(kind: ActorClass) -> Any:
+        driver = replace(sedan.driver, driving=drivers.classes[kind], speed_factor=0.9)
+        vehicle = replace(sedan, actor_class=kind, width_m=0.64, driver=driver)
+        (element,) = fromstring(vehicle_types_xml([vehicle], EmergencyLevel.L2, TrafficConfig()))
+        return element
+
+    bicycle, motorcycle, car = of(ActorClass.BICYCLE), of(ActorClass.MOTORCYCLE), of(ActorClass.SEDAN)
+    assert [element.get("vClass") for element in (bicycle, motorcycle, car)] == ["bicycle", "motorcycle", "passenger"]
+    assert [float(element.get("width")) for element in (bicycle, motorcycle, car)] == pytest.approx([0.64, 1.04, 1.04])
+    assert float(bicycle.get("maxSpeed")) == pytest.approx(0.9 * 5.56, rel=1e-3)
+    assert float(motorcycle.get("maxSpeed")) == 45.0
+    assert (bicycle.get("latAlignment"), bicycle.get("lcSpeedGain")) == ("right", "0")
+    assert motorcycle.get("latAlignment") == "center"
+    assert [float(element.get("accel")) for element in (bicycle, motorcycle, car)] == [1.2, 2.5, 2.4]
+
+
+@pytest.mark.parametrize(("cyclists", "motorcycles"), [(12, 4)])
+def test_riders_are_kept_in_the_network_beside_the_other_civilians(cyclists: int, motorcycles: int) -> None:
+    values = f"demand.people.cyclists={cyclists},demand.people.motorcycles={motorcycles}"
+    counts = {}
+    for text in ("", values):
+        setup = set_up_episode(EpisodeRequest("S2", map="city", values=text, sensors="none"))
+        kinds: dict[int, ActorClass] = {}
+        for step in closed_loop(setup, 200):
+            kinds |= {actor.actor_id: actor.actor_class for actor in step.traffic.spawned}
+            for actor_id in step.traffic.removed.tolist():
+                del kinds[actor_id]
+        counts[text] = Counter(kind if kind in TWO_WHEELED else None for kind in kinds.values())
+    assert set(counts[""]) == {None}
+    riding = counts[values]
+    # one who has just left is followed by another one where a spot is free
+    assert cyclists - 1 <= riding[ActorClass.BICYCLE] <= cyclists
+    assert motorcycles - 1 <= riding[ActorClass.MOTORCYCLE] <= motorcycles
+    assert abs(riding[None] - counts[""][None]) <= 1
+
+
+@pytest.mark.parametrize("name", MAPS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_nobody_overlaps_when_the_episode_begins(name: str, seed: int) -> None:
+    compiled, network = named_map(name)
+    plan, _, _ = plan_of("S6", network, seed)
+    with SumoSimulation(compiled, network, plan, EmergencyLevel.L1, seed=seed) as simulation:
+        state = simulation.step(0, None)
+    assert len(state.actor_id) == len(plan.emvs) + plan.civilians
+    size = np.array([(actor.length_m, actor.width_m) for actor in state.spawned])
+    corners = footprint_corners(state.sumo_x_m, state.sumo_y_m, state.sumo_yaw_rad, size[:, 0], size[:, 1])
+    first, second = np.triu_indices(len(corners), k=1)
+    assert separation_m(corners[first], corners[second]).min() > 0.0
+
+
+def standing(name: str, front_m: float = 0.0) -> Any:
+    return SimpleNamespace(name=name, length_m=4.0, width_m=1.8, spot=Spot(0, front_m, 0.0))
+
+
+def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_begins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Fronts 0.5 m apart and 1.6 m aside; a third one is elsewhere, and two still wait to enter SUMO.
+
+    The third one is 15.5 m behind the fourth: from 12 m/s it needs 12 m to stop, from 14 m/s 16.3 m. A vehicle that is
+    planned where the fourth one is stays, and the third one leaves.
+    """
+    fronts = {"a": (10.0, 0.0), "b": (10.5, 1.6), "c": (30.0, 0.0), "f": (49.5, 0.0)} | dict.fromkeys(
+        "de", (-1e9, -1e9)
+    )
+    speeds = dict.fromkeys(fronts, 0.0)
+    vehicles = SimpleNamespace(
+        getLaneID=lambda name: "" if name in "de" else "lane",
+        getPosition=fronts.__getitem__,
+        getAngle=lambda _: 90.0,
+        getSpeed=speeds.__getitem__,
+    )
+    monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    road = SimpleNamespace(centre=Polyline.through([[0.0, 0.0], [100.0, 0.0]]))
+    network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0), lanes=[road])
+    plan: Any = SimpleNamespace(reserve=(), riders=())
+    population = SumoPopulation(network, plan, TrafficConfig())
+    population.vehicles = {name: standing(name) for name in fronts}
+    assert population._overlapping(population.vehicles) == ["b"]
+    for speed_mps, leaves in ((12.0, []), (14.0, ["f"])):
+        speeds["c"] = speed_mps
+        assert population._overlapping(population.vehicles) == ["b", *leaves]
+        del population.vehicles["f"]
+        found = population._overlapping(population.vehicles, earlier=(standing("f", 49.5),))
+        assert found == (["c", "b"] if leaves else ["b"])
+        population.vehicles["f"] = standing("f")
+    population.vehicles = {name: standing(name) for name in "de"}
+    assert population._overlapping(population.vehicles) == []
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "others_mps", "away_m", "refused"),
+    [(8.0, 5.0, 0.0, True), (8.0, 0.0, 0.0, False), (6.0, 5.0, 0.0, False), (8.0, 5.0, 100.0, False)],
+)
+def test_no_rider_enters_where_one_of_two_could_not_stop(
+    monkeypatch: pytest.MonkeyPatch, speed_mps: float, others_mps: float, away_m: float, refused: bool
+) -> None:
+    """The rider goes north at x = 12 m from y = -5 m, the car east from x = 10 m: 8 m/s take 5.3 m, 5 m/s 2.1 m."""
+    vehicles = SimpleNamespace(
+        getLaneID=lambda _: "lane",
+        getPosition=lambda _: (10.0 - away_m, 0.0),
+        getAngle=lambda _: 90.0,
+        getSpeed=lambda _: others_mps,
+    )
+    monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles, INVALID_DOUBLE_VALUE=-1e9))
+    lane = SimpleNamespace(centre=Polyline.through([[12.0, -50.0], [12.0, 50.0]]))
+    network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0), lanes=[lane])
+    plan: Any = SimpleNamespace(reserve=(), riders=())
+    population = SumoPopulation(network, plan, TrafficConfig())
+    population.vehicles = {"car": standing("car")}
+    rider: Any = SimpleNamespace(name="rider", length_m=2.0, width_m=0.8, spot=Spot(0, 45.0, speed_mps))
+    near = population._near(rider, population._places())
+    assert population._overlapping(near, later=(rider,)) == (["rider"] if refused else [])
+
+
+@pytest.mark.parametrize(("template", "seed"), [("S2", 3), ("S3", 0)])
+def test_nobody_touches_after_the_warm_up_on_a_crowded_map(template: str, seed: int) -> None:
+    """On Town04 the drivers of these seeds change lanes side by side when the episode begins."""
+    town04 = shared_file("maps", "Town04.xodr")
+    setup = set_up_episode(EpisodeRequest(template=template, seed=seed, map=str(town04)))
+    (step,) = closed_loop(setup, 1)
+    size = {actor.actor_id: (actor.length_m, actor.width_m) for actor in step.traffic.spawned}
+    lengths, widths = np.array([size[int(actor_id)] for actor_id in step.states.actor_id]).T
+    states = step.states
+    assert len(overlapping_pairs(states.x_m, states.y_m, states.yaw_rad, lengths, widths)[0]) == 0
+
+
+def test_sumo_too_lets_inattentive_drivers_overlook_an_emv_on_the_junction() -> None:
+    compiled, network = load_map(None)
+    plan = with_responses(plan_of("S6", network, 1)[0], responding(0.5), 3)
+    with SumoSimulation(compiled, network, plan, EmergencyLevel.L1, seed=1) as simulation:
+        simulation.step(0, None)
+        ignored = {
+            vehicle.name: libsumo.vehicle.getParameter(vehicle.name, "junctionModel.ignoreTypes")
+            for vehicle in (*plan.emvs, *plan.groups)
+        }
+    attentive = {vehicle.name: vehicle.attentive for vehicle in (*plan.emvs, *plan.groups)}
+    assert set(attentive.values()) == {True, False}
+    assert {name for name, types in ignored.items() if types} == {name for name, sees in attentive.items() if not sees}
+    assert {types for types in ignored.values() if types} == {type_id(plan.emvs[0])}

@@ -1,0 +1,323 @@
+"""What the simulation makes of SUMO's answers at one step, with a stand-in for SUMO: ids, routes, events, removals."""
+
+from collections import defaultdict
+from types import SimpleNamespace
+from typing import Any
+
+import libsumo
+import numpy as np
+import pytest
+from made_streets import A_LEFT, A_RIGHT, B_LEFT, C_LEFT, CAR_M, STRAIGHT_LEFT, A, B, C, D, streets
+from traffic_helpers import states_of
+
+from siren_ros.simulation.scenario.paper import EmergencyLevel
+from siren_ros.simulation.traffic import simulation as simulation_module
+from siren_ros.simulation.traffic.config import TrafficConfig
+from siren_ros.simulation.traffic.observation import CrossingWatch
+from siren_ros.simulation.traffic.simulation import SumoSimulation
+from siren_ros.simulation.traffic.sumo.mirror import LaneMatch, Place
+from siren_ros.simulation.traffic.sumo.population import route_id
+from siren_ros.simulation.traffic.sumo.readings import SumoColumns, joined_rows
+from siren_ros.simulation.world.actors import ActorClass, ActorStates, Lights, Owner
+from siren_ros.simulation.world.traffic_state import Event, EventKind
+
+NETWORK = streets()
+EMV, AV, CAR, OTHER = "emv0", "av0", "car", "other"
+IDS = {EMV: 1, AV: 2, CAR: 3, OTHER: 4}
+ROUTE = ("a", "b", "c")
+
+
+def planned(name: str) -> Any:
+    body = {
+        "actor_class": ActorClass.SEDAN,
+        "length_m": CAR_M,
+        "width_m": 1.8,
+        "height_m": 1.5,
+        "colour_rgb": (1, 2, 3),
+    }
+    driver = SimpleNamespace(driving=SimpleNamespace(min_gap_m=2.0))
+    return SimpleNamespace(name=name, is_emv=name == EMV, route=ROUTE, driver=driver, **body)
+
+
+def place(lane: int, position_m: float = 50.0, lateral_m: float = 0.4) -> Place:
+    return Place(0.0, 0.0, 0.0, LaneMatch(lane, position_m, lateral_m))
+
+
+class Stage:
+    """A simulation around a stand-in for SUMO in which everybody drives east, on the lane that ``lanes`` says."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.lanes = dict.fromkeys((EMV, AV, CAR), A_LEFT)
+        self.front_m = dict.fromkeys((EMV, AV, CAR), 100.0)
+        self.speed_mps = 8.0
+        self.index = 0
+        self.forgotten: list[tuple[str, str]] = []
+        self.refills: list[Any] = []
+        self.corrected: list[set[str]] = []
+        self.departed: tuple[str, ...] = ()
+        self.routes_in_sumo: dict[str, str] = {}
+        self.leader: tuple[str, float] | None = None
+        self.deferred: set[str] = set()
+        vehicles: Any = SimpleNamespace(
+            getIDList=lambda: tuple(self.lanes),
+            getRouteID=lambda name: self.routes_in_sumo.get(name, route_id(name)),
+            getAllSubscriptionResults=self.results,
+        )
+        sumo = SimpleNamespace(
+            vehicle=vehicles,
+            simulation=SimpleNamespace(getStartingTeleportIDList=lambda: ()),
+            trafficlight=SimpleNamespace(getRedYellowGreenState=lambda _signal: "rrrrr"),
+            simulationStep=lambda: None,
+            TraCIException=libsumo.TraCIException,
+        )
+        monkeypatch.setattr(simulation_module, "libsumo", sumo)
+        monkeypatch.setattr(simulation_module, "emv_advice", lambda *arguments: arguments)
+        self.simulation = self._simulation()
+
+    def _simulation(self) -> SumoSimulation:
+        simulation = object.__new__(SumoSimulation)
+        parts: dict[str, Any] = {
+            "network": NETWORK,
+            "left_hand": False,
+            "plan": SimpleNamespace(emvs=(planned(EMV),), av=AV, civilians=2, jam=None, riders=()),
+            "level": EmergencyLevel.L2,
+            "config": TrafficConfig(),
+            "population": SimpleNamespace(
+                vehicles={name: planned(name) for name in (EMV, AV, CAR)},
+                length_scale=defaultdict(lambda: 1.0),
+                scale_of=lambda _: 1.0,
+                civilians=1,
+                emv_starts=[],
+                drop_departed=lambda: self.departed,
+                refill=lambda points, civilians: self.refills.append((points, civilians)),
+            ),
+            "mirror": SimpleNamespace(
+                places={},
+                deferred=lambda: self.deferred,
+                realigned={},
+                forget=lambda name: self.forgotten.append(("mirror", name)),
+                apply=lambda *_: None,
+                check_placed=lambda _columns: None,
+            ),
+            "oncoming": None,
+            "rescue_lane": None,
+            "going": {},
+            "route_ends": SimpleNamespace(apply=lambda *_: None),
+            "ignored": SimpleNamespace(apply=lambda *_: None),
+            "walkers": None,
+            "cyclists": None,
+            "cautious": SimpleNamespace(
+                forget=lambda name: self.forgotten.append(("cautious", name)), apply=lambda *_: None
+            ),
+            "sideways": SimpleNamespace(apply=lambda *_: None),
+            "bends": SimpleNamespace(apply=lambda *_: None),
+            "crossings": CrossingWatch(NETWORK),
+            "reactions": SimpleNamespace(
+                rescued=lambda names, *_: {EMV: [name for name in names if name == CAR]},
+                flags=lambda names, *_: np.zeros(len(names), np.uint8),
+            ),
+            "continuity": SimpleNamespace(correct=lambda _columns, moved: self.corrected.append(set(moved))),
+            "signal_ids": ("J",),
+            "ids": {EMV: 1, AV: 2},
+            "next_id": 3,
+            "gap_out": None,
+            "last": None,
+            "table": simulation_module._Table.of({}),
+            "route_rows": ([], joined_rows([])),
+            "columns": SumoColumns(NETWORK, defaultdict(lambda: 1.0)),
+            "siren": True,
+            "keeping": {EMV, AV},
+            "signals": (),
+            **{name: {} for name in ("reported", "routes", "reached", "ahead")},
+        }
+        for name, value in parts.items():
+            setattr(simulation, f"_{name}", value)
+        return simulation
+
+    def results(self) -> dict[str, dict[int, Any]]:
+        results = {}
+        for name, lane in self.lanes.items():
+            x, y = (float(value) for value in NETWORK.lanes[lane].centre.at(self.front_m[name]))
+            results[name] = {
+                libsumo.VAR_POSITION: (x, y),
+                libsumo.VAR_ANGLE: 90.0,
+                libsumo.VAR_SPEED: self.speed_mps,
+                libsumo.VAR_ACCELERATION: 0.0,
+                libsumo.VAR_LANE_ID: NETWORK.lanes[lane].lane_id,
+                libsumo.VAR_LANEPOSITION: self.front_m[name],
+                libsumo.VAR_LANEPOSITION_LAT: 0.25,
+                libsumo.VAR_SIGNALS: 0,
+                libsumo.VAR_ROUTE_INDEX: self.index,
+            }
+        return results
+
+    def step(self, step: int, states: ActorStates | None = None) -> Any:
+        return self.simulation.step(step, states)
+
+    @property
+    def private(self) -> Any:
+        return self.simulation
+
+
+@pytest.fixture(name="stage")
+def _stage(monkeypatch: pytest.MonkeyPatch) -> Stage:
+    return Stage(monkeypatch)
+
+
+def driven(step: int, name: str = EMV, owner: Owner = Owner.ROS, **fields: float) -> ActorStates:
+    return states_of(step, [{"actor_id": IDS[name], "x_m": -205.5, "y_m": -1.2, "owner": owner, **fields}])
+
+
+def test_the_first_step_describes_everybody_and_numbers_them_in_order_of_entry(stage: Stage) -> None:
+    state = stage.step(0)
+    assert [actor.name for actor in state.spawned] == [EMV, AV, CAR]
+    assert state.actor_id.tolist() == [1, 2, 3]
+    assert state.owner.tolist() == [Owner.SUMO] * 3
+    assert state.x_m == pytest.approx([-310.0 + 100.0 - CAR_M / 2] * 3)
+    stage.lanes[OTHER], stage.front_m[OTHER] = A_RIGHT, 20.0
+    stage.private._population.vehicles[OTHER] = planned(OTHER)
+    again = stage.step(1, ActorStates.empty(0))
+    assert [actor.actor_id for actor in again.spawned] == [4]
+
+
+def test_siren_and_beacon_are_the_emvs_alone(stage: Stage) -> None:
+    both = Lights.BEACON | Lights.SIREN
+    assert [Lights(value) & both for value in stage.step(0).lights.tolist()] == [both, Lights.NONE, Lights.NONE]
+
+
+def test_poses_are_the_simulated_ones_where_there_are_some(stage: Stage) -> None:
+    stage.step(0)
+    states = driven(0, x_m=-205.5, y_m=-1.2, yaw_rad=0.3, vx_mps=3.0, vy_mps=4.0)
+    stage.private._mirror.places = {EMV: place(A_RIGHT, 104.0, 0.4)}
+    state = stage.step(1, states)
+    assert state.owner.tolist() == [Owner.ROS, Owner.SUMO, Owner.SUMO]
+    assert (state.x_m[0], state.y_m[0], state.yaw_rad[0], state.speed_mps[0]) == (-205.5, -1.2, 0.3, 5.0)
+    assert (state.sumo_yaw_rad[0], state.sumo_speed_mps[0]) == (0.0, 8.0)
+    assert (state.x_m[1], state.yaw_rad[1], state.speed_mps[1]) == (state.sumo_x_m[1], 0.0, 8.0)
+    assert state.lane.tolist() == [A_RIGHT, A_LEFT, A_LEFT]
+    assert state.lane_position_m.tolist() == [104.0, 100.0, 100.0]
+    assert state.lateral_offset_m.tolist() == [0.4, 0.25, 0.25]
+
+
+@pytest.mark.parametrize(("owner", "speed_mps"), [(Owner.ROS, 5.0), (Owner.SUMO, 8.0)])
+def test_a_stop_line_is_crossed_with_the_speed_of_who_drives(stage: Stage, owner: Owner, speed_mps: float) -> None:
+    stage.lanes[EMV] = B_LEFT
+    stage.step(0)
+    stage.lanes[EMV] = STRAIGHT_INSIDE
+    stage.front_m[EMV] = 1.0
+    (event,) = stage.step(1, driven(0, owner=owner, vx_mps=3.0, vy_mps=4.0)).events
+    assert (event.kind, event.actor_id) == (EventKind.STOP_LINE_CROSSED, 1)
+    assert event.detail["speed_mps"] == speed_mps
+    assert event.detail["signal_state"] == "r"
+
+
+STRAIGHT_INSIDE = NETWORK.connections[STRAIGHT_LEFT].via[0]
+
+
+def test_who_is_put_off_the_road_and_comes_back_has_crossed_nothing(stage: Stage) -> None:
+    stage.step(0)
+    for step, lane in ((1, -1), (2, A_LEFT), (3, -1)):
+        stage.private._mirror.places = {EMV: place(lane)}
+        state = stage.step(step, driven(step - 1))
+        assert state.lane[0] == lane
+        assert state.events == ()
+
+
+def test_a_stop_line_that_is_passed_off_the_road_is_crossed(stage: Stage) -> None:
+    """From the approach over the verge onto the path across."""
+    stage.step(0)
+    events = []
+    for step, lane in enumerate((B_LEFT, -1, -1, STRAIGHT_INSIDE), start=1):
+        stage.private._mirror.places = {EMV: place(lane)}
+        events += [(step, event.kind) for event in stage.step(step, driven(step - 1)).events]
+    assert events == [(4, EventKind.STOP_LINE_CROSSED)]
+
+
+def test_whoever_was_brought_back_is_told_and_not_corrected_again(stage: Stage) -> None:
+    stage.step(0)
+    stage.private._mirror.realigned = {3: 2.5}
+    stage.private._mirror.places = {EMV: place(A_LEFT)}
+    state = stage.step(1, driven(0))
+    assert stage.corrected[-1] == {EMV, CAR}
+    (event,) = state.events
+    assert (event.kind, event.actor_id, event.detail) == (EventKind.REALIGNED, 3, {"residual_m": 2.5})
+
+
+def is_elsewhere(stage: Stage, actor_id: int, lane: int) -> bool:
+    return stage.private._crossings.elsewhere(np.array([actor_id], np.uint32), np.array([lane], np.int32)) == [0]
+
+
+def test_everything_of_a_vehicle_that_leaves_is_forgotten(stage: Stage) -> None:
+    stage.lanes[CAR] = B_LEFT
+    stage.step(0)
+    assert not is_elsewhere(stage, 3, B_LEFT)
+    stage.departed = (CAR, AV, "never seen")
+    for name in (CAR, AV):
+        del stage.lanes[name], stage.private._population.vehicles[name]
+    state = stage.step(1, ActorStates.empty(0))
+    assert state.removed.tolist() == [2, 3]
+    assert state.actor_id.tolist() == [1]
+    assert set(stage.forgotten) == {(part, name) for part in ("mirror", "cautious") for name in stage.departed}
+    assert set(stage.private._reached) == set(stage.private._ahead) == {EMV}
+    assert is_elsewhere(stage, 3, B_LEFT)
+
+
+def test_replacements_keep_away_from_the_emvs_alone(stage: Stage) -> None:
+    stage.step(0)
+    assert stage.refills == []
+    states = states_of(0, [{"actor_id": number, "x_m": 10.0 * number, "y_m": -number} for number in (1, 2, 3, 9)])
+    stage.step(1, states)
+    assert stage.refills == [([(10.0, -1.0)], 2)]
+
+
+def test_who_makes_way_is_a_civilian_that_ros_drives(stage: Stage) -> None:
+    """Neither the EMV nor the AV under test counts, which ROS drives for other reasons."""
+    stage.step(0)
+    stage.private._mirror.places = {name: place(A_LEFT) for name in (EMV, AV, CAR)}
+    ((name, ids, yielding, *_, min_gap_m, rescued),) = stage.step(1, driven(0)).emvs
+    assert (name, ids[name], min_gap_m, rescued) == (EMV, 1, 2.0, 1)
+    assert yielding == {CAR}
+
+
+def test_who_waits_for_a_gap_makes_way_too(stage: Stage) -> None:
+    """Otherwise the EMV changes to the lane to which the vehicle ahead is about to go."""
+    stage.deferred = {CAR}
+    ((_, _, yielding, *_),) = stage.step(0).emvs
+    assert yielding == {CAR}
+
+
+def edges_ahead(stage: Stage, name: str) -> tuple[int, ...]:
+    return stage.private._route_of(name, stage.index)
+
+
+def test_the_route_ahead_of_a_mirrored_vehicle_follows_the_lane_that_it_was_put_on(stage: Stage) -> None:
+    """Not SUMO's place on the route: there SUMO counts what it found."""
+    stage.step(0)
+    assert edges_ahead(stage, EMV) == (A, B, C)
+    for lane, ahead in ((B_LEFT, (B, C)), (STRAIGHT_INSIDE, (B, C)), (-1, (B, C)), (C_LEFT, (C,)), (A_LEFT, (C,))):
+        stage.index = 7
+        stage.private._mirror.places = {EMV: place(lane)}
+        assert edges_ahead(stage, EMV) == ahead
+    assert D not in edges_ahead(stage, EMV)
+
+
+def test_a_vehicle_of_sumos_has_sumos_place_on_its_planned_route(stage: Stage) -> None:
+    stage.step(0)
+    stage.index = 1
+    assert edges_ahead(stage, CAR) == (B, C)
+    stage.index, stage.routes_in_sumo = 2, {CAR: "another"}
+    assert edges_ahead(stage, CAR) == (B, C), "the number counts along another route"
+    stage.routes_in_sumo = {}
+    assert edges_ahead(stage, CAR) == (C,)
+    stage.index = -1
+    stage.private._reached.clear()
+    assert edges_ahead(stage, CAR) == (A, B, C), "before its first step"
+
+
+def test_a_teleport_that_sumo_tells_is_an_event(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    stage.step(0)
+    starting = SimpleNamespace(getStartingTeleportIDList=lambda: (CAR, "never seen"))
+    monkeypatch.setattr(simulation_module.libsumo, "simulation", starting)
+    (event,) = stage.step(1, ActorStates.empty(0)).events
+    assert isinstance(event, Event)
+    assert (event.kind, event.actor_id, event.detail) == (EventKind.TELEPORT, 3, {"reason": "sumo"})

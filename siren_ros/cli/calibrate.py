@@ -17,17 +17,16 @@ from siren_ros.lab.calibration.searches import residuals_over
 from siren_ros.lab.calibration.targets import Situation, Target, Trajectory, horizons_of
 from siren_ros.simulation.scenario.episode import MAX_SEED
 
-DEFAULTS = "controller.target_speed_mps,controller.accel_mps2,controller.headway_s"
+DEFAULTS = "emv.speed_mps,emv_driver.driving.comfort_accel_mps2,emv_driver.approach.headway_s"
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
-    known = "; ".join(f"{name}, {known.low:g} to {known.high:g}: {known.meaning}" for name, known in PARAMETERS.items())
     verb.description = (
         "Simulates the situations of bags with other parameters of the EMV until it drives most like the EMV of the "
         "bags or like a given trajectory (least squares and CMA-ES). The error is the root "
         "mean square of the distance between both EMVs at the same times. The spread of a value is how far it can "
-        f"move, while the others follow, until the error grows by a tenth. Parameters: {known}."
+        f"move, while the others follow, until the error grows by a tenth. Parameters: {', '.join(PARAMETERS)}."
     )
     add_bags(verb)
     verb.add_argument(

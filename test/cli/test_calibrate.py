@@ -24,7 +24,7 @@ def bag(write_bag: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.Monk
         assert len(targets) == 1
 
         def residuals(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
-            return [np.array([values["controller.headway_s"] - 2.0, NOISE_M]) for values in tries]
+            return [np.array([values["emv_driver.approach.headway_s"] - 2.0, NOISE_M]) for values in tries]
 
         yield residuals
 
@@ -35,13 +35,22 @@ def bag(write_bag: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, siren) -> None:
     out = tmp_path / "found.json"
-    command = ["calibrate", str(bag), "--parameters", "controller.headway_s", "--evaluations", "100", "--workers", "1"]
+    command = [
+        "calibrate",
+        str(bag),
+        "--parameters",
+        "emv_driver.approach.headway_s",
+        "--evaluations",
+        "100",
+        "--workers",
+        "1",
+    ]
     lines = siren([*command, "--out", str(out)]).out.splitlines()
     name, value, *_ = lines[1].split()
-    assert name == "controller.headway_s"
+    assert name == "emv_driver.approach.headway_s"
     assert float(value) == pytest.approx(2.0, abs=0.01)
     written = json.loads(out.read_text(encoding="utf-8"))
-    assert written["values"]["controller.headway_s"] == pytest.approx(2.0, abs=0.01)
+    assert written["values"]["emv_driver.approach.headway_s"] == pytest.approx(2.0, abs=0.01)
     assert written["targets"] == ["bag"]
     assert NOISE_M <= written["error_m"] <= written["start_error_m"]
     assert written["undetermined"] == []
@@ -50,12 +59,14 @@ def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, siren)
 
 
 def test_what_the_trajectories_do_not_determine_is_said(bag, tmp_path, siren) -> None:
-    names = "controller.headway_s,controller.accel_mps2"
+    names = "emv_driver.approach.headway_s,emv_driver.driving.comfort_accel_mps2"
     command = ["calibrate", str(bag), "--parameters", names, "--evaluations", "30", "--workers", "1"]
     *_, named, spent = siren([*command, "--out", str(tmp_path / "found.json")]).out.splitlines()
-    assert named.startswith("not determined by these trajectories: controller.accel_mps2 ")
+    assert named.startswith("not determined by these trajectories: emv_driver.driving.comfort_accel_mps2 ")
     assert "more --evaluations" in spent
-    assert json.loads((tmp_path / "found.json").read_text())["undetermined"] == ["controller.accel_mps2"]
+    assert json.loads((tmp_path / "found.json").read_text())["undetermined"] == [
+        "emv_driver.driving.comfort_accel_mps2"
+    ]
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ def rows(table: str) -> list[list[str]]:
 def test_the_table_of_the_calibration_has_every_parameter_with_its_range() -> None:
     table = rows(TABLES["calibrate"]())
     assert [row[0].strip("`") for row in table] == list(PARAMETERS)
-    assert ["`controller.accel_mps2`", "0.8 to 4", "acceleration"] in table
+    assert ["`emv_driver.driving.comfort_accel_mps2`", "0.8 to 4", "acceleration"] in table
 
 
 def test_the_table_of_yielding_has_every_metric_of_episodes_then_of_drivers() -> None:

@@ -29,6 +29,7 @@ from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.scoring.judging.physics import VerifyLimits
 from siren_ros.scoring.judging.verify import CHECKS
 from siren_ros.simulation.scenario import paper
+from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS
 from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, TEMPLATES
 from siren_ros.simulation.scenario.splits import Split
 from siren_ros.simulation.scenario.templates import available_templates, load_template
@@ -89,6 +90,16 @@ def calibration_table() -> str:
     """The parameters that can be fitted as Markdown: name, range, meaning."""
     rows = [f"| `{name}` | {part.low:g} to {part.high:g} | {part.meaning} |" for name, part in PARAMETERS.items()]
     return "\n".join(["| parameter | range | meaning |", "|---|---|---|", *rows])
+
+
+def drivers_table() -> str:
+    """The parameters of drivers as Markdown: name, default, range, meaning."""
+    rows = [
+        f"| `{name}` | {'' if part.default is None else f'{part.default:.5g}'} | {part.minimum:g} to {part.maximum:g} "
+        f"| {part.meaning} |"
+        for name, part in DRIVER_PARAMETERS.items()
+    ]
+    return "\n".join(["| parameter | default | range | meaning |", "|---|---|---|---|", *rows])
 
 
 def yield_table() -> str:
@@ -303,6 +314,7 @@ TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "templates": templates_table,
     "formats": formats_table,
     "calibrate": calibration_table,
+    "drivers": drivers_table,
     "yield": yield_table,
     "yield_thresholds": partial(values_table, YieldThresholds()),
     "monitors": monitors_table,

@@ -16,8 +16,8 @@ from shapely.ops import split
 from siren_ros.base.numerics.arrays import Floats, Points
 from siren_ros.data.datasets.lane_graph import GraphLane, offset_line
 from siren_ros.sensing.scene.surfaces import closed, polygons
-from siren_ros.simulation.behaviour.config import PullOverConfig
 from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.scenario.driver_parameters import PullOverConfig
 
 BORDER_M: Final = PullOverConfig().overhang_max_m
 """Width of the strip beside a road that a body may reach over, where drivers make way."""

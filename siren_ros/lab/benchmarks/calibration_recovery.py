@@ -27,7 +27,7 @@ from siren_ros.simulation.scenario.paper import EmergencyLevel, level_name
 
 TOLERANCE: Final = 0.05
 """Of a parameter's range, within which a found value counts as recovered."""
-_PARAMETERS: Final = "controller.target_speed_mps,controller.accel_mps2,controller.red_light_speed_mps"
+_PARAMETERS: Final = "emv.speed_mps,emv_driver.driving.comfort_accel_mps2,emv_driver.lines.speed_mps"
 _PARAMETERS_L0: Final = "sumo.speed_factor,sumo.tau_s"
 _INNER: Final = (0.15, 0.85)
 """Part of each range that the true values are drawn from."""

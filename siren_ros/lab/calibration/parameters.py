@@ -1,15 +1,19 @@
-"""The table of parameters that can be fitted: between what, and where each is put in an episode."""
+"""The parameters that can be fitted: those of the drivers of EMVs, and where each is put in an episode."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, TypeVar
+from typing import Final
 
 from siren_ros.errors import InputError
 from siren_ros.simulation.behaviour.driving.step_view import BehaviourWorld
+from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS, DriverParameters
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.traffic.demand.plan import DriverModel, TrafficPlan
+from siren_ros.simulation.traffic.demand.plan import TrafficPlan, with_emv_drivers
 
-Structure = TypeVar("Structure", DriverModel, BehaviourWorld)
+_OF_SUMO: Final = "sumo."
+_OF_ROS: Final = "emv_driver."
+TARGET_SPEED: Final = "emv.speed_mps"
+"""The template's parameter that is fitted too."""
 
 
 @dataclass(frozen=True)
@@ -17,17 +21,15 @@ class Parameter:
     """One parameter of the EMV."""
 
     name: str
-    """``sumo.…`` works where SUMO drives the EMV (L0), ``controller.…`` where ROS does (L1 to L3)."""
+    """``sumo.…`` works where SUMO drives the EMV (L0), the others where ROS does (L1 to L3)."""
     meaning: str
     low: float
     high: float
-    fields: tuple[str, ...] = ()
-    """Dotted names of what it sets: in SUMO's ``DriverModel`` of the EMV, or in the controller's ``BehaviourWorld``."""
 
     @property
     def of_sumo(self) -> bool:
         """Whether SUMO's driver has it, and not the controller."""
-        return self.name.startswith("sumo.")
+        return self.name.startswith(_OF_SUMO)
 
     def at(self, share: float) -> float:
         """The value at a share of the range."""
@@ -37,40 +39,15 @@ class Parameter:
         """Inverse of ``at``."""
         return (value - self.low) / (self.high - self.low)
 
-    def put(self, structure: Structure, value: float) -> Structure:
-        """A copy of a driver or a world with the value."""
-        for field in self.fields:
-            structure = _with_field(structure, field, value)
-        return structure
-
-
-def _with_field(structure: Any, field: str, value: float) -> Any:
-    name, _, rest = field.partition(".")
-    return replace(structure, **{name: _with_field(getattr(structure, name), rest, value) if rest else value})
-
 
 PARAMETERS: Final[Mapping[str, Parameter]] = {
-    name: Parameter(name, meaning, low, high, tuple(fields))
-    for name, meaning, low, high, *fields in (
-        ("controller.target_speed_mps", "speed on a free way", 8.0, 20.0,
-         "speeds.emv_route_follow_mps", "speeds.emv_lane_change_mps"),
-        ("controller.accel_mps2", "acceleration", 0.8, 4.0, "config.emv.navigator.comfort_accel_mps2"),
-        ("controller.lateral_accel_mps2", "lateral acceleration in bends", 1.0, 5.0,
-         "config.emv.navigator.lateral_accel_mps2"),
-        ("controller.headway_s", "time kept to vehicles ahead", 0.4, 2.5, "config.anticipation.headway_s"),
-        ("controller.approach_brake_mps2", "deceleration laid out for towards vehicles ahead", 0.5, 3.0,
-         "config.anticipation.brake_mps2"),
-        ("controller.approach_gap_m", "standing distance to vehicles ahead", 3.0, 12.0,
-         "config.anticipation.standstill_gap_m"),
-        ("controller.red_light_speed_mps", "speed at red lights and other lines without right of way", 2.0, 12.0,
-         "config.junction_entry.speed_mps"),
-        ("sumo.speed_factor", "wished speed over the speed limit", 0.6, 1.0, "speed_factor"),
-        ("sumo.tau_s", "time headway", 0.5, 2.5, "tau_s"),
-        ("sumo.accel_mps2", "acceleration", 0.8, 4.0, "driving.accel_mps2"),
-        ("sumo.decel_mps2", "comfortable deceleration", 1.5, 6.0, "driving.decel_mps2"),
-        ("sumo.min_gap_m", "standing distance to the vehicle ahead", 1.0, 5.0, "driving.min_gap_m"),
-    )
-}  # fmt: skip
+    TARGET_SPEED: Parameter(TARGET_SPEED, "speed on a free way", 8.0, 20.0),
+    **{
+        name: Parameter(name, known.meaning, known.minimum, known.maximum)
+        for name, known in DRIVER_PARAMETERS.items()
+        if name.startswith((_OF_SUMO, _OF_ROS))
+    },
+}
 """Every parameter that can be fitted, by name. The ranges are those of driving that is physically sensible."""
 
 
@@ -101,16 +78,16 @@ def check_effect(parameters: Sequence[Parameter], levels: Collection[str]) -> No
 
 def with_drivers(plan: TrafficPlan, values: Mapping[str, float]) -> TrafficPlan:
     """The plan with SUMO's parameters of all its EMVs."""
-    emvs = plan.emvs
-    for name, value in values.items():
-        if PARAMETERS[name].of_sumo:
-            emvs = tuple(replace(emv, driver=PARAMETERS[name].put(emv.driver, value)) for emv in emvs)
-    return replace(plan, emvs=emvs)
+    of_sumo = {name: value for name, value in values.items() if PARAMETERS[name].of_sumo}
+    return with_emv_drivers(plan, DriverParameters().with_values(of_sumo).sumo)
 
 
 def with_world(world: BehaviourWorld, values: Mapping[str, float]) -> BehaviourWorld:
-    """The controller's view with its parameters."""
-    for name, value in values.items():
-        if not PARAMETERS[name].of_sumo:
-            world = PARAMETERS[name].put(world, value)
-    return world
+    """The controller's view with its parameters.
+
+    Raises:
+        InputError: Margins that do not fall.
+    """
+    config = world.config.with_values({name: value for name, value in values.items() if name.startswith(_OF_ROS)})
+    speed_mps = values.get(TARGET_SPEED, world.speeds.emv_route_follow_mps)
+    return replace(world, config=config, speeds=config.speeds(speed_mps))

@@ -1,15 +1,15 @@
 """What the controllers need, from an episode's description."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import cast
 
 from siren_ros.simulation.behaviour.driving.step_view import BehaviourWorld
 from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
 from siren_ros.simulation.roads.mirror_image import right_hand_image
 from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.scenario.driver_parameters import driver_parameters
 from siren_ros.simulation.scenario.episode import EpisodeDescription
-from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, PAPER_SPEEDS
+from siren_ros.simulation.scenario.paper import LEVEL_POLICIES
 from siren_ros.simulation.scenario.presets import load_preset
 
 
@@ -28,7 +28,7 @@ def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWor
     preset = load_preset(episode.preset, files).for_scenario(
         values["response.response_distance_m"], values["response.extra_delay_s"], values["response.compliance"]
     )
-    speed_mps = values["emv.speed_mps"]
+    config = driver_parameters(preset.drivers, values)
     network = parse_road_network(map_xml)
     return BehaviourWorld(
         network=right_hand_image(network),
@@ -37,7 +37,8 @@ def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWor
         preset=preset,
         seed=episode.seed,
         av_id=episode.av_id,
-        speeds=replace(PAPER_SPEEDS, emv_route_follow_mps=speed_mps, emv_lane_change_mps=speed_mps),
+        speeds=config.speeds(values["emv.speed_mps"]),
+        config=config,
         left_hand=network.left_hand,
         duty=bool(values.get("response.duty", 0)),
     )

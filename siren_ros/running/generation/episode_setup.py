@@ -25,6 +25,7 @@ from siren_ros.simulation.roads.mirror_image import right_hand_image
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.roads.sites import Site
+from siren_ros.simulation.scenario.driver_parameters import driver_parameters
 from siren_ros.simulation.scenario.episode import (
     CROSSING_PARAMETER,
     FILES_PARAMETER,
@@ -38,7 +39,7 @@ from siren_ros.simulation.scenario.presets import DriverPreset, load_preset
 from siren_ros.simulation.scenario.scenario import Template
 from siren_ros.simulation.scenario.templates import load_template, realised
 from siren_ros.simulation.traffic.demand.demand import choose_av
-from siren_ros.simulation.traffic.demand.plan import TrafficPlan, load_drivers, with_responses
+from siren_ros.simulation.traffic.demand.plan import TrafficPlan, load_drivers, with_emv_drivers, with_responses
 from siren_ros.simulation.traffic.demand.sizes import largest, with_sizes
 from siren_ros.simulation.world.actors import NO_ACTOR
 
@@ -168,7 +169,8 @@ def set_up_episode(
     site, plan = plan_at_site(driven, sites, lasting, request.seed, load_drivers(files=noted), planned_for)
     if spread:
         plan = with_sizes(plan, dimensions, spread, request.seed)
-    plan = with_responses(plan, preset, request.seed)
+    drivers = driver_parameters(preset.drivers, template.drivers)
+    plan = with_emv_drivers(with_responses(plan, preset, request.seed), drivers.sumo)
     if request.av:
         plan = replace(plan, av=choose_av(driven, plan))
     av = {"actor_id": len(plan.emvs) + 1, "name": plan.av, "sensors": request.av_sensors}

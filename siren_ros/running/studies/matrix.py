@@ -90,9 +90,7 @@ def _ranges(plan: DrawPlan, template: Template) -> dict[str, ValueRange]:
         return {path: limits for path, limits in template.ranges.items() if path not in DRAWN_BY_NAME}
     ranges = {}
     for path, (low, high) in plan.ranges.items():
-        limits = template.ranges.get(path)
-        if limits is None:
-            raise InputError(path, template.template_id, f"a parameter of the template: {', '.join(template.ranges)}")
+        limits = template.range_of(path, f"[{low:g}, {high:g}]")
         if not limits.minimum <= low <= high <= limits.maximum:
             allowed = f"within [{limits.minimum:g}, {limits.maximum:g}], the range of {template.template_id}"
             raise InputError(path, f"[{low:g}, {high:g}]", f"[low, high] {allowed}")

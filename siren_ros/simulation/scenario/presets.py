@@ -1,6 +1,8 @@
-"""How civilian drivers respond to a siren: presets of distributions, one draw per driver."""
+"""How drivers respond to a siren: presets of distributions, one draw per driver, and their other parameters."""
 
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ import numpy as np
 from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.base.params.strict_yaml import StrictMapping
 from siren_ros.errors import InputError
+from siren_ros.simulation.scenario.driver_parameters import DriverParameters, check_driver_value
 
 _SHARE_TOLERANCE = 1e-6
 
@@ -92,6 +95,8 @@ class DriverPreset:
     """Distance to an EMV with a siren at which a pedestrian waits at the kerb, or hurries over a crossing."""
     filtering: float = 0.0
     """Share of the motorcyclists who follow an EMV through the rescue lane."""
+    drivers: Mapping[str, float] = field(default_factory=dict)
+    """Parameters of drivers that differ from their defaults, by their names in ``DRIVER_PARAMETERS``."""
 
     def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
         """The preset with the values of a scenario.
@@ -130,8 +135,18 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverP
         preset = replace(preset, pedestrian_distance_m=distance)
     if top.has("filtering"):
         preset = replace(preset, filtering=top.number("filtering", 0.0, 1.0))
+    if top.has("drivers"):
+        preset = replace(preset, drivers=_drivers(top.mapping("drivers")))
     top.finish()
     return preset
+
+
+def _drivers(section: StrictMapping) -> dict[str, float]:
+    values = {name: section.number(name, -math.inf, math.inf) for name in section.values}
+    for name, value in values.items():
+        check_driver_value(name, value, section.where(name))
+    DriverParameters().with_values(values)
+    return values
 
 
 def _attention(section: StrictMapping) -> Attention:

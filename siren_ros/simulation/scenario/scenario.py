@@ -9,6 +9,7 @@ import numpy as np
 
 from siren_ros.errors import InputError
 from siren_ros.simulation.roads.sites import SiteKind
+from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -229,6 +230,8 @@ class Template:
     """The built-in map on which it happens where nobody names a map; empty: the town."""
     shoulders_in_use: bool = False
     """Whether nobody can drive on the map's shoulders, as where vehicles park there."""
+    drivers: Mapping[str, float] = field(default_factory=dict)
+    """Parameters of drivers that differ from the preset's, by their names in ``DRIVER_PARAMETERS``."""
     ranges: Mapping[str, ValueRange] = field(default_factory=dict)
     """Range of each scenario parameter by its dotted path: ``emv.speed_mps``, ``demand.platoon.vehicles``."""
     drawn: Mapping[str, ValueRange] = field(default_factory=dict)
@@ -236,12 +239,14 @@ class Template:
 
     def value(self, path: str) -> float:
         """Present value of a scenario parameter; KeyError for an unknown path."""
+        if path in self.drivers:
+            return self.drivers[path]
         owner, name = self._owner(path)
         return float(getattr(owner, name))
 
     def values(self) -> dict[str, float]:
-        """Present values of all scenario parameters."""
-        return {path: self.value(path) for path in self.ranges}
+        """Present values of all scenario parameters, and of those of drivers that were set."""
+        return {path: self.value(path) for path in (*self.ranges, *sorted(self.drivers.keys() - self.ranges))}
 
     def recorded_values(self) -> dict[str, float]:
         """The same for a record; of variety only what is not 0, so that records without it stay the same."""
@@ -253,21 +258,32 @@ class Template:
         return self.duration_s + (self.emv.count - 1) * self.emv.headway_s
 
     def with_values(self, values: Mapping[str, float]) -> "Template":
-        """The template with other values of scenario parameters.
+        """The template with other values of parameters of the scenario or of drivers.
 
         Raises:
             InputError: an unknown parameter, or a value outside its range.
         """
         changed = self
         for path, value in values.items():
-            limits = self.ranges.get(path)
-            if limits is None:
-                raise InputError(path, value, f"one of {', '.join(self.ranges)}")
+            limits = self.range_of(path, value)
             if not limits.minimum <= value <= limits.maximum or (limits.integer and value != round(value)):
                 kind = "a whole number" if limits.integer else "a number"
                 raise InputError(path, value, f"{kind} from {limits.minimum:g} to {limits.maximum:g}")
-            changed = _replaced(changed, path.split("."), round(value) if limits.integer else value)
+            if path in DRIVER_PARAMETERS:
+                changed = replace(changed, drivers={**changed.drivers, path: value})
+            else:
+                changed = _replaced(changed, path.split("."), round(value) if limits.integer else value)
         return changed
+
+    def range_of(self, path: str, value: object) -> ValueRange:
+        """Range of a parameter of the scenario or of drivers; InputError with the value for an unknown one."""
+        if path in self.ranges:
+            return self.ranges[path]
+        known = DRIVER_PARAMETERS.get(path)
+        if known is None:
+            of_drivers = ", ".join(DRIVER_PARAMETERS)
+            raise InputError(path, value, f"one of {', '.join(self.ranges)}, or of drivers {of_drivers}")
+        return ValueRange(known.minimum, known.maximum)
 
     def _owner(self, path: str) -> tuple[Any, str]:
         parts = path.split(".")

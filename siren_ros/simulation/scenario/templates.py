@@ -11,6 +11,7 @@ from siren_ros.base.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.errors import InputError, SirenError
 from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS
 from siren_ros.simulation.roads.sites import SiteKind
+from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS
 from siren_ros.simulation.scenario.paper import EmergencyLevel, level_name
 from siren_ros.simulation.scenario.scenario import (
     DECLARED_PREDICATES,
@@ -96,6 +97,7 @@ def _template(top: StrictMapping) -> Template:
         demand=_demand(top.mapping("demand"), parameters),
         response=_response(top.mapping("response"), parameters),
         predicate=_predicate(top.mapping("predicate")),
+        drivers=_drivers(top.mapping("drivers"), parameters) if top.has("drivers") else {},
         signal=_signal(top.mapping("signal"), parameters) if top.has("signal") else None,
         jam=_jam(top.mapping("jam"), parameters) if top.has("jam") else None,
         map_name=top.text("map", BUILT_IN_MAPS) if top.has("map") else "",
@@ -318,6 +320,17 @@ def _response(section: StrictMapping, parameters: _Parameters) -> CivilianRespon
         duty=parameters.integer(section, "duty", 0, 1) if section.has("duty") else 0,
     )
     return _finished(section, response)
+
+
+def _drivers(section: StrictMapping, parameters: _Parameters) -> dict[str, float]:
+    """Parameters of drivers by their dotted names."""
+    section.path, names = "", DRIVER_PARAMETERS
+    values = {}
+    for name in section.values:
+        if name not in names:
+            raise InputError(section.where(name), name, f"parameters of drivers: {', '.join(names)}")
+        values[name] = parameters.number(section, name, names[name].minimum, names[name].maximum)
+    return values
 
 
 def _predicate(section: StrictMapping) -> PredicateDemand:

@@ -8,7 +8,7 @@ from siren_ros.lab.calibration.fit import Fitted
 from siren_ros.lab.calibration.parameters import parameters_named
 from siren_ros.lab.calibration.targets import WHOLE
 
-SPEED, ACCEL = parameters_named(["controller.target_speed_mps", "controller.accel_mps2"])
+SPEED, ACCEL = parameters_named(["emv.speed_mps", "emv_driver.driving.comfort_accel_mps2"])
 
 
 def fitted(speed: float, accel: float) -> Fitted:

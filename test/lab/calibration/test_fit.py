@@ -111,9 +111,9 @@ def test_a_round_that_meets_another_whose_error_grew_looks_for_itself(left: floa
     assert (horizons[-1] == WHOLE) is goes_on
 
 
-NAMES = ("controller.target_speed_mps", "controller.accel_mps2", "sumo.tau_s")
+NAMES = ("emv.speed_mps", "emv_driver.driving.comfort_accel_mps2", "sumo.tau_s")
 NOISE_SHARE = 0.005
-TRUTH_FIT = {"controller.target_speed_mps": 17.0, "controller.accel_mps2": 1.2, "sumo.tau_s": 2.2}
+TRUTH_FIT = {"emv.speed_mps": 17.0, "emv_driver.driving.comfort_accel_mps2": 1.2, "sumo.tau_s": 2.2}
 
 
 class Bowl:

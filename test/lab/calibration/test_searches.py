@@ -24,14 +24,12 @@ from siren_ros.lab.calibration.searches import (
 )
 from siren_ros.lab.calibration.targets import WHOLE
 
-PARAMETERS = parameters_named(["controller.target_speed_mps", "sumo.tau_s"])
+PARAMETERS = parameters_named(["emv.speed_mps", "sumo.tau_s"])
 
 
 def off(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
     wrong = 0.0 if horizon_s == WHOLE else 2.0
-    return [
-        np.array([values["controller.target_speed_mps"] - 11.0 - wrong, values["sumo.tau_s"] - 1.0]) for values in tries
-    ]
+    return [np.array([values["emv.speed_mps"] - 11.0 - wrong, values["sumo.tau_s"] - 1.0]) for values in tries]
 
 
 def test_the_best_try_is_kept_with_its_error() -> None:

@@ -92,7 +92,7 @@ def test_files_that_are_no_trajectory_are_refused(tmp_path: Path, rows: list[str
 
 
 SITUATION = Situation(EpisodeRequest("S6", "L1", 0, sensors="none"))
-SPEED = "controller.target_speed_mps"
+SPEED = "emv.speed_mps"
 UNTIL_S = 2.0
 
 

@@ -50,6 +50,14 @@ def test_a_latin_hypercube_has_one_draw_in_each_slice_of_each_parameter() -> Non
     assert sorted(counts) == [16.0, 16.0, 17.0, 17.0, 18.0, 18.0, 19.0, 19.0]
 
 
+def test_a_study_draws_parameters_of_drivers_within_their_ranges() -> None:
+    name = "emv_driver.corridor.narrow_mps"
+    draws = draws_of(DrawPlan(Method.RANDOM, samples=3, ranges={name: (4.0, 6.0)}), S2)
+    assert all(set(values) == {name} and 4.0 <= values[name] <= 6.0 for values in draws)
+    with pytest.raises(InputError, match="narrow_mps"):
+        draws_of(DrawPlan(Method.RANDOM, samples=3, ranges={name: (4.0, 60.0)}), S2)
+
+
 @pytest.mark.parametrize("method", [Method.RANDOM, Method.LATIN_HYPERCUBE])
 def test_draws_depend_on_seed_and_template_alone(method: Method) -> None:
     plan = DrawPlan(method, samples=5, seed=3)

@@ -8,12 +8,12 @@ import numpy as np
 
 from siren_ros.base.numerics.geometry import Polyline, footprint_corners, separation_m
 from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.simulation.behaviour.config import BehaviourConfig
 from siren_ros.simulation.behaviour.driving.step_view import ActorTable, BehaviourWorld, StepView, Surroundings
 from siren_ros.simulation.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.simulation.dynamics.parameters import ParameterTable, load_vehicle_parameters
 from siren_ros.simulation.dynamics.vehicle_model import BodyState, Controls, step_bodies
 from siren_ros.simulation.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.scenario.driver_parameters import DriverParameters
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.scenario.presets import load_preset
 from siren_ros.simulation.world.actors import ActorClass, ActorDescription, Lights, Mode, Owner
@@ -121,7 +121,7 @@ def describe(car):
 
 
 def world_of(network, level, **changes):
-    config = changes.pop("config", BehaviourConfig())
+    config = changes.pop("config", DriverParameters())
     preset = changes.pop("preset", load_preset("paper"))
     return BehaviourWorld(network, LEVEL_POLICIES[level], vehicles, preset, seed=1, config=config, **changes)
 

@@ -36,7 +36,7 @@ def test_s2_civilians_leave_the_lane_the_emv_passes_and_all_are_released(lab):
     assert all(abs(row[1][1]) < 0.3 for row in loop.log)
     assert all(loop.owners.get(actor, Owner.SUMO) == Owner.SUMO for actor in (2, 3, 4))
     yielding = [pose[3] * 3.6 for row in loop.log for pose in row.values() if pose[5] == Mode.YIELD_LANE_CHANGE]
-    asked_mps2, steps = loop.world.config.civilian_lane_change.own_brake_mps2, len(yielding) / 3
+    asked_mps2, steps = loop.world.config.civilian_driver.lane_change.own_brake_mps2, len(yielding) / 3
     assert 25.2 - min(yielding) == pytest.approx(3.6 * asked_mps2 * 0.05 * steps, rel=0.1)
     assert 9.0 < min(yielding) < 16.0
     assert not loop.touching()

@@ -55,6 +55,19 @@ def test_mistakes_name_file_and_line(tmp_path, old, new, shown):
     assert shown in str(caught.value)
 
 
+def test_parameters_of_drivers_are_read_by_their_names(tmp_path):
+    file, name = tmp_path / "own.yaml", "civilian_driver.driving.headway_s"
+    text = (params_dir() / "presets" / "paper.yaml").read_text(encoding="utf-8")
+    file.write_text(f"{text}\ndrivers: {{{name}: 1.2}}\n", encoding="utf-8")
+    assert load_preset(str(file)).drivers == {name: 1.2}
+    assert load_preset("paper").drivers == {}
+    for wrong in (f"{name}: 9", "civilian_driver.mood: 1", "emv_driver.gap_escape.tight_gap_m: 0.5"):
+        file.write_text(f"{text}\ndrivers: {{{wrong}}}\n", encoding="utf-8")
+        with pytest.raises(InputError) as refused:
+            load_preset(str(file))
+        assert "tight_gap_m" in wrong or str(file) in refused.value.parameter
+
+
 def test_unknown_preset_lists_the_presets():
     assert names_in_params("presets") == ("inattentive", "paper", "realistic", "reckless")
     with pytest.raises(InputError, match="paper, realistic"):

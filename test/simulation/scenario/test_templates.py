@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -291,6 +293,40 @@ def test_variety_is_read_from_the_file(tmp_path):
     assert read_template(file).demand.variety == VarietyDemand(parked_share=0.4)
     assert read_template(file).ranges["demand.variety.parked_share"] == ValueRange(0.2, 0.6)
     assert "another name for a group" in refused(tmp_path, "    platoon:", "    variety:")[0].allowed
+
+
+NARROW, HEADWAY = "emv_driver.corridor.narrow_mps", "emv_driver.approach.headway_s"
+
+
+@pytest.mark.parametrize("name", available_templates())
+def test_parameters_of_drivers_are_recorded_only_where_they_were_set(name):
+    template = load_template(name)
+    assert template.drivers == {}
+    changed = template.with_values({NARROW: 4.0})
+    assert (changed.value(NARROW), changed.drivers) == (4.0, {NARROW: 4.0})
+    assert changed.recorded_values() == {**template.recorded_values(), NARROW: 4.0}
+    with pytest.raises(InputError, match="narrow_mps"):
+        template.with_values({NARROW: 99.0})
+    with pytest.raises(InputError) as refused:
+        template.with_values({"emv_driver.mood": 1.0})
+    assert {NARROW, "emv.speed_mps"} <= set(re.split(r"[, ]+", refused.value.allowed))
+
+
+def test_a_template_gives_drivers_values_of_their_own_and_draws_them(tmp_path):
+    file = tmp_path / "own.yaml"
+    entry = "{default: 1.2, range: [0.8, 2.0], draw: [0.9, 1.5]}"
+    file.write_text(f"{S2_TEXT}\ndrivers:\n  {HEADWAY}: {entry}\n", encoding="utf-8")
+    template = read_template(file)
+    assert template.drivers == {HEADWAY: 1.2}
+    assert template.recorded_values()[HEADWAY] == 1.2
+    drawn = {realised(template, np.random.default_rng(seed)).value(HEADWAY) for seed in range(4)}
+    assert len(drawn) == 4
+    assert all(0.9 <= value <= 1.5 for value in drawn)
+    with pytest.raises(InputError, match=r"number from 0\.8 to 2"):
+        template.with_values({HEADWAY: 2.2})
+    file.write_text(f"{S2_TEXT}\ndrivers:\n  emv_driver.mood: {entry}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"own\.yaml:\d+: emv_driver\.mood"):
+        read_template(file)
 
 
 @pytest.mark.parametrize(("template", "level"), [("S2", "L2"), ("S1", "L3"), ("mine", "")])

@@ -40,7 +40,7 @@ def may_cross(ego: Ego, movement: Connection, front_m: float) -> bool:
 
     ``front_m`` is the front's way beyond the stop line.
     """
-    in_the_way_m = ego.config.pull_over.in_the_way_m
+    in_the_way_m = ego.civilian_driver.pull_over.in_the_way_m
     return not is_held(ego, movement) or front_m > room_beyond_line_m(ego, movement) + in_the_way_m
 
 

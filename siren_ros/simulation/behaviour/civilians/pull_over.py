@@ -57,32 +57,32 @@ from siren_ros.simulation.world.traffic_state import Event, EventKind
 
 def _looks(unit: YieldUnit, ego: Ego) -> bool:
     """Whether a waiting driver looks again at this step; not all of them look at the same one."""
-    period = steps_from_s(ego.config.pull_over.look_again_s)
+    period = steps_from_s(ego.civilian_driver.pull_over.look_again_s)
     return ego.step % period == unit.actor_id % period
 
 
 def emv_waits_behind(ego: Ego, emv_row: int) -> bool:
     """Whether an EMV stands or crawls close behind a vehicle and points towards it."""
     seen = ego.seen
-    if emv_row < 0 or float(seen.speed_mps[emv_row]) > ego.config.pull_over.emv_crawls_mps:
+    if emv_row < 0 or float(seen.speed_mps[emv_row]) > ego.civilian_driver.pull_over.emv_crawls_mps:
         return False
     dx, dy = float(seen.x_m[ego.row] - seen.x_m[emv_row]), float(seen.y_m[ego.row] - seen.y_m[emv_row])
     distance = math.hypot(dx, dy)
-    if distance > ego.config.pull_over.room_range_m:
+    if distance > ego.civilian_driver.pull_over.room_range_m:
         return False
     cos, sin = ego.direction
     ahead = float(seen.cos[emv_row]) * dx + float(seen.sin[emv_row]) * dy
-    return min(ahead, cos * dx + sin * dy) > ego.config.pull_over.behind_cosine * distance
+    return min(ahead, cos * dx + sin * dy) > ego.civilian_driver.pull_over.behind_cosine * distance
 
 
 def makes_room(unit: YieldUnit, ego: Ego) -> bool:
     """Whether the EMV has been waiting behind a driver for long enough."""
-    return unit.emv_waits_steps >= steps_from_s(ego.config.pull_over.room_after_s)
+    return unit.emv_waits_steps >= steps_from_s(ego.civilian_driver.pull_over.room_after_s)
 
 
 def may_go_on(unit: YieldUnit, ego: Ego, lane: int) -> bool:
     """Whether a driver who holds has the space to finish the pull-over, or to make room."""
-    config = ego.config.pull_over
+    config = ego.civilian_driver.pull_over
     if lane == NO_LANE:
         return False
     reasons = ((unit.partial, config.resume_gap_m), (makes_room(unit, ego), config.room_gap_m))
@@ -96,7 +96,7 @@ def emv_takes_shoulder(ego: Ego, lane: int, emv_id: int) -> bool:
     (row,) = rows_of_ids(ego.seen.actor_id, np.array([emv_id], dtype=np.uint32)).tolist()
     if row < 0:
         return False
-    way = shoulder_into_turn(network, ego.traffic.route_of_row(row), ego.config.corridor.shoulder_reach_m)
+    way = shoulder_into_turn(network, ego.traffic.route_of_row(row), ego.emv_driver.corridor.shoulder_reach_m)
     return way is not None and network.lanes[road_lane_of(network, lane)].edge in way.edges
 
 
@@ -111,13 +111,13 @@ def _leaves_shoulder_free(ego: Ego, lane: int) -> bool:
         return False
     if network.lanes[right].kind is LaneKind.DRIVING:
         apart = np.abs(ego.traffic.lane_position_m - ego.traffic.lane_position_m[ego.row])
-        near = np.flatnonzero((ego.traffic.lane == right) & (apart < ego.config.pull_over.alongside_m))
+        near = np.flatnonzero((ego.traffic.lane == right) & (apart < ego.civilian_driver.pull_over.alongside_m))
         return all(_leaves_shoulder_free(ego.ego(other), right) for other in near.tolist())
     offset, turned = offset_in_lane(ego, lane)
     if network.lanes[right].kind is not LaneKind.SHOULDER or abs(turned) > aligned_within_rad(ego):
         return False
     beyond = 0.5 * network.lanes[lane].width_m + offset - ego.half_width_m
-    return network.lanes[right].width_m + beyond >= ego.config.pull_over.shoulder_free_m
+    return network.lanes[right].width_m + beyond >= ego.civilian_driver.pull_over.shoulder_free_m
 
 
 _RIDER_S: Final = 3.0
@@ -141,7 +141,7 @@ def rider_comes_up(ego: Ego, side: int, shift_m: float) -> bool:
     slowed_mps = min(ego.speed_mps, ego.world.speeds.civilian_pull_over_mps)
     way_m = lengths_m + _RIDER_S * np.maximum(seen.speed_mps[rows] - slowed_mps, 0.0)
     there = (aside_m + half_m > ego.half_width_m) & (aside_m - half_m < ego.half_width_m + shift_m + _RIDER_CLEAR_M)
-    along = cos * seen.cos[rows] + sin * seen.sin[rows] > ego.config.manoeuvring.along_cosine
+    along = cos * seen.cos[rows] + sin * seen.sin[rows] > ego.civilian_driver.manoeuvring.along_cosine
     return bool(np.any(there & along & (ahead_m < lengths_m) & (ahead_m > -way_m)))
 
 
@@ -152,7 +152,7 @@ def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
     and while a rider comes up on that side. A driver looks again every half second. A vehicle that leaves the EMV's way
     on the shoulder free stays there.
     """
-    network, config = ego.network, ego.config.pull_over
+    network, config = ego.network, ego.civilian_driver.pull_over
     if unit.deferred and not _looks(unit, ego) and standing(ego):
         return YieldStep(unit)
     lane = ego.lane
@@ -164,7 +164,7 @@ def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
         started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=unit.side, lane=lane)
         return _hold_now(unit, ego, offset_in_lane(ego, lane)[0], partial=False).preceded_by(started)
     path = pull_over_path(unit, ego, lane)
-    stop = braking_distance_m(ego.speed_mps * ego.speed_mps, ego.config.civilian_navigator.comfort_brake_mps2)
+    stop = braking_distance_m(ego.speed_mps * ego.speed_mps, ego.civilian_driver.driving.comfort_brake_mps2)
     if path is None or stop > path.length_m + config.length_min_m:
         return defer(unit, ego, Refusal.NO_ROOM.value)
     shift_m = unit.side * (edge_offset_m(ego, lane, unit.side) - offset_in_lane(ego, lane)[0])
@@ -206,7 +206,7 @@ def edge_offset_m(ego: Ego, lane: int, side: int) -> float:
     left for an EMV on the inner side, the vehicle reaches over the edge. It does not where the EMV comes on the
     shoulder and others stand in the lane on the left.
     """
-    network, config = ego.network, ego.config.pull_over
+    network, config = ego.network, ego.civilian_driver.pull_over
     road = approach_lane_of(ego, lane)
     beside = NO_LANE if road == NO_LANE else neighbour_lane(network, road, side)
     shoulder = beside != NO_LANE and network.lanes[beside].kind is LaneKind.SHOULDER
@@ -226,7 +226,7 @@ def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
         The path, or None where the lane ends before the vehicle can move sideways, and on a junction where the driver
         makes no room.
     """
-    config = ego.config.pull_over
+    config = ego.civilian_driver.pull_over
     if approach_lane_of(ego, lane) == NO_LANE or (on_junction(ego, lane) and not makes_room(unit, ego)):
         return None
     position, left, _ = ego.place_on(lane)
@@ -265,7 +265,7 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
     ``place`` is the lane of the vehicle's centre and where on it, ``way_m`` how far the vehicle goes at most,
     ``sideways_m`` the way that the lateral move takes.
     """
-    network, route, config, (lane, position) = ego.network, ego.route, ego.config.pull_over, place
+    network, route, config, (lane, position) = ego.network, ego.route, ego.civilian_driver.pull_over, place
     ahead, room = way_m + ego.half_length_m, makes_room(unit, ego)
     lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True, through_junctions=False)
     to_line = network.length_m(lanes) - position
@@ -307,7 +307,7 @@ def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     unit, over = _is_over(unit, ego, emv)
     if over:
         return _release(unit, ego, emv, over)
-    config, lane, path = ego.config.pull_over, lane_of(unit, ego), unit.navigator.path
+    config, lane, path = ego.civilian_driver.pull_over, lane_of(unit, ego), unit.navigator.path
     offset, turned = offset_in_lane(ego, lane)
     aligned = abs(turned) <= aligned_within_rad(ego)
     settled = path is None or unit.navigator.progress_m >= path.settled_m - config.settled_m
@@ -375,7 +375,7 @@ def _is_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> tuple[YieldUnit, str]:
     off_path = unit.off_path_steps + 1 if emv.turned_off else 0
     if off_path != unit.off_path_steps:
         unit = changed(unit, off_path_steps=off_path)
-    grace = steps_from_s(ego.config.yielding.off_path_grace_s)
+    grace = steps_from_s(ego.civilian_driver.yielding.off_path_grace_s)
     if emv.passed and emv.dawdles:
         return unit, ""
     return unit, release_reason(emv) or ("off_path" if off_path > grace else "")
@@ -390,10 +390,10 @@ def _release(unit: YieldUnit, ego: Ego, emv: EmvView, reason: str) -> YieldStep:
 
 
 def _drive(unit: YieldUnit, ego: Ego) -> YieldStep:
-    path, config = unit.navigator.path, ego.config.civilian_navigator
-    close = path is not None and path.length_m - path.settled_m < ego.config.pull_over.settled_m
+    path, config = unit.navigator.path, ego.world.civilian_navigator
+    close = path is not None and path.length_m - path.settled_m < ego.civilian_driver.pull_over.settled_m
     if close or makes_room(unit, ego):
         config = ego.world.room_navigator
-    target_mps = ego.config.pull_over.creep_mps if close else ego.world.speeds.civilian_pull_over_mps
+    target_mps = ego.civilian_driver.pull_over.creep_mps if close else ego.world.speeds.civilian_pull_over_mps
     navigator, command, _ = navigate(unit, ego, target_mps, config)
     return YieldStep(changed(unit, navigator=navigator), command)

@@ -35,13 +35,19 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
         unit = changed(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0)
         return YieldStep(unit, FULL_BRAKE if standing(ego) else navigate(unit, ego, 0.0, ego.world.hold_navigator)[1])
     lane = lane_of(unit, ego)
-    if lane == NO_LANE or _straight(ego, lane, ego.config.yielding.rejoin_offset_m):
+    if lane == NO_LANE or _straight(ego, lane, ego.civilian_driver.yielding.rejoin_offset_m):
         return _hand_back(unit, ego)
-    config, half_length, navigator_config = ego.config, ego.half_length_m, ego.navigator_config
+    config, half_length, navigator_config = ego.civilian_driver, ego.half_length_m, ego.navigator_config
     reference = ego.line_along(lane, config.yielding.rejoin_ahead_m, 2.0, civilian=True, through_junctions=False)
     _, left = reference.curve.project_one(*ego.place)
     speed = 0.5 * (ego.speed_mps + config.yielding.rejoin_speed_mps)
-    merge = blend_length_m(left, speed, config.pull_over.duration_s, config.pull_over.length_min_m, navigator_config)
+    merge = blend_length_m(
+        left,
+        speed,
+        config.pull_over.duration_s,
+        config.pull_over.length_min_m,
+        navigator_config,
+    )
     merge = max(merge, config.yielding.rejoin_lengths * 2.0 * half_length)
     room = reference.curve.length_m - 2.0 - half_length - 1.0
     # Too near the stop line to come straight in the middle of the lane: straight where it is.
@@ -58,13 +64,13 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     """One step back to the lane. SUMO takes over in the lane, at the path's end, or if the path stays blocked."""
     if unit.navigator.path is None:
         return start_rejoin(unit, ego)
-    config = ego.config.yielding
+    config = ego.civilian_driver.yielding
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     lane = lane_of(unit, ego)
     blocked = stopped >= steps_from_s(config.rejoin_blocked_s) and (lane == NO_LANE or _straight(ego, lane))
     if blocked or unit.navigator.done or lane == NO_LANE or _straight(ego, lane, config.rejoin_offset_m):
         return _hand_back(unit, ego)
-    navigator, command, _ = navigate(unit, ego, config.rejoin_speed_mps, ego.config.civilian_navigator)
+    navigator, command, _ = navigate(unit, ego, config.rejoin_speed_mps, ego.world.civilian_navigator)
     return YieldStep(changed(unit, navigator=navigator, stopped_steps=stopped), command)
 
 

@@ -18,7 +18,7 @@ def rescue_side(ego: Ego, lane: int) -> int:
 
 def kept_offset_m(ego: Ego, lane: int) -> float:
     """Offset from the lane's centre line at which a slow vehicle keeps to the side; 0 where it keeps to the middle."""
-    config = ego.config.pull_over
+    config = ego.civilian_driver.pull_over
     if ego.speed_mps >= config.flows_mps:
         return 0.0
     room_m = 0.5 * ego.network.lanes[lane].width_m - ego.half_width_m - config.mirror_m
@@ -30,7 +30,7 @@ def needs_no_siren(ego: Ego) -> bool:
 
     In flowing traffic nobody stops on such a road.
     """
-    lane, config = ego.lane, ego.config.pull_over
+    lane, config = ego.lane, ego.civilian_driver.pull_over
     side = rescue_side(ego, lane)
     if side == 0 or ego.speed_mps >= config.flows_mps:
         return side != 0

@@ -10,7 +10,6 @@ from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.changed import changed
 from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.simulation.behaviour.civilians.rejoin import rejoin
-from siren_ros.simulation.behaviour.config import YieldConfig
 from siren_ros.simulation.behaviour.driving.civilian_unit import (
     EmvView,
     YieldStep,
@@ -37,6 +36,7 @@ from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, LanePath, ne
 from siren_ros.simulation.behaviour.paths.tracked_path import on_reference
 from siren_ros.simulation.roads.movements import road_lane_of
 from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.scenario.driver_parameters import YieldConfig
 from siren_ros.simulation.world.actors import Mode
 from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficFlags
 
@@ -56,8 +56,8 @@ def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
 
     The vehicle must still be able to stop and change lanes before the next junction; elsewhere SUMO keeps driving.
     """
-    unit, config, speed = _with_path(unit, ego), ego.config, ego.speed_mps
-    stop = braking_distance_m(speed * speed, config.civilian_navigator.comfort_brake_mps2)
+    unit, config, speed = _with_path(unit, ego), ego.civilian_driver, ego.speed_mps
+    stop = braking_distance_m(speed * speed, config.driving.comfort_brake_mps2)
     lane = lane_of(unit, ego)
     target = neighbour_lane(ego.network, lane, unit.side)
     if unit.navigator.remaining_m < max(stop, config.yielding.seek_room_m) or target == NO_LANE:
@@ -109,7 +109,9 @@ def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soo
 def _with_path(unit: YieldUnit, ego: Ego) -> YieldUnit:
     if unit.navigator.path is not None or road_lane_of(ego.network, ego.lane) == NO_LANE:
         return unit
-    reference = ego.line_along(ego.lane, ego.config.yielding.seek_ahead_m, 2.0, civilian=True, through_junctions=False)
+    reference = ego.line_along(
+        ego.lane, ego.civilian_driver.yielding.seek_ahead_m, 2.0, civilian=True, through_junctions=False
+    )
     path = on_reference(reference, ego.navigator_config, stop_at_end=True, shorten_m=ego.half_length_m + 1.0)
     return changed(unit, navigator=NavigatorState().following(path, *ego.place))
 
@@ -177,7 +179,7 @@ def _wait_for_gap(unit: YieldUnit, ego: Ego, refusals: list[tuple[int, Refusal]]
     side, refusal = next(((s, r) for s, r in in_the_way if s == unit.side), in_the_way[0])
     if unit.phase is not Mode.YIELD_DEFERRED:
         return defer(changed(unit, side=side), ego, refusal.value)
-    config = ego.config.yielding
+    config = ego.civilian_driver.yielding
     waited = ego.step - unit.deferred_step - steps_from_s(config.seek_after_s)
     seeks, pauses = steps_from_s(config.seek_for_s), steps_from_s(config.seek_pause_s)
     if waited < 0 or (waited % (seeks + pauses) >= seeks and not _has_it_soon(unit, ego, side)):
@@ -189,14 +191,14 @@ def _has_it_soon(unit: YieldUnit, ego: Ego, side: int) -> bool:
     target = neighbour_lane(ego.network, lane_of(unit, ego), side)
     if unit.seek == Seek.NOT or target == NO_LANE:
         return False
-    gaps, change = gaps_in_lane(ego, target), ego.config.civilian_lane_change
+    gaps, change = gaps_in_lane(ego, target), ego.civilian_driver.lane_change
     margin = change.front_gap_m if unit.seek == Seek.FALL_BACK else change.rear_gap_m
-    return soon_free(Seek(unit.seek), gaps, ego.speed_mps, margin, ego.config.yielding.seek_soon_s)
+    return soon_free(Seek(unit.seek), gaps, ego.speed_mps, margin, ego.civilian_driver.yielding.seek_soon_s)
 
 
 def drive(unit: YieldUnit, ego: Ego, target_mps: float) -> YieldStep:
     """One step along the planner's path."""
-    navigator, command, _ = navigate(unit, ego, target_mps, ego.config.civilian_navigator)
+    navigator, command, _ = navigate(unit, ego, target_mps, ego.world.civilian_navigator)
     return YieldStep(changed(unit, navigator=navigator), command)
 
 
@@ -218,22 +220,22 @@ def change_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
 def _others_come(ego: Ego, lane: int) -> bool:
     """Whether a driver, once stopped on the way into a lane, lets others in it pass before going on."""
     speed = ego.speed_mps
-    if speed > ego.config.yielding.goes_on_mps or ego.lane == lane:
+    if speed > ego.civilian_driver.yielding.goes_on_mps or ego.lane == lane:
         return False
-    refusal = refusal_of_gaps(gaps_in_lane(ego, lane), speed, speed, ego.config.civilian_lane_change)
+    refusal = refusal_of_gaps(gaps_in_lane(ego, lane), speed, speed, ego.civilian_driver.lane_change)
     return refusal in {Refusal.GAP_REAR, Refusal.BESIDE}
 
 
 def keep_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Stays in the new lane under SUMO until it is released. Yields again if the EMV follows into that lane."""
-    grace = steps_from_s(ego.config.yielding.off_path_grace_s)
+    grace = steps_from_s(ego.civilian_driver.yielding.off_path_grace_s)
     strayed = not emv.on_road and unit.off_path_steps >= grace
     if release_reason(emv) or strayed:
         reason = release_reason(emv) or "emv_gone"
         return YieldStep(None, None, (yield_event(unit, ego, EventKind.YIELD_RELEASED, reason=reason),))
     followed = unit.in_lane_steps + 1 if emv.on_path else 0
     unit = changed(unit, in_lane_steps=followed, off_path_steps=0 if emv.on_road else unit.off_path_steps + 1)
-    if followed < steps_from_s(ego.config.yielding.followed_s):
+    if followed < steps_from_s(ego.civilian_driver.yielding.followed_s):
         return YieldStep(unit)
     asked = yield_event(unit, ego, EventKind.YIELD_REQUESTED, reason="emv_followed")
     again = changed(unit, phase=Mode.YIELD_REACTING, react_step=ego.step, in_lane_steps=0, off_path_steps=0)

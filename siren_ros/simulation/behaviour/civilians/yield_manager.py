@@ -74,8 +74,8 @@ class EmvRoad:
             return before
         edge = network.lanes[lane].edge
         left_before = () if before is None else before.left_edges
-        left = tuple(dict.fromkeys((edge, *left_before)))[: ego.config.yielding.edges_kept]
-        ahead_m = network.lanes[lane].length_m + ego.config.yielding.path_ahead_m
+        left = tuple(dict.fromkeys((edge, *left_before)))[: ego.civilian_driver.yielding.edges_kept]
+        ahead_m = network.lanes[lane].length_m + ego.civilian_driver.yielding.path_ahead_m
         lane_start, road_start = np.full((2, len(network.lanes)), np.inf)
         on_road = np.zeros(len(network.edges), dtype=np.bool_)
         on_road[list(left)] = True
@@ -225,7 +225,7 @@ def _notice(
     Where the EMV stands in a queue, or comes up to drivers who have noticed it and stand, all who stand in the queue
     notice it: without those at the head nobody could move.
     """
-    world, seen, config = view.world, view.seen, view.world.config.yielding
+    world, seen, config = view.world, view.seen, view.world.config.civilian_driver.yielding
     events: list[Event] = []
     for emv_id, scene in scenes.items():
         present = [(row, int(seen.actor_id[row])) for row in scene.candidates]
@@ -278,7 +278,7 @@ def _nearer(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> YieldUni
     waits = unit.phase in {Mode.YIELD_REACTING, Mode.YIELD_DEFERRED}
     near_m = unit.driver.response_distance_m
     if not waits:
-        near_m = max(near_m, ego.config.yielding.queue_m)
+        near_m = max(near_m, ego.civilian_driver.yielding.queue_m)
     coming = [
         (way_m, emv_id)
         for emv_id, scene in scenes.items()
@@ -308,7 +308,7 @@ def _before_start(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
     if off_path != unit.off_path_steps:
         unit = changed(unit, off_path_steps=off_path)
-    grace = steps_from_s(ego.config.yielding.off_path_grace_s)
+    grace = steps_from_s(ego.civilian_driver.yielding.off_path_grace_s)
     reason = release_reason(emv) or ("off_path" if off_path > grace else "")
     if reason:
         return YieldStep(None, None, (yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=reason),))
@@ -333,7 +333,7 @@ def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
     if scene is None:
         return EmvView(-1, False, False, False, False)
     way, route = scene.way_m[ego.row], ego.route
-    config, apart_m = ego.config.pull_over, ego.distance_m(scene.row)
+    config, apart_m = ego.civilian_driver.pull_over, ego.distance_m(scene.row)
     slow = float(ego.seen.speed_mps[scene.row]) < config.stays_behind_mps
     return EmvView(
         row=scene.row,

@@ -130,12 +130,12 @@ def lane_of(unit: YieldUnit, ego: Ego) -> int:
 
 def standing(ego: Ego) -> bool:
     """Whether a vehicle stands still."""
-    return ego.speed_mps < ego.config.yielding.standing_mps
+    return ego.speed_mps < ego.civilian_driver.yielding.standing_mps
 
 
 def aligned_within_rad(ego: Ego) -> float:
     """Heading error within which a vehicle counts as aligned: the paper's, and less for long vehicles."""
-    sideways = ego.config.pull_over.stick_out_m / ego.half_length_m
+    sideways = ego.civilian_driver.pull_over.stick_out_m / ego.half_length_m
     return min(ego.world.constants.heading_aligned_rad, sideways)
 
 

@@ -7,11 +7,10 @@ import numpy as np
 
 from siren_ros.base.numerics.braking import braking_distance_m, safe_following_mps
 from siren_ros.base.numerics.compiled import compiled
-from siren_ros.simulation.behaviour.config import NavigatorConfig
 from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
 from siren_ros.simulation.behaviour.driving.step_view import Surroundings
 from siren_ros.simulation.behaviour.paths.curve import nearest_point
-from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, Rights, limit_at_mps, rank_at
 from siren_ros.simulation.conflicts.yielding import Approach, Bends, least_wait
 from siren_ros.simulation.conflicts.zones import SAME_DIRECTION, Way, Ways, Zone, follows_course, zones_of
@@ -37,7 +36,7 @@ class CollisionWatch:
     target_mps: float
     """Speed that would be driven on a free path."""
     seen: Surroundings
-    config: NavigatorConfig
+    config: Navigation
 
     @property
     def reach_m(self) -> float:
@@ -145,7 +144,7 @@ def _strictest_leader(
     """Row of the vehicle that restricts most of those that lead on a path, safe speed, braking and gap; −1 without one.
 
     ``ways`` are the vehicles' ways, row by row, where their courses are known. ``sides`` and ``keeps`` are fields of
-    ``NavigatorConfig``.
+    ``Navigation``.
     """
     points, _, _, spacing_m = line
     row, progress_m, target_mps, reach_m = own
@@ -213,7 +212,7 @@ def _strictest_wait(
 ) -> tuple[int, float, float, float]:
     """Row of the vehicle that makes a driver wait most, speed, hardest braking of all, and free way; −1 without one.
 
-    ``who`` are the bodies and which of them are EMVs, ``limits`` and ``speeds`` fields of ``NavigatorConfig``, ``line``
+    ``who`` are the bodies and which of them are EMVs, ``limits`` and ``speeds`` fields of ``Navigation``, ``line``
     is the driver's path. No red light makes an EMV wait: of two with the same right of way the one in the first row
     goes first.
     """

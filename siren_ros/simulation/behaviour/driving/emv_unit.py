@@ -48,7 +48,7 @@ def plan_route(
 
     ``merge_m`` is the length of the move onto the lane, by default what offset and speed ask for.
     """
-    network, config = ego.network, ego.config.emv
+    network, config = ego.network, ego.emv_driver
     ahead_m = max(config.path_ahead_m, 1.5 * ego.far_m(0.0))
     behind_m = config.path_behind_m
     reference = ego.line_along(lane, ahead_m, behind_m, length_m=ahead_m + behind_m)
@@ -60,7 +60,7 @@ def plan_route(
     if merge_m is None and abs(left) < config.rejoin_offset_m and aligned:
         path = on_reference(reference, ego.navigator_config, stop, shorten)
     else:
-        change = ego.config.lane_change
+        change = ego.emv_driver.lane_change
         if merge_m is None:
             least = change.duration_s, change.length_min_m
             merge_m = blend_length_m(left, ego.speed_mps, *least, ego.navigator_config)

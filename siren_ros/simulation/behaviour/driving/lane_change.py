@@ -10,12 +10,12 @@ import numpy as np
 from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.base.numerics.geometry import project_on
-from siren_ros.simulation.behaviour.config import LaneChangeConfig
 from siren_ros.simulation.behaviour.driving.step_view import Ego
 from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, LanePath, nearest_on_line, neighbour_lane
 from siren_ros.simulation.behaviour.paths.tracked_path import PEAK_CURVATURE, TrackedPath, blend_length_m, path_onto
 from siren_ros.simulation.roads.movements import road_lane_of
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
+from siren_ros.simulation.scenario.driver_parameters import LaneChangeConfig
 from siren_ros.simulation.world.actors import NO_ACTOR
 
 
@@ -51,8 +51,7 @@ class LaneChangeQuery:
     @property
     def config(self) -> LaneChangeConfig:
         """Parameters of the EMV's or of the civilians' lane changes."""
-        config = self.ego.config
-        return config.civilian_lane_change if self.civilian else config.lane_change
+        return self.ego.civilian_driver.lane_change if self.civilian else self.ego.emv_driver.lane_change
 
     @property
     def target(self) -> int:
@@ -86,7 +85,9 @@ class LaneGaps(NamedTuple):
 def gaps_in_lane(ego: Ego, lane: int) -> LaneGaps:
     """Gaps of a vehicle to those ahead and behind in any lane; negative while it is alongside one."""
     centre, seen = ego.network.lanes[lane].centre, ego.seen
-    front, rear, *gaps = _gaps(centre.points, centre.arc_m, seen.bodies, ego.row, ego.config.lane_change.gap_range_m)
+    front, rear, *gaps = _gaps(
+        centre.points, centre.arc_m, seen.bodies, ego.row, ego.emv_driver.lane_change.gap_range_m
+    )
     if front < 0:
         return LaneGaps(math.inf, 0.0, math.inf, 0.0)
     front_id = int(seen.actor_id[front]) if gaps[0] < math.inf else NO_ACTOR
@@ -176,7 +177,7 @@ def entered_lane(ego: Ego, lane: int) -> bool:
     if abs(turned) > ego.world.constants.heading_aligned_rad:
         return False
     side = ego.half_width_m * math.cos(turned) + ego.half_length_m * abs(math.sin(turned))
-    room = max(0.5 * ego.network.lanes[lane].width_m - side, 0.1) + ego.config.lane_change.entered_tolerance_m
+    room = max(0.5 * ego.network.lanes[lane].width_m - side, 0.1) + ego.emv_driver.lane_change.entered_tolerance_m
     return abs(offset) <= room
 
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Floats, random_stream
-from siren_ros.simulation.behaviour.config import JunctionEntryConfig
 from siren_ros.simulation.conflicts.clear_view import Lookout, safe_mps, side_streets
 from siren_ros.simulation.conflicts.yielding import Rank, rank_of
 from siren_ros.simulation.roads.road_network import Connection, RoadNetwork
+from siren_ros.simulation.scenario.driver_parameters import JunctionEntryConfig
 from siren_ros.simulation.scenario.presets import Attention
 
 

@@ -13,10 +13,9 @@ import numpy as np
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.units import GRAVITY_MPS2, STEP_S
-from siren_ros.simulation.behaviour.config import NavigatorConfig
 from siren_ros.simulation.behaviour.driving.free_space import FreeWay, Obstacles, SpeedLimit
 from siren_ros.simulation.behaviour.driving.step_view import Ego
-from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.dynamics.parameters import AIR_DENSITY_KGPM3, VehicleParameters
 from siren_ros.simulation.roads.road_network import NO_LANE
 
@@ -28,7 +27,7 @@ def steer_along(
     yaw_rad: float,
     speed_mps: float,
     vehicle: VehicleParameters,
-    config: NavigatorConfig,
+    config: Navigation,
 ) -> float:
     """Road-wheel angle that leads the footprint's centre along a path.
 
@@ -74,7 +73,7 @@ def press_pedals(
     must_brake_mps2: float,
     integral_mps2: float,
     vehicle: VehicleParameters,
-    config: NavigatorConfig,
+    config: Navigation,
     steer_rad: float = 0.0,
 ) -> Pedals:
     """Pedals for a target speed; the brakes do what a bend, with the wheels at an angle, does not do by itself.
@@ -182,7 +181,7 @@ def manoeuvring_limit(state: NavigatorState, ego: Ego, *, emvs_only: bool = Fals
     The collision handling watches the strip ahead of the vehicle. Ends that swing out towards a vehicle at the side,
     and vehicles at the side that come on, are seen here.
     """
-    seen, config = ego.seen, ego.config.manoeuvring
+    seen, config = ego.seen, ego.civilian_driver.manoeuvring
     rows = ego.near(config.reach_m + 2.0 * ego.half_length_m + config.watch_m)
     rows = rows[seen.is_emv[rows]] if emvs_only else rows
     if state.path is None or len(rows) == 0:

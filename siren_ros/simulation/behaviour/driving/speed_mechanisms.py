@@ -23,7 +23,6 @@ from siren_ros.base.numerics.arrays import Flags, Rows
 from siren_ros.base.numerics.braking import braking_distance_m, safe_following_mps
 from siren_ros.base.numerics.changed import changed
 from siren_ros.base.numerics.compiled import compiled
-from siren_ros.simulation.behaviour.config import AnticipationConfig, NavigatorConfig
 from siren_ros.simulation.behaviour.driving.civilian_unit import YieldUnit
 from siren_ros.simulation.behaviour.driving.collision_watch import CollisionWatch, stricter
 from siren_ros.simulation.behaviour.driving.emv_unit import ROUTE, EmvUnit, present_lane
@@ -41,9 +40,10 @@ from siren_ros.simulation.behaviour.driving.navigator import (
 from siren_ros.simulation.behaviour.driving.step_view import Ego
 from siren_ros.simulation.behaviour.paths.curve import nearest_point
 from siren_ros.simulation.behaviour.paths.lane_path import neighbour_lane
-from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.conflicts.people import PACE_MPS, least_wait_for_people
 from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.scenario.driver_parameters import AnticipationConfig, NavigatorConfig
 from siren_ros.simulation.world.actors import NO_ACTOR, Mode
 
 UNLIMITED: Final = SpeedLimit()
@@ -60,13 +60,13 @@ class Drive:
     progress_m: float
     target_mps: float
     """Speed that the mode asks for."""
-    config: NavigatorConfig
+    config: Navigation
 
 
 def rows_around(ego: Ego) -> tuple[Rows, Flags]:
     """Rows of the vehicles around the EMV, and which of them point in its direction."""
-    rows = ego.near(ego.config.gap_escape.horizon_m + ego.config.gap_escape.beside_m)
-    return rows, np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ego.config.gap_escape.along_cosine
+    rows = ego.near(ego.emv_driver.gap_escape.horizon_m + ego.emv_driver.gap_escape.beside_m)
+    return rows, np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ego.emv_driver.gap_escape.along_cosine
 
 
 def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
@@ -75,7 +75,7 @@ def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
     In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once. Riders who
     come from behind, or pass the EMV, go on.
     """
-    navigator, config = unit.navigator, ego.config.gap_escape
+    navigator, config = unit.navigator, ego.emv_driver.gap_escape
     if navigator.path is None:
         return None
     rows, along = rows_around(ego)
@@ -100,7 +100,7 @@ def _passes(ego: Ego, rows: Rows) -> Flags:
     aside_m = np.abs(cos * (seen.y_m[rows] - y) - sin * (seen.x_m[rows] - x))
     behind = ahead_m < ego.half_length_m + seen.half_length_m[rows]
     faster_mps = seen.speed_mps[rows] - ego.speed_mps
-    comes_up_m = ego.half_length_m + seen.half_length_m[rows] + ego.config.gap_escape.oncoming_watch_s * faster_mps
+    comes_up_m = ego.half_length_m + seen.half_length_m[rows] + ego.emv_driver.gap_escape.oncoming_watch_s * faster_mps
     past = (aside_m > ego.half_width_m + seen.half_width_m[rows]) & (faster_mps > 0.0) & (-ahead_m < comes_up_m)
     return np.asarray(np.isin(rows, seen.riders) & behind & past, np.bool_)
 
@@ -111,7 +111,7 @@ def passage_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     The collision handling would keep too much distance from vehicles that the EMV squeezes past, or is off. This limit
     follows from the footprint itself along the path.
     """
-    way, config = free_way(unit, ego) if unit.between else None, ego.config
+    way, config = free_way(unit, ego) if unit.between else None, ego.emv_driver
     if way is None:
         return UNLIMITED
     corridor, escape = config.corridor, config.gap_escape
@@ -126,7 +126,7 @@ def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
 
     In the corridor and during a gap escape the passage limit stands in its place.
     """
-    path, config, seen = unit.navigator.path, ego.config.anticipation, ego.seen
+    path, config, seen = unit.navigator.path, ego.emv_driver.approach, ego.seen
     if path is None or unit.between:
         return UNLIMITED
     own = ego.row, unit.navigator.progress_m, ego.far_m(ego.world.constants.leader_query_m), config.side_margin_m
@@ -134,7 +134,7 @@ def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     if alone:
         return UNLIMITED
     least = min(allowed, _needed_lane_mps(unit, ego))
-    return _eased_off(least, ego.speed_mps, config.ease_off_mps2, ego.config.emv.navigator)
+    return _eased_off(least, ego.speed_mps, config.ease_off_mps2, ego.emv_driver.driving)
 
 
 @compiled
@@ -172,7 +172,7 @@ def _needed_lane_mps(unit: EmvUnit, ego: Ego) -> float:
     gaps = gaps_in_lane(ego, target) if target != NO_LANE else None
     if gaps is None or not 0.0 < gaps.front_m < math.inf:
         return math.inf
-    return approach_speed_mps(gaps.front_m, gaps.front_mps, 1.0, 0.0, _approach_limits(ego.config.anticipation))
+    return approach_speed_mps(gaps.front_m, gaps.front_mps, 1.0, 0.0, _approach_limits(ego.emv_driver.approach))
 
 
 def _approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
@@ -212,8 +212,8 @@ def entry_limit(ego: Ego) -> SpeedLimit:
         ahead = entry.start_m - front
         if ahead > 0.0 and must_give_way(entry.connection, outlook.signals):
             limit = min(limit, lines.approach_mps(ego.actor_id, length, entry.connection, ahead))
-    ease_off = ego.config.junction_entry.ease_off_mps2
-    return _eased_off(limit, ego.speed_mps, ease_off, ego.config.emv.navigator)
+    ease_off = ego.emv_driver.lines.ease_off_mps2
+    return _eased_off(limit, ego.speed_mps, ease_off, ego.emv_driver.driving)
 
 
 @dataclass(frozen=True)
@@ -271,7 +271,7 @@ def riders_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
 
     The collision handling expects it on its path. In the corridor and in a gap escape the passage limit stands here.
     """
-    riders, config = ego.seen.riders, ego.config.manoeuvring
+    riders, config = ego.seen.riders, ego.civilian_driver.manoeuvring
     if not len(riders) or unit.between or unit.navigator.path is None:
         return UNLIMITED
     reach_m = ego.far_m(config.reach_m)
@@ -326,7 +326,7 @@ def navigate(
     unit: EmvUnit | YieldUnit,
     ego: Ego,
     target_mps: float,
-    config: NavigatorConfig,
+    config: Navigation,
     mechanisms: Sequence[Mechanism] = MECHANISMS,
 ) -> tuple[NavigatorState, DriveCommand, int]:
     """One step along the path of a unit: steering, pedals and the actor that blocks the way, ``NO_ACTOR`` without one.

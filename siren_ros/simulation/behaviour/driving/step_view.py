@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Final, cast
 
@@ -13,15 +13,17 @@ from siren_ros.base.numerics.arrays import Floats, Ids, Rows
 from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.compiled import Array, compiled
 from siren_ros.base.numerics.units import steps_from_s
-from siren_ros.simulation.behaviour.config import BehaviourConfig, NavigatorConfig
 from siren_ros.simulation.behaviour.driving.line_book import LineBook
 from siren_ros.simulation.behaviour.paths.lane_path import LanePath, lanes_along, nearest_on_lane, path_on_lanes
+from siren_ros.simulation.behaviour.paths.tracked_path import Navigation
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook
 from siren_ros.simulation.conflicts.junction_room import JunctionRoom
 from siren_ros.simulation.conflicts.people import NOBODY, Outlines, outlines_of, people_at
+from siren_ros.simulation.conflicts.yielding import YieldingConfig
 from siren_ros.simulation.dynamics.parameters import VehicleParameters
 from siren_ros.simulation.roads.rescue_lane import rescue_sides
 from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.scenario.driver_parameters import CivilianDriver, DriverParameters, EmvDriver
 from siren_ros.simulation.scenario.paper import (
     PAPER_CONSTANTS,
     PAPER_SPEEDS,
@@ -44,6 +46,8 @@ from siren_ros.simulation.world.mirror_image import mirror_image
 from siren_ros.simulation.world.traffic_state import Indices, TrafficState
 
 _INDICATORS: Final = int(Lights.INDICATORS)
+_EMV_ROOM_M: Final = 2.0
+"""An EMV stops so much farther before a zone: from there it needs the time that it leaves behind others."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +197,7 @@ class BehaviourWorld:
     speeds: TargetSpeeds = PAPER_SPEEDS
     duty: bool = False
     """Whether drivers keep a rescue lane open in slow traffic out of town."""
-    config: BehaviourConfig = field(default_factory=BehaviourConfig)
+    config: DriverParameters = field(default_factory=DriverParameters)
     left_hand: bool = False
     """Whether traffic keeps left: ``network`` is then the map's mirror image, in which all drivers decide."""
 
@@ -231,34 +235,39 @@ class BehaviourWorld:
         return JunctionRoom(self.network)
 
     @cached_property
-    def emv_navigator(self) -> NavigatorConfig:
+    def emv_navigator(self) -> Navigation:
         """How EMVs drive at this level: how early they count with crossing vehicles, how close they follow and pass."""
-        emv, attention = self.config.emv, self.preset.attention
-        conflicts = emv.navigator.conflicts
-        horizon_s = min(conflicts.horizon_s, attention.emv_horizon_s)
-        nearer = conflicts._replace(horizon_s=horizon_s, after_s=attention.emv_pet_s)
-        gap_m = emv.escape_gap_m if self.policy.corridor else emv.navigator.standstill_gap_m
-        return replace(emv.navigator, conflicts=nearer, standstill_gap_m=gap_m)
+        emv, attention = self.config.emv_driver, self.preset.attention
+        horizon_s = min(YieldingConfig().horizon_s, attention.emv_horizon_s)
+        conflicts = YieldingConfig(horizon_s=horizon_s, after_s=attention.emv_pet_s, room_m=_EMV_ROOM_M)
+        gap_m = emv.escape_gap_m if self.policy.corridor else emv.driving.standstill_gap_m
+        return Navigation.by(emv.driving, conflicts=conflicts, standstill_gap_m=gap_m)
 
     @cached_property
-    def room_navigator(self) -> NavigatorConfig:
+    def civilian_navigator(self) -> Navigation:
+        """How civilians drive."""
+        return Navigation.by(self.config.civilian_driver.driving)
+
+    @cached_property
+    def room_navigator(self) -> Navigation:
         """How a civilian moves up close behind others to make room."""
-        return replace(self.config.civilian_navigator, standstill_gap_m=self.config.pull_over.room_standstill_gap_m)
+        civilian = self.config.civilian_driver
+        return Navigation.by(civilian.driving, standstill_gap_m=civilian.pull_over.room_standstill_gap_m)
 
     @cached_property
     def lines(self) -> LineBook:
         """How EMVs come to lines at which others have the right of way."""
-        return LineBook(self.network, self.config.junction_entry, self.preset.attention, self.seed)
+        return LineBook(self.network, self.config.emv_driver.lines, self.preset.attention, self.seed)
 
     @cached_property
-    def drivers(self) -> Mapping[tuple[ActorClass, bool], NavigatorConfig]:
+    def drivers(self) -> Mapping[tuple[ActorClass, bool], Navigation]:
         """The navigator's parameters by class and by whether it is an EMV, with the limit of the vehicle's steering."""
         drivers = {}
         for actor_class, vehicle in self.vehicles.items():
             for is_emv in (False, True):
-                base = self.config.emv.navigator if is_emv else self.config.civilian_navigator
+                base = self.config.emv_driver.driving if is_emv else self.config.civilian_driver.driving
                 rate = vehicle.curvature_rate_1pms(base.steer_rate_share)
-                drivers[actor_class, is_emv] = replace(base, curvature_rate_1pms=rate)
+                drivers[actor_class, is_emv] = Navigation.by(base, curvature_rate_1pms=rate)
         return drivers
 
     @cached_property
@@ -278,10 +287,10 @@ class BehaviourWorld:
         return last[0][1]
 
     @cached_property
-    def hold_navigator(self) -> NavigatorConfig:
+    def hold_navigator(self) -> Navigation:
         """How a civilian who has pulled over brakes to the hold: comfortably."""
-        config = self.config.civilian_navigator
-        return replace(config, ease_off_mps2=config.comfort_brake_mps2)
+        driver = self.config.civilian_driver.driving
+        return Navigation.by(driver, ease_off_mps2=driver.comfort_brake_mps2)
 
     @property
     def cooldown_steps(self) -> int:
@@ -309,9 +318,14 @@ class StepView:
         return self.world.network
 
     @property
-    def config(self) -> BehaviourConfig:
-        """All parameters of the behaviour."""
-        return self.world.config
+    def emv_driver(self) -> EmvDriver:
+        """Parameters of the EMVs' drivers."""
+        return self.world.config.emv_driver
+
+    @property
+    def civilian_driver(self) -> CivilianDriver:
+        """Parameters of the civilians' drivers."""
+        return self.world.config.civilian_driver
 
     def ego(self, row: int) -> "Ego":
         """The step as the driver in a row sees it."""
@@ -366,13 +380,13 @@ class Ego(StepView):
         return indicator_to(side) if side else int(self.traffic.lights[self.row]) & _INDICATORS
 
     @property
-    def navigator_config(self) -> NavigatorConfig:
+    def navigator_config(self) -> Navigation:
         """The navigator's parameters, with the limit of the vehicle's own steering."""
         return self.world.drivers[self.actors.by_id[self.actor_id].actor_class, self.is_emv]
 
     def far_m(self, least_m: float) -> float:
         """How far ahead an EMV looks at its speed, at least some distance."""
-        return max(least_m, braking_distance_m(self.speed_mps * self.speed_mps, self.config.emv.far_brake_mps2))
+        return max(least_m, braking_distance_m(self.speed_mps * self.speed_mps, self.emv_driver.far_brake_mps2))
 
     def near(self, radius_m: float) -> Rows:
         """Rows of the other vehicles within a radius."""

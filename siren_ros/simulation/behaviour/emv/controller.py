@@ -107,7 +107,7 @@ def waypoints(unit: EmvUnit, ego: Ego) -> GuardResult:
 
 def follow_route(unit: EmvUnit, ego: Ego) -> GuardResult:
     """The EMV with a path along its route: the present one while it serves, else a new one from the present pose."""
-    config, navigator = ego.config.emv, unit.navigator
+    config, navigator = ego.emv_driver, unit.navigator
     plan, path = unit.plan, navigator.path
     events: tuple[Event, ...] = ()
     if plan is None or path is None:

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Floats
-from siren_ros.simulation.behaviour.config import GapEscapeConfig
 from siren_ros.simulation.behaviour.driving.free_space import Obstacles, clearances_m, separations_m
 from siren_ros.simulation.behaviour.driving.step_view import Body
 from siren_ros.simulation.behaviour.paths.curve import Curve
+from siren_ros.simulation.scenario.driver_parameters import GapEscapeConfig
 
 # No parameter: a tolerance of the measurement.
 _NEAR_M: Final = 0.3

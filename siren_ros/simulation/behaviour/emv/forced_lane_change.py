@@ -42,7 +42,7 @@ def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     """
     if unit.plan is None:
         return 0, SUMO
-    config = ego.config.emv
+    config = ego.emv_driver
     near = unit.navigator.remaining_m < max(config.strategic_distance_m, config.strategic_s * ego.speed_mps)
     if unit.plan.end is LaneEnd.ASTRAY and near:
         return strategic_side(ego.network, present_lane(ego, unit.navigator), ego.route), ROUTE
@@ -56,7 +56,7 @@ def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
 def _leader_makes_way(unit: EmvUnit, ego: Ego, side: int) -> bool:
     """Whether the next vehicle on the EMV's path drives off it to that side, where it would be ahead again."""
     path, seen = unit.navigator.path, ego.seen
-    rows = ego.near(ego.config.emv.pass_from_m)
+    rows = ego.near(ego.emv_driver.pass_from_m)
     if path is None or len(rows) == 0:
         return False
     s_m, left_m, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
@@ -75,7 +75,7 @@ def free_side(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     A lane that does not lead on along the route is of use only where it leads past the slow traffic and some way on. At
     a stop line at which it ends, the EMV would stand next to the first vehicle of the queue.
     """
-    network, config = ego.network, ego.config.emv
+    network, config = ego.network, ego.emv_driver
     lane = present_lane(ego, unit.navigator)
     if lane == NO_LANE or network.lanes[lane].kind is not LaneKind.DRIVING:
         return 0, ""
@@ -92,7 +92,7 @@ def free_side(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
 
 def _leads_past(ego: Ego, lane: int, beside: int, side: int, free_m: float) -> bool:
     """Whether a lane is free that far, and lasts or leads past the slow traffic with enough left for the way back."""
-    network, config, seen = ego.network, ego.config.emv, ego.seen
+    network, config, seen = ego.network, ego.emv_driver, ego.seen
     reference = ego.line_along(beside, config.path_ahead_m)
     others = ego.near(config.path_ahead_m)
     s_m, left_m, _ = reference.curve.project(seen.x_m[others], seen.y_m[others])
@@ -169,14 +169,14 @@ def _is_turning(unit: EmvUnit, ego: Ego, reference: LanePath) -> bool:
     if path is None:
         return False
     bend = reference.curve.place(reference.curve.project_one(*ego.place)[0])[3]
-    return abs(path.curve.place(unit.navigator.progress_m)[3] - bend) > ego.config.lane_change.bend_max_1pm
+    return abs(path.curve.place(unit.navigator.progress_m)[3] - bend) > ego.emv_driver.lane_change.bend_max_1pm
 
 
 def _note_intent(unit: EmvUnit, ego: Ego) -> GuardResult:
     side, reason = lateral_intent(unit, ego)
     request = unit.request
     if side == 0:
-        if request.side == 0 or ego.step - request.seen_step < steps_from_s(ego.config.emv.intent_pause_s):
+        if request.side == 0 or ego.step - request.seen_step < steps_from_s(ego.emv_driver.intent_pause_s):
             return unit, ()
         return _drop_request(unit, ego, "intent_gone")
     if side == request.side:

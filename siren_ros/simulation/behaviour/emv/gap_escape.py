@@ -34,8 +34,8 @@ from siren_ros.simulation.world.traffic_state import EventKind
 
 def reference_line(ego: Ego, lane: int) -> LanePath:
     """The line along the lanes of the route that the search measures from."""
-    length = ego.config.gap_escape.horizon_m + 10.0
-    return ego.line_along(best_lane(ego.network, lane, ego.route), length, ego.config.gap_escape.behind_m)
+    length = ego.emv_driver.gap_escape.horizon_m + 10.0
+    return ego.line_along(best_lane(ego.network, lane, ego.route), length, ego.emv_driver.gap_escape.behind_m)
 
 
 def search_gap(reference: LanePath, ego: Ego) -> EscapePath | None:
@@ -47,7 +47,7 @@ def search_gap(reference: LanePath, ego: Ego) -> EscapePath | None:
     Returns:
         The path, or None where no path is long enough to be worth driving.
     """
-    config, vehicle = ego.config.gap_escape, ego.vehicle
+    config, vehicle = ego.emv_driver.gap_escape, ego.vehicle
     body, rear = ego.body, vehicle.centre_ahead_of_rear_axle_m
     x, y, yaw = ego.pose
     curve = reference.curve
@@ -135,7 +135,7 @@ def blocker_of(unit: EmvUnit, ego: Ego) -> int:
             passed = advice.leader_id
     if lane != NO_LANE:
         gaps = gaps_in_lane(ego, lane)
-        if gaps.front_m < ego.config.gap_escape.blocker_range_m and gaps.front_id != passed:
+        if gaps.front_m < ego.emv_driver.gap_escape.blocker_range_m and gaps.front_id != passed:
             other = int(np.flatnonzero(ego.seen.actor_id == gaps.front_id)[0])
             if stopped or in_the_way(ego, other, lane):
                 return gaps.front_id
@@ -147,7 +147,7 @@ def on_opposite_lane(ego: Ego, lane: int) -> bool:
     if ego.network.lanes[lane].kind is LaneKind.INTERNAL:
         return False
     road, left_m = road_limits(ego.network, lane), ego.place_on(lane)[1]
-    return road.opposite_m > 0.0 and left_m + ego.half_width_m > road.left_m + ego.config.gap_escape.edge_overhang_m
+    return road.opposite_m > 0.0 and left_m + ego.half_width_m > road.left_m + ego.emv_driver.gap_escape.edge_overhang_m
 
 
 def in_the_way(ego: Ego, other: int, lane: int) -> bool:
@@ -157,7 +157,7 @@ def in_the_way(ego: Ego, other: int, lane: int) -> bool:
     _, left, nearest = curve.project(seen.x_m[both], seen.y_m[both])
     turned = seen.yaw_rad[both] - curve.heading_rad[nearest]
     half = np.abs(np.cos(turned)) * seen.half_width_m[both] + np.abs(np.sin(turned)) * seen.half_length_m[both]
-    return bool(abs(left[1] - left[0]) < half.sum() + ego.config.corridor.clearance_m)
+    return bool(abs(left[1] - left[0]) < half.sum() + ego.emv_driver.corridor.clearance_m)
 
 
 def escape_path(unit: EmvUnit, ego: Ego) -> GuardResult:
@@ -166,7 +166,7 @@ def escape_path(unit: EmvUnit, ego: Ego) -> GuardResult:
     A path that is free to its end and still long enough is kept. If no other path is found, the present one is driven
     as far as it is free.
     """
-    config = ego.config.gap_escape
+    config = ego.emv_driver.gap_escape
     lane = present_lane(ego, unit.navigator)
     if lane == NO_LANE or ego.step - unit.escape_planned_step < steps_from_s(config.replan_s):
         return unit, ()
@@ -188,7 +188,11 @@ def escape_path(unit: EmvUnit, ego: Ego) -> GuardResult:
 
 
 def _following(unit: EmvUnit, escape: EscapePath, reference: LanePath, ego: Ego) -> GuardResult:
-    config, base, ahead = ego.config.gap_escape, ego.navigator_config, ego.vehicle.centre_ahead_of_rear_axle_m
+    config, base, ahead = (
+        ego.emv_driver.gap_escape,
+        ego.navigator_config,
+        ego.vehicle.centre_ahead_of_rear_axle_m,
+    )
     curve = Curve.through(escape.centre_line(reference.curve, ahead), config.smoothing_m)
     rate_1pms = config.steer_share * base.curvature_rate_1pms
     slowly = changed(base, lateral_accel_mps2=config.bend_accel_mps2, curvature_rate_1pms=rate_1pms)
@@ -207,5 +211,5 @@ def escape_speed_mps(unit: EmvUnit, ego: Ego) -> float:
     """Target speed of the gap escape: the paper's, less in a tight gap, and 0 while there is no path."""
     if unit.escape_offset_m is None:
         return 0.0
-    squeeze = dict(ego.config.gap_escape.squeezes).get(unit.escape_clearance_m, math.inf)
+    squeeze = dict(ego.emv_driver.gap_escape.squeezes).get(unit.escape_clearance_m, math.inf)
     return min(ego.world.speeds.emv_gap_escape_mps, squeeze)

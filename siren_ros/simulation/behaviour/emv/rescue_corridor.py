@@ -43,7 +43,7 @@ def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
             return unit, ()
         unit, cancelled = cancel_lane_change(unit, ego, "corridor")
         return changed(unit, corridor=True), (*cancelled, event_of(ego, EventKind.CORRIDOR_ENTERED))
-    patience = steps_from_s(ego.config.corridor.leave_after_s)
+    patience = steps_from_s(ego.emv_driver.corridor.leave_after_s)
     if unit.corridor and ego.step - unit.corridor_seen_step >= patience:
         left = changed(unit, corridor=False, plan=None, corridor_planned_step=NEVER)
         return left, (event_of(ego, EventKind.CORRIDOR_LEFT),)
@@ -56,10 +56,10 @@ def _flows(ego: Ego) -> bool:
         return False
     if ego.speed_mps > TOWN_LIMIT_MPS:
         return True
-    rows, (cos, sin), (x, y) = ego.near(ego.config.corridor.length_m), ego.direction, ego.place
+    rows, (cos, sin), (x, y) = ego.near(ego.emv_driver.corridor.length_m), ego.direction, ego.place
     ahead_m = cos * (ego.seen.x_m[rows] - x) + sin * (ego.seen.y_m[rows] - y)
-    along = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ego.config.corridor.along_cosine
-    return not np.any(along & (ahead_m > 0.0) & (ego.seen.speed_mps[rows] < ego.config.pull_over.flows_mps))
+    along = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ego.emv_driver.corridor.along_cosine
+    return not np.any(along & (ahead_m > 0.0) & (ego.seen.speed_mps[rows] < ego.civilian_driver.pull_over.flows_mps))
 
 
 def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
@@ -68,7 +68,7 @@ def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
     Civilians that yield are those that ROS drives. Vehicles that brake for a red light or for a vehicle ahead leave no
     corridor, so they do not count.
     """
-    path, config, seen, traffic = unit.navigator.path, ego.config.corridor, ego.seen, ego.traffic
+    path, config, seen, traffic = unit.navigator.path, ego.emv_driver.corridor, ego.seen, ego.traffic
     rows = ego.near(config.length_m)
     if path is None or len(rows) == 0:
         return False
@@ -89,7 +89,7 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     the left, the corridor moves to its line. If a vehicle closes that way, the EMV goes straight on between the lanes
     that it is between.
     """
-    config = ego.config.corridor
+    config = ego.emv_driver.corridor
     if ego.step - unit.corridor_planned_step < steps_from_s(config.replan_s) and unit.navigator.path is not None:
         return unit
     network, lane = ego.network, present_lane(ego, unit.navigator)
@@ -100,7 +100,7 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     open_m = _open_m(planned, ego)
     if open_m < config.straight_below_m:
         driven = unit.navigator.path is not None and ego.speed_mps > config.keep_above_mps
-        stops = stops_within(ego.speed_mps * ego.speed_mps, ego.config.gap_escape.brake_mps2, open_m)
+        stops = stops_within(ego.speed_mps * ego.speed_mps, ego.emv_driver.gap_escape.brake_mps2, open_m)
         gain_m = config.keep_gain_m if stops else 0.0
         if driven and (
             _open_m(unit, ego) > open_m + gain_m or (not stops and _touches_m(unit, ego) > _touches_m(planned, ego))
@@ -114,7 +114,7 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
 
 def _open_m(unit: EmvUnit, ego: Ego) -> float:
     """How far the EMV's footprint gets along its path, at most to the path's end."""
-    way, config = free_way(unit, ego), ego.config.corridor
+    way, config = free_way(unit, ego), ego.emv_driver.corridor
     free = math.inf if way is None else way.limit(0.0, config.squeezes, 0.0, 1.0, config.clearance_m).free_m
     return min(free, unit.navigator.remaining_m)
 
@@ -127,7 +127,7 @@ def _touches_m(unit: EmvUnit, ego: Ego) -> float:
 
 def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     """The EMV with the corridor that is measured from a lane as its path."""
-    config = ego.config.corridor
+    config = ego.emv_driver.corridor
     reference = ego.line_along(lane, config.length_m, 2.0, length_m=config.length_m + 2.0)
     s0, d0 = reference.curve.project_one(*ego.place)
     count = max(3, math.ceil(reference.curve.length_m - s0) + 1)
@@ -191,7 +191,7 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     Returns:
         Offsets, left positive, shape ``(K,)``.
     """
-    config, seen = ego.config.corridor, ego.seen
+    config, seen = ego.emv_driver.corridor, ego.seen
     straight = None if straight_on_m is None else np.full(len(s_m), straight_on_m)
     base = _boundary_offsets(reference, s_m, ego) if straight is None else straight
     rows = ego.near(config.length_m + 10.0)
@@ -235,7 +235,7 @@ def _boundary_offsets(reference: LanePath, s_m: Floats, ego: Ego) -> Floats:
 
     Where a lane begins or ends, the line moves aside over as long a way as a move into the corridor takes.
     """
-    lane_of, network, config = reference.lane_at(s_m), ego.network, ego.config.corridor
+    lane_of, network, config = reference.lane_at(s_m), ego.network, ego.emv_driver.corridor
     offset = np.full(len(s_m), np.nan)
     for lane in dict.fromkeys(lane_of.tolist()):
         if network.lanes[lane].kind is not LaneKind.INTERNAL:

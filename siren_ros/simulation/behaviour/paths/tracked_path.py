@@ -1,24 +1,40 @@
 """A path that the navigator can follow, with lanes and speed limit, and how it leads from a pose onto a line."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
+from typing import Any, Final, Self
 
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.braking import squares_with_braking
-from siren_ros.simulation.behaviour.config import NavigatorConfig
 from siren_ros.simulation.behaviour.paths.curve import SPACING_M, Curve
 from siren_ros.simulation.behaviour.paths.lane_path import LanePath
+from siren_ros.simulation.conflicts.yielding import YieldingConfig
 from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.scenario.driver_parameters import NavigatorConfig
 from siren_ros.simulation.world.traffic_state import Indices
 
 # No parameters: taps of a mean, and a speed that keeps times finite.
 _THREE: Final = np.full(3, 1.0 / 3.0)
 _LEAST_MPS: Final = 0.5
 """Towards its end, where a path stops, it is driven no slower than this."""
+
+
+@dataclass(frozen=True)
+class Navigation(NavigatorConfig):
+    """How one vehicle is driven: its driver's parameters, and what does not depend on the driver."""
+
+    curvature_rate_1pms: float = 0.1
+    """Limit of the change of curvature per time, of the vehicle's steering."""
+    conflicts: YieldingConfig = field(default_factory=YieldingConfig)
+    """Where the ways of others meet the path."""
+
+    @classmethod
+    def by(cls, driver: NavigatorConfig, **others: Any) -> Self:
+        """The navigation of a driver, with ``others`` of its fields."""
+        return cls(**{**vars(driver), **others})
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +80,7 @@ class TrackedPath:
     def of(
         cls,
         curve: Curve,
-        config: NavigatorConfig,
+        config: Navigation,
         lane: Indices | None = None,
         settled_m: float = 0.0,
         stop_at_end: bool = True,
@@ -107,7 +123,7 @@ def quintic_offsets(u: Floats, start: float, slope: float, end: float) -> Floats
 
 
 def blend_length_m(
-    offset_change_m: float, speed_mps: float, duration_s: float, least_m: float, config: NavigatorConfig
+    offset_change_m: float, speed_mps: float, duration_s: float, least_m: float, config: Navigation
 ) -> float:
     """Length of a lateral move. ``duration_s`` and ``least_m`` are those of a move over a lane's width (3.5 m).
 
@@ -124,7 +140,7 @@ def path_onto(
     reference: LanePath,
     pose: tuple[float, float, float],
     merge_m: float,
-    config: NavigatorConfig,
+    config: Navigation,
     offset_m: float = 0.0,
     stop_at_end: bool = True,
     shorten_m: float = 0.0,
@@ -146,7 +162,7 @@ def path_onto(
     return along_reference(path, reference, s, config, merge_m, stop_at_end)
 
 
-def on_reference(reference: LanePath, config: NavigatorConfig, stop_at_end: bool, shorten_m: float) -> TrackedPath:
+def on_reference(reference: LanePath, config: Navigation, stop_at_end: bool, shorten_m: float) -> TrackedPath:
     """The reference line itself as a path, ``shorten_m`` left out at its end."""
     curve = reference.curve
     end_m = max(curve.length_m - shorten_m, 2.0)
@@ -155,7 +171,7 @@ def on_reference(reference: LanePath, config: NavigatorConfig, stop_at_end: bool
 
 
 def along_reference(
-    curve: Curve, reference: LanePath, s_m: Floats, config: NavigatorConfig, settled_m: float, stop_at_end: bool
+    curve: Curve, reference: LanePath, s_m: Floats, config: Navigation, settled_m: float, stop_at_end: bool
 ) -> TrackedPath:
     """A tracked path whose points belong to arc lengths ``s_m`` of a reference line, evenly from end to end."""
     evenly_m = np.linspace(s_m[0], s_m[-1], len(curve.points))

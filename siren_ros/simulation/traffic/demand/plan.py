@@ -14,6 +14,7 @@ from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.base.params.strict_yaml import StrictMapping
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.scenario.driver_parameters import SumoEmvDriver
 from siren_ros.simulation.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
 from siren_ros.simulation.traffic.demand.jam import JamHead
 from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
@@ -259,6 +260,17 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
     background, reserve = drawn("background"), drawn("reserve")
     plan = replace(plan, walkers=walkers, riders=riders)
     return replace(plan, groups=drawn("groups"), background=background, reserve=reserve)
+
+
+def with_emv_drivers(plan: TrafficPlan, sumo: SumoEmvDriver) -> TrafficPlan:
+    """The plan with those parameters of the EMVs' drivers that have a value."""
+    given = {name: value for name, value in vars(sumo).items() if value is not None}
+    driving = {name: given.pop(name) for name in ("accel_mps2", "decel_mps2", "min_gap_m") if name in given}
+    emvs = tuple(
+        replace(emv, driver=replace(emv.driver, **given, driving=replace(emv.driver.driving, **driving)))
+        for emv in plan.emvs
+    )
+    return replace(plan, emvs=emvs)
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def test_where_others_turn_in_early_the_driver_stays_near_the_line(lab):
 
 def test_the_head_of_a_standing_queue_goes_less_far_while_no_emv_waits(lab):
     ego, half = head(lab, -1.0, lights())
-    most = ego.config.pull_over.head_over_line_m
+    most = ego.world.config.civilian_driver.pull_over.head_over_line_m
     assert most - 1.0 < front_at_end_m(pull_over_path(replace(UNIT, side=1), ego, LEFT_LANE), half) < most + 0.1
 
 

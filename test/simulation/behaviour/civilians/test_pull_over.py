@@ -80,7 +80,7 @@ def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a
     red = (SignalState("J", "r"),)
     traffic = replace(lab.traffic_of(junction, [lab.Car(2, 1, 149.0 - half, 0, (0, 2))]), signals=red)
     view = lab.view_of(lab.world_of(junction, lab.L3), traffic)
-    left, config = replace(UNIT, side=1), view.world.config.pull_over
+    left, config = replace(UNIT, side=1), view.world.config.civilian_driver.pull_over
     for unit, over in ((left, config.head_over_line_m), (replace(left, emv_waits_steps=30), config.room_over_line_m)):
         front = pull_over.pull_over_path(unit, view.ego(0), 1).curve.points[-1, 0] + half
         assert 150.0 + 0.5 * over < front < 150.0 + over + 0.5

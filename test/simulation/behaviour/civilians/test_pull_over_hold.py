@@ -75,7 +75,7 @@ def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab, straight):
 def test_the_standstill_before_a_partial_hold_is_counted_without_interruption(lab, world):
     state, stuck = behind_a_standing_vehicle(lab, world)
     rolling = [stuck[0], replace(stuck[1], speed=0.5), stuck[2]]
-    needed = round(world.config.pull_over.blocked_hold_s / 0.05)
+    needed = round(world.config.civilian_driver.pull_over.blocked_hold_s / 0.05)
     state, _, _ = steps(world, stuck, needed - 1, state, 1)
     state, _, _ = steps(world, rolling, 1, state, needed)
     state, _, events = steps(world, stuck, needed - 1, state, needed + 1)

@@ -111,7 +111,7 @@ def test_a_queue_that_stands_too_close_waits_for_the_one_ahead(lab):
 def test_a_pull_over_starts_where_the_way_of_a_stop_is_no_longer_than_the_path_and_a_little(lab, junction):
     """The path ends before the junction; from each place and speed the rule says whether it is long enough."""
     world = lab.world_of(junction, lab.L3)
-    brake = world.config.civilian_navigator.comfort_brake_mps2
+    brake = world.config.civilian_driver.driving.comfort_brake_mps2
     unit = replace(UNIT, phase=Mode.YIELD_REACTING, side=-1)
     verdicts = set()
     for s in (100.0, 115.0, 125.0, 132.0, 138.0):
@@ -160,8 +160,9 @@ def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
 def before_the_junction(lab, emv_s, car_s, car_mps):
     """An EMV that stands, and the civilian 2 ahead of it, who does not make room; the stop line is at 150 m."""
     world = lab.world_of(lab.junction_road(), lab.L3)
-    pull_over = replace(world.config.pull_over, room_after_s=1e3)
-    world = replace(world, config=replace(world.config, pull_over=pull_over))
+    driver = world.config.civilian_driver
+    patient = replace(driver, pull_over=replace(driver.pull_over, room_after_s=1e3))
+    world = replace(world, config=replace(world.config, civilian_driver=patient))
     cars = [lab.Car(1, 0, emv_s, 0, (0, 2), AMBULANCE), lab.Car(2, 0, car_s, car_mps, (0, 2))]
     loop = lab.Loop(world, cars, lambda _: {})
     loop.world = replace(world, speeds=replace(world.speeds, emv_route_follow_mps=0.0, emv_copy_sumo_mps=0.0))
@@ -173,7 +174,11 @@ def test_stops_before_the_junction_and_the_head_of_a_queue_with_its_front_over_t
     head = before_the_junction(lab, 105, 146, 0).run(400)
     assert stopping.modes[2] == head.modes[2] == Mode.YIELD_HOLD
     assert stopping.body.x_m[1] + 4.75 / 2 < 150.0
-    assert 151.0 < head.body.x_m[1] + 4.75 / 2 <= 150.0 + head.world.config.pull_over.head_over_line_m + 0.1
+    assert (
+        151.0
+        < head.body.x_m[1] + 4.75 / 2
+        <= 150.0 + head.world.config.civilian_driver.pull_over.head_over_line_m + 0.1
+    )
 
 
 @pytest.mark.parametrize(("lane", "side"), [(0, -1), (1, 1)])
@@ -182,7 +187,7 @@ def test_the_path_to_the_edge_is_as_long_as_curvature_and_steering_ask(lab, worl
     """From where it is to the edge, by the largest of three lengths, and on until the vehicle has come straight."""
     view = lab.view_in(world, [emv_at(lab), lab.Car(2, lane, 80, speed, (0,), left=left)])
     path = pull_over_path(replace(UNIT, side=side), view.ego(1), lane)
-    config, target = world.config.pull_over, edge_offset_m(view.ego(1), lane, side)
+    config, target = world.config.civilian_driver.pull_over, edge_offset_m(view.ego(1), lane, side)
     moving = min(max(speed, 1.5), world.speeds.civilian_pull_over_mps)
     way = abs(target - left)
     sharpest = (10.0 / np.sqrt(3.0) * way / config.curvature_max_1pm) ** 0.5
@@ -201,7 +206,7 @@ def path_behind(lab, gap, network=None, s=80.0):
     network = network or lab.straight_road()
     length = lab.vehicles[ActorClass.SEDAN].length_m
     view = lab.view(network, lab.L3, [lab.Car(2, 0, s, 0, (0,)), lab.Car(3, 0, s + length + gap, 0, (0,))])
-    return pull_over_path(replace(UNIT, side=-1), view.ego(0), 0), view.world.config.pull_over
+    return pull_over_path(replace(UNIT, side=-1), view.ego(0), 0), view.world.config.civilian_driver.pull_over
 
 
 def test_behind_a_standing_vehicle_it_goes_as_far_sideways_as_leaves_it_straight(lab):

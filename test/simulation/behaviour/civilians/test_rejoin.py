@@ -87,7 +87,7 @@ def steps(unit, view, count):
 
 def test_who_stands_for_two_seconds_is_handed_back_where_it_stands(lab):
     unit, view = rejoining(lab)
-    patience = round(view.world.config.yielding.rejoin_blocked_s / 0.05)
+    patience = round(view.world.config.civilian_driver.yielding.rejoin_blocked_s / 0.05)
     assert steps(unit, view, patience - 1).unit is not None
     assert steps(unit, view, patience).unit is None
 
@@ -95,7 +95,7 @@ def test_who_stands_for_two_seconds_is_handed_back_where_it_stands(lab):
 def test_the_two_seconds_begin_again_after_moving(lab):
     unit, view = rejoining(lab)
     moving, _, _ = view_at(lab, -0.8, speed=1.0)
-    patience = round(view.world.config.yielding.rejoin_blocked_s / 0.05)
+    patience = round(view.world.config.civilian_driver.yielding.rejoin_blocked_s / 0.05)
     unit = steps(unit, view, patience - 1).unit
     unit = steps(unit, moving, 1).unit
     assert unit.stopped_steps == 0
@@ -122,7 +122,7 @@ def test_at_the_end_of_its_path_and_in_its_lane_a_vehicle_is_handed_back(lab):
 def test_the_way_back_is_laid_out_for_the_mean_of_the_present_and_the_wanted_speed(lab, left, speed):
     view, _, _ = view_at(lab, left, speed=speed)
     path = start_rejoin(UNIT, view.ego(0)).unit.navigator.path
-    config = view.world.config.pull_over
+    config = view.world.config.civilian_driver.pull_over
     expected = blend_length_m(
         left, 0.5 * (speed + 5.0), config.duration_s, config.length_min_m, view.ego(0).navigator_config
     )

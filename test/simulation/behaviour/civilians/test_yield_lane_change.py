@@ -21,12 +21,12 @@ from siren_ros.simulation.behaviour.civilians.yield_lane_change import (
     yield_speed_mps,
 )
 from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.simulation.behaviour.config import YieldConfig
 from siren_ros.simulation.behaviour.driving.civilian_unit import Compliance, Driver, YieldUnit
 from siren_ros.simulation.behaviour.driving.lane_change import LaneChangeQuery, LaneGaps, Refusal, assess
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
 from siren_ros.simulation.behaviour.paths.lane_path import LanePath
 from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.scenario.driver_parameters import YieldConfig
 from siren_ros.simulation.world.actors import ActorClass, Mode, Owner
 from siren_ros.simulation.world.traffic_state import TrafficFlags
 
@@ -110,7 +110,7 @@ def test_a_gap_is_sought_in_turns_with_driving_on(lab):
     """A vehicle stays alongside whatever the driver does; the driver leads the EMV slowly for some seconds only."""
     world = lab.world_of(lab.straight_road(2, 900.0), lab.L2)
     state, owners = YieldState(), []
-    config = world.config.yielding
+    config = world.config.civilian_driver.yielding
     for step in range(round((config.seek_after_s + 2.0 * (config.seek_for_s + config.seek_pause_s)) / 0.05)):
         x = 100.0 + 0.25 * step
         cars = [lab.Car(1, 0, x - 30.0, 5, (0,), ActorClass.AMBULANCE)]
@@ -328,7 +328,7 @@ def test_who_is_deferred_seeks_no_gap_any_more_and_has_no_path(lab, phase):
 
 def test_between_two_turns_of_seeking_nothing_of_the_first_is_left(lab):
     world = lab.world_of(lab.straight_road(2, 900.0), lab.L2)
-    config = world.config.yielding
+    config = world.config.civilian_driver.yielding
     state, units = YieldState(), {}
     for step in range(round((config.seek_after_s + config.seek_for_s + 0.5) / 0.05)):
         x = 100.0 + 0.25 * step

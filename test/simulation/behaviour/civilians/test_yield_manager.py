@@ -9,14 +9,14 @@ from behaviour.lab import kinds
 
 from siren_ros.simulation.behaviour.civilians.yield_lane_change import yield_speed_mps
 from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.simulation.behaviour.config import BehaviourConfig
 from siren_ros.simulation.behaviour.driving.step_view import ActorTable
+from siren_ros.simulation.scenario.driver_parameters import DriverParameters
 from siren_ros.simulation.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
 from siren_ros.simulation.world.actors import ActorClass, Lights, Mode, Owner
 from siren_ros.simulation.world.traffic_state import TrafficFlags
 
 AMBULANCE = ActorClass.AMBULANCE
-GRACE = round(BehaviourConfig().yielding.off_path_grace_s / 0.05)
+GRACE = round(DriverParameters().civilian_driver.yielding.off_path_grace_s / 0.05)
 
 
 def modes(commands):

@@ -7,17 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from siren_ros.simulation.behaviour.config import NavigatorConfig
 from siren_ros.simulation.behaviour.driving.collision_watch import CollisionWatch, stricter
 from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
 from siren_ros.simulation.behaviour.driving.step_view import Surroundings
 from siren_ros.simulation.behaviour.paths.curve import Curve
-from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, Rights
 from siren_ros.simulation.conflicts.yielding import Rank
 from siren_ros.simulation.conflicts.zones import Way, Ways
 
-CONFIG = NavigatorConfig()
+CONFIG = Navigation()
 TURNS = np.radians([0.0, 30.0, 60.0, -135.0])
 HALF_LENGTH, HALF_WIDTH = 2.5, 0.9
 LENGTHS = 2.0 * HALF_LENGTH

@@ -6,7 +6,6 @@ import pytest
 
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.braking import speed_before_mps
-from siren_ros.simulation.behaviour.config import AnticipationConfig, JunctionEntryConfig
 from siren_ros.simulation.behaviour.driving.emv_unit import ROUTE, EmvUnit, LateralRequest
 from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
 from siren_ros.simulation.behaviour.driving.line_book import LineBook
@@ -32,6 +31,7 @@ from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.simulation.conflicts.clear_view import Lookout, safe_mps, side_streets
 from siren_ros.simulation.conflicts.course import Outlook
 from siren_ros.simulation.conflicts.people import Outlines, people_at
+from siren_ros.simulation.scenario.driver_parameters import AnticipationConfig, JunctionEntryConfig
 from siren_ros.simulation.scenario.presets import Attention, TruncatedNormal
 from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass
 from siren_ros.simulation.world.traffic_state import SignalState
@@ -160,8 +160,8 @@ def test_stops_before_a_vehicle_that_stands_on_the_path(lab):
     assert free_way(unit, view.ego(0)).free_m == pytest.approx(bumpers, abs=0.6)
     limit = passage_limit(unit, view.ego(0))
     assert limit.blocker_id == 2
-    free = limit.free_m - view.world.config.corridor.stop_short_m
-    assert limit.speed_mps == pytest.approx(math.sqrt(2.0 * view.world.config.gap_escape.brake_mps2 * free))
+    free = limit.free_m - view.world.config.emv_driver.corridor.stop_short_m
+    assert limit.speed_mps == pytest.approx(math.sqrt(2.0 * view.world.config.emv_driver.gap_escape.brake_mps2 * free))
 
 
 def test_vehicles_ahead_that_move_leave_way_and_crossing_ones_count_only_in_the_gap_escape(lab, straight):
@@ -253,7 +253,7 @@ def test_only_vehicles_on_the_path_in_the_same_direction_count(lab):
 def test_slows_down_no_more_than_gently_and_leaves_braking_to_the_collision_handling(lab):
     unit, ego = scene_of_anticipation(lab, lab.Car(2, 0, 100 + HALF + 7.0, 0, (0,)))
     limit = anticipated_limit(unit, ego)
-    gain = ego.world.config.emv.navigator.speed_gain_1ps
+    gain = ego.world.config.emv_driver.driving.speed_gain_1ps
     assert (limit.speed_mps, limit.brake_mps2) == (pytest.approx(13.0 - CONFIG.ease_off_mps2 / gain), 0.0)
 
 
@@ -261,7 +261,7 @@ def test_adapts_to_the_lane_that_the_route_needs_before_it_can_change(lab):
     unit, ego = scene_of_anticipation(lab, lab.Car(2, 1, 100 + HALF + 20.0, 5, (0,)), speed=8.0)
     asked = replace(unit, request=LateralRequest(1, ROUTE, 0))
     assert math.isinf(anticipated_limit(unit, ego).speed_mps)
-    expected = max(approach(20.0, 5.0), 8.0 - CONFIG.ease_off_mps2 / ego.world.config.emv.navigator.speed_gain_1ps)
+    expected = max(approach(20.0, 5.0), 8.0 - CONFIG.ease_off_mps2 / ego.world.config.emv_driver.driving.speed_gain_1ps)
     assert anticipated_limit(asked, ego).speed_mps == pytest.approx(expected)
 
 
@@ -411,7 +411,7 @@ def test_the_emv_drives_so_and_enters_without_stopping(lab, junction, monkeypatc
 
 
 def test_a_light_that_turns_red_late_asks_for_gentle_braking_only(lab, junction):
-    gain = lab.world_of(junction, lab.L2).config.emv.navigator.speed_gain_1ps
+    gain = lab.world_of(junction, lab.L2).config.emv_driver.driving.speed_gain_1ps
     assert limit(lab, junction, 140.0, "r", speed=13.0) == pytest.approx(13.0 - ENTRY.ease_off_mps2 / gain)
 
 

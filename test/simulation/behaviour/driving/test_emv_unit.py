@@ -104,7 +104,7 @@ def test_the_line_of_the_escape_search_begins_behind_the_rear_axle(lab):
     view = view_at(lab, lab.straight_road(2), 0, 100, (0,))
     line = reference_line(view.ego(0), 0)
     assert line.curve.points[0] == pytest.approx((95.0, 0.0), abs=1e-6)
-    assert line.curve.length_m == pytest.approx(view.world.config.gap_escape.horizon_m + 10.0)
+    assert line.curve.length_m == pytest.approx(view.world.config.emv_driver.gap_escape.horizon_m + 10.0)
 
 
 def test_the_edges_of_the_road_beside_a_line(lab):

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.base.numerics.geometry import footprint_corners, separation_m
-from siren_ros.simulation.behaviour.config import NavigatorConfig
 from siren_ros.simulation.behaviour.driving.free_space import (
     FreeWay,
     Obstacles,
@@ -16,7 +15,7 @@ from siren_ros.simulation.behaviour.driving.free_space import (
 )
 from siren_ros.simulation.behaviour.driving.step_view import Body
 from siren_ros.simulation.behaviour.paths.curve import Curve
-from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.world.actors import NO_ACTOR
 
 BODY = Body(3.0, 1.0)
@@ -30,7 +29,7 @@ def boxes(*rows):
 
 
 def straight(obstacles, reach=30.0, start=(0.0, 0.0, 0.0), credit=0.0):
-    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [50.0, 0.0]])), NavigatorConfig())
+    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [50.0, 0.0]])), Navigation())
     return FreeWay.along(path, start, 0.0, reach, BODY, obstacles, np.full(len(obstacles), credit))
 
 
@@ -135,7 +134,7 @@ def test_the_present_offset_and_direction_count():
 
 def test_a_body_points_into_the_bend_of_its_path():
     a = np.linspace(0.0, 1.2, 40)
-    path = TrackedPath.of(Curve.through(20.0 * np.stack((np.sin(a), 1.0 - np.cos(a)), axis=-1)), NavigatorConfig())
+    path = TrackedPath.of(Curve.through(20.0 * np.stack((np.sin(a), 1.0 - np.cos(a)), axis=-1)), Navigation())
     heading = float(path.curve.heading_at(np.array([10.0]))[0]) - math.atan(2.0 / 20.0)
     place = path.curve.at(np.array([10.0]))[0]
     front = place + 3.0 * np.array([math.cos(heading), math.sin(heading)])

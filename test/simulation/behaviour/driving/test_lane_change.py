@@ -4,7 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.simulation.behaviour.config import LaneChangeConfig
 from siren_ros.simulation.behaviour.driving.lane_change import (
     LaneChangeQuery,
     LaneGaps,
@@ -18,6 +17,7 @@ from siren_ros.simulation.behaviour.driving.lane_change import (
 from siren_ros.simulation.behaviour.paths.lane_path import LanePath
 from siren_ros.simulation.behaviour.paths.tracked_path import PEAK_CURVATURE, blend_length_m
 from siren_ros.simulation.roads.road_network import LaneKind
+from siren_ros.simulation.scenario.driver_parameters import LaneChangeConfig
 from siren_ros.simulation.world.actors import ActorClass
 
 CONFIG = LaneChangeConfig()
@@ -186,7 +186,7 @@ def test_a_change_is_as_long_as_time_steering_and_lock_ask(lab, kind, civilian, 
     """On average the vehicle is as fast as it wants to be, gains 2.5 m/s at most, and loses a quarter at most."""
     view = lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 0, 100, speed, (0,), kind)])
     asked = replace(query(view, civilian=civilian), target_mps=target)
-    config = view.world.config.civilian_lane_change if civilian else view.world.config.lane_change
+    config = view.world.config.civilian_driver.lane_change if civilian else view.world.config.emv_driver.lane_change
     vehicle = lab.vehicles[kind]
     mean = max(min(target, speed + 2.5), 0.75 * speed)
     lock = np.tan(0.7 * vehicle.max_steer_rad) / vehicle.wheelbase_m

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from siren_ros.simulation.behaviour.config import ManoeuvringConfig, NavigatorConfig
 from siren_ros.simulation.behaviour.driving.emv_unit import EmvUnit
 from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
 from siren_ros.simulation.behaviour.driving.navigator import (
@@ -18,12 +17,13 @@ from siren_ros.simulation.behaviour.driving.navigator import (
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import MECHANISMS, Mechanism, navigate
 from siren_ros.simulation.behaviour.driving.step_view import Surroundings
 from siren_ros.simulation.behaviour.paths.curve import Curve
-from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.dynamics.parameters import ParameterTable
 from siren_ros.simulation.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.simulation.scenario.driver_parameters import ManoeuvringConfig
 from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass
 
-CONFIG = NavigatorConfig()
+CONFIG = Navigation()
 TURNS = np.radians([0.0, 50.0, 175.0, -120.0])
 
 
@@ -367,7 +367,7 @@ SEDAN, SUV = ActorClass.SEDAN, ActorClass.SUV
 
 
 def state_on(*points):
-    path = TrackedPath.of(Curve.through(np.array(points, dtype=float)), NavigatorConfig())
+    path = TrackedPath.of(Curve.through(np.array(points, dtype=float)), Navigation())
     return NavigatorState(path, 0.0, 0.0)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from siren_ros.simulation.behaviour.driving.step_view import ActorTable, Surroundings
+from siren_ros.simulation.behaviour.paths.tracked_path import Navigation
 from siren_ros.simulation.world.actors import ActorClass
 
 
@@ -71,12 +72,12 @@ def test_emvs_and_civilians_have_their_own_navigator_with_the_limit_of_their_ste
     view = lab.view(lab.straight_road(), lab.L2, cars)
     config = view.world.config
     for row, kind, base in (
-        (0, ActorClass.FIRE_TRUCK, config.emv.navigator),
-        (1, ActorClass.BUS, config.civilian_navigator),
+        (0, ActorClass.FIRE_TRUCK, config.emv_driver.driving),
+        (1, ActorClass.BUS, config.civilian_driver.driving),
     ):
         vehicle = lab.vehicles[kind]
         rate = base.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
-        assert view.ego(row).navigator_config == replace(base, curvature_rate_1pms=rate)
+        assert view.ego(row).navigator_config == Navigation.by(base, curvature_rate_1pms=rate)
         assert view.ego(row).vehicle == vehicle
     assert view.ego(0).navigator_config.standstill_gap_m == 4.0
     assert view.ego(1).navigator_config.standstill_gap_m == 2.0

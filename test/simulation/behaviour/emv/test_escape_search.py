@@ -8,11 +8,11 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from siren_ros.simulation.behaviour.config import GapEscapeConfig
 from siren_ros.simulation.behaviour.driving.free_space import Obstacles, separations_m
 from siren_ros.simulation.behaviour.driving.step_view import Body
 from siren_ros.simulation.behaviour.emv.escape_search import RoadSpace, Start, _moved, lattice_of, search_lattice
 from siren_ros.simulation.behaviour.paths.curve import Curve
+from siren_ros.simulation.scenario.driver_parameters import GapEscapeConfig
 
 CONFIG = GapEscapeConfig()
 BODY = Body(3.25, 1.05)

@@ -369,7 +369,7 @@ def test_the_emv_would_meet_who_is_nearer_aside_than_both_bodies_and_a_margin(la
     for apart, meets in ((-0.05, True), (0.05, False)):
         poses = np.array([[100.0, 3.5, 0.0, 3.0], [112.0, 3.5 + side * (half + 0.1 + apart), turned, 0.0]])
         view = lab.view(network, lab.L3, cars, poses=poses)
-        assert view.world.config.corridor.clearance_m == 0.1
+        assert view.world.config.emv_driver.corridor.clearance_m == 0.1
         assert gap_escape.in_the_way(view.ego(0), 1, 1) is meets
 
 

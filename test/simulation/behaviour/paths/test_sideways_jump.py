@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from siren_ros.base.numerics.geometry import Polyline, rotate
-from siren_ros.simulation.behaviour.config import NavigatorConfig
 from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.simulation.behaviour.paths.sideways_jump import without_jumps
-from siren_ros.simulation.behaviour.paths.tracked_path import on_reference
+from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, on_reference
 
-CONFIG = replace(NavigatorConfig(), curvature_rate_1pms=0.15)
+CONFIG = replace(Navigation(), curvature_rate_1pms=0.15)
 
 
 def road(lab, *lanes, turn=0.6):

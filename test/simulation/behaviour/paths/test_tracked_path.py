@@ -3,11 +3,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.simulation.behaviour.config import NavigatorConfig
 from siren_ros.simulation.behaviour.paths.curve import Curve
 from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, LanePath
 from siren_ros.simulation.behaviour.paths.tracked_path import (
     PEAK_CURVATURE,
+    Navigation,
     TrackedPath,
     blend_length_m,
     on_reference,
@@ -22,7 +22,7 @@ def least_time_s(path, from_m, way_m):
     return bend_time_s(Bends(path.times_s, path.curve.spacing_m, from_m), way_m)
 
 
-CONFIG = NavigatorConfig(lateral_accel_mps2=3.0, path_brake_mps2=2.0)
+CONFIG = Navigation(lateral_accel_mps2=3.0, path_brake_mps2=2.0)
 STRAIGHT = Curve.through(np.array([[0.0, 0.0], [100.0, 0.0]]))
 
 
@@ -100,7 +100,7 @@ def test_a_path_that_winds_faster_than_the_steering_follows_is_driven_slowly():
     s = np.linspace(0.0, 12.0, 400)
     heading = 0.5 * change * s**2
     points = np.cumsum(np.stack((np.cos(heading), np.sin(heading)), axis=-1), axis=0) * s[1]
-    slow = NavigatorConfig(lateral_accel_mps2=9.0, curvature_rate_1pms=0.03)
+    slow = Navigation(lateral_accel_mps2=9.0, curvature_rate_1pms=0.03)
     path = TrackedPath.of(Curve.through(points), slow, stop_at_end=False)
     assert path.speed_cap_mps(6.0) == pytest.approx(0.03 / change, rel=0.05)
 
@@ -129,7 +129,7 @@ def test_peak_curvature_of_a_level_blend():
 
 
 def test_path_starts_at_the_pose_and_ends_on_the_offset_line():
-    path = path_onto(REFERENCE, (20.0, -3.3, 0.1), 25.0, NavigatorConfig(), offset_m=0.5)
+    path = path_onto(REFERENCE, (20.0, -3.3, 0.1), 25.0, Navigation(), offset_m=0.5)
     np.testing.assert_allclose(path.curve.points[0], [20.0, -3.3], atol=1e-9)
     assert path.curve.heading_rad[0] == pytest.approx(0.1, abs=0.03)
     np.testing.assert_allclose(path.curve.points[-1], [120.0, 0.5], atol=1e-6)
@@ -139,13 +139,13 @@ def test_path_starts_at_the_pose_and_ends_on_the_offset_line():
 
 @pytest.mark.parametrize(("start_m", "end_m"), [(20.0, 110.0), (119.0, 121.0)])
 def test_path_can_be_cut_short_at_its_end_and_still_has_two_metres_near_it(start_m, end_m):
-    path = path_onto(REFERENCE, (start_m, 0.0, 0.0), 25.0, NavigatorConfig(), shorten_m=10.0)
+    path = path_onto(REFERENCE, (start_m, 0.0, 0.0), 25.0, Navigation(), shorten_m=10.0)
     assert path.curve.points[-1, 0] == pytest.approx(end_m)
 
 
 @pytest.mark.parametrize("left", [1.0, -1.0])
 def test_the_length_of_a_blend_follows_from_time_least_length_and_steering(left):
-    config = NavigatorConfig(curvature_rate_1pms=0.2)
+    config = Navigation(curvature_rate_1pms=0.2)
     assert blend_length_m(left * 3.5, 10.0, 4.0, 6.0, config) == pytest.approx(40.0)
     assert blend_length_m(left * 0.875, 10.0, 4.0, 6.0, config) == pytest.approx(20.0)
     assert blend_length_m(left * 3.5, 1.0, 1.0, 30.0, config) == pytest.approx(30.0)
@@ -160,7 +160,7 @@ def test_a_blend_beside_a_line_that_points_elsewhere(turn):
     curve = Curve.through(np.array([[0.0, 0.0], 120.0 * along]))
     reference = LanePath((3,), np.array([0.0]), curve, LaneEnd.ROUTE)
     start = 20.0 * along + 2.0 * across
-    path = path_onto(reference, (*start, turn - 0.2), 25.0, NavigatorConfig(), offset_m=-0.5)
+    path = path_onto(reference, (*start, turn - 0.2), 25.0, Navigation(), offset_m=-0.5)
     np.testing.assert_allclose(path.curve.points[0], start, atol=1e-6)
     np.testing.assert_allclose(path.curve.points[-1], 120.0 * along - 0.5 * across, atol=1e-6)
     first = path.curve.points[1] - path.curve.points[0]
@@ -170,10 +170,10 @@ def test_a_blend_beside_a_line_that_points_elsewhere(turn):
 
 @pytest.mark.parametrize(("stop", "slow"), [(True, True), (False, False)])
 def test_the_line_itself_as_a_path_ends_short_of_its_end_with_or_without_a_stop(stop, slow):
-    path = on_reference(REFERENCE, NavigatorConfig(), stop_at_end=stop, shorten_m=7.0)
+    path = on_reference(REFERENCE, Navigation(), stop_at_end=stop, shorten_m=7.0)
     assert path.length_m == pytest.approx(113.0)
     assert (path.speed_cap_mps(113.0) < 0.1) is slow
-    assert on_reference(REFERENCE, NavigatorConfig(), stop_at_end=True, shorten_m=200.0).length_m == pytest.approx(2.0)
+    assert on_reference(REFERENCE, Navigation(), stop_at_end=True, shorten_m=200.0).length_m == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("turned", [0.3, -0.3])
@@ -183,13 +183,13 @@ def test_the_angle_to_the_line_is_taken_across_half_a_turn(turn, turned):
     along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
     reference = LanePath((3,), np.array([0.0]), Curve.through(np.array([[0.0, 0.0], 120.0 * along])), LaneEnd.ROUTE)
     yaw = np.arctan2(np.sin(turn + turned), np.cos(turn + turned))
-    path = path_onto(reference, (*(20.0 * along), yaw), 25.0, NavigatorConfig())
+    path = path_onto(reference, (*(20.0 * along), yaw), 25.0, Navigation())
     first = path.curve.points[1] - path.curve.points[0]
     assert first @ across / (first @ along) == pytest.approx(np.tan(turned), abs=0.02)
 
 
 @pytest.mark.parametrize(("turned", "slope"), [(0.5, np.tan(0.5)), (0.8, 0.6), (1.4, 0.6), (-0.8, -0.6), (-1.4, -0.6)])
 def test_a_blend_begins_no_steeper_than_0_6(turned, slope):
-    path = path_onto(REFERENCE, (20.0, 0.0, turned), 60.0, NavigatorConfig())
+    path = path_onto(REFERENCE, (20.0, 0.0, turned), 60.0, Navigation())
     first = path.curve.points[1] - path.curve.points[0]
     assert first[1] / first[0] == pytest.approx(slope, abs=0.02)

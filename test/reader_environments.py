@@ -17,7 +17,7 @@ import pytest
 from repository import REPOSITORY
 
 CACHE = REPOSITORY / ".venv.readers"
-READERS = Path(__file__).parent / "datasets" / "readers"
+READERS = Path(__file__).parent / "data" / "datasets" / "readers"
 PACKAGES: dict[str, tuple[str, ...]] = {
     # Open3D-ML, which open3d brings, imports these two.
     "open3d_ml": ("--no-deps", "addict", "scikit-learn", "joblib", "threadpoolctl", "narwhals"),

@@ -24,7 +24,7 @@ from siren_ros.simulation.roads.road_network import RoadNetwork
 
 _KEPT: Final = 24
 """Files that stay, those used last; a town's has 5 MB."""
-_CODE: Final = ("numerics", "roads", "world", "sensors/meshes", "sensors/scene")
+_CODE: Final = ("base/numerics", "simulation/roads", "simulation/world", "sensing/meshes", "sensing/scene")
 """Folders of the library whose code makes the triangles."""
 _PACKAGES: Final = ("numpy", "shapely", "mapbox-earcut")
 _COLUMNS: Final = ("vertices_m", "triangles", "material", "colour_rgb")
